@@ -1,0 +1,40 @@
+# Two commands do everything: `make run` drives a robot, `make test` proves it.
+# Each sets up what it needs in .venv, from a lock with hashes.
+PYTHON ?= python3
+VENV   := .venv
+BIN    := $(VENV)/bin
+PIP    := $(BIN)/python -m pip --disable-pip-version-check
+
+.PHONY: run test lint lock clean
+.DEFAULT_GOAL := run
+
+$(VENV)/.run: requirements/run.txt pyproject.toml
+	@$(PYTHON) -c 'import sys; sys.exit(sys.version_info < (3, 11) and "Armadico needs Python 3.11 or newer; this is " + sys.version.split()[0] + ". Name another one: make PYTHON=python3.11")'
+	$(PYTHON) -m venv $(VENV)
+	$(PIP) install --quiet --require-hashes -r requirements/run.txt
+	$(PIP) install --quiet --no-deps --no-build-isolation -e .
+	@touch $@
+
+$(VENV)/.dev: $(VENV)/.run requirements/dev.txt
+	$(PIP) install --quiet --require-hashes -r requirements/dev.txt
+	@touch $@
+
+run: $(VENV)/.run  ## set up and drive scenario 4 as separate processes on this machine
+	$(BIN)/armadico run sc4
+
+test: $(VENV)/.dev  ## set up and run the tests
+	$(BIN)/python -m pytest -n 2 --dist worksteal
+
+lint: $(VENV)/.dev  ## ruff, and mypy strict over every package
+	$(BIN)/ruff check .
+	$(BIN)/ruff format --check .
+	$(BIN)/python tools/typecheck.py
+
+lock: $(VENV)/.dev  ## write the locks again from pyproject.toml
+	for extra in run:plot dev:plot,dev; do \
+	  $(BIN)/pip-compile --quiet --generate-hashes --no-emit-index-url --no-emit-trusted-host \
+	    --no-emit-find-links --allow-unsafe --strip-extras --no-annotate --no-header \
+	    --extra $${extra#*:} -o requirements/$${extra%%:*}.txt pyproject.toml requirements/build.in; done
+
+clean:
+	rm -rf $(VENV) build dist *.egg-info runs

@@ -1,0 +1,1 @@
+"""Armadico: one robot, many agents, nobody in charge."""
