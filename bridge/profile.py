@@ -1,0 +1,152 @@
+"""The robot profile: every number that belongs to one make of robot (thesis tables 4.2, 4.3, 4.6).
+
+A profile is a TOML file under ``configs/robots``; `armadico.config.loading.load` reads it. SI units
+throughout; conversion factors of the P2OS codec are the only ones in the controller's own units.
+"""
+
+from __future__ import annotations
+
+from typing import Annotated
+
+from msgspec import Meta, Struct
+
+Positive = Annotated[float, Meta(gt=0, le=1e6)]
+NonNegative = Annotated[float, Meta(ge=0, le=1e6)]
+Real = Annotated[float, Meta(ge=-1e6, le=1e6)]
+
+
+class Body(Struct, frozen=True, forbid_unknown_fields=True):
+    """Outline and masses (table 4.3), in the REP-103 frame at the middle of the wheel axle."""
+
+    front_m: Positive  # from the axle to the front edge
+    rear_m: Positive  # from the axle to the rear edge
+    width_m: Positive
+    wheel_radius_m: Positive  # R
+    caster_radius_m: Positive  # R_1
+    half_track_m: Positive  # L
+    caster_arm_m: Positive  # l_1, axle to the caster's pivot
+    caster_trail_m: Positive  # d
+    mass_centre_x_m: Real  # the thesis's y_m: negative is behind the axle
+    mass_centre_y_m: Real  # the thesis's x_m
+    mass_kg: Positive  # M
+    wheel_mass_kg: Positive  # m
+    caster_mass_kg: Positive  # m_1
+
+
+class Inertia(Struct, frozen=True, forbid_unknown_fields=True):
+    """Identified inertias and friction (table 4.6)."""
+
+    body_kg_m2: Positive  # I_0
+    caster_roll_kg_m2: Positive  # I_r1
+    wheel_roll_kg_m2: Positive  # I_r
+    caster_yaw_kg_m2: Positive  # I_p1
+    wheel_yaw_kg_m2: Positive  # I_p
+    caster_coulomb_nm: NonNegative  # C_s1
+    caster_viscous_nms: NonNegative  # C_v1
+    wheel_coulomb_nm: NonNegative  # C_s
+    wheel_viscous_nms: NonNegative  # C_v
+
+
+class Motor(Struct, frozen=True, forbid_unknown_fields=True):
+    """The DC motors and their gearbox (table 4.2)."""
+
+    torque_constant_nm_a: Positive  # K_T
+    back_emf_v_s: Positive  # K_E
+    resistance_ohm: Positive  # R_a
+    gear_ratio: Positive  # t_r
+    efficiency: Positive  # mu
+    friction_nm: NonNegative  # tau_fr
+    supply_v: Positive
+
+
+class SpeedLoop(Struct, frozen=True, forbid_unknown_fields=True):
+    """The microcontroller's two PI speed loops (thesis 4.6.1)."""
+
+    linear_kp: NonNegative  # V per m/s
+    linear_ki: NonNegative  # V per m
+    angular_kp: NonNegative  # V per rad/s
+    angular_ki: NonNegative  # V per rad
+    antiwindup: NonNegative
+
+
+class Limits(Struct, frozen=True, forbid_unknown_fields=True):
+    """What the controller obeys at the most, and its ramps."""
+
+    v_max: Positive  # m/s
+    w_max: Positive  # rad/s
+    v_accel: Positive  # m/s^2
+    v_decel: Positive  # m/s^2
+    w_accel: Positive  # rad/s^2
+    w_decel: Positive  # rad/s^2
+
+
+class Sonar(Struct, frozen=True, forbid_unknown_fields=True):
+    """One sonar of the ring: where it sits and looks, in the body frame (x forward, y left)."""
+
+    x_m: Real
+    y_m: Real
+    bearing_deg: Annotated[float, Meta(ge=-180, le=180)]
+
+
+class SonarRing(Struct, frozen=True, forbid_unknown_fields=True):
+    """The array of ultrasonic sensors (thesis 4.4)."""
+
+    min_m: Positive
+    max_m: Positive
+    cone_deg: Positive
+    period_s: Positive  # from one sonar's ping to the next one's
+    sonars: tuple[Sonar, ...]
+    firing_order: tuple[int, ...]
+
+
+class Battery(Struct, frozen=True, forbid_unknown_fields=True):
+    """A lead-acid battery, drained by the motors and the electronics."""
+
+    full_v: Positive
+    empty_v: Positive
+    capacity_ah: Positive
+    internal_ohm: NonNegative
+    idle_a: NonNegative
+
+
+class P2osUnits(Struct, frozen=True, forbid_unknown_fields=True):
+    """The codec's conversion factors, and what the controller says of itself."""
+
+    distance_mm: Positive  # mm for one count of XPOS
+    angle_rad: Positive  # rad for one unit of THPOS
+    velocity_mm: Positive
+    range_mm: Positive
+    vel2_mm: Positive
+    diff_conv: Positive
+    name: Annotated[str, Meta(min_length=1, max_length=19)]
+    class_name: Annotated[str, Meta(min_length=1, max_length=19)]
+    subclass: Annotated[str, Meta(min_length=1, max_length=19)]
+    cycle_s: Positive  # from one status packet to the next
+    watchdog_s: Positive
+
+
+class RobotProfile(Struct, frozen=True, forbid_unknown_fields=True):
+    """A differential-drive robot, whole."""
+
+    name: str
+    fresh_frames: Annotated[int, Meta(ge=1, le=20)]  # how old an input may be
+    body: Body
+    inertia: Inertia
+    motor: Motor
+    speed_loop: SpeedLoop
+    limits: Limits
+    sonar: SonarRing
+    battery: Battery
+    p2os: P2osUnits
+
+
+class SensorProfile(Struct, frozen=True, forbid_unknown_fields=True):
+    """How well the simulated robot senses: `ideal` or `real`."""
+
+    name: str
+    sonar_noise_m: NonNegative  # standard deviation of a range
+    glancing_deg: Annotated[float, Meta(ge=0, le=90)]  # past this angle of incidence, no echo
+    dropout: Annotated[float, Meta(ge=0, le=1)]  # an echo lost by chance
+    slip: Annotated[float, Meta(ge=0, le=1)]  # standard deviation of each wheel's relative slip
+    drift_rad_m: Real  # heading error that grows with distance
+    dead_walls: Annotated[float, Meta(ge=0, le=1)]  # share of walls that do not answer
