@@ -1,0 +1,1 @@
+"""One file an agent; nobody imports another."""

@@ -1,0 +1,144 @@
+"""The interface agent: takes a goal, has it planned, publishes the trajectory, reports (3.9.1)."""
+
+from __future__ import annotations
+
+from math import hypot
+from typing import Annotated, Any, ClassVar
+
+from armadico.agents.methods.route import Route
+from msgspec import Meta
+
+from armadico import agent
+from armadico.agent import WARNING, Agent, Question
+from armadico.geometry import wrap
+from armadico.messages import (
+    Message,
+    MissionReply,
+    MissionRequest,
+    MissionState,
+    MissionStatus,
+    Plan,
+    PlanRequest,
+    Point,
+    Pose,
+    RobotState,
+    Trajectory,
+    Waypoint,
+)
+
+
+class Parameters(agent.Parameters, frozen=True, kw_only=True):
+    """When a goal counts as reached, by the pose and the measured speeds; and how often it talks."""
+
+    near_m: Annotated[float, Meta(gt=0, le=1)] = 0.12
+    turned_rad: Annotated[float, Meta(gt=0, le=1)] = 0.07
+    slow_m_s: Annotated[float, Meta(gt=0, le=1)] = 0.01
+    slow_rad_s: Annotated[float, Meta(gt=0, le=1)] = 0.02
+    repeat_s: Annotated[float, Meta(gt=0, le=10)] = 1.0
+    planning_s: Annotated[float, Meta(gt=0, le=120)] = 20.0
+
+
+class Interface(Agent):
+    """The link to the people and programs outside the community."""
+
+    name = "interface"
+    hears: ClassVar[tuple[type[Message], ...]] = (Pose,)
+    provides: ClassVar[tuple[type[Message], ...]] = (Trajectory, MissionStatus)
+    answers: ClassVar[tuple[type[Message], ...]] = (MissionRequest,)
+    asks: ClassVar[tuple[type[Message], ...]] = (PlanRequest,)
+    Parameters = Parameters
+
+    def __init__(self, identity: agent.Identity, parameters: Any = None) -> None:
+        super().__init__(identity, parameters)
+        self._mission = 0
+        self._state = MissionState.NONE
+        self._route = Route()
+        self._to_go = 0.0
+        self._note = ""
+
+    def on_start(self) -> None:
+        """Begin to say how things stand."""
+        self.wake_at(self.now + self.p.repeat_s)
+
+    def on_mission_request(self, question: Question) -> MissionReply | None:
+        """Take a mission on, or refuse it with the reason, before the robot moves."""
+        request = question.request
+        assert isinstance(request, MissionRequest)
+        pose = self.fresh(Pose)
+        if pose is None:
+            return self._refuse("nobody knows where the robot is: no fresh encoder/pose")
+        if not request.planned:
+            return self._begin((*request.waypoints, request.goal), 0.0)
+        self._state = MissionState.PLANNING
+        start = Waypoint(pose.x, pose.y, pose.theta)
+
+        def planned(plan: Plan | None) -> None:
+            self.answer(question, self._planned(plan))
+
+        self.ask(PlanRequest(start, request.goal), planned, self.p.planning_s)
+        return None
+
+    def on_pose(self, pose: Pose) -> None:
+        """Follow the run."""
+        if self._state is not MissionState.DRIVING:
+            return
+        self._route.advance(pose.x, pose.y)
+        self._to_go = self._route.to_go(pose.x, pose.y)
+        if self._arrived(pose):
+            self._state = MissionState.REACHED
+            self.log(f"mission {self._mission}: goal reached")
+            self._say_trajectory()
+            self._say_status(self._to_go)
+        elif pose.frame.number % 2 == 0:
+            self._say_status(self._to_go)
+
+    def on_wakeup(self) -> None:
+        """Say the trajectory again for those who came late."""
+        self.wake_at(self.now + self.p.repeat_s)
+        self._say_trajectory()
+        if self._state is not MissionState.DRIVING:
+            self._say_status(self._to_go)
+
+    def _planned(self, plan: Plan | None) -> MissionReply:
+        if plan is None:
+            return self._refuse("nobody plans: no path planning agent answered path/plan")
+        if plan.refusal:
+            return self._refuse(plan.refusal)
+        return self._begin(plan.waypoints, plan.length)
+
+    def _begin(self, waypoints: tuple[Waypoint, ...], length: float) -> MissionReply:
+        pose = self.latest(Pose)
+        assert pose is not None, "a mission begins somewhere"
+        self._mission = self.rng.getrandbits(63)
+        self._route = Route(waypoints, Point(pose.x, pose.y))
+        self._state = MissionState.DRIVING
+        self._to_go = self._route.to_go(pose.x, pose.y)
+        self._say_trajectory()
+        return MissionReply(self._mission, "", waypoints, length or self._to_go)
+
+    def _refuse(self, why: str) -> MissionReply:
+        if self._state is MissionState.PLANNING:
+            self._state = MissionState.NONE
+        self.log(f"mission refused: {why}", WARNING)
+        return MissionReply(0, why)
+
+    def _arrived(self, pose: Pose) -> bool:
+        goal = self._route.goal
+        state = self.latest(RobotState)
+        if goal is None or state is None or not self._route.last_leg:
+            return False
+        return (
+            hypot(goal.x - pose.x, goal.y - pose.y) <= self.p.near_m
+            and abs(wrap(goal.theta - pose.theta)) <= self.p.turned_rad
+            and abs(state.v) <= self.p.slow_m_s
+            and abs(state.w) <= self.p.slow_rad_s
+        )
+
+    def _say_trajectory(self) -> None:
+        route = self._route
+        waypoints = route.waypoints if self._state is MissionState.DRIVING else ()
+        self.publish(Trajectory(self._mission, waypoints, route.start, route.leg))
+
+    def _say_status(self, to_go: float) -> None:
+        leg = self._route.leg if self._route.waypoints else 0
+        self.publish(MissionStatus(self._mission, self._state, to_go, leg, self._note))

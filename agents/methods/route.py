@@ -1,0 +1,98 @@
+"""Where along its waypoints the robot is: the same answer for everybody who hears the same poses."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from math import hypot
+
+from armadico.messages import Point, Trajectory, Waypoint
+
+PASSED_M = 0.25
+"""An intermediate waypoint is passed within this distance of it,"""
+
+BESIDE_M = 0.8
+"""or on crossing the line through it, square to the leg, not farther aside than this."""
+
+
+class Route:
+    """A polyline from a start over waypoints to a goal, and the leg that is driven."""
+
+    def __init__(
+        self, waypoints: Sequence[Waypoint] = (), start: Point = Point(0.0, 0.0), leg: int = 0
+    ) -> None:
+        self.waypoints = tuple(waypoints)
+        self.start = start
+        self.leg = min(leg, max(len(self.waypoints) - 1, 0))
+
+    @classmethod
+    def of(cls, trajectory: Trajectory) -> Route:
+        """The route of a trajectory as it is heard, however far the run has come."""
+        return cls(trajectory.waypoints, trajectory.start, trajectory.leg)
+
+    @property
+    def goal(self) -> Waypoint | None:
+        """The last waypoint; None if there is no mission."""
+        return self.waypoints[-1] if self.waypoints else None
+
+    @property
+    def target(self) -> Waypoint | None:
+        """The waypoint that is driven to."""
+        return self.waypoints[self.leg] if self.waypoints else None
+
+    @property
+    def last_leg(self) -> bool:
+        """Whether only the goal is left."""
+        return self.leg == len(self.waypoints) - 1
+
+    def advance(self, x: float, y: float) -> None:
+        """Go on to the next leg while the waypoint is passed; the goal is never passed."""
+        while self.waypoints and not self.last_leg and self._passed(x, y):
+            self.leg += 1
+
+    def to_go(self, x: float, y: float) -> float:
+        """The way left along the waypoints, m."""
+        total = 0.0
+        for waypoint in self.waypoints[self.leg :]:
+            total += hypot(waypoint.x - x, waypoint.y - y)
+            x, y = waypoint.x, waypoint.y
+        return total
+
+    def carrot(self, x: float, y: float, ahead: float) -> tuple[float, float]:
+        """The point `ahead` m further along the route than the place on it nearest to the robot.
+
+        It never passes the goal. Raises AssertionError without waypoints.
+        """
+        assert self.waypoints, "no route"
+        from_x, from_y = self._leg_start()
+        left = ahead
+        for index in range(self.leg, len(self.waypoints)):
+            to = self.waypoints[index]
+            length = hypot(to.x - from_x, to.y - from_y)
+            along = 0.0
+            if index == self.leg and length > 0.0:
+                dot = (x - from_x) * (to.x - from_x) + (y - from_y) * (to.y - from_y)
+                along = min(max(dot / length, 0.0), length)
+            if along + left <= length:
+                share = (along + left) / length if length else 1.0
+                return from_x + share * (to.x - from_x), from_y + share * (to.y - from_y)
+            left -= length - along
+            from_x, from_y = to.x, to.y
+        return from_x, from_y
+
+    def _leg_start(self) -> tuple[float, float]:
+        if self.leg > 0:
+            before = self.waypoints[self.leg - 1]
+            return before.x, before.y
+        return self.start.x, self.start.y
+
+    def _passed(self, x: float, y: float) -> bool:
+        to = self.waypoints[self.leg]
+        away = hypot(to.x - x, to.y - y)
+        if away <= PASSED_M:
+            return True
+        from_x, from_y = self._leg_start()
+        dx, dy = to.x - from_x, to.y - from_y
+        length = hypot(dx, dy)
+        if length == 0.0:
+            return away <= BESIDE_M
+        return away <= BESIDE_M and (x - to.x) * dx + (y - to.y) * dy >= 0.0

@@ -1,0 +1,433 @@
+"""The agent pattern of thesis 3.3 as a base class.
+
+Individual intelligence is what a subclass writes: handlers for messages (`on_<message>`) and, for a
+behaviour, `bid`. Social intelligence comes with this class: freshness, turns, winner determination,
+exchange, the stop latch, the card. An agent holds no socket, thread, clock or sleep: whoever runs
+it hands it messages and the time, and sends what it finds in `outbox`.
+
+The modules of figure 3.6: internal state is the subclass's attributes and `latest`; collaboration
+is `reacts_to`, `needs`, `hears`, `provides`, `answers` and `asks`; goal is `bid` and the handlers;
+competition is `competes_for`; coordination is one `Contender` a resource; helper methods are here.
+"""
+
+from __future__ import annotations
+
+import math
+import random
+import re
+from collections import deque
+from collections.abc import Callable
+from dataclasses import dataclass, field
+from typing import Annotated, Any, ClassVar, Literal, TypeVar, cast
+
+from msgspec import Meta, Struct
+
+from armadico import messages as m
+from armadico.coordination import Contender
+from armadico.exchange import EXCHANGES, Bid
+from armadico.frames import FrameClock
+from armadico.messages import Message
+from armadico.resources import Resource
+from armadico.services import Service, service_of
+
+M = TypeVar("M", bound=Message)
+
+BIDS_REMEMBERED = 50
+INFO, WARNING, ERROR = 20, 30, 40
+
+
+class Social(Struct, frozen=True, forbid_unknown_fields=True):
+    """Parameters of the social intelligence, the same for every agent."""
+
+    exchange: Literal["smooth", "abrupt"] = "smooth"
+    margin: Annotated[float, Meta(ge=0, le=1)] | None = None  # None: the resource's own
+
+
+class Parameters(Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):
+    """What a file or ``--set KEY=VALUE`` may change; subclasses add their own."""
+
+    social: Social = Social()
+
+
+@dataclass(frozen=True)
+class Identity:
+    """Who an instance is: set by whoever runs it."""
+
+    instance: str
+    host: str = "localhost"
+    pid: int = 0
+    version: str = ""
+    rng: random.Random = field(default_factory=random.Random, compare=False)
+
+
+@dataclass(frozen=True, slots=True)
+class Publish:
+    """Say a message on a key."""
+
+    key: str
+    message: Message
+
+
+@dataclass(frozen=True, slots=True)
+class Question:
+    """Somebody's query, to be answered now or later."""
+
+    id: int
+    request: Message
+
+
+@dataclass(frozen=True, slots=True)
+class AskFor:
+    """Put a query on the mesh; the answer comes back to `Agent.replied` with this id."""
+
+    id: int
+    key: str
+    request: Message
+    reply: type[Message]
+    timeout: float
+
+
+@dataclass(frozen=True, slots=True)
+class Answer:
+    """The answer to a `Question`."""
+
+    id: int
+    message: Message
+
+
+@dataclass(frozen=True, slots=True)
+class Write:
+    """Bytes for the device that the agent owns."""
+
+    data: bytes
+
+
+Outgoing = Publish | AskFor | Answer | Write
+
+
+class Agent:
+    """One agent. A subclass declares what it talks about, and fills in handlers and `bid`."""
+
+    name: ClassVar[str] = ""
+    reacts_to: ClassVar[type[Message] | None] = None  # starts its turn in a frame
+    needs: ClassVar[tuple[type[Message], ...]] = ()  # must be fresh, or it does not bid
+    hears: ClassVar[tuple[type[Message], ...]] = ()  # merely listened to
+    provides: ClassVar[tuple[type[Message], ...]] = ()
+    answers: ClassVar[tuple[type[Message], ...]] = ()  # queries it answers
+    asks: ClassVar[tuple[type[Message], ...]] = ()  # queries it puts
+    competes_for: ClassVar[tuple[Resource, ...]] = ()
+    Parameters: ClassVar[type[Parameters]] = Parameters
+
+    def __init__(self, identity: Identity, parameters: Any = None) -> None:
+        self.identity = identity
+        self.instance = identity.instance
+        self.rng = identity.rng
+        self.p = self.Parameters() if parameters is None else parameters
+        self.now = 0.0
+        self.frames = FrameClock()
+        self.outbox: list[Outgoing] = []
+        self.stop_latch = m.Stop()
+        self.bids: deque[m.BidRecord] = deque(maxlen=BIDS_REMEMBERED)
+        self._latest: dict[type[Message], Message] = {}
+        self._handlers = {
+            kind: self._handler(kind) for kind in (*self.subscriptions(), *self.answers)
+        }
+        self._alarm: float | None = None
+        self._asked: dict[int, Callable[[Any], None]] = {}
+        self._next_id = 0
+        social: Social = self.p.social
+        self._contenders = {
+            r.name: Contender(
+                r, self.instance, self.frames, EXCHANGES[social.exchange], social.margin
+            )
+            for r in self.competes_for
+        }
+
+    # What a subclass may write -------------------------------------------------------------------
+
+    def bid(self, message: Any) -> Bid | None:  # noqa: ARG002
+        """The goal method: what it would do now, and how much that helps; None: nothing.
+
+        Called once a frame with the message that the agent reacts to, all needs fresh, the robot
+        not stopped. `self.why` may be set to say why there is no bid.
+        """
+        return None
+
+    def bid_for(self, resource: Resource, message: Any) -> Bid | None:  # noqa: ARG002
+        """The same, for an agent that competes for more than one resource."""
+        return self.bid(message)
+
+    def on_start(self) -> None:
+        """Called once, before any message."""
+
+    def on_wakeup(self) -> None:
+        """Called at the time given to `wake_at`."""
+
+    def on_appeared(self, name: str, instance: str) -> None:
+        """An instance of an agent has joined."""
+
+    def on_disappeared(self, name: str, instance: str) -> None:
+        """An instance's liveliness token has gone."""
+
+    # What a subclass uses ------------------------------------------------------------------------
+
+    why: str = ""
+
+    def publish(self, message: Message, **names: str) -> None:
+        """Say a message on its service's key; `names` fill the key's braces."""
+        key = service_of(type(message)).key
+        if "{" in key:
+            key = key.format(instance=self.instance, name=self.name, **names)
+        self.outbox.append(Publish(key, message))
+
+    def latest(self, kind: type[M]) -> M | None:
+        """The newest message of a kind, fresh or not."""
+        return cast("M | None", self._latest.get(kind))
+
+    def fresh(self, kind: type[M]) -> M | None:
+        """The newest message of a kind, if by the table of services it may be acted upon."""
+        message = self._latest.get(kind)
+        if message is None:
+            return None
+        if service_of(kind).fresh_frames is not None and not self.frames.fresh(message.frame):  # type: ignore[attr-defined]
+            return None
+        return cast("M", message)
+
+    def ask(self, request: Message, then: Callable[[Any], None], timeout: float = 2.0) -> None:
+        """Put a query; `then` gets the first reply, or None if nobody answered in time."""
+        service = service_of(type(request))
+        assert service.reply is not None, f"{service.key} is not a query"
+        self._next_id += 1
+        self._asked[self._next_id] = then
+        self.outbox.append(AskFor(self._next_id, service.key, request, service.reply, timeout))
+
+    def answer(self, question: Question, reply: Message) -> None:
+        """Answer a query, now or later."""
+        self.outbox.append(Answer(question.id, reply))
+
+    def wake_at(self, when: float) -> None:
+        """Have `on_wakeup` called at that time, s; the one wake-up it may ask for."""
+        self._alarm = when
+
+    def holds(self, resource: Resource) -> bool:
+        """Whether it holds the resource, as far as it knows."""
+        return self._contenders[resource.name].holding
+
+    def log(self, text: str, level: int = INFO) -> None:
+        """Say a line to people."""
+        self.publish(m.Log(level, text[:2000]))
+
+    # What whoever runs it calls ------------------------------------------------------------------
+
+    def start(self, now: float) -> None:
+        """Begin."""
+        self.now = now
+        self.on_start()
+
+    def receive(self, message: Message, now: float) -> None:
+        """Take one message that it subscribed to."""
+        self.now = now
+        kind = type(message)
+        if kind is m.RobotState:
+            if not self._take_state(cast("m.RobotState", message)):
+                return
+        elif kind is m.Claim:
+            claim = cast("m.Claim", message)
+            contender = self._contenders.get(claim.resource)
+            if contender is not None:
+                self._say(contender.hear(claim, now))
+        elif not self._acceptable(message):
+            return
+        self._latest[kind] = message
+        handler = self._handlers.get(kind)
+        if handler is not None:
+            handler(message)
+        if kind is self.reacts_to:
+            self._turn(message)
+
+    def asked(self, question: Question, now: float) -> None:
+        """Take a query, and put the `Answer` into the outbox now or later."""
+        self.now = now
+        handler = self._handlers.get(type(question.request))
+        if handler is not None:
+            reply = handler(question)
+            if reply is not None:
+                self.answer(question, reply)
+
+    def replied(self, question_id: int, reply: Message | None, now: float) -> None:
+        """Take the answer to something that was asked; None if there was none."""
+        self.now = now
+        then = self._asked.pop(question_id, None)
+        if then is not None:
+            then(reply)
+
+    def appeared(self, name: str, instance: str, now: float) -> None:
+        """Take the news of a liveliness token."""
+        self.now = now
+        self.on_appeared(name, instance)
+
+    def disappeared(self, name: str, instance: str, now: float) -> None:
+        """Take the news that a liveliness token has gone."""
+        self.now = now
+        for contender in self._contenders.values():
+            self._say(contender.gone(instance, now))
+        self.on_disappeared(name, instance)
+
+    def wake(self, now: float) -> None:
+        """Take the time, when `wakeup` has come."""
+        self.now = now
+        for contender in self._contenders.values():
+            due = contender.wakeup
+            if due is not None and now >= due:
+                self._say(contender.tick(now))
+        if self._alarm is not None and now >= self._alarm:
+            self._alarm = None
+            self.on_wakeup()
+
+    @property
+    def wakeup(self) -> float | None:
+        """When `wake` should be called, s, if nothing comes before."""
+        due = self._alarm
+        for contender in self._contenders.values():
+            at = contender.wakeup
+            if at is not None and (due is None or at < due):
+                due = at
+        return due
+
+    def stop(self, now: float) -> None:
+        """Leave: what it holds is let go of."""
+        self.now = now
+        for contender in self._contenders.values():
+            self._say(contender.bid(self._frame(), None, contender.resource.neutral, now))
+
+    @classmethod
+    def subscriptions(cls) -> dict[type[Message], Service]:
+        """What it listens to, the state and the claims that its social intelligence needs too."""
+        kinds: list[type[Message]] = [m.RobotState]
+        if cls.competes_for:
+            kinds.append(m.Claim)
+        if cls.reacts_to is not None:
+            kinds.append(cls.reacts_to)
+        kinds += [*cls.needs, *cls.hears]
+        return {kind: service_of(kind) for kind in kinds}
+
+    def card(self) -> m.Card:
+        """Who it is and what it offers (thesis table 3.1)."""
+        who = self.identity
+        return m.Card(
+            name=self.name,
+            instance=self.instance,
+            host=who.host,
+            pid=who.pid,
+            version=who.version,
+            protocol=m.PROTOCOL,
+            provides=tuple(service_of(k).key for k in (*self.provides, *self.answers)),
+            requests=tuple(s.key for s in self.subscriptions().values())
+            + tuple(service_of(k).key for k in self.asks),
+            resources=tuple(r.name for r in self.competes_for),
+            holds=tuple(r.name for r in self.competes_for if self.holds(r)),
+        )
+
+    def history(self) -> m.BidHistory:
+        """Its recent bids."""
+        return m.BidHistory(self.instance, tuple(self.bids))
+
+    # How it does that ----------------------------------------------------------------------------
+
+    def _take_state(self, state: m.RobotState) -> bool:
+        epoch = self.frames.newest.epoch if self.frames.newest else None
+        if not self.frames.advance(state.frame, self.now):
+            return False
+        if state.stop.counter >= self.stop_latch.counter:
+            self.stop_latch = state.stop
+        elif epoch is not None and self.stop_latch.stopped:
+            # A restarted robot agent has forgotten the stop; whoever asked for it may have gone.
+            self.publish(self.stop_latch)
+        for contender in self._contenders.values():
+            self._say(contender.echo(state.largest, state.obeyed, state.obeyed_frame, self.now))
+        return True
+
+    def _acceptable(self, message: Message) -> bool:
+        """Refuse what answers a frame that is long past or not yet there."""
+        frame = getattr(message, "frame", None)
+        return frame is None or self.frames.fresh(frame)
+
+    def _turn(self, message: Any) -> None:
+        """One turn: a bid for each resource, if its inputs are fresh."""
+        state = self.latest(m.RobotState)
+        stale = next((kind for kind in self.needs if self.fresh(kind) is None), None)
+        for resource in self.competes_for:
+            self.why = ""
+            if state is None or not self.frames.alive(self.now):
+                bid, self.why = None, "no fresh robot/state"
+            elif self.stop_latch.stopped:
+                bid, self.why = None, f"stopped by {self.stop_latch.by}"
+            elif stale is not None:
+                bid, self.why = None, f"no fresh {service_of(stale).key}"
+            else:
+                bid = self._sound(resource, self.bid_for(resource, message))
+            self._record(resource, message.frame, bid)
+            measured = resource.neutral if state is None else resource.measured(state)
+            contender = self._contenders[resource.name]
+            self._say(contender.bid(message.frame, bid, measured, self.now))
+
+    def _sound(self, resource: Resource, bid: Bid | None) -> Bid | None:
+        """A bid that is not finite or out of range is no bid: the holder's own NaN is a release."""
+        if bid is None:
+            return None
+        numbers = (bid.utility, *bid.action)
+        if all(map(math.isfinite, numbers)) and 0.0 <= bid.utility <= 1.0:
+            if len(bid.action) == len(resource.parameters):
+                return bid
+        self.why = f"its bid is not sound: {bid}"
+        self.log(self.why, ERROR)
+        return None
+
+    def _record(self, resource: Resource, frame: m.Frame, bid: Bid | None) -> None:
+        inputs = tuple(service_of(kind).key for kind in self.needs)
+        if bid is None:
+            record = m.BidRecord(frame, resource.name, None, False, (), self.why, inputs)
+        else:
+            record = m.BidRecord(
+                frame, resource.name, bid.utility, bid.critical, bid.action, bid.reason, inputs
+            )
+        self.bids.append(record)
+
+    def _say(self, messages: list[Message]) -> None:
+        for message in messages:
+            if isinstance(message, m.Claim):
+                self.publish(message, resource=message.resource)
+            else:
+                self.publish(message)
+
+    def _frame(self) -> m.Frame:
+        return self.frames.newest or m.Frame(0, 0)
+
+    def _handler(self, kind: type[Message]) -> Callable[[Any], Any] | None:
+        snake = re.sub(r"(?<!^)(?=[A-Z])", "_", kind.__name__).lower()
+        return getattr(self, f"on_{snake}", None)
+
+
+class DeviceAgent(Agent):
+    """An agent that owns a device: bytes in, bytes out."""
+
+    def on_bytes(self, data: bytes) -> None:
+        """Bytes from the device."""
+
+    def on_link(self, up: bool, why: str) -> None:
+        """The device was opened, or is gone."""
+
+    def write(self, data: bytes) -> None:
+        """Bytes for the device."""
+        if data:
+            self.outbox.append(Write(data))
+
+    def take_bytes(self, data: bytes, now: float) -> None:
+        """Called by whoever runs it."""
+        self.now = now
+        self.on_bytes(data)
+
+    def take_link(self, up: bool, why: str, now: float) -> None:
+        """Called by whoever runs it."""
+        self.now = now
+        self.on_link(up, why)

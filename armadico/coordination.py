@@ -1,0 +1,424 @@
+"""Who holds a resource: claims, ballots and winner determination, with nobody in charge.
+
+Sans-IO: bids, claims, echoes and the time go in, messages to publish come out. The holder of a
+resource publishes, each frame, its command and then its claim. A contender compares bids **of the
+same frame**: comparing a new bid with an old claim would make two rising utilities swap almost
+every frame. If its own is better it casts a ballot of the next term and takes over at once.
+Whoever is beaten says nothing, so what is said per frame does not grow with the losers.
+
+A **ballot** is (term, rank when cast, instance): totally ordered and fixed for a reign. The owner
+of the resource refuses whatever carries a smaller ballot than the largest it has obeyed or heard,
+and its echo tells everybody. It chooses nobody.
+
+The rules are the two tables `TRANSITIONS` and `Owner.judge`; everything else is bookkeeping.
+Thesis: 3.3.2, 3.10 and figure 3.30, whose states 1 and 2 are IDLE here, 3 HOLDING, 4 CONTENDING.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from enum import Enum, StrEnum
+from typing import Final, TypeVar
+
+from armadico.exchange import AT_ONCE, Action, Bid, Exchange, Handover
+from armadico.frames import PERIOD, FrameClock
+from armadico.messages import Ballot, Claim, Frame, Message
+from armadico.resources import Resource
+
+SILENCE: Final = 2.3 * PERIOD
+"""No claim for so long, in s, and a contender takes over; before the owner's 0.3 s stop."""
+
+GAP: Final = 1.5 * PERIOD
+"""Frames farther apart than this, in s, were missing, and so were the claims that answer them."""
+
+UNOBEYED: Final = 6
+"""Frames that a reign may go on without being obeyed. With 3, two hops of 0.1 s lock up."""
+
+STAND_BACK: Final = (1.0, 2.0, 4.0)
+"""Seconds that a holder who was not obeyed stays away, the first time, the second, ever after."""
+
+LISTEN: Final = 3
+"""Frames for which an owner that has just started only listens."""
+
+TERM_JUMP: Final = 2**20
+"""A claim that is more terms than this above the largest known is refused."""
+
+OFFER: Final = 3
+"""Frames for which a holder offers what it has with a bid of utility 0, before it stops."""
+
+REMEMBERED: Final = 4  # frames whose bids and claims are kept to be compared
+
+T = TypeVar("T")
+
+
+class State(Enum):
+    """Where an agent stands with a resource."""
+
+    IDLE = "idle"
+    CONTENDING = "contending"
+    HOLDING = "holding"
+    STANDING_BACK = "standing back"
+
+
+class Event(Enum):
+    """What may change that."""
+
+    BID = "has a bid"
+    NO_BID = "has none"
+    BETTER = "its bid beats the holder's of the same frame"
+    SILENCE = "no claim for 2.3 frames, and no echo of one"
+    VACANT = "the holder released, or its token is gone"
+    NOBODY_OBEYED = "nobody has been obeyed for 6 frames"
+    OUTBID = "a larger ballot is heard or obeyed"
+    NOT_OBEYED = "its own commands were not obeyed for 6 frames"
+    RESTED = "has stood back long enough"
+
+
+class Step(Enum):
+    """What is done on the way."""
+
+    NOTHING = "nothing"
+    CAST = "cast a ballot of the next term, command, claim"
+    STOP_AND_RELEASE = "command what does nothing, then release"
+    RELEASE = "release"
+    YIELD = "fall silent, and wait for the silence anew"
+
+
+TRANSITIONS: Mapping[tuple[State, Event], tuple[State, Step]] = {
+    (State.IDLE, Event.BID): (State.CONTENDING, Step.NOTHING),
+    (State.CONTENDING, Event.NO_BID): (State.IDLE, Step.NOTHING),
+    (State.CONTENDING, Event.BETTER): (State.HOLDING, Step.CAST),
+    (State.CONTENDING, Event.SILENCE): (State.HOLDING, Step.CAST),
+    (State.CONTENDING, Event.VACANT): (State.HOLDING, Step.CAST),
+    (State.CONTENDING, Event.NOBODY_OBEYED): (State.HOLDING, Step.CAST),
+    (State.HOLDING, Event.NO_BID): (State.IDLE, Step.STOP_AND_RELEASE),
+    (State.HOLDING, Event.OUTBID): (State.CONTENDING, Step.YIELD),
+    (State.HOLDING, Event.NOT_OBEYED): (State.STANDING_BACK, Step.RELEASE),
+    (State.STANDING_BACK, Event.RESTED): (State.CONTENDING, Step.NOTHING),
+}
+"""Every change of state; an event that is not here for a state changes nothing."""
+
+
+def beats(bid: Bid, claim: Claim, margin: float) -> bool:
+    """Winner determination (thesis 3.10.1): better by more than the margin, or as good and critical.
+
+    Rank is (utility, critical): goto and gothrough reach 1.0 as avoid does, and about to collide
+    goes first.
+    """
+    assert claim.utility is not None, "a release is not a bid"
+    if bid.utility > claim.utility + margin:
+        return True
+    return bid.critical and not claim.critical and bid.utility >= claim.utility
+
+
+class Contender:
+    """One agent's side of one resource."""
+
+    def __init__(
+        self,
+        resource: Resource,
+        instance: str,
+        frames: FrameClock,
+        exchange: Exchange,
+        margin: float | None = None,
+    ) -> None:
+        self.resource = resource
+        self.instance = instance
+        self.state = State.IDLE
+        self.ballot: Ballot | None = None  # of the reign that goes on, or of the last one
+        self.largest: Ballot | None = None  # heard, cast or echoed: what there is to beat
+        self.rival: Claim | None = None  # the holder's newest claim
+        self._frames = frames
+        self._exchange = exchange
+        self._margin = resource.margin if margin is None else margin
+        self._bids: dict[Frame, Bid] = {}
+        self._claims: dict[Frame, Claim] = {}  # the rival's, by frame
+        self._measured: Action = resource.neutral
+        self._vacated: Claim | None = None  # the last claim of a holder that has gone
+        self._heard_at = float("-inf")
+        self._looked_at = float("-inf")
+        self._echoed_at = float("inf")
+        self._rival_since: Frame | None = None
+        self._obeyed: tuple[Ballot, Frame] | None = None  # by the owner's echo
+        self._cast_at: Frame | None = None
+        self._handover: Handover = AT_ONCE
+        self._spoken: Frame | None = None
+        self._offered = 0
+        self._failures = 0
+        self._rest_until = 0.0
+
+    # What comes in -------------------------------------------------------------------------------
+
+    def bid(self, frame: Frame, bid: Bid | None, measured: Action, now: float) -> list[Message]:
+        """Take this frame's bid, or the lack of one; `measured` is what the resource does now."""
+        self._measured = measured
+        if bid is None:
+            self._bids.clear()
+            return self._do(Event.NO_BID, now)
+        _remember(self._bids, frame, bid)
+        self._do(Event.BID, now)
+        if self.state is State.HOLDING:
+            return self._reign(frame, bid, now)
+        if self.state is State.STANDING_BACK and now >= self._rest_until:
+            self._do(Event.RESTED, now)
+        return self._consider(now)
+
+    def hear(self, claim: Claim, now: float) -> list[Message]:
+        """Take somebody's claim or release."""
+        if claim.ballot.instance == self.instance or not self._frames.fresh(claim.frame):
+            return []
+        if not plausible(claim.ballot, self.largest):
+            return []
+        if self.largest is not None and claim.ballot < self.largest:
+            return []  # beaten already; it will hear so from whoever beat it
+        self.largest = claim.ballot
+        said = self._do(Event.OUTBID, now) if self.state is State.HOLDING else []
+        if claim.utility is None:
+            self._vacate(claim)
+        else:
+            self._follow(claim, now)
+        return said + self._consider(now)
+
+    def echo(
+        self, largest: Ballot | None, obeyed: Ballot | None, at: Frame | None, now: float
+    ) -> list[Message]:
+        """Take the owner's echo: the largest ballot it knows, and the last one it obeyed."""
+        if largest is not None and (self.largest is None or largest > self.largest):
+            self.largest = largest
+        if now - self._echoed_at > GAP:  # without frames nobody could claim: give the holder one
+            self._heard_at = max(self._heard_at, now - SILENCE + PERIOD)
+        self._echoed_at = now
+        self._obeyed = (obeyed, at) if obeyed is not None and at is not None else None
+        if self.state is State.HOLDING and obeyed is not None and self.ballot is not None:
+            if obeyed == self.ballot:
+                self._failures = 0
+            elif obeyed > self.ballot:
+                return self._do(Event.OUTBID, now)
+        return self._consider(now)
+
+    def gone(self, instance: str, now: float) -> list[Message]:
+        """Take the news that an instance's liveliness token has gone."""
+        if self.rival is None or self.rival.ballot.instance != instance:
+            return []
+        self._vacate(self.rival)
+        return self._consider(now)
+
+    def tick(self, now: float) -> list[Message]:
+        """Take the time: silence is noticed by a wake-up, not at the next frame."""
+        self._looked_at = now
+        return self._consider(now)
+
+    @property
+    def wakeup(self) -> float | None:
+        """When `tick` should be called, s; None if nothing is waited for.
+
+        One look a silence: if the echo says that the holder is obeyed all the same, the next echo
+        or bid looks again.
+        """
+        due = self._heard_at + SILENCE
+        if self.state is State.CONTENDING and self.rival is not None and due > self._looked_at:
+            return due
+        return None
+
+    @property
+    def holding(self) -> bool:
+        """Whether this agent holds the resource, as far as it knows."""
+        return self.state is State.HOLDING
+
+    # How it is settled ---------------------------------------------------------------------------
+
+    def _consider(self, now: float) -> list[Message]:
+        """Take over, if there is a reason to."""
+        if self.state is not State.CONTENDING or not self._bids:
+            return []
+        frame = next(reversed(self._bids))
+        if self._bids[frame].utility <= 0.0 or not self._frames.fresh(frame):
+            return []
+        if not self._frames.alive(now):
+            return []
+        event = self._reason(now)
+        return [] if event is None else self._do(event, now)
+
+    def _reason(self, now: float) -> Event | None:
+        if self._vacated is not None:
+            return Event.VACANT
+        if now - self._heard_at >= SILENCE and not self._echoed():
+            return Event.SILENCE
+        if self._frames_without(self._rival_since, obeyed_by_anyone=True) >= UNOBEYED:
+            return Event.NOBODY_OBEYED
+        for frame, bid in self._bids.items():
+            claim = self._claims.get(frame)
+            if claim is not None and beats(bid, claim, self._margin):
+                return Event.BETTER
+        return None
+
+    def _reign(self, frame: Frame, bid: Bid, now: float) -> list[Message]:
+        """Speak as the holder, unless it is time to let go."""
+        if self._frames_without(self._cast_at, obeyed_by_anyone=False) >= UNOBEYED:
+            return self._do(Event.NOT_OBEYED, now)
+        self._offered = self._offered + 1 if bid.utility <= 0.0 else 0
+        if self._offered > OFFER:
+            return self._do(Event.NO_BID, now)
+        return self._speak(frame, bid)
+
+    def _do(self, event: Event, now: float) -> list[Message]:
+        """Look the event up in the table, and act."""
+        found = TRANSITIONS.get((self.state, event))
+        if found is None:
+            return []
+        self.state, step = found
+        if step is Step.CAST:
+            return self._cast(event, now)
+        if step is Step.YIELD:
+            self._heard_at = now
+            return []
+        if step is Step.RELEASE:
+            self._rest_until = now + STAND_BACK[min(self._failures, len(STAND_BACK) - 1)]
+            self._failures += 1
+            return self._release(self._frames.newest, neutral=False)
+        if step is Step.STOP_AND_RELEASE:
+            return self._release(self._frames.newest, neutral=True)
+        return []
+
+    def _cast(self, event: Event, now: float) -> list[Message]:
+        frame = next(reversed(self._bids))
+        bid = self._bids[frame]
+        term = 1 if self.largest is None else self.largest.term + 1
+        self.ballot = self.largest = Ballot(term, bid.utility, bid.critical, self.instance)
+        loser = self._vacated or self.rival
+        silent = loser is None or event in (Event.SILENCE, Event.NOBODY_OBEYED)
+        start = self._measured if silent or not loser.commanded else loser.commanded
+        weight = bid.utility if loser is None or loser.utility is None else loser.utility
+        self._handover = self._exchange.begin(start, weight, bid, self.resource.scale)
+        self._cast_at, self._heard_at, self._offered = frame, now, 0
+        self.rival = self._vacated = None
+        self._claims.clear()
+        return self._speak(frame, bid)
+
+    def _speak(self, frame: Frame, bid: Bid) -> list[Message]:
+        """The command, then the claim, with one ballot."""
+        assert self.ballot is not None
+        since = self._cast_at
+        t = frame.number - since.number + 1 if since and since.epoch == frame.epoch else 1_000_000
+        action = self._handover.action(t, bid)
+        self._spoken = frame
+        return [
+            self.resource.command(frame, self.ballot, action),
+            Claim(
+                self.resource.name,
+                self.ballot,
+                frame,
+                bid.utility,
+                bid.critical,
+                bid.action,
+                action,
+            ),
+        ]
+
+    def _release(self, frame: Frame | None, *, neutral: bool) -> list[Message]:
+        if frame is None or self.ballot is None:
+            return []
+        nothing = self.resource.neutral
+        release = Claim(self.resource.name, self.ballot, frame, None, commanded=nothing)
+        self._heard_at = float("-inf")  # nobody holds it now, as far as this agent knows
+        if neutral:
+            return [self.resource.command(frame, self.ballot, nothing), release]
+        return [release]
+
+    # Bookkeeping ---------------------------------------------------------------------------------
+
+    def _follow(self, claim: Claim, now: float) -> None:
+        """Remember a holder's claim."""
+        if self.rival is None or self.rival.ballot != claim.ballot:
+            self._claims.clear()
+            self._rival_since = self._frames.newest
+        self.rival, self._vacated, self._heard_at = claim, None, now
+        _remember(self._claims, claim.frame, claim)
+
+    def _vacate(self, claim: Claim) -> None:
+        self.rival, self._vacated = None, claim
+        self._claims.clear()
+
+    def _echoed(self) -> bool:
+        """Whether the owner obeyed a ballot as large as any known, within the last frame."""
+        if self._obeyed is None or self.largest is None:
+            return False
+        ballot, at = self._obeyed
+        age = self._frames.age(at)
+        return ballot >= self.largest and age is not None and age <= 1
+
+    def _frames_without(self, since: Frame | None, *, obeyed_by_anyone: bool) -> int:
+        """Frames since this reign began or was last obeyed, whichever is later."""
+        newest, first = self._frames.newest, self._frames.first
+        if newest is None or first is None or since is None:
+            return 0
+        last = since.number if since.epoch == newest.epoch else first.number
+        if self._obeyed is not None and self._obeyed[1].epoch == newest.epoch:
+            ballot, at = self._obeyed
+            if obeyed_by_anyone or ballot == self.ballot:
+                last = max(last, at.number)
+        return newest.number - last
+
+
+class Verdict(StrEnum):
+    """What the owner of a resource says to a command."""
+
+    OBEYED = "obeyed"
+    LISTENING = "the robot agent has just started and listens for 3 frames"
+    STOPPED = "the robot is stopped"
+    OLD_FRAME = "it answers a frame that is too old, or not yet there"
+    STALE_BALLOT = "its ballot is smaller than the largest obeyed or heard"
+    IMPLAUSIBLE = "its term is too far above the largest known"
+    OUT_OF_RANGE = "its speeds are outside the profile's limits"
+    IMPOSTOR = "it was sent by another instance than its ballot names"
+
+
+class Owner:
+    """The side of whoever owns a resource: it refuses, and never chooses."""
+
+    def __init__(self, frames: FrameClock) -> None:
+        self.largest: Ballot | None = None
+        self.obeyed: Ballot | None = None
+        self.obeyed_frame: Frame | None = None
+        self._frames = frames
+
+    def hear(self, claim: Claim) -> None:
+        """Learn of a ballot: what is smaller is refused from now on."""
+        if self._frames.fresh(claim.frame) and plausible(claim.ballot, self.largest):
+            self._learn(claim.ballot)
+
+    def judge(self, frame: Frame, ballot: Ballot, *, stopped: bool, sound: bool) -> Verdict:
+        """Obey or refuse a command, the first reason that holds; `sound` is within the limits."""
+        verdict = self._verdict(frame, ballot, stopped=stopped, sound=sound)
+        if verdict is Verdict.OBEYED:
+            self._learn(ballot)
+            self.obeyed, self.obeyed_frame = ballot, frame
+        return verdict
+
+    def _verdict(self, frame: Frame, ballot: Ballot, *, stopped: bool, sound: bool) -> Verdict:
+        newest, first = self._frames.newest, self._frames.first
+        rules = (
+            (not self._frames.fresh(frame), Verdict.OLD_FRAME),
+            (not plausible(ballot, self.largest), Verdict.IMPLAUSIBLE),
+            (self.largest is not None and ballot < self.largest, Verdict.STALE_BALLOT),
+            (self.obeyed == ballot and frame < (self.obeyed_frame or frame), Verdict.OLD_FRAME),
+            (not sound, Verdict.OUT_OF_RANGE),
+            (stopped, Verdict.STOPPED),
+            (not (newest and first) or newest.number < first.number + LISTEN, Verdict.LISTENING),
+        )
+        return next((verdict for broken, verdict in rules if broken), Verdict.OBEYED)
+
+    def _learn(self, ballot: Ballot) -> None:
+        if self.largest is None or ballot > self.largest:
+            self.largest = ballot
+
+
+def plausible(ballot: Ballot, largest: Ballot | None) -> bool:
+    """Whether a ballot is not absurdly far ahead: one corrupt term must not end all others."""
+    return largest is None or ballot.term <= largest.term + TERM_JUMP
+
+
+def _remember(by_frame: dict[Frame, T], frame: Frame, value: T) -> None:
+    by_frame[frame] = value
+    while len(by_frame) > REMEMBERED:
+        del by_frame[next(iter(by_frame))]

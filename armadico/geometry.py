@@ -1,0 +1,38 @@
+"""Plane geometry that every agent needs: angles, and frames of reference (REP-103)."""
+
+from __future__ import annotations
+
+from math import cos, pi, sin
+
+TWO_PI = 2.0 * pi
+
+Pose2 = tuple[float, float, float]
+"""x, y in m and a heading in rad."""
+
+
+def wrap(angle: float) -> float:
+    """The same angle in (-pi, pi], rad."""
+    return pi - (pi - angle) % TWO_PI
+
+
+def compose(frame: Pose2, local: Pose2) -> Pose2:
+    """A pose given in a frame, seen from where the frame's own pose is given."""
+    c, s = cos(frame[2]), sin(frame[2])
+    return (
+        frame[0] + c * local[0] - s * local[1],
+        frame[1] + s * local[0] + c * local[1],
+        wrap(frame[2] + local[2]),
+    )
+
+
+def relative(frame: Pose2, pose: Pose2) -> Pose2:
+    """A pose seen from a frame: `compose(frame, relative(frame, pose)) == pose`."""
+    dx, dy = pose[0] - frame[0], pose[1] - frame[1]
+    c, s = cos(frame[2]), sin(frame[2])
+    return c * dx + s * dy, -s * dx + c * dy, wrap(pose[2] - frame[2])
+
+
+def to_world(frame: Pose2, x: float, y: float) -> tuple[float, float]:
+    """A point of a frame, seen from where the frame's pose is given."""
+    c, s = cos(frame[2]), sin(frame[2])
+    return frame[0] + c * x - s * y, frame[1] + s * x + c * y

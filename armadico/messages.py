@@ -1,0 +1,326 @@
+"""Every message, one frozen type each: what is said on the mesh, and nothing else.
+
+A message travels as a CBOR array of its fields in the order written here, so a field is appended,
+never moved, and `PROTOCOL` grows when one changes its meaning. Units are SI, angles are radians,
+frames of reference are REP-103: x forward, y left, counter-clockwise positive. `decode` refuses
+what is not finite, out of range or of another shape; nobody downstream checks again.
+"""
+
+from __future__ import annotations
+
+from enum import StrEnum
+from typing import Annotated, Any, TypeVar
+
+import cbor2
+import msgspec
+from msgspec import Meta, Struct
+
+PROTOCOL = 1
+"""The version of this file; agents of another version are not talked to."""
+
+Real = Annotated[float, Meta(ge=-1e6, le=1e6)]  # also refuses NaN and the infinities
+Share = Annotated[float, Meta(ge=0, le=1)]
+Counter = Annotated[int, Meta(ge=0, le=2**53 - 1)]
+Bits64 = Annotated[int, Meta(ge=0, le=2**63 - 1)]
+Name = Annotated[str, Meta(min_length=1, max_length=128)]
+Text = Annotated[str, Meta(max_length=2000)]
+
+
+class Message(Struct, frozen=True, array_like=True):
+    """What every message is: immutable, compared by value, an array on the wire."""
+
+
+class MessageError(ValueError):
+    """Bytes that are not the message they were taken for."""
+
+
+M = TypeVar("M", bound=Message)
+
+
+def encode(message: Message) -> bytes:
+    """The message as CBOR. Raises `MessageError` if it could not be decoded again."""
+    plain = msgspec.to_builtins(message)
+    try:
+        msgspec.convert(plain, type(message))
+    except msgspec.ValidationError as error:
+        raise MessageError(f"{type(message).__name__} cannot be sent: {error}") from None
+    return cbor2.dumps(plain)
+
+
+def decode(data: bytes, kind: type[M]) -> M:
+    """Read one message of a kind. Raises `MessageError` saying which field is wrong."""
+    try:
+        return msgspec.convert(cbor2.loads(data), kind)
+    except (msgspec.ValidationError, cbor2.CBORDecodeError, ValueError, RecursionError) as error:
+        raise MessageError(f"not a {kind.__name__}: {error}") from None
+
+
+# Frames and ballots -------------------------------------------------------------------------------
+
+
+class Frame(Message, frozen=True, order=True):
+    """One status packet of the robot: (epoch, number).
+
+    The epoch is drawn at random by each start of the robot agent, the number counts its packets.
+    """
+
+    epoch: Bits64
+    number: Counter
+
+
+class Ballot(Message, frozen=True, order=True):
+    """The right to a resource for one reign, totally ordered: (term, rank when cast, instance)."""
+
+    term: Counter
+    utility: Share
+    critical: bool
+    instance: Name
+
+
+class Claim(Message, frozen=True):
+    """A bid made public on ``resource/<resource>/utility``; a release has no utility.
+
+    `wanted` is the bid's action, `commanded` what was sent after blending, both in the order of
+    the resource's parameters.
+    """
+
+    resource: Name
+    ballot: Ballot
+    frame: Frame
+    utility: Share | None
+    critical: bool = False
+    wanted: tuple[Real, ...] = ()
+    commanded: tuple[Real, ...] = ()
+
+
+class Command(Message, frozen=True):
+    """A speed for the wheels, m/s and rad/s, on ``robot/cmd/<instance>``."""
+
+    frame: Frame
+    ballot: Ballot
+    v: Real
+    w: Real
+
+
+class Stop(Message, frozen=True):
+    """The latch that stops the robot: the larger counter stands, at equal ones the stop."""
+
+    counter: Counter = 0
+    stopped: bool = False
+    by: Annotated[str, Meta(max_length=128)] = ""
+
+
+# The robot ----------------------------------------------------------------------------------------
+
+
+class RobotState(Message, frozen=True):
+    """What the controller says each cycle, and the echo of what the robot agent obeys.
+
+    Odometry (x, y, theta) is continuous from the epoch's first frame, where it is zero.
+    """
+
+    frame: Frame
+    x: Real
+    y: Real
+    theta: Real
+    v: Real
+    w: Real
+    battery_v: Real
+    motors: bool
+    stalled: bool
+    largest: Ballot | None = None  # the largest ballot obeyed or heard: smaller ones are refused
+    obeyed: Ballot | None = None  # of the last obeyed command,
+    obeyed_frame: Frame | None = None  # and the frame that it answered
+    stop: Stop = Stop()
+
+
+class Echo(Message, frozen=True):
+    """One sonar's reading: where the sonar sits and looks in the body frame, and the range."""
+
+    x: Real
+    y: Real
+    bearing: Real
+    range: Annotated[float, Meta(gt=0, le=100)] | None  # None: nothing within `Sonar.reach`
+
+
+class Sonar(Message, frozen=True):
+    """The sonars that fired since the frame before."""
+
+    frame: Frame
+    reach: Annotated[float, Meta(gt=0, le=100)]  # the longest range it hears, m
+    echoes: tuple[Echo, ...]
+
+
+# Perception ---------------------------------------------------------------------------------------
+
+
+class Pose(Message, frozen=True):
+    """Where the robot is in the world frame."""
+
+    frame: Frame
+    x: Real
+    y: Real
+    theta: Real
+
+
+class Point(Message, frozen=True):
+    """A point in the body frame, m."""
+
+    x: Real
+    y: Real
+
+
+class Obstacles(Message, frozen=True):
+    """What the local map holds: the closest points (thesis 3.4.2), and all of them."""
+
+    frame: Frame
+    closest: Point | None
+    front: Point | None
+    left: Point | None
+    right: Point | None
+    points: tuple[Point, ...] = ()
+
+
+# Missions and plans -------------------------------------------------------------------------------
+
+
+class Waypoint(Message, frozen=True):
+    """A pose to pass, or the last one, to reach."""
+
+    x: Real
+    y: Real
+    theta: Real
+
+
+class Trajectory(Message, frozen=True):
+    """The mission's waypoints, the goal last; none when there is no mission.
+
+    `start` is where it began (world frame) and `leg` the waypoint that is driven to by now, for
+    whoever joins late.
+    """
+
+    mission: Bits64
+    waypoints: tuple[Waypoint, ...]
+    start: Point = Point(0.0, 0.0)
+    leg: Counter = 0
+
+
+class PlanRequest(Message, frozen=True):
+    """Asks for a way from a pose to another."""
+
+    start: Waypoint
+    goal: Waypoint
+
+
+class Plan(Message, frozen=True):
+    """The way, or why there is none."""
+
+    waypoints: tuple[Waypoint, ...]
+    length: Real = 0.0  # m
+    energy: Real = 0.0  # J
+    refusal: Text = ""
+
+
+class MissionRequest(Message, frozen=True):
+    """Go to a goal: straight, over given waypoints, or as the path planning agent says."""
+
+    goal: Waypoint
+    waypoints: tuple[Waypoint, ...] = ()
+    planned: bool = True
+
+
+class MissionReply(Message, frozen=True):
+    """Whether the mission was taken on."""
+
+    mission: Bits64
+    refusal: Text = ""
+    waypoints: tuple[Waypoint, ...] = ()
+    length: Real = 0.0  # m
+
+
+class MissionState(StrEnum):
+    """How far a mission has come."""
+
+    NONE = "none"
+    PLANNING = "planning"
+    DRIVING = "driving"
+    REACHED = "reached"
+
+
+class MissionStatus(Message, frozen=True):
+    """The interface agent's report on the run."""
+
+    mission: Bits64
+    state: MissionState
+    to_go: Real  # m, along the waypoints that are left
+    leg: Counter = 0  # index of the waypoint that is driven to
+    note: Text = ""
+
+
+# Who is there, and what they say ------------------------------------------------------------------
+
+
+class Card(Message, frozen=True):
+    """What an agent offers, needs and shares (thesis table 3.1), asked for by query."""
+
+    name: Name
+    instance: Name
+    host: Text
+    pid: Counter
+    version: Text
+    protocol: Counter
+    provides: tuple[Text, ...]
+    requests: tuple[Text, ...]
+    resources: tuple[Text, ...]
+    holds: tuple[Text, ...] = ()
+
+
+class BidRecord(Message, frozen=True):
+    """One bid, or the reason for none, kept by whoever made it."""
+
+    frame: Frame
+    resource: Name
+    utility: Share | None
+    critical: bool
+    wanted: tuple[Real, ...]
+    reason: Text
+    inputs: tuple[Text, ...] = ()  # the messages that it was made of
+
+
+class BidHistory(Message, frozen=True):
+    """An agent's recent bids, oldest first: losers are silent on the mesh, not secretive."""
+
+    instance: Name
+    bids: tuple[BidRecord, ...]
+
+
+class Ask(Message, frozen=True):
+    """An empty question, for a card or the bids."""
+
+
+class Log(Message, frozen=True):
+    """A line for people."""
+
+    level: Annotated[int, Meta(ge=0, le=50)]
+    text: Text
+
+
+class Truth(Message, frozen=True):
+    """What only the simulator knows. For those who watch: agents are refused it."""
+
+    t: Real  # s of simulation
+    x: Real
+    y: Real
+    theta: Real
+    v: Real
+    w: Real
+    collisions: Counter
+    clearance: Real  # m from the body's outline to the nearest thing
+
+
+def plain(message: Message) -> Any:
+    """The message as a dictionary by field names, for people and JSON."""
+    return {
+        name: plain(value) if isinstance(value, Message) else msgspec.to_builtins(value)
+        for name, value in ((f, getattr(message, f)) for f in message.__struct_fields__)
+    }

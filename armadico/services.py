@@ -1,0 +1,97 @@
+"""The table of services: which message goes by which key, how often, and how long it is good for.
+
+Freshness checks and the protocol page are drawn from it. Who provides and who requests a service
+is not here: that is read from the agents' classes and from the cards of those that are alive. An
+agent that brings a message of its own adds its row with `register`.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from enum import Enum
+
+from armadico import messages as m
+
+
+class Kind(Enum):
+    """How a service is said and kept."""
+
+    STATE = "state"  # the latest value replaces the one before
+    EVENT = "event"  # each one counts: queued, bounded, never merged
+    QUERY = "query"  # answered when asked
+
+
+@dataclass(frozen=True)
+class Service:
+    """One row. `key` holds {instance}, {name} or {resource} where it differs between publishers."""
+
+    message: type[m.Message]
+    key: str
+    kind: Kind
+    rate_hz: float | None  # as promised by whoever provides it; None: as it happens
+    fresh_frames: int | None  # older than this in frames is stale; None: no frame, never stale
+    meaning: str
+    reply: type[m.Message] | None = None
+    watchers_only: bool = False
+
+    @property
+    def pattern(self) -> str:
+        """The key expression that catches every publisher's key."""
+        return "/".join("*" if "{" in chunk else chunk for chunk in self.key.split("/"))
+
+    def key_for(self, **names: str) -> str:
+        """The key of one publisher. Raises KeyError if a name is missing."""
+        return self.key.format(**names)
+
+
+_S, _E, _Q = Kind.STATE, Kind.EVENT, Kind.QUERY
+
+SERVICES: tuple[Service, ...] = (
+    Service(m.RobotState, "robot/state", _S, 10, 3, "odometry, speeds, battery; moves the frame"),
+    Service(m.Sonar, "robot/sonar", _S, 10, 3, "the sonars that fired since the frame before"),
+    Service(m.Command, "robot/cmd/{instance}", _E, 10, 3, "a speed for the wheels, by the holder"),
+    Service(m.Stop, "robot/stop", _E, None, None, "latch or release the stop; anyone may"),
+    Service(m.Pose, "encoder/pose", _S, 10, 3, "where the robot is, by its encoders"),
+    Service(m.Obstacles, "sonar/obstacles", _S, 10, 3, "the local map's points, body frame"),
+    Service(m.Trajectory, "trajectory", _S, 1, None, "the mission's waypoints, said again each s"),
+    Service(m.PlanRequest, "path/plan", _Q, None, None, "a way to a goal", reply=m.Plan),
+    Service(
+        m.MissionRequest, "mission/request", _Q, None, None, "go to a goal", reply=m.MissionReply
+    ),
+    Service(m.MissionStatus, "mission/status", _S, 5, None, "how far the mission has come"),
+    Service(m.Claim, "resource/{resource}/utility", _E, 10, 3, "the holder's bid, made public"),
+    Service(m.Ask, "agent/{name}/{instance}/card", _Q, None, None, "who, where, what", m.Card),
+    Service(m.Ask, "agent/{name}/{instance}/bids", _Q, None, None, "recent bids", m.BidHistory),
+    Service(m.Log, "log/{instance}", _E, None, None, "lines for people"),
+    Service(
+        m.Truth, "sim/truth", _S, 10, None, "the simulated robot's true pose", watchers_only=True
+    ),
+)
+
+_by_message: dict[type[m.Message], Service] = {
+    service.message: service for service in SERVICES if service.message is not m.Ask
+}
+
+CARD = next(s for s in SERVICES if s.key.endswith("/card"))
+BIDS = next(s for s in SERVICES if s.key.endswith("/bids"))
+TOKEN = "agent/{name}/{instance}"
+"""The liveliness token's key: who is there."""
+
+
+def register(service: Service) -> Service:
+    """Add a row for a message of one's own. Raises ValueError if the message has one already."""
+    known = _by_message.get(service.message)
+    if known is not None and known != service:
+        raise ValueError(f"{service.message.__name__} already travels on {known.key}")
+    _by_message[service.message] = service
+    return service
+
+
+def service_of(message: type[m.Message]) -> Service:
+    """The row of a message type. Raises KeyError with advice if there is none."""
+    try:
+        return _by_message[message]
+    except KeyError:
+        raise KeyError(
+            f"{message.__name__} has no row in the table of services; services.register adds one"
+        ) from None

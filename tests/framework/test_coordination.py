@@ -1,0 +1,226 @@
+"""The promises of coordination, on the virtual mesh: one test a promise."""
+
+from __future__ import annotations
+
+from math import sin
+
+from armadico.coordination import TRANSITIONS, Event, State, Step, Verdict, beats
+from armadico.exchange import Bid
+from armadico.messages import Ballot, Claim, Command, Frame, Stop
+
+from .toys import ToySociety, toy
+
+
+def test_the_most_useful_holds_and_the_others_are_silent() -> None:
+    society = ToySociety(toy("low", 0.3), toy("mid", 0.5), toy("high", 0.8))
+    society.run(3.0)
+    assert set(society.obeyed_names(since=1.0)) == {"high"}
+    assert society.holders() == ["high"]
+    speakers = {c.ballot.instance for t, c in society.claims if t > 1.0}
+    assert len(speakers) == 1
+
+
+def test_talk_per_frame_does_not_grow_with_the_losers() -> None:
+    def talk(losers: int) -> int:
+        society = ToySociety(
+            toy("winner", 0.9), *(toy(f"l{i}", 0.1 + i / 200) for i in range(losers))
+        )
+        society.run(1.0)
+        said = len(society.claims) + len(society.commands)
+        society.run(5.0)
+        return len(society.claims) + len(society.commands) - said
+
+    assert talk(2) == talk(20) == 100
+
+
+def test_a_better_bid_is_obeyed_in_the_frame_it_wins() -> None:
+    society = ToySociety(toy("steady", 0.5), toy("riser", lambda now: 0.2 if now < 3.0 else 0.9))
+    society.run(4.0)
+    first = next((t, c) for t, c in society.owner.obeyed if c.ballot.instance.startswith("riser"))
+    assert 3.0 <= first[0] < 3.0 + 0.1 + 0.02
+
+
+def test_two_rising_utilities_do_not_swap_each_frame() -> None:
+    society = ToySociety(
+        toy("a", lambda now: min(0.2 + 0.02 * now, 1.0)),
+        toy("b", lambda now: min(0.21 + 0.02 * now, 1.0)),
+    )
+    society.run(20.0)
+    names = society.obeyed_names(since=2.0)
+    exchanges = sum(a != b for a, b in zip(names, names[1:], strict=False))
+    assert exchanges <= 1
+
+
+def test_within_the_margin_nobody_takes_over() -> None:
+    society = ToySociety(toy("a", 0.50))
+    society.run(1.0)
+    society.join(toy("b", lambda now: 0.52 + 0.02 * sin(now)))
+    society.run(5.0)
+    assert set(society.obeyed_names()) == {"a"}
+
+
+def test_at_equal_utility_a_critical_bid_goes_first() -> None:
+    society = ToySociety(toy("goer", 1.0))
+    society.run(1.0)
+    society.join(toy("saver", 1.0, critical=True))
+    society.run(1.0)
+    assert society.holders() == ["saver"]
+
+
+def test_a_killed_holder_is_replaced_before_the_stop() -> None:
+    society = ToySociety(toy("a", 0.9), toy("b", 0.5))
+    society.run(2.0)
+    society.nodes["a"].kill()
+    killed = society.mesh.now
+    society.run(1.0)
+    first = next(t for t, c in society.owner.obeyed if t > killed and c.ballot.instance[0] == "b")
+    assert first - killed < 0.2
+
+
+def test_a_hung_holder_is_replaced_and_its_late_commands_are_refused() -> None:
+    society = ToySociety(toy("a", 0.9), toy("b", 0.5))
+    society.run(2.0)
+    society.nodes["a"].hang()
+    hung = society.mesh.now
+    society.run(2.0)
+    first = next(t for t, c in society.owner.obeyed if t > hung and c.ballot.instance[0] == "b")
+    assert first - hung < 0.4
+    society.nodes["a"].resume()
+    society.run(1.0)
+    ballots = [c.ballot for _, c in society.owner.obeyed]
+    assert ballots == sorted(ballots)
+    assert society.holders() == ["a"]  # it is better, and may take over again by a new ballot
+
+
+def test_a_release_is_taken_up_at_once() -> None:
+    society = ToySociety(toy("a", lambda now: 0.9 if now < 3.0 else None), toy("b", 0.5))
+    society.run(4.0)
+    times = [t for t, _ in society.owner.obeyed]
+    assert max(b - a for a, b in zip(times, times[1:], strict=False)) < 0.15
+    assert society.holders() == ["b"]
+
+
+def test_a_bid_of_zero_offers_the_resource_and_never_takes_it() -> None:
+    society = ToySociety(toy("a", lambda now: 0.9 if now < 3.0 else 0.0), toy("b", 0.5))
+    society.run(4.0)
+    assert society.holders() == ["b"]
+    alone = ToySociety(toy("a", lambda now: 0.9 if now < 3.0 else 0.0))
+    alone.run(4.0)
+    assert alone.holders() == []
+    assert (alone.owner.obeyed[-1][1].v, alone.owner.obeyed[-1][1].w) == (0.0, 0.0)
+
+
+def test_one_agent_twice_settles_it_as_any_two_do() -> None:
+    kind = toy("twin", 0.7)
+    society = ToySociety(kind)
+    society.run(0.05)
+    society.mesh.add(kind(society.mesh.identity("twin", 1)))
+    society.run(3.0)
+    assert len({c.ballot.instance for t, c in society.owner.obeyed if t > 1.5}) == 1
+
+
+def test_a_stop_ends_the_reign_and_a_release_begins_another() -> None:
+    society = ToySociety(toy("a", 0.9))
+    society.run(1.0)
+    society.mesh.publish(Stop(1, True, "tester"))
+    society.run(1.0)
+    assert society.holders() == []
+    said = len(society.commands)
+    society.run(1.0)
+    assert len(society.commands) == said
+    society.mesh.publish(Stop(2, False, "tester"))
+    society.run(1.0)
+    assert society.holders() == ["a"]
+
+
+def test_a_restarted_owner_takes_the_stop_over_from_the_others() -> None:
+    from .toys import ToyOwner
+
+    society = ToySociety(toy("a", 0.9))
+    society.run(1.0)
+    society.mesh.publish(Stop(1, True, "tester"))
+    society.run(1.0)
+    society.nodes["robot"].kill()
+    society.run(0.5)
+    society.nodes["robot"] = society.mesh.add(ToyOwner(society.mesh.identity("robot", 1)))
+    society.run(2.0)
+    assert society.owner.latch.stopped
+    assert not society.owner.obeyed
+
+
+def test_a_restarted_owner_listens_before_it_obeys_and_goes_on_with_the_same_holder() -> None:
+    from .toys import ToyOwner
+
+    society = ToySociety(toy("a", 0.9), toy("b", 0.4))
+    society.run(2.0)
+    society.nodes["robot"].kill()
+    society.run(0.5)
+    society.nodes["robot"] = society.mesh.add(ToyOwner(society.mesh.identity("robot", 1)))
+    society.run(3.0)
+    assert society.owner.obeyed[0][1].frame.number >= 4
+    assert {Verdict.LISTENING} >= {v for _, _, v in society.owner.refused}
+    assert society.holders() == ["a"]
+
+
+def test_a_restarted_lone_agent_starts_from_the_echo() -> None:
+    kind = toy("a", 0.9)
+    society = ToySociety(kind)
+    society.run(2.0)
+    society.nodes["a"].kill()
+    society.run(1.0)
+    restarted = society.mesh.now
+    society.join(kind, start=1)
+    society.run(1.0)
+    first = next(t for t, _ in society.owner.obeyed if t > restarted)
+    assert first - restarted < 0.2
+
+
+def test_a_holder_nobody_obeys_stands_back_for_longer_each_time() -> None:
+    society = ToySociety(toy("sane", 0.5))
+    society.join(toy("mute", 0.9, action=(9.0, 0.0)), exchange="abrupt")
+    society.run(10.0)
+    assert "sane" in society.obeyed_names()
+    casts = sorted({c.ballot: t for t, c in society.claims if c.ballot.instance[0] == "m"}.values())
+    assert 2 <= len(casts) <= 6
+
+
+def test_a_beaten_holder_yields_when_it_hears_the_larger_ballot_of_its_term() -> None:
+    society = ToySociety(toy("a", 0.9), toy("b", 0.8))
+    society.mesh.link("a", "b").up = False
+    society.mesh.link("b", "a").up = False
+    society.run(2.0)
+    society.mesh.link("a", "b").up = True
+    society.mesh.link("b", "a").up = True
+    society.run(1.0)
+    assert society.holders() == ["a"]
+
+
+def test_an_absurd_term_is_refused() -> None:
+    society = ToySociety(toy("a", 0.9))
+    society.run(1.0)
+    frame = society.owner.frames.newest
+    assert frame is not None
+    forged = Ballot(2**40, 1.0, True, "forger-1")
+    society.mesh.publish(Claim("wheels", forged, frame, 1.0), key="resource/wheels/utility")
+    society.mesh.publish(Command(frame, forged, 1.0, 0.0), key="robot/cmd/forger-1")
+    society.run(1.0)
+    assert set(society.obeyed_names()) == {"a"}
+    assert Verdict.IMPLAUSIBLE in {v for _, _, v in society.owner.refused}
+
+
+def test_every_transition_leads_somewhere_else() -> None:
+    for (state, _event), (target, _step) in TRANSITIONS.items():
+        assert state is not target
+    reachable = {target for target, _ in TRANSITIONS.values()}
+    assert reachable == set(State)
+    assert {event for _, event in TRANSITIONS} == set(Event)
+    assert {step for _, step in TRANSITIONS.values()} == set(Step)
+
+
+def test_beats_is_by_margin_or_by_being_critical() -> None:
+    ballot = Ballot(1, 0.5, False, "x")
+    claim = Claim("wheels", ballot, Frame(1, 1), 0.5)
+    assert not beats(Bid(0.55, ()), claim, 0.05)
+    assert beats(Bid(0.56, ()), claim, 0.05)
+    assert beats(Bid(0.5, (), critical=True), claim, 0.05)
+    assert not beats(Bid(0.49, (), critical=True), claim, 0.05)
