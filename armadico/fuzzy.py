@@ -1,92 +1,139 @@
-"""Fuzzy sets and Sugeno systems of one input (thesis 3.5.1, 3.10.2)."""
+"""Fuzzy systems: membership functions and Sugeno rules with linear consequents.
+
+Used where the thesis mixes what simple parts say: goto's controllers (3.1 to 3.3), and how long a
+resource takes to change hands (3.14 to 3.18). Plain floats: a system of four rules costs a few
+microseconds, and several agents evaluate theirs ten times a second.
+"""
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
-from dataclasses import dataclass
-from math import exp
+import math
+from collections.abc import Sequence
+from typing import Protocol
 
-Membership = Callable[[float], float]
-"""How far a value belongs to a set, in [0, 1]."""
+from msgspec import Struct
 
 
-@dataclass(frozen=True, slots=True)
-class Gaussian:
-    """A bell: 1 at the mean, 0.61 one deviation away."""
+class Membership(Protocol):
+    """A fuzzy set over one variable."""
+
+    def __call__(self, x: float) -> float:
+        """How much `x` belongs to the set, in [0, 1]."""
+
+    def distance(self, x: float) -> float:
+        """How far `x` is from the set's core, where membership is 1, in the unit of `x`."""
+
+
+class Gaussian(Struct, frozen=True):
+    """The bell of figure 3.39: 1 at `mean`, 0.61 one `deviation` away."""
 
     mean: float
     deviation: float
 
     def __call__(self, x: float) -> float:
-        """How far x belongs."""
+        """Membership of `x`."""
         z = (x - self.mean) / self.deviation
-        return exp(-0.5 * z * z)
+        return math.exp(-0.5 * z * z)
+
+    def distance(self, x: float) -> float:
+        """From the mean."""
+        return abs(x - self.mean)
 
 
-@dataclass(frozen=True, slots=True)
-class Shoulder:
-    """A bell that stays 1 beyond its mean: the outermost set, so that no value is in none."""
+class Shoulder(Struct, frozen=True):
+    """A bell's rising half, then 1: the outermost set, so that no large value is without a rule."""
 
     mean: float
     deviation: float
 
     def __call__(self, x: float) -> float:
-        """How far x belongs."""
+        """Membership of `x`."""
         if x >= self.mean:
             return 1.0
         z = (x - self.mean) / self.deviation
-        return exp(-0.5 * z * z)
+        return math.exp(-0.5 * z * z)
+
+    def distance(self, x: float) -> float:
+        """From the mean, 0 above it."""
+        return max(0.0, self.mean - x)
 
 
-@dataclass(frozen=True, slots=True)
-class Near:
-    """The fuzzy set of equation 3.2: 1 up to `low`, falling to 0 at `high`."""
+class Near(Struct, frozen=True):
+    """Equation 3.2: 1 up to `low`, falling linearly to 0 at `high`."""
 
     low: float
     high: float
 
     def __call__(self, x: float) -> float:
-        """How far x belongs; `far` is the rest to 1."""
+        """Membership of `x`."""
         if x <= self.low:
             return 1.0
-        if x >= self.high:
-            return 0.0
-        return (self.high - x) / (self.high - self.low)
+        return (self.high - x) / (self.high - self.low) if x < self.high else 0.0
+
+    def distance(self, x: float) -> float:
+        """From `low`, 0 below it."""
+        return max(0.0, x - self.low)
 
 
-@dataclass(frozen=True, slots=True)
-class Linear:
-    """A Sugeno conclusion: slope times the input, plus a constant (3.3, 3.14)."""
+class Far(Struct, frozen=True):
+    """The complement of `Near` with the same bounds."""
 
-    slope: float
-    constant: float = 0.0
+    low: float
+    high: float
 
     def __call__(self, x: float) -> float:
-        """The conclusion for this input."""
-        return self.slope * x + self.constant
+        """Membership of `x`."""
+        if x >= self.high:
+            return 1.0
+        return (x - self.low) / (self.high - self.low) if x > self.low else 0.0
+
+    def distance(self, x: float) -> float:
+        """From `high`, 0 above it."""
+        return max(0.0, self.high - x)
 
 
-@dataclass(frozen=True, slots=True)
-class Rule:
-    """If the input is in the set, then the output is the conclusion."""
+class Linear(Struct, frozen=True):
+    """A consequent, ``slope * x + offset`` (equation 3.14 with c_1, c_2)."""
 
-    condition: Membership
-    conclusion: Callable[[float], float]
+    slope: float
+    offset: float = 0.0
+
+    def __call__(self, x: float) -> float:
+        """The rule's output for `x`."""
+        return self.slope * x + self.offset
+
+
+class Rule(Struct, frozen=True):
+    """IF x IS `when` THEN y = `then`."""
+
+    when: Membership
+    then: Linear
+
+
+def weights(sets: Sequence[Membership], x: float) -> list[float]:
+    """Memberships of `x`, scaled to sum to 1 (the condition on mu_i under equation 3.1).
+
+    Where all of them underflow, far from every set, the set whose core is nearest has it all.
+    """
+    raw = [member(x) for member in sets]
+    total = sum(raw)
+    if total == 0.0:
+        nearest = min(range(len(sets)), key=lambda i: sets[i].distance(x))
+        return [float(i == nearest) for i in range(len(sets))]
+    return [weight / total for weight in raw]
 
 
 class Sugeno:
-    """The weighted mean of the conclusions, each by how far its condition holds."""
+    """Rules over one variable, made crisp by the weighted mean (thesis 3.10.2)."""
 
     def __init__(self, rules: Sequence[Rule]) -> None:
-        self._rules = tuple(rules)
+        """At least one rule; their order does not matter."""
+        if not rules:
+            raise ValueError("a Sugeno system needs at least one rule")
+        self._sets = tuple(rule.when for rule in rules)
+        self._consequents = tuple(rule.then for rule in rules)
 
     def __call__(self, x: float) -> float:
-        """The output for this input. Raises ValueError where no rule holds at all."""
-        total = weighted = 0.0
-        for rule in self._rules:
-            weight = rule.condition(x)
-            total += weight
-            weighted += weight * rule.conclusion(x)
-        if total <= 0.0:
-            raise ValueError(f"no rule covers {x}")
-        return weighted / total
+        """The mean of the rules' outputs, each weighted by how much its premise holds."""
+        shares = zip(weights(self._sets, x), self._consequents, strict=True)
+        return sum(share * then(x) for share, then in shares if share > 0.0)

@@ -8,17 +8,18 @@ chooses nobody; echoes what it obeys; orders a stop after 300 ms without a valid
 from __future__ import annotations
 
 from collections import Counter
-from math import radians
+from math import isfinite, radians
 from typing import Annotated, Any, ClassVar
 
 from msgspec import Meta
 
 from armadico import agent
-from armadico.agent import ERROR, INFO, WARNING, DeviceAgent
-from armadico.bridge.p2os.session import Event, LinkLost, Opened, Session, StatusEvent
+from armadico.agent import ERROR, WARNING, DeviceAgent
+from armadico.bridge.p2os.session import Connected, Event, LinkLost, Reported, Session, Unanswered
 from armadico.bridge.profile import RobotProfile
-from armadico.config.loading import load_resource
+from armadico.config.loading import find, load
 from armadico.coordination import Owner, Verdict
+from armadico.geometry import wrap
 from armadico.messages import (
     Claim,
     Command,
@@ -37,6 +38,9 @@ STOP_AFTER_S = 0.3
 PULSE_S = 0.5
 """How often the watchdog is fed when there is nothing else to say."""
 
+HEALTHY_S = 0.5
+"""The watchdog is fed only while status packets keep coming at least this often."""
+
 REPORT_S = 2.0
 """Refusals are reported at most so often."""
 
@@ -46,7 +50,6 @@ class Parameters(agent.Parameters, frozen=True, kw_only=True):
 
     port: Annotated[str, Meta(min_length=1)] = "tcp://127.0.0.1:8101"
     profile: str = "pioneer-2dx"
-    v_max: Annotated[float, Meta(gt=0, le=10)] | None = None  # m/s, below the profile's own
 
 
 class Robot(DeviceAgent):
@@ -56,4 +59,202 @@ class Robot(DeviceAgent):
     hears: ClassVar[tuple[type[Message], ...]] = (Command, Claim, Stop)
     provides: ClassVar[tuple[type[Message], ...]] = (RobotState, Sonar)
     Parameters = Parameters
-"""
+
+    def __init__(self, identity: agent.Identity, parameters: Any = None) -> None:
+        super().__init__(identity, parameters)
+        self.profile = load(find("robots", self.p.profile), RobotProfile)
+        self.owner = Owner(self.frames)
+        self._epoch = self.rng.getrandbits(63)
+        self._number = 0
+        self._session: Session | None = None
+        self._stops = Stop()
+        self._moving = False  # whether the controller was last told to move
+        self._obeyed_at = float("-inf")
+        self._reported_at = float("-inf")
+        self._pulsed_at = float("-inf")
+        self._refusals: Counter[Verdict] = Counter()
+        self._complained_at = float("-inf")
+
+    @classmethod
+    def subscriptions(cls) -> dict[type[Message], Service]:
+        """It makes the frames, so it does not hear them."""
+        found = super().subscriptions()
+        del found[RobotState]
+        return found
+
+    # The port ------------------------------------------------------------------------------------
+
+    def on_link(self, up: bool, why: str) -> None:
+        """The port was opened, or is gone."""
+        if not up:
+            self._moving = False
+            self.log(f"the port {self.p.port} is gone: {why}", ERROR)
+            return
+        self.log(f"the port {self.p.port} is open")
+        if self._session is None:
+            self._session = Session(self.profile.p2os, self.now, self.profile.limits)
+        else:
+            self._take(self._session.restart(self.now))
+        self._send()
+
+    def on_bytes(self, data: bytes) -> None:
+        """What the controller says."""
+        if self._session is not None:
+            self._take(self._session.receive(data, self.now))
+            self._send()
+
+    def on_wakeup(self) -> None:
+        """Time-outs: of the session, of the last valid command, of the watchdog."""
+        if self._session is None:
+            return
+        self._take(self._session.tick(self.now))
+        if self._moving and self.now - self._obeyed_at >= STOP_AFTER_S:
+            self.log(f"no valid command for {STOP_AFTER_S} s: stop", WARNING)
+            self._halt()
+        healthy = self.now - self._reported_at <= HEALTHY_S
+        if healthy and self.now - self._pulsed_at >= PULSE_S:
+            self._session.pulse()
+        self._send()
+
+    def stop(self, now: float) -> None:
+        """Leave the robot at rest, and its controller closed."""
+        super().stop(now)
+        if self._session is not None:
+            self._session.close()
+            self._send()
+
+    def _take(self, events: list[Event]) -> None:
+        for event in events:
+            if isinstance(event, Reported):
+                self._cycle(event)
+            elif isinstance(event, Connected):
+                who = f"{event.name} ({event.class_name} {event.subclass})"
+                self.log(f"connected to {who} on {self.p.port}")
+            elif isinstance(event, LinkLost):
+                self._moving = False
+                self.log(f"the controller is silent: {event.reason}; trying again", ERROR)
+            elif isinstance(event, Unanswered):
+                self.log(
+                    f"no answer on {self.p.port} (waiting for {event.awaited},"
+                    f" attempt {event.attempts}); is the robot on?",
+                    WARNING,
+                )
+
+    def _send(self) -> None:
+        """Write what the session has to say, and wake for what it waits for."""
+        assert self._session is not None
+        data = self._session.outgoing()
+        if data:
+            self._pulsed_at = self.now
+            self.write(data)
+        due = [self._session.next_wakeup]
+        if self._pulsed_at + PULSE_S > self.now:
+            due.append(self._pulsed_at + PULSE_S)
+        if self._moving:
+            due.append(self._obeyed_at + STOP_AFTER_S)
+        soonest = min((at for at in due if at is not None), default=None)
+        if soonest is not None:
+            self.wake_at(max(soonest, self.now + 0.001))
+
+    # One status packet, one frame ----------------------------------------------------------------
+
+    def _cycle(self, report: Reported) -> None:
+        status, pose = report.status, report.pose
+        self._number += 1
+        self._reported_at = self.now
+        frame = Frame(self._epoch, self._number)
+        self.frames.advance(frame, self.now)
+        left, right = status.left_m_s, status.right_m_s
+        owner = self.owner
+        self.publish(
+            RobotState(
+                frame=frame,
+                x=pose.x,
+                y=pose.y,
+                theta=wrap(pose.theta),
+                v=0.5 * (left + right),
+                w=0.5 * (right - left) / self.profile.body.half_track_m,
+                battery_v=status.battery_v,
+                motors=status.motors_enabled,
+                stalled=status.left_stall or status.right_stall,
+                largest=owner.largest,
+                obeyed=owner.obeyed,
+                obeyed_frame=owner.obeyed_frame,
+                stop=self._stops,
+            )
+        )
+        self.publish(Sonar(frame, self.profile.sonar.max_m, self._echoes(report)))
+        self._complain()
+
+    def _echoes(self, report: Reported) -> tuple[Echo, ...]:
+        ring = self.profile.sonar
+        echoes = []
+        for index, distance in report.status.echoes:
+            if index < len(ring.sonars):
+                sonar = ring.sonars[index]
+                heard = 0.0 < distance < ring.max_m * 0.999
+                echoes.append(
+                    Echo(
+                        sonar.x_m,
+                        sonar.y_m,
+                        radians(sonar.bearing_deg),
+                        distance if heard else None,
+                    )
+                )
+        return tuple(echoes)
+
+    # What the society says -----------------------------------------------------------------------
+
+    def on_command(self, command: Command) -> None:
+        """Obey, or refuse with the reason."""
+        limits = self.profile.limits
+        sound = (
+            isfinite(command.v)
+            and isfinite(command.w)
+            and abs(command.v) <= limits.v_max
+            and abs(command.w) <= limits.w_max
+        )
+        verdict = self.owner.judge(
+            command.frame, command.ballot, stopped=self._stops.stopped, sound=sound
+        )
+        if verdict is not Verdict.OBEYED:
+            self._refusals[verdict] += 1
+            return
+        if self._session is None or not self._session.is_open:
+            return
+        self._obeyed_at = self.now
+        self._moving = command.v != 0.0 or command.w != 0.0
+        self._session.drive(command.v, command.w)
+        self._send()
+
+    def on_claim(self, claim: Claim) -> None:
+        """Learn of a ballot, to refuse smaller ones."""
+        self.owner.hear(claim)
+
+    def on_stop(self, stop: Stop) -> None:
+        """Latch or release the stop: the larger counter stands, at equal ones the stop."""
+        newer = stop.counter > self._stops.counter
+        if newer or (stop.counter == self._stops.counter and stop.stopped):
+            if stop.stopped != self._stops.stopped:
+                self.log(f"{'stopped' if stop.stopped else 'released'} by {stop.by}", WARNING)
+            self._stops = stop
+        if self._stops.stopped and self._session is not None:
+            self._halt()
+            self._send()
+
+    def _acceptable(self, message: Message) -> bool:  # noqa: ARG002
+        """The owner judges, and says why it refuses."""
+        return True
+
+    def _halt(self) -> None:
+        assert self._session is not None
+        self._moving = False
+        self._session.stop()
+
+    def _complain(self) -> None:
+        """Report refusals, seldom."""
+        if self._refusals and self.now - self._complained_at >= REPORT_S:
+            self._complained_at = self.now
+            text = "; ".join(f"{count} x {verdict}" for verdict, count in self._refusals.items())
+            self.log(f"commands refused: {text}", WARNING)
+            self._refusals.clear()

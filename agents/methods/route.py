@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from math import hypot
+from math import atan2, hypot
 
 from armadico.messages import Point, Trajectory, Waypoint
 
@@ -14,11 +14,14 @@ BESIDE_M = 0.8
 """or on crossing the line through it, square to the leg, not farther aside than this."""
 
 
+ORIGIN = Point(0.0, 0.0)
+
+
 class Route:
     """A polyline from a start over waypoints to a goal, and the leg that is driven."""
 
     def __init__(
-        self, waypoints: Sequence[Waypoint] = (), start: Point = Point(0.0, 0.0), leg: int = 0
+        self, waypoints: Sequence[Waypoint] = (), start: Point = ORIGIN, leg: int = 0
     ) -> None:
         self.waypoints = tuple(waypoints)
         self.start = start
@@ -57,27 +60,28 @@ class Route:
             x, y = waypoint.x, waypoint.y
         return total
 
-    def carrot(self, x: float, y: float, ahead: float) -> tuple[float, float]:
-        """The point `ahead` m further along the route than the place on it nearest to the robot.
+    def ahead(self, x: float, y: float, distance: float) -> list[Waypoint]:
+        """Where to steer to keep to the line: a point on it, then the waypoints after that point.
 
-        It never passes the goal. Raises AssertionError without waypoints.
+        The point lies `distance` m further along than the place on the leg nearest to the robot;
+        it is the goal itself where the goal is nearer than that.
         """
-        assert self.waypoints, "no route"
         from_x, from_y = self._leg_start()
-        left = ahead
+        left = distance
         for index in range(self.leg, len(self.waypoints)):
             to = self.waypoints[index]
-            length = hypot(to.x - from_x, to.y - from_y)
+            dx, dy = to.x - from_x, to.y - from_y
+            length = hypot(dx, dy)
             along = 0.0
             if index == self.leg and length > 0.0:
-                dot = (x - from_x) * (to.x - from_x) + (y - from_y) * (to.y - from_y)
-                along = min(max(dot / length, 0.0), length)
-            if along + left <= length:
-                share = (along + left) / length if length else 1.0
-                return from_x + share * (to.x - from_x), from_y + share * (to.y - from_y)
+                along = min(max(((x - from_x) * dx + (y - from_y) * dy) / length, 0.0), length)
+            if along + left < length:
+                share = (along + left) / length
+                point = Waypoint(from_x + share * dx, from_y + share * dy, atan2(dy, dx))
+                return [point, *self.waypoints[index:]]
             left -= length - along
             from_x, from_y = to.x, to.y
-        return from_x, from_y
+        return list(self.waypoints[-1:])
 
     def _leg_start(self) -> tuple[float, float]:
         if self.leg > 0:

@@ -1,0 +1,1 @@
+"""Configuration: TOML into frozen structs, worlds, scenarios, hosts. Errors name file and line."""

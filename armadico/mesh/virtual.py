@@ -207,7 +207,10 @@ class VirtualMesh:
     # Inside --------------------------------------------------------------------------------------
 
     def _start(self, node: Node, _: Any) -> None:
-        node.agent.start(self.now)
+        agent = node.agent
+        agent.start(self.now)
+        if isinstance(agent, DeviceAgent) and node.device is not None:
+            agent.take_link(True, "", self.now)
         self._drain(node)
         for other in self.nodes:
             if other.alive and other is not node:

@@ -1,0 +1,1 @@
+"""P2OS, the protocol of the Pioneers: framing, commands, packets, session and transports."""

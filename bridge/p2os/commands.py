@@ -1,7 +1,7 @@
 """P2OS commands, from the client to the robot: one table, and the coding of their arguments.
 
-A command's payload is its number, then, if it has an argument, the argument's type and value, little
-endian. A negative integer is sent as type 1B with its absolute value, not in two's complement.
+A command's payload is its number, then, if it has an argument, the argument's type and value, low
+byte first. A negative integer is sent as type 1B with its absolute value, not in two's complement.
 """
 
 from __future__ import annotations
@@ -9,9 +9,8 @@ from __future__ import annotations
 import math
 from enum import Enum, IntEnum
 
-from msgspec import Struct
-
 from armadico.bridge.p2os.packets import encode
+from msgspec import Struct
 
 POSITIVE, NEGATIVE, STRING = 0x3B, 0x1B, 0x2B  # types of argument
 
@@ -75,6 +74,8 @@ class Cmd(IntEnum):
     BATTEST = 250, Arg.INT, DECIVOLT, "pretend a battery voltage, 0.1 V; 0 the real one"
 
 
+COMMANDS = {int(cmd): cmd for cmd in Cmd}
+
 SYNC0, SYNC1, SYNC2 = (encode(bytes([number])) for number in range(3))
 
 
@@ -88,7 +89,7 @@ class Command(Struct, frozen=True):
     @property
     def si(self) -> float:
         """The value in SI units (m, rad, s, V); for commands of the table only."""
-        return self.value * Cmd(self.number).si
+        return self.value * COMMANDS[self.number].si
 
     @property
     def wheels(self) -> tuple[int, int]:
@@ -96,9 +97,12 @@ class Command(Struct, frozen=True):
         return _signed(self.value >> 8, 8), _signed(self.value & 0xFF, 8)
 
     @property
-    def pose(self) -> tuple[float, float, float]:
-        """SIM_SET_POSE's argument as x (m), y (m), theta (rad)."""
-        x, y, theta = (int.from_bytes(self.data[i : i + 4], "little", signed=True) for i in (0, 4, 8))
+    def pose(self) -> tuple[float, float, float] | None:
+        """SIM_SET_POSE's argument as x (m), y (m), theta (rad); None if it is cut short."""
+        if len(self.data) < 12:
+            return None
+        words = (self.data[i : i + 4] for i in (0, 4, 8))
+        x, y, theta = (int.from_bytes(word, "little", signed=True) for word in words)
         return x * MM, y * MM, theta * DEGREE
 
 
@@ -142,7 +146,7 @@ def decode_command(payload: bytes) -> Command:
     is read and does no harm (ARIA's OPEN is `01 3B 01 00`).
     """
     number = payload[0]
-    kind = KINDS.get(number, Arg.INT)
+    kind = COMMANDS[number].argument if number in COMMANDS else Arg.INT
     argument = payload[2:]
     if kind is Arg.POSE:
         return Command(number, data=argument[:12])
@@ -153,9 +157,6 @@ def decode_command(payload: bytes) -> Command:
     if kind is Arg.BITS:  # ARIA's VEL2 with a negative left wheel comes as 1B and absolute value
         return Command(number, -bits & 0xFFFF if negative else bits)
     return Command(number, -bits if negative else _signed(bits, 16))
-
-
-KINDS = {int(cmd): cmd.argument for cmd in Cmd}
 
 
 def _integer(cmd: Cmd, value: int) -> bytes:

@@ -10,9 +10,8 @@ import math
 import struct
 from collections.abc import Sequence
 
-from msgspec import Struct
-
 from armadico.bridge.profile import P2osUnits
+from msgspec import Struct
 
 STOPPED, MOVING = 0x32, 0x33
 STATUS_TYPES = (STOPPED, MOVING)
@@ -138,7 +137,9 @@ def _flags(status: Status) -> int:
 
 def _encode_echoes(echoes: Sequence[tuple[int, float]], unit_m: float) -> bytes:
     pack = _ECHO.pack
-    return b"".join([pack(i, min(max(round(range_m / unit_m), 0), 0xFFFF)) for i, range_m in echoes])
+    return b"".join(
+        [pack(index, min(max(round(range_m / unit_m), 0), 0xFFFF)) for index, range_m in echoes]
+    )
 
 
 def _decode_echoes(data: bytes, unit_m: float) -> tuple[tuple[int, float], ...]:

@@ -1,0 +1,255 @@
+"""The avoid agent: keeps the robot off what is in its way (thesis 3.5.2, 3.10.1)."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from math import atan2, copysign, cos, hypot, inf, pi, radians, sin
+from typing import Annotated, Any, ClassVar, Literal
+
+from msgspec import Meta, Struct
+
+from armadico import agent
+from armadico.agent import Agent
+from armadico.agents.methods.headings import open_heading
+from armadico.agents.methods.route import Route
+from armadico.agents.methods.safety import OUTLINE, Safety, limit, stopping_distance
+from armadico.agents.methods.sweep import free_path, free_turn
+from armadico.agents.methods.utility import ramp_down
+from armadico.exchange import Bid
+from armadico.frames import PERIOD
+from armadico.geometry import wrap
+from armadico.messages import Message, Obstacles, Point, Pose, RobotState, Trajectory
+from armadico.resources import WHEELS
+
+NonNegative = Annotated[float, Meta(ge=0, le=10)]
+Positive = Annotated[float, Meta(gt=0, le=10)]
+
+
+class Zone(Struct, frozen=True, forbid_unknown_fields=True):
+    """The border of a zone: a distance and a time, so that it grows with the speed."""
+
+    distance_m: NonNegative
+    time_s: NonNegative
+
+    def border(self, v: float) -> float:
+        """Metres at a speed, m/s."""
+        return self.distance_m + self.time_s * abs(v)
+
+
+class Parameters(agent.Parameters, frozen=True, kw_only=True):
+    """The three zones (figure 3.16) and what is done in each.
+
+    `rules` "thesis" reads 3.5.2 and 3.10.1 literally: distance and heading of the closest points,
+    an obstacle in the danger zone is turned away from, in the stop zone the robot turns round.
+    "safe" takes the free way along the robot's motion for the distance, and turns to the open
+    heading nearest to where the trajectory leads.
+    """
+
+    rules: Literal["safe", "thesis"] = "safe"
+    v_max: Positive | None = None
+    stop: Zone = Zone(0.05, 0.25)
+    danger: Zone = Zone(0.20, 0.55)
+    caution: Zone = Zone(0.45, 1.30)
+    v_caution: Positive = 0.45  # at the caution zone's inner border, m/s
+    v_danger: NonNegative = 0.12  # at the danger zone's inner border
+    turn_gain: Positive = 1.7  # rad/s for one rad
+    w_max: Positive = radians(60)
+    w_stop: Positive = radians(45)
+    abeam: Positive = radians(80)  # thesis: steer the obstacle here
+    half_diagonal_m: Positive = 0.30  # thesis: range to distance left
+    u_heading_low: Positive = radians(40)
+    u_heading_high: Positive = radians(120)
+    flank_m: NonNegative = 0.09  # kept beside the body on an open heading
+    reach_m: Positive = 1.1  # how far an open heading must be open
+    ahead_m: Positive = 0.8  # where the trajectory leads: so far along it
+    safety: Safety = Safety()
+
+
+class Avoid(Agent):
+    """Slows down, turns away, or stops and turns, as the nearest obstacle demands."""
+
+    name = "avoid"
+    reacts_to = Obstacles
+    needs: ClassVar[tuple[type[Message], ...]] = (Obstacles, Pose)
+    hears: ClassVar[tuple[type[Message], ...]] = (Trajectory,)
+    competes_for = (WHEELS,)
+    Parameters = Parameters
+
+    def __init__(self, identity: agent.Identity, parameters: Any = None) -> None:
+        super().__init__(identity, parameters)
+        self._route = Route()
+        self._mission = 0
+        self._side = 0.0  # +1 left, -1 right: latched while the same thing is dodged
+        self._side_at: tuple[float, float] = (0.0, 0.0)
+
+    def on_trajectory(self, trajectory: Trajectory) -> None:
+        """A new mission, or the old one said again."""
+        if trajectory.mission != self._mission or not trajectory.waypoints:
+            self._mission = trajectory.mission
+            self._route = Route.of(trajectory)
+            self._side = 0.0
+
+    def bid(self, obstacles: Obstacles) -> Bid | None:
+        """How to keep off what is in the way, and how much that helps."""
+        pose, state = self.fresh(Pose), self.latest(RobotState)
+        assert pose is not None and state is not None, "the pattern sees to that"
+        if not self._route.waypoints:
+            self.why = "no goal"
+            return None
+        self._route.advance(pose.x, pose.y)
+        if self.p.rules == "thesis":
+            return self._literal(obstacles, pose, state)
+        return self._safe(obstacles.points, pose, state)
+
+    # The safe rules ------------------------------------------------------------------------------
+
+    def _safe(self, points: Sequence[Point], pose: Pose, state: RobotState) -> Bid | None:
+        p = self.p
+        wanted = self._wanted(pose)
+        v = max(state.v, 0.0)
+        free = self._free(points, v, state.w, wanted)
+        utility = ramp_down(free, p.stop.border(v), p.caution.border(v))
+        self._unlatch(pose)
+        if utility <= 0.0:
+            if not self.holds(WHEELS):
+                self.why = "nothing in the way"
+                return None
+            return Bid(0.0, self._onward(points, wanted, v), reason="the way is free")
+        action, reason = self._act(points, wanted, pose, free, v)
+        left = free - stopping_distance(v, p.safety.decel) if v > 0.02 else inf
+        critical = left < 2 * PERIOD * v
+        within = None if left == inf else max(0.0, 0.5 * left / max(v, 0.02))
+        return Bid(utility, action, critical, within, reason)
+
+    def _free(self, points: Sequence[Point], v: float, w: float, wanted: float) -> float:
+        """The free way, m: on the present arc and, while avoid holds, towards the trajectory.
+
+        Else it would let go as soon as it has turned away, until the other turns back.
+        """
+        margin = self.p.safety.margin_m
+        onward = _rotated(points, wanted)
+        toward = free_path(onward, 1.0, 0.0, OUTLINE, margin)
+        if not self.holds(WHEELS) and abs(wanted) > self.p.u_heading_low:
+            toward = inf  # it will turn first, and look again then
+        along = free_path(points, max(v, 0.05), w if v > 0.05 else 0.0, OUTLINE, margin)
+        if self.holds(WHEELS):
+            return toward if abs(wanted) < self.p.u_heading_high else along
+        return min(along, toward)
+
+    def _act(
+        self, points: Sequence[Point], wanted: float, pose: Pose, free: float, v: float
+    ) -> tuple[tuple[float, float], str]:
+        """The zones: slow down; slow down and turn; stop and turn."""
+        p = self.p
+        heading = self._heading(points, wanted, pose)
+        if heading is None:
+            return self._turn_on_the_spot(points, wanted), "shut in: look for a way out"
+        w = max(-p.w_max, min(p.w_max, p.turn_gain * heading))
+        stop, danger, caution = (zone.border(v) for zone in (p.stop, p.danger, p.caution))
+        ahead = free_path(_rotated(points, heading), 1.0, 0.0, OUTLINE, p.safety.margin_m)
+        if free >= danger:
+            share = min((free - danger) / max(caution - danger, 1e-6), 1.0)
+            top = p.v_max or WHEELS.scale[0]
+            speed, zone = p.v_caution + share * (top - p.v_caution), "caution"
+        elif free >= stop:
+            share = (free - stop) / max(danger - stop, 1e-6)
+            speed, zone = p.v_danger + share * (p.v_caution - p.v_danger), "danger"
+        else:
+            speed, zone = p.v_danger, "stop"
+        speed = min(speed, p.v_max or inf) * max(0.0, cos(heading)) if abs(heading) < pi / 2 else 0.0
+        if zone == "stop" and abs(heading) > radians(20):
+            speed = 0.0
+        speed, w, _ = limit(speed, w, points, p.safety)
+        if speed == 0.0 and w == 0.0:
+            return self._turn_on_the_spot(points, heading), f"{zone}: turn out"
+        return (speed, w), f"{zone}: {ahead:.1f} m open at {heading * 180 / pi:.0f} deg"
+
+    def _heading(self, points: Sequence[Point], wanted: float, pose: Pose) -> float | None:
+        """The open heading nearest to the wanted one, on the latched side."""
+        p = self.p
+        for flank in (p.flank_m, p.flank_m / 2, 0.02):
+            half = OUTLINE.half_width + flank
+            found = open_heading(points, wanted, half, p.reach_m, self._side)
+            if found is not None:
+                off = wrap(found - wanted)
+                if self._side == 0.0 and abs(off) > radians(15):
+                    self._side = copysign(1.0, off)
+                    self._side_at = (pose.x, pose.y)
+                return found
+        if self._side:
+            self._side = 0.0
+            return open_heading(points, wanted, OUTLINE.half_width + 0.02, p.reach_m)
+        return None
+
+    def _unlatch(self, pose: Pose) -> None:
+        """Forget the side once the dodge is far behind and avoid does not hold."""
+        away = hypot(pose.x - self._side_at[0], pose.y - self._side_at[1])
+        if self._side and not self.holds(WHEELS) and away > 1.0:
+            self._side = 0.0
+
+    def _turn_on_the_spot(self, points: Sequence[Point], heading: float) -> tuple[float, float]:
+        sign = self._side or copysign(1.0, heading)
+        for direction in (sign, -sign):
+            if free_turn(points, direction, OUTLINE, 0.015) > 0.1:
+                return 0.0, direction * self.p.w_stop
+        return 0.0, 0.0
+
+    def _onward(self, points: Sequence[Point], wanted: float, v: float) -> tuple[float, float]:
+        """What to command in the frame or two until somebody takes over."""
+        w = max(-self.p.w_max, min(self.p.w_max, self.p.turn_gain * wanted))
+        v, w, _ = limit(v, w, points, self.p.safety)
+        return v, w
+
+    def _wanted(self, pose: Pose) -> float:
+        """Where the trajectory leads, rad in the body frame."""
+        target = self._route.ahead(pose.x, pose.y, self.p.ahead_m)[0]
+        return wrap(atan2(target.y - pose.y, target.x - pose.x) - pose.theta)
+
+    # The thesis, literally -----------------------------------------------------------------------
+
+    def _literal(self, obstacles: Obstacles, pose: Pose, state: RobotState) -> Bid | None:
+        """3.8 and 3.9 with the closest point and the closest one in front."""
+        p = self.p
+        zones = [zone.border(state.v) for zone in (p.stop, p.danger, p.caution)]
+        best: tuple[float, float, Point] | None = None
+        for point in (obstacles.closest, obstacles.front):
+            if point is None:
+                continue
+            left = max(hypot(point.x, point.y) - p.half_diagonal_m, 0.0)
+            bearing = abs(atan2(point.y, point.x))
+            u = min(
+                ramp_down(bearing, p.u_heading_low, p.u_heading_high),
+                ramp_down(left, zones[0], zones[2]),
+            )
+            if best is None or u > best[0]:
+                best = (u, left, point)
+        if best is None or best[0] <= 0.0:
+            self.why = "nothing in the way"
+            return None
+        utility, left, point = best
+        time_left = left / max(abs(state.v), 0.02)
+        return Bid(utility, self._literal_action(left, point, state, zones), within=time_left)
+
+    def _literal_action(
+        self, left: float, point: Point, state: RobotState, zones: list[float]
+    ) -> tuple[float, float]:
+        p = self.p
+        stop, danger, caution = zones
+        bearing = atan2(point.y, point.x)
+        if left < stop:
+            return 0.0, -copysign(p.w_stop, bearing)
+        if left < danger:
+            share = (left - stop) / max(danger - stop, 1e-6)
+            error = bearing - copysign(p.abeam, bearing)
+            return (
+                p.v_danger + share * (p.v_caution - p.v_danger),
+                max(-p.w_max, min(p.w_max, p.turn_gain * error)),
+            )
+        share = (left - danger) / max(caution - danger, 1e-6)
+        return p.v_caution + share * ((p.v_max or WHEELS.scale[0]) - p.v_caution), 0.0
+
+
+def _rotated(points: Sequence[Point], heading: float) -> list[Point]:
+    """The points as seen after turning on the spot."""
+    c, s = cos(heading), sin(heading)
+    return [Point(c * p.x + s * p.y, c * p.y - s * p.x) for p in points]

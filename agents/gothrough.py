@@ -1,0 +1,137 @@
+"""The gothrough agent: keeps the robot in the middle of narrow places (thesis 3.5.3, 3.10.1)."""
+
+from __future__ import annotations
+
+from math import atan2, cos, hypot, radians, sin
+from typing import Annotated, Any, ClassVar, Literal
+
+from msgspec import Meta
+
+from armadico import agent
+from armadico.agent import Agent
+from armadico.agents.methods.route import Route
+from armadico.agents.methods.safety import Safety, limit
+from armadico.agents.methods.utility import ramp_down
+from armadico.exchange import Bid
+from armadico.geometry import wrap
+from armadico.messages import Message, Obstacles, Point, Pose, Trajectory
+from armadico.resources import WHEELS
+
+Positive = Annotated[float, Meta(gt=0, le=10)]
+
+
+class Parameters(agent.Parameters, frozen=True, kw_only=True):
+    """Gothrough's parameters.
+
+    `rules` "thesis" bids whenever something is on both sides. "safe" abstains when the way through
+    is not clear, when the trajectory does not lead through, and near the goal.
+    """
+
+    rules: Literal["safe", "thesis"] = "safe"
+    v_max: Positive | None = None
+    v: Positive = 0.5  # m/s through a narrow place
+    turn_gain: Positive = 1.5  # rad/s for one rad
+    w_max: Positive = radians(50)
+    u_low_m: Positive = 0.5  # equation 3.7
+    u_high_m: Positive = 1.2
+    least_m: Positive = 0.3  # the point to drive to lies so far ahead of the narrowest place,
+    most_m: Positive = 1.0  # or so far
+    clear_m: Positive = 0.6  # of free way, or it abstains
+    astray: Positive = radians(45)  # a trajectory that leads off by more is not through here
+    goal_m: Positive = 0.8  # nearer to the goal than this, parking is goto's
+    ahead_m: Positive = 1.0
+    safety: Safety = Safety()
+
+
+class Gothrough(Agent):
+    """Steers for the middle between what is left and what is right."""
+
+    name = "gothrough"
+    reacts_to = Obstacles
+    needs: ClassVar[tuple[type[Message], ...]] = (Obstacles, Pose)
+    hears: ClassVar[tuple[type[Message], ...]] = (Trajectory,)
+    competes_for = (WHEELS,)
+    Parameters = Parameters
+
+    def __init__(self, identity: agent.Identity, parameters: Any = None) -> None:
+        super().__init__(identity, parameters)
+        self._route = Route()
+        self._mission = 0
+        self._commanded = (0.0, 0.0)
+
+    def on_trajectory(self, trajectory: Trajectory) -> None:
+        """A new mission, or the old one said again."""
+        if trajectory.mission != self._mission or not trajectory.waypoints:
+            self._mission = trajectory.mission
+            self._route = Route.of(trajectory)
+
+    def bid(self, obstacles: Obstacles) -> Bid | None:
+        """The way through, and how narrow it is."""
+        pose = self.fresh(Pose)
+        assert pose is not None, "the pattern sees to that"
+        if not self._route.waypoints:
+            self.why = "no goal"
+            return None
+        self._route.advance(pose.x, pose.y)
+        left, right = obstacles.left, obstacles.right
+        if left is None or right is None:
+            return self._none("not between two things")
+        half = 0.5 * hypot(left.x - right.x, left.y - right.y)
+        utility = ramp_down(half, self.p.u_low_m, self.p.u_high_m)
+        if utility <= 0.0:
+            return self._none("not narrow")
+        goal = self._goal(pose)
+        if self.p.rules == "safe" and (why := self._abstains(pose, goal)):
+            return self._none(why)
+        target = self._target(left, right, goal)
+        return self._steer(target, utility, obstacles)
+
+    def _none(self, why: str) -> Bid | None:
+        """Nothing to propose; a holder offers the wheels while they still turn."""
+        self.why = why
+        return Bid(0.0, self._commanded, reason=why) if self.holds(WHEELS) else None
+
+    def _abstains(self, pose: Pose, goal: Point) -> str:
+        """Why the trajectory does not lead through here."""
+        route = self._route
+        if abs(atan2(goal.y, goal.x)) > self.p.astray:
+            return "the trajectory leads elsewhere"
+        if route.last_leg and route.to_go(pose.x, pose.y) < self.p.goal_m:
+            return "the goal is near"
+        return ""
+
+    def _goal(self, pose: Pose) -> Point:
+        """Where the trajectory leads, in the body frame."""
+        to = self._route.ahead(pose.x, pose.y, self.p.ahead_m)[0]
+        if self.p.rules == "thesis":
+            target = self._route.target
+            assert target is not None, "there are waypoints"
+            to = target
+        dx, dy = to.x - pose.x, to.y - pose.y
+        c, s = cos(pose.theta), sin(pose.theta)
+        return Point(c * dx + s * dy, c * dy - s * dx)
+
+    def _target(self, left: Point, right: Point, goal: Point) -> Point:
+        """The middle of the way to the goal, projected onto the axis between both sides (3.5.3)."""
+        mx, my = 0.5 * (left.x + right.x), 0.5 * (left.y + right.y)
+        across = hypot(left.x - right.x, left.y - right.y)
+        ax, ay = (left.y - right.y) / across, (right.x - left.x) / across  # square to left-right
+        if ax * goal.x + ay * goal.y < 0.0:
+            ax, ay = -ax, -ay
+        along = 0.5 * ((goal.x - mx) * ax + (goal.y - my) * ay)
+        along = min(max(along, self.p.least_m), self.p.most_m)
+        return Point(mx + along * ax, my + along * ay)
+
+    def _steer(self, target: Point, utility: float, obstacles: Obstacles) -> Bid | None:
+        p = self.p
+        alpha = wrap(atan2(target.y, target.x))
+        if p.rules == "safe" and abs(alpha) > p.astray:
+            return self._none("the middle is not ahead")
+        v = min(p.v, p.v_max or p.v) * max(0.2, cos(alpha))
+        w = max(-p.w_max, min(p.w_max, p.turn_gain * alpha))
+        if p.rules == "safe":
+            v, w, free = limit(v, w, obstacles.points, p.safety)
+            if free < p.clear_m:
+                return self._none(f"only {free:.2f} m of free way")
+        self._commanded = (v, w)
+        return Bid(utility, (v, w), reason=f"{utility:.2f} at {alpha:.2f} rad")

@@ -1,0 +1,118 @@
+"""The goto agent: drives the robot to the goal pose (thesis 3.5.1, 4.6)."""
+
+from __future__ import annotations
+
+from math import hypot
+from typing import Annotated, Any, ClassVar, Literal
+
+import msgspec
+from msgspec import Meta
+
+from armadico import agent
+from armadico.agent import Agent
+from armadico.agents.methods.controllers import SETTINGS, Controller, Mode
+from armadico.agents.methods.route import Route
+from armadico.agents.methods.safety import Safety, limit
+from armadico.agents.methods.utility import ramp_down
+from armadico.exchange import Bid
+from armadico.messages import Message, Obstacles, Pose, RobotState, Trajectory, Waypoint
+from armadico.resources import WHEELS
+
+Speed = Annotated[float, Meta(gt=0, le=10)]
+Metres = Annotated[float, Meta(gt=0, le=10)]
+Share = Annotated[float, Meta(ge=0, le=1)]
+
+
+class Parameters(agent.Parameters, frozen=True, kw_only=True):
+    """Goto's parameters.
+
+    `rules` "thesis" reads 3.10.1 literally: the utility by the distance to each waypoint, straight
+    to the waypoint, no look at obstacles. "safe" measures to the final goal, keeps to the line
+    between waypoints, and drives no faster than it can stop.
+    """
+
+    controller: Literal["fast", "precise", "collaborative"] = "collaborative"
+    settings: Literal["chapter-5", "chapter-4"] = "chapter-5"
+    rules: Literal["safe", "thesis"] = "safe"
+    v_max: Speed | None = None
+    ahead_m: Metres = 0.6  # on the line between waypoints it looks so far ahead,
+    park_m: Metres = 1.0  # and straight to the goal within this, where `precise` joins in
+    safety: Safety = Safety()
+    p_max: Share = 1.0  # equation 3.6
+    p_min: Share = 0.6
+    u_low_m: Metres = 0.15
+    u_high_m: Metres = 0.5
+
+
+class Goto(Agent):
+    """Proposes the speeds that lead along the trajectory and park on its end."""
+
+    name = "goto"
+    reacts_to = Pose
+    needs: ClassVar[tuple[type[Message], ...]] = (Pose, Obstacles)
+    hears: ClassVar[tuple[type[Message], ...]] = (Trajectory,)
+    competes_for = (WHEELS,)
+    Parameters = Parameters
+
+    def __init__(self, identity: agent.Identity, parameters: Any = None) -> None:
+        super().__init__(identity, parameters)
+        settings = SETTINGS[self.p.settings]
+        if self.p.v_max is not None:
+            fast = msgspec.structs.replace(settings.fast, v=min(settings.fast.v, self.p.v_max))
+            settings = msgspec.structs.replace(settings, fast=fast)
+        self._controller = Controller(settings, Mode(self.p.controller))
+        self._route = Route()
+        self._mission = 0
+        self._commanded = (0.0, 0.0)
+
+    def on_trajectory(self, trajectory: Trajectory) -> None:
+        """A new mission, or the old one said again."""
+        if trajectory.mission != self._mission or not trajectory.waypoints:
+            self._mission = trajectory.mission
+            self._route = Route.of(trajectory)
+            self._controller.reset()
+
+    def bid(self, pose: Pose) -> Bid | None:
+        """Where it would steer, and how much that helps."""
+        route = self._route
+        goal = route.goal
+        if goal is None:
+            self.why = "no goal"
+            return None
+        route.advance(pose.x, pose.y)
+        v, w = self._controller.steer(pose, self._ahead(pose), self._before())
+        if self.p.rules == "safe":
+            obstacles = self.latest(Obstacles)
+            assert obstacles is not None, "the pattern lets nobody bid without what it needs"
+            v, w, _ = limit(v, w, obstacles.points, self.p.safety)
+        self._commanded = (v, w)
+        return Bid(self._utility(pose, goal), (v, w), reason=f"leg {route.leg}")
+
+    def _before(self) -> tuple[float, float]:
+        """What the ramps start from."""
+        if self.holds(WHEELS):
+            return self._commanded
+        state = self.latest(RobotState)
+        return (state.v, state.w) if state is not None else (0.0, 0.0)
+
+    def _ahead(self, pose: Pose) -> list[Waypoint]:
+        """What to steer along: the waypoints that are left, or the line between them."""
+        route, goal = self._route, self._route.goal
+        assert goal is not None, "there is a goal"
+        parking = route.last_leg and hypot(goal.x - pose.x, goal.y - pose.y) <= self.p.park_m
+        if self.p.rules == "thesis" or parking:
+            return list(route.waypoints[route.leg :])
+        return route.ahead(pose.x, pose.y, self.p.ahead_m)
+
+    def _utility(self, pose: Pose, goal: Waypoint) -> float:
+        """Equation 3.6."""
+        p = self.p
+        if p.rules == "thesis":
+            target = self._route.target
+            assert target is not None, "there is a goal"
+            left = hypot(target.x - pose.x, target.y - pose.y)
+        elif self._route.last_leg:
+            left = hypot(goal.x - pose.x, goal.y - pose.y)
+        else:
+            left = p.u_high_m
+        return ramp_down(left, p.u_low_m, p.u_high_m, p.p_max, p.p_min)

@@ -1,0 +1,14 @@
+"""The utility function all behaviours share (thesis 3.10.1, equations 3.4 and 3.5)."""
+
+from __future__ import annotations
+
+
+def ramp_down(
+    x: float, low: float, high: float, p_max: float = 1.0, p_min: float = 0.0
+) -> float:
+    """p_max below `low`, p_min above `high`, a straight line between."""
+    if x <= low:
+        return p_max
+    if x >= high:
+        return p_min
+    return p_max - (p_max - p_min) * (x - low) / (high - low)

@@ -1,0 +1,202 @@
+"""TOML into frozen structs. An error says in which file and line, what is there and what is right.
+
+The types are `msgspec.Struct`s; the framework has its own (`Scenario`, `HostTable`), everybody else
+brings theirs: `load(find("robots", "pioneer-2dx"), RobotProfile)`.
+"""
+
+from __future__ import annotations
+
+import re
+import tomllib
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Any, TypeVar
+
+import msgspec
+
+from armadico.config.errors import ConfigError, advice
+from armadico.config.fields import known_fields, unknown_field
+from armadico.config.lines import line_of
+from armadico.config.shipped import find, names, resource_path
+
+__all__ = [
+    "ConfigError",
+    "find",
+    "load",
+    "load_entry",
+    "load_parameters",
+    "load_table",
+    "names",
+    "parse",
+    "resource_path",
+    "set_values",
+]
+
+T = TypeVar("T")
+Document = dict[str, Any]
+
+WORDS = {
+    "float": "a number",
+    "int": "a whole number",
+    "str": "a string",
+    "bool": "true or false",
+    "array": "a list",
+    "object": "a table",
+    "null": "none",
+}
+"""What people who write TOML call the types that msgspec names."""
+
+_PATH = re.compile(r"^(?P<what>.*?)(?: - at `\$?(?P<path>.*)`)?$", re.DOTALL)
+_STEP = re.compile(r"\.([^.\[\]]+)|\[(\d+)\]")
+_LINE = re.compile(r"^(?P<what>.*) \(at (?:line (?P<line>\d+), column \d+|end of document)\)$")
+_RANGE = re.compile(r"Expected `(\w+)` (>|>=|<|<=) (.+)")
+
+
+def load(path: Path | str, kind: type[T]) -> T:
+    """Read a TOML file into a `kind`. Raises ConfigError."""
+    return parse(read_text(path), kind, path)
+
+
+def load_table(path: Path | str, kind: type[T]) -> dict[str, T]:
+    """Read a file that is a table of named `kind`s, one `[name]` each. Raises ConfigError."""
+    text = read_text(path)
+    entries = document(text, path)
+    return {name: _convert(entry, kind, path, text, (name,)) for name, entry in entries.items()}
+
+
+def load_entry(path: Path | str, kind: type[T], name: str) -> T:
+    """One entry of a file that `load_table` reads. Raises ConfigError with the nearest name."""
+    entries = load_table(path, kind)
+    if name not in entries:
+        raise ConfigError(f"no {name!r} in this file; {advice(name, entries)}", path)
+    return entries[name]
+
+
+def read_text(path: Path | str) -> str:
+    """The text of a file. Raises ConfigError."""
+    try:
+        return Path(path).read_text(encoding="utf-8")
+    except OSError as error:
+        raise ConfigError(f"cannot be read: {error.strerror}", path) from None
+    except UnicodeDecodeError:
+        raise ConfigError("is not a text in UTF-8", path) from None
+
+
+def parse(text: str, kind: type[T], file: Path | str = "<text>") -> T:
+    """A TOML text as a `kind`; `file` is what errors call it. Raises ConfigError."""
+    return _convert(document(text, file), kind, file, text)
+
+
+def document(text: str, file: Path | str) -> Document:
+    """A TOML text as dicts and lists. Raises ConfigError with the line of a syntax error."""
+    try:
+        return tomllib.loads(text)
+    except tomllib.TOMLDecodeError as error:
+        found = _LINE.match(str(error))
+        what, line = (found["what"], found["line"]) if found else (str(error), None)
+        last = max(len(text.splitlines()), 1)
+        raise ConfigError(f"not TOML: {what}", file, int(line) if line else last) from None
+
+
+def load_parameters(kind: type[T], file: Path | str | None, sets: Sequence[str]) -> T:
+    """An agent's parameters: its defaults, then a file's values, then each `key=value`."""
+    if file is None:
+        return set_values(_convert({}, kind, "the defaults", ""), sets)
+    return set_values(load(file, kind), sets)
+
+
+def set_values(value: T, sets: Sequence[str]) -> T:
+    """The same struct with some values changed, as `--set zones.stop=0.2` does on a command line.
+
+    A value is written as in TOML; what is not TOML is a string, and `none` clears an optional one.
+    Raises ConfigError, which quotes the setting.
+    """
+    for setting in sets:
+        value = _set_value(value, setting)
+    return value
+
+
+def _set_value(value: T, setting: str) -> T:
+    key, equals, text = setting.partition("=")
+    keys = [part.strip() for part in key.split(".")]
+    if not equals or not all(keys):
+        raise ConfigError(f"--set {setting}: expected KEY=VALUE, for instance zones.stop=0.2")
+    first: ConfigError | None = None
+    for candidate in _readings(text.strip()):
+        changed: Document = msgspec.to_builtins(value)
+        _put(changed, keys, candidate)
+        try:
+            return _convert(changed, type(value), f"--set {setting}", "")
+        except ConfigError as error:
+            first = first or error
+    assert first is not None, "a setting has at least one reading"
+    raise first
+
+
+def _readings(text: str) -> list[Any]:
+    """What a value on the command line may mean, the likeliest first."""
+    if text == "none":
+        return [None, text]
+    try:
+        return [tomllib.loads(f"value = {text}")["value"], text]
+    except tomllib.TOMLDecodeError:
+        return [text]
+
+
+def _put(node: Document, keys: Sequence[str], value: Any) -> None:
+    for key in keys[:-1]:
+        below = node.setdefault(key, {})
+        if not isinstance(below, dict):
+            below = node[key] = {}
+        node = below
+    node[keys[-1]] = value
+
+
+def _convert(data: Any, kind: type[T], file: Path | str, text: str, at: tuple[str, ...] = ()) -> T:
+    """`data`, which stands at the path `at` of a text, as a `kind`."""
+    unknown = unknown_field(data, kind)
+    if unknown is not None:
+        near = advice(str(unknown[-1]), known_fields(kind, unknown[:-1]))
+        path = at + unknown
+        raise ConfigError(f"unknown key {_dotted(path)}; {near}", file, line_of(text, path))
+    try:
+        return msgspec.convert(data, kind)
+    except msgspec.ValidationError as error:
+        found = _PATH.match(str(error))
+        assert found is not None, "the pattern matches anything"
+        inner = _steps(found["path"] or "")
+        message = _explain(_value(data, inner), at + inner, found["what"])
+        raise ConfigError(message, file, line_of(text, at + inner)) from None
+
+
+def _steps(path: str) -> tuple[str | int, ...]:
+    """`.a.b[3]`, as msgspec says where it was, as keys and indices."""
+    return tuple(key or int(index) for key, index in _STEP.findall(path))
+
+
+def _explain(value: Any, path: Sequence[str | int], what: str) -> str:
+    """What msgspec says of a value, with the value and its path."""
+    if what.startswith("Object missing required field"):
+        where = f" in {_dotted(path)}" if path else ""
+        return f"missing key {what.split('`')[1]}{where}"
+    wanted = _RANGE.sub(r"Expected a number \2 \3", what)
+    wanted = re.sub(r"`(\w+)`", lambda word: WORDS.get(word[1], word[1]), wanted)
+    wanted = wanted.replace(", got ", ", not ").replace("Expected", "expected").replace("`", "")
+    return f"{_dotted(path)} = {_quoted(value)}: {wanted}" if path else wanted
+
+
+def _value(data: Any, path: Sequence[str | int]) -> Any:
+    for step in path:
+        data = data[step]
+    return data
+
+
+def _quoted(value: Any) -> str:
+    text = msgspec.json.encode(value, enc_hook=str).decode()
+    return text if len(text) <= 60 else text[:57] + "..."
+
+
+def _dotted(path: Sequence[str | int]) -> str:
+    return "".join(f"[{step}]" if isinstance(step, int) else f".{step}" for step in path).lstrip(
+        "."
+    )

@@ -1,0 +1,55 @@
+"""The configurations that come with Armadico, found by name; anything else is a file."""
+
+from __future__ import annotations
+
+from importlib.resources import files
+from pathlib import Path
+
+from armadico.config.errors import ConfigError, advice, nearest
+
+SUFFIXES: dict[str, tuple[str, ...]] = {
+    "worlds": (".map", ".yaml"),
+    "scenarios": (".toml",),
+    "robots": (".toml",),
+}
+"""The kinds of configuration, each a folder of `armadico.configs`, and how its files end."""
+
+TABLES = ("robots/sensors.toml",)
+"""Files that are tables of something else: not configurations of the kind they lie beside."""
+
+
+def folder(kind: str) -> Path:
+    """Where the shipped configurations of a kind are."""
+    return Path(str(files("armadico.configs"))) / kind
+
+
+def names(kind: str) -> list[str]:
+    """The names of the shipped configurations of a kind, sorted."""
+    found = [path for path in folder(kind).iterdir() if path.suffix in SUFFIXES[kind]]
+    return sorted(path.stem for path in found if f"{kind}/{path.name}" not in TABLES)
+
+
+def resource_path(kind: str, name: str) -> Path:
+    """The file of a shipped configuration. Raises ConfigError with the nearest name."""
+    for suffix in SUFFIXES[kind]:
+        path = folder(kind) / (name + suffix)
+        if path.is_file():
+            return path
+    raise ConfigError(f"no {kind.removesuffix('s')} {name!r}; {advice(name, names(kind))}")
+
+
+def find(kind: str, name_or_path: str | Path) -> Path:
+    """The file of a configuration: a path if it has a slash or a suffix, else a shipped name."""
+    path = Path(name_or_path)
+    if isinstance(name_or_path, str) and not path.suffix and path.name == name_or_path:
+        return resource_path(kind, name_or_path)
+    if not path.is_file():
+        raise ConfigError(f"no file {str(path)!r}; {_instead(kind, path)}")
+    return path
+
+
+def _instead(kind: str, path: Path) -> str:
+    beside = path.parent.iterdir() if path.parent.is_dir() else ()
+    near = nearest(path.name, [p.name for p in beside if p.suffix in SUFFIXES[kind]])
+    shipped = f"shipped {kind}: {', '.join(names(kind))}"
+    return f"did you mean {near!r}?" if near else shipped

@@ -1,0 +1,108 @@
+"""Where a process listens and whom it connects to: peers, not a star.
+
+Each host has four well-known endpoints. Every agent binds the first that is free, else a free port,
+and connects to all of them; gossip finds the rest. With one seed only, a hung seed makes islands of
+newcomers. What is said on the command line wins over the host table, and that over this machine
+alone: with no configuration nothing leaves it.
+"""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+
+WELL_KNOWN = tuple(f"tcp/127.0.0.1:{port}" for port in range(7450, 7454))
+"""One host without configuration. Zenoh's own routers use 7447, so they do not meet."""
+
+ENDPOINTS_VARIABLE = "ARMADICO_ENDPOINTS"
+"""Endpoints, separated by commas, that replace `WELL_KNOWN`: for tests, or a second society."""
+
+DEFAULT_NAMESPACE = "robot1"
+"""The robot that is meant when none is named."""
+
+
+class TopologyError(ValueError):
+    """An endpoint or namespace that cannot be used."""
+
+
+@dataclass(frozen=True)
+class Topology:
+    """How one process joins the mesh.
+
+    `attempts` are sets of endpoints to listen on: the first set of which all are free is bound.
+    """
+
+    attempts: tuple[tuple[str, ...], ...]
+    connect: tuple[str, ...]
+
+
+def topology(
+    *,
+    listen: Sequence[str] = (),
+    connect: Sequence[str] = (),
+    host_endpoints: Sequence[str] = (),
+    all_endpoints: Sequence[str] = (),
+    passing: bool = False,
+    environ: Mapping[str, str] = os.environ,
+) -> Topology:
+    """Choose.
+
+    Args:
+        listen: Endpoints asked for on the command line; all of them are bound.
+        connect: Endpoints to connect to, asked for on the command line.
+        host_endpoints: This host's well-known endpoints, from the host table.
+        all_endpoints: Every host's well-known endpoints, from the host table.
+        passing: A tool that is soon gone: it binds no well-known endpoint.
+        environ: Where `ARMADICO_ENDPOINTS` is looked up.
+    """
+    own = _checked(host_endpoints) or _from_environment(environ) or WELL_KNOWN
+    seeds = _checked(connect) or _checked(all_endpoints) or own
+    if listen:
+        return Topology((_checked(listen),), seeds)
+    if connect:
+        return Topology(((_free_port_beside(seeds[0]),),), seeds)
+    fallback = (any_port(own[0]),)
+    if passing:
+        return Topology((fallback,), seeds)
+    return Topology((*((endpoint,) for endpoint in own), fallback), seeds)
+
+
+def checked_namespace(name: str) -> str:
+    """The namespace, if it can be one. Raises `TopologyError` saying why not."""
+    if not name or any(c in name for c in "*$?# ") or name != name.strip("/") or "//" in name:
+        raise TopologyError(f"{name!r} cannot be a namespace: letters, digits, '-', '_' and '/'")
+    return name
+
+
+def any_port(endpoint: str) -> str:
+    """The same address with a port that the system chooses."""
+    address, _, _ = endpoint.rpartition(":")
+    return f"{address}:0"
+
+
+def _free_port_beside(seed: str) -> str:
+    """A free port where the seed's peers can reach it: not on loopback if the seed is elsewhere."""
+    if _is_loopback(seed):
+        return any_port(seed)
+    return f"{seed.partition('/')[0]}/0.0.0.0:0"
+
+
+def _is_loopback(endpoint: str) -> bool:
+    address = endpoint.partition("/")[2]
+    return address.startswith(("127.", "localhost:", "[::1]:"))
+
+
+def _from_environment(environ: Mapping[str, str]) -> tuple[str, ...]:
+    text = environ.get(ENDPOINTS_VARIABLE, "")
+    return _checked([part.strip() for part in text.split(",") if part.strip()])
+
+
+def _checked(endpoints: Sequence[str]) -> tuple[str, ...]:
+    for endpoint in endpoints:
+        protocol, slash, rest = endpoint.partition("/")
+        address, colon, port = rest.rpartition(":")
+        port = port.partition("#")[0].partition("?")[0]
+        if not (protocol and slash and address and colon and port.isdecimal()):
+            raise TopologyError(f"{endpoint!r} is no endpoint; one looks like tcp/192.168.1.5:7450")
+    return tuple(endpoints)

@@ -1,0 +1,274 @@
+"""The mesh between processes: the only module that knows Zenoh.
+
+Callbacks run on Zenoh's own reception thread and must only put what they are given into a queue: a
+slow one stops reception for the whole process. They are handed bytes; the owner of the queue reads
+them with `ZenohMesh.read`, so a value that is overtaken in the queue is never decoded.
+"""
+
+from __future__ import annotations
+
+import json
+import logging
+import threading
+import time
+from collections import Counter
+from collections.abc import Callable
+from types import TracebackType
+from typing import Any, Final, TypeVar
+
+import zenoh
+
+from armadico.mesh.topology import Topology
+from armadico.messages import Message, MessageError, decode, encode
+from armadico.services import TOKEN
+
+logger = logging.getLogger("armadico.mesh")
+
+M = TypeVar("M", bound=Message)
+
+Receiver = Callable[[str, bytes], None]
+"""Takes a key and a payload, on Zenoh's thread: puts them into a queue and returns."""
+
+CLOSE_S: Final = 1.0
+"""A session that does not close within this is left behind (closing may block for 10 s)."""
+
+REPORT_S: Final = 5.0
+"""What is refused is reported at most so often."""
+
+SETTINGS: Final[dict[str, Any]] = {
+    "mode": "peer",
+    "scouting/multicast/enabled": False,
+    "scouting/gossip/enabled": True,
+    # Either end may connect; the greater id does, so that a pair shares one link.
+    "scouting/gossip/autoconnect_strategy": {
+        "peer": {"to_router": "always", "to_peer": "greater-zid"}
+    },
+    # The lease is what the *others* wait before they take this process for gone.
+    "transport/link/tx/lease": 1000,
+    "transport/link/tx/keep_alive": 4,
+    "connect/retry": {
+        "period_init_ms": 200,
+        "period_max_ms": 500,
+        "period_increase_factor": 1.5,
+    },
+    "transport/shared_memory/enabled": False,
+    "timestamping/enabled": False,
+    # Seeds that are not there yet are no reason to wait: links come up in the background.
+    "open/return_conditions/connect_scouted": False,
+    "open/return_conditions/declares": False,
+}
+"""Set on every process. Times in ms, as Zenoh has them."""
+
+
+class MeshError(RuntimeError):
+    """The mesh cannot be joined."""
+
+
+class Call:
+    """A query that waits for its answer; one that is let go of unanswered is simply over."""
+
+    __slots__ = ("_query", "key", "payload")
+
+    def __init__(self, query: zenoh.Query) -> None:
+        self._query = query
+        self.key = str(query.key_expr)
+        self.payload = b"" if query.payload is None else query.payload.to_bytes()
+
+    def reply(self, key: str, message: Message) -> None:
+        """Answer, from a key that the query's covers, and be done with it."""
+        self._query.reply(key, encode(message))
+        self._query.drop()
+
+
+class ZenohMesh:
+    """One process's session, within one robot's namespace."""
+
+    def __init__(self, namespace: str, where: Topology) -> None:
+        self.namespace = namespace
+        self.refused: Counter[str] = Counter()  # by key: what was no message, or came by a wildcard
+        self._where = where
+        self._session: zenoh.Session | None = None
+        self._publishers: dict[str, zenoh.Publisher] = {}
+        self._kept: list[Any] = []  # declarations live as long as somebody holds them
+        self._tokens: dict[str, zenoh.LivelinessToken] = {}
+        self._reported_at = float("-inf")
+
+    def __enter__(self) -> ZenohMesh:
+        self.open()
+        return self
+
+    def __exit__(
+        self,
+        kind: type[BaseException] | None,
+        error: BaseException | None,
+        traceback: TracebackType | None,
+    ) -> None:
+        self.close()
+
+    # Joining and leaving -------------------------------------------------------------------------
+
+    def open(self) -> None:
+        """Join. Raises `MeshError` if none of the endpoints can be listened on."""
+        failures = []
+        for endpoints in self._where.attempts:
+            try:
+                self._session = zenoh.open(self._config(endpoints))
+            except zenoh.ZError as error:
+                failures.append(f"{', '.join(endpoints)}: {_first_line(error)}")
+            else:
+                return
+        raise MeshError("cannot listen on " + "; ".join(failures))
+
+    def close(self, deadline: float = CLOSE_S) -> bool:
+        """Leave; False if that took longer than `deadline` (s), and goes on by itself."""
+        session, self._session = self._session, None
+        if session is None:
+            return True
+        for token in self._tokens.values():
+            token.undeclare()
+        self._tokens.clear()
+        # Closing may block for long, and there is no time-out to give it.
+        closing = threading.Thread(target=session.close, name="closing", daemon=True)
+        closing.start()
+        closing.join(deadline)
+        return not closing.is_alive()
+
+    @property
+    def neighbours(self) -> int:
+        """How many peers it has a link with."""
+        return len(list(self._open.info.peers_zid()))
+
+    # Talking -------------------------------------------------------------------------------------
+
+    def publish(self, key: str, message: Message) -> None:
+        """Say a message to the others; one's own subscribers do not hear it.
+
+        One priority for all: across priorities a stop and a speed could change places.
+        """
+        publisher = self._publishers.get(key)
+        if publisher is None:
+            publisher = self._publishers[key] = self._open.declare_publisher(
+                key,
+                congestion_control=zenoh.CongestionControl.DROP,
+                allowed_destination=zenoh.Locality.REMOTE,
+            )
+        publisher.put(encode(message))
+
+    def subscribe(self, pattern: str, receiver: Receiver) -> None:
+        """Have what is said on the keys of a pattern handed over."""
+
+        def arrived(sample: zenoh.Sample) -> None:
+            key = str(sample.key_expr)
+            if "*" in key or sample.kind != zenoh.SampleKind.PUT:
+                self._refuse(key, "published by wildcard, or a deletion")
+            else:
+                receiver(key, sample.payload.to_bytes())
+
+        self._keep(self._open.declare_subscriber(pattern, _direct(arrived)))
+
+    def ask(
+        self,
+        key: str,
+        request: Message,
+        timeout: float,
+        each: Receiver,
+        done: Callable[[], None],
+    ) -> None:
+        """Put a query: `each` takes every reply as it comes, then `done` is called, once.
+
+        Args:
+            key: May be a pattern; everybody who answers on it is asked.
+            request: The question.
+            timeout: When to stop waiting, s.
+            each: Takes a reply, on Zenoh's thread.
+            done: Told that there will be no more, on Zenoh's thread.
+        """
+
+        def replied(reply: zenoh.Reply) -> None:
+            if reply.ok is not None:
+                each(str(reply.ok.key_expr), reply.ok.payload.to_bytes())
+
+        self._open.get(
+            key,
+            zenoh.handlers.Callback(replied, done, indirect=False),
+            payload=encode(request),
+            timeout=timeout,
+            target=zenoh.QueryTarget.ALL,
+            consolidation=zenoh.ConsolidationMode.NONE,
+        )
+
+    def answer(self, key: str, receiver: Callable[[Call], None]) -> None:
+        """Have the queries on a key handed over."""
+        self._keep(self._open.declare_queryable(key, _direct(lambda query: receiver(Call(query)))))
+
+    # Who is there --------------------------------------------------------------------------------
+
+    def declare_alive(self, name: str, instance: str) -> None:
+        """Show the liveliness token of an agent until the session closes."""
+        key = TOKEN.format(name=name, instance=instance)
+        self._tokens[key] = self._open.liveliness().declare_token(key)
+
+    def watch_alive(self, changed: Callable[[str, str, bool], None]) -> None:
+        """Have tokens that are there, come and go handed over as (name, instance, there).
+
+        The same news may come twice: treat it as a set.
+        """
+
+        def arrived(sample: zenoh.Sample) -> None:
+            chunks = str(sample.key_expr).split("/")
+            if len(chunks) == 3 and "*" not in chunks:
+                changed(chunks[1], chunks[2], sample.kind == zenoh.SampleKind.PUT)
+
+        pattern = TOKEN.format(name="*", instance="*")
+        self._keep(
+            self._open.liveliness().declare_subscriber(pattern, _direct(arrived), history=True)
+        )
+
+    # Reading -------------------------------------------------------------------------------------
+
+    def read(self, kind: type[M], key: str, data: bytes) -> M | None:
+        """The message in a payload; None, counted and now and then reported, if there is none."""
+        try:
+            return decode(data, kind)
+        except MessageError as error:
+            self._refuse(key, str(error))
+            return None
+
+    def _refuse(self, key: str, why: str) -> None:
+        self.refused[key] += 1
+        now = time.monotonic()
+        if now - self._reported_at >= REPORT_S:
+            self._reported_at = now
+            logger.warning("refused on %s: %s (%d refused so far)", key, why, self.refused.total())
+
+    # Inside --------------------------------------------------------------------------------------
+
+    @property
+    def _open(self) -> zenoh.Session:
+        if self._session is None:
+            raise MeshError("the mesh has not been joined, or has been left")
+        return self._session
+
+    def _keep(self, declaration: Any) -> None:
+        self._kept.append(declaration)
+
+    def _config(self, listen: tuple[str, ...]) -> zenoh.Config:
+        config = zenoh.Config()
+        connect = [endpoint for endpoint in self._where.connect if endpoint not in listen]
+        own = {
+            "namespace": self.namespace,
+            "listen/endpoints": list(listen),
+            "connect/endpoints": connect,
+        }
+        for key, value in (SETTINGS | own).items():
+            config.insert_json5(key, json.dumps(value))
+        return config
+
+
+def _direct(callback: Callable[[Any], None]) -> Any:
+    """Call on the thread that received it: one hop less than through a thread of its own."""
+    return zenoh.handlers.Callback(callback, indirect=False)
+
+
+def _first_line(error: Exception) -> str:
+    return str(error).partition(" at /")[0].partition("\n")[0]

@@ -1,0 +1,72 @@
+"""A run on the virtual mesh: the whole society and the simulator, in one thread, from one seed."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from math import radians
+
+from armadico.agent import Agent, DeviceAgent
+from armadico.config.loading import load_parameters
+from armadico.config.scenarios import Scenario
+from armadico.discovery import agent_class, simulator_factory
+from armadico.measures import WATCHED, Result, RunWatch
+from armadico.mesh.virtual import VirtualMesh
+from armadico.messages import Message, MissionReply
+from armadico.society import Options, members, mission, time_limit
+
+SETTLE_S = 1.0
+"""What the handshake with the controller and the first frames take, on the virtual clock."""
+
+
+class MissionRefused(RuntimeError):
+    """Nobody took the mission on; the message says why."""
+
+
+class Rehearsal:
+    """One scenario on a virtual mesh. `run` drives it to its end; faults may be put in between."""
+
+    def __init__(self, scenario: Scenario, options: Options) -> None:
+        self.scenario = scenario
+        self.mesh = VirtualMesh(options.seed)
+        self.watch = RunWatch(
+            scenario.name,
+            (scenario.goal[0], scenario.goal[1], radians(scenario.goal[2])),
+            options.seed,
+            tuple(name for name in scenario.agents if name not in options.without),
+        )
+        self.limit = time_limit(0.0)
+        self.mesh.watch(lambda _key, message, now: self.watch.show(message, now), *WATCHED)
+        self.robot = simulator_factory("pioneer")(scenario, options.seed, self.mesh.publish)
+        for member in members(scenario, options, "memory:"):
+            kind = agent_class(member.name)
+            parameters = load_parameters(kind.Parameters, None, list(member.sets))
+            self.add(kind, parameters)
+
+    def add(self, kind: type[Agent], parameters: object = None, start: int = 0) -> None:
+        """An agent joins, now."""
+        agent = kind(self.mesh.identity(kind.name, start), parameters)
+        self.mesh.add(agent, self.robot if isinstance(agent, DeviceAgent) else None)
+
+    def begin(self) -> None:
+        """Hand the mission to the interface agent. Raises MissionRefused with the reason."""
+        self.mesh.run(SETTLE_S)
+        replies: list[Message | None] = []
+        self.mesh.ask(mission(self.scenario), replies.append, timeout=30.0)
+        self.mesh.run(self.mesh.now + 30.0, lambda: bool(replies))
+        reply = replies[0]
+        if not isinstance(reply, MissionReply):
+            raise MissionRefused("no interface agent answered mission/request")
+        if reply.refusal:
+            raise MissionRefused(reply.refusal)
+        self.limit = time_limit(reply.length)
+        self.watch.begin(reply.mission)
+
+    def run(self, progress: Callable[[RunWatch], None] | None = None) -> Result:
+        """Drive to the goal or the time limit."""
+        self.begin()
+        end = self.mesh.now + self.limit
+        while not self.watch.done and self.mesh.now < end:
+            self.mesh.run(min(self.mesh.now + 1.0, end), lambda: self.watch.done)
+            if progress is not None:
+                progress(self.watch)
+        return self.watch.result()

@@ -1,0 +1,82 @@
+"""A scenario as a list of processes: who takes part, and with what parameters.
+
+The same list is launched as real processes (`armadico.launcher`) or put on the virtual mesh
+(`armadico.rehearsal`), so that both are the same society.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from math import radians
+
+from armadico.config.scenarios import Scenario
+from armadico.messages import MissionRequest, Waypoint
+
+BEHAVIOURS = ("goto", "avoid", "gothrough")
+LIMIT_SPEED = 0.3
+LIMIT_FACTOR = 5.0
+LIMIT_LEAST = 60.0
+
+
+@dataclass(frozen=True)
+class Options:
+    """What the command line may change about a scenario."""
+
+    seed: int = 0
+    controller: str | None = None
+    exchange: str | None = None
+    without: tuple[str, ...] = ()
+    robot: str | None = None  # the URL of something that is already there
+
+
+@dataclass(frozen=True)
+class Member:
+    """One agent of the society, and what is set on its command line."""
+
+    name: str
+    sets: tuple[str, ...] = ()
+
+
+def members(scenario: Scenario, options: Options, port: str) -> tuple[Member, ...]:
+    """The agents of a run, the robot agent first; `port` is the URL of the robot's controller."""
+    names = ["robot", *(name for name in scenario.agents if name not in options.without)]
+    return tuple(Member(name, _settings(name, scenario, options, port)) for name in names)
+
+
+def _settings(name: str, scenario: Scenario, options: Options, port: str) -> tuple[str, ...]:
+    x, y, degrees = scenario.start
+    sets: list[str] = []
+    if name == "robot":
+        sets += [f"port={port}", f"profile={scenario.robot}"]
+        if scenario.v_max is not None:
+            sets.append(f"v_max={scenario.v_max}")
+    elif name == "encoder":
+        sets += [f"x={x}", f"y={y}", f"theta={radians(degrees)}"]
+    elif name == "path-planning":
+        sets += [f"world={scenario.world}", f"profile={scenario.robot}"]
+    elif name == "goto" and options.controller is not None:
+        sets.append(f"controller={options.controller}")
+    if name in BEHAVIOURS:
+        if scenario.v_max is not None:
+            sets.append(f"v_max={scenario.v_max}")
+        if options.exchange is not None:
+            sets.append(f"social.exchange={options.exchange}")
+    return tuple(sets)
+
+
+def mission(scenario: Scenario) -> MissionRequest:
+    """What the interface agent is asked for."""
+    return MissionRequest(
+        goal=_waypoint(scenario.goal),
+        waypoints=tuple(map(_waypoint, scenario.waypoints)) if scenario.plan == "waypoints" else (),
+        planned=scenario.plan == "rooms",
+    )
+
+
+def time_limit(length: float) -> float:
+    """Seconds that a run may take: 5 times the way over 0.3 m/s, at least 60 s."""
+    return max(LIMIT_FACTOR * length / LIMIT_SPEED, LIMIT_LEAST)
+
+
+def _waypoint(pose: tuple[float, float, float]) -> Waypoint:
+    return Waypoint(pose[0], pose[1], radians(pose[2]))

@@ -1,0 +1,176 @@
+"""CONFIGpac (type 20) and ENCODERpac (type 90): what a controller says of itself when asked.
+
+Controllers of different ages end the CONFIGpac at different fields: what is missing reads as zero.
+A CONFIGpac is wanted and never required, since some real robots send it with a bad checksum.
+"""
+
+from __future__ import annotations
+
+import math
+import struct
+from collections.abc import Iterator
+from typing import Any
+
+from msgspec import Struct
+
+CONFIG, ENCODER = 0x20, 0x90
+
+_MILLI = 1e-3
+_DECI = 0.1
+_DEGREE = math.pi / 180
+
+# Fields in their order on the wire: attribute ("" if we have no use for it), format (s: text that
+# ends in NUL), value of one unit in SI. What newer controllers add behind the version is ignored.
+FIELDS: tuple[tuple[str, str, float], ...] = (
+    ("class_name", "s", 1),
+    ("subclass", "s", 1),
+    ("serial_number", "s", 1),
+    ("", "B", 1),  # four motors
+    ("w_top", "H", _DEGREE),
+    ("v_top", "H", _MILLI),
+    ("w_accel_top", "H", _DEGREE),
+    ("v_accel_top", "H", _MILLI),
+    ("pwm_max", "H", 1),
+    ("name", "s", 1),
+    ("cycle_s", "B", _MILLI),
+    ("host_baud", "B", 1),
+    ("", "B", 1),  # auxiliary port's baud rate
+    ("", "H", 1),  # gripper
+    ("front_sonar", "H", 1),
+    ("rear_sonar", "B", 1),
+    ("low_battery_v", "H", _DECI),
+    ("", "H", 1),  # encoder counts a revolution
+    ("watchdog_s", "H", _MILLI),
+    ("", "B", 1),  # alternative status packet
+    ("", "H", 1),  # stall value
+    ("", "H", 1),  # stall count
+    ("", "H", 1),  # joystick, linear
+    ("", "H", 1),  # joystick, angular
+    ("w_max", "H", _DEGREE),
+    ("v_max", "H", _MILLI),
+    ("w_accel", "H", _DEGREE),
+    ("w_decel", "H", _DEGREE),
+    ("", "H", 1),  # gains of the rotation loop: proportional, derivative, integral
+    ("", "H", 1),
+    ("", "H", 1),
+    ("v_accel", "H", _MILLI),
+    ("v_decel", "H", _MILLI),
+    ("", "H", 1),  # gains of the translation loop
+    ("", "H", 1),
+    ("", "H", 1),
+    ("front_bumpers", "B", 1),
+    ("rear_bumpers", "B", 1),
+    ("", "B", 1),  # charger
+    ("sonar_period_s", "B", _MILLI),
+    ("auto_baud", "B", 1),  # 2: the client may ask for a faster line
+    ("", "B", 1),  # gyroscope
+    ("", "h", 1),  # drift factor
+    ("", "B", 1),  # auxiliary ports' baud rates
+    ("", "B", 1),
+    ("", "H", 1),  # ticks a millimetre
+    ("", "H", 1),  # shutdown voltage
+    ("version", "s", 1),
+)
+TEXT_LIMIT = 19  # clients copy each name into twenty bytes, the NUL included
+
+
+class Configuration(Struct, frozen=True, kw_only=True):
+    """A controller's own account of itself. SI units; 0 where it does not say.
+
+    `top` is what it can do at most, `max` the limit in force.
+    """
+
+    class_name: str = ""
+    subclass: str = ""
+    serial_number: str = ""
+    name: str = ""
+    version: str = ""
+    v_top: float = 0  # m/s
+    w_top: float = 0  # rad/s
+    v_accel_top: float = 0  # m/s^2
+    w_accel_top: float = 0  # rad/s^2
+    v_max: float = 0  # m/s
+    w_max: float = 0  # rad/s
+    v_accel: float = 0  # m/s^2
+    v_decel: float = 0  # m/s^2
+    w_accel: float = 0  # rad/s^2
+    w_decel: float = 0  # rad/s^2
+    pwm_max: int = 0
+    cycle_s: float = 0
+    watchdog_s: float = 0
+    low_battery_v: float = 0
+    front_sonar: int = 0  # whether the ring is there
+    rear_sonar: int = 0
+    front_bumpers: int = 0
+    rear_bumpers: int = 0
+    sonar_period_s: float = 0
+    host_baud: int = 0
+    auto_baud: int = 0
+
+
+class Encoders(Struct, frozen=True):
+    """Raw counts of the wheel encoders, 32 bits each."""
+
+    left: int
+    right: int
+
+
+def encode_configuration(configuration: Configuration) -> bytes:
+    """Encode a CONFIGpac's payload, up to the firmware's version."""
+    parts = [bytes([CONFIG])]
+    for attribute, form, unit in FIELDS:
+        value: Any = getattr(configuration, attribute) if attribute else 0
+        parts.append(encode_text(value) if form == "s" else _pack(form, value / unit))
+    return b"".join(parts)
+
+
+def decode_configuration(payload: bytes) -> Configuration:
+    """Decode a CONFIGpac's payload; ValueError if it is none."""
+    if payload[:1] != bytes([CONFIG]):
+        raise ValueError(f"not a CONFIGpac: {payload[:1].hex()}")
+    return Configuration(**dict(_read(payload[1:])))
+
+
+def encode_encoders(encoders: Encoders) -> bytes:
+    """Encode an ENCODERpac's payload; counts wrap at 32 bits."""
+    left, right = encoders.left & 0xFFFFFFFF, encoders.right & 0xFFFFFFFF
+    return struct.pack("<BII", ENCODER, left, right)
+
+
+def decode_encoders(payload: bytes) -> Encoders:
+    """Decode an ENCODERpac's payload; ValueError if it is none or cut short."""
+    if payload[:1] != bytes([ENCODER]) or len(payload) < 9:
+        raise ValueError(f"not an ENCODERpac: {payload[:9].hex(' ')}")
+    return Encoders(*struct.unpack_from("<ii", payload, 1))
+
+
+def encode_text(text: str) -> bytes:
+    """Text that ends in NUL, cut to what clients can hold."""
+    return text.encode("ascii", "replace")[:TEXT_LIMIT] + b"\0"
+
+
+def decode_texts(data: bytes, count: int) -> tuple[str, ...]:
+    """Read up to `count` texts that end in NUL; missing ones are empty."""
+    texts = data.split(b"\0")[:count]
+    return tuple(text.decode("ascii", "replace") for text in texts) + ("",) * (count - len(texts))
+
+
+def _read(data: bytes) -> Iterator[tuple[str, Any]]:
+    """Yield the named fields that `data` still has room for."""
+    for attribute, form, unit in FIELDS:
+        value: Any
+        if form == "s":
+            text, _, data = data.partition(b"\0")
+            value = text.decode("ascii", "replace")
+        else:
+            size = struct.calcsize(form)
+            number = int.from_bytes(data[:size], "little", signed=form.islower())
+            value, data = number if unit == 1 else number * unit, data[size:]
+        if attribute:
+            yield attribute, value
+
+
+def _pack(form: str, value: float) -> bytes:
+    """Pack an unsigned field, or its end if the value lies beyond it."""
+    highest = 2 ** (8 * struct.calcsize(form)) - 1
+    return struct.pack(f"<{form}", min(max(round(value), 0), highest))

@@ -1,0 +1,81 @@
+"""What all transports share: the interface, and errors that say what to do."""
+
+from __future__ import annotations
+
+import contextlib
+import errno
+import socket
+import termios
+from collections.abc import Iterator
+from typing import Protocol
+
+import serial
+
+# What pyserial raises when a line breaks; TypeError if it was closed while somebody waited.
+LINE_ERRORS = (serial.SerialException, OSError, termios.error, TypeError, ValueError)
+CHUNK = 4096
+
+
+class TransportError(OSError):
+    """A transport that cannot be opened, or broke; the message says what to do about it."""
+
+
+class Transport(Protocol):
+    """Bytes to and from the other end."""
+
+    @property
+    def url(self) -> str:
+        """Where it leads, as given to `open_transport`."""
+
+    def open(self) -> None:
+        """Connect; TransportError if that fails. May be called again after `close`."""
+
+    def read(self, timeout_s: float) -> bytes:
+        """Wait for bytes; none after `timeout_s`. TransportError if the line broke."""
+
+    def write(self, data: bytes) -> None:
+        """Send all of it; TransportError if the line broke."""
+
+    def close(self) -> None:
+        """Let go of the line; never fails, and ends nothing that is not open."""
+
+
+_ADVICE = {
+    errno.ENOENT: "there is no such port; is the adapter plugged in? `ls /dev/ttyUSB*` shows it",
+    errno.EACCES: "you may not use it: `sudo usermod -a -G dialout $USER`, then log in again",
+    errno.EPERM: "you may not use it: `sudo usermod -a -G dialout $USER`, then log in again",
+    errno.EAGAIN: "another program holds the port; end that one first",
+    errno.EBUSY: "another program holds the port; end that one first",
+    errno.ENOTTY: "it is not a serial port",
+    errno.ECONNREFUSED: "nobody listens there; is the simulator running, and has it no client yet?",
+    errno.EEXIST: "something that is no link has that name; choose another",
+}
+
+
+def advice(error: BaseException) -> str:
+    """Say what to do about a failure to open."""
+    if isinstance(error, socket.gaierror):
+        return "no such host; check its name"
+    if isinstance(error, TimeoutError):
+        return "no answer; is the host on, and does its firewall let us through?"
+    number = getattr(error, "errno", None)
+    return _ADVICE[number] if number in _ADVICE else str(error)
+
+
+def not_open() -> OSError:
+    """What using a transport before `open` raises."""
+    return OSError(errno.ENOTCONN, "it is not open")
+
+
+@contextlib.contextmanager
+def broken(where: str, remedy: str) -> Iterator[None]:
+    """Turn what a broken line raises into a TransportError."""
+    try:
+        yield
+    except LINE_ERRORS as error:
+        raise TransportError(f"the line to {where} broke ({error}); {remedy}") from error
+
+
+def ended() -> bytes:
+    """Say that the other end is gone."""
+    raise OSError(errno.EPIPE, "the other end closed it")

@@ -1,0 +1,74 @@
+"""Continuous odometry out of the controller's, which wraps every 27.5 m and may be set to zero."""
+
+from __future__ import annotations
+
+import math
+
+from armadico.bridge.p2os.status import POSITION_COUNTS, Status
+from armadico.bridge.profile import P2osUnits
+from msgspec import Struct
+
+# A step is believed up to what the reported speeds explain over the time since the last status
+# packet and this many cycles more (packets get lost), plus what rounding and braking may add.
+SPARE_CYCLES = 2
+SPARE_M = 0.05
+SPARE_RAD = 0.15
+
+
+class Pose(Struct, frozen=True):
+    """Where the robot is in its odometry frame: m, m and rad, theta not wrapped."""
+
+    x: float = 0.0
+    y: float = 0.0
+    theta: float = 0.0
+
+
+class Odometry:
+    """Adds up the steps between status packets, starting from 0, 0, 0.
+
+    The first status packet after `rebase` is a base only: a controller that was open before us
+    starts anywhere. A step that the speeds do not explain is a reset (SETO, by whomever): the pose
+    stays where it was and goes on from there. A reset within `SPARE_M` and `SPARE_RAD` of the
+    controller's origin cannot be told from a step and moves the pose by that much; whoever sends
+    SETO calls `rebase` and is spared that.
+    """
+
+    def __init__(self, units: P2osUnits) -> None:
+        self.pose = Pose()
+        self.resets = 0  # steps not believed so far
+        self._span_m = POSITION_COUNTS * units.distance_mm * 1e-3
+        self._turn_s_m = units.diff_conv * 1e3 / 2  # rad/s for one m/s between the wheels
+        self._reach_s = SPARE_CYCLES * units.cycle_s
+        self._last: Status | None = None
+        self._at = 0.0
+
+    def rebase(self) -> None:
+        """Take the next status packet as a base, not as a step."""
+        self._last = None
+
+    def update(self, status: Status, now: float) -> Pose:
+        """Take a status packet received at `now` (s) and return the continuous pose."""
+        last, elapsed = self._last, now - self._at
+        self._last, self._at = status, now
+        if last is not None:
+            self._add(last, status, elapsed)
+        return self.pose
+
+    def _add(self, last: Status, status: Status, elapsed: float) -> None:
+        dx = math.remainder(status.x_m - last.x_m, self._span_m)
+        dy = math.remainder(status.y_m - last.y_m, self._span_m)
+        turn = math.remainder(status.theta_rad - last.theta_rad, math.tau)
+        if self._explained(last, status, elapsed, math.hypot(dx, dy), abs(turn)):
+            pose = self.pose
+            self.pose = Pose(pose.x + dx, pose.y + dy, pose.theta + turn)
+        else:
+            self.resets += 1
+
+    def _explained(
+        self, last: Status, status: Status, elapsed: float, length: float, turn: float
+    ) -> bool:
+        """Whether the speeds reported before and after allow such a step."""
+        time_s = elapsed + self._reach_s
+        speed = max(abs(s.left_m_s) + abs(s.right_m_s) for s in (last, status)) / 2
+        spin = max(abs(s.right_m_s - s.left_m_s) for s in (last, status)) * self._turn_s_m
+        return length <= SPARE_M + speed * time_s and turn <= SPARE_RAD + spin * time_s

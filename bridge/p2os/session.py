@@ -1,0 +1,297 @@
+"""A client's session with a P2OS controller; sans-IO: bytes and time in, events and bytes out.
+
+The owner hands in what it read (`receive`), calls `tick` at `next_wakeup` at the latest, and writes
+what `outgoing` returns after each call. The session opens itself, and opens itself again whenever
+the link was lost, until `close`. The rules of the handshake are the table in `handshake`.
+
+The session never feeds the controller's watchdog by itself: an owner that hangs or dies must leave
+the robot to stop. `drive` does, and `pulse` where there is nothing to drive.
+"""
+
+from __future__ import annotations
+
+from armadico.bridge.p2os.commands import SYNC0, SYNC1, SYNC2, Cmd, command, quantity
+from armadico.bridge.p2os.configuration import (
+    CONFIG,
+    ENCODER,
+    Configuration,
+    Encoders,
+    decode_configuration,
+    decode_encoders,
+    decode_texts,
+)
+from armadico.bridge.p2os.handshake import (
+    LINK_TIMEOUT_S,
+    TIMEOUTS_S,
+    TRANSITIONS,
+    Action,
+    Signal,
+    State,
+)
+from armadico.bridge.p2os.odometry import Odometry, Pose
+from armadico.bridge.p2os.packets import Decoder
+from armadico.bridge.p2os.status import STATUS_TYPES, Status, decode_status
+from armadico.bridge.profile import Limits, P2osUnits
+from msgspec import Struct
+
+ASK_AGAIN_S = 0.2  # CONFIG and ENABLE are repeated this often,
+ASK_TIMES = 5  # this many times: packets get lost, and some robots never send a good CONFIGpac
+HANG_S = 1.5  # between two calls: the owner hung, and comes back to a robot that will lurch
+
+ZERO = command(Cmd.VEL, 0) + command(Cmd.RVEL, 0)
+
+
+class Connected(Struct, frozen=True):
+    """The controller is open and has said who it is."""
+
+    name: str
+    class_name: str
+    subclass: str
+
+
+class Reported(Struct, frozen=True):
+    """A status packet came; `pose` is the continuous odometry."""
+
+    status: Status
+    pose: Pose
+
+
+class LinkLost(Struct, frozen=True):
+    """An open link ended; the session tries to open it again."""
+
+    reason: str
+
+
+class Unanswered(Struct, frozen=True):
+    """The controller did not answer in the handshake; the session goes on trying."""
+
+    awaited: str
+    attempts: int  # since the last answer to a whole handshake
+
+
+Event = Connected | Configuration | Reported | Encoders | LinkLost | Unanswered
+
+_SIGNALS = {
+    0x00: Signal.ECHO0,
+    0x01: Signal.ECHO1,
+    0x02: Signal.NAMES,
+    0xFE: Signal.RESET,
+    0xFF: Signal.RESET,
+    **dict.fromkeys(STATUS_TYPES, Signal.STATUS),
+}
+_REASONS = {
+    Signal.SILENCE: f"no status packet for {LINK_TIMEOUT_S} s",
+    Signal.RESET: "the controller was reset",
+    Signal.START: "the transport was opened again",
+}
+
+
+class Session:
+    """One client's dealings with one controller, from SYNC0 to CLOSE and again.
+
+    Attributes:
+        state: What the session waits for.
+        malformed: Status and other packets so far with a good checksum and bad contents.
+        decoder: Counts the bytes that were dropped.
+    """
+
+    def __init__(self, units: P2osUnits, now: float, limits: Limits | None = None) -> None:
+        """Begin at time `now` (s, any clock); without `limits` the controller's own stand."""
+        self.state = State.CLOSED
+        self.malformed = 0
+        self.decoder = Decoder()
+        self.odometry = Odometry(units)
+        self._units = units
+        self._set_up = _set_up(limits)
+        self._out = bytearray()
+        self._speeds = b""  # the latest `drive`, not yet fetched
+        self._events: list[Event] = []
+        self._now = now
+        self._deadline: float | None = None
+        self._ask_at: float | None = None
+        self._asked = 0
+        self._attempts = 0
+        self._configured = self._enabled = False
+        self._go(Signal.START)
+
+    @property
+    def is_open(self) -> bool:
+        """Whether speeds that are asked for reach the robot."""
+        return self.state is State.OPEN
+
+    @property
+    def next_wakeup(self) -> float | None:
+        """When `tick` is due at the latest; None once closed."""
+        times = [time for time in (self._deadline, self._ask_at) if time is not None]
+        return min(times, default=None)
+
+    def receive(self, data: bytes, now: float) -> list[Event]:
+        """Take in what was read, and return what it means."""
+        self._advance(now)
+        for payload in self.decoder.feed(data, now):
+            self._take(payload)
+        return self._drain_events()
+
+    def tick(self, now: float) -> list[Event]:
+        """Let time pass: time-outs and repetitions."""
+        self._advance(now)
+        if self._deadline is not None and now >= self._deadline:
+            self._go(Signal.SILENCE)
+        if self._ask_at is not None and now >= self._ask_at:
+            self._ask()
+        return self._drain_events()
+
+    def outgoing(self) -> bytes:
+        """Hand over, once, what is to be written."""
+        data = bytes(self._out) + self._speeds
+        self._out.clear()
+        self._speeds = b""
+        return data
+
+    def drive(self, v: float, w: float) -> None:
+        """Ask for speeds, m/s and rad/s; only the latest before `outgoing` is sent.
+
+        Asked of a link that is not open they are forgotten: old speeds must not wait for a robot.
+        ValueError if P2OS cannot carry them (not finite, or beyond 32.7 m/s).
+
+        VEL and RVEL carry whole mm/s and whole degrees/s: rounding costs up to 0.5 mm/s and
+        0.0087 rad/s, and what is slower than half a degree a second does not turn at all. VEL2
+        would halve the bytes (9 for 18), but its wheels go in steps of 20 mm/s: up to 10 mm/s and
+        0.056 rad/s off, six times worse, so small corrections of the heading vanish.
+        """
+        packets = quantity(Cmd.VEL, v) + quantity(Cmd.RVEL, w)
+        if self.is_open:
+            self._speeds = packets
+
+    def stop(self) -> None:
+        """Ask for zero speeds, down the controller's ramps; the motors stay on."""
+        self.drive(0, 0)
+
+    def pulse(self) -> None:
+        """Feed the watchdog, if nothing that is queued does so already."""
+        if self.is_open and not self._out and not self._speeds:
+            self._out += command(Cmd.PULSE)
+
+    def enable(self) -> None:
+        """Switch the motors on; somebody at the robot may have switched them off."""
+        if self.is_open:
+            self._out += command(Cmd.ENABLE, 1)
+
+    def reset_odometry(self) -> None:
+        """Set the controller's odometry to zero; the continuous pose goes on from where it is."""
+        if self.is_open:
+            self._out += command(Cmd.SETO)
+            self.odometry.rebase()
+
+    def restart(self, now: float) -> list[Event]:
+        """Begin again at the handshake: the transport was opened again."""
+        self._advance(now)
+        self.decoder = Decoder()
+        self._go(Signal.START)
+        return self._drain_events()
+
+    def close(self) -> None:
+        """Stop, motors off, end of session; `restart` begins another."""
+        self._go(Signal.CLOSE)
+
+    def _advance(self, now: float) -> None:
+        """Note the time. After a hang, zero speeds go first and the time-out begins anew."""
+        if now - self._now > HANG_S and self._deadline is not None:
+            self._out += ZERO
+            self._deadline = now + TIMEOUTS_S[self.state]
+        self._now = now
+
+    def _take(self, payload: bytes) -> None:
+        try:
+            if self.is_open:
+                self._report(payload)
+        except ValueError:
+            self.malformed += 1
+            return
+        if payload[0] == 0x02 and self.state is State.SYNC2:
+            self._events.append(Connected(*decode_texts(payload[1:], 3)))
+        if payload[0] in _SIGNALS:
+            self._go(_SIGNALS[payload[0]])
+
+    def _report(self, payload: bytes) -> None:
+        """Make events of what an open controller says."""
+        kind = payload[0]
+        if kind in STATUS_TYPES:
+            status = decode_status(payload, self._units)
+            self._enabled = self._enabled or status.motors_enabled
+            self._deadline = self._now + LINK_TIMEOUT_S
+            self._events.append(Reported(status, self.odometry.update(status, self._now)))
+        elif kind == CONFIG:
+            self._configured = True
+            self._events.append(decode_configuration(payload))
+        elif kind == ENCODER:
+            self._events.append(decode_encoders(payload))
+
+    def _go(self, signal: Signal) -> None:
+        """Follow the table."""
+        if (self.state, signal) not in TRANSITIONS:
+            return
+        before = self.state
+        self.state, actions = TRANSITIONS[before, signal]
+        timeout = TIMEOUTS_S.get(self.state)
+        self._deadline = None if timeout is None else self._now + timeout
+        self._ask_at = None
+        for action in actions:
+            self._act(action, before, signal)
+
+    def _act(self, action: Action, before: State, signal: Signal) -> None:
+        if action in _SENDS:
+            self._out += _SENDS[action]
+        elif action is Action.ZERO:
+            self._out[:] = ZERO
+            self._speeds = b""
+        elif action is Action.SET_UP:
+            self._open()
+        elif action is Action.LOSE:
+            self._events.append(LinkLost(_REASONS[signal]))
+        elif action is Action.UNANSWERED:
+            self._attempts += 1
+            self._events.append(Unanswered(before.value, self._attempts))
+
+    def _open(self) -> None:
+        self._out += self._set_up
+        self.odometry.rebase()
+        self._configured = self._enabled = False
+        self._attempts = self._asked = 0
+        self._ask_at = self._now + ASK_AGAIN_S
+
+    def _ask(self) -> None:
+        """Repeat what the controller has not been seen to obey.
+
+        Only until it has been: whoever switches the motors off at the robot later has a reason.
+        """
+        self._asked += 1
+        if not self._configured:
+            self._out += command(Cmd.CONFIG, 1)
+        if not self._enabled:
+            self._out += command(Cmd.ENABLE, 1)
+        done = self._asked == ASK_TIMES or (self._configured and self._enabled)
+        self._ask_at = None if done else self._now + ASK_AGAIN_S
+
+    def _drain_events(self) -> list[Event]:
+        events, self._events = self._events, []
+        return events
+
+
+_SENDS = {
+    Action.SEND_SYNC0: SYNC0,
+    Action.SEND_SYNC1: SYNC1,
+    Action.SEND_SYNC2: SYNC2,
+    Action.SEND_CLOSE: command(Cmd.CLOSE),
+    Action.LEAVE: command(Cmd.ENABLE, 0) + command(Cmd.CLOSE),
+}
+
+
+def _set_up(limits: Limits | None) -> bytes:
+    """What follows the handshake: motors on with zero speeds, sonar on, limits, CONFIG."""
+    packets = command(Cmd.OPEN) + ZERO + command(Cmd.ENABLE, 1) + command(Cmd.SONAR, 1)
+    if limits is not None:
+        packets += quantity(Cmd.SETV, limits.v_max) + quantity(Cmd.SETRV, limits.w_max)
+        packets += quantity(Cmd.SETA, limits.v_accel) + quantity(Cmd.SETA, -limits.v_decel)
+        packets += quantity(Cmd.SETRA, limits.w_accel) + quantity(Cmd.SETRA, -limits.w_decel)
+    return packets + command(Cmd.CONFIG, 1)

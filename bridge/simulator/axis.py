@@ -1,0 +1,107 @@
+"""One axis of motion as the controller drives it, linear or angular: ramps and position servo."""
+
+from __future__ import annotations
+
+from math import copysign, sqrt
+
+SERVO_GAIN = 1.0  # 1/s: what a metre (or radian) behind the plan adds to the speed
+_NEAR = 1e-9  # the plan has arrived
+
+
+class Axis:
+    """Turns what was asked of an axis into a reference speed, up and down the ramps.
+
+    Asked for a speed, the reference ramps to it. Asked for a way to go, it follows a plan with
+    a trapezoid of speeds that ends on the goal, corrected by what the wheels lag behind the plan.
+    Units are m and m/s, or rad and rad/s.
+
+    Attributes:
+        speed: The reference on its ramp, before the correction.
+        accel: Ramp away from zero.
+        decel: Ramp towards zero.
+        top: The greatest speed.
+    """
+
+    __slots__ = (
+        "_goal",
+        "_planned",
+        "_target",
+        "_tolerance",
+        "_travelled",
+        "accel",
+        "decel",
+        "speed",
+        "top",
+    )
+
+    def __init__(self, top: float, accel: float, decel: float, tolerance: float) -> None:
+        """Make an axis at rest; it hunts no error below `tolerance` (m or rad)."""
+        self.top, self.accel, self.decel = top, accel, decel
+        self.speed = 0.0
+        self._tolerance = tolerance
+        self._target = 0.0  # speed asked for
+        self._goal: float | None = None  # way asked for, since the asking
+        self._planned = self._travelled = 0.0  # of that way
+
+    @property
+    def active(self) -> bool:
+        """Whether the axis is to move: a speed, or a goal not yet reached."""
+        return self.speed != 0 or self._target != 0 or self._goal not in {None, self._planned}
+
+    def set_speed(self, speed: float) -> None:
+        """Go at a speed from now on."""
+        self._goal = None
+        self._target = min(max(speed, -self.top), self.top)
+
+    def set_goal(self, way: float) -> None:
+        """Go this way from where the axis is now, and stay there.
+
+        The plan's lead over the wheels is kept: the same goal asked for again restarts nothing.
+        """
+        lead = 0.0 if self._goal is None else self._planned - self._travelled
+        self._goal, self._target = way, 0.0
+        self._planned, self._travelled = lead, 0.0
+
+    def halt(self) -> None:
+        """Forget what was asked, and have the reference at zero without a ramp."""
+        self._goal = None
+        self._target = self.speed = 0.0
+
+    def step(self, dt: float, measured: float, held: bool) -> float:
+        """Let `dt` (s) pass at the speed measured; return the speed to regulate to.
+
+        An axis that is held ramps to zero, keeps what was asked, and goes on afterwards.
+        """
+        if self._goal is not None:
+            return self._follow(self._goal, dt, measured, held)
+        target = 0.0 if held else self._target
+        if self.speed != target:
+            self._ramp(target, dt)
+        return self.speed
+
+    def _ramp(self, target: float, dt: float) -> None:
+        speed = self.speed
+        away = abs(target) > abs(speed) and target * speed >= 0
+        most = (self.accel if away else self.decel) * dt
+        self.speed = speed + min(max(target - speed, -most), most)
+
+    def _follow(self, goal: float, dt: float, measured: float, held: bool) -> float:
+        """One step of the plan, and the speed that keeps the wheels on it."""
+        self._travelled += measured * dt
+        left = goal - self._planned
+        if abs(left) < _NEAR and abs(self.speed) <= self.decel * dt:
+            self._planned, self.speed = goal, 0.0
+        else:
+            self._ramp(0.0 if held else self._approach(left, dt), dt)
+            self._planned += self.speed * dt
+        behind = self._planned - self._travelled
+        if held or (self.speed == 0 and abs(behind) < self._tolerance):
+            return self.speed
+        return min(max(self.speed + SERVO_GAIN * behind, -self.top), self.top)
+
+    def _approach(self, left: float, dt: float) -> float:
+        """Speed from which the ramp, in steps of `dt`, ends exactly `left` farther on."""
+        way, half = abs(left), self.decel * dt / 2
+        return copysign(
+            min(self.top, sqrt(half * half + 2 * self.decel * way) - half, way / dt), left
+        )

@@ -1,0 +1,122 @@
+"""What the walls do to the robot's body.
+
+pymunk finds where the outline is close to a wall (a rectangle with a skin of `SKIN_M`: its contacts
+are known before they happen, with their gaps). What follows from them is solved here, in the
+robot's own coordinates: a free body would slide off sideways where tyres hold, and the motors'
+inertia is in J only. Contacts are rigid, without bounce and without friction.
+
+The tyres hold sideways up to `GRIP` of the weight. A robot flush along a wall may so turn away from
+it, pushing itself off; with tyres that never slip it could not, whatever its motors do.
+"""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import pymunk
+from armadico.bridge.profile import RobotProfile
+from armadico.bridge.simulator.walls import Box, Walls
+
+SKIN_M = 0.05  # contacts are seen from here on; no step at less than 10 m/s passes it unseen
+GRIP = 0.6  # of rubber on a floor: sideways force over weight
+GRAVITY = 9.81  # m/s^2
+SWEEPS = 50
+SETTLED_N = 1e-6  # forces that change by less are solved
+
+
+class Contact(NamedTuple):
+    """A place where outline and wall are close, as the speed that closes its gap.
+
+    The gap shrinks at `v` * v + `u` * u + `w` * w (u: m/s to the left).
+    """
+
+    v: float
+    u: float
+    w: float  # m
+    gap: float  # m, negative inside the wall
+
+
+class Motion(NamedTuple):
+    """Speeds ahead and to the left (m/s) and turn rate (rad/s)."""
+
+    v: float
+    u: float
+    w: float
+
+
+def box_of(profile: RobotProfile) -> Box:
+    """The outline of a robot."""
+    body = profile.body
+    length = body.front_m + body.rear_m
+    return Box(0.5 * (body.front_m - body.rear_m), 0.5 * length, 0.5 * body.width_m)
+
+
+class Outline:
+    """The robot's rectangle among the walls."""
+
+    def __init__(self, profile: RobotProfile, walls: Walls) -> None:
+        body = profile.body
+        front, rear, side = body.front_m, -body.rear_m, 0.5 * body.width_m
+        corners = [(rear, -side), (front, -side), (front, side), (rear, side)]
+        self._space = walls.space
+        self._body = pymunk.Body(body_type=pymunk.Body.KINEMATIC)
+        self._shape = pymunk.Poly(self._body, corners, radius=SKIN_M)
+        self._mass = body.mass_kg + 2.0 * body.wheel_mass_kg + body.caster_mass_kg
+
+    def contacts(self, pose: tuple[float, float, float]) -> list[Contact]:
+        """Every wall within `SKIN_M` of the outline at a pose."""
+        x, y, theta = pose
+        self._body.position = (x, y)
+        self._body.angle = theta
+        ahead_x, ahead_y = self._body.rotation_vector
+        found = []
+        for hit in self._space.shape_query(self._shape):
+            nx, ny = hit.contact_point_set.normal  # from the robot to the wall
+            for point in hit.contact_point_set.points:
+                (ax, ay), (bx, by) = point.point_a, point.point_b
+                gap = SKIN_M - (nx * (ax - bx) + ny * (ay - by))
+                lever = (bx - x) * ny - (by - y) * nx
+                along, aside = nx * ahead_x + ny * ahead_y, ny * ahead_x - nx * ahead_y
+                found.append(Contact(along, aside, lever, gap))
+        return found
+
+    def resolve(
+        self,
+        contacts: list[Contact],
+        motion: Motion,
+        mobility: tuple[float, float, float],
+        dt: float,
+    ) -> tuple[Motion, float]:
+        """Speeds that close no gap within `dt` (s), and the greatest force (N) that it takes."""
+        v, u, w = motion
+        i00, i01, i11 = mobility
+        iu = dt / self._mass
+        rows = [_row(contact, mobility, iu, dt) for contact in contacts]
+        forces = [0.0] * len(rows)
+        grip, most = 0.0, GRIP * GRAVITY * self._mass
+        for _ in range(SWEEPS):
+            held = max(-most, min(most, grip - u / iu))
+            u += iu * (held - grip)
+            change, grip = abs(held - grip), held
+            for k, (nv, nu, nw, most_speed, compliance) in enumerate(rows):
+                excess = nv * v + nu * u + nw * w - most_speed
+                force = max(0.0, forces[k] + excess / compliance)
+                step = force - forces[k]
+                forces[k] = force
+                v -= step * (i00 * nv + i01 * nw)
+                u -= step * iu * nu
+                w -= step * (i01 * nv + i11 * nw)
+                change = max(change, abs(step))
+            if change < SETTLED_N:
+                break
+        return Motion(v, u, w), max(forces, default=0.0)
+
+
+def _row(
+    contact: Contact, mobility: tuple[float, float, float], iu: float, dt: float
+) -> tuple[float, float, float, float, float]:
+    """The contact's direction, the speed that would just close its gap, and its compliance."""
+    v, u, w, gap = contact
+    i00, i01, i11 = mobility
+    compliance = i00 * v * v + 2.0 * i01 * v * w + i11 * w * w + iu * u * u
+    return v, u, w, max(0.0, gap) / dt, compliance

@@ -1,0 +1,219 @@
+"""The Lagrangian dynamics of a differential-drive robot with a caster (thesis 4.5, REP-103 frame).
+
+The state is eta = (v, w), the speed of the axle's middle (m/s) and the turn rate (rad/s), and the
+caster's angle beta (rad; 0 is trailing straight behind). With
+
+    a = (cos b, -l1 sin b)             the caster's rolling speed is a . eta
+    g = (-sin b / d, -l1 cos b / d)    the caster's yaw rate in the world is g . eta = w + beta_dot
+
+the equation of motion (4.8), the mass centre at (cx, cy) and mc = m1 + Ir1 / R1^2, is
+
+    J = [mA, -M cy; -M cy, IA] + mc a a' + Ip1 g g'
+    J eta_dot + M cx (-w^2, v w) + mc a (a_dot . eta) + Ip1 g (g_dot . eta) = forces - friction
+
+The text's slips are mended: the sign of y_m in M13 (the mass centre lies behind the axle), twice Ip
+in M33, and the sign of the wheel's speed on tau_fr.
+
+Friction that is a sign() of the speed chatters about zero, by millimetres per second. Here it is an
+impulse: each step asks what would stop the wheel and grants as much of it as Coulomb's law allows,
+so a robot at rest under too little voltage is exactly at rest.
+"""
+
+from __future__ import annotations
+
+from math import copysign, cos, sin
+
+from armadico.bridge.profile import RobotProfile
+from msgspec import Struct
+
+
+class Wheels(Struct, frozen=True):
+    """What a driving wheel does, motor and gearbox included (equations 4.22 to 4.28)."""
+
+    gain_nm_v: float  # torque for a volt
+    viscous_nms: float  # back EMF and C_v together: torque lost for a rad/s
+    coulomb_nm: float  # C_s and the motor's tau_fr together
+
+    @classmethod
+    def of(cls, profile: RobotProfile) -> Wheels:
+        """The wheels of a robot."""
+        motor = profile.motor
+        geared = motor.gear_ratio * motor.efficiency
+        gain = geared * motor.torque_constant_nm_a / motor.resistance_ohm
+        back_emf = gain * motor.gear_ratio * motor.back_emf_v_s
+        return cls(
+            gain,
+            back_emf + profile.inertia.wheel_viscous_nms,
+            profile.inertia.wheel_coulomb_nm + geared * motor.friction_nm,
+        )
+
+
+def _masses(profile: RobotProfile) -> tuple[float, ...]:
+    """mA, IA, -M cy, mc, Ip1, l1, 1/d and M cx: J and the centrifugal terms without the caster."""
+    body, inertia = profile.body, profile.inertia
+    x, y, track = body.mass_centre_x_m, body.mass_centre_y_m, body.half_track_m
+    rolling = body.wheel_mass_kg + inertia.wheel_roll_kg_m2 / body.wheel_radius_m**2
+    return (
+        body.mass_kg + 2.0 * rolling,
+        body.mass_kg * (x * x + y * y)
+        + inertia.body_kg_m2
+        + 2.0 * inertia.wheel_yaw_kg_m2
+        + 2.0 * track**2 * rolling,
+        -body.mass_kg * y,
+        body.caster_mass_kg + inertia.caster_roll_kg_m2 / body.caster_radius_m**2,
+        inertia.caster_yaw_kg_m2,
+        body.caster_arm_m,
+        1.0 / body.caster_trail_m,
+        body.mass_kg * x,
+    )
+
+
+def _forces(profile: RobotProfile) -> tuple[float, ...]:
+    """N and Nm for a volt, N for a m/s and Nm for a rad/s lost (a15, a26), and C_v1."""
+    radius, track, wheels = (
+        profile.body.wheel_radius_m,
+        profile.body.half_track_m,
+        Wheels.of(profile),
+    )
+    per_volt, loss = wheels.gain_nm_v / radius, 2.0 * wheels.viscous_nms / radius**2
+    viscous = profile.inertia.caster_viscous_nms
+    return (per_volt, track * per_volt, loss, loss * track**2, viscous)
+
+
+def _coulomb(profile: RobotProfile, dt: float) -> tuple[float, ...]:
+    """N at a rim, Nm at the caster's pivot, the half track, and the speed that is far from rest.
+
+    Far is four times what friction takes from a rim in a step: sliding on is then certain.
+    """
+    body = profile.body
+    rim = Wheels.of(profile).coulomb_nm / body.wheel_radius_m
+    mass, moment = _masses(profile)[:2]
+    far = 4.0 * dt * rim * (1.0 / mass + body.half_track_m**2 / moment)
+    return (rim, profile.inertia.caster_coulomb_nm, body.half_track_m, far)
+
+
+class Dynamics:
+    """Speeds of the robot under two motor voltages, `dt` seconds at a time.
+
+    Left is the thesis's wheel 3 (V3) and right its wheel 2 (V2): a larger V2 turns to the left.
+    `mobility` holds elements 00, 01 and 11 of `dt` / J in the last step: the speed that a force
+    gains in a step, which is what contacts have to know.
+    """
+
+    __slots__ = (
+        *("_caster", "_coulomb", "_forces", "_hold_v", "_masses", "_momentum"),
+        *("beta", "dt", "mobility", "v", "w"),
+    )
+
+    def __init__(self, profile: RobotProfile, dt: float) -> None:
+        self.v = self.w = self.beta = 0.0
+        self.dt = dt
+        self._masses = _masses(profile)
+        self._forces = _forces(profile)
+        self._coulomb = _coulomb(profile, dt)
+        self._hold_v = breakaway_v(profile)
+        self.mobility = (0.0, 0.0, 0.0)
+        self._momentum = (0.0, 0.0, 0.0)
+        self._caster = (0.0, 0.0)
+
+    def inertia(self) -> tuple[float, float, float]:
+        """Elements 00 (kg), 01 (kg m) and 11 (kg m2) of J at the caster's angle (equation 4.9)."""
+        mass, moment, cross, mc, ip, arm, per_trail, _ = self._masses
+        s, c = sin(self.beta), cos(self.beta)
+        a1, g0, g1 = -arm * s, -s * per_trail, -arm * c * per_trail
+        return (
+            mass + mc * c * c + ip * g0 * g0,
+            cross + mc * c * a1 + ip * g0 * g1,
+            moment + mc * a1 * a1 + ip * g1 * g1,
+        )
+
+    def energy(self) -> float:
+        """Kinetic energy, J."""
+        j00, j01, j11 = self.inertia()
+        return 0.5 * (j00 * self.v**2 + j11 * self.w**2) + j01 * self.v * self.w
+
+    def step(self, left_v: float, right_v: float) -> None:
+        """One step of `dt` with nothing in the way."""
+        v, w = self.v, self.w
+        self.accelerate(left_v, right_v)
+        self.roll(0.5 * (v + self.v), 0.5 * (w + self.w))
+
+    def roll(self, v: float, w: float) -> None:
+        """Turn the caster as the body moves at these mean speeds for `dt` (row 4 of S, 4.12)."""
+        b0, b1 = self._caster
+        self.beta += self.dt * (b0 * v + b1 * w)
+
+    def accelerate(self, left_v: float, right_v: float) -> None:
+        """New speeds after `dt` at these motor voltages; the caster stays where it is.
+
+        Back EMF and viscous friction are taken at the middle of the step (trapezoidal rule), the
+        centrifugal terms at its beginning, Coulomb friction at its end.
+        """
+        v, w, dt, hold = self.v, self.w, self.dt, self._hold_v
+        if v == 0.0 == w and -hold <= left_v <= hold and -hold <= right_v <= hold:
+            return
+        mass, moment, cross, mc, ip, arm, per_trail, offset = self._masses
+        per_volt, turn_per_volt, loss, loss_w, viscous = self._forces
+        s, c = sin(self.beta), cos(self.beta)
+        a1, g0, g1 = -arm * s, -s * per_trail, -arm * c * per_trail
+        rate = g0 * v + (g1 - 1.0) * w  # beta_dot
+        pull = -mc * rate * (s * v + arm * c * w)  # mc a_dot . eta
+        rub = viscous * rate
+        twist = rub + ip * rate * per_trail * (arm * s * w - c * v)  # and Ip1 g_dot . eta
+        force = per_volt * (right_v + left_v) - loss * v + offset * w * w - pull * c - twist * g0
+        couple = turn_per_volt * (right_v - left_v) - loss_w * w - offset * v * w
+        couple += rub - pull * a1 - twist * g1
+        # J + dt D / 2, of the trapezoidal rule, and its inverse
+        j00 = mass + mc * c * c + ip * g0 * g0 + 0.5 * dt * loss
+        j01 = cross + mc * c * a1 + ip * g0 * g1
+        j11 = moment + mc * a1 * a1 + ip * g1 * g1 + 0.5 * dt * loss_w
+        scale = dt / (j00 * j11 - j01 * j01)
+        self._momentum = (j00, j01, j11)
+        self.mobility = (j11 * scale, -j01 * scale, j00 * scale)
+        self._caster = (g0, g1 - 1.0)
+        self._rub(
+            v + scale * (j11 * force - j01 * couple), w + scale * (j00 * couple - j01 * force)
+        )
+
+    def _rub(self, v: float, w: float) -> None:
+        """Coulomb friction: forces at the wheels' rims and at the caster's pivot for a step."""
+        rim, pivot, track, far = self._coulomb
+        i00, i01, i11 = self.mobility
+        right, left = v + track * w, v - track * w
+        if -far < right < far or -far < left < far:
+            if self._stops(v, w):
+                self.v = self.w = 0.0
+                return
+            v, w = _clamped(v, w, (1.0, track), rim, self.mobility)
+            v, w = _clamped(v, w, (1.0, -track), rim, self.mobility)
+        else:
+            right, left = copysign(rim, right), copysign(rim, left)
+            force, couple = right + left, track * (right - left)
+            v -= i00 * force + i01 * couple
+            w -= i01 * force + i11 * couple
+        self.v, self.w = _clamped(v, w, self._caster, pivot, self.mobility)
+
+    def _stops(self, v: float, w: float) -> bool:
+        """Whether friction at the rims can take all the momentum within this step."""
+        rim, _, track, _ = self._coulomb
+        j00, j01, j11 = self._momentum
+        along, across = j00 * v + j01 * w, (j01 * v + j11 * w) / track
+        return max(abs(along + across), abs(along - across)) <= 2.0 * rim * self.dt
+
+
+def _clamped(
+    v: float, w: float, row: tuple[float, float], limit: float, mobility: tuple[float, float, float]
+) -> tuple[float, float]:
+    """Bring the speed row . (v, w) towards zero by a force that does not exceed `limit`."""
+    c0, c1 = row
+    i00, i01, i11 = mobility
+    d0, d1 = i00 * c0 + i01 * c1, i01 * c0 + i11 * c1
+    force = -(c0 * v + c1 * w) / (c0 * d0 + c1 * d1)
+    force = limit if force > limit else -limit if force < -limit else force
+    return v + d0 * force, w + d1 * force
+
+
+def breakaway_v(profile: RobotProfile) -> float:
+    """The voltage on both motors below which a robot at rest stays at rest, V."""
+    wheels = Wheels.of(profile)
+    return wheels.coulomb_nm / wheels.gain_nm_v

@@ -1,0 +1,95 @@
+"""The wheel encoders, and the odometry that the microcontroller makes of them (thesis 4.4).
+
+The encoders see the wheels turn, not the floor pass. What the wheels turn in vain or in excess is
+drawn for each wheel and for each 0.1 m of its way (a patch of floor): drawn at each step it would
+average out, drawn once it would be a miscalibration. A miscalibration is the drift: the heading
+error grows with the way (rad/m).
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from math import cos, floor, sin
+from random import Random
+
+from armadico.bridge.profile import RobotProfile, SensorProfile
+
+TICKS_PER_M = 76_000.0  # 76 ticks for each mm of the wheel's rim
+PATCH_M = 0.1
+
+
+class Encoder:
+    """One wheel's quadrature counter."""
+
+    __slots__ = ("_patch_m", "_rng", "_scale", "_slip", "_turned", "_unslipped", "ticks")
+
+    def __init__(self, slip: float, scale: float, rng: Random) -> None:
+        self.ticks = 0
+        self._rng = rng
+        self._slip = slip
+        self._unslipped = self._scale = scale  # ticks for a metre; on this patch of floor
+        self._patch_m = 0.0
+        self._turned = 0.0  # ticks, with their fraction
+
+    def move(self, rim_m: float) -> int:
+        """The wheel rolls so far over the floor; ticks counted on the way."""
+        if self._slip:
+            self._patch_m -= abs(rim_m)
+            if self._patch_m <= 0.0:
+                self._patch_m += PATCH_M
+                self._scale = self._unslipped * (1.0 + self._rng.gauss(0.0, self._slip))
+        self._turned += rim_m * self._scale
+        ticks = floor(self._turned)
+        passed = ticks - self.ticks
+        self.ticks = ticks
+        return passed
+
+
+class Odometry:
+    """Speeds and pose as the microcontroller has them from its two encoders.
+
+    Speeds (m/s, rad/s) are ticks over the last step. The pose (m, rad) starts at zero and goes on
+    from where it is when the robot is lifted; its heading is not wrapped.
+    """
+
+    __slots__ = (
+        *("_dt", "_left", "_right", "_track"),
+        *("left_m_s", "right_m_s", "theta", "v", "w", "x", "y"),
+    )
+
+    def __init__(
+        self,
+        profile: RobotProfile,
+        sensors: SensorProfile,
+        dt: float,
+        streams: Callable[[str], Random],
+    ) -> None:
+        track = profile.body.half_track_m
+        skew = sensors.drift_rad_m * track
+        self._dt = dt
+        self._track = 2.0 * track
+        self._left = Encoder(sensors.slip, TICKS_PER_M * (1.0 - skew), streams("slip/left"))
+        self._right = Encoder(sensors.slip, TICKS_PER_M * (1.0 + skew), streams("slip/right"))
+        self.left_m_s = self.right_m_s = self.v = self.w = 0.0
+        self.reset()
+
+    @property
+    def ticks(self) -> tuple[int, int]:
+        """Left and right ticks since power-on."""
+        return self._left.ticks, self._right.ticks
+
+    def reset(self) -> None:
+        """Call the present pose (0, 0, 0)."""
+        self.x = self.y = self.theta = 0.0
+
+    def move(self, left_m: float, right_m: float) -> None:
+        """The rims roll so far over the floor in one step."""
+        left = self._left.move(left_m) / TICKS_PER_M
+        right = self._right.move(right_m) / TICKS_PER_M
+        along, turned, dt = 0.5 * (left + right), (right - left) / self._track, self._dt
+        self.left_m_s, self.right_m_s = left / dt, right / dt
+        self.v, self.w = along / dt, turned / dt
+        heading = self.theta + 0.5 * turned
+        self.x += along * cos(heading)
+        self.y += along * sin(heading)
+        self.theta += turned

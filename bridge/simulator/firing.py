@@ -1,0 +1,64 @@
+"""The sonar half of the controller: which sonar pings when, and what was heard since a report."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+
+from armadico.bridge.profile import SonarRing
+
+ARRAYS = 4  # of eight sonars each; one sonar of every array pings at a time
+ARRAY_SIZE = 8
+ALL = (1 << ARRAYS) - 1
+
+
+class Firing:
+    """Pings the sonars in their order, one of each array a turn."""
+
+    def __init__(self, ring: SonarRing, ping: Callable[[int], float | None]) -> None:
+        self.arrays = 0  # bits 0 to 3: array 1 to 4 is on
+        self._ring = ring
+        self._ping = ping
+        self._heard: dict[int, float] = {}
+        self._turn = 0
+        self._orders: list[tuple[int, ...]] = []
+        self.restore_order()
+
+    def restore_order(self) -> None:
+        """Return to the profile's firing order."""
+        self._set_order(self._ring.firing_order)
+
+    def poll(self, order: bytes) -> None:
+        """POLLING: sonar numbers, from 1; an empty order is off. Unknown sonars are left out."""
+        self._set_order(tuple(number - 1 for number in order))
+        self.arrays = ALL if order else 0
+
+    def switch(self, value: int) -> None:
+        """SONAR: bit 0 is on or off; the bits above name one array, 0 all of them."""
+        array = value >> 1
+        which = 1 << array - 1 & ALL if array > 0 else ALL
+        self.arrays = self.arrays | which if value & 1 else self.arrays & ~which
+        if not self.arrays:
+            self._heard.clear()
+
+    def fire(self) -> None:
+        """Ping the next sonar of each array that is on."""
+        for array, order in enumerate(self._orders):
+            if order and self.arrays >> array & 1:
+                index = order[self._turn % len(order)]
+                heard = self._ping(index)
+                self._heard[index] = self._ring.max_m if heard is None else heard
+        self._turn += 1
+
+    def take(self) -> tuple[tuple[int, float], ...]:
+        """Hand over, once, what was heard: sonar index and range (m), no echo as the maximum."""
+        heard = tuple(self._heard.items())
+        self._heard.clear()
+        return heard
+
+    def _set_order(self, order: tuple[int, ...]) -> None:
+        known = [index for index in order if 0 <= index < len(self._ring.sonars)]
+        self._orders = [
+            tuple(index for index in known if index // ARRAY_SIZE == array)
+            for array in range(ARRAYS)
+        ]
+        self._turn = 0

@@ -1,0 +1,248 @@
+"""The robot's controller; sans-IO: the client's bytes and the time in, the robot's bytes out.
+
+It behaves as a Pioneer's controller does, traps included. Its watchdog stops the wheels of a client
+that fell silent, but the set-points stay, and the next packet, were it a pulse, sends the robot off
+again. A session that nobody closed stays open, and takes a new client's SYNC0, SYNC1 and SYNC2 for
+PULSE, OPEN and CLOSE.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+
+from armadico.bridge.p2os.commands import Cmd, Command, decode_command
+from armadico.bridge.p2os.configuration import (
+    Configuration,
+    Encoders,
+    encode_configuration,
+    encode_encoders,
+    encode_text,
+)
+from armadico.bridge.p2os.packets import Decoder, encode
+from armadico.bridge.p2os.status import Status, encode_status
+from armadico.bridge.profile import RobotProfile
+from armadico.bridge.simulator.firing import ALL, Firing
+from armadico.bridge.simulator.motion import LIMITS, MOTIONS, Motion, Plant, SpeedLoops
+
+SERIAL_NUMBER = "SIM"  # by this ARIA knows a simulator and looks for no further hardware
+_STANDING_MM_S = 0.5  # below this a wheel's speed is reported as zero
+
+
+class Microcontroller:
+    """A Pioneer's controller on a simulated robot.
+
+    The owner hands in what it read (`receive`), then lets time pass and writes what that returns
+    (`advance`). Nothing happens between two steps of the plant; answers, too, wait for `advance`.
+    """
+
+    def __init__(self, profile: RobotProfile, plant: Plant, loops: SpeedLoops) -> None:
+        self.decoder = Decoder()
+        self._profile, self._plant = profile, plant
+        self._motion = Motion(profile, plant, loops)
+        self._firing = Firing(profile.sonar, plant.ping)
+        self._out = bytearray()
+        self._cycle = round(profile.p2os.cycle_s / plant.step_s)  # these in steps of the plant
+        self._period = round(profile.sonar.period_s / plant.step_s)
+        self._patience = round(profile.p2os.watchdog_s / plant.step_s)
+        self._now = self._heard_at = self._next_status = self._next_ping = 0
+        self._sync = 0  # the SYNC awaited; 3 once in step
+        self._open = False
+        self._encoder_packets = 0
+        self._digital_out = 0
+        self._pretended_v = 0.0
+
+    @property
+    def is_open(self) -> bool:
+        """Whether a client has it send status packets."""
+        return self._open
+
+    @property
+    def time_s(self) -> float:
+        """Simulation time reached, s."""
+        return self._now * self._plant.step_s
+
+    @property
+    def next_status_s(self) -> float:
+        """When the next status packet is due, while a session is open, s."""
+        return self._next_status * self._plant.step_s
+
+    def receive(self, data: bytes) -> None:
+        """Take in what the client wrote; it takes effect at once, at the time reached."""
+        for payload in self.decoder.feed(data, self.time_s):
+            self._heard_at = self._now
+            if self._sync < 3:
+                self._synchronise(payload)
+            else:
+                self._obey(decode_command(payload))
+
+    def advance(self, now_s: float) -> bytes:
+        """Let the simulation run on to `now_s`, and return what is to be sent to the client."""
+        until = int(now_s / self._plant.step_s + 1e-6)
+        while self._now < until:
+            stop = self._next_event(until)
+            self._motion.run(stop - self._now, self._watchdog_tripped())
+            self._now = stop
+            if self._open:
+                self._on_schedule()
+        data = bytes(self._out)
+        self._out.clear()
+        return data
+
+    def disconnect(self) -> None:
+        """End the session, as CLOSE does: the connection that carried it is gone.
+
+        A serial line tells nobody that its client died; a TCP connection does.
+        """
+        self.decoder = Decoder()
+        self._out.clear()
+        self._close()
+
+    def _next_event(self, until: int) -> int:
+        """The step up to which nothing but motion happens."""
+        if self._open:
+            until = min(until, self._next_status, self._next_ping)
+        trip = self._heard_at + self._patience
+        return trip if self._now < trip < until else until
+
+    def _watchdog_tripped(self) -> bool:
+        return self._now >= self._heard_at + self._patience
+
+    def _on_schedule(self) -> None:
+        if self._now >= self._next_ping:
+            self._firing.fire()
+            self._next_ping += self._period
+        if self._now >= self._next_status:
+            self._report()
+            self._next_status += self._cycle
+
+    def _synchronise(self, payload: bytes) -> None:
+        """Answer SYNC0, SYNC1, SYNC2 in that order; anything else, and it is SYNC0's turn again."""
+        if payload == b"\x00":
+            self._sync = 0
+        if payload != bytes([self._sync]):
+            self._sync = 0
+            return
+        if self._sync == 2:
+            payload += self._names()
+            self._motion.restore_limits()
+        self._out += encode(payload)
+        self._sync += 1
+
+    def _names(self) -> bytes:
+        units = self._profile.p2os
+        return b"".join(map(encode_text, (units.name, units.class_name, units.subclass)))
+
+    def _obey(self, command: Command) -> None:
+        """Carry out a command; those that the tables do not have are ignored."""
+        if command.number in MOTIONS:
+            self._motion.obey(command)
+        elif command.number in LIMITS:
+            self._motion.limit(command)
+        elif command.number in _COMMANDS:
+            _COMMANDS[command.number](self, command)
+
+    def _start(self) -> None:
+        """OPEN: status packets from one cycle on, sonar on, motors as they are."""
+        if self._open:
+            return
+        self._open = True
+        self._next_status = self._now + self._cycle
+        self._next_ping = self._now + self._period
+        self._firing.restore_order()
+        self._firing.arrays = ALL
+
+    def _close(self) -> None:
+        self._motion.enable(False)
+        self._firing.switch(0)
+        self._open = False
+        self._sync = self._encoder_packets = 0
+
+    def _set_digital_out(self, command: Command) -> None:
+        mask, values = command.value >> 8, command.value & 0xFF
+        self._digital_out = self._digital_out & ~mask | values & mask
+
+    def _ask_encoders(self, command: Command) -> None:
+        self._encoder_packets = command.value
+        if command.value == 1:
+            self._send_encoders()
+
+    def _send_encoders(self) -> None:
+        self._out += encode(encode_encoders(Encoders(*self._plant.encoder_counts)))
+
+    def _send_configuration(self) -> None:
+        self._out += encode(encode_configuration(_configuration(self._profile, self._motion)))
+
+    def _set_pose(self, command: Command) -> None:
+        if command.pose is not None:
+            self._plant.set_pose(*command.pose)
+
+    def _pretend_battery(self, command: Command) -> None:
+        self._pretended_v = command.si
+
+    def _report(self) -> None:
+        """Send the status packet, the encoders' before it if they were asked for."""
+        if self._encoder_packets > 1:
+            self._send_encoders()
+        plant, motion = self._plant, self._motion
+        x, y, theta = plant.odometry
+        left, right = plant.left_m_s, plant.right_m_s
+        stalled = plant.blocked and motion.active
+        status = Status(
+            x_m=x,
+            y_m=y,
+            theta_rad=theta,
+            left_m_s=left,
+            right_m_s=right,
+            battery_v=self._pretended_v or plant.battery_v,
+            moving=max(abs(left), abs(right)) * 1e3 > _STANDING_MM_S,
+            left_stall=stalled,
+            right_stall=stalled,
+            motors_enabled=motion.enabled,
+            sonar_arrays=self._firing.arrays,
+            control_rad=motion.heading_set,
+            echoes=self._firing.take(),
+            digital_out=self._digital_out,
+        )
+        self._out += encode(encode_status(status, self._profile.p2os))
+
+
+_COMMANDS: dict[int, Callable[[Microcontroller, Command], None]] = {
+    Cmd.OPEN: lambda self, _: self._start(),
+    Cmd.CLOSE: lambda self, _: self._close(),
+    Cmd.POLLING: lambda self, command: self._firing.poll(command.data),
+    Cmd.ENABLE: lambda self, command: self._motion.enable(command.value != 0),
+    Cmd.SETO: lambda self, _: self._motion.reset_odometry(),
+    Cmd.CONFIG: lambda self, _: self._send_configuration(),
+    Cmd.ENCODER: lambda self, command: self._ask_encoders(command),
+    Cmd.SONAR: lambda self, command: self._firing.switch(command.value),
+    Cmd.DIGOUT: lambda self, command: self._set_digital_out(command),
+    Cmd.E_STOP: lambda self, _: self._motion.emergency_stop(),
+    Cmd.SIM_SET_POSE: lambda self, command: self._set_pose(command),
+    Cmd.BATTEST: lambda self, command: self._pretend_battery(command),
+}
+
+
+def _configuration(profile: RobotProfile, motion: Motion) -> Configuration:
+    """What the controller says of itself; auto_baud stays 0, which keeps clients from HOSTBAUD."""
+    limits, units = profile.limits, profile.p2os
+    linear, angular = motion.linear, motion.angular
+    return Configuration(
+        class_name=units.class_name,
+        subclass=units.subclass,
+        serial_number=SERIAL_NUMBER,
+        name=units.name,
+        version="S.1",
+        v_top=limits.v_max,
+        w_top=limits.w_max,
+        v_max=linear.top,
+        w_max=angular.top,
+        v_accel=linear.accel,
+        v_decel=linear.decel,
+        w_accel=angular.accel,
+        w_decel=angular.decel,
+        cycle_s=units.cycle_s,
+        watchdog_s=units.watchdog_s,
+        low_battery_v=profile.battery.empty_v,
+        front_sonar=1,
+        sonar_period_s=profile.sonar.period_s,
+    )

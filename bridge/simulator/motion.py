@@ -1,0 +1,203 @@
+"""The motion half of the controller: what each command asks of the axes, and the speed loops."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from math import pi, remainder, tau
+from typing import Protocol
+
+from armadico.bridge.p2os.commands import Cmd, Command
+from armadico.bridge.profile import RobotProfile
+from armadico.bridge.simulator.axis import Axis
+
+TOLERANCE_M = 0.005  # a position servo this near leaves the wheels in peace
+TOLERANCE_RAD = 0.5 * pi / 180
+AT_REST_M_S = 0.01  # after an emergency stop, commands count again below these
+AT_REST_RAD_S = 0.02
+
+
+class Plant(Protocol):
+    """The physical robot in its world, as far as its controller can feel and move it."""
+
+    @property
+    def step_s(self) -> float:
+        """Length of a step of the simulation, s."""
+
+    @property
+    def v(self) -> float:
+        """Measured linear speed, m/s."""
+
+    @property
+    def w(self) -> float:
+        """Measured angular speed, rad/s."""
+
+    @property
+    def left_m_s(self) -> float:
+        """Speed of the left wheel's rim, m/s."""
+
+    @property
+    def right_m_s(self) -> float:
+        """Speed of the right wheel's rim, m/s."""
+
+    @property
+    def odometry(self) -> tuple[float, float, float]:
+        """Pose as the encoders have it since the reset: m, m, rad."""
+
+    @property
+    def encoder_counts(self) -> tuple[int, int]:
+        """Counts of the left and the right encoder."""
+
+    @property
+    def blocked(self) -> bool:
+        """Whether an obstacle holds the body."""
+
+    @property
+    def battery_v(self) -> float:
+        """Voltage of the battery."""
+
+    def step(self, left_v: float, right_v: float) -> None:
+        """Let one step pass with these voltages at the motors."""
+
+    def reset_odometry(self) -> None:
+        """Set the odometry to zero."""
+
+    def set_pose(self, x: float, y: float, theta: float) -> None:
+        """Put the robot elsewhere: true pose, m, m, rad."""
+
+    def ping(self, index: int) -> float | None:
+        """Range that a sonar measures now, m; None if there is no echo."""
+
+
+class SpeedLoops(Protocol):
+    """The controller's two speed loops (thesis 4.6.1)."""
+
+    def reset(self) -> None:
+        """Forget the past."""
+
+    def voltages(
+        self, v_set: float, w_set: float, v: float, w: float, dt: float
+    ) -> tuple[float, float]:
+        """Left and right motor voltage for the speeds set (m/s, rad/s) and measured."""
+
+
+class Motion:
+    """Set-points, ramps, motors on or off.
+
+    Attributes:
+        enabled: Whether the motors are on. While they are off, what is asked is not remembered.
+        heading_set: Heading last asked for (rad, odometry).
+    """
+
+    def __init__(self, profile: RobotProfile, plant: Plant, loops: SpeedLoops) -> None:
+        self._profile, self._plant, self._loops = profile, plant, loops
+        self.enabled = False
+        self.heading_set = 0.0
+        self._emergency = False
+        self.restore_limits()
+
+    @property
+    def active(self) -> bool:
+        """Whether the motors are on and asked to move."""
+        return self.enabled and (self.linear.active or self.angular.active)
+
+    def restore_limits(self) -> None:
+        """Return to the profile's limits and ramps, at rest."""
+        limits = self._profile.limits
+        self.linear = Axis(limits.v_max, limits.v_accel, limits.v_decel, TOLERANCE_M)
+        self.angular = Axis(limits.w_max, limits.w_accel, limits.w_decel, TOLERANCE_RAD)
+
+    def run(self, steps: int, held: bool) -> None:
+        """Let simulation steps pass; `held` by the watchdog or not."""
+        plant = self._plant
+        step, dt = plant.step, plant.step_s
+        if not self.enabled:
+            for _ in range(steps):
+                step(0.0, 0.0)
+            return
+        linear, angular, voltages = self.linear.step, self.angular.step, self._loops.voltages
+        for _ in range(steps):
+            v, w = plant.v, plant.w
+            left, right = voltages(linear(dt, v, held), angular(dt, w, held), v, w, dt)
+            step(left, right)
+
+    def obey(self, command: Command) -> None:
+        """Carry out a command of `MOTIONS`, unless motors or emergency stop forbid it."""
+        if self.enabled and not self._stopping():
+            MOTIONS[command.number](self, command)
+
+    def enable(self, on: bool) -> None:
+        """Switch the motors; on with nothing asked, off at once."""
+        if on == self.enabled:
+            return
+        self.enabled = on
+        self._emergency = False
+        self._halt()
+
+    def emergency_stop(self) -> None:
+        """Brake without a ramp; commands are ignored until the robot rests."""
+        self._halt()
+        self._emergency = True
+
+    def drive_wheels(self, command: Command) -> None:
+        """VEL2, whose unit is the profile's."""
+        unit_m_s = self._profile.p2os.vel2_mm * 1e-3
+        left, right = command.wheels
+        self.set_wheels(left * unit_m_s, right * unit_m_s)
+
+    def set_wheels(self, left: float, right: float) -> None:
+        """Go at these speeds of the wheel rims, m/s."""
+        self.linear.set_speed((left + right) / 2)
+        self.angular.set_speed((right - left) / (2 * self._profile.body.half_track_m))
+
+    def head(self, heading: float) -> None:
+        """Turn to a heading of the odometry (rad), the short way round."""
+        self.heading_set = remainder(heading, tau)
+        self.angular.set_goal(remainder(heading - self._plant.odometry[2], tau))
+
+    def turn(self, angle: float) -> None:
+        """Turn by an angle, rad."""
+        self.heading_set = remainder(self._plant.odometry[2] + angle, tau)
+        self.angular.set_goal(angle)
+
+    def reset_odometry(self) -> None:
+        """Set the odometry to zero; a turn under way goes on to the same place."""
+        self.heading_set = remainder(self.heading_set - self._plant.odometry[2], tau)
+        self._plant.reset_odometry()
+
+    def limit(self, command: Command) -> None:
+        """SETV, SETRV, SETA, SETRA. Zero asks for nothing; the profile's tops stay above all."""
+        limits, size = self._profile.limits, abs(command.si)
+        axis = self.linear if command.number in {Cmd.SETV, Cmd.SETA} else self.angular
+        if not size:
+            return
+        if command.number in {Cmd.SETV, Cmd.SETRV}:
+            axis.top = min(size, limits.v_max if axis is self.linear else limits.w_max)
+        elif command.value > 0:
+            axis.accel = size
+        else:
+            axis.decel = size
+
+    def _halt(self) -> None:
+        self.linear.halt()
+        self.angular.halt()
+        self._loops.reset()
+
+    def _stopping(self) -> bool:
+        plant = self._plant
+        rest = abs(plant.v) < AT_REST_M_S and abs(plant.w) < AT_REST_RAD_S
+        self._emergency = self._emergency and not rest
+        return self._emergency
+
+
+MOTIONS: dict[int, Callable[[Motion, Command], None]] = {
+    Cmd.VEL: lambda motion, command: motion.linear.set_speed(command.si),
+    Cmd.RVEL: lambda motion, command: motion.angular.set_speed(command.si),
+    Cmd.ROTATE: lambda motion, command: motion.angular.set_speed(command.si),
+    Cmd.MOVE: lambda motion, command: motion.linear.set_goal(command.si),
+    Cmd.HEAD: lambda motion, command: motion.head(command.si),
+    Cmd.DHEAD: lambda motion, command: motion.turn(command.si),
+    Cmd.DCHEAD: lambda motion, command: motion.head(motion.heading_set + command.si),
+    Cmd.VEL2: lambda motion, command: motion.drive_wheels(command),
+    Cmd.STOP: lambda motion, _: motion.set_wheels(0.0, 0.0),
+}
+LIMITS = (Cmd.SETV, Cmd.SETA, Cmd.SETRV, Cmd.SETRA)

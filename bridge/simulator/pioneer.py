@@ -1,0 +1,114 @@
+"""A simulated Pioneer, whole: the plant, its speed loops and its controller behind one port.
+
+Bytes and the time in, bytes out, and the truth for those who watch: the same object stands behind a
+TCP port or pty in real time (`server`) and behind the memory transport of the virtual mesh.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from math import radians
+
+from armadico.bridge.profile import RobotProfile, SensorProfile
+from armadico.bridge.simulator.microcontroller import Microcontroller
+from armadico.bridge.simulator.plant import Plant, Streams
+from armadico.bridge.simulator.speed_loops import SpeedLoops
+from armadico.config.loading import find, load, load_entry
+from armadico.config.scenarios import Scenario
+from armadico.config.worlds import load_world
+from armadico.messages import Message, Truth
+
+Wall = tuple[float, float, float, float]
+FAR_M = 100.0
+"""The clearance that is said where there is no wall at all."""
+
+
+class Pioneer:
+    """The robot as its port shows it."""
+
+    def __init__(
+        self,
+        profile: RobotProfile,
+        sensors: SensorProfile,
+        walls: Sequence[Wall],
+        start: tuple[float, float, float],
+        streams: Streams,
+    ) -> None:
+        """Stand at `start` (m, m, rad) among walls (m)."""
+        self.plant = Plant(profile, sensors, walls, start, streams)
+        loops = SpeedLoops(profile.speed_loop, profile.motor.supply_v)
+        self.controller = Microcontroller(profile, self.plant, loops)
+        self._watchers: list[Callable[[Truth], None]] = []
+        self._cycle = profile.p2os.cycle_s
+        self._answering = False
+        self._truth_at = 0.0
+
+    def watch(self, watcher: Callable[[Truth], None]) -> None:
+        """Be told the truth with every status packet."""
+        self._watchers.append(watcher)
+
+    def receive(self, data: bytes, now: float) -> None:
+        """Take the client's bytes at a time, s of simulation."""
+        self._answering = True
+        if now > self.controller.time_s:
+            self.advance(now)
+        self.controller.receive(data)
+
+    def advance(self, now: float) -> bytes:
+        """Live up to a time, s of simulation; the bytes for the client."""
+        data = self.controller.advance(now)
+        self._answering = False
+        if now + 1e-9 >= self._truth_at:
+            self._truth_at += self._cycle
+            self._tell()
+        return data
+
+    @property
+    def due(self) -> float:
+        """When it next has something to say, s of simulation."""
+        soon = self.controller.time_s + self.plant.step_s
+        if self._answering or not self.controller.is_open:
+            return soon
+        return self.controller.next_status_s
+
+    def truth(self) -> Truth:
+        """What nobody on the robot knows."""
+        plant = self.plant
+        x, y, theta = plant.pose
+        return Truth(
+            t=round(self.controller.time_s, 6),
+            x=x,
+            y=y,
+            theta=theta,
+            v=plant.v,
+            w=plant.w,
+            collisions=plant.collisions,
+            clearance=min(plant.clearance(), FAR_M),
+        )
+
+    def _tell(self) -> None:
+        if self._watchers:
+            truth = self.truth()
+            for watcher in self._watchers:
+                watcher(truth)
+
+
+def of_scenario(scenario: Scenario, streams: Streams) -> Pioneer:
+    """The robot that a scenario names, where the scenario puts it."""
+    x, y, degrees = scenario.start
+    return Pioneer(
+        load(find("robots", scenario.robot), RobotProfile),
+        load_entry(find("robots", "sensors"), SensorProfile, scenario.sensors),
+        load_world(scenario.world).walls,
+        (x, y, radians(degrees)),
+        streams,
+    )
+
+
+def on_virtual_mesh(
+    scenario: Scenario, streams: Streams, publish: Callable[[Message], None]
+) -> Pioneer:
+    """The same, telling the truth to a mesh."""
+    pioneer = of_scenario(scenario, streams)
+    pioneer.watch(publish)
+    return pioneer

@@ -1,0 +1,233 @@
+"""The physical robot in its world: voltages in, motion, odometry, echoes and knocks out.
+
+`Plant` steps the dynamics by 5 ms and knows the truth. Contacts cost, so pymunk is asked only where
+they are possible: the plant keeps a lower bound of the way between outline and walls, takes off
+what the outline may have travelled in each step (every corner, turning included), and asks anew
+when nothing is left of it. The motion is bit for bit the one that asking in every step gives.
+
+All randomness comes from a function that gives a stream of numbers for a name (`seeded`, or the
+virtual mesh's `stream`): one stream a purpose, so that another purpose shifts nobody's noise.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from math import cos, hypot, inf, sin
+from random import Random
+
+from armadico.bridge.profile import RobotProfile, SensorProfile
+from armadico.bridge.simulator.battery import Battery
+from armadico.bridge.simulator.contact import SKIN_M, Contact, Motion, Outline, box_of
+from armadico.bridge.simulator.dynamics import Dynamics, breakaway_v
+from armadico.bridge.simulator.encoders import Odometry
+from armadico.bridge.simulator.sonar import Sonars
+from armadico.bridge.simulator.walls import TOUCH_M, Wall, Walls
+
+STEP_S = 0.005
+APART_S = 0.5  # a contact after less than this apart belongs to the same collision
+STALLED_M_S = 0.02  # rims slower than this, driven and held by a wall, are stalled
+PUSH_OUT = 0.2  # share of a penetration that is mended in a step,
+PUSH_OUT_M = 0.005  # and how much at the most
+
+Streams = Callable[[str], Random]
+"""A random stream of one's own for a name; the same name gives the same numbers."""
+
+
+def seeded(seed: int) -> Streams:
+    """Independent streams from one seed and each one's name."""
+    return lambda name: Random(f"{seed}/{name}")
+
+
+class Plant:
+    """A Pioneer among walls. Left is the thesis's motor 3, right its motor 2; SI and REP-103.
+
+    `collisions` counts episodes in which the outline touches anything; contacts less than
+    `APART_S` apart are one episode. `blocked` says that in the last step a wall held the robot
+    (rims below 2 cm/s) though a motor had voltage enough to move.
+    """
+
+    step_s: float = STEP_S
+
+    def __init__(
+        self,
+        profile: RobotProfile,
+        sensors: SensorProfile,
+        walls: Sequence[Wall],
+        start: tuple[float, float, float],
+        rng: Streams,
+    ) -> None:
+        self.blocked = False
+        self.collisions = 0
+        self.pose = start
+        self.battery = Battery(profile.battery)
+        self._dynamics = Dynamics(profile, STEP_S)
+        self._odometry = Odometry(profile, sensors, STEP_S, rng)
+        self._walls = Walls()
+        self._outline = Outline(profile, self._walls)
+        self._sonars = Sonars(profile.sonar, sensors, self._walls, rng)
+        self._box = box_of(profile)
+        self._corner_m = hypot(
+            abs(self._box.ahead) + self._box.half_length, self._box.half_width
+        )  # the outline's farthest point from the axle's middle
+        self._half_track = profile.body.half_track_m
+        self._breakaway_v = breakaway_v(profile)
+        self._conductance = 1.0 / profile.motor.resistance_ohm
+        self._back_emf = (  # V for a m/s of a rim
+            profile.motor.back_emf_v_s * profile.motor.gear_ratio / profile.body.wheel_radius_m
+        )
+        self._dead = (rng("dead walls"), sensors.dead_walls)
+        self._sideways = 0.0  # m/s to the left, only while a wall pushes
+        self._margin = 0.0  # no wall is nearer to the outline, m; 0 is unknown
+        self._steps = 0
+        self._touched: float = -inf  # the last step in which the outline touched
+        self._touching = False
+        self.add_walls(walls)
+
+    # The world -----------------------------------------------------------------------------------
+
+    def add_walls(self, walls: Sequence[Wall]) -> None:
+        """More walls; which of them are dead to the sonars depends on the seed and their order."""
+        rng, share = self._dead
+        self._walls.add(walls, [rng.random() >= share for _ in walls])
+        self._margin = 0.0
+
+    def add_segment(self, x1: float, y1: float, x2: float, y2: float) -> None:
+        """One more wall, m."""
+        self.add_walls([(x1, y1, x2, y2)])
+
+    def set_pose(self, x: float, y: float, theta: float) -> None:
+        """Lift the robot and put it down elsewhere, at rest; its odometry does not notice."""
+        self.pose = (x, y, theta)
+        self._dynamics.v = self._dynamics.w = self._sideways = 0.0
+        self._margin = 0.0
+        self._touching = self.blocked = False
+
+    # What the robot measures ---------------------------------------------------------------------
+
+    @property
+    def v(self) -> float:
+        """Speed ahead as the encoders measure it, m/s."""
+        return self._odometry.v
+
+    @property
+    def w(self) -> float:
+        """Turn rate as the encoders measure it, rad/s."""
+        return self._odometry.w
+
+    @property
+    def left_m_s(self) -> float:
+        """Speed of the left wheel's rim as its encoder measures it, m/s."""
+        return self._odometry.left_m_s
+
+    @property
+    def right_m_s(self) -> float:
+        """Speed of the right wheel's rim as its encoder measures it, m/s."""
+        return self._odometry.right_m_s
+
+    @property
+    def odometry(self) -> tuple[float, float, float]:
+        """Pose since the last reset, as the encoders have it: m, m, rad (not wrapped)."""
+        return self._odometry.x, self._odometry.y, self._odometry.theta
+
+    @property
+    def encoder_counts(self) -> tuple[int, int]:
+        """Ticks of the left and the right wheel since power-on."""
+        return self._odometry.ticks
+
+    @property
+    def battery_v(self) -> float:
+        """Voltage at the battery's terminals, under its present load."""
+        return self.battery.volts
+
+    def reset_odometry(self) -> None:
+        """Call the present pose (0, 0, 0)."""
+        self._odometry.reset()
+
+    def ping(self, index: int) -> float | None:
+        """Range that sonar `index` measures now, m; None without an echo."""
+        return self._sonars.ping(index, self.pose)
+
+    def clearance(self) -> float:
+        """True way from the outline to the nearest wall, m; 0 when touching, inf without walls."""
+        nearest = self._walls.clearance(self.pose, self._box)
+        self._margin = max(self._margin, nearest - TOUCH_M)
+        return nearest
+
+    # Motion --------------------------------------------------------------------------------------
+
+    def step(self, left_v: float, right_v: float) -> None:
+        """`step_s` seconds with these motor voltages (V), cut at what the battery has."""
+        most = self.battery.volts
+        left_v = max(-most, min(most, left_v))
+        right_v = max(-most, min(most, right_v))
+        dynamics = self._dynamics
+        v, w = dynamics.v, dynamics.w
+        dynamics.accelerate(left_v, right_v)
+        self._steps += 1
+        self.blocked = False
+        corner = self._corner_m
+        reach = max(abs(v) + corner * abs(w), abs(dynamics.v) + corner * abs(dynamics.w)) * STEP_S
+        v, w = 0.5 * (v + dynamics.v), 0.5 * (w + dynamics.w)
+        self._margin -= reach
+        if self._margin <= 0.0 or self._touching or self._sideways:
+            driven = max(abs(left_v), abs(right_v)) > self._breakaway_v
+            v, w = self._near(reach, v, w, driven)
+        else:
+            self._move(v, 0.0, w)
+        self._measure(left_v, right_v, v, w)
+
+    def _measure(self, left_v: float, right_v: float, v: float, w: float) -> None:
+        """Encoders and battery, after a step at these mean speeds."""
+        self._dynamics.roll(v, w)
+        left, right = v - w * self._half_track, v + w * self._half_track
+        self._odometry.move(STEP_S * left, STEP_S * right)
+        emf = self._back_emf
+        watts = left_v * (left_v - emf * left) + right_v * (right_v - emf * right)
+        self.battery.drain(watts * self._conductance, STEP_S)
+
+    def _move(self, v: float, u: float, w: float) -> None:
+        """The body goes a step ahead, to the left and around."""
+        x, y, theta = self.pose
+        heading = theta + 0.5 * STEP_S * w
+        c, s = STEP_S * cos(heading), STEP_S * sin(heading)
+        self.pose = (x + v * c - u * s, y + v * s + u * c, theta + STEP_S * w)
+
+    def _near(self, reach: float, v: float, w: float, driven: bool) -> tuple[float, float]:
+        """A step in which the outline may meet a wall; the mean speeds that come of it."""
+        contacts = self._outline.contacts(self.pose)
+        gap = min((contact.gap for contact in contacts), default=SKIN_M)
+        if gap > reach and not self._sideways:
+            self._margin = gap - reach
+            self._touching = False
+            self._move(v, 0.0, w)
+            return v, w
+        force = 0.0
+        if reach or self._sideways:
+            force = self._collide(contacts)
+        self._touch(force > 0.0 or gap <= TOUCH_M)
+        self._margin = 0.0
+        v, w = self._dynamics.v, self._dynamics.w
+        rim = abs(v) + self._half_track * abs(w)
+        self.blocked = driven and force > 0.0 and rim < STALLED_M_S
+        return v, w
+
+    def _collide(self, contacts: list[Contact]) -> float:
+        """Move as the walls allow; the greatest force of a contact, N."""
+        dynamics = self._dynamics
+        motion = Motion(dynamics.v, self._sideways, dynamics.w)
+        motion, force = self._outline.resolve(contacts, motion, dynamics.mobility, STEP_S)
+        dynamics.v, self._sideways, dynamics.w = motion
+        self._move(*motion)
+        deepest = min(contacts, key=lambda contact: contact.gap, default=None)
+        if deepest is not None and deepest.gap < 0.0:
+            speed = max(PUSH_OUT * deepest.gap, -PUSH_OUT_M) / STEP_S
+            self._move(speed * deepest.v, speed * deepest.u, 0.0)
+        return force
+
+    def _touch(self, touching: bool) -> None:
+        """Count the collisions: episodes of contact."""
+        self._touching = touching
+        if touching:
+            if (self._steps - self._touched) * STEP_S > APART_S:
+                self.collisions += 1
+            self._touched = self._steps

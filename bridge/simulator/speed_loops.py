@@ -1,0 +1,69 @@
+"""The microcontroller's two PI speed loops (thesis 4.6.1), one for v and one for w, in volts.
+
+The sum of both goes to the right motor (V2), the difference to the left one (V3). When a motor
+would need more than the supply gives, the S-approximation scales both voltages, so that the command
+keeps its direction in (v, w); the T-approximation truncates each motor by itself, and the robot
+turns another way than asked. S is what drives the robot, T is there to be compared with.
+"""
+
+from __future__ import annotations
+
+from typing import Literal
+
+from armadico.bridge.profile import SpeedLoop
+
+Approximation = Literal["S", "T"]
+
+
+def scaled(left_v: float, right_v: float, supply_v: float) -> tuple[float, float]:
+    """The S-approximation: the same direction, no motor above the supply, V."""
+    most = max(abs(left_v), abs(right_v))
+    if most <= supply_v:
+        return left_v, right_v
+    share = supply_v / most
+    return left_v * share, right_v * share
+
+
+def truncated(left_v: float, right_v: float, supply_v: float) -> tuple[float, float]:
+    """The T-approximation: each motor cut at the supply by itself, V."""
+    return max(-supply_v, min(supply_v, left_v)), max(-supply_v, min(supply_v, right_v))
+
+
+class SpeedLoops:
+    """Two PI controllers with a common limit of voltage.
+
+    What the limit took away is fed back into both integrators (back-calculation, gain
+    `antiwindup`, 1/s), so they do not wind up while the motors give all they can.
+    """
+
+    __slots__ = ("_feasible", "_loop", "_sum_v", "_sum_w", "supply_v")
+
+    def __init__(
+        self, loop: SpeedLoop, supply_v: float, approximation: Approximation = "S"
+    ) -> None:
+        self.supply_v = supply_v
+        self._loop = (
+            *(loop.linear_kp, loop.linear_ki),
+            *(loop.angular_kp, loop.angular_ki),
+            loop.antiwindup,
+        )
+        self._feasible = scaled if approximation == "S" else truncated
+        self._sum_v = self._sum_w = 0.0
+
+    def reset(self) -> None:
+        """Forget the integrals, as when the motors are switched off."""
+        self._sum_v = self._sum_w = 0.0
+
+    def voltages(
+        self, v_set: float, w_set: float, v: float, w: float, dt: float
+    ) -> tuple[float, float]:
+        """Left and right motor voltages (V) for the next `dt` seconds; speeds in m/s and rad/s."""
+        kp_v, ki_v, kp_w, ki_w, antiwindup = self._loop
+        error_v, error_w = v_set - v, w_set - w
+        common = kp_v * error_v + self._sum_v
+        turning = kp_w * error_w + self._sum_w
+        left, right = self._feasible(common - turning, common + turning, self.supply_v)
+        lost_v, lost_w = common - 0.5 * (right + left), turning - 0.5 * (right - left)
+        self._sum_v += dt * (ki_v * error_v - antiwindup * lost_v)
+        self._sum_w += dt * (ki_w * error_w - antiwindup * lost_w)
+        return left, right

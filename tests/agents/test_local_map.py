@@ -1,0 +1,253 @@
+"""The local map keeps what was hit where it was hit, moves it with the robot, and lets it go."""
+
+import math
+from typing import NamedTuple
+
+import pytest
+from armadico.agents.methods.geometry import ORIGIN, Placed, relative
+from armadico.agents.methods.local_map import (
+    RINGS,
+    SECTORS,
+    LocalMap,
+    Obstacle,
+    Settings,
+    cell_at,
+    ray,
+)
+from hypothesis import given
+from hypothesis import strategies as st
+
+
+class Ping(NamedTuple):
+    x: float
+    y: float
+    bearing: float
+    range: float | None
+
+
+RING = [
+    Ping(x, y, math.radians(bearing), None)
+    for x, y, bearing in (
+        (0.069, 0.136, 90.0),
+        (0.114, 0.119, 50.0),
+        (0.148, 0.078, 30.0),
+        (0.166, 0.027, 10.0),
+        (0.166, -0.027, -10.0),
+        (0.148, -0.078, -30.0),
+        (0.114, -0.119, -50.0),
+        (0.069, -0.136, -90.0),
+    )
+]
+ORDER = (2, 1, 4, 0, 6, 3, 7, 5)
+HALF, STILL = Placed(0.0, 0.0, math.pi), ORIGIN
+LASTING = Settings(decay=1.0, memory=1.0, memory_m=math.inf)
+motions = st.lists(
+    st.builds(Placed, st.floats(-0.05, 0.15), st.floats(-0.02, 0.02), st.floats(-0.3, 0.3)),
+    max_size=10,
+)
+
+
+def hit(x: float, y: float) -> Ping:
+    """An echo from a point, as heard from the middle of the axle."""
+    return Ping(0.0, 0.0, math.atan2(y, x), math.hypot(x, y))
+
+
+def mapped(*points: tuple[float, float], settings: Settings | None = None) -> LocalMap:
+    """A map that holds these points, each seen twice."""
+    local = LocalMap(settings)
+    for _ in range(2):
+        local.update([hit(x, y) for x, y in points])
+    return local
+
+
+def test_an_empty_map_knows_nothing() -> None:
+    local = LocalMap()
+    local.move(Placed(0.1, 0.0, 0.1))
+    assert local.points() == ()
+    assert (local.closest(), local.front(), local.left(), local.right()) == (None,) * 4
+
+
+@pytest.mark.parametrize("sonar", RING)
+def test_a_sonar_hits_the_point_itself_and_not_the_middle_of_its_cell(sonar: Ping) -> None:
+    local = LocalMap()
+    local.update([sonar._replace(range=1.1)])
+    (point,) = local.points()
+    assert point.x == sonar.x + 1.1 * math.cos(sonar.bearing)
+    assert point.y == sonar.y + 1.1 * math.sin(sonar.bearing)
+    assert point.distance == math.hypot(point.x, point.y)
+
+
+@pytest.mark.parametrize("sonar", RING)
+def test_each_sonar_of_the_ring_looks_along_one_sector_from_half_a_metre_on(sonar: Ping) -> None:
+    sectors = {
+        cell // RINGS for cell, leaves in ray(sonar.x, sonar.y, sonar.bearing, 2.5) if leaves > 0.5
+    }
+    assert sectors == {math.floor(math.degrees(sonar.bearing) / 20.0) % SECTORS}
+
+
+def test_echoes_from_beyond_the_map_fill_nothing() -> None:
+    local = LocalMap()
+    local.update([Ping(0.0, 0.0, 0.2, 2.5), Ping(0.0, 0.0, 0.2, None)])
+    assert local.points() == ()
+
+
+def test_an_echo_through_a_point_clears_it() -> None:
+    local = LocalMap()
+    local.update([Ping(0.0, 0.0, 0.2, 0.8)])
+    local.update([Ping(0.0, 0.0, 0.2, 1.6)])
+    assert [round(point.distance, 6) for point in local.points()] == [1.6]
+
+
+def test_silence_clears_the_whole_ray() -> None:
+    local = LocalMap()
+    local.update([Ping(0.0, 0.0, 0.2, 0.8)])
+    local.update([Ping(0.0, 0.0, 0.2, None)])
+    assert local.points() == ()
+
+
+def test_an_echo_does_not_clear_what_lies_behind_or_beside_it() -> None:
+    local = mapped((1.9, 0.3), (0.3, 1.9))
+    local.update([Ping(0.0, 0.0, math.atan2(0.3, 1.9), 0.9)])
+    assert len(local.points()) == 3
+
+
+def test_a_cell_keeps_the_nearer_of_two_hits_unless_the_echo_went_through_it() -> None:
+    for first, second, kept in ((1.20, 1.10, 1.10), (1.10, 1.18, 1.10), (1.05, 1.20, 1.20)):
+        local = LocalMap()
+        for distance in (first, second):
+            local.update([Ping(0.0, 0.0, 0.2, distance)])
+        assert [p.distance for p in local.points()] == [pytest.approx(kept)]
+
+
+def test_certainty_takes_several_misses_to_clear() -> None:
+    often, once = mapped((1.0, 0.2)), LocalMap()
+    once.update([hit(1.0, 0.2)])
+    for local in (often, once):
+        local.update([Ping(0.0, 0.0, math.atan2(0.2, 1.0), None)])
+    assert len(often.points()) == 1
+    assert once.points() == ()
+
+
+@given(st.floats(0.3, 1.6), st.floats(-math.pi, math.pi), motions)
+def test_a_point_stays_where_it_is_in_the_world(
+    away: float, bearing: float, steps: list[Placed]
+) -> None:
+    x, y = away * math.cos(bearing), away * math.sin(bearing)
+    local = mapped((x, y), settings=LASTING)
+    robot, met = ORIGIN, False
+    for step in steps:
+        cos, sin = math.cos(robot.theta), math.sin(robot.theta)
+        robot = Placed(
+            robot.x + cos * step.x - sin * step.y,
+            robot.y + sin * step.x + cos * step.y,
+            robot.theta + step.theta,
+        )
+        local.move(step)
+        seen = relative(Placed(x, y), robot)
+        met |= (-0.23 < seen.x < 0.21 and abs(seen.y) < 0.165) or math.hypot(*seen[:2]) >= 2.5
+    expected = relative(Placed(x, y), robot)
+    found = local.points()
+    assert len(found) == (not met)
+    for point in found:
+        assert (point.x, point.y) == pytest.approx((expected.x, expected.y))
+
+
+@given(st.lists(st.tuples(st.sampled_from(RING), st.floats(0.05, 5.0)), max_size=60), motions)
+def test_every_point_is_on_the_map_outside_the_robot_and_alone_in_its_cell(
+    echoes: list[tuple[Ping, float]], steps: list[Placed]
+) -> None:
+    local = LocalMap(LASTING)
+    local.update([sonar._replace(range=distance) for sonar, distance in echoes])
+    for step in [STILL, *steps]:
+        local.move(step)
+    points = local.points()
+    assert len({cell_at(p.x, p.y, 0.25) for p in points}) == len(points)
+    assert [p.distance for p in points] == sorted(p.distance for p in points)
+    for p in points:
+        assert p.distance < 2.5
+        assert not (-0.23 < p.x < 0.21 and abs(p.y) < 0.165)
+
+
+def test_what_a_sonar_could_see_and_does_not_confirm_is_gone_in_a_second() -> None:
+    local = mapped((1.0, 0.2))
+    for _ in range(10):
+        local.move(STILL)
+    assert local.points() == ()
+
+
+def test_behind_it_is_remembered_for_seconds_but_not_for_ever() -> None:
+    local = mapped((1.0, 0.2))
+    local.move(HALF)
+    for _ in range(100):
+        local.move(STILL)
+    assert local.closest() == pytest.approx((-1.0, -0.2, math.hypot(1.0, 0.2)))
+    for _ in range(200):
+        local.move(STILL)
+    assert local.closest() is None
+
+
+def test_memory_fades_with_the_way_and_not_only_with_time() -> None:
+    """There and back: the point ends where it was, and is believed less."""
+    local = mapped((1.0, 0.2))
+    local.move(HALF)
+    for step in (0.1, -0.1) * 15:
+        local.move(Placed(step, 0.0))
+    assert local.closest() is None
+    local = mapped((1.0, 0.2))
+    local.move(HALF)
+    for _ in range(30):
+        local.move(STILL)
+    assert local.closest() is not None
+
+
+@pytest.mark.parametrize("speed", [0.1, 0.3, 0.7])
+def test_a_wall_driven_along_is_still_known_beside_the_tail(speed: float) -> None:
+    """The ring cannot see it there, and the tail swings into it when the robot turns away."""
+    local, fired = LocalMap(), 0
+    for frame in range(60):
+        local.move(Placed(speed * 0.1, 0.0))
+        firing = [RING[ORDER[(fired + i) % 8]] for i in range(2 + frame % 2)]
+        fired += len(firing)
+        local.update(
+            Ping(s.x, s.y, s.bearing, (0.4 - s.y) / math.sin(s.bearing)) if s.bearing > 0.0 else s
+            for s in firing
+        )
+    tail = [p for p in local.points() if -0.6 < p.x < -0.1]
+    assert tail
+    assert all(p.y == pytest.approx(0.4) for p in tail)
+
+
+def test_a_point_that_the_robot_drives_over_was_never_there() -> None:
+    local = mapped((0.5, 0.0))
+    local.move(Placed(0.4, 0.0))
+    assert local.points() == ()
+
+
+def test_of_two_points_that_meet_in_a_cell_the_surer_stays() -> None:
+    local = LocalMap(LASTING)
+    sure, doubtful = (1.20, 0.2), (1.28, 0.2)
+    for point in (sure, sure, doubtful):
+        local.update([hit(*point)])
+    local.move(Placed(0.1, 0.0))
+    assert [(p.x, p.y) for p in local.points()] == [pytest.approx((1.10, 0.2))]
+
+
+def test_front_left_and_right_are_the_nearest_of_their_sectors_and_share_none() -> None:
+    ahead, left, right, behind = (1.0, 0.2), (0.1, 0.8), (0.4, -0.7), (-0.5, 0.1)
+    far = [(1.9, 0.3), (0.2, 1.7), (0.3, -1.7)]
+    local = mapped(ahead, left, right, behind, *far)
+
+    def near(found: Obstacle | None, point: tuple[float, float]) -> bool:
+        return found is not None and math.dist(found[:2], point) < 1e-9
+
+    assert near(local.closest(), behind)
+    assert near(local.front(), ahead)
+    assert near(local.left(), left)
+    assert near(local.right(), right)
+
+
+@given(st.floats(-math.pi, math.pi))
+def test_a_point_is_in_front_or_left_or_right_or_behind(bearing: float) -> None:
+    local = mapped((math.cos(bearing), math.sin(bearing)))
+    found = [q is not None for q in (local.front(), local.left(), local.right())]
+    assert sum(found) == (abs(bearing) <= math.radians(120))
