@@ -13,13 +13,16 @@ from armadico.agent import Agent
 from armadico.agents.methods.headings import open_heading
 from armadico.agents.methods.route import Route
 from armadico.agents.methods.safety import OUTLINE, Safety, limit, stopping_distance
-from armadico.agents.methods.sweep import free_path, free_turn
+from armadico.agents.methods.sweep import Outline, free_path, free_turn
 from armadico.agents.methods.utility import ramp_down
 from armadico.exchange import Bid
 from armadico.frames import PERIOD
 from armadico.geometry import wrap
 from armadico.messages import Message, Obstacles, Point, Pose, RobotState, Trajectory
 from armadico.resources import WHEELS
+
+BACKWARDS = Outline(OUTLINE.rear, OUTLINE.front, OUTLINE.half_width)
+"""The outline as one sees it driving backwards."""
 
 NonNegative = Annotated[float, Meta(ge=0, le=10)]
 Positive = Annotated[float, Meta(gt=0, le=10)]
@@ -50,7 +53,8 @@ class Parameters(agent.Parameters, frozen=True, kw_only=True):
     stop: Zone = Zone(0.05, 0.25)
     danger: Zone = Zone(0.20, 0.55)
     caution: Zone = Zone(0.45, 1.30)
-    v_caution: Positive = 0.45  # at the caution zone's inner border, m/s
+    v_top: Positive = 0.55  # at the caution zone's outer border, m/s
+    v_caution: Positive = 0.38  # at its inner border
     v_danger: NonNegative = 0.12  # at the danger zone's inner border
     turn_gain: Positive = 1.7  # rad/s for one rad
     w_max: Positive = radians(60)
@@ -59,6 +63,11 @@ class Parameters(agent.Parameters, frozen=True, kw_only=True):
     half_diagonal_m: Positive = 0.30  # thesis: range to distance left
     u_heading_low: Positive = radians(40)
     u_heading_high: Positive = radians(120)
+    v_back: NonNegative = 0.08  # m/s, off what it cannot turn away from,
+    back_room_m: NonNegative = 0.1  # with so much remembered free behind
+    let_go: Positive = radians(150)  # a trajectory farther behind than this no longer counts
+    turn_first: Positive = radians(60)  # an open heading farther off is turned to on the spot
+    aligned: Positive = radians(15)
     flank_m: NonNegative = 0.09  # kept beside the body on an open heading
     reach_m: Positive = 1.1  # how far an open heading must be open
     ahead_m: Positive = 0.8  # where the trajectory leads: so far along it
@@ -105,9 +114,9 @@ class Avoid(Agent):
 
     def _safe(self, points: Sequence[Point], pose: Pose, state: RobotState) -> Bid | None:
         p = self.p
-        wanted = self._wanted(pose)
-        v = max(state.v, 0.0)
-        free = self._free(points, v, state.w, wanted)
+        v, wanted = max(state.v, 0.0), self._wanted(pose)
+        along = self._along(points, v, state.w)
+        free = min(along, self._toward(points, wanted))
         utility = ramp_down(free, p.stop.border(v), p.caution.border(v))
         self._unlatch(pose)
         if utility <= 0.0:
@@ -115,54 +124,59 @@ class Avoid(Agent):
                 self.why = "nothing in the way"
                 return None
             return Bid(0.0, self._onward(points, wanted, v), reason="the way is free")
-        action, reason = self._act(points, wanted, pose, free, v)
-        left = free - stopping_distance(v, p.safety.decel) if v > 0.02 else inf
-        critical = left < 2 * PERIOD * v
-        within = None if left == inf else max(0.0, 0.5 * left / max(v, 0.02))
-        return Bid(utility, action, critical, within, reason)
+        action, reason = self._act(points, wanted, pose, v)
+        left = along - stopping_distance(v, p.safety.decel)
+        within = None if left == inf else max(0.0, 0.5 * left / max(v, 0.05))
+        return Bid(utility, action, left < 2 * PERIOD * v, within, reason)
 
-    def _free(self, points: Sequence[Point], v: float, w: float, wanted: float) -> float:
-        """The free way, m: on the present arc and, while avoid holds, towards the trajectory.
+    def _along(self, points: Sequence[Point], v: float, w: float) -> float:
+        """The free way on the present arc, m; on the spot there is none to be free."""
+        return free_path(points, v, w, OUTLINE, self.p.safety.margin_m) if v > 0.05 else inf
 
-        Else it would let go as soon as it has turned away, until the other turns back.
+    def _toward(self, points: Sequence[Point], wanted: float) -> float:
+        """The free way to where the trajectory leads, m, once it has turned there.
+
+        While avoid holds this counts whatever the angle: else it would let go as soon as it has
+        turned away, only for the other to turn back. Before, what is far aside is not in the way.
         """
-        margin = self.p.safety.margin_m
-        onward = _rotated(points, wanted)
-        toward = free_path(onward, 1.0, 0.0, OUTLINE, margin)
-        if not self.holds(WHEELS) and abs(wanted) > self.p.u_heading_low:
-            toward = inf  # it will turn first, and look again then
-        along = free_path(points, max(v, 0.05), w if v > 0.05 else 0.0, OUTLINE, margin)
-        if self.holds(WHEELS):
-            return toward if abs(wanted) < self.p.u_heading_high else along
-        return min(along, toward)
+        limit_angle = self.p.let_go if self.holds(WHEELS) else self.p.u_heading_low
+        if abs(wanted) > limit_angle:
+            return inf
+        return free_path(_rotated(points, wanted), 1.0, 0.0, OUTLINE, self.p.safety.margin_m)
 
     def _act(
-        self, points: Sequence[Point], wanted: float, pose: Pose, free: float, v: float
+        self, points: Sequence[Point], wanted: float, pose: Pose, v: float
     ) -> tuple[tuple[float, float], str]:
-        """The zones: slow down; slow down and turn; stop and turn."""
+        """The zones, by the free way along the open heading: slow down; and turn; stop and turn."""
         p = self.p
         heading = self._heading(points, wanted, pose)
         if heading is None:
             return self._turn_on_the_spot(points, wanted), "shut in: look for a way out"
+        free = free_path(_rotated(points, heading), 1.0, 0.0, OUTLINE, 0.02)
+        now = free_path(points, 1.0, 0.0, OUTLINE, 0.02)
+        speed, zone = self._zone(min(free, now), v)
+        speed *= max(0.0, cos(heading))
+        if zone == "stop" or abs(heading) > p.turn_first:
+            speed = 0.0 if abs(heading) > p.aligned else min(speed, p.v_danger)
         w = max(-p.w_max, min(p.w_max, p.turn_gain * heading))
+        speed, w, _ = limit(speed, w, points, p.safety)
+        degrees = heading * 180 / pi
+        if speed < 0.02 and abs(w) < 0.05:
+            return self._turn_on_the_spot(points, heading), f"{zone}: turn out to {degrees:.0f} deg"
+        return (speed, w), f"{zone}: open at {degrees:.0f} deg"
+
+    def _zone(self, free: float, v: float) -> tuple[float, str]:
+        """The speed for a free way, m/s, and the zone's name."""
+        p = self.p
         stop, danger, caution = (zone.border(v) for zone in (p.stop, p.danger, p.caution))
-        ahead = free_path(_rotated(points, heading), 1.0, 0.0, OUTLINE, p.safety.margin_m)
+        top = min(p.v_max or inf, p.v_top)
         if free >= danger:
             share = min((free - danger) / max(caution - danger, 1e-6), 1.0)
-            top = p.v_max or WHEELS.scale[0]
-            speed, zone = p.v_caution + share * (top - p.v_caution), "caution"
-        elif free >= stop:
+            return min(p.v_caution + share * (top - p.v_caution), top), "caution"
+        if free >= stop:
             share = (free - stop) / max(danger - stop, 1e-6)
-            speed, zone = p.v_danger + share * (p.v_caution - p.v_danger), "danger"
-        else:
-            speed, zone = p.v_danger, "stop"
-        speed = min(speed, p.v_max or inf) * max(0.0, cos(heading)) if abs(heading) < pi / 2 else 0.0
-        if zone == "stop" and abs(heading) > radians(20):
-            speed = 0.0
-        speed, w, _ = limit(speed, w, points, p.safety)
-        if speed == 0.0 and w == 0.0:
-            return self._turn_on_the_spot(points, heading), f"{zone}: turn out"
-        return (speed, w), f"{zone}: {ahead:.1f} m open at {heading * 180 / pi:.0f} deg"
+            return min(p.v_danger + share * (p.v_caution - p.v_danger), top), "danger"
+        return 0.0, "stop"
 
     def _heading(self, points: Sequence[Point], wanted: float, pose: Pose) -> float | None:
         """The open heading nearest to the wanted one, on the latched side."""
@@ -188,11 +202,13 @@ class Avoid(Agent):
             self._side = 0.0
 
     def _turn_on_the_spot(self, points: Sequence[Point], heading: float) -> tuple[float, float]:
+        """Turn to the side of the open heading, or the other; if neither goes, back off."""
         sign = self._side or copysign(1.0, heading)
         for direction in (sign, -sign):
             if free_turn(points, direction, OUTLINE, 0.015) > 0.1:
                 return 0.0, direction * self.p.w_stop
-        return 0.0, 0.0
+        behind = free_path([Point(-p.x, p.y) for p in points], 1.0, 0.0, BACKWARDS, 0.05)
+        return (-self.p.v_back, 0.0) if behind > self.p.back_room_m else (0.0, 0.0)
 
     def _onward(self, points: Sequence[Point], wanted: float, v: float) -> tuple[float, float]:
         """What to command in the frame or two until somebody takes over."""
@@ -246,7 +262,7 @@ class Avoid(Agent):
                 max(-p.w_max, min(p.w_max, p.turn_gain * error)),
             )
         share = (left - danger) / max(caution - danger, 1e-6)
-        return p.v_caution + share * ((p.v_max or WHEELS.scale[0]) - p.v_caution), 0.0
+        return p.v_caution + share * ((p.v_max or p.v_top) - p.v_caution), 0.0
 
 
 def _rotated(points: Sequence[Point], heading: float) -> list[Point]:

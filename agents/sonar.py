@@ -2,8 +2,11 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable
-from typing import Any, ClassVar
+from collections.abc import Iterable, Iterator
+from math import atan2, cos, radians, sin
+from typing import Annotated, Any, ClassVar
+
+from msgspec import Meta
 
 from armadico import agent
 from armadico.agent import Agent
@@ -12,11 +15,23 @@ from armadico.agents.methods.local_map import LocalMap, Obstacle, Settings
 from armadico.geometry import Pose2, relative
 from armadico.messages import Message, Obstacles, Point, RobotState, Sonar
 
+Angle = Annotated[float, Meta(ge=0, le=3.1416)]
+Metres = Annotated[float, Meta(ge=0, le=10)]
+
 
 class Parameters(agent.Parameters, frozen=True, kw_only=True):
-    """How the map believes and forgets."""
+    """How the map believes and forgets, and how wide an echo in front is taken to be.
+
+    A sonar hears anything in its cone and the map puts it on the axis: a wall dead ahead becomes
+    two points with a gap between them that the robot would fit through. So what is in front and
+    near is said as an arc, a point on each side of the axis.
+    """
 
     map: Settings = Settings()
+    arc_rad: Angle = radians(8.0)  # to each side
+    arc_within_rad: Angle = radians(45.0)  # of the heading
+    arc_from_m: Metres = 0.25
+    arc_to_m: Metres = 1.6
 
 
 class SonarAgent(Agent):
@@ -55,14 +70,21 @@ class SonarAgent(Agent):
                 front=_point(seen.front()),
                 left=_point(seen.left()),
                 right=_point(seen.right()),
-                points=_points(seen.points()),
+                points=tuple(self._arcs(seen.points())),
             )
         )
+
+    def _arcs(self, obstacles: Iterable[Obstacle]) -> Iterator[Point]:
+        """All points, and both ends of the arc for those in front."""
+        p = self.p
+        c, s = cos(p.arc_rad), sin(p.arc_rad)
+        for o in obstacles:
+            yield Point(o.x, o.y)
+            near = p.arc_from_m < o.distance < p.arc_to_m
+            if near and abs(atan2(o.y, o.x)) < p.arc_within_rad:
+                yield Point(c * o.x - s * o.y, s * o.x + c * o.y)
+                yield Point(c * o.x + s * o.y, c * o.y - s * o.x)
 
 
 def _point(obstacle: Obstacle | None) -> Point | None:
     return None if obstacle is None else Point(obstacle.x, obstacle.y)
-
-
-def _points(obstacles: Iterable[Obstacle]) -> tuple[Point, ...]:
-    return tuple(Point(o.x, o.y) for o in obstacles)

@@ -16,34 +16,42 @@ CLOSE_S: Final = 0.5
 """How long closing may take before it is left to itself."""
 
 
+READ_S: Final = 0.1
+"""How long a read waits; so long may closing take."""
+
+
 class Port(Protocol):
-    """A device's transport. Whatever goes wrong is an OSError."""
+    """An open port. Whatever goes wrong with it is an OSError."""
 
-    def open(self) -> None:
-        """Open it."""
-
-    def read(self) -> bytes:
-        """What has arrived; waits a little for it, and returns nothing if nothing comes."""
+    def read(self, timeout_s: float) -> bytes:
+        """Wait for bytes; none after `timeout_s`."""
 
     def write(self, data: bytes) -> None:
-        """Send."""
+        """Send all of it."""
 
     def close(self) -> None:
-        """Close it; again does no harm."""
+        """Let go; again does no harm."""
 
 
 class Device:
     """Bytes and news of the link go into the inbox; the agent's thread writes."""
 
     def __init__(
-        self, agent: DeviceAgent, port: Port, inbox: Inbox, clock: Callable[[], float]
+        self,
+        agent: DeviceAgent,
+        connect: Callable[[], Port],
+        inbox: Inbox,
+        clock: Callable[[], float],
     ) -> None:
+        """`connect` opens the port, or raises OSError, or ValueError if there can be none."""
         self._agent = agent
-        self._port = port
+        self._connect = connect
+        self._port: Port | None = None
         self._inbox = inbox
         self._clock = clock
         self._stopping = threading.Event()
         self._up: bool | None = None
+        self._failures = 0
         self._broken = ""  # why a write failed, for the reading thread to act upon
         self._thread = threading.Thread(target=self._run, name="port", daemon=True)
 
@@ -59,36 +67,42 @@ class Device:
 
     def write(self, data: bytes) -> None:
         """Send to the device; what it cannot take is lost."""
-        if not self._up:
+        port = self._port
+        if port is None:
             return
         try:
-            self._port.write(data)
+            port.write(data)
         except OSError as error:
             self._broken = f"cannot write: {error}"
 
     def _run(self) -> None:
-        failures = 0
         while not self._stopping.is_set():
             try:
-                self._port.open()
-            except OSError as error:
+                port = self._connect()
+            except (OSError, ValueError) as error:
                 self._link(False, str(error))
-                self._stopping.wait(RETRY_S[min(failures, len(RETRY_S) - 1)])
-                failures += 1
-                continue
-            failures = 0
-            self._broken = ""
-            self._link(True, "")
-            why = self._read()
-            self._link(False, why)
-            self._port.close()
+            else:
+                self._use(port)
+            pause = RETRY_S[min(self._failures, len(RETRY_S) - 1)]
+            self._failures += 1
+            self._stopping.wait(pause)
 
-    def _read(self) -> str:
-        """Read until the port goes; returns why."""
+    def _use(self, port: Port) -> None:
+        """Read an open port until it goes."""
+        self._broken = ""
+        self._port = port
+        self._link(True, "")
+        why = self._read(port)
+        self._port = None
+        self._link(False, why)
+        port.close()
+
+    def _read(self, port: Port) -> str:
         try:
             while not (self._stopping.is_set() or self._broken):
-                data = self._port.read()
+                data = port.read(READ_S)
                 if data:
+                    self._failures = 0  # a port that opens and says nothing is no success
                     self._take(data)
         except OSError as error:
             return str(error)

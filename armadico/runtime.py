@@ -56,7 +56,7 @@ class AgentProcess:
         self,
         agent: Agent,
         mesh: ZenohMesh,
-        port: Port | None = None,
+        connect: Callable[[], Port] | None = None,
         clock: Callable[[], float] = time.monotonic,
     ) -> None:
         self.agent = agent
@@ -65,8 +65,8 @@ class AgentProcess:
         self._clock = clock
         self._stopping = threading.Event()
         self._device: Device | None = None
-        if isinstance(agent, DeviceAgent) and port is not None:
-            self._device = Device(agent, port, self.inbox, clock)
+        if isinstance(agent, DeviceAgent) and connect is not None:
+            self._device = Device(agent, connect, self.inbox, clock)
         self._calls: dict[int, tuple[Call, str]] = {}
         self._call_ids = 0
         self._there: set[tuple[str, str]] = set()
@@ -261,14 +261,14 @@ def installed_version() -> str:
         return "unknown"
 
 
-def serve(agent: Agent, mesh: ZenohMesh, port: Port | None = None) -> NoReturn:
+def serve(agent: Agent, mesh: ZenohMesh, connect: Callable[[], Port] | None = None) -> NoReturn:
     """Run one agent as this process, from joining the mesh to the end of the process.
 
     SIGTERM and SIGINT end it in order, with exit code 0; an exception of the agent's is logged and
     ends it with 1. Either way it is over within `LEAVE_S`, if need be by SIGALRM: neither Zenoh's
     threads nor an agent that hangs can keep it.
     """
-    process = AgentProcess(agent, mesh, port)
+    process = AgentProcess(agent, mesh, connect)
 
     def leave(_signal: int, _frame: FrameType | None) -> None:
         _arm_deadline()

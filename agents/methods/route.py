@@ -14,6 +14,9 @@ BESIDE_M = 0.8
 """or on crossing the line through it, square to the leg, not farther aside than this."""
 
 
+ASIDE = 3.0
+"""Metres that the point to steer to moves on for each metre off the line."""
+
 ORIGIN = Point(0.0, 0.0)
 
 
@@ -63,11 +66,12 @@ class Route:
     def ahead(self, x: float, y: float, distance: float) -> list[Waypoint]:
         """Where to steer to keep to the line: a point on it, then the waypoints after that point.
 
-        The point lies `distance` m further along than the place on the leg nearest to the robot;
-        it is the goal itself where the goal is nearer than that.
+        The point lies `distance` m further along than the place on the leg nearest to the robot,
+        and more the farther aside the robot is: somebody had a reason to leave the line. It is the
+        goal itself where the goal is nearer than that.
         """
         from_x, from_y = self._leg_start()
-        left = distance
+        left = distance + ASIDE * self._aside(x, y)
         for index in range(self.leg, len(self.waypoints)):
             to = self.waypoints[index]
             dx, dy = to.x - from_x, to.y - from_y
@@ -82,6 +86,16 @@ class Route:
             left -= length - along
             from_x, from_y = to.x, to.y
         return list(self.waypoints[-1:])
+
+    def _aside(self, x: float, y: float) -> float:
+        """How far the robot is off the leg's line, m."""
+        from_x, from_y = self._leg_start()
+        to = self.waypoints[self.leg]
+        dx, dy = to.x - from_x, to.y - from_y
+        length = hypot(dx, dy)
+        if length == 0.0:
+            return 0.0
+        return abs((x - from_x) * dy - (y - from_y) * dx) / length
 
     def _leg_start(self) -> tuple[float, float]:
         if self.leg > 0:

@@ -27,6 +27,15 @@ def known_fields(kind: type, path: Sequence[str | int]) -> list[str]:
     return [field.encode_name for field in struct.fields] if struct else []
 
 
+def choices(kind: type, path: Sequence[str | int]) -> list[str]:
+    """The words that a `Literal` field may be, at a path within `kind`."""
+    node = inspect.type_info(kind)
+    for step in path:
+        node = _below(node, step)
+    literals = [option for option in _options(node) if isinstance(option, inspect.LiteralType)]
+    return [str(value) for literal in literals for value in literal.values]
+
+
 def _unknown(data: Any, node: inspect.Type, path: Path) -> Iterator[Path]:
     struct = _struct(node)
     for step, value in _items(data):

@@ -15,7 +15,7 @@ from typing import Any, TypeVar
 import msgspec
 
 from armadico.config.errors import ConfigError, advice
-from armadico.config.fields import known_fields, unknown_field
+from armadico.config.fields import choices, known_fields, unknown_field
 from armadico.config.lines import line_of
 from armadico.config.shipped import find, names, resource_path
 
@@ -165,7 +165,8 @@ def _convert(data: Any, kind: type[T], file: Path | str, text: str, at: tuple[st
         found = _PATH.match(str(error))
         assert found is not None, "the pattern matches anything"
         inner = _steps(found["path"] or "")
-        message = _explain(_value(data, inner), at + inner, found["what"])
+        known = choices(kind, inner)
+        message = _explain(_value(data, inner), at + inner, found["what"], known)
         raise ConfigError(message, file, line_of(text, at + inner)) from None
 
 
@@ -174,8 +175,10 @@ def _steps(path: str) -> tuple[str | int, ...]:
     return tuple(key or int(index) for key, index in _STEP.findall(path))
 
 
-def _explain(value: Any, path: Sequence[str | int], what: str) -> str:
-    """What msgspec says of a value, with the value and its path."""
+def _explain(value: Any, path: Sequence[str | int], what: str, known: Sequence[str]) -> str:
+    """What msgspec says of a value, with the value, its path, and what else it could be."""
+    if what.startswith("Invalid enum value"):
+        return f"{_dotted(path)} = {_quoted(value)}: {advice(str(value), known)}"
     if what.startswith("Object missing required field"):
         where = f" in {_dotted(path)}" if path else ""
         return f"missing key {what.split('`')[1]}{where}"

@@ -8,7 +8,7 @@ from pathlib import Path
 from armadico.config.errors import ConfigError, advice, nearest
 
 SUFFIXES: dict[str, tuple[str, ...]] = {
-    "worlds": (".map", ".yaml"),
+    "worlds": (".map", ".yaml", ".yml"),
     "scenarios": (".toml",),
     "robots": (".toml",),
 }

@@ -159,8 +159,8 @@ class ZenohMesh:
 
         def arrived(sample: zenoh.Sample) -> None:
             key = str(sample.key_expr)
-            if "*" in key or sample.kind != zenoh.SampleKind.PUT:
-                self._refuse(key, "published by wildcard, or a deletion")
+            if "*" in key:
+                self._refuse(key, "published by wildcard")
             else:
                 receiver(key, sample.payload.to_bytes())
 

@@ -101,6 +101,7 @@ class Plant:
         self._dynamics.v = self._dynamics.w = self._sideways = 0.0
         self._margin = 0.0
         self._touching = self.blocked = False
+        self._touched = -inf
 
     # What the robot measures ---------------------------------------------------------------------
 

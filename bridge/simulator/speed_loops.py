@@ -33,7 +33,9 @@ class SpeedLoops:
     """Two PI controllers with a common limit of voltage.
 
     What the limit took away is fed back into both integrators (back-calculation, gain
-    `antiwindup`, 1/s), so they do not wind up while the motors give all they can.
+    `antiwindup`, 1/s), so they do not wind up while the motors give all they can. At rest with no
+    speed asked the integrals are dropped: else a robot that a wall has stopped would push on for
+    ever after it was told to stop, its error being zero.
     """
 
     __slots__ = ("_feasible", "_loop", "_sum_v", "_sum_w", "supply_v")
@@ -58,6 +60,9 @@ class SpeedLoops:
         self, v_set: float, w_set: float, v: float, w: float, dt: float
     ) -> tuple[float, float]:
         """Left and right motor voltages (V) for the next `dt` seconds; speeds in m/s and rad/s."""
+        if v_set == 0.0 == w_set and v == 0.0 == w:
+            self.reset()
+            return 0.0, 0.0
         kp_v, ki_v, kp_w, ki_w, antiwindup = self._loop
         error_v, error_w = v_set - v, w_set - w
         common = kp_v * error_v + self._sum_v

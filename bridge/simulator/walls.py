@@ -41,7 +41,17 @@ class Segments(NamedTuple):
 
     def chosen(self, mask: npt.NDArray[np.bool_]) -> Segments:
         """The walls of a mask."""
-        return Segments(*(column[mask] for column in self))
+        start, along, length, echoes = self
+        return Segments(start[mask], along[mask], length[mask], echoes[mask])
+
+    def joined(self, other: Segments) -> Segments:
+        """These walls and others."""
+        return Segments(
+            np.concatenate((self.start, other.start)),
+            np.concatenate((self.along, other.along)),
+            np.concatenate((self.length, other.length)),
+            np.concatenate((self.echoes, other.echoes)),
+        )
 
 
 class Walls:
@@ -66,7 +76,7 @@ class Walls:
         rows, answers, length = rows[length > 0.0], answers[length > 0.0], length[length > 0.0]
         start, end = rows[:, 0] + 1j * rows[:, 1], rows[:, 2] + 1j * rows[:, 3]
         new = Segments(start, (end - start) / length, length, answers)
-        self._all = Segments(*(np.concatenate(pair) for pair in zip(self._all, new, strict=True)))
+        self._all = self._all.joined(new)
         self._anchor = (inf, inf)
         static = self.space.static_body
         self.space.add(

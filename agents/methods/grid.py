@@ -1,0 +1,230 @@
+"""The grid method: the cheapest way over cells that keep clear of walls (thesis 3.6.2).
+
+Clearance is the exact distance from a cell's centre to the nearest wall. A cell costs its length,
+more where a wall is nearer than the robot likes, and cannot be entered where one is nearer than
+its radius: so paths keep to the middle of what is narrow and go straight where there is room.
+"""
+
+from __future__ import annotations
+
+import heapq
+import math
+from collections.abc import Sequence
+from functools import lru_cache
+from typing import Protocol
+
+import numpy as np
+from armadico.agents.methods.geometry import Placed, Positioned
+from msgspec import Struct
+from numpy.typing import NDArray
+
+Field = NDArray[np.float64]
+Cell = tuple[int, int]
+"""(row, column): rows count along y, columns along x, from the lower left corner."""
+
+Wall = tuple[float, float, float, float]
+"""A segment, (x1, y1, x2, y2), m."""
+
+_DIAGONAL = math.sqrt(2.0)
+
+
+class Walled(Protocol):
+    """What the grid needs of a world."""
+
+    @property
+    def walls(self) -> tuple[Wall, ...]:
+        """Segments, m."""
+
+    @property
+    def bounds(self) -> tuple[float, float, float, float]:
+        """(x1, y1, x2, y2), m: lower left and upper right corners."""
+
+
+class Room(Struct, frozen=True):
+    """How much room the robot wants."""
+
+    radius_m: float = 0.30  # never nearer to a wall: half the body's diagonal
+    preferred_m: float = 0.45  # kept where there is room
+    dislike: float = 8.0  # a metre at the radius costs this much more than one with room
+
+
+class Grid:
+    """Cells over a world's bounds, with the clearance of each."""
+
+    def __init__(self, walls: Sequence[Wall], bounds: Wall, cell_m: float = 0.05) -> None:
+        """Clearance is exact up to 1 m and cut off there."""
+        x1, y1, x2, y2 = bounds
+        self.cell_m, self.horizon_m = cell_m, 1.0
+        self.bounds = bounds
+        self._walls = np.asarray(walls, dtype=np.float64).reshape(-1, 4)
+        columns = max(1, math.ceil((x2 - x1) / cell_m - 1e-9))
+        rows = max(1, math.ceil((y2 - y1) / cell_m - 1e-9))
+        self.xs: Field = x1 + (np.arange(columns, dtype=np.float64) + 0.5) * cell_m
+        self.ys: Field = y1 + (np.arange(rows, dtype=np.float64) + 0.5) * cell_m
+        self.clearance: Field = np.full((rows, columns), self.horizon_m)
+        for wall in self._walls:
+            self._raise(wall)
+
+    def _raise(self, wall: Field) -> None:
+        """Lower the clearance around one wall; only its neighbourhood is looked at."""
+        near = self.horizon_m
+        left, right = np.searchsorted(
+            self.xs, (min(wall[0], wall[2]) - near, max(wall[0], wall[2]) + near)
+        )
+        low, high = np.searchsorted(
+            self.ys, (min(wall[1], wall[3]) - near, max(wall[1], wall[3]) + near)
+        )
+        part = self.clearance[low:high, left:right]
+        xs, ys = self.xs[None, left:right], self.ys[low:high, None]
+        np.minimum(part, _to_segments(xs, ys, wall), out=part)
+
+    def inside(self, place: Positioned) -> bool:
+        """Whether a place lies within the bounds."""
+        x1, y1, x2, y2 = self.bounds
+        return x1 <= place.x <= x2 and y1 <= place.y <= y2
+
+    def cell(self, place: Positioned) -> Cell:
+        """The cell that holds a place, the nearest one for a place outside."""
+        row = int((place.y - self.bounds[1]) / self.cell_m)
+        column = int((place.x - self.bounds[0]) / self.cell_m)
+        rows, columns = self.clearance.shape
+        return min(max(row, 0), rows - 1), min(max(column, 0), columns - 1)
+
+    def centre(self, cell: Cell) -> Placed:
+        """The middle of a cell."""
+        return Placed(float(self.xs[cell[1]]), float(self.ys[cell[0]]))
+
+    def clearance_at(self, place: Positioned) -> float:
+        """Exact distance to the nearest wall, m."""
+        return self.clearance_between(place, place)
+
+    def clearance_between(self, a: Positioned, b: Positioned) -> float:
+        """Exact least distance of a straight way to any wall, m; 0 if it crosses one."""
+        if not len(self._walls):
+            return math.inf
+        walls, way = self._walls, np.array([a.x, a.y, b.x, b.y])
+        if _cross(way, walls).any():
+            return 0.0
+        ends = np.minimum(_to_segments(a.x, a.y, walls.T), _to_segments(b.x, b.y, walls.T))
+        corners = np.minimum(
+            _to_segments(walls[:, 0], walls[:, 1], way), _to_segments(walls[:, 2], walls[:, 3], way)
+        )
+        return float(np.minimum(ends, corners).min())
+
+    def costs(self, room: Room) -> Field:
+        """What a metre costs in each cell: 1 with room, infinite where the robot cannot be.
+
+        Between two free neighbours the way comes nearer to a wall than at both, by at most what
+        half a diagonal does beside a corner: the radius is enlarged by that.
+        """
+        least = math.hypot(room.radius_m, self.cell_m / _DIAGONAL)
+        lack = np.clip(
+            (room.preferred_m - self.clearance) / (room.preferred_m - room.radius_m), 0.0, 1.0
+        )
+        return np.where(self.clearance >= least, 1.0 + room.dislike * lack**2, np.inf)
+
+    def window(self, x1: float, y1: float, x2: float, y2: float) -> tuple[slice, slice]:
+        """The cells with centres in a rectangle, as row and column slices."""
+        low, high = np.searchsorted(self.ys, (y1, y2))
+        left, right = np.searchsorted(self.xs, (x1, x2))
+        return slice(int(low), int(high)), slice(int(left), int(right))
+
+    def cost_between(self, costs: Field, a: Positioned, b: Positioned) -> float:
+        """What a straight way costs, summed over samples half a cell apart."""
+        length = math.hypot(b.x - a.x, b.y - a.y)
+        count = max(1, math.ceil(2.0 * length / self.cell_m))
+        along = (np.arange(count) + 0.5) / count
+        rows = ((a.y + along * (b.y - a.y) - self.bounds[1]) / self.cell_m).astype(np.intp)
+        columns = ((a.x + along * (b.x - a.x) - self.bounds[0]) / self.cell_m).astype(np.intp)
+        return float(costs[rows, columns].mean()) * length
+
+
+@lru_cache(maxsize=8)
+def grid_of(walls: tuple[Wall, ...], bounds: Wall, cell_m: float) -> Grid:
+    """The grid of a world; plans in the same world share it."""
+    return Grid(walls, bounds, cell_m)
+
+
+def search(costs: Field, start: Cell, goal: Cell) -> tuple[list[Cell], float] | None:
+    """A*: the cheapest way between two cells over the eight neighbours.
+
+    Args:
+        costs: What a metre costs in each cell, at least 1; infinite is blocked. A step costs its
+            length times the mean of both cells.
+        start: First cell of the way.
+        goal: Last cell of the way.
+
+    Returns:
+        The cells in order and the cost in cell lengths, or None if there is no way. Equal costs
+        are decided by the cells' order, so the answer is always the same.
+    """
+    width = costs.shape[1] + 2
+    price: list[float] = np.pad(costs, 1, constant_values=np.inf).ravel().tolist()
+    bound = _octile(costs.shape, goal)
+    source, target = ((row + 1) * width + column + 1 for row, column in (start, goal))
+    if math.isinf(price[source]) or math.isinf(price[target]):
+        return None
+    steps = (
+        *((offset, 0.5) for offset in (-width, -1, 1, width)),
+        *((offset, 0.5 * _DIAGONAL) for offset in (-width - 1, 1 - width, width - 1, width + 1)),
+    )
+    best = [math.inf] * len(price)
+    came = [0] * len(price)
+    best[source] = 0.0
+    queue = [(bound[source], source)]
+    done = bytearray(len(price))
+    while queue:
+        _, here = heapq.heappop(queue)
+        if here == target:
+            return _trace(came, source, target, width), best[target]
+        if done[here]:
+            continue
+        done[here] = 1
+        so_far, own = best[here], price[here]
+        for offset, half in steps:
+            there = here + offset
+            cost = so_far + half * (own + price[there])
+            if cost < best[there]:
+                best[there] = cost
+                came[there] = here
+                heapq.heappush(queue, (cost + bound[there], there))
+    return None
+
+
+def _octile(shape: tuple[int, ...], goal: Cell) -> list[float]:
+    """A lower bound of the cost from each cell of the padded grid: eight directions, no walls."""
+    rows = np.abs(np.arange(-1, shape[0] + 1) - goal[0])[:, None]
+    columns = np.abs(np.arange(-1, shape[1] + 1) - goal[1])[None, :]
+    bound = np.maximum(rows, columns) + (_DIAGONAL - 1.0) * np.minimum(rows, columns)
+    values: list[float] = bound.ravel().tolist()
+    return values
+
+
+def _trace(came: list[int], source: int, target: int, width: int) -> list[Cell]:
+    way = [target]
+    while way[-1] != source:
+        way.append(came[way[-1]])
+    return [(index // width - 1, index % width - 1) for index in reversed(way)]
+
+
+def _to_segments(x: Field | float, y: Field | float, segment: Field) -> Field:
+    """Distance of points to segments given by rows x1, y1, x2, y2; shapes broadcast."""
+    x1, y1, x2, y2 = segment
+    dx, dy = x2 - x1, y2 - y1
+    square = dx * dx + dy * dy
+    along = ((x - x1) * dx + (y - y1) * dy) / np.where(square > 0.0, square, 1.0)
+    along = np.clip(along, 0.0, 1.0)
+    away: Field = np.hypot(x - x1 - along * dx, y - y1 - along * dy)
+    return away
+
+
+def _cross(way: Field, walls: Field) -> NDArray[np.bool_]:
+    """Which walls a way crosses properly; touching ones have an end at distance 0."""
+    ax, ay, bx, by = way
+    x1, y1, x2, y2 = walls.T
+    first = (bx - ax) * (y1 - ay) - (by - ay) * (x1 - ax)
+    second = (bx - ax) * (y2 - ay) - (by - ay) * (x2 - ax)
+    third = (x2 - x1) * (ay - y1) - (y2 - y1) * (ax - x1)
+    fourth = (x2 - x1) * (by - y1) - (y2 - y1) * (bx - x1)
+    crossed: NDArray[np.bool_] = (first * second < 0.0) & (third * fourth < 0.0)
+    return crossed

@@ -1,0 +1,154 @@
+"""The mesh for command-line tools: listen, ask, wait; one thread, nothing to declare."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Callable
+from typing import TYPE_CHECKING, Final, TypeVar, cast
+
+from armadico.inbox import Inbox
+from armadico.messages import Ask, Card, Message
+from armadico.services import CARD, Kind, service_of
+
+if TYPE_CHECKING:
+    from armadico.mesh.zenoh import ZenohMesh
+
+M = TypeVar("M", bound=Message)
+T = TypeVar("T")
+
+AGAIN_S: Final = 0.1
+"""A query that nobody is there to answer is put again after this."""
+
+QUIET_S: Final = 0.3
+"""Nobody new for so long, and everybody who is there is taken to be known."""
+
+
+class Client:
+    """A guest on the mesh: it has no token, and agents do not see it."""
+
+    def __init__(self, mesh: ZenohMesh) -> None:
+        self.mesh = mesh
+        self.alive: set[tuple[str, str]] = set()  # (name, instance) of the tokens that are there
+        self._inbox = Inbox()
+        self._latest: dict[type[Message], tuple[Message, float]] = {}
+        self._changed_at = time.monotonic()
+        mesh.watch_alive(self._token)
+
+    def listen(self, *kinds: type[Message]) -> None:
+        """Keep the latest message of each kind."""
+        for kind in kinds:
+            self._listen(kind)
+
+    def latest(self, kind: type[M]) -> M | None:
+        """The newest message of a kind that was listened for."""
+        message, _ = self._latest.get(kind, (None, 0.0))
+        return cast("M | None", message)
+
+    def age(self, kind: type[Message]) -> float:
+        """Seconds since the newest message of a kind came; infinite if none did."""
+        found = self._latest.get(kind)
+        return float("inf") if found is None else time.monotonic() - found[1]
+
+    def publish(self, message: Message) -> None:
+        """Say something on its service's key."""
+        self.mesh.publish(service_of(type(message)).key, message)
+
+    def wait_for(self, condition: Callable[[], T | None], timeout: float) -> T | None:
+        """What a condition gives as soon as that is true, asked after everything that arrives.
+
+        Returns its last value if that does not happen within `timeout` (s).
+        """
+        deadline = time.monotonic() + timeout
+        while not (value := condition()):
+            left = deadline - time.monotonic()
+            if left <= 0:
+                return value
+            self._take(left)
+        return value
+
+    def ask(self, request: Message, timeout: float) -> Message | None:
+        """The first answer to a query; None if nobody gave one within `timeout` (s).
+
+        As long as nobody is there to answer, it asks again: links come up in the background.
+        """
+        service = service_of(type(request))
+        assert service.reply is not None, f"{service.key} is not a query"
+        deadline = time.monotonic() + timeout
+        while (left := deadline - time.monotonic()) > 0:
+            replies = self._ask(service.key, request, service.reply, left, enough=1)
+            if replies:
+                return next(iter(replies.values()))
+            self.wait_for(lambda: None, min(AGAIN_S, left))
+        return None
+
+    def cards(self, timeout: float = 1.0) -> dict[tuple[str, str], Card | None]:
+        """The cards of everybody whose token is there; None for who does not answer in time."""
+        self.settle()
+        everybody = CARD.key_for(name="*", instance="*")
+        replies = self._ask(everybody, Ask(), Card, timeout, enough=len(self.alive))
+        found = {(card.name, card.instance): card for card in replies.values()}
+        return {who: found.get(who) for who in sorted(self.alive)}
+
+    def settle(self, timeout: float = 2.0) -> None:
+        """Wait until the links are up and no token has come or gone for a while."""
+
+        def quiet() -> bool:
+            return time.monotonic() - self._changed_at >= QUIET_S
+
+        deadline = time.monotonic() + timeout
+        while not quiet() and time.monotonic() < deadline:
+            self._take(QUIET_S)
+
+    # Inside --------------------------------------------------------------------------------------
+
+    def _take(self, timeout: float) -> None:
+        item = self._inbox.take(timeout)
+        if item is not None:
+            item()
+
+    def _listen(self, kind: type[Message]) -> None:
+        service = service_of(kind)
+
+        def arrived(key: str, data: bytes) -> None:
+            def deliver() -> None:
+                message = self.mesh.read(kind, key, data)
+                if message is not None:
+                    self._latest[kind] = (message, time.monotonic())
+
+            if service.kind is Kind.STATE:
+                self._inbox.put_state(key, deliver)
+            else:
+                self._inbox.put_event(deliver)
+
+        self.mesh.subscribe(service.pattern, arrived)
+
+    def _token(self, name: str, instance: str, there: bool) -> None:
+        def deliver() -> None:
+            who = (name, instance)
+            if there != (who in self.alive):
+                (self.alive.add if there else self.alive.discard)(who)
+                self._changed_at = time.monotonic()
+
+        self._inbox.put_event(deliver)
+
+    def _ask(
+        self, key: str, request: Message, reply: type[M], timeout: float, enough: int
+    ) -> dict[str, M]:
+        """Replies by key, until there are enough, everybody has answered, or time is up."""
+        replies: dict[str, M] = {}
+        over: list[bool] = []
+
+        def each(where: str, data: bytes) -> None:
+            def deliver() -> None:
+                message = self.mesh.read(reply, where, data)
+                if message is not None:
+                    replies[where] = message
+
+            self._inbox.put_event(deliver)
+
+        def done() -> None:
+            self._inbox.put_event(lambda: over.append(True))
+
+        self.mesh.ask(key, request, timeout, each, done)
+        self.wait_for(lambda: len(replies) >= enough or bool(over), timeout)
+        return replies

@@ -1,0 +1,198 @@
+"""ARIA and MobileSim `.map` files, read (`armadico.config.mapwriter` writes them).
+
+They are in millimetres and degrees; a `World` is in SI units.
+
+What is read: the header (`LineMinPos:`, `LineMaxPos:`, `NumLines:`), `LINES`, and these `Cairn:`
+lines, which are `Cairn: TYPE X Y DEGREES "DESCRIPTION" ICON "NAME" [X1 Y1 X2 Y2]`:
+
+| type | meaning |
+| --- | --- |
+| `RobotHome` | where the robot starts |
+| `Goal`, `GoalWithHeading` | a named goal; the heading of the former is 0 |
+| `ArmadicoRoom` | a room: NAME and its rectangle |
+| `ArmadicoDoor` | a door: NAME, its middle, and the DESCRIPTION is its two rooms, `"A corridor"` |
+
+The last two are ours: other programs skip types that they do not know. So do we: everything else
+(forbidden lines, docks, laser points after `DATA`) is passed over. ARIA cuts a line at `;` or `#`,
+and so these begin a comment here too, from the second line on: the first must be `2D-Map`.
+"""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Callable, Mapping, Sequence
+from math import isfinite, radians
+from pathlib import Path
+
+from msgspec import Struct
+
+from armadico.config.errors import ConfigError, advice
+from armadico.config.loading import read_text
+from armadico.config.worlds import Door, Pose, Room, Segment, World, check_door, hull
+
+LIMIT_M = 1e4
+"""No coordinate of a map may be larger."""
+
+_WORD = re.compile(r'"([^"]*)"|(\S+)')
+
+
+def read_map(path: Path | str) -> World:
+    """The world in an ARIA `.map` file. Raises ConfigError with file and line."""
+    return parse_map(read_text(path), Path(path).stem, path)
+
+
+def parse_map(text: str, name: str, file: Path | str = "<text>") -> World:
+    """The world in the text of a `.map` file. Raises ConfigError with the line."""
+    lines = text.splitlines()
+    if not lines or lines[0].strip() != "2D-Map":
+        raise ConfigError("not an ARIA map; expected 2D-Map in the first line", file, 1)
+    reader = _Reader()
+    for number, line in enumerate(lines[1:], start=2):
+        try:
+            reader.line(re.split("[;#]", line, maxsplit=1)[0].strip(), number)
+        except ConfigError as error:
+            raise ConfigError(error.message, file, number) from None
+    return reader.finish(name, file)
+
+
+class _Cairn(Struct, frozen=True):
+    """One `Cairn:` line."""
+
+    kind: str
+    pose: Pose
+    description: str
+    name: str
+    rest: list[str]
+    line: int
+
+
+class _Reader:
+    """What has been read of a map so far."""
+
+    def __init__(self) -> None:
+        self.section = ""
+        self.corners: list[float] = []
+        self.announced: tuple[int, int] | None = None  # NumLines and where it stands
+        self.walls: list[Segment] = []
+        self.start: Pose | None = None
+        self.goals: dict[str, Pose] = {}
+        self.rooms: dict[str, Room] = {}
+        self.doors: dict[str, tuple[Door, int]] = {}
+
+    def line(self, line: str, number: int) -> None:
+        words = [quoted or plain for quoted, plain in _WORD.findall(line)]
+        if not words:
+            return
+        if words[0] in ("LINES", "DATA"):
+            self.section = words[0]
+        elif words[0] == "Cairn:":
+            self.cairn(words[1:], number)
+        elif words[0] in ("LineMinPos:", "LineMaxPos:"):
+            self.corners += _metres(_count(words[1:], 2, "X Y in mm"))
+        elif words[0] == "NumLines:":
+            self.announced = int(_number(_count(words[1:], 1, "a number of lines")[0])), number
+        elif self.section == "LINES" and not words[0].endswith(":"):
+            x1, y1, x2, y2 = _metres(_count(words, 4, "X1 Y1 X2 Y2 in mm"))
+            self.walls.append((x1, y1, x2, y2))
+        elif self.section != "DATA" and not words[0].endswith(":"):
+            raise ConfigError(f"{line!r}: expected `Keyword: ...`, LINES or DATA")
+
+    def cairn(self, words: list[str], line: int) -> None:
+        kind = words[0] if words else ""
+        if kind.startswith("Armadico") and kind not in CAIRNS:
+            raise ConfigError(f"unknown type {kind!r}; {advice(kind, CAIRNS)}")
+        if kind not in CAIRNS:
+            return
+        if len(words) < 7:
+            raise ConfigError(f'expected Cairn: {kind} X Y DEGREES "" ICON "NAME"')
+        x, y = _metres(words[1:3])
+        pose = x, y, radians(_number(words[3]))
+        CAIRNS[kind](self, _Cairn(kind, pose, words[4], words[6], words[7:], line))
+
+    def home(self, cairn: _Cairn) -> None:
+        if self.start is None:  # a map may have several homes: the first is where we start
+            self.start = cairn.pose
+
+    def goal(self, cairn: _Cairn) -> None:
+        x, y, heading = cairn.pose
+        _refuse_twice(cairn, self.goals)
+        self.goals[cairn.name] = (x, y, heading if cairn.kind == "GoalWithHeading" else 0.0)
+
+    def room(self, cairn: _Cairn) -> None:
+        x1, y1, x2, y2 = _metres(_count(cairn.rest, 4, "X1 Y1 X2 Y2 in mm after the name"))
+        if cairn.pose[2] != 0.0:
+            raise ConfigError(f"room {cairn.name!r} is turned; expected 0 degrees")
+        if x1 >= x2 or y1 >= y2:
+            raise ConfigError(f"room {cairn.name!r}: expected X1 < X2 and Y1 < Y2")
+        _refuse_twice(cairn, self.rooms)
+        self.rooms[cairn.name] = Room(cairn.name, x1, y1, x2, y2)
+
+    def door(self, cairn: _Cairn) -> None:
+        rooms = cairn.description.split()
+        if len(rooms) != 2:
+            raise ConfigError(
+                f"door {cairn.name!r}: the description is {cairn.description!r}; "
+                'expected its two rooms, "A corridor"'
+            )
+        _refuse_twice(cairn, self.doors)
+        door = Door(cairn.name, rooms[0], rooms[1], cairn.pose[0], cairn.pose[1])
+        self.doors[cairn.name] = door, cairn.line
+
+    def finish(self, name: str, file: Path | str) -> World:
+        if self.announced is not None and self.announced[0] != len(self.walls):
+            message = f"NumLines: {self.announced[0]}, but there are {len(self.walls)} LINES"
+            raise ConfigError(message, file, self.announced[1])
+        for door, number in self.doors.values():
+            try:
+                check_door(door, self.rooms)
+            except ConfigError as error:
+                raise ConfigError(error.message, file, number) from None
+        walls = tuple(self.walls)
+        doors = tuple(door for door, _ in self.doors.values())
+        rooms = tuple(self.rooms.values())
+        return World(name, walls, self._bounds(walls), self.start, self.goals, rooms, doors)
+
+    def _bounds(self, walls: tuple[Segment, ...]) -> Segment:
+        """The header's corners, and whatever sticks out of them."""
+        corners = [tuple(self.corners[i : i + 2]) for i in range(0, len(self.corners), 2)]
+        points = tuple((x, y, x, y) for x, y in corners)
+        return hull(points + walls)
+
+
+CAIRNS: dict[str, Callable[[_Reader, _Cairn], None]] = {
+    "RobotHome": _Reader.home,
+    "Goal": _Reader.goal,
+    "GoalWithHeading": _Reader.goal,
+    "ArmadicoRoom": _Reader.room,
+    "ArmadicoDoor": _Reader.door,
+}
+"""The types of cairn that are read, and by what."""
+
+
+def _metres(words: Sequence[str]) -> list[float]:
+    metres = [_number(word) / 1000.0 for word in words]
+    for word, value in zip(words, metres, strict=True):
+        if abs(value) > LIMIT_M:
+            raise ConfigError(f"{word}: expected millimetres within {LIMIT_M:g} m")
+    return metres
+
+
+def _number(word: str) -> float:
+    try:
+        value = float(word)
+    except ValueError:
+        raise ConfigError(f"{word!r}: expected a number") from None
+    if not isfinite(value):
+        raise ConfigError(f"{word!r}: expected a finite number")
+    return value
+
+
+def _count(words: list[str], count: int, expected: str) -> list[str]:
+    if len(words) < count:
+        raise ConfigError(f"{' '.join(words)!r}: expected {expected}")
+    return words[:count]
+
+
+def _refuse_twice(cairn: _Cairn, known: Mapping[str, object]) -> None:
+    if cairn.name in known:
+        raise ConfigError(f"{cairn.kind} {cairn.name!r} is there twice; expected another name")

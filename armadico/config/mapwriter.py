@@ -1,0 +1,55 @@
+"""Writing ARIA `.map` files, so that a world that a program made can be kept and edited."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Sequence
+from math import degrees
+from pathlib import Path
+
+from armadico.config.errors import ConfigError
+from armadico.config.worlds import Pose, World
+
+_UNFIT = re.compile(r'["#;\x00-\x1f\x7f-\x9f\u2028\u2029]')
+
+
+def write_map(world: World, path: Path | str, comments: Sequence[str] = ()) -> None:
+    """Save a world as a `.map` that ARIA and MobileSim read. Coordinates are rounded to 1 mm."""
+    Path(path).write_text(format_map(world, comments), encoding="utf-8")
+
+
+def format_map(world: World, comments: Sequence[str] = ()) -> str:
+    """The text of a `.map` file. Raises ConfigError for a name that the format cannot hold."""
+    x1, y1, x2, y2 = _millimetres(world.bounds)
+    lines = ["2D-Map", *(f"# {comment}" for comment in comments)]
+    lines += [f"LineMinPos: {x1} {y1}", f"LineMaxPos: {x2} {y2}", f"NumLines: {len(world.walls)}"]
+    if world.start is not None:
+        lines.append(_cairn("RobotHome", world.start, "", "RobotHome"))
+    lines += [_cairn("GoalWithHeading", pose, "", name) for name, pose in world.goals.items()]
+    for room in world.rooms:
+        corners = _millimetres((room.x1, room.y1, room.x2, room.y2))
+        cairn = _cairn("ArmadicoRoom", (0.0, 0.0, 0.0), "", _one_word(room.name))
+        lines.append(" ".join([cairn, *map(str, corners)]))
+    for door in world.doors:
+        rooms = f"{_one_word(door.room_a)} {_one_word(door.room_b)}"
+        lines.append(_cairn("ArmadicoDoor", (door.x, door.y, 0.0), rooms, door.name))
+    lines += ["LINES", *(" ".join(map(str, _millimetres(wall))) for wall in world.walls), "DATA"]
+    return "\n".join(lines) + "\n"
+
+
+def _cairn(kind: str, pose: Pose, description: str, name: str) -> str:
+    if not name or _UNFIT.search(name):
+        raise ConfigError(f"name {name!r}: a .map file cannot hold this; expected no quote, # or ;")
+    x, y = _millimetres(pose[:2])
+    heading = round(degrees(pose[2]), 6) + 0.0  # + 0.0: no -0
+    return f'Cairn: {kind} {x} {y} {heading:.6f} "{description}" ICON "{name}"'
+
+
+def _one_word(name: str) -> str:
+    if len(name.split()) != 1 or name != name.strip():
+        raise ConfigError(f"room {name!r}: a .map file wants one word, so that doors can name it")
+    return name
+
+
+def _millimetres(values: Sequence[float]) -> list[int]:
+    return [round(value * 1000.0) for value in values]

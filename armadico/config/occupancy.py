@@ -1,0 +1,130 @@
+"""Maps of a ROS map_server: a small YAML file and an image. Occupied cells become walls.
+
+The YAML is flat, `key: value`, so a few lines read it and no YAML library is needed. Pixels are
+judged as map_server does in its trinary mode; unknown cells are not walls.
+"""
+
+from __future__ import annotations
+
+from math import cos, isfinite, sin
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+from PIL import Image
+
+from armadico.config.errors import ConfigError, advice
+from armadico.config.loading import read_text
+from armadico.config.worlds import Segment, World, hull
+
+Fields = dict[str, tuple[str, int]]
+"""What a key says, and in which line."""
+
+REQUIRED = ("image", "resolution", "origin")
+OPTIONAL = {"negate": "0", "occupied_thresh": "0.65", "free_thresh": "0.196", "mode": "trinary"}
+MAX_PIXELS = 100_000_000
+
+
+def read_occupancy(path: Path | str) -> World:
+    """The world in a map_server's YAML file and its image. Raises ConfigError with the line."""
+    file = Path(path)
+    fields = _fields(read_text(file), file)
+    resolution = _numbers(fields, "resolution", 1, file)[0]
+    if not 1e-4 <= resolution <= 10.0:
+        raise _wrong(fields, "resolution", "metres for one pixel, 0.0001 to 10", file)
+    origin = _numbers(fields, "origin", 3, file)
+    occupied = _occupied(_image(fields, file), fields, file)
+    walls = tuple(_place(edge, resolution, origin) for edge in _edges(occupied))
+    rows, columns = occupied.shape
+    frame = ((0, 0, columns, 0), (columns, 0, columns, rows), (columns, rows, 0, rows))
+    bounds = hull(tuple(_place(edge, resolution, origin) for edge in frame))
+    return World(file.stem, walls, bounds)
+
+
+def _fields(text: str, file: Path) -> Fields:
+    fields: Fields = {}
+    for number, line in enumerate(text.splitlines(), start=1):
+        content = line.split(" #")[0].strip()
+        if not content or content.startswith(("#", "---")):
+            continue
+        key, colon, value = content.partition(":")
+        if not colon:
+            raise ConfigError(f"{content!r}: expected `key: value`", file, number)
+        if key.strip() in (*REQUIRED, *OPTIONAL):
+            fields[key.strip()] = value.strip().strip("'\""), number
+    for key in REQUIRED:
+        if key not in fields:
+            raise ConfigError(f"missing key {key}; a map needs {', '.join(REQUIRED)}", file, 1)
+    return {key: (value, 1) for key, value in OPTIONAL.items()} | fields
+
+
+def _numbers(fields: Fields, key: str, count: int, file: Path) -> list[float]:
+    words = fields[key][0].strip("[]").split(",")
+    try:
+        numbers = [float(word) for word in words]
+    except ValueError:
+        numbers = []
+    if len(numbers) != count or not all(map(isfinite, numbers)):
+        expected = "a number" if count == 1 else "[x, y, yaw] in metres and radians"
+        raise _wrong(fields, key, expected, file)
+    return numbers
+
+
+def _wrong(fields: Fields, key: str, expected: str, file: Path) -> ConfigError:
+    value, line = fields[key]
+    return ConfigError(f"{key}: {value}: expected {expected}", file, line)
+
+
+def _image(fields: Fields, file: Path) -> NDArray[np.uint8]:
+    """The pixels, grey, the bottom row first."""
+    path = file.parent / fields["image"][0]
+    if not path.is_file():
+        beside = [p.name for p in file.parent.iterdir() if p.suffix in (".pgm", ".png")]
+        raise _wrong(fields, "image", f"an image here; {advice(path.name, beside)}", file)
+    try:
+        with Image.open(path) as image:
+            if image.width * image.height > MAX_PIXELS:
+                raise _wrong(fields, "image", f"at most {MAX_PIXELS} pixels", file)
+            return np.flipud(np.asarray(image.convert("L")))
+    except (OSError, SyntaxError, ValueError):
+        raise _wrong(fields, "image", "a PGM or PNG image that can be read", file) from None
+
+
+def _occupied(pixels: NDArray[np.uint8], fields: Fields, file: Path) -> NDArray[np.bool_]:
+    if fields["mode"][0] not in ("trinary", "scale"):
+        raise _wrong(fields, "mode", "trinary or scale", file)
+    if fields["negate"][0] not in ("0", "1", "false", "true"):
+        raise _wrong(fields, "negate", "0 or 1", file)
+    threshold = _numbers(fields, "occupied_thresh", 1, file)[0]
+    dark = pixels / 255.0
+    if fields["negate"][0] in ("0", "false"):
+        dark = 1.0 - dark
+    return np.asarray(dark > threshold)
+
+
+def _edges(occupied: NDArray[np.bool_]) -> list[tuple[int, int, int, int]]:
+    """The border of the occupied cells, in cells, in runs as long as they go."""
+    padded = np.pad(occupied, 1)
+    across = padded[1:, 1:-1] != padded[:-1, 1:-1]  # between a row and the one below it
+    upright = (padded[1:-1, 1:] != padded[1:-1, :-1]).T
+    level = [(first, row, last, row) for row, first, last in _runs(across)]
+    return level + [(column, first, column, last) for column, first, last in _runs(upright)]
+
+
+def _runs(edges: NDArray[np.bool_]) -> list[tuple[int, int, int]]:
+    """(line, first, last) of every run of edges; `last` is where the next cell begins."""
+    steps = np.diff(np.pad(edges, ((0, 0), (1, 1))).astype(np.int8), axis=1)
+    first, last = np.argwhere(steps == 1), np.argwhere(steps == -1)
+    both: list[Any] = list(zip(first.tolist(), last.tolist(), strict=True))
+    return [(start[0], start[1], end[1]) for start, end in both]
+
+
+def _place(edge: tuple[int, int, int, int], resolution: float, origin: list[float]) -> Segment:
+    """An edge in cells, in the map's frame."""
+    c, s = cos(origin[2]), sin(origin[2])
+    points: list[float] = []
+    for column, row in (edge[:2], edge[2:]):
+        x, y = column * resolution, row * resolution
+        points += [origin[0] + c * x - s * y, origin[1] + s * x + c * y]
+    return points[0], points[1], points[2], points[3]

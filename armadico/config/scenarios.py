@@ -1,0 +1,152 @@
+"""Scenarios: a world, where the robot starts, where it is sent, and who takes part.
+
+Scenario files are what people write and read, so poses are in metres and **degrees** here; the
+experiments are those of the thesis's chapter 5.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from math import degrees
+from pathlib import Path
+from typing import Annotated, Literal
+
+from msgspec import Meta, Struct
+from msgspec.structs import replace
+
+from armadico.config.errors import ConfigError, advice
+from armadico.config.lines import line_of
+from armadico.config.loading import parse, read_text
+from armadico.config.shipped import find
+from armadico.config.worlds import World, load_world
+
+Metres = Annotated[float, Meta(ge=-1e4, le=1e4)]
+Degrees = Annotated[float, Meta(ge=-360, le=360)]
+PoseDeg = tuple[Metres, Metres, Degrees]
+"""x, y in m and a heading in degrees."""
+
+SOCIETY = ("encoder", "sonar", "goto", "avoid", "gothrough", "path-planning", "interface")
+"""Everybody who takes part unless a scenario says otherwise; the robot agent always does."""
+
+Key = tuple[str | int, ...]
+"""Where a value is in a scenario file."""
+
+ROBOT_RADIUS_M = 0.30
+"""Half the diagonal of a Pioneer 2DX, and a little: what a pose must be clear of walls by."""
+
+
+class Scenario(Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):
+    """One run, whatever it runs on."""
+
+    title: str = ""
+    world: str
+    start: PoseDeg
+    goal: PoseDeg
+    waypoints: tuple[PoseDeg, ...] = ()
+    """On the way to the goal; used with plan = "waypoints" only."""
+    plan: Literal["direct", "waypoints", "rooms"] = "direct"
+    """Straight to the goal, over the waypoints, or as the path planning agent says."""
+    agents: tuple[str, ...] = SOCIETY
+    robot: str = "pioneer-2dx"
+    sensors: str = "ideal"
+    v_max: Annotated[float, Meta(gt=0, le=10)] | None = None
+    """A speed limit of this scenario, m/s; none: the agents' own."""
+    seed: Annotated[int, Meta(ge=0, lt=2**63)] = 0
+    name: str = ""
+    """What it is called: the file's name, unless it is given."""
+
+
+def load_scenario(name_or_path: str | Path, radius: float = ROBOT_RADIUS_M) -> Scenario:
+    """A shipped scenario by its name, or a TOML file. Raises ConfigError with file and line.
+
+    A world that is a file is looked for beside the scenario's. Every pose must be in the world and
+    at least `radius` (m) from its walls.
+    """
+    path = find("scenarios", name_or_path)
+    text = read_text(path)
+    scenario = parse(text, Scenario, path)
+    beside = path.parent / scenario.world
+    if beside.suffix and beside.is_file():
+        scenario = replace(scenario, world=str(beside.resolve()))
+    world = _world(scenario, path, text)
+    for key, message in _faults(scenario, world, radius):
+        raise ConfigError(message, path, line_of(text, key))
+    return replace(scenario, name=scenario.name or path.stem)
+
+
+def _world(scenario: Scenario, path: Path, text: str) -> World:
+    try:
+        return load_world(scenario.world)
+    except ConfigError as error:
+        if error.file is not None:  # the fault is within the world's file
+            raise
+        raise ConfigError(error.message, path, line_of(text, ("world",))) from None
+
+
+def scenario_from(
+    world: str | Path,
+    start: PoseDeg | None = None,
+    goal: PoseDeg | str | None = None,
+    radius: float = ROBOT_RADIUS_M,
+) -> Scenario:
+    """A scenario of the command line: a world, and from where to where. Raises ConfigError.
+
+    Without a start it is the world's own (`RobotHome`); a goal may be the name of one of the
+    world's goals, and without any the robot stays where it is. Worlds with rooms are planned.
+    """
+    place = load_world(world)
+    begin = start if start is not None else _home(place)
+    end = _goal(place, goal) if isinstance(goal, str) else goal or begin
+    scenario = Scenario(
+        name=place.name,
+        title=f"{place.name}: from the command line",
+        world=str(world),
+        start=begin,
+        goal=end,
+        plan="rooms" if place.rooms else "direct",
+    )
+    for _, message in _faults(scenario, place, radius):
+        raise ConfigError(message)
+    return scenario
+
+
+def _home(world: World) -> PoseDeg:
+    if world.start is None:
+        raise ConfigError(f"world {world.name!r} has no start; give one as X Y DEGREES")
+    x, y, theta = world.start
+    return x, y, round(degrees(theta), 6)
+
+
+def _goal(world: World, name: str) -> PoseDeg:
+    if name not in world.goals:
+        raise ConfigError(f"no goal {name!r} in {world.name!r}; {advice(name, world.goals)}")
+    x, y, theta = world.goals[name]
+    return x, y, round(degrees(theta), 6)
+
+
+def _faults(scenario: Scenario, world: World, radius: float) -> Iterator[tuple[Key, str]]:
+    """What is wrong with a scenario, and with which key."""
+    for key, pose in (("start", scenario.start), ("goal", scenario.goal)):
+        yield from _misplaced(world, (key,), pose, radius)
+    for index, pose in enumerate(scenario.waypoints):
+        yield from _misplaced(world, ("waypoints", index), pose, radius)
+    for agent in scenario.agents:
+        if scenario.agents.count(agent) > 1:
+            yield ("agents",), f"agent {agent!r} is there twice; expected once"
+    if scenario.plan == "waypoints" and not scenario.waypoints:
+        message = 'plan = "waypoints", but there are none; give waypoints = [[x, y, degrees], ...]'
+        yield ("plan",), message
+
+
+def _misplaced(world: World, key: Key, pose: PoseDeg, radius: float) -> Iterator[tuple[Key, str]]:
+    x, y, _ = pose
+    what = f"waypoint {key[-1] + 1}" if isinstance(key[-1], int) else key[-1]
+    at = f"{what} ({x:g}, {y:g})"
+    clearance = world.clearance(x, y)
+    if not world.inside(x, y):
+        x1, y1, x2, y2 = world.bounds
+        span = f"x {x1:g} to {x2:g}, y {y1:g} to {y2:g}"
+        yield key, f"{at} is outside the world {world.name!r}; expected {span}"
+    elif clearance < radius:
+        expected = f"expected at least {radius:.2f} m"
+        yield key, f"{at} is {clearance:.2f} m from a wall of {world.name!r}; {expected}"

@@ -1,0 +1,124 @@
+"""Worlds: walls, rooms and doors, where a robot starts and where it may go. SI units, REP-103.
+
+A world is read from an ARIA `.map` (`armadico.config.maps`) or from a ROS map_server's `.yaml` and
+image (`armadico.config.occupancy`). Walls are thin: a column is four of them.
+"""
+
+from __future__ import annotations
+
+from importlib import import_module
+from math import hypot, inf
+from pathlib import Path
+
+from msgspec import Struct
+
+from armadico.config.errors import ConfigError, advice
+from armadico.config.shipped import find
+
+Segment = tuple[float, float, float, float]
+"""x1, y1, x2, y2, m."""
+
+Pose = tuple[float, float, float]
+"""x, y in m and a heading in rad."""
+
+DOOR_REACH_M = 0.3
+"""How far from a room its door may be: walls have a thickness in some maps."""
+
+
+READERS = {
+    ".map": ("armadico.config.maps", "read_map"),
+    ".yaml": ("armadico.config.occupancy", "read_occupancy"),
+    ".yml": ("armadico.config.occupancy", "read_occupancy"),
+}
+"""Who reads a file, by its suffix; imported when needed, since images need numpy and Pillow."""
+
+
+class Room(Struct, frozen=True):
+    """A rectangle that people have a name for: an office, a corridor. x1 < x2 and y1 < y2, m."""
+
+    name: str
+    x1: float
+    y1: float
+    x2: float
+    y2: float
+
+    def away(self, x: float, y: float) -> float:
+        """How far a point is from the room's border, m; 0 on it, negative within."""
+        dx = max(self.x1 - x, x - self.x2)
+        dy = max(self.y1 - y, y - self.y2)
+        return max(dx, dy) if dx < 0.0 or dy < 0.0 else hypot(dx, dy)
+
+
+class Door(Struct, frozen=True):
+    """An opening between two rooms; x, y is its middle, m."""
+
+    name: str
+    room_a: str
+    room_b: str
+    x: float
+    y: float
+
+
+class World(Struct, frozen=True):
+    """Where a robot drives. `bounds` is the rectangle that holds everything."""
+
+    name: str
+    walls: tuple[Segment, ...]
+    bounds: Segment
+    start: Pose | None = None
+    goals: dict[str, Pose] = {}
+    rooms: tuple[Room, ...] = ()
+    doors: tuple[Door, ...] = ()
+
+    def clearance(self, x: float, y: float) -> float:
+        """The distance from a point to the nearest wall, m; infinite without walls."""
+        return min((_distance(x, y, wall) for wall in self.walls), default=inf)
+
+    def inside(self, x: float, y: float) -> bool:
+        """Whether a point lies within the bounds."""
+        x1, y1, x2, y2 = self.bounds
+        return x1 <= x <= x2 and y1 <= y <= y2
+
+    def room_at(self, x: float, y: float) -> Room | None:
+        """The room that a point is in, the first of them on a border."""
+        return next((room for room in self.rooms if room.away(x, y) <= 0.0), None)
+
+
+def load_world(name_or_path: str | Path) -> World:
+    """A shipped world by its name, or a `.map` or `.yaml` file. Raises ConfigError."""
+    path = find("worlds", name_or_path)
+    if path.suffix not in READERS:
+        raise ConfigError("not a world; expected an ARIA .map or a map_server .yaml", path)
+    module, function = READERS[path.suffix]
+    world: World = getattr(import_module(module), function)(path)
+    return world
+
+
+def hull(walls: tuple[Segment, ...]) -> Segment:
+    """The smallest rectangle around some walls; a point at the origin without any."""
+    xs = [x for wall in walls for x in wall[::2]]
+    ys = [y for wall in walls for y in wall[1::2]]
+    return (min(xs), min(ys), max(xs), max(ys)) if walls else (0.0, 0.0, 0.0, 0.0)
+
+
+def check_door(door: Door, rooms: dict[str, Room]) -> None:
+    """Refuse a door to a room that is not there, or one that leads somewhere else."""
+    for name in (door.room_a, door.room_b):
+        if name not in rooms:
+            raise ConfigError(f"door {door.name!r}: no room {name!r}; {advice(name, rooms)}")
+        away = abs(rooms[name].away(door.x, door.y))
+        if away > DOOR_REACH_M:
+            at = f"({door.x:g}, {door.y:g})"
+            raise ConfigError(
+                f"door {door.name!r} at {at} is {away:.2f} m from the border of room {name!r}; "
+                f"expected {DOOR_REACH_M} m at the most"
+            )
+
+
+def _distance(x: float, y: float, wall: Segment) -> float:
+    x1, y1, x2, y2 = wall
+    dx, dy = x2 - x1, y2 - y1
+    square = dx * dx + dy * dy
+    along = ((x - x1) * dx + (y - y1) * dy) / square if square else 0.0
+    along = min(max(along, 0.0), 1.0)
+    return hypot(x - x1 - along * dx, y - y1 - along * dy)

@@ -1,0 +1,87 @@
+"""The pose is continuous over wraps and resets of the controller's."""
+
+from __future__ import annotations
+
+import math
+
+import pytest
+from armadico.bridge.p2os.odometry import Odometry
+from armadico.bridge.p2os.status import Status, decode_status, encode_status
+from armadico.bridge.profile import P2osUnits
+from hypothesis import given
+from hypothesis import strategies as st
+
+UNITS = P2osUnits(
+    distance_mm=0.84,
+    angle_rad=math.tau / 4096,
+    velocity_mm=1.0,
+    range_mm=0.268,
+    vel2_mm=20.0,
+    diff_conv=0.0056,
+    name="Test",
+    class_name="Pioneer",
+    subclass="p2dx",
+    cycle_s=0.1,
+    watchdog_s=2.0,
+)
+
+
+def on_wire(x: float, y: float, theta: float, speed: float = 0.0, spin: float = 0.0) -> Status:
+    """What a client reads of a controller at that pose, m/s and rad/s."""
+    side = spin / (UNITS.diff_conv * 1e3)
+    status = Status(
+        x_m=x,
+        y_m=y,
+        theta_rad=theta,
+        left_m_s=speed - side,
+        right_m_s=speed + side,
+        battery_v=12,
+    )
+    return decode_status(encode_status(status, UNITS), UNITS)
+
+
+def test_the_first_packet_is_a_base_only() -> None:
+    odometry = Odometry(UNITS)
+    pose = odometry.update(on_wire(3, 4, 1), 0.0)
+    assert (pose.x, pose.y, pose.theta) == (0, 0, 0)
+
+
+@given(
+    st.floats(-math.pi, math.pi),
+    st.floats(-30, 30),
+    st.floats(-30, 30),
+    st.floats(-1.6, 1.6),
+    st.floats(-5, 5),
+)
+def test_driving_on_over_any_wrap_is_continuous(
+    heading: float, x0: float, y0: float, speed: float, spin: float
+) -> None:
+    odometry = Odometry(UNITS)
+    dx, dy = speed * 0.1 * math.cos(heading), speed * 0.1 * math.sin(heading)
+    for n in range(250):
+        at = on_wire(x0 + n * dx, y0 + n * dy, n * spin * 0.1, speed, spin)
+        pose = odometry.update(at, n * 0.1)
+    assert odometry.resets == 0
+    assert pose.x == pytest.approx(249 * dx, abs=0.001)
+    assert pose.y == pytest.approx(249 * dy, abs=0.001)
+    assert pose.theta == pytest.approx(249 * spin * 0.1, abs=0.0016)
+
+
+def test_packets_lost_in_between_cost_nothing() -> None:
+    odometry = Odometry(UNITS)
+    odometry.update(on_wire(27.0, 0, 0, 1.0), 0.0)
+    assert odometry.update(on_wire(27.9, 0, 0, 1.0), 0.9).x == pytest.approx(0.9, abs=0.001)
+
+
+@pytest.mark.parametrize(("x", "theta"), [(0.5, 0.0), (12.0, 2.0), (0.0, 0.5)])
+def test_a_reset_by_somebody_else_moves_nobody(x: float, theta: float) -> None:
+    odometry = Odometry(UNITS)
+    odometry.update(on_wire(0, 0, 0), 0.0)
+    odometry.rebase()
+    odometry.update(on_wire(x, 0, theta), 0.1)
+    before = odometry.update(on_wire(x, 0, theta), 0.2)
+    after = odometry.update(on_wire(0, 0, 0), 0.3)
+    assert after == before
+    assert odometry.resets == 1
+    on = odometry.update(on_wire(0.03, 0, 0, 0.3), 0.4)
+    assert on.x - before.x == pytest.approx(0.03, abs=0.001)

@@ -1,0 +1,304 @@
+"""The client's session by its table, against bytes written by hand."""
+
+from __future__ import annotations
+
+import math
+
+import pytest
+from armadico.bridge.p2os.commands import SYNC0, SYNC1, SYNC2, Cmd, decode_command
+from armadico.bridge.p2os.configuration import Configuration, Encoders, encode_configuration
+from armadico.bridge.p2os.handshake import (
+    DRAIN_S,
+    ECHO_TIMEOUT_S,
+    LINK_TIMEOUT_S,
+    TIMEOUTS_S,
+    TRANSITIONS,
+    Action,
+    Signal,
+    State,
+)
+from armadico.bridge.p2os.packets import Decoder, encode
+from armadico.bridge.p2os.session import (
+    ASK_TIMES,
+    HANG_S,
+    ZERO,
+    Connected,
+    LinkLost,
+    Reported,
+    Session,
+    Unanswered,
+)
+from armadico.bridge.p2os.status import Status, encode_status
+from armadico.bridge.profile import RobotProfile
+
+NAMES = encode(b"\x02Rob\0Pioneer\0p2dx\0")
+
+
+@pytest.fixture
+def session(profile: RobotProfile) -> Session:
+    return Session(profile.p2os, 0.0, profile.limits)
+
+
+def status(profile: RobotProfile, **fields: object) -> bytes:
+    plain = {"x_m": 0, "y_m": 0, "theta_rad": 0, "left_m_s": 0, "right_m_s": 0, "battery_v": 12}
+    return encode(encode_status(Status(**(plain | fields)), profile.p2os))  # type: ignore[arg-type]
+
+
+def sent(session: Session) -> list[tuple[int, int]]:
+    """Number and value of what the session has written since last asked."""
+    commands = map(decode_command, Decoder().feed(session.outgoing()))
+    return [(command.number, command.value) for command in commands]
+
+
+def opened(session: Session, now: float = 0.0) -> Session:
+    for answer in (SYNC0, SYNC1, NAMES):
+        session.receive(answer, now)
+    session.outgoing()
+    return session
+
+
+def test_the_first_bytes_of_all_are_zero_speeds_then_sync0(session: Session) -> None:
+    assert session.outgoing() == ZERO + SYNC0
+
+
+def test_the_handshake_ends_with_motors_on_at_zero_speed_and_limits_set(session: Session) -> None:
+    session.outgoing()
+    session.receive(SYNC0, 0.1)
+    assert session.outgoing() == SYNC1
+    session.receive(SYNC1, 0.2)
+    assert session.outgoing() == SYNC2
+    assert session.receive(NAMES, 0.3) == [Connected("Rob", "Pioneer", "p2dx")]
+    assert sent(session) == [
+        (Cmd.OPEN, 0),
+        (Cmd.VEL, 0),
+        (Cmd.RVEL, 0),
+        (Cmd.ENABLE, 1),
+        (Cmd.SONAR, 1),
+        (Cmd.SETV, 1600),
+        (Cmd.SETRV, 298),
+        (Cmd.SETA, 300),
+        (Cmd.SETA, -600),
+        (Cmd.SETRA, 100),
+        (Cmd.SETRA, -100),
+        (Cmd.CONFIG, 1),
+    ]
+
+
+def test_without_limits_the_controllers_own_stand(profile: RobotProfile) -> None:
+    session = Session(profile.p2os, 0.0)
+    for answer in (SYNC0, SYNC1):
+        session.receive(answer, 0.0)
+    session.outgoing()
+    session.receive(NAMES, 0.0)
+    numbers = {number for number, _ in sent(session)}
+    assert not numbers & {Cmd.SETV, Cmd.SETA, Cmd.SETRV, Cmd.SETRA}
+
+
+def test_nothing_is_asked_of_a_robot_before_the_link_is_open(session: Session) -> None:
+    session.outgoing()
+    session.drive(0.3, 0.0)
+    session.pulse()
+    session.enable()
+    session.reset_odometry()
+    assert session.outgoing() == b""
+    assert (Cmd.VEL, 300) not in sent(opened(session))
+
+
+def test_an_answer_that_does_not_come_is_told_and_asked_for_again(session: Session) -> None:
+    session.outgoing()
+    assert session.next_wakeup == pytest.approx(ECHO_TIMEOUT_S)
+    assert session.tick(ECHO_TIMEOUT_S) == [Unanswered("the echo of SYNC0", 1)]
+    assert sent(session) == [(Cmd.VEL, 0), (Cmd.RVEL, 0), (Cmd.CLOSE, 0)]
+    assert session.tick(ECHO_TIMEOUT_S + DRAIN_S) == []
+    assert session.outgoing() == ZERO + SYNC0
+    assert session.tick(2 * ECHO_TIMEOUT_S + DRAIN_S) == [Unanswered("the echo of SYNC0", 2)]
+
+
+def test_a_status_packet_instead_of_an_echo_closes_what_a_dead_client_left(
+    session: Session, profile: RobotProfile
+) -> None:
+    session.outgoing()
+    session.receive(status(profile), 0.05)
+    assert session.state is State.DRAIN
+    assert sent(session) == [(Cmd.VEL, 0), (Cmd.RVEL, 0), (Cmd.CLOSE, 0)]
+    session.receive(status(profile), 0.1)
+    assert session.tick(0.05 + DRAIN_S) == []
+    assert session.outgoing() == ZERO + SYNC0
+
+
+def test_the_configuration_is_wanted_and_not_required(
+    session: Session, profile: RobotProfile
+) -> None:
+    opened(session)
+    asked = []
+    for n in range(1, 31):
+        events = session.receive(status(profile, motors_enabled=True), n / 10)
+        assert isinstance(events[0], Reported)
+        session.tick(n / 10)
+        asked += [number for number, _ in sent(session)]
+    assert asked == [Cmd.CONFIG] * ASK_TIMES
+    assert session.is_open
+
+
+def test_a_configuration_that_comes_is_told_and_asked_for_no_more(session: Session) -> None:
+    opened(session)
+    wanted = Configuration(name="Rob", watchdog_s=2.0)
+    (got,) = session.receive(encode(encode_configuration(wanted)), 0.05)
+    assert isinstance(got, Configuration)
+    assert (got.name, got.watchdog_s) == ("Rob", 2.0)
+    session.tick(0.25)
+    assert Cmd.CONFIG not in [number for number, _ in sent(session)]
+
+
+def test_motors_that_somebody_switched_off_by_hand_stay_off(
+    session: Session, profile: RobotProfile
+) -> None:
+    opened(session)
+    session.receive(status(profile, motors_enabled=True), 0.1)
+    for n in range(2, 40):
+        session.receive(status(profile, motors_enabled=False), n / 10)
+        session.tick(n / 10)
+    assert (Cmd.ENABLE, 1) not in sent(session)
+    session.enable()
+    assert sent(session) == [(Cmd.ENABLE, 1)]
+
+
+def test_an_enable_that_was_lost_is_repeated(session: Session, profile: RobotProfile) -> None:
+    opened(session)
+    session.receive(status(profile, motors_enabled=False), 0.1)
+    session.tick(0.2)
+    assert (Cmd.ENABLE, 1) in sent(session)
+
+
+def test_speeds_go_out_as_whole_mm_and_degrees_a_second(session: Session) -> None:
+    opened(session).drive(-0.1234, math.radians(20.4))
+    assert sent(session) == [(Cmd.VEL, -123), (Cmd.RVEL, 20)]
+
+
+def test_only_the_latest_speeds_go_out_and_only_once(session: Session) -> None:
+    opened(session)
+    for v in (0.1, 0.2, 0.3):
+        session.drive(v, 0)
+    assert sent(session) == [(Cmd.VEL, 300), (Cmd.RVEL, 0)]
+    assert session.outgoing() == b""
+
+
+@pytest.mark.parametrize(("v", "w"), [(math.nan, 0), (0, math.inf), (40, 0)])
+def test_speeds_that_the_wire_cannot_carry_are_refused_whole(
+    session: Session, v: float, w: float
+) -> None:
+    opened(session)
+    with pytest.raises((ValueError, OverflowError)):
+        session.drive(v, w)
+    assert session.outgoing() == b""
+
+
+def test_pulses_do_not_pile_up(session: Session) -> None:
+    opened(session)
+    for _ in range(100):
+        session.pulse()
+    assert sent(session) == [(Cmd.PULSE, 0)]
+    session.drive(0.1, 0)
+    session.pulse()
+    assert (Cmd.PULSE, 0) not in sent(session)
+
+
+def test_the_session_alone_never_feeds_the_watchdog(
+    session: Session, profile: RobotProfile
+) -> None:
+    opened(session)
+    for n in range(1, 100):
+        session.receive(status(profile, motors_enabled=True), n / 10)
+        session.tick(n / 10)
+        if n == 15:
+            session.outgoing()
+    assert session.outgoing() == b""
+
+
+def test_silence_loses_the_link_and_begins_again(session: Session, profile: RobotProfile) -> None:
+    opened(session)
+    session.receive(status(profile), 0.4)
+    session.drive(0.3, 0)
+    assert session.tick(0.4 + LINK_TIMEOUT_S) == [LinkLost("no status packet for 1.0 s")]
+    assert sent(session) == [(Cmd.VEL, 0), (Cmd.RVEL, 0), (Cmd.CLOSE, 0)]
+    assert not session.is_open
+
+
+@pytest.mark.parametrize("kind", [0xFE, 0xFF])
+def test_a_controller_that_was_reset_loses_the_link_at_once(session: Session, kind: int) -> None:
+    opened(session)
+    assert session.receive(encode(bytes([kind])), 0.5) == [LinkLost("the controller was reset")]
+
+
+def test_after_a_hang_zero_speeds_go_first_and_the_link_is_not_lost(
+    session: Session, profile: RobotProfile
+) -> None:
+    opened(session)
+    session.receive(status(profile, motors_enabled=True), 0.1)
+    session.outgoing()
+    late = 0.2 + HANG_S
+    assert session.tick(late) == []
+    session.drive(0.3, 0)
+    assert sent(session)[:2] == [(Cmd.VEL, 0), (Cmd.RVEL, 0)]
+    assert session.is_open
+    assert session.tick(late + LINK_TIMEOUT_S) == [LinkLost("no status packet for 1.0 s")]
+
+
+def test_close_stops_switches_off_and_ends(session: Session) -> None:
+    opened(session).drive(0.3, 0)
+    session.close()
+    assert sent(session) == [(Cmd.VEL, 0), (Cmd.RVEL, 0), (Cmd.ENABLE, 0), (Cmd.CLOSE, 0)]
+    assert session.next_wakeup is None
+    assert session.tick(100.0) == []
+    assert session.outgoing() == b""
+    session.restart(101.0)
+    assert session.outgoing() == ZERO + SYNC0
+
+
+def test_a_transport_opened_again_begins_again(session: Session) -> None:
+    opened(session)
+    assert session.restart(0.5) == [LinkLost("the transport was opened again")]
+    assert session.outgoing() == ZERO + SYNC0
+
+
+def test_packets_with_good_checksums_and_bad_contents_are_counted(session: Session) -> None:
+    opened(session)
+    assert session.receive(encode(b"\x32\x00") + encode(b"\x90"), 0.1) == []
+    assert session.malformed == 2
+
+
+def test_encoder_counts_are_told(session: Session) -> None:
+    opened(session)
+    packet = encode(bytes.fromhex("90 01 00 00 00 ff ff ff ff"))
+    assert session.receive(packet, 0.1) == [Encoders(1, -1)]
+
+
+def test_a_reset_odometry_moves_nobody(session: Session, profile: RobotProfile) -> None:
+    opened(session)
+    session.receive(status(profile, x_m=1.0), 0.1)
+    session.receive(status(profile, x_m=1.03, left_m_s=0.3, right_m_s=0.3), 0.2)
+    session.reset_odometry()
+    assert sent(session) == [(Cmd.SETO, 0)]
+    (event,) = session.receive(status(profile), 0.3)
+    assert isinstance(event, Reported)
+    assert event.pose.x == pytest.approx(0.03, abs=0.001)
+
+
+def test_every_state_that_waits_has_a_time_out_and_a_way_on() -> None:
+    for state in set(State) - {State.CLOSED}:
+        assert TIMEOUTS_S[state] > 0
+        assert (state, Signal.SILENCE) in TRANSITIONS
+        assert (state, Signal.START) in TRANSITIONS
+        assert (state, Signal.CLOSE) in TRANSITIONS
+
+
+def test_every_beginning_zeroes_the_speeds_before_sync0() -> None:
+    for _, actions in TRANSITIONS.values():
+        if Action.SEND_SYNC0 in actions:
+            assert actions.index(Action.ZERO) < actions.index(Action.SEND_SYNC0)
+
+
+def test_every_way_out_of_an_open_link_but_closing_tells_that_it_is_lost() -> None:
+    for (state, signal), (_, actions) in TRANSITIONS.items():
+        if state is State.OPEN and signal is not Signal.CLOSE:
+            assert actions[0] is Action.LOSE

@@ -1,0 +1,210 @@
+"""The sonar ring hears what its geometry says, and nothing else."""
+
+from __future__ import annotations
+
+import tomllib
+from collections.abc import Sequence
+from importlib.resources import files
+from math import cos, hypot, inf, pi, radians, sin, tan
+from random import Random
+from statistics import fmean, stdev
+
+import msgspec
+import numpy as np
+import pytest
+from armadico.bridge.profile import RobotProfile, SensorProfile
+from armadico.bridge.simulator.plant import seeded
+from armadico.bridge.simulator.sonar import Sonars
+from armadico.bridge.simulator.walls import Box, Wall, Walls
+
+
+def config(name: str) -> dict[str, object]:
+    return tomllib.loads(files("armadico.configs").joinpath(f"robots/{name}.toml").read_text())
+
+
+RING = msgspec.convert(config("pioneer-2dx"), RobotProfile).sonar
+IDEAL = msgspec.convert(config("sensors")["ideal"], SensorProfile)
+EXACT = msgspec.structs.replace(IDEAL, sonar_noise_m=0.0, dropout=0.0)
+HOME = (0.0, 0.0, 0.0)
+AHEAD = 3  # bearing 10 degrees: with a cone of 30 it looks from -5 to 25 degrees
+LEFT = 0
+
+
+def ring(
+    walls: Sequence[Wall],
+    sensors: SensorProfile = EXACT,
+    seed: int = 1,
+    echoes: Sequence[bool] | None = None,
+) -> Sonars:
+    world = Walls()
+    world.add(walls, [True] * len(walls) if echoes is None else echoes)
+    return Sonars(RING, sensors, world, seeded(seed))
+
+
+def facing(bearing_deg: float, distance: float, tilt_deg: float = 0.0, half: float = 3.0) -> Wall:
+    """A wall whose middle lies so far from the origin, tilted from square."""
+    direction, along = radians(bearing_deg), radians(bearing_deg + 90 + tilt_deg)
+    x, y = distance * cos(direction), distance * sin(direction)
+    dx, dy = half * cos(along), half * sin(along)
+    return (x - dx, y - dy, x + dx, y + dy)
+
+
+@pytest.mark.parametrize("index", range(8))
+@pytest.mark.parametrize("distance", [0.5, 1.0, 2.5, 4.5])
+@pytest.mark.parametrize("pose", [HOME, (3.0, -2.0, 2.0), (-1.0, 4.0, -3.0)])
+def test_a_wall_square_to_a_sonar_is_as_far_as_geometry_says(
+    index: int, distance: float, pose: tuple[float, float, float]
+) -> None:
+    mount = RING.sonars[index]
+    c, s = cos(pose[2]), sin(pose[2])
+    x = pose[0] + c * mount.x_m - s * mount.y_m
+    y = pose[1] + s * mount.x_m + c * mount.y_m
+    x1, y1, x2, y2 = facing(mount.bearing_deg + np.degrees(pose[2]), distance)
+    assert ring([(x + x1, y + y1, x + x2, y + y2)]).ping(index, pose) == pytest.approx(distance)
+
+
+def test_noise_is_that_of_the_profile() -> None:
+    sonars = ring([(0.069 - 2, 1.136, 0.069 + 2, 1.136)], msgspec.structs.replace(IDEAL, dropout=0))
+    ranges = [sonars.ping(LEFT, HOME) for _ in range(2000)]
+    heard = [value for value in ranges if value is not None]
+    assert len(heard) == 2000
+    assert fmean(heard) == pytest.approx(1.0, abs=0.0006)
+    assert stdev(heard) == pytest.approx(IDEAL.sonar_noise_m, rel=0.08)
+
+
+def test_lost_echoes_are_as_many_as_the_profile_says() -> None:
+    sonars = ring([(-2, 1, 2, 1)], msgspec.structs.replace(IDEAL, dropout=0.1))
+    lost = sum(sonars.ping(LEFT, HOME) is None for _ in range(5000))
+    assert 400 < lost < 600
+
+
+def test_a_cone_hears_beside_its_axis() -> None:
+    """A pole 12 degrees off the axis is heard, one 20 degrees off is not."""
+    sonar = RING.sonars[AHEAD]
+    for offset, heard in ((12, True), (-12, True), (20, False), (-20, False)):
+        x1, y1, x2, y2 = facing(sonar.bearing_deg + offset, 1.0, half=0.05)
+        pole = (x1 + sonar.x_m, y1 + sonar.y_m, x2 + sonar.x_m, y2 + sonar.y_m)
+        assert (ring([pole]).ping(AHEAD, HOME) is not None) is heard
+
+
+@pytest.mark.parametrize(("tilt", "heard"), [(0, True), (45, True), (65, True), (75, False)])
+def test_glancing_walls_vanish(tilt: float, heard: bool) -> None:
+    """The limit is 55 degrees for a ray, and the cone's edge lies 15 degrees off the axis."""
+    sonar = RING.sonars[LEFT]
+    for sign in (1, -1):
+        x1, y1, x2, y2 = facing(90, 1.0, sign * tilt)
+        wall = (x1 + sonar.x_m, y1 + sonar.y_m, x2 + sonar.x_m, y2 + sonar.y_m)
+        assert (ring([wall]).ping(LEFT, HOME) is not None) is heard
+
+
+def test_a_tilted_wall_is_heard_where_it_is_nearest_in_the_cone() -> None:
+    sonar = RING.sonars[LEFT]
+    x1, y1, x2, y2 = facing(90, 1.0, 10)
+    wall = (x1 + sonar.x_m, y1 + sonar.y_m, x2 + sonar.x_m, y2 + sonar.y_m)
+    expected = cos(radians(10))  # its foot lies 10 degrees off the axis, inside the cone
+    assert ring([wall]).ping(LEFT, HOME) == pytest.approx(expected, rel=0.002)
+
+
+def test_a_glancing_or_dead_wall_hides_what_is_behind() -> None:
+    screen, behind = (-3.0, 0.5, 3.0, 0.5), (-3.0, 2.0, 3.0, 2.0)
+    assert ring([screen, behind]).ping(LEFT, HOME) == pytest.approx(0.5 - 0.136)
+    assert ring([screen, behind], echoes=[False, True]).ping(LEFT, HOME) is None
+    slope = tan(radians(75))
+    glancing = (-2.0, 0.6 - 2.0 * slope, 2.0, 0.6 + 2.0 * slope)
+    assert ring([behind]).ping(LEFT, HOME) is not None
+    assert ring([glancing, behind]).ping(LEFT, HOME) is None
+
+
+def test_nothing_is_seen_through_the_corner_of_two_walls() -> None:
+    """The corner is swept across every ray, with a wall behind that would answer."""
+    for k in range(-400, 401):
+        x = 0.069 + k * 1e-3
+        box = [(x, 1.0, x + 3, 1.5), (x, 1.0, x - 3, 1.5), (-5.0, 3.0, 5.0, 3.0)]
+        value = ring(box).ping(LEFT, HOME)
+        assert value is not None
+        assert value < 2.0
+
+
+def test_a_ray_aimed_exactly_at_a_corner_ends_there() -> None:
+    axis = (0.069, 3.0)
+    sonars = ring([(axis[0], 1.0, axis[0] + 2, 1.0), (axis[0], 1.0, axis[0] - 2, 1.0)])
+    assert sonars.ping(LEFT, HOME) == pytest.approx(1.0 - 0.136)
+
+
+def test_ranges_stay_between_the_sensors_limits() -> None:
+    assert ring([(-1.0, 0.15, 1.0, 0.15)]).ping(LEFT, HOME) == RING.min_m
+    assert ring([(-9.0, 5.13, 9.0, 5.13)]).ping(LEFT, HOME) == pytest.approx(4.994)
+    assert ring([(-9.0, 5.15, 9.0, 5.15)]).ping(LEFT, HOME) is None
+    assert ring([]).ping(LEFT, HOME) is None
+
+
+def test_a_wall_behind_the_sensor_is_not_heard() -> None:
+    assert ring([(-3.0, -1.0, 3.0, -1.0)]).ping(LEFT, HOME) is None
+
+
+def test_the_same_seed_repeats_and_another_does_not() -> None:
+    walls = [(-3.0, 1.0, 3.0, 1.0)]
+
+    def pings(seed: int) -> list[float | None]:
+        sonars = ring(walls, IDEAL, seed)
+        return [sonars.ping(k % 8, HOME) for k in range(200)]
+
+    assert pings(3) == pings(3)
+    assert pings(3) != pings(4)
+
+
+def test_another_wall_does_not_shift_the_noise_of_the_others() -> None:
+    near, extra = (-3.0, 1.0, 3.0, 1.0), (-3.0, -1.0, 3.0, -1.0)
+    alone, both = ring([near], IDEAL), ring([near, extra], IDEAL)
+    for _ in range(100):
+        assert alone.ping(LEFT, HOME) == both.ping(LEFT, HOME)
+        alone.ping(7, HOME)
+        both.ping(7, HOME)
+
+
+def test_walls_far_from_the_start_are_heard_when_the_robot_gets_there() -> None:
+    sonars = ring([(20.0, -1.0, 20.0, 1.0)])
+    assert [sonars.ping(AHEAD, (x, 0.0, 0.0)) for x in (0.0, 10.0)] == [None, None]
+    assert sonars.ping(AHEAD, (18.0, 0.0, 0.0)) == pytest.approx(2.0 - 0.166, rel=0.002)
+
+
+BOX = Box(-0.01, 0.22, 0.165)
+
+
+def sampled(wall: Wall, pose: tuple[float, float, float]) -> float:
+    """Distance of a wall from the outline, by 4001 points of the wall."""
+    share = np.linspace(0, 1, 4001)
+    x = wall[0] + share * (wall[2] - wall[0]) - pose[0]
+    y = wall[1] + share * (wall[3] - wall[1]) - pose[1]
+    ahead = np.cos(pose[2]) * x + np.sin(pose[2]) * y - BOX.ahead
+    left = -np.sin(pose[2]) * x + np.cos(pose[2]) * y
+    outside_x = np.maximum(np.abs(ahead) - BOX.half_length, 0)
+    outside_y = np.maximum(np.abs(left) - BOX.half_width, 0)
+    return float(np.hypot(outside_x, outside_y).min())
+
+
+def test_clearance_is_the_distance_of_the_nearest_point() -> None:
+    rng = Random(5)
+    touching = 0
+    for _ in range(300):
+        walls = [tuple(rng.uniform(-1, 1) for _ in range(4)) for _ in range(3)]
+        pose = (rng.uniform(-1, 1), rng.uniform(-1, 1), rng.uniform(-pi, pi))
+        world = Walls()
+        world.add(walls, [True] * 3)
+        expected = min(sampled(wall, pose) for wall in walls)
+        found = world.clearance(pose, BOX)
+        touching += found == 0.0
+        assert found == pytest.approx(expected, abs=0.002)
+        assert (found == 0.0) == (expected < 1e-4) or expected < 0.002
+    assert 20 < touching < 280
+
+
+def test_clearance_of_walls_beyond_what_is_near() -> None:
+    world = Walls()
+    assert world.clearance(HOME, BOX) == inf
+    world.add([(30.0, -1.0, 30.0, 1.0)], [True])
+    assert world.clearance(HOME, BOX) == pytest.approx(30.0 - 0.21)
+    world.add([(0.0, 12.0, 1.0, 12.0), (5.0, 5.0, 5.0, 5.0)], [True, True])
+    assert len(world) == 2, "a wall without length is left out"
+    assert world.clearance(HOME, BOX) == pytest.approx(12.0 - 0.165)
+    assert world.clearance((28.0, 0.0, pi), BOX) == pytest.approx(hypot(2.0 - 0.23, 0.0))
