@@ -34,10 +34,12 @@ class Client:
         self._changed_at = time.monotonic()
         mesh.watch_alive(self._token)
 
-    def listen(self, *kinds: type[Message]) -> None:
-        """Keep the latest message of each kind."""
+    def listen(
+        self, *kinds: type[Message], then: Callable[[Message, float], None] | None = None
+    ) -> None:
+        """Keep the latest message of each kind; `then` is shown each one, and when it came (s)."""
         for kind in kinds:
-            self._listen(kind)
+            self._listen(kind, then)
 
     def latest(self, kind: type[M]) -> M | None:
         """The newest message of a kind that was listened for."""
@@ -66,19 +68,24 @@ class Client:
             self._take(left)
         return value
 
-    def ask(self, request: Message, timeout: float) -> Message | None:
+    def ask(
+        self, request: Message, timeout: float, patience: float | None = None
+    ) -> Message | None:
         """The first answer to a query; None if nobody gave one within `timeout` (s).
 
-        As long as nobody is there to answer, it asks again: links come up in the background.
+        As long as nobody is there to answer, it asks again, since links come up in the background;
+        for `patience` s at most, if that is given.
         """
         service = service_of(type(request))
         assert service.reply is not None, f"{service.key} is not a query"
-        deadline = time.monotonic() + timeout
-        while (left := deadline - time.monotonic()) > 0:
-            replies = self._ask(service.key, request, service.reply, left, enough=1)
+        begun = time.monotonic()
+        while (gone := time.monotonic() - begun) < timeout:
+            replies = self._ask(service.key, request, service.reply, timeout - gone, enough=1)
             if replies:
                 return next(iter(replies.values()))
-            self.wait_for(lambda: None, min(AGAIN_S, left))
+            if patience is not None and time.monotonic() - begun >= patience:
+                return None
+            self.wait_for(lambda: None, AGAIN_S)
         return None
 
     def cards(self, timeout: float = 1.0) -> dict[tuple[str, str], Card | None]:
@@ -106,14 +113,19 @@ class Client:
         if item is not None:
             item()
 
-    def _listen(self, kind: type[Message]) -> None:
+    def _listen(
+        self, kind: type[Message], then: Callable[[Message, float], None] | None
+    ) -> None:
         service = service_of(kind)
 
         def arrived(key: str, data: bytes) -> None:
             def deliver() -> None:
                 message = self.mesh.read(kind, key, data)
                 if message is not None:
-                    self._latest[kind] = (message, time.monotonic())
+                    now = time.monotonic()
+                    self._latest[kind] = (message, now)
+                    if then is not None:
+                        then(message, now)
 
             if service.kind is Kind.STATE:
                 self._inbox.put_state(key, deliver)

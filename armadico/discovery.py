@@ -8,13 +8,16 @@ from __future__ import annotations
 
 import ast
 import difflib
-from collections.abc import Iterable
+from collections.abc import Callable, Iterable
 from dataclasses import dataclass
 from importlib import import_module
 from importlib.metadata import EntryPoint, entry_points
 from importlib.util import find_spec
 from pathlib import Path
-from typing import Any, Final, TypeVar
+from typing import TYPE_CHECKING, Any, Final, TypeVar, cast
+
+if TYPE_CHECKING:
+    from armadico.agent import Agent
 
 AGENTS: Final = "armadico.agents"
 SIMULATORS: Final = "armadico.simulators"
@@ -32,7 +35,7 @@ class Found:
     """One thing that is installed, not imported yet."""
 
     name: str
-    value: str  # "module:Class"
+    value: str  # "module:Class"; a module alone stands for its `main`
     package: str  # the distribution that brought it
 
     @property
@@ -50,7 +53,7 @@ class Found:
         module, _, attributes = (part.strip() for part in self.value.partition(":"))
         try:
             found: Any = import_module(module)
-            for attribute in attributes.split("."):
+            for attribute in (attributes or "main").split("."):
                 found = getattr(found, attribute)
         except (ImportError, AttributeError) as error:
             raise ImportError(f"{self.name} ({self.value}) cannot be loaded: {error}") from error
@@ -82,14 +85,27 @@ def load(group: str, name: str, kind: type[T]) -> type[T]:
     return loaded
 
 
+def agent_class(name: str) -> type[Agent]:
+    """The class of an agent that is installed. Raises `UnknownNameError`."""
+    from armadico.agent import Agent  # noqa: PLC0415 - a list of agents needs no agent
+
+    return load(AGENTS, name, Agent)
+
+
+def simulator_factory(name: str) -> Callable[..., Any]:
+    """What makes a simulated robot, as `armadico.simulators` has it. Raises `UnknownNameError`."""
+    factory = find(SIMULATORS, name).load()
+    if not callable(factory):
+        raise TypeError(f"simulator {name} cannot be called")
+    return cast("Callable[..., Any]", factory)
+
+
 def unknown(kind: str, name: str, names: Iterable[str]) -> str:
     """What to say when a name is not among those that exist."""
     known = sorted(names)
     near = difflib.get_close_matches(name, known, n=1)
-    hint = f"; did you mean {near[0]!r}?" if near else ""
-    return f"no {kind} {name!r}{hint} There are: {', '.join(known) or 'none installed'}".replace(
-        f"{name!r} There", f"{name!r}. There"
-    )
+    hint = f"did you mean {near[0]!r}? " if near else ""
+    return f"no {kind} {name!r}; {hint}there are: {', '.join(known) or 'none'}"
 
 
 def summary(module: str) -> str:

@@ -8,11 +8,14 @@ from math import radians
 from armadico.agent import Agent, DeviceAgent
 from armadico.config.loading import load_parameters
 from armadico.config.scenarios import Scenario
-from armadico.discovery import agent_class, simulator_factory
+from armadico.discovery import AGENTS, SIMULATORS, find, load
 from armadico.measures import WATCHED, Result, RunWatch
 from armadico.mesh.virtual import VirtualMesh
 from armadico.messages import Message, MissionReply
 from armadico.society import Options, members, mission, time_limit
+
+SIMULATOR = "pioneer"
+"""The entry point of `armadico.simulators` that stands behind the robot agent's port."""
 
 SETTLE_S = 1.0
 """What the handshake with the controller and the first frames take, on the virtual clock."""
@@ -36,9 +39,10 @@ class Rehearsal:
         )
         self.limit = time_limit(0.0)
         self.mesh.watch(lambda _key, message, now: self.watch.show(message, now), *WATCHED)
-        self.robot = simulator_factory("pioneer")(scenario, options.seed, self.mesh.publish)
+        factory = find(SIMULATORS, SIMULATOR).load()
+        self.robot = factory(scenario, self.mesh.stream, self.mesh.publish)
         for member in members(scenario, options, "memory:"):
-            kind = agent_class(member.name)
+            kind = load(AGENTS, member.name, Agent)
             parameters = load_parameters(kind.Parameters, None, list(member.sets))
             self.add(kind, parameters)
 

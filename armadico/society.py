@@ -48,8 +48,6 @@ def _settings(name: str, scenario: Scenario, options: Options, port: str) -> tup
     sets: list[str] = []
     if name == "robot":
         sets += [f"port={port}", f"profile={scenario.robot}"]
-        if scenario.v_max is not None:
-            sets.append(f"v_max={scenario.v_max}")
     elif name == "encoder":
         sets += [f"x={x}", f"y={y}", f"theta={radians(degrees)}"]
     elif name == "path-planning":

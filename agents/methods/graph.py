@@ -10,71 +10,11 @@ from __future__ import annotations
 import heapq
 import math
 from collections.abc import Collection, Iterator
-from typing import Protocol
 
 from armadico.agents.methods.geometry import Placed, Positioned, distance
-from armadico.agents.methods.grid import Walled
 from msgspec import Struct
 
-
-class Area(Protocol):
-    """A room: a named rectangle, m."""
-
-    @property
-    def name(self) -> str:
-        """Unique in its world."""
-
-    @property
-    def x1(self) -> float:
-        """Left edge."""
-
-    @property
-    def y1(self) -> float:
-        """Lower edge."""
-
-    @property
-    def x2(self) -> float:
-        """Right edge."""
-
-    @property
-    def y2(self) -> float:
-        """Upper edge."""
-
-
-class Passage(Protocol):
-    """A door: a named place between two rooms."""
-
-    @property
-    def name(self) -> str:
-        """Unique in its world."""
-
-    @property
-    def room_a(self) -> str:
-        """The room on one side."""
-
-    @property
-    def room_b(self) -> str:
-        """The room on the other."""
-
-    @property
-    def x(self) -> float:
-        """Middle of the opening, m."""
-
-    @property
-    def y(self) -> float:
-        """Middle of the opening, m."""
-
-
-class Floor(Walled, Protocol):
-    """What planning needs of a world; `rooms` and `doors` may be empty."""
-
-    @property
-    def rooms(self) -> tuple[Area, ...]:
-        """Rooms and hallways."""
-
-    @property
-    def doors(self) -> tuple[Passage, ...]:
-        """What connects them."""
+from armadico.config.worlds import Door, World
 
 
 class Leg(Struct, frozen=True):
@@ -91,16 +31,8 @@ class Leg(Struct, frozen=True):
         return f"in room {self.room} from {enter} to {leave}"
 
 
-def room_of(floor: Floor, place: Positioned) -> Area | None:
-    """The first room that holds a place."""
-    for room in floor.rooms:
-        if room.x1 <= place.x <= room.x2 and room.y1 <= place.y <= room.y2:
-            return room
-    return None
-
-
 def route(
-    floor: Floor,
+    world: World,
     start: Positioned,
     goal: Positioned,
     closed: Collection[Leg] = (),
@@ -109,7 +41,7 @@ def route(
     """The shortest chain of legs from the start's room to the goal's (Dijkstra).
 
     Args:
-        floor: Rooms and doors; both places must be in rooms.
+        world: Rooms and doors; both places must be in rooms.
         start: Where the robot is.
         goal: Where it is to go.
         closed: Legs that cannot be driven.
@@ -118,7 +50,7 @@ def route(
     Returns:
         The legs in order, or None if the rooms are not connected by what is open.
     """
-    first, last = room_of(floor, start), room_of(floor, goal)
+    first, last = world.room_at(start.x, start.y), world.room_at(goal.x, goal.y)
     if first is None or last is None:
         return None
     order = 0
@@ -133,7 +65,7 @@ def route(
         if (room, door) in done:
             continue
         done.add((room, door))
-        exits = [*_exits(floor, room, door, shut)]
+        exits = [*_exits(world, room, door, shut)]
         if room == last.name:
             exits.append((None, room, Placed(goal.x, goal.y)))
         for leave, beyond, there in exits:
@@ -145,12 +77,12 @@ def route(
     return None
 
 
-def axis(floor: Floor, door: Passage, into: str) -> tuple[float, float]:
+def axis(world: World, door: Door, into: str) -> tuple[float, float]:
     """The unit vector through a door, square to the wall it is in, into one of its rooms.
 
     The wall is the edge of either room that the door is nearest to.
     """
-    beside = [room for room in floor.rooms if room.name in (door.room_a, door.room_b)]
+    beside = [room for room in world.rooms if room.name in (door.room_a, door.room_b)]
     upright = min(abs(door.x - x) for room in beside for x in (room.x1, room.x2))
     level = min(abs(door.y - y) for room in beside for y in (room.y1, room.y2))
     room = next(room for room in beside if room.name == into)
@@ -160,10 +92,10 @@ def axis(floor: Floor, door: Passage, into: str) -> tuple[float, float]:
 
 
 def _exits(
-    floor: Floor, room: str, entered: str | None, shut: Collection[str]
+    world: World, room: str, entered: str | None, shut: Collection[str]
 ) -> Iterator[tuple[str | None, str, Placed]]:
     """The doors out of a room, what is beyond and where they are; not the one just passed."""
-    for door in floor.doors:
+    for door in world.doors:
         if door.name == entered or door.name in shut or room not in (door.room_a, door.room_b):
             continue
         beyond = door.room_b if door.room_a == room else door.room_a

@@ -2,7 +2,7 @@
 
 Clearance is the exact distance from a cell's centre to the nearest wall. A cell costs its length,
 more where a wall is nearer than the robot likes, and cannot be entered where one is nearer than
-its radius: so paths keep to the middle of what is narrow and go straight where there is room.
+its radius: so paths keep to the middle of what is narrow and go straight where there is margins.
 """
 
 from __future__ import annotations
@@ -11,37 +11,23 @@ import heapq
 import math
 from collections.abc import Sequence
 from functools import lru_cache
-from typing import Protocol
 
 import numpy as np
 from armadico.agents.methods.geometry import Placed, Positioned
 from msgspec import Struct
 from numpy.typing import NDArray
 
+from armadico.config.worlds import Segment
+
 Field = NDArray[np.float64]
 Cell = tuple[int, int]
 """(row, column): rows count along y, columns along x, from the lower left corner."""
 
-Wall = tuple[float, float, float, float]
-"""A segment, (x1, y1, x2, y2), m."""
-
 _DIAGONAL = math.sqrt(2.0)
 
 
-class Walled(Protocol):
-    """What the grid needs of a world."""
-
-    @property
-    def walls(self) -> tuple[Wall, ...]:
-        """Segments, m."""
-
-    @property
-    def bounds(self) -> tuple[float, float, float, float]:
-        """(x1, y1, x2, y2), m: lower left and upper right corners."""
-
-
-class Room(Struct, frozen=True):
-    """How much room the robot wants."""
+class Margins(Struct, frozen=True):
+    """How far from walls the robot wants to be."""
 
     radius_m: float = 0.30  # never nearer to a wall: half the body's diagonal
     preferred_m: float = 0.45  # kept where there is room
@@ -51,7 +37,7 @@ class Room(Struct, frozen=True):
 class Grid:
     """Cells over a world's bounds, with the clearance of each."""
 
-    def __init__(self, walls: Sequence[Wall], bounds: Wall, cell_m: float = 0.05) -> None:
+    def __init__(self, walls: Sequence[Segment], bounds: Segment, cell_m: float = 0.05) -> None:
         """Clearance is exact up to 1 m and cut off there."""
         x1, y1, x2, y2 = bounds
         self.cell_m, self.horizon_m = cell_m, 1.0
@@ -62,6 +48,7 @@ class Grid:
         self.xs: Field = x1 + (np.arange(columns, dtype=np.float64) + 0.5) * cell_m
         self.ys: Field = y1 + (np.arange(rows, dtype=np.float64) + 0.5) * cell_m
         self.clearance: Field = np.full((rows, columns), self.horizon_m)
+        self._priced: tuple[Margins, Field] | None = None
         for wall in self._walls:
             self._raise(wall)
 
@@ -111,17 +98,24 @@ class Grid:
         )
         return float(np.minimum(ends, corners).min())
 
-    def costs(self, room: Room) -> Field:
+    def costs(self, margins: Margins) -> Field:
         """What a metre costs in each cell: 1 with room, infinite where the robot cannot be.
 
         Between two free neighbours the way comes nearer to a wall than at both, by at most what
         half a diagonal does beside a corner: the radius is enlarged by that.
         """
-        least = math.hypot(room.radius_m, self.cell_m / _DIAGONAL)
+        if self._priced is None or self._priced[0] != margins:
+            self._priced = margins, self._price(margins)
+        return self._priced[1]
+
+    def _price(self, margins: Margins) -> Field:
+        least = math.hypot(margins.radius_m, self.cell_m / _DIAGONAL)
         lack = np.clip(
-            (room.preferred_m - self.clearance) / (room.preferred_m - room.radius_m), 0.0, 1.0
+            (margins.preferred_m - self.clearance) / (margins.preferred_m - margins.radius_m),
+            0.0,
+            1.0,
         )
-        return np.where(self.clearance >= least, 1.0 + room.dislike * lack**2, np.inf)
+        return np.where(self.clearance >= least, 1.0 + margins.dislike * lack**2, np.inf)
 
     def window(self, x1: float, y1: float, x2: float, y2: float) -> tuple[slice, slice]:
         """The cells with centres in a rectangle, as row and column slices."""
@@ -134,13 +128,13 @@ class Grid:
         length = math.hypot(b.x - a.x, b.y - a.y)
         count = max(1, math.ceil(2.0 * length / self.cell_m))
         along = (np.arange(count) + 0.5) / count
-        rows = ((a.y + along * (b.y - a.y) - self.bounds[1]) / self.cell_m).astype(np.intp)
-        columns = ((a.x + along * (b.x - a.x) - self.bounds[0]) / self.cell_m).astype(np.intp)
+        rows = _indices(a.y + along * (b.y - a.y) - self.bounds[1], self.cell_m, costs.shape[0])
+        columns = _indices(a.x + along * (b.x - a.x) - self.bounds[0], self.cell_m, costs.shape[1])
         return float(costs[rows, columns].mean()) * length
 
 
 @lru_cache(maxsize=8)
-def grid_of(walls: tuple[Wall, ...], bounds: Wall, cell_m: float) -> Grid:
+def grid_of(walls: tuple[Segment, ...], bounds: Segment, cell_m: float) -> Grid:
     """The grid of a world; plans in the same world share it."""
     return Grid(walls, bounds, cell_m)
 
@@ -205,6 +199,10 @@ def _trace(came: list[int], source: int, target: int, width: int) -> list[Cell]:
     while way[-1] != source:
         way.append(came[way[-1]])
     return [(index // width - 1, index % width - 1) for index in reversed(way)]
+
+
+def _indices(offsets: Field, cell_m: float, count: int) -> NDArray[np.intp]:
+    return np.clip((offsets / cell_m).astype(np.intp), 0, count - 1)
 
 
 def _to_segments(x: Field | float, y: Field | float, segment: Field) -> Field:

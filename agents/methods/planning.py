@@ -7,25 +7,26 @@ rooms, or a pose outside all of them, is planned on the grid alone.
 
 from __future__ import annotations
 
-import math
-from collections.abc import Iterator, Sequence
+from collections import deque
+from collections.abc import Collection, Mapping, Sequence
 from itertools import pairwise
+from typing import NamedTuple
 
-from armadico.agents.methods.geometry import Placed, Posed, Positioned, direction, distance
-from armadico.agents.methods.graph import Floor, Leg, Passage, axis, room_of, route
-from armadico.agents.methods.grid import Field, Grid, Room, grid_of, search
+from armadico.agents.methods.geometry import Placed, Posed, Positioned, direction, distance, wrap
+from armadico.agents.methods.graph import Leg, axis, route
+from armadico.agents.methods.grid import Grid, Margins, grid_of
+from armadico.agents.methods.ways import between, clear
 from msgspec import Struct
+
+from armadico.config.worlds import World
 
 CELL_M = 0.05
 DOOR_M = (0.6, 0.5, 0.4, 0.3)
 """How far before and after a door its waypoints lie: the first distance that has room."""
 
 _BODY_M = 0.165  # half the body's width: where a wall is nearer than that, the robot cannot be
-_ESCAPE_M = 0.5  # how far from a place beside a wall the way may begin
-_OFF_MIDDLE_M = 0.3  # how far a door's mark may lie from the middle of its opening
-_SPACING_M = 0.5  # a long straight way is offered to shortening in pieces of this
-_SLACK = 1.02  # a short cut may cost this much more than the way it replaces,
-_SLACK_M = 0.05  # and this much on top
+_OFF_MIDDLE = range(-12, 13)  # how far a door's mark may lie from its opening's middle,
+_OFF_MIDDLE_M = 0.025  # in steps of this
 
 
 class PlanError(ValueError):
@@ -41,14 +42,14 @@ class Plan(Struct, frozen=True):
     doors: tuple[str, ...] = ()  # passed, in order
 
 
-def plan(world: Floor, start: Posed, goal: Posed, room: Room | None = None) -> Plan:
+def plan(world: World, start: Posed, goal: Posed, margins: Margins | None = None) -> Plan:
     """The way from a pose to another.
 
     Args:
         world: Walls and bounds, rooms and doors if it has them. World frame, m and rad.
         start: Where the robot is.
         goal: Where it is to be, and heading where.
-        room: How much room the robot wants.
+        margins: How far from walls the robot wants to be.
 
     Returns:
         Waypoints with headings along the way; the last one is the goal as asked for.
@@ -56,36 +57,40 @@ def plan(world: Floor, start: Posed, goal: Posed, room: Room | None = None) -> P
     Raises:
         PlanError: A pose is off the world or inside a wall, or there is no way between them.
     """
-    planner = _Planner(world, room or Room())
-    places, doors = planner.way(_checked(planner.grid, "start", start), goal)
-    return _finish(planner.grid, places, goal, doors)
-
-
-def _checked(grid: Grid, what: str, place: Posed) -> Posed:
-    if not grid.inside(place):
-        x1, y1, x2, y2 = grid.bounds
-        extent = f"({x1:g}, {y1:g}) to ({x2:g}, {y2:g})"
-        raise PlanError(f"the {what} {_at(place)} is off the world, which is {extent}")
-    clearance = grid.clearance_at(place)
-    if clearance < _BODY_M:
-        raise PlanError(f"the {what} {_at(place)} is inside a wall or {clearance:.2f} m from one")
-    return place
-
-
-def _finish(
-    grid: Grid, places: Sequence[Placed], goal: Posed, doors: tuple[str, ...]
-) -> Plan:
-    pairs = list(pairwise(places))
-    turned = [
-        Placed(here.x, here.y, _between(direction(before, here), direction(here, after)))
-        for before, here, after in zip(places, places[1:], places[2:], strict=False)
-    ]
+    planner = _Planner(world, margins or Margins())
+    _check(planner.grid, "start", start)
+    _check(planner.grid, "goal", goal)
+    way = planner.way(Placed(start.x, start.y), Placed(goal.x, goal.y))
+    stretches = list(pairwise(way.places))
     return Plan(
-        waypoints=(*turned, Placed(goal.x, goal.y, goal.theta)),
-        length_m=sum(distance(a, b) for a, b in pairs),
-        clearance_m=min(grid.clearance_between(a, b) for a, b in pairs),
-        doors=doors,
+        waypoints=(*_headed(way), Placed(goal.x, goal.y, goal.theta)),
+        length_m=sum(distance(a, b) for a, b in stretches),
+        clearance_m=min(planner.grid.clearance_between(a, b) for a, b in stretches),
+        doors=way.doors,
     )
+
+
+class _Way(NamedTuple):
+    """Places from start to goal, the doors passed, and where: from which place on to the next."""
+
+    places: list[Placed]
+    doors: tuple[str, ...] = ()
+    crossings: frozenset[int] = frozenset()
+
+
+def _headed(way: _Way) -> list[Placed]:
+    """The places on the way: at a door with its axis, else half way through the turn."""
+    headings = [direction(a, b) for a, b in pairwise(way.places)]
+    headed = []
+    for index in range(1, len(way.places) - 1):
+        before, after = headings[index - 1], headings[index]
+        heading = before + 0.5 * wrap(after - before)
+        if index in way.crossings:
+            heading = after
+        elif index - 1 in way.crossings:
+            heading = before
+        headed.append(way.places[index]._replace(theta=wrap(heading)))
+    return headed
 
 
 class _Mark(NamedTuple):
@@ -96,63 +101,136 @@ class _Mark(NamedTuple):
 
 
 class _Planner:
-    """One world's grid and costs, and how its doors are passed."""
+    """One world's grid, and how its doors are passed."""
 
-    def __init__(self, world: Floor, room: Room) -> None:
-        self.world, self.room = world, room
+    def __init__(self, world: World, margins: Margins) -> None:
+        self.world, self.margins = world, margins
         self.grid = grid_of(world.walls, world.bounds, CELL_M)
-        self.costs = self.grid.costs(room)
+        self.areas = {area.name: (area.x1, area.y1, area.x2, area.y2) for area in world.rooms}
         self.doors = {door.name: door for door in world.doors}
+        self._middles: dict[str, Placed] = {}
 
-    def way(self, start: Placed, goal: Placed) -> tuple[list[Placed], tuple[str, ...]]:
-        """Places from start to goal, both included, and the doors passed."""
-        if room_of(self.world, start) and room_of(self.world, goal):
+    def way(self, start: Placed, goal: Placed) -> _Way:
+        """From start to goal, over the graph if both are in rooms."""
+        if self.world.room_at(start.x, start.y) and self.world.room_at(goal.x, goal.y):
             return self._through_rooms(start, goal)
-        places = self._between(start, goal, self.world.bounds)
+        places = between(self.grid, self.margins, start, goal, self.world.bounds)
         if places is None:
-            clear = f"that keeps {self.room.radius_m:g} m clear of walls"
-            raise PlanError(f"no way from {_at(start)} to {_at(goal)} {clear}")
-        return places, ()
+            least = f"that keeps {self.margins.radius_m:g} m clear of walls"
+            raise PlanError(f"no way from {_at(start)} to {_at(goal)} {least}")
+        return _Way(places)
 
-    def _through_rooms(self, start: Placed, goal: Placed) -> tuple[list[Placed], tuple[str, ...]]:
+    def _through_rooms(self, start: Placed, goal: Placed) -> _Way:
         """Ask the graph again, without what the grid found closed, until a route can be driven."""
-        closed: set[Leg] = set()
+        closed: list[Leg] = []
         shut: dict[str, float] = {}
         while (legs := route(self.world, start, goal, closed, shut)) is not None:
             names = [leg.leave for leg in legs if leg.leave is not None]
-            narrow = [name for name in names if not self._passable(name)]
+            narrow = {name: gap for name in names if (gap := self._too_narrow(name)) is not None}
             if narrow:
-                shut |= {name: self.grid.clearance_at(self._middle(name)) for name in narrow}
+                shut |= narrow
                 continue
-            places, blocked = self._drive(self._marks(legs, start, goal))
-            if blocked is None:
-                return places, tuple(names)
-            closed.add(blocked)
-        raise PlanError(_why(self.world, self.room, start, goal, closed, shut))
+            driven = self._drive(self._marks(legs, start, goal))
+            if not isinstance(driven, Leg):
+                return driven._replace(doors=tuple(names))
+            closed.append(driven)
+        raise PlanError(self._why(start, goal, closed, shut))
 
     def _marks(self, legs: Sequence[Leg], start: Placed, goal: Placed) -> list[_Mark]:
         """The start, a mark before and one after each door, the goal."""
         marks = [_Mark(start, None)]
         for leg, beyond in pairwise(legs):
-            assert leg.leave is not None, "only the last leg leads to the goal"
-            before, after = self._beside(leg.leave, leg.room), self._beside(leg.leave, beyond.room)
-            assert before is not None, "narrow doors are shut before"
-            assert after is not None, "narrow doors are shut before"
+            before, after = (self._beside(leg.leave, side.room) for side in (leg, beyond))
+            assert before is not None, "a door without room before it is shut"
+            assert after is not None, "a door without room beyond it is shut"
             marks += [_Mark(before, leg), _Mark(after, None)]
         marks.append(_Mark(goal, legs[-1]))
         return self._without_turning_back(marks)
 
-    def _without_turning_back(self, marks: list[_Mark]) -> list[_Mark]:
+    def _without_turning_back(self, marks: Sequence[_Mark]) -> list[_Mark]:
         """Leave a door's mark out where going there means coming back, from a start beside it."""
-        kept = marks[:1]
-        for here, after in zip(marks[1:], [*marks[2:], None], strict=True):
-            if after is not None and self._turns_back(kept[-1].place, here.place, after.place):
-                marks[marks.index(after)] = after._replace(leg=None)
+        kept, rest = [marks[0]], deque(marks[1:])
+        while len(rest) > 1:
+            here = rest.popleft()
+            if self._turns_back(kept[-1].place, here.place, rest[0].place):
+                rest[0] = rest[0]._replace(leg=None)
             else:
                 kept.append(here)
-        return kept
+        return [*kept, *rest]
 
-    def _turns_back(self, before: Placed, here: Placed, after: Placed) -> bool:
-        dot = (here.x - before.x) * (after.x - here.x) + (here.y - before.y) * (after.y - here.y)
-        clear = self.grid.clearance_between(before, after)
-        return dot < 0.0 and clear >= min(self.room.radius_m, self.grid.clearance_at(before))
+    def _turns_back(self, a: Placed, b: Placed, c: Placed) -> bool:
+        dot = (b.x - a.x) * (c.x - b.x) + (b.y - a.y) * (c.y - b.y)
+        return dot < 0.0 and clear(self.grid, self.margins, a, c)
+
+    def _drive(self, marks: Sequence[_Mark]) -> _Way | Leg:
+        """The places from mark to mark; or the first leg that is blocked."""
+        places, crossings = [marks[0].place], set()
+        for here, there in pairwise(marks):
+            if there.leg is None:
+                crossings.add(len(places) - 1)
+                places.append(there.place)
+                continue
+            area = self.areas[there.leg.room]
+            found = between(self.grid, self.margins, here.place, there.place, area)
+            if found is None:
+                return there.leg
+            places += found[1:]
+        return _Way(places, crossings=frozenset(crossings))
+
+    def _middle(self, name: str) -> Placed:
+        """The place near a door's mark, along its wall, that is farthest from walls."""
+        if name not in self._middles:
+            door = self.doors[name]
+            x, y = axis(self.world, door, door.room_a)
+            offsets = [_OFF_MIDDLE_M * step for step in sorted(_OFF_MIDDLE, key=abs)]
+            places = [Placed(door.x - offset * y, door.y + offset * x) for offset in offsets]
+            self._middles[name] = max(places, key=lambda p: round(self.grid.clearance_at(p), 6))
+        return self._middles[name]
+
+    def _beside(self, name: str | None, room: str) -> Placed | None:
+        """The mark of a door in one of its rooms, None if there is no room for one."""
+        assert name is not None, "only the goal's leg leaves by no door"
+        middle = self._middle(name)
+        x, y = axis(self.world, self.doors[name], room)
+        places = (Placed(middle.x + far * x, middle.y + far * y) for far in DOOR_M)
+        radius = self.margins.radius_m
+        return next((p for p in places if self.grid.clearance_between(middle, p) >= radius), None)
+
+    def _too_narrow(self, name: str) -> float | None:
+        """The clearance of a door that the robot cannot pass, None if it can."""
+        door = self.doors[name]
+        if all(self._beside(name, room) is not None for room in (door.room_a, door.room_b)):
+            return None
+        return self.grid.clearance_at(self._middle(name))
+
+    def _why(
+        self,
+        start: Placed,
+        goal: Placed,
+        closed: Collection[Leg],
+        shut: Mapping[str, float],
+    ) -> str:
+        first, last = self.world.room_at(start.x, start.y), self.world.room_at(goal.x, goal.y)
+        assert first is not None, "the start is in a room"
+        assert last is not None, "the goal is in a room"
+        reasons = [
+            f"door {name} leaves {gap:.2f} m on either side and {self.margins.radius_m:g} m are needed"
+            for name, gap in shut.items()
+        ]
+        reasons += [f"blocked {leg}" for leg in closed]
+        reasons = reasons or ["no chain of doors connects them"]
+        return f"no way from room {first.name} to room {last.name}: {'; '.join(reasons)}"
+
+
+def _check(grid: Grid, what: str, place: Positioned) -> None:
+    if not grid.inside(place):
+        x1, y1, x2, y2 = grid.bounds
+        extent = f"({x1:g}, {y1:g}) to ({x2:g}, {y2:g})"
+        raise PlanError(f"the {what} {_at(place)} is off the world, which is {extent}")
+    clearance = grid.clearance_at(place)
+    if clearance < _BODY_M:
+        raise PlanError(f"the {what} {_at(place)} is inside a wall, or {clearance:.2f} m from one")
+
+
+def _at(place: Positioned) -> str:
+    return f"({place.x:g}, {place.y:g})"

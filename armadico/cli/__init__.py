@@ -1,0 +1,52 @@
+"""The command line: commands found by name, none of which is imported before it is called.
+
+A command is a module under the entry point group `armadico.commands`, ours or another package's:
+its docstring's first line is its help, and its `main(arguments)` returns the exit code.
+"""
+
+from __future__ import annotations
+
+import sys
+from collections.abc import Callable, Sequence
+from typing import Final
+
+from armadico.cli import options
+from armadico.discovery import COMMANDS, find, installed
+
+EXAMPLES: Final = """\
+  armadico run sc4              drive scenario 4 with everything on this machine
+  armadico ps                   who is there
+  armadico goto 4 2 90          send the robot to x 4 m, y 2 m, heading 90 degrees
+  armadico stop                 stop it
+  armadico COMMAND --help       more about a command
+"""
+
+
+def main(argv: Sequence[str] | None = None) -> int:
+    """Run one command; returns its exit code."""
+    arguments = list(sys.argv[1:] if argv is None else argv)
+    return options.guarded("armadico", lambda: _dispatch(arguments))
+
+
+def _dispatch(arguments: list[str]) -> int:
+    if not arguments or arguments[0] in {"-h", "--help", "help"}:
+        print(_help(), end="")
+        return 0 if arguments else 2
+    name, *rest = arguments
+    if name == "--version":
+        print(f"armadico {options.version()}")
+        return 0
+    command: Callable[[Sequence[str]], int] = find(COMMANDS, name).load()
+    return command(rest)
+
+
+def _help() -> str:
+    commands = installed(COMMANDS)
+    width = max(map(len, commands), default=0) + 2
+    rows = "\n".join(f"  {name:<{width}}{found.summary}" for name, found in commands.items())
+    return (
+        "usage: armadico COMMAND [OPTION]...\n\n"
+        "One robot, many agents, nobody in charge.\n\n"
+        f"commands:\n{rows}\n\nexamples:\n{EXAMPLES}\n"
+        "`armadico --version` says which one this is; `armadico-agent --help` starts one agent.\n"
+    )

@@ -16,8 +16,8 @@ from msgspec.structs import replace
 
 from armadico.config.errors import ConfigError, advice
 from armadico.config.lines import line_of
-from armadico.config.loading import parse, read_text
-from armadico.config.shipped import find
+from armadico.config.loading import document, parse, read_text
+from armadico.config.shipped import find, resource_path
 from armadico.config.worlds import World, load_world
 
 Metres = Annotated[float, Meta(ge=-1e4, le=1e4)]
@@ -51,7 +51,7 @@ class Scenario(Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):
     sensors: str = "ideal"
     v_max: Annotated[float, Meta(gt=0, le=10)] | None = None
     """A speed limit of this scenario, m/s; none: the agents' own."""
-    seed: Annotated[int, Meta(ge=0, lt=2**63)] = 0
+    seed: Annotated[int, Meta(ge=0, le=2**63 - 1)] = 0
     name: str = ""
     """What it is called: the file's name, unless it is given."""
 
@@ -130,6 +130,13 @@ def _faults(scenario: Scenario, world: World, radius: float) -> Iterator[tuple[K
         yield from _misplaced(world, (key,), pose, radius)
     for index, pose in enumerate(scenario.waypoints):
         yield from _misplaced(world, ("waypoints", index), pose, radius)
+    known = document(read_text(resource_path("robots", "sensors")), "sensors.toml")
+    if scenario.sensors not in known:
+        yield ("sensors",), f"no sensors {scenario.sensors!r}; {advice(scenario.sensors, known)}"
+    try:
+        find("robots", scenario.robot)
+    except ConfigError as error:
+        yield ("robot",), error.message
     for agent in scenario.agents:
         if scenario.agents.count(agent) > 1:
             yield ("agents",), f"agent {agent!r} is there twice; expected once"

@@ -26,6 +26,10 @@ class TopologyError(ValueError):
     """An endpoint or namespace that cannot be used."""
 
 
+class MeshError(RuntimeError):
+    """The mesh cannot be joined."""
+
+
 @dataclass(frozen=True)
 class Topology:
     """How one process joins the mesh.

@@ -18,7 +18,7 @@ from typing import Any, Final, TypeVar
 
 import zenoh
 
-from armadico.mesh.topology import Topology
+from armadico.mesh.topology import MeshError, Topology
 from armadico.messages import Message, MessageError, decode, encode
 from armadico.services import TOKEN
 
@@ -58,10 +58,6 @@ SETTINGS: Final[dict[str, Any]] = {
     "open/return_conditions/declares": False,
 }
 """Set on every process. Times in ms, as Zenoh has them."""
-
-
-class MeshError(RuntimeError):
-    """The mesh cannot be joined."""
 
 
 class Call:

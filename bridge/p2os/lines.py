@@ -7,7 +7,7 @@ import errno
 import socket
 import termios
 from collections.abc import Iterator
-from typing import Protocol
+from typing import NoReturn, Protocol
 
 import serial
 
@@ -58,8 +58,13 @@ def advice(error: BaseException) -> str:
         return "no such host; check its name"
     if isinstance(error, TimeoutError):
         return "no answer; is the host on, and does its firewall let us through?"
-    number = getattr(error, "errno", None)
-    return _ADVICE[number] if number in _ADVICE else str(error)
+    cause: BaseException | None = error
+    while cause is not None:  # pyserial keeps some numbers to the error that it came from
+        for number in (getattr(cause, "errno", None), *cause.args[:1]):
+            if number in _ADVICE:
+                return _ADVICE[number]
+        cause = cause.__context__
+    return str(error)
 
 
 def not_open() -> OSError:
@@ -76,6 +81,6 @@ def broken(where: str, remedy: str) -> Iterator[None]:
         raise TransportError(f"the line to {where} broke ({error}); {remedy}") from error
 
 
-def ended() -> bytes:
+def ended() -> NoReturn:
     """Say that the other end is gone."""
     raise OSError(errno.EPIPE, "the other end closed it")

@@ -5,8 +5,9 @@ are known before they happen, with their gaps). What follows from them is solved
 robot's own coordinates: a free body would slide off sideways where tyres hold, and the motors'
 inertia is in J only. Contacts are rigid, without bounce and without friction.
 
-The tyres hold sideways up to `GRIP` of the weight. A robot flush along a wall may so turn away from
-it, pushing itself off; with tyres that never slip it could not, whatever its motors do.
+The tyres hold sideways up to `GRIP` of the weight that they carry (the caster carries the rest, and
+rolls). So a robot flush along a wall can turn away from it, pushing itself off, if its motors push
+hard; with tyres that never slip it could not, whatever they do.
 """
 
 from __future__ import annotations
@@ -18,7 +19,8 @@ from armadico.bridge.profile import RobotProfile
 from armadico.bridge.simulator.walls import Box, Walls
 
 SKIN_M = 0.05  # contacts are seen from here on; no step at less than 10 m/s passes it unseen
-GRIP = 0.6  # of rubber on a floor: sideways force over weight
+GRIP = 0.5  # of rubber on an office floor: sideways force over weight
+GRIPPED_M_S = 1e-6  # a sideways speed below this is none
 GRAVITY = 9.81  # m/s^2
 SWEEPS = 50
 SETTLED_N = 1e-6  # forces that change by less are solved
@@ -62,6 +64,8 @@ class Outline:
         self._body = pymunk.Body(body_type=pymunk.Body.KINEMATIC)
         self._shape = pymunk.Poly(self._body, corners, radius=SKIN_M)
         self._mass = body.mass_kg + 2.0 * body.wheel_mass_kg + body.caster_mass_kg
+        behind = max(0.0, -body.mass_centre_x_m) / (body.caster_arm_m + body.caster_trail_m)
+        self._grip_n = GRIP * GRAVITY * (self._mass - behind * body.mass_kg)
 
     def contacts(self, pose: tuple[float, float, float]) -> list[Contact]:
         """Every wall within `SKIN_M` of the outline at a pose."""
@@ -93,7 +97,7 @@ class Outline:
         iu = dt / self._mass
         rows = [_row(contact, mobility, iu, dt) for contact in contacts]
         forces = [0.0] * len(rows)
-        grip, most = 0.0, GRIP * GRAVITY * self._mass
+        grip, most = 0.0, self._grip_n
         for _ in range(SWEEPS):
             held = max(-most, min(most, grip - u / iu))
             u += iu * (held - grip)
@@ -109,7 +113,7 @@ class Outline:
                 change = max(change, abs(step))
             if change < SETTLED_N:
                 break
-        return Motion(v, u, w), max(forces, default=0.0)
+        return Motion(v, u if abs(u) > GRIPPED_M_S else 0.0, w), max(forces, default=0.0)
 
 
 def _row(

@@ -9,6 +9,7 @@ PULSE, OPEN and CLOSE.
 from __future__ import annotations
 
 from collections.abc import Callable
+from math import inf
 
 from armadico.bridge.p2os.commands import Cmd, Command, decode_command
 from armadico.bridge.p2os.configuration import (
@@ -65,6 +66,11 @@ class Microcontroller:
     def next_status_s(self) -> float:
         """When the next status packet is due, while a session is open, s."""
         return self._next_status * self._plant.step_s
+
+    @property
+    def next_status_s(self) -> float:
+        """Simulation time of the next status packet, s; infinite while no client has it open."""
+        return self._next_status * self._plant.step_s if self._open else inf
 
     def receive(self, data: bytes) -> None:
         """Take in what the client wrote; it takes effect at once, at the time reached."""

@@ -43,7 +43,8 @@ class Plant:
 
     `collisions` counts episodes in which the outline touches anything; contacts less than
     `APART_S` apart are one episode. `blocked` says that in the last step a wall held the robot
-    (rims below 2 cm/s) though a motor had voltage enough to move.
+    (rims below 2 cm/s) though a motor had voltage enough to move. `pose` is the true one in the
+    world: m, m, rad (not wrapped).
     """
 
     step_s: float = STEP_S
@@ -102,6 +103,11 @@ class Plant:
         self._margin = 0.0
         self._touching = self.blocked = False
         self._touched = -inf
+
+    @property
+    def speeds(self) -> tuple[float, float]:
+        """The true speed ahead (m/s) and turn rate (rad/s)."""
+        return self._dynamics.v, self._dynamics.w
 
     # What the robot measures ---------------------------------------------------------------------
 

@@ -111,8 +111,9 @@ def test_a_glancing_or_dead_wall_hides_what_is_behind() -> None:
     assert ring([screen, behind], echoes=[False, True]).ping(LEFT, HOME) is None
     slope = tan(radians(75))
     glancing = (-2.0, 0.6 - 2.0 * slope, 2.0, 0.6 + 2.0 * slope)
-    assert ring([behind]).ping(LEFT, HOME) is not None
-    assert ring([glancing, behind]).ping(LEFT, HOME) is None
+    covered = (-0.4, 2.0, -0.05, 2.0)
+    assert ring([covered]).ping(LEFT, HOME) is not None
+    assert ring([glancing, covered]).ping(LEFT, HOME) is None
 
 
 def test_nothing_is_seen_through_the_corner_of_two_walls() -> None:
@@ -187,7 +188,10 @@ def test_clearance_is_the_distance_of_the_nearest_point() -> None:
     rng = Random(5)
     touching = 0
     for _ in range(300):
-        walls = [tuple(rng.uniform(-1, 1) for _ in range(4)) for _ in range(3)]
+        walls: list[Wall] = []
+        for _ in range(3):
+            x, y = rng.uniform(-1, 1), rng.uniform(-1, 1)
+            walls.append((x, y, rng.uniform(-1, 1), rng.uniform(-1, 1)))
         pose = (rng.uniform(-1, 1), rng.uniform(-1, 1), rng.uniform(-pi, pi))
         world = Walls()
         world.add(walls, [True] * 3)

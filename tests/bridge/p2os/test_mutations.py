@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING
 
 import pytest
 from armadico.bridge.p2os.commands import SYNC0, SYNC1, SYNC2, Cmd, command
-from armadico.bridge.p2os.packets import Decoder
+from armadico.bridge.p2os.packets import Decoder, encode
 from armadico.bridge.p2os.session import Reported, Session
 from armadico.bridge.p2os.status import Status, encode_status
 
@@ -83,8 +83,6 @@ def test_the_session_survives_and_reads_the_next_status(profile: RobotProfile, s
     good = encode_status(
         Status(x_m=0, y_m=0, theta_rad=0, left_m_s=0, right_m_s=0, battery_v=12), profile.p2os
     )
-    from armadico.bridge.p2os.packets import encode
-
     assert decoder_at == 0
     assert isinstance(session.receive(encode(good), now)[-1], Reported)
 

@@ -1,0 +1,158 @@
+"""Send the robot to a pose, and watch it go."""
+
+from __future__ import annotations
+
+import argparse
+import math
+import sys
+import time
+from collections.abc import Callable, Sequence
+from contextlib import ExitStack
+from typing import TYPE_CHECKING, Final
+
+from armadico.cli import options
+
+if TYPE_CHECKING:
+    from armadico.client import Client
+    from armadico.messages import MissionReply
+
+FIND_S: Final = 3.0
+"""How long somebody who takes missions is looked for."""
+
+PLANNING_S: Final = 30.0
+"""How long the answer may take once they are there."""
+
+SILENCE_S: Final = 5.0
+"""Without any word on the mission for so long, whoever took it is gone."""
+
+LINE_S: Final = 2.0
+"""How often a line is printed where there is no terminal."""
+
+EXAMPLES: Final = """\
+  armadico goto 4 2 90             x 4 m, y 2 m, heading 90 degrees, as the path planner says
+  armadico goto -1 0.5 -90
+  armadico goto 4 2 90 --direct    straight there, with no plan
+"""
+
+
+def main(argv: Sequence[str]) -> int:
+    """Send the robot to a pose."""
+    args = _parser().parse_args(argv)
+    mesh = options.join(args)
+    from armadico.client import Client  # noqa: PLC0415 - not for --help
+
+    try:
+        with mesh:
+            client = Client(mesh)
+            _watch(client, _begin(client, args), args)
+    except KeyboardInterrupt:
+        print("\nthe robot drives on; `armadico stop` stops it", file=sys.stderr)
+        raise
+    print("the goal is reached")
+    return 0
+
+
+def _parser() -> argparse.ArgumentParser:
+    made = options.parser(
+        "armadico goto",
+        "Send the robot to a pose in the world frame and wait until it is there. Ctrl-C ends the"
+        " waiting, not the drive.",
+        EXAMPLES,
+    )
+    made.add_argument("x", type=_number, metavar="X", help="m, in the world frame")
+    made.add_argument("y", type=_number, metavar="Y", help="m")
+    made.add_argument("heading", type=_number, metavar="DEG", help="degrees, counter-clockwise")
+    made.add_argument("--direct", action="store_true", help="straight there, with no plan")
+    made.add_argument("--timeout", type=_number, metavar="S", help="give up waiting after this")
+    options.add_mesh_options(made)
+    return made
+
+
+def _number(text: str) -> float:
+    value = float(text)
+    if not math.isfinite(value):
+        raise ValueError(text)
+    return value
+
+
+def _begin(client: Client, args: argparse.Namespace) -> MissionReply:
+    """Hand the mission over. Raises `FailedError` saying why it was not taken on."""
+    from armadico.messages import (  # noqa: PLC0415 - not for --help
+        MissionReply,
+        MissionRequest,
+        MissionStatus,
+        RobotState,
+        Waypoint,
+    )
+
+    client.listen(MissionStatus, RobotState)
+    heading = math.remainder(math.radians(args.heading), math.tau)
+    request = MissionRequest(Waypoint(args.x, args.y, heading), planned=not args.direct)
+    reply = client.ask(request, PLANNING_S, patience=FIND_S)
+    if not isinstance(reply, MissionReply):
+        raise options.nobody(args, "no interface agent takes the mission")
+    if reply.refusal:
+        raise options.FailedError(f"the mission was refused: {reply.refusal}")
+    return reply
+
+
+def _watch(client: Client, reply: MissionReply, args: argparse.Namespace) -> None:
+    """Wait until the goal is reached. Raises `FailedError` if it will not be."""
+    from armadico.messages import MissionState, MissionStatus  # noqa: PLC0415 - not for --help
+
+    begun = time.monotonic()
+    with ExitStack() as stack:
+        show = _shower(stack, reply.length)
+        while True:
+            client.wait_for(lambda: None, 0.1)
+            status = client.latest(MissionStatus)
+            if min(client.age(MissionStatus), time.monotonic() - begun) > SILENCE_S:
+                raise options.nobody(args, "nothing more is heard of the mission")
+            if status is not None and status.mission == reply.mission:
+                if status.state is MissionState.REACHED:
+                    return
+                show(status.to_go, _remark(client))
+            elif status is not None and time.monotonic() - begun > SILENCE_S:
+                raise options.FailedError("another mission has taken this one's place")
+            if args.timeout is not None and time.monotonic() - begun > args.timeout:
+                raise options.FailedError(f"not there after {args.timeout:g} s; it drives on")
+
+
+def _remark(client: Client) -> str:
+    from armadico.messages import RobotState  # noqa: PLC0415 - not for --help
+
+    state = client.latest(RobotState)
+    if state is None or client.age(RobotState) > 1.0:
+        return "nothing heard of the robot"
+    if state.stop.stopped:
+        return f"stopped by {state.stop.by or 'somebody'}; `armadico resume` releases it"
+    return "stalled" if state.stalled else f"{state.v:.2f} m/s"
+
+
+def _shower(stack: ExitStack, length: float) -> Callable[[float, str], None]:
+    """A bar on a terminal, a line now and then elsewhere. Takes metres to go and a remark."""
+    if not sys.stdout.isatty():
+        return _Lines().show
+    from rich.progress import BarColumn, Progress, TextColumn  # noqa: PLC0415 - not for --help
+
+    columns = (BarColumn(), TextColumn("{task.description}"))
+    progress = stack.enter_context(Progress(*columns, transient=True))
+    task = progress.add_task("", total=max(length, 1e-3))
+
+    def show(to_go: float, remark: str) -> None:
+        progress.update(
+            task, completed=max(length - to_go, 0.0), description=f"{to_go:.2f} m to go, {remark}"
+        )
+
+    return show
+
+
+class _Lines:
+    def __init__(self) -> None:
+        self._said_at = float("-inf")
+
+    def show(self, to_go: float, remark: str) -> None:
+        now = time.monotonic()
+        if now - self._said_at >= LINE_S:
+            self._said_at = now
+            print(f"{to_go:.2f} m to go, {remark}", flush=True)

@@ -1,0 +1,65 @@
+"""What `stop` and `resume` share: the latch that stops the robot.
+
+A stop is a state, not an edge: it is said again until the robot agent's own state shows it.
+"""
+
+from __future__ import annotations
+
+import argparse
+from collections.abc import Sequence
+from typing import TYPE_CHECKING, Final
+
+from armadico.cli import options
+
+if TYPE_CHECKING:
+    from armadico.client import Client
+    from armadico.messages import Stop
+
+FIND_S: Final = 2.0
+"""How long the robot is looked for."""
+
+AGAIN_S: Final = 0.1
+"""How often the stop is said until it is echoed."""
+
+
+def latch(made: argparse.ArgumentParser, argv: Sequence[str], *, stopped: bool) -> int:
+    """Say it until the robot agent shows it; returns the exit code."""
+    made.add_argument(
+        "--timeout", type=float, default=3.0, metavar="S", help="give up after this (default: 3 s)"
+    )
+    options.add_mesh_options(made)
+    args = made.parse_args(argv)
+    mesh = options.join(args)
+    from armadico.client import Client  # noqa: PLC0415 - not for --help
+
+    with mesh:
+        said = _say(Client(mesh), args, stopped)
+    print(f"the robot is {'stopped' if said.stopped else 'free to move'}")
+    return 0
+
+
+def _say(client: Client, args: argparse.Namespace, stopped: bool) -> Stop:
+    """Say it until it is echoed; returns what the robot agent says."""
+    from armadico.messages import RobotState, Stop  # noqa: PLC0415 - not for --help
+
+    client.listen(RobotState)
+
+    def echoed() -> Stop | None:
+        state = client.latest(RobotState)
+        return state.stop if state is not None and state.stop.stopped == stopped else None
+
+    state = client.wait_for(lambda: client.latest(RobotState), FIND_S)
+    if state is None and not stopped:
+        raise options.nobody(args, "no robot answers")
+    counter = 0 if state is None else state.stop.counter
+    by = "armadico stop" if stopped else "armadico resume"
+    for _ in range(max(1, round(args.timeout / AGAIN_S))):
+        newest = client.latest(RobotState)
+        if newest is not None:
+            counter = max(counter, newest.stop.counter)
+        client.publish(Stop(counter + 1, stopped, by))
+        done = client.wait_for(echoed, AGAIN_S)
+        if done is not None:
+            return done
+    word = "the stop" if stopped else "the release"
+    raise options.nobody(args, f"no robot answers: {word} was said, and nobody confirmed it")

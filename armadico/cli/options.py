@@ -1,0 +1,154 @@
+"""What all commands share: options, errors and exit codes.
+
+Exit codes: 0 done, 1 it failed, 2 it was called or configured wrongly, 130 interrupted.
+"""
+
+from __future__ import annotations
+
+import argparse
+import os
+import sys
+from collections.abc import Callable
+from importlib.metadata import PackageNotFoundError
+from importlib.metadata import version as installed
+from typing import TYPE_CHECKING, Final
+
+from armadico.config.errors import ConfigError
+from armadico.discovery import UnknownNameError
+from armadico.mesh.topology import (
+    DEFAULT_NAMESPACE,
+    ENDPOINTS_VARIABLE,
+    MeshError,
+    TopologyError,
+    checked_namespace,
+    topology,
+)
+
+if TYPE_CHECKING:
+    from armadico.mesh.zenoh import ZenohMesh
+
+FAILED: Final = 1
+USAGE: Final = 2
+INTERRUPTED: Final = 130
+
+NAMESPACE_VARIABLE: Final = "ARMADICO_NAMESPACE"
+
+
+class UsageError(Exception):
+    """The command was called wrongly."""
+
+
+class FailedError(Exception):
+    """The command could not do what it was asked for."""
+
+
+WRONGLY_USED: Final = (UsageError, ConfigError, TopologyError, UnknownNameError)
+BROKEN: Final = (FailedError, MeshError, ImportError)
+
+
+def guarded(program: str, command: Callable[[], int]) -> int:
+    """Run a command; an error is one line on stderr and an exit code."""
+    try:
+        return command()
+    except WRONGLY_USED as error:
+        return _say(program, error, USAGE)
+    except BROKEN as error:
+        return _say(program, error, FAILED)
+    except KeyboardInterrupt:
+        return INTERRUPTED
+    except BrokenPipeError:
+        # Whoever read us has gone; nothing is to be written at exit either.
+        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
+        return FAILED
+
+
+def version() -> str:
+    """The version that is installed."""
+    try:
+        return installed("armadico")
+    except PackageNotFoundError:
+        return "unknown"
+
+
+def parser(program: str, description: str, examples: str) -> argparse.ArgumentParser:
+    """A parser whose help ends with examples."""
+    made = argparse.ArgumentParser(
+        prog=program,
+        description=description,
+        epilog="examples:\n" + examples,
+        formatter_class=argparse.RawDescriptionHelpFormatter,
+    )
+    made.add_argument("--version", action="version", version=f"armadico {version()}")
+    return made
+
+
+def add_mesh_options(made: argparse.ArgumentParser) -> None:
+    """The options that say which robot, and how to reach it."""
+    mesh = made.add_argument_group("the mesh")
+    mesh.add_argument(
+        "--namespace",
+        metavar="NS",
+        default=os.environ.get(NAMESPACE_VARIABLE, DEFAULT_NAMESPACE),
+        help=f"which robot (default: ${NAMESPACE_VARIABLE}, or {DEFAULT_NAMESPACE})",
+    )
+    mesh.add_argument(
+        "--host", metavar="H", help="this machine's name in the host table (default: none needed)"
+    )
+    mesh.add_argument("--hosts", metavar="FILE", help="the host table (default: the shipped one)")
+    mesh.add_argument(
+        "--connect",
+        metavar="ENDPOINT",
+        action="append",
+        default=[],
+        help="connect to this, such as tcp/192.168.1.5:7450; may be repeated"
+        f" (default: ${ENDPOINTS_VARIABLE}, or this machine's four well-known ports)",
+    )
+    mesh.add_argument(
+        "--listen",
+        metavar="ENDPOINT",
+        action="append",
+        default=[],
+        help="listen on this; may be repeated (default: the first well-known port that is free)",
+    )
+
+
+def join(args: argparse.Namespace, *, passing: bool = True) -> ZenohMesh:
+    """The mesh that the options name, not opened yet; `passing`: as a tool that is soon gone."""
+    here, everywhere = _from_table(args)
+    where = topology(
+        listen=args.listen,
+        connect=args.connect,
+        host_endpoints=here,
+        all_endpoints=everywhere,
+        passing=passing,
+    )
+    namespace = checked_namespace(args.namespace)
+    from armadico.mesh.zenoh import ZenohMesh  # noqa: PLC0415 - not for --help
+
+    return ZenohMesh(namespace, where)
+
+
+def _from_table(args: argparse.Namespace) -> tuple[tuple[str, ...], tuple[str, ...]]:
+    """This host's endpoints and everybody's; none if the host table was not asked for."""
+    if args.host is None and args.hosts is None:
+        return (), ()
+    from armadico.config.hosts import load_hosts  # noqa: PLC0415 - not for --help
+
+    table = load_hosts(args.hosts)
+    if args.host is None:
+        raise UsageError(f"--hosts needs --host, one of: {', '.join(table.hosts)}")
+    return table.host(args.host).endpoints, table.endpoints()
+
+
+def nobody(args: argparse.Namespace, what: str) -> FailedError:
+    """What to say when nobody is there to do it."""
+    return FailedError(
+        f"{what} in namespace {args.namespace!r}; `armadico ps` shows who is there, and"
+        " --namespace and --connect say where to look"
+    )
+
+
+def _say(program: str, error: Exception, code: int) -> int:
+    text = str(error) or type(error).__name__
+    print(f"{program}: {text}", file=sys.stderr)
+    return code

@@ -1,0 +1,283 @@
+"""`armadico run`: one scenario, from start to goal, live or under the virtual clock."""
+
+from __future__ import annotations
+
+import argparse
+import json
+import sys
+from collections.abc import Callable, Iterator, Sequence
+from contextlib import contextmanager
+from pathlib import Path
+from typing import TYPE_CHECKING, Final
+
+from armadico.cli import options
+from armadico.cli.options import Failure, UsageError
+
+if TYPE_CHECKING:
+    from armadico.config.scenarios import Scenario
+    from armadico.measures import Result, RunWatch
+    from armadico.society import Options
+
+LINE_S: Final = 2.0
+"""How often a line is printed where there is no terminal, s of the run."""
+
+EXAMPLES: Final = """\
+  armadico run sc4                             separate processes on this machine, with a picture
+  armadico run sc4 --virtual --seed 7          the same society in one process, repeatable
+  armadico run house --virtual --runs 20 --json
+  armadico run --world rooms-a --start 1 1 90 --goal 7 0.7 -90
+  armadico run my.toml --controller fast --exchange abrupt --without gothrough
+  armadico run sc1 --robot serial:///dev/ttyUSB0
+"""
+
+
+def main(argv: Sequence[str]) -> int:
+    """Drive; 0 only if the goal was reached without a collision, in every run."""
+    args = _parser().parse_args(argv)
+    scenario = _scenario(args)
+    results = []
+    for seed in _seeds(args, scenario):
+        result, watch = _drive(args, scenario, seed)
+        results.append(result)
+        if not args.json:
+            _show(result)
+        if args.plot is not None:
+            _plot(args, scenario, watch, result)
+    if args.json:
+        _print_json(results, several=args.runs is not None)
+    elif len(results) > 1:
+        passed = sum(result.passed for result in results)
+        print(f"{passed} of {len(results)} runs reached the goal without a collision")
+    return 0 if all(result.passed for result in results) else options.FAILED
+
+
+def _parser() -> argparse.ArgumentParser:
+    made = options.parser(
+        "armadico run",
+        "Drive one scenario and measure it. Live: simulator, robot agent and every agent are"
+        " processes of their own on this machine, over Zenoh.",
+        EXAMPLES,
+    )
+    made.add_argument("scenario", nargs="?", help="a scenario's name, or a TOML file")
+    made.add_argument("--world", metavar="MAP", help="a world instead of a scenario")
+    pose = {"nargs": 3, "type": float, "metavar": ("X", "Y", "DEG")}
+    made.add_argument("--start", **pose, help="where the robot starts: m, m, degrees")
+    made.add_argument("--goal", **pose, help="where it is to go")
+    made.add_argument("--virtual", action="store_true", help="one process, under a virtual clock")
+    made.add_argument("--seed", type=int, metavar="N", help="of all that is random (default: 0)")
+    made.add_argument("--controller", choices=("fast", "precise", "collaborative"), help="goto's")
+    made.add_argument("--exchange", choices=("abrupt", "smooth"), help="how resources change hands")
+    made.add_argument(
+        "--without", action="append", default=[], metavar="AGENT", help="leave an agent out"
+    )
+    made.add_argument(
+        "--runs", type=int, metavar="N", help="so many, with one seed after another"
+    )
+    made.add_argument("--json", action="store_true", help="one JSON object on stdout")
+    made.add_argument("--plot", metavar="FILE", type=Path, help="where the picture goes (PNG)")
+    made.add_argument("--no-plot", action="store_true", help="no picture")
+    made.add_argument("--robot", metavar="URL", help="drive something that is already there")
+    options.add_mesh_options(made)
+    return made
+
+
+def _scenario(args: argparse.Namespace) -> Scenario:
+    """What the command line names. Raises UsageError or ConfigError."""
+    from msgspec.structs import replace  # noqa: PLC0415 - not for --help
+
+    from armadico.config.scenarios import load_scenario, scenario_from  # noqa: PLC0415
+
+    if (args.scenario is None) == (args.world is None):
+        raise UsageError("name a scenario (armadico run sc4), or a world with --world")
+    if args.runs is not None and args.runs < 1:
+        raise UsageError(f"--runs {args.runs}: at least 1")
+    if args.robot is not None and args.virtual:
+        raise UsageError("--robot drives what is really there; --virtual has its own simulator")
+    if args.seed is not None and not 0 <= args.seed < 2**63:
+        raise UsageError(f"--seed {args.seed}: from 0 to 2^63 - 1")
+    if args.world is not None:
+        if args.goal is None:
+            raise UsageError("--world needs a goal: --goal X Y DEG")
+        start = tuple(args.start) if args.start else None
+        return _known_agents(args, scenario_from(args.world, start, tuple(args.goal)))
+    scenario = load_scenario(args.scenario)
+    changes = {key: tuple(v) for key in ("start", "goal") if (v := getattr(args, key))}
+    if changes:
+        checked = scenario_from(
+            scenario.world, changes.get("start", scenario.start), changes.get("goal", scenario.goal)
+        )
+        scenario = replace(scenario, start=checked.start, goal=checked.goal)
+    return _known_agents(args, scenario)
+
+
+def _known_agents(args: argparse.Namespace, scenario: Scenario) -> Scenario:
+    """Raises UnknownNameError or UsageError for a name that takes no part."""
+    from armadico.discovery import AGENTS, find  # noqa: PLC0415 - not for --help
+
+    for name in (*scenario.agents, *args.without):
+        find(AGENTS, name)
+    for name in args.without:
+        if name not in scenario.agents:
+            taking = ", ".join(scenario.agents)
+            raise UsageError(f"--without {name}: takes no part in {scenario.name} ({taking} do)")
+    return scenario
+
+
+def _seeds(args: argparse.Namespace, scenario: Scenario) -> range:
+    first = scenario.seed if args.seed is None else args.seed
+    return range(first, first + (args.runs or 1))
+
+
+def _drive(args: argparse.Namespace, scenario: Scenario, seed: int) -> tuple[Result, RunWatch]:
+    from armadico.society import Options  # noqa: PLC0415 - not for --help
+
+    chosen = Options(
+        seed=seed,
+        controller=args.controller,
+        exchange=args.exchange,
+        without=tuple(args.without),
+        robot=args.robot,
+    )
+    drive = _virtual if args.virtual else _live
+    return drive(args, scenario, chosen)
+
+
+def _virtual(
+    args: argparse.Namespace, scenario: Scenario, chosen: Options
+) -> tuple[Result, RunWatch]:
+    from armadico.rehearsal import MissionRefused, Rehearsal  # noqa: PLC0415
+
+    rehearsal = Rehearsal(scenario, chosen)
+    try:
+        with _progress(args, scenario, chosen.seed) as show:
+            return rehearsal.run(show), rehearsal.watch
+    except MissionRefused as error:
+        raise Failure(f"{scenario.name}: the mission was refused: {error}") from None
+
+
+def _live(args: argparse.Namespace, scenario: Scenario, chosen: Options) -> tuple[Result, RunWatch]:
+    from armadico.launcher import Launcher, RunFailed  # noqa: PLC0415
+    from armadico.rehearsal import MissionRefused  # noqa: PLC0415
+
+    mesh = options.join(args)
+    try:
+        with mesh, Launcher(scenario, chosen, mesh, args.namespace) as launcher:
+            _say(f"{scenario.name}: starting; each process logs to {launcher.logs}")
+            with _progress(args, scenario, chosen.seed) as show:
+                return launcher.run(show, _say), launcher.watch
+    except MissionRefused as error:
+        raise Failure(f"{scenario.name}: the mission was refused: {error}") from None
+    except RunFailed as error:
+        raise Failure(str(error)) from None
+
+
+def _say(text: str) -> None:
+    print(text, file=sys.stderr, flush=True)
+
+
+# Progress -----------------------------------------------------------------------------------------
+
+
+@contextmanager
+def _progress(
+    args: argparse.Namespace, scenario: Scenario, seed: int
+) -> Iterator[Callable[[RunWatch], None] | None]:
+    """A bar on a terminal, a line now and then elsewhere; on stderr."""
+    if args.virtual and args.runs is None and not sys.stderr.isatty():
+        yield None  # it is over in a second
+        return
+    label = f"{scenario.name} seed {seed}"
+    if not sys.stderr.isatty():
+        yield _Lines(label).show
+        return
+    from rich.console import Console  # noqa: PLC0415 - not for --help
+    from rich.progress import BarColumn, Progress, TextColumn, TimeElapsedColumn  # noqa: PLC0415
+
+    columns = (
+        TextColumn("{task.fields[label]}"),
+        BarColumn(),
+        TimeElapsedColumn(),
+        TextColumn("{task.description}"),
+    )
+    with Progress(*columns, console=Console(stderr=True), transient=True) as progress:
+        task = progress.add_task("starting", total=None, label=label)
+
+        def show(watch: RunWatch) -> None:
+            to_go = watch.status.to_go if watch.status else 0.0
+            whole = max(watch.distance + to_go, 1e-3)
+            progress.update(task, total=whole, completed=whole - to_go, description=remark(watch))
+
+        yield show
+
+
+class _Lines:
+    def __init__(self, label: str) -> None:
+        self._label = label
+        self._said_at = 0.0
+
+    def show(self, watch: RunWatch) -> None:
+        if watch.elapsed - self._said_at >= LINE_S:
+            self._said_at = watch.elapsed
+            _say(f"{self._label} {watch.elapsed:6.1f} s  {remark(watch)}")
+
+
+def remark(watch: RunWatch) -> str:
+    """Distance to go, who holds the wheels, speed, battery."""
+    state = watch.state
+    to_go = f"{watch.status.to_go:.2f} m to go" if watch.status else "no word of the mission"
+    if state is None:
+        return f"{to_go}, nothing heard of the robot"
+    if state.stop.stopped:
+        return f"{to_go}, stopped by {state.stop.by}; armadico resume releases it"
+    holder = watch.holder or "nobody"
+    return f"{to_go}, {holder} holds the wheels, {state.v:.2f} m/s, {state.battery_v:.1f} V"
+
+
+# What came of it ----------------------------------------------------------------------------------
+
+
+def _show(result: Result) -> None:
+    """The table of measures."""
+    from rich.console import Console  # noqa: PLC0415 - not for --help
+    from rich.table import Table  # noqa: PLC0415 - not for --help
+
+    verdict = "reached" if result.reached else "NOT reached"
+    touched = "" if not result.collisions else f", {result.collisions} COLLISION(S)"
+    table = Table(title=f"{result.scenario}, seed {result.seed}: {verdict}{touched}")
+    for title, _ in ROWS:
+        table.add_column(title, justify="right")
+    table.add_row(*(_cell(getattr(result, field)) for _, field in ROWS))
+    Console().print(table)
+
+
+ROWS: Final = (
+    ("TD m", "td_m"),
+    ("FO deg", "fo_deg"),
+    ("TT s", "tt_s"),
+    ("P %", "p_percent"),
+    ("TG %", "tg_percent"),
+    ("TA %", "ta_percent"),
+    ("TGt %", "tgt_percent"),
+    ("exchanges", "exchanges"),
+    ("collisions", "collisions"),
+    ("min clearance m", "min_clearance_m"),
+)
+
+
+def _cell(value: float | None) -> str:
+    if value is None:
+        return "-"
+    return str(value) if isinstance(value, int) else f"{value:.2f}"
+
+
+def _print_json(results: Sequence[Result], *, several: bool) -> None:
+    import msgspec  # noqa: PLC0415 - not for --help
+
+    rows = msgspec.to_builtins(list(results))
+    print(json.dumps(rows if several else rows[0]))
+
+
+def _plot(
+    args: argparse.Namespace, scenario: Scenario, watch: RunWatch, result: Result
+) -> None:
+    raise NotImplementedError

@@ -1,0 +1,274 @@
+"""A run as real processes on this machine: simulator, robot agent and every agent, on Zenoh.
+
+The launcher starts them, hands the mission over, watches, and takes everything down again, whatever
+happens. It decides nothing: kill it and the society drives on.
+"""
+
+from __future__ import annotations
+
+import os
+import selectors
+import subprocess
+import sys
+import tempfile
+import time
+from collections.abc import Callable, Sequence
+from contextlib import suppress
+from math import radians
+from pathlib import Path
+from types import TracebackType
+from typing import IO, TYPE_CHECKING
+
+from armadico.client import Client
+from armadico.config.scenarios import Scenario
+from armadico.measures import WATCHED, Result, RunWatch
+from armadico.messages import MissionReply, Pose, RobotState
+from armadico.rehearsal import MissionRefused
+from armadico.society import Member, Options, members, mission, time_limit
+
+if TYPE_CHECKING:
+    from armadico.mesh.zenoh import ZenohMesh
+
+START_S = 20.0
+"""What the processes may take to start, and the robot to answer."""
+
+LEAVE_S = 3.0
+"""What a process may take to leave before it is killed."""
+
+SILENT_S = 10.0
+"""A run whose robot has said nothing for so long is over."""
+
+ANNOUNCED = "listening on "
+"""What the simulator writes on standard output, then its URL."""
+
+
+class RunFailed(RuntimeError):
+    """The run cannot begin or go on; the message says why, and what to do."""
+
+
+class Process:
+    """One process of the society, and where its last words are kept."""
+
+    def __init__(self, name: str, command: Sequence[str], log: Path, *, listen: bool = False):
+        self.name = name
+        self.log = log
+        with log.open("wb") as errors:
+            self.popen: subprocess.Popen[bytes] = subprocess.Popen(
+                [sys.executable, "-m", *command],
+                stdin=subprocess.DEVNULL,
+                stdout=subprocess.PIPE if listen else errors,
+                stderr=errors,
+                start_new_session=True,  # Ctrl-C is the launcher's; it tells them in order
+            )
+
+    def ended(self) -> bool:
+        """Whether it is gone."""
+        return self.popen.poll() is not None
+
+    def last_words(self, lines: int = 5) -> str:
+        """The end of what it wrote."""
+        text = self.log.read_text(errors="replace").strip().splitlines()
+        return "\n".join(f"    {line}" for line in text[-lines:])
+
+
+class Launcher:
+    """The processes of one run; a context manager that leaves nothing running."""
+
+    def __init__(
+        self, scenario: Scenario, options: Options, mesh: ZenohMesh, namespace: str
+    ) -> None:
+        self.scenario = scenario
+        self.options = options
+        self.client = Client(mesh)
+        self.watch = RunWatch(
+            scenario.name,
+            (scenario.goal[0], scenario.goal[1], radians(scenario.goal[2])),
+            options.seed,
+            tuple(name for name in scenario.agents if name not in options.without),
+        )
+        self.limit = time_limit(0.0)
+        self.logs = Path(tempfile.mkdtemp(prefix="armadico-"))
+        self._namespace = namespace
+        self._processes: list[Process] = []
+        self._mourned: set[str] = set()
+        self.client.listen(*WATCHED, then=self.watch.show)
+
+    def __enter__(self) -> Launcher:
+        return self
+
+    def __exit__(
+        self,
+        kind: type[BaseException] | None,
+        error: BaseException | None,
+        trace: TracebackType | None,
+    ) -> None:
+        self.stop()
+
+    # Starting ------------------------------------------------------------------------------------
+
+    def start(self) -> None:
+        """Start everything. Raises RunFailed if somebody is here already or does not come up."""
+        self._refuse_company()
+        port = self.options.robot or self._start_simulator()
+        everybody = members(self.scenario, self.options, port)
+        for member in everybody:
+            self._start_agent(member)
+        self._wait_for_everybody({member.name for member in everybody}, port)
+
+    def begin(self) -> None:
+        """Hand the mission over. Raises MissionRefused or RunFailed."""
+        reply = self.client.ask(mission(self.scenario), timeout=30.0)
+        if not isinstance(reply, MissionReply):
+            raise RunFailed("no interface agent answered mission/request within 30 s")
+        if reply.refusal:
+            raise MissionRefused(reply.refusal)
+        self.limit = time_limit(reply.length)
+        self.watch.begin(reply.mission)
+
+    def run(
+        self,
+        progress: Callable[[RunWatch], None] | None = None,
+        warn: Callable[[str], None] | None = None,
+    ) -> Result:
+        """Drive to the goal or the time limit."""
+        self.start()
+        self.begin()
+        end = time.monotonic() + self.limit
+        while not self.watch.done and time.monotonic() < end:
+            self.client.wait_for(lambda: self.watch.done, 0.2)
+            if progress is not None:
+                progress(self.watch)
+            self._mourn(warn)
+        return self.watch.result()
+
+    def _refuse_company(self) -> None:
+        """A robot that is in the namespace already is not ours to drive."""
+        self.client.settle()
+        there = [instance for name, instance in sorted(self.client.alive) if name == "robot"]
+        if there:
+            raise RunFailed(
+                f"a robot is in the namespace {self._namespace!r} already: {there[0]}"
+                " (armadico ps shows whose); use another one: --namespace NAME"
+            )
+
+    def _start_simulator(self) -> str:
+        scenario = self.scenario
+        x, y, degrees = scenario.start
+        process = Process(
+            "simulator",
+            [
+                "armadico.cli.sim",
+                scenario.world,
+                "--port=0",
+                f"--seed={self.options.seed}",
+                f"--sensors={scenario.sensors}",
+                f"--namespace={self._namespace}",
+                *("--start", str(x), str(y), str(degrees)),
+            ],
+            self.logs / "simulator.log",
+            listen=True,
+        )
+        self._processes.append(process)
+        assert process.popen.stdout is not None, "it was asked for"
+        line = _line(process.popen.stdout, START_S)
+        if not line.startswith(ANNOUNCED):
+            raise RunFailed(f"the simulator did not start:\n{process.last_words()}")
+        return line.removeprefix(ANNOUNCED).strip()
+
+    def _start_agent(self, member: Member) -> None:
+        settings = [word for value in member.sets for word in ("--set", value)]
+        self._processes.append(
+            Process(
+                member.name,
+                ["armadico.cli.agent", member.name, "--namespace", self._namespace, *settings],
+                self.logs / f"{member.name}.log",
+            )
+        )
+
+    def _wait_for_everybody(self, names: set[str], port: str) -> None:
+        """Until all tokens are there and the robot says where it is."""
+
+        def ready() -> bool:
+            self._check_alive()
+            here = {name for name, _ in self.client.alive}
+            # nobody drives on a frame that the others have not heard: two frames after the last
+            return names <= here and self.client.age(Pose) < 1.0
+
+        if self.client.wait_for(ready, START_S):
+            return
+        missing = names - {name for name, _ in self.client.alive}
+        if missing:
+            raise RunFailed(f"did not start within {START_S:.0f} s: {', '.join(sorted(missing))}")
+        raise RunFailed(
+            f"the robot on {port} did not answer within {START_S:.0f} s;"
+            f" the robot agent says:\n{self._last_words('robot')}"
+        )
+
+    # While it runs -------------------------------------------------------------------------------
+
+    def _check_alive(self) -> None:
+        for process in self._processes:
+            if process.ended():
+                code = process.popen.returncode
+                raise RunFailed(
+                    f"{process.name} ended with status {code}:\n{process.last_words()}"
+                )
+
+    def _mourn(self, warn: Callable[[str], None] | None) -> None:
+        """Say once who has gone; without the robot there is no run."""
+        for process in self._processes:
+            if process.ended() and process.name not in self._mourned:
+                self._mourned.add(process.name)
+                if warn is not None:
+                    warn(f"{process.name} is gone (status {process.popen.returncode})")
+        if self.client.age(RobotState) > SILENT_S:
+            raise RunFailed(
+                f"the robot has said nothing for {SILENT_S:.0f} s;"
+                f" the robot agent says:\n{self._last_words('robot')}"
+            )
+
+    def _last_words(self, name: str) -> str:
+        return next((p.last_words() for p in self._processes if p.name == name), "    nothing")
+
+    # Leaving -------------------------------------------------------------------------------------
+
+    def stop(self) -> None:
+        """Take everything down: the behaviours let go, the robot stops, the simulator ends last."""
+        simulators = [p for p in self._processes if p.name == "simulator"]
+        robots = [p for p in self._processes if p.name == "robot"]
+        others = [p for p in self._processes if p not in simulators and p not in robots]
+        for group in (others, robots, simulators):
+            _end(group)
+        self._processes.clear()
+
+
+def _end(processes: Sequence[Process]) -> None:
+    """Ask them to leave, and kill whoever does not."""
+    for process in processes:
+        with suppress(ProcessLookupError):
+            process.popen.terminate()
+    deadline = time.monotonic() + LEAVE_S
+    for process in processes:
+        try:
+            process.popen.wait(max(deadline - time.monotonic(), 0.0))
+        except subprocess.TimeoutExpired:
+            process.popen.kill()
+            process.popen.wait()
+        if process.popen.stdout is not None:
+            process.popen.stdout.close()
+
+
+def _line(pipe: IO[bytes], timeout: float) -> str:
+    """The first line of a pipe, or what there is of it in time."""
+    data = b""
+    deadline = time.monotonic() + timeout
+    with selectors.DefaultSelector() as selector:
+        selector.register(pipe, selectors.EVENT_READ)
+        while b"\n" not in data and (left := deadline - time.monotonic()) > 0:
+            if not selector.select(left):
+                break
+            chunk = os.read(pipe.fileno(), 4096)
+            if not chunk:
+                break
+            data += chunk
+    return data.decode(errors="replace").partition("\n")[0]

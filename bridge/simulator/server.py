@@ -1,0 +1,134 @@
+"""A simulated robot in real time, behind a TCP port or a pseudo-terminal.
+
+Only here does the simulator meet sockets and a clock. One client at a time, as on the robot: who
+comes second is hung up on.
+"""
+
+from __future__ import annotations
+
+import select
+import socket
+import time
+from collections.abc import Callable
+from typing import Final, Protocol
+
+from armadico.bridge.simulator.pioneer import Pioneer
+
+CHUNK: Final = 4096
+POLL_S: Final = 0.1
+"""The longest wait, so that a request to stop is noticed."""
+
+BEHIND_S: Final = 0.5
+"""A simulator that was held up longer than this does not make the time up: it has passed for it."""
+
+
+class Line(Protocol):
+    """The robot's end of a line. None is read from a client that has gone."""
+
+    def read(self, timeout_s: float) -> bytes | None:
+        """Wait for bytes; none after `timeout_s`; None if the client has just gone."""
+
+    def write(self, data: bytes) -> None:
+        """Send, if anybody is there."""
+
+
+class TcpLine:
+    """Listens, and serves whoever comes first."""
+
+    def __init__(self, address: str, port: int) -> None:
+        """Listen; port 0: one that is free. Raises OSError if that cannot be."""
+        self._listener = socket.create_server((address, port), backlog=4)
+        self._client: socket.socket | None = None
+
+    @property
+    def port(self) -> int:
+        """Where it listens."""
+        port: int = self._listener.getsockname()[1]
+        return port
+
+    @property
+    def connected(self) -> bool:
+        """Whether a client is there."""
+        return self._client is not None
+
+    def read(self, timeout_s: float) -> bytes | None:
+        """Wait for bytes, and for clients."""
+        client = self._client
+        waited = [self._listener] if client is None else [self._listener, client]
+        ready = select.select(waited, [], [], timeout_s)[0]
+        if self._listener in ready:
+            self._accept()
+        if client is None or client not in ready:
+            return b""
+        try:
+            return client.recv(CHUNK) or self._hang_up()
+        except OSError:
+            return self._hang_up()
+
+    def write(self, data: bytes) -> None:
+        """Send; to a client that does not read its status packets the line is cut."""
+        if self._client is None:
+            return
+        try:
+            self._client.sendall(data)
+        except OSError:
+            # The next `read` finds the end of it.
+            self._client.shutdown(socket.SHUT_RDWR)
+
+    def close(self) -> None:
+        """Hang up, and listen no more."""
+        self._hang_up()
+        self._listener.close()
+
+    def _accept(self) -> None:
+        client, _ = self._listener.accept()
+        if self._client is not None:
+            client.close()
+            return
+        client.setsockopt(socket.IPPROTO_TCP, socket.TCP_NODELAY, 1)
+        client.settimeout(1.0)
+        self._client = client
+
+    def _hang_up(self) -> None:
+        client, self._client = self._client, None
+        if client is not None:
+            client.close()
+
+
+class Simulation:
+    """Keeps a robot in step with the clock, and its port served."""
+
+    def __init__(
+        self, robot: Pioneer, line: Line, clock: Callable[[], float] = time.monotonic
+    ) -> None:
+        self._robot = robot
+        self._line = line
+        self._clock = clock
+        self._origin = clock()
+
+    def run(self, stop: Callable[[], bool]) -> None:
+        """Serve until `stop` says so."""
+        while not stop():
+            self.step()
+
+    def step(self) -> None:
+        """Wait for the next thing to happen, and let it."""
+        wait = min(max(self._robot.due - self._now(), 0.0), POLL_S)
+        data = self._line.read(wait)
+        now = self._now()
+        said = self._robot.advance(now)
+        if said:
+            self._line.write(said)
+        if data is None:
+            self._robot.controller.disconnect()
+        elif data:
+            self._robot.receive(data, now)
+
+    def _now(self) -> float:
+        """Simulation time, s; what was missed while held up is left out."""
+        now = self._clock() - self._origin
+        behind = now - self._robot.controller.time_s
+        if behind > BEHIND_S:
+            self._origin += behind - POLL_S
+            now -= behind - POLL_S
+        return now

@@ -1,0 +1,392 @@
+"""The simulated Pioneer among walls: it stops at them, counts them, and gets off them."""
+
+from __future__ import annotations
+
+import tomllib
+from collections.abc import Callable
+from importlib.resources import files
+from math import cos, degrees, hypot, inf, pi, sin
+from random import Random
+
+import msgspec
+import pytest
+from armadico.bridge.profile import RobotProfile, SensorProfile
+from armadico.bridge.simulator.contact import Contact
+from armadico.bridge.simulator.encoders import TICKS_PER_M
+from armadico.bridge.simulator.plant import Plant, seeded
+from armadico.bridge.simulator.speed_loops import SpeedLoops
+from armadico.bridge.simulator.walls import Wall
+
+from armadico.geometry import Pose2
+
+
+def config(name: str) -> dict[str, object]:
+    return tomllib.loads(files("armadico.configs").joinpath(f"robots/{name}.toml").read_text())
+
+
+PROFILE = msgspec.convert(config("pioneer-2dx"), RobotProfile)
+IDEAL = msgspec.convert(config("sensors")["ideal"], SensorProfile)
+REAL = msgspec.convert(config("sensors")["real"], SensorProfile)
+FRONT, REAR, SIDE = PROFILE.body.front_m, PROFILE.body.rear_m, PROFILE.body.width_m / 2
+PENETRATION_M = 0.001  # no corner is ever farther behind a wall
+HOME = (0.0, 0.0, 0.0)
+ROOM = [
+    (-2.0, -2.0, 4.0, -2.0),
+    (4.0, -2.0, 4.0, 2.0),
+    (4.0, 2.0, -2.0, 2.0),
+    (-2.0, 2.0, -2.0, -2.0),
+]
+
+
+def plant(
+    walls: list[Wall] | None = None,
+    start: tuple[float, float, float] = HOME,
+    sensors: SensorProfile = IDEAL,
+    seed: int = 1,
+) -> Plant:
+    return Plant(PROFILE, sensors, walls or [], start, seeded(seed))
+
+
+def drive(
+    robot: Plant,
+    v: float,
+    w: float,
+    seconds: float,
+    each: Callable[[], object] = lambda: None,
+    pi: SpeedLoops | None = None,
+) -> None:
+    """Closed loop at set-points."""
+    pi = pi or SpeedLoops(PROFILE.speed_loop, PROFILE.motor.supply_v)
+    for _ in range(round(seconds / robot.step_s)):
+        robot.step(*pi.voltages(v, w, robot.v, robot.w, robot.step_s))
+        each()
+
+
+def corners(robot: Plant) -> list[tuple[float, float]]:
+    x, y, theta = robot.pose
+    c, s = cos(theta), sin(theta)
+    return [
+        (x + c * ahead - s * left, y + s * ahead + c * left)
+        for ahead in (FRONT, -REAR)
+        for left in (SIDE, -SIDE)
+    ]
+
+
+# Walls ------------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("volts", [2.0, 6.0, 12.0])
+@pytest.mark.parametrize("heading", [0.0, 0.2, -0.7])
+def test_driving_into_a_wall_stops_there_and_counts_once(volts: float, heading: float) -> None:
+    robot = plant([(1.0, -15.0, 1.0, 15.0)], (0.0, 0.0, heading))
+    deepest = -inf
+
+    def watch() -> None:
+        nonlocal deepest
+        deepest = max(deepest, *(x - 1.0 for x, _ in corners(robot)))
+
+    for _ in range(1200):
+        robot.step(volts, volts)
+        watch()
+    assert deepest < PENETRATION_M
+    assert robot.collisions == 1
+    if heading != -0.7:  # there it slides along the wall, and a little off
+        assert robot.clearance() == 0.0
+
+
+def test_head_on_it_is_blocked_until_the_voltage_goes() -> None:
+    robot = plant([(1.0, -5.0, 1.0, 5.0)])
+    held = []
+    drive(robot, 0.5, 0.0, 4.0, lambda: held.append(robot.blocked))
+    assert (robot.v, robot.w) == (0.0, 0.0)
+    robot.step(0.0, 0.0)
+    held.append(robot.blocked)
+    first = held.index(True)
+    assert first * robot.step_s > 1.5
+    assert held[first:] == [True] * (len(held) - first - 1) + [False]
+
+
+@pytest.mark.parametrize("heading", [0.0, pi / 2, 2.0])
+def test_backing_off_works(heading: float) -> None:
+    far = (5 * cos(heading), 5 * sin(heading))
+    middle = (cos(heading), sin(heading))
+    wall = (middle[0] - far[1], middle[1] + far[0], middle[0] + far[1], middle[1] - far[0])
+    robot, pi_loops = plant([wall], (0.0, 0.0, heading)), SpeedLoops(PROFILE.speed_loop, 12.0)
+    drive(robot, 0.5, 0.0, 4.0, pi=pi_loops)
+    drive(robot, -0.3, 0.0, 4.0, pi=pi_loops)
+    assert robot.v == pytest.approx(-0.3, abs=0.01)
+    assert robot.clearance() > 0.4
+    assert robot.collisions == 1
+
+
+@pytest.mark.parametrize("turn", [9.0, -9.0])
+def test_flush_along_a_wall_it_can_turn_away_if_it_pushes_hard(turn: float) -> None:
+    weak, strong = plant([(-5.0, SIDE, 5.0, SIDE)]), plant([(-5.0, SIDE, 5.0, SIDE)])
+    for _ in range(200):
+        weak.step(-0.3 * turn, 0.3 * turn)
+        strong.step(-turn, turn)
+    assert weak.blocked
+    assert weak.pose[2] == pytest.approx(0.0, abs=1e-6)
+    assert abs(degrees(strong.pose[2])) > 45.0
+    assert max(y for _, y in corners(strong)) < SIDE + PENETRATION_M
+
+
+def test_it_slides_along_a_wall_that_it_meets_at_a_slant() -> None:
+    robot = plant([(1.0, -5.0, 1.0, 9.0)], (0.0, 0.0, 1.2))
+    drive(robot, 0.4, 0.0, 12.0)
+    assert degrees(robot.pose[2]) == pytest.approx(90.0, abs=0.5)
+    assert robot.pose[1] > 2.0
+    assert not robot.blocked
+
+
+def test_the_end_of_a_wall_stops_it_and_turns_it() -> None:
+    robot = plant([(1.0, 0.05, 3.0, 0.05)])
+    drive(robot, 0.5, 0.0, 4.0)
+    x, y, theta = robot.pose
+    ahead = cos(theta) * (1.0 - x) + sin(theta) * (0.05 - y)
+    assert ahead > FRONT - PENETRATION_M
+    assert abs(theta) > 0.1
+    assert robot.collisions == 1
+
+
+def test_contacts_less_than_half_a_second_apart_are_one_collision() -> None:
+    for apart_s, expected in ((0.05, 1), (1.5, 2)):
+        robot = plant([(1.0, -5.0, 1.0, 5.0)])
+        drive(robot, 0.5, 0.0, 3.0)
+        for volts in (-4.0, 4.0):
+            for _ in range(round(apart_s / robot.step_s)):
+                robot.step(volts, volts)
+        drive(robot, 0.5, 0.0, 3.0)
+        assert robot.collisions == expected
+
+
+def test_resting_against_a_wall_is_the_same_collision() -> None:
+    robot = plant([(1.0, -5.0, 1.0, 5.0)])
+    drive(robot, 0.5, 0.0, 3.0)
+    drive(robot, 0.0, 0.0, 3.0)
+    pose = robot.pose
+    drive(robot, 0.0, 0.0, 3.0)
+    assert robot.pose == pose
+    drive(robot, 0.5, 0.0, 1.0)
+    assert robot.collisions == 1
+
+
+def test_nothing_is_counted_that_is_not_touched() -> None:
+    robot = plant([(-5.0, SIDE + 0.002, 5.0, SIDE + 0.002), (1.0, -9.0, 1.0, -SIDE - 0.002)])
+    drive(robot, 0.5, 0.0, 4.0)
+    assert robot.pose[0] > 1.5
+    assert robot.collisions == 0
+
+
+def test_a_wild_drive_never_leaves_the_room() -> None:
+    rng = Random(7)
+    robot = plant(ROOM)
+    deepest = -inf
+    for _ in range(150):
+        left, right = rng.uniform(-4, 12), rng.uniform(-4, 12)
+        for _ in range(80):
+            robot.step(left, right)
+            for x, y in corners(robot):
+                deepest = max(deepest, x - 4.0, -2.0 - x, y - 2.0, -2.0 - y)
+    assert robot.collisions > 5
+    assert deepest < PENETRATION_M
+
+
+def test_a_robot_set_down_in_a_wall_is_pushed_out() -> None:
+    robot = plant([(0.2, -5.0, 0.2, 5.0)])
+    for _ in range(400):
+        robot.step(3.0, 3.0)
+    assert robot.pose[0] + FRONT < 0.2 + PENETRATION_M
+
+
+def test_walls_can_be_added_while_it_drives() -> None:
+    robot = plant()
+    drive(robot, 0.5, 0.0, 1.0)
+    robot.add_segment(1.0, -1.0, 1.0, 1.0)
+    drive(robot, 0.5, 0.0, 4.0)
+    assert robot.blocked
+    assert robot.pose[0] + FRONT == pytest.approx(1.0, abs=PENETRATION_M)
+
+
+@pytest.mark.parametrize("ask", [1, 3])
+def test_asking_for_contacts_only_where_they_are_possible_changes_no_bit(ask: int) -> None:
+    """Against a plant that forgets its margin in each step, and asks whenever it moves."""
+    rng = Random(3)
+    lazy, eager = plant(ROOM, sensors=REAL), plant(ROOM, sensors=REAL)
+    for k in range(4000):
+        if k % 50 == 0:
+            turn = rng.uniform(-2, 2)
+            left, right = 6 - turn, 6 + turn
+            if k % 500 >= 400:
+                left = right = -6.0
+        eager._margin = 0.0
+        if k % ask == 0:
+            lazy.clearance()
+        lazy.step(left, right)
+        eager.step(left, right)
+        assert lazy.pose == eager.pose
+    assert (lazy.collisions, lazy.odometry) == (eager.collisions, eager.odometry)
+    assert lazy.collisions > 2
+
+
+def test_far_from_walls_pymunk_is_not_asked(monkeypatch: pytest.MonkeyPatch) -> None:
+    robot = plant(ROOM)
+    asked: list[Pose2] = []
+    contacts = robot._outline.contacts
+
+    def noted(pose: Pose2) -> list[Contact]:
+        asked.append(pose)
+        return contacts(pose)
+
+    monkeypatch.setattr(robot._outline, "contacts", noted)
+    for k in range(200):
+        if k % 20 == 0:
+            robot.clearance()
+        robot.step(4.0, 4.0)
+    assert robot.clearance() > 0.5
+    assert asked == []
+    for _ in range(600):
+        robot.step(8.0, 8.0)
+    assert asked
+    for k in range(600):
+        robot.step(-4.0, -4.0)
+        if k == 200:
+            robot.clearance()
+            asked.clear()
+    assert robot.clearance() > 0.5
+    assert len(asked) < 10
+
+
+# Motion and its measures ------------------------------------------------------------------------
+
+
+def test_odometry_of_an_ideal_robot_is_its_pose_to_a_tick() -> None:
+    robot = plant(start=(1.0, 2.0, pi / 2))
+    drive(robot, 0.4, 0.3, 5.0)
+    drive(robot, 0.3, -0.5, 5.0)
+    x, y, theta = robot.odometry
+    assert hypot(robot.pose[0] - (1.0 - y), robot.pose[1] - (2.0 + x)) < 2e-4
+    assert robot.pose[2] - pi / 2 == pytest.approx(theta, abs=1e-3)
+    left, right = robot.encoder_counts
+    turned = (right - left) / TICKS_PER_M / (2 * PROFILE.body.half_track_m)
+    assert turned == pytest.approx(theta, abs=1e-9)
+
+
+def test_speeds_are_whole_ticks() -> None:
+    robot = plant()
+    drive(robot, 0.3, 0.4, 2.0)
+    for rim in (robot.left_m_s, robot.right_m_s):
+        ticks = rim * robot.step_s * TICKS_PER_M
+        assert ticks == pytest.approx(round(ticks), abs=1e-6)
+    assert robot.v == pytest.approx((robot.left_m_s + robot.right_m_s) / 2)
+    assert robot.v == pytest.approx(robot.speeds[0], abs=0.004)
+    assert robot.w == pytest.approx(robot.speeds[1], abs=0.012)
+    assert robot.speeds == pytest.approx((0.3, 0.4), abs=0.01)
+
+
+def test_reset_and_set_pose() -> None:
+    robot = plant()
+    drive(robot, 0.4, 0.3, 2.0)
+    counts = robot.encoder_counts
+    robot.reset_odometry()
+    assert robot.odometry == HOME
+    assert robot.encoder_counts == counts
+    robot.set_pose(3.0, 4.0, 1.0)
+    robot.step(0.0, 0.0)
+    assert robot.pose == (3.0, 4.0, 1.0)
+    assert robot.odometry == HOME
+
+
+def drift_after(sensors: SensorProfile, seed: int = 1) -> float:
+    """Heading error after 20 m straight on by the encoders, rad."""
+    robot = plant(sensors=sensors, seed=seed)
+    drive(robot, 0.5, 0.0, 40.0)
+    return robot.odometry[2] - robot.pose[2]
+
+
+def test_drift_grows_with_the_way() -> None:
+    drifting = msgspec.structs.replace(IDEAL, drift_rad_m=0.01)
+    robot = plant(sensors=drifting)
+    for _ in range(3000):
+        robot.step(4.0, 4.0)
+    assert robot.pose[0] > 5.0
+    assert robot.odometry[2] - robot.pose[2] == pytest.approx(0.01 * robot.pose[0], rel=0.01)
+
+
+def test_slip_wanders_and_an_ideal_robot_does_not() -> None:
+    slipping = msgspec.structs.replace(IDEAL, slip=0.02)
+    errors = [drift_after(slipping, seed) for seed in range(6)]
+    assert abs(drift_after(IDEAL)) < 1e-4
+    assert max(errors) > 0.02
+    assert min(errors) < -0.02
+    assert max(map(abs, errors)) < 0.5
+
+
+def test_the_battery_drains_with_the_motors_and_sags_under_load() -> None:
+    resting, driving, pressing = plant(), plant(), plant([(0.22, -1.0, 0.22, 1.0)])
+    full = resting.battery_v
+    for _ in range(4000):
+        resting.step(0.0, 0.0)
+        driving.step(6.0, 6.0)
+        pressing.step(12.0, 12.0)
+    assert full > resting.battery_v > driving.battery_v > pressing.battery_v
+    amperes = 2 * 12.0 / PROFILE.motor.resistance_ohm
+    sag = full - pressing.battery_v
+    assert sag == pytest.approx(PROFILE.battery.internal_ohm * amperes, rel=0.15)
+    driving.step(0.0, 0.0)
+    assert driving.battery_v < resting.battery_v
+    assert driving.battery.charge < resting.battery.charge
+
+
+def test_no_motor_gets_more_than_the_battery_has() -> None:
+    one, other = plant(), plant()
+    for _ in range(200):
+        one.step(100.0, -100.0)
+        other.step(other.battery_v, -other.battery_v)
+        assert one.pose == other.pose
+
+
+# Repeatability ----------------------------------------------------------------------------------
+
+
+def diary(seed: int) -> list[object]:
+    robot = plant(ROOM, sensors=REAL, seed=seed)
+    pi_loops, entries = SpeedLoops(PROFILE.speed_loop, 12.0), []
+    for k in range(3000):
+        v, w = 0.4, 0.8 * sin(k / 300)
+        robot.step(*pi_loops.voltages(v, w, robot.v, robot.w, robot.step_s))
+        if k % 8 == 0:
+            entries.append((robot.ping(k // 8 % 8), robot.pose, robot.odometry, robot.battery_v))
+    return [*entries, robot.encoder_counts, robot.collisions, robot.clearance()]
+
+
+def test_the_same_seed_is_the_same_run_bit_for_bit() -> None:
+    assert diary(5) == diary(5)
+    assert diary(5) != diary(6)
+
+
+def test_streams_are_independent_of_who_else_draws() -> None:
+    streams = seeded(9)
+    streams("other").random()
+    assert streams("sonar").random() == seeded(9)("sonar").random()
+    assert streams("sonar").random() != streams("slip/left").random()
+
+
+def test_dead_walls_come_from_the_seed_and_more_walls_change_none() -> None:
+    walls: list[Wall] = [(float(x), 1.0, x + 0.9, 1.0) for x in range(40)]
+    dead = msgspec.structs.replace(IDEAL, dead_walls=0.5, dropout=0.0)
+
+    def heard(walls: list[Wall], seed: int) -> list[bool]:
+        robot = plant(walls, sensors=dead, seed=seed)
+        return [_heard(robot, x) for x in range(40)]
+
+    first = heard(walls, 1)
+    assert 8 < sum(first) < 32
+    assert heard([*walls, (0.0, -3.0, 1.0, -3.0)], 1) == first
+    assert heard(walls, 2) != first
+
+
+def _heard(robot: Plant, x: int) -> bool:
+    """Whether the wall from x to x + 0.9 answers the left sonar, close to it."""
+    robot.set_pose(x + 0.45 - 0.069, 0.6, 0.0)
+    return robot.ping(0) is not None

@@ -1,0 +1,244 @@
+"""Every error names the file, the line, what stands there and what would be right."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Annotated, Literal
+
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+from msgspec import Meta, Struct
+
+from armadico.bridge.profile import RobotProfile, SensorProfile
+from armadico.config.errors import ConfigError, advice, nearest
+from armadico.config.lines import line_of
+from armadico.config.loading import (
+    find,
+    load,
+    load_entry,
+    load_parameters,
+    load_table,
+    names,
+    parse,
+    set_values,
+)
+
+
+class Zones(Struct, frozen=True):
+    stop: Annotated[float, Meta(gt=0)] = 0.1
+    caution: float = 0.5
+
+
+class Sonar(Struct, frozen=True, forbid_unknown_fields=True):
+    x_m: float
+    bearing_deg: Annotated[float, Meta(ge=-180, le=180)] = 0.0
+
+
+class Settings(Struct, frozen=True):
+    name: str
+    zones: Zones = Zones()
+    sonars: tuple[Sonar, ...] = ()
+    mode: Literal["fast", "precise"] = "fast"
+    limit: float | None = None
+    count: int = 3
+    on: bool = False
+
+
+GOOD = """\
+name = "one"   # a comment
+count = 4
+
+[zones]
+stop = 0.2
+"""
+
+
+def refused(text: str) -> ConfigError:
+    with pytest.raises(ConfigError) as caught:
+        parse(text, Settings, "some.toml")
+    return caught.value
+
+
+def test_a_good_text_becomes_the_struct() -> None:
+    expected = Settings(name="one", count=4, zones=Zones(stop=0.2))
+    assert parse(GOOD, Settings) == expected
+
+
+@pytest.mark.parametrize(
+    ("text", "message"),
+    [
+        ("name = \n", "some.toml:1: not TOML: Invalid value"),
+        ('name = "a"\n\nname = "b"\n', "some.toml:3: not TOML: Cannot overwrite a value"),
+        ('count = 1\nname = """a', "some.toml:2: not TOML: Unterminated string"),
+        ("name = 3", "some.toml:1: name = 3: expected a string, not a whole number"),
+        (
+            'name = "a"\n[zones]\nstop = "x"',
+            'some.toml:3: zones.stop = "x": expected a number, not a string',
+        ),
+        (
+            'name = "a"\nzones.stop = -1.5',
+            "some.toml:2: zones.stop = -1.5: expected a number > 0.0",
+        ),
+        (
+            'name = "a"\nzones = { stop = 0 }',
+            "some.toml:2: zones.stop = 0: expected a number > 0.0",
+        ),
+        ("count = 1", "some.toml: missing key name"),
+        (
+            'name = "a"\n[zone]\nstop = 1',
+            "some.toml:2: unknown key zone; did you mean 'zones'? "
+            "(known: count, limit, mode, name, on, sonars, zones)",
+        ),
+        (
+            'name = "a"\n[zones]\n# stp = 1\nstp = 1',
+            "some.toml:4: unknown key zones.stp; did you mean 'stop'? (known: caution, stop)",
+        ),
+        (
+            'name = "a"\nmode = "Precise"',
+            'some.toml:2: mode = "Precise": '
+            "did you mean 'precise'? (known: fast, precise)",
+        ),
+        ('name = "a"\non = 1', "some.toml:2: on = 1: expected true or false, not a whole number"),
+        (
+            'name = "a"\nsonars = [\n  # the first\n  { x_m = 1 },\n  { x_m = 1, bearing_deg = 181 },\n]',
+            "some.toml:5: sonars[1].bearing_deg = 181: expected a number <= 180.0",
+        ),
+        (
+            'name = "a"\n[[sonars]]\nx_m = 1\n[[sonars]]\ny_m = 1\n',
+            "some.toml:5: unknown key sonars[1].y_m; did you mean 'x_m'? (known: bearing_deg, x_m)",
+        ),
+        (
+            'name = "a"\n[[sonars]]\nx_m = 1\n[[sonars]]\nbearing_deg = 1\n',
+            "some.toml:4: missing key x_m in sonars[1]",
+        ),
+    ],
+)
+def test_an_error_is_one_line_with_place_value_and_advice(text: str, message: str) -> None:
+    assert str(refused(text)) == message
+
+
+def test_a_file_that_is_not_there_or_no_text_is_named(tmp_path: Path) -> None:
+    with pytest.raises(ConfigError, match=r"none\.toml: cannot be read: No such file"):
+        load(tmp_path / "none.toml", Settings)
+    (tmp_path / "bytes.toml").write_bytes(b"\xff\xfe")
+    with pytest.raises(ConfigError, match=r"bytes\.toml: is not a text in UTF-8"):
+        load(tmp_path / "bytes.toml", Settings)
+
+
+@given(
+    st.lists(st.text("abcxyz-_0", min_size=1, max_size=6), min_size=1, max_size=4, unique=True),
+    st.integers(0, 3),
+)
+def test_the_line_of_any_key_in_any_table_is_found(tables: list[str], blank: int) -> None:
+    text = ""
+    lines: dict[tuple[str, ...], int] = {}
+    for table in tables:
+        text += f"[{table}]\n" + "# x = 2\n" * blank + "x = 1\n" + "\n" * blank
+        lines[table, "x"] = text.rstrip("\n").count("\n") + 1
+    for path, line in lines.items():
+        assert line_of(text, path) == line
+    assert line_of(text, ("no such key",)) is None
+
+
+# --- settings on a command line
+
+
+def test_settings_are_typed_by_the_struct() -> None:
+    changed = set_values(
+        Settings(name="one", limit=1.0),
+        ["name=tcp:host", "zones.stop=1", "count = 7", "on=true", "limit=none", "mode=precise"],
+    )
+    assert changed == Settings(
+        name="tcp:host", zones=Zones(stop=1.0), count=7, on=True, mode="precise"
+    )
+
+
+def test_a_string_that_reads_as_something_else_stays_a_string() -> None:
+    assert set_values(Settings(name="one"), ["name=12"]).name == "12"
+    assert set_values(Settings(name="one"), ["name=none"]).name == "none"
+
+
+def test_a_list_is_written_as_in_toml() -> None:
+    assert set_values(Settings(name="a"), ["sonars=[{ x_m = 2 }]"]).sonars == (Sonar(2.0),)
+
+
+@pytest.mark.parametrize(
+    ("setting", "message"),
+    [
+        ("stop", "--set stop: expected KEY=VALUE, for instance zones.stop=0.2"),
+        ("=3", "--set =3: expected KEY=VALUE, for instance zones.stop=0.2"),
+        ("zones.stop=0", "--set zones.stop=0: zones.stop = 0: expected a number > 0.0"),
+        (
+            "zones.stop=far",
+            '--set zones.stop=far: zones.stop = "far": expected a number, not a string',
+        ),
+        (
+            "zones.Stop=1",
+            "--set zones.Stop=1: unknown key zones.Stop; "
+            "did you mean 'stop'? (known: caution, stop)",
+        ),
+        ("mode=faster", "--set mode=faster: mode = \"faster\": did you mean 'fast'? "),
+        ("count=1.5", "--set count=1.5: count = 1.5: expected a whole number, not a number"),
+    ],
+)
+def test_a_wrong_setting_is_quoted_with_advice(setting: str, message: str) -> None:
+    with pytest.raises(ConfigError) as caught:
+        set_values(Settings(name="one"), [setting])
+    assert str(caught.value).startswith(message)
+
+
+def test_parameters_are_defaults_then_a_file_then_settings(tmp_path: Path) -> None:
+    file = tmp_path / "goto.toml"
+    file.write_text("stop = 0.3\ncaution = 0.7\n")
+    assert load_parameters(Zones, None, []) == Zones()
+    assert load_parameters(Zones, file, ["stop=0.4"]) == Zones(stop=0.4, caution=0.7)
+    with pytest.raises(ConfigError, match="missing key name"):
+        load_parameters(Settings, None, [])
+
+
+# --- what is shipped
+
+
+def test_every_shipped_robot_loads() -> None:
+    assert names("robots") == ["pioneer-2dx"]
+    assert load(find("robots", "pioneer-2dx"), RobotProfile).name == "pioneer-2dx"
+
+
+def test_sensors_are_entries_of_one_file_and_no_robots() -> None:
+    file = find("robots", "sensors")
+    assert sorted(load_table(file, SensorProfile)) == ["ideal", "real"]
+    assert load_entry(file, SensorProfile, "real").name == "real"
+    with pytest.raises(ConfigError, match=r"sensors.toml: no 'rael'.*did you mean 'real'\?"):
+        load_entry(file, SensorProfile, "rael")
+
+
+def test_an_entry_of_a_table_is_named_with_its_line(tmp_path: Path) -> None:
+    file = tmp_path / "zones.toml"
+    file.write_text("[near]\nstop = 1\n[far]\nstop = 0\n")
+    with pytest.raises(ConfigError, match=r"zones.toml:4: far.stop = 0: expected a number > 0"):
+        load_table(file, Zones)
+
+
+def test_an_unknown_name_lists_what_there_is() -> None:
+    with pytest.raises(ConfigError) as caught:
+        find("robots", "pioneer2dx")
+    message = "no robot 'pioneer2dx'; did you mean 'pioneer-2dx'? (known: pioneer-2dx)"
+    assert str(caught.value) == message
+
+
+def test_a_slash_or_a_suffix_is_a_file(tmp_path: Path) -> None:
+    file = tmp_path / "mine.toml"
+    file.touch()
+    assert find("robots", str(file)) == file
+    with pytest.raises(ConfigError, match=r"no file .*mind.toml'; did you mean 'mine.toml'\?"):
+        find("robots", str(tmp_path / "mind.toml"))
+    with pytest.raises(ConfigError, match=r"no file .*; shipped robots: pioneer-2dx"):
+        find("robots", str(tmp_path / "nowhere" / "x.toml"))
+
+
+def test_advice_ignores_case_and_says_when_there_is_nothing() -> None:
+    assert nearest("SC1", ["sc1", "house"]) == "sc1"
+    assert nearest("qqq", ["sc1", "house"]) is None
+    assert advice("qqq", ["b", "a"]) == "known: a, b"
+    assert advice("qqq", []) == "there are none"

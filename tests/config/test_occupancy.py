@@ -1,0 +1,127 @@
+"""ROS map_server maps: occupied cells become walls, in the right place."""
+
+from __future__ import annotations
+
+from math import hypot, pi
+from pathlib import Path
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+from hypothesis.extra import numpy as hnp
+from PIL import Image
+
+from armadico.config.errors import ConfigError
+from armadico.config.occupancy import _edges
+from armadico.config.worlds import load_world
+
+YAML = """\
+# made by a mapper
+image: room.pgm
+resolution: 0.5
+origin: [-1.0, 2.0, 0.0]
+negate: 0
+occupied_thresh: 0.65
+free_thresh: 0.196   # not used
+"""
+# Rows as a picture shows them, the top one first: dark is occupied, 205 is unknown.
+PICTURE = np.array([[254, 0, 0], [254, 254, 0], [205, 254, 254]], dtype=np.uint8)
+
+
+def write(folder: Path, text: str = YAML, image: str = "room.pgm") -> Path:
+    Image.fromarray(PICTURE).save(folder / image)
+    file = folder / "room.yaml"
+    file.write_text(text)
+    return file
+
+
+@pytest.mark.parametrize("image", ["room.pgm", "room.png"])
+def test_the_border_of_occupied_cells_becomes_long_walls(tmp_path: Path, image: str) -> None:
+    world = load_world(write(tmp_path, YAML.replace("room.pgm", image), image))
+    assert world.name == "room"
+    assert world.bounds == (-1.0, 2.0, 0.5, 3.5)
+    assert sorted(world.walls) == [
+        (-0.5, 3.0, -0.5, 3.5),
+        (-0.5, 3.0, 0.0, 3.0),
+        (-0.5, 3.5, 0.5, 3.5),
+        (0.0, 2.5, 0.0, 3.0),
+        (0.0, 2.5, 0.5, 2.5),
+        (0.5, 2.5, 0.5, 3.5),
+    ]
+
+
+def test_a_turned_origin_turns_the_walls(tmp_path: Path) -> None:
+    turned = load_world(write(tmp_path, YAML.replace("0.0]", f"{pi / 2}]")))
+    straight = load_world(write(tmp_path))
+    for (x1, y1, x2, y2), (a1, b1, a2, b2) in zip(turned.walls, straight.walls, strict=True):
+        assert (x1 + 1.0, y1 - 2.0) == pytest.approx((-(b1 - 2.0), a1 + 1.0))
+        assert (x2 + 1.0, y2 - 2.0) == pytest.approx((-(b2 - 2.0), a2 + 1.0))
+
+
+def test_negate_makes_light_cells_walls(tmp_path: Path) -> None:
+    walls = load_world(write(tmp_path, YAML.replace("negate: 0", "negate: 1"))).walls
+    assert (-1.0, 3.5, -0.5, 3.5) in walls
+
+
+@pytest.mark.parametrize(
+    ("old", "new", "message"),
+    [
+        ("resolution: 0.5\n", "", "room.yaml:1: missing key resolution; a map needs image"),
+        (
+            "resolution: 0.5",
+            "resolution: fine",
+            "room.yaml:3: resolution: fine: expected a number",
+        ),
+        (
+            "resolution: 0.5",
+            "resolution: 0",
+            "room.yaml:3: resolution: 0: expected metres for one pixel, 0.0001 to 10",
+        ),
+        (
+            "[-1.0, 2.0, 0.0]",
+            "[-1.0, 2.0]",
+            "room.yaml:4: origin: [-1.0, 2.0]: expected [x, y, yaw] in metres and radians",
+        ),
+        (
+            "room.pgm",
+            "rooom.pgm",
+            "room.yaml:2: image: rooom.pgm: expected an image here; did you mean 'room.pgm'?",
+        ),
+        ("room.pgm", "room.yaml", "expected a PGM or PNG image that can be read"),
+        ("negate: 0", "negate: maybe", "room.yaml:5: negate: maybe: expected 0 or 1"),
+        ("negate: 0", "mode: raw", "room.yaml:5: mode: raw: expected trinary or scale"),
+        ("negate: 0", "negate", "room.yaml:5: 'negate': expected `key: value`"),
+    ],
+)
+def test_a_fault_is_named_with_file_line_and_advice(
+    tmp_path: Path, old: str, new: str, message: str
+) -> None:
+    assert old in YAML
+    with pytest.raises(ConfigError) as caught:
+        load_world(write(tmp_path, YAML.replace(old, new, 1)))
+    assert message in str(caught.value)
+
+
+@given(hnp.arrays(np.bool_, hnp.array_shapes(min_dims=2, max_dims=2, max_side=8)))
+def test_walls_are_as_long_as_the_border_and_stand_between_unlike_cells(
+    cells: np.ndarray[tuple[int, int], np.dtype[np.bool_]],
+) -> None:
+    padded = np.pad(cells, 1)
+    border = np.sum(padded[1:] != padded[:-1]) + np.sum(padded[:, 1:] != padded[:, :-1])
+    edges = _edges(cells)
+    assert sum(hypot(x2 - x1, y2 - y1) for x1, y1, x2, y2 in edges) == border
+    for x1, y1, x2, y2 in edges:
+        for column in range(x1, x2):
+            assert padded[y1, column + 1] != padded[y1 + 1, column + 1]
+        for row in range(y1, y2):
+            assert padded[row + 1, x1] != padded[row + 1, x1 + 1]
+
+
+@given(st.text())
+def test_no_text_does_worse_than_a_config_error(tmp_path_factory: object, text: str) -> None:
+    folder = tmp_path_factory.mktemp("any")  # type: ignore[attr-defined]
+    file = folder / "any.yaml"
+    file.write_bytes(text.encode("utf-8", "replace"))
+    with pytest.raises(ConfigError):
+        load_world(file)
