@@ -7,6 +7,7 @@ happens. It decides nothing: kill it and the society drives on.
 from __future__ import annotations
 
 import os
+import re
 import selectors
 import subprocess
 import sys
@@ -38,8 +39,8 @@ LEAVE_S = 3.0
 SILENT_S = 10.0
 """A run whose robot has said nothing for so long is over."""
 
-ANNOUNCED = "listening on "
-"""What the simulator writes on standard output, then its URL."""
+ANNOUNCED = re.compile(r" at (tcp://[^;\s]+)")
+"""Where the simulator's first line on standard output says that it listens."""
 
 
 class RunFailed(RuntimeError):
@@ -157,7 +158,8 @@ class Launcher:
         process = Process(
             "simulator",
             [
-                "armadico.cli.sim",
+                "armadico",
+                "sim",
                 scenario.world,
                 "--port=0",
                 f"--seed={self.options.seed}",
@@ -171,16 +173,17 @@ class Launcher:
         self._processes.append(process)
         assert process.popen.stdout is not None, "it was asked for"
         line = _line(process.popen.stdout, START_S)
-        if not line.startswith(ANNOUNCED):
+        found = ANNOUNCED.search(line)
+        if found is None:
             raise RunFailed(f"the simulator did not start:\n{process.last_words()}")
-        return line.removeprefix(ANNOUNCED).strip()
+        return found.group(1)
 
     def _start_agent(self, member: Member) -> None:
         settings = [word for value in member.sets for word in ("--set", value)]
         self._processes.append(
             Process(
                 member.name,
-                ["armadico.cli.agent", member.name, "--namespace", self._namespace, *settings],
+                ["armadico", "agent", member.name, "--namespace", self._namespace, *settings],
                 self.logs / f"{member.name}.log",
             )
         )

@@ -163,7 +163,9 @@ class RunWatch:
         self.truth = truth
         if self.mission:
             self._mark(truth.t, (truth.x, truth.y, truth.theta))
-            self.clearance = min(truth.clearance, self.clearance or truth.clearance)
+            if truth.clearance is not None:
+                least = truth.clearance if self.clearance is None else self.clearance
+                self.clearance = min(truth.clearance, least)
 
     def _take_pose(self, pose: Pose, now: float) -> None:
         self.pose = pose

@@ -315,7 +315,7 @@ class Truth(Message, frozen=True):
     v: Real
     w: Real
     collisions: Counter
-    clearance: Real  # m from the body's outline to the nearest thing
+    clearance: Real | None  # m from the body's outline to the nearest thing, if there is any
 
 
 def plain(message: Message) -> Any:

@@ -25,6 +25,7 @@ from typing import TYPE_CHECKING, Final, NoReturn
 from armadico.agent import Agent, Answer, AskFor, DeviceAgent, Identity, Publish, Question, Write
 from armadico.device import Device, Port
 from armadico.inbox import Inbox
+from armadico.mesh.topology import MeshError
 from armadico.messages import Ask, Log, Message
 from armadico.services import BIDS, CARD, Kind, Service, service_of
 
@@ -282,6 +283,9 @@ def serve(agent: Agent, mesh: ZenohMesh, connect: Callable[[], Port] | None = No
         gc.collect()
         gc.freeze()  # what lives for ever is not looked at again
         process.live()
+    except MeshError as error:
+        logger.error("%s", error)  # a matter of where, not of the program: no traceback
+        code = 1
     except Exception:
         logger.exception("%s failed", agent.instance)
         code = 1

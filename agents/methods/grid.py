@@ -110,11 +110,8 @@ class Grid:
 
     def _price(self, margins: Margins) -> Field:
         least = math.hypot(margins.radius_m, self.cell_m / _DIAGONAL)
-        lack = np.clip(
-            (margins.preferred_m - self.clearance) / (margins.preferred_m - margins.radius_m),
-            0.0,
-            1.0,
-        )
+        wanted = margins.preferred_m - margins.radius_m
+        lack = np.clip((margins.preferred_m - self.clearance) / wanted, 0.0, 1.0)
         return np.where(self.clearance >= least, 1.0 + margins.dislike * lack**2, np.inf)
 
     def window(self, x1: float, y1: float, x2: float, y2: float) -> tuple[slice, slice]:

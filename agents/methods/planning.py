@@ -214,7 +214,7 @@ class _Planner:
         assert first is not None, "the start is in a room"
         assert last is not None, "the goal is in a room"
         reasons = [
-            f"door {name} leaves {gap:.2f} m on either side and {self.margins.radius_m:g} m are needed"
+            f"door {name} leaves {gap:.2f} m on either side, {self.margins.radius_m:g} m are needed"
             for name, gap in shut.items()
         ]
         reasons += [f"blocked {leg}" for leg in closed]

@@ -143,8 +143,8 @@ def _from_table(args: argparse.Namespace) -> tuple[tuple[str, ...], tuple[str, .
 def nobody(args: argparse.Namespace, what: str) -> FailedError:
     """What to say when nobody is there to do it."""
     return FailedError(
-        f"{what} in namespace {args.namespace!r}; `armadico ps` shows who is there, and"
-        " --namespace and --connect say where to look"
+        f"{what} (namespace {args.namespace!r}); `armadico ps` shows who is there, --namespace and"
+        " --connect say where to look"
     )
 
 

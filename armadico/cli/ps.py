@@ -69,7 +69,7 @@ def _show(cards: Mapping[tuple[str, str], Card | None]) -> None:
     for title in ("AGENT", "INSTANCE", "HOST", "PID", "VERSION", "PROVIDES", "SHARES", "HOLDS"):
         table.add_column(title, overflow="fold")
     for (name, instance), card in cards.items():
-        short = instance.removeprefix(f"{name}-")
+        short = instance.removeprefix(f"{name}-")[:8]  # enough for people; --json has it whole
         if card is None:
             table.add_row(name, short, "not answering", style="red")
             continue

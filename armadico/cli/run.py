@@ -1,4 +1,4 @@
-"""`armadico run`: one scenario, from start to goal, live or under the virtual clock."""
+"""Drive one scenario from start to goal, as processes or under a virtual clock, and measure it."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Final
 
 from armadico.cli import options
-from armadico.cli.options import Failure, UsageError
+from armadico.cli.options import FailedError, UsageError
 
 if TYPE_CHECKING:
     from armadico.config.scenarios import Scenario
@@ -152,7 +152,7 @@ def _virtual(
         with _progress(args, scenario, chosen.seed) as show:
             return rehearsal.run(show), rehearsal.watch
     except MissionRefused as error:
-        raise Failure(f"{scenario.name}: the mission was refused: {error}") from None
+        raise FailedError(f"{scenario.name}: the mission was refused: {error}") from None
 
 
 def _live(args: argparse.Namespace, scenario: Scenario, chosen: Options) -> tuple[Result, RunWatch]:
@@ -166,9 +166,9 @@ def _live(args: argparse.Namespace, scenario: Scenario, chosen: Options) -> tupl
             with _progress(args, scenario, chosen.seed) as show:
                 return launcher.run(show, _say), launcher.watch
     except MissionRefused as error:
-        raise Failure(f"{scenario.name}: the mission was refused: {error}") from None
+        raise FailedError(f"{scenario.name}: the mission was refused: {error}") from None
     except RunFailed as error:
-        raise Failure(str(error)) from None
+        raise FailedError(str(error)) from None
 
 
 def _say(text: str) -> None:
@@ -243,9 +243,13 @@ def _show(result: Result) -> None:
 
     verdict = "reached" if result.reached else "NOT reached"
     touched = "" if not result.collisions else f", {result.collisions} COLLISION(S)"
-    table = Table(title=f"{result.scenario}, seed {result.seed}: {verdict}{touched}")
+    table = Table(
+        title=f"{result.scenario}, seed {result.seed}: {verdict}{touched}",
+        caption="exchanges, collisions, least clearance; TD FO TT P TG TA TGt as in thesis 5.1",
+        padding=(0, 0),
+    )
     for title, _ in ROWS:
-        table.add_column(title, justify="right")
+        table.add_column(title, justify="right", no_wrap=True)
     table.add_row(*(_cell(getattr(result, field)) for _, field in ROWS))
     Console().print(table)
 
@@ -258,9 +262,9 @@ ROWS: Final = (
     ("TG %", "tg_percent"),
     ("TA %", "ta_percent"),
     ("TGt %", "tgt_percent"),
-    ("exchanges", "exchanges"),
-    ("collisions", "collisions"),
-    ("min clearance m", "min_clearance_m"),
+    ("exch.", "exchanges"),
+    ("coll.", "collisions"),
+    ("clear. m", "min_clearance_m"),
 )
 
 

@@ -37,7 +37,7 @@ class Transport(Protocol):
         """Send all of it; TransportError if the line broke."""
 
     def close(self) -> None:
-        """Let go of the line; never fails, and ends nothing that is not open."""
+        """Let go of the line, once no thread reads it any more; never fails."""
 
 
 _ADVICE = {

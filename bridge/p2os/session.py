@@ -106,7 +106,7 @@ class Session:
         self._out = bytearray()
         self._speeds = b""  # the latest `drive`, not yet fetched
         self._events: list[Event] = []
-        self._now = now
+        self._now = self._sent_at = now
         self._deadline: float | None = None
         self._ask_at: float | None = None
         self._asked = 0
@@ -142,10 +142,19 @@ class Session:
         return self._drain_events()
 
     def outgoing(self) -> bytes:
-        """Hand over, once, what is to be written."""
+        """Hand over, once, what is to be written.
+
+        What follows a silence in which the controller's watchdog may have stopped the wheels
+        begins with zero speeds: any packet, a pulse too, would send them off again at the speeds
+        of before.
+        """
         data = bytes(self._out) + self._speeds
         self._out.clear()
         self._speeds = b""
+        if data and self.is_open and self._now - self._sent_at > self._units.watchdog_s / 2:
+            data = ZERO + data
+        if data:
+            self._sent_at = self._now
         return data
 
     def drive(self, v: float, w: float) -> None:

@@ -4,7 +4,8 @@ from __future__ import annotations
 
 from math import copysign, sqrt
 
-SERVO_GAIN = 1.0  # 1/s: what a metre (or radian) behind the plan adds to the speed
+SERVO_GAIN = 2.0  # 1/s: what a metre (or radian) behind the plan adds to the speed
+LEAD_S = 0.2  # the speed loops follow a ramp this late (gain of a motor over that of the integral)
 _NEAR = 1e-9  # the plan has arrived
 
 
@@ -12,7 +13,8 @@ class Axis:
     """Turns what was asked of an axis into a reference speed, up and down the ramps.
 
     Asked for a speed, the reference ramps to it. Asked for a way to go, it follows a plan with
-    a trapezoid of speeds that ends on the goal, corrected by what the wheels lag behind the plan.
+    a trapezoid of speeds that ends on the goal, ahead of it by what the speed loops are late, and
+    corrected by what the wheels lag behind.
     Units are m and m/s, or rad and rad/s.
 
     Attributes:
@@ -88,7 +90,7 @@ class Axis:
     def _follow(self, goal: float, dt: float, measured: float, held: bool) -> float:
         """One step of the plan, and the speed that keeps the wheels on it."""
         self._travelled += measured * dt
-        left = goal - self._planned
+        left, before = goal - self._planned, self.speed
         if abs(left) < _NEAR and abs(self.speed) <= self.decel * dt:
             self._planned, self.speed = goal, 0.0
         else:
@@ -97,7 +99,8 @@ class Axis:
         behind = self._planned - self._travelled
         if held or (self.speed == 0 and abs(behind) < self._tolerance):
             return self.speed
-        return min(max(self.speed + SERVO_GAIN * behind, -self.top), self.top)
+        speed = self.speed + LEAD_S * (self.speed - before) / dt + SERVO_GAIN * behind
+        return min(max(speed, -self.top), self.top)
 
     def _approach(self, left: float, dt: float) -> float:
         """Speed from which the ramp, in steps of `dt`, ends exactly `left` farther on."""

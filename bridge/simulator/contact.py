@@ -23,7 +23,7 @@ GRIP = 0.5  # of rubber on an office floor: sideways force over weight
 GRIPPED_M_S = 1e-6  # a sideways speed below this is none
 GRAVITY = 9.81  # m/s^2
 SWEEPS = 50
-SETTLED_N = 1e-6  # forces that change by less are solved
+SETTLED_N = 1e-4  # forces that change by less are solved
 
 
 class Contact(NamedTuple):
@@ -54,7 +54,7 @@ def box_of(profile: RobotProfile) -> Box:
 
 
 class Outline:
-    """The robot's rectangle among the walls."""
+    """The robot's rectangle among the walls, and what it weighs with its wheels."""
 
     def __init__(self, profile: RobotProfile, walls: Walls) -> None:
         body = profile.body
@@ -63,9 +63,9 @@ class Outline:
         self._space = walls.space
         self._body = pymunk.Body(body_type=pymunk.Body.KINEMATIC)
         self._shape = pymunk.Poly(self._body, corners, radius=SKIN_M)
-        self._mass = body.mass_kg + 2.0 * body.wheel_mass_kg + body.caster_mass_kg
+        self.mass_kg = body.mass_kg + 2.0 * body.wheel_mass_kg + body.caster_mass_kg
         behind = max(0.0, -body.mass_centre_x_m) / (body.caster_arm_m + body.caster_trail_m)
-        self._grip_n = GRIP * GRAVITY * (self._mass - behind * body.mass_kg)
+        self._grip_n = GRIP * GRAVITY * (self.mass_kg - behind * body.mass_kg)
 
     def contacts(self, pose: tuple[float, float, float]) -> list[Contact]:
         """Every wall within `SKIN_M` of the outline at a pose."""
@@ -94,7 +94,7 @@ class Outline:
         """Speeds that close no gap within `dt` (s), and the greatest force (N) that it takes."""
         v, u, w = motion
         i00, i01, i11 = mobility
-        iu = dt / self._mass
+        iu = dt / self.mass_kg
         rows = [_row(contact, mobility, iu, dt) for contact in contacts]
         forces = [0.0] * len(rows)
         grip, most = 0.0, self._grip_n

@@ -64,11 +64,6 @@ class Microcontroller:
 
     @property
     def next_status_s(self) -> float:
-        """When the next status packet is due, while a session is open, s."""
-        return self._next_status * self._plant.step_s
-
-    @property
-    def next_status_s(self) -> float:
         """Simulation time of the next status packet, s; infinite while no client has it open."""
         return self._next_status * self._plant.step_s if self._open else inf
 

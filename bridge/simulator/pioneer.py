@@ -7,7 +7,7 @@ TCP port or pty in real time (`server`) and behind the memory transport of the v
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from math import radians
+from math import isfinite, radians
 
 from armadico.bridge.profile import RobotProfile, SensorProfile
 from armadico.bridge.simulator.microcontroller import Microcontroller
@@ -19,8 +19,6 @@ from armadico.config.worlds import load_world
 from armadico.messages import Message, Truth
 
 Wall = tuple[float, float, float, float]
-FAR_M = 100.0
-"""The clearance that is said where there is no wall at all."""
 
 
 class Pioneer:
@@ -75,6 +73,7 @@ class Pioneer:
         """What nobody on the robot knows."""
         plant = self.plant
         x, y, theta = plant.pose
+        clearance = plant.clearance()
         return Truth(
             t=round(self.controller.time_s, 6),
             x=x,
@@ -83,7 +82,7 @@ class Pioneer:
             v=plant.v,
             w=plant.w,
             collisions=plant.collisions,
-            clearance=min(plant.clearance(), FAR_M),
+            clearance=clearance if isfinite(clearance) else None,
         )
 
     def _tell(self) -> None:

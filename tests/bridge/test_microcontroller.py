@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import itertools
 import math
+import tomllib
 from importlib.resources import files
 
 import msgspec
@@ -26,17 +27,19 @@ from armadico.bridge.p2os.configuration import (
 )
 from armadico.bridge.p2os.packets import Decoder, encode
 from armadico.bridge.p2os.status import Status, decode_status
-from armadico.bridge.profile import RobotProfile
+from armadico.bridge.profile import RobotProfile, SensorProfile
 from armadico.bridge.simulator.microcontroller import Microcontroller
+from armadico.bridge.simulator.plant import Plant, seeded
+from armadico.bridge.simulator.speed_loops import SpeedLoops
 
 DEGREE = math.pi / 180
 
 
 class Lagging:
-    """Wheels that follow the speeds set with a first-order lag of 0.1 s."""
+    """Wheels that follow the speeds set with a first-order lag of 0.2 s."""
 
     step_s = 0.005
-    lag_s = 0.1
+    lag_s = 0.2
 
     def __init__(self) -> None:
         self.v = self.w = 0.0
@@ -175,6 +178,7 @@ def test_before_open_there_is_no_status_and_the_configuration_is_given(bench: Be
 
 
 def test_once_open_a_status_comes_each_cycle(robot: Bench) -> None:
+    assert robot.controller.next_status_s == pytest.approx(0.1)
     counts = [len(robot.run(0.05)) for _ in range(20)]
     assert counts == [0, 1] * 10
 
@@ -238,6 +242,29 @@ def test_move_drives_a_trapezoid_and_ends_on_its_goal(robot: Bench, way: int) ->
     assert speeds[-1] == 0
     if abs(way) == 3000:
         assert sum(speed > 0.38 for speed in speeds) > 45
+
+
+@pytest.mark.parametrize(
+    ("cmd", "value"), [(Cmd.MOVE, 500), (Cmd.MOVE, -1000), (Cmd.HEAD, 90), (Cmd.HEAD, -170)]
+)
+def test_the_servos_bring_the_real_robot_to_its_goal_without_overshoot(
+    profile: RobotProfile, cmd: Cmd, value: int
+) -> None:
+    ideal = tomllib.loads((files("armadico.configs") / "robots" / "sensors.toml").read_text())
+    sensors = msgspec.convert(ideal["ideal"], SensorProfile)
+    plant = Plant(profile, sensors, [], (0.0, 0.0, 0.0), seeded(1))
+    bench = Bench(profile)
+    loops = SpeedLoops(profile.speed_loop, profile.motor.supply_v)
+    bench.controller = Microcontroller(profile, plant, loops)
+    bench.connect()
+    bench.send(cmd, value)
+    goal, track = abs(value * cmd.si), []
+    for _ in range(80):
+        bench.watched(0.1)
+        track.append(abs(plant.odometry[0] if cmd is Cmd.MOVE else plant.odometry[2]))
+    assert track[-1] == pytest.approx(goal, abs=0.01)
+    assert max(track) < goal + 0.01
+    assert plant.left_m_s == plant.right_m_s == 0
 
 
 def test_a_speed_replaces_a_move(robot: Bench) -> None:
@@ -338,7 +365,7 @@ def test_an_emergency_stop_has_no_ramp_and_ignores_commands_until_the_robot_rest
     robot.watched(3.0)
     robot.send(Cmd.E_STOP)
     robot.send(Cmd.VEL, 500)
-    assert robot.watched(0.2)[-1].left_m_s < 0.1
+    assert robot.watched(0.3)[-1].left_m_s < 0.12
     robot.send(Cmd.VEL, 500)
     robot.watched(2.0)
     assert robot.plant.v == 0
@@ -374,12 +401,12 @@ def test_the_watchdog_ramps_to_a_stop_and_keeps_the_set_points(robot: Bench) -> 
 
 
 def test_the_watchdog_holds_a_move_and_a_pulse_lets_it_go_on(robot: Bench) -> None:
-    robot.send(Cmd.MOVE, 1000)
-    robot.run(5.0)
+    robot.send(Cmd.MOVE, 3000)
+    robot.run(6.0)
     assert robot.plant.v == 0
-    assert robot.plant.odometry[0] < 0.95
-    robot.watched(8.0)
-    assert robot.plant.odometry[0] == pytest.approx(1.0, abs=0.006)
+    assert robot.plant.odometry[0] < 2.0
+    robot.watched(9.0)
+    assert robot.plant.odometry[0] == pytest.approx(3.0, abs=0.006)
 
 
 def test_even_an_unknown_command_feeds_the_watchdog(robot: Bench) -> None:
@@ -399,7 +426,7 @@ def test_a_still_open_session_takes_sync_for_pulse_open_close_and_ends_closed(
         robot.controller.receive(packet)
     robot.run(0)
     assert not robot.controller.is_open
-    assert robot.run(1.0) == []
+    assert robot.run(3.0) == []
     assert robot.plant.v == 0
     for packet in (SYNC0, SYNC1, SYNC2):
         robot.controller.receive(packet)
@@ -410,7 +437,7 @@ def test_a_connection_that_ends_stops_the_robot_and_frees_it(robot: Bench) -> No
     robot.send(Cmd.VEL, 300)
     robot.run(1.0)
     robot.controller.disconnect()
-    assert robot.run(1.0) == []
+    assert robot.run(3.0) == []
     assert robot.plant.v == 0
     robot.connect()
     assert len(robot.run(1.0)) == 10

@@ -192,6 +192,27 @@ def test_a_wild_drive_never_leaves_the_room() -> None:
     assert deepest < PENETRATION_M
 
 
+def test_knocks_never_add_energy() -> None:
+    """Coasting about in a narrow cell, sideways sliding included."""
+    rng = Random(4)
+    cell: list[Wall] = [(-0.5, -0.5, 0.5, -0.5), (0.5, -0.5, 0.5, 0.5)]
+    cell += [(0.5, 0.5, -0.5, 0.5), (-0.5, 0.5, -0.5, -0.5)]
+    knocks = 0
+    for _ in range(60):
+        start = (rng.uniform(-0.2, 0.2), rng.uniform(-0.2, 0.2), rng.uniform(-pi, pi))
+        robot = plant(cell, start)
+        body = robot._dynamics
+        body.v, body.w = rng.uniform(-1.6, 1.6), rng.uniform(-5, 5)
+        before = body.energy()
+        for _ in range(300):
+            robot.step(0.0, 0.0)
+            after = body.energy() + 0.5 * robot._outline.mass_kg * robot._sideways**2
+            assert after <= before
+            before = after
+        knocks += robot.collisions
+    assert knocks > 10
+
+
 def test_a_robot_set_down_in_a_wall_is_pushed_out() -> None:
     robot = plant([(0.2, -5.0, 0.2, 5.0)])
     for _ in range(400):

@@ -6,11 +6,11 @@ from pathlib import Path
 from typing import Annotated, Literal
 
 import pytest
+from armadico.bridge.profile import RobotProfile, SensorProfile
 from hypothesis import given
 from hypothesis import strategies as st
 from msgspec import Meta, Struct
 
-from armadico.bridge.profile import RobotProfile, SensorProfile
 from armadico.config.errors import ConfigError, advice, nearest
 from armadico.config.lines import line_of
 from armadico.config.loading import (
@@ -96,12 +96,11 @@ def test_a_good_text_becomes_the_struct() -> None:
         ),
         (
             'name = "a"\nmode = "Precise"',
-            'some.toml:2: mode = "Precise": '
-            "did you mean 'precise'? (known: fast, precise)",
+            "some.toml:2: mode = \"Precise\": did you mean 'precise'? (known: fast, precise)",
         ),
         ('name = "a"\non = 1', "some.toml:2: on = 1: expected true or false, not a whole number"),
         (
-            'name = "a"\nsonars = [\n  # the first\n  { x_m = 1 },\n  { x_m = 1, bearing_deg = 181 },\n]',
+            'name = "a"\nsonars = [\n  # one\n  { x_m = 1 },\n  { x_m = 1, bearing_deg = 181 },\n]',
             "some.toml:5: sonars[1].bearing_deg = 181: expected a number <= 180.0",
         ),
         (

@@ -119,8 +119,10 @@ def test_walls_are_as_long_as_the_border_and_stand_between_unlike_cells(
 
 
 @given(st.text())
-def test_no_text_does_worse_than_a_config_error(tmp_path_factory: object, text: str) -> None:
-    folder = tmp_path_factory.mktemp("any")  # type: ignore[attr-defined]
+def test_no_text_does_worse_than_a_config_error(
+    tmp_path_factory: pytest.TempPathFactory, text: str
+) -> None:
+    folder = tmp_path_factory.mktemp("any")
     file = folder / "any.yaml"
     file.write_bytes(text.encode("utf-8", "replace"))
     with pytest.raises(ConfigError):

@@ -68,8 +68,12 @@ def test_a_robot_left_open_lurches_at_the_next_clients_sync0(link: Link) -> None
     assert link.fastest == pytest.approx(0.3)
 
 
-def test_with_zero_speeds_first_it_does_not(link: Link) -> None:
+@pytest.mark.parametrize("cut_off", [b"", b"\xfa\xfb\xc8", b"\xfa\xfb\x06\x0b\x3b"])
+def test_with_zero_speeds_first_it_does_not(link: Link, cut_off: bytes) -> None:
+    link.let_pass(0.1)
     drive_and_die(link)
+    link.controller.receive(cut_off)  # all that the dead client's last packet came to
+    link.let_pass(0.5, client=False)
     link.new_session()
     events = link.let_pass(3.0)
     assert kinds(events, Connected)
@@ -149,3 +153,35 @@ def test_closing_leaves_the_robot_at_rest_and_ready_for_the_next(link: Link) -> 
     assert not link.controller.is_open
     link.new_session()
     assert kinds(link.let_pass(1.0), Connected)
+
+
+@pytest.mark.parametrize("seed", range(20))
+def test_a_robot_at_rest_moves_for_a_drive_and_for_nothing_else(link: Link, seed: int) -> None:
+    draws = random.Random(seed)
+    moved = rested = 0
+    for _ in range(60):
+        link.fastest, resting = 0.0, link.plant.v == 0
+        match draws.choice(["drive", "drive", "drive", "pulse", "die", "hang", "cut", "idle"]):
+            case "drive":
+                link.session.drive(draws.uniform(0.1, 0.5), draws.uniform(-1, 1))
+                link.let_pass(draws.uniform(0.1, 1.0))
+                moved += link.fastest > 0
+                continue
+            case "pulse":
+                link.session.pulse()
+            case "die":
+                link.let_pass(draws.uniform(0, 4), client=False)
+                link.new_session()
+            case "hang":
+                link.let_pass(draws.uniform(0, 4), client=False)
+                link.session.tick(link.now)
+                link.session.pulse()
+            case "cut":
+                link.cut = True
+                link.let_pass(draws.uniform(0, 4))
+                link.cut = False
+        link.let_pass(draws.uniform(0.1, 3))
+        rested += resting
+        assert link.fastest == 0 or not resting
+    assert moved > 5
+    assert rested > 5

@@ -244,6 +244,21 @@ def test_after_a_hang_zero_speeds_go_first_and_the_link_is_not_lost(
     assert session.tick(late + LINK_TIMEOUT_S) == [LinkLost("no status packet for 1.0 s")]
 
 
+def test_a_pulse_after_a_long_silence_brings_zero_speeds_first(
+    session: Session, profile: RobotProfile
+) -> None:
+    opened(session)
+    session.receive(status(profile, motors_enabled=True), 0.1)
+    session.drive(0.3, 0)
+    session.outgoing()
+    for n in range(2, 25):
+        session.receive(status(profile), n / 10)
+    session.pulse()
+    assert sent(session)[-3:] == [(Cmd.VEL, 0), (Cmd.RVEL, 0), (Cmd.PULSE, 0)]
+    session.pulse()
+    assert sent(session) == [(Cmd.PULSE, 0)]
+
+
 def test_close_stops_switches_off_and_ends(session: Session) -> None:
     opened(session).drive(0.3, 0)
     session.close()

@@ -1,0 +1,156 @@
+"""A* is as cheap as brute force, and the grid's clearances are the true distances."""
+
+import math
+from itertools import pairwise
+
+import numpy as np
+import pytest
+from armadico.agents.methods.geometry import Placed
+from armadico.agents.methods.grid import Cell, Field, Grid, Margins, grid_of, search
+from hypothesis import assume, given, settings
+from hypothesis import strategies as st
+from hypothesis.extra.numpy import arrays
+
+BOX = ((0.0, 0.0, 3.0, 0.0), (3.0, 0.0, 3.0, 2.0), (3.0, 2.0, 0.0, 2.0), (0.0, 2.0, 0.0, 0.0))
+BOUNDS = (0.0, 0.0, 3.0, 2.0)
+prices = st.one_of(st.just(math.inf), st.floats(1.0, 9.0))
+small = st.integers(1, 7)
+grids = st.tuples(small, small).flatmap(lambda shape: arrays(np.float64, shape, elements=prices))
+spots = st.builds(Placed, st.floats(0.1, 2.9), st.floats(0.1, 1.9))
+segments = st.tuples(*[st.floats(-2, 4)] * 4)
+
+
+def steps(costs: Field, cell: Cell) -> list[tuple[Cell, float]]:
+    """A cell's neighbours and what a step to each costs."""
+    found = []
+    for row in range(max(cell[0] - 1, 0), min(cell[0] + 2, costs.shape[0])):
+        for column in range(max(cell[1] - 1, 0), min(cell[1] + 2, costs.shape[1])):
+            if (row, column) != cell:
+                length = math.hypot(row - cell[0], column - cell[1])
+                found.append(((row, column), length * (costs[cell] + costs[row, column]) / 2))
+    return found
+
+
+def brute_force(costs: Field, start: Cell, goal: Cell) -> float:
+    """The least cost by relaxing every edge until nothing changes (Bellman and Ford)."""
+    best = np.full(costs.shape, np.inf)
+    best[start] = 0.0 if np.isfinite(costs[start]) else np.inf
+    while True:
+        before = best.copy()
+        for cell in np.ndindex(*costs.shape):
+            for there, cost in steps(costs, cell):
+                best[there] = min(best[there], best[cell] + cost)
+        if (best == before).all():
+            return float(best[goal])
+
+
+@settings(deadline=None)
+@given(grids, st.data())
+def test_the_way_found_is_as_cheap_as_brute_force_finds(costs: Field, data: st.DataObject) -> None:
+    cell = st.tuples(*(st.integers(0, size - 1) for size in costs.shape))
+    start, goal = data.draw(cell), data.draw(cell)
+    least = brute_force(costs, start, goal)
+    found = search(costs, start, goal)
+    assert (found is None) == math.isinf(least)
+    if found is not None:
+        cells, cost = found
+        assert cost == pytest.approx(least)
+        assert (cells[0], cells[-1]) == (start, goal)
+        spent = sum(dict(steps(costs, a))[b] for a, b in pairwise(cells))
+        assert spent == pytest.approx(least)
+
+
+def test_a_way_to_the_same_cell_is_that_cell() -> None:
+    assert search(np.ones((2, 2)), (1, 1), (1, 1)) == ([(1, 1)], 0.0)
+
+
+def test_there_is_no_way_into_or_through_a_closed_wall() -> None:
+    costs = np.ones((5, 5))
+    costs[:, 2] = np.inf
+    assert search(costs, (0, 0), (0, 4)) is None
+    assert search(costs, (0, 0), (0, 2)) is None
+    assert search(costs, (0, 2), (0, 0)) is None
+
+
+def test_the_same_question_has_the_same_answer() -> None:
+    costs = np.ones((20, 30))
+    assert search(costs, (0, 0), (19, 29)) == search(costs.copy(), (0, 0), (19, 29))
+
+
+@settings(deadline=None, max_examples=50)
+@given(st.lists(segments, min_size=1, max_size=4), spots, spots)
+def test_the_clearance_of_a_way_is_the_least_over_its_places(
+    walls: list[tuple[float, float, float, float]], a: Placed, b: Placed
+) -> None:
+    grid = Grid(walls, BOUNDS)
+    along = [i / 400 for i in range(401)]
+    places = [Placed(a.x + t * (b.x - a.x), a.y + t * (b.y - a.y)) for t in along]
+    sampled = min(grid.clearance_at(place) for place in places)
+    exact = grid.clearance_between(a, b)
+    assert exact <= sampled + 1e-9
+    assert exact >= sampled - math.dist(a[:2], b[:2]) / 800 - 1e-9
+
+
+@given(spots)
+def test_in_a_box_the_nearest_wall_is_one_of_four(place: Placed) -> None:
+    nearest = min(place.x, 3.0 - place.x, place.y, 2.0 - place.y)
+    assert Grid(BOX, BOUNDS).clearance_at(place) == pytest.approx(nearest)
+
+
+@settings(deadline=None, max_examples=50)
+@given(st.lists(segments, max_size=4), spots)
+def test_a_cell_knows_the_exact_clearance_of_its_centre_up_to_a_metre(
+    walls: list[tuple[float, float, float, float]], place: Placed
+) -> None:
+    grid = Grid(walls, BOUNDS)
+    cell = grid.cell(place)
+    expected = min(grid.clearance_at(grid.centre(cell)), 1.0)
+    assert grid.clearance[cell] == pytest.approx(expected, abs=1e-9)
+    assert math.dist(grid.centre(cell)[:2], place[:2]) <= 0.05 / math.sqrt(2) + 1e-9
+
+
+def test_a_way_that_crosses_a_wall_has_no_clearance() -> None:
+    grid = Grid([(1.5, 0.0, 1.5, 2.0)], BOUNDS)
+    assert grid.clearance_between(Placed(1.0, 1.0), Placed(2.0, 1.0)) == 0.0
+    assert grid.clearance_between(Placed(0.5, 1.0), Placed(1.0, 1.0)) == pytest.approx(0.5)
+
+
+def test_without_walls_there_is_endless_room() -> None:
+    grid = Grid([], BOUNDS)
+    assert grid.clearance_at(Placed(1.0, 1.0)) == math.inf
+    assert (grid.costs(Margins()) == 1.0).all()
+
+
+@settings(deadline=None, max_examples=30)
+@given(st.lists(segments, min_size=1, max_size=4))
+def test_between_free_neighbours_the_radius_is_kept(
+    walls: list[tuple[float, float, float, float]],
+) -> None:
+    grid, margins = Grid(walls, BOUNDS, cell_m=0.2), Margins()
+    free = np.isfinite(grid.costs(margins))
+    assume(free.any())
+    for row, column in np.argwhere(free):
+        for there, _ in steps(grid.clearance, (row, column)):
+            if free[there]:
+                a, b = grid.centre((row, column)), grid.centre(there)
+                assert grid.clearance_between(a, b) >= margins.radius_m - 1e-9
+
+
+def test_a_metre_costs_more_the_nearer_a_wall_is() -> None:
+    grid = Grid([(0.0, 0.0, 3.0, 0.0)], BOUNDS)
+    column = grid.costs(Margins())[:, 30]
+    assert np.isinf(column[:6]).all()
+    assert (column[9:] == 1.0).all()
+    assert 1.0 < column[8] < column[7] < column[6] < 9.0
+
+
+def test_a_straight_way_costs_its_length_where_there_is_room() -> None:
+    grid = Grid([(0.0, 0.0, 3.0, 0.0)], BOUNDS)
+    costs = grid.costs(Margins())
+    a, b = Placed(0.5, 1.0), Placed(2.5, 1.6)
+    assert grid.cost_between(costs, a, b) == pytest.approx(math.dist(a[:2], b[:2]))
+    assert math.isinf(grid.cost_between(costs, a, Placed(2.5, 0.1)))
+
+
+def test_plans_in_one_world_share_its_grid() -> None:
+    assert grid_of(BOX, BOUNDS, 0.05) is grid_of(BOX, BOUNDS, 0.05)

@@ -1,0 +1,125 @@
+"""Host tables: loopback unless an entry says otherwise, and faults named with file and line."""
+
+from __future__ import annotations
+
+import re
+import tomllib
+from pathlib import Path
+
+import pytest
+
+from armadico.config.errors import ConfigError
+from armadico.config.hosts import LOOPBACK, Host, load_hosts
+from armadico.config.loading import read_text
+from armadico.config.scenarios import SOCIETY
+from armadico.config.shipped import folder
+
+LAB = """\
+[robot]
+endpoints = ["tcp/10.0.0.2:7447", "tls/robot.local:7448"]
+agents = ["robot", "encoder"]
+
+[lab1]
+endpoints = [
+  "tcp/[fe80::1]:7447",
+]
+agents = ["goto"]
+
+[desk]
+"""
+
+
+def lab(folder: Path, text: str = LAB) -> Path:
+    file = folder / "lab.toml"
+    file.write_text(text)
+    return file
+
+
+def test_what_is_shipped_stays_on_loopback_and_runs_everybody() -> None:
+    table = load_hosts()
+    assert table.hosts == {"localhost": Host(LOOPBACK, ("robot", *SOCIETY))}
+
+
+def test_the_examples_in_the_shipped_table_are_a_table(tmp_path: Path) -> None:
+    text = read_text(folder("") / "hosts.toml")
+    example = "\n".join(line[2:] for line in text.splitlines() if re.match(r"# (\[|\w+ = )", line))
+    table = load_hosts(lab(tmp_path, example))
+    assert list(table.hosts) == ["robot", "lab1", "lab2", "lab3"]
+    every = [agent for host in table.hosts.values() for agent in host.agents]
+    assert sorted(every) == sorted(("robot", *SOCIETY))
+
+
+def test_endpoints_are_those_of_the_entries_else_loopback(tmp_path: Path) -> None:
+    table = load_hosts(lab(tmp_path))
+    assert table.host("robot").endpoints == ("tcp/10.0.0.2:7447", "tls/robot.local:7448")
+    assert table.host("lab1").agents == ("goto",)
+    assert table.host("desk") == Host(LOOPBACK, ())
+    expected = ("tcp/10.0.0.2:7447", "tls/robot.local:7448", "tcp/[fe80::1]:7447", *LOOPBACK)
+    assert table.endpoints() == expected
+
+
+def test_an_unknown_host_is_answered_with_the_nearest(tmp_path: Path) -> None:
+    with pytest.raises(ConfigError, match=r"no host 'lab'; did you mean 'lab1'\? \(known: desk, "):
+        load_hosts(lab(tmp_path)).host("lab")
+
+
+BAD = "expected PROTOCOL/HOST:PORT, for instance tcp/10.0.0.2:7447"
+
+
+@pytest.mark.parametrize(
+    ("endpoint", "message"),
+    [
+        ("10.0.0.3:7447", BAD),
+        ("tcp/10.0.0.3", BAD),
+        ("tcp/10.0.0.3:", BAD),
+        ("tcp/a b:1", BAD),
+        ("tcp/-a:1", BAD),
+        ("tcp/:7447", BAD),
+        ("tcp/[::g]:7447", BAD),
+        ("tcp/fe80::1:7447", BAD),
+        ("tcp/10.0.0.3:0", "expected a port from 1 to 65535"),
+        ("tcp/10.0.0.3:65536", "expected a port from 1 to 65535"),
+        ("tpc/10.0.0.3:7447", "unknown protocol; did you mean 'tcp'?"),
+        ("TCP/10.0.0.3:7447", BAD),
+        ("tcp/10.0.0.2:7447", "host 'robot' has it already; expected another"),
+    ],
+)
+def test_a_wrong_endpoint_is_named_with_file_and_line(
+    tmp_path: Path, endpoint: str, message: str
+) -> None:
+    with pytest.raises(ConfigError) as caught:
+        load_hosts(lab(tmp_path, LAB.replace("tcp/[fe80::1]:7447", endpoint)))
+    assert f'lab.toml:7: lab1.endpoints[0] = "{endpoint}": {message}' in str(caught.value)
+
+
+@pytest.mark.parametrize(
+    ("old", "new", "message"),
+    [
+        (
+            "endpoints = [\n",
+            "endpoint = [\n",
+            "lab.toml:6: unknown key lab1.endpoint; did you mean",
+        ),
+        ('["goto"]', '"goto"', 'lab.toml:9: lab1.agents = "goto": expected a list, not a string'),
+        ('["goto"]', '["a", "a"]', "lab.toml:9: lab1.agents: 'a' is there twice; expected once"),
+        ("[lab1]", "[robot]", "lab.toml:5: not TOML: Cannot declare ('robot',) twice"),
+        (LAB, "# nobody\n", "lab.toml:1: no hosts; expected a table for each, [name]"),
+        (LAB, "lab1 = 3\n", "lab.toml:1: lab1 = 3: expected a table, not a whole number"),
+    ],
+)
+def test_a_fault_is_named_with_file_line_and_advice(
+    tmp_path: Path, old: str, new: str, message: str
+) -> None:
+    assert old in LAB
+    with pytest.raises(ConfigError) as caught:
+        load_hosts(lab(tmp_path, LAB.replace(old, new, 1)))
+    assert message in str(caught.value)
+
+
+def test_two_hosts_that_are_both_on_loopback_are_one_too_many(tmp_path: Path) -> None:
+    with pytest.raises(ConfigError, match=r"b.endpoints\[0\] = .* host 'a' has it already"):
+        load_hosts(lab(tmp_path, "[a]\n[b]\n"))
+
+
+def test_the_shipped_file_is_toml() -> None:
+    assert list(tomllib.loads(read_text(folder("") / "hosts.toml"))) == ["localhost"]

@@ -1,0 +1,272 @@
+"""The shipped worlds and scenarios can be driven; a scenario that cannot says why and where."""
+
+from __future__ import annotations
+
+from itertools import pairwise
+from math import hypot
+from pathlib import Path
+
+import pytest
+
+from armadico.config.errors import ConfigError
+from armadico.config.loading import names
+from armadico.config.scenarios import (
+    ROBOT_RADIUS_M,
+    SOCIETY,
+    Scenario,
+    load_scenario,
+    scenario_from,
+)
+from armadico.config.worlds import load_world
+
+from .free_space import FreeSpace
+
+SHIPPED = names("scenarios")
+WITH_ROOMS = ["floor", "house", "offices", "rooms-a", "rooms-b", "sc4"]
+
+
+def stops(scenario: Scenario) -> list[tuple[float, float]]:
+    poses = (scenario.start, *scenario.waypoints, scenario.goal)
+    return [(x, y) for x, y, _ in poses]
+
+
+def straight(points: list[tuple[float, float]]) -> float:
+    return sum(hypot(b[0] - a[0], b[1] - a[1]) for a, b in pairwise(points))
+
+
+def leg_clearance(world: str, a: tuple[float, float], b: tuple[float, float]) -> float:
+    place = load_world(world)
+    steps = [i / 200 for i in range(201)]
+    return min(place.clearance(a[0] + s * (b[0] - a[0]), a[1] + s * (b[1] - a[1])) for s in steps)
+
+
+def test_the_thesis_experiments_are_all_there() -> None:
+    every = ["floor", "house", "offices", "rooms-a", "rooms-b", "sc1", "sc2", "sc3", "sc4"]
+    assert every == SHIPPED
+    assert names("worlds") == sorted(["empty", *every])
+
+
+@pytest.mark.parametrize("name", SHIPPED)
+def test_a_robot_can_get_from_start_over_the_waypoints_to_the_goal(name: str) -> None:
+    scenario = load_scenario(name)
+    space = FreeSpace(load_world(scenario.world), ROBOT_RADIUS_M)
+    reached = space.reached(*scenario.start[:2])
+    assert len(reached) > 100
+    for x, y in stops(scenario):
+        assert space.cell(x, y) in reached
+
+
+@pytest.mark.parametrize("name", WITH_ROOMS)
+def test_legs_between_waypoints_are_straight_and_nearly_a_metre_wide(name: str) -> None:
+    scenario = load_scenario(name)
+    points = stops(scenario)
+    assert scenario.waypoints
+    for a, b in pairwise(points):
+        assert leg_clearance(scenario.world, a, b) >= 0.45
+
+
+@pytest.mark.parametrize("name", ["offices", "floor"])
+def test_the_buildings_leave_half_a_metre_around_the_texts_points(name: str) -> None:
+    scenario = load_scenario(name)
+    world = load_world(scenario.world)
+    for x, y in stops(scenario):
+        assert world.clearance(x, y) >= 0.5
+
+
+@pytest.mark.parametrize(
+    ("name", "metres", "within"),
+    # The text's shortest TD (tables 5.1, 5.3, 5.4, 5.5); a robot cuts corners and rounds others.
+    [
+        ("sc1", 5.10, 0.05),
+        ("sc4", 12.26, 0.4),
+        ("rooms-a", 11.64, 0.4),
+        ("rooms-b", 11.42, 0.2),
+        ("offices", 8.84, 0.3),
+        ("floor", 51.0, 1.5),
+    ],
+)
+def test_the_way_is_about_as_long_as_the_thesis_drove(
+    name: str, metres: float, within: float
+) -> None:
+    assert straight(stops(load_scenario(name))) == pytest.approx(metres, abs=within)
+
+
+def test_a_straight_way_that_is_blocked_is_what_scenarios_2_and_3_are_about() -> None:
+    assert leg_clearance("sc1", (0.0, 0.0), (5.0, 1.0)) > 100.0
+    assert leg_clearance("sc2", (0.0, 0.0), (10.0, 0.0)) < 0.05
+    assert leg_clearance("sc3", (1.0, 0.5), (5.0, 0.6)) < 0.05
+
+
+@pytest.mark.parametrize("name", WITH_ROOMS)
+def test_every_room_can_be_reached_through_its_doors(name: str) -> None:
+    world = load_world(name)
+    reached = {world.rooms[0].name}
+    for _ in world.rooms:
+        for door in world.doors:
+            if {door.room_a, door.room_b} & reached:
+                reached |= {door.room_a, door.room_b}
+    assert reached == {room.name for room in world.rooms}
+    assert world.start is not None
+    assert world.room_at(*world.start[:2]) is not None
+
+
+@pytest.mark.parametrize("name", WITH_ROOMS)
+def test_doors_are_a_metre_wide_at_least(name: str) -> None:
+    world = load_world(name)
+    for door in world.doors:
+        assert world.clearance(door.x, door.y) >= 0.5 - 1e-9
+
+
+@pytest.mark.parametrize("name", SHIPPED)
+def test_a_scenario_starts_where_its_world_says(name: str) -> None:
+    scenario = load_scenario(name)
+    again = scenario_from(scenario.world)
+    assert again.start == pytest.approx(scenario.start)
+    goals = load_world(scenario.world).goals
+    assert scenario_from(scenario.world, goal=next(iter(goals))).goal == scenario.goal
+
+
+def test_files_need_only_say_what_is_special() -> None:
+    scenario = load_scenario("sc1")
+    assert scenario.name == "sc1"
+    assert scenario.agents == SOCIETY
+    assert (scenario.robot, scenario.sensors, scenario.plan) == ("pioneer-2dx", "ideal", "direct")
+    assert (scenario.v_max, scenario.seed, scenario.waypoints) == (None, 0, ())
+
+
+# --- what is refused
+
+OWN = """\
+world = "sc4"
+start = [1, 1, 0]
+goal = [8, 1, 0]
+waypoints = [
+  [1.5, 2, 90],
+  [1.5, 3.6, 0],
+]
+plan = "rooms"
+"""
+
+
+def own(folder: Path, text: str = OWN) -> Path:
+    file = folder / "own.toml"
+    file.write_text(text)
+    return file
+
+
+def test_a_file_of_ones_own_loads(tmp_path: Path) -> None:
+    scenario = load_scenario(str(own(tmp_path)))
+    assert (scenario.name, scenario.goal) == ("own", (8.0, 1.0, 0.0))
+
+
+def test_a_world_may_lie_beside_the_scenario(tmp_path: Path) -> None:
+    (tmp_path / "hall.map").write_text("2D-Map\nLineMaxPos: 9000 9000\nLineMinPos: 0 0\n")
+    scenario = load_scenario(own(tmp_path, OWN.replace("sc4", "hall.map")))
+    assert load_world(scenario.world).name == "hall"
+
+
+@pytest.mark.parametrize(
+    ("old", "new", "message"),
+    [
+        ('"sc4"', '"sc44"', "own.toml:1: no world 'sc44'; did you mean 'sc4'? (known: empty, "),
+        ('"sc4"', '"x.map"', "own.toml:1: no file 'x.map'; shipped worlds: empty, "),
+        (
+            "start = [1, 1, 0]",
+            "start = [1, 0.1, 0]",
+            "own.toml:2: start (1, 0.1) is 0.10 m from a wall of 'sc4'; expected at least 0.30 m",
+        ),
+        (
+            "goal = [8, 1, 0]",
+            "goal = [8, -1, 0]",
+            "own.toml:3: goal (8, -1) is outside the world 'sc4'; expected x 0 to 9, y 0 to 4.5",
+        ),
+        (
+            "[1.5, 3.6, 0]",
+            "[3, 3, 0]",
+            "own.toml:6: waypoint 2 (3, 3) is 0.00 m from a wall of 'sc4'",
+        ),
+        (
+            "[1.5, 3.6, 0]",
+            "[1.5, 3.6]",
+            "own.toml:6: waypoints[1] = [1.5,3.6]: expected a list of length 3, not 2",
+        ),
+        ('"rooms"', '"room"', "own.toml:8: plan = \"room\": did you mean 'rooms'?"),
+        ("plan", "paln", "own.toml:8: unknown key paln; did you mean 'plan'?"),
+        ("goal = [8, 1, 0]", "goal = [8, 1, 400]", "own.toml:3: goal[2] = 400: expected a number"),
+        ("plan =", 'robot = "pioneer"\nplan =', "own.toml:8: no robot 'pioneer'; did you mean"),
+        (
+            "plan =",
+            'sensors = "reel"\nplan =',
+            "own.toml:8: no sensors 'reel'; did you mean 'real'",
+        ),
+        (
+            "plan =",
+            'agents = ["goto", "avoid", "goto"]\nplan =',
+            "own.toml:8: agent 'goto' is there twice; expected once",
+        ),
+        ("plan =", "v_max = 0\nplan =", "own.toml:8: v_max = 0: expected a number > 0"),
+    ],
+)
+def test_a_fault_is_named_with_file_line_and_advice(
+    tmp_path: Path, old: str, new: str, message: str
+) -> None:
+    assert old in OWN
+    with pytest.raises(ConfigError) as caught:
+        load_scenario(own(tmp_path, OWN.replace(old, new, 1)))
+    assert message in str(caught.value)
+
+
+def test_waypoints_that_are_wanted_must_be_there(tmp_path: Path) -> None:
+    text = 'world = "empty"\nstart = [0, 0, 0]\ngoal = [1, 1, 0]\nplan = "waypoints"\n'
+    with pytest.raises(ConfigError, match=r'own.toml:4: plan = "waypoints", but there are none'):
+        load_scenario(own(tmp_path, text))
+
+
+def test_a_fault_in_the_world_is_named_in_the_worlds_file(tmp_path: Path) -> None:
+    (tmp_path / "hall.map").write_text("2D-Map\nLINES\n1 2 3\n")
+    with pytest.raises(ConfigError, match=r"hall.map:3: '1 2 3': expected X1 Y1 X2 Y2"):
+        load_scenario(own(tmp_path, OWN.replace("sc4", "hall.map")))
+
+
+def test_an_unknown_scenario_lists_what_there_is() -> None:
+    with pytest.raises(ConfigError, match=r"no scenario 'sc5'; did you mean 'sc\d'\? \(known: flo"):
+        load_scenario("sc5")
+
+
+# --- from the command line
+
+
+def test_a_goal_is_a_pose_or_a_name() -> None:
+    by_name = scenario_from("sc4", goal="B")
+    by_pose = scenario_from("sc4", (3.4, 0.6, 90.0), (7.4, 0.7, -90.0))
+    assert by_name == by_pose
+    assert by_name.plan == "rooms"
+    assert scenario_from("sc1", goal="goal").plan == "direct"
+
+
+@pytest.mark.parametrize(
+    ("arguments", "message"),
+    [
+        (("sc4", None, "C"), "no goal 'C' in 'sc4'; known: B"),
+        (("sc4", (4.7, 1.0, 0.0), "B"), "start (4.7, 1) is 0.10 m from a wall of 'sc4'"),
+        (("sc4", None, (10.0, 1.0, 0.0)), "goal (10, 1) is outside the world 'sc4'"),
+        (("sc9", None, None), "no world 'sc9'; did you mean 'sc"),
+    ],
+)
+def test_a_run_that_cannot_be_is_refused(
+    arguments: tuple[
+        str, tuple[float, float, float] | None, tuple[float, float, float] | str | None
+    ],
+    message: str,
+) -> None:
+    with pytest.raises(ConfigError) as caught:
+        scenario_from(*arguments)
+    assert message in str(caught.value)
+
+
+def test_a_world_without_a_start_wants_one(tmp_path: Path) -> None:
+    (tmp_path / "hall.map").write_text("2D-Map\nLineMaxPos: 9000 9000\nLineMinPos: 0 0\n")
+    hall = tmp_path / "hall.map"
+    with pytest.raises(ConfigError, match="world 'hall' has no start; give one as X Y DEGREES"):
+        scenario_from(hall)
+    assert scenario_from(hall, (1.0, 1.0, 0.0)).goal == (1.0, 1.0, 0.0)

@@ -1,0 +1,72 @@
+"""Private loopback endpoints and real processes."""
+
+from __future__ import annotations
+
+import os
+import socket
+import subprocess
+import sys
+from collections.abc import Callable, Iterator
+from contextlib import ExitStack
+from pathlib import Path
+
+import pytest
+
+from armadico.client import Client
+from armadico.mesh.topology import ENDPOINTS_VARIABLE, topology
+from armadico.mesh.zenoh import ZenohMesh
+
+TOY = Path(__file__).parent / "toy_process.py"
+NAMESPACE = "test"
+
+Spawn = Callable[..., subprocess.Popen[str]]
+
+
+def private_endpoints(count: int = 4) -> str:
+    """Ports that nobody else has; they are free again when this returns."""
+    with ExitStack() as stack:
+        sockets = [
+            stack.enter_context(socket.create_server(("127.0.0.1", 0))) for _ in range(count)
+        ]
+        return ",".join(f"tcp/127.0.0.1:{s.getsockname()[1]}" for s in sockets)
+
+
+@pytest.fixture
+def endpoints() -> str:
+    return private_endpoints()
+
+
+@pytest.fixture
+def join(endpoints: str) -> Iterator[Callable[..., ZenohMesh]]:
+    """Join the mesh of this test, as often as wanted."""
+    with ExitStack() as stack:
+
+        def make(namespace: str = NAMESPACE) -> ZenohMesh:
+            where = topology(environ={ENDPOINTS_VARIABLE: endpoints})
+            return stack.enter_context(ZenohMesh(namespace, where))
+
+        yield make
+
+
+@pytest.fixture
+def client(join: Callable[..., ZenohMesh]) -> Client:
+    return Client(join())
+
+
+@pytest.fixture
+def spawn(endpoints: str) -> Iterator[Spawn]:
+    """Start toy agents as processes on the mesh of this test."""
+    with ExitStack() as stack:
+
+        def start(kind: str = "calm") -> subprocess.Popen[str]:
+            process = subprocess.Popen(
+                [sys.executable, str(TOY), kind, NAMESPACE],
+                env=os.environ | {ENDPOINTS_VARIABLE: endpoints},
+                stderr=subprocess.PIPE,
+                text=True,
+            )
+            stack.enter_context(process)
+            stack.callback(process.kill)
+            return process
+
+        yield start

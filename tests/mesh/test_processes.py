@@ -1,0 +1,154 @@
+"""Agents as real processes: they are seen to come, to go, to be killed, to fail and to hang."""
+
+from __future__ import annotations
+
+import signal
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+
+from armadico.client import Client
+from armadico.messages import Card, Frame, Plan, PlanRequest, Pose, RobotState, Stop, Waypoint
+from tests.mesh.conftest import Spawn
+
+pytestmark = pytest.mark.live
+
+SOON = 20.0  # s; a deadline, not an expectation
+REQUEST = PlanRequest(Waypoint(0, 0, 0), Waypoint(1, 2, 0.5))
+
+
+def state(number: int) -> RobotState:
+    return RobotState(Frame(7, number), 1.0, 2.0, 0.5, 0.1, 0.0, 12.5, True, False)
+
+
+def there(client: Client, count: int) -> bool:
+    return bool(client.wait_for(lambda: len(client.alive) == count, SOON))
+
+
+def upset(client: Client) -> None:
+    """Say the stop that toys other than calm ones cannot bear, until the query shows it arrived."""
+    assert client.ask(REQUEST, SOON) is not None
+    client.publish(Stop(1, True, "the test"))
+
+
+def test_an_agent_turns_what_it_hears_into_what_it_says(client: Client, spawn: Spawn) -> None:
+    client.listen(Pose)
+    spawn()
+    assert there(client, 1)
+    pose = None
+    for number in range(1, 200):
+        client.publish(state(number))
+        pose = client.wait_for(lambda: client.latest(Pose), 0.1)
+        if pose is not None:
+            break
+    assert pose is not None
+    assert (pose.x, pose.y, pose.theta) == (1.0, 2.0, 0.5)
+
+
+def test_an_agent_gives_its_card_and_answers_its_queries(client: Client, spawn: Spawn) -> None:
+    process = spawn()
+    assert there(client, 1)
+    ((name, instance),) = client.alive
+    card = client.cards(SOON)[name, instance]
+    assert isinstance(card, Card)
+    assert (card.name, card.instance, card.pid) == ("toy", instance, process.pid)
+    assert card.provides == ("encoder/pose", "path/plan")
+    assert client.ask(REQUEST, SOON) == Plan((), refusal=f"{instance} does not plan")
+
+
+def test_two_instances_have_different_names(client: Client, spawn: Spawn) -> None:
+    spawn()
+    spawn()
+    assert there(client, 2)
+    assert len({instance for _, instance in client.alive}) == 2
+
+
+def test_an_agent_that_is_killed_is_seen_to_go(client: Client, spawn: Spawn) -> None:
+    process = spawn()
+    assert there(client, 1)
+    process.kill()
+    assert there(client, 0)
+
+
+@pytest.mark.parametrize("number", [signal.SIGTERM, signal.SIGINT])
+def test_an_agent_that_is_told_to_ends_in_order(
+    client: Client, spawn: Spawn, number: signal.Signals
+) -> None:
+    process = spawn()
+    assert there(client, 1)
+    process.send_signal(number)
+    assert process.wait(SOON) == 0
+    assert there(client, 0)
+
+
+def test_an_agent_that_fails_says_why_and_ends(client: Client, spawn: Spawn) -> None:
+    process = spawn("broken")
+    assert there(client, 1)
+    upset(client)
+    _, errors = process.communicate(timeout=SOON)
+    assert process.returncode == 1
+    assert "Traceback" in errors
+    assert "cannot bear the test" in errors
+    assert there(client, 0)
+
+
+def test_an_agent_that_hangs_can_be_ended_all_the_same(client: Client, spawn: Spawn) -> None:
+    process = spawn("hanging")
+    assert there(client, 1)
+    upset(client)
+    assert client.cards(0.5) == dict.fromkeys(client.alive), "it hangs, so it does not answer"
+    process.terminate()
+    assert process.wait(SOON) == -signal.SIGALRM
+    assert there(client, 0)
+
+
+def test_an_agent_that_is_stopped_by_a_debugger_does_not_answer_and_comes_back(
+    client: Client, spawn: Spawn
+) -> None:
+    process = spawn()
+    assert there(client, 1)
+    who = set(client.alive)
+    process.send_signal(signal.SIGSTOP)
+    assert there(client, 0), "its lease runs out"
+    process.send_signal(signal.SIGCONT)
+    assert there(client, 1)
+    assert client.alive == who
+    assert isinstance(client.cards(SOON)[next(iter(who))], Card)
+
+
+def test_newcomers_find_everybody_though_the_first_are_gone(client: Client, spawn: Spawn) -> None:
+    first = [spawn() for _ in range(3)]  # with the client they take the well-known endpoints
+    assert there(client, 3)
+    rest = [spawn() for _ in range(2)]
+    assert there(client, 5)
+    for process in first:
+        process.kill()
+    assert there(client, 2)
+    newcomer = spawn()
+    assert there(client, 3)
+    cards = client.cards(SOON)
+    assert pids(cards) == {process.pid for process in (*rest, newcomer)}
+
+
+def pids(cards: dict[tuple[str, str], Card | None]) -> set[int]:
+    return {card.pid for card in cards.values() if card is not None}
+
+
+def test_a_process_that_cannot_join_says_so_and_ends() -> None:
+    process = subprocess.run(
+        [
+            str(Path(sys.executable).with_name("armadico-agent")),
+            "encoder",
+            "--listen",
+            "tcp/192.0.2.1:7450",
+        ],
+        capture_output=True,
+        text=True,
+        timeout=SOON,
+        check=False,
+    )
+    assert process.returncode == 1
+    assert "192.0.2.1:7450" in process.stderr
+    assert "Traceback" not in process.stderr

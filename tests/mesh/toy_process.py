@@ -1,0 +1,50 @@
+"""A toy agent as a process of its own: python toy_process.py KIND NAMESPACE."""
+
+from __future__ import annotations
+
+import logging
+import sys
+from typing import ClassVar
+
+from armadico.agent import Agent, Question
+from armadico.mesh.topology import topology
+from armadico.mesh.zenoh import ZenohMesh
+from armadico.messages import Message, Plan, PlanRequest, Pose, RobotState, Stop
+from armadico.runtime import identity, serve
+
+
+class Toy(Agent):
+    """Turns states into poses and answers plans; what it does on a stop depends on its kind."""
+
+    name = "toy"
+    hears: ClassVar[tuple[type[Message], ...]] = (Stop,)
+    provides: ClassVar[tuple[type[Message], ...]] = (Pose,)
+    answers: ClassVar[tuple[type[Message], ...]] = (PlanRequest,)
+
+    def on_robot_state(self, state: RobotState) -> None:
+        self.publish(Pose(state.frame, state.x, state.y, state.theta))
+
+    def on_plan_request(self, question: Question) -> Plan:
+        return Plan(waypoints=(), refusal=f"{self.instance} does not plan")
+
+
+class Broken(Toy):
+    """Fails."""
+
+    def on_stop(self, stop: Stop) -> None:
+        raise RuntimeError(f"cannot bear {stop.by}")
+
+
+class Hanging(Toy):
+    """Never comes back from its turn."""
+
+    def on_stop(self, stop: Stop) -> None:
+        while True:
+            pass
+
+
+KINDS: dict[str, type[Toy]] = {"calm": Toy, "broken": Broken, "hanging": Hanging}
+
+if __name__ == "__main__":
+    logging.basicConfig(stream=sys.stderr)
+    serve(KINDS[sys.argv[1]](identity("toy")), ZenohMesh(sys.argv[2], topology()))
