@@ -19,6 +19,9 @@ CLOSE_S: Final = 0.5
 READ_S: Final = 0.1
 """How long a read waits; so long may closing take."""
 
+LINK: Final = "link"
+"""What the news of the link is called in the inbox; no key of the mesh has that name."""
+
 
 class Port(Protocol):
     """An open port. Whatever goes wrong with it is an OSError."""
@@ -112,7 +115,7 @@ class Device:
         self._inbox.put_event(lambda: self._agent.take_bytes(data, self._clock()))
 
     def _link(self, up: bool, why: str) -> None:
-        """Say that the link came or went, once each time."""
+        """Say that the link came or went: a state, so that no flood of bytes can push it out."""
         if up != self._up:
             self._up = up
-            self._inbox.put_event(lambda: self._agent.take_link(up, why, self._clock()))
+            self._inbox.put_state(LINK, lambda: self._agent.take_link(up, why, self._clock()))

@@ -10,6 +10,7 @@ import pytest
 
 from armadico.agent import Agent, DeviceAgent, Identity, Question
 from armadico.inbox import Inbox
+from armadico.mailbox import EVENTS
 from armadico.messages import (
     Frame,
     Log,
@@ -20,6 +21,7 @@ from armadico.messages import (
     Stop,
     Truth,
     Waypoint,
+    decode,
     encode,
 )
 from armadico.runtime import QUESTIONS, AgentProcess, identity
@@ -69,8 +71,6 @@ class FakeMesh:
         self.alive.set()
 
     def read(self, kind: Any, key: str, data: bytes) -> Any:
-        from armadico.messages import decode
-
         return decode(data, kind)
 
     def hear(self, pattern: str, message: Message) -> None:
@@ -309,6 +309,12 @@ class Listener(DeviceAgent):
         super().__init__(identity)
         self.seen: list[str] = []
         self.until: tuple[str, Callable[[], None]] = ("", lambda: None)
+        self._changed = threading.Condition()
+
+    def await_seen(self, what: str) -> None:
+        """Called on the port's thread: wait until the agent knows."""
+        with self._changed:
+            assert self._changed.wait_for(lambda: what in self.seen, SOON)
 
     def on_bytes(self, data: bytes) -> None:
         self._see(data.decode())
@@ -318,7 +324,9 @@ class Listener(DeviceAgent):
         self._see(f"up {why}" if up else f"down: {why}")
 
     def _see(self, what: str) -> None:
-        self.seen.append(what)
+        with self._changed:
+            self.seen.append(what)
+            self._changed.notify_all()
         if what == self.until[0]:
             self.until[1]()
 
@@ -326,61 +334,81 @@ class Listener(DeviceAgent):
 class FakePort:
     """Says what it was made with, then breaks."""
 
-    def __init__(self, says: list[bytes]) -> None:
+    def __init__(self, agent: Listener, says: list[bytes]) -> None:
+        self.agent = agent
         self.says = says
-        self.written: list[bytes] = []
         self.closed = False
 
     def read(self, timeout_s: float) -> bytes:
+        self.agent.await_seen("up ")
         if not self.says:
             raise OSError("unplugged")
         return self.says.pop(0)
 
     def write(self, data: bytes) -> None:
-        self.written.append(data)
+        pass
 
     def close(self) -> None:
         self.closed = True
 
 
 def test_a_port_that_goes_is_opened_again_and_the_agent_knows() -> None:
-    ports = [FakePort([b"a", b"", b"b"]), FakePort([b"c"])]
-    attempts: list[OSError | FakePort] = [OSError("no port"), OSError("no port"), *ports]
+    agent = Listener(identity("listener"))
+    ports = [FakePort(agent, [b"a", b"", b"b"]), FakePort(agent, [b"c"])]
+    attempts: list[tuple[str, FakePort | None]] = [
+        ("", None),
+        ("down: no port", None),
+        ("down: no port", ports[0]),
+        ("down: unplugged", ports[1]),
+    ]
 
     def connect() -> FakePort:
-        found = attempts.pop(0) if attempts else OSError("no port")
-        if isinstance(found, OSError):
-            raise found
-        return found
+        known, port = attempts.pop(0) if attempts else ("", None)
+        if known:
+            agent.await_seen(known)
+        if port is None:
+            raise OSError("no port")
+        return port
 
-    agent = Listener(identity("listener"))
     process, _ = process_of(agent, connect=connect)
     agent.until = ("c", process.request_stop)
     process.live()
     process.leave()
-    assert agent.seen == [
-        "down: no port",
-        "up ",
-        "a",
-        "b",
-        "down: unplugged",
-        "up ",
-        "c",
-    ]
+    expected = ["down: no port", "up ", "a", "b", "down: unplugged", "up ", "c"]
+    assert agent.seen[:7] == expected
     assert all(port.closed for port in ports)
 
 
 def test_a_port_that_cannot_be_written_to_is_taken_for_gone() -> None:
+    agent = Listener(identity("listener"))
+    tried = threading.Event()
+
     class Deaf(FakePort):
         def read(self, timeout_s: float) -> bytes:
-            return b"x"
+            if self.says:
+                return super().read(timeout_s)
+            tried.wait(timeout_s)
+            return b""
 
         def write(self, data: bytes) -> None:
+            tried.set()
             raise OSError("nobody listens")
 
-    agent = Listener(identity("listener"))
-    process, _ = process_of(agent, connect=lambda: Deaf([]))
+    process, _ = process_of(agent, connect=lambda: Deaf(agent, [b"x"]))
     agent.until = ("down: cannot write: nobody listens", process.request_stop)
     process.live()
     process.leave()
-    assert agent.seen[:2] == ["up ", "x"]
+    assert agent.seen[:3] == ["up ", "x", "down: cannot write: nobody listens"]
+
+
+def test_news_of_the_link_survives_a_flood_of_bytes() -> None:
+    agent = Listener(identity("listener"))
+    process, _ = process_of(agent, connect=lambda: FakePort(agent, []))
+    device = process._device
+    device._link(True, "")
+    for _ in range(10 * EVENTS):
+        device._take(b"x")
+    while (item := process.inbox.take(0)) is not None:
+        item()
+    assert agent.seen == ["up ", *["x"] * EVENTS]
+    assert process.inbox.dropped == 9 * EVENTS

@@ -3,11 +3,14 @@
 Matplotlib is an extra (`armadico[plot]`) and slow to import, so it is imported when something is
 drawn. A picture is 1280 x 720 and in few colours, so that its PNG is small. Worlds that are much
 taller than wide are drawn turned by a quarter, which the axes say.
+
+`python -m armadico.tools.pictures docs/worlds` draws every shipped world again.
 """
 
 from __future__ import annotations
 
 import io
+import sys
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, field
 from itertools import groupby, pairwise
@@ -16,7 +19,8 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any, Protocol
 from zlib import crc32
 
-from armadico.config.worlds import Pose, World
+from armadico.config.shipped import names
+from armadico.config.worlds import Pose, World, load_world
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -112,6 +116,16 @@ def draw_run(world: World, run: Run, path_out: Path | str) -> None:
     canvas.poses(run.start, run.goal, run.waypoints)
     canvas.robots(run.steps)
     canvas.save(path_out)
+
+
+def draw_worlds(folder: Path | str) -> list[Path]:
+    """The pictures of every shipped world, each with its start and its first goal."""
+    drawn: list[Path] = []
+    for name in names("worlds"):
+        world = load_world(name)
+        drawn.append(Path(folder) / f"{name}.png")
+        draw_world(world, drawn[-1], world.start, next(iter(world.goals.values()), None))
+    return drawn
 
 
 def colour(holder: str | None) -> str:
@@ -353,3 +367,8 @@ def _point(step: Step, x: float, y: float) -> tuple[float, float]:
     """A point of the robot, in the world."""
     c, s = cos(step[3]), sin(step[3])
     return step[1] + c * x - s * y, step[2] + s * x + c * y
+
+
+if __name__ == "__main__":
+    for path in draw_worlds(sys.argv[1] if len(sys.argv) > 1 else "docs/worlds"):
+        print(path)

@@ -41,8 +41,9 @@ def main(argv: Sequence[str]) -> int:
         results.append(result)
         if not args.json:
             _show(result)
-        if args.plot is not None:
-            _plot(args, scenario, watch, result)
+        picture = _picture(args, scenario, seed)
+        if picture is not None and watch.path:
+            _plot(picture, scenario, watch, result)
     if args.json:
         _print_json(results, several=args.runs is not None)
     elif len(results) > 1:
@@ -281,7 +282,45 @@ def _print_json(results: Sequence[Result], *, several: bool) -> None:
     print(json.dumps(rows if several else rows[0]))
 
 
-def _plot(
-    args: argparse.Namespace, scenario: Scenario, watch: RunWatch, result: Result
-) -> None:
-    raise NotImplementedError
+def _picture(args: argparse.Namespace, scenario: Scenario, seed: int) -> Path | None:
+    """Where the picture goes: as asked for; a live run leaves one without being asked."""
+    path: Path | None = args.plot
+    if args.no_plot or (path is None and args.virtual):
+        return None
+    path = path or Path("runs") / f"{scenario.name}.png"
+    return path.with_stem(f"{path.stem}-{seed}") if args.runs is not None else path
+
+
+def _plot(path: Path, scenario: Scenario, watch: RunWatch, result: Result) -> None:
+    """World, path coloured by holder, sonar echoes; a warning if nothing can draw."""
+    try:
+        from armadico.tools.pictures import Run, draw_run  # noqa: PLC0415 - heavy
+
+        from armadico.config.worlds import load_world  # noqa: PLC0415 - not for --help
+
+        run = Run(
+            path=watch.path,
+            start=watch.start or watch.goal,
+            goal=watch.goal,
+            waypoints=watch.waypoints[:-1],
+            echoes=watch.echoes,
+            title=f"{scenario.title or scenario.name} (seed {result.seed})",
+            caption=(_caption(result),),
+        )
+        path.parent.mkdir(parents=True, exist_ok=True)
+        draw_run(load_world(scenario.world), run, path)
+    except ImportError:
+        _say("no picture: matplotlib is missing; pip install 'armadico[plot]'")
+    except OSError as error:
+        raise FailedError(f"cannot write the picture {path}: {error.strerror}") from None
+    else:
+        _say(f"picture: {path}")
+
+
+def _caption(result: Result) -> str:
+    verdict = "reached" if result.reached else "NOT reached"
+    clear = "" if result.min_clearance_m is None else f", clearance {result.min_clearance_m:.2f} m"
+    return (
+        f"{verdict} in {result.tt_s:.1f} s over {result.td_m:.2f} m;"
+        f" {result.exchanges} exchanges, {result.collisions or 0} collisions{clear}"
+    )

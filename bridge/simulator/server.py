@@ -6,6 +6,7 @@ comes second is hung up on.
 
 from __future__ import annotations
 
+import contextlib
 import select
 import socket
 import time
@@ -72,8 +73,8 @@ class TcpLine:
         try:
             self._client.sendall(data)
         except OSError:
-            # The next `read` finds the end of it.
-            self._client.shutdown(socket.SHUT_RDWR)
+            with contextlib.suppress(OSError):  # the next `read` finds the end of it
+                self._client.shutdown(socket.SHUT_RDWR)
 
     def close(self) -> None:
         """Hang up, and listen no more."""

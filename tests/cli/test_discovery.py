@@ -1,0 +1,75 @@
+"""What is installed is found by name, imported when used, and named if it is broken."""
+
+from __future__ import annotations
+
+import sys
+from collections.abc import Iterator
+from pathlib import Path
+
+import pytest
+
+from armadico import discovery
+from armadico.agent import Agent
+from armadico.discovery import AGENTS, UnknownNameError
+
+
+@pytest.fixture
+def third_party(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[Path]:
+    """Another package with an agent of its own, and two that are not quite."""
+    (tmp_path / "elsewhere.py").write_text(
+        '"""An agent from elsewhere.\n\nMore."""\n'
+        "from armadico.agent import Agent\n"
+        "class Dance(Agent):\n    name = 'dance'\n"
+        "class Chair: ...\n"
+    )
+    info = tmp_path / "elsewhere-2.0.dist-info"
+    info.mkdir()
+    (info / "METADATA").write_text("Metadata-Version: 2.1\nName: elsewhere\nVersion: 2.0\n")
+    (info / "entry_points.txt").write_text(
+        "[armadico.agents]\n"
+        "dance = elsewhere:Dance\nchair = elsewhere:Chair\n"
+        "gone = elsewhere.gone:Agent\nmissing = elsewhere:Missing\n"
+    )
+    monkeypatch.syspath_prepend(tmp_path)
+    yield tmp_path
+    sys.modules.pop("elsewhere", None)
+
+
+def test_ours_are_found() -> None:
+    found = discovery.installed(AGENTS)
+    assert {"robot", "encoder", "sonar", "goto", "avoid"} <= set(found)
+    assert issubclass(discovery.agent_class("encoder"), Agent)
+
+
+def test_an_agent_of_another_package_is_found_and_not_imported(third_party: Path) -> None:
+    found = discovery.find(AGENTS, "dance")
+    assert (found.package, found.summary) == ("elsewhere", "An agent from elsewhere")
+    assert "elsewhere" not in sys.modules
+    assert discovery.agent_class("dance").name == "dance"
+
+
+def test_what_is_not_there_is_answered_with_what_is() -> None:
+    with pytest.raises(UnknownNameError, match=r"did you mean 'encoder'\? there are: avoid"):
+        discovery.agent_class("encodr")
+
+
+def test_what_is_nothing_like_anything_gets_no_guess() -> None:
+    with pytest.raises(UnknownNameError, match=r"^no agent 'zzz'; there are: "):
+        discovery.agent_class("zzz")
+
+
+def test_what_is_no_agent_is_refused(third_party: Path) -> None:
+    with pytest.raises(TypeError, match=r"elsewhere:Chair.* is no Agent"):
+        discovery.agent_class("chair")
+
+
+@pytest.mark.parametrize("name", ["gone", "missing"])
+def test_a_broken_entry_point_is_named(third_party: Path, name: str) -> None:
+    with pytest.raises(ImportError, match=f"^{name} "):
+        discovery.agent_class(name)
+
+
+def test_a_module_that_is_not_there_has_no_summary() -> None:
+    assert discovery.summary("armadico.no.such") == ""
+    assert discovery.summary("no_such_package.at.all") == ""
+    assert discovery.summary("sys") == ""
