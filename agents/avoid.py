@@ -24,6 +24,11 @@ from armadico.resources import WHEELS
 BACKWARDS = Outline(OUTLINE.rear, OUTLINE.front, OUTLINE.half_width)
 """The outline as one sees it driving backwards."""
 
+FLANKS = ((1.0, 0.0), (0.5, 0.2), (0.2, 0.5))
+"""Shares of the flank that is kept beside the body, and what a tight fit costs, rad."""
+
+SMALL, LATCHED = radians(2), radians(15)
+
 NonNegative = Annotated[float, Meta(ge=0, le=10)]
 Positive = Annotated[float, Meta(gt=0, le=10)]
 
@@ -69,6 +74,7 @@ class Parameters(agent.Parameters, frozen=True, kw_only=True):
     turn_first: Positive = radians(60)  # an open heading farther off is turned to on the spot
     aligned: Positive = radians(15)
     flank_m: NonNegative = 0.09  # kept beside the body on an open heading
+    other_side: NonNegative = 0.8  # rad: what changing the side that something is dodged on costs
     reach_m: Positive = 1.1  # how far an open heading must be open
     ahead_m: Positive = 0.8  # where the trajectory leads: so far along it
     safety: Safety = Safety()
@@ -179,21 +185,28 @@ class Avoid(Agent):
         return 0.0, "stop"
 
     def _heading(self, points: Sequence[Point], wanted: float, pose: Pose) -> float | None:
-        """The open heading nearest to the wanted one, on the latched side."""
-        p = self.p
-        for flank in (p.flank_m, p.flank_m / 2, 0.02):
-            half = OUTLINE.half_width + flank
-            found = open_heading(points, wanted, half, p.reach_m, self._side)
-            if found is not None:
+        """The open heading that costs least: off the wanted one, off the present one, a tight fit.
+
+        The side on which something is dodged is latched: the other one must be much better.
+        """
+        best: tuple[float, float] | None = None
+        for flank, tight in FLANKS:
+            half = OUTLINE.half_width + flank * self.p.flank_m
+            for side in (1.0, -1.0):
+                found = open_heading(points, wanted, half, self.p.reach_m, side)
+                if found is None:
+                    continue
                 off = wrap(found - wanted)
-                if self._side == 0.0 and abs(off) > radians(15):
-                    self._side = copysign(1.0, off)
-                    self._side_at = (pose.x, pose.y)
-                return found
-        if self._side:
-            self._side = 0.0
-            return open_heading(points, wanted, OUTLINE.half_width + 0.02, p.reach_m)
-        return None
+                other = self._side != 0.0 and off * self._side < -SMALL
+                cost = abs(off) + 0.4 * abs(found) + tight + (self.p.other_side if other else 0.0)
+                if best is None or cost < best[0]:
+                    best = (cost, found)
+        if best is None:
+            return None
+        off = wrap(best[1] - wanted)
+        if abs(off) > LATCHED and copysign(1.0, off) != self._side:
+            self._side, self._side_at = copysign(1.0, off), (pose.x, pose.y)
+        return best[1]
 
     def _unlatch(self, pose: Pose) -> None:
         """Forget the side once the dodge is far behind and avoid does not hold."""

@@ -5,11 +5,11 @@ from __future__ import annotations
 from math import hypot
 from typing import Annotated, Any, ClassVar
 
-from armadico.agents.methods.route import Route
 from msgspec import Meta
 
 from armadico import agent
 from armadico.agent import WARNING, Agent, Question
+from armadico.agents.methods.route import Route
 from armadico.geometry import wrap
 from armadico.messages import (
     Message,

@@ -113,9 +113,7 @@ class Client:
         if item is not None:
             item()
 
-    def _listen(
-        self, kind: type[Message], then: Callable[[Message, float], None] | None
-    ) -> None:
+    def _listen(self, kind: type[Message], then: Callable[[Message, float], None] | None) -> None:
         service = service_of(kind)
 
         def arrived(key: str, data: bytes) -> None:

@@ -13,7 +13,7 @@ class Inbox:
     def __init__(self) -> None:
         self._mailbox = Mailbox()
         self._guard = threading.Lock()
-        # A bell, not a condition: it stays rung until heard, and a signal handler may ring it.
+        # A bell, not a condition: it stays rung until somebody hears it.
         self._bell = threading.Lock()
         self._bell.acquire()
 

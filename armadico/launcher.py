@@ -213,9 +213,7 @@ class Launcher:
         for process in self._processes:
             if process.ended():
                 code = process.popen.returncode
-                raise RunFailed(
-                    f"{process.name} ended with status {code}:\n{process.last_words()}"
-                )
+                raise RunFailed(f"{process.name} ended with status {code}:\n{process.last_words()}")
 
     def _mourn(self, warn: Callable[[str], None] | None) -> None:
         """Say once who has gone; without the robot there is no run."""

@@ -19,7 +19,6 @@ import threading
 import time
 from collections.abc import Callable
 from importlib.metadata import PackageNotFoundError, version
-from types import FrameType
 from typing import TYPE_CHECKING, Final, NoReturn
 
 from armadico.agent import Agent, Answer, AskFor, DeviceAgent, Identity, Publish, Question, Write
@@ -94,7 +93,7 @@ class AgentProcess:
                 self._device.stop()
 
     def request_stop(self) -> None:
-        """Have `run` return soon; may be called from a signal handler or another thread."""
+        """Have `live` return soon; may be called from another thread."""
         self._stopping.set()
         self.inbox.ring()
 
@@ -270,13 +269,7 @@ def serve(agent: Agent, mesh: ZenohMesh, connect: Callable[[], Port] | None = No
     threads nor an agent that hangs can keep it.
     """
     process = AgentProcess(agent, mesh, connect)
-
-    def leave(_signal: int, _frame: FrameType | None) -> None:
-        _arm_deadline()
-        process.request_stop()
-
-    for number in (signal.SIGTERM, signal.SIGINT):
-        signal.signal(number, leave)
+    _await_signal(process.request_stop)
     code = 0
     try:
         mesh.open()
@@ -298,6 +291,23 @@ def serve(agent: Agent, mesh: ZenohMesh, connect: Callable[[], Port] | None = No
     sys.stdout.flush()
     sys.stderr.flush()
     os._exit(code)  # Zenoh's threads are not waited for
+
+
+def _await_signal(leave: Callable[[], None]) -> None:
+    """Have a thread wait for SIGTERM or SIGINT; to be called before there are other threads.
+
+    A signal handler would not do: one that comes between two instructions and the wait for the
+    inbox runs only after that wait, which on a silent mesh is never.
+    """
+    ending = {signal.SIGTERM, signal.SIGINT}
+    signal.pthread_sigmask(signal.SIG_BLOCK, ending)  # inherited by every thread from here on
+
+    def wait() -> None:
+        signal.sigwait(ending)
+        _arm_deadline()
+        leave()
+
+    threading.Thread(target=wait, name="signals", daemon=True).start()
 
 
 def _arm_deadline() -> None:

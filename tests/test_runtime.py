@@ -311,10 +311,10 @@ class Listener(DeviceAgent):
         self.until: tuple[str, Callable[[], None]] = ("", lambda: None)
         self._changed = threading.Condition()
 
-    def await_seen(self, what: str) -> None:
+    def await_seen(self, what: str, times: int = 1) -> None:
         """Called on the port's thread: wait until the agent knows."""
         with self._changed:
-            assert self._changed.wait_for(lambda: what in self.seen, SOON)
+            assert self._changed.wait_for(lambda: self.seen.count(what) >= times, SOON)
 
     def on_bytes(self, data: bytes) -> None:
         self._see(data.decode())
@@ -334,13 +334,14 @@ class Listener(DeviceAgent):
 class FakePort:
     """Says what it was made with, then breaks."""
 
-    def __init__(self, agent: Listener, says: list[bytes]) -> None:
+    def __init__(self, agent: Listener, says: list[bytes], opening: int = 1) -> None:
         self.agent = agent
+        self.opening = opening  # how often the agent has seen a port open, this one included
         self.says = says
         self.closed = False
 
     def read(self, timeout_s: float) -> bytes:
-        self.agent.await_seen("up ")
+        self.agent.await_seen("up ", self.opening)
         if not self.says:
             raise OSError("unplugged")
         return self.says.pop(0)
@@ -354,7 +355,7 @@ class FakePort:
 
 def test_a_port_that_goes_is_opened_again_and_the_agent_knows() -> None:
     agent = Listener(identity("listener"))
-    ports = [FakePort(agent, [b"a", b"", b"b"]), FakePort(agent, [b"c"])]
+    ports = [FakePort(agent, [b"a", b"", b"b"]), FakePort(agent, [b"c"], 2)]
     attempts: list[tuple[str, FakePort | None]] = [
         ("", None),
         ("down: no port", None),

@@ -309,13 +309,14 @@ class _Canvas:
         x, y = self.at(*pose[:2])
         heading = self.direction(pose[2])
         self.axes.plot([x], [y], "o", color=ink, markersize=9, markeredgecolor=PAPER, zorder=7)
+        # An arrow is drawn from a text to a point: its head is at the text here, which is empty and
+        # so many points away.
         self.axes.annotate(
             "",
-            xytext=(x, y),
-            xy=(34 * cos(heading), 34 * sin(heading)),
-            textcoords="data",
-            xycoords=_offset_from(self.axes, x, y),
-            arrowprops={"arrowstyle": "-|>", "color": ink, "lw": 2.2, "shrinkA": 0, "shrinkB": 0},
+            xy=(x, y),
+            xytext=(34 * cos(heading), 34 * sin(heading)),
+            textcoords="offset points",
+            arrowprops={"arrowstyle": "<|-", "color": ink, "lw": 2.2, "shrinkA": 0, "shrinkB": 0},
             zorder=7,
         )
 
@@ -323,13 +324,6 @@ class _Canvas:
         from matplotlib.lines import Line2D  # noqa: PLC0415
 
         return Line2D([], [], color=ink, marker="o", linewidth=2.2, markersize=7)
-
-
-def _offset_from(axes: Axes, x: float, y: float) -> Any:
-    """Coordinates in points from a point of the world."""
-    from matplotlib.transforms import Affine2D, ScaledTranslation  # noqa: PLC0415
-
-    return Affine2D().scale(DPI / 72.0) + ScaledTranslation(x, y, axes.transData)
 
 
 def _rank(name: str) -> tuple[int, str]:

@@ -24,17 +24,17 @@ from collections.abc import Sequence
 from enum import StrEnum
 from itertools import pairwise
 
+from msgspec import Struct
+
 from armadico.agents.methods.geometry import (
     Posed,
     Positioned,
     clip,
     direction,
     distance,
-    wrap,
 )
-from msgspec import Struct
-
 from armadico.fuzzy import Far, Near, weights
+from armadico.geometry import wrap
 
 Speeds = tuple[float, float]
 """(v, w) in m/s and rad/s, of the middle of the wheel axle."""

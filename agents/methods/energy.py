@@ -12,8 +12,9 @@ Two motors take 2 V i; the electronics take their current at the battery's mean 
 
 from __future__ import annotations
 
-from armadico.bridge.profile import RobotProfile
 from msgspec import Struct
+
+from armadico.bridge.profile import RobotProfile
 
 
 class Energy(Struct, frozen=True):

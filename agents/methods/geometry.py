@@ -1,4 +1,4 @@
-"""Poses and angles in the plane: x forward, y left, radians, counter-clockwise (REP-103)."""
+"""Places and poses as the methods take them, messages among them (REP-103: m, rad)."""
 
 from __future__ import annotations
 
@@ -37,11 +37,6 @@ class Placed(NamedTuple):
 ORIGIN = Placed(0.0, 0.0, 0.0)
 
 
-def wrap(angle: float) -> float:
-    """The same angle in [-pi, pi]."""
-    return math.remainder(angle, math.tau)
-
-
 def clip(value: float, low: float, high: float) -> float:
     """`value`, but not outside [low, high]."""
     return low if value < low else high if value > high else value
@@ -55,10 +50,3 @@ def distance(a: Positioned, b: Positioned) -> float:
 def direction(a: Positioned, b: Positioned) -> float:
     """From one place to another, rad in the frame both are in."""
     return math.atan2(b.y - a.y, b.x - a.x)
-
-
-def relative(pose: Posed, to: Posed) -> Placed:
-    """A pose as seen from another one, x forward and y left of that; both given in one frame."""
-    dx, dy = pose.x - to.x, pose.y - to.y
-    cos, sin = math.cos(to.theta), math.sin(to.theta)
-    return Placed(cos * dx + sin * dy, cos * dy - sin * dx, wrap(pose.theta - to.theta))

@@ -11,9 +11,9 @@ import heapq
 import math
 from collections.abc import Collection, Iterator
 
-from armadico.agents.methods.geometry import Placed, Positioned, distance
 from msgspec import Struct
 
+from armadico.agents.methods.geometry import Placed, Positioned, distance
 from armadico.config.worlds import Door, World
 
 

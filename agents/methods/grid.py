@@ -13,10 +13,10 @@ from collections.abc import Sequence
 from functools import lru_cache
 
 import numpy as np
-from armadico.agents.methods.geometry import Placed, Positioned
 from msgspec import Struct
 from numpy.typing import NDArray
 
+from armadico.agents.methods.geometry import Placed, Positioned
 from armadico.config.worlds import Segment
 
 Field = NDArray[np.float64]

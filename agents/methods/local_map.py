@@ -19,8 +19,9 @@ from functools import lru_cache
 from operator import itemgetter
 from typing import NamedTuple, Protocol
 
-from armadico.agents.methods.geometry import Posed
 from msgspec import Struct
+
+from armadico.agents.methods.geometry import Posed
 
 SECTORS = 18
 """Sectors of 20 degrees, their edges at multiples of 20: a Pioneer's sonars look at centres."""
@@ -60,7 +61,7 @@ class Settings(Struct, frozen=True):
     memory: float = 0.995  # a cycle, elsewhere: what is certain lasts 24 s at rest
     memory_m: float = 1.5  # the way that halves a probability elsewhere: the same lasts 2.6 m
     threshold: float = 0.5  # occupied from here on, where a sonar looks,
-    memory_threshold: float = 0.5  # and elsewhere
+    memory_threshold: float = 0.3  # and elsewhere
     forget: float = 0.05  # a cell below this is dropped
     margin_m: float = 0.1  # an echo clears what lies this much before it
     frontal_rad: float = math.radians(40)  # in front: within this of the heading

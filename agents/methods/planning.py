@@ -12,13 +12,14 @@ from collections.abc import Collection, Mapping, Sequence
 from itertools import pairwise
 from typing import NamedTuple
 
-from armadico.agents.methods.geometry import Placed, Posed, Positioned, direction, distance, wrap
+from msgspec import Struct
+
+from armadico.agents.methods.geometry import Placed, Posed, Positioned, direction, distance
 from armadico.agents.methods.graph import Leg, axis, route
 from armadico.agents.methods.grid import Grid, Margins, grid_of
 from armadico.agents.methods.ways import between, clear
-from msgspec import Struct
-
 from armadico.config.worlds import World
+from armadico.geometry import wrap
 
 CELL_M = 0.05
 DOOR_M = (0.6, 0.5, 0.4, 0.3)
@@ -38,7 +39,7 @@ class Plan(Struct, frozen=True):
 
     waypoints: tuple[Placed, ...]  # in order, the goal last; the start is not one
     length_m: float  # from the start to the goal
-    clearance_m: float  # the least distance of the way to a wall
+    clearance_m: float  # the least distance of the way to a wall; infinite without walls
     doors: tuple[str, ...] = ()  # passed, in order
 
 

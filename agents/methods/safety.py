@@ -11,9 +11,9 @@ from collections.abc import Sequence
 from math import inf, sqrt
 from typing import Annotated
 
-from armadico.agents.methods.sweep import Outline, free_path, free_turn
 from msgspec import Meta, Struct
 
+from armadico.agents.methods.sweep import Outline, free_path, free_turn
 from armadico.messages import Point
 
 LATENCY_S = 0.2

@@ -52,9 +52,7 @@ def free_path(
     return abs(radius) * _sweep(points, radius, 1.0 if w > 0 else -1.0, outline, margin)
 
 
-def free_turn(
-    points: Iterable[Point], direction: float, outline: Outline, margin: float
-) -> float:
+def free_turn(points: Iterable[Point], direction: float, outline: Outline, margin: float) -> float:
     """Radians that it may turn on the spot, to the left if `direction` is positive."""
     return _sweep(points, 0.0, 1.0 if direction > 0 else -1.0, outline, margin)
 

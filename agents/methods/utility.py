@@ -3,9 +3,7 @@
 from __future__ import annotations
 
 
-def ramp_down(
-    x: float, low: float, high: float, p_max: float = 1.0, p_min: float = 0.0
-) -> float:
+def ramp_down(x: float, low: float, high: float, p_max: float = 1.0, p_min: float = 0.0) -> float:
     """p_max below `low`, p_min above `high`, a straight line between."""
     if x <= low:
         return p_max

@@ -11,9 +11,9 @@ from collections.abc import Sequence
 from itertools import accumulate, pairwise
 
 import numpy as np
+
 from armadico.agents.methods.geometry import Placed, distance
 from armadico.agents.methods.grid import Cell, Field, Grid, Margins, search
-
 from armadico.config.worlds import Segment
 
 ESCAPE_M = 0.5

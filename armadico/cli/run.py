@@ -71,9 +71,7 @@ def _parser() -> argparse.ArgumentParser:
     made.add_argument(
         "--without", action="append", default=[], metavar="AGENT", help="leave an agent out"
     )
-    made.add_argument(
-        "--runs", type=int, metavar="N", help="so many, with one seed after another"
-    )
+    made.add_argument("--runs", type=int, metavar="N", help="so many, with one seed after another")
     made.add_argument("--json", action="store_true", help="one JSON object on stdout")
     made.add_argument("--plot", metavar="FILE", type=Path, help="where the picture goes (PNG)")
     made.add_argument("--no-plot", action="store_true", help="no picture")
@@ -294,9 +292,8 @@ def _picture(args: argparse.Namespace, scenario: Scenario, seed: int) -> Path | 
 def _plot(path: Path, scenario: Scenario, watch: RunWatch, result: Result) -> None:
     """World, path coloured by holder, sonar echoes; a warning if nothing can draw."""
     try:
-        from armadico.tools.pictures import Run, draw_run  # noqa: PLC0415 - heavy
-
         from armadico.config.worlds import load_world  # noqa: PLC0415 - not for --help
+        from armadico.tools.pictures import Run, draw_run  # noqa: PLC0415 - heavy
 
         run = Run(
             path=watch.path,

@@ -9,8 +9,9 @@ from __future__ import annotations
 import math
 from enum import Enum, IntEnum
 
-from armadico.bridge.p2os.packets import encode
 from msgspec import Struct
+
+from armadico.bridge.p2os.packets import encode
 
 POSITIVE, NEGATIVE, STRING = 0x3B, 0x1B, 0x2B  # types of argument
 

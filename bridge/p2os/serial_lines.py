@@ -9,6 +9,7 @@ import tty
 from pathlib import Path
 
 import serial
+
 from armadico.bridge.p2os.lines import (
     CHUNK,
     LINE_ERRORS,

@@ -10,6 +10,8 @@ the robot to stop. `drive` does, and `pulse` where there is nothing to drive.
 
 from __future__ import annotations
 
+from msgspec import Struct
+
 from armadico.bridge.p2os.commands import SYNC0, SYNC1, SYNC2, Cmd, command, quantity
 from armadico.bridge.p2os.configuration import (
     CONFIG,
@@ -32,7 +34,6 @@ from armadico.bridge.p2os.odometry import Odometry, Pose
 from armadico.bridge.p2os.packets import Decoder
 from armadico.bridge.p2os.status import STATUS_TYPES, Status, decode_status
 from armadico.bridge.profile import Limits, P2osUnits
-from msgspec import Struct
 
 ASK_AGAIN_S = 0.2  # CONFIG and ENABLE are repeated this often,
 ASK_TIMES = 5  # this many times: packets get lost, and some robots never send a good CONFIGpac

@@ -10,8 +10,9 @@ import math
 import struct
 from collections.abc import Sequence
 
-from armadico.bridge.profile import P2osUnits
 from msgspec import Struct
+
+from armadico.bridge.profile import P2osUnits
 
 STOPPED, MOVING = 0x32, 0x33
 STATUS_TYPES = (STOPPED, MOVING)

@@ -15,6 +15,7 @@ from __future__ import annotations
 from typing import NamedTuple
 
 import pymunk
+
 from armadico.bridge.profile import RobotProfile
 from armadico.bridge.simulator.walls import Box, Walls
 

@@ -23,8 +23,9 @@ from __future__ import annotations
 
 from math import copysign, cos, sin
 
-from armadico.bridge.profile import RobotProfile
 from msgspec import Struct
+
+from armadico.bridge.profile import RobotProfile
 
 
 class Wheels(Struct, frozen=True):

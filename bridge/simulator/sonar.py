@@ -14,6 +14,7 @@ from math import cos, radians
 from random import Random
 
 import numpy as np
+
 from armadico.bridge.profile import SensorProfile, SonarRing
 from armadico.bridge.simulator.walls import Points, Segments, Walls
 

@@ -5,6 +5,9 @@ from collections.abc import Iterator, Sequence
 from itertools import pairwise
 
 import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
 from armadico.agents.methods.controllers import (
     CHAPTER_4,
     CHAPTER_5,
@@ -19,9 +22,8 @@ from armadico.agents.methods.controllers import (
     precise,
     ramp,
 )
-from armadico.agents.methods.geometry import ORIGIN, Placed, distance, wrap
-from hypothesis import given, settings
-from hypothesis import strategies as st
+from armadico.agents.methods.geometry import ORIGIN, Placed, distance
+from armadico.geometry import wrap
 
 PERIOD, STEP = 0.1, 0.01
 places = st.floats(-6, 6)

@@ -5,11 +5,12 @@ from itertools import pairwise
 
 import numpy as np
 import pytest
-from armadico.agents.methods.geometry import Placed
-from armadico.agents.methods.grid import Cell, Field, Grid, Margins, grid_of, search
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from hypothesis.extra.numpy import arrays
+
+from armadico.agents.methods.geometry import Placed
+from armadico.agents.methods.grid import Cell, Field, Grid, Margins, grid_of, search
 
 BOX = ((0.0, 0.0, 3.0, 0.0), (3.0, 0.0, 3.0, 2.0), (3.0, 2.0, 0.0, 2.0), (0.0, 2.0, 0.0, 0.0))
 BOUNDS = (0.0, 0.0, 3.0, 2.0)

@@ -4,7 +4,10 @@ import math
 from typing import NamedTuple
 
 import pytest
-from armadico.agents.methods.geometry import ORIGIN, Placed, relative
+from hypothesis import given
+from hypothesis import strategies as st
+
+from armadico.agents.methods.geometry import ORIGIN, Placed
 from armadico.agents.methods.local_map import (
     RINGS,
     SECTORS,
@@ -14,8 +17,7 @@ from armadico.agents.methods.local_map import (
     cell_at,
     ray,
 )
-from hypothesis import given
-from hypothesis import strategies as st
+from armadico.geometry import compose, relative
 
 
 class Ping(NamedTuple):
@@ -136,16 +138,11 @@ def test_a_point_stays_where_it_is_in_the_world(
     local = mapped((x, y), settings=LASTING)
     robot, met = ORIGIN, False
     for step in steps:
-        cos, sin = math.cos(robot.theta), math.sin(robot.theta)
-        robot = Placed(
-            robot.x + cos * step.x - sin * step.y,
-            robot.y + sin * step.x + cos * step.y,
-            robot.theta + step.theta,
-        )
+        robot = Placed(*compose(robot, step))
         local.move(step)
-        seen = relative(Placed(x, y), robot)
+        seen = Placed(*relative(robot, (x, y, 0.0)))
         met |= (-0.23 < seen.x < 0.21 and abs(seen.y) < 0.165) or math.hypot(*seen[:2]) >= 2.5
-    expected = relative(Placed(x, y), robot)
+    expected = Placed(*relative(robot, (x, y, 0.0)))
     found = local.points()
     assert len(found) == (not met)
     for point in found:
@@ -215,6 +212,15 @@ def test_a_wall_driven_along_is_still_known_beside_the_tail(speed: float) -> Non
     tail = [p for p in local.points() if -0.6 < p.x < -0.1]
     assert tail
     assert all(p.y == pytest.approx(0.4) for p in tail)
+
+
+def test_a_single_echo_abeam_is_still_known_when_the_tail_comes_by() -> None:
+    left = RING[0]
+    local = LocalMap()
+    local.update([left._replace(range=0.25)])
+    for _ in range(7):
+        local.move(Placed(0.05, 0.0))
+    assert local.closest() == pytest.approx((-0.281, 0.386, math.hypot(0.281, 0.386)))
 
 
 def test_a_point_that_the_robot_drives_over_was_never_there() -> None:

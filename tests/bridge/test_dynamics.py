@@ -10,6 +10,7 @@ from math import acos, cos, degrees, hypot, pi, sin
 
 import msgspec
 import pytest
+
 from armadico.bridge.profile import RobotProfile
 from armadico.bridge.simulator.dynamics import Dynamics, breakaway_v
 

@@ -9,6 +9,7 @@ from importlib.resources import files
 
 import msgspec
 import pytest
+
 from armadico.bridge.p2os.commands import (
     SYNC0,
     SYNC1,

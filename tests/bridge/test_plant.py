@@ -10,13 +10,13 @@ from random import Random
 
 import msgspec
 import pytest
+
 from armadico.bridge.profile import RobotProfile, SensorProfile
 from armadico.bridge.simulator.contact import Contact
 from armadico.bridge.simulator.encoders import TICKS_PER_M
 from armadico.bridge.simulator.plant import Plant, seeded
 from armadico.bridge.simulator.speed_loops import SpeedLoops
 from armadico.bridge.simulator.walls import Wall
-
 from armadico.geometry import Pose2
 
 

@@ -12,6 +12,7 @@ from statistics import fmean, stdev
 import msgspec
 import numpy as np
 import pytest
+
 from armadico.bridge.profile import RobotProfile, SensorProfile
 from armadico.bridge.simulator.plant import seeded
 from armadico.bridge.simulator.sonar import Sonars

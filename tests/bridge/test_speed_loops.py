@@ -8,6 +8,7 @@ from typing import Literal
 
 import msgspec
 import pytest
+
 from armadico.bridge.profile import RobotProfile
 from armadico.bridge.simulator.dynamics import Dynamics
 from armadico.bridge.simulator.speed_loops import SpeedLoops

@@ -11,6 +11,7 @@ from pathlib import Path
 from typing import Any, cast
 
 import pytest
+
 from armadico.bridge.simulator.server import BEHIND_S, Simulation, TcpLine
 
 SOON = 10.0

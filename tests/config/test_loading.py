@@ -6,11 +6,11 @@ from pathlib import Path
 from typing import Annotated, Literal
 
 import pytest
-from armadico.bridge.profile import RobotProfile, SensorProfile
 from hypothesis import given
 from hypothesis import strategies as st
 from msgspec import Meta, Struct
 
+from armadico.bridge.profile import RobotProfile, SensorProfile
 from armadico.config.errors import ConfigError, advice, nearest
 from armadico.config.lines import line_of
 from armadico.config.loading import (

@@ -1,4 +1,4 @@
-"""Pictures: of the promised size, with everything that happened in them, and the same every time."""
+"""Pictures: of the promised size, with all that happened in them, the same every time."""
 
 from __future__ import annotations
 

@@ -7,6 +7,7 @@ from importlib.resources import files
 
 import msgspec
 import pytest
+
 from armadico.bridge.p2os.session import Event, Session
 from armadico.bridge.profile import RobotProfile
 from armadico.bridge.simulator.microcontroller import Microcontroller

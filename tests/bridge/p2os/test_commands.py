@@ -5,6 +5,9 @@ from __future__ import annotations
 import math
 
 import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
 from armadico.bridge.p2os.commands import (
     Arg,
     Cmd,
@@ -16,8 +19,6 @@ from armadico.bridge.p2os.commands import (
     wheel_bits,
 )
 from armadico.bridge.p2os.packets import Decoder
-from hypothesis import given
-from hypothesis import strategies as st
 
 INTEGERS = [cmd for cmd in Cmd if cmd.argument is Arg.INT]
 bytes8 = st.integers(-128, 127)

@@ -6,6 +6,7 @@ import random
 from typing import TYPE_CHECKING
 
 import pytest
+
 from armadico.bridge.p2os.commands import SYNC0
 from armadico.bridge.p2os.configuration import Configuration
 from armadico.bridge.p2os.session import Connected, LinkLost, Reported, State

@@ -7,14 +7,16 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 import pytest
+
 from armadico.bridge.p2os.commands import SYNC0, SYNC1, SYNC2, Cmd, command
 from armadico.bridge.p2os.packets import Decoder, encode
 from armadico.bridge.p2os.session import Reported, Session
 from armadico.bridge.p2os.status import Status, encode_status
 
 if TYPE_CHECKING:
-    from armadico.bridge.profile import RobotProfile
     from conftest import Link
+
+    from armadico.bridge.profile import RobotProfile
 
 FOLDER = Path(__file__).parent / "transcripts"
 SEEDS = range(60)

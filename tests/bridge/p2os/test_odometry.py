@@ -5,11 +5,12 @@ from __future__ import annotations
 import math
 
 import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
 from armadico.bridge.p2os.odometry import Odometry
 from armadico.bridge.p2os.status import Status, decode_status, encode_status
 from armadico.bridge.profile import P2osUnits
-from hypothesis import given
-from hypothesis import strategies as st
 
 UNITS = P2osUnits(
     distance_mm=0.84,

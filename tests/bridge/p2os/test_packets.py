@@ -3,9 +3,10 @@
 from __future__ import annotations
 
 import pytest
-from armadico.bridge.p2os.packets import MAX_PAYLOAD, QUIET_S, Decoder, checksum, encode
 from hypothesis import given
 from hypothesis import strategies as st
+
+from armadico.bridge.p2os.packets import MAX_PAYLOAD, QUIET_S, Decoder, checksum, encode
 
 payloads = st.binary(min_size=1, max_size=MAX_PAYLOAD)
 

@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 
 import pytest
+
 from armadico.bridge.p2os.commands import SYNC0, SYNC1, SYNC2, Cmd, decode_command
 from armadico.bridge.p2os.configuration import Configuration, Encoders, encode_configuration
 from armadico.bridge.p2os.handshake import (
@@ -238,8 +239,9 @@ def test_after_a_hang_zero_speeds_go_first_and_the_link_is_not_lost(
     session.outgoing()
     late = 0.2 + HANG_S
     assert session.tick(late) == []
-    session.drive(0.3, 0)
     assert sent(session)[:2] == [(Cmd.VEL, 0), (Cmd.RVEL, 0)]
+    session.drive(0.3, 0)
+    assert (Cmd.VEL, 300) in sent(session)
     assert session.is_open
     assert session.tick(late + LINK_TIMEOUT_S) == [LinkLost("no status packet for 1.0 s")]
 

@@ -6,6 +6,9 @@ import math
 import struct
 
 import pytest
+from hypothesis import assume, given
+from hypothesis import strategies as st
+
 from armadico.bridge.p2os.configuration import (
     Configuration,
     Encoders,
@@ -18,8 +21,6 @@ from armadico.bridge.p2os.configuration import (
 )
 from armadico.bridge.p2os.status import Status, decode_status, encode_status
 from armadico.bridge.profile import P2osUnits
-from hypothesis import assume, given
-from hypothesis import strategies as st
 
 UNITS = P2osUnits(
     distance_mm=0.84,

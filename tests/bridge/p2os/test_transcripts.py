@@ -7,6 +7,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 import pytest
+
 from armadico.bridge.p2os.commands import Cmd, decode_command
 from armadico.bridge.p2os.configuration import decode_configuration, decode_texts
 from armadico.bridge.p2os.odometry import Odometry
@@ -14,8 +15,9 @@ from armadico.bridge.p2os.packets import Decoder
 from armadico.bridge.p2os.status import Status, decode_status
 
 if TYPE_CHECKING:
-    from armadico.bridge.profile import RobotProfile
     from conftest import Link
+
+    from armadico.bridge.profile import RobotProfile
 
 FOLDER = Path(__file__).parent / "transcripts"
 NAMES = ("01_simpleConnect", "02_simpleMotionCommands", "10_serial_pty")

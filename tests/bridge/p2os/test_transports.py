@@ -9,6 +9,7 @@ from pathlib import Path
 
 import pytest
 import serial
+
 from armadico.bridge.p2os.serial_lines import PtyTransport, SerialTransport
 from armadico.bridge.p2os.transports import (
     TcpTransport,
