@@ -88,7 +88,8 @@ class Avoid(Agent):
     needs: ClassVar[tuple[type[Message], ...]] = (Obstacles, Pose)
     hears: ClassVar[tuple[type[Message], ...]] = (Trajectory,)
     competes_for = (WHEELS,)
-    Parameters = Parameters
+    parameters = Parameters
+    p: Parameters
 
     def __init__(self, identity: agent.Identity, parameters: Any = None) -> None:
         super().__init__(identity, parameters)
@@ -107,13 +108,14 @@ class Avoid(Agent):
     def bid(self, obstacles: Obstacles) -> Bid | None:
         """How to keep off what is in the way, and how much that helps."""
         pose, state = self.fresh(Pose), self.latest(RobotState)
-        assert pose is not None and state is not None, "the pattern sees to that"
+        assert pose is not None, "the pattern sees to that"
+        assert state is not None, "and to that"
         if not self._route.waypoints:
             self.why = "no goal"
             return None
         self._route.advance(pose.x, pose.y)
         if self.p.rules == "thesis":
-            return self._literal(obstacles, pose, state)
+            return self._literal(obstacles, state)
         return self._safe(obstacles.points, pose, state)
 
     # The safe rules ------------------------------------------------------------------------------
@@ -236,7 +238,7 @@ class Avoid(Agent):
 
     # The thesis, literally -----------------------------------------------------------------------
 
-    def _literal(self, obstacles: Obstacles, pose: Pose, state: RobotState) -> Bid | None:
+    def _literal(self, obstacles: Obstacles, state: RobotState) -> Bid | None:
         """3.8 and 3.9 with the closest point and the closest one in front."""
         p = self.p
         zones = [zone.border(state.v) for zone in (p.stop, p.danger, p.caution)]
@@ -257,11 +259,9 @@ class Avoid(Agent):
             return None
         utility, left, point = best
         time_left = left / max(abs(state.v), 0.02)
-        return Bid(utility, self._literal_action(left, point, state, zones), within=time_left)
+        return Bid(utility, self._literal_action(left, point, zones), within=time_left)
 
-    def _literal_action(
-        self, left: float, point: Point, state: RobotState, zones: list[float]
-    ) -> tuple[float, float]:
+    def _literal_action(self, left: float, point: Point, zones: list[float]) -> tuple[float, float]:
         p = self.p
         stop, danger, caution = zones
         bearing = atan2(point.y, point.x)

@@ -27,7 +27,8 @@ class Encoder(Agent):
 
     name = "encoder"
     provides: ClassVar[tuple[type[Message], ...]] = (Pose,)
-    Parameters = Parameters
+    parameters = Parameters
+    p: Parameters
 
     def __init__(self, identity: agent.Identity, parameters: Any = None) -> None:
         super().__init__(identity, parameters)

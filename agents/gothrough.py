@@ -51,7 +51,8 @@ class Gothrough(Agent):
     needs: ClassVar[tuple[type[Message], ...]] = (Obstacles, Pose)
     hears: ClassVar[tuple[type[Message], ...]] = (Trajectory,)
     competes_for = (WHEELS,)
-    Parameters = Parameters
+    parameters = Parameters
+    p: Parameters
 
     def __init__(self, identity: agent.Identity, parameters: Any = None) -> None:
         super().__init__(identity, parameters)

@@ -52,7 +52,8 @@ class Goto(Agent):
     needs: ClassVar[tuple[type[Message], ...]] = (Pose, Obstacles)
     hears: ClassVar[tuple[type[Message], ...]] = (Trajectory,)
     competes_for = (WHEELS,)
-    Parameters = Parameters
+    parameters = Parameters
+    p: Parameters
 
     def __init__(self, identity: agent.Identity, parameters: Any = None) -> None:
         super().__init__(identity, parameters)

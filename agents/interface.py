@@ -28,7 +28,7 @@ from armadico.messages import (
 
 
 class Parameters(agent.Parameters, frozen=True, kw_only=True):
-    """When a goal counts as reached, by the pose and the measured speeds; and how often it talks."""
+    """When a goal counts as reached, by pose and measured speeds; and how often it talks."""
 
     near_m: Annotated[float, Meta(gt=0, le=1)] = 0.12
     turned_rad: Annotated[float, Meta(gt=0, le=1)] = 0.07
@@ -46,7 +46,8 @@ class Interface(Agent):
     provides: ClassVar[tuple[type[Message], ...]] = (Trajectory, MissionStatus)
     answers: ClassVar[tuple[type[Message], ...]] = (MissionRequest,)
     asks: ClassVar[tuple[type[Message], ...]] = (PlanRequest,)
-    Parameters = Parameters
+    parameters = Parameters
+    p: Parameters
 
     def __init__(self, identity: agent.Identity, parameters: Any = None) -> None:
         super().__init__(identity, parameters)

@@ -29,7 +29,8 @@ class PathPlanning(Agent):
 
     name = "path-planning"
     answers: ClassVar[tuple[type[Message], ...]] = (PlanRequest,)
-    Parameters = Parameters
+    parameters = Parameters
+    p: Parameters
 
     def __init__(self, identity: agent.Identity, parameters: Any = None) -> None:
         super().__init__(identity, parameters)

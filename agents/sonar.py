@@ -44,7 +44,8 @@ class SonarAgent(Agent):
     name = "sonar"
     hears: ClassVar[tuple[type[Message], ...]] = (Sonar,)
     provides: ClassVar[tuple[type[Message], ...]] = (Obstacles,)
-    Parameters = Parameters
+    parameters = Parameters
+    p: Parameters
 
     def __init__(self, identity: agent.Identity, parameters: Any = None) -> None:
         super().__init__(identity, parameters)

@@ -116,13 +116,13 @@ class Agent:
     answers: ClassVar[tuple[type[Message], ...]] = ()  # queries it answers
     asks: ClassVar[tuple[type[Message], ...]] = ()  # queries it puts
     competes_for: ClassVar[tuple[Resource, ...]] = ()
-    Parameters: ClassVar[type[Parameters]] = Parameters
+    parameters: ClassVar[type[Parameters]] = Parameters
 
     def __init__(self, identity: Identity, parameters: Any = None) -> None:
         self.identity = identity
         self.instance = identity.instance
         self.rng = identity.rng
-        self.p = self.Parameters() if parameters is None else parameters
+        self.p: Parameters = self.parameters() if parameters is None else parameters
         self.now = 0.0
         self.frames = FrameClock()
         self.outbox: list[Outgoing] = []
@@ -375,10 +375,10 @@ class Agent:
         """A bid that is not finite or out of range is no bid: the holder's own NaN is a release."""
         if bid is None:
             return None
-        numbers = (bid.utility, *bid.action)
-        if all(map(math.isfinite, numbers)) and 0.0 <= bid.utility <= 1.0:
-            if len(bid.action) == len(resource.parameters):
-                return bid
+        whole = len(bid.action) == len(resource.parameters)
+        finite = all(map(math.isfinite, (bid.utility, *bid.action)))
+        if whole and finite and 0.0 <= bid.utility <= 1.0:
+            return bid
         self.why = f"its bid is not sound: {bid}"
         self.log(self.why, ERROR)
         return None

@@ -100,7 +100,7 @@ TRANSITIONS: Mapping[tuple[State, Event], tuple[State, Step]] = {
 
 
 def beats(bid: Bid, claim: Claim, margin: float) -> bool:
-    """Winner determination (thesis 3.10.1): better by more than the margin, or as good and critical.
+    """Winner determination (3.10.1): better by more than the margin, or as good and critical.
 
     Rank is (utility, critical): goto and gothrough reach 1.0 as avoid does, and about to collide
     goes first.
@@ -286,8 +286,8 @@ class Contender:
         term = 1 if self.largest is None else self.largest.term + 1
         self.ballot = self.largest = Ballot(term, bid.utility, bid.critical, self.instance)
         loser = self._vacated or self.rival
-        silent = loser is None or event in (Event.SILENCE, Event.NOBODY_OBEYED)
-        start = self._measured if silent or not loser.commanded else loser.commanded
+        heard = loser is not None and event in (Event.BETTER, Event.VACANT)
+        start = loser.commanded if loser and heard and loser.commanded else self._measured
         weight = bid.utility if loser is None or loser.utility is None else loser.utility
         self._handover = self._exchange.begin(start, weight, bid, self.resource.scale)
         self._cast_at, self._heard_at, self._offered = frame, now, 0

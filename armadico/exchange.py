@@ -97,9 +97,9 @@ class Blend:
 
 
 # Figure 3.39's sets for `diff`, over the largest difference between both actions with each
-# parameter scaled by its maximum, and rules 3.15 to 3.18 for t_f. The figure gives no numbers; these
-# means and deviations come from a prototype's search, `big` is open to the right so that no
-# difference is without a rule.
+# parameter scaled by its maximum, and rules 3.15 to 3.18 for t_f. The figure gives no numbers; the
+# means and deviations are chosen, `big` is open to the right so that no difference is without a
+# rule.
 _RULES = (
     Rule(Gaussian(0.0, 0.05), Linear(0.0)),  # equal: nul
     Rule(Gaussian(0.15, 0.08), Linear(3.0)),  # small: short

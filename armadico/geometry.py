@@ -26,7 +26,7 @@ def compose(frame: Pose2, local: Pose2) -> Pose2:
 
 
 def relative(frame: Pose2, pose: Pose2) -> Pose2:
-    """A pose seen from a frame: `compose(frame, relative(frame, pose)) == pose`."""
+    """Tell how a pose looks from a frame: the inverse of `compose`."""
     dx, dy = pose[0] - frame[0], pose[1] - frame[1]
     c, s = cos(frame[2]), sin(frame[2])
     return c * dx + s * dy, -s * dx + c * dy, wrap(pose[2] - frame[2])

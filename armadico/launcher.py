@@ -24,7 +24,7 @@ from armadico.client import Client
 from armadico.config.scenarios import Scenario
 from armadico.measures import WATCHED, Result, RunWatch
 from armadico.messages import MissionReply, Pose, RobotState
-from armadico.rehearsal import MissionRefused
+from armadico.rehearsal import MissionRefusedError
 from armadico.society import Member, Options, members, mission, time_limit
 
 if TYPE_CHECKING:
@@ -43,7 +43,7 @@ ANNOUNCED = re.compile(r" at (tcp://[^;\s]+)")
 """Where the simulator's first line on standard output says that it listens."""
 
 
-class RunFailed(RuntimeError):
+class RunFailedError(RuntimeError):
     """The run cannot begin or go on; the message says why, and what to do."""
 
 
@@ -108,7 +108,7 @@ class Launcher:
     # Starting ------------------------------------------------------------------------------------
 
     def start(self) -> None:
-        """Start everything. Raises RunFailed if somebody is here already or does not come up."""
+        """Start everything. Raises RunFailedError if somebody is here already or does not come up."""
         self._refuse_company()
         port = self.options.robot or self._start_simulator()
         everybody = members(self.scenario, self.options, port)
@@ -117,12 +117,12 @@ class Launcher:
         self._wait_for_everybody({member.name for member in everybody}, port)
 
     def begin(self) -> None:
-        """Hand the mission over. Raises MissionRefused or RunFailed."""
+        """Hand the mission over. Raises MissionRefusedError or RunFailedError."""
         reply = self.client.ask(mission(self.scenario), timeout=30.0)
         if not isinstance(reply, MissionReply):
-            raise RunFailed("no interface agent answered mission/request within 30 s")
+            raise RunFailedError("no interface agent answered mission/request within 30 s")
         if reply.refusal:
-            raise MissionRefused(reply.refusal)
+            raise MissionRefusedError(reply.refusal)
         self.limit = time_limit(reply.length)
         self.watch.begin(reply.mission)
 
@@ -147,7 +147,7 @@ class Launcher:
         self.client.settle()
         there = [instance for name, instance in sorted(self.client.alive) if name == "robot"]
         if there:
-            raise RunFailed(
+            raise RunFailedError(
                 f"a robot is in the namespace {self._namespace!r} already: {there[0]}"
                 " (armadico ps shows whose); use another one: --namespace NAME"
             )
@@ -175,7 +175,7 @@ class Launcher:
         line = _line(process.popen.stdout, START_S)
         found = ANNOUNCED.search(line)
         if found is None:
-            raise RunFailed(f"the simulator did not start:\n{process.last_words()}")
+            raise RunFailedError(f"the simulator did not start:\n{process.last_words()}")
         return found.group(1)
 
     def _start_agent(self, member: Member) -> None:
@@ -201,8 +201,10 @@ class Launcher:
             return
         missing = names - {name for name, _ in self.client.alive}
         if missing:
-            raise RunFailed(f"did not start within {START_S:.0f} s: {', '.join(sorted(missing))}")
-        raise RunFailed(
+            raise RunFailedError(
+                f"did not start within {START_S:.0f} s: {', '.join(sorted(missing))}"
+            )
+        raise RunFailedError(
             f"the robot on {port} did not answer within {START_S:.0f} s;"
             f" the robot agent says:\n{self._last_words('robot')}"
         )
@@ -213,7 +215,9 @@ class Launcher:
         for process in self._processes:
             if process.ended():
                 code = process.popen.returncode
-                raise RunFailed(f"{process.name} ended with status {code}:\n{process.last_words()}")
+                raise RunFailedError(
+                    f"{process.name} ended with status {code}:\n{process.last_words()}"
+                )
 
     def _mourn(self, warn: Callable[[str], None] | None) -> None:
         """Say once who has gone; without the robot there is no run."""
@@ -223,7 +227,7 @@ class Launcher:
                 if warn is not None:
                     warn(f"{process.name} is gone (status {process.popen.returncode})")
         if self.client.age(RobotState) > SILENT_S:
-            raise RunFailed(
+            raise RunFailedError(
                 f"the robot has said nothing for {SILENT_S:.0f} s;"
                 f" the robot agent says:\n{self._last_words('robot')}"
             )

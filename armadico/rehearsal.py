@@ -21,7 +21,7 @@ SETTLE_S = 1.0
 """What the handshake with the controller and the first frames take, on the virtual clock."""
 
 
-class MissionRefused(RuntimeError):
+class MissionRefusedError(RuntimeError):
     """Nobody took the mission on; the message says why."""
 
 
@@ -43,7 +43,7 @@ class Rehearsal:
         self.robot = factory(scenario, self.mesh.stream, self.mesh.publish)
         for member in members(scenario, options, "memory:"):
             kind = load(AGENTS, member.name, Agent)
-            parameters = load_parameters(kind.Parameters, None, list(member.sets))
+            parameters = load_parameters(kind.parameters, None, list(member.sets))
             self.add(kind, parameters)
 
     def add(self, kind: type[Agent], parameters: object = None, start: int = 0) -> None:
@@ -52,16 +52,16 @@ class Rehearsal:
         self.mesh.add(agent, self.robot if isinstance(agent, DeviceAgent) else None)
 
     def begin(self) -> None:
-        """Hand the mission to the interface agent. Raises MissionRefused with the reason."""
+        """Hand the mission to the interface agent. Raises MissionRefusedError with the reason."""
         self.mesh.run(SETTLE_S)
         replies: list[Message | None] = []
         self.mesh.ask(mission(self.scenario), replies.append, timeout=30.0)
         self.mesh.run(self.mesh.now + 30.0, lambda: bool(replies))
         reply = replies[0]
         if not isinstance(reply, MissionReply):
-            raise MissionRefused("no interface agent answered mission/request")
+            raise MissionRefusedError("no interface agent answered mission/request")
         if reply.refusal:
-            raise MissionRefused(reply.refusal)
+            raise MissionRefusedError(reply.refusal)
         self.limit = time_limit(reply.length)
         self.watch.begin(reply.mission)
 

@@ -58,7 +58,8 @@ class Robot(DeviceAgent):
     name = "robot"
     hears: ClassVar[tuple[type[Message], ...]] = (Command, Claim, Stop)
     provides: ClassVar[tuple[type[Message], ...]] = (RobotState, Sonar)
-    Parameters = Parameters
+    parameters = Parameters
+    p: Parameters
 
     def __init__(self, identity: agent.Identity, parameters: Any = None) -> None:
         super().__init__(identity, parameters)

@@ -1,0 +1,1 @@
+"""What is shipped: robots, worlds, scenarios, hosts."""

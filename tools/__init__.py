@@ -1,0 +1,1 @@
+"""Things that watch, draw or measure; nothing that drives."""

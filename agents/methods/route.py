@@ -1,4 +1,4 @@
-"""Where along its waypoints the robot is: the same answer for everybody who hears the same poses."""
+"""Where along its waypoints the robot is: the same for everybody who hears the same poses."""
 
 from __future__ import annotations
 

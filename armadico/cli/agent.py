@@ -82,7 +82,7 @@ def _serve(args: argparse.Namespace) -> int:
     from armadico.config.loading import load_parameters  # noqa: PLC0415 - not for --help
     from armadico.runtime import identity, serve  # noqa: PLC0415 - not for --help
 
-    parameters = load_parameters(kind.Parameters, args.config, args.set)
+    parameters = load_parameters(kind.parameters, args.config, args.set)
     mesh = options.join(args, passing=False)
     logging.basicConfig(
         level=logging.INFO,

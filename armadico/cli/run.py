@@ -61,9 +61,10 @@ def _parser() -> argparse.ArgumentParser:
     )
     made.add_argument("scenario", nargs="?", help="a scenario's name, or a TOML file")
     made.add_argument("--world", metavar="MAP", help="a world instead of a scenario")
-    pose = {"nargs": 3, "type": float, "metavar": ("X", "Y", "DEG")}
-    made.add_argument("--start", **pose, help="where the robot starts: m, m, degrees")
-    made.add_argument("--goal", **pose, help="where it is to go")
+    for name, text in (("--start", "where the robot starts"), ("--goal", "where it is to go")):
+        made.add_argument(
+            name, nargs=3, type=float, metavar=("X", "Y", "DEG"), help=f"{text}: m, m, degrees"
+        )
     made.add_argument("--virtual", action="store_true", help="one process, under a virtual clock")
     made.add_argument("--seed", type=int, metavar="N", help="of all that is random (default: 0)")
     made.add_argument("--controller", choices=("fast", "precise", "collaborative"), help="goto's")
@@ -144,19 +145,19 @@ def _drive(args: argparse.Namespace, scenario: Scenario, seed: int) -> tuple[Res
 def _virtual(
     args: argparse.Namespace, scenario: Scenario, chosen: Options
 ) -> tuple[Result, RunWatch]:
-    from armadico.rehearsal import MissionRefused, Rehearsal  # noqa: PLC0415
+    from armadico.rehearsal import MissionRefusedError, Rehearsal  # noqa: PLC0415
 
     rehearsal = Rehearsal(scenario, chosen)
     try:
         with _progress(args, scenario, chosen.seed) as show:
             return rehearsal.run(show), rehearsal.watch
-    except MissionRefused as error:
+    except MissionRefusedError as error:
         raise FailedError(f"{scenario.name}: the mission was refused: {error}") from None
 
 
 def _live(args: argparse.Namespace, scenario: Scenario, chosen: Options) -> tuple[Result, RunWatch]:
-    from armadico.launcher import Launcher, RunFailed  # noqa: PLC0415
-    from armadico.rehearsal import MissionRefused  # noqa: PLC0415
+    from armadico.launcher import Launcher, RunFailedError  # noqa: PLC0415
+    from armadico.rehearsal import MissionRefusedError  # noqa: PLC0415
 
     mesh = options.join(args)
     try:
@@ -164,9 +165,9 @@ def _live(args: argparse.Namespace, scenario: Scenario, chosen: Options) -> tupl
             _say(f"{scenario.name}: starting; each process logs to {launcher.logs}")
             with _progress(args, scenario, chosen.seed) as show:
                 return launcher.run(show, _say), launcher.watch
-    except MissionRefused as error:
+    except MissionRefusedError as error:
         raise FailedError(f"{scenario.name}: the mission was refused: {error}") from None
-    except RunFailed as error:
+    except RunFailedError as error:
         raise FailedError(str(error)) from None
 
 

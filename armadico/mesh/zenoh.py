@@ -73,7 +73,7 @@ class Call:
     def reply(self, key: str, message: Message) -> None:
         """Answer, from a key that the query's covers, and be done with it."""
         self._query.reply(key, encode(message))
-        self._query.drop()
+        self._query.drop()  # type: ignore[no-untyped-call]
 
 
 class ZenohMesh:
@@ -121,7 +121,7 @@ class ZenohMesh:
         if session is None:
             return True
         for token in self._tokens.values():
-            token.undeclare()
+            token.undeclare()  # type: ignore[no-untyped-call]
         self._tokens.clear()
         # Closing may block for long, and there is no time-out to give it.
         closing = threading.Thread(target=session.close, name="closing", daemon=True)
@@ -190,6 +190,7 @@ class ZenohMesh:
             payload=encode(request),
             timeout=timeout,
             target=zenoh.QueryTarget.ALL,
+            congestion_control=zenoh.CongestionControl.DROP,  # never wait for one that hangs
             consolidation=zenoh.ConsolidationMode.NONE,
         )
 

@@ -1,0 +1,1 @@
+"""A simulated Pioneer: dynamics, sensors and the controller that speaks P2OS."""

@@ -21,7 +21,6 @@ from armadico.bridge.simulator.walls import Box, Walls
 
 SKIN_M = 0.05  # contacts are seen from here on; no step at less than 10 m/s passes it unseen
 GRIP = 0.5  # of rubber on an office floor: sideways force over weight
-GRIPPED_M_S = 1e-6  # a sideways speed below this is none
 GRAVITY = 9.81  # m/s^2
 SWEEPS = 50
 SETTLED_N = 1e-4  # forces that change by less are solved
@@ -114,7 +113,7 @@ class Outline:
                 change = max(change, abs(step))
             if change < SETTLED_N:
                 break
-        return Motion(v, u if abs(u) > GRIPPED_M_S else 0.0, w), max(forces, default=0.0)
+        return Motion(v, u, w), max(forces, default=0.0)
 
 
 def _row(

@@ -18,14 +18,14 @@ from random import Random
 from armadico.bridge.profile import RobotProfile, SensorProfile
 from armadico.bridge.simulator.battery import Battery
 from armadico.bridge.simulator.contact import SKIN_M, Contact, Motion, Outline, box_of
-from armadico.bridge.simulator.dynamics import Dynamics, breakaway_v
+from armadico.bridge.simulator.dynamics import Dynamics
 from armadico.bridge.simulator.encoders import Odometry
 from armadico.bridge.simulator.sonar import Sonars
 from armadico.bridge.simulator.walls import TOUCH_M, Wall, Walls
 
 STEP_S = 0.005
 APART_S = 0.5  # a contact after less than this apart belongs to the same collision
-STALLED_M_S = 0.02  # rims slower than this, driven and held by a wall, are stalled
+STALLED_M_S = 0.02  # rims slower than this, pushing a wall, are stalled
 PUSH_OUT = 0.2  # share of a penetration that is mended in a step,
 PUSH_OUT_M = 0.005  # and how much at the most
 
@@ -42,8 +42,8 @@ class Plant:
     """A Pioneer among walls. Left is the thesis's motor 3, right its motor 2; SI and REP-103.
 
     `collisions` counts episodes in which the outline touches anything; contacts less than
-    `APART_S` apart are one episode. `blocked` says that in the last step a wall held the robot
-    (rims below 2 cm/s) though a motor had voltage enough to move. `pose` is the true one in the
+    `APART_S` apart are one episode. `blocked` says that in the last step the robot pushed a
+    wall and came no farther (rims below 2 cm/s). `pose` is the true one in the
     world: m, m, rad (not wrapped).
     """
 
@@ -71,7 +71,6 @@ class Plant:
             abs(self._box.ahead) + self._box.half_length, self._box.half_width
         )  # the outline's farthest point from the axle's middle
         self._half_track = profile.body.half_track_m
-        self._breakaway_v = breakaway_v(profile)
         self._conductance = 1.0 / profile.motor.resistance_ohm
         self._back_emf = (  # V for a m/s of a rim
             profile.motor.back_emf_v_s * profile.motor.gear_ratio / profile.body.wheel_radius_m
@@ -177,8 +176,7 @@ class Plant:
         v, w = 0.5 * (v + dynamics.v), 0.5 * (w + dynamics.w)
         self._margin -= reach
         if self._margin <= 0.0 or self._touching or self._sideways:
-            driven = max(abs(left_v), abs(right_v)) > self._breakaway_v
-            v, w = self._near(reach, v, w, driven)
+            v, w = self._near(reach, v, w)
         else:
             self._move(v, 0.0, w)
         self._measure(left_v, right_v, v, w)
@@ -199,7 +197,7 @@ class Plant:
         c, s = STEP_S * cos(heading), STEP_S * sin(heading)
         self.pose = (x + v * c - u * s, y + v * s + u * c, theta + STEP_S * w)
 
-    def _near(self, reach: float, v: float, w: float, driven: bool) -> tuple[float, float]:
+    def _near(self, reach: float, v: float, w: float) -> tuple[float, float]:
         """A step in which the outline may meet a wall; the mean speeds that come of it."""
         contacts = self._outline.contacts(self.pose)
         gap = min((contact.gap for contact in contacts), default=SKIN_M)
@@ -215,7 +213,7 @@ class Plant:
         self._margin = 0.0
         v, w = self._dynamics.v, self._dynamics.w
         rim = abs(v) + self._half_track * abs(w)
-        self.blocked = driven and force > 0.0 and rim < STALLED_M_S
+        self.blocked = force > 0.0 and rim < STALLED_M_S
         return v, w
 
     def _collide(self, contacts: list[Contact]) -> float:

@@ -62,9 +62,12 @@ class TcpLine:
         if client is None or client not in ready:
             return b""
         try:
-            return client.recv(CHUNK) or self._hang_up()
+            data = client.recv(CHUNK)
         except OSError:
-            return self._hang_up()
+            data = b""
+        if not data:
+            self._hang_up()
+        return data or None
 
     def write(self, data: bytes) -> None:
         """Send; to a client that does not read its status packets the line is cut."""

@@ -15,7 +15,7 @@ import pytest
 
 from armadico.bridge.profile import RobotProfile, SensorProfile
 from armadico.bridge.simulator.plant import seeded
-from armadico.bridge.simulator.sonar import Sonars
+from armadico.bridge.simulator.sonar import Sonars, echo
 from armadico.bridge.simulator.walls import Box, Wall, Walls
 
 
@@ -128,9 +128,15 @@ def test_nothing_is_seen_through_the_corner_of_two_walls() -> None:
 
 
 def test_a_ray_aimed_exactly_at_a_corner_ends_there() -> None:
-    axis = (0.069, 3.0)
-    sonars = ring([(axis[0], 1.0, axis[0] + 2, 1.0), (axis[0], 1.0, axis[0] - 2, 1.0)])
-    assert sonars.ping(LEFT, HOME) == pytest.approx(1.0 - 0.136)
+    rng = Random(8)
+    for _ in range(300):
+        aim, far = rng.uniform(-pi, pi), rng.uniform(0.2, 4.0)
+        x, y = far * cos(aim), far * sin(aim)
+        arms = [aim + rng.uniform(0.6, 2.5), aim - rng.uniform(0.6, 2.5)]
+        world = Walls()
+        world.add([(x, y, x + cos(arm), y + sin(arm)) for arm in arms], [True, True])
+        ray = np.exp(1j * np.array([[aim]]))
+        assert echo(world.near(0.0, 0.0), 0j, ray, 0.0) == pytest.approx(far)
 
 
 def test_ranges_stay_between_the_sensors_limits() -> None:

@@ -2,13 +2,14 @@
 
 from __future__ import annotations
 
+from itertools import pairwise
 from math import sin
 
 from armadico.coordination import TRANSITIONS, Event, State, Step, Verdict, beats
 from armadico.exchange import Bid
 from armadico.messages import Ballot, Claim, Command, Frame, Stop
 
-from .toys import ToySociety, toy
+from .toys import ToyOwner, ToySociety, toy
 
 
 def test_the_most_useful_holds_and_the_others_are_silent() -> None:
@@ -47,7 +48,7 @@ def test_two_rising_utilities_do_not_swap_each_frame() -> None:
     )
     society.run(20.0)
     names = society.obeyed_names(since=2.0)
-    exchanges = sum(a != b for a, b in zip(names, names[1:], strict=False))
+    exchanges = sum(a != b for a, b in pairwise(names))
     assert exchanges <= 1
 
 
@@ -96,7 +97,7 @@ def test_a_release_is_taken_up_at_once() -> None:
     society = ToySociety(toy("a", lambda now: 0.9 if now < 3.0 else None), toy("b", 0.5))
     society.run(4.0)
     times = [t for t, _ in society.owner.obeyed]
-    assert max(b - a for a, b in zip(times, times[1:], strict=False)) < 0.15
+    assert max(b - a for a, b in pairwise(times)) < 0.15
     assert society.holders() == ["b"]
 
 
@@ -134,8 +135,6 @@ def test_a_stop_ends_the_reign_and_a_release_begins_another() -> None:
 
 
 def test_a_restarted_owner_takes_the_stop_over_from_the_others() -> None:
-    from .toys import ToyOwner
-
     society = ToySociety(toy("a", 0.9))
     society.run(1.0)
     society.mesh.publish(Stop(1, True, "tester"))
@@ -149,8 +148,6 @@ def test_a_restarted_owner_takes_the_stop_over_from_the_others() -> None:
 
 
 def test_a_restarted_owner_listens_before_it_obeys_and_goes_on_with_the_same_holder() -> None:
-    from .toys import ToyOwner
-
     society = ToySociety(toy("a", 0.9), toy("b", 0.4))
     society.run(2.0)
     society.nodes["robot"].kill()

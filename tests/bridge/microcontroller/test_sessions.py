@@ -1,0 +1,153 @@
+"""Handshake, status packets, watchdog and the end of a session: as a Pioneer's controller."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable
+from typing import TYPE_CHECKING
+
+import pytest
+
+from armadico.bridge.p2os.commands import (
+    SYNC0,
+    SYNC1,
+    SYNC2,
+    Cmd,
+)
+from armadico.bridge.p2os.configuration import (
+    CONFIG,
+    decode_configuration,
+)
+from armadico.bridge.p2os.packets import encode
+from armadico.bridge.profile import RobotProfile
+
+if TYPE_CHECKING:
+    from conftest import Bench
+
+DEGREE = math.pi / 180
+
+
+def test_sync_packets_are_answered_in_order_and_the_last_names_the_robot(bench: Bench) -> None:
+    for packet in (SYNC0, SYNC1, SYNC2):
+        bench.controller.receive(packet)
+    assert bench.run(0) == [b"\x00", b"\x01", b"\x02Armadico\0Pioneer\0p2dx\0"]
+
+
+def test_sync_packets_out_of_order_start_again_at_sync0(bench: Bench) -> None:
+    for packet in (SYNC0, SYNC2, SYNC1, SYNC2):
+        bench.controller.receive(packet)
+    assert bench.run(0) == [b"\x00"]
+    for packet in (SYNC0, SYNC1, SYNC2):
+        bench.controller.receive(packet)
+    assert [payload[0] for payload in bench.run(0)] == [0, 1, 2]
+
+
+def test_a_sync_with_a_bad_checksum_is_not_answered(bench: Bench) -> None:
+    bench.controller.receive(SYNC0[:-1] + b"\x01")
+    assert bench.run(0.1) == []
+
+
+def test_before_open_there_is_no_status_and_the_configuration_is_given(bench: Bench) -> None:
+    for packet in (SYNC0, SYNC1, SYNC2):
+        bench.controller.receive(packet)
+    bench.run(0)
+    bench.send(Cmd.CONFIG, 1)
+    (payload,) = bench.run(1.0)
+    configuration = decode_configuration(payload)
+    assert payload[0] == CONFIG
+    assert configuration.name == "Armadico"
+    assert configuration.auto_baud == 0
+    assert configuration.v_max == pytest.approx(1.6)
+    assert configuration.watchdog_s == pytest.approx(2.0)
+    assert configuration.cycle_s == pytest.approx(0.1)
+
+
+def test_once_open_a_status_comes_each_cycle(robot: Bench) -> None:
+    assert robot.controller.next_status_s == pytest.approx(0.1)
+    counts = [len(robot.run(0.05)) for _ in range(20)]
+    assert counts == [0, 1] * 10
+
+
+def test_a_new_session_starts_with_the_profiles_limits(robot: Bench) -> None:
+    robot.send(Cmd.SETV, 100)
+    robot.send(Cmd.CLOSE)
+    robot.connect()
+    robot.send(Cmd.VEL, 300)
+    robot.watched(3.0)
+    assert robot.plant.v == pytest.approx(0.3, abs=0.001)
+
+
+def test_the_watchdog_ramps_to_a_stop_and_keeps_the_set_points(robot: Bench) -> None:
+    robot.send(Cmd.VEL, 300)
+    robot.run(1.9)
+    assert robot.plant.v == pytest.approx(0.3, abs=0.001)
+    assert len(robot.run(3.0)) == 30
+    assert robot.plant.v == 0
+    robot.send(Cmd.PULSE)
+    robot.run(1.9)
+    assert robot.plant.v == pytest.approx(0.3, abs=0.001)
+
+
+def test_the_watchdog_holds_a_move_and_a_pulse_lets_it_go_on(robot: Bench) -> None:
+    robot.send(Cmd.MOVE, 3000)
+    robot.run(6.0)
+    assert robot.plant.v == 0
+    assert robot.plant.odometry[0] < 2.0
+    robot.watched(9.0)
+    assert robot.plant.odometry[0] == pytest.approx(3.0, abs=0.006)
+
+
+def test_even_an_unknown_command_feeds_the_watchdog(robot: Bench) -> None:
+    robot.send(Cmd.VEL, 300)
+    for _ in range(5):
+        robot.run(1.5)
+        robot.controller.receive(encode(b"\xde\x3b\x01\x00"))
+    assert robot.plant.v == pytest.approx(0.3, abs=0.001)
+
+
+def test_a_still_open_session_takes_sync_for_pulse_open_close_and_ends_closed(
+    robot: Bench,
+) -> None:
+    robot.send(Cmd.VEL, 300)
+    robot.run(1.0)
+    for packet in (SYNC0, SYNC1, SYNC2):
+        robot.controller.receive(packet)
+    robot.run(0)
+    assert not robot.controller.is_open
+    assert robot.run(3.0) == []
+    assert robot.plant.v == 0
+    for packet in (SYNC0, SYNC1, SYNC2):
+        robot.controller.receive(packet)
+    assert [payload[0] for payload in robot.run(0)] == [0, 1, 2]
+
+
+def test_a_connection_that_ends_stops_the_robot_and_frees_it(robot: Bench) -> None:
+    robot.send(Cmd.VEL, 300)
+    robot.run(1.0)
+    robot.controller.disconnect()
+    assert robot.run(3.0) == []
+    assert robot.plant.v == 0
+    robot.connect()
+    assert len(robot.run(1.0)) == 10
+
+
+def test_players_malformed_seto_is_obeyed(robot: Bench) -> None:
+    robot.send(Cmd.VEL, 300)
+    robot.watched(1.0)
+    robot.send(Cmd.STOP)
+    robot.watched(2.0)
+    robot.controller.receive(encode(b"\x07\x3b"))
+    assert robot.watched(0.1)[0].x_m == 0
+
+
+def test_the_same_bytes_at_the_same_times_give_the_same_bytes(
+    make: Callable[[RobotProfile], Bench], profile: RobotProfile
+) -> None:
+    def run(step: float) -> bytes:
+        bench = make(profile)
+        bench.connect()
+        bench.send(Cmd.VEL, 400)
+        bench.send(Cmd.HEAD, 77)
+        return b"".join(bench.controller.advance(n * step) for n in range(1, round(3 / step) + 1))
+
+    assert run(0.1) == run(0.005) == run(3.0)

@@ -1,0 +1,148 @@
+"""The commands against real agents: who is there, stop and resume, a mission and its refusal."""
+
+from __future__ import annotations
+
+import json
+import os
+import signal
+import socket
+import subprocess
+import sys
+from collections.abc import Callable, Iterator
+from contextlib import ExitStack
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+from armadico.mesh.topology import ENDPOINTS_VARIABLE
+
+pytestmark = pytest.mark.live
+
+BIN = Path(sys.executable).parent
+SOON = 30.0
+
+Run = Callable[..., subprocess.CompletedProcess[str]]
+Start = Callable[..., subprocess.Popen[str]]
+
+
+@pytest.fixture
+def environment() -> dict[str, str]:
+    """Endpoints and a namespace of this test's own."""
+    servers = [socket.create_server(("127.0.0.1", 0)) for _ in range(2)]
+    ports = [server.getsockname()[1] for server in servers]
+    for server in servers:
+        server.close()
+    endpoints = ",".join(f"tcp/127.0.0.1:{port}" for port in ports)
+    return os.environ | {ENDPOINTS_VARIABLE: endpoints, "ARMADICO_NAMESPACE": "cli-test"}
+
+
+@pytest.fixture
+def run(environment: dict[str, str]) -> Run:
+    def call(*command: str) -> subprocess.CompletedProcess[str]:
+        return subprocess.run(
+            [str(BIN / "armadico"), *command],
+            capture_output=True,
+            text=True,
+            timeout=SOON,
+            check=False,
+            env=environment,
+        )
+
+    return call
+
+
+@pytest.fixture
+def start(environment: dict[str, str]) -> Iterator[Start]:
+    with ExitStack() as stack:
+
+        def call(program: str, *arguments: str) -> subprocess.Popen[str]:
+            process = subprocess.Popen(
+                [str(BIN / program), *arguments],
+                stdout=subprocess.PIPE,
+                stderr=subprocess.DEVNULL,
+                text=True,
+                env=environment,
+            )
+            stack.enter_context(process)
+            stack.callback(process.kill)
+            return process
+
+        yield call
+
+
+def who(run: Run, *names: str) -> dict[str, Any]:
+    """The rows of `ps`, asked again until all of these are there and answer."""
+    for _ in range(30):
+        rows = {row["name"]: row for row in json.loads(run("ps", "--json").stdout)}
+        if set(names) <= set(rows) and all(row["answering"] for row in rows.values()):
+            return rows
+    raise AssertionError(f"{names} did not come: {rows}")
+
+
+@pytest.fixture
+def robot(start: Start) -> None:
+    """A simulated robot and its agent."""
+    simulator = start("armadico", "sim", "empty", "--port", "0", "--start", "0", "0", "0")
+    assert simulator.stdout is not None
+    where = "tcp://" + simulator.stdout.readline().partition("tcp://")[2].partition(";")[0]
+    start("armadico-agent", "robot", "--set", f"port={where}")
+
+
+def test_ps_shows_who_is_there_and_marks_who_does_not_answer(run: Run, start: Start) -> None:
+    assert json.loads(run("ps", "--json").stdout) == []
+    process = start("armadico-agent", "encoder")
+    row = who(run, "encoder")["encoder"]
+    assert row["pid"] == process.pid
+    assert row["provides"] == ["encoder/pose"]
+    assert "encoder/pose" in run("ps").stdout
+    process.send_signal(signal.SIGSTOP)
+    rows = json.loads(run("ps", "--json", "--timeout", "0.2").stdout)
+    # The token stays until the lease is over; never is it shown as answering.
+    assert [row["answering"] for row in rows] in ([False], [])
+
+
+def test_without_a_robot_stop_and_resume_say_so(run: Run) -> None:
+    for command in ("stop", "resume"):
+        done = run(command, "--timeout", "0.3")
+        assert done.returncode == 1
+        assert "no robot answers" in done.stderr
+        assert "'cli-test'" in done.stderr
+
+
+def test_stop_stays_until_resume(run: Run, start: Start, robot: None) -> None:
+    who(run, "robot")
+    for command, says in (
+        ("stop", "stopped"),
+        ("stop", "stopped"),
+        ("resume", "free to move"),
+        ("stop", "stopped"),
+    ):
+        done = run(command, "--timeout", "10")
+        assert done.returncode == 0, done.stderr
+        assert says in done.stdout
+
+
+def test_a_goal_is_reached(run: Run, start: Start, robot: None) -> None:
+    for name in ("encoder", "sonar", "goto", "interface"):
+        start("armadico-agent", name)
+    who(run, "robot", "encoder", "sonar", "goto", "interface")
+    done = run("goto", "0.5", "0", "0", "--direct")
+    assert done.returncode == 0, done.stdout + done.stderr
+    assert "the goal is reached" in done.stdout
+
+
+def test_without_an_interface_agent_a_mission_goes_nowhere(run: Run) -> None:
+    done = run("goto", "1", "2", "90")
+    assert done.returncode == 1
+    assert "no interface agent" in done.stderr
+
+
+def test_a_mission_that_is_refused_says_why(run: Run, start: Start) -> None:
+    start("armadico-agent", "interface")
+    who(run, "interface")
+    done = run("goto", "1", "2", "90", "--direct")
+    assert done.returncode == 1
+    assert "refused" in done.stderr
+    assert "encoder/pose" in done.stderr
+    assert "Traceback" not in done.stderr
