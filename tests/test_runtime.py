@@ -4,13 +4,12 @@ from __future__ import annotations
 
 import threading
 from collections.abc import Callable, Iterator
-from typing import Any, ClassVar, cast
+from typing import Any, ClassVar
 
 import pytest
 
-from armadico.agent import Agent, DeviceAgent, Identity, Question
+from armadico.agent import Agent, Identity, Question
 from armadico.inbox import Inbox
-from armadico.mailbox import EVENTS
 from armadico.messages import (
     Frame,
     Log,
@@ -20,61 +19,12 @@ from armadico.messages import (
     RobotState,
     Stop,
     Truth,
-    Waypoint,
-    decode,
     encode,
 )
 from armadico.runtime import QUESTIONS, AgentProcess, identity
+from tests.mesh.fakes import REQUEST, Clock, FakeCall, running_on_a_fake
 
 SOON = 10.0
-REQUEST = PlanRequest(Waypoint(0, 0, 0), Waypoint(1, 1, 0))
-
-
-class FakeCall:
-    key = "path/plan"
-    payload = encode(REQUEST)
-
-    def __init__(self) -> None:
-        self.replies: list[Message] = []
-
-    def reply(self, key: str, message: Message) -> None:
-        self.replies.append(message)
-
-
-class FakeMesh:
-    """Keeps what it is given, and lets the test speak."""
-
-    def __init__(self) -> None:
-        self.said: list[Message] = []
-        self.subscribers: dict[str, Callable[[str, bytes], None]] = {}
-        self.answers: dict[str, Callable[[Any], None]] = {}
-        self.changed: Callable[[str, str, bool], None] = lambda *_: None
-        self.asked: list[tuple[Callable[[str, bytes], None], Callable[[], None]]] = []
-        self.alive = threading.Event()
-
-    def publish(self, key: str, message: Message) -> None:
-        self.said.append(message)
-
-    def subscribe(self, pattern: str, receiver: Callable[[str, bytes], None]) -> None:
-        self.subscribers[pattern] = receiver
-
-    def answer(self, key: str, receiver: Callable[[Any], None]) -> None:
-        self.answers[key] = receiver
-
-    def ask(self, key: str, request: Message, timeout: float, each: Any, done: Any) -> None:
-        self.asked.append((each, done))
-
-    def watch_alive(self, changed: Callable[[str, str, bool], None]) -> None:
-        self.changed = changed
-
-    def declare_alive(self, name: str, instance: str) -> None:
-        self.alive.set()
-
-    def read(self, kind: Any, key: str, data: bytes) -> Any:
-        return decode(data, kind)
-
-    def hear(self, pattern: str, message: Message) -> None:
-        self.subscribers[pattern](pattern, encode(message))
 
 
 class Recorder(Agent):
@@ -120,19 +70,8 @@ def state(number: int) -> RobotState:
     return RobotState(Frame(7, number), 0, 0, 0, 0, 0, 12.5, True, False)
 
 
-class Clock:
-    """Time as the test has it."""
-
-    def __init__(self) -> None:
-        self.now = 100.0
-
-    def __call__(self) -> float:
-        return self.now
-
-
-def process_of(agent: Agent, clock: Callable[[], float] | None = None, **kwargs: Any) -> Any:
-    mesh = FakeMesh()
-    process = AgentProcess(agent, cast("Any", mesh), clock=clock or Clock(), **kwargs)
+def process_of(agent: Agent, clock: Callable[[], float] | None = None) -> Any:
+    process, mesh = running_on_a_fake(agent, clock)
     if isinstance(agent, Recorder):
         agent.process = process
     return process, mesh
@@ -297,119 +236,3 @@ def test_a_bell_that_was_rung_before_anybody_listens_is_heard() -> None:
     assert inbox.take(None) is None  # would wait for ever if the ring were lost
     inbox.put_event(lambda: None)
     assert inbox.take(None) is not None
-
-
-# The device ---------------------------------------------------------------------------------------
-
-
-class Listener(DeviceAgent):
-    name = "listener"
-
-    def __init__(self, identity: Identity) -> None:
-        super().__init__(identity)
-        self.seen: list[str] = []
-        self.until: tuple[str, Callable[[], None]] = ("", lambda: None)
-        self._changed = threading.Condition()
-
-    def await_seen(self, what: str, times: int = 1) -> None:
-        """Called on the port's thread: wait until the agent knows."""
-        with self._changed:
-            assert self._changed.wait_for(lambda: self.seen.count(what) >= times, SOON)
-
-    def on_bytes(self, data: bytes) -> None:
-        self._see(data.decode())
-        self.write(b"got " + data)
-
-    def on_link(self, up: bool, why: str) -> None:
-        self._see(f"up {why}" if up else f"down: {why}")
-
-    def _see(self, what: str) -> None:
-        with self._changed:
-            self.seen.append(what)
-            self._changed.notify_all()
-        if what == self.until[0]:
-            self.until[1]()
-
-
-class FakePort:
-    """Says what it was made with, then breaks."""
-
-    def __init__(self, agent: Listener, says: list[bytes], opening: int = 1) -> None:
-        self.agent = agent
-        self.opening = opening  # how often the agent has seen a port open, this one included
-        self.says = says
-        self.closed = False
-
-    def read(self, timeout_s: float) -> bytes:
-        self.agent.await_seen("up ", self.opening)
-        if not self.says:
-            raise OSError("unplugged")
-        return self.says.pop(0)
-
-    def write(self, data: bytes) -> None:
-        pass
-
-    def close(self) -> None:
-        self.closed = True
-
-
-def test_a_port_that_goes_is_opened_again_and_the_agent_knows() -> None:
-    agent = Listener(identity("listener"))
-    ports = [FakePort(agent, [b"a", b"", b"b"]), FakePort(agent, [b"c"], 2)]
-    attempts: list[tuple[str, FakePort | None]] = [
-        ("", None),
-        ("down: no port", None),
-        ("down: no port", ports[0]),
-        ("down: unplugged", ports[1]),
-    ]
-
-    def connect() -> FakePort:
-        known, port = attempts.pop(0) if attempts else ("", None)
-        if known:
-            agent.await_seen(known)
-        if port is None:
-            raise OSError("no port")
-        return port
-
-    process, _ = process_of(agent, connect=connect)
-    agent.until = ("c", process.request_stop)
-    process.live()
-    process.leave()
-    expected = ["down: no port", "up ", "a", "b", "down: unplugged", "up ", "c"]
-    assert agent.seen[:7] == expected
-    assert all(port.closed for port in ports)
-
-
-def test_a_port_that_cannot_be_written_to_is_taken_for_gone() -> None:
-    agent = Listener(identity("listener"))
-    tried = threading.Event()
-
-    class Deaf(FakePort):
-        def read(self, timeout_s: float) -> bytes:
-            if self.says:
-                return super().read(timeout_s)
-            tried.wait(timeout_s)
-            return b""
-
-        def write(self, data: bytes) -> None:
-            tried.set()
-            raise OSError("nobody listens")
-
-    process, _ = process_of(agent, connect=lambda: Deaf(agent, [b"x"]))
-    agent.until = ("down: cannot write: nobody listens", process.request_stop)
-    process.live()
-    process.leave()
-    assert agent.seen[:3] == ["up ", "x", "down: cannot write: nobody listens"]
-
-
-def test_news_of_the_link_survives_a_flood_of_bytes() -> None:
-    agent = Listener(identity("listener"))
-    process, _ = process_of(agent, connect=lambda: FakePort(agent, []))
-    device = process._device
-    device._link(True, "")
-    for _ in range(10 * EVENTS):
-        device._take(b"x")
-    while (item := process.inbox.take(0)) is not None:
-        item()
-    assert agent.seen == ["up ", *["x"] * EVENTS]
-    assert process.inbox.dropped == 9 * EVENTS

@@ -21,8 +21,6 @@ from armadico.bridge.p2os.status import Status, decode_status
 from armadico.bridge.profile import RobotProfile
 from armadico.bridge.simulator.microcontroller import Microcontroller
 
-DEGREE = math.pi / 180
-
 
 class Lagging:
     """Wheels that follow the speeds set with a first-order lag of 0.2 s."""

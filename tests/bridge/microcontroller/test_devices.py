@@ -21,8 +21,6 @@ from armadico.bridge.p2os.packets import encode
 if TYPE_CHECKING:
     from conftest import Bench
 
-DEGREE = math.pi / 180
-
 
 def test_after_connecting_sonar_are_on_and_motors_off(bench: Bench) -> None:
     bench.connect(motors=False)

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 from collections.abc import Callable
 from typing import TYPE_CHECKING
 
@@ -23,8 +22,6 @@ from armadico.bridge.profile import RobotProfile
 
 if TYPE_CHECKING:
     from conftest import Bench
-
-DEGREE = math.pi / 180
 
 
 def test_sync_packets_are_answered_in_order_and_the_last_names_the_robot(bench: Bench) -> None:
