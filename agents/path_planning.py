@@ -10,8 +10,8 @@ from armadico import agent
 from armadico.agent import Agent, Question
 from armadico.agents.methods.energy import energy
 from armadico.agents.methods.planning import PlanError, plan
-from armadico.bridge.profile import RobotProfile
 from armadico.config.loading import find, load
+from armadico.config.profile import RobotProfile
 from armadico.config.worlds import load_world
 from armadico.messages import Message, Plan, PlanRequest, Waypoint
 

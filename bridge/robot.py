@@ -16,8 +16,8 @@ from msgspec import Meta
 from armadico import agent
 from armadico.agent import ERROR, WARNING, DeviceAgent
 from armadico.bridge.p2os.session import Connected, Event, LinkLost, Reported, Session, Unanswered
-from armadico.bridge.profile import RobotProfile
 from armadico.config.loading import find, load
+from armadico.config.profile import RobotProfile
 from armadico.coordination import Owner, Verdict
 from armadico.geometry import wrap
 from armadico.messages import (

@@ -14,7 +14,7 @@ from __future__ import annotations
 
 from msgspec import Struct
 
-from armadico.bridge.profile import RobotProfile
+from armadico.config.profile import RobotProfile
 
 
 class Energy(Struct, frozen=True):

@@ -7,7 +7,7 @@ import math
 from msgspec import Struct
 
 from armadico.bridge.p2os.status import POSITION_COUNTS, Status
-from armadico.bridge.profile import P2osUnits
+from armadico.config.profile import P2osUnits
 
 # A step is believed up to what the reported speeds explain over the time since the last status
 # packet and this many cycles more (packets get lost), plus what rounding and braking may add.

@@ -33,7 +33,7 @@ from armadico.bridge.p2os.handshake import (
 from armadico.bridge.p2os.odometry import Odometry, Pose
 from armadico.bridge.p2os.packets import Decoder
 from armadico.bridge.p2os.status import STATUS_TYPES, Status, decode_status
-from armadico.bridge.profile import Limits, P2osUnits
+from armadico.config.profile import Limits, P2osUnits
 
 ASK_AGAIN_S = 0.2  # CONFIG and ENABLE are repeated this often,
 ASK_TIMES = 5  # this many times: packets get lost, and some robots never send a good CONFIGpac

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from armadico.bridge.profile import Battery as Parameters
+from armadico.config.profile import Battery as Parameters
 
 SECONDS_PER_HOUR = 3600.0
 

@@ -16,8 +16,8 @@ from typing import NamedTuple
 
 import pymunk
 
-from armadico.bridge.profile import RobotProfile
 from armadico.bridge.simulator.walls import Box, Walls
+from armadico.config.profile import RobotProfile
 
 SKIN_M = 0.05  # contacts are seen from here on; no step at less than 10 m/s passes it unseen
 GRIP = 0.5  # of rubber on an office floor: sideways force over weight

@@ -25,7 +25,7 @@ from math import copysign, cos, sin
 
 from msgspec import Struct
 
-from armadico.bridge.profile import RobotProfile
+from armadico.config.profile import RobotProfile
 
 
 class Wheels(Struct, frozen=True):

@@ -12,7 +12,7 @@ from collections.abc import Callable
 from math import cos, floor, sin
 from random import Random
 
-from armadico.bridge.profile import RobotProfile, SensorProfile
+from armadico.config.profile import RobotProfile, SensorProfile
 
 TICKS_PER_M = 76_000.0  # 76 ticks for each mm of the wheel's rim
 PATCH_M = 0.1

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 
-from armadico.bridge.profile import SonarRing
+from armadico.config.profile import SonarRing
 
 ARRAYS = 4  # of eight sonars each; one sonar of every array pings at a time
 ARRAY_SIZE = 8

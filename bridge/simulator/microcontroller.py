@@ -21,9 +21,9 @@ from armadico.bridge.p2os.configuration import (
 )
 from armadico.bridge.p2os.packets import Decoder, encode
 from armadico.bridge.p2os.status import Status, encode_status
-from armadico.bridge.profile import RobotProfile
 from armadico.bridge.simulator.firing import ALL, Firing
 from armadico.bridge.simulator.motion import LIMITS, MOTIONS, Motion, Plant, SpeedLoops
+from armadico.config.profile import RobotProfile
 
 SERIAL_NUMBER = "SIM"  # by this ARIA knows a simulator and looks for no further hardware
 _STANDING_MM_S = 0.5  # below this a wheel's speed is reported as zero

@@ -9,11 +9,11 @@ from __future__ import annotations
 from collections.abc import Callable, Sequence
 from math import isfinite, radians
 
-from armadico.bridge.profile import RobotProfile, SensorProfile
 from armadico.bridge.simulator.microcontroller import Microcontroller
 from armadico.bridge.simulator.plant import Plant, Streams
 from armadico.bridge.simulator.speed_loops import SpeedLoops
 from armadico.config.loading import find, load, load_entry
+from armadico.config.profile import RobotProfile, SensorProfile
 from armadico.config.scenarios import Scenario
 from armadico.config.worlds import load_world
 from armadico.messages import Message, Truth
@@ -73,14 +73,15 @@ class Pioneer:
         """What nobody on the robot knows."""
         plant = self.plant
         x, y, theta = plant.pose
+        v, w = plant.speeds
         clearance = plant.clearance()
         return Truth(
             t=round(self.controller.time_s, 6),
             x=x,
             y=y,
             theta=theta,
-            v=plant.v,
-            w=plant.w,
+            v=v,
+            w=w,
             collisions=plant.collisions,
             clearance=clearance if isfinite(clearance) else None,
         )

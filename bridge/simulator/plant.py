@@ -15,13 +15,13 @@ from collections.abc import Callable, Sequence
 from math import cos, hypot, inf, sin
 from random import Random
 
-from armadico.bridge.profile import RobotProfile, SensorProfile
 from armadico.bridge.simulator.battery import Battery
 from armadico.bridge.simulator.contact import SKIN_M, Contact, Motion, Outline, box_of
 from armadico.bridge.simulator.dynamics import Dynamics
 from armadico.bridge.simulator.encoders import Odometry
 from armadico.bridge.simulator.sonar import Sonars
 from armadico.bridge.simulator.walls import TOUCH_M, Wall, Walls
+from armadico.config.profile import RobotProfile, SensorProfile
 
 STEP_S = 0.005
 APART_S = 0.5  # a contact after less than this apart belongs to the same collision

@@ -15,8 +15,8 @@ from random import Random
 
 import numpy as np
 
-from armadico.bridge.profile import SensorProfile, SonarRing
 from armadico.bridge.simulator.walls import Points, Segments, Walls
+from armadico.config.profile import SensorProfile, SonarRing
 
 RAYS = 11  # 3 degrees apart in a cone of 30: nothing wider than 0.26 m at 5 m slips through
 SEAM_M = 1e-6  # walls are this much longer at both ends, so that no ray slips through a corner

@@ -10,7 +10,7 @@ from __future__ import annotations
 
 from typing import Literal
 
-from armadico.bridge.profile import SpeedLoop
+from armadico.config.profile import SpeedLoop
 
 Approximation = Literal["S", "T"]
 

@@ -15,7 +15,7 @@ from armadico.agents.methods.geometry import Placed, direction, distance
 from armadico.agents.methods.graph import Leg, axis, route
 from armadico.agents.methods.grid import Grid, Margins
 from armadico.agents.methods.planning import Plan, PlanError, plan
-from armadico.bridge.profile import RobotProfile
+from armadico.config.profile import RobotProfile
 from armadico.config.worlds import Door, Room, Segment, World
 from armadico.geometry import wrap
 

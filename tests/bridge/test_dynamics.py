@@ -11,8 +11,8 @@ from math import acos, cos, degrees, hypot, pi, sin
 import msgspec
 import pytest
 
-from armadico.bridge.profile import RobotProfile
 from armadico.bridge.simulator.dynamics import Dynamics, breakaway_v
+from armadico.config.profile import RobotProfile
 
 PROFILE = msgspec.convert(
     tomllib.loads(files("armadico.configs").joinpath("robots/pioneer-2dx.toml").read_text()),

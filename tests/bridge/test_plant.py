@@ -11,12 +11,12 @@ from random import Random
 import msgspec
 import pytest
 
-from armadico.bridge.profile import RobotProfile, SensorProfile
 from armadico.bridge.simulator.contact import Contact
 from armadico.bridge.simulator.encoders import TICKS_PER_M
 from armadico.bridge.simulator.plant import Plant, seeded
 from armadico.bridge.simulator.speed_loops import SpeedLoops
 from armadico.bridge.simulator.walls import Wall
+from armadico.config.profile import RobotProfile, SensorProfile
 from armadico.geometry import Pose2
 
 

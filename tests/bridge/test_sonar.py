@@ -13,10 +13,10 @@ import msgspec
 import numpy as np
 import pytest
 
-from armadico.bridge.profile import RobotProfile, SensorProfile
 from armadico.bridge.simulator.plant import seeded
 from armadico.bridge.simulator.sonar import Sonars, echo
 from armadico.bridge.simulator.walls import Box, Wall, Walls
+from armadico.config.profile import RobotProfile, SensorProfile
 
 
 def config(name: str) -> dict[str, object]:

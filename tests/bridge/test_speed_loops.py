@@ -9,9 +9,9 @@ from typing import Literal
 import msgspec
 import pytest
 
-from armadico.bridge.profile import RobotProfile
 from armadico.bridge.simulator.dynamics import Dynamics
 from armadico.bridge.simulator.speed_loops import SpeedLoops
+from armadico.config.profile import RobotProfile
 
 PROFILE = msgspec.convert(
     tomllib.loads(files("armadico.configs").joinpath("robots/pioneer-2dx.toml").read_text()),

@@ -10,7 +10,6 @@ from hypothesis import given
 from hypothesis import strategies as st
 from msgspec import Meta, Struct
 
-from armadico.bridge.profile import RobotProfile, SensorProfile
 from armadico.config.errors import ConfigError, advice, nearest
 from armadico.config.lines import line_of
 from armadico.config.loading import (
@@ -23,6 +22,7 @@ from armadico.config.loading import (
     parse,
     set_values,
 )
+from armadico.config.profile import RobotProfile, SensorProfile
 
 
 class Zones(Struct, frozen=True):

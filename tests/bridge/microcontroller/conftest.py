@@ -18,8 +18,8 @@ from armadico.bridge.p2os.commands import (
 )
 from armadico.bridge.p2os.packets import Decoder
 from armadico.bridge.p2os.status import Status, decode_status
-from armadico.bridge.profile import RobotProfile
 from armadico.bridge.simulator.microcontroller import Microcontroller
+from armadico.config.profile import RobotProfile
 
 
 class Lagging:

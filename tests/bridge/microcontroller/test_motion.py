@@ -19,10 +19,10 @@ from armadico.bridge.p2os.commands import (
 from armadico.bridge.p2os.configuration import (
     decode_configuration,
 )
-from armadico.bridge.profile import RobotProfile, SensorProfile
 from armadico.bridge.simulator.microcontroller import Microcontroller
 from armadico.bridge.simulator.plant import Plant, seeded
 from armadico.bridge.simulator.speed_loops import SpeedLoops
+from armadico.config.profile import RobotProfile, SensorProfile
 
 if TYPE_CHECKING:
     from conftest import Bench

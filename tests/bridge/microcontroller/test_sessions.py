@@ -18,7 +18,7 @@ from armadico.bridge.p2os.configuration import (
     decode_configuration,
 )
 from armadico.bridge.p2os.packets import encode
-from armadico.bridge.profile import RobotProfile
+from armadico.config.profile import RobotProfile
 
 if TYPE_CHECKING:
     from conftest import Bench

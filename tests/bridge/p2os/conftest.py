@@ -9,8 +9,8 @@ import msgspec
 import pytest
 
 from armadico.bridge.p2os.session import Event, Session
-from armadico.bridge.profile import RobotProfile
 from armadico.bridge.simulator.microcontroller import Microcontroller
+from armadico.config.profile import RobotProfile
 
 
 class Kinematic:

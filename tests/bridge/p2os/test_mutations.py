@@ -16,7 +16,7 @@ from armadico.bridge.p2os.status import Status, encode_status
 if TYPE_CHECKING:
     from conftest import Link
 
-    from armadico.bridge.profile import RobotProfile
+    from armadico.config.profile import RobotProfile
 
 FOLDER = Path(__file__).parent / "transcripts"
 SEEDS = range(60)

@@ -10,7 +10,7 @@ from hypothesis import strategies as st
 
 from armadico.bridge.p2os.odometry import Odometry
 from armadico.bridge.p2os.status import Status, decode_status, encode_status
-from armadico.bridge.profile import P2osUnits
+from armadico.config.profile import P2osUnits
 
 UNITS = P2osUnits(
     distance_mm=0.84,

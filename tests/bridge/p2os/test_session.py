@@ -30,7 +30,7 @@ from armadico.bridge.p2os.session import (
     Unanswered,
 )
 from armadico.bridge.p2os.status import Status, encode_status
-from armadico.bridge.profile import RobotProfile
+from armadico.config.profile import RobotProfile
 
 NAMES = encode(b"\x02Rob\0Pioneer\0p2dx\0")
 

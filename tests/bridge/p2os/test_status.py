@@ -20,7 +20,7 @@ from armadico.bridge.p2os.configuration import (
     encode_text,
 )
 from armadico.bridge.p2os.status import Status, decode_status, encode_status
-from armadico.bridge.profile import P2osUnits
+from armadico.config.profile import P2osUnits
 
 UNITS = P2osUnits(
     distance_mm=0.84,

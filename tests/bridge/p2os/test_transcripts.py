@@ -17,7 +17,7 @@ from armadico.bridge.p2os.status import Status, decode_status
 if TYPE_CHECKING:
     from conftest import Link
 
-    from armadico.bridge.profile import RobotProfile
+    from armadico.config.profile import RobotProfile
 
 FOLDER = Path(__file__).parent / "transcripts"
 NAMES = ("01_simpleConnect", "02_simpleMotionCommands", "10_serial_pty")
