@@ -41,6 +41,7 @@ class Social(Struct, frozen=True, forbid_unknown_fields=True):
 
     exchange: Literal["smooth", "abrupt"] = "smooth"
     margin: Annotated[float, Meta(ge=0, le=1)] | None = None  # None: the resource's own
+    comparison: Literal["same-frame", "last-heard"] = "same-frame"  # the latter is the thesis's
 
 
 class Parameters(Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):
@@ -138,7 +139,12 @@ class Agent:
         social: Social = self.p.social
         self._contenders = {
             r.name: Contender(
-                r, self.instance, self.frames, EXCHANGES[social.exchange], social.margin
+                r,
+                self.instance,
+                self.frames,
+                EXCHANGES[social.exchange],
+                social.margin,
+                same_frame=social.comparison == "same-frame",
             )
             for r in self.competes_for
         }

@@ -121,7 +121,14 @@ class Contender:
         frames: FrameClock,
         exchange: Exchange,
         margin: float | None = None,
+        *,
+        same_frame: bool = True,
     ) -> None:
+        """Begin idle.
+
+        `same_frame` False compares a new bid with the claim last heard, whatever frame that
+        answers: the rule as the thesis wrote it, to measure what comparing like with like is worth.
+        """
         self.resource = resource
         self.instance = instance
         self.state = State.IDLE
@@ -131,6 +138,7 @@ class Contender:
         self._frames = frames
         self._exchange = exchange
         self._margin = resource.margin if margin is None else margin
+        self._same_frame = same_frame
         self._bids: dict[Frame, Bid] = {}
         self._claims: dict[Frame, Claim] = {}  # the rival's, by frame
         self._measured: Action = resource.neutral
@@ -246,6 +254,10 @@ class Contender:
             return Event.SILENCE
         if self._frames_without(self._rival_since, obeyed_by_anyone=True) >= UNOBEYED:
             return Event.NOBODY_OBEYED
+        if not self._same_frame:
+            newest = self._bids[next(reversed(self._bids))]
+            outbids = self.rival is not None and beats(newest, self.rival, self._margin)
+            return Event.BETTER if outbids else None
         for frame, bid in self._bids.items():
             claim = self._claims.get(frame)
             if claim is not None and beats(bid, claim, self._margin):

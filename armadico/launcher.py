@@ -108,7 +108,7 @@ class Launcher:
     # Starting ------------------------------------------------------------------------------------
 
     def start(self) -> None:
-        """Start everything. Raises RunFailedError if somebody is here already or does not come up."""
+        """Start everything. Raises RunFailedError if somebody is here or does not come up."""
         self._refuse_company()
         port = self.options.robot or self._start_simulator()
         everybody = members(self.scenario, self.options, port)

@@ -9,6 +9,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 from math import radians
 
+from armadico.config.parameters import load_set
 from armadico.config.scenarios import Scenario
 from armadico.messages import MissionRequest, Waypoint
 
@@ -25,6 +26,7 @@ class Options:
     seed: int = 0
     controller: str | None = None
     exchange: str | None = None
+    parameters: str | None = None  # a set of them, by name or path
     without: tuple[str, ...] = ()
     robot: str | None = None  # the URL of something that is already there
 
@@ -40,7 +42,11 @@ class Member:
 def members(scenario: Scenario, options: Options, port: str) -> tuple[Member, ...]:
     """The agents of a run, the robot agent first; `port` is the URL of the robot's controller."""
     names = ["robot", *(name for name in scenario.agents if name not in options.without)]
-    return tuple(Member(name, _settings(name, scenario, options, port)) for name in names)
+    given = load_set(options.parameters) if options.parameters else {}
+    return tuple(
+        Member(name, given.get(name, ()) + _settings(name, scenario, options, port))
+        for name in names
+    )
 
 
 def _settings(name: str, scenario: Scenario, options: Options, port: str) -> tuple[str, ...]:

@@ -68,6 +68,9 @@ def _parser() -> argparse.ArgumentParser:
     made.add_argument("--virtual", action="store_true", help="one process, under a virtual clock")
     made.add_argument("--seed", type=int, metavar="N", help="of all that is random (default: 0)")
     made.add_argument("--controller", choices=("fast", "precise", "collaborative"), help="goto's")
+    made.add_argument(
+        "--parameters", metavar="SET", help="a set of agents' parameters: thesis, or a TOML file"
+    )
     made.add_argument("--exchange", choices=("abrupt", "smooth"), help="how resources change hands")
     made.add_argument(
         "--without", action="append", default=[], metavar="AGENT", help="leave an agent out"
@@ -112,9 +115,11 @@ def _scenario(args: argparse.Namespace) -> Scenario:
 
 def _known_agents(args: argparse.Namespace, scenario: Scenario) -> Scenario:
     """Raises UnknownNameError or UsageError for a name that takes no part."""
-    from armadico.discovery import AGENTS, find  # noqa: PLC0415 - not for --help
+    from armadico.config.parameters import load_set  # noqa: PLC0415 - not for --help
+    from armadico.discovery import AGENTS, find  # noqa: PLC0415
 
-    for name in (*scenario.agents, *args.without):
+    given = load_set(args.parameters) if args.parameters else {}
+    for name in (*scenario.agents, *args.without, *given):
         find(AGENTS, name)
     for name in args.without:
         if name not in scenario.agents:
@@ -135,6 +140,7 @@ def _drive(args: argparse.Namespace, scenario: Scenario, seed: int) -> tuple[Res
         seed=seed,
         controller=args.controller,
         exchange=args.exchange,
+        parameters=args.parameters,
         without=tuple(args.without),
         robot=args.robot,
     )

@@ -11,6 +11,7 @@ SUFFIXES: dict[str, tuple[str, ...]] = {
     "worlds": (".map", ".yaml", ".yml"),
     "scenarios": (".toml",),
     "robots": (".toml",),
+    "parameters": (".toml",),
 }
 """The kinds of configuration, each a folder of `armadico.configs`, and how its files end."""
 
