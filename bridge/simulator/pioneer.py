@@ -64,9 +64,10 @@ class Pioneer:
     @property
     def due(self) -> float:
         """When it next has something to say, s of simulation."""
-        soon = self.controller.time_s + self.plant.step_s
-        if self._answering or not self.controller.is_open:
-            return soon
+        if self._answering:
+            return self.controller.time_s + self.plant.step_s
+        if not self.controller.is_open:
+            return self._truth_at
         return self.controller.next_status_s
 
     def truth(self) -> Truth:

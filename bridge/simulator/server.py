@@ -1,7 +1,7 @@
 """A simulated robot in real time, behind a TCP port or a pseudo-terminal.
 
-Only here does the simulator meet sockets and a clock. One client at a time, as on the robot: who
-comes second is hung up on.
+Only here does the simulator meet sockets and a clock. One client at a time, as on the robot: while
+one is there nobody listens, and who comes second is refused.
 """
 
 from __future__ import annotations
@@ -38,14 +38,15 @@ class TcpLine:
 
     def __init__(self, address: str, port: int) -> None:
         """Listen; port 0: one that is free. Raises OSError if that cannot be."""
-        self._listener = socket.create_server((address, port), backlog=4)
         self._client: socket.socket | None = None
+        self._listener: socket.socket | None = socket.create_server((address, port), backlog=1)
+        name = self._listener.getsockname()
+        self._where: tuple[str, int] = (name[0], name[1])
 
     @property
     def port(self) -> int:
-        """Where it listens."""
-        port: int = self._listener.getsockname()[1]
-        return port
+        """Where it listens, or will again."""
+        return self._where[1]
 
     @property
     def connected(self) -> bool:
@@ -55,11 +56,12 @@ class TcpLine:
     def read(self, timeout_s: float) -> bytes | None:
         """Wait for bytes, and for clients."""
         client = self._client
-        waited = [self._listener] if client is None else [self._listener, client]
-        ready = select.select(waited, [], [], timeout_s)[0]
-        if self._listener in ready:
-            self._accept()
-        if client is None or client not in ready:
+        waited = client or self._listening()
+        ready = select.select([] if waited is None else [waited], [], [], timeout_s)[0]
+        if waited is None or not ready:
+            return b""
+        if client is None:
+            self._accept(waited)
             return b""
         try:
             data = client.recv(CHUNK)
@@ -67,6 +69,7 @@ class TcpLine:
             data = b""
         if not data:
             self._hang_up()
+            self._listening()
         return data or None
 
     def write(self, data: bytes) -> None:
@@ -82,13 +85,20 @@ class TcpLine:
     def close(self) -> None:
         """Hang up, and listen no more."""
         self._hang_up()
-        self._listener.close()
+        if self._listener is not None:
+            self._listener.close()
 
-    def _accept(self) -> None:
-        client, _ = self._listener.accept()
-        if self._client is not None:
-            client.close()
-            return
+    def _listening(self) -> socket.socket | None:
+        """The listener, opened again after a client; None while somebody else has the port."""
+        if self._listener is None:
+            with contextlib.suppress(OSError):
+                self._listener = socket.create_server(self._where, backlog=1)
+        return self._listener
+
+    def _accept(self, listener: socket.socket) -> None:
+        client, _ = listener.accept()
+        listener.close()
+        self._listener = None
         client.setsockopt(socket.IPPROTO_TCP, socket.TCP_NODELAY, 1)
         client.settimeout(1.0)
         self._client = client
