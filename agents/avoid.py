@@ -70,6 +70,9 @@ class Parameters(agent.Parameters, frozen=True, kw_only=True):
     u_heading_high: Positive = radians(120)
     v_back: NonNegative = 0.08  # m/s, off what it cannot turn away from,
     back_room_m: NonNegative = 0.1  # with so much remembered free behind
+    stuck_s: Positive = 2.0  # at rest for so long, farther from the goal than goal_m,
+    goal_m: Positive = 0.4
+    escape_s: Positive = 2.5  # avoid works it free for so long
     let_go: Positive = radians(150)  # a trajectory farther behind than this no longer counts
     turn_first: Positive = radians(60)  # an open heading farther off is turned to on the spot
     aligned: Positive = radians(15)
@@ -97,6 +100,8 @@ class Avoid(Agent):
         self._mission = 0
         self._side = 0.0  # +1 left, -1 right: latched while the same thing is dodged
         self._side_at: tuple[float, float] = (0.0, 0.0)
+        self._moved_at = inf  # when the robot was last seen to move on its mission
+        self._escape_until = -inf
 
     def on_trajectory(self, trajectory: Trajectory) -> None:
         """A new mission, or the old one said again."""
@@ -104,6 +109,7 @@ class Avoid(Agent):
             self._mission = trajectory.mission
             self._route = Route.of(trajectory)
             self._side = 0.0
+            self._moved_at = self.now
 
     def bid(self, obstacles: Obstacles) -> Bid | None:
         """How to keep off what is in the way, and how much that helps."""
@@ -126,6 +132,8 @@ class Avoid(Agent):
         along = self._along(points, v, state.w)
         free = min(along, self._toward(points, wanted))
         utility = ramp_down(free, p.stop.border(v), p.caution.border(v))
+        if self._stuck(pose, state):
+            utility = 1.0
         self._unlatch(pose)
         if utility <= 0.0:
             if not self.holds(WHEELS):
@@ -210,6 +218,19 @@ class Avoid(Agent):
             self._side, self._side_at = copysign(1.0, off), (pose.x, pose.y)
         return best[1]
 
+    def _stuck(self, pose: Pose, state: RobotState) -> bool:
+        """Whether the robot has stood still far from its goal: then avoid works it free.
+
+        Whoever holds the wheels may see no way and command nothing, with nothing in *its* way.
+        """
+        moving = abs(state.v) > 0.02 or abs(state.w) > 0.05
+        if moving or self._route.to_go(pose.x, pose.y) < self.p.goal_m:
+            self._moved_at = self.now
+        elif self.now - self._moved_at > self.p.stuck_s:
+            self._moved_at = self.now
+            self._escape_until = self.now + self.p.escape_s
+        return self.now < self._escape_until
+
     def _unlatch(self, pose: Pose) -> None:
         """Forget the side once the dodge is far behind and avoid does not hold."""
         away = hypot(pose.x - self._side_at[0], pose.y - self._side_at[1])
@@ -264,6 +285,8 @@ class Avoid(Agent):
     def _literal_action(self, left: float, point: Point, zones: list[float]) -> tuple[float, float]:
         p = self.p
         stop, danger, caution = zones
+        top = p.v_max or p.v_top
+        slow = min(p.v_caution, top)
         bearing = atan2(point.y, point.x)
         if left < stop:
             return 0.0, -copysign(p.w_stop, bearing)
@@ -271,11 +294,11 @@ class Avoid(Agent):
             share = (left - stop) / max(danger - stop, 1e-6)
             error = bearing - copysign(p.abeam, bearing)
             return (
-                p.v_danger + share * (p.v_caution - p.v_danger),
+                min(p.v_danger, top) + share * (slow - min(p.v_danger, top)),
                 max(-p.w_max, min(p.w_max, p.turn_gain * error)),
             )
         share = (left - danger) / max(caution - danger, 1e-6)
-        return p.v_caution + share * ((p.v_max or p.v_top) - p.v_caution), 0.0
+        return slow + share * (top - slow), 0.0
 
 
 def _rotated(points: Sequence[Point], heading: float) -> list[Point]:

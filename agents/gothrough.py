@@ -90,7 +90,14 @@ class Gothrough(Agent):
     def _none(self, why: str) -> Bid | None:
         """Nothing to propose; a holder offers the wheels while they still turn."""
         self.why = why
-        return Bid(0.0, self._commanded, reason=why) if self.holds(WHEELS) else None
+        if not self.holds(WHEELS):
+            return None
+        if self.p.rules == "safe":
+            obstacles = self.latest(Obstacles)
+            assert obstacles is not None, "the pattern sees to that"
+            v, w, _ = limit(*self._commanded, obstacles.points, self.p.safety)
+            self._commanded = (v, w)
+        return Bid(0.0, self._commanded, reason=why)
 
     def _abstains(self, pose: Pose, goal: Point) -> str:
         """Why the trajectory does not lead through here."""

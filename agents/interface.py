@@ -70,7 +70,8 @@ class Interface(Agent):
             return self._refuse("nobody knows where the robot is: no fresh encoder/pose")
         if not request.planned:
             return self._begin((*request.waypoints, request.goal), 0.0)
-        self._state = MissionState.PLANNING
+        if self._state is not MissionState.DRIVING:  # a mission goes on until another is taken on
+            self._state = MissionState.PLANNING
         start = Waypoint(pose.x, pose.y, pose.theta)
 
         def planned(plan: Plan | None) -> None:

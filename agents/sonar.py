@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterable, Iterator
-from math import atan2, cos, radians, sin
+from math import atan2, cos, hypot, radians, sin
 from typing import Annotated, Any, ClassVar
 
 from msgspec import Meta
@@ -16,7 +16,11 @@ from armadico.geometry import Pose2, relative
 from armadico.messages import Message, Obstacles, Point, RobotState, Sonar
 
 Angle = Annotated[float, Meta(ge=0, le=3.1416)]
+Seconds = Annotated[float, Meta(ge=0, le=3600)]
 Metres = Annotated[float, Meta(ge=0, le=10)]
+
+BUMP_M = 0.25
+"""Where something is put that stalled the robot: just before its front edge."""
 
 
 class Parameters(agent.Parameters, frozen=True, kw_only=True):
@@ -32,6 +36,7 @@ class Parameters(agent.Parameters, frozen=True, kw_only=True):
     arc_within_rad: Angle = radians(45.0)  # of the heading
     arc_from_m: Metres = 0.25
     arc_to_m: Metres = 1.6
+    bump_s: Seconds = 60.0  # how long something is remembered that stalled the robot unheard
 
 
 class SonarAgent(Agent):
@@ -52,13 +57,18 @@ class SonarAgent(Agent):
         self._map = LocalMap(self.p.map)
         self._odometry: Pose2 | None = None
         self._epoch: int | None = None
+        self._bumps: list[tuple[float, Point]] = []  # when, and where in the body frame
 
     def on_robot_state(self, state: RobotState) -> None:
-        """Apply the robot's motion to the map."""
+        """Apply the robot's motion to the map; what stalls it is an obstacle, heard or not."""
         odometry = (state.x, state.y, state.theta)
         if self._odometry is not None and state.frame.epoch == self._epoch:
-            self._map.move(Placed(*relative(self._odometry, odometry)))
+            motion = relative(self._odometry, odometry)
+            self._map.move(Placed(*motion))
+            self._bumps = list(self._moved(motion))
         self._odometry, self._epoch = odometry, state.frame.epoch
+        if state.stalled and not any(hypot(p.x, p.y) < BUMP_M + 0.1 for _, p in self._bumps):
+            self._bumps += [(self.now, Point(BUMP_M, y)) for y in (-0.12, 0.0, 0.12)]
 
     def on_sonar(self, sonar: Sonar) -> None:
         """Take the echoes in, and say where the obstacles are."""
@@ -71,9 +81,16 @@ class SonarAgent(Agent):
                 front=_point(seen.front()),
                 left=_point(seen.left()),
                 right=_point(seen.right()),
-                points=tuple(self._arcs(seen.points())),
+                points=(*self._arcs(seen.points()), *(point for _, point in self._bumps)),
             )
         )
+
+    def _moved(self, motion: Pose2) -> Iterator[tuple[float, Point]]:
+        """The bumps that are still remembered, where they are after the robot's motion."""
+        for when, point in self._bumps:
+            x, y, _ = relative(motion, (point.x, point.y, 0.0))
+            if self.now - when < self.p.bump_s and hypot(x, y) < self.p.map.reach_m:
+                yield when, Point(x, y)
 
     def _arcs(self, obstacles: Iterable[Obstacle]) -> Iterator[Point]:
         """All points, and both ends of the arc for those in front."""

@@ -12,7 +12,6 @@ competition is `competes_for`; coordination is one `Contender` a resource; helpe
 
 from __future__ import annotations
 
-import math
 import random
 import re
 from collections import deque
@@ -136,6 +135,7 @@ class Agent:
         self._alarm: float | None = None
         self._asked: dict[int, Callable[[Any], None]] = {}
         self._next_id = 0
+        self._turned: m.Frame | None = None  # the frame of the last turn
         social: Social = self.p.social
         self._contenders = {
             r.name: Contender(
@@ -193,9 +193,7 @@ class Agent:
     def fresh(self, kind: type[M]) -> M | None:
         """The newest message of a kind, if by the table of services it may be acted upon."""
         message = self._latest.get(kind)
-        if message is None:
-            return None
-        if service_of(kind).fresh_frames is not None and not self.frames.fresh(message.frame):  # type: ignore[attr-defined]
+        if message is None or not self._in_time(message):
             return None
         return cast("M", message)
 
@@ -248,7 +246,7 @@ class Agent:
         handler = self._handlers.get(kind)
         if handler is not None:
             handler(message)
-        if kind is self.reacts_to:
+        if kind is self.reacts_to and self._begins_turn(cast("Any", message).frame):
             self._turn(message)
 
     def asked(self, question: Question, now: float) -> None:
@@ -344,8 +342,9 @@ class Agent:
         epoch = self.frames.newest.epoch if self.frames.newest else None
         if not self.frames.advance(state.frame, self.now):
             return False
-        if state.stop.counter >= self.stop_latch.counter:
-            self.stop_latch = state.stop
+        said, known = state.stop, self.stop_latch
+        if said.counter >= known.counter or (said.stopped and not known.stopped):
+            self.stop_latch = said
         elif epoch is not None and self.stop_latch.stopped:
             # A restarted robot agent has forgotten the stop; whoever asked for it may have gone.
             self.publish(self.stop_latch)
@@ -355,8 +354,20 @@ class Agent:
 
     def _acceptable(self, message: Message) -> bool:
         """Refuse what answers a frame that is long past or not yet there."""
-        frame = getattr(message, "frame", None)
-        return frame is None or self.frames.fresh(frame)
+        return self._in_time(message)
+
+    def _in_time(self, message: Message) -> bool:
+        """Whether it may be acted upon, by the table of services."""
+        within = service_of(type(message)).fresh_frames
+        return within is None or self.frames.fresh(cast("Any", message).frame, within)
+
+    def _begins_turn(self, frame: m.Frame) -> bool:
+        """One turn a frame, and none for an older one, however often its message comes."""
+        last = self._turned
+        if last is not None and last.epoch == frame.epoch and frame.number <= last.number:
+            return False
+        self._turned = frame
+        return True
 
     def _turn(self, message: Any) -> None:
         """One turn: a bid for each resource, if its inputs are fresh."""
@@ -378,11 +389,11 @@ class Agent:
             self._say(contender.bid(message.frame, bid, measured, self.now))
 
     def _sound(self, resource: Resource, bid: Bid | None) -> Bid | None:
-        """A bid that is not finite or out of range is no bid: the holder's own NaN is a release."""
+        """A bid that could not be sent is no bid: the holder's own NaN is a release."""
         if bid is None:
             return None
         whole = len(bid.action) == len(resource.parameters)
-        finite = all(map(math.isfinite, (bid.utility, *bid.action)))
+        finite = all(abs(number) <= m.LARGEST for number in bid.action)  # NaN is not
         if whole and finite and 0.0 <= bid.utility <= 1.0:
             return bid
         self.why = f"its bid is not sound: {bid}"

@@ -299,7 +299,9 @@ class Contender:
         self.ballot = self.largest = Ballot(term, bid.utility, bid.critical, self.instance)
         loser = self._vacated or self.rival
         heard = loser is not None and event in (Event.BETTER, Event.VACANT)
-        start = loser.commanded if loser and heard and loser.commanded else self._measured
+        start = self._measured
+        if loser is not None and heard and len(loser.commanded) == len(start):
+            start = loser.commanded
         weight = bid.utility if loser is None or loser.utility is None else loser.utility
         self._handover = self._exchange.begin(start, weight, bid, self.resource.scale)
         self._cast_at, self._heard_at, self._offered = frame, now, 0

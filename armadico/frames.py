@@ -53,10 +53,13 @@ class FrameClock:
             return None
         return newest.number - frame.number
 
-    def fresh(self, frame: Frame) -> bool:
-        """Whether something that answers this frame may still be acted upon."""
+    def fresh(self, frame: Frame, within: int | None = None) -> bool:
+        """Whether something that answers this frame may still be acted upon.
+
+        `within` so many frames; None: the clock's own number.
+        """
         age = self.age(frame)
-        return age is not None and -AHEAD <= age <= self.fresh_frames
+        return age is not None and -AHEAD <= age <= (within or self.fresh_frames)
 
     def alive(self, now: float) -> bool:
         """Whether the robot agent has been heard within the frames that count as fresh."""

@@ -9,21 +9,24 @@ from __future__ import annotations
 import os
 import re
 import selectors
+import signal
 import subprocess
 import sys
 import tempfile
+import threading
 import time
-from collections.abc import Callable, Sequence
-from contextlib import suppress
+from collections.abc import Callable, Iterator, Sequence
+from contextlib import contextmanager, suppress
 from math import radians
 from pathlib import Path
 from types import TracebackType
 from typing import IO, TYPE_CHECKING
 
+from armadico.agent import WARNING
 from armadico.client import Client
 from armadico.config.scenarios import Scenario
 from armadico.measures import WATCHED, Result, RunWatch
-from armadico.messages import MissionReply, Pose, RobotState
+from armadico.messages import Log, Message, MissionReply, Pose, RobotState
 from armadico.rehearsal import MissionRefusedError
 from armadico.society import Member, Options, members, mission, time_limit
 
@@ -31,7 +34,13 @@ if TYPE_CHECKING:
     from armadico.mesh.zenoh import ZenohMesh
 
 START_S = 20.0
-"""What the processes may take to start, and the robot to answer."""
+"""What the processes may take to start."""
+
+ANSWER_S = 10.0
+"""What the robot may take to answer once its agent is there."""
+
+HEAR_S = 5.0
+"""What the interface agent may take to be found; its plan may take longer."""
 
 LEAVE_S = 3.0
 """What a process may take to leave before it is killed."""
@@ -76,10 +85,18 @@ class Launcher:
     """The processes of one run; a context manager that leaves nothing running."""
 
     def __init__(
-        self, scenario: Scenario, options: Options, mesh: ZenohMesh, namespace: str
+        self,
+        scenario: Scenario,
+        options: Options,
+        mesh: ZenohMesh,
+        namespace: str,
+        *,
+        silent_s: float = SILENT_S,
     ) -> None:
+        """Prepare; `silent_s`: a run whose robot has said nothing for so long is over."""
         self.scenario = scenario
         self.options = options
+        self.members: tuple[Member, ...] = ()
         self.client = Client(mesh)
         self.watch = RunWatch(
             scenario.name,
@@ -89,10 +106,13 @@ class Launcher:
         )
         self.limit = time_limit(0.0)
         self.logs = Path(tempfile.mkdtemp(prefix="armadico-"))
+        self.processes: list[Process] = []
         self._namespace = namespace
-        self._processes: list[Process] = []
-        self._mourned: set[str] = set()
+        self._silent_s = silent_s
+        self._warn: Callable[[str], None] = lambda _: None
+        self._mourned: set[Process] = set()
         self.client.listen(*WATCHED, then=self.watch.show)
+        self.client.listen(Log, then=self._pass_on)
 
     def __enter__(self) -> Launcher:
         return self
@@ -110,17 +130,18 @@ class Launcher:
     def start(self) -> None:
         """Start everything. Raises RunFailedError if somebody is here or does not come up."""
         self._refuse_company()
-        port = self.options.robot or self._start_simulator()
-        everybody = members(self.scenario, self.options, port)
-        for member in everybody:
-            self._start_agent(member)
-        self._wait_for_everybody({member.name for member in everybody}, port)
+        port = self.options.robot or self.start_simulator()
+        self.members = members(self.scenario, self.options, port)
+        for member in self.members:
+            self.start_agent(member)
+        self._wait_for_everybody()
+        self._wait_for_the_robot(port)
 
     def begin(self) -> None:
         """Hand the mission over. Raises MissionRefusedError or RunFailedError."""
-        reply = self.client.ask(mission(self.scenario), timeout=30.0)
+        reply = self.client.ask(mission(self.scenario), timeout=30.0, patience=HEAR_S)
         if not isinstance(reply, MissionReply):
-            raise RunFailedError("no interface agent answered mission/request within 30 s")
+            raise RunFailedError("no interface agent answered mission/request")
         if reply.refusal:
             raise MissionRefusedError(reply.refusal)
         self.limit = time_limit(reply.length)
@@ -131,7 +152,8 @@ class Launcher:
         progress: Callable[[RunWatch], None] | None = None,
         warn: Callable[[str], None] | None = None,
     ) -> Result:
-        """Drive to the goal or the time limit."""
+        """Drive to the goal or the time limit; `warn` is told who is gone and what goes wrong."""
+        self._warn = warn or self._warn
         self.start()
         self.begin()
         end = time.monotonic() + self.limit
@@ -139,7 +161,7 @@ class Launcher:
             self.client.wait_for(lambda: self.watch.done, 0.2)
             if progress is not None:
                 progress(self.watch)
-            self._mourn(warn)
+            self._mourn()
         return self.watch.result()
 
     def _refuse_company(self) -> None:
@@ -152,7 +174,8 @@ class Launcher:
                 " (armadico ps shows whose); use another one: --namespace NAME"
             )
 
-    def _start_simulator(self) -> str:
+    def start_simulator(self, port: int = 0) -> str:
+        """Start a simulator on a TCP port, 0: one that is free; returns its URL."""
         scenario = self.scenario
         x, y, degrees = scenario.start
         process = Process(
@@ -161,7 +184,7 @@ class Launcher:
                 "armadico",
                 "sim",
                 scenario.world,
-                "--port=0",
+                f"--port={port}",
                 f"--seed={self.options.seed}",
                 f"--sensors={scenario.sensors}",
                 f"--namespace={self._namespace}",
@@ -170,7 +193,7 @@ class Launcher:
             self.logs / "simulator.log",
             listen=True,
         )
-        self._processes.append(process)
+        self.processes.append(process)
         assert process.popen.stdout is not None, "it was asked for"
         line = _line(process.popen.stdout, START_S)
         found = ANNOUNCED.search(line)
@@ -178,73 +201,106 @@ class Launcher:
             raise RunFailedError(f"the simulator did not start:\n{process.last_words()}")
         return found.group(1)
 
-    def _start_agent(self, member: Member) -> None:
+    def start_agent(self, member: Member) -> Process:
+        """Start one agent as a process."""
         settings = [word for value in member.sets for word in ("--set", value)]
-        self._processes.append(
-            Process(
-                member.name,
-                ["armadico", "agent", member.name, "--namespace", self._namespace, *settings],
-                self.logs / f"{member.name}.log",
-            )
+        process = Process(
+            member.name,
+            ["armadico", "agent", member.name, "--namespace", self._namespace, *settings],
+            self.logs / f"{member.name}.log",
         )
+        self.processes.append(process)
+        return process
 
-    def _wait_for_everybody(self, names: set[str], port: str) -> None:
-        """Until all tokens are there and the robot says where it is."""
+    def _wait_for_everybody(self) -> None:
+        """Until all tokens are there."""
+        names = {member.name for member in self.members}
 
-        def ready() -> bool:
+        def here() -> bool:
             self._check_alive()
-            here = {name for name, _ in self.client.alive}
-            # nobody drives on a frame that the others have not heard: two frames after the last
-            return names <= here and self.client.age(Pose) < 1.0
+            return names <= {name for name, _ in self.client.alive}
 
-        if self.client.wait_for(ready, START_S):
-            return
-        missing = names - {name for name, _ in self.client.alive}
-        if missing:
+        if not self.client.wait_for(here, START_S):
+            missing = names - {name for name, _ in self.client.alive}
             raise RunFailedError(
                 f"did not start within {START_S:.0f} s: {', '.join(sorted(missing))}"
             )
-        raise RunFailedError(
-            f"the robot on {port} did not answer within {START_S:.0f} s;"
-            f" the robot agent says:\n{self._last_words('robot')}"
-        )
+
+    def _wait_for_the_robot(self, port: str) -> None:
+        """Until it talks, and the encoder agent, if it takes part, knows where it is."""
+        kinds: list[type[Message]] = [RobotState]
+        if any(member.name == "encoder" for member in self.members):
+            kinds.append(Pose)
+
+        def talks() -> bool:
+            self._check_alive()
+            return all(self.client.age(kind) < 1.0 for kind in kinds)
+
+        if not self.client.wait_for(talks, ANSWER_S):
+            raise RunFailedError(
+                f"the robot on {port} did not answer within {ANSWER_S:.0f} s;"
+                f" the robot agent says:\n{self._last_words('robot')}"
+            )
 
     # While it runs -------------------------------------------------------------------------------
 
     def _check_alive(self) -> None:
-        for process in self._processes:
+        for process in self.processes:
             if process.ended():
                 code = process.popen.returncode
                 raise RunFailedError(
                     f"{process.name} ended with status {code}:\n{process.last_words()}"
                 )
 
-    def _mourn(self, warn: Callable[[str], None] | None) -> None:
+    def _mourn(self) -> None:
         """Say once who has gone; without the robot there is no run."""
-        for process in self._processes:
-            if process.ended() and process.name not in self._mourned:
-                self._mourned.add(process.name)
-                if warn is not None:
-                    warn(f"{process.name} is gone (status {process.popen.returncode})")
-        if self.client.age(RobotState) > SILENT_S:
+        for process in self.processes:
+            if process.ended() and process not in self._mourned:
+                self._mourned.add(process)
+                self._warn(f"{process.name} is gone (status {process.popen.returncode})")
+        if self.client.age(RobotState) > self._silent_s:
             raise RunFailedError(
-                f"the robot has said nothing for {SILENT_S:.0f} s;"
+                f"the robot has said nothing for {self._silent_s:g} s;"
                 f" the robot agent says:\n{self._last_words('robot')}"
             )
 
+    def _pass_on(self, message: Message, _now: float) -> None:
+        """What an agent says of faults is said to whoever runs it, too."""
+        if isinstance(message, Log) and message.level >= WARNING:
+            self._warn(message.text)
+
     def _last_words(self, name: str) -> str:
-        return next((p.last_words() for p in self._processes if p.name == name), "    nothing")
+        """Of the newest process of that name."""
+        words = [process.last_words() for process in self.processes if process.name == name]
+        return words[-1] if words else "    nothing"
 
     # Leaving -------------------------------------------------------------------------------------
 
     def stop(self) -> None:
-        """Take everything down: the behaviours let go, the robot stops, the simulator ends last."""
-        simulators = [p for p in self._processes if p.name == "simulator"]
-        robots = [p for p in self._processes if p.name == "robot"]
-        others = [p for p in self._processes if p not in simulators and p not in robots]
-        for group in (others, robots, simulators):
-            _end(group)
-        self._processes.clear()
+        """Take everything down: the behaviours let go, the robot stops, the simulator ends last.
+
+        A second Ctrl-C does not interrupt it: it is bounded, and nothing may be left behind.
+        """
+        simulators = [p for p in self.processes if p.name == "simulator"]
+        robots = [p for p in self.processes if p.name == "robot"]
+        others = [p for p in self.processes if p not in simulators and p not in robots]
+        with _undisturbed():
+            for group in (others, robots, simulators):
+                _end(group)
+        self.processes.clear()
+
+
+@contextmanager
+def _undisturbed() -> Iterator[None]:
+    """Without SIGINT; only the main thread could be disturbed by it."""
+    if threading.current_thread() is not threading.main_thread():
+        yield
+        return
+    before = signal.signal(signal.SIGINT, signal.SIG_IGN)
+    try:
+        yield
+    finally:
+        signal.signal(signal.SIGINT, before)
 
 
 def _end(processes: Sequence[Process]) -> None:

@@ -18,7 +18,10 @@ from msgspec import Meta, Struct
 PROTOCOL = 1
 """The version of this file; agents of another version are not talked to."""
 
-Real = Annotated[float, Meta(ge=-1e6, le=1e6)]  # also refuses NaN and the infinities
+LARGEST = 1e6
+"""The size of the largest number that a message carries."""
+
+Real = Annotated[float, Meta(ge=-LARGEST, le=LARGEST)]  # also refuses NaN and the infinities
 Share = Annotated[float, Meta(ge=0, le=1)]
 Counter = Annotated[int, Meta(ge=0, le=2**53 - 1)]
 Bits64 = Annotated[int, Meta(ge=0, le=2**63 - 1)]
@@ -39,10 +42,10 @@ M = TypeVar("M", bound=Message)
 
 def encode(message: Message) -> bytes:
     """The message as CBOR. Raises `MessageError` if it could not be decoded again."""
-    plain = msgspec.to_builtins(message)
     try:
+        plain = msgspec.to_builtins(message)
         msgspec.convert(plain, type(message))
-    except msgspec.ValidationError as error:
+    except (msgspec.ValidationError, TypeError) as error:
         raise MessageError(f"{type(message).__name__} cannot be sent: {error}") from None
     return cbor2.dumps(plain)
 

@@ -112,10 +112,13 @@ class Robot(DeviceAgent):
         if self._moving and self.now - self._obeyed_at >= STOP_AFTER_S:
             self.log(f"no valid command for {STOP_AFTER_S} s: stop", WARNING)
             self._halt()
-        healthy = self.now - self._reported_at <= HEALTHY_S
-        if healthy and self.now - self._pulsed_at >= PULSE_S:
+        if self._healthy and self.now - self._pulsed_at >= PULSE_S:
             self._session.pulse()
         self._send()
+
+    @property
+    def _healthy(self) -> bool:
+        return self.now - self._reported_at <= HEALTHY_S
 
     def stop(self, now: float) -> None:
         """Leave the robot at rest, and its controller closed."""
@@ -149,7 +152,7 @@ class Robot(DeviceAgent):
             self._pulsed_at = self.now
             self.write(data)
         due = [self._session.next_wakeup]
-        if self._pulsed_at + PULSE_S > self.now:
+        if self._session.is_open and self._healthy:
             due.append(self._pulsed_at + PULSE_S)
         if self._moving:
             due.append(self._obeyed_at + STOP_AFTER_S)
@@ -215,9 +218,12 @@ class Robot(DeviceAgent):
             and abs(command.v) <= limits.v_max
             and abs(command.w) <= limits.w_max
         )
-        verdict = self.owner.judge(
-            command.frame, command.ballot, stopped=self._stops.stopped, sound=sound
-        )
+        if self.frames.alive(self.now):
+            verdict = self.owner.judge(
+                command.frame, command.ballot, stopped=self._stops.stopped, sound=sound
+            )
+        else:  # it hung, or the controller is silent: what waited answers a frame of before
+            verdict = Verdict.OLD_FRAME
         if verdict is not Verdict.OBEYED:
             self._refusals[verdict] += 1
             return

@@ -4,9 +4,11 @@ from __future__ import annotations
 
 import argparse
 import json
+import signal
 import sys
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
+from math import isfinite
 from pathlib import Path
 from typing import TYPE_CHECKING, Final
 
@@ -35,8 +37,11 @@ def main(argv: Sequence[str]) -> int:
     """Drive; 0 only if the goal was reached without a collision, in every run."""
     args = _parser().parse_args(argv)
     scenario = _scenario(args)
+    seeds = _seeds(args, scenario)
+    for seed in seeds:
+        _check_picture(_picture(args, scenario, seed))
     results = []
-    for seed in _seeds(args, scenario):
+    for seed in seeds:
         result, watch = _drive(args, scenario, seed)
         results.append(result)
         if not args.json:
@@ -98,6 +103,8 @@ def _scenario(args: argparse.Namespace) -> Scenario:
         raise UsageError("--robot drives what is really there; --virtual has its own simulator")
     if args.seed is not None and not 0 <= args.seed < 2**63:
         raise UsageError(f"--seed {args.seed}: from 0 to 2^63 - 1")
+    for flag, pose in (("--start", args.start), ("--goal", args.goal)):
+        _check_pose(flag, pose)
     if args.world is not None:
         if args.goal is None:
             raise UsageError("--world needs a goal: --goal X Y DEG")
@@ -111,6 +118,13 @@ def _scenario(args: argparse.Namespace) -> Scenario:
         )
         scenario = replace(scenario, start=checked.start, goal=checked.goal)
     return _known_agents(args, scenario)
+
+
+def _check_pose(flag: str, pose: Sequence[float] | None) -> None:
+    """Raises UsageError for what is no pose; whether it is free is the world's to say."""
+    if pose is not None and not (all(map(isfinite, pose)) and abs(pose[2]) <= 360.0):
+        given = " ".join(f"{value:g}" for value in pose)
+        raise UsageError(f"{flag} {given}: expected finite m, m and -360 to 360 degrees")
 
 
 def _known_agents(args: argparse.Namespace, scenario: Scenario) -> Scenario:
@@ -166,6 +180,7 @@ def _live(args: argparse.Namespace, scenario: Scenario, chosen: Options) -> tupl
     from armadico.rehearsal import MissionRefusedError  # noqa: PLC0415
 
     mesh = options.join(args)
+    signal.signal(signal.SIGTERM, signal.default_int_handler)  # everything is taken down, too
     try:
         with mesh, Launcher(scenario, chosen, mesh, args.namespace) as launcher:
             _say(f"{scenario.name}: starting; each process logs to {launcher.logs}")
@@ -296,6 +311,20 @@ def _picture(args: argparse.Namespace, scenario: Scenario, seed: int) -> Path | 
     return path.with_stem(f"{path.stem}-{seed}") if args.runs is not None else path
 
 
+def _check_picture(path: Path | None) -> None:
+    """Whether it can be written is said before the robot moves. Raises FailedError."""
+    if path is None:
+        return
+    try:
+        path.parent.mkdir(parents=True, exist_ok=True)
+        new = not path.exists()
+        path.open("ab").close()
+        if new:
+            path.unlink()
+    except OSError as error:
+        raise FailedError(f"cannot write the picture {path}: {error.strerror}") from None
+
+
 def _plot(path: Path, scenario: Scenario, watch: RunWatch, result: Result) -> None:
     """World, path coloured by holder, sonar echoes; a warning if nothing can draw."""
     try:
@@ -311,7 +340,6 @@ def _plot(path: Path, scenario: Scenario, watch: RunWatch, result: Result) -> No
             title=f"{scenario.title or scenario.name} (seed {result.seed})",
             caption=(_caption(result),),
         )
-        path.parent.mkdir(parents=True, exist_ok=True)
         draw_run(load_world(scenario.world), run, path)
     except ImportError:
         _say("no picture: matplotlib is missing; pip install 'armadico[plot]'")

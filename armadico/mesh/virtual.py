@@ -223,9 +223,12 @@ class VirtualMesh:
             self.call_at(at, call, node, what)
 
     def _appear(self, node: Node, other: Node) -> None:
-        if node.alive and other.alive:
+        def deliver() -> None:
             node.agent.appeared(other.name, other.agent.instance, self.now)
             self._drain(node)
+
+        if other.alive:
+            self._hand(node, deliver)
 
     def _gone(self, node: Node, other: Node) -> None:
         def deliver() -> None:
@@ -273,7 +276,7 @@ class VirtualMesh:
         out, agent.outbox = agent.outbox, []
         for item in out:
             if isinstance(item, Publish):
-                self._publish(node.name, item)
+                self._publish(node.name, item, node)
             elif isinstance(item, Write):
                 self._later_device(node, item.data)
             elif isinstance(item, AskFor):
@@ -282,7 +285,8 @@ class VirtualMesh:
                 self._route_answer(node, item)
         self._mind_wakeup(node)
 
-    def _publish(self, sender: str, item: Publish) -> None:
+    def _publish(self, sender: str, item: Publish, speaker: Node | None = None) -> None:
+        """Send to everybody but the speaker, to another instance of the same agent too."""
         message = item.message
         kind = type(message)
         shared = decode(encode(message), kind)
@@ -290,7 +294,7 @@ class VirtualMesh:
             watcher(item.key, shared, self.now)
         now, links = self.now, self._links
         for node in self._subscribers.get(kind, ()):
-            if node.name == sender:
+            if node is speaker:
                 continue
             link = links.get((sender, node.name)) or self.link(sender, node.name)
             at = link.arrival(now)
