@@ -44,16 +44,15 @@ def main(argv: Sequence[str]) -> int:
     for seed in seeds:
         result, watch = _drive(args, scenario, seed)
         results.append(result)
-        if not args.json:
-            _show(result)
+        if args.runs is not None:
+            _say(f"{scenario.name} seed {seed}: {_verdict(result)}")
         picture = _picture(args, scenario, seed)
         if picture is not None and watch.path:
             _plot(picture, scenario, watch, result)
     if args.json:
         _print_json(results, several=args.runs is not None)
-    elif len(results) > 1:
-        passed = sum(result.passed for result in results)
-        print(f"{passed} of {len(results)} runs reached the goal without a collision")
+    else:
+        _show(scenario.name, results)
     return 0 if all(result.passed for result in results) else options.FAILED
 
 
@@ -204,7 +203,7 @@ def _progress(
     args: argparse.Namespace, scenario: Scenario, seed: int
 ) -> Iterator[Callable[[RunWatch], None] | None]:
     """A bar on a terminal, a line now and then elsewhere; on stderr."""
-    if args.virtual and args.runs is None and not sys.stderr.isatty():
+    if args.virtual and not sys.stderr.isatty():
         yield None  # it is over in a second
         return
     label = f"{scenario.name} seed {seed}"
@@ -257,25 +256,32 @@ def remark(watch: RunWatch) -> str:
 # What came of it ----------------------------------------------------------------------------------
 
 
-def _show(result: Result) -> None:
-    """The table of measures."""
+def _show(scenario: str, results: Sequence[Result]) -> None:
+    """The table of measures, a row for each run."""
     from rich.console import Console  # noqa: PLC0415 - not for --help
     from rich.table import Table  # noqa: PLC0415 - not for --help
 
-    verdict = "reached" if result.reached else "NOT reached"
-    touched = "" if not result.collisions else f", {result.collisions} COLLISION(S)"
+    passed = sum(result.passed for result in results)
+    verdict = "reached" if results[0].reached else "NOT reached"
+    if len(results) > 1:
+        verdict = f"{passed} of {len(results)} runs reached the goal without a collision"
+    elif results[0].collisions:
+        verdict += f", {results[0].collisions} COLLISION(S)"
     table = Table(
-        title=f"{result.scenario}, seed {result.seed}: {verdict}{touched}",
-        caption="exchanges, collisions, least clearance; TD FO TT P TG TA TGt as in thesis 5.1",
+        title=f"{scenario}: {verdict}",
+        caption="TD FO TT P TG TA TGt as in thesis 5.1; exchanges, collisions, least clearance",
         padding=(0, 0),
     )
     for title, _ in ROWS:
         table.add_column(title, justify="right", no_wrap=True)
-    table.add_row(*(_cell(getattr(result, field)) for _, field in ROWS))
+    for result in results:
+        style = None if result.passed else "bold red"
+        table.add_row(*(_cell(getattr(result, field)) for _, field in ROWS), style=style)
     Console().print(table)
 
 
 ROWS: Final = (
+    ("seed", "seed"),
     ("TD m", "td_m"),
     ("FO deg", "fo_deg"),
     ("TT s", "tt_s"),
@@ -338,7 +344,7 @@ def _plot(path: Path, scenario: Scenario, watch: RunWatch, result: Result) -> No
             waypoints=watch.waypoints[:-1],
             echoes=watch.echoes,
             title=f"{scenario.title or scenario.name} (seed {result.seed})",
-            caption=(_caption(result),),
+            caption=(_verdict(result),),
         )
         draw_run(load_world(scenario.world), run, path)
     except ImportError:
@@ -349,7 +355,8 @@ def _plot(path: Path, scenario: Scenario, watch: RunWatch, result: Result) -> No
         _say(f"picture: {path}")
 
 
-def _caption(result: Result) -> str:
+def _verdict(result: Result) -> str:
+    """One line on a run."""
     verdict = "reached" if result.reached else "NOT reached"
     clear = "" if result.min_clearance_m is None else f", clearance {result.min_clearance_m:.2f} m"
     return (
