@@ -17,7 +17,6 @@ import threading
 import time
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager, suppress
-from math import radians
 from pathlib import Path
 from types import TracebackType
 from typing import IO, TYPE_CHECKING
@@ -28,7 +27,7 @@ from armadico.config.scenarios import Scenario
 from armadico.measures import WATCHED, Result, RunWatch
 from armadico.messages import Log, Message, MissionReply, Pose, RobotState
 from armadico.rehearsal import MissionRefusedError
-from armadico.society import Member, Options, members, mission, time_limit
+from armadico.society import Member, Options, members, mission, time_limit, watch
 
 if TYPE_CHECKING:
     from armadico.mesh.zenoh import ZenohMesh
@@ -98,12 +97,7 @@ class Launcher:
         self.options = options
         self.members: tuple[Member, ...] = ()
         self.client = Client(mesh)
-        self.watch = RunWatch(
-            scenario.name,
-            (scenario.goal[0], scenario.goal[1], radians(scenario.goal[2])),
-            options.seed,
-            tuple(name for name in scenario.agents if name not in options.without),
-        )
+        self.watch = watch(scenario, options)
         self.limit = time_limit(0.0)
         self.logs = Path(tempfile.mkdtemp(prefix="armadico-"))
         self.processes: list[Process] = []

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from math import radians
 
 from armadico.agent import Agent, DeviceAgent
 from armadico.config.loading import load_parameters
@@ -12,7 +11,7 @@ from armadico.discovery import AGENTS, SIMULATORS, find, load
 from armadico.measures import WATCHED, Result, RunWatch
 from armadico.mesh.virtual import VirtualMesh
 from armadico.messages import Message, MissionReply
-from armadico.society import Options, members, mission, time_limit
+from armadico.society import Options, members, mission, time_limit, watch
 
 SIMULATOR = "pioneer"
 """The entry point of `armadico.simulators` that stands behind the robot agent's port."""
@@ -31,12 +30,7 @@ class Rehearsal:
     def __init__(self, scenario: Scenario, options: Options) -> None:
         self.scenario = scenario
         self.mesh = VirtualMesh(options.seed)
-        self.watch = RunWatch(
-            scenario.name,
-            (scenario.goal[0], scenario.goal[1], radians(scenario.goal[2])),
-            options.seed,
-            tuple(name for name in scenario.agents if name not in options.without),
-        )
+        self.watch = watch(scenario, options)
         self.limit = time_limit(0.0)
         self.mesh.watch(lambda _key, message, now: self.watch.show(message, now), *WATCHED)
         factory = find(SIMULATORS, SIMULATOR).load()

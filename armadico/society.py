@@ -11,6 +11,7 @@ from math import radians
 
 from armadico.config.parameters import load_set
 from armadico.config.scenarios import Scenario
+from armadico.measures import RunWatch
 from armadico.messages import MissionRequest, Waypoint
 
 BEHAVIOURS = ("goto", "avoid", "gothrough")
@@ -74,6 +75,16 @@ def mission(scenario: Scenario) -> MissionRequest:
         goal=_waypoint(scenario.goal),
         waypoints=tuple(map(_waypoint, scenario.waypoints)) if scenario.plan == "waypoints" else (),
         planned=scenario.plan == "rooms",
+    )
+
+
+def watch(scenario: Scenario, options: Options) -> RunWatch:
+    """Who measures the run."""
+    return RunWatch(
+        scenario.name,
+        (scenario.goal[0], scenario.goal[1], radians(scenario.goal[2])),
+        options.seed,
+        tuple(name for name in scenario.agents if name not in options.without),
     )
 
 
