@@ -10,14 +10,27 @@ from msgspec import Meta
 
 from armadico import agent
 from armadico.agent import Agent
+from armadico.agents.methods import local_map
 from armadico.agents.methods.geometry import Placed
-from armadico.agents.methods.local_map import LocalMap, Obstacle, Settings
+from armadico.agents.methods.local_map import RINGS, SECTORS, Obstacle, Settings
 from armadico.geometry import Pose2, relative
-from armadico.messages import Message, Obstacles, Point, RobotState, Sonar
+from armadico.messages import (
+    Cell,
+    Frame,
+    LocalMap,
+    Message,
+    Obstacles,
+    Point,
+    RobotState,
+    Sonar,
+)
 
 Angle = Annotated[float, Meta(ge=0, le=3.1416)]
 Seconds = Annotated[float, Meta(ge=0, le=3600)]
 Metres = Annotated[float, Meta(ge=0, le=10)]
+
+MAP_FRAMES = 5
+"""The cells are said each so many frames."""
 
 BUMP_M = 0.25
 """Where something is put that stalled the robot: just before its front edge."""
@@ -48,13 +61,13 @@ class SonarAgent(Agent):
 
     name = "sonar"
     hears: ClassVar[tuple[type[Message], ...]] = (Sonar,)
-    provides: ClassVar[tuple[type[Message], ...]] = (Obstacles,)
+    provides: ClassVar[tuple[type[Message], ...]] = (Obstacles, LocalMap)
     parameters = Parameters
     p: Parameters
 
     def __init__(self, identity: agent.Identity, parameters: Any = None) -> None:
         super().__init__(identity, parameters)
-        self._map = LocalMap(self.p.map)
+        self._map = local_map.LocalMap(self.p.map)
         self._odometry: Pose2 | None = None
         self._epoch: int | None = None
         self._bumps: list[tuple[float, Point]] = []  # when, and where in the body frame
@@ -84,6 +97,15 @@ class SonarAgent(Agent):
                 points=(*self._arcs(seen.points()), *(point for _, point in self._bumps)),
             )
         )
+        if sonar.frame.number % MAP_FRAMES == 0:
+            self._say_map(sonar.frame)
+
+    def _say_map(self, frame: Frame) -> None:
+        cells = tuple(
+            Cell(key // RINGS, key % RINGS, min(cell.probability, 1.0), cell.x, cell.y)
+            for key, cell in sorted(self._map.cells().items())
+        )
+        self.publish(LocalMap(frame, SECTORS, RINGS, self.p.map.reach_m, cells))
 
     def _moved(self, motion: Pose2) -> Iterator[tuple[float, Point]]:
         """The bumps that are still remembered, where they are after the robot's motion."""

@@ -41,6 +41,12 @@ ANSWER_S = 10.0
 HEAR_S = 5.0
 """What the interface agent may take to be found; its plan may take longer."""
 
+LINKS_S = 2.0
+"""A refusal stands after this: among processes that have just started, links are coming up."""
+
+AGAIN_S = 0.5
+"""How long until a mission that was refused is asked for again."""
+
 LEAVE_S = 3.0
 """What a process may take to leave before it is killed."""
 
@@ -104,6 +110,7 @@ class Launcher:
         self._namespace = namespace
         self._silent_s = silent_s
         self._warn: Callable[[str], None] = lambda _: None
+        self._warned = ""
         self._mourned: set[Process] = set()
         self.client.listen(*WATCHED, then=self.watch.show)
         self.client.listen(Log, then=self._pass_on)
@@ -133,13 +140,21 @@ class Launcher:
 
     def begin(self) -> None:
         """Hand the mission over. Raises MissionRefusedError or RunFailedError."""
-        reply = self.client.ask(mission(self.scenario), timeout=30.0, patience=HEAR_S)
-        if not isinstance(reply, MissionReply):
-            raise RunFailedError("no interface agent answered mission/request")
+        reply = self._ask()
+        until = time.monotonic() + LINKS_S
+        while reply.refusal and time.monotonic() < until:
+            self.client.wait_for(lambda: None, AGAIN_S)
+            reply = self._ask()
         if reply.refusal:
             raise MissionRefusedError(reply.refusal)
         self.limit = time_limit(reply.length)
         self.watch.begin(reply.mission)
+
+    def _ask(self) -> MissionReply:
+        reply = self.client.ask(mission(self.scenario), timeout=30.0, patience=HEAR_S)
+        if not isinstance(reply, MissionReply):
+            raise RunFailedError("no interface agent answered mission/request")
+        return reply
 
     def run(
         self,
@@ -260,7 +275,8 @@ class Launcher:
 
     def _pass_on(self, message: Message, _now: float) -> None:
         """What an agent says of faults is said to whoever runs it, too."""
-        if isinstance(message, Log) and message.level >= WARNING:
+        if isinstance(message, Log) and message.level >= WARNING and message.text != self._warned:
+            self._warned = message.text
             self._warn(message.text)
 
     def _last_words(self, name: str) -> str:

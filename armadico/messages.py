@@ -184,6 +184,30 @@ class Obstacles(Message, frozen=True):
     points: tuple[Point, ...] = ()
 
 
+class Cell(Message, frozen=True):
+    """One cell of the local map (thesis figure 3.8), and the point that was heard in it.
+
+    Sectors count counter-clockwise from straight ahead, rings outwards; the point is in the body
+    frame.
+    """
+
+    sector: Annotated[int, Meta(ge=0, le=359)]
+    ring: Annotated[int, Meta(ge=0, le=999)]
+    probability: Share
+    x: Real
+    y: Real
+
+
+class LocalMap(Message, frozen=True):
+    """The local map's cells that are not empty, for those who watch."""
+
+    frame: Frame
+    sectors: Annotated[int, Meta(ge=1, le=360)]
+    rings: Annotated[int, Meta(ge=1, le=1000)]
+    reach: Annotated[float, Meta(gt=0, le=100)]  # of the outermost ring, m
+    cells: tuple[Cell, ...]
+
+
 # Missions and plans -------------------------------------------------------------------------------
 
 

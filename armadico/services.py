@@ -53,6 +53,7 @@ SERVICES: tuple[Service, ...] = (
     Service(m.Stop, "robot/stop", _E, None, None, "latch or release the stop; anyone may"),
     Service(m.Pose, "encoder/pose", _S, 10, 3, "where the robot is, by its encoders"),
     Service(m.Obstacles, "sonar/obstacles", _S, 10, 3, "the local map's points, body frame"),
+    Service(m.LocalMap, "sonar/map", _S, 2, 3, "the local map's cells, for those who watch"),
     Service(m.Trajectory, "trajectory", _S, 1, None, "the mission's waypoints, said again each s"),
     Service(m.PlanRequest, "path/plan", _Q, None, None, "a way to a goal", reply=m.Plan),
     Service(

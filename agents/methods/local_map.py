@@ -14,7 +14,7 @@ turns, cannot be seen again: they decay slowly with time and, as odometry goes w
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Iterable
+from collections.abc import Callable, Iterable, Mapping
 from functools import lru_cache
 from operator import itemgetter
 from typing import NamedTuple, Protocol
@@ -162,6 +162,10 @@ class LocalMap:
             ]
             self._occupied = tuple(sorted(found, key=itemgetter(2, 0, 1)))
         return self._occupied
+
+    def cells(self) -> Mapping[int, _Cell]:
+        """What is in each cell that is not empty, by `sector * RINGS + ring`."""
+        return self._cells
 
     def closest(self) -> Obstacle | None:
         """The nearest point of all."""

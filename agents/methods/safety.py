@@ -20,6 +20,10 @@ LATENCY_S = 0.2
 """Two frames: a sonar echo to a command, and the command to the wheels."""
 
 
+ARCS = 8
+"""Arcs that are looked at, each tighter than the one before, to find one that is slow enough."""
+
+
 class Safety(Struct, frozen=True, forbid_unknown_fields=True):
     """Margins around the body and the braking that is counted on."""
 
@@ -48,13 +52,18 @@ def safe_speed(free: float, decel: float) -> float:
 def limit(
     v: float, w: float, points: Sequence[Point], safety: Safety
 ) -> tuple[float, float, float]:
-    """The same motion as fast as is safe, and how far its way is free: (v, w, free).
+    """The same motion as fast as is safe, and how far its way was free: (v, w, free).
 
     Slowing keeps w: the robot turns tighter as it comes nearer, away from or along what is there.
+    The tighter arc may end sooner than the one that was asked for, so it is looked at again.
     """
-    free = free_path(points, v, w, OUTLINE, safety.margin_m) if v > 0.0 else inf
-    if v > 0.0:
-        v = min(v, max(safe_speed(free, safety.decel), safety.creep))
+    free = ahead = free_path(points, v, w, OUTLINE, safety.margin_m) if v > 0.0 else inf
+    for _ in range(ARCS):
+        safe = max(safe_speed(ahead, safety.decel), safety.creep)
+        if v <= safe:
+            break
+        v = safe
+        ahead = free_path(points, v, w, OUTLINE, safety.margin_m)
     if v < 0.05 and w != 0.0 and free_turn(points, w, OUTLINE, 0.02) < safety.turn_room:
         w = 0.0
     return v, w, free
