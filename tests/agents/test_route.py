@@ -1,0 +1,119 @@
+"""Where along its waypoints the robot is."""
+
+from __future__ import annotations
+
+from math import hypot, pi
+
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from armadico.agents.methods.route import BESIDE_M, PASSED_M, Route
+from armadico.messages import Point, Trajectory, Waypoint
+
+CORNER = (Waypoint(4.0, 0.0, 0.0), Waypoint(4.0, 3.0, pi / 2))
+metres = st.floats(-6.0, 6.0)
+routes = st.lists(st.builds(Waypoint, metres, metres, st.just(0.0)), min_size=1, max_size=5)
+
+
+@pytest.fixture
+def route() -> Route:
+    return Route(CORNER)
+
+
+def test_without_a_mission_there_is_nowhere_to_go() -> None:
+    route = Route()
+    assert route.goal is route.target is None
+    assert route.to_go(1.0, 1.0) == 0.0
+    route.advance(0.0, 0.0)
+    assert route.leg == 0
+
+
+def test_a_waypoint_is_passed_near_it(route: Route) -> None:
+    route.advance(4.0 - PASSED_M - 0.01, 0.0)
+    assert route.target == CORNER[0]
+    route.advance(4.0 - PASSED_M + 0.01, 0.0)
+    assert route.target == route.goal == CORNER[1]
+    assert route.last_leg
+
+
+def test_a_waypoint_is_passed_on_crossing_its_line_not_too_far_aside(route: Route) -> None:
+    route.advance(3.99, BESIDE_M - 0.1)
+    assert route.leg == 0
+    route.advance(4.01, BESIDE_M + 0.1)
+    assert route.leg == 0
+    route.advance(4.01, BESIDE_M - 0.1)
+    assert route.leg == 1
+
+
+def test_the_goal_is_never_passed(route: Route) -> None:
+    route.advance(4.0, 0.0)
+    route.advance(4.0, 3.0)
+    route.advance(4.0, 9.0)
+    assert route.leg == 1
+
+
+def test_passed_is_passed(route: Route) -> None:
+    route.advance(4.0, 0.0)
+    route.advance(0.0, 0.0)
+    assert route.leg == 1
+
+
+def test_waypoints_on_one_spot_are_passed_together() -> None:
+    route = Route((CORNER[0], CORNER[0], CORNER[0], CORNER[1]))
+    route.advance(4.0, 0.0)
+    assert route.leg == 3
+
+
+def test_who_comes_late_is_told_the_leg_and_where_it_began() -> None:
+    late = Route.of(Trajectory(7, CORNER, Point(4.0, -1.0), 1))
+    assert late.target == CORNER[1]
+    assert Route.of(Trajectory(7, CORNER, Point(0.0, 0.0), 9)).leg == 1
+
+
+def test_the_way_left_is_along_the_waypoints(route: Route) -> None:
+    assert route.to_go(1.0, 0.0) == pytest.approx(6.0)
+    route.advance(4.0, 0.0)
+    assert route.to_go(4.0, 1.0) == pytest.approx(2.0)
+
+
+def test_it_steers_to_a_point_ahead_on_the_line_then_to_what_follows(route: Route) -> None:
+    ahead = route.ahead(1.0, 0.0, 0.6)
+    assert ahead == [Waypoint(1.6, 0.0, 0.0), *CORNER]
+
+
+def test_farther_aside_it_comes_back_to_the_line_farther_on(route: Route) -> None:
+    point = route.ahead(1.0, -0.5, 0.6)[0]
+    assert (point.x, point.y) == pytest.approx((1.0 + 0.6 + 3.0 * 0.5, 0.0))
+
+
+def test_the_point_ahead_goes_round_the_corner(route: Route) -> None:
+    ahead = route.ahead(3.7, 0.0, 0.6)
+    assert (ahead[0].x, ahead[0].y) == pytest.approx((4.0, 0.3))
+    assert ahead[0].theta == pytest.approx(pi / 2)
+    assert ahead[1:] == [CORNER[1]]
+
+
+def test_near_the_goal_it_steers_to_the_goal_itself(route: Route) -> None:
+    route.advance(4.0, 0.0)
+    assert route.ahead(4.0, 2.7, 0.6) == [CORNER[1]]
+
+
+def test_behind_the_start_the_line_begins_at_the_start(route: Route) -> None:
+    point = route.ahead(-2.0, 0.0, 0.6)[0]
+    assert (point.x, point.y) == pytest.approx((0.6, 0.0))
+
+
+@given(routes, st.lists(st.tuples(metres, metres), max_size=12))
+def test_legs_never_go_back_and_the_goal_stays_last(
+    waypoints: list[Waypoint], places: list[tuple[float, float]]
+) -> None:
+    route = Route(waypoints)
+    legs = []
+    for x, y in places:
+        route.advance(x, y)
+        legs.append(route.leg)
+        assert route.ahead(x, y, 0.6)[-1] == waypoints[-1]
+        assert route.to_go(x, y) >= hypot(waypoints[-1].x - x, waypoints[-1].y - y) - 1e-9
+    assert legs == sorted(legs)
+    assert route.leg < len(waypoints)
