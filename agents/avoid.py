@@ -27,6 +27,9 @@ BACKWARDS = Outline(OUTLINE.rear, OUTLINE.front, OUTLINE.half_width)
 FLANKS = ((1.0, 0.0), (0.5, 0.2), (0.2, 0.5))
 """Shares of the flank that is kept beside the body, and what a tight fit costs, rad."""
 
+LOOKED_AWAY_S = 0.5
+"""Longer than this without a bid, and it does not know whether the robot stood still, s."""
+
 SMALL, LATCHED = radians(2), radians(15)
 
 NonNegative = Annotated[float, Meta(ge=0, le=10)]
@@ -101,6 +104,7 @@ class Avoid(Agent):
         self._side = 0.0  # +1 left, -1 right: latched while the same thing is dodged
         self._side_at: tuple[float, float] = (0.0, 0.0)
         self._moved_at = inf  # when the robot was last seen to move on its mission
+        self._looked_at = -inf  # when it last looked: nobody looks while the robot is stopped
         self._escape_until = -inf
 
     def on_trajectory(self, trajectory: Trajectory) -> None:
@@ -224,7 +228,9 @@ class Avoid(Agent):
         Whoever holds the wheels may see no way and command nothing, with nothing in *its* way.
         """
         moving = abs(state.v) > 0.02 or abs(state.w) > 0.05
-        if moving or self._route.to_go(pose.x, pose.y) < self.p.goal_m:
+        looked_away = self.now - self._looked_at > LOOKED_AWAY_S
+        self._looked_at = self.now
+        if moving or looked_away or self._route.to_go(pose.x, pose.y) < self.p.goal_m:
             self._moved_at = self.now
         elif self.now - self._moved_at > self.p.stuck_s:
             self._moved_at = self.now

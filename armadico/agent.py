@@ -129,6 +129,7 @@ class Agent:
         self.stop_latch = m.Stop()
         self.bids: deque[m.BidRecord] = deque(maxlen=BIDS_REMEMBERED)
         self._latest: dict[type[Message], Message] = {}
+        self._inputs = tuple(service_of(kind).key for kind in self.needs)
         self._handlers = {
             kind: self._handler(kind) for kind in (*self.subscriptions(), *self.answers)
         }
@@ -232,14 +233,13 @@ class Agent:
         """Take one message that it subscribed to."""
         self.now = now
         kind = type(message)
-        if kind is m.RobotState:
-            if not self._take_state(cast("m.RobotState", message)):
+        if isinstance(message, m.RobotState):
+            if not self._take_state(message):
                 return
-        elif kind is m.Claim:
-            claim = cast("m.Claim", message)
-            contender = self._contenders.get(claim.resource)
+        elif isinstance(message, m.Claim):
+            contender = self._contenders.get(message.resource)
             if contender is not None:
-                self._say(contender.hear(claim, now))
+                self._say(contender.hear(message, now))
         elif not self._acceptable(message):
             return
         self._latest[kind] = message
@@ -401,7 +401,7 @@ class Agent:
         return None
 
     def _record(self, resource: Resource, frame: m.Frame, bid: Bid | None) -> None:
-        inputs = tuple(service_of(kind).key for kind in self.needs)
+        inputs = self._inputs
         if bid is None:
             record = m.BidRecord(frame, resource.name, None, False, (), self.why, inputs)
         else:

@@ -82,14 +82,16 @@ class Blend:
     window: float  # t_f, frames
 
     def action(self, t: int, bid: Bid) -> Action:
-        """The mixed action; the winner's alone from t_f on, or where the weights sum to zero."""
-        if t >= self.window:
+        """The mixed action; the winner's alone from t_f on, or if it weighs nothing.
+
+        That is an offer (utility 0) while the exchange goes on, or weights that sum to zero. By
+        3.10 an offer would bring the loser's action back, of frames ago.
+        """
+        if t >= self.window or bid.utility <= 0.0:
             return bid.action
         delta_l = self.loser_utility * (self.window - t) / self.window
         delta_w = bid.utility * t / self.window
         total = delta_w + delta_l
-        if total <= 0.0:
-            return bid.action
         return tuple(
             (delta_w * won + delta_l * lost) / total
             for won, lost in zip(bid.action, self.loser, strict=True)

@@ -19,11 +19,12 @@ from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager, suppress
 from pathlib import Path
 from types import TracebackType
-from typing import IO, TYPE_CHECKING
+from typing import IO, TYPE_CHECKING, Self
 
 from armadico.agent import WARNING
 from armadico.client import Client
 from armadico.config.scenarios import Scenario
+from armadico.coordination import LISTEN
 from armadico.measures import WATCHED, Result, RunWatch
 from armadico.messages import Log, Message, MissionReply, Pose, RobotState
 from armadico.rehearsal import MissionRefusedError
@@ -115,7 +116,7 @@ class Launcher:
         self.client.listen(*WATCHED, then=self.watch.show)
         self.client.listen(Log, then=self._pass_on)
 
-    def __enter__(self) -> Launcher:
+    def __enter__(self) -> Self:
         return self
 
     def __exit__(
@@ -236,14 +237,16 @@ class Launcher:
             )
 
     def _wait_for_the_robot(self, port: str) -> None:
-        """Until it talks, and the encoder agent, if it takes part, knows where it is."""
+        """Until it talks and obeys, and the encoder agent, if it takes part, knows where it is."""
         kinds: list[type[Message]] = [RobotState]
         if any(member.name == "encoder" for member in self.members):
             kinds.append(Pose)
 
         def talks() -> bool:
             self._check_alive()
-            return all(self.client.age(kind) < 1.0 for kind in kinds)
+            state = self.client.latest(RobotState)
+            listens = state is None or state.frame.number <= LISTEN  # and refuses, meanwhile
+            return not listens and all(self.client.age(kind) < 1.0 for kind in kinds)
 
         if not self.client.wait_for(talks, ANSWER_S):
             raise RunFailedError(

@@ -16,6 +16,9 @@ from armadico.messages import Point
 EDGE = 0.02
 """rad by which a heading stays clear of what shuts it."""
 
+BEYOND = 1e-9
+"""rad past an edge: exactly on it, rounding would find it shut again, and give up."""
+
 
 def shut(points: Iterable[Point], half_width: float, reach: float) -> list[tuple[float, float]]:
     """The shut headings as (middle, half width), rad, for points within `reach` m of the axle."""
@@ -59,7 +62,7 @@ def _slide(closed: list[tuple[float, float]], wanted: float, sign: float) -> flo
         for middle, half in closed:
             off = wrap(heading - middle) * sign
             if -half < off < half:
-                pushed = max(pushed, abs(turned) + (half - off))
+                pushed = max(pushed, abs(turned) + (half - off) + BEYOND)
         if pushed <= abs(turned):
             return turned
         if pushed > pi:

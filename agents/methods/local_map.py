@@ -207,7 +207,7 @@ class LocalMap:
             if probability < s.forget:
                 del self._cells[key]
             else:
-                self._cells[key] = cell._replace(probability=probability)
+                self._cells[key] = _Cell(probability, cell.x, cell.y)
 
     def _fill(self, echo: Echo, distance: float) -> None:
         """Believe more in the cell at the ray's end.

@@ -35,6 +35,13 @@ class Outline(NamedTuple):
         dy = max(abs(y) - self.half_width, 0.0)
         return hypot(dx, dy)
 
+    def beside(self, x: float, y: float) -> float:
+        """How far the rectangle may grow, corners and all, until it has the point on its edge, m.
+
+        Negative inside. Off a corner this is less than the clearance.
+        """
+        return max(x - self.front, -self.rear - x, abs(y) - self.half_width)
+
 
 def free_path(
     points: Iterable[Point], v: float, w: float, outline: Outline, margin: float
@@ -92,7 +99,7 @@ def _contact(  # noqa: PLR0917 - all positional, it is called for every point
 ) -> float:
     """The angle of turning at which this point reaches the rectangle."""
     if box.clearance(p.x, p.y) <= 0.0:
-        room = outline.clearance(p.x, p.y) - 1e-3
+        room = outline.beside(p.x, p.y) - 1e-3
         if room <= 0.0:
             return 0.0
         box = outline.grown(room)

@@ -11,6 +11,7 @@ from contextlib import contextmanager
 from math import isfinite
 from pathlib import Path
 from typing import TYPE_CHECKING, Final
+from urllib.parse import urlsplit
 
 from armadico.cli import options
 from armadico.cli.options import FailedError, UsageError
@@ -22,6 +23,9 @@ if TYPE_CHECKING:
 
 LINE_S: Final = 2.0
 """How often a line is printed where there is no terminal, s of the run."""
+
+ROBOTS: Final = ("serial", "tcp")
+"""What the address of a robot begins with."""
 
 EXAMPLES: Final = """\
   armadico run sc4                             separate processes on this machine, with a picture
@@ -38,7 +42,7 @@ def main(argv: Sequence[str]) -> int:
     args = _parser().parse_args(argv)
     scenario = _scenario(args)
     seeds = _seeds(args, scenario)
-    for seed in seeds:
+    for seed in seeds if args.plot is not None else ():
         _check_picture(_picture(args, scenario, seed))
     results = []
     for seed in seeds:
@@ -100,6 +104,10 @@ def _scenario(args: argparse.Namespace) -> Scenario:
         raise UsageError(f"--runs {args.runs}: at least 1")
     if args.robot is not None and args.virtual:
         raise UsageError("--robot drives what is really there; --virtual has its own simulator")
+    if args.robot is not None and urlsplit(args.robot).scheme not in ROBOTS:
+        raise UsageError(
+            f"--robot {args.robot!r}: expected serial:///dev/ttyUSB0 or tcp://HOST:PORT, say"
+        )
     if args.seed is not None and not 0 <= args.seed < 2**63:
         raise UsageError(f"--seed {args.seed}: from 0 to 2^63 - 1")
     for flag, pose in (("--start", args.start), ("--goal", args.goal)):
@@ -179,7 +187,9 @@ def _live(args: argparse.Namespace, scenario: Scenario, chosen: Options) -> tupl
     from armadico.rehearsal import MissionRefusedError  # noqa: PLC0415
 
     mesh = options.join(args)
-    signal.signal(signal.SIGTERM, signal.default_int_handler)  # everything is taken down, too
+    for number in (signal.SIGTERM, signal.SIGHUP):  # as Ctrl-C: everything is taken down
+        if signal.getsignal(number) is signal.SIG_DFL:  # under nohup it is not
+            signal.signal(number, signal.default_int_handler)
     try:
         with mesh, Launcher(scenario, chosen, mesh, args.namespace) as launcher:
             _say(f"{scenario.name}: starting; each process logs to {launcher.logs}")
@@ -346,11 +356,12 @@ def _plot(path: Path, scenario: Scenario, watch: RunWatch, result: Result) -> No
             title=f"{scenario.title or scenario.name} (seed {result.seed})",
             caption=(_verdict(result),),
         )
+        path.parent.mkdir(parents=True, exist_ok=True)
         draw_run(load_world(scenario.world), run, path)
     except ImportError:
         _say("no picture: matplotlib is missing; pip install 'armadico[plot]'")
-    except OSError as error:
-        raise FailedError(f"cannot write the picture {path}: {error.strerror}") from None
+    except OSError as error:  # one that was asked for has been tried before the run
+        _say(f"no picture: cannot write {path}: {error.strerror}")
     else:
         _say(f"picture: {path}")
 

@@ -76,6 +76,7 @@ class Node:
         self.hung = False
         self.wake_due: float | None = None
         self.device: Device | None = None
+        self.there: set[str] = set()  # instances that it knows of
         self._mesh = mesh
 
     def kill(self) -> None:
@@ -223,17 +224,25 @@ class VirtualMesh:
             self.call_at(at, call, node, what)
 
     def _appear(self, node: Node, other: Node) -> None:
+        instance = other.agent.instance
+
         def deliver() -> None:
-            node.agent.appeared(other.name, other.agent.instance, self.now)
-            self._drain(node)
+            if instance not in node.there:
+                node.there.add(instance)
+                node.agent.appeared(other.name, instance, self.now)
+                self._drain(node)
 
         if other.alive:
             self._hand(node, deliver)
 
     def _gone(self, node: Node, other: Node) -> None:
+        instance = other.agent.instance
+
         def deliver() -> None:
-            node.agent.disappeared(other.name, other.agent.instance, self.now)
-            self._drain(node)
+            if instance in node.there:
+                node.there.remove(instance)
+                node.agent.disappeared(other.name, instance, self.now)
+                self._drain(node)
 
         self._hand(node, deliver)
 

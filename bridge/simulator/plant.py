@@ -20,6 +20,7 @@ from armadico.bridge.simulator.contact import SKIN_M, Contact, Motion, Outline, 
 from armadico.bridge.simulator.dynamics import Dynamics
 from armadico.bridge.simulator.encoders import Odometry
 from armadico.bridge.simulator.sonar import Sonars
+from armadico.bridge.simulator.speed_loops import truncated
 from armadico.bridge.simulator.walls import TOUCH_M, Wall, Walls
 from armadico.config.profile import RobotProfile, SensorProfile
 
@@ -164,16 +165,17 @@ class Plant:
     def step(self, left_v: float, right_v: float) -> None:
         """`step_s` seconds with these motor voltages (V), cut at what the battery has."""
         most = self.battery.volts
-        left_v = max(-most, min(most, left_v))
-        right_v = max(-most, min(most, right_v))
+        if not (-most <= left_v <= most and -most <= right_v <= most):
+            left_v, right_v = truncated(left_v, right_v, most)
         dynamics = self._dynamics
         v, w = dynamics.v, dynamics.w
         dynamics.accelerate(left_v, right_v)
         self._steps += 1
         self.blocked = False
         corner = self._corner_m
-        reach = max(abs(v) + corner * abs(w), abs(dynamics.v) + corner * abs(dynamics.w)) * STEP_S
-        v, w = 0.5 * (v + dynamics.v), 0.5 * (w + dynamics.w)
+        new_v, new_w = dynamics.v, dynamics.w
+        reach = max(abs(v) + corner * abs(w), abs(new_v) + corner * abs(new_w)) * STEP_S
+        v, w = 0.5 * (v + new_v), 0.5 * (w + new_w)
         self._margin -= reach
         if self._margin <= 0.0 or self._touching or self._sideways:
             v, w = self._near(reach, v, w)

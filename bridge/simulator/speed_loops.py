@@ -17,10 +17,9 @@ Approximation = Literal["S", "T"]
 
 def scaled(left_v: float, right_v: float, supply_v: float) -> tuple[float, float]:
     """The S-approximation: the same direction, no motor above the supply, V."""
-    most = max(abs(left_v), abs(right_v))
-    if most <= supply_v:
+    if -supply_v <= left_v <= supply_v and -supply_v <= right_v <= supply_v:
         return left_v, right_v
-    share = supply_v / most
+    share = supply_v / max(abs(left_v), abs(right_v))
     return left_v * share, right_v * share
 
 

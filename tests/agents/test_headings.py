@@ -30,7 +30,7 @@ def is_open(points: list[Point], heading: float) -> bool:
 
 
 def test_with_nothing_there_the_wanted_heading_is_open() -> None:
-    assert open_heading([], 0.7, HALF, REACH) == 0.7
+    assert open_heading([], 0.7, HALF, REACH) == pytest.approx(0.7)
 
 
 def test_a_point_shuts_what_would_bring_the_flank_against_it() -> None:
@@ -88,7 +88,7 @@ def test_what_is_found_is_open_and_nothing_nearer_is(
     tried = [k * pi / 180 for k in range(181)]
     signs = (1.0, -1.0) if side == 0.0 else (side,)
     if found is None:
-        assert not any(is_open(points, wanted + s * off - 0.0) for s in signs for off in tried[:-1])
+        assert not any(is_open(points, wanted + s * off) for s in signs for off in tried[:-1])
         return
     assert is_open(points, found)
     turn = abs(wrap(found - wanted))

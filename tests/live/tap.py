@@ -1,7 +1,7 @@
 """A serial line between the robot agent and the simulator that keeps what crosses it.
 
 The simulator's end stays open when the agent's goes: as on a serial line, nobody tells the
-controller that its client died, and its watchdog has to.
+controller that its client died, and its watchdog has to notice.
 """
 
 from __future__ import annotations
@@ -9,40 +9,32 @@ from __future__ import annotations
 import select
 import socket
 import threading
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 
 from armadico.bridge.p2os.commands import Cmd, Command, decode_command
 from armadico.bridge.p2os.packets import Decoder
-from armadico.bridge.p2os.status import MOVING, STATUS_TYPES
+from armadico.bridge.p2os.status import STATUS_TYPES
 
-POLL_S = 0.2
+POLL_S = 0.1
+CHUNK = 4096
 
 
 @dataclass(frozen=True)
 class Status:
-    """A status packet, and whether it says that the wheels turn."""
-
-    moving: bool
+    """A status packet."""
 
 
-@dataclass(frozen=True)
-class Sync:
-    """A handshake packet of the agent's."""
-
-    number: int
+Packet = Command | Status
 
 
-Packet = Command | Sync | Status
-
-
-@dataclass
 class Tap:
     """Listens, and passes on; `packets` is what crossed, both ways, in order."""
 
-    upstream: tuple[str, int]
-    packets: list[Packet] = field(default_factory=list)
-
-    def __post_init__(self) -> None:
+    def __init__(self, upstream: str) -> None:
+        """Lead to a simulator's URL."""
+        address, _, port = upstream.removeprefix("tcp://").rpartition(":")
+        self._upstream = (address, int(port))
+        self.packets: list[Packet] = []
         self._listener = socket.create_server(("127.0.0.1", 0))
         self._client: socket.socket | None = None
         self._robot: socket.socket | None = None
@@ -56,12 +48,23 @@ class Tap:
         """What the robot agent is to open."""
         return f"tcp://127.0.0.1:{self._listener.getsockname()[1]}"
 
+    @property
+    def port(self) -> int:
+        """Where the simulator listens."""
+        return self._upstream[1]
+
     def close(self) -> None:
+        """Hang up on both."""
         self._stopping.set()
         self._thread.join()
-        for end in (self._listener, self._client, self._robot):
-            if end is not None:
-                end.close()
+        self._hang_up()
+        self._listener.close()
+
+    def commands(self, since: int = 0) -> list[Command]:
+        """What the robot agent has said from a position in `packets` on."""
+        return [packet for packet in self.packets[since:] if isinstance(packet, Command)]
+
+    # The thread ----------------------------------------------------------------------------------
 
     def _run(self) -> None:
         while not self._stopping.is_set():
@@ -70,46 +73,77 @@ class Tap:
                 if end is self._listener:
                     self._accept()
                 elif end is self._client:
-                    self._from_client()
+                    self._from_client(end)
                 elif end is self._robot:
-                    self._from_robot()
+                    self._from_robot(end)
 
     def _accept(self) -> None:
         client, _ = self._listener.accept()
-        if self._robot is None:
-            try:
-                self._robot = socket.create_connection(self.upstream, 5.0)
-            except OSError:
-                client.close()
-                return
         if self._client is not None:
             self._client.close()
+        try:
+            self._robot = self._robot or socket.create_connection(self._upstream, 5.0)
+        except OSError:
+            client.close()
+            return
         self._client, self._said = client, Decoder()
 
-    def _from_client(self) -> None:
-        assert self._client is not None
-        data = _read(self._client)
+    def _from_client(self, client: socket.socket) -> None:
+        data = _read(client)
         if not data:
-            self._client.close()
+            client.close()
             self._client = None
             return
-        for payload in self._said.feed(data):
-            self.packets.append(
-                Sync(payload[0]) if len(payload) == 1 and payload[0] < 3 and not _pulse(self, payload)
-                else decode_command(payload)
-            )
+        self.packets += [decode_command(payload) for payload in self._said.feed(data)]
         _send(self._robot, data)
 
-    def _from_robot(self) -> None:
-        assert self._robot is not None
-        data = _read(self._robot)
+    def _from_robot(self, robot: socket.socket) -> None:
+        data = _read(robot)
         if not data:
-            for end in (self._robot, self._client):
-                if end is not None:
-                    end.close()
-            self._robot = self._client = None
+            self._hang_up()
             return
-        for payload in self._heard.feed(data):
-            if payload[0] in STATUS_TYPES:
-                self.packets.append(Status(payload[0] == MOVING))
+        heard = self._heard.feed(data)
+        self.packets += [Status() for payload in heard if payload[0] in STATUS_TYPES]
         _send(self._client, data)
+
+    def _hang_up(self) -> None:
+        for end in (self._client, self._robot):
+            if end is not None:
+                end.close()
+        self._client = self._robot = None
+
+
+def _read(end: socket.socket) -> bytes:
+    try:
+        return end.recv(CHUNK)
+    except OSError:
+        return b""
+
+
+def _send(end: socket.socket | None, data: bytes) -> None:
+    """Send, if anybody is there; the next read finds out who is not."""
+    try:
+        if end is not None:
+            end.sendall(data)
+    except OSError:
+        end = None
+
+
+def moves(command: Command) -> bool:
+    """Whether it asks the wheels to turn."""
+    return command.number in (Cmd.VEL, Cmd.RVEL) and command.value != 0
+
+
+def statuses_until_stop(packets: list[Packet]) -> int:
+    """Status packets between the last command to move and the first zero speed after it.
+
+    Raises ValueError if there was no command to move, or no zero speed since.
+    """
+    last = max(i for i, p in enumerate(packets) if isinstance(p, Command) and moves(p))
+    rest = packets[last + 1 :]
+    stop = next(
+        (i for i, p in enumerate(rest) if isinstance(p, Command) and p.number == Cmd.VEL), None
+    )
+    if stop is None:
+        raise ValueError("no stop was ordered")
+    return sum(isinstance(packet, Status) for packet in rest[:stop])

@@ -1,0 +1,268 @@
+"""Avoid, handed messages by hand: when it speaks, its zones, what is critical, how it gets out."""
+
+from __future__ import annotations
+
+from math import cos, degrees, hypot, radians, sin
+from typing import Any
+
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from armadico.agent import Identity
+from armadico.agents.avoid import Avoid, Parameters
+from armadico.agents.methods.safety import OUTLINE, Safety, stopping_distance
+from armadico.agents.methods.sweep import free_path
+from armadico.messages import Obstacles, Point, Stop, Trajectory
+from armadico.resources import WHEELS
+from tests.framework.stage import Stage, claims, commands, drive_to, wall
+
+FAR = drive_to((10.0, 0.0, 0.0))
+MARGIN = Safety().margin_m
+SPEEDS = [0.0, 0.3, 0.5, 0.75]
+
+
+def stage(trajectory: Trajectory | None = FAR, speed: float = 0.0, **parameters: Any) -> Stage:
+    made = Stage(Avoid(Identity("avoid-1"), Parameters(**parameters)))
+    made.state()
+    made.speed = (speed, 0.0)
+    if trajectory is not None:
+        made.hand(trajectory)
+    return made
+
+
+def before_a_wall(distance: float, speed: float, **parameters: Any) -> Stage:
+    """Something wide across the way, so far before the robot's front edge grown by its margin."""
+    made = stage(speed=speed, **parameters)
+    x = distance + OUTLINE.front + MARGIN
+    made.frame(points=wall(x, -0.4, 0.4))
+    return made
+
+
+def test_without_a_goal_it_says_nothing_whatever_is_in_the_way() -> None:
+    made = stage(None, 0.5)
+    assert made.frame(points=wall(0.4, -0.4, 0.4)) == []
+    assert made.bid().reason == "no goal"
+
+
+def test_with_nothing_in_the_way_it_is_silent() -> None:
+    made = stage(speed=0.5)
+    for points in ([], [Point(1.0, 0.6)], [Point(-0.4, 0.0)], wall(2.4, -1.0, 1.0)):
+        assert made.frame(points=points) == []
+        assert made.bid().reason == "nothing in the way"
+
+
+@pytest.mark.parametrize("speed", SPEEDS)
+def test_its_utility_is_the_free_way_between_the_zones_borders(speed: float) -> None:
+    stop, caution = Parameters().stop.border(speed), Parameters().caution.border(speed)
+    halfway = 0.5 * (stop + caution)
+    assert before_a_wall(caution + 0.01, speed).bid().utility is None
+    assert before_a_wall(halfway, speed).bid().utility == pytest.approx(0.5)
+    assert before_a_wall(0.99 * stop, speed).bid().utility == 1.0
+
+
+def test_the_zones_grow_with_the_speed() -> None:
+    zone = Parameters().danger
+    assert zone.border(0.0) == pytest.approx(0.20)
+    assert zone.border(0.5) == zone.border(-0.5) == pytest.approx(0.20 + 0.55 * 0.5)
+
+
+def test_nearer_it_drives_more_slowly_and_in_the_stop_zone_it_turns_on_the_spot() -> None:
+    far, near, at_hand = (before_a_wall(d, 0.3).bid() for d in (0.7, 0.45, 0.02))
+    assert far.reason.startswith("caution")
+    assert near.reason.startswith("caution")
+    assert at_hand.reason.startswith("stop")
+    assert far.wanted[0] > near.wanted[0] > at_hand.wanted[0] == 0.0
+    assert abs(at_hand.wanted[1]) > 0.5
+
+
+@pytest.mark.parametrize("speed", [0.2, 0.4, 0.75])
+def test_it_is_critical_exactly_from_where_it_could_not_stop_two_frames_later(
+    speed: float,
+) -> None:
+    last = stopping_distance(speed, Safety().decel) + 2 * 0.1 * speed
+    assert not before_a_wall(last + 0.01, speed).bid().critical
+    assert before_a_wall(last - 0.01, speed).bid().critical
+
+
+@given(st.floats(0.0, 1.5))
+def test_at_rest_nothing_is_critical(distance: float) -> None:
+    assert not before_a_wall(distance, 0.0).bid().critical
+
+
+def test_a_hand_over_takes_half_of_what_is_left_until_braking_at_most() -> None:
+    made = stage(speed=0.5)
+    made.frame(points=wall(0.9 + OUTLINE.front + MARGIN, -0.4, 0.4))
+    left = 0.9 - stopping_distance(0.5, Safety().decel)
+    bid = made.agent.bid_for(WHEELS, made.agent.latest(Obstacles))
+    assert bid is not None
+    assert bid.within == pytest.approx(0.5 * left / 0.5)
+
+
+def test_free_again_it_offers_the_wheels_and_then_lets_go() -> None:
+    made = stage(speed=0.3)
+    made.holding(points=wall(0.6, -0.4, 0.4))
+    said = made.frame()
+    assert [claim.utility for claim in claims(said)] == [0.0]
+    assert commands(said)[0].v > 0.0  # whoever takes over finds it rolling
+    for _ in range(4):
+        said += made.frame()
+    assert claims(said)[-1].utility is None
+    assert not made.agent.holds(WHEELS)
+    assert made.frame() == []
+
+
+def test_something_dodged_on_one_side_is_not_dodged_on_the_other_next() -> None:
+    made = stage(speed=0.2)
+    made.holding(points=wall(0.7, -0.30, 0.29))
+    first = made.bid().wanted[1]
+    made.frame(points=wall(0.7, -0.29, 0.30))
+    assert made.bid().wanted[1] * first > 0.0
+    fresh = stage(speed=0.2)
+    fresh.frame(points=wall(0.7, -0.29, 0.30))
+    assert fresh.bid().wanted[1] * first < 0.0  # which it would do by itself
+
+
+def test_shut_in_before_and_beside_it_backs_off() -> None:
+    beside = [Point(x / 20, y) for x in range(-4, 5) for y in (-0.18, 0.18)]
+    made = stage()
+    made.frame(points=[*wall(0.24, -0.15, 0.15, 0.05), *beside])
+    assert made.bid().wanted == (-Parameters().v_back, 0.0)
+
+
+def test_shut_in_all_round_it_stays() -> None:
+    beside = [Point(x / 20, y) for x in range(-6, 7) for y in (-0.18, 0.18)]
+    made = stage()
+    made.frame(points=[*wall(0.24, -0.15, 0.15, 0.05), *wall(-0.27, -0.15, 0.15, 0.05), *beside])
+    assert made.bid().wanted == (0.0, 0.0)
+
+
+def test_a_way_that_leads_far_aside_is_not_in_the_way_until_it_holds() -> None:
+    made = stage(drive_to((0.0, 10.0, 0.0)))
+    made.frame(points=[Point(0.0, 0.5), Point(-0.1, 0.5), Point(0.1, 0.5)])
+    assert made.bid().reason == "nothing in the way"
+
+
+places = st.builds(Point, st.floats(-1.0, 2.0), st.floats(-1.2, 1.2))
+
+
+@settings(deadline=None, max_examples=100)
+@given(st.lists(places, max_size=8), st.floats(0.0, 0.75), st.floats(-1.0, 1.0))
+def test_whatever_it_wants_it_can_stop_before_what_it_knows(
+    points: list[Point], speed: float, turning: float
+) -> None:
+    clear = [p for p in points if OUTLINE.clearance(p.x, p.y) > 0.03]
+    made = stage()
+    made.speed = (speed, turning)
+    made.frame(points=clear)
+    wanted = made.bid().wanted
+    if wanted and wanted[0] > 0.0:
+        free = free_path(clear, wanted[0], wanted[1], OUTLINE, 0.0)
+        assert stopping_distance(wanted[0], Safety().decel) <= free + 1e-9
+
+
+# Working itself free -----------------------------------------------------------------------------
+
+
+def test_a_robot_that_stands_still_far_from_its_goal_is_worked_free() -> None:
+    made = stage()
+    for _ in range(19):
+        made.frame()
+    assert made.bid().utility is None
+    for _ in range(4):
+        made.frame()
+    assert made.bid().utility == 1.0
+
+
+def test_a_robot_at_its_goal_may_stand_still() -> None:
+    made = stage(drive_to((0.3, 0.0, 0.0)))
+    for _ in range(60):
+        made.frame()
+    assert {bid.utility for bid in made.agent.bids} == {None}
+
+
+def test_a_robot_that_was_stopped_has_not_been_stuck() -> None:
+    made = stage()
+    for _ in range(5):
+        made.frame()
+    for _ in range(50):
+        made.frame(Stop(1, True, "somebody"))
+    for _ in range(10):
+        made.frame(Stop(2, False, "somebody"))
+    assert made.bid().utility is None
+
+
+# The thesis's rules ------------------------------------------------------------------------------
+
+
+def literal(point: Point, speed: float = 0.5, **parameters: Any) -> Stage:
+    made = stage(speed=speed, rules="thesis", **parameters)
+    made.frame(points=[point])
+    return made
+
+
+def at(distance: float, bearing_deg: float) -> Point:
+    """A point so far from being touched by the circle round the robot, in that direction."""
+    away = distance + Parameters().half_diagonal_m
+    return Point(away * cos(radians(bearing_deg)), away * sin(radians(bearing_deg)))
+
+
+def test_by_3_8_the_utility_is_the_lesser_of_heading_and_distance() -> None:
+    zones = Parameters()
+    stop, caution = zones.stop.border(0.5), zones.caution.border(0.5)
+    near, far = 0.5 * stop, 0.5 * (stop + caution)
+    assert literal(at(near, 39)).bid().utility == 1.0
+    assert literal(at(near, 80)).bid().utility == pytest.approx(0.5)  # p_h
+    assert literal(at(near, -100)).bid().utility == pytest.approx(0.25)
+    assert literal(at(far, 0)).bid().utility == pytest.approx(0.5)  # p_d
+    assert literal(at(far, 100)).bid().utility == pytest.approx(0.25)
+    assert literal(at(near, 121)).bid().utility is None
+    assert literal(at(caution + 0.01, 0)).bid().utility is None
+
+
+def test_the_closest_and_the_closest_in_front_both_count() -> None:
+    made = stage(speed=0.5, rules="thesis")
+    made.frame(points=[at(0.05, 110), at(0.3, 10)])
+    zones = Parameters()
+    borders = zones.stop.border(0.5), zones.caution.border(0.5)
+    expected = (borders[1] - 0.3) / (borders[1] - borders[0])
+    assert made.bid().utility == pytest.approx(expected)
+
+
+def test_in_the_stop_zone_it_stands_and_turns_away() -> None:
+    for bearing, turn in ((20, -1), (-20, 1)):
+        v, w = literal(at(0.05, bearing)).bid().wanted
+        assert v == 0.0
+        assert w == pytest.approx(turn * Parameters().w_stop)
+
+
+def test_in_the_danger_zone_it_slows_and_steers_the_obstacle_abeam() -> None:
+    zones = Parameters()
+    middle = 0.5 * (zones.stop.border(0.5) + zones.danger.border(0.5))
+    v, w = literal(at(middle, 20)).bid().wanted
+    assert zones.v_danger < v < zones.v_caution
+    assert w == pytest.approx(-min(zones.w_max, zones.turn_gain * (zones.abeam - radians(20))))
+    abeam = literal(at(middle, degrees(zones.abeam) - 0.01)).bid()
+    assert abeam.wanted[1] == pytest.approx(0.0, abs=0.01)
+
+
+def test_in_the_caution_zone_it_only_slows() -> None:
+    zones = Parameters()
+    border = zones.caution.border(0.5)
+    v, w = literal(at(0.9 * border, 5)).bid().wanted
+    assert zones.v_caution < v < zones.v_top
+    assert w == 0.0
+
+
+@pytest.mark.parametrize("distance", [0.25, 0.4, 0.6, 0.9])
+def test_a_scenarios_speed_limit_holds_in_every_zone(distance: float) -> None:
+    assert literal(at(distance, 5), v_max=0.3).bid().wanted[0] <= 0.3 + 1e-9
+
+
+def test_the_thesis_has_no_critical_bids_and_hands_over_by_the_time_to_collision() -> None:
+    made = literal(at(0.2, 0))
+    bid = made.agent.bid_for(WHEELS, made.agent.latest(Obstacles))
+    assert bid is not None
+    assert not bid.critical
+    assert bid.within == pytest.approx(0.2 / 0.5)
+    assert hypot(*bid.action) > 0.0

@@ -1,0 +1,152 @@
+"""Gothrough, handed messages by hand: equation 3.7, the middle, and when it abstains."""
+
+from __future__ import annotations
+
+from math import radians
+from typing import Any
+
+import pytest
+
+from armadico.agent import Identity
+from armadico.agents.gothrough import Gothrough, Parameters
+from armadico.agents.methods.safety import Safety, stopping_distance
+from armadico.messages import Point, Trajectory
+from armadico.resources import WHEELS
+from tests.framework.stage import Stage, claims, commands, drive_to, wall
+
+AHEAD = drive_to((8.0, 0.0, 0.0))
+
+
+def stage(trajectory: Trajectory | None = AHEAD, **parameters: Any) -> Stage:
+    made = Stage(Gothrough(Identity("gothrough-1"), Parameters(**parameters)))
+    made.state()
+    if trajectory is not None:
+        made.hand(trajectory)
+    return made
+
+
+def between(half: float, middle: float = 0.0) -> list[Point]:
+    """A thing on each side, so far from the middle of the way."""
+    return [Point(0.1, middle + half), Point(0.1, middle - half)]
+
+
+@pytest.mark.parametrize(
+    ("half", "utility"),
+    [(0.3, 1.0), (0.5, 1.0), (0.85, 0.5), (1.06, 0.2), (1.19, pytest.approx(0.0, abs=0.02))],
+)
+def test_its_utility_is_3_7_of_half_the_distance_between_the_sides(
+    half: float, utility: float
+) -> None:
+    made = stage()
+    made.frame(points=between(half))
+    assert made.bid().utility == pytest.approx(utility)
+
+
+def test_it_says_nothing_without_a_goal_nor_where_it_is_not_narrow() -> None:
+    for made, points, why in (
+        (stage(None), between(0.4), "no goal"),
+        (stage(), [], "not between two things"),
+        (stage(), [Point(0.1, 0.4)], "not between two things"),
+        (stage(), between(1.21), "not narrow"),
+    ):
+        assert made.frame(points=points) == []
+        assert made.bid().reason == why
+
+
+def test_it_steers_to_the_middle() -> None:
+    turns = []
+    for middle in (0.15, 0.0, -0.15):
+        made = stage()
+        made.frame(points=between(0.5, middle))
+        turns.append(made.bid().wanted[1])
+    assert turns[0] > 0.1
+    assert turns[1] == pytest.approx(0.0, abs=1e-9)
+    assert turns[2] == pytest.approx(-turns[0])
+
+
+def test_the_point_it_drives_to_lies_on_the_axis_half_way_to_the_goal() -> None:
+    agent = stage().agent
+    assert isinstance(agent, Gothrough)
+    target = agent._target(Point(0.1, 0.6), Point(0.1, -0.4), Point(1.1, 0.3))
+    # The middle is (0.1, 0.1), the axis x; half the way to the goal is 0.5 m along it (3.5.3).
+    assert (target.x, target.y) == pytest.approx((0.6, 0.1))
+    slanted = agent._target(Point(0.4, 0.4), Point(-0.4, -0.4), Point(2.0, -2.0))
+    assert (slanted.x, slanted.y) == pytest.approx((0.5**0.5, -(0.5**0.5)))  # at most 1 m along
+
+
+def test_it_abstains_where_the_front_is_not_clear() -> None:
+    made = stage()
+    made.frame(points=[*between(0.5), *wall(0.8, -0.3, 0.3)])
+    assert made.bid().utility is None
+    assert made.bid().reason == "only 0.53 m of free way"
+    by_the_book = stage(rules="thesis")
+    by_the_book.frame(points=[*between(0.5), *wall(0.8, -0.3, 0.3)])
+    assert by_the_book.bid().utility == 1.0
+
+
+def test_it_abstains_where_the_trajectory_leads_elsewhere() -> None:
+    aside = drive_to((0.0, 8.0, 1.57))
+    made = stage(aside)
+    made.frame(points=between(0.5))
+    assert made.bid().reason == "the trajectory leads elsewhere"
+    by_the_book = stage(aside, rules="thesis")
+    by_the_book.frame(points=between(0.5))
+    assert by_the_book.bid().utility == 1.0
+
+
+def test_it_abstains_near_the_final_goal_but_not_near_a_waypoint() -> None:
+    near = stage(drive_to((0.7, 0.0, 0.0)))
+    near.frame(points=between(0.5))
+    assert near.bid().reason == "the goal is near"
+    passing = stage(drive_to((0.7, 0.0, 0.0), (8.0, 0.0, 0.0)))
+    passing.frame(points=between(0.5))
+    assert passing.bid().utility == 1.0
+    by_the_book = stage(drive_to((0.7, 0.0, 0.0)), rules="thesis")
+    by_the_book.frame(points=between(0.5))
+    assert by_the_book.bid().utility == 1.0
+
+
+def test_it_abstains_where_the_middle_is_not_ahead() -> None:
+    made = stage()
+    made.pose = (0.0, 0.0, radians(40))
+    made.frame(points=[Point(-0.1, 0.9), Point(0.1, -0.2)])
+    assert made.bid().utility is None
+
+
+def test_leaving_the_narrow_place_it_offers_the_wheels_while_they_turn() -> None:
+    made = stage()
+    made.holding(points=between(0.5))
+    wanted = made.bid().wanted
+    said = made.frame()
+    assert [claim.utility for claim in claims(said)] == [0.0]
+    assert made.bid().wanted == wanted
+    assert (commands(said)[0].v, commands(said)[0].w) == wanted
+    for _ in range(4):
+        said += made.frame()
+    assert claims(said)[-1].utility is None
+    assert not made.agent.holds(WHEELS)
+
+
+def test_what_it_offers_it_could_still_stop() -> None:
+    made = stage()
+    made.holding(points=between(0.5))
+    said = made.frame(points=[*between(0.5), *wall(0.4, -0.3, 0.3)])
+    assert [claim.utility for claim in claims(said)] == [0.0]
+    v = commands(said)[0].v
+    assert stopping_distance(v, Safety().decel) <= 0.4 - 0.21
+    assert v < 0.3
+
+
+def test_a_scenarios_speed_limit_holds() -> None:
+    made = stage(v_max=0.2)
+    made.frame(points=between(0.5))
+    assert made.bid().wanted[0] == pytest.approx(0.2)
+
+
+def test_an_ended_mission_ends_its_bids() -> None:
+    made = stage()
+    made.holding(points=between(0.5))
+    made.hand(Trajectory(1, ()))
+    said = made.frame(points=between(0.5))
+    assert [claim.utility for claim in claims(said)] == [None]
+    assert made.frame(points=between(0.5)) == []

@@ -1,0 +1,141 @@
+"""Goto, handed messages by hand: its utility, its way, and that it can always stop."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import pytest
+from hypothesis import assume, given, settings
+from hypothesis import strategies as st
+
+from armadico.agent import Identity
+from armadico.agents.goto import Goto, Parameters
+from armadico.agents.methods.safety import OUTLINE, stopping_distance
+from armadico.agents.methods.sweep import free_path
+from armadico.messages import Point, Trajectory
+from tests.framework.stage import Stage, commands, drive_to, wall
+
+ROUND_A_CORNER = drive_to((4.0, 0.0, 0.0), (4.0, 3.0, 1.57))
+
+
+def stage(trajectory: Trajectory | None = ROUND_A_CORNER, **parameters: Any) -> Stage:
+    made = Stage(Goto(Identity("goto-1"), Parameters(**parameters)))
+    made.state()
+    if trajectory is not None:
+        made.hand(trajectory)
+    return made
+
+
+def utility_at(made: Stage, x: float, y: float) -> float | None:
+    made.pose = (x, y, 0.0)
+    made.frame()
+    return made.bid().utility
+
+
+def test_without_a_goal_it_says_nothing() -> None:
+    made = stage(None)
+    assert made.frame() == []
+    assert made.bid().reason == "no goal"
+
+
+def test_an_ended_mission_ends_its_bids() -> None:
+    made = stage()
+    made.holding()
+    made.hand(Trajectory(1, ()))
+    said = made.frame()
+    assert [(c.v, c.w) for c in commands(said)] == [(0.0, 0.0)]
+    assert made.frame() == []
+
+
+def test_its_utility_rises_near_the_final_goal_only() -> None:
+    made = stage()
+    assert utility_at(made, 0.0, 0.0) == 0.6
+    assert utility_at(made, 3.9, 0.0) == 0.6  # 0.1 m from a waypoint
+    assert utility_at(made, 4.0, 2.4) == 0.6
+    assert utility_at(made, 4.0, 2.675) == pytest.approx(0.8)
+    assert utility_at(made, 4.0, 2.9) == 1.0
+
+
+def test_near_the_goal_but_with_waypoints_left_it_does_not_rise() -> None:
+    there_and_back = drive_to((4.0, 0.0, 0.0), (0.0, 0.0, 3.14))
+    assert utility_at(stage(there_and_back), 0.05, 0.0) == 0.6
+
+
+def test_by_the_thesis_its_utility_rises_near_each_waypoint() -> None:
+    made = stage(rules="thesis")
+    assert utility_at(made, 3.0, 0.0) == 0.6
+    assert utility_at(made, 3.675, 0.0) == pytest.approx(-1.14 * 0.325 + 1.1714, abs=2e-3)
+    assert utility_at(made, 3.8, 0.0) == 0.6  # passed: the next one counts
+    assert utility_at(made, 4.0, 2.9) == 1.0
+
+
+def test_it_drives_along_the_line_and_turns_towards_it() -> None:
+    made = stage()
+    made.pose = (1.0, 0.3, 0.0)
+    for _ in range(10):
+        made.frame()
+    command = commands(made.said)[-1]
+    assert command.v > 0.2
+    assert command.w < -0.05
+
+
+def test_its_ramps_start_from_what_the_robot_does() -> None:
+    made = stage()
+    made.speed = (0.5, 0.0)
+    made.frame()
+    assert made.bid().wanted[0] == pytest.approx(0.53)  # 0.3 m/s2 for a frame
+
+
+def test_a_scenarios_speed_limit_holds() -> None:
+    made = stage(v_max=0.4)
+    for _ in range(40):
+        made.frame()
+    assert max(c.v for c in commands(made.said)) == pytest.approx(0.4)
+
+
+@pytest.mark.parametrize("mode", ["fast", "precise", "collaborative"])
+def test_at_the_goal_it_commands_rest(mode: str) -> None:
+    made = stage(drive_to((2.0, 0.0, 0.0)), controller=mode)
+    made.pose = (2.0, 0.0, 0.0)
+    assert (commands(made.holding())[-1].v, commands(made.said)[-1].w) == (0.0, 0.0)
+
+
+def test_the_same_mission_said_again_changes_nothing_a_new_one_does() -> None:
+    made = stage()
+    assert utility_at(made, 4.0, 0.1) == 0.6  # the corner is passed
+    made.hand(ROUND_A_CORNER)
+    assert utility_at(made, 4.0, 2.9) == 1.0
+    made.hand(drive_to((9.0, 9.0, 0.0), mission=2))
+    assert utility_at(made, 4.0, 2.9) == 0.6
+
+
+def test_who_comes_late_goes_on_where_the_run_is() -> None:
+    late = Trajectory(1, ROUND_A_CORNER.waypoints, Point(0.0, 0.0), 1)
+    assert utility_at(stage(late), 4.0, 2.9) == 1.0
+
+
+places = st.builds(Point, st.floats(-0.6, 2.0), st.floats(-1.0, 1.0))
+
+
+@settings(deadline=None, max_examples=80)
+@given(st.lists(places, max_size=6), st.floats(-1.2, 1.2), st.floats(0.0, 0.75))
+def test_it_never_commands_more_than_it_can_stop_from_before_a_remembered_point(
+    points: list[Point], heading: float, speed: float
+) -> None:
+    assume(all(OUTLINE.clearance(p.x, p.y) > 0.03 for p in points))
+    made = stage()
+    made.pose, made.speed = (1.0, 0.0, heading), (speed, 0.0)
+    made.frame(points=points)
+    v, w = made.bid().wanted
+    free = free_path(points, v, w, OUTLINE, 0.0)
+    assert stopping_distance(v, Parameters().safety.decel) <= free + 1e-9
+
+
+def test_it_stops_before_a_wall_across_its_way_but_by_the_thesis_drives_on() -> None:
+    near = wall(0.3, -0.5, 0.5)
+    safe, thesis = stage(), stage(rules="thesis")
+    for made in (safe, thesis):
+        made.speed = (0.3, 0.0)
+        made.frame(points=near)
+    assert safe.bid().wanted[0] == pytest.approx(0.06, abs=0.05)
+    assert thesis.bid().wanted[0] > 0.3

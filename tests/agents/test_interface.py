@@ -1,0 +1,245 @@
+"""The interface agent: missions taken on or refused before anything moves; reached is at rest."""
+
+from __future__ import annotations
+
+import pytest
+
+from armadico.agent import Answer, AskFor, Identity, Publish, Question
+from armadico.agents.interface import Interface, Parameters
+from armadico.messages import (
+    Frame,
+    MissionReply,
+    MissionRequest,
+    MissionState,
+    MissionStatus,
+    Plan,
+    PlanRequest,
+    Point,
+    Pose,
+    RobotState,
+    Trajectory,
+    Waypoint,
+)
+
+GOAL = Waypoint(3.0, 0.0, 0.0)
+DOOR = Waypoint(1.0, 0.0, 0.0)
+PLAN = Plan((DOOR, GOAL), 3.2, 40.0)
+AT_REST, ROLLING = (0.0, 0.0), (0.1, 0.0)
+
+
+class Desk:
+    """An interface agent, and whoever asks it for something."""
+
+    def __init__(self) -> None:
+        self.agent = Interface(Identity("interface-1"))
+        self.agent.start(0.0)
+        self.number = 0
+        self.questions = 0
+        self.said: list[object] = []
+        self.asked: list[AskFor] = []
+        self.replies: dict[int, MissionReply] = {}
+
+    @property
+    def now(self) -> float:
+        return self.agent.now
+
+    def take(self) -> None:
+        for item in self.agent.outbox:
+            if isinstance(item, Publish):
+                self.said.append(item.message)
+            elif isinstance(item, AskFor):
+                self.asked.append(item)
+            elif isinstance(item, Answer):
+                assert isinstance(item.message, MissionReply)
+                self.replies[item.id] = item.message
+        self.agent.outbox.clear()
+
+    def at(
+        self, x: float, y: float = 0.0, theta: float = 0.0, speed: tuple[float, float] = AT_REST
+    ) -> None:
+        """A frame later the robot is there."""
+        self.number += 1
+        now, frame = self.now + 0.1, Frame(1, self.number)
+        self.agent.receive(RobotState(frame, 0, 0, 0, *speed, 12, True, False), now)
+        self.agent.receive(Pose(frame, x, y, theta), now)
+        self.wake()
+
+    def wake(self) -> None:
+        due = self.agent.wakeup
+        if due is not None and self.now >= due:
+            self.agent.wake(self.now)
+        self.take()
+
+    def request(self, request: MissionRequest) -> int:
+        self.questions += 1
+        self.agent.asked(Question(self.questions, request), self.now)
+        self.take()
+        return self.questions
+
+    def planned(self, plan: Plan | None) -> None:
+        self.agent.replied(self.asked[-1].id, plan, self.now)
+        self.take()
+
+    def trajectories(self) -> list[Trajectory]:
+        return [message for message in self.said if isinstance(message, Trajectory)]
+
+    def status(self) -> MissionStatus:
+        found = [message for message in self.said if isinstance(message, MissionStatus)]
+        return found[-1]
+
+
+@pytest.fixture
+def desk() -> Desk:
+    """The robot stands at the origin."""
+    desk = Desk()
+    desk.at(0.0)
+    return desk
+
+
+@pytest.fixture
+def driving(desk: Desk) -> Desk:
+    """On its way over the door to the goal."""
+    desk.request(MissionRequest(GOAL, (DOOR,), planned=False))
+    return desk
+
+
+def test_a_mission_is_refused_when_nobody_knows_where_the_robot_is() -> None:
+    desk = Desk()
+    asked = desk.request(MissionRequest(GOAL))
+    assert "no fresh encoder/pose" in desk.replies[asked].refusal
+    assert desk.asked == []
+
+
+def test_an_old_pose_will_not_do(desk: Desk) -> None:
+    for number in range(2, 7):
+        frame = Frame(1, number)
+        desk.agent.receive(RobotState(frame, 0, 0, 0, 0, 0, 12, True, False), number / 10)
+    assert "no fresh encoder/pose" in desk.replies[desk.request(MissionRequest(GOAL))].refusal
+
+
+def test_over_given_waypoints_it_begins_at_once(desk: Desk) -> None:
+    asked = desk.request(MissionRequest(GOAL, (DOOR,), planned=False))
+    reply = desk.replies[asked]
+    assert (reply.refusal, reply.waypoints) == ("", (DOOR, GOAL))
+    assert reply.length == pytest.approx(3.0)
+    assert desk.trajectories()[-1] == Trajectory(reply.mission, (DOOR, GOAL), Point(0.0, 0.0), 0)
+    assert desk.asked == []
+
+
+def test_a_planned_mission_begins_with_the_plan(desk: Desk) -> None:
+    asked = desk.request(MissionRequest(GOAL))
+    assert desk.asked[-1].request == PlanRequest(Waypoint(0.0, 0.0, 0.0), GOAL)
+    assert desk.asked[-1].timeout == Parameters().planning_s
+    assert desk.replies == {}
+    desk.planned(PLAN)
+    reply = desk.replies[asked]
+    assert (reply.waypoints, reply.length) == ((DOOR, GOAL), 3.2)
+    assert desk.trajectories()[-1].waypoints == (DOOR, GOAL)
+
+
+@pytest.mark.parametrize(
+    ("plan", "why"),
+    [
+        (Plan((), refusal="the goal is inside a wall"), "the goal is inside a wall"),
+        (None, "nobody plans"),
+    ],
+)
+def test_a_refusal_is_passed_on_and_nothing_moves(desk: Desk, plan: Plan | None, why: str) -> None:
+    asked = desk.request(MissionRequest(GOAL))
+    desk.planned(plan)
+    assert why in desk.replies[asked].refusal
+    assert not any(trajectory.waypoints for trajectory in desk.trajectories())
+    for _ in range(12):
+        desk.at(0.0)
+    assert desk.status().state is MissionState.NONE
+
+
+def test_a_refused_mission_leaves_the_one_that_is_driven_as_it_was(driving: Desk) -> None:
+    before = driving.trajectories()[-1]
+    driving.request(MissionRequest(Waypoint(99.0, 0.0, 0.0)))
+    driving.planned(Plan((), refusal="off the world"))
+    for _ in range(12):
+        driving.at(0.5)
+    assert driving.status().state is MissionState.DRIVING
+    assert driving.trajectories()[-1].mission == before.mission
+    assert driving.trajectories()[-1].waypoints == before.waypoints
+
+
+def test_another_mission_takes_the_place_of_the_one_before(driving: Desk) -> None:
+    first = driving.trajectories()[-1]
+    driving.request(MissionRequest(DOOR, planned=False))
+    second = driving.trajectories()[-1]
+    assert second.mission != first.mission
+    assert second.waypoints == (DOOR,)
+
+
+def test_progress_is_reported_along_the_waypoints(driving: Desk) -> None:
+    driving.at(0.5)
+    driving.at(0.5)
+    status = driving.status()
+    assert (status.state, status.leg) == (MissionState.DRIVING, 0)
+    assert status.to_go == pytest.approx(2.5)
+    driving.at(1.1)
+    driving.at(1.1)
+    assert driving.status().leg == 1
+    assert driving.status().to_go == pytest.approx(1.9)
+
+
+@pytest.mark.parametrize(
+    ("pose", "speed", "state"),
+    [
+        ((3.0, 0.0, 0.0), AT_REST, MissionState.REACHED),
+        ((2.9, 0.05, 0.06), AT_REST, MissionState.REACHED),
+        ((3.0, 0.0, 0.0), ROLLING, MissionState.DRIVING),
+        ((3.0, 0.0, 0.0), (0.0, 0.1), MissionState.DRIVING),
+        ((2.85, 0.0, 0.0), AT_REST, MissionState.DRIVING),
+        ((3.0, 0.0, 0.1), AT_REST, MissionState.DRIVING),
+        ((3.0, 0.0, 6.25), AT_REST, MissionState.REACHED),
+    ],
+)
+def test_reached_is_near_turned_and_at_rest(
+    driving: Desk, pose: tuple[float, float, float], speed: tuple[float, float], state: MissionState
+) -> None:
+    driving.at(1.0)
+    driving.at(*pose, speed=speed)
+    driving.at(*pose, speed=speed)
+    assert driving.status().state is state
+
+
+def test_the_goal_passed_on_the_way_is_not_yet_reached(desk: Desk) -> None:
+    home = Waypoint(0.0, 0.0, 0.0)
+    desk.request(MissionRequest(home, (GOAL,), planned=False))
+    desk.at(0.0)
+    desk.at(0.0)
+    assert desk.status().state is MissionState.DRIVING
+
+
+def test_once_reached_there_is_no_trajectory_any_more(driving: Desk) -> None:
+    mission = driving.trajectories()[-1].mission
+    driving.at(1.0)
+    driving.at(3.0)
+    assert driving.trajectories()[-1] == Trajectory(mission, (), Point(0.0, 0.0), 1)
+    said = len(driving.trajectories())
+    for _ in range(30):
+        driving.at(3.0)
+    assert all(not t.waypoints for t in driving.trajectories()[said:])
+    assert driving.status().state is MissionState.REACHED
+
+
+def test_the_trajectory_is_said_again_each_second_with_the_leg_for_latecomers(
+    driving: Desk,
+) -> None:
+    said = len(driving.trajectories())
+    for _ in range(31):
+        driving.at(1.2)
+    repeated = driving.trajectories()[said:]
+    assert len(repeated) == 3
+    assert {(t.waypoints, t.start, t.leg) for t in repeated} == {((DOOR, GOAL), Point(0.0, 0.0), 1)}
+
+
+def test_with_no_mission_it_says_so_each_second(desk: Desk) -> None:
+    for _ in range(25):
+        desk.at(0.0)
+    assert desk.status().state is MissionState.NONE
+    assert desk.trajectories()
+    assert all(t == Trajectory(0, ()) for t in desk.trajectories())

@@ -1,0 +1,141 @@
+"""The sonar agent: a frame's echoes become a frame's obstacles, near ones in front as arcs."""
+
+from __future__ import annotations
+
+from math import cos, hypot, pi, radians, sin
+
+import pytest
+
+from armadico.agent import Identity, Publish
+from armadico.agents.sonar import Parameters, SonarAgent
+from armadico.messages import Echo, Frame, Obstacles, Point, RobotState, Sonar
+
+AHEAD = radians(10.0)  # where a sonar looks; those of a Pioneer look at 10, 30, 50 and 90 degrees
+
+
+class Ring:
+    """A robot whose sonars say what they are told to."""
+
+    def __init__(self, parameters: Parameters | None = None) -> None:
+        self.agent = SonarAgent(Identity("sonar-1"), parameters)
+        self.epoch, self.number, self.now = 1, 0, 0.0
+
+    def ping(
+        self,
+        *echoes: tuple[float, float | None],
+        odometry: tuple[float, float, float] = (0.0, 0.0, 0.0),
+        stalled: bool = False,
+    ) -> Obstacles:
+        """One frame: bearings (rad) and ranges (m) from the middle of the robot."""
+        self.number += 1
+        self.now += 0.1
+        frame = Frame(self.epoch, self.number)
+        state = RobotState(frame, *odometry, 0, 0, 12, True, stalled)
+        self.agent.receive(state, self.now)
+        heard = tuple(Echo(0.0, 0.0, bearing, distance) for bearing, distance in echoes)
+        self.agent.receive(Sonar(frame, 5.0, heard), self.now)
+        out, self.agent.outbox = self.agent.outbox, []
+        said = [o.message for o in out if isinstance(o, Publish)]
+        (found,) = (message for message in said if isinstance(message, Obstacles))
+        assert found.frame == frame
+        return found
+
+    def twice(self, *echoes: tuple[float, float | None]) -> Obstacles:
+        """What is heard twice is believed."""
+        self.ping(*echoes)
+        return self.ping(*echoes)
+
+
+@pytest.fixture
+def ring() -> Ring:
+    return Ring()
+
+
+def polar(distance: float, bearing: float) -> Point:
+    return Point(distance * cos(bearing), distance * sin(bearing))
+
+
+def test_with_no_echo_there_is_nothing(ring: Ring) -> None:
+    found = ring.ping((AHEAD, None))
+    assert (found.closest, found.front, found.left, found.right) == (None,) * 4
+    assert found.points == ()
+
+
+def test_a_frames_echoes_are_in_that_frames_obstacles(ring: Ring) -> None:
+    found = ring.ping((AHEAD, 1.0))
+    assert found.front == found.closest
+    assert found.front is not None
+    assert (found.front.x, found.front.y) == pytest.approx((cos(AHEAD), sin(AHEAD)))
+
+
+def test_the_closest_points_of_all_of_front_and_of_each_side(ring: Ring) -> None:
+    found = ring.twice((AHEAD, 1.5), (radians(90), 0.8), (radians(-90), 1.2), (radians(50), 2.0))
+    for point, distance, bearing in (
+        (found.closest, 0.8, 90),
+        (found.front, 1.5, 10),
+        (found.left, 0.8, 90),
+        (found.right, 1.2, -90),
+    ):
+        assert point is not None
+        expected = polar(distance, radians(bearing))
+        assert (point.x, point.y) == pytest.approx((expected.x, expected.y))
+
+
+def test_what_is_near_and_in_front_is_an_arc_of_three(ring: Ring) -> None:
+    found = ring.twice((AHEAD, 1.0))
+    arc = Parameters().arc_rad
+    expected = [polar(1.0, AHEAD + off) for off in (0.0, arc, -arc)]
+    got = sorted((p.x, p.y) for p in found.points)
+    assert got == [pytest.approx(e) for e in sorted((p.x, p.y) for p in expected)]
+
+
+@pytest.mark.parametrize(
+    ("bearing", "distance"), [(AHEAD, 0.24), (AHEAD, 1.7), (radians(50), 1.0), (radians(90), 1.0)]
+)
+def test_far_off_beside_or_at_hand_it_is_a_point(
+    ring: Ring, bearing: float, distance: float
+) -> None:
+    assert len(ring.twice((bearing, distance)).points) == 1
+
+
+def test_the_map_moves_with_the_robot(ring: Ring) -> None:
+    ring.ping((AHEAD, 1.0))
+    found = ring.ping(odometry=(0.3, 0.0, 0.0))
+    assert found.closest is not None
+    assert (found.closest.x, found.closest.y) == pytest.approx((cos(AHEAD) - 0.3, sin(AHEAD)))
+    turned = ring.ping(odometry=(0.3, 0.0, pi / 2))
+    assert turned.closest is not None
+    assert (turned.closest.x, turned.closest.y) == pytest.approx((sin(AHEAD), 0.3 - cos(AHEAD)))
+
+
+def test_odometry_that_begins_anew_does_not_move_the_map(ring: Ring) -> None:
+    before = ring.ping((AHEAD, 1.0), odometry=(7.0, 2.0, 1.0))
+    ring.epoch, ring.number = 2, 0
+    after = ring.ping(odometry=(0.0, 0.0, 0.0))
+    assert before.closest is not None
+    assert after.closest is not None
+    assert hypot(after.closest.x - before.closest.x, after.closest.y - before.closest.y) < 1e-9
+
+
+def test_an_echo_of_another_frame_is_not_taken(ring: Ring) -> None:
+    ring.ping((AHEAD, None))
+    ring.agent.receive(Sonar(Frame(1, 99), 5.0, (Echo(0.0, 0.0, 0.0, 1.0),)), ring.now)
+    assert ring.agent.outbox == []
+    assert ring.ping((AHEAD, None)).points == ()
+
+
+def test_what_was_there_and_is_seen_through_is_forgotten(ring: Ring) -> None:
+    ring.twice((AHEAD, 1.0))
+    for _ in range(5):
+        found = ring.ping((AHEAD, 3.0))
+    assert found.closest is None
+
+
+def test_what_stalls_the_robot_is_an_obstacle_though_nobody_hears_it(ring: Ring) -> None:
+    found = ring.ping((AHEAD, None), stalled=True)
+    assert found.points
+    assert all(p.x > 0.21 and abs(p.y) < 0.165 for p in found.points)
+    assert len(ring.ping((AHEAD, None), stalled=True).points) == len(found.points)
+    behind = ring.ping((AHEAD, None), odometry=(-0.5, 0.0, 0.0))
+    assert all(p.x > 0.7 for p in behind.points)
+    assert behind.points

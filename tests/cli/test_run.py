@@ -1,0 +1,265 @@
+"""`armadico run`: what is wrong is said before the robot moves; what is right can be repeated."""
+
+from __future__ import annotations
+
+import json
+import socket
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+
+from armadico import cli
+from armadico.mesh.topology import ENDPOINTS_VARIABLE
+from armadico.rehearsal import Rehearsal
+from tests.mesh.conftest import private_endpoints
+
+CLOSED = """\
+2D-Map
+LineMinPos: 0 0
+LineMaxPos: 8000 4000
+NumLines: 5
+Cairn: ArmadicoRoom 0 0 0 "" ICON "A" 0 0 4000 4000
+Cairn: ArmadicoRoom 0 0 0 "" ICON "B" 4000 0 8000 4000
+LINES
+0 0 8000 0
+8000 0 8000 4000
+8000 4000 0 4000
+0 4000 0 0
+4000 0 4000 4000
+DATA
+"""
+"""Two rooms and no door."""
+
+SHUT_IN = CLOSED.replace('Cairn: ArmadicoRoom 0 0 0 "" ICON "A" 0 0 4000 4000\n', "").replace(
+    'Cairn: ArmadicoRoom 0 0 0 "" ICON "B" 4000 0 8000 4000\n', ""
+)
+"""The same walls; a map that knows nothing of rooms, so nobody can plan."""
+
+
+@pytest.fixture(autouse=True)
+def here(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """A folder of the test's own, with some files that are not as they should be."""
+    monkeypatch.chdir(tmp_path)
+    Path("closed.map").write_text(CLOSED)
+    Path("shut-in.map").write_text(SHUT_IN)
+    scenario = 'world = "sc1"\nstart = [0, 0, 0]\ngoal = [1, 1, 0]\n'
+    for name, text in {
+        "unclosed.toml": 'world = "sc1"\nstart = [0, 0\n',
+        "colour.toml": scenario + 'colour = "red"\n',
+        "twice.toml": scenario + 'agents = ["goto", "goto"]\n',
+        "stranger.toml": scenario + 'agents = ["gotoo"]\n',
+        "word.toml": scenario.replace("[1, 1, 0]", '[1, "east", 0]'),
+        "nan.toml": scenario.replace("[1, 1, 0]", "[1, nan, 0]"),
+        "wall.toml": scenario.replace('"sc1"', '"sc4"'),
+        "broken.map": "2D-Map\nLINES\n0 0 zero 0\nDATA\n",
+    }.items():
+        Path(name).write_text(text)
+
+
+Captured = pytest.CaptureFixture[str]
+
+
+def run(captured: Captured, *words: str) -> tuple[int, str, str]:
+    """Exit code, standard output and standard error."""
+    try:
+        code = cli.main(["run", *words])
+    except SystemExit as end:  # argparse
+        code = int(str(end.code))
+    said = captured.readouterr()
+    return code, said.out, said.err
+
+
+VIRTUAL = ("sc1", "--virtual")
+
+
+@pytest.mark.parametrize(
+    ("words", "says"),
+    [
+        ((), ("name a scenario",)),
+        (("sc1", "--world", "sc1"), ("name a scenario", "or a world")),
+        (("sc11",), ("no scenario 'sc11'", "did you mean 'sc1'?", "rooms-a")),
+        (("missing.toml",), ("no file 'missing.toml'",)),
+        (("--world", "hous", "--goal", "1", "1", "0"), ("no world 'hous'", "'house'", "floor")),
+        (("--world", "sc4"), ("--world needs a goal", "--goal X Y DEG")),
+        (("--world", "broken.map", "--goal", "1", "1", "0"), ("broken.map:3:", "zero")),
+        (("unclosed.toml",), ("unclosed.toml:2:", "not TOML")),
+        (("colour.toml",), ("colour.toml:4:", "unknown key colour", "known: agents")),
+        (("twice.toml",), ("twice.toml:4:", "'goto' is there twice")),
+        (("stranger.toml",), ("no agent 'gotoo'", "did you mean 'goto'?", "path-planning")),
+        (("word.toml",), ("word.toml:3:", "goal")),
+        (("nan.toml",), ("nan.toml:3:", "goal")),
+        (("wall.toml",), ("wall.toml:2:", "start", "wall of 'sc4'")),
+        ((*VIRTUAL, "--without", "gotho"), ("no agent 'gotho'", "did you mean 'goto'?")),
+        ((*VIRTUAL, "--without", "robot"), ("--without robot", "encoder, sonar, goto")),
+        ((*VIRTUAL, "--controller", "fas"), ("'fas'", "'fast', 'precise', 'collaborative'")),
+        ((*VIRTUAL, "--exchange", "rude"), ("'rude'", "'abrupt', 'smooth'")),
+        ((*VIRTUAL, "--parameters", "thesys"), ("'thesys'", "did you mean 'thesis'?")),
+        ((*VIRTUAL, "--runs", "0"), ("--runs 0", "at least 1")),
+        ((*VIRTUAL, "--runs", "many"), ("--runs", "'many'")),
+        ((*VIRTUAL, "--seed", "-1"), ("--seed -1", "from 0")),
+        ((*VIRTUAL, "--goal", "nan", "1", "0"), ("--goal nan 1 0", "finite")),
+        ((*VIRTUAL, "--goal", "1", "1", "nan"), ("--goal 1 1 nan", "finite")),
+        ((*VIRTUAL, "--goal", "1", "1", "1e9"), ("--goal 1 1 1e+09", "360 degrees")),
+        ((*VIRTUAL, "--goal", "1", "1"), ("--goal", "3 arguments")),
+        ((*VIRTUAL, "--start", "inf", "1", "0"), ("--start inf 1 0", "finite")),
+        ((*VIRTUAL, "--goal", "99", "1", "0"), ("goal (99, 1)", "outside the world", "x -2 to 7")),
+        (("sc4", "--goal", "4.6", "1", "0"), ("goal (4.6, 1)", "0.00 m from a wall", "0.30 m")),
+        (("sc4", "--start", "0.1", "1", "0"), ("start (0.1, 1)", "0.10 m from a wall")),
+        ((*VIRTUAL, "--robot", "tcp://127.0.0.1:1"), ("--robot", "--virtual")),
+        (("sc1", "--robot", "tcpp://here"), ("'tcpp://here'", "serial:///dev/ttyUSB0", "tcp://")),
+        (("sc1", "--robot", "/dev/ttyUSB0"), ("'/dev/ttyUSB0'", "serial:///dev/ttyUSB0")),
+        (("sc1", "--namespace", "a*"), ("'a*'", "namespace")),
+        (("sc1", "--connect", "7450"), ("'7450'", "tcp/192.168.1.5:7450")),
+    ],
+)
+def test_a_wrong_use_is_told_with_what_is_right_and_exit_code_2(
+    capsys: Captured, words: tuple[str, ...], says: tuple[str, ...]
+) -> None:
+    code, out, errors = run(capsys, *words)
+    assert code == 2, errors
+    assert not out
+    assert "Traceback" not in errors
+    for part in says:
+        assert part in errors
+
+
+@pytest.mark.parametrize(
+    ("words", "says"),
+    [
+        (
+            ("--world", "closed.map", "--start", "1", "1", "0", "--goal", "6", "2", "0"),
+            "no way from room A to room B: no chain of doors",
+        ),
+        (("sc1", "--without", "encoder"), "nobody knows where the robot is"),
+        (("sc4", "--without", "path-planning"), "no path planning agent answered"),
+        (("sc1", "--without", "interface"), "no interface agent answered"),
+    ],
+)
+def test_a_mission_that_cannot_be_is_refused_before_the_robot_moves(
+    capsys: Captured, words: tuple[str, ...], says: str
+) -> None:
+    code, out, errors = run(capsys, *words, "--virtual", "--json")
+    assert code == 1
+    assert not out, "there was no run"
+    assert "the mission was refused" in errors
+    assert says in errors
+
+
+@pytest.mark.parametrize("path", ["/proc/no/picture.png", ".", "closed.map/picture.png"])
+def test_a_picture_that_cannot_be_written_is_said_before_the_robot_moves(
+    capsys: Captured, path: str
+) -> None:
+    code, out, errors = run(capsys, *VIRTUAL, "--json", "--plot", path)
+    assert code == 1
+    assert not out, "there was no run"
+    assert f"cannot write the picture {path}" in errors
+
+
+def test_a_picture_gets_its_folder_and_nothing_is_left_of_a_run_that_failed(
+    capsys: Captured,
+) -> None:
+    refused = run(capsys, *VIRTUAL, "--without", "encoder", "--plot", "new/refused.png")
+    assert refused[0] == 1
+    assert list(Path("new").iterdir()) == []
+    code, _, errors = run(capsys, *VIRTUAL, "--plot", "new/picture.png")
+    assert code == 0, errors
+    assert Path("new/picture.png").read_bytes().startswith(b"\x89PNG")
+
+
+def test_the_same_seed_says_the_same_bytes_and_another_one_others(capsys: Captured) -> None:
+    first, again, other = (
+        run(capsys, "sc3", "--virtual", "--json", "--seed", seed) for seed in ("7", "7", "8")
+    )
+    assert first == again
+    assert first[0] == 0
+    assert json.loads(first[1])["seed"] == 7
+    assert other[1].replace('"seed": 8', '"seed": 7') != first[1]
+
+
+def test_several_runs_are_a_list_and_one_after_another(capsys: Captured) -> None:
+    code, out, _ = run(capsys, *VIRTUAL, "--runs", "2", "--json", "--seed", "5")
+    rows = json.loads(out)
+    assert code == 0
+    assert [row["seed"] for row in rows] == [5, 6]
+    _, one, _ = run(capsys, *VIRTUAL, "--json", "--seed", "6")
+    assert json.loads(one) == rows[1], "a run knows nothing of the one before it"
+
+
+def test_a_goal_that_is_not_reached_is_measured_and_ends_with_exit_code_1(
+    capsys: Captured,
+) -> None:
+    words = ("--world", "shut-in.map", "--start", "1", "1", "0", "--goal", "6", "2", "0")
+    code, out, _ = run(capsys, *words, "--virtual", "--json")
+    row = json.loads(out)
+    assert code == 1
+    assert row["reached"] is False
+    assert row["tt_s"] > 0
+
+
+def test_a_run_that_takes_too_long_ends_with_exit_code_1(
+    capsys: Captured, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    begin = Rehearsal.begin
+
+    def hurried(self: Rehearsal) -> None:
+        begin(self)
+        self.limit = 2.0
+
+    monkeypatch.setattr(Rehearsal, "begin", hurried)
+    code, out, _ = run(capsys, *VIRTUAL)
+    assert code == 1
+    assert "NOT reached" in out
+
+
+# Live ---------------------------------------------------------------------------------------------
+
+
+@pytest.fixture
+def apart(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
+    """A mesh of the test's own."""
+    monkeypatch.setenv(ENDPOINTS_VARIABLE, private_endpoints())
+    monkeypatch.setenv("ARMADICO_NAMESPACE", "run-test")
+    monkeypatch.setenv("TMPDIR", str(tmp_path))
+
+
+@pytest.mark.live
+@pytest.mark.parametrize(
+    ("url", "says"),
+    [
+        ("tcp://127.0.0.1:1", "nobody listens there; is the simulator running"),
+        ("serial:///dev/nonexistent", "there is no such port; is the adapter plugged in?"),
+    ],
+)
+def test_a_robot_that_is_not_there_is_said_with_what_to_do(
+    apart: None, url: str, says: str
+) -> None:
+    done = subprocess.run(
+        [str(Path(sys.executable).with_name("armadico")), "run", "sc1", "--robot", url],
+        capture_output=True,
+        text=True,
+        timeout=100,
+        check=False,
+    )
+    assert done.returncode == 1
+    assert f"the robot on {url} did not answer" in done.stderr
+    assert says in done.stderr
+    assert "Traceback" not in done.stderr
+    assert not done.stdout
+
+
+@pytest.mark.live
+def test_a_simulator_whose_port_is_taken_says_what_to_do(apart: None) -> None:
+    with socket.create_server(("127.0.0.1", 0)) as taken:
+        port = str(taken.getsockname()[1])
+        done = subprocess.run(
+            [str(Path(sys.executable).with_name("armadico")), "sim", "sc1", "--port", port],
+            capture_output=True,
+            text=True,
+            timeout=100,
+            check=False,
+        )
+    assert done.returncode == 1
+    assert f"127.0.0.1:{port}" in done.stderr
+    assert "--port 0" in done.stderr

@@ -1,0 +1,107 @@
+"""A shell for the documentation's commands: private ports and folders, cheaper arguments."""
+
+from __future__ import annotations
+
+import os
+import re
+import signal
+import socket
+import subprocess
+import sys
+from contextlib import suppress
+from pathlib import Path
+from types import TracebackType
+
+from armadico.mesh.topology import ENDPOINTS_VARIABLE
+from tests.docs.blocks import ROOT
+from tests.mesh.conftest import private_endpoints
+
+BLOCK_S = 100.0
+"""What one block may take; a deadline, not an expectation."""
+
+SUBSTITUTIONS: tuple[tuple[str, str, str], ...] = (
+    # what a document says, what is run instead, why
+    (
+        r"armadico run ([\w./-]+)$",
+        r"armadico run \1 --virtual",
+        "live, it takes as long as it takes",
+    ),
+    (r"--runs \d+", "--runs 2", "as good as thirty, to see that it works"),
+    (r"armadico bench\b.*", "armadico bench --list", "it measures for minutes"),
+    (
+        r"pip install ",
+        "python -m pip install --quiet --no-deps --no-build-isolation --no-index --target site ",
+        "into a folder of the test's own, and not from the network",
+    ),
+    (r"armadico sim (\w+)", r"armadico sim \1 --port {port}", "8101 is everybody's"),
+    (r"armadico-agent robot &", "armadico-agent robot --set port=tcp://127.0.0.1:{port} &", "so"),
+)
+"""The only differences between what is printed and what is run."""
+
+
+def free_port() -> int:
+    with socket.create_server(("127.0.0.1", 0)) as server:
+        port: int = server.getsockname()[1]
+        return port
+
+
+class Shell:
+    """Runs blocks in one folder; what they leave in the background ends with it."""
+
+    def __init__(self, folder: Path, namespace: str) -> None:
+        self.folder = folder
+        self.namespace = namespace
+        self.endpoints = private_endpoints()
+        self._port = free_port()
+        self._groups: list[int] = []
+        (folder / "configs").symlink_to(ROOT / "configs")
+
+    def __enter__(self) -> Shell:
+        return self
+
+    def __exit__(
+        self,
+        kind: type[BaseException] | None,
+        error: BaseException | None,
+        trace: TracebackType | None,
+    ) -> None:
+        for group in self._groups:
+            with suppress(ProcessLookupError):
+                os.killpg(group, signal.SIGKILL)
+
+    def run(self, text: str) -> subprocess.CompletedProcess[str]:
+        """Run one block as the documents have it, and wait for what is not in the background."""
+        log = self.folder / f"block-{len(self._groups)}.log"
+        with log.open("w") as out:
+            shell = subprocess.Popen(
+                ["bash", "-euc", self.substituted(text)],
+                cwd=self.folder,
+                env=self.environment(),
+                stdin=subprocess.DEVNULL,
+                stdout=out,
+                stderr=subprocess.STDOUT,
+                start_new_session=True,
+            )
+            self._groups.append(shell.pid)
+            code = shell.wait(BLOCK_S)
+        return subprocess.CompletedProcess(text, code, log.read_text())
+
+    def substituted(self, text: str) -> str:
+        for pattern, instead, _ in SUBSTITUTIONS:
+            text = re.sub(pattern, instead.replace("{port}", str(self._port)), text, flags=re.M)
+        return text
+
+    def environment(self) -> dict[str, str]:
+        return os.environ | {
+            "PATH": f"{Path(sys.executable).parent}:{os.environ['PATH']}",
+            "PYTHONPATH": str(self.folder / "site"),
+            "ARMADICO_NAMESPACE": self.namespace,
+            "TMPDIR": str(self.folder),
+            ENDPOINTS_VARIABLE: self.endpoints,
+        }
+
+    def write(self, files: dict[str, str]) -> None:
+        for name, text in files.items():
+            path = self.folder / name
+            path.parent.mkdir(parents=True, exist_ok=True)
+            path.write_text(text, encoding="utf-8")

@@ -1,0 +1,61 @@
+"""What the documents tell people to type works, or says why nobody tried."""
+
+from __future__ import annotations
+
+import re
+from pathlib import Path
+
+import pytest
+
+from armadico.config.scenarios import load_scenario
+from tests.docs.blocks import NOTES, Block, blocks, blocks_of, files
+from tests.docs.shell import SUBSTITUTIONS, Shell
+
+COMMANDS = [block for block in blocks() if block.is_commands]
+ALONE = [block for block in COMMANDS if not block.note]
+
+
+@pytest.mark.parametrize("block", ALONE, ids=str)
+def test_a_block_of_commands_works_as_it_stands(block: Block, tmp_path: Path) -> None:
+    with Shell(tmp_path, "docs-test") as shell:
+        shell.write(files(block.document))
+        shell.write({"my/scenario.toml": 'world = "sc1"\nstart = [0, 0, 0]\ngoal = [2, 0, 0]\n'})
+        done = shell.run(block.text)
+    assert done.returncode == 0, f"{block}\n{done.stdout}"
+
+
+def test_whatever_is_not_run_has_a_reason() -> None:
+    unknown = [f"{block}: {block.note}" for block in blocks() if block.note not in NOTES | {""}]
+    assert not unknown
+    silent = [str(block) for block in blocks() if block.note and not block.value.strip()]
+    assert not silent
+
+
+def test_the_table_of_substitutions_has_a_reason_for_each_and_all_are_needed() -> None:
+    text = "\n".join(block.text for block in COMMANDS)
+    needless = [
+        pattern
+        for pattern, _, why in SUBSTITUTIONS
+        if not why or ("bench" not in pattern and not re.search(pattern, text, re.MULTILINE))
+    ]
+    assert not needless
+
+
+def test_commands_are_found_with_and_without_a_language() -> None:
+    found = blocks_of(
+        "```sh\na\n```\n\n```\narmadico ps\n```\n\n```\nkey\n```\n\n"
+        "<!-- not run: x -->\n```sh\nb\n```"
+    )
+    assert [block.is_commands for block in found] == [True, True, False, True]
+    assert [block.note for block in found] == ["", "", "", "not run"]
+    assert [block.line for block in found] == [1, 5, 9, 14]
+
+
+def test_there_are_commands_to_run() -> None:
+    assert len(ALONE) >= 3
+
+
+def test_the_tutorials_scenario_is_a_scenario(tmp_path: Path) -> None:
+    path = tmp_path / "along.toml"
+    path.write_text(files("docs/tutorial.md")["along.toml"])
+    assert "wall-follower" in load_scenario(path).agents

@@ -1,0 +1,101 @@
+"""The documents' generated parts say what the code says, and every reference leads somewhere."""
+
+from __future__ import annotations
+
+import re
+from pathlib import Path
+
+import pytest
+
+from armadico import messages
+from armadico.coordination import TRANSITIONS
+from armadico.services import SERVICES
+from armadico.tools import docs
+from armadico.tools.docs_fields import fields_of
+from tests.docs.blocks import ROOT, documents
+
+LINK = re.compile(r"(?<!`)\[[^\]\n]*\]\(([^)\s]+)\)")
+PATH = re.compile(
+    r"`((?:armadico|agents|bridge|tests|tools|configs|docs)/[\w./-]+\.(?:py|md|toml))`"
+)
+TEST = re.compile(r"`(test_\w+)`")
+
+
+def test_no_document_is_stale() -> None:
+    names = [path.name for path in docs.stale()]
+    assert not names, f"{names}: python -m armadico.tools.docs writes them again"
+
+
+def test_a_part_is_written_between_its_markers_and_nowhere_else() -> None:
+    text = "before\n<!-- generated: diagram -->\nold\n<!-- end: diagram -->\nafter"
+    new = docs.rewritten(text)
+    assert new.startswith("before\n<!-- generated: diagram -->\n")
+    assert new.endswith("<!-- end: diagram -->\nafter")
+    assert "stateDiagram" in new
+    assert docs.rewritten(new) == new
+
+
+def test_a_part_that_nobody_writes_is_an_error() -> None:
+    with pytest.raises(docs.UnknownPartError, match="nonsense"):
+        docs.rewritten("<!-- generated: nonsense -->\n<!-- end: nonsense -->")
+
+
+def test_stale_parts_are_told_and_written(tmp_path: Path) -> None:
+    (tmp_path / "docs").mkdir()
+    page = tmp_path / "docs" / "page.md"
+    page.write_text("<!-- generated: keys -->\n<!-- end: keys -->\n")
+    (tmp_path / "README.md").write_text("nothing\n")
+    assert docs.stale(tmp_path) == [page]
+    page.write_text(docs.rewritten(page.read_text()))
+    assert docs.stale(tmp_path) == []
+
+
+def test_the_protocol_page_has_every_key_message_and_transition() -> None:
+    text = (ROOT / "docs" / "protocol.md").read_text(encoding="utf-8")
+    for service in SERVICES:
+        assert f"`{service.key.replace('{', '<').replace('}', '>')}`" in text
+    for name in ("Frame", "Ballot", "RobotState", "Claim", "Truth"):
+        assert f"\n### {name}\n" in text
+    for event in {event for _, event in TRANSITIONS}:
+        assert event.value in text
+
+
+def test_fields_are_in_the_order_of_the_wire_with_their_ranges() -> None:
+    fields = fields_of(messages.Claim)
+    assert [f.name for f in fields] == list(messages.Claim.__struct_fields__)
+    assert fields[3].type == "float, 0 to 1 or null"
+    assert fields[4].default == "false"
+    assert fields_of(messages.RobotState)[9].meaning.startswith("the largest ballot")
+
+
+@pytest.mark.parametrize("path", documents(), ids=lambda path: path.name)
+def test_every_link_leads_somewhere(path: Path) -> None:
+    text = path.read_text(encoding="utf-8")
+    for target in LINK.findall(text):
+        place, _, anchor = target.partition("#")
+        if place.startswith(("http://", "https://")):
+            continue
+        file = path.parent / place if place else path
+        assert file.exists(), target
+        if anchor and file.suffix == ".md":
+            assert anchor in _anchors(file.read_text(encoding="utf-8")), target
+
+
+@pytest.mark.parametrize("path", documents(), ids=lambda path: path.name)
+def test_every_file_that_is_named_is_there(path: Path) -> None:
+    text = path.read_text(encoding="utf-8")
+    missing = [name for name in PATH.findall(text) if not (ROOT / name).exists()]
+    assert not missing
+
+
+@pytest.mark.parametrize("path", documents(), ids=lambda path: path.name)
+def test_every_test_that_is_named_is_there(path: Path) -> None:
+    named = set(TEST.findall(path.read_text(encoding="utf-8")))
+    there = "\n".join(file.read_text(encoding="utf-8") for file in ROOT.glob("tests/**/*.py"))
+    missing = {name for name in named if f"def {name}(" not in there}
+    assert not missing
+
+
+def _anchors(text: str) -> set[str]:
+    heads = re.findall(r"^#+ (.+)$", text, re.MULTILINE)
+    return {re.sub(r"[^\w\- ]", "", head).strip().lower().replace(" ", "-") for head in heads}

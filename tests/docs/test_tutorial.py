@@ -1,0 +1,171 @@
+"""Promise 6: the tutorial's agent, exactly as printed, joins a society that is up.
+
+No other file is touched and no other process started again, on the virtual mesh and on real ones.
+"""
+
+from __future__ import annotations
+
+import importlib
+import sys
+from collections.abc import Callable, Iterator
+from contextlib import ExitStack
+from pathlib import Path
+
+import pytest
+
+from armadico.agent import Agent
+from armadico.client import Client
+from armadico.config.scenarios import load_scenario
+from armadico.discovery import agent_class, find
+from armadico.mesh.topology import ENDPOINTS_VARIABLE, topology
+from armadico.mesh.zenoh import ZenohMesh
+from armadico.messages import Card, Pose, RobotState
+from armadico.rehearsal import Rehearsal
+from armadico.society import Options
+from tests.docs.blocks import Block, blocks, files
+from tests.docs.shell import Shell
+
+TUTORIAL = "docs/tutorial.md"
+NAMESPACE = "tutorial-test"
+NEWCOMER = "wall-follower"
+SOCIETY = {"robot", "encoder", "sonar", "goto", "avoid", "path-planning", "interface"}
+SOON = 60.0  # s; a deadline, not an expectation
+FAR = 120.0  # s of virtual time
+
+SESSION: dict[str, Block] = {
+    block.value: block
+    for block in blocks()
+    if block.document == TUTORIAL and block.note == "session"
+}
+
+
+@pytest.fixture
+def shell(tmp_path: Path) -> Iterator[Shell]:
+    with Shell(tmp_path, NAMESPACE) as made:
+        made.write(files(TUTORIAL))
+        yield made
+
+
+def do(shell: Shell, name: str) -> str:
+    """Run a block of the tutorial; what it printed."""
+    done = shell.run(SESSION[name].text)
+    assert done.returncode == 0, f"{SESSION[name]}\n{done.stdout}"
+    return done.stdout
+
+
+@pytest.fixture
+def newcomer(shell: Shell, monkeypatch: pytest.MonkeyPatch) -> Iterator[type[Agent]]:
+    """The class of the agent that the tutorial writes, installed as it says."""
+    do(shell, "install")
+    monkeypatch.syspath_prepend(shell.folder / "site")
+    importlib.invalidate_caches()
+    yield agent_class(NEWCOMER)
+    sys.modules.pop("wall_follower", None)
+
+
+def test_it_joins_a_run_that_goes_on_and_drives_while_the_others_stay_as_they_were(
+    newcomer: type[Agent],
+) -> None:
+    rehearsal = Rehearsal(load_scenario("sc2"), Options(without=("gothrough",)))
+    mesh, watch = rehearsal.mesh, rehearsal.watch
+    rehearsal.begin()
+    mesh.run(FAR, lambda: watch.holder == "goto")
+    before = [(node.agent, node.agent.instance) for node in mesh.nodes]
+    assert {node.name for node in mesh.nodes} == SOCIETY
+    rehearsal.add(newcomer)
+    mesh.run(FAR, lambda: watch.holder == NEWCOMER)
+    assert watch.holder == NEWCOMER
+    mesh.run(FAR, lambda: watch.done)
+    result = watch.result()
+    assert result.passed
+    assert watch.holder != NEWCOMER, "it let go when the way was open"
+    assert [(node.agent, node.agent.instance) for node in mesh.nodes[:-1]] == before
+    assert all(node.alive for node in mesh.nodes)
+
+
+def test_without_a_goal_it_does_not_bid(newcomer: type[Agent]) -> None:
+    rehearsal = Rehearsal(load_scenario("sc2"), Options())
+    rehearsal.add(newcomer)
+    mesh = rehearsal.mesh
+    agent = mesh.node(NEWCOMER).agent
+    mesh.run(5.0)
+    said = {(record.utility, record.reason) for record in agent.history().bids}
+    assert (None, "no goal") in said
+    assert {utility for utility, _ in said} == {None}
+    assert not agent.card().holds
+
+
+def test_it_is_found_by_the_name_of_its_entry_point(newcomer: type[Agent]) -> None:
+    found = find("armadico.agents", NEWCOMER)
+    assert (found.package, found.value) == (NEWCOMER, "wall_follower:WallFollower")
+    assert found.summary.startswith("The wall-follower")
+    assert newcomer.name == NEWCOMER
+
+
+class Watcher:
+    """Sees who is there and who is obeyed, from outside."""
+
+    def __init__(self, mesh: ZenohMesh) -> None:
+        self.client = Client(mesh)
+        self.client.listen(RobotState, Pose)
+
+    def until(self, condition: Callable[[], object], what: str) -> None:
+        assert self.client.wait_for(condition, SOON), f"not within {SOON:.0f} s: {what}"
+
+    def everybody(self, *more: str) -> None:
+        names = SOCIETY | set(more)
+        self.until(lambda: {name for name, _ in self.client.alive} == names, f"tokens: {names}")
+        self.until(lambda: self.client.age(Pose) < 1.0, "the robot talks")
+
+    def cards(self) -> dict[str, Card]:
+        """Everybody's card, asked again until all answer."""
+
+        def answered() -> dict[str, Card] | None:
+            found = self.client.cards(SOON)
+            cards = {name: card for (name, _), card in found.items() if card is not None}
+            return cards if len(cards) == len(found) else None
+
+        cards = self.client.wait_for(answered, SOON)
+        assert cards is not None, "everybody answers"
+        return cards
+
+    def driven_by(self, name: str) -> None:
+        def obeyed() -> bool:
+            state = self.client.latest(RobotState)
+            return (
+                state is not None
+                and state.obeyed is not None
+                and state.obeyed_frame is not None
+                and state.obeyed.instance.startswith(f"{name}-")
+                and state.frame.number - state.obeyed_frame.number <= 3
+            )
+
+        self.until(obeyed, f"{name} is obeyed")
+
+
+@pytest.mark.live
+def test_the_tutorial_from_a_society_by_hand_to_an_agent_that_joins_it(shell: Shell) -> None:
+    with ExitStack() as stack:
+        where = topology(passing=True, environ={ENDPOINTS_VARIABLE: shell.endpoints})
+        watcher = Watcher(stack.enter_context(ZenohMesh(NAMESPACE, where)))
+        do(shell, "society")
+        watcher.everybody()
+        assert "goto" in do(shell, "look")
+        assert "the goal is reached" in do(shell, "drive")
+        do(shell, "stop")
+        assert NEWCOMER in do(shell, "install")
+        do(shell, "rehearse")
+        before = {name: (card.instance, card.pid) for name, card in watcher.cards().items()}
+        do(shell, "join")
+        watcher.everybody(NEWCOMER)
+        do(shell, "beyond")
+        watcher.driven_by("goto")
+        watcher.driven_by(NEWCOMER)
+        after = {name: (card.instance, card.pid) for name, card in watcher.cards().items()}
+    assert {name: after[name] for name in SOCIETY} == before
+    assert set(after) == SOCIETY | {NEWCOMER}
+
+
+def test_every_block_of_the_session_is_run_above() -> None:
+    names = "society look drive stop install rehearse join beyond"
+    assert list(SESSION) == names.split()

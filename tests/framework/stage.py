@@ -1,0 +1,120 @@
+"""A stage for one agent: frames are handed to it, and what it says is kept; no mesh, no clock."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+from math import atan2, degrees, hypot
+
+from armadico.agent import Agent, Publish
+from armadico.messages import (
+    BidRecord,
+    Claim,
+    Command,
+    Frame,
+    Message,
+    Obstacles,
+    Point,
+    Pose,
+    RobotState,
+    Stop,
+    Trajectory,
+    Waypoint,
+)
+
+NOTHING = (None, None, None, None)
+NO_STOP = Stop()
+
+
+class Stage:
+    """Hands an agent what a frame brings, and keeps what it says."""
+
+    def __init__(self, agent: Agent, epoch: int = 1) -> None:
+        self.agent = agent
+        self.epoch = epoch
+        self.number = 0
+        self.now = 0.0
+        self.pose = (0.0, 0.0, 0.0)
+        self.speed = (0.0, 0.0)
+        self.said: list[Message] = []
+
+    @property
+    def at(self) -> Frame:
+        """The frame that the robot is at."""
+        return Frame(self.epoch, self.number)
+
+    def hand(self, *messages: Message) -> list[Message]:
+        """Give it messages, one after another; what it says to them."""
+        for message in messages:
+            self.agent.receive(message, self.now)
+        return self.take()
+
+    def take(self) -> list[Message]:
+        """What it has said since."""
+        said = [item.message for item in self.agent.outbox if isinstance(item, Publish)]
+        self.agent.outbox.clear()
+        self.said += said
+        return said
+
+    def state(self, stop: Stop = NO_STOP, *, frames: int = 1) -> list[Message]:
+        """So many frames later, the robot's state; it obeyed what the agent last commanded."""
+        self.number += frames
+        self.now += 0.1 * frames
+        obeyed = next((c for c in reversed(self.said) if isinstance(c, Command)), None)
+        ballot, at = (obeyed.ballot, obeyed.frame) if obeyed is not None else (None, None)
+        v, w = self.speed
+        return self.hand(
+            RobotState(self.at, 0, 0, 0, v, w, 12, True, False, ballot, ballot, at, stop)
+        )
+
+    def frame(
+        self, stop: Stop = NO_STOP, *, frames: int = 1, points: Iterable[Point] = ()
+    ) -> list[Message]:
+        """The same with pose and obstacles, the one that it reacts to last."""
+        said = self.state(stop, frames=frames)
+        brought = [obstacles(self.at, *points), Pose(self.at, *self.pose)]
+        brought.sort(key=lambda message: type(message) is self.agent.reacts_to)
+        return said + self.hand(*brought)
+
+    def holding(self, *, points: Iterable[Point] = ()) -> list[Message]:
+        """Frames until it has taken the resource that nobody else wants; the last one's words."""
+        points = tuple(points)
+        for _ in range(4):
+            said = self.frame(points=points)
+        assert claims(said), "it has no bid"
+        return said
+
+    def bid(self) -> BidRecord:
+        """What it last thought of bidding."""
+        return self.agent.bids[-1]
+
+
+def obstacles(frame: Frame, *points: Point) -> Obstacles:
+    """Points with the nearest of all, in front and at each side told apart (thesis 3.4.2)."""
+    near = sorted(points, key=lambda p: hypot(p.x, p.y))
+
+    def first(low: float, high: float) -> Point | None:
+        return next((p for p in near if low <= degrees(atan2(p.y, p.x)) < high), None)
+
+    closest = near[0] if near else None
+    return Obstacles(frame, closest, first(-40, 40), first(40, 120), first(-120, -40), points)
+
+
+def drive_to(*waypoints: tuple[float, float, float], mission: int = 1) -> Trajectory:
+    """A mission from the origin over these poses."""
+    return Trajectory(mission, tuple(Waypoint(*pose) for pose in waypoints))
+
+
+def wall(x: float, low: float, high: float, step: float = 0.1) -> list[Point]:
+    """Points across the way at `x`, from y `low` to `high`."""
+    count = round((high - low) / step)
+    return [Point(x, low + (high - low) * n / count) for n in range(count + 1)]
+
+
+def commands(said: Iterable[Message]) -> list[Command]:
+    """The commands among what was said."""
+    return [message for message in said if isinstance(message, Command)]
+
+
+def claims(said: Iterable[Message]) -> list[Claim]:
+    """The claims among what was said."""
+    return [message for message in said if isinstance(message, Claim)]

@@ -1,0 +1,402 @@
+"""The agent pattern: turns, freshness, the stop latch, the memory of bids; no mesh needed."""
+
+from __future__ import annotations
+
+from math import inf, nan
+from typing import Any, ClassVar
+
+import pytest
+
+from armadico import messages as m
+from armadico import services
+from armadico.agent import (
+    BIDS_REMEMBERED,
+    ERROR,
+    Agent,
+    Answer,
+    AskFor,
+    Identity,
+    Parameters,
+    Question,
+    Social,
+)
+from armadico.exchange import Bid
+from armadico.messages import Frame, Message, Obstacles, Pose, RobotState, Stop
+from armadico.resources import WHEELS
+from armadico.services import Kind, Service
+
+from .stage import NOTHING, Stage, claims, commands
+
+ACTION = (0.2, 0.1)
+
+
+class Driver(Agent):
+    """Bids what it is told to."""
+
+    name = "driver"
+    reacts_to = Pose
+    needs: ClassVar[tuple[type[Message], ...]] = (Pose, Obstacles)
+    hears: ClassVar[tuple[type[Message], ...]] = (m.Trajectory,)
+    asks: ClassVar[tuple[type[Message], ...]] = (m.PlanRequest,)
+    answers: ClassVar[tuple[type[Message], ...]] = (m.MissionRequest,)
+    competes_for = (WHEELS,)
+
+    def __init__(self, parameters: Parameters | None = None) -> None:
+        super().__init__(Identity("driver-1", "here", 42, "9.9"), parameters)
+        self.next: Bid | None = Bid(0.5, ACTION)
+        self.turns: list[Frame] = []
+        self.heard: list[Message] = []
+        self.reply: m.MissionReply | None = None
+        self.woken: list[float] = []
+
+    def bid(self, message: Pose) -> Bid | None:
+        self.turns.append(message.frame)
+        if self.next is None:
+            self.why = "told not to"
+        return self.next
+
+    def on_trajectory(self, trajectory: m.Trajectory) -> None:
+        self.heard.append(trajectory)
+
+    def on_mission_request(self, question: Question) -> m.MissionReply | None:
+        return self.reply
+
+    def on_wakeup(self) -> None:
+        self.woken.append(self.now)
+
+
+@pytest.fixture
+def driver() -> Driver:
+    return Driver()
+
+
+@pytest.fixture
+def stage(driver: Driver) -> Stage:
+    return Stage(driver)
+
+
+def test_the_frame_in_which_everything_is_there_is_answered_in_it(stage: Stage) -> None:
+    for _ in range(4):
+        said = stage.frame()
+    command, claim = said
+    assert isinstance(command, m.Command)
+    assert isinstance(claim, m.Claim)
+    assert (command.v, command.w) == claim.commanded == claim.wanted == ACTION
+    assert command.frame == claim.frame == stage.at
+    assert command.ballot == claim.ballot
+    assert claim.ballot.instance == "driver-1"
+
+
+def test_one_bid_a_frame_however_often_the_message_comes(stage: Stage, driver: Driver) -> None:
+    stage.frame()
+    pose = Pose(stage.at, 0, 0, 0)
+    assert stage.hand(pose, pose) == []
+    assert driver.turns == [stage.at]
+
+
+def test_no_turn_for_an_older_frame_than_the_last(stage: Stage, driver: Driver) -> None:
+    stage.frame()
+    stage.frame()
+    stage.hand(Pose(Frame(1, 1), 0, 0, 0))
+    assert driver.turns == [Frame(1, 1), Frame(1, 2)]
+
+
+def test_a_new_epoch_begins_turns_anew(stage: Stage, driver: Driver) -> None:
+    stage.frame(frames=50)
+    stage.epoch, stage.number = 2, 0
+    stage.frame()
+    assert driver.turns[-1] == Frame(2, 1)
+
+
+def test_nobody_bids_before_the_robots_state_was_heard(stage: Stage, driver: Driver) -> None:
+    stage.number = 1
+    stage.hand(Obstacles(stage.at, *NOTHING), Pose(stage.at, 0, 0, 0))
+    assert driver.turns == []
+    assert stage.said == []
+
+
+def test_nobody_bids_on_what_is_stale_and_it_says_what_that_was(
+    stage: Stage, driver: Driver
+) -> None:
+    stage.frame()
+    for _ in range(3):
+        stage.state()
+        stage.hand(Pose(stage.at, 0, 0, 0))
+    assert len(driver.turns) == 4  # obstacles are good for three frames
+    stage.state()
+    said = stage.hand(Pose(stage.at, 0, 0, 0))
+    assert len(driver.turns) == 4
+    assert driver.bids[-1].utility is None
+    assert driver.bids[-1].reason == "no fresh sonar/obstacles"
+    assert [claim.utility for claim in claims(said)] == [None]
+    assert [(c.v, c.w) for c in commands(said)] == [(0.0, 0.0)]
+
+
+def test_nobody_bids_when_the_robot_agent_is_silent(stage: Stage, driver: Driver) -> None:
+    stage.frame()
+    stage.now += 0.31
+    stage.hand(Pose(Frame(1, stage.number + 1), 0, 0, 0))
+    assert len(driver.turns) == 1
+    assert driver.bids[-1].reason == "no fresh robot/state"
+
+
+def test_what_is_too_old_or_not_yet_there_is_not_even_kept(stage: Stage, driver: Driver) -> None:
+    stage.frame(frames=10)
+    for number in (6, 14):
+        stage.hand(Pose(Frame(1, number), 9, 9, 9))
+        assert driver.latest(Pose) == Pose(Frame(1, 10), 0, 0, 0)
+    stage.hand(Pose(Frame(1, 13), 1, 0, 0))
+    assert driver.fresh(Pose) == Pose(Frame(1, 13), 1, 0, 0)
+
+
+def test_freshness_is_each_services_own(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(services, "_by_message", dict(services._by_message))
+
+    class Hum(Message, frozen=True):
+        frame: Frame
+
+    class Listener(Agent):
+        name = "listener"
+        hears: ClassVar[tuple[type[Message], ...]] = (Hum, Pose)
+
+    services.register(Service(Hum, "hum", Kind.STATE, 1, 8, "said once a second"))
+    listener = Listener(Identity("listener-1"))
+    stage = Stage(listener)
+    stage.state()
+    stage.hand(Hum(stage.at), Pose(stage.at, 0, 0, 0))
+    stage.state(frames=8)
+    assert listener.fresh(Pose) is None
+    assert listener.fresh(Hum) is not None
+    stage.state()
+    assert listener.fresh(Hum) is None
+    assert listener.latest(Hum) is not None
+
+
+@pytest.mark.parametrize(
+    "bid",
+    [
+        Bid(nan, ACTION),
+        Bid(0.5, (nan, 0.0)),
+        Bid(0.5, (0.1, inf)),
+        Bid(0.5, (2e6, 0.0)),
+        Bid(1.1, ACTION),
+        Bid(-0.1, ACTION),
+        Bid(0.5, (0.1,)),
+    ],
+    ids=repr,
+)
+def test_a_bid_that_is_not_sound_is_a_release_and_is_said_to_people(
+    stage: Stage, driver: Driver, bid: Bid
+) -> None:
+    for _ in range(4):
+        stage.frame()
+    assert driver.holds(WHEELS)
+    driver.next = bid
+    said = stage.frame()
+    assert not driver.holds(WHEELS)
+    assert [claim.utility for claim in claims(said)] == [None]
+    assert [(c.v, c.w) for c in commands(said)] == [(0.0, 0.0)]
+    logs = [message for message in said if isinstance(message, m.Log)]
+    assert [log.level for log in logs] == [ERROR]
+    assert "not sound" in driver.bids[-1].reason
+    assert all(m.decode(m.encode(message), type(message)) for message in said)
+
+
+def test_why_there_was_no_bid_is_remembered_for_that_frame_only(
+    stage: Stage, driver: Driver
+) -> None:
+    driver.next = None
+    stage.frame()
+    assert driver.bids[-1].reason == "told not to"
+    driver.next = Bid(0.5, ACTION, reason="because")
+    stage.frame()
+    record = driver.bids[-1]
+    assert (record.utility, record.wanted, record.reason) == (0.5, ACTION, "because")
+    assert record.inputs == ("encoder/pose", "sonar/obstacles")
+    assert driver.why == ""
+
+
+def test_bids_remembered_are_bounded_and_can_be_asked_for(stage: Stage, driver: Driver) -> None:
+    for _ in range(BIDS_REMEMBERED + 5):
+        stage.frame()
+    history = driver.history()
+    assert history.instance == "driver-1"
+    assert len(history.bids) == BIDS_REMEMBERED
+    assert [bid.frame.number for bid in history.bids] == list(range(6, BIDS_REMEMBERED + 6))
+    assert m.decode(m.encode(history), m.BidHistory) == history
+
+
+# The stop latch ----------------------------------------------------------------------------------
+
+STOPPED, RELEASED = Stop(5, True, "somebody"), Stop(6, False, "somebody")
+
+
+def test_nobody_bids_while_the_robot_is_stopped(stage: Stage, driver: Driver) -> None:
+    for _ in range(4):
+        stage.frame()
+    said = stage.frame(STOPPED)
+    assert [claim.utility for claim in claims(said)] == [None]
+    turns = len(driver.turns)
+    assert stage.frame(STOPPED) == []
+    assert len(driver.turns) == turns
+    assert driver.bids[-1].reason == "stopped by somebody"
+    assert commands(stage.frame(RELEASED))
+
+
+def test_a_new_epoch_that_has_forgotten_the_stop_is_answered_with_it(stage: Stage) -> None:
+    stage.frame(STOPPED)
+    stage.epoch, stage.number = 2, 0
+    assert stage.frame(Stop()) == [STOPPED]
+    assert stage.frame(STOPPED) == []
+
+
+def test_a_release_is_remembered_too(stage: Stage, driver: Driver) -> None:
+    stage.frame(STOPPED)
+    stage.frame(RELEASED)
+    stage.epoch, stage.number = 2, 0
+    said = stage.frame(Stop())
+    assert not [message for message in said if isinstance(message, Stop)]
+    assert driver.bids[-1].utility == 0.5
+
+
+def test_a_stop_of_a_new_epoch_counts_though_its_counter_is_smaller(
+    stage: Stage, driver: Driver
+) -> None:
+    stage.frame(RELEASED)
+    stage.epoch, stage.number = 2, 0
+    stage.frame(Stop(1, True, "another"))
+    assert driver.stop_latch == Stop(1, True, "another")
+    assert driver.bids[-1].reason == "stopped by another"
+    stage.frame(Stop(2, False, "another"))
+    assert driver.bids[-1].utility == 0.5
+
+
+# What goes round ---------------------------------------------------------------------------------
+
+
+def test_who_has_just_started_knows_no_stop_and_asks_for_none(stage: Stage) -> None:
+    assert stage.frame(STOPPED) == []
+
+
+def test_handlers_get_what_was_subscribed(stage: Stage, driver: Driver) -> None:
+    trajectory = m.Trajectory(3, ())
+    stage.hand(trajectory)
+    assert driver.heard == [trajectory]
+    assert driver.latest(m.Trajectory) is trajectory
+
+
+def test_it_subscribes_to_what_it_names_and_what_its_social_side_needs() -> None:
+    assert set(Driver.subscriptions()) == {
+        RobotState,
+        m.Claim,
+        Pose,
+        Obstacles,
+        m.Trajectory,
+    }
+
+
+def test_the_card_says_who_it_is_and_what_it_offers(stage: Stage, driver: Driver) -> None:
+    stage.frame()
+    card = driver.card()
+    assert (card.name, card.instance, card.host, card.pid, card.version) == (
+        "driver",
+        "driver-1",
+        "here",
+        42,
+        "9.9",
+    )
+    assert card.protocol == m.PROTOCOL
+    assert card.provides == ("mission/request",)
+    assert set(card.requests) == {
+        "robot/state",
+        "resource/{resource}/utility",
+        "encoder/pose",
+        "sonar/obstacles",
+        "trajectory",
+        "path/plan",
+    }
+    assert card.resources == ("wheels",)
+    assert card.holds == (("wheels",) if driver.holds(WHEELS) else ())
+    assert m.decode(m.encode(card), m.Card) == card
+
+
+def test_a_question_is_answered_now_or_later(driver: Driver) -> None:
+    request = m.MissionRequest(m.Waypoint(1, 0, 0))
+    driver.reply = m.MissionReply(3)
+    driver.asked(Question(11, request), 0.0)
+    assert driver.outbox == [Answer(11, m.MissionReply(3))]
+    driver.reply = None
+    driver.asked(Question(12, request), 0.0)
+    assert len(driver.outbox) == 1
+    driver.answer(Question(12, request), m.MissionReply(4))
+    assert driver.outbox[-1] == Answer(12, m.MissionReply(4))
+
+
+def test_an_answer_reaches_who_asked_once(driver: Driver) -> None:
+    got: list[Any] = []
+    here = m.Waypoint(0, 0, 0)
+    driver.ask(m.PlanRequest(here, here), got.append, timeout=3.0)
+    driver.ask(m.PlanRequest(here, here), got.append)
+    first, second = driver.outbox
+    assert isinstance(first, AskFor)
+    assert isinstance(second, AskFor)
+    assert (first.key, first.reply, first.timeout) == ("path/plan", m.Plan, 3.0)
+    assert first.id != second.id
+    plan = m.Plan((), refusal="no")
+    driver.replied(second.id, None, 1.0)
+    driver.replied(first.id, plan, 1.0)
+    driver.replied(first.id, plan, 1.0)
+    assert got == [None, plan]
+
+
+def test_a_wake_up_comes_once_and_not_before_its_time(driver: Driver) -> None:
+    driver.wake_at(2.0)
+    assert driver.wakeup == 2.0
+    driver.wake(1.9)
+    driver.wake(2.0)
+    driver.wake(2.1)
+    assert driver.woken == [2.0]
+    assert driver.wakeup is None
+
+
+def test_leaving_lets_go_of_what_it_holds(stage: Stage, driver: Driver) -> None:
+    for _ in range(4):
+        stage.frame()
+    driver.stop(stage.now)
+    said = stage.take()
+    assert [(c.v, c.w) for c in commands(said)] == [(0.0, 0.0)]
+    assert [claim.utility for claim in claims(said)] == [None]
+
+
+def test_a_claim_of_another_shape_takes_nobody_down(stage: Stage, driver: Driver) -> None:
+    driver.next = Bid(0.9, ACTION)
+    stage.state()
+    rival = m.Ballot(3, 0.2, False, "rival-1")
+    stage.hand(m.Claim("wheels", rival, stage.at, 0.2, wanted=(0.1,), commanded=(0.1,)))
+    said = stage.hand(Obstacles(stage.at, *NOTHING), Pose(stage.at, 0, 0, 0))
+    assert [claim.ballot.term for claim in claims(said)] == [4]
+    assert [len(claim.commanded) for claim in claims(said)] == [2]
+
+
+def test_a_claim_for_another_resource_is_none_of_its_business(stage: Stage, driver: Driver) -> None:
+    for _ in range(4):
+        stage.frame()
+    stage.hand(m.Claim("planner", m.Ballot(99, 1.0, True, "rival-1"), stage.at, 1.0))
+    assert driver.holds(WHEELS)
+
+
+def test_the_social_parameters_reach_the_contender() -> None:
+    def takes_over(margin: float | None) -> bool:
+        driver = Driver(Parameters(social=Social(exchange="abrupt", margin=margin)))
+        driver.next = Bid(0.52, ACTION)
+        stage = Stage(driver)
+        stage.state()
+        stage.hand(
+            m.Claim(
+                "wheels", m.Ballot(3, 0.5, False, "rival-1"), stage.at, 0.5, False, ACTION, ACTION
+            )
+        )
+        return bool(claims(stage.hand(Obstacles(stage.at, *NOTHING), Pose(stage.at, 0, 0, 0))))
+
+    assert takes_over(0.0)
+    assert not takes_over(None)  # the wheels' own 0.05

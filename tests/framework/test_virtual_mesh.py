@@ -1,0 +1,376 @@
+"""The virtual mesh: order, delays, faults, and the same run again from the same seed."""
+
+from __future__ import annotations
+
+from itertools import pairwise
+from typing import Any, ClassVar
+
+import pytest
+
+from armadico import messages as m
+from armadico.agent import Agent, Question
+from armadico.mesh.virtual import DELAY_MEDIAN, LIVELINESS, Link, VirtualMesh, cards
+from armadico.messages import Log, Message, Stop, Trajectory
+
+Seen = list[tuple[float, Any]]
+
+
+class Listener(Agent):
+    """Keeps what it is told: a state, an event, and who comes and goes."""
+
+    name = "listener"
+    hears: ClassVar[tuple[type[Message], ...]] = (Trajectory, Log)
+
+    def __init__(self, identity: Any) -> None:
+        super().__init__(identity)
+        self.seen: Seen = []
+        self.who: Seen = []
+
+    def on_trajectory(self, trajectory: Trajectory) -> None:
+        self.seen.append((self.now, trajectory.mission))
+
+    def on_log(self, log: Log) -> None:
+        self.seen.append((self.now, log.text))
+
+    def on_appeared(self, name: str, instance: str) -> None:
+        self.who.append((self.now, f"+{name}"))
+
+    def on_disappeared(self, name: str, instance: str) -> None:
+        self.who.append((self.now, f"-{name}"))
+
+
+class Talker(Agent):
+    """Counts aloud, a hundred times a second."""
+
+    name = "talker"
+
+    def __init__(self, identity: Any) -> None:
+        super().__init__(identity)
+        self.count = 0
+
+    def on_start(self) -> None:
+        self.wake_at(self.now + 0.01)
+
+    def on_wakeup(self) -> None:
+        self.wake_at(self.now + 0.01)
+        self.count += 1
+        self.publish(Log(20, str(self.count)))
+
+
+class Planner(Agent):
+    """Answers at once, with a number of its own."""
+
+    name = "planner"
+    answers: ClassVar[tuple[type[Message], ...]] = (m.PlanRequest,)
+    length: ClassVar[float] = 1.0
+
+    def on_plan_request(self, question: Question) -> m.Plan:
+        return m.Plan((), self.length)
+
+
+class Asker(Agent):
+    """Asks for a plan as soon as it is told a trajectory."""
+
+    name = "asker"
+    hears: ClassVar[tuple[type[Message], ...]] = (Trajectory,)
+    asks: ClassVar[tuple[type[Message], ...]] = (m.PlanRequest,)
+
+    def __init__(self, identity: Any) -> None:
+        super().__init__(identity)
+        self.got: Seen = []
+
+    def on_trajectory(self, trajectory: Trajectory) -> None:
+        self.ask(REQUEST, lambda plan: self.got.append((self.now, plan)), timeout=0.5)
+
+
+REQUEST = m.PlanRequest(m.Waypoint(0, 0, 0), m.Waypoint(1, 0, 0))
+
+
+def told(*kinds: type[Agent], seed: int = 1) -> tuple[VirtualMesh, Listener]:
+    """A mesh with a listener and others on it."""
+    mesh = VirtualMesh(seed)
+    listener = Listener(mesh.identity("listener"))
+    mesh.add(listener)
+    for kind in kinds:
+        mesh.add(kind(mesh.identity(kind.name)))
+    return mesh, listener
+
+
+def test_what_one_says_to_another_arrives_in_order_and_none_is_lost() -> None:
+    mesh, listener = told(Talker)
+    mesh.run(5.0)
+    counted = [text for _, text in listener.seen]
+    assert len(counted) > 400
+    assert counted == [str(n) for n in range(1, len(counted) + 1)]
+
+
+def test_order_holds_when_a_burst_takes_longer_than_its_gaps() -> None:
+    mesh, listener = told()
+    for number in range(200):
+        mesh.publish(Log(20, str(number)))
+    mesh.run(1.0)
+    assert [text for _, text in listener.seen] == [str(n) for n in range(200)]
+
+
+def test_no_delivery_takes_no_time() -> None:
+    link = Link(VirtualMesh(3).stream("a link"))
+    arrivals = [link.arrival(float(now)) for now in range(5000)]
+    delays = sorted(at - now for now, at in enumerate(arrivals) if at is not None)
+    assert len(delays) == 5000
+    assert delays[0] > 0.0
+    assert delays[2500] == pytest.approx(DELAY_MEDIAN, rel=0.05)
+
+
+def test_a_later_message_never_overtakes_on_a_link_that_was_slow() -> None:
+    link = Link(VirtualMesh(3).stream("a link"))
+    link.delay = 0.5
+    slow = link.arrival(0.0)
+    link.delay = 0.0
+    quick = link.arrival(0.1)
+    assert slow is not None
+    assert quick is not None
+    assert 0.5 < slow <= quick
+
+
+def test_the_same_seed_gives_the_same_run_and_another_another() -> None:
+    def run(seed: int) -> Seen:
+        mesh, listener = told(Talker, Planner, seed=seed)
+        mesh.link("talker", "listener").loss = 0.2
+        mesh.run(2.0)
+        return listener.seen
+
+    assert run(1) == run(1)
+    assert run(1) != run(2)
+
+
+def test_another_agent_leaves_the_others_noise_as_it_was() -> None:
+    def run(*more: type[Agent]) -> Seen:
+        mesh, listener = told(Talker, *more)
+        mesh.link("talker", "listener").loss = 0.2
+        mesh.run(2.0)
+        return listener.seen
+
+    assert run() == run(Planner, Asker)
+
+
+def test_instances_are_told_apart_and_repeatable() -> None:
+    ids = [VirtualMesh(seed).identity("a", start).instance for seed in (1, 2) for start in (0, 1)]
+    assert len(set(ids)) == 4
+    assert ids[0] == VirtualMesh(1).identity("a").instance
+
+
+def test_who_says_something_does_not_hear_it_but_its_twin_does() -> None:
+    class Echo(Listener):
+        name = "echo"
+
+        def on_wakeup(self) -> None:
+            self.publish(Log(20, self.instance))
+
+        def on_start(self) -> None:
+            self.wake_at(self.now + 0.1)
+
+    mesh = VirtualMesh(1)
+    twins = [Echo(mesh.identity("echo", start)) for start in (0, 1)]
+    for twin in twins:
+        mesh.add(twin)
+    mesh.run(1.0)
+    assert [[text for _, text in twin.seen] for twin in twins] == [
+        [twins[1].instance],
+        [twins[0].instance],
+    ]
+
+
+def test_a_publication_is_decoded_once_and_shared() -> None:
+    mesh, listener = told()
+    other = Listener(mesh.identity("other"))
+    other.name = "other"  # type: ignore[misc]
+    mesh.add(other)
+    said = Trajectory(4, ())
+    mesh.publish(said)
+    mesh.run(0.1)
+    taken = listener.latest(Trajectory)
+    assert taken == said
+    assert taken is not said
+    assert taken is other.latest(Trajectory)
+
+
+def test_watchers_are_shown_everything_at_once_and_heard_by_nobody() -> None:
+    mesh, _ = told(Talker)
+    shown: list[tuple[str, Any]] = []
+    mesh.watch(lambda key, message, now: shown.append((key, now)), Log)
+    mesh.run(0.015)
+    assert shown == [(f"log/{mesh.node('talker').agent.instance}", pytest.approx(0.01))]
+
+
+# Faults ------------------------------------------------------------------------------------------
+
+
+def test_after_a_hang_events_come_in_order_and_of_a_state_only_the_latest() -> None:
+    mesh, listener = told()
+    mesh.run(0.1)
+    node = mesh.node("listener")
+    node.hang()
+    for number in (1, 2, 3):
+        mesh.publish(Trajectory(number, ()))
+        mesh.publish(Log(20, f"event {number}"))
+        mesh.run(mesh.now + 0.1)
+    assert listener.seen == []
+    node.resume()
+    assert [what for _, what in listener.seen] == ["event 1", "event 2", 3, "event 3"]
+    assert {now for now, _ in listener.seen} == {mesh.now}
+
+
+def test_who_hangs_hears_of_comings_and_goings_only_afterwards() -> None:
+    mesh, listener = told()
+    mesh.run(0.1)
+    mesh.node("listener").hang()
+    talker = mesh.add(Talker(mesh.identity("talker")))
+    mesh.run(0.2)
+    talker.kill()
+    mesh.run(0.3)
+    assert listener.who == []
+    mesh.node("listener").resume()
+    assert [what for _, what in listener.who] == ["+talker", "-talker"]
+
+
+def test_who_hangs_misses_its_wake_up_and_gets_it_after_what_waited() -> None:
+    mesh, listener = told(Talker)
+    mesh.run(1.0)
+    talker = mesh.node("talker")
+    counted = len(listener.seen)
+    talker.hang()
+    mesh.run(3.0)
+    assert len(listener.seen) <= counted + 1
+    talker.resume()
+    mesh.run(4.0)
+    assert len(listener.seen) > counted + 80
+
+
+def test_a_killed_process_says_nothing_more_and_its_token_goes() -> None:
+    mesh, listener = told(Talker)
+    mesh.run(1.0)
+    mesh.node("talker").kill()
+    counted = len(listener.seen)
+    mesh.run(2.0)
+    assert len(listener.seen) <= counted + 1  # what was under way still arrives
+    when, what = listener.who[-1]
+    assert (what, when) == ("-talker", pytest.approx(1.0 + LIVELINESS))
+    assert [card.name for card in cards(mesh.nodes) if isinstance(card, m.Card)] == ["listener"]
+
+
+def test_a_killed_process_hears_nothing_more() -> None:
+    mesh, listener = told(Talker)
+    mesh.run(1.0)
+    mesh.node("listener").kill()
+    counted = len(listener.seen)
+    mesh.run(2.0)
+    assert len(listener.seen) == counted
+
+
+def test_who_comes_is_told_who_is_there_and_they_are_told_of_it() -> None:
+    mesh, first = told(Talker)
+    mesh.run(1.0)
+    second = Listener(mesh.identity("listener", 1))
+    mesh.add(second)
+    mesh.run(1.1)
+    assert sorted(what for _, what in second.who) == ["+listener", "+talker"]
+    assert [what for _, what in first.who] == ["+talker", "+listener"]
+
+
+def test_a_cut_is_one_way_and_heals() -> None:
+    mesh, listener = told(Talker)
+    other = Listener(mesh.identity("other"))
+    other.name = "other"  # type: ignore[misc]
+    mesh.add(other)
+    mesh.run(1.0)
+    link = mesh.link("talker", "listener")
+    link.up = False
+    mesh.run(2.0)
+    link.up = True
+    mesh.run(3.0)
+    gaps = [b - a for (a, _), (b, _) in pairwise(listener.seen)]
+    assert max(gaps) > 0.9
+    assert sum(gap > 0.1 for gap in gaps) == 1
+    assert max(b - a for (a, _), (b, _) in pairwise(other.seen)) < 0.1
+
+
+def test_a_lossy_link_loses_its_share() -> None:
+    mesh, listener = told(Talker)
+    mesh.link("talker", "listener").loss = 0.3
+    mesh.run(20.0)
+    assert len(listener.seen) == pytest.approx(0.7 * 2000, rel=0.1)
+
+
+def test_a_slow_link_takes_that_much_longer() -> None:
+    mesh, listener = told(Talker)
+    mesh.link("talker", "listener").delay = 0.25
+    mesh.run(1.0)
+    first, text = listener.seen[0]
+    assert text == "1"
+    assert first == pytest.approx(0.01 + 0.25, abs=0.01)
+
+
+# Queries -----------------------------------------------------------------------------------------
+
+
+def test_a_query_is_answered_over_the_network() -> None:
+    mesh = VirtualMesh(1)
+    asker = Asker(mesh.identity("asker"))
+    mesh.add(asker)
+    mesh.add(Planner(mesh.identity("planner")))
+    mesh.publish(Trajectory(1, ()))
+    mesh.run(1.0)
+    assert [plan for _, plan in asker.got] == [m.Plan((), 1.0)]
+    assert 0.0 < asker.got[0][0] < 0.1
+
+
+def test_a_query_that_nobody_answers_gets_none_at_its_time_out() -> None:
+    mesh = VirtualMesh(1)
+    asker = Asker(mesh.identity("asker"))
+    mesh.add(asker)
+    mesh.run(0.1)
+    mesh.publish(Trajectory(1, ()))
+    mesh.run(0.59)
+    assert asker.got == []
+    mesh.run(1.0)
+    assert [plan for _, plan in asker.got] == [None]
+    assert asker.got[0][0] == pytest.approx(0.6, abs=0.01)
+
+
+def test_one_that_hangs_or_died_does_not_answer_and_of_two_answers_the_first_counts() -> None:
+    mesh = VirtualMesh(1)
+    dead, hung, first, second = (mesh.add(Planner(mesh.identity("p", n))) for n in range(4))
+    first.agent.length, second.agent.length = 2.0, 3.0  # type: ignore[attr-defined]
+    mesh.run(0.1)
+    dead.kill()
+    hung.hang()
+    got: list[Message | None] = []
+    mesh.ask(REQUEST, got.append)
+    mesh.run(10.0)
+    assert got in ([m.Plan((), 2.0)], [m.Plan((), 3.0)])
+    hung.resume()
+    mesh.run(20.0)
+    assert len(got) == 1
+
+
+def test_a_query_from_outside_with_nobody_there_gets_none() -> None:
+    mesh, _ = told()
+    got: list[Message | None] = []
+    mesh.ask(REQUEST, got.append, timeout=2.0)
+    mesh.run(1.9)
+    assert got == []
+    mesh.run(2.1)
+    assert got == [None]
+
+
+def test_running_stops_when_it_is_told_to() -> None:
+    mesh, listener = told(Talker)
+    mesh.run(9.0, lambda: len(listener.seen) == 7)
+    assert len(listener.seen) == 7
+    assert mesh.now < 0.1
+
+
+def test_a_message_that_could_not_travel_is_not_delivered_either() -> None:
+    mesh, _ = told()
+    with pytest.raises(m.MessageError):
+        mesh.publish(Stop(-1, True, "nobody"))

@@ -1,0 +1,110 @@
+"""Who may import whom: data goes one way, and each line knows its room."""
+
+from __future__ import annotations
+
+import pytest
+
+from tests.house.tree import imports, modules, within
+
+SOCKETS = ("socket", "threading", "subprocess", "time", "asyncio", "selectors", "serial", "zenoh")
+DRAWING = ("matplotlib", "rerun", "rich", "PIL")
+
+RULES: tuple[tuple[str, str, tuple[str, ...]], ...] = (
+    # these modules, why, never import these
+    (
+        "armadico",
+        "the framework knows no robot and no behaviour",
+        ("armadico.agents", "armadico.bridge", "armadico.tools"),
+    ),
+    ("armadico.agents", "agents hold no sockets, threads or clocks", SOCKETS),
+    ("armadico.agents", "agents draw nothing", DRAWING),
+    (
+        "armadico.agents",
+        "agents know the mesh and the robot by messages only",
+        (
+            *("armadico.bridge", "armadico.tools", "armadico.cli", "armadico.mesh"),
+            *("armadico.runtime", "armadico.client", "armadico.launcher", "armadico.rehearsal"),
+        ),
+    ),
+    (
+        "armadico.bridge",
+        "the robot knows no behaviour",
+        ("armadico.agents", "armadico.tools", "armadico.cli", "armadico.launcher"),
+    ),
+    (
+        "armadico.bridge.robot",
+        "the robot agent is an agent: it gets bytes and the time",
+        (*SOCKETS, "armadico.bridge.simulator", "armadico.mesh", "armadico.runtime"),
+    ),
+    (
+        "armadico.bridge.p2os",
+        "the codec is the robot's and the simulator's, and knows neither",
+        ("armadico.bridge.simulator", "armadico.bridge.robot", "armadico.agent"),
+    ),
+)
+
+APART: dict[str, tuple[str, ...]] = {"armadico": ("armadico.cli",)}
+"""The commands are the framework's upper floor: they start everything, so they may know it."""
+
+SANS_IO = (
+    *("agent", "coordination", "exchange", "frames", "fuzzy", "geometry", "mailbox", "measures"),
+    *("messages", "resources", "services", "society", "mesh.virtual", "rehearsal"),
+)
+"""Of the framework: bytes or messages and the time in, bytes or messages out."""
+
+P2OS_SANS_IO = ("session", "packets", "commands", "status", "configuration", "handshake")
+
+ZENOH = "armadico.mesh.zenoh"
+
+
+def of(package: str) -> list[str]:
+    """The modules that a rule is about: sub-packages with rules of their own are not."""
+    parts = ("armadico.agents", "armadico.bridge", "armadico.tools")
+    others = [part for part in parts if part != package and within(part, package)]
+    apart = (*others, *APART.get(package, ()))
+    return [
+        name
+        for name in modules()
+        if within(name, package) and not any(within(name, other) for other in apart)
+    ]
+
+
+@pytest.mark.parametrize(("package", "why", "never"), RULES)
+def test_what_is_never_imported(package: str, why: str, never: tuple[str, ...]) -> None:
+    names = of(package)
+    assert names, f"{package} has modules"
+    broken = [
+        f"{name} imports {imported}"
+        for name in names
+        for imported in imports(name)
+        if any(within(imported, other) for other in never)
+    ]
+    assert not broken, why
+
+
+def test_agents_never_import_each_other() -> None:
+    agents = [n for n in modules() if n.startswith("armadico.agents.") and n.count(".") == 2]
+    assert len(agents) >= 7
+    broken = [f"{name} imports {other}" for name in agents for other in imports(name) & {*agents}]
+    assert not broken
+
+
+def test_methods_know_no_agent() -> None:
+    methods = of("armadico.agents.methods")
+    agents = {n for n in modules() if n.startswith("armadico.agents.") and n.count(".") == 2}
+    assert not [name for name in methods if imports(name) & (agents - {"armadico.agents.methods"})]
+
+
+def test_one_module_knows_zenoh_and_the_floors_that_it_is_measured_against() -> None:
+    users = {name for name in modules() if any(within(i, "zenoh") for i in imports(name))}
+    assert ZENOH in users
+    assert all(name.startswith("armadico.tools.bench") for name in users - {ZENOH})
+
+
+@pytest.mark.parametrize(
+    "module",
+    [f"armadico.{n}" for n in SANS_IO] + [f"armadico.bridge.p2os.{n}" for n in P2OS_SANS_IO],
+)
+def test_what_decides_holds_no_socket_thread_or_clock(module: str) -> None:
+    broken = {i for i in imports(module) if any(within(i, other) for other in SOCKETS)}
+    assert not broken

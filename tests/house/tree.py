@@ -1,0 +1,93 @@
+"""The tree of sources as the tests of the house see it: modules, what they import, where they are.
+
+In the checkout `agents/` lies beside `armadico/`; installed it is `armadico.agents`. Names here are
+the installed ones.
+"""
+
+from __future__ import annotations
+
+import ast
+import tomllib
+from collections.abc import Iterator
+from functools import cache
+from pathlib import Path
+from typing import Any
+
+ROOT = Path(__file__).resolve().parents[2]
+
+FOLDERS = {
+    "armadico": "armadico",
+    "armadico.agents": "agents",
+    "armadico.bridge": "bridge",
+    "armadico.configs": "configs",
+    "armadico.tools": "tools",
+}
+"""Package and folder, as `package-dir` in the project file has them."""
+
+JUNK = {"__pycache__"}
+
+
+def project() -> dict[str, Any]:
+    """The project file."""
+    with (ROOT / "pyproject.toml").open("rb") as file:
+        return tomllib.load(file)
+
+
+def package_files() -> Iterator[tuple[str, Path]]:
+    """Everything in the packages: where it is installed, and where it is in the checkout."""
+    for package, folder in FOLDERS.items():
+        for path in sorted((ROOT / folder).rglob("*")):
+            if path.is_file() and not JUNK & set(path.parts):
+                inside = path.relative_to(ROOT / folder).as_posix()
+                yield f"{package.replace('.', '/')}/{inside}", path
+
+
+@cache
+def modules() -> dict[str, Path]:
+    """Every module of the packages, by name."""
+    return {
+        name.removesuffix(".py").removesuffix("/__init__").replace("/", "."): path
+        for name, path in package_files()
+        if path.suffix == ".py"
+    }
+
+
+@cache
+def tree(path: Path) -> ast.Module:
+    """A file's syntax tree."""
+    return ast.parse(path.read_text(encoding="utf-8"))
+
+
+@cache
+def imports(module: str) -> frozenset[str]:
+    """Every module that a module imports, wherever in it, for type checking too."""
+    found: set[str] = set()
+    for node in ast.walk(tree(modules()[module])):
+        if isinstance(node, ast.Import):
+            found |= {alias.name for alias in node.names}
+        elif isinstance(node, ast.ImportFrom):
+            assert node.level == 0, f"{module} imports relatively"
+            assert node.module is not None, "it is absolute"
+            for alias in node.names:
+                name = f"{node.module}.{alias.name}"
+                found.add(name if name in modules() else node.module)
+    return frozenset(found)
+
+
+def within(module: str, package: str) -> bool:
+    """Whether a module is a package or in it."""
+    return module == package or module.startswith(f"{package}.")
+
+
+def python_files() -> list[Path]:
+    """Every Python file that is ours, tests too."""
+    folders = [*FOLDERS.values(), "tests"]
+    return sorted(path for folder in folders for path in (ROOT / folder).rglob("*.py"))
+
+
+def text_files() -> list[Path]:
+    """Every text file that is ours."""
+    suffixes = {".py", ".md", ".toml", ".txt", ".map", ".in", ".yml", ".yaml", ".service", ".sh"}
+    folders = [*FOLDERS.values(), "tests", "docs", "deploy", "requirements", ".github"]
+    found = [p for folder in folders for p in (ROOT / folder).rglob("*") if p.suffix in suffixes]
+    return sorted([*found, *(p for p in ROOT.iterdir() if p.is_file() and p.suffix in suffixes)])

@@ -1,0 +1,248 @@
+"""A society of real processes, a tap on the robot's line, and an observer of what is said."""
+
+from __future__ import annotations
+
+import os
+import signal
+from collections.abc import Callable
+from itertools import pairwise
+
+from armadico.bridge.p2os.commands import Cmd
+from armadico.client import Client
+from armadico.config.scenarios import Scenario
+from armadico.launcher import Launcher, Process
+from armadico.mesh.topology import topology
+from armadico.mesh.zenoh import ZenohMesh
+from armadico.messages import (
+    Ask,
+    Ballot,
+    BidHistory,
+    BidRecord,
+    Claim,
+    Command,
+    Log,
+    Message,
+    RobotState,
+    Truth,
+    decode,
+)
+from armadico.services import BIDS
+from armadico.society import Member, Options
+from tests.live.tap import Tap, moves
+
+SOON = 40.0
+"""s; a deadline, not an expectation."""
+
+LINE = Scenario(name="line", world="sc1", start=(-1.5, 0.0, 0.0), goal=(6.5, 0.0, 0.0))
+"""8 m straight on, nothing in the way: goto alone has anything to do."""
+
+
+class Tapped(Launcher):
+    """A launcher that puts a tap between the robot agent and its simulator."""
+
+    tap: Tap | None = None
+
+    def start_simulator(self, port: int = 0) -> str:
+        url = super().start_simulator(port)
+        self.tap = self.tap or Tap(url)
+        return self.tap.url
+
+    def stop(self) -> None:
+        super().stop()
+        if self.tap is not None:
+            self.tap.close()
+            self.tap = None
+
+
+class Observer:
+    """Keeps what is said, as it comes."""
+
+    def __init__(self, mesh: ZenohMesh) -> None:
+        self.client = Client(mesh)
+        self.states: list[RobotState] = []
+        self.truths: list[Truth] = []
+        self.commands: list[Command] = []
+        self.logs: list[str] = []
+        self._kept: dict[type[Message], list[Message]] = {
+            RobotState: self.states,  # type: ignore[dict-item]
+            Truth: self.truths,  # type: ignore[dict-item]
+            Command: self.commands,  # type: ignore[dict-item]
+        }
+        self.client.listen(RobotState, Truth, Command, Claim, then=self._keep)
+        self.client.listen(Log, then=self._keep_log)
+
+    def until(self, condition: Callable[[], object], what: str) -> None:
+        """Wait for something to be so. AssertionError with the last state if it does not come."""
+        if not self.client.wait_for(condition, SOON):
+            last = self.states[-1] if self.states else None
+            said = "\n  ".join(self.logs[-10:])
+            raise AssertionError(f"not within {SOON:.0f} s: {what}\n {last}\n  {said}")
+
+    @property
+    def state(self) -> RobotState:
+        return self.states[-1]
+
+    @property
+    def names(self) -> set[str]:
+        """The names of the agents whose tokens are there."""
+        return {name for name, _ in self.client.alive}
+
+    @property
+    def holder(self) -> str:
+        """The instance that was obeyed last."""
+        return "" if self.state.obeyed is None else self.state.obeyed.instance
+
+    def obeyed_lately(self) -> bool:
+        state = self.state
+        at = state.obeyed_frame
+        return (
+            at is not None
+            and at.epoch == state.frame.epoch
+            and (state.frame.number - at.number <= 3)
+        )
+
+    def driving(self) -> bool:
+        """Whether the robot is on its way, by the truth, and somebody is obeyed."""
+        return bool(self.states and self.truths) and (
+            self.truths[-1].v > 0.2 and self.obeyed_lately()
+        )
+
+    def at_rest(self) -> bool:
+        return abs(self.truths[-1].v) < 0.01 and abs(self.truths[-1].w) < 0.01
+
+    def frames(self, count: int) -> None:
+        """Let so many frames pass."""
+        last = self.state.frame.number + count
+        self.until(lambda: self.state.frame.number >= last, f"frame {last}")
+
+    def truths_pass(self, count: int) -> None:
+        """Let so many cycles of the simulator pass."""
+        last = len(self.truths) + count
+        self.until(lambda: len(self.truths) >= last, f"{count} cycles")
+
+    def drives_on(self, frames: int = 8) -> None:
+        """Somebody is obeyed for frames that come after this call, and the robot moves."""
+        first = self.state.frame
+
+        def on() -> bool:
+            at = self.state.obeyed_frame
+            behind = at is not None and (
+                at.epoch != first.epoch or at.number >= first.number + frames
+            )
+            return behind and self.driving()
+
+        self.until(on, "somebody is obeyed and the robot moves")
+
+    def bids(self, name: str, instance: str) -> tuple[BidRecord, ...]:
+        """What an agent tells of its recent bids; none if it does not answer."""
+        key = BIDS.key_for(name=name, instance=instance)
+        replies: list[bytes] = []
+        over: list[bool] = []
+        mesh = self.client.mesh
+        mesh.ask(key, Ask(), 2.0, lambda _, data: replies.append(data), lambda: over.append(True))
+        self.until(lambda: over, "the answer")
+        return decode(replies[0], BidHistory).bids if replies else ()
+
+    def _keep(self, message: Message, _now: float) -> None:
+        kept = self._kept.get(type(message))
+        if kept is not None:
+            kept.append(message)
+
+    def _keep_log(self, message: Message, _now: float) -> None:
+        assert isinstance(message, Log)
+        self.logs.append(message.text)
+
+
+class Society(Observer):
+    """One society on a mesh of its own; a context manager that leaves nothing running."""
+
+    def __init__(self, mesh: ZenohMesh, launcher: Tapped, scenario: Scenario = LINE) -> None:
+        super().__init__(mesh)
+        self.scenario = scenario
+        self.launcher = launcher
+
+    @property
+    def tap(self) -> Tap:
+        assert self.launcher.tap is not None, "the simulator was started"
+        return self.launcher.tap
+
+    def drive(self) -> None:
+        """Start everybody, hand the mission over, and wait until the robot is on its way."""
+        self.launcher.start()
+        self.launcher.begin()
+        self.until(self.driving, "the robot is on its way")
+
+    def process(self, name: str) -> Process:
+        """The newest process of a name."""
+        return next(p for p in reversed(self.launcher.processes) if p.name == name)
+
+    def send(self, name: str, number: signal.Signals) -> None:
+        os.kill(self.process(name).popen.pid, number)
+
+    def kill(self, name: str) -> None:
+        """SIGKILL, and wait for the process to end."""
+        process = self.process(name)
+        process.popen.kill()
+        process.popen.wait(SOON)
+
+    def restart(self, name: str) -> Process:
+        """A new process of an agent, as the first was."""
+        member = next(m for m in self.launcher.members if m.name == name)
+        return self.launcher.start_agent(Member(name, member.sets))
+
+    def nobody_else_died(self, *dead: str) -> None:
+        """All but these are alive, and are seen to be."""
+        newest = {process.name: process for process in self.launcher.processes}
+        ended = {name for name, process in newest.items() if process.ended()}
+        assert ended == set(dead), f"ended: {sorted(ended)}"
+        agents = {member.name for member in self.launcher.members} - set(dead)
+        self.until(lambda: self.names == agents, f"tokens: {sorted(agents)}")
+
+    def stops(self, since: int) -> None:
+        """A stop is ordered after a position on the line, and the wheels come to rest."""
+
+        def ordered() -> bool:
+            said = [c for c in self.tap.commands(since) if c.number in (Cmd.VEL, Cmd.RVEL)]
+            return bool(said) and not any(map(moves, said[-2:]))
+
+        self.until(ordered, "a stop is ordered")
+        self.until(self.at_rest, "the wheels rest")
+
+    def nobody_drives(self, cycles: int = 8) -> None:
+        """Nobody has the wheels turn, for a while."""
+        mark = len(self.tap.packets)
+        self.truths_pass(cycles)
+        orders = [command for command in self.tap.commands(mark) if moves(command)]
+        assert not orders, f"{self.holder} drives: {orders}"
+        assert self.at_rest(), f"it moves: {self.truths[-1]}"
+
+
+def ballots_never_go_down(states: list[RobotState]) -> None:
+    """What is refused by, and what is obeyed, only grows within an epoch; nor do frames."""
+    for before, after in pairwise(states):
+        if before.frame.epoch != after.frame.epoch:
+            continue
+        fell = (
+            after.frame <= before.frame
+            or _rank(after.largest) < _rank(before.largest)
+            or _rank(after.obeyed) < _rank(before.obeyed)
+        )
+        assert not fell, f"{before}\n{after}"
+
+
+def _rank(ballot: Ballot | None) -> tuple[int, float, bool, str]:
+    if ballot is None:
+        return (-1, 0.0, False, "")
+    return (ballot.term, ballot.utility, ballot.critical, ballot.instance)
+
+
+def mesh_of(namespace: str) -> ZenohMesh:
+    """A session as a tool has it."""
+    return ZenohMesh(namespace, topology(passing=True))
+
+
+def launcher_of(
+    mesh: ZenohMesh, scenario: Scenario = LINE, options: Options | None = None
+) -> Tapped:
+    """A launcher with a tap, in the mesh's namespace."""
+    return Tapped(scenario, options or Options(), mesh, mesh.namespace)

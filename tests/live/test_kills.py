@@ -1,0 +1,73 @@
+"""Promises 1, 3 and 4 with real processes: any agent may be killed, one after another."""
+
+from __future__ import annotations
+
+import pytest
+
+from tests.live.conftest import Start
+from tests.live.society import ballots_never_go_down
+from tests.live.tap import statuses_until_stop
+
+pytestmark = pytest.mark.live
+
+MOST_STATUSES = 8
+"""Status packets until a stop is ordered: 3 when all is well, and some for a loaded machine."""
+
+
+@pytest.mark.parametrize("name", ["goto", "sonar", "encoder"])
+def test_without_the_driver_fresh_obstacles_or_a_pose_a_stop_is_ordered(
+    start: Start, name: str
+) -> None:
+    society = start()
+    mark = len(society.tap.packets)
+    society.kill(name)
+    society.stops(mark)
+    society.nobody_drives()
+    assert statuses_until_stop(society.tap.packets) <= MOST_STATUSES
+    society.nobody_else_died(name)
+    ballots_never_go_down(society.states)
+
+
+@pytest.mark.parametrize("name", ["goto", "sonar", "encoder"])
+def test_who_is_started_again_takes_its_place(start: Start, name: str) -> None:
+    society = start()
+    mark = len(society.tap.packets)
+    society.kill(name)
+    society.stops(mark)
+    society.restart(name)
+    society.drives_on()
+    ballots_never_go_down(society.states)
+
+
+def test_those_who_do_not_drive_may_die_one_after_another(start: Start) -> None:
+    society = start()
+    dead: list[str] = []
+    for name in ("interface", "path-planning", "gothrough", "avoid"):
+        holder = society.holder
+        society.kill(name)
+        dead.append(name)
+        society.drives_on()
+        assert society.holder == holder
+        society.nobody_else_died(*dead)
+    ballots_never_go_down(society.states)
+
+
+def test_without_the_robot_agent_the_controllers_watchdog_stops_the_wheels(start: Start) -> None:
+    society = start()
+    society.kill("robot")
+    killed = len(society.truths)
+    society.truths_pass(5)
+    mark = len(society.tap.packets)
+    society.until(society.at_rest, "the wheels rest")
+    assert society.truths[killed + 4].v > 0.1, "the line is open, so only the watchdog can stop it"
+    assert not society.tap.commands(mark), "nobody else talks to the robot"
+    society.nobody_drives()
+    society.nobody_else_died("robot")
+
+
+def test_without_the_simulator_the_robot_agent_says_so_and_all_live(start: Start) -> None:
+    society = start()
+    society.kill("simulator")
+    society.until(lambda: any("is gone" in text for text in society.logs), "the port is gone")
+    ended = [process.name for process in society.launcher.processes if process.ended()]
+    assert ended == ["simulator"]

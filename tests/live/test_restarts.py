@@ -1,0 +1,49 @@
+"""The robot agent and the simulator come back: no lurch, the same frames, the same driver."""
+
+from __future__ import annotations
+
+import pytest
+from msgspec import structs
+
+from armadico.bridge.p2os.commands import Cmd, decode_command
+from armadico.bridge.p2os.packets import Decoder
+from armadico.bridge.p2os.session import ZERO
+from tests.live.conftest import Start
+from tests.live.society import LINE, ballots_never_go_down
+from tests.live.tap import moves
+
+pytestmark = pytest.mark.live
+
+
+def test_a_new_robot_agent_begins_with_zero_speeds_and_the_same_holder_drives_on(
+    start: Start,
+) -> None:
+    society = start(structs.replace(LINE, agents=("encoder", "sonar", "goto", "interface")))
+    holder, epoch = society.holder, society.state.frame.epoch
+    society.kill("robot")
+    society.truths_pass(5)
+    society.until(society.at_rest, "the controller's watchdog stops the wheels")
+    mark = len(society.tap.packets)
+    society.restart("robot")
+    society.until(lambda: society.state.frame.epoch != epoch, "a new epoch")
+    society.drives_on()
+    said = society.tap.commands(mark)
+    assert said[:2] == [decode_command(payload) for payload in Decoder().feed(ZERO)]
+    started = next(i for i, command in enumerate(said) if moves(command))
+    assert Cmd.OPEN in {command.number for command in said[:started]}
+    assert society.holder == holder
+    society.nobody_else_died()
+    ballots_never_go_down(society.states)
+
+
+def test_a_simulator_that_comes_back_is_driven_on(start: Start) -> None:
+    society = start()
+    epoch = society.state.frame.epoch
+    society.kill("simulator")
+    society.until(lambda: any("is gone" in text for text in society.logs), "the port is gone")
+    society.launcher.start_simulator(society.tap.port)
+    number = society.state.frame.number
+    society.until(lambda: society.state.frame.number > number, "frames again")
+    society.drives_on()
+    assert society.state.frame.epoch == epoch, "the robot agent is the same"
+    society.nobody_else_died()

@@ -1,0 +1,177 @@
+"""`armadico run` as people start it: measured, interrupted, and alone in its namespace."""
+
+from __future__ import annotations
+
+import json
+import subprocess
+import sys
+from collections.abc import Callable, Iterator
+from contextlib import ExitStack
+from pathlib import Path
+from signal import SIGHUP, SIGINT, SIGTERM, Signals
+
+import psutil
+import pytest
+
+from armadico.bridge.p2os.commands import Cmd
+from armadico.launcher import Launcher, RunFailedError
+from armadico.measures import Result, RunWatch
+from armadico.society import Options
+from tests.live.conftest import NAMESPACE
+from tests.live.society import LINE, SOON, Observer, mesh_of
+from tests.live.tap import Tap, moves
+
+pytestmark = pytest.mark.live
+
+Run = Callable[..., subprocess.Popen[str]]
+
+
+@pytest.fixture
+def run(apart: None) -> Iterator[Run]:
+    """Start `armadico` with these words; killed with all its children if it is left."""
+    with ExitStack() as stack:
+
+        def make(*words: str) -> subprocess.Popen[str]:
+            process = subprocess.Popen(
+                [str(Path(sys.executable).with_name("armadico")), *words],
+                stdout=subprocess.PIPE,
+                stderr=subprocess.PIPE,
+                text=True,
+            )
+            stack.enter_context(process)
+            stack.callback(_kill_tree, process.pid)
+            return process
+
+        yield make
+
+
+def _kill_tree(pid: int) -> None:
+    if psutil.pid_exists(pid):
+        everybody = [*children(pid), psutil.Process(pid)]
+        for process in everybody:
+            process.kill()
+
+
+def children(pid: int) -> list[psutil.Process]:
+    found: list[psutil.Process] = psutil.Process(pid).children(recursive=True)
+    return found
+
+
+def all_gone(processes: list[psutil.Process]) -> bool:
+    return not psutil.wait_procs(processes, SOON)[1]
+
+
+def test_a_run_reaches_its_goal_says_json_and_leaves_nothing(run: Run, observer: Observer) -> None:
+    process = run("run", "sc1", "--goal", "1.5", "0", "0", "--no-plot", "--json")
+    observer.until(observer.driving, "the robot is on its way")
+    everybody = children(process.pid)
+    assert len(everybody) == 9
+    out, errors = process.communicate(timeout=2 * SOON)
+    assert process.returncode == 0, errors
+    result = json.loads(out)
+    assert tuple(result) == Result.__struct_fields__
+    assert result["reached"]
+    assert result["collisions"] == 0
+    assert result["tg_percent"] == 100.0
+    assert all_gone(everybody)
+    observer.until(lambda: not observer.client.alive, "nobody is left on the mesh")
+
+
+@pytest.mark.parametrize("number", [SIGINT, SIGTERM, SIGHUP])
+def test_a_run_that_is_interrupted_leaves_the_robot_at_rest_and_nothing_running(
+    run: Run, observer: Observer, number: Signals
+) -> None:
+    simulator = run("sim", "sc1", "--port", "0", "--start", "-1.5", "0", "0")
+    assert simulator.stdout is not None
+    tap = Tap(simulator.stdout.readline().partition(" at ")[2].partition(";")[0])
+    try:
+        process = run("run", "sc1", "--no-plot", "--robot", tap.url, "--start", "-1.5", "0", "0")
+        observer.until(observer.driving, "the robot is on its way")
+        everybody = children(process.pid)
+        process.send_signal(number)
+        _, errors = process.communicate(timeout=SOON)
+        assert process.returncode == 130, errors
+        assert "Traceback" not in errors
+        assert all_gone(everybody)
+        observer.until(observer.at_rest, "the wheels rest")
+        last = tap.commands()[-4:]
+        assert [command.number for command in last] == [Cmd.VEL, Cmd.RVEL, Cmd.ENABLE, Cmd.CLOSE]
+        assert not any(map(moves, last))
+    finally:
+        tap.close()
+
+
+def test_when_the_launcher_is_killed_the_society_drives_on(run: Run, observer: Observer) -> None:
+    process = run("run", "sc1", "--start", "-1.5", "0", "0", "--no-plot")
+    observer.until(observer.driving, "the robot is on its way")
+    everybody = children(process.pid)
+    try:
+        process.kill()
+        process.wait(SOON)
+        observer.drives_on()
+        assert all(child.is_running() for child in everybody)
+    finally:
+        for child in everybody:
+            child.kill()
+    assert all_gone(everybody)
+
+
+def test_a_second_run_in_the_namespace_is_told_who_is_there_and_disturbs_nobody(
+    run: Run, observer: Observer
+) -> None:
+    first = run("run", "sc1", "--start", "-1.5", "0", "0", "--no-plot")
+    observer.until(observer.driving, "the first is on its way")
+    (robot,) = [instance for name, instance in observer.client.alive if name == "robot"]
+    second = run("run", "sc1", "--no-plot")
+    _, errors = second.communicate(timeout=SOON)
+    assert second.returncode == 1
+    assert robot in errors
+    assert repr(NAMESPACE) in errors
+    assert "--namespace" in errors
+    observer.drives_on()
+    assert first.poll() is None
+
+
+def test_a_run_whose_robot_falls_silent_ends_and_says_so(apart: None) -> None:
+    said: list[str] = []
+
+    with (
+        mesh_of(NAMESPACE) as mesh,
+        Launcher(LINE, Options(), mesh, NAMESPACE, silent_s=1.5) as launcher,
+    ):
+
+        def cut(watch: RunWatch) -> None:
+            if watch.distance > 0.2:
+                next(p for p in launcher.processes if p.name == "simulator").popen.kill()
+
+        with pytest.raises(RunFailedError, match=r"said nothing for 1\.5 s; the robot agent says:"):
+            launcher.run(cut, said.append)
+        everybody = [process.popen for process in launcher.processes]
+    assert any(text.startswith("simulator is gone") for text in said), said
+    assert any("is gone:" in text for text in said), said
+    assert all(process.poll() is not None for process in everybody)
+
+
+def test_a_robot_that_does_not_answer_is_named_with_what_its_agent_says(
+    apart: None, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    nowhere = Options(robot="nothing-that-is-an-address")
+    monkeypatch.setattr("armadico.launcher.ANSWER_S", 0.5)
+    with (
+        mesh_of(NAMESPACE) as mesh,
+        Launcher(LINE, nowhere, mesh, NAMESPACE) as launcher,
+        pytest.raises(RunFailedError, match=r"(?s)did not answer.*begins with none of serial"),
+    ):
+        launcher.start()
+
+
+def test_a_picture_that_nobody_asked_for_and_that_cannot_be_written_spoils_no_run(
+    run: Run, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    (tmp_path / "runs").write_text("no folder")
+    process = run("run", "sc1", "--goal", "0.3", "0", "0", "--json")
+    out, errors = process.communicate(timeout=2 * SOON)
+    assert process.returncode == 0, errors
+    assert json.loads(out)["reached"]
+    assert "no picture: cannot write runs/sc1.png" in errors

@@ -1,0 +1,56 @@
+"""The latch with real processes: stop means stopped, until it is released."""
+
+from __future__ import annotations
+
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+
+from tests.live.conftest import Start
+from tests.live.society import SOON, ballots_never_go_down
+
+pytestmark = pytest.mark.live
+
+
+def armadico(*words: str) -> subprocess.CompletedProcess[str]:
+    return subprocess.run(
+        [str(Path(sys.executable).with_name("armadico")), *words],
+        capture_output=True,
+        text=True,
+        timeout=SOON,
+        check=False,
+    )
+
+
+def test_a_robot_that_is_stopped_stays_so_until_it_is_released(start: Start) -> None:
+    society = start()
+    mark = len(society.tap.packets)
+    done = armadico("stop")
+    assert done.returncode == 0, done.stderr
+    society.stops(mark)
+    society.nobody_drives(15)
+    latch = society.state.stop
+    assert (latch.stopped, latch.by) == (True, "armadico stop")
+
+    done = armadico("resume")
+    assert done.returncode == 0, done.stderr
+    society.drives_on()
+    assert not society.state.stop.stopped
+    ballots_never_go_down(society.states)
+
+
+def test_a_stop_outlives_the_robot_agent_and_whoever_asked_for_it(start: Start) -> None:
+    society = start()
+    mark = len(society.tap.packets)
+    assert armadico("stop").returncode == 0
+    society.stops(mark)
+    epoch = society.state.frame.epoch
+    society.kill("robot")
+    society.restart("robot")
+    society.until(lambda: society.state.frame.epoch != epoch, "a new epoch")
+    society.until(lambda: society.state.stop.stopped, "the others remember the stop")
+    society.nobody_drives(15)
+    assert armadico("resume").returncode == 0
+    society.drives_on()

@@ -1,0 +1,257 @@
+"""What is said on the mesh: the order of fields is the wire, and nothing unsound gets on or off."""
+
+from __future__ import annotations
+
+import math
+from typing import Any
+
+import cbor2
+import msgspec
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from msgspec import inspect as shape
+
+from armadico import messages as m
+from armadico.messages import Message, MessageError, decode, encode, plain
+
+KINDS = sorted(
+    (
+        kind
+        for kind in vars(m).values()
+        if isinstance(kind, type) and issubclass(kind, Message) and kind is not Message
+    ),
+    key=lambda kind: kind.__name__,
+)
+
+WIRE = {
+    "Ask": "",
+    "Ballot": "term utility critical instance",
+    "BidHistory": "instance bids",
+    "BidRecord": "frame resource utility critical wanted reason inputs",
+    "Card": "name instance host pid version protocol provides requests resources holds",
+    "Claim": "resource ballot frame utility critical wanted commanded",
+    "Command": "frame ballot v w",
+    "Echo": "x y bearing range",
+    "Frame": "epoch number",
+    "Log": "level text",
+    "MissionReply": "mission refusal waypoints length",
+    "MissionRequest": "goal waypoints planned",
+    "MissionStatus": "mission state to_go leg note",
+    "Obstacles": "frame closest front left right points",
+    "Plan": "waypoints length energy refusal",
+    "PlanRequest": "start goal",
+    "Point": "x y",
+    "Pose": "frame x y theta",
+    "RobotState": ("frame x y theta v w battery_v motors stalled largest obeyed obeyed_frame stop"),
+    "Sonar": "frame reach echoes",
+    "Stop": "counter stopped by",
+    "Trajectory": "mission waypoints start leg",
+    "Truth": "t x y theta v w collisions clearance",
+    "Waypoint": "x y theta",
+}
+"""Protocol 1, field by field. What is new is appended and has a default; nothing moves."""
+
+
+def values(kind: shape.Type) -> st.SearchStrategy[Any]:
+    """Anything that a field may hold, by its annotation."""
+    if isinstance(kind, shape.StructType):
+        fields = (values(field.type) for field in kind.fields)
+        return st.builds(kind.cls, *fields)
+    if isinstance(kind, shape.UnionType):
+        return st.one_of(*map(values, kind.types))
+    if isinstance(kind, shape.VarTupleType):
+        return st.lists(values(kind.item_type), max_size=3).map(tuple)
+    return scalars(kind)
+
+
+def scalars(kind: shape.Type) -> st.SearchStrategy[Any]:
+    if isinstance(kind, shape.FloatType):
+        low, high = kind.gt if kind.ge is None else kind.ge, kind.le
+        return st.floats(low, high, exclude_min=kind.gt is not None)
+    if isinstance(kind, shape.IntType):
+        return st.integers(kind.ge, kind.le)
+    if isinstance(kind, shape.StrType):
+        return st.text(min_size=kind.min_length or 0, max_size=min(kind.max_length or 20, 20))
+    if isinstance(kind, shape.EnumType):
+        return st.sampled_from(list(kind.cls))
+    if isinstance(kind, shape.BoolType):
+        return st.booleans()
+    assert isinstance(kind, shape.NoneType), kind
+    return st.none()
+
+
+def of(kind: type[Message]) -> st.SearchStrategy[Any]:
+    return values(shape.type_info(kind))
+
+
+POSE = m.Pose(m.Frame(7, 3), 1.0, -2.0, 0.5)
+
+
+@pytest.mark.parametrize("kind", KINDS, ids=lambda kind: kind.__name__)
+@settings(max_examples=30)
+@given(data=st.data())
+def test_every_message_comes_back_as_it_was(kind: type[Message], data: st.DataObject) -> None:
+    message = data.draw(of(kind))
+    assert decode(encode(message), kind) == message
+
+
+@pytest.mark.parametrize("name", WIRE)
+def test_the_order_of_fields_is_the_wire(name: str) -> None:
+    kind = getattr(m, name)
+    fields = kind.__struct_fields__
+    known = WIRE[name].split()
+    assert list(fields[: len(known)]) == known
+    appended = len(fields) - len(known)
+    assert appended <= len(kind.__struct_defaults__)  # who does not say them is understood
+
+
+def test_a_message_travels_as_a_cbor_array() -> None:
+    assert cbor2.loads(encode(POSE)) == [[7, 3], 1.0, -2.0, 0.5]
+    assert cbor2.loads(encode(m.MissionStatus(1, m.MissionState.DRIVING, 2.0))) == [
+        1,
+        "driving",
+        2.0,
+        0,
+        "",
+    ]
+
+
+def test_messages_are_frozen_and_can_be_shared() -> None:
+    with pytest.raises(AttributeError):
+        POSE.x = 2.0  # type: ignore[misc]
+    assert hash(POSE) == hash(decode(encode(POSE), m.Pose))
+
+
+UNSOUND: list[tuple[str, Message]] = [
+    ("nan", m.Pose(m.Frame(1, 1), math.nan, 0.0, 0.0)),
+    ("infinite", m.Pose(m.Frame(1, 1), 0.0, math.inf, 0.0)),
+    ("minus infinite", m.Pose(m.Frame(1, 1), 0.0, 0.0, -math.inf)),
+    ("too large", m.Pose(m.Frame(1, 1), 1.1e6, 0.0, 0.0)),
+    (
+        "nan in an action",
+        m.Claim("w", m.Ballot(1, 0.5, False, "a"), m.Frame(1, 1), 0.5, False, (math.nan,)),
+    ),
+    ("a utility above one", m.Ballot(1, 1.5, False, "a")),
+    ("a negative utility", m.Ballot(1, -0.1, False, "a")),
+    ("a term beyond 2^53", m.Ballot(2**53, 0.5, False, "a")),
+    ("a negative term", m.Ballot(-1, 0.5, False, "a")),
+    ("nobody's ballot", m.Ballot(1, 0.5, False, "")),
+    ("a long name", m.Ballot(1, 0.5, False, "a" * 129)),
+    ("a long text", m.Log(20, "a" * 2001)),
+    ("a range of zero", m.Echo(0.0, 0.0, 0.0, 0.0)),
+    ("an epoch beyond 63 bits", m.Frame(2**63, 0)),
+    ("nan deep inside", m.Trajectory(1, (m.Waypoint(0.0, math.nan, 0.0),))),
+]
+
+
+@pytest.mark.parametrize(("what", "message"), UNSOUND, ids=[what for what, _ in UNSOUND])
+def test_what_is_not_finite_or_out_of_range_is_neither_sent_nor_taken(
+    what: str, message: Message
+) -> None:
+    with pytest.raises(MessageError):
+        encode(message)
+    with pytest.raises(MessageError):
+        decode(cbor2.dumps(msgspec.to_builtins(message)), type(message))
+
+
+@pytest.mark.parametrize("value", ["fast", None, (1.0,), object(), 10**400])
+def test_what_is_of_another_type_is_not_sent(value: Any) -> None:
+    with pytest.raises(MessageError, match="Pose cannot be sent"):
+        encode(m.Pose(m.Frame(1, 1), value, 0.0, 0.0))
+
+
+SHAPES: list[tuple[str, Any]] = [
+    ("a map", {"frame": [1, 1], "x": 0.0, "y": 0.0, "theta": 0.0}),
+    ("too short", [[1, 1], 0.0, 0.0]),
+    ("text for a number", [[1, 1], "0", 0.0, 0.0]),
+    ("a truth value for a number", [[1, 1], True, 0.0, 0.0]),
+    ("a number for a frame", [1, 0.0, 0.0, 0.0]),
+    ("nothing", None),
+    ("a fraction for a counter", [[1, 1.5], 0.0, 0.0, 0.0]),
+    ("a huge integer", [[1, 1], 10**400, 0.0, 0.0]),
+]
+
+
+@pytest.mark.parametrize(("what", "value"), SHAPES, ids=[what for what, _ in SHAPES])
+def test_another_shape_is_refused(what: str, value: Any) -> None:
+    with pytest.raises(MessageError, match="not a Pose"):
+        decode(cbor2.dumps(value), m.Pose)
+
+
+@given(data=st.binary(max_size=64))
+def test_arbitrary_bytes_raise_nothing_but_a_message_error(data: bytes) -> None:
+    for kind in KINDS:
+        try:
+            decode(data, kind)
+        except MessageError:
+            continue
+
+
+@given(data=st.data())
+def test_a_damaged_message_is_another_one_or_an_error(data: st.DataObject) -> None:
+    wire = bytearray(encode(data.draw(of(m.Claim))))
+    for _ in range(data.draw(st.integers(1, 4))):
+        wire[data.draw(st.integers(0, len(wire) - 1))] = data.draw(st.integers(0, 255))
+    try:
+        taken = decode(bytes(wire), m.Claim)
+    except MessageError:
+        return
+    assert decode(encode(taken), m.Claim) == taken
+
+
+HOSTILE = [
+    ("deep nesting", b"\x81" * 100_000 + b"\x00"),
+    ("an array of 2^63", b"\x9b\x7f" + b"\xff" * 7),
+    ("a text that is not there", b"\x7a\xff\xff\xff\xff"),
+    ("a decimal with a huge exponent", bytes.fromhex("c4821b7fffffffffffffff01")),
+    ("a date out of range", bytes.fromhex("c11b7fffffffffffffff")),
+    ("an array that holds itself", bytes.fromhex("d81c81d81d00")),
+    ("a broken text", b"\x62\xff\xff"),
+    ("nothing", b""),
+]
+
+
+@pytest.mark.parametrize(("what", "data"), HOSTILE, ids=[what for what, _ in HOSTILE])
+def test_hostile_bytes_are_an_error_like_any_other(what: str, data: bytes) -> None:
+    with pytest.raises(MessageError):
+        decode(data, m.Pose)
+
+
+def test_a_message_of_an_older_program_lacks_what_was_appended_since() -> None:
+    ballot = m.Ballot(3, 0.5, False, "a-1")
+    assert decode(cbor2.dumps(["wheels", [3, 0.5, False, "a-1"], [1, 2], 0.5]), m.Claim) == m.Claim(
+        "wheels", ballot, m.Frame(1, 2), 0.5, critical=False, wanted=(), commanded=()
+    )
+    assert decode(cbor2.dumps([]), m.Stop) == m.Stop(0, False, "")
+    state = decode(cbor2.dumps([[1, 2], 0, 0, 0, 0, 0, 12, True, False]), m.RobotState)
+    assert (state.largest, state.obeyed, state.obeyed_frame, state.stop) == (
+        None,
+        None,
+        None,
+        m.Stop(),
+    )
+
+
+def test_a_message_of_a_newer_program_may_be_longer() -> None:
+    assert decode(cbor2.dumps([[7, 3, "new"], 1.0, -2.0, 0.5, "new"]), m.Pose) == POSE
+
+
+def test_ballots_are_ordered_by_term_then_rank_then_instance() -> None:
+    ballots = [
+        m.Ballot(1, 0.9, True, "z"),
+        m.Ballot(2, 0.5, False, "b"),
+        m.Ballot(2, 0.5, True, "a"),
+        m.Ballot(2, 0.6, False, "a"),
+        m.Ballot(2, 0.6, False, "b"),
+    ]
+    assert sorted(set(ballots)) == ballots
+
+
+def test_plain_is_a_dictionary_for_people() -> None:
+    assert plain(POSE) == {
+        "frame": {"epoch": 7, "number": 3},
+        "x": 1.0,
+        "y": -2.0,
+        "theta": 0.5,
+    }
