@@ -225,9 +225,11 @@ class Avoid(Agent):
     def _stuck(self, pose: Pose, state: RobotState) -> bool:
         """Whether the robot has stood still far from its goal: then avoid works it free.
 
-        Whoever holds the wheels may see no way and command nothing, with nothing in *its* way.
+        Whoever holds the wheels may see no way and command nothing, with nothing in *its* way. If
+        nobody is obeyed, nobody drives, and that is not for avoid to mend.
         """
-        moving = abs(state.v) > 0.02 or abs(state.w) > 0.05
+        driven = state.obeyed_frame is not None and self.frames.fresh(state.obeyed_frame)
+        moving = abs(state.v) > 0.02 or abs(state.w) > 0.05 or not driven
         looked_away = self.now - self._looked_at > LOOKED_AWAY_S
         self._looked_at = self.now
         if moving or looked_away or self._route.to_go(pose.x, pose.y) < self.p.goal_m:

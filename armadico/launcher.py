@@ -126,6 +126,8 @@ class Launcher:
         trace: TracebackType | None,
     ) -> None:
         self.stop()
+        if error is None and not self._mourned:
+            shutil.rmtree(self.logs, ignore_errors=True)  # nothing went wrong: nothing to read
 
     # Starting ------------------------------------------------------------------------------------
 

@@ -7,7 +7,7 @@ import json
 import signal
 import sys
 from collections.abc import Callable, Iterator, Sequence
-from contextlib import contextmanager
+from contextlib import AbstractContextManager, contextmanager, nullcontext
 from math import isfinite
 from pathlib import Path
 from typing import TYPE_CHECKING, Final
@@ -19,6 +19,7 @@ from armadico.cli.options import FailedError, UsageError
 if TYPE_CHECKING:
     from armadico.config.scenarios import Scenario
     from armadico.measures import Result, RunWatch
+    from armadico.rehearsal import Rehearsal
     from armadico.society import Options
 
 LINE_S: Final = 2.0
@@ -87,6 +88,10 @@ def _parser() -> argparse.ArgumentParser:
     made.add_argument("--json", action="store_true", help="one JSON object on stdout")
     made.add_argument("--plot", metavar="FILE", type=Path, help="where the picture goes (PNG)")
     made.add_argument("--no-plot", action="store_true", help="no picture")
+    made.add_argument(
+        "--dashboard", action="store_true", help="show a live run; the link is printed"
+    )
+    made.add_argument("--rrd", metavar="FILE", type=Path, help="keep a virtual run for rerun")
     made.add_argument("--robot", metavar="URL", help="drive something that is already there")
     options.add_mesh_options(made)
     return made
@@ -102,6 +107,12 @@ def _scenario(args: argparse.Namespace) -> Scenario:
         raise UsageError("name a scenario (armadico run sc4), or a world with --world")
     if args.runs is not None and args.runs < 1:
         raise UsageError(f"--runs {args.runs}: at least 1")
+    if args.dashboard and args.virtual:
+        raise UsageError("--dashboard shows live runs; --rrd FILE keeps a virtual one")
+    if args.rrd is not None and not args.virtual:
+        raise UsageError(
+            "--rrd is for --virtual; armadico dashboard --record FILE keeps a live run"
+        )
     if args.robot is not None and args.virtual:
         raise UsageError("--robot drives what is really there; --virtual has its own simulator")
     if args.robot is not None and urlsplit(args.robot).scheme not in ROBOTS:
@@ -176,7 +187,7 @@ def _virtual(
 
     rehearsal = Rehearsal(scenario, chosen)
     try:
-        with _progress(args, scenario, chosen.seed) as show:
+        with _recording(args, rehearsal), _progress(args, scenario, chosen.seed) as show:
             return rehearsal.run(show), rehearsal.watch
     except MissionRefusedError as error:
         raise FailedError(f"{scenario.name}: the mission was refused: {error}") from None
@@ -191,14 +202,38 @@ def _live(args: argparse.Namespace, scenario: Scenario, chosen: Options) -> tupl
         if signal.getsignal(number) is signal.SIG_DFL:  # under nohup it is not
             signal.signal(number, signal.default_int_handler)
     try:
-        with mesh, Launcher(scenario, chosen, mesh, args.namespace) as launcher:
-            _say(f"{scenario.name}: starting; each process logs to {launcher.logs}")
+        with (
+            _dashboard(args, scenario),
+            mesh,
+            Launcher(scenario, chosen, mesh, args.namespace) as launcher,
+        ):
+            _say(f"{scenario.name}: starting; until it ends well, logs are in {launcher.logs}")
             with _progress(args, scenario, chosen.seed) as show:
                 return launcher.run(show, _say), launcher.watch
     except MissionRefusedError as error:
         raise FailedError(f"{scenario.name}: the mission was refused: {error}") from None
     except RunFailedError as error:
         raise FailedError(str(error)) from None
+
+
+def _recording(args: argparse.Namespace, rehearsal: Rehearsal) -> AbstractContextManager[object]:
+    """What the dashboard would show of a virtual run, kept in a file, if it is asked for."""
+    if args.rrd is None:
+        return nullcontext()
+    from armadico.cli.dashboard import kept  # noqa: PLC0415 - not for --help
+
+    seed = rehearsal.mesh.seed
+    path = args.rrd.with_stem(f"{args.rrd.stem}-{seed}") if args.runs is not None else args.rrd
+    return kept(rehearsal, path)
+
+
+def _dashboard(args: argparse.Namespace, scenario: Scenario) -> AbstractContextManager[None]:
+    """A dashboard beside a live run, if it is asked for."""
+    if not args.dashboard:
+        return nullcontext()
+    from armadico.cli.dashboard import beside  # noqa: PLC0415 - not for --help
+
+    return beside(args, scenario.world)
 
 
 def _say(text: str) -> None:

@@ -1,0 +1,249 @@
+"""Show a society live: maps, utilities and holders, speeds, who is there, and who says what.
+
+One process that listens to the mesh; no agent feels whether it is there, slow or stopped.
+"""
+
+from __future__ import annotations
+
+import argparse
+import os
+import signal
+import subprocess
+import sys
+import webbrowser
+from collections.abc import Iterator, Mapping, Sequence
+from contextlib import ExitStack, contextmanager
+from importlib.metadata import PackageNotFoundError
+from importlib.metadata import version as installed
+from pathlib import Path
+from typing import TYPE_CHECKING, Final
+
+from armadico.cli import options
+from armadico.cli.options import FailedError, UsageError
+from armadico.mesh.topology import DEFAULT_NAMESPACE, checked_namespace
+
+if TYPE_CHECKING:
+    from armadico.config.worlds import World
+    from armadico.rehearsal import Rehearsal
+    from armadico.tools.dashboard.rehearsed import Rehearsed
+    from armadico.tools.dashboard.viewer import Viewer
+
+RERUN: Final = "0.41"
+"""The version that this is written for; the viewer's interfaces change from one to the next."""
+
+INSTALL: Final = "pip install 'armadico[dashboard]'"
+
+LEAVE_S: Final = 10.0
+"""What a dashboard may take to leave before it is killed: it closes a file and a viewer."""
+
+PORT: Final = 9876
+WEB_PORT: Final = 9090
+
+EXAMPLES: Final = """\
+  armadico dashboard --world sc4             in a browser; the link is printed
+  armadico dashboard --native                in a window of its own
+  armadico dashboard --headless --record run.rrd
+  armadico dashboard --namespace robot1 --namespace robot2
+  armadico run sc4 --dashboard               with the run
+"""
+
+
+def main(argv: Sequence[str]) -> int:
+    """Show what happens until Ctrl-C."""
+    args = _parser().parse_args(argv)
+    namespaces = _namespaces(args)
+    _check_installed()
+    worlds = dict.fromkeys(namespaces, _world(args))
+    _check_record("--record", args.record)
+    from armadico.tools.dashboard.viewer import ViewerError  # noqa: PLC0415 - not for --help
+
+    try:
+        return _show(args, worlds)
+    except ViewerError as error:
+        raise FailedError(str(error)) from None
+
+
+@contextmanager
+def beside(args: argparse.Namespace, world: str) -> Iterator[None]:
+    """A dashboard for a run, as a process of its own that ends with it; its link is printed.
+
+    Args:
+        args: The run's: with the options of the mesh.
+        world: The run's world, by name or path.
+
+    Raises:
+        FailedError: It did not start, and has said why on stderr.
+    """
+    command = [sys.executable, "-m", "armadico", "dashboard", "--port=0", "--web-port=0"]
+    command += [f"--world={world}", f"--namespace={args.namespace}"]
+    command += [f"--connect={endpoint}" for endpoint in args.connect]
+    command += [f"--{name}={v}" for name in ("host", "hosts") if (v := getattr(args, name))]
+    process = subprocess.Popen(
+        command,
+        stdin=subprocess.DEVNULL,
+        stdout=subprocess.PIPE,
+        text=True,
+        start_new_session=True,  # Ctrl-C is the run's; it ends the dashboard
+    )
+    assert process.stdout is not None, "it was asked for"
+    with process, process.stdout:
+        try:
+            said = process.stdout.readline()  # ends with the process, if that fails
+            if not said:
+                raise FailedError("no dashboard, so no run; without --dashboard it drives")
+            print(said, end="", file=sys.stderr, flush=True)
+            yield
+        finally:
+            _end(process)
+
+
+def kept(rehearsal: Rehearsal, path: Path) -> Rehearsed:
+    """What the dashboard would show of a virtual run, kept in a file while this is entered.
+
+    Raises UsageError or FailedError before the run.
+    """
+    _check_installed()
+    _check_record("--rrd", path)
+    from armadico.tools.dashboard.rehearsed import Rehearsed  # noqa: PLC0415 - not for --help
+
+    return Rehearsed(rehearsal, path)
+
+
+def _end(process: subprocess.Popen[str]) -> None:
+    """In order, or else by force."""
+    process.send_signal(signal.SIGINT)
+    try:
+        process.wait(LEAVE_S)
+    except subprocess.TimeoutExpired:
+        process.kill()
+
+
+def _parser() -> argparse.ArgumentParser:
+    made = options.parser(
+        "armadico dashboard",
+        "Show a society live: maps, utilities and holders, speeds, who is there, who says what."
+        " Everything is served on this machine's loopback only.",
+        EXAMPLES,
+    )
+    where = made.add_mutually_exclusive_group()
+    where.add_argument("--web", action="store_true", help="a page for a browser (the default)")
+    where.add_argument("--native", action="store_true", help="a window of its own")
+    where.add_argument("--headless", action="store_true", help="nothing to see: serve and record")
+    made.add_argument("--record", metavar="FILE.rrd", type=Path, help="keep it in a file, too")
+    made.add_argument("--world", metavar="MAP", help="draw the walls of this world")
+    made.add_argument(
+        "--port",
+        type=int,
+        default=PORT,
+        metavar="P",
+        help=f"of the data, 0: one that is free (default: {PORT})",
+    )
+    made.add_argument(
+        "--web-port",
+        type=int,
+        default=WEB_PORT,
+        metavar="P",
+        help=f"of the page, 0: one that is free (default: {WEB_PORT})",
+    )
+    made.add_argument("--no-open", action="store_true", help="do not open a browser")
+    options.add_mesh_options(made)
+    # In place of the option that takes one: here several may be named.
+    robots = made.add_argument_group("the robots", conflict_handler="resolve")
+    robots.add_argument(
+        "--namespace",
+        metavar="NS",
+        action="append",
+        help=f"which robot; may be repeated (default: ${options.NAMESPACE_VARIABLE},"
+        f" or {DEFAULT_NAMESPACE})",
+    )
+    return made
+
+
+def _namespaces(args: argparse.Namespace) -> list[str]:
+    default = os.environ.get(options.NAMESPACE_VARIABLE, DEFAULT_NAMESPACE)
+    return [checked_namespace(name) for name in dict.fromkeys(args.namespace or [default])]
+
+
+def _check_installed() -> None:
+    """Raises FailedError, saying what to install."""
+    try:
+        found = installed("rerun-sdk")
+    except PackageNotFoundError:
+        raise FailedError(f"the dashboard needs rerun, which is an extra: {INSTALL}") from None
+    if not found.startswith(f"{RERUN}."):
+        raise FailedError(
+            f"rerun-sdk {found} is installed, and the dashboard needs {RERUN}: {INSTALL}"
+        )
+
+
+def _world(args: argparse.Namespace) -> World | None:
+    if args.world is None:
+        return None
+    from armadico.config.worlds import load_world  # noqa: PLC0415 - not for --help
+
+    return load_world(args.world)
+
+
+def _check_record(option: str, path: Path | None) -> None:
+    """Whether it can be written is said before anything starts. Raises FailedError, UsageError."""
+    if path is None:
+        return
+    if path.suffix != ".rrd":
+        raise UsageError(f"{option} {path}: rerun reads files whose names end with .rrd")
+    try:
+        path.parent.mkdir(parents=True, exist_ok=True)
+        path.open("wb").close()
+    except OSError as error:
+        raise FailedError(f"cannot write {path}: {error.strerror}") from None
+
+
+def _show(args: argparse.Namespace, worlds: Mapping[str, World | None]) -> int:
+    """Join, serve, show; everything is down again when this returns."""
+    from armadico.tools.dashboard import viewer  # noqa: PLC0415 - not for --help
+    from armadico.tools.dashboard.live import Live  # noqa: PLC0415
+    from armadico.tools.dashboard.scene import Scene  # noqa: PLC0415
+    from armadico.tools.dashboard.server import close, serve  # noqa: PLC0415
+
+    viewer.check_version()
+    port = viewer.checked_port(args.port, "--port")
+    live = Live(_say)
+    for number in (signal.SIGINT, signal.SIGTERM):
+        signal.signal(number, lambda *_: live.stop())
+    with ExitStack() as stack:
+        recording, uri = serve(worlds, port, args.record)
+        stack.callback(close, recording)
+        for namespace, world in worlds.items():
+            one = argparse.Namespace(**{**vars(args), "namespace": namespace})
+            mesh = stack.enter_context(options.join(one, passing=True))
+            live.add(mesh, Scene(recording, world, namespace))
+        window = _open(args, uri)
+        if window is not None:
+            stack.enter_context(window)
+        live.run(window.ended if window is not None else lambda: False)
+        if window is not None and window.ended():
+            _say("the viewer is gone, and so is the dashboard")
+    return 0
+
+
+def _open(args: argparse.Namespace, uri: str) -> Viewer | None:
+    """Whatever shows it; says where."""
+    from armadico.tools.dashboard import viewer  # noqa: PLC0415 - not for --help
+
+    if args.headless:
+        print(f"dashboard: no window; a viewer may connect to {uri}", flush=True)
+        return None
+    if args.native:
+        window = viewer.native(uri)
+        print(f"dashboard: in a window of its own, from {uri}", flush=True)
+        return window
+    web_port = viewer.checked_port(args.web_port, "--web-port")
+    served = viewer.web(uri, web_port)
+    address = viewer.link(uri, web_port)
+    print(f"dashboard: {address}", flush=True)
+    if not args.no_open and viewer.has_screen(os.environ):
+        webbrowser.open(address)
+    return served
+
+
+def _say(text: str) -> None:
+    print(f"armadico dashboard: {text}", file=sys.stderr, flush=True)

@@ -1,0 +1,144 @@
+"""Print what is said on the keys of a pattern, as it is said."""
+
+from __future__ import annotations
+
+import argparse
+import json
+import re
+import sys
+import time
+from collections.abc import Sequence
+from typing import TYPE_CHECKING, Any, Final
+
+from armadico.cli import options
+
+if TYPE_CHECKING:
+    from armadico.tools.watching import Heard, Watcher
+
+HINT_S: Final = 3.0
+"""Silence for so long is remarked upon."""
+
+EXAMPLES: Final = """\
+  armadico echo robot/state
+  armadico echo 'resource/*/utility' --json | jq .message.utility
+  armadico echo 'robot/**' -n 20
+  armadico echo '**' --timeout 5            give up after 5 s of silence
+"""
+
+_CHUNK: Final = re.compile(r"\*\*|\*|(?:[^*$#?\s]|\$\*)+")
+
+
+def main(argv: Sequence[str]) -> int:
+    """Print messages."""
+    made = options.parser(
+        "armadico echo",
+        "Print what is said on the keys of a pattern: * is any one part of a key, ** any number of"
+        " them. What is not a message of the table of services is shown as bytes.",
+        EXAMPLES,
+    )
+    add_pattern(made)
+    made.add_argument("--json", action="store_true", help="one JSON object a line, for programs")
+    args = made.parse_args(argv)
+    mesh = options.join(args)
+    from armadico.tools.watching import Heard, Watcher  # noqa: PLC0415 - not for --help
+
+    with mesh:
+        watcher = Watcher([mesh])
+        watcher.hear(args.pattern)
+        for _ in range(args.count) if args.count else iter(int, 1):
+            item = take(watcher, args)
+            assert isinstance(item, Heard), "only messages were asked for"
+            print(_line(item, as_json=args.json), flush=True)
+    return 0
+
+
+def key_expression(text: str) -> str:
+    """A pattern of keys that Zenoh understands, for argparse."""
+    chunks = text.split("/")
+    if not all(_CHUNK.fullmatch(chunk) for chunk in chunks):
+        raise argparse.ArgumentTypeError(
+            f"{text!r} is no key expression; one looks like robot/state, resource/*/utility or"
+            " log/**: parts between single slashes, none of them empty, * or ** alone in a part"
+        )
+    if any(a == b == "**" for a, b in zip(chunks, chunks[1:], strict=False)):
+        raise argparse.ArgumentTypeError(f"{text!r} is no key expression: one ** is enough")
+    return text
+
+
+def count(text: str) -> int:
+    """How many, for argparse."""
+    if not text.isdecimal() or int(text) < 1:
+        raise argparse.ArgumentTypeError(f"{text!r}: expected a number from 1")
+    return int(text)
+
+
+def seconds(text: str) -> float:
+    """A time in s, for argparse."""
+    try:
+        value = float(text)
+    except ValueError:
+        value = 0.0
+    if not 0 < value < float("inf"):
+        raise argparse.ArgumentTypeError(f"{text!r}: expected seconds, more than 0")
+    return value
+
+
+def add_pattern(made: argparse.ArgumentParser) -> None:
+    """The options of a command that listens to keys."""
+    made.add_argument(
+        "pattern", metavar="KEYEXPR", type=key_expression, help="such as robot/state or 'log/**'"
+    )
+    made.add_argument("-n", dest="count", metavar="N", type=count, help="end after N messages")
+    made.add_argument(
+        "--timeout", type=seconds, metavar="S", help="give up after so long without a message"
+    )
+    options.add_mesh_options(made)
+
+
+def take(watcher: Watcher, args: argparse.Namespace) -> Heard | Any:
+    """The next thing heard. Raises FailedError if nothing comes within ``--timeout``."""
+    what = f"nothing is said on {args.pattern}"
+    item = watcher.take(min(args.timeout or HINT_S, HINT_S))
+    if item is None and args.timeout is None:
+        note = f"armadico: {what} (namespace {args.namespace!r}); waiting, Ctrl-C ends it"
+        print(note, file=sys.stderr)
+        while item is None:
+            item = watcher.take(60.0)
+    elif item is None:
+        item = watcher.take(args.timeout - HINT_S)
+    if item is None:
+        raise options.nobody(args, what)
+    return item
+
+
+def _line(item: Heard, *, as_json: bool) -> str:
+    from armadico.messages import MessageError  # noqa: PLC0415 - not for --help
+    from armadico.tools.watching import as_object, read  # noqa: PLC0415 - not for --help
+
+    refused = ""
+    try:
+        message = read(item)
+    except MessageError as error:
+        message, refused = None, str(error)
+    if as_json:
+        found: dict[str, Any] = {"t": item.at / 1e9, "key": item.key}
+        found |= {"message": as_object(message)} if message else {"bytes": item.data.hex()}
+        return json.dumps(found | ({"refused": refused} if refused else {}))
+    clock = time.strftime("%H:%M:%S", time.localtime(item.at / 1e9))
+    stamp = f"{clock}.{item.at // 1_000_000 % 1000:03d} {item.key}"
+    if message is None:
+        return f"{stamp}  {refused or 'not in the table of services'}: {item.data.hex()}"
+    return f"{stamp}  {type(message).__name__} {words(as_object(message))}"
+
+
+def words(value: Any) -> str:
+    """A message's fields for people: name=value, numbers to four digits."""
+    if isinstance(value, dict):
+        return " ".join(
+            f"{name}=({words(found)})" if isinstance(found, dict) else f"{name}={words(found)}"
+            for name, found in value.items()
+        )
+    if isinstance(value, list):
+        inside = (f"({words(v)})" if isinstance(v, dict) else words(v) for v in value)
+        return "[" + ", ".join(inside) + "]"
+    return f"{value:.4g}" if isinstance(value, float) else str(value)

@@ -1,0 +1,91 @@
+"""Turn a recording into tables (CSV) or a Rerun recording (rrd)."""
+
+from __future__ import annotations
+
+import argparse
+import sys
+from collections.abc import Sequence
+from pathlib import Path
+
+from armadico.cli import options
+from armadico.cli.options import FailedError, UsageError
+
+EXAMPLES = """\
+  armadico export run.mcap --to csv                   one table a topic, in the folder run-csv
+  armadico export run.mcap --to csv --out tables
+  armadico export run.mcap --to rrd && rerun run.rrd
+"""
+
+
+def main(argv: Sequence[str]) -> int:
+    """Read a recording back."""
+    args = _parser().parse_args(argv)
+    if not args.file.is_file():
+        raise UsageError(f"{args.file}: no such file")
+    try:
+        import mcap as _  # noqa: PLC0415 - an extra
+    except ImportError:
+        raise FailedError("mcap is not installed: pip install 'armadico[record]'") from None
+    from armadico.tools.export import RecordingError  # noqa: PLC0415 - not for --help
+
+    try:
+        said = _to_csv(args) if args.to == "csv" else _to_rrd(args)
+    except RecordingError as error:
+        raise UsageError(str(error)) from None
+    except OSError as error:
+        raise FailedError(f"{error.filename or args.file}: {error.strerror or error}") from None
+    print(said)
+    return 0
+
+
+def _parser() -> argparse.ArgumentParser:
+    made = options.parser(
+        "armadico export",
+        "Turn a recording of `armadico record` into something else. One that was cut short is read"
+        " as far as it goes.",
+        EXAMPLES,
+    )
+    made.add_argument("file", metavar="FILE.mcap", type=Path, help="the recording")
+    made.add_argument("--to", choices=("csv", "rrd"), required=True, help="into what")
+    made.add_argument(
+        "--out", type=Path, metavar="PATH", help="the folder (csv) or file (rrd) to write"
+    )
+    made.add_argument("--namespace", metavar="NS", help="only this robot (default: all)")
+    return made
+
+
+def _to_csv(args: argparse.Namespace) -> str:
+    from armadico.tools.export import Tables, rows  # noqa: PLC0415 - not for --help
+
+    folder = args.out or args.file.with_name(f"{args.file.stem}-csv")
+    with Tables(folder) as tables:
+        for row in rows(args.file, _warn):
+            if args.namespace in (None, row.namespace):
+                tables.take(row)
+    if not tables.rows:
+        raise FailedError(f"{args.file} holds no messages" + _of(args))
+    return f"{tables.rows} messages of {len(tables.topics)} topics in {folder}"
+
+
+def _to_rrd(args: argparse.Namespace) -> str:
+    from armadico.tools.export import to_rrd  # noqa: PLC0415 - not for --help
+
+    out = args.out or args.file.with_suffix(".rrd")
+    try:
+        import rerun as _  # noqa: PLC0415 - an extra
+    except ImportError:
+        raise FailedError(
+            "rerun is not installed: pip install 'armadico[dashboard]'"
+        ) from None
+    count = to_rrd(args.file, out, args.namespace, _warn)
+    if not count:
+        raise FailedError(f"{args.file} holds no messages" + _of(args))
+    return f"{count} messages in {out}"
+
+
+def _of(args: argparse.Namespace) -> str:
+    return "" if args.namespace is None else f" of {args.namespace!r}"
+
+
+def _warn(text: str) -> None:
+    print(f"armadico export: {text}", file=sys.stderr)

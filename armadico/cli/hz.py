@@ -1,0 +1,91 @@
+"""Measure how often something is said on the keys of a pattern."""
+
+from __future__ import annotations
+
+import json
+import time
+from collections.abc import Sequence
+from typing import TYPE_CHECKING, Any, Final
+
+from armadico.cli import options
+from armadico.cli.echo import add_pattern, take
+
+if TYPE_CHECKING:
+    from armadico.tools.watching import Rate
+
+SHOW_S: Final = 1.0
+
+EXAMPLES: Final = """\
+  armadico hz robot/state                 a line each second, until Ctrl-C
+  armadico hz '**' -n 500 --json          every key, over 500 messages
+  armadico hz encoder/pose -n 100
+"""
+
+
+def main(argv: Sequence[str]) -> int:
+    """Measure rates."""
+    made = options.parser(
+        "armadico hz",
+        "How often something is said, for each key: over the last 5 s, beside the rate that the"
+        " table of services promises, and the least, largest and usual gap between two messages.",
+        EXAMPLES,
+    )
+    add_pattern(made)
+    made.add_argument("--json", action="store_true", help="with -n: a JSON array on stdout")
+    args = made.parse_args(argv)
+    if args.json and args.count is None:
+        made.error("--json needs -n N: how many messages to measure")
+    mesh = options.join(args)
+    from armadico.tools.watching import Rate, Watcher  # noqa: PLC0415 - not for --help
+
+    rates: dict[str, Rate] = {}
+    with mesh:
+        watcher = Watcher([mesh])
+        watcher.hear(args.pattern)
+        show_at = time.monotonic() + SHOW_S
+        heard = 0
+        while args.count is None or heard < args.count:
+            item = take(watcher, args)
+            rates.setdefault(item.key, Rate()).add(item.at)
+            heard += 1
+            if args.count is None and time.monotonic() >= show_at:
+                show_at = time.monotonic() + SHOW_S
+                _show(rates, watcher.clock())
+        now = max(rate.last or 0 for rate in rates.values())
+    if args.json:
+        print(json.dumps([_row(key, rates[key], now) for key in sorted(rates)], indent=2))
+    elif args.count is not None:
+        _show(rates, now)
+    return 0
+
+
+def _row(key: str, rate: Rate, now: int) -> dict[str, Any]:
+    from armadico.tools.watching import service_at  # noqa: PLC0415 - not for --help
+
+    service, spread = service_at(key), rate.spread()
+    return {
+        "key": key,
+        "messages": rate.count,
+        "hz": rate.hz(now),
+        "promised_hz": service.rate_hz if service else None,
+        "least_s": spread and spread.least,
+        "mean_s": spread and spread.mean,
+        "most_s": spread and spread.most,
+        "deviation_s": spread and spread.deviation,
+    }
+
+
+def _show(rates: dict[str, Rate], now: int) -> None:
+    for key in sorted(rates):
+        row = _row(key, rates[key], now)
+        if row["hz"] is None or row["mean_s"] is None:
+            print(f"{key}: {row['messages']} so far", flush=True)
+            continue
+        promised = "" if row["promised_hz"] is None else f" of {row['promised_hz']:g} promised"
+        gaps = f"{row['least_s'] * 1e3:.1f} / {row['mean_s'] * 1e3:.1f} / {row['most_s'] * 1e3:.1f}"
+        deviation = f"{row['deviation_s'] * 1e3:.1f} ms"
+        print(
+            f"{key}: {row['hz']:.2f} Hz{promised}; gaps least / mean / most {gaps} ms,"
+            f" deviation {deviation}, {row['messages']} messages",
+            flush=True,
+        )

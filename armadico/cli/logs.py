@@ -1,0 +1,132 @@
+"""Read what the agents say to people: from now on, or what the last run left."""
+
+from __future__ import annotations
+
+import argparse
+import json
+import tempfile
+import time
+from collections.abc import Iterator, Sequence
+from pathlib import Path
+from typing import TYPE_CHECKING, Any, Final
+
+from armadico.cli import options
+from armadico.cli.echo import seconds
+from armadico.cli.options import FailedError, UsageError
+
+if TYPE_CHECKING:
+    from armadico.tools.watching import Heard
+
+LEVELS: Final = {"debug": 10, "info": 20, "warning": 30, "error": 40}
+
+FOLDERS: Final = "armadico-*"
+"""Where `armadico run` has its processes write, in the folder for temporary files."""
+
+EXAMPLES: Final = """\
+  armadico logs -f                        everybody, from now on
+  armadico logs -f avoid --level warning
+  armadico logs                           what the processes of the last `armadico run` wrote
+  armadico logs robot --folder /tmp/armadico-1a2b3c
+"""
+
+
+def main(argv: Sequence[str]) -> int:
+    """Show log lines."""
+    args = _parser().parse_args(argv)
+    if args.follow and args.folder is not None:
+        raise UsageError("--folder has what was written; -f follows what is said on the mesh")
+    return _follow(args) if args.follow else _read(args)
+
+
+def _parser() -> argparse.ArgumentParser:
+    made = options.parser(
+        "armadico logs",
+        "What the agents say to people. Log lines are events: nobody keeps them, so -f shows what"
+        " is said from now on. Without -f it reads what the processes of a run on this machine"
+        " wrote. `armadico record` keeps everything.",
+        EXAMPLES,
+    )
+    made.add_argument("agent", nargs="?", metavar="AGENT", help="only this agent, by name or id")
+    made.add_argument("-f", "--follow", action="store_true", help="from now on, until Ctrl-C")
+    made.add_argument("--level", choices=tuple(LEVELS), default="debug", help="with -f: at least")
+    made.add_argument("--folder", type=Path, metavar="DIR", help="what a run wrote there")
+    made.add_argument("--timeout", type=seconds, metavar="S", help="with -f: end after so long")
+    made.add_argument("--json", action="store_true", help="one JSON object a line, for programs")
+    options.add_mesh_options(made)
+    return made
+
+
+def _follow(args: argparse.Namespace) -> int:
+    mesh = options.join(args)
+    from armadico.tools.watching import Heard, Watcher  # noqa: PLC0415 - not for --help
+
+    with mesh:
+        watcher = Watcher([mesh])
+        watcher.hear("log/**")
+        end = time.monotonic() + (args.timeout or float("inf"))
+        while (left := end - time.monotonic()) > 0:
+            item = watcher.take(min(left, 60.0))
+            if isinstance(item, Heard):
+                _show(args, item)
+    return 0
+
+
+def _show(args: argparse.Namespace, item: Heard) -> None:
+    from armadico.messages import Log  # noqa: PLC0415 - not for --help
+    from armadico.tools.watching import agent_of, read_or_none  # noqa: PLC0415 - not for --help
+
+    instance = item.key.partition("/")[2]
+    message = read_or_none(item)
+    if not isinstance(message, Log) or message.level < LEVELS[args.level]:
+        return
+    if args.agent not in (None, agent_of(instance), instance):
+        return
+    if args.json:
+        found: dict[str, Any] = {"t": item.at / 1e9, "instance": instance}
+        print(json.dumps(found | {"level": message.level, "text": message.text}), flush=True)
+        return
+    clock = time.strftime("%H:%M:%S", time.localtime(item.at / 1e9))
+    stamp = f"{clock}.{item.at // 1_000_000 % 1000:03d} {agent_of(instance)}"
+    print(f"{stamp} {_name(message.level)} {message.text}", flush=True)
+
+
+def _name(level: int) -> str:
+    below = [name for name, least in LEVELS.items() if least <= level]
+    return (below[-1] if below else "debug").upper()
+
+
+def _read(args: argparse.Namespace) -> int:
+    folder = args.folder or _newest()
+    if not folder.is_dir():
+        raise UsageError(f"--folder {folder}: no such folder")
+    files = sorted(folder.glob("*.log"))
+    chosen = [file for file in files if args.agent in (None, file.stem)]
+    if not chosen:
+        names = ", ".join(file.stem for file in files) or "nobody"
+        raise FailedError(f"{args.agent or 'nobody'} wrote nothing in {folder} ({names} did)")
+    for stamp, name, text in sorted(_lines(chosen), key=lambda line: line[0]):
+        print(json.dumps({"agent": name, "text": text}) if args.json else text)
+        del stamp
+    return 0
+
+
+def _newest() -> Path:
+    """The folder of the last run on this machine. Raises FailedError."""
+    there = Path(tempfile.gettempdir()).glob(FOLDERS)
+    folders = [folder for folder in there if folder.is_dir() and any(folder.glob("*.log"))]
+    if not folders:
+        raise FailedError(
+            "no run on this machine left its logs, and what was said on the mesh is not kept;"
+            " `armadico logs -f` shows what is said from now on, `armadico record` keeps it"
+        )
+    return max(folders, key=lambda folder: folder.stat().st_mtime)
+
+
+def _lines(files: Sequence[Path]) -> Iterator[tuple[str, str, str]]:
+    """Each line with what it sorts by: the time of day, or that of the line before it."""
+    for file in files:
+        stamp = ""
+        for line in file.read_text(encoding="utf-8", errors="replace").splitlines():
+            first = line.partition(" ")[0]
+            stamp = first if len(first) == 12 and first[2:3] == first[5:6] == ":" else stamp
+            yield stamp, file.stem, line

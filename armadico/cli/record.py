@@ -1,0 +1,172 @@
+"""Keep everything that is said in an MCAP file, for Foxglove, `armadico export` or later."""
+
+from __future__ import annotations
+
+import argparse
+import signal
+import sys
+import time
+from collections.abc import Callable, Sequence
+from contextlib import ExitStack
+from pathlib import Path
+from typing import TYPE_CHECKING, Final
+
+from armadico.cli import options
+from armadico.cli.options import FailedError, UsageError
+
+if TYPE_CHECKING:
+    from armadico.mesh.zenoh import ZenohMesh
+    from armadico.tools.recorder import Recording
+    from armadico.tools.watching import Watcher
+
+MEGABYTE: Final = 1_000_000
+
+LINE_S: Final = 5.0
+"""How often a line is printed where there is no terminal."""
+
+EXAMPLES: Final = """\
+  armadico record run.mcap                            until Ctrl-C
+  armadico record run.mcap --max-size 100             run.mcap, run-001.mcap, ... of 100 MB each
+  armadico record both.mcap --namespace robot1 --namespace robot2
+  armadico record run.mcap --duration 60 && armadico export run.mcap --to csv
+"""
+
+
+def main(argv: Sequence[str]) -> int:
+    """Record until Ctrl-C."""
+    args = _parser().parse_args(argv)
+    _check(args)
+    namespaces = args.namespaces or [args.namespace]
+    meshes = join_each(args, namespaces)
+    try:
+        import mcap as _  # noqa: PLC0415 - an extra
+    except ImportError:
+        raise FailedError("mcap is not installed: pip install 'armadico[record]'") from None
+    signal.signal(signal.SIGTERM, signal.default_int_handler)  # it closes the file, too
+    with ExitStack() as stack:
+        for mesh in meshes:
+            stack.enter_context(mesh)
+        try:
+            _record(args, namespaces, meshes)
+        except FileExistsError as error:
+            raise FailedError(
+                f"{error.filename} is there already; name another file, or say --force"
+            ) from None
+        except OSError as error:
+            raise FailedError(f"cannot write {args.file}: {error.strerror or error}") from None
+    return 0
+
+
+def _parser() -> argparse.ArgumentParser:
+    made = options.parser(
+        "armadico record",
+        "Keep every message of one or more robots in an MCAP file, with who was there, their cards"
+        " and what the losers would have done. Ctrl-C closes it; killed, it is readable up to the"
+        " last second.",
+        EXAMPLES,
+    )
+    made.add_argument("file", metavar="FILE.mcap", type=Path, help="what to write")
+    made.add_argument(
+        "--max-size", type=float, metavar="MB", help="go on in another file when one is so large"
+    )
+    made.add_argument("--duration", type=float, metavar="S", help="stop after so long")
+    made.add_argument("--force", action="store_true", help="replace a file that is there already")
+    made.add_argument("--quiet", action="store_true", help="no progress")
+    options.add_mesh_options(made)
+    default = made.get_default("namespace")
+    several = made.add_argument_group("several robots", conflict_handler="resolve")
+    several.add_argument(
+        "--namespace",
+        dest="namespaces",
+        action="append",
+        metavar="NS",
+        help=f"which robot; may be repeated (default: {default})",
+    )
+    made.set_defaults(namespace=default)
+    return made
+
+
+def _check(args: argparse.Namespace) -> None:
+    """Raises UsageError."""
+    for flag in ("max_size", "duration"):
+        value = getattr(args, flag)
+        if value is not None and not 0 < value < float("inf"):
+            raise UsageError(f"--{flag.replace('_', '-')} {value:g}: more than 0")
+    if args.file.suffix != ".mcap":
+        raise UsageError(f"{args.file}: the name of a recording ends with .mcap")
+    if args.force:
+        args.file.unlink(missing_ok=True)
+
+
+def join_each(args: argparse.Namespace, namespaces: Sequence[str]) -> list[ZenohMesh]:
+    """A mesh for each namespace, not opened yet; what is asked to listen, the first does."""
+    found = []
+    for number, namespace in enumerate(dict.fromkeys(namespaces)):
+        listen = args.listen if number == 0 else []
+        one = argparse.Namespace(**{**vars(args), "namespace": namespace, "listen": listen})
+        found.append(options.join(one))
+    return found
+
+
+def _record(
+    args: argparse.Namespace, namespaces: Sequence[str], meshes: Sequence[ZenohMesh]
+) -> None:
+    from armadico.tools.recorder import Recording, record  # noqa: PLC0415 - not for --help
+    from armadico.tools.watching import Watcher  # noqa: PLC0415 - not for --help
+
+    limit = None if args.max_size is None else int(args.max_size * MEGABYTE)
+    about = {"version": options.version(), "namespaces": " ".join(namespaces)}
+    recording = Recording(args.file, about, limit)
+    watcher = Watcher(meshes)
+    begun = time.monotonic()
+    try:
+        record(watcher, recording, _shower(args, watcher, begun), args.duration)
+    except KeyboardInterrupt:
+        pass  # how a recording ends
+    finally:
+        while (item := watcher.take(0)) is not None:
+            recording.take(item)
+        recording.close()
+    _say(f"{_remark(recording, watcher, begun)}; closed")
+
+
+def _shower(
+    args: argparse.Namespace, watcher: Watcher, begun: float
+) -> Callable[[Recording], None]:
+    """One line that is written over on a terminal, one now and then elsewhere."""
+    on_terminal = sys.stderr.isatty()
+    said_at = begun if not on_terminal else float("-inf")
+    if not args.quiet:
+        _say(f"recording to {args.file}; Ctrl-C ends it")
+
+    def show(recording: Recording) -> None:
+        nonlocal said_at
+        now = time.monotonic()
+        if args.quiet or (not on_terminal and now - said_at < LINE_S):
+            return
+        said_at = now
+        _say(_remark(recording, watcher, begun), over=on_terminal)
+
+    return show
+
+
+def _remark(recording: Recording, watcher: Watcher, begun: float) -> str:
+    elapsed = time.monotonic() - begun
+    parts = [
+        f"{recording.path.name}: {elapsed:.1f} s",
+        f"{recording.messages} messages",
+        f"{recording.size / MEGABYTE:.2f} MB",
+        f"{len(recording.there)} agents" if recording.there else "nobody is there",
+    ]
+    if recording.files > 1:
+        parts.insert(1, f"{recording.files} files")
+    if recording.refused:
+        parts.append(f"{recording.refused} refused")
+    if watcher.dropped:
+        parts.append(f"{watcher.dropped} LOST, too busy")
+    return ", ".join(parts)
+
+
+def _say(text: str, *, over: bool = False) -> None:
+    clear = "\r\x1b[K" if sys.stderr.isatty() else ""
+    print(f"{clear}{text}", end="" if over else "\n", file=sys.stderr, flush=True)
