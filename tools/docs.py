@@ -8,8 +8,10 @@ agents' classes, the table of transitions. `--check` writes nothing and fails if
 from __future__ import annotations
 
 import argparse
+import json
 import re
 import sys
+import textwrap
 import tomllib
 from collections.abc import Callable, Iterator, Sequence
 from importlib import import_module
@@ -17,10 +19,12 @@ from importlib.util import find_spec
 from pathlib import Path
 from typing import Any, Final
 
+import cbor2
+
 from armadico.agent import Agent
-from armadico.coordination import TRANSITIONS, Event, State, Verdict
+from armadico.coordination import TRANSITIONS, Event, State
 from armadico.discovery import summary
-from armadico.messages import Claim, Command, Log, Message, Stop, Truth
+from armadico.messages import Ballot, Claim, Command, Frame, Log, Message, Stop, Truth, encode
 from armadico.services import SERVICES, TOKEN, Service
 from armadico.tools.docs_fields import fields_of, messages
 
@@ -191,9 +195,19 @@ def diagram() -> str:
     return "\n".join([*lines, "```"])
 
 
-def verdicts() -> str:
-    """What the owner of a resource says to a command."""
-    return "\n".join(f"- {verdict.value}" for verdict in Verdict if verdict is not Verdict.OBEYED)
+def example() -> str:
+    """A command and the claim that goes with it, as they are on the wire."""
+    frame, ballot = Frame(7, 42), Ballot(3, 0.75, critical=False, instance="mine-0123456789abcdef")
+    claim = Claim("wheels", ballot, frame, 0.75, wanted=(0.5, 0.0), commanded=(0.4, 0.1))
+    parts = []
+    for message in (Command(frame, ballot, 0.4, 0.1), claim):
+        data = encode(message)
+        said = json.dumps(cbor2.loads(data))
+        hexed = "\n".join(textwrap.wrap(data.hex(" "), 90))
+        parts.append(
+            f"`{type(message).__name__}`, {len(data)} bytes: `{said}`\n\n```text\n{hexed}\n```"
+        )
+    return "\n\n".join(parts)
 
 
 def commands() -> str:
@@ -222,7 +236,7 @@ PARTS: Final[dict[str, Callable[[], str]]] = {
     "fields": fields,
     "transitions": transitions,
     "diagram": diagram,
-    "verdicts": verdicts,
+    "example": example,
     "commands": commands,
     "agents": agent_list,
 }

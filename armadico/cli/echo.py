@@ -8,6 +8,7 @@ import re
 import sys
 import time
 from collections.abc import Sequence
+from itertools import pairwise
 from typing import TYPE_CHECKING, Any, Final
 
 from armadico.cli import options
@@ -60,7 +61,7 @@ def key_expression(text: str) -> str:
             f"{text!r} is no key expression; one looks like robot/state, resource/*/utility or"
             " log/**: parts between single slashes, none of them empty, * or ** alone in a part"
         )
-    if any(a == b == "**" for a, b in zip(chunks, chunks[1:], strict=False)):
+    if any(a == b == "**" for a, b in pairwise(chunks)):
         raise argparse.ArgumentTypeError(f"{text!r} is no key expression: one ** is enough")
     return text
 

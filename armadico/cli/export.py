@@ -5,6 +5,7 @@ from __future__ import annotations
 import argparse
 import sys
 from collections.abc import Sequence
+from importlib.util import find_spec
 from pathlib import Path
 
 from armadico.cli import options
@@ -22,10 +23,8 @@ def main(argv: Sequence[str]) -> int:
     args = _parser().parse_args(argv)
     if not args.file.is_file():
         raise UsageError(f"{args.file}: no such file")
-    try:
-        import mcap as _  # noqa: PLC0415 - an extra
-    except ImportError:
-        raise FailedError("mcap is not installed: pip install 'armadico[record]'") from None
+    if find_spec("mcap") is None:
+        raise FailedError("mcap is not installed: pip install 'armadico[record]'")
     from armadico.tools.export import RecordingError  # noqa: PLC0415 - not for --help
 
     try:
@@ -51,6 +50,7 @@ def _parser() -> argparse.ArgumentParser:
         "--out", type=Path, metavar="PATH", help="the folder (csv) or file (rrd) to write"
     )
     made.add_argument("--namespace", metavar="NS", help="only this robot (default: all)")
+    made.add_argument("--world", metavar="MAP", help="with rrd: the walls to draw under it")
     return made
 
 
@@ -68,16 +68,14 @@ def _to_csv(args: argparse.Namespace) -> str:
 
 
 def _to_rrd(args: argparse.Namespace) -> str:
+    from armadico.config.worlds import load_world  # noqa: PLC0415 - not for --help
     from armadico.tools.export import to_rrd  # noqa: PLC0415 - not for --help
 
     out = args.out or args.file.with_suffix(".rrd")
-    try:
-        import rerun as _  # noqa: PLC0415 - an extra
-    except ImportError:
-        raise FailedError(
-            "rerun is not installed: pip install 'armadico[dashboard]'"
-        ) from None
-    count = to_rrd(args.file, out, args.namespace, _warn)
+    if find_spec("rerun") is None:
+        raise FailedError("rerun is not installed: pip install 'armadico[dashboard]'")
+    world = None if args.world is None else load_world(args.world)
+    count = to_rrd(args.file, out, args.namespace, world, _warn)
     if not count:
         raise FailedError(f"{args.file} holds no messages" + _of(args))
     return f"{count} messages in {out}"

@@ -8,6 +8,7 @@ import sys
 import time
 from collections.abc import Callable, Sequence
 from contextlib import ExitStack
+from importlib.util import find_spec
 from pathlib import Path
 from typing import TYPE_CHECKING, Final
 
@@ -38,10 +39,8 @@ def main(argv: Sequence[str]) -> int:
     _check(args)
     namespaces = args.namespaces or [args.namespace]
     meshes = join_each(args, namespaces)
-    try:
-        import mcap as _  # noqa: PLC0415 - an extra
-    except ImportError:
-        raise FailedError("mcap is not installed: pip install 'armadico[record]'") from None
+    if find_spec("mcap") is None:
+        raise FailedError("mcap is not installed: pip install 'armadico[record]'")
     signal.signal(signal.SIGTERM, signal.default_int_handler)  # it closes the file, too
     with ExitStack() as stack:
         for mesh in meshes:

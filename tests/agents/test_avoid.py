@@ -13,9 +13,9 @@ from armadico.agent import Identity
 from armadico.agents.avoid import Avoid, Parameters
 from armadico.agents.methods.safety import OUTLINE, Safety, stopping_distance
 from armadico.agents.methods.sweep import free_path
-from armadico.messages import Obstacles, Point, Stop, Trajectory
+from armadico.messages import Ballot, Obstacles, Point, Pose, RobotState, Stop, Trajectory
 from armadico.resources import WHEELS
-from tests.framework.stage import Stage, claims, commands, drive_to, wall
+from tests.framework.stage import Stage, claims, commands, drive_to, obstacles, wall
 
 FAR = drive_to((10.0, 0.0, 0.0))
 MARGIN = Safety().margin_m
@@ -164,32 +164,43 @@ def test_whatever_it_wants_it_can_stop_before_what_it_knows(
 # Working itself free -----------------------------------------------------------------------------
 
 
-def test_a_robot_that_stands_still_far_from_its_goal_is_worked_free() -> None:
+def driven_by_goto(made: Stage, frames: int) -> set[float | None]:
+    """What it bids while another is obeyed, and the robot stands still all the same."""
+    ballot = Ballot(3, 0.6, False, "goto-1")
+    for _ in range(frames):
+        made.number += 1
+        made.now += 0.1
+        obeyed = (ballot, ballot, made.at)
+        made.hand(RobotState(made.at, 0, 0, 0, 0, 0, 12, True, False, *obeyed))
+        made.hand(Pose(made.at, *made.pose), obstacles(made.at))
+    return {bid.utility for bid in made.agent.bids}
+
+
+def test_a_driven_robot_that_stands_still_far_from_its_goal_is_worked_free() -> None:
     made = stage()
-    for _ in range(19):
-        made.frame()
-    assert made.bid().utility is None
-    for _ in range(4):
-        made.frame()
-    assert made.bid().utility == 1.0
+    assert driven_by_goto(made, 19) == {None}
+    assert driven_by_goto(made, 4) == {None, 1.0}
 
 
-def test_a_robot_at_its_goal_may_stand_still() -> None:
-    made = stage(drive_to((0.3, 0.0, 0.0)))
+def test_a_robot_that_nobody_drives_may_stand_still() -> None:
+    made = stage()
     for _ in range(60):
         made.frame()
     assert {bid.utility for bid in made.agent.bids} == {None}
 
 
+def test_a_robot_at_its_goal_may_stand_still() -> None:
+    made = stage(drive_to((0.3, 0.0, 0.0)))
+    assert driven_by_goto(made, 40) == {None}
+
+
 def test_a_robot_that_was_stopped_has_not_been_stuck() -> None:
     made = stage()
-    for _ in range(5):
-        made.frame()
+    driven_by_goto(made, 5)
     for _ in range(50):
         made.frame(Stop(1, True, "somebody"))
-    for _ in range(10):
-        made.frame(Stop(2, False, "somebody"))
-    assert made.bid().utility is None
+    made.frame(Stop(2, False, "somebody"))
+    assert driven_by_goto(made, 10) == {None}
 
 
 # The thesis's rules ------------------------------------------------------------------------------

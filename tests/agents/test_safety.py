@@ -62,10 +62,10 @@ def test_a_limited_motion_is_never_faster_nor_turned_the_other_way(
 
 
 def test_a_tighter_arc_that_ends_sooner_is_slowed_for_again() -> None:
-    # Asked for at 0.98 m/s the arc passes the first point; slowed to 0.48 m/s it would hit it.
-    points = [Point(0.26, -0.19), Point(0.65, -0.055)]
-    v, w, _ = limit(0.98, -0.45, points, SAFETY)
-    assert 0.0 < v < 0.475  # looked at once: 0.481
+    # At 1 m/s it passes the nearer point; slowed for the farther one, to 0.81 m/s, it does not.
+    points = [Point(0.5, 0.5), Point(1.0, 0.7)]
+    v, w, _ = limit(1.0, 1.2, points, SAFETY)
+    assert 0.0 < v < 0.6
     assert stopping_distance(v, SAFETY.decel) <= free_path(points, v, w, OUTLINE, 0.0)
 
 

@@ -16,8 +16,8 @@ from pathlib import Path
 
 ROOT = Path(__file__).resolve().parents[2]
 
-PROGRAMS = ("armadico", "make", "pip", "python", "git", "docker", "sudo")
-"""What a line begins with that is a command, though its fence has no language."""
+PROGRAMS = {"armadico", "armadico-agent", "make", "pip", "python", "git", "docker", "sudo"}
+"""What a block begins with that is commands, though its fence has no language."""
 
 FENCE = re.compile(
     r"(?:^<!-- (?P<note>[a-z ]+): (?P<value>[^\n]*?) -->\n)?"
@@ -44,8 +44,7 @@ class Block:
         """Whether a shell is meant to run it."""
         if self.language in {"sh", "bash", "console", "shell"}:
             return True
-        first = self.text.split(maxsplit=1)[:1]
-        return not self.language and bool(first) and first[0].startswith(PROGRAMS)
+        return not self.language and not PROGRAMS.isdisjoint(self.text.split(maxsplit=1)[:1])
 
     def __str__(self) -> str:
         return f"{self.document}:{self.line}"

@@ -28,6 +28,8 @@ SUBSTITUTIONS: tuple[tuple[str, str, str], ...] = (
     ),
     (r"--runs \d+", "--runs 2", "as good as thirty, to see that it works"),
     (r"armadico bench\b.*", "armadico bench --list", "it measures for minutes"),
+    (r"armadico experiment\b.*", "armadico experiment --list", "thirty seeds a cell take hours"),
+    (r"armadico identify LOG\.csv.*", "armadico identify --help", "a log of the reader's own"),
     (
         r"pip install ",
         "python -m pip install --quiet --no-deps --no-build-isolation --no-index --target site ",

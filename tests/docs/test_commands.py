@@ -43,7 +43,7 @@ def test_the_table_of_substitutions_has_a_reason_for_each_and_all_are_needed() -
 
 def test_commands_are_found_with_and_without_a_language() -> None:
     found = blocks_of(
-        "```sh\na\n```\n\n```\narmadico ps\n```\n\n```\nkey\n```\n\n"
+        "```sh\na\n```\n\n```\narmadico ps\n```\n\n```\narmadico/  a folder\n```\n\n"
         "<!-- not run: x -->\n```sh\nb\n```"
     )
     assert [block.is_commands for block in found] == [True, True, False, True]

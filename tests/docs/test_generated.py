@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import re
+import tomllib
 from pathlib import Path
 
 import pytest
@@ -24,6 +25,13 @@ TEST = re.compile(r"`(test_\w+)`")
 def test_no_document_is_stale() -> None:
     names = [path.name for path in docs.stale()]
     assert not names, f"{names}: python -m armadico.tools.docs writes them again"
+
+
+def test_looking_writes_nothing(capsys: pytest.CaptureFixture[str]) -> None:
+    before = [path.read_bytes() for path in documents()]
+    assert docs.main(["--check"]) == 0
+    assert [path.read_bytes() for path in documents()] == before
+    assert not capsys.readouterr().out
 
 
 def test_a_part_is_written_between_its_markers_and_nowhere_else() -> None:
@@ -94,6 +102,16 @@ def test_every_test_that_is_named_is_there(path: Path) -> None:
     there = "\n".join(file.read_text(encoding="utf-8") for file in ROOT.glob("tests/**/*.py"))
     missing = {name for name in named if f"def {name}(" not in there}
     assert not missing
+
+
+def test_every_dependency_has_its_reason() -> None:
+    text = (ROOT / "docs" / "architecture.md").read_text(encoding="utf-8")
+    row = r"^\| ([\w-]+)(?: \(extra `\w+`\))? \| [^|]+ \| [^|]+ \| [^|]+ \|$"
+    rows = set(re.findall(row, text, re.MULTILINE))
+    with (ROOT / "pyproject.toml").open("rb") as file:
+        project = tomllib.load(file)["project"]
+    needed = [*project["dependencies"], *project["optional-dependencies"]["plot"]]
+    assert {re.split(r"[<>=]", need)[0] for need in needed} <= rows
 
 
 def _anchors(text: str) -> set[str]:

@@ -7,29 +7,24 @@ from __future__ import annotations
 
 import importlib
 import sys
-from collections.abc import Callable, Iterator
-from contextlib import ExitStack
+from collections.abc import Iterator
 from pathlib import Path
 
 import pytest
 
 from armadico.agent import Agent
-from armadico.client import Client
 from armadico.config.scenarios import load_scenario
 from armadico.discovery import agent_class, find
-from armadico.mesh.topology import ENDPOINTS_VARIABLE, topology
-from armadico.mesh.zenoh import ZenohMesh
-from armadico.messages import Card, Pose, RobotState
 from armadico.rehearsal import Rehearsal
 from armadico.society import Options
 from tests.docs.blocks import Block, blocks, files
 from tests.docs.shell import Shell
+from tests.docs.watcher import watching
 
 TUTORIAL = "docs/tutorial.md"
 NAMESPACE = "tutorial-test"
 NEWCOMER = "wall-follower"
 SOCIETY = {"robot", "encoder", "sonar", "goto", "avoid", "path-planning", "interface"}
-SOON = 60.0  # s; a deadline, not an expectation
 FAR = 120.0  # s of virtual time
 
 SESSION: dict[str, Block] = {
@@ -102,54 +97,11 @@ def test_it_is_found_by_the_name_of_its_entry_point(newcomer: type[Agent]) -> No
     assert newcomer.name == NEWCOMER
 
 
-class Watcher:
-    """Sees who is there and who is obeyed, from outside."""
-
-    def __init__(self, mesh: ZenohMesh) -> None:
-        self.client = Client(mesh)
-        self.client.listen(RobotState, Pose)
-
-    def until(self, condition: Callable[[], object], what: str) -> None:
-        assert self.client.wait_for(condition, SOON), f"not within {SOON:.0f} s: {what}"
-
-    def everybody(self, *more: str) -> None:
-        names = SOCIETY | set(more)
-        self.until(lambda: {name for name, _ in self.client.alive} == names, f"tokens: {names}")
-        self.until(lambda: self.client.age(Pose) < 1.0, "the robot talks")
-
-    def cards(self) -> dict[str, Card]:
-        """Everybody's card, asked again until all answer."""
-
-        def answered() -> dict[str, Card] | None:
-            found = self.client.cards(SOON)
-            cards = {name: card for (name, _), card in found.items() if card is not None}
-            return cards if len(cards) == len(found) else None
-
-        cards = self.client.wait_for(answered, SOON)
-        assert cards is not None, "everybody answers"
-        return cards
-
-    def driven_by(self, name: str) -> None:
-        def obeyed() -> bool:
-            state = self.client.latest(RobotState)
-            return (
-                state is not None
-                and state.obeyed is not None
-                and state.obeyed_frame is not None
-                and state.obeyed.instance.startswith(f"{name}-")
-                and state.frame.number - state.obeyed_frame.number <= 3
-            )
-
-        self.until(obeyed, f"{name} is obeyed")
-
-
 @pytest.mark.live
 def test_the_tutorial_from_a_society_by_hand_to_an_agent_that_joins_it(shell: Shell) -> None:
-    with ExitStack() as stack:
-        where = topology(passing=True, environ={ENDPOINTS_VARIABLE: shell.endpoints})
-        watcher = Watcher(stack.enter_context(ZenohMesh(NAMESPACE, where)))
+    with watching(shell) as watcher:
         do(shell, "society")
-        watcher.everybody()
+        watcher.everybody(SOCIETY)
         assert "goto" in do(shell, "look")
         assert "the goal is reached" in do(shell, "drive")
         do(shell, "stop")
@@ -157,7 +109,7 @@ def test_the_tutorial_from_a_society_by_hand_to_an_agent_that_joins_it(shell: Sh
         do(shell, "rehearse")
         before = {name: (card.instance, card.pid) for name, card in watcher.cards().items()}
         do(shell, "join")
-        watcher.everybody(NEWCOMER)
+        watcher.everybody(SOCIETY | {NEWCOMER})
         do(shell, "beyond")
         watcher.driven_by("goto")
         watcher.driven_by(NEWCOMER)

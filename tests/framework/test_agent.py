@@ -286,13 +286,7 @@ def test_handlers_get_what_was_subscribed(stage: Stage, driver: Driver) -> None:
 
 
 def test_it_subscribes_to_what_it_names_and_what_its_social_side_needs() -> None:
-    assert set(Driver.subscriptions()) == {
-        RobotState,
-        m.Claim,
-        Pose,
-        Obstacles,
-        m.Trajectory,
-    }
+    assert set(Driver.subscriptions()) == {RobotState, m.Claim, Pose, Obstacles, m.Trajectory}
 
 
 def test_the_card_says_who_it_is_and_what_it_offers(stage: Stage, driver: Driver) -> None:

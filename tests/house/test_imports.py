@@ -69,6 +69,11 @@ def of(package: str) -> list[str]:
     ]
 
 
+def test_an_import_within_a_function_or_for_type_checking_counts() -> None:
+    assert "armadico.bridge.p2os.transports" in imports("armadico.cli.agent")
+    assert "armadico.agent" in imports("armadico.discovery")
+
+
 @pytest.mark.parametrize(("package", "why", "never"), RULES)
 def test_what_is_never_imported(package: str, why: str, never: tuple[str, ...]) -> None:
     names = of(package)

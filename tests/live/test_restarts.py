@@ -18,6 +18,7 @@ pytestmark = pytest.mark.live
 def test_a_new_robot_agent_begins_with_zero_speeds_and_the_same_holder_drives_on(
     start: Start,
 ) -> None:
+    """With nobody to outbid it, it must go on from the largest ballot that it knows of itself."""
     society = start(structs.replace(LINE, agents=("encoder", "sonar", "goto", "interface")))
     holder, epoch = society.holder, society.state.frame.epoch
     society.kill("robot")

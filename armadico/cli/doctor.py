@@ -1,0 +1,277 @@
+"""Check this machine and the mesh, and say what to do about what is wrong."""
+
+from __future__ import annotations
+
+import argparse
+import json
+import os
+import socket
+import sys
+from collections.abc import Iterable, Iterator, Sequence
+from ctypes.util import find_library
+from dataclasses import asdict, dataclass
+from importlib.metadata import PackageNotFoundError, requires, version
+from pathlib import Path
+from typing import TYPE_CHECKING, Final
+
+from armadico.cli import options
+from armadico.mesh.topology import WELL_KNOWN, MeshError
+
+if TYPE_CHECKING:
+    from armadico.config.hosts import Host
+
+OK, NOTE, WRONG = "ok", "note", "wrong"
+
+CONTROLLER_PORT: Final = 8101
+"""Where `armadico sim` and MobileSim stand in for a robot's controller."""
+
+REACH_S: Final = 0.5
+"""A host that does not answer within this is not reached."""
+
+EXAMPLES: Final = """\
+  armadico doctor
+  armadico doctor --host lab1 --hosts hosts.toml      every machine of the host table, too
+  armadico doctor --json | jq '.[] | select(.verdict == "wrong")'
+"""
+
+
+@dataclass(frozen=True)
+class Finding:
+    """One thing that was looked at; `todo` says what to do about it."""
+
+    subject: str
+    verdict: str
+    what: str
+    todo: str = ""
+
+
+def main(argv: Sequence[str]) -> int:
+    """Check; 1 if something is wrong."""
+    made = options.parser(
+        "armadico doctor",
+        "Check this machine and the mesh. A note is worth knowing, what is wrong keeps something"
+        " from working; then the exit code is 1.",
+        EXAMPLES,
+    )
+    made.add_argument("--json", action="store_true", help="a JSON array on stdout")
+    options.add_mesh_options(made)
+    args = made.parse_args(argv)
+    findings = []
+    for finding in examine(args):
+        findings.append(finding)
+        if not args.json:
+            _show(finding)
+    wrong = [finding for finding in findings if finding.verdict == WRONG]
+    if args.json:
+        print(json.dumps([asdict(finding) for finding in findings], indent=2))
+    else:
+        print(f"\n{len(wrong)} of {len(findings)} are wrong" if wrong else "\nnothing is wrong")
+    return options.FAILED if wrong else 0
+
+
+def examine(args: argparse.Namespace) -> Iterator[Finding]:
+    """Everything, one after another."""
+    yield from versions()
+    yield from ports()
+    yield from mesh(args)
+    yield Finding("clocks", OK, "no two clocks are compared: frames are counted by the robot agent")
+    yield from hosts(args)
+    yield from serial_ports()
+    yield from graphics()
+
+
+def _show(finding: Finding) -> None:
+    print(f"{finding.verdict:<6} {finding.subject}: {finding.what}")
+    if finding.todo:
+        print(f"{'':<6} -> {finding.todo}")
+
+
+# This machine -------------------------------------------------------------------------------------
+
+
+def versions() -> Iterator[Finding]:
+    """Python, and what is required of other packages."""
+    said = ".".join(map(str, sys.version_info[:3]))
+    yield Finding("python", OK, f"{said}, {sys.executable}")
+    try:
+        required = requires("armadico") or []
+    except PackageNotFoundError:
+        yield Finding("armadico", WRONG, "is not installed", "pip install armadico")
+        return
+    yield Finding("armadico", OK, options.version())
+    yield from _packages(required)
+
+
+def _packages(required: Iterable[str]) -> Iterator[Finding]:
+    missing, found = [], []
+    for line in required:
+        requirement, _, extra = line.partition(";")
+        name = requirement.partition("=")[0].rstrip("<>!~ ").partition("[")[0]
+        try:
+            found.append((name, version(name), requirement.replace(" ", "")))
+        except PackageNotFoundError:
+            if not extra:
+                missing.append(name)
+    wrong = [f"{has} instead of {asked}" for _, has, asked in found if _is_off(asked, has)]
+    if missing or wrong:
+        what = "; ".join([*(f"{name} is missing" for name in missing), *wrong])
+        yield Finding("packages", WRONG, what, "pip install --upgrade armadico")
+    else:
+        zenoh = next((has for name, has, _ in found if name == "eclipse-zenoh"), "unknown")
+        yield Finding("packages", OK, f"all there; eclipse-zenoh {zenoh}, the same on every host")
+    for name, extra in (("mcap", "record"), ("rerun-sdk", "dashboard"), ("matplotlib", "plot")):
+        if name not in {there for there, _, _ in found}:
+            todo = f"pip install 'armadico[{extra}]' if it is wanted"
+            yield Finding(name, NOTE, f"is not installed ({extra})", todo)
+
+
+def _is_off(requirement: str, has: str) -> bool:
+    """Whether a version that is asked for exactly is another one."""
+    _, exact, asked = requirement.partition("==")
+    return bool(exact) and "*" not in asked and asked != has
+
+
+def ports() -> Iterator[Finding]:
+    """Who listens on the well-known ports, and on the controller's."""
+    for endpoint in WELL_KNOWN:
+        port = int(endpoint.rpartition(":")[2])
+        owner = listener(port)
+        if owner is None:
+            yield Finding(f"port {port}", OK, "is free")
+        elif "armadico" in owner:
+            yield Finding(f"port {port}", OK, f"is an agent's: {owner}")
+        else:
+            todo = "other ports can be named: ARMADICO_ENDPOINTS, or a host table"
+            yield Finding(f"port {port}", NOTE, f"is taken by {owner}", todo)
+    owner = listener(CONTROLLER_PORT)
+    what = "is free" if owner is None else f"is taken by {owner}"
+    todo = "" if owner is None else "a second simulator needs `armadico sim --port 0`"
+    yield Finding(f"port {CONTROLLER_PORT}", OK if owner is None else NOTE, what, todo)
+
+
+def listener(port: int) -> str | None:
+    """Who listens on a TCP port of this machine; None if nobody does."""
+    with socket.socket() as probe:
+        probe.settimeout(REACH_S)
+        if probe.connect_ex(("127.0.0.1", port)) != 0:
+            return None
+    import psutil  # noqa: PLC0415 - not for --help
+
+    try:
+        for found in psutil.net_connections("tcp"):
+            if found.status == psutil.CONN_LISTEN and found.laddr.port == port and found.pid:
+                process = psutil.Process(found.pid)
+                return f"{' '.join(process.cmdline())[-60:]} (pid {found.pid})"
+    except psutil.Error:
+        pass
+    return "somebody whose process cannot be seen from here"
+
+
+def serial_ports(folder: Path = Path("/dev")) -> Iterator[Finding]:
+    """Serial ports, and whether they may be used."""
+    found = sorted(port for name in ("ttyUSB*", "ttyACM*", "ttyS*") for port in folder.glob(name))
+    usable = [port for port in found if os.access(port, os.R_OK | os.W_OK)]
+    adapters = [port for port in found if not port.name.startswith("ttyS")]
+    locked = [port for port in adapters if port not in usable]
+    if locked:
+        who = ", ".join(map(str, locked))
+        todo = "sudo usermod -aG dialout $USER, and log in again"
+        yield Finding("serial", WRONG, f"{who}: permission denied", todo)
+    if not found:
+        yield Finding("serial", NOTE, "no serial port", "for a real robot, plug in its adapter")
+    elif usable:
+        yield Finding("serial", OK, ", ".join(map(str, usable[:8])))
+    elif not locked:
+        todo = "sudo usermod -aG dialout $USER, if a robot hangs on one of them"
+        yield Finding("serial", NOTE, f"{len(found)} ports, none of which may be used", todo)
+
+
+def graphics() -> Iterator[Finding]:
+    """What the dashboard's own window needs; in a browser it needs none of it."""
+    lacks = []
+    if not (os.environ.get("DISPLAY") or os.environ.get("WAYLAND_DISPLAY")):
+        lacks.append("no display (DISPLAY, WAYLAND_DISPLAY)")
+    if find_library("vulkan") is None:
+        lacks.append("no Vulkan loader (libvulkan1, and mesa-vulkan-drivers or the maker's driver)")
+    if not list(Path("/dev/dri").glob("renderD*")):
+        lacks.append("no graphics device in /dev/dri, so it would be drawn by the CPU")
+    if lacks:
+        yield Finding(
+            "graphics", NOTE, "; ".join(lacks), "armadico dashboard --web needs no window"
+        )
+    else:
+        yield Finding("graphics", OK, "display, Vulkan and a graphics device are there")
+
+
+# The mesh -----------------------------------------------------------------------------------------
+
+
+def mesh(args: argparse.Namespace) -> Iterator[Finding]:
+    """Whether it can be joined, who is there, and whether they speak the same protocol."""
+    joined = options.join(args)
+    from armadico.client import Client  # noqa: PLC0415 - not for --help
+    from armadico.mesh.zenoh import SETTINGS  # noqa: PLC0415 - not for --help
+    from armadico.messages import PROTOCOL  # noqa: PLC0415 - not for --help
+
+    off = SETTINGS["scouting/multicast/enabled"] is False
+    yield Finding("multicast", OK if off else NOTE, "off: hosts are named" if off else "is on")
+    try:
+        with joined:
+            cards = Client(joined).cards()
+            links = joined.neighbours
+    except MeshError as error:
+        yield Finding("mesh", WRONG, str(error), "name another endpoint: --listen")
+        return
+    if not cards:
+        todo = "armadico run sc1 starts some; --namespace and --connect say where to look"
+        yield Finding("mesh", NOTE, f"nobody is there in namespace {args.namespace!r}", todo)
+        return
+    yield Finding("mesh", OK, f"{len(cards)} agents, {links} links")
+    for (name, instance), card in cards.items():
+        if card is None:
+            todo = "it hangs, or this machine cannot reach it: look at it, restart it"
+            yield Finding(name, WRONG, f"{instance} is there and does not answer", todo)
+        elif card.protocol != PROTOCOL:
+            what = f"speaks protocol {card.protocol}, we speak {PROTOCOL}"
+            yield Finding(name, WRONG, what, f"install the same armadico on {card.host}")
+    robots = [who for who in cards if who[0] == "robot"]
+    if len(robots) > 1:
+        what = f"{len(robots)} robot agents in namespace {args.namespace!r}"
+        yield Finding("robot", WRONG, what, "give each robot its own --namespace")
+
+
+def hosts(args: argparse.Namespace) -> Iterator[Finding]:
+    """Each machine of the host table, if one was named: one endpoint that answers is enough."""
+    if args.host is None and args.hosts is None:
+        yield Finding("hosts", OK, "no host table asked for: this machine alone")
+        return
+    from armadico.config.hosts import load_hosts  # noqa: PLC0415 - not for --help
+
+    for name, host in load_hosts(args.hosts).hosts.items():
+        yield _host(name, host)
+
+
+def _host(name: str, host: Host) -> Finding:
+    answering = [endpoint for endpoint in host.endpoints if _answers(endpoint)]
+    if answering:
+        return Finding(f"host {name}", OK, f"answers on {', '.join(answering)}")
+    return Finding(
+        f"host {name}",
+        WRONG,
+        f"nobody answers on {', '.join(host.endpoints)}",
+        f"is an agent running there (armadico-agent NAME --host {name})? does a firewall stand"
+        " between?",
+    )
+
+
+def _answers(endpoint: str) -> bool:
+    """Whether something listens there; of links over UDP that cannot be told by connecting."""
+    protocol, _, rest = endpoint.partition("/")
+    address, _, port = rest.rpartition(":")
+    if protocol in ("udp", "quic"):
+        return True
+    try:
+        with socket.create_connection((address.strip("[]"), int(port)), timeout=REACH_S):
+            return True
+    except OSError:
+        return False

@@ -1,0 +1,318 @@
+"""Watch the society live: who is there, who holds what, and whether promises are kept."""
+
+from __future__ import annotations
+
+import argparse
+import json
+import math
+import socket
+import time
+from collections.abc import Sequence
+from typing import TYPE_CHECKING, Any, Final
+
+from armadico.cli import options
+from armadico.cli.echo import seconds
+
+if TYPE_CHECKING:
+    import psutil
+    from rich.console import Group
+
+    from armadico.messages import Card, Message, RobotState
+    from armadico.tools.watching import Heard, Presence, Rate, Watcher
+
+SHOW_S: Final = 0.5
+ASK_S: Final = 1.0
+MEGABYTE: Final = 1_000_000
+
+EXAMPLES: Final = """\
+  armadico top                          live, until Ctrl-C
+  armadico top --once                   measure for 3 s, print, end
+  armadico top --json --for 10 | jq '.services[] | select(.missed > 0)'
+"""
+
+
+def main(argv: Sequence[str]) -> int:
+    """Watch."""
+    args = _parser().parse_args(argv)
+    mesh = options.join(args)
+    from armadico.tools.watching import Watcher  # noqa: PLC0415 - not for --help
+
+    with mesh:
+        watcher = Watcher([mesh])
+        watcher.watch_alive()
+        watcher.hear()
+        view = View(args.namespace)
+        if not (args.once or args.json):
+            return _live(view, watcher)
+        _measure(view, watcher, args.for_s)
+    snapshot = view.snapshot(watcher.clock())
+    if args.json:
+        print(json.dumps(snapshot, indent=2))
+    else:
+        from rich.console import Console  # noqa: PLC0415 - not for --help
+
+        Console().print(tables(snapshot))
+    if not snapshot["agents"] and not snapshot["services"]:
+        raise options.nobody(args, "nobody is there")
+    return 0
+
+
+def _parser() -> argparse.ArgumentParser:
+    made = options.parser(
+        "armadico top",
+        "Agents, hosts, the holder of each resource, and the measured rate of every key beside what"
+        " the table of services promises. MISSED counts silences longer than a key's deadline. CPU"
+        " and memory are known for agents of this machine.",
+        EXAMPLES,
+    )
+    made.add_argument("--once", action="store_true", help="measure, print once, end")
+    made.add_argument("--json", action="store_true", help="the same as one JSON object")
+    made.add_argument(
+        "--for",
+        dest="for_s",
+        type=seconds,
+        default=3.0,
+        metavar="S",
+        help="with --once and --json: measure for so long (default: 3 s)",
+    )
+    options.add_mesh_options(made)
+    return made
+
+
+class View:
+    """What is known of the society, from what is heard; times are ns of the watcher's clock."""
+
+    def __init__(self, namespace: str) -> None:
+        from armadico.tools.watching import Holders  # noqa: PLC0415 - not for --help
+
+        self.namespace = namespace
+        self.holders = Holders()
+        self.there: set[tuple[str, str]] = set()
+        self.cards: dict[str, Card] = {}
+        self.rates: dict[str, Rate] = {}
+        self.state: RobotState | None = None
+        self._processes: dict[int, psutil.Process] = {}
+
+    def take(self, item: Heard | Presence) -> None:
+        """Take one thing that came."""
+        from armadico.tools.watching import Presence, read_or_none  # noqa: PLC0415
+
+        if isinstance(item, Presence):
+            who = (item.name, item.instance)
+            (self.there.add if item.there else self.there.discard)(who)
+            return
+        message = read_or_none(item)
+        if not item.asked:
+            self._rate(item)
+        if message is not None:
+            self._learn(message, item.at)
+
+    def _learn(self, message: Message, at: int) -> None:
+        from armadico.messages import Card, Claim, RobotState  # noqa: PLC0415 - not for --help
+
+        if isinstance(message, Claim):
+            self.holders.hear(message, at)
+        elif isinstance(message, RobotState):
+            self.state = message
+        elif isinstance(message, Card):
+            self.cards[message.instance] = message
+
+    def _rate(self, item: Heard) -> None:
+        from armadico.tools.watching import Rate, deadline_s, service_at  # noqa: PLC0415
+
+        if item.key not in self.rates:
+            self.rates[item.key] = Rate(deadline_s(service_at(item.key)))
+        self.rates[item.key].add(item.at)
+
+    def snapshot(self, now: int) -> dict[str, Any]:
+        """Everything, for programs and for `tables`."""
+        return {
+            "namespace": self.namespace,
+            "robot": self._robot(),
+            "resources": [self._resource(name, now) for name in self._resources()],
+            "agents": [self._agent(*who) for who in sorted(self.there)],
+            "services": [self._service(key, now) for key in sorted(self.rates)],
+        }
+
+    def knows_everybody(self) -> bool:
+        """Whether somebody is there, and everybody has shown a card."""
+        return bool(self.there) and all(instance in self.cards for _, instance in self.there)
+
+    def _robot(self) -> dict[str, Any] | None:
+        if self.state is None:
+            return None
+        state = self.state
+        return {
+            "v": state.v,
+            "w": state.w,
+            "battery_v": state.battery_v,
+            "stalled": state.stalled,
+            "stopped_by": state.stop.by if state.stop.stopped else None,
+            "obeyed": state.obeyed.instance if state.obeyed else None,
+            "frame": state.frame.number,
+        }
+
+    def _resources(self) -> list[str]:
+        shared = {name for card in self.cards.values() for name in card.resources}
+        return sorted(shared | set(self.holders.resources))
+
+    def _resource(self, name: str, now: int) -> dict[str, Any]:
+        claim = self.holders.of(name, now)
+        row: dict[str, Any] = {"resource": name, "holder": None}
+        if claim is not None:
+            row |= {
+                "holder": claim.ballot.instance,
+                "utility": claim.utility,
+                "critical": claim.critical,
+                "term": claim.ballot.term,
+            }
+        shares = [c.name for c in self.cards.values() if name in c.resources and self._here(c)]
+        return row | {"contenders": sorted(shares)}
+
+    def _here(self, card: Card) -> bool:
+        return (card.name, card.instance) in self.there
+
+    def _agent(self, name: str, instance: str) -> dict[str, Any]:
+        row: dict[str, Any] = {"name": name, "instance": instance, "answering": False}
+        card = self.cards.get(instance)
+        if card is None:
+            return row
+        row |= {"answering": True, "host": card.host, "pid": card.pid, "version": card.version}
+        return row | (self._process(card.pid) if card.host == socket.gethostname() else {})
+
+    def _process(self, pid: int) -> dict[str, Any]:
+        """CPU in per cent of one core since the last look, memory in MB."""
+        import psutil  # noqa: PLC0415 - not for --help
+
+        try:
+            process = self._processes.setdefault(pid, psutil.Process(pid))
+            memory = process.memory_info().rss / MEGABYTE
+            return {"cpu_percent": process.cpu_percent(), "memory_mb": round(memory, 1)}
+        except psutil.Error:
+            return {}
+
+    def _service(self, key: str, now: int) -> dict[str, Any]:
+        from armadico.tools.watching import service_at  # noqa: PLC0415 - not for --help
+
+        rate, service = self.rates[key], service_at(key)
+        hz = rate.hz(now)
+        assert rate.last is not None, "something was heard"
+        return {
+            "key": key,
+            "hz": None if hz is None else round(hz, 2),
+            "promised_hz": service.rate_hz if service else None,
+            "missed": rate.missed,
+            "age_s": round((now - rate.last) / 1e9, 2),
+            "messages": rate.count,
+        }
+
+
+def _measure(view: View, watcher: Watcher, for_s: float) -> None:
+    end = time.monotonic() + for_s
+    ask_at = time.monotonic()
+    while (now := time.monotonic()) < end:
+        if now >= ask_at:
+            ask_at = now + (ASK_S if view.knows_everybody() else SHOW_S / 2)
+            watcher.ask_for_cards()
+            view.snapshot(watcher.clock())  # CPU is measured from here on
+        item = watcher.take(min(ask_at, end) - now)
+        if item is not None:
+            view.take(item)
+
+
+def _live(view: View, watcher: Watcher) -> int:
+    from rich.live import Live  # noqa: PLC0415 - not for --help
+
+    with Live(auto_refresh=False, screen=True) as live:
+        try:
+            while True:
+                watcher.ask_for_cards()
+                for _ in range(round(ASK_S / SHOW_S)):
+                    for item in watcher.until(time.monotonic() + SHOW_S):
+                        view.take(item)
+                    live.update(tables(view.snapshot(watcher.clock())), refresh=True)
+        except KeyboardInterrupt:
+            return 0  # how a live view ends
+
+
+# What it looks like -------------------------------------------------------------------------------
+
+
+def tables(snapshot: dict[str, Any]) -> Group:
+    """The snapshot for people."""
+    from rich.console import Group  # noqa: PLC0415 - not for --help
+    from rich.text import Text  # noqa: PLC0415 - not for --help
+
+    heading = Text(_heading(snapshot), style="bold")
+    agents = [
+        (
+            row["name"],
+            row["instance"].rpartition("-")[2][:8],
+            row.get("host", "not answering"),
+            row.get("pid", ""),
+            _number(row.get("cpu_percent"), 1),
+            _number(row.get("memory_mb"), 0),
+        )
+        for row in snapshot["agents"]
+    ]
+    resources = [
+        (
+            row["resource"],
+            _short(row["holder"]) or "nobody",
+            _number(row.get("utility"), 2) + (" critical" if row.get("critical") else ""),
+            row.get("term", ""),
+            ", ".join(row["contenders"]),
+        )
+        for row in snapshot["resources"]
+    ]
+    services = [
+        (
+            row["key"],
+            _number(row["hz"], 1),
+            _number(row["promised_hz"], 0),
+            row["missed"] or "",
+            _number(row["age_s"], 1),
+        )
+        for row in snapshot["services"]
+    ]
+    return Group(
+        heading,
+        _table(("RESOURCE", "HOLDER", "UTILITY", "TERM", "CONTENDERS"), resources),
+        _table(("AGENT", "INSTANCE", "HOST", "PID", "CPU %", "MB"), agents),
+        _table(("KEY", "HZ", "PROMISED", "MISSED", "AGE s"), services, late=3),
+    )
+
+
+def _heading(snapshot: dict[str, Any]) -> str:
+    robot, where = snapshot["robot"], f"{snapshot['namespace']}: {len(snapshot['agents'])} agents"
+    if robot is None:
+        return f"{where}, nothing heard of a robot"
+    turn = math.degrees(robot["w"])
+    words = [where, f"{robot['v']:.2f} m/s", f"{turn:.0f} deg/s", f"{robot['battery_v']:.1f} V"]
+    if robot["stopped_by"] is not None:
+        words.append(f"STOPPED by {robot['stopped_by'] or 'somebody'}")
+    return ", ".join([*words, *(["STALLED"] if robot["stalled"] else [])])
+
+
+def _table(titles: Sequence[str], rows: Sequence[Sequence[Any]], late: int | None = None) -> Any:
+    from rich.table import Table  # noqa: PLC0415 - not for --help
+
+    table = Table(box=None, header_style="bold cyan", pad_edge=False, expand=False)
+    for title in titles:
+        table.add_column(title, no_wrap=True)
+    for row in rows:
+        style = "red" if late is not None and row[late] else None
+        table.add_row(*(str(cell) for cell in row), style=style)
+    return table
+
+
+def _short(instance: str | None) -> str:
+    """An instance's id with as much of its bits as people need."""
+    if instance is None:
+        return ""
+    name, dash, bits = instance.rpartition("-")
+    return f"{name}{dash}{bits[:8]}"
+
+
+def _number(value: float | None, digits: int) -> str:
+    return "" if value is None else f"{value:.{digits}f}"

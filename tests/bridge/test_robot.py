@@ -1,0 +1,319 @@
+"""The robot agent in memory, against a controller that does what the test says."""
+
+from __future__ import annotations
+
+import random
+from itertools import pairwise
+from math import inf, nan
+
+import pytest
+
+from armadico.agent import Identity
+from armadico.bridge.p2os.commands import SYNC0, Cmd
+from armadico.bridge.p2os.session import ZERO
+from armadico.bridge.robot import PULSE_S, REPORT_S, STOP_AFTER_S, Parameters, Robot
+from armadico.coordination import LISTEN
+from armadico.messages import Ballot, Claim, Command, Frame, Log, RobotState, Sonar, Stop
+from tests.bridge.robot_bench import BALLOT, PROFILE, TICK, Bench
+
+
+@pytest.fixture
+def bench() -> Bench:
+    return Bench()
+
+
+@pytest.fixture
+def ready() -> Bench:
+    """Connected, and past the frames in which it only listens."""
+    return Bench().connect().frames(LISTEN + 2)
+
+
+def test_the_first_bytes_of_all_are_zero_speeds(bench: Bench) -> None:
+    bench.plug()
+    assert bench.raw.startswith(ZERO)
+
+
+def test_each_status_packet_is_a_frame_and_its_sonars_are_of_it(bench: Bench) -> None:
+    bench.connect().frames(5)
+    states = [m for _, m in bench.said if isinstance(m, RobotState)]
+    sonars = [m for _, m in bench.said if isinstance(m, Sonar)]
+    assert [s.frame.number for s in states] == [1, 2, 3, 4, 5]
+    assert len({s.frame.epoch for s in states}) == 1
+    assert [s.frame for s in sonars] == [s.frame for s in states]
+
+
+def test_each_start_has_an_epoch_of_its_own() -> None:
+    epochs = {
+        Robot(Identity("r", rng=random.Random(n)), Parameters(port="memory:"))._epoch
+        for n in range(5)
+    }
+    assert len(epochs) == 5
+
+
+def test_a_status_packet_becomes_state_and_echoes_in_si_units(ready: Bench) -> None:
+    state = ready.status(
+        left_m_s=0.3,
+        right_m_s=0.5,
+        motors_enabled=True,
+        left_stall=True,
+        battery_v=11.9,
+        echoes=((0, 1.2), (3, 5.0), (40, 1.0)),
+    )
+    assert state.v == pytest.approx(0.4)
+    assert state.w == pytest.approx(0.2 / (2 * 0.1689), rel=1e-3)
+    assert state.motors
+    assert state.stalled
+    assert state.battery_v == pytest.approx(11.9)
+    sonar = next(m for _, m in reversed(ready.said) if isinstance(m, Sonar))
+    left, ahead = sonar.echoes  # the fortieth sonar is not in the profile
+    assert (left.x, left.y, left.range) == pytest.approx((0.069, 0.136, 1.2), abs=1e-3)
+    assert ahead.range is None  # nothing within reach
+
+
+def test_it_does_not_move_before_it_has_listened_for_three_frames(bench: Bench) -> None:
+    bench.connect()
+    for _ in range(LISTEN):
+        bench.frames(1)
+        bench.command(0.3)
+    assert not any(bench.speeds())
+    assert bench.state().obeyed is None
+    bench.frames(1)
+    bench.command(0.3)
+    assert bench.speeds()[-1] == 300
+
+
+def test_what_it_obeys_it_echoes(ready: Bench) -> None:
+    answered = ready.state().frame
+    ready.command(0.3)
+    ready.frames(1)
+    state = ready.state()
+    assert (state.largest, state.obeyed, state.obeyed_frame) == (BALLOT, BALLOT, answered)
+
+
+def test_what_it_hears_it_refuses_by(ready: Bench) -> None:
+    larger = Ballot(6, 0.9, False, "avoid-1")
+    ready.hand(Claim("wheels", larger, ready.state().frame, 0.9))
+    ready.command(0.3)
+    ready.frames(1)
+    assert not any(ready.speeds())
+    assert (ready.state().largest, ready.state().obeyed) == (larger, None)
+
+
+REFUSED = [
+    ("nan", {"v": nan}),
+    ("infinite", {"v": 0.1, "w": inf}),
+    ("too fast", {"v": PROFILE.limits.v_max + 0.01}),
+    ("too fast backwards", {"v": -PROFILE.limits.v_max - 0.01}),
+    ("turning too fast", {"v": 0.1, "w": PROFILE.limits.w_max + 0.01}),
+    ("a beaten ballot", {"v": 0.3, "ballot": Ballot(4, 1.0, True, "goto-1")}),
+    ("an absurd term", {"v": 0.3, "ballot": Ballot(2**40, 1.0, True, "goto-1")}),
+    ("another epoch", {"v": 0.3, "frame": Frame(77, 5)}),
+]
+
+
+@pytest.mark.parametrize(("what", "command"), REFUSED, ids=[what for what, _ in REFUSED])
+def test_what_is_not_sound_or_beaten_is_refused(
+    ready: Bench, what: str, command: dict[str, object]
+) -> None:
+    ready.command(0.2)
+    ready.frames(1)
+    written = len(ready.written)
+    ready.command(**command)  # type: ignore[arg-type]
+    assert len(ready.written) == written
+    assert ready.state().obeyed == BALLOT
+
+
+@pytest.mark.parametrize("behind", [4, -4])
+def test_a_command_for_an_old_frame_or_one_that_is_not_there_yet_is_refused(
+    ready: Bench, behind: int
+) -> None:
+    ready.frames(6)
+    now = ready.state().frame
+    ready.command(0.3, frame=Frame(now.epoch, now.number - behind))
+    assert not any(ready.speeds())
+    ready.command(0.3, frame=Frame(now.epoch, now.number - (3 if behind > 0 else -3)))
+    assert ready.speeds()[-1] == 300
+
+
+def test_an_older_command_of_the_same_reign_does_not_undo_a_newer_one(ready: Bench) -> None:
+    before = ready.state().frame
+    ready.frames(1)
+    ready.command(0.3)
+    ready.command(0.1, frame=before)
+    assert ready.speeds()[-1] == 300
+
+
+def test_300_ms_without_a_valid_command_and_it_orders_a_stop(ready: Bench) -> None:
+    ready.command(0.3)
+    began = ready.now
+    ready.let_pass(1.0, statuses=True)
+    stopped = [at for at, n, value in ready.written if n == Cmd.VEL and value == 0 and at > began]
+    assert stopped[0] - began == pytest.approx(STOP_AFTER_S, abs=2 * TICK)
+    assert any("no valid command" in text for text in ready.logs())
+
+
+def test_refused_commands_do_not_put_the_stop_off(ready: Bench) -> None:
+    ready.command(0.3)
+    began = ready.now
+    for _ in range(5):
+        ready.frames(1)
+        ready.command(9.0)
+        ready.command(0.3, ballot=Ballot(1, 1.0, False, "ghost-1"))
+    assert 0 in ready.speeds(began + 0.01)
+
+
+def test_commands_each_frame_keep_it_moving(ready: Bench) -> None:
+    began = ready.now
+    for _ in range(20):
+        ready.command(0.3)
+        ready.frames(1)
+    assert set(ready.speeds(began)) == {300}
+
+
+def test_refusals_are_reported_with_their_reason_and_not_too_often(ready: Bench) -> None:
+    for _ in range(100):
+        ready.frames(1)
+        ready.command(9.0)
+    times = [at for at, m in ready.said if isinstance(m, Log) and "commands refused" in m.text]
+    assert 4 <= len(times) <= 6
+    assert all(b - a >= REPORT_S - TICK for a, b in pairwise(times))
+    assert any("outside the profile's limits" in text for text in ready.logs())
+
+
+def test_after_a_hang_what_waited_is_not_obeyed(ready: Bench) -> None:
+    ready.command(0.3)
+    waited = Command(ready.state().frame, BALLOT, 0.3, 0.0)
+    hung = ready.now
+    ready.now += 3.0
+    ready.hand(waited)
+    ready.frames(5)
+    assert ready.sent(Cmd.VEL, hung + 0.01)
+    assert not any(ready.speeds(hung + 0.01))
+
+
+def test_while_the_controller_is_silent_nothing_is_obeyed(ready: Bench) -> None:
+    ready.let_pass(0.5)
+    began = ready.now
+    ready.command(0.3)
+    assert not any(ready.speeds(began))
+    assert ready.robot.owner.obeyed is None
+
+
+# The stop ----------------------------------------------------------------------------------------
+
+
+def test_a_stop_is_ordered_at_once_echoed_and_nothing_obeyed_until_it_is_released(
+    ready: Bench,
+) -> None:
+    ready.command(0.3)
+    ready.hand(Stop(1, True, "somebody"))
+    assert ready.speeds()[-1] == 0
+    ready.frames(1)
+    assert ready.state().stop == Stop(1, True, "somebody")
+    ready.command(0.3)
+    assert ready.speeds()[-1] == 0
+    ready.hand(Stop(2, False, "somebody"))
+    ready.command(0.3)
+    assert ready.speeds()[-1] == 300
+
+
+@pytest.mark.parametrize(
+    ("first", "then", "stands"),
+    [
+        (Stop(3, True, "a"), Stop(2, False, "b"), Stop(3, True, "a")),
+        (Stop(3, True, "a"), Stop(3, False, "b"), Stop(3, True, "a")),
+        (Stop(3, False, "a"), Stop(3, True, "b"), Stop(3, True, "b")),
+        (Stop(3, False, "a"), Stop(2, True, "b"), Stop(3, False, "a")),
+        (Stop(3, True, "a"), Stop(4, False, "b"), Stop(4, False, "b")),
+    ],
+)
+def test_the_larger_counter_stands_and_at_equal_ones_the_stop(
+    ready: Bench, first: Stop, then: Stop, stands: Stop
+) -> None:
+    ready.hand(first)
+    ready.hand(then)
+    ready.frames(1)
+    assert ready.state().stop == stands
+
+
+def test_a_stop_before_the_port_is_open_is_kept(bench: Bench) -> None:
+    bench.hand(Stop(1, True, "somebody"))
+    bench.connect().frames(LISTEN + 2)
+    bench.command(0.3)
+    assert not any(bench.speeds())
+    assert bench.state().stop.stopped
+
+
+# The watchdog, the port ----------------------------------------------------------------------
+
+
+def test_with_nothing_to_say_it_feeds_the_watchdog(ready: Bench) -> None:
+    ready.let_pass(1.0, statuses=True)  # CONFIG and ENABLE are repeated as long
+    began = ready.now
+    ready.let_pass(3.0, statuses=True)
+    pulses = ready.sent(Cmd.PULSE, began)
+    assert len(pulses) >= 5
+    assert max(b - a for a, b in pairwise(pulses)) <= PULSE_S + 2 * TICK
+
+
+def test_while_the_controller_is_silent_it_does_not(ready: Bench) -> None:
+    ready.let_pass(0.55)
+    began = ready.now
+    ready.let_pass(0.4)
+    assert ready.sent(Cmd.PULSE, began) == []
+
+
+def test_after_a_gap_it_feeds_the_watchdog_again(ready: Bench) -> None:
+    ready.let_pass(1.2, statuses=True)
+    ready.let_pass(0.86)
+    began = ready.now
+    ready.let_pass(1.5, statuses=True)
+    assert ready.sent(Cmd.PULSE, began)
+    assert not any("the controller is silent" in text for text in ready.logs())
+
+
+def test_a_port_that_comes_back_begins_with_zero_speeds_and_keeps_the_pose(ready: Bench) -> None:
+    for _ in range(30):
+        ready.x_m += 0.05
+        ready.let_pass(0.1)
+        before = ready.status(left_m_s=0.5, right_m_s=0.5)
+    ready.command(0.3)
+    ready.unplug()
+    ready.raw = b""
+    ready.now += 0.5
+    ready.x_m = 0.0  # the controller's odometry begins anew
+    ready.connect()
+    assert ready.raw.startswith(ZERO)
+    ready.frames(1)
+    after = ready.state()
+    assert after.x == pytest.approx(before.x, abs=0.01)
+    assert before.x == pytest.approx(1.5, abs=0.01)
+    assert after.frame.epoch == before.frame.epoch
+    assert after.frame.number == before.frame.number + 1
+
+
+def test_speeds_of_before_do_not_come_back_with_the_port(ready: Bench) -> None:
+    ready.command(0.3)
+    ready.unplug()
+    began = ready.now + TICK
+    ready.now = began
+    ready.connect()
+    ready.frames(5)
+    assert not any(ready.speeds(began))
+
+
+def test_a_silent_controller_is_given_up_and_opened_again(ready: Bench) -> None:
+    ready.let_pass(1.1)
+    assert any("the controller is silent" in text for text in ready.logs())
+    ready.let_pass(0.3)
+    assert ready.raw.endswith(ZERO + SYNC0)
+
+
+def test_leaving_it_rests_switches_off_and_closes(ready: Bench) -> None:
+    ready.command(0.3)
+    began = ready.now
+    ready.robot.stop(ready.now)
+    ready.take()
+    numbers = [n for at, n, _ in ready.written if at >= began]
+    assert numbers[-4:] == [Cmd.VEL, Cmd.RVEL, Cmd.ENABLE, Cmd.CLOSE]
+    assert ready.speeds()[-1] == 0

@@ -1,0 +1,111 @@
+"""`armadico bench`: what it offers and the shape of what it says; never how long anything took."""
+
+from __future__ import annotations
+
+import json
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+
+from armadico.tools.bench_figures import BENCHMARKS, figure, percentile
+
+ARMADICO = Path(sys.executable).with_name("armadico")
+KEYS = ["name", "unit", "p50", "p99", "floor_p50", "floor_p99", "ratio"]
+NAMES = [benchmark.name for benchmark in BENCHMARKS]
+
+
+def bench(*arguments: str) -> subprocess.CompletedProcess[str]:
+    return subprocess.run(
+        [str(ARMADICO), "bench", *arguments],
+        capture_output=True,
+        text=True,
+        timeout=60,
+        check=False,
+    )
+
+
+def test_help_has_examples() -> None:
+    done = bench("--help")
+    assert done.returncode == 0
+    assert done.stdout.count("  armadico bench ") >= 2
+
+
+def test_list_names_every_benchmark_with_what_it_is_compared_with() -> None:
+    done = bench("--list")
+    assert done.returncode == 0
+    firsts = [line.split()[0] for line in done.stdout.splitlines() if line[0] != " "]
+    assert firsts == NAMES
+    assert "floor: bare zenoh-python" in done.stdout
+
+
+def test_list_is_json_too() -> None:
+    rows = json.loads(bench("--list", "--json").stdout)
+    assert [row["name"] for row in rows] == NAMES
+    assert all(set(row) == {"name", "summary", "floor", "aim"} for row in rows)
+
+
+@pytest.mark.parametrize("option", ["--help", "--list"])
+def test_asking_what_there_is_imports_nothing_heavy(option: str) -> None:
+    script = (
+        "import sys\nfrom armadico.cli.bench import main\n"
+        f"try:\n    main([{option!r}])\nexcept SystemExit:\n    pass\n"
+        "heavy = {'numpy', 'zenoh', 'pymunk', 'msgspec', 'rich', 'psutil'}\n"
+        "print('HEAVY', sorted(heavy & set(sys.modules)))"
+    )
+    done = subprocess.run(
+        [sys.executable, "-c", script], capture_output=True, text=True, timeout=60, check=False
+    )
+    assert done.stdout.splitlines()[-1] == "HEAVY []", done.stderr
+
+
+def test_the_cheapest_figures_have_the_promised_shape_and_order() -> None:
+    done = bench("messages-per-cycle", "imports", "--quick", "--json")
+    assert done.returncode == 0, done.stderr
+    rows = json.loads(done.stdout)
+    assert all(list(row) == KEYS for row in rows)
+    assert [row["name"] for row in rows] == [
+        "messages-per-cycle-3",
+        "messages-per-cycle-10",
+        "messages-per-cycle-50",
+        "imports-armadico",
+        "imports-armadico-agent",
+        "imports-heavy",
+    ]
+    assert all(isinstance(row["p50"], int | float) for row in rows)
+    heavy = rows[-1]
+    assert [heavy[key] for key in KEYS[2:]] == [0, None, None, None, None]
+
+
+def test_losers_are_silent_so_crowds_say_no_more_than_one() -> None:
+    rows = json.loads(bench("messages-per-cycle", "--quick", "--json").stdout)
+    assert [row["p50"] for row in rows] == [row["floor_p50"] for row in rows]
+
+
+def test_an_unknown_name_is_a_usage_error_that_lists_what_there_is() -> None:
+    done = bench("sped")
+    assert done.returncode == 2
+    assert "'sped'" in done.stderr
+    assert "speed" in done.stderr.replace("'sped'", "")
+    assert done.stdout == ""
+
+
+def test_percentiles_lie_between_the_values() -> None:
+    assert percentile([3.0, 1.0, 2.0], 0.5) == 2.0
+    assert percentile([0.0, 10.0], 0.99) == pytest.approx(9.9)
+    assert percentile([7.0], 0.01) == 7.0
+
+
+def test_of_a_rate_the_bad_end_is_the_low_one() -> None:
+    values = list(range(101))
+    assert figure("a", "s", values).p99 == 99
+    assert figure("a", "s/s", values, more_is_better=True).p99 == 1
+
+
+def test_what_was_measured_once_has_no_p99_and_without_a_floor_there_is_no_ratio() -> None:
+    alone = figure("a", "s", [2.0])
+    assert (alone.p99, alone.floor_p50, alone.ratio) == (None, None, None)
+    assert figure("a", "s", [2.0], [4.0]).ratio == 0.5
+    with pytest.raises(ValueError, match="nothing was measured"):
+        figure("a", "s", [])

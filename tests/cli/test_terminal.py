@@ -1,0 +1,427 @@
+"""The terminal tools against a small society that a thread of the test plays on real Zenoh."""
+
+from __future__ import annotations
+
+import argparse
+import csv
+import json
+import os
+import pty
+import signal
+import socket
+import subprocess
+import sys
+import threading
+import time
+import xml.etree.ElementTree as ET
+from collections.abc import Callable, Iterator
+from contextlib import suppress
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+from armadico.cli import completion, doctor
+from armadico.mesh.topology import ENDPOINTS_VARIABLE, topology
+from armadico.mesh.zenoh import Call, ZenohMesh
+from armadico.messages import (
+    Ballot,
+    BidHistory,
+    BidRecord,
+    Card,
+    Claim,
+    Frame,
+    Log,
+    Pose,
+    RobotState,
+)
+from armadico.services import BIDS, CARD
+
+pytestmark = pytest.mark.live
+
+BIN = Path(sys.executable).parent
+NAMESPACE = "terminal-test"
+WHO = {"name": "goto", "instance": "goto-00000000000000aa"}
+SOON = 40.0
+
+Run = Callable[..., subprocess.CompletedProcess[str]]
+
+
+class Society:
+    """One agent that holds the wheels, and a robot: what they would say each frame."""
+
+    def __init__(self, mesh: ZenohMesh) -> None:
+        self.number = 0
+        self._mesh = mesh
+        self._over = threading.Event()
+        self._thread = threading.Thread(target=self._live)
+
+    def __enter__(self) -> Society:
+        card = Card(
+            **WHO,
+            host=socket.gethostname(),
+            pid=os.getpid(),
+            version="1",
+            protocol=1,
+            provides=(),
+            requests=("encoder/pose",),
+            resources=("wheels",),
+        )
+        self._answer(CARD.key_for(**WHO), lambda: card)
+        self._answer(BIDS.key_for(**WHO), self._bids)
+        self._mesh.declare_alive(WHO["name"], WHO["instance"])
+        self._thread.start()
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        self._over.set()
+        self._thread.join()
+
+    def _answer(self, key: str, reply: Callable[[], Any]) -> None:
+        def arrived(call: Call) -> None:
+            call.reply(key, reply())
+
+        self._mesh.answer(key, arrived)
+
+    def _bids(self) -> BidHistory:
+        newest = self.number
+        numbers = range(max(newest - 40, 1), newest + 1)
+        return BidHistory(
+            WHO["instance"],
+            tuple(BidRecord(Frame(1, n), "wheels", 0.4, False, (0.0, 0.0), "") for n in numbers),
+        )
+
+    def _live(self) -> None:
+        ballot = Ballot(4, 0.6, False, WHO["instance"])
+        while not self._over.wait(0.02):
+            self.number += 1
+            frame = Frame(1, self.number)
+            x = float(self.number)
+            state = RobotState(frame, x, 0, 0, 0.25, 0, 12.5, True, False, ballot, ballot, frame)
+            self._mesh.publish("robot/state", state)
+            self._mesh.publish("encoder/pose", Pose(frame, x, 0, 0))
+            self._mesh.publish("resource/wheels/utility", Claim("wheels", ballot, frame, 0.6))
+            self._mesh.publish(f"log/{WHO['instance']}", Log(30, "a wall is near"))
+
+
+@pytest.fixture
+def environment() -> dict[str, str]:
+    servers = [socket.create_server(("127.0.0.1", 0)) for _ in range(2)]
+    endpoints = ",".join(f"tcp/127.0.0.1:{server.getsockname()[1]}" for server in servers)
+    for server in servers:
+        server.close()
+    return os.environ | {
+        ENDPOINTS_VARIABLE: endpoints,
+        "ARMADICO_NAMESPACE": NAMESPACE,
+        "COLUMNS": "100",
+        "LINES": "40",
+        "TERM": "xterm",
+    }
+
+
+@pytest.fixture
+def society(environment: dict[str, str]) -> Iterator[Society]:
+    where = topology(environ={ENDPOINTS_VARIABLE: environment[ENDPOINTS_VARIABLE]})
+    with ZenohMesh(NAMESPACE, where) as mesh, Society(mesh) as played:
+        yield played
+
+
+@pytest.fixture
+def run(environment: dict[str, str]) -> Run:
+    def call(*command: str) -> subprocess.CompletedProcess[str]:
+        return subprocess.run(
+            [str(BIN / "armadico"), *command],
+            capture_output=True,
+            text=True,
+            timeout=SOON,
+            check=False,
+            env=environment,
+        )
+
+    return call
+
+
+# The recorder -------------------------------------------------------------------------------------
+
+
+def poses(path: Path, run: Run) -> tuple[list[float], str]:
+    """The numbers of the poses that are in a recording, and what export had to say."""
+    out = path.with_name(path.stem)
+    done = run("export", str(path), "--to", "csv", "--out", str(out))
+    assert done.returncode == 0, done.stderr
+    with (out / f"{NAMESPACE}_encoder_pose.csv").open() as stream:
+        return [float(row["x"]) for row in csv.DictReader(stream)], done.stderr
+
+
+def recorder(environment: dict[str, str], path: Path) -> subprocess.Popen[str]:
+    return subprocess.Popen(
+        [str(BIN / "armadico"), "record", str(path)],
+        env=environment,
+        stderr=subprocess.PIPE,
+        text=True,
+    )
+
+
+def grown(path: Path, size: int) -> None:
+    """Wait until a file has grown to a size."""
+    end = time.monotonic() + SOON
+    pause = threading.Event()
+    while not path.exists() or path.stat().st_size < size:
+        assert time.monotonic() < end, "nothing is recorded"
+        pause.wait(0.02)
+
+
+def test_a_recording_has_everything_and_ctrl_c_closes_it(
+    run: Run, environment: dict[str, str], society: Society, tmp_path: Path
+) -> None:
+    pytest.importorskip("mcap")
+    path = tmp_path / "run.mcap"
+    with recorder(environment, path) as process:
+        grown(path, 20_000)
+        process.send_signal(signal.SIGINT)
+        _, said = process.communicate(timeout=SOON)
+    assert process.returncode == 0
+    assert "closed" in said
+    assert "LOST" not in said
+    found, said = poses(path, run)
+    assert "cut short" not in said
+    assert found == [found[0] + n for n in range(len(found))]
+    topics = {file.name for file in (tmp_path / "run").iterdir()}
+    agent = f"{NAMESPACE}_agent_goto_{WHO['instance']}"
+    assert topics >= {f"{agent}.csv", f"{agent}_card.csv", f"{agent}_bids.csv"}
+    with (tmp_path / "run" / f"{agent}_bids.csv").open() as stream:
+        bids = [int(row["frame.number"]) for row in csv.DictReader(stream)]
+    assert len(bids) == len(set(bids))
+
+
+def test_killed_a_recorder_loses_no_more_than_the_last_second(
+    run: Run, environment: dict[str, str], society: Society, tmp_path: Path
+) -> None:
+    pytest.importorskip("mcap")
+    path = tmp_path / "run.mcap"
+    with recorder(environment, path) as process:
+        grown(path, 20_000)
+        before = society.number
+        process.kill()
+    found, said = poses(path, run)
+    assert "cut short" in said
+    assert found == [found[0] + n for n in range(len(found))]
+    assert found[-1] >= before - 50  # 50 a second are said
+
+
+def test_a_recording_is_not_written_over(run: Run, tmp_path: Path) -> None:
+    pytest.importorskip("mcap")
+    path = tmp_path / "run.mcap"
+    path.write_text("precious")
+    done = run("record", str(path), "--duration", "1")
+    assert done.returncode == 1
+    assert "there already" in done.stderr
+    assert path.read_text() == "precious"
+
+
+# The terminal -------------------------------------------------------------------------------------
+
+
+def test_echo_prints_so_many_messages(run: Run, society: Society) -> None:
+    done = run("echo", "encoder/*", "-n", "3", "--json")
+    lines = [json.loads(line) for line in done.stdout.splitlines()]
+    assert [line["key"] for line in lines] == ["encoder/pose"] * 3
+    assert lines[2]["message"]["x"] == lines[0]["message"]["x"] + 2
+    assert "RobotState" in run("echo", "robot/state", "-n", "1").stdout
+
+
+def test_hz_measures_every_key(run: Run, society: Society) -> None:
+    done = run("hz", "**", "-n", "100", "--json")
+    rows = {row["key"]: row for row in json.loads(done.stdout)}
+    assert rows["robot/state"]["promised_hz"] == 10
+    assert rows["robot/state"]["hz"] > 0
+    assert sum(row["messages"] for row in rows.values()) == 100
+
+
+def test_top_knows_agents_holder_and_rates(run: Run, society: Society) -> None:
+    done = run("top", "--json", "--for", "1")
+    assert done.returncode == 0, done.stderr
+    found = json.loads(done.stdout)
+    (wheels,) = found["resources"]
+    assert wheels["holder"] == WHO["instance"]
+    assert wheels["contenders"] == ["goto"]
+    (agent,) = found["agents"]
+    assert agent["pid"] == os.getpid()
+    assert agent["memory_mb"] > 0
+    assert {row["key"] for row in found["services"]} >= {"robot/state", "encoder/pose"}
+    assert found["robot"]["battery_v"] == 12.5
+
+
+def test_top_shows_the_holder_on_a_terminal(environment: dict[str, str], society: Society) -> None:
+    ours, theirs = pty.openpty()
+    process = subprocess.Popen(
+        [str(BIN / "armadico"), "top"], env=environment, stdin=theirs, stdout=theirs, stderr=theirs
+    )
+    os.close(theirs)
+    seen = b""
+    try:
+        while b"goto-00000000" not in seen:
+            chunk = os.read(ours, 4096)
+            assert chunk, seen
+            seen += chunk
+        process.send_signal(signal.SIGINT)
+        with suppress(OSError):  # the terminal goes with its last process
+            while os.read(ours, 4096):
+                pass
+        assert process.wait(SOON) == 0
+    finally:
+        process.kill()
+        process.wait()
+        os.close(ours)
+
+
+def test_graph_draws_agents_and_keys(run: Run, society: Society, tmp_path: Path) -> None:
+    assert "resource/{resource}/utility  goto -> -" in run("graph").stdout
+    assert '"goto" -> "robot/cmd/{instance}";' in run("graph", "--dot").stdout
+    path = tmp_path / "graph.svg"
+    assert run("graph", "--svg", str(path)).returncode == 0
+    texts = {node.text for node in ET.parse(path).iter() if node.tag.endswith("text")}
+    assert texts >= {"goto", "encoder/pose"}
+
+
+def test_logs_follows_one_agent(run: Run, society: Society) -> None:
+    done = run("logs", "-f", "goto", "--timeout", "2", "--level", "warning")
+    assert "goto WARNING a wall is near" in done.stdout
+    assert run("logs", "-f", "goto", "--timeout", "0.5", "--level", "error").stdout == ""
+
+
+def test_logs_of_a_run_come_in_order(run: Run, tmp_path: Path) -> None:
+    (tmp_path / "robot.log").write_text("10:00:00.100 robot INFO one\n10:00:00.300 robot INFO 3\n")
+    (tmp_path / "goto.log").write_text("10:00:00.200 goto ERROR two\nTraceback\n")
+    done = run("logs", "--folder", str(tmp_path))
+    assert [line.split()[-1] for line in done.stdout.splitlines()] == [
+        "one",
+        "two",
+        "Traceback",
+        "3",
+    ]
+    assert run("logs", "nobody", "--folder", str(tmp_path)).returncode == 1
+
+
+def test_doctor_finds_the_society(run: Run, society: Society) -> None:
+    findings = {f["subject"]: f for f in json.loads(run("doctor", "--json").stdout)}
+    assert findings["mesh"]["what"].startswith("1 agents")
+    assert {"python", "packages", "port 7450", "port 8101", "serial", "graphics"} <= set(findings)
+
+
+def test_doctor_says_which_host_does_not_answer(run: Run, tmp_path: Path) -> None:
+    with socket.create_server(("127.0.0.1", 0)) as here, socket.socket() as gone:
+        gone.bind(("127.0.0.1", 0))
+        ports = here.getsockname()[1], gone.getsockname()[1]
+        table = tmp_path / "hosts.toml"
+        table.write_text(
+            "\n".join(
+                f'[{name}]\nendpoints = ["tcp/127.0.0.1:{port}"]'
+                for name, port in zip(("here", "gone"), ports, strict=True)
+            )
+        )
+        hosts = doctor.hosts(argparse.Namespace(host=None, hosts=str(table)))
+        assert {f.subject: f.verdict for f in hosts} == {"host here": "ok", "host gone": "wrong"}
+
+
+def test_doctor_says_what_to_do_about_a_port_that_is_locked(tmp_path: Path) -> None:
+    (finding,) = doctor.serial_ports(tmp_path)
+    assert finding.verdict == "note"
+    (tmp_path / "ttyUSB0").touch()
+    (finding,) = doctor.serial_ports(tmp_path)
+    assert (finding.verdict, finding.what) == ("ok", str(tmp_path / "ttyUSB0"))
+
+
+def test_doctor_knows_who_listens() -> None:
+    with socket.create_server(("127.0.0.1", 0)) as server:
+        port = server.getsockname()[1]
+        owner = doctor.listener(port)
+    assert owner is not None
+    assert str(os.getpid()) in owner
+    assert doctor.listener(port) is None
+
+
+# Used wrongly, or alone ---------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize(
+    ("command", "code", "says"),
+    [
+        (("echo", "a//b"), 2, "no key expression"),
+        (("echo", "robot/st*te"), 2, "no key expression"),
+        (("echo", "**/**"), 2, "no key expression"),
+        (("echo", "robot/state", "--namespace", "a*"), 2, "namespace"),
+        (("echo", "robot/state", "-n", "0"), 2, "from 1"),
+        (("echo", "robot/state", "--timeout", "0.3"), 1, "nothing is said on robot/state"),
+        (("hz", "robot/state", "--timeout", "0.3"), 1, "nothing is said on robot/state"),
+        (("hz", "robot/state", "--json"), 2, "-n N"),
+        (("top", "--once", "--for", "0.5"), 1, "nobody is there"),
+        (("graph",), 1, "nobody is there"),
+        (("logs", "-f", "--folder", "x"), 2, "--folder"),
+        (("logs", "--folder", "/no/such"), 2, "no such folder"),
+        (("record", "run.bag"), 2, ".mcap"),
+        (("record", "run.mcap", "--max-size", "0"), 2, "--max-size"),
+        (("record", "/no/such/run.mcap"), 1, "cannot write"),
+        (("record", "run.mcap", "--namespace", "a", "--namespace", "b*"), 2, "namespace"),
+        (("export", "/no/such.mcap", "--to", "csv"), 2, "no such file"),
+        (("completion", "tcsh"), 2, "tcsh"),
+    ],
+)
+def test_a_wrong_use_is_told_clearly(
+    run: Run, command: tuple[str, ...], code: int, says: str
+) -> None:
+    done = run(*command)
+    assert done.returncode == code, done.stderr
+    assert says in done.stderr
+    assert "Traceback" not in done.stderr
+
+
+@pytest.mark.parametrize(
+    "name", ["record", "export", "top", "echo", "hz", "graph", "logs", "doctor", "completion"]
+)
+def test_help_imports_nothing_heavy_and_has_examples(name: str) -> None:
+    heavy = ("numpy", "zenoh", "cbor2", "msgspec", "rich", "rerun", "mcap", "psutil")
+    script = (
+        "import sys\nfrom armadico import cli\n"
+        f"try:\n    cli.main([{name!r}, '--help'])\nexcept SystemExit as end:\n    assert not end.code\n"
+        f"print('HEAVY', sorted(set({heavy!r}) & set(sys.modules)))"
+    )
+    done = subprocess.run(
+        [sys.executable, "-c", script], capture_output=True, text=True, timeout=60, check=False
+    )
+    assert done.stdout.splitlines()[-1] == "HEAVY []", done.stdout + done.stderr
+    assert done.stdout.partition("examples:")[2].count(f"armadico {name}") >= 2
+
+
+# Completion ---------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize(
+    ("typed", "offered"),
+    [
+        ("armadico rec", {"record"}),
+        ("armadico export run.mcap --to ''", {"csv", "rrd"}),
+        ("armadico completion ''", {"bash", "zsh", "fish"}),
+        ("armadico top --j", {"--json"}),
+    ],
+)
+def test_bash_completes(run: Run, typed: str, offered: set[str]) -> None:
+    script = (
+        f"{run('completion', 'bash').stdout}\n"
+        f"COMP_WORDS=({typed})\nCOMP_CWORD=$((${{#COMP_WORDS[@]}} - 1))\n"
+        '_armadico\nprintf "%s\\n" "${COMPREPLY[@]}"'
+    )
+    done = subprocess.run(
+        ["bash", "-eu", "-c", script], capture_output=True, text=True, timeout=60, check=False
+    )
+    assert done.stderr == ""
+    assert set(done.stdout.split()) >= offered
+
+
+@pytest.mark.parametrize("shell", sorted(completion.SCRIPTS))
+def test_every_command_and_option_is_in_the_script(shell: str) -> None:
+    found = {command.name: command for command in completion.commands()}
+    assert "--max-size" in found["record"].words
+    text = completion.SCRIPTS[shell]([found["record"], found["top"]])
+    for word in ("record", "top", "max-size", "once"):
+        assert word in text

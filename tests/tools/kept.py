@@ -1,0 +1,76 @@
+"""Messages to draw, and recordings read back."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from contextlib import contextmanager
+from pathlib import Path
+from typing import Any
+
+from rerun.chunk import RrdReader
+
+from armadico import messages as m
+from armadico.config.worlds import World
+from armadico.tools.dashboard.scene import Scene
+from armadico.tools.dashboard.server import close, keep
+
+NAMESPACE = "p"
+GOTO, AVOID = "goto-1", "avoid-2"
+
+Row = tuple[float, dict[str, Any]]
+
+
+def frame(number: int) -> m.Frame:
+    return m.Frame(7, number)
+
+
+def ballot(instance: str, term: int = 1) -> m.Ballot:
+    return m.Ballot(term, 0.5, False, instance)
+
+
+def state(number: int, driver: str | None = None, **more: Any) -> m.RobotState:
+    obeyed = {} if driver is None else {"obeyed": ballot(driver), "obeyed_frame": frame(number)}
+    return m.RobotState(frame(number), 0.0, 0.0, 0.0, 0.2, 0.1, 12.5, True, False, **obeyed, **more)
+
+
+def record(number: int, utility: float | None) -> m.BidRecord:
+    return m.BidRecord(frame(number), "wheels", utility, False, (), "why")
+
+
+class Kept:
+    """A recording, read back."""
+
+    def __init__(self, path: Path) -> None:
+        self.rows: dict[str, list[Row]] = {}
+        self.fixed: dict[str, dict[str, Any]] = {}
+        for chunk in RrdReader(path).stream().to_chunks():
+            batch = chunk.to_record_batch()
+            names = [name for name in batch.schema.names if ":" in name]
+            values = {name: batch.column(name).to_pylist() for name in names}
+            for row in range(chunk.num_rows):
+                parts = {name.partition(":")[2]: values[name][row] for name in names}
+                if chunk.is_static:
+                    self.fixed.setdefault(chunk.entity_path, {}).update(parts)
+                else:
+                    t = batch.column("t")[row].value / 1e9
+                    self.rows.setdefault(chunk.entity_path, []).append((t, parts))
+        for rows in self.rows.values():
+            rows.sort(key=lambda row: row[0])
+
+    def values(self, path: str, component: str) -> list[tuple[float, Any]]:
+        """(t, value) of a component that has one value a row."""
+        return [(round(t, 3), parts[component][0]) for t, parts in self.rows.get(path, [])]
+
+    def texts(self, path: str) -> list[str]:
+        return [text for _, text in self.values(path, "text")]
+
+
+@contextmanager
+def drawn(path: Path, world: World | None = None) -> Iterator[Scene]:
+    recording = keep({NAMESPACE: world}, path)
+    yield Scene(recording, world, NAMESPACE)
+    close(recording)
+
+
+def colour_of(rgba: int) -> tuple[int, ...]:
+    return tuple(rgba.to_bytes(4, "big"))

@@ -1,0 +1,304 @@
+"""Experiments: the same seeds give the same bytes, and nothing that was finished is lost."""
+
+from __future__ import annotations
+
+import ast
+import json
+import subprocess
+import sys
+from importlib.util import find_spec
+from itertools import pairwise
+from math import hypot
+from pathlib import Path
+
+import pytest
+
+from armadico.cli.experiment import main
+from armadico.cli.options import FailedError, UsageError
+from armadico.config.scenarios import load_scenario
+from armadico.tools.experiments import EXPERIMENTS, base, module, pool, published, statistics, store
+from armadico.tools.experiments.base import Context
+from armadico.tools.experiments.driving import Cell, Drive, Sample, drive, key_of
+from armadico.tools.experiments.floor_plans import PASSAGE_M, floor_plan, passable, save
+from armadico.tools.experiments.histories import History
+from armadico.tools.experiments.table_5_3 import join
+from armadico.tools.experiments.tables import Column, compare, differences
+from armadico.tools.experiments.traces import Tick, exchanges_of, reigns_of, smoothness
+
+SC1 = Cell("sc1 collaborative", "sc1", without=("gothrough",))
+FAST = Cell("sc1 fast", "sc1", controller="fast", without=("gothrough",))
+
+
+def context(folder: Path, runs: int = 1, jobs: int = 1) -> Context:
+    folder.mkdir(parents=True, exist_ok=True)
+    return Context(out=folder, runs=runs, jobs=jobs, source="here", commit="abc")
+
+
+def about(runs: int = 2, first_seed: int = 1000, source: str = "s") -> store.About:
+    return store.About(
+        experiment="x", first_seed=first_seed, runs=runs, source=source, commit="abc"
+    )
+
+
+# Runs ---------------------------------------------------------------------------------------------
+
+
+def test_the_same_seeds_give_the_same_bytes_however_many_processes(tmp_path: Path) -> None:
+    context(tmp_path / "one", runs=2).drive([SC1, FAST])
+    context(tmp_path / "two", runs=2, jobs=2).drive([SC1, FAST])
+    one, two = ((tmp_path / name / "runs.csv").read_bytes() for name in ("one", "two"))
+    assert one == two
+    assert one.count(b"\n") == 5
+
+
+def test_interrupted_runs_are_kept_and_not_driven_again(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    driven: list[int] = []
+
+    def interrupted(task: tuple[Cell, int]) -> Sample:
+        driven.append(task[1])
+        if len(driven) == 2:
+            raise KeyboardInterrupt
+        return drive(task)
+
+    monkeypatch.setattr(base, "drive", interrupted)
+    with pytest.raises(KeyboardInterrupt):
+        context(tmp_path / "cut", runs=3).drive([SC1])
+    kept = (tmp_path / "cut" / "runs.csv").read_text(encoding="utf-8")
+    assert kept.count("\n") == 2
+    with (tmp_path / "cut" / "runs.csv").open("a", encoding="utf-8") as file:
+        file.write(kept.splitlines()[1][:40])  # as a kill in the middle of a line leaves it
+    context(tmp_path / "cut", runs=3).drive([SC1])
+    assert driven == [1000, 1001, 1001, 1002]
+    context(tmp_path / "whole", runs=3).drive([SC1])
+    cut, whole = ((tmp_path / name / "runs.csv").read_bytes() for name in ("cut", "whole"))
+    assert cut == whole
+
+
+def test_a_run_depends_on_its_cell_and_on_the_code() -> None:
+    keys = {key_of(SC1, "a"), key_of(SC1, "b"), key_of(FAST, "a")}
+    keys.add(key_of(Cell(SC1.name, "sc2", without=SC1.without), "a"))
+    keys.add(key_of(Cell(SC1.name, "sc1", parameters="thesis", without=SC1.without), "a"))
+    assert len(keys) == 5
+    assert key_of(SC1, "a") == key_of(SC1, "a")
+
+
+def test_a_folder_of_other_runs_is_moved_aside_and_more_runs_go_on(tmp_path: Path) -> None:
+    folder = tmp_path / "x"
+    assert store.claim(folder, about()) is None
+    (folder / "runs.csv").write_text("precious", encoding="utf-8")
+    assert store.claim(folder, about(runs=5)) is None
+    for number, other in enumerate((about(2), about(5, 0), about(5, 0, "t")), start=1):
+        moved = store.claim(folder, other)
+        assert moved == tmp_path / f"x.kept-{number}"
+    assert (tmp_path / "x.kept-1" / "runs.csv").read_text(encoding="utf-8") == "precious"
+    assert [path.name for path in folder.iterdir()] == ["about.json"]
+
+
+def test_a_folder_that_no_experiment_made_is_left_alone(tmp_path: Path) -> None:
+    (tmp_path / "utility").mkdir()
+    (tmp_path / "utility" / "letter.txt").write_text("mine", encoding="utf-8")
+    with pytest.raises(FailedError, match="holds no results"):
+        main(["utility", "--runs", "1", "--out", str(tmp_path)])
+    assert [path.name for path in (tmp_path / "utility").iterdir()] == ["letter.txt"]
+
+
+def test_results_come_in_the_order_of_the_items() -> None:
+    finished: list[int] = []
+    found = pool.over(abs, [-3, 2, -1], 2, "abs", lambda item, _: finished.append(item))
+    assert found == [3, 2, 1]
+    assert sorted(finished) == [-3, -1, 2]
+
+
+# What a run says ----------------------------------------------------------------------------------
+
+
+def test_the_fast_controller_stops_where_it_comes_to_rest() -> None:
+    sample = drive((FAST, 1000))
+    assert sample.arrived
+    assert not sample.note
+    assert 13.0 < sample.tt_s < 15.5  # s of simulation; it is calibrated to 14.3
+    assert sample.fo_deg > 5.0  # it does not turn to the goal's heading
+    assert not sample.reached
+
+
+def test_an_agent_that_joins_restarts_nobody() -> None:
+    found = join(("rooms-b", 1000))
+    assert found.kept
+    assert len(found.before) == 7
+    assert not any(instance.startswith("gothrough") for instance in found.before)
+    assert found.first_held_s is not None
+    assert found.first_held_s > 5.0
+
+
+def test_bids_are_known_for_every_frame_and_one_agent_holds() -> None:
+    turns = History(Cell("x", "sc3", without=("gothrough",)), 1000).turns()
+    goto = [turn for turn in turns if turn.agent == "goto"]
+    steps = [round(b.t - a.t, 3) for a, b in pairwise(goto)]
+    assert set(steps) == {0.1}
+    assert {turn.agent for turn in turns if turn.holds} == {"goto", "avoid"}
+
+
+def test_a_robot_that_gets_nowhere_is_stuck_before_the_time_limit() -> None:
+    run = Drive(Cell("x", "sc1", without=("goto", "avoid", "gothrough")), 1000)
+    sample = run.go().sample()
+    assert sample.note == "stuck"
+    assert not sample.arrived
+    assert 60.0 < sample.tt_s < run.rehearsal.limit
+
+
+def tick(t: float, v: float, holder: str | None, command: float) -> Tick:
+    return Tick(t, 0.0, 0.0, v, 0.0, holder, command, 0.0)
+
+
+def test_smoothness_of_a_run_made_by_hand() -> None:
+    speeds = (0.5, 0.5, 0.5, 0.4, 0.4)
+    holders = ("goto", "goto", "avoid", "avoid", "goto")
+    ticks = [tick(0.1 * i, v, holders[i], v) for i, v in enumerate(speeds)]
+    assert exchanges_of(ticks) == [2, 4]
+    assert reigns_of(ticks) == [
+        ("goto", pytest.approx(0.2)),
+        ("avoid", pytest.approx(0.2)),
+        ("goto", pytest.approx(0.1)),
+    ]
+    found = smoothness(ticks)
+    assert found.short_reigns == 3
+    assert found.accel_step == pytest.approx(1.0)  # from 0 to -1 m/s2 and back
+    assert found.command_step_v == pytest.approx(0.0)
+    assert found.jerk_v == pytest.approx((200.0 / 3) ** 0.5, rel=1e-3)
+    assert smoothness([tick(0.0, 0.1, "goto", 0.1)] * 4).accel_step is None
+
+
+# Floor plans --------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("seed", [0, 1, 2])
+def test_a_floor_plan_is_the_same_again_can_be_passed_and_loads(seed: int, tmp_path: Path) -> None:
+    plan = floor_plan(seed)
+    assert plan == floor_plan(seed)
+    assert passable(plan.world.walls, plan.start, plan.goal, PASSAGE_M)
+    scenario = load_scenario(save(plan, tmp_path))
+    assert hypot(scenario.start[0] - plan.start[0], scenario.start[1] - plan.start[1]) < 1e-9
+    assert scenario.plan == "rooms"
+
+
+@pytest.mark.parametrize(("gap", "through"), [(0.50, False), (0.70, True)])
+def test_the_flood_knows_a_gap_that_is_too_narrow(gap: float, through: bool) -> None:
+    box = ((0.0, 0.0, 6.0, 0.0), (6.0, 0.0, 6.0, 4.0), (6.0, 4.0, 0.0, 4.0), (0.0, 4.0, 0.0, 0.0))
+    wall = ((3.0, 0.0, 3.0, 2.0 - gap / 2), (3.0, 2.0 + gap / 2, 3.0, 4.0))
+    assert passable(box + wall, (1.0, 1.0, 0.0), (5.0, 3.0, 0.0)) is through
+
+
+# Numbers ------------------------------------------------------------------------------------------
+
+
+def test_the_shares_of_the_published_tables_add_up() -> None:
+    tables = [n for arm in published.TABLE_5_1.values() for n in arm.values()]
+    tables += [*published.TABLE_5_2.values(), *published.TABLE_5_3.values()]
+    tables += [*published.TABLE_5_4.values(), *published.TABLE_5_5.values()]
+    assert len(tables) == 22
+    for numbers in tables:
+        shares = [
+            value[0] for name, value in numbers.items() if name.startswith("t") and "_p" in name
+        ]
+        assert sum(shares) == pytest.approx(100.0, abs=0.7)
+
+
+def test_means_intervals_and_p_values_against_known_ones() -> None:
+    found = statistics.spread([1.0, 2.0, 3.0, 4.0, 5.0])
+    assert found is not None
+    assert (found.mean, found.sd) == (3.0, pytest.approx(1.5811, abs=1e-4))
+    assert (found.low, found.high) == (
+        pytest.approx(1.0368, abs=1e-4),
+        pytest.approx(4.9632, abs=1e-4),
+    )
+    assert statistics.against(found, 3.0, 1.0) == pytest.approx(1.0)
+    assert statistics.against(statistics.Spread(30, 1.0, 0.0, 1.0, 1.0), 1.0, 0.0) is None
+    assert statistics.paired([1.0, 2.0], [1.0, 2.0]) is None
+    p = statistics.unpaired([1.0, 2.0, 3.0, 4.0, 5.0], [6.0, 7.0, 8.0, 9.0, 10.0])
+    assert p == pytest.approx(0.0079, abs=1e-4)
+    assert statistics.at_least(200, 200) == pytest.approx(0.05 ** (1 / 200))
+
+
+def test_a_table_has_our_numbers_beside_the_published_ones() -> None:
+    ours = [
+        Sample("x", seed, True, True, 5.0, 1.0, tt, 99.0, 0) for seed, tt in enumerate((14.0, 15.0))
+    ]
+    text = compare([Column("fast", ours, published.FAST["sc1"])])
+    line = next(line for line in text.splitlines() if line.startswith("| TT s"))
+    assert line.startswith("| TT s | 14.50 ± 0.707 [8.15, 20.85] | 14.28 ± 1.29 (p ")
+    assert "| reached | 2 of 2 | - |" in text
+    changes = differences("a to b", ours, ours[::-1], {"tt_s": "TT s"})
+    assert "| TT s | 14.50 | 14.50 | +0 (+0.0 %) |" in changes
+
+
+# The command --------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize(
+    ("words", "says"),
+    [
+        (["table-5.9"], "did you mean 'table-5"),
+        (["utility", "--runs", "0"], "--runs 0: at least 1"),
+        (["utility", "--runs", "-3"], "--runs -3: at least 1"),
+        (["utility", "--jobs", "0"], "--jobs 0: at least 1"),
+        (["utility", "--live"], "--live goes with all"),
+        ([], "--list shows them"),
+    ],
+)
+def test_wrong_calls_are_told_what_is_right(words: list[str], says: str, tmp_path: Path) -> None:
+    with pytest.raises(UsageError, match=says):
+        main([*words, "--out", str(tmp_path / "results")])
+    assert not (tmp_path / "results").exists()
+
+
+def test_the_list_says_what_each_is_and_imports_nothing_heavy() -> None:
+    script = (
+        "import sys\nfrom armadico.cli.experiment import main\nmain(['--list', '--json'])\n"
+        "heavy = {'numpy', 'scipy', 'matplotlib', 'msgspec', 'pymunk', 'rich'}\n"
+        "print(sorted(heavy & set(sys.modules)))"
+    )
+    done = subprocess.run(
+        [sys.executable, "-c", script], capture_output=True, text=True, timeout=60, check=True
+    )
+    listed, heavy = done.stdout.splitlines()
+    assert heavy == "[]"
+    found = json.loads(listed)
+    assert list(found) == list(EXPERIMENTS)
+    assert all(found.values())
+
+
+@pytest.mark.parametrize("name", EXPERIMENTS)
+def test_every_experiment_has_a_title_and_can_be_run(name: str) -> None:
+    spec = find_spec(module(name))
+    assert spec is not None
+    assert spec.origin is not None
+    tree = ast.parse(Path(spec.origin).read_text(encoding="utf-8"))
+    defined = {node.name for node in tree.body if isinstance(node, ast.FunctionDef)}
+    named = {
+        node.target.id
+        for node in tree.body
+        if isinstance(node, ast.AnnAssign) and isinstance(node.target, ast.Name)
+    }
+    assert "run" in defined
+    assert "TITLE" in named
+
+
+def test_an_experiment_writes_its_runs_table_and_figures(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    assert main(["utility", "--runs", "1", "--jobs", "1", "--out", str(tmp_path), "--json"]) == 0
+    said = json.loads(capsys.readouterr().out)
+    assert said["runs"] == 1
+    assert said["cells"]["sc2 default"]["reached"] == 1
+    folder = tmp_path / "utility"
+    assert {path.name for path in folder.iterdir()} == {*said["files"], "about.json"}
+    assert (folder / "figure-5.5.png").read_bytes().startswith(b"\x89PNG")
+    assert (folder / "figure-5.5.svg").read_text(encoding="utf-8").startswith("<?xml")
+    text = (folder / "table.md").read_text(encoding="utf-8")
+    assert "*Stop rule*" in text
+    assert "*P* = 100" in text
+    before = {path.name: path.read_bytes() for path in folder.iterdir()}
+    assert main(["utility", "--runs", "1", "--jobs", "1", "--out", str(tmp_path)]) == 0
+    assert {path.name: path.read_bytes() for path in folder.iterdir()} == before

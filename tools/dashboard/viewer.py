@@ -1,0 +1,199 @@
+"""The viewer as a process of its own: rerun's binary itself, on loopback, with its memory limited.
+
+The `rerun` on the path is a wrapper whose end leaves the real program running, and by default it
+listens on every interface; so neither is used.
+"""
+
+from __future__ import annotations
+
+import os
+import re
+import signal
+import socket
+import subprocess
+import tempfile
+import time
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+from types import TracebackType
+from typing import Final
+from urllib.parse import urlencode
+
+import rerun as rr
+import rerun_cli
+
+LOOPBACK: Final = "127.0.0.1"
+
+VIEWER_MEMORY: Final = "1GB"
+"""What a native viewer keeps before it drops the oldest data."""
+
+START_S: Final = 15.0
+LEAVE_S: Final = 3.0
+
+NO_GRAPHICS: Final = re.compile(r"graphics adapter|wgpu|Vulkan|WINDOWING|DISPLAY|winit", re.I)
+
+
+class ViewerError(RuntimeError):
+    """The viewer cannot be had; the message says why, and what to do."""
+
+
+class Viewer:
+    """One process of rerun's; a context manager that leaves nothing running."""
+
+    def __init__(self, arguments: Sequence[str], port: int) -> None:
+        """Start it; `port` is where it will listen. Raises ViewerError."""
+        self.port = port
+        self._log = tempfile.TemporaryFile()  # noqa: SIM115 - closed with the viewer
+        self.popen = subprocess.Popen(
+            [str(binary()), "--bind", LOOPBACK, *arguments],
+            stdin=subprocess.DEVNULL,
+            stdout=self._log,
+            stderr=self._log,
+            start_new_session=True,  # Ctrl-C is the dashboard's; it ends the viewer in order
+        )
+        try:
+            self._await_port()
+        except BaseException:
+            self.stop()
+            raise
+
+    def __enter__(self) -> Viewer:
+        return self
+
+    def __exit__(
+        self,
+        kind: type[BaseException] | None,
+        error: BaseException | None,
+        trace: TracebackType | None,
+    ) -> None:
+        self.stop()
+
+    def ended(self) -> bool:
+        """Whether it is gone, as when somebody closes its window."""
+        return self.popen.poll() is not None
+
+    def last_words(self) -> str:
+        """The end of what it wrote."""
+        self._log.seek(0)
+        return self._log.read().decode(errors="replace").strip()[-1500:]
+
+    def stop(self) -> None:
+        """End it, in order if it can, and within a few seconds."""
+        if not self.ended():
+            self.popen.send_signal(signal.SIGTERM)
+            try:
+                self.popen.wait(LEAVE_S)
+            except subprocess.TimeoutExpired:
+                self.popen.kill()
+                self.popen.wait()
+        self._log.close()
+
+    def _await_port(self) -> None:
+        """Until it listens."""
+        deadline = time.monotonic() + START_S
+        while not listening(self.port):
+            if self.ended():
+                raise _explained(self.last_words())
+            if time.monotonic() > deadline:
+                raise ViewerError(f"the viewer did not start within {START_S:.0f} s")
+            time.sleep(0.05)
+
+
+def web(uri: str, port: int) -> Viewer:
+    """Serve the web viewer, which shows `uri` in a browser that opens `link`."""
+    return Viewer(["--serve-web", "--web-viewer-port", str(port), uri], port)
+
+
+def link(uri: str, port: int) -> str:
+    """What to open in a browser."""
+    return f"http://{LOOPBACK}:{port}/?{urlencode({'url': uri})}"
+
+
+def native(uri: str) -> Viewer:
+    """A window that shows `uri`. Raises ViewerError where there is no screen."""
+    if not has_screen(os.environ):
+        raise ViewerError(
+            "--native needs a screen, and neither DISPLAY nor WAYLAND_DISPLAY is set;"
+            " --web serves a page for a browser, --headless only records"
+        )
+    port = free_port()
+    options = ["--port", str(port), "--memory-limit", VIEWER_MEMORY, "--hide-welcome-screen"]
+    return Viewer([*options, uri], port)
+
+
+def headless(size: tuple[int, int]) -> Viewer:
+    """A viewer that draws to memory, in pixels, for pictures and tests."""
+    port = free_port()
+    window = f"{size[0]}x{size[1]}"
+    options = ["--headless", "--port", str(port), "--memory-limit", VIEWER_MEMORY]
+    return Viewer([*options, "--window-size", window], port)
+
+
+def check_version() -> None:
+    """Refuse a viewer that is not of the library's version: it might not read what is written."""
+    said = subprocess.run(
+        [str(binary()), "--version"], capture_output=True, text=True, timeout=20, check=False
+    ).stdout
+    found = re.search(r"\d+\.\d+\.\d+\S*", said)
+    if found is None or found.group() != rr.__version__:
+        other = found.group() if found else "of an unknown version"
+        raise ViewerError(
+            f"the viewer is {other} and the library {rr.__version__};"
+            " pip install --force-reinstall 'armadico[dashboard]' brings both from one wheel"
+        )
+
+
+def binary() -> Path:
+    """The program itself, as the wheel brought it. Raises ViewerError."""
+    for name in ("rerun", "rerun.exe"):
+        path = Path(rerun_cli.__file__).parent / name
+        if path.is_file():
+            return path
+    raise ViewerError("rerun-sdk came without its viewer; pip install 'armadico[dashboard]'")
+
+
+def has_screen(environ: Mapping[str, str]) -> bool:
+    """Whether a window or a browser can be opened here."""
+    if os.name == "nt" or os.uname().sysname == "Darwin":
+        return True
+    return bool(environ.get("DISPLAY") or environ.get("WAYLAND_DISPLAY"))
+
+
+def free_port() -> int:
+    """A port of this machine that nobody has now."""
+    with socket.create_server((LOOPBACK, 0)) as found:
+        return int(found.getsockname()[1])
+
+
+def listening(port: int) -> bool:
+    """Whether somebody answers on a port of this machine."""
+    try:
+        socket.create_connection((LOOPBACK, port), timeout=0.5).close()
+    except OSError:
+        return False
+    return True
+
+
+def checked_port(port: int, option: str) -> int:
+    """The port, or one that is free for 0. Raises ViewerError if somebody has it."""
+    if port == 0:
+        return free_port()
+    try:
+        socket.create_server((LOOPBACK, port)).close()
+    except (OSError, OverflowError) as error:
+        reason = getattr(error, "strerror", None) or str(error)
+        raise ViewerError(
+            f"port {port} cannot be used ({reason}); perhaps another dashboard has it:"
+            f" {option} 0 takes one that is free"
+        ) from None
+    return port
+
+
+def _explained(words: str) -> ViewerError:
+    if NO_GRAPHICS.search(words):
+        return ViewerError(
+            f"the viewer found no graphics (Vulkan or a screen):\n{words}\n"
+            "--web serves a page for a browser, --headless only records; on Debian,"
+            " mesa-vulkan-drivers draws without a graphics card"
+        )
+    return ViewerError(f"the viewer did not start:\n{words}")

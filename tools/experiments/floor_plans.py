@@ -1,0 +1,258 @@
+"""Floor plans from seeds: rooms side by side, doors between them, furniture in them.
+
+A plan is passable by construction and by proof: its furniture is thinned out until a flood fill
+from the start reaches the goal for a disc as wide as the robot's body plus 20 cm. The fill is on
+cells of 5 cm whose middles keep the disc's radius plus half a cell from every wall, so that every
+point of the straight lines between neighbouring cells keeps the radius.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from itertools import combinations, pairwise
+from math import cos, hypot, pi, sin
+from pathlib import Path
+from random import Random
+from typing import Final
+
+import numpy as np
+from msgspec import Struct
+from numpy.typing import NDArray
+
+from armadico.config.mapwriter import write_map
+from armadico.config.scenarios import ROBOT_RADIUS_M
+from armadico.config.worlds import Door, Pose, Room, Segment, World, hull
+
+BODY_M: Final = 0.33
+PASSAGE_M: Final = BODY_M + 0.20
+CELL_M: Final = 0.05
+
+SIDES_M: Final = ((8.0, 14.0), (6.0, 10.0))
+ROOM_M: Final = 2.4  # a room's least side
+BIG_M: Final = 5.5  # a longer side is always divided
+DOOR_M: Final = (0.8, 1.1)
+CORNER_M: Final = 0.3  # from a door to the end of its wall
+EXTRA_DOOR: Final = 0.3  # the chance of a door that no way needs
+ITEMS: Final = 3  # of furniture in a room, at the most
+ITEM_M: Final = (0.25, 0.9)
+FREE_M: Final = 0.45  # around start and goal
+PLACES: Final = 200
+"""How often a place for something is tried before there is none."""
+
+Rectangle = tuple[float, float, float, float]
+Mask = NDArray[np.bool_]
+
+
+class FloorPlan(Struct, frozen=True):
+    """A world and a way through it that is known to exist."""
+
+    world: World
+    start: Pose
+    goal: Pose
+    items: int  # pieces of furniture left
+
+
+def floor_plan(seed: int) -> FloorPlan:
+    """The plan of a seed; the same seed gives the same plan."""
+    rng = Random(f"floor plan/{seed}")
+    while True:
+        found = _attempt(rng, f"plan-{seed:03d}")
+        if found is not None:
+            return found
+
+
+def save(plan: FloorPlan, folder: Path) -> Path:
+    """Write the plan's map and scenario; returns the scenario's file."""
+    name = plan.world.name
+    write_map(plan.world, folder / f"{name}.map", ("A generated floor plan.",))
+    path = folder / f"{name}.toml"
+    lines = [
+        f'title = "Floor plan {name}, {plan.items} pieces of furniture"',
+        f'world = "{name}.map"',
+        f"start = {_degrees(plan.start)}",
+        f"goal = {_degrees(plan.goal)}",
+        'plan = "rooms"',
+    ]
+    path.write_text("\n".join(lines) + "\n", encoding="utf-8")
+    return path
+
+
+def _degrees(pose: Pose) -> list[float]:
+    return [pose[0], pose[1], round(pose[2] * 180.0 / pi, 1)]
+
+
+def _attempt(rng: Random, name: str) -> FloorPlan | None:
+    outline = (0.0, 0.0, *(round(rng.uniform(*side), 1) for side in SIDES_M))
+    areas = list(_divide(rng, (outline[0], outline[1], outline[2], outline[3])))
+    if len(areas) < 2:
+        return None
+    rooms = tuple(Room(f"R{index}", *area) for index, area in enumerate(areas))
+    doors, gaps = _doors(rng, rooms)
+    walls = tuple(_walls(rooms, gaps))
+    start_room, goal_room = rng.sample(rooms, 2)
+    start, goal = _pose(rng, start_room), _pose(rng, goal_room)
+    furniture = [_item(rng, room) for room in rooms for _ in range(rng.randint(0, ITEMS))]
+    furniture = [item for item in furniture if _clear(item, start) and _clear(item, goal)]
+    rng.shuffle(furniture)
+    while not passable(walls + _flat(furniture), start, goal):
+        if not furniture:
+            return None
+        furniture.pop()
+    everything = walls + _flat(furniture)
+    world = World(name, everything, hull(everything), start, {"goal": goal}, rooms, doors)
+    return FloorPlan(world, start, goal, len(furniture))
+
+
+def _divide(rng: Random, area: Rectangle) -> Iterator[Rectangle]:
+    """Rooms, by cutting the longer side again and again."""
+    x1, y1, x2, y2 = area
+    wide = x2 - x1 >= y2 - y1
+    side = x2 - x1 if wide else y2 - y1
+    if side < 2 * ROOM_M or (side < BIG_M and rng.random() < 0.4):
+        yield area
+        return
+    cut = round((x1 if wide else y1) + rng.uniform(ROOM_M, side - ROOM_M), 1)
+    parts = (
+        ((x1, y1, cut, y2), (cut, y1, x2, y2)) if wide else ((x1, y1, x2, cut), (x1, cut, x2, y2))
+    )
+    for part in parts:
+        yield from _divide(rng, part)
+
+
+def _shared(a: Room, b: Room) -> Segment | None:
+    """The wall between two rooms, if it is long enough for a door."""
+    low_x, high_x = max(a.x1, b.x1), min(a.x2, b.x2)
+    low_y, high_y = max(a.y1, b.y1), min(a.y2, b.y2)
+    least = DOOR_M[0] + 2 * CORNER_M
+    if low_x == high_x and high_y - low_y >= least:
+        return low_x, low_y, high_x, high_y
+    if low_y == high_y and high_x - low_x >= least:
+        return low_x, low_y, high_x, high_y
+    return None
+
+
+def _doors(rng: Random, rooms: Sequence[Room]) -> tuple[tuple[Door, ...], list[Segment]]:
+    """Doors so that every room can be got to, and some more; and the gaps that they are."""
+    walls = [(a, b, wall) for a, b in combinations(rooms, 2) if (wall := _shared(a, b))]
+    rng.shuffle(walls)
+    group = {room.name: room.name for room in rooms}
+    doors: list[Door] = []
+    gaps: list[Segment] = []
+    for a, b, (x1, y1, x2, y2) in walls:
+        joins = group[a.name] != group[b.name]
+        if not joins and rng.random() >= EXTRA_DOOR:
+            continue
+        old, new = group[b.name], group[a.name]
+        group = {name: new if of == old else of for name, of in group.items()}
+        length = hypot(x2 - x1, y2 - y1)
+        width = min(round(rng.uniform(*DOOR_M), 2), length - 2 * CORNER_M)
+        middle = rng.uniform(CORNER_M + width / 2, length - CORNER_M - width / 2) / length
+        x, y = x1 + middle * (x2 - x1), y1 + middle * (y2 - y1)
+        dx, dy = (width / 2, 0.0) if y1 == y2 else (0.0, width / 2)
+        x, y = round(x, 2), round(y, 2)
+        doors.append(Door(f"D{len(doors)}", a.name, b.name, x, y))
+        gaps.append((x - dx, y - dy, x + dx, y + dy))
+    return tuple(doors), gaps
+
+
+def _walls(rooms: Sequence[Room], gaps: Sequence[Segment]) -> Iterator[Segment]:
+    """Every room's border once, without the gaps."""
+    upright: dict[float, list[tuple[float, float]]] = {}
+    level: dict[float, list[tuple[float, float]]] = {}
+    for room in rooms:
+        for x in (room.x1, room.x2):
+            upright.setdefault(x, []).append((room.y1, room.y2))
+        for y in (room.y1, room.y2):
+            level.setdefault(y, []).append((room.x1, room.x2))
+    for x, spans in sorted(upright.items()):
+        open_ = [(y1, y2) for x1, y1, x2, y2 in gaps if x1 == x2 == x]
+        yield from ((x, low, x, high) for low, high in _without(spans, open_))
+    for y, spans in sorted(level.items()):
+        open_ = [(x1, x2) for x1, y1, x2, y2 in gaps if y1 == y2 == y]
+        yield from ((low, y, high, y) for low, high in _without(spans, open_))
+
+
+def _without(
+    spans: Sequence[tuple[float, float]], gaps: Sequence[tuple[float, float]]
+) -> Iterator[tuple[float, float]]:
+    """What spans cover, as few stretches as can be, but for the gaps."""
+    ends = sorted({end for span in (*spans, *gaps) for end in span})
+    begin: float | None = None
+    for low, high in pairwise(ends):
+        middle = 0.5 * (low + high)
+        solid = any(a < middle < b for a, b in spans) and not any(a < middle < b for a, b in gaps)
+        if solid and begin is None:
+            begin = low
+        if not solid and begin is not None:
+            yield begin, low
+            begin = None
+    if begin is not None:
+        yield begin, ends[-1]
+
+
+def _pose(rng: Random, room: Room) -> Pose:
+    x = rng.uniform(room.x1 + 2 * FREE_M, room.x2 - 2 * FREE_M)
+    y = rng.uniform(room.y1 + 2 * FREE_M, room.y2 - 2 * FREE_M)
+    return round(x, 2), round(y, 2), round(rng.randrange(-170, 190, 10) * pi / 180.0, 6)
+
+
+def _item(rng: Random, room: Room) -> list[tuple[float, float]]:
+    """The corners of a box that stands somewhere in a room, turned or not."""
+    length, width = (rng.uniform(*ITEM_M) for _ in range(2))
+    turned = rng.choice((0.0, 0.0, rng.uniform(0.0, pi / 2)))
+    reach = 0.5 * hypot(length, width)
+    x = rng.uniform(room.x1 + reach, room.x2 - reach)
+    y = rng.uniform(room.y1 + reach, room.y2 - reach)
+    c, s = cos(turned), sin(turned)
+    signs = ((1, 1), (-1, 1), (-1, -1), (1, -1))
+    halves = [(0.5 * length * a, 0.5 * width * b) for a, b in signs]
+    return [(round(x + c * a - s * b, 3), round(y + s * a + c * b, 3)) for a, b in halves]
+
+
+def _edges(item: Sequence[tuple[float, float]]) -> tuple[Segment, ...]:
+    return tuple((*a, *b) for a, b in zip(item, (*item[1:], item[0]), strict=True))
+
+
+def _flat(furniture: Sequence[Sequence[tuple[float, float]]]) -> tuple[Segment, ...]:
+    return tuple(edge for item in furniture for edge in _edges(item))
+
+
+def _clear(item: Sequence[tuple[float, float]], pose: Pose) -> bool:
+    """Whether a pose has room around it, and is not inside the box."""
+    mx = sum(x for x, _ in item) / len(item)
+    my = sum(y for _, y in item) / len(item)
+    reach = max(hypot(x - mx, y - my) for x, y in item)
+    return hypot(pose[0] - mx, pose[1] - my) >= reach + max(FREE_M, ROBOT_RADIUS_M)
+
+
+def passable(walls: Sequence[Segment], start: Pose, goal: Pose, width: float = PASSAGE_M) -> bool:
+    """Whether a disc of a width (m) gets from start to goal."""
+    from scipy.ndimage import label  # noqa: PLC0415 - an extra, and slow
+
+    free, origin = _free(walls, 0.5 * width + 0.5 * CELL_M)
+    cells = []
+    for pose in (start, goal):
+        i, j = (round((pose[axis] - origin[axis]) / CELL_M) for axis in (0, 1))
+        if not free[i, j]:
+            return False
+        cells.append((i, j))
+    parts, _ = label(free)  # neighbours share a side
+    return bool(parts[cells[0]] == parts[cells[1]])
+
+
+def _free(walls: Sequence[Segment], radius: float) -> tuple[Mask, tuple[float, float]]:
+    """The cells whose middle is at least so far (m) from every wall, and the first one's middle."""
+    x1, y1, x2, y2 = hull(tuple(walls))
+    xs = np.arange(x1, x2 + CELL_M / 2, CELL_M)
+    ys = np.arange(y1, y2 + CELL_M / 2, CELL_M)
+    free: Mask = np.ones((len(xs), len(ys)), dtype=np.bool_)
+    for ax, ay, bx, by in walls:
+        near = radius + CELL_M
+        rows = (xs >= min(ax, bx) - near) & (xs <= max(ax, bx) + near)
+        columns = (ys >= min(ay, by) - near) & (ys <= max(ay, by) + near)
+        px, py = xs[rows, None], ys[None, columns]
+        dx, dy = bx - ax, by - ay
+        along = np.clip(((px - ax) * dx + (py - ay) * dy) / (dx * dx + dy * dy), 0.0, 1.0)
+        away = np.hypot(px - ax - along * dx, py - ay - along * dy)
+        free[np.ix_(rows, columns)] &= away >= radius
+    return free, (x1, y1)

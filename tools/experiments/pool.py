@@ -1,0 +1,112 @@
+"""A function over many items on all cores, in processes, and a bar that says how long yet.
+
+Ctrl-C ends it in order: what is finished has been handed over, what runs is let go.
+"""
+
+from __future__ import annotations
+
+import signal
+import sys
+import time
+from collections.abc import Callable, Iterator, Sequence
+from concurrent.futures import FIRST_COMPLETED, Future, ProcessPoolExecutor, wait
+from contextlib import contextmanager
+from multiprocessing import get_context
+from typing import Final, TypeVar
+
+T = TypeVar("T")
+R = TypeVar("R")
+
+LINE_S: Final = 5.0
+"""How often a line is printed where there is no terminal, s."""
+
+
+def over(
+    function: Callable[[T], R],
+    items: Sequence[T],
+    jobs: int,
+    label: str,
+    done: Callable[[T, R], None] | None = None,
+) -> list[R]:
+    """Results in the order of the items; `done` hears of each as it is finished.
+
+    With one job it happens in this process; with more `function` is a module's, since the workers
+    are processes that import it.
+    """
+    results: list[R | None] = [None] * len(items)
+    if not items:
+        return []
+    with progress(label, len(items)) as step:
+        for index, result in _results(function, items, min(jobs, len(items))):
+            results[index] = result
+            if done is not None:
+                done(items[index], result)
+            step()
+    return results  # type: ignore[return-value]
+
+
+def _results(function: Callable[[T], R], items: Sequence[T], jobs: int) -> Iterator[tuple[int, R]]:
+    if jobs <= 1:
+        yield from ((index, function(item)) for index, item in enumerate(items))
+        return
+    pool = ProcessPoolExecutor(jobs, get_context("spawn"), _ignore_interrupts)
+    waiting = iter(enumerate(items))
+    running: dict[Future[R], int] = {}
+    try:
+        while True:
+            # No more than there are workers: what is handed out cannot be taken back on Ctrl-C.
+            while len(running) < jobs and (item := next(waiting, None)) is not None:
+                running[pool.submit(function, item[1])] = item[0]
+            if not running:
+                break
+            finished, _ = wait(running, return_when=FIRST_COMPLETED)
+            yield from ((running.pop(future), future.result()) for future in finished)
+    finally:
+        pool.shutdown(cancel_futures=True)
+
+
+def _ignore_interrupts() -> None:
+    """Ctrl-C goes to everybody at a terminal; it is for the parent to say when to end."""
+    signal.signal(signal.SIGINT, signal.SIG_IGN)
+
+
+@contextmanager
+def progress(label: str, total: int) -> Iterator[Callable[[], None]]:
+    """Something to call for each item that is done: a bar on a terminal, lines elsewhere."""
+    if not sys.stderr.isatty():
+        yield _Lines(label, total).step
+        return
+    from rich.console import Console  # noqa: PLC0415 - not for --help
+    from rich.progress import (  # noqa: PLC0415
+        BarColumn,
+        MofNCompleteColumn,
+        Progress,
+        TextColumn,
+        TimeRemainingColumn,
+    )
+
+    columns = (
+        TextColumn("{task.description}"),
+        BarColumn(),
+        MofNCompleteColumn(),
+        TimeRemainingColumn(elapsed_when_finished=True),
+    )
+    with Progress(*columns, console=Console(stderr=True)) as bar:
+        task = bar.add_task(label, total=total)
+        yield lambda: bar.advance(task)
+
+
+class _Lines:
+    def __init__(self, label: str, total: int) -> None:
+        self._label, self._total, self._done = label, total, 0
+        self._began = self._said = time.monotonic()
+
+    def step(self) -> None:
+        self._done += 1
+        now = time.monotonic()
+        if now - self._said < LINE_S and self._done < self._total:
+            return
+        self._said = now
+        left = (now - self._began) / self._done * (self._total - self._done)
+        text = f"{self._label}: {self._done} of {self._total}, {left:.0f} s left"
+        print(text, file=sys.stderr, flush=True)

@@ -1,0 +1,165 @@
+"""What happened in each frame of a run, and how smooth that was.
+
+Speeds are the robot's true ones, sampled with each status packet; commands are those that the robot
+agent obeyed. The measures are finite differences at 10 Hz: they see nothing faster.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterable, Sequence
+from itertools import groupby, pairwise
+from math import hypot, sqrt
+
+from msgspec import Struct
+
+from armadico.frames import PERIOD
+from armadico.measures import RunWatch
+from armadico.messages import Command, Message, RobotState, Truth
+
+REST_M_S, REST_RAD_S = 0.01, 0.02
+"""True speeds below which the wheels are at rest: the interface agent's own limits."""
+
+SHORT_S = 0.5
+"""A reign shorter than this is one of those that the smooth exchange is to avoid."""
+
+STUCK_S, STUCK_M = 60.0, 1.0
+"""A robot that has not left a circle of that radius for so long gets nowhere any more."""
+
+AFTER = 3
+"""Frames after an exchange in which a step of the acceleration is still put down to it."""
+
+
+class Tick(Struct, frozen=True):
+    """One frame: time (s), speed (m/s), turn rate (rad/s), and the last command obeyed."""
+
+    t: float
+    x: float
+    y: float
+    v: float
+    w: float
+    holder: str | None
+    command_v: float
+    command_w: float
+
+
+class Smoothness(Struct, frozen=True):
+    """How the wheels changed hands. None where there was no exchange to measure.
+
+    Reigns in s; jerk m/s^3 and rad/s^3, rms over the run; the worst step of the acceleration
+    within 0.3 s after an exchange, m/s^2; the worst step of the obeyed command at one, m/s, rad/s.
+    """
+
+    reign_s: float | None = None
+    short_reigns: int = 0
+    jerk_v: float | None = None
+    jerk_w: float | None = None
+    accel_step: float | None = None
+    command_step_v: float | None = None
+    command_step_w: float | None = None
+
+
+class Trace:
+    """Collects the ticks of one run from the messages; show it every `Truth`, state and command."""
+
+    kinds: tuple[type[Message], ...] = (Command, RobotState, Truth)
+
+    def __init__(self, watch: RunWatch) -> None:
+        """`watch` says when the run has begun and ended, and who is obeyed."""
+        self.ticks: list[Tick] = []
+        self.rests_since: float | None = None
+        self._watch = watch
+        self._commands: dict[tuple[str, int], tuple[float, float]] = {}
+        self._obeyed = (0.0, 0.0)
+        self._left: Tick | None = None  # where the last circle of STUCK_M was begun
+
+    def show(self, message: Message) -> None:
+        """Take one message."""
+        if isinstance(message, Truth):
+            self._tick(message)
+        elif isinstance(message, Command):
+            key = (message.ballot.instance, message.frame.number)
+            self._commands[key] = (message.v, message.w)
+        elif isinstance(message, RobotState) and message.obeyed and message.obeyed_frame:
+            key = (message.obeyed.instance, message.obeyed_frame.number)
+            self._obeyed = self._commands.get(key, self._obeyed)
+            self._forget(message.frame.number - 20)
+
+    def _forget(self, before: int) -> None:
+        for key in [key for key in self._commands if key[1] < before]:
+            del self._commands[key]
+
+    def _tick(self, truth: Truth) -> None:
+        if not self._watch.mission or self._watch.done:
+            return
+        at = (truth.t, truth.x, truth.y, truth.v, truth.w)
+        tick = Tick(*at, self._watch.holder, *self._obeyed)
+        self.ticks.append(tick)
+        left = self._left
+        if left is None or hypot(tick.x - left.x, tick.y - left.y) > STUCK_M:
+            self._left = tick
+        if abs(truth.v) > REST_M_S or abs(truth.w) > REST_RAD_S:
+            self.rests_since = None
+        elif self.rests_since is None:
+            self.rests_since = truth.t
+
+    @property
+    def resting_s(self) -> float:
+        """For how long the robot has been at rest, s."""
+        if self.rests_since is None or not self.ticks:
+            return 0.0
+        return self.ticks[-1].t - self.rests_since
+
+    @property
+    def stuck(self) -> bool:
+        """Whether the robot gets nowhere any more."""
+        return self._left is not None and self.ticks[-1].t - self._left.t > STUCK_S
+
+
+def smoothness(ticks: Sequence[Tick]) -> Smoothness:
+    """The measures of a run."""
+    reigns = [length for _, length in reigns_of(ticks)]
+    changes = exchanges_of(ticks)
+    accel = [(b.v - a.v) / PERIOD for a, b in pairwise(ticks)]  # accel[i] is up to tick i + 1
+    near = {i + k for i in changes for k in range(AFTER)}
+    return Smoothness(
+        reign_s=_rounded(sum(reigns) / len(reigns)) if reigns else None,
+        short_reigns=sum(length < SHORT_S for length in reigns),
+        jerk_v=_jerk(ticks, lambda tick: tick.v),
+        jerk_w=_jerk(ticks, lambda tick: tick.w),
+        accel_step=_worst(abs(accel[i] - accel[i - 1]) for i in sorted(near) if 0 < i < len(accel)),
+        command_step_v=_worst(abs(ticks[i].command_v - ticks[i - 1].command_v) for i in changes),
+        command_step_w=_worst(abs(ticks[i].command_w - ticks[i - 1].command_w) for i in changes),
+    )
+
+
+def reigns_of(ticks: Sequence[Tick]) -> list[tuple[str, float]]:
+    """Who held the wheels one after the other, and for how long, s."""
+    held = [tick.holder for tick in ticks if tick.holder is not None]
+    return [(name, PERIOD * len(list(reign))) for name, reign in groupby(held)]
+
+
+def exchanges_of(ticks: Sequence[Tick]) -> list[int]:
+    """The ticks in which another agent was obeyed than in the tick before."""
+    return [
+        i
+        for i, (a, b) in enumerate(pairwise(ticks), start=1)
+        if a.holder and b.holder and a.holder != b.holder
+    ]
+
+
+def _jerk(ticks: Sequence[Tick], speed: Callable[[Tick], float]) -> float | None:
+    speeds = [speed(tick) for tick in ticks]
+    jerks = [
+        (speeds[i + 1] - 2.0 * speeds[i] + speeds[i - 1]) / PERIOD**2
+        for i in range(1, len(speeds) - 1)
+    ]
+    return _rounded(sqrt(sum(j * j for j in jerks) / len(jerks))) if jerks else None
+
+
+def _worst(steps: Iterable[float]) -> float | None:
+    worst = max(steps, default=None)
+    return None if worst is None else _rounded(worst)
+
+
+def _rounded(value: float) -> float:
+    return round(value, 4)
