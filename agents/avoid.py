@@ -4,21 +4,18 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from math import atan2, copysign, cos, hypot, inf, pi, radians, sin
-from typing import Annotated, Any, ClassVar, Literal
-
-from msgspec import Meta, Struct
+from typing import Any, Literal
 
 from armadico import agent
-from armadico.agent import Agent
+from armadico.agents.methods.behaviour import Behaviour
 from armadico.agents.methods.headings import open_heading
-from armadico.agents.methods.route import Route
 from armadico.agents.methods.safety import OUTLINE, Safety, limit, stopping_distance
 from armadico.agents.methods.sweep import Outline, free_path, free_turn
 from armadico.agents.methods.utility import ramp_down
+from armadico.agents.methods.zones import NonNegative, Positive, ZoneParameters, literal
 from armadico.exchange import Bid
-from armadico.frames import PERIOD
 from armadico.geometry import wrap
-from armadico.messages import Message, Obstacles, Point, Pose, RobotState, Trajectory
+from armadico.messages import Obstacles, Point, Pose, RobotState
 from armadico.resources import WHEELS
 
 BACKWARDS = Outline(OUTLINE.rear, OUTLINE.front, OUTLINE.half_width)
@@ -32,22 +29,8 @@ LOOKED_AWAY_S = 0.5
 
 SMALL, LATCHED = radians(2), radians(15)
 
-NonNegative = Annotated[float, Meta(ge=0, le=10)]
-Positive = Annotated[float, Meta(gt=0, le=10)]
 
-
-class Zone(Struct, frozen=True, forbid_unknown_fields=True):
-    """The border of a zone: a distance and a time, so that it grows with the speed."""
-
-    distance_m: NonNegative
-    time_s: NonNegative
-
-    def border(self, v: float) -> float:
-        """Metres at a speed, m/s."""
-        return self.distance_m + self.time_s * abs(v)
-
-
-class Parameters(agent.Parameters, frozen=True, kw_only=True):
+class Parameters(ZoneParameters, frozen=True, kw_only=True):
     """The three zones (figure 3.16) and what is done in each.
 
     `rules` "thesis" reads 3.5.2 and 3.10.1 literally: distance and heading of the closest points,
@@ -57,20 +40,6 @@ class Parameters(agent.Parameters, frozen=True, kw_only=True):
     """
 
     rules: Literal["safe", "thesis"] = "safe"
-    v_max: Positive | None = None
-    stop: Zone = Zone(0.05, 0.25)
-    danger: Zone = Zone(0.20, 0.55)
-    caution: Zone = Zone(0.45, 1.30)
-    v_top: Positive = 0.55  # at the caution zone's outer border, m/s
-    v_caution: Positive = 0.38  # at its inner border
-    v_danger: NonNegative = 0.12  # at the danger zone's inner border
-    turn_gain: Positive = 1.7  # rad/s for one rad
-    w_max: Positive = radians(60)
-    w_stop: Positive = radians(45)
-    abeam: Positive = radians(80)  # thesis: steer the obstacle here
-    half_diagonal_m: Positive = 0.30  # thesis: range to distance left
-    u_heading_low: Positive = radians(40)
-    u_heading_high: Positive = radians(120)
     v_back: NonNegative = 0.08  # m/s, off what it cannot turn away from,
     back_room_m: NonNegative = 0.1  # with so much remembered free behind
     stuck_s: Positive = 2.0  # at rest for so long, farther from the goal than goal_m,
@@ -86,49 +55,37 @@ class Parameters(agent.Parameters, frozen=True, kw_only=True):
     safety: Safety = Safety()
 
 
-class Avoid(Agent):
+class Avoid(Behaviour):
     """Slows down, turns away, or stops and turns, as the nearest obstacle demands."""
 
     name = "avoid"
     reacts_to = Obstacles
-    needs: ClassVar[tuple[type[Message], ...]] = (Obstacles, Pose)
-    hears: ClassVar[tuple[type[Message], ...]] = (Trajectory,)
-    competes_for = (WHEELS,)
     parameters = Parameters
     p: Parameters
 
     def __init__(self, identity: agent.Identity, parameters: Any = None) -> None:
         super().__init__(identity, parameters)
-        self._route = Route()
-        self._mission = 0
         self._side = 0.0  # +1 left, -1 right: latched while the same thing is dodged
         self._side_at: tuple[float, float] = (0.0, 0.0)
         self._moved_at = inf  # when the robot was last seen to move on its mission
         self._looked_at = -inf  # when it last looked: nobody looks while the robot is stopped
         self._escape_until = -inf
 
-    def on_trajectory(self, trajectory: Trajectory) -> None:
-        """A new mission, or the old one said again."""
-        if trajectory.mission != self._mission or not trajectory.waypoints:
-            self._mission = trajectory.mission
-            self._route = Route.of(trajectory)
-            self._side = 0.0
-            self._moved_at = self.now
+    def on_mission(self) -> None:
+        """Nothing is dodged yet."""
+        self._side = 0.0
+        self._moved_at = self.now
 
-    def bid(self, obstacles: Obstacles) -> Bid | None:
+    def propose(self, pose: Pose, obstacles: Obstacles) -> Bid | None:
         """How to keep off what is in the way, and how much that helps."""
-        pose, state = self.fresh(Pose), self.latest(RobotState)
-        assert pose is not None, "the pattern sees to that"
-        assert state is not None, "and to that"
-        if not self._route.waypoints:
-            self.why = "no goal"
-            return None
-        self._route.advance(pose.x, pose.y)
-        if self.p.rules == "thesis":
-            return self._literal(obstacles, state)
-        return self._safe(obstacles.points, pose, state)
-
-    # The safe rules ------------------------------------------------------------------------------
+        state = self.latest(RobotState)
+        assert state is not None, "nobody bids without robot/state"
+        if self.p.rules == "safe":
+            return self._safe(obstacles.points, pose, state)
+        bid = literal(obstacles, state.v, self.p)
+        if bid is None:
+            self.why = "nothing in the way"
+        return bid
 
     def _safe(self, points: Sequence[Point], pose: Pose, state: RobotState) -> Bid | None:
         p = self.p
@@ -147,7 +104,7 @@ class Avoid(Agent):
         action, reason = self._act(points, wanted, pose, v)
         left = along - stopping_distance(v, p.safety.decel)
         within = None if left == inf else max(0.0, 0.5 * left / max(v, 0.05))
-        return Bid(utility, action, left < 2 * PERIOD * v, within, reason)
+        return Bid(utility, action, left < 0.0, within, reason)
 
     def _along(self, points: Sequence[Point], v: float, w: float) -> float:
         """The free way on the present arc, m; on the spot there is none to be free."""
@@ -232,7 +189,7 @@ class Avoid(Agent):
         moving = abs(state.v) > 0.02 or abs(state.w) > 0.05 or not driven
         looked_away = self.now - self._looked_at > LOOKED_AWAY_S
         self._looked_at = self.now
-        if moving or looked_away or self._route.to_go(pose.x, pose.y) < self.p.goal_m:
+        if moving or looked_away or self.route.to_go(pose.x, pose.y) < self.p.goal_m:
             self._moved_at = self.now
         elif self.now - self._moved_at > self.p.stuck_s:
             self._moved_at = self.now
@@ -262,51 +219,8 @@ class Avoid(Agent):
 
     def _wanted(self, pose: Pose) -> float:
         """Where the trajectory leads, rad in the body frame."""
-        target = self._route.ahead(pose.x, pose.y, self.p.ahead_m)[0]
+        target = self.route.ahead(pose.x, pose.y, self.p.ahead_m)[0]
         return wrap(atan2(target.y - pose.y, target.x - pose.x) - pose.theta)
-
-    # The thesis, literally -----------------------------------------------------------------------
-
-    def _literal(self, obstacles: Obstacles, state: RobotState) -> Bid | None:
-        """3.8 and 3.9 with the closest point and the closest one in front."""
-        p = self.p
-        zones = [zone.border(state.v) for zone in (p.stop, p.danger, p.caution)]
-        best: tuple[float, float, Point] | None = None
-        for point in (obstacles.closest, obstacles.front):
-            if point is None:
-                continue
-            left = max(hypot(point.x, point.y) - p.half_diagonal_m, 0.0)
-            bearing = abs(atan2(point.y, point.x))
-            u = min(
-                ramp_down(bearing, p.u_heading_low, p.u_heading_high),
-                ramp_down(left, zones[0], zones[2]),
-            )
-            if best is None or u > best[0]:
-                best = (u, left, point)
-        if best is None or best[0] <= 0.0:
-            self.why = "nothing in the way"
-            return None
-        utility, left, point = best
-        time_left = left / max(abs(state.v), 0.02)
-        return Bid(utility, self._literal_action(left, point, zones), within=time_left)
-
-    def _literal_action(self, left: float, point: Point, zones: list[float]) -> tuple[float, float]:
-        p = self.p
-        stop, danger, caution = zones
-        top = p.v_max or p.v_top
-        slow = min(p.v_caution, top)
-        bearing = atan2(point.y, point.x)
-        if left < stop:
-            return 0.0, -copysign(p.w_stop, bearing)
-        if left < danger:
-            share = (left - stop) / max(danger - stop, 1e-6)
-            error = bearing - copysign(p.abeam, bearing)
-            return (
-                min(p.v_danger, top) + share * (slow - min(p.v_danger, top)),
-                max(-p.w_max, min(p.w_max, p.turn_gain * error)),
-            )
-        share = (left - danger) / max(caution - danger, 1e-6)
-        return slow + share * (top - slow), 0.0
 
 
 def _rotated(points: Sequence[Point], heading: float) -> list[Point]:

@@ -3,18 +3,17 @@
 from __future__ import annotations
 
 from math import atan2, cos, hypot, radians, sin
-from typing import Annotated, Any, ClassVar, Literal
+from typing import Annotated, Any, Literal
 
 from msgspec import Meta
 
 from armadico import agent
-from armadico.agent import Agent
-from armadico.agents.methods.route import Route
+from armadico.agents.methods.behaviour import Behaviour
 from armadico.agents.methods.safety import Safety, limit
 from armadico.agents.methods.utility import ramp_down
 from armadico.exchange import Bid
 from armadico.geometry import wrap
-from armadico.messages import Message, Obstacles, Point, Pose, Trajectory
+from armadico.messages import Obstacles, Point, Pose
 from armadico.resources import WHEELS
 
 Positive = Annotated[float, Meta(gt=0, le=10)]
@@ -43,37 +42,20 @@ class Parameters(agent.Parameters, frozen=True, kw_only=True):
     safety: Safety = Safety()
 
 
-class Gothrough(Agent):
+class Gothrough(Behaviour):
     """Steers for the middle between what is left and what is right."""
 
     name = "gothrough"
     reacts_to = Obstacles
-    needs: ClassVar[tuple[type[Message], ...]] = (Obstacles, Pose)
-    hears: ClassVar[tuple[type[Message], ...]] = (Trajectory,)
-    competes_for = (WHEELS,)
     parameters = Parameters
     p: Parameters
 
     def __init__(self, identity: agent.Identity, parameters: Any = None) -> None:
         super().__init__(identity, parameters)
-        self._route = Route()
-        self._mission = 0
         self._commanded = (0.0, 0.0)
 
-    def on_trajectory(self, trajectory: Trajectory) -> None:
-        """A new mission, or the old one said again."""
-        if trajectory.mission != self._mission or not trajectory.waypoints:
-            self._mission = trajectory.mission
-            self._route = Route.of(trajectory)
-
-    def bid(self, obstacles: Obstacles) -> Bid | None:
+    def propose(self, pose: Pose, obstacles: Obstacles) -> Bid | None:
         """The way through, and how narrow it is."""
-        pose = self.fresh(Pose)
-        assert pose is not None, "the pattern sees to that"
-        if not self._route.waypoints:
-            self.why = "no goal"
-            return None
-        self._route.advance(pose.x, pose.y)
         left, right = obstacles.left, obstacles.right
         if left is None or right is None:
             return self._none("not between two things")
@@ -101,7 +83,7 @@ class Gothrough(Agent):
 
     def _abstains(self, pose: Pose, goal: Point) -> str:
         """Why the trajectory does not lead through here."""
-        route = self._route
+        route = self.route
         if abs(atan2(goal.y, goal.x)) > self.p.astray:
             return "the trajectory leads elsewhere"
         if route.last_leg and route.to_go(pose.x, pose.y) < self.p.goal_m:
@@ -110,9 +92,9 @@ class Gothrough(Agent):
 
     def _goal(self, pose: Pose) -> Point:
         """Where the trajectory leads, in the body frame."""
-        to = self._route.ahead(pose.x, pose.y, self.p.ahead_m)[0]
+        to = self.route.ahead(pose.x, pose.y, self.p.ahead_m)[0]
         if self.p.rules == "thesis":
-            target = self._route.target
+            target = self.route.target
             assert target is not None, "there are waypoints"
             to = target
         dx, dy = to.x - pose.x, to.y - pose.y

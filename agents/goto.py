@@ -3,19 +3,18 @@
 from __future__ import annotations
 
 from math import hypot
-from typing import Annotated, Any, ClassVar, Literal
+from typing import Annotated, Any, Literal
 
 import msgspec
 from msgspec import Meta
 
 from armadico import agent
-from armadico.agent import Agent
+from armadico.agents.methods.behaviour import Behaviour
 from armadico.agents.methods.controllers import SETTINGS, Controller, Mode
-from armadico.agents.methods.route import Route
 from armadico.agents.methods.safety import Safety, limit
 from armadico.agents.methods.utility import ramp_down
 from armadico.exchange import Bid
-from armadico.messages import Message, Obstacles, Pose, RobotState, Trajectory, Waypoint
+from armadico.messages import Obstacles, Pose, RobotState, Waypoint
 from armadico.resources import WHEELS
 
 Speed = Annotated[float, Meta(gt=0, le=10)]
@@ -44,14 +43,11 @@ class Parameters(agent.Parameters, frozen=True, kw_only=True):
     u_high_m: Metres = 0.5
 
 
-class Goto(Agent):
+class Goto(Behaviour):
     """Proposes the speeds that lead along the trajectory and park on its end."""
 
     name = "goto"
     reacts_to = Pose
-    needs: ClassVar[tuple[type[Message], ...]] = (Pose, Obstacles)
-    hears: ClassVar[tuple[type[Message], ...]] = (Trajectory,)
-    competes_for = (WHEELS,)
     parameters = Parameters
     p: Parameters
 
@@ -62,32 +58,19 @@ class Goto(Agent):
             fast = msgspec.structs.replace(settings.fast, v=min(settings.fast.v, self.p.v_max))
             settings = msgspec.structs.replace(settings, fast=fast)
         self._controller = Controller(settings, Mode(self.p.controller))
-        self._route = Route()
-        self._mission = 0
         self._commanded = (0.0, 0.0)
 
-    def on_trajectory(self, trajectory: Trajectory) -> None:
-        """A new mission, or the old one said again."""
-        if trajectory.mission != self._mission or not trajectory.waypoints:
-            self._mission = trajectory.mission
-            self._route = Route.of(trajectory)
-            self._controller.reset()
+    def on_mission(self) -> None:
+        """Forget where the last one was parked."""
+        self._controller.reset()
 
-    def bid(self, pose: Pose) -> Bid | None:
+    def propose(self, pose: Pose, obstacles: Obstacles) -> Bid | None:
         """Where it would steer, and how much that helps."""
-        route = self._route
-        goal = route.goal
-        if goal is None:
-            self.why = "no goal"
-            return None
-        route.advance(pose.x, pose.y)
         v, w = self._controller.steer(pose, self._ahead(pose), self._before())
         if self.p.rules == "safe":
-            obstacles = self.latest(Obstacles)
-            assert obstacles is not None, "the pattern lets nobody bid without what it needs"
             v, w, _ = limit(v, w, obstacles.points, self.p.safety)
         self._commanded = (v, w)
-        return Bid(self._utility(pose, goal), (v, w), reason=f"leg {route.leg}")
+        return Bid(self._utility(pose), (v, w), reason=f"leg {self.route.leg}")
 
     def _before(self) -> tuple[float, float]:
         """What the ramps start from."""
@@ -98,21 +81,22 @@ class Goto(Agent):
 
     def _ahead(self, pose: Pose) -> list[Waypoint]:
         """What to steer along: the waypoints that are left, or the line between them."""
-        route, goal = self._route, self._route.goal
+        route, goal = self.route, self.route.goal
         assert goal is not None, "there is a goal"
         parking = route.last_leg and hypot(goal.x - pose.x, goal.y - pose.y) <= self.p.park_m
         if self.p.rules == "thesis" or parking:
             return list(route.waypoints[route.leg :])
         return route.ahead(pose.x, pose.y, self.p.ahead_m)
 
-    def _utility(self, pose: Pose, goal: Waypoint) -> float:
+    def _utility(self, pose: Pose) -> float:
         """Equation 3.6."""
-        p = self.p
+        p, goal = self.p, self.route.goal
+        assert goal is not None, "there is a goal"
         if p.rules == "thesis":
-            target = self._route.target
+            target = self.route.target
             assert target is not None, "there is a goal"
             left = hypot(target.x - pose.x, target.y - pose.y)
-        elif self._route.last_leg:
+        elif self.route.last_leg:
             left = hypot(goal.x - pose.x, goal.y - pose.y)
         else:
             left = p.u_high_m

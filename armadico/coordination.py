@@ -384,7 +384,6 @@ class Verdict(StrEnum):
     STALE_BALLOT = "its ballot is smaller than the largest obeyed or heard"
     IMPLAUSIBLE = "its term is too far above the largest known"
     OUT_OF_RANGE = "its speeds are outside the profile's limits"
-    IMPOSTOR = "it was sent by another instance than its ballot names"
 
 
 class Owner:

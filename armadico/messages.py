@@ -16,7 +16,7 @@ import msgspec
 from msgspec import Meta, Struct
 
 PROTOCOL = 1
-"""The version of this file; agents of another version are not talked to."""
+"""The version of this file, said on every card."""
 
 LARGEST = 1e6
 """The size of the largest number that a message carries."""

@@ -210,7 +210,9 @@ class Robot(DeviceAgent):
     # What the society says -----------------------------------------------------------------------
 
     def on_command(self, command: Command) -> None:
-        """Obey, or refuse with the reason."""
+        """Obey, or refuse with the reason; without a controller nobody is obeyed."""
+        if self._session is None or not self._session.is_open:
+            return
         limits = self.profile.limits
         sound = (
             isfinite(command.v)
@@ -226,8 +228,6 @@ class Robot(DeviceAgent):
             verdict = Verdict.OLD_FRAME
         if verdict is not Verdict.OBEYED:
             self._refusals[verdict] += 1
-            return
-        if self._session is None or not self._session.is_open:
             return
         self._obeyed_at = self.now
         self._moving = command.v != 0.0 or command.w != 0.0

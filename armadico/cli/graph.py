@@ -213,15 +213,16 @@ def svg(found: Graph) -> str:
     width = 2 * EDGE + (len(columns) - 1) * COLUMN + WIDTH
     height = 2 * EDGE + (rows + 1) * ROW
     agents = set(found.agents)
-    # Both ways between two is one line.
-    edges = [_edge(place, height + ROW, a, b) for a, b in sorted(found.edges)]
+    # Both ways between two is one line, with a tip at either end.
+    shown = {(a, b) for a, b in found.edges if a in agents or (b, a) not in found.edges}
+    edges = [_edge(place, height + ROW, a, b, both=(b, a) in found.edges) for a, b in sorted(shown)]
     nodes = [_node(place[node], node, is_agent=node in agents) for node in sorted(place)]
     return "\n".join(
         [
             f'<svg xmlns="http://www.w3.org/2000/svg" width="{width}" height="{height:.0f}"'
             f' viewBox="0 0 {width} {height:.0f}" font-family="sans-serif" font-size="13">',
             '<defs><marker id="tip" viewBox="0 0 8 8" refX="8" refY="4" markerWidth="8"'
-            ' markerHeight="8" orient="auto"><path d="M0,0 L8,4 L0,8 z" fill="#6b7883"/></marker>'
+            ' markerHeight="8" orient="auto-start-reverse"><path d="M0,0 L8,4 L0,8 z" fill="#6b7883"/></marker>'
             "</defs>",
             f'<rect width="{width}" height="{height:.0f}" fill="#ffffff"/>',
             *edges,
@@ -231,16 +232,19 @@ def svg(found: Graph) -> str:
     )
 
 
-def _edge(place: Mapping[str, tuple[float, float]], bottom: float, a: str, b: str) -> str:
+def _edge(
+    place: Mapping[str, tuple[float, float]], bottom: float, a: str, b: str, *, both: bool
+) -> str:
     """A curve; dashed, and below everything, where it leads back to the left."""
     (x1, y1), (x2, y2) = place[a], place[b]
     x1, y1, y2 = x1 + WIDTH, y1 + HEIGHT / 2, y2 + HEIGHT / 2
     back = x2 < x1
     bend, turn1, turn2 = (90.0, bottom, bottom) if back else ((x2 - x1) / 2, y1, y2)
     dash = ' stroke-dasharray="4 4" opacity="0.55"' if back else ""
+    start = ' marker-start="url(#tip)"' if both else ""
     return (
         f'<path d="M{x1:.0f},{y1:.0f} C{x1 + bend:.0f},{turn1:.0f} {x2 - bend:.0f},{turn2:.0f}'
-        f' {x2:.0f},{y2:.0f}" fill="none" stroke="#6b7883" marker-end="url(#tip)"{dash}/>'
+        f' {x2:.0f},{y2:.0f}" fill="none" stroke="#6b7883" marker-end="url(#tip)"{start}{dash}/>'
     )
 
 

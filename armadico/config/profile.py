@@ -129,7 +129,6 @@ class RobotProfile(Struct, frozen=True, forbid_unknown_fields=True):
     """A differential-drive robot, whole."""
 
     name: str
-    fresh_frames: Annotated[int, Meta(ge=1, le=20)]  # how old an input may be
     body: Body
     inertia: Inertia
     motor: Motor

@@ -80,7 +80,8 @@ def test_nearer_it_drives_more_slowly_and_in_the_stop_zone_it_turns_on_the_spot(
 def test_it_is_critical_exactly_from_where_it_could_not_stop_two_frames_later(
     speed: float,
 ) -> None:
-    last = stopping_distance(speed, Safety().decel) + 2 * 0.1 * speed
+    last = stopping_distance(speed, Safety().decel)  # two frames of travel included
+    assert last == pytest.approx(2 * 0.1 * speed + speed**2 / (2 * Safety().decel))
     assert not before_a_wall(last + 0.01, speed).bid().critical
     assert before_a_wall(last - 0.01, speed).bid().critical
 
