@@ -222,8 +222,8 @@ def svg(found: Graph) -> str:
             f'<svg xmlns="http://www.w3.org/2000/svg" width="{width}" height="{height:.0f}"'
             f' viewBox="0 0 {width} {height:.0f}" font-family="sans-serif" font-size="13">',
             '<defs><marker id="tip" viewBox="0 0 8 8" refX="8" refY="4" markerWidth="8"'
-            ' markerHeight="8" orient="auto-start-reverse"><path d="M0,0 L8,4 L0,8 z" fill="#6b7883"/></marker>'
-            "</defs>",
+            ' markerHeight="8" orient="auto-start-reverse">'
+            '<path d="M0,0 L8,4 L0,8 z" fill="#6b7883"/></marker></defs>',
             f'<rect width="{width}" height="{height:.0f}" fill="#ffffff"/>',
             *edges,
             *nodes,

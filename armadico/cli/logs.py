@@ -105,8 +105,8 @@ def _read(args: argparse.Namespace) -> int:
         names = ", ".join(file.stem for file in files) or "nobody"
         raise FailedError(f"{args.agent or 'nobody'} wrote nothing in {folder} ({names} did)")
     for stamp, name, text in sorted(_lines(chosen), key=lambda line: line[0]):
-        print(json.dumps({"agent": name, "text": text}) if args.json else text)
-        del stamp
+        found = {"time": stamp, "agent": name, "text": text}
+        print(json.dumps(found) if args.json else text)
     return 0
 
 

@@ -93,8 +93,6 @@ def _check(args: argparse.Namespace) -> None:
             raise UsageError(f"--{flag.replace('_', '-')} {value:g}: more than 0")
     if args.file.suffix != ".mcap":
         raise UsageError(f"{args.file}: the name of a recording ends with .mcap")
-    if args.force:
-        args.file.unlink(missing_ok=True)
 
 
 def join_each(args: argparse.Namespace, namespaces: Sequence[str]) -> list[ZenohMesh]:
@@ -115,6 +113,8 @@ def _record(
 
     limit = None if args.max_size is None else int(args.max_size * MEGABYTE)
     about = {"version": options.version(), "namespaces": " ".join(namespaces)}
+    if args.force:
+        args.file.unlink(missing_ok=True)
     recording = Recording(args.file, about, limit)
     watcher = Watcher(meshes)
     begun = time.monotonic()

@@ -21,7 +21,7 @@ from typing import Any
 
 import pytest
 
-from armadico.cli import completion, doctor
+from armadico.cli import doctor
 from armadico.mesh.topology import ENDPOINTS_VARIABLE, topology
 from armadico.mesh.zenoh import Call, ZenohMesh
 from armadico.messages import (
@@ -383,7 +383,8 @@ def test_help_imports_nothing_heavy_and_has_examples(name: str) -> None:
     heavy = ("numpy", "zenoh", "cbor2", "msgspec", "rich", "rerun", "mcap", "psutil")
     script = (
         "import sys\nfrom armadico import cli\n"
-        f"try:\n    cli.main([{name!r}, '--help'])\nexcept SystemExit as end:\n    assert not end.code\n"
+        f"try:\n    cli.main([{name!r}, '--help'])\n"
+        "except SystemExit as end:\n    assert not end.code\n"
         f"print('HEAVY', sorted(set({heavy!r}) & set(sys.modules)))"
     )
     done = subprocess.run(
@@ -391,37 +392,3 @@ def test_help_imports_nothing_heavy_and_has_examples(name: str) -> None:
     )
     assert done.stdout.splitlines()[-1] == "HEAVY []", done.stdout + done.stderr
     assert done.stdout.partition("examples:")[2].count(f"armadico {name}") >= 2
-
-
-# Completion ---------------------------------------------------------------------------------------
-
-
-@pytest.mark.parametrize(
-    ("typed", "offered"),
-    [
-        ("armadico rec", {"record"}),
-        ("armadico export run.mcap --to ''", {"csv", "rrd"}),
-        ("armadico completion ''", {"bash", "zsh", "fish"}),
-        ("armadico top --j", {"--json"}),
-    ],
-)
-def test_bash_completes(run: Run, typed: str, offered: set[str]) -> None:
-    script = (
-        f"{run('completion', 'bash').stdout}\n"
-        f"COMP_WORDS=({typed})\nCOMP_CWORD=$((${{#COMP_WORDS[@]}} - 1))\n"
-        '_armadico\nprintf "%s\\n" "${COMPREPLY[@]}"'
-    )
-    done = subprocess.run(
-        ["bash", "-eu", "-c", script], capture_output=True, text=True, timeout=60, check=False
-    )
-    assert done.stderr == ""
-    assert set(done.stdout.split()) >= offered
-
-
-@pytest.mark.parametrize("shell", sorted(completion.SCRIPTS))
-def test_every_command_and_option_is_in_the_script(shell: str) -> None:
-    found = {command.name: command for command in completion.commands()}
-    assert "--max-size" in found["record"].words
-    text = completion.SCRIPTS[shell]([found["record"], found["top"]])
-    for word in ("record", "top", "max-size", "once"):
-        assert word in text

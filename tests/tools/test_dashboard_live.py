@@ -2,12 +2,14 @@
 
 from __future__ import annotations
 
+import argparse
 import os
 import signal
 import socket
 import subprocess
 import sys
 import threading
+import urllib.error
 import urllib.request
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
@@ -20,6 +22,7 @@ rr = pytest.importorskip("rerun", reason="the dashboard's extra is not installed
 from armadico import messages as m  # noqa: E402
 from armadico.cli import dashboard as command  # noqa: E402
 from armadico.cli import main as armadico  # noqa: E402
+from armadico.cli.options import FailedError  # noqa: E402
 from armadico.client import Client  # noqa: E402
 from armadico.mesh.topology import ENDPOINTS_VARIABLE, topology  # noqa: E402
 from armadico.mesh.zenoh import ZenohMesh  # noqa: E402
@@ -164,6 +167,27 @@ def publish_until_heard(mesh: ZenohMesh, listener: Client) -> None:
         listener.wait_for(lambda: None, 0.02)
 
 
+@pytest.mark.live
+def test_beside_a_run_it_prints_its_link_and_ends_with_it(
+    apart: Callable[[], ZenohMesh], capsys: pytest.CaptureFixture[str]
+) -> None:
+    args = argparse.Namespace(namespace=NAMESPACE, connect=[], host=None, hosts=None)
+    with command.beside(args, "sc1"):
+        page = capsys.readouterr().err.removeprefix(LINK).strip()
+        with urllib.request.urlopen(page, timeout=20) as answer:
+            assert answer.status == 200
+    with pytest.raises(urllib.error.URLError):
+        urllib.request.urlopen(page, timeout=20)
+
+
+def test_beside_a_run_a_world_that_is_not_there_is_no_run(
+    apart: Callable[[], ZenohMesh],
+) -> None:
+    args = argparse.Namespace(namespace=NAMESPACE, connect=[], host=None, hosts=None)
+    with pytest.raises(FailedError, match="no dashboard"), command.beside(args, "nowhere"):
+        pytest.fail("it has not started")
+
+
 def test_a_namespace_without_a_robot_is_said(
     apart: Callable[[], ZenohMesh], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
@@ -248,6 +272,27 @@ def test_bad_arguments_are_refused_before_anything_starts(
     code, said = refusal(capsys, *arguments)
     assert code in (1, 2)
     assert expected in said
+
+
+@pytest.mark.parametrize(
+    ("arguments", "expected"),
+    [
+        (["sc1", "--virtual", "--dashboard"], "--rrd FILE keeps a virtual one"),
+        (["sc1", "--rrd", "x.rrd"], "--rrd is for --virtual"),
+        (["sc1", "--virtual", "--rrd", "x.csv"], ".rrd"),
+    ],
+)
+def test_a_run_says_which_of_the_two_it_offers(
+    capsys: pytest.CaptureFixture[str], arguments: list[str], expected: str
+) -> None:
+    assert armadico(["run", *arguments]) == 2
+    assert expected in capsys.readouterr().err
+
+
+def test_a_virtual_run_is_kept_for_rerun(tmp_path: Path) -> None:
+    path = tmp_path / "new" / "run.rrd"
+    assert armadico(["run", "sc1", "--virtual", "--json", "--rrd", str(path)]) == 0
+    assert "/robot1/map/world/path" in Kept(path).rows
 
 
 def test_help_imports_nothing_heavy() -> None:

@@ -17,7 +17,7 @@ from mcap.reader import make_reader
 
 from armadico import messages as m
 from armadico.services import SERVICES
-from armadico.tools.export import RecordingError, Row, Tables, rows
+from armadico.tools.export import RecordingError, Row, Tables, rows, to_rrd
 from armadico.tools.recorder import Recording
 from armadico.tools.watching import (
     Heard,
@@ -251,6 +251,32 @@ def test_tables_have_a_file_a_topic_and_a_column_a_field(tmp_path: Path) -> None
     assert json.loads(claims[0]["commanded"]) == [0.2, 0.0]
     with (tmp_path / "out" / "robot1_encoder_pose.csv").open() as stream:
         assert [row["x"] for row in csv.DictReader(stream)] == ["1.5"]
+
+
+def test_a_recording_is_drawn_as_the_dashboard_would(tmp_path: Path) -> None:
+    pytest.importorskip("rerun")
+    path, out = tmp_path / "run.mcap", tmp_path / "run.rrd"
+    recorded(
+        path,
+        Presence("robot1", "goto", "goto-1", True, 1),
+        heard("robot/state", STATE, 2),
+        heard("encoder/pose", POSE, 3),
+        heard("agent/goto/goto-1/bids", m.BidHistory("goto-1", (bid(1),)), 4, asked=True),
+        Heard("robot1", "encoder/pose", b"broken", 5),
+    )
+    warnings: list[str] = []
+    assert to_rrd(path, out, None, None, warnings.append) == 4
+    assert not warnings
+    assert out.stat().st_size > 1000
+
+
+def test_of_several_robots_one_is_drawn(tmp_path: Path) -> None:
+    pytest.importorskip("rerun")
+    path = tmp_path / "run.mcap"
+    recorded(path, heard("robot/state", STATE), Heard("robot2", "robot/state", m.encode(STATE), 1))
+    with pytest.raises(RecordingError, match="robot1, robot2"):
+        to_rrd(path, tmp_path / "run.rrd", None, None, lambda _: None)
+    assert to_rrd(path, tmp_path / "run.rrd", "robot2", None, lambda _: None) == 1
 
 
 # What watchers share ------------------------------------------------------------------------------

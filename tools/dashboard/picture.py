@@ -19,11 +19,8 @@ from armadico.tools.dashboard.canvas import TIMELINE
 from armadico.tools.dashboard.viewer import LOOPBACK, ViewerError, headless
 
 LOADING_S: Final = 30.0
-SETTLE_S: Final = 4.0
-"""What a viewer takes to lay its views out, and to stop saying that it is headless."""
-
-COLOURS: Final = 224
-"""In a picture that is kept."""
+SETTLE_S: Final = 2.0
+"""What a viewer takes to lay its views out."""
 
 SIZE: Final = (1280, 720)
 
@@ -61,8 +58,8 @@ def main(arguments: list[str]) -> None:
     numbers = [float(number) for number in rest]
     size = (int(numbers[1]), int(numbers[2])) if len(numbers) > 2 else SIZE
     taken = photograph(Path(recording), numbers[0] if numbers else 0.0, size)
-    with Image.open(io.BytesIO(taken.png)) as image:  # a palette: a third of the bytes
-        image.convert("RGB").quantize(COLOURS).save(out, format="PNG", optimize=True)
+    with Image.open(io.BytesIO(taken.png)) as image:  # the same picture, in a third of the bytes
+        image.convert("RGB").save(out, format="PNG", optimize=True)
     print(f"{out}: {', '.join(sorted(taken.views))}; errors: {taken.errors or 'none'}")
 
 

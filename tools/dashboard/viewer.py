@@ -40,8 +40,8 @@ class ViewerError(RuntimeError):
 class Viewer:
     """One process of rerun's; a context manager that leaves nothing running."""
 
-    def __init__(self, arguments: Sequence[str], port: int) -> None:
-        """Start it; `port` is where it will listen. Raises ViewerError."""
+    def __init__(self, arguments: Sequence[str], port: int, log: str = "info") -> None:
+        """Start it; `port` is where it will listen, `log` what it says. Raises ViewerError."""
         self.port = port
         self._log = tempfile.TemporaryFile()  # noqa: SIM115 - closed with the viewer
         self.popen = subprocess.Popen(
@@ -49,6 +49,7 @@ class Viewer:
             stdin=subprocess.DEVNULL,
             stdout=self._log,
             stderr=self._log,
+            env={**os.environ, "RUST_LOG": log},
             start_new_session=True,  # Ctrl-C is the dashboard's; it ends the viewer in order
         )
         try:
@@ -126,7 +127,7 @@ def headless(size: tuple[int, int]) -> Viewer:
     port = free_port()
     window = f"{size[0]}x{size[1]}"
     options = ["--headless", "--port", str(port), "--memory-limit", VIEWER_MEMORY]
-    return Viewer([*options, "--window-size", window], port)
+    return Viewer([*options, "--window-size", window], port, log="error")  # or it would show it
 
 
 def check_version() -> None:

@@ -49,8 +49,10 @@ RULES: Final = (
     "*P* = 100 (1 - final true position error / straight distance from start to goal); *FO* is the"
     " true error against the goal's heading; both follow from the stop rule. *TG, TA, TGt*: share"
     " of the frames in which that agent was obeyed.\n"
-    "*Cells*: mean ± standard deviation [95 % interval of the mean]. *thesis*: its mean ± standard"
-    " deviation of 5 runs, and Welch's p for both means being equal."
+    "*Cells*: mean ± standard deviation [95 % interval of the mean], over all runs, those too that"
+    " did not arrive. *thesis*: its mean ± standard deviation of 5 runs, and Welch's p for both"
+    " means being equal. Arms have the same seeds, so they are compared in pairs. No p is corrected"
+    " for the number of comparisons."
 )
 
 
@@ -83,6 +85,7 @@ def compare(columns: Sequence[Column], measures: dict[str, str] | None = None) -
     return "\n".join(lines) + "\n"
 
 
+MANY_TIMES: Final = 5.0
 COUNTS: Final = {"reached": "reached", "arrived": "arrived", "collisions": "runs with a collision"}
 
 
@@ -121,12 +124,19 @@ def differences(
             continue
         before, after = spread([a for a, _ in pairs]), spread([b for _, b in pairs])
         assert before is not None and after is not None, "there are pairs"  # noqa: PT018
-        share = f" ({100 * (after.mean / before.mean - 1):+.1f} %)" if before.mean else ""
-        change = f"{after.mean - before.mean:+.3g}{share}"
+        change = _change(before.mean, after.mean)
         p = paired([a for a, _ in pairs], [b for _, b in pairs])
         means = [number(before.mean), number(after.mean)]
         lines.append(row([name, *means, change, p_of(p)]))
     return "\n".join(lines) + "\n"
+
+
+def _change(before: float, after: float) -> str:
+    """Plain, and in per cent where that says anything: not of next to nothing."""
+    text = f"{after - before:+.3g}"
+    if abs(after) > MANY_TIMES * abs(before):
+        return text
+    return f"{text} ({100.0 * (after / before - 1.0):+.1f} %)" if before else text
 
 
 def spread_of(samples: Sequence[Sample | Result], field: str) -> Spread | None:
