@@ -43,16 +43,21 @@ class Context:
         """Every cell with every seed, but for what `runs.csv` has already."""
         return self.drive_each([(c, seed) for c in cells for seed in seeds or self.seeds])
 
-    def drive_each(self, tasks: Sequence[tuple[Cell, int]]) -> Samples:
-        """These runs, but for what `runs.csv` has already."""
+    def drive_each(
+        self,
+        tasks: Sequence[tuple[Cell, int]],
+        function: Callable[[tuple[Cell, int]], Sample] | None = None,
+        jobs: int | None = None,
+    ) -> Samples:
+        """These runs, but for what `runs.csv` has already; `function` drives one of them."""
         store = Store(self.out, self.commit)
         keys = {cell.name: key_of(cell, self.source) for cell, _ in dict(tasks).items()}
         wanted = [(cell.name, seed, keys[cell.name]) for cell, seed in tasks]
         missing = [task for task, key in zip(tasks, wanted, strict=True) if key not in store.known]
         pool.over(
-            drive,
+            function or drive,
             missing,
-            self.jobs,
+            jobs or self.jobs,
             self.out.name,
             lambda task, sample: store.add(sample, keys[task[0].name]),
         )

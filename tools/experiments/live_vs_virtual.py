@@ -6,15 +6,15 @@ import json
 import os
 import subprocess
 import sys
-from collections.abc import Sequence
 from typing import TYPE_CHECKING, Final
 
 import msgspec
 
 from armadico.measures import Result
+from armadico.tools.experiments import tables
 from armadico.tools.experiments.driving import Cell, Sample
 from armadico.tools.experiments.statistics import unpaired
-from armadico.tools.experiments.tables import RULES, cell, p_of, row, spread_of
+from armadico.tools.experiments.tables import RULES, p_of, row, spread_of
 
 if TYPE_CHECKING:
     from armadico.tools.experiments.base import Context
@@ -39,28 +39,26 @@ NOTE: Final = (
 
 def run(context: Context) -> None:
     """Virtual runs as ever; live ones one after the other, so that they have the machine."""
-    cells = [Cell(scenario, scenario) for scenario in SCENARIOS]
-    virtual = context.drive(cells)
-    tasks = [(scenario, seed) for scenario in SCENARIOS for seed in context.seeds]
-    jobs, context.jobs = context.jobs, 1
-    results = context.map(live, tasks, "live runs")
-    context.jobs = jobs
-    fields = Result.__struct_fields__
-    context.rows("live", fields, ([getattr(one, field) for field in fields] for one in results))
+    virtual = [Cell(scenario, scenario) for scenario in SCENARIOS]
+    real = [Cell(f"{scenario} live", scenario) for scenario in SCENARIOS]
+    tasks = [(cell, seed) for cell in (*virtual, *real) for seed in context.seeds]
+    live_tasks = [task for task in tasks if task[0] in real]
+    context.drive(virtual)
+    context.drive_each(live_tasks, live, jobs=1)
+    samples = context.drive_each(tasks)  # all are known: in order
     lines = [row(["scenario", "measure", "live", "virtual", "p"]), row(["---"] * 5)]
     for scenario in SCENARIOS:
-        mine = [one for one in results if one.scenario == scenario]
-        lines += _compare(scenario, mine, virtual[scenario])
+        lines += _compare(scenario, samples[f"{scenario} live"], samples[scenario])
     context.table(f"# {TITLE}\n\n{NOTE}\n\n{RULES}\n\n" + "\n".join(lines) + "\n")
 
 
-def live(task: tuple[str, int]) -> Result:
+def live(task: tuple[Cell, int]) -> Sample:
     """One run as `armadico run` makes it. Raises RuntimeError if it could not be made."""
-    scenario, seed = task
-    namespace = f"experiment-{os.getpid()}-{scenario}-{seed}"
+    cell, seed = task
+    namespace = f"experiment-{os.getpid()}-{cell.scenario}-{seed}"
     done = subprocess.run(
         [
-            *(sys.executable, "-m", "armadico", "run", scenario, "--seed", str(seed)),
+            *(sys.executable, "-m", "armadico", "run", cell.scenario, "--seed", str(seed)),
             *("--json", "--no-plot", "--namespace", namespace),
         ],
         capture_output=True,
@@ -69,13 +67,17 @@ def live(task: tuple[str, int]) -> Result:
         check=False,
     )
     try:
-        return msgspec.convert(json.loads(done.stdout), Result)
+        result = msgspec.convert(json.loads(done.stdout), Result)
     except ValueError:
-        raise RuntimeError(f"{scenario} seed {seed}: {done.stderr.strip()[-500:]}") from None
+        said = done.stderr.strip()[-500:]
+        raise RuntimeError(f"{cell.scenario} seed {seed}: {said}") from None
+    measured = msgspec.structs.asdict(result)
+    del measured["scenario"], measured["seed"]
+    return Sample(cell=cell.name, seed=seed, arrived=result.reached, **measured)
 
 
-def _compare(scenario: str, live_runs: list[Result], virtual: list[Sample]) -> list[str]:
-    both: dict[str, Sequence[Result | Sample]] = {"live": live_runs, "virtual": virtual}
+def _compare(scenario: str, live_runs: list[Sample], virtual: list[Sample]) -> list[str]:
+    both = {"live": live_runs, "virtual": virtual}
     reached = [f"{sum(one.reached for one in runs)} of {len(runs)}" for runs in both.values()]
     lines = [row([scenario, "reached", *reached, "-"])]
     for field, title in MEASURED.items():
@@ -84,6 +86,6 @@ def _compare(scenario: str, live_runs: list[Result], virtual: list[Sample]) -> l
             for runs in both.values()
         ]
         if all(values):
-            shown = [cell(spread_of(runs, field)) for runs in both.values()]
+            shown = [tables.cell(spread_of(runs, field)) for runs in both.values()]
             lines.append(row([scenario, title, *shown, p_of(unpaired(*values))]))
     return lines

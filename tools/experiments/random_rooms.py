@@ -83,6 +83,8 @@ def picture(of: Cell, sample: Sample, folder: Path) -> Path:
 
 def what_happened(sample: Sample) -> str:
     """A failure in a few words."""
+    if sample.note.startswith("refused"):
+        return sample.note
     words = [sample.note] if sample.note else []
     if sample.collisions:
         words.append(f"{sample.collisions} collisions")

@@ -56,8 +56,8 @@ def paired(a: Sequence[float], b: Sequence[float]) -> float | None:
 
 
 def unpaired(a: Sequence[float], b: Sequence[float]) -> float | None:
-    """Mann and Whitney's p for two samples; None if all values are one."""
-    if not a or not b or len({*a, *b}) == 1:
+    """Mann and Whitney's p for two samples; None if all values are one, or for one run."""
+    if len(a) < 2 or len(b) < 2 or len({*a, *b}) == 1:
         return None
     from scipy.stats import mannwhitneyu  # noqa: PLC0415
 

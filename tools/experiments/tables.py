@@ -7,7 +7,6 @@ from typing import Final
 
 from msgspec import Struct
 
-from armadico.measures import Result
 from armadico.tools.experiments.driving import Sample
 from armadico.tools.experiments.published import Numbers, Value
 from armadico.tools.experiments.statistics import Spread, against, paired, spread
@@ -139,7 +138,7 @@ def _change(before: float, after: float) -> str:
     return f"{text} ({100.0 * (after / before - 1.0):+.1f} %)" if before else text
 
 
-def spread_of(samples: Sequence[Sample | Result], field: str) -> Spread | None:
+def spread_of(samples: Sequence[Sample], field: str) -> Spread | None:
     """Of one measure; None where no run has it."""
     values = [getattr(sample, field) for sample in samples]
     return spread([float(value) for value in values if value is not None])

@@ -1,0 +1,166 @@
+"""Chromium without a window, driven over a pipe in the words of its DevTools protocol."""
+
+from __future__ import annotations
+
+import base64
+import json
+import os
+import select
+import shutil
+import signal
+import subprocess
+import time
+from contextlib import suppress
+from pathlib import Path
+from types import TracebackType
+from typing import Any
+
+NAMES = ("chromium", "chromium-browser", "google-chrome", "chrome")
+
+FLAGS = (
+    "--headless",
+    "--no-sandbox",  # containers lack what a sandbox needs; it opens our own page only
+    "--no-first-run",
+    "--disable-dev-shm-usage",
+    "--disable-extensions",
+    "--disable-background-networking",
+    "--hide-scrollbars",
+    "--enable-webgl",
+    "--ignore-gpu-blocklist",
+    "--use-angle=swiftshader",  # WebGL by the processor
+    "--enable-unsafe-swiftshader",
+    "--host-resolver-rules=MAP * ~NOTFOUND , EXCLUDE 127.0.0.1",  # no internet
+    "--remote-debugging-pipe",
+)
+
+ANSWER_S = 60.0
+LEAVE_S = 5.0
+
+Event = dict[str, Any]
+
+
+class Browser:
+    """One page; `events` are all that it said, newest last. Leaves nothing running."""
+
+    def __init__(self, folder: Path, width: int, height: int) -> None:
+        """Start it; `folder` is for its profile and what it says on stderr."""
+        self.events: list[Event] = []
+        self._asked = 0
+        self._rest = b""
+        with (folder / "chromium.log").open("wb") as log:
+            self._popen = self._start(folder, f"--window-size={width},{height}", log.fileno())
+        try:
+            self._session = self._attach()
+            view = {"width": width, "height": height, "deviceScaleFactor": 1, "mobile": False}
+            self.call("Emulation.setDeviceMetricsOverride", **view)
+            for domain in ("Page", "Runtime", "Log", "Network"):
+                self.call(f"{domain}.enable")
+        except BaseException:
+            self.stop()
+            raise
+
+    def __enter__(self) -> Browser:
+        return self
+
+    def __exit__(
+        self,
+        kind: type[BaseException] | None,
+        error: BaseException | None,
+        trace: TracebackType | None,
+    ) -> None:
+        self.stop()
+
+    def open(self, address: str) -> None:
+        """Go to a page, and return when it is loaded; its scripts may still be at work."""
+        self.call("Page.navigate", url=address)
+        deadline = time.monotonic() + ANSWER_S
+        while not self.said("Page.loadEventFired"):
+            self._keep(self._take(deadline))
+
+    def screenshot(self) -> bytes:
+        """The page as it is now, a PNG; drawing it takes as long as it takes."""
+        png: str = self.call("Page.captureScreenshot", format="png")["data"]
+        return base64.b64decode(png)
+
+    def said(self, method: str) -> list[Event]:
+        """What the page has said of one kind."""
+        return [event["params"] for event in self.events if event.get("method") == method]
+
+    def call(self, method: str, **parameters: Any) -> Any:
+        """Ask the page for something, and wait for the answer; events are kept meanwhile."""
+        return self._call(method, parameters, {"sessionId": self._session})
+
+    def stop(self) -> None:
+        """End it and its helpers."""
+        with suppress(ProcessLookupError):
+            os.killpg(self._popen.pid, signal.SIGTERM)
+        with suppress(subprocess.TimeoutExpired):
+            self._popen.wait(LEAVE_S)
+        with suppress(ProcessLookupError):  # what of its group is left
+            os.killpg(self._popen.pid, signal.SIGKILL)
+        self._popen.wait()
+        os.close(self._write)
+        os.close(self._read)
+
+    def _start(self, folder: Path, size: str, log: int) -> subprocess.Popen[bytes]:
+        """The browser reads what it is asked on descriptor 3 and answers on 4."""
+        program = executable()
+        assert program is not None, "look for one first"
+        commands, self._write = os.pipe()
+        self._read, answers = os.pipe()
+        redirected = f'exec "$@" 3<&{commands} 4>&{answers}'
+        profile = f"--user-data-dir={folder / 'profile'}"
+        try:
+            return subprocess.Popen(
+                ["bash", "-c", redirected, "-", program, *FLAGS, profile, size, "about:blank"],
+                stdin=subprocess.DEVNULL,
+                stdout=log,
+                stderr=log,
+                pass_fds=(commands, answers),
+                start_new_session=True,
+            )
+        finally:
+            os.close(commands)
+            os.close(answers)
+
+    def _attach(self) -> str:
+        """A session with its one page."""
+        pages = self._call("Target.getTargets", {}, {})["targetInfos"]
+        page = next(target["targetId"] for target in pages if target["type"] == "page")
+        asked = {"targetId": page, "flatten": True}
+        session: str = self._call("Target.attachToTarget", asked, {})["sessionId"]
+        return session
+
+    def _call(self, method: str, parameters: Event, address: Event) -> Any:
+        self._asked += 1
+        message = {"id": self._asked, "method": method, "params": parameters, **address}
+        os.write(self._write, json.dumps(message).encode() + b"\0")
+        deadline = time.monotonic() + ANSWER_S
+        while (answer := self._take(deadline)).get("id") != self._asked:
+            self._keep(answer)
+        assert "error" not in answer, f"{method}: {answer['error']}"
+        return answer["result"]
+
+    def _keep(self, event: Event) -> None:
+        """Without what is there for the page's own developers, of which there is much."""
+        if event.get("params", {}).get("type") != "debug":
+            self.events.append(event)
+
+    def _take(self, deadline: float) -> Event:
+        """The next message; each ends with a zero byte."""
+        while b"\0" not in self._rest:
+            left = max(deadline - time.monotonic(), 0.0)
+            if not select.select([self._read], [], [], left)[0]:
+                raise TimeoutError(f"the browser did not answer within {ANSWER_S:.0f} s")
+            data = os.read(self._read, 2**20)
+            if not data:
+                raise ConnectionError("the browser has gone")
+            self._rest += data
+        text, _, self._rest = self._rest.partition(b"\0")
+        message: Event = json.loads(text)
+        return message
+
+
+def executable() -> str | None:
+    """A Chromium of this machine."""
+    return next((found for name in NAMES if (found := shutil.which(name))), None)
