@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from math import hypot
+from math import atan2, hypot, radians
 from typing import Annotated, Any, Literal
 
 import msgspec
@@ -14,11 +14,13 @@ from armadico.agents.methods.controllers import SETTINGS, Controller, Mode
 from armadico.agents.methods.safety import Safety, limit
 from armadico.agents.methods.utility import ramp_down
 from armadico.exchange import Bid
+from armadico.geometry import wrap
 from armadico.messages import Obstacles, Pose, RobotState, Waypoint
 from armadico.resources import WHEELS
 
 Speed = Annotated[float, Meta(gt=0, le=10)]
 Metres = Annotated[float, Meta(gt=0, le=10)]
+Angle = Annotated[float, Meta(gt=0, le=3.1416)]
 Share = Annotated[float, Meta(ge=0, le=1)]
 
 
@@ -36,6 +38,9 @@ class Parameters(agent.Parameters, frozen=True, kw_only=True):
     v_max: Speed | None = None
     ahead_m: Metres = 0.6  # on the line between waypoints it looks so far ahead,
     park_m: Metres = 1.0  # and straight to the goal within this, where `precise` joins in
+    calm_from: Angle = radians(8)  # turning by more than this to where it steers, it slows down,
+    calm_over: Angle = radians(50)  # by this much more to nothing,
+    calm_least: Share = 0.35  # but not to less: it must get along while it turns
     safety: Safety = Safety()
     p_max: Share = 1.0  # equation 3.6
     p_min: Share = 0.6
@@ -66,11 +71,21 @@ class Goto(Behaviour):
 
     def propose(self, pose: Pose, obstacles: Obstacles) -> Bid | None:
         """Where it would steer, and how much that helps."""
-        v, w = self._controller.steer(pose, self._ahead(pose), self._before())
+        ahead = self._ahead(pose)
+        v, w = self._controller.steer(pose, ahead, self._before())
         if self.p.rules == "safe":
+            v *= self._calm(pose, ahead[0])
             v, w, _ = limit(v, w, obstacles.points, self.p.safety)
         self._commanded = (v, w)
         return Bid(self._utility(pose), (v, w), reason=f"leg {self.route.leg}")
+
+    def _calm(self, pose: Pose, target: Waypoint) -> float:
+        """The share of the speed that is left while the robot turns towards where it steers.
+
+        At full speed it would swing wide of the line, and beside a door that is the post.
+        """
+        off = abs(wrap(atan2(target.y - pose.y, target.x - pose.x) - pose.theta))
+        return min(max(1.0 - (off - self.p.calm_from) / self.p.calm_over, self.p.calm_least), 1.0)
 
     def _before(self) -> tuple[float, float]:
         """What the ramps start from."""

@@ -112,13 +112,20 @@ class _Planner:
         self._middles: dict[str, Placed] = {}
 
     def way(self, start: Placed, goal: Placed) -> _Way:
-        """From start to goal, over the graph if both are in rooms."""
+        """From start to goal, over the graph if both are in rooms.
+
+        Where the doors leave no room to be passed squarely, the grid alone may still find a way.
+        """
+        least = f"that keeps {self.margins.radius_m:g} m clear of walls"
+        why = f"no way from {_at(start)} to {_at(goal)} {least}"
         if self.world.room_at(start.x, start.y) and self.world.room_at(goal.x, goal.y):
-            return self._through_rooms(start, goal)
+            try:
+                return self._through_rooms(start, goal)
+            except PlanError as error:
+                why = str(error)
         places = between(self.grid, self.margins, start, goal, self.world.bounds)
         if places is None:
-            least = f"that keeps {self.margins.radius_m:g} m clear of walls"
-            raise PlanError(f"no way from {_at(start)} to {_at(goal)} {least}")
+            raise PlanError(why)
         return _Way(places)
 
     def _through_rooms(self, start: Placed, goal: Placed) -> _Way:

@@ -67,11 +67,12 @@ class Route:
         """Where to steer to keep to the line: a point on it, then the waypoints after that point.
 
         The point lies `distance` m further along than the place on the leg nearest to the robot,
-        and more the farther aside the robot is: somebody had a reason to leave the line. It is the
-        goal itself where the goal is nearer than that.
+        and on this leg more the farther aside the robot is: somebody had a reason to leave the
+        line. A waypoint is not cut by that: another leg may lie behind a wall. It is the goal
+        itself where the goal is nearer.
         """
         from_x, from_y = self._leg_start()
-        left = distance + ASIDE * self._aside(x, y)
+        left = distance
         for index in range(self.leg, len(self.waypoints)):
             to = self.waypoints[index]
             dx, dy = to.x - from_x, to.y - from_y
@@ -79,6 +80,7 @@ class Route:
             along = 0.0
             if index == self.leg and length > 0.0:
                 along = min(max(((x - from_x) * dx + (y - from_y) * dy) / length, 0.0), length)
+                left = max(left, min(left + ASIDE * self._aside(x, y), length - along))
             if along + left < length:
                 share = (along + left) / length
                 point = Waypoint(from_x + share * dx, from_y + share * dy, atan2(dy, dx))
@@ -110,7 +112,16 @@ class Route:
             return True
         from_x, from_y = self._leg_start()
         dx, dy = to.x - from_x, to.y - from_y
+        beyond = hypot(dx, dy) == 0.0 or (x - to.x) * dx + (y - to.y) * dy >= 0.0
+        return beyond and (away <= BESIDE_M or self._on_next_leg(x, y))
+
+    def _on_next_leg(self, x: float, y: float) -> bool:
+        """Whether the robot is on the next leg already, having cut the corner."""
+        here, to = self.waypoints[self.leg], self.waypoints[self.leg + 1]
+        dx, dy = to.x - here.x, to.y - here.y
         length = hypot(dx, dy)
         if length == 0.0:
-            return away <= BESIDE_M
-        return away <= BESIDE_M and (x - to.x) * dx + (y - to.y) * dy >= 0.0
+            return False
+        along = ((x - here.x) * dx + (y - here.y) * dy) / length
+        aside = abs((x - here.x) * dy - (y - here.y) * dx) / length
+        return 0.0 <= along <= length and aside <= PASSED_M

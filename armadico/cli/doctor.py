@@ -7,7 +7,7 @@ import json
 import os
 import socket
 import sys
-from collections.abc import Iterable, Iterator, Sequence
+from collections.abc import Collection, Generator, Iterable, Iterator, Sequence
 from ctypes.util import find_library
 from dataclasses import asdict, dataclass
 from importlib.metadata import PackageNotFoundError, requires, version
@@ -73,9 +73,9 @@ def examine(args: argparse.Namespace) -> Iterator[Finding]:
     """Everything, one after another."""
     yield from versions()
     yield from ports()
-    yield from mesh(args)
-    yield Finding("clocks", OK, "no two clocks are compared: frames are counted by the robot agent")
-    yield from hosts(args)
+    machines = yield from mesh(args)
+    named = yield from hosts(args)
+    yield clocks(machines | named)
     yield from serial_ports()
     yield from graphics()
 
@@ -206,8 +206,11 @@ def graphics() -> Iterator[Finding]:
 # The mesh -----------------------------------------------------------------------------------------
 
 
-def mesh(args: argparse.Namespace) -> Iterator[Finding]:
-    """Whether it can be joined, who is there, and whether they speak the same protocol."""
+def mesh(args: argparse.Namespace) -> Generator[Finding, None, set[str]]:
+    """Whether it can be joined, who is there, and whether they speak the same protocol.
+
+    Returns the names of the machines that agents say they are on.
+    """
     joined = options.join(args)
     from armadico.client import Client  # noqa: PLC0415 - not for --help
     from armadico.mesh.zenoh import SETTINGS  # noqa: PLC0415 - not for --help
@@ -221,11 +224,11 @@ def mesh(args: argparse.Namespace) -> Iterator[Finding]:
             links = joined.neighbours
     except MeshError as error:
         yield Finding("mesh", WRONG, str(error), "name another endpoint: --listen")
-        return
+        return set()
     if not cards:
         todo = "armadico run sc1 starts some; --namespace and --connect say where to look"
         yield Finding("mesh", NOTE, f"nobody is there in namespace {args.namespace!r}", todo)
-        return
+        return set()
     yield Finding("mesh", OK, f"{len(cards)} agents, {links} links")
     for (name, instance), card in cards.items():
         if card is None:
@@ -238,17 +241,37 @@ def mesh(args: argparse.Namespace) -> Iterator[Finding]:
     if len(robots) > 1:
         what = f"{len(robots)} robot agents in namespace {args.namespace!r}"
         yield Finding("robot", WRONG, what, "give each robot its own --namespace")
+    return {card.host for card in cards.values() if card is not None}
 
 
-def hosts(args: argparse.Namespace) -> Iterator[Finding]:
-    """Each machine of the host table, if one was named: one endpoint that answers is enough."""
+def hosts(args: argparse.Namespace) -> Generator[Finding, None, set[str]]:
+    """Each machine of the host table, if one was named: one endpoint that answers is enough.
+
+    Returns the names of those machines.
+    """
     if args.host is None and args.hosts is None:
         yield Finding("hosts", OK, "no host table asked for: this machine alone")
-        return
+        return set()
     from armadico.config.hosts import load_hosts  # noqa: PLC0415 - not for --help
 
-    for name, host in load_hosts(args.hosts).hosts.items():
+    table = load_hosts(args.hosts).hosts
+    for name, host in table.items():
         yield _host(name, host)
+    return set(table)
+
+
+def clocks(machines: Collection[str]) -> Finding:
+    """Skew between machines: it cannot be asked for, and nothing that drives depends on it."""
+    if len(machines) < 2:
+        return Finding("clocks", OK, "no two are compared: frames are counted by the robot agent")
+    return Finding(
+        "clocks",
+        NOTE,
+        f"the skew between {', '.join(sorted(machines))} is not known: no message carries a time,"
+        " so the mesh cannot be asked. No two clocks are compared, so nothing that drives depends"
+        " on it; log lines of two machines are in order only if their clocks agree",
+        "`timedatectl` or `chronyc tracking`, on each, says whether its clock is kept right",
+    )
 
 
 def _host(name: str, host: Host) -> Finding:

@@ -246,7 +246,11 @@ def test_a_pose_where_the_robot_cannot_be_is_named(
 @pytest.mark.parametrize(
     ("walls", "doors", "text"),
     [
-        ((), ROOMS.doors[:1], "no way from room A to room B: no chain of doors connects them"),
+        (
+            ((5.8, 3.0, 6.8, 3.0),),
+            ROOMS.doors[:1],
+            "no way from room A to room B: no chain of doors connects them",
+        ),
         (((1.5, 3.0, 2.0, 3.0),), ROOMS.doors, "door a leaves 0.25 m on either side, 0.3 m are"),
         (((5.0, 3.0, 5.0, 4.5),), ROOMS.doors, "blocked in room hall from door a to door b"),
         (tuple(box(6.9, 0.2, 7.9, 1.2)), ROOMS.doors, "blocked in room B from door b to the goal"),
@@ -258,6 +262,11 @@ def test_why_there_is_no_way_is_said(
     world = msgspec.structs.replace(ROOMS, walls=ROOMS.walls + walls, doors=doors)
     with pytest.raises(PlanError, match=text):
         plan(world, START, GOAL)
+
+
+def test_a_door_that_nobody_declared_is_found_by_the_grid() -> None:
+    world = msgspec.structs.replace(ROOMS, doors=ROOMS.doors[:1])
+    assert plan(world, START, GOAL).clearance_m >= 0.3
 
 
 def test_without_rooms_too_it_says_that_there_is_no_way() -> None:

@@ -40,10 +40,22 @@ def test_a_waypoint_is_passed_near_it(route: Route) -> None:
 def test_a_waypoint_is_passed_on_crossing_its_line_not_too_far_aside(route: Route) -> None:
     route.advance(3.99, BESIDE_M - 0.1)
     assert route.leg == 0
-    route.advance(4.01, BESIDE_M + 0.1)
+    route.advance(4.01, -BESIDE_M - 0.1)
     assert route.leg == 0
-    route.advance(4.01, BESIDE_M - 0.1)
+    route.advance(4.01, -BESIDE_M + 0.1)
     assert route.leg == 1
+
+
+def test_whoever_is_on_the_next_leg_already_has_passed_the_waypoint(route: Route) -> None:
+    route.advance(4.2, BESIDE_M + 0.5)
+    assert route.leg == 1
+
+
+def test_the_point_to_steer_to_does_not_cut_a_corner_however_far_aside_the_robot_is(
+    route: Route,
+) -> None:
+    far_aside = route.ahead(1.0, -2.0, 0.6)[0]
+    assert (far_aside.x, far_aside.y) == pytest.approx((4.0, 0.0))
 
 
 def test_the_goal_is_never_passed(route: Route) -> None:

@@ -38,6 +38,7 @@ class Feed:
     def __init__(self, mesh: ZenohMesh, scene: Scene, inbox: Inbox, began: float) -> None:
         """`began` is the time, by the monotonic clock, that the scene calls 0."""
         self.namespace = mesh.namespace
+        self._robot_seen = False
         self.scene = scene
         self._mesh = mesh
         self._inbox = inbox
@@ -62,10 +63,10 @@ class Feed:
             receiver = self._receiver(kind, Kind.STATE)
             self._mesh.ask(service.pattern, Ask(), ANSWER_S, receiver, lambda: None)
 
-    @property
-    def robot_is_there(self) -> bool:
-        """Whether a robot agent has its token in this namespace."""
-        return ROBOT in self.scene.company.names
+    def robot_was_there(self) -> bool:
+        """Whether a robot agent has, or was once seen to have, its token in this namespace."""
+        self._robot_seen = self._robot_seen or ROBOT in self.scene.company.names
+        return self._robot_seen
 
     # On Zenoh's thread ---------------------------------------------------------------------------
 
@@ -148,7 +149,7 @@ class Live:
             self._dropped = dropped
         if now - self.began < ALONE_S:
             return
-        alone = {feed.namespace for feed in self.feeds if not feed.robot_is_there}
+        alone = {feed.namespace for feed in self.feeds if not feed.robot_was_there()}
         for namespace in sorted(alone - self._alone):
             self._warn(
                 f"no robot in namespace {namespace!r}; waiting for one (`armadico ps` shows who is"

@@ -107,7 +107,7 @@ def web(uri: str, port: int) -> Viewer:
 
 def link(uri: str, port: int) -> str:
     """What to open in a browser."""
-    return f"http://{LOOPBACK}:{port}/?{urlencode({'url': uri})}"
+    return f"http://{LOOPBACK}:{port}/?{urlencode({'url': uri, 'theme': 'dark'})}"
 
 
 def native(uri: str) -> Viewer:
