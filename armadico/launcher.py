@@ -99,8 +99,18 @@ class Launcher:
         namespace: str,
         *,
         silent_s: float = SILENT_S,
+        joining: Sequence[str] = (),
     ) -> None:
-        """Prepare; `silent_s`: a run whose robot has said nothing for so long is over."""
+        """Prepare.
+
+        Args:
+            scenario: What is driven, and who takes part.
+            options: What else was chosen for the run.
+            mesh: Where the launcher listens.
+            namespace: The robot's subtree of keys.
+            silent_s: A run whose robot has said nothing for so long is over.
+            joining: Options by which the processes find the mesh, if it is not the default one.
+        """
         self.scenario = scenario
         self.options = options
         self.members: tuple[Member, ...] = ()
@@ -111,6 +121,7 @@ class Launcher:
         self.processes: list[Process] = []
         self._namespace = namespace
         self._silent_s = silent_s
+        self._joining = tuple(joining)
         self._warn: Callable[[str], None] = lambda _: None
         self._warned = ""
         self._mourned: set[Process] = set()
@@ -180,12 +191,16 @@ class Launcher:
     def _refuse_company(self) -> None:
         """A robot that is in the namespace already is not ours to drive."""
         self.client.settle()
-        there = [instance for name, instance in sorted(self.client.alive) if name == "robot"]
+        there = self._robots()
         if there:
             raise RunFailedError(
                 f"a robot is in the namespace {self._namespace!r} already: {there[0]}"
                 " (armadico ps shows whose); use another one: --namespace NAME"
             )
+
+    def _robots(self) -> list[str]:
+        """The instances of robot agents in the namespace."""
+        return [instance for name, instance in sorted(self.client.alive) if name == "robot"]
 
     def start_simulator(self, port: int = 0) -> str:
         """Start a simulator on a TCP port, 0: one that is free; returns its URL."""
@@ -200,7 +215,9 @@ class Launcher:
                 f"--port={port}",
                 f"--seed={self.options.seed}",
                 f"--sensors={scenario.sensors}",
+                f"--robot={scenario.robot}",
                 f"--namespace={self._namespace}",
+                *self._joining,
                 *("--start", str(x), str(y), str(degrees)),
             ],
             self.logs / "simulator.log",
@@ -219,7 +236,11 @@ class Launcher:
         settings = [word for value in member.sets for word in ("--set", value)]
         process = Process(
             member.name,
-            ["armadico", "agent", member.name, "--namespace", self._namespace, *settings],
+            [
+                *("armadico", "agent", member.name, "--namespace", self._namespace),
+                *self._joining,
+                *settings,
+            ],
             self.logs / f"{member.name}.log",
         )
         self.processes.append(process)
@@ -237,6 +258,11 @@ class Launcher:
             missing = names - {name for name, _ in self.client.alive}
             raise RunFailedError(
                 f"did not start within {START_S:.0f} s: {', '.join(sorted(missing))}"
+            )
+        if len(robots := self._robots()) > 1:  # two runs that began together saw nobody before
+            raise RunFailedError(
+                f"another robot came into the namespace {self._namespace!r} meanwhile:"
+                f" {', '.join(robots)}; use another one: --namespace NAME"
             )
 
     def _wait_for_the_robot(self, port: str) -> None:

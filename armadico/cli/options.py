@@ -128,6 +128,16 @@ def join(args: argparse.Namespace, *, passing: bool = True) -> ZenohMesh:
     return ZenohMesh(namespace, where)
 
 
+def joining(args: argparse.Namespace) -> list[str]:
+    """The options by which another process on this machine finds the same mesh.
+
+    Where to listen is each process's own, and which robot is said apart.
+    """
+    given = {"--host": args.host, "--hosts": args.hosts}
+    words = [word for option, value in given.items() if value for word in (option, value)]
+    return words + [word for endpoint in args.connect for word in ("--connect", endpoint)]
+
+
 def _from_table(args: argparse.Namespace) -> tuple[tuple[str, ...], tuple[str, ...]]:
     """This host's endpoints and everybody's; none if the host table was not asked for."""
     if args.host is None and args.hosts is None:

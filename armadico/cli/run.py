@@ -205,7 +205,9 @@ def _live(args: argparse.Namespace, scenario: Scenario, chosen: Options) -> tupl
         with (
             _dashboard(args, scenario),
             mesh,
-            Launcher(scenario, chosen, mesh, args.namespace) as launcher,
+            Launcher(
+                scenario, chosen, mesh, args.namespace, joining=options.joining(args)
+            ) as launcher,
         ):
             _say(f"{scenario.name}: starting; until it ends well, logs are in {launcher.logs}")
             with _progress(args, scenario, chosen.seed) as show:

@@ -112,18 +112,24 @@ def _line(args: argparse.Namespace, stack: ExitStack) -> tuple[Line, str]:
     from armadico.bridge.p2os.transports import PtyTransport  # noqa: PLC0415 - not for --help
     from armadico.bridge.simulator.server import TcpLine  # noqa: PLC0415 - not for --help
 
-    try:
-        if args.pty is not None:
-            pty = PtyTransport(args.pty)
+    if args.pty is not None:
+        pty = PtyTransport(args.pty)
+        try:
             pty.open()
-            stack.callback(pty.close)
-            return pty, f"serial://{pty.path}"
+        except OSError as error:
+            raise options.FailedError(
+                f"cannot use the pseudo-terminal: {error.strerror or error}"
+            ) from None
+        stack.callback(pty.close)
+        return pty, f"serial://{pty.path}"
+    if not 0 <= args.port < 2**16:
+        raise options.UsageError(f"--port {args.port}: from 0 to 65535")
+    try:
         tcp = TcpLine(args.bind, args.port)
     except OSError as error:
-        where = "the pseudo-terminal" if args.pty is not None else f"{args.bind}:{args.port}"
         raise options.FailedError(
-            f"cannot use {where}: {error.strerror or error}; is another simulator running?"
-            " --port 0 takes a port that is free"
+            f"cannot use {args.bind}:{args.port}: {error.strerror or error}; is another simulator"
+            " running? --port 0 takes a port that is free"
         ) from None
     stack.callback(tcp.close)
     return tcp, f"tcp://{args.bind}:{tcp.port}"
