@@ -152,6 +152,7 @@ class Launcher:
             self.start_agent(member)
         self._wait_for_everybody()
         self._wait_for_the_robot(port)
+        self._refuse_a_second_robot()
 
     def begin(self) -> None:
         """Hand the mission over. Raises MissionRefusedError or RunFailedError."""
@@ -196,6 +197,15 @@ class Launcher:
             raise RunFailedError(
                 f"a robot is in the namespace {self._namespace!r} already: {there[0]}"
                 " (armadico ps shows whose); use another one: --namespace NAME"
+            )
+
+    def _refuse_a_second_robot(self) -> None:
+        """Two runs that begin together find nobody, and then drive each other's robots."""
+        robots = self._robots()
+        if len(robots) > 1:
+            raise RunFailedError(
+                f"another robot came into the namespace {self._namespace!r} meanwhile:"
+                f" {', '.join(robots)}; use another one: --namespace NAME"
             )
 
     def _robots(self) -> list[str]:
@@ -258,11 +268,6 @@ class Launcher:
             missing = names - {name for name, _ in self.client.alive}
             raise RunFailedError(
                 f"did not start within {START_S:.0f} s: {', '.join(sorted(missing))}"
-            )
-        if len(robots := self._robots()) > 1:  # two runs that began together saw nobody before
-            raise RunFailedError(
-                f"another robot came into the namespace {self._namespace!r} meanwhile:"
-                f" {', '.join(robots)}; use another one: --namespace NAME"
             )
 
     def _wait_for_the_robot(self, port: str) -> None:

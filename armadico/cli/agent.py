@@ -5,8 +5,10 @@ from __future__ import annotations
 import argparse
 import json
 import logging
+import signal
 import sys
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterator, Sequence
+from contextlib import contextmanager
 from functools import partial
 from typing import TYPE_CHECKING, Any, Final
 
@@ -40,7 +42,8 @@ def _main(arguments: Sequence[str]) -> int:
         return 0
     if args.name is None:
         made.error("which agent? `armadico-agent --list` shows them")
-    return _serve(args)
+    with _signals_held():
+        return _serve(args)
 
 
 def _parser() -> argparse.ArgumentParser:
@@ -75,6 +78,20 @@ def _list(*, as_json: bool) -> None:
         return
     for agent in found:
         print(f"{agent.name:<16} {agent.summary}")
+
+
+@contextmanager
+def _signals_held() -> Iterator[None]:
+    """Keep SIGTERM and SIGINT until `serve` waits for them.
+
+    What an agent imports may start threads, numpy does; one that does not block a signal gets it
+    in place of the thread that waits for it.
+    """
+    before = signal.pthread_sigmask(signal.SIG_BLOCK, (signal.SIGTERM, signal.SIGINT))
+    try:
+        yield
+    finally:
+        signal.pthread_sigmask(signal.SIG_SETMASK, before)
 
 
 def _serve(args: argparse.Namespace) -> int:

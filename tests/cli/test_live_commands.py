@@ -102,6 +102,16 @@ def test_ps_shows_who_is_there_and_marks_who_does_not_answer(run: Run, start: St
     assert [row["answering"] for row in rows] in ([False], [])
 
 
+@pytest.mark.parametrize("ending", [signal.SIGINT, signal.SIGTERM])
+def test_an_agent_whose_imports_start_threads_leaves_in_order(
+    run: Run, start: Start, ending: signal.Signals
+) -> None:
+    process = start("armadico-agent", "path-planning")  # it imports numpy
+    who(run, "path-planning")
+    process.send_signal(ending)
+    assert process.wait(SOON) == 0
+
+
 def test_without_a_robot_stop_and_resume_say_so(run: Run) -> None:
     for command in ("stop", "resume"):
         done = run(command, "--timeout", "0.3")

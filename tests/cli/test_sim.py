@@ -12,6 +12,7 @@ from typing import Any, cast
 
 import pytest
 
+from armadico import cli
 from armadico.bridge.simulator.server import BEHIND_S, Simulation, TcpLine
 
 SOON = 10.0
@@ -186,6 +187,12 @@ def test_a_port_that_is_taken_is_named() -> None:
     assert done.returncode == 1
     assert port in done.stderr
     assert "Traceback" not in done.stderr
+
+
+@pytest.mark.parametrize("port", ["-1", "65536"])
+def test_a_port_that_cannot_be_is_named(port: str, capsys: pytest.CaptureFixture[str]) -> None:
+    assert cli.main(["sim", "sc1", f"--port={port}"]) == 2
+    assert f"--port {port}: from 0 to 65535" in capsys.readouterr().err
 
 
 @pytest.mark.live

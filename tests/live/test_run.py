@@ -12,6 +12,7 @@ from signal import SIGHUP, SIGINT, SIGTERM, Signals
 
 import psutil
 import pytest
+from msgspec.structs import replace
 
 from armadico.bridge.p2os.commands import Cmd
 from armadico.launcher import Launcher, RunFailedError
@@ -20,6 +21,7 @@ from armadico.society import Options
 from tests.live.conftest import NAMESPACE
 from tests.live.society import LINE, SOON, Observer, mesh_of
 from tests.live.tap import Tap, moves
+from tests.mesh.conftest import private_endpoints
 
 pytestmark = pytest.mark.live
 
@@ -130,6 +132,37 @@ def test_a_second_run_in_the_namespace_is_told_who_is_there_and_disturbs_nobody(
     assert "--namespace" in errors
     observer.drives_on()
     assert first.poll() is None
+
+
+def test_of_two_runs_that_begin_together_one_at_most_drives(run: Run) -> None:
+    both = [run("run", "sc1", "--goal", "0.3", "0", "0", "--no-plot") for _ in range(2)]
+    errors = [process.communicate(timeout=2 * SOON)[1] for process in both]
+    refused = [text for process, text in zip(both, errors, strict=True) if process.returncode == 1]
+    assert refused, errors
+    assert all(f"the namespace {NAMESPACE!r}" in text for text in refused), errors
+
+
+def test_everybody_joins_the_mesh_that_was_named(
+    run: Run,
+) -> None:
+    here = private_endpoints(1)
+    process = run(
+        *("run", "sc1", "--goal", "0.3", "0", "0", "--no-plot", "--json"),
+        *("--connect", here, "--listen", here),
+    )
+    out, errors = process.communicate(timeout=2 * SOON)
+    assert process.returncode == 0, errors
+    assert json.loads(out)["reached"]
+
+
+def test_the_simulated_robot_is_the_scenarios(apart: None) -> None:
+    stranger = replace(LINE, robot="nobodys")
+    with (
+        mesh_of(NAMESPACE) as mesh,
+        Launcher(stranger, Options(), mesh, NAMESPACE) as launcher,
+        pytest.raises(RunFailedError, match=r"(?s)did not start.*no robot 'nobodys'"),
+    ):
+        launcher.start_simulator()
 
 
 def test_a_run_whose_robot_falls_silent_ends_and_says_so(apart: None) -> None:
