@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import argparse
 import json
+import sys
 import tempfile
 import time
 from collections.abc import Iterator, Sequence
@@ -97,6 +98,8 @@ def _name(level: int) -> str:
 
 def _read(args: argparse.Namespace) -> int:
     folder = args.folder or _newest()
+    if args.folder is None:
+        print(f"from {folder}", file=sys.stderr)  # the newest need not be the run that is meant
     if not folder.is_dir():
         raise UsageError(f"--folder {folder}: no such folder")
     files = sorted(folder.glob("*.log"))

@@ -303,6 +303,19 @@ def test_logs_of_a_run_come_in_order(run: Run, tmp_path: Path) -> None:
     assert run("logs", "nobody", "--folder", str(tmp_path)).returncode == 1
 
 
+def test_logs_of_the_newest_run_say_which_run_that_was(
+    run: Run, environment: dict[str, str], tmp_path: Path
+) -> None:
+    environment["TMPDIR"] = str(tmp_path)
+    for age, name in enumerate(("armadico-new", "armadico-old")):
+        (tmp_path / name).mkdir()
+        (tmp_path / name / "goto.log").write_text(f"10:00:00.000 goto INFO {name}\n")
+        os.utime(tmp_path / name, (1e9 - age, 1e9 - age))
+    done = run("logs")
+    assert done.stdout.split()[-1] == "armadico-new"
+    assert f"from {tmp_path / 'armadico-new'}" in done.stderr
+
+
 def test_doctor_finds_the_society(run: Run, society: Society) -> None:
     findings = {f["subject"]: f for f in json.loads(run("doctor", "--json").stdout)}
     assert findings["mesh"]["what"].startswith("1 agents")
