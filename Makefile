@@ -32,8 +32,8 @@ lint: $(VENV)/.dev  ## ruff, and mypy strict over every package
 
 lock: $(VENV)/.dev  ## write the locks again from pyproject.toml
 	for extra in run:plot dev:plot,experiments,record,dashboard,dev; do \
-	  $(BIN)/pip-compile --quiet --generate-hashes --no-emit-index-url --no-emit-trusted-host \
-	    --no-emit-find-links --allow-unsafe --strip-extras --no-annotate --no-header \
+	  $(BIN)/pip-compile --quiet --generate-hashes --no-emit-options --allow-unsafe \
+	    --strip-extras --no-annotate --no-header \
 	    --extra=$${extra#*:} -o requirements/$${extra%%:*}.txt pyproject.toml requirements/build.in; done
 
 clean:
