@@ -36,7 +36,7 @@ def resource_path(kind: str, name: str) -> Path:
         path = folder(kind) / (name + suffix)
         if path.is_file():
             return path
-    raise ConfigError(f"no {kind.removesuffix('s')} {name!r}; {advice(name, names(kind))}")
+    raise ConfigError(f"no {_one(kind)} {name!r}; {advice(name, names(kind))}")
 
 
 def find(kind: str, name_or_path: str | Path) -> Path:
@@ -47,6 +47,11 @@ def find(kind: str, name_or_path: str | Path) -> Path:
     if not path.is_file():
         raise ConfigError(f"no file {str(path)!r}; {_instead(kind, path)}")
     return path
+
+
+def _one(kind: str) -> str:
+    """What one configuration of a kind is called."""
+    return "set of parameters" if kind == "parameters" else kind.removesuffix("s")
 
 
 def _instead(kind: str, path: Path) -> str:
