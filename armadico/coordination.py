@@ -31,6 +31,12 @@ SILENCE: Final = 2.3 * PERIOD
 GAP: Final = 1.5 * PERIOD
 """Frames farther apart than this, in s, were missing, and so were the claims that answer them."""
 
+AWAY: Final = 5 * PERIOD
+"""Without an echo for so long, in s, this agent itself was away, by a hang or a cut,"""
+
+BACK: Final = 2.0
+"""and for so long, in s, after it is back it believes no news of tokens."""
+
 UNOBEYED: Final = 6
 """Frames that a reign may go on without being obeyed. With 3, two hops of 0.1 s lock up."""
 
@@ -146,6 +152,7 @@ class Contender:
         self._heard_at = float("-inf")
         self._looked_at = float("-inf")
         self._echoed_at = float("inf")
+        self._back_until = float("-inf")
         self._rival_since: Frame | None = None
         self._obeyed: tuple[Ballot, Frame] | None = None  # by the owner's echo
         self._cast_at: Frame | None = None
@@ -195,6 +202,8 @@ class Contender:
             self.largest = largest
         if now - self._echoed_at > GAP:  # without frames nobody could claim: give the holder one
             self._heard_at = max(self._heard_at, now - SILENCE + PERIOD)
+        if now - self._echoed_at > AWAY:
+            self._back_until = now + BACK
         self._echoed_at = now
         self._obeyed = (obeyed, at) if obeyed is not None and at is not None else None
         if self.state is State.HOLDING and obeyed is not None and self.ballot is not None:
@@ -205,8 +214,14 @@ class Contender:
         return self._consider(now)
 
     def gone(self, instance: str, now: float) -> list[Message]:
-        """Take the news that an instance's liveliness token has gone."""
+        """Take the news that an instance's liveliness token has gone.
+
+        Whoever hung or was cut off hears on coming back that all others have gone: it was itself
+        that was away, and then only silence counts.
+        """
         if self.rival is None or self.rival.ballot.instance != instance:
+            return []
+        if not self._frames.alive(now) or now < self._back_until:
             return []
         self._vacate(self.rival)
         return self._consider(now)

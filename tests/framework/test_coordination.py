@@ -221,3 +221,17 @@ def test_beats_is_by_margin_or_by_being_critical() -> None:
     assert beats(Bid(0.56, ()), claim, 0.05)
     assert beats(Bid(0.5, (), critical=True), claim, 0.05)
     assert not beats(Bid(0.49, (), critical=True), claim, 0.05)
+
+
+def test_who_was_away_itself_does_not_believe_that_the_holder_has_gone() -> None:
+    society = ToySociety(toy("a", 0.5))
+    society.run(1.0)
+    sleeper = society.join(toy("b", 0.5))
+    society.run(1.0)
+    sleeper.hang()
+    society.run(2.0)
+    holder = society.nodes["a"].agent.instance
+    sleeper.mailbox.put_event(lambda: sleeper.agent.disappeared("a", holder, society.mesh.now))
+    sleeper.resume()
+    society.run(2.0)
+    assert set(society.obeyed_names()) == {"a"}
