@@ -157,7 +157,6 @@ class Contender:
         self._obeyed: tuple[Ballot, Frame] | None = None  # by the owner's echo
         self._cast_at: Frame | None = None
         self._handover: Handover = AT_ONCE
-        self._spoken: Frame | None = None
         self._offered = 0
         self._failures = 0
         self._rest_until = 0.0
@@ -330,7 +329,6 @@ class Contender:
         since = self._cast_at
         t = frame.number - since.number + 1 if since and since.epoch == frame.epoch else 1_000_000
         action = self._handover.action(t, bid)
-        self._spoken = frame
         return [
             self.resource.command(frame, self.ballot, action),
             Claim(

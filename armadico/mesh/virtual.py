@@ -17,8 +17,8 @@ from typing import Any, Protocol
 
 from armadico.agent import Agent, Answer, AskFor, DeviceAgent, Identity, Publish, Question, Write
 from armadico.mailbox import Mailbox
-from armadico.messages import Ask, Message, decode, encode
-from armadico.services import BIDS, CARD, Kind, service_of
+from armadico.messages import Message, decode, encode
+from armadico.services import Kind, service_of
 
 DELAY_MEDIAN = 0.0006
 DELAY_SPREAD = 0.45
@@ -427,6 +427,3 @@ def answers(agent: Agent, key: str, request: Message) -> bool:
 def cards(nodes: Sequence[Node]) -> list[Message]:
     """The cards of those that are alive."""
     return [node.agent.card() for node in nodes if node.alive]
-
-
-__all__ = ["BIDS", "CARD", "Ask", "Device", "Link", "Node", "VirtualMesh"]
