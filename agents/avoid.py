@@ -4,12 +4,20 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from math import atan2, copysign, cos, hypot, inf, pi, radians, sin
-from typing import Any, Literal
+from typing import Any, Literal, NamedTuple
 
 from armadico import agent
 from armadico.agents.methods.behaviour import Behaviour
 from armadico.agents.methods.headings import open_heading
-from armadico.agents.methods.safety import OUTLINE, Safety, limit, stopping_distance
+from armadico.agents.methods.safety import (
+    OUTLINE,
+    TURN_MARGIN_M,
+    Safety,
+    corner_cut,
+    limit,
+    stopping_distance,
+    turn_speed,
+)
 from armadico.agents.methods.sweep import Outline, free_path, free_turn
 from armadico.agents.methods.utility import ramp_down
 from armadico.agents.methods.zones import NonNegative, Positive, ZoneParameters, literal
@@ -21,13 +29,26 @@ from armadico.resources import WHEELS
 BACKWARDS = Outline(OUTLINE.rear, OUTLINE.front, OUTLINE.half_width)
 """The outline as one sees it driving backwards."""
 
-FLANKS = ((1.0, 0.0), (0.5, 0.2), (0.2, 0.5))
+FLANKS = ((1.0, 0.0), (0.5, 0.2), (0.2, 0.5), (0.0, 0.8))
 """Shares of the flank that is kept beside the body, and what a tight fit costs, rad."""
 
 LOOKED_AWAY_S = 0.5
 """Longer than this without a bid, and it does not know whether the robot stood still, s."""
 
+LEAST_REACH_M = 0.5
+"""An open heading must be open for so long at least, from the axle, however near the bend is."""
+
 SMALL, LATCHED = radians(2), radians(15)
+
+
+class Way(NamedTuple):
+    """Where the trajectory leads: a heading in the body frame, rad, and how far until it bends, m.
+
+    What lies beyond the bend is not in the way. Infinite if it goes on straight.
+    """
+
+    heading: float
+    bend_m: float
 
 
 class Parameters(ZoneParameters, frozen=True, kw_only=True):
@@ -45,14 +66,18 @@ class Parameters(ZoneParameters, frozen=True, kw_only=True):
     stuck_s: Positive = 2.0  # at rest for so long, farther from the goal than goal_m,
     goal_m: Positive = 0.4
     escape_s: Positive = 2.5  # avoid works it free for so long
+    nowhere_s: Positive = 8.0  # driven for so long, and still within so little of one place:
+    nowhere_m: Positive = 0.35
+    back_s: Positive = 3.0  # avoid backs it off for so long, and it is tried again
     let_go: Positive = radians(150)  # a trajectory farther behind than this no longer counts
     turn_first: Positive = radians(60)  # an open heading farther off is turned to on the spot
     aligned: Positive = radians(15)
-    flank_m: NonNegative = 0.09  # kept beside the body on an open heading
+    flank_m: NonNegative = 0.15  # kept beside the body on an open heading
     other_side: NonNegative = 0.8  # rad: what changing the side that something is dodged on costs
     reach_m: Positive = 1.1  # how far an open heading must be open
     ahead_m: Positive = 0.8  # where the trajectory leads: so far along it
-    safety: Safety = Safety()
+    cut_least_m: Positive = 0.06  # by so much its corners may be cut where something is near
+    safety: Safety = Safety(slow=0.12)
 
 
 class Avoid(Behaviour):
@@ -70,28 +95,31 @@ class Avoid(Behaviour):
         self._moved_at = inf  # when the robot was last seen to move on its mission
         self._looked_at = -inf  # when it last looked: nobody looks while the robot is stopped
         self._escape_until = -inf
+        self._around: tuple[float, float] = (inf, inf)  # the place that it does not get away from,
+        self._around_since = inf
+        self._back_until = -inf
 
     def on_mission(self) -> None:
         """Nothing is dodged yet."""
         self._side = 0.0
-        self._moved_at = self.now
+        self._moved_at = self._around_since = self.now
 
     def propose(self, pose: Pose, obstacles: Obstacles) -> Bid | None:
         """How to keep off what is in the way, and how much that helps."""
         state = self.latest(RobotState)
         assert state is not None, "nobody bids without robot/state"
         if self.p.rules == "safe":
-            return self._safe(obstacles.points, pose, state)
+            return self._safe(obstacles, pose, state)
         bid = literal(obstacles, state.v, self.p)
         if bid is None:
             self.why = "nothing in the way"
         return bid
 
-    def _safe(self, points: Sequence[Point], pose: Pose, state: RobotState) -> Bid | None:
-        p = self.p
-        v, wanted = max(state.v, 0.0), self._wanted(pose)
+    def _safe(self, obstacles: Obstacles, pose: Pose, state: RobotState) -> Bid | None:
+        p, points = self.p, obstacles.points
+        v, way = max(state.v, 0.0), self._way(pose, obstacles)
         along = self._along(points, v, state.w)
-        free = min(along, self._toward(points, wanted))
+        free = min(along, self._toward(points, way))
         utility = ramp_down(free, p.stop.border(v), p.caution.border(v))
         if self._stuck(pose, state):
             utility = 1.0
@@ -100,8 +128,8 @@ class Avoid(Behaviour):
             if not self.holds(WHEELS):
                 self.why = "nothing in the way"
                 return None
-            return Bid(0.0, self._onward(points, wanted, v), reason="the way is free")
-        action, reason = self._act(points, wanted, pose, v)
+            return Bid(0.0, self._onward(points, way.heading, v), reason="the way is free")
+        action, reason = self._act(points, way, pose, v)
         left = along - stopping_distance(v, p.safety.decel)
         within = None if left == inf else max(0.0, 0.5 * left / max(v, 0.05))
         return Bid(utility, action, left < 0.0, within, reason)
@@ -110,25 +138,29 @@ class Avoid(Behaviour):
         """The free way on the present arc, m; on the spot there is none to be free."""
         return free_path(points, v, w, OUTLINE, self.p.safety.margin_m) if v > 0.05 else inf
 
-    def _toward(self, points: Sequence[Point], wanted: float) -> float:
+    def _toward(self, points: Sequence[Point], way: Way) -> float:
         """The free way to where the trajectory leads, m, once it has turned there.
 
         While avoid holds this counts whatever the angle: else it would let go as soon as it has
         turned away, only for the other to turn back. Before, what is far aside is not in the way.
         """
         limit_angle = self.p.let_go if self.holds(WHEELS) else self.p.u_heading_low
-        if abs(wanted) > limit_angle:
+        if abs(way.heading) > limit_angle:
             return inf
-        return free_path(_rotated(points, wanted), 1.0, 0.0, OUTLINE, self.p.safety.margin_m)
+        turned = _rotated(points, way.heading)
+        free = free_path(turned, 1.0, 0.0, OUTLINE, self.p.safety.margin_m)
+        return free if free < way.bend_m else inf
 
     def _act(
-        self, points: Sequence[Point], wanted: float, pose: Pose, v: float
+        self, points: Sequence[Point], way: Way, pose: Pose, v: float
     ) -> tuple[tuple[float, float], str]:
         """The zones, by the free way along the open heading: slow down; and turn; stop and turn."""
         p = self.p
-        heading = self._heading(points, wanted, pose)
+        if self.now < self._back_until and (back := self._back(points)) is not None:
+            return back, "back off and try again"
+        heading = self._heading(points, way, pose)
         if heading is None:
-            return self._turn_on_the_spot(points, wanted), "shut in: look for a way out"
+            return self._turn_on_the_spot(points, way.heading), "shut in: look for a way out"
         free = free_path(_rotated(points, heading), 1.0, 0.0, OUTLINE, 0.02)
         now = free_path(points, 1.0, 0.0, OUTLINE, 0.02)
         speed, zone = self._zone(min(free, now), v)
@@ -155,16 +187,18 @@ class Avoid(Behaviour):
             return min(p.v_danger + share * (p.v_caution - p.v_danger), top), "danger"
         return 0.0, "stop"
 
-    def _heading(self, points: Sequence[Point], wanted: float, pose: Pose) -> float | None:
+    def _heading(self, points: Sequence[Point], way: Way, pose: Pose) -> float | None:
         """The open heading that costs least: off the wanted one, off the present one, a tight fit.
 
         The side on which something is dodged is latched: the other one must be much better.
         """
         best: tuple[float, float] | None = None
+        wanted = way.heading
+        reach = min(self.p.reach_m, max(way.bend_m + OUTLINE.front, LEAST_REACH_M))
         for flank, tight in FLANKS:
             half = OUTLINE.half_width + flank * self.p.flank_m
             for side in (1.0, -1.0):
-                found = open_heading(points, wanted, half, self.p.reach_m, side)
+                found = open_heading(points, wanted, half, reach, side)
                 if found is None:
                     continue
                 off = wrap(found - wanted)
@@ -180,21 +214,40 @@ class Avoid(Behaviour):
         return best[1]
 
     def _stuck(self, pose: Pose, state: RobotState) -> bool:
-        """Whether the robot has stood still far from its goal: then avoid works it free.
+        """Whether the robot gets nowhere, far from its goal: then avoid works it free.
 
-        Whoever holds the wheels may see no way and command nothing, with nothing in *its* way. If
-        nobody is obeyed, nobody drives, and that is not for avoid to mend.
+        Whoever holds the wheels may see no way and command nothing, with nothing in *its* way; or
+        two turn it to and fro. If nobody is obeyed, nobody drives, and that is not for avoid to
+        mend.
         """
         driven = state.obeyed_frame is not None and self.frames.fresh(state.obeyed_frame)
-        moving = abs(state.v) > 0.02 or abs(state.w) > 0.05 or not driven
         looked_away = self.now - self._looked_at > LOOKED_AWAY_S
         self._looked_at = self.now
-        if moving or looked_away or self.route.to_go(pose.x, pose.y) < self.p.goal_m:
+        near = self.route.to_go(pose.x, pose.y) < self.p.goal_m
+        excused = looked_away or near or not driven
+        self._watch_rest(excused or abs(state.v) > 0.02 or abs(state.w) > 0.05)
+        self._watch_place(pose, excused)
+        return self.now < max(self._escape_until, self._back_until)
+
+    def _watch_rest(self, moving: bool) -> None:
+        if moving:
             self._moved_at = self.now
         elif self.now - self._moved_at > self.p.stuck_s:
             self._moved_at = self.now
             self._escape_until = self.now + self.p.escape_s
-        return self.now < self._escape_until
+
+    def _watch_place(self, pose: Pose, excused: bool) -> None:
+        away = hypot(pose.x - self._around[0], pose.y - self._around[1])
+        if excused or away > self.p.nowhere_m:
+            self._around, self._around_since = (pose.x, pose.y), self.now
+        elif self.now - self._around_since > self.p.nowhere_s:
+            self._around_since = self.now
+            self._back_until = self.now + self.p.back_s
+
+    def _back(self, points: Sequence[Point]) -> tuple[float, float] | None:
+        """Straight back, if there is room behind."""
+        behind = free_path([Point(-p.x, p.y) for p in points], 1.0, 0.0, BACKWARDS, 0.05)
+        return (-self.p.v_back, 0.0) if behind > self.p.back_room_m else None
 
     def _unlatch(self, pose: Pose) -> None:
         """Forget the side once the dodge is far behind and avoid does not hold."""
@@ -206,10 +259,10 @@ class Avoid(Behaviour):
         """Turn to the side of the open heading, or the other; if neither goes, back off."""
         sign = self._side or copysign(1.0, heading)
         for direction in (sign, -sign):
-            if free_turn(points, direction, OUTLINE, 0.015) > 0.1:
-                return 0.0, direction * self.p.w_stop
-        behind = free_path([Point(-p.x, p.y) for p in points], 1.0, 0.0, BACKWARDS, 0.05)
-        return (-self.p.v_back, 0.0) if behind > self.p.back_room_m else (0.0, 0.0)
+            room = free_turn(points, direction, OUTLINE, TURN_MARGIN_M)
+            if room > self.p.safety.turn_room:
+                return 0.0, direction * min(self.p.w_stop, turn_speed(room, self.p.safety))
+        return self._back(points) or (0.0, 0.0)
 
     def _onward(self, points: Sequence[Point], wanted: float, v: float) -> tuple[float, float]:
         """What to command in the frame or two until somebody takes over."""
@@ -217,10 +270,14 @@ class Avoid(Behaviour):
         v, w, _ = limit(v, w, points, self.p.safety)
         return v, w
 
-    def _wanted(self, pose: Pose) -> float:
-        """Where the trajectory leads, rad in the body frame."""
-        target = self.route.ahead(pose.x, pose.y, self.p.ahead_m)[0]
-        return wrap(atan2(target.y - pose.y, target.x - pose.x) - pose.theta)
+    def _way(self, pose: Pose, obstacles: Obstacles) -> Way:
+        """Where the trajectory leads; it bends or ends if the point ahead is nearer than asked."""
+        cut = corner_cut(obstacles, self.p.cut_least_m)
+        target = self.route.ahead(pose.x, pose.y, self.p.ahead_m, cut)[0]
+        dx, dy = target.x - pose.x, target.y - pose.y
+        away = hypot(dx, dy)
+        bends = away < 0.99 * self.p.ahead_m
+        return Way(wrap(atan2(dy, dx) - pose.theta), away if bends else inf)
 
 
 def _rotated(points: Sequence[Point], heading: float) -> list[Point]:

@@ -9,11 +9,12 @@ from msgspec import Meta
 
 from armadico import agent
 from armadico.agents.methods.behaviour import Behaviour
-from armadico.agents.methods.safety import Safety, limit
+from armadico.agents.methods.controllers import ahead_of
+from armadico.agents.methods.geometry import clip
+from armadico.agents.methods.safety import Safety, corner_cut, limit
 from armadico.agents.methods.utility import ramp_down
 from armadico.exchange import Bid
-from armadico.geometry import wrap
-from armadico.messages import Obstacles, Point, Pose
+from armadico.messages import Obstacles, Point, Pose, Waypoint
 from armadico.resources import WHEELS
 
 Positive = Annotated[float, Meta(gt=0, le=10)]
@@ -39,6 +40,10 @@ class Parameters(agent.Parameters, frozen=True, kw_only=True):
     astray: Positive = radians(45)  # a trajectory that leads off by more is not through here
     goal_m: Positive = 0.8  # nearer to the goal than this, parking is goto's
     ahead_m: Positive = 1.0
+    off_line: Positive = 0.15  # rad: the middle may lead off the trajectory by so much
+    cut_least_m: Positive = 0.06  # by so much its corners may be cut where something is near
+    gain: Positive = 0.38  # m/s for a metre until the trajectory bends: goto's,
+    v_corner: Positive = 0.2  # but not less than this
     safety: Safety = Safety()
 
 
@@ -53,6 +58,7 @@ class Gothrough(Behaviour):
     def __init__(self, identity: agent.Identity, parameters: Any = None) -> None:
         super().__init__(identity, parameters)
         self._commanded = (0.0, 0.0)
+        self._ahead: list[Waypoint] = []  # what is left of the trajectory, as far as it matters
 
     def propose(self, pose: Pose, obstacles: Obstacles) -> Bid | None:
         """The way through, and how narrow it is."""
@@ -63,11 +69,15 @@ class Gothrough(Behaviour):
         utility = ramp_down(half, self.p.u_low_m, self.p.u_high_m)
         if utility <= 0.0:
             return self._none("not narrow")
-        goal = self._goal(pose)
+        goal = self._goal(pose, obstacles)
         if self.p.rules == "safe" and (why := self._abstains(pose, goal)):
             return self._none(why)
         target = self._target(left, right, goal)
-        return self._steer(target, utility, obstacles)
+        alpha = atan2(target.y, target.x)
+        if self.p.rules == "safe":
+            astray = atan2(goal.y, goal.x)
+            alpha = clip(alpha, astray - self.p.off_line, astray + self.p.off_line)
+        return self._steer(alpha, utility, pose, obstacles)
 
     def _none(self, why: str) -> Bid | None:
         """Nothing to propose; a holder offers the wheels while they still turn."""
@@ -90,13 +100,14 @@ class Gothrough(Behaviour):
             return "the goal is near"
         return ""
 
-    def _goal(self, pose: Pose) -> Point:
+    def _goal(self, pose: Pose, obstacles: Obstacles) -> Point:
         """Where the trajectory leads, in the body frame."""
-        to = self.route.ahead(pose.x, pose.y, self.p.ahead_m)[0]
         if self.p.rules == "thesis":
-            target = self.route.target
-            assert target is not None, "there are waypoints"
-            to = target
+            self._ahead = list(self.route.waypoints[self.route.leg :])
+        else:
+            cut = corner_cut(obstacles, self.p.cut_least_m)
+            self._ahead = self.route.ahead(pose.x, pose.y, self.p.ahead_m, cut)
+        to = self._ahead[0]
         dx, dy = to.x - pose.x, to.y - pose.y
         c, s = cos(pose.theta), sin(pose.theta)
         return Point(c * dx + s * dy, c * dy - s * dx)
@@ -112,14 +123,14 @@ class Gothrough(Behaviour):
         along = min(max(along, self.p.least_m), self.p.most_m)
         return Point(mx + along * ax, my + along * ay)
 
-    def _steer(self, target: Point, utility: float, obstacles: Obstacles) -> Bid | None:
+    def _steer(self, alpha: float, utility: float, pose: Pose, obstacles: Obstacles) -> Bid | None:
         p = self.p
-        alpha = wrap(atan2(target.y, target.x))
         if p.rules == "safe" and abs(alpha) > p.astray:
             return self._none("the middle is not ahead")
         v = min(p.v, p.v_max or p.v) * max(0.2, cos(alpha))
         w = max(-p.w_max, min(p.w_max, p.turn_gain * alpha))
         if p.rules == "safe":
+            v = min(v, max(p.v_corner, p.gain * ahead_of(pose, self._ahead, p.v / p.gain)))
             v, w, free = limit(v, w, obstacles.points, p.safety)
             if free < p.clear_m:
                 return self._none(f"only {free:.2f} m of free way")

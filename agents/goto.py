@@ -11,7 +11,7 @@ from msgspec import Meta
 from armadico import agent
 from armadico.agents.methods.behaviour import Behaviour
 from armadico.agents.methods.controllers import SETTINGS, Controller, Mode
-from armadico.agents.methods.safety import Safety, limit
+from armadico.agents.methods.safety import Safety, corner_cut, limit
 from armadico.agents.methods.utility import ramp_down
 from armadico.exchange import Bid
 from armadico.geometry import wrap
@@ -38,6 +38,7 @@ class Parameters(agent.Parameters, frozen=True, kw_only=True):
     v_max: Speed | None = None
     ahead_m: Metres = 0.6  # on the line between waypoints it looks so far ahead,
     park_m: Metres = 1.0  # and straight to the goal within this, where `precise` joins in
+    cut_least_m: Metres = 0.06  # by so much it may cut a corner where something is near
     calm_from: Angle = radians(8)  # turning by more than this to where it steers, it slows down,
     calm_over: Angle = radians(50)  # by this much more to nothing,
     calm_least: Share = 0.35  # but not to less: it must get along while it turns
@@ -71,7 +72,7 @@ class Goto(Behaviour):
 
     def propose(self, pose: Pose, obstacles: Obstacles) -> Bid | None:
         """Where it would steer, and how much that helps."""
-        ahead = self._ahead(pose)
+        ahead = self._ahead(pose, obstacles)
         v, w = self._controller.steer(pose, ahead, self._before())
         if self.p.rules == "safe":
             v *= self._calm(pose, ahead[0])
@@ -94,14 +95,15 @@ class Goto(Behaviour):
         state = self.latest(RobotState)
         return (state.v, state.w) if state is not None else (0.0, 0.0)
 
-    def _ahead(self, pose: Pose) -> list[Waypoint]:
+    def _ahead(self, pose: Pose, obstacles: Obstacles) -> list[Waypoint]:
         """What to steer along: the waypoints that are left, or the line between them."""
         route, goal = self.route, self.route.goal
         assert goal is not None, "there is a goal"
         parking = route.last_leg and hypot(goal.x - pose.x, goal.y - pose.y) <= self.p.park_m
         if self.p.rules == "thesis" or parking:
             return list(route.waypoints[route.leg :])
-        return route.ahead(pose.x, pose.y, self.p.ahead_m)
+        cut = corner_cut(obstacles, self.p.cut_least_m)
+        return route.ahead(pose.x, pose.y, self.p.ahead_m, cut)
 
     def _utility(self, pose: Pose) -> float:
         """Equation 3.6."""

@@ -29,6 +29,10 @@ Angle = Annotated[float, Meta(ge=0, le=3.1416)]
 Seconds = Annotated[float, Meta(ge=0, le=3600)]
 Metres = Annotated[float, Meta(ge=0, le=10)]
 
+LOOK_FRAMES = 4
+"""Frames that it listens before it says anything: once round the ring. What is not heard yet is
+not free, and whoever starts in the middle of a drive must not say that it is."""
+
 MAP_FRAMES = 5
 """The cells are said each so many frames."""
 
@@ -70,6 +74,7 @@ class SonarAgent(Agent):
         self._map = local_map.LocalMap(self.p.map)
         self._odometry: Pose2 | None = None
         self._epoch: int | None = None
+        self._listened = 0
         self._bumps: list[tuple[float, Point]] = []  # when, and where in the body frame
 
     def on_robot_state(self, state: RobotState) -> None:
@@ -87,6 +92,9 @@ class SonarAgent(Agent):
         """Take the echoes in, and say where the obstacles are."""
         seen = self._map
         seen.update(sonar.echoes)
+        self._listened += 1
+        if self._listened < LOOK_FRAMES:
+            return
         self.publish(
             Obstacles(
                 frame=sonar.frame,

@@ -9,6 +9,7 @@ from __future__ import annotations
 
 from collections import deque
 from collections.abc import Collection, Mapping, Sequence
+from contextlib import suppress
 from itertools import pairwise
 from typing import NamedTuple
 
@@ -24,6 +25,9 @@ from armadico.geometry import wrap
 CELL_M = 0.05
 DOOR_M = (0.6, 0.5, 0.4, 0.3)
 """How far before and after a door its waypoints lie: the first distance that has room."""
+
+RADII_M = (Margins().radius_m, 0.27, 0.24)
+"""How far from walls it wants to be; less only where there is no way with as much room."""
 
 _BODY_M = 0.165  # half the body's width: where a wall is nearer than that, the robot cannot be
 _OFF_MIDDLE = range(-12, 13)  # how far a door's mark may lie from its opening's middle,
@@ -50,7 +54,7 @@ def plan(world: World, start: Posed, goal: Posed, margins: Margins | None = None
         world: Walls and bounds, rooms and doors if it has them. World frame, m and rad.
         start: Where the robot is.
         goal: Where it is to be, and heading where.
-        margins: How far from walls the robot wants to be.
+        margins: How far from walls the robot has to be; the first of `RADII_M` if left out.
 
     Returns:
         Waypoints with headings along the way; the last one is the goal as asked for.
@@ -58,17 +62,26 @@ def plan(world: World, start: Posed, goal: Posed, margins: Margins | None = None
     Raises:
         PlanError: A pose is off the world or inside a wall, or there is no way between them.
     """
-    planner = _Planner(world, margins or Margins())
-    _check(planner.grid, "start", start)
-    _check(planner.grid, "goal", goal)
-    way = planner.way(Placed(start.x, start.y), Placed(goal.x, goal.y))
+    grid = grid_of(world.walls, world.bounds, CELL_M)
+    _check(grid, "start", start)
+    _check(grid, "goal", goal)
+    tries = [margins] if margins else [Margins(radius_m=radius) for radius in RADII_M]
+    way = _widest(world, tries, Placed(start.x, start.y), Placed(goal.x, goal.y))
     stretches = list(pairwise(way.places))
     return Plan(
         waypoints=(*_headed(way), Placed(goal.x, goal.y, goal.theta)),
         length_m=sum(distance(a, b) for a, b in stretches),
-        clearance_m=min(planner.grid.clearance_between(a, b) for a, b in stretches),
+        clearance_m=min(grid.clearance_between(a, b) for a, b in stretches),
         doors=way.doors,
     )
+
+
+def _widest(world: World, tries: Sequence[Margins], start: Placed, goal: Placed) -> _Way:
+    """The way by the first margins that leave one; the last ones say why there is none."""
+    for margins in tries[:-1]:
+        with suppress(PlanError):
+            return _Planner(world, margins).way(start, goal)
+    return _Planner(world, tries[-1]).way(start, goal)
 
 
 class _Way(NamedTuple):
@@ -183,7 +196,20 @@ class _Planner:
             if found is None:
                 return there.leg
             places += found[1:]
-        return _Way(places, crossings=frozenset(crossings))
+        return _Way(self._blunted(places), crossings=frozenset(crossings))
+
+    def _blunted(self, places: list[Placed]) -> list[Placed]:
+        """Shorten the spikes: to where going on is square to it, if that has as much room."""
+        for index in range(1, len(places) - 1):
+            a, b, c = places[index - 1 : index + 2]
+            for nearer in (_foot(c, a, b), _foot(a, c, b)):
+                if nearer is not None and self._clear_by(a, nearer, c):
+                    places[index] = nearer
+                    break
+        return places
+
+    def _clear_by(self, a: Placed, b: Placed, c: Placed) -> bool:
+        return clear(self.grid, self.margins, a, b) and clear(self.grid, self.margins, b, c)
 
     def _middle(self, name: str) -> Placed:
         """The place near a door's mark, along its wall, that is farthest from walls."""
@@ -228,6 +254,14 @@ class _Planner:
         reasons += [f"blocked {leg}" for leg in closed]
         reasons = reasons or ["no chain of doors connects them"]
         return f"no way from room {first.name} to room {last.name}: {'; '.join(reasons)}"
+
+
+def _foot(off: Placed, a: Placed, b: Placed) -> Placed | None:
+    """Where a place lies beside the way from `a` to `b`, if that is short of `b` and past `a`."""
+    dx, dy = b.x - a.x, b.y - a.y
+    square = dx * dx + dy * dy
+    share = ((off.x - a.x) * dx + (off.y - a.y) * dy) / square if square else 1.0
+    return Placed(a.x + share * dx, a.y + share * dy) if 0.0 < share < 1.0 else None
 
 
 def _check(grid: Grid, what: str, place: Positioned) -> None:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from math import atan2, hypot
+from math import atan2, hypot, inf
 
 from armadico.messages import Point, Trajectory, Waypoint
 
@@ -14,8 +14,17 @@ BESIDE_M = 0.8
 """or on crossing the line through it, square to the leg, not farther aside than this."""
 
 
+SOON_M = 0.6
+"""Legs that begin within so much of the way after the next waypoint may be the robot's already."""
+
+CLEARLY_M = 0.1
+"""So much nearer to another leg, it is the robot's."""
+
 ASIDE = 3.0
 """Metres that the point to steer to moves on for each metre off the line."""
+
+NEARER = 0.85
+"""A point that cuts a corner is brought nearer by this share, until it does not."""
 
 ORIGIN = Point(0.0, 0.0)
 
@@ -54,6 +63,37 @@ class Route:
         """Go on to the next leg while the waypoint is passed; the goal is never passed."""
         while self.waypoints and not self.last_leg and self._passed(x, y):
             self.leg += 1
+        if self.waypoints and not self.last_leg:
+            self.leg = self._farthest_on(x, y)
+
+    def _farthest_on(self, x: float, y: float) -> int:
+        """The last of the legs soon to come on which the robot is, clearly nearer than to this one.
+
+        It may have cut a corner, or have been led past one; the waypoint behind is not gone back
+        to. A wall between two legs keeps them farther apart than PASSED_M.
+        """
+        here = self._off(self.leg, x, y)[0]
+        found, way = self.leg, 0.0
+        for leg in range(self.leg + 1, len(self.waypoints)):
+            if way > SOON_M:
+                break
+            off, on = self._off(leg, x, y)
+            if on and off <= min(PASSED_M, here - CLEARLY_M):
+                found = leg
+            a, b = self.waypoints[leg - 1], self.waypoints[leg]
+            way += hypot(b.x - a.x, b.y - a.y)
+        return found
+
+    def _off(self, leg: int, x: float, y: float) -> tuple[float, bool]:
+        """How far a place is from a leg, m, and whether it is beside it, not before or beyond."""
+        from_x, from_y = self._start_of(leg)
+        to = self.waypoints[leg]
+        dx, dy = to.x - from_x, to.y - from_y
+        square = dx * dx + dy * dy
+        share = ((x - from_x) * dx + (y - from_y) * dy) / square if square else 1.0
+        clipped = min(max(share, 0.0), 1.0)
+        off = hypot(x - from_x - clipped * dx, y - from_y - clipped * dy)
+        return off, 0.0 < share < 1.0
 
     def to_go(self, x: float, y: float) -> float:
         """The way left along the waypoints, m."""
@@ -63,31 +103,55 @@ class Route:
             x, y = waypoint.x, waypoint.y
         return total
 
-    def ahead(self, x: float, y: float, distance: float) -> list[Waypoint]:
+    def ahead(self, x: float, y: float, distance: float, cut: float = inf) -> list[Waypoint]:
         """Where to steer to keep to the line: a point on it, then the waypoints after that point.
 
         The point lies `distance` m further along than the place on the leg nearest to the robot,
         and on this leg more the farther aside the robot is: somebody had a reason to leave the
-        line. A waypoint is not cut by that: another leg may lie behind a wall. It is the goal
-        itself where the goal is nearer.
+        line. A waypoint is not cut by that: another leg may lie behind a wall. Nor does the way to
+        the point pass a waypoint farther than `cut` m aside. It is the goal itself where the goal
+        is nearer.
         """
         from_x, from_y = self._leg_start()
-        left = distance
+        to = self.waypoints[self.leg]
+        dx, dy = to.x - from_x, to.y - from_y
+        length = hypot(dx, dy)
+        square = length**2
+        share = ((x - from_x) * dx + (y - from_y) * dy) / square if square else 1.0
+        share = min(max(share, 0.0), 1.0)
+        here = Point(from_x + share * dx, from_y + share * dy)
+        first = (1.0 - share) * length
+        left = max(distance, min(distance + ASIDE * self._aside(x, y), first))
+        found = self._along(here, left)
+        while left > first and cut < inf and self._cuts(here, found) > cut:
+            left *= NEARER
+            found = self._along(here, left)
+        return found
+
+    def _along(self, here: Point, left: float) -> list[Waypoint]:
+        """The point `left` m farther along than a place on this leg, and the waypoints after it."""
+        x, y = here.x, here.y
         for index in range(self.leg, len(self.waypoints)):
             to = self.waypoints[index]
-            dx, dy = to.x - from_x, to.y - from_y
+            dx, dy = to.x - x, to.y - y
             length = hypot(dx, dy)
-            along = 0.0
-            if index == self.leg and length > 0.0:
-                along = min(max(((x - from_x) * dx + (y - from_y) * dy) / length, 0.0), length)
-                left = max(left, min(left + ASIDE * self._aside(x, y), length - along))
-            if along + left < length:
-                share = (along + left) / length
-                point = Waypoint(from_x + share * dx, from_y + share * dy, atan2(dy, dx))
+            if left < length:
+                point = Waypoint(x + left / length * dx, y + left / length * dy, atan2(dy, dx))
                 return [point, *self.waypoints[index:]]
-            left -= length - along
-            from_x, from_y = to.x, to.y
+            left -= length
+            x, y = to.x, to.y
         return list(self.waypoints[-1:])
+
+    def _cuts(self, here: Point, found: Sequence[Waypoint]) -> float:
+        """How far aside of the straight way to a point the waypoints before it are left, m."""
+        dx, dy = found[0].x - here.x, found[0].y - here.y
+        length = hypot(dx, dy)
+        passed = self.waypoints[self.leg : len(self.waypoints) - max(len(found) - 1, 1)]
+        if length == 0.0:
+            return max((hypot(w.x - here.x, w.y - here.y) for w in passed), default=0.0)
+        return max(
+            (abs((w.x - here.x) * dy - (w.y - here.y) * dx) / length for w in passed), default=0.0
+        )
 
     def _aside(self, x: float, y: float) -> float:
         """How far the robot is off the leg's line, m."""
@@ -100,10 +164,11 @@ class Route:
         return abs((x - from_x) * dy - (y - from_y) * dx) / length
 
     def _leg_start(self) -> tuple[float, float]:
-        if self.leg > 0:
-            before = self.waypoints[self.leg - 1]
-            return before.x, before.y
-        return self.start.x, self.start.y
+        return self._start_of(self.leg)
+
+    def _start_of(self, leg: int) -> tuple[float, float]:
+        before = self.waypoints[leg - 1] if leg > 0 else self.start
+        return before.x, before.y
 
     def _passed(self, x: float, y: float) -> bool:
         to = self.waypoints[self.leg]
@@ -113,15 +178,4 @@ class Route:
         from_x, from_y = self._leg_start()
         dx, dy = to.x - from_x, to.y - from_y
         beyond = hypot(dx, dy) == 0.0 or (x - to.x) * dx + (y - to.y) * dy >= 0.0
-        return beyond and (away <= BESIDE_M or self._on_next_leg(x, y))
-
-    def _on_next_leg(self, x: float, y: float) -> bool:
-        """Whether the robot is on the next leg already, having cut the corner."""
-        here, to = self.waypoints[self.leg], self.waypoints[self.leg + 1]
-        dx, dy = to.x - here.x, to.y - here.y
-        length = hypot(dx, dy)
-        if length == 0.0:
-            return False
-        along = ((x - here.x) * dx + (y - here.y) * dy) / length
-        aside = abs((x - here.x) * dy - (y - here.y) * dx) / length
-        return 0.0 <= along <= length and aside <= PASSED_M
+        return beyond and away <= BESIDE_M

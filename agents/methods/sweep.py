@@ -53,7 +53,7 @@ def free_path(
     """
     if v <= 0.0:
         return inf
-    if abs(w) < STRAIGHT * v:
+    if abs(w) <= STRAIGHT * v:
         return min((_ahead(p, outline, margin) for p in points), default=inf)
     radius = v / w
     return abs(radius) * _sweep(points, radius, 1.0 if w > 0 else -1.0, outline, margin)

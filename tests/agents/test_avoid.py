@@ -195,6 +195,29 @@ def test_a_robot_at_its_goal_may_stand_still() -> None:
     assert driven_by_goto(made, 40) == {None}
 
 
+def test_a_robot_that_is_turned_to_and_fro_and_gets_nowhere_is_backed_off() -> None:
+    made = stage()
+    made.holding(points=wall(0.4, -0.4, 0.4))
+    made.speed = (0.0, 0.5)
+    backed = []
+    for _ in range(200):
+        made.frame(points=wall(0.4, -0.4, 0.4))
+        backed.append(made.bid().wanted[0] < 0.0)
+    first = backed.index(True)
+    assert first >= round(10 * Parameters().nowhere_s) - 10
+    assert 25 <= sum(backed[first : first + 40]) <= 31
+
+
+def test_what_lies_beyond_a_bend_of_the_trajectory_is_not_in_the_way() -> None:
+    beyond = [*wall(0.65, -0.3, 0.3), Point(0.2, 0.4)]
+    on = stage()
+    on.frame(points=beyond)
+    assert on.bid().utility is not None
+    round_a_bend = stage(drive_to((0.3, 0.0, 0.0), (0.3, 4.0, 1.57)))
+    round_a_bend.frame(points=beyond)
+    assert round_a_bend.bid().utility is None
+
+
 def test_a_robot_that_was_stopped_has_not_been_stuck() -> None:
     made = stage()
     driven_by_goto(made, 5)

@@ -78,10 +78,26 @@ def test_it_abstains_where_the_front_is_not_clear() -> None:
     made = stage()
     made.frame(points=[*between(0.5), *wall(0.8, -0.3, 0.3)])
     assert made.bid().utility is None
-    assert made.bid().reason == "only 0.53 m of free way"
+    assert made.bid().reason == "only 0.51 m of free way"
     by_the_book = stage(rules="thesis")
     by_the_book.frame(points=[*between(0.5), *wall(0.8, -0.3, 0.3)])
     assert by_the_book.bid().utility == 1.0
+
+
+def test_it_does_not_leave_the_trajectory_for_the_middle_by_much() -> None:
+    made = stage()
+    made.frame(points=between(0.5, 0.2))
+    assert made.bid().wanted[1] == pytest.approx(Parameters().turn_gain * Parameters().off_line)
+    by_the_book = stage(rules="thesis")
+    by_the_book.frame(points=between(0.5, 0.2))
+    assert by_the_book.bid().wanted[1] > made.bid().wanted[1]
+
+
+def test_it_slows_down_for_a_corner_of_the_trajectory() -> None:
+    on, corner = (stage(to) for to in (AHEAD, drive_to((0.9, 0.0, 0.0), (0.9, 4.0, 1.57))))
+    for made in (on, corner):
+        made.frame(points=between(0.6))
+    assert corner.bid().wanted[0] < on.bid().wanted[0]
 
 
 def test_it_abstains_where_the_trajectory_leads_elsewhere() -> None:

@@ -85,7 +85,7 @@ def test_every_stretch_keeps_the_radius_clear(
     grid, radius = Grid(world.walls, world.bounds), Margins().radius_m
     ends = grid.clearance_at(start), grid.clearance_at(goal)
     try:
-        found = plan(world, start, goal)
+        found = plan(world, start, goal, Margins())
     except PlanError:
         return
     stretches = list(pairwise(way(found, start)))
@@ -251,7 +251,7 @@ def test_a_pose_where_the_robot_cannot_be_is_named(
             ROOMS.doors[:1],
             "no way from room A to room B: no chain of doors connects them",
         ),
-        (((1.5, 3.0, 2.0, 3.0),), ROOMS.doors, "door a leaves 0.25 m on either side, 0.3 m are"),
+        (((1.4, 3.0, 2.0, 3.0),), ROOMS.doors, "door a leaves 0.20 m on either side, 0.24 m are"),
         (((5.0, 3.0, 5.0, 4.5),), ROOMS.doors, "blocked in room hall from door a to door b"),
         (tuple(box(6.9, 0.2, 7.9, 1.2)), ROOMS.doors, "blocked in room B from door b to the goal"),
     ],
@@ -262,6 +262,24 @@ def test_why_there_is_no_way_is_said(
     world = msgspec.structs.replace(ROOMS, walls=ROOMS.walls + walls, doors=doors)
     with pytest.raises(PlanError, match=text):
         plan(world, START, GOAL)
+
+
+def test_where_there_is_no_wider_way_a_tighter_one_will_do() -> None:
+    tight = msgspec.structs.replace(ROOMS, walls=(*ROOMS.walls, (1.5, 3.0, 2.0, 3.0)))
+    with pytest.raises(PlanError, match=r"0\.3 m are needed"):
+        plan(tight, START, GOAL, Margins())
+    assert 0.24 <= plan(tight, START, GOAL).clearance_m < 0.3
+    assert plan(ROOMS, START, GOAL).clearance_m >= 0.3
+
+
+@pytest.mark.parametrize("far", [5.4, 5.7, 6.0, 6.3])
+def test_beyond_a_door_the_way_does_not_turn_back(far: float) -> None:
+    # The goal lies beside the wall that the door is in: going on to a mark means coming back.
+    start, goal = Placed(1.5, 1.0), Placed(far, 3.35)
+    places = way(plan(ROOMS, start, goal), start)
+    for a, b, c in zip(places, places[1:], places[2:], strict=False):
+        turn = abs(wrap(direction(b, c) - direction(a, b)))
+        assert turn <= math.radians(91)
 
 
 def test_a_door_that_nobody_declared_is_found_by_the_grid() -> None:

@@ -38,7 +38,7 @@ def test_a_waypoint_is_passed_near_it(route: Route) -> None:
 
 
 def test_a_waypoint_is_passed_on_crossing_its_line_not_too_far_aside(route: Route) -> None:
-    route.advance(3.99, BESIDE_M - 0.1)
+    route.advance(3.7, BESIDE_M - 0.1)
     assert route.leg == 0
     route.advance(4.01, -BESIDE_M - 0.1)
     assert route.leg == 0
@@ -129,3 +129,28 @@ def test_legs_never_go_back_and_the_goal_stays_last(
         assert route.to_go(x, y) >= hypot(waypoints[-1].x - x, waypoints[-1].y - y) - 1e-9
     assert legs == sorted(legs)
     assert route.leg < len(waypoints)
+
+
+def test_near_things_the_point_ahead_cuts_no_corner_by_more_than_allowed(route: Route) -> None:
+    for tenth in range(40):
+        x = 0.1 * tenth
+        point = route.ahead(x, 0.0, 0.6, 0.06)[0]
+        along = max(point.x - x, 0.0), max(point.y, 0.0)
+        off = (4.0 - x) * along[1] / hypot(*along)  # of the corner, from the straight way
+        assert off <= 0.06 + 1e-9
+        assert point.x > x or point.y > 0.0
+
+
+def test_a_leg_that_was_led_past_is_not_gone_back_to() -> None:
+    zigzag = Route((Waypoint(2.0, 0.0, 0.0), Waypoint(1.8, -0.05, 0.0), Waypoint(1.8, 2.0, 0.0)))
+    zigzag.advance(1.8, 0.6)
+    assert zigzag.leg == 2
+
+
+def test_a_way_there_and_back_on_one_line_is_driven_to_its_end() -> None:
+    there_and_back = Route((Waypoint(4.0, 0.0, 0.0), Waypoint(0.0, 0.0, 3.14)))
+    for tenth in range(37):
+        there_and_back.advance(0.1 * tenth, 0.02)
+        assert there_and_back.leg == 0
+    there_and_back.advance(3.8, 0.0)
+    assert there_and_back.leg == 1

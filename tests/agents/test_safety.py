@@ -12,12 +12,13 @@ from armadico.agents.methods.safety import (
     LATENCY_S,
     OUTLINE,
     Safety,
+    corner_cut,
     limit,
     safe_speed,
     stopping_distance,
 )
-from armadico.agents.methods.sweep import free_path
-from armadico.messages import Point
+from armadico.agents.methods.sweep import free_path, free_turn
+from armadico.messages import Frame, Obstacles, Point
 
 SAFETY = Safety()
 places = st.builds(Point, st.floats(-1.0, 2.5), st.floats(-1.5, 1.5))
@@ -57,7 +58,7 @@ def test_a_limited_motion_is_never_faster_nor_turned_the_other_way(
 ) -> None:
     slowed, turning, _ = limit(v, w, points, SAFETY)
     assert slowed <= v
-    assert turning in {w, 0.0}
+    assert 0.0 <= turning <= w or w <= turning <= 0.0
     assert slowed == v or slowed >= 0.0
 
 
@@ -92,3 +93,30 @@ def test_a_wider_margin_never_finds_a_longer_way(point: Point, v: float, w: floa
     assume(OUTLINE.beside(point.x, point.y) > 0.002)
     bare, wide = (free_path([point], v, w, OUTLINE, margin) for margin in (0.0, 0.06))
     assert wide <= bare + 2e-3 * max(1.0, bare)
+
+
+@settings(deadline=None, max_examples=300)
+@given(worlds, st.floats(0.0, 0.04), st.floats(-1.5, 1.5))
+def test_turning_on_the_spot_it_comes_to_rest_before_a_corner_meets_what_is_known(
+    points: list[Point], v: float, w: float
+) -> None:
+    assume(all(OUTLINE.clearance(p.x, p.y) > 0.03 for p in points))
+    _, turning, _ = limit(v, w, points, SAFETY)
+    if turning != 0.0:
+        room = free_turn(points, turning, OUTLINE, 0.0)
+        assert stopping_distance(abs(turning), SAFETY.turn_decel) <= room + 1e-9
+
+
+def test_a_tight_place_is_driven_through_slowly_where_a_parameter_says_so() -> None:
+    both_sides, squeezing = [Point(0.3, 0.2), Point(0.3, -0.2)], Safety(slow=0.12)
+    assert limit(0.4, 0.0, both_sides, SAFETY)[0] < 0.05
+    assert limit(0.4, 0.0, both_sides, squeezing)[0] == 0.12
+    assert limit(0.4, 0.0, [Point(0.25, 0.16)], squeezing)[0] < 0.12
+
+
+def test_a_corner_is_cut_by_little_where_something_is_near() -> None:
+    frame = Frame(1, 1)
+    near, far = (Obstacles(frame, Point(x, 0.0), None, None, None) for x in (0.4, 1.0))
+    assert corner_cut(Obstacles(frame, None, None, None, None), 0.06) == inf
+    assert corner_cut(near, 0.06) == 0.06
+    assert corner_cut(far, 0.06) == pytest.approx(0.55)

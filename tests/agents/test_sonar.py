@@ -7,7 +7,7 @@ from math import cos, hypot, pi, radians, sin
 import pytest
 
 from armadico.agent import Identity, Publish
-from armadico.agents.sonar import Parameters, SonarAgent
+from armadico.agents.sonar import LOOK_FRAMES, Parameters, SonarAgent
 from armadico.messages import Echo, Frame, Obstacles, Point, RobotState, Sonar
 
 AHEAD = radians(10.0)  # where a sonar looks; those of a Pioneer look at 10, 30, 50 and 90 degrees
@@ -19,6 +19,7 @@ class Ring:
     def __init__(self, parameters: Parameters | None = None) -> None:
         self.agent = SonarAgent(Identity("sonar-1"), parameters)
         self.epoch, self.number, self.now = 1, 0, 0.0
+        self.agent._listened = LOOK_FRAMES
 
     def ping(
         self,
@@ -53,6 +54,18 @@ def ring() -> Ring:
 
 def polar(distance: float, bearing: float) -> Point:
     return Point(distance * cos(bearing), distance * sin(bearing))
+
+
+def test_one_that_has_just_started_says_nothing_until_it_has_looked_round() -> None:
+    agent = SonarAgent(Identity("sonar-2"))
+    said = []
+    for number in range(1, LOOK_FRAMES + 2):
+        agent.receive(RobotState(Frame(1, number), 0, 0, 0, 0, 0, 12, True, False), 0.1 * number)
+        agent.receive(Sonar(Frame(1, number), 5.0, (Echo(0.0, 0.0, AHEAD, 1.0),)), 0.1 * number)
+        said += [o.message for o in agent.outbox if isinstance(o, Publish)]
+        agent.outbox.clear()
+    said_for = [m.frame.number for m in said if isinstance(m, Obstacles)]
+    assert said_for == [LOOK_FRAMES, LOOK_FRAMES + 1]
 
 
 def test_with_no_echo_there_is_nothing(ring: Ring) -> None:
