@@ -5,7 +5,7 @@ VENV   := .venv
 BIN    := $(VENV)/bin
 PIP    := $(BIN)/python -m pip --disable-pip-version-check
 
-.PHONY: run test lint lock clean
+.PHONY: run test lint demo demo-down lock clean
 .DEFAULT_GOAL := run
 
 $(VENV)/.run: requirements/run.txt pyproject.toml
@@ -30,11 +30,17 @@ lint: $(VENV)/.dev  ## ruff, and mypy strict over every package
 	$(BIN)/ruff format --check .
 	$(BIN)/python tools/typecheck.py
 
+demo: $(VENV)/.run  ## four hosts as containers, one of them lost in the middle of a run
+	$(BIN)/python -m armadico.tools.hosts.compose $(SCENARIO)
+
+demo-down:  ## what a demo left that was killed
+	docker compose --file deploy/compose.yaml down --timeout 1
+
 lock: $(VENV)/.dev  ## write the locks again from pyproject.toml
-	for extra in run:plot dev:plot,experiments,record,dashboard,dev; do \
+	for lock in agents: run:--extra=plot dev:--extra=plot,experiments,record,dashboard,dev; do \
 	  $(BIN)/pip-compile --quiet --generate-hashes --no-emit-options --allow-unsafe \
 	    --strip-extras --no-annotate --no-header \
-	    --extra=$${extra#*:} -o requirements/$${extra%%:*}.txt pyproject.toml requirements/build.in; done
+	    $${lock#*:} -o requirements/$${lock%%:*}.txt pyproject.toml requirements/build.in; done
 
 clean:
 	rm -rf $(VENV) build dist *.egg-info runs

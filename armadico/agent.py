@@ -116,6 +116,7 @@ class Agent:
     answers: ClassVar[tuple[type[Message], ...]] = ()  # queries it answers
     asks: ClassVar[tuple[type[Message], ...]] = ()  # queries it puts
     competes_for: ClassVar[tuple[Resource, ...]] = ()
+    alone: ClassVar[bool] = False  # a second instance in the namespace may not join
     parameters: ClassVar[type[Parameters]] = Parameters
 
     def __init__(self, identity: Identity, parameters: Any = None) -> None:
@@ -127,6 +128,7 @@ class Agent:
         self.frames = FrameClock()
         self.outbox: list[Outgoing] = []
         self.stop_latch = m.Stop()
+        self.foreign: set[str] = set()  # instances that speak another protocol
         self.bids: deque[m.BidRecord] = deque(maxlen=BIDS_REMEMBERED)
         self._latest: dict[type[Message], Message] = {}
         self._inputs = tuple(service_of(kind).key for kind in self.needs)
@@ -233,6 +235,8 @@ class Agent:
         """Take one message that it subscribed to."""
         self.now = now
         kind = type(message)
+        if isinstance(message, m.Claim | m.Command) and message.ballot.instance in self.foreign:
+            return
         if isinstance(message, m.RobotState):
             if not self._take_state(message):
                 return
@@ -269,6 +273,17 @@ class Agent:
         """Take the news of a liveliness token."""
         self.now = now
         self.on_appeared(name, instance)
+
+    def met(self, card: m.Card, now: float) -> None:
+        """Take the card of an instance: what speaks another protocol is not listened to."""
+        self.now = now
+        if card.protocol != m.PROTOCOL and card.instance not in self.foreign:
+            self.foreign.add(card.instance)
+            self.log(
+                f"{card.instance} (host {card.host}, pid {card.pid}) speaks protocol"
+                f" {card.protocol}, this one {m.PROTOCOL}: its claims and commands are refused",
+                ERROR,
+            )
 
     def disappeared(self, name: str, instance: str, now: float) -> None:
         """Take the news that a liveliness token has gone."""

@@ -29,6 +29,7 @@ class Client:
     def __init__(self, mesh: ZenohMesh) -> None:
         self.mesh = mesh
         self.alive: set[tuple[str, str]] = set()  # (name, instance) of the tokens that are there
+        self.ahead: dict[str, float] = {}  # s; by instance, of the clocks that cards have said
         self._inbox = Inbox()
         self._latest: dict[type[Message], tuple[Message, float]] = {}
         self._changed_at = time.monotonic()
@@ -96,6 +97,11 @@ class Client:
         found = {(card.name, card.instance): card for card in replies.values()}
         return {who: found.get(who) for who in sorted(self.alive)}
 
+    def card(self, name: str, instance: str, timeout: float = 1.0) -> Card | None:
+        """The card of one agent; None if it does not answer within `timeout` (s)."""
+        key = CARD.key_for(name=name, instance=instance)
+        return self._ask(key, Ask(), Card, timeout, enough=1).get(key)
+
     def settle(self, timeout: float = 2.0) -> None:
         """Wait until the links are up and no token has come or gone for a while."""
 
@@ -153,6 +159,8 @@ class Client:
                 message = self.mesh.read(reply, where, data)
                 if message is not None:
                     replies[where] = message
+                    if isinstance(message, Card) and message.clock:
+                        self.ahead[message.instance] = message.clock - time.time()
 
             self._inbox.put_event(deliver)
 

@@ -153,6 +153,8 @@ class Contender:
         self._looked_at = float("-inf")
         self._echoed_at = float("inf")
         self._back_until = float("-inf")
+        self._echoed_frame: Frame | None = None
+        self._back_at: Frame | None = None  # the first frame after many that it missed
         self._rival_since: Frame | None = None
         self._obeyed: tuple[Ballot, Frame] | None = None  # by the owner's echo
         self._cast_at: Frame | None = None
@@ -204,6 +206,7 @@ class Contender:
         if now - self._echoed_at > AWAY:
             self._back_until = now + BACK
         self._echoed_at = now
+        self._notice_missed_frames()
         self._obeyed = (obeyed, at) if obeyed is not None and at is not None else None
         if self.state is State.HOLDING and obeyed is not None and self.ballot is not None:
             if obeyed == self.ballot:
@@ -312,7 +315,9 @@ class Contender:
         term = 1 if self.largest is None else self.largest.term + 1
         self.ballot = self.largest = Ballot(term, bid.utility, bid.critical, self.instance)
         loser = self._vacated or self.rival
-        heard = loser is not None and event in (Event.BETTER, Event.VACANT)
+        # What was commanded long ago is not what the wheels do now: they have been stopped since.
+        recent = loser is not None and self._frames.fresh(loser.frame)
+        heard = recent and event in (Event.BETTER, Event.VACANT)
         start = self._measured
         if loser is not None and heard and len(loser.commanded) == len(start):
             start = loser.commanded
@@ -374,12 +379,25 @@ class Contender:
         age = self._frames.age(at)
         return ballot >= self.largest and age is not None and age <= 1
 
+    def _notice_missed_frames(self) -> None:
+        before, newest = self._echoed_frame, self._frames.newest
+        self._echoed_frame = newest
+        if before is None or newest is None or before.epoch != newest.epoch:
+            return
+        if newest.number - before.number > UNOBEYED:
+            self._back_at = newest
+
     def _frames_without(self, since: Frame | None, *, obeyed_by_anyone: bool) -> int:
-        """Frames since this reign began or was last obeyed, whichever is later."""
+        """Frames since this reign began or was last obeyed, whichever is later.
+
+        Those that this agent missed while it was away itself do not count.
+        """
         newest, first = self._frames.newest, self._frames.first
         if newest is None or first is None or since is None:
             return 0
         last = since.number if since.epoch == newest.epoch else first.number
+        if self._back_at is not None and self._back_at.epoch == newest.epoch:
+            last = max(last, self._back_at.number)
         if self._obeyed is not None and self._obeyed[1].epoch == newest.epoch:
             ballot, at = self._obeyed
             if obeyed_by_anyone or ballot == self.ballot:

@@ -300,6 +300,8 @@ class Card(Message, frozen=True):
     requests: tuple[Text, ...]
     resources: tuple[Text, ...]
     holds: tuple[Text, ...] = ()
+    clock: Annotated[float, Meta(ge=0, le=1e11)] = 0.0
+    """What its machine's clock shows, s since 1970; 0: not said. Nothing but people compares it."""
 
 
 class BidRecord(Message, frozen=True):

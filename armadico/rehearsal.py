@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections import Counter
 from collections.abc import Callable
 
 from armadico.agent import Agent, DeviceAgent
@@ -10,6 +11,8 @@ from armadico.config.scenarios import Scenario
 from armadico.discovery import AGENTS, SIMULATORS, find, load
 from armadico.measures import WATCHED, Result, RunWatch
 from armadico.mesh.virtual import VirtualMesh
+from armadico.mesh.virtual_network import Clock
+from armadico.mesh.virtual_node import Node
 from armadico.messages import Message, MissionReply
 from armadico.society import Options, members, mission, time_limit, watch
 
@@ -27,7 +30,13 @@ class MissionRefusedError(RuntimeError):
 class Rehearsal:
     """One scenario on a virtual mesh. `run` drives it to its end; faults may be put in between."""
 
-    def __init__(self, scenario: Scenario, options: Options) -> None:
+    def __init__(
+        self,
+        scenario: Scenario,
+        options: Options,
+        clock: Callable[[str], Clock] | None = None,
+    ) -> None:
+        """`clock` gives each process a clock of its own, by its agent's name."""
         self.scenario = scenario
         self.mesh = VirtualMesh(options.seed)
         self.watch = watch(scenario, options)
@@ -35,15 +44,25 @@ class Rehearsal:
         self.mesh.watch(lambda _key, message, now: self.watch.show(message, now), *WATCHED)
         factory = find(SIMULATORS, SIMULATOR).load()
         self.robot = factory(scenario, self.mesh.stream, self.mesh.publish)
-        for member in members(scenario, options, "memory:"):
-            kind = load(AGENTS, member.name, Agent)
-            parameters = load_parameters(kind.parameters, None, list(member.sets))
-            self.add(kind, parameters)
+        self._clock = clock
+        self._starts: Counter[str] = Counter()
+        self._members = {m.name: m for m in members(scenario, options, "memory:")}
+        for name in self._members:
+            self.start(name)
 
-    def add(self, kind: type[Agent], parameters: object = None, start: int = 0) -> None:
-        """An agent joins, now."""
+    def start(self, name: str, *sets: str) -> Node:
+        """A member of the society joins, now, or joins again; `sets` are set besides its own."""
+        member = self._members[name]
+        kind = load(AGENTS, name, Agent)
+        parameters = load_parameters(kind.parameters, None, [*member.sets, *sets])
+        return self.add(kind, parameters, self._starts[name])
+
+    def add(self, kind: type[Agent], parameters: object = None, start: int = 0) -> Node:
+        """An agent joins, now, as the `start`-th instance."""
         agent = kind(self.mesh.identity(kind.name, start), parameters)
-        self.mesh.add(agent, self.robot if isinstance(agent, DeviceAgent) else None)
+        self._starts[kind.name] = max(self._starts[kind.name], start + 1)
+        clock = None if self._clock is None else self._clock(kind.name)
+        return self.mesh.add(agent, self.robot if isinstance(agent, DeviceAgent) else None, clock)
 
     def begin(self) -> None:
         """Hand the mission to the interface agent. Raises MissionRefusedError with the reason."""

@@ -21,12 +21,16 @@ from collections.abc import Callable
 from importlib.metadata import PackageNotFoundError, version
 from typing import TYPE_CHECKING, Final, NoReturn
 
+from msgspec.structs import replace
+
+from armadico.admission import CARD_S, Admission, Stage
 from armadico.agent import Agent, Answer, AskFor, DeviceAgent, Identity, Publish, Question, Write
 from armadico.device import Device, Port
 from armadico.inbox import Inbox
 from armadico.mesh.topology import MeshError
-from armadico.messages import Ask, Log, Message
+from armadico.messages import Ask, Card, Log, Message
 from armadico.services import BIDS, CARD, Kind, Service, service_of
+from armadico.supervision import MISUSED
 
 if TYPE_CHECKING:
     from armadico.mesh.zenoh import Call, ZenohMesh
@@ -58,27 +62,56 @@ class AgentProcess:
         mesh: ZenohMesh,
         connect: Callable[[], Port] | None = None,
         clock: Callable[[], float] = time.monotonic,
+        wall: Callable[[], float] = time.time,
     ) -> None:
+        """`clock` counts s from anywhere; `wall` (s since 1970) is only shown to people."""
         self.agent = agent
         self.inbox = Inbox()
+        self.refusal = ""  # why it may not join, or stay
+        self._wall = wall
+        self._admission: Admission | None = None
         self._mesh = mesh
         self._clock = clock
         self._stopping = threading.Event()
         self._device: Device | None = None
+        self._closed: Device | None = None  # the device, as long as nobody has opened it
         if isinstance(agent, DeviceAgent) and connect is not None:
-            self._device = Device(agent, connect, self.inbox, clock)
+            self._device = self._closed = Device(agent, connect, self.inbox, clock)
         self._calls: dict[int, tuple[Call, str]] = {}
         self._call_ids = 0
         self._there: set[tuple[str, str]] = set()
+        self._joined = False
         self._dropped = 0
 
+    def admit(self) -> bool:
+        """Look around before joining; False, with a `refusal`, if somebody is in the way.
+
+        Without it `live` joins whoever is there.
+        """
+        agent = self.agent
+        admission = Admission(agent.name, agent.instance, self._clock(), alone=agent.alone)
+        self._admission = admission
+        self._mesh.watch_alive(self._alive)
+        while admission.look(self._clock()) is Stage.LOOKING and not self._stopping.is_set():
+            self._ask_cards()
+            due = admission.wakeup
+            item = self.inbox.take(None if due is None else max(due - self._clock(), 0.0))
+            if item is not None:
+                item()
+        self.refusal = admission.refusal
+        return not self.refusal
+
     def live(self) -> None:
-        """Run the agent until `request_stop`; what it raises comes out."""
+        """Run the agent until `request_stop` or a `refusal`; what it raises comes out."""
         self._join()
         self.agent.start(self._clock())
         self._send()
-        if self._device is not None:
-            self._device.start()
+        if self._admission is None:
+            self._open_port()
+        else:
+            for name, instance in sorted(self._there):
+                self.agent.appeared(name, instance, self._clock())
+            self._pass_admission()
         while not self._stopping.is_set():
             self._turn()
 
@@ -92,6 +125,11 @@ class AgentProcess:
             if self._device is not None:
                 self._device.stop()
 
+    def _open_port(self) -> None:
+        device, self._closed = self._closed, None
+        if device is not None:
+            device.start()
+
     def request_stop(self) -> None:
         """Have `live` return soon; may be called from another thread."""
         self._stopping.set()
@@ -101,7 +139,7 @@ class AgentProcess:
 
     def _turn(self) -> None:
         """Deliver what waits, then wake the agent if it is time, then wait."""
-        due = self.agent.wakeup
+        due = self._due()
         wait = None if due is None else due - self._clock()
         if wait is not None and wait < -LATE_S:
             wait = SETTLE_S
@@ -116,7 +154,26 @@ class AgentProcess:
         if due is not None and self._clock() >= due:
             self.agent.wake(self._clock())
             self._send()
+        self._pass_admission()
         self._report_dropped()
+
+    def _due(self) -> float | None:
+        """When something is to be done, if nothing comes before."""
+        mine = None if self._admission is None else self._admission.wakeup
+        due = [at for at in (self.agent.wakeup, mine) if at is not None]
+        return min(due, default=None)
+
+    def _pass_admission(self) -> None:
+        """Open the port once nobody is in the way; leave if somebody came who stays."""
+        if self._admission is None:
+            return
+        self._ask_cards()
+        stage = self._admission.look(self._clock())
+        if stage is Stage.JOINED:
+            self._open_port()
+        elif stage is Stage.REFUSED:
+            self.refusal = self._admission.refusal
+            self._stopping.set()
 
     def _send(self) -> None:
         agent = self.agent
@@ -155,10 +212,15 @@ class AgentProcess:
         for kind in agent.answers:
             self._answers(kind, service_of(kind).pattern)
         names = {"name": agent.name, "instance": agent.instance}
-        self._answers(Ask, CARD.key_for(**names), agent.card)
+        self._answers(Ask, CARD.key_for(**names), self._card)
         self._answers(Ask, BIDS.key_for(**names), agent.history)
-        mesh.watch_alive(self._alive)
+        if self._admission is None:
+            mesh.watch_alive(self._alive)
         mesh.declare_alive(agent.name, agent.instance)
+        self._joined = True
+
+    def _card(self) -> Card:
+        return replace(self.agent.card(), clock=self._wall())
 
     # What arrives --------------------------------------------------------------------------------
 
@@ -185,14 +247,40 @@ class AgentProcess:
             who = (name, instance)
             if instance == self.agent.instance or there == (who in self._there):
                 return
-            if there:
-                self._there.add(who)
-                self.agent.appeared(name, instance, self._clock())
-            else:
-                self._there.discard(who)
-                self.agent.disappeared(name, instance, self._clock())
+            now = self._clock()
+            (self._there.add if there else self._there.discard)(who)
+            if self._admission is not None:
+                if there:
+                    self._admission.appeared(name, instance, now)
+                else:
+                    self._admission.disappeared(instance, now)
+            if self._joined:
+                tell = self.agent.appeared if there else self.agent.disappeared
+                tell(name, instance, now)
 
         self.inbox.put_event(deliver)
+
+    def _ask_cards(self) -> None:
+        """Ask whoever is new who it is."""
+        assert self._admission is not None, "it is asked for an admission"
+        for name, instance in self._admission.questions(self._clock()):
+            self._ask_card(name, instance, self._admission)
+
+    def _ask_card(self, name: str, instance: str, admission: Admission) -> None:
+        def replied(key: str, data: bytes) -> None:
+            def deliver() -> None:
+                card = self._mesh.read(Card, key, data)
+                if card is not None:
+                    admission.answered(instance, card, self._clock())
+                    self.agent.met(card, self._clock())
+
+            self.inbox.put_event(deliver)
+
+        def over() -> None:
+            self.inbox.put_event(lambda: admission.answered(instance, None, self._clock()))
+
+        key = CARD.key_for(name=name, instance=instance)
+        self._mesh.ask(key, Ask(), CARD_S, replied, over)
 
     # Queries -------------------------------------------------------------------------------------
 
@@ -261,21 +349,30 @@ def installed_version() -> str:
         return "unknown"
 
 
-def serve(agent: Agent, mesh: ZenohMesh, connect: Callable[[], Port] | None = None) -> NoReturn:
+def serve(
+    agent: Agent,
+    mesh: ZenohMesh,
+    connect: Callable[[], Port] | None = None,
+    wall: Callable[[], float] = time.time,
+) -> NoReturn:
     """Run one agent as this process, from joining the mesh to the end of the process.
 
     SIGTERM and SIGINT end it in order, with exit code 0; an exception of the agent's is logged and
-    ends it with 1. Either way it is over within `LEAVE_S`, if need be by SIGALRM: neither Zenoh's
-    threads nor an agent that hangs can keep it.
+    ends it with 1, somebody who is in its way with 2. Either way it is over within `LEAVE_S`, if
+    need be by SIGALRM: neither Zenoh's threads nor an agent that hangs can keep it.
     """
-    process = AgentProcess(agent, mesh, connect)
+    process = AgentProcess(agent, mesh, connect, wall=wall)
     _await_signal(process.request_stop)
     code = 0
     try:
         mesh.open()
         gc.collect()
         gc.freeze()  # what lives for ever is not looked at again
-        process.live()
+        if process.admit():
+            process.live()
+        if process.refusal:
+            logger.error("in the namespace %r %s", mesh.namespace, process.refusal)
+            code = MISUSED
     except MeshError as error:
         logger.error("%s", error)  # a matter of where, not of the program: no traceback
         code = 1

@@ -6,14 +6,19 @@ The same list is launched as real processes (`armadico.launcher`) or put on the 
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 from math import radians
 
+from msgspec.structs import replace
+
+from armadico.config.hosts import Host
 from armadico.config.parameters import load_set
 from armadico.config.scenarios import Scenario
 from armadico.measures import RunWatch
 from armadico.messages import MissionRequest, Waypoint
 
+ROBOT = "robot"
 BEHAVIOURS = ("goto", "avoid", "gothrough")
 LIMIT_SPEED = 0.3
 LIMIT_FACTOR = 5.0
@@ -50,11 +55,31 @@ def members(scenario: Scenario, options: Options, port: str) -> tuple[Member, ..
     )
 
 
+def share(
+    scenario: Scenario | None, options: Options, host: Host, more: Sequence[str] = ()
+) -> tuple[Member, ...]:
+    """The agents of one host: those of its entry that take part, and `more` beside them.
+
+    Without a scenario all of the entry take part, with parameters of their own.
+    """
+    if scenario is None:
+        here = tuple(name for name in host.agents if name != ROBOT)
+        scenario = Scenario(world="empty", start=(0, 0, 0), goal=(0, 0, 0), agents=here)
+    everybody = tuple(dict.fromkeys((*scenario.agents, *more)))
+    known = {
+        member.name: member
+        for member in members(replace(scenario, agents=everybody), options, host.robot or "")
+    }
+    taking = {ROBOT, *scenario.agents} - set(options.without)
+    names = [name for name in host.agents if name in taking]
+    return tuple(known[name] for name in (*names, *more))
+
+
 def _settings(name: str, scenario: Scenario, options: Options, port: str) -> tuple[str, ...]:
     x, y, degrees = scenario.start
     sets: list[str] = []
     if name == "robot":
-        sets += [f"port={port}", f"profile={scenario.robot}"]
+        sets += [*([f"port={port}"] if port else []), f"profile={scenario.robot}"]
     elif name == "encoder":
         sets += [f"x={x}", f"y={y}", f"theta={radians(degrees)}"]
     elif name == "path-planning":

@@ -41,6 +41,12 @@ PULSE_S = 0.5
 HEALTHY_S = 0.5
 """The watchdog is fed only while status packets keep coming at least this often."""
 
+AT_REST_M_S = 0.02
+"""Rims slower than this rest."""
+
+SONARS_SILENT = 4
+"""Without a reading for so many frames the sonars are said to be silent."""
+
 REPORT_S = 2.0
 """Refusals are reported at most so often."""
 
@@ -56,6 +62,7 @@ class Robot(DeviceAgent):
     """The robot, as the society knows it."""
 
     name = "robot"
+    alone = True
     hears: ClassVar[tuple[type[Message], ...]] = (Command, Claim, Stop)
     provides: ClassVar[tuple[type[Message], ...]] = (RobotState, Sonar)
     parameters = Parameters
@@ -73,6 +80,7 @@ class Robot(DeviceAgent):
         self._obeyed_at = float("-inf")
         self._reported_at = float("-inf")
         self._pulsed_at = float("-inf")
+        self._unheard = 0  # frames since a sonar fired
         self._refusals: Counter[Verdict] = Counter()
         self._complained_at = float("-inf")
 
@@ -187,8 +195,30 @@ class Robot(DeviceAgent):
                 stop=self._stops,
             )
         )
-        self.publish(Sonar(frame, self.profile.sonar.max_m, self._echoes(report)))
+        self._say_sonar(frame, report)
+        self._insist(left, right)
         self._complain()
+
+    def _insist(self, left: float, right: float) -> None:
+        """Order the stop again while the wheels still turn: it may have been lost on the line.
+
+        A pulse would only feed the watchdog of a controller that goes on as it was told before.
+        """
+        if not self._moving and max(abs(left), abs(right)) > AT_REST_M_S:
+            self._halt()
+
+    def _say_sonar(self, frame: Frame, report: Reported) -> None:
+        """Pass the readings on; a frame in which no sonar fired has none.
+
+        So sonars that have fallen silent are stale obstacles three frames later, not a free way.
+        """
+        if report.status.echoes:
+            self._unheard = 0
+            self.publish(Sonar(frame, self.profile.sonar.max_m, self._echoes(report)))
+            return
+        self._unheard += 1
+        if self._unheard == SONARS_SILENT:
+            self.log(f"no sonar has fired for {SONARS_SILENT} frames: nobody drives blind", ERROR)
 
     def _echoes(self, report: Reported) -> tuple[Echo, ...]:
         ring = self.profile.sonar

@@ -100,14 +100,15 @@ def _serve(args: argparse.Namespace) -> int:
     from armadico.runtime import identity, serve  # noqa: PLC0415 - not for --help
 
     parameters = load_parameters(kind.parameters, args.config, args.set)
-    mesh = options.join(args, passing=False)
+    where = options.placed(args, passing=False)
+    mesh = options.join_at(args, where, passing=False)
     logging.basicConfig(
         level=logging.INFO,
         stream=sys.stderr,
         format=LOG_FORMAT.format(name=args.name),
         datefmt="%H:%M:%S",
     )
-    agent = kind(identity(kind.name, args.host), parameters)
+    agent = kind(identity(kind.name, None if where is None else where.name), parameters)
     serve(agent, mesh, _port(parameters))
 
 

@@ -7,7 +7,7 @@ import json
 import os
 import socket
 import sys
-from collections.abc import Collection, Generator, Iterable, Iterator, Sequence
+from collections.abc import Generator, Iterable, Iterator, Mapping, Sequence
 from ctypes.util import find_library
 from dataclasses import asdict, dataclass
 from importlib.metadata import PackageNotFoundError, requires, version
@@ -73,9 +73,9 @@ def examine(args: argparse.Namespace) -> Iterator[Finding]:
     """Everything, one after another."""
     yield from versions()
     yield from ports()
-    machines = yield from mesh(args)
+    heard = yield from mesh(args)
     named = yield from hosts(args)
-    yield clocks(machines | named)
+    yield clocks({**dict.fromkeys(named), **heard})
     yield from serial_ports()
     yield from graphics()
 
@@ -206,12 +206,13 @@ def graphics() -> Iterator[Finding]:
 # The mesh -----------------------------------------------------------------------------------------
 
 
-def mesh(args: argparse.Namespace) -> Generator[Finding, None, set[str]]:
+def mesh(args: argparse.Namespace) -> Generator[Finding, None, dict[str, float | None]]:
     """Whether it can be joined, who is there, and whether they speak the same protocol.
 
-    Returns the names of the machines that agents say they are on.
+    Returns the machines that agents say they are on, and how far their clocks are ahead (s).
     """
     joined = options.join(args)
+    from armadico.census import census  # noqa: PLC0415 - not for --help
     from armadico.client import Client  # noqa: PLC0415 - not for --help
     from armadico.mesh.zenoh import SETTINGS  # noqa: PLC0415 - not for --help
     from armadico.messages import PROTOCOL  # noqa: PLC0415 - not for --help
@@ -220,15 +221,16 @@ def mesh(args: argparse.Namespace) -> Generator[Finding, None, set[str]]:
     yield Finding("multicast", OK if off else NOTE, "off: hosts are named" if off else "is on")
     try:
         with joined:
-            cards = Client(joined).cards()
+            client = Client(joined)
+            cards = client.cards()
             links = joined.neighbours
     except MeshError as error:
         yield Finding("mesh", WRONG, str(error), "name another endpoint: --listen")
-        return set()
+        return {}
     if not cards:
         todo = "armadico run sc1 starts some; --namespace and --connect say where to look"
         yield Finding("mesh", NOTE, f"nobody is there in namespace {args.namespace!r}", todo)
-        return set()
+        return {}
     yield Finding("mesh", OK, f"{len(cards)} agents, {links} links")
     for (name, instance), card in cards.items():
         if card is None:
@@ -241,7 +243,8 @@ def mesh(args: argparse.Namespace) -> Generator[Finding, None, set[str]]:
     if len(robots) > 1:
         what = f"{len(robots)} robot agents in namespace {args.namespace!r}"
         yield Finding("robot", WRONG, what, "give each robot its own --namespace")
-    return {card.host for card in cards.values() if card is not None}
+    answered = [card for card in cards.values() if card is not None]
+    return {host.name: host.clock_s for host in census(answered, {}, client.ahead)}
 
 
 def hosts(args: argparse.Namespace) -> Generator[Finding, None, set[str]]:
@@ -249,29 +252,41 @@ def hosts(args: argparse.Namespace) -> Generator[Finding, None, set[str]]:
 
     Returns the names of those machines.
     """
-    if args.host is None and args.hosts is None:
+    named = args.hosts or os.environ.get(options.HOSTS_VARIABLE)
+    if args.host is None and named is None:
         yield Finding("hosts", OK, "no host table asked for: this machine alone")
         return set()
     from armadico.config.hosts import load_hosts  # noqa: PLC0415 - not for --help
 
-    table = load_hosts(args.hosts).hosts
+    table = load_hosts(named).hosts
     for name, host in table.items():
         yield _host(name, host)
     return set(table)
 
 
-def clocks(machines: Collection[str]) -> Finding:
-    """Skew between machines: it cannot be asked for, and nothing that drives depends on it."""
-    if len(machines) < 2:
-        return Finding("clocks", OK, "no two are compared: frames are counted by the robot agent")
-    return Finding(
-        "clocks",
-        NOTE,
-        f"the skew between {', '.join(sorted(machines))} is not known: no message carries a time,"
-        " so the mesh cannot be asked. No two clocks are compared, so nothing that drives depends"
-        " on it; log lines of two machines are in order only if their clocks agree",
-        "`timedatectl` or `chronyc tracking`, on each, says whether its clock is kept right",
-    )
+def clocks(offsets: Mapping[str, float | None]) -> Finding:
+    """Skew between machines: nothing that drives depends on it.
+
+    `offsets` says how far each machine's clock is ahead of this one's, s; None: it was not heard.
+    """
+    from armadico.census import SKEW_S  # noqa: PLC0415 - not for --help
+
+    known = {name: offset for name, offset in offsets.items() if offset is not None}
+    off = {name: offset for name, offset in known.items() if abs(offset) > SKEW_S}
+    silent = ", ".join(sorted(set(offsets) - set(known)))
+    todo = "`timedatectl` or `chronyc tracking`, on each, says whether its clock is kept right"
+    if off:
+        said = ", ".join(f"{name}'s {offset:+.0f} s" for name, offset in sorted(off.items()))
+        return Finding(
+            "clocks",
+            NOTE,
+            f"off from this machine's: {said}. No two clocks are compared, so nothing that drives"
+            " depends on it; log lines of two machines are in order only if their clocks agree",
+            todo,
+        )
+    if silent and len(offsets) > 1:
+        return Finding("clocks", NOTE, f"of {silent} not known: nobody answers there", todo)
+    return Finding("clocks", OK, f"within {SKEW_S:g} s of this machine's, as far as they are known")
 
 
 def _host(name: str, host: Host) -> Finding:

@@ -1,7 +1,4 @@
-"""What `stop` and `resume` share: the latch that stops the robot.
-
-A stop is a state, not an edge: it is said again until the robot agent's own state shows it.
-"""
+"""What `stop` and `resume` share: the latch that stops the robot."""
 
 from __future__ import annotations
 
@@ -17,9 +14,6 @@ if TYPE_CHECKING:
 
 FIND_S: Final = 2.0
 """How long the robot is looked for."""
-
-AGAIN_S: Final = 0.1
-"""How often the stop is said until it is echoed."""
 
 
 def latch(made: argparse.ArgumentParser, argv: Sequence[str], *, stopped: bool) -> int:
@@ -40,26 +34,16 @@ def latch(made: argparse.ArgumentParser, argv: Sequence[str], *, stopped: bool) 
 
 def _say(client: Client, args: argparse.Namespace, stopped: bool) -> Stop:
     """Say it until it is echoed; returns what the robot agent says."""
-    from armadico.messages import RobotState, Stop  # noqa: PLC0415 - not for --help
+    from armadico.latch import say  # noqa: PLC0415 - not for --help
+    from armadico.messages import RobotState  # noqa: PLC0415 - not for --help
 
     client.listen(RobotState)
-
-    def echoed() -> Stop | None:
-        state = client.latest(RobotState)
-        return state.stop if state is not None and state.stop.stopped == stopped else None
-
     state = client.wait_for(lambda: client.latest(RobotState), FIND_S)
     if state is None and not stopped:
         raise options.nobody(args, "no robot answers")
-    counter = 0 if state is None else state.stop.counter
     by = "armadico stop" if stopped else "armadico resume"
-    for _ in range(max(1, round(args.timeout / AGAIN_S))):
-        newest = client.latest(RobotState)
-        if newest is not None:
-            counter = max(counter, newest.stop.counter)
-        client.publish(Stop(counter + 1, stopped, by))
-        done = client.wait_for(echoed, AGAIN_S)
-        if done is not None:
-            return done
+    done = say(client, stopped=stopped, by=by, timeout=args.timeout)
+    if done is not None:
+        return done
     word = "the stop" if stopped else "the release"
     raise options.nobody(args, f"no robot answers: {word} was said, and nobody confirmed it")

@@ -9,6 +9,7 @@ import argparse
 import os
 import sys
 from collections.abc import Callable
+from dataclasses import replace
 from importlib.metadata import PackageNotFoundError
 from importlib.metadata import version as installed
 from typing import TYPE_CHECKING, Final
@@ -25,6 +26,7 @@ from armadico.mesh.topology import (
 )
 
 if TYPE_CHECKING:
+    from armadico.cli.places import Place
     from armadico.mesh.zenoh import ZenohMesh
 
 FAILED: Final = 1
@@ -32,6 +34,9 @@ USAGE: Final = 2
 INTERRUPTED: Final = 130
 
 NAMESPACE_VARIABLE: Final = "ARMADICO_NAMESPACE"
+
+HOSTS_VARIABLE: Final = "ARMADICO_HOSTS"
+"""As in `armadico.config.hosts`, which --help does without."""
 
 
 class UsageError(Exception):
@@ -85,16 +90,19 @@ def parser(program: str, description: str, examples: str) -> argparse.ArgumentPa
 def add_mesh_options(made: argparse.ArgumentParser) -> None:
     """The options that say which robot, and how to reach it."""
     mesh = made.add_argument_group("the mesh")
+    add_namespace_option(mesh)
     mesh.add_argument(
-        "--namespace",
-        metavar="NS",
-        default=os.environ.get(NAMESPACE_VARIABLE, DEFAULT_NAMESPACE),
-        help=f"which robot (default: ${NAMESPACE_VARIABLE}, or {DEFAULT_NAMESPACE})",
+        "--host",
+        metavar="H",
+        help="this machine's name in the host table (default: found by its addresses)",
     )
     mesh.add_argument(
-        "--host", metavar="H", help="this machine's name in the host table (default: none needed)"
+        "--hosts",
+        metavar="TABLE",
+        help=f"the host table: a TOML file, or the name of a shipped one, demo or localhost"
+        f" (default: ${HOSTS_VARIABLE} unless --connect or --listen is given; with --host alone,"
+        " localhost; else none is needed)",
     )
-    mesh.add_argument("--hosts", metavar="FILE", help="the host table (default: the shipped one)")
     mesh.add_argument(
         "--connect",
         metavar="ENDPOINT",
@@ -112,20 +120,59 @@ def add_mesh_options(made: argparse.ArgumentParser) -> None:
     )
 
 
+def add_namespace_option(made: argparse._ActionsContainer) -> None:
+    """The option that says which robot."""
+    made.add_argument(
+        "--namespace",
+        metavar="NS",
+        default=os.environ.get(NAMESPACE_VARIABLE, DEFAULT_NAMESPACE),
+        help=f"which robot (default: ${NAMESPACE_VARIABLE}, or {DEFAULT_NAMESPACE})",
+    )
+
+
 def join(args: argparse.Namespace, *, passing: bool = True) -> ZenohMesh:
     """The mesh that the options name, not opened yet; `passing`: as a tool that is soon gone."""
-    here, everywhere = _from_table(args)
-    where = topology(
+    return join_at(args, placed(args, passing=passing), passing=passing)
+
+
+def placed(args: argparse.Namespace, *, passing: bool = True) -> Place | None:
+    """The host table that the options name, and this machine's entry; None without a table.
+
+    Raises ConfigError if they contradict each other, or this machine.
+    """
+    if args.host is None and args.hosts is None and HOSTS_VARIABLE not in os.environ:
+        return None
+    from armadico.cli.places import place  # noqa: PLC0415 - not for --help
+
+    return place(args, passing=passing)
+
+
+def join_at(
+    args: argparse.Namespace,
+    where: Place | None,
+    *,
+    passing: bool = True,
+    patient: bool = False,
+) -> ZenohMesh:
+    """The mesh as it is reached from a place, not opened yet.
+
+    `patient`: as long as it takes, if the place has a router.
+    """
+    chosen = topology(
         listen=args.listen,
         connect=args.connect,
-        host_endpoints=here,
-        all_endpoints=everywhere,
+        host_endpoints=() if where is None else where.endpoints,
+        all_endpoints=() if where is None else where.table.endpoints(),
+        router=None if where is None else where.table.router,
+        multicast=where is not None and where.table.multicast,
         passing=passing,
     )
+    if patient:
+        chosen = replace(chosen, patience_s=float("inf"))
     namespace = checked_namespace(args.namespace)
     from armadico.mesh.zenoh import ZenohMesh  # noqa: PLC0415 - not for --help
 
-    return ZenohMesh(namespace, where)
+    return ZenohMesh(namespace, chosen)
 
 
 def joining(args: argparse.Namespace) -> list[str]:
@@ -136,18 +183,6 @@ def joining(args: argparse.Namespace) -> list[str]:
     given = {"--host": args.host, "--hosts": args.hosts}
     words = [word for option, value in given.items() if value for word in (option, value)]
     return words + [word for endpoint in args.connect for word in ("--connect", endpoint)]
-
-
-def _from_table(args: argparse.Namespace) -> tuple[tuple[str, ...], tuple[str, ...]]:
-    """This host's endpoints and everybody's; none if the host table was not asked for."""
-    if args.host is None and args.hosts is None:
-        return (), ()
-    from armadico.config.hosts import load_hosts  # noqa: PLC0415 - not for --help
-
-    table = load_hosts(args.hosts)
-    if args.host is None:
-        raise UsageError(f"--hosts needs --host, one of: {', '.join(table.hosts)}")
-    return table.host(args.host).endpoints, table.endpoints()
 
 
 def nobody(args: argparse.Namespace, what: str) -> FailedError:

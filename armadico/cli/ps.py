@@ -1,58 +1,140 @@
-"""Show who is there, what they offer and what they hold.
+"""Show who is there, what they offer and hold, and what each host lacks.
 
 Nobody keeps a list: everybody is asked for their card.
 """
 
 from __future__ import annotations
 
+import argparse
 import json
+import time
 from collections.abc import Mapping, Sequence
 from typing import TYPE_CHECKING, Any, Final
 
 from armadico.cli import options
 
 if TYPE_CHECKING:
+    from armadico.census import HostState
+    from armadico.cli.places import Place
+    from armadico.client import Client
     from armadico.messages import Card
 
 EXAMPLES: Final = """\
-  armadico ps                      everybody in this robot's namespace
-  armadico ps --json | jq .        the same, for programs
-  armadico ps --connect tcp/192.168.1.5:7450
+  armadico ps                              everybody in this robot's namespace
+  armadico ps --hosts lab.toml             and what each host of the table lacks
+  armadico ps --host lab1 --hosts lab.toml     that host alone; exit code 1 if it lacks anybody
+  armadico ps --json | jq .hosts           the same, for programs
 """
+
+Cards = Mapping[tuple[str, str], "Card | None"]
 
 
 def main(argv: Sequence[str]) -> int:
-    """Show the agents that are there."""
+    """Show the agents that are there; 1 if nobody is, or the host asked for lacks somebody."""
+    args = _parser().parse_args(argv)
+    where = _place(args)
+    wanted = _wanted(args, where)
+    mesh = options.join_at(args, where)
+    from armadico.census import census  # noqa: PLC0415 - not for --help
+    from armadico.client import Client  # noqa: PLC0415 - not for --help
+
+    with mesh:
+        client = Client(mesh)
+        cards: Cards = (
+            client.cards(args.timeout)
+            if args.host is None
+            else _of_host(client, args.host, wanted[args.host], args.timeout)
+        )
+    answered = [card for card in cards.values() if card is not None]
+    hosts = census(answered, wanted, client.ahead)
+    if args.json:
+        print(json.dumps(_plain(cards, hosts), indent=2))
+    elif args.host is not None:
+        _show_host(hosts[0], cards)
+    else:
+        _show(args, cards, hosts, everyone=where is not None)
+    if args.host is not None:
+        return options.FAILED if hosts[0].lacks else 0
+    return 0 if cards else options.FAILED
+
+
+def _parser() -> argparse.ArgumentParser:
     made = options.parser(
         "armadico ps",
-        "Who is there: from liveliness tokens, and the card that each agent gives when asked.",
+        "Who is there: from liveliness tokens, and the card that each agent gives when asked. With"
+        " a host table also what each host lacks; on the machine where `armadico up` runs that is"
+        " counted by what it started. --host names the host to look at, from any machine.",
         EXAMPLES,
     )
-    made.add_argument("--json", action="store_true", help="a JSON array on stdout")
+    made.add_argument("--json", action="store_true", help="a JSON object on stdout")
     made.add_argument(
         "--timeout",
         type=float,
         default=1.0,
         metavar="S",
-        help="how long an agent may take to answer (default: 1 s)",
+        help="how long an agent may take to answer, or to be seen (default: 1 s)",
     )
     options.add_mesh_options(made)
-    args = made.parse_args(argv)
-    mesh = options.join(args)
-    from armadico.client import Client  # noqa: PLC0415 - not for --help
-
-    with mesh:
-        cards = Client(mesh).cards(args.timeout)
-    if args.json:
-        print(json.dumps([_plain(who, card) for who, card in cards.items()], indent=2))
-    elif cards:
-        _show(cards)
-    else:
-        print(f"nobody is there in namespace {args.namespace!r}")
-    return 0
+    return made
 
 
-def _plain(who: tuple[str, str], card: Card | None) -> dict[str, Any]:
+def _place(args: argparse.Namespace) -> Place | None:
+    """Where this machine is, whichever host is to be looked at. Raises ConfigError."""
+    from armadico.cli.places import wanted  # noqa: PLC0415 - not for --help
+
+    anywhere = argparse.Namespace(**vars(args) | {"host": None, "hosts": wanted(args)})
+    where = options.placed(anywhere)
+    if args.host is not None and where is not None:
+        where.table.host(args.host)
+    return where
+
+
+def _wanted(args: argparse.Namespace, where: Place | None) -> dict[str, tuple[str, ...]]:
+    """The agents of each host to look at: what was started there, if that is known, else all."""
+    from armadico.pidfile import shares  # noqa: PLC0415 - not for --help
+
+    if where is None:
+        return {}
+    hosts = where.table.hosts
+    names = hosts if args.host is None else [args.host]
+    started = {share.host: share.agents for share in shares(args.namespace)}
+    return {name: started.get(name, hosts[name].agents) for name in names}
+
+
+def _of_host(client: Client, host: str, wanted: Sequence[str], timeout: float) -> Cards:
+    """The cards of one host's agents, as soon as all that are wanted are there, or time is up."""
+    found: dict[tuple[str, str], Card | None] = {}
+    deadline = time.monotonic() + timeout
+
+    def new() -> list[tuple[str, str]]:
+        return [who for who in sorted(client.alive) if who[0] in wanted and who not in found]
+
+    while (left := deadline - time.monotonic()) > 0:
+        for name, instance in client.wait_for(new, left) or ():
+            found[name, instance] = client.card(name, instance, max(left, 0.1))
+        here = [card.name for card in found.values() if card is not None and card.host == host]
+        if sorted(here) == sorted(wanted):
+            break
+    return {who: card for who, card in found.items() if card is None or card.host == host}
+
+
+def _plain(cards: Cards, hosts: Sequence[HostState]) -> dict[str, Any]:
+    return {
+        "agents": [_plain_card(who, card) for who, card in cards.items()],
+        "hosts": [
+            {
+                "name": host.name,
+                "state": host.state,
+                "agents": host.agents,
+                "lacks": host.lacks,
+                "clock_s": None if host.clock_s is None else round(host.clock_s, 1),
+            }
+            for host in hosts
+        ],
+    }
+
+
+def _plain_card(who: tuple[str, str], card: Card | None) -> dict[str, Any]:
     name, instance = who
     if card is None:
         return {"name": name, "instance": instance, "answering": False}
@@ -61,26 +143,47 @@ def _plain(who: tuple[str, str], card: Card | None) -> dict[str, Any]:
     return {**plain(card), "answering": True}
 
 
-def _show(cards: Mapping[tuple[str, str], Card | None]) -> None:
+def _show_host(host: HostState, cards: Cards) -> None:
+    silent = [name for (name, _), card in cards.items() if card is None]
+    more = f"; not answering: {', '.join(silent)}" if host.lacks and silent else ""
+    skew = f"; {host.skew}" if host.skew else ""
+    print(f"{host.name}: {host.state}{more}{skew}")
+
+
+def _show(
+    args: argparse.Namespace, cards: Cards, hosts: Sequence[HostState], *, everyone: bool
+) -> None:
     from rich.console import Console  # noqa: PLC0415 - not for --help
     from rich.table import Table  # noqa: PLC0415 - not for --help
 
+    if not cards:
+        print(f"nobody is there in namespace {args.namespace!r}")
     table = Table(box=None, header_style="bold", pad_edge=False)
-    for title in ("AGENT", "INSTANCE", "HOST", "PID", "VERSION", "PROVIDES", "SHARES", "HOLDS"):
+    for title in ("HOST", "AGENT", "INSTANCE", "PID", "VERSION", "PROVIDES", "SHARES", "HOLDS"):
         table.add_column(title, overflow="fold")
-    for (name, instance), card in cards.items():
+    order = {host.name: number for number, host in enumerate(hosts)}
+    for (name, instance), card in sorted(cards.items(), key=lambda row: _place_of(row[1], order)):
         short = instance.removeprefix(f"{name}-")[:8]  # enough for people; --json has it whole
         if card is None:
-            table.add_row(name, short, "not answering", style="red")
+            table.add_row("", name, short, "not answering", style="red")
             continue
         table.add_row(
+            card.host,
             name,
             short,
-            card.host,
             str(card.pid),
             card.version,
             ", ".join(card.provides),
             ", ".join(card.resources),
             ", ".join(card.holds),
         )
-    Console().print(table)
+    if cards:
+        Console().print(table)
+    for host in hosts:
+        if everyone or host.skew:
+            print(f"{host.name}: {host.state}{'; ' if host.skew else ''}{host.skew}")
+
+
+def _place_of(card: Card | None, order: Mapping[str, int]) -> int:
+    """By host, who does not answer last."""
+    return len(order) if card is None else order[card.host]

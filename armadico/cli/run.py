@@ -11,22 +11,32 @@ from contextlib import AbstractContextManager, contextmanager, nullcontext
 from math import isfinite
 from pathlib import Path
 from typing import TYPE_CHECKING, Final
-from urllib.parse import urlsplit
 
 from armadico.cli import options
 from armadico.cli.options import FailedError, UsageError
 
 if TYPE_CHECKING:
     from armadico.config.scenarios import Scenario
+    from armadico.live_run import LiveRun
     from armadico.measures import Result, RunWatch
+    from armadico.mesh.zenoh import ZenohMesh
     from armadico.rehearsal import Rehearsal
     from armadico.society import Options
 
 LINE_S: Final = 2.0
 """How often a line is printed where there is no terminal, s of the run."""
 
-ROBOTS: Final = ("serial", "tcp")
-"""What the address of a robot begins with."""
+STARTING: Final = (
+    "virtual",
+    "seed",
+    "controller",
+    "parameters",
+    "exchange",
+    "runs",
+    "robot",
+    "world",
+)
+"""Options that are for whoever starts the society."""
 
 EXAMPLES: Final = """\
   armadico run sc4                             separate processes on this machine, with a picture
@@ -35,6 +45,7 @@ EXAMPLES: Final = """\
   armadico run --world rooms-a --start 1 1 90 --goal 7 0.7 -90
   armadico run my.toml --controller fast --exchange abrupt --without gothrough
   armadico run sc1 --robot serial:///dev/ttyUSB0
+  armadico run sc4 --attach --hosts lab.toml   the society is up already: armadico up
 """
 
 
@@ -93,6 +104,11 @@ def _parser() -> argparse.ArgumentParser:
     )
     made.add_argument("--rrd", metavar="FILE", type=Path, help="keep a virtual run for rerun")
     made.add_argument("--robot", metavar="URL", help="drive something that is already there")
+    made.add_argument(
+        "--attach",
+        action="store_true",
+        help="start nobody: the society is up, here or elsewhere; Ctrl-C stops the robot only",
+    )
     options.add_mesh_options(made)
     return made
 
@@ -115,10 +131,9 @@ def _scenario(args: argparse.Namespace) -> Scenario:
         )
     if args.robot is not None and args.virtual:
         raise UsageError("--robot drives what is really there; --virtual has its own simulator")
-    if args.robot is not None and urlsplit(args.robot).scheme not in ROBOTS:
-        raise UsageError(
-            f"--robot {args.robot!r}: expected serial:///dev/ttyUSB0 or tcp://HOST:PORT, say"
-        )
+    if args.robot is not None:
+        _check_robot(args.robot)
+    _check_attach(args)
     if args.seed is not None and not 0 <= args.seed < 2**63:
         raise UsageError(f"--seed {args.seed}: from 0 to 2^63 - 1")
     for flag, pose in (("--start", args.start), ("--goal", args.goal)):
@@ -136,6 +151,30 @@ def _scenario(args: argparse.Namespace) -> Scenario:
         )
         scenario = replace(scenario, start=checked.start, goal=checked.goal)
     return _known_agents(args, scenario)
+
+
+def _check_robot(url: str) -> None:
+    """Raises UsageError for what is no address, FailedError if there is no such serial port."""
+    from armadico.config.hosts import robot_fault, serial_port  # noqa: PLC0415 - not for --help
+
+    fault = robot_fault(url)
+    if fault is not None:
+        raise UsageError(f"--robot {url!r}: {fault}")
+    port = serial_port(url)
+    if port is not None and not port.exists():
+        raise FailedError(
+            f"--robot {url}: there is no such port; is the adapter plugged in?"
+            " `armadico doctor` shows the ports that there are"
+        )
+
+
+def _check_attach(args: argparse.Namespace) -> None:
+    for option in STARTING if args.attach else ():
+        if getattr(args, option) not in (None, False):
+            raise UsageError(
+                f"--{option} is for whoever starts the society (armadico up); --attach starts"
+                " nobody"
+            )
 
 
 def _check_pose(flag: str, pose: Sequence[float] | None) -> None:
@@ -194,7 +233,7 @@ def _virtual(
 
 
 def _live(args: argparse.Namespace, scenario: Scenario, chosen: Options) -> tuple[Result, RunWatch]:
-    from armadico.launcher import Launcher, RunFailedError  # noqa: PLC0415
+    from armadico.live_run import RunFailedError  # noqa: PLC0415 - not for --help
     from armadico.rehearsal import MissionRefusedError  # noqa: PLC0415
 
     mesh = options.join(args)
@@ -205,17 +244,31 @@ def _live(args: argparse.Namespace, scenario: Scenario, chosen: Options) -> tupl
         with (
             _dashboard(args, scenario),
             mesh,
-            Launcher(
-                scenario, chosen, mesh, args.namespace, joining=options.joining(args)
-            ) as launcher,
+            _run_on(mesh, args, scenario, chosen) as run,
+            _progress(args, scenario, chosen.seed) as show,
         ):
-            _say(f"{scenario.name}: starting; until it ends well, logs are in {launcher.logs}")
-            with _progress(args, scenario, chosen.seed) as show:
-                return launcher.run(show, _say), launcher.watch
+            return run.run(show, _say), run.watch
     except MissionRefusedError as error:
         raise FailedError(f"{scenario.name}: the mission was refused: {error}") from None
     except RunFailedError as error:
         raise FailedError(str(error)) from None
+
+
+def _run_on(
+    mesh: ZenohMesh, args: argparse.Namespace, scenario: Scenario, chosen: Options
+) -> LiveRun:
+    """The run, with processes of its own or of others."""
+    if args.attach:
+        from armadico.attached import AttachedRun  # noqa: PLC0415 - not for --help
+
+        _say(f"{scenario.name}: by the society in namespace {args.namespace!r}")
+        return AttachedRun(scenario, chosen, mesh)
+    from armadico.launcher import Launcher  # noqa: PLC0415 - not for --help
+
+    joining = options.joining(args)
+    launcher = Launcher(scenario, chosen, mesh, args.namespace, joining=joining)
+    _say(f"{scenario.name}: starting; until it ends well, logs are in {launcher.logs}")
+    return launcher
 
 
 def _recording(args: argparse.Namespace, rehearsal: Rehearsal) -> AbstractContextManager[object]:

@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import re
 import tomllib
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any, TypeVar
 
@@ -28,6 +28,7 @@ __all__ = [
     "load_table",
     "names",
     "parse",
+    "parse_entries",
     "resource_path",
     "set_values",
 ]
@@ -60,8 +61,17 @@ def load(path: Path | str, kind: type[T]) -> T:
 def load_table(path: Path | str, kind: type[T]) -> dict[str, T]:
     """Read a file that is a table of named `kind`s, one `[name]` each. Raises ConfigError."""
     text = read_text(path)
-    entries = document(text, path)
-    return {name: _convert(entry, kind, path, text, (name,)) for name, entry in entries.items()}
+    return parse_entries(document(text, path), kind, path, text)
+
+
+def parse_entries(
+    entries: Mapping[str, Any], kind: type[T], file: Path | str, text: str
+) -> dict[str, T]:
+    """Entries of a file's `text` as `kind`s; one called "" is all of it. Raises ConfigError."""
+    return {
+        name: _convert(entry, kind, file, text, (name,) if name else ())
+        for name, entry in entries.items()
+    }
 
 
 def load_entry(path: Path | str, kind: type[T], name: str) -> T:

@@ -59,19 +59,27 @@ class Scenario(Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):
 def load_scenario(name_or_path: str | Path, radius: float = ROBOT_RADIUS_M) -> Scenario:
     """A shipped scenario by its name, or a TOML file. Raises ConfigError with file and line.
 
-    A world that is a file is looked for beside the scenario's. Every pose must be in the world and
-    at least `radius` (m) from its walls.
+    A world or a robot profile that is a file counts from the scenario's folder. Every pose must be
+    in the world and at least `radius` (m) from its walls.
     """
     path = find("scenarios", name_or_path)
     text = read_text(path)
     scenario = parse(text, Scenario, path)
-    beside = path.parent / scenario.world
-    if beside.suffix and beside.is_file():
-        scenario = replace(scenario, world=str(beside.resolve()))
+    scenario = replace(
+        scenario, world=beside(path, scenario.world), robot=beside(path, scenario.robot)
+    )
     world = _world(scenario, path, text)
     for key, message in _faults(scenario, world, radius):
         raise ConfigError(message, path, line_of(text, key))
     return replace(scenario, name=scenario.name or path.stem)
+
+
+def beside(file: Path, name: str) -> str:
+    """A name in a file as it is to be looked for: a path counts from the file's folder."""
+    path = Path(name)
+    if not path.suffix and path.name == name:
+        return name  # of something that is shipped
+    return str((file.parent / path.expanduser()).resolve())
 
 
 def _world(scenario: Scenario, path: Path, text: str) -> World:

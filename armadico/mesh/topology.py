@@ -18,6 +18,12 @@ WELL_KNOWN = tuple(f"tcp/127.0.0.1:{port}" for port in range(7450, 7454))
 ENDPOINTS_VARIABLE = "ARMADICO_ENDPOINTS"
 """Endpoints, separated by commas, that replace `WELL_KNOWN`: for tests, or a second society."""
 
+ROUTER_S = 3.0
+"""How long a tool that is soon gone waits for the site's router."""
+
+LAST_RANK = 255
+"""Of those that have no well-known endpoint."""
+
 DEFAULT_NAMESPACE = "robot1"
 """The robot that is meant when none is named."""
 
@@ -35,10 +41,14 @@ class Topology:
     """How one process joins the mesh.
 
     `attempts` are sets of endpoints to listen on: the first set of which all are free is bound.
+    A client listens on none; it waits `patience_s` for its router, which a peer never does.
     """
 
     attempts: tuple[tuple[str, ...], ...]
     connect: tuple[str, ...]
+    multicast: bool = False
+    client: bool = False
+    patience_s: float = float("inf")
 
 
 def topology(
@@ -47,6 +57,8 @@ def topology(
     connect: Sequence[str] = (),
     host_endpoints: Sequence[str] = (),
     all_endpoints: Sequence[str] = (),
+    router: str | None = None,
+    multicast: bool = False,
     passing: bool = False,
     environ: Mapping[str, str] = os.environ,
 ) -> Topology:
@@ -57,19 +69,48 @@ def topology(
         connect: Endpoints to connect to, asked for on the command line.
         host_endpoints: This host's well-known endpoints, from the host table.
         all_endpoints: Every host's well-known endpoints, from the host table.
+        router: A site's own router; everybody is its client, and nothing else is connected to.
+        multicast: Look for others by multicast as well.
         passing: A tool that is soon gone: it binds no well-known endpoint.
         environ: Where `ARMADICO_ENDPOINTS` is looked up.
     """
+    if router is not None:
+        patience = ROUTER_S if passing else float("inf")
+        return Topology(((),), _checked((router,)), client=True, patience_s=patience)
     own = _checked(host_endpoints) or _from_environment(environ) or WELL_KNOWN
     seeds = _checked(connect) or _checked(all_endpoints) or own
+    stranger = bool(connect or (all_endpoints and not host_endpoints))  # not in the table
+    attempts = _attempts(_checked(listen), own, None if not stranger else seeds[0], passing)
+    return Topology(attempts, seeds, multicast)
+
+
+def _attempts(
+    listen: tuple[str, ...], own: tuple[str, ...], beside: str | None, passing: bool
+) -> tuple[tuple[str, ...], ...]:
+    """What to bind; `beside` is the seed of who has no endpoints of its own."""
     if listen:
-        return Topology((_checked(listen),), seeds)
-    if connect:
-        return Topology(((_free_port_beside(seeds[0]),),), seeds)
+        return (listen,)
+    if beside is not None:
+        return ((_free_port_beside(beside),),)
     fallback = (any_port(own[0]),)
     if passing:
-        return Topology((fallback,), seeds)
-    return Topology((*((endpoint,) for endpoint in own), fallback), seeds)
+        return (fallback,)
+    return (*((endpoint,) for endpoint in own), fallback)
+
+
+def one_way(listen: Sequence[str], known: Sequence[str]) -> tuple[tuple[str, ...], int]:
+    """Whom a process connects to that listens on `listen`, and its rank from 1 to 255.
+
+    Of any two processes one connects, and tries again for ever. If both did they would meet halfway
+    when a cut heals, and each refuse the other's link as the second one; now and then both links
+    are closed, and Zenoh tries no more. So a well-known endpoint connects to those before it in
+    the table, and who has none to all of them. The larger rank connects, where gossip has a say.
+    """
+    places = [known.index(endpoint) for endpoint in listen if endpoint in known]
+    if not places:
+        return tuple(known), LAST_RANK
+    first = min(places)
+    return tuple(known[:first]), min(first + 1, LAST_RANK - 1)
 
 
 def checked_namespace(name: str) -> str:

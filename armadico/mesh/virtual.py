@@ -6,6 +6,10 @@ another arrives in order. Equal instants run in order of a sequence number. Each
 agent draws from its own stream, derived from the seed and its name, so adding an agent leaves the
 others' noise as it was and comparisons are paired. A publication is encoded once, decoded once, and
 shared frozen.
+
+Faults: links that are slow, lossy, cut, or worse (`virtual_network`); processes that die, hang, are
+slow, return or have a twin, and clocks of their own. Who is out of reach for longer than the lease
+is taken for gone, and found again some time after the cut has healed, as on the live mesh.
 """
 
 from __future__ import annotations
@@ -13,84 +17,26 @@ from __future__ import annotations
 import heapq
 import random
 from collections.abc import Callable, Sequence
-from typing import Any, Protocol
+from typing import Any
 
-from armadico.agent import Agent, Answer, AskFor, DeviceAgent, Identity, Publish, Question, Write
-from armadico.mailbox import Mailbox
+from armadico.agent import Agent, Answer, AskFor, DeviceAgent, Identity, Publish, Write
+from armadico.mesh.virtual_network import Clock, Link
+from armadico.mesh.virtual_node import Device, Node, Port
+from armadico.mesh.virtual_presence import Presence
+from armadico.mesh.virtual_questions import Questions
 from armadico.messages import Message, decode, encode
 from armadico.services import Kind, service_of
 
-DELAY_MEDIAN = 0.0006
-DELAY_SPREAD = 0.45
-"""Log-normal: median in s and sigma, as measured between processes on one machine at 10 Hz."""
+BURST = 1024
+"""After so many deliveries a slow process's wake-up fires, whatever else waits."""
 
-LIVELINESS = 0.003
-"""How long after a process is killed the others hear of it, s: the socket closes at once."""
+LOOK_AGAIN = 0.02
+"""How often a wake-up tries whether a process that hangs or is busy can take it, s."""
+
+ROUNDING = 1e-9
+"""A wake-up this little before its time, s, by a clock of its own, is in time."""
 
 Watcher = Callable[[str, Message, float], None]
-
-
-class Device(Protocol):
-    """What stands behind a device agent's port in memory: bytes and the time in, bytes out."""
-
-    def receive(self, data: bytes, now: float) -> None:
-        """Bytes from the agent."""
-
-    def advance(self, now: float) -> bytes:
-        """Live up to this time; what it says meanwhile."""
-
-    @property
-    def due(self) -> float:
-        """When it next has something to say, s."""
-
-
-class Link:
-    """One direction between two processes."""
-
-    __slots__ = ("delay", "last", "loss", "rng", "up")
-
-    def __init__(self, rng: random.Random) -> None:
-        self.rng = rng
-        self.last = 0.0
-        self.up = True
-        self.loss = 0.0
-        self.delay = 0.0  # s, on top of the usual
-
-    def arrival(self, now: float) -> float | None:
-        """When something sent now arrives, s; None if it is lost."""
-        if not self.up or (self.loss and self.rng.random() < self.loss):
-            return None
-        at = now + self.delay + DELAY_MEDIAN * self.rng.lognormvariate(0.0, DELAY_SPREAD)
-        self.last = max(at, self.last)
-        return self.last
-
-
-class Node:
-    """One agent's process on the virtual mesh."""
-
-    def __init__(self, agent: Agent, mesh: VirtualMesh) -> None:
-        self.agent = agent
-        self.name = agent.name
-        self.mailbox = Mailbox()
-        self.alive = True
-        self.hung = False
-        self.wake_due: float | None = None
-        self.device: Device | None = None
-        self.there: set[str] = set()  # instances that it knows of
-        self._mesh = mesh
-
-    def kill(self) -> None:
-        """SIGKILL: it says nothing more, and its token goes."""
-        self._mesh.kill(self)
-
-    def hang(self) -> None:
-        """SIGSTOP: what arrives waits, its token stays."""
-        self.hung = True
-
-    def resume(self) -> None:
-        """SIGCONT: everything that waited arrives in a burst."""
-        self.hung = False
-        self._mesh.flush(self)
 
 
 class VirtualMesh:
@@ -106,9 +52,10 @@ class VirtualMesh:
         self._links: dict[tuple[str, str], Link] = {}
         self._subscribers: dict[type[Message], list[Node]] = {}
         self._watchers: dict[type[Message], list[Watcher]] = {}
-        self._questions: dict[int, tuple[Node | None, int, type[Message]]] = {}
-        self._client_replies: dict[int, Callable[[Message | None], None]] = {}
-        self._question_ids = 0
+        self.joined: Callable[[Node], None] | None = None  # told of each node that is added
+        self._ports: list[Port] = []
+        self._presence = Presence(self)
+        self._questions = Questions(self)
 
     # Building ------------------------------------------------------------------------------------
 
@@ -121,16 +68,18 @@ class VirtualMesh:
         rng = self.stream(f"agent/{name}/{start}")
         return Identity(f"{name}-{rng.getrandbits(64):016x}", "virtual", 0, "virtual", rng)
 
-    def add(self, agent: Agent, device: Device | None = None) -> Node:
-        """A process joins, now."""
-        node = Node(agent, self)
+    def add(self, agent: Agent, device: Device | None = None, clock: Clock | None = None) -> Node:
+        """A process joins, now; a device that another had open is its own from now on."""
+        node = Node(agent, self, clock)
         self.nodes.append(node)
         for kind in agent.subscriptions():
             self._subscribers.setdefault(kind, []).append(node)
         if device is not None:
             node.device = device
-            self.call_at(self.now, self._device_due, node)
+            self._plug(device, node)
         self.call_at(self.now, self._start, node)
+        if self.joined is not None:
+            self.joined(node)
         return node
 
     def watch(self, watcher: Watcher, *kinds: type[Message]) -> None:
@@ -149,6 +98,12 @@ class VirtualMesh:
         """Say something from outside the society, as a command-line tool would."""
         self._publish(sender, Publish(key or service_of(type(message)).key, message))
 
+    def arrive(self, message: Message, name: str) -> None:
+        """Have something arrive, now, that was said to an agent of this name long ago."""
+        for node in self._subscribers.get(type(message), ()):
+            if node.name == name:
+                self.call_at(self.now, self._deliver, node, message)
+
     def ask(
         self,
         request: Message,
@@ -159,7 +114,7 @@ class VirtualMesh:
         service = service_of(type(request))
         assert service.reply is not None, f"{service.key} is not a query"
         ask = AskFor(0, service.key, request, service.reply, timeout)
-        self._put_question(None, ask, "client", then)
+        self._questions.put(None, ask, then)
 
     # Running -------------------------------------------------------------------------------------
 
@@ -196,103 +151,143 @@ class VirtualMesh:
         for subscribers in self._subscribers.values():
             if node in subscribers:
                 subscribers.remove(node)
-        for other in self.nodes:
-            if other.alive:
-                self.call_at(self.now + LIVELINESS, self._gone, other, node)
+        self._presence.killed(node)
+
+    def leave(self, node: Node) -> None:
+        """Have a process end in order."""
+        node.agent.stop(node.time)
+        self._drain(node)
+        self.kill(node)
+
+    def hang(self, node: Node) -> None:
+        """Stop a process; what arrives waits for it."""
+        if not node.hung:
+            node.hung = True
+            self._presence.hung(node)
+
+    def resume(self, node: Node) -> None:
+        """Let a process go on, with all that waited for it."""
+        node.hung = False
+        self.flush(node)
+        self._presence.woken(node)
+
+    def slow_down(self, node: Node, work_s: float) -> None:
+        """Have a process need so long for each delivery, s; 0 is as fast as ever."""
+        node.work_s = work_s
+        if not work_s:
+            self.flush(node)
+
+    def cut(self, sources: Sequence[str], targets: Sequence[str], *, lease: bool = False) -> None:
+        """What some agents say no longer reaches others; both by name (`Presence.cut`)."""
+        self._presence.cut(sources, targets, lease=lease)
+
+    def heal(self, sources: Sequence[str], targets: Sequence[str]) -> None:
+        """Undo a cut."""
+        self._presence.heal(sources, targets)
 
     def flush(self, node: Node) -> None:
         """Hand a node what waited for it."""
-        while not node.hung and (item := node.mailbox.take()):
+        while not node.hung and not node.busy and (item := node.mailbox.take()):
             item()
 
     # Inside --------------------------------------------------------------------------------------
 
     def _start(self, node: Node, _: Any) -> None:
+        if not node.alive:
+            return
         agent = node.agent
-        agent.start(self.now)
+        agent.start(node.time)
         if isinstance(agent, DeviceAgent) and node.device is not None:
-            agent.take_link(True, "", self.now)
+            agent.take_link(True, "", node.time)
         self._drain(node)
-        for other in self.nodes:
-            if other.alive and other is not node:
-                self._later(node.name, other, self._appear, node)
-                self._later(other.name, node, self._appear, other)
+        self._presence.join(node)
 
-    def _later(self, source: str, node: Node, call: Callable[[Any, Any], None], what: Any) -> None:
+    def later(self, source: str, node: Node, call: Callable[[Any, Any], None], what: Any) -> None:
+        """Have something happen to a node once it has come over the network from a source."""
         at = self.link(source, node.name).arrival(self.now)
         if at is not None:
             self.call_at(at, call, node, what)
 
-    def _appear(self, node: Node, other: Node) -> None:
-        instance = other.agent.instance
-
-        def deliver() -> None:
-            if instance not in node.there:
-                node.there.add(instance)
-                node.agent.appeared(other.name, instance, self.now)
-                self._drain(node)
-
-        if other.alive:
-            self._hand(node, deliver)
-
-    def _gone(self, node: Node, other: Node) -> None:
-        instance = other.agent.instance
-
-        def deliver() -> None:
-            if instance in node.there:
-                node.there.remove(instance)
-                node.agent.disappeared(other.name, instance, self.now)
-                self._drain(node)
-
-        self._hand(node, deliver)
-
-    def _hand(self, node: Node, deliver: Callable[[], None]) -> None:
-        """Deliver an event, or keep it while the node hangs."""
+    def hand(self, node: Node, deliver: Callable[[], None]) -> None:
+        """Deliver an event, or keep it while the node hangs or is busy."""
         if not node.alive:
             return
-        if node.hung:
-            node.mailbox.put_event(deliver)
+        if node.hung or node.work_s:
+            node.mailbox.put_event(lambda: self._through(node, deliver))
+            self._work(node)
         else:
+            self._through(node, deliver)
+
+    def _through(self, node: Node, deliver: Callable[[], None]) -> None:
+        if node.alive:
             deliver()
+            self._drain(node)
 
     def _deliver(self, node: Node, message: Message) -> None:
         if not node.alive:
             return
-        if node.hung:
+        if node.hung or node.work_s:
             self._keep(node, message)
             return
         agent = node.agent
-        agent.receive(message, self.now)
+        agent.receive(message, node.time)
         if agent.outbox:
             self._drain(node)
         else:
-            self._mind_wakeup(node)
+            self.mind_wakeup(node)
 
     def _keep(self, node: Node, message: Message) -> None:
         service = service_of(type(message))
 
         def deliver() -> None:
-            self._deliver(node, message)
+            if node.alive:
+                node.agent.receive(message, node.time)
+                self._drain(node)
 
         if service.kind is Kind.STATE:
             node.mailbox.put_state(service.key, deliver)
         else:
             node.mailbox.put_event(deliver)
+        self._work(node)
+
+    def _work(self, node: Node) -> None:
+        """A slow process takes one thing after another; what it says comes at the end of each."""
+        while not (node.busy or node.hung) and (item := node.mailbox.take()):
+            node.worked += 1
+            item()
+
+    def _worked(self, node: Node, out: list[Any]) -> None:
+        node.busy = False
+        if node.hung:  # it goes on where it was
+            node.mailbox.put_event(lambda: self._send(node, out))
+        elif node.alive:
+            self._send(node, out)
+            if node.worked >= BURST:
+                self._wake(node, node.wake_due or 0.0)
+            self._work(node)
+            self.mind_wakeup(node)
 
     def _drain(self, node: Node) -> None:
-        """Send what an agent has put into its outbox."""
+        """Send what an agent has put into its outbox, at once or when its work is done."""
         agent = node.agent
         out, agent.outbox = agent.outbox, []
+        if node.work_s and node.alive:
+            node.busy = True
+            self.call_at(self.now + node.work_s, self._worked, node, out)
+        else:
+            self._send(node, out)
+            self.mind_wakeup(node)
+
+    def _send(self, node: Node, out: list[Any]) -> None:
         for item in out:
             if isinstance(item, Publish):
                 self._publish(node.name, item, node)
             elif isinstance(item, Write):
                 self._later_device(node, item.data)
             elif isinstance(item, AskFor):
-                self._put_question(node, item, node.name, None)
+                self._questions.put(node, item)
             elif isinstance(item, Answer):
-                self._route_answer(node, item)
-        self._mind_wakeup(node)
+                self._questions.answer(node, item)
 
     def _publish(self, sender: str, item: Publish, speaker: Node | None = None) -> None:
         """Send to everybody but the speaker, to another instance of the same agent too."""
@@ -301,19 +296,28 @@ class VirtualMesh:
         shared = decode(encode(message), kind)
         for watcher in self._watchers.get(kind, ()):
             watcher(item.key, shared, self.now)
+        if speaker is not None and speaker.lost:
+            return
         now, links = self.now, self._links
         for node in self._subscribers.get(kind, ()):
-            if node is speaker:
+            if node is speaker or node.lost:
                 continue
             link = links.get((sender, node.name)) or self.link(sender, node.name)
             at = link.arrival(now)
-            if at is not None:
+            while at is not None:
                 self._sequence += 1
                 heapq.heappush(self._heap, (at, self._sequence, self._deliver, node, shared))
+                at = link.again(at) if link.duplicate else None
 
-    def _mind_wakeup(self, node: Node) -> None:
-        due = node.agent.wakeup
-        if due is not None and (node.wake_due is None or due < node.wake_due):
+    def mind_wakeup(self, node: Node, *, anew: bool = False) -> None:
+        """See that a node is woken when its agent wants it; `anew`: its clock has changed."""
+        if anew:
+            node.wake_due = None
+        wanted = node.agent.wakeup
+        if wanted is None or not node.alive:
+            return
+        due = node.when(wanted)
+        if node.wake_due is None or due < node.wake_due:
             node.wake_due = due
             self.call_at(max(due, self.now), self._wake, node, due)
 
@@ -323,105 +327,57 @@ class VirtualMesh:
         node.wake_due = None
         if not node.alive:
             return
-        if node.hung:
-            node.wake_due = self.now + 0.1
+        if node.hung or (node.busy and node.worked < BURST):
+            node.wake_due = self.now + LOOK_AGAIN
             self.call_at(node.wake_due, self._wake, node, node.wake_due)
             return
-        node.agent.wake(self.now)
+        now, wanted = node.time, node.agent.wakeup
+        if wanted is not None and now < wanted < now + ROUNDING:
+            now = wanted
+        node.worked = 0
+        node.agent.wake(now)
         self._drain(node)
-
-    # Queries -------------------------------------------------------------------------------------
-
-    def _put_question(
-        self,
-        node: Node | None,
-        ask: AskFor,
-        sender: str,
-        then: Callable[[Message | None], None] | None,
-    ) -> None:
-        self._question_ids += 1
-        number = self._question_ids
-        self._questions[number] = (node, ask.id, ask.reply)
-        if then is not None:
-            self._client_replies[number] = then
-        request = decode(encode(ask.request), type(ask.request))
-        for other in self.nodes:
-            if other.alive and answers(other.agent, ask.key, request):
-                self._later(sender, other, self._ask, Question(number, request))
-        self.call_at(self.now + ask.timeout, self._answered, number, None)
-
-    def _ask(self, node: Node, question: Question) -> None:
-        def deliver() -> None:
-            node.agent.asked(question, self.now)
-            self._drain(node)
-
-        self._hand(node, deliver)
-
-    def _route_answer(self, node: Node, answer: Answer) -> None:
-        found = self._questions.get(answer.id)
-        if found is None:
-            return
-        asker, _, reply = found
-        message = decode(encode(answer.message), reply)
-        target = "client" if asker is None else asker.name
-        at = self.link(node.name, target).arrival(self.now)
-        if at is not None:
-            self.call_at(at, self._answered, answer.id, message)
-
-    def _answered(self, number: int, message: Message | None) -> None:
-        found = self._questions.pop(number, None)
-        if found is None:
-            return
-        node, ask_id, _ = found
-        if node is None:
-            self._client_replies.pop(number)(message)
-            return
-
-        def deliver() -> None:
-            node.agent.replied(ask_id, message, self.now)
-            self._drain(node)
-
-        self._hand(node, deliver)
 
     # Devices -------------------------------------------------------------------------------------
 
+    def _plug(self, device: Device, node: Node) -> None:
+        for port in self._ports:
+            if port.device is device:
+                port.node = node
+                return
+        port = Port(device, node)
+        self._ports.append(port)
+        self.call_at(self.now, self._device_due, port)
+
     def _later_device(self, node: Node, data: bytes) -> None:
-        at = self.link(node.name, "device").arrival(self.now)
+        link = self.link(node.name, "device")
+        at = link.arrival(self.now)
         if at is not None:
-            self.call_at(at, self._device_receives, node, data)
+            self.call_at(at, self._device_receives, node, link.spoil(data))
 
     def _device_receives(self, node: Node, data: bytes) -> None:
-        if node.device is not None:
-            self._from_device(node, node.device.advance(self.now))
-            node.device.receive(data, self.now)
+        for port in self._ports:
+            if port.device is node.device:
+                self._from_device(port, port.device.advance(self.now))
+                port.device.receive(data, self.now)
 
-    def _device_due(self, node: Node, _: Any) -> None:
-        device = node.device
-        if device is None:
-            return
-        self._from_device(node, device.advance(self.now))
-        self.call_at(max(device.due, self.now + 1e-6), self._device_due, node)
+    def _device_due(self, port: Port, _: Any) -> None:
+        device = port.device
+        self._from_device(port, device.advance(self.now))
+        self.call_at(max(device.due, self.now + 1e-6), self._device_due, port)
 
-    def _from_device(self, node: Node, data: bytes) -> None:
+    def _from_device(self, port: Port, data: bytes) -> None:
+        node = port.node
         if data and node.alive:
-            at = self.link("device", node.name).arrival(self.now)
+            link = self.link("device", node.name)
+            at = link.arrival(self.now)
             if at is not None:
-                self.call_at(at, self._bytes, node, data)
+                self.call_at(at, self._bytes, node, link.spoil(data))
 
     def _bytes(self, node: Node, data: bytes) -> None:
         agent = node.agent
         assert isinstance(agent, DeviceAgent), f"{node.name} owns no device"
-
-        def deliver() -> None:
-            agent.take_bytes(data, self.now)
-            self._drain(node)
-
-        self._hand(node, deliver)
-
-
-def answers(agent: Agent, key: str, request: Message) -> bool:
-    """Whether an agent answers a query on a key."""
-    return type(request) in agent.answers and service_of(type(request)).key == key
+        self.hand(node, lambda: agent.take_bytes(data, node.time))
 
 
 def cards(nodes: Sequence[Node]) -> list[Message]:

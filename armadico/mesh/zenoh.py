@@ -9,6 +9,7 @@ from __future__ import annotations
 
 import json
 import logging
+import secrets
 import threading
 import time
 from collections import Counter
@@ -18,7 +19,8 @@ from typing import Any, Final, TypeVar
 
 import zenoh
 
-from armadico.mesh.topology import MeshError, Topology
+from armadico.mesh.linger import release_links
+from armadico.mesh.topology import MeshError, Topology, one_way
 from armadico.messages import Message, MessageError, decode, encode
 from armadico.services import TOKEN
 
@@ -35,11 +37,14 @@ CLOSE_S: Final = 1.0
 REPORT_S: Final = 5.0
 """What is refused is reported at most so often."""
 
+ATTEMPT_MS: Final = 1000
+"""How long one attempt to reach a router goes on."""
+
 SETTINGS: Final[dict[str, Any]] = {
     "mode": "peer",
     "scouting/multicast/enabled": False,
     "scouting/gossip/enabled": True,
-    # Either end may connect; the greater id does, so that a pair shares one link.
+    # One end of a pair connects: the greater id, which `one_way` makes the later in the table too.
     "scouting/gossip/autoconnect_strategy": {
         "peer": {"to_router": "always", "to_peer": "greater-zid"}
     },
@@ -51,6 +56,8 @@ SETTINGS: Final[dict[str, Any]] = {
         "period_max_ms": 500,
         "period_increase_factor": 1.5,
     },
+    # Or an attempt that began while a cable was out goes on for 10 s, less and less often.
+    "transport/unicast/open_timeout": 2000,
     "transport/shared_memory/enabled": False,
     "timestamping/enabled": False,
     # Seeds that are not there yet are no reason to wait: links come up in the background.
@@ -104,16 +111,44 @@ class ZenohMesh:
     # Joining and leaving -------------------------------------------------------------------------
 
     def open(self) -> None:
-        """Join. Raises `MeshError` if none of the endpoints can be listened on."""
+        """Join. Raises `MeshError` if none of the endpoints can be listened on, or no router comes.
+
+        Peers that are not there yet are no reason to wait, nor to fail: they come in any order.
+        """
+        if self._where.client:
+            self._attach()
+        else:
+            self._listen()
+        links = _direct(lambda _event: release_links())
+        self._keep(self._open.info.declare_link_events_listener(links, history=True))
+
+    def _listen(self) -> None:
+        """Bind the first endpoints that are free."""
         failures = []
         for endpoints in self._where.attempts:
             try:
                 self._session = zenoh.open(self._config(endpoints))
             except zenoh.ZError as error:
-                failures.append(f"{', '.join(endpoints)}: {_first_line(error)}")
+                failures.append(f"{', '.join(endpoints)}: {_reason(error)}")
             else:
                 return
         raise MeshError("cannot listen on " + "; ".join(failures))
+
+    def _attach(self) -> None:
+        """Wait for the router, which may come after its clients."""
+        end = time.monotonic() + self._where.patience_s
+        said = False
+        while self._session is None:
+            try:
+                self._session = zenoh.open(self._config(()))
+            except zenoh.ZError:
+                if not said:
+                    logger.warning("waiting for the router %s", ", ".join(self._where.connect))
+                said = True
+                if time.monotonic() >= end:
+                    raise MeshError(
+                        f"no router answers at {', '.join(self._where.connect)}"
+                    ) from None
 
     def close(self, deadline: float = CLOSE_S) -> bool:
         """Leave; False if that took longer than `deadline` (s), and goes on by itself."""
@@ -123,8 +158,9 @@ class ZenohMesh:
         for token in self._tokens.values():
             token.undeclare()  # type: ignore[no-untyped-call]
         self._tokens.clear()
-        # Closing may block for long, and there is no time-out to give it.
-        closing = threading.Thread(target=session.close, name="closing", daemon=True)
+        # Closing may block for long, and there is no time-out to give it. The end of a program
+        # waits for it: a thread that comes back to an interpreter that has ended aborts it.
+        closing = threading.Thread(target=session.close, name="closing")
         closing.start()
         closing.join(deadline)
         return not closing.is_alive()
@@ -251,15 +287,25 @@ class ZenohMesh:
 
     def _config(self, listen: tuple[str, ...]) -> zenoh.Config:
         config = zenoh.Config()
-        connect = [endpoint for endpoint in self._where.connect if endpoint not in listen]
-        own = {
+        connect, rank = one_way(listen, self._where.connect)
+        own: dict[str, Any] = {
+            "id": _session_id(rank),
             "namespace": self.namespace,
             "listen/endpoints": list(listen),
-            "connect/endpoints": connect,
+            "connect/endpoints": list(connect),
         }
+        if self._where.client:
+            own |= {"mode": "client", "connect/timeout_ms": ATTEMPT_MS}
+        if self._where.multicast:
+            own |= {"scouting/multicast/enabled": True}
         for key, value in (SETTINGS | own).items():
             config.insert_json5(key, json.dumps(value))
         return config
+
+
+def _session_id(rank: int) -> str:
+    """A new id, hexadecimal. Zenoh compares ids by the last byte first: that is the rank."""
+    return f"{secrets.randbits(120) | 1 << 119:030x}{rank:02x}"
 
 
 def _direct(callback: Callable[[Any], None]) -> Any:
@@ -267,5 +313,17 @@ def _direct(callback: Callable[[Any], None]) -> Any:
     return zenoh.handlers.Callback(callback, indirect=False)
 
 
-def _first_line(error: Exception) -> str:
-    return str(error).partition(" at /")[0].partition("\n")[0]
+REASONS: Final = {
+    "address already in use": "another process has that port; name one that is free, or none",
+    "cannot assign requested address": "that is no address of this machine",
+    "permission denied": "ports below 1024 are not for everybody",
+}
+"""What the system says when it cannot listen, in words that help."""
+
+
+def _reason(error: Exception) -> str:
+    said = str(error)
+    for system, words in REASONS.items():
+        if system in said.lower():
+            return words
+    return said.partition(" at /")[0].partition("\n")[0]

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from enum import Enum
 
 from armadico.config.profile import SonarRing
 
@@ -11,14 +12,23 @@ ARRAY_SIZE = 8
 ALL = (1 << ARRAYS) - 1
 
 
+class Broken(Enum):
+    """A fault of the sonar board, made on purpose."""
+
+    SILENT = "no sonar fires"
+    REPEATING = "each sonar says again what it heard last"
+
+
 class Firing:
     """Pings the sonars in their order, one of each array a turn."""
 
     def __init__(self, ring: SonarRing, ping: Callable[[int], float | None]) -> None:
         self.arrays = 0  # bits 0 to 3: array 1 to 4 is on
+        self.broken: Broken | None = None
         self._ring = ring
         self._ping = ping
         self._heard: dict[int, float] = {}
+        self._last: dict[int, float] = {}
         self._turn = 0
         self._orders: list[tuple[int, ...]] = []
         self.restore_order()
@@ -45,8 +55,12 @@ class Firing:
         for array, order in enumerate(self._orders):
             if order and self.arrays >> array & 1:
                 index = order[self._turn % len(order)]
-                heard = self._ping(index)
-                self._heard[index] = self._ring.max_m if heard is None else heard
+                if self.broken is Broken.SILENT:
+                    continue
+                if self.broken is not Broken.REPEATING or index not in self._last:
+                    heard = self._ping(index)
+                    self._last[index] = self._ring.max_m if heard is None else heard
+                self._heard[index] = self._last[index]
         self._turn += 1
 
     def take(self) -> tuple[tuple[int, float], ...]:

@@ -21,7 +21,7 @@ from armadico.bridge.p2os.configuration import (
 )
 from armadico.bridge.p2os.packets import Decoder, encode
 from armadico.bridge.p2os.status import Status, encode_status
-from armadico.bridge.simulator.firing import ALL, Firing
+from armadico.bridge.simulator.firing import ALL, Broken, Firing
 from armadico.bridge.simulator.motion import LIMITS, MOTIONS, Motion, Plant, SpeedLoops
 from armadico.config.profile import RobotProfile
 
@@ -66,6 +66,10 @@ class Microcontroller:
     def next_status_s(self) -> float:
         """Simulation time of the next status packet, s; infinite while no client has it open."""
         return self._next_status * self._plant.step_s if self._open else inf
+
+    def break_sonars(self, how: Broken | None) -> None:
+        """Have the sonar board fail from now on, or work again."""
+        self._firing.broken = how
 
     def receive(self, data: bytes) -> None:
         """Take in what the client wrote; it takes effect at once, at the time reached."""

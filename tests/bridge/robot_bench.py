@@ -55,7 +55,8 @@ class Bench:
     def status(self, **fields: object) -> RobotState:
         """A status packet, and the robot/state that comes of it."""
         plain = {"x_m": self.x_m, "y_m": 0, "theta_rad": 0, "left_m_s": 0, "right_m_s": 0}
-        status = Status(**(plain | {"battery_v": 12.5} | fields))  # type: ignore[arg-type]
+        plain |= {"battery_v": 12.5, "echoes": ((3, 2.0),)}
+        status = Status(**(plain | fields))  # type: ignore[arg-type]
         self.answer(encode(encode_status(status, PROFILE.p2os)))
         return self.state()
 

@@ -70,6 +70,18 @@ def test_a_status_packet_becomes_state_and_echoes_in_si_units(ready: Bench) -> N
     assert ahead.range is None  # nothing within reach
 
 
+def test_a_frame_in_which_no_sonar_fired_brings_none_and_it_says_so_once(ready: Bench) -> None:
+    before = sum(isinstance(m, Sonar) for _, m in ready.said)
+    frames = sum(isinstance(m, RobotState) for _, m in ready.said)
+    for _ in range(9):
+        ready.status(echoes=())
+    assert sum(isinstance(m, RobotState) for _, m in ready.said) == frames + 9
+    assert sum(isinstance(m, Sonar) for _, m in ready.said) == before
+    assert sum("no sonar has fired" in text for text in ready.logs()) == 1
+    ready.status()
+    assert sum(isinstance(m, Sonar) for _, m in ready.said) == before + 1
+
+
 def test_it_does_not_move_before_it_has_listened_for_three_frames(bench: Bench) -> None:
     bench.connect()
     for _ in range(LISTEN):
@@ -150,6 +162,21 @@ def test_300_ms_without_a_valid_command_and_it_orders_a_stop(ready: Bench) -> No
     stopped = [at for at, n, value in ready.written if n == Cmd.VEL and value == 0 and at > began]
     assert stopped[0] - began == pytest.approx(STOP_AFTER_S, abs=2 * TICK)
     assert any("no valid command" in text for text in ready.logs())
+
+
+def test_a_stop_that_the_line_lost_is_ordered_again_until_the_wheels_rest(ready: Bench) -> None:
+    ready.command(0.3)
+    ready.let_pass(0.5)
+    assert ready.speeds()[-1] == 0
+    for _ in range(3):
+        before = ready.now
+        ready.let_pass(0.1)
+        ready.status(left_m_s=0.3, right_m_s=0.3)
+        assert ready.speeds(before + TICK) == [0]
+    before = ready.now
+    ready.let_pass(0.1)
+    ready.status(left_m_s=0.01, right_m_s=0.0)
+    assert ready.speeds(before + TICK) == []
 
 
 def test_refused_commands_do_not_put_the_stop_off(ready: Bench) -> None:

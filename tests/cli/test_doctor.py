@@ -24,16 +24,23 @@ def returned(findings: Generator[doctor.Finding, None, set[str]]) -> set[str]:
             return names
 
 
-@pytest.mark.parametrize("machines", [set(), {"lab1"}])
-def test_one_machine_has_one_clock(machines: set[str]) -> None:
-    assert doctor.clocks(machines).verdict == "ok"
+@pytest.mark.parametrize("offsets", [{}, {"lab1": None}, {"lab1": 0.4, "lab2": -1.9}])
+def test_clocks_that_agree_or_of_one_machine_are_well(offsets: dict[str, float | None]) -> None:
+    assert doctor.clocks(offsets).verdict == "ok"
 
 
-def test_skew_between_machines_is_said_to_be_unknown_and_how_to_know_it() -> None:
-    finding = doctor.clocks({"lab2", "lab1"})
+def test_a_clock_that_is_off_is_named_with_how_far_and_what_to_do() -> None:
+    finding = doctor.clocks({"lab2": 3600.2, "lab1": 0.1, "lab3": -5.0})
     assert finding.verdict == "note"
-    assert "between lab1, lab2 is not known" in finding.what
+    assert "lab2's +3600 s, lab3's -5 s" in finding.what
+    assert "lab1" not in finding.what
     assert "chronyc" in finding.todo
+
+
+def test_the_clock_of_a_host_that_does_not_answer_is_not_known() -> None:
+    finding = doctor.clocks({"lab1": 0.0, "lab2": None})
+    assert finding.verdict == "note"
+    assert "of lab2 not known" in finding.what
 
 
 def test_the_machines_are_those_of_the_host_table(tmp_path: Path) -> None:

@@ -71,10 +71,16 @@ def start(environment: dict[str, str]) -> Iterator[Start]:
         yield call
 
 
+def agents(done: subprocess.CompletedProcess[str]) -> list[dict[str, Any]]:
+    """The agents that `ps --json` says are there."""
+    rows: list[dict[str, Any]] = json.loads(done.stdout)["agents"]
+    return rows
+
+
 def who(run: Run, *names: str) -> dict[str, Any]:
     """The rows of `ps`, asked again until all of these are there and answer."""
     for _ in range(30):
-        rows = {row["name"]: row for row in json.loads(run("ps", "--json").stdout)}
+        rows = {row["name"]: row for row in agents(run("ps", "--json"))}
         if set(names) <= set(rows) and all(row["answering"] for row in rows.values()):
             return rows
     raise AssertionError(f"{names} did not come: {rows}")
@@ -90,14 +96,16 @@ def robot(start: Start) -> None:
 
 
 def test_ps_shows_who_is_there_and_marks_who_does_not_answer(run: Run, start: Start) -> None:
-    assert json.loads(run("ps", "--json").stdout) == []
+    nobody = run("ps", "--json")
+    assert agents(nobody) == []
+    assert nobody.returncode == 1
     process = start("armadico-agent", "encoder")
     row = who(run, "encoder")["encoder"]
     assert row["pid"] == process.pid
     assert row["provides"] == ["encoder/pose"]
     assert "encoder/pose" in run("ps").stdout
     process.send_signal(signal.SIGSTOP)
-    rows = json.loads(run("ps", "--json", "--timeout", "0.2").stdout)
+    rows = agents(run("ps", "--json", "--timeout", "0.2"))
     # The token stays until the lease is over; never is it shown as answering.
     assert [row["answering"] for row in rows] in ([False], [])
 

@@ -9,7 +9,7 @@ from pathlib import Path
 import pytest
 
 from armadico.config.errors import ConfigError
-from armadico.config.loading import names
+from armadico.config.loading import names, resource_path
 from armadico.config.scenarios import (
     ROBOT_RADIUS_M,
     SOCIETY,
@@ -169,7 +169,7 @@ def test_a_world_may_lie_beside_the_scenario(tmp_path: Path) -> None:
     ("old", "new", "message"),
     [
         ('"sc4"', '"sc44"', "own.toml:1: no world 'sc44'; did you mean 'sc4'? (known: empty, "),
-        ('"sc4"', '"x.map"', "own.toml:1: no file 'x.map'; shipped worlds: empty, "),
+        ('"sc4"', '"x.map"', "x.map'; shipped worlds: empty, "),
         (
             "start = [1, 1, 0]",
             "start = [1, 0.1, 0]",
@@ -214,6 +214,24 @@ def test_a_fault_is_named_with_file_line_and_advice(
     with pytest.raises(ConfigError) as caught:
         load_scenario(own(tmp_path, OWN.replace(old, new, 1)))
     assert message in str(caught.value)
+
+
+def test_files_count_from_the_scenarios_folder_not_from_where_it_is_run(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    there, here = tmp_path / "there", tmp_path / "here"
+    for folder in (there, here):
+        folder.mkdir()
+        (folder / "mine.map").write_bytes(resource_path("worlds", "sc4").read_bytes())
+    (there / "mine.toml").write_bytes(resource_path("robots", "pioneer-2dx").read_bytes())
+    text = OWN.replace('"sc4"', '"mine.map"').replace("plan =", 'robot = "./mine.toml"\nplan =')
+    monkeypatch.chdir(here)
+    scenario = load_scenario(own(there, text))
+    assert scenario.world == str(there / "mine.map")
+    assert scenario.robot == str(there / "mine.toml")
+    (there / "mine.map").unlink()
+    with pytest.raises(ConfigError, match=r"no file '.*there/mine\.map'"):
+        load_scenario(there / "own.toml")
 
 
 def test_waypoints_that_are_wanted_must_be_there(tmp_path: Path) -> None:

@@ -7,6 +7,8 @@ from math import sin
 
 from armadico.coordination import TRANSITIONS, Event, State, Step, Verdict, beats
 from armadico.exchange import Bid
+from armadico.frames import PERIOD
+from armadico.mesh.virtual_presence import RECONNECT
 from armadico.messages import Ballot, Claim, Command, Frame, Stop
 
 from .toys import ToyOwner, ToySociety, toy
@@ -235,3 +237,27 @@ def test_who_was_away_itself_does_not_believe_that_the_holder_has_gone() -> None
     sleeper.resume()
     society.run(2.0)
     assert set(society.obeyed_names()) == {"a"}
+
+
+def test_who_comes_back_after_a_long_hang_is_not_put_off_by_the_frames_it_missed() -> None:
+    society = ToySociety(toy("a", 0.9))
+    society.run(2.0)
+    society.nodes["a"].hang()
+    society.run(3.0)
+    society.nodes["a"].resume()
+    woken = society.mesh.now
+    society.run(1.0)
+    first = next(t for t, _ in society.owner.obeyed if t > woken)
+    assert first - woken < RECONNECT[1] + 2 * PERIOD  # it stood back for a second before
+
+
+def test_what_a_holder_commanded_that_died_long_ago_is_not_where_an_exchange_begins() -> None:
+    late = toy("b", lambda now: 0.5 if now > 6.0 else None, action=(0.2, 0.0))
+    society = ToySociety(toy("a", 0.9, action=(1.0, 0.0)), late)
+    society.run(2.0)
+    society.nodes["a"].kill()
+    society.run(3.0)
+    society.owner.speed = (0.0, 0.0)  # the robot agent has ordered a stop meanwhile
+    society.run(2.0)
+    commanded = [c.v for t, c in society.owner.obeyed if t > 6.0]
+    assert max(commanded) <= 0.2

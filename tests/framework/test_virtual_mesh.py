@@ -9,7 +9,9 @@ import pytest
 
 from armadico import messages as m
 from armadico.agent import Agent, Question
-from armadico.mesh.virtual import DELAY_MEDIAN, LIVELINESS, Link, VirtualMesh, cards
+from armadico.mesh.virtual import VirtualMesh, cards
+from armadico.mesh.virtual_network import DELAY_MEDIAN, Link
+from armadico.mesh.virtual_presence import LIVELINESS
 from armadico.messages import Log, Message, Stop, Trajectory
 
 Seen = list[tuple[float, Any]]
@@ -239,10 +241,10 @@ def test_who_hangs_misses_its_wake_up_and_gets_it_after_what_waited() -> None:
     talker = mesh.node("talker")
     counted = len(listener.seen)
     talker.hang()
-    mesh.run(3.0)
+    mesh.run(1.8)
     assert len(listener.seen) <= counted + 1
     talker.resume()
-    mesh.run(4.0)
+    mesh.run(2.8)
     assert len(listener.seen) > counted + 80
 
 

@@ -11,7 +11,8 @@ from armadico.agent import Agent, Identity, Parameters
 from armadico.coordination import Owner, Verdict
 from armadico.exchange import Bid
 from armadico.frames import PERIOD
-from armadico.mesh.virtual import Node, VirtualMesh
+from armadico.mesh.virtual import VirtualMesh
+from armadico.mesh.virtual_node import Node
 from armadico.messages import Claim, Command, Frame, Message, RobotState, Stop
 from armadico.resources import WHEELS
 from armadico.services import Service

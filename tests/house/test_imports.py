@@ -49,6 +49,7 @@ APART: dict[str, tuple[str, ...]] = {"armadico": ("armadico.cli",)}
 SANS_IO = (
     *("agent", "coordination", "exchange", "frames", "fuzzy", "geometry", "mailbox", "measures"),
     *("messages", "resources", "services", "society", "mesh.virtual", "rehearsal"),
+    *("admission", "census", "supervision"),
 )
 """Of the framework: bytes or messages and the time in, bytes or messages out."""
 

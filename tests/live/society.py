@@ -10,7 +10,7 @@ from itertools import pairwise
 from armadico.bridge.p2os.commands import Cmd
 from armadico.client import Client
 from armadico.config.scenarios import Scenario
-from armadico.launcher import Launcher, Process
+from armadico.launcher import Launcher
 from armadico.mesh.topology import topology
 from armadico.mesh.zenoh import ZenohMesh
 from armadico.messages import (
@@ -26,9 +26,10 @@ from armadico.messages import (
     Truth,
     decode,
 )
+from armadico.processes import Process
 from armadico.services import BIDS
 from armadico.society import Member, Options
-from tests.live.tap import Tap, moves
+from armadico.tools.faults.real_line import Tap, moves
 
 SOON = 40.0
 """s; a deadline, not an expectation."""

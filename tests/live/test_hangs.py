@@ -10,9 +10,9 @@ from signal import SIGCONT, SIGSTOP
 import pytest
 
 from armadico.bridge.p2os.commands import Cmd
+from armadico.tools.faults.real_line import moves, statuses_until_stop
 from tests.live.conftest import Start
 from tests.live.society import ballots_never_go_down
-from tests.live.tap import moves, statuses_until_stop
 from tests.live.test_kills import MOST_STATUSES
 
 pytestmark = pytest.mark.live

@@ -15,12 +15,13 @@ import pytest
 from msgspec.structs import replace
 
 from armadico.bridge.p2os.commands import Cmd
-from armadico.launcher import Launcher, RunFailedError
+from armadico.launcher import Launcher
+from armadico.live_run import RunFailedError
 from armadico.measures import Result, RunWatch
 from armadico.society import Options
+from armadico.tools.faults.real_line import Tap, moves
 from tests.live.conftest import NAMESPACE
 from tests.live.society import LINE, SOON, Observer, mesh_of
-from tests.live.tap import Tap, moves
 from tests.mesh.conftest import private_endpoints
 
 pytestmark = pytest.mark.live
@@ -183,6 +184,28 @@ def test_a_run_whose_robot_falls_silent_ends_and_says_so(apart: None) -> None:
     assert any(text.startswith("simulator is gone") for text in said), said
     assert any("is gone:" in text for text in said), said
     assert all(process.poll() is not None for process in everybody)
+
+
+def test_a_run_in_which_nobody_can_drive_any_more_ends_and_names_who_is_missing(
+    apart: None,
+) -> None:
+    said: list[str] = []
+    with (
+        mesh_of(NAMESPACE) as mesh,
+        Launcher(LINE, Options(), mesh, NAMESPACE, idle_s=1.5) as launcher,
+    ):
+
+        def kill(watch: RunWatch) -> None:
+            if watch.distance > 0.2:
+                for process in launcher.processes:
+                    if process.name in ("goto", "avoid", "gothrough"):
+                        process.popen.kill()
+
+        result = launcher.run(kill, said.append)
+    assert not result.reached
+    assert result.tt_s < launcher.limit / 2, "it did not wait for its time to be up"
+    over = "nobody has claimed the wheels for 1.5 s, and avoid, gothrough, goto are gone"
+    assert any(text.startswith(over) for text in said), said
 
 
 def test_a_robot_that_does_not_answer_is_named_with_what_its_agent_says(

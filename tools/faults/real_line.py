@@ -1,6 +1,6 @@
-"""A serial line between the robot agent and the simulator that keeps what crosses it.
+"""A tap on the line between the robot agent and its controller: what crosses it, and when.
 
-The simulator's end stays open when the agent's goes: as on a serial line, nobody tells the
+The controller's end stays open when the agent's goes: as on a serial line, nobody tells the
 controller that its client died, and its watchdog has to notice.
 """
 
@@ -9,14 +9,18 @@ from __future__ import annotations
 import select
 import socket
 import threading
+import time
+from collections.abc import Callable
+from contextlib import suppress
 from dataclasses import dataclass
+from typing import Final
 
 from armadico.bridge.p2os.commands import Cmd, Command, decode_command
 from armadico.bridge.p2os.packets import Decoder
 from armadico.bridge.p2os.status import STATUS_TYPES
 
-POLL_S = 0.1
-CHUNK = 4096
+POLL_S: Final = 0.1
+CHUNK: Final = 4096
 
 
 @dataclass(frozen=True)
@@ -30,17 +34,26 @@ Packet = Command | Status
 class Tap:
     """Listens, and passes on; `packets` is what crossed, both ways, in order."""
 
-    def __init__(self, upstream: str) -> None:
-        """Lead to a simulator's URL."""
+    def __init__(
+        self,
+        upstream: str,
+        written: Callable[[bytes, float], None] = lambda *_: None,
+        clock: Callable[[], float] = time.monotonic,
+    ) -> None:
+        """Lead to a simulator's URL; `written` is shown what the agent writes, and when, at once.
+
+        Listens, and later connects, in the network of the thread that makes it.
+        """
         address, _, port = upstream.removeprefix("tcp://").rpartition(":")
         self._upstream = (address, int(port))
         self.packets: list[Packet] = []
+        self._written, self._clock = written, clock
         self._listener = socket.create_server(("127.0.0.1", 0))
         self._client: socket.socket | None = None
         self._robot: socket.socket | None = None
         self._said, self._heard = Decoder(), Decoder()
         self._stopping = threading.Event()
-        self._thread = threading.Thread(target=self._run, daemon=True)
+        self._thread = threading.Thread(target=self._run, name="tap", daemon=True)
         self._thread.start()
 
     @property
@@ -94,6 +107,7 @@ class Tap:
             client.close()
             self._client = None
             return
+        self._written(data, self._clock())
         self.packets += [decode_command(payload) for payload in self._said.feed(data)]
         _send(self._robot, data)
 
@@ -122,11 +136,9 @@ def _read(end: socket.socket) -> bytes:
 
 def _send(end: socket.socket | None, data: bytes) -> None:
     """Send, if anybody is there; the next read finds out who is not."""
-    try:
-        if end is not None:
+    if end is not None:
+        with suppress(OSError):
             end.sendall(data)
-    except OSError:
-        end = None
 
 
 def moves(command: Command) -> bool:

@@ -1,0 +1,261 @@
+"""Start this machine's share of a society, and keep it up."""
+
+from __future__ import annotations
+
+import argparse
+import os
+import signal
+import socket
+import sys
+import time
+from collections.abc import Callable, Iterator, Sequence
+from contextlib import contextmanager
+from pathlib import Path
+from typing import TYPE_CHECKING, Final
+
+from armadico.cli import options
+from armadico.cli.options import FailedError, UsageError
+
+if TYPE_CHECKING:
+    from types import FrameType
+
+    from armadico.cli.places import Place
+    from armadico.config.scenarios import Scenario
+    from armadico.society import Member
+    from armadico.upkeep import Plan
+
+EXAMPLES: Final = """\
+  armadico up sc4 --host lab1 --hosts lab.toml     lab1's share of scenario 4
+  armadico up --host lab1 --hosts lab.toml         all agents of lab1's entry
+  armadico up sc4                                  everybody on this machine
+  armadico up sc4 --host lab1 --hosts demo --with avoid --set avoid.v_max=0.3
+  armadico down                                    end it
+"""
+
+
+def main(argv: Sequence[str]) -> int:
+    """Keep the share up until interrupted; 0 after SIGTERM, as `armadico down` sends it."""
+    args = _parser().parse_args(argv)
+    where = _place(args)
+    scenario = _scenario(args)
+    with _signals() as received:
+        try:
+            _keep(args, where, scenario)
+        except KeyboardInterrupt:
+            if signal.SIGTERM in received:
+                return 0
+            raise
+    return 0
+
+
+def _parser() -> argparse.ArgumentParser:
+    made = options.parser(
+        "armadico up",
+        "Start this machine's share of a society, as the host table has it, and keep it up: who"
+        " ends is started again, so many times in so many seconds. The mission is somebody else's:"
+        " armadico run SCENARIO --attach, or armadico goto.",
+        EXAMPLES,
+    )
+    made.add_argument(
+        "scenario", nargs="?", help="only its agents, set as it says (default: the host's, as is)"
+    )
+    made.add_argument("--seed", type=int, metavar="N", help="of the simulator, if it starts one")
+    made.add_argument("--parameters", metavar="SET", help="a set of agents' parameters, or a file")
+    made.add_argument(
+        "--set",
+        metavar="AGENT.KEY=VALUE",
+        action="append",
+        default=[],
+        help="one parameter of one agent; may be repeated",
+    )
+    made.add_argument(
+        "--with",
+        dest="more",
+        metavar="AGENT",
+        action="append",
+        default=[],
+        help="one more, whoever else has it; may be repeated",
+    )
+    made.add_argument(
+        "--without", metavar="AGENT", action="append", default=[], help="leave one out"
+    )
+    made.add_argument("--robot", metavar="URL", help="the controller, instead of the host entry's")
+    made.add_argument(
+        "--restarts", type=int, default=5, metavar="N", help="give up after (default %(default)s)"
+    )
+    made.add_argument(
+        "--within", type=float, default=30.0, metavar="S", help="in so many s (default %(default)s)"
+    )
+    options.add_mesh_options(made)
+    return made
+
+
+def _place(args: argparse.Namespace) -> Place:
+    """Which host this is; of the shipped table if nothing else is said."""
+    if args.restarts < 0 or not args.within > 0:
+        raise UsageError(
+            f"--restarts {args.restarts} --within {args.within:g}: at least 0, and more than 0 s"
+        )
+    where = options.placed(args, passing=False)
+    if where is None:
+        from armadico.cli.places import Place  # noqa: PLC0415 - not for --help
+        from armadico.config.hosts import HostTable, load_hosts  # noqa: PLC0415
+
+        if args.connect or args.listen:
+            raise UsageError("--connect and --listen say nothing of who runs here; name --hosts")
+        name = socket.gethostname()  # as its agents call it, to whom no table is given either
+        where = Place(HostTable({name: load_hosts().host("localhost")}), name)
+    return where
+
+
+def _scenario(args: argparse.Namespace) -> Scenario | None:
+    if args.scenario is None:
+        return None
+    from armadico.config.scenarios import load_scenario  # noqa: PLC0415 - not for --help
+
+    return load_scenario(args.scenario)
+
+
+def _keep(args: argparse.Namespace, where: Place, scenario: Scenario | None) -> None:
+    from armadico.pidfile import PidFile, Share, TakenError  # noqa: PLC0415 - not for --help
+    from armadico.supervision import Budget  # noqa: PLC0415 - not for --help
+    from armadico.upkeep import GaveUpError, Upkeep  # noqa: PLC0415 - not for --help
+
+    plan = _plan(args, where, scenario)
+    # The local table without options: as agents without options, in the namespace's own mesh.
+    given = args.host is not None or args.hosts is not None or options.HOSTS_VARIABLE in os.environ
+    mesh = options.join_at(args, where if given else None, patient=True)
+    names = ", ".join(member.name for member in plan.members)
+    budget = Budget(args.restarts, args.within)
+    try:
+        with (
+            PidFile(args.namespace, plan.host) as pid_file,
+            mesh,
+            Upkeep(plan, mesh, _say, budget) as upkeep,
+        ):
+            running = tuple(member.name for member in plan.members)
+            pid_file.write(Share(os.getpid(), plan.host, args.namespace, running, str(upkeep.logs)))
+            _say(f"{plan.host}: starting {names}; logs are in {upkeep.logs}")
+            upkeep.start()
+            upkeep.keep(_ready(plan.host, names))
+    except TakenError as error:
+        raise FailedError(_taken(args.namespace, plan.host, error.share)) from None
+    except GaveUpError as error:
+        raise FailedError(
+            f"{plan.host}: {error}\neverything of {plan.host} was ended; logs are in {upkeep.logs}"
+        ) from None
+    except OSError as error:
+        raise FailedError(f"cannot keep a file that says what is up: {error}") from None
+
+
+def _plan(args: argparse.Namespace, where: Place, scenario: Scenario | None) -> Plan:
+    """What is to be up here. Raises UsageError, ConfigError or UnknownNameError."""
+    from msgspec.structs import replace  # noqa: PLC0415 - not for --help
+
+    from armadico.config.hosts import nobodys, robot_fault, serial_port  # noqa: PLC0415
+    from armadico.config.scenarios import Scenario  # noqa: PLC0415
+    from armadico.discovery import AGENTS, find  # noqa: PLC0415
+    from armadico.society import Options, share  # noqa: PLC0415
+    from armadico.upkeep import Plan  # noqa: PLC0415
+
+    assert where.name is not None, "an agent's place has a name"
+    host = where.table.host(where.name)
+    if args.robot is not None:
+        if fault := robot_fault(args.robot):
+            raise UsageError(f"--robot {args.robot!r}: {fault}")
+        host = replace(host, robot=args.robot)
+    for name in (*host.agents, *args.more, *args.without):
+        find(AGENTS, name)
+    seed = args.seed if args.seed is not None else (scenario.seed if scenario else 0)
+    chosen = Options(seed=seed, parameters=args.parameters, without=tuple(args.without))
+    members = share(scenario, chosen, host, args.more)
+    if not members:
+        raise UsageError(f"nothing of {args.scenario or 'the table'} is {where.name}'s to start")
+    for name in nobodys(("robot", *scenario.agents), where.table) if scenario else ():
+        _say(f"{args.scenario} needs {name}, which no host of {where.table.file} runs")
+    simulated = None
+    if host.robot is None and any(member.name == "robot" for member in members):
+        simulated = scenario or Scenario(world="empty", start=(0, 0, 0), goal=(0, 0, 0))
+    port = serial_port(host.robot) if host.robot else None
+    if port is not None and not port.exists():
+        _say(f"there is no {port} yet; the robot agent looks for it until the adapter is there")
+    return Plan(
+        where.name,
+        args.namespace,
+        tuple(_with_sets(member, args.set, members) for member in members),
+        simulated,
+        seed,
+        tuple(_joining(args, where)),
+    )
+
+
+def _with_sets(member: Member, sets: Sequence[str], members: Sequence[Member]) -> Member:
+    """A member with what `--set` says of it. Raises UsageError for a name that is not here."""
+    from armadico.society import Member  # noqa: PLC0415 - not for --help
+
+    mine = []
+    for setting in sets:
+        name, dot, rest = setting.partition(".")
+        if not dot or "=" not in rest:
+            raise UsageError(f"--set {setting}: expected AGENT.KEY=VALUE, avoid.v_max=0.3 say")
+        if name not in {other.name for other in members}:
+            here = ", ".join(dict.fromkeys(other.name for other in members))
+            raise UsageError(f"--set {setting}: {name} is not started here ({here} are)")
+        if name == member.name:
+            mine.append(rest)
+    return Member(member.name, (*member.sets, *mine))
+
+
+def _joining(args: argparse.Namespace, where: Place) -> list[str]:
+    """The options by which the processes find the mesh, and know which host they are on."""
+    if args.host is None and args.hosts is None and options.HOSTS_VARIABLE not in os.environ:
+        return []
+    assert where.name is not None, "an agent's place has a name"
+    table = ["--hosts", str(Path(where.table.file).resolve()), "--host", where.name]
+    return table + [word for endpoint in args.connect for word in ("--connect", endpoint)]
+
+
+def _taken(namespace: str, host: str, share: object) -> str:
+    from armadico.pidfile import Share  # noqa: PLC0415 - not for --help
+
+    by = f"process {share.pid}" if isinstance(share, Share) else "another process"
+    return (
+        f"{host}'s share of namespace {namespace!r} is up already, by {by};"
+        " `armadico down` ends it, another robot needs a --namespace of its own"
+    )
+
+
+def _ready(host: str, names: str) -> Callable[[float], None]:
+    def ready(took: float) -> None:
+        print(f"{host} is up after {took:.1f} s: {names}", flush=True)
+        _notify("READY=1")
+
+    return ready
+
+
+def _notify(text: str) -> None:
+    """Tell systemd, if it asked to be told."""
+    where = os.environ.get("NOTIFY_SOCKET")
+    if where:
+        with socket.socket(socket.AF_UNIX, socket.SOCK_DGRAM) as line:
+            line.connect("\0" + where[1:] if where.startswith("@") else where)
+            line.send(text.encode())
+
+
+@contextmanager
+def _signals() -> Iterator[list[int]]:
+    """SIGTERM and SIGHUP end it as Ctrl-C does; yields those that came."""
+    received: list[int] = []
+
+    def interrupt(number: int, _frame: FrameType | None) -> None:
+        received.append(number)
+        raise KeyboardInterrupt
+
+    for number in (signal.SIGTERM, signal.SIGHUP):
+        if signal.getsignal(number) is signal.SIG_DFL:  # under nohup it is not
+            signal.signal(number, interrupt)
+    yield received
+
+
+def _say(text: str) -> None:
+    print(f"{time.strftime('%H:%M:%S')} {text}", file=sys.stderr, flush=True)

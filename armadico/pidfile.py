@@ -1,0 +1,127 @@
+"""Which process has a host's share up on this machine: a file that it keeps locked while it lives.
+
+The lock is what counts: a file that nobody has locked is left over from a process that was killed,
+and whoever locks it owns it. So no process is ever taken for another that has its number.
+"""
+
+from __future__ import annotations
+
+import fcntl
+import json
+import os
+import re
+import tempfile
+from collections.abc import Iterator
+from dataclasses import asdict, dataclass
+from pathlib import Path
+from typing import IO
+
+RUNTIME_VARIABLE = "XDG_RUNTIME_DIR"
+
+
+@dataclass(frozen=True)
+class Share:
+    """What is up: which host's share of which namespace, by which process, since when."""
+
+    pid: int
+    host: str
+    namespace: str
+    agents: tuple[str, ...]
+    logs: str
+
+
+class TakenError(RuntimeError):
+    """The share is up already; `share` says by whom, if that could be read."""
+
+    def __init__(self, share: Share | None) -> None:
+        super().__init__("the share is up already")
+        self.share = share
+
+
+class PidFile:
+    """A context manager that holds the lock; the file goes with it."""
+
+    def __init__(self, namespace: str, host: str) -> None:
+        self.path = folder() / f"{_stem(namespace)}@{_stem(host)}.json"
+        self._file: IO[str] | None = None
+
+    def __enter__(self) -> PidFile:
+        """Take the lock. Raises TakenError if somebody has it, OSError if there is no place."""
+        file = _locked(self.path)
+        if file is None:
+            raise TakenError(read(self.path))
+        self._file = file
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        if self._file is not None:
+            self.path.unlink(missing_ok=True)  # while it is locked: no other has it open as its own
+            self._file.close()
+
+    def write(self, share: Share) -> None:
+        """Say what is up."""
+        assert self._file is not None, "the lock was taken"
+        self._file.seek(0)
+        self._file.truncate()
+        json.dump(asdict(share), self._file)
+        self._file.flush()
+
+
+def folder() -> Path:
+    """Where the files are: this user's own. Raises OSError if it cannot be."""
+    base = os.environ.get(RUNTIME_VARIABLE)
+    if base and os.access(base, os.W_OK):
+        path = Path(base) / "armadico"
+    else:
+        path = Path(tempfile.gettempdir()) / f"armadico-{os.getuid()}.run"
+    path.mkdir(mode=0o700, parents=True, exist_ok=True)
+    if path.stat().st_uid != os.getuid():
+        raise PermissionError(f"{path} belongs to somebody else; set {RUNTIME_VARIABLE}")
+    return path
+
+
+def shares(namespace: str, host: str | None = None) -> Iterator[Share]:
+    """What is up on this machine in a namespace, of one host or of all."""
+    for path in sorted(folder().glob(f"{_stem(namespace)}@{_stem(host) if host else '*'}.json")):
+        if is_held(path) and (share := read(path)) is not None:
+            yield share
+
+
+def is_held(path: Path) -> bool:
+    """Whether a process that lives has the file."""
+    try:
+        with path.open() as file:
+            fcntl.flock(file, fcntl.LOCK_SH | fcntl.LOCK_NB)
+    except BlockingIOError:
+        return True
+    except OSError:
+        pass
+    return False
+
+
+def read(path: Path) -> Share | None:
+    """What a file says; None if it says nothing, as in its first moment."""
+    try:
+        found = json.loads(path.read_text(encoding="utf-8"))
+        return Share(**(found | {"agents": tuple(found["agents"])}))
+    except (OSError, ValueError, TypeError, KeyError):
+        return None
+
+
+def _locked(path: Path) -> IO[str] | None:
+    """The file, locked; None if somebody else has it."""
+    while True:
+        file = path.open("a+", encoding="utf-8")
+        try:
+            fcntl.flock(file, fcntl.LOCK_EX | fcntl.LOCK_NB)
+        except BlockingIOError:
+            file.close()
+            return None
+        if path.exists() and os.fstat(file.fileno()).st_ino == path.stat().st_ino:
+            return file
+        file.close()  # it was taken away between opening and locking
+
+
+def _stem(name: str) -> str:
+    """A name as a part of a file's name; different names stay different."""
+    return re.sub(r"[^A-Za-z0-9_.-]", lambda found: f"%{ord(found[0]):02x}", name)

@@ -1,0 +1,144 @@
+"""`armadico faults`: what it offers, counts, refuses and repeats."""
+
+from __future__ import annotations
+
+import csv
+import json
+import shlex
+import subprocess
+import sys
+from collections.abc import Callable
+from pathlib import Path
+
+import pytest
+from msgspec.structs import replace
+
+from armadico.cli import faults
+from armadico.cli.options import INTERRUPTED, UsageError
+from armadico.config.errors import ConfigError
+from armadico.tools.experiments import pool
+from armadico.tools.faults import series, workload
+from armadico.tools.faults.kinds import KINDS, Promise
+from armadico.tools.faults.plan import Case
+from armadico.tools.faults.workload import Outcome
+
+ARMADICO = Path(sys.executable).with_name("armadico")
+CALM = '{"seed":1,"scenario":"sc1","lasts":4.0,"faults":[["hang",2.0,0.1,["interface"]]]}'
+
+
+def call(*arguments: str) -> subprocess.CompletedProcess[str]:
+    return subprocess.run(
+        [str(ARMADICO), "faults", *arguments],
+        capture_output=True,
+        text=True,
+        timeout=60,
+        check=False,
+    )
+
+
+def test_help_has_examples() -> None:
+    assert call("--help").stdout.count("  armadico faults ") >= 3
+
+
+def test_list_names_every_kind_and_promise(capsys: pytest.CaptureFixture[str]) -> None:
+    assert faults.main(["--list"]) == 0
+    words = {line.split()[0] for line in capsys.readouterr().out.splitlines()}
+    assert {*KINDS, *(promise.name for promise in Promise)} <= words
+    assert faults.main(["--list", "--json"]) == 0
+    assert list(json.loads(capsys.readouterr().out)["kinds"]) == list(KINDS)
+
+
+@pytest.mark.parametrize(
+    ("arguments", "why"),
+    [
+        (["--seeds", "0"], "--seeds 0: at least 1"),
+        (["--minutes", "0.1"], "from 0.2 to 60"),
+        (["--first", "-1"], "at least 0"),
+        (["--kind", "partitoin"], "partition"),
+        (["--repeat", CALM, "--seeds", "3"], "no --seeds"),
+    ],
+)
+def test_what_makes_no_sense_is_refused(arguments: list[str], why: str) -> None:
+    with pytest.raises(UsageError, match=why):
+        faults.main(arguments)
+
+
+@pytest.mark.parametrize(
+    ("given", "why"), [("nowhere.json", "nowhere.json"), ('{"seed": 1}', "scenario")]
+)
+def test_a_case_that_is_none_is_refused(given: str, why: str) -> None:
+    with pytest.raises(ConfigError, match=why):
+        faults.main(["--repeat", given])
+
+
+def test_seeds_are_counted_with_the_commit_and_the_next_call_goes_on(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    arguments = ["--seeds", "2", "--minutes", "0.2", "--jobs", "1", "--out", str(tmp_path)]
+    assert faults.main([*arguments, "--json"]) == 0
+    said = json.loads(capsys.readouterr().out)
+    assert said["seeds"] == 2
+    assert said["simulated_s"] == 24.0
+    assert set(said["violations"]) == {promise.name for promise in Promise}
+    assert faults.main([*arguments, "--kind", "hang"]) == 0
+    assert "4 seeds on this commit, 0 broke a promise" in capsys.readouterr().out
+    with (tmp_path / series.SEEDS).open(newline="", encoding="utf-8") as file:
+        rows = list(csv.DictReader(file))
+    assert [row["seed"] for row in rows] == ["0", "1", "2", "3"]
+    assert [row["kinds"] for row in rows] == ["", "", "hang", "hang"]
+    assert all(row["commit"] for row in rows)
+
+
+def test_one_case_is_repeated_from_text_or_file(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    path = tmp_path / "case.json"
+    path.write_text(CALM, encoding="utf-8")
+    for given in (CALM, str(path)):
+        assert faults.main(["--repeat", given]) == 0
+        assert "no promise was broken" in capsys.readouterr().out
+
+
+def breaks_if_it_hangs(run: Callable[[Case], Outcome]) -> Callable[[Case], Outcome]:
+    """As if every hang broke a promise."""
+
+    def ran(case: Case) -> Outcome:
+        outcome = run(replace(case, lasts=min(case.lasts, 1.0), faults=()))
+        found = [("MOVES", f.at + 0.1, "it stands") for f in case.faults if f.kind == "hang"]
+        return replace(outcome, case=case, violations=tuple(found))
+
+    return ran
+
+
+def test_a_violation_prints_a_command_that_repeats_it_and_exits_with_1(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    broken = breaks_if_it_hangs(workload.run)
+    monkeypatch.setattr(workload, "run", broken)
+    monkeypatch.setattr(series, "run", broken)
+    arguments = ["--seeds", "8", "--minutes", "1", "--jobs", "1", "--out", str(tmp_path)]
+    assert faults.main(arguments) == 1
+    out = capsys.readouterr().out
+    (line,) = [line for line in out.splitlines() if line.startswith("armadico faults --repeat")]
+    program, command, *rest = shlex.split(line)
+    assert (program, command) == ("armadico", "faults")
+    assert [f[0] for f in json.loads(rest[1])["faults"]] == ["hang"]
+    assert faults.main(rest) == 1
+    assert "MOVES broken: it stands" in capsys.readouterr().out
+
+
+def test_interrupted_it_keeps_and_tells_what_was_counted(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    over = pool.over
+
+    def interrupted(function: object, items: object, *rest: object) -> object:
+        over(function, items[:1], *rest)  # type: ignore[arg-type, index]
+        raise KeyboardInterrupt
+
+    monkeypatch.setattr(pool, "over", interrupted)
+    arguments = ["--seeds", "9", "--minutes", "0.2", "--jobs", "1", "--out", str(tmp_path)]
+    assert faults.main(arguments) == INTERRUPTED
+    said = capsys.readouterr()
+    assert "interrupted after 1 of 9 seeds" in said.err
+    assert "1 seeds" in said.out

@@ -1,0 +1,162 @@
+"""Where a process is, by the host table, the command line, the environment and its addresses."""
+
+from __future__ import annotations
+
+import argparse
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+from armadico.cli import main, options
+from armadico.cli.agent import main as armadico_agent
+from armadico.cli.options import HOSTS_VARIABLE
+from armadico.config.errors import ConfigError
+
+TABLE = """\
+[robot]
+endpoints = ["tcp/192.0.2.1:7447"]
+agents = ["robot"]
+
+[lab1]
+endpoints = ["tcp/127.0.0.21:7447", "tcp/127.0.0.21:7448"]
+agents = ["goto"]
+"""
+
+Captured = pytest.CaptureFixture[str]
+
+
+@pytest.fixture(autouse=True)
+def table(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
+    monkeypatch.delenv(HOSTS_VARIABLE, raising=False)
+    file = tmp_path / "lab.toml"
+    file.write_text(TABLE)
+    return file
+
+
+def args(**given: Any) -> argparse.Namespace:
+    """Options, of which only these are given."""
+    bare = {"host": None, "hosts": None, "connect": [], "listen": [], "namespace": "places"}
+    return argparse.Namespace(**bare | given)
+
+
+def test_without_a_table_there_is_no_place() -> None:
+    assert options.placed(args()) is None
+    assert options.placed(args(connect=["tcp/127.0.0.1:1"])) is None
+
+
+def test_a_host_alone_is_the_shipped_tables() -> None:
+    where = options.placed(args(host="localhost"), passing=False)
+    assert where is not None
+    assert where.name == "localhost"
+    assert len(where.endpoints) == 4
+
+
+def test_this_machine_is_found_by_its_addresses(table: Path) -> None:
+    where = options.placed(args(hosts=table), passing=False)
+    assert where is not None
+    assert where.name == "lab1"
+    assert where.endpoints == ("tcp/127.0.0.21:7447", "tcp/127.0.0.21:7448")
+
+
+def test_the_environment_names_a_table_unless_the_command_line_says_where_to_look(
+    table: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setenv(HOSTS_VARIABLE, str(table))
+    assert options.placed(args()) is not None
+    assert options.placed(args(connect=["tcp/10.0.0.9:7450"])) is None
+    assert options.placed(args(listen=["tcp/127.0.0.1:7999"])) is None
+    with pytest.raises(ConfigError, match=r"no host 'localhost'; .*known: lab1, robot"):
+        options.placed(args(host="localhost"))
+    monkeypatch.setenv(HOSTS_VARIABLE, "elsewhere.toml")
+    assert options.placed(args(hosts=table)) is not None
+
+
+@pytest.mark.parametrize(
+    ("text", "what"),
+    [
+        (TABLE.partition("[lab1]")[0], "none of its hosts is this machine; expected --host, one"),
+        (TABLE.replace("192.0.2.1", "127.0.0.22"), "more than one host is this machine"),
+    ],
+)
+def test_an_agent_must_know_where_it_is_a_tool_need_not(table: Path, text: str, what: str) -> None:
+    table.write_text(text)
+    with pytest.raises(ConfigError, match=what):
+        options.placed(args(hosts=table), passing=False)
+    assert options.placed(args(hosts=table)) is not None
+
+
+@pytest.mark.parametrize(
+    ("words", "says"),
+    [
+        (("--host", "lab"), ("no host 'lab'; did you mean 'lab1'?",)),
+        (
+            ("--host", "robot"),
+            ("'robot' is not this machine: 192.0.2.1 is no address", "this machine is 'lab1'"),
+        ),
+        (
+            ("--host", "lab1", "--listen", "tcp/127.0.0.1:7447"),
+            ("--listen tcp/127.0.0.1:7447 contradicts", "lab1's endpoints are tcp/127.0.0.21:7447"),
+        ),
+        (
+            ("--connect", "tcp/10.0.0.9:7447"),
+            ("--connect tcp/10.0.0.9:7447 contradicts", "it has tcp/192.0.2.1:7447"),
+        ),
+    ],
+)
+@pytest.mark.parametrize("program", ["agent", "up"])
+def test_what_contradicts_is_said_with_what_is_right(
+    table: Path, capsys: Captured, program: str, words: tuple[str, ...], says: tuple[str, ...]
+) -> None:
+    more = ("--hosts", str(table), "--namespace", "places", *words)
+    code = armadico_agent(["goto", *more]) if program == "agent" else main(["up", *more])
+    errors = capsys.readouterr().err
+    assert code == 2
+    assert "lab.toml" in errors
+    for part in says:
+        assert part in errors
+
+
+@pytest.mark.parametrize(
+    ("words", "says"),
+    [
+        (("--host", "lab"), "no host 'lab'; did you mean 'lab1'?"),
+        (("--connect", "tcp/10.0.0.9:7447"), "it has tcp/192.0.2.1:7447"),
+        (("--listen", "tcp/127.0.0.1:7447"), "lab1's endpoints are tcp/127.0.0.21:7447"),
+    ],
+)
+def test_ps_looks_at_any_host_of_the_table_and_contradicts_it_no_more(
+    table: Path, capsys: Captured, words: tuple[str, ...], says: str
+) -> None:
+    assert main(["ps", "--hosts", str(table), "--namespace", "places", *words]) == 2
+    assert says in capsys.readouterr().err
+
+
+def test_a_name_that_nobody_knows_is_no_address_of_this_machine(table: Path) -> None:
+    table.write_text(TABLE.replace("192.0.2.1", "robot.invalid"))
+    with pytest.raises(ConfigError, match=r"the name robot\.invalid is not known here"):
+        options.placed(args(hosts=table, host="robot"))
+
+
+@pytest.mark.parametrize(
+    ("words", "says"),
+    [
+        (("--restarts", "-1"), "--restarts -1 --within 30: at least 0"),
+        (("--within", "0"), "--restarts 5 --within 0: at least 0, and more than 0 s"),
+        (("--set", "goto=1"), "--set goto=1: expected AGENT.KEY=VALUE"),
+        (("--set", "avoid.v_max=1"), "--set avoid.v_max=1: avoid is not started here (goto are)"),
+        (("--with", "gotoo"), "no agent 'gotoo'; did you mean 'goto'?"),
+        (("--robot", "ttyUSB0"), "--robot 'ttyUSB0': expected serial:///dev/ttyUSB0 or tcp://"),
+        (("--without", "goto"), "nothing of the table is lab1's to start"),
+        (("sc44",), "no scenario 'sc44'; did you mean"),
+    ],
+)
+def test_a_wrong_use_of_up_is_told_before_anybody_is_started(
+    table: Path, capsys: Captured, words: tuple[str, ...], says: str
+) -> None:
+    code = main(["up", *words, "--host", "lab1", "--hosts", str(table), "--namespace", "places"])
+    said = capsys.readouterr()
+    assert code == 2
+    assert says in said.err
+    assert "starting" not in said.err
+    assert not said.out

@@ -1,0 +1,88 @@
+"""Faults as data: drawn from a seed, written as JSON, shrunk to what matters."""
+
+from __future__ import annotations
+
+from random import Random
+
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from armadico.config.errors import ConfigError
+from armadico.tools.faults.kinds import KINDS
+from armadico.tools.faults.plan import BEGIN_S, EVERYBODY, Case, Fault, draw, loads
+from armadico.tools.faults.shrink import AFTER_S, Shrinker
+from armadico.tools.faults.workload import case_of
+
+
+@given(st.integers(0, 2**32), st.floats(10.0, 300.0))
+def test_a_seed_draws_faults_within_the_run_that_survive_json(seed: int, lasts: float) -> None:
+    case = case_of(seed, lasts)
+    assert loads(case.dumps()) == case
+    for fault in case.faults:
+        assert BEGIN_S <= fault.at <= fault.until <= lasts
+        assert fault.whom
+        assert {*fault.whom, *fault.to} <= {*EVERYBODY}
+    assert [fault.at for fault in case.faults] == sorted(fault.at for fault in case.faults)
+
+
+@given(st.integers(0, 1000), st.sampled_from(sorted(KINDS)))
+def test_only_the_kinds_that_are_asked_for(seed: int, kind: str) -> None:
+    assert {fault.kind for fault in draw(Random(seed), 200.0, [kind])} == {kind}
+
+
+@pytest.mark.parametrize(
+    ("text", "why"),
+    [
+        ("{", "not a case"),
+        ('{"seed": 1}', "scenario"),
+        ('{"seed": 1, "scenario": "sc1", "lasts": -1, "faults": []}', "lasts"),
+        ('{"seed":1,"scenario":"sc1","lasts":9,"faults":[["flod",1,1,["goto"]]]}', "flod"),
+        ('{"seed":1,"scenario":"sc1","lasts":9,"faults":[["hang",1,1,["gogo"]]]}', "gogo"),
+    ],
+)
+def test_what_is_no_case_is_refused_with_the_reason(text: str, why: str) -> None:
+    with pytest.raises(ConfigError, match=why):
+        loads(text)
+
+
+# Shrinking ----------------------------------------------------------------------------------------
+
+
+@given(
+    st.lists(st.floats(1.0, 90.0), min_size=1, max_size=12, unique=True),
+    st.data(),
+)
+def test_it_is_shrunk_to_the_faults_that_it_takes(times: list[float], data: st.DataObject) -> None:
+    """Something breaks 0.5 s after the last of some faults, if all of them are there."""
+    faults = tuple(Fault("hang", at, 2.0, ("goto",)) for at in sorted(times))
+    culprits = set(data.draw(st.lists(st.sampled_from(faults), min_size=1, max_size=3)))
+    at = max(fault.at for fault in culprits) + 0.5
+    starts = {fault.at for fault in culprits}
+
+    def broken(case: Case) -> float | None:
+        return at if starts <= {f.at for f in case.faults if f.lasts >= 0.5} else None
+
+    shrinker = Shrinker(broken, 2000)
+    small = shrinker.shrink(Case(1, "sc1", 100.0, faults))
+    assert {fault.at for fault in small.faults} == starts
+    assert {fault.lasts for fault in small.faults} == {0.5}
+    assert small.lasts == pytest.approx(at + AFTER_S, abs=0.001)
+
+
+def test_what_breaks_without_a_fault_is_shrunk_to_none() -> None:
+    shrinker = Shrinker(lambda case: 5.0)
+    faults = tuple(Fault("hang", float(at), 1.0, ("goto",)) for at in range(1, 9))
+    assert shrinker.shrink(Case(1, "sc1", 60.0, faults)) == Case(1, "sc1", 5.2, ())
+
+
+def test_what_breaks_nothing_cannot_be_shrunk() -> None:
+    with pytest.raises(ValueError, match="seed 7 breaks nothing"):
+        Shrinker(lambda case: None).shrink(Case(7, "sc1", 60.0, ()))
+
+
+def test_it_gives_up_after_so_many_runs() -> None:
+    faults = tuple(Fault("hang", float(at), 1.0, ("goto",)) for at in range(1, 60))
+    shrinker = Shrinker(lambda case: 59.5 if len(case.faults) > 50 else None, 10)
+    assert len(shrinker.shrink(Case(1, "sc1", 60.0, faults)).faults) > 50
+    assert shrinker.tries == 10

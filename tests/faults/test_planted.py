@@ -1,0 +1,219 @@
+"""Bugs planted into a society that keeps its promises: the checker catches each of them."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from typing import Any
+
+import pytest
+from msgspec.structs import replace
+
+from armadico.agent import Agent
+from armadico.agents.sonar import SonarAgent
+from armadico.bridge import robot
+from armadico.bridge.p2os.commands import Cmd, command
+from armadico.bridge.p2os.session import Session
+from armadico.bridge.simulator.microcontroller import Microcontroller
+from armadico.coordination import TRANSITIONS, Contender, Event, Owner, State, Verdict
+from armadico.exchange import Bid, Blend
+from armadico.messages import Frame
+from armadico.tools.faults.kinds import Promise
+from armadico.tools.faults.plan import EVERYBODY, Case, Fault
+from armadico.tools.faults.series import smallest
+from armadico.tools.faults.workload import Outcome, case_of, run
+
+Plant = Callable[[pytest.MonkeyPatch], None]
+BEHAVIOURS = ("goto", "avoid", "gothrough")
+SEEDS = 16
+"""Some bugs show only where utilities cross at the wrong moment."""
+
+
+def case(*faults: Fault, scenario: str = "sc4", lasts: float = 25.0) -> Case:
+    return Case(1, scenario, lasts, faults)
+
+
+# The bugs -----------------------------------------------------------------------------------------
+
+
+def obeys_smaller_ballots(patch: pytest.MonkeyPatch) -> None:
+    _owner_forgets(patch, Verdict.STALE_BALLOT)
+
+
+def obeys_old_frames(patch: pytest.MonkeyPatch) -> None:
+    _owner_forgets(patch, Verdict.OLD_FRAME)
+
+
+def _owner_forgets(patch: pytest.MonkeyPatch, rule: Verdict) -> None:
+    judged = Owner._verdict
+
+    def verdict(self: Owner, *args: Any, **named: Any) -> Verdict:
+        found = judged(self, *args, **named)
+        return Verdict.OBEYED if found is rule else found
+
+    patch.setattr(Owner, "_verdict", verdict)
+    patch.setattr(Owner, "hear", lambda self, claim: None)
+
+
+def never_yields(patch: pytest.MonkeyPatch) -> None:
+    patch.delitem(TRANSITIONS, (State.HOLDING, Event.OUTBID))  # type: ignore[arg-type]
+
+
+def starts_from_no_echo(patch: pytest.MonkeyPatch) -> None:
+    echo = Contender.echo
+    patch.setattr(Contender, "echo", lambda self, largest, *rest: echo(self, None, *rest))
+
+
+def orders_no_stop(patch: pytest.MonkeyPatch) -> None:
+    patch.setattr(robot, "STOP_AFTER_S", 3.0)
+
+
+def repeats_the_last_command(patch: pytest.MonkeyPatch) -> None:
+    woken = robot.Robot.on_wakeup
+
+    def on_wakeup(self: robot.Robot) -> None:
+        self._obeyed_at = self.now
+        if self._session is not None and self._moving:
+            self._session.drive(0.2, 0.0)
+        woken(self)
+
+    patch.setattr(robot.Robot, "on_wakeup", on_wakeup)
+
+
+def orders_a_stop_only_once(patch: pytest.MonkeyPatch) -> None:
+    patch.setattr(robot.Robot, "_insist", lambda self, left, right: None)
+
+
+def has_no_watchdog(patch: pytest.MonkeyPatch) -> None:
+    patch.setattr(Microcontroller, "_watchdog_tripped", lambda self: False)
+
+
+def overshoots_in_an_exchange(patch: pytest.MonkeyPatch) -> None:
+    blended = Blend.action
+
+    def action(self: Blend, t: int, bid: Bid) -> tuple[float, ...]:
+        return tuple(
+            2.0 * lost - mixed
+            for lost, mixed in zip(self.loser, blended(self, t, bid), strict=True)
+        )
+
+    patch.setattr(Blend, "action", action)
+
+
+def stops_without_a_ramp(patch: pytest.MonkeyPatch) -> None:
+    stop = Session.stop
+
+    def halt(self: Session) -> None:
+        stop(self)
+        self._out += command(Cmd.E_STOP)
+
+    patch.setattr(Session, "stop", halt)
+
+
+def is_blind(patch: pytest.MonkeyPatch) -> None:
+    patch.setattr(SonarAgent, "_arcs", lambda self, obstacles: iter(()))
+
+
+def takes_no_turn_in_a_new_epoch(patch: pytest.MonkeyPatch) -> None:
+    def begins(self: Agent, frame: Frame) -> bool:
+        if self._turned is not None and frame.number <= self._turned.number:
+            return False
+        self._turned = frame
+        return True
+
+    patch.setattr(Agent, "_begins_turn", begins)
+
+
+def stands_back_for_a_minute(patch: pytest.MonkeyPatch) -> None:
+    patch.setattr("armadico.coordination.STAND_BACK", (60.0, 60.0, 60.0))
+
+
+def raises_when_somebody_goes(patch: pytest.MonkeyPatch) -> None:
+    def on_disappeared(self: Agent, name: str, instance: str) -> None:
+        raise KeyError(name)
+
+    patch.setattr(Agent, "on_disappeared", on_disappeared)
+
+
+@dataclass(frozen=True)
+class Bug:
+    """A bug, the promise that it breaks, and a case in which it does."""
+
+    plant: Plant
+    breaks: Promise
+    case: Case
+
+
+_CUT = Fault("partition", 8.0, 3.0, ("robot",), BEHAVIOURS)
+_LATE = Fault("delay", 8.0, 4.0, BEHAVIOURS, ("robot",), 0.35, 0.3)
+_SLOW = Fault("delay", 4.0, 5.0, EVERYBODY, EVERYBODY, 0.345)
+_LONE = Fault("lone-restart", 15.69, 0.549, ("goto",))
+_WILD = Fault("nan", 4.0, 1.2, ("gothrough",), (), 4.0)
+_HANG = Fault("hang", 8.0, 9.0, ("robot",))
+_AGAIN = Fault("robot-restart", 8.0, 0.5, ("robot",))
+_LOSSY = Fault("serial-loss", 8.0, 2.0, ("robot",), (), 0.5)
+_SILENT = Fault("silent-sonar", 8.4, 9.0, ("robot",))
+_GONE = Fault("crash", 8.0, 1.0, ("avoid",))
+
+BUGS = (
+    Bug(obeys_smaller_ballots, Promise.ONE_DRIVER, case(lasts=12.0)),
+    Bug(obeys_old_frames, Promise.FRESH, case(_LATE)),
+    Bug(never_yields, Promise.ONE_HOLDER, case(_WILD, scenario="rooms-b")),
+    Bug(starts_from_no_echo, Promise.OBEYED, case(_SLOW, _LONE)),
+    Bug(orders_no_stop, Promise.SILENCE, case(_CUT)),
+    Bug(repeats_the_last_command, Promise.SILENCE, case(_CUT)),
+    Bug(orders_a_stop_only_once, Promise.SILENCE, case(_LOSSY, _SILENT)),
+    Bug(has_no_watchdog, Promise.WATCHDOG, case(_HANG)),
+    Bug(overshoots_in_an_exchange, Promise.SMOOTH, case(lasts=40.0)),
+    Bug(stops_without_a_ramp, Promise.SMOOTH, case(_CUT)),
+    Bug(is_blind, Promise.COLLISION, case(scenario="sc2", lasts=40.0)),
+    Bug(takes_no_turn_in_a_new_epoch, Promise.MOVES, case(_AGAIN)),
+    Bug(stands_back_for_a_minute, Promise.MOVES, case(_SLOW)),
+    Bug(raises_when_somebody_goes, Promise.NO_ERROR, case(_GONE)),
+)
+
+
+def promises(outcome: Outcome) -> set[str]:
+    return {name for name, _, _ in outcome.violations}
+
+
+@pytest.mark.parametrize("bug", BUGS, ids=lambda bug: bug.plant.__name__)
+def test_it_is_caught_and_without_it_nothing_is_broken(
+    bug: Bug, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    bug.plant(monkeypatch)
+    caught = next(
+        (
+            case
+            for case in (replace(bug.case, seed=seed) for seed in range(1, SEEDS))
+            if bug.breaks.name in promises(run(case))
+        ),
+        None,
+    )
+    assert caught is not None, f"in none of {SEEDS} runs"
+    monkeypatch.undo()
+    assert run(caught).violations == ()
+
+
+def test_every_promise_has_a_bug_that_breaks_it() -> None:
+    assert {bug.breaks for bug in BUGS} == {*Promise}
+
+
+def test_what_a_bug_breaks_is_shrunk_to_the_faults_that_matter(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    obeys_old_frames(monkeypatch)
+    outcome = next(
+        found
+        for seed in range(30)
+        if Promise.FRESH.name in promises(found := run(case_of(seed, 40.0)))
+        and found.violations[0][0] == Promise.FRESH.name
+        and len(found.case.faults) >= 4
+    )
+    small, promise = smallest(outcome, 60)
+    assert promise == Promise.FRESH.name
+    assert 1 <= len(small.faults) <= 2
+    assert small.lasts <= outcome.violations[0][1] + 1.0
+    assert Promise.FRESH.name in promises(run(small))
+    monkeypatch.undo()
+    assert run(small).violations == ()

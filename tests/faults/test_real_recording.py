@@ -1,0 +1,80 @@
+"""The checker of promises on recordings: a sound one, and one in which a ballot goes down."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import pytest
+
+from armadico.cli import main
+from armadico.messages import (
+    Ballot,
+    BidHistory,
+    BidRecord,
+    Frame,
+    Message,
+    Pose,
+    RobotState,
+    encode,
+)
+from armadico.tools.export import rows
+from armadico.tools.faults.kinds import Promise
+from armadico.tools.faults.observations import Bids, Left, Passed, Said
+from armadico.tools.faults.real_recording import check, observations
+from armadico.tools.recorder import Recording
+from armadico.tools.watching import Heard, Presence
+
+SECOND = 1_000_000_000
+GOTO = "goto-0000000000000001"
+
+
+def state(number: int, term: int) -> RobotState:
+    by = Ballot(term, 0.6, False, GOTO)
+    return RobotState(
+        Frame(1, number), 0, 0, 0, 0.3, 0, 12, True, False, by, by, Frame(1, number - 1)
+    )
+
+
+def kept(path: Path, terms: list[int]) -> Path:
+    """A recording of frames in which ballots of these terms are obeyed."""
+    recording = Recording(path)
+
+    def said(at: float, key: str, message: Message, *, asked: bool = False) -> None:
+        recording.take(Heard("robot1", key, encode(message), int(at * SECOND), asked))
+
+    recording.take(Presence("robot1", "goto", GOTO, True, SECOND))
+    for number, term in enumerate(terms, 10):
+        said(1 + number / 10, "robot/state", state(number, term))
+    record = BidRecord(Frame(1, 8 + len(terms)), "wheels", 0.6, False, (0.3, 0.0), "leg 0")
+    end = 2 + len(terms) / 10
+    said(end, f"agent/goto/{GOTO}/bids", BidHistory(GOTO, (record,)), asked=True)
+    said(end, "encoder/pose", Pose(Frame(1, 9), 0, 0, 0))
+    recording.take(Presence("robot1", "goto", GOTO, False, int(end * SECOND)))
+    recording.close()
+    return path
+
+
+def test_a_sound_recording_breaks_no_promise(tmp_path: Path) -> None:
+    path = kept(tmp_path / "sound.mcap", [1, 1, 2, 2])
+    assert not check(path, None, pytest.fail).violations
+
+
+def test_a_ballot_that_goes_down_is_found(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    path = kept(tmp_path / "broken.mcap", [2, 2, 1])
+    promises = {violation.promise for violation in check(path, "robot1", pytest.fail).violations}
+    assert promises == {Promise.ONE_DRIVER}
+    assert not check(path, "robot2", pytest.fail).violations, "another robot's"
+    assert main(["trials", "--recording", str(path)]) == 1
+    assert Promise.ONE_DRIVER in capsys.readouterr().out
+    assert main(["trials", "--recording", str(path), "--namespace", "robot2"]) == 0
+
+
+def test_everything_that_is_recorded_is_shown_in_order(tmp_path: Path) -> None:
+    path = kept(tmp_path / "sound.mcap", [1, 1])
+    seen = [*observations(rows(path, pytest.fail))]
+    assert [type(each) for each in seen] == [Said, Said, Bids, Passed, Left]
+    (bids,) = [each for each in seen if isinstance(each, Bids)]
+    assert (bids.instance, bids.age) == (GOTO, pytest.approx(0.1))
+    assert [each.at for each in seen] == sorted(each.at for each in seen)

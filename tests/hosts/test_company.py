@@ -1,0 +1,139 @@
+"""Who may be in a namespace: one robot agent, one protocol, any clock."""
+
+from __future__ import annotations
+
+import json
+import subprocess
+import sys
+from collections.abc import Callable, Iterator
+from contextlib import ExitStack
+from pathlib import Path
+
+import pytest
+
+from armadico.messages import PROTOCOL
+from tests.hosts.conftest import Call, Start, children, kill_tree
+from tests.live.society import Observer
+
+pytestmark = pytest.mark.live
+
+TOYS = Path(__file__).with_name("toys.py")
+
+Toy = Callable[[str, str], subprocess.Popen[str]]
+
+
+@pytest.fixture
+def toy() -> Iterator[Toy]:
+    """Start one of toys.py; killed if it is left."""
+    with ExitStack() as stack:
+
+        def make(kind: str, host: str) -> subprocess.Popen[str]:
+            process = subprocess.Popen([sys.executable, str(TOYS), kind, host], text=True)
+            stack.enter_context(process)
+            stack.callback(kill_tree, process)
+            return process
+
+        yield make
+
+
+# One robot agent ----------------------------------------------------------------------------------
+
+
+def test_a_second_robot_agent_does_not_start_and_names_the_first(
+    up: Start, call: Call, observer: Observer
+) -> None:
+    first = children(up("robot"))["robot"]
+    observer.until(lambda: observer.states, "the robot talks")
+    ((_, instance),) = observer.client.alive
+    epoch = observer.state.frame.epoch
+    second = call("robot", "--host", "lab1", program="armadico-agent")
+    assert second.returncode == 2
+    assert f"another robot agent is there already: {instance} (host robot, pid {first.pid}," in (
+        second.stderr
+    )
+    assert "is open" not in second.stderr, "it did not touch the port"
+    observer.frames(3)
+    assert observer.state.frame.epoch == epoch
+    assert {who for _, who in observer.client.alive} == {instance}
+
+
+def test_of_two_that_start_in_one_instant_exactly_one_drives(
+    start: Start, observer: Observer
+) -> None:
+    simulator = start("sim", "empty", "--port", "0", "--host", "robot")
+    assert simulator.stdout is not None
+    url = simulator.stdout.readline().partition(" at ")[2].partition(";")[0]
+    both = [
+        start("robot", "--host", host, "--set", f"port={url}", program="armadico-agent")
+        for host in ("lab1", "lab2")
+    ]
+    observer.until(lambda: any(p.poll() is not None for p in both), "one of them leaves")
+    observer.until(lambda: len(observer.states) > 5, "the other talks")
+    (left,) = [process for process in both if process.poll() is not None]
+    (stayed,) = [process for process in both if process.poll() is None]
+    assert left.returncode == 2
+    assert left.stderr is not None
+    said = left.stderr.read()
+    assert f"pid {stayed.pid}" in said
+    assert "is open" not in said, "it did not touch the port"
+    assert len({state.frame.epoch for state in observer.states}) == 1
+
+
+def test_the_robot_agent_of_one_that_was_killed_is_in_nobodys_way(
+    up: Start, observer: Observer
+) -> None:
+    process = up("robot")
+    observer.until(lambda: observer.states, "the robot talks")
+    epoch = observer.state.frame.epoch
+    children(process)["robot"].kill()
+    observer.until(lambda: observer.state.frame.epoch != epoch, "another talks")
+
+
+# One protocol -------------------------------------------------------------------------------------
+
+
+def test_a_newcomer_among_agents_of_another_protocol_refuses_and_names_one(
+    toy: Toy, call: Call, observer: Observer
+) -> None:
+    stranger = toy("foreign", "lab2")
+    observer.until(lambda: observer.names == {"driver"}, "it is there")
+    done = call("encoder", "--host", "lab1", program="armadico-agent")
+    assert done.returncode == 2
+    for part in ("driver-", "host lab2", f"pid {stranger.pid}"):
+        assert part in done.stderr
+    assert f"speaks protocol {PROTOCOL + 1}, this one {PROTOCOL}" in done.stderr
+
+
+@pytest.mark.parametrize("kind", ["driver", "foreign"])
+def test_one_of_another_protocol_that_joins_all_the_same_is_not_obeyed_and_is_named(
+    up: Start, toy: Toy, observer: Observer, kind: str
+) -> None:
+    up("robot")
+    observer.until(lambda: observer.states, "the robot talks")
+    stranger = toy(kind, "lab2")
+    observer.until(lambda: len(observer.commands) > 10, "it commands")
+    if kind == "driver":
+        observer.until(lambda: observer.holder.startswith("driver-"), "it is obeyed")
+        return
+    named = f"host lab2, pid {stranger.pid}) speaks protocol {PROTOCOL + 1}"
+    observer.until(lambda: any(named in text for text in observer.logs), "it is named")
+    observer.frames(10)
+    assert observer.state.obeyed is None
+    assert observer.state.largest is None, "its claims bind nobody either"
+
+
+# Any clock ----------------------------------------------------------------------------------------
+
+
+def test_a_clock_an_hour_ahead_is_said_and_hinders_nobody(
+    up: Start, toy: Toy, call: Call, observer: Observer
+) -> None:
+    up("robot")
+    observer.until(lambda: observer.states, "the robot talks")
+    toy("late", "lab2")
+    observer.until(lambda: observer.holder.startswith("driver-"), "it is obeyed")
+    observer.until(observer.driving, "the robot moves")
+    assert "clock 3600 s ahead of this machine's" in call("ps").stdout
+    found = {host["name"]: host for host in json.loads(call("ps", "--json").stdout)["hosts"]}
+    assert found["lab2"]["clock_s"] == pytest.approx(3600.0, abs=2.0)
+    assert found["robot"]["clock_s"] == pytest.approx(0.0, abs=2.0)

@@ -1,0 +1,183 @@
+"""`armadico up` and `down`: a share comes up, stays up, is given up, and leaves nothing."""
+
+from __future__ import annotations
+
+import json
+import socket
+from pathlib import Path
+from signal import SIGINT, SIGTERM, Signals
+
+import pytest
+
+from armadico.pidfile import shares
+from tests.hosts.conftest import NAMESPACE, SOON, Call, Start, all_gone, children
+from tests.live.society import Observer
+
+pytestmark = pytest.mark.live
+
+
+def test_a_share_comes_up_is_seen_and_goes_down(up: Start, call: Call) -> None:
+    process = up("lab1")
+    kept = children(process)
+    assert sorted(kept) == ["encoder", "sonar"]
+    seen = call("ps", "--host", "lab1")
+    assert (seen.returncode, seen.stdout) == (0, "lab1: up\n"), seen.stderr
+    second = call("up", "--host", "lab1")
+    assert second.returncode == 1
+    assert f"by process {process.pid}" in second.stderr
+    assert "armadico down" in second.stderr
+    down = call("down", "--host", "lab1")
+    assert (down.returncode, down.stdout) == (0, "lab1 is down: encoder, sonar\n"), down.stderr
+    assert process.wait(SOON) == 0
+    assert all_gone(list(kept.values()))
+    assert call("ps", "--host", "lab1").returncode == 1
+    again = call("down")
+    assert again.returncode == 0
+    assert "nothing is up on this machine" in again.stdout
+
+
+def test_down_without_a_host_is_for_all_shares_of_the_namespace(up: Start, call: Call) -> None:
+    both = [up("lab1"), up("lab2")]
+    other = call("down", "--namespace", "another-robot")
+    assert "nothing is up" in other.stdout
+    down = call("down")
+    assert [line.partition(" ")[0] for line in down.stdout.splitlines()] == ["lab1", "lab2"]
+    assert [process.wait(SOON) for process in both] == [0, 0]
+
+
+def test_an_agent_that_dies_comes_back_as_a_new_instance(up: Start, observer: Observer) -> None:
+    process = up("lab1")
+    observer.until(lambda: observer.names == {"encoder", "sonar"}, "both are there")
+    before = set(observer.client.alive)
+    children(process)["sonar"].kill()
+    observer.until(lambda: len(observer.client.alive) == 1, "the sonar agent is gone")
+    observer.until(lambda: observer.names == {"encoder", "sonar"}, "it is back")
+    assert len(before & observer.client.alive) == 1, "the encoder agent stayed"
+    process.terminate()
+    _, errors = process.communicate(timeout=SOON)
+    assert "sonar ended with signal SIGKILL; it is started again" in errors
+
+
+def test_when_the_budget_is_spent_all_of_the_host_ends_and_it_says_why(up: Start) -> None:
+    process = up("lab1", "--restarts", "0")
+    kept = children(process)
+    kept["sonar"].kill()
+    _, errors = process.communicate(timeout=SOON)
+    assert process.returncode == 1
+    assert all_gone(list(kept.values()))
+    assert "lab1: sonar ended with signal SIGKILL, and is not started again" in errors
+    assert "the budget of 0 restarts in 30 s is spent" in errors
+    logs = Path(errors.rpartition("logs are in ")[2].strip())
+    assert sorted(path.name for path in logs.iterdir()) == ["encoder.log", "sonar.log"]
+
+
+def test_what_is_configured_wrongly_is_not_started_again_and_has_the_last_word(call: Call) -> None:
+    done = call("up", "--host", "lab3", "--set", "path-planning.world=nowhere.map")
+    assert done.returncode == 1
+    assert "path-planning ended with status 2, and is not started again" in done.stderr
+    assert "no file 'nowhere.map'" in done.stderr
+    assert "Traceback" not in done.stderr
+    assert list(shares(NAMESPACE)) == []
+
+
+@pytest.mark.parametrize(("number", "code"), [(SIGINT, 130), (SIGTERM, 0)])
+def test_a_signal_ends_everybody_and_leaves_no_logs(
+    up: Start, tmp_path: Path, number: Signals, code: int
+) -> None:
+    process = up("lab2")
+    kept = list(children(process).values())
+    assert len(kept) == 3
+    process.send_signal(number)
+    _, errors = process.communicate(timeout=SOON)
+    assert process.returncode == code, errors
+    assert all_gone(kept)
+    assert not list(tmp_path.glob("armadico-*"))
+
+
+def test_when_it_is_killed_its_agents_leave_and_it_can_be_started_again(up: Start) -> None:
+    process = up("robot")
+    kept = children(process)
+    assert sorted(kept) == ["robot", "simulator"]
+    process.kill()
+    process.wait(SOON)
+    assert all_gone(list(kept.values()))
+    assert list(shares(NAMESPACE)) == []
+    up("robot")
+
+
+def test_a_simulator_that_dies_comes_back_where_it_was(up: Start, observer: Observer) -> None:
+    process = up("robot")
+    observer.until(lambda: observer.truths and observer.states, "the robot talks")
+    children(process)["simulator"].kill()
+    frames = len(observer.states)
+    observer.until(lambda: any("is gone:" in text for text in observer.logs), "it is missed")
+    observer.until(lambda: len(observer.states) > frames + 10, "the robot talks again")
+
+
+def test_the_scenario_says_who_takes_part_and_the_command_line_says_more(
+    up: Start, observer: Observer, tmp_path: Path
+) -> None:
+    scenario = tmp_path / "own.toml"
+    scenario.write_text(
+        'world = "empty"\nstart = [0, 0, 0]\ngoal = [1, 0, 0]\nagents = ["encoder", "goto"]\n'
+    )
+    up("lab1", str(scenario), "--with", "avoid", "--with", "avoid", "--set", "avoid.v_max=0.2")
+    observer.until(lambda: len(observer.client.alive) == 3, "three are there")
+    assert sorted(name for name, _ in observer.client.alive) == ["avoid", "avoid", "encoder"]
+
+
+def test_systemd_is_told_when_it_is_up(
+    start: Start, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    with socket.socket(socket.AF_UNIX, socket.SOCK_DGRAM) as line:
+        line.bind(str(tmp_path / "notify"))
+        line.settimeout(SOON)
+        monkeypatch.setenv("NOTIFY_SOCKET", str(tmp_path / "notify"))
+        start("up", "--host", "lab1")
+        assert line.recv(100) == b"READY=1"
+
+
+def test_ps_says_what_each_host_lacks_and_the_exit_code_what_one_does(
+    up: Start, call: Call
+) -> None:
+    process = up("lab1", "--restarts", "0", "--without", "sonar")
+    assert call("ps", "--host", "lab1").returncode == 0, "it was asked to do without"
+    found = {host["name"]: host for host in json.loads(call("ps", "--json").stdout)["hosts"]}
+    assert found["lab1"]["state"] == "up"
+    assert found["lab2"]["lacks"] == ["goto", "avoid", "gothrough"]
+    shown = call("ps")
+    assert "lab3: nobody is there" in shown.stdout
+    by_hand = call("ps", "--host", "lab2")
+    assert (by_hand.returncode, by_hand.stdout) == (1, "lab2: nobody is there\n")
+    process.terminate()
+    assert process.wait(SOON) == 0
+
+
+def test_an_agent_by_hand_counts_as_the_hosts(start: Start, call: Call, observer: Observer) -> None:
+    start("goto", "--host", "lab2", program="armadico-agent")
+    observer.until(lambda: observer.names == {"goto"}, "it is there")
+    seen = call("ps", "--host", "lab2")
+    assert (seen.returncode, seen.stdout) == (1, "lab2: lacks: avoid, gothrough\n")
+
+
+def test_a_port_that_is_taken_by_our_own_is_left_to_them(start: Start, up: Start) -> None:
+    """Three agents and two endpoints: the third takes a port that is free."""
+    line = up("lab2")
+    assert line.poll() is None
+
+
+def test_who_is_not_on_this_machine_is_told(call: Call, table: Path) -> None:
+    text = table.read_text().replace("127.0.0.12", "192.0.2.77")
+    table.write_text(text)
+    for words, program in ((("up",), "armadico"), (("sonar",), "armadico-agent")):
+        done = call(*words, "--host", "lab1", program=program)
+        assert done.returncode == 2
+        assert "host 'lab1' is not this machine: 192.0.2.77 is no address of its own" in done.stderr
+        assert "this machine is 'robot' or 'lab2' or 'lab3'" in done.stderr
+
+
+def test_the_process_says_nothing_else_on_standard_output(up: Start) -> None:
+    process = up("lab1")
+    process.terminate()
+    out, _ = process.communicate(timeout=SOON)
+    assert out == ""

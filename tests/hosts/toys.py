@@ -1,0 +1,57 @@
+"""Agents as others may have them: python toys.py KIND HOST, on the mesh of ARMADICO_HOSTS.
+
+`driver` bids for the wheels with all that it has, `foreign` does so by another protocol, and `late`
+is on a machine whose clock is an hour ahead.
+"""
+
+from __future__ import annotations
+
+import argparse
+import logging
+import os
+import sys
+import time
+from typing import Any, ClassVar
+
+from armadico import messages
+from armadico.agent import Agent
+from armadico.cli import options
+from armadico.exchange import Bid
+from armadico.messages import Message, RobotState
+from armadico.resources import WHEELS, Resource
+from armadico.runtime import identity, serve
+
+AHEAD_S = 3600.0
+
+
+class Driver(Agent):
+    """Drives, whatever is there."""
+
+    name = "driver"
+    reacts_to = RobotState
+    provides: ClassVar[tuple[type[Message], ...]] = ()
+    competes_for: ClassVar[tuple[Resource, ...]] = (WHEELS,)
+
+    def bid(self, message: Any) -> Bid:
+        return Bid(utility=1.0, action=(0.3, 0.0), critical=True)
+
+
+def main(kind: str, host: str) -> None:
+    """Run one, until it is ended."""
+    logging.basicConfig(stream=sys.stderr)
+    args = argparse.Namespace(
+        host=host,
+        hosts=None,
+        connect=[],
+        listen=[],
+        namespace=os.environ[options.NAMESPACE_VARIABLE],
+    )
+    if kind == "foreign":  # on its card; what refuses to join has asked for the number already
+        messages.PROTOCOL += 1
+    ahead = AHEAD_S if kind == "late" else 0.0
+    mesh = options.join(args, passing=False)
+    serve(Driver(identity("driver", host)), mesh, wall=lambda: time.time() + ahead)
+
+
+if __name__ == "__main__":
+    main(*sys.argv[1:])

@@ -1,0 +1,75 @@
+"""A link that is closed holds up nobody: no socket of Zenoh's lingers once its link is up."""
+
+from __future__ import annotations
+
+import json
+import os
+import socket
+import struct
+from collections.abc import Callable, Iterator
+from contextlib import suppress
+from pathlib import Path
+
+import pytest
+import zenoh
+
+from armadico.client import Client
+from armadico.mesh.linger import release_links
+from armadico.mesh.zenoh import SETTINGS, ZenohMesh
+from tests.mesh.conftest import private_endpoints
+
+pytestmark = pytest.mark.live
+
+TEN = struct.pack("ii", 1, 10)
+ENOUGH = 10.0  # s
+
+
+def lingering() -> list[bytes]:
+    """The linger times of this process's sockets that have any."""
+    found = []
+    for entry in Path("/proc/self/fd").iterdir():
+        with suppress(OSError):  # no socket, or gone
+            copy = socket.socket(fileno=os.dup(int(entry.name)))
+            with copy:
+                found.append(copy.getsockopt(socket.SOL_SOCKET, socket.SO_LINGER, 8))
+    return [each for each in found if struct.unpack("ii", each)[0]]
+
+
+@pytest.fixture
+def ours() -> Iterator[socket.socket]:
+    with socket.socket() as made:
+        made.setsockopt(socket.SOL_SOCKET, socket.SO_LINGER, TEN)
+        yield made
+
+
+def test_what_lingers_is_found_and_stopped(ours: socket.socket) -> None:
+    assert lingering() == [TEN]
+    release_links()
+    assert lingering() == []
+
+
+def test_once_two_sessions_hear_each_other_none_of_their_sockets_lingers(
+    join: Callable[..., ZenohMesh],
+) -> None:
+    first, second = join(), join()
+    waiting = Client(second)
+    assert waiting.wait_for(lambda: first.neighbours and second.neighbours, ENOUGH)
+    assert waiting.wait_for(lambda: not lingering(), ENOUGH)
+
+
+def test_zenoh_alone_still_needs_it() -> None:
+    endpoint = private_endpoints(1)
+
+    def session(listen: str, *connect: str) -> zenoh.Session:
+        config = zenoh.Config()
+        ends = {"listen/endpoints": [listen], "connect/endpoints": list(connect)}
+        for key, value in (SETTINGS | ends).items():
+            config.insert_json5(key, json.dumps(value))
+        return zenoh.open(config)
+
+    events = zenoh.handlers.FifoChannel(16)
+    with session(endpoint) as first:
+        links = first.info.declare_link_events_listener(events, history=True)
+        with session("tcp/127.0.0.1:0", endpoint):
+            links.recv()
+            assert TEN in lingering()

@@ -1,0 +1,73 @@
+"""What of its processes' logs `up` passes on, and how long a log may grow."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import pytest
+
+from armadico.upkeep import Tail
+
+STAMP = "12:00:00.123 goto"
+
+
+@pytest.fixture
+def log(tmp_path: Path) -> Path:
+    file = tmp_path / "goto.log"
+    file.touch()
+    return file
+
+
+def write(log: Path, *lines: str, end: str = "\n") -> None:
+    with log.open("a") as file:
+        file.write("\n".join(lines) + end)
+
+
+def test_faults_are_passed_on_with_who_says_them_and_the_rest_is_not(log: Path) -> None:
+    tail = Tail("goto-2", log)
+    assert tail.loud() == []
+    write(log, f"{STAMP} INFO began", f"{STAMP} WARNING slow", f"{STAMP} ERROR no way")
+    assert tail.loud() == ["goto-2: WARNING slow", "goto-2: ERROR no way"]
+    assert tail.loud() == []
+
+
+def test_what_belongs_to_a_line_goes_with_it(log: Path) -> None:
+    tail = Tail("goto", log)
+    write(log, f"{STAMP} ERROR it failed", "Traceback (most recent call last):", "  here")
+    write(log, f"{STAMP} INFO a list:", "  of things", end="\n")
+    assert tail.loud() == [
+        "goto: ERROR it failed",
+        "goto: Traceback (most recent call last):",
+        "goto:   here",
+    ]
+
+
+def test_what_is_said_before_there_is_a_log_is_passed_on(log: Path) -> None:
+    tail = Tail("goto", log)
+    write(log, "armadico-agent: --set v_max=fast: expected a number")
+    assert tail.loud() == ["goto: armadico-agent: --set v_max=fast: expected a number"]
+
+
+def test_half_a_line_waits_for_the_rest(log: Path) -> None:
+    tail = Tail("goto", log)
+    write(log, f"{STAMP} WARN", end="")
+    assert tail.loud() == []
+    write(log, "ING slow")
+    assert tail.loud() == ["goto: WARNING slow"]
+
+
+def test_a_long_log_is_begun_anew_while_it_is_written_to(
+    log: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr("armadico.upkeep.LOG_BYTES", 100)
+    tail = Tail("goto", log)
+    with log.open("ab", buffering=0) as agent:  # as a process has it
+        agent.write(f"{STAMP} INFO {'long ' * 30}\n".encode())
+        tail.loud()
+        tail.turn()
+        assert log.stat().st_size == 0
+        assert log.with_suffix(".log.1").read_text().startswith(STAMP)
+        agent.write(f"{STAMP} ERROR short\n".encode())
+        assert tail.loud() == ["goto: ERROR short"]
+        tail.turn()
+    assert log.stat().st_size == len(f"{STAMP} ERROR short\n")

@@ -1,0 +1,219 @@
+"""The switch under a virtual clock: what each fault does, to one direction only, from one seed."""
+
+from __future__ import annotations
+
+import re
+from itertools import pairwise
+from statistics import fmean
+
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from armadico.tools.hosts.switch import WHOLE, Faults, LinkError, Switch, parse_link
+
+NAMES = ("robot", "lab1", "lab2")
+MAC = {name: bytes((2, 0, 0, 0, 0, n)) for n, name in enumerate(NAMES, 1)}
+THERE = ("lab2", "robot")
+BACK = ("robot", "lab2")
+
+Arrival = tuple[float, str, bytes]
+
+shares = st.floats(0.0, 1.0)
+faults = st.builds(
+    Faults,
+    cut=st.booleans(),
+    delay=st.floats(0.0, 0.5),
+    jitter=st.floats(0.0, 0.2),
+    loss=shares,
+    duplicate=shares,
+    reorder=shares,
+    rate=st.sampled_from((0.0, 1e5, 1e6)),
+)
+
+
+def switch(seed: int = 0) -> Switch:
+    return Switch({mac: name for name, mac in MAC.items()}, seed)
+
+
+def frame(target: str, number: int = 0, size: int = 64) -> bytes:
+    return MAC[target] + number.to_bytes(size - 6, "big")
+
+
+def number_of(data: bytes) -> int:
+    return int.from_bytes(data[6:], "big")
+
+
+def drain(of: Switch, until: float = 1e6) -> list[Arrival]:
+    """What arrives, each at the time when the switch says that it is due."""
+    arrivals: list[Arrival] = []
+    while (at := of.next_due) is not None and at <= until:
+        arrivals += [(at, host, data) for host, data in of.due(at)]
+    return arrivals
+
+
+def sent(
+    of: Switch, count: int, each: float = 0.01, link: tuple[str, str] = THERE
+) -> list[Arrival]:
+    """Send so many frames over a link, and take what arrives in the end."""
+    for n in range(count):
+        of.take(link[0], frame(link[1], n), n * each)
+    return drain(of)
+
+
+def test_a_whole_link_delivers_at_once_to_whom_it_is_addressed() -> None:
+    of = switch()
+    of.take("lab1", frame("robot", 7), 1.5)
+    assert drain(of) == [(1.5, "robot", frame("robot", 7))]
+    assert of.next_due is None
+
+
+def test_what_is_for_all_goes_to_all_but_the_sender() -> None:
+    of = switch()
+    of.take("lab1", b"\xff" * 6 + b"who has", 0.0)
+    assert sorted(host for _, host, _ in drain(of)) == ["lab2", "robot"]
+
+
+def test_nobody_hears_what_he_addresses_to_himself() -> None:
+    of = switch()
+    of.take("lab1", frame("lab1"), 0.0)
+    assert drain(of) == []
+
+
+def test_delay_and_jitter_stay_within_their_bounds_and_keep_the_order() -> None:
+    of = switch()
+    of.set([THERE], Faults(delay=0.05, jitter=0.01))
+    arrivals = sent(of, 500)
+    times = [at - number_of(data) * 0.01 for at, _, data in arrivals]
+    assert min(times) >= 0.04 - 1e-9
+    assert max(times) <= 0.06 + 1e-9
+    assert max(times) - min(times) > 0.015
+    assert [number_of(data) for *_, data in arrivals] == list(range(500))
+
+
+def test_the_other_direction_and_other_links_are_whole() -> None:
+    of = switch()
+    of.set([THERE], Faults(cut=True))
+    assert sent(of, 3) == []
+    assert len(sent(of, 3, link=BACK)) == 3
+    assert len(sent(of, 3, link=("lab2", "lab1"))) == 3
+
+
+@pytest.mark.parametrize("share", [0.05, 0.2, 0.5])
+def test_so_many_are_lost_and_so_many_come_twice(share: float) -> None:
+    of = switch()
+    of.set([THERE], Faults(loss=share))
+    assert len(sent(of, 4000)) / 4000 == pytest.approx(1.0 - share, abs=0.03)
+    of.set([THERE], Faults(duplicate=share))
+    assert len(sent(of, 4000)) / 4000 == pytest.approx(1.0 + share, abs=0.03)
+
+
+def test_reordered_frames_overtake_those_that_are_delayed() -> None:
+    of = switch()
+    of.set([THERE], Faults(delay=0.035, reorder=0.25))
+    arrivals = sent(of, 1000)
+    order = [number_of(data) for *_, data in arrivals]
+    assert sorted(order) == list(range(1000))
+    ahead = sum(a > b for a, b in pairwise(order))
+    assert 100 < ahead < 300
+    assert of.counts()[THERE].overtaking == pytest.approx(250, abs=50)
+
+
+def test_a_slow_link_takes_its_time_and_lets_half_a_second_wait() -> None:
+    of = switch()
+    of.set([THERE], Faults(rate=64 * 8 * 100))  # 100 such frames a second
+    arrivals = sent(of, 1000, each=0.0)
+    gaps = [b[0] - a[0] for a, b in pairwise(arrivals)]
+    assert fmean(gaps) == pytest.approx(0.01)
+    assert len(arrivals) == pytest.approx(51, abs=1)
+    assert of.counts()[THERE].lost == 1000 - len(arrivals)
+
+
+def test_a_partition_lets_groups_talk_among_themselves_until_it_is_healed() -> None:
+    of = switch()
+    of.partition(["robot", "lab1"], ["lab2"])
+    for link, arrive in ((THERE, 0), (BACK, 0), (("robot", "lab1"), 2), (("lab1", "lab2"), 0)):
+        assert len(sent(of, 2, link=link)) == arrive
+    of.heal()
+    assert len(sent(of, 2)) == 2
+
+
+def test_a_partition_leaves_what_else_is_wrong_with_a_link() -> None:
+    of = switch()
+    of.set([THERE], Faults(delay=0.1))
+    of.partition(NAMES)
+    assert of.faults(THERE) == Faults(delay=0.1)
+    of.cut([THERE])
+    of.cut([THERE], False)
+    assert of.faults(THERE) == Faults(delay=0.1)
+
+
+def test_who_is_unplugged_hears_and_says_nothing_and_loses_what_was_on_its_way() -> None:
+    of = switch()
+    of.set([THERE], Faults(delay=0.5))
+    of.take("lab2", frame("robot"), 0.0)
+    of.plug("robot", False)
+    of.take("robot", frame("lab2"), 0.1)
+    of.take("lab1", frame("robot"), 0.1)
+    assert drain(of) == []
+    of.plug("robot", True)
+    assert [host for _, host, _ in sent(of, 1, link=BACK)] == ["lab2"]
+
+
+@given(faults=faults, seed=st.integers(0, 2**32))
+def test_the_same_seed_does_the_same_and_nothing_is_invented(faults: Faults, seed: int) -> None:
+    runs = []
+    for _ in range(2):
+        of = switch(seed)
+        of.set([THERE], faults)
+        runs.append(sent(of, 60))
+    assert runs[0] == runs[1]
+    numbers = [number_of(data) for *_, data in runs[0]]
+    assert all(host == "robot" for _, host, _ in runs[0])
+    assert all(numbers.count(n) <= 2 for n in range(60))
+    assert not numbers or max(numbers) < 60
+    assert all(at >= number_of(data) * 0.01 for at, _, data in runs[0])
+    assert not (faults.cut and numbers)
+
+
+@given(faults=faults)
+def test_a_fault_on_one_link_leaves_what_another_draws(faults: Faults) -> None:
+    runs = []
+    for other in (WHOLE, faults):
+        of = switch(3)
+        of.set([BACK], Faults(loss=0.4, delay=0.02, jitter=0.02))
+        of.set([THERE], other)
+        sent(of, 20)
+        runs.append(sent(of, 50, link=BACK))
+    assert runs[0] == runs[1]
+
+
+def test_links_are_read_as_people_write_them() -> None:
+    links, found = parse_link("lab2->robot:delay=50ms,jitter=10ms,loss=5%", NAMES)
+    assert links == [THERE]
+    assert found == Faults(delay=0.05, jitter=0.01, loss=0.05)
+    links, found = parse_link("lab2<->*:cut", NAMES)
+    assert sorted(links) == sorted(link for link in switch().links() if "lab2" in link)
+    assert found == Faults(cut=True)
+    _, found = parse_link("*->*:rate=1.5Mbit,duplicate=1%,reorder=2%", NAMES)
+    assert found == Faults(rate=1.5e6, duplicate=0.01, reorder=0.02)
+
+
+@pytest.mark.parametrize(
+    ("text", "says"),
+    [
+        ("lab2:loss=5%", "is no link; one looks like lab2->robot:"),
+        ("lab2->robot", "is no link"),
+        ("lab2->lab9:cut", "no host 'lab9'; there are robot, lab1, lab2"),
+        ("lab2->lab2:cut", "from a host to itself"),
+        ("lab2->robot:lag=5ms", "'lag=5ms' is no fault; there are cut, delay"),
+        ("lab2->robot:cut=1", "is no fault"),
+        ("lab2->robot:loss", "is no fault"),
+        ("lab2->robot:loss=120%", "loss=120% is out of the question; for instance loss=5%"),
+        ("lab2->robot:delay=50", "for instance delay=50ms"),
+        ("lab2->robot:rate=0bit", "for instance rate=1Mbit"),
+    ],
+)
+def test_what_is_no_link_is_refused_with_what_would_be_one(text: str, says: str) -> None:
+    with pytest.raises(LinkError, match=re.escape(says)):
+        parse_link(text, NAMES)

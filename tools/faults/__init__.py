@@ -1,0 +1,7 @@
+"""Faults made on purpose, and a checker that knows the promises and nothing of the faults' makers.
+
+`observations` is what the checker looks at, `checker` what it promises to notice; both are used on
+the virtual mesh and on what was recorded of real processes. The rest makes faults on the virtual
+mesh: `plan` draws them from a seed, `inflict` puts them in, `workload` drives, `shrink` finds the
+few that matter, `series` counts.
+"""

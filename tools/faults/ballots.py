@@ -1,0 +1,112 @@
+"""Promises about who drives: ballots, frames and reigns."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+
+from armadico.messages import Ballot, Claim, RobotState
+from armadico.tools.faults.kinds import Promise
+from armadico.tools.faults.observations import Obeyed, Observation, Said
+from armadico.tools.faults.situation import FRESH_FRAMES, Bounds, Situation
+
+ALIVE_S = 0.35
+"""The robot agent obeys for so long after its newest frame: 0.3 s, by a clock that may be slow."""
+
+
+def brief(ballot: Ballot | None) -> str:
+    """A ballot for people: term and instance."""
+    return "none" if ballot is None else f"{ballot.term} of {ballot.instance[:-12]}"
+
+
+class OneDriver:
+    """Within an epoch neither the ballots obeyed nor the largest known ever go down."""
+
+    promise = Promise.ONE_DRIVER
+
+    def __init__(self) -> None:
+        self._obeyed: dict[int, Ballot] = {}  # the largest obeyed, by epoch
+        self._largest: dict[int, Ballot] = {}
+
+    def look(self, seen: Observation, now: Situation) -> Iterator[str]:  # noqa: ARG002
+        """The echo, and each command obeyed where that can be seen."""
+        if isinstance(seen, Obeyed):
+            yield from self._rises(self._obeyed, seen.frame.epoch, seen.ballot, "obeyed")
+        elif isinstance(seen, Said) and isinstance(seen.message, RobotState):
+            state = seen.message
+            epoch = state.frame.epoch
+            if state.obeyed is not None:
+                yield from self._rises(self._obeyed, epoch, state.obeyed, "echoed as obeyed")
+            if state.largest is not None:
+                yield from self._rises(self._largest, epoch, state.largest, "echoed as largest")
+            if state.obeyed is not None and (state.largest is None or state.largest < state.obeyed):
+                yield f"{brief(state.obeyed)} is obeyed, the largest is {brief(state.largest)}"
+
+    @staticmethod
+    def _rises(known: dict[int, Ballot], epoch: int, ballot: Ballot, how: str) -> Iterator[str]:
+        before = known.get(epoch)
+        if before is not None and ballot < before:
+            yield f"ballot {brief(ballot)} is {how} after {brief(before)}"
+        known[epoch] = ballot if before is None else max(ballot, before)
+
+
+class Fresh:
+    """Nothing is obeyed that answers a frame more than 3 before, or before the one obeyed last."""
+
+    promise = Promise.FRESH
+
+    def look(self, seen: Observation, now: Situation) -> Iterator[str]:
+        """By each command obeyed, else by what the echo tells from one frame to the next."""
+        state = now.state
+        if isinstance(seen, Obeyed) and state is not None:
+            age, silent = now.age(seen.frame), seen.at - now.state_at
+            if age > FRESH_FRAMES:
+                yield f"{brief(seen.ballot)} is obeyed for a frame {age} before the newest"
+            elif silent > ALIVE_S:
+                yield f"{brief(seen.ballot)} is obeyed {silent:.2f} s after the newest frame"
+        elif isinstance(seen, Said) and isinstance(seen.message, RobotState):
+            yield from self._echo(seen.message, now.before)
+
+    @staticmethod
+    def _echo(state: RobotState, before: RobotState | None) -> Iterator[str]:
+        at = state.obeyed_frame
+        if before is None or at is None or before.frame.epoch != state.frame.epoch:
+            return
+        was = before.obeyed_frame
+        if at.epoch != state.frame.epoch:
+            yield f"{brief(state.obeyed)} is obeyed for a frame of another epoch"
+        elif (at, state.obeyed) != (was, before.obeyed):
+            age = before.frame.number - at.number  # it was obeyed after the frame before
+            if age > FRESH_FRAMES:
+                yield f"{brief(state.obeyed)} is obeyed for a frame at least {age} old"
+            if was is not None and state.obeyed == before.obeyed and at < was:
+                yield f"{brief(state.obeyed)} is obeyed for frame {at.number} after {was.number}"
+
+
+class OneHolder:
+    """In a whole network no two reigns go on side by side for 5 frames.
+
+    An exchange shows two for a moment: who is beaten has not heard so yet.
+    """
+
+    promise = Promise.ONE_HOLDER
+
+    def __init__(self, bounds: Bounds) -> None:
+        self._overlap_s = bounds.overlap_s
+        self._told: set[frozenset[Ballot]] = set()
+
+    def look(self, seen: Observation, now: Situation) -> Iterator[str]:
+        """At each claim: for how long two reigns have gone on, the network being whole."""
+        if not isinstance(seen, Said) or not isinstance(seen.message, Claim):
+            return
+        ballot = seen.message.ballot
+        if ballot not in now.claims or now.whole_for() < self._overlap_s:
+            return
+        first, last, _ = now.claims[ballot]
+        for other, (other_first, other_last, claim) in now.claims.items():
+            if other == ballot or claim.resource != seen.message.resource:
+                continue
+            overlap = min(last, other_last) - max(first, other_first, now.whole_since)
+            pair = frozenset((ballot, other))
+            if overlap >= self._overlap_s and pair not in self._told:
+                self._told.add(pair)
+                yield f"{brief(ballot)} and {brief(other)} both claim for {overlap:.2f} s"

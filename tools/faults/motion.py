@@ -1,0 +1,192 @@
+"""Promises about the wheels: silence stops, the watchdog, bounded acceleration, no collision."""
+
+from __future__ import annotations
+
+from collections import deque
+from collections.abc import Iterator, Sequence
+from math import inf
+
+from armadico.messages import Ballot, Claim, Command, RobotState, Truth
+from armadico.tools.faults.ballots import brief
+from armadico.tools.faults.kinds import Promise
+from armadico.tools.faults.observations import Observation, Ordered, Said
+from armadico.tools.faults.situation import FRESH_FRAMES, Bounds, Situation
+
+ROUND_M_S = 0.001
+ROUND_RAD_S = 0.0095
+"""P2OS carries whole mm/s and whole degrees/s."""
+
+COMMANDS = 256  # commands remembered, to be found again in what is ordered
+
+CLAIMS = 16
+LATELY_S = 0.35
+"""A take-over begins from the holder that was heard of not longer ago than this, s."""
+
+HULL = 1e-6
+
+
+class Silence:
+    """A stop is ordered within 0.4 s of the last valid command.
+
+    Each command that is obeyed is written to the controller; so once it was told to move, either
+    the next order comes in time, or a stop. And what is ordered was commanded, for a frame that is
+    not long past: a robot agent that goes on by itself has not stopped. After the braking time the
+    wheels rest: an order that the line lost is given again.
+    """
+
+    promise = Promise.SILENCE
+
+    def __init__(self, bounds: Bounds) -> None:
+        self._stop_s = bounds.stop_s
+        self._braking_s = bounds.braking_s
+        self._rest_at: float | None = None  # when rest was ordered, and nothing else since
+        self._commands: deque[Command] = deque(maxlen=COMMANDS)
+        self._order: Ordered | None = None  # the last, if it moves and is not settled yet
+
+    def look(self, seen: Observation, now: Situation) -> Iterator[str]:
+        """At each order, and as time passes."""
+        if isinstance(seen, Said) and isinstance(seen.message, Command):
+            self._commands.append(seen.message)
+        last = self._order
+        if now.void(self.promise):
+            self._order = None
+        elif last is not None and seen.at - last.at > self._stop_s:
+            self._order = None
+            waited = seen.at - last.at
+            yield f"no order for {waited:.2f} s after {last.v:.3f} m/s, {last.w:.3f} rad/s"
+        yield from self._rests(seen, now)
+        if isinstance(seen, Ordered):
+            moves = seen.v != 0.0 or seen.w != 0.0
+            self._order = seen if moves else None
+            self._rest_at = None if moves else self._rest_at or seen.at
+            if moves and not now.void(self.promise) and not self._commanded(seen, now):
+                yield f"{seen.v:.3f} m/s, {seen.w:.3f} rad/s are ordered, and nobody commanded so"
+
+    def _rests(self, seen: Observation, now: Situation) -> Iterator[str]:
+        """Whether the wheels rest in time, the line to them being whole."""
+        if now.void(Promise.COLLISION) or now.void(self.promise):
+            self._rest_at = self._rest_at and seen.at
+        if self._rest_at is None or not isinstance(seen, Said):
+            return
+        waited, truth = seen.at - self._rest_at, seen.message
+        if isinstance(truth, Truth) and waited > self._braking_s and now.rested_at < seen.at:
+            self._rest_at = None
+            yield f"{waited:.1f} s after rest was ordered still {truth.v:.2f} m/s"
+
+    def _commanded(self, order: Ordered, now: Situation) -> bool:
+        for command in reversed(self._commands):
+            near = abs(command.v - order.v) <= ROUND_M_S and abs(command.w - order.w) <= ROUND_RAD_S
+            if near and now.age(command.frame) <= FRESH_FRAMES:
+                return True
+        return False
+
+
+class Watchdog:
+    """The robot agent dead or hung, the controller's watchdog has the wheels at rest in time."""
+
+    promise = Promise.WATCHDOG
+
+    def __init__(self, bounds: Bounds) -> None:
+        self._due_s = bounds.watchdog_s + bounds.braking_s
+        self._since: float | None = None
+
+    def look(self, seen: Observation, now: Situation) -> Iterator[str]:
+        """At the true speed, once it is time."""
+        gone = now.befalls("robot", "crash", "hang")
+        if not gone:
+            self._since = None
+        elif self._since is None or isinstance(seen, Ordered):
+            self._since = seen.at
+        elif seen.at - self._since > self._due_s and now.truth_at == seen.at:
+            truth = now.truth
+            if truth is not None and now.rested_at < seen.at:
+                self._since = inf
+                yield f"still {truth.v:.2f} m/s, {truth.w:.2f} rad/s after {self._due_s:.1f} s"
+
+
+class Smooth:
+    """Acceleration is bounded, linear and angular, and a hand-over stays between both actions.
+
+    The bound is the profile's: the controller's ramps, with room for the overshoot of its speed
+    loops; it holds for the true speeds at all times but while a wall pushes, hand-overs included.
+    What the winner of a smooth exchange commands lies between what it wants and what the loser
+    commanded, or what was measured if it did not hear the loser.
+    """
+
+    promise = Promise.SMOOTH
+
+    def __init__(self, bounds: Bounds) -> None:
+        self._bounds = bounds
+        self._truth: tuple[float, Truth] | None = None
+        self._touched_at = -inf
+        self._largest: Ballot | None = None
+        self._claims: deque[tuple[float, Claim]] = deque(maxlen=CLAIMS)
+        self._speeds: deque[tuple[float, float]] = deque(maxlen=FRESH_FRAMES + 2)  # as echoed
+
+    def look(self, seen: Observation, now: Situation) -> Iterator[str]:
+        """At each true speed, and at the first claim of each reign."""
+        if not isinstance(seen, Said):
+            return
+        if isinstance(seen.message, RobotState):
+            self._speeds.append((seen.message.v, seen.message.w))
+        elif isinstance(seen.message, Truth):
+            if not now.void(self.promise):
+                yield from self._ramps(seen.at, seen.message)
+            self._truth = (seen.at, seen.message)
+        elif isinstance(seen.message, Claim):
+            yield from self._take_over(seen.at, seen.message, now)
+
+    def _ramps(self, at: float, truth: Truth) -> Iterator[str]:
+        if self._truth is None:
+            return
+        before_at, before = self._truth
+        if truth.clearance is not None and truth.clearance < 0.005:
+            self._touched_at = at
+        dt = truth.t - before.t
+        if dt <= 0.0 or at - before_at > 0.5 or at - self._touched_at < 1.0:
+            return
+        v, w = abs(truth.v - before.v) / dt, abs(truth.w - before.w) / dt
+        if v > self._bounds.v_accel:
+            yield f"{v:.2f} m/s^2: from {before.v:.3f} to {truth.v:.3f} m/s in {dt:.2f} s"
+        if w > self._bounds.w_accel:
+            yield f"{w:.2f} rad/s^2: from {before.w:.3f} to {truth.w:.3f} rad/s in {dt:.2f} s"
+
+    def _take_over(self, at: float, claim: Claim, now: Situation) -> Iterator[str]:
+        """At the first claim of a reign: it begins from a claim of before, or what is measured."""
+        first = self._largest is None or claim.ballot > self._largest
+        while self._claims and at - self._claims[0][0] > LATELY_S:
+            self._claims.popleft()
+        if first:
+            self._largest = claim.ballot
+            others = [c for _, c in self._claims if c.ballot.instance != claim.ballot.instance]
+            if others and claim.utility is not None and now.whole_for() > 1.0:
+                yield from self._between(others, claim)
+        self._claims.append((at, claim))
+
+    def _between(self, before: Sequence[Claim], winner: Claim) -> Iterator[str]:
+        starts = [*self._speeds, *(claim.commanded for claim in before if claim.commanded)]
+        for axis, commanded in enumerate(winner.commanded):
+            ends = [winner.wanted[axis], *(start[axis] for start in starts)]
+            if not min(ends) - HULL <= commanded <= max(ends) + HULL:
+                yield (
+                    f"{brief(winner.ballot)} commands {commanded:.3f} on taking over,"
+                    f" not between {min(ends):.3f} and {max(ends):.3f}"
+                )
+
+
+class Collision:
+    """Nothing is touched, while sensing is honest and the robot agent lives."""
+
+    promise = Promise.COLLISION
+
+    def __init__(self) -> None:
+        self._count: int | None = None
+
+    def look(self, seen: Observation, now: Situation) -> Iterator[str]:
+        """At the simulator's count of contacts."""
+        if not isinstance(seen, Said) or not isinstance(seen.message, Truth):
+            return
+        truth = seen.message
+        before, self._count = self._count, truth.collisions
+        if before is not None and truth.collisions > before and not now.void(self.promise):
+            yield f"touched something at ({truth.x:.2f}, {truth.y:.2f}), {truth.v:.2f} m/s"

@@ -1,0 +1,77 @@
+"""What the checker of promises is shown, in the order of time.
+
+All of it can be seen from outside the processes: what is said on the mesh, what the robot agent
+writes to the controller, and what whoever makes the faults knows. Two kinds are optional, since
+only the virtual mesh shows them in every frame: `Obeyed` and `Bids`. `at` is always in seconds, by
+one clock of whoever watches.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+from armadico.messages import Ballot, BidRecord, Frame, Message
+
+
+@dataclass(frozen=True, slots=True)
+class Said:
+    """A message: `RobotState`, `Claim`, `Command`, `MissionStatus`, `Pose` or `Truth`."""
+
+    at: float
+    message: Message
+
+
+@dataclass(frozen=True, slots=True)
+class Ordered:
+    """Speeds that the robot agent wrote to the controller, m/s and rad/s."""
+
+    at: float
+    v: float
+    w: float
+
+
+@dataclass(frozen=True, slots=True)
+class Faulted:
+    """A fault begins or ends; `kind` is one of `kinds.KINDS`, `whom` names agents."""
+
+    at: float
+    kind: str
+    whom: tuple[str, ...]
+    began: bool
+
+
+@dataclass(frozen=True, slots=True)
+class Passed:
+    """Nothing but time: say so at the end, and wherever nothing is seen for long."""
+
+    at: float
+
+
+@dataclass(frozen=True, slots=True)
+class Obeyed:
+    """Optional: the robot agent obeys a command. Without it the echo in `RobotState` has to do."""
+
+    at: float
+    ballot: Ballot
+    frame: Frame
+
+
+@dataclass(frozen=True, slots=True)
+class Bids:
+    """Optional: what an instance last thought of bidding, and how long ago it did (s)."""
+
+    at: float
+    instance: str
+    record: BidRecord
+    age: float = 0.0
+
+
+@dataclass(frozen=True, slots=True)
+class Left:
+    """Optional: an instance has gone, and with it its bids."""
+
+    at: float
+    instance: str
+
+
+Observation = Said | Ordered | Faulted | Passed | Obeyed | Bids | Left

@@ -1,0 +1,68 @@
+"""The checker of promises on a recording: what `armadico record` kept of any society."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterable, Iterator
+from pathlib import Path
+
+from armadico.frames import PERIOD
+from armadico.messages import (
+    BidRecord,
+    Claim,
+    Command,
+    Frame,
+    MessageError,
+    MissionStatus,
+    RobotState,
+    Truth,
+)
+from armadico.tools.export import HERE, Row, rows
+from armadico.tools.faults.checker import Checker
+from armadico.tools.faults.observations import Bids, Left, Observation, Passed, Said
+
+SHOWN = (RobotState, Claim, Command, MissionStatus, Truth)
+
+
+def check(path: Path, namespace: str | None, warn: Callable[[str], None]) -> Checker:
+    """Look at a recording, of one namespace if there are several.
+
+    What no recording shows is not looked at: the line to the controller, and which faults were
+    made. So a promise that a fault takes away (`kinds.voided`) counts as broken here.
+    Raises RecordingError and OSError.
+    """
+    checker = Checker()
+    checker.take_all(
+        observations(row for row in rows(path, warn) if namespace in (None, row.namespace))
+    )
+    return checker
+
+
+def observations(recorded: Iterable[Row]) -> Iterator[Observation]:
+    """What the checker is shown of a recording; times are s."""
+    newest: Frame | None = None
+    for row in recorded:
+        at = row.t / 1e9
+        if row.schema == HERE:
+            if not row.fields["there"]:
+                yield Left(at, str(row.fields["instance"]))
+            continue
+        try:
+            message = row.message
+        except MessageError:
+            continue
+        if isinstance(message, RobotState):
+            newest = message.frame
+        if isinstance(message, BidRecord):
+            instance = row.key.split("/")[2]  # agent/NAME/INSTANCE/bids
+            yield Bids(at, instance, message, _age(message.frame, newest))
+        elif isinstance(message, SHOWN):
+            yield Said(at, message)
+        else:
+            yield Passed(at)
+
+
+def _age(frame: Frame, newest: Frame | None) -> float:
+    """How long ago a frame was, s; bids are asked for, and come some time after they were made."""
+    if newest is None or newest.epoch != frame.epoch:
+        return 0.0
+    return max(newest.number - frame.number, 0) * PERIOD

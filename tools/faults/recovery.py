@@ -1,0 +1,133 @@
+"""Promises about afterwards: somebody is obeyed, and the robot moves again or bids say why not."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from math import hypot, inf
+
+from armadico.geometry import wrap
+from armadico.messages import RobotState
+from armadico.tools.faults.kinds import Promise
+from armadico.tools.faults.observations import Observation
+from armadico.tools.faults.situation import MOVING_M_S, MOVING_RAD_S, Bounds, Situation
+
+STANDS_BACK_S = 4.0
+"""The longest that a holder stands back, s (`armadico.coordination.STAND_BACK`)."""
+
+FRICTION_S = 2.0
+"""From rest a slow turn of 0.1 rad/s takes the speed loops 1.2 s to begin, by what was seen."""
+
+CRAWL_M, CRAWL_RAD = 0.005, 0.02
+"""Farther from where it stood than this, it has moved: six counts of the controller's odometry."""
+
+TURN_S = 1.0
+"""In a whole network every contender has had a turn within this, s."""
+
+
+class SomebodyObeyed:
+    """In a whole network somebody is obeyed within 5 s, if anyone bids and it is not stopped."""
+
+    promise = Promise.OBEYED
+
+    def __init__(self, bounds: Bounds) -> None:
+        self._obeyed_s = bounds.obeyed_s
+        self._since = inf
+
+    def look(self, seen: Observation, now: Situation) -> Iterator[str]:
+        """As time passes: since when somebody has bid, and nobody was obeyed."""
+        excused = now.whole_for() < 0 or now.stopped() or not now.bidders()
+        if excused or now.obeyed_at >= self._since:
+            self._since = inf
+        if excused:
+            return
+        if self._since == inf and now.obeyed_at < seen.at - 0.3:
+            self._since = seen.at
+        if seen.at - self._since > self._obeyed_s:
+            self._since = inf
+            who = ", ".join(sorted(now.bidders()))
+            yield f"nobody is obeyed for {self._obeyed_s:.1f} s, though there bid: {who}"
+
+
+class Moves:
+    """After healing the robot moves within 2 s, or every bid says why not.
+
+    5 s if somebody has let go of a reign that was not obeyed, and stands back. It need not move if
+    it is stopped, has no mission, or somebody is obeyed who commands rest, and says why; or creeps
+    to its goal so slowly that the wheels' friction holds it for a while.
+    """
+
+    promise = Promise.MOVES
+
+    def __init__(self, bounds: Bounds) -> None:
+        self._bounds = bounds
+        self._healed: float | None = None  # waited for since
+        self._known = -inf  # the healing that was last settled
+        self._from: RobotState | None = None  # what was last said before
+        self.longest: float | None = None
+
+    def look(self, seen: Observation, now: Situation) -> Iterator[str]:
+        """As time passes, from each healing on."""
+        if now.whole_since == inf:
+            self._healed = None
+            return
+        if now.healed_at > self._known:
+            self._healed = self._known = now.healed_at
+            self._from = now.state
+        if self._healed is None:
+            return
+        if now.driven() and self._moves(now):
+            took = max(now.state_at - self._healed, 0.0)
+            self.longest = max(took, self.longest or 0.0)
+            self._healed = None
+        elif seen.at - self._healed > self._allowed(now):
+            waited, self._healed = seen.at - self._healed, None
+            why = self._why_it_need_not(now)
+            if why is None:
+                yield f"it stands {waited:.2f} s after healing: {self._bidding(now)}"
+
+    def _moves(self, now: Situation) -> bool:
+        """Whether it moves, if only at a crawl, as it does before it turns on its goal."""
+        assert self._healed is not None, "it is waited for"
+        if now.moved_at >= self._healed:
+            return True
+        then, state = self._from, now.state
+        if then is None or state is None or then.frame.epoch != state.frame.epoch:
+            return False
+        turned = abs(wrap(state.theta - then.theta))
+        return hypot(state.x - then.x, state.y - then.y) > CRAWL_M or turned > CRAWL_RAD
+
+    def _allowed(self, now: Situation) -> float:
+        assert self._healed is not None, "it is waited for"
+        stood_back = now.stood_back_at > self._healed - STANDS_BACK_S
+        allowed = self._bounds.stood_back_s if stood_back else self._bounds.moves_s
+        order = now.ordered
+        driven = order is not None and (order.v != 0.0 or order.w != 0.0)
+        return allowed + FRICTION_S if driven and now.driven() else allowed
+
+    @staticmethod
+    def _why_it_need_not(now: Situation) -> str | None:
+        if not now.driving or now.stopped():
+            return "no mission, or stopped"
+        if not now.bidders():
+            blind = now.befalls("robot", "silent-sonar")  # who reacts to obstacles has no turn
+            silent = [
+                instance
+                for instance, (at, record) in now.bids.items()
+                if not (record.reason or now.mad(instance)) or (now.now - at > TURN_S and not blind)
+            ]
+            return "nobody bids" if not silent else None
+        order = now.ordered
+        rests = order is None or (abs(order.v) < MOVING_M_S and abs(order.w) < MOVING_RAD_S)
+        held = now.state is not None and now.state.stalled
+        if now.driven() and (rests or held):
+            return "who is obeyed commands rest, or all but rest, or a wall holds it"
+        return None
+
+    @staticmethod
+    def _bidding(now: Situation) -> str:
+        if not now.bids:
+            return "bids are not seen"
+        return "; ".join(
+            f"{instance.rpartition('-')[0]} {record.utility} ({record.reason})"
+            for instance, (_, record) in sorted(now.bids.items())
+        )
