@@ -1,0 +1,106 @@
+"""`armadico hosts-demo` as people start it, and trials that need hosts."""
+
+from __future__ import annotations
+
+import json
+import os
+import subprocess
+import sys
+from collections.abc import Callable, Iterator
+from contextlib import ExitStack
+from pathlib import Path
+from signal import SIGINT
+
+import psutil
+import pytest
+
+pytestmark = pytest.mark.live
+
+SOON = 90.0
+
+SHORT = """\
+world = "empty"
+start = [0.0, 0.0, 0.0]
+goal = [2.5, 0.0, 0.0]
+"""
+
+Run = Callable[..., subprocess.Popen[str]]
+
+
+@pytest.fixture
+def run(tmp_path: Path) -> Iterator[Run]:
+    """Start `armadico` with these words; it keeps what it keeps in the test's own folder."""
+    with ExitStack() as stack:
+
+        def start(*words: str) -> subprocess.Popen[str]:
+            process = subprocess.Popen(
+                [str(Path(sys.executable).with_name("armadico")), *words],
+                env=os.environ | {"TMPDIR": str(tmp_path)},
+                stdout=subprocess.PIPE,
+                stderr=subprocess.PIPE,
+                text=True,
+            )
+            stack.enter_context(process)
+            stack.callback(process.kill)
+            return process
+
+        yield start
+
+
+def left_behind(folder: Path) -> list[psutil.Process]:
+    """Processes that inherited the test's folder, once those that end have had time to."""
+    found = [p for p in psutil.process_iter() if str(folder) in _tmpdir(p)]
+    return psutil.wait_procs(found, 10.0)[1]
+
+
+def _tmpdir(process: psutil.Process) -> str:
+    try:
+        return str(process.environ().get("TMPDIR", ""))
+    except psutil.Error:
+        return ""
+
+
+def test_a_host_is_lost_and_comes_back_and_the_goal_is_reached(run: Run, tmp_path: Path) -> None:
+    scenario = tmp_path / "short.toml"
+    scenario.write_text(SHORT)
+    process = run("hosts-demo", str(scenario), "--link", "*->*:delay=2ms,jitter=1ms")
+    out, errors = process.communicate(timeout=SOON)
+    assert process.returncode == 0, out + errors
+    story = [
+        "everybody is there",
+        "lab2 is stopped: goto on lab2 drives",
+        "nobody took over: the robot stops by itself",
+        "lab2 is started again",
+        "avoid, gothrough, goto are back",
+        "goto on lab2 drives",
+        "short: reached",
+    ]
+    told = iter(out.splitlines())
+    assert all(any(text in line for line in told) for text in story), out
+    assert not left_behind(tmp_path)
+
+
+def test_interrupted_it_leaves_nothing(run: Run, tmp_path: Path) -> None:
+    process = run("hosts-demo", "sc1")
+    assert process.stdout is not None
+    assert "everybody is there" in process.stdout.readline()
+    process.send_signal(SIGINT)
+    _, errors = process.communicate(timeout=SOON)
+    assert process.returncode == 130, errors
+    assert "Traceback" not in errors
+    assert not left_behind(tmp_path)
+
+
+def test_a_holder_cut_off_is_replaced_and_its_host_rejoins(run: Run, tmp_path: Path) -> None:
+    words = ("holder-cut-off", "--trials", "1", "--json", "--out", str(tmp_path / "out"))
+    process = run("trials", *words)
+    out, errors = process.communicate(timeout=SOON)
+    found = json.loads(out)
+    assert not found["violations"], errors
+    assert not found["failed"]
+    assert {line["figure"] for line in found["lines"]} == {
+        "next obeyed",
+        "longest silence",
+        "rejoined",
+    }
+    assert not left_behind(tmp_path)

@@ -1,0 +1,262 @@
+"""An Ethernet switch that is not there: frames and the time in, frames and when they are due out.
+
+Sans-IO. A link leads from one host to another and has faults of its own, so that what a host says
+and what it hears may suffer differently. All draws come from one seed, a stream for each link:
+a fault on one leaves what happens on the others as it was. A seed fixes the draws, not when a real
+host speaks.
+"""
+
+from __future__ import annotations
+
+import heapq
+import random
+import re
+from collections.abc import Collection, Iterable, Iterator, Sequence
+from dataclasses import dataclass, field, fields, replace
+from hashlib import sha256
+from typing import Final
+
+QUEUE_S: Final = 0.5
+"""What a link of limited rate lets wait; what comes on top of it is lost."""
+
+Link = tuple[str, str]
+"""From a host, to a host."""
+
+
+class LinkError(ValueError):
+    """A description of a link that cannot be understood; the message says what would be."""
+
+
+@dataclass(frozen=True, slots=True)
+class Faults:
+    """What is wrong with one direction of a link; by default nothing.
+
+    Times are s, shares of the frames from 0 to 1, the rate is bits a second (0: unlimited). A frame
+    takes `delay`, give or take up to `jitter`; frames keep their order but for the share `reorder`,
+    which goes ahead without any delay.
+    """
+
+    cut: bool = False
+    delay: float = 0.0
+    jitter: float = 0.0
+    loss: float = 0.0
+    duplicate: float = 0.0
+    reorder: float = 0.0
+    rate: float = 0.0
+
+
+WHOLE: Final = Faults()
+
+
+@dataclass(slots=True)
+class Count:
+    """What became of the frames of one direction of a link."""
+
+    sent: int = 0
+    lost: int = 0
+    duplicated: int = 0
+    overtaking: int = 0
+
+
+@dataclass(slots=True)
+class _Wire:
+    rng: random.Random
+    faults: Faults = WHOLE
+    busy_until: float = 0.0  # when the last bit of what waits is on its way
+    last_due: float = 0.0
+    count: Count = field(default_factory=Count)
+
+
+@dataclass(frozen=True, slots=True, order=True)
+class _Due:
+    at: float
+    sequence: int
+    host: str = field(compare=False)
+    frame: bytes = field(compare=False)
+
+
+class Switch:
+    """Leads frames between hosts, learning nothing: it was told whose address is whose."""
+
+    def __init__(self, addresses: dict[bytes, str], seed: int = 0) -> None:
+        """Begin with whole links between all hosts.
+
+        Args:
+            addresses: The Ethernet address (6 bytes) of each host's card, and the host.
+            seed: Of all that the links draw.
+        """
+        self.hosts = tuple(addresses.values())
+        self._addresses = dict(addresses)
+        self._wires = {
+            (a, b): _Wire(_stream(seed, a, b)) for a in self.hosts for b in self.hosts if a != b
+        }
+        self._off: set[str] = set()
+        self._waiting: list[_Due] = []
+        self._sequence = 0
+
+    # Frames --------------------------------------------------------------------------------------
+
+    def take(self, host: str, frame: bytes, now: float) -> None:
+        """Take a frame that a host sent; to one host if its address is known, else to all."""
+        one = self._addresses.get(frame[:6])
+        for target in (one,) if one is not None else self.hosts:
+            if target != host:
+                self._lead(host, target, frame, now)
+
+    def due(self, now: float) -> Iterator[tuple[str, bytes]]:
+        """The frames that arrive by now, in order, each with the host that is to have it."""
+        while self._waiting and self._waiting[0].at <= now:
+            item = heapq.heappop(self._waiting)
+            if item.host not in self._off:
+                yield item.host, item.frame
+
+    @property
+    def next_due(self) -> float | None:
+        """When the next frame arrives, s; None if none is on its way."""
+        return self._waiting[0].at if self._waiting else None
+
+    def _lead(self, source: str, target: str, frame: bytes, now: float) -> None:
+        wire = self._wires[source, target]
+        faults, rng = wire.faults, wire.rng
+        # Each frame draws the same numbers whatever the faults are: changing one of them leaves
+        # what the others do as it was.
+        lost, early, twice, late = rng.random(), rng.random(), rng.random(), rng.uniform(-1.0, 1.0)
+        if source in self._off or target in self._off or faults.cut or lost < faults.loss:
+            wire.count.lost += 1
+            return
+        at = now
+        if faults.rate > 0.0:
+            begins = max(now, wire.busy_until)
+            if begins - now > QUEUE_S:
+                wire.count.lost += 1
+                return
+            at = wire.busy_until = begins + 8 * len(frame) / faults.rate
+        wire.count.sent += 1
+        if early < faults.reorder:
+            wire.count.overtaking += 1
+        else:
+            at = max(at + max(faults.delay + faults.jitter * late, 0.0), wire.last_due)
+            wire.last_due = at
+        self._send(target, frame, at)
+        if twice < faults.duplicate:
+            wire.count.duplicated += 1
+            self._send(target, frame, at)
+
+    def _send(self, target: str, frame: bytes, at: float) -> None:
+        self._sequence += 1
+        heapq.heappush(self._waiting, _Due(at, self._sequence, target, frame))
+
+    # Faults --------------------------------------------------------------------------------------
+
+    def set(self, links: Iterable[Link], faults: Faults) -> None:
+        """Put faults on links in place of those that they had."""
+        for link in links:
+            wire = self._wires[link]
+            wire.faults = faults
+            if faults.rate == 0.0:
+                wire.busy_until = 0.0
+
+    def faults(self, link: Link) -> Faults:
+        """What is wrong with a link."""
+        return self._wires[link].faults
+
+    def cut(self, links: Iterable[Link], cut: bool = True) -> None:
+        """Cut links, or mend the cut; what else is wrong with them stays."""
+        for link in links:
+            wire = self._wires[link]
+            wire.faults = replace(wire.faults, cut=cut)
+
+    def partition(self, *groups: Collection[str]) -> None:
+        """Let only hosts of one group reach each other; who is in no group is alone."""
+        group = {host: number for number, hosts in enumerate(groups) for host in hosts}
+        for (a, b), wire in self._wires.items():
+            together = a in group and group.get(a) == group.get(b)
+            wire.faults = replace(wire.faults, cut=not together)
+
+    def heal(self) -> None:
+        """Make all links whole, and plug every host in."""
+        self._off.clear()
+        self.set(self._wires, WHOLE)
+
+    def plug(self, host: str, in_: bool) -> None:
+        """Put a host's plug in, or pull it: what was on its way to it is lost."""
+        (self._off.discard if in_ else self._off.add)(host)
+
+    def links(self, *, of: str | None = None) -> list[Link]:
+        """All links, or those from and to one host."""
+        return [link for link in self._wires if of is None or of in link]
+
+    def counts(self) -> dict[Link, Count]:
+        """What became of the frames, for each link that had any."""
+        return {link: wire.count for link, wire in self._wires.items() if wire.count != Count()}
+
+
+def _stream(seed: int, source: str, target: str) -> random.Random:
+    name = sha256(f"{seed} {source} {target}".encode()).digest()
+    return random.Random(int.from_bytes(name[:8], "big"))
+
+
+# As it is written on a command line ---------------------------------------------------------------
+
+_ENDS = re.compile(r"^(?P<a>[\w.*-]+?)(?P<arrow><->|->)(?P<b>[\w.*-]+)$")
+_TIME = re.compile(r"^(?P<number>\d+(?:\.\d+)?)(?P<unit>ms|s)$")
+_SHARE = re.compile(r"^(?P<number>\d+(?:\.\d+)?)%$")
+_RATE = re.compile(r"^(?P<number>\d+(?:\.\d+)?)(?P<unit>bit|kbit|Mbit)$")
+_BITS: Final = {"bit": 1.0, "kbit": 1e3, "Mbit": 1e6}
+
+EXAMPLE: Final = "lab2->robot:delay=50ms,jitter=10ms,loss=5%"
+
+
+def parse_link(text: str, hosts: Sequence[str]) -> tuple[list[Link], Faults]:
+    """Read `A->B:FAULT,...`, or `A<->B` for both directions; `*` stands for every host.
+
+    FAULT is cut, delay=50ms, jitter=10ms, loss=5%, duplicate=1%, reorder=2% or rate=1Mbit. Raises
+    `LinkError`.
+    """
+    ends, colon, wrong = text.partition(":")
+    found = _ENDS.match(ends.strip())
+    if found is None or not colon:
+        raise LinkError(f"{text!r} is no link; one looks like {EXAMPLE}")
+    there = [_named(found[side], hosts, text) for side in ("a", "b")]
+    links = [(a, b) for a in there[0] for b in there[1] if a != b]
+    if found["arrow"] == "<->":
+        links += [(b, a) for a, b in links if (b, a) not in links]
+    if not links:
+        raise LinkError(f"{text!r} leads from a host to itself")
+    return links, _faults(wrong, text)
+
+
+def _named(name: str, hosts: Sequence[str], text: str) -> list[str]:
+    if name == "*":
+        return list(hosts)
+    if name not in hosts:
+        raise LinkError(f"{text!r}: no host {name!r}; there are {', '.join(hosts)}, and *")
+    return [name]
+
+
+def _faults(text: str, whole: str) -> Faults:
+    values: dict[str, float | bool] = {}
+    for part in text.split(","):
+        name, equals, value = part.strip().partition("=")
+        if name not in {each.name for each in fields(Faults)} or (name == "cut") == bool(equals):
+            known = ", ".join(each.name for each in fields(Faults))
+            raise LinkError(
+                f"{whole!r}: {part.strip()!r} is no fault; there are {known}: {EXAMPLE}"
+            )
+        values[name] = True if name == "cut" else _number(name, value, whole)
+    return Faults(**values)  # type: ignore[arg-type]
+
+
+def _number(name: str, value: str, whole: str) -> float:
+    if name in ("delay", "jitter") and (found := _TIME.match(value)):
+        return float(found["number"]) * (1e-3 if found["unit"] == "ms" else 1.0)
+    if name == "rate" and (found := _RATE.match(value)) and float(found["number"]) > 0.0:
+        return float(found["number"]) * _BITS[found["unit"]]
+    if name in ("loss", "duplicate", "reorder") and (found := _SHARE.match(value)):
+        share = float(found["number"]) / 100.0
+        if share <= 1.0:
+            return share
+    example = {"delay": "50ms", "jitter": "10ms", "rate": "1Mbit"}.get(name, "5%")
+    raise LinkError(
+        f"{whole!r}: {name}={value} is out of the question; for instance {name}={example}"
+    )
