@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import os
+import queue
 import socket
 import struct
 from collections.abc import Callable, Iterator
@@ -48,13 +49,20 @@ def test_what_lingers_is_found_and_stopped(ours: socket.socket) -> None:
     assert lingering() == []
 
 
-def test_once_two_sessions_hear_each_other_none_of_their_sockets_lingers(
-    join: Callable[..., ZenohMesh],
+def test_once_two_sessions_have_a_link_none_of_their_sockets_lingers(
+    join: Callable[..., ZenohMesh], monkeypatch: pytest.MonkeyPatch
 ) -> None:
+    left: queue.SimpleQueue[int] = queue.SimpleQueue()
+
+    def release() -> None:
+        release_links()
+        left.put(len(lingering()))
+
+    monkeypatch.setattr("armadico.mesh.zenoh.release_links", release)
     first, second = join(), join()
-    waiting = Client(second)
-    assert waiting.wait_for(lambda: first.neighbours and second.neighbours, ENOUGH)
-    assert waiting.wait_for(lambda: not lingering(), ENOUGH)
+    counts = [left.get(timeout=ENOUGH) for _ in "ab"]  # both ends are in this process
+    assert counts[-1] == 0
+    assert Client(second).wait_for(lambda: first.neighbours and second.neighbours, ENOUGH)
 
 
 def test_zenoh_alone_still_needs_it() -> None:

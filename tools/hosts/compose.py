@@ -63,8 +63,9 @@ class ComposeHosts:
         self.down()  # what a demo left that was killed
         try:
             began = time.monotonic()
+            self._say("building the image")
             self._do("build", "--quiet")
-            self._say(f"the image stands, {_size()}, {time.monotonic() - began:.1f} s")
+            self._say(f"it stands, {_size()}, {time.monotonic() - began:.1f} s")
             began = time.monotonic()
             self._do("up", "--detach", "--wait", "--wait-timeout", str(START_S))
             self._say(f"all containers are healthy, {time.monotonic() - began:.1f} s")
