@@ -117,7 +117,7 @@ class Estimate(Struct, frozen=True, eq=False):
 def force(log: Log, profile: RobotProfile, motion: Motion, *, coupled: bool) -> Floats:
     """F of (4.34), N, or Gamma of (4.35), Nm; with the centrifugal couple if `coupled`."""
     per_volt = Wheels.of(profile).gain_nm_v / profile.body.wheel_radius_m
-    if motion is LINEAR:
+    if motion == LINEAR:
         return per_volt * (log.right_v + log.left_v)
     couple = profile.body.half_track_m * per_volt * (log.right_v - log.left_v)
     if coupled:
@@ -193,11 +193,11 @@ def _onward(speed: float, drive: float, b: float, c: float, dt: float) -> float:
 
 
 def _speed(log: Log, motion: Motion) -> Floats:
-    return log.v if motion is LINEAR else log.w
+    return log.v if motion == LINEAR else log.w
 
 
 def _slow(profile: RobotProfile, motion: Motion, rim_m_s: float) -> float:
-    return rim_m_s if motion is LINEAR else rim_m_s / profile.body.half_track_m
+    return rim_m_s if motion == LINEAR else rim_m_s / profile.body.half_track_m
 
 
 class _Problem:
@@ -223,7 +223,7 @@ class _Problem:
     def regressors(self, speed: Floats) -> Floats:
         """The integral of Psi (4.30) over every window, with this speed."""
         log = self._log
-        v, w = (speed, log.w) if self.motion is LINEAR else (log.v, speed)
+        v, w = (speed, log.w) if self.motion == LINEAR else (log.v, speed)
         seen = Log(log.t, log.left_v, log.right_v, v, w)
         push = force(seen, self._profile, self.motion, coupled=self.coupled)
         driven = np.sum(self._held * push[self._samples[:, :-1]], axis=1)
@@ -243,7 +243,7 @@ class _Problem:
         total = self._trapezia.sum(axis=1)
         ahead = np.abs(self._integral(self._log.v)) / total
         rim = self._profile.body.half_track_m * np.abs(self._integral(self._log.w)) / total
-        alone = rim < 0.2 * ahead if self.motion is LINEAR else ahead < 0.6 * rim
+        alone = rim < 0.2 * ahead if self.motion == LINEAR else ahead < 0.6 * rim
         chosen: NDArray[np.bool_] = one_way & alone
         return chosen
 
@@ -347,7 +347,7 @@ def physical(
     emf = wheels.viscous_nms - inertia.wheel_viscous_nms
     motor = wheels.coulomb_nm - inertia.wheel_coulomb_nm
     slope = np.array([[-1.0 / a**2, 0, 0], [-b / a**2, 1 / a, 0], [-c / a**2, 0, 1 / a]])
-    if estimate.motion is LINEAR:
+    if estimate.motion == LINEAR:
         scale = np.array([1.0, 0.5 * radius**2, 0.5 * radius])
         taken, extra = np.array([0.0, emf, motor]), np.zeros(3)
     else:

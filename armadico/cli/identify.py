@@ -136,14 +136,14 @@ def _identify(args: argparse.Namespace) -> int:
     report: list[dict[str, Any]] = []
     for motion in (LINEAR, ANGULAR):
         for path, log in logs:
-            coupled = motion is ANGULAR and not args.as_printed
+            coupled = motion == ANGULAR and not args.as_printed
             try:
                 estimate = method(log, robot, motion, coupled=coupled)
             except NotIdentifiableError as error:
                 report.append({"log": str(path), "motion": motion.name, "refused": str(error)})
                 continue
             found = physical(estimate, robot, friction)
-            if motion is LINEAR and friction is None:
+            if motion == LINEAR and friction is None:
                 friction = Friction(found["C_v"], found["C_s"])
             report.append(_entry(path, estimate, found, robot))
     if args.json:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import pickle
 from collections.abc import Sequence
 from pathlib import Path
 from statistics import fmean
@@ -58,12 +59,12 @@ def modelled(
     """A log of a robot that obeys (4.34) or (4.35) exactly, with THETA."""
     rows = round(seconds / dt)
     t, u, rest = np.arange(rows) * dt, volts(rows, round(0.4 / dt)), np.zeros(rows)
-    left = u if motion is LINEAR else -u
+    left = u if motion == LINEAR else -u
     still = Log(t, left, u, rest, rest)
     exact = Estimate(motion, THETA[motion], np.eye(3), 0.0, 0, False)
     speed = response(still, ROBOT, exact)
     speed = speed + np.random.default_rng(seed).normal(size=rows) * noise
-    return Log(t, left, u, *((speed, rest) if motion is LINEAR else (rest, speed)))
+    return Log(t, left, u, *((speed, rest) if motion == LINEAR else (rest, speed)))
 
 
 # Estimates ----------------------------------------------------------------------------------------
@@ -124,6 +125,19 @@ def test_instruments_take_the_bias_away_that_noise_gives_least_squares() -> None
         for method in (instrumental, least_squares)
     ]
     assert abs(off[0]) < 0.4 * abs(off[1])
+
+
+@pytest.mark.parametrize("trial", [STRAIGHT[0], MENDED[0]], ids=lambda trial: trial.name)
+def test_a_trial_that_went_to_another_process_is_driven_and_estimated_alike(trial: Trial) -> None:
+    sent = pickle.loads(pickle.dumps(trial))
+    here, there = (record(one, 1, ROBOT, seconds=10.0) for one in (trial, sent))
+    assert np.array_equal(here.left_v, there.left_v)
+    assert np.array_equal(here.v, there.v)
+    motions = ((here, trial.motion), (there, sent.motion))
+    estimates = [
+        least_squares(log, ROBOT, motion, coupled=trial.coupled) for log, motion in motions
+    ]
+    assert np.array_equal(estimates[0].theta, estimates[1].theta)
 
 
 def test_the_equation_as_printed_takes_the_coupling_for_friction() -> None:

@@ -18,6 +18,10 @@ ARMS: Final = ("#0072b2", "#d55e00", "#009e73", "#cc79a7")
 """Colours of the arms of an experiment, in their order."""
 
 HEADROOM: Final = 0.3
+"""Around a world, m."""
+
+LEGEND_BELOW_IN: Final = 0.42
+"""From the axes to their legend, inches: ticks and label are between."""
 
 
 def sheet(rows: int, columns: int, width: float = 10.0, height: float = 6.0) -> Figure:
@@ -66,8 +70,19 @@ def by_holder(axes: Axes, run: Drive, title: str) -> None:
 
 
 def _legend(axes: Axes) -> None:
-    """Below the axes, where it hides nothing."""
-    axes.legend(fontsize=8, frameon=False, ncols=4, loc="upper center", bbox_to_anchor=(0.5, -0.12))
+    """Below the axes and their label, however flat they are, where it hides nothing."""
+    from matplotlib.transforms import ScaledTranslation  # noqa: PLC0415
+
+    inches = axes.figure.dpi_scale_trans
+    below = axes.transAxes + ScaledTranslation(0.0, -LEGEND_BELOW_IN, inches)
+    axes.legend(
+        fontsize=8,
+        frameon=False,
+        ncols=4,
+        loc="upper center",
+        bbox_to_anchor=(0.5, 0.0),
+        bbox_transform=below,
+    )
 
 
 def floor(axes: Axes, world: World) -> None:

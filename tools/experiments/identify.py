@@ -132,12 +132,12 @@ def record(
     """Drive the simulated robot through a trial and measure it."""
     rng = np.random.default_rng([seed, *trial.name.encode()])
     dynamics = Dynamics(robot, PLANT_S)
-    dynamics.beta = float(rng.uniform(-0.3, 0.3)) + (0.0 if trial.motion is LINEAR else -1.7)
+    dynamics.beta = float(rng.uniform(-0.3, 0.3)) + (0.0 if trial.motion == LINEAR else -1.7)
     hold = SpeedLoops(robot.speed_loop, robot.motor.supply_v)
     rows = round(seconds / PERIOD_S)
     table = np.empty((rows, 4))
     for row, volts in enumerate(signal(trial, seed, rows).tolist()):
-        left, right = (volts, volts) if trial.motion is LINEAR else (-volts, volts)
+        left, right = (volts, volts) if trial.motion == LINEAR else (-volts, volts)
         if trial.held:
             same, _ = hold.voltages(0.0, 0.0, dynamics.v, 0.0, PERIOD_S)
             left, right = left + same, right + same

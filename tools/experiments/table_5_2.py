@@ -84,10 +84,10 @@ def run(context: Context) -> None:
     parts += [_setting(short, title, samples) for short, title, _, _ in SETTINGS]
     context.table("\n".join(parts))
     figure = drawing.sheet(1, 2, 12.0, 4.5)
-    for axes, short in zip(figure.axes, ("safe", "thesis"), strict=True):
+    for axes, (short, rules, *_) in zip(figure.axes, SETTINGS, strict=False):
         chosen = [arm for arm in arms if arm.name.startswith(f"{short} last-heard")]
         runs = [(arm.name.split()[2], Drive(arm, context.first_seed).go()) for arm in chosen]
-        title = f"{short} rules, last-heard, seed {context.first_seed}"
+        title = f"{rules}, last-heard, seed {context.first_seed}"
         drawing.paths(axes, "sc4", runs, title)
     context.figure(figure, "figure-5.7")
 
