@@ -81,8 +81,8 @@ class Launcher(LiveRun):
     ) -> None:
         """Take everything down; the logs stay if something went wrong."""
         self.stop()
-        if error is None and not self._mourned:
-            shutil.rmtree(self.logs, ignore_errors=True)  # nothing went wrong: nothing to read
+        if not self.processes or (error is None and not self._mourned):
+            shutil.rmtree(self.logs, ignore_errors=True)  # nobody began, or ended badly: no words
 
     # Starting ------------------------------------------------------------------------------------
 

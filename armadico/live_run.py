@@ -128,6 +128,11 @@ class LiveRun:
             self.look()
             if self._nobody_can(time.monotonic() - begun):
                 break
+        if self.watch.astray is not None:
+            self._warn(
+                "by its pose the robot is at the goal, and in truth it is not: the pose is"
+                f" {self.watch.astray:.2f} m off"
+            )
         return self.watch.result()
 
     def look(self) -> None:

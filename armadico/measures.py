@@ -129,6 +129,15 @@ class RunWatch:
         at = self.truth or self.pose
         return None if at is None else (at.x, at.y, at.theta)
 
+    @property
+    def astray(self) -> float | None:
+        """How far a pose that says the goal is reached is from the truth, m; None if it is not."""
+        if not self.done or self.pose is None or self.truth is None:
+            return None
+        if self.result().reached:
+            return None
+        return hypot(self.pose.x - self.truth.x, self.pose.y - self.truth.y)
+
     def result(self) -> Result:
         """The row, as far as the run has come."""
         here = self.here or (0.0, 0.0, 0.0)

@@ -40,7 +40,7 @@ class Supervision:
         """
         self._forget(now)
         if code == MISUSED:
-            return "it says that it was called or configured wrongly, and would say so again"
+            return "it says that it was configured wrongly or is in the way, and would say so again"
         planned = len(self._starts) + len(self._due)
         if planned >= self.budget.restarts:
             most, within = self.budget.restarts, self.budget.within_s

@@ -149,6 +149,25 @@ def test_reached_is_decided_by_the_true_pose(
     assert run.end().reached is reached
 
 
+def test_a_goal_that_is_reached_by_the_pose_alone_is_told_with_how_far_that_is_off() -> None:
+    run = Run().begin()
+    run.frame(0.0)
+    run.frame(1.7, 0.4)
+    run.show(Pose(Frame(1, 9), 2.0, 0.0, 0.0))
+    assert run.watch.astray is None, "it drives on"
+    run.end()
+    assert run.watch.astray == pytest.approx(0.5)
+
+
+@pytest.mark.parametrize("truth", [True, False])
+def test_a_goal_that_is_reached_is_not_astray(truth: bool) -> None:
+    run = Run(truth=truth).begin()
+    run.frame(0.0)
+    run.frame(2.0)
+    assert run.end().reached
+    assert run.watch.astray is None
+
+
 def test_being_there_is_not_enough_while_the_interface_agent_says_driving() -> None:
     run = Run().begin()
     run.frame(0.0)

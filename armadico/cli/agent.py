@@ -22,7 +22,9 @@ EXAMPLES: Final = """\
   armadico-agent --list
   armadico-agent robot --set port=serial:///dev/ttyUSB0
   armadico-agent goto --set v_max=0.4
-  armadico-agent avoid --connect tcp/192.168.1.5:7450     the robot is on another machine
+  armadico-agent encoder --listen tcp/192.168.1.5:7450    this machine's address: others may connect
+  armadico-agent avoid --connect tcp/192.168.1.5:7450     from any machine, this one too
+  armadico-agent goto --host lab2 --hosts lab.toml        this machine is lab2 of that host table
 """
 
 LOG_FORMAT: Final = "%(asctime)s.%(msecs)03d {name} %(levelname)s %(message)s"

@@ -211,21 +211,23 @@ def mesh(args: argparse.Namespace) -> Generator[Finding, None, dict[str, float |
 
     Returns the machines that agents say they are on, and how far their clocks are ahead (s).
     """
-    joined = options.join(args)
+    where = options.placed(args)
+    joined = options.join_at(args, where)
     from armadico.census import census  # noqa: PLC0415 - not for --help
     from armadico.client import Client  # noqa: PLC0415 - not for --help
-    from armadico.mesh.zenoh import SETTINGS  # noqa: PLC0415 - not for --help
     from armadico.messages import PROTOCOL  # noqa: PLC0415 - not for --help
 
-    off = SETTINGS["scouting/multicast/enabled"] is False
-    yield Finding("multicast", OK if off else NOTE, "off: hosts are named" if off else "is on")
+    wanted = where is not None and where.table.multicast
+    yield Finding("multicast", OK, "on: the table says so" if wanted else "off: hosts are named")
     try:
         with joined:
             client = Client(joined)
             cards = client.cards()
             links = joined.neighbours
     except MeshError as error:
-        yield Finding("mesh", WRONG, str(error), "name another endpoint: --listen")
+        routed = where is not None and where.table.router is not None
+        todo = "does zenohd run there?" if routed else "name another endpoint: --listen"
+        yield Finding("mesh", WRONG, str(error), todo)
         return {}
     if not cards:
         todo = "armadico run sc1 starts some; --namespace and --connect say where to look"
@@ -290,13 +292,18 @@ def clocks(offsets: Mapping[str, float | None]) -> Finding:
 
 
 def _host(name: str, host: Host) -> Finding:
-    answering = [endpoint for endpoint in host.endpoints if _answers(endpoint)]
+    from armadico.config.hosts import ANYWHERE  # noqa: PLC0415 - not for --help
+
+    known = [e for e in host.endpoints if e.partition("/")[2].rpartition(":")[0] not in ANYWHERE]
+    if not known:
+        return Finding(f"host {name}", OK, "has no address of its own to look at")
+    answering = [endpoint for endpoint in known if _answers(endpoint)]
     if answering:
         return Finding(f"host {name}", OK, f"answers on {', '.join(answering)}")
     return Finding(
         f"host {name}",
         WRONG,
-        f"nobody answers on {', '.join(host.endpoints)}",
+        f"nobody answers on {', '.join(known)}",
         f"is an agent running there (armadico-agent NAME --host {name})? does a firewall stand"
         " between?",
     )

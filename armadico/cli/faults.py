@@ -125,9 +125,8 @@ def _repeat(given: str, *, as_json: bool) -> int:
         try:
             text = Path(given).read_text(encoding="utf-8")
         except (OSError, UnicodeDecodeError) as error:
-            raise ConfigError(
-                f"{given}: neither a case as JSON nor a file of one: {error}"
-            ) from None
+            why = error.strerror if isinstance(error, OSError) else "not text"
+            raise ConfigError(f"{given}: neither a case as JSON nor a file of one: {why}") from None
     outcome = workload.run(plan.loads(text))
     if as_json:
         print(

@@ -118,7 +118,8 @@ def _watch(client: Client, reply: MissionReply, args: argparse.Namespace) -> Non
             elif status is not None and time.monotonic() - begun > SILENCE_S:
                 raise options.FailedError("another mission has taken this one's place")
             if args.timeout is not None and time.monotonic() - begun > args.timeout:
-                raise options.FailedError(f"not there after {args.timeout:g} s; it drives on")
+                late = f"not there after {args.timeout:g} s; the mission goes on"
+                raise options.FailedError(late)
 
 
 def _remark(client: Client) -> str:

@@ -7,6 +7,7 @@ from collections.abc import Sequence
 from typing import TYPE_CHECKING, Final
 
 from armadico.cli import options
+from armadico.cli.echo import seconds
 
 if TYPE_CHECKING:
     from armadico.client import Client
@@ -19,7 +20,11 @@ FIND_S: Final = 2.0
 def latch(made: argparse.ArgumentParser, argv: Sequence[str], *, stopped: bool) -> int:
     """Say it until the robot agent shows it; returns the exit code."""
     made.add_argument(
-        "--timeout", type=float, default=3.0, metavar="S", help="give up after this (default: 3 s)"
+        "--timeout",
+        type=seconds,
+        default=3.0,
+        metavar="S",
+        help="give up after this (default: 3 s)",
     )
     options.add_mesh_options(made)
     args = made.parse_args(argv)
@@ -28,7 +33,8 @@ def latch(made: argparse.ArgumentParser, argv: Sequence[str], *, stopped: bool) 
 
     with mesh:
         said = _say(Client(mesh), args, stopped)
-    print(f"the robot is {'stopped' if said.stopped else 'free to move'}")
+        # Before leaving, which may take a while where a host does not answer.
+        print(f"the robot is {'stopped' if said.stopped else 'free to move'}", flush=True)
     return 0
 
 

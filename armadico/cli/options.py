@@ -39,6 +39,9 @@ HOSTS_VARIABLE: Final = "ARMADICO_HOSTS"
 """As in `armadico.config.hosts`, which --help does without."""
 
 
+HOST_HELP: Final = "this machine's name in the host table (default: found by its addresses)"
+
+
 class UsageError(Exception):
     """The command was called wrongly."""
 
@@ -87,15 +90,11 @@ def parser(program: str, description: str, examples: str) -> argparse.ArgumentPa
     return made
 
 
-def add_mesh_options(made: argparse.ArgumentParser) -> None:
-    """The options that say which robot, and how to reach it."""
+def add_mesh_options(made: argparse.ArgumentParser, *, host: str = HOST_HELP) -> None:
+    """The options that say which robot, and how to reach it; `host` is what --host is for."""
     mesh = made.add_argument_group("the mesh")
     add_namespace_option(mesh)
-    mesh.add_argument(
-        "--host",
-        metavar="H",
-        help="this machine's name in the host table (default: found by its addresses)",
-    )
+    mesh.add_argument("--host", metavar="H", help=host)
     mesh.add_argument(
         "--hosts",
         metavar="TABLE",

@@ -11,13 +11,24 @@ import os
 import socket
 from collections.abc import Iterable
 from dataclasses import dataclass
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Final
 
 from armadico.config.errors import ConfigError
-from armadico.config.hosts import ANYWHERE, HOSTS_VARIABLE, Host, HostTable, load_hosts
+from armadico.config.hosts import (
+    ANYWHERE,
+    HOSTS_VARIABLE,
+    Host,
+    HostTable,
+    load_hosts,
+    table_path,
+)
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
+
+
+DEFAULT: Final = "localhost"
+"""The shipped host table that is meant by --host alone."""
 
 
 @dataclass(frozen=True)
@@ -50,7 +61,7 @@ def place(args: argparse.Namespace, *, passing: bool = True) -> Place | None:
     if name is None:
         name = _by_address(table, passing=passing)
     else:
-        check_here(name, table.host(name), table)
+        check_here(name, entry(table, name), table)
     where = Place(table, name)
     _check_listen(args.listen, where)
     _check_connect(args.connect, where)
@@ -63,8 +74,19 @@ def wanted(args: argparse.Namespace) -> str | None:
         return str(args.hosts)
     given = os.environ.get(HOSTS_VARIABLE) or None
     if args.host is not None:
-        return given or "localhost"
+        return given or DEFAULT
     return None if args.connect or args.listen else given
+
+
+def entry(table: HostTable, name: str) -> Host:
+    """One machine of a table. Raises ConfigError; where nobody named a table, how that is done."""
+    if name not in table.hosts and table.file == str(table_path(DEFAULT)):
+        known = ", ".join(table.hosts)
+        raise ConfigError(
+            f"no host {name!r} in the shipped host table {DEFAULT!r} (known: {known});"
+            f" your own is named by --hosts lab.toml, say, or {HOSTS_VARIABLE}"
+        )
+    return table.host(name)
 
 
 def check_here(name: str, host: Host, table: HostTable) -> None:

@@ -12,6 +12,7 @@ from collections.abc import Mapping, Sequence
 from typing import TYPE_CHECKING, Any, Final
 
 from armadico.cli import options
+from armadico.cli.echo import seconds
 
 if TYPE_CHECKING:
     from armadico.census import HostState
@@ -69,23 +70,23 @@ def _parser() -> argparse.ArgumentParser:
     made.add_argument("--json", action="store_true", help="a JSON object on stdout")
     made.add_argument(
         "--timeout",
-        type=float,
+        type=seconds,
         default=1.0,
         metavar="S",
         help="how long an agent may take to answer, or to be seen (default: 1 s)",
     )
-    options.add_mesh_options(made)
+    options.add_mesh_options(made, host="the host to look at, from any machine (default: all)")
     return made
 
 
 def _place(args: argparse.Namespace) -> Place | None:
     """Where this machine is, whichever host is to be looked at. Raises ConfigError."""
-    from armadico.cli.places import wanted  # noqa: PLC0415 - not for --help
+    from armadico.cli.places import entry, wanted  # noqa: PLC0415 - not for --help
 
     anywhere = argparse.Namespace(**vars(args) | {"host": None, "hosts": wanted(args)})
     where = options.placed(anywhere)
     if args.host is not None and where is not None:
-        where.table.host(args.host)
+        entry(where.table, args.host)
     return where
 
 

@@ -8,6 +8,7 @@ import signal
 import sys
 import tempfile
 from collections.abc import Sequence
+from importlib.util import find_spec
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Final
 
@@ -224,6 +225,8 @@ def _print_violations(what: str, violations: Sequence[Violation]) -> None:
 
 def _recording(args: argparse.Namespace) -> int:
     """Check what was recorded."""
+    if find_spec("mcap") is None:
+        raise FailedError("mcap is not installed: pip install 'armadico[record]'")
     from armadico.tools.export import RecordingError  # noqa: PLC0415 - an extra
     from armadico.tools.faults.real_recording import check  # noqa: PLC0415
 

@@ -15,11 +15,14 @@ from typing import TYPE_CHECKING, Final
 
 from armadico.cli import options
 from armadico.cli.options import FailedError, UsageError
+from armadico.config.errors import ConfigError
+from armadico.discovery import UnknownNameError
 
 if TYPE_CHECKING:
     from types import FrameType
 
     from armadico.cli.places import Place
+    from armadico.config.hosts import Host
     from armadico.config.scenarios import Scenario
     from armadico.society import Member
     from armadico.upkeep import Plan
@@ -154,7 +157,6 @@ def _plan(args: argparse.Namespace, where: Place, scenario: Scenario | None) -> 
 
     from armadico.config.hosts import nobodys, robot_fault, serial_port  # noqa: PLC0415
     from armadico.config.scenarios import Scenario  # noqa: PLC0415
-    from armadico.discovery import AGENTS, find  # noqa: PLC0415
     from armadico.society import Options, share  # noqa: PLC0415
     from armadico.upkeep import Plan  # noqa: PLC0415
 
@@ -164,15 +166,17 @@ def _plan(args: argparse.Namespace, where: Place, scenario: Scenario | None) -> 
         if fault := robot_fault(args.robot):
             raise UsageError(f"--robot {args.robot!r}: {fault}")
         host = replace(host, robot=args.robot)
-    for name in (*host.agents, *args.more, *args.without):
-        find(AGENTS, name)
+    _check_names(args, where, host)
     seed = args.seed if args.seed is not None else (scenario.seed if scenario else 0)
     chosen = Options(seed=seed, parameters=args.parameters, without=tuple(args.without))
     members = share(scenario, chosen, host, args.more)
     if not members:
         raise UsageError(f"nothing of {args.scenario or 'the table'} is {where.name}'s to start")
-    for name in nobodys(("robot", *scenario.agents), where.table) if scenario else ():
-        _say(f"{args.scenario} needs {name}, which no host of {where.table.file} runs")
+    if args.robot is not None and "robot" not in {member.name for member in members}:
+        raise UsageError(f"--robot {args.robot}: {where.name} starts no robot agent here")
+    lacking = nobodys(("robot", *scenario.agents), where.table) if scenario else ()
+    if lacking:
+        _say(f"{args.scenario} needs what no host of {where.table.file} runs: {', '.join(lacking)}")
     simulated = None
     if host.robot is None and any(member.name == "robot" for member in members):
         simulated = scenario or Scenario(world="empty", start=(0, 0, 0), goal=(0, 0, 0))
@@ -182,11 +186,39 @@ def _plan(args: argparse.Namespace, where: Place, scenario: Scenario | None) -> 
     return Plan(
         where.name,
         args.namespace,
-        tuple(_with_sets(member, args.set, members) for member in members),
+        _set(args, members),
         simulated,
         seed,
         tuple(_joining(args, where)),
     )
+
+
+def _check_names(args: argparse.Namespace, where: Place, host: Host) -> None:
+    """Raises ConfigError or UnknownNameError for an agent that is not installed here."""
+    from armadico.discovery import AGENTS, find  # noqa: PLC0415 - not for --help
+
+    for name in host.agents:
+        try:
+            find(AGENTS, name)
+        except UnknownNameError as error:
+            raise ConfigError(f"{where.name}.agents: {error}", where.table.file or None) from None
+    for name in (*args.more, *args.without):
+        find(AGENTS, name)
+
+
+def _set(args: argparse.Namespace, members: Sequence[Member]) -> tuple[Member, ...]:
+    """The members with what `--set` says. Raises UsageError if an agent would refuse its own."""
+    found = tuple(_with_sets(member, args.set, members) for member in members)
+    if args.set or args.parameters is not None:  # else nobody has written any
+        from armadico.config.loading import load_parameters  # noqa: PLC0415 - not for --help
+        from armadico.discovery import agent_class  # noqa: PLC0415 - not for --help
+
+        for member in found:
+            try:
+                load_parameters(agent_class(member.name).parameters, None, member.sets)
+            except ConfigError as error:
+                raise UsageError(f"{member.name}: {error}") from None
+    return found
 
 
 def _with_sets(member: Member, sets: Sequence[str], members: Sequence[Member]) -> Member:

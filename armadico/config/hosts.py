@@ -227,6 +227,14 @@ def _refuse_repeats(hosts: Mapping[str, Host], file: Path, text: str) -> None:
 
 
 def _check_robots(hosts: Mapping[str, Host], file: Path, text: str) -> None:
+    owners = [name for name, host in hosts.items() if "robot" in host.agents]
+    if len(owners) > 1:
+        first, second, *_ = owners
+        raise ConfigError(
+            f"{second}.agents: {first!r} has the robot agent already; expected it on one host",
+            file,
+            line_of(text, (second, "agents")),
+        )
     for name, host in hosts.items():
         if host.robot is None:
             continue

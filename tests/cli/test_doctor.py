@@ -54,6 +54,24 @@ def test_the_machines_are_those_of_the_host_table(tmp_path: Path) -> None:
     assert returned(doctor.hosts(args)) == set()
 
 
+@pytest.mark.parametrize(
+    "text",
+    [
+        'router = "tcp/127.0.0.1:1"\n[lab1]\nagents = ["goto"]\n',
+        'multicast = true\n[lab1]\nendpoints = ["tcp/0.0.0.0:7447"]\n',
+    ],
+)
+def test_a_host_without_an_address_in_the_table_is_not_looked_for(
+    tmp_path: Path, text: str
+) -> None:
+    table = tmp_path / "hosts.toml"
+    table.write_text(text)
+    args = argparse.Namespace(host=None, hosts=str(table))
+    (finding,) = doctor.hosts(args)
+    assert (finding.subject, finding.verdict) == ("host lab1", "ok")
+    assert "no address" in finding.what
+
+
 @pytest.mark.live
 def test_clocks_are_among_the_findings(
     monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]

@@ -132,6 +132,35 @@ def test_ps_looks_at_any_host_of_the_table_and_contradicts_it_no_more(
     assert says in capsys.readouterr().err
 
 
+@pytest.mark.parametrize("command", ["ps", "up", "agent"])
+def test_a_host_of_no_table_is_told_how_to_name_one(capsys: Captured, command: str) -> None:
+    more = ["--host", "lab1", "--namespace", "places"]
+    code = armadico_agent(["goto", *more]) if command == "agent" else main([command, *more])
+    assert code == 2
+    errors = capsys.readouterr().err
+    assert "no host 'lab1' in the shipped host table 'localhost' (known: localhost)" in errors
+    assert "--hosts lab.toml, say, or ARMADICO_HOSTS" in errors
+
+
+@pytest.mark.parametrize("command", ["ps", "stop", "resume"])
+@pytest.mark.parametrize("timeout", ["nan", "-1", "0", "inf", "soon"])
+def test_a_timeout_that_is_no_time_is_refused(capsys: Captured, command: str, timeout: str) -> None:
+    with pytest.raises(SystemExit) as ended:
+        main([command, "--timeout", timeout, "--namespace", "places"])
+    assert ended.value.code == 2
+    assert f"--timeout: '{timeout}': expected seconds, more than 0" in capsys.readouterr().err
+
+
+def test_an_agent_of_the_table_that_is_not_installed_is_named_with_the_table(
+    table: Path, capsys: Captured
+) -> None:
+    table.write_text(TABLE.replace('"goto"', '"gotoo"'))
+    assert main(["up", "--host", "lab1", "--hosts", str(table), "--namespace", "places"]) == 2
+    assert (
+        "lab.toml: lab1.agents: no agent 'gotoo'; did you mean 'goto'?" in capsys.readouterr().err
+    )
+
+
 def test_a_name_that_nobody_knows_is_no_address_of_this_machine(table: Path) -> None:
     table.write_text(TABLE.replace("192.0.2.1", "robot.invalid"))
     with pytest.raises(ConfigError, match=r"the name robot\.invalid is not known here"):
@@ -144,6 +173,9 @@ def test_a_name_that_nobody_knows_is_no_address_of_this_machine(table: Path) -> 
         (("--restarts", "-1"), "--restarts -1 --within 30: at least 0"),
         (("--within", "0"), "--restarts 5 --within 0: at least 0, and more than 0 s"),
         (("--set", "goto=1"), "--set goto=1: expected AGENT.KEY=VALUE"),
+        (("--set", "goto.nope=1"), "goto: --set nope=1: unknown key nope"),
+        (("--set", "goto.v_max=fast"), 'goto: --set v_max=fast: v_max = "fast": expected float'),
+        (("--robot", "tcp://127.0.0.1:8101"), "lab1 starts no robot agent here"),
         (("--set", "avoid.v_max=1"), "--set avoid.v_max=1: avoid is not started here (goto are)"),
         (("--with", "gotoo"), "no agent 'gotoo'; did you mean 'goto'?"),
         (("--robot", "ttyUSB0"), "--robot 'ttyUSB0': expected serial:///dev/ttyUSB0 or tcp://"),

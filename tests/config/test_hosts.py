@@ -166,6 +166,7 @@ def test_a_wrong_endpoint_is_named_with_file_and_line(
         ("tcp/10.0.0.2:7447", "tcp/0.0.0.0:7447", "or multicast = true above the first host"),
         ("[lab1]", 'robot = "ttyUSB0"\n[lab1]', 'robot.robot = "ttyUSB0": expected serial:///'),
         ("[desk]", '[desk]\nrobot = "tcp://a:1"', 'lab.toml:12: desk.robot = "tcp://a:1": there'),
+        ('["goto"]', '["robot"]', "lab.toml:9: lab1.agents: 'robot' has the robot agent already"),
         (LAB, "# nobody\n", "lab.toml:1: no hosts; expected a table for each, [name]"),
         (LAB, "lab1 = 3\n", "lab.toml:1: lab1 = 3: expected a table, not a whole number"),
     ],
