@@ -94,6 +94,7 @@ class Avoid(Behaviour):
         self._side_at: tuple[float, float] = (0.0, 0.0)
         self._moved_at = inf  # when the robot was last seen to move on its mission
         self._looked_at = -inf  # when it last looked: nobody looks while the robot is stopped
+        self._too_late = False  # it looked away, and cannot stop in time: no turning until it rests
         self._escape_until = -inf
         self._around: tuple[float, float] = (inf, inf)  # the place that it does not get away from,
         self._around_since = inf
@@ -121,6 +122,8 @@ class Avoid(Behaviour):
         along = self._along(points, v, state.w)
         free = min(along, self._toward(points, way))
         utility = ramp_down(free, p.stop.border(v), p.caution.border(v))
+        left = along - stopping_distance(v, p.safety.decel)
+        self._too_late = left < 0.0 and (self._too_late or self._looked_away)
         if self._stuck(pose, state):
             utility = 1.0
         self._unlatch(pose)
@@ -129,8 +132,10 @@ class Avoid(Behaviour):
                 self.why = "nothing in the way"
                 return None
             return Bid(0.0, self._onward(points, way.heading, v), reason="the way is free")
-        action, reason = self._act(points, way, pose, v)
-        left = along - stopping_distance(v, p.safety.decel)
+        if self._too_late:  # turning while it rolls swings a corner into what is ahead
+            action, reason = (0.0, 0.0), "too late to turn: brake"
+        else:
+            action, reason = self._act(points, way, pose, v)
         within = None if left == inf else max(0.0, 0.5 * left / max(v, 0.05))
         return Bid(utility, action, left < 0.0, within, reason)
 
@@ -221,13 +226,16 @@ class Avoid(Behaviour):
         mend.
         """
         driven = state.obeyed_frame is not None and self.frames.fresh(state.obeyed_frame)
-        looked_away = self.now - self._looked_at > LOOKED_AWAY_S
-        self._looked_at = self.now
+        looked_away, self._looked_at = self._looked_away, self.now
         near = self.route.to_go(pose.x, pose.y) < self.p.goal_m
         excused = looked_away or near or not driven
         self._watch_rest(excused or abs(state.v) > 0.02 or abs(state.w) > 0.05)
         self._watch_place(pose, excused)
         return self.now < max(self._escape_until, self._back_until)
+
+    @property
+    def _looked_away(self) -> bool:
+        return self.now - self._looked_at > LOOKED_AWAY_S
 
     def _watch_rest(self, moving: bool) -> None:
         if moving:

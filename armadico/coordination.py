@@ -315,8 +315,10 @@ class Contender:
         term = 1 if self.largest is None else self.largest.term + 1
         self.ballot = self.largest = Ballot(term, bid.utility, bid.critical, self.instance)
         loser = self._vacated or self.rival
-        # What was commanded long ago is not what the wheels do now: they have been stopped since.
-        recent = loser is not None and self._frames.fresh(loser.frame)
+        # What was commanded long ago is not what the wheels do now: they have been stopped since;
+        # nor is the rest that went with a release, while they still brake.
+        within = 1 if loser is not None and loser.utility is None else None
+        recent = loser is not None and self._frames.fresh(loser.frame, within)
         heard = recent and event in (Event.BETTER, Event.VACANT)
         start = self._measured
         if loser is not None and heard and len(loser.commanded) == len(start):

@@ -29,9 +29,11 @@ class Odometry:
 
     The first status packet after `rebase` is a base only: a controller that was open before us
     starts anywhere. A step that the speeds do not explain is a reset (SETO, by whomever): the pose
-    stays where it was and goes on from there. A reset within `SPARE_M` and `SPARE_RAD` of the
-    controller's origin cannot be told from a step and moves the pose by that much; whoever sends
-    SETO calls `rebase` and is spared that.
+    stays where it was and goes on from there. Either way the controller's axes may then lie
+    otherwise than the pose's, so its steps are turned into the pose's.
+
+    A reset within `SPARE_M` and `SPARE_RAD` of the controller's origin cannot be told from a step
+    and moves the pose by that much; whoever sends SETO calls `rebase` and is spared that.
     """
 
     def __init__(self, units: P2osUnits) -> None:
@@ -42,6 +44,7 @@ class Odometry:
         self._reach_s = SPARE_CYCLES * units.cycle_s
         self._last: Status | None = None
         self._at = 0.0
+        self._axes = (1.0, 0.0)  # cosine and sine of the pose's heading less the controller's
 
     def rebase(self) -> None:
         """Take the next status packet as a base, not as a step."""
@@ -51,19 +54,27 @@ class Odometry:
         """Take a status packet received at `now` (s) and return the continuous pose."""
         last, elapsed = self._last, now - self._at
         self._last, self._at = status, now
-        if last is not None:
+        if last is None:
+            self._align(status)
+        else:
             self._add(last, status, elapsed)
         return self.pose
+
+    def _align(self, status: Status) -> None:
+        """Take the controller's heading for the pose's: they go on together from here."""
+        off = math.remainder(self.pose.theta - status.theta_rad, math.tau)
+        self._axes = (math.cos(off), math.sin(off))
 
     def _add(self, last: Status, status: Status, elapsed: float) -> None:
         dx = math.remainder(status.x_m - last.x_m, self._span_m)
         dy = math.remainder(status.y_m - last.y_m, self._span_m)
         turn = math.remainder(status.theta_rad - last.theta_rad, math.tau)
         if self._explained(last, status, elapsed, math.hypot(dx, dy), abs(turn)):
-            pose = self.pose
-            self.pose = Pose(pose.x + dx, pose.y + dy, pose.theta + turn)
+            pose, (c, s) = self.pose, self._axes
+            self.pose = Pose(pose.x + c * dx - s * dy, pose.y + s * dx + c * dy, pose.theta + turn)
         else:
             self.resets += 1
+            self._align(status)
 
     def _explained(
         self, last: Status, status: Status, elapsed: float, length: float, turn: float

@@ -38,6 +38,7 @@ from armadico.config.profile import Limits, P2osUnits
 ASK_AGAIN_S = 0.2  # CONFIG and ENABLE are repeated this often,
 ASK_TIMES = 5  # this many times: packets get lost, and some robots never send a good CONFIGpac
 HANG_S = 1.5  # between two calls: the owner hung, and comes back to a robot that will lurch
+LATE_S = 0.1  # an owner that comes so much later than an open link's time-out hung, too
 
 ZERO = command(Cmd.VEL, 0) + command(Cmd.RVEL, 0)
 
@@ -206,9 +207,11 @@ class Session:
 
     def _advance(self, now: float) -> None:
         """Note the time. After a hang, zero speeds go first and the time-out begins anew."""
-        if now - self._now > HANG_S and self._deadline is not None:
-            self._out += ZERO
-            self._deadline = now + TIMEOUTS_S[self.state]
+        if self._deadline is not None:
+            late = self.is_open and now - self._deadline > LATE_S
+            if late or now - self._now > HANG_S:
+                self._out += ZERO
+                self._deadline = now + TIMEOUTS_S[self.state]
         self._now = now
 
     def _take(self, payload: bytes) -> None:

@@ -34,6 +34,7 @@ def stage(trajectory: Trajectory | None = FAR, speed: float = 0.0, **parameters:
 def before_a_wall(distance: float, speed: float, **parameters: Any) -> Stage:
     """Something wide across the way, so far before the robot's front edge grown by its margin."""
     made = stage(speed=speed, **parameters)
+    made.frame()  # it has looked the frame before
     x = distance + OUTLINE.front + MARGIN
     made.frame(points=wall(x, -0.4, 0.4))
     return made
@@ -225,6 +226,31 @@ def test_a_robot_that_was_stopped_has_not_been_stuck() -> None:
         made.frame(Stop(1, True, "somebody"))
     made.frame(Stop(2, False, "somebody"))
     assert driven_by_goto(made, 10) == {None}
+
+
+def comes_in(frames_away: int) -> Stage:
+    """Something wide ahead that it cannot stop for, seen after so many frames without a look."""
+    made = stage(speed=0.5)
+    made.frame()
+    made.frame(frames=frames_away, points=wall(0.25 + OUTLINE.front + MARGIN, -0.4, 0.4))
+    assert made.bid().critical
+    return made
+
+
+def test_who_comes_in_too_late_brakes_until_it_can_stop_and_only_then_turns() -> None:
+    late = comes_in(frames_away=7)
+    assert late.bid().wanted == (0.0, 0.0)
+    late.speed = (0.3, 0.0)
+    late.frame(points=wall(0.1 + OUTLINE.front + MARGIN, -0.4, 0.4))
+    assert late.bid().critical
+    assert late.bid().wanted == (0.0, 0.0)
+    late.speed = (0.0, 0.0)
+    late.frame(points=wall(0.05 + OUTLINE.front + MARGIN, -0.4, 0.4))
+    assert late.bid().wanted != (0.0, 0.0)
+
+
+def test_who_has_looked_all_the_time_turns_as_it_brakes() -> None:
+    assert comes_in(frames_away=1).bid().wanted[1] != 0.0
 
 
 # The thesis's rules ------------------------------------------------------------------------------

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import msgspec
 import pytest
 
 from armadico.messages import (
@@ -266,6 +267,14 @@ def test_nobody_need_be_obeyed_who_does_not_bid_is_stopped_or_has_gone(story: St
     assert Promise.OBEYED not in story.broken()
 
 
+def test_a_moment_without_a_bid_is_no_excuse_for_nobody_being_obeyed(story: Story) -> None:
+    story.frames(5)
+    for _ in range(10):
+        story.stand(0.5, goto=wants(0.6))
+        story.stand(0.1, goto=wants(None, "only 0.4 m of free way"))
+    assert Promise.OBEYED in story.broken()
+
+
 # Silence and the watchdog -------------------------------------------------------------------------
 
 
@@ -364,6 +373,57 @@ def test_a_contact_does_not_count_while_the_pose_is_wrong(story: Story) -> None:
     assert story.broken() == []
 
 
+def test_a_pose_that_comes_late_is_not_wrong(story: Story) -> None:
+    story.frames(5)
+    then = story.frame
+    for x in (0.1, 0.2, 0.3):
+        story.number += 1
+        story.said(Truth(story.now, x, 0, 0, 0.0, 0, 0, 1.0))
+        story.said(story.rest())
+    story.said(Pose(then, 0.0, 0, 0))
+    story.said(Truth(story.now, 0.3, 0, 0, 0.0, 0, 1, 1.0))
+    assert story.broken() == [Promise.COLLISION]
+
+
+def touched(story: Story, clearance: float, count: int) -> None:
+    story.now = round(story.now + 0.1, 3)
+    story.said(Truth(story.now, 0, 0, 0, 0.0, 0, count, clearance))
+
+
+def test_what_a_fault_has_brought_it_against_it_may_touch_until_it_has_got_clear(
+    story: Story,
+) -> None:
+    story.frames(5)
+    story.see(Faulted(story.now, "hang", ("robot",), began=True))
+    touched(story, 0.05, 0)
+    story.see(Faulted(story.now, "hang", ("robot",), began=False))
+    for _ in range(100):
+        touched(story, 0.05, 0)
+    touched(story, 0.0, 1)
+    assert story.broken() == []
+    touched(story, 0.08, 1)
+    touched(story, 0.0, 2)
+    assert story.broken() == [Promise.COLLISION]
+
+
+def test_what_it_came_near_by_itself_it_may_not_touch(story: Story) -> None:
+    story.frames(5)
+    touched(story, 0.05, 0)
+    touched(story, 0.0, 1)
+    assert story.broken() == [Promise.COLLISION]
+
+
+@pytest.mark.parametrize(
+    ("x", "y", "broken"), [(0.05, 0.0, 0), (-0.05, 0.0, 0), (0.0, 0.05, 1), (0.04, 0.04, 1)]
+)
+def test_odometry_that_moves_sideways(story: Story, x: float, y: float, broken: int) -> None:
+    story.frames(5)
+    story.number += 1
+    told = story.state(story.ballot, story.ballot, story.last)
+    story.said(msgspec.structs.replace(told, x=story.x + x, y=y))
+    assert story.broken() == [Promise.ODOMETRY] * broken
+
+
 # Moving again -------------------------------------------------------------------------------------
 
 
@@ -392,6 +452,16 @@ def test_a_bid_that_does_not_say_why_is_one_that_is_missing(story: Story) -> Non
     healed(story)
     story.stand(2.5, goto=wants(None, ""))
     assert story.broken() == [Promise.MOVES]
+
+
+@pytest.mark.parametrize(("reason", "broken"), [("the goal is near", 0), ("", 1)])
+def test_who_is_obeyed_and_commands_rest_says_why(story: Story, reason: str, broken: int) -> None:
+    healed(story)
+    story.v = 0.0
+    for _ in range(25):
+        story.frames(1)
+        story.see(Bids(story.now, A, wants(0.6, reason)))
+    assert story.broken() == [Promise.MOVES] * broken
 
 
 def test_who_stands_back_has_longer(story: Story) -> None:

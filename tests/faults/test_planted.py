@@ -13,6 +13,7 @@ from armadico.agent import Agent
 from armadico.agents.sonar import SonarAgent
 from armadico.bridge import robot
 from armadico.bridge.p2os.commands import Cmd, command
+from armadico.bridge.p2os.odometry import Odometry
 from armadico.bridge.p2os.session import Session
 from armadico.bridge.simulator.microcontroller import Microcontroller
 from armadico.coordination import TRANSITIONS, Contender, Event, Owner, State, Verdict
@@ -128,6 +129,10 @@ def stands_back_for_a_minute(patch: pytest.MonkeyPatch) -> None:
     patch.setattr("armadico.coordination.STAND_BACK", (60.0, 60.0, 60.0))
 
 
+def mixes_up_its_axes(patch: pytest.MonkeyPatch) -> None:
+    patch.setattr(Odometry, "_align", lambda self, status: None)
+
+
 def raises_when_somebody_goes(patch: pytest.MonkeyPatch) -> None:
     def on_disappeared(self: Agent, name: str, instance: str) -> None:
         raise KeyError(name)
@@ -151,6 +156,7 @@ _LONE = Fault("lone-restart", 15.69, 0.549, ("goto",))
 _WILD = Fault("nan", 4.0, 1.2, ("gothrough",), (), 4.0)
 _HANG = Fault("hang", 8.0, 9.0, ("robot",))
 _AGAIN = Fault("robot-restart", 8.0, 0.5, ("robot",))
+_LOST = Fault("serial-loss", 8.0, 4.0, ("robot",), (), 1.0)
 _LOSSY = Fault("serial-loss", 8.0, 2.0, ("robot",), (), 0.5)
 _SILENT = Fault("silent-sonar", 8.4, 9.0, ("robot",))
 _GONE = Fault("crash", 8.0, 1.0, ("avoid",))
@@ -167,6 +173,7 @@ BUGS = (
     Bug(overshoots_in_an_exchange, Promise.SMOOTH, case(lasts=40.0)),
     Bug(stops_without_a_ramp, Promise.SMOOTH, case(_CUT)),
     Bug(is_blind, Promise.COLLISION, case(scenario="sc2", lasts=40.0)),
+    Bug(mixes_up_its_axes, Promise.ODOMETRY, case(_LOST)),
     Bug(takes_no_turn_in_a_new_epoch, Promise.MOVES, case(_AGAIN)),
     Bug(stands_back_for_a_minute, Promise.MOVES, case(_SLOW)),
     Bug(raises_when_somebody_goes, Promise.NO_ERROR, case(_GONE)),

@@ -16,7 +16,7 @@ from armadico.tools.faults.real_trials import TRIALS
 
 SOON = 90.0
 
-KINDS = ("holder-killed", "holder-hung", "nobody-left")
+KINDS = ("holder-hung", "nobody-left")
 
 
 @pytest.mark.live

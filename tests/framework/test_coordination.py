@@ -5,11 +5,12 @@ from __future__ import annotations
 from itertools import pairwise
 from math import sin
 
-from armadico.coordination import TRANSITIONS, Event, State, Step, Verdict, beats
-from armadico.exchange import Bid
-from armadico.frames import PERIOD
+from armadico.coordination import TRANSITIONS, Contender, Event, State, Step, Verdict, beats
+from armadico.exchange import EXCHANGES, Bid
+from armadico.frames import PERIOD, FrameClock
 from armadico.mesh.virtual_presence import RECONNECT
 from armadico.messages import Ballot, Claim, Command, Frame, Stop
+from armadico.resources import WHEELS
 
 from .toys import ToyOwner, ToySociety, toy
 
@@ -261,3 +262,23 @@ def test_what_a_holder_commanded_that_died_long_ago_is_not_where_an_exchange_beg
     society.run(2.0)
     commanded = [c.v for t, c in society.owner.obeyed if t > 6.0]
     assert max(commanded) <= 0.2
+
+
+def taken_over_from_a_release(age: int) -> float:
+    """The speed that is commanded first by who takes up a release of so many frames ago."""
+    frames = FrameClock()
+    for number in range(1, 6):
+        frames.advance(Frame(1, number), number * PERIOD)
+    now, at = 5 * PERIOD, Frame(1, 5)
+    contender = Contender(WHEELS, "b-1", frames, EXCHANGES["smooth"])
+    released = Ballot(3, 0.6, False, "a-1")
+    contender.hear(Claim("wheels", released, Frame(1, 5 - age), None, commanded=(0.0, 0.0)), now)
+    said = contender.bid(at, Bid(0.6, (0.5, 0.0)), (0.4, 0.0), now)
+    return next(command.v for command in said if isinstance(command, Command))
+
+
+def test_what_went_with_a_release_is_not_where_an_exchange_begins_frames_later() -> None:
+    assert taken_over_from_a_release(0) < 0.4
+    assert taken_over_from_a_release(1) < 0.4
+    assert taken_over_from_a_release(2) >= 0.4
+    assert taken_over_from_a_release(3) >= 0.4

@@ -13,7 +13,7 @@ from typing import Protocol
 
 from armadico.tools.faults.ballots import Fresh, OneDriver, OneHolder
 from armadico.tools.faults.kinds import Promise
-from armadico.tools.faults.motion import Collision, Silence, Smooth, Watchdog
+from armadico.tools.faults.motion import Collision, Heading, Silence, Smooth, Watchdog
 from armadico.tools.faults.observations import Observation
 from armadico.tools.faults.recovery import Moves, SomebodyObeyed
 from armadico.tools.faults.situation import Bounds, Situation
@@ -57,6 +57,7 @@ class Checker:
             Watchdog(bounds),
             Smooth(bounds),
             Collision(),
+            Heading(),
             self._moves,
         )
 

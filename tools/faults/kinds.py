@@ -22,6 +22,7 @@ class Promise(StrEnum):
     WATCHDOG = "without the robot agent the controller's watchdog stops the wheels"
     SMOOTH = "speeds change by no more than the ramps allow, and a hand-over stays between both"
     COLLISION = "nothing is touched"
+    ODOMETRY = "the odometry moves where it heads, whatever has befallen the line"
     NO_ERROR = "no agent raises an error"
     MOVES = "after healing the robot moves within 2 s (5 s after standing back), or bids say why"
 
@@ -84,6 +85,11 @@ DISABLES: Final = frozenset({"crash", "hang", "slow", "flap", "robot-restart"})
 FORGETS: Final = frozenset({"crash", "flap"})
 """Kinds after which the sonar agent has forgotten what its sonars no longer look at: the sides and
 the back of the robot, which it may then turn into something that it has passed."""
+
+WEDGED_M: Final = 0.07
+"""Nearer to something than this, m, by a fault that voids contacts, contacts stay void until it has
+got clear: the sonars' least range is 0.1 m, so on the flank nobody can tell 7 cm from touching, and
+behind nobody hears at all. What was passed while the robot agent hung was not heard either."""
 
 
 def voided(kind: str, whom: tuple[str, ...]) -> frozenset[Promise]:

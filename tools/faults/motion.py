@@ -4,8 +4,9 @@ from __future__ import annotations
 
 from collections import deque
 from collections.abc import Iterator, Sequence
-from math import inf
+from math import atan2, hypot, inf, pi
 
+from armadico.geometry import relative, wrap
 from armadico.messages import Ballot, Claim, Command, RobotState, Truth
 from armadico.tools.faults.ballots import brief
 from armadico.tools.faults.kinds import Promise
@@ -23,6 +24,11 @@ LATELY_S = 0.35
 """A take-over begins from the holder that was heard of not longer ago than this, s."""
 
 HULL = 1e-6
+
+STEP_M = 0.02
+SIDEWAYS_RAD = 0.2
+"""A step of at least so much leads at most so far off the heading: 0.05 rad is the most that was
+seen in 25 simulated drives of 2 minutes, turns and counts of the encoders included."""
 
 
 class Silence:
@@ -190,3 +196,25 @@ class Collision:
         before, self._count = self._count, truth.collisions
         if before is not None and truth.collisions > before and not now.void(self.promise):
             yield f"touched something at ({truth.x:.2f}, {truth.y:.2f}), {truth.v:.2f} m/s"
+
+
+class Heading:
+    """A differential drive goes where it heads, or straight back: so do the steps of its odometry.
+
+    After a link that was lost the controller's axes may be others than the pose's. Whoever mixes
+    them up moves maps and poses sideways, and every agent believes it.
+    """
+
+    promise = Promise.ODOMETRY
+
+    def look(self, seen: Observation, now: Situation) -> Iterator[str]:
+        """From one `robot/state` to the next of its epoch."""
+        if not isinstance(seen, Said) or not isinstance(seen.message, RobotState):
+            return
+        state, before = seen.message, now.before
+        if before is None or before.frame.epoch != state.frame.epoch:
+            return
+        x, y, turned = relative((before.x, before.y, before.theta), (state.x, state.y, state.theta))
+        off = abs(wrap(atan2(y, x) - 0.5 * turned))
+        if hypot(x, y) > STEP_M and min(off, pi - off) > SIDEWAYS_RAD:
+            yield f"a step of {hypot(x, y):.3f} m leads {off:.2f} rad off where it heads"

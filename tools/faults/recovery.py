@@ -32,10 +32,14 @@ class SomebodyObeyed:
     def __init__(self, bounds: Bounds) -> None:
         self._obeyed_s = bounds.obeyed_s
         self._since = inf
+        self._bid_at = -inf
 
     def look(self, seen: Observation, now: Situation) -> Iterator[str]:
         """As time passes: since when somebody has bid, and nobody was obeyed."""
-        excused = now.whole_for() < 0 or now.stopped() or not now.bidders()
+        if now.bidders():
+            self._bid_at = seen.at
+        quiet = seen.at - self._bid_at > TURN_S  # a moment without a bid is no excuse
+        excused = now.whole_for() < 0 or now.stopped() or quiet
         if excused or now.obeyed_at >= self._since:
             self._since = inf
         if excused:
@@ -119,7 +123,7 @@ class Moves:
         order = now.ordered
         rests = order is None or (abs(order.v) < MOVING_M_S and abs(order.w) < MOVING_RAD_S)
         held = now.state is not None and now.state.stalled
-        if now.driven() and (rests or held):
+        if now.driven() and (held or (rests and _says_why(now))):
             return "who is obeyed commands rest, or all but rest, or a wall holds it"
         return None
 
@@ -131,3 +135,11 @@ class Moves:
             f"{instance.rpartition('-')[0]} {record.utility} ({record.reason})"
             for instance, (_, record) in sorted(now.bids.items())
         )
+
+
+def _says_why(now: Situation) -> bool:
+    """Whether who is obeyed gives a reason, as far as its bids can be seen."""
+    assert now.state is not None, "somebody is obeyed"
+    assert now.state.obeyed is not None, "that is whom"
+    _, record = now.bids.get(now.state.obeyed.instance, (0.0, None))
+    return record is None or bool(record.reason)

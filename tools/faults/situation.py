@@ -18,7 +18,7 @@ from armadico.messages import (
     RobotState,
     Truth,
 )
-from armadico.tools.faults.kinds import FORGETS, KINDS, Promise, voided
+from armadico.tools.faults.kinds import FORGETS, KINDS, WEDGED_M, Promise, voided
 from armadico.tools.faults.observations import Bids, Faulted, Left, Observation, Ordered, Said
 
 MOVING_M_S = 0.02
@@ -35,6 +35,8 @@ OVER_S = 2.0
 
 FRESH_FRAMES = 3
 """A command may answer a frame so many older than the newest (docs/architecture.md)."""
+
+POSES = 16  # frames whose true poses are remembered, for poses that come late
 
 BID_AGE_S = 0.35
 """A bid older than this says nothing of now: three frames, and the way here."""
@@ -87,6 +89,7 @@ class Situation:
     truth: Truth | None = None
     truth_at: float = -inf
     astray_at: float = -inf  # when pose or map were last known to be wrong
+    wedged: bool = False  # a fault has brought it against something, and it has not got clear
     driving: bool = False
     bids: dict[str, tuple[float, BidRecord]] = field(default_factory=dict)
     sees_bids: bool = False
@@ -94,6 +97,7 @@ class Situation:
     ordered: Ordered | None = None
     active: Counter[tuple[str, tuple[str, ...]]] = field(default_factory=Counter)
     _ended: dict[Promise, float] = field(default_factory=dict)  # voids of faults that are over
+    _truths: dict[Frame, Truth] = field(default_factory=dict)  # where it was in the last frames
 
     def take(self, seen: Observation) -> None:
         """Learn from one observation."""
@@ -129,6 +133,11 @@ class Situation:
         Whoever thinks that it is elsewhere steers into door posts: without localization that is
         what a robot agent that was away leaves behind.
         """
+        if promise is Promise.COLLISION and self.wedged:
+            return True
+        return self._voided(promise)
+
+    def _voided(self, promise: Promise) -> bool:
         if promise is Promise.COLLISION and self.now - self.astray_at < ASTRAY_S:
             return True
         if any(promise in voided(kind, whom) for kind, whom in self.active):
@@ -175,17 +184,23 @@ class Situation:
         elif isinstance(message, MissionStatus):
             self.driving = message.state is MissionState.DRIVING
         elif isinstance(message, Pose):
-            truth = self.truth
+            truth = self._truths.get(message.frame, self.truth)
             if truth is not None and hypot(message.x - truth.x, message.y - truth.y) > ASTRAY_M:
                 self.astray_at = said.at
         elif isinstance(message, Truth):
             self.truth, self.truth_at = message, said.at
+            near = message.clearance is not None and message.clearance < WEDGED_M
+            self.wedged = near and (self.wedged or self._voided(Promise.COLLISION))
             if abs(message.v) < MOVING_M_S and abs(message.w) < MOVING_RAD_S:
                 self.rested_at = said.at
 
     def _frame(self, state: RobotState) -> None:
         before, self.before, self.state = self.state, self.state, state
         self.state_at = self.now
+        if self.truth is not None:
+            self._truths[state.frame] = self.truth
+            if len(self._truths) > POSES:
+                del self._truths[next(iter(self._truths))]
         at = state.obeyed_frame
         if at is not None and state.frame.number - at.number <= FRESH_FRAMES:
             self.obeyed_at = self.now

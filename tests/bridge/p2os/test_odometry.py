@@ -86,3 +86,30 @@ def test_a_reset_by_somebody_else_moves_nobody(x: float, theta: float) -> None:
     assert odometry.resets == 1
     on = odometry.update(on_wire(0.03, 0, 0, 0.3), 0.4)
     assert on.x - before.x == pytest.approx(0.03, abs=0.001)
+
+
+@pytest.mark.parametrize("before", [0.0, 1.0, math.pi / 2, 3.0])
+@pytest.mark.parametrize("after", [0.0, -2.0, math.pi])
+def test_the_pose_moves_where_it_heads_whatever_the_controllers_heading(
+    before: float, after: float
+) -> None:
+    """After a link that was lost the base is new; the robot may have been turned meanwhile."""
+    odometry = Odometry(UNITS)
+    odometry.update(on_wire(0, 0, before), 0.0)
+    odometry.rebase()
+    odometry.update(on_wire(0, 0, after), 1.0)
+    ahead = on_wire(0.1 * math.cos(after), 0.1 * math.sin(after), after, 1.0)
+    pose = odometry.update(ahead, 1.1)
+    assert (pose.x, pose.y) == pytest.approx((0.1, 0.0), abs=0.002)
+
+
+def test_after_a_reset_that_nobody_asked_for_it_moves_where_it_heads() -> None:
+    odometry = Odometry(UNITS)
+    odometry.update(on_wire(0, 0, 0), 0.0)
+    odometry.update(on_wire(0, 0, 0.5, spin=5.0), 0.1)
+    odometry.update(on_wire(0, 0, -3.0), 0.2)  # somebody set it otherwise
+    assert odometry.resets == 1
+    ahead = on_wire(0.1 * math.cos(-3.0), 0.1 * math.sin(-3.0), -3.0, 1.0)
+    pose = odometry.update(ahead, 0.3)
+    want = (0.1 * math.cos(0.5), 0.1 * math.sin(0.5))
+    assert (pose.x, pose.y) == pytest.approx(want, abs=0.002)

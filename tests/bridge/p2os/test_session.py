@@ -22,6 +22,7 @@ from armadico.bridge.p2os.packets import Decoder, encode
 from armadico.bridge.p2os.session import (
     ASK_TIMES,
     HANG_S,
+    LATE_S,
     ZERO,
     Connected,
     LinkLost,
@@ -244,6 +245,17 @@ def test_after_a_hang_zero_speeds_go_first_and_the_link_is_not_lost(
     assert (Cmd.VEL, 300) in sent(session)
     assert session.is_open
     assert session.tick(late + LINK_TIMEOUT_S) == [LinkLost("no status packet for 1.0 s")]
+
+
+def test_after_a_shorter_hang_the_link_is_not_what_was_silent(
+    session: Session, profile: RobotProfile
+) -> None:
+    opened(session)
+    session.receive(status(profile, motors_enabled=True), 0.1)
+    session.outgoing()
+    assert session.tick(0.2 + LINK_TIMEOUT_S + LATE_S) == []
+    assert sent(session)[:2] == [(Cmd.VEL, 0), (Cmd.RVEL, 0)]
+    assert session.is_open
 
 
 def test_a_pulse_after_a_long_silence_brings_zero_speeds_first(
