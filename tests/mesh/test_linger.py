@@ -29,10 +29,14 @@ def lingering() -> list[bytes]:
     """The linger times of this process's sockets that have any."""
     found = []
     for entry in Path("/proc/self/fd").iterdir():
-        with suppress(OSError):  # no socket, or gone
-            copy = socket.socket(fileno=os.dup(int(entry.name)))
-            with copy:
-                found.append(copy.getsockopt(socket.SOL_SOCKET, socket.SO_LINGER, 8))
+        with suppress(OSError):  # gone
+            copy = os.dup(int(entry.name))
+            try:
+                with suppress(OSError), socket.socket(fileno=copy) as one:  # no socket
+                    found.append(one.getsockopt(socket.SOL_SOCKET, socket.SO_LINGER, 8))
+                    copy = one.detach()
+            finally:
+                os.close(copy)
     return [each for each in found if struct.unpack("ii", each)[0]]
 
 
