@@ -138,9 +138,8 @@ def test_a_second_run_in_the_namespace_is_told_who_is_there_and_disturbs_nobody(
 def test_of_two_runs_that_begin_together_one_at_most_drives(run: Run) -> None:
     both = [run("run", "sc1", "--goal", "0.3", "0", "0", "--no-plot") for _ in range(2)]
     errors = [process.communicate(timeout=2 * SOON)[1] for process in both]
-    refused = [text for process, text in zip(both, errors, strict=True) if process.returncode == 1]
-    assert refused, errors
-    assert all(f"the namespace {NAMESPACE!r}" in text for text in refused), errors
+    told = [text for text in errors if f"the namespace {NAMESPACE!r}" in text]
+    assert len(told) >= len(both) - 1, errors
 
 
 def test_everybody_joins_the_mesh_that_was_named(

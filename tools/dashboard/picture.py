@@ -38,8 +38,12 @@ def photograph(recording: Path, t: float, size: tuple[int, int] = SIZE) -> Pictu
     """What the dashboard looks like at t (s) of a recording. Raises ViewerError."""
     with headless(size) as viewer:
         client = ViewerClient.connect(f"rerun+http://{LOOPBACK}:{viewer.port}/proxy")
-        client.open(str(recording.resolve()))
         deadline = time.monotonic() + LOADING_S
+        while not _opened(client, recording):  # it listens before it answers
+            viewer.check()
+            if time.monotonic() > deadline:
+                raise ViewerError(f"the viewer did not answer within {LOADING_S:.0f} s")
+            time.sleep(0.1)
         while (state := client.get_state()).loading or not state.views:
             if time.monotonic() > deadline:
                 raise ViewerError(f"{recording} was not loaded within {LOADING_S:.0f} s")
@@ -50,6 +54,14 @@ def photograph(recording: Path, t: float, size: tuple[int, int] = SIZE) -> Pictu
         state = client.get_state()
         errors = (r for view in state.views for r in view.reports if r.severity == "error")
         return Picture(png, frozenset(v.name for v in state.views), tuple(map(str, errors)))
+
+
+def _opened(client: ViewerClient, recording: Path) -> bool:
+    try:
+        client.open(str(recording.resolve()))
+    except ConnectionError:
+        return False
+    return True
 
 
 def main(arguments: list[str]) -> None:

@@ -73,6 +73,11 @@ class Viewer:
         """Whether it is gone, as when somebody closes its window."""
         return self.popen.poll() is not None
 
+    def check(self) -> None:
+        """Raise ViewerError, with its last words, if it is gone: it listens before it draws."""
+        if self.ended():
+            raise _explained(self.last_words())
+
     def last_words(self) -> str:
         """The end of what it wrote."""
         self._log.seek(0)
@@ -93,8 +98,7 @@ class Viewer:
         """Until it listens."""
         deadline = time.monotonic() + START_S
         while not listening(self.port):
-            if self.ended():
-                raise _explained(self.last_words())
+            self.check()
             if time.monotonic() > deadline:
                 raise ViewerError(f"the viewer did not start within {START_S:.0f} s")
             time.sleep(0.05)
