@@ -225,7 +225,7 @@ class Avoid(Behaviour):
         two turn it to and fro. If nobody is obeyed, nobody drives, and that is not for avoid to
         mend.
         """
-        driven = state.obeyed_frame is not None and self.frames.fresh(state.obeyed_frame)
+        driven = state.obeyed_cycle is not None and self.cycles.fresh(state.obeyed_cycle)
         looked_away, self._looked_at = self._looked_away, self.now
         near = self.route.to_go(pose.x, pose.y) < self.p.goal_m
         excused = looked_away or near or not driven
@@ -273,7 +273,7 @@ class Avoid(Behaviour):
         return self._back(points) or (0.0, 0.0)
 
     def _onward(self, points: Sequence[Point], wanted: float, v: float) -> tuple[float, float]:
-        """What to command in the frame or two until somebody takes over."""
+        """What to command in the cycle or two until somebody takes over."""
         w = max(-self.p.w_max, min(self.p.w_max, self.p.turn_gain * wanted))
         v, w, _ = limit(v, w, points, self.p.safety)
         return v, w

@@ -39,9 +39,9 @@ class Encoder(Agent):
     def on_robot_state(self, state: RobotState) -> None:
         """One status packet, one pose."""
         odometry = (state.x, state.y, state.theta)
-        if self._epoch is not None and state.frame.epoch != self._epoch:
+        if self._epoch is not None and state.cycle.epoch != self._epoch:
             # A restarted robot agent counts from elsewhere; the robot has not jumped.
             self._origin = compose(self._pose, relative(odometry, (0.0, 0.0, 0.0)))
-        self._epoch = state.frame.epoch
+        self._epoch = state.cycle.epoch
         self._pose = compose(self._origin, odometry)
-        self.publish(Pose(state.frame, *self._pose))
+        self.publish(Pose(state.cycle, *self._pose))

@@ -91,7 +91,7 @@ class Interface(Agent):
             self.log(f"mission {self._mission}: goal reached")
             self._say_trajectory()
             self._say_status(self._to_go)
-        elif pose.frame.number % 2 == 0:
+        elif pose.cycle.number % 2 == 0:
             self._say_status(self._to_go)
 
     def on_wakeup(self) -> None:

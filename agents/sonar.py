@@ -16,7 +16,7 @@ from armadico.agents.methods.local_map import RINGS, SECTORS, Obstacle, Settings
 from armadico.geometry import Pose2, relative
 from armadico.messages import (
     Cell,
-    Frame,
+    Cycle,
     LocalMap,
     Message,
     Obstacles,
@@ -29,12 +29,12 @@ Angle = Annotated[float, Meta(ge=0, le=3.1416)]
 Seconds = Annotated[float, Meta(ge=0, le=3600)]
 Metres = Annotated[float, Meta(ge=0, le=10)]
 
-LOOK_FRAMES = 4
-"""Frames that it listens before it says anything: once round the ring. What is not heard yet is
+LOOK_CYCLES = 4
+"""Cycles that it listens before it says anything: once round the ring. What is not heard yet is
 not free, and whoever starts in the middle of a drive must not say that it is."""
 
-MAP_FRAMES = 5
-"""The cells are said each so many frames."""
+MAP_CYCLES = 5
+"""The cells are said each so many cycles."""
 
 BUMP_M = 0.25
 """Where something is put that stalled the robot: just before its front edge."""
@@ -59,7 +59,7 @@ class Parameters(agent.Parameters, frozen=True, kw_only=True):
 class SonarAgent(Agent):
     """Moves its map with the robot, takes the echoes in, and says what is near.
 
-    The map is local, so the controller's own odometry moves it: a frame's echoes become obstacles
+    The map is local, so the controller's own odometry moves it: a cycle's echoes become obstacles
     one hop after they came, whoever else is slow.
     """
 
@@ -80,11 +80,11 @@ class SonarAgent(Agent):
     def on_robot_state(self, state: RobotState) -> None:
         """Apply the robot's motion to the map; what stalls it is an obstacle, heard or not."""
         odometry = (state.x, state.y, state.theta)
-        if self._odometry is not None and state.frame.epoch == self._epoch:
+        if self._odometry is not None and state.cycle.epoch == self._epoch:
             motion = relative(self._odometry, odometry)
             self._map.move(Placed(*motion))
             self._bumps = list(self._moved(motion))
-        self._odometry, self._epoch = odometry, state.frame.epoch
+        self._odometry, self._epoch = odometry, state.cycle.epoch
         if state.stalled and not any(hypot(p.x, p.y) < BUMP_M + 0.1 for _, p in self._bumps):
             self._bumps += [(self.now, Point(BUMP_M, y)) for y in (-0.12, 0.0, 0.12)]
 
@@ -93,11 +93,11 @@ class SonarAgent(Agent):
         seen = self._map
         seen.update(sonar.echoes)
         self._listened += 1
-        if self._listened < LOOK_FRAMES:
+        if self._listened < LOOK_CYCLES:
             return
         self.publish(
             Obstacles(
-                frame=sonar.frame,
+                cycle=sonar.cycle,
                 closest=_point(seen.closest()),
                 front=_point(seen.front()),
                 left=_point(seen.left()),
@@ -105,15 +105,15 @@ class SonarAgent(Agent):
                 points=(*self._arcs(seen.points()), *(point for _, point in self._bumps)),
             )
         )
-        if sonar.frame.number % MAP_FRAMES == 0:
-            self._say_map(sonar.frame)
+        if sonar.cycle.number % MAP_CYCLES == 0:
+            self._say_map(sonar.cycle)
 
-    def _say_map(self, frame: Frame) -> None:
+    def _say_map(self, cycle: Cycle) -> None:
         cells = tuple(
             Cell(key // RINGS, key % RINGS, min(cell.probability, 1.0), cell.x, cell.y)
             for key, cell in sorted(self._map.cells().items())
         )
-        self.publish(LocalMap(frame, SECTORS, RINGS, self.p.map.reach_m, cells))
+        self.publish(LocalMap(cycle, SECTORS, RINGS, self.p.map.reach_m, cells))
 
     def _moved(self, motion: Pose2) -> Iterator[tuple[float, Point]]:
         """The bumps that are still remembered, where they are after the robot's motion."""

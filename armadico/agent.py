@@ -23,8 +23,8 @@ from msgspec import Meta, Struct
 
 from armadico import messages as m
 from armadico.coordination import Contender
+from armadico.cycles import CycleClock
 from armadico.exchange import EXCHANGES, Bid
-from armadico.frames import FrameClock
 from armadico.messages import Message
 from armadico.resources import Resource
 from armadico.services import Service, service_of
@@ -40,7 +40,7 @@ class Social(Struct, frozen=True, forbid_unknown_fields=True):
 
     exchange: Literal["smooth", "abrupt"] = "smooth"
     margin: Annotated[float, Meta(ge=0, le=1)] | None = None  # None: the resource's own
-    comparison: Literal["same-frame", "last-heard"] = "same-frame"  # the latter is the thesis's
+    comparison: Literal["same-cycle", "last-heard"] = "same-cycle"  # the latter is the thesis's
 
 
 class Parameters(Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):
@@ -109,7 +109,7 @@ class Agent:
     """One agent. A subclass declares what it talks about, and fills in handlers and `bid`."""
 
     name: ClassVar[str] = ""
-    reacts_to: ClassVar[type[Message] | None] = None  # starts its turn in a frame
+    reacts_to: ClassVar[type[Message] | None] = None  # starts its turn in a cycle
     needs: ClassVar[tuple[type[Message], ...]] = ()  # must be fresh, or it does not bid
     hears: ClassVar[tuple[type[Message], ...]] = ()  # merely listened to
     provides: ClassVar[tuple[type[Message], ...]] = ()
@@ -125,7 +125,7 @@ class Agent:
         self.rng = identity.rng
         self.p: Parameters = self.parameters() if parameters is None else parameters
         self.now = 0.0
-        self.frames = FrameClock()
+        self.cycles = CycleClock()
         self.outbox: list[Outgoing] = []
         self.stop_latch = m.Stop()
         self.foreign: set[str] = set()  # instances that speak another protocol
@@ -138,16 +138,16 @@ class Agent:
         self._alarm: float | None = None
         self._asked: dict[int, Callable[[Any], None]] = {}
         self._next_id = 0
-        self._turned: m.Frame | None = None  # the frame of the last turn
+        self._turned: m.Cycle | None = None  # the cycle of the last turn
         social: Social = self.p.social
         self._contenders = {
             r.name: Contender(
                 r,
                 self.instance,
-                self.frames,
+                self.cycles,
                 EXCHANGES[social.exchange],
                 social.margin,
-                same_frame=social.comparison == "same-frame",
+                same_cycle=social.comparison == "same-cycle",
             )
             for r in self.competes_for
         }
@@ -157,7 +157,7 @@ class Agent:
     def bid(self, message: Any) -> Bid | None:  # noqa: ARG002
         """The goal method: what it would do now, and how much that helps; None: nothing.
 
-        Called once a frame with the message that the agent reacts to, all needs fresh, the robot
+        Called once a cycle with the message that the agent reacts to, all needs fresh, the robot
         not stopped. `self.why` may be set to say why there is no bid.
         """
         return None
@@ -250,7 +250,7 @@ class Agent:
         handler = self._handlers.get(kind)
         if handler is not None:
             handler(message)
-        if kind is self.reacts_to and self._begins_turn(cast("Any", message).frame):
+        if kind is self.reacts_to and self._begins_turn(cast("Any", message).cycle):
             self._turn(message)
 
     def asked(self, question: Question, now: float) -> None:
@@ -317,7 +317,7 @@ class Agent:
         """Leave: what it holds is let go of."""
         self.now = now
         for contender in self._contenders.values():
-            self._say(contender.bid(self._frame(), None, contender.resource.neutral, now))
+            self._say(contender.bid(self._cycle(), None, contender.resource.neutral, now))
 
     @classmethod
     def subscriptions(cls) -> dict[type[Message], Service]:
@@ -354,8 +354,8 @@ class Agent:
     # How it does that ----------------------------------------------------------------------------
 
     def _take_state(self, state: m.RobotState) -> bool:
-        epoch = self.frames.newest.epoch if self.frames.newest else None
-        if not self.frames.advance(state.frame, self.now):
+        epoch = self.cycles.newest.epoch if self.cycles.newest else None
+        if not self.cycles.advance(state.cycle, self.now):
             return False
         said, known = state.stop, self.stop_latch
         if said.counter >= known.counter or (said.stopped and not known.stopped):
@@ -364,24 +364,24 @@ class Agent:
             # A restarted robot agent has forgotten the stop; whoever asked for it may have gone.
             self.publish(self.stop_latch)
         for contender in self._contenders.values():
-            self._say(contender.echo(state.largest, state.obeyed, state.obeyed_frame, self.now))
+            self._say(contender.echo(state.largest, state.obeyed, state.obeyed_cycle, self.now))
         return True
 
     def _acceptable(self, message: Message) -> bool:
-        """Refuse what answers a frame that is long past or not yet there."""
+        """Refuse what answers a cycle that is long past or not yet there."""
         return self._in_time(message)
 
     def _in_time(self, message: Message) -> bool:
         """Whether it may be acted upon, by the table of services."""
-        within = service_of(type(message)).fresh_frames
-        return within is None or self.frames.fresh(cast("Any", message).frame, within)
+        within = service_of(type(message)).fresh_cycles
+        return within is None or self.cycles.fresh(cast("Any", message).cycle, within)
 
-    def _begins_turn(self, frame: m.Frame) -> bool:
-        """One turn a frame, and none for an older one, however often its message comes."""
+    def _begins_turn(self, cycle: m.Cycle) -> bool:
+        """One turn a cycle, and none for an older one, however often its message comes."""
         last = self._turned
-        if last is not None and last.epoch == frame.epoch and frame.number <= last.number:
+        if last is not None and last.epoch == cycle.epoch and cycle.number <= last.number:
             return False
-        self._turned = frame
+        self._turned = cycle
         return True
 
     def _turn(self, message: Any) -> None:
@@ -390,7 +390,7 @@ class Agent:
         stale = next((kind for kind in self.needs if self.fresh(kind) is None), None)
         for resource in self.competes_for:
             self.why = ""
-            if state is None or not self.frames.alive(self.now):
+            if state is None or not self.cycles.alive(self.now):
                 bid, self.why = None, "no fresh robot/state"
             elif self.stop_latch.stopped:
                 bid, self.why = None, f"stopped by {self.stop_latch.by}"
@@ -398,10 +398,10 @@ class Agent:
                 bid, self.why = None, f"no fresh {service_of(stale).key}"
             else:
                 bid = self._sound(resource, self.bid_for(resource, message))
-            self._record(resource, message.frame, bid)
+            self._record(resource, message.cycle, bid)
             measured = resource.neutral if state is None else resource.measured(state)
             contender = self._contenders[resource.name]
-            self._say(contender.bid(message.frame, bid, measured, self.now))
+            self._say(contender.bid(message.cycle, bid, measured, self.now))
 
     def _sound(self, resource: Resource, bid: Bid | None) -> Bid | None:
         """A bid that could not be sent is no bid: the holder's own NaN is a release."""
@@ -415,13 +415,13 @@ class Agent:
         self.log(self.why, ERROR)
         return None
 
-    def _record(self, resource: Resource, frame: m.Frame, bid: Bid | None) -> None:
+    def _record(self, resource: Resource, cycle: m.Cycle, bid: Bid | None) -> None:
         inputs = self._inputs
         if bid is None:
-            record = m.BidRecord(frame, resource.name, None, False, (), self.why, inputs)
+            record = m.BidRecord(cycle, resource.name, None, False, (), self.why, inputs)
         else:
             record = m.BidRecord(
-                frame, resource.name, bid.utility, bid.critical, bid.action, bid.reason, inputs
+                cycle, resource.name, bid.utility, bid.critical, bid.action, bid.reason, inputs
             )
         self.bids.append(record)
 
@@ -432,8 +432,8 @@ class Agent:
             else:
                 self.publish(message)
 
-    def _frame(self) -> m.Frame:
-        return self.frames.newest or m.Frame(0, 0)
+    def _cycle(self) -> m.Cycle:
+        return self.cycles.newest or m.Cycle(0, 0)
 
     def _handler(self, kind: type[Message]) -> Callable[[Any], Any] | None:
         snake = re.sub(r"(?<!^)(?=[A-Z])", "_", kind.__name__).lower()

@@ -1,8 +1,8 @@
 """How a resource changes hands: at once, or smoothly over a fuzzy time window (thesis 3.10.2).
 
 The winner performs the exchange. It starts from a snapshot of the loser, its last commanded action
-and its utility, and mixes in its own action with a weight that grows each frame until, after t_f
-frames, the action is the winner's alone.
+and its utility, and mixes in its own action with a weight that grows each cycle until, after t_f
+cycles, the action is the winner's alone.
 """
 
 from __future__ import annotations
@@ -11,12 +11,12 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from typing import Protocol
 
-from armadico.frames import PERIOD
+from armadico.cycles import PERIOD
 from armadico.fuzzy import Gaussian, Linear, Rule, Shoulder, Sugeno
 
 Action = tuple[float, ...]
 LONGEST = 10.0
-"""t_f lies in [0, 10] frames (thesis 3.10.2)."""
+"""t_f lies in [0, 10] cycles (thesis 3.10.2)."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -39,7 +39,7 @@ class Handover(Protocol):
     """One exchange under way."""
 
     def action(self, t: int, bid: Bid) -> Action:
-        """The action to command `t` frames after the exchange began (t is 1 in its first)."""
+        """The action to command `t` cycles after the exchange began (t is 1 in its first)."""
 
 
 class Exchange(Protocol):
@@ -79,13 +79,13 @@ class Blend:
 
     loser: Action
     loser_utility: float
-    window: float  # t_f, frames
+    window: float  # t_f, cycles
 
     def action(self, t: int, bid: Bid) -> Action:
         """The mixed action; the winner's alone from t_f on, or if it weighs nothing.
 
         That is an offer (utility 0) while the exchange goes on, or weights that sum to zero. By
-        3.10 an offer would bring the loser's action back, of frames ago.
+        3.10 an offer would bring the loser's action back, of cycles ago.
         """
         if t >= self.window or bid.utility <= 0.0:
             return bid.action
@@ -117,7 +117,7 @@ class SmoothExchange:
     def begin(
         self, loser: Action, loser_utility: float, bid: Bid, scale: Sequence[float]
     ) -> Handover:
-        """Equation 3.13 over the scaled parameters; a window under one frame is none."""
+        """Equation 3.13 over the scaled parameters; a window under one cycle is none."""
         diff = max(abs(w - o) / s for w, o, s in zip(bid.action, loser, scale, strict=True))
         window = min(fuzzy_window(diff), LONGEST)
         if bid.within is not None:

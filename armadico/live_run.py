@@ -160,7 +160,7 @@ class LiveRun:
         if "encoder" in self.names:
             kinds.append(Pose)
         state = self.client.latest(RobotState)
-        listens = state is None or state.frame.number <= LISTEN  # and refuses, meanwhile
+        listens = state is None or state.cycle.number <= LISTEN  # and refuses, meanwhile
         return not listens and all(self.client.age(kind) < 1.0 for kind in kinds)
 
     def _missing(self) -> list[str]:

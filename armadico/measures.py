@@ -1,6 +1,6 @@
 """The measures of thesis 5.1, from live and virtual runs alike: messages in, one row out (sans-IO).
 
-**Stop rule.** The clock starts with the first frame after the mission is taken on and stops when
+**Stop rule.** The clock starts with the first cycle after the mission is taken on and stops when
 the interface agent reports the goal reached: its pose within the agent's tolerances and the wheels
 at rest. Whether it *is* reached is then decided by the true pose, within 0.15 m and 5 degrees.
 FO and P depend on this rule; it belongs beside every table.
@@ -45,7 +45,7 @@ class Result(Struct, frozen=True):
     """One run. Without truth (a real robot) the pose stands in, and what it cannot tell is null.
 
     TD m, FO degrees off the goal's heading, TT s, P per cent of the straight distance start to
-    goal; TG, TA and TGt per cent of the frames in which goto, avoid and gothrough were obeyed.
+    goal; TG, TA and TGt per cent of the cycles in which goto, avoid and gothrough were obeyed.
     """
 
     scenario: str
@@ -69,7 +69,7 @@ class Result(Struct, frozen=True):
 
 
 class Mark(Struct, frozen=True):
-    """One frame of a run: when, where (true if known), and who was obeyed."""
+    """One cycle of a run: when, where (true if known), and who was obeyed."""
 
     t: float
     x: float
@@ -100,7 +100,7 @@ class RunWatch:
     exchanges: int = 0
     clearance: float | None = None
     start: Pose2 | None = None
-    _frames: dict[str, int] = field(default_factory=dict)
+    _cycles: dict[str, int] = field(default_factory=dict)
     _last_holder: str | None = None
     _collisions_before: int = 0
     _began: float | None = None
@@ -165,8 +165,8 @@ class RunWatch:
     def _share(self, name: str) -> float | None:
         if self.agents and name not in self.agents:
             return None
-        total = sum(self._frames.values())
-        return round(100.0 * self._frames.get(name, 0) / total, 2) if total else 0.0
+        total = sum(self._cycles.values())
+        return round(100.0 * self._cycles.get(name, 0) / total, 2) if total else 0.0
 
     def _take_truth(self, truth: Truth, _now: float) -> None:
         self.truth = truth
@@ -191,16 +191,16 @@ class RunWatch:
 
     def _take_robotstate(self, state: RobotState, _now: float) -> None:
         self.state = state
-        if state.obeyed is None or state.obeyed_frame is None or not self.mission:
+        if state.obeyed is None or state.obeyed_cycle is None or not self.mission:
             return
-        if state.frame.number - state.obeyed_frame.number > 3:
+        if state.cycle.number - state.obeyed_cycle.number > 3:
             self.holder = None
             return
         name = state.obeyed.instance.rsplit("-", 1)[0]
         if self._last_holder not in (None, name):
             self.exchanges += 1
         self.holder = self._last_holder = name
-        self._frames[name] = self._frames.get(name, 0) + 1
+        self._cycles[name] = self._cycles.get(name, 0) + 1
 
     def _take_sonar(self, sonar: Sonar, _now: float) -> None:
         here = self.here

@@ -58,10 +58,10 @@ def decode(data: bytes, kind: type[M]) -> M:
         raise MessageError(f"not a {kind.__name__}: {error}") from None
 
 
-# Frames and ballots -------------------------------------------------------------------------------
+# Cycles and ballots -------------------------------------------------------------------------------
 
 
-class Frame(Message, frozen=True, order=True):
+class Cycle(Message, frozen=True, order=True):
     """One status packet of the robot: (epoch, number).
 
     The epoch is drawn at random by each start of the robot agent, the number counts its packets.
@@ -72,7 +72,7 @@ class Frame(Message, frozen=True, order=True):
 
 
 class Ballot(Message, frozen=True, order=True):
-    """The right to a resource for one reign, totally ordered: (term, rank when cast, instance)."""
+    """The right to a resource for one tenure, totally ordered: (term, rank when cast, instance)."""
 
     term: Counter
     utility: Share
@@ -89,7 +89,7 @@ class Claim(Message, frozen=True):
 
     resource: Name
     ballot: Ballot
-    frame: Frame
+    cycle: Cycle
     utility: Share | None
     critical: bool = False
     wanted: tuple[Real, ...] = ()
@@ -99,7 +99,7 @@ class Claim(Message, frozen=True):
 class Command(Message, frozen=True):
     """A speed for the wheels, m/s and rad/s, on ``robot/cmd/<instance>``."""
 
-    frame: Frame
+    cycle: Cycle
     ballot: Ballot
     v: Real
     w: Real
@@ -119,10 +119,10 @@ class Stop(Message, frozen=True):
 class RobotState(Message, frozen=True):
     """What the controller says each cycle, and the echo of what the robot agent obeys.
 
-    Odometry (x, y, theta) is continuous from the epoch's first frame, where it is zero.
+    Odometry (x, y, theta) is continuous from the epoch's first cycle, where it is zero.
     """
 
-    frame: Frame
+    cycle: Cycle
     x: Real
     y: Real
     theta: Real
@@ -133,7 +133,7 @@ class RobotState(Message, frozen=True):
     stalled: bool
     largest: Ballot | None = None  # the largest ballot obeyed or heard: smaller ones are refused
     obeyed: Ballot | None = None  # of the last obeyed command,
-    obeyed_frame: Frame | None = None  # and the frame that it answered
+    obeyed_cycle: Cycle | None = None  # and the cycle that it answered
     stop: Stop = Stop()
 
 
@@ -147,9 +147,9 @@ class Echo(Message, frozen=True):
 
 
 class Sonar(Message, frozen=True):
-    """The sonars that fired since the frame before."""
+    """The sonars that fired since the cycle before."""
 
-    frame: Frame
+    cycle: Cycle
     reach: Annotated[float, Meta(gt=0, le=100)]  # the longest range it hears, m
     echoes: tuple[Echo, ...]
 
@@ -160,7 +160,7 @@ class Sonar(Message, frozen=True):
 class Pose(Message, frozen=True):
     """Where the robot is in the world frame."""
 
-    frame: Frame
+    cycle: Cycle
     x: Real
     y: Real
     theta: Real
@@ -176,7 +176,7 @@ class Point(Message, frozen=True):
 class Obstacles(Message, frozen=True):
     """What the local map holds: the closest points (thesis 3.4.2), and all of them."""
 
-    frame: Frame
+    cycle: Cycle
     closest: Point | None
     front: Point | None
     left: Point | None
@@ -188,7 +188,7 @@ class Cell(Message, frozen=True):
     """One cell of the local map (thesis figure 3.8), and the point that was heard in it.
 
     Sectors count counter-clockwise from straight ahead, rings outwards; the point is in the body
-    frame.
+    cycle.
     """
 
     sector: Annotated[int, Meta(ge=0, le=359)]
@@ -201,7 +201,7 @@ class Cell(Message, frozen=True):
 class LocalMap(Message, frozen=True):
     """The local map's cells that are not empty, for those who watch."""
 
-    frame: Frame
+    cycle: Cycle
     sectors: Annotated[int, Meta(ge=1, le=360)]
     rings: Annotated[int, Meta(ge=1, le=1000)]
     reach: Annotated[float, Meta(gt=0, le=100)]  # of the outermost ring, m
@@ -307,7 +307,7 @@ class Card(Message, frozen=True):
 class BidRecord(Message, frozen=True):
     """One bid, or the reason for none, kept by whoever made it."""
 
-    frame: Frame
+    cycle: Cycle
     resource: Name
     utility: Share | None
     critical: bool

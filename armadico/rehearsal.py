@@ -20,7 +20,7 @@ SIMULATOR = "pioneer"
 """The entry point of `armadico.simulators` that stands behind the robot agent's port."""
 
 SETTLE_S = 1.0
-"""What the handshake with the controller and the first frames take, on the virtual clock."""
+"""What the handshake with the controller and the first cycles take, on the virtual clock."""
 
 
 class MissionRefusedError(RuntimeError):

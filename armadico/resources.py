@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable
 from dataclasses import dataclass
 
-from armadico.messages import Ballot, Command, Frame, Message, RobotState
+from armadico.messages import Ballot, Command, Cycle, Message, RobotState
 
 
 @dataclass(frozen=True)
@@ -22,13 +22,13 @@ class Resource:
     parameters: tuple[str, ...]
     scale: tuple[float, ...]
     neutral: tuple[float, ...]
-    command: Callable[[Frame, Ballot, tuple[float, ...]], Message]
+    command: Callable[[Cycle, Ballot, tuple[float, ...]], Message]
     measured: Callable[[RobotState], tuple[float, ...]]
     margin: float = 0.05
 
 
-def _wheels(frame: Frame, ballot: Ballot, action: tuple[float, ...]) -> Command:
-    return Command(frame, ballot, action[0], action[1])
+def _wheels(cycle: Cycle, ballot: Ballot, action: tuple[float, ...]) -> Command:
+    return Command(cycle, ballot, action[0], action[1])
 
 
 WHEELS = Resource(

@@ -29,7 +29,7 @@ class Service:
     key: str
     kind: Kind
     rate_hz: float | None  # as promised by whoever provides it; None: as it happens
-    fresh_frames: int | None  # older than this in frames is stale; None: no frame, never stale
+    fresh_cycles: int | None  # older than this in cycles is stale; None: no cycle, never stale
     meaning: str
     reply: type[m.Message] | None = None
     watchers_only: bool = False
@@ -47,8 +47,8 @@ class Service:
 _S, _E, _Q = Kind.STATE, Kind.EVENT, Kind.QUERY
 
 SERVICES: tuple[Service, ...] = (
-    Service(m.RobotState, "robot/state", _S, 10, 3, "odometry, speeds, battery; moves the frame"),
-    Service(m.Sonar, "robot/sonar", _S, 10, 3, "the sonars that fired since the frame before"),
+    Service(m.RobotState, "robot/state", _S, 10, 3, "odometry, speeds, battery; moves the cycle"),
+    Service(m.Sonar, "robot/sonar", _S, 10, 3, "the sonars that fired since the cycle before"),
     Service(m.Command, "robot/cmd/{instance}", _E, 10, 3, "a speed for the wheels, by the holder"),
     Service(m.Stop, "robot/stop", _E, None, None, "latch or release the stop; anyone may"),
     Service(m.Pose, "encoder/pose", _S, 10, 3, "where the robot is, by its encoders"),

@@ -1,6 +1,6 @@
 """The robot agent: sole owner of the controller's port (thesis 3.7.1).
 
-It numbers the status packets, which makes the frames; obeys whoever's ballot is the largest, and
+It numbers the status packets, which makes the cycles; obeys whoever's ballot is the largest, and
 chooses nobody; echoes what it obeys; orders a stop after 300 ms without a valid command; latches
 `robot/stop` from anyone; and keeps the controller's watchdog fed only while all of this works.
 """
@@ -23,8 +23,8 @@ from armadico.geometry import wrap
 from armadico.messages import (
     Claim,
     Command,
+    Cycle,
     Echo,
-    Frame,
     Message,
     RobotState,
     Sonar,
@@ -45,7 +45,7 @@ AT_REST_M_S = 0.02
 """Rims slower than this rest."""
 
 SONARS_SILENT = 4
-"""Without a reading for so many frames the sonars are said to be silent."""
+"""Without a reading for so many cycles the sonars are said to be silent."""
 
 REPORT_S = 2.0
 """Refusals are reported at most so often."""
@@ -71,7 +71,7 @@ class Robot(DeviceAgent):
     def __init__(self, identity: agent.Identity, parameters: Any = None) -> None:
         super().__init__(identity, parameters)
         self.profile = load(find("robots", self.p.profile), RobotProfile)
-        self.owner = Owner(self.frames)
+        self.owner = Owner(self.cycles)
         self._epoch = self.rng.getrandbits(63)
         self._number = 0
         self._session: Session | None = None
@@ -80,13 +80,13 @@ class Robot(DeviceAgent):
         self._obeyed_at = float("-inf")
         self._reported_at = float("-inf")
         self._pulsed_at = float("-inf")
-        self._unheard = 0  # frames since a sonar fired
+        self._unheard = 0  # cycles since a sonar fired
         self._refusals: Counter[Verdict] = Counter()
         self._complained_at = float("-inf")
 
     @classmethod
     def subscriptions(cls) -> dict[type[Message], Service]:
-        """It makes the frames, so it does not hear them."""
+        """It makes the cycles, so it does not hear them."""
         found = super().subscriptions()
         del found[RobotState]
         return found
@@ -138,7 +138,7 @@ class Robot(DeviceAgent):
     def _take(self, events: list[Event]) -> None:
         for event in events:
             if isinstance(event, Reported):
-                self._cycle(event)
+                self._report(event)
             elif isinstance(event, Connected):
                 who = f"{event.name} ({event.class_name} {event.subclass})"
                 self.log(f"connected to {who} on {self.p.port}")
@@ -168,19 +168,19 @@ class Robot(DeviceAgent):
         if soonest is not None:
             self.wake_at(max(soonest, self.now + 0.001))
 
-    # One status packet, one frame ----------------------------------------------------------------
+    # One status packet, one cycle ----------------------------------------------------------------
 
-    def _cycle(self, report: Reported) -> None:
+    def _report(self, report: Reported) -> None:
         status, pose = report.status, report.pose
         self._number += 1
         self._reported_at = self.now
-        frame = Frame(self._epoch, self._number)
-        self.frames.advance(frame, self.now)
+        cycle = Cycle(self._epoch, self._number)
+        self.cycles.advance(cycle, self.now)
         left, right = status.left_m_s, status.right_m_s
         owner = self.owner
         self.publish(
             RobotState(
-                frame=frame,
+                cycle=cycle,
                 x=pose.x,
                 y=pose.y,
                 theta=wrap(pose.theta),
@@ -191,11 +191,11 @@ class Robot(DeviceAgent):
                 stalled=status.left_stall or status.right_stall,
                 largest=owner.largest,
                 obeyed=owner.obeyed,
-                obeyed_frame=owner.obeyed_frame,
+                obeyed_cycle=owner.obeyed_cycle,
                 stop=self._stops,
             )
         )
-        self._say_sonar(frame, report)
+        self._say_sonar(cycle, report)
         self._insist(left, right)
         self._complain()
 
@@ -207,18 +207,18 @@ class Robot(DeviceAgent):
         if not self._moving and max(abs(left), abs(right)) > AT_REST_M_S:
             self._halt()
 
-    def _say_sonar(self, frame: Frame, report: Reported) -> None:
-        """Pass the readings on; a frame in which no sonar fired has none.
+    def _say_sonar(self, cycle: Cycle, report: Reported) -> None:
+        """Pass the readings on; a cycle in which no sonar fired has none.
 
-        So sonars that have fallen silent are stale obstacles three frames later, not a free way.
+        So sonars that have fallen silent are stale obstacles three cycles later, not a free way.
         """
         if report.status.echoes:
             self._unheard = 0
-            self.publish(Sonar(frame, self.profile.sonar.max_m, self._echoes(report)))
+            self.publish(Sonar(cycle, self.profile.sonar.max_m, self._echoes(report)))
             return
         self._unheard += 1
         if self._unheard == SONARS_SILENT:
-            self.log(f"no sonar has fired for {SONARS_SILENT} frames: nobody drives blind", ERROR)
+            self.log(f"no sonar has fired for {SONARS_SILENT} cycles: nobody drives blind", ERROR)
 
     def _echoes(self, report: Reported) -> tuple[Echo, ...]:
         ring = self.profile.sonar
@@ -250,12 +250,12 @@ class Robot(DeviceAgent):
             and abs(command.v) <= limits.v_max
             and abs(command.w) <= limits.w_max
         )
-        if self.frames.alive(self.now):
+        if self.cycles.alive(self.now):
             verdict = self.owner.judge(
-                command.frame, command.ballot, stopped=self._stops.stopped, sound=sound
+                command.cycle, command.ballot, stopped=self._stops.stopped, sound=sound
             )
-        else:  # it hung, or the controller is silent: what waited answers a frame of before
-            verdict = Verdict.OLD_FRAME
+        else:  # it hung, or the controller is silent: what waited answers a cycle of before
+            verdict = Verdict.OLD_CYCLE
         if verdict is not Verdict.OBEYED:
             self._refusals[verdict] += 1
             return

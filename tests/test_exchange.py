@@ -9,6 +9,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
+from armadico.cycles import PERIOD
 from armadico.exchange import (
     AT_ONCE,
     EXCHANGES,
@@ -19,7 +20,6 @@ from armadico.exchange import (
     SmoothExchange,
     fuzzy_window,
 )
-from armadico.frames import PERIOD
 from armadico.resources import WHEELS
 
 LOSER = (0.6, 0.0)
@@ -30,7 +30,7 @@ speeds = st.tuples(st.floats(-1.6, 1.6), st.floats(-5.2, 5.2))
 
 
 def window(bid: Bid, loser: tuple[float, ...] = LOSER) -> float:
-    """t_f of an exchange, in frames; 0 if it is at once."""
+    """t_f of an exchange, in cycles; 0 if it is at once."""
     handover = SMOOTH.begin(loser, 0.5, bid, SCALE)
     return handover.window if isinstance(handover, Blend) else 0.0
 
@@ -72,9 +72,9 @@ def test_a_blend_lies_between_both_actions_and_moves_to_the_winners(
     won: tuple[float, float],
     u_lost: float,
     u_won: float,
-    frames: float,
+    cycles: float,
 ) -> None:
-    blend, bid = Blend(lost, u_lost, frames), Bid(u_won, won)
+    blend, bid = Blend(lost, u_lost, cycles), Bid(u_won, won)
     actions = [blend.action(t, bid) for t in range(1, 12)]
     for index, (a, b) in enumerate(zip(lost, won, strict=True)):
         low, high = min(a, b) - 1e-9, max(a, b) + 1e-9
@@ -100,13 +100,13 @@ def test_the_window_by_the_four_sets() -> None:
     assert fuzzy_window(1.0) == pytest.approx(10.0, abs=1e-4)
 
 
-def test_a_small_difference_is_exchanged_at_once_a_big_one_over_ten_frames() -> None:
+def test_a_small_difference_is_exchanged_at_once_a_big_one_over_ten_cycles() -> None:
     assert window(Bid(1.0, (0.55, 0.05))) == 0.0
     assert window(Bid(1.0, (-0.4, 0.0))) == pytest.approx(10.0, abs=1e-3)
     assert SMOOTH.begin(LOSER, 0.5, Bid(1.0, LOSER), SCALE) is AT_ONCE
 
 
-def test_no_window_is_longer_than_ten_frames() -> None:
+def test_no_window_is_longer_than_ten_cycles() -> None:
     assert window(Bid(1.0, (-90.0, 0.0))) == LONGEST
 
 

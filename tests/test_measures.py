@@ -11,8 +11,8 @@ from armadico.geometry import Pose2
 from armadico.measures import Result, RunWatch
 from armadico.messages import (
     Ballot,
+    Cycle,
     Echo,
-    Frame,
     Message,
     MissionState,
     MissionStatus,
@@ -44,7 +44,7 @@ KEYS = [
 
 
 class Run:
-    """A run made up frame by frame."""
+    """A run made up cycle by cycle."""
 
     def __init__(self, agents: tuple[str, ...] = (), *, truth: bool = True) -> None:
         self.watch = RunWatch("made-up", GOAL, 5, agents)
@@ -60,7 +60,7 @@ class Run:
         self.watch.begin(MISSION)
         return self
 
-    def frame(
+    def cycle(
         self,
         x: float,
         y: float = 0.0,
@@ -71,17 +71,17 @@ class Run:
         collisions: int = 0,
         clearance: float | None = None,
     ) -> None:
-        """One frame later the robot is there, and this agent's command was the last obeyed."""
+        """One cycle later the robot is there, and this agent's command was the last obeyed."""
         self.number += 1
         self.now += 0.1
-        frame = Frame(1, self.number)
+        cycle = Cycle(1, self.number)
         ballot = None if holder is None else Ballot(1, 0.5, False, f"{holder}-0123456789abcdef")
-        obeyed = None if ballot is None else Frame(1, self.number - behind)
-        state = RobotState(frame, 0, 0, 0, 0, 0, 12, True, False, ballot, ballot, obeyed)
+        obeyed = None if ballot is None else Cycle(1, self.number - behind)
+        state = RobotState(cycle, 0, 0, 0, 0, 0, 12, True, False, ballot, ballot, obeyed)
         if self.truth:
             t = 0.1 * self.number
             self.show(Truth(t, x, y, theta, 0, 0, collisions, clearance))
-        self.show(state, Pose(frame, x, y, theta))
+        self.show(state, Pose(cycle, x, y, theta))
 
     def end(self, state: MissionState = MissionState.REACHED, mission: int = MISSION) -> Result:
         self.show(MissionStatus(mission, state, 0.0))
@@ -90,30 +90,30 @@ class Run:
 
 def test_a_row_has_these_keys_in_this_order() -> None:
     run = Run().begin()
-    run.frame(0.0)
+    run.cycle(0.0)
     assert list(msgspec.to_builtins(run.watch.result())) == KEYS
 
 
 def test_td_tt_fo_and_p_of_a_run_round_a_corner() -> None:
     run = Run().begin()
     for x, y, theta in ((0, 0, 0), (0, 1, pi / 2), (1, 1, 0), (1, 0, 0), (1.9, 0, radians(3))):
-        run.frame(x, y, theta)
+        run.cycle(x, y, theta)
     result = run.end()
     assert result.td_m == pytest.approx(3.9)
-    assert result.tt_s == pytest.approx(0.4)  # four periods from the first frame to the last
+    assert result.tt_s == pytest.approx(0.4)  # four periods from the first cycle to the last
     assert result.fo_deg == pytest.approx(3.0)
     assert result.p_percent == pytest.approx(95.0)  # 0.1 m of 2 m is missing
     assert result.reached
     assert (result.scenario, result.seed) == ("made-up", 5)
 
 
-def test_the_clock_starts_with_the_first_frame_of_the_mission() -> None:
+def test_the_clock_starts_with_the_first_cycle_of_the_mission() -> None:
     run = Run()
-    run.frame(-3.0)
-    run.frame(-1.0)
+    run.cycle(-3.0)
+    run.cycle(-1.0)
     run.begin()
-    run.frame(0.0)
-    run.frame(1.0)
+    run.cycle(0.0)
+    run.cycle(1.0)
     result = run.watch.result()
     assert result.td_m == pytest.approx(1.0)
     assert result.tt_s == pytest.approx(0.1)
@@ -122,10 +122,10 @@ def test_the_clock_starts_with_the_first_frame_of_the_mission() -> None:
 
 def test_nothing_counts_after_the_end() -> None:
     run = Run().begin()
-    run.frame(0.0)
-    run.frame(2.0)
+    run.cycle(0.0)
+    run.cycle(2.0)
     before = run.end()
-    run.frame(5.0, holder="goto", collisions=3)
+    run.cycle(5.0, holder="goto", collisions=3)
     assert run.watch.result() == before
 
 
@@ -143,17 +143,17 @@ def test_reached_is_decided_by_the_true_pose(
     x: float, y: float, theta: float, reached: bool
 ) -> None:
     run = Run().begin()
-    run.frame(0.0)
-    run.frame(x, y, theta)
-    run.show(Pose(Frame(1, 9), 2.0, 0.0, 0.0))  # what the encoders believe does not matter
+    run.cycle(0.0)
+    run.cycle(x, y, theta)
+    run.show(Pose(Cycle(1, 9), 2.0, 0.0, 0.0))  # what the encoders believe does not matter
     assert run.end().reached is reached
 
 
 def test_a_goal_that_is_reached_by_the_pose_alone_is_told_with_how_far_that_is_off() -> None:
     run = Run().begin()
-    run.frame(0.0)
-    run.frame(1.7, 0.4)
-    run.show(Pose(Frame(1, 9), 2.0, 0.0, 0.0))
+    run.cycle(0.0)
+    run.cycle(1.7, 0.4)
+    run.show(Pose(Cycle(1, 9), 2.0, 0.0, 0.0))
     assert run.watch.astray is None, "it drives on"
     run.end()
     assert run.watch.astray == pytest.approx(0.5)
@@ -162,31 +162,31 @@ def test_a_goal_that_is_reached_by_the_pose_alone_is_told_with_how_far_that_is_o
 @pytest.mark.parametrize("truth", [True, False])
 def test_a_goal_that_is_reached_is_not_astray(truth: bool) -> None:
     run = Run(truth=truth).begin()
-    run.frame(0.0)
-    run.frame(2.0)
+    run.cycle(0.0)
+    run.cycle(2.0)
     assert run.end().reached
     assert run.watch.astray is None
 
 
 def test_being_there_is_not_enough_while_the_interface_agent_says_driving() -> None:
     run = Run().begin()
-    run.frame(0.0)
-    run.frame(2.0)
+    run.cycle(0.0)
+    run.cycle(2.0)
     assert not run.end(MissionState.DRIVING).reached
 
 
 def test_another_missions_end_is_not_this_ones() -> None:
     run = Run().begin()
-    run.frame(0.0)
+    run.cycle(0.0)
     assert not run.end(mission=MISSION + 1).reached
     assert not run.watch.done
 
 
-def test_shares_are_of_the_frames_in_which_somebody_was_obeyed() -> None:
+def test_shares_are_of_the_cycles_in_which_somebody_was_obeyed() -> None:
     run = Run(("goto", "avoid")).begin()
-    run.frame(0.0)
+    run.cycle(0.0)
     for holder in ("goto", "goto", "avoid", "goto"):
-        run.frame(0.1, holder=holder)
+        run.cycle(0.1, holder=holder)
     result = run.watch.result()
     assert (result.tg_percent, result.ta_percent) == (75.0, 25.0)
     assert result.tgt_percent is None  # it did not take part
@@ -195,30 +195,30 @@ def test_shares_are_of_the_frames_in_which_somebody_was_obeyed() -> None:
 
 def test_a_reign_that_is_interrupted_by_nobody_is_no_exchange() -> None:
     run = Run().begin()
-    run.frame(0.0, holder="goto")
-    run.frame(0.0, holder="goto", behind=4)
+    run.cycle(0.0, holder="goto")
+    run.cycle(0.0, holder="goto", behind=4)
     assert run.watch.holder is None
-    run.frame(0.0, holder="goto")
+    run.cycle(0.0, holder="goto")
     assert run.watch.result().exchanges == 0
     assert run.watch.holder == "goto"
 
 
 def test_what_was_obeyed_before_the_mission_is_not_counted() -> None:
     run = Run()
-    run.frame(0.0, holder="avoid")
+    run.cycle(0.0, holder="avoid")
     run.begin()
-    run.frame(0.0, holder="goto")
+    run.cycle(0.0, holder="goto")
     result = run.watch.result()
     assert (result.tg_percent, result.ta_percent, result.exchanges) == (100.0, 0.0, 0)
 
 
 def test_collisions_and_clearance_are_those_of_the_run() -> None:
     run = Run()
-    run.frame(0.0, collisions=2, clearance=0.01)
+    run.cycle(0.0, collisions=2, clearance=0.01)
     run.begin()
-    run.frame(0.0, collisions=2, clearance=0.5)
-    run.frame(1.0, collisions=3, clearance=0.2)
-    run.frame(2.0, collisions=3, clearance=0.3)
+    run.cycle(0.0, collisions=2, clearance=0.5)
+    run.cycle(1.0, collisions=3, clearance=0.2)
+    run.cycle(2.0, collisions=3, clearance=0.3)
     result = run.end()
     assert result.collisions == 1
     assert result.min_clearance_m == pytest.approx(0.2)
@@ -228,14 +228,14 @@ def test_collisions_and_clearance_are_those_of_the_run() -> None:
 
 def test_in_an_empty_world_there_is_no_clearance() -> None:
     run = Run().begin()
-    run.frame(0.0)
+    run.cycle(0.0)
     assert run.watch.result().min_clearance_m is None
 
 
 def test_without_truth_the_pose_stands_in_and_what_it_cannot_tell_is_null() -> None:
     run = Run(truth=False).begin()
     for x in (0.0, 1.0, 1.9):
-        run.frame(x, holder="goto")
+        run.cycle(x, holder="goto")
     result = run.end()
     assert result.td_m == pytest.approx(1.9)
     assert result.tt_s == pytest.approx(0.2)
@@ -253,9 +253,9 @@ def test_before_anything_was_heard_there_is_a_row_too() -> None:
 
 def test_a_picture_gets_the_echoes_where_they_were_and_the_way() -> None:
     run = Run().begin()
-    run.frame(1.0, 2.0, pi / 2)
+    run.cycle(1.0, 2.0, pi / 2)
     echoes = (Echo(0.1, 0.0, 0.0, 1.0), Echo(0.0, 0.1, pi / 2, None))
-    run.show(Sonar(Frame(1, 1), 5.0, echoes), Trajectory(MISSION, (Waypoint(2.0, 0.0, 0.0),)))
+    run.show(Sonar(Cycle(1, 1), 5.0, echoes), Trajectory(MISSION, (Waypoint(2.0, 0.0, 0.0),)))
     assert run.watch.echoes == [pytest.approx((1.0, 3.1))]
     assert run.watch.waypoints == ((2.0, 0.0, 0.0),)
     run.show(Trajectory(MISSION, ()))

@@ -28,23 +28,23 @@ WIRE = {
     "Ask": "",
     "Ballot": "term utility critical instance",
     "BidHistory": "instance bids",
-    "BidRecord": "frame resource utility critical wanted reason inputs",
+    "BidRecord": "cycle resource utility critical wanted reason inputs",
     "Card": "name instance host pid version protocol provides requests resources holds",
-    "Claim": "resource ballot frame utility critical wanted commanded",
-    "Command": "frame ballot v w",
+    "Claim": "resource ballot cycle utility critical wanted commanded",
+    "Command": "cycle ballot v w",
     "Echo": "x y bearing range",
-    "Frame": "epoch number",
+    "Cycle": "epoch number",
     "Log": "level text",
     "MissionReply": "mission refusal waypoints length",
     "MissionRequest": "goal waypoints planned",
     "MissionStatus": "mission state to_go leg note",
-    "Obstacles": "frame closest front left right points",
+    "Obstacles": "cycle closest front left right points",
     "Plan": "waypoints length energy refusal",
     "PlanRequest": "start goal",
     "Point": "x y",
-    "Pose": "frame x y theta",
-    "RobotState": ("frame x y theta v w battery_v motors stalled largest obeyed obeyed_frame stop"),
-    "Sonar": "frame reach echoes",
+    "Pose": "cycle x y theta",
+    "RobotState": ("cycle x y theta v w battery_v motors stalled largest obeyed obeyed_cycle stop"),
+    "Sonar": "cycle reach echoes",
     "Stop": "counter stopped by",
     "Trajectory": "mission waypoints start leg",
     "Truth": "t x y theta v w collisions clearance",
@@ -85,7 +85,7 @@ def of(kind: type[Message]) -> st.SearchStrategy[Any]:
     return values(shape.type_info(kind))
 
 
-POSE = m.Pose(m.Frame(7, 3), 1.0, -2.0, 0.5)
+POSE = m.Pose(m.Cycle(7, 3), 1.0, -2.0, 0.5)
 
 
 @pytest.mark.parametrize("kind", KINDS, ids=lambda kind: kind.__name__)
@@ -124,13 +124,13 @@ def test_messages_are_frozen_and_can_be_shared() -> None:
 
 
 UNSOUND: list[tuple[str, Message]] = [
-    ("nan", m.Pose(m.Frame(1, 1), math.nan, 0.0, 0.0)),
-    ("infinite", m.Pose(m.Frame(1, 1), 0.0, math.inf, 0.0)),
-    ("minus infinite", m.Pose(m.Frame(1, 1), 0.0, 0.0, -math.inf)),
-    ("too large", m.Pose(m.Frame(1, 1), 1.1e6, 0.0, 0.0)),
+    ("nan", m.Pose(m.Cycle(1, 1), math.nan, 0.0, 0.0)),
+    ("infinite", m.Pose(m.Cycle(1, 1), 0.0, math.inf, 0.0)),
+    ("minus infinite", m.Pose(m.Cycle(1, 1), 0.0, 0.0, -math.inf)),
+    ("too large", m.Pose(m.Cycle(1, 1), 1.1e6, 0.0, 0.0)),
     (
         "nan in an action",
-        m.Claim("w", m.Ballot(1, 0.5, False, "a"), m.Frame(1, 1), 0.5, False, (math.nan,)),
+        m.Claim("w", m.Ballot(1, 0.5, False, "a"), m.Cycle(1, 1), 0.5, False, (math.nan,)),
     ),
     ("a utility above one", m.Ballot(1, 1.5, False, "a")),
     ("a negative utility", m.Ballot(1, -0.1, False, "a")),
@@ -140,7 +140,7 @@ UNSOUND: list[tuple[str, Message]] = [
     ("a long name", m.Ballot(1, 0.5, False, "a" * 129)),
     ("a long text", m.Log(20, "a" * 2001)),
     ("a range of zero", m.Echo(0.0, 0.0, 0.0, 0.0)),
-    ("an epoch beyond 63 bits", m.Frame(2**63, 0)),
+    ("an epoch beyond 63 bits", m.Cycle(2**63, 0)),
     ("nan deep inside", m.Trajectory(1, (m.Waypoint(0.0, math.nan, 0.0),))),
 ]
 
@@ -158,15 +158,15 @@ def test_what_is_not_finite_or_out_of_range_is_neither_sent_nor_taken(
 @pytest.mark.parametrize("value", ["fast", None, (1.0,), object(), 10**400])
 def test_what_is_of_another_type_is_not_sent(value: Any) -> None:
     with pytest.raises(MessageError, match="Pose cannot be sent"):
-        encode(m.Pose(m.Frame(1, 1), value, 0.0, 0.0))
+        encode(m.Pose(m.Cycle(1, 1), value, 0.0, 0.0))
 
 
 SHAPES: list[tuple[str, Any]] = [
-    ("a map", {"frame": [1, 1], "x": 0.0, "y": 0.0, "theta": 0.0}),
+    ("a map", {"cycle": [1, 1], "x": 0.0, "y": 0.0, "theta": 0.0}),
     ("too short", [[1, 1], 0.0, 0.0]),
     ("text for a number", [[1, 1], "0", 0.0, 0.0]),
     ("a truth value for a number", [[1, 1], True, 0.0, 0.0]),
-    ("a number for a frame", [1, 0.0, 0.0, 0.0]),
+    ("a number for a cycle", [1, 0.0, 0.0, 0.0]),
     ("nothing", None),
     ("a fraction for a counter", [[1, 1.5], 0.0, 0.0, 0.0]),
     ("a huge integer", [[1, 1], 10**400, 0.0, 0.0]),
@@ -221,11 +221,11 @@ def test_hostile_bytes_are_an_error_like_any_other(what: str, data: bytes) -> No
 def test_a_message_of_an_older_program_lacks_what_was_appended_since() -> None:
     ballot = m.Ballot(3, 0.5, False, "a-1")
     assert decode(cbor2.dumps(["wheels", [3, 0.5, False, "a-1"], [1, 2], 0.5]), m.Claim) == m.Claim(
-        "wheels", ballot, m.Frame(1, 2), 0.5, critical=False, wanted=(), commanded=()
+        "wheels", ballot, m.Cycle(1, 2), 0.5, critical=False, wanted=(), commanded=()
     )
     assert decode(cbor2.dumps([]), m.Stop) == m.Stop(0, False, "")
     state = decode(cbor2.dumps([[1, 2], 0, 0, 0, 0, 0, 12, True, False]), m.RobotState)
-    assert (state.largest, state.obeyed, state.obeyed_frame, state.stop) == (
+    assert (state.largest, state.obeyed, state.obeyed_cycle, state.stop) == (
         None,
         None,
         None,
@@ -250,7 +250,7 @@ def test_ballots_are_ordered_by_term_then_rank_then_instance() -> None:
 
 def test_plain_is_a_dictionary_for_people() -> None:
     assert plain(POSE) == {
-        "frame": {"epoch": 7, "number": 3},
+        "cycle": {"epoch": 7, "number": 3},
         "x": 1.0,
         "y": -2.0,
         "theta": 0.5,

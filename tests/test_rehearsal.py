@@ -139,8 +139,8 @@ class Faulty:
 
     def ballots_never_go_down(self) -> None:
         for before, after in pairwise(self.states):
-            if before.frame.epoch == after.frame.epoch:
-                assert after.frame > before.frame
+            if before.cycle.epoch == after.cycle.epoch:
+                assert after.cycle > before.cycle
                 assert _rank(after.largest) >= _rank(before.largest)
                 assert _rank(after.obeyed) >= _rank(before.obeyed)
 
@@ -182,7 +182,7 @@ def test_any_agent_may_be_killed_the_rest_drive_on_or_the_robot_stops(name: str)
         last = max(run.orders_to_move_after(0.0))
         stop = min(at for at, c in run.commands if at > last and c.number == Cmd.VEL)
         assert stop - last <= STOP_S
-        assert last - killed_at <= STOP_S, "3 frames are fresh"
+        assert last - killed_at <= STOP_S, "3 cycles are fresh"
         assert run.at_rest()
     else:
         assert run.orders_to_move_after(run.mesh.now - STOP_S)

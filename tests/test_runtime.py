@@ -11,7 +11,7 @@ import pytest
 from armadico.agent import Agent, Identity, Question
 from armadico.inbox import Inbox
 from armadico.messages import (
-    Frame,
+    Cycle,
     Log,
     Message,
     Plan,
@@ -47,7 +47,7 @@ class Recorder(Agent):
 
     def on_robot_state(self, state: RobotState) -> None:
         self.gate()
-        self.seen.append(state.frame.number)
+        self.seen.append(state.cycle.number)
 
     def on_stop(self, stop: Stop) -> None:
         self.seen.append(f"stop {stop.counter}")
@@ -67,7 +67,7 @@ class Recorder(Agent):
 
 
 def state(number: int) -> RobotState:
-    return RobotState(Frame(7, number), 0, 0, 0, 0, 0, 12.5, True, False)
+    return RobotState(Cycle(7, number), 0, 0, 0, 0, 0, 12.5, True, False)
 
 
 def process_of(agent: Agent, clock: Callable[[], float] | None = None) -> Any:

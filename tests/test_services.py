@@ -10,7 +10,7 @@ from armadico.services import BIDS, CARD, SERVICES, Kind, Service, register, ser
 
 
 class Whistle(m.Message, frozen=True):
-    frame: m.Frame
+    cycle: m.Cycle
     pitch: float
 
 
@@ -35,10 +35,10 @@ def test_a_query_has_a_reply_and_nothing_else_has() -> None:
         assert (service.reply is not None) == (service.kind is Kind.QUERY), service.key
 
 
-def test_what_goes_stale_carries_the_frame_that_it_answers() -> None:
+def test_what_goes_stale_carries_the_cycle_that_it_answers() -> None:
     for service in SERVICES:
-        if service.fresh_frames is not None:
-            assert "frame" in service.message.__struct_fields__, service.key
+        if service.fresh_cycles is not None:
+            assert "cycle" in service.message.__struct_fields__, service.key
 
 
 def test_claims_and_commands_are_events_so_that_none_overwrites_another() -> None:

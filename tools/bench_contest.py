@@ -8,10 +8,10 @@ from typing import Any, ClassVar, Final
 
 from armadico.agent import Agent, Identity
 from armadico.coordination import Owner, Verdict
+from armadico.cycles import PERIOD
 from armadico.exchange import Bid
-from armadico.frames import PERIOD
 from armadico.mesh.virtual import VirtualMesh
-from armadico.messages import Ballot, Claim, Command, Frame, Message, RobotState
+from armadico.messages import Ballot, Claim, Command, Cycle, Message, RobotState
 from armadico.resources import WHEELS
 from armadico.services import Service
 from armadico.tools.bench_figures import Figure, Tell, figure
@@ -19,16 +19,16 @@ from armadico.tools.bench_figures import Figure, Tell, figure
 CROWDS: Final = (3, 10, 50)
 """Numbers of contenders."""
 
-SETTLE_FRAMES: Final = 20
-ROUND_FRAMES: Final = 400
+SETTLE_CYCLES: Final = 20
+ROUND_CYCLES: Final = 400
 """In which the utility wanders once through all contenders."""
 
-TURN_FRAMES: Final = 15
+TURN_CYCLES: Final = 15
 """After so many the best bid is another contender's."""
 
 
 class Robot(Agent):
-    """Makes the frames and obeys as the robot agent does, without a robot."""
+    """Makes the cycles and obeys as the robot agent does, without a robot."""
 
     name = "robot"
     hears: ClassVar[tuple[type[Message], ...]] = (Command, Claim)
@@ -36,14 +36,14 @@ class Robot(Agent):
 
     def __init__(self, identity: Identity, parameters: Any = None) -> None:
         super().__init__(identity, parameters)
-        self.owner = Owner(self.frames)
+        self.owner = Owner(self.cycles)
         self.number = 0
-        self.first_obeyed: dict[Ballot, int] = {}  # by ballot, the frame of its first command
+        self.first_obeyed: dict[Ballot, int] = {}  # by ballot, the cycle of its first command
         self._speed = (0.0, 0.0)
 
     @classmethod
     def subscriptions(cls) -> dict[type[Message], Service]:
-        """It makes the frames, so it does not hear them."""
+        """It makes the cycles, so it does not hear them."""
         found = super().subscriptions()
         del found[RobotState]
         return found
@@ -53,18 +53,18 @@ class Robot(Agent):
         return True
 
     def on_start(self) -> None:
-        """Begin to make frames."""
+        """Begin to make cycles."""
         self.on_wakeup()
 
     def on_wakeup(self) -> None:
-        """One frame."""
+        """One cycle."""
         self.wake_at(self.now + PERIOD)
         self.number += 1
-        frame = Frame(1, self.number)
-        self.frames.advance(frame, self.now)
+        cycle = Cycle(1, self.number)
+        self.cycles.advance(cycle, self.now)
         o, (v, w) = self.owner, self._speed
-        echo = (o.largest, o.obeyed, o.obeyed_frame)
-        self.publish(RobotState(frame, 0, 0, 0, v, w, 12, True, False, *echo))
+        echo = (o.largest, o.obeyed, o.obeyed_cycle)
+        self.publish(RobotState(cycle, 0, 0, 0, v, w, 12, True, False, *echo))
 
     def on_claim(self, claim: Claim) -> None:
         """Learn of a ballot."""
@@ -72,7 +72,7 @@ class Robot(Agent):
 
     def on_command(self, command: Command) -> None:
         """Obey or refuse."""
-        verdict = self.owner.judge(command.frame, command.ballot, stopped=False, sound=True)
+        verdict = self.owner.judge(command.cycle, command.ballot, stopped=False, sound=True)
         if verdict is Verdict.OBEYED:
             self._speed = (command.v, command.w)
             self.first_obeyed.setdefault(command.ballot, self.number)
@@ -88,7 +88,7 @@ class Wanderer(Agent):
 
     def bid(self, message: RobotState) -> Bid | None:
         """Always something; the nearer its place, the better."""
-        phase = message.frame.number / ROUND_FRAMES - self.place
+        phase = message.cycle.number / ROUND_CYCLES - self.place
         return Bid(0.5 + 0.4 * cos(2 * pi * phase), (0.5, 0.1 * self.place))
 
 
@@ -102,12 +102,12 @@ class TurnTaker(Agent):
 
     def bid(self, message: RobotState) -> Bid | None:
         """One of `CROWDS[0]` takes its turn."""
-        turn = message.frame.number // TURN_FRAMES % CROWDS[0]
+        turn = message.cycle.number // TURN_CYCLES % CROWDS[0]
         return Bid(0.9 if turn == self.place else 0.3, (0.5, 0.2 * self.place))
 
 
 def messages_per_cycle(quick: bool, tell: Tell) -> list[Figure]:
-    """Claims and commands in each frame of a round, for each crowd."""
+    """Claims and commands in each cycle of a round, for each crowd."""
     rounds = 1 if quick else 3
     alone = _talk(1, rounds)
     figures = []
@@ -119,31 +119,31 @@ def messages_per_cycle(quick: bool, tell: Tell) -> list[Figure]:
 
 
 def _talk(crowd: int, rounds: int) -> list[int]:
-    """How many messages each frame brought."""
+    """How many messages each cycle brought."""
     mesh = VirtualMesh(seed=crowd)
     said: Counter[int] = Counter()
     mesh.watch(lambda _key, message, _now: said.update([_number(message)]), Claim, Command)
     mesh.add(Robot(mesh.identity("robot")))
     for index in range(crowd):
         _join(mesh, Wanderer, f"wanderer-{index}", index / crowd)
-    frames = range(SETTLE_FRAMES, SETTLE_FRAMES + rounds * ROUND_FRAMES)
-    mesh.run((frames.stop + 1) * PERIOD)
-    return [said[number] for number in frames]
+    cycles = range(SETTLE_CYCLES, SETTLE_CYCLES + rounds * ROUND_CYCLES)
+    mesh.run((cycles.stop + 1) * PERIOD)
+    return [said[number] for number in cycles]
 
 
 def _number(message: Message) -> int:
     assert isinstance(message, Claim | Command), "nothing else is watched"
-    return message.frame.number
+    return message.cycle.number
 
 
 def cycles_to_obeyed(quick: bool, tell: Tell) -> list[Figure]:
-    """Frames from the one in which somebody else's bid is the best to its first obeyed command."""
+    """Cycles from the one in which somebody else's bid is the best to its first obeyed command."""
     turns = 20 if quick else 100
     cycles: list[int] = []
     for seed in range(5):
         cycles += _takeovers(seed, turns)
         tell((seed + 1) / 5)
-    return [figure("cycles-to-obeyed", "frames", cycles)]
+    return [figure("cycles-to-obeyed", "cycles", cycles)]
 
 
 def _takeovers(seed: int, turns: int) -> list[int]:
@@ -153,16 +153,16 @@ def _takeovers(seed: int, turns: int) -> list[int]:
     names = [f"turn-taker-{index}" for index in range(CROWDS[0])]
     for index, name in enumerate(names):
         _join(mesh, TurnTaker, name, index)
-    mesh.run(((turns + 2) * TURN_FRAMES - 1) * PERIOD)
+    mesh.run(((turns + 2) * TURN_CYCLES - 1) * PERIOD)
     obeyed = [(at, ballot.instance) for ballot, at in robot.first_obeyed.items()]
     return [
-        _first(obeyed, names[turn % len(names)], turn * TURN_FRAMES) - turn * TURN_FRAMES + 1
+        _first(obeyed, names[turn % len(names)], turn * TURN_CYCLES) - turn * TURN_CYCLES + 1
         for turn in range(2, turns + 2)
     ]
 
 
 def _first(obeyed: list[tuple[int, str]], name: str, since: int) -> int:
-    """The frame, from `since` on, in which an agent was first obeyed."""
+    """The cycle, from `since` on, in which an agent was first obeyed."""
     return next(at for at, who in obeyed if at >= since and who.startswith(name))
 
 

@@ -59,14 +59,14 @@ BENCHMARKS: Final = (
     ),
     Benchmark(
         "messages-per-cycle",
-        "claims and commands for a resource in a frame, by the number of contenders",
+        "claims and commands for a resource in a cycle, by the number of contenders",
         "a lone contender",
         "flat",
         "armadico.tools.bench_contest:messages_per_cycle",
     ),
     Benchmark(
         "cycles-to-obeyed",
-        "frames from a bid that wins to its first obeyed command, that of the bid included",
+        "cycles from a bid that wins to its first obeyed command, that of the bid included",
         "",
         "1",
         "armadico.tools.bench_contest:cycles_to_obeyed",

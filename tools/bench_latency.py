@@ -29,8 +29,8 @@ from armadico.messages import (
     Ballot,
     Claim,
     Command,
+    Cycle,
     Echo,
-    Frame,
     Message,
     Obstacles,
     Point,
@@ -260,7 +260,7 @@ def path() -> list[tuple[str, ...]]:
 
 
 def traffic() -> list[tuple[str, ...]]:
-    """All that the society says in a frame, to everybody who hears it there."""
+    """All that the society says in a cycle, to everybody who hears it there."""
     size = _sizes()
     return [
         (
@@ -278,18 +278,18 @@ def traffic() -> list[tuple[str, ...]]:
 def _sizes() -> dict[str, int]:
     """Bytes of what travels, as the society says it."""
     number = 0.12345678901234
-    frame, ballot = Frame(2**62, 1000), Ballot(3, 0.9, False, "goto-0123456789abcdef")
+    cycle, ballot = Cycle(2**62, 1000), Ballot(3, 0.9, False, "goto-0123456789abcdef")
     point, echo = Point(number, number), Echo(number, number, number, number)
     messages: dict[str, Message] = {
         "state": RobotState(
-            *(frame, number, number, number, number, number, number, True, False),
-            *(ballot, ballot, frame),
+            *(cycle, number, number, number, number, number, number, True, False),
+            *(ballot, ballot, cycle),
         ),
-        "sonar": Sonar(frame, 5.0, (echo, echo)),
-        "pose": Pose(frame, number, number, number),
-        "obstacles": Obstacles(frame, point, None, point, point, (point,) * 12),
-        "cmd": Command(frame, ballot, number, number),
-        "claim": Claim("wheels", ballot, frame, 1.0, False, (number,) * 2, (number,) * 2),
+        "sonar": Sonar(cycle, 5.0, (echo, echo)),
+        "pose": Pose(cycle, number, number, number),
+        "obstacles": Obstacles(cycle, point, None, point, point, (point,) * 12),
+        "cmd": Command(cycle, ballot, number, number),
+        "claim": Claim("wheels", ballot, cycle, 1.0, False, (number,) * 2, (number,) * 2),
     }
     motor = quantity(Cmd.VEL, 0.3) + quantity(Cmd.RVEL, 0.1)
     return {key: len(encode(message)) for key, message in messages.items()} | {"motor": len(motor)}

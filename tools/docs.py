@@ -24,7 +24,7 @@ import cbor2
 from armadico.agent import Agent
 from armadico.coordination import TRANSITIONS, Event, State
 from armadico.discovery import summary
-from armadico.messages import Ballot, Claim, Command, Frame, Log, Message, Stop, Truth, encode
+from armadico.messages import Ballot, Claim, Command, Cycle, Log, Message, Stop, Truth, encode
 from armadico.services import SERVICES, TOKEN, Service
 from armadico.tools.docs_fields import fields_of, messages
 
@@ -147,7 +147,7 @@ def keys() -> str:
             if s.reply is not None:
                 said += f" -> [{s.reply.__name__}]({_anchor(s.reply)})"
             rate = "" if s.rate_hz is None else f"{s.rate_hz:g}"
-            fresh = "" if s.fresh_frames is None else str(s.fresh_frames)
+            fresh = "" if s.fresh_cycles is None else str(s.fresh_cycles)
             yield (
                 *(f"`{_angled(s.key)}`", said, s.kind.value, rate, fresh),
                 *(providers(s), requesters(s), s.meaning),
@@ -155,7 +155,7 @@ def keys() -> str:
         token = f"`{_angled(TOKEN)}`"
         yield token, "none", "liveliness token", "", "", EVERYBODY, EVERYBODY, "who is there"
 
-    head = ("key", "message", "kind", "Hz", "frames", "provided by", "requested by", "meaning")
+    head = ("key", "message", "kind", "Hz", "cycles", "provided by", "requested by", "meaning")
     return table(head, rows())
 
 
@@ -197,10 +197,10 @@ def diagram() -> str:
 
 def example() -> str:
     """A command and the claim that goes with it, as they are on the wire."""
-    frame, ballot = Frame(7, 42), Ballot(3, 0.75, critical=False, instance="mine-0123456789abcdef")
-    claim = Claim("wheels", ballot, frame, 0.75, wanted=(0.5, 0.0), commanded=(0.4, 0.1))
+    cycle, ballot = Cycle(7, 42), Ballot(3, 0.75, critical=False, instance="mine-0123456789abcdef")
+    claim = Claim("wheels", ballot, cycle, 0.75, wanted=(0.5, 0.0), commanded=(0.4, 0.1))
     parts = []
-    for message in (Command(frame, ballot, 0.4, 0.1), claim):
+    for message in (Command(cycle, ballot, 0.4, 0.1), claim):
         data = encode(message)
         said = json.dumps(cbor2.loads(data))
         hexed = "\n".join(textwrap.wrap(data.hex(" "), 90))

@@ -132,7 +132,7 @@ def _row(channel: Channel, schema: Schema | None, t: int, data: bytes) -> Row:
 class Tables:
     """One CSV file a topic: `t` in s from the recording's first message, then the fields.
 
-    A field of a field is `frame.number`; a list is JSON in one cell, what is missing an empty one.
+    A field of a field is `cycle.number`; a list is JSON in one cell, what is missing an empty one.
     """
 
     def __init__(self, folder: Path) -> None:

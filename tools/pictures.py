@@ -162,7 +162,7 @@ class _Canvas:
         size = (SIZE_PX[0] / DPI, SIZE_PX[1] / DPI)
         self.figure: Figure = plt.figure(figsize=size, dpi=DPI, facecolor=PAPER)
         self.axes: Axes = self.figure.add_axes((0.055, 0.125, 0.925, 0.735))
-        self._frame(world.bounds)
+        self._cycle(world.bounds)
         self._rooms(world)
         self._walls(world)
 
@@ -249,7 +249,7 @@ class _Canvas:
             Path(path).parent.mkdir(parents=True, exist_ok=True)
             image.convert("RGB").quantize(COLOURS_IN_PNG).save(path, format="PNG", optimize=True)
 
-    def _frame(self, bounds: tuple[float, float, float, float]) -> None:
+    def _cycle(self, bounds: tuple[float, float, float, float]) -> None:
         from matplotlib.ticker import FuncFormatter, MaxNLocator  # noqa: PLC0415
 
         (xa, ya), (xb, yb) = self.at(*bounds[:2]), self.at(*bounds[2:])
@@ -335,8 +335,8 @@ def _rank(name: str) -> tuple[int, str]:
 def _reigns(steps: Sequence[Step]) -> Iterator[tuple[str | None, list[tuple[float, float]]]]:
     """The path cut where another agent takes over; each part begins where the last one ended."""
     ended: list[tuple[float, float]] = []
-    for holder, reign in groupby(steps, key=lambda step: step[4]):
-        points = [(step[1], step[2]) for step in reign]
+    for holder, tenure in groupby(steps, key=lambda step: step[4]):
+        points = [(step[1], step[2]) for step in tenure]
         yield holder, ended + points
         ended = points[-1:]
 

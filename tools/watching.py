@@ -35,7 +35,7 @@ WAITING: Final = 20_000
 WINDOW_S: Final = 5.0
 """Rates are those of so long."""
 
-FRAME_S: Final = 0.1
+CYCLE_S: Final = 0.1
 """One status packet of the robot."""
 
 QUIET_S: Final = 0.5
@@ -321,15 +321,15 @@ class Rate:
 def deadline_s(service: Service | None) -> float | None:
     """The longest silence that its row of the table allows, s.
 
-    Only what is said all the time has one: claims and commands end with a reign. Where no freshness
-    is promised it is two periods.
+    Only what is said all the time has one: claims and commands end with a tenure. Where no
+    freshness is promised it is two periods.
     """
     if service is None or service.kind is not Kind.STATE or service.rate_hz is None:
         return None
     period = 1.0 / service.rate_hz
-    if service.fresh_frames is None:
+    if service.fresh_cycles is None:
         return 2.0 * period
-    return max(service.fresh_frames * FRAME_S, 2.0 * period)
+    return max(service.fresh_cycles * CYCLE_S, 2.0 * period)
 
 
 class Holders:

@@ -17,7 +17,7 @@ from armadico.agents.methods.sweep import Outline, free_path, free_turn
 from armadico.messages import Obstacles, Point
 
 LATENCY_S = 0.2
-"""Two frames: a sonar echo to a command, and the command to the wheels."""
+"""Two cycles: a sonar echo to a command, and the command to the wheels."""
 
 
 ARCS = 8

@@ -149,7 +149,7 @@ class View:
             "stalled": state.stalled,
             "stopped_by": state.stop.by if state.stop.stopped else None,
             "obeyed": state.obeyed.instance if state.obeyed else None,
-            "frame": state.frame.number,
+            "cycle": state.cycle.number,
         }
 
     def _resources(self) -> list[str]:

@@ -279,7 +279,7 @@ def _signals() -> Iterator[list[int]]:
     """SIGTERM and SIGHUP end it as Ctrl-C does; yields those that came."""
     received: list[int] = []
 
-    def interrupt(number: int, _frame: FrameType | None) -> None:
+    def interrupt(number: int, _cycle: FrameType | None) -> None:
         received.append(number)
         raise KeyboardInterrupt
 

@@ -34,22 +34,22 @@ def stage(trajectory: Trajectory | None = FAR, speed: float = 0.0, **parameters:
 def before_a_wall(distance: float, speed: float, **parameters: Any) -> Stage:
     """Something wide across the way, so far before the robot's front edge grown by its margin."""
     made = stage(speed=speed, **parameters)
-    made.frame()  # it has looked the frame before
+    made.cycle()  # it has looked the cycle before
     x = distance + OUTLINE.front + MARGIN
-    made.frame(points=wall(x, -0.4, 0.4))
+    made.cycle(points=wall(x, -0.4, 0.4))
     return made
 
 
 def test_without_a_goal_it_says_nothing_whatever_is_in_the_way() -> None:
     made = stage(None, 0.5)
-    assert made.frame(points=wall(0.4, -0.4, 0.4)) == []
+    assert made.cycle(points=wall(0.4, -0.4, 0.4)) == []
     assert made.bid().reason == "no goal"
 
 
 def test_with_nothing_in_the_way_it_is_silent() -> None:
     made = stage(speed=0.5)
     for points in ([], [Point(1.0, 0.6)], [Point(-0.4, 0.0)], wall(2.4, -1.0, 1.0)):
-        assert made.frame(points=points) == []
+        assert made.cycle(points=points) == []
         assert made.bid().reason == "nothing in the way"
 
 
@@ -78,10 +78,10 @@ def test_nearer_it_drives_more_slowly_and_in_the_stop_zone_it_turns_on_the_spot(
 
 
 @pytest.mark.parametrize("speed", [0.2, 0.4, 0.75])
-def test_it_is_critical_exactly_from_where_it_could_not_stop_two_frames_later(
+def test_it_is_critical_exactly_from_where_it_could_not_stop_two_cycles_later(
     speed: float,
 ) -> None:
-    last = stopping_distance(speed, Safety().decel)  # two frames of travel included
+    last = stopping_distance(speed, Safety().decel)  # two cycles of travel included
     assert last == pytest.approx(2 * 0.1 * speed + speed**2 / (2 * Safety().decel))
     assert not before_a_wall(last + 0.01, speed).bid().critical
     assert before_a_wall(last - 0.01, speed).bid().critical
@@ -94,7 +94,7 @@ def test_at_rest_nothing_is_critical(distance: float) -> None:
 
 def test_a_hand_over_takes_half_of_what_is_left_until_braking_at_most() -> None:
     made = stage(speed=0.5)
-    made.frame(points=wall(0.9 + OUTLINE.front + MARGIN, -0.4, 0.4))
+    made.cycle(points=wall(0.9 + OUTLINE.front + MARGIN, -0.4, 0.4))
     left = 0.9 - stopping_distance(0.5, Safety().decel)
     bid = made.agent.bid_for(WHEELS, made.agent.latest(Obstacles))
     assert bid is not None
@@ -104,44 +104,44 @@ def test_a_hand_over_takes_half_of_what_is_left_until_braking_at_most() -> None:
 def test_free_again_it_offers_the_wheels_and_then_lets_go() -> None:
     made = stage(speed=0.3)
     made.holding(points=wall(0.6, -0.4, 0.4))
-    said = made.frame()
+    said = made.cycle()
     assert [claim.utility for claim in claims(said)] == [0.0]
     assert commands(said)[0].v > 0.0  # whoever takes over finds it rolling
     for _ in range(4):
-        said += made.frame()
+        said += made.cycle()
     assert claims(said)[-1].utility is None
     assert not made.agent.holds(WHEELS)
-    assert made.frame() == []
+    assert made.cycle() == []
 
 
 def test_something_dodged_on_one_side_is_not_dodged_on_the_other_next() -> None:
     made = stage(speed=0.2)
     made.holding(points=wall(0.7, -0.30, 0.29))
     first = made.bid().wanted[1]
-    made.frame(points=wall(0.7, -0.29, 0.30))
+    made.cycle(points=wall(0.7, -0.29, 0.30))
     assert made.bid().wanted[1] * first > 0.0
     fresh = stage(speed=0.2)
-    fresh.frame(points=wall(0.7, -0.29, 0.30))
+    fresh.cycle(points=wall(0.7, -0.29, 0.30))
     assert fresh.bid().wanted[1] * first < 0.0  # which it would do by itself
 
 
 def test_shut_in_before_and_beside_it_backs_off() -> None:
     beside = [Point(x / 20, y) for x in range(-4, 5) for y in (-0.18, 0.18)]
     made = stage()
-    made.frame(points=[*wall(0.24, -0.15, 0.15, 0.05), *beside])
+    made.cycle(points=[*wall(0.24, -0.15, 0.15, 0.05), *beside])
     assert made.bid().wanted == (-Parameters().v_back, 0.0)
 
 
 def test_shut_in_all_round_it_stays() -> None:
     beside = [Point(x / 20, y) for x in range(-6, 7) for y in (-0.18, 0.18)]
     made = stage()
-    made.frame(points=[*wall(0.24, -0.15, 0.15, 0.05), *wall(-0.27, -0.15, 0.15, 0.05), *beside])
+    made.cycle(points=[*wall(0.24, -0.15, 0.15, 0.05), *wall(-0.27, -0.15, 0.15, 0.05), *beside])
     assert made.bid().wanted == (0.0, 0.0)
 
 
 def test_a_way_that_leads_far_aside_is_not_in_the_way_until_it_holds() -> None:
     made = stage(drive_to((0.0, 10.0, 0.0)))
-    made.frame(points=[Point(0.0, 0.5), Point(-0.1, 0.5), Point(0.1, 0.5)])
+    made.cycle(points=[Point(0.0, 0.5), Point(-0.1, 0.5), Point(0.1, 0.5)])
     assert made.bid().reason == "nothing in the way"
 
 
@@ -156,7 +156,7 @@ def test_whatever_it_wants_it_can_stop_before_what_it_knows(
     clear = [p for p in points if OUTLINE.clearance(p.x, p.y) > 0.03]
     made = stage()
     made.speed = (speed, turning)
-    made.frame(points=clear)
+    made.cycle(points=clear)
     wanted = made.bid().wanted
     if wanted and wanted[0] > 0.0:
         free = free_path(clear, wanted[0], wanted[1], OUTLINE, 0.0)
@@ -166,10 +166,10 @@ def test_whatever_it_wants_it_can_stop_before_what_it_knows(
 # Working itself free -----------------------------------------------------------------------------
 
 
-def driven_by_goto(made: Stage, frames: int) -> set[float | None]:
+def driven_by_goto(made: Stage, cycles: int) -> set[float | None]:
     """What it bids while another is obeyed, and the robot stands still all the same."""
     ballot = Ballot(3, 0.6, False, "goto-1")
-    for _ in range(frames):
+    for _ in range(cycles):
         made.number += 1
         made.now += 0.1
         obeyed = (ballot, ballot, made.at)
@@ -187,7 +187,7 @@ def test_a_driven_robot_that_stands_still_far_from_its_goal_is_worked_free() -> 
 def test_a_robot_that_nobody_drives_may_stand_still() -> None:
     made = stage()
     for _ in range(60):
-        made.frame()
+        made.cycle()
     assert {bid.utility for bid in made.agent.bids} == {None}
 
 
@@ -202,7 +202,7 @@ def test_a_robot_that_is_turned_to_and_fro_and_gets_nowhere_is_backed_off() -> N
     made.speed = (0.0, 0.5)
     backed = []
     for _ in range(200):
-        made.frame(points=wall(0.4, -0.4, 0.4))
+        made.cycle(points=wall(0.4, -0.4, 0.4))
         backed.append(made.bid().wanted[0] < 0.0)
     first = backed.index(True)
     assert first >= round(10 * Parameters().nowhere_s) - 10
@@ -212,10 +212,10 @@ def test_a_robot_that_is_turned_to_and_fro_and_gets_nowhere_is_backed_off() -> N
 def test_what_lies_beyond_a_bend_of_the_trajectory_is_not_in_the_way() -> None:
     beyond = [*wall(0.65, -0.3, 0.3), Point(0.2, 0.4)]
     on = stage()
-    on.frame(points=beyond)
+    on.cycle(points=beyond)
     assert on.bid().utility is not None
     round_a_bend = stage(drive_to((0.3, 0.0, 0.0), (0.3, 4.0, 1.57)))
-    round_a_bend.frame(points=beyond)
+    round_a_bend.cycle(points=beyond)
     assert round_a_bend.bid().utility is None
 
 
@@ -223,34 +223,34 @@ def test_a_robot_that_was_stopped_has_not_been_stuck() -> None:
     made = stage()
     driven_by_goto(made, 5)
     for _ in range(50):
-        made.frame(Stop(1, True, "somebody"))
-    made.frame(Stop(2, False, "somebody"))
+        made.cycle(Stop(1, True, "somebody"))
+    made.cycle(Stop(2, False, "somebody"))
     assert driven_by_goto(made, 10) == {None}
 
 
-def comes_in(frames_away: int) -> Stage:
-    """Something wide ahead that it cannot stop for, seen after so many frames without a look."""
+def comes_in(cycles_away: int) -> Stage:
+    """Something wide ahead that it cannot stop for, seen after so many cycles without a look."""
     made = stage(speed=0.5)
-    made.frame()
-    made.frame(frames=frames_away, points=wall(0.25 + OUTLINE.front + MARGIN, -0.4, 0.4))
+    made.cycle()
+    made.cycle(cycles=cycles_away, points=wall(0.25 + OUTLINE.front + MARGIN, -0.4, 0.4))
     assert made.bid().critical
     return made
 
 
 def test_who_comes_in_too_late_brakes_until_it_can_stop_and_only_then_turns() -> None:
-    late = comes_in(frames_away=7)
+    late = comes_in(cycles_away=7)
     assert late.bid().wanted == (0.0, 0.0)
     late.speed = (0.3, 0.0)
-    late.frame(points=wall(0.1 + OUTLINE.front + MARGIN, -0.4, 0.4))
+    late.cycle(points=wall(0.1 + OUTLINE.front + MARGIN, -0.4, 0.4))
     assert late.bid().critical
     assert late.bid().wanted == (0.0, 0.0)
     late.speed = (0.0, 0.0)
-    late.frame(points=wall(0.05 + OUTLINE.front + MARGIN, -0.4, 0.4))
+    late.cycle(points=wall(0.05 + OUTLINE.front + MARGIN, -0.4, 0.4))
     assert late.bid().wanted != (0.0, 0.0)
 
 
 def test_who_has_looked_all_the_time_turns_as_it_brakes() -> None:
-    assert comes_in(frames_away=1).bid().wanted[1] != 0.0
+    assert comes_in(cycles_away=1).bid().wanted[1] != 0.0
 
 
 # The thesis's rules ------------------------------------------------------------------------------
@@ -258,7 +258,7 @@ def test_who_has_looked_all_the_time_turns_as_it_brakes() -> None:
 
 def literal(point: Point, speed: float = 0.5, **parameters: Any) -> Stage:
     made = stage(speed=speed, rules="thesis", **parameters)
-    made.frame(points=[point])
+    made.cycle(points=[point])
     return made
 
 
@@ -283,7 +283,7 @@ def test_by_3_8_the_utility_is_the_lesser_of_heading_and_distance() -> None:
 
 def test_the_closest_and_the_closest_in_front_both_count() -> None:
     made = stage(speed=0.5, rules="thesis")
-    made.frame(points=[at(0.05, 110), at(0.3, 10)])
+    made.cycle(points=[at(0.05, 110), at(0.3, 10)])
     zones = Parameters()
     borders = zones.stop.border(0.5), zones.caution.border(0.5)
     expected = (borders[1] - 0.3) / (borders[1] - borders[0])

@@ -10,14 +10,14 @@ from hypothesis import strategies as st
 
 from armadico.agent import Identity, Publish
 from armadico.agents.encoder import Encoder, Parameters
-from armadico.messages import Frame, Pose, RobotState
+from armadico.messages import Cycle, Pose, RobotState
 
 metres, angles = st.floats(-20, 20), st.floats(-3.1, 3.1)
 places = st.tuples(metres, metres, angles)
 
 
 class Robot:
-    """Says where its odometry has got to, frame by frame."""
+    """Says where its odometry has got to, cycle by cycle."""
 
     def __init__(self, x: float = 0.0, y: float = 0.0, theta: float = 0.0) -> None:
         self.encoder = Encoder(Identity("encoder-1"), Parameters(x=x, y=y, theta=theta))
@@ -26,15 +26,15 @@ class Robot:
 
     def at(self, x: float, y: float, theta: float) -> Pose:
         self.number += 1
-        frame = Frame(self.epoch, self.number)
+        cycle = Cycle(self.epoch, self.number)
         self.encoder.receive(
-            RobotState(frame, x, y, theta, 0, 0, 12, True, False), self.number / 10
+            RobotState(cycle, x, y, theta, 0, 0, 12, True, False), self.number / 10
         )
         (said,) = self.encoder.outbox
         self.encoder.outbox.clear()
         assert isinstance(said, Publish)
         assert isinstance(said.message, Pose)
-        assert said.message.frame == frame
+        assert said.message.cycle == cycle
         return said.message
 
     def restart(self) -> None:
@@ -52,10 +52,10 @@ def test_odometry_is_put_where_the_robot_stood() -> None:
     assert pose(robot.at(2.0, 0.5, -0.3)) == pytest.approx((2.9, 2.6, pi / 2 - 0.3))
 
 
-def test_one_status_packet_one_pose_of_its_frame() -> None:
+def test_one_status_packet_one_pose_of_its_cycle() -> None:
     robot = Robot()
-    assert [robot.at(0, 0, 0).frame.number for _ in range(3)] == [1, 2, 3]
-    robot.encoder.receive(RobotState(Frame(1, 3), 9, 9, 0, 0, 0, 12, True, False), 0.3)
+    assert [robot.at(0, 0, 0).cycle.number for _ in range(3)] == [1, 2, 3]
+    robot.encoder.receive(RobotState(Cycle(1, 3), 9, 9, 0, 0, 0, 12, True, False), 0.3)
     assert robot.encoder.outbox == []
 
 

@@ -28,13 +28,13 @@ def stage(trajectory: Trajectory | None = ROUND_A_CORNER, **parameters: Any) -> 
 
 def utility_at(made: Stage, x: float, y: float) -> float | None:
     made.pose = (x, y, 0.0)
-    made.frame()
+    made.cycle()
     return made.bid().utility
 
 
 def test_without_a_goal_it_says_nothing() -> None:
     made = stage(None)
-    assert made.frame() == []
+    assert made.cycle() == []
     assert made.bid().reason == "no goal"
 
 
@@ -42,9 +42,9 @@ def test_an_ended_mission_ends_its_bids() -> None:
     made = stage()
     made.holding()
     made.hand(Trajectory(1, ()))
-    said = made.frame()
+    said = made.cycle()
     assert [(c.v, c.w) for c in commands(said)] == [(0.0, 0.0)]
-    assert made.frame() == []
+    assert made.cycle() == []
 
 
 def test_its_utility_rises_near_the_final_goal_only() -> None:
@@ -73,7 +73,7 @@ def test_it_drives_along_the_line_and_turns_towards_it() -> None:
     made = stage()
     made.pose = (1.0, 0.3, 0.0)
     for _ in range(10):
-        made.frame()
+        made.cycle()
     command = commands(made.said)[-1]
     assert command.v > 0.2
     assert command.w < -0.05
@@ -82,14 +82,14 @@ def test_it_drives_along_the_line_and_turns_towards_it() -> None:
 def test_its_ramps_start_from_what_the_robot_does() -> None:
     made = stage()
     made.speed = (0.5, 0.0)
-    made.frame()
-    assert made.bid().wanted[0] == pytest.approx(0.53)  # 0.3 m/s2 for a frame
+    made.cycle()
+    assert made.bid().wanted[0] == pytest.approx(0.53)  # 0.3 m/s2 for a cycle
 
 
 def test_a_scenarios_speed_limit_holds() -> None:
     made = stage(v_max=0.4)
     for _ in range(40):
-        made.frame()
+        made.cycle()
     assert max(c.v for c in commands(made.said)) == pytest.approx(0.4)
 
 
@@ -125,7 +125,7 @@ def test_it_never_commands_more_than_it_can_stop_from_before_a_remembered_point(
     assume(all(OUTLINE.clearance(p.x, p.y) > 0.03 for p in points))
     made = stage()
     made.pose, made.speed = (1.0, 0.0, heading), (speed, 0.0)
-    made.frame(points=points)
+    made.cycle(points=points)
     v, w = made.bid().wanted
     free = free_path(points, v, w, OUTLINE, 0.0)
     assert stopping_distance(v, Parameters().safety.decel) <= free + 1e-9
@@ -136,6 +136,6 @@ def test_it_stops_before_a_wall_across_its_way_but_by_the_thesis_drives_on() -> 
     safe, thesis = stage(), stage(rules="thesis")
     for made in (safe, thesis):
         made.speed = (0.3, 0.0)
-        made.frame(points=near)
+        made.cycle(points=near)
     assert safe.bid().wanted[0] == pytest.approx(0.06, abs=0.05)
     assert thesis.bid().wanted[0] > 0.3

@@ -7,7 +7,7 @@ import pytest
 from armadico.agent import Answer, AskFor, Identity, Publish, Question
 from armadico.agents.interface import Interface, Parameters
 from armadico.messages import (
-    Frame,
+    Cycle,
     MissionReply,
     MissionRequest,
     MissionState,
@@ -57,11 +57,11 @@ class Desk:
     def at(
         self, x: float, y: float = 0.0, theta: float = 0.0, speed: tuple[float, float] = AT_REST
     ) -> None:
-        """A frame later the robot is there."""
+        """A cycle later the robot is there."""
         self.number += 1
-        now, frame = self.now + 0.1, Frame(1, self.number)
-        self.agent.receive(RobotState(frame, 0, 0, 0, *speed, 12, True, False), now)
-        self.agent.receive(Pose(frame, x, y, theta), now)
+        now, cycle = self.now + 0.1, Cycle(1, self.number)
+        self.agent.receive(RobotState(cycle, 0, 0, 0, *speed, 12, True, False), now)
+        self.agent.receive(Pose(cycle, x, y, theta), now)
         self.wake()
 
     def wake(self) -> None:
@@ -112,8 +112,8 @@ def test_a_mission_is_refused_when_nobody_knows_where_the_robot_is() -> None:
 
 def test_an_old_pose_will_not_do(desk: Desk) -> None:
     for number in range(2, 7):
-        frame = Frame(1, number)
-        desk.agent.receive(RobotState(frame, 0, 0, 0, 0, 0, 12, True, False), number / 10)
+        cycle = Cycle(1, number)
+        desk.agent.receive(RobotState(cycle, 0, 0, 0, 0, 0, 12, True, False), number / 10)
     assert "no fresh encoder/pose" in desk.replies[desk.request(MissionRequest(GOAL))].refusal
 
 

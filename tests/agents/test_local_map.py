@@ -201,9 +201,9 @@ def test_memory_fades_with_the_way_and_not_only_with_time() -> None:
 def test_a_wall_driven_along_is_still_known_beside_the_tail(speed: float) -> None:
     """The ring cannot see it there, and the tail swings into it when the robot turns away."""
     local, fired = LocalMap(), 0
-    for frame in range(60):
+    for cycle in range(60):
         local.move(Placed(speed * 0.1, 0.0))
-        firing = [RING[ORDER[(fired + i) % 8]] for i in range(2 + frame % 2)]
+        firing = [RING[ORDER[(fired + i) % 8]] for i in range(2 + cycle % 2)]
         fired += len(firing)
         local.update(
             Ping(s.x, s.y, s.bearing, (0.4 - s.y) / math.sin(s.bearing)) if s.bearing > 0.0 else s

@@ -18,7 +18,7 @@ from armadico.agents.methods.safety import (
     stopping_distance,
 )
 from armadico.agents.methods.sweep import free_path, free_turn
-from armadico.messages import Frame, Obstacles, Point
+from armadico.messages import Cycle, Obstacles, Point
 
 SAFETY = Safety()
 places = st.builds(Point, st.floats(-1.0, 2.5), st.floats(-1.5, 1.5))
@@ -115,8 +115,8 @@ def test_a_tight_place_is_driven_through_slowly_where_a_parameter_says_so() -> N
 
 
 def test_a_corner_is_cut_by_little_where_something_is_near() -> None:
-    frame = Frame(1, 1)
-    near, far = (Obstacles(frame, Point(x, 0.0), None, None, None) for x in (0.4, 1.0))
-    assert corner_cut(Obstacles(frame, None, None, None, None), 0.06) == inf
+    cycle = Cycle(1, 1)
+    near, far = (Obstacles(cycle, Point(x, 0.0), None, None, None) for x in (0.4, 1.0))
+    assert corner_cut(Obstacles(cycle, None, None, None, None), 0.06) == inf
     assert corner_cut(near, 0.06) == 0.06
     assert corner_cut(far, 0.06) == pytest.approx(0.55)

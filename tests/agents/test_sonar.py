@@ -1,4 +1,4 @@
-"""The sonar agent: a frame's echoes become a frame's obstacles, near ones in front as arcs."""
+"""The sonar agent: a cycle's echoes become a cycle's obstacles, near ones in front as arcs."""
 
 from __future__ import annotations
 
@@ -7,8 +7,8 @@ from math import cos, hypot, pi, radians, sin
 import pytest
 
 from armadico.agent import Identity, Publish
-from armadico.agents.sonar import LOOK_FRAMES, Parameters, SonarAgent
-from armadico.messages import Echo, Frame, Obstacles, Point, RobotState, Sonar
+from armadico.agents.sonar import LOOK_CYCLES, Parameters, SonarAgent
+from armadico.messages import Cycle, Echo, Obstacles, Point, RobotState, Sonar
 
 AHEAD = radians(10.0)  # where a sonar looks; those of a Pioneer look at 10, 30, 50 and 90 degrees
 
@@ -19,7 +19,7 @@ class Ring:
     def __init__(self, parameters: Parameters | None = None) -> None:
         self.agent = SonarAgent(Identity("sonar-1"), parameters)
         self.epoch, self.number, self.now = 1, 0, 0.0
-        self.agent._listened = LOOK_FRAMES
+        self.agent._listened = LOOK_CYCLES
 
     def ping(
         self,
@@ -27,18 +27,18 @@ class Ring:
         odometry: tuple[float, float, float] = (0.0, 0.0, 0.0),
         stalled: bool = False,
     ) -> Obstacles:
-        """One frame: bearings (rad) and ranges (m) from the middle of the robot."""
+        """One cycle: bearings (rad) and ranges (m) from the middle of the robot."""
         self.number += 1
         self.now += 0.1
-        frame = Frame(self.epoch, self.number)
-        state = RobotState(frame, *odometry, 0, 0, 12, True, stalled)
+        cycle = Cycle(self.epoch, self.number)
+        state = RobotState(cycle, *odometry, 0, 0, 12, True, stalled)
         self.agent.receive(state, self.now)
         heard = tuple(Echo(0.0, 0.0, bearing, distance) for bearing, distance in echoes)
-        self.agent.receive(Sonar(frame, 5.0, heard), self.now)
+        self.agent.receive(Sonar(cycle, 5.0, heard), self.now)
         out, self.agent.outbox = self.agent.outbox, []
         said = [o.message for o in out if isinstance(o, Publish)]
         (found,) = (message for message in said if isinstance(message, Obstacles))
-        assert found.frame == frame
+        assert found.cycle == cycle
         return found
 
     def twice(self, *echoes: tuple[float, float | None]) -> Obstacles:
@@ -59,13 +59,13 @@ def polar(distance: float, bearing: float) -> Point:
 def test_one_that_has_just_started_says_nothing_until_it_has_looked_round() -> None:
     agent = SonarAgent(Identity("sonar-2"))
     said = []
-    for number in range(1, LOOK_FRAMES + 2):
-        agent.receive(RobotState(Frame(1, number), 0, 0, 0, 0, 0, 12, True, False), 0.1 * number)
-        agent.receive(Sonar(Frame(1, number), 5.0, (Echo(0.0, 0.0, AHEAD, 1.0),)), 0.1 * number)
+    for number in range(1, LOOK_CYCLES + 2):
+        agent.receive(RobotState(Cycle(1, number), 0, 0, 0, 0, 0, 12, True, False), 0.1 * number)
+        agent.receive(Sonar(Cycle(1, number), 5.0, (Echo(0.0, 0.0, AHEAD, 1.0),)), 0.1 * number)
         said += [o.message for o in agent.outbox if isinstance(o, Publish)]
         agent.outbox.clear()
-    said_for = [m.frame.number for m in said if isinstance(m, Obstacles)]
-    assert said_for == [LOOK_FRAMES, LOOK_FRAMES + 1]
+    said_for = [m.cycle.number for m in said if isinstance(m, Obstacles)]
+    assert said_for == [LOOK_CYCLES, LOOK_CYCLES + 1]
 
 
 def test_with_no_echo_there_is_nothing(ring: Ring) -> None:
@@ -74,7 +74,7 @@ def test_with_no_echo_there_is_nothing(ring: Ring) -> None:
     assert found.points == ()
 
 
-def test_a_frames_echoes_are_in_that_frames_obstacles(ring: Ring) -> None:
+def test_a_cycles_echoes_are_in_that_cycles_obstacles(ring: Ring) -> None:
     found = ring.ping((AHEAD, 1.0))
     assert found.front == found.closest
     assert found.front is not None
@@ -130,9 +130,9 @@ def test_odometry_that_begins_anew_does_not_move_the_map(ring: Ring) -> None:
     assert hypot(after.closest.x - before.closest.x, after.closest.y - before.closest.y) < 1e-9
 
 
-def test_an_echo_of_another_frame_is_not_taken(ring: Ring) -> None:
+def test_an_echo_of_another_cycle_is_not_taken(ring: Ring) -> None:
     ring.ping((AHEAD, None))
-    ring.agent.receive(Sonar(Frame(1, 99), 5.0, (Echo(0.0, 0.0, 0.0, 1.0),)), ring.now)
+    ring.agent.receive(Sonar(Cycle(1, 99), 5.0, (Echo(0.0, 0.0, 0.0, 1.0),)), ring.now)
     assert ring.agent.outbox == []
     assert ring.ping((AHEAD, None)).points == ()
 

@@ -11,7 +11,7 @@ from armadico.bridge.p2os.status import Status, encode_status
 from armadico.bridge.robot import Parameters, Robot
 from armadico.config.loading import find, load
 from armadico.config.profile import RobotProfile
-from armadico.messages import Ballot, Command, Frame, Log, Message, RobotState
+from armadico.messages import Ballot, Command, Cycle, Log, Message, RobotState
 
 NAMES = encode(b"\x02Rob\0Pioneer\0p2dx\0")
 PROFILE = load(find("robots", "pioneer-2dx"), RobotProfile)
@@ -70,7 +70,7 @@ class Bench:
                 self.robot.wake(self.now)
                 self.take()
 
-    def frames(self, count: int) -> Bench:
+    def cycles(self, count: int) -> Bench:
         self.let_pass(0.1 * count, statuses=True)
         return self
 
@@ -79,9 +79,9 @@ class Bench:
         self.take()
 
     def command(
-        self, v: float, w: float = 0.0, *, frame: Frame | None = None, ballot: Ballot = BALLOT
+        self, v: float, w: float = 0.0, *, cycle: Cycle | None = None, ballot: Ballot = BALLOT
     ) -> None:
-        self.hand(Command(frame or self.state().frame, ballot, v, w))
+        self.hand(Command(cycle or self.state().cycle, ballot, v, w))
 
     # What came of it ---------------------------------------------------------------------------
 

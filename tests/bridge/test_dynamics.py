@@ -182,12 +182,12 @@ def test_the_motors_lag_is_of_second_order_in_the_step() -> None:
 def end_of_drive(dt: float) -> tuple[float, float, float]:
     """Twenty seconds of turns both ways, a stop and a start, voltages new each 0.1 s."""
     dynamics, x, y, theta = at(dt=dt), 0.0, 0.0, 0.0
-    per_frame = round(0.1 / dt)
-    for frame in range(200):
-        left, right = 6 + 5 * sin(0.07 * frame), 6 * cos(0.05 * frame)
-        if 100 <= frame < 110:
+    per_cycle = round(0.1 / dt)
+    for cycle in range(200):
+        left, right = 6 + 5 * sin(0.07 * cycle), 6 * cos(0.05 * cycle)
+        if 100 <= cycle < 110:
             left = right = 0.0
-        for _ in range(per_frame):
+        for _ in range(per_cycle):
             v, w = dynamics.v, dynamics.w
             dynamics.step(left, right)
             v, w = 0.5 * (v + dynamics.v), 0.5 * (w + dynamics.w)

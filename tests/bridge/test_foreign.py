@@ -22,10 +22,10 @@ def test_the_robot_agent_refuses_its_commands_and_claims_and_names_it_once() -> 
     bench.take()
     (named,) = [text for text in bench.logs() if "protocol" in text]
     assert "avoid-2 (host lab2, pid 42)" in named
-    bench.robot.receive(Claim("wheels", STRANGER, state.frame, 1.0, True), bench.now)
-    bench.robot.receive(Command(state.frame, STRANGER, 0.2, 0.0), bench.now)
+    bench.robot.receive(Claim("wheels", STRANGER, state.cycle, 1.0, True), bench.now)
+    bench.robot.receive(Command(state.cycle, STRANGER, 0.2, 0.0), bench.now)
     state = bench.status()
     assert (state.largest, state.obeyed) == (None, None)
     ours = Ballot(1, 0.5, False, "avoid-1")
-    bench.robot.receive(Command(state.frame, ours, 0.2, 0.0), bench.now)
+    bench.robot.receive(Command(state.cycle, ours, 0.2, 0.0), bench.now)
     assert bench.status().obeyed == ours

@@ -13,7 +13,7 @@ from armadico.bridge.p2os.commands import SYNC0, Cmd
 from armadico.bridge.p2os.session import ZERO
 from armadico.bridge.robot import PULSE_S, REPORT_S, STOP_AFTER_S, Parameters, Robot
 from armadico.coordination import LISTEN
-from armadico.messages import Ballot, Claim, Command, Frame, Log, RobotState, Sonar, Stop
+from armadico.messages import Ballot, Claim, Command, Cycle, Log, RobotState, Sonar, Stop
 from tests.bridge.robot_bench import BALLOT, PROFILE, TICK, Bench
 
 
@@ -24,8 +24,8 @@ def bench() -> Bench:
 
 @pytest.fixture
 def ready() -> Bench:
-    """Connected, and past the frames in which it only listens."""
-    return Bench().connect().frames(LISTEN + 2)
+    """Connected, and past the cycles in which it only listens."""
+    return Bench().connect().cycles(LISTEN + 2)
 
 
 def test_the_first_bytes_of_all_are_zero_speeds(bench: Bench) -> None:
@@ -33,13 +33,13 @@ def test_the_first_bytes_of_all_are_zero_speeds(bench: Bench) -> None:
     assert bench.raw.startswith(ZERO)
 
 
-def test_each_status_packet_is_a_frame_and_its_sonars_are_of_it(bench: Bench) -> None:
-    bench.connect().frames(5)
+def test_each_status_packet_is_a_cycle_and_its_sonars_are_of_it(bench: Bench) -> None:
+    bench.connect().cycles(5)
     states = [m for _, m in bench.said if isinstance(m, RobotState)]
     sonars = [m for _, m in bench.said if isinstance(m, Sonar)]
-    assert [s.frame.number for s in states] == [1, 2, 3, 4, 5]
-    assert len({s.frame.epoch for s in states}) == 1
-    assert [s.frame for s in sonars] == [s.frame for s in states]
+    assert [s.cycle.number for s in states] == [1, 2, 3, 4, 5]
+    assert len({s.cycle.epoch for s in states}) == 1
+    assert [s.cycle for s in sonars] == [s.cycle for s in states]
 
 
 def test_each_start_has_an_epoch_of_its_own() -> None:
@@ -70,43 +70,43 @@ def test_a_status_packet_becomes_state_and_echoes_in_si_units(ready: Bench) -> N
     assert ahead.range is None  # nothing within reach
 
 
-def test_a_frame_in_which_no_sonar_fired_brings_none_and_it_says_so_once(ready: Bench) -> None:
+def test_a_cycle_in_which_no_sonar_fired_brings_none_and_it_says_so_once(ready: Bench) -> None:
     before = sum(isinstance(m, Sonar) for _, m in ready.said)
-    frames = sum(isinstance(m, RobotState) for _, m in ready.said)
+    cycles = sum(isinstance(m, RobotState) for _, m in ready.said)
     for _ in range(9):
         ready.status(echoes=())
-    assert sum(isinstance(m, RobotState) for _, m in ready.said) == frames + 9
+    assert sum(isinstance(m, RobotState) for _, m in ready.said) == cycles + 9
     assert sum(isinstance(m, Sonar) for _, m in ready.said) == before
     assert sum("no sonar has fired" in text for text in ready.logs()) == 1
     ready.status()
     assert sum(isinstance(m, Sonar) for _, m in ready.said) == before + 1
 
 
-def test_it_does_not_move_before_it_has_listened_for_three_frames(bench: Bench) -> None:
+def test_it_does_not_move_before_it_has_listened_for_three_cycles(bench: Bench) -> None:
     bench.connect()
     for _ in range(LISTEN):
-        bench.frames(1)
+        bench.cycles(1)
         bench.command(0.3)
     assert not any(bench.speeds())
     assert bench.state().obeyed is None
-    bench.frames(1)
+    bench.cycles(1)
     bench.command(0.3)
     assert bench.speeds()[-1] == 300
 
 
 def test_what_it_obeys_it_echoes(ready: Bench) -> None:
-    answered = ready.state().frame
+    answered = ready.state().cycle
     ready.command(0.3)
-    ready.frames(1)
+    ready.cycles(1)
     state = ready.state()
-    assert (state.largest, state.obeyed, state.obeyed_frame) == (BALLOT, BALLOT, answered)
+    assert (state.largest, state.obeyed, state.obeyed_cycle) == (BALLOT, BALLOT, answered)
 
 
 def test_what_it_hears_it_refuses_by(ready: Bench) -> None:
     larger = Ballot(6, 0.9, False, "avoid-1")
-    ready.hand(Claim("wheels", larger, ready.state().frame, 0.9))
+    ready.hand(Claim("wheels", larger, ready.state().cycle, 0.9))
     ready.command(0.3)
-    ready.frames(1)
+    ready.cycles(1)
     assert not any(ready.speeds())
     assert (ready.state().largest, ready.state().obeyed) == (larger, None)
 
@@ -119,7 +119,7 @@ REFUSED = [
     ("turning too fast", {"v": 0.1, "w": PROFILE.limits.w_max + 0.01}),
     ("a beaten ballot", {"v": 0.3, "ballot": Ballot(4, 1.0, True, "goto-1")}),
     ("an absurd term", {"v": 0.3, "ballot": Ballot(2**40, 1.0, True, "goto-1")}),
-    ("another epoch", {"v": 0.3, "frame": Frame(77, 5)}),
+    ("another epoch", {"v": 0.3, "cycle": Cycle(77, 5)}),
 ]
 
 
@@ -128,7 +128,7 @@ def test_what_is_not_sound_or_beaten_is_refused(
     ready: Bench, what: str, command: dict[str, object]
 ) -> None:
     ready.command(0.2)
-    ready.frames(1)
+    ready.cycles(1)
     written = len(ready.written)
     ready.command(**command)  # type: ignore[arg-type]
     assert len(ready.written) == written
@@ -136,22 +136,22 @@ def test_what_is_not_sound_or_beaten_is_refused(
 
 
 @pytest.mark.parametrize("behind", [4, -4])
-def test_a_command_for_an_old_frame_or_one_that_is_not_there_yet_is_refused(
+def test_a_command_for_an_old_cycle_or_one_that_is_not_there_yet_is_refused(
     ready: Bench, behind: int
 ) -> None:
-    ready.frames(6)
-    now = ready.state().frame
-    ready.command(0.3, frame=Frame(now.epoch, now.number - behind))
+    ready.cycles(6)
+    now = ready.state().cycle
+    ready.command(0.3, cycle=Cycle(now.epoch, now.number - behind))
     assert not any(ready.speeds())
-    ready.command(0.3, frame=Frame(now.epoch, now.number - (3 if behind > 0 else -3)))
+    ready.command(0.3, cycle=Cycle(now.epoch, now.number - (3 if behind > 0 else -3)))
     assert ready.speeds()[-1] == 300
 
 
 def test_an_older_command_of_the_same_reign_does_not_undo_a_newer_one(ready: Bench) -> None:
-    before = ready.state().frame
-    ready.frames(1)
+    before = ready.state().cycle
+    ready.cycles(1)
     ready.command(0.3)
-    ready.command(0.1, frame=before)
+    ready.command(0.1, cycle=before)
     assert ready.speeds()[-1] == 300
 
 
@@ -183,23 +183,23 @@ def test_refused_commands_do_not_put_the_stop_off(ready: Bench) -> None:
     ready.command(0.3)
     began = ready.now
     for _ in range(5):
-        ready.frames(1)
+        ready.cycles(1)
         ready.command(9.0)
         ready.command(0.3, ballot=Ballot(1, 1.0, False, "ghost-1"))
     assert 0 in ready.speeds(began + 0.01)
 
 
-def test_commands_each_frame_keep_it_moving(ready: Bench) -> None:
+def test_commands_each_cycle_keep_it_moving(ready: Bench) -> None:
     began = ready.now
     for _ in range(20):
         ready.command(0.3)
-        ready.frames(1)
+        ready.cycles(1)
     assert set(ready.speeds(began)) == {300}
 
 
 def test_refusals_are_reported_with_their_reason_and_not_too_often(ready: Bench) -> None:
     for _ in range(100):
-        ready.frames(1)
+        ready.cycles(1)
         ready.command(9.0)
     times = [at for at, m in ready.said if isinstance(m, Log) and "commands refused" in m.text]
     assert 4 <= len(times) <= 6
@@ -209,11 +209,11 @@ def test_refusals_are_reported_with_their_reason_and_not_too_often(ready: Bench)
 
 def test_after_a_hang_what_waited_is_not_obeyed(ready: Bench) -> None:
     ready.command(0.3)
-    waited = Command(ready.state().frame, BALLOT, 0.3, 0.0)
+    waited = Command(ready.state().cycle, BALLOT, 0.3, 0.0)
     hung = ready.now
     ready.now += 3.0
     ready.hand(waited)
-    ready.frames(5)
+    ready.cycles(5)
     assert ready.sent(Cmd.VEL, hung + 0.01)
     assert not any(ready.speeds(hung + 0.01))
 
@@ -235,7 +235,7 @@ def test_a_stop_is_ordered_at_once_echoed_and_nothing_obeyed_until_it_is_release
     ready.command(0.3)
     ready.hand(Stop(1, True, "somebody"))
     assert ready.speeds()[-1] == 0
-    ready.frames(1)
+    ready.cycles(1)
     assert ready.state().stop == Stop(1, True, "somebody")
     ready.command(0.3)
     assert ready.speeds()[-1] == 0
@@ -259,13 +259,13 @@ def test_the_larger_counter_stands_and_at_equal_ones_the_stop(
 ) -> None:
     ready.hand(first)
     ready.hand(then)
-    ready.frames(1)
+    ready.cycles(1)
     assert ready.state().stop == stands
 
 
 def test_a_stop_before_the_port_is_open_is_kept(bench: Bench) -> None:
     bench.hand(Stop(1, True, "somebody"))
-    bench.connect().frames(LISTEN + 2)
+    bench.connect().cycles(LISTEN + 2)
     bench.command(0.3)
     assert not any(bench.speeds())
     assert bench.state().stop.stopped
@@ -311,12 +311,12 @@ def test_a_port_that_comes_back_begins_with_zero_speeds_and_keeps_the_pose(ready
     ready.x_m = 0.0  # the controller's odometry begins anew
     ready.connect()
     assert ready.raw.startswith(ZERO)
-    ready.frames(1)
+    ready.cycles(1)
     after = ready.state()
     assert after.x == pytest.approx(before.x, abs=0.01)
     assert before.x == pytest.approx(1.5, abs=0.01)
-    assert after.frame.epoch == before.frame.epoch
-    assert after.frame.number == before.frame.number + 1
+    assert after.cycle.epoch == before.cycle.epoch
+    assert after.cycle.number == before.cycle.number + 1
 
 
 def test_speeds_of_before_do_not_come_back_with_the_port(ready: Bench) -> None:
@@ -325,7 +325,7 @@ def test_speeds_of_before_do_not_come_back_with_the_port(ready: Bench) -> None:
     began = ready.now + TICK
     ready.now = began
     ready.connect()
-    ready.frames(5)
+    ready.cycles(5)
     assert not any(ready.speeds(began))
 
 

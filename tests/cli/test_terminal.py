@@ -30,7 +30,7 @@ from armadico.messages import (
     BidRecord,
     Card,
     Claim,
-    Frame,
+    Cycle,
     Log,
     Pose,
     RobotState,
@@ -48,7 +48,7 @@ Run = Callable[..., subprocess.CompletedProcess[str]]
 
 
 class Society:
-    """One agent that holds the wheels, and a robot: what they would say each frame."""
+    """One agent that holds the wheels, and a robot: what they would say each cycle."""
 
     def __init__(self, mesh: ZenohMesh) -> None:
         self.number = 0
@@ -88,19 +88,19 @@ class Society:
         numbers = range(max(newest - 40, 1), newest + 1)
         return BidHistory(
             WHO["instance"],
-            tuple(BidRecord(Frame(1, n), "wheels", 0.4, False, (0.0, 0.0), "") for n in numbers),
+            tuple(BidRecord(Cycle(1, n), "wheels", 0.4, False, (0.0, 0.0), "") for n in numbers),
         )
 
     def _live(self) -> None:
         ballot = Ballot(4, 0.6, False, WHO["instance"])
         while not self._over.wait(0.02):
             self.number += 1
-            frame = Frame(1, self.number)
+            cycle = Cycle(1, self.number)
             x = float(self.number)
-            state = RobotState(frame, x, 0, 0, 0.25, 0, 12.5, True, False, ballot, ballot, frame)
+            state = RobotState(cycle, x, 0, 0, 0.25, 0, 12.5, True, False, ballot, ballot, cycle)
             self._mesh.publish("robot/state", state)
-            self._mesh.publish("encoder/pose", Pose(frame, x, 0, 0))
-            self._mesh.publish("resource/wheels/utility", Claim("wheels", ballot, frame, 0.6))
+            self._mesh.publish("encoder/pose", Pose(cycle, x, 0, 0))
+            self._mesh.publish("resource/wheels/utility", Claim("wheels", ballot, cycle, 0.6))
             self._mesh.publish(f"log/{WHO['instance']}", Log(30, "a wall is near"))
 
 
@@ -190,7 +190,7 @@ def test_a_recording_has_everything_and_ctrl_c_closes_it(
     agent = f"{NAMESPACE}_agent_goto_{WHO['instance']}"
     assert topics >= {f"{agent}.csv", f"{agent}_card.csv", f"{agent}_bids.csv"}
     with (tmp_path / "run" / f"{agent}_bids.csv").open() as stream:
-        bids = [int(row["frame.number"]) for row in csv.DictReader(stream)]
+        bids = [int(row["cycle.number"]) for row in csv.DictReader(stream)]
     assert len(bids) == len(set(bids))
 
 

@@ -77,10 +77,10 @@ def test_a_run_that_never_began_can_be_drawn(tmp_path: Path) -> None:
 
 
 def test_a_path_is_cut_where_the_holder_changes_and_has_no_gap() -> None:
-    reigns = list(_reigns(STRAIGHT))
-    assert [holder for holder, _ in reigns] == ["goto", "avoid"]
-    assert reigns[0][1][-1] == reigns[1][1][0]
-    assert sum(len(points) for _, points in reigns) == len(STRAIGHT) + 1
+    tenures = list(_reigns(STRAIGHT))
+    assert [holder for holder, _ in tenures] == ["goto", "avoid"]
+    assert tenures[0][1][-1] == tenures[1][1][0]
+    assert sum(len(points) for _, points in tenures) == len(STRAIGHT) + 1
 
 
 def test_outlines_are_so_far_apart_and_the_last_is_told_apart() -> None:

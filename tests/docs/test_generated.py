@@ -62,7 +62,7 @@ def test_the_protocol_page_has_every_key_message_and_transition() -> None:
     text = (ROOT / "docs" / "protocol.md").read_text(encoding="utf-8")
     for service in SERVICES:
         assert f"`{service.key.replace('{', '<').replace('}', '>')}`" in text
-    for name in ("Frame", "Ballot", "RobotState", "Claim", "Truth"):
+    for name in ("Cycle", "Ballot", "RobotState", "Claim", "Truth"):
         assert f"\n### {name}\n" in text
     for event in {event for _, event in TRANSITIONS}:
         assert event.value in text

@@ -46,9 +46,9 @@ class Watcher:
             return (
                 state is not None
                 and state.obeyed is not None
-                and state.obeyed_frame is not None
+                and state.obeyed_cycle is not None
                 and state.obeyed.instance.startswith(f"{name}-")
-                and state.frame.number - state.obeyed_frame.number <= 3
+                and state.cycle.number - state.obeyed_cycle.number <= 3
             )
 
         self.until(obeyed, f"{name} is obeyed")

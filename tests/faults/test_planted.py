@@ -18,7 +18,7 @@ from armadico.bridge.p2os.session import Session
 from armadico.bridge.simulator.microcontroller import Microcontroller
 from armadico.coordination import TRANSITIONS, Contender, Event, Owner, State, Verdict
 from armadico.exchange import Bid, Blend
-from armadico.messages import Frame
+from armadico.messages import Cycle
 from armadico.tools.faults.kinds import Promise
 from armadico.tools.faults.plan import EVERYBODY, Case, Fault
 from armadico.tools.faults.series import smallest
@@ -41,8 +41,8 @@ def obeys_smaller_ballots(patch: pytest.MonkeyPatch) -> None:
     _owner_forgets(patch, Verdict.STALE_BALLOT)
 
 
-def obeys_old_frames(patch: pytest.MonkeyPatch) -> None:
-    _owner_forgets(patch, Verdict.OLD_FRAME)
+def obeys_old_cycles(patch: pytest.MonkeyPatch) -> None:
+    _owner_forgets(patch, Verdict.OLD_CYCLE)
 
 
 def _owner_forgets(patch: pytest.MonkeyPatch, rule: Verdict) -> None:
@@ -116,10 +116,10 @@ def is_blind(patch: pytest.MonkeyPatch) -> None:
 
 
 def takes_no_turn_in_a_new_epoch(patch: pytest.MonkeyPatch) -> None:
-    def begins(self: Agent, frame: Frame) -> bool:
-        if self._turned is not None and frame.number <= self._turned.number:
+    def begins(self: Agent, cycle: Cycle) -> bool:
+        if self._turned is not None and cycle.number <= self._turned.number:
             return False
-        self._turned = frame
+        self._turned = cycle
         return True
 
     patch.setattr(Agent, "_begins_turn", begins)
@@ -163,7 +163,7 @@ _GONE = Fault("crash", 8.0, 1.0, ("avoid",))
 
 BUGS = (
     Bug(obeys_smaller_ballots, Promise.ONE_DRIVER, case(lasts=12.0)),
-    Bug(obeys_old_frames, Promise.FRESH, case(_LATE)),
+    Bug(obeys_old_cycles, Promise.FRESH, case(_LATE)),
     Bug(never_yields, Promise.ONE_HOLDER, case(_WILD, scenario="rooms-b")),
     Bug(starts_from_no_echo, Promise.OBEYED, case(_SLOW, _LONE)),
     Bug(orders_no_stop, Promise.SILENCE, case(_CUT)),
@@ -209,7 +209,7 @@ def test_every_promise_has_a_bug_that_breaks_it() -> None:
 def test_what_a_bug_breaks_is_shrunk_to_the_faults_that_matter(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
-    obeys_old_frames(monkeypatch)
+    obeys_old_cycles(monkeypatch)
     outcome = next(
         found
         for seed in range(30)

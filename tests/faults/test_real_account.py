@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from armadico.messages import Ballot, BidHistory, BidRecord, Command, Frame, RobotState, Truth
+from armadico.messages import Ballot, BidHistory, BidRecord, Command, Cycle, RobotState, Truth
 from armadico.tools.faults.observations import Ordered, Passed, Said
 from armadico.tools.faults.real_account import Account
 
@@ -14,8 +14,8 @@ def ballot(term: int, who: str) -> Ballot:
 
 
 def state(number: int, by: Ballot | None = None, answered: int = 0, v: float = 0.3) -> RobotState:
-    at = None if by is None else Frame(1, answered)
-    return RobotState(Frame(1, number), 0, 0, 0, v, 0, 12, True, False, by, by, at)
+    at = None if by is None else Cycle(1, answered)
+    return RobotState(Cycle(1, number), 0, 0, 0, v, 0, 12, True, False, by, by, at)
 
 
 def truth(t: float, v: float) -> Truth:
@@ -25,9 +25,9 @@ def truth(t: float, v: float) -> Truth:
 def test_the_next_obeyed_command_is_the_one_that_the_echo_shows() -> None:
     account = Account()
     first, second = ballot(1, OLD), ballot(2, NEW)
-    account.take(Said(1.00, Command(Frame(1, 10), first, 0.3, 0.0)))
+    account.take(Said(1.00, Command(Cycle(1, 10), first, 0.3, 0.0)))
     account.take(Said(1.10, state(11, first, 10)))
-    account.take(Said(1.15, Command(Frame(1, 11), second, 0.3, 0.0)))
+    account.take(Said(1.15, Command(Cycle(1, 11), second, 0.3, 0.0)))
     assert account.obeyed_after(1.12) is None, "said, and not known to be obeyed"
     account.take(Said(1.20, state(12, second, 11)))
     assert account.obeyed_after(1.12) == 1.15
@@ -37,7 +37,7 @@ def test_the_next_obeyed_command_is_the_one_that_the_echo_shows() -> None:
 
 def test_what_was_said_before_and_echoed_after_does_not_count() -> None:
     account = Account()
-    account.take(Said(1.00, Command(Frame(1, 10), ballot(1, OLD), 0.3, 0.0)))
+    account.take(Said(1.00, Command(Cycle(1, 10), ballot(1, OLD), 0.3, 0.0)))
     account.take(Said(1.10, state(11, ballot(1, OLD), 10)))
     assert account.obeyed_after(1.05) is None
 
@@ -74,7 +74,7 @@ def test_tokens_come_and_go_and_are_counted_from_when_they_came() -> None:
 
 def test_bids_count_for_a_while() -> None:
     account = Account()
-    record = BidRecord(Frame(1, 5), "wheels", 0.6, False, (0.3, 0.0), "leg 0")
+    record = BidRecord(Cycle(1, 5), "wheels", 0.6, False, (0.3, 0.0), "leg 0")
     account.take(Said(1.0, BidHistory(NEW, (record,))))
     assert account.bids_now(NEW)
     account.take(Ordered(4.0, 0.0, 0.0))
@@ -86,15 +86,15 @@ def test_late_commands_are_those_of_a_ballot_of_before() -> None:
     account = Account()
     before = ballot(3, OLD)
     for at, by in ((1.0, before), (2.0, before), (2.1, ballot(5, OLD)), (2.2, ballot(2, NEW))):
-        account.take(Said(at, Command(Frame(1, 10), by, 0.3, 0.0)))
+        account.take(Said(at, Command(Cycle(1, 10), by, 0.3, 0.0)))
     assert account.late_commands(OLD, 1.5, before) == 1
 
 
-def test_the_share_of_frames_in_which_somebody_was_obeyed() -> None:
+def test_the_share_of_cycles_in_which_somebody_was_obeyed() -> None:
     account = Account()
     for number in range(10, 20):
         account.take(Said(number / 10, state(number, ballot(1, OLD), min(number, 12))))
-    assert account.share_obeyed(1.0) == 0.6  # frames 10 to 15 are within 3 of the last obeyed
+    assert account.share_obeyed(1.0) == 0.6  # cycles 10 to 15 are within 3 of the last obeyed
     assert not account.obeyed_lately()
 
 

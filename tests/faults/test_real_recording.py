@@ -11,7 +11,7 @@ from armadico.messages import (
     Ballot,
     BidHistory,
     BidRecord,
-    Frame,
+    Cycle,
     Message,
     Pose,
     RobotState,
@@ -31,12 +31,12 @@ GOTO = "goto-0000000000000001"
 def state(number: int, term: int) -> RobotState:
     by = Ballot(term, 0.6, False, GOTO)
     return RobotState(
-        Frame(1, number), 0, 0, 0, 0.3, 0, 12, True, False, by, by, Frame(1, number - 1)
+        Cycle(1, number), 0, 0, 0, 0.3, 0, 12, True, False, by, by, Cycle(1, number - 1)
     )
 
 
 def kept(path: Path, terms: list[int]) -> Path:
-    """A recording of frames in which ballots of these terms are obeyed."""
+    """A recording of cycles in which ballots of these terms are obeyed."""
     recording = Recording(path)
 
     def said(at: float, key: str, message: Message, *, asked: bool = False) -> None:
@@ -45,10 +45,10 @@ def kept(path: Path, terms: list[int]) -> Path:
     recording.take(Presence("robot1", "goto", GOTO, True, SECOND))
     for number, term in enumerate(terms, 10):
         said(1 + number / 10, "robot/state", state(number, term))
-    record = BidRecord(Frame(1, 8 + len(terms)), "wheels", 0.6, False, (0.3, 0.0), "leg 0")
+    record = BidRecord(Cycle(1, 8 + len(terms)), "wheels", 0.6, False, (0.3, 0.0), "leg 0")
     end = 2 + len(terms) / 10
     said(end, f"agent/goto/{GOTO}/bids", BidHistory(GOTO, (record,)), asked=True)
-    said(end, "encoder/pose", Pose(Frame(1, 9), 0, 0, 0))
+    said(end, "encoder/pose", Pose(Cycle(1, 9), 0, 0, 0))
     recording.take(Presence("robot1", "goto", GOTO, False, int(end * SECOND)))
     recording.close()
     return path

@@ -1,4 +1,4 @@
-"""A stage for one agent: frames are handed to it, and what it says is kept; no mesh, no clock."""
+"""A stage for one agent: cycles are handed to it, and what it says is kept; no mesh, no clock."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ from armadico.messages import (
     BidRecord,
     Claim,
     Command,
-    Frame,
+    Cycle,
     Message,
     Obstacles,
     Point,
@@ -26,7 +26,7 @@ NO_STOP = Stop()
 
 
 class Stage:
-    """Hands an agent what a frame brings, and keeps what it says."""
+    """Hands an agent what a cycle brings, and keeps what it says."""
 
     def __init__(self, agent: Agent, epoch: int = 1) -> None:
         self.agent = agent
@@ -38,9 +38,9 @@ class Stage:
         self.said: list[Message] = []
 
     @property
-    def at(self) -> Frame:
-        """The frame that the robot is at."""
-        return Frame(self.epoch, self.number)
+    def at(self) -> Cycle:
+        """The cycle that the robot is at."""
+        return Cycle(self.epoch, self.number)
 
     def hand(self, *messages: Message) -> list[Message]:
         """Give it messages, one after another; what it says to them."""
@@ -55,31 +55,31 @@ class Stage:
         self.said += said
         return said
 
-    def state(self, stop: Stop = NO_STOP, *, frames: int = 1) -> list[Message]:
-        """So many frames later, the robot's state; it obeyed what the agent last commanded."""
-        self.number += frames
-        self.now += 0.1 * frames
+    def state(self, stop: Stop = NO_STOP, *, cycles: int = 1) -> list[Message]:
+        """So many cycles later, the robot's state; it obeyed what the agent last commanded."""
+        self.number += cycles
+        self.now += 0.1 * cycles
         obeyed = next((c for c in reversed(self.said) if isinstance(c, Command)), None)
-        ballot, at = (obeyed.ballot, obeyed.frame) if obeyed is not None else (None, None)
+        ballot, at = (obeyed.ballot, obeyed.cycle) if obeyed is not None else (None, None)
         v, w = self.speed
         return self.hand(
             RobotState(self.at, 0, 0, 0, v, w, 12, True, False, ballot, ballot, at, stop)
         )
 
-    def frame(
-        self, stop: Stop = NO_STOP, *, frames: int = 1, points: Iterable[Point] = ()
+    def cycle(
+        self, stop: Stop = NO_STOP, *, cycles: int = 1, points: Iterable[Point] = ()
     ) -> list[Message]:
         """The same with pose and obstacles, the one that it reacts to last."""
-        said = self.state(stop, frames=frames)
+        said = self.state(stop, cycles=cycles)
         brought = [obstacles(self.at, *points), Pose(self.at, *self.pose)]
         brought.sort(key=lambda message: type(message) is self.agent.reacts_to)
         return said + self.hand(*brought)
 
     def holding(self, *, points: Iterable[Point] = ()) -> list[Message]:
-        """Frames until it has taken the resource that nobody else wants; the last one's words."""
+        """Cycles until it has taken the resource that nobody else wants; the last one's words."""
         points = tuple(points)
         for _ in range(4):
-            said = self.frame(points=points)
+            said = self.cycle(points=points)
         assert claims(said), "it has no bid"
         return said
 
@@ -88,7 +88,7 @@ class Stage:
         return self.agent.bids[-1]
 
 
-def obstacles(frame: Frame, *points: Point) -> Obstacles:
+def obstacles(cycle: Cycle, *points: Point) -> Obstacles:
     """Points with the nearest of all, in front and at each side told apart (thesis 3.4.2)."""
     near = sorted(points, key=lambda p: hypot(p.x, p.y))
 
@@ -96,7 +96,7 @@ def obstacles(frame: Frame, *points: Point) -> Obstacles:
         return next((p for p in near if low <= degrees(atan2(p.y, p.x)) < high), None)
 
     closest = near[0] if near else None
-    return Obstacles(frame, closest, first(-40, 40), first(40, 120), first(-120, -40), points)
+    return Obstacles(cycle, closest, first(-40, 40), first(40, 120), first(-120, -40), points)
 
 
 def drive_to(*waypoints: tuple[float, float, float], mission: int = 1) -> Trajectory:

@@ -21,7 +21,7 @@ from armadico.agent import (
     Social,
 )
 from armadico.exchange import Bid
-from armadico.messages import Frame, Message, Obstacles, Pose, RobotState, Stop
+from armadico.messages import Cycle, Message, Obstacles, Pose, RobotState, Stop
 from armadico.resources import WHEELS
 from armadico.services import Kind, Service
 
@@ -44,13 +44,13 @@ class Driver(Agent):
     def __init__(self, parameters: Parameters | None = None) -> None:
         super().__init__(Identity("driver-1", "here", 42, "9.9"), parameters)
         self.next: Bid | None = Bid(0.5, ACTION)
-        self.turns: list[Frame] = []
+        self.turns: list[Cycle] = []
         self.heard: list[Message] = []
         self.reply: m.MissionReply | None = None
         self.woken: list[float] = []
 
     def bid(self, message: Pose) -> Bid | None:
-        self.turns.append(message.frame)
+        self.turns.append(message.cycle)
         if self.next is None:
             self.why = "told not to"
         return self.next
@@ -75,37 +75,37 @@ def stage(driver: Driver) -> Stage:
     return Stage(driver)
 
 
-def test_the_frame_in_which_everything_is_there_is_answered_in_it(stage: Stage) -> None:
+def test_the_cycle_in_which_everything_is_there_is_answered_in_it(stage: Stage) -> None:
     for _ in range(4):
-        said = stage.frame()
+        said = stage.cycle()
     command, claim = said
     assert isinstance(command, m.Command)
     assert isinstance(claim, m.Claim)
     assert (command.v, command.w) == claim.commanded == claim.wanted == ACTION
-    assert command.frame == claim.frame == stage.at
+    assert command.cycle == claim.cycle == stage.at
     assert command.ballot == claim.ballot
     assert claim.ballot.instance == "driver-1"
 
 
-def test_one_bid_a_frame_however_often_the_message_comes(stage: Stage, driver: Driver) -> None:
-    stage.frame()
+def test_one_bid_a_cycle_however_often_the_message_comes(stage: Stage, driver: Driver) -> None:
+    stage.cycle()
     pose = Pose(stage.at, 0, 0, 0)
     assert stage.hand(pose, pose) == []
     assert driver.turns == [stage.at]
 
 
-def test_no_turn_for_an_older_frame_than_the_last(stage: Stage, driver: Driver) -> None:
-    stage.frame()
-    stage.frame()
-    stage.hand(Pose(Frame(1, 1), 0, 0, 0))
-    assert driver.turns == [Frame(1, 1), Frame(1, 2)]
+def test_no_turn_for_an_older_cycle_than_the_last(stage: Stage, driver: Driver) -> None:
+    stage.cycle()
+    stage.cycle()
+    stage.hand(Pose(Cycle(1, 1), 0, 0, 0))
+    assert driver.turns == [Cycle(1, 1), Cycle(1, 2)]
 
 
 def test_a_new_epoch_begins_turns_anew(stage: Stage, driver: Driver) -> None:
-    stage.frame(frames=50)
+    stage.cycle(cycles=50)
     stage.epoch, stage.number = 2, 0
-    stage.frame()
-    assert driver.turns[-1] == Frame(2, 1)
+    stage.cycle()
+    assert driver.turns[-1] == Cycle(2, 1)
 
 
 def test_nobody_bids_before_the_robots_state_was_heard(stage: Stage, driver: Driver) -> None:
@@ -118,11 +118,11 @@ def test_nobody_bids_before_the_robots_state_was_heard(stage: Stage, driver: Dri
 def test_nobody_bids_on_what_is_stale_and_it_says_what_that_was(
     stage: Stage, driver: Driver
 ) -> None:
-    stage.frame()
+    stage.cycle()
     for _ in range(3):
         stage.state()
         stage.hand(Pose(stage.at, 0, 0, 0))
-    assert len(driver.turns) == 4  # obstacles are good for three frames
+    assert len(driver.turns) == 4  # obstacles are good for three cycles
     stage.state()
     said = stage.hand(Pose(stage.at, 0, 0, 0))
     assert len(driver.turns) == 4
@@ -133,27 +133,27 @@ def test_nobody_bids_on_what_is_stale_and_it_says_what_that_was(
 
 
 def test_nobody_bids_when_the_robot_agent_is_silent(stage: Stage, driver: Driver) -> None:
-    stage.frame()
+    stage.cycle()
     stage.now += 0.31
-    stage.hand(Pose(Frame(1, stage.number + 1), 0, 0, 0))
+    stage.hand(Pose(Cycle(1, stage.number + 1), 0, 0, 0))
     assert len(driver.turns) == 1
     assert driver.bids[-1].reason == "no fresh robot/state"
 
 
 def test_what_is_too_old_or_not_yet_there_is_not_even_kept(stage: Stage, driver: Driver) -> None:
-    stage.frame(frames=10)
+    stage.cycle(cycles=10)
     for number in (6, 14):
-        stage.hand(Pose(Frame(1, number), 9, 9, 9))
-        assert driver.latest(Pose) == Pose(Frame(1, 10), 0, 0, 0)
-    stage.hand(Pose(Frame(1, 13), 1, 0, 0))
-    assert driver.fresh(Pose) == Pose(Frame(1, 13), 1, 0, 0)
+        stage.hand(Pose(Cycle(1, number), 9, 9, 9))
+        assert driver.latest(Pose) == Pose(Cycle(1, 10), 0, 0, 0)
+    stage.hand(Pose(Cycle(1, 13), 1, 0, 0))
+    assert driver.fresh(Pose) == Pose(Cycle(1, 13), 1, 0, 0)
 
 
 def test_freshness_is_each_services_own(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(services, "_by_message", dict(services._by_message))
 
     class Hum(Message, frozen=True):
-        frame: Frame
+        cycle: Cycle
 
     class Listener(Agent):
         name = "listener"
@@ -164,7 +164,7 @@ def test_freshness_is_each_services_own(monkeypatch: pytest.MonkeyPatch) -> None
     stage = Stage(listener)
     stage.state()
     stage.hand(Hum(stage.at), Pose(stage.at, 0, 0, 0))
-    stage.state(frames=8)
+    stage.state(cycles=8)
     assert listener.fresh(Pose) is None
     assert listener.fresh(Hum) is not None
     stage.state()
@@ -189,10 +189,10 @@ def test_a_bid_that_is_not_sound_is_a_release_and_is_said_to_people(
     stage: Stage, driver: Driver, bid: Bid
 ) -> None:
     for _ in range(4):
-        stage.frame()
+        stage.cycle()
     assert driver.holds(WHEELS)
     driver.next = bid
-    said = stage.frame()
+    said = stage.cycle()
     assert not driver.holds(WHEELS)
     assert [claim.utility for claim in claims(said)] == [None]
     assert [(c.v, c.w) for c in commands(said)] == [(0.0, 0.0)]
@@ -206,10 +206,10 @@ def test_why_there_was_no_bid_is_remembered_for_that_frame_only(
     stage: Stage, driver: Driver
 ) -> None:
     driver.next = None
-    stage.frame()
+    stage.cycle()
     assert driver.bids[-1].reason == "told not to"
     driver.next = Bid(0.5, ACTION, reason="because")
-    stage.frame()
+    stage.cycle()
     record = driver.bids[-1]
     assert (record.utility, record.wanted, record.reason) == (0.5, ACTION, "because")
     assert record.inputs == ("encoder/pose", "sonar/obstacles")
@@ -218,11 +218,11 @@ def test_why_there_was_no_bid_is_remembered_for_that_frame_only(
 
 def test_bids_remembered_are_bounded_and_can_be_asked_for(stage: Stage, driver: Driver) -> None:
     for _ in range(BIDS_REMEMBERED + 5):
-        stage.frame()
+        stage.cycle()
     history = driver.history()
     assert history.instance == "driver-1"
     assert len(history.bids) == BIDS_REMEMBERED
-    assert [bid.frame.number for bid in history.bids] == list(range(6, BIDS_REMEMBERED + 6))
+    assert [bid.cycle.number for bid in history.bids] == list(range(6, BIDS_REMEMBERED + 6))
     assert m.decode(m.encode(history), m.BidHistory) == history
 
 
@@ -233,28 +233,28 @@ STOPPED, RELEASED = Stop(5, True, "somebody"), Stop(6, False, "somebody")
 
 def test_nobody_bids_while_the_robot_is_stopped(stage: Stage, driver: Driver) -> None:
     for _ in range(4):
-        stage.frame()
-    said = stage.frame(STOPPED)
+        stage.cycle()
+    said = stage.cycle(STOPPED)
     assert [claim.utility for claim in claims(said)] == [None]
     turns = len(driver.turns)
-    assert stage.frame(STOPPED) == []
+    assert stage.cycle(STOPPED) == []
     assert len(driver.turns) == turns
     assert driver.bids[-1].reason == "stopped by somebody"
-    assert commands(stage.frame(RELEASED))
+    assert commands(stage.cycle(RELEASED))
 
 
 def test_a_new_epoch_that_has_forgotten_the_stop_is_answered_with_it(stage: Stage) -> None:
-    stage.frame(STOPPED)
+    stage.cycle(STOPPED)
     stage.epoch, stage.number = 2, 0
-    assert stage.frame(Stop()) == [STOPPED]
-    assert stage.frame(STOPPED) == []
+    assert stage.cycle(Stop()) == [STOPPED]
+    assert stage.cycle(STOPPED) == []
 
 
 def test_a_release_is_remembered_too(stage: Stage, driver: Driver) -> None:
-    stage.frame(STOPPED)
-    stage.frame(RELEASED)
+    stage.cycle(STOPPED)
+    stage.cycle(RELEASED)
     stage.epoch, stage.number = 2, 0
-    said = stage.frame(Stop())
+    said = stage.cycle(Stop())
     assert not [message for message in said if isinstance(message, Stop)]
     assert driver.bids[-1].utility == 0.5
 
@@ -262,12 +262,12 @@ def test_a_release_is_remembered_too(stage: Stage, driver: Driver) -> None:
 def test_a_stop_of_a_new_epoch_counts_though_its_counter_is_smaller(
     stage: Stage, driver: Driver
 ) -> None:
-    stage.frame(RELEASED)
+    stage.cycle(RELEASED)
     stage.epoch, stage.number = 2, 0
-    stage.frame(Stop(1, True, "another"))
+    stage.cycle(Stop(1, True, "another"))
     assert driver.stop_latch == Stop(1, True, "another")
     assert driver.bids[-1].reason == "stopped by another"
-    stage.frame(Stop(2, False, "another"))
+    stage.cycle(Stop(2, False, "another"))
     assert driver.bids[-1].utility == 0.5
 
 
@@ -275,7 +275,7 @@ def test_a_stop_of_a_new_epoch_counts_though_its_counter_is_smaller(
 
 
 def test_who_has_just_started_knows_no_stop_and_asks_for_none(stage: Stage) -> None:
-    assert stage.frame(STOPPED) == []
+    assert stage.cycle(STOPPED) == []
 
 
 def test_handlers_get_what_was_subscribed(stage: Stage, driver: Driver) -> None:
@@ -290,7 +290,7 @@ def test_it_subscribes_to_what_it_names_and_what_its_social_side_needs() -> None
 
 
 def test_the_card_says_who_it_is_and_what_it_offers(stage: Stage, driver: Driver) -> None:
-    stage.frame()
+    stage.cycle()
     card = driver.card()
     assert (card.name, card.instance, card.host, card.pid, card.version) == (
         "driver",
@@ -355,7 +355,7 @@ def test_a_wake_up_comes_once_and_not_before_its_time(driver: Driver) -> None:
 
 def test_leaving_lets_go_of_what_it_holds(stage: Stage, driver: Driver) -> None:
     for _ in range(4):
-        stage.frame()
+        stage.cycle()
     driver.stop(stage.now)
     said = stage.take()
     assert [(c.v, c.w) for c in commands(said)] == [(0.0, 0.0)]
@@ -374,7 +374,7 @@ def test_a_claim_of_another_shape_takes_nobody_down(stage: Stage, driver: Driver
 
 def test_a_claim_for_another_resource_is_none_of_its_business(stage: Stage, driver: Driver) -> None:
     for _ in range(4):
-        stage.frame()
+        stage.cycle()
     stage.hand(m.Claim("planner", m.Ballot(99, 1.0, True, "rival-1"), stage.at, 1.0))
     assert driver.holds(WHEELS)
 

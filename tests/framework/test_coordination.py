@@ -6,10 +6,10 @@ from itertools import pairwise
 from math import sin
 
 from armadico.coordination import TRANSITIONS, Contender, Event, State, Step, Verdict, beats
+from armadico.cycles import PERIOD, CycleClock
 from armadico.exchange import EXCHANGES, Bid
-from armadico.frames import PERIOD, FrameClock
 from armadico.mesh.virtual_presence import RECONNECT
-from armadico.messages import Ballot, Claim, Command, Frame, Stop
+from armadico.messages import Ballot, Claim, Command, Cycle, Stop
 from armadico.resources import WHEELS
 
 from .toys import ToyOwner, ToySociety, toy
@@ -24,7 +24,7 @@ def test_the_most_useful_holds_and_the_others_are_silent() -> None:
     assert len(speakers) == 1
 
 
-def test_talk_per_frame_does_not_grow_with_the_losers() -> None:
+def test_talk_per_cycle_does_not_grow_with_the_losers() -> None:
     def talk(losers: int) -> int:
         society = ToySociety(
             toy("winner", 0.9), *(toy(f"l{i}", 0.1 + i / 200) for i in range(losers))
@@ -37,14 +37,14 @@ def test_talk_per_frame_does_not_grow_with_the_losers() -> None:
     assert talk(2) == talk(20) == 100
 
 
-def test_a_better_bid_is_obeyed_in_the_frame_it_wins() -> None:
+def test_a_better_bid_is_obeyed_in_the_cycle_it_wins() -> None:
     society = ToySociety(toy("steady", 0.5), toy("riser", lambda now: 0.2 if now < 3.0 else 0.9))
     society.run(4.0)
     first = next((t, c) for t, c in society.owner.obeyed if c.ballot.instance.startswith("riser"))
     assert 3.0 <= first[0] < 3.0 + 0.1 + 0.02
 
 
-def test_two_rising_utilities_do_not_swap_each_frame() -> None:
+def test_two_rising_utilities_do_not_swap_each_cycle() -> None:
     society = ToySociety(
         toy("a", lambda now: min(0.2 + 0.02 * now, 1.0)),
         toy("b", lambda now: min(0.21 + 0.02 * now, 1.0)),
@@ -157,7 +157,7 @@ def test_a_restarted_owner_listens_before_it_obeys_and_goes_on_with_the_same_hol
     society.run(0.5)
     society.nodes["robot"] = society.mesh.add(ToyOwner(society.mesh.identity("robot", 1)))
     society.run(3.0)
-    assert society.owner.obeyed[0][1].frame.number >= 4
+    assert society.owner.obeyed[0][1].cycle.number >= 4
     assert {Verdict.LISTENING} >= {v for _, _, v in society.owner.refused}
     assert society.holders() == ["a"]
 
@@ -198,11 +198,11 @@ def test_a_beaten_holder_yields_when_it_hears_the_larger_ballot_of_its_term() ->
 def test_an_absurd_term_is_refused() -> None:
     society = ToySociety(toy("a", 0.9))
     society.run(1.0)
-    frame = society.owner.frames.newest
-    assert frame is not None
+    cycle = society.owner.cycles.newest
+    assert cycle is not None
     forged = Ballot(2**40, 1.0, True, "forger-1")
-    society.mesh.publish(Claim("wheels", forged, frame, 1.0), key="resource/wheels/utility")
-    society.mesh.publish(Command(frame, forged, 1.0, 0.0), key="robot/cmd/forger-1")
+    society.mesh.publish(Claim("wheels", forged, cycle, 1.0), key="resource/wheels/utility")
+    society.mesh.publish(Command(cycle, forged, 1.0, 0.0), key="robot/cmd/forger-1")
     society.run(1.0)
     assert set(society.obeyed_names()) == {"a"}
     assert Verdict.IMPLAUSIBLE in {v for _, _, v in society.owner.refused}
@@ -219,7 +219,7 @@ def test_every_transition_leads_somewhere_else() -> None:
 
 def test_beats_is_by_margin_or_by_being_critical() -> None:
     ballot = Ballot(1, 0.5, False, "x")
-    claim = Claim("wheels", ballot, Frame(1, 1), 0.5)
+    claim = Claim("wheels", ballot, Cycle(1, 1), 0.5)
     assert not beats(Bid(0.55, ()), claim, 0.05)
     assert beats(Bid(0.56, ()), claim, 0.05)
     assert beats(Bid(0.5, (), critical=True), claim, 0.05)
@@ -240,7 +240,7 @@ def test_who_was_away_itself_does_not_believe_that_the_holder_has_gone() -> None
     assert set(society.obeyed_names()) == {"a"}
 
 
-def test_who_comes_back_after_a_long_hang_is_not_put_off_by_the_frames_it_missed() -> None:
+def test_who_comes_back_after_a_long_hang_is_not_put_off_by_the_cycles_it_missed() -> None:
     society = ToySociety(toy("a", 0.9))
     society.run(2.0)
     society.nodes["a"].hang()
@@ -265,19 +265,19 @@ def test_what_a_holder_commanded_that_died_long_ago_is_not_where_an_exchange_beg
 
 
 def taken_over_from_a_release(age: int) -> float:
-    """The speed that is commanded first by who takes up a release of so many frames ago."""
-    frames = FrameClock()
+    """The speed that is commanded first by who takes up a release of so many cycles ago."""
+    cycles = CycleClock()
     for number in range(1, 6):
-        frames.advance(Frame(1, number), number * PERIOD)
-    now, at = 5 * PERIOD, Frame(1, 5)
-    contender = Contender(WHEELS, "b-1", frames, EXCHANGES["smooth"])
+        cycles.advance(Cycle(1, number), number * PERIOD)
+    now, at = 5 * PERIOD, Cycle(1, 5)
+    contender = Contender(WHEELS, "b-1", cycles, EXCHANGES["smooth"])
     released = Ballot(3, 0.6, False, "a-1")
-    contender.hear(Claim("wheels", released, Frame(1, 5 - age), None, commanded=(0.0, 0.0)), now)
+    contender.hear(Claim("wheels", released, Cycle(1, 5 - age), None, commanded=(0.0, 0.0)), now)
     said = contender.bid(at, Bid(0.6, (0.5, 0.0)), (0.4, 0.0), now)
     return next(command.v for command in said if isinstance(command, Command))
 
 
-def test_what_went_with_a_release_is_not_where_an_exchange_begins_frames_later() -> None:
+def test_what_went_with_a_release_is_not_where_an_exchange_begins_cycles_later() -> None:
     assert taken_over_from_a_release(0) < 0.4
     assert taken_over_from_a_release(1) < 0.4
     assert taken_over_from_a_release(2) >= 0.4

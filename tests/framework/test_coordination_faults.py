@@ -9,7 +9,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from armadico.agent import Agent
-from armadico.frames import PERIOD
+from armadico.cycles import PERIOD
 from armadico.mesh.virtual import VirtualMesh
 from armadico.resources import WHEELS
 
@@ -124,7 +124,7 @@ def test_promises_hold_under_faults(contenders: int, seed: int, data: st.DataObj
         ballots = [command.ballot for _, command in owner.obeyed]
         assert ballots == sorted(ballots), "an obeyed ballot went down within an epoch"
     counts = []
-    for _ in range(5):  # an exchange under way may show two, never for 5 frames
+    for _ in range(5):  # an exchange under way may show two, never for 5 cycles
         mesh.run(mesh.now + PERIOD)
         counts.append(len(_holders(mesh)))
     assert min(counts) == 1, f"holders in a whole network: {_holders(mesh)}"

@@ -1,4 +1,4 @@
-"""A toy society: an owner that makes frames and obeys, and contenders with made-up utilities."""
+"""A toy society: an owner that makes cycles and obeys, and contenders with made-up utilities."""
 
 from __future__ import annotations
 
@@ -9,11 +9,11 @@ import msgspec
 
 from armadico.agent import Agent, Identity, Parameters
 from armadico.coordination import Owner, Verdict
+from armadico.cycles import PERIOD
 from armadico.exchange import Bid
-from armadico.frames import PERIOD
 from armadico.mesh.virtual import VirtualMesh
 from armadico.mesh.virtual_node import Node
-from armadico.messages import Claim, Command, Frame, Message, RobotState, Stop
+from armadico.messages import Claim, Command, Cycle, Message, RobotState, Stop
 from armadico.resources import WHEELS
 from armadico.services import Service
 
@@ -29,7 +29,7 @@ class ToyOwner(Agent):
 
     def __init__(self, identity: Identity) -> None:
         super().__init__(identity)
-        self.owner = Owner(self.frames)
+        self.owner = Owner(self.cycles)
         self.epoch = self.rng.getrandbits(63)
         self.number = 0
         self.obeyed: list[tuple[float, Command]] = []
@@ -52,13 +52,13 @@ class ToyOwner(Agent):
     def on_wakeup(self) -> None:
         self.wake_at(self.now + PERIOD)
         self.number += 1
-        frame = Frame(self.epoch, self.number)
-        self.frames.advance(frame, self.now)
+        cycle = Cycle(self.epoch, self.number)
+        self.cycles.advance(cycle, self.now)
         o = self.owner
         v, w = self.speed
         self.publish(
             RobotState(
-                frame,
+                cycle,
                 0,
                 0,
                 0,
@@ -69,7 +69,7 @@ class ToyOwner(Agent):
                 False,
                 o.largest,
                 o.obeyed,
-                o.obeyed_frame,
+                o.obeyed_cycle,
                 self.latch,
             )
         )
@@ -83,7 +83,7 @@ class ToyOwner(Agent):
 
     def on_command(self, command: Command) -> None:
         verdict = self.owner.judge(
-            command.frame, command.ballot, stopped=self.latch.stopped, sound=abs(command.v) < 2
+            command.cycle, command.ballot, stopped=self.latch.stopped, sound=abs(command.v) < 2
         )
         if verdict is Verdict.OBEYED:
             self.speed = (command.v, command.w)
@@ -93,7 +93,7 @@ class ToyOwner(Agent):
 
 
 class Toy(Agent):
-    """Bids what a function of time says, each frame."""
+    """Bids what a function of time says, each cycle."""
 
     reacts_to = RobotState
     needs = (RobotState,)
@@ -104,7 +104,7 @@ class Toy(Agent):
     every: ClassVar[int] = 1
 
     def bid(self, message: RobotState) -> Bid | None:
-        if message.frame.number % self.every:
+        if message.cycle.number % self.every:
             return None
         utility = type(self).utility(self.now)
         return None if utility is None else Bid(utility, self.action, self.critical)

@@ -45,15 +45,15 @@ def test_a_second_robot_agent_does_not_start_and_names_the_first(
     first = children(up("robot"))["robot"]
     observer.until(lambda: observer.states, "the robot talks")
     ((_, instance),) = observer.client.alive
-    epoch = observer.state.frame.epoch
+    epoch = observer.state.cycle.epoch
     second = call("robot", "--host", "lab1", program="armadico-agent")
     assert second.returncode == 2
     assert f"another robot agent is there already: {instance} (host robot, pid {first.pid}," in (
         second.stderr
     )
     assert "is open" not in second.stderr, "it did not touch the port"
-    observer.frames(3)
-    assert observer.state.frame.epoch == epoch
+    observer.cycles(3)
+    assert observer.state.cycle.epoch == epoch
     assert {who for _, who in observer.client.alive} == {instance}
 
 
@@ -76,7 +76,7 @@ def test_of_two_that_start_in_one_instant_exactly_one_drives(
     said = left.stderr.read()
     assert f"pid {stayed.pid}" in said
     assert "is open" not in said, "it did not touch the port"
-    assert len({state.frame.epoch for state in observer.states}) == 1
+    assert len({state.cycle.epoch for state in observer.states}) == 1
 
 
 def test_the_robot_agent_of_one_that_was_killed_is_in_nobodys_way(
@@ -84,9 +84,9 @@ def test_the_robot_agent_of_one_that_was_killed_is_in_nobodys_way(
 ) -> None:
     process = up("robot")
     observer.until(lambda: observer.states, "the robot talks")
-    epoch = observer.state.frame.epoch
+    epoch = observer.state.cycle.epoch
     children(process)["robot"].kill()
-    observer.until(lambda: observer.state.frame.epoch != epoch, "another talks")
+    observer.until(lambda: observer.state.cycle.epoch != epoch, "another talks")
 
 
 # One protocol -------------------------------------------------------------------------------------
@@ -117,7 +117,7 @@ def test_one_of_another_protocol_that_joins_all_the_same_is_not_obeyed_and_is_na
         return
     named = f"host lab2, pid {stranger.pid}) speaks protocol {PROTOCOL + 1}"
     observer.until(lambda: any(named in text for text in observer.logs), "it is named")
-    observer.frames(10)
+    observer.cycles(10)
     assert observer.state.obeyed is None
     assert observer.state.largest is None, "its claims bind nobody either"
 

@@ -109,9 +109,9 @@ def test_a_simulator_that_dies_comes_back_where_it_was(up: Start, observer: Obse
     process = up("robot")
     observer.until(lambda: observer.truths and observer.states, "the robot talks")
     children(process)["simulator"].kill()
-    frames = len(observer.states)
+    cycles = len(observer.states)
     observer.until(lambda: any("is gone:" in text for text in observer.logs), "it is missed")
-    observer.until(lambda: len(observer.states) > frames + 10, "the robot talks again")
+    observer.until(lambda: len(observer.states) > cycles + 10, "the robot talks again")
 
 
 def test_the_scenario_says_who_takes_part_and_the_command_line_says_more(

@@ -47,7 +47,7 @@ APART: dict[str, tuple[str, ...]] = {"armadico": ("armadico.cli",)}
 """The commands are the framework's upper floor: they start everything, so they may know it."""
 
 SANS_IO = (
-    *("agent", "coordination", "exchange", "frames", "fuzzy", "geometry", "mailbox", "measures"),
+    *("agent", "coordination", "exchange", "cycles", "fuzzy", "geometry", "mailbox", "measures"),
     *("messages", "resources", "services", "society", "mesh.virtual", "rehearsal"),
     *("admission", "census", "supervision"),
 )

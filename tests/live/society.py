@@ -95,11 +95,11 @@ class Observer:
 
     def obeyed_lately(self) -> bool:
         state = self.state
-        at = state.obeyed_frame
+        at = state.obeyed_cycle
         return (
             at is not None
-            and at.epoch == state.frame.epoch
-            and (state.frame.number - at.number <= 3)
+            and at.epoch == state.cycle.epoch
+            and (state.cycle.number - at.number <= 3)
         )
 
     def driving(self) -> bool:
@@ -111,24 +111,24 @@ class Observer:
     def at_rest(self) -> bool:
         return abs(self.truths[-1].v) < 0.01 and abs(self.truths[-1].w) < 0.01
 
-    def frames(self, count: int) -> None:
-        """Let so many frames pass."""
-        last = self.state.frame.number + count
-        self.until(lambda: self.state.frame.number >= last, f"frame {last}")
+    def cycles(self, count: int) -> None:
+        """Let so many cycles pass."""
+        last = self.state.cycle.number + count
+        self.until(lambda: self.state.cycle.number >= last, f"cycle {last}")
 
     def truths_pass(self, count: int) -> None:
         """Let so many cycles of the simulator pass."""
         last = len(self.truths) + count
         self.until(lambda: len(self.truths) >= last, f"{count} cycles")
 
-    def drives_on(self, frames: int = 8) -> None:
-        """Somebody is obeyed for frames that come after this call, and the robot moves."""
-        first = self.state.frame
+    def drives_on(self, cycles: int = 8) -> None:
+        """Somebody is obeyed for cycles that come after this call, and the robot moves."""
+        first = self.state.cycle
 
         def on() -> bool:
-            at = self.state.obeyed_frame
+            at = self.state.obeyed_cycle
             behind = at is not None and (
-                at.epoch != first.epoch or at.number >= first.number + frames
+                at.epoch != first.epoch or at.number >= first.number + cycles
             )
             return behind and self.driving()
 
@@ -219,12 +219,12 @@ class Society(Observer):
 
 
 def ballots_never_go_down(states: list[RobotState]) -> None:
-    """What is refused by, and what is obeyed, only grows within an epoch; nor do frames."""
+    """What is refused by, and what is obeyed, only grows within an epoch; nor do cycles."""
     for before, after in pairwise(states):
-        if before.frame.epoch != after.frame.epoch:
+        if before.cycle.epoch != after.cycle.epoch:
             continue
         fell = (
-            after.frame <= before.frame
+            after.cycle <= before.cycle
             or _rank(after.largest) < _rank(before.largest)
             or _rank(after.obeyed) < _rank(before.obeyed)
         )

@@ -14,7 +14,7 @@ from tests.live.society import Society, ballots_never_go_down
 
 pytestmark = pytest.mark.live
 
-MOST_FRAMES = 6
+MOST_CYCLES = 6
 """Between two commands that were obeyed, over a handover: 2 or 3 when all is well."""
 
 
@@ -38,9 +38,9 @@ def with_two_drivers(start: Start) -> tuple[Society, str, str]:
     return society, holder, other
 
 
-def most_frames_between_obeyed_commands(society: Society) -> int:
+def most_cycles_between_obeyed_commands(society: Society) -> int:
     """From the first obeyed command to the last."""
-    numbers = [s.obeyed_frame.number for s in society.states if s.obeyed_frame is not None]
+    numbers = [s.obeyed_cycle.number for s in society.states if s.obeyed_cycle is not None]
     return max(b - a for a, b in pairwise(numbers))
 
 
@@ -52,7 +52,7 @@ def test_when_the_holder_is_killed_another_drives_on(start: Start) -> None:
     society.until(lambda: society.holder == other, "the other is obeyed")
     society.drives_on()
     assert society.holder == other
-    assert most_frames_between_obeyed_commands(society) <= MOST_FRAMES
+    assert most_cycles_between_obeyed_commands(society) <= MOST_CYCLES
     assert holder not in {instance for _, instance in society.client.alive}
     ballots_never_go_down(society.states)
 
@@ -64,12 +64,12 @@ def test_when_the_holder_hangs_another_drives_on_and_the_old_one_comes_back_in_v
     first = next(p for p in society.launcher.processes if p.name == "goto")
     first.popen.send_signal(SIGSTOP)
     society.until(lambda: society.holder == other, "the other is obeyed")
-    society.drives_on(15)  # frames: the old one's lease runs out
+    society.drives_on(15)  # cycles: the old one's lease runs out
     woken = len(society.states)
     first.popen.send_signal(SIGCONT)
     society.drives_on()
     assert {s.obeyed.instance for s in society.states[woken:] if s.obeyed} == {other}
-    assert most_frames_between_obeyed_commands(society) <= MOST_FRAMES
+    assert most_cycles_between_obeyed_commands(society) <= MOST_CYCLES
     ballots_never_go_down(society.states)
 
 

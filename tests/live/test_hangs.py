@@ -39,7 +39,7 @@ def test_those_who_do_not_drive_may_hang_and_come_back(start: Start) -> None:
     holder = society.holder
     for name in ("gothrough", "avoid"):
         society.send(name, SIGSTOP)
-        society.drives_on(15)  # frames: longer than the lease
+        society.drives_on(15)  # cycles: longer than the lease
         society.send(name, SIGCONT)
         society.drives_on()
         assert society.holder == holder

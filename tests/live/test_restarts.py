@@ -1,4 +1,4 @@
-"""The robot agent and the simulator come back: no lurch, the same frames, the same driver."""
+"""The robot agent and the simulator come back: no lurch, the same cycles, the same driver."""
 
 from __future__ import annotations
 
@@ -20,13 +20,13 @@ def test_a_new_robot_agent_begins_with_zero_speeds_and_the_same_holder_drives_on
 ) -> None:
     """With nobody to outbid it, it must go on from the largest ballot that it knows of itself."""
     society = start(structs.replace(LINE, agents=("encoder", "sonar", "goto", "interface")))
-    holder, epoch = society.holder, society.state.frame.epoch
+    holder, epoch = society.holder, society.state.cycle.epoch
     society.kill("robot")
     society.truths_pass(5)
     society.until(society.at_rest, "the controller's watchdog stops the wheels")
     mark = len(society.tap.packets)
     society.restart("robot")
-    society.until(lambda: society.state.frame.epoch != epoch, "a new epoch")
+    society.until(lambda: society.state.cycle.epoch != epoch, "a new epoch")
     society.drives_on()
     said = society.tap.commands(mark)
     assert said[:2] == [decode_command(payload) for payload in Decoder().feed(ZERO)]
@@ -39,12 +39,12 @@ def test_a_new_robot_agent_begins_with_zero_speeds_and_the_same_holder_drives_on
 
 def test_a_simulator_that_comes_back_is_driven_on(start: Start) -> None:
     society = start()
-    epoch = society.state.frame.epoch
+    epoch = society.state.cycle.epoch
     society.kill("simulator")
     society.until(lambda: any("is gone" in text for text in society.logs), "the port is gone")
     society.launcher.start_simulator(society.tap.port)
-    number = society.state.frame.number
-    society.until(lambda: society.state.frame.number > number, "frames again")
+    number = society.state.cycle.number
+    society.until(lambda: society.state.cycle.number > number, "cycles again")
     society.drives_on()
-    assert society.state.frame.epoch == epoch, "the robot agent is the same"
+    assert society.state.cycle.epoch == epoch, "the robot agent is the same"
     society.nobody_else_died()

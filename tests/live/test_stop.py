@@ -46,10 +46,10 @@ def test_a_stop_outlives_the_robot_agent_and_whoever_asked_for_it(start: Start) 
     mark = len(society.tap.packets)
     assert armadico("stop").returncode == 0
     society.stops(mark)
-    epoch = society.state.frame.epoch
+    epoch = society.state.cycle.epoch
     society.kill("robot")
     society.restart("robot")
-    society.until(lambda: society.state.frame.epoch != epoch, "a new epoch")
+    society.until(lambda: society.state.cycle.epoch != epoch, "a new epoch")
     society.until(lambda: society.state.stop.stopped, "the others remember the stop")
     society.nobody_drives(15)
     assert armadico("resume").returncode == 0

@@ -10,7 +10,7 @@ from pathlib import Path
 import pytest
 
 from armadico.client import Client
-from armadico.messages import Card, Frame, Plan, PlanRequest, Pose, RobotState, Stop, Waypoint
+from armadico.messages import Card, Cycle, Plan, PlanRequest, Pose, RobotState, Stop, Waypoint
 from tests.mesh.conftest import Spawn
 
 pytestmark = pytest.mark.live
@@ -20,7 +20,7 @@ REQUEST = PlanRequest(Waypoint(0, 0, 0), Waypoint(1, 2, 0.5))
 
 
 def state(number: int) -> RobotState:
-    return RobotState(Frame(7, number), 1.0, 2.0, 0.5, 0.1, 0.0, 12.5, True, False)
+    return RobotState(Cycle(7, number), 1.0, 2.0, 0.5, 0.1, 0.0, 12.5, True, False)
 
 
 def there(client: Client, count: int) -> bool:

@@ -15,7 +15,7 @@ from armadico.mesh.topology import MeshError, Topology
 from armadico.mesh.zenoh import Call, ZenohMesh
 from armadico.messages import (
     Ask,
-    Frame,
+    Cycle,
     Log,
     Plan,
     PlanRequest,
@@ -30,7 +30,7 @@ pytestmark = pytest.mark.live
 
 Join = Callable[..., ZenohMesh]
 SOON = 10.0  # s; nothing here takes a tenth of it
-POSE = Pose(Frame(1, 2), 1.0, -2.0, 0.5)
+POSE = Pose(Cycle(1, 2), 1.0, -2.0, 0.5)
 REQUEST = PlanRequest(Waypoint(0, 0, 0), Waypoint(1, 2, 0.5))
 
 
@@ -99,7 +99,7 @@ def test_another_robot_is_not_heard(join: Join) -> None:
     speaker, listener, other = join(), join(), join("other")
     heard = Heard(listener, "encoder/pose")
     linked(speaker, listener)
-    other.publish("encoder/pose", Pose(Frame(9, 9), 0, 0, 0))
+    other.publish("encoder/pose", Pose(Cycle(9, 9), 0, 0, 0))
     speaker.publish("encoder/pose", POSE)
     assert listener.read(Pose, *heard.get()) == POSE
     assert heard.queue.empty()

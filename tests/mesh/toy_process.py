@@ -22,7 +22,7 @@ class Toy(Agent):
     answers: ClassVar[tuple[type[Message], ...]] = (PlanRequest,)
 
     def on_robot_state(self, state: RobotState) -> None:
-        self.publish(Pose(state.frame, state.x, state.y, state.theta))
+        self.publish(Pose(state.cycle, state.x, state.y, state.theta))
 
     def on_plan_request(self, question: Question) -> Plan:
         return Plan(waypoints=(), refusal=f"{self.instance} does not plan")

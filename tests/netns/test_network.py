@@ -1,4 +1,4 @@
-"""Hosts, their cards and the switch between them, with real frames."""
+"""Hosts, their cards and the switch between them, with real cycles."""
 
 from __future__ import annotations
 
@@ -51,7 +51,7 @@ def exchanged(ends: dict[str, socket.socket]) -> None:
 
 
 def counts(network: Network) -> tuple[int, int]:
-    """How many frames from left to right were led on, and lost."""
+    """How many cycles from left to right were led on, and lost."""
     count = network.change(lambda switch: switch.counts()[("left", "right")])
     return count.sent, count.lost
 

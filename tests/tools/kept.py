@@ -20,8 +20,8 @@ GOTO, AVOID = "goto-1", "avoid-2"
 Row = tuple[float, dict[str, Any]]
 
 
-def frame(number: int) -> m.Frame:
-    return m.Frame(7, number)
+def cycle(number: int) -> m.Cycle:
+    return m.Cycle(7, number)
 
 
 def ballot(instance: str, term: int = 1) -> m.Ballot:
@@ -29,12 +29,12 @@ def ballot(instance: str, term: int = 1) -> m.Ballot:
 
 
 def state(number: int, driver: str | None = None, **more: Any) -> m.RobotState:
-    obeyed = {} if driver is None else {"obeyed": ballot(driver), "obeyed_frame": frame(number)}
-    return m.RobotState(frame(number), 0.0, 0.0, 0.0, 0.2, 0.1, 12.5, True, False, **obeyed, **more)
+    obeyed = {} if driver is None else {"obeyed": ballot(driver), "obeyed_cycle": cycle(number)}
+    return m.RobotState(cycle(number), 0.0, 0.0, 0.0, 0.2, 0.1, 12.5, True, False, **obeyed, **more)
 
 
 def record(number: int, utility: float | None) -> m.BidRecord:
-    return m.BidRecord(frame(number), "wheels", utility, False, (), "why")
+    return m.BidRecord(cycle(number), "wheels", utility, False, (), "why")
 
 
 class Kept:

@@ -32,8 +32,8 @@ from tests.tools.kept import (
     Kept,
     ballot,
     colour_of,
+    cycle,
     drawn,
-    frame,
     record,
     state,
 )
@@ -41,12 +41,12 @@ from tests.tools.kept import (
 # What is drawn ------------------------------------------------------------------------------------
 
 
-def test_bids_of_losers_are_drawn_at_the_frames_that_they_answered(tmp_path: Path) -> None:
+def test_bids_of_losers_are_drawn_at_the_cycles_that_they_answered(tmp_path: Path) -> None:
     path = tmp_path / "a.rrd"
     with drawn(path) as scene:
         for number in range(1, 6):
             scene.take("robot/state", state(number), number / 10)
-            claim = m.Claim("wheels", ballot(GOTO), frame(number), 0.6)
+            claim = m.Claim("wheels", ballot(GOTO), cycle(number), 0.6)
             scene.take("resource/wheels/utility", claim, number / 10 + 0.01)
         late = [record(n, u) for n, u in ((2, None), (3, 0.25), (4, 0.5), (5, None), (9, 0.9))]
         for _ in range(2):  # asked twice, drawn once
@@ -68,7 +68,7 @@ def test_the_lane_shows_who_is_obeyed_by_the_robots_own_word(tmp_path: Path) -> 
         for number, driver in enumerate(drivers):
             scene.take("robot/state", state(number, driver), float(number))
         silent = m.RobotState(
-            frame(20), 0, 0, 0, 0, 0, 12, True, False, obeyed=ballot(GOTO), obeyed_frame=frame(5)
+            cycle(20), 0, 0, 0, 0, 0, 12, True, False, obeyed=ballot(GOTO), obeyed_cycle=cycle(5)
         )
         scene.take("robot/state", silent, 20.0)
     kept = Kept(path)
@@ -93,8 +93,8 @@ def test_an_agent_has_one_colour_in_curve_lane_path_and_graph(tmp_path: Path) ->
         scene.take("card", card, 0.0)
         scene.take("robot/state", state(1, AVOID), 0.1)
         for step in range(30):
-            scene.take("encoder/pose", m.Pose(frame(1), 0.05 * step, 0.0, 0.0), 0.1 + step / 10)
-        scene.take("resource", m.Claim("wheels", ballot(AVOID), frame(1), 0.6), 0.2)
+            scene.take("encoder/pose", m.Pose(cycle(1), 0.05 * step, 0.0, 0.0), 0.1 + step / 10)
+        scene.take("resource", m.Claim("wheels", ballot(AVOID), cycle(1), 0.6), 0.2)
     kept = Kept(path)
     avoid = palette.agent("avoid")
     assert colour_of(kept.fixed["/p/utility/wheels/avoid"]["colors"][0]) == avoid
@@ -142,9 +142,9 @@ def test_floods_are_thinned_and_what_is_kept_is_bounded(tmp_path: Path) -> None:
     seconds, rate = 20, 200
     with drawn(path) as scene:
         for step in range(seconds * rate):
-            scene.take("pose", m.Pose(frame(step), 0.05 * step, 0.0, 0.0), step / rate)
+            scene.take("pose", m.Pose(cycle(step), 0.05 * step, 0.0, 0.0), step / rate)
             echo = m.Echo(0.1, 0.0, step * 0.01, 1.0 + step % 20)
-            scene.take("sonar", m.Sonar(frame(step), 30.0, (echo,)), step / rate)
+            scene.take("sonar", m.Sonar(cycle(step), 30.0, (echo,)), step / rate)
     kept = Kept(path)
     rows = {name: len(rows) / seconds for name, rows in kept.rows.items()}
     assert 5.0 < rows["/p/map/world/robot"] < 16.0
@@ -157,7 +157,7 @@ def test_two_robots_are_drawn_apart(tmp_path: Path) -> None:
     recording = keep({"one": None, "two": None}, tmp_path / "a.rrd")
     one, two = (Scene(recording, None, name) for name in ("one", "two"))
     one.take("robot/state", state(1), 0.0)
-    two.take("encoder/pose", m.Pose(frame(1), 1.0, 2.0, 0.0), 0.0)
+    two.take("encoder/pose", m.Pose(cycle(1), 1.0, 2.0, 0.0), 0.0)
     close(recording)
     kept = Kept(tmp_path / "a.rrd")
     assert "/one/holders/wheels" in kept.rows
@@ -179,7 +179,7 @@ def test_a_message_that_is_not_shown_is_let_pass(tmp_path: Path) -> None:
 )
 def test_the_local_map_looks_as_the_robot_does(sector: int, row: int, column: int) -> None:
     cells = m.LocalMap(
-        frame(1), 18, 10, 2.5, tuple(m.Cell(sector, n, 1.0, 0, 0) for n in range(10))
+        cycle(1), 18, 10, 2.5, tuple(m.Cell(sector, n, 1.0, 0, 0) for n in range(10))
     )
     picture = Image.open(io.BytesIO(png(cells))).convert("RGB")
     assert picture.getpixel((column, row)) == (86, 180, 233)
@@ -226,12 +226,12 @@ def test_a_virtual_run_is_all_there(run: tuple[Path, Rehearsal]) -> None:
     assert not kept.texts("/robot1/society/table")[-1].count("not answering")
 
 
-def test_losers_are_drawn_in_almost_every_frame_in_which_they_bid(
+def test_losers_are_drawn_in_almost_every_cycle_in_which_they_bid(
     run: tuple[Path, Rehearsal],
 ) -> None:
     path, rehearsal = run
     goto = Kept(path).values("/robot1/utility/wheels/goto", "scalars")
-    assert len(goto) > 0.9 * len(rehearsal.watch.path)  # goto lost a fifth of the frames
+    assert len(goto) > 0.9 * len(rehearsal.watch.path)  # goto lost a fifth of the cycles
 
 
 def test_the_native_viewer_shows_every_view_without_an_error(

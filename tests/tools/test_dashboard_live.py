@@ -28,7 +28,7 @@ from armadico.mesh.topology import ENDPOINTS_VARIABLE, topology  # noqa: E402
 from armadico.mesh.zenoh import ZenohMesh  # noqa: E402
 from armadico.tools.dashboard import live, viewer  # noqa: E402
 from tests.mesh.conftest import private_endpoints  # noqa: E402
-from tests.tools.kept import GOTO, NAMESPACE, Kept, ballot, drawn, frame, state  # noqa: E402
+from tests.tools.kept import GOTO, NAMESPACE, Kept, ballot, cycle, drawn, state  # noqa: E402
 
 DASHBOARD = (sys.executable, "-m", "armadico", "dashboard", "--port=0")
 LINK = "dashboard: "
@@ -65,7 +65,7 @@ def children(pid: int) -> list[int]:
 
 def publish(mesh: ZenohMesh, number: int) -> None:
     mesh.publish("robot/state", state(number, GOTO))
-    claim = m.Claim("wheels", ballot(GOTO), frame(number), 0.6, wanted=(0.2, 0.1))
+    claim = m.Claim("wheels", ballot(GOTO), cycle(number), 0.6, wanted=(0.2, 0.1))
     mesh.publish("resource/wheels/utility", claim)
 
 
@@ -81,11 +81,11 @@ class Society:
         self._thread = threading.Thread(target=self._talk)
         self._thread.start()
 
-    def say(self, frames: int) -> None:
-        """Return when so many more frames have been said."""
+    def say(self, cycles: int) -> None:
+        """Return when so many more cycles have been said."""
         while self._enough.acquire(blocking=False):
             pass
-        for _ in range(frames):
+        for _ in range(cycles):
             assert self._enough.acquire(timeout=10.0)
 
     def leave(self) -> None:
@@ -143,7 +143,7 @@ def test_a_dashboard_that_hangs_is_not_felt(apart: Callable[[], ZenohMesh]) -> N
         assert process.stdout.readline().startswith(LINK)
         listener = Client(other)
         heard: list[int] = []
-        listener.listen(m.Command, then=lambda message, _: heard.append(message.frame.number))
+        listener.listen(m.Command, then=lambda message, _: heard.append(message.cycle.number))
         listener.listen(m.RobotState)
         publish_until_heard(mesh, listener)
         process.send_signal(signal.SIGSTOP)
@@ -151,7 +151,7 @@ def test_a_dashboard_that_hangs_is_not_felt(apart: Callable[[], ZenohMesh]) -> N
             for number in range(FLOOD):
                 mesh.publish(f"log/{GOTO}", m.Log(20, "x" * 2000))
                 if number % 100 == 0:
-                    mesh.publish(f"robot/cmd/{GOTO}", m.Command(frame(number), ballot(GOTO), 0, 0))
+                    mesh.publish(f"robot/cmd/{GOTO}", m.Command(cycle(number), ballot(GOTO), 0, 0))
             last = FLOOD - 100
             listener.wait_for(lambda: last in heard, 20.0)
         finally:

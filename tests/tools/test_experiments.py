@@ -132,7 +132,7 @@ def test_an_agent_that_joins_restarts_nobody() -> None:
     assert found.first_held_s > 5.0
 
 
-def test_bids_are_known_for_every_frame_and_one_agent_holds() -> None:
+def test_bids_are_known_for_every_cycle_and_one_agent_holds() -> None:
     turns = History(Cell("x", "sc3", without=("gothrough",)), 1000).turns()
     goto = [turn for turn in turns if turn.agent == "goto"]
     steps = [round(b.t - a.t, 3) for a, b in pairwise(goto)]

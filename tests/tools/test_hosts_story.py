@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import pytest
 
-from armadico.messages import Ballot, BidHistory, BidRecord, Card, Command, Frame, RobotState
+from armadico.messages import Ballot, BidHistory, BidRecord, Card, Command, Cycle, RobotState
 from armadico.tools.hosts import news
 from armadico.tools.hosts.story import Story, Takeover
 from armadico.tools.hosts.watch import told
@@ -23,7 +23,7 @@ def story() -> Story:
 
 def test_news_is_read_as_it_was_written() -> None:
     everything: list[news.News] = [
-        news.Frame(1.0, 7, GOTO, 6, 0.3),
+        news.Cycle(1.0, 7, GOTO, 6, 0.3),
         news.Commanded(1.0, GOTO, 7),
         news.Token(1.0, GOTO, True),
         news.Home(GOTO, "lab2"),
@@ -37,17 +37,17 @@ def test_news_is_read_as_it_was_written() -> None:
 def test_messages_are_told_in_short() -> None:
     by = Ballot(1, 0.6, False, GOTO)
     state = RobotState(
-        Frame(1, 9), 0, 0, 0, 0.3, 0, 12, True, False, by, by, obeyed_frame=Frame(1, 8)
+        Cycle(1, 9), 0, 0, 0, 0.3, 0, 12, True, False, by, by, obeyed_cycle=Cycle(1, 8)
     )
-    assert [*told(state, 2.0)] == [news.Frame(2.0, 9, GOTO, 8, 0.3)]
+    assert [*told(state, 2.0)] == [news.Cycle(2.0, 9, GOTO, 8, 0.3)]
     long_ago = RobotState(
-        Frame(1, 19), 0, 0, 0, 0.0, 0, 12, True, False, by, by, obeyed_frame=Frame(1, 8)
+        Cycle(1, 19), 0, 0, 0, 0.0, 0, 12, True, False, by, by, obeyed_cycle=Cycle(1, 8)
     )
-    assert [*told(long_ago, 2.0)] == [news.Frame(2.0, 19, "", 0, 0.0)]
-    assert [*told(Command(Frame(1, 9), by, 0.3, 0.0), 2.0)] == [news.Commanded(2.0, GOTO, 9)]
+    assert [*told(long_ago, 2.0)] == [news.Cycle(2.0, 19, "", 0, 0.0)]
+    assert [*told(Command(Cycle(1, 9), by, 0.3, 0.0), 2.0)] == [news.Commanded(2.0, GOTO, 9)]
     card = Card("goto", GOTO, "lab2", 1, "", 1, (), (), ())
     assert [*told(card, 2.0)] == [news.Home(GOTO, "lab2")]
-    record = BidRecord(Frame(1, 5), "wheels", 0.6, False, (0.3, 0.0), "leg 0")
+    record = BidRecord(Cycle(1, 5), "wheels", 0.6, False, (0.3, 0.0), "leg 0")
     assert [*told(BidHistory(GOTO, (record,)), 2.0)] == [news.Bidding(2.0, GOTO, 0.6, "leg 0")]
     assert not [*told(BidHistory(GOTO, ()), 2.0)]
 
@@ -68,7 +68,7 @@ def test_who_elsewhere_would_drive() -> None:
     assert made.standing_by("lab2") == []
     made.take(news.Bidding(1.5, AVOID, 0.4, "left"))
     assert [bid.instance for bid in made.standing_by("lab2")] == [AVOID]
-    made.take(news.Frame(3.0, 20, GOTO, 19, 0.3))
+    made.take(news.Cycle(3.0, 20, GOTO, 19, 0.3))
     assert made.standing_by("lab2") == [], "told too long ago"
 
 
@@ -83,12 +83,12 @@ def test_the_share_of_the_way() -> None:
 def test_who_took_over_is_who_was_obeyed_after_the_last_command() -> None:
     made = story()
     made.take(news.Commanded(1.00, GOTO, 10))
-    made.take(news.Frame(1.10, 11, GOTO, 10, 0.3))
+    made.take(news.Cycle(1.10, 11, GOTO, 10, 0.3))
     last = made.last_command("lab2")
     assert last is not None
     assert made.takeover(last) is None
     made.take(news.Commanded(1.25, AVOID, 12))
     assert made.takeover(last) is None, "said, and not known to be obeyed"
-    made.take(news.Frame(1.30, 13, AVOID, 12, 0.3))
+    made.take(news.Cycle(1.30, 13, AVOID, 12, 0.3))
     took = made.takeover(last)
     assert took == Takeover(AVOID, pytest.approx(0.25), 2)

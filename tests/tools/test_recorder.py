@@ -32,12 +32,12 @@ from armadico.tools.watching import (
     service_at,
 )
 
-FRAME = m.Frame(2**62 + 1, 7)
+CYCLE = m.Cycle(2**62 + 1, 7)
 BALLOT = m.Ballot(3, 0.6, False, "goto-1")
-POSE = m.Pose(FRAME, 1.5, -2.0, 0.25)
-CLAIM = m.Claim("wheels", BALLOT, FRAME, 0.6, False, (0.3, 0.1), (0.2, 0.0))
-SONAR = m.Sonar(FRAME, 5.0, (m.Echo(0.1, 0.2, 0.3, None), m.Echo(0.1, 0.2, 0.3, 2.0)))
-STATE = m.RobotState(FRAME, 1, 2, 3, 0.5, 0, 12.5, True, False, BALLOT)
+POSE = m.Pose(CYCLE, 1.5, -2.0, 0.25)
+CLAIM = m.Claim("wheels", BALLOT, CYCLE, 0.6, False, (0.3, 0.1), (0.2, 0.0))
+SONAR = m.Sonar(CYCLE, 5.0, (m.Echo(0.1, 0.2, 0.3, None), m.Echo(0.1, 0.2, 0.3, 2.0)))
+STATE = m.RobotState(CYCLE, 1, 2, 3, 0.5, 0, 12.5, True, False, BALLOT)
 CARD = m.Card("goto", "goto-1", "lab1", 7, "1", 1, ("a",), ("b",), ("wheels",))
 SECOND = 1_000_000_000
 
@@ -47,7 +47,7 @@ def heard(key: str, message: m.Message, at: int = 0, *, asked: bool = False) -> 
 
 
 def bid(number: int) -> m.BidRecord:
-    return m.BidRecord(m.Frame(1, number), "wheels", 0.5, False, (0.1, 0.2), "", ("encoder/pose",))
+    return m.BidRecord(m.Cycle(1, number), "wheels", 0.5, False, (0.1, 0.2), "", ("encoder/pose",))
 
 
 def recorded(path: Path, *items: Heard | Presence, **options: Any) -> Recording:
@@ -92,7 +92,7 @@ def test_what_may_be_missing_is_not_required() -> None:
     schema = json_schema(m.Claim)
     assert schema["properties"]["utility"]["type"] == "number"
     assert "utility" not in schema["required"]
-    assert "utility" not in as_object(m.Claim("wheels", BALLOT, FRAME, None))
+    assert "utility" not in as_object(m.Claim("wheels", BALLOT, CYCLE, None))
 
 
 def test_what_was_said_is_read_back_in_order(tmp_path: Path) -> None:
@@ -233,7 +233,7 @@ def test_a_damaged_byte_is_a_warning_at_worst(
 
 def test_tables_have_a_file_a_topic_and_a_column_a_field(tmp_path: Path) -> None:
     path = tmp_path / "run.mcap"
-    released = m.Claim("wheels", BALLOT, FRAME, None)
+    released = m.Claim("wheels", BALLOT, CYCLE, None)
     recorded(
         path,
         heard("resource/wheels/utility", CLAIM, SECOND),
@@ -321,7 +321,7 @@ def test_only_what_is_said_all_the_time_has_a_deadline() -> None:
 
 def test_the_holder_is_the_largest_ballot_until_it_is_silent_or_released() -> None:
     holders = Holders()
-    rival = m.Claim("wheels", m.Ballot(2, 0.9, False, "avoid-1"), FRAME, 0.9)
+    rival = m.Claim("wheels", m.Ballot(2, 0.9, False, "avoid-1"), CYCLE, 0.9)
     holders.hear(CLAIM, 0)
     holders.hear(rival, 1)
     assert holders.of("wheels", 2) == CLAIM
@@ -329,5 +329,5 @@ def test_the_holder_is_the_largest_ballot_until_it_is_silent_or_released() -> No
     holders.hear(rival, SECOND)
     assert holders.of("wheels", SECOND) == rival
     holders.hear(CLAIM, SECOND + 1)
-    holders.hear(m.Claim("wheels", BALLOT, FRAME, None), SECOND + 2)
+    holders.hear(m.Claim("wheels", BALLOT, CYCLE, None), SECOND + 2)
     assert holders.of("wheels", SECOND + 3) is None

@@ -14,7 +14,7 @@ TIMELINE: Final = "t"
 """Seconds since the recording began."""
 
 FASTEST_HZ: Final = 12.0
-"""Nothing is drawn more often: a frame of the robot is 0.1 s."""
+"""Nothing is drawn more often: a cycle of the robot is 0.1 s."""
 
 RATES_HZ: Final[dict[str, float]] = {
     "map/world/path": 1.0,
@@ -29,7 +29,7 @@ RATES_HZ: Final[dict[str, float]] = {
 }
 
 EARLY: Final = 0.2
-"""A drawing may come this share of its period too early, since frames do not come exactly."""
+"""A drawing may come this share of its period too early, since cycles do not come exactly."""
 
 Colour = tuple[int, int, int, int]
 """Red, green, blue and opacity, 0 to 255."""

@@ -1,7 +1,7 @@
 """Who would like a resource and who has it: utilities as curves, the holder as a lane under them.
 
-A holder says its utility each frame. The others are silent and are asked for their recent bids
-(`agent/*/*/bids`); each bid is drawn at the frame that it answered, so curves of agents that were
+A holder says its utility each cycle. The others are silent and are asked for their recent bids
+(`agent/*/*/bids`); each bid is drawn at the cycle that it answered, so curves of agents that were
 asked late still lie side by side.
 """
 
@@ -13,13 +13,13 @@ from typing import Final
 
 import rerun as rr
 
-from armadico.messages import Ballot, BidHistory, BidRecord, Claim, Frame, RobotState
+from armadico.messages import Ballot, BidHistory, BidRecord, Claim, Cycle, RobotState
 from armadico.tools.dashboard import palette
 from armadico.tools.dashboard.canvas import Canvas
 from armadico.tools.dashboard.palette import NOBODY, name_of
 
-FRAMES: Final = 200
-"""Frames whose time is remembered: 20 s, and agents remember 50 bids."""
+CYCLES: Final = 200
+"""Cycles whose time is remembered: 20 s, and agents remember 50 bids."""
 
 SILENT_S: Final = 0.6
 """A claim this old holds nothing any more."""
@@ -27,8 +27,8 @@ SILENT_S: Final = 0.6
 WHEELS: Final = "wheels"
 """The robot itself says who has this one."""
 
-OBEYED_FRAMES: Final = 3
-"""An obeyed command older than this in frames means that nobody drives."""
+OBEYED_CYCLES: Final = 3
+"""An obeyed command older than this in cycles means that nobody drives."""
 
 Seat = tuple[str, str]
 """An instance, and a resource that it competes for."""
@@ -41,20 +41,20 @@ class Contest:
         self.holders: dict[str, str] = {}  # by resource; NOBODY if nobody is obeyed
         self.last: dict[str, BidRecord] = {}  # by agent: the newest bid, or why there was none
         self._canvas = canvas
-        self._times: dict[Frame, float] = {}
-        self._drawn: dict[Seat, dict[Frame, None]] = {}
+        self._times: dict[Cycle, float] = {}
+        self._drawn: dict[Seat, dict[Cycle, None]] = {}
         self._gap: dict[tuple[str, str], bool] = {}
         self._known: dict[str, list[str]] = {}  # agents with a curve, by resource
         self._claims: dict[str, tuple[Ballot, float]] = {}
 
-    def time_of(self, frame: Frame) -> float | None:
-        """When a frame came, s; None if it is long past or was never heard."""
-        return self._times.get(frame)
+    def time_of(self, cycle: Cycle) -> float | None:
+        """When a cycle came, s; None if it is long past or was never heard."""
+        return self._times.get(cycle)
 
     def take_state(self, state: RobotState, t: float) -> list[tuple[str, str, str]]:
-        """A new frame; returns who took what from whom: (resource, from, to)."""
-        self._times[state.frame] = t
-        while len(self._times) > FRAMES:
+        """A new cycle; returns who took what from whom: (resource, from, to)."""
+        self._times[state.cycle] = t
+        while len(self._times) > CYCLES:
             del self._times[next(iter(self._times))]
         changes = [self._held(WHEELS, _obeyed(state), t)]
         for resource, (_, at) in list(self._claims.items()):
@@ -64,9 +64,9 @@ class Contest:
 
     def take_claim(self, claim: Claim, t: float) -> list[tuple[str, str, str]]:
         """The holder's bid; returns who took what from whom."""
-        at = self._times.get(claim.frame, t)
+        at = self._times.get(claim.cycle, t)
         instance = claim.ballot.instance
-        self._point(claim.resource, instance, claim.frame, claim.utility, at)
+        self._point(claim.resource, instance, claim.cycle, claim.utility, at)
         ballot, heard = self._claims.get(claim.resource, (None, t))
         if ballot is not None and claim.ballot < ballot and t - heard <= SILENT_S:
             return []
@@ -81,9 +81,9 @@ class Contest:
         """The recent bids of somebody who was asked."""
         name = name_of(history.instance)
         for record in history.bids:
-            at = self._times.get(record.frame)
+            at = self._times.get(record.cycle)
             if at is not None:
-                self._point(record.resource, history.instance, record.frame, record.utility, at)
+                self._point(record.resource, history.instance, record.cycle, record.utility, at)
         if history.bids:
             self.last[name] = history.bids[-1]
 
@@ -96,14 +96,14 @@ class Contest:
     # Inside --------------------------------------------------------------------------------------
 
     def _point(
-        self, resource: str, instance: str, frame: Frame, utility: float | None, at: float
+        self, resource: str, instance: str, cycle: Cycle, utility: float | None, at: float
     ) -> None:
         """One bid, drawn once, whether it was claimed or asked for; no bid is a gap."""
         drawn = self._drawn.setdefault((instance, resource), {})
-        if frame in drawn:
+        if cycle in drawn:
             return
-        drawn[frame] = None
-        if len(drawn) > FRAMES:
+        drawn[cycle] = None
+        if len(drawn) > CYCLES:
             del drawn[next(iter(drawn))]
         name = name_of(instance)
         if utility is None and self._gap.get((resource, name), True):
@@ -139,7 +139,7 @@ class Contest:
 
 def _obeyed(state: RobotState) -> str:
     """The agent whose command the robot obeys, by its own word."""
-    frame, at = state.frame, state.obeyed_frame
-    if state.obeyed is None or at is None or at.epoch != frame.epoch:
+    cycle, at = state.cycle, state.obeyed_cycle
+    if state.obeyed is None or at is None or at.epoch != cycle.epoch:
         return NOBODY
-    return name_of(state.obeyed.instance) if frame.number - at.number <= OBEYED_FRAMES else NOBODY
+    return name_of(state.obeyed.instance) if cycle.number - at.number <= OBEYED_CYCLES else NOBODY

@@ -143,7 +143,7 @@ class GlobalMap:
         self._path.append((here, holder))
 
     def _draw_path(self, t: float) -> None:
-        """One strip a reign; each begins where the one before it ended."""
+        """One strip a tenure; each begins where the one before it ended."""
         strips: list[Strip] = []
         colours = []
         for holder, steps in groupby(self._path, key=lambda step: step[1]):

@@ -147,9 +147,9 @@ def drive(case: Case, name: str, steer: Steer) -> Drive:
     """Drive until it has parked and rests, or `LIMIT_S` are over."""
     rig = Rig(load(find("robots", ROBOT), RobotProfile), case.start)
     goal, path, ended = Waypoint(*case.goal), [], False
-    for frame in range(round(LIMIT_S / PERIOD_S) + 1):
+    for cycle in range(round(LIMIT_S / PERIOD_S) + 1):
         v, w = rig.dynamics.v, rig.dynamics.w
-        path.append((frame * PERIOD_S, rig.x, rig.y, rig.theta, v, w))
+        path.append((cycle * PERIOD_S, rig.x, rig.y, rig.theta, v, w))
         speeds = steer(Waypoint(rig.x, rig.y, wrap(rig.theta)), goal)
         ended = speeds is None and abs(v) < REST_M_S and abs(w) < REST_RAD_S
         if ended:

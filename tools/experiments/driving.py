@@ -1,6 +1,6 @@
 """One run of an experiment: a cell of its table and a seed in, a row out.
 
-**Stop rule.** The clock starts with the first frame after the mission is taken on and stops when
+**Stop rule.** The clock starts with the first cycle after the mission is taken on and stops when
 the interface agent reports the goal reached: its pose within 0.12 m and 4 degrees, wheels at rest.
 The fast controller does not turn to the goal's heading, so its runs stop when the robot has rested
 for 2 s within 0.15 m of the goal; TT ends where that rest began. A run that never stops so ends at
@@ -183,7 +183,7 @@ SHARES = {"tg_percent": "goto", "ta_percent": "avoid", "tgt_percent": "gothrough
 
 
 def share(name: str, holders: list[str | None]) -> float:
-    """Per cent of the frames with a holder in which it was this one."""
+    """Per cent of the cycles with a holder in which it was this one."""
     held = [holder for holder in holders if holder is not None]
     return round(100.0 * held.count(name) / len(held), 2) if held else 0.0
 

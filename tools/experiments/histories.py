@@ -1,4 +1,4 @@
-"""What every agent bid in every frame of a run, from the agents' own bid histories.
+"""What every agent bid in every cycle of a run, from the agents' own bid histories.
 
 Losers are silent on the mesh but remember their bids: the histories are asked for once a second.
 The holder's claims say what it wanted and what it commanded, so blending shows in public.
@@ -10,7 +10,7 @@ from typing import Final
 
 from msgspec import Struct
 
-from armadico.frames import PERIOD
+from armadico.cycles import PERIOD
 from armadico.messages import Claim, Message
 from armadico.resources import WHEELS
 from armadico.tools.experiments.driving import Cell, Drive
@@ -19,7 +19,7 @@ SAME: Final = 1e-9
 
 
 class Turn(Struct, frozen=True):
-    """One agent's turn in one frame: t in s since the mission began."""
+    """One agent's turn in one cycle: t in s since the mission began."""
 
     t: float
     agent: str
@@ -48,13 +48,13 @@ class History:
         agent = message.ballot.instance.rsplit("-", 1)[0]
         pairs = zip(message.wanted, message.commanded, strict=False)
         blends = any(abs(wanted - said) > SAME for wanted, said in pairs)
-        self._claims[agent, message.frame.number] = blends
+        self._claims[agent, message.cycle.number] = blends
 
     def _ask(self) -> None:
         for node in self.drive.rehearsal.mesh.nodes:
             for bid in node.agent.bids:
                 if bid.resource == WHEELS.name:
-                    at = (node.name, bid.frame.number)
+                    at = (node.name, bid.cycle.number)
                     self._bids[at] = (bid.utility, bid.critical, bid.reason)
 
     def turns(self) -> list[Turn]:
@@ -64,7 +64,7 @@ class History:
         took = ticks[-1].t - ticks[0].t
         found = []
         for (agent, number), (utility, critical, reason) in self._bids.items():
-            t = round(took - PERIOD * (state.frame.number - number), 3)
+            t = round(took - PERIOD * (state.cycle.number - number), 3)
             if 0.0 <= t <= took:
                 claim = self._claims.get((agent, number))
                 holds = claim is not None

@@ -26,7 +26,7 @@ MODULES: Final[dict[str, Module]] = {
     "social: holds the wheels": lambda turn: turn.holds,
     "social: exchange, blending": lambda turn: turn.blends,
 }
-"""Goto's modules (figure 3.6), and when each is at work in a frame, as the mesh shows it."""
+"""Goto's modules (figure 3.6), and when each is at work in a cycle, as the mesh shows it."""
 
 
 def cells() -> list[Cell]:
@@ -43,7 +43,7 @@ def run(context: Context) -> None:
     samples = context.drive(cells())
     columns = [Column(cell.name, samples[cell.name]) for cell in cells()]
     histories = [History(cell, context.first_seed) for cell in cells()]
-    lines = [row(["share of goto's frames, %", *(cell.name for cell in cells())])]
+    lines = [row(["share of goto's cycles, %", *(cell.name for cell in cells())])]
     lines.append(row(["---"] * (len(cells()) + 1)))
     for name, works in MODULES.items():
         shares = [100.0 * fmean(map(works, goto_of(history))) for history in histories]

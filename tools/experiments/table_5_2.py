@@ -30,10 +30,10 @@ EXCHANGES: Final = ("abrupt", "smooth")
 ALL: Final = {**MEASURES, **OTHERS, **SMOOTHNESS}
 
 COORDINATIONS: Final = {
-    "same-frame": (),
+    "same-cycle": (),
     "last-heard": ("social.margin=0.0", 'social.comparison="last-heard"'),
 }
-"""Ours (bids of one frame, a margin), and 3.10's: a new bid against the claim last heard."""
+"""Ours (bids of one cycle, a margin), and 3.10's: a new bid against the claim last heard."""
 
 SETTINGS: Final = (
     ("safe", "default rules", None, False),
@@ -43,11 +43,11 @@ SETTINGS: Final = (
 """A short name, a title, the set of parameters, and whether the controller has no ramps."""
 
 NO_RAMP: Final = 30.0
-"""m/s^2 and rad/s^2: a step of a whole m/s within a fraction of a frame."""
+"""m/s^2 and rad/s^2: a step of a whole m/s within a fraction of a cycle."""
 
 NOTE: Final = (
-    "World `sc4` (figure 5.7), goto and avoid only, as in the thesis. *same-frame* compares bids"
-    " of one frame, with the resource's margin; *last-heard* is 3.10 as written: a new bid against"
+    "World `sc4` (figure 5.7), goto and avoid only, as in the thesis. *same-cycle* compares bids"
+    " of one cycle, with the resource's margin; *last-heard* is 3.10 as written: a new bid against"
     " the claim last heard, no margin. Jerk and steps are of the true speeds and the obeyed"
     " commands, sampled at 10 Hz.\n"
 )
@@ -108,7 +108,7 @@ def _setting(short: str, title: str, samples: Samples) -> str:
         parts.append(differences(f"{coordination}: abrupt to smooth", first, second, ALL))
     for exchange in EXCHANGES:
         first, second = (samples[f"{short} {name} {exchange}"] for name in reversed(COORDINATIONS))
-        parts.append(differences(f"{exchange}: last-heard to same-frame", first, second, ALL))
+        parts.append(differences(f"{exchange}: last-heard to same-cycle", first, second, ALL))
     return "\n".join(parts)
 
 

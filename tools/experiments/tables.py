@@ -25,8 +25,8 @@ MEASURES: Final = {
 
 OTHERS: Final = {
     "exchanges": "exchanges",
-    "reign_s": "mean reign s",
-    "short_reigns": "reigns under 0.5 s",
+    "reign_s": "mean tenure s",
+    "short_reigns": "tenures under 0.5 s",
     "min_clearance_m": "least clearance m",
 }
 SMOOTHNESS: Final = {
@@ -38,7 +38,7 @@ SMOOTHNESS: Final = {
 }
 
 RULES: Final = (
-    "*Stop rule*: the clock starts with the first frame after the mission is taken on and stops"
+    "*Stop rule*: the clock starts with the first cycle after the mission is taken on and stops"
     " when the interface agent's pose is within 0.12 m and 4 degrees of the goal and the wheels"
     " rest. `reached` is judged by the true pose: within 0.15 m and 5 degrees. The fast controller"
     " does not turn to the goal's heading: its runs stop when the robot has rested 2 s within"
@@ -47,7 +47,7 @@ RULES: Final = (
     " place for 60 s.\n"
     "*P* = 100 (1 - final true position error / straight distance from start to goal); *FO* is the"
     " true error against the goal's heading; both follow from the stop rule. *TG, TA, TGt*: share"
-    " of the frames in which that agent was obeyed.\n"
+    " of the cycles in which that agent was obeyed.\n"
     "*Cells*: mean ± standard deviation [95 % interval of the mean], over all runs, those too that"
     " did not arrive. *thesis*: its mean ± standard deviation of 5 runs, and Welch's p for both"
     " means being equal. Arms have the same seeds, so they are compared in pairs. No p is corrected"

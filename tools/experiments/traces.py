@@ -1,4 +1,4 @@
-"""What happened in each frame of a run, and how smooth that was.
+"""What happened in each cycle of a run, and how smooth that was.
 
 Speeds are the robot's true ones, sampled with each status packet; commands are those that the robot
 agent obeyed. The measures are finite differences at 10 Hz: they see nothing faster.
@@ -12,7 +12,7 @@ from math import hypot, sqrt
 
 from msgspec import Struct
 
-from armadico.frames import PERIOD
+from armadico.cycles import PERIOD
 from armadico.measures import RunWatch
 from armadico.messages import Command, Message, RobotState, Truth
 
@@ -20,17 +20,17 @@ REST_M_S, REST_RAD_S = 0.01, 0.02
 """True speeds below which the wheels are at rest: the interface agent's own limits."""
 
 SHORT_S = 0.5
-"""A reign shorter than this is one of those that the smooth exchange is to avoid."""
+"""A tenure shorter than this is one of those that the smooth exchange is to avoid."""
 
 STUCK_S, STUCK_M = 60.0, 1.0
 """A robot that has not left a circle of that radius for so long gets nowhere any more."""
 
 AFTER = 3
-"""Frames after an exchange in which a step of the acceleration is still put down to it."""
+"""Cycles after an exchange in which a step of the acceleration is still put down to it."""
 
 
 class Tick(Struct, frozen=True):
-    """One frame: time (s), speed (m/s), turn rate (rad/s), and the last command obeyed."""
+    """One cycle: time (s), speed (m/s), turn rate (rad/s), and the last command obeyed."""
 
     t: float
     x: float
@@ -45,7 +45,7 @@ class Tick(Struct, frozen=True):
 class Smoothness(Struct, frozen=True):
     """How the wheels changed hands. None where there was no exchange to measure.
 
-    Reigns in s; jerk m/s^3 and rad/s^3, rms over the run; the worst step of the acceleration
+    Tenures in s; jerk m/s^3 and rad/s^3, rms over the run; the worst step of the acceleration
     within 0.3 s after an exchange, m/s^2; the worst step of the obeyed command at one, m/s, rad/s.
     """
 
@@ -77,12 +77,12 @@ class Trace:
         if isinstance(message, Truth):
             self._tick(message)
         elif isinstance(message, Command):
-            key = (message.ballot.instance, message.frame.number)
+            key = (message.ballot.instance, message.cycle.number)
             self._commands[key] = (message.v, message.w)
-        elif isinstance(message, RobotState) and message.obeyed and message.obeyed_frame:
-            key = (message.obeyed.instance, message.obeyed_frame.number)
+        elif isinstance(message, RobotState) and message.obeyed and message.obeyed_cycle:
+            key = (message.obeyed.instance, message.obeyed_cycle.number)
             self._obeyed = self._commands.get(key, self._obeyed)
-            self._forget(message.frame.number - 20)
+            self._forget(message.cycle.number - 20)
 
     def _forget(self, before: int) -> None:
         for key in [key for key in self._commands if key[1] < before]:
@@ -117,13 +117,13 @@ class Trace:
 
 def smoothness(ticks: Sequence[Tick]) -> Smoothness:
     """The measures of a run."""
-    reigns = [length for _, length in reigns_of(ticks)]
+    tenures = [length for _, length in reigns_of(ticks)]
     changes = exchanges_of(ticks)
     accel = [(b.v - a.v) / PERIOD for a, b in pairwise(ticks)]  # accel[i] is up to tick i + 1
     near = {i + k for i in changes for k in range(AFTER)}
     return Smoothness(
-        reign_s=_rounded(sum(reigns) / len(reigns)) if reigns else None,
-        short_reigns=sum(length < SHORT_S for length in reigns),
+        reign_s=_rounded(sum(tenures) / len(tenures)) if tenures else None,
+        short_reigns=sum(length < SHORT_S for length in tenures),
         jerk_v=_jerk(ticks, lambda tick: tick.v),
         jerk_w=_jerk(ticks, lambda tick: tick.w),
         accel_step=_worst(abs(accel[i] - accel[i - 1]) for i in sorted(near) if 0 < i < len(accel)),
@@ -135,7 +135,7 @@ def smoothness(ticks: Sequence[Tick]) -> Smoothness:
 def reigns_of(ticks: Sequence[Tick]) -> list[tuple[str, float]]:
     """Who held the wheels one after the other, and for how long, s."""
     held = [tick.holder for tick in ticks if tick.holder is not None]
-    return [(name, PERIOD * len(list(reign))) for name, reign in groupby(held)]
+    return [(name, PERIOD * len(list(tenure))) for name, tenure in groupby(held)]
 
 
 def exchanges_of(ticks: Sequence[Tick]) -> list[int]:

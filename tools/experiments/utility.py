@@ -35,7 +35,7 @@ def cells() -> list[Cell]:
 
 
 def run(context: Context) -> None:
-    """Reigns over all seeds; the first seed's path and utilities."""
+    """Tenures over all seeds; the first seed's path and utilities."""
     samples = context.drive(cells())
     parts = [f"# {TITLE}\n\n{RULES}\n"]
     columns = [Column(cell.name, samples[cell.name]) for cell in cells()]
@@ -52,8 +52,8 @@ def run(context: Context) -> None:
         drawing.by_holder(figure.axes[0], history.drive, f"{cell.name}, seed {context.first_seed}")
         draw_utilities(figure.axes[1], turns)
         context.figure(figure, stem)
-        reigns = ", ".join(f"{who} {s:.1f} s" for who, s in reigns_of(history.drive.trace.ticks))
-        parts.append(f"- {cell.name}: {reigns}")
+        tenures = ", ".join(f"{who} {s:.1f} s" for who, s in reigns_of(history.drive.trace.ticks))
+        parts.append(f"- {cell.name}: {tenures}")
     context.table("\n".join(parts))
 
 

@@ -1,4 +1,4 @@
-"""Promises about who drives: ballots, frames and reigns."""
+"""Promises about who drives: ballots, cycles and tenures."""
 
 from __future__ import annotations
 
@@ -7,10 +7,10 @@ from collections.abc import Iterator
 from armadico.messages import Ballot, Claim, RobotState
 from armadico.tools.faults.kinds import Promise
 from armadico.tools.faults.observations import Obeyed, Observation, Said
-from armadico.tools.faults.situation import FRESH_FRAMES, Bounds, Situation
+from armadico.tools.faults.situation import FRESH_CYCLES, Bounds, Situation
 
 ALIVE_S = 0.35
-"""The robot agent obeys for so long after its newest frame: 0.3 s, by a clock that may be slow."""
+"""The robot agent obeys for so long after its newest cycle: 0.3 s, by a clock that may be slow."""
 
 
 def brief(ballot: Ballot | None) -> str:
@@ -30,10 +30,10 @@ class OneDriver:
     def look(self, seen: Observation, now: Situation) -> Iterator[str]:  # noqa: ARG002
         """The echo, and each command obeyed where that can be seen."""
         if isinstance(seen, Obeyed):
-            yield from self._rises(self._obeyed, seen.frame.epoch, seen.ballot, "obeyed")
+            yield from self._rises(self._obeyed, seen.cycle.epoch, seen.ballot, "obeyed")
         elif isinstance(seen, Said) and isinstance(seen.message, RobotState):
             state = seen.message
-            epoch = state.frame.epoch
+            epoch = state.cycle.epoch
             if state.obeyed is not None:
                 yield from self._rises(self._obeyed, epoch, state.obeyed, "echoed as obeyed")
             if state.largest is not None:
@@ -50,40 +50,40 @@ class OneDriver:
 
 
 class Fresh:
-    """Nothing is obeyed that answers a frame more than 3 before, or before the one obeyed last."""
+    """Nothing is obeyed that answers a cycle more than 3 before, or before the one obeyed last."""
 
     promise = Promise.FRESH
 
     def look(self, seen: Observation, now: Situation) -> Iterator[str]:
-        """By each command obeyed, else by what the echo tells from one frame to the next."""
+        """By each command obeyed, else by what the echo tells from one cycle to the next."""
         state = now.state
         if isinstance(seen, Obeyed) and state is not None:
-            age, silent = now.age(seen.frame), seen.at - now.state_at
-            if age > FRESH_FRAMES:
-                yield f"{brief(seen.ballot)} is obeyed for a frame {age} before the newest"
+            age, silent = now.age(seen.cycle), seen.at - now.state_at
+            if age > FRESH_CYCLES:
+                yield f"{brief(seen.ballot)} is obeyed for a cycle {age} before the newest"
             elif silent > ALIVE_S:
-                yield f"{brief(seen.ballot)} is obeyed {silent:.2f} s after the newest frame"
+                yield f"{brief(seen.ballot)} is obeyed {silent:.2f} s after the newest cycle"
         elif isinstance(seen, Said) and isinstance(seen.message, RobotState):
             yield from self._echo(seen.message, now.before)
 
     @staticmethod
     def _echo(state: RobotState, before: RobotState | None) -> Iterator[str]:
-        at = state.obeyed_frame
-        if before is None or at is None or before.frame.epoch != state.frame.epoch:
+        at = state.obeyed_cycle
+        if before is None or at is None or before.cycle.epoch != state.cycle.epoch:
             return
-        was = before.obeyed_frame
-        if at.epoch != state.frame.epoch:
-            yield f"{brief(state.obeyed)} is obeyed for a frame of another epoch"
+        was = before.obeyed_cycle
+        if at.epoch != state.cycle.epoch:
+            yield f"{brief(state.obeyed)} is obeyed for a cycle of another epoch"
         elif (at, state.obeyed) != (was, before.obeyed):
-            age = before.frame.number - at.number  # it was obeyed after the frame before
-            if age > FRESH_FRAMES:
-                yield f"{brief(state.obeyed)} is obeyed for a frame at least {age} old"
+            age = before.cycle.number - at.number  # it was obeyed after the cycle before
+            if age > FRESH_CYCLES:
+                yield f"{brief(state.obeyed)} is obeyed for a cycle at least {age} old"
             if was is not None and state.obeyed == before.obeyed and at < was:
-                yield f"{brief(state.obeyed)} is obeyed for frame {at.number} after {was.number}"
+                yield f"{brief(state.obeyed)} is obeyed for cycle {at.number} after {was.number}"
 
 
 class OneHolder:
-    """In a whole network no two reigns go on side by side for 5 frames.
+    """In a whole network no two tenures go on side by side for 5 cycles.
 
     An exchange shows two for a moment: who is beaten has not heard so yet.
     """
@@ -95,7 +95,7 @@ class OneHolder:
         self._told: set[frozenset[Ballot]] = set()
 
     def look(self, seen: Observation, now: Situation) -> Iterator[str]:
-        """At each claim: for how long two reigns have gone on, the network being whole."""
+        """At each claim: for how long two tenures have gone on, the network being whole."""
         if not isinstance(seen, Said) or not isinstance(seen.message, Claim):
             return
         ballot = seen.message.ballot

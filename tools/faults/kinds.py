@@ -15,8 +15,8 @@ class Promise(StrEnum):
     """What the checker watches over."""
 
     ONE_DRIVER = "within an epoch the ballots that are obeyed never go down"
-    FRESH = "what answers a frame long past is refused, however late it comes"
-    ONE_HOLDER = "in a whole network no two reigns go on for 5 frames"
+    FRESH = "what answers a cycle long past is refused, however late it comes"
+    ONE_HOLDER = "in a whole network no two tenures go on for 5 cycles"
     OBEYED = "in a whole network somebody is obeyed within 5 s if anyone bids"
     SILENCE = "a stop is ordered within 0.4 s of the last valid command"
     WATCHDOG = "without the robot agent the controller's watchdog stops the wheels"

@@ -11,7 +11,7 @@ from armadico.messages import Ballot, Claim, Command, RobotState, Truth
 from armadico.tools.faults.ballots import brief
 from armadico.tools.faults.kinds import Promise
 from armadico.tools.faults.observations import Observation, Ordered, Said
-from armadico.tools.faults.situation import FRESH_FRAMES, Bounds, Situation
+from armadico.tools.faults.situation import FRESH_CYCLES, Bounds, Situation
 
 ROUND_M_S = 0.001
 ROUND_RAD_S = 0.0095
@@ -35,7 +35,7 @@ class Silence:
     """A stop is ordered within 0.4 s of the last valid command.
 
     Each command that is obeyed is written to the controller; so once it was told to move, either
-    the next order comes in time, or a stop. And what is ordered was commanded, for a frame that is
+    the next order comes in time, or a stop. And what is ordered was commanded, for a cycle that is
     not long past: a robot agent that goes on by itself has not stopped. After the braking time the
     wheels rest: an order that the line lost is given again.
     """
@@ -82,7 +82,7 @@ class Silence:
     def _commanded(self, order: Ordered, now: Situation) -> bool:
         for command in reversed(self._commands):
             near = abs(command.v - order.v) <= ROUND_M_S and abs(command.w - order.w) <= ROUND_RAD_S
-            if near and now.age(command.frame) <= FRESH_FRAMES:
+            if near and now.age(command.cycle) <= FRESH_CYCLES:
                 return True
         return False
 
@@ -127,10 +127,10 @@ class Smooth:
         self._touched_at = -inf
         self._largest: Ballot | None = None
         self._claims: deque[tuple[float, Claim]] = deque(maxlen=CLAIMS)
-        self._speeds: deque[tuple[float, float]] = deque(maxlen=FRESH_FRAMES + 2)  # as echoed
+        self._speeds: deque[tuple[float, float]] = deque(maxlen=FRESH_CYCLES + 2)  # as echoed
 
     def look(self, seen: Observation, now: Situation) -> Iterator[str]:
-        """At each true speed, and at the first claim of each reign."""
+        """At each true speed, and at the first claim of each tenure."""
         if not isinstance(seen, Said):
             return
         if isinstance(seen.message, RobotState):
@@ -158,7 +158,7 @@ class Smooth:
             yield f"{w:.2f} rad/s^2: from {before.w:.3f} to {truth.w:.3f} rad/s in {dt:.2f} s"
 
     def _take_over(self, at: float, claim: Claim, now: Situation) -> Iterator[str]:
-        """At the first claim of a reign: it begins from a claim of before, or what is measured."""
+        """At the first claim of a tenure: it begins from a claim of before, or what is measured."""
         first = self._largest is None or claim.ballot > self._largest
         while self._claims and at - self._claims[0][0] > LATELY_S:
             self._claims.popleft()
@@ -212,7 +212,7 @@ class Heading:
         if not isinstance(seen, Said) or not isinstance(seen.message, RobotState):
             return
         state, before = seen.message, now.before
-        if before is None or before.frame.epoch != state.frame.epoch:
+        if before is None or before.cycle.epoch != state.cycle.epoch:
             return
         x, y, turned = relative((before.x, before.y, before.theta), (state.x, state.y, state.theta))
         off = abs(wrap(atan2(y, x) - 0.5 * turned))

@@ -2,7 +2,7 @@
 
 All of it can be seen from outside the processes: what is said on the mesh, what the robot agent
 writes to the controller, and what whoever makes the faults knows. Two kinds are optional, since
-only the virtual mesh shows them in every frame: `Obeyed` and `Bids`. `at` is always in seconds, by
+only the virtual mesh shows them in every cycle: `Obeyed` and `Bids`. `at` is always in seconds, by
 one clock of whoever watches.
 """
 
@@ -10,7 +10,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
-from armadico.messages import Ballot, BidRecord, Frame, Message
+from armadico.messages import Ballot, BidRecord, Cycle, Message
 
 
 @dataclass(frozen=True, slots=True)
@@ -53,7 +53,7 @@ class Obeyed:
 
     at: float
     ballot: Ballot
-    frame: Frame
+    cycle: Cycle
 
 
 @dataclass(frozen=True, slots=True)

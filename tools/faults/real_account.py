@@ -12,12 +12,12 @@ from collections.abc import Callable, Container, Iterator
 from itertools import pairwise
 from typing import Final, TypeVar
 
-from armadico.frames import PERIOD
+from armadico.cycles import PERIOD
 from armadico.messages import (
     Ballot,
     BidHistory,
     Command,
-    Frame,
+    Cycle,
     Log,
     Message,
     MissionState,
@@ -47,8 +47,8 @@ REST_RAD_S: Final = 0.01
 MOVES_M_S: Final = 0.05
 """Faster than this the robot is on its way."""
 
-FRESH_FRAMES: Final = 3
-"""Who was obeyed for a frame so many ago is obeyed still."""
+FRESH_CYCLES: Final = 3
+"""Who was obeyed for a cycle so many ago is obeyed still."""
 
 SILENT_S: Final = 0.3
 """A robot agent that has said nothing for so long says nothing of now."""
@@ -101,7 +101,7 @@ class Account:
         """Have been commanded what is ordered: when it is to stop is still looked at."""
         state = self.state
         if state is not None and state.obeyed is not None:
-            unheard = Command(state.frame, state.obeyed, order.v, order.w)
+            unheard = Command(state.cycle, state.obeyed, order.v, order.w)
             self.checker.take(Said(self.now, unheard))
 
     def token(self, at: float, instance: str, there: bool) -> None:
@@ -125,14 +125,14 @@ class Account:
             self.bids[message.instance] = (self.now, message)
             if message.bids:
                 last = message.bids[-1]
-                self.checker.take(Bids(self.now, message.instance, last, self._age(last.frame)))
+                self.checker.take(Bids(self.now, message.instance, last, self._age(last.cycle)))
 
-    def _age(self, frame: Frame) -> float:
-        """How long ago something answered a frame, s."""
-        newest = None if self.state is None else self.state.frame
-        if newest is None or newest.epoch != frame.epoch:
+    def _age(self, cycle: Cycle) -> float:
+        """How long ago something answered a cycle, s."""
+        newest = None if self.state is None else self.state.cycle
+        if newest is None or newest.epoch != cycle.epoch:
             return 0.0
-        return max(newest.number - frame.number, 0) * PERIOD
+        return max(newest.number - cycle.number, 0) * PERIOD
 
     # How things stand ----------------------------------------------------------------------------
 
@@ -148,7 +148,7 @@ class Account:
         return "" if state is None or state.obeyed is None else state.obeyed.instance
 
     def obeyed_lately(self) -> bool:
-        """Whether somebody's command for one of the last frames was obeyed."""
+        """Whether somebody's command for one of the last cycles was obeyed."""
         return (
             bool(self.states)
             and self.now - self.states[-1][0] <= SILENT_S
@@ -181,14 +181,14 @@ class Account:
     def obeyed_after(self, since: float, but: Container[str] = ()) -> float | None:
         """When the next command was said that is known to have been obeyed; None if none is yet.
 
-        Known by the echo of the robot agent: the first frame after `since` that echoes a command,
+        Known by the echo of the robot agent: the first cycle after `since` that echoes a command,
         said since then by an instance that is none of `but`.
         """
-        said = {(c.ballot, c.frame): at for at, c in self.commands}
+        said = {(c.ballot, c.cycle): at for at, c in self.commands}
         for _, state in _from(self.states, since):
-            if state.obeyed is None or state.obeyed_frame is None or state.obeyed.instance in but:
+            if state.obeyed is None or state.obeyed_cycle is None or state.obeyed.instance in but:
                 continue
-            at = said.get((state.obeyed, state.obeyed_frame))
+            at = said.get((state.obeyed, state.obeyed_cycle))
             if at is not None and at >= since:
                 return at
         return None
@@ -215,9 +215,9 @@ class Account:
         return max((abs(t.v) for at, t in _from(self.truths, since) if at <= until), default=0.0)
 
     def share_obeyed(self, since: float) -> float:
-        """The share of the frames since a time in which somebody was obeyed of late, 0 to 1."""
-        frames = [_obeyed(state) for _, state in _from(self.states, since)]
-        return sum(frames) / len(frames) if frames else 0.0
+        """The share of the cycles since a time in which somebody was obeyed of late, 0 to 1."""
+        cycles = [_obeyed(state) for _, state in _from(self.states, since)]
+        return sum(cycles) / len(cycles) if cycles else 0.0
 
     def late_commands(self, instance: str, since: float, ballot: Ballot) -> int:
         """How many commands an instance said with a ballot, or a smaller one, since a time."""
@@ -225,7 +225,7 @@ class Account:
         return sum(c.ballot.instance == instance and c.ballot <= ballot for _, c in heard)
 
     def obeyed_ballots(self, since: float) -> set[Ballot]:
-        """The ballots that frames since a time echo as obeyed."""
+        """The ballots that cycles since a time echo as obeyed."""
         return {s.obeyed for _, s in _from(self.states, since) if s.obeyed is not None}
 
 
@@ -238,8 +238,8 @@ def _first(kept: Timed[T], since: float, wanted: Callable[[T], bool]) -> float |
 
 
 def _obeyed(state: RobotState) -> bool:
-    at, now = state.obeyed_frame, state.frame
-    return at is not None and at.epoch == now.epoch and now.number - at.number <= FRESH_FRAMES
+    at, now = state.obeyed_cycle, state.cycle
+    return at is not None and at.epoch == now.epoch and now.number - at.number <= FRESH_CYCLES
 
 
 def _rests(truth: Truth) -> bool:

@@ -29,7 +29,7 @@ BAD_S: Final = 8.0
 """How long links are bad."""
 
 DRIVES_ON: Final = 0.9
-"""The share of frames in which somebody must be obeyed where the robot is to drive on."""
+"""The share of cycles in which somebody must be obeyed where the robot is to drive on."""
 
 
 def _drives(society: RealSociety, since: float) -> float:
@@ -126,7 +126,7 @@ def _between_hosts(society: RealSociety) -> list[Link]:
 
 
 def _bad_links(society: RealSociety, kind: str, faults: Faults) -> float:
-    """Have all links between hosts bad for a while; the share of frames with somebody obeyed."""
+    """Have all links between hosts bad for a while; the share of cycles with somebody obeyed."""
     network, account = network_of(society).network, society.account
     links = _between_hosts(society)
     society.fault(kind, list(society.agents), began=True)
@@ -150,7 +150,7 @@ def round_trip_100(society: RealSociety, rng: random.Random) -> dict[str, float]
     phase(society, rng)
     share = _bad_links(society, "delay", Faults(delay=0.05, jitter=0.01))
     if share < DRIVES_ON:
-        raise TrialError(f"somebody was obeyed in {share:.0%} of the frames only")
+        raise TrialError(f"somebody was obeyed in {share:.0%} of the cycles only")
     return {"obeyed %": round(100 * share, 1), "drives": _heal(society, "delay")}
 
 
@@ -162,19 +162,19 @@ def one_way_300(society: RealSociety, rng: random.Random) -> dict[str, float]:
     said = [log.text for at, log in society.account.logs if at >= begun]
     why = [text for text in said if "too old" in text or "no valid command" in text]
     if share > 1.0 - DRIVES_ON or not why:
-        raise TrialError(f"obeyed in {share:.0%} of the frames; it says: {'; '.join(said)}")
+        raise TrialError(f"obeyed in {share:.0%} of the cycles; it says: {'; '.join(said)}")
     return {"obeyed %": round(100 * share, 1), "drives": _heal(society, "delay")}
 
 
 def loss_20(society: RealSociety, rng: random.Random) -> dict[str, float]:
-    """A fifth of all frames on the wire lost; TCP sends them again, and everything comes late."""
+    """A fifth of all cycles on the wire lost; TCP sends them again, and everything comes late."""
     phase(society, rng)
     share = _bad_links(society, "drop", Faults(loss=0.2))
     return {"obeyed %": round(100 * share, 1), "drives": _heal(society, "drop")}
 
 
 _DRIVES: Final = Figure("drives", "from the end of the fault to speeds ordered that are not zero")
-_SHARE: Final = Figure("obeyed %", "frames in which somebody was obeyed of late, while it lasted")
+_SHARE: Final = Figure("obeyed %", "cycles in which somebody was obeyed of late, while it lasted")
 _BACK: Final = Figure("rejoined", "from its end until all tokens are seen", None, 2000)
 
 FAULTS: Final = {

@@ -5,12 +5,12 @@ from __future__ import annotations
 from collections.abc import Callable, Iterable, Iterator
 from pathlib import Path
 
-from armadico.frames import PERIOD
+from armadico.cycles import PERIOD
 from armadico.messages import (
     BidRecord,
     Claim,
     Command,
-    Frame,
+    Cycle,
     MessageError,
     MissionStatus,
     RobotState,
@@ -39,7 +39,7 @@ def check(path: Path, namespace: str | None, warn: Callable[[str], None]) -> Che
 
 def observations(recorded: Iterable[Row]) -> Iterator[Observation]:
     """What the checker is shown of a recording; times are s."""
-    newest: Frame | None = None
+    newest: Cycle | None = None
     for row in recorded:
         at = row.t / 1e9
         if row.schema == HERE:
@@ -51,18 +51,18 @@ def observations(recorded: Iterable[Row]) -> Iterator[Observation]:
         except MessageError:
             continue
         if isinstance(message, RobotState):
-            newest = message.frame
+            newest = message.cycle
         if isinstance(message, BidRecord):
             instance = row.key.split("/")[2]  # agent/NAME/INSTANCE/bids
-            yield Bids(at, instance, message, _age(message.frame, newest))
+            yield Bids(at, instance, message, _age(message.cycle, newest))
         elif isinstance(message, SHOWN):
             yield Said(at, message)
         else:
             yield Passed(at)
 
 
-def _age(frame: Frame, newest: Frame | None) -> float:
-    """How long ago a frame was, s; bids are asked for, and come some time after they were made."""
-    if newest is None or newest.epoch != frame.epoch:
+def _age(cycle: Cycle, newest: Cycle | None) -> float:
+    """How long ago a cycle was, s; bids are asked for, and come some time after they were made."""
+    if newest is None or newest.epoch != cycle.epoch:
         return 0.0
-    return max(newest.number - frame.number, 0) * PERIOD
+    return max(newest.number - cycle.number, 0) * PERIOD

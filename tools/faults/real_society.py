@@ -134,7 +134,7 @@ class RealSociety:
             self.add(member.name, member.name, self.host_of(member.name), member.sets, wait=False)
         for agent in self.agents.values():
             self._meet(agent, known=())
-        self.until(lambda: self.account.state is not None, "the robot's first frame")
+        self.until(lambda: self.account.state is not None, "the robot's first cycle")
         self._sent_at = float("-inf")
         self.until(self.account.driving, "the robot is on its way")
 

@@ -1,7 +1,7 @@
 """Trials on real processes: one fault at a time, and from when to when each figure counts.
 
 A kind of trial is a function that is given a society that drives, makes its fault, waits, and puts
-everything back. The society stays up for all trials of a kind, and the phase within a frame is
+everything back. The society stays up for all trials of a kind, and the phase within a cycle is
 drawn anew for each. Times are the onlooker's, on the machine that everything runs on.
 """
 
@@ -25,7 +25,7 @@ CALM_S: Final = 0.6
 """Between two trials everything has been as it should for so long."""
 
 PHASE_S: Final = 0.3
-"""The moment of a fault is drawn from so long a time: three frames."""
+"""The moment of a fault is drawn from so long a time: three cycles."""
 
 LONGER_THAN_A_LEASE_S: Final = 1.5
 """After so long Zenoh has given up the links of who hangs or is cut off (lease 1 s)."""
@@ -71,7 +71,7 @@ def settle(society: RealSociety) -> None:
 
 
 def phase(society: RealSociety, rng: random.Random) -> None:
-    """Let a time pass that is drawn: a fault may come at any moment of a frame."""
+    """Let a time pass that is drawn: a fault may come at any moment of a cycle."""
     society.run(rng.uniform(0.0, PHASE_S))
 
 

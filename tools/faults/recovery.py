@@ -55,7 +55,7 @@ class SomebodyObeyed:
 class Moves:
     """After healing the robot moves within 2 s, or every bid says why not.
 
-    5 s if somebody has let go of a reign that was not obeyed, and stands back. It need not move if
+    5 s if somebody has let go of a tenure that was not obeyed, and stands back. It need not move if
     it is stopped, has no mission, or somebody is obeyed who commands rest, and says why; or creeps
     to its goal so slowly that the wheels' friction holds it for a while.
     """
@@ -95,7 +95,7 @@ class Moves:
         if now.moved_at >= self._healed:
             return True
         then, state = self._from, now.state
-        if then is None or state is None or then.frame.epoch != state.frame.epoch:
+        if then is None or state is None or then.cycle.epoch != state.cycle.epoch:
             return False
         turned = abs(wrap(state.theta - then.theta))
         return hypot(state.x - then.x, state.y - then.y) > CRAWL_M or turned > CRAWL_RAD

@@ -1,4 +1,4 @@
-"""What an onlooker knows: which faults are on, what frame it is, who claims, bids and is obeyed."""
+"""What an onlooker knows: which faults are on, what cycle it is, who claims, bids and is obeyed."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ from armadico.messages import (
     Ballot,
     BidRecord,
     Claim,
-    Frame,
+    Cycle,
     MissionState,
     MissionStatus,
     Pose,
@@ -33,13 +33,13 @@ long after the sonar agent was started again, which has forgotten what was behin
 OVER_S = 2.0
 """So long after a fault has ended its voids end too, if the robot has not come to rest before."""
 
-FRESH_FRAMES = 3
-"""A command may answer a frame so many older than the newest (docs/architecture.md)."""
+FRESH_CYCLES = 3
+"""A command may answer a cycle so many older than the newest (docs/architecture.md)."""
 
-POSES = 16  # frames whose true poses are remembered, for poses that come late
+POSES = 16  # cycles whose true poses are remembered, for poses that come late
 
 BID_AGE_S = 0.35
-"""A bid older than this says nothing of now: three frames, and the way here."""
+"""A bid older than this says nothing of now: three cycles, and the way here."""
 
 
 @dataclass(frozen=True)
@@ -47,7 +47,7 @@ class Bounds:
     """The numbers of the promises, SI units."""
 
     stop_s: float = 0.4  # from the last valid command to the stop
-    overlap_s: float = 0.5  # two reigns in a whole network: 5 frames
+    overlap_s: float = 0.5  # two tenures in a whole network: 5 cycles
     obeyed_s: float = 5.0
     moves_s: float = 2.0
     stood_back_s: float = 5.0
@@ -68,7 +68,7 @@ def bounds_of(profile: RobotProfile) -> Bounds:
 
 
 OVERSHOOT = 1.5
-"""Of the speed loops over the ramp that they follow, within a frame."""
+"""Of the speed loops over the ramp that they follow, within a cycle."""
 
 
 @dataclass
@@ -85,7 +85,7 @@ class Situation:
     moved_at: float = -inf
     rested_at: float = -inf
     released_at: float = -inf  # when the stop was last released
-    stood_back_at: float = -inf  # when a reign that was not obeyed was last let go of
+    stood_back_at: float = -inf  # when a tenure that was not obeyed was last let go of
     truth: Truth | None = None
     truth_at: float = -inf
     astray_at: float = -inf  # when pose or map were last known to be wrong
@@ -97,7 +97,7 @@ class Situation:
     ordered: Ordered | None = None
     active: Counter[tuple[str, tuple[str, ...]]] = field(default_factory=Counter)
     _ended: dict[Promise, float] = field(default_factory=dict)  # voids of faults that are over
-    _truths: dict[Frame, Truth] = field(default_factory=dict)  # where it was in the last frames
+    _truths: dict[Cycle, Truth] = field(default_factory=dict)  # where it was in the last cycles
 
     def take(self, seen: Observation) -> None:
         """Learn from one observation."""
@@ -116,12 +116,12 @@ class Situation:
         elif isinstance(seen, Left):
             self.bids.pop(seen.instance, None)
 
-    def age(self, frame: Frame) -> float:
-        """How many frames before the newest; inf in another epoch."""
+    def age(self, cycle: Cycle) -> float:
+        """How many cycles before the newest; inf in another epoch."""
         state = self.state
-        if state is None or frame.epoch != state.frame.epoch:
+        if state is None or cycle.epoch != state.cycle.epoch:
             return inf
-        return state.frame.number - frame.number
+        return state.cycle.number - cycle.number
 
     def whole_for(self) -> float:
         """Seconds for which nothing has broken the network; negative while something does."""
@@ -178,13 +178,13 @@ class Situation:
     def _hear(self, said: Said) -> None:
         message = said.message
         if isinstance(message, RobotState):
-            self._frame(message)
+            self._cycle(message)
         elif isinstance(message, Claim):
             self._claim(message)
         elif isinstance(message, MissionStatus):
             self.driving = message.state is MissionState.DRIVING
         elif isinstance(message, Pose):
-            truth = self._truths.get(message.frame, self.truth)
+            truth = self._truths.get(message.cycle, self.truth)
             if truth is not None and hypot(message.x - truth.x, message.y - truth.y) > ASTRAY_M:
                 self.astray_at = said.at
         elif isinstance(message, Truth):
@@ -194,15 +194,15 @@ class Situation:
             if abs(message.v) < MOVING_M_S and abs(message.w) < MOVING_RAD_S:
                 self.rested_at = said.at
 
-    def _frame(self, state: RobotState) -> None:
+    def _cycle(self, state: RobotState) -> None:
         before, self.before, self.state = self.state, self.state, state
         self.state_at = self.now
         if self.truth is not None:
-            self._truths[state.frame] = self.truth
+            self._truths[state.cycle] = self.truth
             if len(self._truths) > POSES:
                 del self._truths[next(iter(self._truths))]
-        at = state.obeyed_frame
-        if at is not None and state.frame.number - at.number <= FRESH_FRAMES:
+        at = state.obeyed_cycle
+        if at is not None and state.cycle.number - at.number <= FRESH_CYCLES:
             self.obeyed_at = self.now
         if abs(state.v) >= MOVING_M_S or abs(state.w) >= MOVING_RAD_S:
             self.moved_at = self.now

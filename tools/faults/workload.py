@@ -28,7 +28,7 @@ from armadico.messages import (
     Ballot,
     Claim,
     Command,
-    Frame,
+    Cycle,
     Message,
     MissionReply,
     MissionRequest,
@@ -251,10 +251,10 @@ def _tap_line(agent: DeviceAgent, workload: Workload) -> None:
 def _tap_owner(owner: Owner, workload: Workload) -> None:
     judge = owner.judge
 
-    def tapped(frame: Frame, ballot: Ballot, *, stopped: bool, sound: bool) -> Verdict:
-        verdict = judge(frame, ballot, stopped=stopped, sound=sound)
+    def tapped(cycle: Cycle, ballot: Ballot, *, stopped: bool, sound: bool) -> Verdict:
+        verdict = judge(cycle, ballot, stopped=stopped, sound=sound)
         if verdict is Verdict.OBEYED:
-            workload.checker.take(Obeyed(workload.mesh.now, ballot, frame))
+            workload.checker.take(Obeyed(workload.mesh.now, ballot, cycle))
         return verdict
 
     vars(owner)["judge"] = tapped

@@ -127,7 +127,7 @@ def _lose(hosts: Hosts, watcher: _Watcher, agents: set[str], say: Callable[[str]
     if taken is not None:
         say(
             f"  {story.name(taken.instance)} took over: obeyed {1e3 * taken.seconds:.0f} ms,"
-            f" {taken.frames} frames, after the last command of {story.name(last.instance)}"
+            f" {taken.cycles} cycles, after the last command of {story.name(last.instance)}"
         )
     else:
         say("  nobody took over: the robot stops by itself")

@@ -9,18 +9,18 @@ import msgspec
 from msgspec import Struct
 
 
-class Frame(Struct, frozen=True, tag="frame"):
-    """The robot agent's word in a frame: who is obeyed by now, for which frame, and how fast."""
+class Cycle(Struct, frozen=True, tag="cycle"):
+    """The robot agent's word in a cycle: who is obeyed by now, for which cycle, and how fast."""
 
     at: float
     number: int
     holder: str  # an instance; empty if nobody was obeyed of late
-    obeyed: int  # the number of the frame that was answered
+    obeyed: int  # the number of the cycle that was answered
     v: float
 
 
 class Commanded(Struct, frozen=True, tag="command"):
-    """Somebody commanded the wheels, for a frame."""
+    """Somebody commanded the wheels, for a cycle."""
 
     at: float
     instance: str
@@ -59,7 +59,7 @@ class Mission(Struct, frozen=True, tag="mission"):
     to_go: float
 
 
-News = Frame | Commanded | Token | Home | Bidding | Mission
+News = Cycle | Commanded | Token | Home | Bidding | Mission
 
 _ENCODER = msgspec.json.Encoder()
 _DECODER: msgspec.json.Decoder[News] = msgspec.json.Decoder(News)

@@ -18,7 +18,7 @@ class Takeover:
 
     instance: str
     seconds: float
-    frames: int
+    cycles: int
 
 
 @dataclass
@@ -27,7 +27,7 @@ class Story:
 
     now: float = 0.0
     holder: str = ""
-    number: int = 0  # of the newest frame
+    number: int = 0  # of the newest cycle
     speed: float = 0.0
     there: dict[str, float] = field(default_factory=dict)  # instances, and since when
     homes: dict[str, str] = field(default_factory=dict)  # the host of an instance
@@ -37,7 +37,7 @@ class Story:
     _bids: dict[str, news.Bidding] = field(default_factory=dict)
     _commands: dict[str, news.Commanded] = field(default_factory=dict)
     _first: dict[tuple[str, int], news.Commanded] = field(default_factory=dict)
-    _frames: list[news.Frame] = field(default_factory=list)
+    _cycles: list[news.Cycle] = field(default_factory=list)
 
     def take(self, each: news.News) -> None:
         """Take one thing."""
@@ -45,9 +45,9 @@ class Story:
             self.homes[each.instance] = each.host
             return
         self.now = max(self.now, each.at)
-        if isinstance(each, news.Frame):
+        if isinstance(each, news.Cycle):
             self.holder, self.number, self.speed = each.holder, each.number, each.v
-            self._frames.append(each)
+            self._cycles.append(each)
         elif isinstance(each, news.Commanded):
             self._commands[each.instance] = each
             self._first[each.instance, each.number] = each
@@ -100,10 +100,10 @@ class Story:
 
     def takeover(self, since: news.Commanded) -> Takeover | None:
         """Who was obeyed next after somebody's last command; None if nobody is yet."""
-        for frame in self._frames:
-            if frame.at <= since.at or frame.holder in ("", since.instance):
+        for cycle in self._cycles:
+            if cycle.at <= since.at or cycle.holder in ("", since.instance):
                 continue
-            said = self._first.get((frame.holder, frame.obeyed))
+            said = self._first.get((cycle.holder, cycle.obeyed))
             if said is not None and said.at > since.at:
                 return Takeover(said.instance, said.at - since.at, said.number - since.number)
         return None

@@ -22,7 +22,7 @@ ASK_S: Final = 0.25
 """How often everybody is asked for their bids, and for a card that is missing."""
 
 LATELY: Final = 3
-"""Who was obeyed for a frame so many ago is obeyed still."""
+"""Who was obeyed for a cycle so many ago is obeyed still."""
 
 KEYS: Final = ("robot/state", "robot/cmd/*", "mission/status")
 
@@ -82,9 +82,9 @@ def _watch(mesh: ZenohMesh) -> Iterator[news.News]:
 def told(message: Message | None, at: float) -> Iterator[news.News]:
     """What a message is worth telling; `at` in s."""
     if isinstance(message, RobotState):
-        yield _frame(message, at)
+        yield _cycle(message, at)
     elif isinstance(message, Command):
-        yield news.Commanded(at, message.ballot.instance, message.frame.number)
+        yield news.Commanded(at, message.ballot.instance, message.cycle.number)
     elif isinstance(message, Card):
         yield news.Home(message.instance, message.host)
     elif isinstance(message, BidHistory) and message.bids:
@@ -94,12 +94,12 @@ def told(message: Message | None, at: float) -> Iterator[news.News]:
         yield news.Mission(at, message.state.value, message.to_go)
 
 
-def _frame(state: RobotState, at: float) -> news.Frame:
-    obeyed, answered = state.obeyed, state.obeyed_frame
-    number = state.frame.number
+def _cycle(state: RobotState, at: float) -> news.Cycle:
+    obeyed, answered = state.obeyed, state.obeyed_cycle
+    number = state.cycle.number
     if obeyed is None or answered is None or number - answered.number > LATELY:
-        return news.Frame(at, number, "", 0, state.v)
-    return news.Frame(at, number, obeyed.instance, answered.number, state.v)
+        return news.Cycle(at, number, "", 0, state.v)
+    return news.Cycle(at, number, obeyed.instance, answered.number, state.v)
 
 
 if __name__ == "__main__":

@@ -19,7 +19,7 @@ def kinds(events: list[object], kind: type) -> list[object]:
     return [event for event in events if isinstance(event, kind)]
 
 
-def test_a_session_opens_and_frames_come_ten_times_a_second(link: Link) -> None:
+def test_a_session_opens_and_cycles_come_ten_times_a_second(link: Link) -> None:
     events = link.let_pass(2.05)
     assert kinds(events, Connected) == [Connected("Armadico", "Pioneer", "p2dx")]
     assert len(kinds(events, Configuration)) == 1
