@@ -22,6 +22,7 @@ LARGEST = 1e6
 """The size of the largest number that a message carries."""
 
 Real = Annotated[float, Meta(ge=-LARGEST, le=LARGEST)]  # also refuses NaN and the infinities
+Positive = Annotated[float, Meta(gt=0, le=LARGEST)]
 Share = Annotated[float, Meta(ge=0, le=1)]
 Counter = Annotated[int, Meta(ge=0, le=2**53 - 1)]
 Bits64 = Annotated[int, Meta(ge=0, le=2**63 - 1)]
@@ -135,6 +136,29 @@ class RobotState(Message, frozen=True):
     obeyed: Ballot | None = None  # of the last obeyed command,
     obeyed_cycle: Cycle | None = None  # and the cycle that it answered
     stop: Stop = Stop()
+
+
+class Description(Message, frozen=True):
+    """The robot's body and limits; nothing about the body stands anywhere else on the mesh.
+
+    The outline is a rectangle around the middle of the wheel axle, in the body frame. `v_accel` to
+    `w_decel` are the ramps that the controller drives; `silence_s` is how long it goes on without a
+    valid command until a stop is ordered, `watchdog_s` until its controller stops by itself.
+    """
+
+    robot: Name  # the profile's name
+    cycle_s: Positive  # s from one status packet to the next
+    front: Positive  # m from the axle to the front edge,
+    rear: Positive  # to the rear edge,
+    half_width: Positive  # and to either side
+    v_max: Positive  # m/s
+    w_max: Positive  # rad/s
+    v_accel: Positive  # m/s^2
+    v_decel: Positive
+    w_accel: Positive  # rad/s^2
+    w_decel: Positive
+    silence_s: Positive
+    watchdog_s: Positive
 
 
 class Echo(Message, frozen=True):

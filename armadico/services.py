@@ -48,6 +48,7 @@ _S, _E, _Q = Kind.STATE, Kind.EVENT, Kind.QUERY
 
 SERVICES: tuple[Service, ...] = (
     Service(m.RobotState, "robot/state", _S, 10, 3, "odometry, speeds, battery; moves the cycle"),
+    Service(m.Description, "robot/description", _S, 1, None, "the robot's body and limits"),
     Service(m.Sonar, "robot/sonar", _S, 10, 3, "the sonars that fired since the cycle before"),
     Service(m.Command, "robot/cmd/{instance}", _E, 10, 3, "a speed for the wheels, by the holder"),
     Service(m.Stop, "robot/stop", _E, None, None, "latch or release the stop; anyone may"),

@@ -24,6 +24,7 @@ from armadico.messages import (
     Claim,
     Command,
     Cycle,
+    Description,
     Echo,
     Message,
     RobotState,
@@ -47,6 +48,9 @@ AT_REST_M_S = 0.02
 SONARS_SILENT = 4
 """Without a reading for so many cycles the sonars are said to be silent."""
 
+DESCRIBE_CYCLES = 10
+"""The description is published once in so many cycles, for those who come late."""
+
 REPORT_S = 2.0
 """Refusals are reported at most so often."""
 
@@ -64,7 +68,7 @@ class Robot(DeviceAgent):
     name = "robot"
     alone = True
     hears: ClassVar[tuple[type[Message], ...]] = (Command, Claim, Stop)
-    provides: ClassVar[tuple[type[Message], ...]] = (RobotState, Sonar)
+    provides: ClassVar[tuple[type[Message], ...]] = (RobotState, Description, Sonar)
     parameters = Parameters
     p: Parameters
 
@@ -195,9 +199,30 @@ class Robot(DeviceAgent):
                 stop=self._stops,
             )
         )
+        if self._number % DESCRIBE_CYCLES == 1:
+            self.publish(self.description())
         self._say_sonar(cycle, report)
         self._insist(left, right)
         self._complain()
+
+    def description(self) -> Description:
+        """The robot's body and limits, by its profile."""
+        body, limits, p2os = self.profile.body, self.profile.limits, self.profile.p2os
+        return Description(
+            robot=self.profile.name,
+            cycle_s=p2os.cycle_s,
+            front=body.front_m,
+            rear=body.rear_m,
+            half_width=body.width_m / 2,
+            v_max=limits.v_max,
+            w_max=limits.w_max,
+            v_accel=limits.v_accel,
+            v_decel=limits.v_decel,
+            w_accel=limits.w_accel,
+            w_decel=limits.w_decel,
+            silence_s=STOP_AFTER_S,
+            watchdog_s=p2os.watchdog_s,
+        )
 
     def _insist(self, left: float, right: float) -> None:
         """Order the stop again while the wheels still turn: it may have been lost on the line.

@@ -10,7 +10,7 @@ from pathlib import Path
 
 import pytest
 
-from tests.house.tree import ROOT, modules, project, python_files, text_files, tree
+from tests.house.tree import ROOT, modules, project, text_files, tree
 
 MACHINE = re.compile(r"/(?:work|root|home|Users|mnt)/\w")
 LOCKS = sorted((ROOT / "requirements").glob("*.txt"))
