@@ -69,6 +69,10 @@ class Axis:
         self._goal = None
         self._target = self.speed = 0.0
 
+    def steady(self, held: bool) -> bool:
+        """Whether the reference stays as it is until something else is asked."""
+        return self._goal is None and self.speed == (0.0 if held else self._target)
+
     def step(self, dt: float, measured: float, held: bool) -> float:
         """Let `dt` (s) pass at the speed measured; return the speed to regulate to.
 
@@ -85,7 +89,8 @@ class Axis:
         speed = self.speed
         away = abs(target) > abs(speed) and target * speed >= 0
         most = (self.accel if away else self.decel) * dt
-        self.speed = speed + min(max(target - speed, -most), most)
+        change = target - speed
+        self.speed = speed + (most if change > most else -most if change < -most else change)
 
     def _follow(self, goal: float, dt: float, measured: float, held: bool) -> float:
         """One step of the plan, and the speed that keeps the wheels on it."""

@@ -31,5 +31,6 @@ class Battery:
         """`dt` seconds in which the motors take `motors_w` watts."""
         empty, span, internal, idle = self._parameters
         amperes = idle + motors_w / self.volts if motors_w > 0.0 else idle
-        self.charge = max(0.0, self.charge - amperes * dt / self._capacity_as)
-        self.volts = empty + span * self.charge - internal * amperes
+        charge = self.charge - amperes * dt / self._capacity_as
+        self.charge = charge = charge if charge > 0.0 else 0.0
+        self.volts = empty + span * charge - internal * amperes

@@ -50,7 +50,7 @@ class Wheels(Struct, frozen=True):
 
 
 def _masses(profile: RobotProfile) -> tuple[float, ...]:
-    """mA, IA, -M cy, mc, Ip1, l1, 1/d and M cx: J and the centrifugal terms without the caster."""
+    """mA, IA, -M cy, mc, Ip1, -l1, 1/d and M cx: J and the centrifugal terms without the caster."""
     body, inertia = profile.body, profile.inertia
     x, y, track = body.mass_centre_x_m, body.mass_centre_y_m, body.half_track_m
     rolling = body.wheel_mass_kg + inertia.wheel_roll_kg_m2 / body.wheel_radius_m**2
@@ -63,7 +63,7 @@ def _masses(profile: RobotProfile) -> tuple[float, ...]:
         -body.mass_kg * y,
         body.caster_mass_kg + inertia.caster_roll_kg_m2 / body.caster_radius_m**2,
         inertia.caster_yaw_kg_m2,
-        body.caster_arm_m,
+        -body.caster_arm_m,
         1.0 / body.caster_trail_m,
         body.mass_kg * x,
     )
@@ -102,7 +102,7 @@ class Dynamics:
     """
 
     __slots__ = (
-        *("_caster", "_coulomb", "_forces", "_hold_v", "_masses", "_momentum"),
+        *("_caster", "_coulomb", "_drag", "_forces", "_hold_v", "_masses"),
         *("beta", "dt", "mobility", "v", "w"),
     )
 
@@ -112,16 +112,17 @@ class Dynamics:
         self._masses = _masses(profile)
         self._forces = _forces(profile)
         self._coulomb = _coulomb(profile, dt)
+        _, _, loss, loss_w, _ = self._forces
+        self._drag = (0.5 * dt * loss, 0.5 * dt * loss_w)
         self._hold_v = breakaway_v(profile)
         self.mobility = (0.0, 0.0, 0.0)
-        self._momentum = (0.0, 0.0, 0.0)
         self._caster = (0.0, 0.0)
 
     def inertia(self) -> tuple[float, float, float]:
         """Elements 00 (kg), 01 (kg m) and 11 (kg m2) of J at the caster's angle (equation 4.9)."""
         mass, moment, cross, mc, ip, arm, per_trail, _ = self._masses
         s, c = sin(self.beta), cos(self.beta)
-        a1, g0, g1 = -arm * s, -s * per_trail, -arm * c * per_trail
+        a1, g0, g1 = arm * s, -s * per_trail, arm * c * per_trail
         return (
             mass + mc * c * c + ip * g0 * g0,
             cross + mc * c * a1 + ip * g0 * g1,
@@ -153,36 +154,39 @@ class Dynamics:
         v, w, dt, hold = self.v, self.w, self.dt, self._hold_v
         if v == 0.0 == w and -hold <= left_v <= hold and -hold <= right_v <= hold:
             return
+        # The caster is what changes: a, g, and what is needed of them more than once.
         mass, moment, cross, mc, ip, arm, per_trail, offset = self._masses
         per_volt, turn_per_volt, loss, loss_w, viscous = self._forces
         s, c = sin(self.beta), cos(self.beta)
-        a1, g0, g1 = -arm * s, -s * per_trail, -arm * c * per_trail
-        rate = g0 * v + (g1 - 1.0) * w  # beta_dot
-        pull = -mc * rate * (s * v + arm * c * w)  # mc a_dot . eta
+        a1, lever = arm * s, arm * c
+        g0, g1 = -s * per_trail, lever * per_trail
+        mc_a0, ip_g0, swing = mc * c, ip * g0, g1 - 1.0
+        rate = g0 * v + swing * w  # beta_dot
+        pull = mc * rate * (lever * w - s * v)  # mc a_dot . eta
         rub = viscous * rate
-        twist = rub + ip * rate * per_trail * (arm * s * w - c * v)  # and Ip1 g_dot . eta
+        twist = rub - ip * rate * per_trail * (a1 * w + c * v)  # and Ip1 g_dot . eta
         force = per_volt * (right_v + left_v) - loss * v + offset * w * w - pull * c - twist * g0
         couple = turn_per_volt * (right_v - left_v) - loss_w * w - offset * v * w
         couple += rub - pull * a1 - twist * g1
-        # J + dt D / 2, of the trapezoidal rule, and its inverse
-        j00 = mass + mc * c * c + ip * g0 * g0 + 0.5 * dt * loss
-        j01 = cross + mc * c * a1 + ip * g0 * g1
-        j11 = moment + mc * a1 * a1 + ip * g1 * g1 + 0.5 * dt * loss_w
+        # J + dt D / 2, of the trapezoidal rule, and dt over it
+        drag, drag_w = self._drag
+        j00 = mass + mc_a0 * c + ip_g0 * g0 + drag
+        j01 = cross + mc_a0 * a1 + ip_g0 * g1
+        j11 = moment + mc * a1 * a1 + ip * g1 * g1 + drag_w
         scale = dt / (j00 * j11 - j01 * j01)
-        self._momentum = (j00, j01, j11)
-        self.mobility = (j11 * scale, -j01 * scale, j00 * scale)
-        self._caster = (g0, g1 - 1.0)
-        self._rub(
-            v + scale * (j11 * force - j01 * couple), w + scale * (j00 * couple - j01 * force)
-        )
-
-    def _rub(self, v: float, w: float) -> None:
-        """Coulomb friction: forces at the wheels' rims and at the caster's pivot for a step."""
+        i00, i01, i11 = j11 * scale, -j01 * scale, j00 * scale
+        self.mobility, self._caster = (i00, i01, i11), (g0, swing)
+        v += scale * (j11 * force - j01 * couple)
+        w += scale * (j00 * couple - j01 * force)
+        # Coulomb friction at the rims: as sliding on, unless it could bring a wheel to rest
         rim, pivot, track, far = self._coulomb
-        i00, i01, i11 = self.mobility
-        right, left = v + track * w, v - track * w
-        if -far < right < far or -far < left < far:
-            if self._stops(v, w):
+        across = track * w
+        right, left = v + across, v - across
+        if right > far and left > far:  # ahead, as nearly always: both the same, so no couple
+            v -= i00 * (rim + rim)
+            w -= i01 * (rim + rim)
+        elif -far < right < far or -far < left < far:
+            if self._stops(v, w, (j00, j01, j11)):
                 self.v = self.w = 0.0
                 return
             v, w = _clamped(v, w, (1.0, track), rim, self.mobility)
@@ -192,12 +196,16 @@ class Dynamics:
             force, couple = right + left, track * (right - left)
             v -= i00 * force + i01 * couple
             w -= i01 * force + i11 * couple
-        self.v, self.w = _clamped(v, w, self._caster, pivot, self.mobility)
+        # and at the caster's pivot: `_clamped`, written out
+        d0, d1 = i00 * g0 + i01 * swing, i01 * g0 + i11 * swing
+        force = -(g0 * v + swing * w) / (g0 * d0 + swing * d1)
+        force = pivot if force > pivot else -pivot if force < -pivot else force
+        self.v, self.w = v + d0 * force, w + d1 * force
 
-    def _stops(self, v: float, w: float) -> bool:
+    def _stops(self, v: float, w: float, momentum: tuple[float, float, float]) -> bool:
         """Whether friction at the rims can take all the momentum within this step."""
         rim, _, track, _ = self._coulomb
-        j00, j01, j11 = self._momentum
+        j00, j01, j11 = momentum
         along, across = j00 * v + j01 * w, (j01 * v + j11 * w) / track
         return max(abs(along + across), abs(along - across)) <= 2.0 * rim * self.dt
 

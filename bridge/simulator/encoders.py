@@ -19,30 +19,32 @@ PATCH_M = 0.1
 
 
 class Encoder:
-    """One wheel's quadrature counter."""
+    """One wheel's quadrature counter.
 
-    __slots__ = ("_patch_m", "_rng", "_scale", "_slip", "_turned", "_unslipped", "ticks")
+    Attributes:
+        ticks: Counted since power-on.
+        turned: The same with their fraction.
+        scale: Ticks for a metre of the wheel's way over this patch of floor.
+        slips: Whether one patch differs from the next.
+    """
+
+    __slots__ = ("_patch_m", "_rng", "_slip", "_unslipped", "scale", "slips", "ticks", "turned")
 
     def __init__(self, slip: float, scale: float, rng: Random) -> None:
         self.ticks = 0
-        self._rng = rng
+        self.turned = 0.0
+        self.scale = self._unslipped = scale
+        self.slips = slip != 0.0
         self._slip = slip
-        self._unslipped = self._scale = scale  # ticks for a metre; on this patch of floor
-        self._patch_m = 0.0
-        self._turned = 0.0  # ticks, with their fraction
+        self._patch_m = 0.0  # what is left of it
+        self._rng = rng
 
-    def move(self, rim_m: float) -> int:
-        """The wheel rolls so far over the floor; ticks counted on the way."""
-        if self._slip:
-            self._patch_m -= abs(rim_m)
-            if self._patch_m <= 0.0:
-                self._patch_m += PATCH_M
-                self._scale = self._unslipped * (1.0 + self._rng.gauss(0.0, self._slip))
-        self._turned += rim_m * self._scale
-        ticks = floor(self._turned)
-        passed = ticks - self.ticks
-        self.ticks = ticks
-        return passed
+    def slip(self, rim_m: float) -> None:
+        """The wheel rolls so far, perhaps onto the next patch."""
+        self._patch_m -= abs(rim_m)
+        if self._patch_m <= 0.0:
+            self._patch_m += PATCH_M
+            self.scale = self._unslipped * (1.0 + self._rng.gauss(0.0, self._slip))
 
 
 class Odometry:
@@ -84,8 +86,15 @@ class Odometry:
 
     def move(self, left_m: float, right_m: float) -> None:
         """The rims roll so far over the floor in one step."""
-        left = self._left.move(left_m) / TICKS_PER_M
-        right = self._right.move(right_m) / TICKS_PER_M
+        one, other = self._left, self._right
+        if one.slips:
+            one.slip(left_m)
+            other.slip(right_m)
+        one.turned += left_m * one.scale
+        other.turned += right_m * other.scale
+        ticks, others = floor(one.turned), floor(other.turned)
+        left, right = (ticks - one.ticks) / TICKS_PER_M, (others - other.ticks) / TICKS_PER_M
+        one.ticks, other.ticks = ticks, others
         along, turned, dt = 0.5 * (left + right), (right - left) / self._track, self._dt
         self.left_m_s, self.right_m_s = left / dt, right / dt
         self.v, self.w = along / dt, turned / dt

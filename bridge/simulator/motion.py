@@ -16,6 +16,10 @@ AT_REST_M_S = 0.01  # after an emergency stop, commands count again below these
 AT_REST_RAD_S = 0.02
 
 
+Driver = Callable[[float, float], tuple[float, float]]
+"""Measured speeds ahead (m/s) and around (rad/s) to the voltages of left and right motor, V."""
+
+
 class Plant(Protocol):
     """The physical robot in its world, as far as its controller can feel and move it."""
 
@@ -55,8 +59,8 @@ class Plant(Protocol):
     def battery_v(self) -> float:
         """Voltage of the battery."""
 
-    def step(self, left_v: float, right_v: float) -> None:
-        """Let one step pass with these voltages at the motors."""
+    def run(self, steps: int, driver: Driver) -> None:
+        """Let steps pass; before each the driver hears v and w and says the motors' voltages."""
 
     def reset_odometry(self) -> None:
         """Set the odometry to zero."""
@@ -108,17 +112,25 @@ class Motion:
 
     def run(self, steps: int, held: bool) -> None:
         """Let simulation steps pass; `held` by the watchdog or not."""
-        plant = self._plant
-        step, dt = plant.step, plant.step_s
+        plant, linear, angular, voltages = (
+            self._plant,
+            self.linear,
+            self.angular,
+            self._loops.voltages,
+        )
+        dt = plant.step_s
         if not self.enabled:
-            for _ in range(steps):
-                step(0.0, 0.0)
-            return
-        linear, angular, voltages = self.linear.step, self.angular.step, self._loops.voltages
-        for _ in range(steps):
-            v, w = plant.v, plant.w
-            left, right = voltages(linear(dt, v, held), angular(dt, w, held), v, w, dt)
-            step(left, right)
+            plant.run(steps, _off)
+        elif linear.steady(held) and angular.steady(held):
+            v_set, w_set = linear.speed, angular.speed
+            plant.run(steps, lambda v, w: voltages(v_set, w_set, v, w, dt))
+        else:
+            plant.run(
+                steps,
+                lambda v, w: voltages(
+                    linear.step(dt, v, held), angular.step(dt, w, held), v, w, dt
+                ),
+            )
 
     def obey(self, command: Command) -> None:
         """Carry out a command of `MOTIONS`, unless motors or emergency stop forbid it."""
@@ -187,6 +199,10 @@ class Motion:
         rest = abs(plant.v) < AT_REST_M_S and abs(plant.w) < AT_REST_RAD_S
         self._emergency = self._emergency and not rest
         return self._emergency
+
+
+def _off(_v: float, _w: float) -> tuple[float, float]:
+    return 0.0, 0.0
 
 
 MOTIONS: dict[int, Callable[[Motion, Command], None]] = {

@@ -19,6 +19,7 @@ from armadico.bridge.simulator.battery import Battery
 from armadico.bridge.simulator.contact import SKIN_M, Contact, Motion, Outline, box_of
 from armadico.bridge.simulator.dynamics import Dynamics
 from armadico.bridge.simulator.encoders import Odometry
+from armadico.bridge.simulator.motion import Driver
 from armadico.bridge.simulator.sonar import Sonars
 from armadico.bridge.simulator.speed_loops import truncated
 from armadico.bridge.simulator.walls import TOUCH_M, Wall, Walls
@@ -163,34 +164,54 @@ class Plant:
     # Motion --------------------------------------------------------------------------------------
 
     def step(self, left_v: float, right_v: float) -> None:
-        """`step_s` seconds with these motor voltages (V), cut at what the battery has."""
-        most = self.battery.volts
-        if not (-most <= left_v <= most and -most <= right_v <= most):
-            left_v, right_v = truncated(left_v, right_v, most)
-        dynamics = self._dynamics
-        v, w = dynamics.v, dynamics.w
-        dynamics.accelerate(left_v, right_v)
-        self._steps += 1
-        self.blocked = False
-        corner = self._corner_m
-        new_v, new_w = dynamics.v, dynamics.w
-        reach = max(abs(v) + corner * abs(w), abs(new_v) + corner * abs(new_w)) * STEP_S
-        v, w = 0.5 * (v + new_v), 0.5 * (w + new_w)
-        self._margin -= reach
-        if self._margin <= 0.0 or self._touching or self._sideways:
-            v, w = self._near(reach, v, w)
-        else:
-            self._move(v, 0.0, w)
-        self._measure(left_v, right_v, v, w)
+        """`step_s` seconds with these motor voltages, V."""
+        self.run(1, lambda _v, _w: (left_v, right_v))
 
-    def _measure(self, left_v: float, right_v: float, v: float, w: float) -> None:
-        """Encoders and battery, after a step at these mean speeds."""
-        self._dynamics.roll(v, w)
-        left, right = v - w * self._half_track, v + w * self._half_track
-        self._odometry.move(STEP_S * left, STEP_S * right)
-        emf = self._back_emf
-        watts = left_v * (left_v - emf * left) + right_v * (right_v - emf * right)
-        self.battery.drain(watts * self._conductance, STEP_S)
+    def run(self, steps: int, driver: Driver) -> None:
+        """Steps of `step_s` seconds; the motors get what the driver says, cut at the battery's.
+
+        All the robot does in a simulation happens here, 200 times a simulated second: what does
+        not change is looked up before, and the pose stays in locals while no wall is near.
+        """
+        dynamics, odometry, battery = self._dynamics, self._odometry, self.battery
+        corner, half_track = self._corner_m, self._half_track
+        emf, conductance = self._back_emf, self._conductance
+        x, y, theta = self.pose
+        margin, walls_push = self._margin, self._touching or self._sideways != 0.0
+        v, w = dynamics.v, dynamics.w
+        pace = abs(v) + corner * abs(w)  # no point of the outline is faster, m/s
+        self.blocked = self.blocked and not steps
+        for _ in range(steps):
+            left_v, right_v = driver(odometry.v, odometry.w)
+            most = battery.volts
+            if not (-most <= left_v <= most and -most <= right_v <= most):
+                left_v, right_v = truncated(left_v, right_v, most)
+            dynamics.accelerate(left_v, right_v)
+            v0, w0, v, w = v, w, dynamics.v, dynamics.w
+            pace0, pace = pace, abs(v) + corner * abs(w)
+            reach = STEP_S * (pace if pace > pace0 else pace0)
+            margin -= reach
+            mean_v, mean_w = 0.5 * (v0 + v), 0.5 * (w0 + w)
+            self._steps += 1
+            if margin > 0.0 and not walls_push:
+                heading = theta + 0.5 * STEP_S * mean_w
+                x += mean_v * (STEP_S * cos(heading))
+                y += mean_v * (STEP_S * sin(heading))
+                theta += STEP_S * mean_w
+            else:
+                self.pose, self._margin = (x, y, theta), margin
+                mean_v, mean_w = self._near(reach, mean_v, mean_w)
+                x, y, theta = self.pose
+                margin, walls_push = self._margin, self._touching or self._sideways != 0.0
+                v, w = dynamics.v, dynamics.w
+                pace = abs(v) + corner * abs(w)
+            dynamics.roll(mean_v, mean_w)
+            aside = mean_w * half_track
+            left, right = mean_v - aside, mean_v + aside
+            odometry.move(STEP_S * left, STEP_S * right)
+            watts = left_v * (left_v - emf * left) + right_v * (right_v - emf * right)
+            battery.drain(watts * conductance, STEP_S)
+        self.pose, self._margin = (x, y, theta), margin
 
     def _move(self, v: float, u: float, w: float) -> None:
         """The body goes a step ahead, to the left and around."""
@@ -201,6 +222,7 @@ class Plant:
 
     def _near(self, reach: float, v: float, w: float) -> tuple[float, float]:
         """A step in which the outline may meet a wall; the mean speeds that come of it."""
+        self.blocked = False
         contacts = self._outline.contacts(self.pose)
         gap = min((contact.gap for contact in contacts), default=SKIN_M)
         if gap > reach and not self._sideways:

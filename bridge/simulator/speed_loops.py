@@ -66,7 +66,9 @@ class SpeedLoops:
         error_v, error_w = v_set - v, w_set - w
         common = kp_v * error_v + self._sum_v
         turning = kp_w * error_w + self._sum_w
-        left, right = self._feasible(common - turning, common + turning, self.supply_v)
+        left, right, supply = common - turning, common + turning, self.supply_v
+        if not (-supply <= left <= supply and -supply <= right <= supply):
+            left, right = self._feasible(left, right, supply)
         lost_v, lost_w = common - 0.5 * (right + left), turning - 0.5 * (right - left)
         self._sum_v += dt * (ki_v * error_v - antiwindup * lost_v)
         self._sum_w += dt * (ki_w * error_w - antiwindup * lost_w)

@@ -19,6 +19,7 @@ from armadico.bridge.p2os.commands import (
 from armadico.bridge.p2os.packets import Decoder
 from armadico.bridge.p2os.status import Status, decode_status
 from armadico.bridge.simulator.microcontroller import Microcontroller
+from armadico.bridge.simulator.motion import Driver
 from armadico.config.profile import RobotProfile
 
 
@@ -46,6 +47,10 @@ class Lagging:
     @property
     def right_m_s(self) -> float:
         return self.v + self.w * 0.1689
+
+    def run(self, steps: int, driver: Driver) -> None:
+        for _ in range(steps):
+            self.step(*driver(self.v, self.w))
 
     def step(self, v: float, w: float) -> None:
         share = self.step_s / self.lag_s

@@ -10,6 +10,7 @@ import pytest
 
 from armadico.bridge.p2os.session import Event, Session
 from armadico.bridge.simulator.microcontroller import Microcontroller
+from armadico.bridge.simulator.motion import Driver
 from armadico.config.profile import RobotProfile
 
 
@@ -33,6 +34,10 @@ class Kinematic:
     @property
     def w(self) -> float:
         return (self.right_m_s - self.left_m_s) / (2 * self.half_track)
+
+    def run(self, steps: int, driver: Driver) -> None:
+        for _ in range(steps):
+            self.step(*driver(self.v, self.w))
 
     def step(self, left_v: float, right_v: float) -> None:
         self.left_m_s, self.right_m_s = left_v, right_v
