@@ -1,7 +1,8 @@
 """The walls of the simulated world: line segments, and what is near.
 
-Segments live twice: as numpy arrays of complex numbers (x + i y; turning by theta is a product with
-exp(i theta)) for what looks at many at once, and in a pymunk space for contacts.
+Segments live as numpy arrays of complex numbers (x + i y; turning by theta is a product with
+exp(i theta)) for what looks at many at once, in a pymunk space for contacts, and those near the
+robot as plain tuples for its sonars.
 """
 
 from __future__ import annotations
@@ -17,6 +18,9 @@ import pymunk
 Points = npt.NDArray[np.complex128]
 Wall = tuple[float, float, float, float]
 """x1, y1, x2, y2, m."""
+
+Segment = tuple[float, float, float, float, float, bool]
+"""x and y of a wall's start (m), of the unit vector along it, its length (m), whether it echoes."""
 
 NEAR_M = 7.0  # how far `near` reaches at least: the sonar's 5 m, and the robot
 ROAM_M = 1.0  # how far the robot may go before what is near is looked up again
@@ -53,6 +57,17 @@ class Segments(NamedTuple):
             np.concatenate((self.echoes, other.echoes)),
         )
 
+    def plain(self) -> list[Segment]:
+        """The walls one by one."""
+        start, along, length, echoes = self
+        return list(
+            zip(
+                *(start.real.tolist(), start.imag.tolist(), along.real.tolist()),
+                *(along.imag.tolist(), length.tolist(), echoes.tolist()),
+                strict=True,
+            )
+        )
+
 
 class Walls:
     """All walls. More may be added at any time."""
@@ -63,6 +78,7 @@ class Walls:
             np.empty(0, complex), np.empty(0, complex), np.empty(0), np.empty(0, bool)
         )
         self._near = self._all
+        self._plain: list[Segment] = []
         self._anchor = (inf, inf)
 
     def __len__(self) -> int:
@@ -88,7 +104,13 @@ class Walls:
         if not hypot(x - self._anchor[0], y - self._anchor[1]) <= ROAM_M:
             self._anchor = (x, y)
             self._near = self._all.chosen(self._distance(x, y) <= NEAR_M + ROAM_M)
+            self._plain = self._near.plain()
         return self._near
+
+    def plain(self, x: float, y: float) -> list[Segment]:
+        """The same walls as `near`, one by one."""
+        self.near(x, y)
+        return self._plain
 
     def clearance(self, pose: tuple[float, float, float], box: Box) -> float:
         """From a rectangle at a pose to the nearest wall, m; 0 when touching, inf if none is."""

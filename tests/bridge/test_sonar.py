@@ -14,7 +14,7 @@ import numpy as np
 import pytest
 
 from armadico.bridge.simulator.plant import seeded
-from armadico.bridge.simulator.sonar import Sonars, echo
+from armadico.bridge.simulator.sonar import Sonars, echo, fan, in_cone
 from armadico.bridge.simulator.walls import Box, Wall, Walls
 from armadico.config.profile import RobotProfile, SensorProfile
 
@@ -138,8 +138,25 @@ def test_a_ray_aimed_exactly_at_a_corner_ends_there() -> None:
         if rng.random() < 0.5:  # whichever end of the walls the corner is
             walls = [(x2, y2, x1, y1) for x1, y1, x2, y2 in walls]
         world.add(walls, [True, True])
-        ray = np.exp(1j * np.array([[aim]]))
-        assert echo(world.near(0.0, 0.0), 0j, ray, 0.0) == pytest.approx(far)
+        assert echo(world.plain(0.0, 0.0), [(cos(aim), sin(aim))], 0.0) == pytest.approx(far)
+
+
+def test_walls_that_are_left_out_would_not_have_been_heard() -> None:
+    rng, rays, wide = Random(4), fan(30.0, 11), fan(179.0, 3)
+    heard = fewer = 0
+    for _ in range(500):
+        world = Walls()
+        ends = [tuple(rng.uniform(-6, 6) for _ in range(4)) for _ in range(6)]
+        world.add(ends, [rng.random() < 0.8 for _ in ends])  # type: ignore[arg-type]
+        sensor = (rng.uniform(-3, 3), rng.uniform(-3, 3), rng.uniform(-pi, pi))
+        walls = world.plain(0.0, 0.0)
+        chosen, ahead = in_cone(walls, sensor, rays[0], 5.0), in_cone(walls, sensor, wide[0], 99.0)
+        way = echo(ahead, rays, 0.5)
+        assert echo(chosen, rays, 0.5) == way or way > 5.0
+        heard += way <= 5.0
+        fewer += len(chosen) < len(ahead)
+    assert heard > 100
+    assert fewer > 100
 
 
 def test_ranges_stay_between_the_sensors_limits() -> None:
