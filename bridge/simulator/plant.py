@@ -49,8 +49,6 @@ class Plant:
     world: m, m, rad (not wrapped).
     """
 
-    step_s: float = STEP_S
-
     def __init__(
         self,
         profile: RobotProfile,
@@ -59,6 +57,7 @@ class Plant:
         start: tuple[float, float, float],
         rng: Streams,
     ) -> None:
+        self.step_s = STEP_S
         self.blocked = False
         self.collisions = 0
         self.pose = start
@@ -259,4 +258,4 @@ class Plant:
         if touching:
             if (self._steps - self._touched) * STEP_S > APART_S:
                 self.collisions += 1
-            self._touched = self._steps
+            self._touched = float(self._steps)
