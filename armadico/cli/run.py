@@ -4,10 +4,12 @@ from __future__ import annotations
 
 import argparse
 import json
+import os
 import signal
 import sys
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import AbstractContextManager, contextmanager, nullcontext
+from functools import partial
 from math import isfinite
 from pathlib import Path
 from typing import TYPE_CHECKING, Final
@@ -25,6 +27,9 @@ if TYPE_CHECKING:
 
 LINE_S: Final = 2.0
 """How often a line is printed where there is no terminal, s of the run."""
+
+RUNS_FOR_A_WORKER: Final = 4
+"""A worker takes as long to start as two or three runs, so for fewer none is started."""
 
 STARTING: Final = (
     "virtual",
@@ -56,15 +61,7 @@ def main(argv: Sequence[str]) -> int:
     seeds = _seeds(args, scenario)
     for seed in seeds if args.plot is not None else ():
         _check_picture(_picture(args, scenario, seed))
-    results = []
-    for seed in seeds:
-        result, watch = _drive(args, scenario, seed)
-        results.append(result)
-        if args.runs is not None:
-            _say(f"{scenario.name} seed {seed}: {_verdict(result)}")
-        picture = _picture(args, scenario, seed)
-        if picture is not None and watch.path:
-            _plot(picture, scenario, watch, result)
+    results = _series(args, scenario, seeds)
     if args.json:
         _print_json(results, several=args.runs is not None)
     else:
@@ -204,6 +201,35 @@ def _seeds(args: argparse.Namespace, scenario: Scenario) -> range:
     return range(first, first + (args.runs or 1))
 
 
+def _series(args: argparse.Namespace, scenario: Scenario, seeds: range) -> list[Result]:
+    """Every run's result, in the order of the seeds; virtual ones are driven on all cores."""
+    drive = partial(_drive_and_plot, args, scenario)
+
+    def told(seed: int, result: Result) -> None:
+        if args.runs is not None:
+            _say(f"{scenario.name} seed {seed}: {_verdict(result)}")
+
+    if not args.virtual or args.runs is None:
+        results = []
+        for seed in seeds:
+            results.append(drive(seed))
+            told(seed, results[-1])
+        return results
+    from armadico.tools.experiments.pool import over  # noqa: PLC0415 - not for --help
+
+    jobs = min(os.cpu_count() or 1, len(seeds) // RUNS_FOR_A_WORKER)
+    return over(drive, seeds, jobs, scenario.name, told)
+
+
+def _drive_and_plot(args: argparse.Namespace, scenario: Scenario, seed: int) -> Result:
+    """One run, in this process or in a worker's."""
+    result, watch = _drive(args, scenario, seed)
+    picture = _picture(args, scenario, seed)
+    if picture is not None and watch.path:
+        _plot(picture, scenario, watch, result)
+    return result
+
+
 def _drive(args: argparse.Namespace, scenario: Scenario, seed: int) -> tuple[Result, RunWatch]:
     from armadico.society import Options  # noqa: PLC0415 - not for --help
 
@@ -303,8 +329,8 @@ def _progress(
     args: argparse.Namespace, scenario: Scenario, seed: int
 ) -> Iterator[Callable[[RunWatch], None] | None]:
     """A bar on a terminal, a line now and then elsewhere; on stderr."""
-    if args.virtual and not sys.stderr.isatty():
-        yield None  # it is over in a second
+    if args.virtual and (args.runs is not None or not sys.stderr.isatty()):
+        yield None  # it is over in a second, or has the series' bar
         return
     label = f"{scenario.name} seed {seed}"
     if not sys.stderr.isatty():

@@ -187,6 +187,16 @@ def test_several_runs_are_a_list_and_one_after_another(capsys: Captured) -> None
     assert json.loads(one) == rows[1], "a run knows nothing of the one before it"
 
 
+def test_workers_change_no_run_and_no_order(
+    capsys: Captured, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    words = (*VIRTUAL, "--runs", "3", "--json")
+    alone = run(capsys, *words)
+    monkeypatch.setattr("armadico.cli.run.RUNS_FOR_A_WORKER", 1)
+    monkeypatch.setattr("os.cpu_count", lambda: 3)
+    assert run(capsys, *words)[:2] == alone[:2]
+
+
 def test_a_goal_that_is_not_reached_is_measured_and_ends_with_exit_code_1(
     capsys: Captured,
 ) -> None:
