@@ -5,7 +5,7 @@ VENV   := .venv
 BIN    := $(VENV)/bin
 PIP    := $(BIN)/python -m pip --disable-pip-version-check
 
-.PHONY: run test lint demo demo-down lock clean
+.PHONY: run test lint compiled demo demo-down lock clean
 .DEFAULT_GOAL := run
 
 $(VENV)/.run: requirements/run.txt pyproject.toml
@@ -30,6 +30,13 @@ lint: $(VENV)/.dev  ## ruff, and mypy strict over every package
 	$(BIN)/ruff format --check .
 	$(BIN)/python tools/typecheck.py
 
+compiled:  ## a second environment, .venv-compiled, whose simulated robot is compiled
+	@$(MAKE) --no-print-directory VENV=.venv-compiled .venv-compiled/.compiled
+
+.venv-compiled/.compiled: .venv-compiled/.dev setup.py pyproject.toml $(shell find armadico agents bridge configs tools -type f -not -name '*.pyc')
+	ARMADICO_COMPILE=1 $(PIP) install --quiet --no-deps --no-build-isolation --force-reinstall .
+	@touch $@
+
 demo: $(VENV)/.run  ## four hosts as containers, one of them lost in the middle of a run
 	$(BIN)/python -m armadico.tools.hosts.compose $(SCENARIO)
 
@@ -43,4 +50,4 @@ lock: $(VENV)/.dev  ## write the locks again from pyproject.toml
 	    $${lock#*:} -o requirements/$${lock%%:*}.txt pyproject.toml requirements/build.in; done
 
 clean:
-	rm -rf $(VENV) build dist *.egg-info runs
+	rm -rf $(VENV) .venv-compiled build dist *.egg-info runs
