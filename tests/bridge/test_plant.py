@@ -30,6 +30,7 @@ REAL = msgspec.convert(config("sensors")["real"], SensorProfile)
 FRONT, REAR, SIDE = PROFILE.body.front_m, PROFILE.body.rear_m, PROFILE.body.width_m / 2
 PENETRATION_M = 0.001  # no corner is ever farther behind a wall
 HOME = (0.0, 0.0, 0.0)
+AHEAD = 3  # the sonar
 ROOM = [
     (-2.0, -2.0, 4.0, -2.0),
     (4.0, -2.0, 4.0, 2.0),
@@ -92,6 +93,29 @@ def test_driving_into_a_wall_stops_there_and_counts_once(volts: float, heading: 
     assert robot.collisions == 1
     if heading != -0.7:  # there it slides along the wall, and a little off
         assert robot.clearance() == 0.0
+
+
+@pytest.mark.parametrize("sensors", [IDEAL, REAL], ids=["ideal", "real"])
+def test_steps_in_one_go_are_those_one_by_one(sensors: SensorProfile) -> None:
+    """Ahead, into a wall and along it, turning off it, and at rest."""
+    at_once, singly = (plant(ROOM, (3.0, 0.0, 0.1), sensors) for _ in range(2))
+    phases = [(8.0, 8.5)] * 60 + [(-9.0, 9.0)] * 40 + [(0.0, 0.0)] * 20 + [(-6.0, -5.0)] * 40
+    blocked = 0
+    for left_v, right_v in phases:
+        at_once.run(8, lambda _v, _w, volts=(left_v, right_v): volts)  # type: ignore[misc]
+        for _ in range(8):
+            singly.step(left_v, right_v)
+        blocked += singly.blocked
+        assert state(at_once) == state(singly)
+    assert singly.collisions
+    assert 0 < blocked < len(phases)
+
+
+def state(robot: Plant) -> tuple[object, ...]:
+    return (
+        *(robot.pose, robot.speeds, robot.odometry, robot.encoder_counts, robot.v, robot.w),
+        *(robot.battery_v, robot.blocked, robot.collisions, robot.ping(AHEAD)),
+    )
 
 
 def test_head_on_it_is_blocked_until_the_voltage_goes() -> None:
