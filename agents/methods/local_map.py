@@ -64,6 +64,8 @@ class Settings(Struct, frozen=True):
     memory: float = 0.995  # a cycle: what is certain lasts 24 s at rest
     memory_m: float = 1.5  # the way that halves a probability: the same lasts 2.6 m
     threshold: float = 0.3  # occupied from here on
+    seen_decay: float = 1.0  # a cycle, where a sonar looks: 1, no look is no evidence
+    seen_threshold: float = 0.3  # and occupied there; the set `thesis` believes by cycles
     forget: float = 0.05  # a cell below this is dropped
     margin_m: float = 0.1  # an echo clears what lies this much before it
     frontal_rad: float = math.radians(40)  # in front: within this of the heading
@@ -110,6 +112,7 @@ class LocalMap:
         self.outline = outline
         self._ring_m = self.settings.reach_m / RINGS
         self._cells: dict[int, _Cell] = {}
+        self._sonars: dict[tuple[float, float, float], Echo] = {}  # that have been heard
         self._occupied: tuple[Obstacle, ...] | None = ()
 
     def move(self, motion: Posed) -> None:
@@ -123,9 +126,11 @@ class LocalMap:
         cos, sin = math.cos(motion.theta), math.sin(motion.theta)
         memory = s.memory * 0.5 ** (math.hypot(motion.x, motion.y) / s.memory_m)
         front, rear, half = self.outline or NOBODY
+        by_cycles = s.seen_decay < 1.0
         moved: dict[int, _Cell] = {}
         for probability, x, y, heard in self._cells.values():
-            probability *= memory  # noqa: PLW2901
+            seen = by_cycles and self._looked_at(x, y)
+            probability *= s.seen_decay if seen else memory  # noqa: PLW2901
             dx, dy = x - motion.x, y - motion.y
             x, y = cos * dx + sin * dy, cos * dy - sin * dx  # noqa: PLW2901
             if probability < s.forget or math.hypot(x, y) >= s.reach_m:
@@ -142,6 +147,7 @@ class LocalMap:
     def update(self, echoes: Iterable[Echo]) -> None:
         """Take in the echoes of one cycle: a ping doubts what it had to hear, and fills a cell."""
         for echo in echoes:
+            self._sonars[echo.x, echo.y, echo.bearing] = echo
             self._clear(echo)
             if echo.range is not None:
                 self._fill(echo, echo.range)
@@ -150,10 +156,13 @@ class LocalMap:
     def points(self) -> tuple[Obstacle, ...]:
         """All occupied cells' points, the nearest first."""
         if self._occupied is None:
+            s = self.settings
+            by_cycles = s.seen_threshold > s.threshold
             found = [
                 Obstacle(x, y, math.hypot(x, y))
                 for probability, x, y, _ in self._cells.values()
-                if probability >= self.settings.threshold
+                if probability >= s.threshold
+                and (not by_cycles or probability >= s.seen_threshold or not self._looked_at(x, y))
             ]
             self._occupied = tuple(sorted(found, key=itemgetter(2, 0, 1)))
         return self._occupied
@@ -185,6 +194,17 @@ class LocalMap:
             if wanted(math.atan2(point.y, point.x)):
                 return point
         return None
+
+    def _looked_at(self, x: float, y: float) -> bool:
+        """Whether a point is near the axis of a sonar."""
+        slope = math.tan(self.settings.axis_rad)
+        for sonar in self._sonars.values():
+            cos, sin = _direction(sonar.bearing)
+            dx, dy = x - sonar.x, y - sonar.y
+            along = cos * dx + sin * dy
+            if along > 0.0 and abs(cos * dy - sin * dx) <= slope * along:
+                return True
+        return False
 
     def _clear(self, echo: Echo) -> None:
         """Doubt what this ping had to hear and did not.
