@@ -10,15 +10,15 @@ from armadico import agent
 from armadico.agents.methods.behaviour import Behaviour
 from armadico.agents.methods.headings import open_heading
 from armadico.agents.methods.safety import (
-    OUTLINE,
+    ON_THE_SPOT_M_S,
     TURN_MARGIN_M,
     Safety,
+    Scene,
     corner_cut,
+    critical,
     limit,
-    stopping_distance,
-    turn_speed,
 )
-from armadico.agents.methods.sweep import Outline, free_path, free_turn
+from armadico.agents.methods.sweep import free_path, free_turn
 from armadico.agents.methods.utility import ramp_down
 from armadico.agents.methods.zones import NonNegative, Positive, ZoneParameters, literal
 from armadico.exchange import Bid
@@ -26,17 +26,17 @@ from armadico.geometry import wrap
 from armadico.messages import Obstacles, Point, Pose, RobotState
 from armadico.resources import WHEELS
 
-BACKWARDS = Outline(OUTLINE.rear, OUTLINE.front, OUTLINE.half_width)
-"""The outline as one sees it driving backwards."""
-
 FLANKS = ((1.0, 0.0), (0.5, 0.2), (0.2, 0.5), (0.0, 0.8))
 """Shares of the flank that is kept beside the body, and what a tight fit costs, rad."""
 
 LOOKED_AWAY_S = 0.5
 """Longer than this without a bid, and it does not know whether the robot stood still, s."""
 
-LEAST_REACH_M = 0.5
-"""An open heading must be open for so long at least, from the axle, however near the bend is."""
+LEAST_REACH_M = 0.3
+"""An open heading must be open for so long at least, before the body, however near the bend is."""
+
+BACK_MARGIN_M = 0.05
+"""Kept all round while it backs off."""
 
 SMALL, LATCHED = radians(2), radians(15)
 
@@ -94,7 +94,6 @@ class Avoid(Behaviour):
         self._side_at: tuple[float, float] = (0.0, 0.0)
         self._moved_at = inf  # when the robot was last seen to move on its mission
         self._looked_at = -inf  # when it last looked: nobody looks while the robot is stopped
-        self._too_late = False  # it looked away, and cannot stop in time: no turning until it rests
         self._escape_until = -inf
         self._around: tuple[float, float] = (inf, inf)  # the place that it does not get away from,
         self._around_since = inf
@@ -117,13 +116,11 @@ class Avoid(Behaviour):
         return bid
 
     def _safe(self, obstacles: Obstacles, pose: Pose, state: RobotState) -> Bid | None:
-        p, points = self.p, obstacles.points
+        p, points, scene = self.p, obstacles.points, self.scene(obstacles)
         v, way = max(state.v, 0.0), self._way(pose, obstacles)
         along = self._along(points, v, state.w)
         free = min(along, self._toward(points, way))
         utility = ramp_down(free, p.stop.border(v), p.caution.border(v))
-        left = along - stopping_distance(v, p.safety.decel)
-        self._too_late = left < 0.0 and (self._too_late or self._looked_away)
         if self._stuck(pose, state):
             utility = 1.0
         self._unlatch(pose)
@@ -131,17 +128,17 @@ class Avoid(Behaviour):
             if not self.holds(WHEELS):
                 self.why = "nothing in the way"
                 return None
-            return Bid(0.0, self._onward(points, way.heading, v), reason="the way is free")
-        if self._too_late:  # turning while it rolls swings a corner into what is ahead
-            action, reason = (0.0, 0.0), "too late to turn: brake"
-        else:
-            action, reason = self._act(points, way, pose, v)
+            return Bid(0.0, self._onward(scene, way.heading, v), reason="the way is free")
+        action, reason = self._act(scene, way, pose, v)
+        left = along - self.body.stopping_distance(v)
         within = None if left == inf else max(0.0, 0.5 * left / max(v, 0.05))
-        return Bid(utility, action, left < 0.0, within, reason)
+        return Bid(utility, action, critical(scene, p.safety), within, reason)
 
     def _along(self, points: Sequence[Point], v: float, w: float) -> float:
         """The free way on the present arc, m; on the spot there is none to be free."""
-        return free_path(points, v, w, OUTLINE, self.p.safety.margin_m) if v > 0.05 else inf
+        if v <= ON_THE_SPOT_M_S:
+            return inf
+        return free_path(points, v, w, self.body.outline, self.p.safety.margin_m)
 
     def _toward(self, points: Sequence[Point], way: Way) -> float:
         """The free way to where the trajectory leads, m, once it has turned there.
@@ -153,30 +150,28 @@ class Avoid(Behaviour):
         if abs(way.heading) > limit_angle:
             return inf
         turned = _rotated(points, way.heading)
-        free = free_path(turned, 1.0, 0.0, OUTLINE, self.p.safety.margin_m)
+        free = free_path(turned, 1.0, 0.0, self.body.outline, self.p.safety.margin_m)
         return free if free < way.bend_m else inf
 
-    def _act(
-        self, points: Sequence[Point], way: Way, pose: Pose, v: float
-    ) -> tuple[tuple[float, float], str]:
+    def _act(self, scene: Scene, way: Way, pose: Pose, v: float) -> tuple[tuple[float, float], str]:
         """The zones, by the free way along the open heading: slow down; and turn; stop and turn."""
-        p = self.p
-        if self.now < self._back_until and (back := self._back(points)) is not None:
+        p, points, outline = self.p, scene.points, self.body.outline
+        if self.now < self._back_until and (back := self._back(scene)) is not None:
             return back, "back off and try again"
         heading = self._heading(points, way, pose)
         if heading is None:
-            return self._turn_on_the_spot(points, way.heading), "shut in: look for a way out"
-        free = free_path(_rotated(points, heading), 1.0, 0.0, OUTLINE, 0.02)
-        now = free_path(points, 1.0, 0.0, OUTLINE, 0.02)
+            return self._turn_on_the_spot(scene, way.heading), "shut in: look for a way out"
+        free = free_path(_rotated(points, heading), 1.0, 0.0, outline, TURN_MARGIN_M)
+        now = free_path(points, 1.0, 0.0, outline, TURN_MARGIN_M)
         speed, zone = self._zone(min(free, now), v)
         speed *= max(0.0, cos(heading))
         if zone == "stop" or abs(heading) > p.turn_first:
             speed = 0.0 if abs(heading) > p.aligned else min(speed, p.v_danger)
         w = max(-p.w_max, min(p.w_max, p.turn_gain * heading))
-        speed, w, _ = limit(speed, w, points, p.safety)
+        speed, w, _ = limit(speed, w, scene, p.safety)
         degrees = heading * 180 / pi
         if speed < 0.02 and abs(w) < 0.05:
-            return self._turn_on_the_spot(points, heading), f"{zone}: turn out to {degrees:.0f} deg"
+            return self._turn_on_the_spot(scene, heading), f"{zone}: turn out to {degrees:.0f} deg"
         return (speed, w), f"{zone}: open at {degrees:.0f} deg"
 
     def _zone(self, free: float, v: float) -> tuple[float, str]:
@@ -198,10 +193,10 @@ class Avoid(Behaviour):
         The side on which something is dodged is latched: the other one must be much better.
         """
         best: tuple[float, float] | None = None
-        wanted = way.heading
-        reach = min(self.p.reach_m, max(way.bend_m + OUTLINE.front, LEAST_REACH_M))
+        wanted, outline = way.heading, self.body.outline
+        reach = min(self.p.reach_m, outline.front + max(way.bend_m, LEAST_REACH_M))
         for flank, tight in FLANKS:
-            half = OUTLINE.half_width + flank * self.p.flank_m
+            half = outline.half_width + flank * self.p.flank_m
             for side in (1.0, -1.0):
                 found = open_heading(points, wanted, half, reach, side)
                 if found is None:
@@ -252,10 +247,14 @@ class Avoid(Behaviour):
             self._around_since = self.now
             self._back_until = self.now + self.p.back_s
 
-    def _back(self, points: Sequence[Point]) -> tuple[float, float] | None:
+    def _back(self, scene: Scene) -> tuple[float, float] | None:
         """Straight back, if there is room behind."""
-        behind = free_path([Point(-p.x, p.y) for p in points], 1.0, 0.0, BACKWARDS, 0.05)
-        return (-self.p.v_back, 0.0) if behind > self.p.back_room_m else None
+        mirrored = [Point(-p.x, p.y) for p in scene.points]
+        behind = free_path(mirrored, 1.0, 0.0, self.body.outline.turned_round, BACK_MARGIN_M)
+        if behind <= self.p.back_room_m:
+            return None
+        v, w, _ = limit(-self.p.v_back, 0.0, scene, self.p.safety)
+        return (v, w) if v < 0.0 else None
 
     def _unlatch(self, pose: Pose) -> None:
         """Forget the side once the dodge is far behind and avoid does not hold."""
@@ -263,24 +262,25 @@ class Avoid(Behaviour):
         if self._side and not self.holds(WHEELS) and away > 1.0:
             self._side = 0.0
 
-    def _turn_on_the_spot(self, points: Sequence[Point], heading: float) -> tuple[float, float]:
+    def _turn_on_the_spot(self, scene: Scene, heading: float) -> tuple[float, float]:
         """Turn to the side of the open heading, or the other; if neither goes, back off."""
         sign = self._side or copysign(1.0, heading)
         for direction in (sign, -sign):
-            room = free_turn(points, direction, OUTLINE, TURN_MARGIN_M)
+            room = free_turn(scene.points, direction, self.body.outline, TURN_MARGIN_M)
             if room > self.p.safety.turn_room:
-                return 0.0, direction * min(self.p.w_stop, turn_speed(room, self.p.safety))
-        return self._back(points) or (0.0, 0.0)
+                v, w, _ = limit(0.0, direction * self.p.w_stop, scene, self.p.safety)
+                if w != 0.0:
+                    return v, w
+        return self._back(scene) or (0.0, 0.0)
 
-    def _onward(self, points: Sequence[Point], wanted: float, v: float) -> tuple[float, float]:
+    def _onward(self, scene: Scene, wanted: float, v: float) -> tuple[float, float]:
         """What to command in the cycle or two until somebody takes over."""
         w = max(-self.p.w_max, min(self.p.w_max, self.p.turn_gain * wanted))
-        v, w, _ = limit(v, w, points, self.p.safety)
-        return v, w
+        return limit(v, w, scene, self.p.safety)[:2]
 
     def _way(self, pose: Pose, obstacles: Obstacles) -> Way:
         """Where the trajectory leads; it bends or ends if the point ahead is nearer than asked."""
-        cut = corner_cut(obstacles, self.p.cut_least_m)
+        cut = corner_cut(obstacles, self.body, self.p.cut_least_m)
         target = self.route.ahead(pose.x, pose.y, self.p.ahead_m, cut)[0]
         dx, dy = target.x - pose.x, target.y - pose.y
         away = hypot(dx, dy)

@@ -87,8 +87,7 @@ class Gothrough(Behaviour):
         if self.p.rules == "safe":
             obstacles = self.latest(Obstacles)
             assert obstacles is not None, "the pattern sees to that"
-            v, w, _ = limit(*self._commanded, obstacles.points, self.p.safety)
-            self._commanded = (v, w)
+            self._commanded = self.limited(*self._commanded, obstacles, self.p.safety)
         return Bid(0.0, self._commanded, reason=why)
 
     def _abstains(self, pose: Pose, goal: Point) -> str:
@@ -105,7 +104,7 @@ class Gothrough(Behaviour):
         if self.p.rules == "thesis":
             self._ahead = list(self.route.waypoints[self.route.leg :])
         else:
-            cut = corner_cut(obstacles, self.p.cut_least_m)
+            cut = corner_cut(obstacles, self.body, self.p.cut_least_m)
             self._ahead = self.route.ahead(pose.x, pose.y, self.p.ahead_m, cut)
         to = self._ahead[0]
         dx, dy = to.x - pose.x, to.y - pose.y
@@ -131,7 +130,7 @@ class Gothrough(Behaviour):
         w = max(-p.w_max, min(p.w_max, p.turn_gain * alpha))
         if p.rules == "safe":
             v = min(v, max(p.v_corner, p.gain * ahead_of(pose, self._ahead, p.v / p.gain)))
-            v, w, free = limit(v, w, obstacles.points, p.safety)
+            v, w, free = limit(v, w, self.scene(obstacles), p.safety)
             if free < p.clear_m:
                 return self._none(f"only {free:.2f} m of free way")
         self._commanded = (v, w)

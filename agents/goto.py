@@ -2,20 +2,21 @@
 
 from __future__ import annotations
 
-from math import atan2, hypot, radians
+from math import atan2, hypot, inf, radians
 from typing import Annotated, Any, Literal
 
-import msgspec
 from msgspec import Meta
+from msgspec.structs import replace
 
 from armadico import agent
 from armadico.agents.methods.behaviour import Behaviour
-from armadico.agents.methods.controllers import SETTINGS, Controller, Mode
-from armadico.agents.methods.safety import Safety, corner_cut, limit
+from armadico.agents.methods.controllers import SETTINGS, Controller, Law, Mode, Settings
+from armadico.agents.methods.motion import Body
+from armadico.agents.methods.safety import Safety, corner_cut
 from armadico.agents.methods.utility import ramp_down
 from armadico.exchange import Bid
 from armadico.geometry import wrap
-from armadico.messages import Obstacles, Pose, RobotState, Waypoint
+from armadico.messages import Obstacles, Pose, Waypoint
 from armadico.resources import WHEELS
 
 Speed = Annotated[float, Meta(gt=0, le=10)]
@@ -59,12 +60,12 @@ class Goto(Behaviour):
 
     def __init__(self, identity: agent.Identity, parameters: Any = None) -> None:
         super().__init__(identity, parameters)
-        settings = SETTINGS[self.p.settings]
-        if self.p.v_max is not None:
-            fast = msgspec.structs.replace(settings.fast, v=min(settings.fast.v, self.p.v_max))
-            settings = msgspec.structs.replace(settings, fast=fast)
-        self._controller = Controller(settings, Mode(self.p.controller))
+        self._controller = Controller(SETTINGS[self.p.settings], Mode(self.p.controller))
         self._commanded = (0.0, 0.0)
+
+    def on_body(self) -> None:
+        """Drive within the robot's limits, and by its own ramps."""
+        self._controller.settings = within(SETTINGS[self.p.settings], self.body, self.p.v_max)
 
     def on_mission(self) -> None:
         """Forget where the last one was parked."""
@@ -73,10 +74,10 @@ class Goto(Behaviour):
     def propose(self, pose: Pose, obstacles: Obstacles) -> Bid | None:
         """Where it would steer, and how much that helps."""
         ahead = self._ahead(pose, obstacles)
-        v, w = self._controller.steer(pose, ahead, self._before())
+        v, w = self._controller.steer(pose, ahead, self._before(), self.body.cycle_s)
         if self.p.rules == "safe":
             v *= self._calm(pose, ahead[0])
-            v, w, _ = limit(v, w, obstacles.points, self.p.safety)
+            v, w = self.limited(v, w, obstacles, self.p.safety)
         self._commanded = (v, w)
         return Bid(self._utility(pose), (v, w), reason=f"leg {self.route.leg}")
 
@@ -90,10 +91,7 @@ class Goto(Behaviour):
 
     def _before(self) -> tuple[float, float]:
         """What the ramps start from."""
-        if self.holds(WHEELS):
-            return self._commanded
-        state = self.latest(RobotState)
-        return (state.v, state.w) if state is not None else (0.0, 0.0)
+        return self._commanded if self.holds(WHEELS) else self.measured
 
     def _ahead(self, pose: Pose, obstacles: Obstacles) -> list[Waypoint]:
         """What to steer along: the waypoints that are left, or the line between them."""
@@ -102,7 +100,7 @@ class Goto(Behaviour):
         parking = route.last_leg and hypot(goal.x - pose.x, goal.y - pose.y) <= self.p.park_m
         if self.p.rules == "thesis" or parking:
             return list(route.waypoints[route.leg :])
-        cut = corner_cut(obstacles, self.p.cut_least_m)
+        cut = corner_cut(obstacles, self.body, self.p.cut_least_m)
         return route.ahead(pose.x, pose.y, self.p.ahead_m, cut)
 
     def _utility(self, pose: Pose) -> float:
@@ -118,3 +116,22 @@ class Goto(Behaviour):
         else:
             left = p.u_high_m
         return ramp_down(left, p.u_low_m, p.u_high_m, p.p_max, p.p_min)
+
+
+def within(settings: Settings, body: Body, v_max: float | None) -> Settings:
+    """The controllers' settings for this robot: its limits, and its ramps where there are any.
+
+    `v_max`: a scenario's limit for the fast controller, m/s.
+    """
+
+    def law(of: Law, most: float) -> Law:
+        return replace(of, v=min(of.v, most, body.v_max), w=min(of.w, body.w_max))
+
+    made = replace(
+        settings,
+        fast=law(settings.fast, inf if v_max is None else v_max),
+        precise=law(settings.precise, inf),
+    )
+    if made.v_accel == inf:  # chapter 4 drives without ramps
+        return made
+    return replace(made, v_accel=body.v_accel, v_decel=body.v_decel, w_accel=body.w_accel)

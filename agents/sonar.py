@@ -13,10 +13,12 @@ from armadico.agent import Agent
 from armadico.agents.methods import local_map
 from armadico.agents.methods.geometry import Placed
 from armadico.agents.methods.local_map import RINGS, SECTORS, Obstacle, Settings
+from armadico.agents.methods.sweep import Outline
 from armadico.geometry import Pose2, relative
 from armadico.messages import (
     Cell,
     Cycle,
+    Description,
     LocalMap,
     Message,
     Obstacles,
@@ -36,8 +38,11 @@ not free, and whoever starts in the middle of a drive must not say that it is.""
 MAP_CYCLES = 5
 """The cells are said each so many cycles."""
 
-BUMP_M = 0.25
-"""Where something is put that stalled the robot: just before its front edge."""
+BUMP_M = 0.04
+"""Where something is put that stalled the robot: so much before its front edge,"""
+
+BUMP_SHARES = (-0.75, 0.0, 0.75)
+"""and so far to its sides, in shares of half its width."""
 
 
 class Parameters(agent.Parameters, frozen=True, kw_only=True):
@@ -51,7 +56,7 @@ class Parameters(agent.Parameters, frozen=True, kw_only=True):
     map: Settings = Settings()
     arc_rad: Angle = radians(8.0)  # to each side
     arc_within_rad: Angle = radians(45.0)  # of the heading
-    arc_from_m: Metres = 0.25
+    arc_from_m: Metres = 0.04  # before the front edge
     arc_to_m: Metres = 1.6
     bump_s: Seconds = 60.0  # how long something is remembered that stalled the robot unheard
 
@@ -60,11 +65,12 @@ class SonarAgent(Agent):
     """Moves its map with the robot, takes the echoes in, and says what is near.
 
     The map is local, so the controller's own odometry moves it: a cycle's echoes become obstacles
-    one hop after they came, whoever else is slow.
+    one hop after they came, whoever else is slow. It says nothing before the robot is described:
+    what is inside the body is no obstacle.
     """
 
     name = "sonar"
-    hears: ClassVar[tuple[type[Message], ...]] = (Sonar,)
+    hears: ClassVar[tuple[type[Message], ...]] = (Sonar, Description)
     provides: ClassVar[tuple[type[Message], ...]] = (Obstacles, LocalMap)
     parameters = Parameters
     p: Parameters
@@ -77,6 +83,10 @@ class SonarAgent(Agent):
         self._listened = 0
         self._bumps: list[tuple[float, Point]] = []  # when, and where in the body frame
 
+    def on_description(self, said: Description) -> None:
+        """How large the robot is."""
+        self._map.outline = Outline(said.front, said.rear, said.half_width)
+
     def on_robot_state(self, state: RobotState) -> None:
         """Apply the robot's motion to the map; what stalls it is an obstacle, heard or not."""
         odometry = (state.x, state.y, state.theta)
@@ -85,15 +95,20 @@ class SonarAgent(Agent):
             self._map.move(Placed(*motion))
             self._bumps = list(self._moved(motion))
         self._odometry, self._epoch = odometry, state.cycle.epoch
-        if state.stalled and not any(hypot(p.x, p.y) < BUMP_M + 0.1 for _, p in self._bumps):
-            self._bumps += [(self.now, Point(BUMP_M, y)) for y in (-0.12, 0.0, 0.12)]
+        body = self._map.outline
+        if state.stalled and body is not None:
+            x = body.front + BUMP_M
+            if not any(hypot(p.x, p.y) < x + 0.1 for _, p in self._bumps):
+                sides = (share * body.half_width for share in BUMP_SHARES)
+                self._bumps += [(self.now, Point(x, y)) for y in sides]
 
     def on_sonar(self, sonar: Sonar) -> None:
         """Take the echoes in, and say where the obstacles are."""
         seen = self._map
         seen.update(sonar.echoes)
         self._listened += 1
-        if self._listened < LOOK_CYCLES:
+        body = seen.outline
+        if self._listened < LOOK_CYCLES or body is None:
             return
         self.publish(
             Obstacles(
@@ -102,7 +117,7 @@ class SonarAgent(Agent):
                 front=_point(seen.front()),
                 left=_point(seen.left()),
                 right=_point(seen.right()),
-                points=(*self._arcs(seen.points()), *(point for _, point in self._bumps)),
+                points=(*self._arcs(seen.points(), body), *(point for _, point in self._bumps)),
             )
         )
         if sonar.cycle.number % MAP_CYCLES == 0:
@@ -122,13 +137,14 @@ class SonarAgent(Agent):
             if self.now - when < self.p.bump_s and hypot(x, y) < self.p.map.reach_m:
                 yield when, Point(x, y)
 
-    def _arcs(self, obstacles: Iterable[Obstacle]) -> Iterator[Point]:
+    def _arcs(self, obstacles: Iterable[Obstacle], body: Outline) -> Iterator[Point]:
         """All points, and both ends of the arc for those in front."""
         p = self.p
+        nearest = body.front + p.arc_from_m
         c, s = cos(p.arc_rad), sin(p.arc_rad)
         for o in obstacles:
             yield Point(o.x, o.y)
-            near = p.arc_from_m < o.distance < p.arc_to_m
+            near = nearest < o.distance < p.arc_to_m
             if near and abs(atan2(o.y, o.x)) < p.arc_within_rad:
                 yield Point(c * o.x - s * o.y, s * o.x + c * o.y)
                 yield Point(c * o.x + s * o.y, c * o.y - s * o.x)

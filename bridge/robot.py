@@ -16,6 +16,7 @@ from msgspec import Meta
 from armadico import agent
 from armadico.agent import ERROR, WARNING, DeviceAgent
 from armadico.bridge.p2os.session import Connected, Event, LinkLost, Reported, Session, Unanswered
+from armadico.bridge.reflex import Reflex
 from armadico.config.loading import find, load
 from armadico.config.profile import RobotProfile
 from armadico.coordination import Owner, Verdict
@@ -84,6 +85,8 @@ class Robot(DeviceAgent):
         self._obeyed_at = float("-inf")
         self._reported_at = float("-inf")
         self._pulsed_at = float("-inf")
+        self._ordered = (0.0, 0.0)  # what was last obeyed, m/s and rad/s
+        self._reflex = Reflex(self.profile)
         self._unheard = 0  # cycles since a sonar fired
         self._refusals: Counter[Verdict] = Counter()
         self._complained_at = float("-inf")
@@ -201,7 +204,9 @@ class Robot(DeviceAgent):
         )
         if self._number % DESCRIBE_CYCLES == 1:
             self.publish(self.description())
-        self._say_sonar(cycle, report)
+        echoes = self._echoes(report)
+        self._say_sonar(cycle, echoes)
+        self._heed(report, echoes)
         self._insist(left, right)
         self._complain()
 
@@ -232,14 +237,32 @@ class Robot(DeviceAgent):
         if not self._moving and max(abs(left), abs(right)) > AT_REST_M_S:
             self._halt()
 
-    def _say_sonar(self, cycle: Cycle, report: Reported) -> None:
+    def _heed(self, report: Reported, echoes: tuple[Echo, ...]) -> None:
+        """Slow down for what the front sonars have just heard, whoever is obeyed."""
+        pose, left, right = report.pose, report.status.left_m_s, report.status.right_m_s
+        measured = 0.5 * (left + right), 0.5 * (right - left) / self.profile.body.half_track_m
+        self._reflex.hear(echoes, (pose.x, pose.y, pose.theta), measured, self.now)
+        if self._moving and self._session is not None:
+            v, w = self._ordered
+            if self._reflex.cap(v, w) < v:
+                self._obey(v, w)
+        if (text := self._reflex.complaint(self.now)) is not None:
+            self.log(text, WARNING)
+
+    def _obey(self, v: float, w: float) -> None:
+        """Order what was commanded, m/s and rad/s, capped by the reflex."""
+        assert self._session is not None
+        self._ordered = v, w
+        self._session.drive(self._reflex.cap(v, w), w)
+
+    def _say_sonar(self, cycle: Cycle, echoes: tuple[Echo, ...]) -> None:
         """Pass the readings on; a cycle in which no sonar fired has none.
 
         So sonars that have fallen silent are stale obstacles three cycles later, not a free way.
         """
-        if report.status.echoes:
+        if echoes:
             self._unheard = 0
-            self.publish(Sonar(cycle, self.profile.sonar.max_m, self._echoes(report)))
+            self.publish(Sonar(cycle, self.profile.sonar.max_m, echoes))
             return
         self._unheard += 1
         if self._unheard == SONARS_SILENT:
@@ -286,7 +309,7 @@ class Robot(DeviceAgent):
             return
         self._obeyed_at = self.now
         self._moving = command.v != 0.0 or command.w != 0.0
-        self._session.drive(command.v, command.w)
+        self._obey(command.v, command.w)
         self._send()
 
     def on_claim(self, claim: Claim) -> None:

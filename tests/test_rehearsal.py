@@ -10,6 +10,7 @@ from collections.abc import Callable
 from itertools import pairwise
 
 import pytest
+from msgspec.structs import replace
 
 from armadico.agent import Agent
 from armadico.bridge.p2os.commands import Cmd, Command, decode_command
@@ -43,6 +44,15 @@ LINE = Scenario(name="line", world="sc1", start=(-1.5, 0.0, 0.0), goal=(6.5, 0.0
 def test_every_scenario_reaches_its_goal_and_touches_nothing(name: str, seed: int) -> None:
     result = Rehearsal(load_scenario(name), Options(seed=seed)).run()
     again = f"armadico run {name} --virtual --seed {seed}"
+    assert result.reached, again
+    assert result.collisions == 0, again
+
+
+@pytest.mark.parametrize("name", SCENARIOS)
+def test_another_robot_reaches_every_goal_too_and_touches_nothing(name: str) -> None:
+    """Of another size, with sonars elsewhere and other limits: its owner describes it."""
+    result = Rehearsal(replace(load_scenario(name), robot="amigobot"), Options()).run()
+    again = f"armadico run {name} --virtual --profile amigobot"
     assert result.reached, again
     assert result.collisions == 0, again
 

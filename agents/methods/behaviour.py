@@ -6,9 +6,11 @@ from typing import Any, ClassVar
 
 from armadico import agent
 from armadico.agent import Agent
+from armadico.agents.methods.motion import Body, Speeds, ordered
 from armadico.agents.methods.route import Route
+from armadico.agents.methods.safety import Safety, Scene, limit
 from armadico.exchange import Bid
-from armadico.messages import Message, Obstacles, Pose, Trajectory
+from armadico.messages import Description, Message, Obstacles, Pose, RobotState, Trajectory
 from armadico.resources import WHEELS
 
 
@@ -16,17 +18,49 @@ class Behaviour(Agent):
     """An agent that competes for the wheels while there is a trajectory to follow.
 
     A subclass says in `propose` what it would do. `route` knows the way and how far the robot has
-    come on it. Nobody bids without a goal.
+    come on it, `body` what the robot is and can: `robot/description` says it, and no setting does.
+    Nobody bids without a goal, nor before the robot has been described.
     """
 
     needs: ClassVar[tuple[type[Message], ...]] = (Pose, Obstacles)
-    hears: ClassVar[tuple[type[Message], ...]] = (Trajectory,)
+    hears: ClassVar[tuple[type[Message], ...]] = (Trajectory, Description)
     competes_for = (WHEELS,)
 
     def __init__(self, identity: agent.Identity, parameters: Any = None) -> None:
         super().__init__(identity, parameters)
         self.route = Route()
         self._mission = 0
+        self._body: Body | None = None
+        self._speeds: tuple[Speeds, Speeds] = ((0.0, 0.0), (0.0, 0.0))  # a cycle ago, and now
+
+    @property
+    def body(self) -> Body:
+        """The robot's outline and limits."""
+        assert self._body is not None, "nobody proposes before the robot is described"
+        return self._body
+
+    @property
+    def measured(self) -> Speeds:
+        """(v, w) by the wheels, m/s and rad/s."""
+        state = self.latest(RobotState)
+        assert state is not None, "nobody bids without robot/state"
+        return state.v, state.w
+
+    def scene(self, obstacles: Obstacles) -> Scene:
+        """What a wish is held against: the body, how it moves, and what is known around it.
+
+        The cycles that the obstacles are old count, and so do those that a contender's bid may wait
+        until it is cast: as long as fresh lasts. A holder's is commanded at once.
+        """
+        age = max(self.cycles.age(obstacles.cycle) or 0, 0)
+        waits = 0 if self.holds(WHEELS) else self.cycles.fresh_cycles
+        cycle_s = self.body.cycle_s
+        going = ordered(self.body, *self._speeds)
+        return Scene(self.body, going, obstacles.points, age * cycle_s, waits * cycle_s)
+
+    def limited(self, v: float, w: float, obstacles: Obstacles, safety: Safety) -> Speeds:
+        """The wish (m/s, rad/s), as fast as is admissible among the obstacles."""
+        return limit(v, w, self.scene(obstacles), safety)[:2]
 
     def propose(self, pose: Pose, obstacles: Obstacles) -> Bid | None:
         """What it would do now, and how much that helps; None, and `why`, if nothing."""
@@ -34,6 +68,20 @@ class Behaviour(Agent):
 
     def on_mission(self) -> None:
         """A new mission has begun, or the old one has ended."""
+
+    def on_body(self) -> None:
+        """The robot was described for the first time, or differently."""
+
+    def on_robot_state(self, state: RobotState) -> None:
+        """How the wheels turn, and how they did."""
+        self._speeds = self._speeds[1], (state.v, state.w)
+
+    def on_description(self, said: Description) -> None:
+        """What the robot is and can."""
+        body = Body.of(said)
+        if body != self._body:
+            self._body = body
+            self.on_body()
 
     def on_trajectory(self, trajectory: Trajectory) -> None:
         """A new mission, or the old one said again."""
@@ -46,6 +94,9 @@ class Behaviour(Agent):
         """Follow the route, and propose."""
         if not self.route.waypoints:
             self.why = "no goal"
+            return None
+        if self._body is None:
+            self.why = "no robot/description"
             return None
         pose, obstacles = self.fresh(Pose), self.fresh(Obstacles)
         assert pose is not None, "the pattern lets nobody bid without what it needs"

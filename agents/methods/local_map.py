@@ -5,10 +5,11 @@ point that was hit in it, not its centre: with centres the robot keeps up to 18 
 distance than there is. Everything is in the body frame: x forward, y left, origin at the middle
 of the wheel axle; metres and radians.
 
-A cell's probability grows when an echo comes from it and shrinks when one comes from behind it. It
-also decays with time, at two rates. Cells that a sonar looks into decay fast: the next ping says
-more than memory. The others, above all beside and behind, where the tail swings when the robot
-turns, cannot be seen again: they decay slowly with time and, as odometry goes wrong, with the way.
+It believes by looks, not by cycles. A cell's probability grows when an echo comes from it. It
+shrinks on a ping that had to hear its point: within the cone, near the axis, and short of what was
+heard instead. An echo from behind it says so plainly; a ping that brings nothing back says little,
+for a wall that is met at a slant does not answer either. What nobody looks at only fades, slowly
+with time and, as odometry goes wrong, with the way: the tail swings into what cannot be seen.
 """
 
 from __future__ import annotations
@@ -22,13 +23,14 @@ from typing import NamedTuple, Protocol
 from msgspec import Struct
 
 from armadico.agents.methods.geometry import Posed
+from armadico.agents.methods.sweep import Outline
 
 SECTORS = 18
 """Sectors of 20 degrees, their edges at multiples of 20: a Pioneer's sonars look at centres."""
 
 RINGS = 10
-_STEP_M = 0.02  # how finely a ray is followed through the cells
-_MOST_SONARS = 64  # sonars whose rays are remembered
+NOBODY = Outline(0.0, 0.0, 0.0)  # before the robot is described
+_MOST_SONARS = 64  # sonars whose bearings are remembered
 
 
 class Echo(Protocol):
@@ -57,18 +59,17 @@ class Settings(Struct, frozen=True):
     reach_m: float = 2.5  # of the outermost ring
     hit: float = 0.6  # added where an echo comes from
     miss: float = 0.35  # taken where an echo from farther away went through
-    decay: float = 0.93  # a cycle, where a sonar looks
-    memory: float = 0.995  # a cycle, elsewhere: what is certain lasts 24 s at rest
-    memory_m: float = 1.5  # the way that halves a probability elsewhere: the same lasts 2.6 m
-    threshold: float = 0.5  # occupied from here on, where a sonar looks,
-    memory_threshold: float = 0.3  # and elsewhere
+    silence: float = 0.15  # taken where a ping brought nothing back at all
+    axis_rad: float = math.radians(10)  # a point within this of a sonar's axis had to be heard
+    memory: float = 0.995  # a cycle: what is certain lasts 24 s at rest
+    memory_m: float = 1.5  # the way that halves a probability: the same lasts 2.6 m
+    threshold: float = 0.3  # occupied from here on
+    seen_decay: float = 1.0  # a cycle, where a sonar looks: 1, no look is no evidence
+    seen_threshold: float = 0.3  # and occupied there; the set `thesis` believes by cycles
     forget: float = 0.05  # a cell below this is dropped
     margin_m: float = 0.1  # an echo clears what lies this much before it
     frontal_rad: float = math.radians(40)  # in front: within this of the heading
     abeam_rad: float = math.radians(120)  # beside: between that and this
-    front_m: float = 0.21  # the outline: nothing can be inside it
-    rear_m: float = 0.23
-    half_width_m: float = 0.165
 
 
 class Obstacle(NamedTuple):
@@ -83,6 +84,7 @@ class _Cell(NamedTuple):
     probability: float
     x: float
     y: float
+    heard: float  # from how far, m: the point lies on that sonar's axis, the thing in its cone
 
 
 def cell_at(x: float, y: float, ring_m: float) -> int:
@@ -92,32 +94,25 @@ def cell_at(x: float, y: float, ring_m: float) -> int:
 
 
 @lru_cache(maxsize=_MOST_SONARS)
-def ray(x: float, y: float, bearing: float, reach_m: float) -> tuple[tuple[int, float], ...]:
-    """The cells that a sonar looks through, and the range at which its ray leaves each, in order.
-
-    The sonar's place and bearing are fixed, so this is worked out once for each.
-    """
-    dx, dy = math.cos(bearing), math.sin(bearing)
-    cells: dict[int, float] = {}
-    along = 0.0
-    while math.hypot(x + along * dx, y + along * dy) < reach_m:
-        cells[cell_at(x + along * dx, y + along * dy, reach_m / RINGS)] = along + _STEP_M
-        along += _STEP_M
-    return tuple(cells.items())
+def _direction(bearing: float) -> tuple[float, float]:
+    """A sonar looks one way for ever, so this is worked out once for each."""
+    return math.cos(bearing), math.sin(bearing)
 
 
 class LocalMap:
     """Moves with the robot, takes echoes in, and tells what is near.
 
-    A cycle is `move`, then `update`, then the queries.
+    A cycle is `move`, then `update`, then the queries. `outline` is the body's: nothing can be
+    inside it.
     """
 
-    def __init__(self, settings: Settings | None = None) -> None:
+    def __init__(self, settings: Settings | None = None, outline: Outline | None = None) -> None:
         """An empty map."""
         self.settings = settings or Settings()
+        self.outline = outline
         self._ring_m = self.settings.reach_m / RINGS
         self._cells: dict[int, _Cell] = {}
-        self._watched: set[int] = set()
+        self._sonars: dict[tuple[float, float, float], Echo] = {}  # that have been heard
         self._occupied: tuple[Obstacle, ...] | None = ()
 
     def move(self, motion: Posed) -> None:
@@ -130,23 +125,29 @@ class LocalMap:
         s, ring_m = self.settings, self._ring_m
         cos, sin = math.cos(motion.theta), math.sin(motion.theta)
         memory = s.memory * 0.5 ** (math.hypot(motion.x, motion.y) / s.memory_m)
+        front, rear, half = self.outline or NOBODY
+        by_cycles = s.seen_decay < 1.0
         moved: dict[int, _Cell] = {}
-        for key, (probability, x, y) in self._cells.items():
-            probability *= s.decay if key in self._watched else memory  # noqa: PLW2901
+        for probability, x, y, heard in self._cells.values():
+            seen = by_cycles and self._looked_at(x, y)
+            probability *= s.seen_decay if seen else memory  # noqa: PLW2901
             dx, dy = x - motion.x, y - motion.y
             x, y = cos * dx + sin * dy, cos * dy - sin * dx  # noqa: PLW2901
-            if probability < s.forget or self._inside(x, y) or math.hypot(x, y) >= s.reach_m:
+            if probability < s.forget or math.hypot(x, y) >= s.reach_m:
+                continue
+            if -rear < x < front and -half < y < half:
                 continue
             new = cell_at(x, y, ring_m)
             other = moved.get(new)
             if other is None or probability > other.probability:
-                moved[new] = _Cell(probability, x, y)
+                moved[new] = _Cell(probability, x, y, heard)
         self._cells = moved
         self._occupied = None
 
     def update(self, echoes: Iterable[Echo]) -> None:
-        """Take in the echoes of one cycle: the rays clear cells, their ends fill one each."""
+        """Take in the echoes of one cycle: a ping doubts what it had to hear, and fills a cell."""
         for echo in echoes:
+            self._sonars[echo.x, echo.y, echo.bearing] = echo
             self._clear(echo)
             if echo.range is not None:
                 self._fill(echo, echo.range)
@@ -155,10 +156,13 @@ class LocalMap:
     def points(self) -> tuple[Obstacle, ...]:
         """All occupied cells' points, the nearest first."""
         if self._occupied is None:
+            s = self.settings
+            by_cycles = s.seen_threshold > s.threshold
             found = [
                 Obstacle(x, y, math.hypot(x, y))
-                for key, (probability, x, y) in self._cells.items()
-                if probability >= self._threshold(key)
+                for probability, x, y, _ in self._cells.values()
+                if probability >= s.threshold
+                and (not by_cycles or probability >= s.seen_threshold or not self._looked_at(x, y))
             ]
             self._occupied = tuple(sorted(found, key=itemgetter(2, 0, 1)))
         return self._occupied
@@ -185,29 +189,44 @@ class LocalMap:
         s = self.settings
         return self._first(lambda bearing: s.frontal_rad <= -bearing <= s.abeam_rad)
 
-    def _threshold(self, key: int) -> float:
-        s = self.settings
-        return s.threshold if key in self._watched else s.memory_threshold
-
     def _first(self, wanted: Callable[[float], bool]) -> Obstacle | None:
         for point in self.points():
             if wanted(math.atan2(point.y, point.x)):
                 return point
         return None
 
+    def _looked_at(self, x: float, y: float) -> bool:
+        """Whether a point is near the axis of a sonar."""
+        slope = math.tan(self.settings.axis_rad)
+        for sonar in self._sonars.values():
+            cos, sin = _direction(sonar.bearing)
+            dx, dy = x - sonar.x, y - sonar.y
+            along = cos * dx + sin * dy
+            if along > 0.0 and abs(cos * dy - sin * dx) <= slope * along:
+                return True
+        return False
+
     def _clear(self, echo: Echo) -> None:
+        """Doubt what this ping had to hear and did not.
+
+        A point stands for something within the cone of the sonar that heard it. From nearer by the
+        cone is narrower than that, and may miss the thing: such a ping says so much less.
+        """
         s = self.settings
-        free = (math.inf if echo.range is None else echo.range) - s.margin_m
-        for key, leaves in ray(echo.x, echo.y, echo.bearing, s.reach_m):
-            self._watched.add(key)
-            cell = self._cells.get(key)
-            if cell is None or leaves > free:
+        free, taken = (math.inf, s.silence) if echo.range is None else (echo.range, s.miss)
+        free -= s.margin_m
+        cos, sin = _direction(echo.bearing)
+        slope = math.tan(s.axis_rad)
+        for key, cell in list(self._cells.items()):
+            dx, dy = cell.x - echo.x, cell.y - echo.y
+            along = cos * dx + sin * dy
+            if not 0.0 < along < free or abs(cos * dy - sin * dx) > slope * along:
                 continue
-            probability = cell.probability - s.miss
+            probability = cell.probability - taken * min(along / cell.heard, 1.0)
             if probability < s.forget:
                 del self._cells[key]
             else:
-                self._cells[key] = _Cell(probability, cell.x, cell.y)
+                self._cells[key] = _Cell(probability, cell.x, cell.y, cell.heard)
 
     def _fill(self, echo: Echo, distance: float) -> None:
         """Believe more in the cell at the ray's end.
@@ -217,21 +236,17 @@ class LocalMap:
         ever leave the cell backwards, and nothing would be known beside the tail.
         """
         s = self.settings
-        x = echo.x + distance * math.cos(echo.bearing)
-        y = echo.y + distance * math.sin(echo.bearing)
+        cos, sin = _direction(echo.bearing)
+        x, y = echo.x + distance * cos, echo.y + distance * sin
         if math.hypot(x, y) >= s.reach_m:
             return
         key = cell_at(x, y, self._ring_m)
         before = self._cells.get(key)
         if before is None:
-            self._cells[key] = _Cell(s.hit, x, y)
+            self._cells[key] = _Cell(s.hit, x, y, distance)
             return
         probability = min(before.probability + s.hit, 1.0)
         beyond = math.hypot(x, y) - math.hypot(before.x, before.y)
         if 0.0 <= beyond <= s.margin_m:
             x, y = before.x, before.y
-        self._cells[key] = _Cell(probability, x, y)
-
-    def _inside(self, x: float, y: float) -> bool:
-        s = self.settings
-        return -s.rear_m < x < s.front_m and abs(y) < s.half_width_m
+        self._cells[key] = _Cell(probability, x, y, min(distance, before.heard))

@@ -1,112 +1,153 @@
 """How fast is safe: every behaviour that moves the robot asks this of the points it knows.
 
-Nobody drives blind, and nobody faster than it can stop: a behaviour's speed is limited so that,
-braking as the controller does, it would come to rest before the nearest remembered point on its
-arc; and it does not turn on the spot where a corner would swing into something.
+Nobody drives blind, and nobody does what cannot be stopped: a behaviour's wish is brought down
+until everything that it may lead to, by the forward model of `motion`, stays clear of the points
+that are remembered.
 """
 
 from __future__ import annotations
 
 from collections.abc import Sequence
-from math import hypot, inf, sqrt
-from typing import Annotated
+from math import hypot, inf
+from typing import Annotated, NamedTuple
 
 from msgspec import Meta, Struct
 
-from armadico.agents.methods.sweep import Outline, free_path, free_turn
+from armadico.agents.methods.motion import Body, Speeds, touches_at
+from armadico.agents.methods.sweep import free_path
 from armadico.messages import Obstacles, Point
 
-LATENCY_S = 0.2
-"""Two cycles: a sonar echo to a command, and the command to the wheels."""
+HALVINGS = 4
+"""How finely the fastest admissible speed is looked for: to a sixteenth of what was wanted."""
 
+TURNS = (1.0, 0.6, 0.3, 0.0)
+"""Shares of the wanted turn that are tried: where a corner would swing into something it turns
+less, and drives on as it does."""
 
-ARCS = 8
-"""Arcs that are looked at, each tighter than the one before, to find one that is slow enough."""
+ON_THE_SPOT_M_S = 0.05
+"""Slower than this the robot turns on the spot, and the small margin will do all round."""
+
+TURN_MARGIN_M = 0.02
+"""That small margin, where there are no parameters to say it."""
+
+CORNER_ROOM_M = 0.17
+"""Nearer to something than this, its farthest corner to obstacle, a corner of the trajectory is not
+cut."""
 
 
 class Safety(Struct, frozen=True, forbid_unknown_fields=True):
-    """Margins around the body and the braking that is counted on."""
+    """Margins around the body. How it brakes is the robot's own, and comes with its description."""
 
     margin_m: Annotated[float, Meta(ge=0, le=1)] = 0.08
     slow: Annotated[float, Meta(ge=0, le=1)] = 0.0  # m/s: at no more than this
-    close_m: Annotated[float, Meta(ge=0, le=1)] = 0.02  # so small a margin will do
-    decel: Annotated[float, Meta(gt=0, le=10)] = 0.4  # m/s^2; the controller brakes with 0.6
-    creep: Annotated[float, Meta(ge=0, le=1)] = 0.0  # m/s that is always allowed
-    turn_decel: Annotated[float, Meta(gt=0, le=20)] = 1.4  # rad/s^2; the controller's is 1.75
-    turn_room: Annotated[float, Meta(ge=0, le=3.2)] = 0.12  # rad free, or it does not turn
+    close_m: Annotated[float, Meta(ge=0, le=1)] = TURN_MARGIN_M  # so small a margin will do
+    turn_room: Annotated[float, Meta(ge=0, le=3.2)] = 0.12  # rad free, or it tries the other side
 
 
-ON_THE_SPOT_M_S = 0.05
-"""Slower than this the robot turns on the spot, and its corners swing,"""
+class Scene(NamedTuple):
+    """What a wish is held against."""
 
-TURN_MARGIN_M = 0.02
-"""with so much kept all round."""
+    body: Body
+    measured: Speeds  # (v, w) by the wheels, m/s and rad/s
+    points: Sequence[Point]  # what is known, in the body frame, m
+    age: float = 0.0  # s that these are old
+    waits: float = 0.0  # s that the command may have to wait, or it is given at once
 
-CORNER_ROOM_M = 0.45
-"""Nearer to something than this, axle to obstacle, a corner of the trajectory is not cut."""
+    def touches_at(self, wanted: Speeds, margin: float) -> float:
+        """When the body comes within `margin` m of something, s; inf: it rests before.
 
-OUTLINE = Outline()
+        Whether it is commanded at once or as late as it may be.
+        """
+        found = self._touches_at(wanted, margin, self.age)
+        if found == inf and self.waits > self.age:
+            found = self._touches_at(wanted, margin, self.waits)
+        return found
 
-
-def stopping_distance(v: float, decel: float) -> float:
-    """Metres to rest from v m/s, the latency included."""
-    return v * LATENCY_S + v * v / (2.0 * decel)
-
-
-def safe_speed(free: float, decel: float) -> float:
-    """The speed, m/s, from which it comes to rest within `free` metres, the latency included."""
-    if free == inf:
-        return inf
-    t = LATENCY_S * decel
-    return sqrt(t * t + 2.0 * decel * max(free, 0.0)) - t
+    def _touches_at(self, wanted: Speeds, margin: float, waited: float) -> float:
+        return touches_at(self.body, self.measured, wanted, self.points, margin, waited=waited)
 
 
-def turn_speed(room: float, safety: Safety) -> float:
-    """The turn rate, rad/s, from which it comes to rest within `room` rad, the latency included."""
-    return safe_speed(room, safety.turn_decel)
+class Limited(NamedTuple):
+    """A wish brought down."""
+
+    v: float
+    w: float
+    free: float  # m that the arc of the wish itself is free; inf if nothing is on it
 
 
-def limit(
-    v: float, w: float, points: Sequence[Point], safety: Safety
-) -> tuple[float, float, float]:
-    """The same motion as fast as is safe, and how far its way was free: (v, w, free).
+def limit(v: float, w: float, scene: Scene, safety: Safety) -> Limited:
+    """The same motion as fast as is admissible, m/s and rad/s, and how far its way was free.
 
-    Slowing keeps w: the robot turns tighter as it comes nearer, away from or along what is there.
-    The tighter arc may end sooner than the one that was asked for, so it is looked at again. Where
-    the margin leaves next to nothing, `safety.slow` is driven with a smaller one.
+    First slowing keeps w: the robot turns tighter as it comes nearer, away from or along what is
+    there. Where even that would swing a corner into something, it turns less. Where nothing is
+    admissible it is too late, and it brakes.
     """
-    asked = v
-    free = ahead = free_path(points, v, w, OUTLINE, safety.margin_m) if v > 0.0 else inf
-    for _ in range(ARCS):
-        safe = max(safe_speed(ahead, safety.decel), safety.creep)
-        if v <= safe:
+    body = scene.body
+    v, w = _clip(v, body.v_max), _clip(w, body.w_max)
+    free = inf
+    if v > 0.0:
+        free = free_path(scene.points, v, w, body.outline, safety.margin_m)
+    if _admissible(scene, (v, w), safety):
+        return Limited(v, w, free)
+    for share in TURNS:
+        turn = share * w
+        if _admissible(scene, (0.0, turn), safety):
+            return Limited(_fastest(scene, v, turn, safety), turn, free)
+        if w == 0.0:
             break
-        v = safe
-        ahead = free_path(points, v, w, OUTLINE, safety.margin_m)
-    slow = min(asked, safety.slow)
-    if 0.0 <= v < slow:
-        close = free_path(points, slow, w, OUTLINE, safety.close_m)
-        squeezed = min(slow, safe_speed(close, safety.decel))
-        if squeezed > v:
-            v, ahead = squeezed, close
-    share = _turn_share(v, w, ahead, points, safety)
-    return v * share if v > 0.0 and share > 0.0 else v, w * share, free
+    return Limited(*_too_late(scene, w, safety), free)
 
 
-def _turn_share(v: float, w: float, ahead: float, points: Sequence[Point], safety: Safety) -> float:
-    """The share of a motion at which its turning, too, can be stopped before something is met."""
-    if w == 0.0:
-        return 1.0
-    if v >= ON_THE_SPOT_M_S:
-        room = ahead * abs(w) / v
-    else:
-        room = free_turn(points, w, OUTLINE, TURN_MARGIN_M)
-        if room < safety.turn_room:
-            return 0.0
-    return min(turn_speed(room, safety) / abs(w), 1.0)
+def critical(scene: Scene, safety: Safety) -> bool:
+    """Whether the present motion, held until the society reacts, ends in something known."""
+    at_once = scene._replace(waits=0.0)  # about to collide, it does not wait
+    return at_once.touches_at(scene.measured, safety.margin_m) < inf
 
 
-def corner_cut(obstacles: Obstacles, least: float) -> float:
+def corner_cut(obstacles: Obstacles, body: Body, least: float) -> float:
     """How far off the trajectory's corners a way may lead, m: little where something is near."""
-    near = obstacles.closest
-    return inf if near is None else max(least, hypot(near.x, near.y) - CORNER_ROOM_M)
+    near, outline = obstacles.closest, body.outline
+    if near is None:
+        return inf
+    corner = hypot(max(outline.front, outline.rear), outline.half_width)
+    return max(least, hypot(near.x, near.y) - corner - CORNER_ROOM_M)
+
+
+def _admissible(scene: Scene, wanted: Speeds, safety: Safety) -> bool:
+    return scene.touches_at(wanted, _margin(scene, wanted, safety)) == inf
+
+
+def _margin(scene: Scene, wanted: Speeds, safety: Safety) -> float:
+    """What is kept all round: little for a robot that is slow, or turns on the spot."""
+    driven = abs(scene.measured[0])
+    if abs(wanted[0]) <= safety.slow and driven <= safety.slow + ON_THE_SPOT_M_S:
+        return min(safety.close_m, safety.margin_m)
+    if wanted[0] == 0.0 and driven <= ON_THE_SPOT_M_S:
+        return min(safety.close_m, safety.margin_m)
+    return safety.margin_m
+
+
+def _fastest(scene: Scene, v: float, w: float, safety: Safety) -> float:
+    """The fastest admissible speed up to v with this turn, m/s; none at all is known to be."""
+    slow, fast = 0.0, v
+    if 0.0 < safety.slow < v and _admissible(scene, (safety.slow, w), safety):
+        slow = safety.slow  # with its own margin: a search from zero may miss it
+    for _ in range(HALVINGS):
+        middle = 0.5 * (slow + fast)
+        if _admissible(scene, (middle, w), safety):
+            slow = middle
+        else:
+            fast = middle
+    return slow
+
+
+def _too_late(scene: Scene, w: float, safety: Safety) -> Speeds:
+    """Brake; and turn too, only if with that nothing is touched at all."""
+    close = min(safety.close_m, safety.margin_m)
+    if scene.touches_at((0.0, 0.0), close) < inf and scene.touches_at((0.0, w), close) == inf:
+        return 0.0, w
+    return 0.0, 0.0
+
+
+def _clip(value: float, most: float) -> float:
+    return max(-most, min(most, value))

@@ -19,15 +19,20 @@ STRAIGHT = 1e-3
 
 
 class Outline(NamedTuple):
-    """The body's rectangle around the middle of the axle, m."""
+    """The body's rectangle around the middle of the axle, m; `robot/description` says it."""
 
-    front: float = 0.21
-    rear: float = 0.23
-    half_width: float = 0.165
+    front: float
+    rear: float
+    half_width: float
 
     def grown(self, margin: float) -> Outline:
         """The same with a margin all round."""
         return Outline(self.front + margin, self.rear + margin, self.half_width + margin)
+
+    @property
+    def turned_round(self) -> Outline:
+        """The same as one sees it driving backwards."""
+        return Outline(self.rear, self.front, self.half_width)
 
     def clearance(self, x: float, y: float) -> float:
         """From the rectangle to a point, m; 0 inside."""

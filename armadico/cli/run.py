@@ -39,6 +39,7 @@ STARTING: Final = (
     "exchange",
     "runs",
     "robot",
+    "profile",
     "world",
 )
 """Options that are for whoever starts the society."""
@@ -50,6 +51,7 @@ EXAMPLES: Final = """\
   armadico run --world rooms-a --start 1 1 90 --goal 7 0.7 -90
   armadico run my.toml --controller fast --exchange abrupt --without gothrough
   armadico run sc1 --robot serial:///dev/ttyUSB0
+  armadico run sc4 --virtual --profile amigobot
   armadico run sc4 --attach --hosts lab.toml   the society is up already: armadico up
 """
 
@@ -102,6 +104,9 @@ def _parser() -> argparse.ArgumentParser:
     made.add_argument("--rrd", metavar="FILE", type=Path, help="keep a virtual run for rerun")
     made.add_argument("--robot", metavar="URL", help="drive something that is already there")
     made.add_argument(
+        "--profile", metavar="NAME", help="the make of robot: a shipped profile's name, or a file"
+    )
+    made.add_argument(
         "--attach",
         action="store_true",
         help="start nobody: the society is up, here or elsewhere; Ctrl-C stops the robot only",
@@ -139,8 +144,9 @@ def _scenario(args: argparse.Namespace) -> Scenario:
         if args.goal is None:
             raise UsageError("--world needs a goal: --goal X Y DEG")
         start = tuple(args.start) if args.start else None
-        return _known_agents(args, scenario_from(args.world, start, tuple(args.goal)))
-    scenario = load_scenario(args.scenario)
+        made = scenario_from(args.world, start, tuple(args.goal))
+        return _known_agents(args, _with_profile(args, made))
+    scenario = _with_profile(args, load_scenario(args.scenario))
     changes = {key: tuple(v) for key in ("start", "goal") if (v := getattr(args, key))}
     if changes:
         checked = scenario_from(
@@ -148,6 +154,21 @@ def _scenario(args: argparse.Namespace) -> Scenario:
         )
         scenario = replace(scenario, start=checked.start, goal=checked.goal)
     return _known_agents(args, scenario)
+
+
+def _with_profile(args: argparse.Namespace, scenario: Scenario) -> Scenario:
+    """The scenario with another make of robot, if one is named. Raises ConfigError."""
+    if args.profile is None:
+        return scenario
+    from msgspec.structs import replace  # noqa: PLC0415 - not for --help
+
+    from armadico.config.scenarios import beside  # noqa: PLC0415
+    from armadico.config.shipped import find  # noqa: PLC0415
+
+    here = Path.cwd() / "command line"  # a path counts from here
+    robot = beside(here, args.profile)
+    find("robots", robot)
+    return replace(scenario, robot=robot)
 
 
 def _check_robot(url: str) -> None:

@@ -2,22 +2,25 @@
 
 from __future__ import annotations
 
-from math import cos, degrees, hypot, radians, sin
+from math import cos, degrees, hypot, inf, radians, sin
 from typing import Any
 
 import pytest
-from hypothesis import given, settings
+from hypothesis import assume, given, settings
 from hypothesis import strategies as st
 
 from armadico.agent import Identity
 from armadico.agents.avoid import Avoid, Parameters
-from armadico.agents.methods.safety import OUTLINE, Safety, stopping_distance
-from armadico.agents.methods.sweep import free_path
+from armadico.agents.methods.motion import touches_at
+from armadico.agents.methods.safety import Safety
 from armadico.messages import Ballot, Obstacles, Point, Pose, RobotState, Stop, Trajectory
 from armadico.resources import WHEELS
+from tests.framework.robots import body, described
 from tests.framework.stage import Stage, claims, commands, drive_to, obstacles, wall
 
 FAR = drive_to((10.0, 0.0, 0.0))
+PIONEER = body()
+OUTLINE = PIONEER.outline
 MARGIN = Safety().margin_m
 SPEEDS = [0.0, 0.3, 0.5, 0.75]
 
@@ -69,7 +72,8 @@ def test_the_zones_grow_with_the_speed() -> None:
 
 
 def test_nearer_it_drives_more_slowly_and_in_the_stop_zone_it_turns_on_the_spot() -> None:
-    far, near, at_hand = (before_a_wall(d, 0.3).bid() for d in (0.7, 0.45, 0.02))
+    far, near = (before_a_wall(d, 0.3).bid() for d in (0.7, 0.45))
+    at_hand = before_a_wall(0.0, 0.05).bid()
     assert far.reason.startswith("caution")
     assert near.reason.startswith("caution")
     assert at_hand.reason.startswith("stop")
@@ -78,11 +82,9 @@ def test_nearer_it_drives_more_slowly_and_in_the_stop_zone_it_turns_on_the_spot(
 
 
 @pytest.mark.parametrize("speed", [0.2, 0.4, 0.75])
-def test_it_is_critical_exactly_from_where_it_could_not_stop_two_cycles_later(
-    speed: float,
-) -> None:
-    last = stopping_distance(speed, Safety().decel)  # two cycles of travel included
-    assert last == pytest.approx(2 * 0.1 * speed + speed**2 / (2 * Safety().decel))
+def test_it_is_critical_exactly_from_where_the_society_could_not_stop_it(speed: float) -> None:
+    last = PIONEER.stopping_distance(speed)  # the owner's silence and the controller's lag included
+    assert last == pytest.approx(0.5 * speed + speed**2 / (2 * PIONEER.v_decel))
     assert not before_a_wall(last + 0.01, speed).bid().critical
     assert before_a_wall(last - 0.01, speed).bid().critical
 
@@ -95,7 +97,7 @@ def test_at_rest_nothing_is_critical(distance: float) -> None:
 def test_a_hand_over_takes_half_of_what_is_left_until_braking_at_most() -> None:
     made = stage(speed=0.5)
     made.cycle(points=wall(0.9 + OUTLINE.front + MARGIN, -0.4, 0.4))
-    left = 0.9 - stopping_distance(0.5, Safety().decel)
+    left = 0.9 - PIONEER.stopping_distance(0.5)
     bid = made.agent.bid_for(WHEELS, made.agent.latest(Obstacles))
     assert bid is not None
     assert bid.within == pytest.approx(0.5 * left / 0.5)
@@ -150,17 +152,20 @@ places = st.builds(Point, st.floats(-1.0, 2.0), st.floats(-1.2, 1.2))
 
 @settings(deadline=None, max_examples=100)
 @given(st.lists(places, max_size=8), st.floats(0.0, 0.75), st.floats(-1.0, 1.0))
-def test_whatever_it_wants_it_can_stop_before_what_it_knows(
+def test_whatever_it_wants_is_swept_clear_of_what_it_knows_if_braking_is(
     points: list[Point], speed: float, turning: float
 ) -> None:
-    clear = [p for p in points if OUTLINE.clearance(p.x, p.y) > 0.03]
+    clear = [p for p in points if OUTLINE.beside(p.x, p.y) > MARGIN]
     made = stage()
     made.speed = (speed, turning)
+    made.state()
     made.cycle(points=clear)
     wanted = made.bid().wanted
-    if wanted and wanted[0] > 0.0:
-        free = free_path(clear, wanted[0], wanted[1], OUTLINE, 0.0)
-        assert stopping_distance(wanted[0], Safety().decel) <= free + 1e-9
+    for waited in (0.0, 0.3):
+        assume(touches_at(PIONEER, made.speed, (0.0, 0.0), clear, MARGIN, waited=waited) == inf)
+    if wanted:
+        v, w = wanted
+        assert touches_at(PIONEER, made.speed, (v, w), clear, 0.0) == inf
 
 
 # Working itself free -----------------------------------------------------------------------------
@@ -228,17 +233,10 @@ def test_a_robot_that_was_stopped_has_not_been_stuck() -> None:
     assert driven_by_goto(made, 10) == {None}
 
 
-def comes_in(cycles_away: int) -> Stage:
-    """Something wide ahead that it cannot stop for, seen after so many cycles without a look."""
-    made = stage(speed=0.5)
-    made.cycle()
-    made.cycle(cycles=cycles_away, points=wall(0.25 + OUTLINE.front + MARGIN, -0.4, 0.4))
-    assert made.bid().critical
-    return made
-
-
-def test_who_comes_in_too_late_brakes_until_it_can_stop_and_only_then_turns() -> None:
-    late = comes_in(cycles_away=7)
+def test_whom_it_is_too_late_for_brakes_until_it_can_stop_and_only_then_turns() -> None:
+    late = stage(speed=0.5)
+    late.cycle(points=wall(0.25 + OUTLINE.front + MARGIN, -0.4, 0.4))
+    assert late.bid().critical
     assert late.bid().wanted == (0.0, 0.0)
     late.speed = (0.3, 0.0)
     late.cycle(points=wall(0.1 + OUTLINE.front + MARGIN, -0.4, 0.4))
@@ -249,8 +247,21 @@ def test_who_comes_in_too_late_brakes_until_it_can_stop_and_only_then_turns() ->
     assert late.bid().wanted != (0.0, 0.0)
 
 
-def test_who_has_looked_all_the_time_turns_as_it_brakes() -> None:
-    assert comes_in(cycles_away=1).bid().wanted[1] != 0.0
+def test_in_time_it_turns_as_it_brakes() -> None:
+    assert before_a_wall(0.5, 0.5).bid().wanted[1] != 0.0
+
+
+# Another robot, and none -------------------------------------------------------------------------
+
+
+def test_before_the_robot_is_described_it_says_nothing() -> None:
+    made = Stage(Avoid(Identity("avoid-1"), Parameters()), robot=None)
+    made.hand(FAR)
+    assert made.cycle(points=wall(0.4, -0.4, 0.4)) == []
+    assert made.bid().reason == "no robot/description"
+    made.hand(described())
+    made.cycle(points=wall(0.4, -0.4, 0.4))
+    assert made.bid().utility is not None
 
 
 # The thesis's rules ------------------------------------------------------------------------------

@@ -2,16 +2,17 @@
 
 from __future__ import annotations
 
-from math import radians
+from math import inf, radians
 from typing import Any
 
 import pytest
 
 from armadico.agent import Identity
 from armadico.agents.gothrough import Gothrough, Parameters
-from armadico.agents.methods.safety import Safety, stopping_distance
+from armadico.agents.methods.motion import touches_at
 from armadico.messages import Point, Trajectory
 from armadico.resources import WHEELS
+from tests.framework.robots import body
 from tests.framework.stage import Stage, claims, commands, drive_to, wall
 
 AHEAD = drive_to((8.0, 0.0, 0.0))
@@ -144,13 +145,17 @@ def test_leaving_the_narrow_place_it_offers_the_wheels_while_they_turn() -> None
 
 
 def test_what_it_offers_it_could_still_stop() -> None:
-    made = stage()
-    made.holding(points=between(0.5))
-    said = made.cycle(points=[*between(0.5), *wall(0.4, -0.3, 0.3)])
-    assert [claim.utility for claim in claims(said)] == [0.0]
-    v = commands(said)[0].v
-    assert stopping_distance(v, Safety().decel) <= 0.4 - 0.21
-    assert v < 0.3
+    across = [*between(0.5), *wall(0.4, -0.3, 0.3)]
+    for v in (0.0, 0.1, 0.2, 0.5):
+        made = stage()
+        made.holding(points=between(0.5))
+        made.speed = (v, 0.0)
+        said = made.cycle(points=across)
+        assert [claim.utility for claim in claims(said)] == [0.0]
+        offered = commands(said)[0]
+        found = touches_at(body(), made.speed, (offered.v, offered.w), across, 0.0)
+        assert found == inf or (offered.v, offered.w) == (0.0, 0.0)
+    assert commands(said)[0].v == 0.0
 
 
 def test_a_scenarios_speed_limit_holds() -> None:

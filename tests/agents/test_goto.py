@@ -2,17 +2,19 @@
 
 from __future__ import annotations
 
+from math import inf
 from typing import Any
 
 import pytest
 from hypothesis import assume, given, settings
 from hypothesis import strategies as st
+from msgspec.structs import replace
 
 from armadico.agent import Identity
 from armadico.agents.goto import Goto, Parameters
-from armadico.agents.methods.safety import OUTLINE, stopping_distance
-from armadico.agents.methods.sweep import free_path
-from armadico.messages import Point, Trajectory
+from armadico.agents.methods.motion import touches_at
+from armadico.messages import Description, Point, Trajectory
+from tests.framework.robots import body, described
 from tests.framework.stage import Stage, commands, drive_to, wall
 
 ROUND_A_CORNER = drive_to((4.0, 0.0, 0.0), (4.0, 3.0, 1.57))
@@ -119,16 +121,36 @@ places = st.builds(Point, st.floats(-0.6, 2.0), st.floats(-1.0, 1.0))
 
 @settings(deadline=None, max_examples=80)
 @given(st.lists(places, max_size=6), st.floats(-1.2, 1.2), st.floats(0.0, 0.75))
-def test_it_never_commands_more_than_it_can_stop_from_before_a_remembered_point(
+def test_what_it_commands_is_swept_clear_of_what_is_remembered_if_braking_is(
     points: list[Point], heading: float, speed: float
 ) -> None:
-    assume(all(OUTLINE.clearance(p.x, p.y) > 0.03 for p in points))
+    pioneer, margin = body(), Parameters().safety.margin_m
+    assume(all(pioneer.outline.beside(p.x, p.y) > margin for p in points))
     made = stage()
     made.pose, made.speed = (1.0, 0.0, heading), (speed, 0.0)
+    for waited in (0.0, 0.3):
+        assume(touches_at(pioneer, made.speed, (0.0, 0.0), points, margin, waited=waited) == inf)
+    made.state()
     made.cycle(points=points)
     v, w = made.bid().wanted
-    free = free_path(points, v, w, OUTLINE, 0.0)
-    assert stopping_distance(v, Parameters().safety.decel) <= free + 1e-9
+    assert touches_at(pioneer, made.speed, (v, w), points, 0.0) == inf
+
+
+def test_it_takes_the_robots_size_limits_and_ramps_from_its_description() -> None:
+    wide = replace(described(), half_width=0.4)
+    slow = replace(described(), v_max=0.2, v_accel=1.0)
+    posts = [Point(0.5, 0.3), Point(0.5, -0.3)]
+
+    def wish(said: Description, *points: Point) -> float:
+        made = stage(drive_to((8.0, 0.0, 0.0)))
+        made.hand(said)
+        made.speed = (0.35, 0.0)
+        made.cycle(points=points)
+        return made.bid().wanted[0]
+
+    assert wish(described()) == wish(described(), *posts) == wish(wide) == pytest.approx(0.38)
+    assert wish(wide, *posts) == 0.0
+    assert wish(slow) == pytest.approx(0.2)
 
 
 def test_it_stops_before_a_wall_across_its_way_but_by_the_thesis_drives_on() -> None:
@@ -137,5 +159,5 @@ def test_it_stops_before_a_wall_across_its_way_but_by_the_thesis_drives_on() -> 
     for made in (safe, thesis):
         made.speed = (0.3, 0.0)
         made.cycle(points=near)
-    assert safe.bid().wanted[0] == pytest.approx(0.06, abs=0.05)
+    assert safe.bid().wanted[0] == 0.0
     assert thesis.bid().wanted[0] > 0.3

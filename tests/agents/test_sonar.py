@@ -9,6 +9,7 @@ import pytest
 from armadico.agent import Identity, Publish
 from armadico.agents.sonar import LOOK_CYCLES, Parameters, SonarAgent
 from armadico.messages import Cycle, Echo, Obstacles, Point, RobotState, Sonar
+from tests.framework.robots import described
 
 AHEAD = radians(10.0)  # where a sonar looks; those of a Pioneer look at 10, 30, 50 and 90 degrees
 
@@ -16,8 +17,9 @@ AHEAD = radians(10.0)  # where a sonar looks; those of a Pioneer look at 10, 30,
 class Ring:
     """A robot whose sonars say what they are told to."""
 
-    def __init__(self, parameters: Parameters | None = None) -> None:
+    def __init__(self, parameters: Parameters | None = None, robot: str = "pioneer-2dx") -> None:
         self.agent = SonarAgent(Identity("sonar-1"), parameters)
+        self.agent.receive(described(robot), 0.0)
         self.epoch, self.number, self.now = 1, 0, 0.0
         self.agent._listened = LOOK_CYCLES
 
@@ -58,6 +60,7 @@ def polar(distance: float, bearing: float) -> Point:
 
 def test_one_that_has_just_started_says_nothing_until_it_has_looked_round() -> None:
     agent = SonarAgent(Identity("sonar-2"))
+    agent.receive(described(), 0.0)
     said = []
     for number in range(1, LOOK_CYCLES + 2):
         agent.receive(RobotState(Cycle(1, number), 0, 0, 0, 0, 0, 12, True, False), 0.1 * number)
@@ -66,6 +69,18 @@ def test_one_that_has_just_started_says_nothing_until_it_has_looked_round() -> N
         agent.outbox.clear()
     said_for = [m.cycle.number for m in said if isinstance(m, Obstacles)]
     assert said_for == [LOOK_CYCLES, LOOK_CYCLES + 1]
+
+
+def test_before_the_robot_is_described_it_says_nothing() -> None:
+    agent, said = SonarAgent(Identity("sonar-2")), []
+    for number in range(1, 13):
+        if number == 11:
+            agent.receive(described(), 0.1 * number)
+        agent.receive(RobotState(Cycle(1, number), 0, 0, 0, 0, 0, 12, True, False), 0.1 * number)
+        agent.receive(Sonar(Cycle(1, number), 5.0, (Echo(0.0, 0.0, AHEAD, 1.0),)), 0.1 * number)
+        said += [o.message for o in agent.outbox if isinstance(o, Publish)]
+        agent.outbox.clear()
+    assert [m.cycle.number for m in said if isinstance(m, Obstacles)] == [11, 12]
 
 
 def test_with_no_echo_there_is_nothing(ring: Ring) -> None:
@@ -142,6 +157,13 @@ def test_what_was_there_and_is_seen_through_is_forgotten(ring: Ring) -> None:
     for _ in range(5):
         found = ring.ping((AHEAD, 3.0))
     assert found.closest is None
+
+
+def test_what_is_inside_a_large_robot_is_outside_a_small_one() -> None:
+    for robot, found in (("pioneer-2dx", 0), ("amigobot", 1)):
+        ring = Ring(robot=robot)
+        ring.ping((0.0, 0.19))
+        assert len(ring.ping((0.0, None)).points) == found
 
 
 def test_what_stalls_the_robot_is_an_obstacle_though_nobody_hears_it(ring: Ring) -> None:

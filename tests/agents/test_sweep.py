@@ -10,7 +10,7 @@ from hypothesis import strategies as st
 from armadico.agents.methods.sweep import Outline, free_path, free_turn
 from armadico.messages import Point
 
-OUTLINE = Outline()
+OUTLINE = Outline(0.21, 0.23, 0.165)
 MARGIN = 0.05
 STEP, GRAZE = 0.002, 0.006
 COORDINATE = st.floats(-1.5, 1.5)

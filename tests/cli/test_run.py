@@ -11,6 +11,7 @@ from pathlib import Path
 import pytest
 
 from armadico import cli
+from armadico.config.shipped import resource_path
 from armadico.mesh.topology import ENDPOINTS_VARIABLE
 from armadico.rehearsal import Rehearsal
 from tests.mesh.conftest import private_endpoints
@@ -72,6 +73,7 @@ def run(captured: Captured, *words: str) -> tuple[int, str, str]:
 
 
 VIRTUAL = ("sc1", "--virtual")
+SMALL_ROBOT = (*VIRTUAL, "--seed", "1", "--json", "--no-plot")
 
 
 @pytest.mark.parametrize(
@@ -108,6 +110,8 @@ VIRTUAL = ("sc1", "--virtual")
         (("sc4", "--goal", "4.6", "1", "0"), ("goal (4.6, 1)", "0.00 m from a wall", "0.30 m")),
         (("sc4", "--start", "0.1", "1", "0"), ("start (0.1, 1)", "0.10 m from a wall")),
         ((*VIRTUAL, "--robot", "tcp://127.0.0.1:1"), ("--robot", "--virtual")),
+        ((*VIRTUAL, "--profile", "amigobo"), ("no robot 'amigobo'", "did you mean 'amigobot'?")),
+        ((*VIRTUAL, "--profile", "my.toml"), ("no file", "my.toml")),
         (("sc1", "--robot", "tcpp://here"), ("'tcpp://here'", "serial:///dev/ttyUSB0", "tcp://")),
         (("sc1", "--robot", "/dev/ttyUSB0"), ("'/dev/ttyUSB0'", "serial:///dev/ttyUSB0")),
         (("sc1", "--namespace", "a*"), ("'a*'", "namespace")),
@@ -176,6 +180,15 @@ def test_the_same_seed_says_the_same_bytes_and_another_one_others(capsys: Captur
     assert first[0] == 0
     assert json.loads(first[1])["seed"] == 7
     assert other[1].replace('"seed": 8', '"seed": 7') != first[1]
+
+
+def test_a_profile_named_is_the_robot_that_drives(capsys: Captured) -> None:
+    small = run(capsys, *SMALL_ROBOT, "--profile", "amigobot")
+    same = run(capsys, *SMALL_ROBOT, "--profile", str(resource_path("robots", "amigobot")))
+    pioneer = run(capsys, *SMALL_ROBOT)
+    assert small[:2] == same[:2]
+    assert small[1] != pioneer[1]
+    assert {code for code, _, _ in (small, same, pioneer)} == {0}
 
 
 def test_several_runs_are_a_list_and_one_after_another(capsys: Captured) -> None:

@@ -112,7 +112,8 @@ def stops_without_a_ramp(patch: pytest.MonkeyPatch) -> None:
 
 
 def is_blind(patch: pytest.MonkeyPatch) -> None:
-    patch.setattr(SonarAgent, "_arcs", lambda self, obstacles: iter(()))
+    patch.setattr(SonarAgent, "_arcs", lambda self, obstacles, body: iter(()))
+    patch.setattr(robot.Reflex, "cap", lambda self, v, w: v)  # which would save it
 
 
 def takes_no_turn_in_a_new_epoch(patch: pytest.MonkeyPatch) -> None:

@@ -11,6 +11,7 @@ from armadico.messages import (
     Claim,
     Command,
     Cycle,
+    Description,
     Message,
     Obstacles,
     Point,
@@ -20,15 +21,19 @@ from armadico.messages import (
     Trajectory,
     Waypoint,
 )
+from tests.framework.robots import described
 
 NOTHING = (None, None, None, None)
 NO_STOP = Stop()
 
 
 class Stage:
-    """Hands an agent what a cycle brings, and keeps what it says."""
+    """Hands an agent what a cycle brings, and keeps what it says.
 
-    def __init__(self, agent: Agent, epoch: int = 1) -> None:
+    It is told which robot that is, if it listens, unless `robot` is None.
+    """
+
+    def __init__(self, agent: Agent, epoch: int = 1, robot: str | None = "pioneer-2dx") -> None:
         self.agent = agent
         self.epoch = epoch
         self.number = 0
@@ -36,6 +41,8 @@ class Stage:
         self.pose = (0.0, 0.0, 0.0)
         self.speed = (0.0, 0.0)
         self.said: list[Message] = []
+        if robot is not None and Description in agent.subscriptions():
+            self.hand(described(robot))
 
     @property
     def at(self) -> Cycle:

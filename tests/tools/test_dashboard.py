@@ -13,7 +13,6 @@ pytest.importorskip("rerun", reason="the dashboard's extra is not installed")
 from PIL import Image
 
 from armadico import messages as m
-from armadico.agents.methods.safety import OUTLINE
 from armadico.config.scenarios import load_scenario
 from armadico.config.worlds import load_world
 from armadico.rehearsal import Rehearsal
@@ -189,7 +188,7 @@ def test_the_local_map_looks_as_the_robot_does(sector: int, row: int, column: in
 def test_zones_lie_around_the_outline() -> None:
     strip = shapes.around_outline(0.3)
     assert strip[0] == strip[-1]
-    assert all(abs(OUTLINE.clearance(x, y) - 0.3) < 1e-9 for x, y in strip)
+    assert all(abs(shapes.OUTLINE.clearance(x, y) - 0.3) < 1e-9 for x, y in strip)
 
 
 # A run --------------------------------------------------------------------------------------------

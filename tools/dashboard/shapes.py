@@ -6,12 +6,15 @@ from collections.abc import Iterable
 from math import cos, pi, radians, sin
 from typing import Final
 
-from armadico.agents.methods.safety import OUTLINE
+from armadico.agents.methods.sweep import Outline
 from armadico.geometry import Pose2, to_world
 from armadico.messages import Echo
 
 Point = tuple[float, float]
 Strip = list[Point]
+
+OUTLINE: Final = Outline(0.21, 0.23, 0.165)
+"""A Pioneer 2DX (thesis table 4.3), whatever robot it is."""
 
 HALF_CONE: Final = radians(10)
 """Half the angle that a cone is drawn with; a sonar's beam is some 30 degrees wide, but sixteen

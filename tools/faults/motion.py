@@ -80,8 +80,11 @@ class Silence:
             yield f"{waited:.1f} s after rest was ordered still {truth.v:.2f} m/s"
 
     def _commanded(self, order: Ordered, now: Situation) -> bool:
+        """Whether a fresh command says so; the reflex may have slowed it down ahead."""
         for command in reversed(self._commands):
-            near = abs(command.v - order.v) <= ROUND_M_S and abs(command.w - order.w) <= ROUND_RAD_S
+            least = min(command.v, 0.0) - ROUND_M_S
+            near = least <= order.v <= command.v + ROUND_M_S
+            near = near and abs(command.w - order.w) <= ROUND_RAD_S
             if near and now.age(command.cycle) <= FRESH_CYCLES:
                 return True
         return False

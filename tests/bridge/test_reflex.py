@@ -1,0 +1,108 @@
+"""The robot agent's reflex: no faster ahead than its own newest readings allow."""
+
+from __future__ import annotations
+
+from math import cos, inf, radians, sin
+
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from armadico.bridge.p2os.commands import Cmd
+from armadico.bridge.reflex import KEPT_S, SAY_S, TOUCH_M, Reflex
+from armadico.config.loading import find, load
+from armadico.config.profile import RobotProfile
+from armadico.coordination import LISTEN
+from armadico.messages import Echo
+from tests.bridge.robot_bench import Bench
+
+PROFILE = load(find("robots", "pioneer-2dx"), RobotProfile)
+FRONT, DECEL = PROFILE.body.front_m, PROFILE.limits.v_decel
+ORIGIN = (0.0, 0.0, 0.0)
+AHEAD = PROFILE.sonar.sonars[3]
+
+
+def echo(distance: float | None, index: int = 3) -> Echo:
+    sonar = PROFILE.sonar.sonars[index]
+    return Echo(sonar.x_m, sonar.y_m, radians(sonar.bearing_deg), distance)
+
+
+def hears(*echoes: Echo, measured: tuple[float, float] = (0.0, 0.0), now: float = 0.0) -> Reflex:
+    reflex = Reflex(PROFILE)
+    reflex.hear(echoes, ORIGIN, measured, now)
+    return reflex
+
+
+@given(st.floats(0.1, 5.0), st.floats(0.0, 1.6))
+def test_what_it_lets_pass_can_be_stopped_before_what_it_hears(away: float, v: float) -> None:
+    capped = hears(echo(away)).cap(v, 0.0)
+    assert 0.0 <= capped <= v
+    free = AHEAD.x_m + away * cos(radians(AHEAD.bearing_deg)) - FRONT
+    aside = AHEAD.y_m + away * sin(radians(AHEAD.bearing_deg))
+    if aside < PROFILE.body.width_m / 2 and capped > 0.0:
+        assert 0.2 * capped + capped**2 / (2 * DECEL) <= free - TOUCH_M + 1e-9
+    if aside > PROFILE.body.width_m / 2:
+        assert capped == v
+
+
+def test_with_nothing_ahead_and_backwards_it_lets_everything_pass() -> None:
+    assert Reflex(PROFILE).cap(1.6, 0.5) == 1.6
+    assert hears(echo(None)).cap(1.6, 0.0) == 1.6
+    assert hears(echo(0.1)).cap(-0.3, 0.0) == -0.3
+
+
+def test_a_door_that_the_body_fits_through_is_passed_as_fast_as_the_behaviours_like() -> None:
+    """Posts of a door of 0.7 m, heard by the sonars that look past them."""
+    posts = [echo(0.35, index) for index in (1, 2, 5, 6)]
+    assert hears(*posts).cap(0.5, 0.0) == 0.5
+
+
+def test_what_lies_on_the_present_arc_counts_whatever_is_commanded() -> None:
+    """Told to turn on the spot at speed, the robot goes on for a while."""
+    assert hears(echo(0.3), measured=(0.6, 0.0)).cap(0.6, 2.0) < 0.5
+    assert hears(echo(0.3), measured=(0.0, 0.0)).cap(0.1, 1.0) == 0.1
+
+
+def test_a_reading_is_moved_along_replaced_by_the_next_and_kept_no_longer_than_it_is_good() -> None:
+    reflex = hears(echo(0.7))
+    at_once = reflex.cap(1.6, 0.0)
+    reflex.hear((), (0.3, 0.0, 0.0), (0.0, 0.0), 0.1)
+    nearer = reflex.cap(1.6, 0.0)
+    assert nearer < at_once
+    assert nearer == pytest.approx(hears(echo(0.4)).cap(1.6, 0.0), abs=0.02)
+    reflex.hear((echo(2.0),), (0.3, 0.0, 0.0), (0.0, 0.0), 0.2)
+    assert reflex.cap(1.0, 0.0) == 1.0
+    old = hears(echo(0.3))
+    old.hear((), ORIGIN, (0.0, 0.0), KEPT_S + 0.01)
+    assert old.cap(1.0, 0.0) == 1.0
+
+
+def test_it_says_what_it_did_but_seldom() -> None:
+    reflex = hears(echo(0.3))
+    assert reflex.complaint(0.0) is None
+    reflex.cap(0.9, 0.0)
+    assert reflex.complaint(0.0) == "1 x slowed by the front sonars, last from 0.90 to 0.42 m/s"
+    reflex.cap(0.9, 0.0)
+    assert reflex.complaint(0.5 * SAY_S) is None
+    assert reflex.complaint(SAY_S) is not None
+    assert reflex.complaint(inf) is None
+
+
+# In the robot agent ------------------------------------------------------------------------------
+
+
+def test_the_robot_agent_orders_no_more_than_the_reflex_allows() -> None:
+    bench = Bench().connect().cycles(LISTEN + 2)
+    bench.status(echoes=((3, 0.3),))
+    bench.command(0.9, 0.2)
+    assert max(bench.speeds()) == pytest.approx(1000 * hears(echo(0.3)).cap(0.9, 0.2), abs=1)
+
+
+def test_what_is_obeyed_is_slowed_when_a_reading_comes_though_no_command_does() -> None:
+    """The holder may be cut off, and be obeyed until it has been silent for 0.3 s."""
+    bench = Bench().connect().cycles(LISTEN + 2)
+    bench.command(0.9, 0.0)
+    assert bench.speeds()[-1] == 900
+    bench.status(echoes=((3, 0.3),))
+    assert 0 < bench.speeds()[-1] < 450
+    assert bench.sent(Cmd.RVEL)

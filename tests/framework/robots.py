@@ -1,0 +1,22 @@
+"""Robots as their owners describe them, for tests of agents that are handed messages by hand."""
+
+from __future__ import annotations
+
+from functools import cache
+
+from armadico.agent import Identity
+from armadico.agents.methods.motion import Body
+from armadico.bridge.robot import Parameters, Robot
+from armadico.messages import Description
+
+
+@cache
+def described(profile: str = "pioneer-2dx") -> Description:
+    """What the robot agent says of a robot with this profile."""
+    return Robot(Identity("robot-1"), Parameters(port="memory:", profile=profile)).description()
+
+
+@cache
+def body(profile: str = "pioneer-2dx") -> Body:
+    """The same as the behaviours have it."""
+    return Body.of(described(profile))
