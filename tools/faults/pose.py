@@ -1,0 +1,120 @@
+"""The promise about the pose: it is off only by what nobody can have counted."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from math import hypot, inf, pi, sin
+
+from armadico.geometry import wrap
+from armadico.messages import Pose, RobotState, Truth
+from armadico.tools.faults import kinds
+from armadico.tools.faults.kinds import DISABLES, RESTARTS, Promise
+from armadico.tools.faults.observations import Faulted, Observation, Said
+from armadico.tools.faults.situation import Bounds, Situation
+
+BASE_M, BASE_RAD = 0.02, 0.02
+"""A pose may be off by so much without any reason: in 16 drives of 4 minutes without a fault it was
+never more than 0.6 mm and 0.8 mrad off (the encoders' counts); a cycle of spare for what is said in
+one instant and measured in another would be more, but poses are compared by their cycle."""
+
+GAP_S = 0.35
+"""Cycles that are farther apart than this, s, may be those of another connection, whose first
+status packet is a base only. One or two that the line lost cost nothing: the controller counts."""
+
+TOUCH_M = 0.005
+"""Nearer than this, m, tyres slip: what the wheels roll and what the body does may differ."""
+
+SPARE = 1.1
+"""What rolled is added up from one status packet to the next, which cuts corners."""
+
+
+class Localized:
+    """The pose is off by no more than what rolled while nobody could count it.
+
+    That is while the robot agent was away or its line broken, as long as no `robot/state` came, and
+    while the robot leant on something. What the heading lost makes the place worse with every metre
+    that it drives afterwards. By the truth, not by the tops of the speeds: what really rolled is
+    the least bound.
+    """
+
+    promise = Promise.POSE
+
+    def __init__(self, bounds: Bounds) -> None:
+        self._v, self._w = SPARE * bounds.v_max, SPARE * bounds.w_max
+        self._off_m, self._off_rad = BASE_M, BASE_RAD  # what it may be off by
+        self._rolled_m = self._rolled_rad = 0.0  # since the last pose
+        self._uncounted = False  # whether cycles were missing since the last pose, for a reason
+        self._cause_at = -inf  # when a fault was last on that keeps the robot agent from counting
+        self._slow_at = -inf
+        self._truth: Truth | None = None
+        self._epochs: set[int] = set()
+        self._lost = False
+
+    def look(self, seen: Observation, now: Situation) -> Iterator[str]:
+        """At each pose, by what has rolled until then."""
+        if _cause(now):
+            self._cause_at = seen.at
+        if now.befalls("robot", "slow", "hang"):
+            self._slow_at = seen.at
+        if isinstance(seen, Faulted):
+            self._begins(seen)
+        elif isinstance(seen, Said):
+            message = seen.message
+            if isinstance(message, Truth):
+                self._roll(message)
+            elif isinstance(message, RobotState):
+                self._state(message, now)
+            elif isinstance(message, Pose):
+                yield from self._compare(message, seen.at, now)
+
+    def _begins(self, fault: Faulted) -> None:
+        """An encoder agent that starts in a later epoch does not know where that began."""
+        starts = fault.kind in RESTARTS | {"twin"} and "encoder" in fault.whom
+        starts = starts or fault.kind == "robot-then-encoder"
+        if starts and not kinds.ORIGIN_KEPT and (len(self._epochs) > 1 or len(fault.whom) > 1):
+            self._lost = True
+
+    def _roll(self, truth: Truth) -> None:
+        before, self._truth = self._truth, truth
+        if before is None:
+            return
+        way = hypot(truth.x - before.x, truth.y - before.y)
+        turn = abs(wrap(truth.theta - before.theta))
+        self._rolled_m += way
+        self._rolled_rad += turn
+        self._off_m += 2.0 * sin(min(self._off_rad - BASE_RAD, pi) / 2.0) * way
+        if min(truth.clearance or inf, before.clearance or inf) < TOUCH_M:
+            dt = max(truth.t - before.t, 0.0)  # the wheels may have turned as fast as they can
+            self._off_m += self._v * dt
+            self._off_rad += self._w * dt
+
+    def _state(self, state: RobotState, now: Situation) -> None:
+        new = state.cycle.epoch not in self._epochs
+        self._epochs.add(state.cycle.epoch)
+        before = now.state_at - now.state_gap_s
+        if (new or now.state_gap_s > GAP_S) and self._cause_at >= before:
+            self._uncounted = True
+
+    def _compare(self, pose: Pose, at: float, now: Situation) -> Iterator[str]:
+        if self._uncounted:
+            self._off_m += SPARE * self._rolled_m
+            self._off_rad += SPARE * self._rolled_rad
+        self._rolled_m = self._rolled_rad = 0.0
+        self._uncounted = False
+        truth = now.truth_of(pose.cycle)
+        if truth is None or self._lost or at - self._slow_at < 1.0:
+            return  # nobody knows when a status packet was said that waited
+        off = hypot(pose.x - truth.x, pose.y - truth.y)
+        turned = abs(wrap(pose.theta - truth.theta))
+        if off > self._off_m or turned > self._off_rad:
+            text = f"off by {off:.2f} m, {turned:.2f} rad, where {self._off_m:.2f} m,"
+            text += f" {self._off_rad:.2f} rad can be explained"
+            self._off_m, self._off_rad = off + 0.5, turned + 0.5  # and again when it is worse
+            yield text
+
+
+def _cause(now: Situation) -> bool:
+    """Whether a fault keeps the robot agent from counting what rolls."""
+    if now.befalls("robot", *DISABLES):
+        return True
+    return any(fault.kind.startswith("serial") for fault in now.active)
