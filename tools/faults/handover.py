@@ -6,6 +6,7 @@ from collections import deque
 from collections.abc import Iterator
 from typing import Final, NamedTuple
 
+from armadico.cycles import PERIOD
 from armadico.exchange import LONGEST, Action, fuzzy_window
 from armadico.messages import Ballot, Claim, Cycle, RobotState
 from armadico.resources import WHEELS
@@ -24,9 +25,16 @@ SETTLED_S: Final = 1.0
 SHARE: Final = 0.02
 """The winner's share of the first action may be off by so much: rounding on the mesh."""
 
-HURRIED: Final = frozenset({"avoid", "gothrough"})
-"""Agents whose bids may say that there is no time for the whole window (`Bid.within`), which no
-message tells: their share may be anything from the rule's on."""
+HURRIED: Final = frozenset({"avoid"})
+"""Agents whose bids may say that there is no time for the whole window (`Bid.within`): half of what
+is left until they must brake, which no message tells. It is at least half of what the truth leaves,
+with the margins that they keep, so their share lies between the rule's and that window's."""
+
+SEEN_M: Final = 0.25
+"""What lies nearer by this, m, for who sees it by sonars: margin, noise, and a cycle's way."""
+
+DECEL_M_S2, LATENCY_S = 0.4, 0.2
+"""What the behaviours count on when they brake: `armadico.agents.methods.safety`."""
 
 QUIET_S: Final = 3.0
 """So long after another fault nobody is still back from somewhere: coming back, no news of tokens
@@ -73,14 +81,15 @@ class Exchanged:
             if self._largest is None or message.ballot > self._largest:
                 self._largest = message.ballot
                 if message.utility and now.whole_for() > SETTLED_S and self._speeds:
-                    yield from self._begins(seen.at, message)
+                    yield from self._begins(seen.at, message, _least_window(message, now))
             self._claims.append((seen.at, message))
             if message.utility is not None:
                 self._weights[message.ballot.instance] = message.utility
 
-    def _begins(self, at: float, winner: Claim) -> Iterator[str]:
+    def _begins(self, at: float, winner: Claim, least: float) -> Iterator[str]:
+        """`least` is the shortest window that the winner may take, cycles."""
         starts = list(self._starts(at, winner))
-        if not any(self._explains(start, winner) for start in starts):
+        if not any(self._explains(start, winner, least) for start in starts):
             nearest = min(starts, key=lambda start: _far(start.action, winner.commanded))
             window = _window(nearest.action, winner.wanted)
             yield (
@@ -100,12 +109,10 @@ class Exchanged:
                 yield Start(speeds, weight)
 
     @staticmethod
-    def _explains(start: Start, winner: Claim) -> bool:
-        own = winner.utility or 0.0
+    def _explains(start: Start, winner: Claim, least_window: float) -> bool:
         window = _window(start.action, winner.wanted)
-        least = own / (own + start.weight * (window - 1.0)) if window >= 1.0 else 1.0
-        hurried = winner.critical or winner.ballot.instance.rpartition("-")[0] in HURRIED
-        most = 1.0 if hurried else least
+        least = _share(winner, start.weight, window)
+        most = _share(winner, start.weight, min(window, least_window))
         pairs = list(zip(start.action, winner.wanted, winner.commanded, strict=True))
         lost, won, said = max(pairs, key=lambda axis: abs(axis[1] - axis[0]))
         if abs(won - lost) < SHARE:
@@ -176,6 +183,26 @@ class Replaced:
             and fault.at - at <= NOW_S
             and instance.rpartition("-")[0] not in here
         )
+
+
+def _least_window(winner: Claim, now: Situation) -> float:
+    """The shortest window that a winner's hurry explains, cycles."""
+    if winner.critical:
+        return 0.0
+    if winner.ballot.instance.rpartition("-")[0] not in HURRIED:
+        return LONGEST
+    truth = now.truth
+    if truth is None or truth.clearance is None:
+        return 0.0
+    v = max(truth.v, 0.0)
+    left = truth.clearance - SEEN_M - v * LATENCY_S - v * v / (2.0 * DECEL_M_S2)
+    return max(0.5 * left / max(v, 0.05), 0.0) / PERIOD
+
+
+def _share(winner: Claim, weight: float, window: float) -> float:
+    """The winner's share of its first action, by equations 3.10 to 3.12 in their first cycle."""
+    own = winner.utility or 0.0
+    return own / (own + weight * (window - 1.0)) if window >= 1.0 else 1.0
 
 
 def _window(start: Action, wanted: Action) -> float:

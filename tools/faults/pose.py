@@ -6,11 +6,11 @@ from collections.abc import Iterator
 from math import hypot, inf, pi, sin
 
 from armadico.geometry import wrap
-from armadico.messages import Pose, RobotState, Truth
+from armadico.messages import Cycle, Pose, RobotState, Truth
 from armadico.tools.faults import kinds
 from armadico.tools.faults.kinds import DISABLES, RESTARTS, Promise
 from armadico.tools.faults.observations import Faulted, Observation, Said
-from armadico.tools.faults.situation import Bounds, Situation
+from armadico.tools.faults.situation import POSES, Bounds, Situation
 
 BASE_M, BASE_RAD = 0.02, 0.02
 """A pose may be off by so much without any reason: in 16 drives of 4 minutes without a fault it was
@@ -42,13 +42,16 @@ class Localized:
     def __init__(self, bounds: Bounds) -> None:
         self._v, self._w = SPARE * bounds.v_max, SPARE * bounds.w_max
         self._off_m, self._off_rad = BASE_M, BASE_RAD  # what it may be off by
-        self._rolled_m = self._rolled_rad = 0.0  # since the last pose
-        self._uncounted = False  # whether cycles were missing since the last pose, for a reason
+        self._rolled = (0.0, 0.0)  # m and rad, since the beginning,
+        self._rolled_at: dict[Cycle, tuple[float, float]] = {}  # at each of the last cycles,
+        self._posed = (0.0, 0.0)  # and at the cycle of the last pose
+        self._gap: Cycle | None = None  # the first after some were missing, for a reason
         self._cause_at = -inf  # when a fault was last on that keeps the robot agent from counting
         self._slow_at = -inf
         self._truth: Truth | None = None
         self._epochs: set[int] = set()
-        self._lost = False
+        self._started_at = -inf  # when an encoder agent last went or came
+        self._lost = False  # nobody knows any more where an epoch began
 
     def look(self, seen: Observation, now: Situation) -> Iterator[str]:
         """At each pose, by what has rolled until then."""
@@ -69,9 +72,11 @@ class Localized:
 
     def _begins(self, fault: Faulted) -> None:
         """An encoder agent that starts in a later epoch does not know where that began."""
-        starts = fault.kind in RESTARTS | {"twin"} and "encoder" in fault.whom
-        starts = starts or fault.kind == "robot-then-encoder"
-        if starts and not kinds.ORIGIN_KEPT and (len(self._epochs) > 1 or len(fault.whom) > 1):
+        if fault.kind not in RESTARTS | {"twin"} or "encoder" not in fault.whom:
+            return
+        self._started_at = fault.at
+        both = fault.kind == "robot-then-encoder"
+        if not kinds.ORIGIN_KEPT and (len(self._epochs) > 1 or both):
             self._lost = True
 
     def _roll(self, truth: Truth) -> None:
@@ -80,8 +85,7 @@ class Localized:
             return
         way = hypot(truth.x - before.x, truth.y - before.y)
         turn = abs(wrap(truth.theta - before.theta))
-        self._rolled_m += way
-        self._rolled_rad += turn
+        self._rolled = self._rolled[0] + way, self._rolled[1] + turn
         self._off_m += 2.0 * sin(min(self._off_rad - BASE_RAD, pi) / 2.0) * way
         if min(truth.clearance or inf, before.clearance or inf) < TOUCH_M:
             dt = max(truth.t - before.t, 0.0)  # the wheels may have turned as fast as they can
@@ -92,15 +96,23 @@ class Localized:
         new = state.cycle.epoch not in self._epochs
         self._epochs.add(state.cycle.epoch)
         before = now.state_at - now.state_gap_s
+        started = self._started_at >= before or now.befalls("encoder", *RESTARTS)
+        if new and started and len(self._epochs) > 1 and not kinds.ORIGIN_KEPT:
+            self._lost = True
         if (new or now.state_gap_s > GAP_S) and self._cause_at >= before:
-            self._uncounted = True
+            self._gap = state.cycle
+        self._rolled_at[state.cycle] = self._rolled
+        if len(self._rolled_at) > POSES:
+            del self._rolled_at[next(iter(self._rolled_at))]
 
     def _compare(self, pose: Pose, at: float, now: Situation) -> Iterator[str]:
-        if self._uncounted:
-            self._off_m += SPARE * self._rolled_m
-            self._off_rad += SPARE * self._rolled_rad
-        self._rolled_m = self._rolled_rad = 0.0
-        self._uncounted = False
+        gap, cycle = self._gap, pose.cycle
+        rolled = self._rolled_at.get(cycle, self._rolled)
+        if gap is not None and cycle.epoch == gap.epoch and cycle.number >= gap.number:
+            self._off_m += SPARE * (rolled[0] - self._posed[0])
+            self._off_rad += SPARE * (rolled[1] - self._posed[1])
+            self._gap = None
+        self._posed = rolled
         truth = now.truth_of(pose.cycle)
         if truth is None or self._lost or at - self._slow_at < 1.0:
             return  # nobody knows when a status packet was said that waited

@@ -37,7 +37,7 @@ OVER_S = 2.0
 FRESH_CYCLES = 3
 """A command may answer a cycle so many older than the newest (docs/architecture.md)."""
 
-POSES = 16  # cycles whose true poses are remembered, for poses that come late
+POSES = 64  # cycles whose true poses are remembered, for poses that come late
 
 BID_AGE_S = 0.35
 """A bid older than this says nothing of now: three cycles, and the way here."""
@@ -119,9 +119,7 @@ class Situation:
     ordered: Ordered | None = None
     active: Counter[Fault] = field(default_factory=Counter)
     ended_at: float = -inf  # when the last fault of any kind ended
-    _ended: dict[Promise, tuple[float, str]] = field(
-        default_factory=dict
-    )  # of faults that are over
+    _ended: dict[Promise, tuple[float, str]] = field(default_factory=dict)  # by faults now over
     _excused: bool = True
     _truths: dict[Cycle, Truth] = field(default_factory=dict)  # where it was in the last cycles
 
