@@ -22,8 +22,9 @@ LATELY_S = 0.35
 SETTLED_S: Final = 1.0
 """Only where the network has been whole for so long, s, everybody has heard the same claims."""
 
-SHARE: Final = 0.02
-"""The winner's share of the first action may be off by so much: rounding on the mesh."""
+SHARE: Final = 0.005
+"""The winner's share of the first action may be off by so much, and so may the action, m/s, rad/s:
+numbers travel whole, so this is room for rounding and for nothing else."""
 
 HURRIED: Final = frozenset({"avoid"})
 """Agents whose bids may say that there is no time for the whole window (`Bid.within`): half of what

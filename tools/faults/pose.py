@@ -14,8 +14,8 @@ from armadico.tools.faults.situation import POSES, Bounds, Situation
 
 BASE_M, BASE_RAD = 0.02, 0.02
 """A pose may be off by so much without any reason: in 16 drives of 4 minutes without a fault it was
-never more than 0.6 mm and 0.8 mrad off (the encoders' counts); a cycle of spare for what is said in
-one instant and measured in another would be more, but poses are compared by their cycle."""
+never more than 0.6 mm and 0.8 mrad off (the encoders' counts). Besides `Bounds.skew_s` of what it
+drives, where truth and pose are not known to be of one instant."""
 
 GAP_S = 0.35
 """Cycles that are farther apart than this, s, may be those of another connection, whose first
@@ -40,6 +40,7 @@ class Localized:
     promise = Promise.POSE
 
     def __init__(self, bounds: Bounds) -> None:
+        self._skew_s = bounds.skew_s
         self._v, self._w = SPARE * bounds.v_max, SPARE * bounds.w_max
         self._off_m, self._off_rad = BASE_M, BASE_RAD  # what it may be off by
         self._rolled = (0.0, 0.0)  # m and rad, since the beginning,
@@ -118,6 +119,8 @@ class Localized:
             return  # nobody knows when a status packet was said that waited
         off = hypot(pose.x - truth.x, pose.y - truth.y)
         turned = abs(wrap(pose.theta - truth.theta))
+        off -= self._skew_s * abs(truth.v)
+        turned -= self._skew_s * abs(truth.w)
         if off > self._off_m or turned > self._off_rad:
             text = f"off by {off:.2f} m, {turned:.2f} rad, where {self._off_m:.2f} m,"
             text += f" {self._off_rad:.2f} rad can be explained"

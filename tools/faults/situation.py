@@ -59,6 +59,7 @@ class Bounds:
     arrives_s: float = 90.0  # from the last fault on
     start_s: float = 20.0  # a mission that no fault befalls takes so long,
     way_m_s: float = 0.25  # and its way at this speed: half as much again as any that was seen
+    skew_s: float = 0.25  # between what is said of one cycle by two: a cycle, and two ways here
     v_max: float = 1.6  # m/s
     w_max: float = 5.2  # rad/s
     braking_s: float = 3.0  # from top speed to rest, by the ramp, and for the loops to settle
