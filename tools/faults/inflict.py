@@ -34,6 +34,12 @@ NONSENSE: Final = (
 LONE_AWAY_S: Final = 0.3
 """How long the one behaviour that is left is away when it is started again."""
 
+CATCH_UP_S: Final = 1e-6
+"""Who was slow catches up at this for each message, s, one after another: at once, what comes next
+would overtake what it is still busy with, and nobody's messages do."""
+
+CAUGHT_UP_S: Final = 0.5
+
 OLD_S: Final = 0.6
 """Commands and claims of so long before are under way when the robot agent is started again."""
 
@@ -178,7 +184,17 @@ class Inflictor:
     def _slow(self, fault: Fault, begins: bool) -> None:  # noqa: ARG002
         for node in self._befallen[fault]:
             works = [f.amount for f in self._on if f.kind == "slow" and node in self._befallen[f]]
-            self._mesh.slow_down(node, max(works, default=0.0))
+            self._mesh.slow_down(node, max(works, default=CATCH_UP_S))
+            if not works:
+                self._mesh.call_at(self._mesh.now + CAUGHT_UP_S, self._caught_up, node)
+
+    def _caught_up(self, node: Node, _: Any) -> None:
+        if self._befalls(node, "slow"):
+            return
+        if node.busy:
+            self._mesh.call_at(self._mesh.now + CAUGHT_UP_S, self._caught_up, node)
+        else:
+            self._mesh.slow_down(node, 0.0)
 
     def _befalls(self, node: Node, kind: str) -> bool:
         return any(f.kind == kind and node in self._befallen[f] for f in self._on)

@@ -67,16 +67,18 @@ _LINE: Final = frozenset({Promise.COLLISION, Promise.SMOOTH})
 _BLIND: Final = frozenset({Promise.COLLISION})
 """Readings that are there and wrong cannot be told from right ones; those that lack can."""
 
-LOSSY: Final = 0.2
+LOSSY: Final = 0.25
 """A line that loses or spoils less than this share of what is written is no excuse. Each cycle
-orders anew: of three orders in a row it loses all with a chance of 0.8 %, so a stop arrives within
-0.3 s; and ten in a row, after which the link counts as lost, never."""
+orders anew: of three orders in a row it loses all with a chance of 1.6 %, so a stop arrives within
+0.3 s; and ten in a row, after which the link counts as lost, never. With 0.3 nothing was touched in
+24 simulated minutes."""
 
 SLOW_S: Final = 0.015
 """A robot agent that needs less than this for each message is no excuse. In a cycle it takes about
 five (a status packet, a command, a claim, one or two more), which is 75 ms of the cycle's 100: it
 keeps up, and orders a stop late by one or two messages, for which 0.4 s instead of 0.3 s is
-promised. From 20 ms on what waits for it grows for as long as it is slow."""
+promised. From 20 ms on what waits for it grows for as long as it is slow. With 19.9 ms no promise
+was broken in 24 simulated minutes."""
 
 KINDS: Final = {
     kind.name: kind

@@ -21,6 +21,9 @@ GAP_S = 0.35
 """Cycles that are farther apart than this, s, may be those of another connection, whose first
 status packet is a base only. One or two that the line lost cost nothing: the controller counts."""
 
+LATE_S = 0.25
+"""A status packet whose count is spoilt is complete only when the next one has come, s later."""
+
 TOUCH_M = 0.005
 """Nearer than this, m, tyres slip: what the wheels roll and what the body does may differ."""
 
@@ -48,7 +51,7 @@ class Localized:
         self._posed = (0.0, 0.0)  # and at the cycle of the last pose
         self._gap: Cycle | None = None  # the first after some were missing, for a reason
         self._cause_at = -inf  # when a fault was last on that keeps the robot agent from counting
-        self._slow_at = -inf
+        self._slow_at = self._spoilt_at = -inf
         self._truth: Truth | None = None
         self._epochs: set[int] = set()
         self._started_at = -inf  # when an encoder agent last went or came
@@ -58,6 +61,8 @@ class Localized:
         """At each pose, by what has rolled until then."""
         if _cause(now):
             self._cause_at = seen.at
+        if any(fault.kind.startswith("serial") for fault in now.active):
+            self._spoilt_at = seen.at
         if now.befalls("robot", "slow", "hang"):
             self._slow_at = seen.at
         if isinstance(seen, Faulted):
@@ -119,8 +124,9 @@ class Localized:
             return  # nobody knows when a status packet was said that waited
         off = hypot(pose.x - truth.x, pose.y - truth.y)
         turned = abs(wrap(pose.theta - truth.theta))
-        off -= self._skew_s * abs(truth.v)
-        turned -= self._skew_s * abs(truth.w)
+        skew_s = LATE_S if at - self._spoilt_at < LATE_S else self._skew_s
+        off -= skew_s * abs(truth.v)
+        turned -= skew_s * abs(truth.w)
         if off > self._off_m or turned > self._off_rad:
             text = f"off by {off:.2f} m, {turned:.2f} rad, where {self._off_m:.2f} m,"
             text += f" {self._off_rad:.2f} rad can be explained"
