@@ -42,6 +42,7 @@ from armadico.messages import (
 )
 from armadico.rehearsal import Rehearsal
 from armadico.society import Options
+from armadico.tools.faults import kinds
 from armadico.tools.faults.checker import Checker, Violation
 from armadico.tools.faults.inflict import Inflictor
 from armadico.tools.faults.kinds import Promise
@@ -57,6 +58,7 @@ from armadico.tools.faults.observations import (
 )
 from armadico.tools.faults.orders import Orders
 from armadico.tools.faults.plan import Case, draw, vary
+from armadico.tools.faults.recovery import FORGOTTEN_S
 from armadico.tools.faults.sightings import Sight, Sightings
 from armadico.tools.faults.situation import bounds_of
 
@@ -96,9 +98,7 @@ class Outcome(Struct, frozen=True):
     sights: dict[str, int] = {}
 
 
-def case_of(
-    seed: int, lasts: float, kinds: Sequence[str] = (), scenario: str | None = None
-) -> Case:
+def case_of(seed: int, lasts: float, only: Sequence[str] = (), scenario: str | None = None) -> Case:
     """The case that a seed draws: a scenario and faults, for so many s.
 
     Of the kinds that are given; else of some that the seed draws.
@@ -106,7 +106,7 @@ def case_of(
     rng = Random(f"faults/{seed}")
     drawn = rng.choice(SCENARIOS)
     varied = vary(Random(f"variation/{seed}"))
-    return Case(seed, scenario or drawn, lasts, draw(rng, lasts, tuple(kinds)), varied)
+    return Case(seed, scenario or drawn, lasts, draw(rng, lasts, tuple(only)), varied)
 
 
 class Workload:
@@ -128,7 +128,7 @@ class Workload:
         self._ends = _ends(self.rehearsal)
         self._heading_for = 0
         self._asked = False
-        self._mission_at = 0.0
+        self._mission_at = self._driven_at = 0.0  # when it was taken on, and last said to go on
         self._status = MissionState.NONE
         self._truth: Truth | None = None
         self._driven = 0.0
@@ -183,6 +183,8 @@ class Workload:
         self.show(Said(now, message))
         if isinstance(message, MissionStatus):
             self._status = message.state
+            if message.state is MissionState.DRIVING:
+                self._driven_at = now
         elif isinstance(message, Truth):
             if self._truth is not None:
                 self._driven += hypot(message.x - self._truth.x, message.y - self._truth.y)
@@ -228,6 +230,8 @@ class Workload:
             self.missions += self._status is MissionState.REACHED
             self._heading_for = 1 - self._heading_for
         elif self._mission_at:  # an interface agent that started again knows of none
+            if kinds.MISSION_KEPT and self.mesh.now - self._driven_at < 2 * FORGOTTEN_S:
+                return
             self.again += 1
         self._asked = True
         self.mesh.ask(self._ends[self._heading_for], self._answered, timeout=5.0)
