@@ -17,6 +17,8 @@ from armadico.config.errors import ConfigError
 from armadico.discovery import unknown
 
 if TYPE_CHECKING:
+    from rich.console import Console
+
     from armadico.tools.faults.series import Ledger, Summary, Task
     from armadico.tools.faults.workload import Outcome
 
@@ -50,7 +52,7 @@ def _parser() -> argparse.ArgumentParser:
         "The whole society drives shipped scenarios on the virtual mesh while faults befall it,"
         " drawn from a seed; a checker watches the promises. What ran is counted in a file. A"
         " violation prints one command that repeats it, with as few faults as will do. Exit code"
-        " 1 if a promise was broken.",
+        " 1 if a promise was broken, or if in 200 seeds some situation never came to pass.",
         EXAMPLES,
     )
     made.add_argument("--seeds", type=int, metavar="N", help=f"how many (default: {SEEDS})")
@@ -101,7 +103,7 @@ def _check(args: argparse.Namespace) -> None:
 
 
 def _list(*, as_json: bool) -> int:
-    from armadico.tools.faults.kinds import KINDS, Promise  # noqa: PLC0415 - not for --help
+    from armadico.tools.faults.kinds import AWAITED, KINDS, Promise  # noqa: PLC0415 - not for --help
 
     if as_json:
         kinds = {kind.name: kind.meaning for kind in KINDS.values()}
@@ -109,10 +111,11 @@ def _list(*, as_json: bool) -> int:
         return 0
     print("kinds of faults")
     for kind in KINDS.values():
-        print(f"  {kind.name:<15} {kind.meaning}")
+        only = " (only by --kind)" if kind.name in AWAITED else ""
+        print(f"  {kind.name:<18} {kind.meaning}{only}")
     print("promises")
     for promise in Promise:
-        print(f"  {promise.name:<15} {promise.value}")
+        print(f"  {promise.name:<18} {promise.value}")
     return 0
 
 
@@ -160,11 +163,14 @@ def _series(args: argparse.Namespace) -> int:
     lasts = 60.0 * (args.minutes or MINUTES)
     seeds = range(first, first + (args.seeds or SEEDS))
     tasks = [series.Task(seed, lasts, tuple(args.kind)) for seed in seeds]
-    summary = series.Summary()
+    summary = series.Summary(narrowed=bool(args.kind))
 
     def done(task: Task, outcome: Outcome) -> None:
         summary.add(outcome)
-        ledger.add(task, outcome)
+        try:
+            ledger.add(task, outcome)
+        except OSError as error:
+            raise FailedError(f"cannot count seeds in {ledger.path}: {error.strerror}") from None
 
     interrupted = False
     try:
@@ -176,12 +182,13 @@ def _series(args: argparse.Namespace) -> int:
     _report(summary, ledger, commands, as_json=args.json)
     if interrupted:
         return options.INTERRUPTED
-    return 1 if summary.broken else 0
+    return 1 if summary.broken or series.missing(summary) else 0
 
 
 def _commands(summary: Summary) -> list[str]:
     """For the first cases that broke a promise: the command that repeats the least of it."""
-    from armadico.tools.faults import series, shrink  # noqa: PLC0415 - not for --help
+    from armadico.tools.experiments import pool  # noqa: PLC0415 - not for --help
+    from armadico.tools.faults import series, shrink  # noqa: PLC0415
 
     commands = []
     told: set[str] = set()
@@ -192,11 +199,39 @@ def _commands(summary: Summary) -> list[str]:
         told.add(promise)
         print(f"seed {outcome.case.seed} broke {promise}: shrinking", file=sys.stderr, flush=True)
         try:
-            case, _ = series.smallest(outcome, shrink.TRIES)
+            with pool.progress("runs, at most", shrink.TRIES) as step:
+                case, _ = series.smallest(outcome, shrink.TRIES, step)
         except KeyboardInterrupt:
             case = outcome.case
         commands.append(f"armadico faults --repeat {shlex.quote(case.dumps())}")
     return commands
+
+
+def _contacts(summary: Summary) -> list[str]:
+    """How often something was touched, and how much of the time that would not have counted."""
+    void, shares = summary.void_contacts(), summary.void_shares()
+    reasons = ", ".join(f"{why} {count}" for why, count in void.items())
+    moving = sum(summary.moving_s.values())
+    by = ", ".join(f"{why} {share:.1%}" for why, share in shares.items())
+    return [
+        f"contacts {summary.contacts['']}, void {sum(void.values())}: {reasons or 'none'}",
+        f"moving {moving:.0f} s, contacts void {sum(shares.values()):.1%} of it: {by or 'never'}",
+    ]
+
+
+def _sights(summary: Summary, console: Console) -> None:
+    """What happened, and how often."""
+    from rich.table import Table  # noqa: PLC0415 - not for --help
+
+    from armadico.tools.faults import series  # noqa: PLC0415
+    from armadico.tools.faults.sightings import Sight  # noqa: PLC0415
+
+    table = Table("situation", "seen")
+    for sight in Sight:
+        table.add_row(sight.value, str(summary.sights[sight.name]))
+    console.print(table)
+    for sight in series.missing(summary):
+        console.print(f"never came to pass: {sight.value}", soft_wrap=True)
 
 
 def _report(summary: Summary, ledger: Ledger, commands: list[str], *, as_json: bool) -> None:
@@ -220,6 +255,11 @@ def _report(summary: Summary, ledger: Ledger, commands: list[str], *, as_json: b
     counts = ", ".join(f"{kind} {summary.faults[kind]}" for kind in KINDS if summary.faults[kind])
     console.print(f"faults: {counts or 'none'}", soft_wrap=True)
     console.print(f"longest time from healing to moving again: {summary.longest_s:.2f} s")
+    for line in _contacts(summary):
+        console.print(line, soft_wrap=True)
+    if summary.again:
+        console.print(f"missions forgotten, and asked for again: {summary.again}")
+    _sights(summary, console)
     for outcome in summary.broken:
         for promise_name, at, what in outcome.violations:
             where = f"seed {outcome.case.seed} ({outcome.case.scenario}), {at:.2f} s"

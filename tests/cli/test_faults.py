@@ -20,6 +20,7 @@ from armadico.tools.experiments import pool
 from armadico.tools.faults import series, workload
 from armadico.tools.faults.kinds import KINDS, Promise
 from armadico.tools.faults.plan import Case
+from armadico.tools.faults.sightings import Sight
 from armadico.tools.faults.workload import Outcome
 
 ARMADICO = Path(sys.executable).with_name("armadico")
@@ -142,3 +143,46 @@ def test_interrupted_it_keeps_and_tells_what_was_counted(
     said = capsys.readouterr()
     assert "interrupted after 1 of 9 seeds" in said.err
     assert "1 seeds" in said.out
+
+
+def test_a_full_disk_is_one_line(tmp_path: Path) -> None:
+    (tmp_path / series.SEEDS).symlink_to("/dev/full")
+    done = call("--seeds", "1", "--minutes", "0.2", "--jobs", "1", "--out", str(tmp_path))
+    assert done.returncode == 1
+    assert "Traceback" not in done.stderr
+    assert "No space left on device" in done.stderr.splitlines()[-1]
+
+
+def test_contacts_and_what_happened_are_told(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    ran = workload.run
+
+    def touched(case: Case) -> Outcome:
+        outcome = ran(replace(case, faults=()))
+        return replace(outcome, contacts={"pose": 2}, moving_s={"": 3.0, "pose": 1.0}, again=1)
+
+    monkeypatch.setattr(series, "run", touched)
+    arguments = ["--seeds", "2", "--minutes", "0.2", "--jobs", "1", "--out", str(tmp_path)]
+    assert faults.main(arguments) == 0
+    out = capsys.readouterr().out
+    assert "contacts 0, void 4: pose 4" in out
+    assert "moving 8 s, contacts void 25.0% of it: pose 25.0%" in out
+    assert "asked for again: 2" in out
+    assert "a better bid takes over" in out
+    assert faults.main([*arguments, "--json"]) == 0
+    said = json.loads(capsys.readouterr().out)
+    assert said["void_contacts"] == {"pose": 4}
+    assert said["void_share"] == {"pose": 0.25}
+    assert {*said["sights"]} == {sight.name for sight in Sight}
+
+
+def test_a_campaign_in_which_a_situation_never_came_to_pass_fails(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(series, "CAMPAIGN", 1)
+    monkeypatch.setattr(series, "CAMPAIGN_S", 10.0)
+    arguments = ["--seeds", "1", "--minutes", "0.2", "--jobs", "1", "--out", str(tmp_path)]
+    assert faults.main(arguments) == 1
+    assert f"never came to pass: {Sight.WATCHDOG.value}" in capsys.readouterr().out
+    assert faults.main([*arguments, "--kind", "hang"]) == 0

@@ -2,9 +2,12 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import msgspec
 import pytest
 
+from armadico.exchange import Action, Bid, SmoothExchange
 from armadico.messages import (
     Ballot,
     BidRecord,
@@ -19,8 +22,9 @@ from armadico.messages import (
     Stop,
     Truth,
 )
+from armadico.resources import WHEELS
 from armadico.tools.faults.checker import Checker
-from armadico.tools.faults.kinds import KINDS, Promise, voided
+from armadico.tools.faults.kinds import KINDS, WEDGED_S, Promise, voided
 from armadico.tools.faults.observations import (
     Bids,
     Faulted,
@@ -52,7 +56,7 @@ class Story:
         self.contact = 0
         self.last = Cycle(epoch, 0)  # the cycle that was obeyed last
         self.order = self.talk = True
-        self.x = 0.0
+        self.x = self.driven = self.posed = 0.0
         self.said(MissionStatus(1, MissionState.DRIVING, 3.0))
 
     @property
@@ -346,12 +350,258 @@ def test_a_wall_may_stop_it_at_once(story: Story) -> None:
     assert Promise.SMOOTH not in story.broken()
 
 
-def test_a_winner_that_overshoots_both(story: Story) -> None:
+WANTED = (0.1, 0.5)
+LOSER = (0.3, 0.0)  # as the story's holder commands, with 0.6 and 0.05 m/s measured
+
+
+def begins(start: Action = LOSER, weight: float = 0.6, within: float | None = None) -> Action:
+    """The first action of who wants `WANTED`, with 0.9."""
+    bid = Bid(0.9, WANTED, within=within)
+    return SmoothExchange().begin(start, weight, bid, WHEELS.scale).action(1, bid)
+
+
+def swapped() -> Action:
+    """As far from the winner's own as it should be from the loser's."""
+    return tuple(
+        won + lost - mixed for won, lost, mixed in zip(WANTED, LOSER, begins(), strict=True)
+    )
+
+
+@pytest.mark.parametrize(
+    ("commanded", "broken"),
+    [
+        (begins(), 0),
+        (begins((0.05, 0.0)), 0),  # it did not hear the loser
+        (WANTED, 1),  # not blended
+        (swapped(), 1),
+        (begins((0.0, 0.0)), 1),  # from rest, which is nobody's
+        ((0.02, 0.1), 1),  # beyond both
+    ],
+)
+@pytest.mark.parametrize("winner", ["gothrough-0123456789abcdef", B])
+def test_what_a_winner_commands_first_is_blended_by_the_rules(
+    story: Story, winner: str, commanded: Action, broken: int
+) -> None:
     story.cycles(15)
-    story.said(Claim("wheels", ballot(4, B), story.cycle, 0.9, False, (0.1, 0.5), (0.2, 0.1)))
+    claim = Claim("wheels", ballot(4, winner), story.cycle, 0.9, False, WANTED, commanded)
+    story.said(claim)
+    assert story.broken() == [Promise.SMOOTH] * broken
+
+
+@pytest.mark.parametrize(("winner", "broken"), [("gothrough-0123456789abcdef", 1), (B, 0)])
+def test_who_is_in_a_hurry_may_take_a_shorter_window(
+    story: Story, winner: str, broken: int
+) -> None:
+    story.cycles(15)
+    story.said(Truth(story.now, 0, 0, 0, story.v, 0, 0, 0.2))  # near to something
+    shorter = begins(within=0.12)
+    assert shorter != begins()
+    story.said(Claim("wheels", ballot(4, winner), story.cycle, 0.9, False, WANTED, shorter))
+    assert story.broken() == [Promise.SMOOTH] * broken
+
+
+def test_about_to_collide_it_may_be_at_once(story: Story) -> None:
+    story.cycles(15)
+    story.said(Claim("wheels", ballot(4, B), story.cycle, 0.9, True, WANTED, WANTED))
     assert story.broken() == []
-    story.said(Claim("wheels", ballot(5, A), story.cycle, 0.9, False, (0.1, 0.5), (0.02, 0.1)))
-    assert story.broken() == [Promise.SMOOTH]
+
+
+# Handing over in time -----------------------------------------------------------------------------
+
+
+def falls_silent(story: Story, fault: Faulted, *bidders: str) -> None:
+    story.cycles(40)
+    story.see(Obeyed(story.now, ballot(3), story.cycle))
+    for who in bidders:
+        story.see(Bids(story.now, who, wants(0.5)))
+    story.talk = story.order = False
+    story.see(replace(fault, at=story.now))
+
+
+KILLED = Faulted(0.0, "crash", ("goto",), began=True)
+HUNG = Faulted(0.0, "hang", ("goto",), began=True)
+DEAF = Faulted(0.0, "one-way", ("goto",), began=True, to=("robot",))
+
+
+@pytest.mark.parametrize(("fault", "due"), [(KILLED, 0.1), (HUNG, 0.3), (DEAF, 0.9)])
+def test_a_holder_that_falls_silent_is_replaced_before_its_time(
+    story: Story, fault: Faulted, due: float
+) -> None:
+    falls_silent(story, fault, A, B)
+    for late, broken in ((due - 0.01, 0), (due + 0.01, 1)):
+        at = story.now + late
+        story.see(Bids(at, B, wants(0.5)))
+        story.see(Passed(at))
+        assert story.broken().count(Promise.HANDOVER) == broken
+
+
+@pytest.mark.parametrize("fault", [KILLED, HUNG, DEAF])
+def test_nobody_need_replace_it_who_does_not_bid_or_has_done_so(
+    story: Story, fault: Faulted
+) -> None:
+    falls_silent(story, fault, A)
+    story.see(Passed(story.now + 1.0))
+    other = Story()
+    falls_silent(other, fault, A, B)
+    other.see(Obeyed(other.now + 0.05, ballot(4, B), other.cycle))
+    other.see(Bids(other.now + 1.0, B, wants(0.5)))
+    other.see(Passed(other.now + 1.0))
+    assert Promise.HANDOVER not in story.broken() + other.broken()
+
+
+def test_who_hears_nothing_from_the_robot_need_not_take_over(story: Story) -> None:
+    cut = Faulted(0.0, "partition", ("goto", "sonar"), began=True, to=("robot",))
+    falls_silent(story, cut, A, B)
+    story.see(Bids(story.now + 1.0, B, wants(0.5)))
+    story.see(Passed(story.now + 1.0))
+    assert Promise.HANDOVER not in story.broken()
+
+
+# The stop -----------------------------------------------------------------------------------------
+
+
+def stopped(story: Story, counter: int = 1) -> None:
+    """Somebody stops it, and the robot agent says so."""
+    story.cycles(5)
+    story.stop = Stop(counter, True, "somebody")
+    story.said(story.stop)
+    story.talk = story.order = False
+    story.v = 0.0
+    story.see(Ordered(story.now, 0.0, 0.0))
+    story.cycles(5)
+
+
+def test_a_stop_that_holds_until_it_is_released(story: Story) -> None:
+    stopped(story)
+    story.stop = Stop(2, False, "somebody")
+    story.said(story.stop)
+    story.talk = story.order = True
+    story.cycles(5)
+    assert story.broken() == []
+
+
+@pytest.mark.parametrize("restarted", [False, True])
+def test_nobody_drives_while_it_is_stopped_whatever_befalls(story: Story, restarted: bool) -> None:
+    stopped(story)
+    if restarted:
+        story.see(Faulted(story.now, "crash", ("robot",), began=True))
+        story.see(Faulted(story.now, "crash", ("robot",), began=False))
+        story.epoch, story.stop = 2, Stop()
+        story.cycles(1)
+    story.see(Ordered(story.now, 0.05, 0.0))
+    assert Promise.STOP in story.broken()
+
+
+def test_a_release_by_a_smaller_counter_is_none(story: Story) -> None:
+    stopped(story, counter=5)
+    story.said(Stop(4, False, "somebody"))
+    story.see(Ordered(story.now, 0.05, 0.0))
+    assert Promise.STOP in story.broken()
+
+
+def test_a_stop_that_is_forgotten(story: Story) -> None:
+    stopped(story)
+    story.stop = Stop()
+    story.cycles(9)
+    assert story.broken() == []
+    story.cycles(3)
+    assert story.broken() == [Promise.STOP]
+
+
+def test_a_stop_that_is_said_and_not_latched(story: Story) -> None:
+    story.cycles(5)
+    story.said(Stop(1, True, "somebody"))
+    story.cycles(2)
+    assert story.broken() == []
+    story.cycles(2)
+    assert story.broken() == [Promise.STOP]
+
+
+def test_wheels_that_do_not_rest_after_the_stop(story: Story) -> None:
+    story.cycles(5)
+    story.stop = Stop(1, True, "somebody")
+    story.talk = story.order = False
+    story.cycles(30)
+    assert Promise.STOP not in story.broken()
+    story.cycles(2)
+    assert Promise.STOP in story.broken()
+
+
+# The pose -----------------------------------------------------------------------------------------
+
+
+def drives(story: Story, metres: float, posed: float | None = None) -> None:
+    """So far ahead in a second; the pose says that it went `posed` (as far as it did)."""
+    for step in range(1, 11):
+        story.now = round(story.now + 0.1, 3)
+        story.number += 1
+        story.driven += metres / 10
+        story.posed += (metres if posed is None else posed) / 10
+        story.said(Truth(story.now, story.driven, 0, 0, 0.0, 0, 0, 1.0))
+        story.said(story.rest())
+        story.said(Pose(story.cycle, story.posed, 0, 0))
+        del step
+
+
+def test_a_pose_that_goes_wrong_by_itself(story: Story) -> None:
+    drives(story, 0.5)
+    assert story.broken() == []
+    drives(story, 0.5, 0.6)
+    assert story.broken() == [Promise.POSE]
+
+
+@pytest.mark.parametrize(("off", "broken"), [(0.3, 0), (0.5, 1)])
+def test_it_is_off_by_what_rolled_while_the_robot_agent_was_away(
+    story: Story, off: float, broken: int
+) -> None:
+    drives(story, 0.5)
+    story.see(Faulted(story.now, "crash", ("robot",), began=True))
+    for _ in range(10):
+        story.now = round(story.now + 0.1, 3)
+        story.driven += 0.03
+        story.said(Truth(story.now, story.driven, 0, 0, 0.0, 0, 0, 1.0))
+    story.see(Faulted(story.now, "crash", ("robot",), began=False))
+    story.epoch, story.number, story.posed = 2, 0, story.driven - off
+    story.last = Cycle(2, 0)
+    drives(story, 0.1)
+    assert story.broken() == [Promise.POSE] * broken
+
+
+def test_a_gap_that_no_fault_explains_is_no_excuse(story: Story) -> None:
+    drives(story, 0.5)
+    story.now, story.driven = story.now + 1.0, story.driven + 0.3
+    story.said(Truth(story.now, story.driven, 0, 0, 0.0, 0, 0, 1.0))
+    drives(story, 0.1)
+    assert story.broken() == [Promise.POSE]
+
+
+# Arriving -----------------------------------------------------------------------------------------
+
+
+def test_a_mission_of_three_metres_that_nothing_befalls_takes_less_than_32_seconds(
+    story: Story,
+) -> None:
+    story.cycles(318)
+    assert story.broken() == []
+    story.cycles(4)
+    assert story.broken() == [Promise.ARRIVES]
+
+
+def test_one_that_is_reached_need_not_be_reached_again(story: Story) -> None:
+    story.cycles(100)
+    story.said(MissionStatus(1, MissionState.REACHED, 0.0))
+    story.cycles(1000)
+    assert story.broken() == []
+
+
+def test_after_a_fault_it_has_90_seconds(story: Story) -> None:
+    story.cycles(100)
+    story.see(Faulted(story.now, "delay", (A,), began=True))
+    story.see(Faulted(story.now, "delay", (A,), began=False))
+    story.cycles(898)
+    assert story.broken() == []
+    story.cycles(4)
+    assert story.broken() == [Promise.ARRIVES]
 
 
 def test_a_contact_counts_once_and_not_where_the_robot_agent_was_away(story: Story) -> None:
@@ -370,7 +620,8 @@ def test_a_contact_does_not_count_while_the_pose_is_wrong(story: Story) -> None:
     story.said(Pose(story.cycle, 0.5, 0, 0))
     story.contact = 1
     story.cycles(2)
-    assert story.broken() == []
+    assert story.broken() == [Promise.POSE]
+    assert story.checker.contacts == {"pose": 1}
 
 
 def test_a_pose_that_comes_late_is_not_wrong(story: Story) -> None:
@@ -383,6 +634,36 @@ def test_a_pose_that_comes_late_is_not_wrong(story: Story) -> None:
     story.said(Pose(then, 0.0, 0, 0))
     story.said(Truth(story.now, 0.3, 0, 0, 0.0, 0, 1, 1.0))
     assert story.broken() == [Promise.COLLISION]
+
+
+def test_moving_time_is_counted_by_what_voids_contacts(story: Story) -> None:
+    story.cycles(11)
+    story.said(Pose(story.cycle, 0.5, 0, 0))
+    story.cycles(20)
+    assert story.checker.moving_s == pytest.approx({"": 1.0, "pose": 2.0})
+
+
+def test_wedged_is_no_excuse_for_ever(story: Story) -> None:
+    story.cycles(5)
+    story.see(Faulted(story.now, "hang", ("robot",), began=True))
+    story.see(Faulted(story.now, "hang", ("robot",), began=False))
+    for _ in range(int(10 * WEDGED_S) + 2):
+        touched(story, 0.05, 0)
+    touched(story, 0.0, 1)
+    assert story.broken() == [Promise.COLLISION]
+
+
+@pytest.mark.parametrize(
+    ("kind", "amount", "void"),
+    [
+        *[("serial-loss", 0.1, False), ("serial-loss", 0.3, True)],
+        *[("serial-garbage", 0.1, False), ("serial-garbage", 0.3, True)],
+        *[("slow", 0.01, False), ("slow", 0.02, True), ("hang", 0.0, True)],
+    ],
+)
+def test_a_little_of_a_fault_is_no_excuse(kind: str, amount: float, void: bool) -> None:
+    assert (Promise.COLLISION in voided(kind, ("robot",), amount)) is void
+    assert voided(kind, ("robot",))[Promise.COLLISION]
 
 
 def touched(story: Story, clearance: float, count: int) -> None:
@@ -462,6 +743,28 @@ def test_who_is_obeyed_and_commands_rest_says_why(story: Story, reason: str, bro
         story.cycles(1)
         story.see(Bids(story.now, A, wants(0.6, reason)))
     assert story.broken() == [Promise.MOVES] * broken
+
+
+def test_it_need_not_move_while_no_sonar_fires_and_has_its_time_afterwards(story: Story) -> None:
+    healed(story)
+    story.see(Faulted(story.now, "silent-sonar", ("robot",), began=True))
+    story.stand(4.0, goto=wants(None, "no fresh sonar/obstacles"))
+    story.see(Faulted(story.now, "silent-sonar", ("robot",), began=False))
+    story.stand(1.9, goto=wants(0.6))
+    assert story.broken() == []
+    story.stand(0.3, goto=wants(0.6))
+    assert story.broken() == [Promise.MOVES]
+
+
+def test_it_moves_again_after_the_stop_is_released(story: Story) -> None:
+    story.cycles(5)
+    for counter, seconds in ((1, 3.0), (2, 1.9)):
+        story.stop = Stop(counter, counter == 1, "somebody")
+        story.said(story.stop)
+        story.stand(seconds, goto=wants(0.6))
+        assert story.broken() == []
+    story.stand(0.3, goto=wants(0.6))
+    assert story.broken() == [Promise.MOVES]
 
 
 def test_who_stands_back_has_longer(story: Story) -> None:

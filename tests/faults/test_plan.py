@@ -9,9 +9,19 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from armadico.config.errors import ConfigError
-from armadico.tools.faults.kinds import KINDS
-from armadico.tools.faults.plan import BEGIN_S, EVERYBODY, Case, Fault, draw, loads
-from armadico.tools.faults.shrink import AFTER_S, Shrinker
+from armadico.tools.faults.kinds import AWAITED, DRAWN, KINDS
+from armadico.tools.faults.plan import (
+    BEGIN_S,
+    CALM_END_S,
+    EVERYBODY,
+    Case,
+    Fault,
+    Variation,
+    draw,
+    loads,
+    swarm,
+)
+from armadico.tools.faults.shrink import AFTER_S, NOISE, Shrinker
 from armadico.tools.faults.workload import case_of
 
 
@@ -86,3 +96,49 @@ def test_it_gives_up_after_so_many_runs() -> None:
     shrinker = Shrinker(lambda case: 59.5 if len(case.faults) > 50 else None, 10)
     assert len(shrinker.shrink(Case(1, "sc1", 60.0, faults)).faults) > 50
     assert shrinker.tries == 10
+
+
+def test_a_case_that_breaks_with_other_noise_only_is_small_all_the_same() -> None:
+    """Whatever is left out changes the noise: without it the case breaks with another seed."""
+    faults = tuple(Fault("hang", float(at), 1.0, ("goto",)) for at in range(1, 9))
+
+    def broken(case: Case) -> float | None:
+        chaos = (case.seed // NOISE + len(case.faults)) % 3 == len(faults) % 3
+        return 9.0 if chaos and faults[4] in case.faults else None
+
+    steps: list[int] = []
+    shrinker = Shrinker(broken, 200, 3, lambda: steps.append(1))
+    small = shrinker.shrink(Case(7, "sc1", 60.0, faults))
+    assert [fault.at for fault in small.faults] == [faults[4].at]
+    assert broken(small) is not None
+    assert len(steps) == shrinker.tries <= 200
+    alone = Shrinker(broken, 200, 1).shrink(Case(7, "sc1", 60.0, faults))
+    assert len(alone.faults) > 1
+
+
+# Swarms -------------------------------------------------------------------------------------------
+
+
+def test_each_seed_has_some_of_the_kinds_and_none_that_is_awaited() -> None:
+    taking = [swarm(Random(seed)).kinds for seed in range(200)]
+    assert {kind for kinds in taking for kind in kinds} == {*DRAWN} == {*KINDS} - AWAITED
+    shares = [sum(kind in kinds for kinds in taking) / len(taking) for kind in DRAWN]
+    assert all(0.35 < share < 0.65 for share in shares)
+
+
+def test_some_long_runs_are_calm_at_their_end_so_that_they_must_arrive() -> None:
+    calm = [
+        all(fault.until <= 150.0 - CALM_END_S for fault in case_of(seed, 150.0).faults)
+        for seed in range(100)
+    ]
+    assert 10 <= sum(calm) <= 35
+
+
+def test_networks_differ_and_a_case_says_how() -> None:
+    drawn = {case_of(seed, 30.0).variation for seed in range(50)}
+    assert Variation() in drawn
+    assert len(drawn) >= 3
+    plain = Case(1, "sc1", 9.0, ())
+    assert "variation" not in plain.dumps()
+    slow = Case(1, "sc1", 9.0, (), Variation(0.005))
+    assert loads(slow.dumps()) == slow

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from typing import Any
 
@@ -10,6 +10,8 @@ import pytest
 from msgspec.structs import replace
 
 from armadico.agent import Agent
+from armadico.agents.encoder import Encoder
+from armadico.agents.goto import Goto
 from armadico.agents.sonar import SonarAgent
 from armadico.bridge import robot
 from armadico.bridge.p2os.commands import Cmd, command
@@ -17,8 +19,9 @@ from armadico.bridge.p2os.odometry import Odometry
 from armadico.bridge.p2os.session import Session
 from armadico.bridge.simulator.microcontroller import Microcontroller
 from armadico.coordination import TRANSITIONS, Contender, Event, Owner, State, Verdict
-from armadico.exchange import Bid, Blend
-from armadico.messages import Cycle
+from armadico.cycles import PERIOD
+from armadico.exchange import AT_ONCE, Action, Bid, Blend, Handover, SmoothExchange
+from armadico.messages import Cycle, Message, Obstacles, Pose, RobotState, Stop
 from armadico.tools.faults.kinds import Promise
 from armadico.tools.faults.plan import EVERYBODY, Case, Fault
 from armadico.tools.faults.series import smallest
@@ -141,6 +144,123 @@ def raises_when_somebody_goes(patch: pytest.MonkeyPatch) -> None:
     patch.setattr(Agent, "on_disappeared", on_disappeared)
 
 
+def blends_nothing(patch: pytest.MonkeyPatch) -> None:
+    patch.setattr(SmoothExchange, "begin", lambda self, *args: AT_ONCE)
+
+
+def blends_the_wrong_way_round(patch: pytest.MonkeyPatch) -> None:
+    blended = Blend.action
+
+    def action(self: Blend, t: int, bid: Bid) -> tuple[float, ...]:
+        if t >= self.window:
+            return bid.action
+        other = Bid(self.loser_utility, self.loser)
+        return blended(Blend(bid.action, bid.utility, self.window), t, other)
+
+    patch.setattr(Blend, "action", action)
+
+
+def begins_from_rest(patch: pytest.MonkeyPatch) -> None:
+    begin = SmoothExchange.begin
+
+    def began(
+        self: SmoothExchange, loser: Action, weight: float, bid: Bid, scale: Sequence[float]
+    ) -> Handover:
+        return begin(self, (0.0,) * len(loser), weight, bid, scale)
+
+    patch.setattr(SmoothExchange, "begin", began)
+
+
+def waits_long_for_silence(patch: pytest.MonkeyPatch) -> None:
+    patch.setattr("armadico.coordination.SILENCE", 4.3 * PERIOD)
+
+
+def takes_no_news_of_tokens(patch: pytest.MonkeyPatch) -> None:
+    patch.setattr(Contender, "gone", lambda self, instance, now: [])
+
+
+def is_patient_with_who_is_not_obeyed(patch: pytest.MonkeyPatch) -> None:
+    patch.setattr("armadico.coordination.UNOBEYED", 60)
+
+
+def orders_a_stop_late(patch: pytest.MonkeyPatch) -> None:
+    patch.setattr(robot, "STOP_AFTER_S", 0.45)
+
+
+def latches_no_stop(patch: pytest.MonkeyPatch) -> None:
+    def on_stop(self: robot.Robot, stop: Stop) -> None:
+        if stop.stopped and self._session is not None:
+            self._halt()
+            self._send()
+
+    patch.setattr(robot.Robot, "on_stop", on_stop)
+
+
+def drives_though_stopped(patch: pytest.MonkeyPatch) -> None:
+    """Neither the robot agent nor the others mind the stop."""
+    _owner_forgets(patch, Verdict.STOPPED)
+    turn = Agent._turn
+
+    def unminded(self: Agent, message: Any) -> None:
+        latch, self.stop_latch = self.stop_latch, Stop()
+        turn(self, message)
+        self.stop_latch = latch
+
+    patch.setattr(Agent, "_turn", unminded)
+
+
+def tells_nobody_of_the_stop(patch: pytest.MonkeyPatch) -> None:
+    publish = Agent.publish
+
+    def published(self: Agent, message: Message, **names: str) -> None:
+        if not isinstance(message, Stop):
+            publish(self, message, **names)
+
+    patch.setattr(Agent, "publish", published)
+
+
+def counts_a_fifth_too_much(patch: pytest.MonkeyPatch) -> None:
+    counted = Encoder.on_robot_state
+
+    def on_robot_state(self: Encoder, state: RobotState) -> None:
+        counted(self, replace(state, x=1.2 * state.x, y=1.2 * state.y))
+
+    patch.setattr(Encoder, "on_robot_state", on_robot_state)
+
+
+def jumps_in_a_new_epoch(patch: pytest.MonkeyPatch) -> None:
+    counted = Encoder.on_robot_state
+
+    def on_robot_state(self: Encoder, state: RobotState) -> None:
+        self._epoch = state.cycle.epoch
+        counted(self, state)
+
+    patch.setattr(Encoder, "on_robot_state", on_robot_state)
+
+
+def measures_turns_the_wrong_way(patch: pytest.MonkeyPatch) -> None:
+    publish = robot.Robot.publish
+
+    def published(self: robot.Robot, message: Message, **names: str) -> None:
+        if isinstance(message, RobotState):
+            message = replace(message, w=-message.w)
+        publish(self, message, **names)
+
+    patch.setattr(robot.Robot, "publish", published)
+
+
+def rests_half_the_time(patch: pytest.MonkeyPatch) -> None:
+    propose = Goto.propose
+
+    def proposed(self: Goto, pose: Pose, obstacles: Obstacles) -> Bid | None:
+        if int(self.now / 10.0) % 2:
+            self.why = "resting"
+            return None
+        return propose(self, pose, obstacles)
+
+    patch.setattr(Goto, "propose", proposed)
+
+
 @dataclass(frozen=True)
 class Bug:
     """A bug, the promise that it breaks, and a case in which it does."""
@@ -161,6 +281,11 @@ _LOST = Fault("serial-loss", 8.0, 4.0, ("robot",), (), 1.0)
 _LOSSY = Fault("serial-loss", 8.0, 2.0, ("robot",), (), 0.5)
 _SILENT = Fault("silent-sonar", 8.4, 9.0, ("robot",))
 _GONE = Fault("crash", 8.0, 1.0, ("avoid",))
+_KILLED = Fault("crash", 5.5, 1.0, ("avoid",))  # in scenario 3 it holds then, and goto bids
+_HUNG = Fault("hang", 5.5, 1.5, ("avoid",))
+_UNHEARD = Fault("one-way", 5.5, 3.0, ("avoid",), ("robot",))
+_STOP = Fault("stop", 8.0, 5.0, ("robot",))
+_IN_A_STOP = Fault("robot-restart", 10.0, 0.5, ("robot",))
 
 BUGS = (
     Bug(obeys_smaller_ballots, Promise.ONE_DRIVER, case(lasts=12.0)),
@@ -177,6 +302,24 @@ BUGS = (
     Bug(mixes_up_its_axes, Promise.ODOMETRY, case(_LOST)),
     Bug(takes_no_turn_in_a_new_epoch, Promise.MOVES, case(_AGAIN)),
     Bug(stands_back_for_a_minute, Promise.MOVES, case(_SLOW)),
+    Bug(blends_nothing, Promise.SMOOTH, case(scenario="rooms-a", lasts=25.0)),
+    Bug(blends_the_wrong_way_round, Promise.SMOOTH, case(scenario="sc3", lasts=40.0)),
+    Bug(begins_from_rest, Promise.SMOOTH, case(scenario="sc3", lasts=40.0)),
+    Bug(waits_long_for_silence, Promise.HANDOVER, case(_HUNG, scenario="sc3", lasts=12.0)),
+    Bug(takes_no_news_of_tokens, Promise.HANDOVER, case(_KILLED, scenario="sc3", lasts=12.0)),
+    Bug(
+        is_patient_with_who_is_not_obeyed,
+        Promise.HANDOVER,
+        case(_UNHEARD, scenario="sc3", lasts=12.0),
+    ),
+    Bug(orders_a_stop_late, Promise.SILENCE, case(_CUT)),
+    Bug(latches_no_stop, Promise.STOP, case(_STOP)),
+    Bug(drives_though_stopped, Promise.STOP, case(_STOP)),
+    Bug(tells_nobody_of_the_stop, Promise.STOP, case(_STOP, _IN_A_STOP)),
+    Bug(counts_a_fifth_too_much, Promise.POSE, case(lasts=10.0)),
+    Bug(jumps_in_a_new_epoch, Promise.POSE, case(_AGAIN)),
+    Bug(measures_turns_the_wrong_way, Promise.ODOMETRY, case(scenario="sc2", lasts=12.0)),
+    Bug(rests_half_the_time, Promise.ARRIVES, case(lasts=80.0)),
     Bug(raises_when_somebody_goes, Promise.NO_ERROR, case(_GONE)),
 )
 

@@ -7,15 +7,19 @@ what is wrong, if anything. A promise that a fault voids is not looked at (`kind
 
 from __future__ import annotations
 
+from collections import Counter
 from collections.abc import Iterable, Iterator
 from dataclasses import dataclass
 from typing import Protocol
 
 from armadico.tools.faults.ballots import Fresh, OneDriver, OneHolder
+from armadico.tools.faults.handover import Exchanged, Replaced
 from armadico.tools.faults.kinds import Promise
+from armadico.tools.faults.latched import Stopped
 from armadico.tools.faults.motion import Collision, Heading, Silence, Smooth, Watchdog
 from armadico.tools.faults.observations import Observation
-from armadico.tools.faults.recovery import Moves, SomebodyObeyed
+from armadico.tools.faults.pose import Localized
+from armadico.tools.faults.recovery import Arrives, Moves, SomebodyObeyed
 from armadico.tools.faults.situation import Bounds, Situation
 
 
@@ -48,6 +52,7 @@ class Checker:
         self.violations: list[Violation] = []
         bounds = bounds or Bounds()
         self._moves = Moves(bounds)
+        self._collision = Collision()
         self._watches: tuple[Watch, ...] = (
             OneDriver(),
             Fresh(),
@@ -56,15 +61,30 @@ class Checker:
             Silence(bounds),
             Watchdog(bounds),
             Smooth(bounds),
-            Collision(),
+            Exchanged(),
+            Replaced(bounds),
+            Stopped(bounds),
+            self._collision,
             Heading(),
+            Localized(bounds),
             self._moves,
+            Arrives(bounds),
         )
 
     @property
     def longest(self) -> float | None:
         """The longest time from healing to moving again, s; None if it never had to."""
         return self._moves.longest
+
+    @property
+    def contacts(self) -> Counter[str]:
+        """Contacts by what voids them; those that break the promise by the empty word."""
+        return self._collision.contacts
+
+    @property
+    def moving_s(self) -> dict[str, float]:
+        """Seconds in which it moved, by what voided contacts then."""
+        return self._collision.moving_s
 
     def take(self, seen: Observation) -> list[Violation]:
         """Look at one observation; what it breaks."""

@@ -19,7 +19,8 @@ from armadico.mesh.virtual_node import Node
 from armadico.messages import Claim, Command, Message
 from armadico.rehearsal import Rehearsal
 from armadico.tools.faults.observations import Faulted
-from armadico.tools.faults.plan import BEHAVIOURS, CUTS, NETWORK, Fault
+from armadico.tools.faults.plan import BEHAVIOURS, CUTS, NETWORK, Fault, Variation
+from armadico.tools.faults.stranger import STRANGE, Stranger
 
 NONSENSE: Final = (
     Bid(nan, (0.2, 0.0)),
@@ -33,6 +34,12 @@ NONSENSE: Final = (
 LONE_AWAY_S: Final = 0.3
 """How long the one behaviour that is left is away when it is started again."""
 
+CATCH_UP_S: Final = 1e-6
+"""Who was slow catches up at this for each message, s, one after another: at once, what comes next
+would overtake what it is still busy with, and nobody's messages do."""
+
+CAUGHT_UP_S: Final = 0.5
+
 OLD_S: Final = 0.6
 """Commands and claims of so long before are under way when the robot agent is started again."""
 
@@ -40,8 +47,14 @@ OLD_S: Final = 0.6
 class Inflictor:
     """Makes the faults of one run happen at their times."""
 
-    def __init__(self, rehearsal: Rehearsal, tell: Callable[[Faulted], object]) -> None:
+    def __init__(
+        self,
+        rehearsal: Rehearsal,
+        tell: Callable[[Faulted], object],
+        variation: Variation,
+    ) -> None:
         self._rehearsal = rehearsal
+        self._variation = variation
         self._mesh = rehearsal.mesh
         self._tell = tell
         self._on: list[Fault] = []
@@ -50,7 +63,9 @@ class Inflictor:
         self._away: set[Fault] = set()  # of those that flap
         self._befallen: dict[Fault, list[Node]] = {}
         self._said: list[tuple[float, str, Message]] = []
+        self._stranger = Stranger(rehearsal)
         self._mesh.watch(self._keep, Command, Claim)
+        self._mend_links()
 
     def schedule(self, faults: tuple[Fault, ...]) -> None:
         """Have them begin and end."""
@@ -60,12 +75,13 @@ class Inflictor:
 
     def alive(self, name: str) -> list[Node]:
         """The processes of an agent that are there, the oldest first."""
-        return [node for node in self._mesh.nodes if node.alive and node.name == name]
+        ours = (node for node in self._mesh.nodes if node not in self._stranger.nodes)
+        return [node for node in ours if node.alive and node.name == name]
 
     # Beginning and ending ------------------------------------------------------------------------
 
     def _begin(self, fault: Fault, _: Any) -> None:
-        self._tell(Faulted(self._mesh.now, fault.kind, fault.whom, began=True))
+        self._tell(_told(self._mesh.now, fault, began=True))
         self._on.append(fault)
         self._befallen[fault] = [node for name in fault.whom for node in self.alive(name)]
         self._act(fault, begins=True)
@@ -73,7 +89,7 @@ class Inflictor:
     def _end(self, fault: Fault, _: Any) -> None:
         self._on.remove(fault)
         self._act(fault, begins=False)
-        self._tell(Faulted(self._mesh.now, fault.kind, fault.whom, began=False))
+        self._tell(_told(self._mesh.now, fault, began=False))
 
     def _act(self, fault: Fault, *, begins: bool) -> None:
         kind = fault.kind
@@ -83,6 +99,8 @@ class Inflictor:
             self._mend_line()
         elif kind in CUTS:
             self._part(fault, begins=begins)
+        elif kind in STRANGE:
+            self._stranger.act(fault, begins=begins)
         else:
             act = getattr(self, "_" + kind.replace("-", "_"))
             act(fault, begins)
@@ -90,11 +108,13 @@ class Inflictor:
     # Links ---------------------------------------------------------------------------------------
 
     def _mend_links(self) -> None:
-        """Every link as good as new, then what is on."""
+        """Every link as it is in this run, then what is on."""
         names = {node.name for node in self._mesh.nodes}
         ways = [(a, b) for a in sorted(names) for b in sorted(names)]
         for way in ways:
-            self._mesh.link(*way).mend()
+            link = self._mesh.link(*way)
+            link.mend()
+            link.delay, link.jitter = self._variation.delay, self._variation.jitter
         for fault in self._on:
             if fault.kind in NETWORK:
                 for source in fault.whom:
@@ -136,6 +156,24 @@ class Inflictor:
             self._down[name] += 1 if begins else -1
             self._settle(name)
 
+    def _interface_restart(self, fault: Fault, begins: bool) -> None:
+        self._crash(fault, begins)
+
+    def _robot_then_encoder(self, fault: Fault, begins: bool) -> None:
+        """The encoder agent goes when the new robot agent has said its first cycles."""
+        robot, encoder = fault.whom
+        if begins:
+            now = self._mesh.now
+            self._come_or_go(robot, 1)
+            for at, name, change in ((0.2, robot, -1), (0.85, encoder, 1)):
+                self._mesh.call_at(now + at * fault.lasts, partial(self._come_or_go, name, change))
+        else:
+            self._come_or_go(encoder, -1)
+
+    def _come_or_go(self, name: str, change: int, _a: Any = None, _b: Any = None) -> None:
+        self._down[name] += change
+        self._settle(name)
+
     def _hang(self, fault: Fault, begins: bool) -> None:
         for node in self._befallen[fault]:
             if begins:
@@ -146,7 +184,17 @@ class Inflictor:
     def _slow(self, fault: Fault, begins: bool) -> None:  # noqa: ARG002
         for node in self._befallen[fault]:
             works = [f.amount for f in self._on if f.kind == "slow" and node in self._befallen[f]]
-            self._mesh.slow_down(node, max(works, default=0.0))
+            self._mesh.slow_down(node, max(works, default=CATCH_UP_S))
+            if not works:
+                self._mesh.call_at(self._mesh.now + CAUGHT_UP_S, self._caught_up, node)
+
+    def _caught_up(self, node: Node, _: Any) -> None:
+        if self._befalls(node, "slow"):
+            return
+        if node.busy:
+            self._mesh.call_at(self._mesh.now + CAUGHT_UP_S, self._caught_up, node)
+        else:
+            self._mesh.slow_down(node, 0.0)
 
     def _befalls(self, node: Node, kind: str) -> bool:
         return any(f.kind == kind and node in self._befallen[f] for f in self._on)
@@ -206,12 +254,8 @@ class Inflictor:
         if begins:
             away = min(LONE_AWAY_S, fault.lasts / 3)
             at = self._mesh.now + fault.lasts / 3
-            self._mesh.call_at(at, partial(self._lone, lone), 1)
-            self._mesh.call_at(at + away, partial(self._lone, lone), -1)
-
-    def _lone(self, name: str, change: int, _: Any) -> None:
-        self._down[name] += change
-        self._settle(name)
+            self._mesh.call_at(at, partial(self._come_or_go, lone, 1))
+            self._mesh.call_at(at + away, partial(self._come_or_go, lone, -1))
 
     def _robot_restart(self, fault: Fault, begins: bool) -> None:
         """Commands and claims of before arrive at the new robot agent, one after another."""
@@ -242,6 +286,10 @@ class Inflictor:
         self._rehearsal.robot.controller.break_sonars(how)
 
     _frozen_sonar = _silent_sonar
+
+
+def _told(at: float, fault: Fault, *, began: bool) -> Faulted:
+    return Faulted(at, fault.kind, fault.whom, began, fault.to, fault.amount)
 
 
 def _worsen(link: Link, fault: Fault) -> None:

@@ -1,17 +1,22 @@
-"""Promises about the wheels: silence stops, the watchdog, bounded acceleration, no collision."""
+"""Promises about the wheels: silence, the watchdog, bounded acceleration, contacts, odometry."""
 
 from __future__ import annotations
 
-from collections import deque
-from collections.abc import Iterator, Sequence
+from collections import Counter, deque
+from collections.abc import Iterator
 from math import atan2, hypot, inf, pi
 
 from armadico.geometry import relative, wrap
-from armadico.messages import Ballot, Claim, Command, RobotState, Truth
-from armadico.tools.faults.ballots import brief
+from armadico.messages import Command, RobotState, Truth
 from armadico.tools.faults.kinds import Promise
 from armadico.tools.faults.observations import Observation, Ordered, Said
-from armadico.tools.faults.situation import FRESH_CYCLES, Bounds, Situation
+from armadico.tools.faults.situation import (
+    FRESH_CYCLES,
+    MOVING_M_S,
+    MOVING_RAD_S,
+    Bounds,
+    Situation,
+)
 
 ROUND_M_S = 0.001
 ROUND_RAD_S = 0.0095
@@ -19,16 +24,16 @@ ROUND_RAD_S = 0.0095
 
 COMMANDS = 256  # commands remembered, to be found again in what is ordered
 
-CLAIMS = 16
-LATELY_S = 0.35
-"""A take-over begins from the holder that was heard of not longer ago than this, s."""
-
-HULL = 1e-6
-
 STEP_M = 0.02
 SIDEWAYS_RAD = 0.2
 """A step of at least so much leads at most so far off the heading: 0.05 rad is the most that was
 seen in 25 simulated drives of 2 minutes, turns and counts of the encoders included."""
+
+TURN_RAD = 0.03
+"""A step that turns by more than this turns the way that the measured rate says."""
+
+GAP_S = 0.25
+"""Cycles farther apart than this, s, were missing: it may have turned to and fro."""
 
 
 class Silence:
@@ -114,13 +119,7 @@ class Watchdog:
 
 
 class Smooth:
-    """Acceleration is bounded, linear and angular, and a hand-over stays between both actions.
-
-    The bound is the profile's: the controller's ramps, with room for the overshoot of its speed
-    loops; it holds for the true speeds at all times but while a wall pushes, hand-overs included.
-    What the winner of a smooth exchange commands lies between what it wants and what the loser
-    commanded, or what was measured if it did not hear the loser.
-    """
+    """True speeds change by no more than the ramps allow, but where a wall pushes."""
 
     promise = Promise.SMOOTH
 
@@ -128,22 +127,13 @@ class Smooth:
         self._bounds = bounds
         self._truth: tuple[float, Truth] | None = None
         self._touched_at = -inf
-        self._largest: Ballot | None = None
-        self._claims: deque[tuple[float, Claim]] = deque(maxlen=CLAIMS)
-        self._speeds: deque[tuple[float, float]] = deque(maxlen=FRESH_CYCLES + 2)  # as echoed
 
     def look(self, seen: Observation, now: Situation) -> Iterator[str]:
-        """At each true speed, and at the first claim of each tenure."""
-        if not isinstance(seen, Said):
-            return
-        if isinstance(seen.message, RobotState):
-            self._speeds.append((seen.message.v, seen.message.w))
-        elif isinstance(seen.message, Truth):
+        """At each true speed."""
+        if isinstance(seen, Said) and isinstance(seen.message, Truth):
             if not now.void(self.promise):
                 yield from self._ramps(seen.at, seen.message)
             self._truth = (seen.at, seen.message)
-        elif isinstance(seen.message, Claim):
-            yield from self._take_over(seen.at, seen.message, now)
 
     def _ramps(self, at: float, truth: Truth) -> Iterator[str]:
         if self._truth is None:
@@ -160,49 +150,41 @@ class Smooth:
         if w > self._bounds.w_accel:
             yield f"{w:.2f} rad/s^2: from {before.w:.3f} to {truth.w:.3f} rad/s in {dt:.2f} s"
 
-    def _take_over(self, at: float, claim: Claim, now: Situation) -> Iterator[str]:
-        """At the first claim of a tenure: it begins from a claim of before, or what is measured."""
-        first = self._largest is None or claim.ballot > self._largest
-        while self._claims and at - self._claims[0][0] > LATELY_S:
-            self._claims.popleft()
-        if first:
-            self._largest = claim.ballot
-            others = [c for _, c in self._claims if c.ballot.instance != claim.ballot.instance]
-            if others and claim.utility is not None and now.whole_for() > 1.0:
-                yield from self._between(others, claim)
-        self._claims.append((at, claim))
-
-    def _between(self, before: Sequence[Claim], winner: Claim) -> Iterator[str]:
-        starts = [*self._speeds, *(claim.commanded for claim in before if claim.commanded)]
-        for axis, commanded in enumerate(winner.commanded):
-            ends = [winner.wanted[axis], *(start[axis] for start in starts)]
-            if not min(ends) - HULL <= commanded <= max(ends) + HULL:
-                yield (
-                    f"{brief(winner.ballot)} commands {commanded:.3f} on taking over,"
-                    f" not between {min(ends):.3f} and {max(ends):.3f}"
-                )
-
 
 class Collision:
-    """Nothing is touched, while sensing is honest and the robot agent lives."""
+    """Nothing is touched, while sensing is honest and the robot agent lives.
+
+    Every contact is counted, and every second in which the robot moves, by what voids the promise
+    then; nothing, by the empty word.
+    """
 
     promise = Promise.COLLISION
 
     def __init__(self) -> None:
-        self._count: int | None = None
+        self.contacts: Counter[str] = Counter()
+        self.moving_s: dict[str, float] = {}
+        self._truth: Truth | None = None
 
     def look(self, seen: Observation, now: Situation) -> Iterator[str]:
         """At the simulator's count of contacts."""
         if not isinstance(seen, Said) or not isinstance(seen.message, Truth):
             return
-        truth = seen.message
-        before, self._count = self._count, truth.collisions
-        if before is not None and truth.collisions > before and not now.void(self.promise):
-            yield f"touched something at ({truth.x:.2f}, {truth.y:.2f}), {truth.v:.2f} m/s"
+        truth, before, self._truth = seen.message, self._truth, seen.message
+        if before is None:
+            return
+        why = now.reason(self.promise)
+        if abs(truth.v) >= MOVING_M_S or abs(truth.w) >= MOVING_RAD_S:
+            self.moving_s[why] = self.moving_s.get(why, 0.0) + max(truth.t - before.t, 0.0)
+        if truth.collisions > before.collisions:
+            self.contacts[why] += truth.collisions - before.collisions
+            if not why:
+                yield f"touched something at ({truth.x:.2f}, {truth.y:.2f}), {truth.v:.2f} m/s"
 
 
 class Heading:
     """A differential drive goes where it heads, or straight back: so do the steps of its odometry.
+
+    And it turns the way that the measured turn rate says.
 
     After a link that was lost the controller's axes may be others than the pose's. Whoever mixes
     them up moves maps and poses sideways, and every agent believes it.
@@ -219,5 +201,9 @@ class Heading:
             return
         x, y, turned = relative((before.x, before.y, before.theta), (state.x, state.y, state.theta))
         off = abs(wrap(atan2(y, x) - 0.5 * turned))
+        if now.state_gap_s < GAP_S and abs(turned) > TURN_RAD:
+            rates = (before.w, state.w)  # it turned between them, and the loops may overshoot
+            if max(rates) < 0.0 < turned or turned < 0.0 < min(rates):
+                yield f"it turned by {turned:.3f} rad while it measured {state.w:.2f} rad/s"
         if hypot(x, y) > STEP_M and min(off, pi - off) > SIDEWAYS_RAD:
             yield f"a step of {hypot(x, y):.3f} m leads {off:.2f} rad off where it heads"

@@ -9,13 +9,14 @@ one clock of whoever watches.
 from __future__ import annotations
 
 from dataclasses import dataclass
+from math import inf
 
 from armadico.messages import Ballot, BidRecord, Cycle, Message
 
 
 @dataclass(frozen=True, slots=True)
 class Said:
-    """A message: `RobotState`, `Claim`, `Command`, `MissionStatus`, `Pose` or `Truth`."""
+    """A message: `RobotState`, `Claim`, `Command`, `Stop`, `MissionStatus`, `Pose` or `Truth`."""
 
     at: float
     message: Message
@@ -32,12 +33,18 @@ class Ordered:
 
 @dataclass(frozen=True, slots=True)
 class Faulted:
-    """A fault begins or ends; `kind` is one of `kinds.KINDS`, `whom` names agents."""
+    """A fault begins or ends; `kind` is one of `kinds.KINDS`, `whom` names agents.
+
+    `to` is whom messages go to, for faults of the network; `amount` is the kind's own number
+    (`plan.DRAWS`): unknown it is the worst.
+    """
 
     at: float
     kind: str
     whom: tuple[str, ...]
     began: bool
+    to: tuple[str, ...] = ()
+    amount: float = inf
 
 
 @dataclass(frozen=True, slots=True)
@@ -54,6 +61,23 @@ class Obeyed:
     at: float
     ballot: Ballot
     cycle: Cycle
+
+
+@dataclass(frozen=True, slots=True)
+class Refused:
+    """Optional: the robot agent refuses a command; `why` is the verdict's name."""
+
+    at: float
+    ballot: Ballot
+    why: str
+
+
+@dataclass(frozen=True, slots=True)
+class Missed:
+    """Optional: an agent takes somebody for gone who lives, by a lease that ran out."""
+
+    at: float
+    instance: str
 
 
 @dataclass(frozen=True, slots=True)
@@ -74,4 +98,4 @@ class Left:
     instance: str
 
 
-Observation = Said | Ordered | Faulted | Passed | Obeyed | Bids | Left
+Observation = Said | Ordered | Faulted | Passed | Obeyed | Refused | Missed | Bids | Left

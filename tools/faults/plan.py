@@ -10,7 +10,7 @@ import msgspec
 from msgspec import Meta, Struct
 
 from armadico.config.errors import ConfigError
-from armadico.tools.faults.kinds import KINDS
+from armadico.tools.faults.kinds import DRAWN, KINDS
 
 BEHAVIOURS: Final = ("goto", "avoid", "gothrough")
 EVERYBODY: Final = (
@@ -32,18 +32,40 @@ BEGIN_S: Final = 4.0
 NETWORK: Final = frozenset({"drop", "delay", "duplicate", "reorder"})
 CUTS: Final = frozenset({"one-way", "partition"})
 
+EVERYWHERE: Final = frozenset({"stray-state", "huge-term", "flood", "huge-message"})
+"""What a stranger says reaches everybody."""
+
 VICTIMS: Final = {
     **dict.fromkeys(("nan", "lone-restart"), BEHAVIOURS),
     **dict.fromkeys(("serial-garbage", "serial-loss", "robot-restart"), ("robot",)),
     **dict.fromkeys(("silent-sonar", "frozen-sonar"), ("robot",)),
     **dict.fromkeys(("flap", "twin"), EVERYBODY[1:]),
+    **dict.fromkeys(("stop", "stop-and-release", "two-robot-agents"), ("robot",)),
+    "interface-restart": ("interface",),
 }
 """Whom a kind may befall, if not everybody: there is one robot agent, or it is another matter."""
 
-CALM_S: Final = (5.5, 9.0)
-"""Between most faults: long enough for every promise about afterwards to be due."""
+PACES: Final[tuple[tuple[float, float], ...]] = ((2.5, 4.0), (5.5, 9.0), (5.5, 9.0), (12.0, 25.0))
+"""Between most faults, s: on the whole long enough for every promise about afterwards to be due."""
 
-TOGETHER: Final = 0.3  # share of the faults that begin while another is on
+LEAST_S: Final = {"robot-then-encoder": 1.5, "two-robot-agents": 2.5, "stop": 1.0}
+"""Shorter than this, s, such a fault comes to nothing."""
+
+TOGETHER: Final = (0.0, 0.3, 0.3, 0.7)
+"""Share of the faults that begin while another is on."""
+
+LENGTHS: Final = ((0.05, 0.6), (0.4, 2.5), (2.0, 6.0))
+"""A fault lasts something of one of these, s."""
+
+CALM_END: Final = 0.2
+"""Share of the longer runs whose faults are over early, so that the mission must be reached."""
+
+CALM_END_S: Final = 95.0
+"""So long a run needs to be calm at its end, s."""
+
+SWARM: Final = 0.5
+"""The chance with which each kind takes part in a seed. Faults of all kinds in each run hide what
+only many of a few show (Groce et al., Swarm testing, 2012)."""
 
 Seconds = Annotated[float, Meta(ge=0, le=86_400)]
 
@@ -69,13 +91,27 @@ class Fault(Struct, frozen=True, array_like=True):
         return self.at + self.lasts
 
 
-class Case(Struct, frozen=True):
-    """A run that can be repeated to the byte: the seed, the scenario, how long (s), the faults."""
+class Variation(Struct, frozen=True):
+    """What may be otherwise from one network to another: every message's delay, and its jitter, s.
+
+    On top of what the virtual mesh draws for each message.
+    """
+
+    delay: Annotated[float, Meta(ge=0, le=1)] = 0.0
+    jitter: Annotated[float, Meta(ge=0, le=1)] = 0.0
+
+
+class Case(Struct, frozen=True, omit_defaults=True):
+    """A run that can be repeated to the byte: the seed, the scenario, how long (s), the faults.
+
+    The seed is that of all noise; `variation` is how the network is.
+    """
 
     seed: int
     scenario: str
     lasts: Annotated[float, Meta(gt=0, le=86_400)]
     faults: tuple[Fault, ...]
+    variation: Variation = Variation()
 
     def dumps(self) -> str:
         """As one line of JSON."""
@@ -97,23 +133,53 @@ def loads(text: str | bytes) -> Case:
     return case
 
 
-def draw(rng: Random, until: float, kinds: Sequence[str]) -> tuple[Fault, ...]:
+class Swarm(Struct, frozen=True):
+    """What a seed draws of what there is: which kinds, how long they last, how close they are."""
+
+    kinds: tuple[str, ...]
+    weights: tuple[float, ...]
+    lengths: tuple[float, ...]  # weights of LENGTHS
+    calm: tuple[float, float]  # s
+    together: float
+
+
+def swarm(rng: Random, kinds: Sequence[str] = ()) -> Swarm:
+    """Draw one; of the kinds that are given all take part, else some of those that are drawn."""
+    taking = tuple(kinds) or tuple(kind for kind in DRAWN if rng.random() < SWARM)
+    taking = taking or (rng.choice(DRAWN),)
+    weights = tuple(KINDS[kind].weight * rng.choice((1.0, 1.0, 3.0)) for kind in taking)
+    lengths = tuple(rng.choice((0.2, 1.0, 1.0)) for _ in LENGTHS)
+    return Swarm(taking, weights, lengths, rng.choice(PACES), rng.choice(TOGETHER))
+
+
+def vary(rng: Random) -> Variation:
+    """Draw a network: half of them as quick as the one that was measured."""
+    delay, jitter = rng.choice(((0.0, 0.0), (0.0, 0.0), (0.002, 0.004), (0.005, 0.0)))
+    return Variation(delay, jitter)
+
+
+def draw(rng: Random, until: float, kinds: Sequence[str] = ()) -> tuple[Fault, ...]:
     """Faults for a run of so many seconds, in the order of their beginnings."""
+    drawn = swarm(rng, kinds)
+    if until > CALM_END_S + 2 * BEGIN_S and rng.random() < CALM_END:
+        until = max(until - CALM_END_S, 3 * BEGIN_S)
     faults: list[Fault] = []
     at = BEGIN_S
     while True:
-        if faults and rng.random() < TOGETHER:
+        if faults and rng.random() < drawn.together:
             at = rng.uniform(faults[-1].at, faults[-1].until)
         elif faults:
-            at = max(fault.until for fault in faults) + rng.uniform(*CALM_S)
-        fault = _draw_one(rng, rng.choice(kinds), round(at, 3))
+            at = max(fault.until for fault in faults) + rng.uniform(*drawn.calm)
+        fault = _draw_one(rng, drawn, round(at, 3))
         if fault.until > until:
             return tuple(sorted(faults, key=lambda f: f.at))
         faults.append(fault)
 
 
-def _draw_one(rng: Random, kind: str, at: float) -> Fault:
-    lasts = rng.choice((rng.uniform(0.05, 0.6), rng.uniform(0.4, 2.5), rng.uniform(2.0, 6.0)))
+def _draw_one(rng: Random, drawn: Swarm, at: float) -> Fault:
+    (kind,) = rng.choices(drawn.kinds, drawn.weights)
+    (between,) = rng.choices(LENGTHS, drawn.lengths)
+    lasts = max(rng.uniform(*between), LEAST_S.get(kind, 0.0))
     whom, to = _whom(rng, kind)
     amount, spread = _amounts(rng, kind)
     return Fault(kind, at, round(lasts, 3), whom, to, round(amount, 4), round(spread, 4))
@@ -125,6 +191,10 @@ def _whom(rng: Random, kind: str) -> tuple[tuple[str, ...], tuple[str, ...]]:
         return EVERYBODY, EVERYBODY
     if kind in NETWORK or kind in CUTS:
         return _sides(rng)
+    if kind == "robot-then-encoder":
+        return ("robot", "encoder"), ()
+    if kind in EVERYWHERE:
+        return EVERYBODY, ()
     return (rng.choice(VICTIMS.get(kind, EVERYBODY)),), ()
 
 
@@ -159,11 +229,14 @@ DRAWS: Final[dict[str, Callable[[Random], tuple[float, float]]]] = {
     "one-way": lambda rng: (_either(rng), 0.0),  # 1: a lease runs out
     "partition": lambda rng: (_either(rng), 0.0),
     "twin": lambda rng: (_either(rng), 0.0),  # 1: it leaves in order
-    "slow": lambda rng: (rng.choice((0.005, 0.02, rng.uniform(0.02, 0.08))), 0.0),  # s each
+    "slow": lambda rng: (rng.choice((0.005, 0.01, rng.uniform(0.02, 0.08))), 0.0),  # s each
     "clock-step": lambda rng: (rng.choice((rng.uniform(0.05, 3.0), 3600.0)), 0.0),  # s
     "clock-drift": lambda rng: (rng.uniform(0.95, 1.05), 0.0),  # times as fast
     "serial-garbage": lambda rng: (rng.uniform(0.05, 1.0), float(rng.randrange(3))),  # share, and
     "serial-loss": lambda rng: (rng.uniform(0.05, 1.0), float(rng.randrange(3))),  # both, in, out
+    "huge-term": lambda rng: (float(rng.randrange(3)), 0.0),  # which
+    "flood": lambda rng: (float(rng.randrange(2)), 0.0),  # 1: with ever larger ballots
+    "stop-and-release": lambda rng: (float(rng.randrange(3)), 0.0),  # which
     "nan": lambda rng: (float(rng.randrange(5)), 0.0),  # which nonsense
     "flap": lambda rng: (rng.uniform(0.1, 0.8), 0.0),  # s, there and away
 }

@@ -1,4 +1,4 @@
-"""Promises about afterwards: somebody is obeyed, and the robot moves again or bids say why not."""
+"""Promises about afterwards: somebody is obeyed, the robot moves again, and it arrives."""
 
 from __future__ import annotations
 
@@ -6,9 +6,10 @@ from collections.abc import Iterator
 from math import hypot, inf
 
 from armadico.geometry import wrap
-from armadico.messages import RobotState
+from armadico.messages import MissionState, MissionStatus, RobotState
+from armadico.tools.faults import kinds
 from armadico.tools.faults.kinds import Promise
-from armadico.tools.faults.observations import Observation
+from armadico.tools.faults.observations import Observation, Said
 from armadico.tools.faults.situation import MOVING_M_S, MOVING_RAD_S, Bounds, Situation
 
 STANDS_BACK_S = 4.0
@@ -19,6 +20,9 @@ FRICTION_S = 2.0
 
 CRAWL_M, CRAWL_RAD = 0.005, 0.02
 """Farther from where it stood than this, it has moved: six counts of the controller's odometry."""
+
+FORGOTTEN_S = 2.0
+"""An interface agent that starts again has heard of the mission by then, in a whole network, s."""
 
 TURN_S = 1.0
 """In a whole network every contender has had a turn within this, s."""
@@ -70,8 +74,8 @@ class Moves:
         self.longest: float | None = None
 
     def look(self, seen: Observation, now: Situation) -> Iterator[str]:
-        """As time passes, from each healing on."""
-        if now.whole_since == inf:
+        """As time passes, from the end of the last of what excused it."""
+        if now.free_since == inf:
             self._healed = None
             return
         if now.healed_at > self._known:
@@ -137,9 +141,66 @@ class Moves:
         )
 
 
+class Arrives:
+    """A mission that no fault befalls from before it began is reached in good time.
+
+    And any mission within 90 s from the last fault on. Who is stopped need not arrive, nor who
+    cannot know where it is, which is for POSE to judge.
+    """
+
+    promise = Promise.ARRIVES
+
+    def __init__(self, bounds: Bounds) -> None:
+        self._bounds = bounds
+        self._mission: int | None = None
+        self._due = inf
+        self._spoilt = False  # whether something has befallen the mission that goes on
+        self._none_at: float | None = None  # since when nobody knows of it
+
+    def look(self, seen: Observation, now: Situation) -> Iterator[str]:
+        """At each word of the mission, and as time passes."""
+        if self._excused(now):
+            self._spoilt, self._due = True, seen.at + self._bounds.arrives_s
+        if isinstance(seen, Said) and isinstance(seen.message, MissionStatus):
+            yield from self._told(seen.message, seen.at, now)
+        if seen.at > self._due and self._mission is not None:
+            self._due = inf
+            yield f"the mission is not reached, though {_quiet(now, seen.at)}"
+
+    def _told(self, status: MissionStatus, at: float, now: Situation) -> Iterator[str]:
+        if status.state is MissionState.DRIVING:
+            if status.mission != self._mission:
+                self._spoilt = self._excused(now)
+                self._mission, self._due = status.mission, self._due_for(status.to_go, at)
+            self._none_at = None
+        elif status.state is MissionState.NONE and self._mission is not None:
+            self._none_at = at if self._none_at is None or now.whole_for() < 0 else self._none_at
+            if not kinds.MISSION_KEPT:
+                self._mission = None
+            elif at - self._none_at > FORGOTTEN_S:
+                self._mission = None
+                yield f"the mission is forgotten for {FORGOTTEN_S:.0f} s"
+        elif status.state is MissionState.REACHED:
+            self._mission = None
+
+    @staticmethod
+    def _excused(now: Situation) -> bool:
+        return now.disturbed() or now.stopped() or now.now - now.astray_at < TURN_S
+
+    def _due_for(self, way: float, at: float) -> float:
+        bounds = self._bounds
+        if self._spoilt:
+            return at + bounds.arrives_s
+        return at + bounds.start_s + way / bounds.way_m_s
+
+
+def _quiet(now: Situation, at: float) -> str:
+    ended = now.ended_at
+    return "no fault was ever on" if ended == -inf else f"no fault was on for {at - ended:.0f} s"
+
+
 def _says_why(now: Situation) -> bool:
     """Whether who is obeyed gives a reason, as far as its bids can be seen."""
-    assert now.state is not None, "somebody is obeyed"
-    assert now.state.obeyed is not None, "that is whom"
-    _, record = now.bids.get(now.state.obeyed.instance, (0.0, None))
+    assert now.obeyed is not None, "somebody is obeyed"
+    _, record = now.bids.get(now.obeyed.instance, (0.0, None))
     return record is None or bool(record.reason)

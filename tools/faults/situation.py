@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections import Counter
 from dataclasses import dataclass, field
 from math import hypot, inf
+from typing import NamedTuple
 
 from armadico.config.profile import RobotProfile
 from armadico.messages import (
@@ -18,7 +19,7 @@ from armadico.messages import (
     RobotState,
     Truth,
 )
-from armadico.tools.faults.kinds import FORGETS, KINDS, WEDGED_M, Promise, voided
+from armadico.tools.faults.kinds import FORGETS, KINDS, WEDGED_M, WEDGED_S, Promise, voided
 from armadico.tools.faults.observations import Bids, Faulted, Left, Observation, Ordered, Said
 
 MOVING_M_S = 0.02
@@ -36,7 +37,7 @@ OVER_S = 2.0
 FRESH_CYCLES = 3
 """A command may answer a cycle so many older than the newest (docs/architecture.md)."""
 
-POSES = 16  # cycles whose true poses are remembered, for poses that come late
+POSES = 64  # cycles whose true poses are remembered, for poses that come late
 
 BID_AGE_S = 0.35
 """A bid older than this says nothing of now: three cycles, and the way here."""
@@ -52,6 +53,15 @@ class Bounds:
     moves_s: float = 2.0
     stood_back_s: float = 5.0
     watchdog_s: float = 2.0
+    killed_s: float = 0.1  # from a holder's end to another's obeyed command: far below its silence
+    silent_s: float = 0.3  # from a silent holder's last to another's first: before the stop
+    unobeyed_s: float = 0.9  # where the other still hears it: 6 cycles, and the way
+    arrives_s: float = 90.0  # from the last fault on
+    start_s: float = 20.0  # a mission that no fault befalls takes so long,
+    way_m_s: float = 0.25  # and its way at this speed: half as much again as any that was seen
+    skew_s: float = 0.25  # between what is said of one cycle by two: a cycle, and two ways here
+    v_max: float = 1.6  # m/s
+    w_max: float = 5.2  # rad/s
     braking_s: float = 3.0  # from top speed to rest, by the ramp, and for the loops to settle
     v_accel: float = 0.9  # m/s^2: 1.5 times the steepest ramp, for the overshoot of the loops
     w_accel: float = 2.7  # rad/s^2, likewise
@@ -62,6 +72,8 @@ def bounds_of(profile: RobotProfile) -> Bounds:
     limits = profile.limits
     return Bounds(
         watchdog_s=profile.p2os.watchdog_s,
+        v_max=limits.v_max,
+        w_max=limits.w_max,
         v_accel=OVERSHOOT * max(limits.v_accel, limits.v_decel),
         w_accel=OVERSHOOT * max(limits.w_accel, limits.w_decel),
     )
@@ -71,38 +83,52 @@ OVERSHOOT = 1.5
 """Of the speed loops over the ramp that they follow, within a cycle."""
 
 
+class Fault(NamedTuple):
+    """One that is on, as far as promises are concerned."""
+
+    kind: str
+    whom: tuple[str, ...]
+    to: tuple[str, ...]
+    amount: float
+
+
 @dataclass
 class Situation:
     """Taken in before the promises are looked at."""
 
     now: float = -inf
     whole_since: float = inf  # inf while a fault breaks the network
-    healed_at: float = -inf  # when the last fault that broke it ended
+    free_since: float = inf  # inf while a fault or a stop excuses that it does not move
+    healed_at: float = -inf  # when the last of what excused it ended
     state: RobotState | None = None
     before: RobotState | None = None  # the state before that, of whatever epoch
     state_at: float = -inf
+    state_gap_s: float = inf  # from the state before to the newest
     obeyed_at: float = -inf  # when the echo last showed somebody obeyed of late
     moved_at: float = -inf
     rested_at: float = -inf
-    released_at: float = -inf  # when the stop was last released
     stood_back_at: float = -inf  # when a tenure that was not obeyed was last let go of
     truth: Truth | None = None
     truth_at: float = -inf
-    astray_at: float = -inf  # when pose or map were last known to be wrong
-    wedged: bool = False  # a fault has brought it against something, and it has not got clear
+    astray_at: float = -inf  # when the pose was last known to be wrong
+    forgot_at: float = -inf  # when the sonar agent last started with an empty map
+    wedged_at: float = -inf  # a fault held it against something last, and it is not clear yet
     driving: bool = False
     bids: dict[str, tuple[float, BidRecord]] = field(default_factory=dict)
     sees_bids: bool = False
     claims: dict[Ballot, tuple[float, float, Claim]] = field(default_factory=dict)
     ordered: Ordered | None = None
-    active: Counter[tuple[str, tuple[str, ...]]] = field(default_factory=Counter)
-    _ended: dict[Promise, float] = field(default_factory=dict)  # voids of faults that are over
+    active: Counter[Fault] = field(default_factory=Counter)
+    ended_at: float = -inf  # when the last fault of any kind ended
+    _ended: dict[Promise, tuple[float, str]] = field(default_factory=dict)  # by faults now over
+    _excused: bool = True
     _truths: dict[Cycle, Truth] = field(default_factory=dict)  # where it was in the last cycles
 
     def take(self, seen: Observation) -> None:
         """Learn from one observation."""
         if self.whole_since == inf and not self.active:
-            self.whole_since = seen.at
+            self.whole_since = self.free_since = seen.at
+            self._excused = False
         self.now = seen.at
         if isinstance(seen, Said):
             self._hear(seen)
@@ -123,32 +149,49 @@ class Situation:
             return inf
         return state.cycle.number - cycle.number
 
+    def truth_of(self, cycle: Cycle) -> Truth | None:
+        """Where the robot was in one of the last cycles."""
+        return self._truths.get(cycle)
+
     def whole_for(self) -> float:
         """Seconds for which nothing has broken the network; negative while something does."""
         return self.now - self.whole_since
 
     def void(self, promise: Promise) -> bool:
-        """Whether a fault takes the promise away, now or until the robot is itself again.
+        """Whether a fault takes the promise away, now or until the robot is itself again."""
+        return bool(self.reason(promise))
+
+    def reason(self, promise: Promise) -> str:
+        """What takes the promise away, in a word; empty if nothing does.
 
         Whoever thinks that it is elsewhere steers into door posts: without localization that is
         what a robot agent that was away leaves behind.
         """
-        if promise is Promise.COLLISION and self.wedged:
-            return True
-        return self._voided(promise)
+        if promise is not Promise.COLLISION:
+            return self._fault_voids(promise)
+        wedged = self.now - self.wedged_at < WEDGED_S
+        return self._contact_voids() or ("wedged" if wedged else "")
 
-    def _voided(self, promise: Promise) -> bool:
-        if promise is Promise.COLLISION and self.now - self.astray_at < ASTRAY_S:
-            return True
-        if any(promise in voided(kind, whom) for kind, whom in self.active):
-            return True
-        ended = self._ended.get(promise, -inf)
+    def _contact_voids(self) -> str:
+        fault = self._fault_voids(Promise.COLLISION)
+        if fault:
+            return fault
+        if self.now - self.astray_at < ASTRAY_S:
+            return "pose"
+        return "sonar agent restarted" if self.now - self.forgot_at < ASTRAY_S else ""
+
+    def _fault_voids(self, promise: Promise) -> str:
+        for fault in self.active:
+            why = voided(fault.kind, fault.whom, fault.amount).get(promise)
+            if why:
+                return why
+        ended, why = self._ended.get(promise, (-inf, ""))
         rested = ended <= self.rested_at < self.now  # what brought it to rest is over, too
-        return self.now - ended < OVER_S and not rested
+        return f"just after: {why}" if self.now - ended < OVER_S and not rested else ""
 
     def befalls(self, who: str, *kinds: str) -> bool:
         """Whether a fault of one of these kinds befalls an agent now."""
-        return any(kind in kinds and who in whom for kind, whom in self.active)
+        return any(fault.kind in kinds and who in fault.whom for fault in self.active)
 
     def mad(self, instance: str) -> bool:
         """Whether an instance's bids are made to be nonsense: they count for nothing."""
@@ -161,6 +204,19 @@ class Situation:
     def stopped(self) -> bool:
         """Whether `robot/stop` is latched."""
         return self.state is not None and self.state.stop.stopped
+
+    def disturbed(self) -> bool:
+        """Whether any fault is on."""
+        return bool(self.active)
+
+    def troubled(self, but: str) -> bool:
+        """Whether a fault of another kind than this is on."""
+        return any(fault.kind != but for fault in self.active)
+
+    @property
+    def obeyed(self) -> Ballot | None:
+        """The ballot of the last command that the owner says it obeyed."""
+        return None if self.state is None else self.state.obeyed
 
     def bidders(self) -> list[str]:
         """Instances that bid, as far as one can see: by their bids, else by their claims."""
@@ -184,19 +240,22 @@ class Situation:
         elif isinstance(message, MissionStatus):
             self.driving = message.state is MissionState.DRIVING
         elif isinstance(message, Pose):
-            truth = self._truths.get(message.cycle, self.truth)
+            truth = self.truth_of(message.cycle) or self.truth
             if truth is not None and hypot(message.x - truth.x, message.y - truth.y) > ASTRAY_M:
                 self.astray_at = said.at
         elif isinstance(message, Truth):
             self.truth, self.truth_at = message, said.at
             near = message.clearance is not None and message.clearance < WEDGED_M
-            self.wedged = near and (self.wedged or self._voided(Promise.COLLISION))
+            if not near:
+                self.wedged_at = -inf
+            elif self._contact_voids():
+                self.wedged_at = said.at
             if abs(message.v) < MOVING_M_S and abs(message.w) < MOVING_RAD_S:
                 self.rested_at = said.at
 
     def _cycle(self, state: RobotState) -> None:
-        before, self.before, self.state = self.state, self.state, state
-        self.state_at = self.now
+        self.before, self.state = self.state, state
+        self.state_gap_s, self.state_at = self.now - self.state_at, self.now
         if self.truth is not None:
             self._truths[state.cycle] = self.truth
             if len(self._truths) > POSES:
@@ -206,14 +265,13 @@ class Situation:
             self.obeyed_at = self.now
         if abs(state.v) >= MOVING_M_S or abs(state.w) >= MOVING_RAD_S:
             self.moved_at = self.now
-        if before is not None and before.stop.stopped and not state.stop.stopped:
-            self.released_at = self.now
+        self._excuse()
         self.claims = {b: c for b, c in self.claims.items() if self.now - c[1] < 2.0}
 
     def _claim(self, claim: Claim) -> None:
         if claim.utility is None:
             self.claims.pop(claim.ballot, None)
-            if self.state is None or self.state.obeyed != claim.ballot:
+            if self.obeyed != claim.ballot:
                 self.stood_back_at = self.now
             return
         first, last, _ = self.claims.get(claim.ballot, (self.now, self.now, claim))
@@ -222,15 +280,26 @@ class Situation:
         self.claims[claim.ballot] = (first, self.now, claim)
 
     def _fault(self, fault: Faulted) -> None:
-        key = (fault.kind, fault.whom)
+        key = Fault(fault.kind, fault.whom, fault.to, fault.amount)
         self.active[key] += 1 if fault.began else -1
         self.active += Counter()  # drops what has come to nothing
         if not fault.began:
-            self._ended.update(dict.fromkeys(voided(*key), self.now))
+            self.ended_at = self.now
+            taken = voided(fault.kind, fault.whom, fault.amount)
+            self._ended.update({promise: (self.now, why) for promise, why in taken.items()})
             if fault.kind in FORGETS and "sonar" in fault.whom:
-                self.astray_at = self.now
-        broken = any(KINDS[kind].breaks for kind, _ in self.active)
+                self.forgot_at = self.now
+        broken = any(KINDS[fault.kind].breaks for fault in self.active)
         if broken:
             self.whole_since = inf
         elif self.whole_since == inf:
-            self.whole_since = self.healed_at = self.now
+            self.whole_since = self.now
+        self._excuse()
+
+    def _excuse(self) -> None:
+        """From the last of what excused it on, it is to move again."""
+        if self.stopped() or any(KINDS[fault.kind].excuses for fault in self.active):
+            self.free_since, self._excused = inf, True
+        elif self._excused:
+            self.free_since, self._excused = self.now, False
+            self.healed_at = self.now

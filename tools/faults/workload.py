@@ -9,6 +9,7 @@ from __future__ import annotations
 import traceback
 from collections import Counter
 from collections.abc import Sequence
+from dataclasses import replace
 from math import hypot, radians
 from random import Random
 from typing import Any, Final
@@ -21,7 +22,6 @@ from armadico.config.loading import find, load
 from armadico.config.profile import RobotProfile
 from armadico.config.scenarios import load_scenario
 from armadico.coordination import Owner, Verdict
-from armadico.geometry import wrap
 from armadico.mesh.virtual_network import Clock
 from armadico.mesh.virtual_node import Node
 from armadico.messages import (
@@ -36,17 +36,30 @@ from armadico.messages import (
     MissionStatus,
     Pose,
     RobotState,
+    Stop,
     Truth,
     Waypoint,
 )
 from armadico.rehearsal import Rehearsal
 from armadico.society import Options
+from armadico.tools.faults import kinds
 from armadico.tools.faults.checker import Checker, Violation
 from armadico.tools.faults.inflict import Inflictor
-from armadico.tools.faults.kinds import KINDS, Promise
-from armadico.tools.faults.observations import Bids, Left, Obeyed, Observation, Passed, Said
+from armadico.tools.faults.kinds import Promise
+from armadico.tools.faults.observations import (
+    Bids,
+    Left,
+    Missed,
+    Obeyed,
+    Observation,
+    Passed,
+    Refused,
+    Said,
+)
 from armadico.tools.faults.orders import Orders
-from armadico.tools.faults.plan import Case, draw
+from armadico.tools.faults.plan import Case, draw, vary
+from armadico.tools.faults.recovery import FORGOTTEN_S
+from armadico.tools.faults.sightings import Sight, Sightings
 from armadico.tools.faults.situation import bounds_of
 
 SCENARIOS: Final = ("sc1", "sc2", "sc3", "sc4", "rooms-a", "rooms-b", "offices", "house")
@@ -55,22 +68,22 @@ LOOK_S: Final = 0.5
 """How often the workload looks whether there is a mission."""
 
 MISSION_S: Final = 90.0
-"""After so long the robot is sent elsewhere: it may have lost its way with its odometry."""
-
-LOST_M: Final = 0.3
-"""If the pose is so far off when a mission ends, somebody sets it right: no localization yet."""
+"""After so long the robot is sent elsewhere: it may have lost its way with its pose, and nobody
+tells it where it is: what a fault has put wrong, the society mends itself or not at all."""
 
 BOOTED_S: Final = 1e5
 """Clocks of the processes begin anywhere within this."""
 
-SEEN: Final = (RobotState, Claim, Command, MissionStatus, Truth, Pose)
+SEEN: Final = (RobotState, Claim, Command, Stop, MissionStatus, Truth, Pose)
 
 
 class Outcome(Struct, frozen=True):
     """What came of one case.
 
     `faults` counts them by kind, `violations` are (promise, at, text), `longest_s` is the longest
-    time from healing to moving again, `missions` how many goals were reached.
+    time from healing to moving again, `missions` how many goals were reached and `again` how often
+    a mission was asked for again that had been forgotten. `contacts` and `moving_s` (s) are by what
+    voided COLLISION then, nothing by the empty word; `sights` counts what was seen to happen.
     """
 
     case: Case
@@ -79,15 +92,21 @@ class Outcome(Struct, frozen=True):
     longest_s: float | None
     missions: int
     driven_m: float
+    again: int = 0
+    contacts: dict[str, int] = {}
+    moving_s: dict[str, float] = {}
+    sights: dict[str, int] = {}
 
 
-def case_of(
-    seed: int, lasts: float, kinds: Sequence[str] = (), scenario: str | None = None
-) -> Case:
-    """The case that a seed draws: a scenario and faults of some kinds (all), for so many s."""
+def case_of(seed: int, lasts: float, only: Sequence[str] = (), scenario: str | None = None) -> Case:
+    """The case that a seed draws: a scenario and faults, for so many s.
+
+    Of the kinds that are given; else of some that the seed draws.
+    """
     rng = Random(f"faults/{seed}")
     drawn = rng.choice(SCENARIOS)
-    return Case(seed, scenario or drawn, lasts, draw(rng, lasts, tuple(kinds) or tuple(KINDS)))
+    varied = vary(Random(f"variation/{seed}"))
+    return Case(seed, scenario or drawn, lasts, draw(rng, lasts, tuple(only)), varied)
 
 
 class Workload:
@@ -97,7 +116,7 @@ class Workload:
         self.case = case
         scenario = load_scenario(case.scenario)
         profile = load(find("robots", scenario.robot), RobotProfile)
-        self.checker = checker or Checker(bounds_of(profile))
+        self.checker = checker or Checker(replace(bounds_of(profile), skew_s=0.0))
         self._clocks = Random(f"clocks/{case.seed}")
         self.rehearsal = Rehearsal(scenario, Options(seed=case.seed), self._clock)
         self.mesh = self.rehearsal.mesh
@@ -105,17 +124,18 @@ class Workload:
         self.mesh.joined = self._joined
         for node in self.mesh.nodes:
             self._joined(node)
-        self._inflictor = Inflictor(self.rehearsal, self._show)
+        self._inflictor = Inflictor(self.rehearsal, self.show, case.variation)
         self._ends = _ends(self.rehearsal)
         self._heading_for = 0
         self._asked = False
-        self._mission_at = 0.0
+        self._mission_at = self._driven_at = 0.0  # when it was taken on, and last said to go on
         self._status = MissionState.NONE
-        self._at: Pose | None = None
         self._truth: Truth | None = None
         self._driven = 0.0
         self._looked: dict[str, int] = {}
-        self.missions = 0
+        self._elsewhere: set[int] = set()  # epochs of robot agents with controllers of their own
+        self.sightings = Sightings()
+        self.missions = self.again = 0
         self.error: tuple[float, str] | None = None
 
     def run(self) -> Outcome:
@@ -128,7 +148,7 @@ class Workload:
             lines = traceback.format_exc().strip().splitlines()
             where = next((x.strip() for x in reversed(lines) if x.startswith("  File")), "")
             self.error = (self.mesh.now, f"{lines[-1]} ({where})")
-        self._show(Passed(self.mesh.now))
+        self.show(Passed(self.mesh.now))
         return self.outcome()
 
     def outcome(self) -> Outcome:
@@ -143,19 +163,28 @@ class Workload:
             longest_s=self.checker.longest,
             missions=self.missions,
             driven_m=round(self._driven, 2),
+            again=self.again,
+            contacts=dict(sorted(self.checker.contacts.items())),
+            moving_s={why: round(s, 1) for why, s in sorted(self.checker.moving_s.items())},
+            sights={sight.name: self.sightings.counts[sight] for sight in Sight},
         )
 
     # What the checker is shown -------------------------------------------------------------------
 
-    def _show(self, seen: Observation) -> list[Violation]:
-        return self.checker.take(seen)
+    def show(self, seen: Observation) -> list[Violation]:
+        """Show the checker, and whoever counts what happens, one thing."""
+        found = self.checker.take(seen)
+        self.sightings.take(seen, self.checker.situation)
+        return found
 
     def _said(self, _key: str, message: Message, now: float) -> None:
-        self._show(Said(now, message))
+        if isinstance(message, RobotState) and message.cycle.epoch in self._elsewhere:
+            return  # another robot's
+        self.show(Said(now, message))
         if isinstance(message, MissionStatus):
             self._status = message.state
-        elif isinstance(message, Pose):
-            self._at = message
+            if message.state is MissionState.DRIVING:
+                self._driven_at = now
         elif isinstance(message, Truth):
             if self._truth is not None:
                 self._driven += hypot(message.x - self._truth.x, message.y - self._truth.y)
@@ -172,17 +201,22 @@ class Workload:
             there.add(agent.instance)
             if agent.bids and id(agent.bids[-1]) != self._looked.get(agent.instance):
                 self._looked[agent.instance] = id(agent.bids[-1])
-                self._show(Bids(self.mesh.now, agent.instance, agent.bids[-1]))
+                self.show(Bids(self.mesh.now, agent.instance, agent.bids[-1]))
         for instance in [name for name in self._looked if name not in there]:
             del self._looked[instance]
-            self._show(Left(self.mesh.now, instance))
+            self.show(Left(self.mesh.now, instance))
 
     def _joined(self, node: Node) -> None:
         """Tap a robot agent's line, and see whom it obeys."""
         agent = node.agent
-        if isinstance(agent, Robot):
+        _tap_news(node, self)
+        if not isinstance(agent, Robot):
+            return
+        if node.device is self.rehearsal.robot:
             _tap_line(agent, self)
             _tap_owner(agent.owner, self)
+        else:
+            _tap_epochs(agent, self._elsewhere)
 
     # Missions ------------------------------------------------------------------------------------
 
@@ -195,7 +229,10 @@ class Workload:
         if self._status is MissionState.REACHED or late:
             self.missions += self._status is MissionState.REACHED
             self._heading_for = 1 - self._heading_for
-        self._put_right()
+        elif self._mission_at:  # an interface agent that started again knows of none
+            if kinds.MISSION_KEPT and self.mesh.now - self._driven_at < 2 * FORGOTTEN_S:
+                return
+            self.again += 1
         self._asked = True
         self.mesh.ask(self._ends[self._heading_for], self._answered, timeout=5.0)
 
@@ -204,18 +241,6 @@ class Workload:
         if isinstance(reply, MissionReply) and not reply.refusal:
             self._mission_at = self.mesh.now
             self._status = MissionState.DRIVING
-
-    def _put_right(self) -> None:
-        """Start the encoder agent again where the robot is, if it is far from there."""
-        at, truth = self._at, self._truth
-        if at is None or truth is None or hypot(at.x - truth.x, at.y - truth.y) < LOST_M:
-            return
-        for node in self._inflictor.alive("encoder"):
-            if not node.hung:
-                node.kill()
-                self.rehearsal.start(
-                    "encoder", f"x={truth.x}", f"y={truth.y}", f"theta={wrap(truth.theta)}"
-                )
 
     def _clock(self, _name: str) -> Clock:
         return Clock(self._clocks.uniform(0.0, BOOTED_S))
@@ -243,7 +268,7 @@ def _tap_line(agent: DeviceAgent, workload: Workload) -> None:
     def tapped(data: bytes) -> None:
         write(data)
         for order in orders.feed(data, workload.mesh.now):
-            workload.checker.take(order)
+            workload.show(order)
 
     vars(agent)["write"] = tapped
 
@@ -254,10 +279,36 @@ def _tap_owner(owner: Owner, workload: Workload) -> None:
     def tapped(cycle: Cycle, ballot: Ballot, *, stopped: bool, sound: bool) -> Verdict:
         verdict = judge(cycle, ballot, stopped=stopped, sound=sound)
         if verdict is Verdict.OBEYED:
-            workload.checker.take(Obeyed(workload.mesh.now, ballot, cycle))
+            workload.show(Obeyed(workload.mesh.now, ballot, cycle))
+        else:
+            workload.show(Refused(workload.mesh.now, ballot, verdict.name))
         return verdict
 
     vars(owner)["judge"] = tapped
+
+
+def _tap_news(node: Node, workload: Workload) -> None:
+    """See whom it takes for gone who lives."""
+    agent = node.agent
+    disappeared = agent.disappeared
+
+    def tapped(name: str, instance: str, now: float) -> None:
+        if any(other.alive and other.agent.instance == instance for other in workload.mesh.nodes):
+            workload.show(Missed(workload.mesh.now, instance))
+        disappeared(name, instance, now)
+
+    vars(agent)["disappeared"] = tapped
+
+
+def _tap_epochs(agent: Robot, epochs: set[int]) -> None:
+    publish = agent.publish
+
+    def tapped(message: Message, **names: str) -> None:
+        if isinstance(message, RobotState):
+            epochs.add(message.cycle.epoch)
+        publish(message, **names)
+
+    vars(agent)["publish"] = tapped
 
 
 def run(case: Case) -> Outcome:

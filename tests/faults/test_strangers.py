@@ -1,0 +1,162 @@
+"""What strangers do to a society, and what the workload does not do to it."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from itertools import pairwise
+from math import hypot
+
+import pytest
+
+from armadico.messages import Claim, Command, Message, Obstacles, Pose, RobotState, Stop, Truth
+from armadico.tools.faults.kinds import AWAITED, KINDS
+from armadico.tools.faults.plan import Case, Fault
+from armadico.tools.faults.stranger import FLOOD, LARGEST_TERM, POINTS, RATCHET, STRANGE, WHO
+from armadico.tools.faults.workload import Workload, case_of
+
+ALL = ("robot", "encoder", "sonar", "goto", "avoid", "gothrough", "path-planning", "interface")
+
+
+class Spied(Workload):
+    """Keeps what arrives at goto and at the robot agent, whoever said it."""
+
+    def __init__(self, *faults: Fault, lasts: float = 12.0) -> None:
+        super().__init__(Case(1, "sc4", lasts, faults))
+        self.heard: dict[str, list[Message]] = {"goto": [], "robot": []}
+        for name, heard in self.heard.items():
+            self._spy(self.mesh.node(name).agent, heard)
+
+    @staticmethod
+    def _spy(agent: object, heard: list[Message]) -> None:
+        receive = agent.receive  # type: ignore[attr-defined]
+
+        def received(message: Message, now: float) -> None:
+            heard.append(message)
+            receive(message, now)
+
+        vars(agent)["receive"] = received
+
+
+def strange(heard: Sequence[Message], kind: type[Claim | Command]) -> list[Claim | Command]:
+    return [m for m in heard if isinstance(m, kind) and m.ballot.instance == WHO]
+
+
+def test_every_strange_kind_is_a_kind_and_what_is_awaited_too() -> None:
+    assert {*KINDS} > STRANGE
+    assert {*KINDS} > AWAITED
+
+
+def test_a_stray_state_arrives_and_no_watcher_takes_it_for_the_robots() -> None:
+    spied = Spied(Fault("stray-state", 6.0, 1.0, ALL))
+    spied.run()
+    epochs = [m.cycle.epoch for m in spied.heard["goto"] if isinstance(m, RobotState)]
+    assert sorted(epochs.count(epoch) for epoch in {*epochs})[0] == 1
+    state = spied.checker.situation.state
+    assert state is not None
+    assert epochs.count(state.cycle.epoch) > 50
+
+
+@pytest.mark.parametrize(("which", "claims"), [(0.0, 1), (1.0, RATCHET)])
+def test_claims_with_huge_terms_arrive(which: float, claims: int) -> None:
+    spied = Spied(Fault("huge-term", 6.0, 1.0, ALL, (), which), lasts=8.0)
+    spied.run()
+    for heard in spied.heard.values():
+        terms = [claim.ballot.term for claim in strange(heard, Claim)]
+        assert len(terms) == claims
+        assert terms == sorted(terms)
+        assert (terms[-1] == LARGEST_TERM) is (claims == 1)
+
+
+def test_a_flood_arrives_and_moves_nothing() -> None:
+    spied = Spied(Fault("flood", 6.0, 1.0, ALL))
+    outcome = spied.run()
+    assert len(strange(spied.heard["goto"], Claim)) == FLOOD
+    assert len(strange(spied.heard["robot"], Command)) == FLOOD
+    assert outcome.violations == ()
+
+
+def test_a_huge_message_arrives_and_the_robot_drives_on() -> None:
+    spied = Spied(Fault("huge-message", 6.0, 1.0, ALL))
+    outcome = spied.run()
+    sizes = [len(m.points) for m in spied.heard["goto"] if isinstance(m, Obstacles)]
+    assert sizes.count(POINTS) == 1
+    assert outcome.violations == ()
+
+
+@pytest.mark.parametrize(
+    ("which", "counters"), [(0.0, [1, 2]), (1.0, [1, 2, 1, 3]), (2.0, [1, 0, 2])]
+)
+def test_who_stops_and_releases_says_so_with_these_counters(
+    which: float, counters: list[int]
+) -> None:
+    said: list[Stop] = []
+    spied = Spied(Fault("stop-and-release", 6.0, 3.0, ("robot",), (), which))
+    spied.mesh.watch(lambda _key, stop, _now: said.append(stop), Stop)  # type: ignore[arg-type]
+    spied.run()
+    mine = [stop for stop in said if stop.by == WHO]
+    assert [stop.counter for stop in mine] == counters
+    assert mine[0].stopped
+    assert not mine[-1].stopped
+
+
+def test_a_second_robot_agent_is_there_for_a_while_and_is_not_taken_for_the_first() -> None:
+    spied = Spied(Fault("two-robot-agents", 6.0, 3.0, ("robot",)))
+    spied.run()
+    (first, second) = (node for node in spied.mesh.nodes if node.name == "robot")
+    assert first.device is not second.device
+    assert (first.alive, second.alive) == (True, False)
+    epochs = {m.cycle.epoch for m in spied.heard["goto"] if isinstance(m, RobotState)}
+    assert len(epochs) == 2
+    state = spied.checker.situation.state
+    assert state is not None
+    assert state.cycle.epoch == first_epoch(spied)
+
+
+def first_epoch(spied: Spied) -> int:
+    return next(m.cycle.epoch for m in spied.heard["goto"] if isinstance(m, RobotState))
+
+
+def test_robot_and_encoder_agent_go_one_after_the_other() -> None:
+    spied = Spied(Fault("robot-then-encoder", 6.0, 3.0, ("robot", "encoder")))
+    there: list[tuple[int, int]] = []
+    spied._inflictor.schedule(spied.case.faults)
+    for tenth in range(59, 95):
+        spied.mesh.run(tenth / 10)
+        alive = [node.name for node in spied.mesh.nodes if node.alive]
+        now = (alive.count("robot"), alive.count("encoder"))
+        if not there or there[-1] != now:
+            there.append(now)
+    assert there == [(1, 1), (0, 1), (1, 1), (1, 0), (1, 1)]
+
+
+def test_the_workload_mends_nothing_on_the_quiet() -> None:
+    """A pose that is lost stays lost, unless the society finds it again: nobody else moves it."""
+    lost = Fault("robot-restart", 8.0, 0.8, ("robot",))
+    workload = Workload(Case(3, "sc4", 120.0, (lost,)))
+    off: list[float] = []
+    truth: list[Truth] = []
+    workload.mesh.watch(lambda _key, message, _now: truth.append(message), Truth)  # type: ignore[arg-type]
+
+    def posed(_key: str, pose: Message, _now: float) -> None:
+        assert isinstance(pose, Pose)
+        off.append(hypot(pose.x - truth[-1].x, pose.y - truth[-1].y))
+
+    workload.mesh.watch(posed, Pose)
+    outcome = workload.run()
+    assert outcome.violations == ()
+    assert [node.name for node in workload.mesh.nodes].count("encoder") == 1
+    steps = [abs(after - before) for before, after in pairwise(off)]
+    assert sum(step > 0.1 for step in steps) <= 1  # at the restart, and never again
+
+
+def test_a_mission_that_is_forgotten_is_asked_for_again_and_that_is_counted() -> None:
+    gone = Fault("interface-restart", 8.0, 1.0, ("interface",))
+    outcome = Workload(Case(1, "sc4", 14.0, (gone,))).run()
+    assert outcome.again == 1
+    assert Workload(Case(1, "sc4", 14.0, ())).run().again == 0
+
+
+@pytest.mark.parametrize("kind", ["stop", "interface-restart", "flood", "huge-message"])
+def test_a_few_seeds_of_each_new_kind_that_is_drawn(kind: str) -> None:
+    for seed in range(3):
+        assert Workload(case_of(seed, 20.0, [kind])).run().violations == ()

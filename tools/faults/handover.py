@@ -1,0 +1,220 @@
+"""Promises about a change of hands: it is blended as the rules say, and in time."""
+
+from __future__ import annotations
+
+from collections import deque
+from collections.abc import Iterator
+from typing import Final, NamedTuple
+
+from armadico.cycles import PERIOD
+from armadico.exchange import LONGEST, Action, fuzzy_window
+from armadico.messages import Ballot, Claim, Cycle, RobotState
+from armadico.resources import WHEELS
+from armadico.tools.faults.ballots import brief
+from armadico.tools.faults.kinds import Promise
+from armadico.tools.faults.observations import Faulted, Obeyed, Observation, Said
+from armadico.tools.faults.situation import FRESH_CYCLES, Bounds, Situation
+
+CLAIMS = 16
+LATELY_S = 0.35
+"""A take-over begins from the holder that was heard of not longer ago than this, s."""
+
+SETTLED_S: Final = 1.0
+"""Only where the network has been whole for so long, s, everybody has heard the same claims."""
+
+SHARE: Final = 0.005
+"""The winner's share of the first action may be off by so much, and so may the action, m/s, rad/s:
+numbers travel whole, so this is room for rounding and for nothing else."""
+
+HURRIED: Final = frozenset({"avoid"})
+"""Agents whose bids may say that there is no time for the whole window (`Bid.within`): half of what
+is left until they must brake, which no message tells. It is at least half of what the truth leaves,
+with the margins that they keep, so their share lies between the rule's and that window's."""
+
+SEEN_M: Final = 0.25
+"""What lies nearer by this, m, for who sees it by sonars: margin, noise, and a cycle's way."""
+
+DECEL_M_S2, LATENCY_S = 0.4, 0.2
+"""What the behaviours count on when they brake: `armadico.agents.methods.safety`."""
+
+QUIET_S: Final = 3.0
+"""So long after another fault nobody is still back from somewhere: coming back, no news of tokens
+is believed for 2 s."""
+
+NOW_S: Final = 0.15
+"""A bid of the newest cycle or of the one before, s."""
+
+PROVIDERS: Final = frozenset({"robot", "encoder", "sonar", "interface"})
+"""Whom every contender for the wheels must hear."""
+
+
+class Start(NamedTuple):
+    """What an exchange may have begun from: an action, and the loser's weight."""
+
+    action: Action
+    weight: float
+
+
+class Exchanged:
+    """The first action of a tenure is what the exchange's rules make of both.
+
+    Equation 3.10 in its first cycle, over the window t_f that the Sugeno rules give for the two
+    actions. It began from what a loser commanded of late, or from what was measured. Who is in a
+    hurry may take a shorter window, and at once is the shortest.
+    """
+
+    promise = Promise.SMOOTH
+
+    def __init__(self) -> None:
+        self._claims: deque[tuple[float, Claim]] = deque(maxlen=CLAIMS)
+        self._weights: dict[str, float] = {}  # by instance: its last utility
+        self._largest: Ballot | None = None
+        self._speeds: deque[tuple[Cycle, Action]] = deque(maxlen=FRESH_CYCLES + 2)
+
+    def look(self, seen: Observation, now: Situation) -> Iterator[str]:
+        """At the first claim of each tenure."""
+        if not isinstance(seen, Said):
+            return
+        message = seen.message
+        if isinstance(message, RobotState):
+            self._speeds.append((message.cycle, WHEELS.measured(message)))
+        elif isinstance(message, Claim) and message.resource == WHEELS.name:
+            if self._largest is None or message.ballot > self._largest:
+                self._largest = message.ballot
+                if message.utility and now.whole_for() > SETTLED_S and self._speeds:
+                    yield from self._begins(seen.at, message, _least_window(message, now))
+            self._claims.append((seen.at, message))
+            if message.utility is not None:
+                self._weights[message.ballot.instance] = message.utility
+
+    def _begins(self, at: float, winner: Claim, least: float) -> Iterator[str]:
+        """`least` is the shortest window that the winner may take, cycles."""
+        starts = list(self._starts(at, winner))
+        if not any(self._explains(start, winner, least) for start in starts):
+            nearest = min(starts, key=lambda start: _far(start.action, winner.commanded))
+            window = _window(nearest.action, winner.wanted)
+            yield (
+                f"{brief(winner.ballot)} commands {_plain(winner.commanded)} on taking over and"
+                f" wants {_plain(winner.wanted)}: not what {window:.1f} cycles make of that and"
+                f" {_plain(nearest.action)}"
+            )
+
+    def _starts(self, at: float, winner: Claim) -> Iterator[Start]:
+        own, me = winner.utility or 0.0, winner.ballot.instance
+        for said, claim in self._claims:
+            if at - said <= LATELY_S and claim.ballot.instance != me and claim.commanded:
+                yield Start(claim.commanded, own if claim.utility is None else claim.utility)
+        weights = {own, *(u for who, u in self._weights.items() if who != me)}
+        for _, speeds in self._speeds:
+            for weight in sorted(weights):
+                yield Start(speeds, weight)
+
+    @staticmethod
+    def _explains(start: Start, winner: Claim, least_window: float) -> bool:
+        window = _window(start.action, winner.wanted)
+        least = _share(winner, start.weight, window)
+        most = _share(winner, start.weight, min(window, least_window))
+        pairs = list(zip(start.action, winner.wanted, winner.commanded, strict=True))
+        lost, won, said = max(pairs, key=lambda axis: abs(axis[1] - axis[0]))
+        if abs(won - lost) < SHARE:
+            return _far(winner.wanted, winner.commanded) < SHARE
+        share = (said - lost) / (won - lost)
+        if not least - SHARE <= share <= most + SHARE:
+            return False
+        return all(abs(lo + share * (wo - lo) - sa) < SHARE for lo, wo, sa in pairs)
+
+
+class Replaced:
+    """Who holds the wheels and falls silent is replaced before the stop, if another bids.
+
+    Killed, its token is gone at once, and the next command is obeyed within `killed_s`. Hung or cut
+    off, another takes over after its silence (2.3 cycles), before the owner's 0.3 s; where the
+    other still hears it, after the 6 cycles for which nobody was obeyed.
+    """
+
+    promise = Promise.HANDOVER
+
+    def __init__(self, bounds: Bounds) -> None:
+        self._bounds = bounds
+        self._obeyed: Obeyed | None = None
+        self._others: frozenset[str] = frozenset()  # who bids, and is not who fell silent
+        self._since = self._due = 0.0
+        self._quiet_at = 0.0  # when the last fault began or ended
+
+    def look(self, seen: Observation, now: Situation) -> Iterator[str]:
+        """From the fault on, until somebody else is obeyed."""
+        if isinstance(seen, Obeyed):
+            holder = self._obeyed
+            if holder is None or seen.ballot.instance != holder.ballot.instance:
+                self._others = frozenset()
+            self._obeyed = seen
+        elif isinstance(seen, Faulted):
+            self._others = frozenset()
+            if seen.began and seen.at - self._quiet_at > QUIET_S:
+                self._begins(seen, now)
+            self._quiet_at = seen.at
+        elif self._others:
+            self._others &= frozenset(now.bidders())
+            if now.stopped():
+                self._others = frozenset()
+            if self._others and seen.at > self._due:
+                who, self._others = ", ".join(sorted(self._others)), frozenset()
+                yield f"{seen.at - self._since:.3f} s after its holder fell silent, though {who}"
+
+    def _begins(self, fault: Faulted, now: Situation) -> None:
+        last = self._obeyed
+        if last is None or len(now.active) != 1 or fault.at - last.at > NOW_S:
+            return
+        holder = last.ballot.instance.rpartition("-")[0]
+        bounds = self._bounds
+        due = {"crash": fault.at + bounds.killed_s, "hang": last.at + bounds.silent_s}
+        if fault.kind in due and fault.whom == (holder,):
+            here, self._due = {holder}, due[fault.kind]
+        elif fault.kind in {"one-way", "partition"} and holder in fault.whom:
+            here, self._due = {*fault.whom}, fault.at + bounds.unobeyed_s
+            if "robot" not in fault.to or PROVIDERS & here:
+                return
+        else:
+            return
+        self._since = fault.at
+        self._others = frozenset(
+            instance
+            for instance, (at, _) in now.bids.items()
+            if instance in now.bidders()
+            and fault.at - at <= NOW_S
+            and instance.rpartition("-")[0] not in here
+        )
+
+
+def _least_window(winner: Claim, now: Situation) -> float:
+    """The shortest window that a winner's hurry explains, cycles."""
+    if winner.critical:
+        return 0.0
+    if winner.ballot.instance.rpartition("-")[0] not in HURRIED:
+        return LONGEST
+    truth = now.truth
+    if truth is None or truth.clearance is None:
+        return 0.0
+    v = max(truth.v, 0.0)
+    left = truth.clearance - SEEN_M - v * LATENCY_S - v * v / (2.0 * DECEL_M_S2)
+    return max(0.5 * left / max(v, 0.05), 0.0) / PERIOD
+
+
+def _share(winner: Claim, weight: float, window: float) -> float:
+    """The winner's share of its first action, by equations 3.10 to 3.12 in their first cycle."""
+    own = winner.utility or 0.0
+    return own / (own + weight * (window - 1.0)) if window >= 1.0 else 1.0
+
+
+def _window(start: Action, wanted: Action) -> float:
+    """Cycles of an exchange, by the Sugeno rules."""
+    pairs = zip(start, wanted, WHEELS.scale, strict=True)
+    return min(fuzzy_window(max(abs(won - lost) / scale for lost, won, scale in pairs)), LONGEST)
+
+
+def _far(one: Action, other: Action) -> float:
+    return max(abs(a - b) for a, b in zip(one, other, strict=True))
+
+
+def _plain(action: Action) -> str:
+    return "(" + ", ".join(f"{number:.3f}" for number in action) + ")"
