@@ -5,7 +5,7 @@ VENV   := .venv
 BIN    := $(VENV)/bin
 PIP    := $(BIN)/python -m pip --disable-pip-version-check
 
-.PHONY: run test lint compiled demo demo-down lock clean
+.PHONY: run test mutants lint compiled demo demo-down lock clean
 .DEFAULT_GOAL := run
 
 $(VENV)/.run: requirements/run.txt pyproject.toml
@@ -24,6 +24,10 @@ run: $(VENV)/.run  ## set up and drive scenario 4 as separate processes on this 
 
 test: $(VENV)/.dev  ## set up and run the tests
 	$(BIN)/python -m pytest -n 2 --dist worksteal
+
+mutants: $(VENV)/.dev  ## change what decides in one place at a time: the tests must notice
+	$(PIP) install --quiet cosmic-ray==8.7.0
+	$(BIN)/python -m armadico.tools.mutants
 
 lint: $(VENV)/.dev  ## ruff, and mypy strict over every package
 	$(BIN)/ruff check .

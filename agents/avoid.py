@@ -220,7 +220,9 @@ class Avoid(Behaviour):
         two turn it to and fro. If nobody is obeyed, nobody drives, and that is not for avoid to
         mend.
         """
-        driven = state.obeyed_cycle is not None and self.cycles.fresh(state.obeyed_cycle)
+        ack = self.acked(WHEELS)
+        at = None if ack is None or ack.obeyed is None else ack.obeyed_cycle
+        driven = at is not None and self.cycles.fresh(at)
         looked_away, self._looked_at = self._looked_away, self.now
         near = self.route.to_go(pose.x, pose.y) < self.p.goal_m
         excused = looked_away or near or not driven

@@ -2,20 +2,42 @@
 
 from __future__ import annotations
 
+from math import hypot
 from typing import Annotated, Any, ClassVar
 
 from msgspec import Meta
+from msgspec.structs import replace
 
 from armadico import agent
-from armadico.agent import Agent
-from armadico.geometry import Pose2, compose, relative
-from armadico.messages import Message, Pose, RobotState
+from armadico.agent import WARNING, Agent
+from armadico.geometry import Pose2, compose, relative, wrap
+from armadico.messages import Message, Origin, Pose, RobotState
 
 Metres = Annotated[float, Meta(ge=-1e5, le=1e5)]
 
+AGAIN_CYCLES = 10
+"""The origin is published once in so many cycles: who remembers it knows where it was lately."""
+
+YOUNG_CYCLES = 30
+"""An epoch that is older than this has had an encoder agent before: somebody knows its origin."""
+
+TOLD_CYCLES = 10
+"""Then a newcomer that has not been told of it says nothing for so long: on a slow network it would
+say a pose by its parameters first, and the right one half a second later."""
+
+ROLLED_M = 3.0
+"""So far may a robot have come between two robot agents: a second of driving until the last word of
+the odometry, two until the controller's watchdog, and braking."""
+
+ZERO_M, ZERO_RAD = 0.05, 0.1
+"""An odometry within this of zero has just begun, unless it was near there before,"""
+
+NEAR_M, NEAR_RAD = 0.3, 0.5
+"""that is, within this."""
+
 
 class Parameters(agent.Parameters, frozen=True, kw_only=True):
-    """Where the robot stands in the world when the robot agent starts: m, m, rad."""
+    """Where the robot stands in the world when nobody remembers where it is: m, m, rad."""
 
     x: Metres = 0.0
     y: Metres = 0.0
@@ -23,25 +45,88 @@ class Parameters(agent.Parameters, frozen=True, kw_only=True):
 
 
 class Encoder(Agent):
-    """Turns the controller's local odometry into a pose in the world frame."""
+    """Turns the controller's odometry into a pose in the world frame.
+
+    Where the odometry's origin lies is a latched state: it outlives this process, and the robot
+    agent's. Only if nobody remembers it do the parameters say where the robot is.
+    """
 
     name = "encoder"
-    provides: ClassVar[tuple[type[Message], ...]] = (Pose,)
+    alone = True
+    provides: ClassVar[tuple[type[Message], ...]] = (Pose, Origin)
     parameters = Parameters
     p: Parameters
 
     def __init__(self, identity: agent.Identity, parameters: Any = None) -> None:
         super().__init__(identity, parameters)
-        self._origin: Pose2 = (self.p.x, self.p.y, self.p.theta)
-        self._pose: Pose2 = self._origin
-        self._epoch: int | None = None
+        self._origin: Origin | None = None
+        self._id = self.rng.getrandbits(63)
+        self._published = 0
+        self._waited = 0  # cycles without an origin
+        self._last: tuple[int, Pose2] | None = None  # the epoch, and the odometry last known of it
+
+    def on_origin(self, origin: Origin) -> None:
+        """Somebody knows it, and has known it for longer."""
+        self._origin = origin
 
     def on_robot_state(self, state: RobotState) -> None:
         """One status packet, one pose."""
         odometry = (state.x, state.y, state.theta)
-        if self._epoch is not None and state.cycle.epoch != self._epoch:
-            # A restarted robot agent counts from elsewhere; the robot has not jumped.
-            self._origin = compose(self._pose, relative(odometry, (0.0, 0.0, 0.0)))
-        self._epoch = state.cycle.epoch
-        self._pose = compose(self._origin, odometry)
-        self.publish(Pose(state.cycle, *self._pose))
+        known = self._origin
+        epoch = state.cycle.epoch
+        if known is None:
+            self._waited += 1
+            if state.cycle.number > YOUNG_CYCLES and self._waited <= TOLD_CYCLES:
+                return
+            place = (self.p.x, self.p.y, self.p.theta)
+            known = self._begin(place, odometry, epoch, 1)
+        elif known.epoch != epoch:
+            known = self._go_on(self._lately(known), odometry, epoch)
+        self._last = (epoch, odometry)
+        self.publish(Pose(state.cycle, *compose((known.x, known.y, known.theta), odometry)))
+        self._published += 1
+        if known is not self._origin or self._published % AGAIN_CYCLES == 0:
+            self._keep(known, odometry)
+
+    def _lately(self, known: Origin) -> Origin:
+        """The origin, with the last odometry of its epoch that this agent received itself.
+
+        It is published once a second only: a robot that drove on meanwhile would be set back.
+        """
+        if self._last is None or self._last[0] != known.epoch:
+            return known
+        x, y, theta = self._last[1]
+        return replace(known, at_x=x, at_y=y, at_theta=theta)
+
+    def _keep(self, origin: Origin, odometry: Pose2) -> None:
+        """Publish the origin, with where the odometry is now; the longer it is known the larger."""
+        self._origin = Origin(
+            origin.counter + 1,
+            origin.by,
+            origin.epoch,
+            origin.x,
+            origin.y,
+            origin.theta,
+            *odometry,
+        )
+        self.publish(self._origin)
+
+    def _begin(self, place: Pose2, odometry: Pose2, epoch: int, counter: int) -> Origin:
+        """The origin by which the robot is at a place in the world now."""
+        origin = compose(place, relative(odometry, (0.0, 0.0, 0.0)))
+        return Origin(counter, self._id, epoch, *origin, *odometry)
+
+    def _go_on(self, known: Origin, odometry: Pose2, epoch: int) -> Origin:
+        """Another robot agent: the controller has counted on, or begun anew."""
+        x, y, theta = odometry
+        away = hypot(x - known.at_x, y - known.at_y)
+        turned = abs(wrap(theta - known.at_theta))
+        at_zero = hypot(x, y) < ZERO_M and abs(theta) < ZERO_RAD
+        anew = away > ROLLED_M or (at_zero and (away > NEAR_M or turned > NEAR_RAD))
+        if not anew:
+            return Origin(known.counter, known.by, epoch, known.x, known.y, known.theta, *odometry)
+        # The robot has not jumped. What it rolled meanwhile nobody has counted.
+        was = (known.at_x, known.at_y, known.at_theta)
+        place = compose((known.x, known.y, known.theta), was)
+        self.log("the controller's odometry has begun anew: the pose goes on from here", WARNING)
+        return self._begin(place, odometry, epoch, known.counter)

@@ -6,6 +6,7 @@ from math import hypot
 from typing import Annotated, Any, ClassVar
 
 from msgspec import Meta
+from msgspec.structs import replace
 
 from armadico import agent
 from armadico.agent import WARNING, Agent, Question
@@ -24,6 +25,7 @@ from armadico.messages import (
     RobotState,
     Trajectory,
     Waypoint,
+    line,
 )
 
 
@@ -36,12 +38,19 @@ class Parameters(agent.Parameters, frozen=True, kw_only=True):
     slow_rad_s: Annotated[float, Meta(gt=0, le=1)] = 0.02
     repeat_s: Annotated[float, Meta(gt=0, le=10)] = 1.0
     planning_s: Annotated[float, Meta(gt=0, le=120)] = 20.0
+    reach_m: Annotated[float, Meta(gt=0, le=1e5)] = 200.0
+    """A goal or waypoint that no planner has looked at may be so far from the one before."""
 
 
 class Interface(Agent):
-    """The link to the people and programs outside the community."""
+    """The link to the people and programs outside the community.
+
+    The mission is the trajectory, which everybody remembers: an interface agent that is started
+    again goes on with it.
+    """
 
     name = "interface"
+    alone = True
     hears: ClassVar[tuple[type[Message], ...]] = (Pose,)
     provides: ClassVar[tuple[type[Message], ...]] = (Trajectory, MissionStatus)
     answers: ClassVar[tuple[type[Message], ...]] = (MissionRequest,)
@@ -69,6 +78,9 @@ class Interface(Agent):
         if pose is None:
             return self._refuse("nobody knows where the robot is: no fresh encoder/pose")
         if not request.planned:
+            far = self._too_far(pose, (*request.waypoints, request.goal))
+            if far:
+                return self._refuse(far)
             return self._begin((*request.waypoints, request.goal), 0.0)
         if self._state is not MissionState.DRIVING:  # a mission goes on until another is taken on
             self._state = MissionState.PLANNING
@@ -80,6 +92,19 @@ class Interface(Agent):
         self.ask(PlanRequest(start, request.goal), planned, self.p.planning_s)
         return None
 
+    def on_trajectory(self, trajectory: Trajectory) -> None:
+        """A mission that somebody remembers, and this one does not know."""
+        reached = self._state is MissionState.REACHED  # somebody remembers so, too
+        if trajectory.mission == self._mission and (trajectory.waypoints or reached):
+            return
+        self._mission = trajectory.mission
+        self._route = Route.of(trajectory)
+        if trajectory.waypoints:
+            self._state = MissionState.DRIVING
+            self.log(f"mission {self._mission} goes on")
+        else:
+            self._state = MissionState.NONE
+
     def on_pose(self, pose: Pose) -> None:
         """Follow the run."""
         if self._state is not MissionState.DRIVING:
@@ -89,7 +114,7 @@ class Interface(Agent):
         if self._arrived(pose):
             self._state = MissionState.REACHED
             self.log(f"mission {self._mission}: goal reached")
-            self._say_trajectory()
+            self._latch(())
             self._say_status(self._to_go)
         elif pose.cycle.number % 2 == 0:
             self._say_status(self._to_go)
@@ -97,9 +122,23 @@ class Interface(Agent):
     def on_wakeup(self) -> None:
         """Say the trajectory again for those who came late."""
         self.wake_at(self.now + self.p.repeat_s)
-        self._say_trajectory()
+        known = self.memory.newest(Trajectory)
+        if known is not None:
+            self.publish(replace(known, leg=self._route.leg))
         if self._state is not MissionState.DRIVING:
             self._say_status(self._to_go)
+
+    def _too_far(self, pose: Pose, waypoints: tuple[Waypoint, ...]) -> str:
+        """Why a way is none: nobody has looked whether it is on any map."""
+        x, y = pose.x, pose.y
+        for to in waypoints:
+            if hypot(to.x - x, to.y - y) > self.p.reach_m:
+                return (
+                    f"({to.x:g}, {to.y:g}) is {hypot(to.x - x, to.y - y):.0f} m from the place"
+                    f" before, at most {self.p.reach_m:g} m are driven without a plan"
+                )
+            x, y = to.x, to.y
+        return ""
 
     def _planned(self, plan: Plan | None) -> MissionReply:
         if plan is None:
@@ -115,14 +154,14 @@ class Interface(Agent):
         self._route = Route(waypoints, Point(pose.x, pose.y))
         self._state = MissionState.DRIVING
         self._to_go = self._route.to_go(pose.x, pose.y)
-        self._say_trajectory()
+        self._latch(waypoints)
         return MissionReply(self._mission, "", waypoints, length or self._to_go)
 
     def _refuse(self, why: str) -> MissionReply:
         if self._state is MissionState.PLANNING:
             self._state = MissionState.NONE
         self.log(f"mission refused: {why}", WARNING)
-        return MissionReply(0, why)
+        return MissionReply(0, line(why))
 
     def _arrived(self, pose: Pose) -> bool:
         goal = self._route.goal
@@ -136,10 +175,12 @@ class Interface(Agent):
             and abs(state.w) <= self.p.slow_rad_s
         )
 
-    def _say_trajectory(self) -> None:
+    def _latch(self, waypoints: tuple[Waypoint, ...]) -> None:
+        """Begin a mission for everybody, or end it."""
+        known = self.memory.newest(Trajectory)
+        counter = 1 if known is None else known.counter + 1
         route = self._route
-        waypoints = route.waypoints if self._state is MissionState.DRIVING else ()
-        self.publish(Trajectory(self._mission, waypoints, route.start, route.leg))
+        self.publish(Trajectory(counter, self._mission, waypoints, route.start, route.leg))
 
     def _say_status(self, to_go: float) -> None:
         leg = self._route.leg if self._route.waypoints else 0

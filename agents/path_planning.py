@@ -13,7 +13,7 @@ from armadico.agents.methods.planning import PlanError, plan
 from armadico.config.loading import find, load
 from armadico.config.profile import RobotProfile
 from armadico.config.worlds import load_world
-from armadico.messages import Message, Plan, PlanRequest, Waypoint
+from armadico.messages import Message, Plan, PlanRequest, Waypoint, line
 
 
 class Parameters(agent.Parameters, frozen=True, kw_only=True):
@@ -28,6 +28,7 @@ class PathPlanning(Agent):
     """Knows the world's walls, rooms and doors; answers where to go, and what it costs."""
 
     name = "path-planning"
+    alone = True
     answers: ClassVar[tuple[type[Message], ...]] = (PlanRequest,)
     parameters = Parameters
     p: Parameters
@@ -44,7 +45,7 @@ class PathPlanning(Agent):
         try:
             way = plan(self._world, request.start, request.goal)
         except PlanError as error:
-            return Plan((), refusal=str(error))
+            return Plan((), refusal=line(str(error)))
         waypoints = tuple(Waypoint(p.x, p.y, p.theta) for p in way.waypoints)
         cost = energy(way.length_m, self._profile, self.p.cruise_m_s)
         doors = f" through {', '.join(way.doors)}" if way.doors else ""

@@ -70,6 +70,7 @@ class SonarAgent(Agent):
     """
 
     name = "sonar"
+    alone = True
     hears: ClassVar[tuple[type[Message], ...]] = (Sonar, Description)
     provides: ClassVar[tuple[type[Message], ...]] = (Obstacles, LocalMap)
     parameters = Parameters

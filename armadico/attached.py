@@ -45,8 +45,8 @@ class AttachedRun(LiveRun):
             said = say(self.client, stopped=True, by="armadico run", timeout=STOP_S)
             self._warn(
                 "the robot is stopped; `armadico resume` releases it"
-                if said is not None
-                else "no robot agent confirmed the stop; `armadico stop` tries again"
+                if said.done
+                else "the stop was sent, not acknowledged; `armadico stop` tries again"
             )
 
     def start(self) -> None:

@@ -7,8 +7,9 @@ from collections.abc import Callable
 from typing import TYPE_CHECKING, Final, TypeVar, cast
 
 from armadico.inbox import Inbox
+from armadico.mailbox import EVENTS
 from armadico.messages import Ask, Card, Message
-from armadico.services import CARD, Kind, service_of
+from armadico.services import CARD, Kind, rows_of, service_of
 
 if TYPE_CHECKING:
     from armadico.mesh.zenoh import ZenohMesh
@@ -29,6 +30,7 @@ class Client:
     def __init__(self, mesh: ZenohMesh) -> None:
         self.mesh = mesh
         self.alive: set[tuple[str, str]] = set()  # (name, instance) of the tokens that are there
+        self.key = ""  # of the message that is being handed on
         self.ahead: dict[str, float] = {}  # s; by instance, of the clocks that cards have said
         self._inbox = Inbox()
         self._latest: dict[type[Message], tuple[Message, float]] = {}
@@ -94,13 +96,13 @@ class Client:
         self.settle()
         everybody = CARD.key_for(name="*", instance="*")
         replies = self._ask(everybody, Ask(), Card, timeout, enough=len(self.alive))
-        found = {(card.name, card.instance): card for card in replies.values()}
-        return {who: found.get(who) for who in sorted(self.alive)}
+        keys = {who: CARD.key_for(name=who[0], instance=who[1]) for who in sorted(self.alive)}
+        return {who: _own(replies.get(key), who[1]) for who, key in keys.items()}
 
     def card(self, name: str, instance: str, timeout: float = 1.0) -> Card | None:
         """The card of one agent; None if it does not answer within `timeout` (s)."""
         key = CARD.key_for(name=name, instance=instance)
-        return self._ask(key, Ask(), Card, timeout, enough=1).get(key)
+        return _own(self._ask(key, Ask(), Card, timeout, enough=1).get(key), instance)
 
     def settle(self, timeout: float = 2.0) -> None:
         """Wait until the links are up and no token has come or gone for a while."""
@@ -117,7 +119,8 @@ class Client:
     def _take(self, timeout: float) -> None:
         item = self._inbox.take(timeout)
         if item is not None:
-            item()
+            call, args = item
+            call(*args)
 
     def _listen(self, kind: type[Message], then: Callable[[Message, float], None] | None) -> None:
         service = service_of(kind)
@@ -128,15 +131,14 @@ class Client:
                 if message is not None:
                     now = time.monotonic()
                     self._latest[kind] = (message, now)
+                    self.key = key
                     if then is not None:
                         then(message, now)
 
-            if service.kind is Kind.STATE:
-                self._inbox.put_state(key, deliver)
-            else:
-                self._inbox.put_event(deliver)
+            self._inbox.put(key, deliver, keep=1 if service.kind is Kind.STATE else EVENTS)
 
-        self.mesh.subscribe(service.pattern, arrived)
+        for row in rows_of(kind):
+            self.mesh.subscribe(row.pattern, arrived)
 
     def _token(self, name: str, instance: str, there: bool) -> None:
         def deliver() -> None:
@@ -145,7 +147,7 @@ class Client:
                 (self.alive.add if there else self.alive.discard)(who)
                 self._changed_at = time.monotonic()
 
-        self._inbox.put_event(deliver)
+        self._inbox.put(f"token/{instance}", deliver, keep=1)
 
     def _ask(
         self, key: str, request: Message, reply: type[M], timeout: float, enough: int
@@ -162,11 +164,16 @@ class Client:
                     if isinstance(message, Card) and message.clock:
                         self.ahead[message.instance] = message.clock - time.time()
 
-            self._inbox.put_event(deliver)
+            self._inbox.put(f"reply/{where}", deliver)
 
         def done() -> None:
-            self._inbox.put_event(lambda: over.append(True))
+            self._inbox.put(f"over/{key}", lambda: over.append(True))
 
         self.mesh.ask(key, request, timeout, each, done)
         self.wait_for(lambda: len(replies) >= enough or bool(over), timeout)
         return replies
+
+
+def _own(card: Card | None, instance: str) -> Card | None:
+    """A card, if it is the instance's own: nobody speaks for others."""
+    return card if card is not None and card.instance == instance else None

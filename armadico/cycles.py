@@ -1,50 +1,102 @@
 """Cycles: the one clock that every process shares, without comparing any two clocks.
 
-The robot agent numbers its status packets; each message says which one it answers. Whatever took
-too long, whoever hung, however wrong a host's time: an old cycle is seen to be old.
+The owner numbers its cycles (the robot agent its status packets), and each message has the one that
+it answers. Whatever took too long, whoever hung, however wrong a host's time: an old cycle is seen
+to be old.
 """
 
 from __future__ import annotations
 
-from collections import deque
+from typing import Final
 
 from armadico.messages import Cycle
 
 PERIOD = 0.1
-"""Seconds from one cycle to the next: the status packet's cycle (thesis 3.7.1)."""
+"""Seconds from one cycle to the next until the robot's description says otherwise (3.7.1)."""
 
 AHEAD = 3
-"""A message more cycles ahead of the newest `RobotState` than this is refused."""
+"""A message more cycles ahead of the newest than this is refused."""
 
-EPOCHS_REMEMBERED = 64
+LISTEN: Final = 3
+"""Who starts only listens for so many cycles; who missed some, for as many, up to this."""
+
+EPOCHS_REMEMBERED: Final = 64
 
 
 class CycleClock:
-    """The newest cycle, moved only by `RobotState`.
+    """The newest cycle, moved only by its owner's own message.
 
-    An epoch not seen before is newer; one that has been left is never returned to.
+    An epoch that was left is returned to, and a new one is believed, only when the present one has
+    been silent for as long as fresh lasts; and a left one only beyond the last number known of it.
+    So one stray message, or a second owner for a while, changes nothing.
+
+    Attributes:
+        newest: The newest cycle; None before the first.
+        first: The first cycle received of this epoch.
+        resumed: The first cycle after some that were missed, or of this epoch.
+        period: From one cycle to the next, s.
+        strays: Messages that would have moved it and were not believed.
     """
 
-    def __init__(self, fresh_cycles: int = 3) -> None:
+    def __init__(self, period: float = PERIOD, fresh_cycles: int = 3) -> None:
         self.newest: Cycle | None = None
-        self.first: Cycle | None = None  # the first cycle heard of this epoch
-        self.heard_at = -1e9
+        self.first: Cycle | None = None
+        self.resumed: Cycle | None = None
+        self.received_at = -1e9
+        self.period = period
         self.fresh_cycles = fresh_cycles
-        self._left: deque[int] = deque(maxlen=EPOCHS_REMEMBERED)
+        self.strays = 0
+        self._listens_until = 0
+        self._left: dict[int, int] = {}  # by epoch, the last number known of it
 
     def advance(self, cycle: Cycle, now: float) -> bool:
-        """Take a `RobotState`'s cycle; False if it is not newer than what is known."""
+        """Take the owner's newest cycle at a time, s; False if it moves nothing."""
         newest = self.newest
-        if newest is None or cycle.epoch != newest.epoch:
-            if cycle.epoch in self._left:
+        if newest is None:
+            self._begin(cycle, now)
+            return True
+        if cycle.epoch != newest.epoch:
+            if self.alive(now) or cycle.number <= self._left.get(cycle.epoch, -1):
+                self.strays += 1
                 return False
-            if newest is not None:
-                self._left.append(newest.epoch)
-            self.first = cycle
-        elif cycle.number <= newest.number:
+            self._left.pop(newest.epoch, None)
+            self._left[newest.epoch] = newest.number
+            while len(self._left) > EPOCHS_REMEMBERED:
+                del self._left[next(iter(self._left))]
+            self._begin(cycle, now)
+            return True
+        missed = cycle.number - newest.number - 1
+        if missed < 0:
             return False
-        self.newest, self.heard_at = cycle, now
+        # The number is a clock, so it cannot run ahead of one's own, whatever that shows, while
+        # cycles keep coming. Twice the time: the owner's clock may be fast, and packets bunch.
+        if missed > AHEAD + 2 * (now - self.received_at) / self.period and self.alive(now):
+            self.strays += 1
+            return False
+        self.newest, self.received_at = cycle, now
+        if missed:
+            self.resumed = cycle
+            self._listens_until = cycle.number + min(missed, LISTEN)
         return True
+
+    def _begin(self, cycle: Cycle, now: float) -> None:
+        self.newest = self.first = self.resumed = cycle
+        self.received_at = now
+        self._listens_until = cycle.number + LISTEN
+
+    @property
+    def listening(self) -> bool:
+        """Whether it began, or missed cycles, so lately that one only listens yet."""
+        return self.newest is None or self.newest.number < self._listens_until
+
+    @property
+    def begun_lately(self) -> bool:
+        """Whether this epoch is not older than one listens for; an owner obeys nobody meanwhile.
+
+        An owner that lost some packets of its device's goes on obeying: it knows the ballots.
+        """
+        newest, first = self.newest, self.first
+        return newest is None or first is None or newest.number < first.number + LISTEN
 
     def age(self, cycle: Cycle) -> int | None:
         """How many cycles behind the newest, negative if ahead; None in another epoch."""
@@ -58,9 +110,29 @@ class CycleClock:
 
         `within` so many cycles; None: the clock's own number.
         """
-        age = self.age(cycle)
-        return age is not None and -AHEAD <= age <= (within or self.fresh_cycles)
+        newest = self.newest
+        if newest is None or cycle.epoch != newest.epoch:
+            return False
+        most = self.fresh_cycles if within is None else within
+        return -AHEAD <= newest.number - cycle.number <= most
 
     def alive(self, now: float) -> bool:
-        """Whether the robot agent has been heard within the cycles that count as fresh."""
-        return now - self.heard_at <= self.fresh_cycles * PERIOD
+        """Whether the owner has been received within the cycles that count as fresh."""
+        return now - self.received_at <= self.fresh_cycles * self.period
+
+
+class CycleCounter:
+    """Numbers an owner's cycles: by one each, and over a gap by the time that it took."""
+
+    def __init__(self, epoch: int, period: float) -> None:
+        self.epoch = epoch
+        self.period = period
+        self.number = 0
+        self._at: float | None = None
+
+    def next(self, now: float) -> Cycle:
+        """The cycle that begins at a time, s."""
+        passed = 1 if self._at is None else round((now - self._at) / self.period)
+        self.number += min(max(passed, 1), 2**31)
+        self._at = now
+        return Cycle(self.epoch, self.number)

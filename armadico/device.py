@@ -6,7 +6,7 @@ import threading
 from collections.abc import Callable
 from typing import Final, Protocol
 
-from armadico.agent import DeviceAgent
+from armadico.driver import Driver
 from armadico.inbox import Inbox
 
 RETRY_S: Final = (0.1, 0.2, 0.5, 1.0)
@@ -18,6 +18,9 @@ CLOSE_S: Final = 0.5
 
 READ_S: Final = 0.1
 """How long a read waits; so long may closing take."""
+
+CHUNKS: Final = 256
+"""Pieces of bytes that wait for an agent that is busy; the oldest go first."""
 
 LINK: Final = "link"
 """What the news of the link is called in the inbox; no key of the mesh has that name."""
@@ -37,17 +40,17 @@ class Port(Protocol):
 
 
 class Device:
-    """Bytes and news of the link go into the inbox; the agent's thread writes."""
+    """Bytes and news of the link go into the inbox, in lanes of their own; the agent writes."""
 
     def __init__(
         self,
-        agent: DeviceAgent,
+        driver: Driver,
         connect: Callable[[], Port],
         inbox: Inbox,
         clock: Callable[[], float],
     ) -> None:
         """`connect` opens the port, or raises OSError, or ValueError if there can be none."""
-        self._agent = agent
+        self._driver = driver
         self._connect = connect
         self._port: Port | None = None
         self._inbox = inbox
@@ -112,10 +115,10 @@ class Device:
         return self._broken or "closed"
 
     def _take(self, data: bytes) -> None:
-        self._inbox.put_event(lambda: self._agent.take_bytes(data, self._clock()))
+        self._inbox.put("device", lambda: self._driver.received(data, self._clock()), keep=CHUNKS)
 
     def _link(self, up: bool, why: str) -> None:
         """Say that the link came or went: a state, so that no flood of bytes can push it out."""
         if up != self._up:
             self._up = up
-            self._inbox.put_state(LINK, lambda: self._agent.take_link(up, why, self._clock()))
+            self._inbox.put(LINK, lambda: self._driver.link(up, why, self._clock()), keep=1)

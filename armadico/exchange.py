@@ -7,14 +7,14 @@ cycles, the action is the winner's alone.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Protocol
 
-from armadico.cycles import PERIOD
 from armadico.fuzzy import Gaussian, Linear, Rule, Shoulder, Sugeno
+from armadico.messages import Action
+from armadico.resources import Resource
 
-Action = tuple[float, ...]
 LONGEST = 10.0
 """t_f lies in [0, 10] cycles (thesis 3.10.2)."""
 
@@ -23,9 +23,9 @@ LONGEST = 10.0
 class Bid:
     """What an agent would do with a resource, and how much that helps.
 
-    `utility` lies in [0, 1]; 0 says: anybody rather than me. `action` is in the order of the
-    resource's parameters. `critical`: about to collide. `within` bounds the hand-over in seconds,
-    for a situation that cannot wait. `reason` is for people.
+    `utility` lies in [0, 1]; 0 offers: anybody rather than me. `action` is in the order of the
+    resource's parameters, or a message of its type. `critical`: about to collide. `within` bounds
+    the hand-over in seconds, for a situation that cannot wait. `reason` is for people.
     """
 
     utility: float
@@ -43,12 +43,12 @@ class Handover(Protocol):
 
 
 class Exchange(Protocol):
-    """A way for a resource to change hands."""
+    """A way for a resource to change hands: a bumpless transfer, or none."""
 
     def begin(
-        self, loser: Action, loser_utility: float, bid: Bid, scale: Sequence[float]
+        self, resource: Resource, loser: Action, loser_utility: float, bid: Bid, period: float
     ) -> Handover:
-        """Start from the loser's commanded action; `scale` is each parameter's maximum."""
+        """Start from the loser's commanded action; `period` is the resource's cycle, s."""
 
 
 class _AtOnce:
@@ -64,10 +64,11 @@ class AbruptExchange:
 
     def begin(
         self,
+        resource: Resource,  # noqa: ARG002
         loser: Action,  # noqa: ARG002
         loser_utility: float,  # noqa: ARG002
         bid: Bid,  # noqa: ARG002
-        scale: Sequence[float],  # noqa: ARG002
+        period: float,  # noqa: ARG002
     ) -> Handover:
         """Nothing to mix."""
         return AT_ONCE
@@ -77,7 +78,7 @@ class AbruptExchange:
 class Blend:
     """Equation 3.10: the mean of both actions, weighted by delta_w and delta_l (3.11, 3.12)."""
 
-    loser: Action
+    loser: tuple[float, ...]
     loser_utility: float
     window: float  # t_f, cycles
 
@@ -87,7 +88,7 @@ class Blend:
         That is an offer (utility 0) while the exchange goes on, or weights that sum to zero. By
         3.10 an offer would bring the loser's action back, of cycles ago.
         """
-        if t >= self.window or bid.utility <= 0.0:
+        if t >= self.window or bid.utility <= 0.0 or isinstance(bid.action, bytes):
             return bid.action
         delta_l = self.loser_utility * (self.window - t) / self.window
         delta_w = bid.utility * t / self.window
@@ -115,13 +116,18 @@ class SmoothExchange:
     """The fuzzy exchange. t_f from the Sugeno rules, or what a critical situation leaves."""
 
     def begin(
-        self, loser: Action, loser_utility: float, bid: Bid, scale: Sequence[float]
+        self, resource: Resource, loser: Action, loser_utility: float, bid: Bid, period: float
     ) -> Handover:
-        """Equation 3.13 over the scaled parameters; a window under one cycle is none."""
-        diff = max(abs(w - o) / s for w, o, s in zip(bid.action, loser, scale, strict=True))
-        window = min(fuzzy_window(diff), LONGEST)
+        """Equation 3.13 over the scaled parameters; a window under one cycle is none.
+
+        Messages are not mixed.
+        """
+        if isinstance(loser, bytes) or isinstance(bid.action, bytes) or not resource.scale:
+            return AT_ONCE
+        sizes = zip(bid.action, loser, resource.scale, strict=True)
+        window = min(fuzzy_window(max(abs(w - o) / s for w, o, s in sizes)), LONGEST)
         if bid.within is not None:
-            window = min(window, bid.within / PERIOD)
+            window = min(window, bid.within / period)
         return Blend(loser, loser_utility, window) if window >= 1.0 else AT_ONCE
 
 

@@ -15,24 +15,24 @@ def wrap(angle: float) -> float:
     return pi - (pi - angle) % TWO_PI
 
 
-def compose(cycle: Pose2, local: Pose2) -> Pose2:
+def compose(frame: Pose2, local: Pose2) -> Pose2:
     """A pose given in a frame, seen from where the frame's own pose is given."""
-    c, s = cos(cycle[2]), sin(cycle[2])
+    c, s = cos(frame[2]), sin(frame[2])
     return (
-        cycle[0] + c * local[0] - s * local[1],
-        cycle[1] + s * local[0] + c * local[1],
-        wrap(cycle[2] + local[2]),
+        frame[0] + c * local[0] - s * local[1],
+        frame[1] + s * local[0] + c * local[1],
+        wrap(frame[2] + local[2]),
     )
 
 
-def relative(cycle: Pose2, pose: Pose2) -> Pose2:
-    """Tell how a pose looks from a cycle: the inverse of `compose`."""
-    dx, dy = pose[0] - cycle[0], pose[1] - cycle[1]
-    c, s = cos(cycle[2]), sin(cycle[2])
-    return c * dx + s * dy, -s * dx + c * dy, wrap(pose[2] - cycle[2])
+def relative(frame: Pose2, pose: Pose2) -> Pose2:
+    """Tell how a pose looks from a frame: the inverse of `compose`."""
+    dx, dy = pose[0] - frame[0], pose[1] - frame[1]
+    c, s = cos(frame[2]), sin(frame[2])
+    return c * dx + s * dy, -s * dx + c * dy, wrap(pose[2] - frame[2])
 
 
-def to_world(cycle: Pose2, x: float, y: float) -> tuple[float, float]:
-    """A point of a cycle, seen from where the cycle's pose is given."""
-    c, s = cos(cycle[2]), sin(cycle[2])
-    return cycle[0] + c * x - s * y, cycle[1] + s * x + c * y
+def to_world(frame: Pose2, x: float, y: float) -> tuple[float, float]:
+    """A point of a frame, seen from where the frame's pose is given."""
+    c, s = cos(frame[2]), sin(frame[2])
+    return frame[0] + c * x - s * y, frame[1] + s * x + c * y

@@ -1,36 +1,117 @@
 """The latch that stops the robot, as tools say it.
 
-A stop is a state, not an edge: it is said again until the robot agent's own state shows it.
+A stop is a state, not an edge: it is published again and again until the robot agent's own states
+show it, and go on showing it. A release is one message about one stop, whoever pressed that; it
+ends nothing that was pressed since.
 """
 
 from __future__ import annotations
 
+import random
+import time
 from typing import Final
 
 from armadico.client import Client
-from armadico.messages import RobotState, Stop
+from armadico.messages import LARGEST_COUNT, Cycle, RobotState, Stop
 
 AGAIN_S: Final = 0.1
-"""How often the stop is said until it is echoed."""
+"""How often it is published until it is acknowledged, and while that is looked at."""
+
+HELD_S: Final = 1.0
+"""The robot counts as stopped once its states have said so for so long."""
+
+SILENT_S: Final = 0.5
+"""After a longer silence of the robot agent it has to say so for as long again."""
 
 
-def say(client: Client, *, stopped: bool, by: str, timeout: float) -> Stop | None:
-    """Stop or release the robot; what the robot agent says then, None if it says nothing of it.
+class Latching:
+    """One press of the stop, or the release of one: what to publish, and what came of it.
+
+    Sans-IO: the robot agent's states and the time go in.
+
+    Attributes:
+        known: The latch by the robot agent's newest state; None if nothing is heard of it.
+        done: Whether the robot is stopped, or free, by the robot agent's word.
+        refusal: Why it cannot be done.
+    """
+
+    def __init__(self, *, stopped: bool, by: str, press: int) -> None:
+        """Begin.
+
+        Args:
+            stopped: To stop the robot, or to release it.
+            by: Who does, for people.
+            press: What tells this stop from all others; a release has that of what it releases.
+        """
+        self.known: Stop | None = None
+        self.done = False
+        self.refusal = ""
+        self._stopped, self._by, self._press = stopped, by, press
+        self._release: Stop | None = None
+        self._cycle: Cycle | None = None
+        self._heard_at = float("-inf")
+        self._since: float | None = None  # the robot agent has said so without a break
+
+    def hear(self, state: RobotState, now: float) -> None:
+        """Take the robot agent's newest state at a time, s; one that was taken already is none."""
+        if state.cycle == self._cycle:
+            return
+        self._cycle, self.known = state.cycle, state.stop
+        if self._stopped:
+            self._hear_stopped(state.stop, now)
+        else:
+            self._hear_released(state.stop)
+        self._heard_at = now
+
+    def message(self) -> Stop | None:
+        """What to publish now; None if that is not known yet, or there is nothing to say."""
+        if not self._stopped:
+            return self._release
+        known = self.known or Stop()
+        ours = known.stopped and known.press == self._press
+        counter = known.counter if ours else min(known.counter + 1, LARGEST_COUNT)
+        return Stop(counter, True, self._by, self._press)
+
+    def _hear_stopped(self, stop: Stop, now: float) -> None:
+        if not stop.stopped:
+            self._since = None
+        elif self._since is None or now - self._heard_at > SILENT_S:
+            self._since = now
+        elif now - self._since >= HELD_S:
+            self.done = True
+
+    def _hear_released(self, stop: Stop) -> None:
+        release = self._release
+        if not stop.stopped:
+            self.done = release is None or stop.counter >= release.counter
+        elif release is None or (stop.order > release.order and stop.press == release.press):
+            if stop.counter >= LARGEST_COUNT:
+                self.refusal = (
+                    "no release counts beyond the stop any more; end all agents, and start anew"
+                )
+                return
+            self._release = Stop(stop.counter + 1, False, self._by, stop.press)
+        elif stop.order > release.order:
+            self.refusal = f"it was stopped again meanwhile, by {stop.by or 'somebody'}"
+
+
+def say(client: Client, *, stopped: bool, by: str, timeout: float) -> Latching:
+    """Stop or release the robot; what came of it within `timeout` (s).
 
     The client listens to `RobotState` already.
     """
+    latching = Latching(stopped=stopped, by=by, press=random.SystemRandom().getrandbits(63))
 
-    def echoed() -> Stop | None:
+    def over() -> bool:
         state = client.latest(RobotState)
-        return state.stop if state is not None and state.stop.stopped == stopped else None
+        if state is not None:
+            latching.hear(state, time.monotonic())
+        return latching.done or bool(latching.refusal)
 
-    counter = 0
-    for _ in range(max(1, round(timeout / AGAIN_S))):
-        newest = client.latest(RobotState)
-        if newest is not None:
-            counter = max(counter, newest.stop.counter)
-        client.publish(Stop(counter + 1, stopped, by))
-        done = client.wait_for(echoed, AGAIN_S)
-        if done is not None:
-            return done
-    return None
+    end = time.monotonic() + timeout
+    while not over() and time.monotonic() < end:
+        message = latching.message()
+        if message is not None:
+            client.publish(message)
+        client.wait_for(over, min(AGAIN_S, max(end - time.monotonic(), 0.0)))
+    return latching

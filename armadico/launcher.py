@@ -24,9 +24,10 @@ from armadico.processes import (
     agent_words,
     end_in_order,
     ending,
+    label_of,
     simulator_words,
 )
-from armadico.society import Member, Options, members
+from armadico.society import Member, Options, members, processes
 from armadico.supervision import MISUSED
 
 if TYPE_CHECKING:
@@ -91,8 +92,8 @@ class Launcher(LiveRun):
         self._refuse_company()
         port = self.options.robot or self.start_simulator()
         self.members = members(self.scenario, self.options, port)
-        for member in self.members:
-            self.start_agent(member)
+        for group in processes(self.members, self.options.together):
+            self.start_agent(*group)
         self._wait_for_everybody()
         self._wait_for_the_robot(port)
         self._refuse_a_second_robot()
@@ -139,10 +140,11 @@ class Launcher(LiveRun):
         except StartError as error:
             raise RunFailedError(str(error)) from None
 
-    def start_agent(self, member: Member) -> Process:
-        """Start one agent as a process."""
-        words = [*agent_words(member, self._namespace), *self._joining]
-        process = Process(member.name, words, self.logs / f"{member.name}.log")
+    def start_agent(self, *group: Member) -> Process:
+        """Start an agent as a process, or several as one."""
+        words = [*agent_words(group, self._namespace), *self._joining]
+        name = label_of(group)
+        process = Process(name, words, self.logs / f"{name}.log")
         self.processes.append(process)
         return process
 
@@ -183,14 +185,17 @@ class Launcher(LiveRun):
         for process in self.processes:
             if process.ended() and process not in self._mourned:
                 self._mourned.add(process)
-                if process.name == ROBOT and process.popen.returncode == MISUSED:
+                if process.runs(ROBOT) and process.popen.returncode == MISUSED:
                     self._check_alive()
-                self._warn(f"{process.name} is gone ({ending(process.popen.returncode)})")
+                self._warn(
+                    f"{process.name} is gone ({ending(process.popen.returncode)});"
+                    f" its last words:\n{process.last_words()}"
+                )
         super().look()
 
     def words_of_the_robot(self) -> str:
         """The last words of the newest robot agent."""
-        words = [process.last_words() for process in self.processes if process.name == ROBOT]
+        words = [process.last_words() for process in self.processes if process.runs(ROBOT)]
         return f"the robot agent says:\n{words[-1] if words else '    nothing'}"
 
     # Leaving -------------------------------------------------------------------------------------

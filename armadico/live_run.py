@@ -14,7 +14,7 @@ from typing import TYPE_CHECKING, Self
 from armadico.agent import WARNING
 from armadico.client import Client
 from armadico.config.scenarios import Scenario
-from armadico.coordination import LISTEN
+from armadico.cycles import LISTEN
 from armadico.measures import WATCHED, Result, RunWatch
 from armadico.messages import Claim, Log, Message, MissionReply, Pose, RobotState
 from armadico.rehearsal import MissionRefusedError
@@ -181,7 +181,9 @@ class LiveRun:
         return True
 
     def _pass_on(self, message: Message, _now: float) -> None:
-        """What an agent says of faults is said to whoever runs it, too."""
+        """Pass on what an agent logs of faults, with whose it is."""
         if isinstance(message, Log) and message.level >= WARNING and message.text != self._warned:
             self._warned = message.text
-            self._warn(message.text)
+            name = self.client.key.rpartition("/")[2].rpartition("-")[0]
+            said = message.text.startswith(name)
+            self._warn(message.text if said else f"{name}: {message.text}")

@@ -1,54 +1,78 @@
 """What waits for an agent while it is busy or hung: bounded, and honest about what was dropped.
 
-States keep the latest of each key, events are queued in order, and the queue is emptied before a
-wake-up fires. Claims and commands are events: many publishers share their keys, and a rival's
-claim must not overwrite a release.
+One lane a key, so that no flood on one key pushes out what came on another: a stop, the news of a
+token, a reply, the device's bytes. A lane of states keeps the latest, in the place of the first, so
+that what waited longest is seen first and is up to date; a lane of events keeps the newest of them
+in order. Commands have a key for each publisher, so they keep the newest of each.
 """
 
 from __future__ import annotations
 
-from collections import OrderedDict, deque
-from collections.abc import Callable
-from itertools import count
+from collections import Counter, deque
+from typing import Final, Generic, TypeVar
 
-EVENTS = 256
-"""Events kept for one agent; the oldest goes first."""
+EVENTS: Final = 64
+"""Events kept on one key; the oldest goes first."""
 
-Item = Callable[[], None]
+LANES: Final = 1024
+"""Keys that differ in their last part only, on which something waits at once; what comes on more of
+them is dropped. What comes on others is not: a thousand publishers of commands cost no stop."""
+
+T = TypeVar("T")
 
 
-class Mailbox:
-    """Deliveries in order of arrival; a state takes the place of the one before it."""
+class Mailbox(Generic[T]):
+    """Deliveries in order of arrival, by key."""
 
-    def __init__(self, events: int = EVENTS) -> None:
-        self._states: OrderedDict[str, tuple[int, Item]] = OrderedDict()
-        self._events: deque[tuple[int, Item]] = deque()
-        self._limit = events
-        self._arrival = count()
-        self.dropped = 0
+    def __init__(self) -> None:
+        self.dropped: Counter[str] = Counter()  # by key, since they were last reported
+        self._lanes: dict[str, deque[tuple[int, T]]] = {}
+        self._alike: Counter[str] = Counter()  # lanes, by all but the last part of their keys
+        self._arrivals = 0
 
-    def put_state(self, key: str, item: Item) -> None:
-        """Keep the latest of a key."""
-        self._states.pop(key, None)
-        self._states[key] = (next(self._arrival), item)
+    def put(self, key: str, item: T, keep: int = EVENTS) -> None:
+        """Queue an item on a key; of more than `keep` the oldest is dropped, of states silently."""
+        lane = self._lanes.get(key)
+        if lane is None:
+            kin = key.rpartition("/")[0]
+            if self._alike[kin] >= LANES:
+                self.dropped[f"{kin}/*"] += 1
+                return
+            self._alike[kin] += 1
+            lane = self._lanes[key] = deque()
+        if keep == 1 and lane:
+            lane[0] = (lane[0][0], item)
+            return
+        if len(lane) >= keep:
+            lane.popleft()
+            if len(self.dropped) < LANES:
+                self.dropped[key] += 1
+        self._arrivals += 1
+        lane.append((self._arrivals, item))
 
-    def put_event(self, item: Item) -> None:
-        """Queue one; beyond the limit the oldest is dropped and counted."""
-        if len(self._events) >= self._limit:
-            self._events.popleft()
-            self.dropped += 1
-        self._events.append((next(self._arrival), item))
-
-    def take(self) -> Item | None:
-        """The oldest delivery, None if there is none."""
-        state = next(iter(self._states.values()), None)
-        event = self._events[0] if self._events else None
-        if state is None and event is None:
+    def take(self) -> T | None:
+        """The oldest item; None if there is none."""
+        lanes = self._lanes
+        if not lanes:
             return None
-        if event is None or (state is not None and state[0] < event[0]):
-            return self._states.popitem(last=False)[1][1]
-        return self._events.popleft()[1]
+        key = next(iter(lanes)) if len(lanes) == 1 else min(lanes, key=lambda k: lanes[k][0][0])
+        lane = lanes[key]
+        item = lane.popleft()[1]
+        if not lane:
+            del lanes[key]
+            self._forget(key)
+        return item
+
+    def _forget(self, key: str) -> None:
+        kin = key.rpartition("/")[0]
+        self._alike[kin] -= 1
+        if not self._alike[kin]:
+            del self._alike[kin]
 
     def __len__(self) -> int:
         """How many wait."""
-        return len(self._states) + len(self._events)
+        return sum(map(len, self._lanes.values()))
+
+    def __bool__(self) -> bool:
+        """Whether anything waits."""
+        return bool(self._lanes)

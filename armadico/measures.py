@@ -15,7 +15,9 @@ from msgspec import Struct
 
 from armadico.geometry import Pose2, to_world, wrap
 from armadico.messages import (
+    Ack,
     Claim,
+    Command,
     Message,
     MissionState,
     MissionStatus,
@@ -25,13 +27,18 @@ from armadico.messages import (
     Trajectory,
     Truth,
 )
+from armadico.resources import WHEELS
 
 REACHED_M = 0.15
 REACHED_RAD = radians(5.0)
 
+OBEYED_CYCLES = 3
+"""A command obeyed longer ago than so many cycles is nobody's any more."""
+
 WATCHED: tuple[type[Message], ...] = (
     Truth,
     RobotState,
+    Ack,
     Pose,
     Sonar,
     Claim,
@@ -76,6 +83,24 @@ class Mark(Struct, frozen=True):
     y: float
     theta: float
     holder: str | None
+
+
+def driver(ack: Ack) -> str | None:
+    """The agent that a resource obeys now, by its owner's word; None: nobody."""
+    at = ack.obeyed_cycle
+    if ack.obeyed is None or at is None or at.epoch != ack.cycle.epoch:
+        return None
+    if ack.cycle.number - at.number > OBEYED_CYCLES:
+        return None
+    return ack.obeyed.instance.rsplit("-", 1)[0]
+
+
+def speeds(command: Command) -> tuple[float, float]:
+    """What a command asks of the wheels, m/s and rad/s; rest, if it releases or is no speeds."""
+    action = command.action
+    if command.resource != WHEELS.name or isinstance(action, bytes | None) or len(action) != 2:
+        return 0.0, 0.0
+    return action[0], action[1]
 
 
 @dataclass
@@ -191,16 +216,18 @@ class RunWatch:
 
     def _take_robotstate(self, state: RobotState, _now: float) -> None:
         self.state = state
-        if state.obeyed is None or state.obeyed_cycle is None or not self.mission:
+
+    def _take_ack(self, ack: Ack, _now: float) -> None:
+        if ack.resource != WHEELS.name or not self.mission:
             return
-        if state.cycle.number - state.obeyed_cycle.number > 3:
+        holder = driver(ack)
+        if holder is None:
             self.holder = None
             return
-        name = state.obeyed.instance.rsplit("-", 1)[0]
-        if self._last_holder not in (None, name):
+        if self._last_holder not in (None, holder):
             self.exchanges += 1
-        self.holder = self._last_holder = name
-        self._cycles[name] = self._cycles.get(name, 0) + 1
+        self.holder = self._last_holder = holder
+        self._cycles[holder] = self._cycles.get(holder, 0) + 1
 
     def _take_sonar(self, sonar: Sonar, _now: float) -> None:
         here = self.here

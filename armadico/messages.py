@@ -1,4 +1,4 @@
-"""Every message, one frozen type each: what is said on the mesh, and nothing else.
+"""Every message, one frozen type each: what is published on the mesh, and nothing else.
 
 A message travels as a CBOR array of its fields in the order written here, so a field is appended,
 never moved, and `PROTOCOL` grows when one changes its meaning. Units are SI, angles are radians,
@@ -9,25 +9,45 @@ what is not finite, out of range or of another shape; nobody downstream checks a
 from __future__ import annotations
 
 from enum import StrEnum
-from typing import Annotated, Any, TypeVar
+from typing import Annotated, Any, Final, NoReturn, TypeVar
 
 import cbor2
 import msgspec
 from msgspec import Meta, Struct
 
-PROTOCOL = 1
-"""The version of this file, said on every card."""
+PROTOCOL = 2
+"""The version of this file, on every card."""
 
 LARGEST = 1e6
 """The size of the largest number that a message carries."""
 
+LARGEST_PAYLOAD: Final = 65_536
+"""Bytes. A larger payload is refused before it is decoded: decoding holds up everything else."""
+
+LARGEST_COUNT: Final = 2**52
+"""No term and no counter goes beyond this; JSON and every language's doubles carry it."""
+
+JUMP: Final = 2**32
+"""A term or counter that is so much larger than the largest known is refused.
+
+One corrupt number must not end all others: what is adopted leaves a million such jumps to
+`LARGEST_COUNT`. Who knows nothing yet counts from 0, so the jump must be larger than what a society
+counts in its whole life: at ten exchanges a second this is thirteen years.
+"""
+
 Real = Annotated[float, Meta(ge=-LARGEST, le=LARGEST)]  # also refuses NaN and the infinities
 Positive = Annotated[float, Meta(gt=0, le=LARGEST)]
 Share = Annotated[float, Meta(ge=0, le=1)]
-Counter = Annotated[int, Meta(ge=0, le=2**53 - 1)]
+Counter = Annotated[int, Meta(ge=0, le=LARGEST_COUNT)]
 Bits64 = Annotated[int, Meta(ge=0, le=2**63 - 1)]
-Name = Annotated[str, Meta(min_length=1, max_length=128)]
-Text = Annotated[str, Meta(max_length=2000)]
+_PRINTED = r"^[^\x00-\x1f\x7f-\x9f\u2028\u2029]*\Z"  # no control characters: texts go to terminals
+Name = Annotated[str, Meta(min_length=1, max_length=128, pattern=_PRINTED)]
+Text = Annotated[str, Meta(max_length=2000, pattern=_PRINTED)]
+
+Numbers = Annotated[tuple[Real, ...], Meta(max_length=64)]
+Encoded = Annotated[bytes, Meta(max_length=LARGEST_PAYLOAD)]
+Action = Numbers | Encoded
+"""What a resource is to do: the numbers of its parameters, or a message of its own, encoded."""
 
 
 class Message(Struct, frozen=True, array_like=True):
@@ -35,37 +55,83 @@ class Message(Struct, frozen=True, array_like=True):
 
 
 class MessageError(ValueError):
-    """Bytes that are not the message they were taken for."""
+    """Bytes that are not the message they were taken for, or a message that cannot be sent."""
 
 
 M = TypeVar("M", bound=Message)
 
 
+def checked(message: M) -> M:
+    """The message as whoever receives it would have it. Raises `MessageError` if nobody could."""
+    return _both(message)[1]
+
+
 def encode(message: Message) -> bytes:
     """The message as CBOR. Raises `MessageError` if it could not be decoded again."""
+    data = cbor2.dumps(_both(message)[0])
+    if len(data) > LARGEST_PAYLOAD:
+        name, most = type(message).__name__, LARGEST_PAYLOAD
+        raise MessageError(f"{name} cannot be sent: {len(data)} bytes, at most {most} are read")
+    return data
+
+
+def _both(message: M) -> tuple[Any, M]:
+    """A message's plain values, and what comes of them at the other end."""
     try:
-        plain = msgspec.to_builtins(message)
-        msgspec.convert(plain, type(message))
-    except (msgspec.ValidationError, TypeError) as error:
+        plain = msgspec.to_builtins(message, builtin_types=(bytes,))
+        return plain, msgspec.convert(plain, type(message))
+    except (msgspec.ValidationError, TypeError, OverflowError) as error:
         raise MessageError(f"{type(message).__name__} cannot be sent: {error}") from None
-    return cbor2.dumps(plain)
 
 
 def decode(data: bytes, kind: type[M]) -> M:
-    """Read one message of a kind. Raises `MessageError` saying which field is wrong."""
+    """Read one message of a kind. Raises `MessageError` saying what is wrong with it."""
+    if len(data) > LARGEST_PAYLOAD:
+        raise MessageError(f"not a {kind.__name__}: {len(data)} bytes, at most {LARGEST_PAYLOAD}")
     try:
-        return msgspec.convert(cbor2.loads(data), kind)
+        plain = cbor2.loads(
+            data,
+            tag_hook=_no_tags,
+            semantic_decoders=_TAGS,
+            max_depth=_DEEPEST,
+            allow_indefinite=False,
+        )
+        return msgspec.convert(plain, kind)
     except (msgspec.ValidationError, cbor2.CBORDecodeError, ValueError, RecursionError) as error:
         raise MessageError(f"not a {kind.__name__}: {error}") from None
+
+
+def line(text: str) -> str:
+    """A text as one line that a message may carry: no control characters, cut at 2,000."""
+    if not text.isprintable():
+        text = "".join(c if c.isprintable() else " " for c in text)
+    return text[:2000]
+
+
+def _no_tags(*_: object) -> NoReturn:
+    raise ValueError("CBOR tags are refused")
+
+
+# Tags that the decoder reads by itself, unless told otherwise. No message has one, and some cost
+# time out of all proportion: a decimal fraction of 100 kB takes a second.
+_TAGS: Final = dict.fromkeys(
+    (
+        *(0, 1, 2, 3, 4, 5, 25, 28, 29, 30, 35, 36, 37, 52, 54, 100),
+        *(256, 258, 260, 261, 1004, 43000, 55799),
+    ),
+    _no_tags,
+)
+_DEEPEST: Final = 16  # a message within a message within a list, and some to spare
 
 
 # Cycles and ballots -------------------------------------------------------------------------------
 
 
 class Cycle(Message, frozen=True, order=True):
-    """One status packet of the robot: (epoch, number).
+    """One status packet of the robot, or one period of another resource: (epoch, number).
 
-    The epoch is drawn at random by each start of the robot agent, the number counts its packets.
+    The epoch is drawn at random by each start of the owner. The number is a clock: it jumps over
+    what was missed.
     """
 
     epoch: Bits64
@@ -73,7 +139,10 @@ class Cycle(Message, frozen=True, order=True):
 
 
 class Ballot(Message, frozen=True, order=True):
-    """The right to a resource for one tenure, totally ordered: (term, rank when cast, instance)."""
+    """The right to a resource for one tenure, totally ordered: (term, rank when cast, instance).
+
+    A fencing token: the owner refuses what carries a smaller one than the largest it knows.
+    """
 
     term: Counter
     utility: Share
@@ -84,8 +153,7 @@ class Ballot(Message, frozen=True, order=True):
 class Claim(Message, frozen=True):
     """A bid made public on ``resource/<resource>/utility``; a release has no utility.
 
-    `wanted` is the bid's action, `commanded` what was sent after blending, both in the order of
-    the resource's parameters.
+    `wanted` is the bid's action, `commanded` what was commanded after blending.
     """
 
     resource: Name
@@ -93,34 +161,108 @@ class Claim(Message, frozen=True):
     cycle: Cycle
     utility: Share | None
     critical: bool = False
-    wanted: tuple[Real, ...] = ()
-    commanded: tuple[Real, ...] = ()
+    wanted: Action = ()
+    commanded: Action = ()
 
 
 class Command(Message, frozen=True):
-    """A speed for the wheels, m/s and rad/s, on ``robot/cmd/<instance>``."""
+    """The holder's action, to the resource's owner; a release has none.
 
+    It travels on the key that the resource declares: ``robot/cmd/<instance>`` for the wheels,
+    ``resource/<resource>/cmd/<instance>`` for others. `action` is in the order of the resource's
+    parameters: (v, w) in m/s and rad/s for the wheels.
+    """
+
+    resource: Name
     cycle: Cycle
     ballot: Ballot
-    v: Real
-    w: Real
+    action: Action | None
 
 
-class Stop(Message, frozen=True):
-    """The latch that stops the robot: the larger counter stands, at equal ones the stop."""
+class Ack(Message, frozen=True):
+    """The owner's acknowledgement on ``resource/<resource>/ack``, one a cycle of the resource.
+
+    `largest` is the largest ballot obeyed or received: smaller ones are refused. `obeyed` is that
+    of the last command obeyed, none since a release; `obeyed_cycle` what that command answered,
+    `utility` and `critical` the holder's newest. `measured` is what the resource does now.
+    """
+
+    resource: Name
+    cycle: Cycle
+    largest: Ballot | None = None
+    obeyed: Ballot | None = None
+    obeyed_cycle: Cycle | None = None
+    utility: Share = 0.0
+    critical: bool = False
+    measured: Action = ()
+
+
+# Latched states -----------------------------------------------------------------------------------
+
+
+class Latched(Message, frozen=True):
+    """A state that outlives every process: whoever receives it remembers the newest.
+
+    Who publishes an older one is given the newer one back (`armadico.latched`). Of two with one
+    counter the greater `rank` stands.
+    """
+
+    @property
+    def order(self) -> tuple[int, int]:
+        """What is newer is greater."""
+        raise NotImplementedError
+
+
+class Stop(Latched, frozen=True):
+    """The latch that stops the robot. A stop always latches; a release needs a larger counter.
+
+    `press` is drawn at random for each stop; a release has that of the stop that it releases. So a
+    stop that comes late, or from somebody's memory, is told from a new one.
+    """
 
     counter: Counter = 0
     stopped: bool = False
-    by: Annotated[str, Meta(max_length=128)] = ""
+    by: Annotated[str, Meta(max_length=128, pattern=_PRINTED)] = ""
+    press: Bits64 = 0
+
+    @property
+    def order(self) -> tuple[int, int]:
+        """At equal counters the stop stands."""
+        return self.counter, int(self.stopped)
+
+
+class Origin(Latched, frozen=True):
+    """Where the odometry's origin lies in the world: a pose in the world frame, m, m and rad.
+
+    `at` is where the odometry was when this was published, in the robot agent's `epoch`: who finds
+    it elsewhere in another epoch knows whether the controller has counted on, or begun anew.
+    """
+
+    counter: Counter
+    by: Bits64  # drawn at random by each encoder agent that begins one
+    epoch: Bits64
+    x: Real
+    y: Real
+    theta: Real
+    at_x: Real
+    at_y: Real
+    at_theta: Real
+
+    @property
+    def order(self) -> tuple[int, int]:
+        """Counted each time it is published: who has known it for longer is right."""
+        return self.counter, self.by
 
 
 # The robot ----------------------------------------------------------------------------------------
 
 
 class RobotState(Message, frozen=True):
-    """What the controller says each cycle, and the echo of what the robot agent obeys.
+    """What the robot's controller says each cycle.
 
-    Odometry (x, y, theta) is continuous from the epoch's first cycle, where it is zero.
+    Odometry (x, y, theta) is the controller's own, unwrapped: it goes on over restarts of the robot
+    agent for as long as the controller counts on. `stop` is the latch as the robot agent has it:
+    the acknowledgement of a stop.
     """
 
     cycle: Cycle
@@ -132,9 +274,6 @@ class RobotState(Message, frozen=True):
     battery_v: Real
     motors: bool
     stalled: bool
-    largest: Ballot | None = None  # the largest ballot obeyed or heard: smaller ones are refused
-    obeyed: Ballot | None = None  # of the last obeyed command,
-    obeyed_cycle: Cycle | None = None  # and the cycle that it answered
     stop: Stop = Stop()
 
 
@@ -175,7 +314,7 @@ class Sonar(Message, frozen=True):
 
     cycle: Cycle
     reach: Annotated[float, Meta(gt=0, le=100)]  # the longest range it hears, m
-    echoes: tuple[Echo, ...]
+    echoes: Annotated[tuple[Echo, ...], Meta(max_length=64)]
 
 
 # Perception ---------------------------------------------------------------------------------------
@@ -205,7 +344,7 @@ class Obstacles(Message, frozen=True):
     front: Point | None
     left: Point | None
     right: Point | None
-    points: tuple[Point, ...] = ()
+    points: Annotated[tuple[Point, ...], Meta(max_length=2048)] = ()
 
 
 class Cell(Message, frozen=True):
@@ -229,7 +368,7 @@ class LocalMap(Message, frozen=True):
     sectors: Annotated[int, Meta(ge=1, le=360)]
     rings: Annotated[int, Meta(ge=1, le=1000)]
     reach: Annotated[float, Meta(gt=0, le=100)]  # of the outermost ring, m
-    cells: tuple[Cell, ...]
+    cells: Annotated[tuple[Cell, ...], Meta(max_length=1024)]
 
 
 # Missions and plans -------------------------------------------------------------------------------
@@ -243,17 +382,23 @@ class Waypoint(Message, frozen=True):
     theta: Real
 
 
-class Trajectory(Message, frozen=True):
-    """The mission's waypoints, the goal last; none when there is no mission.
+class Trajectory(Latched, frozen=True):
+    """The mission's waypoints, the goal last; none when it has ended. A nav_msgs/Path.
 
     `start` is where it began (world frame) and `leg` the waypoint that is driven to by now, for
     whoever joins late.
     """
 
+    counter: Counter
     mission: Bits64
-    waypoints: tuple[Waypoint, ...]
+    waypoints: Annotated[tuple[Waypoint, ...], Meta(max_length=1024)]
     start: Point = Point(0.0, 0.0)
     leg: Counter = 0
+
+    @property
+    def order(self) -> tuple[int, int]:
+        """Of two missions begun at once one stands, the same one for everybody."""
+        return self.counter, self.mission
 
 
 class PlanRequest(Message, frozen=True):
@@ -276,7 +421,7 @@ class MissionRequest(Message, frozen=True):
     """Go to a goal: straight, over given waypoints, or as the path planning agent says."""
 
     goal: Waypoint
-    waypoints: tuple[Waypoint, ...] = ()
+    waypoints: Annotated[tuple[Waypoint, ...], Meta(max_length=1024)] = ()
     planned: bool = True
 
 
@@ -308,7 +453,7 @@ class MissionStatus(Message, frozen=True):
     note: Text = ""
 
 
-# Who is there, and what they say ------------------------------------------------------------------
+# Who is alive, and what they offer ----------------------------------------------------------------
 
 
 class Card(Message, frozen=True):
@@ -316,16 +461,27 @@ class Card(Message, frozen=True):
 
     name: Name
     instance: Name
-    host: Text
-    pid: Counter
-    version: Text
-    protocol: Counter
+    host: Text  # its machine's name, for people
+    pid: Counter  # its process there
+    version: Text  # its program's, for people
+    protocol: Counter  # the version of this page
     provides: tuple[Text, ...]
+    """Keys that it publishes or answers queries on, as in the table of keys; not those that come
+    with a resource, nor those that everybody has."""
     requests: tuple[Text, ...]
-    resources: tuple[Text, ...]
-    holds: tuple[Text, ...] = ()
+    """Key expressions that it subscribes to for itself, those of its resources too (`robot/state`,
+    `resource/wheels/utility`), and keys of queries that it asks."""
+    resources: tuple[Text, ...]  # the names of those that it competes for
+    holds: tuple[Text, ...] = ()  # and of those that it holds now
     clock: Annotated[float, Meta(ge=0, le=1e11)] = 0.0
-    """What its machine's clock shows, s since 1970; 0: not said. Nothing but people compares it."""
+    """What its machine's clock shows, s since 1970; 0: not given. Only people compare it."""
+    owns: tuple[Text, ...] = ()
+    """The resources that it obeys for, once it does."""
+    declares: tuple[Text, ...] = ()
+    """The signatures of the resources that it owns or competes for: what it means by them."""
+    tenure: Counter = 0
+    """Cycles for which it has been at work, 0 before; of two that may not both stay the longer
+    stays."""
 
 
 class BidRecord(Message, frozen=True):
@@ -335,7 +491,7 @@ class BidRecord(Message, frozen=True):
     resource: Name
     utility: Share | None
     critical: bool
-    wanted: tuple[Real, ...]
+    wanted: Action
     reason: Text
     inputs: tuple[Text, ...] = ()  # the messages that it was made of
 
@@ -348,7 +504,7 @@ class BidHistory(Message, frozen=True):
 
 
 class Ask(Message, frozen=True):
-    """An empty question, for a card or the bids."""
+    """An empty question, for a card or the bids: an array of nothing. No payload will do."""
 
 
 class Log(Message, frozen=True):

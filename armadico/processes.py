@@ -16,6 +16,8 @@ from pathlib import Path
 from typing import IO, TYPE_CHECKING, Final
 
 if TYPE_CHECKING:
+    import psutil
+
     from armadico.config.scenarios import Scenario
     from armadico.society import Member
 
@@ -70,6 +72,10 @@ class Process:
                 start_new_session=True,  # Ctrl-C is the launcher's; it tells them in order
             )
 
+    def runs(self, agent: str) -> bool:
+        """Whether an agent is one of this process's."""
+        return agent in self.name.split("+")
+
     def ended(self) -> bool:
         """Whether it is gone."""
         return self.popen.poll() is not None
@@ -114,10 +120,48 @@ def simulator_words(scenario: Scenario, seed: int, namespace: str, port: int = 0
     ]
 
 
-def agent_words(member: Member, namespace: str) -> list[str]:
-    """The command that runs one agent."""
-    settings = [word for value in member.sets for word in ("--set", value)]
-    return ["agent", member.name, "--namespace", namespace, *settings]
+def agent_words(members: Sequence[Member], namespace: str) -> list[str]:
+    """The command that runs the agents of one process."""
+    whose = [f"{member.name}." if len(members) > 1 else "" for member in members]
+    settings = [
+        word
+        for of, member in zip(whose, members, strict=True)
+        for value in member.sets
+        for word in ("--set", f"{of}{value}")
+    ]
+    return ["agent", *(member.name for member in members), "--namespace", namespace, *settings]
+
+
+def label_of(members: Sequence[Member]) -> str:
+    """What a process is called: its agents."""
+    return "+".join(member.name for member in members)
+
+
+def orphans(namespace: str) -> list[tuple[str, psutil.Process]]:
+    """Processes of this user that a launcher started in a namespace, and that it has survived.
+
+    By what it starts them with: the namespace is always named. Each with its label.
+    """
+    import psutil  # noqa: PLC0415 - only `armadico down` looks
+
+    found = []
+    for process in psutil.process_iter():
+        with suppress(psutil.Error):
+            parent = process.parent()
+            launched = parent is not None and any("armadico" in word for word in parent.cmdline())
+            if launched or process.uids().real != os.getuid():
+                continue
+            words = process.cmdline()
+            if "-m" not in words or words[words.index("-m") + 1] != "armadico":
+                continue
+            rest = words[words.index("-m") + 2 :]
+            if rest[:1] == ["sim"] and f"--namespace={namespace}" in rest:
+                found.append((SIMULATOR, process))
+            elif rest[:1] == ["agent"] and "--namespace" in rest:
+                at = rest.index("--namespace")
+                if rest[at + 1] == namespace:
+                    found.append(("+".join(rest[1:at]), process))
+    return found
 
 
 def end_in_order(processes: Sequence[Process]) -> None:
@@ -126,7 +170,7 @@ def end_in_order(processes: Sequence[Process]) -> None:
     A second Ctrl-C does not interrupt it: it is bounded, and nothing may be left behind.
     """
     simulators = [p for p in processes if p.name == SIMULATOR]
-    robots = [p for p in processes if p.name == ROBOT]
+    robots = [p for p in processes if p.runs(ROBOT)]
     others = [p for p in processes if p not in simulators and p not in robots]
     with undisturbed():
         for group in (others, robots, simulators):

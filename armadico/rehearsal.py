@@ -35,10 +35,19 @@ class Rehearsal:
         scenario: Scenario,
         options: Options,
         clock: Callable[[str], Clock] | None = None,
+        *,
+        mesh: VirtualMesh | None = None,
     ) -> None:
-        """`clock` gives each process a clock of its own, by its agent's name."""
+        """Everybody starts.
+
+        Args:
+            scenario: What is driven.
+            options: What is otherwise than in the scenario's file.
+            clock: Gives each process a clock of its own, by its agent's name.
+            mesh: A network that is otherwise; None: the usual one of the options' seed.
+        """
         self.scenario = scenario
-        self.mesh = VirtualMesh(options.seed)
+        self.mesh = VirtualMesh(options.seed) if mesh is None else mesh
         self.watch = watch(scenario, options)
         self.limit = time_limit(0.0)
         self.mesh.watch(lambda _key, message, now: self.watch.show(message, now), *WATCHED)

@@ -1,8 +1,11 @@
-"""One agent in one process: the queue, the clock and the wires around a sans-IO agent.
+"""Agents in one process: the queue, the clock and the wires around their sans-IO drivers.
 
-One thread runs the agent. The mesh's reception thread, and for a device agent the thread that reads
-the port, only put into its inbox and ring; so from a message's arrival to what the agent publishes
+One thread runs them. The mesh's reception thread, and for a device agent the thread that reads the
+port, only put into its inbox and ring; so from a message's arrival to what the agent publishes
 there is one change of thread. Time is `time.monotonic`, and compared with nobody else's.
+
+Usually a process has one agent. Several share one session, and what they publish for each other
+does not leave the process; keys, tokens and cards are the same.
 """
 
 from __future__ import annotations
@@ -10,26 +13,28 @@ from __future__ import annotations
 import contextlib
 import gc
 import logging
+import logging.handlers
 import os
+import queue
 import random
 import signal
 import socket
 import sys
 import threading
 import time
-from collections.abc import Callable
+from collections import deque
+from collections.abc import Callable, Mapping, Sequence
 from importlib.metadata import PackageNotFoundError, version
-from typing import TYPE_CHECKING, Final, NoReturn
+from typing import TYPE_CHECKING, Any, Final, NoReturn
 
-from msgspec.structs import replace
-
-from armadico.admission import CARD_S, Admission, Stage
-from armadico.agent import Agent, Answer, AskFor, DeviceAgent, Identity, Publish, Question, Write
+from armadico.agent import Agent, AskFor, DeviceAgent, Identity, Publish, Subscription, Write
 from armadico.device import Device, Port
+from armadico.driver import Announce, Driver, OpenPort, Output, Reply
 from armadico.inbox import Inbox
+from armadico.mailbox import EVENTS
 from armadico.mesh.topology import MeshError
-from armadico.messages import Ask, Card, Log, Message
-from armadico.services import BIDS, CARD, Kind, Service, service_of
+from armadico.messages import Command, Log, Message, MessageError, decode
+from armadico.services import Kind, matches
 from armadico.supervision import MISUSED
 
 if TYPE_CHECKING:
@@ -42,291 +47,270 @@ SETTLE_S: Final = 0.005
 """So long must nothing arrive before a late wake-up fires."""
 
 BURST: Final = 1024
-"""After so many deliveries a wake-up that is due fires anyway: a flood must not hold it up."""
-
-QUESTIONS: Final = 64
-"""Queries that may wait for their answers; the oldest is let go of."""
+"""Deliveries after which a due wake-up fires anyway: a message flood cannot starve it."""
 
 LEAVE_S: Final = 3.0
 """From the signal to the end of the process, whatever hangs."""
 
+LOG_LINES: Final = 1000
+"""Lines that wait for a terminal or a disk that takes none; what comes then is lost."""
+
 logger = logging.getLogger("armadico")
 
 
-class AgentProcess:
-    """Runs one agent on a mesh that has been joined."""
+class AgentHost:
+    """Runs agents on a mesh that has been joined."""
 
     def __init__(
         self,
-        agent: Agent,
+        agents: Sequence[Agent],
         mesh: ZenohMesh,
-        connect: Callable[[], Port] | None = None,
+        connect: Mapping[str, Callable[[], Port]] | None = None,
         clock: Callable[[], float] = time.monotonic,
         wall: Callable[[], float] = time.time,
+        *,
+        admit: bool = True,
     ) -> None:
-        """`clock` counts s from anywhere; `wall` (s since 1970) is only shown to people."""
-        self.agent = agent
+        """Prepare.
+
+        Args:
+            agents: Who lives in this process.
+            mesh: The mesh that they share.
+            connect: What opens the port of a device agent, by its instance.
+            clock: s from anywhere.
+            wall: s since 1970, shown to people only.
+            admit: Without, they join whoever is alive.
+        """
         self.inbox = Inbox()
-        self.refusal = ""  # why it may not join, or stay
-        self._wall = wall
-        self._admission: Admission | None = None
+        self.refusal = ""  # why one of them may not join, or stay
         self._mesh = mesh
         self._clock = clock
         self._stopping = threading.Event()
-        self._device: Device | None = None
-        self._closed: Device | None = None  # the device, as long as nobody has opened it
-        if isinstance(agent, DeviceAgent) and connect is not None:
-            self._device = self._closed = Device(agent, connect, self.inbox, clock)
-        self._calls: dict[int, tuple[Call, str]] = {}
-        self._call_ids = 0
-        self._there: set[tuple[str, str]] = set()
-        self._joined = False
-        self._dropped = 0
+        now = clock()
+        self.drivers = [Driver(agent, now, admit=admit, wall=wall) for agent in agents]
+        self._listeners: dict[str, list[tuple[Subscription, Driver]]] = {}  # by pattern
+        self._inside: dict[str, list[tuple[Subscription, Driver]]] = {}  # by key, in this process
+        self._local: deque[tuple[Driver, Subscription, str, Message]] = deque()
+        self._devices: dict[str, Device] = {}
+        for driver in self.drivers:
+            agent = driver.agent
+            for to in agent.subscriptions():
+                self._listeners.setdefault(to.pattern, []).append((to, driver))
+            opens = (connect or {}).get(agent.instance)
+            if isinstance(agent, DeviceAgent) and opens is not None:
+                self._devices[agent.instance] = Device(driver, opens, self.inbox, clock)
 
-    def admit(self) -> bool:
-        """Look around before joining; False, with a `refusal`, if somebody is in the way.
-
-        Without it `live` joins whoever is there.
-        """
-        agent = self.agent
-        admission = Admission(agent.name, agent.instance, self._clock(), alone=agent.alone)
-        self._admission = admission
-        self._mesh.watch_alive(self._alive)
-        while admission.look(self._clock()) is Stage.LOOKING and not self._stopping.is_set():
-            self._ask_cards()
-            due = admission.wakeup
-            item = self.inbox.take(None if due is None else max(due - self._clock(), 0.0))
-            if item is not None:
-                item()
-        self.refusal = admission.refusal
-        return not self.refusal
+    # Its life ------------------------------------------------------------------------------------
 
     def live(self) -> None:
-        """Run the agent until `request_stop` or a `refusal`; what it raises comes out."""
+        """Run until `request_stop` or a `refusal`; what an agent raises comes out."""
         self._join()
-        self.agent.start(self._clock())
+        for driver in self.drivers:
+            driver.begin(self._clock())
         self._send()
-        if self._admission is None:
-            self._open_port()
-        else:
-            for name, instance in sorted(self._there):
-                self.agent.appeared(name, instance, self._clock())
-            self._pass_admission()
-        while not self._stopping.is_set():
+        while not (self._stopping.is_set() or self.refusal):
             self._turn()
 
     def leave(self) -> None:
-        """Let go of what the agent holds, see that it is heard, and close its port."""
-        self.agent.outbox.clear()  # half a turn, if there is one, is not sent
+        """Let go of what the agents hold, see that it is heard, and close their ports."""
         try:
-            self.agent.stop(self._clock())
+            for driver in self.drivers:
+                driver.leave(self._clock())
             self._send()
         finally:
-            if self._device is not None:
-                self._device.stop()
-
-    def _open_port(self) -> None:
-        device, self._closed = self._closed, None
-        if device is not None:
-            device.start()
+            for device in self._devices.values():
+                device.stop()
 
     def request_stop(self) -> None:
         """Have `live` return soon; may be called from another thread."""
         self._stopping.set()
         self.inbox.ring()
 
+    def _join(self) -> None:
+        """Listen first, be seen last: drivers announce themselves once they may."""
+        for pattern, listeners in self._listeners.items():
+            self._listen(pattern, listeners)
+        for driver in self.drivers:
+            for key in driver.queries:
+                self._mesh.answer(key, self._question(driver, key))
+        self._mesh.watch_alive(self._token)
+
     # One turn ------------------------------------------------------------------------------------
 
     def _turn(self) -> None:
-        """Deliver what waits, then wake the agent if it is time, then wait."""
-        due = self._due()
+        """Deliver what waits, then wake who is due, then wait."""
+        due = min((at for d in self.drivers if (at := d.wakeup) is not None), default=None)
         wait = None if due is None else due - self._clock()
-        if wait is not None and wait < -LATE_S:
-            wait = SETTLE_S
+        # Who comes late hung: what has piled up is seen before any time-out is believed.
+        settle = SETTLE_S if wait is not None and wait < -LATE_S else 0.0
+        wait = settle if settle else None if wait is None else max(wait, 0.0)
         for _ in range(BURST):
             item = self.inbox.take(wait)
             if item is None:
                 break
-            item()
+            call, args = item
+            call(*args)
             self._send()
-            wait = SETTLE_S if wait == SETTLE_S else 0.0
-        due = self.agent.wakeup
-        if due is not None and self._clock() >= due:
-            self.agent.wake(self._clock())
+            wait = settle
+        for driver in self.drivers:
+            due = driver.wakeup
+            if due is not None and self._clock() >= due:
+                self._timed(driver, driver.wake)
+                self._send()
+        if dropped := self.inbox.take_dropped():
+            self.drivers[0].report(dropped, self._clock())
             self._send()
-        self._pass_admission()
-        self._report_dropped()
 
-    def _due(self) -> float | None:
-        """When something is to be done, if nothing comes before."""
-        mine = None if self._admission is None else self._admission.wakeup
-        due = [at for at in (self.agent.wakeup, mine) if at is not None]
-        return min(due, default=None)
-
-    def _pass_admission(self) -> None:
-        """Open the port once nobody is in the way; leave if somebody came who stays."""
-        if self._admission is None:
-            return
-        self._ask_cards()
-        stage = self._admission.look(self._clock())
-        if stage is Stage.JOINED:
-            self._open_port()
-        elif stage is Stage.REFUSED:
-            self.refusal = self._admission.refusal
-            self._stopping.set()
+    def _timed(self, driver: Driver, step: Callable[..., None], *args: Any) -> None:
+        """One step of a driver's, which is told if it took long."""
+        began = self._clock()
+        step(*args, began)
+        took = self._clock() - began
+        if took > driver.agent.cycles.period:
+            driver.slow(took)
 
     def _send(self) -> None:
-        agent = self.agent
-        while agent.outbox:
-            out, agent.outbox = agent.outbox, []
-            for item in out:
-                if isinstance(item, Publish):
-                    self._publish(item)
-                elif isinstance(item, Write):
-                    if self._device is not None:
-                        self._device.write(item.data)
-                elif isinstance(item, AskFor):
-                    self._ask(item)
-                else:
-                    self._answer(item)
+        """Deliver what the drivers have for one another, then send: commands go out first."""
+        sent: list[tuple[Driver, Output]] = []
+        while True:
+            for driver in self.drivers:
+                for item in driver.take():
+                    sent.append((driver, item))
+                    if len(self.drivers) > 1 and type(item) is Publish:
+                        self._hand_over(driver, item)
+                if driver.refusal:
+                    self.refusal = driver.refusal
+            if not self._local:
+                break
+            driver, to, key, message = self._local.popleft()
+            self._timed(driver, driver.deliver, to, key, message)
+        if len(sent) > 1:
+            sent.sort(key=_urgency)
+        for driver, item in sent:
+            self._put(driver, item)
 
-    def _publish(self, item: Publish) -> None:
-        message = item.message
+    def _hand_over(self, driver: Driver, item: Publish) -> None:
+        """Give a publication to those in this process who listen: shared, and not encoded."""
+        for to, other in self._inside_of(item.key):
+            if other is not driver:
+                self._local.append((other, to, item.key, item.message))
+
+    def _put(self, driver: Driver, item: Output) -> None:
+        if type(item) is Publish:
+            self._publish(driver, item)
+        elif isinstance(item, Write):
+            device = self._devices.get(driver.agent.instance)
+            if device is not None:
+                device.write(item.data)
+        elif isinstance(item, AskFor):
+            self._ask(driver, item)
+        elif isinstance(item, Reply):
+            self._reply(driver, item)
+        elif isinstance(item, Announce):
+            self._mesh.declare_alive(driver.agent.name, driver.agent.instance)
+        elif isinstance(item, OpenPort):
+            device = self._devices.get(driver.agent.instance)
+            if device is not None:
+                device.start()
+
+    def _publish(self, driver: Driver, item: Publish) -> None:
+        key, message = item.key, item.message
         if isinstance(message, Log):
             logger.log(message.level, "%s", message.text)
-        self._mesh.publish(item.key, message)
+        try:
+            self._mesh.publish(key, message)
+        except MessageError as error:  # it ends nobody: counted, and now and then reported
+            driver.refused[f"on {key}: {error}"] += 1
+            driver.report({}, self._clock())
 
-    def _report_dropped(self) -> None:
-        dropped = self.inbox.dropped
-        if dropped > self._dropped:
-            logger.warning("too busy: %d events were dropped", dropped - self._dropped)
-            self._dropped = dropped
-
-    # Joining -------------------------------------------------------------------------------------
-
-    def _join(self) -> None:
-        """Listen first, be seen last."""
-        agent, mesh = self.agent, self._mesh
-        for kind, service in type(agent).subscriptions().items():
-            self._listen(kind, service)
-        for kind in agent.answers:
-            self._answers(kind, service_of(kind).pattern)
-        names = {"name": agent.name, "instance": agent.instance}
-        self._answers(Ask, CARD.key_for(**names), self._card)
-        self._answers(Ask, BIDS.key_for(**names), agent.history)
-        if self._admission is None:
-            mesh.watch_alive(self._alive)
-        mesh.declare_alive(agent.name, agent.instance)
-        self._joined = True
-
-    def _card(self) -> Card:
-        return replace(self.agent.card(), clock=self._wall())
+    def _inside_of(self, key: str) -> list[tuple[Subscription, Driver]]:
+        """Who in this process listens on a key."""
+        found = self._inside.get(key)
+        if found is None:
+            found = self._inside[key] = [
+                listener
+                for pattern, listeners in self._listeners.items()
+                if matches(pattern, key)
+                for listener in listeners
+            ]
+        return found
 
     # What arrives --------------------------------------------------------------------------------
 
-    def _listen(self, kind: type[Message], service: Service) -> None:
-        if service.watchers_only:
-            raise ValueError(f"{self.agent.name} listens to {service.key}, which agents may not")
-        inbox, is_state = self.inbox, service.kind is Kind.STATE
+    def _listen(self, pattern: str, listeners: Sequence[tuple[Subscription, Driver]]) -> None:
+        to = listeners[0][0]
+        keep = 1 if to.kind is Kind.STATE else EVENTS
+        put, deliver = self.inbox.put, self._deliver
 
         def arrived(key: str, data: bytes) -> None:
-            def deliver() -> None:
-                message = self._mesh.read(kind, key, data)
-                if message is not None:
-                    self.agent.receive(message, self._clock())
+            put(key, deliver, listeners, key, data, keep=keep)
 
-            if is_state:
-                inbox.put_state(key, deliver)
-            else:
-                inbox.put_event(deliver)
+        self._mesh.subscribe(pattern, arrived)
 
-        self._mesh.subscribe(service.pattern, arrived)
+    def _deliver(
+        self, listeners: Sequence[tuple[Subscription, Driver]], key: str, data: bytes
+    ) -> None:
+        """Hand a payload to all who listen, decoded once."""
+        payload: bytes | Message = data
+        if len(listeners) > 1:
+            with contextlib.suppress(MessageError):  # each says so by itself
+                payload = decode(data, listeners[0][0].message)
+        for to, driver in listeners:
+            self._timed(driver, driver.deliver, to, key, payload)
 
-    def _alive(self, name: str, instance: str, there: bool) -> None:
-        def deliver() -> None:
-            who = (name, instance)
-            if instance == self.agent.instance or there == (who in self._there):
-                return
-            now = self._clock()
-            (self._there.add if there else self._there.discard)(who)
-            if self._admission is not None:
-                if there:
-                    self._admission.appeared(name, instance, now)
-                else:
-                    self._admission.disappeared(instance, now)
-            if self._joined:
-                tell = self.agent.appeared if there else self.agent.disappeared
-                tell(name, instance, now)
+    def _token(self, name: str, instance: str, alive: bool) -> None:
+        self.inbox.put(f"token/{instance}", self._news, name, instance, alive, keep=1)
 
-        self.inbox.put_event(deliver)
-
-    def _ask_cards(self) -> None:
-        """Ask whoever is new who it is."""
-        assert self._admission is not None, "it is asked for an admission"
-        for name, instance in self._admission.questions(self._clock()):
-            self._ask_card(name, instance, self._admission)
-
-    def _ask_card(self, name: str, instance: str, admission: Admission) -> None:
-        def replied(key: str, data: bytes) -> None:
-            def deliver() -> None:
-                card = self._mesh.read(Card, key, data)
-                if card is not None:
-                    admission.answered(instance, card, self._clock())
-                    self.agent.met(card, self._clock())
-
-            self.inbox.put_event(deliver)
-
-        def over() -> None:
-            self.inbox.put_event(lambda: admission.answered(instance, None, self._clock()))
-
-        key = CARD.key_for(name=name, instance=instance)
-        self._mesh.ask(key, Ask(), CARD_S, replied, over)
+    def _news(self, name: str, instance: str, alive: bool) -> None:
+        for driver in self.drivers:
+            driver.token(name, instance, alive, self._clock())
 
     # Queries -------------------------------------------------------------------------------------
 
-    def _answers(
-        self, kind: type[Message], key: str, reply: Callable[[], Message] | None = None
-    ) -> None:
-        """Answer a query by `reply`, or else by the agent."""
-
+    def _question(self, driver: Driver, key: str) -> Callable[[Call], None]:
         def arrived(call: Call) -> None:
-            def deliver() -> None:
-                if reply is not None:
-                    call.reply(key, reply())
-                    return
-                request = self._mesh.read(kind, call.key, call.payload)
-                if request is not None:
-                    self._question(call, key, request)
+            self.inbox.put(f"query/{key}", self._asked, driver, key, call)
 
-            self.inbox.put_event(deliver)
+        return arrived
 
-        self._mesh.answer(key, arrived)
+    def _asked(self, driver: Driver, key: str, call: Call) -> None:
+        self._timed(driver, driver.asked, key, call.payload, call)
 
-    def _question(self, call: Call, key: str, request: Message) -> None:
-        self._call_ids += 1
-        self._calls[self._call_ids] = (call, key)
-        if len(self._calls) > QUESTIONS:
-            del self._calls[next(iter(self._calls))]
-        self.agent.asked(Question(self._call_ids, request), self._clock())
+    def _reply(self, driver: Driver, item: Reply) -> None:
+        try:
+            item.call.reply(item.key, item.message)
+        except MessageError as error:
+            driver.refused[f"on {item.key}: {error}"] += 1
+            driver.report({}, self._clock())
 
-    def _answer(self, item: Answer) -> None:
-        call, key = self._calls.pop(item.id, (None, ""))
-        if call is not None:
-            call.reply(key, item.message)
+    def _ask(self, driver: Driver, item: AskFor) -> None:
+        lane = f"reply/{driver.agent.instance}/{item.id}"
 
-    def _ask(self, item: AskFor) -> None:
         def replied(key: str, data: bytes) -> None:
-            def deliver() -> None:
-                reply = self._mesh.read(item.reply, key, data)
-                if reply is not None:
-                    self.agent.replied(item.id, reply, self._clock())
-
-            self.inbox.put_event(deliver)
+            self.inbox.put(lane, self._replied, driver, item, key, data)
 
         def over() -> None:
-            self.inbox.put_event(lambda: self.agent.replied(item.id, None, self._clock()))
+            self.inbox.put(lane, self._replied, driver, item, "", None)
 
         self._mesh.ask(item.key, item.request, item.timeout, replied, over)
+
+    def _replied(self, driver: Driver, item: AskFor, key: str, data: bytes | None) -> None:
+        reply = None
+        if data is not None:
+            try:
+                reply = decode(data, item.reply)
+            except MessageError as error:
+                driver.refused[f"on {key}: {error}"] += 1
+                return
+        driver.replied(item.id, reply, self._clock())
+
+
+def _urgency(sent: tuple[Driver, Output]) -> int:
+    """Bytes for the device and commands first; all else as it came."""
+    item = sent[1]
+    if type(item) is Publish:
+        return 0 if type(item.message) is Command else 1
+    return 0 if type(item) is Write else 1
 
 
 def identity(name: str, host: str | None = None) -> Identity:
@@ -350,44 +334,71 @@ def installed_version() -> str:
 
 
 def serve(
-    agent: Agent,
+    agents: Sequence[Agent],
     mesh: ZenohMesh,
-    connect: Callable[[], Port] | None = None,
+    connect: Mapping[str, Callable[[], Port]] | None = None,
     wall: Callable[[], float] = time.time,
 ) -> NoReturn:
-    """Run one agent as this process, from joining the mesh to the end of the process.
+    """Run agents as this process, from joining the mesh to the end of the process.
 
-    SIGTERM and SIGINT end it in order, with exit code 0; an exception of the agent's is logged and
+    SIGTERM and SIGINT end it in order, with exit code 0; an exception of an agent's is logged and
     ends it with 1, somebody who is in its way with 2. Either way it is over within `LEAVE_S`, if
     need be by SIGALRM: neither Zenoh's threads nor an agent that hangs can keep it.
     """
-    process = AgentProcess(agent, mesh, connect, wall=wall)
-    _await_signal(process.request_stop)
+    host = AgentHost(agents, mesh, connect, wall=wall)
+    _await_signal(host.request_stop)
+    _log_from_a_thread()
     code = 0
     try:
         mesh.open()
         gc.collect()
         gc.freeze()  # what lives for ever is not looked at again
-        if process.admit():
-            process.live()
-        if process.refusal:
-            logger.error("in the namespace %r %s", mesh.namespace, process.refusal)
+        host.live()
+        if host.refusal:
+            logger.error("in the namespace %r %s", mesh.namespace, host.refusal)
             code = MISUSED
     except MeshError as error:
         logger.error("%s", error)  # a matter of where, not of the program: no traceback
         code = 1
     except Exception:
-        logger.exception("%s failed", agent.instance)
+        names = ", ".join(agent.instance for agent in agents)
+        logger.exception("%s failed", names)
         code = 1
     _arm_deadline()
     with contextlib.suppress(Exception):
-        process.leave()
+        host.leave()
     if not mesh.close():
         logger.warning("the mesh did not close in time, and is left behind")
     logging.shutdown()
+    for listener in _listeners:
+        listener.stop()
     sys.stdout.flush()
     sys.stderr.flush()
     os._exit(code)  # Zenoh's threads are not waited for
+
+
+_listeners: list[logging.handlers.QueueListener] = []
+
+
+class _Queued(logging.handlers.QueueHandler):
+    """Hands lines to a thread of their own; what there is no room for is lost."""
+
+    def enqueue(self, record: logging.LogRecord) -> None:
+        with contextlib.suppress(queue.Full):
+            self.queue.put_nowait(record)
+
+
+def _log_from_a_thread() -> None:
+    """Have another thread write the log: a terminal that stands still must not stop a robot."""
+    root = logging.getLogger()
+    handlers = root.handlers[:]
+    if not handlers or any(isinstance(handler, _Queued) for handler in handlers):
+        return
+    lines: queue.Queue[logging.LogRecord] = queue.Queue(LOG_LINES)
+    listener = logging.handlers.QueueListener(lines, *handlers)
+    root.handlers[:] = [_Queued(lines)]
+    listener.start()
+    _listeners.append(listener)
 
 
 def _await_signal(leave: Callable[[], None]) -> None:

@@ -2,7 +2,8 @@
 
 Freshness checks and the protocol page are drawn from it. Who provides and who requests a service
 is not here: that is read from the agents' classes and from the cards of those that are alive. An
-agent that brings a message of its own adds its row with `register`.
+agent that brings a message of its own adds its row with `register`. A resource needs no row: its
+keys come from its declaration (`armadico.resources.Resource`).
 """
 
 from __future__ import annotations
@@ -14,10 +15,11 @@ from armadico import messages as m
 
 
 class Kind(Enum):
-    """How a service is said and kept."""
+    """How a service is published and kept."""
 
     STATE = "state"  # the latest value replaces the one before
     EVENT = "event"  # each one counts: queued, bounded, never merged
+    LATCHED = "latched"  # everybody remembers the newest, by its counter (armadico.latched)
     QUERY = "query"  # answered when asked
 
 
@@ -44,24 +46,27 @@ class Service:
         return self.key.format(**names)
 
 
-_S, _E, _Q = Kind.STATE, Kind.EVENT, Kind.QUERY
+_S, _E, _L, _Q = Kind.STATE, Kind.EVENT, Kind.LATCHED, Kind.QUERY
 
 SERVICES: tuple[Service, ...] = (
     Service(m.RobotState, "robot/state", _S, 10, 3, "odometry, speeds, battery; moves the cycle"),
     Service(m.Description, "robot/description", _S, 1, None, "the robot's body and limits"),
     Service(m.Sonar, "robot/sonar", _S, 10, 3, "the sonars that fired since the cycle before"),
-    Service(m.Command, "robot/cmd/{instance}", _E, 10, 3, "a speed for the wheels, by the holder"),
-    Service(m.Stop, "robot/stop", _E, None, None, "latch or release the stop; anyone may"),
+    Service(m.Stop, "robot/stop", _L, None, None, "latch or release the stop; anyone may"),
     Service(m.Pose, "encoder/pose", _S, 10, 3, "where the robot is, by its encoders"),
+    Service(m.Origin, "encoder/origin", _L, 1, None, "where the odometry's origin lies"),
     Service(m.Obstacles, "sonar/obstacles", _S, 10, 3, "the local map's points, body frame"),
     Service(m.LocalMap, "sonar/map", _S, 2, 3, "the local map's cells, for those who watch"),
-    Service(m.Trajectory, "trajectory", _S, 1, None, "the mission's waypoints, said again each s"),
+    Service(m.Trajectory, "trajectory", _L, 1, None, "the mission's waypoints"),
     Service(m.PlanRequest, "path/plan", _Q, None, None, "a way to a goal", reply=m.Plan),
     Service(
         m.MissionRequest, "mission/request", _Q, None, None, "go to a goal", reply=m.MissionReply
     ),
     Service(m.MissionStatus, "mission/status", _S, 5, None, "how far the mission has come"),
     Service(m.Claim, "resource/{resource}/utility", _E, 10, 3, "the holder's bid, made public"),
+    Service(m.Ack, "resource/{resource}/ack", _S, 10, 3, "what the owner obeys and refuses by"),
+    Service(m.Command, "resource/{resource}/cmd/{instance}", _E, 10, 3, "the holder's action"),
+    Service(m.Command, "robot/cmd/{instance}", _E, 10, 3, "the same, for the wheels"),
     Service(m.Ask, "agent/{name}/{instance}/card", _Q, None, None, "who, where, what", m.Card),
     Service(m.Ask, "agent/{name}/{instance}/bids", _Q, None, None, "recent bids", m.BidHistory),
     Service(m.Log, "log/{instance}", _E, None, None, "lines for people"),
@@ -77,7 +82,7 @@ _by_message: dict[type[m.Message], Service] = {
 CARD = next(s for s in SERVICES if s.key.endswith("/card"))
 BIDS = next(s for s in SERVICES if s.key.endswith("/bids"))
 TOKEN = "agent/{name}/{instance}"
-"""The liveliness token's key: who is there."""
+"""The liveliness token's key: who is alive."""
 
 
 def register(service: Service) -> Service:
@@ -97,3 +102,22 @@ def service_of(message: type[m.Message]) -> Service:
         raise KeyError(
             f"{message.__name__} has no row in the table of services; services.register adds one"
         ) from None
+
+
+def rows_of(message: type[m.Message]) -> tuple[Service, ...]:
+    """All rows of a message type; most have one. Raises KeyError if there is none."""
+    rows = tuple(service for service in SERVICES if service.message is message)
+    return rows or (service_of(message),)
+
+
+def latched() -> tuple[Service, ...]:
+    """The rows of all latched states that are known."""
+    return tuple(s for s in _by_message.values() if s.kind is Kind.LATCHED)
+
+
+def matches(pattern: str, key: str) -> bool:
+    """Whether a key expression of whole chunks and `*` catches a key."""
+    wanted, chunks = pattern.split("/"), key.split("/")
+    return len(wanted) == len(chunks) and all(
+        w in ("*", c) for w, c in zip(wanted, chunks, strict=True)
+    )

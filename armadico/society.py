@@ -12,14 +12,16 @@ from math import radians
 
 from msgspec.structs import replace
 
+from armadico.agent import Agent
 from armadico.config.hosts import Host
 from armadico.config.parameters import load_set
 from armadico.config.scenarios import Scenario
+from armadico.discovery import agent_class
 from armadico.measures import RunWatch
 from armadico.messages import MissionRequest, Waypoint
+from armadico.resources import WHEELS
 
 ROBOT = "robot"
-BEHAVIOURS = ("goto", "avoid", "gothrough")
 LIMIT_SPEED = 0.3
 LIMIT_FACTOR = 5.0
 LIMIT_LEAST = 60.0
@@ -35,6 +37,8 @@ class Options:
     parameters: str | None = None  # a set of them, by name or path
     without: tuple[str, ...] = ()
     robot: str | None = None  # the URL of something that is already there
+    together: tuple[tuple[str, ...], ...] = ()  # agents that share a process
+    margin: float | None = None  # by how much a bid must be better; None: the resource's own
 
 
 @dataclass(frozen=True)
@@ -86,12 +90,34 @@ def _settings(name: str, scenario: Scenario, options: Options, port: str) -> tup
         sets += [f"world={scenario.world}", f"profile={scenario.robot}"]
     elif name == "goto" and options.controller is not None:
         sets.append(f"controller={options.controller}")
-    if name in BEHAVIOURS:
-        if scenario.v_max is not None:
-            sets.append(f"v_max={scenario.v_max}")
-        if options.exchange is not None:
-            sets.append(f"social.exchange={options.exchange}")
+    social = [
+        f"social.{key}={value}"
+        for key, value in (("exchange", options.exchange), ("margin", options.margin))
+        if value is not None
+    ]
+    if scenario.v_max is not None or social:
+        sets += _driving(agent_class(name), scenario.v_max, social)
     return tuple(sets)
+
+
+def _driving(kind: type[Agent], v_max: float | None, social: list[str]) -> list[str]:
+    """What whoever competes for the wheels is told, whoever wrote it."""
+    if WHEELS not in kind.competes_for:
+        return []
+    limited = v_max is not None and "v_max" in kind.parameters.__struct_fields__
+    return [f"v_max={v_max}"] * limited + social
+
+
+def processes(
+    members: Sequence[Member], together: Sequence[Sequence[str]]
+) -> tuple[tuple[Member, ...], ...]:
+    """The members of each process: one alone, or those of a group that take part."""
+    group_of = {name: tuple(group) for group in together for name in group}
+    found: dict[tuple[str, ...], tuple[Member, ...]] = {}
+    for index, member in enumerate(members):
+        group = group_of.get(member.name, (member.name, str(index)))
+        found[group] = (*found.get(group, ()), member)
+    return tuple(found.values())
 
 
 def mission(scenario: Scenario) -> MissionRequest:

@@ -23,9 +23,10 @@ from armadico.processes import (
     agent_words,
     end_in_order,
     ending,
+    label_of,
     simulator_words,
 )
-from armadico.society import Member
+from armadico.society import Member, processes
 from armadico.supervision import Budget, Supervision
 
 if TYPE_CHECKING:
@@ -61,6 +62,8 @@ class Plan:
     seed: int = 0
     joining: tuple[str, ...] = ()
     """Options by which the processes find the mesh."""
+    together: tuple[tuple[str, ...], ...] = ()
+    """Agents that share a process."""
 
 
 @dataclass
@@ -116,7 +119,7 @@ class Upkeep:
         self.processes: dict[str, Process] = {}
         self._client = Client(mesh)
         self._say = say
-        self._members = dict(_labelled(plan.members))
+        self._groups = dict(_labelled(plan.members, plan.together))
         self._tails: dict[str, Tail] = {}
         self._port: str | None = None
         self._seen: dict[tuple[str, str], Card] = {}
@@ -136,7 +139,7 @@ class Upkeep:
         """Start everything. Raises GaveUpError if the simulator does not come up."""
         if self.plan.simulated is not None:
             self._start_simulator(self.plan.simulated)
-        for label in self._members:
+        for label in self._groups:
             self._start(label)
 
     def keep(self, ready: Callable[[float], None]) -> None:
@@ -170,10 +173,13 @@ class Upkeep:
                 raise GaveUpError(str(error)) from None
 
     def _start(self, label: str) -> None:
-        member = self._members[label]
-        if member.name == ROBOT and self._port is not None:
-            member = Member(member.name, (*member.sets, f"port={self._port}"))
-        self._run(label, agent_words(member, self.plan.namespace))
+        group = [
+            Member(member.name, (*member.sets, f"port={self._port}"))
+            if member.name == ROBOT and self._port is not None
+            else member
+            for member in self._groups[label]
+        ]
+        self._run(label, agent_words(group, self.plan.namespace))
         self._waiting[label] = time.monotonic()
 
     def _start_again(self, label: str) -> None:
@@ -227,22 +233,26 @@ class Upkeep:
         self._waiting.pop(SIMULATOR, None)
         if not self._waiting:
             return
-        pids = {p.popen.pid: label for label, p in self.processes.items()}
-        names = {self._members[label].name for label in self._waiting if label in self._members}
+        awaited = {m.name for label in self._waiting for m in self._groups.get(label, ())}
         for who in sorted(self._client.alive):
-            if who[0] in names and who not in self._seen:
+            if who[0] in awaited and who not in self._seen:
                 card = self._client.card(*who, timeout=CARD_S)
-                if card is None:
-                    continue
-                self._seen[who] = card
-                if card.host == self.plan.host and card.pid in pids:
-                    self._waiting.pop(pids[card.pid], None)
+                if card is not None:
+                    self._seen[who] = card
+        here = {(c.name, c.pid) for c in self._seen.values() if c.host == self.plan.host}
+        for label, process in self.processes.items():
+            group = self._groups.get(label, ())
+            if all((member.name, process.popen.pid) in here for member in group):
+                self._waiting.pop(label, None)
 
 
-def _labelled(members: Sequence[Member]) -> list[tuple[str, Member]]:
-    """Each with a name of its own: a second avoid is avoid-2."""
-    found: list[tuple[str, Member]] = []
-    for member in members:
-        often = 1 + sum(1 for _, other in found if other.name == member.name)
-        found.append((member.name if often == 1 else f"{member.name}-{often}", member))
+def _labelled(
+    members: Sequence[Member], together: Sequence[Sequence[str]]
+) -> list[tuple[str, tuple[Member, ...]]]:
+    """The agents of each process, with a name of its own: a second avoid is avoid-2."""
+    found: list[tuple[str, tuple[Member, ...]]] = []
+    for group in processes(members, together):
+        name = label_of(group)
+        often = 1 + sum(1 for _, other in found if label_of(other) == name)
+        found.append((name if often == 1 else f"{name}-{often}", group))
     return found

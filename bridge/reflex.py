@@ -42,6 +42,7 @@ class Reflex:
         self._reaction = REACTION_CYCLES * profile.p2os.cycle_s
         self._heard: dict[tuple[float, float, float], tuple[float, float, float]] = {}
         self._points: tuple[tuple[float, float], ...] = ()
+        self._nearest = inf  # of them all, m ahead of the front edge
         self._measured = (0.0, 0.0)
         self._capped: tuple[float, float] | None = None  # what was asked for, and what was given
         self._count = 0
@@ -69,6 +70,7 @@ class Reflex:
         self._measured = measured
         moved = (relative(pose, (x, y, 0.0)) for x, y, _ in self._heard.values())
         self._points = tuple((x, y) for x, y, _ in moved if x > 0.0)
+        self._nearest = min((x for x, _ in self._points), default=inf) - self._front
 
     def cap(self, v: float, w: float) -> float:
         """The forward speed that is obeyed of a command, m/s: `v`, or less.
@@ -76,8 +78,8 @@ class Reflex:
         What lies in the way of the commanded arc counts, and of the present one: the ramps need
         time, so the robot goes on along that for a while.
         """
-        if v <= 0.0:
-            return v
+        if v <= 0.0 or self._nearest - TOUCH_M >= self._stopping(max(v, self._measured[0])):
+            return v  # it would stop before the nearest of all: mostly so, and quickly seen
         free = min(self._free(v, w), self._free(*self._measured))
         slow = self._reaction * self._decel
         safe = sqrt(slow * slow + 2.0 * self._decel * max(free - TOUCH_M, 0.0)) - slow
@@ -94,6 +96,10 @@ class Reflex:
         (asked, given), count = self._capped, self._count
         self._capped, self._count = None, 0
         return f"{count} x slowed by the front sonars, last from {asked:.2f} to {given:.2f} m/s"
+
+    def _stopping(self, v: float) -> float:
+        """Metres to rest from a speed, m/s."""
+        return v * self._reaction + v * v / (2.0 * self._decel)
 
     def _free(self, v: float, w: float) -> float:
         """Metres ahead of the front edge to what the body would drive into on an arc; inf: none."""

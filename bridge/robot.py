@@ -1,14 +1,13 @@
 """The robot agent: sole owner of the controller's port (thesis 3.7.1).
 
-It numbers the status packets, which makes the cycles; obeys whoever's ballot is the largest, and
-chooses nobody; echoes what it obeys; orders a stop after 300 ms without a valid command; latches
-`robot/stop` from anyone; and keeps the controller's watchdog fed only while all of this works.
+It owns the wheels: the base class judges, acknowledges, and stops on silence and on `robot/stop`.
+Here is what is the robot's: its status packets make the cycles, speeds go out as P2OS, and the
+controller's watchdog is fed only while all of this works.
 """
 
 from __future__ import annotations
 
-from collections import Counter
-from math import isfinite, radians
+from math import radians
 from typing import Annotated, Any, ClassVar
 
 from msgspec import Meta
@@ -19,23 +18,10 @@ from armadico.bridge.p2os.session import Connected, Event, LinkLost, Reported, S
 from armadico.bridge.reflex import Reflex
 from armadico.config.loading import find, load
 from armadico.config.profile import RobotProfile
-from armadico.coordination import Owner, Verdict
+from armadico.cycles import CycleCounter
 from armadico.geometry import wrap
-from armadico.messages import (
-    Claim,
-    Command,
-    Cycle,
-    Description,
-    Echo,
-    Message,
-    RobotState,
-    Sonar,
-    Stop,
-)
-from armadico.services import Service
-
-STOP_AFTER_S = 0.3
-"""Without a valid command for so long, a stop is ordered."""
+from armadico.messages import Cycle, Description, Echo, Message, Origin, RobotState, Sonar, Stop
+from armadico.resources import WHEELS, Resource
 
 PULSE_S = 0.5
 """How often the watchdog is fed when there is nothing else to say."""
@@ -52,15 +38,13 @@ SONARS_SILENT = 4
 DESCRIBE_CYCLES = 10
 """The description is published once in so many cycles, for those who come late."""
 
-REPORT_S = 2.0
-"""Refusals are reported at most so often."""
-
 
 class Parameters(agent.Parameters, frozen=True, kw_only=True):
     """The port and the robot behind it."""
 
     port: Annotated[str, Meta(min_length=1)] = "tcp://127.0.0.1:8101"
     profile: str = "pioneer-2dx"
+    reflex: bool = True  # slow down for what the front sonars hear, whatever is commanded
 
 
 class Robot(DeviceAgent):
@@ -68,7 +52,7 @@ class Robot(DeviceAgent):
 
     name = "robot"
     alone = True
-    hears: ClassVar[tuple[type[Message], ...]] = (Command, Claim, Stop)
+    owns = (WHEELS,)
     provides: ClassVar[tuple[type[Message], ...]] = (RobotState, Description, Sonar)
     parameters = Parameters
     p: Parameters
@@ -76,27 +60,27 @@ class Robot(DeviceAgent):
     def __init__(self, identity: agent.Identity, parameters: Any = None) -> None:
         super().__init__(identity, parameters)
         self.profile = load(find("robots", self.p.profile), RobotProfile)
-        self.owner = Owner(self.cycles)
-        self._epoch = self.rng.getrandbits(63)
-        self._number = 0
+        self.cycles.period = self.profile.p2os.cycle_s
+        self._counter = CycleCounter(self.rng.getrandbits(63), self.cycles.period)
         self._session: Session | None = None
-        self._stops = Stop()
+        self._speeds = (0.0, 0.0)  # measured, m/s and rad/s
         self._moving = False  # whether the controller was last told to move
-        self._obeyed_at = float("-inf")
         self._reported_at = float("-inf")
         self._pulsed_at = float("-inf")
+        self._described = 0  # cycles since the last description
         self._ordered = (0.0, 0.0)  # what was last obeyed, m/s and rad/s
         self._reflex = Reflex(self.profile)
         self._unheard = 0  # cycles since a sonar fired
-        self._refusals: Counter[Verdict] = Counter()
-        self._complained_at = float("-inf")
 
     @classmethod
-    def subscriptions(cls) -> dict[type[Message], Service]:
-        """It makes the cycles, so it does not hear them."""
-        found = super().subscriptions()
-        del found[RobotState]
-        return found
+    def subscriptions(cls) -> tuple[agent.Subscription, ...]:
+        """It makes the cycles and describes itself, so it does not listen to either."""
+        own = (RobotState, Description)
+        return tuple(s for s in super().subscriptions() if s.message not in own)
+
+    def on_appeared(self, name: str, instance: str) -> None:  # noqa: ARG002
+        """Describe the robot to who has just come, with the next status packet."""
+        self._described = 0
 
     # The port ------------------------------------------------------------------------------------
 
@@ -108,7 +92,9 @@ class Robot(DeviceAgent):
             return
         self.log(f"the port {self.p.port} is open")
         if self._session is None:
-            self._session = Session(self.profile.p2os, self.now, self.profile.limits)
+            origin = self.memory.newest(Origin)  # as others remember it
+            near = (0.0, 0.0) if origin is None else (origin.at_x, origin.at_y)
+            self._session = Session(self.profile.p2os, self.now, self.profile.limits, near)
         else:
             self._take(self._session.restart(self.now))
         self._send()
@@ -124,9 +110,6 @@ class Robot(DeviceAgent):
         if self._session is None:
             return
         self._take(self._session.tick(self.now))
-        if self._moving and self.now - self._obeyed_at >= STOP_AFTER_S:
-            self.log(f"no valid command for {STOP_AFTER_S} s: stop", WARNING)
-            self._halt()
         if self._healthy and self.now - self._pulsed_at >= PULSE_S:
             self._session.pulse()
         self._send()
@@ -169,8 +152,6 @@ class Robot(DeviceAgent):
         due = [self._session.next_wakeup]
         if self._session.is_open and self._healthy:
             due.append(self._pulsed_at + PULSE_S)
-        if self._moving:
-            due.append(self._obeyed_at + STOP_AFTER_S)
         soonest = min((at for at in due if at is not None), default=None)
         if soonest is not None:
             self.wake_at(max(soonest, self.now + 0.001))
@@ -179,36 +160,35 @@ class Robot(DeviceAgent):
 
     def _report(self, report: Reported) -> None:
         status, pose = report.status, report.pose
-        self._number += 1
         self._reported_at = self.now
-        cycle = Cycle(self._epoch, self._number)
+        cycle = self._counter.next(self.now)
         self.cycles.advance(cycle, self.now)
+        self.tenure += 1
         left, right = status.left_m_s, status.right_m_s
-        owner = self.owner
+        v, w = 0.5 * (left + right), 0.5 * (right - left) / self.profile.body.half_track_m
+        self._speeds = (v, w)
         self.publish(
             RobotState(
                 cycle=cycle,
                 x=pose.x,
                 y=pose.y,
                 theta=wrap(pose.theta),
-                v=0.5 * (left + right),
-                w=0.5 * (right - left) / self.profile.body.half_track_m,
+                v=v,
+                w=w,
                 battery_v=status.battery_v,
                 motors=status.motors_enabled,
                 stalled=status.left_stall or status.right_stall,
-                largest=owner.largest,
-                obeyed=owner.obeyed,
-                obeyed_cycle=owner.obeyed_cycle,
-                stop=self._stops,
+                stop=self.memory.newest(Stop) or Stop(),
             )
         )
-        if self._number % DESCRIBE_CYCLES == 1:
+        self.acknowledge()
+        if self._described % DESCRIBE_CYCLES == 0:
             self.publish(self.description())
+        self._described += 1
         echoes = self._echoes(report)
         self._say_sonar(cycle, echoes)
         self._heed(report, echoes)
         self._insist(left, right)
-        self._complain()
 
     def description(self) -> Description:
         """The robot's body and limits, by its profile."""
@@ -225,7 +205,7 @@ class Robot(DeviceAgent):
             v_decel=limits.v_decel,
             w_accel=limits.w_accel,
             w_decel=limits.w_decel,
-            silence_s=STOP_AFTER_S,
+            silence_s=WHEELS.silence(p2os.cycle_s),
             watchdog_s=p2os.watchdog_s,
         )
 
@@ -235,25 +215,24 @@ class Robot(DeviceAgent):
         A pulse would only feed the watchdog of a controller that goes on as it was told before.
         """
         if not self._moving and max(abs(left), abs(right)) > AT_REST_M_S:
-            self._halt()
+            self.rest(WHEELS)
 
     def _heed(self, report: Reported, echoes: tuple[Echo, ...]) -> None:
         """Slow down for what the front sonars have just heard, whoever is obeyed."""
-        pose, left, right = report.pose, report.status.left_m_s, report.status.right_m_s
-        measured = 0.5 * (left + right), 0.5 * (right - left) / self.profile.body.half_track_m
-        self._reflex.hear(echoes, (pose.x, pose.y, pose.theta), measured, self.now)
-        if self._moving and self._session is not None:
+        pose = report.pose
+        self._reflex.hear(echoes, (pose.x, pose.y, pose.theta), self._speeds, self.now)
+        if self._moving and self.p.reflex and self._session is not None:
             v, w = self._ordered
             if self._reflex.cap(v, w) < v:
-                self._obey(v, w)
+                self._order(v, w)
         if (text := self._reflex.complaint(self.now)) is not None:
             self.log(text, WARNING)
 
-    def _obey(self, v: float, w: float) -> None:
+    def _order(self, v: float, w: float) -> None:
         """Order what was commanded, m/s and rad/s, capped by the reflex."""
         assert self._session is not None
         self._ordered = v, w
-        self._session.drive(self._reflex.cap(v, w), w)
+        self._session.drive(self._reflex.cap(v, w) if self.p.reflex else v, w)
 
     def _say_sonar(self, cycle: Cycle, echoes: tuple[Echo, ...]) -> None:
         """Pass the readings on; a cycle in which no sonar fired has none.
@@ -285,61 +264,35 @@ class Robot(DeviceAgent):
                 )
         return tuple(echoes)
 
-    # What the society says -----------------------------------------------------------------------
+    # The wheels ----------------------------------------------------------------------------------
 
-    def on_command(self, command: Command) -> None:
-        """Obey, or refuse with the reason; without a controller nobody is obeyed."""
-        if self._session is None or not self._session.is_open:
-            return
-        limits = self.profile.limits
-        sound = (
-            isfinite(command.v)
-            and isfinite(command.w)
-            and abs(command.v) <= limits.v_max
-            and abs(command.w) <= limits.w_max
-        )
-        if self.cycles.alive(self.now):
-            verdict = self.owner.judge(
-                command.cycle, command.ballot, stopped=self._stops.stopped, sound=sound
-            )
-        else:  # it hung, or the controller is silent: what waited answers a cycle of before
-            verdict = Verdict.OLD_CYCLE
-        if verdict is not Verdict.OBEYED:
-            self._refusals[verdict] += 1
-            return
-        self._obeyed_at = self.now
-        self._moving = command.v != 0.0 or command.w != 0.0
-        self._obey(command.v, command.w)
+    def obey(self, resource: Resource, action: Any) -> None:  # noqa: ARG002 - it owns one
+        """Order the speeds, m/s and rad/s."""
+        assert self._session is not None, "unavailable without one"
+        v, w = action
+        self._moving = v != 0.0 or w != 0.0
+        self._order(v, w)
         self._send()
 
-    def on_claim(self, claim: Claim) -> None:
-        """Learn of a ballot, to refuse smaller ones."""
-        self.owner.hear(claim)
-
-    def on_stop(self, stop: Stop) -> None:
-        """Latch or release the stop: the larger counter stands, at equal ones the stop."""
-        newer = stop.counter > self._stops.counter
-        if newer or (stop.counter == self._stops.counter and stop.stopped):
-            if stop.stopped != self._stops.stopped:
-                self.log(f"{'stopped' if stop.stopped else 'released'} by {stop.by}", WARNING)
-            self._stops = stop
-        if self._stops.stopped and self._session is not None:
-            self._halt()
+    def rest(self, resource: Resource) -> None:  # noqa: ARG002 - it owns one
+        """Order zero speeds, down the controller's ramps."""
+        self._moving = False
+        if self._session is not None:
+            self._session.stop()
             self._send()
 
-    def _acceptable(self, message: Message) -> bool:  # noqa: ARG002
-        """The owner judges, and says why it refuses."""
-        return True
+    def measure(self, resource: Resource) -> tuple[float, float]:  # noqa: ARG002 - it owns one
+        """The measured speeds, m/s and rad/s."""
+        return self._speeds
 
-    def _halt(self) -> None:
-        assert self._session is not None
-        self._moving = False
-        self._session.stop()
+    def beyond(self, resource: Resource, action: Any) -> str:  # noqa: ARG002 - it owns one
+        """Speeds beyond the profile's limits are refused."""
+        limits, (v, w) = self.profile.limits, action
+        if abs(v) <= limits.v_max and abs(w) <= limits.w_max:
+            return ""
+        return f"{v:g} m/s, {w:g} rad/s is beyond {limits.v_max:g} m/s, {limits.w_max:g} rad/s"
 
-    def _complain(self) -> None:
-        """Report refusals, seldom."""
-        if self._refusals and self.now - self._complained_at >= REPORT_S:
-            self._complained_at = self.now
-            text = "; ".join(f"{count} x {verdict}" for verdict, count in self._refusals.items())
-            self.log(f"commands refused: {text}", WARNING)
-            self._refusals.clear()
+    def unavailable(self, resource: Resource) -> str:  # noqa: ARG002 - it owns one
+        """Without a controller nobody is obeyed."""
+        ready = self._session is not None and self._session.is_open
+        return "" if ready else "the controller does not answer"

@@ -6,7 +6,7 @@ from itertools import pairwise
 from math import exp
 
 import pytest
-from hypothesis import given
+from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from armadico.cycles import PERIOD
@@ -20,10 +20,17 @@ from armadico.exchange import (
     SmoothExchange,
     fuzzy_window,
 )
-from armadico.resources import WHEELS
+from armadico.resources import WHEELS, Resource
 
 LOSER = (0.6, 0.0)
-SCALE = (1.0, 1.0)
+
+
+def pair(*scale: float) -> Resource:
+    """A resource of two numbers."""
+    return Resource("pair", ("a", "b"), scale, (0.0, 0.0))
+
+
+UNIT = pair(1.0, 1.0)
 SMOOTH = SmoothExchange()
 shares = st.floats(0.0, 1.0)
 speeds = st.tuples(st.floats(-1.6, 1.6), st.floats(-5.2, 5.2))
@@ -31,7 +38,7 @@ speeds = st.tuples(st.floats(-1.6, 1.6), st.floats(-5.2, 5.2))
 
 def window(bid: Bid, loser: tuple[float, ...] = LOSER) -> float:
     """t_f of an exchange, in cycles; 0 if it is at once."""
-    handover = SMOOTH.begin(loser, 0.5, bid, SCALE)
+    handover = SMOOTH.begin(UNIT, loser, 0.5, bid, PERIOD)
     return handover.window if isinstance(handover, Blend) else 0.0
 
 
@@ -66,6 +73,7 @@ def test_weights_that_sum_to_zero_give_the_winners_action() -> None:
     assert Blend(LOSER, 0.0, 5.0).action(1, Bid(0.0, (0.2, 0.3))) == (0.2, 0.3)
 
 
+@settings(deadline=None)
 @given(speeds, speeds, shares, shares, st.floats(1.0, LONGEST))
 def test_a_blend_lies_between_both_actions_and_moves_to_the_winners(
     lost: tuple[float, float],
@@ -103,22 +111,23 @@ def test_the_window_by_the_four_sets() -> None:
 def test_a_small_difference_is_exchanged_at_once_a_big_one_over_ten_cycles() -> None:
     assert window(Bid(1.0, (0.55, 0.05))) == 0.0
     assert window(Bid(1.0, (-0.4, 0.0))) == pytest.approx(10.0, abs=1e-3)
-    assert SMOOTH.begin(LOSER, 0.5, Bid(1.0, LOSER), SCALE) is AT_ONCE
+    assert SMOOTH.begin(UNIT, LOSER, 0.5, Bid(1.0, LOSER), PERIOD) is AT_ONCE
 
 
 def test_no_window_is_longer_than_ten_cycles() -> None:
-    assert window(Bid(1.0, (-90.0, 0.0))) == LONGEST
+    assert window(Bid(1.0, (-90.0, 0.0))) == LONGEST == 10.0
 
 
 def test_the_largest_scaled_difference_decides() -> None:
-    by_w = SMOOTH.begin((0.5, 0.0), 0.5, Bid(1.0, (0.5, 0.8)), (1.0, 1.0))
+    by_w = SMOOTH.begin(UNIT, (0.5, 0.0), 0.5, Bid(1.0, (0.5, 0.8)), PERIOD)
     assert isinstance(by_w, Blend)
     assert by_w.window == pytest.approx(fuzzy_window(0.8))
-    halved = SMOOTH.begin((0.5, 0.0), 0.5, Bid(1.0, (0.5, 0.8)), (1.0, 2.0))
+    halved = SMOOTH.begin(pair(1.0, 2.0), (0.5, 0.0), 0.5, Bid(1.0, (0.5, 0.8)), PERIOD)
     assert isinstance(halved, Blend)
     assert halved.window == pytest.approx(fuzzy_window(0.4))
 
 
+@settings(deadline=None)
 @given(st.floats(0.0, 5.0), st.floats(0.0, 5.0))
 def test_a_larger_difference_is_never_exchanged_faster(a: float, b: float) -> None:
     small, large = sorted((a, b))
@@ -127,14 +136,22 @@ def test_a_larger_difference_is_never_exchanged_faster(a: float, b: float) -> No
 
 def test_a_critical_situation_caps_the_window_and_never_stretches_it() -> None:
     assert window(Bid(1.0, (-0.4, 0.0), within=4 * PERIOD)) == pytest.approx(4.0)
+    assert window(Bid(1.0, (-0.4, 0.0), within=1.5 * PERIOD)) == pytest.approx(1.5)
     assert window(Bid(1.0, (-0.4, 0.0), within=0.9 * PERIOD)) == 0.0
     assert window(Bid(1.0, (-0.4, 0.0), within=0.0)) == 0.0
     assert window(Bid(1.0, (0.3, 0.0), within=60.0)) == window(Bid(1.0, (0.3, 0.0)))
 
 
+def test_messages_are_not_mixed_not_even_with_numbers_of_a_stranger() -> None:
+    numbers, message = (0.5, 0.0), b"ab"  # as many bytes as the resource has numbers
+    assert SMOOTH.begin(UNIT, message, 0.5, Bid(1.0, numbers), PERIOD) is AT_ONCE
+    assert SMOOTH.begin(UNIT, numbers, 0.5, Bid(1.0, message), PERIOD) is AT_ONCE
+    assert Blend(numbers, 0.5, 5.0).action(1, Bid(1.0, message)) == message
+
+
 def test_an_abrupt_exchange_is_at_once_whatever_the_difference() -> None:
     bid = Bid(0.7, (-1.0, 2.0))
-    handover = AbruptExchange().begin(LOSER, 0.6, bid, WHEELS.scale)
+    handover = AbruptExchange().begin(WHEELS, LOSER, 0.6, bid, PERIOD)
     assert [handover.action(t, bid) for t in (1, 2, 50)] == [bid.action] * 3
 
 

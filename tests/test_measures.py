@@ -8,9 +8,11 @@ import msgspec
 import pytest
 
 from armadico.geometry import Pose2
-from armadico.measures import Result, RunWatch
+from armadico.measures import OBEYED_CYCLES, Result, RunWatch, driver, speeds
 from armadico.messages import (
+    Ack,
     Ballot,
+    Command,
     Cycle,
     Echo,
     Message,
@@ -77,11 +79,12 @@ class Run:
         cycle = Cycle(1, self.number)
         ballot = None if holder is None else Ballot(1, 0.5, False, f"{holder}-0123456789abcdef")
         obeyed = None if ballot is None else Cycle(1, self.number - behind)
-        state = RobotState(cycle, 0, 0, 0, 0, 0, 12, True, False, ballot, ballot, obeyed)
+        state = RobotState(cycle, 0, 0, 0, 0, 0, 12, True, False)
+        ack = Ack("wheels", cycle, ballot, ballot, obeyed)
         if self.truth:
             t = 0.1 * self.number
             self.show(Truth(t, x, y, theta, 0, 0, collisions, clearance))
-        self.show(state, Pose(cycle, x, y, theta))
+        self.show(state, ack, Pose(cycle, x, y, theta))
 
     def end(self, state: MissionState = MissionState.REACHED, mission: int = MISSION) -> Result:
         self.show(MissionStatus(mission, state, 0.0))
@@ -255,8 +258,44 @@ def test_a_picture_gets_the_echoes_where_they_were_and_the_way() -> None:
     run = Run().begin()
     run.cycle(1.0, 2.0, pi / 2)
     echoes = (Echo(0.1, 0.0, 0.0, 1.0), Echo(0.0, 0.1, pi / 2, None))
-    run.show(Sonar(Cycle(1, 1), 5.0, echoes), Trajectory(MISSION, (Waypoint(2.0, 0.0, 0.0),)))
+    run.show(Sonar(Cycle(1, 1), 5.0, echoes), Trajectory(1, MISSION, (Waypoint(2.0, 0.0, 0.0),)))
     assert run.watch.echoes == [pytest.approx((1.0, 3.1))]
     assert run.watch.waypoints == ((2.0, 0.0, 0.0),)
-    run.show(Trajectory(MISSION, ()))
+    run.show(Trajectory(2, MISSION, ()))
     assert run.watch.waypoints == ((2.0, 0.0, 0.0),)
+
+
+BALLOT = Ballot(1, 0.5, False, "path-planning-0123456789abcdef")
+
+
+@pytest.mark.parametrize(
+    ("obeyed", "at", "who"),
+    [
+        (BALLOT, Cycle(1, 9), "path-planning"),
+        (BALLOT, Cycle(1, 10 - OBEYED_CYCLES), "path-planning"),
+        (BALLOT, Cycle(1, 9 - OBEYED_CYCLES), None),
+        (BALLOT, Cycle(2, 9), None),  # in another epoch
+        (None, Cycle(1, 9), None),  # released
+        (None, None, None),
+    ],
+)
+def test_who_drives_is_whom_the_owner_obeyed_lately(
+    obeyed: Ballot | None, at: Cycle | None, who: str | None
+) -> None:
+    assert driver(Ack("wheels", Cycle(1, 10), BALLOT, obeyed, at)) == who
+
+
+@pytest.mark.parametrize(
+    ("resource", "action", "asked"),
+    [
+        ("wheels", (0.3, -0.1), (0.3, -0.1)),
+        ("wheels", None, (0.0, 0.0)),
+        ("wheels", (0.3,), (0.0, 0.0)),
+        ("wheels", b"xy", (0.0, 0.0)),
+        ("arm", (0.3, -0.1), (0.0, 0.0)),
+    ],
+)
+def test_a_command_asks_for_speeds_or_for_rest(
+    resource: str, action: tuple[float, ...] | bytes | None, asked: tuple[float, float]
+) -> None:
+    assert speeds(Command(resource, Cycle(1, 10), BALLOT, action)) == asked

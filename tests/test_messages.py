@@ -13,44 +13,69 @@ from hypothesis import strategies as st
 from msgspec import inspect as shape
 
 from armadico import messages as m
-from armadico.messages import Message, MessageError, decode, encode, plain
+from armadico.messages import (
+    JUMP,
+    LARGEST_COUNT,
+    LARGEST_PAYLOAD,
+    Message,
+    MessageError,
+    checked,
+    decode,
+    encode,
+    line,
+    plain,
+)
 
 KINDS = sorted(
     (
         kind
         for kind in vars(m).values()
-        if isinstance(kind, type) and issubclass(kind, Message) and kind is not Message
+        if isinstance(kind, type) and issubclass(kind, Message) and kind not in (Message, m.Latched)
     ),
     key=lambda kind: kind.__name__,
 )
 
 WIRE = {
+    "Ack": "resource cycle largest obeyed obeyed_cycle utility critical measured",
     "Ask": "",
     "Ballot": "term utility critical instance",
     "BidHistory": "instance bids",
     "BidRecord": "cycle resource utility critical wanted reason inputs",
-    "Card": "name instance host pid version protocol provides requests resources holds",
+    "Card": (
+        "name instance host pid version protocol provides requests resources holds clock owns"
+        " declares tenure"
+    ),
+    "Cell": "sector ring probability x y",
     "Claim": "resource ballot cycle utility critical wanted commanded",
-    "Command": "cycle ballot v w",
-    "Echo": "x y bearing range",
+    "Command": "resource cycle ballot action",
     "Cycle": "epoch number",
+    "Description": (
+        "robot cycle_s front rear half_width v_max w_max v_accel v_decel w_accel w_decel silence_s"
+        " watchdog_s"
+    ),
+    "Echo": "x y bearing range",
+    "LocalMap": "cycle sectors rings reach cells",
     "Log": "level text",
     "MissionReply": "mission refusal waypoints length",
     "MissionRequest": "goal waypoints planned",
     "MissionStatus": "mission state to_go leg note",
     "Obstacles": "cycle closest front left right points",
+    "Origin": "counter by epoch x y theta at_x at_y at_theta",
     "Plan": "waypoints length energy refusal",
     "PlanRequest": "start goal",
     "Point": "x y",
     "Pose": "cycle x y theta",
-    "RobotState": ("cycle x y theta v w battery_v motors stalled largest obeyed obeyed_cycle stop"),
+    "RobotState": "cycle x y theta v w battery_v motors stalled stop",
     "Sonar": "cycle reach echoes",
-    "Stop": "counter stopped by",
-    "Trajectory": "mission waypoints start leg",
+    "Stop": "counter stopped by press",
+    "Trajectory": "counter mission waypoints start leg",
     "Truth": "t x y theta v w collisions clearance",
     "Waypoint": "x y theta",
 }
-"""Protocol 1, field by field. What is new is appended and has a default; nothing moves."""
+"""Protocol 2, field by field. What is new is appended and has a default; nothing moves."""
+
+CONTROL = "".join(map(chr, [*range(0x20), *range(0x7F, 0xA0), 0x2028, 0x2029]))
+PRINTED = st.characters(codec="utf-8", exclude_characters=CONTROL)
 
 
 def values(kind: shape.Type) -> st.SearchStrategy[Any]:
@@ -72,7 +97,11 @@ def scalars(kind: shape.Type) -> st.SearchStrategy[Any]:
     if isinstance(kind, shape.IntType):
         return st.integers(kind.ge, kind.le)
     if isinstance(kind, shape.StrType):
-        return st.text(min_size=kind.min_length or 0, max_size=min(kind.max_length or 20, 20))
+        return st.text(
+            PRINTED, min_size=kind.min_length or 0, max_size=min(kind.max_length or 20, 20)
+        )
+    if isinstance(kind, shape.BytesType):
+        return st.binary(max_size=40)
     if isinstance(kind, shape.EnumType):
         return st.sampled_from(list(kind.cls))
     if isinstance(kind, shape.BoolType):
@@ -134,14 +163,26 @@ UNSOUND: list[tuple[str, Message]] = [
     ),
     ("a utility above one", m.Ballot(1, 1.5, False, "a")),
     ("a negative utility", m.Ballot(1, -0.1, False, "a")),
-    ("a term beyond 2^53", m.Ballot(2**53, 0.5, False, "a")),
+    ("a term beyond 2^52", m.Ballot(LARGEST_COUNT + 1, 0.5, False, "a")),
+    ("a counter beyond 2^52", m.Stop(LARGEST_COUNT + 1, True, "a", 1)),
+    ("a cycle's number beyond 2^52", m.Pose(m.Cycle(1, LARGEST_COUNT + 1), 0.0, 0.0, 0.0)),
     ("a negative term", m.Ballot(-1, 0.5, False, "a")),
     ("nobody's ballot", m.Ballot(1, 0.5, False, "")),
     ("a long name", m.Ballot(1, 0.5, False, "a" * 129)),
     ("a long text", m.Log(20, "a" * 2001)),
+    ("a text of two lines", m.Log(20, "one\ntwo")),
+    ("a text that ends its line", m.Log(20, "one\n")),
+    ("a text that colours a terminal", m.Log(20, "\x1b[31mred")),
+    ("a name that ends its line", m.Ballot(1, 0.5, False, "goto-1\n")),
+    ("who stopped it, over two lines", m.Stop(1, True, "a\nb", 1)),
+    (
+        "an action of 65 numbers",
+        m.Command("w", m.Cycle(1, 1), m.Ballot(1, 1, False, "a"), (0.0,) * 65),
+    ),
+    ("2,049 points", m.Obstacles(m.Cycle(1, 1), None, None, None, None, (m.Point(0, 0),) * 2049)),
     ("a range of zero", m.Echo(0.0, 0.0, 0.0, 0.0)),
     ("an epoch beyond 63 bits", m.Cycle(2**63, 0)),
-    ("nan deep inside", m.Trajectory(1, (m.Waypoint(0.0, math.nan, 0.0),))),
+    ("nan deep inside", m.Trajectory(1, 1, (m.Waypoint(0.0, math.nan, 0.0),))),
 ]
 
 
@@ -200,6 +241,11 @@ def test_a_damaged_message_is_another_one_or_an_error(data: st.DataObject) -> No
     assert decode(encode(taken), m.Claim) == taken
 
 
+def indefinite(items: int) -> bytes:
+    """An array of that many zeros that does not say how many they are."""
+    return b"\x9f" + b"\x00" * items + b"\xff"
+
+
 HOSTILE = [
     ("deep nesting", b"\x81" * 100_000 + b"\x00"),
     ("an array of 2^63", b"\x9b\x7f" + b"\xff" * 7),
@@ -209,6 +255,9 @@ HOSTILE = [
     ("an array that holds itself", bytes.fromhex("d81c81d81d00")),
     ("a broken text", b"\x62\xff\xff"),
     ("nothing", b""),
+    ("an array that does not say its length", indefinite(4)),
+    ("a text that does not say its length", b"\x7f\x61a\xff"),
+    ("a pose within a tag", b"\xd9\xd9\xf7" + encode(POSE)),
 ]
 
 
@@ -223,14 +272,11 @@ def test_a_message_of_an_older_program_lacks_what_was_appended_since() -> None:
     assert decode(cbor2.dumps(["wheels", [3, 0.5, False, "a-1"], [1, 2], 0.5]), m.Claim) == m.Claim(
         "wheels", ballot, m.Cycle(1, 2), 0.5, critical=False, wanted=(), commanded=()
     )
-    assert decode(cbor2.dumps([]), m.Stop) == m.Stop(0, False, "")
+    assert decode(cbor2.dumps([]), m.Stop) == m.Stop(0, False, "", 0)
     state = decode(cbor2.dumps([[1, 2], 0, 0, 0, 0, 0, 12, True, False]), m.RobotState)
-    assert (state.largest, state.obeyed, state.obeyed_cycle, state.stop) == (
-        None,
-        None,
-        None,
-        m.Stop(),
-    )
+    assert state.stop == m.Stop()
+    ack = decode(cbor2.dumps(["wheels", [1, 2]]), m.Ack)
+    assert (ack.largest, ack.obeyed, ack.obeyed_cycle, ack.measured) == (None, None, None, ())
 
 
 def test_a_message_of_a_newer_program_may_be_longer() -> None:
@@ -255,3 +301,74 @@ def test_plain_is_a_dictionary_for_people() -> None:
         "y": -2.0,
         "theta": 0.5,
     }
+
+
+# What is refused before it costs anything ---------------------------------------------------------
+
+
+@pytest.mark.parametrize("kind", [m.Command, m.RobotState, m.Log], ids=lambda kind: kind.__name__)
+def test_what_is_larger_than_64_kib_is_not_even_decoded(
+    kind: type[Message], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def loads(*_: Any, **__: Any) -> None:
+        raise AssertionError("it was decoded")
+
+    monkeypatch.setattr(cbor2, "loads", loads)
+    with pytest.raises(MessageError, match=f"{LARGEST_PAYLOAD + 1} bytes, at most"):
+        decode(b"\x00" * (LARGEST_PAYLOAD + 1), kind)
+    with pytest.raises(AssertionError):
+        decode(b"\x00" * LARGEST_PAYLOAD, kind)
+
+
+def test_what_is_larger_is_not_sent_either() -> None:
+    way = tuple(m.Waypoint(0.1 * n, 1.0, 0.0) for n in range(1024))
+    assert decode(encode(m.Trajectory(1, 1, way)), m.Trajectory).waypoints == way
+    cards = m.BidHistory("a-1", (m.BidRecord(m.Cycle(1, 1), "w", 0.5, False, (), "x" * 2000),) * 50)
+    with pytest.raises(MessageError, match=r"BidHistory cannot be sent: .* at most"):
+        encode(cards)
+
+
+BIGNUM = b"\x5a" + (60_000).to_bytes(4, "big") + b"\xff" * 60_000
+
+
+@pytest.mark.parametrize("tag", [0, 1, 2, 3, 4, 5, 25, 28, 29, 30, 35, 36, 37, 52, 100, 256, 258])
+def test_no_tag_is_converted_whatever_it_holds(tag: int) -> None:
+    """A decimal fraction of a large number takes seconds: it is refused for being a tag."""
+    head = bytes([0xC0 | tag]) if tag < 24 else b"\xd9" + tag.to_bytes(2, "big")
+    for content in (b"\x00", b"\x82\x01\x02", b"\x61a", BIGNUM, b"\x82\x01\xc2" + BIGNUM):
+        with pytest.raises(MessageError, match="semantic tag"):
+            decode(b"\x84\x82\x01\x01" + head + content + b"\x00\x00", m.Pose)
+
+
+@given(
+    tag=st.integers(0, 2**64 - 1),
+    content=st.one_of(st.integers(), st.text(), st.binary(), st.lists(st.integers(0, 5))),
+)
+def test_no_tag_at_all_is_read(tag: int, content: Any) -> None:
+    tagged = cbor2.dumps(cbor2.CBORTag(tag, content))
+    with pytest.raises(MessageError):
+        decode(b"\x82\x14" + tagged, m.Log)
+
+
+@given(data=st.data())
+def test_checked_is_what_the_other_end_has(data: st.DataObject) -> None:
+    message = data.draw(of(m.Command))
+    assert checked(message) == decode(encode(message), m.Command) == message
+
+
+@pytest.mark.parametrize("size", [0, 1, 1000, 60_000])
+def test_an_action_of_bytes_is_carried_as_it_is(size: int) -> None:
+    command = m.Command("grip", m.Cycle(1, 1), m.Ballot(1, 0.5, False, "a"), bytes(size))
+    taken = decode(encode(command), m.Command)
+    assert taken == command
+    assert isinstance(taken.action, bytes)
+
+
+def test_a_jump_fits_a_million_times_below_the_largest_count() -> None:
+    assert LARGEST_COUNT // JUMP >= 1_000_000
+
+
+@given(st.text(max_size=3000))
+def test_any_text_can_be_made_a_line(text: str) -> None:
+    said = m.Log(20, line(text))
+    assert decode(encode(said), m.Log) == said

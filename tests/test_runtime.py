@@ -1,4 +1,4 @@
-"""One agent in one process: what waits for it, what wakes it, how it ends. No mesh, no sockets."""
+"""Agents in one process: what waits, what wakes them, how they end. No mesh, no sockets."""
 
 from __future__ import annotations
 
@@ -9,6 +9,7 @@ from typing import Any, ClassVar
 import pytest
 
 from armadico.agent import Agent, Identity, Question
+from armadico.driver import QUESTIONS
 from armadico.inbox import Inbox
 from armadico.messages import (
     Cycle,
@@ -21,8 +22,8 @@ from armadico.messages import (
     Truth,
     encode,
 )
-from armadico.runtime import QUESTIONS, AgentProcess, identity
-from tests.mesh.fakes import REQUEST, Clock, FakeCall, running_on_a_fake
+from armadico.runtime import AgentHost, identity
+from tests.mesh.fakes import REQUEST, Clock, FakeCall, FakeMesh, on_a_fake
 
 SOON = 10.0
 
@@ -31,26 +32,26 @@ class Recorder(Agent):
     """Remembers, and ends its process when it is told to."""
 
     name = "recorder"
-    hears: ClassVar[tuple[type[Message], ...]] = (Stop,)
+    hears: ClassVar[tuple[type[Message], ...]] = (Log,)
     answers: ClassVar[tuple[type[Message], ...]] = (PlanRequest,)
 
     def __init__(self, identity: Identity) -> None:
         super().__init__(identity)
         self.seen: list[Any] = []
         self.questions: list[Question] = []
-        self.process: AgentProcess | None = None
+        self.host: AgentHost | None = None
         self.gate: Callable[[], None] = lambda: None
 
     def end(self) -> None:
-        assert self.process is not None
-        self.process.request_stop()
+        assert self.host is not None
+        self.host.request_stop()
 
     def on_robot_state(self, state: RobotState) -> None:
         self.gate()
         self.seen.append(state.cycle.number)
 
-    def on_stop(self, stop: Stop) -> None:
-        self.seen.append(f"stop {stop.counter}")
+    def on_log(self, log: Log) -> None:
+        self.seen.append(log.text)
 
     def on_wakeup(self) -> None:
         self.seen.append("woken")
@@ -70,36 +71,36 @@ def state(number: int) -> RobotState:
     return RobotState(Cycle(7, number), 0, 0, 0, 0, 0, 12.5, True, False)
 
 
-def process_of(agent: Agent, clock: Callable[[], float] | None = None) -> Any:
-    process, mesh = running_on_a_fake(agent, clock)
-    if isinstance(agent, Recorder):
-        agent.process = process
-    return process, mesh
+def host_of(
+    agent: Recorder, clock: Callable[[], float] | None = None
+) -> tuple[AgentHost, FakeMesh]:
+    agent.host, mesh = on_a_fake(agent, clock=clock)
+    return agent.host, mesh
 
 
 @pytest.fixture
-def running() -> Iterator[Callable[[AgentProcess], threading.Thread]]:
-    """Run processes in threads, and see that they end."""
-    started: list[tuple[AgentProcess, threading.Thread]] = []
+def running() -> Iterator[Callable[[AgentHost], threading.Thread]]:
+    """Run hosts in threads, and see that they end."""
+    started: list[tuple[AgentHost, threading.Thread]] = []
 
-    def start(process: AgentProcess) -> threading.Thread:
-        thread = threading.Thread(target=process.live)
-        started.append((process, thread))
+    def start(host: AgentHost) -> threading.Thread:
+        thread = threading.Thread(target=host.live)
+        started.append((host, thread))
         thread.start()
         return thread
 
     yield start
-    for process, thread in started:
-        process.request_stop()
+    for host, thread in started:
+        host.request_stop()
         thread.join(SOON)
         assert not thread.is_alive()
 
 
 def test_what_piles_up_while_it_is_busy_is_the_latest_state_and_every_event(
-    running: Callable[[AgentProcess], threading.Thread],
+    running: Callable[[AgentHost], threading.Thread],
 ) -> None:
     agent = Recorder(identity("recorder"))
-    process, mesh = process_of(agent)
+    host, mesh = host_of(agent)
     busy, go_on = threading.Event(), threading.Event()
 
     def gate() -> None:
@@ -107,58 +108,89 @@ def test_what_piles_up_while_it_is_busy_is_the_latest_state_and_every_event(
         assert go_on.wait(SOON)
 
     agent.gate = gate
-    thread = running(process)
+    thread = running(host)
     assert mesh.alive.wait(SOON)
     mesh.hear("robot/state", state(1))
     assert busy.wait(SOON)
     for number in (2, 3, 4):
         mesh.hear("robot/state", state(number))
-        mesh.hear("robot/stop", Stop(number))
-    process.inbox.put_event(agent.end)
+        mesh.hear("log/*", Log(20, f"line {number}"), key="log/a")
+    host.inbox.put("test", agent.end)
     go_on.set()
     thread.join(SOON)
-    assert agent.seen == [1, "stop 2", "stop 3", 4, "stop 4"]
+    assert agent.seen == [1, 4, "line 2", "line 3", "line 4"], "a state waits in its first place"
 
 
 def test_the_queue_is_emptied_before_a_wakeup_fires() -> None:
     clock = Clock()
     agent = Recorder(identity("recorder"))
-    process, mesh = process_of(agent, clock)
+    host, mesh = host_of(agent, clock)
     agent.wake_at(clock.now + 1.0)
-    process.inbox.put_event(lambda: setattr(clock, "now", clock.now + 10.0))
-    process.inbox.put_event(lambda: mesh.hear("robot/state", state(1)))
-    process.live()
+    host.inbox.put("test", lambda: setattr(clock, "now", clock.now + 10.0))
+    host.inbox.put("test", lambda: mesh.hear("robot/state", state(1)))
+    host.live()
     assert agent.seen == [1, "woken"]
 
 
 def test_a_flood_does_not_hold_up_a_wakeup() -> None:
     clock = Clock()
     agent = Recorder(identity("recorder"))
-    process, _ = process_of(agent, clock)
+    host, _ = host_of(agent, clock)
     agent.wake_at(clock.now - 1.0)
 
     def again() -> None:
-        process.inbox.put_event(again)
+        host.inbox.put("test", again)
 
     again()
-    process.live()
+    host.live()
     assert agent.seen == ["woken"]
+
+
+def in_turn(host: AgentHost, *steps: Callable[[], Any]) -> None:
+    """Have each step taken once what the one before brought has been delivered."""
+    if steps:
+
+        def step() -> None:
+            steps[0]()
+            host.inbox.put("test", lambda: in_turn(host, *steps[1:]))
+
+        host.inbox.put("test", step)
 
 
 def test_a_token_is_news_once() -> None:
     agent = Recorder(identity("recorder"))
-    process, mesh = process_of(agent)
-    process.inbox.put_event(lambda: [mesh.changed("goto", "goto-1", True) for _ in range(3)])
-    process.inbox.put_event(lambda: mesh.changed("recorder", agent.instance, True))
-    process.inbox.put_event(lambda: [mesh.changed("goto", "goto-1", False) for _ in range(3)])
-    process.inbox.put_event(lambda: process.inbox.put_event(agent.end))
-    process.live()
+    host, mesh = host_of(agent)
+    in_turn(
+        host,
+        lambda: [mesh.changed("goto", "goto-1", True) for _ in range(3)],
+        lambda: mesh.changed("goto", "goto-1", True),
+        lambda: mesh.changed("recorder", agent.instance, True),
+        lambda: [mesh.changed("goto", "goto-1", False) for _ in range(3)],
+        lambda: mesh.changed("goto", "goto-1", False),
+        agent.end,
+    )
+    host.live()
     assert agent.seen == ["goto came", "goto went"]
+
+
+def test_who_came_and_went_while_it_was_busy_was_never_there() -> None:
+    """Tokens are states: of each instance the latest news counts."""
+    agent = Recorder(identity("recorder"))
+    host, mesh = host_of(agent)
+
+    def news() -> None:
+        mesh.changed("goto", "goto-1", True)
+        mesh.changed("goto", "goto-1", False)
+        mesh.changed("avoid", "avoid-1", True)
+
+    in_turn(host, news, agent.end)
+    host.live()
+    assert agent.seen == ["avoid came"]
 
 
 def test_it_answers_later_and_lets_go_of_the_oldest_of_too_many_questions() -> None:
     agent = Recorder(identity("recorder"))
-    process, mesh = process_of(agent)
+    host, mesh = host_of(agent)
     calls = [FakeCall() for _ in range(QUESTIONS + 1)]
 
     def answer_all() -> None:
@@ -166,15 +198,19 @@ def test_it_answers_later_and_lets_go_of_the_oldest_of_too_many_questions() -> N
             agent.answer(question, Plan(()))
         agent.end()
 
-    process.inbox.put_event(lambda: [mesh.answers["path/plan"](call) for call in calls])
-    process.inbox.put_event(lambda: process.inbox.put_event(answer_all))
-    process.live()
+    def ask_all() -> None:
+        for call in calls:
+            mesh.answers["path/plan"](call)
+
+    host.inbox.put("test", ask_all)
+    host.inbox.put("test", lambda: host.inbox.put("test", answer_all))
+    host.live()
     assert [len(call.replies) for call in calls] == [0] + [1] * QUESTIONS
 
 
 def test_the_first_reply_counts_and_none_comes_if_nobody_gave_one() -> None:
     agent = Recorder(identity("recorder"))
-    process, mesh = process_of(agent)
+    host, mesh = host_of(agent)
     heard: list[Message | None] = []
     agent.ask(REQUEST, heard.append)
     agent.ask(REQUEST, heard.append)
@@ -185,10 +221,10 @@ def test_the_first_reply_counts_and_none_comes_if_nobody_gave_one() -> None:
         each("path/plan", encode(Plan((), length=2.0)))
         done()
         nobody()
-        process.inbox.put_event(agent.end)
+        host.inbox.put("test", agent.end)
 
-    process.inbox.put_event(reply)
-    process.live()
+    host.inbox.put("test", reply)
+    host.live()
     assert heard == [Plan((), length=1.0), None]
 
 
@@ -197,9 +233,8 @@ def test_an_agent_is_refused_the_truth() -> None:
         name = "cheat"
         hears: ClassVar[tuple[type[Message], ...]] = (Truth,)
 
-    process, _ = process_of(Cheat(identity("cheat")))
-    with pytest.raises(ValueError, match="sim/truth"):
-        process.live()
+    with pytest.raises(ValueError, match="cheat listens to sim/truth, which agents may not"):
+        Cheat(identity("cheat"))
 
 
 def test_what_the_agent_raises_comes_out_and_half_a_turn_is_not_sent() -> None:
@@ -215,11 +250,11 @@ def test_what_the_agent_raises_comes_out_and_half_a_turn_is_not_sent() -> None:
             super().stop(now)
             self.log("released")
 
-    process, mesh = process_of(Failing(identity("failing")))
-    process.inbox.put_event(lambda: mesh.hear("robot/stop", Stop(1)))
+    host, mesh = on_a_fake(Failing(identity("failing")))
+    host.inbox.put("test", lambda: mesh.hear("robot/stop", Stop(1, True, "t", 1)))
     with pytest.raises(RuntimeError, match="the other half"):
-        process.live()
-    process.leave()
+        host.live()
+    host.leave()
     assert [message.text for message in mesh.said if isinstance(message, Log)] == ["released"]
 
 
@@ -234,5 +269,5 @@ def test_a_bell_that_was_rung_before_anybody_listens_is_heard() -> None:
     inbox.ring()
     inbox.ring()
     assert inbox.take(None) is None  # would wait for ever if the ring were lost
-    inbox.put_event(lambda: None)
+    inbox.put("test", lambda: None)
     assert inbox.take(None) is not None

@@ -26,7 +26,8 @@ def registry(monkeypatch: pytest.MonkeyPatch) -> None:
 def test_no_two_services_share_a_key_or_but_for_questions_a_message() -> None:
     keys = [service.key for service in SERVICES]
     assert len(set(keys)) == len(keys)
-    said = [service.message for service in SERVICES if service.message is not m.Ask]
+    twice = (m.Ask, m.Command)  # a resource says which key its commands have
+    said = [service.message for service in SERVICES if service.message not in twice]
     assert len(set(said)) == len(said)
 
 
@@ -42,10 +43,12 @@ def test_what_goes_stale_carries_the_cycle_that_it_answers() -> None:
 
 
 def test_claims_and_commands_are_events_so_that_none_overwrites_another() -> None:
-    events: tuple[type[m.Message], ...] = (m.Claim, m.Command, m.Stop, m.Log)
-    states: tuple[type[m.Message], ...] = (m.RobotState, m.Pose, m.Obstacles, m.Trajectory)
+    events: tuple[type[m.Message], ...] = (m.Claim, m.Command, m.Log)
+    states: tuple[type[m.Message], ...] = (m.RobotState, m.Pose, m.Obstacles, m.Ack)
     assert {service_of(kind).kind for kind in events} == {Kind.EVENT}
     assert {service_of(kind).kind for kind in states} == {Kind.STATE}
+    latched: tuple[type[m.Message], ...] = (m.Stop, m.Trajectory, m.Origin)
+    assert {service_of(kind).kind for kind in latched} == {Kind.LATCHED}
 
 
 def test_only_the_truth_is_for_watchers_alone() -> None:

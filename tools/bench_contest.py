@@ -6,14 +6,12 @@ from collections import Counter
 from math import cos, pi
 from typing import Any, ClassVar, Final
 
-from armadico.agent import Agent, Identity
-from armadico.coordination import Owner, Verdict
+from armadico.agent import Agent, Identity, Subscription
 from armadico.cycles import PERIOD
 from armadico.exchange import Bid
 from armadico.mesh.virtual import VirtualMesh
 from armadico.messages import Ballot, Claim, Command, Cycle, Message, RobotState
-from armadico.resources import WHEELS
-from armadico.services import Service
+from armadico.resources import WHEELS, Resource
 from armadico.tools.bench_figures import Figure, Tell, figure
 
 CROWDS: Final = (3, 10, 50)
@@ -28,29 +26,22 @@ TURN_CYCLES: Final = 15
 
 
 class Robot(Agent):
-    """Makes the cycles and obeys as the robot agent does, without a robot."""
+    """Makes the cycles and owns the wheels as the robot agent does, without a robot."""
 
     name = "robot"
-    hears: ClassVar[tuple[type[Message], ...]] = (Command, Claim)
+    owns = (WHEELS,)
     provides: ClassVar[tuple[type[Message], ...]] = (RobotState,)
 
     def __init__(self, identity: Identity, parameters: Any = None) -> None:
         super().__init__(identity, parameters)
-        self.owner = Owner(self.cycles)
         self.number = 0
         self.first_obeyed: dict[Ballot, int] = {}  # by ballot, the cycle of its first command
         self._speed = (0.0, 0.0)
 
     @classmethod
-    def subscriptions(cls) -> dict[type[Message], Service]:
+    def subscriptions(cls) -> tuple[Subscription, ...]:
         """It makes the cycles, so it does not hear them."""
-        found = super().subscriptions()
-        del found[RobotState]
-        return found
-
-    def _acceptable(self, message: Message) -> bool:  # noqa: ARG002
-        """The owner judges."""
-        return True
+        return tuple(s for s in super().subscriptions() if s.message is not RobotState)
 
     def on_start(self) -> None:
         """Begin to make cycles."""
@@ -62,20 +53,24 @@ class Robot(Agent):
         self.number += 1
         cycle = Cycle(1, self.number)
         self.cycles.advance(cycle, self.now)
-        o, (v, w) = self.owner, self._speed
-        echo = (o.largest, o.obeyed, o.obeyed_cycle)
-        self.publish(RobotState(cycle, 0, 0, 0, v, w, 12, True, False, *echo))
+        self.tenure += 1
+        self.publish(RobotState(cycle, 0, 0, 0, *self._speed, 12, True, False))
+        self.acknowledge()
 
-    def on_claim(self, claim: Claim) -> None:
-        """Learn of a ballot."""
-        self.owner.hear(claim)
+    def obey(self, resource: Resource, action: Any) -> None:
+        """Have the speeds, and note whose command was the first of its ballot."""
+        self._speed = action
+        ballot = self.owner(resource).obeyed
+        assert ballot is not None, "its command was just obeyed"
+        self.first_obeyed.setdefault(ballot, self.number)
 
-    def on_command(self, command: Command) -> None:
-        """Obey or refuse."""
-        verdict = self.owner.judge(command.cycle, command.ballot, stopped=False, sound=True)
-        if verdict is Verdict.OBEYED:
-            self._speed = (command.v, command.w)
-            self.first_obeyed.setdefault(command.ballot, self.number)
+    def rest(self, resource: Resource) -> None:  # noqa: ARG002 - it owns one
+        """Have no speed."""
+        self._speed = (0.0, 0.0)
+
+    def measure(self, resource: Resource) -> tuple[float, float]:  # noqa: ARG002 - it owns one
+        """The speeds that were last obeyed, m/s and rad/s."""
+        return self._speed
 
 
 class Wanderer(Agent):
@@ -123,7 +118,7 @@ def _talk(crowd: int, rounds: int) -> list[int]:
     mesh = VirtualMesh(seed=crowd)
     said: Counter[int] = Counter()
     mesh.watch(lambda _key, message, _now: said.update([_number(message)]), Claim, Command)
-    mesh.add(Robot(mesh.identity("robot")))
+    mesh.add(Robot(mesh.identity("robot")), admit=False)
     for index in range(crowd):
         _join(mesh, Wanderer, f"wanderer-{index}", index / crowd)
     cycles = range(SETTLE_CYCLES, SETTLE_CYCLES + rounds * ROUND_CYCLES)
@@ -149,7 +144,7 @@ def cycles_to_obeyed(quick: bool, tell: Tell) -> list[Figure]:
 def _takeovers(seed: int, turns: int) -> list[int]:
     mesh = VirtualMesh(seed)
     robot = Robot(mesh.identity("robot"))
-    mesh.add(robot)
+    mesh.add(robot, admit=False)
     names = [f"turn-taker-{index}" for index in range(CROWDS[0])]
     for index, name in enumerate(names):
         _join(mesh, TurnTaker, name, index)
@@ -169,4 +164,4 @@ def _first(obeyed: list[tuple[int, str]], name: str, since: int) -> int:
 def _join(mesh: VirtualMesh, kind: type[Agent], name: str, place: float) -> None:
     """A contender of its own class."""
     own = type(name.title(), (kind,), {"name": name, "place": place})
-    mesh.add(own(mesh.identity(name)))
+    mesh.add(own(mesh.identity(name)), admit=False)

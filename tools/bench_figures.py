@@ -58,6 +58,13 @@ BENCHMARKS: Final = (
         "armadico.tools.bench_latency:sip_to_command",
     ),
     Benchmark(
+        "sip-to-command-together",
+        "the same, with all agents but the robot agent in one process",
+        "the same floors: every agent a process of its own",
+        "at most 1.5 times the floor at p50, 2 times at p99",
+        "armadico.tools.bench_latency:sip_to_command_together",
+    ),
+    Benchmark(
         "messages-per-cycle",
         "claims and commands for a resource in a cycle, by the number of contenders",
         "a lone contender",

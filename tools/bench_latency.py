@@ -26,6 +26,7 @@ from armadico.config.profile import RobotProfile, SensorProfile
 from armadico.config.scenarios import Scenario
 from armadico.launcher import Launcher
 from armadico.messages import (
+    Ack,
     Ballot,
     Claim,
     Command,
@@ -52,7 +53,7 @@ from armadico.tools.bench_processes import (
 )
 
 AGENTS: Final = ("encoder", "sonar", "goto", "interface")
-GOAL: Final = (200.0, 0.0, 0.0)  # m, m, degrees: farther than it gets
+GOAL: Final = (190.0, 0.0, 0.0)  # m, m, degrees: farther than it gets
 CORRIDOR: Final = ((-1.0, 1.0, 201.0, 1.0), (-1.0, -1.0, 201.0, -1.0))  # m
 MOTOR: Final = frozenset({int(Cmd.VEL), int(Cmd.RVEL), int(Cmd.VEL2), int(Cmd.ROTATE)})
 STATUS_BYTES: Final = 36
@@ -151,6 +152,18 @@ class BarePath:
 
 
 def sip_to_command(quick: bool, tell: Tell) -> list[Figure]:
+    """Every agent a process of its own."""
+    return _measured("sip-to-command", (), quick, tell)
+
+
+def sip_to_command_together(quick: bool, tell: Tell) -> list[Figure]:
+    """The robot agent beside one process for all the others."""
+    return _measured("sip-to-command-together", (AGENTS,), quick, tell)
+
+
+def _measured(
+    name: str, together: tuple[tuple[str, ...], ...], quick: bool, tell: Tell
+) -> list[Figure]:
     """The society and the floors, one after the other, ten times a second each."""
     wanted = WARM_UP + (80 if quick else 500)
     with ExitStack() as stack:
@@ -162,12 +175,12 @@ def sip_to_command(quick: bool, tell: Tell) -> list[Figure]:
         stack.callback(line.close)
         watch = Stopwatch(line, [bare.turn for bare in floors])
         stack.enter_context(_simulation(watch))
-        stack.enter_context(_society(f"tcp://127.0.0.1:{line.port}"))
+        stack.enter_context(_society(f"tcp://127.0.0.1:{line.port}", together))
         taken = [watch.latencies, *(bare.latencies for bare in floors)]
         _await(taken, wanted, tell)
         whole, *bare_ms = [_ms(values[WARM_UP:wanted]) for values in taken]
-    names = ("sip-to-command", "sip-to-command-path")
-    return [figure(name, "ms", whole, bare) for name, bare in zip(names, bare_ms, strict=True)]
+    names = (name, f"{name}-path")
+    return [figure(each, "ms", whole, bare) for each, bare in zip(names, bare_ms, strict=True)]
 
 
 def _await(taken: Sequence[Sequence[float]], wanted: int, tell: Tell) -> None:
@@ -208,7 +221,7 @@ def _simulation(watch: Stopwatch) -> Iterator[None]:
 
 
 @contextmanager
-def _society(port: str) -> Iterator[None]:
+def _society(port: str, together: tuple[tuple[str, ...], ...]) -> Iterator[None]:
     """Robot agent, encoder, sonar, goto and interface, with a mission; no guest listens in."""
     scenario = Scenario(
         name="corridor",
@@ -220,7 +233,7 @@ def _society(port: str) -> Iterator[None]:
     )
     with (
         private_mesh() as mesh,
-        Launcher(scenario, Options(robot=port), mesh, namespace()) as launcher,
+        Launcher(scenario, Options(robot=port, together=together), mesh, namespace()) as launcher,
     ):
         launcher.start()
         launcher.begin()
@@ -264,13 +277,13 @@ def traffic() -> list[tuple[str, ...]]:
     size = _sizes()
     return [
         (
-            f"tcp>state:{size['state']},sonar:{size['sonar']}",
+            f"tcp>state:{size['state']},ack:{size['ack']},sonar:{size['sonar']}",
             f"cmd>tcp:{size['motor']}",
             "claim",
         ),
         (f"state>pose:{size['pose']}",),
         ("state", f"sonar>obstacles:{size['obstacles']}"),
-        ("state", "obstacles", f"pose>cmd:{size['cmd']},claim:{size['claim']}"),
+        ("state", "ack", "obstacles", f"pose>cmd:{size['cmd']},claim:{size['claim']}"),
         ("state", "pose"),
     ]
 
@@ -281,14 +294,12 @@ def _sizes() -> dict[str, int]:
     cycle, ballot = Cycle(2**62, 1000), Ballot(3, 0.9, False, "goto-0123456789abcdef")
     point, echo = Point(number, number), Echo(number, number, number, number)
     messages: dict[str, Message] = {
-        "state": RobotState(
-            *(cycle, number, number, number, number, number, number, True, False),
-            *(ballot, ballot, cycle),
-        ),
+        "state": RobotState(cycle, number, number, number, number, number, number, True, False),
+        "ack": Ack("wheels", cycle, ballot, ballot, cycle, 0.9, False, (number,) * 2),
         "sonar": Sonar(cycle, 5.0, (echo, echo)),
         "pose": Pose(cycle, number, number, number),
         "obstacles": Obstacles(cycle, point, None, point, point, (point,) * 12),
-        "cmd": Command(cycle, ballot, number, number),
+        "cmd": Command("wheels", cycle, ballot, (number,) * 2),
         "claim": Claim("wheels", ballot, cycle, 1.0, False, (number,) * 2, (number,) * 2),
     }
     motor = quantity(Cmd.VEL, 0.3) + quantity(Cmd.RVEL, 0.1)

@@ -24,9 +24,10 @@ import cbor2
 from armadico.agent import Agent
 from armadico.coordination import TRANSITIONS, Event, State
 from armadico.discovery import summary
-from armadico.messages import Ballot, Claim, Command, Cycle, Log, Message, Stop, Truth, encode
-from armadico.services import SERVICES, TOKEN, Service
+from armadico.messages import Ack, Ballot, Claim, Command, Cycle, Log, Message, Stop, Truth, encode
+from armadico.services import SERVICES, TOKEN, Service, matches
 from armadico.tools.docs_fields import fields_of, messages
+from armadico.tools.transcripts.scenes import SCENES
 
 ROOT: Final = Path(__file__).resolve().parent.parent
 """The checkout: the documentation is not installed."""
@@ -108,13 +109,21 @@ def _names(names: Iterator[str]) -> str:
 
 
 def _provides(kind: type[Agent], service: Service) -> bool:
-    if service.message in {Claim, Command}:
+    if service.message is Command:
+        return any(matches(service.pattern, r.command_pattern) for r in kind.competes_for)
+    if service.message is Claim:
         return bool(kind.competes_for)
+    if service.message is Ack:
+        return bool(kind.owns)
     return service.message in (*kind.provides, *kind.answers)
 
 
 def _requests(kind: type[Agent], service: Service) -> bool:
-    return service.message in kind.subscriptions() or service.message in kind.asks
+    hears = any(
+        to.message is service.message and matches(service.pattern, to.pattern)
+        for to in kind.subscriptions()
+    )
+    return hears or service.message in kind.asks
 
 
 def providers(service: Service) -> str:
@@ -125,14 +134,16 @@ def providers(service: Service) -> str:
         return "anybody"
     if service.message is Truth:
         return "the simulator"
-    return _names(name for name, kind in agents().items() if _provides(kind, service))
+    found = _names(name for name, kind in agents().items() if _provides(kind, service))
+    return found or "whoever holds it"
 
 
 def requesters(service: Service) -> str:
     """Which agents hear it, or ask for it."""
     every = agents()
     asking = [name for name, kind in every.items() if _requests(kind, service)]
-    return EVERYBODY if len(asking) == len(every) else ", ".join(asking) or "people and tools"
+    nobody = "its owner" if service.message is Command else "people and tools"
+    return EVERYBODY if len(asking) == len(every) else ", ".join(asking) or nobody
 
 
 # The parts ----------------------------------------------------------------------------------------
@@ -200,7 +211,7 @@ def example() -> str:
     cycle, ballot = Cycle(7, 42), Ballot(3, 0.75, critical=False, instance="mine-0123456789abcdef")
     claim = Claim("wheels", ballot, cycle, 0.75, wanted=(0.5, 0.0), commanded=(0.4, 0.1))
     parts = []
-    for message in (Command(cycle, ballot, 0.4, 0.1), claim):
+    for message in (Command("wheels", cycle, ballot, (0.4, 0.1)), claim):
         data = encode(message)
         said = json.dumps(cbor2.loads(data))
         hexed = "\n".join(textwrap.wrap(data.hex(" "), 90))
@@ -231,6 +242,12 @@ def agent_list() -> str:
     return table(("agent", "what it is", "competes for"), rows)
 
 
+def scenes() -> str:
+    """The transcripts: what happens in each."""
+    rows = ((f"[{s.name}](transcripts/{s.name}.jsonl)", s.about) for s in SCENES)
+    return table(("scene", "what happens"), rows)
+
+
 PARTS: Final[dict[str, Callable[[], str]]] = {
     "keys": keys,
     "fields": fields,
@@ -238,6 +255,7 @@ PARTS: Final[dict[str, Callable[[], str]]] = {
     "diagram": diagram,
     "example": example,
     "commands": commands,
+    "scenes": scenes,
     "agents": agent_list,
 }
 

@@ -1,7 +1,7 @@
 """The messages as the protocol page shows them: each field's place, type, range and default.
 
 Ranges come from the annotations that `decode` checks by; what a field means, from the comment
-beside it in `armadico.messages`.
+beside it, or the text below it, in `armadico.messages`.
 """
 
 from __future__ import annotations
@@ -16,11 +16,13 @@ import msgspec
 from msgspec import inspect as types
 
 from armadico import messages as m
-from armadico.messages import Message
+from armadico.messages import Latched, Message
 
 COMMENT: Final = re.compile(r"^ {4}(\w+): .*?  # (.+)$", re.MULTILINE)
 
-POWERS: Final = {2**53 - 1: "2^53 - 1", 2**63 - 1: "2^63 - 1", 1e6: "1e6", -1e6: "-1e6"}
+BELOW: Final = re.compile(r'^ {4}(\w+): [^\n]*\n {4}"""(.+?)"""$', re.MULTILINE | re.DOTALL)
+
+POWERS: Final = {2**52: "2^52", 2**63 - 1: "2^63 - 1", 1e6: "1e6", -1e6: "-1e6"}
 """Bounds that are read more easily as powers."""
 
 
@@ -36,11 +38,11 @@ class Field:
 
 
 def messages() -> list[type[Message]]:
-    """Every message, in the order of `armadico.messages`."""
+    """Every message, in the order of `armadico.messages`; the types that others share are none."""
     return [
         kind
         for kind in vars(m).values()
-        if isinstance(kind, type) and issubclass(kind, Message) and kind is not Message
+        if isinstance(kind, type) and issubclass(kind, Message) and kind not in (Message, Latched)
     ]
 
 
@@ -48,7 +50,9 @@ def fields_of(kind: type[Message]) -> list[Field]:
     """The fields of a message in the order of the wire."""
     info = types.type_info(kind)
     assert isinstance(info, types.StructType), f"{kind.__name__} is a struct"
-    comments = dict(COMMENT.findall(inspect.getsource(kind)))
+    source = inspect.getsource(kind)
+    below = {name: re.sub(r"\s+", " ", text) for name, text in BELOW.findall(source)}
+    comments = below | dict(COMMENT.findall(source))
     return [
         Field(
             index,
@@ -66,9 +70,9 @@ def type_text(info: types.Type) -> str:
     match info:
         case types.UnionType(types=members):
             rest = [type_text(member) for member in members if not _is_none(member)]
-            text = " or ".join([*rest, "null"])
-        case types.VarTupleType(item_type=item):
-            text = f"array of ({type_text(item)})"
+            text = " or ".join([*rest, *(["null"] if len(rest) < len(members) else [])])
+        case types.VarTupleType(item_type=item, max_length=most):
+            text = f"array of{'' if most is None else f' up to {most:,}'} ({type_text(item)})"
         case types.StructType(cls=cls):
             text = f"[{cls.__name__}](#{cls.__name__.lower()})"
         case types.EnumType(cls=cls):
@@ -81,6 +85,8 @@ def type_text(info: types.Type) -> str:
             text = "text" + (f", {least or 0} to {most} characters" if most is not None else "")
         case types.BoolType():
             text = "bool"
+        case types.BytesType(max_length=most):
+            text = "bytes" + ("" if most is None else f", up to {most:,}")
         case _:
             raise TypeError(f"no words for {info}")
     return text

@@ -22,7 +22,7 @@ import msgspec
 from msgspec import inspect
 
 from armadico.messages import Ask, Claim, Message, MessageError, decode
-from armadico.services import BIDS, CARD, SERVICES, Kind, Service
+from armadico.services import BIDS, CARD, SERVICES, Kind, Service, matches
 
 if TYPE_CHECKING:
     from armadico.mesh.zenoh import ZenohMesh
@@ -42,6 +42,9 @@ QUIET_S: Final = 0.5
 """A holder that has claimed nothing for so long holds nothing, as far as a watcher can tell."""
 
 EVERYTHING: Final = "**"
+
+HEX: Final = "_hex"
+"""Ends the name of a field that is bytes, written as hexadecimal text."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -148,14 +151,7 @@ class Watcher:
 @cache
 def service_at(key: str) -> Service | None:
     """The row of the table of services that a key belongs to."""
-    chunks = key.split("/")
-    for service in SERVICES:
-        pattern = service.pattern.split("/")
-        if len(pattern) == len(chunks) and all(
-            p in ("*", c) for p, c in zip(pattern, chunks, strict=True)
-        ):
-            return service
-    return None
+    return next((service for service in SERVICES if matches(service.pattern, key)), None)
 
 
 def kind_at(key: str) -> type[Message] | None:
@@ -184,10 +180,17 @@ def as_object(value: Any) -> Any:
     """A message as a dictionary by field names, through and through; what is None is left out.
 
     So a number that may be missing is a number in the schema, which is what plotting tools expect.
+    An action that is a message, encoded, is hexadecimal text in a field of its own, `<name>_hex`.
     """
     if isinstance(value, msgspec.Struct):
         fields = ((name, getattr(value, name)) for name in value.__struct_fields__)
-        return {name: as_object(found) for name, found in fields if found is not None}
+        return {
+            name + HEX if isinstance(found, bytes) else name: as_object(found)
+            for name, found in fields
+            if found is not None
+        }
+    if isinstance(value, bytes):
+        return value.hex()
     if isinstance(value, tuple | list):
         return [as_object(each) for each in value]
     return value.value if isinstance(value, Enum) else value
@@ -198,7 +201,7 @@ def from_object(kind: type[M], found: Any) -> M:
     try:
         plain = _arrays(_type_info(kind), found)
         return msgspec.convert(plain, kind)
-    except (msgspec.ValidationError, TypeError, AttributeError) as error:
+    except (msgspec.ValidationError, TypeError, ValueError, AttributeError) as error:
         raise MessageError(f"not a {kind.__name__}: {error}") from None
 
 
@@ -218,6 +221,8 @@ def _arrays(kind: inspect.Type, found: Any) -> Any:
 
 def _field(field: inspect.Field, found: dict[str, Any]) -> Any:
     """One field; one that an older recording does not have is as its default."""
+    if field.name + HEX in found:
+        return bytes.fromhex(found[field.name + HEX])
     if field.name in found or field.default is msgspec.NODEFAULT:
         return _arrays(field.type, found.get(field.name))
     return msgspec.to_builtins(field.default)
@@ -232,9 +237,10 @@ def json_schema(kind: type[msgspec.Struct]) -> dict[str, Any]:
 def _schema(kind: inspect.Type) -> dict[str, Any]:
     if isinstance(kind, inspect.StructType):
         optional = {f.name for f in kind.fields if isinstance(f.type, inspect.UnionType)}
+        encoded = {f.name + HEX: {"type": "string"} for f in kind.fields if _may_be_bytes(f.type)}
         return {
             "type": "object",
-            "properties": {field.name: _schema(field.type) for field in kind.fields},
+            "properties": {field.name: _schema(field.type) for field in kind.fields} | encoded,
             "required": [field.name for field in kind.fields if field.name not in optional],
         }
     if isinstance(kind, inspect.UnionType):
@@ -253,8 +259,15 @@ _SCALARS: Final[dict[type[inspect.Type], str]] = {
 }
 
 
+def _may_be_bytes(kind: inspect.Type) -> bool:
+    among = kind.types if isinstance(kind, inspect.UnionType) else (kind,)
+    return any(isinstance(each, inspect.BytesType) for each in among)
+
+
 def _not_none(kind: inspect.UnionType) -> inspect.Type:
-    (only,) = (each for each in kind.types if not isinstance(each, inspect.NoneType))
+    """What it is, unless it is missing, or bytes: those have a field of their own."""
+    aside = (inspect.NoneType, inspect.BytesType)
+    (only,) = (each for each in kind.types if not isinstance(each, aside))
     return only
 
 

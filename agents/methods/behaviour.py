@@ -29,7 +29,7 @@ class Behaviour(Agent):
     def __init__(self, identity: agent.Identity, parameters: Any = None) -> None:
         super().__init__(identity, parameters)
         self.route = Route()
-        self._mission = 0
+        self._known = (0, 0)  # the trajectory that is followed, by its order
         self._body: Body | None = None
         self._speeds: tuple[Speeds, Speeds] = ((0.0, 0.0), (0.0, 0.0))  # a cycle ago, and now
 
@@ -85,8 +85,8 @@ class Behaviour(Agent):
 
     def on_trajectory(self, trajectory: Trajectory) -> None:
         """A new mission, or the old one said again."""
-        if trajectory.mission != self._mission or not trajectory.waypoints:
-            self._mission = trajectory.mission
+        if trajectory.order != self._known:
+            self._known = trajectory.order
             self.route = Route.of(trajectory)
             self.on_mission()
 

@@ -99,7 +99,7 @@ def _radii(box: Outline, radius: float) -> tuple[float, float]:
     return nearest, hypot(max(box.front, box.rear), max(abs(low), abs(high)))
 
 
-def _contact(  # noqa: PLR0917 - all positional, it is called for every point
+def _contact(
     p: Point, rho: float, radius: float, sense: float, outline: Outline, box: Outline
 ) -> float:
     """The angle of turning at which this point reaches the rectangle."""

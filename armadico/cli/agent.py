@@ -13,13 +13,16 @@ from functools import partial
 from typing import TYPE_CHECKING, Any, Final
 
 from armadico.cli import options
+from armadico.cli.options import UsageError
 from armadico.discovery import AGENTS, agent_class, installed
 
 if TYPE_CHECKING:
+    from armadico.agent import Agent
     from armadico.device import Port
 
 EXAMPLES: Final = """\
   armadico-agent --list
+  armadico-agent goto avoid gothrough        three agents in one process, each as if alone
   armadico-agent robot --set port=serial:///dev/ttyUSB0
   armadico-agent goto --set v_max=0.4
   armadico-agent encoder --listen tcp/192.168.1.5:7450    this machine's address: others may connect
@@ -42,7 +45,7 @@ def _main(arguments: Sequence[str]) -> int:
     if args.list:
         _list(as_json=args.json)
         return 0
-    if args.name is None:
+    if not args.names:
         made.error("which agent? `armadico-agent --list` shows them")
     with _signals_held():
         return _serve(args)
@@ -51,10 +54,12 @@ def _main(arguments: Sequence[str]) -> int:
 def _parser() -> argparse.ArgumentParser:
     made = options.parser(
         "armadico-agent",
-        "Run one agent. It finds the others, and shares with them whatever it competes for.",
+        "Run an agent. It finds the others, and shares with them whatever it competes for. Several"
+        " share one process: what they publish for each other does not leave it, and one that fails"
+        " ends them all.",
         EXAMPLES,
     )
-    made.add_argument("name", nargs="?", metavar="NAME", help="which agent; see --list")
+    made.add_argument("names", nargs="*", metavar="NAME", help="which agents; see --list")
     made.add_argument("--list", action="store_true", help="the agents that are installed")
     made.add_argument("--json", action="store_true", help="with --list: a JSON array")
     made.add_argument("--config", metavar="FILE", help="its parameters, in TOML")
@@ -63,7 +68,7 @@ def _parser() -> argparse.ArgumentParser:
         metavar="KEY=VALUE",
         action="append",
         default=[],
-        help="one parameter, over the file's; may be repeated",
+        help="one parameter, over the file's; AGENT.KEY=VALUE of several; may be repeated",
     )
     options.add_mesh_options(made)
     return made
@@ -97,21 +102,40 @@ def _signals_held() -> Iterator[None]:
 
 
 def _serve(args: argparse.Namespace) -> int:
-    kind = agent_class(args.name)
-    from armadico.config.loading import load_parameters  # noqa: PLC0415 - not for --help
+    kinds = [agent_class(name) for name in args.names]
     from armadico.runtime import identity, serve  # noqa: PLC0415 - not for --help
 
-    parameters = load_parameters(kind.parameters, args.config, args.set)
+    parameters = [_parameters(kind, args) for kind in kinds]
     where = options.placed(args, passing=False)
     mesh = options.join_at(args, where, passing=False)
     logging.basicConfig(
         level=logging.INFO,
         stream=sys.stderr,
-        format=LOG_FORMAT.format(name=args.name),
+        format=LOG_FORMAT.format(name="+".join(args.names)),
         datefmt="%H:%M:%S",
     )
-    agent = kind(identity(kind.name, None if where is None else where.name), parameters)
-    serve(agent, mesh, _port(parameters))
+    host = None if where is None else where.name
+    agents = [k(identity(k.name, host), p) for k, p in zip(kinds, parameters, strict=True)]
+    connect = {a.instance: opens for a in agents if (opens := _port(a.p)) is not None}
+    serve(agents, mesh, connect)
+
+
+def _parameters(kind: type[Agent], args: argparse.Namespace) -> Any:
+    """What is set of one agent: of several, each setting names whose it is."""
+    from armadico.config.loading import load_parameters  # noqa: PLC0415 - not for --help
+
+    if len(args.names) == 1:
+        return load_parameters(kind.parameters, args.config, args.set)
+    if args.config is not None:
+        raise UsageError(f"--config {args.config}: of several agents, use --set AGENT.KEY=VALUE")
+    mine = []
+    for setting in args.set:
+        whose, dot, rest = setting.partition(".")
+        if not dot or whose not in args.names:
+            raise UsageError(f"--set {setting}: of which agent? {'.KEY=, '.join(args.names)}.KEY=")
+        if whose == kind.name:
+            mine.append(rest)
+    return load_parameters(kind.parameters, None, mine)
 
 
 def _port(parameters: Any) -> Callable[[], Port] | None:

@@ -79,10 +79,10 @@ def _list(benchmarks: Sequence[Benchmark], *, as_json: bool) -> None:
         print(json.dumps(rows, indent=2))
         return
     for benchmark in benchmarks:
-        print(f"{benchmark.name:<20}{benchmark.summary}")
+        print(f"{benchmark.name:<25}{benchmark.summary}")
         for key in keys[2:]:
             if getattr(benchmark, key):
-                print(f"{'':<20}{key}: {getattr(benchmark, key)}")
+                print(f"{'':<25}{key}: {getattr(benchmark, key)}")
 
 
 # Progress -----------------------------------------------------------------------------------------

@@ -81,9 +81,9 @@ def examine(args: argparse.Namespace) -> Iterator[Finding]:
 
 
 def _show(finding: Finding) -> None:
-    print(f"{finding.verdict:<6} {finding.subject}: {finding.what}")
+    print(options.shown(f"{finding.verdict:<6} {finding.subject}: {finding.what}"))
     if finding.todo:
-        print(f"{'':<6} -> {finding.todo}")
+        print(options.shown(f"{'':<6} -> {finding.todo}"))
 
 
 # This machine -------------------------------------------------------------------------------------

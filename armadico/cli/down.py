@@ -1,4 +1,4 @@
-"""End what `armadico up` keeps up on this machine."""
+"""End what `armadico up` keeps up on this machine, and what a run that was killed has left."""
 
 from __future__ import annotations
 
@@ -18,6 +18,9 @@ if TYPE_CHECKING:
 
 PATIENCE_S: Final = 20.0
 """What it may take until everything is down: a few seconds for each kind of process."""
+
+KILL_S: Final = 4.0
+"""What a process that was left may take to leave before it is killed."""
 
 LOOK_S: Final = 0.05
 """How often it is looked whether it is."""
@@ -40,18 +43,45 @@ def main(argv: Sequence[str]) -> int:
     except OSError as error:
         raise FailedError(f"cannot look what is up: {error}") from None
     whose = f"of {args.host} " if args.host else ""
-    if not found:
-        print(f"nothing {whose}is up on this machine in namespace {namespace!r}")
     for share in found:
         _end(share)
+    left = [] if args.host else _end_orphans(namespace)
+    if left:
+        print(f"ended what a killed `armadico run` had left: {', '.join(left)}")
+    elif not found:
+        print(f"nothing {whose}is up on this machine in namespace {namespace!r}")
     return 0
+
+
+def _end_orphans(namespace: str) -> list[str]:
+    """End the processes of a run whose launcher is gone; their names, in the order of ending."""
+    import psutil  # noqa: PLC0415 - not for --help
+
+    from armadico.processes import ROBOT, SIMULATOR, orphans  # noqa: PLC0415 - not for --help
+
+    found = orphans(namespace)
+    order = {ROBOT: 1, SIMULATOR: 2}  # behaviours let go, the robot stops, the simulator ends last
+    ended: list[str] = []
+    for rank in range(3):
+        group = [(n, p) for n, p in found if max(order.get(a, 0) for a in n.split("+")) == rank]
+        for _, process in group:
+            with suppress(psutil.Error):
+                process.terminate()
+        _, alive = psutil.wait_procs([process for _, process in group], timeout=KILL_S)
+        for process in alive:
+            with suppress(psutil.Error):
+                process.kill()
+        psutil.wait_procs(alive, timeout=KILL_S)
+        ended += [name for name, _ in group]
+    return ended
 
 
 def _parser() -> argparse.ArgumentParser:
     made = options.parser(
         "armadico down",
         "End what `armadico up` keeps up on this machine: the agents let go, the robot stops. Other"
-        " machines' shares are theirs.",
+        " machines' shares are theirs. What an `armadico run` has left that was killed ends, too;"
+        " agents that were started by hand do not.",
         EXAMPLES,
     )
     options.add_namespace_option(made)

@@ -49,7 +49,7 @@ def main(argv: Sequence[str]) -> int:
         for _ in range(args.count) if args.count else iter(int, 1):
             item = take(watcher, args)
             assert isinstance(item, Heard), "only messages were asked for"
-            print(_line(item, as_json=args.json), flush=True)
+            print(options.shown(_line(item, as_json=args.json)), flush=True)
     return 0
 
 

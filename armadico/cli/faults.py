@@ -52,7 +52,7 @@ def _parser() -> argparse.ArgumentParser:
         "The whole society drives shipped scenarios on the virtual mesh while faults befall it,"
         " drawn from a seed; a checker watches the promises. What ran is counted in a file. A"
         " violation prints one command that repeats it, with as few faults as will do. Exit code"
-        " 1 if a promise was broken, or if in 200 seeds some situation never came to pass.",
+        " 1 if a promise was broken, or if in 1000 seeds some situation never came to pass.",
         EXAMPLES,
     )
     made.add_argument("--seeds", type=int, metavar="N", help=f"how many (default: {SEEDS})")

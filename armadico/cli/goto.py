@@ -59,8 +59,8 @@ def _parser() -> argparse.ArgumentParser:
         " waiting, not the drive.",
         EXAMPLES,
     )
-    made.add_argument("x", type=_number, metavar="X", help="m, in the world frame")
-    made.add_argument("y", type=_number, metavar="Y", help="m")
+    made.add_argument("x", type=_metres, metavar="X", help="m, in the world frame")
+    made.add_argument("y", type=_metres, metavar="Y", help="m")
     made.add_argument("heading", type=_number, metavar="DEG", help="degrees, counter-clockwise")
     made.add_argument("--direct", action="store_true", help="straight there, with no plan")
     made.add_argument("--timeout", type=_number, metavar="S", help="give up waiting after this")
@@ -75,6 +75,15 @@ def _number(text: str) -> float:
         value = math.nan
     if not math.isfinite(value):
         raise argparse.ArgumentTypeError(f"{text!r} is no finite number")
+    return value
+
+
+def _metres(text: str) -> float:
+    from armadico.messages import LARGEST  # noqa: PLC0415 - not for --help
+
+    value = _number(text)
+    if abs(value) > LARGEST:
+        raise argparse.ArgumentTypeError(f"{text!r} m is beyond {LARGEST:g} m, which is no place")
     return value
 
 
@@ -95,7 +104,7 @@ def _begin(client: Client, args: argparse.Namespace) -> MissionReply:
     if not isinstance(reply, MissionReply):
         raise options.nobody(args, "no interface agent takes the mission")
     if reply.refusal:
-        raise options.FailedError(f"the mission was refused: {reply.refusal}")
+        raise options.FailedError(f"the mission was refused: {options.shown(reply.refusal)}")
     return reply
 
 
@@ -129,7 +138,8 @@ def _remark(client: Client) -> str:
     if state is None or client.age(RobotState) > 1.0:
         return "nothing heard of the robot"
     if state.stop.stopped:
-        return f"stopped by {state.stop.by or 'somebody'}; `armadico resume` releases it"
+        by = options.shown(state.stop.by) or "somebody"
+        return f"stopped by {by}; `armadico resume` releases it"
     return "stalled" if state.stalled else f"{state.v:.2f} m/s"
 
 
@@ -139,7 +149,7 @@ def _shower(stack: ExitStack, length: float) -> Callable[[float, str], None]:
         return _Lines().show
     from rich.progress import BarColumn, Progress, TextColumn  # noqa: PLC0415 - not for --help
 
-    columns = (BarColumn(), TextColumn("{task.description}"))
+    columns = (BarColumn(), TextColumn("{task.description}", markup=False))
     progress = stack.enter_context(Progress(*columns, transient=True))
     task = progress.add_task("", total=max(length, 1e-3))
 

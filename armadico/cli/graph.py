@@ -92,12 +92,9 @@ class Graph:
 
 def graph(cards: Iterable[Card]) -> Graph:
     """The graph of those who have these cards."""
-    from armadico.messages import Claim, Command  # noqa: PLC0415 - not for --help
-    from armadico.resources import WHEELS  # noqa: PLC0415 - not for --help
-    from armadico.services import SERVICES, Kind, service_of  # noqa: PLC0415 - not for --help
+    from armadico.services import SERVICES, Kind  # noqa: PLC0415 - not for --help
 
     queries = {service.key for service in SERVICES if service.kind is Kind.QUERY}
-    claims, commands = service_of(Claim).key, service_of(Command).key
     agents: set[str] = set()
     edges: set[tuple[str, str]] = set()
     for card in cards:
@@ -105,13 +102,23 @@ def graph(cards: Iterable[Card]) -> Graph:
         says = {key for key in card.provides if key not in queries}
         says |= {key for key in card.requests if key in queries}
         hears = {*card.provides, *card.requests} - says
-        if card.resources:
-            says.add(claims)
-        if WHEELS.name in card.resources:
-            says.add(commands)  # whoever holds the wheels drives
+        for name in card.resources:
+            says |= {*_keys_of(name)[:2]}  # whoever holds it
+        says |= {_keys_of(name)[2] for name in card.owns}
         edges |= {(card.name, key) for key in says} | {(key, card.name) for key in hears}
+    edges = {(options.shown(a), options.shown(b)) for a, b in edges}
+    agents = {options.shown(name) for name in agents}
     keys = {end for edge in edges for end in edge} - agents
     return Graph(sorted(agents), sorted(keys), frozenset(edges))
+
+
+def _keys_of(resource: str) -> tuple[str, str, str]:
+    """Where a resource's claims, commands and acknowledgements travel."""
+    from armadico.resources import WHEELS  # noqa: PLC0415 - not for --help
+
+    own = f"resource/{resource}"
+    commands = WHEELS.command_pattern if resource == WHEELS.name else f"{own}/cmd/*"
+    return f"{own}/utility", commands, f"{own}/ack"
 
 
 def text(found: Graph) -> str:
@@ -127,10 +134,14 @@ def text(found: Graph) -> str:
 def dot(found: Graph) -> str:
     """For graphviz."""
     lines = ["digraph armadico {", "  rankdir=LR;"]
-    lines += [f'  "{name}" [shape=box, style=rounded];' for name in found.agents]
-    lines += [f'  "{key}" [shape=plaintext];' for key in found.keys]
-    lines += [f'  "{a}" -> "{b}";' for a, b in sorted(found.edges)]
+    lines += [f"  {_quoted(name)} [shape=box, style=rounded];" for name in found.agents]
+    lines += [f"  {_quoted(key)} [shape=plaintext];" for key in found.keys]
+    lines += [f"  {_quoted(a)} -> {_quoted(b)};" for a, b in sorted(found.edges)]
     return "\n".join([*lines, "}"])
+
+
+def _quoted(text: str) -> str:
+    return '"' + text.replace("\\", "\\\\").replace('"', '\\"') + '"'
 
 
 # The picture --------------------------------------------------------------------------------------

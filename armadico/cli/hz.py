@@ -79,13 +79,14 @@ def _show(rates: dict[str, Rate], now: int) -> None:
     for key in sorted(rates):
         row = _row(key, rates[key], now)
         if row["hz"] is None or row["mean_s"] is None:
-            print(f"{key}: {row['messages']} so far", flush=True)
+            print(f"{options.shown(key)}: {row['messages']} so far", flush=True)
             continue
         promised = "" if row["promised_hz"] is None else f" of {row['promised_hz']:g} promised"
+        name = options.shown(key)
         gaps = f"{row['least_s'] * 1e3:.1f} / {row['mean_s'] * 1e3:.1f} / {row['most_s'] * 1e3:.1f}"
         deviation = f"{row['deviation_s'] * 1e3:.1f} ms"
         print(
-            f"{key}: {row['hz']:.2f} Hz{promised}; gaps least / mean / most {gaps} ms,"
+            f"{name}: {row['hz']:.2f} Hz{promised}; gaps least / mean / most {gaps} ms,"
             f" deviation {deviation}, {row['messages']} messages",
             flush=True,
         )

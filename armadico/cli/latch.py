@@ -11,10 +11,9 @@ from armadico.cli.echo import seconds
 
 if TYPE_CHECKING:
     from armadico.client import Client
-    from armadico.messages import Stop
 
-FIND_S: Final = 2.0
-"""How long the robot is looked for."""
+TIMEOUT_S: Final = 5.0
+"""What finding the robot agent, and its acknowledgement, may take."""
 
 
 def latch(made: argparse.ArgumentParser, argv: Sequence[str], *, stopped: bool) -> int:
@@ -22,9 +21,9 @@ def latch(made: argparse.ArgumentParser, argv: Sequence[str], *, stopped: bool) 
     made.add_argument(
         "--timeout",
         type=seconds,
-        default=3.0,
+        default=TIMEOUT_S,
         metavar="S",
-        help="give up after this (default: 3 s)",
+        help=f"give up after this (default: {TIMEOUT_S:g} s)",
     )
     options.add_mesh_options(made)
     args = made.parse_args(argv)
@@ -32,24 +31,30 @@ def latch(made: argparse.ArgumentParser, argv: Sequence[str], *, stopped: bool) 
     from armadico.client import Client  # noqa: PLC0415 - not for --help
 
     with mesh:
-        said = _say(Client(mesh), args, stopped)
+        _say(Client(mesh), args, stopped)
         # Before leaving, which may take a while where a host does not answer.
-        print(f"the robot is {'stopped' if said.stopped else 'free to move'}", flush=True)
+        print(f"the robot is {'stopped' if stopped else 'free to move'}", flush=True)
     return 0
 
 
-def _say(client: Client, args: argparse.Namespace, stopped: bool) -> Stop:
-    """Say it until it is echoed; returns what the robot agent says."""
+def _say(client: Client, args: argparse.Namespace, stopped: bool) -> None:
+    """Say it until it is acknowledged. Raises `FailedError` if it is not."""
     from armadico.latch import say  # noqa: PLC0415 - not for --help
     from armadico.messages import RobotState  # noqa: PLC0415 - not for --help
 
     client.listen(RobotState)
-    state = client.wait_for(lambda: client.latest(RobotState), FIND_S)
-    if state is None and not stopped:
-        raise options.nobody(args, "no robot answers")
     by = "armadico stop" if stopped else "armadico resume"
-    done = say(client, stopped=stopped, by=by, timeout=args.timeout)
-    if done is not None:
-        return done
-    word = "the stop" if stopped else "the release"
-    raise options.nobody(args, f"no robot answers: {word} was said, and nobody confirmed it")
+    said = say(client, stopped=stopped, by=by, timeout=args.timeout)
+    if said.done:
+        return
+    if said.refusal:
+        raise options.FailedError(f"the robot is not released: {said.refusal}")
+    if not stopped and said.known is None:
+        raise options.nobody(args, "no robot answers: nothing is known that could be released")
+    what = f"the {'stop' if stopped else 'release'} was sent, not acknowledged"
+    if said.known is None:
+        raise options.nobody(args, f"{what}: no robot answers")
+    still = "stopped" if said.known.stopped else "free to move"
+    raise options.FailedError(
+        f"{what}: the robot agent did not go on saying so; it last said {still}"
+    )

@@ -88,7 +88,7 @@ def _show(args: argparse.Namespace, item: Heard) -> None:
         return
     clock = time.strftime("%H:%M:%S", time.localtime(item.at / 1e9))
     stamp = f"{clock}.{item.at // 1_000_000 % 1000:03d} {agent_of(instance)}"
-    print(f"{stamp} {_name(message.level)} {message.text}", flush=True)
+    print(options.shown(f"{stamp} {_name(message.level)} {message.text}"), flush=True)
 
 
 def _name(level: int) -> str:
@@ -109,7 +109,7 @@ def _read(args: argparse.Namespace) -> int:
         raise FailedError(f"{args.agent or 'nobody'} wrote nothing in {folder} ({names} did)")
     for stamp, name, text in sorted(_lines(chosen), key=lambda line: line[0]):
         found = {"time": stamp, "agent": name, "text": text}
-        print(json.dumps(found) if args.json else text)
+        print(json.dumps(found) if args.json else options.shown(text))
     return 0
 
 

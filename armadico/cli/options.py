@@ -196,3 +196,8 @@ def _say(program: str, error: Exception, code: int) -> int:
     text = str(error) or type(error).__name__
     print(f"{program}: {text}", file=sys.stderr)
     return code
+
+
+def shown(value: object) -> str:
+    """Something from the mesh as a terminal may have it: one line, nothing that controls it."""
+    return "".join(c if c.isprintable() else "\N{REPLACEMENT CHARACTER}" for c in str(value))

@@ -148,7 +148,7 @@ def _show_host(host: HostState, cards: Cards) -> None:
     silent = [name for (name, _), card in cards.items() if card is None]
     more = f"; not answering: {', '.join(silent)}" if host.lacks and silent else ""
     skew = f"; {host.skew}" if host.skew else ""
-    print(f"{host.name}: {host.state}{more}{skew}")
+    print(options.shown(f"{host.name}: {host.state}{more}{skew}"))
 
 
 def _show(
@@ -156,6 +156,10 @@ def _show(
 ) -> None:
     from rich.console import Console  # noqa: PLC0415 - not for --help
     from rich.table import Table  # noqa: PLC0415 - not for --help
+    from rich.text import Text  # noqa: PLC0415 - not for --help
+
+    def cells(*texts: object) -> list[Text]:
+        return [Text(options.shown(text)) for text in texts]  # no markup, whatever they say
 
     if not cards:
         print(f"nobody is there in namespace {args.namespace!r}")
@@ -166,23 +170,24 @@ def _show(
     for (name, instance), card in sorted(cards.items(), key=lambda row: _place_of(row[1], order)):
         short = instance.removeprefix(f"{name}-")[:8]  # enough for people; --json has it whole
         if card is None:
-            table.add_row("", name, short, "not answering", style="red")
+            table.add_row(*cells("", name, short, "not answering"), style="red")
             continue
-        table.add_row(
+        row = cells(
             card.host,
             name,
             short,
-            str(card.pid),
+            card.pid,
             card.version,
             ", ".join(card.provides),
-            ", ".join(card.resources),
+            ", ".join(dict.fromkeys((*card.owns, *card.resources))),
             ", ".join(card.holds),
         )
+        table.add_row(*row)
     if cards:
         Console().print(table)
     for host in hosts:
         if everyone or host.skew:
-            print(f"{host.name}: {host.state}{'; ' if host.skew else ''}{host.skew}")
+            print(options.shown(f"{host.name}: {host.state}{'; ' if host.skew else ''}{host.skew}"))
 
 
 def _place_of(card: Card | None, order: Mapping[str, int]) -> int:

@@ -41,6 +41,7 @@ STARTING: Final = (
     "robot",
     "profile",
     "world",
+    "together",
 )
 """Options that are for whoever starts the society."""
 
@@ -51,6 +52,7 @@ EXAMPLES: Final = """\
   armadico run --world rooms-a --start 1 1 90 --goal 7 0.7 -90
   armadico run my.toml --controller fast --exchange abrupt --without gothrough
   armadico run sc1 --robot serial:///dev/ttyUSB0
+  armadico run sc4 --together encoder+sonar --together goto+avoid+gothrough
   armadico run sc4 --virtual --profile amigobot
   armadico run sc4 --attach --hosts lab.toml   the society is up already: armadico up
 """
@@ -93,6 +95,13 @@ def _parser() -> argparse.ArgumentParser:
     made.add_argument("--exchange", choices=("abrupt", "smooth"), help="how resources change hands")
     made.add_argument(
         "--without", action="append", default=[], metavar="AGENT", help="leave an agent out"
+    )
+    made.add_argument(
+        "--together",
+        action="append",
+        default=[],
+        metavar="A+B",
+        help="live: agents that share one process; may be repeated",
     )
     made.add_argument("--runs", type=int, metavar="N", help="so many, with one seed after another")
     made.add_argument("--json", action="store_true", help="one JSON object on stdout")
@@ -188,7 +197,7 @@ def _check_robot(url: str) -> None:
 
 def _check_attach(args: argparse.Namespace) -> None:
     for option in STARTING if args.attach else ():
-        if getattr(args, option) not in (None, False):
+        if getattr(args, option) not in (None, False, []):
             raise UsageError(
                 f"--{option} is for whoever starts the society (armadico up); --attach starts"
                 " nobody"
@@ -214,7 +223,23 @@ def _known_agents(args: argparse.Namespace, scenario: Scenario) -> Scenario:
         if name not in scenario.agents:
             taking = ", ".join(scenario.agents)
             raise UsageError(f"--without {name}: takes no part in {scenario.name} ({taking} do)")
+    _check_together(args, ("robot", *scenario.agents))
     return scenario
+
+
+def _check_together(args: argparse.Namespace, taking: Sequence[str]) -> None:
+    """Raises UsageError for a group that cannot share a process."""
+    named: list[str] = []
+    for group in args.together:
+        names = group.split("+")
+        strangers = [name for name in names if name not in taking]
+        if args.virtual:
+            raise UsageError(f"--together {group}: under --virtual all share one process")
+        if strangers:
+            raise UsageError(f"--together {group}: {strangers[0]!r} takes no part")
+        if len(names) < 2 or set(names) & set(named) or len(set(names)) < len(names):
+            raise UsageError(f"--together {group}: expected two agents or more, each of them once")
+        named += names
 
 
 def _seeds(args: argparse.Namespace, scenario: Scenario) -> range:
@@ -260,6 +285,7 @@ def _drive(args: argparse.Namespace, scenario: Scenario, seed: int) -> tuple[Res
         exchange=args.exchange,
         parameters=args.parameters,
         without=tuple(args.without),
+        together=tuple(tuple(group.split("+")) for group in args.together),
         robot=args.robot,
     )
     drive = _virtual if args.virtual else _live
@@ -361,10 +387,10 @@ def _progress(
     from rich.progress import BarColumn, Progress, TextColumn, TimeElapsedColumn  # noqa: PLC0415
 
     columns = (
-        TextColumn("{task.fields[label]}"),
+        TextColumn("{task.fields[label]}", markup=False),
         BarColumn(),
         TimeElapsedColumn(),
-        TextColumn("{task.description}"),
+        TextColumn("{task.description}", markup=False),
     )
     with Progress(*columns, console=Console(stderr=True), transient=True) as progress:
         task = progress.add_task("starting", total=None, label=label)
@@ -395,8 +421,9 @@ def remark(watch: RunWatch) -> str:
     if state is None:
         return f"{to_go}, nothing heard of the robot"
     if state.stop.stopped:
-        return f"{to_go}, stopped by {state.stop.by}; armadico resume releases it"
-    holder = watch.holder or "nobody"
+        by = options.shown(state.stop.by) or "somebody"
+        return f"{to_go}, stopped by {by}; armadico resume releases it"
+    holder = options.shown(watch.holder or "nobody")
     return f"{to_go}, {holder} holds the wheels, {state.v:.2f} m/s, {state.battery_v:.1f} V"
 
 

@@ -17,7 +17,7 @@ if TYPE_CHECKING:
     import psutil
     from rich.console import Group
 
-    from armadico.messages import Card, Message, RobotState
+    from armadico.messages import Ack, Card, Message, RobotState
     from armadico.tools.watching import Heard, Presence, Rate, Watcher
 
 SHOW_S: Final = 0.5
@@ -91,6 +91,7 @@ class View:
         self.cards: dict[str, Card] = {}
         self.rates: dict[str, Rate] = {}
         self.state: RobotState | None = None
+        self.acks: dict[str, Ack] = {}  # by resource: its owner's newest word
         self._processes: dict[int, psutil.Process] = {}
 
     def take(self, item: Heard | Presence) -> None:
@@ -108,10 +109,12 @@ class View:
             self._learn(message, item.at)
 
     def _learn(self, message: Message, at: int) -> None:
-        from armadico.messages import Card, Claim, RobotState  # noqa: PLC0415 - not for --help
+        from armadico.messages import Ack, Card, Claim, RobotState  # noqa: PLC0415
 
         if isinstance(message, Claim):
             self.holders.hear(message, at)
+        elif isinstance(message, Ack):
+            self.acks[message.resource] = message
         elif isinstance(message, RobotState):
             self.state = message
         elif isinstance(message, Card):
@@ -148,17 +151,19 @@ class View:
             "battery_v": state.battery_v,
             "stalled": state.stalled,
             "stopped_by": state.stop.by if state.stop.stopped else None,
-            "obeyed": state.obeyed.instance if state.obeyed else None,
             "cycle": state.cycle.number,
         }
 
     def _resources(self) -> list[str]:
-        shared = {name for card in self.cards.values() for name in card.resources}
-        return sorted(shared | set(self.holders.resources))
+        shared = {name for card in self.cards.values() for name in (*card.resources, *card.owns)}
+        return sorted(shared | set(self.holders.resources) | set(self.acks))
 
     def _resource(self, name: str, now: int) -> dict[str, Any]:
-        claim = self.holders.of(name, now)
-        row: dict[str, Any] = {"resource": name, "holder": None}
+        from armadico.measures import driver  # noqa: PLC0415 - not for --help
+
+        claim, ack = self.holders.of(name, now), self.acks.get(name)
+        obeyed = driver(ack) if ack is not None else None
+        row: dict[str, Any] = {"resource": name, "holder": None, "obeyed": obeyed}
         if claim is not None:
             row |= {
                 "holder": claim.ballot.instance,
@@ -243,7 +248,7 @@ def tables(snapshot: dict[str, Any]) -> Group:
     from rich.console import Group  # noqa: PLC0415 - not for --help
     from rich.text import Text  # noqa: PLC0415 - not for --help
 
-    heading = Text(_heading(snapshot), style="bold")
+    heading = Text(options.shown(_heading(snapshot)), style="bold")
     agents = [
         (
             row["name"],
@@ -261,6 +266,7 @@ def tables(snapshot: dict[str, Any]) -> Group:
             _short(row["holder"]) or "nobody",
             _number(row.get("utility"), 2) + (" critical" if row.get("critical") else ""),
             row.get("term", ""),
+            row["obeyed"] or "nobody",
             ", ".join(row["contenders"]),
         )
         for row in snapshot["resources"]
@@ -277,7 +283,7 @@ def tables(snapshot: dict[str, Any]) -> Group:
     ]
     return Group(
         heading,
-        _table(("RESOURCE", "HOLDER", "UTILITY", "TERM", "CONTENDERS"), resources),
+        _table(("RESOURCE", "HOLDER", "UTILITY", "TERM", "OBEYED", "CONTENDERS"), resources),
         _table(("AGENT", "INSTANCE", "HOST", "PID", "CPU %", "MB"), agents),
         _table(("KEY", "HZ", "PROMISED", "MISSED", "AGE s"), services, late=3),
     )
@@ -296,13 +302,14 @@ def _heading(snapshot: dict[str, Any]) -> str:
 
 def _table(titles: Sequence[str], rows: Sequence[Sequence[Any]], late: int | None = None) -> Any:
     from rich.table import Table  # noqa: PLC0415 - not for --help
+    from rich.text import Text  # noqa: PLC0415 - not for --help
 
     table = Table(box=None, header_style="bold cyan", pad_edge=False, expand=False)
     for title in titles:
         table.add_column(title, no_wrap=True)
     for row in rows:
         style = "red" if late is not None and row[late] else None
-        table.add_row(*(str(cell) for cell in row), style=style)
+        table.add_row(*(Text(options.shown(cell)) for cell in row), style=style)
     return table
 
 

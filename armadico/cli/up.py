@@ -190,6 +190,7 @@ def _plan(args: argparse.Namespace, where: Place, scenario: Scenario | None) -> 
         simulated,
         seed,
         tuple(_joining(args, where)),
+        host.together,
     )
 
 

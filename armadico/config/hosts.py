@@ -15,6 +15,7 @@ from typing import Any, Final
 from urllib.parse import urlsplit
 
 from msgspec import Struct
+from msgspec.structs import replace
 
 from armadico.config.errors import ConfigError, advice
 from armadico.config.lines import line_of
@@ -49,6 +50,8 @@ class Host(Struct, frozen=True, forbid_unknown_fields=True):
     agents: tuple[str, ...] = ()
     robot: str | None = None
     """Where its robot agent finds the controller, `serial:///dev/ttyUSB0`; none: a simulator."""
+    together: tuple[tuple[str, ...], ...] = ()
+    """Groups of its agents that share a process each."""
 
     @property
     def addresses(self) -> tuple[str, ...]:
@@ -124,6 +127,7 @@ def load_hosts(path: Path | str | None = None) -> HostTable:
         hosts |= {name: _without_endpoints(hosts[name]) for name in bare}
     _check_endpoints(hosts, settings, file, text)
     _refuse_repeats(hosts, file, text)
+    _check_together(hosts, file, text)
     _check_robots(hosts, file, text)
     if not hosts:
         raise ConfigError("no hosts; expected a table for each, [name]", file, 1)
@@ -160,7 +164,7 @@ def _check_misplaced(entries: Mapping[str, Any], file: Path, text: str) -> None:
 
 
 def _without_endpoints(host: Host) -> Host:
-    return Host((), host.agents, host.robot)
+    return replace(host, endpoints=())
 
 
 def _check_router(router: str, file: Path, text: str) -> None:
@@ -224,6 +228,25 @@ def _refuse_repeats(hosts: Mapping[str, Host], file: Path, text: str) -> None:
         if repeated:
             message = f"{name}.agents: {min(repeated)!r} is there twice; expected once"
             raise ConfigError(message, file, line_of(text, (name, "agents")))
+
+
+def _check_together(hosts: Mapping[str, Host], file: Path, text: str) -> None:
+    for name, host in hosts.items():
+        seen: set[str] = set()
+        for index, group in enumerate(host.together):
+            strangers = [agent for agent in group if agent not in host.agents]
+            twice = [agent for agent in group if agent in seen or group.count(agent) > 1]
+            seen |= set(group)
+            if strangers:
+                message = f"{strangers[0]!r} is not among the agents of {name}"
+            elif twice:
+                message = f"{twice[0]!r} is there twice; expected once"
+            elif len(group) < 2:
+                message = "expected two agents or more that share a process"
+            else:
+                continue
+            where = line_of(text, (name, "together"))
+            raise ConfigError(f"{name}.together[{index}]: {message}", file, where)
 
 
 def _check_robots(hosts: Mapping[str, Host], file: Path, text: str) -> None:

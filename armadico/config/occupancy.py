@@ -37,8 +37,8 @@ def read_occupancy(path: Path | str) -> World:
     occupied = _occupied(_image(fields, file), fields, file)
     walls = tuple(_place(edge, resolution, origin) for edge in _edges(occupied))
     rows, columns = occupied.shape
-    cycle = ((0, 0, columns, 0), (columns, 0, columns, rows), (columns, rows, 0, rows))
-    bounds = hull(tuple(_place(edge, resolution, origin) for edge in cycle))
+    frame = ((0, 0, columns, 0), (columns, 0, columns, rows), (columns, rows, 0, rows))
+    bounds = hull(tuple(_place(edge, resolution, origin) for edge in frame))
     return World(file.stem, walls, bounds)
 
 
@@ -121,7 +121,7 @@ def _runs(edges: NDArray[np.bool_]) -> list[tuple[int, int, int]]:
 
 
 def _place(edge: tuple[int, int, int, int], resolution: float, origin: list[float]) -> Segment:
-    """An edge in cells, in the map's cycle."""
+    """An edge in cells, in the map's frame."""
     c, s = cos(origin[2]), sin(origin[2])
     points: list[float] = []
     for column, row in (edge[:2], edge[2:]):

@@ -1,11 +1,11 @@
 """The virtual mesh: a whole society in one thread, under a virtual clock, from one seed.
 
 Computation takes no virtual time. Deliveries take delays drawn from the distribution measured on
-the live mesh, never zero, or the same agent would always be first; what one process says to
+the live mesh, never zero, or the same agent would always be first; what one process sends to
 another arrives in order. Equal instants run in order of a sequence number. Each link and each
 agent draws from its own stream, derived from the seed and its name, so adding an agent leaves the
-others' noise as it was and comparisons are paired. A publication is encoded once, decoded once, and
-shared frozen.
+others' noise as it was and comparisons are paired. A publication is checked once as the wire would,
+and shared frozen. Agents are run by the same driver as live ones (`armadico.driver`).
 
 Faults: links that are slow, lossy, cut, or worse (`virtual_network`); processes that die, hang, are
 slow, return or have a twin, and clocks of their own. Who is out of reach for longer than the lease
@@ -19,13 +19,15 @@ import random
 from collections.abc import Callable, Sequence
 from typing import Any
 
-from armadico.agent import Agent, Answer, AskFor, DeviceAgent, Identity, Publish, Write
+from armadico.agent import Agent, AskFor, Identity, Publish, Subscription, Write
+from armadico.driver import Announce, OpenPort, Output, Reply, sendable
+from armadico.mailbox import EVENTS
 from armadico.mesh.virtual_network import Clock, Link
 from armadico.mesh.virtual_node import Device, Node, Port
-from armadico.mesh.virtual_presence import Presence
+from armadico.mesh.virtual_presence import LEASE, RECONNECT, Presence
 from armadico.mesh.virtual_questions import Questions
-from armadico.messages import Message, decode, encode
-from armadico.services import Kind, service_of
+from armadico.messages import Message
+from armadico.services import Kind, matches, service_of
 
 BURST = 1024
 """After so many deliveries a slow process's wake-up fires, whatever else waits."""
@@ -37,24 +39,42 @@ ROUNDING = 1e-9
 """A wake-up this little before its time, s, by a clock of its own, is in time."""
 
 Watcher = Callable[[str, Message, float], None]
+Route = tuple[Subscription, Node]
 
 
 class VirtualMesh:
     """The clock, the queue of events and the network between the nodes."""
 
-    def __init__(self, seed: int = 0) -> None:
+    def __init__(
+        self,
+        seed: int = 0,
+        *,
+        ties: random.Random | None = None,
+        lease: float = LEASE,
+        reconnect: tuple[float, float] = RECONNECT,
+    ) -> None:
+        """A network with nobody in it yet.
+
+        Args:
+            seed: Of all that is random.
+            ties: Draws the order of equal instants; None: as they were put in.
+            lease: Who cannot be heard for so long, s, is taken for gone.
+            reconnect: How long it then takes to find each other again, s: from, to.
+        """
         self.seed = seed
         self.now = 0.0
+        self.refused: Callable[[Node], None] | None = None  # told of who may not join, or stay
+        self._ties = ties
         self.nodes: list[Node] = []
         self.events = 0
         self._heap: list[tuple[float, int, Callable[[Any, Any], None], Any, Any]] = []
         self._sequence = 0
         self._links: dict[tuple[str, str], Link] = {}
-        self._subscribers: dict[type[Message], list[Node]] = {}
+        self._routes: dict[str, tuple[Route, ...]] = {}  # by key, who listens; made when needed
         self._watchers: dict[type[Message], list[Watcher]] = {}
         self.joined: Callable[[Node], None] | None = None  # told of each node that is added
         self._ports: list[Port] = []
-        self._presence = Presence(self)
+        self._presence = Presence(self, lease, reconnect)
         self._questions = Questions(self)
 
     # Building ------------------------------------------------------------------------------------
@@ -68,22 +88,29 @@ class VirtualMesh:
         rng = self.stream(f"agent/{name}/{start}")
         return Identity(f"{name}-{rng.getrandbits(64):016x}", "virtual", 0, "virtual", rng)
 
-    def add(self, agent: Agent, device: Device | None = None, clock: Clock | None = None) -> Node:
-        """A process joins, now; a device that another had open is its own from now on."""
-        node = Node(agent, self, clock)
+    def add(
+        self,
+        agent: Agent,
+        device: Device | None = None,
+        clock: Clock | None = None,
+        *,
+        admit: bool = True,
+    ) -> Node:
+        """A process starts, now; a device that another had open is its own once it has joined.
+
+        Without `admit` it joins at once, whoever is alive.
+        """
+        node = Node(agent, self, clock, admit=admit)
+        node.device = device
         self.nodes.append(node)
-        for kind in agent.subscriptions():
-            self._subscribers.setdefault(kind, []).append(node)
-        if device is not None:
-            node.device = device
-            self._plug(device, node)
+        self._routes.clear()
         self.call_at(self.now, self._start, node)
         if self.joined is not None:
             self.joined(node)
         return node
 
     def watch(self, watcher: Watcher, *kinds: type[Message]) -> None:
-        """Be shown every message of these kinds the moment it is said, without being heard."""
+        """Be shown every message of these kinds the moment it is published, without being heard."""
         for kind in kinds:
             self._watchers.setdefault(kind, []).append(watcher)
 
@@ -91,18 +118,31 @@ class VirtualMesh:
         self, when: float, call: Callable[[Any, Any], None], a: Any = None, b: Any = None
     ) -> None:
         """Have something called at a time."""
+        heapq.heappush(self._heap, (when, self._next(), call, a, b))
+
+    def _next(self) -> int:
+        """What orders equal instants."""
         self._sequence += 1
-        heapq.heappush(self._heap, (when, self._sequence, call, a, b))
+        if self._ties is None:
+            return self._sequence
+        return self._ties.getrandbits(32) << 32 | self._sequence
 
     def publish(self, message: Message, sender: str = "client", key: str | None = None) -> None:
-        """Say something from outside the society, as a command-line tool would."""
+        """Publish something from outside the society, as a command-line tool would."""
         self._publish(sender, Publish(key or service_of(type(message)).key, message))
 
-    def arrive(self, message: Message, name: str) -> None:
-        """Have something arrive, now, that was said to an agent of this name long ago."""
-        for node in self._subscribers.get(type(message), ()):
-            if node.name == name:
-                self.call_at(self.now, self._deliver, node, message)
+    def publish_bytes(self, data: bytes, key: str, sender: str = "client") -> None:
+        """Publish a payload, whatever it is, from outside the society."""
+        for route in self._listeners(key):
+            at = self.link(sender, route[1].name).arrival(self.now)
+            if at is not None:
+                self.call_at(at, self._deliver, route, (key, data))
+
+    def arrive(self, message: Message, name: str, key: str) -> None:
+        """Have something arrive, now, that was published on a key for an agent long ago."""
+        for route in self._listeners(key):
+            if route[1].name == name:
+                self.call_at(self.now, self._deliver, route, (key, message))
 
     def ask(
         self,
@@ -148,15 +188,13 @@ class VirtualMesh:
     def kill(self, node: Node) -> None:
         """End a process without a word."""
         node.alive = False
-        for subscribers in self._subscribers.values():
-            if node in subscribers:
-                subscribers.remove(node)
+        self._routes.clear()
         self._presence.killed(node)
 
     def leave(self, node: Node) -> None:
         """Have a process end in order."""
-        node.agent.stop(node.time)
-        self._drain(node)
+        node.driver.leave(node.time)
+        self._send(node, node.driver.take())
         self.kill(node)
 
     def hang(self, node: Node) -> None:
@@ -174,11 +212,11 @@ class VirtualMesh:
     def slow_down(self, node: Node, work_s: float) -> None:
         """Have a process need so long for each delivery, s; 0 is as fast as ever."""
         node.work_s = work_s
-        if not work_s:
+        if not work_s and not node.busy:
             self.flush(node)
 
     def cut(self, sources: Sequence[str], targets: Sequence[str], *, lease: bool = False) -> None:
-        """What some agents say no longer reaches others; both by name (`Presence.cut`)."""
+        """What some agents publish no longer reaches others; both by name (`Presence.cut`)."""
         self._presence.cut(sources, targets, lease=lease)
 
     def heal(self, sources: Sequence[str], targets: Sequence[str]) -> None:
@@ -193,14 +231,10 @@ class VirtualMesh:
     # Inside --------------------------------------------------------------------------------------
 
     def _start(self, node: Node, _: Any) -> None:
-        if not node.alive:
-            return
-        agent = node.agent
-        agent.start(node.time)
-        if isinstance(agent, DeviceAgent) and node.device is not None:
-            agent.take_link(True, "", node.time)
-        self._drain(node)
-        self._presence.join(node)
+        if node.alive:
+            self._presence.look(node)
+            node.driver.begin(node.time)
+            self._drain(node)
 
     def later(self, source: str, node: Node, call: Callable[[Any, Any], None], what: Any) -> None:
         """Have something happen to a node once it has come over the network from a source."""
@@ -208,112 +242,142 @@ class VirtualMesh:
         if at is not None:
             self.call_at(at, call, node, what)
 
-    def hand(self, node: Node, deliver: Callable[[], None]) -> None:
-        """Deliver an event, or keep it while the node hangs or is busy."""
+    def hand(self, node: Node, deliver: Callable[[], None], lane: str, keep: int = EVENTS) -> None:
+        """Deliver something, or keep it in a lane while the node hangs or is busy."""
         if not node.alive:
             return
-        if node.hung or node.work_s:
-            node.mailbox.put_event(lambda: self._through(node, deliver))
+        if self._waits(node):
+            node.mailbox.put(lane, lambda: self._through(node, deliver), keep)
             self._work(node)
         else:
             self._through(node, deliver)
+
+    @staticmethod
+    def _waits(node: Node) -> bool:
+        """Whether what arrives must wait: nothing overtakes what waits already."""
+        return node.hung or bool(node.work_s) or node.busy or bool(node.mailbox)
 
     def _through(self, node: Node, deliver: Callable[[], None]) -> None:
         if node.alive:
             deliver()
             self._drain(node)
 
-    def _deliver(self, node: Node, message: Message) -> None:
+    def _deliver(self, route: Route, what: tuple[str, Message | bytes]) -> None:
+        to, node = route
         if not node.alive:
             return
-        if node.hung or node.work_s:
-            self._keep(node, message)
+        key, message = what
+        if node.hung or node.work_s or node.busy or node.mailbox:
+            keep = 1 if to.kind is Kind.STATE else EVENTS
+            self.hand(node, lambda: node.driver.deliver(to, key, message, node.time), key, keep)
             return
-        agent = node.agent
-        agent.receive(message, node.time)
-        if agent.outbox:
-            self._drain(node)
-        else:
+        driver = node.driver
+        driver.deliver(to, key, message, self.now if node.clock is None else node.time)
+        out = driver.take()
+        if out:
+            self._send(node, out)
+        wanted, due = driver.wakeup, node.wake_due
+        if wanted is not None and (due is None or node.clock is not None or wanted < due):
             self.mind_wakeup(node)
 
-    def _keep(self, node: Node, message: Message) -> None:
-        service = service_of(type(message))
-
-        def deliver() -> None:
-            if node.alive:
-                node.agent.receive(message, node.time)
-                self._drain(node)
-
-        if service.kind is Kind.STATE:
-            node.mailbox.put_state(service.key, deliver)
-        else:
-            node.mailbox.put_event(deliver)
-        self._work(node)
-
     def _work(self, node: Node) -> None:
-        """A slow process takes one thing after another; what it says comes at the end of each."""
+        """A slow process takes one thing after another; what it sends comes at the end of each."""
         while not (node.busy or node.hung) and (item := node.mailbox.take()):
             node.worked += 1
             item()
 
-    def _worked(self, node: Node, out: list[Any]) -> None:
+    def _worked(self, node: Node, out: list[Output]) -> None:
         node.busy = False
         if node.hung:  # it goes on where it was
-            node.mailbox.put_event(lambda: self._send(node, out))
+            node.mailbox.put("worked", lambda: self._send(node, out))
         elif node.alive:
             self._send(node, out)
             if node.worked >= BURST:
                 self._wake(node, node.wake_due or 0.0)
-            self._work(node)
+            if node.work_s:
+                self._work(node)
+            else:
+                self.flush(node)
             self.mind_wakeup(node)
 
     def _drain(self, node: Node) -> None:
         """Send what an agent has put into its outbox, at once or when its work is done."""
-        agent = node.agent
-        out, agent.outbox = agent.outbox, []
+        out = node.driver.take()
         if node.work_s and node.alive:
             node.busy = True
             self.call_at(self.now + node.work_s, self._worked, node, out)
-        else:
+            return
+        if out:
             self._send(node, out)
-            self.mind_wakeup(node)
+        self.mind_wakeup(node)
+        if node.driver.refusal and node.alive:
+            if self.refused is not None:
+                self.refused(node)
+            self.leave(node)
 
-    def _send(self, node: Node, out: list[Any]) -> None:
+    def _send(self, node: Node, out: list[Output]) -> None:
         for item in out:
-            if isinstance(item, Publish):
+            if type(item) is Publish:
                 self._publish(node.name, item, node)
             elif isinstance(item, Write):
                 self._later_device(node, item.data)
             elif isinstance(item, AskFor):
                 self._questions.put(node, item)
-            elif isinstance(item, Answer):
+            elif isinstance(item, Reply):
                 self._questions.answer(node, item)
+            elif isinstance(item, Announce):
+                node.announced = True
+                self._presence.join(node)
+            elif isinstance(item, OpenPort) and node.device is not None:
+                self._plug(node.device, node)
+                node.driver.link(True, "", node.time)
+                self._drain(node)
+
+    def _listeners(self, key: str) -> tuple[Route, ...]:
+        """Who listens on a key, in the order in which they were added."""
+        routes = self._routes.get(key)
+        if routes is None:
+            routes = self._routes[key] = tuple(
+                (to, node)
+                for node in self.nodes
+                if node.alive
+                for to in node.agent.subscriptions()
+                if matches(to.pattern, key)
+            )
+        return routes
 
     def _publish(self, sender: str, item: Publish, speaker: Node | None = None) -> None:
         """Send to everybody but the speaker, to another instance of the same agent too."""
-        message = item.message
-        kind = type(message)
-        shared = decode(encode(message), kind)
-        for watcher in self._watchers.get(kind, ()):
-            watcher(item.key, shared, self.now)
+        key = item.key
+        watchers = self._watchers.get(type(item.message), ())
+        routes = self._listeners(key)
+        if not watchers and not routes:
+            return
+        shared = sendable(item)
+        if isinstance(shared, str):
+            if speaker is not None:
+                speaker.unsendable += 1
+            return
+        for watcher in watchers:
+            watcher(key, shared, self.now)
         if speaker is not None and speaker.lost:
             return
-        now, links = self.now, self._links
-        for node in self._subscribers.get(kind, ()):
+        now, links, what = self.now, self._links, (key, shared)
+        for route in routes:
+            node = route[1]
             if node is speaker or node.lost:
                 continue
             link = links.get((sender, node.name)) or self.link(sender, node.name)
             at = link.arrival(now)
             while at is not None:
-                self._sequence += 1
-                heapq.heappush(self._heap, (at, self._sequence, self._deliver, node, shared))
+                heapq.heappush(self._heap, (at, self._next(), self._deliver, route, what))
                 at = link.again(at) if link.duplicate else None
 
     def mind_wakeup(self, node: Node, *, anew: bool = False) -> None:
         """See that a node is woken when its agent wants it; `anew`: its clock has changed."""
         if anew:
             node.wake_due = None
-        wanted = node.agent.wakeup
+        wanted = node.driver.wakeup
         if wanted is None or not node.alive:
             return
         due = node.when(wanted)
@@ -331,11 +395,11 @@ class VirtualMesh:
             node.wake_due = self.now + LOOK_AGAIN
             self.call_at(node.wake_due, self._wake, node, node.wake_due)
             return
-        now, wanted = node.time, node.agent.wakeup
+        now, wanted = node.time, node.driver.wakeup
         if wanted is not None and now < wanted < now + ROUNDING:
             now = wanted
         node.worked = 0
-        node.agent.wake(now)
+        node.driver.wake(now)
         self._drain(node)
 
     # Devices -------------------------------------------------------------------------------------
@@ -375,11 +439,8 @@ class VirtualMesh:
                 self.call_at(at, self._bytes, node, link.spoil(data))
 
     def _bytes(self, node: Node, data: bytes) -> None:
-        agent = node.agent
-        assert isinstance(agent, DeviceAgent), f"{node.name} owns no device"
-        self.hand(node, lambda: agent.take_bytes(data, node.time))
-
-
-def cards(nodes: Sequence[Node]) -> list[Message]:
-    """The cards of those that are alive."""
-    return [node.agent.card() for node in nodes if node.alive]
+        if self._waits(node):
+            self.hand(node, lambda: node.driver.received(data, node.time), "device")
+        elif node.alive:
+            node.driver.received(data, node.time)
+            self._drain(node)

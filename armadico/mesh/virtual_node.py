@@ -2,9 +2,11 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from typing import TYPE_CHECKING, Protocol
 
 from armadico.agent import Agent
+from armadico.driver import Driver
 from armadico.mailbox import Mailbox
 from armadico.mesh.virtual_network import Clock
 
@@ -32,10 +34,14 @@ class Node:
     Without a clock of its own it takes the mesh's time for its own.
     """
 
-    def __init__(self, agent: Agent, mesh: VirtualMesh, clock: Clock | None = None) -> None:
+    def __init__(
+        self, agent: Agent, mesh: VirtualMesh, clock: Clock | None = None, *, admit: bool = True
+    ) -> None:
         self.agent = agent
         self.name = agent.name
-        self.mailbox = Mailbox()
+        self.mailbox: Mailbox[Callable[[], None]] = Mailbox()
+        self.announced = False  # its token can be seen
+        self.unsendable = 0  # what it would have published, and nobody could have read
         self.alive = True
         self.hung = False
         self.hangs = 0
@@ -45,19 +51,19 @@ class Node:
         self.worked = 0  # deliveries since its last wake-up
         self.wake_due: float | None = None
         self.device: Device | None = None
-        self.there: set[str] = set()  # instances that it knows of
-        self._clock = clock
+        self.clock = clock
         self._mesh = mesh
+        self.driver = Driver(agent, self.time, admit=admit)
 
     @property
     def time(self) -> float:
         """What it takes for the time, s."""
         now = self._mesh.now
-        return now if self._clock is None else self._clock.read(now)
+        return now if self.clock is None else self.clock.read(now)
 
     def when(self, time: float) -> float:
         """The mesh's time at which it takes it for `time`, s."""
-        return time if self._clock is None else self._clock.when(time)
+        return time if self.clock is None else self.clock.when(time)
 
     def kill(self) -> None:
         """SIGKILL: it says nothing more, and its token goes."""
@@ -86,9 +92,9 @@ class Node:
         self._mesh.mind_wakeup(self, anew=True)
 
     def _own_clock(self) -> Clock:
-        if self._clock is None:
-            self._clock = Clock()
-        return self._clock
+        if self.clock is None:
+            self.clock = Clock()
+        return self.clock
 
 
 class Port:

@@ -31,24 +31,32 @@ Way = tuple[str, str]
 class Presence:
     """Tells each node who comes and goes."""
 
-    def __init__(self, mesh: VirtualMesh) -> None:
+    def __init__(self, mesh: VirtualMesh, lease: float, reconnect: tuple[float, float]) -> None:
         self._mesh = mesh
+        self._lease = lease
+        self._reconnects = reconnect
         self._rng = mesh.stream("presence")
         self._cuts: Counter[Way] = Counter()
         self._parted: set[frozenset[str]] = set()  # names whose connection's lease ran out
 
+    def look(self, node: Node) -> None:
+        """A node has started: it is told who is alive."""
+        for other in self._others(node):
+            if other.announced and not other.lost:
+                self._mesh.later(other.name, node, self._appear, other)
+
     def join(self, node: Node) -> None:
-        """A node has started: it is told who is there, and they are told of it."""
+        """A node shows its token: the others are told of it."""
         for other in self._others(node):
             if not other.lost:
-                self._meet(node, other)
+                self._mesh.later(node.name, other, self._appear, node)
 
     def killed(self, node: Node) -> None:
         """A node is gone: whoever reached it sees its socket close, the others its lease end."""
         for other in self._others(node):
             reached = self._mesh.link(node.name, other.name).up and not node.lost
             self._mesh.call_at(
-                self._mesh.now + (LIVELINESS if reached else LEASE), self._gone, other, node
+                self._mesh.now + (LIVELINESS if reached else self._lease), self._gone, other, node
             )
 
     # Hangs ---------------------------------------------------------------------------------------
@@ -56,7 +64,7 @@ class Presence:
     def hung(self, node: Node) -> None:
         """A node hangs from now on."""
         node.hangs += 1
-        self._mesh.call_at(self._mesh.now + LEASE, self._hung_for_long, node, node.hangs)
+        self._mesh.call_at(self._mesh.now + self._lease, self._hung_for_long, node, node.hangs)
 
     def woken(self, node: Node) -> None:
         """It is back, and has dealt with what waited for it; tell it what it has lost meanwhile."""
@@ -64,7 +72,7 @@ class Presence:
             return
         for other in self._others(node):
             self._gone(node, other)
-        at = self._mesh.now + self._rng.uniform(*RECONNECT)
+        at = self._mesh.now + self._rng.uniform(*self._reconnects)
         self._mesh.call_at(at, self._found, node, node.hangs)
 
     def _hung_for_long(self, node: Node, hang: int) -> None:
@@ -76,7 +84,9 @@ class Presence:
     def _found(self, node: Node, hang: int) -> None:
         if node.alive and not node.hung and node.hangs == hang:
             node.lost = False
-            self.join(node)
+            self.look(node)
+            if node.announced:
+                self.join(node)
 
     # Cuts ----------------------------------------------------------------------------------------
 
@@ -90,7 +100,7 @@ class Presence:
             self._cuts[way] += 1
             self._mesh.link(*way).up = False
             if lease:
-                at = self._mesh.now + LEASE
+                at = self._mesh.now + self._lease
                 self._mesh.call_at(at, self._cut_for_long, way, self._cuts[way])
 
     def heal(self, sources: Iterable[str], targets: Iterable[str]) -> None:
@@ -100,7 +110,7 @@ class Presence:
             if self._cuts[way]:
                 continue
             if frozenset(way) in self._parted:
-                at = self._mesh.now + self._rng.uniform(*RECONNECT)
+                at = self._mesh.now + self._rng.uniform(*self._reconnects)
                 self._mesh.call_at(at, self._reconnect, way)
             else:
                 self._mesh.link(*way).up = True
@@ -138,29 +148,25 @@ class Presence:
         return [other for other in self._mesh.nodes if other.alive and other is not node]
 
     def _meet(self, node: Node, other: Node) -> None:
-        self._mesh.later(node.name, other, self._appear, node)
-        self._mesh.later(other.name, node, self._appear, other)
+        for each, token in ((other, node), (node, other)):
+            if token.announced:
+                self._mesh.later(token.name, each, self._appear, token)
 
     def _appear(self, node: Node, other: Node) -> None:
-        instance = other.agent.instance
-
-        def deliver() -> None:
-            if instance not in node.there:
-                node.there.add(instance)
-                node.agent.appeared(other.name, instance, node.time)
-
         if other.alive:
-            self._mesh.hand(node, deliver)
+            self._tell(node, other, alive=True)
 
     def _gone(self, node: Node, other: Node) -> None:
-        instance = other.agent.instance
+        self._tell(node, other, alive=False)
 
-        def deliver() -> None:
-            if instance in node.there:
-                node.there.remove(instance)
-                node.agent.disappeared(other.name, instance, node.time)
-
-        self._mesh.hand(node, deliver)
+    def _tell(self, node: Node, other: Node, *, alive: bool) -> None:
+        name, instance = other.name, other.agent.instance
+        self._mesh.hand(
+            node,
+            lambda: node.driver.token(name, instance, alive, node.time),
+            f"token/{instance}",
+            keep=1,
+        )
 
 
 def _ways(sources: Iterable[str], targets: Iterable[str]) -> list[Way]:

@@ -4,11 +4,11 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
-from armadico.agent import Agent, Answer, AskFor, Question
-from armadico.messages import Message, decode, encode
-from armadico.services import service_of
+from armadico.agent import AskFor, Publish
+from armadico.driver import Reply, sendable
+from armadico.messages import Message
 
 if TYPE_CHECKING:
     from armadico.mesh.virtual import VirtualMesh
@@ -41,30 +41,37 @@ class Questions:
     def put(self, node: Node | None, ask: AskFor, then: Then | None = None) -> None:
         """Ask everybody who answers on that key; no reply within its time is None."""
         self._ids += 1
-        self._pending[self._ids] = Pending(node, ask.id, ask.reply, then)
-        request = decode(encode(ask.request), type(ask.request))
-        mesh = self._mesh
-        if node is None or not node.lost:
+        mesh, number = self._mesh, self._ids
+        self._pending[number] = Pending(node, ask.id, ask.reply, then)
+        request = sendable(Publish(ask.key, ask.request))
+        if isinstance(request, Message) and (node is None or not node.lost):
             for other in mesh.nodes:
-                there = other.alive and not other.lost
-                if there and answers(other.agent, ask.key, request):
-                    question = Question(self._ids, request)
-                    mesh.later(node.name if node else CLIENT, other, self._asked, question)
-        mesh.call_at(mesh.now + ask.timeout, self._replied, self._ids, None)
+                there = other.alive and not other.lost and other is not node
+                if there and other.driver.answers(ask.key):
+                    mesh.later(
+                        node.name if node else CLIENT,
+                        other,
+                        self._asked,
+                        (ask.key, request, number),
+                    )
+        mesh.call_at(mesh.now + ask.timeout, self._replied, number, None)
 
-    def answer(self, node: Node, answer: Answer) -> None:
+    def answer(self, node: Node, reply: Reply) -> None:
         """Carry a reply back."""
-        pending = self._pending.get(answer.id)
-        if pending is None or node.lost:
+        pending = self._pending.get(reply.call)
+        message = sendable(Publish(reply.key, reply.message))
+        if pending is None or node.lost or not isinstance(message, pending.reply):
             return
-        message = decode(encode(answer.message), pending.reply)
         target = pending.node.name if pending.node else CLIENT
         at = self._mesh.link(node.name, target).arrival(self._mesh.now)
         if at is not None:
-            self._mesh.call_at(at, self._replied, answer.id, message)
+            self._mesh.call_at(at, self._replied, reply.call, message)
 
-    def _asked(self, node: Node, question: Any) -> None:
-        self._mesh.hand(node, lambda: node.agent.asked(question, node.time))
+    def _asked(self, node: Node, what: tuple[str, Message, int]) -> None:
+        key, request, number = what
+        self._mesh.hand(
+            node, lambda: node.driver.asked(key, request, number, node.time), f"query/{key}"
+        )
 
     def _replied(self, number: int, message: Message | None) -> None:
         pending = self._pending.pop(number, None)
@@ -74,9 +81,8 @@ class Questions:
             pending.then(message)
         node = pending.node
         if node is not None:
-            self._mesh.hand(node, lambda: node.agent.replied(pending.id, message, node.time))
-
-
-def answers(agent: Agent, key: str, request: Message) -> bool:
-    """Whether an agent answers a query on a key."""
-    return type(request) in agent.answers and service_of(type(request)).key == key
+            self._mesh.hand(
+                node,
+                lambda: node.driver.replied(pending.id, message, node.time),
+                f"reply/{number}",
+            )

@@ -9,6 +9,7 @@ from __future__ import annotations
 
 import json
 import logging
+import os
 import secrets
 import threading
 import time
@@ -17,11 +18,19 @@ from collections.abc import Callable
 from types import TracebackType
 from typing import Any, Final, TypeVar
 
+# One worker of Zenoh's for everything, where there would be five: what they do for a message of
+# ours is little, and handing it on woke each process 20 times a cycle. Read on loading Zenoh.
+os.environ.setdefault(
+    "ZENOH_RUNTIME",
+    "(rx: (worker_threads: 1), tx: (handover: rx), acc: (handover: rx),"
+    " net: (handover: rx), app: (handover: rx))",
+)
+
 import zenoh
 
 from armadico.mesh.linger import release_links
 from armadico.mesh.topology import MeshError, Topology, one_way
-from armadico.messages import Message, MessageError, decode, encode
+from armadico.messages import Message, MessageError, decode, encode, line
 from armadico.services import TOKEN
 
 logger = logging.getLogger("armadico.mesh")
@@ -36,6 +45,9 @@ CLOSE_S: Final = 1.0
 
 REPORT_S: Final = 5.0
 """What is refused is reported at most so often."""
+
+REFUSED_KEYS: Final = 1000
+"""Keys on which refusals are counted one by one."""
 
 ATTEMPT_MS: Final = 1000
 """How long one attempt to reach a router goes on."""
@@ -268,11 +280,13 @@ class ZenohMesh:
             return None
 
     def _refuse(self, key: str, why: str) -> None:
-        self.refused[key] += 1
+        if len(self.refused) < REFUSED_KEYS or key in self.refused:
+            self.refused[key] += 1
         now = time.monotonic()
         if now - self._reported_at >= REPORT_S:
             self._reported_at = now
-            logger.warning("refused on %s: %s (%d refused so far)", key, why, self.refused.total())
+            words = line(f"refused on {key}: {why} ({self.refused.total()} refused so far)")
+            logger.warning("%s", words)
 
     # Inside --------------------------------------------------------------------------------------
 

@@ -15,6 +15,10 @@ SPARE_CYCLES = 2
 SPARE_M = 0.05
 SPARE_RAD = 0.15
 
+# Over a silence it is believed for no longer than the wheels may have turned meanwhile: the
+# controller's watchdog, 2 s, and braking.
+LONGEST_S = 4.0
+
 
 class Pose(Struct, frozen=True):
     """Where the robot is in its odometry frame: m, m and rad, theta not wrapped."""
@@ -25,19 +29,22 @@ class Pose(Struct, frozen=True):
 
 
 class Odometry:
-    """Adds up the steps between status packets, starting from 0, 0, 0.
+    """The controller's own odometry, unwrapped, and continuous over its resets.
 
-    The first status packet after `rebase` is a base only: a controller that was open before us
-    starts anywhere. A step that the speeds do not explain is a reset (SETO, by whomever): the pose
-    stays where it was and goes on from there. Either way the controller's axes may then lie
+    It begins where the controller's is: one that was open before us has counted on, and what it
+    counted while nobody listened is the robot's way. It is wrapped to some 27.5 m, so whoever knows
+    about where it was says so. A step that the speeds do not explain is a reset (SETO, or the power
+    was off): the pose stays where it was and goes on from there. The controller's axes may then lie
     otherwise than the pose's, so its steps are turned into the pose's.
 
     A reset within `SPARE_M` and `SPARE_RAD` of the controller's origin cannot be told from a step
     and moves the pose by that much; whoever sends SETO calls `rebase` and is spared that.
     """
 
-    def __init__(self, units: P2osUnits) -> None:
+    def __init__(self, units: P2osUnits, near: tuple[float, float] = (0.0, 0.0)) -> None:
+        """Begin with the first status packet; about `near`, m, in the odometry's own frame."""
         self.pose = Pose()
+        self._near: tuple[float, float] | None = near
         self.resets = 0  # steps not believed so far
         self._span_m = POSITION_COUNTS * units.distance_mm * 1e-3
         self._turn_s_m = units.diff_conv * 1e3 / 2  # rad/s for one m/s between the wheels
@@ -47,14 +54,20 @@ class Odometry:
         self._axes = (1.0, 0.0)  # cosine and sine of the pose's heading less the controller's
 
     def rebase(self) -> None:
-        """Take the next status packet as a base, not as a step."""
+        """Take the next status packet as a base, not as a step: SETO was sent."""
         self._last = None
 
     def update(self, status: Status, now: float) -> Pose:
         """Take a status packet received at `now` (s) and return the continuous pose."""
         last, elapsed = self._last, now - self._at
         self._last, self._at = status, now
-        if last is None:
+        if self._near is not None:
+            x, y = (
+                at + self._span_m * round((about - at) / self._span_m)
+                for at, about in zip((status.x_m, status.y_m), self._near, strict=True)
+            )
+            self.pose, self._near = Pose(x, y, status.theta_rad), None
+        elif last is None:
             self._align(status)
         else:
             self._add(last, status, elapsed)
@@ -80,7 +93,7 @@ class Odometry:
         self, last: Status, status: Status, elapsed: float, length: float, turn: float
     ) -> bool:
         """Whether the speeds reported before and after allow such a step."""
-        time_s = elapsed + self._reach_s
+        time_s = min(elapsed, LONGEST_S) + self._reach_s
         speed = max(abs(s.left_m_s) + abs(s.right_m_s) for s in (last, status)) / 2
         spin = max(abs(s.right_m_s - s.left_m_s) for s in (last, status)) * self._turn_s_m
         return length <= SPARE_M + speed * time_s and turn <= SPARE_RAD + spin * time_s

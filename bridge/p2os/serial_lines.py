@@ -21,7 +21,7 @@ from armadico.bridge.p2os.lines import (
 )
 
 BAUD = 9600  # a Pioneer's default, 8 data bits, no parity, 1 stop bit, no flow control
-WRITE_S = 1.0  # a line that takes no bytes for this long is broken
+WRITE_S = 0.05  # a line that takes no bytes for this long is broken: a stop must not wait for it
 
 
 class SerialTransport:

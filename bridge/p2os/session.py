@@ -97,12 +97,21 @@ class Session:
         decoder: Counts the bytes that were dropped.
     """
 
-    def __init__(self, units: P2osUnits, now: float, limits: Limits | None = None) -> None:
-        """Begin at time `now` (s, any clock); without `limits` the controller's own stand."""
+    def __init__(
+        self,
+        units: P2osUnits,
+        now: float,
+        limits: Limits | None = None,
+        near: tuple[float, float] = (0.0, 0.0),
+    ) -> None:
+        """Begin at time `now` (s, any clock); without `limits` the controller's own stand.
+
+        `near` is about where the odometry was last known to be, m: it wraps every 27.5 m.
+        """
         self.state = State.CLOSED
         self.malformed = 0
         self.decoder = Decoder()
-        self.odometry = Odometry(units)
+        self.odometry = Odometry(units, near)
         self._units = units
         self._set_up = _set_up(limits)
         self._out = bytearray()
@@ -268,7 +277,6 @@ class Session:
 
     def _open(self) -> None:
         self._out += self._set_up
-        self.odometry.rebase()
         self._configured = self._enabled = False
         self._attempts = self._asked = 0
         self._ask_at = self._now + ASK_AGAIN_S

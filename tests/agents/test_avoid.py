@@ -13,7 +13,8 @@ from armadico.agent import Identity
 from armadico.agents.avoid import Avoid, Parameters
 from armadico.agents.methods.motion import touches_at
 from armadico.agents.methods.safety import Safety
-from armadico.messages import Ballot, Obstacles, Point, Pose, RobotState, Stop, Trajectory
+from armadico.measures import speeds
+from armadico.messages import Ack, Ballot, Obstacles, Point, Pose, RobotState, Stop, Trajectory
 from armadico.resources import WHEELS
 from tests.framework.robots import body, described
 from tests.framework.stage import Stage, claims, commands, drive_to, obstacles, wall
@@ -108,7 +109,7 @@ def test_free_again_it_offers_the_wheels_and_then_lets_go() -> None:
     made.holding(points=wall(0.6, -0.4, 0.4))
     said = made.cycle()
     assert [claim.utility for claim in claims(said)] == [0.0]
-    assert commands(said)[0].v > 0.0  # whoever takes over finds it rolling
+    assert speeds(commands(said)[0])[0] > 0.0  # whoever takes over finds it rolling
     for _ in range(4):
         said += made.cycle()
     assert claims(said)[-1].utility is None
@@ -177,8 +178,8 @@ def driven_by_goto(made: Stage, cycles: int) -> set[float | None]:
     for _ in range(cycles):
         made.number += 1
         made.now += 0.1
-        obeyed = (ballot, ballot, made.at)
-        made.hand(RobotState(made.at, 0, 0, 0, 0, 0, 12, True, False, *obeyed))
+        made.hand(RobotState(made.at, 0, 0, 0, 0, 0, 12, True, False))
+        made.hand(Ack("wheels", made.at, ballot, ballot, made.at, 0.6, measured=(0.0, 0.0)))
         made.hand(Pose(made.at, *made.pose), obstacles(made.at))
     return {bid.utility for bid in made.agent.bids}
 

@@ -2,47 +2,79 @@
 
 from __future__ import annotations
 
-from math import pi
+import random
+from math import isnan, nan, pi
 
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
 from armadico.agent import Identity, Publish
-from armadico.agents.encoder import Encoder, Parameters
-from armadico.messages import Cycle, Pose, RobotState
+from armadico.agents.encoder import (
+    AGAIN_CYCLES,
+    ROLLED_M,
+    TOLD_CYCLES,
+    YOUNG_CYCLES,
+    Encoder,
+    Parameters,
+)
+from armadico.geometry import compose, relative
+from armadico.messages import Cycle, Log, Message, Origin, Pose, RobotState
 
 metres, angles = st.floats(-20, 20), st.floats(-3.1, 3.1)
 places = st.tuples(metres, metres, angles)
+Place = tuple[float, float, float]
 
 
 class Robot:
     """Says where its odometry has got to, cycle by cycle."""
 
     def __init__(self, x: float = 0.0, y: float = 0.0, theta: float = 0.0) -> None:
-        self.encoder = Encoder(Identity("encoder-1"), Parameters(x=x, y=y, theta=theta))
+        self.parameters = Parameters(x=x, y=y, theta=theta)
+        self.starts = 0
+        self.encoder = self.new_encoder()
         self.epoch = 1
         self.number = 0
+        self.now = 0.0
+        self.said: list[Message] = []
+        self.poses: list[Pose] = []
+
+    def new_encoder(self) -> Encoder:
+        self.starts += 1
+        identity = Identity(f"encoder-{self.starts}", rng=random.Random(self.starts))
+        return Encoder(identity, self.parameters)
 
     def at(self, x: float, y: float, theta: float) -> Pose:
         self.number += 1
+        self.now += 0.1
         cycle = Cycle(self.epoch, self.number)
-        self.encoder.receive(
-            RobotState(cycle, x, y, theta, 0, 0, 12, True, False), self.number / 10
-        )
-        (said,) = self.encoder.outbox
+        self.encoder.receive(RobotState(cycle, x, y, theta, 0, 0, 12, True, False), self.now)
+        said = [item.message for item in self.encoder.outbox if isinstance(item, Publish)]
         self.encoder.outbox.clear()
-        assert isinstance(said, Publish)
-        assert isinstance(said.message, Pose)
-        assert said.message.cycle == cycle
-        return said.message
+        self.said += said
+        self.poses = [message for message in said if isinstance(message, Pose)]
+        assert all(found.cycle == cycle for found in self.poses)
+        return self.poses[0] if self.poses else Pose(cycle, nan, nan, nan)
+
+    def origin(self) -> Origin:
+        return next(message for message in reversed(self.said) if isinstance(message, Origin))
 
     def restart(self) -> None:
+        """Another robot agent; a new epoch is believed when the one before was silent."""
         self.epoch += 1
         self.number = 0
+        self.now += 1.0
+
+    def restart_encoder(self, *, remembered: bool = True) -> None:
+        """Another encoder agent; those who remember the origin give it back."""
+        known = self.origin()
+        self.encoder = self.new_encoder()
+        if remembered:
+            self.encoder.remember(known, self.now)
+            self.encoder.start(self.now)
 
 
-def pose(p: Pose) -> tuple[float, float, float]:
+def pose(p: Pose) -> Place:
     return p.x, p.y, p.theta
 
 
@@ -61,25 +93,61 @@ def test_one_status_packet_one_pose_of_its_cycle() -> None:
 
 def test_headings_stay_in_one_turn() -> None:
     robot = Robot(theta=3.0)
+    robot.at(0, 0, 0)
     assert -pi < robot.at(0, 0, 3.0).theta <= pi
 
 
 @given(places, places, places)
-def test_a_restart_of_the_robot_agent_does_not_move_the_robot(
-    before: tuple[float, float, float],
-    begins: tuple[float, float, float],
-    goes: tuple[float, float, float],
+def test_a_robot_agent_whose_controller_counts_on_does_not_move_the_robot(
+    begins: Place, before: Place, goes: Place
 ) -> None:
+    """However often it restarts: odometry that goes on is the robot's way."""
     robot = Robot(x=1.0, y=-2.0, theta=0.5)
+    robot.at(*begins)
     stood = robot.at(*before)
     robot.restart()
-    assert pose(robot.at(*begins)) == pytest.approx(pose(stood), abs=1e-9)
+    assert pose(robot.at(*before)) == pytest.approx(pose(stood), abs=1e-9)
     moved = robot.at(*goes)
     way = (moved.x - stood.x) ** 2 + (moved.y - stood.y) ** 2
-    assert way == pytest.approx((goes[0] - begins[0]) ** 2 + (goes[1] - begins[1]) ** 2, abs=1e-6)
+    assert way == pytest.approx((goes[0] - before[0]) ** 2 + (goes[1] - before[1]) ** 2, abs=1e-6)
+
+
+far = st.tuples(st.floats(-20, 20).filter(lambda x: abs(x) > ROLLED_M), metres, angles)
+
+
+@given(far, places)
+def test_a_controller_that_zeroes_its_odometry_does_not_move_the_robot_either(
+    before: Place, goes: Place
+) -> None:
+    robot = Robot(x=1.0, y=-2.0, theta=0.5)
+    robot.at(0.0, 0.0, 0.0)
+    stood = robot.at(*before)
+    robot.restart()
+    assert pose(robot.at(0.0, 0.0, 0.0)) == pytest.approx(pose(stood), abs=1e-6)
+    assert any(isinstance(message, Log) and "begun anew" in message.text for message in robot.said)
+    expected = compose(pose(stood), goes)
+    assert pose(robot.at(*goes))[:2] == pytest.approx(expected[:2], abs=1e-6)
+
+
+@pytest.mark.parametrize("x", [0.4, 1.0, 2.9])
+def test_a_controller_at_zero_has_begun_anew_though_it_was_not_far(x: float) -> None:
+    robot = Robot()
+    robot.at(0.0, 0.0, 0.0)
+    stood = robot.at(x, 0.0, 0.0)
+    robot.restart()
+    assert pose(robot.at(0.0, 0.0, 0.0)) == pytest.approx(pose(stood), abs=1e-9)
+
+
+def test_what_it_rolled_while_no_robot_agent_listened_is_part_of_its_way() -> None:
+    robot = Robot()
+    robot.at(0.0, 0.0, 0.0)
+    robot.at(4.0, 0.0, 0.0)
+    robot.restart()
+    assert pose(robot.at(4.5, 0.0, 0.0)) == pytest.approx((4.5, 0.0, 0.0))
 
 
 def test_restarts_add_up() -> None:
+    """Of the controller too, each time at zero."""
     robot = Robot()
     for _ in range(3):
         robot.at(0, 0, 0)
@@ -88,5 +156,87 @@ def test_restarts_add_up() -> None:
     assert pose(stood) == pytest.approx((0.0, 1.0, -pi / 2))
 
 
-def test_an_encoder_agent_that_restarts_takes_the_odometry_as_it_is() -> None:
-    assert pose(Robot(x=1.0).at(2.0, 0.0, 0.0)) == pytest.approx((3.0, 0.0, 0.0))
+@given(places, places, places)
+def test_an_encoder_agent_that_restarts_goes_on_by_what_the_others_remember(
+    begins: Place, before: Place, goes: Place
+) -> None:
+    robot = Robot(x=1.0, y=-2.0, theta=0.5)
+    robot.at(*begins)
+    stood = robot.at(*before)
+    robot.restart_encoder()
+    assert pose(robot.at(*before)) == pytest.approx(pose(stood), abs=1e-9)
+    expected = compose(pose(stood), relative(before, goes))
+    assert pose(robot.at(*goes))[:2] == pytest.approx(expected[:2], abs=1e-6)
+
+
+@pytest.mark.parametrize("first", ["robot", "encoder"])
+@pytest.mark.parametrize("zeroes", [False, True])
+def test_both_may_restart_in_either_order(first: str, zeroes: bool) -> None:
+    robot = Robot(x=1.0, y=-2.0, theta=0.5)
+    robot.at(0.0, 0.0, 0.0)
+    for _ in range(AGAIN_CYCLES):
+        stood = robot.at(3.5, 1.0, 0.7)
+    if first == "robot":
+        robot.restart()
+        robot.restart_encoder()
+    else:
+        robot.restart_encoder()
+        robot.restart()
+    after = robot.at(0.0, 0.0, 0.0) if zeroes else robot.at(3.5, 1.0, 0.7)
+    assert pose(after) == pytest.approx(pose(stood), abs=1e-9)
+
+
+def test_one_that_nobody_remembers_is_where_its_parameters_say() -> None:
+    """The odometry begins where the controller's is; before, its zero was put there."""
+    robot = Robot(x=1.0)
+    robot.at(0.0, 0.0, 0.0)
+    robot.at(2.0, 0.0, 0.0)
+    robot.restart_encoder(remembered=False)
+    assert pose(robot.at(2.0, 0.0, 0.0)) == pytest.approx((1.0, 0.0, 0.0))
+
+
+def test_who_comes_late_waits_a_while_to_be_told_of_the_origin() -> None:
+    robot = Robot(x=5.0)
+    for _ in range(YOUNG_CYCLES):
+        robot.at(1.0, 0, 0)
+    known = robot.origin()
+    robot.restart_encoder(remembered=False)
+    robot.encoder.start(robot.now)
+    said = [robot.at(1.0, 0, 0) for _ in range(TOLD_CYCLES)]
+    assert all(isnan(pose.x) for pose in said)
+    robot.encoder.receive(known, robot.now)
+    assert pose(robot.at(1.0, 0, 0)) == pytest.approx((5.0, 0, 0))
+
+
+def test_who_comes_late_and_is_told_nothing_begins_by_itself() -> None:
+    robot = Robot(x=5.0)
+    robot.number = YOUNG_CYCLES
+    for _ in range(TOLD_CYCLES):
+        robot.at(1.0, 0, 0)
+    assert pose(robot.at(1.0, 0, 0)) == pytest.approx((5.0, 0, 0))
+
+
+def test_the_origin_is_said_at_once_and_each_second_with_where_the_odometry_is() -> None:
+    robot = Robot(x=1.0)
+    cycles = 4 * AGAIN_CYCLES
+    for number in range(cycles):
+        robot.at(0.01 * number, 0.0, 0.0)
+    said = [message for message in robot.said if isinstance(message, Origin)]
+    assert len(said) == 1 + cycles // AGAIN_CYCLES
+    assert [origin.counter for origin in said] == sorted({origin.counter for origin in said})
+    assert {(origin.x, origin.y, origin.theta, origin.by) for origin in said} == {
+        (1.0, 0.0, 0.0, said[0].by)
+    }
+    assert said[-1].at_x == pytest.approx(0.01 * (cycles - 1))
+
+
+def test_of_two_origins_the_one_that_has_been_known_for_longer_is_everybodys() -> None:
+    old, young = Robot(x=1.0), Robot(x=50.0)
+    for _ in range(3 * AGAIN_CYCLES):
+        old.at(0.0, 0.0, 0.0)
+    young.at(0.0, 0.0, 0.0)
+    known = old.origin()
+    old.encoder.receive(young.origin(), old.now)
+    young.encoder.receive(known, young.now)
+    assert pose(old.at(0.0, 0.0, 0.0)) == pytest.approx((1.0, 0.0, 0.0))
+    assert pose(young.at(0.0, 0.0, 0.0)) == pytest.approx((1.0, 0.0, 0.0))

@@ -10,6 +10,7 @@ import pytest
 from armadico.agent import Identity
 from armadico.agents.gothrough import Gothrough, Parameters
 from armadico.agents.methods.motion import touches_at
+from armadico.measures import speeds
 from armadico.messages import Point, Trajectory
 from armadico.resources import WHEELS
 from tests.framework.robots import body
@@ -137,7 +138,7 @@ def test_leaving_the_narrow_place_it_offers_the_wheels_while_they_turn() -> None
     said = made.cycle()
     assert [claim.utility for claim in claims(said)] == [0.0]
     assert made.bid().wanted == wanted
-    assert (commands(said)[0].v, commands(said)[0].w) == wanted
+    assert speeds(commands(said)[0]) == wanted
     for _ in range(4):
         said += made.cycle()
     assert claims(said)[-1].utility is None
@@ -152,10 +153,10 @@ def test_what_it_offers_it_could_still_stop() -> None:
         made.speed = (v, 0.0)
         said = made.cycle(points=across)
         assert [claim.utility for claim in claims(said)] == [0.0]
-        offered = commands(said)[0]
-        found = touches_at(body(), made.speed, (offered.v, offered.w), across, 0.0)
-        assert found == inf or (offered.v, offered.w) == (0.0, 0.0)
-    assert commands(said)[0].v == 0.0
+        offered = speeds(commands(said)[0])
+        found = touches_at(body(), made.speed, offered, across, 0.0)
+        assert found == inf or offered == (0.0, 0.0)
+    assert speeds(commands(said)[0])[0] == 0.0
 
 
 def test_a_scenarios_speed_limit_holds() -> None:
@@ -167,7 +168,7 @@ def test_a_scenarios_speed_limit_holds() -> None:
 def test_an_ended_mission_ends_its_bids() -> None:
     made = stage()
     made.holding(points=between(0.5))
-    made.hand(Trajectory(1, ()))
+    made.hand(Trajectory(2, 1, ()))
     said = made.cycle(points=between(0.5))
     assert [claim.utility for claim in claims(said)] == [None]
     assert made.cycle(points=between(0.5)) == []

@@ -30,9 +30,10 @@ AT_REST, ROLLING = (0.0, 0.0), (0.1, 0.0)
 class Desk:
     """An interface agent, and whoever asks it for something."""
 
-    def __init__(self) -> None:
+    def __init__(self, *, begun: bool = True) -> None:
         self.agent = Interface(Identity("interface-1"))
-        self.agent.start(0.0)
+        if begun:
+            self.agent.start(0.0)
         self.number = 0
         self.questions = 0
         self.said: list[object] = []
@@ -122,7 +123,7 @@ def test_over_given_waypoints_it_begins_at_once(desk: Desk) -> None:
     reply = desk.replies[asked]
     assert (reply.refusal, reply.waypoints) == ("", (DOOR, GOAL))
     assert reply.length == pytest.approx(3.0)
-    assert desk.trajectories()[-1] == Trajectory(reply.mission, (DOOR, GOAL), Point(0.0, 0.0), 0)
+    assert desk.trajectories()[-1] == Trajectory(1, reply.mission, (DOOR, GOAL), Point(0.0, 0.0), 0)
     assert desk.asked == []
 
 
@@ -218,11 +219,22 @@ def test_once_reached_there_is_no_trajectory_any_more(driving: Desk) -> None:
     mission = driving.trajectories()[-1].mission
     driving.at(1.0)
     driving.at(3.0)
-    assert driving.trajectories()[-1] == Trajectory(mission, (), Point(0.0, 0.0), 1)
+    assert driving.trajectories()[-1] == Trajectory(2, mission, (), Point(0.0, 0.0), 1)
     said = len(driving.trajectories())
     for _ in range(30):
         driving.at(3.0)
     assert all(not t.waypoints for t in driving.trajectories()[said:])
+    assert driving.status().state is MissionState.REACHED
+
+
+def test_who_gives_the_end_of_the_mission_back_does_not_undo_that_it_was_reached(
+    driving: Desk,
+) -> None:
+    driving.at(1.0)
+    driving.at(3.0)
+    driving.agent.receive(driving.trajectories()[-1], driving.agent.now)
+    for _ in range(12):
+        driving.at(3.0)
     assert driving.status().state is MissionState.REACHED
 
 
@@ -237,9 +249,92 @@ def test_the_trajectory_is_said_again_each_second_with_the_leg_for_latecomers(
     assert {(t.waypoints, t.start, t.leg) for t in repeated} == {((DOOR, GOAL), Point(0.0, 0.0), 1)}
 
 
-def test_with_no_mission_it_says_so_each_second(desk: Desk) -> None:
+def test_with_no_mission_it_says_so_each_second_and_names_no_trajectory(desk: Desk) -> None:
+    """An empty trajectory would end a mission of which it has not been told yet."""
     for _ in range(25):
         desk.at(0.0)
     assert desk.status().state is MissionState.NONE
-    assert desk.trajectories()
-    assert all(t == Trajectory(0, ()) for t in desk.trajectories())
+    assert len([message for message in desk.said if isinstance(message, MissionStatus)]) == 2
+    assert desk.trajectories() == []
+
+
+def test_each_mission_and_each_end_has_a_larger_counter(desk: Desk) -> None:
+    for goal in (GOAL, DOOR):
+        desk.request(MissionRequest(goal, planned=False))
+        desk.at(goal.x)
+        desk.at(goal.x)
+    assert [trajectory.counter for trajectory in desk.trajectories()] == [1, 2, 3, 4]
+    assert [bool(trajectory.waypoints) for trajectory in desk.trajectories()] == [1, 0, 1, 0]
+
+
+# What outlives it ---------------------------------------------------------------------------------
+
+
+def restarted(driving: Desk) -> Desk:
+    """Another interface agent, that is given back what the others remember."""
+    other = Desk(begun=False)
+    other.agent.remember(driving.trajectories()[-1], 0.1)
+    other.agent.start(0.1)
+    other.take()
+    return other
+
+
+def test_one_that_starts_again_goes_on_with_the_mission(driving: Desk) -> None:
+    known = driving.trajectories()[-1]
+    other = restarted(driving)
+    other.at(1.2)
+    other.at(1.2)
+    assert other.status().state is MissionState.DRIVING
+    assert (other.status().mission, other.status().leg) == (known.mission, 1)
+    assert all(trajectory.waypoints for trajectory in other.trajectories())
+    other.at(3.0)
+    assert other.status().state is MissionState.REACHED
+    assert other.trajectories()[-1] == Trajectory(
+        known.counter + 1, known.mission, (), Point(0.0, 0.0), 1
+    )
+
+
+def test_one_that_starts_again_after_the_goal_begins_nothing(driving: Desk) -> None:
+    driving.at(1.0)
+    driving.at(3.0)
+    other = restarted(driving)
+    for _ in range(12):
+        other.at(3.0)
+    assert other.status().state is MissionState.NONE
+    assert not any(trajectory.waypoints for trajectory in other.trajectories())
+
+
+def test_a_mission_that_it_is_told_late_goes_on_too(desk: Desk) -> None:
+    told = Trajectory(7, 42, (DOOR, GOAL), Point(0.0, 0.0), 0)
+    for _ in range(12):
+        desk.at(0.0)
+    desk.agent.receive(told, desk.now)
+    desk.at(0.5)
+    desk.at(0.5)
+    assert (desk.status().state, desk.status().mission) == (MissionState.DRIVING, 42)
+
+
+def test_only_one_may_be_there() -> None:
+    assert Interface.alone
+
+
+@pytest.mark.parametrize(
+    ("goal", "over"),
+    [
+        (Waypoint(800_000.0, 800_000.0, 0.0), ()),
+        (Waypoint(Parameters().reach_m + 1.0, 0.0, 0.0), ()),
+        (GOAL, (Waypoint(0.0, -Parameters().reach_m - 1.0, 0.0),)),
+    ],
+)
+def test_without_a_plan_no_goal_or_waypoint_is_out_of_reach(
+    desk: Desk, goal: Waypoint, over: tuple[Waypoint, ...]
+) -> None:
+    asked = desk.request(MissionRequest(goal, over, planned=False))
+    assert "at most 200 m are driven without a plan" in desk.replies[asked].refusal
+    assert desk.trajectories() == []
+
+
+def test_each_waypoint_may_be_within_reach_of_the_one_before(desk: Desk) -> None:
+    far = tuple(Waypoint(150.0 * n, 0.0, 0.0) for n in (1, 2, 3))
+    asked = desk.request(MissionRequest(far[-1], far[:-1], planned=False))
+    assert desk.replies[asked].refusal == ""

@@ -78,9 +78,9 @@ def test_waypoints_on_one_spot_are_passed_together() -> None:
 
 
 def test_who_comes_late_is_told_the_leg_and_where_it_began() -> None:
-    late = Route.of(Trajectory(7, CORNER, Point(4.0, -1.0), 1))
+    late = Route.of(Trajectory(1, 7, CORNER, Point(4.0, -1.0), 1))
     assert late.target == CORNER[1]
-    assert Route.of(Trajectory(7, CORNER, Point(0.0, 0.0), 9)).leg == 1
+    assert Route.of(Trajectory(1, 7, CORNER, Point(0.0, 0.0), 9)).leg == 1
 
 
 def test_the_way_left_is_along_the_waypoints(route: Route) -> None:

@@ -139,6 +139,7 @@ def test_the_map_moves_with_the_robot(ring: Ring) -> None:
 def test_odometry_that_begins_anew_does_not_move_the_map(ring: Ring) -> None:
     before = ring.ping((AHEAD, 1.0), odometry=(7.0, 2.0, 1.0))
     ring.epoch, ring.number = 2, 0
+    ring.now += 0.4  # another epoch is believed once this one has been silent
     after = ring.ping(odometry=(0.0, 0.0, 0.0))
     assert before.closest is not None
     assert after.closest is not None

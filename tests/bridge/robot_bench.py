@@ -11,7 +11,7 @@ from armadico.bridge.p2os.status import Status, encode_status
 from armadico.bridge.robot import Parameters, Robot
 from armadico.config.loading import find, load
 from armadico.config.profile import RobotProfile
-from armadico.messages import Ballot, Command, Cycle, Log, Message, RobotState
+from armadico.messages import Ack, Ballot, Command, Cycle, Log, Message, RobotState
 
 NAMES = encode(b"\x02Rob\0Pioneer\0p2dx\0")
 PROFILE = load(find("robots", "pioneer-2dx"), RobotProfile)
@@ -54,7 +54,13 @@ class Bench:
 
     def status(self, **fields: object) -> RobotState:
         """A status packet, and the robot/state that comes of it."""
-        plain = {"x_m": self.x_m, "y_m": 0, "theta_rad": 0, "left_m_s": 0, "right_m_s": 0}
+        plain: dict[str, object] = {
+            "x_m": self.x_m,
+            "y_m": 0,
+            "theta_rad": 0,
+            "left_m_s": 0,
+            "right_m_s": 0,
+        }
         plain |= {"battery_v": 12.5, "echoes": ((3, 2.0),)}
         status = Status(**(plain | fields))  # type: ignore[arg-type]
         self.answer(encode(encode_status(status, PROFILE.p2os)))
@@ -81,12 +87,15 @@ class Bench:
     def command(
         self, v: float, w: float = 0.0, *, cycle: Cycle | None = None, ballot: Ballot = BALLOT
     ) -> None:
-        self.hand(Command(cycle or self.state().cycle, ballot, v, w))
+        self.hand(Command("wheels", cycle or self.state().cycle, ballot, (v, w)))
 
     # What came of it ---------------------------------------------------------------------------
 
     def state(self) -> RobotState:
         return next(m for _, m in reversed(self.said) if isinstance(m, RobotState))
+
+    def ack(self) -> Ack:
+        return next(m for _, m in reversed(self.said) if isinstance(m, Ack))
 
     def logs(self) -> list[str]:
         return [m.text for _, m in self.said if isinstance(m, Log)]

@@ -1,6 +1,8 @@
-"""An instance of another protocol: what it says binds nobody."""
+"""An instance that speaks otherwise: what it says binds nobody."""
 
 from __future__ import annotations
+
+from msgspec.structs import replace
 
 from armadico.messages import PROTOCOL, Ballot, Card, Claim, Command
 from tests.bridge.robot_bench import Bench
@@ -23,9 +25,36 @@ def test_the_robot_agent_refuses_its_commands_and_claims_and_names_it_once() -> 
     (named,) = [text for text in bench.logs() if "protocol" in text]
     assert "avoid-2 (host lab2, pid 42)" in named
     bench.robot.receive(Claim("wheels", STRANGER, state.cycle, 1.0, True), bench.now)
-    bench.robot.receive(Command(state.cycle, STRANGER, 0.2, 0.0), bench.now)
+    bench.robot.receive(Command("wheels", state.cycle, STRANGER, (0.2, 0.0)), bench.now)
     state = bench.status()
-    assert (state.largest, state.obeyed) == (None, None)
+    assert (bench.ack().largest, bench.ack().obeyed) == (None, None)
     ours = Ballot(1, 0.5, False, "avoid-1")
-    bench.robot.receive(Command(state.cycle, ours, 0.2, 0.0), bench.now)
-    assert bench.status().obeyed == ours
+    bench.robot.receive(Command("wheels", state.cycle, ours, (0.2, 0.0)), bench.now)
+    bench.status()
+    assert bench.ack().obeyed == ours
+
+
+def test_who_means_the_wheels_otherwise_is_refused_and_both_meanings_are_said() -> None:
+    bench = Bench().connect()
+    for _ in range(5):
+        state = bench.status()
+    means = Card("avoid", "avoid-2", "lab2", 42, "1", PROTOCOL, (), (), ("wheels",))
+    bench.robot.met(replace(means, declares=("wheels(left, right)", "gripper(f)")), bench.now)
+    bench.take()
+    (said,) = [text for text in bench.logs() if "avoid-2" in text]
+    assert "means wheels(left, right) where this one means wheels(v, w)" in said
+    bench.robot.receive(Command("wheels", state.cycle, STRANGER, (0.2, 0.0)), bench.now)
+    bench.status()
+    assert (bench.ack().largest, bench.ack().obeyed) == (None, None)
+
+
+def test_who_means_the_same_or_shares_nothing_is_listened_to() -> None:
+    bench = Bench().connect()
+    for _ in range(5):
+        state = bench.status()
+    same = Card("avoid", "avoid-2", "lab2", 42, "1", PROTOCOL, (), (), ("wheels",))
+    for declares in (("wheels(v, w)",), ("gripper(f)",), ("wheels2(left, right)",), ()):
+        bench.robot.met(replace(same, declares=declares), bench.now)
+    bench.robot.receive(Command("wheels", state.cycle, STRANGER, (0.2, 0.0)), bench.now)
+    bench.status()
+    assert bench.ack().obeyed == STRANGER

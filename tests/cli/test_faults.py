@@ -117,7 +117,8 @@ def test_a_violation_prints_a_command_that_repeats_it_and_exits_with_1(
     broken = breaks_if_it_hangs(workload.run)
     monkeypatch.setattr(workload, "run", broken)
     monkeypatch.setattr(series, "run", broken)
-    arguments = ["--seeds", "8", "--minutes", "1", "--jobs", "1", "--out", str(tmp_path)]
+    words = ["--kind", "hang", "--seeds", "8", "--minutes", "1", "--jobs", "1"]
+    arguments = [*words, "--out", str(tmp_path)]
     assert faults.main(arguments) == 1
     out = capsys.readouterr().out
     (line,) = [line for line in out.splitlines() if line.startswith("armadico faults --repeat")]

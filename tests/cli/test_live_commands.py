@@ -8,14 +8,18 @@ import signal
 import socket
 import subprocess
 import sys
+import threading
 from collections.abc import Callable, Iterator
-from contextlib import ExitStack
+from contextlib import ExitStack, contextmanager
 from pathlib import Path
 from typing import Any
 
 import pytest
 
-from armadico.mesh.topology import ENDPOINTS_VARIABLE
+from armadico.client import Client
+from armadico.mesh.topology import ENDPOINTS_VARIABLE, topology
+from armadico.mesh.zenoh import ZenohMesh
+from armadico.messages import Cycle, Message, RobotState, Stop, Trajectory, Truth, decode
 
 pytestmark = pytest.mark.live
 
@@ -102,7 +106,7 @@ def test_ps_shows_who_is_there_and_marks_who_does_not_answer(run: Run, start: St
     process = start("armadico-agent", "encoder")
     row = who(run, "encoder")["encoder"]
     assert row["pid"] == process.pid
-    assert row["provides"] == ["encoder/pose"]
+    assert row["provides"] == ["encoder/pose", "encoder/origin"]
     assert "encoder/pose" in run("ps").stdout
     process.send_signal(signal.SIGSTOP)
     rows = agents(run("ps", "--json", "--timeout", "0.2"))
@@ -139,6 +143,114 @@ def test_stop_stays_until_resume(run: Run, start: Start, robot: None) -> None:
         done = run(command, "--timeout", "10")
         assert done.returncode == 0, done.stderr
         assert says in done.stdout
+
+
+@contextmanager
+def guest(environment: dict[str, str]) -> Iterator[ZenohMesh]:
+    """Somebody on the same mesh."""
+    where = topology(environ={ENDPOINTS_VARIABLE: environment[ENDPOINTS_VARIABLE]})
+    with ZenohMesh("cli-test", where) as mesh:
+        yield mesh
+
+
+def say_states(mesh: ZenohMesh, stop: Callable[[int], Stop], over: threading.Event) -> None:
+    """Say what a robot agent says, cycle by cycle."""
+    number = 0
+    while not over.wait(0.05):
+        number += 1
+        state = RobotState(Cycle(1, number), 0, 0, 0, 0, 0, 12, True, False, stop(number))
+        mesh.publish("robot/state", state)
+
+
+def test_a_stop_that_is_sent_and_never_acknowledged_is_not_said_to_be_done(
+    run: Run, environment: dict[str, str]
+) -> None:
+    heard: list[Stop] = []
+    with guest(environment) as mesh:
+        mesh.subscribe("robot/stop", lambda _key, data: heard.append(decode(data, Stop)))
+        done = run("stop", "--timeout", "2")
+    assert done.returncode == 1
+    assert "the stop was sent, not acknowledged" in done.stderr
+    assert "Traceback" not in done.stderr
+    assert done.stdout == ""
+    assert len(heard) >= 5, "it is said again and again"
+    assert {(stop.counter, stop.stopped, stop.by) for stop in heard} == {(1, True, "armadico stop")}
+    assert len({stop.press for stop in heard}) == 1
+    assert heard[0].press > 0
+
+
+@pytest.mark.parametrize(
+    ("says", "code", "told"),
+    [
+        (lambda _: Stop(), 1, "it last said free to move"),
+        (lambda number: Stop(3, number % 8 != 0, "x", 5), 1, "not acknowledged"),
+        (lambda _: Stop(2**52, True, "x", 5), 0, "the robot is stopped"),
+        (lambda _: Stop(2**52, False, "x", 5), 1, "it last said free to move"),
+    ],
+    ids=["deaf", "to and fro", "at the largest counter", "deaf at the largest counter"],
+)
+def test_stopped_is_said_if_the_robot_agent_goes_on_saying_so(
+    run: Run,
+    environment: dict[str, str],
+    says: Callable[[int], Stop],
+    code: int,
+    told: str,
+) -> None:
+    over = threading.Event()
+    with guest(environment) as mesh:
+        thread = threading.Thread(target=say_states, args=(mesh, says, over))
+        thread.start()
+        try:
+            done = run("stop", "--timeout", "3")
+        finally:
+            over.set()
+            thread.join()
+    assert done.returncode == code, done.stderr
+    assert told in done.stdout + done.stderr
+    assert "Traceback" not in done.stderr
+
+
+@pytest.mark.parametrize(
+    ("words", "code", "told"),
+    [
+        (("800000", "800000", "0", "--direct"), 1, "at most 200 m are driven without a plan"),
+        (("1e9", "2", "0"), 2, "is beyond 1e+06 m"),
+        (("2", "-2000000", "0", "--direct"), 2, "is beyond 1e+06 m"),
+    ],
+)
+def test_a_goal_that_is_no_place_is_refused_in_one_line_and_nothing_moves(
+    run: Run,
+    start: Start,
+    environment: dict[str, str],
+    robot: None,
+    words: tuple[str, ...],
+    code: int,
+    told: str,
+) -> None:
+    for name in ("encoder", "sonar", "goto", "interface"):
+        start("armadico-agent", name)
+    who(run, "robot", "encoder", "sonar", "goto", "interface")
+    with guest(environment) as mesh:
+        client = Client(mesh)
+        moved: list[Truth] = []
+
+        def keep(message: Message, _now: float) -> None:
+            assert isinstance(message, Truth)
+            if abs(message.v) > 0.01 or abs(message.w) > 0.01:
+                moved.append(message)
+
+        client.listen(Truth, then=keep)
+        client.listen(Trajectory)
+        assert client.wait_for(lambda: client.latest(Truth), SOON)
+        done = run("goto", *words)
+        client.wait_for(lambda: None, 1.0)
+        driven = client.latest(Trajectory)
+    assert done.returncode == code, done.stdout + done.stderr
+    *_, last = done.stderr.splitlines()
+    assert told in last
+    assert "Traceback" not in done.stderr
+    assert not moved
+    assert driven is None or not driven.waypoints
 
 
 def test_a_goal_is_reached(run: Run, start: Start, robot: None) -> None:

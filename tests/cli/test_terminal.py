@@ -17,7 +17,7 @@ import xml.etree.ElementTree as ET
 from collections.abc import Callable, Iterator
 from contextlib import suppress
 from pathlib import Path
-from typing import Any
+from typing import Any, Self
 
 import pytest
 
@@ -25,6 +25,8 @@ from armadico.cli import doctor
 from armadico.mesh.topology import ENDPOINTS_VARIABLE, topology
 from armadico.mesh.zenoh import Call, ZenohMesh
 from armadico.messages import (
+    PROTOCOL,
+    Ack,
     Ballot,
     BidHistory,
     BidRecord,
@@ -34,6 +36,7 @@ from armadico.messages import (
     Log,
     Pose,
     RobotState,
+    Stop,
 )
 from armadico.services import BIDS, CARD
 
@@ -62,7 +65,7 @@ class Society:
             host=socket.gethostname(),
             pid=os.getpid(),
             version="1",
-            protocol=1,
+            protocol=PROTOCOL,
             provides=(),
             requests=("encoder/pose",),
             resources=("wheels",),
@@ -97,8 +100,10 @@ class Society:
             self.number += 1
             cycle = Cycle(1, self.number)
             x = float(self.number)
-            state = RobotState(cycle, x, 0, 0, 0.25, 0, 12.5, True, False, ballot, ballot, cycle)
+            state = RobotState(cycle, x, 0, 0, 0.25, 0, 12.5, True, False)
             self._mesh.publish("robot/state", state)
+            ack = Ack("wheels", cycle, ballot, ballot, cycle, 0.6)
+            self._mesh.publish("resource/wheels/ack", ack)
             self._mesh.publish("encoder/pose", Pose(cycle, x, 0, 0))
             self._mesh.publish("resource/wheels/utility", Claim("wheels", ballot, cycle, 0.6))
             self._mesh.publish(f"log/{WHO['instance']}", Log(30, "a wall is near"))
@@ -244,6 +249,7 @@ def test_top_knows_agents_holder_and_rates(run: Run, society: Society) -> None:
     found = json.loads(done.stdout)
     (wheels,) = found["resources"]
     assert wheels["holder"] == WHO["instance"]
+    assert wheels["obeyed"] == "goto"
     assert wheels["contenders"] == ["goto"]
     (agent,) = found["agents"]
     assert agent["pid"] == os.getpid()
@@ -276,8 +282,8 @@ def test_top_shows_the_holder_on_a_terminal(environment: dict[str, str], society
 
 
 def test_graph_draws_agents_and_keys(run: Run, society: Society, tmp_path: Path) -> None:
-    assert "resource/{resource}/utility  goto -> -" in run("graph").stdout
-    assert '"goto" -> "robot/cmd/{instance}";' in run("graph", "--dot").stdout
+    assert "resource/wheels/utility  goto -> -" in run("graph").stdout
+    assert '"goto" -> "robot/cmd/*";' in run("graph", "--dot").stdout
     path = tmp_path / "graph.svg"
     assert run("graph", "--svg", str(path)).returncode == 0
     texts = {node.text for node in ET.parse(path).iter() if node.tag.endswith("text")}
@@ -352,6 +358,120 @@ def test_doctor_knows_who_listens() -> None:
     assert owner is not None
     assert str(os.getpid()) in owner
     assert doctor.listener(port) is None
+
+
+# Whoever else is on the mesh ----------------------------------------------------------------------
+
+CLEAR = "\x1b[2J"
+EVIL = "evil-00000000000000bb"
+
+
+class Hostile:
+    """A peer whose names and keys are markup, and control the terminal."""
+
+    def __init__(self, mesh: ZenohMesh) -> None:
+        self._mesh = mesh
+        self._over = threading.Event()
+        self._thread = threading.Thread(target=self._live)
+        self.name = f"[/nope]{CLEAR}"
+        for name, instance in (("[bold]evil", EVIL), (self.name, f"{CLEAR}x-1"), ("mute", "m-1")):
+            mesh.declare_alive(name, instance)
+            if name != "mute":
+                card = self._card(name.replace(CLEAR, ""), instance.replace(CLEAR, ""))
+                key = CARD.key_for(name=name, instance=instance)
+                mesh.answer(key, lambda call, key=key, card=card: call.reply(key, card))
+
+    @staticmethod
+    def _card(name: str, instance: str) -> Card:
+        texts = ("[/nope]", '"]; evil [shape="x', "<script>", "\u202egnp.exe")
+        return Card(
+            name=name,
+            instance=instance,
+            host="[red]here[/red]",
+            pid=1,
+            version="[/]",
+            protocol=PROTOCOL,
+            provides=texts,
+            requests=texts,
+            resources=texts,
+            holds=texts,
+            owns=texts,
+        )
+
+    def __enter__(self) -> Self:
+        self._thread.start()
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        self._over.set()
+        self._thread.join()
+
+    def _live(self) -> None:
+        ballot = Ballot(2**40, 1.0, True, "[/nope]")
+        cycle = Cycle(1, 7)
+        while not self._over.wait(0.02):
+            stop = Stop(2**52, True, "[/nope]", 1)
+            state = RobotState(cycle, 0, 0, 0, 0, 0, 12.5, True, False, stop)
+            self._mesh.publish("robot/state", state)
+            claim = Claim("[/nope]", ballot, cycle, 1.0)
+            self._mesh.publish(f"resource/{CLEAR}/utility", claim)
+            ack = Ack("[/nope]", cycle, ballot, ballot, cycle)
+            self._mesh.publish("resource/x/ack", ack)
+            self._mesh.publish(f"log/{CLEAR}-1", Log(40, "[/nope] \u202egnp.exe"))
+            self._mesh.publish(f"a/key/{CLEAR}", Log(40, "x"))
+
+
+@pytest.mark.parametrize(
+    ("command", "shows"),
+    [
+        (("ps",), "[/nope]"),
+        (("top", "--once", "--for", "1.5"), "[/nope]"),
+        (("graph",), "[/nope]"),
+        (("graph", "--dot"), "[/nope]"),
+        (("graph", "--svg"), "[/nope]"),
+        (("doctor",), "m-1 is there and does not answer"),
+        (("logs", "-f", "--timeout", "1"), "ERROR [/nope]"),
+        (("echo", "**", "-n", "20"), "a/key/"),
+        (("hz", "**", "-n", "20"), "a/key/"),
+    ],
+)
+def test_what_others_say_is_neither_markup_nor_does_it_control_the_terminal(
+    run: Run, environment: dict[str, str], command: tuple[str, ...], shows: str
+) -> None:
+    where = topology(environ={ENDPOINTS_VARIABLE: environment[ENDPOINTS_VARIABLE]})
+    with ZenohMesh(NAMESPACE, where) as mesh, Hostile(mesh):
+        done = run(*command)
+    said = done.stdout + done.stderr
+    assert "Traceback" not in said
+    assert shows in said
+    unprintable = {c for c in said if not c.isprintable() and c != "\n"}
+    assert not unprintable
+
+
+def test_a_hostile_name_does_not_end_the_live_view(environment: dict[str, str]) -> None:
+    where = topology(environ={ENDPOINTS_VARIABLE: environment[ENDPOINTS_VARIABLE]})
+    ours, theirs = pty.openpty()
+    with ZenohMesh(NAMESPACE, where) as mesh, Hostile(mesh):
+        process = subprocess.Popen(
+            [str(BIN / "armadico"), "top"],
+            env=environment,
+            stdin=theirs,
+            stdout=theirs,
+            stderr=theirs,
+        )
+        os.close(theirs)
+        seen = b""
+        try:
+            while b"[/nope]" not in seen:
+                chunk = os.read(ours, 4096)
+                assert chunk, seen
+                seen += chunk
+            assert process.poll() is None
+        finally:
+            process.kill()
+            process.wait()
+            os.close(ours)
+    assert CLEAR.encode() not in seen.partition(b"[/nope]")[0][-200:]
 
 
 # Used wrongly, or alone ---------------------------------------------------------------------------

@@ -73,7 +73,11 @@ def test_fields_are_in_the_order_of_the_wire_with_their_ranges() -> None:
     assert [f.name for f in fields] == list(messages.Claim.__struct_fields__)
     assert fields[3].type == "float, 0 to 1 or null"
     assert fields[4].default == "false"
-    assert fields_of(messages.RobotState)[9].meaning.startswith("the largest ballot")
+    assert fields[5].type == "array of up to 64 (float, -1e6 to 1e6) or bytes, up to 65,536"
+    beside = {field.name: field.meaning for field in fields_of(messages.Description)}
+    assert beside["cycle_s"] == "s from one status packet to the next"
+    below = {field.name: field.meaning for field in fields_of(messages.Card)}
+    assert below["owns"].startswith("The resources that it obeys for")
 
 
 @pytest.mark.parametrize("path", documents(), ids=lambda path: path.name)

@@ -3,10 +3,19 @@
 from __future__ import annotations
 
 import ast
+import json
+import subprocess
+import sys
 from pathlib import Path
 
 import pytest
 
+from armadico.tools.docs import ROOT
+from armadico.tools.transcripts.__main__ import FOLDER
+from armadico.tools.transcripts.replay import difference_of, inputs
+from armadico.tools.transcripts.scenes import SCENES
+from armadico.tools.transcripts.tape import read
+from tests.docs import contender
 from tests.docs.blocks import files
 from tests.docs.shell import Shell
 from tests.docs.watcher import watching
@@ -23,7 +32,7 @@ def test_the_program_on_the_page_knows_nothing_of_ours() -> None:
         if isinstance(node, ast.Import)
         for name in (alias.name for alias in node.names)
     }
-    assert names == {"json", "queue", "sys", "cbor2", "zenoh"}
+    assert names == {"json", "queue", "secrets", "sys", "cbor2", "zenoh"}
 
 
 @pytest.mark.live
@@ -38,3 +47,53 @@ def test_the_program_on_the_page_hears_the_robot_and_stops_it(tmp_path: Path) ->
         assert "heading 0.00 rad" in done.stdout
         assert "stopped by stranger" in done.stdout
         assert shell.run("armadico resume").returncode == 0
+
+
+# A contender by the rules of the page -------------------------------------------------------------
+
+CONTENDER = Path(__file__).parent / "contender.py"
+WHEELS_ONLY = [
+    (scene.name, part.label)
+    for scene in SCENES
+    for part in scene.parts
+    if part.competes_for == ("wheels",)
+]
+
+
+def test_the_contender_knows_nothing_of_ours() -> None:
+    names = {
+        alias
+        for node in ast.walk(ast.parse(CONTENDER.read_text(encoding="utf-8")))
+        if isinstance(node, ast.Import | ast.ImportFrom)
+        for alias in (
+            [node.module] if isinstance(node, ast.ImportFrom) else [x.name for x in node.names]
+        )
+    }
+    assert names == {"__future__", "cbor2", "collections.abc", "json", "pathlib", "sys", "typing"}
+
+
+def test_the_check_on_the_page_is_a_pipe(tmp_path: Path) -> None:
+    file, mine = str(ROOT / FOLDER / "take-over.jsonl"), tmp_path / "mine.jsonl"
+    tool = [sys.executable, "-m", "armadico.tools.transcripts"]
+    given = subprocess.run([*tool, "inputs", file, "--agent", "b"], capture_output=True, check=True)
+    said = subprocess.run(
+        [sys.executable, str(CONTENDER), file, "b"],
+        input=given.stdout,
+        capture_output=True,
+        check=True,
+    )
+    mine.write_bytes(said.stdout)
+    compare = [*tool, "replay", file, "--agent", "b", "--said", str(mine)]
+    done = subprocess.run(compare, capture_output=True, text=True, check=False)
+    assert done.returncode == 0, done.stdout
+    assert "b says what take-over has" in done.stdout
+
+
+@pytest.mark.parametrize(("name", "label"), WHEELS_ONLY)
+def test_a_contender_by_the_rules_of_the_page_says_what_ours_says(name: str, label: str) -> None:
+    text = (ROOT / FOLDER / f"{name}.jsonl").read_text(encoding="utf-8")
+    there, head = read(text), json.loads(text.splitlines()[0])
+    part = next(p for p in head["agents"] if p["name"] == label)
+    steps = part["bids"]["wheels"]
+    said = contender.run(part["instance"], steps, inputs(there, label), head["ends"])
+    assert difference_of(there, label, said) == ""

@@ -119,5 +119,5 @@ def test_the_tutorial_from_a_society_by_hand_to_an_agent_that_joins_it(shell: Sh
 
 
 def test_every_block_of_the_session_is_run_above() -> None:
-    names = "society look drive stop install rehearse join beyond"
+    names = "society look drive stop install rehearse join beyond head-install head-rehearse"
     assert list(SESSION) == names.split()

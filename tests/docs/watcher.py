@@ -6,9 +6,10 @@ from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 
 from armadico.client import Client
+from armadico.measures import driver
 from armadico.mesh.topology import ENDPOINTS_VARIABLE, topology
 from armadico.mesh.zenoh import ZenohMesh
-from armadico.messages import Card, Pose, RobotState
+from armadico.messages import Ack, Card, Pose
 from tests.docs.shell import Shell
 
 SOON = 60.0  # s; a deadline, not an expectation
@@ -19,7 +20,7 @@ class Watcher:
 
     def __init__(self, mesh: ZenohMesh) -> None:
         self.client = Client(mesh)
-        self.client.listen(RobotState, Pose)
+        self.client.listen(Ack, Pose)
 
     def until(self, condition: Callable[[], object], what: str) -> None:
         assert self.client.wait_for(condition, SOON), f"not within {SOON:.0f} s: {what}"
@@ -42,14 +43,8 @@ class Watcher:
 
     def driven_by(self, name: str) -> None:
         def obeyed() -> bool:
-            state = self.client.latest(RobotState)
-            return (
-                state is not None
-                and state.obeyed is not None
-                and state.obeyed_cycle is not None
-                and state.obeyed.instance.startswith(f"{name}-")
-                and state.cycle.number - state.obeyed_cycle.number <= 3
-            )
+            ack = self.client.latest(Ack)
+            return ack is not None and driver(ack) == name
 
         self.until(obeyed, f"{name} is obeyed")
 

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Any
 
@@ -19,9 +19,21 @@ from armadico.bridge.p2os.odometry import Odometry
 from armadico.bridge.p2os.session import Session
 from armadico.bridge.simulator.microcontroller import Microcontroller
 from armadico.coordination import TRANSITIONS, Contender, Event, Owner, State, Verdict
-from armadico.cycles import PERIOD
-from armadico.exchange import AT_ONCE, Action, Bid, Blend, Handover, SmoothExchange
-from armadico.messages import Cycle, Message, Obstacles, Pose, RobotState, Stop
+from armadico.exchange import AT_ONCE, Bid, Blend, Handover, SmoothExchange
+from armadico.geometry import Pose2
+from armadico.latched import Memory
+from armadico.messages import (
+    Action,
+    Latched,
+    Message,
+    Obstacles,
+    Origin,
+    Pose,
+    RobotState,
+    Stop,
+    Trajectory,
+)
+from armadico.resources import WHEELS, Resource
 from armadico.tools.faults.kinds import Promise
 from armadico.tools.faults.plan import EVERYBODY, Case, Fault
 from armadico.tools.faults.series import smallest
@@ -56,32 +68,33 @@ def _owner_forgets(patch: pytest.MonkeyPatch, rule: Verdict) -> None:
         return Verdict.OBEYED if found is rule else found
 
     patch.setattr(Owner, "_verdict", verdict)
-    patch.setattr(Owner, "hear", lambda self, claim: None)
+    patch.setattr(Owner, "hear", lambda self, claim: False)
 
 
 def never_yields(patch: pytest.MonkeyPatch) -> None:
     patch.delitem(TRANSITIONS, (State.HOLDING, Event.OUTBID))  # type: ignore[arg-type]
+    patch.setattr("armadico.coordination.UNOBEYED", 60)
 
 
 def starts_from_no_echo(patch: pytest.MonkeyPatch) -> None:
-    echo = Contender.echo
-    patch.setattr(Contender, "echo", lambda self, largest, *rest: echo(self, None, *rest))
+    acked = Contender.acked
+    patch.setattr(
+        Contender, "acked", lambda self, ack, now: acked(self, replace(ack, largest=None), now)
+    )
 
 
 def orders_no_stop(patch: pytest.MonkeyPatch) -> None:
-    patch.setattr(robot, "STOP_AFTER_S", 3.0)
+    patch.setattr(Resource, "silence", lambda self, period: 3.0)
 
 
 def repeats_the_last_command(patch: pytest.MonkeyPatch) -> None:
-    woken = robot.Robot.on_wakeup
-
-    def on_wakeup(self: robot.Robot) -> None:
-        self._obeyed_at = self.now
-        if self._session is not None and self._moving:
+    def rest(self: robot.Robot, resource: Resource) -> None:
+        self._moving = False  # and so it insists
+        if self._session is not None:
             self._session.drive(0.2, 0.0)
-        woken(self)
+            self._send()
 
-    patch.setattr(robot.Robot, "on_wakeup", on_wakeup)
+    patch.setattr(robot.Robot, "rest", rest)
 
 
 def orders_a_stop_only_once(patch: pytest.MonkeyPatch) -> None:
@@ -95,11 +108,10 @@ def has_no_watchdog(patch: pytest.MonkeyPatch) -> None:
 def overshoots_in_an_exchange(patch: pytest.MonkeyPatch) -> None:
     blended = Blend.action
 
-    def action(self: Blend, t: int, bid: Bid) -> tuple[float, ...]:
-        return tuple(
-            2.0 * lost - mixed
-            for lost, mixed in zip(self.loser, blended(self, t, bid), strict=True)
-        )
+    def action(self: Blend, t: int, bid: Bid) -> Action:
+        mixed = blended(self, t, bid)
+        assert not isinstance(mixed, bytes)
+        return tuple(2.0 * lost - won for lost, won in zip(self.loser, mixed, strict=True))
 
     patch.setattr(Blend, "action", action)
 
@@ -120,10 +132,11 @@ def is_blind(patch: pytest.MonkeyPatch) -> None:
 
 
 def takes_no_turn_in_a_new_epoch(patch: pytest.MonkeyPatch) -> None:
-    def begins(self: Agent, cycle: Cycle) -> bool:
-        if self._turned is not None and cycle.number <= self._turned.number:
+    def begins(self: Agent, resource: Resource, message: Any) -> bool:
+        last, cycle = self._turned.get(resource.name), message.cycle
+        if last is not None and cycle.number <= last.number:
             return False
-        self._turned = cycle
+        self._turned[resource.name] = cycle
         return True
 
     patch.setattr(Agent, "_begins_turn", begins)
@@ -134,7 +147,13 @@ def stands_back_for_a_minute(patch: pytest.MonkeyPatch) -> None:
 
 
 def mixes_up_its_axes(patch: pytest.MonkeyPatch) -> None:
-    patch.setattr(Odometry, "_align", lambda self, status: None)
+    begin = Odometry.__init__
+
+    def crosswise(self: Odometry, *about: Any) -> None:
+        begin(self, *about)
+        self._axes = (0.0, 1.0)
+
+    patch.setattr(Odometry, "__init__", crosswise)
 
 
 def raises_when_somebody_goes(patch: pytest.MonkeyPatch) -> None:
@@ -151,8 +170,8 @@ def blends_nothing(patch: pytest.MonkeyPatch) -> None:
 def blends_the_wrong_way_round(patch: pytest.MonkeyPatch) -> None:
     blended = Blend.action
 
-    def action(self: Blend, t: int, bid: Bid) -> tuple[float, ...]:
-        if t >= self.window:
+    def action(self: Blend, t: int, bid: Bid) -> Action:
+        if t >= self.window or isinstance(bid.action, bytes):
             return bid.action
         other = Bid(self.loser_utility, self.loser)
         return blended(Blend(bid.action, bid.utility, self.window), t, other)
@@ -163,16 +182,14 @@ def blends_the_wrong_way_round(patch: pytest.MonkeyPatch) -> None:
 def begins_from_rest(patch: pytest.MonkeyPatch) -> None:
     begin = SmoothExchange.begin
 
-    def began(
-        self: SmoothExchange, loser: Action, weight: float, bid: Bid, scale: Sequence[float]
-    ) -> Handover:
-        return begin(self, (0.0,) * len(loser), weight, bid, scale)
+    def began(self: SmoothExchange, resource: Resource, loser: Action, *rest: Any) -> Handover:
+        return begin(self, resource, (0.0,) * len(loser), *rest)
 
     patch.setattr(SmoothExchange, "begin", began)
 
 
 def waits_long_for_silence(patch: pytest.MonkeyPatch) -> None:
-    patch.setattr("armadico.coordination.SILENCE", 4.3 * PERIOD)
+    patch.setattr("armadico.coordination.SILENCE", 4.3)
 
 
 def takes_no_news_of_tokens(patch: pytest.MonkeyPatch) -> None:
@@ -184,29 +201,36 @@ def is_patient_with_who_is_not_obeyed(patch: pytest.MonkeyPatch) -> None:
 
 
 def orders_a_stop_late(patch: pytest.MonkeyPatch) -> None:
-    patch.setattr(robot, "STOP_AFTER_S", 0.45)
+    patch.setattr(Resource, "silence", lambda self, period: 0.45)
 
 
 def latches_no_stop(patch: pytest.MonkeyPatch) -> None:
-    def on_stop(self: robot.Robot, stop: Stop) -> None:
-        if stop.stopped and self._session is not None:
-            self._halt()
-            self._send()
+    take = Agent._take_latched
 
-    patch.setattr(robot.Robot, "on_stop", on_stop)
+    def taken(self: Agent, message: Latched) -> bool:
+        if not (isinstance(self, robot.Robot) and isinstance(message, Stop)):
+            return take(self, message)
+        if message.stopped:
+            self.rest(WHEELS)
+        return False
+
+    patch.setattr(Agent, "_take_latched", taken)
+
+
+def stops_again_by_an_old_stop(patch: pytest.MonkeyPatch) -> None:
+    """As long as a late one comes nobody is told that it was released."""
+    hear = Memory._hear_stop
+
+    def heard(self: Memory, stop: Stop, known: Stop, now: float) -> bool:
+        self._presses.clear()
+        return hear(self, stop, known, now)
+
+    patch.setattr(Memory, "_hear_stop", heard)
 
 
 def drives_though_stopped(patch: pytest.MonkeyPatch) -> None:
     """Neither the robot agent nor the others mind the stop."""
-    _owner_forgets(patch, Verdict.STOPPED)
-    turn = Agent._turn
-
-    def unminded(self: Agent, message: Any) -> None:
-        latch, self.stop_latch = self.stop_latch, Stop()
-        turn(self, message)
-        self.stop_latch = latch
-
-    patch.setattr(Agent, "_turn", unminded)
+    patch.setattr(Agent, "stopped", None)
 
 
 def tells_nobody_of_the_stop(patch: pytest.MonkeyPatch) -> None:
@@ -229,13 +253,28 @@ def counts_a_fifth_too_much(patch: pytest.MonkeyPatch) -> None:
 
 
 def jumps_in_a_new_epoch(patch: pytest.MonkeyPatch) -> None:
-    counted = Encoder.on_robot_state
+    def goes_on(self: Encoder, known: Origin, odometry: Pose2, epoch: int) -> Origin:
+        return self._begin((self.p.x, self.p.y, self.p.theta), odometry, epoch, known.counter)
 
-    def on_robot_state(self: Encoder, state: RobotState) -> None:
-        self._epoch = state.cycle.epoch
-        counted(self, state)
+    patch.setattr(Encoder, "_go_on", goes_on)
 
-    patch.setattr(Encoder, "on_robot_state", on_robot_state)
+
+def remembers_no_origin(patch: pytest.MonkeyPatch) -> None:
+    _forgets(patch, Origin)
+
+
+def remembers_no_mission(patch: pytest.MonkeyPatch) -> None:
+    _forgets(patch, Trajectory)
+
+
+def _forgets(patch: pytest.MonkeyPatch, kind: type[Latched]) -> None:
+    """Nobody gives a latched state of a kind back."""
+    due = Memory.due
+
+    def given(self: Memory, now: float) -> list[Latched]:
+        return [message for message in due(self, now) if not isinstance(message, kind)]
+
+    patch.setattr(Memory, "due", given)
 
 
 def measures_turns_the_wrong_way(patch: pytest.MonkeyPatch) -> None:
@@ -274,10 +313,8 @@ _CUT = Fault("partition", 8.0, 3.0, ("robot",), BEHAVIOURS)
 _LATE = Fault("delay", 8.0, 4.0, BEHAVIOURS, ("robot",), 0.35, 0.3)
 _SLOW = Fault("delay", 4.0, 5.0, EVERYBODY, EVERYBODY, 0.345)
 _LONE = Fault("lone-restart", 15.69, 0.549, ("goto",))
-_WILD = Fault("nan", 4.0, 1.2, ("gothrough",), (), 4.0)
 _HANG = Fault("hang", 8.0, 9.0, ("robot",))
 _AGAIN = Fault("robot-restart", 8.0, 0.5, ("robot",))
-_LOST = Fault("serial-loss", 8.0, 4.0, ("robot",), (), 1.0)
 _LOSSY = Fault("serial-loss", 8.0, 2.0, ("robot",), (), 0.5)
 _SILENT = Fault("silent-sonar", 8.4, 9.0, ("robot",))
 _GONE = Fault("crash", 8.0, 1.0, ("avoid",))
@@ -285,12 +322,15 @@ _KILLED = Fault("crash", 5.5, 1.0, ("avoid",))  # in scenario 3 it holds then, a
 _HUNG = Fault("hang", 5.5, 1.5, ("avoid",))
 _UNHEARD = Fault("one-way", 5.5, 3.0, ("avoid",), ("robot",))
 _STOP = Fault("stop", 8.0, 5.0, ("robot",))
+_OLD_STOP = Fault("stop-and-release", 8.0, 5.0, ("robot",), (), 3.0)
+_ENCODER = Fault("crash", 12.0, 1.0, ("encoder",))
+_INTERFACE = Fault("interface-restart", 8.0, 1.0, ("interface",))
 _IN_A_STOP = Fault("robot-restart", 10.0, 0.5, ("robot",))
 
 BUGS = (
     Bug(obeys_smaller_ballots, Promise.ONE_DRIVER, case(lasts=12.0)),
     Bug(obeys_old_cycles, Promise.FRESH, case(_LATE)),
-    Bug(never_yields, Promise.ONE_HOLDER, case(_WILD, scenario="rooms-b")),
+    Bug(never_yields, Promise.ONE_HOLDER, case(scenario="sc3")),
     Bug(starts_from_no_echo, Promise.OBEYED, case(_SLOW, _LONE)),
     Bug(orders_no_stop, Promise.SILENCE, case(_CUT)),
     Bug(repeats_the_last_command, Promise.SILENCE, case(_CUT)),
@@ -299,7 +339,7 @@ BUGS = (
     Bug(overshoots_in_an_exchange, Promise.SMOOTH, case(lasts=40.0)),
     Bug(stops_without_a_ramp, Promise.SMOOTH, case(_CUT)),
     Bug(is_blind, Promise.COLLISION, case(scenario="sc2", lasts=40.0)),
-    Bug(mixes_up_its_axes, Promise.ODOMETRY, case(_LOST)),
+    Bug(mixes_up_its_axes, Promise.ODOMETRY, case(scenario="sc2", lasts=12.0)),
     Bug(takes_no_turn_in_a_new_epoch, Promise.MOVES, case(_AGAIN)),
     Bug(stands_back_for_a_minute, Promise.MOVES, case(_SLOW)),
     Bug(blends_nothing, Promise.SMOOTH, case(scenario="rooms-a", lasts=25.0)),
@@ -316,6 +356,9 @@ BUGS = (
     Bug(latches_no_stop, Promise.STOP, case(_STOP)),
     Bug(drives_though_stopped, Promise.STOP, case(_STOP)),
     Bug(tells_nobody_of_the_stop, Promise.STOP, case(_STOP, _IN_A_STOP)),
+    Bug(stops_again_by_an_old_stop, Promise.STOP, case(_OLD_STOP)),
+    Bug(remembers_no_origin, Promise.POSE, case(_ENCODER)),
+    Bug(remembers_no_mission, Promise.ARRIVES, case(_INTERFACE)),
     Bug(counts_a_fifth_too_much, Promise.POSE, case(lasts=10.0)),
     Bug(jumps_in_a_new_epoch, Promise.POSE, case(_AGAIN)),
     Bug(measures_turns_the_wrong_way, Promise.ODOMETRY, case(scenario="sc2", lasts=12.0)),

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from armadico.messages import Ballot, BidHistory, BidRecord, Command, Cycle, RobotState, Truth
+from armadico.messages import Ack, Ballot, BidHistory, BidRecord, Command, Cycle, RobotState, Truth
 from armadico.tools.faults.observations import Ordered, Passed, Said
 from armadico.tools.faults.real_account import Account
 
@@ -13,32 +13,36 @@ def ballot(term: int, who: str) -> Ballot:
     return Ballot(term, 0.6, False, who)
 
 
-def state(number: int, by: Ballot | None = None, answered: int = 0, v: float = 0.3) -> RobotState:
+def ack(number: int, by: Ballot | None = None, answered: int = 0) -> Ack:
     at = None if by is None else Cycle(1, answered)
-    return RobotState(Cycle(1, number), 0, 0, 0, v, 0, 12, True, False, by, by, at)
+    return Ack("wheels", Cycle(1, number), by, by, at)
+
+
+def command(number: int, by: Ballot) -> Command:
+    return Command("wheels", Cycle(1, number), by, (0.3, 0.0))
 
 
 def truth(t: float, v: float) -> Truth:
     return Truth(t, 0, 0, 0, v, 0, 0, None)
 
 
-def test_the_next_obeyed_command_is_the_one_that_the_echo_shows() -> None:
+def test_the_next_obeyed_command_is_the_one_that_is_acknowledged() -> None:
     account = Account()
     first, second = ballot(1, OLD), ballot(2, NEW)
-    account.take(Said(1.00, Command(Cycle(1, 10), first, 0.3, 0.0)))
-    account.take(Said(1.10, state(11, first, 10)))
-    account.take(Said(1.15, Command(Cycle(1, 11), second, 0.3, 0.0)))
+    account.take(Said(1.00, command(10, first)))
+    account.take(Said(1.10, ack(11, first, 10)))
+    account.take(Said(1.15, command(11, second)))
     assert account.obeyed_after(1.12) is None, "said, and not known to be obeyed"
-    account.take(Said(1.20, state(12, second, 11)))
+    account.take(Said(1.20, ack(12, second, 11)))
     assert account.obeyed_after(1.12) == 1.15
     assert account.obeyed_after(1.12, (NEW,)) is None
     assert account.holder == NEW
 
 
-def test_what_was_said_before_and_echoed_after_does_not_count() -> None:
+def test_what_was_said_before_and_acknowledged_after_does_not_count() -> None:
     account = Account()
-    account.take(Said(1.00, Command(Cycle(1, 10), ballot(1, OLD), 0.3, 0.0)))
-    account.take(Said(1.10, state(11, ballot(1, OLD), 10)))
+    account.take(Said(1.00, command(10, ballot(1, OLD))))
+    account.take(Said(1.10, ack(11, ballot(1, OLD), 10)))
     assert account.obeyed_after(1.05) is None
 
 
@@ -86,14 +90,14 @@ def test_late_commands_are_those_of_a_ballot_of_before() -> None:
     account = Account()
     before = ballot(3, OLD)
     for at, by in ((1.0, before), (2.0, before), (2.1, ballot(5, OLD)), (2.2, ballot(2, NEW))):
-        account.take(Said(at, Command(Cycle(1, 10), by, 0.3, 0.0)))
+        account.take(Said(at, command(10, by)))
     assert account.late_commands(OLD, 1.5, before) == 1
 
 
 def test_the_share_of_cycles_in_which_somebody_was_obeyed() -> None:
     account = Account()
     for number in range(10, 20):
-        account.take(Said(number / 10, state(number, ballot(1, OLD), min(number, 12))))
+        account.take(Said(number / 10, ack(number, ballot(1, OLD), min(number, 12))))
     assert account.share_obeyed(1.0) == 0.6  # cycles 10 to 15 are within 3 of the last obeyed
     assert not account.obeyed_lately()
 
@@ -102,6 +106,7 @@ def test_an_onlooker_that_may_not_hear_everybody_does_not_ask_who_commanded_what
     for deaf in (False, True):
         account = Account()
         account.deaf = deaf
-        account.take(Said(1.0, state(10, ballot(1, OLD), 9)))
+        account.take(Said(1.0, RobotState(Cycle(1, 10), 0, 0, 0, 0.3, 0, 12, True, False)))
+        account.take(Said(1.0, ack(10, ballot(1, OLD), 9)))
         account.take(Ordered(1.05, 0.3, 0.0))
         assert bool(account.checker.violations) is not deaf

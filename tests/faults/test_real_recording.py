@@ -8,6 +8,7 @@ import pytest
 
 from armadico.cli import main
 from armadico.messages import (
+    Ack,
     Ballot,
     BidHistory,
     BidRecord,
@@ -28,11 +29,13 @@ SECOND = 1_000_000_000
 GOTO = "goto-0000000000000001"
 
 
-def state(number: int, term: int) -> RobotState:
+def state(number: int) -> RobotState:
+    return RobotState(Cycle(1, number), 0, 0, 0, 0.3, 0, 12, True, False)
+
+
+def ack(number: int, term: int) -> Ack:
     by = Ballot(term, 0.6, False, GOTO)
-    return RobotState(
-        Cycle(1, number), 0, 0, 0, 0.3, 0, 12, True, False, by, by, Cycle(1, number - 1)
-    )
+    return Ack("wheels", Cycle(1, number), by, by, Cycle(1, number - 1), 0.6)
 
 
 def kept(path: Path, terms: list[int]) -> Path:
@@ -44,7 +47,8 @@ def kept(path: Path, terms: list[int]) -> Path:
 
     recording.take(Presence("robot1", "goto", GOTO, True, SECOND))
     for number, term in enumerate(terms, 10):
-        said(1 + number / 10, "robot/state", state(number, term))
+        said(1 + number / 10, "robot/state", state(number))
+        said(1 + number / 10, "resource/wheels/ack", ack(number, term))
     record = BidRecord(Cycle(1, 8 + len(terms)), "wheels", 0.6, False, (0.3, 0.0), "leg 0")
     end = 2 + len(terms) / 10
     said(end, f"agent/goto/{GOTO}/bids", BidHistory(GOTO, (record,)), asked=True)
@@ -74,7 +78,7 @@ def test_a_ballot_that_goes_down_is_found(
 def test_everything_that_is_recorded_is_shown_in_order(tmp_path: Path) -> None:
     path = kept(tmp_path / "sound.mcap", [1, 1])
     seen = [*observations(rows(path, pytest.fail))]
-    assert [type(each) for each in seen] == [Said, Said, Bids, Passed, Left]
+    assert [type(each) for each in seen] == [Said, Said, Said, Said, Bids, Passed, Left]
     (bids,) = [each for each in seen if isinstance(each, Bids)]
     assert (bids.instance, bids.age) == (GOTO, pytest.approx(0.1))
     assert [each.at for each in seen] == sorted(each.at for each in seen)

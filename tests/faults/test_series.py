@@ -15,7 +15,7 @@ FIRST, SEEDS, EACH, SECONDS = 200, 100, 10, 30.0
 """Seeds 34 and 137 show contacts that no fault explains: they wait for safer behaviours."""
 
 RARE = frozenset({Sight.CRITICAL, Sight.WATCHDOG, Sight.TOUCHED})
-"""What so short runs hardly ever show; `armadico faults` asks for these too, of 200 seeds."""
+"""What so short runs hardly ever show; `armadico faults` asks for these too, of a campaign."""
 
 
 @pytest.mark.parametrize("first", range(FIRST, FIRST + SEEDS, EACH))

@@ -6,7 +6,10 @@ from collections.abc import Iterable
 from math import atan2, degrees, hypot
 
 from armadico.agent import Agent, Publish
+from armadico.coordination import DRAW
+from armadico.cycles import PERIOD
 from armadico.messages import (
+    Ack,
     BidRecord,
     Claim,
     Command,
@@ -41,7 +44,7 @@ class Stage:
         self.pose = (0.0, 0.0, 0.0)
         self.speed = (0.0, 0.0)
         self.said: list[Message] = []
-        if robot is not None and Description in agent.subscriptions():
+        if robot is not None and agent.listens_to(Description):
             self.hand(described(robot))
 
     @property
@@ -63,15 +66,24 @@ class Stage:
         return said
 
     def state(self, stop: Stop = NO_STOP, *, cycles: int = 1) -> list[Message]:
-        """So many cycles later, the robot's state; it obeyed what the agent last commanded."""
+        """So many cycles later, the robot's state and its acknowledgement."""
         self.number += cycles
         self.now += 0.1 * cycles
-        obeyed = next((c for c in reversed(self.said) if isinstance(c, Command)), None)
-        ballot, at = (obeyed.ballot, obeyed.cycle) if obeyed is not None else (None, None)
         v, w = self.speed
-        return self.hand(
-            RobotState(self.at, 0, 0, 0, v, w, 12, True, False, ballot, ballot, at, stop)
-        )
+        state = RobotState(self.at, 0, 0, 0, v, w, 12, True, False, stop)
+        return self.hand(state, self.ack())
+
+    def ack(self) -> Ack:
+        """The robot agent's word: it obeyed what the agent last commanded, or released."""
+        last = next((c for c in reversed(self.said) if isinstance(c, Command)), None)
+        if last is None:
+            return Ack("wheels", self.at, measured=self.speed)
+        claimed = next((c for c in reversed(self.said) if isinstance(c, Claim)), None)
+        rank = (0.0, False)
+        if claimed is not None and claimed.utility is not None:
+            rank = (claimed.utility, claimed.critical)
+        obeyed = None if last.action is None else last.ballot
+        return Ack("wheels", self.at, last.ballot, obeyed, last.cycle, *rank, self.speed)
 
     def cycle(
         self, stop: Stop = NO_STOP, *, cycles: int = 1, points: Iterable[Point] = ()
@@ -80,7 +92,15 @@ class Stage:
         said = self.state(stop, cycles=cycles)
         brought = [obstacles(self.at, *points), Pose(self.at, *self.pose)]
         brought.sort(key=lambda message: type(message) is self.agent.reacts_to)
-        return said + self.hand(*brought)
+        return said + self.hand(*brought) + self._settle()
+
+    def _settle(self) -> list[Message]:
+        """Let what it drew pass, if it is about to take the resource over."""
+        for contender in self.agent._contenders.values():
+            due = contender.wakeup
+            if due is not None and due <= self.now + DRAW * PERIOD:
+                self.agent.wake(due)
+        return self.take()
 
     def holding(self, *, points: Iterable[Point] = ()) -> list[Message]:
         """Cycles until it has taken the resource that nobody else wants; the last one's words."""
@@ -108,7 +128,7 @@ def obstacles(cycle: Cycle, *points: Point) -> Obstacles:
 
 def drive_to(*waypoints: tuple[float, float, float], mission: int = 1) -> Trajectory:
     """A mission from the origin over these poses."""
-    return Trajectory(mission, tuple(Waypoint(*pose) for pose in waypoints))
+    return Trajectory(1, mission, tuple(Waypoint(*pose) for pose in waypoints))
 
 
 def wall(x: float, low: float, high: float, step: float = 0.1) -> list[Point]:

@@ -21,6 +21,7 @@ from armadico.agent import (
     Social,
 )
 from armadico.exchange import Bid
+from armadico.latched import GIVE_BACK_S
 from armadico.messages import Cycle, Message, Obstacles, Pose, RobotState, Stop
 from armadico.resources import WHEELS
 from armadico.services import Kind, Service
@@ -76,12 +77,12 @@ def stage(driver: Driver) -> Stage:
 
 
 def test_the_cycle_in_which_everything_is_there_is_answered_in_it(stage: Stage) -> None:
-    for _ in range(4):
+    for _ in range(5):
         said = stage.cycle()
     command, claim = said
     assert isinstance(command, m.Command)
     assert isinstance(claim, m.Claim)
-    assert (command.v, command.w) == claim.commanded == claim.wanted == ACTION
+    assert command.action == claim.commanded == claim.wanted == ACTION
     assert command.cycle == claim.cycle == stage.at
     assert command.ballot == claim.ballot
     assert claim.ballot.instance == "driver-1"
@@ -104,6 +105,7 @@ def test_no_turn_for_an_older_cycle_than_the_last(stage: Stage, driver: Driver) 
 def test_a_new_epoch_begins_turns_anew(stage: Stage, driver: Driver) -> None:
     stage.cycle(cycles=50)
     stage.epoch, stage.number = 2, 0
+    stage.now += 1.0  # a new epoch is believed after a silence
     stage.cycle()
     assert driver.turns[-1] == Cycle(2, 1)
 
@@ -129,7 +131,7 @@ def test_nobody_bids_on_what_is_stale_and_it_says_what_that_was(
     assert driver.bids[-1].utility is None
     assert driver.bids[-1].reason == "no fresh sonar/obstacles"
     assert [claim.utility for claim in claims(said)] == [None]
-    assert [(c.v, c.w) for c in commands(said)] == [(0.0, 0.0)]
+    assert [c.action for c in commands(said)] == [None]
 
 
 def test_nobody_bids_when_the_robot_agent_is_silent(stage: Stage, driver: Driver) -> None:
@@ -137,7 +139,7 @@ def test_nobody_bids_when_the_robot_agent_is_silent(stage: Stage, driver: Driver
     stage.now += 0.31
     stage.hand(Pose(Cycle(1, stage.number + 1), 0, 0, 0))
     assert len(driver.turns) == 1
-    assert driver.bids[-1].reason == "no fresh robot/state"
+    assert driver.bids[-1].reason == "no fresh resource/wheels/ack"
 
 
 def test_what_is_too_old_or_not_yet_there_is_not_even_kept(stage: Stage, driver: Driver) -> None:
@@ -147,6 +149,13 @@ def test_what_is_too_old_or_not_yet_there_is_not_even_kept(stage: Stage, driver:
         assert driver.latest(Pose) == Pose(Cycle(1, 10), 0, 0, 0)
     stage.hand(Pose(Cycle(1, 13), 1, 0, 0))
     assert driver.fresh(Pose) == Pose(Cycle(1, 13), 1, 0, 0)
+
+
+def test_an_older_message_does_not_take_a_newer_ones_place(stage: Stage, driver: Driver) -> None:
+    stage.cycle(cycles=10)
+    newest = Pose(Cycle(1, 10), 1, 1, 1)
+    stage.hand(newest, Pose(Cycle(1, 8), 9, 9, 9))
+    assert driver.latest(Pose) == newest
 
 
 def test_freshness_is_each_services_own(monkeypatch: pytest.MonkeyPatch) -> None:
@@ -188,14 +197,14 @@ def test_freshness_is_each_services_own(monkeypatch: pytest.MonkeyPatch) -> None
 def test_a_bid_that_is_not_sound_is_a_release_and_is_said_to_people(
     stage: Stage, driver: Driver, bid: Bid
 ) -> None:
-    for _ in range(4):
+    for _ in range(5):
         stage.cycle()
     assert driver.holds(WHEELS)
     driver.next = bid
     said = stage.cycle()
     assert not driver.holds(WHEELS)
     assert [claim.utility for claim in claims(said)] == [None]
-    assert [(c.v, c.w) for c in commands(said)] == [(0.0, 0.0)]
+    assert [c.action for c in commands(said)] == [None]
     logs = [message for message in said if isinstance(message, m.Log)]
     assert [log.level for log in logs] == [ERROR]
     assert "not sound" in driver.bids[-1].reason
@@ -228,11 +237,11 @@ def test_bids_remembered_are_bounded_and_can_be_asked_for(stage: Stage, driver: 
 
 # The stop latch ----------------------------------------------------------------------------------
 
-STOPPED, RELEASED = Stop(5, True, "somebody"), Stop(6, False, "somebody")
+STOPPED, RELEASED = Stop(5, True, "somebody", 9), Stop(6, False, "somebody", 9)
 
 
 def test_nobody_bids_while_the_robot_is_stopped(stage: Stage, driver: Driver) -> None:
-    for _ in range(4):
+    for _ in range(5):
         stage.cycle()
     said = stage.cycle(STOPPED)
     assert [claim.utility for claim in claims(said)] == [None]
@@ -243,50 +252,56 @@ def test_nobody_bids_while_the_robot_is_stopped(stage: Stage, driver: Driver) ->
     assert commands(stage.cycle(RELEASED))
 
 
-def test_a_new_epoch_that_has_forgotten_the_stop_is_answered_with_it(stage: Stage) -> None:
+def test_a_new_epoch_that_has_forgotten_the_stop_is_given_it_back(stage: Stage) -> None:
     stage.cycle(STOPPED)
-    stage.epoch, stage.number = 2, 0
-    assert stage.cycle(Stop()) == [STOPPED]
+    stage.epoch, stage.number, stage.now = 2, 0, stage.now + 1.0
+    stage.cycle(Stop())
+    stage.agent.wake(stage.now + GIVE_BACK_S)
+    assert stage.take() == [STOPPED]
     assert stage.cycle(STOPPED) == []
 
 
 def test_a_release_is_remembered_too(stage: Stage, driver: Driver) -> None:
     stage.cycle(STOPPED)
     stage.cycle(RELEASED)
-    stage.epoch, stage.number = 2, 0
-    said = stage.cycle(Stop())
-    assert not [message for message in said if isinstance(message, Stop)]
+    stage.epoch, stage.number, stage.now = 2, 0, stage.now + 1.0
+    stage.cycle(Stop())
     assert driver.bids[-1].utility == 0.5
+    stage.agent.wake(stage.now + GIVE_BACK_S)
+    assert RELEASED in stage.take()
 
 
-def test_a_stop_of_a_new_epoch_counts_though_its_counter_is_smaller(
-    stage: Stage, driver: Driver
-) -> None:
+def test_a_stop_counts_though_its_counter_is_smaller(stage: Stage, driver: Driver) -> None:
     stage.cycle(RELEASED)
-    stage.epoch, stage.number = 2, 0
-    stage.cycle(Stop(1, True, "another"))
-    assert driver.stop_latch == Stop(1, True, "another")
+    stage.hand(Stop(1, True, "another", 77))
+    assert driver.stopped == Stop(7, True, "another", 77)
+    stage.cycle(Stop(7, True, "another", 77))
     assert driver.bids[-1].reason == "stopped by another"
-    stage.cycle(Stop(2, False, "another"))
+    stage.cycle(Stop(8, False, "another", 77))
     assert driver.bids[-1].utility == 0.5
 
 
 # What goes round ---------------------------------------------------------------------------------
 
 
-def test_who_has_just_started_knows_no_stop_and_asks_for_none(stage: Stage) -> None:
+def test_who_has_just_started_knows_no_stop_and_gives_none_back(stage: Stage) -> None:
     assert stage.cycle(STOPPED) == []
 
 
 def test_handlers_get_what_was_subscribed(stage: Stage, driver: Driver) -> None:
-    trajectory = m.Trajectory(3, ())
+    trajectory = m.Trajectory(1, 3, ())
     stage.hand(trajectory)
     assert driver.heard == [trajectory]
     assert driver.latest(m.Trajectory) is trajectory
 
 
 def test_it_subscribes_to_what_it_names_and_what_its_social_side_needs() -> None:
-    assert set(Driver.subscriptions()) == {RobotState, m.Claim, Pose, Obstacles, m.Trajectory}
+    listens = {subscription.message for subscription in Driver.subscriptions()}
+    latched = {m.Stop, m.Origin, m.Trajectory}
+    social = {RobotState, m.Description, m.Claim, m.Ack}
+    assert listens == {Pose, Obstacles} | social | latched
+    patterns = {s.pattern for s in Driver.subscriptions() if s.message in (m.Claim, m.Ack)}
+    assert patterns == {"resource/wheels/utility", "resource/wheels/ack"}, "its own, no others"
 
 
 def test_the_card_says_who_it_is_and_what_it_offers(stage: Stage, driver: Driver) -> None:
@@ -303,7 +318,8 @@ def test_the_card_says_who_it_is_and_what_it_offers(stage: Stage, driver: Driver
     assert card.provides == ("mission/request",)
     assert set(card.requests) == {
         "robot/state",
-        "resource/{resource}/utility",
+        "resource/wheels/utility",
+        "resource/wheels/ack",
         "encoder/pose",
         "sonar/obstacles",
         "trajectory",
@@ -354,17 +370,18 @@ def test_a_wake_up_comes_once_and_not_before_its_time(driver: Driver) -> None:
 
 
 def test_leaving_lets_go_of_what_it_holds(stage: Stage, driver: Driver) -> None:
-    for _ in range(4):
+    for _ in range(5):
         stage.cycle()
     driver.stop(stage.now)
     said = stage.take()
-    assert [(c.v, c.w) for c in commands(said)] == [(0.0, 0.0)]
+    assert [c.action for c in commands(said)] == [None]
     assert [claim.utility for claim in claims(said)] == [None]
 
 
 def test_a_claim_of_another_shape_takes_nobody_down(stage: Stage, driver: Driver) -> None:
     driver.next = Bid(0.9, ACTION)
-    stage.state()
+    for _ in range(4):
+        stage.state()
     rival = m.Ballot(3, 0.2, False, "rival-1")
     stage.hand(m.Claim("wheels", rival, stage.at, 0.2, wanted=(0.1,), commanded=(0.1,)))
     said = stage.hand(Obstacles(stage.at, *NOTHING), Pose(stage.at, 0, 0, 0))
@@ -373,7 +390,7 @@ def test_a_claim_of_another_shape_takes_nobody_down(stage: Stage, driver: Driver
 
 
 def test_a_claim_for_another_resource_is_none_of_its_business(stage: Stage, driver: Driver) -> None:
-    for _ in range(4):
+    for _ in range(5):
         stage.cycle()
     stage.hand(m.Claim("planner", m.Ballot(99, 1.0, True, "rival-1"), stage.at, 1.0))
     assert driver.holds(WHEELS)
@@ -384,7 +401,8 @@ def test_the_social_parameters_reach_the_contender() -> None:
         driver = Driver(Parameters(social=Social(exchange="abrupt", margin=margin)))
         driver.next = Bid(0.52, ACTION)
         stage = Stage(driver)
-        stage.state()
+        for _ in range(4):
+            stage.state()
         stage.hand(
             m.Claim(
                 "wheels", m.Ballot(3, 0.5, False, "rival-1"), stage.at, 0.5, False, ACTION, ACTION

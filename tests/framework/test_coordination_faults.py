@@ -91,7 +91,7 @@ class Faulty:
         if name == "robot":
             owner = ToyOwner(self.society.mesh.identity("robot", self.starts[name]))
             self.owners.append(owner)
-            self.society.nodes["robot"] = self.society.mesh.add(owner)
+            self.society.nodes["robot"] = self.society.mesh.add(owner, admit=False)
         else:
             kind: type[Agent] = self.kinds[self.names.index(name) - 1]
             self.society.join(kind, self.starts[name])

@@ -9,30 +9,40 @@ import pytest
 
 from armadico import messages as m
 from armadico.agent import Agent, Question
-from armadico.mesh.virtual import VirtualMesh, cards
+from armadico.mesh.virtual import VirtualMesh
 from armadico.mesh.virtual_network import DELAY_MEDIAN, Link
 from armadico.mesh.virtual_presence import LIVELINESS
-from armadico.messages import Log, Message, Stop, Trajectory
+from armadico.messages import Message, MissionState, MissionStatus, Stop
+from armadico.services import Kind, Service, register
 
 Seen = list[tuple[float, Any]]
+
+
+class Word(Message, frozen=True):
+    """An event: each one counts, and as many may be said as one likes (lines for people not)."""
+
+    text: str
+
+
+register(Service(Word, "word/{instance}", Kind.EVENT, None, None, "a test's own"))
 
 
 class Listener(Agent):
     """Keeps what it is told: a state, an event, and who comes and goes."""
 
     name = "listener"
-    hears: ClassVar[tuple[type[Message], ...]] = (Trajectory, Log)
+    hears: ClassVar[tuple[type[Message], ...]] = (MissionStatus, Word)
 
     def __init__(self, identity: Any) -> None:
         super().__init__(identity)
         self.seen: Seen = []
         self.who: Seen = []
 
-    def on_trajectory(self, trajectory: Trajectory) -> None:
-        self.seen.append((self.now, trajectory.mission))
+    def on_mission_status(self, status: MissionStatus) -> None:
+        self.seen.append((self.now, status.mission))
 
-    def on_log(self, log: Log) -> None:
-        self.seen.append((self.now, log.text))
+    def on_word(self, word: Word) -> None:
+        self.seen.append((self.now, word.text))
 
     def on_appeared(self, name: str, instance: str) -> None:
         self.who.append((self.now, f"+{name}"))
@@ -56,7 +66,7 @@ class Talker(Agent):
     def on_wakeup(self) -> None:
         self.wake_at(self.now + 0.01)
         self.count += 1
-        self.publish(Log(20, str(self.count)))
+        self.publish(Word(str(self.count)))
 
 
 class Planner(Agent):
@@ -71,30 +81,35 @@ class Planner(Agent):
 
 
 class Asker(Agent):
-    """Asks for a plan as soon as it is told a trajectory."""
+    """Asks for a plan as soon as it is told a mission's status."""
 
     name = "asker"
-    hears: ClassVar[tuple[type[Message], ...]] = (Trajectory,)
+    hears: ClassVar[tuple[type[Message], ...]] = (MissionStatus,)
     asks: ClassVar[tuple[type[Message], ...]] = (m.PlanRequest,)
 
     def __init__(self, identity: Any) -> None:
         super().__init__(identity)
         self.got: Seen = []
 
-    def on_trajectory(self, trajectory: Trajectory) -> None:
+    def on_mission_status(self, status: MissionStatus) -> None:
         self.ask(REQUEST, lambda plan: self.got.append((self.now, plan)), timeout=0.5)
+
+
+def status(number: int) -> MissionStatus:
+    """A state that is told apart by its number."""
+    return MissionStatus(number, MissionState.DRIVING, 0.0)
 
 
 REQUEST = m.PlanRequest(m.Waypoint(0, 0, 0), m.Waypoint(1, 0, 0))
 
 
 def told(*kinds: type[Agent], seed: int = 1) -> tuple[VirtualMesh, Listener]:
-    """A mesh with a listener and others on it."""
+    """A mesh with a listener and others on it, who join at once."""
     mesh = VirtualMesh(seed)
     listener = Listener(mesh.identity("listener"))
-    mesh.add(listener)
+    mesh.add(listener, admit=False)
     for kind in kinds:
-        mesh.add(kind(mesh.identity(kind.name)))
+        mesh.add(kind(mesh.identity(kind.name)), admit=False)
     return mesh, listener
 
 
@@ -109,7 +124,7 @@ def test_what_one_says_to_another_arrives_in_order_and_none_is_lost() -> None:
 def test_order_holds_when_a_burst_takes_longer_than_its_gaps() -> None:
     mesh, listener = told()
     for number in range(200):
-        mesh.publish(Log(20, str(number)))
+        mesh.publish(Word(str(number)))
     mesh.run(1.0)
     assert [text for _, text in listener.seen] == [str(n) for n in range(200)]
 
@@ -166,7 +181,7 @@ def test_who_says_something_does_not_hear_it_but_its_twin_does() -> None:
         name = "echo"
 
         def on_wakeup(self) -> None:
-            self.publish(Log(20, self.instance))
+            self.publish(Word(self.instance))
 
         def on_start(self) -> None:
             self.wake_at(self.now + 0.1)
@@ -174,7 +189,7 @@ def test_who_says_something_does_not_hear_it_but_its_twin_does() -> None:
     mesh = VirtualMesh(1)
     twins = [Echo(mesh.identity("echo", start)) for start in (0, 1)]
     for twin in twins:
-        mesh.add(twin)
+        mesh.add(twin, admit=False)
     mesh.run(1.0)
     assert [[text for _, text in twin.seen] for twin in twins] == [
         [twins[1].instance],
@@ -186,22 +201,22 @@ def test_a_publication_is_decoded_once_and_shared() -> None:
     mesh, listener = told()
     other = Listener(mesh.identity("other"))
     other.name = "other"  # type: ignore[misc]
-    mesh.add(other)
-    said = Trajectory(4, ())
+    mesh.add(other, admit=False)
+    said = status(4)
     mesh.publish(said)
     mesh.run(0.1)
-    taken = listener.latest(Trajectory)
+    taken = listener.latest(MissionStatus)
     assert taken == said
     assert taken is not said
-    assert taken is other.latest(Trajectory)
+    assert taken is other.latest(MissionStatus)
 
 
 def test_watchers_are_shown_everything_at_once_and_heard_by_nobody() -> None:
     mesh, _ = told(Talker)
     shown: list[tuple[str, Any]] = []
-    mesh.watch(lambda key, message, now: shown.append((key, now)), Log)
+    mesh.watch(lambda key, message, now: shown.append((key, now)), Word)
     mesh.run(0.015)
-    assert shown == [(f"log/{mesh.node('talker').agent.instance}", pytest.approx(0.01))]
+    assert shown == [(f"word/{mesh.node('talker').agent.instance}", pytest.approx(0.01))]
 
 
 # Faults ------------------------------------------------------------------------------------------
@@ -213,26 +228,31 @@ def test_after_a_hang_events_come_in_order_and_of_a_state_only_the_latest() -> N
     node = mesh.node("listener")
     node.hang()
     for number in (1, 2, 3):
-        mesh.publish(Trajectory(number, ()))
-        mesh.publish(Log(20, f"event {number}"))
+        mesh.publish(status(number))
+        mesh.publish(Word(f"event {number}"))
         mesh.run(mesh.now + 0.1)
     assert listener.seen == []
     node.resume()
-    assert [what for _, what in listener.seen] == ["event 1", "event 2", 3, "event 3"]
+    assert [what for _, what in listener.seen] == [3, "event 1", "event 2", "event 3"]
     assert {now for now, _ in listener.seen} == {mesh.now}
 
 
-def test_who_hangs_hears_of_comings_and_goings_only_afterwards() -> None:
-    mesh, listener = told()
+def test_who_hangs_hears_of_comings_and_goings_only_afterwards_and_only_how_they_ended() -> None:
+    """Tokens are states: who came and went meanwhile was never there."""
+    mesh, listener = told(Talker)
     mesh.run(0.1)
     mesh.node("listener").hang()
-    talker = mesh.add(Talker(mesh.identity("talker")))
+    mesh.node("talker").kill()
+    planner, asker = (
+        mesh.add(kind(mesh.identity(kind.name)), admit=False) for kind in (Planner, Asker)
+    )
     mesh.run(0.2)
-    talker.kill()
+    asker.kill()
     mesh.run(0.3)
-    assert listener.who == []
+    assert [what for _, what in listener.who] == ["+talker"]
     mesh.node("listener").resume()
-    assert [what for _, what in listener.who] == ["+talker", "-talker"]
+    assert [what for _, what in listener.who[1:]] == ["+planner", "-talker"]
+    assert planner.alive
 
 
 def test_who_hangs_misses_its_wake_up_and_gets_it_after_what_waited() -> None:
@@ -258,7 +278,8 @@ def test_a_killed_process_says_nothing_more_and_its_token_goes() -> None:
     when, what = listener.who[-1]
     assert what == "-talker"
     assert when == pytest.approx(1.0 + LIVELINESS)
-    assert [card.name for card in cards(mesh.nodes) if isinstance(card, m.Card)] == ["listener"]
+    mesh.publish(Word("who is there"))
+    assert [node.name for node in mesh.nodes if node.alive] == ["listener"]
 
 
 def test_a_killed_process_hears_nothing_more() -> None:
@@ -274,7 +295,7 @@ def test_who_comes_is_told_who_is_there_and_they_are_told_of_it() -> None:
     mesh, first = told(Talker)
     mesh.run(1.0)
     second = Listener(mesh.identity("listener", 1))
-    mesh.add(second)
+    mesh.add(second, admit=False)
     mesh.run(1.1)
     assert sorted(what for _, what in second.who) == ["+listener", "+talker"]
     assert [what for _, what in first.who] == ["+talker", "+listener"]
@@ -284,7 +305,7 @@ def test_a_cut_is_one_way_and_heals() -> None:
     mesh, listener = told(Talker)
     other = Listener(mesh.identity("other"))
     other.name = "other"  # type: ignore[misc]
-    mesh.add(other)
+    mesh.add(other, admit=False)
     mesh.run(1.0)
     link = mesh.link("talker", "listener")
     link.up = False
@@ -319,9 +340,9 @@ def test_a_slow_link_takes_that_much_longer() -> None:
 def test_a_query_is_answered_over_the_network() -> None:
     mesh = VirtualMesh(1)
     asker = Asker(mesh.identity("asker"))
-    mesh.add(asker)
-    mesh.add(Planner(mesh.identity("planner")))
-    mesh.publish(Trajectory(1, ()))
+    mesh.add(asker, admit=False)
+    mesh.add(Planner(mesh.identity("planner")), admit=False)
+    mesh.publish(status(1))
     mesh.run(1.0)
     assert [plan for _, plan in asker.got] == [m.Plan((), 1.0)]
     assert 0.0 < asker.got[0][0] < 0.1
@@ -330,9 +351,9 @@ def test_a_query_is_answered_over_the_network() -> None:
 def test_a_query_that_nobody_answers_gets_none_at_its_time_out() -> None:
     mesh = VirtualMesh(1)
     asker = Asker(mesh.identity("asker"))
-    mesh.add(asker)
+    mesh.add(asker, admit=False)
     mesh.run(0.1)
-    mesh.publish(Trajectory(1, ()))
+    mesh.publish(status(1))
     mesh.run(0.59)
     assert asker.got == []
     mesh.run(1.0)
@@ -342,7 +363,9 @@ def test_a_query_that_nobody_answers_gets_none_at_its_time_out() -> None:
 
 def test_one_that_hangs_or_died_does_not_answer_and_of_two_answers_the_first_counts() -> None:
     mesh = VirtualMesh(1)
-    dead, hung, first, second = (mesh.add(Planner(mesh.identity("p", n))) for n in range(4))
+    dead, hung, first, second = (
+        mesh.add(Planner(mesh.identity("p", n)), admit=False) for n in range(4)
+    )
     first.agent.length, second.agent.length = 2.0, 3.0  # type: ignore[attr-defined]
     mesh.run(0.1)
     dead.kill()
@@ -375,5 +398,60 @@ def test_running_stops_when_it_is_told_to() -> None:
 
 def test_a_message_that_could_not_travel_is_not_delivered_either() -> None:
     mesh, _ = told()
-    with pytest.raises(m.MessageError):
-        mesh.publish(Stop(-1, True, "nobody"))
+    shown: list[Message] = []
+    mesh.watch(lambda _key, message, _now: shown.append(message), Stop)
+    mesh.publish(Stop(-1, True, "nobody", 1))
+    mesh.run(0.1)
+    assert shown == []
+
+
+# Joining ------------------------------------------------------------------------------------------
+
+
+class Only(Listener):
+    """One that must be alone."""
+
+    name = "only"
+    alone = True
+
+
+def test_who_joins_looks_around_first_and_is_then_told_who_is_there() -> None:
+    mesh, first = told()
+    newcomer = Listener(mesh.identity("listener", 1))
+    node = mesh.add(newcomer)
+    mesh.run(0.05)
+    assert not node.driver.started
+    assert newcomer.who == []
+    mesh.run(1.0)
+    assert node.driver.started
+    assert [what for _, what in newcomer.who] == ["+listener"]
+    assert [what for _, what in first.who] == ["+listener"]
+
+
+def test_a_second_one_that_must_be_alone_is_refused_and_never_seen() -> None:
+    mesh, listener = told(Only)
+    mesh.run(1.0)
+    mesh.node("only").agent.tenure = 100
+    second = mesh.add(Only(mesh.identity("only", 1)))
+    mesh.run(3.0)
+    assert not second.alive
+    assert "another only agent is alive already" in second.driver.refusal
+    assert [what for _, what in listener.who] == ["+only"]
+
+
+def test_one_that_waits_for_the_card_of_one_that_hangs_does_not_stop_the_clock() -> None:
+    mesh, _ = told(Only)
+    mesh.run(1.0)
+    mesh.node("only").hang()
+    second = mesh.add(Only(mesh.identity("only", 1)))
+    before = mesh.events
+    mesh.run(6.0)
+    assert mesh.events - before < 200
+    assert second.driver.started, "the lease of the first has run out"
+
+
+def test_of_many_that_begin_at_once_one_stays() -> None:
+    mesh, _ = told()
+    nodes = [mesh.add(Only(mesh.identity("only", start))) for start in range(5)]
+    mesh.run(10.0)
+    assert sum(node.alive and node.driver.started for node in nodes) == 1

@@ -3,99 +3,83 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from typing import Any, ClassVar
+from typing import Any, ClassVar, cast
 
 import msgspec
 
-from armadico.agent import Agent, Identity, Parameters
-from armadico.coordination import Owner, Verdict
-from armadico.cycles import PERIOD
+from armadico.agent import Agent, Identity, Parameters, Subscription
+from armadico.coordination import Verdict
+from armadico.cycles import PERIOD, CycleCounter
 from armadico.exchange import Bid
 from armadico.mesh.virtual import VirtualMesh
 from armadico.mesh.virtual_node import Node
-from armadico.messages import Claim, Command, Cycle, Message, RobotState, Stop
-from armadico.resources import WHEELS
-from armadico.services import Service
+from armadico.messages import Ack, Claim, Command, Message, RobotState, Stop
+from armadico.resources import WHEELS, Resource
 
 Utility = Callable[[float], float | None]
 
 
 class ToyOwner(Agent):
-    """Publishes robot/state each 100 ms and obeys as the robot agent does."""
+    """Publishes robot/state each 100 ms and owns the wheels as the robot agent does."""
 
     name = "robot"
-    hears: ClassVar[tuple[type[Message], ...]] = (Command, Claim, Stop)
+    owns = (WHEELS,)
     provides: ClassVar[tuple[type[Message], ...]] = (RobotState,)
 
     def __init__(self, identity: Identity) -> None:
         super().__init__(identity)
-        self.owner = Owner(self.cycles)
-        self.epoch = self.rng.getrandbits(63)
-        self.number = 0
+        self.counter = CycleCounter(self.rng.getrandbits(63), PERIOD)
         self.obeyed: list[tuple[float, Command]] = []
         self.refused: list[tuple[float, Command, Verdict]] = []
-        self.latch = Stop()
+        self.rests: list[float] = []
         self.speed = (0.0, 0.0)
+        judge = self.owner(WHEELS).judge
+
+        def judged(command: Command, now: float, **about: Any) -> Verdict:
+            verdict = judge(command, now, **about)
+            if verdict is Verdict.OBEYED:
+                self.obeyed.append((self.now, command))
+            elif verdict is not Verdict.RELEASED:
+                self.refused.append((self.now, command, verdict))
+            return verdict
+
+        vars(self.owner(WHEELS))["judge"] = judged
 
     @classmethod
-    def subscriptions(cls) -> dict[type[Message], Service]:
-        found = super().subscriptions()
-        del found[RobotState]
-        return found
-
-    def _acceptable(self, message: Message) -> bool:
-        return True
+    def subscriptions(cls) -> tuple[Subscription, ...]:
+        return tuple(s for s in super().subscriptions() if s.message is not RobotState)
 
     def on_start(self) -> None:
         self.on_wakeup()
 
     def on_wakeup(self) -> None:
         self.wake_at(self.now + PERIOD)
-        self.number += 1
-        cycle = Cycle(self.epoch, self.number)
+        cycle = self.counter.next(self.now)
         self.cycles.advance(cycle, self.now)
-        o = self.owner
+        self.tenure += 1
         v, w = self.speed
-        self.publish(
-            RobotState(
-                cycle,
-                0,
-                0,
-                0,
-                v,
-                w,
-                12,
-                True,
-                False,
-                o.largest,
-                o.obeyed,
-                o.obeyed_cycle,
-                self.latch,
-            )
-        )
+        stop = self.memory.newest(Stop) or Stop()
+        self.publish(RobotState(cycle, 0, 0, 0, v, w, 12, True, False, stop))
+        self.acknowledge()
 
-    def on_claim(self, claim: Claim) -> None:
-        self.owner.hear(claim)
+    def obey(self, resource: Resource, action: Any) -> None:
+        self.speed = action
 
-    def on_stop(self, stop: Stop) -> None:
-        if stop.counter > self.latch.counter:
-            self.latch = stop
+    def rest(self, resource: Resource) -> None:
+        self.speed = (0.0, 0.0)
+        self.rests.append(self.now)
 
-    def on_command(self, command: Command) -> None:
-        verdict = self.owner.judge(
-            command.cycle, command.ballot, stopped=self.latch.stopped, sound=abs(command.v) < 2
-        )
-        if verdict is Verdict.OBEYED:
-            self.speed = (command.v, command.w)
-            self.obeyed.append((self.now, command))
-        else:
-            self.refused.append((self.now, command, verdict))
+    def measure(self, resource: Resource) -> tuple[float, float]:
+        return self.speed
+
+    def beyond(self, resource: Resource, action: Any) -> str:
+        return "" if abs(action[0]) < 2 else "too fast"
 
 
 class Toy(Agent):
     """Bids what a function of time says, each cycle."""
 
-    reacts_to = RobotState
+    reacts_to = Ack
     needs = (RobotState,)
     competes_for = (WHEELS,)
     utility: ClassVar[Any] = None
@@ -103,7 +87,7 @@ class Toy(Agent):
     critical: ClassVar[bool] = False
     every: ClassVar[int] = 1
 
-    def bid(self, message: RobotState) -> Bid | None:
+    def bid(self, message: Any) -> Bid | None:
         if message.cycle.number % self.every:
             return None
         utility = type(self).utility(self.now)
@@ -125,10 +109,10 @@ class ToySociety:
         self.mesh = VirtualMesh(seed)
         self.claims: list[tuple[float, Claim]] = []
         self.commands: list[tuple[float, Command]] = []
-        self.mesh.watch(lambda _k, c, t: self.claims.append((t, c)), Claim)
-        self.mesh.watch(lambda _k, c, t: self.commands.append((t, c)), Command)
+        self.mesh.watch(lambda _k, c, t: self.claims.append((t, cast("Claim", c))), Claim)
+        self.mesh.watch(lambda _k, c, t: self.commands.append((t, cast("Command", c))), Command)
         self.nodes: dict[str, Node] = {
-            "robot": self.mesh.add(ToyOwner(self.mesh.identity("robot")))
+            "robot": self.mesh.add(ToyOwner(self.mesh.identity("robot")), admit=False)
         }
         self.mesh.run(start)
         for kind in contenders:
@@ -136,7 +120,7 @@ class ToySociety:
 
     def join(self, kind: type[Agent], start: int = 0, exchange: str = "smooth") -> Node:
         parameters = msgspec.convert({"social": {"exchange": exchange}}, Parameters)
-        node = self.mesh.add(kind(self.mesh.identity(kind.name, start), parameters))
+        node = self.mesh.add(kind(self.mesh.identity(kind.name, start), parameters), admit=False)
         self.nodes[kind.name] = node
         return node
 

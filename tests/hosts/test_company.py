@@ -48,7 +48,7 @@ def test_a_second_robot_agent_does_not_start_and_names_the_first(
     epoch = observer.state.cycle.epoch
     second = call("robot", "--host", "lab1", program="armadico-agent")
     assert second.returncode == 2
-    assert f"another robot agent is there already: {instance} (host robot, pid {first.pid}," in (
+    assert f"another robot agent is alive already: {instance} (host robot, pid {first.pid}," in (
         second.stderr
     )
     assert "is open" not in second.stderr, "it did not touch the port"
@@ -118,8 +118,8 @@ def test_one_of_another_protocol_that_joins_all_the_same_is_not_obeyed_and_is_na
     named = f"host lab2, pid {stranger.pid}) speaks protocol {PROTOCOL + 1}"
     observer.until(lambda: any(named in text for text in observer.logs), "it is named")
     observer.cycles(10)
-    assert observer.state.obeyed is None
-    assert observer.state.largest is None, "its claims bind nobody either"
+    assert observer.ack.obeyed is None
+    assert observer.ack.largest is None, "its claims bind nobody either"
 
 
 # Any clock ----------------------------------------------------------------------------------------

@@ -50,7 +50,7 @@ def main(kind: str, host: str) -> None:
         messages.PROTOCOL += 1
     ahead = AHEAD_S if kind == "late" else 0.0
     mesh = options.join(args, passing=False)
-    serve(Driver(identity("driver", host)), mesh, wall=lambda: time.time() + ahead)
+    serve([Driver(identity("driver", host))], mesh, wall=lambda: time.time() + ahead)
 
 
 if __name__ == "__main__":

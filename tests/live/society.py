@@ -11,9 +11,11 @@ from armadico.bridge.p2os.commands import Cmd
 from armadico.client import Client
 from armadico.config.scenarios import Scenario
 from armadico.launcher import Launcher
+from armadico.measures import driver
 from armadico.mesh.topology import topology
 from armadico.mesh.zenoh import ZenohMesh
 from armadico.messages import (
+    Ack,
     Ask,
     Ballot,
     BidHistory,
@@ -61,21 +63,23 @@ class Observer:
     def __init__(self, mesh: ZenohMesh) -> None:
         self.client = Client(mesh)
         self.states: list[RobotState] = []
+        self.acks: list[Ack] = []
         self.truths: list[Truth] = []
         self.commands: list[Command] = []
         self.logs: list[str] = []
         self._kept: dict[type[Message], list[Message]] = {
             RobotState: self.states,  # type: ignore[dict-item]
+            Ack: self.acks,  # type: ignore[dict-item]
             Truth: self.truths,  # type: ignore[dict-item]
             Command: self.commands,  # type: ignore[dict-item]
         }
-        self.client.listen(RobotState, Truth, Command, Claim, then=self._keep)
+        self.client.listen(RobotState, Ack, Truth, Command, Claim, then=self._keep)
         self.client.listen(Log, then=self._keep_log)
 
     def until(self, condition: Callable[[], object], what: str) -> None:
         """Wait for something to be so. AssertionError with the last state if it does not come."""
         if not self.client.wait_for(condition, SOON):
-            last = self.states[-1] if self.states else None
+            last = [*self.states[-1:], *self.acks[-1:]]
             said = "\n  ".join(self.logs[-10:])
             raise AssertionError(f"not within {SOON:.0f} s: {what}\n {last}\n  {said}")
 
@@ -89,18 +93,19 @@ class Observer:
         return {name for name, _ in self.client.alive}
 
     @property
+    def ack(self) -> Ack:
+        """The newest word of the robot agent on what it obeys."""
+        return self.acks[-1]
+
+    @property
     def holder(self) -> str:
-        """The instance that was obeyed last."""
-        return "" if self.state.obeyed is None else self.state.obeyed.instance
+        """The instance that was obeyed last; nobody since a release."""
+        if not self.acks or self.ack.obeyed is None:
+            return ""
+        return self.ack.obeyed.instance
 
     def obeyed_lately(self) -> bool:
-        state = self.state
-        at = state.obeyed_cycle
-        return (
-            at is not None
-            and at.epoch == state.cycle.epoch
-            and (state.cycle.number - at.number <= 3)
-        )
+        return bool(self.acks) and driver(self.ack) is not None
 
     def driving(self) -> bool:
         """Whether the robot is on its way, by the truth, and somebody is obeyed."""
@@ -126,7 +131,7 @@ class Observer:
         first = self.state.cycle
 
         def on() -> bool:
-            at = self.state.obeyed_cycle
+            at = self.ack.obeyed_cycle
             behind = at is not None and (
                 at.epoch != first.epoch or at.number >= first.number + cycles
             )
@@ -218,17 +223,17 @@ class Society(Observer):
         assert self.at_rest(), f"it moves: {self.truths[-1]}"
 
 
-def ballots_never_go_down(states: list[RobotState]) -> None:
-    """What is refused by, and what is obeyed, only grows within an epoch; nor do cycles."""
-    for before, after in pairwise(states):
-        if before.cycle.epoch != after.cycle.epoch:
-            continue
-        fell = (
-            after.cycle <= before.cycle
-            or _rank(after.largest) < _rank(before.largest)
-            or _rank(after.obeyed) < _rank(before.obeyed)
-        )
-        assert not fell, f"{before}\n{after}"
+def ballots_never_go_down(acks: list[Ack]) -> None:
+    """What is refused by, and what is obeyed, only grows within an epoch; nor do cycles.
+
+    After a release nobody is obeyed, until somebody with a larger ballot is.
+    """
+    for before, after in pairwise(acks):
+        fell = after.cycle <= before.cycle or _rank(after.largest) < _rank(before.largest)
+        assert before.cycle.epoch != after.cycle.epoch or not fell, f"{before}\n{after}"
+    for before, after in pairwise(ack for ack in acks if ack.obeyed is not None):
+        fell = _rank(after.obeyed) < _rank(before.obeyed)
+        assert before.cycle.epoch != after.cycle.epoch or not fell, f"{before}\n{after}"
 
 
 def _rank(ballot: Ballot | None) -> tuple[int, float, bool, str]:

@@ -40,7 +40,7 @@ def with_two_drivers(start: Start) -> tuple[Society, str, str]:
 
 def most_cycles_between_obeyed_commands(society: Society) -> int:
     """From the first obeyed command to the last."""
-    numbers = [s.obeyed_cycle.number for s in society.states if s.obeyed_cycle is not None]
+    numbers = [ack.obeyed_cycle.number for ack in society.acks if ack.obeyed_cycle is not None]
     return max(b - a for a, b in pairwise(numbers))
 
 
@@ -54,7 +54,7 @@ def test_when_the_holder_is_killed_another_drives_on(start: Start) -> None:
     assert society.holder == other
     assert most_cycles_between_obeyed_commands(society) <= MOST_CYCLES
     assert holder not in {instance for _, instance in society.client.alive}
-    ballots_never_go_down(society.states)
+    ballots_never_go_down(society.acks)
 
 
 def test_when_the_holder_hangs_another_drives_on_and_the_old_one_comes_back_in_vain(
@@ -65,12 +65,12 @@ def test_when_the_holder_hangs_another_drives_on_and_the_old_one_comes_back_in_v
     first.popen.send_signal(SIGSTOP)
     society.until(lambda: society.holder == other, "the other is obeyed")
     society.drives_on(15)  # cycles: the old one's lease runs out
-    woken = len(society.states)
+    woken = len(society.acks)
     first.popen.send_signal(SIGCONT)
     society.drives_on()
-    assert {s.obeyed.instance for s in society.states[woken:] if s.obeyed} == {other}
+    assert {ack.obeyed.instance for ack in society.acks[woken:] if ack.obeyed} == {other}
     assert most_cycles_between_obeyed_commands(society) <= MOST_CYCLES
-    ballots_never_go_down(society.states)
+    ballots_never_go_down(society.acks)
 
 
 def test_when_avoid_is_killed_while_it_holds_nothing_is_touched(start: Start) -> None:
@@ -88,4 +88,4 @@ def test_when_avoid_is_killed_while_it_holds_nothing_is_touched(start: Start) ->
     assert len(society.tap.packets) > mark
     assert society.truths[-1].collisions == 0
     society.nobody_else_died("avoid")
-    ballots_never_go_down(society.states)
+    ballots_never_go_down(society.acks)

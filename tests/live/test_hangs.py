@@ -31,7 +31,7 @@ def test_when_the_driver_or_its_senses_hang_a_stop_is_ordered_and_on_waking_it_g
     society.send(name, SIGCONT)
     society.drives_on()
     society.nobody_else_died()
-    ballots_never_go_down(society.states)
+    ballots_never_go_down(society.acks)
 
 
 def test_those_who_do_not_drive_may_hang_and_come_back(start: Start) -> None:
@@ -44,7 +44,7 @@ def test_those_who_do_not_drive_may_hang_and_come_back(start: Start) -> None:
         society.drives_on()
         assert society.holder == holder
     society.nobody_else_died()
-    ballots_never_go_down(society.states)
+    ballots_never_go_down(society.acks)
 
 
 def test_when_the_robot_agent_hangs_the_watchdog_stops_and_on_waking_the_first_speed_is_zero(
@@ -62,4 +62,4 @@ def test_when_the_robot_agent_hangs_the_watchdog_stops_and_on_waking_the_first_s
     assert (first.number, second.number) == (Cmd.VEL, Cmd.RVEL)
     assert not moves(first)
     assert not moves(second)
-    ballots_never_go_down(society.states)
+    ballots_never_go_down(society.acks)

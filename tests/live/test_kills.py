@@ -25,7 +25,7 @@ def test_without_the_driver_fresh_obstacles_or_a_pose_a_stop_is_ordered(
     society.nobody_drives()
     assert statuses_until_stop(society.tap.packets) <= MOST_STATUSES
     society.nobody_else_died(name)
-    ballots_never_go_down(society.states)
+    ballots_never_go_down(society.acks)
 
 
 @pytest.mark.parametrize("name", ["goto", "sonar", "encoder"])
@@ -36,7 +36,7 @@ def test_who_is_started_again_takes_its_place(start: Start, name: str) -> None:
     society.stops(mark)
     society.restart(name)
     society.drives_on()
-    ballots_never_go_down(society.states)
+    ballots_never_go_down(society.acks)
 
 
 def test_those_who_do_not_drive_may_die_one_after_another(start: Start) -> None:
@@ -49,7 +49,7 @@ def test_those_who_do_not_drive_may_die_one_after_another(start: Start) -> None:
         society.drives_on()
         assert society.holder == holder
         society.nobody_else_died(*dead)
-    ballots_never_go_down(society.states)
+    ballots_never_go_down(society.acks)
 
 
 def test_without_the_robot_agent_the_controllers_watchdog_stops_the_wheels(start: Start) -> None:

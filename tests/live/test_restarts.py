@@ -34,7 +34,7 @@ def test_a_new_robot_agent_begins_with_zero_speeds_and_the_same_holder_drives_on
     assert Cmd.OPEN in {command.number for command in said[:started]}
     assert society.holder == holder
     society.nobody_else_died()
-    ballots_never_go_down(society.states)
+    ballots_never_go_down(society.acks)
 
 
 def test_a_simulator_that_comes_back_is_driven_on(start: Start) -> None:

@@ -6,7 +6,7 @@ import json
 import subprocess
 import sys
 from collections.abc import Callable, Iterator
-from contextlib import ExitStack
+from contextlib import ExitStack, suppress
 from pathlib import Path
 from signal import SIGHUP, SIGINT, SIGTERM, Signals
 
@@ -104,7 +104,9 @@ def test_a_run_that_is_interrupted_leaves_the_robot_at_rest_and_nothing_running(
         tap.close()
 
 
-def test_when_the_launcher_is_killed_the_society_drives_on(run: Run, observer: Observer) -> None:
+def test_when_the_launcher_is_killed_the_society_drives_on_and_down_ends_it(
+    run: Run, observer: Observer
+) -> None:
     process = run("run", "sc1", "--start", "-1.5", "0", "0", "--no-plot")
     observer.until(observer.driving, "the robot is on its way")
     everybody = children(process.pid)
@@ -113,10 +115,13 @@ def test_when_the_launcher_is_killed_the_society_drives_on(run: Run, observer: O
         process.wait(SOON)
         observer.drives_on()
         assert all(child.is_running() for child in everybody)
+        said, errors = run("down").communicate(timeout=SOON)
+        assert "ended what a killed `armadico run` had left: encoder, " in said, errors
+        assert all_gone(everybody)
     finally:
         for child in everybody:
-            child.kill()
-    assert all_gone(everybody)
+            with suppress(psutil.NoSuchProcess):
+                child.kill()
 
 
 def test_a_second_run_in_the_namespace_is_told_who_is_there_and_disturbs_nobody(

@@ -38,7 +38,7 @@ def test_a_robot_that_is_stopped_stays_so_until_it_is_released(start: Start) -> 
     assert done.returncode == 0, done.stderr
     society.drives_on()
     assert not society.state.stop.stopped
-    ballots_never_go_down(society.states)
+    ballots_never_go_down(society.acks)
 
 
 def test_a_stop_outlives_the_robot_agent_and_whoever_asked_for_it(start: Start) -> None:

@@ -1,4 +1,4 @@
-"""A mesh that keeps what it is given, and a clock that stands still, for one agent's process."""
+"""A mesh that keeps what it is given, and a clock that stands still, for one process."""
 
 from __future__ import annotations
 
@@ -7,20 +7,24 @@ from collections.abc import Callable
 from typing import Any, cast
 
 from armadico.agent import Agent
-from armadico.messages import Message, PlanRequest, Waypoint, decode, encode
-from armadico.runtime import AgentProcess
+from armadico.messages import Message, PlanRequest, Waypoint, encode
+from armadico.runtime import AgentHost
 
 REQUEST = PlanRequest(Waypoint(0, 0, 0), Waypoint(1, 1, 0))
 
+Asked = tuple[Callable[[str, bytes], None], Callable[[], None]]
+
 
 class FakeCall:
-    key = "path/plan"
-    payload = encode(REQUEST)
+    """A query that waits; like the real one it sends only what can be sent."""
 
-    def __init__(self) -> None:
+    def __init__(self, key: str = "path/plan", request: Message = REQUEST) -> None:
+        self.key = key
+        self.payload = encode(request)
         self.replies: list[Message] = []
 
     def reply(self, key: str, message: Message) -> None:
+        encode(message)
         self.replies.append(message)
 
 
@@ -28,15 +32,23 @@ class FakeMesh:
     """Keeps what it is given, and lets the test speak."""
 
     def __init__(self) -> None:
-        self.said: list[Message] = []
+        self.published: list[tuple[str, Message]] = []
         self.subscribers: dict[str, Callable[[str, bytes], None]] = {}
         self.answers: dict[str, Callable[[Any], None]] = {}
         self.changed: Callable[[str, str, bool], None] = lambda *_: None
-        self.asked: list[tuple[Callable[[str, bytes], None], Callable[[], None]]] = []
+        self.asked: list[Asked] = []
+        self.asked_keys: list[str] = []
+        self.tokens: list[tuple[str, str]] = []
         self.alive = threading.Event()
 
+    @property
+    def said(self) -> list[Message]:
+        """What was published, without its keys."""
+        return [message for _, message in self.published]
+
     def publish(self, key: str, message: Message) -> None:
-        self.said.append(message)
+        encode(message)
+        self.published.append((key, message))
 
     def subscribe(self, pattern: str, receiver: Callable[[str, bytes], None]) -> None:
         self.subscribers[pattern] = receiver
@@ -45,19 +57,18 @@ class FakeMesh:
         self.answers[key] = receiver
 
     def ask(self, key: str, request: Message, timeout: float, each: Any, done: Any) -> None:
+        self.asked_keys.append(key)
         self.asked.append((each, done))
 
     def watch_alive(self, changed: Callable[[str, str, bool], None]) -> None:
         self.changed = changed
 
     def declare_alive(self, name: str, instance: str) -> None:
+        self.tokens.append((name, instance))
         self.alive.set()
 
-    def read(self, kind: Any, key: str, data: bytes) -> Any:
-        return decode(data, kind)
-
-    def hear(self, pattern: str, message: Message) -> None:
-        self.subscribers[pattern](pattern, encode(message))
+    def hear(self, pattern: str, message: Message, key: str | None = None) -> None:
+        self.subscribers[pattern](key or pattern, encode(message))
 
 
 class Clock:
@@ -70,7 +81,15 @@ class Clock:
         return self.now
 
 
-def running_on_a_fake(agent: Agent, clock: Callable[[], float] | None = None, **kwargs: Any) -> Any:
+def on_a_fake(
+    *agents: Agent,
+    clock: Callable[[], float] | None = None,
+    admit: bool = False,
+    **kwargs: Any,
+) -> tuple[AgentHost, FakeMesh]:
+    """A host of agents on a fake mesh; without `admit` they begin at once."""
     mesh = FakeMesh()
-    process = AgentProcess(agent, cast("Any", mesh), clock=clock or Clock(), **kwargs)
-    return process, mesh
+    host = AgentHost(
+        agents, cast("Any", mesh), clock=clock or Clock(), admit=admit, wall=lambda: 0.0, **kwargs
+    )
+    return host, mesh

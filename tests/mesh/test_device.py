@@ -6,9 +6,9 @@ import threading
 from collections.abc import Callable
 
 from armadico.agent import DeviceAgent, Identity
-from armadico.mailbox import EVENTS
+from armadico.device import CHUNKS
 from armadico.runtime import identity
-from tests.mesh.fakes import running_on_a_fake
+from tests.mesh.fakes import on_a_fake
 
 SOON = 10.0
 
@@ -82,10 +82,10 @@ def test_a_port_that_goes_is_opened_again_and_the_agent_knows() -> None:
             raise OSError("no port")
         return port
 
-    process, _ = running_on_a_fake(agent, connect=connect)
-    agent.until = ("c", process.request_stop)
-    process.live()
-    process.leave()
+    host, _ = on_a_fake(agent, connect={agent.instance: connect})
+    agent.until = ("c", host.request_stop)
+    host.live()
+    host.leave()
     expected = ["down: no port", "up ", "a", "b", "down: unplugged", "up ", "c"]
     assert agent.seen[:7] == expected
     assert all(port.closed for port in ports)
@@ -106,21 +106,23 @@ def test_a_port_that_cannot_be_written_to_is_taken_for_gone() -> None:
             tried.set()
             raise OSError("nobody listens")
 
-    process, _ = running_on_a_fake(agent, connect=lambda: Deaf(agent, [b"x"]))
-    agent.until = ("down: cannot write: nobody listens", process.request_stop)
-    process.live()
-    process.leave()
+    host, _ = on_a_fake(agent, connect={agent.instance: lambda: Deaf(agent, [b"x"])})
+    agent.until = ("down: cannot write: nobody listens", host.request_stop)
+    host.live()
+    host.leave()
     assert agent.seen[:3] == ["up ", "x", "down: cannot write: nobody listens"]
 
 
 def test_news_of_the_link_survives_a_flood_of_bytes() -> None:
     agent = Listener(identity("listener"))
-    process, _ = running_on_a_fake(agent, connect=lambda: FakePort(agent, []))
-    device = process._device
+    host, _ = on_a_fake(agent, connect={agent.instance: lambda: FakePort(agent, [])})
+    device = host._devices[agent.instance]
     device._link(True, "")
-    for _ in range(10 * EVENTS):
+    for _ in range(10 * CHUNKS):
         device._take(b"x")
-    while (item := process.inbox.take(0)) is not None:
-        item()
-    assert agent.seen == ["up ", *["x"] * EVENTS]
-    assert process.inbox.dropped == 9 * EVENTS
+    while (item := host.inbox.take(0)) is not None:
+        call, args = item
+        call(*args)
+    assert agent.seen == ["up ", *["x"] * CHUNKS]
+    assert host.inbox.take_dropped() == {"device": 9 * CHUNKS}
+    assert host.inbox.take_dropped() == {}

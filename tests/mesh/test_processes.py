@@ -30,7 +30,7 @@ def there(client: Client, count: int) -> bool:
 def upset(client: Client) -> None:
     """Say the stop that toys other than calm ones cannot bear, until the query shows it arrived."""
     assert client.ask(REQUEST, SOON) is not None
-    client.publish(Stop(1, True, "the test"))
+    client.publish(Stop(1, True, "the test", 1))
 
 
 def test_an_agent_turns_what_it_hears_into_what_it_says(client: Client, spawn: Spawn) -> None:

@@ -47,4 +47,4 @@ KINDS: dict[str, type[Toy]] = {"calm": Toy, "broken": Broken, "hanging": Hanging
 
 if __name__ == "__main__":
     logging.basicConfig(stream=sys.stderr)
-    serve(KINDS[sys.argv[1]](identity("toy")), ZenohMesh(sys.argv[2], topology()))
+    serve([KINDS[sys.argv[1]](identity("toy"))], ZenohMesh(sys.argv[2], topology()))

@@ -28,9 +28,14 @@ def ballot(instance: str, term: int = 1) -> m.Ballot:
     return m.Ballot(term, 0.5, False, instance)
 
 
-def state(number: int, driver: str | None = None, **more: Any) -> m.RobotState:
-    obeyed = {} if driver is None else {"obeyed": ballot(driver), "obeyed_cycle": cycle(number)}
-    return m.RobotState(cycle(number), 0.0, 0.0, 0.0, 0.2, 0.1, 12.5, True, False, **obeyed, **more)
+def state(number: int, **more: Any) -> m.RobotState:
+    return m.RobotState(cycle(number), 0.0, 0.0, 0.0, 0.2, 0.1, 12.5, True, False, **more)
+
+
+def ack(number: int, driver: str | None, resource: str = "wheels") -> m.Ack:
+    """The owner's word: whose command for this very cycle it obeyed."""
+    by = None if driver is None else ballot(driver)
+    return m.Ack(resource, cycle(number), by, by, None if by is None else cycle(number))
 
 
 def record(number: int, utility: float | None) -> m.BidRecord:

@@ -29,6 +29,7 @@ from tests.tools.kept import (
     AVOID,
     GOTO,
     Kept,
+    ack,
     ballot,
     colour_of,
     cycle,
@@ -65,11 +66,10 @@ def test_the_lane_shows_who_is_obeyed_by_the_robots_own_word(tmp_path: Path) -> 
     with drawn(path) as scene:
         drivers = [None, GOTO, GOTO, AVOID, AVOID, GOTO]
         for number, driver in enumerate(drivers):
-            scene.take("robot/state", state(number, driver), float(number))
-        silent = m.RobotState(
-            cycle(20), 0, 0, 0, 0, 0, 12, True, False, obeyed=ballot(GOTO), obeyed_cycle=cycle(5)
-        )
-        scene.take("robot/state", silent, 20.0)
+            scene.take("robot/state", state(number), float(number))
+            scene.take("resource/wheels/ack", ack(number, driver), float(number))
+        silent = m.Ack("wheels", cycle(20), ballot(GOTO), ballot(GOTO), cycle(5))
+        scene.take("resource/wheels/ack", silent, 20.0)
     kept = Kept(path)
     assert kept.values("/p/holders/wheels", "state") == [
         (0.0, "nobody"),
@@ -85,12 +85,30 @@ def test_the_lane_shows_who_is_obeyed_by_the_robots_own_word(tmp_path: Path) -> 
     assert kept.texts("/p/log/goto")[-1] == "lets go of the wheels"
 
 
+def test_a_resource_whose_owner_is_not_heard_has_its_holder_by_the_claims(tmp_path: Path) -> None:
+    path = tmp_path / "a.rrd"
+    arm = "resource/arm/utility"
+    with drawn(path) as scene:
+        scene.take(arm, m.Claim("arm", ballot(GOTO), cycle(1), 0.6, wanted=b"x"), 1.0)
+        scene.take("robot/state", state(9), 2.0)
+        scene.take(arm, m.Claim("arm", ballot(AVOID, 2), cycle(3), 0.6), 3.0)
+        scene.take("resource/arm/ack", ack(4, None, "arm"), 4.0)
+        scene.take(arm, m.Claim("arm", ballot(AVOID, 2), cycle(5), 0.6), 5.0)
+    assert Kept(path).values("/p/holders/arm", "state") == [
+        (1.0, "goto"),
+        (2.0, "nobody"),
+        (3.0, "avoid"),
+        (4.0, "nobody"),  # from here on its owner's word stands
+    ]
+
+
 def test_an_agent_has_one_colour_in_curve_lane_path_and_graph(tmp_path: Path) -> None:
     path = tmp_path / "a.rrd"
     card = m.Card("avoid", AVOID, "here", 1, "1", 1, (), ("sonar/obstacles",), ("wheels",))
     with drawn(path) as scene:
         scene.take("card", card, 0.0)
-        scene.take("robot/state", state(1, AVOID), 0.1)
+        scene.take("resource/wheels/ack", ack(1, AVOID), 0.1)
+        scene.take("robot/state", state(1), 0.1)
         for step in range(30):
             scene.take("encoder/pose", m.Pose(cycle(1), 0.05 * step, 0.0, 0.0), 0.1 + step / 10)
         scene.take("resource", m.Claim("wheels", ballot(AVOID), cycle(1), 0.6), 0.2)
@@ -156,6 +174,7 @@ def test_two_robots_are_drawn_apart(tmp_path: Path) -> None:
     recording = keep({"one": None, "two": None}, tmp_path / "a.rrd")
     one, two = (Scene(recording, None, name) for name in ("one", "two"))
     one.take("robot/state", state(1), 0.0)
+    one.take("resource/wheels/ack", ack(1, GOTO), 0.0)
     two.take("encoder/pose", m.Pose(cycle(1), 1.0, 2.0, 0.0), 0.0)
     close(recording)
     kept = Kept(tmp_path / "a.rrd")

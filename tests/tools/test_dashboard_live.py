@@ -28,7 +28,7 @@ from armadico.mesh.topology import ENDPOINTS_VARIABLE, topology  # noqa: E402
 from armadico.mesh.zenoh import ZenohMesh  # noqa: E402
 from armadico.tools.dashboard import live, viewer  # noqa: E402
 from tests.mesh.conftest import private_endpoints  # noqa: E402
-from tests.tools.kept import GOTO, NAMESPACE, Kept, ballot, cycle, drawn, state  # noqa: E402
+from tests.tools.kept import GOTO, NAMESPACE, Kept, ack, ballot, cycle, drawn, state  # noqa: E402
 
 DASHBOARD = (sys.executable, "-m", "armadico", "dashboard", "--port=0")
 LINK = "dashboard: "
@@ -64,7 +64,8 @@ def children(pid: int) -> list[int]:
 
 
 def publish(mesh: ZenohMesh, number: int) -> None:
-    mesh.publish("robot/state", state(number, GOTO))
+    mesh.publish("robot/state", state(number))
+    mesh.publish("resource/wheels/ack", ack(number, GOTO))
     claim = m.Claim("wheels", ballot(GOTO), cycle(number), 0.6, wanted=(0.2, 0.1))
     mesh.publish("resource/wheels/utility", claim)
 
@@ -151,7 +152,9 @@ def test_a_dashboard_that_hangs_is_not_felt(apart: Callable[[], ZenohMesh]) -> N
             for number in range(FLOOD):
                 mesh.publish(f"log/{GOTO}", m.Log(20, "x" * 2000))
                 if number % 100 == 0:
-                    mesh.publish(f"robot/cmd/{GOTO}", m.Command(cycle(number), ballot(GOTO), 0, 0))
+                    command = m.Command("wheels", cycle(number), ballot(GOTO), (0.0, 0.0))
+                    mesh.publish(f"robot/cmd/{GOTO}", command)
+                    listener.wait_for(lambda: None, 0.001)  # of one key 64 may wait
             last = FLOOD - 100
             listener.wait_for(lambda: last in heard, 20.0)
         finally:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import pytest
 
-from armadico.messages import Ballot, BidHistory, BidRecord, Card, Command, Cycle, RobotState
+from armadico.messages import Ack, Ballot, BidHistory, BidRecord, Card, Command, Cycle
 from armadico.tools.hosts import news
 from armadico.tools.hosts.story import Story, Takeover
 from armadico.tools.hosts.watch import told
@@ -36,15 +36,15 @@ def test_news_is_read_as_it_was_written() -> None:
 
 def test_messages_are_told_in_short() -> None:
     by = Ballot(1, 0.6, False, GOTO)
-    state = RobotState(
-        Cycle(1, 9), 0, 0, 0, 0.3, 0, 12, True, False, by, by, obeyed_cycle=Cycle(1, 8)
-    )
-    assert [*told(state, 2.0)] == [news.Cycle(2.0, 9, GOTO, 8, 0.3)]
-    long_ago = RobotState(
-        Cycle(1, 19), 0, 0, 0, 0.0, 0, 12, True, False, by, by, obeyed_cycle=Cycle(1, 8)
-    )
+    ack = Ack("wheels", Cycle(1, 9), by, by, Cycle(1, 8), 0.6, measured=(0.3, 0.0))
+    assert [*told(ack, 2.0)] == [news.Cycle(2.0, 9, GOTO, 8, 0.3)]
+    long_ago = Ack("wheels", Cycle(1, 19), by, by, Cycle(1, 8), 0.6, measured=(0.0, 0.0))
     assert [*told(long_ago, 2.0)] == [news.Cycle(2.0, 19, "", 0, 0.0)]
-    assert [*told(Command(Cycle(1, 9), by, 0.3, 0.0), 2.0)] == [news.Commanded(2.0, GOTO, 9)]
+    released = Ack("wheels", Cycle(1, 9), by, None, Cycle(1, 8), measured=(0.1, 0.0))
+    assert [*told(released, 2.0)] == [news.Cycle(2.0, 9, "", 0, 0.1)]
+    command = Command("wheels", Cycle(1, 9), by, (0.3, 0.0))
+    assert [*told(command, 2.0)] == [news.Commanded(2.0, GOTO, 9)]
+    assert not [*told(Command("arm", Cycle(1, 9), by, (0.3,)), 2.0)]
     card = Card("goto", GOTO, "lab2", 1, "", 1, (), (), ())
     assert [*told(card, 2.0)] == [news.Home(GOTO, "lab2")]
     record = BidRecord(Cycle(1, 5), "wheels", 0.6, False, (0.3, 0.0), "leg 0")

@@ -37,7 +37,11 @@ BALLOT = m.Ballot(3, 0.6, False, "goto-1")
 POSE = m.Pose(CYCLE, 1.5, -2.0, 0.25)
 CLAIM = m.Claim("wheels", BALLOT, CYCLE, 0.6, False, (0.3, 0.1), (0.2, 0.0))
 SONAR = m.Sonar(CYCLE, 5.0, (m.Echo(0.1, 0.2, 0.3, None), m.Echo(0.1, 0.2, 0.3, 2.0)))
-STATE = m.RobotState(CYCLE, 1, 2, 3, 0.5, 0, 12.5, True, False, BALLOT)
+STATE = m.RobotState(CYCLE, 1, 2, 3, 0.5, 0, 12.5, True, False)
+ACK = m.Ack("wheels", CYCLE, BALLOT, None, CYCLE, measured=(0.5, 0.0))
+COMMAND = m.Command("wheels", CYCLE, BALLOT, (0.5, 0.0))
+RELEASE = m.Command("wheels", CYCLE, BALLOT, None)
+ENCODED = m.Claim("arm", BALLOT, CYCLE, 0.6, wanted=b"\x00\xff", commanded=b"")
 CARD = m.Card("goto", "goto-1", "lab1", 7, "1", 1, ("a",), ("b",), ("wheels",))
 SECOND = 1_000_000_000
 
@@ -67,7 +71,9 @@ def read(path: Path) -> list[Row]:
 
 
 @pytest.mark.parametrize(
-    "message", [POSE, CLAIM, SONAR, STATE, CARD], ids=lambda m: type(m).__name__
+    "message",
+    [POSE, CLAIM, SONAR, STATE, CARD, ACK, COMMAND, RELEASE, ENCODED],
+    ids=lambda m: type(m).__name__,
 )
 def test_a_message_is_the_same_after_being_an_object(message: m.Message) -> None:
     plain = json.loads(json.dumps(as_object(message)))
@@ -93,6 +99,17 @@ def test_what_may_be_missing_is_not_required() -> None:
     assert schema["properties"]["utility"]["type"] == "number"
     assert "utility" not in schema["required"]
     assert "utility" not in as_object(m.Claim("wheels", BALLOT, CYCLE, None))
+
+
+def test_an_action_that_is_a_message_is_hexadecimal_text_in_a_field_of_its_own() -> None:
+    found = as_object(ENCODED)
+    assert (found["wanted_hex"], found["commanded_hex"]) == ("00ff", "")
+    assert not {"wanted", "commanded"} & set(found)
+    schema = json_schema(m.Claim)["properties"]
+    assert schema["wanted"] == {"type": "array", "items": {"type": "number"}}
+    assert schema["wanted_hex"] == {"type": "string"}
+    with pytest.raises(m.MessageError):
+        from_object(m.Claim, found | {"wanted_hex": "not hexadecimal"})
 
 
 def test_what_was_said_is_read_back_in_order(tmp_path: Path) -> None:
@@ -287,6 +304,9 @@ def test_of_several_robots_one_is_drawn(tmp_path: Path) -> None:
     [
         ("robot/state", m.RobotState),
         ("robot/cmd/goto-1", m.Command),
+        ("resource/arm/cmd/goto-1", m.Command),
+        ("resource/arm/ack", m.Ack),
+        ("encoder/origin", m.Origin),
         ("agent/goto/goto-1/card", m.Card),
         ("agent/goto/goto-1/bids", m.BidHistory),
         ("robot/cmd", None),

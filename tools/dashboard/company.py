@@ -11,9 +11,10 @@ from typing import Final
 
 import rerun as rr
 
-from armadico.messages import BidRecord, Card
+from armadico.messages import Ack, BidRecord, Card, Claim, Command
 from armadico.tools.dashboard import palette
 from armadico.tools.dashboard.canvas import Canvas, Colour
+from armadico.tools.watching import service_at
 
 COLUMN: Final = 330.0
 ROW: Final = 42.0
@@ -21,12 +22,6 @@ ROW: Final = 42.0
 
 WHY: Final = 40
 """Characters of a bid's reason that fit into the page."""
-
-BY_RESOURCE: Final = ("robot/cmd/{instance}", "resource/{resource}/utility")
-"""Keys that the graph shows as the resource they are about."""
-
-OWNER: Final = "robot"
-"""The agent that owns the wheels: they are drawn on the way to it."""
 
 Edge = tuple[str, str]
 
@@ -119,9 +114,7 @@ class Graph:
 
     def _join(self, card: Card) -> None:
         says = [*card.provides, *card.resources]
-        hears = [key for key in card.requests if key not in BY_RESOURCE]
-        if card.name == OWNER:
-            hears += [key for key in ("wheels",) if BY_RESOURCE[0] in card.requests]
+        hears = [*(key for key in card.requests if not _by_resource(key)), *card.owns]
         self.edges += [(f"says/{card.name}", f"key/{key}") for key in says]
         self.edges += [(f"key/{key}", f"hears/{card.name}") for key in hears]
 
@@ -145,3 +138,9 @@ class Graph:
             self.places[node] = (column * COLUMN, (row - (len(listed) - 1) / 2.0) * ROW)
             self.colours[node] = palette.WALL if role == "key" else palette.agent(name)
             self._labels[node] = name
+
+
+def _by_resource(key: str) -> bool:
+    """Whether the graph shows a key as the resource that it is about."""
+    service = service_at(key)
+    return service is not None and service.message in (Ack, Claim, Command)

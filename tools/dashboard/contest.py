@@ -1,8 +1,8 @@
 """Who would like a resource and who has it: utilities as curves, the holder as a lane under them.
 
-A holder says its utility each cycle. The others are silent and are asked for their recent bids
-(`agent/*/*/bids`); each bid is drawn at the cycle that it answered, so curves of agents that were
-asked late still lie side by side.
+A resource's owner says each cycle whom it obeys, and a holder its utility. The others are silent
+and are asked for their recent bids (`agent/*/*/bids`); each bid is drawn at the cycle that it
+answered, so curves of agents that were asked late still lie side by side.
 """
 
 from __future__ import annotations
@@ -13,7 +13,8 @@ from typing import Final
 
 import rerun as rr
 
-from armadico.messages import Ballot, BidHistory, BidRecord, Claim, Cycle, RobotState
+from armadico.measures import driver
+from armadico.messages import Ack, Ballot, BidHistory, BidRecord, Claim, Cycle, RobotState
 from armadico.tools.dashboard import palette
 from armadico.tools.dashboard.canvas import Canvas
 from armadico.tools.dashboard.palette import NOBODY, name_of
@@ -23,12 +24,6 @@ CYCLES: Final = 200
 
 SILENT_S: Final = 0.6
 """A claim this old holds nothing any more."""
-
-WHEELS: Final = "wheels"
-"""The robot itself says who has this one."""
-
-OBEYED_CYCLES: Final = 3
-"""An obeyed command older than this in cycles means that nobody drives."""
 
 Seat = tuple[str, str]
 """An instance, and a resource that it competes for."""
@@ -46,6 +41,7 @@ class Contest:
         self._gap: dict[tuple[str, str], bool] = {}
         self._known: dict[str, list[str]] = {}  # agents with a curve, by resource
         self._claims: dict[str, tuple[Ballot, float]] = {}
+        self._owned: set[str] = set()  # resources whose owner has said whom it obeys
 
     def time_of(self, cycle: Cycle) -> float | None:
         """When a cycle came, s; None if it is long past or was never heard."""
@@ -53,14 +49,20 @@ class Contest:
 
     def take_state(self, state: RobotState, t: float) -> list[tuple[str, str, str]]:
         """A new cycle; returns who took what from whom: (resource, from, to)."""
-        self._times[state.cycle] = t
-        while len(self._times) > CYCLES:
-            del self._times[next(iter(self._times))]
-        changes = [self._held(WHEELS, _obeyed(state), t)]
-        for resource, (_, at) in list(self._claims.items()):
-            if resource != WHEELS and t - at > SILENT_S:
-                changes.append(self._held(resource, NOBODY, t))
+        self._begins(state.cycle, t)
+        changes = [
+            self._held(resource, NOBODY, t)
+            for resource, (_, at) in self._claims.items()
+            if resource not in self._owned and t - at > SILENT_S
+        ]
         return [change for change in changes if change is not None]
+
+    def take_ack(self, ack: Ack, t: float) -> list[tuple[str, str, str]]:
+        """Whom the owner of a resource obeys; returns who took what from whom."""
+        self._begins(ack.cycle, t)
+        self._owned.add(ack.resource)
+        change = self._held(ack.resource, driver(ack) or NOBODY, t)
+        return [] if change is None else [change]
 
     def take_claim(self, claim: Claim, t: float) -> list[tuple[str, str, str]]:
         """The holder's bid; returns who took what from whom."""
@@ -71,8 +73,8 @@ class Contest:
         if ballot is not None and claim.ballot < ballot and t - heard <= SILENT_S:
             return []
         self._claims[claim.resource] = (claim.ballot, t)
-        if claim.resource == WHEELS:
-            return []
+        if claim.resource in self._owned:
+            return []  # its owner's word stands
         holder = NOBODY if claim.utility is None else name_of(instance)
         change = self._held(claim.resource, holder, t)
         return [] if change is None else [change]
@@ -94,6 +96,12 @@ class Contest:
             del self._drawn[seat]
 
     # Inside --------------------------------------------------------------------------------------
+
+    def _begins(self, cycle: Cycle, t: float) -> None:
+        """Remember when a cycle was first heard of."""
+        self._times.setdefault(cycle, t)
+        while len(self._times) > CYCLES:
+            del self._times[next(iter(self._times))]
 
     def _point(
         self, resource: str, instance: str, cycle: Cycle, utility: float | None, at: float
@@ -135,11 +143,3 @@ class Contest:
         colours = [palette.agent(name) for name in known]
         look = rr.StateConfiguration(values=known, labels=known, colors=colours)
         self._canvas.fix(f"holders/{resource}", look)
-
-
-def _obeyed(state: RobotState) -> str:
-    """The agent whose command the robot obeys, by its own word."""
-    cycle, at = state.cycle, state.obeyed_cycle
-    if state.obeyed is None or at is None or at.epoch != cycle.epoch:
-        return NOBODY
-    return name_of(state.obeyed.instance) if cycle.number - at.number <= OBEYED_CYCLES else NOBODY

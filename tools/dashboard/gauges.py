@@ -7,11 +7,11 @@ from typing import Any, Final
 
 import rerun as rr
 
+from armadico.measures import speeds
 from armadico.messages import Claim, Command, Message, MissionStatus, RobotState, Truth
+from armadico.resources import WHEELS
 from armadico.tools.dashboard import palette
 from armadico.tools.dashboard.canvas import Canvas
-
-WHEELS: Final = "wheels"
 
 AXES: Final = ("v", "w")
 """Forward speed, m/s, and turning speed, rad/s, ccw."""
@@ -42,13 +42,15 @@ class Gauges:
             self._canvas.draw("status", t, page)
 
     def take_command(self, command: Command, t: float) -> None:
-        """What was sent, after blending."""
-        self._speeds("commanded", command.v, command.w, t)
+        """What was sent to the wheels, after blending."""
+        if command.resource == WHEELS.name:
+            self._speeds("commanded", *speeds(command), t)
 
     def take_claim(self, claim: Claim, t: float) -> None:
         """What the holder would have, before blending."""
-        if claim.resource == WHEELS and len(claim.wanted) == len(AXES):
-            self._speeds("wanted", claim.wanted[0], claim.wanted[1], t)
+        wanted = claim.wanted
+        if claim.resource == WHEELS.name and len(wanted) == len(AXES):
+            self._speeds("wanted", wanted[0], wanted[1], t)
 
     def keep(self, message: Message) -> None:
         """The mission's state or the truth, for the page."""

@@ -12,6 +12,7 @@ from collections.abc import Callable
 from typing import Final
 
 from armadico.inbox import Inbox
+from armadico.mailbox import EVENTS
 from armadico.mesh.zenoh import ZenohMesh
 from armadico.messages import Ask, BidHistory, Card, Message
 from armadico.services import BIDS, CARD, Kind, Service, service_of
@@ -82,16 +83,18 @@ class Feed:
                 if message is not None:
                     self.scene.take(key, message, at)
 
-            if how is Kind.STATE:
-                self._inbox.put_state(f"{self.namespace} {key}", deliver)
-            else:
-                self._inbox.put_event(deliver)
+            keep = 1 if how is Kind.STATE else EVENTS
+            self._inbox.put(f"{self.namespace} {key}", deliver, keep=keep)
 
         return arrived
 
     def _token(self, name: str, instance: str, there: bool) -> None:
         at = self._now()
-        self._inbox.put_event(lambda: self.scene.alive(name, instance, there, at))
+        self._inbox.put(
+            f"{self.namespace} token/{instance}",
+            lambda: self.scene.alive(name, instance, there, at),
+            keep=1,
+        )
 
     def _now(self) -> float:
         return time.monotonic() - self._began
@@ -107,7 +110,6 @@ class Live:
         self.feeds: list[Feed] = []
         self._warn = warn
         self._stopping = False
-        self._dropped = 0
         self._alone: set[str] = set()
 
     def add(self, mesh: ZenohMesh, scene: Scene) -> None:
@@ -127,7 +129,8 @@ class Live:
         while not self._stopping:
             item = self.inbox.take(TURN_S)
             if item is not None:
-                item()
+                call, args = item
+                call(*args)
             now = time.monotonic()
             if now >= turn_at:
                 turn_at = now + TURN_S
@@ -143,10 +146,9 @@ class Live:
 
     def _report(self, now: float) -> None:
         """What is lost, and where nobody is: once each, until it is another."""
-        dropped = self.inbox.dropped
-        if dropped > self._dropped:
-            self._warn(f"too slow: {dropped - self._dropped} messages were left out")
-            self._dropped = dropped
+        dropped = sum(self.inbox.take_dropped().values())
+        if dropped:
+            self._warn(f"too slow: {dropped} messages were left out")
         if now - self.began < ALONE_S:
             return
         alone = {feed.namespace for feed in self.feeds if not feed.robot_was_there()}

@@ -15,9 +15,10 @@ from armadico import messages as m
 from armadico.agent import INFO, WARNING
 from armadico.config.worlds import World
 from armadico.messages import Message
+from armadico.resources import WHEELS
 from armadico.tools.dashboard.canvas import Canvas
 from armadico.tools.dashboard.company import Company
-from armadico.tools.dashboard.contest import WHEELS, Contest
+from armadico.tools.dashboard.contest import Contest
 from armadico.tools.dashboard.gauges import Gauges
 from armadico.tools.dashboard.global_map import GlobalMap
 from armadico.tools.dashboard.local_map import LocalView
@@ -25,6 +26,7 @@ from armadico.tools.dashboard.palette import NOBODY, agent, name_of
 
 SHOWN: Final[tuple[type[Message], ...]] = (
     m.RobotState,
+    m.Ack,
     m.Pose,
     m.Truth,
     m.Sonar,
@@ -56,6 +58,7 @@ class Scene:
         self._mission: m.MissionState | None = None
         self._takers: dict[type[Message], Callable[[str, Any, float], None]] = {
             m.RobotState: self._state,
+            m.Ack: lambda _key, ack, t: self._changes(self._contest.take_ack(ack, t), t),
             m.Pose: lambda _key, pose, t: self._map.take_pose(pose, self.holder, t),
             m.Truth: self._truth,
             m.Sonar: self._sonar,
@@ -73,8 +76,8 @@ class Scene:
 
     @property
     def holder(self) -> str:
-        """Who has the wheels, by the robot's word."""
-        return self._contest.holders.get(WHEELS, NOBODY)
+        """Whom the robot agent obeys, by its word."""
+        return self._contest.holders.get(WHEELS.name, NOBODY)
 
     def take(self, key: str, message: Message, t: float) -> None:
         """Draw one message that was said on a key (without the namespace) at t (s).
@@ -125,7 +128,7 @@ class Scene:
         self._gauges.take_claim(claim, t)
 
     def _latch(self, stop: m.Stop, t: float) -> None:
-        if stop.counter < self._stop.counter or stop == self._stop:
+        if stop.order < self._stop.order or stop == self._stop:
             return
         if stop.stopped != self._stop.stopped:
             text = "stopped" if stop.stopped else "the stop is released"

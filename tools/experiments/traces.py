@@ -13,8 +13,9 @@ from math import hypot, sqrt
 from msgspec import Struct
 
 from armadico.cycles import PERIOD
-from armadico.measures import RunWatch
-from armadico.messages import Command, Message, RobotState, Truth
+from armadico.measures import RunWatch, speeds
+from armadico.messages import Ack, Command, Message, Truth
+from armadico.resources import WHEELS
 
 REST_M_S, REST_RAD_S = 0.01, 0.02
 """True speeds below which the wheels are at rest: the interface agent's own limits."""
@@ -59,9 +60,9 @@ class Smoothness(Struct, frozen=True):
 
 
 class Trace:
-    """Collects the ticks of one run from the messages; show it every `Truth`, state and command."""
+    """Collects the ticks of one run from the messages; show it every `Truth`, ack and command."""
 
-    kinds: tuple[type[Message], ...] = (Command, RobotState, Truth)
+    kinds: tuple[type[Message], ...] = (Command, Ack, Truth)
 
     def __init__(self, watch: RunWatch) -> None:
         """`watch` says when the run has begun and ended, and who is obeyed."""
@@ -76,13 +77,17 @@ class Trace:
         """Take one message."""
         if isinstance(message, Truth):
             self._tick(message)
-        elif isinstance(message, Command):
+        elif isinstance(message, Command) and message.resource == WHEELS.name:
             key = (message.ballot.instance, message.cycle.number)
-            self._commands[key] = (message.v, message.w)
-        elif isinstance(message, RobotState) and message.obeyed and message.obeyed_cycle:
-            key = (message.obeyed.instance, message.obeyed_cycle.number)
+            self._commands[key] = speeds(message)
+        elif isinstance(message, Ack) and message.resource == WHEELS.name:
+            self._acked(message)
+
+    def _acked(self, ack: Ack) -> None:
+        if ack.obeyed is not None and ack.obeyed_cycle is not None:
+            key = (ack.obeyed.instance, ack.obeyed_cycle.number)
             self._obeyed = self._commands.get(key, self._obeyed)
-            self._forget(message.cycle.number - 20)
+            self._forget(ack.cycle.number - 20)
 
     def _forget(self, before: int) -> None:
         for key in [key for key in self._commands if key[1] < before]:

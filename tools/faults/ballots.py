@@ -4,7 +4,8 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 
-from armadico.messages import Ballot, Claim, RobotState
+from armadico.messages import Ack, Ballot, Claim
+from armadico.resources import WHEELS
 from armadico.tools.faults.kinds import Promise
 from armadico.tools.faults.observations import Obeyed, Observation, Said
 from armadico.tools.faults.situation import FRESH_CYCLES, Bounds, Situation
@@ -28,18 +29,20 @@ class OneDriver:
         self._largest: dict[int, Ballot] = {}
 
     def look(self, seen: Observation, now: Situation) -> Iterator[str]:  # noqa: ARG002
-        """The echo, and each command obeyed where that can be seen."""
+        """The ack, and each command obeyed where that can be seen."""
         if isinstance(seen, Obeyed):
             yield from self._rises(self._obeyed, seen.cycle.epoch, seen.ballot, "obeyed")
-        elif isinstance(seen, Said) and isinstance(seen.message, RobotState):
-            state = seen.message
-            epoch = state.cycle.epoch
-            if state.obeyed is not None:
-                yield from self._rises(self._obeyed, epoch, state.obeyed, "echoed as obeyed")
-            if state.largest is not None:
-                yield from self._rises(self._largest, epoch, state.largest, "echoed as largest")
-            if state.obeyed is not None and (state.largest is None or state.largest < state.obeyed):
-                yield f"{brief(state.obeyed)} is obeyed, the largest is {brief(state.largest)}"
+        elif isinstance(seen, Said) and isinstance(seen.message, Ack):
+            ack = seen.message
+            if ack.resource != WHEELS.name:
+                return
+            epoch = ack.cycle.epoch
+            if ack.obeyed is not None:
+                yield from self._rises(self._obeyed, epoch, ack.obeyed, "acknowledged as obeyed")
+            if ack.largest is not None:
+                yield from self._rises(self._largest, epoch, ack.largest, "acknowledged as largest")
+            if ack.obeyed is not None and (ack.largest is None or ack.largest < ack.obeyed):
+                yield f"{brief(ack.obeyed)} is obeyed, the largest is {brief(ack.largest)}"
 
     @staticmethod
     def _rises(known: dict[int, Ballot], epoch: int, ballot: Ballot, how: str) -> Iterator[str]:
@@ -55,31 +58,31 @@ class Fresh:
     promise = Promise.FRESH
 
     def look(self, seen: Observation, now: Situation) -> Iterator[str]:
-        """By each command obeyed, else by what the echo tells from one cycle to the next."""
-        state = now.state
-        if isinstance(seen, Obeyed) and state is not None:
+        """By each command obeyed, else by what the acks tell from one cycle to the next."""
+        if isinstance(seen, Obeyed) and now.state is not None:
             age, silent = now.age(seen.cycle), seen.at - now.state_at
             if age > FRESH_CYCLES:
                 yield f"{brief(seen.ballot)} is obeyed for a cycle {age} before the newest"
             elif silent > ALIVE_S:
                 yield f"{brief(seen.ballot)} is obeyed {silent:.2f} s after the newest cycle"
-        elif isinstance(seen, Said) and isinstance(seen.message, RobotState):
-            yield from self._echo(seen.message, now.before)
+        elif isinstance(seen, Said) and seen.message is now.ack and now.ack is not None:
+            yield from self._acked(now.ack, now.ack_before)
 
     @staticmethod
-    def _echo(state: RobotState, before: RobotState | None) -> Iterator[str]:
-        at = state.obeyed_cycle
-        if before is None or at is None or before.cycle.epoch != state.cycle.epoch:
+    def _acked(ack: Ack, before: Ack | None) -> Iterator[str]:
+        at = ack.obeyed_cycle
+        if before is None or at is None or before.cycle.epoch != ack.cycle.epoch:
             return
         was = before.obeyed_cycle
-        if at.epoch != state.cycle.epoch:
-            yield f"{brief(state.obeyed)} is obeyed for a cycle of another epoch"
-        elif (at, state.obeyed) != (was, before.obeyed):
+        if at.epoch != ack.cycle.epoch:
+            yield f"{brief(ack.obeyed)} is obeyed for a cycle of another epoch"
+        elif (at, ack.obeyed) != (was, before.obeyed):
             age = before.cycle.number - at.number  # it was obeyed after the cycle before
             if age > FRESH_CYCLES:
-                yield f"{brief(state.obeyed)} is obeyed for a cycle at least {age} old"
-            if was is not None and state.obeyed == before.obeyed and at < was:
-                yield f"{brief(state.obeyed)} is obeyed for cycle {at.number} after {was.number}"
+                yield f"{brief(ack.obeyed)} is obeyed for a cycle at least {age} old"
+            same = ack.obeyed is not None and ack.obeyed == before.obeyed
+            if same and was is not None and at < was:
+                yield f"{brief(ack.obeyed)} is obeyed for cycle {at.number} after {was.number}"
 
 
 class OneHolder:

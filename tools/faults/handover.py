@@ -6,12 +6,14 @@ from collections import deque
 from collections.abc import Iterator
 from typing import Final, NamedTuple
 
+from armadico.coordination import braked
 from armadico.cycles import PERIOD
-from armadico.exchange import LONGEST, Action, fuzzy_window
-from armadico.messages import Ballot, Claim, Cycle, RobotState
+from armadico.exchange import LONGEST, fuzzy_window
+from armadico.messages import Ack, Action, Ballot, Claim
 from armadico.resources import WHEELS
 from armadico.tools.faults.ballots import brief
-from armadico.tools.faults.kinds import Promise
+from armadico.tools.faults.kinds import CLAIMS as STRANGE_CLAIMS
+from armadico.tools.faults.kinds import STRANGE_UTILITY, Promise
 from armadico.tools.faults.observations import Faulted, Obeyed, Observation, Said
 from armadico.tools.faults.situation import FRESH_CYCLES, Bounds, Situation
 
@@ -48,10 +50,16 @@ PROVIDERS: Final = frozenset({"robot", "encoder", "sonar", "interface"})
 """Whom every contender for the wheels must hear."""
 
 
+STEPS: Final = 20
+"""A hurry that no message tells is tried in so many steps."""
+
+Numbers = tuple[float, ...]
+
+
 class Start(NamedTuple):
     """What an exchange may have begun from: an action, and the loser's weight."""
 
-    action: Action
+    action: Numbers
     weight: float
 
 
@@ -60,24 +68,30 @@ class Exchanged:
 
     Equation 3.10 in its first cycle, over the window t_f that the Sugeno rules give for the two
     actions. It began from what a loser commanded of late, or from what was measured. Who is in a
-    hurry may take a shorter window, and at once is the shortest.
+    hurry may take a shorter window, and at once is the shortest. Where the loser was about to
+    collide and fell silent, the winner may only brake at first.
     """
 
     promise = Promise.SMOOTH
 
     def __init__(self) -> None:
         self._claims: deque[tuple[float, Claim]] = deque(maxlen=CLAIMS)
-        self._weights: dict[str, float] = {}  # by instance: its last utility
+        self._weights: deque[tuple[str, float]] = deque(maxlen=4 * CLAIMS)  # whose, last said
+        self._unseen: set[float] = set()  # utilities of who claimed, and was not seen to
         self._largest: Ballot | None = None
-        self._speeds: deque[tuple[Cycle, Action]] = deque(maxlen=FRESH_CYCLES + 2)
+        self._speeds: deque[Numbers] = deque(maxlen=FRESH_CYCLES + 2)
 
     def look(self, seen: Observation, now: Situation) -> Iterator[str]:
         """At the first claim of each tenure."""
+        if isinstance(seen, Faulted) and seen.kind in STRANGE_CLAIMS:
+            self._unseen.add(STRANGE_UTILITY)
         if not isinstance(seen, Said):
             return
         message = seen.message
-        if isinstance(message, RobotState):
-            self._speeds.append((message.cycle, WHEELS.measured(message)))
+        if isinstance(message, Ack) and message.resource == WHEELS.name:
+            self._speeds.append(_numbers(message.measured))
+            if message.obeyed is not None:
+                self._weights.append((message.obeyed.instance, message.utility))
         elif isinstance(message, Claim) and message.resource == WHEELS.name:
             if self._largest is None or message.ballot > self._largest:
                 self._largest = message.ballot
@@ -85,39 +99,48 @@ class Exchanged:
                     yield from self._begins(seen.at, message, _least_window(message, now))
             self._claims.append((seen.at, message))
             if message.utility is not None:
-                self._weights[message.ballot.instance] = message.utility
+                self._weights.append((message.ballot.instance, message.utility))
 
     def _begins(self, at: float, winner: Claim, least: float) -> Iterator[str]:
         """`least` is the shortest window that the winner may take, cycles."""
         starts = list(self._starts(at, winner))
-        if not any(self._explains(start, winner, least) for start in starts):
-            nearest = min(starts, key=lambda start: _far(start.action, winner.commanded))
-            window = _window(nearest.action, winner.wanted)
-            yield (
-                f"{brief(winner.ballot)} commands {_plain(winner.commanded)} on taking over and"
-                f" wants {_plain(winner.wanted)}: not what {window:.1f} cycles make of that and"
-                f" {_plain(nearest.action)}"
-            )
+        wanted, commanded = _numbers(winner.wanted), _numbers(winner.commanded)
+        if any(self._explains(start, winner, least) for start in starts):
+            return
+        if self._careful(winner) and any(_brakes(start, winner, least) for start in starts):
+            return
+        nearest = min(starts, key=lambda start: _far(start.action, commanded))
+        window = _window(nearest.action, wanted)
+        yield (
+            f"{brief(winner.ballot)} commands {_plain(commanded)} on taking over and"
+            f" wants {_plain(wanted)}: not what {window:.1f} cycles make of that and"
+            f" {_plain(nearest.action)}"
+        )
+
+    def _careful(self, winner: Claim) -> bool:
+        """Whether it may only brake: who fell silent or let go was about to collide."""
+        others = [claim for _, claim in self._claims if claim.ballot < winner.ballot]
+        return any(claim.critical for claim in others[-FRESH_CYCLES - 2 :])
 
     def _starts(self, at: float, winner: Claim) -> Iterator[Start]:
         own, me = winner.utility or 0.0, winner.ballot.instance
         for said, claim in self._claims:
-            if at - said <= LATELY_S and claim.ballot.instance != me and claim.commanded:
-                yield Start(claim.commanded, own if claim.utility is None else claim.utility)
-        weights = {own, *(u for who, u in self._weights.items() if who != me)}
-        for _, speeds in self._speeds:
+            commanded = _numbers(claim.commanded)
+            if at - said <= LATELY_S and claim.ballot.instance != me and commanded:
+                yield Start(commanded, own if claim.utility is None else claim.utility)
+        weights = {own, *self._unseen, *(u for who, u in self._weights if who != me)}
+        for speeds in self._speeds:
             for weight in sorted(weights):
                 yield Start(speeds, weight)
 
     @staticmethod
     def _explains(start: Start, winner: Claim, least_window: float) -> bool:
-        window = _window(start.action, winner.wanted)
-        least = _share(winner, start.weight, window)
-        most = _share(winner, start.weight, min(window, least_window))
-        pairs = list(zip(start.action, winner.wanted, winner.commanded, strict=True))
+        wanted, commanded = _numbers(winner.wanted), _numbers(winner.commanded)
+        least, most = _shares(start, winner, least_window)
+        pairs = list(zip(start.action, wanted, commanded, strict=True))
         lost, won, said = max(pairs, key=lambda axis: abs(axis[1] - axis[0]))
         if abs(won - lost) < SHARE:
-            return _far(winner.wanted, winner.commanded) < SHARE
+            return _far(wanted, commanded) < SHARE
         share = (said - lost) / (won - lost)
         if not least - SHARE <= share <= most + SHARE:
             return False
@@ -139,6 +162,7 @@ class Replaced:
         self._obeyed: Obeyed | None = None
         self._others: frozenset[str] = frozenset()  # who bids, and is not who fell silent
         self._since = self._due = 0.0
+        self._hung = False  # who fell silent hangs
         self._quiet_at = 0.0  # when the last fault began or ended
 
     def look(self, seen: Observation, now: Situation) -> Iterator[str]:
@@ -147,6 +171,8 @@ class Replaced:
             holder = self._obeyed
             if holder is None or seen.ballot.instance != holder.ballot.instance:
                 self._others = frozenset()
+            elif self._hung:  # its last command was still on its way
+                self._due = seen.at + self._bounds.silent_s
             self._obeyed = seen
         elif isinstance(seen, Faulted):
             self._others = frozenset()
@@ -176,7 +202,7 @@ class Replaced:
                 return
         else:
             return
-        self._since = fault.at
+        self._since, self._hung = fault.at, fault.kind == "hang"
         self._others = frozenset(
             instance
             for instance, (at, _) in now.bids.items()
@@ -200,21 +226,52 @@ def _least_window(winner: Claim, now: Situation) -> float:
     return max(0.5 * left / max(v, 0.05), 0.0) / PERIOD
 
 
+def _brakes(start: Start, winner: Claim, least_window: float) -> bool:
+    """Whether it is what the rules make of both, but no farther from rest than it began."""
+    wanted, commanded = _numbers(winner.wanted), _numbers(winner.commanded)
+    least, most = _shares(start, winner, least_window)
+    for step in range(STEPS + 1):
+        share = least + (most - least) * step / STEPS
+        mixed = [
+            lost + share * (won - lost) for lost, won in zip(start.action, wanted, strict=True)
+        ]
+        held = braked(tuple(mixed), start.action, WHEELS.neutral)
+        if _far(_numbers(held), commanded) < SHARE:
+            return True
+        if most - least < SHARE:
+            return False
+    return False
+
+
+def _shares(start: Start, winner: Claim, least_window: float) -> tuple[float, float]:
+    """The winner's share of its first action: by the whole window, and by the shortest."""
+    window = _window(start.action, _numbers(winner.wanted))
+    return (
+        _share(winner, start.weight, window),
+        _share(winner, start.weight, min(window, least_window)),
+    )
+
+
 def _share(winner: Claim, weight: float, window: float) -> float:
     """The winner's share of its first action, by equations 3.10 to 3.12 in their first cycle."""
     own = winner.utility or 0.0
     return own / (own + weight * (window - 1.0)) if window >= 1.0 else 1.0
 
 
-def _window(start: Action, wanted: Action) -> float:
+def _window(start: Numbers, wanted: Numbers) -> float:
     """Cycles of an exchange, by the Sugeno rules."""
     pairs = zip(start, wanted, WHEELS.scale, strict=True)
     return min(fuzzy_window(max(abs(won - lost) / scale for lost, won, scale in pairs)), LONGEST)
 
 
-def _far(one: Action, other: Action) -> float:
+def _far(one: Numbers, other: Numbers) -> float:
     return max(abs(a - b) for a, b in zip(one, other, strict=True))
 
 
-def _plain(action: Action) -> str:
+def _plain(action: Numbers) -> str:
     return "(" + ", ".join(f"{number:.3f}" for number in action) + ")"
+
+
+def _numbers(action: Action) -> Numbers:
+    """An action of the wheels; nothing, if it is none."""
+    return () if isinstance(action, bytes) or len(action) != len(WHEELS.scale) else action

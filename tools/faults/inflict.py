@@ -34,11 +34,9 @@ NONSENSE: Final = (
 LONE_AWAY_S: Final = 0.3
 """How long the one behaviour that is left is away when it is started again."""
 
-CATCH_UP_S: Final = 1e-6
-"""Who was slow catches up at this for each message, s, one after another: at once, what comes next
-would overtake what it is still busy with, and nobody's messages do."""
-
-CAUGHT_UP_S: Final = 0.5
+AGAIN_S: Final = 1.0
+"""Who may not join while nobody else of its name is there is started again after this, s, as by
+`armadico up`."""
 
 OLD_S: Final = 0.6
 """Commands and claims of so long before are under way when the robot agent is started again."""
@@ -77,6 +75,15 @@ class Inflictor:
         """The processes of an agent that are there, the oldest first."""
         ours = (node for node in self._mesh.nodes if node not in self._stranger.nodes)
         return [node for node in ours if node.alive and node.name == name]
+
+    def refused(self, node: Node) -> None:
+        """Somebody may not join, or stay: where that leaves nobody, it is tried again."""
+        if node not in self._stranger.nodes:
+            self._mesh.call_at(self._mesh.now + AGAIN_S, self._try_again, node.name)
+
+    def _try_again(self, name: str, _: Any) -> None:
+        if not self.alive(name):
+            self._settle(name)
 
     # Beginning and ending ------------------------------------------------------------------------
 
@@ -184,17 +191,7 @@ class Inflictor:
     def _slow(self, fault: Fault, begins: bool) -> None:  # noqa: ARG002
         for node in self._befallen[fault]:
             works = [f.amount for f in self._on if f.kind == "slow" and node in self._befallen[f]]
-            self._mesh.slow_down(node, max(works, default=CATCH_UP_S))
-            if not works:
-                self._mesh.call_at(self._mesh.now + CAUGHT_UP_S, self._caught_up, node)
-
-    def _caught_up(self, node: Node, _: Any) -> None:
-        if self._befalls(node, "slow"):
-            return
-        if node.busy:
-            self._mesh.call_at(self._mesh.now + CAUGHT_UP_S, self._caught_up, node)
-        else:
-            self._mesh.slow_down(node, 0.0)
+            self._mesh.slow_down(node, max(works, default=0.0))
 
     def _befalls(self, node: Node, kind: str) -> bool:
         return any(f.kind == kind and node in self._befallen[f] for f in self._on)
@@ -269,7 +266,7 @@ class Inflictor:
 
     def _say_again(self, item: tuple[float, str, Message], _: Any) -> None:
         """An old message arrives; nobody says it now, so no watcher is shown it."""
-        self._mesh.arrive(item[2], "robot")
+        self._mesh.arrive(item[2], "robot", item[1])
 
     def _keep(self, key: str, message: Message, now: float) -> None:
         self._said.append((now, key, message))

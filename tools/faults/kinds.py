@@ -122,33 +122,29 @@ KINDS: Final = {
         Kind("interface-restart", "the interface agent is killed in mid-mission, and started"),
         Kind("robot-then-encoder", "the robot agent is started again, then the encoder agent"),
         Kind("stray-state", "one robot/state of an epoch that nobody counts arrives everywhere"),
-        Kind("huge-term", "a stranger's claim or state with an enormous term arrives everywhere"),
+        Kind("huge-term", "a stranger's claim or ack with an enormous term arrives everywhere"),
         Kind("flood", "a stranger says thousands of claims and commands", weight=0.5),
         Kind(
-            *("huge-message", "a message with tens of thousands of points arrives everywhere"),
+            *(
+                "huge-message",
+                "a message that is as large as may be, or larger, arrives everywhere",
+            ),
             weight=0.5,
         ),
-        Kind("stop-and-release", "somebody stops and releases, also by smaller counters"),
-        Kind("two-robot-agents", "a second robot agent with its own controller comes and goes"),
+        Kind(
+            "stop-and-release",
+            "somebody stops and releases, also by old counters and old stops",
+        ),
+        Kind(
+            "two-robot-agents",
+            "a second robot agent with a controller of its own comes and goes",
+        ),
     )
 }
 """Every kind by its name."""
 
-AWAITED: Final = frozenset(
-    {
-        *("robot-then-encoder", "stray-state", "huge-term", "stop-and-release"),
-        "two-robot-agents",
-    }
-)
+AWAITED: Final[frozenset[str]] = frozenset()
 """Kinds that the core does not bear yet: made only if they are asked for by name."""
-
-ORIGIN_KEPT: Final = False
-"""Whether an encoder agent that starts in a later epoch is told the pose's origin by others. Until
-then whoever has lost it has it wrong for good, and POSE asks for nothing from then on."""
-
-MISSION_KEPT: Final = False
-"""Whether an interface agent that starts again goes on with the mission that the others drive.
-Until then ARRIVES does not ask that no mission is forgotten."""
 
 DRAWN: Final = tuple(kind for kind in KINDS if kind not in AWAITED)
 """The kinds that a seed draws from unless it is told which."""
@@ -158,6 +154,12 @@ RESTARTS: Final = frozenset({"crash", "flap", "robot-restart", "robot-then-encod
 
 DISABLES: Final = RESTARTS | {"hang", "slow"}
 """Kinds that void `ROBOT_VOIDS` if it is the robot agent that they befall."""
+
+CLAIMS: Final = frozenset({"huge-term", "flood"})
+"""Kinds by which a stranger claims the wheels, and no watcher is shown it;"""
+
+STRANGE_UTILITY: Final = 0.9
+"""with this utility."""
 
 FORGETS: Final = frozenset({"crash", "flap"})
 """Kinds after which the sonar agent has forgotten what its sonars no longer look at: the sides and

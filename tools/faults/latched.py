@@ -21,6 +21,7 @@ and the cycle that says so."""
 class Stopped:
     """A stop always latches; then nobody drives, and the wheels rest in time, until a release.
 
+    A stop that was released, and comes again late or from somebody's memory, is none.
     Under all faults: what a fault can delay is only when the wheels rest. Without the robot agent
     the watchdog's time comes first, and an order that the line loses is given again.
     """
@@ -34,6 +35,9 @@ class Stopped:
         self._rest_due = inf
         self._said_at = inf  # when a stop was said that is not acknowledged yet
         self._lost_at: float | None = None  # since when the robot agent knows of no stop
+        self._stops: dict[int, int] = {}  # by press, the largest counter of that stop,
+        self._over: set[int] = set()  # and those that somebody has released
+        self._again_at: float | None = None  # since when one of those stops it
 
     def look(self, seen: Observation, now: Situation) -> Iterator[str]:
         """At what is ordered, measured and said from the stop on."""
@@ -53,11 +57,24 @@ class Stopped:
     def _hear(self, stop: Stop, at: float, now: Situation) -> None:
         if not stop.stopped:
             self._release = max(self._release, stop.counter)
+            if stop.counter > self._stops.get(stop.press, -1):
+                self._over.add(stop.press)
             self._said_at = inf
-        elif self._counter is None and not _away(now):
+            return
+        self._stops[stop.press] = max(stop.counter, self._stops.get(stop.press, 0))
+        if stop.press not in self._over and self._counter is None and not _away(now):
             self._said_at = min(self._said_at, at)
 
     def _acknowledged(self, stop: Stop, at: float, now: Situation) -> Iterator[str]:
+        if stop.stopped and stop.press not in self._over:
+            self._stops[stop.press] = max(stop.counter, self._stops.get(stop.press, 0))
+        if not (stop.stopped and stop.press in self._over) or now.whole_for() < 0.0:
+            self._again_at = None
+        elif self._again_at is None:
+            self._again_at = at
+        elif at - self._again_at > TOLD_S:
+            self._again_at = inf
+            yield f"a stop that was released stops it for {TOLD_S:.0f} s"
         if stop.stopped:
             if self._counter is None:
                 self._rest_due = at + self._bounds.braking_s

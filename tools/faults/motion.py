@@ -7,6 +7,7 @@ from collections.abc import Iterator
 from math import atan2, hypot, inf, pi
 
 from armadico.geometry import relative, wrap
+from armadico.measures import speeds
 from armadico.messages import Command, RobotState, Truth
 from armadico.tools.faults.kinds import Promise
 from armadico.tools.faults.observations import Observation, Ordered, Said
@@ -87,9 +88,9 @@ class Silence:
     def _commanded(self, order: Ordered, now: Situation) -> bool:
         """Whether a fresh command says so; the reflex may have slowed it down ahead."""
         for command in reversed(self._commands):
-            least = min(command.v, 0.0) - ROUND_M_S
-            near = least <= order.v <= command.v + ROUND_M_S
-            near = near and abs(command.w - order.w) <= ROUND_RAD_S
+            v, w = speeds(command)
+            near = min(v, 0.0) - ROUND_M_S <= order.v <= v + ROUND_M_S
+            near = near and abs(w - order.w) <= ROUND_RAD_S
             if near and now.age(command.cycle) <= FRESH_CYCLES:
                 return True
         return False
@@ -205,5 +206,8 @@ class Heading:
             rates = (before.w, state.w)  # it turned between them, and the loops may overshoot
             if max(rates) < 0.0 < turned or turned < 0.0 < min(rates):
                 yield f"it turned by {turned:.3f} rad while it measured {state.w:.2f} rad/s"
-        if hypot(x, y) > STEP_M and min(off, pi - off) > SIDEWAYS_RAD:
+        most = SIDEWAYS_RAD
+        if now.state_gap_s >= GAP_S:  # it may have driven first, and turned then
+            most += 0.5 * abs(turned)
+        if hypot(x, y) > STEP_M and min(off, pi - off) > most:
             yield f"a step of {hypot(x, y):.3f} m leads {off:.2f} rad off where it heads"

@@ -16,7 +16,7 @@ from armadico.messages import Ballot, BidRecord, Cycle, Message
 
 @dataclass(frozen=True, slots=True)
 class Said:
-    """A message: `RobotState`, `Claim`, `Command`, `Stop`, `MissionStatus`, `Pose` or `Truth`."""
+    """A message: what the robot agent, contenders, people and the simulator say."""
 
     at: float
     message: Message
@@ -56,7 +56,7 @@ class Passed:
 
 @dataclass(frozen=True, slots=True)
 class Obeyed:
-    """Optional: the robot agent obeys a command. Without it the echo in `RobotState` has to do."""
+    """Optional: the robot agent obeys a command. Without it the `Ack` has to do."""
 
     at: float
     ballot: Ballot
@@ -81,6 +81,22 @@ class Missed:
 
 
 @dataclass(frozen=True, slots=True)
+class Denied:
+    """Optional: an instance may not join, or stay; `why` is for people."""
+
+    at: float
+    instance: str
+    why: str
+
+
+@dataclass(frozen=True, slots=True)
+class Astray:
+    """Optional: somebody takes another robot for this one, and says poses of that."""
+
+    at: float
+
+
+@dataclass(frozen=True, slots=True)
 class Bids:
     """Optional: what an instance last thought of bidding, and how long ago it did (s)."""
 
@@ -98,4 +114,6 @@ class Left:
     instance: str
 
 
-Observation = Said | Ordered | Faulted | Passed | Obeyed | Refused | Missed | Bids | Left
+Observation = (
+    Said | Ordered | Faulted | Passed | Obeyed | Refused | Missed | Denied | Astray | Bids | Left
+)

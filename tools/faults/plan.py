@@ -10,6 +10,7 @@ import msgspec
 from msgspec import Meta, Struct
 
 from armadico.config.errors import ConfigError
+from armadico.mesh.virtual_presence import LEASE
 from armadico.tools.faults.kinds import DRAWN, KINDS
 
 BEHAVIOURS: Final = ("goto", "avoid", "gothrough")
@@ -91,14 +92,19 @@ class Fault(Struct, frozen=True, array_like=True):
         return self.at + self.lasts
 
 
-class Variation(Struct, frozen=True):
-    """What may be otherwise from one network to another: every message's delay, and its jitter, s.
+class Variation(Struct, frozen=True, omit_defaults=True):
+    """What may be otherwise from one society to another.
 
-    On top of what the virtual mesh draws for each message.
+    `delay` and `jitter`, s, come on top of what the virtual mesh draws for each message; `lease` is
+    that of tokens, s. With `ties` equal instants run in an order that the seed draws. `margin` is
+    everybody's (`social.margin`); None: the resource's own.
     """
 
     delay: Annotated[float, Meta(ge=0, le=1)] = 0.0
     jitter: Annotated[float, Meta(ge=0, le=1)] = 0.0
+    lease: Annotated[float, Meta(gt=0, le=60)] = LEASE
+    ties: bool = False
+    margin: Annotated[float, Meta(ge=0, le=1)] | None = None
 
 
 class Case(Struct, frozen=True, omit_defaults=True):
@@ -155,7 +161,10 @@ def swarm(rng: Random, kinds: Sequence[str] = ()) -> Swarm:
 def vary(rng: Random) -> Variation:
     """Draw a network: half of them as quick as the one that was measured."""
     delay, jitter = rng.choice(((0.0, 0.0), (0.0, 0.0), (0.002, 0.004), (0.005, 0.0)))
-    return Variation(delay, jitter)
+    lease = rng.choice((LEASE, LEASE, 0.6, 2.0))
+    ties = rng.random() < 0.5
+    margin = rng.choice((None, None, 0.0, 0.1))
+    return Variation(delay, jitter, lease, ties, margin)
 
 
 def draw(rng: Random, until: float, kinds: Sequence[str] = ()) -> tuple[Fault, ...]:
@@ -235,8 +244,10 @@ DRAWS: Final[dict[str, Callable[[Random], tuple[float, float]]]] = {
     "serial-garbage": lambda rng: (rng.uniform(0.05, 1.0), float(rng.randrange(3))),  # share, and
     "serial-loss": lambda rng: (rng.uniform(0.05, 1.0), float(rng.randrange(3))),  # both, in, out
     "huge-term": lambda rng: (float(rng.randrange(3)), 0.0),  # which
+    "huge-message": lambda rng: (float(rng.randrange(3)), 0.0),  # which
+    "two-robot-agents": lambda rng: (_either(rng), 0.0),  # 1: it is there before it is asked
     "flood": lambda rng: (float(rng.randrange(2)), 0.0),  # 1: with ever larger ballots
-    "stop-and-release": lambda rng: (float(rng.randrange(3)), 0.0),  # which
+    "stop-and-release": lambda rng: (float(rng.randrange(4)), 0.0),  # which
     "nan": lambda rng: (float(rng.randrange(5)), 0.0),  # which nonsense
     "flap": lambda rng: (rng.uniform(0.1, 0.8), 0.0),  # s, there and away
 }

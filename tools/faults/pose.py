@@ -7,9 +7,8 @@ from math import hypot, inf, pi, sin
 
 from armadico.geometry import wrap
 from armadico.messages import Cycle, Pose, RobotState, Truth
-from armadico.tools.faults import kinds
-from armadico.tools.faults.kinds import DISABLES, RESTARTS, Promise
-from armadico.tools.faults.observations import Faulted, Observation, Said
+from armadico.tools.faults.kinds import Promise
+from armadico.tools.faults.observations import Astray, Observation, Said
 from armadico.tools.faults.situation import POSES, Bounds, Situation
 
 BASE_M, BASE_RAD = 0.02, 0.02
@@ -34,10 +33,10 @@ SPARE = 1.1
 class Localized:
     """The pose is off by no more than what rolled while nobody could count it.
 
-    That is while the robot agent was away or its line broken, as long as no `robot/state` came, and
-    while the robot leant on something. What the heading lost makes the place worse with every metre
-    that it drives afterwards. By the truth, not by the tops of the speeds: what really rolled is
-    the least bound.
+    That is while the line to the controller was broken, as long as no `robot/state` came, and while
+    the robot leant on something. A robot agent that was away is no excuse: the controller counts.
+    What the heading lost makes the place worse with every metre that it drives afterwards. By the
+    truth, not by the tops of the speeds: what really rolled is the least bound.
     """
 
     promise = Promise.POSE
@@ -54,8 +53,7 @@ class Localized:
         self._slow_at = self._spoilt_at = -inf
         self._truth: Truth | None = None
         self._epochs: set[int] = set()
-        self._started_at = -inf  # when an encoder agent last went or came
-        self._lost = False  # nobody knows any more where an epoch began
+        self._lost = False  # whoever has followed another robot has lost this one's origin
 
     def look(self, seen: Observation, now: Situation) -> Iterator[str]:
         """At each pose, by what has rolled until then."""
@@ -65,9 +63,8 @@ class Localized:
             self._spoilt_at = seen.at
         if now.befalls("robot", "slow", "hang"):
             self._slow_at = seen.at
-        if isinstance(seen, Faulted):
-            self._begins(seen)
-        elif isinstance(seen, Said):
+        self._lost = self._lost or isinstance(seen, Astray)
+        if isinstance(seen, Said):
             message = seen.message
             if isinstance(message, Truth):
                 self._roll(message)
@@ -75,15 +72,6 @@ class Localized:
                 self._state(message, now)
             elif isinstance(message, Pose):
                 yield from self._compare(message, seen.at, now)
-
-    def _begins(self, fault: Faulted) -> None:
-        """An encoder agent that starts in a later epoch does not know where that began."""
-        if fault.kind not in RESTARTS | {"twin"} or "encoder" not in fault.whom:
-            return
-        self._started_at = fault.at
-        both = fault.kind == "robot-then-encoder"
-        if not kinds.ORIGIN_KEPT and (len(self._epochs) > 1 or both):
-            self._lost = True
 
     def _roll(self, truth: Truth) -> None:
         before, self._truth = self._truth, truth
@@ -93,7 +81,7 @@ class Localized:
         turn = abs(wrap(truth.theta - before.theta))
         self._rolled = self._rolled[0] + way, self._rolled[1] + turn
         self._off_m += 2.0 * sin(min(self._off_rad - BASE_RAD, pi) / 2.0) * way
-        if min(truth.clearance or inf, before.clearance or inf) < TOUCH_M:
+        if min(_clearance(truth), _clearance(before)) < TOUCH_M:
             dt = max(truth.t - before.t, 0.0)  # the wheels may have turned as fast as they can
             self._off_m += self._v * dt
             self._off_rad += self._w * dt
@@ -102,9 +90,6 @@ class Localized:
         new = state.cycle.epoch not in self._epochs
         self._epochs.add(state.cycle.epoch)
         before = now.state_at - now.state_gap_s
-        started = self._started_at >= before or now.befalls("encoder", *RESTARTS)
-        if new and started and len(self._epochs) > 1 and not kinds.ORIGIN_KEPT:
-            self._lost = True
         if (new or now.state_gap_s > GAP_S) and self._cause_at >= before:
             self._gap = state.cycle
         self._rolled_at[state.cycle] = self._rolled
@@ -134,8 +119,10 @@ class Localized:
             yield text
 
 
+def _clearance(truth: Truth) -> float:
+    return inf if truth.clearance is None else truth.clearance
+
+
 def _cause(now: Situation) -> bool:
-    """Whether a fault keeps the robot agent from counting what rolls."""
-    if now.befalls("robot", *DISABLES):
-        return True
+    """Whether a fault may keep what rolls from being counted; the controller counts by itself."""
     return any(fault.kind.startswith("serial") for fault in now.active)

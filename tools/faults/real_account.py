@@ -13,7 +13,9 @@ from itertools import pairwise
 from typing import Final, TypeVar
 
 from armadico.cycles import PERIOD
+from armadico.measures import driver
 from armadico.messages import (
+    Ack,
     Ballot,
     BidHistory,
     Command,
@@ -25,6 +27,7 @@ from armadico.messages import (
     RobotState,
     Truth,
 )
+from armadico.resources import WHEELS
 from armadico.tools.faults.checker import Checker
 from armadico.tools.faults.observations import (
     Bids,
@@ -47,9 +50,6 @@ REST_RAD_S: Final = 0.01
 MOVES_M_S: Final = 0.05
 """Faster than this the robot is on its way."""
 
-FRESH_CYCLES: Final = 3
-"""Who was obeyed for a cycle so many ago is obeyed still."""
-
 SILENT_S: Final = 0.3
 """A robot agent that has said nothing for so long says nothing of now."""
 
@@ -64,6 +64,7 @@ class Account:
     def __init__(self, checker: Checker | None = None) -> None:
         self.checker = checker or Checker()
         self.states: Timed[RobotState] = deque(maxlen=KEPT)
+        self.acks: Timed[Ack] = deque(maxlen=KEPT)  # the robot agent's, of the wheels
         self.commands: Timed[Command] = deque(maxlen=KEPT)
         self.truths: Timed[Truth] = deque(maxlen=KEPT)
         self.orders: Timed[Ordered] = deque(maxlen=KEPT)
@@ -99,9 +100,9 @@ class Account:
 
     def _supply(self, order: Ordered) -> None:
         """Have been commanded what is ordered: when it is to stop is still looked at."""
-        state = self.state
-        if state is not None and state.obeyed is not None:
-            unheard = Command(state.cycle, state.obeyed, order.v, order.w)
+        ack = self.ack
+        if ack is not None and ack.obeyed is not None:
+            unheard = Command(WHEELS.name, ack.cycle, ack.obeyed, (order.v, order.w))
             self.checker.take(Said(self.now, unheard))
 
     def token(self, at: float, instance: str, there: bool) -> None:
@@ -115,6 +116,8 @@ class Account:
     def _hear(self, message: Message) -> None:
         if isinstance(message, RobotState):
             self.states.append((self.now, message))
+        elif isinstance(message, Ack) and message.resource == WHEELS.name:
+            self.acks.append((self.now, message))
         elif isinstance(message, Truth):
             self.truths.append((self.now, message))
         elif isinstance(message, MissionStatus):
@@ -142,17 +145,22 @@ class Account:
         return self.states[-1][1] if self.states else None
 
     @property
+    def ack(self) -> Ack | None:
+        """The newest acknowledgement of the robot agent."""
+        return self.acks[-1][1] if self.acks else None
+
+    @property
     def holder(self) -> str:
-        """The instance that is obeyed, or was last; empty if nobody ever was."""
-        state = self.state
-        return "" if state is None or state.obeyed is None else state.obeyed.instance
+        """The instance that is obeyed, or was last; empty if nobody was since a release."""
+        ack = self.ack
+        return "" if ack is None or ack.obeyed is None else ack.obeyed.instance
 
     def obeyed_lately(self) -> bool:
         """Whether somebody's command for one of the last cycles was obeyed."""
         return (
-            bool(self.states)
-            and self.now - self.states[-1][0] <= SILENT_S
-            and _obeyed(self.states[-1][1])
+            bool(self.acks)
+            and self.now - self.acks[-1][0] <= SILENT_S
+            and driver(self.acks[-1][1]) is not None
         )
 
     def driving(self) -> bool:
@@ -181,14 +189,14 @@ class Account:
     def obeyed_after(self, since: float, but: Container[str] = ()) -> float | None:
         """When the next command was said that is known to have been obeyed; None if none is yet.
 
-        Known by the echo of the robot agent: the first cycle after `since` that echoes a command,
-        said since then by an instance that is none of `but`.
+        Known by the acknowledgement of the robot agent: the first after `since` of a command said
+        since then by an instance that is none of `but`.
         """
         said = {(c.ballot, c.cycle): at for at, c in self.commands}
-        for _, state in _from(self.states, since):
-            if state.obeyed is None or state.obeyed_cycle is None or state.obeyed.instance in but:
+        for _, ack in _from(self.acks, since):
+            if ack.obeyed is None or ack.obeyed_cycle is None or ack.obeyed.instance in but:
                 continue
-            at = said.get((state.obeyed, state.obeyed_cycle))
+            at = said.get((ack.obeyed, ack.obeyed_cycle))
             if at is not None and at >= since:
                 return at
         return None
@@ -216,7 +224,7 @@ class Account:
 
     def share_obeyed(self, since: float) -> float:
         """The share of the cycles since a time in which somebody was obeyed of late, 0 to 1."""
-        cycles = [_obeyed(state) for _, state in _from(self.states, since)]
+        cycles = [driver(ack) is not None for _, ack in _from(self.acks, since)]
         return sum(cycles) / len(cycles) if cycles else 0.0
 
     def late_commands(self, instance: str, since: float, ballot: Ballot) -> int:
@@ -225,8 +233,8 @@ class Account:
         return sum(c.ballot.instance == instance and c.ballot <= ballot for _, c in heard)
 
     def obeyed_ballots(self, since: float) -> set[Ballot]:
-        """The ballots that cycles since a time echo as obeyed."""
-        return {s.obeyed for _, s in _from(self.states, since) if s.obeyed is not None}
+        """The ballots that were acknowledged as obeyed since a time."""
+        return {ack.obeyed for _, ack in _from(self.acks, since) if ack.obeyed is not None}
 
 
 def _from(kept: Timed[T], since: float) -> Iterator[tuple[float, T]]:
@@ -235,11 +243,6 @@ def _from(kept: Timed[T], since: float) -> Iterator[tuple[float, T]]:
 
 def _first(kept: Timed[T], since: float, wanted: Callable[[T], bool]) -> float | None:
     return next((at for at, item in _from(kept, since) if wanted(item)), None)
-
-
-def _obeyed(state: RobotState) -> bool:
-    at, now = state.obeyed_cycle, state.cycle
-    return at is not None and at.epoch == now.epoch and now.number - at.number <= FRESH_CYCLES
 
 
 def _rests(truth: Truth) -> bool:

@@ -7,6 +7,7 @@ from pathlib import Path
 
 from armadico.cycles import PERIOD
 from armadico.messages import (
+    Ack,
     BidRecord,
     Claim,
     Command,
@@ -20,7 +21,7 @@ from armadico.tools.export import HERE, Row, rows
 from armadico.tools.faults.checker import Checker
 from armadico.tools.faults.observations import Bids, Left, Observation, Passed, Said
 
-SHOWN = (RobotState, Claim, Command, MissionStatus, Truth)
+SHOWN = (RobotState, Ack, Claim, Command, MissionStatus, Truth)
 
 
 def check(path: Path, namespace: str | None, warn: Callable[[str], None]) -> Checker:

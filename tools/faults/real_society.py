@@ -32,8 +32,11 @@ from armadico.tools.watching import agent_of, kind_at
 
 T = TypeVar("T")
 
-FAR_M: Final = 100_000.0
-"""A goal so far straight on that the robot drives as long as anybody wants to watch."""
+FAR_M: Final = 90_000.0
+"""A goal so far straight on that the robot drives as long as anybody wants to watch;"""
+
+REACH_M: Final = 100_000.0
+"""the interface agent is told to take one that far."""
 
 ROAD: Final = Scenario(name="road", world="empty", start=(0.0, 0.0, 0.0), goal=(9.0, 0.0, 0.0))
 """Straight on with nothing in the way: only goto has a reason to drive."""
@@ -131,7 +134,9 @@ class RealSociety:
         """Start the simulator and every agent of the scenario, and have it drive."""
         self.start_simulator()
         for member in members(self._scenario, Options(seed=self._seed), self.tap.url):
-            self.add(member.name, member.name, self.host_of(member.name), member.sets, wait=False)
+            far = (f"reach_m={REACH_M:g}",) if member.name == "interface" else ()
+            sets = (*member.sets, *far)
+            self.add(member.name, member.name, self.host_of(member.name), sets, wait=False)
         for agent in self.agents.values():
             self._meet(agent, known=())
         self.until(lambda: self.account.state is not None, "the robot's first cycle")

@@ -114,7 +114,7 @@ def holder_hung(society: RealSociety, rng: random.Random) -> dict[str, float]:
     phase(society, rng)
     holder = _holder(society)
     hung = society.agents[holder].instance
-    ballot = account.state.obeyed if account.state else None
+    ballot = account.ack.obeyed if account.ack else None
     assert ballot is not None, "it is obeyed"
     society.fault("hang", [holder], began=True)
     begun = society.signal(holder, signal.SIGSTOP)

@@ -7,7 +7,6 @@ from math import hypot, inf
 
 from armadico.geometry import wrap
 from armadico.messages import MissionState, MissionStatus, RobotState
-from armadico.tools.faults import kinds
 from armadico.tools.faults.kinds import Promise
 from armadico.tools.faults.observations import Observation, Said
 from armadico.tools.faults.situation import MOVING_M_S, MOVING_RAD_S, Bounds, Situation
@@ -175,9 +174,7 @@ class Arrives:
             self._none_at = None
         elif status.state is MissionState.NONE and self._mission is not None:
             self._none_at = at if self._none_at is None or now.whole_for() < 0 else self._none_at
-            if not kinds.MISSION_KEPT:
-                self._mission = None
-            elif at - self._none_at > FORGOTTEN_S:
+            if at - self._none_at > FORGOTTEN_S:
                 self._mission = None
                 yield f"the mission is forgotten for {FORGOTTEN_S:.0f} s"
         elif status.state is MissionState.REACHED:

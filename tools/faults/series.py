@@ -17,10 +17,10 @@ from armadico.tools.faults.workload import Outcome, case_of, run
 
 SEEDS: Final = "seeds.csv"
 
-CAMPAIGN: Final = 200
+CAMPAIGN: Final = 1000
 CAMPAIGN_S: Final = 60.0
-"""So many seeds, of so long in the mean (s), must show every situation; the rarest comes to pass in
-one of forty seeds of a minute."""
+"""So many seeds, of so long in the mean (s), must show every situation; the rarest (an equal bid
+that is about to collide takes over) comes to pass in one of a hundred seeds of a minute."""
 
 FIELDS: Final = (
     *("commit", "seed", "scenario", "seconds", "kinds", "faults", "violations", "longest_s"),

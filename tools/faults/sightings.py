@@ -15,6 +15,7 @@ from armadico.messages import Ballot, Claim, MissionState, MissionStatus, RobotS
 from armadico.tools.faults.kinds import Promise
 from armadico.tools.faults.observations import (
     Bids,
+    Denied,
     Faulted,
     Left,
     Missed,
@@ -64,8 +65,8 @@ class Sight(StrEnum):
     SECOND_REFUSED = "admission refuses a second instance"
 
 
-AWAITED_SIGHTS: Final = frozenset({Sight.SECOND_REFUSED})
-"""What cannot come to pass yet: agents join the virtual mesh without being admitted."""
+AWAITED_SIGHTS: Final[frozenset[Sight]] = frozenset()
+"""What cannot come to pass yet."""
 
 VERDICTS: Final[Mapping[str, Sight]] = {
     "STALE_BALLOT": Sight.STALE_BALLOT,
@@ -115,6 +116,8 @@ class Sightings:
             self._gone.add(seen.instance)
         elif isinstance(seen, Missed):
             self.counts[Sight.MISSED] += 1
+        elif isinstance(seen, Denied):
+            self.counts[Sight.SECOND_REFUSED] += 1
         elif isinstance(seen, Bids):
             self.counts[Sight.STALE_INPUT] += seen.record.reason.startswith("no fresh")
 

@@ -9,6 +9,7 @@ from typing import NamedTuple
 
 from armadico.config.profile import RobotProfile
 from armadico.messages import (
+    Ack,
     Ballot,
     BidRecord,
     Claim,
@@ -19,6 +20,7 @@ from armadico.messages import (
     RobotState,
     Truth,
 )
+from armadico.resources import WHEELS
 from armadico.tools.faults.kinds import FORGETS, KINDS, WEDGED_M, WEDGED_S, Promise, voided
 from armadico.tools.faults.observations import Bids, Faulted, Left, Observation, Ordered, Said
 
@@ -104,7 +106,10 @@ class Situation:
     before: RobotState | None = None  # the state before that, of whatever epoch
     state_at: float = -inf
     state_gap_s: float = inf  # from the state before to the newest
-    obeyed_at: float = -inf  # when the echo last showed somebody obeyed of late
+    ack: Ack | None = None  # the newest of the wheels
+    ack_before: Ack | None = None
+    acked_at: float = -inf
+    obeyed_at: float = -inf  # when the ack last showed somebody obeyed of late
     moved_at: float = -inf
     rested_at: float = -inf
     stood_back_at: float = -inf  # when a tenure that was not obeyed was last let go of
@@ -198,8 +203,8 @@ class Situation:
         return self.befalls(instance.rpartition("-")[0], "nan")
 
     def driven(self) -> bool:
-        """Whether somebody is obeyed, by the newest echo."""
-        return self.obeyed_at >= self.state_at
+        """Whether somebody is obeyed, by the newest ack."""
+        return self.obeyed_at >= self.acked_at
 
     def stopped(self) -> bool:
         """Whether `robot/stop` is latched."""
@@ -215,8 +220,8 @@ class Situation:
 
     @property
     def obeyed(self) -> Ballot | None:
-        """The ballot of the last command that the owner says it obeyed."""
-        return None if self.state is None else self.state.obeyed
+        """The ballot of the last command that the owner says it obeyed; none since a release."""
+        return None if self.ack is None else self.ack.obeyed
 
     def bidders(self) -> list[str]:
         """Instances that bid, as far as one can see: by their bids, else by their claims."""
@@ -235,6 +240,8 @@ class Situation:
         message = said.message
         if isinstance(message, RobotState):
             self._cycle(message)
+        elif isinstance(message, Ack):
+            self._acked(message)
         elif isinstance(message, Claim):
             self._claim(message)
         elif isinstance(message, MissionStatus):
@@ -260,13 +267,20 @@ class Situation:
             self._truths[state.cycle] = self.truth
             if len(self._truths) > POSES:
                 del self._truths[next(iter(self._truths))]
-        at = state.obeyed_cycle
-        if at is not None and state.cycle.number - at.number <= FRESH_CYCLES:
-            self.obeyed_at = self.now
         if abs(state.v) >= MOVING_M_S or abs(state.w) >= MOVING_RAD_S:
             self.moved_at = self.now
         self._excuse()
         self.claims = {b: c for b, c in self.claims.items() if self.now - c[1] < 2.0}
+
+    def _acked(self, ack: Ack) -> None:
+        if ack.resource != WHEELS.name:
+            return
+        self.ack_before, self.ack, self.acked_at = self.ack, ack, self.now
+        at = ack.obeyed_cycle
+        if ack.obeyed is None or at is None or at.epoch != ack.cycle.epoch:
+            return
+        if ack.cycle.number - at.number <= FRESH_CYCLES:
+            self.obeyed_at = self.now
 
     def _claim(self, claim: Claim) -> None:
         if claim.utility is None:

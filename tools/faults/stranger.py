@@ -11,13 +11,17 @@ from math import cos, sin, tau
 from random import Random
 from typing import Any, Final
 
+import cbor2
 from msgspec.structs import replace
 
 from armadico.bridge.robot import Parameters, Robot
-from armadico.coordination import TERM_JUMP
 from armadico.discovery import SIMULATORS, find
 from armadico.mesh.virtual_node import Node
 from armadico.messages import (
+    JUMP,
+    LARGEST_COUNT,
+    LARGEST_PAYLOAD,
+    Ack,
     Ballot,
     Claim,
     Command,
@@ -27,9 +31,12 @@ from armadico.messages import (
     Point,
     RobotState,
     Stop,
+    encode,
 )
 from armadico.rehearsal import SIMULATOR, Rehearsal
 from armadico.resources import WHEELS
+from armadico.services import service_of
+from armadico.tools.faults.kinds import STRANGE_UTILITY
 from armadico.tools.faults.plan import EVERYBODY, Fault
 
 STRANGE: Final = frozenset(
@@ -41,9 +48,6 @@ STRANGE: Final = frozenset(
 """The kinds that are made here."""
 
 WHO: Final = "stranger-0123456789abcdef"
-LARGEST_TERM: Final = 2**53 - 1
-"""The largest that a message carries."""
-
 RATCHET: Final = 40
 """Claims one after another, each as far ahead of the one before as is believed."""
 
@@ -51,8 +55,9 @@ FLOOD: Final = 2000
 """Claims, and as many commands, within a flood's time, a second at most."""
 
 POINTS: Final = 20_000
+MOST_POINTS: Final = 2048
 FAR_M: Final = 40.0
-"""So many points, so far away that nobody need steer for them."""
+"""So many points, and the most that may be read, so far away that nobody need steer for them."""
 
 OLD_CYCLES: Final = 10
 
@@ -65,7 +70,9 @@ class Stranger:
         self._rehearsal = rehearsal
         self._mesh = rehearsal.mesh
         self._state: RobotState | None = None
-        self._counter = 0  # of the stop, the largest that anybody has said
+        self._counter = 0  # of the stop, the largest that anybody has said,
+        self._press = 0  # and which press that was
+        self._presses = Random(f"presses/{self._mesh.seed}")
         self._term = 0
         self._second: dict[Fault, Node] = {}
         self._mesh.watch(self._hear, RobotState, Claim)
@@ -77,13 +84,14 @@ class Stranger:
     def _hear(self, _key: str, message: Message, _now: float) -> None:
         if isinstance(message, RobotState):
             self._state = message
-            self._counter = max(self._counter, message.stop.counter)
+            if message.stop.counter >= self._counter:
+                self._counter, self._press = message.stop.counter, message.stop.press
         elif isinstance(message, Claim):
             self._term = max(self._term, message.ballot.term)
 
     def _arrives(self, message: Message, _a: Any = None, _b: Any = None) -> None:
         for name in EVERYBODY:
-            self._mesh.arrive(message, name)
+            self._mesh.arrive(message, name, _key(message))
 
     # The stop ------------------------------------------------------------------------------------
 
@@ -93,22 +101,33 @@ class Stranger:
     def _stop_and_release(self, fault: Fault, begins: bool) -> None:
         """Stop, and release at the end; 1: the stop's counter is smaller than one that is known.
 
-        2: after a third of the time somebody releases by a counter that is too small.
+        2: after a third of the time somebody releases by a counter that is too small. 3: a stop is
+        released at once, and comes again later: that is none.
         """
-        if begins and fault.amount == 1.0:
-            self._say_stop(stopped=True)
-            self._say_stop(stopped=False)
-            later = partial(self._say, Stop(max(self._counter - 1, 0), True, WHO))
-            self._mesh.call_at(self._mesh.now + 0.2 * fault.lasts, later)
+        now, lasts, variant = self._mesh.now, fault.lasts, fault.amount
+        if not begins:
+            if variant != 3.0:
+                self._say_stop(stopped=False)
             return
-        self._say_stop(stopped=begins)
-        if begins and fault.amount == 2.0:
-            later = partial(self._say, Stop(self._counter - 1, False, WHO))
-            self._mesh.call_at(self._mesh.now + fault.lasts / 3, later)
+        self._say_stop(stopped=True)
+        first = Stop(self._counter, True, WHO, self._press)
+        if variant in (1.0, 3.0):
+            self._say_stop(stopped=False)
+        if variant == 1.0:
+            small = Stop(max(self._counter - 1, 0), True, WHO, self._presses.getrandbits(63))
+            self._mesh.call_at(now + 0.2 * lasts, partial(self._say, small))
+        elif variant == 2.0:
+            small = Stop(self._counter - 1, False, WHO, self._presses.getrandbits(63))
+            self._mesh.call_at(now + lasts / 3, partial(self._say, small))
+        elif variant == 3.0:
+            self._mesh.call_at(now + 0.2 * lasts, partial(self._say, first))
 
     def _say_stop(self, *, stopped: bool) -> None:
+        """A new stop, or the release of the newest."""
         self._counter += 1
-        self._say(Stop(self._counter, stopped, WHO))
+        if stopped:
+            self._press = self._presses.getrandbits(63)
+        self._say(Stop(self._counter, stopped, WHO, self._press))
 
     def _say(self, message: Message, _a: Any = None, _b: Any = None) -> None:
         self._mesh.publish(message)
@@ -123,14 +142,14 @@ class Stranger:
             self._arrives(replace(self._state, cycle=cycle))
 
     def _huge_term(self, fault: Fault, begins: bool) -> None:
-        """0: a claim with the largest term; 1: claims that climb; 2: a state that tells of one."""
+        """0: a claim with the largest term; 1: claims that climb; 2: an ack that tells of one."""
         if not begins or self._state is None:
             return
         if fault.amount == 2.0:
-            self._arrives(heard_of(self._state, _ballot(LARGEST_TERM)))
+            self._arrives(heard_of(self._state, LARGEST_COUNT))
             return
-        climb = [self._term + (step + 1) * TERM_JUMP for step in range(RATCHET)]
-        for term in climb if fault.amount == 1.0 else [LARGEST_TERM]:
+        climb = [self._term + (step + 1) * JUMP for step in range(RATCHET)]
+        for term in climb if fault.amount == 1.0 else [LARGEST_COUNT]:
             self._arrives(self._claim(term))
 
     def _flood(self, fault: Fault, begins: bool) -> None:
@@ -149,24 +168,38 @@ class Stranger:
         old = Cycle(cycle.epoch, max(cycle.number - OLD_CYCLES, 0))
         term = self._term + index + 1 if climbs else 1
         self._arrives(self._claim(term))
-        self._arrives(Command(old, _ballot(term), 0.1, 0.0))
+        self._arrives(Command(WHEELS.name, old, _ballot(term), (0.1, 0.0)))
 
-    def _huge_message(self, fault: Fault, begins: bool) -> None:  # noqa: ARG002
-        if begins and self._state is not None:
-            angles = (tau * index / POINTS for index in range(POINTS))
-            points = tuple(Point(FAR_M * cos(angle), FAR_M * sin(angle)) for angle in angles)
-            self._arrives(Obstacles(self._state.cycle, None, None, None, None, points))
+    def _huge_message(self, fault: Fault, begins: bool) -> None:
+        """0: the largest that is read; 1: far beyond that; 2: tags that take long to decode."""
+        if not begins or self._state is None:
+            return
+        cycle, key = self._state.cycle, service_of(Obstacles).key
+        if fault.amount == 0.0:
+            data = encode(Obstacles(cycle, None, None, None, None, _ring(MOST_POINTS)))
+        elif fault.amount == 1.0:
+            points = [[point.x, point.y] for point in _ring(POINTS)]
+            data = cbor2.dumps([[cycle.epoch, cycle.number], None, None, None, None, points])
+        else:
+            digits = LARGEST_PAYLOAD - 100
+            # A decimal fraction with a mantissa of so many bytes.
+            fraction = b"\xc4\x82\x3a\x00\x0f\x42\x3f\xc2\x5a" + digits.to_bytes(4, "big")
+            data = fraction + digits * b"\xff"
+        self._mesh.publish_bytes(data, key)
 
     def _claim(self, term: int) -> Claim:
         assert self._state is not None, "a robot agent has spoken"
         rest = WHEELS.neutral
         cycle = self._state.cycle
-        return Claim(WHEELS.name, _ballot(term), cycle, 0.9, False, rest, rest)
+        return Claim(WHEELS.name, _ballot(term), cycle, STRANGE_UTILITY, False, rest, rest)
 
     # Another robot -------------------------------------------------------------------------------
 
     def _two_robot_agents(self, fault: Fault, begins: bool) -> None:
-        """One with a controller of its own, whose wheels nobody of this society sees."""
+        """One with a controller of its own, whose wheels nobody of this society sees.
+
+        1: it does not look around, as if it had come while the network was cut.
+        """
         if not begins:
             node = self._second.pop(fault)
             if node.alive:
@@ -178,7 +211,7 @@ class Stranger:
         device = factory(scenario, lambda name: mesh.stream(f"second/{name}"), _unseen)
         identity = mesh.identity(Robot.name, number)
         agent = Robot(identity, Parameters(port="memory:", profile=scenario.robot))
-        node = mesh.add(agent, device)
+        node = mesh.add(agent, device, admit=fault.amount != 1.0)
         self.nodes.append(node)
         self._second[fault] = node
 
@@ -187,11 +220,25 @@ def _unseen(_truth: Message) -> None:
     """Nobody watches the other robot."""
 
 
-def heard_of(state: RobotState, ballot: Ballot) -> RobotState:
+def heard_of(state: RobotState, term: int) -> Ack:
     """The next cycle's word, which says that a ballot has been heard."""
     cycle = Cycle(state.cycle.epoch, state.cycle.number + 1)
-    return replace(state, cycle=cycle, largest=ballot)
+    return Ack(WHEELS.name, cycle, _ballot(term))
+
+
+def _key(message: Message) -> str:
+    """The key that a message of the stranger's travels on."""
+    if isinstance(message, Claim):
+        return WHEELS.utility_key
+    if isinstance(message, Command):
+        return WHEELS.command_key_of(WHO)
+    return WHEELS.ack_key if isinstance(message, Ack) else service_of(type(message)).key
+
+
+def _ring(count: int) -> tuple[Point, ...]:
+    angles = (tau * index / count for index in range(count))
+    return tuple(Point(FAR_M * cos(angle), FAR_M * sin(angle)) for angle in angles)
 
 
 def _ballot(term: int) -> Ballot:
-    return Ballot(term, 0.9, False, WHO)
+    return Ballot(term, STRANGE_UTILITY, False, WHO)

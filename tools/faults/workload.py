@@ -22,13 +22,13 @@ from armadico.config.loading import find, load
 from armadico.config.profile import RobotProfile
 from armadico.config.scenarios import load_scenario
 from armadico.coordination import Owner, Verdict
+from armadico.mesh.virtual import VirtualMesh
 from armadico.mesh.virtual_network import Clock
 from armadico.mesh.virtual_node import Node
 from armadico.messages import (
-    Ballot,
+    Ack,
     Claim,
     Command,
-    Cycle,
     Message,
     MissionReply,
     MissionRequest,
@@ -41,13 +41,15 @@ from armadico.messages import (
     Waypoint,
 )
 from armadico.rehearsal import Rehearsal
+from armadico.resources import WHEELS
 from armadico.society import Options
-from armadico.tools.faults import kinds
 from armadico.tools.faults.checker import Checker, Violation
 from armadico.tools.faults.inflict import Inflictor
 from armadico.tools.faults.kinds import Promise
 from armadico.tools.faults.observations import (
+    Astray,
     Bids,
+    Denied,
     Left,
     Missed,
     Obeyed,
@@ -74,7 +76,7 @@ tells it where it is: what a fault has put wrong, the society mends itself or no
 BOOTED_S: Final = 1e5
 """Clocks of the processes begin anywhere within this."""
 
-SEEN: Final = (RobotState, Claim, Command, Stop, MissionStatus, Truth, Pose)
+SEEN: Final = (RobotState, Ack, Claim, Command, Stop, MissionStatus, Truth, Pose)
 
 
 class Outcome(Struct, frozen=True):
@@ -118,8 +120,16 @@ class Workload:
         profile = load(find("robots", scenario.robot), RobotProfile)
         self.checker = checker or Checker(replace(bounds_of(profile), skew_s=0.0))
         self._clocks = Random(f"clocks/{case.seed}")
-        self.rehearsal = Rehearsal(scenario, Options(seed=case.seed), self._clock)
+        varied = case.variation
+        ties = Random(f"ties/{case.seed}") if varied.ties else None
+        self.rehearsal = Rehearsal(
+            scenario,
+            Options(seed=case.seed, margin=varied.margin),
+            self._clock,
+            mesh=VirtualMesh(case.seed, ties=ties, lease=varied.lease),
+        )
         self.mesh = self.rehearsal.mesh
+        self.mesh.refused = self._refused
         self.mesh.watch(self._said, *SEEN)
         self.mesh.joined = self._joined
         for node in self.mesh.nodes:
@@ -128,7 +138,8 @@ class Workload:
         self._ends = _ends(self.rehearsal)
         self._heading_for = 0
         self._asked = False
-        self._mission_at = self._driven_at = 0.0  # when it was taken on, and last said to go on
+        self._mission_at = 0.0  # when it was taken on
+        self._none_at: float | None = None  # since when nobody knows of it
         self._status = MissionState.NONE
         self._truth: Truth | None = None
         self._driven = 0.0
@@ -178,13 +189,18 @@ class Workload:
         return found
 
     def _said(self, _key: str, message: Message, now: float) -> None:
-        if isinstance(message, RobotState) and message.cycle.epoch in self._elsewhere:
-            return  # another robot's
+        cycle = getattr(message, "cycle", None)
+        if cycle is not None and cycle.epoch in self._elsewhere:
+            if isinstance(message, Pose):
+                self.show(Astray(now))
+            return
         self.show(Said(now, message))
         if isinstance(message, MissionStatus):
             self._status = message.state
-            if message.state is MissionState.DRIVING:
-                self._driven_at = now
+            if message.state is not MissionState.NONE:
+                self._none_at = None
+            elif self._none_at is None:
+                self._none_at = now
         elif isinstance(message, Truth):
             if self._truth is not None:
                 self._driven += hypot(message.x - self._truth.x, message.y - self._truth.y)
@@ -206,6 +222,10 @@ class Workload:
             del self._looked[instance]
             self.show(Left(self.mesh.now, instance))
 
+    def _refused(self, node: Node) -> None:
+        self.show(Denied(self.mesh.now, node.agent.instance, node.driver.refusal))
+        self._inflictor.refused(node)
+
     def _joined(self, node: Node) -> None:
         """Tap a robot agent's line, and see whom it obeys."""
         agent = node.agent
@@ -214,7 +234,7 @@ class Workload:
             return
         if node.device is self.rehearsal.robot:
             _tap_line(agent, self)
-            _tap_owner(agent.owner, self)
+            _tap_owner(agent.owner(WHEELS), self)
         else:
             _tap_epochs(agent, self._elsewhere)
 
@@ -229,9 +249,9 @@ class Workload:
         if self._status is MissionState.REACHED or late:
             self.missions += self._status is MissionState.REACHED
             self._heading_for = 1 - self._heading_for
-        elif self._mission_at:  # an interface agent that started again knows of none
-            if kinds.MISSION_KEPT and self.mesh.now - self._driven_at < 2 * FORGOTTEN_S:
-                return
+        elif self._mission_at:  # nobody knows of it any more
+            if self._none_at is None or self.mesh.now - self._none_at < 2 * FORGOTTEN_S:
+                return  # whoever starts again has a while to be told of it
             self.again += 1
         self._asked = True
         self.mesh.ask(self._ends[self._heading_for], self._answered, timeout=5.0)
@@ -276,12 +296,12 @@ def _tap_line(agent: DeviceAgent, workload: Workload) -> None:
 def _tap_owner(owner: Owner, workload: Workload) -> None:
     judge = owner.judge
 
-    def tapped(cycle: Cycle, ballot: Ballot, *, stopped: bool, sound: bool) -> Verdict:
-        verdict = judge(cycle, ballot, stopped=stopped, sound=sound)
+    def tapped(command: Command, now: float, *, stopped: bool = False, fault: str = "") -> Verdict:
+        verdict = judge(command, now, stopped=stopped, fault=fault)
         if verdict is Verdict.OBEYED:
-            workload.show(Obeyed(workload.mesh.now, ballot, cycle))
-        else:
-            workload.show(Refused(workload.mesh.now, ballot, verdict.name))
+            workload.show(Obeyed(workload.mesh.now, command.ballot, command.cycle))
+        elif verdict is not Verdict.RELEASED:
+            workload.show(Refused(workload.mesh.now, command.ballot, verdict.name))
         return verdict
 
     vars(owner)["judge"] = tapped

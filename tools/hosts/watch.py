@@ -11,7 +11,9 @@ from collections.abc import Iterator, Sequence
 from typing import TYPE_CHECKING, Final
 
 from armadico.cli import options
-from armadico.messages import BidHistory, Card, Command, Message, MissionStatus, RobotState
+from armadico.measures import driver
+from armadico.messages import Ack, BidHistory, Card, Command, Message, MissionStatus
+from armadico.resources import WHEELS
 from armadico.tools.hosts import news
 from armadico.tools.watching import Heard, Presence, Watcher, read_or_none
 
@@ -21,10 +23,7 @@ if TYPE_CHECKING:
 ASK_S: Final = 0.25
 """How often everybody is asked for their bids, and for a card that is missing."""
 
-LATELY: Final = 3
-"""Who was obeyed for a cycle so many ago is obeyed still."""
-
-KEYS: Final = ("robot/state", "robot/cmd/*", "mission/status")
+KEYS: Final = (WHEELS.ack_key, WHEELS.command_pattern, "mission/status")
 
 EXAMPLES: Final = """\
   python -m armadico.tools.hosts.watch --host lab3 --hosts demo
@@ -81,9 +80,9 @@ def _watch(mesh: ZenohMesh) -> Iterator[news.News]:
 
 def told(message: Message | None, at: float) -> Iterator[news.News]:
     """What a message is worth telling; `at` in s."""
-    if isinstance(message, RobotState):
+    if isinstance(message, Ack) and message.resource == WHEELS.name:
         yield _cycle(message, at)
-    elif isinstance(message, Command):
+    elif isinstance(message, Command) and message.resource == WHEELS.name:
         yield news.Commanded(at, message.ballot.instance, message.cycle.number)
     elif isinstance(message, Card):
         yield news.Home(message.instance, message.host)
@@ -94,12 +93,12 @@ def told(message: Message | None, at: float) -> Iterator[news.News]:
         yield news.Mission(at, message.state.value, message.to_go)
 
 
-def _cycle(state: RobotState, at: float) -> news.Cycle:
-    obeyed, answered = state.obeyed, state.obeyed_cycle
-    number = state.cycle.number
-    if obeyed is None or answered is None or number - answered.number > LATELY:
-        return news.Cycle(at, number, "", 0, state.v)
-    return news.Cycle(at, number, obeyed.instance, answered.number, state.v)
+def _cycle(ack: Ack, at: float) -> news.Cycle:
+    v = float(ack.measured[0]) if ack.measured else 0.0
+    obeyed, answered = ack.obeyed, ack.obeyed_cycle
+    if driver(ack) is None or obeyed is None or answered is None:
+        return news.Cycle(at, ack.cycle.number, "", 0, v)
+    return news.Cycle(at, ack.cycle.number, obeyed.instance, answered.number, v)
 
 
 if __name__ == "__main__":

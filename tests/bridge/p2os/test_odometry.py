@@ -41,10 +41,19 @@ def on_wire(x: float, y: float, theta: float, speed: float = 0.0, spin: float = 
     return decode_status(encode_status(status, UNITS), UNITS)
 
 
-def test_the_first_packet_is_a_base_only() -> None:
+def test_it_begins_where_the_controllers_is() -> None:
+    """One that was open before us has counted on: that is the robot's way."""
     odometry = Odometry(UNITS)
     pose = odometry.update(on_wire(3, 4, 1), 0.0)
-    assert (pose.x, pose.y, pose.theta) == (0, 0, 0)
+    assert (pose.x, pose.y, pose.theta) == pytest.approx((3, 4, 1), abs=0.002)
+
+
+@given(st.floats(-2000, 2000), st.floats(-2000, 2000), st.floats(-13, 13), st.floats(-13, 13))
+def test_it_begins_nearest_to_where_it_was_last_known(
+    x: float, y: float, dx: float, dy: float
+) -> None:
+    pose = Odometry(UNITS, (x + dx, y + dy)).update(on_wire(x, y, 0), 0.0)
+    assert (pose.x, pose.y) == pytest.approx((x, y), abs=0.002)
 
 
 @given(
@@ -57,21 +66,23 @@ def test_the_first_packet_is_a_base_only() -> None:
 def test_driving_on_over_any_wrap_is_continuous(
     heading: float, x0: float, y0: float, speed: float, spin: float
 ) -> None:
-    odometry = Odometry(UNITS)
+    odometry = Odometry(UNITS, (x0, y0))
     dx, dy = speed * 0.1 * math.cos(heading), speed * 0.1 * math.sin(heading)
-    for n in range(250):
+    first = odometry.update(on_wire(x0, y0, 0, speed, spin), 0.0)
+    for n in range(1, 250):
         at = on_wire(x0 + n * dx, y0 + n * dy, n * spin * 0.1, speed, spin)
         pose = odometry.update(at, n * 0.1)
     assert odometry.resets == 0
-    assert pose.x == pytest.approx(249 * dx, abs=0.001)
-    assert pose.y == pytest.approx(249 * dy, abs=0.001)
-    assert pose.theta == pytest.approx(249 * spin * 0.1, abs=0.0016)
+    assert pose.x - first.x == pytest.approx(249 * dx, abs=0.001)
+    assert pose.y - first.y == pytest.approx(249 * dy, abs=0.001)
+    assert pose.theta - first.theta == pytest.approx(249 * spin * 0.1, abs=0.0016)
 
 
 def test_packets_lost_in_between_cost_nothing() -> None:
     odometry = Odometry(UNITS)
-    odometry.update(on_wire(27.0, 0, 0, 1.0), 0.0)
-    assert odometry.update(on_wire(27.9, 0, 0, 1.0), 0.9).x == pytest.approx(0.9, abs=0.001)
+    first = odometry.update(on_wire(27.0, 0, 0, 1.0), 0.0)
+    after = odometry.update(on_wire(27.9, 0, 0, 1.0), 0.9)
+    assert after.x - first.x == pytest.approx(0.9, abs=0.001)
 
 
 @pytest.mark.parametrize(("x", "theta"), [(0.5, 0.0), (12.0, 2.0), (0.0, 0.5)])
@@ -93,14 +104,15 @@ def test_a_reset_by_somebody_else_moves_nobody(x: float, theta: float) -> None:
 def test_the_pose_moves_where_it_heads_whatever_the_controllers_heading(
     before: float, after: float
 ) -> None:
-    """After a link that was lost the base is new; the robot may have been turned meanwhile."""
+    """After SETO the base is new; the pose goes on from where it was, as it was turned."""
     odometry = Odometry(UNITS)
     odometry.update(on_wire(0, 0, before), 0.0)
     odometry.rebase()
     odometry.update(on_wire(0, 0, after), 1.0)
     ahead = on_wire(0.1 * math.cos(after), 0.1 * math.sin(after), after, 1.0)
     pose = odometry.update(ahead, 1.1)
-    assert (pose.x, pose.y) == pytest.approx((0.1, 0.0), abs=0.002)
+    want = (0.1 * math.cos(before), 0.1 * math.sin(before))
+    assert (pose.x, pose.y) == pytest.approx(want, abs=0.002)
 
 
 def test_after_a_reset_that_nobody_asked_for_it_moves_where_it_heads() -> None:

@@ -310,7 +310,7 @@ def test_a_reset_odometry_moves_nobody(session: Session, profile: RobotProfile) 
     assert sent(session) == [(Cmd.SETO, 0)]
     (event,) = session.receive(status(profile), 0.3)
     assert isinstance(event, Reported)
-    assert event.pose.x == pytest.approx(0.03, abs=0.001)
+    assert event.pose.x == pytest.approx(1.03, abs=0.001)
 
 
 def test_every_state_that_waits_has_a_time_out_and_a_way_on() -> None:

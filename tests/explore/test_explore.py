@@ -1,0 +1,139 @@
+"""The rules as they are: a small part of all runs, and the tools that go through them."""
+
+from __future__ import annotations
+
+import json
+
+import pytest
+
+from armadico.cli import explore
+from armadico.cli.options import INTERRUPTED, UsageError
+from armadico.tools.explore import series
+from armadico.tools.explore.identity import key
+from armadico.tools.explore.joining import all_runs, setups
+from armadico.tools.explore.picks import Enumerator, Script
+from armadico.tools.explore.recovery import Graph, Never
+from armadico.tools.explore.replay import Run, replay
+from armadico.tools.explore.search import Limits, Search
+from armadico.tools.explore.world import KINDS, Setup, World
+
+
+@pytest.mark.parametrize(
+    "setup",
+    [
+        Setup(("0.6", "0.5"), kinds=("crash", "owner", "stop")),
+        Setup(("0.5", "0.53"), kinds=("bids",)),
+        Setup(("0.6", "0.5"), kinds=("fates",)),
+        Setup(("0.6", "0.5", "0.5"), kinds=("crash",)),
+    ],
+)
+def test_one_fault_breaks_no_promise(setup: Setup) -> None:
+    found = Search(setup, Limits(faults=1)).run()
+    assert found.broken == []
+    assert found.closed, "every run of any length"
+    assert found.states > 100
+    assert found.starved <= 7
+    assert found.unsettled <= 12
+
+
+@pytest.mark.parametrize("setup", setups(2))
+def test_of_two_that_may_not_both_stay_one_does(setup: object) -> None:
+    found = all_runs(setup, faults=2)  # type: ignore[arg-type]
+    assert found.broken == []
+    assert found.runs > 300
+
+
+def test_a_world_is_the_same_whenever_it_happens() -> None:
+    world = World(Setup(("0.6", "0.5")))
+    keys = []
+    for _ in range(40):
+        world.step(Script({}))
+        keys.append(key(world))
+    assert len(set(keys[25:])) == 1, "nothing new comes of a holder that goes on"
+    assert len(set(keys)) > 5
+
+
+def test_a_copy_goes_its_own_way() -> None:
+    world = World(Setup(("0.6", "0.5")))
+    for _ in range(10):
+        world.step(Script({}))
+    before = key(world)
+    other = world.twin()
+    assert key(other) == before
+    for _ in range(3):
+        other.step(Script({}))
+    other.step(Script({"event": "crash a"}))
+    assert key(world) == before
+    assert key(other) != before
+
+
+def test_every_way_is_picked_once_and_none_too_dear() -> None:
+    picker = Enumerator(1)
+    seen = set()
+    while True:
+        picker.begin()
+        one = picker.pick("x", ("a", "b", "c"), 1)
+        two = picker.pick("y", ("a", "b"), 1)
+        free = picker.pick("z", ("a", "b"), 0)
+        seen.add((one, two, free))
+        if not picker.advance():
+            break
+    ways = {("a", "a"), ("b", "a"), ("c", "a"), ("a", "b")}
+    assert seen == {(*way, free) for way in ways for free in "ab"}
+
+
+def test_what_cannot_happen_is_not_replayed() -> None:
+    with pytest.raises(ValueError, match="nothing of the kind"):
+        replay(Run(Setup(("-", "-")), {1: {"claim a>b": "lost"}}))
+    with pytest.raises(ValueError, match="none of"):
+        replay(Run(Setup(("-", "-")), {1: {"ack>a": "eaten"}}))
+
+
+def test_what_goes_round_for_ever_is_told_from_what_ends() -> None:
+    ends = Graph([(1,), (2,), (2,)])
+    assert ends.longest([True, True, False]) == [0, 1]
+    assert ends.settles_within([True] * 3, [False, True, False]) == 2
+    round_and_round = Graph([(1,), (2,), (1,)])
+    with pytest.raises(Never) as never:
+        round_and_round.longest([False, True, True])
+    assert sorted(never.value.loop) == [1, 2]
+    with pytest.raises(Never):
+        round_and_round.settles_within([True] * 3, [False, False, True])
+
+
+def test_the_command_counts_states(capsys: pytest.CaptureFixture[str]) -> None:
+    assert explore.main(["--faults", "0", "--jobs", "1", "--json"]) == 0
+    said = json.loads(capsys.readouterr().out)
+    assert said["counterexamples"] == []
+    assert said["closed"]
+    assert said["states"] > 100
+    assert explore.main(["--what", "admission", "--faults", "1", "--jobs", "1"]) == 0
+    assert "no promise was broken" in capsys.readouterr().out
+
+
+def test_what_was_interrupted_claims_nothing(
+    capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def interrupt(_: object) -> None:
+        raise KeyboardInterrupt
+
+    monkeypatch.setattr(series, "work", interrupt)
+    assert explore.main(["--jobs", "1"]) == INTERRUPTED
+    said = capsys.readouterr()
+    assert "no promise" not in said.out
+    assert "interrupted after 0 of 11" in said.err
+
+
+@pytest.mark.parametrize(
+    "arguments", [["--kind", "flood"], ["--faults", "-1"], ["--what", "admission", "--cycles", "3"]]
+)
+def test_the_command_refuses_what_makes_no_sense(arguments: list[str]) -> None:
+    with pytest.raises(UsageError):
+        explore.main(arguments)
+
+
+def test_every_kind_is_something_that_can_happen() -> None:
+    world = World(Setup(("0.6", "0.5")))
+    first_words = {event.split()[0] for event in world._events()}
+    assert first_words == {"nothing", "bid", "crash", "hang", "cut", "stop"}
+    assert {"owner", "fates"} < set(KINDS)

@@ -1,0 +1,248 @@
+"""Bugs that are planted, and must be found by runs that are short enough to be read."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from typing import Any
+
+import pytest
+
+from armadico import coordination
+from armadico.admission import Admission, Stage
+from armadico.coordination import Contender, Event, Owner, State, Step, Verdict
+from armadico.cycles import CycleClock
+from armadico.messages import Ack, Command, Message
+from armadico.resources import Resource
+from armadico.tools.explore.joining import Joining, all_runs, rejoin
+from armadico.tools.explore.replay import replay
+from armadico.tools.explore.search import Counterexample, Limits, Search
+from armadico.tools.explore.testing import as_test, joining_as_test
+from armadico.tools.explore.world import Parts, Setup
+
+
+def first(setup: Setup, parts: Parts | None = None, faults: int = 1) -> Counterexample:
+    """The shortest counterexample."""
+    found = Search(setup, Limits(faults, states=60_000, patience=12), parts).run()
+    assert found.broken, "it was not found"
+    return found.broken[0]
+
+
+class ObeysSmaller(Owner):
+    def _verdict(self, command: Command, now: float, *, stopped: bool, fault: str) -> Verdict:
+        said = super()._verdict(command, now, stopped=stopped, fault=fault)
+        return Verdict.OBEYED if said is Verdict.STALE_BALLOT else said
+
+
+class ObeysAfterRelease(Owner):
+    def _verdict(self, command: Command, now: float, *, stopped: bool, fault: str) -> Verdict:
+        said = super()._verdict(command, now, stopped=stopped, fault=fault)
+        return Verdict.OBEYED if said is Verdict.OVER and command.action is not None else said
+
+
+class ObeysStopped(Owner):
+    def judge(
+        self, command: Command, now: float, *, stopped: bool = False, fault: str = ""
+    ) -> Verdict:
+        return super().judge(command, now, fault=fault)
+
+
+class ObeysOld(Owner):
+    def __init__(self, resource: Resource, clock: CycleClock) -> None:
+        super().__init__(resource, clock)
+        clock.fresh_cycles = 9
+
+
+class ObeysOlderOfTenure(Owner):
+    def _verdict(self, command: Command, now: float, *, stopped: bool, fault: str) -> Verdict:
+        if command.ballot == self.obeyed and self.obeyed_cycle is not None:
+            at, self.obeyed_cycle = self.obeyed_cycle, None
+            try:
+                return super()._verdict(command, now, stopped=stopped, fault=fault)
+            finally:
+                self.obeyed_cycle = at
+        return super()._verdict(command, now, stopped=stopped, fault=fault)
+
+
+class NeverSilent(Owner):
+    @property
+    def silent_at(self) -> float | None:
+        return None
+
+
+class LooksAtNoAck(Contender):
+    """Learns of no ballot by the ack, so it goes on casting the same small term."""
+
+    def acked(self, ack: Ack, now: float) -> list[Message]:
+        return super().acked(Ack(ack.resource, ack.cycle, measured=ack.measured), now)
+
+
+class JumpsTerms(Contender):
+    def _cast(self, event: Event, now: float) -> list[Message]:
+        if self.largest is not None:
+            ballot = self.largest
+            self.largest = type(ballot)(
+                ballot.term + 1, ballot.utility, ballot.critical, ballot.instance
+            )
+        return super()._cast(event, now)
+
+
+class NoSilence(Contender):
+    """Waits for a release for ever."""
+
+    def _reason(self, now: float) -> Event | None:
+        event = super()._reason(now)
+        return None if event is Event.UNOBEYED and self.rival is not None else event
+
+
+AFTER = Setup(("0.6",), kinds=("fates", "bids"), changes=("-",))
+SAFETY = [
+    (
+        Setup(("0.5", "0.6"), kinds=("fates",)),
+        Parts(owner=ObeysSmaller),
+        "ballots never go down",
+        1,
+    ),
+    (AFTER, Parts(owner=ObeysAfterRelease), "a release ends a tenure", 2),
+    (Setup(("0.6",), kinds=("stop", "fates")), Parts(owner=ObeysStopped), "a stop stops", 2),
+    (Setup(("0.6",), kinds=("fates", "crash")), Parts(owner=ObeysOld), "fresh", 2),
+    (Setup(("0.6", "-"), kinds=("fates",)), Parts(owner=ObeysOlderOfTenure), "in order", 1),
+    (Setup(("0.6", "-"), kinds=("crash",)), Parts(owner=NeverSilent), "silence stops", 1),
+    (Setup(("0.5", "0.6"), kinds=("bids",)), Parts(contender=JumpsTerms), "terms bounded", 1),
+]
+
+
+@pytest.mark.parametrize(
+    ("setup", "parts", "promise", "faults"), SAFETY, ids=[promise for *_, promise, _ in SAFETY]
+)
+def test_a_bug_is_found_and_its_run_repeats(
+    setup: Setup, parts: Parts, promise: str, faults: int
+) -> None:
+    found = first(setup, parts, faults)
+    assert found.promise == promise
+    assert found.run.cost <= faults
+    assert found.run.cycles <= 16
+    assert replay(found.run, parts) == [f"{promise}: {found.how}"]
+    assert replay(found.run) == []
+
+
+@pytest.mark.parametrize(
+    ("contender", "setup"),
+    [
+        (LooksAtNoAck, Setup(("0.6", "0.5"), kinds=("crash",))),
+        (NoSilence, Setup(("0.6", "0.5"), kinds=("hang", "cut"), lasts=(8, None))),
+    ],
+)
+def test_what_never_comes_right_is_found(contender: type[Contender], setup: Setup) -> None:
+    parts = Parts(contender=contender)
+    found = first(setup, parts)
+    assert found.run.loop, "it goes on for ever"
+    assert found.run.cost <= 1
+    assert found.run.cycles <= 160, "it stands back for four seconds in between"
+    (said,) = replay(found.run, parts)
+    assert said.startswith(found.promise)
+
+
+def transitions(monkeypatch: pytest.MonkeyPatch, state: State, event: Event, to: Any) -> None:
+    table = {**coordination.TRANSITIONS, (state, event): to}
+    if to is None:
+        del table[state, event]
+    monkeypatch.setattr(coordination, "TRANSITIONS", table)
+
+
+def never_yields(monkeypatch: pytest.MonkeyPatch) -> None:
+    transitions(monkeypatch, State.HOLDING, Event.OUTBID, None)
+
+
+def takes_over_from_the_unobeyed_never(monkeypatch: pytest.MonkeyPatch) -> None:
+    transitions(monkeypatch, State.CONTENDING, Event.UNOBEYED, None)
+
+
+def rests_for_ever(monkeypatch: pytest.MonkeyPatch) -> None:
+    transitions(monkeypatch, State.STANDING_BACK, Event.RESTED, None)
+
+
+def takes_over_by_a_release(monkeypatch: pytest.MonkeyPatch) -> None:
+    transitions(monkeypatch, State.CONTENDING, Event.BETTER, (State.STANDING_BACK, Step.NOTHING))
+
+
+@pytest.mark.parametrize(
+    ("plant", "setup"),
+    [
+        (never_yields, Setup(("0.6", "0.5"), kinds=("bids",))),
+        (takes_over_from_the_unobeyed_never, Setup(("0.6", "0.5"), kinds=("crash",))),
+        (rests_for_ever, Setup(("0.6", "-"), kinds=("cut",), lasts=(8,))),
+        (takes_over_by_a_release, Setup(("0.6", "0.5"), kinds=("bids",))),
+    ],
+)
+def test_a_line_of_the_table_that_is_missing_is_found(
+    plant: Callable[[pytest.MonkeyPatch], None],
+    setup: Setup,
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    plant(monkeypatch)
+    found = first(setup)
+    assert found.run.cost <= 1
+    assert found.run.cycles <= 80
+    assert replay(found.run)
+    monkeypatch.undo()
+    assert replay(found.run) == []
+
+
+def test_a_printed_counterexample_is_a_test_that_fails_until_it_is_mended(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    never_yields(monkeypatch)
+    found = first(Setup(("0.6", "0.5"), kinds=("bids",)))
+    space: dict[str, Any] = {}
+    exec(as_test(found), space)
+    (name,) = (name for name in space if name.startswith("test_"))
+    with pytest.raises(AssertionError):
+        space[name]()
+    monkeypatch.undo()
+    space[name]()
+
+
+class LargerStays(Admission):
+    """Of two newcomers each takes itself for the one that stays."""
+
+    def _claim(self, now: float) -> None:
+        if now >= self._settled_at:
+            self._join(now)
+
+    def _stay(self) -> None:
+        pass
+
+
+class BothGo(Admission):
+    def _stay(self) -> None:
+        for rival in self._rivals():
+            if rival in self._cards:
+                self._refuse_for(rival)
+                return
+
+
+class Impatient(Admission):
+    """Of two at work none goes if one has been so for a little longer."""
+
+    def _stay(self) -> None:
+        for rival in self._rivals():
+            card = self._cards.get(rival)
+            if card is not None and card.tenure - self.tenure > 20:
+                self._refuse_for(rival)
+                return
+
+
+@pytest.mark.parametrize(
+    ("kind", "instances", "faults"), [(LargerStays, 2, 0), (BothGo, 2, 1), (Impatient, 2, 2)]
+)
+def test_a_bug_in_who_may_join_is_found(kind: type[Admission], instances: int, faults: int) -> None:
+    for backwards in (False, True):
+        found = all_runs(Joining(instances, backwards), faults, kind)
+        if found.broken:
+            break
+    how, run = found.broken[0]
+    assert run.cost <= faults
+    assert rejoin(run, kind) == [how]
+    assert rejoin(run) == []
+    assert "def test_" in joining_as_test(how, run)
+    assert Stage.JOINED is not Stage.REFUSED

@@ -1,0 +1,364 @@
+"""One contender, alone: what it takes for a reason to take over, to wait and to let go."""
+
+from __future__ import annotations
+
+from random import Random
+
+import pytest
+
+from armadico.coordination import DRAW, Contender, State
+from armadico.cycles import PERIOD
+from armadico.exchange import EXCHANGES, Bid
+from armadico.messages import Ack, Action, Ballot, Claim, Cycle
+from armadico.resources import WHEELS
+
+from .solo import Solo
+
+
+def contending(epoch: int = 1) -> Solo:
+    """At cycle 5, a-1 holds by a claim of 0.6, and one's own bid is worse."""
+    stage = Solo(epoch)
+    stage.cycle(5)
+    stage.bid(0.3)
+    stage.hear("a-1", 5, 0.6)
+    assert stage.contender.state is State.CONTENDING
+    return stage
+
+
+def holding() -> Solo:
+    """At cycle 4, when it has listened for long enough."""
+    stage = Solo()
+    stage.cycle(4)
+    stage.bid(0.5)
+    stage.tick()
+    assert stage.contender.holding
+    return stage
+
+
+def own(stage: Solo) -> Ballot:
+    """The holder's ballot as it comes back from the mesh: another object."""
+    assert stage.contender.tenure is not None
+    b = stage.contender.tenure.ballot
+    return Ballot(b.term, b.utility, b.critical, "".join(list(b.instance)))
+
+
+# Silence ------------------------------------------------------------------------------------------
+
+
+def test_silence_is_two_cycles_and_a_third_from_the_last_claim() -> None:
+    stage = contending()
+    due = stage.contender.wakeup
+    assert due == pytest.approx(0.5 + 0.23)
+    assert stage.contender.tick(due - 1e-6) == []
+    assert stage.contender.wakeup == due, "still to come"
+    assert stage.contender.tick(due) == []
+    drawn = stage.contender.wakeup
+    assert drawn is not None
+    assert due <= drawn <= due + DRAW * PERIOD
+    assert stage.contender.tick(drawn)
+
+
+def test_one_looks_once_a_silence_if_the_holder_is_obeyed_all_the_same() -> None:
+    stage = contending()
+    ballot = Ballot(3, 0.6, False, "a-1")
+    for number in (6, 7, 8):
+        stage.cycle(number, largest=ballot, obeyed=ballot, obeyed_cycle=Cycle(1, number))
+        stage.bid(0.3)
+    stage.tick()
+    assert stage.contender.wakeup is None
+
+
+def test_who_wants_nothing_waits_for_nothing() -> None:
+    stage = contending()
+    stage.contender.bid(stage.at, None, stage.now)
+    assert stage.contender.wakeup is None
+
+
+def test_what_was_bid_before_there_was_nothing_to_bid_is_forgotten() -> None:
+    stage = Solo()
+    stage.cycle(5)
+    stage.bid(0.9)
+    stage.contender.bid(stage.at, None, stage.now)
+    stage.cycle(6)
+    stage.bid(0.1)
+    assert stage.hear("a-1", 5, 0.6) == []
+
+
+def test_a_silent_holder_is_not_excused_by_what_the_owner_obeyed_before() -> None:
+    stage = contending()
+    before = Ballot(2, 0.6, False, "c-1")
+    for number in (6, 7, 8):
+        assert not stage.contender.holding
+        stage.cycle(number, largest=before, obeyed=before, obeyed_cycle=Cycle(1, number))
+        stage.bid(0.3)
+    assert len(stage.tick()) == 1
+
+
+@pytest.mark.parametrize("epoch", [0, 2])
+def test_in_a_new_epoch_the_six_cycles_begin_anew(epoch: int) -> None:
+    stage = contending()
+    before = (Ballot(3, 0.6, False, "a-1"),) * 2
+    number, start = 0, stage.now + 1.0
+    while not stage.contender.holding:
+        number += 1
+        at, now = Cycle(epoch, number), start + number * PERIOD
+        assert stage.clock.advance(at, now)
+        stage.contender.acked(Ack("wheels", at, *before, Cycle(1, 5)), now)
+        stage.contender.bid(at, Bid(0.3, (0.5, 0.0)), now)
+        stage.contender.hear(Claim("wheels", Ballot(3, 0.6, False, "a-1"), at, 0.6), now)
+        stage.contender.tick(now + DRAW * PERIOD)
+    assert number == 7
+
+
+def test_who_is_beaten_waits_for_the_winners_claim_as_long_as_for_any() -> None:
+    stage = holding()
+    larger = Ballot(9, 0.6, False, "x-1")
+    took = []
+    for number in range(5, 12):
+        stage.cycle(number, largest=larger)
+        stage.bid(1.0)
+        stage.tick()
+        took += [number] if stage.contender.holding else []
+    assert took[0] == 8
+
+
+@pytest.mark.parametrize("epoch", [1, 10**15])
+def test_the_successor_of_a_holder_has_six_cycles_of_its_own(epoch: int) -> None:
+    stage = contending(epoch)
+    number = 5
+    while not stage.contender.holding:
+        number += 1
+        stage.cycle(number)
+        stage.bid(0.3)
+        if number < 10:
+            stage.hear("a-1", number, 0.6)
+        else:
+            stage.hear("c-1", number - 2, 0.6, term=4)  # its claims come late
+        stage.tick()
+    assert number == 16
+
+
+def test_a_release_by_another_does_not_count_as_being_obeyed() -> None:
+    stage = contending()
+    other = Ballot(2, 0.6, False, "c-1")
+    while not stage.contender.holding:
+        stage.cycle(stage.at.number + 1, largest=other, obeyed_cycle=Cycle(1, 9))
+        stage.bid(0.3)
+        stage.hear("a-1", stage.at.number, 0.6)
+        stage.tick()
+    assert stage.at.number == 11
+
+
+# Ends of tenures ----------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize(
+    ("obeys", "epoch", "number", "gone"),
+    [
+        (False, 10**15, 5, True),
+        (False, 10**15, 6, True),
+        (False, 10**15, 4, False),
+        (False, 10**15 + 1, 5, False),
+        (True, 10**15, 5, False),
+    ],
+)
+def test_a_release_that_was_not_heard_is_known_by_the_owners_ack(
+    obeys: bool, epoch: int, number: int, gone: bool
+) -> None:
+    stage = contending(10**15)
+    ballot = Ballot(3, 0.6, False, "a-1")
+    obeyed = ballot if obeys else None
+    stage.cycle(6, largest=ballot, obeyed=obeyed, obeyed_cycle=Cycle(epoch, number))
+    stage.bid(0.3)
+    assert bool(stage.tick()) is gone
+
+
+def test_an_owner_that_has_obeyed_nobody_yet_ends_nothing() -> None:
+    stage = contending()
+    stage.cycle(6, largest=Ballot(3, 0.6, False, "a-1"))
+    stage.bid(0.3)
+    assert stage.tick() == []
+
+
+def test_after_a_release_a_late_claim_of_the_tenure_counts_for_nothing() -> None:
+    stage = contending()
+    stage.hear("a-1", 5, None)
+    stage.hear("a-1", 5, 0.6)
+    assert len(stage.tick()) == 1
+
+
+def test_who_claims_on_has_not_gone() -> None:
+    stage = contending()
+    stage.contender.gone("a-1", stage.now)
+    stage.hear("a-1", 5, 0.6)
+    assert stage.tick() == []
+
+
+@pytest.mark.parametrize("other", ["A-1", "c-1"])
+def test_the_token_of_somebody_else_says_nothing_of_the_holder(other: str) -> None:
+    stage = contending()
+    assert stage.contender.gone(other, stage.now) == []
+    assert stage.tick() == []
+
+
+def test_that_a_dead_holder_was_obeyed_last_does_not_bring_it_back() -> None:
+    stage = contending()
+    stage.contender.gone("a-1", stage.now)
+    ballot = Ballot(3, 0.6, False, "a-1")
+    stage.cycle(6, largest=ballot, obeyed=ballot, obeyed_cycle=Cycle(1, 5))
+    assert stage.contender.holding
+
+
+def test_a_release_before_the_holder_began_is_not_the_holders() -> None:
+    stage = contending()
+    stage.hear("c-1", 5, 0.6, term=4)
+    stage.cycle(6, largest=Ballot(3, 0.6, False, "a-1"), obeyed_cycle=Cycle(1, 5))
+    stage.bid(0.3)
+    assert stage.tick() == []
+
+
+@pytest.mark.parametrize("who", ["a-1", "c-1"])
+def test_who_hears_the_owner_alone_compares_by_what_it_obeys(who: str) -> None:
+    stage = Solo()
+    ballot = Ballot(3, 0.6, False, who)
+    about = {"largest": ballot, "obeyed": ballot, "obeyed_cycle": Cycle(1, 5), "utility": 0.6}
+    stage.cycle(5, **about)
+    assert stage.bid(0.64) == []
+    stage = Solo()
+    stage.cycle(5, **about)
+    assert len(stage.bid(0.66)) == 1
+
+
+def test_nobody_compares_with_a_holder_whose_larger_successor_is_known() -> None:
+    stage = contending()
+    beaten, larger = Ballot(3, 0.6, False, "a-1"), Ballot(5, 0.6, False, "c-1")
+    stage.cycle(6, largest=larger, obeyed=beaten, obeyed_cycle=Cycle(1, 6), utility=0.1)
+    assert stage.bid(0.3) == []
+    assert stage.contender.rival is None
+
+
+def test_a_token_that_goes_after_the_silence_is_no_news() -> None:
+    stage = contending()
+    ballot = Ballot(3, 0.6, False, "a-1")
+    for number in (6, 7, 8):
+        stage.cycle(number, largest=ballot, obeyed=ballot, obeyed_cycle=Cycle(1, number))
+        stage.bid(0.3)
+    stage.contender.gone("a-1", stage.now)
+    assert stage.tick() == [], "the owner obeys it all the same"
+
+
+def test_what_the_owner_says_of_ones_own_tenure_is_of_no_rival() -> None:
+    stage = holding()
+    mine = own(stage)
+    stage.cycle(5, largest=mine, obeyed=mine, obeyed_cycle=Cycle(1, 4))
+    assert stage.contender.rival is None
+    assert stage.contender.holding
+
+
+# Holding ------------------------------------------------------------------------------------------
+
+
+def test_an_owner_that_does_not_know_ones_ballot_yet_ends_nothing() -> None:
+    stage = holding()
+    stage.cycle(5, largest=Ballot(1, 0.1, False, "x-1"))
+    assert len(stage.bid(0.5)) == 1
+
+
+def test_that_another_is_obeyed_does_not_excuse_a_holder_that_is_not() -> None:
+    stage = holding()
+    other = Ballot(1, 0.1, False, "x-1")
+    for number in range(5, 11):
+        assert stage.contender.holding
+        stage.cycle(number, largest=other, obeyed=other, obeyed_cycle=Cycle(1, number))
+        stage.bid(0.5)
+    assert stage.contender.state is State.STANDING_BACK
+
+
+@pytest.mark.parametrize("cycles", [5, 6, 7])
+def test_who_bids_seldom_lets_go_all_the_same(cycles: int) -> None:
+    stage = holding()
+    stage.cycle(4 + cycles)
+    assert [c.action is None for c in stage.bid(0.5)] == [cycles >= 6]
+
+
+def test_a_holder_that_bids_zero_lets_go_in_the_fourth_cycle() -> None:
+    stage = holding()
+    for number in (5, 6, 7):
+        stage.cycle(number)
+        assert [c.action is None for c in stage.bid(0.0)] == [False]
+    stage.cycle(8)
+    assert [c.action is None for c in stage.bid(0.0)] == [True]
+    assert stage.contender.state is State.IDLE
+
+
+def rests(stage: Solo, cycles: int, *, heard: bool = False) -> list[float]:
+    """How long it stands back, s, each time, while nobody obeys it; or somebody did at first."""
+    found, since = [], 0.0
+    for number in range(stage.at.number + 1, stage.at.number + 1 + cycles):
+        about = {}
+        if heard and stage.contender.holding:
+            mine = own(stage)
+            about = {"largest": mine, "obeyed": mine, "obeyed_cycle": stage.at}
+            heard = False
+        before = stage.contender.state
+        stage.cycle(number, **about)
+        stage.bid(0.5)
+        stage.tick()
+        after = stage.contender.state
+        if before is not after and State.STANDING_BACK in {before, after}:
+            if before is State.STANDING_BACK:
+                found.append(stage.now - since)
+            since = stage.now
+    return found
+
+
+def test_who_is_not_obeyed_stands_back_one_two_and_then_four_seconds() -> None:
+    stage = Solo()
+    assert rests(stage, 142) == pytest.approx([1.0, 2.0, 4.0, 4.0], abs=0.05)
+    assert rests(stage, 30, heard=True) == pytest.approx([1.0], abs=0.05), "it was obeyed again"
+
+
+# Exchanges ----------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("commanded", [(), (1.0,), (1.0, 0.0, 0.0)], ids=str)
+def test_where_a_loser_says_no_sound_action_the_exchange_begins_from_what_is_measured(
+    commanded: Action,
+) -> None:
+    stage = Solo()
+    exchange, rng = EXCHANGES["smooth"], Random(1)
+    stage.contender = Contender(WHEELS, "b-1", stage.clock, exchange, rng)
+    stage.cycle(5)
+    stage.hear("a-1", 5, 0.3, commanded=commanded)
+    (first,) = stage.bid(0.9, action=(1.4, 0.0))
+    assert first.action is not None
+    assert not isinstance(first.action, bytes)
+    # 3.10 over ten cycles, from 0.4 at t = 1: the weights are 0.9 / 10 and 0.3 / 10 * 9
+    assert first.action[0] == pytest.approx((0.09 * 1.4 + 0.27 * 0.4) / 0.36)
+
+
+def careful() -> Solo:
+    """It has taken over from one that was about to collide, and was killed."""
+    stage = Solo(10**15)
+    stage.cycle(5)
+    stage.hear("a-1", 5, 0.8, critical=True, commanded=(0.2, 0.0))
+    stage.contender.gone("a-1", stage.now)
+    stage.bid(0.7, action=(0.1, 0.0), inputs=stage.numbered(4))
+    (first,) = stage.tick()
+    assert first.action == (0.1, 0.0)
+    stage.cycle(6)
+    return stage
+
+
+def test_who_may_only_brake_does_not_go_faster_again() -> None:
+    stage = careful()
+    (held,) = stage.bid(0.7, action=(0.2, 0.0), inputs=stage.numbered(5))
+    assert held.action == (0.1, 0.0)
+
+
+@pytest.mark.parametrize(
+    "inputs", [None, Cycle(0, 9), Cycle(2 * 10**15, 1), Cycle(10**15, 6)], ids=str
+)
+def test_who_has_seen_more_or_of_another_epoch_is_free(inputs: Cycle | None) -> None:
+    (free,) = careful().bid(0.7, action=(0.2, 0.0), inputs=inputs)
+    assert free.action == (0.2, 0.0)

@@ -1,0 +1,99 @@
+"""Mutants: what is left out, how a change is named, and that what is explained is still there."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import pytest
+
+from armadico.tools import mutants
+from armadico.tools.mutants import (
+    LEFT_OUT,
+    ROOT,
+    TESTS,
+    Mutant,
+    Outcome,
+    outcomes,
+    path_of,
+    summary,
+)
+from armadico.tools.mutants_explained import EXPLAINED
+
+SOURCE = '''"""A module."""
+
+
+class A:
+    x = 1
+
+    @property
+    def y(self) -> int:
+        """It."""
+        assert self.x, "it is"
+        z = [
+            self.x,
+        ]
+        return z[0]
+
+
+def f() -> None:
+    print("f")
+'''
+
+
+def test_each_statement_is_left_out_once_but_docstrings_and_asserts() -> None:
+    found = dict.fromkeys(text for name, text in mutants._left_out(SOURCE) if name == LEFT_OUT)
+    changes = {mutants._difference(SOURCE.splitlines(), text.splitlines()) for text in found}
+    assert changes == {
+        ("z = [ self.x, ]", "pass", 11),
+        ("return z[0]", "pass", 14),
+        ('print("f")', "pass", 18),
+    }
+
+
+def test_the_parts_of_a_module_put_back_unchanged_are_the_module() -> None:
+    for source in (SOURCE, *(path_of(module).read_text(encoding="utf-8") for module in TESTS)):
+        parts = list(mutants._parts(source))
+        assert len(parts) > 2
+        assert {whole(text) for text, whole in parts} == {source}
+
+
+def test_what_does_not_compile_or_warns_is_no_mutant() -> None:
+    assert mutants._compiles("x = 1")
+    assert not mutants._compiles("x = ")
+    assert not mutants._compiles("1 is 1")
+
+
+@pytest.mark.parametrize("module", TESTS)
+def test_the_tests_that_are_named_are_there(module: str) -> None:
+    assert path_of(module).is_file()
+    assert [name for name in TESTS[module] if not (ROOT / "tests" / name).is_file()] == []
+
+
+def test_what_is_explained_is_still_in_the_code() -> None:
+    texts = {
+        module: " ".join(
+            line.strip() for line in path_of(module).read_text(encoding="utf-8").splitlines()
+        )
+        for module in TESTS
+    }
+    assert [key for key in EXPLAINED if key[1] not in texts[key[0]]] == []
+    assert all(EXPLAINED.values())
+
+
+def test_the_newest_word_counts_and_survivors_that_nobody_explains_are_counted(
+    tmp_path: Path,
+) -> None:
+    made = [Mutant(name, "cycles", 1, "AddNot", "a", "b", "") for name in ("x", "y", "z")]
+    lines = (
+        '{"id":"x","module":"cycles","line":1,"operator":"AddNot","was":"a","becomes":"b",'
+        f'"killed":{killed},"by":"","seconds":1}}\n'
+        for killed in ("false", "true")
+    )
+    path = tmp_path / "cycles.jsonl"
+    assert outcomes(path) == {}
+    path.write_text("".join(lines), encoding="utf-8")
+    known = outcomes(path)
+    assert known == {"x": Outcome("x", "cycles", 1, "AddNot", "a", "b", True, "", 1)}
+    assert summary("cycles", made, known) == ("| `cycles` | 3 | 1 | 1 | 100.0% | 0 | 0 |", 0)
+    known["y"] = Outcome("y", "cycles", 1, "AddNot", "a", "b", False, "", 1)
+    assert summary("cycles", made, known)[1] == 1

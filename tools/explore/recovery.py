@@ -1,0 +1,124 @@
+"""What never comes right, and how long it takes where it does: on the graph of all worlds.
+
+An edge is a cycle in which nothing goes wrong. So what follows from a world by itself, however
+long, is all in the graph, and what goes round in it goes on for ever.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+
+class Never(Exception):  # noqa: N818 - it is an answer
+    """Worlds that follow each other for ever, and are not all as they should be."""
+
+    def __init__(self, loop: list[int]) -> None:
+        super().__init__(f"{len(loop)} worlds for ever")
+        self.loop = loop
+
+
+class Graph:
+    """Worlds by number, and which follow each by themselves."""
+
+    def __init__(self, following: Sequence[Sequence[int]]) -> None:
+        self._following = following
+
+    def longest(self, bad: Sequence[bool]) -> list[int]:
+        """The most bad worlds that follow each other. Raises Never if they do for ever."""
+        left = self._lengths(bad)
+        most = max(left, default=0)
+        if not most:
+            return []
+        path = [left.index(most)]
+        while left[path[-1]] > 1:
+            more = left[path[-1]] - 1
+            path.append(next(n for n in self._following[path[-1]] if left[n] == more))
+        return path
+
+    def settles_within(self, among: Sequence[bool], bad: Sequence[bool]) -> int:
+        """Cycles at most until no bad world follows. Raises Never if one always may."""
+        groups = self._groups(among)
+        left = [0] * len(among)
+        for group in groups:  # those that follow come first
+            members = set(group)
+            beyond = max(
+                (left[n] for one in group for n in self._following[one] if n not in members),
+                default=0,
+            )
+            loops = len(group) > 1 or group[0] in self._following[group[0]]
+            if loops and any(bad[one] for one in group):
+                raise Never(self._round(next(one for one in group if bad[one]), members))
+            for one in group:
+                left[one] = beyond + 1 if beyond or bad[one] else 0
+        return max(left, default=0)
+
+    def _lengths(self, among: Sequence[bool]) -> list[int]:
+        """The longest path from each world through `among`. Raises Never if there is a loop."""
+        left = [0] * len(among)
+        for group in self._groups(among):
+            one = group[0]
+            if len(group) > 1 or one in self._following[one]:
+                raise Never(self._round(one, set(group)))
+            left[one] = 1 + max((left[n] for n in self._following[one]), default=0)
+        return left
+
+    def _round(self, start: int, members: set[int]) -> list[int]:
+        """The shortest way from a world back to itself."""
+        parent: dict[int, int] = {}
+        layer = [start]
+        while layer:
+            later: list[int] = []
+            for one in layer:
+                for other in self._following[one]:
+                    if other == start:
+                        loop = [one]
+                        while loop[-1] != start:
+                            loop.append(parent[loop[-1]])
+                        return loop[::-1]
+                    if other in members and other not in parent:
+                        parent[other] = one
+                        later.append(other)
+            layer = later
+        raise AssertionError("it is no loop")
+
+    def _groups(self, among: Sequence[bool]) -> list[list[int]]:
+        """Strongly connected worlds, those that follow first (Tarjan, without recursion)."""
+        following = self._following
+        index = [0] * len(among)
+        low = [0] * len(among)
+        on_stack = bytearray(len(among))
+        stack: list[int] = []
+        groups: list[list[int]] = []
+        count = 0
+        for root in range(len(among)):
+            if not among[root] or index[root]:
+                continue
+            path = [(root, 0)]
+            while path:
+                one, at = path.pop()
+                if at == 0:
+                    count += 1
+                    index[one] = low[one] = count
+                    stack.append(one)
+                    on_stack[one] = 1
+                out = following[one]
+                while at < len(out):
+                    other = out[at]
+                    at += 1
+                    if not among[other]:
+                        continue
+                    if not index[other]:
+                        path += [(one, at), (other, 0)]
+                        break
+                    if on_stack[other]:
+                        low[one] = min(low[one], index[other])
+                else:
+                    if low[one] == index[one]:
+                        group: list[int] = []
+                        while not group or group[-1] != one:
+                            group.append(stack.pop())
+                            on_stack[group[-1]] = 0
+                        groups.append(group)
+                    if path:
+                        low[path[-1][0]] = min(low[path[-1][0]], low[one])
+        return groups
