@@ -30,6 +30,7 @@ import warnings
 from collections import Counter
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import asdict, dataclass
+from functools import cache, partial
 from pathlib import Path
 from types import CodeType
 from typing import Any, Final
@@ -97,7 +98,13 @@ class Outcome:
     @property
     def explained(self) -> str:
         """Why it may live, or nothing."""
-        return EXPLAINED.get((self.module, self.was, self.becomes), "")
+        return EXPLAINED.get((self.place, self.was, self.becomes), "")
+
+    @property
+    def place(self) -> str:
+        """The function that it is in, or the class or the module."""
+        inside = [name for name, first, last in places(self.module) if first <= self.line <= last]
+        return inside[-1]
 
 
 # Making them --------------------------------------------------------------------------------------
@@ -106,7 +113,8 @@ class Outcome:
 def mutants(module: str) -> list[Mutant]:
     """All mutants of a module, each once, in the order of their lines."""
     source = path_of(module).read_text(encoding="utf-8")
-    lines, found = source.splitlines(), {}
+    lines = source.splitlines()
+    found: dict[str, Mutant] = {}
     for operator, changed in (*_by_cosmic_ray(source), *_left_out(source)):
         if changed == source or not _compiles(changed):
             continue
@@ -121,6 +129,21 @@ def mutants(module: str) -> list[Mutant]:
 def path_of(module: str) -> Path:
     """Where a module's source is."""
     return ROOT / "armadico" / f"{module}.py"
+
+
+@cache
+def places(module: str) -> tuple[tuple[str, int, int], ...]:
+    """The module, its classes and functions, the outer first, with their lines."""
+
+    def within(node: ast.AST, name: str) -> Iterator[tuple[str, int, int]]:
+        for child in ast.iter_child_nodes(node):
+            if isinstance(child, ast.FunctionDef | ast.ClassDef):
+                inner = f"{name}.{child.name}"
+                yield inner, child.lineno, child.end_lineno or child.lineno
+                yield from within(child, inner)
+
+    source = path_of(module).read_text(encoding="utf-8")
+    return (module, 1, len(source.splitlines())), *within(ast.parse(source), module)
 
 
 def _by_cosmic_ray(source: str) -> Iterator[tuple[str, str]]:
@@ -146,17 +169,15 @@ def _parts(source: str) -> Iterator[tuple[str, Callable[[str], str]]]:
     lines = source.splitlines(keepends=True)
     rest, bodies = list(lines), list[str]()
     tree = ast.parse(source)
-    classes = [node for node in tree.body if isinstance(node, ast.ClassDef)]
-    for node in (node for parent in (tree, *classes) for node in parent.body):
+    parents: list[ast.Module | ast.ClassDef] = [tree]
+    parents += [node for node in tree.body if isinstance(node, ast.ClassDef)]
+    for node in (node for parent in parents for node in parent.body):
         if not isinstance(node, ast.FunctionDef) or node.end_lineno is None:
             continue
         begin = min([node.lineno, *(each.lineno for each in node.decorator_list)]) - 1
-        before, own = "".join(lines[:begin]), "".join(lines[begin : node.end_lineno])
-        after, indent = "".join(lines[node.end_lineno :]), " " * node.col_offset
-        yield (
-            textwrap.dedent(own),
-            lambda text, a=before, b=after, i=indent: a + textwrap.indent(text, i) + b,
-        )
+        before, after = "".join(lines[:begin]), "".join(lines[node.end_lineno :])
+        own, indent = "".join(lines[begin : node.end_lineno]), " " * node.col_offset
+        yield textwrap.dedent(own), partial(_between, before, after, indent)
         rest[begin : node.end_lineno] = [""] * (node.end_lineno - begin)
         rest[begin] = f"{indent}pass  # {len(bodies)}\n"
         bodies.append(own)
@@ -164,6 +185,10 @@ def _parts(source: str) -> Iterator[tuple[str, Callable[[str], str]]]:
         "".join(rest),
         lambda text: re.sub(r"(?m)^ *pass  # (\d+)\n", lambda m: bodies[int(m[1])], text),
     )
+
+
+def _between(before: str, after: str, indent: str, text: str) -> str:
+    return before + textwrap.indent(text, indent) + after
 
 
 def _left_out(source: str) -> Iterator[tuple[str, str]]:
@@ -253,6 +278,7 @@ def _test(module: str, source: str, pipe: int, seconds: int) -> int:
     import hypothesis  # noqa: PLC0415 - of the tests
     import pytest  # noqa: PLC0415
 
+    assert f"armadico.{module}" not in sys.modules, "it would not be imported again, changed"
     resource.setrlimit(resource.RLIMIT_CPU, (seconds, seconds))
     null = os.open(os.devnull, os.O_RDWR)
     for stream in (0, 1, 2):
