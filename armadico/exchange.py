@@ -15,6 +15,10 @@ from armadico.fuzzy import Gaussian, Linear, Rule, Shoulder, Sugeno
 from armadico.messages import Action
 from armadico.resources import Resource
 
+NOTHING = 1e-9
+"""A utility up to this weighs nothing: the weights of (3.10) are divided by their sum, and the
+smallest numbers that there are make that zero, or the quotient more than 1."""
+
 LONGEST = 10.0
 """t_f lies in [0, 10] cycles (thesis 3.10.2)."""
 
@@ -88,7 +92,7 @@ class Blend:
         That is an offer (utility 0) while the exchange goes on, or weights that sum to zero. By
         3.10 an offer would bring the loser's action back, of cycles ago.
         """
-        if t >= self.window or bid.utility <= 0.0 or isinstance(bid.action, bytes):
+        if t >= self.window or bid.utility <= NOTHING or isinstance(bid.action, bytes):
             return bid.action
         delta_l = self.loser_utility * (self.window - t) / self.window
         delta_w = bid.utility * t / self.window

@@ -128,6 +128,15 @@ def test_who_starts_listens_for_three_cycles(clock: CycleClock) -> None:
     assert not clock.listening
 
 
+def test_an_epoch_has_begun_lately_for_three_cycles_whatever_is_missed_later() -> None:
+    clock = CycleClock()
+    lately = [clock.begun_lately]
+    for number in (10, 11, 12, 13, 17):
+        clock.advance(Cycle(1, number), number * PERIOD)
+        lately.append(clock.begun_lately)
+    assert lately == [True, True, True, True, False, False]
+
+
 @pytest.mark.parametrize(("missed", "listens"), [(0, 0), (1, 1), (2, 2), (3, 3), (40, 3)])
 def test_who_missed_cycles_listens_for_as_many_up_to_three(missed: int, listens: int) -> None:
     clock = CycleClock()
@@ -149,6 +158,13 @@ def test_an_owner_counts_the_cycles_that_it_missed_by_time() -> None:
     assert counter.next(5.1) == Cycle(7, 2)
     assert counter.next(5.13) == Cycle(7, 3), "each has a number of its own"
     assert counter.next(10.13) == Cycle(7, 53)
+    assert counter.next(3610.13) == Cycle(7, 36_053)
+
+
+def test_a_clock_that_jumps_wildly_does_not_use_up_the_numbers() -> None:
+    counter = CycleCounter(7, PERIOD)
+    counter.next(0.0)
+    assert counter.next(1e18) == Cycle(7, 1 + 2**31)
 
 
 @pytest.mark.parametrize(
@@ -180,7 +196,9 @@ def test_a_robot_may_allow_more_cycles() -> None:
 def test_age_counts_cycles_and_knows_none_across_epochs(clock: CycleClock) -> None:
     assert clock.age(Cycle(1, 8)) == 2
     assert clock.age(Cycle(1, 12)) == -2
-    assert clock.age(Cycle(2, 10)) is None
+    for epoch in (0, 2):
+        assert clock.age(Cycle(epoch, 10)) is None
+        assert not clock.fresh(Cycle(epoch, 10))
 
 
 def test_before_the_first_cycle_nothing_is_fresh_and_nobody_alive() -> None:

@@ -73,6 +73,15 @@ def test_weights_that_sum_to_zero_give_the_winners_action() -> None:
     assert Blend(LOSER, 0.0, 5.0).action(1, Bid(0.0, (0.2, 0.3))) == (0.2, 0.3)
 
 
+@pytest.mark.parametrize("least", [5e-324, 1e-300, 1e-12])
+def test_the_smallest_utility_there_is_ends_nobody(least: float) -> None:
+    for t in (1, 2, 4):
+        assert Blend((0.0, 0.0), 0.0, 5.0).action(t, Bid(least, (0.2, 1.5))) == (0.2, 1.5)
+        assert Blend((0.4, 0.4), least, 5.0).action(t, Bid(least, (0.2, 1.5))) == (0.2, 1.5)
+        a, b = Blend((0.4, 0.4), least, 5.0).action(t, Bid(0.5, (0.2, 1.5)))
+        assert (a, b) == pytest.approx((0.2, 1.5))
+
+
 @settings(deadline=None)
 @given(speeds, speeds, shares, shares, st.floats(1.0, LONGEST))
 def test_a_blend_lies_between_both_actions_and_moves_to_the_winners(

@@ -1,7 +1,7 @@
 """Mutants: the code that decides, changed in one place at a time; the tests must notice.
 
     python -m armadico.tools.mutants                    # all that have not been run yet
-    python -m armadico.tools.mutants cycles --again     # those that survived, once more
+    python -m armadico.tools.mutants cycles --again     # survivors that nobody explains, once more
 
 Cosmic Ray (`pip install cosmic-ray`) makes the changes; besides, each statement is left out once. A
 mutant never touches a file: a forked process imports the changed module and runs the tests that
@@ -384,7 +384,7 @@ def main(argv: Sequence[str] | None = None) -> int:
     parser.add_argument("--sample", type=int, help="so many of each module, drawn by --seed")
     parser.add_argument("--seed", type=int, default=1)
     parser.add_argument("--minutes", type=float, default=float("inf"), help="stop after so long")
-    parser.add_argument("--again", action="store_true", help="run the survivors once more")
+    parser.add_argument("--again", action="store_true", help="run unexplained survivors again")
     parser.add_argument("--killers", action="store_true", help="count what each test killed")
     parser.add_argument("--results", type=Path, default=ROOT / "results" / "mutants")
     args = parser.parse_args(argv)
@@ -403,7 +403,7 @@ def main(argv: Sequence[str] | None = None) -> int:
         chosen = made
         if args.sample is not None and args.sample < len(made):
             chosen = random.Random(args.seed).sample(made, args.sample)
-        survived = {key for key, outcome in known.items() if not outcome.killed}
+        survived = {key for key, o in known.items() if not o.killed and not o.explained}
         run(
             module,
             [m for m in chosen if (m.id in survived if args.again else m.id not in known)],

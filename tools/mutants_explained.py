@@ -54,6 +54,13 @@ _BY_PLACE: Final[dict[str, tuple[tuple[str, str, str], ...]]] = {
         ("self._listens_until = 0", "self._listens_until = -1", _OVERWRITTEN),
         ("self._listens_until = 0", "self._listens_until = 1", _OVERWRITTEN),
     ),
+    "cycles.CycleClock.begun_lately": (
+        (
+            "return newest is None or first is None or newest.number < first.number + LISTEN",
+            "return newest is None and first is None or newest.number < first.number + LISTEN",
+            "there is a first cycle if there is a newest",
+        ),
+    ),
     "cycles.CycleClock.advance": (
         (
             "if self.alive(now) or cycle.number <= self._left.get(cycle.epoch, -1):",
@@ -74,6 +81,13 @@ _BY_PLACE: Final[dict[str, tuple[tuple[str, str, str], ...]]] = {
             "while len(self._left) > EPOCHS_REMEMBERED:",
             "while len(self._left) >= EPOCHS_REMEMBERED:",
             "remembers one less; any number of about this size does",
+        ),
+    ),
+    "cycles.CycleCounter.next": (
+        (
+            "passed = 1 if self._at is None else round((now - self._at) / self.period)",
+            "passed = 0 if self._at is None else round((now - self._at) / self.period)",
+            "less than one counts as one",
         ),
     ),
     "latched": (
@@ -148,6 +162,11 @@ _BY_PLACE: Final[dict[str, tuple[tuple[str, str, str], ...]]] = {
     "coordination.Contender._follow_ack": (
         (
             "if rival is None or rival.claim.ballot != ballot:",
+            "if rival is None or rival.claim.ballot > ballot:",
+            "a rival with a smaller ballot than the largest known has been forgotten",
+        ),
+        (
+            "if rival is None or rival.claim.ballot != ballot:",
             "if rival is None or rival.claim.ballot < ballot:",
             "this is the largest known",
         ),
@@ -158,6 +177,11 @@ _BY_PLACE: Final[dict[str, tuple[tuple[str, str, str], ...]]] = {
         ),
     ),
     "coordination.Contender._hold": (
+        (
+            "if len(self._bids) == REMEMBERED and not any(b.utility > 0 for b in self._bids.values()):",
+            "if len(self._bids) <= REMEMBERED and not any(b.utility > 0 for b in self._bids.values()):",
+            "of fewer bids one is that with which it took over",
+        ),
         (
             "if len(self._bids) == REMEMBERED and not any(b.utility > 0 for b in self._bids.values()):",
             "if len(self._bids) == REMEMBERED and not any(b.utility != 0 for b in self._bids.values()):",
@@ -179,7 +203,16 @@ _BY_PLACE: Final[dict[str, tuple[tuple[str, str, str], ...]]] = {
         ),
     ),
     "coordination.Contender._release": (
-        ("self._bids.clear()", "pass", "compared is the newest cycle of which both are known"),
+        (
+            "if cycle is None or tenure is None:",
+            "if cycle is None and tenure is None:",
+            "who releases has a tenure and a cycle; the guard is for the types",
+        ),
+        (
+            "self._bids.clear()",
+            "pass",
+            "whoever follows claims later cycles, and the last bid was an offer",
+        ),
         ("return []", "pass", "who releases has a tenure and a cycle; the guard is for the types"),
     ),
     "coordination.Contender._speak": (
@@ -218,11 +251,23 @@ _BY_PLACE: Final[dict[str, tuple[tuple[str, str, str], ...]]] = {
     ),
     "coordination.Owner.__init__": (('self._obeyed_at = float("-inf")', "pass", _UNREAD),),
     "coordination.Owner._end": (
+        (
+            "if ballot == self._over or ballot != self.largest:",
+            "if ballot is self._over or ballot != self.largest:",
+            "what is over already is not obeyed",
+        ),
         ("return False", "pass", "None is as false"),
         (
             "if ballot == self._over or ballot != self.largest:",
             "if ballot == self._over or ballot < self.largest:",
             "it has just been learnt: none is larger",
+        ),
+    ),
+    "coordination.Owner._verdict": (
+        (
+            "def _verdict(self, command: Command, now: float, *, stopped: bool, fault: str) -> Verdict:",
+            "def _verdict(self, command: Command, now: float, /, stopped: bool, fault: str) -> Verdict:",
+            "how it may be called, and how it is",
         ),
     ),
     "coordination.Owner.judge": (

@@ -117,8 +117,8 @@ def test_a_violation_prints_a_command_that_repeats_it_and_exits_with_1(
     broken = breaks_if_it_hangs(workload.run)
     monkeypatch.setattr(workload, "run", broken)
     monkeypatch.setattr(series, "run", broken)
-    words = ["--kind", "hang", "--seeds", "8", "--minutes", "1", "--jobs", "1"]
-    arguments = [*words, "--out", str(tmp_path)]
+    arguments = ["--seeds", "2", "--minutes", "1", "--jobs", "1", "--out", str(tmp_path)]
+    arguments += ["--kind", "hang", "--kind", "drop"]
     assert faults.main(arguments) == 1
     out = capsys.readouterr().out
     (line,) = [line for line in out.splitlines() if line.startswith("armadico faults --repeat")]

@@ -12,9 +12,8 @@ from armadico.tools.faults.sightings import AWAITED_SIGHTS, Sight
 from armadico.tools.faults.workload import case_of
 
 FIRST, SEEDS, EACH, SECONDS = 200, 100, 10, 30.0
-"""Seeds 34 and 137 show contacts that no fault explains: they wait for safer behaviours."""
 
-RARE = frozenset({Sight.CRITICAL, Sight.WATCHDOG, Sight.TOUCHED})
+RARE = frozenset({Sight.CRITICAL, Sight.WHILE_STOPPED, Sight.WATCHDOG, Sight.TOUCHED})
 """What so short runs hardly ever show; `armadico faults` asks for these too, of a campaign."""
 
 

@@ -25,9 +25,9 @@ def contending(epoch: int = 1) -> Solo:
     return stage
 
 
-def holding() -> Solo:
+def holding(epoch: int = 1) -> Solo:
     """At cycle 4, when it has listened for long enough."""
-    stage = Solo()
+    stage = Solo(epoch)
     stage.cycle(4)
     stage.bid(0.5)
     stage.tick()
@@ -48,6 +48,7 @@ def own(stage: Solo) -> Ballot:
 def test_silence_is_two_cycles_and_a_third_from_the_last_claim() -> None:
     stage = contending()
     due = stage.contender.wakeup
+    assert due is not None
     assert due == pytest.approx(0.5 + 0.23)
     assert stage.contender.tick(due - 1e-6) == []
     assert stage.contender.wakeup == due, "still to come"
@@ -66,6 +67,32 @@ def test_one_looks_once_a_silence_if_the_holder_is_obeyed_all_the_same() -> None
         stage.bid(0.3)
     stage.tick()
     assert stage.contender.wakeup is None
+
+
+@pytest.mark.parametrize(("utility", "least", "most"), [(1.0, 0.0, 0.5), (0.2, 0.4, 0.9)])
+def test_the_better_a_bid_the_shorter_it_waits_where_many_may_take_over(
+    utility: float, least: float, most: float
+) -> None:
+    for seed in range(30):
+        stage = Solo()
+        exchange, rng = EXCHANGES["smooth"], Random(seed)
+        stage.contender = Contender(WHEELS, "b-1", stage.clock, exchange, rng)
+        stage.cycle(5)
+        stage.bid(utility)
+        due = stage.contender.wakeup
+        assert due is not None
+        assert least <= (due - stage.now) / (DRAW * PERIOD) <= most
+
+
+def test_each_time_a_new_moment_is_drawn() -> None:
+    stage = contending()
+    stage.contender.gone("a-1", stage.now)
+    stage.contender.bid(stage.at, None, stage.now)
+    stage.now += 0.05
+    assert stage.bid(0.3) == []
+    due = stage.contender.wakeup
+    assert due is not None
+    assert due > stage.now
 
 
 def test_who_wants_nothing_waits_for_nothing() -> None:
@@ -205,7 +232,7 @@ def test_that_a_dead_holder_was_obeyed_last_does_not_bring_it_back() -> None:
     stage = contending()
     stage.contender.gone("a-1", stage.now)
     ballot = Ballot(3, 0.6, False, "a-1")
-    stage.cycle(6, largest=ballot, obeyed=ballot, obeyed_cycle=Cycle(1, 5))
+    stage.cycle(6, largest=ballot, obeyed=ballot, obeyed_cycle=Cycle(1, 5), utility=0.6)
     assert stage.contender.holding
 
 
@@ -262,6 +289,14 @@ def test_an_owner_that_does_not_know_ones_ballot_yet_ends_nothing() -> None:
     stage = holding()
     stage.cycle(5, largest=Ballot(1, 0.1, False, "x-1"))
     assert len(stage.bid(0.5)) == 1
+
+
+def test_who_is_obeyed_holds_on() -> None:
+    stage = holding(10**15)
+    for number in range(5, 20):
+        mine, before = own(stage), stage.numbered(number - 1)
+        stage.cycle(number, largest=mine, obeyed=mine, obeyed_cycle=before)
+        assert [c.action is None for c in stage.bid(0.5)] == [False]
 
 
 def test_that_another_is_obeyed_does_not_excuse_a_holder_that_is_not() -> None:
@@ -335,6 +370,19 @@ def test_where_a_loser_says_no_sound_action_the_exchange_begins_from_what_is_mea
     assert not isinstance(first.action, bytes)
     # 3.10 over ten cycles, from 0.4 at t = 1: the weights are 0.9 / 10 and 0.3 / 10 * 9
     assert first.action[0] == pytest.approx((0.09 * 1.4 + 0.27 * 0.4) / 0.36)
+
+
+@pytest.mark.parametrize("epoch", [0, 2])
+def test_an_exchange_is_over_when_a_new_epoch_begins(epoch: int) -> None:
+    stage = Solo()
+    exchange, rng = EXCHANGES["smooth"], Random(1)
+    stage.contender = Contender(WHEELS, "b-1", stage.clock, exchange, rng)
+    stage.cycle(5)
+    stage.bid(0.9, action=(1.4, 0.0))
+    assert [c.action for c in stage.tick()] != [(1.4, 0.0)]
+    stage.at, stage.now = Cycle(epoch, 4), stage.now + 1.0
+    assert stage.clock.advance(stage.at, stage.now)
+    assert [c.action for c in stage.bid(0.9, action=(1.4, 0.0))] == [(1.4, 0.0)]
 
 
 def careful() -> Solo:

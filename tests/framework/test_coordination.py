@@ -9,6 +9,7 @@ from random import Random
 import pytest
 
 from armadico.coordination import (
+    COMPARISONS,
     TRANSITIONS,
     Contender,
     Event,
@@ -412,6 +413,20 @@ def test_who_takes_over_from_one_about_to_collide_may_only_brake_until_it_has_se
     stage.cycle(7)
     seen = stage.bid(0.7, action=(0.5, 0.3), inputs=Cycle(1, 6))
     assert seen[0].action != (0.2, 0.0)
+
+
+def test_like_is_compared_with_like_and_by_the_thesis_what_was_heard_last() -> None:
+    ballot = Ballot(1, 0.5, False, "x")
+    first, second = Cycle(1, 1), Cycle(1, 2)
+    falling = {first: Bid(0.9, ()), second: Bid(0.3, ())}
+    claims = {first: Claim("wheels", ballot, first, 0.5)}
+    assert COMPARISONS["same-cycle"](falling, claims, 0.05)
+    assert not COMPARISONS["last-heard"](falling, claims, 0.05)
+    rising = {first: Bid(0.3, ()), second: Bid(0.9, ())}
+    assert not COMPARISONS["same-cycle"](rising, claims, 0.05)
+    assert COMPARISONS["last-heard"](rising, claims, 0.05)
+    for compare in COMPARISONS.values():
+        assert not compare(rising, {}, 0.05)
 
 
 def test_braking_is_towards_the_neutral_action_in_each_number() -> None:

@@ -123,6 +123,13 @@ def test_a_released_tenure_is_over_and_nothing_of_it_is_obeyed(by: str) -> None:
     assert owner.judge(command(of=ballot(4)), NOW) is Verdict.OBEYED
 
 
+def test_a_smaller_release_does_not_make_a_larger_tenure_good_again() -> None:
+    owner = obeying()
+    assert owner.hear(claim(utility=None))
+    assert not owner.hear(claim(of=ballot(2), utility=None))
+    assert owner.judge(command(), NOW) is Verdict.OVER
+
+
 def test_who_releases_what_another_holds_ends_nothing() -> None:
     owner = obeying()
     assert not owner.hear(claim(of=ballot(2), utility=None))
@@ -186,8 +193,15 @@ def test_the_silence_begins_with_each_command_and_ends_with_a_rest(owner: Owner)
 def test_an_ack_says_the_largest_ballot_what_is_obeyed_and_how_much_that_is_worth(
     owner: Owner,
 ) -> None:
-    def ack(*fields: Any) -> Ack:
-        return Ack("wheels", Cycle(1, AT), *fields, (0.1, 0.2))
+    def ack(
+        largest: Ballot | None,
+        obeyed: Ballot | None,
+        cycle: Cycle | None,
+        utility: float,
+        critical: bool,
+    ) -> Ack:
+        now = Cycle(1, AT)
+        return Ack("wheels", now, largest, obeyed, cycle, utility, critical, (0.1, 0.2))
 
     assert Owner(WHEELS, CycleClock()).ack((0.1, 0.2)) is None, "before the first cycle"
     assert owner.ack((0.1, 0.2)) == ack(None, None, None, 0.0, False)

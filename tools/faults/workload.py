@@ -196,7 +196,9 @@ class Workload:
             return
         self.show(Said(now, message))
         if isinstance(message, MissionStatus):
-            self._status = message.state
+            ended = self._status is MissionState.REACHED and message.state is MissionState.NONE
+            if not ended:  # a new interface agent says nothing of a mission that has ended
+                self._status = message.state
             if message.state is not MissionState.NONE:
                 self._none_at = None
             elif self._none_at is None:
