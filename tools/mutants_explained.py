@@ -16,12 +16,12 @@ _UNREAD: Final = "written before it is read"
 _BY_PLACE: Final[dict[str, tuple[tuple[str, str, str], ...]]] = {
     "exchange.Blend.action": (
         (
-            "if t >= self.window or bid.utility <= 0.0 or isinstance(bid.action, bytes):",
-            "if t > self.window or bid.utility <= 0.0 or isinstance(bid.action, bytes):",
+            "if t >= self.window or bid.utility <= NOTHING or isinstance(bid.action, bytes):",
+            "if t > self.window or bid.utility <= NOTHING or isinstance(bid.action, bytes):",
             "at t_f equation 3.10 gives the winner's action, too",
         ),
         (
-            "if t >= self.window or bid.utility <= 0.0 or isinstance(bid.action, bytes):",
+            "if t >= self.window or bid.utility <= NOTHING or isinstance(bid.action, bytes):",
             "if t >= self.window or bid.utility == 0.0 or isinstance(bid.action, bytes):",
             _SHARE,
         ),
@@ -127,6 +127,11 @@ _BY_PLACE: Final[dict[str, tuple[tuple[str, str, str], ...]]] = {
     ),
     "coordination.Contender._cast": (
         (
+            "self.rival, self._heard_at = None, now",
+            "pass",
+            "who holds looks at no rival, and what ends a tenure forgets it or finds it silent",
+        ),
+        (
             "start = loser.commanded if len(loser.commanded) == len(start) else start",
             "start = loser.commanded if len(loser.commanded) is len(start) else start",
             _LENGTHS,
@@ -140,6 +145,12 @@ _BY_PLACE: Final[dict[str, tuple[tuple[str, str, str], ...]]] = {
         ),
     ),
     "coordination.Contender._cycles_without": (
+        (
+            "if newest is None or resumed is None:",
+            "if newest is None and resumed is None:",
+            "there are both or neither",
+        ),
+        ("return 0", "return -1", "both are fewer than six"),
         ("return 0", "return 1", "both are fewer than six"),
         (
             "last = max(resumed.number, since.number if since.epoch == newest.epoch else 0)",
@@ -153,6 +164,7 @@ _BY_PLACE: Final[dict[str, tuple[tuple[str, str, str], ...]]] = {
         ),
     ),
     "coordination.Contender._follow": (
+        ("rival.claims.clear()", "pass", "nobody compares with who has gone"),
         (
             "if rival is None or rival.claim.ballot != claim.ballot:",
             "if rival is None or rival.claim.ballot < claim.ballot:",
@@ -233,6 +245,11 @@ _BY_PLACE: Final[dict[str, tuple[tuple[str, str, str], ...]]] = {
         ),
     ),
     "coordination.Contender.acked": (
+        (
+            "if rival is not None and largest > rival.claim.ballot:",
+            "if rival is not None and largest != rival.claim.ballot:",
+            "it is larger than all that is known",
+        ),
         (
             "if rival is not None and rival.claim.ballot == largest and self._released(ack, rival):",
             "if rival is not None and rival.claim.ballot <= largest and self._released(ack, rival):",

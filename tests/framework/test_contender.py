@@ -84,6 +84,15 @@ def test_the_better_a_bid_the_shorter_it_waits_where_many_may_take_over(
         assert least <= (due - stage.now) / (DRAW * PERIOD) <= most
 
 
+def test_who_let_go_may_take_at_once_what_nobody_holds() -> None:
+    stage = holding()
+    stage.cycle(5)
+    stage.contender.bid(stage.at, None, stage.now)
+    assert stage.contender.tenure is None
+    stage.bid(0.5)
+    assert len(stage.tick()) == 1
+
+
 def test_each_time_a_new_moment_is_drawn() -> None:
     stage = contending()
     stage.contender.gone("a-1", stage.now)
@@ -254,6 +263,13 @@ def test_who_hears_the_owner_alone_compares_by_what_it_obeys(who: str) -> None:
     stage = Solo()
     stage.cycle(5, **about)
     assert len(stage.bid(0.66)) == 1
+
+
+def test_a_claim_that_was_heard_counts_and_not_what_the_owner_makes_of_it() -> None:
+    stage = contending()
+    ballot = Ballot(3, 0.6, False, "a-1")
+    stage.cycle(6, largest=ballot, obeyed=ballot, obeyed_cycle=Cycle(1, 5), utility=0.1)
+    assert not stage.contender.holding
 
 
 def test_nobody_compares_with_a_holder_whose_larger_successor_is_known() -> None:

@@ -440,6 +440,7 @@ def test_messages_are_not_braked_and_numbers_that_do_not_fit_are_neutral() -> No
     assert braked(b"go", (0.2, 0.1), (0.0, 0.0)) == b"go"
     assert braked((0.5,), (0.2, 0.1), (0.0, 0.0)) == (0.0, 0.0)
     assert braked((0.5, 0.5), (0.2,), (0.0, 0.0)) == (0.0, 0.0)
+    assert braked((0.5, 0.5), (0.2,), (0.0,)) == (0.0,)
     assert braked((0.5, 0.5), (0.2, 0.1), (0.0,)) == (0.0,)
 
 
