@@ -273,7 +273,10 @@ class Contender:
             if rival is not None and rival.claim.ballot == largest and self._released(ack, rival):
                 rival.gone = True  # its release did not come here
             self._follow_ack(ack)
-        return self._consider(now)
+        # An ack comes at the beginning of a cycle. Whose bid for that is still to come would command
+        # by the last one's, and again, a moment later, by its own: that bid looks instead.
+        newest = next(reversed(self._bids), None)
+        return [] if newest is not None and newest < ack.cycle else self._consider(now)
 
     def gone(self, instance: str, now: float) -> list[Message]:
         """Take the news that an instance's liveliness token has gone.

@@ -135,7 +135,8 @@ class Contender:
             others = obeyed is not None and obeyed[3] != self.instance
             if others and obeyed == self.largest and self.fresh(at):
                 self.follow(obeyed, at, utility, critical)
-        self.consider(now)
+        if next(reversed(self.bids), cycle[1]) >= cycle[1]:  # else this cycle's bid is to come
+            self.consider(now)
         if self.turned is None or self.turned[0] != cycle[0] or self.turned[1] < cycle[1]:
             self.turned = cycle
             self.turn(cycle, now)

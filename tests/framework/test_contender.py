@@ -9,7 +9,7 @@ import pytest
 from armadico.coordination import DRAW, Contender, State
 from armadico.cycles import PERIOD
 from armadico.exchange import EXCHANGES, Bid
-from armadico.messages import Ack, Action, Ballot, Claim, Cycle
+from armadico.messages import Ack, Action, Ballot, Claim, Command, Cycle
 from armadico.resources import WHEELS
 
 from .solo import Solo
@@ -242,7 +242,7 @@ def test_that_a_dead_holder_was_obeyed_last_does_not_bring_it_back() -> None:
     stage.contender.gone("a-1", stage.now)
     ballot = Ballot(3, 0.6, False, "a-1")
     stage.cycle(6, largest=ballot, obeyed=ballot, obeyed_cycle=Cycle(1, 5), utility=0.6)
-    assert stage.contender.holding
+    assert len(stage.bid(0.3)) == 1
 
 
 def test_a_release_before_the_holder_began_is_not_the_holders() -> None:
@@ -426,3 +426,37 @@ def test_who_may_only_brake_does_not_go_faster_again() -> None:
 def test_who_has_seen_more_or_of_another_epoch_is_free(inputs: Cycle | None) -> None:
     (free,) = careful().bid(0.7, action=(0.2, 0.0), inputs=inputs)
     assert free.action == (0.2, 0.0)
+
+
+# One cycle, one command ---------------------------------------------------------------------------
+
+
+def obeyed(number: int, utility: float) -> Ack:
+    """An ack by which the owner obeyed a-1 in the cycle before."""
+    a = Ballot(3, 0.6, False, "a-1")
+    return Ack("wheels", Cycle(1, number), a, a, Cycle(1, number - 1), utility, False, (0.4, 0.0))
+
+
+def test_an_ack_takes_nothing_over_while_this_cycles_bid_is_still_to_come() -> None:
+    stage = Solo()
+    stage.cycle(5)
+    stage.bid(0.9)
+    stage.at = stage.numbered(6)
+    stage.clock.advance(stage.at, stage.now)
+    assert stage.contender.acked(obeyed(6, 0.3), stage.now) == [], "a-1 is beaten, by the last bid"
+    (command,) = stage.bid(0.9)
+    assert command.cycle == stage.at
+
+
+def test_an_ack_takes_over_at_once_where_this_cycles_bid_is_there() -> None:
+    stage = Solo()
+    stage.cycle(5)
+    stage.bid(0.9)
+    stage.at = stage.numbered(6)
+    stage.clock.advance(stage.at, stage.now)
+    assert stage.bid(0.9) == []
+    said = stage.contender.acked(obeyed(6, 0.3), stage.now)
+    assert [(type(message), getattr(message, "cycle", None)) for message in said] == [
+        (Command, stage.at),
+        (Claim, stage.at),
+    ]
