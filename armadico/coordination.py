@@ -273,8 +273,8 @@ class Contender:
             if rival is not None and rival.claim.ballot == largest and self._released(ack, rival):
                 rival.gone = True  # its release did not come here
             self._follow_ack(ack)
-        # An ack comes at the beginning of a cycle. Whose bid for that is still to come would command
-        # by the last one's, and again, a moment later, by its own: that bid looks instead.
+        # An ack comes at the beginning of a cycle. If the bid for that is still to come, it looks
+        # instead: or there would be a command by the last bid, and a moment later one by this.
         newest = next(reversed(self._bids), None)
         return [] if newest is not None and newest < ack.cycle else self._consider(now)
 
