@@ -123,7 +123,15 @@ class Write:
     data: bytes
 
 
-Outgoing = Publish | AskFor | Answer | Write
+@dataclass(frozen=True, slots=True)
+class Refused:
+    """Something on a key was not believed: counted by reason, and now and then reported."""
+
+    key: str
+    why: str  # who, what was wrong, and what was done with it; few different ones
+
+
+Outgoing = Publish | AskFor | Answer | Write | Refused
 
 
 @dataclass
@@ -331,7 +339,7 @@ class Agent:
         """Take a latched state before it has begun."""
         self.now = now
         self._latest[type(message)] = message
-        self.memory.hear(message, now)
+        self._hear(message)
 
     def asked(self, question: Question, now: float) -> None:
         """Take a query, and put the `Answer` into the outbox now or later."""
@@ -477,10 +485,10 @@ class Agent:
     # How it takes messages -----------------------------------------------------------------------
 
     def _take_state(self, state: m.RobotState) -> bool:
-        if not self.cycles.advance(state.cycle, self.now):
+        if not self._advance(self.cycles, state.cycle, service_of(m.RobotState).key):
             return False
         self.tenure += 1
-        if state.stop != self.memory.newest(m.Stop) and self.memory.hear(state.stop, self.now):
+        if state.stop != self.memory.newest(m.Stop) and self._hear(state.stop):
             self._stop_changed()
         for owned in self._owned.values():
             if owned.counter is None:
@@ -530,7 +538,7 @@ class Agent:
         if contender is None:
             return False
         if contender.resource.period_s is not None:
-            if not contender.clock.advance(ack.cycle, self.now):
+            if not self._advance(contender.clock, ack.cycle, contender.resource.ack_key):
                 return False
         elif not contender.clock.fresh(ack.cycle):
             return False
@@ -541,9 +549,41 @@ class Agent:
         return True
 
     def _take_latched(self, message: m.Latched) -> bool:
-        news = self.memory.hear(message, self.now)
+        news = self._hear(message)
         if news and type(message) is m.Stop:
             self._stop_changed()
+        return news
+
+    def _advance(self, clock: CycleClock, cycle: m.Cycle, key: str) -> bool:
+        """Take a cycle's owner's word for it; tell of a stray, and once of a change of epoch."""
+        before, strays = clock.newest, clock.strays
+        moved = clock.advance(cycle, self.now)
+        if clock.strays != strays:
+            self.outbox.append(Refused(key, clock.stray))
+        elif moved and before is not None and before.epoch != cycle.epoch:
+            self._epoch_changed(key, before.epoch, cycle, back=clock.left(cycle.epoch))
+        return moved
+
+    def _epoch_changed(self, key: str, before: int, cycle: m.Cycle, *, back: bool) -> None:
+        """Whoever starts an owner again knows; of two that take turns people must hear."""
+        why = "are two owners at work?" if back else "its owner was started again"
+        text = f"{key}: epoch {before:x} is silent, epoch {cycle.epoch:x} goes on ({why})"
+        text += f": followed from cycle {cycle.number} on"
+        self.log(text, WARNING if back else INFO)
+
+    def _hear(self, message: m.Latched) -> bool:
+        """Remember a latched state; tell of a counter that cannot be. Whether it is news."""
+        memory, kind = self.memory, type(message)
+        refused = memory.refused
+        news = memory.hear(message, self.now)
+        if memory.refused != refused:
+            done, by = "not believed", ""
+            if isinstance(message, m.Stop):
+                by = f" by {message.by or 'somebody'}"
+                if message.stopped and self.stopped is not None:
+                    done = "stopped all the same, and counted on from what is known"
+            why = f"{done}: a {kind.__name__}{by} with a counter far beyond all that is known"
+            self.outbox.append(Refused(service_of(kind).key, why))
         return news
 
     def _stop_changed(self) -> None:

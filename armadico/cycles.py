@@ -36,6 +36,7 @@ class CycleClock:
         resumed: The first cycle after some that were missed, or of this epoch.
         period: From one cycle to the next, s.
         strays: Messages that would have moved it and were not believed.
+        stray: Of which epoch the last of them was, and why it does not count; for people.
     """
 
     def __init__(self, period: float = PERIOD, fresh_cycles: int = 3) -> None:
@@ -46,6 +47,7 @@ class CycleClock:
         self.period = period
         self.fresh_cycles = fresh_cycles
         self.strays = 0
+        self.stray = ""
         self._listens_until = 0
         self._left: dict[int, int] = {}  # by epoch, the last number known of it
 
@@ -57,8 +59,8 @@ class CycleClock:
             return True
         if cycle.epoch != newest.epoch:
             if self.alive(now) or cycle.number <= self._left.get(cycle.epoch, -1):
-                self.strays += 1
-                return False
+                goes_on = f"while epoch {newest.epoch:x} goes on (are two owners at work?)"
+                return self._astray(cycle, goes_on if self.alive(now) else "that is over")
             self._left.pop(newest.epoch, None)
             self._left[newest.epoch] = newest.number
             while len(self._left) > EPOCHS_REMEMBERED:
@@ -71,18 +73,26 @@ class CycleClock:
         # The number is a clock, so it cannot run ahead of one's own, whatever that shows, while
         # cycles keep coming. Twice the time: the owner's clock may be fast, and packets bunch.
         if missed > AHEAD + 2 * (now - self.received_at) / self.period and self.alive(now):
-            self.strays += 1
-            return False
+            return self._astray(cycle, "by a number that runs ahead of the time")
         self.newest, self.received_at = cycle, now
         if missed:
             self.resumed = cycle
             self._listens_until = cycle.number + min(missed, LISTEN)
         return True
 
+    def _astray(self, cycle: Cycle, why: str) -> bool:
+        self.strays += 1
+        self.stray = f"not counted: a cycle of epoch {cycle.epoch:x} {why}"
+        return False
+
     def _begin(self, cycle: Cycle, now: float) -> None:
         self.newest = self.first = self.resumed = cycle
         self.received_at = now
         self._listens_until = cycle.number + LISTEN
+
+    def left(self, epoch: int) -> bool:
+        """Whether an epoch was followed before, and another one since."""
+        return epoch in self._left
 
     @property
     def listening(self) -> bool:

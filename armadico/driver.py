@@ -23,6 +23,7 @@ from armadico.agent import (
     DeviceAgent,
     Publish,
     Question,
+    Refused,
     Subscription,
     Write,
 )
@@ -100,7 +101,7 @@ class Driver:
         self.stage = Stage.LOOKING
         self.refusal = ""  # why it may not join, or stay
         self.alive: set[tuple[str, str]] = set()  # (name, instance) of the others
-        self.refused: Counter[str] = Counter()  # what arrived and was no message, by reason
+        self.refused: Counter[str] = Counter()  # since it was last reported, by key and reason
         self._admission = (
             Admission(
                 agent.name,
@@ -181,6 +182,8 @@ class Driver:
                     self._out.append(item)
                 elif isinstance(item, Answer):
                     self._answer(item)
+                elif isinstance(item, Refused):
+                    self.refuse(item.key, item.why, agent.now)
                 else:
                     self._out.append(item)
         sent, self._out = self._out, []
@@ -196,6 +199,8 @@ class Driver:
             message = self._read(to.message, key, payload, now)
             if message is None:
                 return
+        if self.refused:
+            self.report({}, now)  # what came too soon after the last report
         if self.stage is Stage.JOINED:
             self.agent.receive(message, now)
         elif isinstance(message, Latched) and self.stage is not Stage.REFUSED:
@@ -284,6 +289,13 @@ class Driver:
                 WARNING,
             )
 
+    def refuse(self, key: str, why: object, now: float) -> None:
+        """Count what was refused, or could not be sent, on a key; and now and then say so."""
+        counted = f"on {key}: {why}"
+        if len(self.refused) < QUESTIONS or counted in self.refused:
+            self.refused[counted] += 1
+        self.report({}, now)
+
     def report(self, dropped: dict[str, int], now: float) -> None:
         """Say now and then what was dropped or refused."""
         for key, count in dropped.items():
@@ -292,7 +304,7 @@ class Driver:
             return
         self._reported_at = now
         text = "; ".join(f"{count} x {why}" for why, count in self.refused.most_common(3))
-        self.agent.log(f"{self.agent.instance}: refused: {text}", WARNING)
+        self.agent.log(f"{self.agent.instance}: refused or dropped: {text}", WARNING)
         self.refused.clear()
 
     # Inside --------------------------------------------------------------------------------------
@@ -365,9 +377,7 @@ class Driver:
             fault = misaddressed(key, message)
             if not fault:
                 return message
-        if len(self.refused) < QUESTIONS:
-            self.refused[f"on {key}: {fault}"] += 1
-        self.report({}, now)
+        self.refuse(key, fault, now)
         return None
 
     def _may_log(self) -> bool:

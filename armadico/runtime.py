@@ -187,7 +187,10 @@ class AgentHost:
         if len(sent) > 1:
             sent.sort(key=_urgency)
         for driver, item in sent:
-            self._put(driver, item)
+            try:
+                self._put(driver, item)
+            except MessageError as error:
+                self._unsent(driver, item, error)
 
     def _hand_over(self, driver: Driver, item: Publish) -> None:
         """Give a publication to those in this process who listen: shared, and not encoded."""
@@ -195,9 +198,19 @@ class AgentHost:
             if other is not driver:
                 self._local.append((other, to, item.key, item.message))
 
+    def _unsent(self, driver: Driver, item: Output, error: MessageError) -> None:
+        """What nobody could read is counted, said and dropped: it ends nobody."""
+        assert isinstance(item, Publish | AskFor | Reply), "nothing else holds a message"
+        if isinstance(item, AskFor):
+            self.inbox.put(_lane(driver, item), self._replied, driver, item, "", None)
+        driver.refuse(item.key, error, self._clock())
+        self._send()
+
     def _put(self, driver: Driver, item: Output) -> None:
         if type(item) is Publish:
-            self._publish(driver, item)
+            if isinstance(item.message, Log):
+                logger.log(item.message.level, "%s", item.message.text)
+            self._mesh.publish(item.key, item.message)
         elif isinstance(item, Write):
             device = self._devices.get(driver.agent.instance)
             if device is not None:
@@ -205,23 +218,13 @@ class AgentHost:
         elif isinstance(item, AskFor):
             self._ask(driver, item)
         elif isinstance(item, Reply):
-            self._reply(driver, item)
+            item.call.reply(item.key, item.message)
         elif isinstance(item, Announce):
             self._mesh.declare_alive(driver.agent.name, driver.agent.instance)
         elif isinstance(item, OpenPort):
             device = self._devices.get(driver.agent.instance)
             if device is not None:
                 device.start()
-
-    def _publish(self, driver: Driver, item: Publish) -> None:
-        key, message = item.key, item.message
-        if isinstance(message, Log):
-            logger.log(message.level, "%s", message.text)
-        try:
-            self._mesh.publish(key, message)
-        except MessageError as error:  # it ends nobody: counted, and now and then reported
-            driver.refused[f"on {key}: {error}"] += 1
-            driver.report({}, self._clock())
 
     def _inside_of(self, key: str) -> list[tuple[Subscription, Driver]]:
         """Who in this process listens on a key."""
@@ -276,15 +279,8 @@ class AgentHost:
     def _asked(self, driver: Driver, key: str, call: Call) -> None:
         self._timed(driver, driver.asked, key, call.payload, call)
 
-    def _reply(self, driver: Driver, item: Reply) -> None:
-        try:
-            item.call.reply(item.key, item.message)
-        except MessageError as error:
-            driver.refused[f"on {item.key}: {error}"] += 1
-            driver.report({}, self._clock())
-
     def _ask(self, driver: Driver, item: AskFor) -> None:
-        lane = f"reply/{driver.agent.instance}/{item.id}"
+        lane = _lane(driver, item)
 
         def replied(key: str, data: bytes) -> None:
             self.inbox.put(lane, self._replied, driver, item, key, data)
@@ -300,9 +296,14 @@ class AgentHost:
             try:
                 reply = decode(data, item.reply)
             except MessageError as error:
-                driver.refused[f"on {key}: {error}"] += 1
+                driver.refuse(key, error, self._clock())
                 return
         driver.replied(item.id, reply, self._clock())
+
+
+def _lane(driver: Driver, item: AskFor) -> str:
+    """Where the replies to a query wait."""
+    return f"reply/{driver.agent.instance}/{item.id}"
 
 
 def _urgency(sent: tuple[Driver, Output]) -> int:

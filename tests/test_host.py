@@ -9,8 +9,8 @@ import pytest
 
 from armadico import messages as m
 from armadico import runtime
-from armadico.agent import Agent, AskFor, Publish, Question
-from armadico.driver import LINES, LINES_A_S, QUESTIONS, Announce, Driver
+from armadico.agent import INFO, WARNING, Agent, AskFor, Publish, Question
+from armadico.driver import LINES, LINES_A_S, QUESTIONS, REPORT_S, Announce, Driver
 from armadico.exchange import Bid
 from armadico.inbox import Inbox
 from armadico.mailbox import EVENTS
@@ -32,10 +32,11 @@ from armadico.messages import (
     Pose,
     RobotState,
     Stop,
+    Trajectory,
     Waypoint,
     encode,
 )
-from armadico.resources import WHEELS
+from armadico.resources import WHEELS, Resource
 from armadico.runtime import AgentHost, identity
 from tests.mesh.fakes import Clock, FakeCall, FakeMesh, on_a_fake
 
@@ -244,6 +245,20 @@ def test_an_answer_that_cannot_be_sent_is_counted_said_and_dropped() -> None:
     assert any("on path/plan: Plan cannot be sent" in text for text in logs(mesh))
 
 
+def test_a_query_that_cannot_be_sent_has_no_answer_and_is_said() -> None:
+    watcher = Watcher(identity("watcher"))
+    host, mesh = on_a_fake(watcher)
+    answers: list[Any] = []
+
+    def ask() -> None:
+        watcher.ask(PlanRequest(Waypoint(float("nan"), 0, 0), Waypoint(1, 0, 0)), answers.append)
+        mesh.hear("robot/state", state(1))
+
+    play(host, ask, lambda: mesh.hear("robot/state", state(2)))
+    assert answers == [None]
+    assert any("1 x on path/plan: PlanRequest cannot be sent" in text for text in logs(mesh))
+
+
 def test_what_is_no_message_is_counted_and_said_now_and_then() -> None:
     clock = Clock()
     watcher = Watcher(identity("watcher"))
@@ -380,6 +395,121 @@ def test_what_was_left_out_is_said() -> None:
     ]
     assert "50 lines were left out" in said
     assert "later" in said
+
+
+# What is not believed -----------------------------------------------------------------------------
+
+
+class Told:
+    """A driver at work, what it is told, and what it then says to people."""
+
+    def __init__(self, agent: Agent) -> None:
+        self.driver = Driver(agent, 0.0, admit=False)
+        self.driver.begin(0.0)
+        self.driver.take()
+
+    def hear(self, message: Message, now: float, key: str) -> list[Log]:
+        (to,) = [to for to in self.driver.agent.subscriptions() if to.message is type(message)]
+        self.driver.deliver(to, key, message, now)
+        said = [item.message for item in self.driver.take() if isinstance(item, Publish)]
+        return [message for message in said if isinstance(message, Log)]
+
+    def cycle(self, epoch: int, number: int, now: float) -> list[Log]:
+        state = RobotState(Cycle(epoch, number), 0, 0, 0, 0, 0, 12.5, True, False)
+        return self.hear(state, now, "robot/state")
+
+
+def test_cycles_that_are_not_counted_are_said_now_and_then_with_whose_they_are() -> None:
+    told = Told(Watcher(identity("watcher")))
+    assert told.cycle(0x70, 1, 0.1) == []
+    (said,) = told.cycle(0xABC, 1, 0.15)
+    assert said.level == WARNING
+    assert said.text.endswith(
+        "refused or dropped: 1 x on robot/state: not counted: a cycle of epoch abc"
+        " while epoch 70 goes on (are two owners at work?)"
+    )
+    for number in range(2, 50):
+        assert told.cycle(0x70, number, number / 10) == []
+        assert told.cycle(0xABC, number, number / 10) == []
+    (said,) = told.cycle(0x70, 60, 0.15 + REPORT_S)
+    assert "48 x on robot/state" in said.text, "what came meanwhile is not forgotten"
+
+
+def test_a_number_that_runs_ahead_of_the_time_is_said() -> None:
+    told = Told(Watcher(identity("watcher")))
+    told.cycle(7, 1, 0.1)
+    (said,) = told.cycle(7, 1000, 0.15)
+    assert "epoch 7 by a number that runs ahead of the time" in said.text
+
+
+def test_a_cycle_of_an_epoch_that_is_over_is_said() -> None:
+    told = Told(Watcher(identity("watcher")))
+    told.cycle(7, 1, 0.1)
+    told.cycle(8, 1, 1.0)
+    (said,) = told.cycle(7, 1, 2.0)
+    assert "not counted: a cycle of epoch 7 that is over" in said.text
+
+
+def test_a_change_of_epoch_is_said_once_and_louder_if_two_take_turns() -> None:
+    told = Told(Watcher(identity("watcher")))
+    assert told.cycle(0xA, 1, 0.1) == []
+    (said,) = told.cycle(0xB, 3, 1.0)
+    assert said.level == INFO
+    assert said.text == (
+        "robot/state: epoch a is silent, epoch b goes on (its owner was started again):"
+        " followed from cycle 3 on"
+    )
+    assert told.cycle(0xB, 4, 1.1) == []
+    (said,) = told.cycle(0xA, 20, 2.0)
+    assert said.level == WARNING
+    assert "are two owners at work?" in said.text
+    assert told.cycle(0xA, 21, 2.1) == []
+
+
+def test_of_a_resource_with_cycles_of_its_own_both_are_said_by_its_key() -> None:
+    lift = Resource("test-lift", ("height",), scale=(1.0,), neutral=(0.0,), period_s=0.2)
+
+    class Lifter(Hand):
+        competes_for = (lift,)
+        next = None
+
+    told = Told(Lifter(identity("hand")))
+
+    def ack(epoch: int, now: float) -> list[Log]:
+        return told.hear(Ack(lift.name, Cycle(epoch, 1)), now, lift.ack_key)
+
+    assert ack(7, 0.1) == []
+    (said,) = ack(8, 0.2)
+    assert f"on {lift.ack_key}: not counted: a cycle of epoch 8" in said.text
+    (said,) = ack(8, 2.0)
+    assert said.text.startswith(f"{lift.ack_key}: epoch 7 is silent, epoch 8 goes on")
+
+
+def test_a_counter_that_cannot_be_is_said_with_who_said_it_and_what_became_of_it() -> None:
+    told = Told(Watcher(identity("watcher")))
+    (said,) = told.hear(Stop(m.JUMP + 1, False, "forger", 1), 1.0, "robot/stop")
+    assert said.level == WARNING
+    assert (
+        "1 x on robot/stop: not believed: a Stop by forger with a counter far beyond all that is"
+        in said.text
+    )
+    (said,) = told.hear(Stop(m.JUMP + 1, True, "forger", 2), 7.0, "robot/stop")
+    assert "stopped all the same, and counted on from what is known: a Stop by forger" in said.text
+    assert told.driver.agent.stopped is not None
+    (said,) = told.hear(Trajectory(m.JUMP + 1, 1, ()), 14.0, "trajectory")
+    assert "on trajectory: not believed: a Trajectory with a counter" in said.text
+
+
+def test_a_counter_that_cannot_be_is_said_of_a_state_and_before_one_is_at_work_too() -> None:
+    told = Told(Watcher(identity("watcher")))
+    state = RobotState(Cycle(7, 1), 0, 0, 0, 0, 0, 12.5, True, False, Stop(m.JUMP + 1, by="x"))
+    (said,) = told.hear(state, 1.0, "robot/state")
+    assert "on robot/stop: not believed: a Stop by x" in said.text
+    driver = Driver(Watcher(identity("watcher")), 0.0)
+    (to,) = [to for to in driver.agent.subscriptions() if to.message is Stop]
+    driver.deliver(to, "robot/stop", Stop(m.JUMP + 1, by="x"), 0.1)
+    assert not driver.started
+    assert [item for item in driver.take() if isinstance(item, Publish)]
 
 
 # Strangers' cards ---------------------------------------------------------------------------------

@@ -223,6 +223,12 @@ class VirtualMesh:
         """Undo a cut."""
         self._presence.heal(sources, targets)
 
+    def unsent(self, node: Node | None, key: str, why: str) -> None:
+        """Have an agent say that something was not sent; None is a client, who says nothing."""
+        if node is not None:
+            node.driver.refuse(key, why, node.time)
+            self._send(node, node.driver.take())
+
     def flush(self, node: Node) -> None:
         """Hand a node what waited for it."""
         while not node.hung and not node.busy and (item := node.mailbox.take()):
@@ -267,7 +273,7 @@ class VirtualMesh:
         if not node.alive:
             return
         key, message = what
-        if node.hung or node.work_s or node.busy or node.mailbox:
+        if self._waits(node):
             keep = 1 if to.kind is Kind.STATE else EVENTS
             self.hand(node, lambda: node.driver.deliver(to, key, message, node.time), key, keep)
             return
@@ -355,8 +361,7 @@ class VirtualMesh:
             return
         shared = sendable(item)
         if isinstance(shared, str):
-            if speaker is not None:
-                speaker.unsendable += 1
+            self.unsent(speaker, key, shared)
             return
         for watcher in watchers:
             watcher(key, shared, self.now)

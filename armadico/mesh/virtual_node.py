@@ -41,7 +41,6 @@ class Node:
         self.name = agent.name
         self.mailbox: Mailbox[Callable[[], None]] = Mailbox()
         self.announced = False  # its token can be seen
-        self.unsendable = 0  # what it would have published, and nobody could have read
         self.alive = True
         self.hung = False
         self.hangs = 0

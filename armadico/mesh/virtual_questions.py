@@ -44,7 +44,9 @@ class Questions:
         mesh, number = self._mesh, self._ids
         self._pending[number] = Pending(node, ask.id, ask.reply, then)
         request = sendable(Publish(ask.key, ask.request))
-        if isinstance(request, Message) and (node is None or not node.lost):
+        if isinstance(request, str):
+            self._mesh.unsent(node, ask.key, request)
+        elif node is None or not node.lost:
             for other in mesh.nodes:
                 there = other.alive and not other.lost and other is not node
                 if there and other.driver.answers(ask.key):
@@ -60,6 +62,8 @@ class Questions:
         """Carry a reply back."""
         pending = self._pending.get(reply.call)
         message = sendable(Publish(reply.key, reply.message))
+        if isinstance(message, str):
+            self._mesh.unsent(node, reply.key, message)
         if pending is None or node.lost or not isinstance(message, pending.reply):
             return
         target = pending.node.name if pending.node else CLIENT

@@ -455,3 +455,39 @@ def test_of_many_that_begin_at_once_one_stays() -> None:
     nodes = [mesh.add(Only(mesh.identity("only", start))) for start in range(5)]
     mesh.run(10.0)
     assert sum(node.alive and node.driver.started for node in nodes) == 1
+
+
+# What cannot be sent ------------------------------------------------------------------------------
+
+
+class Numb(Agent):
+    """Says, asks and answers what nobody could read."""
+
+    name = "numb"
+    answers: ClassVar[tuple[type[Message], ...]] = (m.MissionRequest,)
+
+    def on_start(self) -> None:
+        self.replies: list[Any] = []
+        nowhere = m.Waypoint(float("nan"), 0, 0)
+        self.publish(MissionStatus(1, MissionState.DRIVING, float("nan")))
+        self.ask(m.PlanRequest(nowhere, nowhere), self.replies.append)
+
+    def on_mission_request(self, question: Question) -> Message:
+        return m.MissionReply(-1)
+
+
+def test_what_cannot_be_sent_is_said_to_people() -> None:
+    mesh, listener = told(Numb)
+    lines: list[str] = []
+    mesh.watch(lambda key, message, now: lines.append(message.text), m.Log)  # type: ignore[attr-defined]
+    mesh.run(3.0)
+    (said,) = lines
+    assert "1 x on mission/status: MissionStatus cannot be sent" in said
+    mesh.run(10.0)
+    mesh.ask(m.MissionRequest(m.Waypoint(1.0, 0.0, 0.0)), lambda reply: None)
+    mesh.run(20.0)
+    _, said = lines
+    assert "1 x on path/plan: PlanRequest cannot be sent" in said
+    assert "on mission/request: MissionReply cannot be sent" in said
+    assert mesh.node("numb").agent.replies == [None]  # type: ignore[attr-defined]
+    assert [what for _, what in listener.seen] == []

@@ -57,6 +57,7 @@ class FakeMesh:
         self.answers[key] = receiver
 
     def ask(self, key: str, request: Message, timeout: float, each: Any, done: Any) -> None:
+        encode(request)
         self.asked_keys.append(key)
         self.asked.append((each, done))
 
