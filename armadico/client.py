@@ -104,6 +104,24 @@ class Client:
         key = CARD.key_for(name=name, instance=instance)
         return _own(self._ask(key, Ask(), Card, timeout, enough=1).get(key), instance)
 
+    def request_card(
+        self, name: str, instance: str, timeout: float, then: Callable[[Card | None], None]
+    ) -> None:
+        """Ask for the card of one agent, and go on: `then` gets it, or None, in a later wait."""
+        key = CARD.key_for(name=name, instance=instance)
+        answered: list[bool] = []
+
+        def each(where: str, card: Card) -> None:
+            if where == key and not answered:
+                answered.append(True)
+                then(_own(card, instance))
+
+        def over() -> None:
+            if not answered:
+                then(None)
+
+        self._put(key, Ask(), Card, timeout, each, over)
+
     def settle(self, timeout: float = 2.0) -> None:
         """Wait until the links are up and no token has come or gone for a while."""
 
@@ -155,23 +173,32 @@ class Client:
         """Replies by key, until there are enough, everybody has answered, or time is up."""
         replies: dict[str, M] = {}
         over: list[bool] = []
+        self._put(key, request, reply, timeout, replies.__setitem__, lambda: over.append(True))
+        self.wait_for(lambda: len(replies) >= enough or bool(over), timeout)
+        return replies
 
-        def each(where: str, data: bytes) -> None:
+    def _put(
+        self,
+        key: str,
+        request: Message,
+        reply: type[M],
+        timeout: float,
+        each: Callable[[str, M], None],
+        over: Callable[[], None],
+    ) -> None:
+        """Put a query; each reply and its key, and then its end, are handed over while it waits."""
+
+        def arrived(where: str, data: bytes) -> None:
             def deliver() -> None:
                 message = self.mesh.read(reply, where, data)
                 if message is not None:
-                    replies[where] = message
+                    each(where, message)
                     if isinstance(message, Card) and message.clock:
                         self.ahead[message.instance] = message.clock - time.time()
 
             self._inbox.put(f"reply/{where}", deliver)
 
-        def done() -> None:
-            self._inbox.put(f"over/{key}", lambda: over.append(True))
-
-        self.mesh.ask(key, request, timeout, each, done)
-        self.wait_for(lambda: len(replies) >= enough or bool(over), timeout)
-        return replies
+        self.mesh.ask(key, request, timeout, arrived, lambda: self._inbox.put(f"over/{key}", over))
 
 
 def _own(card: Card | None, instance: str) -> Card | None:

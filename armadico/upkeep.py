@@ -11,6 +11,7 @@ import tempfile
 import time
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
+from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Final
 
@@ -123,6 +124,7 @@ class Upkeep:
         self._tails: dict[str, Tail] = {}
         self._port: str | None = None
         self._seen: dict[tuple[str, str], Card] = {}
+        self._ask_at: dict[tuple[str, str], float] = {}  # when who has not answered is asked anew
         self._waiting: dict[str, float] = {}  # who has not been seen since, s
         self._well = True
 
@@ -229,21 +231,31 @@ class Upkeep:
             tail.turn()
 
     def _greet(self) -> None:
-        """See who is on the mesh by now; the simulator is no agent, and is not waited for."""
+        """See who is on the mesh by now; the simulator is no agent, and is not waited for.
+
+        Cards are asked for all at once, and come while the loop waits: one that hangs, here or on
+        another host, delays nobody.
+        """
         self._waiting.pop(SIMULATOR, None)
         if not self._waiting:
             return
         awaited = {m.name for label in self._waiting for m in self._groups.get(label, ())}
+        now = time.monotonic()
         for who in sorted(self._client.alive):
-            if who[0] in awaited and who not in self._seen:
-                card = self._client.card(*who, timeout=CARD_S)
-                if card is not None:
-                    self._seen[who] = card
+            asked = who in self._seen or self._ask_at.get(who, now) > now
+            if who[0] in awaited and not asked:
+                self._ask_at[who] = now + CARD_S
+                self._client.request_card(*who, CARD_S, partial(self._answered, who))
         here = {(c.name, c.pid) for c in self._seen.values() if c.host == self.plan.host}
         for label, process in self.processes.items():
             group = self._groups.get(label, ())
             if all((member.name, process.popen.pid) in here for member in group):
                 self._waiting.pop(label, None)
+
+    def _answered(self, who: tuple[str, str], card: Card | None) -> None:
+        self._ask_at.pop(who, None)
+        if card is not None:
+            self._seen[who] = card
 
 
 def _labelled(

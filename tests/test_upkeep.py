@@ -1,12 +1,21 @@
-"""What of its processes' logs `up` passes on, and how long a log may grow."""
+"""What of its processes' logs `up` passes on, how long a log may grow, and who is asked for a card.
+
+Agents are fakes: nothing is started, and nobody waits.
+"""
 
 from __future__ import annotations
 
+from collections.abc import Callable, Iterator
 from pathlib import Path
+from types import SimpleNamespace
+from typing import Any, cast
 
 import pytest
 
-from armadico.upkeep import Tail
+from armadico.messages import PROTOCOL, Card, encode
+from armadico.society import Member
+from armadico.upkeep import CARD_S, Plan, Tail, Upkeep
+from tests.mesh.fakes import FakeMesh
 
 STAMP = "12:00:00.123 goto"
 
@@ -71,3 +80,97 @@ def test_a_long_log_is_begun_anew_while_it_is_written_to(
         assert tail.loud() == ["goto: ERROR short"]
         tail.turn()
     assert log.stat().st_size == len(f"{STAMP} ERROR short\n")
+
+
+# Cards --------------------------------------------------------------------------------------------
+
+
+class Share:
+    """A goto and an avoid that are up here, on a mesh that the test plays."""
+
+    def __init__(self) -> None:
+        self.mesh = FakeMesh()
+        plan = Plan("lab1", "ns", (Member("goto"), Member("avoid")))
+        self.upkeep = Upkeep(plan, cast("Any", self.mesh), lambda text: None)
+        for pid, label in enumerate(("goto", "avoid")):
+            process = SimpleNamespace(popen=SimpleNamespace(pid=pid), ended=lambda: False)
+            self.upkeep.processes[label] = cast("Any", process)
+            self.upkeep._waiting[label] = 0.0
+
+    def appear(self, *instances: str) -> None:
+        for instance in instances:
+            self.mesh.changed(instance.rpartition("-")[0], instance, True)
+        self.settle()
+
+    def settle(self) -> None:
+        """Take what has come."""
+        self.upkeep._client.wait_for(lambda: not self.upkeep._client._inbox._mailbox, 60.0)
+
+    def greet(self, monkeypatch: pytest.MonkeyPatch) -> list[str]:
+        """Who is asked for a card; it may not wait for anybody."""
+        before = len(self.mesh.asked_keys)
+        with monkeypatch.context() as patched:
+            patched.setattr(self.upkeep._client, "wait_for", self._waits)
+            self.upkeep._greet()
+        return [key.split("/")[2] for key in self.mesh.asked_keys[before:]]
+
+    @staticmethod
+    def _waits(condition: Callable[[], Any], timeout: float) -> Any:
+        raise AssertionError(f"it waits for up to {timeout} s, and looks after nobody meanwhile")
+
+    def answer(self, instance: str, pid: int, host: str = "lab1") -> None:
+        """An agent's card comes."""
+        name = instance.rpartition("-")[0]
+        key = f"agent/{name}/{instance}/card"
+        card = Card(name, instance, host, pid, "1", PROTOCOL, (), (), ())
+        each, _ = self.mesh.asked[self.mesh.asked_keys.index(key)]
+        each(key, encode(card))
+        self.settle()
+
+
+@pytest.fixture
+def share() -> Iterator[Share]:
+    share = Share()
+    yield share
+    share.upkeep.logs.rmdir()
+
+
+def test_one_that_never_answers_delays_nobody(
+    share: Share, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    share.appear("avoid-dead", "avoid-2", "goto-1")
+    assert share.greet(monkeypatch) == ["avoid-2", "avoid-dead", "goto-1"], "all at once"
+    assert share.greet(monkeypatch) == [], "and each once"
+    share.answer("goto-1", 0)
+    share.greet(monkeypatch)
+    assert list(share.upkeep._waiting) == ["avoid"]
+    share.answer("avoid-2", 1)
+    share.greet(monkeypatch)
+    assert not share.upkeep._waiting, "everybody of this share is up"
+
+
+def test_who_did_not_answer_in_time_is_asked_again(
+    share: Share, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    now = 100.0
+    monkeypatch.setattr("armadico.upkeep.time", SimpleNamespace(monotonic=lambda: now))
+    share.appear("goto-1")
+    assert share.greet(monkeypatch) == ["goto-1"]
+    now += CARD_S - 0.01
+    assert share.greet(monkeypatch) == []
+    now += 0.02
+    assert share.greet(monkeypatch) == ["goto-1"], "its time is over, whatever the mesh says"
+    _, over = share.mesh.asked[-1]
+    over()
+    share.settle()
+    assert share.greet(monkeypatch) == ["goto-1"], "nobody was there to answer"
+
+
+def test_the_card_of_another_host_is_not_ones_own(
+    share: Share, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    share.appear("goto-1")
+    share.greet(monkeypatch)
+    share.answer("goto-1", 0, host="lab2")
+    assert share.greet(monkeypatch) == []
+    assert "goto" in share.upkeep._waiting

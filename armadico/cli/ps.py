@@ -7,8 +7,8 @@ from __future__ import annotations
 
 import argparse
 import json
-import time
 from collections.abc import Mapping, Sequence
+from functools import partial
 from typing import TYPE_CHECKING, Any, Final
 
 from armadico.cli import options
@@ -105,17 +105,16 @@ def _wanted(args: argparse.Namespace, where: Place | None) -> dict[str, tuple[st
 def _of_host(client: Client, host: str, wanted: Sequence[str], timeout: float) -> Cards:
     """The cards of one host's agents, as soon as all that are wanted are there, or time is up."""
     found: dict[tuple[str, str], Card | None] = {}
-    deadline = time.monotonic() + timeout
 
-    def new() -> list[tuple[str, str]]:
-        return [who for who in sorted(client.alive) if who[0] in wanted and who not in found]
-
-    while (left := deadline - time.monotonic()) > 0:
-        for name, instance in client.wait_for(new, left) or ():
-            found[name, instance] = client.card(name, instance, max(left, 0.1))
+    def complete() -> bool:
+        for who in sorted(client.alive):
+            if who[0] in wanted and who not in found:
+                found[who] = None
+                client.request_card(*who, timeout, partial(found.__setitem__, who))
         here = [card.name for card in found.values() if card is not None and card.host == host]
-        if sorted(here) == sorted(wanted):
-            break
+        return sorted(here) == sorted(wanted)
+
+    client.wait_for(complete, timeout)
     return {who: card for who, card in found.items() if card is None or card.host == host}
 
 

@@ -7,7 +7,7 @@ from collections.abc import Callable
 from typing import Any, cast
 
 from armadico.agent import Agent
-from armadico.messages import Message, PlanRequest, Waypoint, encode
+from armadico.messages import M, Message, PlanRequest, Waypoint, decode, encode
 from armadico.runtime import AgentHost
 
 REQUEST = PlanRequest(Waypoint(0, 0, 0), Waypoint(1, 1, 0))
@@ -67,6 +67,9 @@ class FakeMesh:
     def declare_alive(self, name: str, instance: str) -> None:
         self.tokens.append((name, instance))
         self.alive.set()
+
+    def read(self, kind: type[M], key: str, data: bytes) -> M:
+        return decode(data, kind)
 
     def hear(self, pattern: str, message: Message, key: str | None = None) -> None:
         self.subscribers[pattern](key or pattern, encode(message))
