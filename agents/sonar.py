@@ -12,7 +12,7 @@ from armadico import agent
 from armadico.agent import Agent
 from armadico.agents.methods import local_map
 from armadico.agents.methods.geometry import Placed
-from armadico.agents.methods.local_map import RINGS, SECTORS, Obstacle, Settings
+from armadico.agents.methods.local_map import CELLS, RINGS, SECTORS, Obstacle, Settings
 from armadico.agents.methods.sweep import Outline
 from armadico.geometry import Pose2, relative
 from armadico.messages import (
@@ -126,7 +126,7 @@ class SonarAgent(Agent):
 
     def _say_map(self, cycle: Cycle) -> None:
         cells = tuple(
-            Cell(key // RINGS, key % RINGS, min(cell.probability, 1.0), cell.x, cell.y)
+            Cell(key % CELLS // RINGS, key % RINGS, min(cell.probability, 1.0), cell.x, cell.y)
             for key, cell in sorted(self._map.cells().items())
         )
         self.publish(LocalMap(cycle, SECTORS, RINGS, self.p.map.reach_m, cells))

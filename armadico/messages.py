@@ -348,10 +348,10 @@ class Obstacles(Message, frozen=True):
 
 
 class Cell(Message, frozen=True):
-    """One cell of the local map (thesis figure 3.8), and the point that was heard in it.
+    """One cell of the local map (thesis figure 3.8), and a point that was heard in it.
 
-    Sectors count counter-clockwise from straight ahead, rings outwards; the point is in the body
-    cycle.
+    Sectors count counter-clockwise from straight ahead, rings outwards; the point is in the body's
+    frame of reference. Near the robot a cell may hold several, and comes once for each.
     """
 
     sector: Annotated[int, Meta(ge=0, le=359)]

@@ -2,7 +2,9 @@
 
 The circle around the robot is cut into 18 sectors and ten rings (figure 3.8). A cell holds the
 point that was hit in it, not its centre: with centres the robot keeps up to 18 cm more or less
-distance than there is. Everything is in the body frame: x forward, y left, origin at the middle
+distance than there is. Near the robot it holds several that are apart: of one alone, the end of a
+wall would be as far back as the wall was heard first, and a corner of the body turns into the rest.
+Everything is in the body frame: x forward, y left, origin at the middle
 of the wheel axle; metres and radians.
 
 It believes by looks, not by cycles. A cell's probability grows when an echo comes from it. It
@@ -29,6 +31,13 @@ SECTORS = 18
 """Sectors of 20 degrees, their edges at multiples of 20: a Pioneer's sonars look at centres."""
 
 RINGS = 10
+CELLS = SECTORS * RINGS
+NEAR_RINGS = 3
+"""In the innermost so many rings, 0.75 m, a cell holds several points;"""
+
+POINTS = 4
+"""so many at the most."""
+
 NOBODY = Outline(0.0, 0.0, 0.0)  # before the robot is described
 _MOST_SONARS = 64  # sonars whose bearings are remembered
 
@@ -68,6 +77,7 @@ class Settings(Struct, frozen=True):
     seen_threshold: float = 0.3  # and occupied there; the set `thesis` believes by cycles
     forget: float = 0.05  # a cell below this is dropped
     margin_m: float = 0.1  # an echo clears what lies this much before it
+    apart_m: float = 0.06  # points of a near cell that are farther apart are two; inf: one a cell
     frontal_rad: float = math.radians(40)  # in front: within this of the heading
     abeam_rad: float = math.radians(120)  # beside: between that and this
 
@@ -111,7 +121,7 @@ class LocalMap:
         self.settings = settings or Settings()
         self.outline = outline
         self._ring_m = self.settings.reach_m / RINGS
-        self._cells: dict[int, _Cell] = {}
+        self._cells: dict[int, _Cell] = {}  # by the cell, and CELLS for each point before it
         self._sonars: dict[tuple[float, float, float], Echo] = {}  # that have been heard
         self._occupied: tuple[Obstacle, ...] | None = ()
 
@@ -122,7 +132,7 @@ class LocalMap:
             motion: The robot's new pose in the frame of its last one, m and rad. Points that end
                 up inside the outline were never there, those beyond the map are let go.
         """
-        s, ring_m = self.settings, self._ring_m
+        s = self.settings
         cos, sin = math.cos(motion.theta), math.sin(motion.theta)
         memory = s.memory * 0.5 ** (math.hypot(motion.x, motion.y) / s.memory_m)
         front, rear, half = self.outline or NOBODY
@@ -137,7 +147,7 @@ class LocalMap:
                 continue
             if -rear < x < front and -half < y < half:
                 continue
-            new = cell_at(x, y, ring_m)
+            new = self._place(moved, x, y)
             other = moved.get(new)
             if other is None or probability > other.probability:
                 moved[new] = _Cell(probability, x, y, heard)
@@ -168,7 +178,10 @@ class LocalMap:
         return self._occupied
 
     def cells(self) -> Mapping[int, _Cell]:
-        """What is in each cell that is not empty, by `sector * RINGS + ring`."""
+        """What is in each cell that is not empty: its number is `sector * RINGS + ring`.
+
+        A near cell's second point has the number and `CELLS`, its third twice that, and so on.
+        """
         return self._cells
 
     def closest(self) -> Obstacle | None:
@@ -240,9 +253,9 @@ class LocalMap:
         x, y = echo.x + distance * cos, echo.y + distance * sin
         if math.hypot(x, y) >= s.reach_m:
             return
-        key = cell_at(x, y, self._ring_m)
+        key = self._place(self._cells, x, y)
         before = self._cells.get(key)
-        if before is None:
+        if before is None or self._apart(key, before, x, y):
             self._cells[key] = _Cell(s.hit, x, y, distance)
             return
         probability = min(before.probability + s.hit, 1.0)
@@ -250,3 +263,24 @@ class LocalMap:
         if 0.0 <= beyond <= s.margin_m:
             x, y = before.x, before.y
         self._cells[key] = _Cell(probability, x, y, min(distance, before.heard))
+
+    def _place(self, cells: Mapping[int, _Cell], x: float, y: float) -> int:
+        """Where a point belongs: with what is not apart from it, or else where there is room.
+
+        Where there is none, in the place of what is least sure.
+        """
+        first, room = cell_at(x, y, self._ring_m), None
+        if first % RINGS >= NEAR_RINGS:
+            return first
+        keys = range(first, POINTS * CELLS, CELLS)
+        for key in keys:
+            there = cells.get(key)
+            if there is None:
+                room = key if room is None else room
+            elif not self._apart(key, there, x, y):
+                return key
+        return min(keys, key=lambda key: cells[key].probability) if room is None else room
+
+    def _apart(self, key: int, cell: _Cell, x: float, y: float) -> bool:
+        near = key % RINGS < NEAR_RINGS
+        return near and math.hypot(cell.x - x, cell.y - y) > self.settings.apart_m

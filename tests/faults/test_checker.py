@@ -817,6 +817,42 @@ def test_who_stands_back_has_longer(story: Story) -> None:
     assert Promise.MOVES in story.broken()
 
 
+@pytest.mark.parametrize(
+    ("utility", "whole_s", "longer"), [(0.6, 0.0, True), (None, 0.0, False), (0.6, 1.5, False)]
+)
+def test_who_lets_go_of_what_is_obeyed_stands_back_if_it_bids_on_and_acks_may_be_slow(
+    story: Story, utility: float | None, whole_s: float, longer: bool
+) -> None:
+    story.cycles(5)
+    story.see(Faulted(story.now, "delay", (A,), began=True))
+    story.v = 0.0
+    story.cycles(10)
+    story.see(Faulted(story.now, "delay", (A,), began=False))
+    story.cycles(1 + round(whole_s / 0.1))
+    story.see(Bids(story.now, A, wants(utility)))
+    story.claim(ballot(3), None)
+    story.stand(2.5 - whole_s, goto=wants(0.6))
+    assert (Promise.MOVES not in story.broken()) == longer
+
+
+@pytest.mark.parametrize(("alone", "broken"), [(True, []), (False, [Promise.MOVES])])
+def test_whose_bids_were_nonsense_stands_back_from_then_on_unless_another_bids(
+    story: Story, alone: bool, broken: list[Promise]
+) -> None:
+    healed(story)
+    story.see(Faulted(story.now, "nan", ("goto",), began=True))
+    story.stand(1.8, goto=wants(1.0))
+    if not alone:
+        story.see(Bids(story.now, B, wants(0.5)))
+    story.see(Bids(story.now, A, wants(1.0)))
+    story.claim(ballot(9), None)
+    story.see(Faulted(story.now, "nan", ("goto",), began=False))
+    story.stand(4.5, goto=wants(0.6))
+    assert [broken for broken in story.broken() if broken is Promise.MOVES] == broken
+    story.stand(1.0, goto=wants(0.6))
+    assert Promise.MOVES in story.broken()
+
+
 def test_the_longest_time_to_move_again_is_kept(story: Story) -> None:
     healed(story)
     story.stand(1.2, goto=wants(0.6))

@@ -204,6 +204,12 @@ def test_the_local_map_looks_as_the_robot_does(sector: int, row: int, column: in
     assert picture.getpixel((199 - column, 199 - row)) == palette.BACKGROUND[:3]
 
 
+def test_of_several_points_in_a_cell_the_surest_is_shown() -> None:
+    sure, doubtful = m.Cell(0, 7, 1.0, 0, 0), m.Cell(0, 7, 0.1, 0, 0)
+    alone, both = (m.LocalMap(cycle(1), 18, 10, 2.5, c) for c in ((sure,), (sure, doubtful)))
+    assert png(both) == png(alone)
+
+
 def test_zones_lie_around_the_outline() -> None:
     strip = shapes.around_outline(0.3)
     assert strip[0] == strip[-1]

@@ -130,7 +130,8 @@ def png(cells: LocalMap) -> bytes:
     shares = np.zeros(cells.sectors * cells.rings + 1, np.float64)  # the last one: outside
     for cell in cells.cells:
         if cell.sector < cells.sectors and cell.ring < cells.rings:
-            shares[cell.sector * cells.rings + cell.ring] = cell.probability
+            at = cell.sector * cells.rings + cell.ring  # a near one may have several points
+            shares[at] = max(shares[at], cell.probability)
     ramp = FAINT + shares[:, None] * (FULL - FAINT)
     ramp[shares <= 0.0] = palette.BACKGROUND
     picture = ramp.astype(np.uint8)[_cell_of_pixel(cells.sectors, cells.rings)]

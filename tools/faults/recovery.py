@@ -58,7 +58,8 @@ class SomebodyObeyed:
 class Moves:
     """After healing the robot moves within 2 s, or every bid says why not.
 
-    5 s if somebody has let go of a tenure that was not obeyed, and stands back. It need not move if
+    5 s if somebody has let go of a tenure that was not obeyed, and stands back; from then on, if
+    its bids were made nonsense until then and nobody else bid. It need not move if
     it is stopped, has no mission, or somebody is obeyed who commands rest, and says why; or creeps
     to its goal so slowly that the wheels' friction holds it for a while.
     """
@@ -82,6 +83,7 @@ class Moves:
             self._from = now.state
         if self._healed is None:
             return
+        self._healed = max(self._healed, now.mad_back_at)
         if now.driven() and self._moves(now):
             took = max(now.state_at - self._healed, 0.0)
             self.longest = max(took, self.longest or 0.0)

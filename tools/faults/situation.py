@@ -41,6 +41,10 @@ FRESH_CYCLES = 3
 
 POSES = 64  # cycles whose true poses are remembered, for poses that come late
 
+ACKS_S = 1.0
+"""A holder may let go of what is obeyed so long after healing: acks that were slow are still on
+their way, and it counts 6 cycles without one."""
+
 BID_AGE_S = 0.35
 """A bid older than this says nothing of now: three cycles, and the way here."""
 
@@ -113,6 +117,7 @@ class Situation:
     moved_at: float = -inf
     rested_at: float = -inf
     stood_back_at: float = -inf  # when a tenure that was not obeyed was last let go of
+    mad_back_at: float = -inf  # likewise, by one whose bids are nonsense, and nobody else bid
     truth: Truth | None = None
     truth_at: float = -inf
     astray_at: float = -inf  # when the pose was last known to be wrong
@@ -285,13 +290,26 @@ class Situation:
     def _claim(self, claim: Claim) -> None:
         if claim.utility is None:
             self.claims.pop(claim.ballot, None)
-            if self.obeyed != claim.ballot:
+            if self._stands_back(claim.ballot):
                 self.stood_back_at = self.now
+                if self.mad(claim.ballot.instance) and not self.bidders():
+                    self.mad_back_at = self.now
             return
         first, last, _ = self.claims.get(claim.ballot, (self.now, self.now, claim))
         if self.now - last > BID_AGE_S:  # whoever was away goes on where it was: a new beginning
             first = self.now
         self.claims[claim.ballot] = (first, self.now, claim)
+
+    def _stands_back(self, released: Ballot) -> bool:
+        """Whether it lets go because it is not obeyed, as far as it knows: it bids on.
+
+        Where acks are slow it may have been obeyed all the same, and cannot know.
+        """
+        if not self.sees_bids:
+            return self.obeyed != released
+        _, record = self.bids.get(released.instance, (0.0, None))
+        bids = record is not None and bool(record.utility)
+        return bids and (self.obeyed != released or self.whole_for() < ACKS_S)
 
     def _fault(self, fault: Faulted) -> None:
         key = Fault(fault.kind, fault.whom, fault.to, fault.amount)

@@ -194,6 +194,8 @@ class Workload:
             if isinstance(message, Pose):
                 self.show(Astray(now))
             return
+        if isinstance(message, Claim) and message.utility is None:
+            self._show_bids()  # whether who lets go bids on
         self.show(Said(now, message))
         if isinstance(message, MissionStatus):
             ended = self._status is MissionState.REACHED and message.state is MissionState.NONE
