@@ -131,7 +131,7 @@ def test_a_silent_holder_is_not_excused_by_what_the_owner_obeyed_before() -> Non
 
 
 @pytest.mark.parametrize("epoch", [0, 2])
-def test_in_a_new_epoch_the_six_cycles_begin_anew(epoch: int) -> None:
+def test_in_a_new_epoch_the_seven_cycles_begin_anew(epoch: int) -> None:
     stage = contending()
     before = (Ballot(3, 0.6, False, "a-1"),) * 2
     number, start = 0, stage.now + 1.0
@@ -143,7 +143,7 @@ def test_in_a_new_epoch_the_six_cycles_begin_anew(epoch: int) -> None:
         stage.contender.bid(at, Bid(0.3, (0.5, 0.0)), now)
         stage.contender.hear(Claim("wheels", Ballot(3, 0.6, False, "a-1"), at, 0.6), now)
         stage.contender.tick(now + DRAW * PERIOD)
-    assert number == 7
+    assert number == 8
 
 
 def test_who_is_beaten_waits_for_the_winners_claim_as_long_as_for_any() -> None:
@@ -159,7 +159,7 @@ def test_who_is_beaten_waits_for_the_winners_claim_as_long_as_for_any() -> None:
 
 
 @pytest.mark.parametrize("epoch", [1, 10**15])
-def test_the_successor_of_a_holder_has_six_cycles_of_its_own(epoch: int) -> None:
+def test_the_successor_of_a_holder_has_seven_cycles_of_its_own(epoch: int) -> None:
     stage = contending(epoch)
     number = 5
     while not stage.contender.holding:
@@ -171,7 +171,7 @@ def test_the_successor_of_a_holder_has_six_cycles_of_its_own(epoch: int) -> None
         else:
             stage.hear("c-1", number - 2, 0.6, term=4)  # its claims come late
         stage.tick()
-    assert number == 16
+    assert number == 17
 
 
 def test_a_release_by_another_does_not_count_as_being_obeyed() -> None:
@@ -182,7 +182,7 @@ def test_a_release_by_another_does_not_count_as_being_obeyed() -> None:
         stage.bid(0.3)
         stage.hear("a-1", stage.at.number, 0.6)
         stage.tick()
-    assert stage.at.number == 11
+    assert stage.at.number == 12
 
 
 # Ends of tenures ----------------------------------------------------------------------------------
