@@ -295,7 +295,8 @@ def test_a_token_that_goes_when_the_silence_is_over_is_no_news() -> None:
     assert due is not None
     stage.cycle(7, largest=ballot, obeyed=ballot, obeyed_cycle=Cycle(1, 7))
     stage.bid(0.3)
-    stage.contender.gone("a-1", due)
+    stage.now = due
+    stage.contender.gone("a-1", stage.now)
     assert stage.tick() == []
 
 
