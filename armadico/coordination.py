@@ -46,7 +46,9 @@ SILENCE: Final = 2.3
 1.5 an agent that bids every other cycle makes the wheels change hands ten times a second."""
 
 UNOBEYED: Final = 6
-"""Cycles that a tenure may go on without being obeyed. With 3, two hops of 0.1 s lock up."""
+"""Cycles that a tenure may go on without being obeyed; others wait for one more. With 3, two hops
+of 0.1 s lock up. With 6 for all, who is deposed just before it would let go does not stand back,
+and takes over again at once."""
 
 STAND_BACK: Final = (1.0, 2.0, 4.0)
 """Seconds that a holder who was not obeyed stays away, the first time, the second, ever after:
@@ -82,7 +84,7 @@ class Event(Enum):
     NO_BID = "has none"
     BETTER = "its bid beats the holder's of the same cycle"
     VACANT = "the holder released, or was killed"
-    UNOBEYED = "the holder is not obeyed: silent for 2.3 cycles, or for 6 whatever it claims"
+    UNOBEYED = "the holder is not obeyed: silent for 2.3 cycles, or for 7 whatever it claims"
     OUTBID = "a larger ballot is claimed or acknowledged"
     NOT_OBEYED = "its own commands were not obeyed for 6 cycles"
     RESTED = "has stood back long enough"
@@ -360,7 +362,7 @@ class Contender:
             return Event.UNOBEYED
         if rival is None:
             return None
-        if self._cycles_without(rival.since, None) >= UNOBEYED:
+        if self._cycles_without(rival.since, None) > UNOBEYED:
             return Event.UNOBEYED
         return Event.BETTER if self._compare(self._bids, rival.claims, self._margin) else None
 

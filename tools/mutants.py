@@ -51,8 +51,12 @@ TESTS: Final[dict[str, tuple[str, ...]]] = {
         "framework/test_agent.py",
         "framework/test_coordination_faults.py",
     ),
+    "safety": ("agents/test_safety.py", "agents/test_avoid.py", "agents/test_goto.py"),
 }
-"""The tests of each module of `armadico`, the quickest first."""
+"""The tests of each module, the quickest first."""
+
+FOLDERS: Final = {"safety": "agents/methods"}
+"""Where a module is that is not in `armadico`."""
 
 PRELOADED: Final = ("cbor2", "hypothesis.stateful", "msgspec", "numpy", "psutil", "pytest", "zenoh")
 
@@ -128,7 +132,13 @@ def mutants(module: str) -> list[Mutant]:
 
 def path_of(module: str) -> Path:
     """Where a module's source is."""
-    return ROOT / "armadico" / f"{module}.py"
+    return ROOT / FOLDERS.get(module, "armadico") / f"{module}.py"
+
+
+def name_of(module: str) -> str:
+    """By what it is imported."""
+    folder = FOLDERS.get(module)
+    return ".".join(["armadico", *(folder.split("/") if folder else ()), module])
 
 
 @cache
@@ -249,7 +259,7 @@ class _Finder:
     """Finds the changed module before anybody else does."""
 
     def __init__(self, module: str, source: str) -> None:
-        self._name = f"armadico.{module}"
+        self._name = name_of(module)
         self._loader = _Changed(self._name, str(path_of(module)), source)
 
     def find_spec(self, fullname: str, *_: object) -> importlib.machinery.ModuleSpec | None:
@@ -278,7 +288,7 @@ def _test(module: str, source: str, pipe: int, seconds: int) -> int:
     import hypothesis  # noqa: PLC0415 - of the tests
     import pytest  # noqa: PLC0415
 
-    assert f"armadico.{module}" not in sys.modules, "it would not be imported again, changed"
+    assert name_of(module) not in sys.modules, "it would not be imported again, changed"
     resource.setrlimit(resource.RLIMIT_CPU, (seconds, seconds))
     null = os.open(os.devnull, os.O_RDWR)
     for stream in (0, 1, 2):

@@ -124,6 +124,11 @@ _BY_PLACE: Final[dict[str, tuple[tuple[str, str, str], ...]]] = {
         ),
         ("self._rest_until = 0.0", "pass", _UNREAD),
         ("self._rest_until = 0.0", "self._rest_until = 1.0", _UNREAD),
+        ("self._rest_until = 0.0", "self._rest_until = -1.0", _UNREAD),
+        ("self._take_at: float | None = None  # what was drawn", "pass", _UNREAD),
+    ),
+    "coordination.Contender._agree": (
+        ("if self._apart >= APART:", "if self._apart == APART:", "it is counted by one"),
     ),
     "coordination.Contender._cast": (
         (
@@ -150,6 +155,7 @@ _BY_PLACE: Final[dict[str, tuple[tuple[str, str, str], ...]]] = {
             "if newest is None and resumed is None:",
             "there are both or neither",
         ),
+        ("return 0", "pass", "who contends has a cycle; the guard is for the types"),
         ("return 0", "return -1", "both are fewer than six"),
         ("return 0", "return 1", "both are fewer than six"),
         (
@@ -187,8 +193,28 @@ _BY_PLACE: Final[dict[str, tuple[tuple[str, str, str], ...]]] = {
             "rival = self.rival = Rival(heard, self.clock.newest and at)",
             "the cycles count from the last obeyed one, which is this, anyway",
         ),
+        (
+            "if at is None or ballot is None or ballot != self.largest or not self.clock.fresh(at):",
+            "if at is None or ballot is None or ballot < self.largest or not self.clock.fresh(at):",
+            "no owner obeys a larger ballot than it knows",
+        ),
+        (
+            "if at is None or ballot is None or ballot != self.largest or not self.clock.fresh(at):",
+            "if at is None and ballot is None or ballot != self.largest or not self.clock.fresh(at):",
+            "who is obeyed is so in a cycle, and nobody is not the largest",
+        ),
     ),
     "coordination.Contender._hold": (
+        (
+            "if len(self._bids) == REMEMBERED and not any(b.utility > 0 for b in self._bids.values()):",
+            "if len(self._bids) >= REMEMBERED and not any(b.utility > 0 for b in self._bids.values()):",
+            "there are never more",
+        ),
+        (
+            "if len(self._bids) == REMEMBERED and not any(b.utility > 0 for b in self._bids.values()):",
+            "if len(self._bids) is REMEMBERED and not any(b.utility > 0 for b in self._bids.values()):",
+            _LENGTHS,
+        ),
         (
             "if len(self._bids) == REMEMBERED and not any(b.utility > 0 for b in self._bids.values()):",
             "if len(self._bids) <= REMEMBERED and not any(b.utility > 0 for b in self._bids.values()):",
@@ -202,6 +228,11 @@ _BY_PLACE: Final[dict[str, tuple[tuple[str, str, str], ...]]] = {
     ),
     "coordination.Contender._obeyed": (
         (
+            "if ack is None or ack.obeyed is None or ack.obeyed_cycle is None or self.largest is None:",
+            "if ack is None or ack.obeyed is None or ack.obeyed_cycle is None and self.largest is None:",
+            "who is obeyed is so in a cycle, and by a ballot that is known",
+        ),
+        (
             "return ack.obeyed >= self.largest and age is not None and age <= 1",
             "return ack.obeyed == self.largest and age is not None and age <= 1",
             "no owner obeys a larger ballot than it knows",
@@ -212,6 +243,11 @@ _BY_PLACE: Final[dict[str, tuple[tuple[str, str, str], ...]]] = {
             "if self._bids[cycle].utility <= 0.0 or not self.clock.fresh(cycle):",
             "if self._bids[cycle].utility == 0.0 or not self.clock.fresh(cycle):",
             _SHARE,
+        ),
+        (
+            "if self.largest is not None and self.largest.term >= LARGEST_COUNT:",
+            "if self.largest is not None and self.largest.term == LARGEST_COUNT:",
+            "no message carries a larger one",
         ),
     ),
     "coordination.Contender._release": (
@@ -229,6 +265,11 @@ _BY_PLACE: Final[dict[str, tuple[tuple[str, str, str], ...]]] = {
     ),
     "coordination.Contender._speak": (
         (
+            "tenure.careful = None",
+            "pass",
+            "what a bid rests on does not grow older again",
+        ),
+        (
             "t = cycle.number - began.number + 1 if began.epoch == cycle.epoch else 1_000_000",
             "t = cycle.number - began.number + 1 if began.epoch == cycle.epoch else 1000001",
             _ANY,
@@ -245,6 +286,11 @@ _BY_PLACE: Final[dict[str, tuple[tuple[str, str, str], ...]]] = {
         ),
     ),
     "coordination.Contender.acked": (
+        (
+            "if self.largest is None or largest > self.largest:",
+            "if self.largest is None or largest >= self.largest:",
+            "the same again; a rival with a smaller one has been forgotten",
+        ),
         (
             "if rival is not None and largest > rival.claim.ballot:",
             "if rival is not None and largest != rival.claim.ballot:",

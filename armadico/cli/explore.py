@@ -63,9 +63,9 @@ def _parser() -> argparse.ArgumentParser:
         "armadico explore",
         "Goes through every run of real contenders and a real owner in which at most so many things"
         " go wrong: each message lost, late or twice, a crash and a new start of a contender or of"
-        " the owner, a hang, a cut, a stop, another bid. Worlds that are the same from here on are"
-        " gone through once. A counterexample is printed as a test, the shortest first. Exit code 1"
-        " if there is one.",
+        " the owner, a hang, a cut, a stop, another bid, bids that rise together. Worlds that are"
+        " the same from here on are gone through once. A counterexample is printed as a test, the"
+        " shortest first. Exit code 1 if there is one.",
         EXAMPLES,
     )
     made.add_argument(
@@ -91,7 +91,7 @@ def _parser() -> argparse.ArgumentParser:
         action="append",
         default=[],
         metavar="K",
-        help="only fates (of messages), crash, owner, cut, hang, bids, stop; may be repeated",
+        help="only fates (of messages), crash, owner, cut, hang, bids, rise, stop; may be repeated",
     )
     made.add_argument(
         "--jobs", type=int, metavar="J", help="so many processes (default: one a core)"

@@ -238,7 +238,7 @@ class Contender:
         last = max(self.resumed, since)
         if obeyed is not None and at[0] == new[0]:
             last = max(last, at[1])
-        if new[1] - last >= UNOBEYED:
+        if new[1] - last > UNOBEYED:
             return False, True
         for mine in reversed(self.bids):
             theirs = rival["claims"].get((new[0], mine))

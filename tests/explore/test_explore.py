@@ -22,7 +22,8 @@ from armadico.tools.explore.world import KINDS, Setup, World
     "setup",
     [
         Setup(("0.6", "0.5"), kinds=("crash", "owner", "stop")),
-        Setup(("0.5", "0.53"), kinds=("bids",)),
+        Setup(("0.5", "0.53"), kinds=("bids", "rise")),
+        Setup(("0.6", "0.5"), kinds=("hang",)),
         Setup(("0.6", "0.5"), kinds=("fates",)),
         Setup(("0.6", "0.5", "0.5"), kinds=("crash",)),
     ],
@@ -82,6 +83,19 @@ def test_every_way_is_picked_once_and_none_too_dear() -> None:
     assert seen == {(*way, free) for way in ways for free in "ab"}
 
 
+def test_who_is_deposed_just_before_it_would_let_go_does_not_come_back_at_once() -> None:
+    """b hears of each cycle 8 ms before a, whom the owner never hears."""
+    setup = Setup(("0.6", "0.5"), stagger=(8, 0), kinds=("cut",), lasts=(None,))
+    world, obeyed = World(setup), 0
+    for n in range(1, 108):
+        world.step(Script({5: {"event": "cut a>owner ever"}}.get(n, {})))
+        obeyed += world.obeyed_now
+    assert obeyed > 80
+    found = Search(setup, Limits(faults=1)).run()
+    assert found.broken == []
+    assert found.closed
+
+
 def test_what_cannot_happen_is_not_replayed() -> None:
     with pytest.raises(ValueError, match="nothing of the kind"):
         replay(Run(Setup(("-", "-")), {1: {"claim a>b": "lost"}}))
@@ -99,6 +113,44 @@ def test_what_goes_round_for_ever_is_told_from_what_ends() -> None:
     assert sorted(never.value.loop) == [1, 2]
     with pytest.raises(Never):
         round_and_round.settles_within([True] * 3, [False, False, True])
+
+
+def test_what_is_mostly_bad_for_ever_is_told_from_what_seldom_is() -> None:
+    seldom = Graph([(1,), (2,), (3,), (0,)])
+    seldom.mostly_good([True, False, False, False], 3)
+    seldom.mostly_good([True, True, True, False], 1)
+    with pytest.raises(Never) as never:
+        seldom.mostly_good([True, False, False, False], 5)
+    assert sorted(never.value.loop) == [0, 1, 2, 3]
+    a_shorter_way = Graph([(1,), (2, 0), (3,), (0,), (0,)])
+    with pytest.raises(Never) as never:
+        a_shorter_way.mostly_good([True, False, False, False, True], 3)
+    assert sorted(never.value.loop) == [0, 1]
+
+
+def test_who_slept_longer_than_a_lease_hears_that_the_others_have_gone() -> None:
+    world = World(Setup(("0.6", "0.5")))
+    said: list[str] = []
+    steps = {6: {"event": "hang b 12"}, 18: {"tokens at b": "before it"}}
+    for n in range(1, 20):
+        script = Script(steps.get(n, {}))
+        world.step(script)
+        script.done()
+        said += [
+            f"{n} {side.name}" for side in world.sides if side.contender and side.contender.holding
+        ]
+    assert said[-1] == "19 a"
+
+
+def test_when_all_bid_more_nobody_is_better_than_before() -> None:
+    world = World(Setup(("0.5", "0.53", "0")))
+    for n in range(1, 15):
+        world.step(Script({6: {"event": "rise"}}.get(n, {})))
+        if n == 7:
+            made = [[bid.utility for _, bid in side.made] for side in world.sides]
+            assert made == [[0.5, 0.5, 0.6, 0.7], [0.53, 0.53, 0.63, 0.73], [0.0] * 4]
+    assert world.rising is None
+    assert not world.unsettled
 
 
 def test_the_command_counts_states(capsys: pytest.CaptureFixture[str]) -> None:
@@ -135,5 +187,5 @@ def test_the_command_refuses_what_makes_no_sense(arguments: list[str]) -> None:
 def test_every_kind_is_something_that_can_happen() -> None:
     world = World(Setup(("0.6", "0.5")))
     first_words = {event.split()[0] for event in world._events()}
-    assert first_words == {"nothing", "bid", "crash", "hang", "cut", "stop"}
+    assert first_words == {"nothing", "bid", "crash", "hang", "cut", "rise", "stop"}
     assert {"owner", "fates"} < set(KINDS)

@@ -9,7 +9,7 @@ import pytest
 from armadico.coordination import DRAW, Contender, State
 from armadico.cycles import PERIOD
 from armadico.exchange import EXCHANGES, Bid
-from armadico.messages import Ack, Action, Ballot, Claim, Command, Cycle
+from armadico.messages import JUMP, LARGEST_COUNT, Ack, Action, Ballot, Claim, Command, Cycle
 from armadico.resources import WHEELS
 
 from .solo import Solo
@@ -131,7 +131,7 @@ def test_a_silent_holder_is_not_excused_by_what_the_owner_obeyed_before() -> Non
 
 
 @pytest.mark.parametrize("epoch", [0, 2])
-def test_in_a_new_epoch_the_six_cycles_begin_anew(epoch: int) -> None:
+def test_in_a_new_epoch_the_seven_cycles_begin_anew(epoch: int) -> None:
     stage = contending()
     before = (Ballot(3, 0.6, False, "a-1"),) * 2
     number, start = 0, stage.now + 1.0
@@ -143,7 +143,7 @@ def test_in_a_new_epoch_the_six_cycles_begin_anew(epoch: int) -> None:
         stage.contender.bid(at, Bid(0.3, (0.5, 0.0)), now)
         stage.contender.hear(Claim("wheels", Ballot(3, 0.6, False, "a-1"), at, 0.6), now)
         stage.contender.tick(now + DRAW * PERIOD)
-    assert number == 7
+    assert number == 8
 
 
 def test_who_is_beaten_waits_for_the_winners_claim_as_long_as_for_any() -> None:
@@ -159,7 +159,7 @@ def test_who_is_beaten_waits_for_the_winners_claim_as_long_as_for_any() -> None:
 
 
 @pytest.mark.parametrize("epoch", [1, 10**15])
-def test_the_successor_of_a_holder_has_six_cycles_of_its_own(epoch: int) -> None:
+def test_the_successor_of_a_holder_has_seven_cycles_of_its_own(epoch: int) -> None:
     stage = contending(epoch)
     number = 5
     while not stage.contender.holding:
@@ -171,7 +171,7 @@ def test_the_successor_of_a_holder_has_six_cycles_of_its_own(epoch: int) -> None
         else:
             stage.hear("c-1", number - 2, 0.6, term=4)  # its claims come late
         stage.tick()
-    assert number == 16
+    assert number == 17
 
 
 def test_a_release_by_another_does_not_count_as_being_obeyed() -> None:
@@ -182,7 +182,66 @@ def test_a_release_by_another_does_not_count_as_being_obeyed() -> None:
         stage.bid(0.3)
         stage.hear("a-1", stage.at.number, 0.6)
         stage.tick()
-    assert stage.at.number == 11
+    assert stage.at.number == 12
+
+
+def test_who_does_not_hear_the_owner_takes_nothing_over_though_cycles_go_on() -> None:
+    stage = contending()
+    for number in (6, 7, 8, 9):
+        assert stage.clock.advance(stage.numbered(number), number * PERIOD)
+    stage.at, stage.now = stage.numbered(9), 9 * PERIOD
+    stage.bid(0.3)
+    assert stage.tick() == []
+
+
+def test_nobody_takes_over_from_a_dead_holder_when_no_cycles_come() -> None:
+    stage = contending()
+    stage.contender.gone("a-1", stage.now)
+    stage.now += 1.0
+    assert stage.tick() == []
+
+
+def test_when_there_is_no_larger_term_nobody_casts() -> None:
+    stage = Solo()
+    stage.cycle(5, largest=Ballot(LARGEST_COUNT, 0.6, False, "a-1"))
+    stage.bid(0.9)
+    assert stage.tick() == []
+    assert not stage.contender.holding
+
+
+def test_what_the_resource_does_is_neutral_until_its_owner_says_otherwise() -> None:
+    contender = Solo().contender
+    assert contender.measured == WHEELS.neutral
+    contender.acked(Ack("wheels", Cycle(1, 1)), 0.1)
+    assert contender.measured == WHEELS.neutral
+    contender.acked(Ack("wheels", Cycle(1, 2), measured=(0.4, 0.1)), 0.2)
+    assert contender.measured == (0.4, 0.1)
+
+
+# Terms out of all proportion ----------------------------------------------------------------------
+
+
+def test_who_starts_among_enormous_terms_believes_the_owner_the_second_time() -> None:
+    stage, largest = Solo(), Ballot(2 * JUMP, 0.6, False, "a-1")
+    stage.cycle(1, largest=largest)
+    assert stage.contender.largest is None
+    stage.cycle(2, largest=largest)
+    assert stage.contender.largest == largest
+    stage.cycle(3)
+    assert stage.contender.largest == largest, "once more it takes two"
+    stage.cycle(4)
+    assert stage.contender.largest is None
+
+
+def test_one_ack_that_agrees_and_it_takes_two_again() -> None:
+    stage, far = contending(), Ballot(3 + JUMP, 0.6, False, "c-1")
+    stage.hear("c-1", 5, 0.6, term=3 + JUMP)
+    stage.cycle(6)
+    stage.cycle(7, largest=far)
+    stage.cycle(8)
+    assert stage.contender.largest == far
+    stage.cycle(9)
+    assert stage.contender.largest is None
 
 
 # Ends of tenures ----------------------------------------------------------------------------------
@@ -195,6 +254,7 @@ def test_a_release_by_another_does_not_count_as_being_obeyed() -> None:
         (False, 10**15, 6, True),
         (False, 10**15, 4, False),
         (False, 10**15 + 1, 5, False),
+        (False, 10**15 - 1, 5, False),
         (True, 10**15, 5, False),
     ],
 )
@@ -221,6 +281,23 @@ def test_after_a_release_a_late_claim_of_the_tenure_counts_for_nothing() -> None
     stage.hear("a-1", 5, None)
     stage.hear("a-1", 5, 0.6)
     assert len(stage.tick()) == 1
+
+
+def test_a_killed_holder_is_known_by_what_its_instance_is_called() -> None:
+    stage = contending()
+    stage.contender.gone("".join(["a", "-1"]), stage.now)
+    assert len(stage.tick()) == 1
+
+
+def test_a_token_that_goes_when_the_silence_is_over_is_no_news() -> None:
+    stage, ballot = contending(), Ballot(3, 0.6, False, "a-1")
+    due = stage.contender.wakeup
+    assert due is not None
+    stage.cycle(7, largest=ballot, obeyed=ballot, obeyed_cycle=Cycle(1, 7))
+    stage.bid(0.3)
+    stage.now = due
+    stage.contender.gone("a-1", stage.now)
+    assert stage.tick() == []
 
 
 def test_who_claims_on_has_not_gone() -> None:
@@ -299,6 +376,14 @@ def test_what_the_owner_says_of_ones_own_tenure_is_of_no_rival() -> None:
 
 
 # Holding ------------------------------------------------------------------------------------------
+
+
+def test_ones_own_claim_that_comes_back_outbids_nobody() -> None:
+    stage = holding()
+    assert (
+        stage.contender.hear(Claim("wheels", own(stage), stage.numbered(4), 0.5), stage.now) == []
+    )
+    assert stage.contender.holding
 
 
 def test_an_owner_that_does_not_know_ones_ballot_yet_ends_nothing() -> None:
@@ -399,6 +484,20 @@ def test_an_exchange_is_over_when_a_new_epoch_begins(epoch: int) -> None:
     stage.at, stage.now = Cycle(epoch, 4), stage.now + 1.0
     assert stage.clock.advance(stage.at, stage.now)
     assert [c.action for c in stage.bid(0.9, action=(1.4, 0.0))] == [(1.4, 0.0)]
+
+
+def test_an_exchange_goes_on_over_its_cycles() -> None:
+    stage = Solo(10**15)
+    exchange, rng = EXCHANGES["smooth"], Random(1)
+    stage.contender = Contender(WHEELS, "b-1", stage.clock, exchange, rng)
+    stage.cycle(5)
+    stage.hear("a-1", 5, 0.3, commanded=(0.0, 0.0))
+    (first,) = stage.bid(0.9, action=(1.4, 0.0))
+    stage.cycle(6)
+    (second,) = stage.bid(0.9, action=(1.4, 0.0))
+    assert isinstance(first.action, tuple)
+    assert isinstance(second.action, tuple)
+    assert first.action[0] < second.action[0] < 1.4
 
 
 def careful() -> Solo:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from importlib.util import find_spec
 from pathlib import Path
 
 import pytest
@@ -13,6 +14,7 @@ from armadico.tools.mutants import (
     TESTS,
     Mutant,
     Outcome,
+    name_of,
     outcomes,
     path_of,
     summary,
@@ -67,6 +69,18 @@ def test_what_does_not_compile_or_warns_is_no_mutant() -> None:
 def test_the_tests_that_are_named_are_there(module: str) -> None:
     assert path_of(module).is_file()
     assert [name for name in TESTS[module] if not (ROOT / "tests" / name).is_file()] == []
+
+
+def test_a_module_is_changed_where_it_is_imported_from() -> None:
+    assert [(module, name_of(module)) for module in ("cycles", "safety")] == [
+        ("cycles", "armadico.cycles"),
+        ("safety", "armadico.agents.methods.safety"),
+    ]
+    for module in TESTS:
+        spec = find_spec(name_of(module))
+        assert spec is not None
+        assert spec.origin is not None
+        assert Path(spec.origin).samefile(path_of(module))
 
 
 def test_what_is_explained_is_still_in_the_code() -> None:

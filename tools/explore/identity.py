@@ -89,6 +89,7 @@ class _Keyed:
             world.owner_starts,
             world.active,
             max(world.stopped_until - n, 0),
+            world.rising,
             flights,
             cuts,
             self._ballot(world.top),
@@ -107,6 +108,7 @@ class _Keyed:
             side.starts,
             side.down if side.down <= AWAY else -7,
             None if hung is None else max(hung - self.world.n, 0),
+            0 if hung == 0 else min(self.world.n - side.hung_since, LEASE + 1),
             tuple((f.sender, self._message(f.message)) for f in side.waiting),
         )
         if side.contender is None:

@@ -6,7 +6,11 @@ long, is all in the graph, and what goes round in it goes on for ever.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterable, Mapping, Sequence
+from typing import Final
+
+SELDOM: Final = 3
+"""In the long run, in at most one of so many cycles nobody is obeyed though somebody could be."""
 
 
 class Never(Exception):  # noqa: N818 - it is an answer
@@ -51,6 +55,34 @@ class Graph:
             for one in group:
                 left[one] = beyond + 1 if beyond or bad[one] else 0
         return max(left, default=0)
+
+    def mostly_good(self, bad: Sequence[bool], among: int) -> None:
+        """Raises Never if worlds follow each other for ever and more than one in `among` is bad."""
+        for group in self._groups([True] * len(bad)):
+            if len(group) > 1 and any(bad[one] for one in group):
+                gain = {one: among - 1 if bad[one] else -1 for one in group}
+                loop = self._gaining(gain)
+                if loop:
+                    raise Never(loop)
+
+    def _gaining(self, gain: Mapping[int, int]) -> list[int]:
+        """A way round on which something is gained; empty if there is none (Bellman, Ford)."""
+        best = dict.fromkeys(gain, 0)
+        parent: dict[int, int] = {}
+        changed = list(gain)
+        while changed:
+            later: dict[int, None] = {}
+            for one in changed:
+                for other in self._following[one]:
+                    if other in gain and best[one] + gain[other] > best[other]:
+                        best[other] = best[one] + gain[other]
+                        parent[other] = one
+                        later[other] = None
+            changed = list(later)
+            loop = _loop_of(parent, changed)
+            if loop:
+                return loop
+        return []
 
     def _lengths(self, among: Sequence[bool]) -> list[int]:
         """The longest path from each world through `among`. Raises Never if there is a loop."""
@@ -122,3 +154,19 @@ class Graph:
                     if path:
                         low[path[-1][0]] = min(low[path[-1][0]], low[one])
         return groups
+
+
+def _loop_of(parent: Mapping[int, int], among: Iterable[int]) -> list[int]:
+    """A loop that going back from some of them ends in; empty if all come to a beginning."""
+    seen: dict[int, int] = {}
+    for start in among:
+        one: int | None = start
+        while one is not None and one not in seen:
+            seen[one] = start
+            one = parent.get(one)
+        if one is not None and seen[one] == start:
+            loop = [one]
+            while parent[loop[-1]] != one:
+                loop.append(parent[loop[-1]])
+            return loop[::-1]
+    return []

@@ -7,6 +7,7 @@ from dataclasses import dataclass, field
 
 from armadico.tools.explore.identity import key
 from armadico.tools.explore.picks import Script
+from armadico.tools.explore.recovery import SELDOM
 from armadico.tools.explore.world import BrokenError, Parts, Setup, World
 
 
@@ -56,6 +57,8 @@ def replay(run: Run, parts: Parts | None = None) -> list[str]:
     broken = []
     if all(each.starved for each in loop):
         broken.append(f"somebody drives: nobody is obeyed, every {run.loop} cycles the same")
+    elif SELDOM * sum(each.starved for each in loop[1:]) > run.loop:
+        broken.append(f"somebody drives most of the time: {run.loop} cycles again and again")
     wrong = next((each.unsettled for each in loop if each.whole and each.unsettled), "")
     if all(each.whole for each in loop) and wrong:
         broken.append(f"it settles: {wrong}, every {run.loop} cycles the same")

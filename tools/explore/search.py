@@ -11,7 +11,7 @@ from typing import Final
 
 from armadico.tools.explore.identity import key
 from armadico.tools.explore.picks import Enumerator, Script
-from armadico.tools.explore.recovery import Graph, Never
+from armadico.tools.explore.recovery import SELDOM, Graph, Never
 from armadico.tools.explore.replay import Run
 from armadico.tools.explore.world import BrokenError, Parts, Setup, World
 
@@ -199,6 +199,11 @@ class Search:
                 self._late(path)
         except Never as never:
             self._never(never, "somebody drives")
+        else:
+            try:
+                graph.mostly_good(starving, SELDOM)
+            except Never as never:
+                self._never(never, "somebody drives most of the time")
         whole = [bool(flags & WHOLE) for flags in self._flags]
         unsettled = [bool(flags & UNSETTLED) for flags in self._flags]
         try:

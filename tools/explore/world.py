@@ -11,7 +11,7 @@ wheels, whose cycle is the robot's state, and the ack another message.
 from __future__ import annotations
 
 from collections import Counter
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from math import ceil
 from typing import Any, Final, TypeVar, cast
 
@@ -48,6 +48,8 @@ FATES: Final = ("now", "late 1", "late 4", "lost", "twice")
 
 OWNER: Final = -1
 
+NOBODY: Final = Ballot(0, 0.0, False, "")
+
 BIDS: Final[dict[str, Bid | None]] = {
     "-": None,
     "0": Bid(0.0, (0.0,)),
@@ -61,9 +63,23 @@ BIDS: Final[dict[str, Bid | None]] = {
 OWN: Final = Resource("task", ("v",), (1.0,), (0.0,), exchange="abrupt", period_s=0.1)
 WHEELS_LIKE: Final = Resource("reel", ("v",), (1.0,), (0.0,), exchange="abrupt")
 
-KINDS: Final = ("fates", "crash", "owner", "cut", "hang", "bids", "stop")
-"""What may go otherwise: a message, a contender or the owner crashes, a cut, a hang, another bid, a
-stop."""
+RISE: Final = (0.1, 0.2, 0.3)
+"""By how much everybody bids more, for so many cycles: each more in itself, and no better than the
+others."""
+
+HIGHER: Final[dict[tuple[Bid, int], Bid]] = {
+    (bid, ago): replace(bid, utility=bid.utility + more)
+    for bid in BIDS.values()
+    if bid is not None
+    for ago, more in enumerate(RISE)
+}
+
+KINDS: Final = ("fates", "crash", "owner", "cut", "hang", "bids", "rise", "stop")
+"""What may go otherwise: a message, a contender or the owner crashes, a cut, a hang, another bid,
+all bids rise together, a stop."""
+
+KEPT: Final = 4
+"""Cycles whose bids are looked at, to say whether who took over was better."""
 
 
 @dataclass(frozen=True)
@@ -74,7 +90,8 @@ class Setup:
     stagger: tuple[int, ...] = ()
     apart: bool = False
     kinds: tuple[str, ...] = KINDS
-    lasts: tuple[int | None, ...] = (3, 8, None)  # cycles of a cut or a hang; None: for ever
+    # Cycles of a cut or a hang: within what is waited for, beyond it, beyond the lease, for ever.
+    lasts: tuple[int | None, ...] = (3, 8, 12, None)
     changes: tuple[str, ...] = tuple(BIDS)
 
 
@@ -134,7 +151,10 @@ class Side:
         self.turned: Cycle | None = None
         self.down = 0  # cycles since it crashed
         self.hung_until: int | None = 0  # None: for ever
+        self.hung_since = 0
         self.waiting: list[Flight] = []
+        self.made: tuple[tuple[Cycle, Bid], ...] = ()  # its bids of the last cycles
+        self.spoke: Ballot | None = None  # by which it last said something
         self._resource, self._parts = resource, parts
 
     def start(self) -> None:
@@ -145,7 +165,8 @@ class Side:
         self.contender = self._parts.contender(
             self._resource, self.instance, clock, EXCHANGES["abrupt"], cast("Any", DRAWS)
         )
-        self.turned = None
+        self.turned = self.spoke = None
+        self.made = ()
 
     @property
     def instance(self) -> str:
@@ -217,6 +238,7 @@ class World:
         self.owner_starts = 0
         self.active = False  # the resource was told to do something, and has not been rested
         self.stopped_until = 0
+        self.risen: Cycle | None = None  # the first cycle in which all bid more
         self.cost = 0
         self._start_owner()
         # What was seen, to tell a broken promise by: nothing of it is used above.
@@ -255,6 +277,9 @@ class World:
         for cut in self.cuts:
             if self.n == cut.since + LEASE:
                 self._hide_tokens(cut)
+        for side in self.sides:
+            if side.hung_until != 0 and self.n == side.hung_since + LEASE:
+                self._lose_token(side)
         if self.owner is not None:
             self._begin_cycle(begins)
         self._pass(begins, begins + CYCLE)
@@ -283,7 +308,10 @@ class World:
                 if other.contender is not None and self.reaches(side.index, other.index):
                     self._send(f"token of {side.name}>{other.name}", side.index, other.index, gone)
         elif words[0] == "hang":
-            self._side(words[1]).hung_until = self._until(words[-1])
+            side = self._side(words[1])
+            side.hung_until, side.hung_since = self._until(words[-1]), self.n
+        elif words[0] == "rise":
+            self.risen = Cycle(self.epoch, self.number + 1)
         elif words[0] == "bid":
             self._side(words[1]).bid = words[2]
         else:
@@ -311,6 +339,8 @@ class World:
             found += [f"hang {s.name} {last}" for s in awake for last in lasts if last != "ever"]
         if "cut" in kinds and not self.cuts:
             found += [f"cut {where} {last}" for where in self._places() for last in lasts]
+        if "rise" in kinds and self.rising is None and self.owner is not None:
+            found.append("rise")
         if "stop" in kinds and not self.stopped and self.owner is not None:
             found.append("stop")
         return found
@@ -349,7 +379,10 @@ class World:
                     side.start()
             if side.hung_until == self.n:
                 side.hung_until = 0
-                for late in self._kept(side.waiting):
+                waiting = self._kept(side.waiting)
+                if self.n - side.hung_since > LEASE:
+                    waiting = self._missed_tokens(side, waiting)
+                for late in waiting:
                     self._queue_up(Flight(self.n * CYCLE, late.to, late.sender, late.message))
                 side.waiting = []
         if 0 < self.owner_down <= AWAY:
@@ -358,6 +391,23 @@ class World:
             if how != "not yet":
                 self.epoch += 1 if how == "larger epoch" else -1
                 self._start_owner()
+
+    def _missed_tokens(self, side: Side, waiting: list[Flight]) -> list[Flight]:
+        """Who slept longer than a lease hears that all others have gone, sooner or later."""
+        picker = self._picker
+        assert picker is not None, "it is within a step"
+        tokens = [
+            Flight(self.n * CYCLE, side.index, other.index, other.instance)
+            for other in self.sides
+            if other is not side and other.contender is not None
+        ]
+        when = picker.pick(f"tokens at {side.name}", ("after the rest", "before it"), 0)
+        return waiting + tokens if when == "after the rest" else tokens + waiting
+
+    def _lose_token(self, side: Side) -> None:
+        for other in self.sides:
+            if other is not side and other.contender is not None and side.contender is not None:
+                self._queue_up(Flight(self.n * CYCLE, other.index, side.index, side.instance))
 
     @staticmethod
     def _kept(waiting: list[Flight]) -> list[Flight]:
@@ -509,13 +559,32 @@ class World:
             return
         side.turned = ack.cycle
         able = clock.alive(at) and contender.owned and not self.stopped
-        bid = BIDS[side.bid] if able else None
+        bid = self._bid(side, ack.cycle) if able else None
+        if bid is not None:
+            side.made = (*side.made[1 - KEPT :], (ack.cycle, bid))
         self._say(side, contender.bid(ack.cycle, bid, at, None), now)
+
+    @property
+    def rising(self) -> int | None:
+        """Cycles since all bids began to rise; None when no more of that is to come."""
+        risen = self.risen
+        if risen is None or risen.epoch != self.epoch:
+            return None
+        ago = self.number - risen.number
+        return ago if ago <= len(RISE) + FRESH else None
+
+    def _bid(self, side: Side, cycle: Cycle) -> Bid | None:
+        """What it bids in a cycle; who bids nothing, or offers, rises no more than that."""
+        bid, risen = BIDS[side.bid], self.risen
+        if bid is None or bid.utility <= 0.0 or risen is None or risen.epoch != cycle.epoch:
+            return bid
+        ago = cycle.number - risen.number
+        return HIGHER[bid, ago] if 0 <= ago < len(RISE) else bid
 
     def _say(self, side: Side, messages: list[Message], now: int) -> None:
         for message in messages:
             assert isinstance(message, Command | Claim), "a contender says nothing else"
-            self._watch_ballot(message.ballot, side)
+            self._watch_ballot(message.ballot, side, now)
             kind = "command" if isinstance(message, Command) else "claim"
             self._send(f"{kind} {side.name}>owner", side.index, OWNER, message, 0, now)
             if isinstance(message, Claim):
@@ -560,12 +629,41 @@ class World:
         if in_time and message.ballot == owner.largest:
             self.released = message.ballot
 
-    def _watch_ballot(self, ballot: Ballot, side: Side) -> None:
+    def _watch_ballot(self, ballot: Ballot, side: Side, now: int) -> None:
         if ballot.instance != side.instance:
             raise BrokenError("own ballots", f"{side.instance} speaks by {ballot}")
         if ballot.term > self.highest + 1:
             raise BrokenError("terms bounded", f"{ballot.term} is cast after {self.highest}")
         self.highest = max(self.highest, ballot.term)
+        if ballot != side.spoke:
+            side.spoke = ballot
+            self._watch_cast(ballot, side, now)
+
+    def _watch_cast(self, ballot: Ballot, side: Side, now: int) -> None:
+        """A new ballot: from a holder that is well, only who is better takes over.
+
+        A holder is well that is obeyed, by the word that the other one has from the owner, and of
+        whom nobody is cut off. Who casts no larger term than its did not know of it.
+        """
+        top, owner, contender = self.top, self.owner, side.contender
+        assert contender is not None, "it has just spoken"
+        if top is None or owner is None or owner.obeyed != top or ballot.term <= top.term:
+            return
+        told = contender.ack
+        if told is None or told.obeyed != top or now - self.obeyed_at > 3 * CYCLE or self.cuts:
+            return
+        holder = next((each for each in self.sides if each.instance == top.instance), side)
+        if holder is side or holder.contender is None or holder.hung_until != 0:
+            return
+        tenure = holder.contender.tenure
+        if tenure is None or tenure.ballot != top:
+            return
+        theirs = dict(holder.made)
+        for cycle, bid in side.made:
+            other = theirs.get(cycle)
+            if other is not None and _better(bid, other, self.resource.margin):
+                return
+        raise BrokenError("only the better takes over", f"{side.instance} from {top.instance}")
 
     def _watch_obeyed(self, command: Command) -> None:
         ballot, cycle, top = command.ballot, command.cycle, self.top
@@ -621,11 +719,10 @@ class World:
         bid = BIDS[holders[0].bid]
         if bid is None:
             return f"{holders[0].name} holds it and has no bid"
-        claim = Claim("", holder.tenure.ballot, Cycle(0, 0), bid.utility, bid.critical)
         for side in alive:
             other = BIDS[side.bid]
             if side is not holders[0] and other is not None:  # noqa: SIM102 - else too long
-                if beats(other, claim, self.resource.margin):
+                if _better(other, bid, self.resource.margin):
                     return f"{holders[0].name} holds it and {side.name} is better"
         return ""
 
@@ -633,3 +730,7 @@ class World:
 def _wants(side: Side) -> bool:
     bid = BIDS[side.bid]
     return bid is not None and bid.utility > 0.0
+
+
+def _better(bid: Bid, than: Bid, margin: float) -> bool:
+    return beats(bid, Claim("", NOBODY, Cycle(0, 0), than.utility, than.critical), margin)

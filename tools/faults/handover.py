@@ -152,7 +152,7 @@ class Replaced:
 
     Killed, its token is gone at once, and the next command is obeyed within `killed_s`. Hung or cut
     off, another takes over after its silence (2.3 cycles), before the owner's 0.3 s; where the
-    other still hears it, after the 6 cycles for which nobody was obeyed.
+    other still hears it, after the 6 cycles for which it was not obeyed: it lets go.
     """
 
     promise = Promise.HANDOVER
