@@ -77,7 +77,7 @@ class Settings(Struct, frozen=True):
     seen_threshold: float = 0.3  # and occupied there; the set `thesis` believes by cycles
     forget: float = 0.05  # a cell below this is dropped
     margin_m: float = 0.1  # an echo clears what lies this much before it
-    apart_m: float = 0.06  # points of a near cell that are farther apart are two; inf: one a cell
+    apart_m: float = 0.06  # points of a near cell farther apart than this are two; 1: one a cell
     frontal_rad: float = math.radians(40)  # in front: within this of the heading
     abeam_rad: float = math.radians(120)  # beside: between that and this
 
