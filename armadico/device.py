@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import threading
 from collections.abc import Callable
-from typing import Final, Protocol
+from typing import Any, Final, Protocol
 
 from armadico.driver import Driver
 from armadico.inbox import Inbox
@@ -48,13 +48,23 @@ class Device:
         connect: Callable[[], Port],
         inbox: Inbox,
         clock: Callable[[], float],
+        at_once: Callable[[Callable[..., None], tuple[Any, ...]], object] | None = None,
     ) -> None:
-        """`connect` opens the port, or raises OSError, or ValueError if there can be none."""
+        """Prepare.
+
+        Args:
+            driver: The agent's.
+            connect: Opens the port, or raises OSError, or ValueError if there can be none.
+            inbox: Where bytes and news go.
+            clock: s from anywhere.
+            at_once: Does on the reading thread what need not wait.
+        """
         self._driver = driver
         self._connect = connect
         self._port: Port | None = None
         self._inbox = inbox
         self._clock = clock
+        self._at_once = at_once
         self._stopping = threading.Event()
         self._up: bool | None = None
         self._failures = 0
@@ -115,7 +125,13 @@ class Device:
         return self._broken or "closed"
 
     def _take(self, data: bytes) -> None:
-        self._inbox.put("device", lambda: self._driver.received(data, self._clock()), keep=CHUNKS)
+        if self._at_once is not None and self._inbox.at_once():
+            self._at_once(self._received, (data,))
+        else:
+            self._inbox.put("device", self._received, data, keep=CHUNKS)
+
+    def _received(self, data: bytes) -> None:
+        self._driver.received(data, self._clock())
 
     def _link(self, up: bool, why: str) -> None:
         """Say that the link came or went: a state, so that no flood of bytes can push it out."""

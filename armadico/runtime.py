@@ -1,8 +1,11 @@
 """Agents in one process: the queue, the clock and the wires around their sans-IO drivers.
 
-One thread runs them. The mesh's reception thread, and for a device agent the thread that reads the
-port, only put into its inbox and ring; so from a message's arrival to what the agent publishes
-there is one change of thread. Time is `time.monotonic`, and compared with nobody else's.
+One thread at a time runs them. While the agents' own thread waits, the threads that receive from
+the mesh and from a device's port do themselves what they have received, so that no other has to be
+woken on the way from a sensor to a motor. All else goes through the inbox to the agents' thread:
+tokens and queries, what comes while somebody is at work or something waits, what has piled up, and
+for a while everything after a slow turn, during which nothing was received. Time is
+`time.monotonic`, and compared with nobody else's.
 
 Usually a process has one agent. Several share one session, and what they publish for each other
 does not leave the process; keys, tokens and cards are the same.
@@ -49,6 +52,18 @@ SETTLE_S: Final = 0.005
 BURST: Final = 1024
 """Deliveries after which a due wake-up fires anyway: a message flood cannot starve it."""
 
+SLOW_S: Final = 0.02
+"""After a longer turn nothing is done on the mesh's reception thread, which must receive,"""
+
+CALM_S: Final = 10.0
+"""for so long."""
+
+SENDING_S: Final = 0.001
+"""So long after something was sent likewise: Zenoh's one thread must have time to transmit it."""
+
+BUNCHED_S: Final = 0.02
+"""What comes on one key sooner than this after the one before is no cycle's: it has piled up."""
+
 LEAVE_S: Final = 3.0
 """From the signal to the end of the process, whatever hangs."""
 
@@ -86,6 +101,9 @@ class AgentHost:
         self._mesh = mesh
         self._clock = clock
         self._stopping = threading.Event()
+        self._failure: BaseException | None = None  # of a turn on the reception thread
+        self._until: float | None = None  # when the agents' thread wakes by itself
+        self._calm_at = float("-inf")  # not before is anything done on the reception thread
         now = clock()
         self.drivers = [Driver(agent, now, admit=admit, wall=wall) for agent in agents]
         self._listeners: dict[str, list[tuple[Subscription, Driver]]] = {}  # by pattern
@@ -98,7 +116,9 @@ class AgentHost:
                 self._listeners.setdefault(to.pattern, []).append((to, driver))
             opens = (connect or {}).get(agent.instance)
             if isinstance(agent, DeviceAgent) and opens is not None:
-                self._devices[agent.instance] = Device(driver, opens, self.inbox, clock)
+                self._devices[agent.instance] = Device(
+                    driver, opens, self.inbox, clock, self._at_once
+                )
 
     # Its life ------------------------------------------------------------------------------------
 
@@ -110,6 +130,8 @@ class AgentHost:
         self._send()
         while not (self._stopping.is_set() or self.refusal):
             self._turn()
+            if self._failure is not None:
+                raise self._failure
 
     def leave(self) -> None:
         """Let go of what the agents hold, see that it is heard, and close their ports."""
@@ -139,10 +161,12 @@ class AgentHost:
 
     def _turn(self) -> None:
         """Deliver what waits, then wake who is due, then wait."""
-        due = min((at for d in self.drivers if (at := d.wakeup) is not None), default=None)
+        due = self._until = self._due()
         wait = None if due is None else due - self._clock()
         # Who comes late hung: what has piled up is seen before any time-out is believed.
         settle = SETTLE_S if wait is not None and wait < -LATE_S else 0.0
+        if settle:
+            self._calm_at = max(self._calm_at, self._clock() + LATE_S)
         wait = settle if settle else None if wait is None else max(wait, 0.0)
         for _ in range(BURST):
             item = self.inbox.take(wait)
@@ -161,6 +185,39 @@ class AgentHost:
             self.drivers[0].report(dropped, self._clock())
             self._send()
 
+    def _due(self) -> float | None:
+        """When somebody is to be woken."""
+        return min((at for d in self.drivers if (at := d.wakeup) is not None), default=None)
+
+    def _on_reception(self, call: Callable[..., None], args: tuple[Any, ...]) -> None:
+        """Do on the mesh's thread what it received; and see that it has time to be that thread."""
+        began = self._clock()
+        sent = self._at_once(call, args)
+        now = self._clock()
+        if now - began > SLOW_S:
+            self._calm_at = now + CALM_S
+        elif sent:
+            self._calm_at = max(self._calm_at, now + SENDING_S)
+
+    def _at_once(self, call: Callable[..., None], args: tuple[Any, ...]) -> bool:
+        """Do something on another thread, after `Inbox.at_once`; whether there was to be sent."""
+        sent, due = False, None
+        if self._failure is not None:  # half a turn was the last one
+            self.inbox.done()
+            return sent
+        try:
+            call(*args)
+            sent = self._send(at_once=True)
+            due = self._due()
+        except BaseException as error:  # `live` raises it again
+            self._failure = error
+        finally:
+            self.inbox.done()
+        sooner = due is not None and (self._until is None or due < self._until)
+        if sooner or self._failure is not None or self.refusal:
+            self.inbox.ring()
+        return sent
+
     def _timed(self, driver: Driver, step: Callable[..., None], *args: Any) -> None:
         """One step of a driver's, which is told if it took long."""
         began = self._clock()
@@ -169,28 +226,45 @@ class AgentHost:
         if took > driver.agent.cycles.period:
             driver.slow(took)
 
-    def _send(self) -> None:
-        """Deliver what the drivers have for one another, then send: commands go out first."""
+    def _send(self, *, at_once: bool = False) -> bool:
+        """Deliver what the drivers have for one another, then send; whether there was anything.
+
+        Commands and bytes for the device go out before the next delivery. `at_once`: on the
+        reception thread; from the first that may block on, the rest is left to the agents' own.
+        """
+        first: list[tuple[Driver, Output]] = []
         sent: list[tuple[Driver, Output]] = []
+        said = False
         while True:
             for driver in self.drivers:
                 for item in driver.take():
-                    sent.append((driver, item))
+                    said = True
+                    (first if _urgent(item) else sent).append((driver, item))
                     if len(self.drivers) > 1 and type(item) is Publish:
                         self._hand_over(driver, item)
                 if driver.refusal:
                     self.refusal = driver.refusal
+            while first and (not at_once or self._goes_at_once(first[0][1])):
+                self._put(*first.pop(0))
             if not self._local:
                 break
             driver, to, key, message = self._local.popleft()
             self._timed(driver, driver.deliver, to, key, message)
-        if len(sent) > 1:
-            sent.sort(key=_urgency)
+        sent = first + sent
+        for index, (driver, item) in enumerate(sent):
+            if at_once and not self._goes_at_once(item):
+                self.inbox.put("out", self._put_all, sent[index:])
+                break
+            self._put(driver, item)
+        return said
+
+    def _goes_at_once(self, item: Output) -> bool:
+        """Whether sending it asks nothing of the mesh but to be passed on."""
+        return type(item) is Write or (type(item) is Publish and self._mesh.has_said(item.key))
+
+    def _put_all(self, sent: Sequence[tuple[Driver, Output]]) -> None:
         for driver, item in sent:
-            try:
-                self._put(driver, item)
-            except MessageError as error:
-                self._unsent(driver, item, error)
+            self._put(driver, item)
 
     def _hand_over(self, driver: Driver, item: Publish) -> None:
         """Give a publication to those in this process who listen: shared, and not encoded."""
@@ -204,9 +278,16 @@ class AgentHost:
         if isinstance(item, AskFor):
             self.inbox.put(_lane(driver, item), self._replied, driver, item, "", None)
         driver.refuse(item.key, error, self._clock())
-        self._send()
+        self.inbox.put("refused", self._send, keep=1)  # what is said of it
 
     def _put(self, driver: Driver, item: Output) -> None:
+        try:
+            self._pass_on(driver, item)
+        except MessageError as error:
+            self._unsent(driver, item, error)
+
+    def _pass_on(self, driver: Driver, item: Output) -> None:
+        """Give it to the mesh or the port. Raises MessageError for what cannot be sent."""
         if type(item) is Publish:
             if isinstance(item.message, Log):
                 logger.log(item.message.level, "%s", item.message.text)
@@ -243,10 +324,16 @@ class AgentHost:
     def _listen(self, pattern: str, listeners: Sequence[tuple[Subscription, Driver]]) -> None:
         to = listeners[0][0]
         keep = 1 if to.kind is Kind.STATE else EVENTS
-        put, deliver = self.inbox.put, self._deliver
+        deliver, last = self._deliver, float("-inf")
 
         def arrived(key: str, data: bytes) -> None:
-            put(key, deliver, listeners, key, data, keep=keep)
+            nonlocal last
+            before, last = last, self._clock()
+            apart = last - before > BUNCHED_S and last > self._calm_at
+            if apart and self.inbox.at_once():
+                self._on_reception(deliver, (listeners, key, data))
+            else:
+                self.inbox.put(key, deliver, listeners, key, data, keep=keep)
 
         self._mesh.subscribe(pattern, arrived)
 
@@ -306,12 +393,9 @@ def _lane(driver: Driver, item: AskFor) -> str:
     return f"reply/{driver.agent.instance}/{item.id}"
 
 
-def _urgency(sent: tuple[Driver, Output]) -> int:
-    """Bytes for the device and commands first; all else as it came."""
-    item = sent[1]
-    if type(item) is Publish:
-        return 0 if type(item.message) is Command else 1
-    return 0 if type(item) is Write else 1
+def _urgent(item: Output) -> bool:
+    """Whether it is for the device, or for an owner to obey."""
+    return type(item) is Write or (type(item) is Publish and type(item.message) is Command)
 
 
 def identity(name: str, host: str | None = None) -> Identity:

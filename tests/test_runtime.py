@@ -110,7 +110,7 @@ def test_what_piles_up_while_it_is_busy_is_the_latest_state_and_every_event(
     agent.gate = gate
     thread = running(host)
     assert mesh.alive.wait(SOON)
-    mesh.hear("robot/state", state(1))
+    host.inbox.put("test", lambda: mesh.hear("robot/state", state(1)))  # on the host's thread
     assert busy.wait(SOON)
     for number in (2, 3, 4):
         mesh.hear("robot/state", state(number))

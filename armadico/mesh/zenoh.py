@@ -1,8 +1,8 @@
 """The mesh between processes: the only module that knows Zenoh.
 
-Callbacks run on Zenoh's own reception thread and must only put what they are given into a queue: a
-slow one stops reception for the whole process. They are handed bytes; the owner of the queue reads
-them with `ZenohMesh.read`, so a value that is overtaken in the queue is never decoded.
+Callbacks run on Zenoh's own reception thread and must return soon: a slow one stops reception for
+the whole process. Most put what they are given into a queue. They are handed bytes; the owner of
+the queue reads them with `ZenohMesh.read`, so a value that is overtaken there is never decoded.
 """
 
 from __future__ import annotations
@@ -38,7 +38,7 @@ logger = logging.getLogger("armadico.mesh")
 M = TypeVar("M", bound=Message)
 
 Receiver = Callable[[str, bytes], None]
-"""Takes a key and a payload, on Zenoh's thread: puts them into a queue and returns."""
+"""Takes a key and a payload, on Zenoh's thread, and returns soon."""
 
 CLOSE_S: Final = 1.0
 """A session that does not close within this is left behind (closing may block for 10 s)."""
@@ -197,6 +197,10 @@ class ZenohMesh:
                 allowed_destination=zenoh.Locality.REMOTE,
             )
         publisher.put(encode(message))
+
+    def has_said(self, key: str) -> bool:
+        """Whether something was published on a key: the first time it has to be declared."""
+        return key in self._publishers
 
     def subscribe(self, pattern: str, receiver: Receiver) -> None:
         """Have what is said on the keys of a pattern handed over."""

@@ -50,6 +50,9 @@ class FakeMesh:
         encode(message)
         self.published.append((key, message))
 
+    def has_said(self, key: str) -> bool:
+        return any(key == said for said, _ in self.published)
+
     def subscribe(self, pattern: str, receiver: Callable[[str, bytes], None]) -> None:
         self.subscribers[pattern] = receiver
 

@@ -126,3 +126,26 @@ def test_news_of_the_link_survives_a_flood_of_bytes() -> None:
     assert agent.seen == ["up ", *["x"] * CHUNKS]
     assert host.inbox.take_dropped() == {"device": 9 * CHUNKS}
     assert host.inbox.take_dropped() == {}
+
+
+def test_bytes_are_taken_where_they_were_read_while_the_agents_thread_waits() -> None:
+    readers: list[int] = []
+    takers: list[int] = []
+
+    class Port(FakePort):
+        def read(self, timeout_s: float) -> bytes:
+            self.agent.await_seen("up ", self.opening)
+            readers.append(threading.get_ident())
+            return b"" if set(takers) & set(readers) else b"a"
+
+    class Taker(Listener):
+        def on_bytes(self, data: bytes) -> None:
+            takers.append(threading.get_ident())
+            if takers[-1] in readers:
+                host.request_stop()
+
+    agent = Taker(identity("listener"))
+    host, _ = on_a_fake(agent, connect={agent.instance: lambda: Port(agent, [])})
+    host.live()
+    host.leave()
+    assert set(takers) & set(readers)
