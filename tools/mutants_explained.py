@@ -164,6 +164,11 @@ _BY_PLACE: Final[dict[str, tuple[tuple[str, str, str], ...]]] = {
             "cycles begin at 1, or within one of it",
         ),
         (
+            "last = max(resumed.number, since.number if since.epoch == newest.epoch else 0)",
+            "last = max(resumed.number, since.number if since.epoch == newest.epoch else -1)",
+            "cycles begin at 1, or within one of it",
+        ),
+        (
             "ours = ballot is None or ack.obeyed == ballot",
             "ours = ballot is None or ack.obeyed >= ballot",
             "who knows of a larger ballot holds no more",

@@ -293,11 +293,12 @@ def test_a_token_that_goes_when_the_silence_is_over_is_no_news() -> None:
     stage, ballot = contending(), Ballot(3, 0.6, False, "a-1")
     due = stage.contender.wakeup
     assert due is not None
-    stage.cycle(7, largest=ballot, obeyed=ballot, obeyed_cycle=Cycle(1, 7))
+    stage.cycle(7, largest=ballot, obeyed=ballot, obeyed_cycle=Cycle(1, 7), utility=0.6)
     stage.bid(0.3)
     stage.now = due
     stage.contender.gone("a-1", stage.now)
     assert stage.tick() == []
+    assert not stage.contender.holding
 
 
 def test_who_claims_on_has_not_gone() -> None:

@@ -652,6 +652,8 @@ class World:
         told = contender.ack
         if told is None or told.obeyed != top or now - self.obeyed_at > 3 * CYCLE or self.cuts:
             return
+        if told.obeyed_cycle is None or told.cycle.number > told.obeyed_cycle.number + 1:
+            return  # not in the last cycle, by that word: its silence may be meant
         holder = next((each for each in self.sides if each.instance == top.instance), side)
         if holder is side or holder.contender is None or holder.hung_until != 0:
             return
