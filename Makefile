@@ -34,7 +34,7 @@ lint: $(VENV)/.dev  ## ruff, and mypy strict over every package
 	$(BIN)/ruff format --check .
 	$(BIN)/python tools/typecheck.py
 
-compiled:  ## a second environment, .venv-compiled, whose simulated robot is compiled
+compiled:  ## a second environment, .venv-compiled, where what agents stand on is compiled
 	@$(MAKE) --no-print-directory VENV=.venv-compiled .venv-compiled/.compiled
 
 .venv-compiled/.compiled: .venv-compiled/.dev setup.py pyproject.toml $(shell find armadico agents bridge configs tools -type f -not -name '*.pyc')

@@ -1,4 +1,4 @@
-"""The wheel is pure Python; with ARMADICO_COMPILE=1 the simulated robot in it is compiled.
+"""The wheel is pure Python; with ARMADICO_COMPILE=1 what agents stand on is compiled in it.
 
 mypyc needs the packages as they are installed and everything that they import, so it is built
 without isolation where the development dependencies are: `make compiled`.
@@ -18,19 +18,33 @@ if TYPE_CHECKING:
     from setuptools import Extension
 
 ROOT = Path(__file__).resolve().parent
+COMPILED = (
+    *("armadico/agent", "armadico/driver", "armadico/mailbox", "armadico/latched"),
+    *("armadico/coordination", "armadico/cycles", "armadico/exchange"),
+    *("armadico/resources", "armadico/services", "armadico/geometry"),
+    *("armadico/mesh/virtual", "armadico/mesh/virtual_network", "armadico/mesh/virtual_node"),
+    *("armadico/mesh/virtual_presence", "armadico/mesh/virtual_questions"),
+    *("agents/methods/geometry", "agents/methods/headings", "agents/methods/local_map"),
+    *("agents/methods/motion", "agents/methods/route", "agents/methods/safety"),
+    *("agents/methods/sweep", "bridge/reflex", "bridge/p2os/packets"),
+)
+"""What a virtual second goes into, and `bridge/simulator`. Agents are not: everybody's are Python.
+Nor is what declares types for msgspec: it reads them as they are written, and mypyc drops that."""
+
 APART = ("__init__", "server")
 """Of `bridge/simulator`: nothing to compile, and sockets, which wait rather than compute."""
 
 
 def compiled() -> list[Extension]:
-    """The simulated robot as extension modules, made by mypyc."""
+    """The pattern of an agent, the virtual mesh, the methods and the simulated robot, by mypyc."""
     from mypyc.build import mypycify  # noqa: PLC0415 - not for the pure wheel
 
     sys.path.insert(0, str(ROOT / "tools"))
     from typecheck import link  # noqa: PLC0415
 
-    names = sorted(path.stem for path in (ROOT / "bridge" / "simulator").glob("*.py"))
-    modules = [f"armadico/bridge/simulator/{name}.py" for name in names if name not in APART]
+    robot = sorted((ROOT / "bridge" / "simulator").glob("*.py"))
+    names = [*COMPILED, *(f"bridge/simulator/{p.stem}" for p in robot if p.stem not in APART)]
+    modules = [f"armadico/{name.removeprefix('armadico/')}.py" for name in names]
     options = ["--config-file", str(ROOT / "pyproject.toml")]
     with tempfile.TemporaryDirectory() as folder:
         link(Path(folder))

@@ -11,13 +11,12 @@ from armadico.agents.methods.behaviour import Behaviour
 from armadico.agents.methods.headings import open_heading
 from armadico.agents.methods.safety import (
     ON_THE_SPOT_M_S,
-    TURN_MARGIN_M,
-    Safety,
     Scene,
     corner_cut,
     critical,
     limit,
 )
+from armadico.agents.methods.settings import TURN_MARGIN_M, Safety
 from armadico.agents.methods.sweep import free_path, free_turn
 from armadico.agents.methods.utility import ramp_down
 from armadico.agents.methods.zones import NonNegative, Positive, ZoneParameters, literal

@@ -11,7 +11,8 @@ from armadico import agent
 from armadico.agents.methods.behaviour import Behaviour
 from armadico.agents.methods.controllers import ahead_of
 from armadico.agents.methods.geometry import clip
-from armadico.agents.methods.safety import Safety, corner_cut, limit
+from armadico.agents.methods.safety import corner_cut, limit
+from armadico.agents.methods.settings import Safety
 from armadico.agents.methods.utility import ramp_down
 from armadico.exchange import Bid
 from armadico.messages import Obstacles, Point, Pose, Waypoint

@@ -12,7 +12,8 @@ from armadico import agent
 from armadico.agents.methods.behaviour import Behaviour
 from armadico.agents.methods.controllers import SETTINGS, Controller, Law, Mode, Settings
 from armadico.agents.methods.motion import Body
-from armadico.agents.methods.safety import Safety, corner_cut
+from armadico.agents.methods.safety import corner_cut
+from armadico.agents.methods.settings import Safety
 from armadico.agents.methods.utility import ramp_down
 from armadico.exchange import Bid
 from armadico.geometry import wrap

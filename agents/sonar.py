@@ -12,7 +12,8 @@ from armadico import agent
 from armadico.agent import Agent
 from armadico.agents.methods import local_map
 from armadico.agents.methods.geometry import Placed
-from armadico.agents.methods.local_map import CELLS, RINGS, SECTORS, Obstacle, Settings
+from armadico.agents.methods.local_map import CELLS, RINGS, SECTORS, Obstacle
+from armadico.agents.methods.settings import MapSettings
 from armadico.agents.methods.sweep import Outline
 from armadico.geometry import Pose2, relative
 from armadico.messages import (
@@ -53,7 +54,7 @@ class Parameters(agent.Parameters, frozen=True, kw_only=True):
     near is said as an arc, a point on each side of the axis.
     """
 
-    map: Settings = Settings()
+    map: MapSettings = MapSettings()
     arc_rad: Angle = radians(8.0)  # to each side
     arc_within_rad: Angle = radians(45.0)  # of the heading
     arc_from_m: Metres = 0.04  # before the front edge

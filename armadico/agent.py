@@ -19,11 +19,11 @@ from collections import deque
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
 from math import isfinite
-from typing import Annotated, Any, ClassVar, Literal, TypeVar, cast
-
-from msgspec import Meta, Struct
+from typing import Any, ClassVar, TypeVar, cast
 
 from armadico import messages as m
+from armadico import parameters
+from armadico.compiled import mypyc_attr
 from armadico.coordination import COMPARISONS, Contender, Owner, Verdict
 from armadico.cycles import CycleClock, CycleCounter
 from armadico.exchange import EXCHANGES, Bid
@@ -47,18 +47,8 @@ AT_WORK = frozenset({Verdict.STALE_BALLOT, Verdict.OVER, Verdict.LISTENING})
 """Refusals that come of every exchange and every start: the protocol at work, and no fault."""
 
 
-class Social(Struct, frozen=True, forbid_unknown_fields=True):
-    """Parameters of the social intelligence, the same for every agent."""
-
-    exchange: Literal["smooth", "abrupt"] | None = None  # None: the resource's own
-    margin: Annotated[float, Meta(ge=0, le=1)] | None = None  # None: the resource's own
-    comparison: Literal["same-cycle", "last-heard"] = "same-cycle"  # the latter is the thesis's
-
-
-class Parameters(Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):
-    """What a file or ``--set KEY=VALUE`` may change; subclasses add their own."""
-
-    social: Social = Social()
+Parameters = parameters.Parameters
+Social = parameters.Social
 
 
 @dataclass(frozen=True)
@@ -144,6 +134,7 @@ class _Owned:
     complained_at: float = float("-inf")
 
 
+@mypyc_attr(allow_interpreted_subclasses=True)
 class Agent:
     """One agent. A subclass declares what it talks about, and fills in handlers and methods."""
 
@@ -476,7 +467,7 @@ class Agent:
     def _asks_for(self, to: Subscription) -> bool:
         """Whether it listens by its own wish, and not because everybody does."""
         everybodys = to.kind is Kind.LATCHED or to.message is m.Description
-        return not everybodys or to.message in (*self.hears, *self.needs)
+        return not everybodys or to.message in self.hears or to.message in self.needs
 
     def history(self) -> m.BidHistory:
         """Its recent bids."""
@@ -762,6 +753,7 @@ class Agent:
         return getattr(self, f"on_{snake}", None)
 
 
+@mypyc_attr(allow_interpreted_subclasses=True)
 class DeviceAgent(Agent):
     """An agent that owns a device: bytes in, bytes out."""
 

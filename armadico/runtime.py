@@ -278,7 +278,7 @@ class AgentHost:
         if isinstance(item, AskFor):
             self.inbox.put(_lane(driver, item), self._replied, driver, item, "", None)
         driver.refuse(item.key, error, self._clock())
-        self.inbox.put("refused", self._send, keep=1)  # what is said of it
+        self.inbox.put("refused", lambda: None, keep=1)  # so that the turn after it says so
 
     def _put(self, driver: Driver, item: Output) -> None:
         try:

@@ -14,6 +14,7 @@ import sys
 from collections.abc import Sequence
 
 from armadico.config.scenarios import Scenario, load_scenario
+from armadico.mesh import virtual
 from armadico.rehearsal import Rehearsal
 from armadico.services import SERVICES
 from armadico.society import Options
@@ -31,10 +32,8 @@ def fingerprint(scenario: Scenario, options: Options) -> str:
 
 
 def is_compiled() -> bool:
-    """Whether the simulated robot is machine code here (`make compiled`)."""
-    from armadico.bridge.simulator import plant  # noqa: PLC0415 - pymunk
-
-    return not (plant.__file__ or "").endswith(".py")
+    """Whether what agents stand on is machine code here (`make compiled`)."""
+    return not (virtual.__file__ or "").endswith(".py")
 
 
 def main(argv: Sequence[str] | None = None) -> int:
@@ -44,7 +43,7 @@ def main(argv: Sequence[str] | None = None) -> int:
     parser.add_argument("--seed", type=int, default=7)
     parser.add_argument("--parameters", help="thesis, or a TOML file")
     args = parser.parse_args(argv)
-    print("simulated robot:", "compiled" if is_compiled() else "pure Python", file=sys.stderr)
+    print("armadico:", "compiled" if is_compiled() else "pure Python", file=sys.stderr)
     for name in args.scenarios:
         options = Options(seed=args.seed, parameters=args.parameters)
         print(name, fingerprint(load_scenario(name), options))

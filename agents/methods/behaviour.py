@@ -8,7 +8,8 @@ from armadico import agent
 from armadico.agent import Agent
 from armadico.agents.methods.motion import Body, Speeds, ordered
 from armadico.agents.methods.route import Route
-from armadico.agents.methods.safety import Safety, Scene, limit
+from armadico.agents.methods.safety import Scene, limit
+from armadico.agents.methods.settings import Safety
 from armadico.exchange import Bid
 from armadico.messages import Description, Message, Obstacles, Pose, RobotState, Trajectory
 from armadico.resources import WHEELS

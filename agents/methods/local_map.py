@@ -22,9 +22,8 @@ from functools import lru_cache
 from operator import itemgetter
 from typing import NamedTuple, Protocol
 
-from msgspec import Struct
-
 from armadico.agents.methods.geometry import Posed
+from armadico.agents.methods.settings import MapSettings
 from armadico.agents.methods.sweep import Outline
 
 SECTORS = 18
@@ -62,26 +61,6 @@ class Echo(Protocol):
         """Metres; None if nothing answered within its reach."""
 
 
-class Settings(Struct, frozen=True):
-    """How the map believes and forgets. Probabilities are shares, not calibrated."""
-
-    reach_m: float = 2.5  # of the outermost ring
-    hit: float = 0.6  # added where an echo comes from
-    miss: float = 0.35  # taken where an echo from farther away went through
-    silence: float = 0.15  # taken where a ping brought nothing back at all
-    axis_rad: float = math.radians(10)  # a point within this of a sonar's axis had to be heard
-    memory: float = 0.995  # a cycle: what is certain lasts 24 s at rest
-    memory_m: float = 1.5  # the way that halves a probability: the same lasts 2.6 m
-    threshold: float = 0.3  # occupied from here on
-    seen_decay: float = 1.0  # a cycle, where a sonar looks: 1, no look is no evidence
-    seen_threshold: float = 0.3  # and occupied there; the set `thesis` believes by cycles
-    forget: float = 0.05  # a cell below this is dropped
-    margin_m: float = 0.1  # an echo clears what lies this much before it
-    apart_m: float = 0.06  # points of a near cell farther apart than this are two; 1: one a cell
-    frontal_rad: float = math.radians(40)  # in front: within this of the heading
-    abeam_rad: float = math.radians(120)  # beside: between that and this
-
-
 class Obstacle(NamedTuple):
     """An occupied cell's point, and how far it is from the middle of the axle, m."""
 
@@ -116,9 +95,9 @@ class LocalMap:
     inside it.
     """
 
-    def __init__(self, settings: Settings | None = None, outline: Outline | None = None) -> None:
+    def __init__(self, settings: MapSettings | None = None, outline: Outline | None = None) -> None:
         """An empty map."""
-        self.settings = settings or Settings()
+        self.settings = settings or MapSettings()
         self.outline = outline
         self._ring_m = self.settings.reach_m / RINGS
         self._cells: dict[int, _Cell] = {}  # by the cell, and CELLS for each point before it

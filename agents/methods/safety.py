@@ -9,11 +9,10 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from math import hypot, inf
-from typing import Annotated, NamedTuple
-
-from msgspec import Meta, Struct
+from typing import NamedTuple
 
 from armadico.agents.methods.motion import Body, Speeds, touches_at
+from armadico.agents.methods.settings import Safety
 from armadico.agents.methods.sweep import free_path
 from armadico.messages import Obstacles, Point
 
@@ -27,21 +26,9 @@ less, and drives on as it does."""
 ON_THE_SPOT_M_S = 0.05
 """Slower than this the robot turns on the spot, and the small margin will do all round."""
 
-TURN_MARGIN_M = 0.02
-"""That small margin, where there are no parameters to say it."""
-
 CORNER_ROOM_M = 0.17
 """Nearer to something than this, its farthest corner to obstacle, a corner of the trajectory is not
 cut."""
-
-
-class Safety(Struct, frozen=True, forbid_unknown_fields=True):
-    """Margins around the body. How it brakes is the robot's own, and comes with its description."""
-
-    margin_m: Annotated[float, Meta(ge=0, le=1)] = 0.08
-    slow: Annotated[float, Meta(ge=0, le=1)] = 0.0  # m/s: at no more than this
-    close_m: Annotated[float, Meta(ge=0, le=1)] = TURN_MARGIN_M  # so small a margin will do
-    turn_room: Annotated[float, Meta(ge=0, le=3.2)] = 0.12  # rad free, or it tries the other side
 
 
 class Scene(NamedTuple):

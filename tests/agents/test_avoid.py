@@ -12,7 +12,7 @@ from hypothesis import strategies as st
 from armadico.agent import Identity
 from armadico.agents.avoid import Avoid, Parameters
 from armadico.agents.methods.motion import touches_at
-from armadico.agents.methods.safety import Safety
+from armadico.agents.methods.settings import Safety
 from armadico.measures import speeds
 from armadico.messages import Ack, Ballot, Obstacles, Point, Pose, RobotState, Stop, Trajectory
 from armadico.resources import WHEELS

@@ -16,9 +16,9 @@ from armadico.agents.methods.local_map import (
     SECTORS,
     LocalMap,
     Obstacle,
-    Settings,
     cell_at,
 )
+from armadico.agents.methods.settings import MapSettings
 from armadico.agents.methods.sweep import Outline
 from armadico.geometry import compose, relative
 
@@ -45,7 +45,7 @@ RING = [
 ]
 ORDER = (2, 1, 4, 0, 6, 3, 7, 5)
 HALF, STILL = Placed(0.0, 0.0, math.pi), ORIGIN
-LASTING = Settings(memory=1.0, memory_m=math.inf)
+LASTING = MapSettings(memory=1.0, memory_m=math.inf)
 BODY = Outline(0.21, 0.23, 0.165)
 motions = st.lists(
     st.builds(Placed, st.floats(-0.05, 0.15), st.floats(-0.02, 0.02), st.floats(-0.3, 0.3)),
@@ -58,7 +58,7 @@ def hit(x: float, y: float) -> Ping:
     return Ping(0.0, 0.0, math.atan2(y, x), math.hypot(x, y))
 
 
-def mapped(*points: tuple[float, float], settings: Settings | None = None) -> LocalMap:
+def mapped(*points: tuple[float, float], settings: MapSettings | None = None) -> LocalMap:
     """A map that holds these points, each seen twice."""
     local = LocalMap(settings, BODY)
     for _ in range(2):
@@ -310,7 +310,7 @@ def test_two_points_that_meet_in_a_near_cell_both_stay_if_they_are_apart() -> No
 def test_a_near_cell_holds_so_many_points_and_the_least_sure_makes_room() -> None:
     ys = [0.26 + 0.03 * k for k in range(8)]
     apart = [(-0.02 + 0.05 * (k % 2), y) for k, y in enumerate(ys)]
-    local = LocalMap(Settings(apart_m=0.04))
+    local = LocalMap(MapSettings(apart_m=0.04))
     sure = apart[1 : POINTS + 1]
     for point in (*sure, *sure[1:]):
         local.update([hit(*point)])

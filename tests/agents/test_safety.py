@@ -9,7 +9,8 @@ from hypothesis import assume, given, settings
 from hypothesis import strategies as st
 
 from armadico.agents.methods.motion import Speeds
-from armadico.agents.methods.safety import Limited, Safety, Scene, corner_cut, critical, limit
+from armadico.agents.methods.safety import Limited, Scene, corner_cut, critical, limit
+from armadico.agents.methods.settings import Safety
 from armadico.agents.methods.sweep import free_path
 from armadico.messages import Cycle, Obstacles, Point
 from tests.agents.test_motion import clearance, driven

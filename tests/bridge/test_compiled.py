@@ -1,4 +1,4 @@
-"""The compiled simulated robot drives the same runs as the interpreted one, to the last bit."""
+"""What is compiled drives the same runs as the interpreted sources, to the last bit."""
 
 from __future__ import annotations
 
@@ -8,10 +8,29 @@ from pathlib import Path
 
 import pytest
 
+from tests.docs.blocks import files
 from tests.house.tree import ROOT, package_files
 
 COMPILED = ROOT / ".venv-compiled" / "bin" / "python"
 WHERE = "import armadico; print(armadico.__path__[0])"
+
+NEWCOMER = """
+import sys
+
+sys.path.insert(0, sys.argv[1])
+from wall_follower import WallFollower
+
+from armadico.config.scenarios import load_scenario
+from armadico.rehearsal import Rehearsal
+from armadico.society import Options
+
+rehearsal = Rehearsal(load_scenario("sc2"), Options(without=("gothrough",)))
+rehearsal.begin()
+rehearsal.mesh.run(rehearsal.mesh.now + 2.0)
+node = rehearsal.add(WallFollower)
+rehearsal.mesh.run(rehearsal.mesh.now + 20.0, lambda: rehearsal.watch.holder == node.name)
+print(rehearsal.watch.holder, rehearsal.mesh.now, node.agent.history())
+"""
 
 
 def said(python: Path | str, *words: str) -> subprocess.CompletedProcess[str]:
@@ -23,9 +42,9 @@ def said(python: Path | str, *words: str) -> subprocess.CompletedProcess[str]:
 
 @pytest.fixture(scope="module")
 def compiled() -> Path:
-    """A Python whose simulated robot is compiled in an installation of what is here."""
+    """A Python that has what is here, compiled as far as it ever is."""
     if not COMPILED.exists():
-        pytest.skip("no compiled simulated robot here: make compiled")
+        pytest.skip("nothing is compiled here: make compiled")
     site = Path(said(COMPILED, "-c", WHERE).stdout.strip()).parent
     for name, path in package_files():
         if not (site / name).exists() or (site / name).read_bytes() != path.read_bytes():
@@ -33,10 +52,20 @@ def compiled() -> Path:
     return COMPILED
 
 
-@pytest.mark.parametrize("words", [("sc4", "sc1"), ("sc3", "--parameters", "thesis")])
+@pytest.mark.parametrize("words", [("sc4", "sc1", "house"), ("sc3", "--parameters", "thesis")])
 def test_compiled_and_interpreted_publish_the_same(compiled: Path, words: tuple[str, ...]) -> None:
     module = ("-m", "armadico.tools.fingerprint", *words)
     one, other = said(sys.executable, *module), said(compiled, *module)
     assert "pure Python" in one.stderr
     assert "compiled" in other.stderr
+    assert one.stdout == other.stdout
+
+
+def test_what_other_people_write_in_python_derives_from_what_is_compiled(
+    compiled: Path, tmp_path: Path
+) -> None:
+    source = files("docs/tutorial.md")["wall-follower/wall_follower.py"]
+    (tmp_path / "wall_follower.py").write_text(source)
+    one, other = (said(who, "-c", NEWCOMER, str(tmp_path)) for who in (sys.executable, compiled))
+    assert one.stdout.startswith("wall-follower ")
     assert one.stdout == other.stdout

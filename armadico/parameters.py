@@ -1,0 +1,25 @@
+"""What of an agent a file or ``--set KEY=VALUE`` may change.
+
+A file of its own, as `messages` is: msgspec reads these types as they are written here, which it
+could not in a module that is compiled (`setup.py`).
+"""
+
+from __future__ import annotations
+
+from typing import Annotated, Literal
+
+from msgspec import Meta, Struct
+
+
+class Social(Struct, frozen=True, forbid_unknown_fields=True):
+    """Parameters of the social intelligence, the same for every agent."""
+
+    exchange: Literal["smooth", "abrupt"] | None = None  # None: the resource's own
+    margin: Annotated[float, Meta(ge=0, le=1)] | None = None  # None: the resource's own
+    comparison: Literal["same-cycle", "last-heard"] = "same-cycle"  # the latter is the thesis's
+
+
+class Parameters(Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):
+    """What a file or ``--set KEY=VALUE`` may change; subclasses add their own."""
+
+    social: Social = Social()
