@@ -469,7 +469,7 @@ class Agent:
             resources=tuple(r.name for r in self.competes_for),
             holds=tuple(r.name for r in self.competes_for if self.holds(r)),
             owns=tuple(r.name for r in self.owns),
-            tenure=self.tenure,
+            tenure=min(self.tenure, m.LONGEST_TENURE),
             declares=tuple(r.signature for r in resources),
         )
 

@@ -35,6 +35,13 @@ One corrupt number must not end all others: what is adopted leaves a million suc
 counts in its whole life: at ten exchanges a second this is thirteen years.
 """
 
+WAYPOINTS: Final = 1024
+"""Points of a mission, its goal among them."""
+
+LONGEST_TENURE: Final = JUMP
+"""Cycles for which nobody has been at work yet: a card that says more is none, and drives nobody
+out. Who should ever get there says no more than this."""
+
 Real = Annotated[float, Meta(ge=-LARGEST, le=LARGEST)]  # also refuses NaN and the infinities
 Share = Annotated[float, Meta(ge=0, le=1)]
 
@@ -403,7 +410,7 @@ class Trajectory(Latched, frozen=True):
 
     counter: Counter
     mission: Bits64
-    waypoints: Annotated[tuple[Waypoint, ...], Meta(max_length=1024)]
+    waypoints: Annotated[tuple[Waypoint, ...], Meta(max_length=WAYPOINTS)]
     start: Point = Point(0.0, 0.0)
     leg: Counter = 0
 
@@ -433,7 +440,7 @@ class MissionRequest(Message, frozen=True):
     """Go to a goal: straight, over given waypoints, or as the path planning agent says."""
 
     goal: Waypoint
-    waypoints: Annotated[tuple[Waypoint, ...], Meta(max_length=1024)] = ()
+    waypoints: Annotated[tuple[Waypoint, ...], Meta(max_length=WAYPOINTS)] = ()
     planned: bool = True
 
 
@@ -491,7 +498,7 @@ class Card(Message, frozen=True):
     """The resources that it obeys for, once it does."""
     declares: tuple[Text, ...] = ()
     """The signatures of the resources that it owns or competes for: what it means by them."""
-    tenure: Counter = 0
+    tenure: Annotated[int, Meta(ge=0, le=LONGEST_TENURE)] = 0
     """Cycles for which it has been at work, 0 before; of two that may not both stay the longer
     stays."""
 

@@ -188,6 +188,10 @@ UNSOUND: list[tuple[str, Message]] = [
     ("a term beyond 2^52", m.Ballot(LARGEST_COUNT + 1, 0.5, False, "a")),
     ("a counter beyond 2^52", m.Stop(LARGEST_COUNT + 1, True, "a", 1)),
     ("a cycle's number beyond 2^52", m.Pose(m.Cycle(1, LARGEST_COUNT + 1), 0.0, 0.0, 0.0)),
+    (
+        "at work for longer than anybody",
+        m.Card("a", "a-1", "h", 1, "1", 2, (), (), (), tenure=2**52),
+    ),
     ("a negative term", m.Ballot(-1, 0.5, False, "a")),
     ("nobody's ballot", m.Ballot(1, 0.5, False, "")),
     ("a long name", m.Ballot(1, 0.5, False, "a" * 129)),
