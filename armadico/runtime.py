@@ -175,8 +175,9 @@ class AgentHost:
         while True:
             for driver in self.drivers:
                 for item in driver.take():
-                    shared = len(self.drivers) > 1 and type(item) is Publish
-                    sent.append((driver, self._hand_over(driver, item) if shared else item))
+                    if len(self.drivers) > 1 and type(item) is Publish:
+                        item = self._hand_over(driver, item)  # noqa: PLW2901
+                    sent.append((driver, item))
                 if driver.refusal:
                     self.refusal = driver.refusal
             if not self._local:
