@@ -203,7 +203,8 @@ class Ack(Message, frozen=True):
 
     `largest` is the largest ballot obeyed or received: smaller ones are refused. `obeyed` is that
     of the last command obeyed, none since a release; `obeyed_cycle` what that command answered,
-    `utility` and `critical` the holder's newest. `measured` is what the resource does now.
+    `utility` and `critical` the holder's newest. `measured` is what the resource does now; of
+    another shape than the resource's it is as if it had not been said.
     """
 
     resource: Name

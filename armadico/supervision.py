@@ -17,7 +17,7 @@ MISUSED: Final = 2
 """The exit code of a process that was called wrongly, or that somebody is in the way of: it would
 be again. Who has worked as it was called was called rightly, and who is in its way may go."""
 
-IN_THE_WAY_S: Final = (1.0, 2.0, 5.0, 10.0)
+IN_THE_WAY_S: Final = (1.0, 2.0, 5.0)
 """How long it waits then, each time it could not begin; that is no fault of its own, and is not
 taken from the budget."""
 
