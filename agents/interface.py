@@ -13,7 +13,9 @@ from armadico.agent import WARNING, Agent, Question
 from armadico.agents.methods.route import Route
 from armadico.geometry import wrap
 from armadico.messages import (
+    WAYPOINTS,
     Message,
+    MessageError,
     MissionReply,
     MissionRequest,
     MissionState,
@@ -25,6 +27,7 @@ from armadico.messages import (
     RobotState,
     Trajectory,
     Waypoint,
+    encode,
     line,
 )
 
@@ -114,7 +117,7 @@ class Interface(Agent):
         if self._arrived(pose):
             self._state = MissionState.REACHED
             self.log(f"mission {self._mission}: goal reached")
-            self._latch(())
+            self.publish(self._next(self._mission, self._route, ()))
             self._say_status(self._to_go)
         elif pose.cycle.number % 2 == 0:
             self._say_status(self._to_go)
@@ -148,14 +151,29 @@ class Interface(Agent):
         return self._begin(plan.waypoints, plan.length)
 
     def _begin(self, waypoints: tuple[Waypoint, ...], length: float) -> MissionReply:
+        """Take it on, if the others can be told of it: else it would be driven by nobody."""
         pose = self.latest(Pose)
         assert pose is not None, "a mission begins somewhere"
-        self._mission = self.rng.getrandbits(63)
-        self._route = Route(waypoints, Point(pose.x, pose.y))
+        if not waypoints:
+            return self._refuse("the plan leads nowhere: it has no points")
+        if len(waypoints) > WAYPOINTS:
+            return self._refuse(
+                f"it has {len(waypoints):,} points, at most {WAYPOINTS:,} are driven"
+            )
+        mission = self.rng.getrandbits(63)
+        route = Route(waypoints, Point(pose.x, pose.y))
+        to_go = route.to_go(pose.x, pose.y)
+        begun = self._next(mission, route, waypoints)
+        reply = MissionReply(mission, "", waypoints, length or to_go)
+        try:
+            for said in (begun, reply, MissionStatus(mission, MissionState.DRIVING, to_go)):
+                encode(said)
+        except MessageError as error:
+            return self._refuse(f"nobody could be told of it: {error}")
+        self._mission, self._route, self._to_go = mission, route, to_go
         self._state = MissionState.DRIVING
-        self._to_go = self._route.to_go(pose.x, pose.y)
-        self._latch(waypoints)
-        return MissionReply(self._mission, "", waypoints, length or self._to_go)
+        self.publish(begun)
+        return reply
 
     def _refuse(self, why: str) -> MissionReply:
         if self._state is MissionState.PLANNING:
@@ -175,12 +193,11 @@ class Interface(Agent):
             and abs(state.w) <= self.p.slow_rad_s
         )
 
-    def _latch(self, waypoints: tuple[Waypoint, ...]) -> None:
-        """Begin a mission for everybody, or end it."""
+    def _next(self, mission: int, route: Route, waypoints: tuple[Waypoint, ...]) -> Trajectory:
+        """What begins a mission for everybody, or ends it."""
         known = self.memory.newest(Trajectory)
         counter = 1 if known is None else known.counter + 1
-        route = self._route
-        self.publish(Trajectory(counter, self._mission, waypoints, route.start, route.leg))
+        return Trajectory(counter, mission, waypoints, route.start, route.leg)
 
     def _say_status(self, to_go: float) -> None:
         leg = self._route.leg if self._route.waypoints else 0

@@ -13,7 +13,7 @@ from armadico.agents.methods.planning import PlanError, plan
 from armadico.config.loading import find, load
 from armadico.config.profile import RobotProfile
 from armadico.config.worlds import load_world
-from armadico.messages import Message, Plan, PlanRequest, Waypoint, line
+from armadico.messages import WAYPOINTS, Message, Plan, PlanRequest, Waypoint, line
 
 
 class Parameters(agent.Parameters, frozen=True, kw_only=True):
@@ -47,6 +47,8 @@ class PathPlanning(Agent):
         except PlanError as error:
             return Plan((), refusal=line(str(error)))
         waypoints = tuple(Waypoint(p.x, p.y, p.theta) for p in way.waypoints)
+        if len(waypoints) > WAYPOINTS:
+            return Plan((), refusal=f"the way has {len(waypoints):,} turns, at most {WAYPOINTS:,}")
         cost = energy(way.length_m, self._profile, self.p.cruise_m_s)
         doors = f" through {', '.join(way.doors)}" if way.doors else ""
         self.log(f"planned {way.length_m:.1f} m{doors}, {cost.joules:.0f} J")

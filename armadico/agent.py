@@ -460,7 +460,7 @@ class Agent:
             resources=tuple(r.name for r in self.competes_for),
             holds=tuple(r.name for r in self.competes_for if self.holds(r)),
             owns=tuple(r.name for r in self.owns),
-            tenure=self.tenure,
+            tenure=min(self.tenure, m.LONGEST_TENURE),
             declares=tuple(r.signature for r in resources),
         )
 
@@ -536,6 +536,9 @@ class Agent:
         known = contender.ack.cycle if contender.ack is not None else ack.cycle
         if known.epoch == ack.cycle.epoch and known.number > ack.cycle.number:
             return False
+        if ack.measured and (fault := contender.resource.fault(ack.measured)):
+            why = f"what is measured is left out: {fault}"
+            self.outbox.append(Refused(contender.resource.ack_key, why))
         self._say(contender.resource, contender.acked(ack, self.now))
         return True
 
@@ -719,7 +722,12 @@ class Agent:
     def _acknowledge(self, owned: _Owned) -> None:
         """Say what is obeyed, once a cycle; and now and then what was refused."""
         resource = owned.owner.resource
-        ack = owned.owner.ack(self.measure(resource))
+        measured = self.measure(resource)
+        if measured and (fault := resource.fault(measured)):
+            why = f"{type(self).__name__}.measure: {fault}; it is left out"
+            self.outbox.append(Refused(resource.ack_key, why))
+            measured = ()
+        ack = owned.owner.ack(measured)
         if ack is not None:
             self.outbox.append(Publish(resource.ack_key, ack))
         refusals = owned.owner.refusals

@@ -46,6 +46,8 @@ class AttachedRun(LiveRun):
             self._warn(
                 "the robot is stopped; `armadico resume` releases it"
                 if said.done
+                else f"the stop is latched, and {said.rolling}; `armadico resume` releases it"
+                if said.latched
                 else "the stop was sent, not acknowledged; `armadico stop` tries again"
             )
 

@@ -324,9 +324,9 @@ class Contender:
 
     @property
     def measured(self) -> Action:
-        """What the resource does now, by its owner's word."""
-        ack = self.ack
-        return self.resource.neutral if ack is None or not ack.measured else ack.measured
+        """What the resource does now, by its owner's word, if that is of its shape."""
+        said, resource = self.ack, self.resource
+        return resource.neutral if said is None or resource.fault(said.measured) else said.measured
 
     # How it is settled ---------------------------------------------------------------------------
 
@@ -410,7 +410,7 @@ class Contender:
         within = 1 if loser is not None and loser.utility is None else None
         recent = loser is not None and self.clock.fresh(loser.cycle, within)
         if loser is not None and recent and event is not Event.UNOBEYED:
-            start = loser.commanded if len(loser.commanded) == len(start) else start
+            start = start if self.resource.fault(loser.commanded) else loser.commanded
         careful = None
         if loser is not None and loser.critical and event is not Event.BETTER:
             careful = loser.cycle

@@ -92,9 +92,7 @@ class Inbox:
         if not self._mailbox.dropped:
             return {}
         with self._guard:
-            dropped = dict(self._mailbox.dropped)
-            self._mailbox.dropped.clear()
-        return dropped
+            return self._mailbox.take_dropped()
 
     def _pop(self) -> Item | None:
         with self._guard:

@@ -23,6 +23,11 @@ HELD_S: Final = 1.0
 SILENT_S: Final = 0.5
 """After a longer silence of the robot agent it has to say so for as long again."""
 
+REST_M_S: Final = 0.02
+REST_RAD_S: Final = 0.1
+"""Wheels that are measured slower than this rest: a stop is an order to brake, and braking takes
+its time."""
+
 
 class Latching:
     """One press of the stop, or the release of one: what to publish, and what came of it.
@@ -31,7 +36,8 @@ class Latching:
 
     Attributes:
         known: The latch by the robot agent's newest state; None if nothing is heard of it.
-        done: Whether the robot is stopped, or free, by the robot agent's word.
+        latched: Whether the stop holds, by the robot agent's word.
+        done: Whether the robot is stopped and its wheels rest, or is free, by that word.
         refusal: Why it cannot be done.
     """
 
@@ -44,11 +50,13 @@ class Latching:
             press: What tells this stop from all others; a release has that of what it releases.
         """
         self.known: Stop | None = None
+        self.latched = False
         self.done = False
         self.refusal = ""
         self._stopped, self._by, self._press = stopped, by, press
         self._release: Stop | None = None
         self._cycle: Cycle | None = None
+        self._speeds = (0.0, 0.0)  # measured, m/s and rad/s
         self._heard_at = float("-inf")
         self._since: float | None = None  # the robot agent has said so without a break
 
@@ -57,6 +65,7 @@ class Latching:
         if state.cycle == self._cycle:
             return
         self._cycle, self.known = state.cycle, state.stop
+        self._speeds = (state.v, state.w)
         if self._stopped:
             self._hear_stopped(state.stop, now)
         else:
@@ -72,13 +81,22 @@ class Latching:
         counter = known.counter if ours else min(known.counter + 1, LARGEST_COUNT)
         return Stop(counter, True, self._by, self._press)
 
+    @property
+    def rolling(self) -> str:
+        """How the wheels still turn, for people; "" once they rest."""
+        v, w = self._speeds
+        if abs(v) <= REST_M_S and abs(w) <= REST_RAD_S:
+            return ""
+        return f"the wheels still turn, at {v:.2f} m/s and {w:.2f} rad/s"
+
     def _hear_stopped(self, stop: Stop, now: float) -> None:
         if not stop.stopped:
-            self._since = None
+            self._since, self.latched = None, False
         elif self._since is None or now - self._heard_at > SILENT_S:
-            self._since = now
+            self._since, self.latched = now, False
         elif now - self._since >= HELD_S:
-            self.done = True
+            self.latched = True
+        self.done = self.latched and not self.rolling
 
     def _hear_released(self, stop: Stop) -> None:
         release = self._release

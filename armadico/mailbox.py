@@ -63,6 +63,14 @@ class Mailbox(Generic[T]):
             self._forget(key)
         return item
 
+    def take_dropped(self) -> dict[str, int]:
+        """How many events were lost, by key, since this was last asked."""
+        if not self.dropped:
+            return {}
+        dropped = dict(self.dropped)
+        self.dropped.clear()
+        return dropped
+
     def _forget(self, key: str) -> None:
         kin = key.rpartition("/")[0]
         self._alike[kin] -= 1

@@ -35,12 +35,31 @@ One corrupt number must not end all others: what is adopted leaves a million suc
 counts in its whole life: at ten exchanges a second this is thirteen years.
 """
 
+WAYPOINTS: Final = 1024
+"""Points of a mission, its goal among them."""
+
+LONGEST_TENURE: Final = JUMP
+"""Cycles for which nobody has been at work yet: a card that says more is none, and drives nobody
+out. Who should ever get there says no more than this."""
+
 Real = Annotated[float, Meta(ge=-LARGEST, le=LARGEST)]  # also refuses NaN and the infinities
-Positive = Annotated[float, Meta(gt=0, le=LARGEST)]
 Share = Annotated[float, Meta(ge=0, le=1)]
+
+# What no robot on wheels is or does, whoever says so. Others work by these numbers, each cycle: so
+# much ahead, so often, for so long. All that a P2OS packet can say lies within.
+Speed = Annotated[float, Meta(ge=-100, le=100)]  # m/s
+Turn = Annotated[float, Meta(ge=-1000, le=1000)]  # rad/s
+TopSpeed = Annotated[float, Meta(gt=0, le=100)]  # m/s
+TopTurn = Annotated[float, Meta(gt=0, le=1000)]  # rad/s
+Ramp = Annotated[float, Meta(ge=0.01, le=10_000)]  # m/s^2 or rad/s^2
+Length = Annotated[float, Meta(gt=0, le=10)]  # m, of a body
+Place = Annotated[float, Meta(ge=-10, le=10)]  # m, on a body
+Period = Annotated[float, Meta(ge=0.001, le=1)]  # s, of a robot's status packets
+Patience = Annotated[float, Meta(gt=0, le=60)]  # s
 Counter = Annotated[int, Meta(ge=0, le=LARGEST_COUNT)]
 Bits64 = Annotated[int, Meta(ge=0, le=2**63 - 1)]
-_PRINTED = r"^[^\x00-\x1f\x7f-\x9f\u2028\u2029]*\Z"  # no control characters: texts go to terminals
+# No control characters, nor those that turn the direction of writing: texts go to terminals.
+_PRINTED = r"^[^\x00-\x1f\x7f-\x9f\u061c\u200e\u200f\u2028\u2029\u202a-\u202e\u2066-\u2069]*\Z"
 Name = Annotated[str, Meta(min_length=1, max_length=128, pattern=_PRINTED)]
 Text = Annotated[str, Meta(max_length=2000, pattern=_PRINTED)]
 
@@ -184,7 +203,8 @@ class Ack(Message, frozen=True):
 
     `largest` is the largest ballot obeyed or received: smaller ones are refused. `obeyed` is that
     of the last command obeyed, none since a release; `obeyed_cycle` what that command answered,
-    `utility` and `critical` the holder's newest. `measured` is what the resource does now.
+    `utility` and `critical` the holder's newest. `measured` is what the resource does now; of
+    another shape than the resource's it is as if it had not been said.
     """
 
     resource: Name
@@ -269,8 +289,8 @@ class RobotState(Message, frozen=True):
     x: Real
     y: Real
     theta: Real
-    v: Real
-    w: Real
+    v: Speed
+    w: Turn
     battery_v: Real
     motors: bool
     stalled: bool
@@ -286,25 +306,25 @@ class Description(Message, frozen=True):
     """
 
     robot: Name  # the profile's name
-    cycle_s: Positive  # s from one status packet to the next
-    front: Positive  # m from the axle to the front edge,
-    rear: Positive  # to the rear edge,
-    half_width: Positive  # and to either side
-    v_max: Positive  # m/s
-    w_max: Positive  # rad/s
-    v_accel: Positive  # m/s^2
-    v_decel: Positive
-    w_accel: Positive  # rad/s^2
-    w_decel: Positive
-    silence_s: Positive
-    watchdog_s: Positive
+    cycle_s: Period  # s from one status packet to the next
+    front: Length  # m from the axle to the front edge,
+    rear: Length  # to the rear edge,
+    half_width: Length  # and to either side
+    v_max: TopSpeed  # m/s
+    w_max: TopTurn  # rad/s
+    v_accel: Ramp  # m/s^2
+    v_decel: Ramp
+    w_accel: Ramp  # rad/s^2
+    w_decel: Ramp
+    silence_s: Patience
+    watchdog_s: Patience
 
 
 class Echo(Message, frozen=True):
     """One sonar's reading: where the sonar sits and looks in the body frame, and the range."""
 
-    x: Real
-    y: Real
+    x: Place
+    y: Place
     bearing: Real
     range: Annotated[float, Meta(gt=0, le=100)] | None  # None: nothing within `Sonar.reach`
 
@@ -391,7 +411,7 @@ class Trajectory(Latched, frozen=True):
 
     counter: Counter
     mission: Bits64
-    waypoints: Annotated[tuple[Waypoint, ...], Meta(max_length=1024)]
+    waypoints: Annotated[tuple[Waypoint, ...], Meta(max_length=WAYPOINTS)]
     start: Point = Point(0.0, 0.0)
     leg: Counter = 0
 
@@ -421,7 +441,7 @@ class MissionRequest(Message, frozen=True):
     """Go to a goal: straight, over given waypoints, or as the path planning agent says."""
 
     goal: Waypoint
-    waypoints: Annotated[tuple[Waypoint, ...], Meta(max_length=1024)] = ()
+    waypoints: Annotated[tuple[Waypoint, ...], Meta(max_length=WAYPOINTS)] = ()
     planned: bool = True
 
 
@@ -479,7 +499,7 @@ class Card(Message, frozen=True):
     """The resources that it obeys for, once it does."""
     declares: tuple[Text, ...] = ()
     """The signatures of the resources that it owns or competes for: what it means by them."""
-    tenure: Counter = 0
+    tenure: Annotated[int, Meta(ge=0, le=LONGEST_TENURE)] = 0
     """Cycles for which it has been at work, 0 before; of two that may not both stay the longer
     stays."""
 

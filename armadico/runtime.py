@@ -36,7 +36,7 @@ from armadico.driver import Announce, Driver, OpenPort, Output, Reply
 from armadico.inbox import Inbox
 from armadico.mailbox import EVENTS
 from armadico.mesh.topology import MeshError
-from armadico.messages import Command, Log, Message, MessageError, decode
+from armadico.messages import Command, Log, Message, MessageError, checked, decode, encode
 from armadico.services import Kind, matches
 from armadico.supervision import MISUSED
 
@@ -239,9 +239,9 @@ class AgentHost:
             for driver in self.drivers:
                 for item in driver.take():
                     said = True
-                    (first if _urgent(item) else sent).append((driver, item))
                     if len(self.drivers) > 1 and type(item) is Publish:
-                        self._hand_over(driver, item)
+                        item = self._hand_over(driver, item)  # noqa: PLW2901
+                    (first if _urgent(item) else sent).append((driver, item))
                 if driver.refusal:
                     self.refusal = driver.refusal
             while first and (not at_once or self._goes_at_once(first[0][1])):
@@ -266,11 +266,23 @@ class AgentHost:
         for driver, item in sent:
             self._put(driver, item)
 
-    def _hand_over(self, driver: Driver, item: Publish) -> None:
-        """Give a publication to those in this process who listen: shared, and not encoded."""
-        for to, other in self._inside_of(item.key):
-            if other is not driver:
-                self._local.append((other, to, item.key, item.message))
+    def _hand_over(self, driver: Driver, item: Publish) -> Publish:
+        """Give a publication to those in this process who listen; returns it as they have it.
+
+        Shared, and as it comes out at the other end of the mesh: what cannot be sent, here too
+        nobody receives. `_put` says so.
+        """
+        listeners = [found for found in self._inside_of(item.key) if found[1] is not driver]
+        if not listeners:
+            return item
+        try:
+            encode(item.message)  # it may be sound, and too large
+            message = checked(item.message)
+        except MessageError:
+            return item
+        for to, other in listeners:
+            self._local.append((other, to, item.key, message))
+        return Publish(item.key, message)
 
     def _unsent(self, driver: Driver, item: Output, error: MessageError) -> None:
         """What nobody could read is counted, said and dropped: it ends nobody."""

@@ -14,7 +14,16 @@ PAUSES_S: Final = (0.0, 0.1, 0.2, 0.5)
 """How long a process waits for its next start, by how often it was started within the window."""
 
 MISUSED: Final = 2
-"""The exit code of a process that was called wrongly: it would be again."""
+"""The exit code of a process that was called wrongly, or that somebody is in the way of: it would
+be again. Who has worked as it was called was called rightly, and who is in its way may go."""
+
+IN_THE_WAY_S: Final = (1.0, 2.0, 5.0)
+"""How long it waits then, each time it could not begin; that is no fault of its own, and is not
+taken from the budget."""
+
+NEWCOMER_S: Final = 3.0
+"""Who goes so soon was a newcomer itself: called where another was already, or in the same instant.
+That is for people to mend."""
 
 
 @dataclass(frozen=True)
@@ -32,6 +41,13 @@ class Supervision:
         self.budget = budget or Budget()
         self._starts: deque[tuple[float, str]] = deque()
         self._due: dict[str, float] = {}
+        self._since: dict[str, float] = {}  # when who has ever begun its work first did
+        self._kept_out: dict[str, int] = {}  # how often somebody was in its way, without a break
+
+    def began(self, name: str, now: float) -> None:
+        """A process was seen to be alive among the others."""
+        self._since.setdefault(name, now)
+        self._kept_out.pop(name, None)
 
     def ended(self, name: str, code: int, now: float) -> str | None:
         """A process ended with a code (negative: the signal).
@@ -39,9 +55,15 @@ class Supervision:
         Returns why to give up; None if it will be due again.
         """
         self._forget(now)
+        if code == MISUSED and now - self._since.get(name, now) >= NEWCOMER_S:
+            often = self._kept_out.get(name, 0)
+            self._kept_out[name] = often + 1
+            self._due[name] = now + IN_THE_WAY_S[min(often, len(IN_THE_WAY_S) - 1)]
+            return None
         if code == MISUSED:
             return "it says that it was configured wrongly or is in the way, and would say so again"
-        planned = len(self._starts) + len(self._due)
+        self._kept_out.pop(name, None)
+        planned = len(self._starts) + len(self._due.keys() - self._kept_out.keys())
         if planned >= self.budget.restarts:
             most, within = self.budget.restarts, self.budget.within_s
             return f"the budget of {most} restarts in {within:g} s is spent"
@@ -54,8 +76,13 @@ class Supervision:
         names = [name for name, at in self._due.items() if at <= now]
         for name in names:
             del self._due[name]
-            self._starts.append((now, name))
+            if name not in self._kept_out:
+                self._starts.append((now, name))
         return names
+
+    def kept_out(self, name: str) -> bool:
+        """Whether it waits for somebody to go who is in its way."""
+        return name in self._kept_out
 
     @property
     def wakeup(self) -> float | None:

@@ -221,7 +221,14 @@ class Upkeep:
                     f"{label} ended with {ending(code)}, and is not started again: {why}."
                     f" Its last words:\n{process.last_words()}"
                 )
-            self._say(f"{label} ended with {ending(code)}; it is started again")
+            if self.supervision.kept_out(label):
+                self._relay()  # it says itself who
+                self._say(
+                    f"{label} left: somebody is in its way; the others go on, and it is tried"
+                    " again now and then"
+                )
+            else:
+                self._say(f"{label} ended with {ending(code)}; it is started again")
 
     def _relay(self) -> None:
         """Pass on what the processes say of faults."""
@@ -249,8 +256,9 @@ class Upkeep:
         here = {(c.name, c.pid) for c in self._seen.values() if c.host == self.plan.host}
         for label, process in self.processes.items():
             group = self._groups.get(label, ())
-            if all((member.name, process.popen.pid) in here for member in group):
-                self._waiting.pop(label, None)
+            up = all((member.name, process.popen.pid) in here for member in group)
+            if up and self._waiting.pop(label, None) is not None:
+                self.supervision.began(label, now)
 
     def _answered(self, who: tuple[str, str], card: Card | None) -> None:
         self._ask_at.pop(who, None)

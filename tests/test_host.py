@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable
 from typing import Any, ClassVar
 
@@ -227,6 +228,40 @@ def test_a_publication_that_cannot_be_sent_is_counted_said_and_dropped() -> None
     play(host, lambda: mesh.hear("robot/state", state(1)), mended)
     assert [message.x for message in mesh.said if isinstance(message, Pose)] == [3.0]
     assert any("1 x on encoder/pose: Pose cannot be sent" in text for text in logs(mesh))
+
+
+@pytest.mark.parametrize("x", [2e6, math.nan, math.inf, "far"])
+def test_what_cannot_be_sent_does_not_reach_a_neighbour_of_the_process_either(x: Any) -> None:
+    """Who shares a process is told no more than who is across the mesh."""
+    poser, watcher = Poser(identity("poser")), Watcher(identity("watcher"))
+    host, mesh = on_a_fake(poser, watcher)
+    poser.x = x
+
+    def mended() -> None:
+        poser.x = 3.0
+        mesh.hear("robot/state", state(2))
+
+    play(host, lambda: mesh.hear("robot/state", state(1)), mended)
+    assert [pose.x for pose in watcher.poses] == [3.0]
+    assert [message.x for message in mesh.said if isinstance(message, Pose)] == [3.0]
+    assert any("1 x on encoder/pose: Pose cannot be sent" in text for text in logs(mesh))
+
+
+def test_what_is_too_large_for_the_mesh_is_for_a_neighbour_too() -> None:
+    class Loud(Poser):
+        def on_robot_state(self, state: RobotState) -> None:
+            large = bytes(m.LARGEST_PAYLOAD // 2)
+            ballot = Ballot(1, 0.5, False, self.instance)
+            claim = Claim("wheels", ballot, state.cycle, 0.5, False, large, large)
+            self.outbox.append(Publish(WHEELS.utility_key, claim))
+
+    heard: list[Message] = []
+    hand = Hand(identity("hand"))
+    hand.receive = lambda message, now: heard.append(message)  # type: ignore[method-assign]
+    host, mesh = on_a_fake(Loud(identity("poser")), hand)
+    play(host, lambda: mesh.hear("robot/state", state(1)))
+    assert heard == [state(1)]
+    assert any("Claim cannot be sent" in text for text in logs(mesh))
 
 
 def test_an_answer_that_cannot_be_sent_is_counted_said_and_dropped() -> None:

@@ -28,6 +28,7 @@ class Robot:
         self.now = 0.0
         self.number = 0
         self.said: list[Stop] = []
+        self.speeds = (0.0, 0.0)
 
     @property
     def stop(self) -> Stop:
@@ -37,7 +38,8 @@ class Robot:
         """A cycle later its state comes."""
         self.now += 0.1
         self.number += 1
-        state = RobotState(Cycle(1, self.number), 0, 0, 0, 0, 0, 12, True, False, stop or self.stop)
+        at, latch = Cycle(1, self.number), stop or self.stop
+        state = RobotState(at, 0, 0, 0, *self.speeds, 12, True, False, latch)
         self.press.hear(state, self.now)
 
     def turn(self) -> None:
@@ -122,6 +124,38 @@ def test_one_that_does_not_obey_is_never_said_to_be_stopped() -> None:
         robot.state(Stop())
     assert not robot.press.done
     assert robot.press.known == Stop()
+
+
+@pytest.mark.parametrize("speeds", [(0.17, 0.0), (-0.17, 0.0), (0.0, 0.5), (0.0, -0.5)], ids=str)
+def test_it_is_not_stopped_while_its_wheels_turn(speeds: tuple[float, float]) -> None:
+    """The latch holds at once; a robot at 0.75 m/s goes on for more than a second."""
+    robot = Robot()
+    robot.speeds = speeds
+    robot.turns(50)
+    assert robot.press.latched
+    assert not robot.press.done
+    assert f"{speeds[0]:.2f} m/s and {speeds[1]:.2f} rad/s" in robot.press.rolling
+    robot.speeds = (0.0, 0.0)
+    robot.turn()
+    assert robot.press.done
+    assert robot.press.rolling == ""
+
+
+def test_what_was_latched_and_is_released_by_somebody_is_not_latched() -> None:
+    robot = Robot()
+    robot.speeds = (0.5, 0.0)
+    robot.turns(30)
+    assert robot.press.latched
+    robot.state(Stop())
+    assert not robot.press.latched
+    assert not robot.press.done
+
+
+def test_wheels_that_rest_before_the_latch_is_acknowledged_are_not_enough() -> None:
+    robot = Robot()
+    for _ in range(50):
+        robot.state(Stop())
+    assert not robot.press.done
 
 
 # The release --------------------------------------------------------------------------------------

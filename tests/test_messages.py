@@ -74,7 +74,9 @@ WIRE = {
 }
 """Protocol 2, field by field. What is new is appended and has a default; nothing moves."""
 
-CONTROL = "".join(map(chr, [*range(0x20), *range(0x7F, 0xA0), 0x2028, 0x2029]))
+LINES = [*range(0x20), *range(0x7F, 0xA0), 0x2028, 0x2029]
+TURNS = [0x61C, 0x200E, 0x200F, *range(0x202A, 0x202F), *range(0x2066, 0x206A)]
+CONTROL = "".join(map(chr, [*LINES, *TURNS]))
 PRINTED = st.characters(codec="utf-8", exclude_characters=CONTROL)
 
 
@@ -152,6 +154,22 @@ def test_messages_are_frozen_and_can_be_shared() -> None:
     assert hash(POSE) == hash(decode(encode(POSE), m.Pose))
 
 
+BODY: dict[str, Any] = {
+    "robot": "r",
+    "cycle_s": 0.1,
+    **dict.fromkeys(("front", "rear", "half_width", "v_max", "w_max"), 0.5),
+    **dict.fromkeys(("v_accel", "v_decel", "w_accel", "w_decel", "silence_s", "watchdog_s"), 0.5),
+}
+ABSURD = [
+    ("cycle_s", 1e-6),
+    ("cycle_s", 100.0),  # ms, taken for s
+    *((field, size) for field in ("front", "rear", "half_width") for size in (0.0, 11.0)),
+    ("v_max", 101.0),
+    ("w_max", 1001.0),
+    *((f"{of}_{ramp}", 1e-6) for of in "vw" for ramp in ("accel", "decel")),
+    ("silence_s", 61.0),
+    ("watchdog_s", 1e6),
+]
 UNSOUND: list[tuple[str, Message]] = [
     ("nan", m.Pose(m.Cycle(1, 1), math.nan, 0.0, 0.0)),
     ("infinite", m.Pose(m.Cycle(1, 1), 0.0, math.inf, 0.0)),
@@ -161,11 +179,19 @@ UNSOUND: list[tuple[str, Message]] = [
         "nan in an action",
         m.Claim("w", m.Ballot(1, 0.5, False, "a"), m.Cycle(1, 1), 0.5, False, (math.nan,)),
     ),
+    ("a speed of 101 m/s", m.RobotState(m.Cycle(1, 1), 0, 0, 0, 101.0, 0, 12, True, False)),
+    ("a turn", m.RobotState(m.Cycle(1, 1), 0, 0, 0, 0, -1001.0, 12, True, False)),
+    ("a sonar that no robot carries", m.Echo(11.0, 0.0, 0.0, 1.0)),
+    *((f"{field} of {value:g}", m.Description(**BODY | {field: value})) for field, value in ABSURD),
     ("a utility above one", m.Ballot(1, 1.5, False, "a")),
     ("a negative utility", m.Ballot(1, -0.1, False, "a")),
     ("a term beyond 2^52", m.Ballot(LARGEST_COUNT + 1, 0.5, False, "a")),
     ("a counter beyond 2^52", m.Stop(LARGEST_COUNT + 1, True, "a", 1)),
     ("a cycle's number beyond 2^52", m.Pose(m.Cycle(1, LARGEST_COUNT + 1), 0.0, 0.0, 0.0)),
+    (
+        "at work for longer than anybody",
+        m.Card("a", "a-1", "h", 1, "1", 2, (), (), (), tenure=2**52),
+    ),
     ("a negative term", m.Ballot(-1, 0.5, False, "a")),
     ("nobody's ballot", m.Ballot(1, 0.5, False, "")),
     ("a long name", m.Ballot(1, 0.5, False, "a" * 129)),
@@ -173,6 +199,8 @@ UNSOUND: list[tuple[str, Message]] = [
     ("a text of two lines", m.Log(20, "one\ntwo")),
     ("a text that ends its line", m.Log(20, "one\n")),
     ("a text that colours a terminal", m.Log(20, "\x1b[31mred")),
+    ("a text that turns the direction of writing", m.Log(20, "one\u202etwo")),
+    ("a name that does", m.Ballot(1, 0.5, False, "goto\u2067-1")),
     ("a name that ends its line", m.Ballot(1, 0.5, False, "goto-1\n")),
     ("who stopped it, over two lines", m.Stop(1, True, "a\nb", 1)),
     (

@@ -6,7 +6,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from armadico.supervision import MISUSED, PAUSES_S, Budget, Supervision
+from armadico.supervision import IN_THE_WAY_S, MISUSED, NEWCOMER_S, PAUSES_S, Budget, Supervision
 
 
 def restart(supervision: Supervision, name: str, now: float) -> float:
@@ -94,3 +94,54 @@ def test_no_window_holds_more_starts_than_the_budget(
         return
     for first in starts:
         assert sum(1 for at in starts if first <= at < first + within) <= restarts
+
+
+def test_who_has_worked_waits_longer_and_longer_for_whoever_is_in_its_way() -> None:
+    """One lying card must not end a host: the same call has worked, so it was not wrong."""
+    supervision = Supervision(Budget(1, 30.0))
+    supervision.began("encoder", -NEWCOMER_S)
+    now = 100.0
+    for pause in (*IN_THE_WAY_S, IN_THE_WAY_S[-1]):
+        assert supervision.ended("encoder", MISUSED, now) is None
+        assert supervision.kept_out("encoder")
+        assert supervision.wakeup == now + pause
+        assert supervision.due(now + 0.9 * pause) == []
+        now += pause
+        assert supervision.due(now) == ["encoder"]
+
+
+def test_what_somebody_else_does_is_not_taken_from_the_budget() -> None:
+    supervision = Supervision(Budget(1, 30.0))
+    supervision.began("encoder", -NEWCOMER_S)
+    for now in (0.0, 2.0, 5.0):
+        assert supervision.ended("encoder", MISUSED, now) is None
+        assert supervision.due(now + 5.0) == ["encoder"]
+    assert supervision.ended("encoder", MISUSED, 10.0) is None, "it is due, and no restart"
+    assert supervision.ended("sonar", -9, 10.0) is None
+    assert supervision.ended("goto", -9, 10.0) is not None
+
+
+def test_who_has_come_in_again_begins_anew_with_its_pauses() -> None:
+    supervision = Supervision(Budget(1, 30.0))
+    supervision.began("encoder", -NEWCOMER_S)
+    for now in (0.0, 10.0, 20.0):
+        supervision.ended("encoder", MISUSED, now)
+    supervision.began("encoder", -NEWCOMER_S)
+    assert not supervision.kept_out("encoder")
+    assert supervision.ended("encoder", MISUSED, 100.0) is None
+    assert supervision.wakeup == 100.0 + IN_THE_WAY_S[0]
+
+
+def test_who_was_kept_out_and_then_fails_is_within_the_budget_again() -> None:
+    supervision = Supervision(Budget(0, 30.0))
+    supervision.began("encoder", -NEWCOMER_S)
+    assert supervision.ended("encoder", MISUSED, 0.0) is None
+    assert supervision.ended("encoder", 1, 2.0) is not None
+
+
+def test_a_newcomer_that_somebody_is_in_the_way_of_is_for_people_to_mend() -> None:
+    supervision = Supervision()
+    supervision.began("encoder", 10.0)
+    assert supervision.ended("encoder", MISUSED, 10.0 + 0.9 * NEWCOMER_S) is not None
+    supervision.began("sonar", 10.0)
+    assert supervision.ended("sonar", MISUSED, 10.0 + NEWCOMER_S) is None

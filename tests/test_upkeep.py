@@ -14,7 +14,8 @@ import pytest
 
 from armadico.messages import PROTOCOL, Card, encode
 from armadico.society import Member
-from armadico.upkeep import CARD_S, Plan, Tail, Upkeep
+from armadico.supervision import IN_THE_WAY_S, MISUSED, NEWCOMER_S
+from armadico.upkeep import CARD_S, GaveUpError, Plan, Tail, Upkeep
 from tests.mesh.fakes import FakeMesh
 
 STAMP = "12:00:00.123 goto"
@@ -91,7 +92,8 @@ class Share:
     def __init__(self) -> None:
         self.mesh = FakeMesh()
         plan = Plan("lab1", "ns", (Member("goto"), Member("avoid")))
-        self.upkeep = Upkeep(plan, cast("Any", self.mesh), lambda text: None)
+        self.said: list[str] = []
+        self.upkeep = Upkeep(plan, cast("Any", self.mesh), self.said.append)
         for pid, label in enumerate(("goto", "avoid")):
             process = SimpleNamespace(popen=SimpleNamespace(pid=pid), ended=lambda: False)
             self.upkeep.processes[label] = cast("Any", process)
@@ -174,3 +176,33 @@ def test_the_card_of_another_host_is_not_ones_own(
     share.answer("goto-1", 0, host="lab2")
     assert share.greet(monkeypatch) == []
     assert "goto" in share.upkeep._waiting
+
+
+def test_whom_somebody_gets_in_the_way_of_is_tried_again_and_the_others_go_on(
+    share: Share, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    now = 100.0
+    monkeypatch.setattr("armadico.upkeep.time", SimpleNamespace(monotonic=lambda: now))
+    share.appear("avoid-2", "goto-1")
+    share.greet(monkeypatch)
+    share.answer("goto-1", 0)
+    share.answer("avoid-2", 1)
+    share.greet(monkeypatch)
+    now += NEWCOMER_S
+    left = SimpleNamespace(popen=SimpleNamespace(pid=0, returncode=MISUSED), ended=lambda: True)
+    share.upkeep.processes["goto"] = cast("Any", left)
+    share.upkeep._mourn()
+    assert [text.partition(";")[0] for text in share.said] == ["goto left: somebody is in its way"]
+    assert list(share.upkeep.processes) == ["avoid"]
+    assert share.upkeep.supervision.due(now + IN_THE_WAY_S[0]) == ["goto"]
+
+
+def test_who_could_not_begin_at_all_ends_the_share(share: Share) -> None:
+    left = SimpleNamespace(
+        popen=SimpleNamespace(pid=0, returncode=MISUSED),
+        ended=lambda: True,
+        last_words=lambda: "another goto agent is alive already",
+    )
+    share.upkeep.processes["goto"] = cast("Any", left)
+    with pytest.raises(GaveUpError, match="another goto agent is alive already"):
+        share.upkeep._mourn()

@@ -136,11 +136,6 @@ _BY_PLACE: Final[dict[str, tuple[tuple[str, str, str], ...]]] = {
             "pass",
             "who holds looks at no rival, and what ends a tenure forgets it or finds it silent",
         ),
-        (
-            "start = loser.commanded if len(loser.commanded) == len(start) else start",
-            "start = loser.commanded if len(loser.commanded) is len(start) else start",
-            _LENGTHS,
-        ),
     ),
     "coordination.Contender._consider": (
         (

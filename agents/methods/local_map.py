@@ -38,7 +38,7 @@ POINTS = 4
 """so many at the most."""
 
 NOBODY = Outline(0.0, 0.0, 0.0)  # before the robot is described
-_MOST_SONARS = 64  # sonars whose bearings are remembered
+_MOST_SONARS = 64  # that are remembered, as many as one message has: no robot has more
 
 
 class Echo(Protocol):
@@ -136,7 +136,11 @@ class LocalMap:
     def update(self, echoes: Iterable[Echo]) -> None:
         """Take in the echoes of one cycle: a ping doubts what it had to hear, and fills a cell."""
         for echo in echoes:
-            self._sonars[echo.x, echo.y, echo.bearing] = echo
+            sonar = (echo.x, echo.y, echo.bearing)
+            self._sonars.pop(sonar, None)
+            self._sonars[sonar] = echo
+            if len(self._sonars) > _MOST_SONARS:  # the one not heard for longest is none
+                del self._sonars[next(iter(self._sonars))]
             self._clear(echo)
             if echo.range is not None:
                 self._fill(echo, echo.range)

@@ -13,7 +13,8 @@ if TYPE_CHECKING:
     from armadico.client import Client
 
 TIMEOUT_S: Final = 5.0
-"""What finding the robot agent, and its acknowledgement, may take."""
+"""What finding the robot agent, its acknowledgement and braking may take: a Pioneer at full speed
+brakes for 3 s."""
 
 
 def latch(made: argparse.ArgumentParser, argv: Sequence[str], *, stopped: bool) -> int:
@@ -51,6 +52,8 @@ def _say(client: Client, args: argparse.Namespace, stopped: bool) -> None:
         raise options.FailedError(f"the robot is not released: {said.refusal}")
     if not stopped and said.known is None:
         raise options.nobody(args, "no robot answers: nothing is known that could be released")
+    if said.latched:
+        raise options.FailedError(f"the stop is latched, and {said.rolling}: look after the robot")
     what = f"the {'stop' if stopped else 'release'} was sent, not acknowledged"
     if said.known is None:
         raise options.nobody(args, f"{what}: no robot answers")

@@ -2,6 +2,7 @@
 
 A profile is a TOML file under ``configs/robots``; `armadico.config.loading.load` reads it. SI units
 throughout; conversion factors of the P2OS codec are the only ones in the controller's own units.
+What the robot agent says of its robot is as bounded here as on the mesh.
 """
 
 from __future__ import annotations
@@ -9,6 +10,8 @@ from __future__ import annotations
 from typing import Annotated
 
 from msgspec import Meta, Struct
+
+from armadico.messages import Length, Patience, Period, Place, Ramp, TopSpeed, TopTurn
 
 Positive = Annotated[float, Meta(gt=0, le=1e6)]
 NonNegative = Annotated[float, Meta(ge=0, le=1e6)]
@@ -18,9 +21,9 @@ Real = Annotated[float, Meta(ge=-1e6, le=1e6)]
 class Body(Struct, frozen=True, forbid_unknown_fields=True):
     """Outline and masses (table 4.3), in the REP-103 frame at the middle of the wheel axle."""
 
-    front_m: Positive  # from the axle to the front edge
-    rear_m: Positive  # from the axle to the rear edge
-    width_m: Positive
+    front_m: Length  # from the axle to the front edge
+    rear_m: Length  # from the axle to the rear edge
+    width_m: Length
     wheel_radius_m: Positive  # R
     caster_radius_m: Positive  # R_1
     half_track_m: Positive  # L
@@ -72,19 +75,19 @@ class SpeedLoop(Struct, frozen=True, forbid_unknown_fields=True):
 class Limits(Struct, frozen=True, forbid_unknown_fields=True):
     """What the controller obeys at the most, and its ramps."""
 
-    v_max: Positive  # m/s
-    w_max: Positive  # rad/s
-    v_accel: Positive  # m/s^2
-    v_decel: Positive  # m/s^2
-    w_accel: Positive  # rad/s^2
-    w_decel: Positive  # rad/s^2
+    v_max: TopSpeed  # m/s
+    w_max: TopTurn  # rad/s
+    v_accel: Ramp  # m/s^2
+    v_decel: Ramp  # m/s^2
+    w_accel: Ramp  # rad/s^2
+    w_decel: Ramp  # rad/s^2
 
 
 class Sonar(Struct, frozen=True, forbid_unknown_fields=True):
     """One sonar of the ring: where it sits and looks, in the body frame (x forward, y left)."""
 
-    x_m: Real
-    y_m: Real
+    x_m: Place
+    y_m: Place
     bearing_deg: Annotated[float, Meta(ge=-180, le=180)]
 
 
@@ -121,8 +124,8 @@ class P2osUnits(Struct, frozen=True, forbid_unknown_fields=True):
     name: Annotated[str, Meta(min_length=1, max_length=19)]
     class_name: Annotated[str, Meta(min_length=1, max_length=19)]
     subclass: Annotated[str, Meta(min_length=1, max_length=19)]
-    cycle_s: Positive  # from one status packet to the next
-    watchdog_s: Positive
+    cycle_s: Period  # from one status packet to the next
+    watchdog_s: Patience
 
 
 class RobotProfile(Struct, frozen=True, forbid_unknown_fields=True):

@@ -233,6 +233,7 @@ class VirtualMesh:
         """Hand a node what waited for it."""
         while not node.hung and not node.busy and (item := node.mailbox.take()):
             item()
+        self._own_up(node)
 
     # Inside --------------------------------------------------------------------------------------
 
@@ -291,6 +292,15 @@ class VirtualMesh:
         while not (node.busy or node.hung) and (item := node.mailbox.take()):
             node.worked += 1
             item()
+        self._own_up(node)
+
+    def _own_up(self, node: Node) -> None:
+        """Have an agent say what its mailbox had no room for, as a process does."""
+        if node.hung or node.busy or not node.alive:
+            return
+        if dropped := node.mailbox.take_dropped():
+            node.driver.report(dropped, node.time)
+            self._send(node, node.driver.take())
 
     def _worked(self, node: Node, out: list[Output]) -> None:
         node.busy = False

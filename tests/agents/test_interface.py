@@ -7,6 +7,8 @@ import pytest
 from armadico.agent import Answer, AskFor, Identity, Publish, Question
 from armadico.agents.interface import Interface, Parameters
 from armadico.messages import (
+    LARGEST_COUNT,
+    WAYPOINTS,
     Cycle,
     MissionReply,
     MissionRequest,
@@ -19,6 +21,8 @@ from armadico.messages import (
     RobotState,
     Trajectory,
     Waypoint,
+    decode,
+    encode,
 )
 
 GOAL = Waypoint(3.0, 0.0, 0.0)
@@ -338,3 +342,50 @@ def test_each_waypoint_may_be_within_reach_of_the_one_before(desk: Desk) -> None
     far = tuple(Waypoint(150.0 * n, 0.0, 0.0) for n in (1, 2, 3))
     asked = desk.request(MissionRequest(far[-1], far[:-1], planned=False))
     assert desk.replies[asked].refusal == ""
+
+
+LONG = tuple(Waypoint(0.01 * n, 0.0, 0.0) for n in range(1, WAYPOINTS))
+
+
+def test_as_many_points_as_can_be_said_are_driven(desk: Desk) -> None:
+    asked = desk.request(MissionRequest(GOAL, LONG, planned=False))
+    assert desk.replies[asked].refusal == ""
+    assert decode(encode(desk.trajectories()[-1]), Trajectory).waypoints == (*LONG, GOAL)
+
+
+def test_one_more_is_refused_and_not_driven_by_nobody(desk: Desk) -> None:
+    """With its goal it has a point more than a trajectory: it was taken on, and never said."""
+    asked = desk.request(MissionRequest(GOAL, (*LONG, GOAL), planned=False))
+    assert "it has 1,025 points, at most 1,024" in desk.replies[asked].refusal
+    assert desk.trajectories() == []
+    desk.at(0.0)
+    assert all(m.state is MissionState.NONE for m in desk.said if isinstance(m, MissionStatus))
+
+
+@pytest.mark.parametrize(
+    ("plan", "why"),
+    [
+        (Plan((*LONG, GOAL, GOAL), 20.0), "it has 1,025 points"),
+        (Plan((), 0.0), "the plan leads nowhere"),
+        (Plan((Waypoint(1e6, 0.0, 0.0), Waypoint(-1e6, 0.0, 0.0))), "nobody could be told of it"),
+    ],
+    ids=["long", "empty", "far"],
+)
+def test_a_plan_that_nobody_could_be_told_of_is_refused(
+    driving: Desk, plan: Plan, why: str
+) -> None:
+    before = driving.trajectories()
+    asked = driving.request(MissionRequest(GOAL))
+    driving.planned(plan)
+    assert why in driving.replies[asked].refusal
+    assert driving.trajectories() == before, "the mission before goes on"
+    driving.at(0.2)
+    driving.at(0.3)
+    assert driving.status().state is MissionState.DRIVING
+
+
+def test_without_a_counter_that_is_left_a_mission_is_refused(desk: Desk) -> None:
+    desk.agent.memory.note(Trajectory(LARGEST_COUNT, 1, ()))
+    asked = desk.request(MissionRequest(GOAL, planned=False))
+    assert "nobody could be told of it" in desk.replies[asked].refusal
+    assert desk.trajectories() == []

@@ -9,6 +9,7 @@ from hypothesis import strategies as st
 
 from armadico.agents.methods.geometry import ORIGIN, Placed
 from armadico.agents.methods.local_map import (
+    _MOST_SONARS,
     CELLS,
     NEAR_RINGS,
     POINTS,
@@ -339,3 +340,12 @@ def test_a_point_is_in_front_or_left_or_right_or_behind(bearing: float) -> None:
     local = mapped((math.cos(bearing), math.sin(bearing)))
     found = [q is not None for q in (local.front(), local.left(), local.right())]
     assert sum(found) == (abs(bearing) <= math.radians(120))
+
+
+def test_no_more_sonars_are_remembered_than_a_robot_has() -> None:
+    """Each is looked through for each point: one that makes new ones up slows nobody for ever."""
+    seen = LocalMap(Settings(seen_decay=0.7, seen_threshold=0.6))
+    for shift in range(1000):
+        seen.update([*RING, Ping(0.001 * shift, 0.0, 0.0, None)])
+    assert len(seen._sonars) <= _MOST_SONARS
+    assert {(ping.x, ping.y, ping.bearing) for ping in RING} <= seen._sonars.keys()

@@ -2,15 +2,37 @@
 
 from __future__ import annotations
 
-from math import atan2, cos, inf, sin
+from itertools import pairwise
+from math import atan2, cos, inf, isfinite, nextafter, sin
+from typing import Any
 
 import pytest
 from hypothesis import assume, given, settings
 from hypothesis import strategies as st
 
-from armadico.agents.methods.motion import Body, Speeds, course, ordered, touches_at
-from armadico.messages import Point
-from tests.framework.robots import body
+from armadico.agents.methods.motion import (
+    RAMP_STEPS,
+    Body,
+    Speeds,
+    course,
+    ordered,
+    touches_at,
+)
+from armadico.messages import (
+    Description,
+    Length,
+    Patience,
+    Period,
+    Point,
+    Ramp,
+    Speed,
+    TopSpeed,
+    TopTurn,
+    Turn,
+    decode,
+    encode,
+)
+from tests.framework.robots import body, described
 
 PIONEER = body()
 FINE_S = 0.005
@@ -118,3 +140,57 @@ def test_another_robot_has_another_way_to_rest() -> None:
     slow = PIONEER._replace(v_decel=0.2, silence_s=1.0, cycle_s=0.05)
     assert slow.stopping_distance(0.4) == pytest.approx(0.4 * 1.1 + 0.4)
     assert course(slow, (0.4, 0.0), (0.4, 0.0))[-1].x == pytest.approx(0.84, abs=0.003)
+
+
+def within(kind: Any) -> st.SearchStrategy[float]:
+    """All that a message may say in a field of a kind, the ends of its range often."""
+    (meta,) = kind.__metadata__
+    low = nextafter(meta.gt, inf) if meta.ge is None else meta.ge
+    return st.sampled_from([low, meta.le]) | st.floats(low, meta.le)
+
+
+bodies = st.builds(
+    Description,
+    st.just("any"),
+    within(Period),
+    *[within(Length)] * 3,
+    within(TopSpeed),
+    within(TopTurn),
+    *[within(Ramp)] * 4,
+    *[within(Patience)] * 2,
+)
+any_speeds = st.tuples(within(Speed), within(Turn))
+
+
+@given(bodies, any_speeds, any_speeds, st.integers(0, 3))
+def test_whatever_anybody_says_of_the_robot_is_told_from_in_so_many_steps(
+    told: Description, measured: Speeds, wanted: Speeds, age: int
+) -> None:
+    """One state at 1,000 m/s took 16,668 steps for each command that was looked at."""
+    robot = Body.of(decode(encode(told), Description))
+    way = course(robot, measured, wanted, age * robot.cycle_s)
+    assert len(way) <= RAMP_STEPS + 3  # each phase ends with one that is cut short
+    assert all(isfinite(number) for step in way for number in step)
+
+
+@pytest.mark.parametrize(
+    ("measured", "changed"),
+    [
+        ((1e6, 0.0), {}),
+        ((0.0, 1e6), {}),
+        ((0.5, 0.0), {"v_decel": 1e-6}),
+        ((0.5, 0.5), {"w_decel": 1e-6, "cycle_s": 1e-6}),
+    ],
+)
+def test_numbers_that_no_message_may_say_take_no_more(
+    measured: Speeds, changed: dict[str, float]
+) -> None:
+    assert len(course(PIONEER._replace(**changed), measured, (0.5, 0.0))) <= RAMP_STEPS + 3
+
+
+def test_all_that_a_pioneer_can_do_is_followed_cycle_by_cycle() -> None:
+    told = described()
+    waited, fastest = 3 * told.cycle_s, (told.v_max, told.w_max)
+    way = course(PIONEER, fastest, fastest, waited)
+    ramps = [step.at for step in way if step.at > waited + PIONEER.dead_s]
+    assert max(there - here for here, there in pairwise(ramps)) <= told.cycle_s + 1e-6

@@ -67,3 +67,12 @@ def test_what_cannot_be_is_refused_with_the_reason(
 def test_another_question_than_for_a_plan_is_not_answered(planner: PathPlanning) -> None:
     planner.asked(Question(6, MissionRequest(GOAL)), 1.0)
     assert planner.outbox == []
+
+
+def test_a_way_of_more_turns_than_a_mission_may_have_is_refused(
+    planner: PathPlanning, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr("armadico.agents.path_planning.WAYPOINTS", 2)
+    plan = ask(planner, START, GOAL)
+    assert re.fullmatch(r"the way has \d+ turns, at most 2", plan.refusal)
+    assert plan.waypoints == ()

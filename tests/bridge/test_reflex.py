@@ -63,6 +63,31 @@ def test_what_lies_on_the_present_arc_counts_whatever_is_commanded() -> None:
     assert hears(echo(0.3), measured=(0.0, 0.0)).cap(0.1, 1.0) == 0.1
 
 
+@pytest.mark.parametrize(("index", "to"), [(1, 1.0), (6, -1.0)], ids=["left", "right"])
+@pytest.mark.parametrize("pose", [ORIGIN, (2.0, -1.0, 2.5)], ids=str)
+def test_what_is_heard_aside_slows_a_turn_to_that_side_and_no_other(
+    index: int, to: float, pose: tuple[float, float, float]
+) -> None:
+    """It is where it was heard, on the left or on the right, wherever the robot is in the world."""
+    sonar = PROFILE.sonar.sonars[index]
+    aside = sonar.y_m + 0.45 * sin(radians(sonar.bearing_deg))
+    assert aside * to > PROFILE.body.width_m / 2, "straight on it is passed"
+    reflex = Reflex(PROFILE)
+    reflex.hear((echo(0.45, index),), pose, (0.0, 0.0), 0.0)
+    assert reflex.cap(1.0, to * 4.0) < 0.5
+    assert reflex.cap(1.0, -to * 4.0) == 1.0
+
+
+@pytest.mark.parametrize(("index", "to"), [(3, 1.0), (4, -1.0)], ids=["left", "right"])
+def test_what_was_ahead_is_on_the_other_side_once_the_robot_has_turned(
+    index: int, to: float
+) -> None:
+    reflex = hears(echo(0.6, index))
+    reflex.hear((), (0.0, 0.0, to * radians(50.0)), (0.0, 0.0), 0.1)
+    assert reflex.cap(1.0, -to * 3.0) < 0.6
+    assert reflex.cap(1.0, to * 3.0) == 1.0
+
+
 def test_a_reading_is_moved_along_replaced_by_the_next_and_kept_no_longer_than_it_is_good() -> None:
     reflex = hears(echo(0.7))
     at_once = reflex.cap(1.6, 0.0)

@@ -458,7 +458,7 @@ def test_who_is_not_obeyed_stands_back_one_two_and_then_four_seconds() -> None:
 # Exchanges ----------------------------------------------------------------------------------------
 
 
-@pytest.mark.parametrize("commanded", [(), (1.0,), (1.0, 0.0, 0.0)], ids=str)
+@pytest.mark.parametrize("commanded", [(), (1.0,), (1.0, 0.0, 0.0), b"", b"vw"], ids=str)
 def test_where_a_loser_says_no_sound_action_the_exchange_begins_from_what_is_measured(
     commanded: Action,
 ) -> None:
@@ -472,6 +472,20 @@ def test_where_a_loser_says_no_sound_action_the_exchange_begins_from_what_is_mea
     assert not isinstance(first.action, bytes)
     # 3.10 over ten cycles, from 0.4 at t = 1: the weights are 0.9 / 10 and 0.3 / 10 * 9
     assert first.action[0] == pytest.approx((0.09 * 1.4 + 0.27 * 0.4) / 0.36)
+
+
+@pytest.mark.parametrize("exchange", sorted(EXCHANGES))
+@pytest.mark.parametrize("measured", [(), (1.0,), (0.1, 0.0, 0.0), b"", b"vw"], ids=str)
+def test_what_an_owner_measures_ends_nobody_who_casts(exchange: str, measured: Action) -> None:
+    """Of another shape than the resource's it is as if it had not been said."""
+    stage = Solo()
+    stage.contender = Contender(WHEELS, "b-1", stage.clock, EXCHANGES[exchange], Random(1))
+    stage.cycle(5)
+    stage.contender.acked(Ack("wheels", stage.at, measured=measured), stage.now)
+    assert stage.contender.measured == WHEELS.neutral
+    (first,) = [*stage.bid(0.9, action=(1.4, 0.0)), *stage.tick()]
+    assert first.action is not None
+    assert WHEELS.fault(first.action) == ""
 
 
 @pytest.mark.parametrize("epoch", [0, 2])

@@ -8,9 +8,10 @@ from itertools import pairwise
 from typing import Any, ClassVar
 
 import pytest
+from msgspec.structs import replace
 
 from armadico import resources
-from armadico.agent import ERROR, WARNING, Agent, Identity, Parameters
+from armadico.agent import ERROR, WARNING, Agent, Identity, Parameters, Refused
 from armadico.coordination import SILENCE, Verdict
 from armadico.driver import Driver
 from armadico.exchange import Bid
@@ -170,6 +171,24 @@ def test_the_better_of_two_holds_it_and_is_obeyed_with_what_it_wants(resource: R
     assert acks[-1].obeyed.instance.startswith("high")
     assert acks[-1].utility == 0.8
     assert acks[-1].measured == resource.pack(ACTIONS[resource.name])
+
+
+@pytest.mark.parametrize("measured", [(0.0, 0.0), b"force"], ids=str)
+def test_an_owner_that_measures_one_number_too_many_is_named_and_ends_nobody(
+    measured: Action,
+) -> None:
+    class Careless(arm(GRIPPER)):  # type: ignore[misc]
+        def measure(self, resource: Resource) -> Action:
+            return measured
+
+    world = World(
+        Careless, hand("low", 0.3, GRIPPER), hand("high", lambda t: 0.8 if t > 2 else 0.1, GRIPPER)
+    )
+    world.run(10.0)
+    assert world.holders(GRIPPER) == ["high"]
+    assert not any(ack.measured for ack in world.of(Ack, GRIPPER)), "what it means nobody knows"
+    (first, *_) = world.logs(WARNING)
+    assert "Careless.measure: gripper takes 1 numbers ('force',)" in first
 
 
 @pytest.mark.parametrize("resource", ALL, ids=lambda resource: resource.name)
@@ -565,3 +584,16 @@ def test_a_second_resource_of_the_same_society_in_the_toy_society() -> None:
     )
     society.run(3.0)
     assert grip.obeyed[-1][0] > society.mesh.now - 0.2
+
+
+def test_an_ack_of_another_shape_is_counted_and_the_rest_of_it_taken() -> None:
+    """Somebody else's words, or an older owner's: what it obeys still holds."""
+    world = World(arm(GRIPPER), hand("low", 0.3, GRIPPER), hand("high", 0.8, GRIPPER))
+    world.run(1.0)
+    ack = world.of(Ack, GRIPPER)[-1]
+    low = world.agent("low")
+    low.receive(replace(ack, measured=(5.0, 5.0)), world.mesh.now)
+    refused = [item for item in low.outbox if isinstance(item, Refused)]
+    assert [item.key for item in refused] == [GRIPPER.ack_key]
+    assert "takes 1 numbers" in refused[0].why
+    assert low.acked(GRIPPER).obeyed == ack.obeyed

@@ -9,10 +9,11 @@ import pytest
 
 from armadico import messages as m
 from armadico.agent import Agent, Question
+from armadico.mailbox import EVENTS
 from armadico.mesh.virtual import VirtualMesh
 from armadico.mesh.virtual_network import DELAY_MEDIAN, Link
 from armadico.mesh.virtual_presence import LIVELINESS
-from armadico.messages import Message, MissionState, MissionStatus, Stop
+from armadico.messages import Log, Message, MissionState, MissionStatus, Stop
 from armadico.services import Kind, Service, register
 
 Seen = list[tuple[float, Any]]
@@ -235,6 +236,24 @@ def test_after_a_hang_events_come_in_order_and_of_a_state_only_the_latest() -> N
     node.resume()
     assert [what for _, what in listener.seen] == [3, "event 1", "event 2", "event 3"]
     assert {now for now, _ in listener.seen} == {mesh.now}
+
+
+def test_what_there_was_no_room_for_is_said_as_a_process_says_it() -> None:
+    mesh, listener = told()
+    lines: list[str] = []
+    mesh.watch(lambda _key, log, _now: lines.append(log.text), Log)
+    mesh.run(0.1)
+    node = mesh.node("listener")
+    node.hang()
+    for number in range(EVENTS + 3):
+        mesh.publish(Word(str(number)))
+    mesh.run(mesh.now + 0.5)
+    assert lines == []
+    node.resume()
+    assert [what for _, what in listener.seen] == [str(n) for n in range(3, EVENTS + 3)]
+    (line,) = lines
+    assert line.endswith(": refused or dropped: 3 x too busy: dropped on word/{instance}")
+    assert not node.mailbox.dropped
 
 
 def test_who_hangs_hears_of_comings_and_goings_only_afterwards_and_only_how_they_ended() -> None:

@@ -20,9 +20,10 @@ HEAD: Final = f"""\
 ; refused: docs/transcripts/vectors.jsonl.
 ;
 ; Beyond this schema: at most {LARGEST_PAYLOAD:,} bytes, no tags, no indefinite lengths. A text has
-; no control characters (U+0000 to 001F, 007F to 009F, 2028, 2029), and its length counts in
-; characters: the sizes here are those in bytes, of four a character. A float may be sent as an
-; integer; NaN and the infinities are refused. What stands at the end and is not known is ignored.
+; no control characters (U+0000 to 001F, 007F to 009F, 2028, 2029), nor any that turn the direction
+; of writing (061C, 200E, 200F, 202A to 202E, 2066 to 2069), and its length counts in characters:
+; the sizes here are those in bytes, of four a character. A float may be sent as an integer; NaN and
+; the infinities are refused. What stands at the end and is not known is ignored.
 
 """
 

@@ -17,6 +17,7 @@ from armadico.messages import (
     Claim,
     Command,
     Cycle,
+    Description,
     Log,
     Message,
     Obstacles,
@@ -78,6 +79,9 @@ BALLOT: Final = [3, 0.75, False, "mine-0123456789abcdef"]
 POSE: Final = _hex("84 82 07 03")
 """A pose's array and its cycle; x, y and theta are to follow."""
 
+BODY: Final = [0.25, 0.25, 0.125, 1.5, 5, 0.25, 0.5, 1.75, 1.75, 0.25, 2]
+"""A description from `front` on."""
+
 DOUBLE: Final = "fb 3ff8 0000 0000 0000"
 """1.5."""
 
@@ -126,6 +130,10 @@ REFUSED: Final = (
     ("minus infinity", Pose, POSE + _hex("fb fff0 0000 0000 0000 02 03")),
     ("NaN in an action", Command, _plain("wheels", [7, 42], BALLOT, [float("nan"), 0.0])),
     ("more than 1e6", Pose, _plain([7, 3], 1000000.5, 0.0, 0.0)),
+    ("a speed of 1,000 m/s", RobotState, _plain([7, 3], 0, 0, 0, 1e3, 0, 12, True, False)),
+    ("a robot that brakes for a day", Description, _plain("r", 0.1, *BODY[:6], 1e-6, *BODY[7:])),
+    ("a cycle of 100 s", Description, _plain("r", 100, *BODY)),
+    ("a robot of 1 km", Description, _plain("r", 0.1, 1e3, *BODY[1:])),
     ("a negative counter", Pose, _plain([7, -1], 0.0, 0.0, 0.0)),
     ("a cycle's number beyond 2^52", Pose, _plain([7, LARGEST_COUNT + 1], 0.0, 0.0, 0.0)),
     ("an epoch of 64 bits", Pose, _plain([2**63, 3], 0.0, 0.0, 0.0)),
@@ -142,6 +150,7 @@ REFUSED: Final = (
     ("a stop by a control character", Stop, _plain(5, True, "me\x7f", 1)),
     ("an instance that ends its line", Claim, _plain("wheels", [*BALLOT[:3], "a\n"], [7, 42], 0.5)),
     ("a line separator", Log, _plain(20, "one\u2028two")),
+    ("a text that turns the direction of writing", Log, _plain(20, "one\u202etwo")),
     ("bytes for a text", Log, _plain(20, b"one")),
     ("text that is not UTF-8", Log, _hex("82 14 62 ffff")),
     ("a tag around it: 55799, this is CBOR", Pose, _hex("d9d9f7") + POSE + _hex("01 02 03")),

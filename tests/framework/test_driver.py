@@ -1,0 +1,134 @@
+"""One agent's life, sans-IO: what it remembers before it begins, whom it answers and believes."""
+
+from __future__ import annotations
+
+from typing import ClassVar
+
+import pytest
+
+from armadico.admission import Stage
+from armadico.agent import Agent, Answer, Identity, Question
+from armadico.driver import QUESTIONS, AskFor, Driver, Reply
+from armadico.messages import (
+    PROTOCOL,
+    Card,
+    Message,
+    Plan,
+    PlanRequest,
+    Stop,
+    Trajectory,
+    Waypoint,
+    encode,
+)
+
+STOP = Stop(3, True, "somebody", 5)
+MISSION = Trajectory(4, 9, (Waypoint(1.0, 0.0, 0.0),))
+REQUEST = PlanRequest(Waypoint(0.0, 0.0, 0.0), Waypoint(1.0, 0.0, 0.0))
+
+
+class Planner(Agent):
+    """Answers when the test says so; it must be alone, so it goes through all stages."""
+
+    name = "planner"
+    alone = True
+    hears: ClassVar[tuple[type[Message], ...]] = (Trajectory,)
+    answers: ClassVar[tuple[type[Message], ...]] = (PlanRequest,)
+
+    def __init__(self, identity: Identity) -> None:
+        super().__init__(identity)
+        self.questions: list[Question] = []
+
+    def on_plan_request(self, question: Question) -> None:
+        self.questions.append(question)
+
+
+def begun(until: Stage = Stage.JOINED) -> tuple[Planner, Driver, float]:
+    """A driver that has come so far, alone; what it has said is taken, and the time is told."""
+    agent = Planner(Identity("planner-5"))
+    driver, now = Driver(agent, 0.0), 0.0
+    driver.begin(now)
+    while driver.stage is not until:
+        assert driver.wakeup is not None
+        now = driver.wakeup
+        driver.wake(now)
+    driver.take()
+    return agent, driver, now
+
+
+def card(instance: str, tenure: int = 0) -> Card:
+    name = instance.rpartition("-")[0]
+    return Card(name, instance, "lab3", 42, "1", PROTOCOL, (), (), (), tenure=tenure)
+
+
+def deliver(driver: Driver, message: Message, now: float) -> None:
+    (to,) = [to for to in driver.agent.subscriptions() if to.message is type(message)]
+    driver.deliver(to, to.pattern, encode(message), now)
+
+
+# Latched states -----------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("stage", [Stage.LOOKING, Stage.CLAIMING, Stage.JOINED])
+def test_what_is_latched_is_remembered_however_far_it_has_come(stage: Stage) -> None:
+    """Who publishes its stop once, while this one looks around, is not told that it was in vain."""
+    agent, driver, now = begun(stage)
+    assert driver.stage is stage
+    deliver(driver, STOP, now)
+    deliver(driver, MISSION, now)
+    assert agent.memory.newest(Stop) == STOP
+    assert agent.memory.newest(Trajectory) == MISSION
+
+
+def test_who_may_not_join_remembers_nothing() -> None:
+    agent, driver, now = begun(Stage.LOOKING)
+    driver.token("planner", "planner-1", True, now)
+    (ask,) = [item for item in driver.take() if isinstance(item, AskFor)]
+    driver.replied(ask.id, card("planner-1", tenure=50), now)
+    assert driver.stage is Stage.REFUSED
+    deliver(driver, STOP, now)
+    assert agent.memory.newest(Stop) is None
+
+
+# Questions ----------------------------------------------------------------------------------------
+
+
+def test_of_more_questions_than_it_keeps_the_oldest_has_no_answer() -> None:
+    """Who asked first has given up first: the newest still waits."""
+    agent, driver, now = begun()
+    calls = [object() for _ in range(QUESTIONS + 3)]
+    for call in calls:
+        driver.asked("path/plan", encode(REQUEST), call, now)
+    assert len(agent.questions) == len(calls)
+    for question in agent.questions:
+        agent.outbox.append(Answer(question.id, Plan((), 1.0)))
+    replies = [item for item in driver.take() if isinstance(item, Reply)]
+    assert [reply.call for reply in replies] == calls[3:]
+
+
+# Cards --------------------------------------------------------------------------------------------
+
+
+def test_a_card_speaks_for_its_own_instance_only() -> None:
+    """Somebody with a token of its own says that another is at work here for longer."""
+    agent, driver, now = begun()
+    told: list[Card] = []
+    agent.met = lambda card, now: told.append(card)  # type: ignore[method-assign]
+    driver.token("planner", "planner-1", True, now)
+    driver.token("evil", "evil-1", True, now)
+    asked = {item.key: item.id for item in driver.take() if isinstance(item, AskFor)}
+    question = asked["agent/evil/evil-1/card"]
+    driver.replied(question, card("planner-1", tenure=10**6), now)
+    assert told == []
+    assert driver.stage is Stage.JOINED
+    driver.replied(asked["agent/planner/planner-1/card"], card("evil-1"), now)
+    assert told == []
+
+
+def test_one_that_is_given_for_another_is_no_card_at_all() -> None:
+    """Its own is asked for again: one false answer neither lets in nor keeps out."""
+    _, driver, now = begun(Stage.LOOKING)
+    driver.token("planner", "planner-1", True, now)
+    (ask,) = [item for item in driver.take() if isinstance(item, AskFor)]
+    driver.replied(ask.id, card("planner-2", tenure=10**6), now)
+    assert driver.stage is Stage.LOOKING
+    assert driver.refusal == ""
