@@ -442,6 +442,17 @@ def test_a_number_that_runs_ahead_of_the_time_is_said() -> None:
     assert "epoch 7 by a number that runs ahead of the time" in said.text
 
 
+def test_a_number_that_was_never_true_is_said_once_it_is_left() -> None:
+    told = Told(Watcher(identity("watcher")))
+    told.cycle(7, 1, 0.1)
+    assert told.cycle(7, 1000, 1.0) == []
+    said = [line for step in range(3) for line in told.cycle(7, 10 + step, 1.4 + step / 10)]
+    assert len(said) == 1
+    assert "1 x on robot/state: not counted: a cycle of epoch 7 by a number that nobody went" in (
+        said[0].text
+    )
+
+
 def test_a_cycle_of_an_epoch_that_is_over_is_said() -> None:
     told = Told(Watcher(identity("watcher")))
     told.cycle(7, 1, 0.1)

@@ -7,6 +7,7 @@ from math import hypot
 from typing import Any
 
 import pytest
+from msgspec.structs import replace
 
 from armadico.bridge.p2os.commands import Cmd, command
 from armadico.config.scenarios import Scenario
@@ -114,6 +115,39 @@ def test_a_stray_number_far_ahead_of_the_same_epoch_changes_nothing() -> None:
     stray = drive.mesh.now
     drive.let_pass(1.0)
     assert len(drive.of(Claim, stray)) >= 9
+    assert drive.arrives()
+
+
+@pytest.mark.parametrize("ahead", [300, LARGEST_COUNT])
+def test_a_number_that_is_believed_while_the_robot_agent_hangs_is_left_again(ahead: int) -> None:
+    """What was asked for in that cycle, published and bid, does not count for ever either."""
+    drive = Drive()
+    robot, last = drive.mesh.node("robot"), drive.of(RobotState)[-1]
+    robot.hang()
+    drive.let_pass(0.5)
+    number = min(last.cycle.number + ahead, LARGEST_COUNT)
+    drive.mesh.publish(replace(last, cycle=Cycle(last.cycle.epoch, number)))
+    drive.let_pass(0.1)
+    robot.resume()
+    again = drive.mesh.now
+    drive.let_pass(2.5)
+    assert abs(drive.truth().v) > 0.1, "it drives on"
+    assert any("by a number that nobody went on with" in line for line in drive.logs())
+    assert max(c.cycle.number for c in drive.of(Claim, again + 1.0)) < number
+    drive.restart("goto")
+    assert drive.arrives()
+
+
+@pytest.mark.parametrize("apart", [0.001, 0.02, 0.09])
+def test_states_that_climb_stop_the_society_for_no_longer_than_they_come(apart: float) -> None:
+    drive = Drive()
+    first = drive.of(RobotState)[-1]
+    for step in range(150):
+        cycle = Cycle(first.cycle.epoch, first.cycle.number + 4 * (step + 1))
+        drive.mesh.publish(replace(first, cycle=cycle))
+        drive.let_pass(apart)
+    drive.let_pass(2.5)
+    assert abs(drive.truth().v) > 0.1, "it drives on"
     assert drive.arrives()
 
 

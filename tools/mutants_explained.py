@@ -63,15 +63,17 @@ _BY_PLACE: Final[dict[str, tuple[tuple[str, str, str], ...]]] = {
     ),
     "cycles.CycleClock.advance": (
         (
-            "if self.alive(now) or cycle.number <= self._left.get(cycle.epoch, -1):",
-            "if self.alive(now) or cycle.number <= self._left.get(cycle.epoch, - 2):",
+            "last = newest.number if same else self._left.get(cycle.epoch, -1)",
+            "last = newest.number if same else self._left.get(cycle.epoch, - 2)",
             "numbers begin at 0",
         ),
         (
-            "if self.alive(now) or cycle.number <= self._left.get(cycle.epoch, -1):",
-            "if self.alive(now) or cycle.number <= self._left.get(cycle.epoch, ~1):",
+            "last = newest.number if same else self._left.get(cycle.epoch, -1)",
+            "last = newest.number if same else self._left.get(cycle.epoch, ~1)",
             "numbers begin at 0",
         ),
+    ),
+    "cycles.CycleClock._leave": (
         (
             "while len(self._left) > EPOCHS_REMEMBERED:",
             "while len(self._left) == EPOCHS_REMEMBERED:",
