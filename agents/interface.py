@@ -26,6 +26,7 @@ from armadico.messages import (
     Trajectory,
     Waypoint,
     line,
+    next_count,
 )
 
 
@@ -178,7 +179,7 @@ class Interface(Agent):
     def _latch(self, waypoints: tuple[Waypoint, ...]) -> None:
         """Begin a mission for everybody, or end it."""
         known = self.memory.newest(Trajectory)
-        counter = 1 if known is None else known.counter + 1
+        counter = 1 if known is None else next_count(known.counter)
         route = self._route
         self.publish(Trajectory(counter, self._mission, waypoints, route.start, route.leg))
 

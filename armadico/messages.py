@@ -31,9 +31,13 @@ JUMP: Final = 2**32
 """A term or counter that is so much larger than the largest known is refused.
 
 One corrupt number must not end all others: what is adopted leaves a million such jumps to
-`LARGEST_COUNT`. Who knows nothing yet counts from 0, so the jump must be larger than what a society
-counts in its whole life: at ten exchanges a second this is thirteen years.
+`LARGEST_COUNT`. Who knows nothing yet counts terms from 0, so the jump must be larger than what a
+society counts in its whole life: at ten exchanges a second this is thirteen years. Of terms the
+owner may insist, of latched states whoever remembers them.
 """
+
+COUNTS: Final = LARGEST_COUNT + 1
+"""Counters of latched states go round: after the largest comes 0, so there is always a next one."""
 
 Real = Annotated[float, Meta(ge=-LARGEST, le=LARGEST)]  # also refuses NaN and the infinities
 Positive = Annotated[float, Meta(gt=0, le=LARGEST)]
@@ -211,6 +215,17 @@ class Latched(Message, frozen=True):
     def order(self) -> tuple[int, int]:
         """What is newer is greater."""
         raise NotImplementedError
+
+
+def next_count(counter: int) -> int:
+    """The counter of a latched state that comes after one."""
+    return (counter + 1) % COUNTS
+
+
+def counts_beyond(counter: int, other: int) -> bool:
+    """Whether a latched state's counter is the newer: of two near each other by going round."""
+    ahead = (counter - other) % COUNTS
+    return 0 < ahead <= JUMP or (counter > other and ahead < COUNTS - JUMP)
 
 
 class Stop(Latched, frozen=True):

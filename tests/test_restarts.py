@@ -12,8 +12,10 @@ from msgspec.structs import replace
 from armadico.bridge.p2os.commands import Cmd, command
 from armadico.config.scenarios import Scenario
 from armadico.discovery import SIMULATORS, find
+from armadico.latch import Latching
 from armadico.mesh.virtual_node import Node
 from armadico.messages import (
+    JUMP,
     LARGEST_COUNT,
     Ack,
     Ballot,
@@ -24,6 +26,7 @@ from armadico.messages import (
     Message,
     MissionStatus,
     Obstacles,
+    Origin,
     Pose,
     RobotState,
     Stop,
@@ -53,7 +56,7 @@ class Drive:
         self.mesh = self.run.mesh
         self.said: list[tuple[float, Any]] = []
         kinds = (Truth, Pose, Command, Claim, RobotState, Obstacles, Stop, Log, MissionStatus)
-        self.mesh.watch(self._keep, *kinds, Trajectory, Ack)
+        self.mesh.watch(self._keep, *kinds, Trajectory, Ack, Origin)
         self.run.begin()
         self.let_pass(seconds)
         assert abs(self.truth().v) > 0.1, "it drives"
@@ -206,6 +209,87 @@ def test_a_token_without_a_card_does_not_end_a_robot_agent_at_work() -> None:
     drive.let_pass(12.0)
     assert robot.alive
     assert robot.driver.refusal == ""
+    assert drive.arrives()
+
+
+# Counters -----------------------------------------------------------------------------------------
+
+BEYOND = [(JUMP,), (JUMP - 5, 2 * JUMP - 10), (2**51,), (LARGEST_COUNT - 500,)]
+"""How far ahead of what is known a stranger counts: as far as is believed, and farther."""
+
+
+@pytest.mark.parametrize("ahead", BEYOND)
+@pytest.mark.parametrize("who", ["encoder", "robot", "goto"])
+def test_who_restarts_after_an_origin_far_beyond_is_told_the_pose(
+    ahead: tuple[int, ...], who: str
+) -> None:
+    drive = Drive()
+    known = drive.of(Origin)[-1]
+    for step in ahead:
+        drive.mesh.publish(replace(known, counter=known.counter + step))
+        drive.let_pass(0.5)
+    drive.let_pass(1.0)
+    drive.restart(who)
+    drive.let_pass(1.5)
+    assert drive.off() < 0.2
+    assert drive.arrives()
+
+
+@pytest.mark.parametrize("ahead", BEYOND)
+@pytest.mark.parametrize("who", ["goto", "interface"])
+def test_who_restarts_after_a_trajectory_far_beyond_is_told_the_mission(
+    ahead: tuple[int, ...], who: str
+) -> None:
+    drive = Drive()
+    known = drive.of(Trajectory)[-1]
+    for step in ahead:
+        drive.mesh.publish(replace(known, counter=known.counter + step))
+        drive.let_pass(0.3)
+    drive.let_pass(1.0)
+    drive.restart(who)
+    assert drive.arrives()
+    drive.let_pass(2.0)
+    last = {t.mission for t in drive.of(Trajectory, drive.mesh.now - 1.5)}
+    assert last == {known.mission}
+    assert drive.of(Trajectory)[-1].waypoints == (), "and all know that it is over"
+
+
+@pytest.mark.parametrize("ahead", BEYOND)
+@pytest.mark.parametrize("who", ["robot", "goto"])
+def test_a_stop_far_beyond_outlives_a_restart_and_can_be_released(
+    ahead: tuple[int, ...], who: str
+) -> None:
+    drive = Drive()
+    for press, step in enumerate(ahead, 77):
+        drive.mesh.publish(Stop(step, True, "stranger", press))
+        drive.let_pass(0.5)
+    drive.let_pass(2.0)
+    assert rests(drive)
+    drive.restart(who)
+    drive.let_pass(3.0)
+    assert rests(drive), "it is still known"
+    quiet = drive.mesh.now
+    drive.let_pass(3.0)
+    assert drive.of(Stop, quiet) == [], "nobody contradicts anybody for ever"
+    resume = Latching(stopped=False, by="tester", press=0)
+    while not resume.done and drive.mesh.now < quiet + 5.0:
+        resume.hear(drive.of(RobotState)[-1], drive.mesh.now)
+        if (message := resume.message()) is not None:
+            drive.mesh.publish(message)
+        drive.let_pass(0.1)
+    assert resume.done
+    assert drive.arrives()
+
+
+def test_one_release_far_beyond_releases_nothing() -> None:
+    drive = Drive()
+    drive.mesh.publish(Stop(1, True, "tester", 1))
+    drive.let_pass(2.5)
+    drive.mesh.publish(Stop(3 * JUMP, False, "stranger", 1))
+    drive.let_pass(2.0)
+    assert rests(drive)
+    assert any("not believed: a Stop by stranger" in line for line in drive.logs())
+    drive.mesh.publish(Stop(2, False, "tester", 1))
     assert drive.arrives()
 
 

@@ -98,23 +98,9 @@ _BY_PLACE: Final[dict[str, tuple[tuple[str, str, str], ...]]] = {
     ),
     "latched.Memory._hear_stop": (
         (
-            "return self._latch(stop, changed=stop.stopped != known.stopped)",
-            "return self._latch(stop, changed=stop.stopped is not known.stopped)",
+            "return stop.stopped != was.stopped",
+            "return stop.stopped is not was.stopped",
             "of two booleans the same",
-        ),
-    ),
-    "latched.Memory._latch": (
-        (
-            "def _latch(self, stop: Stop, *, changed: bool) -> bool:",
-            "def _latch(self, stop: Stop, /, changed: bool) -> bool:",
-            "how it may be called, by nobody else",
-        ),
-    ),
-    "latched.Memory.met": (
-        (
-            "if known.order > (0, 0):  # a stop may count from 0, too",
-            "if known.order != (0, 0):  # a stop may count from 0, too",
-            "nothing is counted below 0",
         ),
     ),
     "coordination": (("REMEMBERED: Final = 4", "REMEMBERED: Final = 5", _ANY),),
