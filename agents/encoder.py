@@ -11,7 +11,7 @@ from msgspec.structs import replace
 from armadico import agent
 from armadico.agent import WARNING, Agent
 from armadico.geometry import Pose2, compose, relative, wrap
-from armadico.messages import Message, Origin, Pose, RobotState
+from armadico.messages import Message, Origin, Pose, RobotState, next_count
 
 Metres = Annotated[float, Meta(ge=-1e5, le=1e5)]
 
@@ -101,7 +101,7 @@ class Encoder(Agent):
     def _keep(self, origin: Origin, odometry: Pose2) -> None:
         """Publish the origin, with where the odometry is now; the longer it is known the larger."""
         self._origin = Origin(
-            origin.counter + 1,
+            next_count(origin.counter),
             origin.by,
             origin.epoch,
             origin.x,

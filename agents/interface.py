@@ -29,6 +29,7 @@ from armadico.messages import (
     Waypoint,
     encode,
     line,
+    next_count,
 )
 
 
@@ -196,7 +197,7 @@ class Interface(Agent):
     def _next(self, mission: int, route: Route, waypoints: tuple[Waypoint, ...]) -> Trajectory:
         """What begins a mission for everybody, or ends it."""
         known = self.memory.newest(Trajectory)
-        counter = 1 if known is None else known.counter + 1
+        counter = 1 if known is None else next_count(known.counter)
         return Trajectory(counter, mission, waypoints, route.start, route.leg)
 
     def _say_status(self, to_go: float) -> None:

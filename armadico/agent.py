@@ -25,7 +25,7 @@ from armadico import messages as m
 from armadico import parameters
 from armadico.compiled import mypyc_attr
 from armadico.coordination import COMPARISONS, Contender, Owner, Verdict
-from armadico.cycles import CycleClock, CycleCounter
+from armadico.cycles import AHEAD, CycleClock, CycleCounter
 from armadico.exchange import EXCHANGES, Bid
 from armadico.latched import Memory
 from armadico.messages import Message
@@ -550,13 +550,25 @@ class Agent:
 
     def _advance(self, clock: CycleClock, cycle: m.Cycle, key: str) -> bool:
         """Take a cycle's owner's word for it; tell of a stray, and once of a change of epoch."""
-        before, strays = clock.newest, clock.strays
+        before, strays, returns = clock.newest, clock.strays, clock.returns
         moved = clock.advance(cycle, self.now)
         if clock.strays != strays:
             self.outbox.append(Refused(key, clock.stray))
-        elif moved and before is not None and before.epoch != cycle.epoch:
+        if clock.returns != returns:
+            self._returned(clock)
+        if moved and before is not None and before.epoch != cycle.epoch:
             self._epoch_changed(key, before.epoch, cycle, back=clock.left(cycle.epoch))
         return moved
+
+    def _returned(self, clock: CycleClock) -> None:
+        """Forget what answered numbers that were never true: all that comes is smaller."""
+        for contender in self._contenders.values():
+            if contender.clock is clock:
+                self._turned.pop(contender.resource.name, None)
+                contender.returned(self.now)
+        for owned in self._owned.values():
+            if owned.owner.clock is clock:
+                owned.owner.returned()
 
     def _epoch_changed(self, key: str, before: int, cycle: m.Cycle, *, back: bool) -> None:
         """Whoever starts an owner again knows; of two that take turns people must hear."""
@@ -600,11 +612,9 @@ class Agent:
         if not self.cycles.fresh(cycle, within):
             return False
         before: Any = self._latest.get(kind)
-        return (
-            before is None
-            or before.cycle.number <= cycle.number
-            or (before.cycle.epoch != cycle.epoch)
-        )
+        age = None if before is None else self.cycles.age(before.cycle)
+        # One that answers a number which was never true is no newer than any.
+        return age is None or age < -AHEAD or before.cycle.number <= cycle.number
 
     def _in_time(self, message: Any) -> bool:
         """Whether it may be acted upon, by the table of services."""

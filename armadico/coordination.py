@@ -293,6 +293,17 @@ class Contender:
             rival.gone = True
         return self._consider(now)
 
+    def returned(self, now: float) -> None:
+        """Forget all that answers numbers which its clock no longer counts; the ballot stays.
+
+        Who holds falls silent as one that is outbid: a tenure that began in a cycle which never was
+        has no age. It contends anew as all do, by silence.
+        """
+        self._do(Event.OUTBID, now)
+        self.tenure = self.rival = self.ack = self._inputs = None
+        self._bids.clear()
+        self._heard_at = now
+
     def tick(self, now: float) -> list[Message]:
         """Take the time: silence is noticed by a wake-up, not at the next cycle."""
         self._looked_at = now
@@ -616,6 +627,10 @@ class Owner:
         else:
             self.refusals[verdict] += 1
         return verdict
+
+    def returned(self) -> None:
+        """Forget whom it obeyed in a cycle that its clock no longer counts; the ballots stay."""
+        self.obeyed, self.obeyed_cycle, self._rank = None, None, (0.0, False)
 
     def rested(self) -> None:
         """The resource was brought to rest: nothing is left to be silent about."""

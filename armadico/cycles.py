@@ -22,6 +22,14 @@ LISTEN: Final = 3
 
 EPOCHS_REMEMBERED: Final = 64
 
+LATE: Final = 10
+"""Cycles: what is no further behind than this may only have come late. A second, and it is passed.
+"""
+
+STEADY: Final = 3
+"""So many smaller numbers, one after another and no faster than time passes, are the owner's own
+word: the larger one that is silent was never true. A burst of old ones comes faster."""
+
 
 class CycleClock:
     """The newest cycle, moved only by its owner's own message.
@@ -30,13 +38,19 @@ class CycleClock:
     been silent for as long as fresh lasts; and a left one only beyond the last number known of it.
     So one stray message, or a second owner for a while, changes nothing.
 
+    A stray may be believed all the same, if it comes while the owner hangs, or if many climb. No
+    number is lost by that: once the present one has been silent for as long as fresh lasts, smaller
+    ones of an epoch that go on steadily are returned to.
+
     Attributes:
         newest: The newest cycle; None before the first.
         first: The first cycle received of this epoch.
         resumed: The first cycle after some that were missed, or of this epoch.
         period: From one cycle to the next, s.
-        strays: Messages that would have moved it and were not believed.
+        strays: Messages that would have moved it and were not believed, and those that were and
+            turned out not to be true.
         stray: Of which epoch the last of them was, and why it does not count; for people.
+        returns: How often it went back to smaller numbers: what answers the larger ones is void.
     """
 
     def __init__(self, period: float = PERIOD, fresh_cycles: int = 3) -> None:
@@ -48,6 +62,9 @@ class CycleClock:
         self.fresh_cycles = fresh_cycles
         self.strays = 0
         self.stray = ""
+        self.returns = 0
+        self._lead = 0.0  # cycles by which numbers have run ahead of the time
+        self._steady: tuple[Cycle, float, int] | None = None  # the last smaller one, its count
         self._listens_until = 0
         self._left: dict[int, int] = {}  # by epoch, the last number known of it
 
@@ -57,28 +74,70 @@ class CycleClock:
         if newest is None:
             self._begin(cycle, now)
             return True
-        if cycle.epoch != newest.epoch:
-            if self.alive(now) or cycle.number <= self._left.get(cycle.epoch, -1):
-                goes_on = f"while epoch {newest.epoch:x} goes on (are two owners at work?)"
-                return self._astray(cycle, goes_on if self.alive(now) else "that is over")
-            self._left.pop(newest.epoch, None)
-            self._left[newest.epoch] = newest.number
-            while len(self._left) > EPOCHS_REMEMBERED:
-                del self._left[next(iter(self._left))]
+        alive, same = self.alive(now), cycle.epoch == newest.epoch
+        last = newest.number if same else self._left.get(cycle.epoch, -1)
+        if alive and not same:
+            why = f"while epoch {newest.epoch:x} goes on (are two owners at work?)"
+            return self._astray(cycle, why)
+        if cycle.number <= last:
+            if not alive and self._goes_on(cycle, last, now):
+                self._return(cycle, newest, now)
+                return True
+            return False if same else self._astray(cycle, "that is over")
+        if not same:
+            self._leave(newest)
             self._begin(cycle, now)
             return True
-        missed = cycle.number - newest.number - 1
-        if missed < 0:
-            return False
         # The number is a clock, so it cannot run ahead of one's own, whatever that shows, while
-        # cycles keep coming. Twice the time: the owner's clock may be fast, and packets bunch.
-        if missed > AHEAD + 2 * (now - self.received_at) / self.period and self.alive(now):
+        # cycles keep coming. Twice the time: the owner's clock may be fast. A few more at once, for
+        # packets bunch; but once, and not with each message: then time has to catch up.
+        missed = cycle.number - newest.number - 1
+        lead = self._lead_at(missed + 1, (now - self.received_at) / self.period)
+        if alive and lead > AHEAD + 1:
             return self._astray(cycle, "by a number that runs ahead of the time")
-        self.newest, self.received_at = cycle, now
+        self._lead = lead if alive else min(lead, 0.0)
+        self.newest, self.received_at, self._steady = cycle, now, None
         if missed:
             self.resumed = cycle
             self._listens_until = cycle.number + min(missed, LISTEN)
         return True
+
+    def _lead_at(self, steps: int, passed: float) -> float:
+        """How far numbers are ahead after so many more, in a time in cycles; or behind, if below 0.
+
+        What is behind is caught up with: after a gap all may come at once that was under way.
+        """
+        lead = self._lead + steps - passed
+        return max(lead - passed, 0.0) if lead > 0.0 else max(lead, -float(LATE))
+
+    def _goes_on(self, cycle: Cycle, last: int, now: float) -> bool:
+        """Whether a number that is too small is one of some that go on as an owner's do."""
+        if last - cycle.number <= LATE:
+            return False
+        before, count = self._steady, 1
+        if before is not None and before[0].epoch == cycle.epoch:
+            step, passed = cycle.number - before[0].number, now - before[1]
+            if step == 0:
+                return False  # the same again
+            recent = passed <= self.fresh_cycles * self.period
+            if recent and 0 < step <= 2 * passed / self.period:
+                count = before[2] + 1
+        self._steady = (cycle, now, count)
+        return count >= STEADY
+
+    def _return(self, cycle: Cycle, newest: Cycle, now: float) -> None:
+        """Follow a number that is smaller than one that was believed."""
+        self._astray(newest, "by a number that nobody went on with: back to the one that goes on")
+        self.returns += 1
+        if cycle.epoch != newest.epoch:
+            self._leave(newest)
+        self._begin(cycle, now)
+
+    def _leave(self, newest: Cycle) -> None:
+        self._left.pop(newest.epoch, None)
+        self._left[newest.epoch] = newest.number
+        while len(self._left) > EPOCHS_REMEMBERED:
+            del self._left[next(iter(self._left))]
 
     def _astray(self, cycle: Cycle, why: str) -> bool:
         self.strays += 1
@@ -87,7 +146,7 @@ class CycleClock:
 
     def _begin(self, cycle: Cycle, now: float) -> None:
         self.newest = self.first = self.resumed = cycle
-        self.received_at = now
+        self.received_at, self._lead, self._steady = now, 0.0, None
         self._listens_until = cycle.number + LISTEN
 
     def left(self, epoch: int) -> bool:

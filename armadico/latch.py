@@ -12,7 +12,7 @@ import time
 from typing import Final
 
 from armadico.client import Client
-from armadico.messages import LARGEST_COUNT, Cycle, RobotState, Stop
+from armadico.messages import Cycle, RobotState, Stop, counts_beyond, next_count
 
 AGAIN_S: Final = 0.1
 """How often it is published until it is acknowledged, and while that is looked at."""
@@ -78,7 +78,7 @@ class Latching:
             return self._release
         known = self.known or Stop()
         ours = known.stopped and known.press == self._press
-        counter = known.counter if ours else min(known.counter + 1, LARGEST_COUNT)
+        counter = known.counter if ours else next_count(known.counter)
         return Stop(counter, True, self._by, self._press)
 
     @property
@@ -100,16 +100,12 @@ class Latching:
 
     def _hear_released(self, stop: Stop) -> None:
         release = self._release
+        late = release is not None and counts_beyond(release.counter, stop.counter)
         if not stop.stopped:
-            self.done = release is None or stop.counter >= release.counter
-        elif release is None or (stop.order > release.order and stop.press == release.press):
-            if stop.counter >= LARGEST_COUNT:
-                self.refusal = (
-                    "no release counts beyond the stop any more; end all agents, and start anew"
-                )
-                return
-            self._release = Stop(stop.counter + 1, False, self._by, stop.press)
-        elif stop.order > release.order:
+            self.done = not late
+        elif release is None or (not late and stop.press == release.press):
+            self._release = Stop(next_count(stop.counter), False, self._by, stop.press)
+        elif not late:
             self.refusal = f"it was stopped again meanwhile, by {stop.by or 'somebody'}"
 
 

@@ -31,8 +31,9 @@ JUMP: Final = 2**32
 """A term or counter that is so much larger than the largest known is refused.
 
 One corrupt number must not end all others: what is adopted leaves a million such jumps to
-`LARGEST_COUNT`. Who knows nothing yet counts from 0, so the jump must be larger than what a society
-counts in its whole life: at ten exchanges a second this is thirteen years.
+`LARGEST_COUNT`. Who knows nothing yet counts terms from 0, so the jump must be larger than what a
+society counts in its whole life: at ten exchanges a second this is thirteen years. Of terms the
+owner may insist, of latched states whoever remembers them.
 """
 
 WAYPOINTS: Final = 1024
@@ -41,6 +42,9 @@ WAYPOINTS: Final = 1024
 LONGEST_TENURE: Final = JUMP
 """Cycles for which nobody has been at work yet: a card that says more is none, and drives nobody
 out. Who should ever get there says no more than this."""
+
+COUNTS: Final = LARGEST_COUNT + 1
+"""Counters of latched states go round: after the largest comes 0, so there is always a next one."""
 
 Real = Annotated[float, Meta(ge=-LARGEST, le=LARGEST)]  # also refuses NaN and the infinities
 Share = Annotated[float, Meta(ge=0, le=1)]
@@ -231,6 +235,17 @@ class Latched(Message, frozen=True):
     def order(self) -> tuple[int, int]:
         """What is newer is greater."""
         raise NotImplementedError
+
+
+def next_count(counter: int) -> int:
+    """The counter of a latched state that comes after one."""
+    return (counter + 1) % COUNTS
+
+
+def counts_beyond(counter: int, other: int) -> bool:
+    """Whether a latched state's counter is the newer: of two near each other by going round."""
+    ahead = (counter - other) % COUNTS
+    return 0 < ahead <= JUMP or (counter > other and ahead < COUNTS - JUMP)
 
 
 class Stop(Latched, frozen=True):

@@ -6,8 +6,8 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from armadico.cycles import EPOCHS_REMEMBERED, PERIOD, CycleClock, CycleCounter
-from armadico.messages import Cycle
+from armadico.cycles import AHEAD, EPOCHS_REMEMBERED, LATE, PERIOD, CycleClock, CycleCounter
+from armadico.messages import LARGEST_COUNT, Cycle
 
 
 @pytest.fixture
@@ -84,9 +84,129 @@ def test_whatever_comes_within_an_epoch_numbers_do_not_fall(
     last: dict[int, int] = {}
     for epoch, number, passed in heard:
         now += passed
+        returns = clock.returns
         if clock.advance(Cycle(epoch, number), now):
-            assert number > last.get(epoch, -1), "not even after it was left and returned to"
+            if clock.returns == returns:
+                assert number > last.get(epoch, -1), "not even after it was left and returned to"
+            else:
+                assert number < last[epoch] - LATE, "what is only late is not returned to"
             last[epoch] = number
+
+
+# Strays that were believed ------------------------------------------------------------------------
+
+
+def goes_on(clock: CycleClock, epoch: int, number: int, now: float, seconds: float = 1.0) -> float:
+    """The owner says each cycle from a number on; after so many s it is followed, or never."""
+    for step in range(round(seconds / PERIOD)):
+        at = now + step * PERIOD
+        clock.advance(Cycle(epoch, number + step), at)
+        if clock.newest == Cycle(epoch, number + step):
+            return at - now
+    raise AssertionError(f"not followed within {seconds} s")
+
+
+@pytest.mark.parametrize("ahead", [LATE + 20, 1000, LARGEST_COUNT - 10])
+def test_a_number_that_was_never_true_is_left_again(clock: CycleClock, ahead: int) -> None:
+    """The owner hung for half a second, and a stray was believed meanwhile."""
+    assert clock.advance(Cycle(1, 10 + ahead), 1.5)
+    assert goes_on(clock, 1, 16, 1.55) < 0.6
+    assert clock.returns == clock.strays == 1
+    assert "epoch 1 by a number that nobody went on with" in clock.stray
+    assert clock.first == clock.resumed == clock.newest
+    assert clock.listening
+    assert clock.advance(Cycle(1, 90), 60.0)
+
+
+def test_whose_first_cycle_was_never_true_finds_the_true_ones() -> None:
+    clock = CycleClock()
+    assert clock.advance(Cycle(1, LARGEST_COUNT), 1.0)
+    assert goes_on(clock, 1, 16, 1.05) < 0.7
+
+
+def test_an_epoch_that_was_left_by_a_number_that_was_never_true_is_returned_to(
+    clock: CycleClock,
+) -> None:
+    assert clock.advance(Cycle(1, LARGEST_COUNT), 1.5)
+    assert clock.advance(Cycle(2, 1), 2.0)
+    assert goes_on(clock, 1, 21, 2.1) < 0.6
+    assert clock.advance(Cycle(1, 90), 9.1)
+    assert clock.returns == 1
+
+
+def test_after_a_return_an_epoch_is_left_by_its_true_number(clock: CycleClock) -> None:
+    assert clock.advance(Cycle(1, LARGEST_COUNT), 1.5)
+    goes_on(clock, 1, 16, 1.55)
+    assert clock.advance(Cycle(2, 1), 4.0)
+    assert clock.advance(Cycle(1, 60), 6.0)
+
+
+@pytest.mark.parametrize("apart", [0.0, 0.02, 0.04])
+def test_a_burst_of_old_cycles_is_not_returned_to(apart: float) -> None:
+    clock = CycleClock()
+    clock.advance(Cycle(1, 100), 10.0)
+    for number in range(40, 90):
+        assert not clock.advance(Cycle(1, number), 11.0 + apart * (number - 40))
+    assert clock.newest == Cycle(1, 100)
+    assert clock.returns == 0
+
+
+def test_what_may_only_be_late_is_waited_for() -> None:
+    clock = CycleClock()
+    clock.advance(Cycle(1, 100), 10.0)
+    for step in range(LATE):
+        assert not clock.advance(Cycle(1, 100 - LATE + step), 10.4 + step * PERIOD)
+    assert clock.returns == 0
+
+
+def test_copies_of_one_old_cycle_are_not_one_that_goes_on(clock: CycleClock) -> None:
+    assert clock.advance(Cycle(1, 1000), 1.5)
+    for step in range(50):
+        assert not clock.advance(Cycle(1, 16), 2.0 + step * PERIOD)
+    for step in range(50):
+        assert not clock.advance(Cycle(1, 900 - step), 8.0 + step * PERIOD), "nor is what falls"
+    for step in range(50):
+        assert not clock.advance(Cycle(1, 20 + step), 20.0 + step), "nor what comes now and then"
+
+
+def test_smaller_numbers_change_nothing_while_the_present_ones_come(clock: CycleClock) -> None:
+    for step in range(50):
+        clock.advance(Cycle(1, 100 + step), 2.0 + step * PERIOD)
+        assert not clock.advance(Cycle(1, 20 + step), 2.01 + step * PERIOD)
+    assert clock.returns == 0
+
+
+@given(st.integers(1, 40), st.integers(1, 5), st.floats(0.0, 0.05))
+def test_however_many_climb_the_time_is_all_that_they_gain(
+    count: int, each: int, apart: float
+) -> None:
+    clock, number = CycleClock(), 100
+    clock.advance(Cycle(1, number), 0.0)
+    for index in range(count):
+        number += each
+        if not clock.advance(Cycle(1, number), (index + 1) * apart):
+            number -= each
+    passed = count * apart / PERIOD
+    assert number - 100 <= AHEAD + 1 + 2 * passed + 1e-6
+
+
+@given(st.lists(st.tuples(st.integers(0, 3), st.floats(0.0, 0.3)), min_size=1, max_size=40))
+def test_an_owner_that_is_late_and_loses_some_is_followed_however_packets_bunch(
+    packets: list[tuple[int, float]],
+) -> None:
+    """Each packet is late by something, and none overtakes another: the newest is believed."""
+    clock, number, at = CycleClock(), 0, 0.0
+    for lost, late in packets:
+        number += 1 + lost
+        at = max(at, number * PERIOD + late)
+        assert clock.advance(Cycle(1, number), at)
+    assert clock.strays == 0
+
+
+def test_after_a_gap_what_was_under_way_may_come_at_once(clock: CycleClock) -> None:
+    for number in range(11, 20):
+        assert clock.advance(Cycle(1, number), 2.0)
+    assert clock.strays == 0
 
 
 def test_what_is_remembered_of_epochs_is_bounded() -> None:

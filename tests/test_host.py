@@ -477,6 +477,17 @@ def test_a_number_that_runs_ahead_of_the_time_is_said() -> None:
     assert "epoch 7 by a number that runs ahead of the time" in said.text
 
 
+def test_a_number_that_was_never_true_is_said_once_it_is_left() -> None:
+    told = Told(Watcher(identity("watcher")))
+    told.cycle(7, 1, 0.1)
+    assert told.cycle(7, 1000, 1.0) == []
+    said = [line for step in range(3) for line in told.cycle(7, 10 + step, 1.4 + step / 10)]
+    assert len(said) == 1
+    assert "1 x on robot/state: not counted: a cycle of epoch 7 by a number that nobody went" in (
+        said[0].text
+    )
+
+
 def test_a_cycle_of_an_epoch_that_is_over_is_said() -> None:
     told = Told(Watcher(identity("watcher")))
     told.cycle(7, 1, 0.1)
@@ -522,27 +533,31 @@ def test_of_a_resource_with_cycles_of_its_own_both_are_said_by_its_key() -> None
 
 def test_a_counter_that_cannot_be_is_said_with_who_said_it_and_what_became_of_it() -> None:
     told = Told(Watcher(identity("watcher")))
-    (said,) = told.hear(Stop(m.JUMP + 1, False, "forger", 1), 1.0, "robot/stop")
+    told.hear(Stop(1, False, "people", 7), 0.5, "robot/stop")
+    told.hear(Trajectory(1, 1, ()), 0.5, "trajectory")
+    (said,) = told.hear(Stop(m.JUMP + 2, False, "forger", 1), 1.0, "robot/stop")
     assert said.level == WARNING
     assert (
         "1 x on robot/stop: not believed: a Stop by forger with a counter far beyond all that is"
         in said.text
     )
-    (said,) = told.hear(Stop(m.JUMP + 1, True, "forger", 2), 7.0, "robot/stop")
+    (said,) = told.hear(Stop(m.JUMP + 2, True, "forger", 2), 7.0, "robot/stop")
     assert "stopped all the same, and counted on from what is known: a Stop by forger" in said.text
     assert told.driver.agent.stopped is not None
-    (said,) = told.hear(Trajectory(m.JUMP + 1, 1, ()), 14.0, "trajectory")
+    (said,) = told.hear(Trajectory(m.JUMP + 2, 1, ()), 14.0, "trajectory")
     assert "on trajectory: not believed: a Trajectory with a counter" in said.text
 
 
 def test_a_counter_that_cannot_be_is_said_of_a_state_and_before_one_is_at_work_too() -> None:
     told = Told(Watcher(identity("watcher")))
-    state = RobotState(Cycle(7, 1), 0, 0, 0, 0, 0, 12.5, True, False, Stop(m.JUMP + 1, by="x"))
+    told.hear(Stop(1, False, "people", 7), 0.5, "robot/stop")
+    state = RobotState(Cycle(7, 1), 0, 0, 0, 0, 0, 12.5, True, False, Stop(m.JUMP + 2, by="x"))
     (said,) = told.hear(state, 1.0, "robot/state")
     assert "on robot/stop: not believed: a Stop by x" in said.text
     driver = Driver(Watcher(identity("watcher")), 0.0)
     (to,) = [to for to in driver.agent.subscriptions() if to.message is Stop]
-    driver.deliver(to, "robot/stop", Stop(m.JUMP + 1, by="x"), 0.1)
+    driver.deliver(to, "robot/stop", Stop(1, False, "people", 7), 0.1)
+    driver.deliver(to, "robot/stop", Stop(m.JUMP + 2, by="x"), 0.1)
     assert not driver.started
     assert [item for item in driver.take() if isinstance(item, Publish)]
 

@@ -10,8 +10,9 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from hypothesis.stateful import RuleBasedStateMachine, initialize, invariant, precondition, rule
 
-from armadico.latched import GIVE_BACK_S, PRESSES, Memory
+from armadico.latched import DOUBT_S, GIVE_BACK_S, PRESSES, Memory
 from armadico.messages import (
+    COUNTS,
     JUMP,
     LARGEST_COUNT,
     Latched,
@@ -20,8 +21,10 @@ from armadico.messages import (
     Stop,
     Trajectory,
     Waypoint,
+    counts_beyond,
     decode,
     encode,
+    next_count,
 )
 
 GOAL = (Waypoint(1.0, 0.0, 0.0),)
@@ -215,10 +218,18 @@ def test_what_is_given_back_is_so_within_a_tenth_of_a_second(seed: int) -> None:
 
 
 @pytest.mark.parametrize("stopped", [False, True])
-def test_of_what_counts_from_zero_a_stop_alone_is_given(stopped: bool) -> None:
+def test_what_counts_from_zero_is_given_too(stopped: bool) -> None:
     memory = knowing(Stop(0, stopped, "a", 1))
     memory.met(1.0)
-    assert bool(given_back(memory, 1.0)) is stopped
+    assert given_back(memory, 1.0) == [Stop(0, stopped, "a", 1)]
+
+
+def test_that_nobody_ever_stopped_is_nothing_to_remember(memory: Memory) -> None:
+    assert not memory.hear(Stop(), 0.0)
+    assert memory.all() == []
+    memory.hear(Stop(7, False, "a", 1), 1.0)
+    assert not memory.hear(Stop(), 1.0)
+    assert given_back(memory, 1.0) == [Stop(7, False, "a", 1)], "but who says so is told"
 
 
 def test_an_empty_memory_has_nothing_to_give(memory: Memory) -> None:
@@ -234,15 +245,169 @@ def test_who_appears_is_given_all_that_is_known() -> None:
     assert set(given_back(memory, 1.0)) == set(known)
 
 
-@pytest.mark.parametrize(
-    "huge",
-    [Trajectory(JUMP + 1, 1, GOAL), Origin(JUMP + 1, 1, 1, 0, 0, 0, 0, 0, 0)],
-    ids=lambda message: type(message).__name__,
-)
-def test_a_huge_counter_is_not_believed_not_even_the_first(memory: Memory, huge: Latched) -> None:
-    assert not memory.hear(huge, 0.0)
-    assert memory.newest(type(huge)) is None
-    assert memory.refused == 1
+# Counters that cannot be --------------------------------------------------------------------------
+
+
+def origin(counter: int) -> Origin:
+    return Origin(counter, 1, 1, 0, 0, 0, 0, 0, 0)
+
+
+def mission(counter: int) -> Trajectory:
+    return Trajectory(counter, 1, GOAL)
+
+
+FAR = [JUMP + 7, 3 * JUMP, LARGEST_COUNT // 2]
+
+
+@pytest.mark.parametrize("counter", [1, *FAR, LARGEST_COUNT])
+@pytest.mark.parametrize("made", [origin, mission, lambda n: Stop(n, True, "a", 5)])
+def test_who_knows_nothing_believes_whatever_it_is_given(
+    memory: Memory, made: Callable[[int], Latched], counter: int
+) -> None:
+    assert memory.hear(made(counter), 0.0)
+    assert memory.all() == [made(counter)]
+    assert memory.refused == 0
+
+
+@pytest.mark.parametrize("far", [*FAR, LARGEST_COUNT])
+def test_one_that_is_far_beyond_what_is_known_is_refused_and_answered(far: int) -> None:
+    memory = knowing(mission(6))
+    for _ in range(3):
+        assert not memory.hear(mission(far), 1.0), "copies of one are one"
+    assert memory.newest(Trajectory) == mission(6)
+    assert given_back(memory, 1.0) == [mission(6)]
+
+
+@pytest.mark.parametrize("far", FAR)
+@pytest.mark.parametrize("said", ["given back", "by another", "published"])
+def test_who_says_it_again_though_answered_remembers_it_and_is_believed(
+    far: int, said: str
+) -> None:
+    memory = knowing(mission(6))
+    memory.hear(mission(far), 1.0)
+    if said == "given back":
+        assert given_back(memory, 1.0)
+    elif said == "by another":
+        memory.hear(mission(6), 1.05)
+    else:
+        memory.note(mission(7))
+    assert memory.hear(mission(far + 1), 1.2)
+    assert memory.newest(Trajectory) == mission(far + 1)
+    memory.hear(mission(6), 1.3)
+    assert given_back(memory, 1.3) == [mission(far + 1)]
+    assert not memory.hear(mission(min(2 * far + JUMP + 9, LARGEST_COUNT - JUMP)), 1.35)
+
+
+def test_what_is_said_again_much_later_or_otherwise_is_another_stray() -> None:
+    memory = knowing(mission(6))
+    for at in range(5):
+        assert not memory.hear(mission(FAR[0]), 3.0 * at)
+        assert given_back(memory, 3.0 * at)
+    for step, far in enumerate((3 * JUMP, 5 * JUMP, 9 * JUMP)):
+        assert not memory.hear(mission(far), 20.0 + step / 4)
+        assert given_back(memory, 20.0 + step / 4)
+    assert memory.refused == 8
+
+
+@pytest.mark.parametrize("far", [*FAR, LARGEST_COUNT])
+@pytest.mark.parametrize("within", [0.0, 0.9 * DOUBT_S])
+def test_a_newcomer_that_hears_a_stray_first_is_put_right(
+    memory: Memory, far: int, within: float
+) -> None:
+    memory.hear(origin(far), 5.0)
+    memory.met(5.0)
+    assert memory.due(5.0 + 0.99 * DOUBT_S) == [], "what is in doubt is not handed on"
+    assert memory.hear(origin(6), 5.0 + within)
+    assert memory.newest(Origin) == origin(6)
+    assert not memory.hear(origin(far), 5.0 + within)
+
+
+@pytest.mark.parametrize("how", ["in time", "counted on", "older by one", "published"])
+def test_what_nobody_contradicts_is_in_doubt_no_longer(memory: Memory, how: str) -> None:
+    far = FAR[1]
+    memory.hear(origin(far), 5.0)
+    now = 5.1
+    if how == "in time":
+        now = 5.0 + DOUBT_S
+    elif how == "published":
+        memory.note(origin(far))
+    else:
+        memory.hear(origin(far + (1 if how == "counted on" else -1)), 5.1)
+    assert not memory.hear(origin(6), now)
+    assert given_back(memory, now)
+
+
+def test_who_appears_while_it_is_in_doubt_is_given_it_later(memory: Memory) -> None:
+    memory.hear(origin(FAR[0]), 5.0)
+    memory.met(5.2)
+    assert memory.wakeup is not None
+    assert memory.wakeup >= 5.0 + DOUBT_S
+    assert memory.due(5.0 + DOUBT_S + GIVE_BACK_S) == [origin(FAR[0])]
+
+
+@pytest.mark.parametrize("far", FAR)
+def test_a_stop_that_is_in_doubt_is_not_released_by_what_is_apart(memory: Memory, far: int) -> None:
+    assert memory.hear(Stop(far, True, "a", 5), 5.0)
+    assert not memory.hear(Stop(6, False, "b", 4), 5.1)
+    assert memory.newest(Stop) == Stop(far, True, "a", 5)
+    assert not memory.hear(Stop(6, True, "b", 6), 5.2), "no news: it is stopped"
+    assert memory.hear(Stop(7, False, "b", 6), 5.3), "and counts as the others do"
+
+
+@pytest.mark.parametrize("far", FAR)
+def test_a_release_that_is_in_doubt_yields_to_the_stop_that_others_know(
+    memory: Memory, far: int
+) -> None:
+    memory.hear(Stop(far, False, "forger", 5), 5.0)
+    assert memory.hear(Stop(6, True, "b", 5), 5.1)
+    assert memory.newest(Stop) == Stop(6, True, "b", 5)
+
+
+def test_a_stop_far_beyond_that_others_insist_on_is_counted_as_they_do() -> None:
+    memory = knowing(Stop(6, False, "a", 1))
+    far = Stop(FAR[1], True, "b", 2)
+    assert memory.hear(far, 1.0)
+    counted = Stop(7, True, "b", 2)
+    assert memory.newest(Stop) == counted
+    assert given_back(memory, 1.0) == [counted], "they are told"
+    assert not memory.hear(far, 1.2), "no news: it is stopped"
+    assert memory.newest(Stop) == far
+    assert memory.hear(Stop(FAR[1] + 1, False, "b", 2), 1.3)
+
+
+def test_a_release_far_beyond_does_not_make_its_stop_an_old_one() -> None:
+    memory = knowing(Stop(6, False, "a", 1))
+    assert not memory.hear(Stop(FAR[0] + 6, False, "forger", 2), 1.0)
+    assert memory.hear(Stop(7, True, "b", 2), 1.1)
+
+
+@pytest.mark.parametrize("made", [origin, mission, lambda n: Stop(n, False, "a", 5)])
+def test_after_the_largest_counter_comes_none(made: Callable[[int], Latched]) -> None:
+    memory = knowing(made(LARGEST_COUNT))
+    assert next_count(LARGEST_COUNT) == 0
+    memory.hear(made(0), 1.0)
+    assert memory.newest(type(made(0))) == made(0)
+    memory.hear(made(LARGEST_COUNT), 1.0)
+    assert memory.newest(type(made(0))) == made(0)
+    assert given_back(memory, 1.0) == [made(0)]
+
+
+@pytest.mark.parametrize("known", [LARGEST_COUNT, LARGEST_COUNT - 1, 2**51])
+def test_there_is_a_release_for_every_stop_and_a_stop_after_it(known: int) -> None:
+    memory = knowing(Stop(known, False, "a", 1))
+    for press in range(2, 6):
+        assert memory.hear(Stop(3, True, "b", press), 1.0)
+        stop = memory.newest(Stop)
+        assert stop is not None
+        release = Stop(next_count(stop.counter), False, "c", press)
+        assert decode(encode(release), Stop) == release
+        assert memory.hear(release, 1.0)
+
+
+@given(st.integers(0, LARGEST_COUNT), st.integers(0, LARGEST_COUNT))
+def test_of_two_counters_one_is_beyond_the_other(one: int, other: int) -> None:
+    assert counts_beyond(one, other) + counts_beyond(other, one) == (one != other)
+    assert counts_beyond(next_count(one), one)
 
 
 # Everybody at once --------------------------------------------------------------------------------
@@ -375,6 +540,123 @@ class Society(RuleBasedStateMachine):
 
 TestSociety = Society.TestCase
 TestSociety.settings = settings(max_examples=60, stateful_step_count=40, deadline=None)
+
+
+class Strays(RuleBasedStateMachine):
+    """Some memories on a sound network, agents that restart, people, and numbers out of nowhere.
+
+    However far those are, in the end all know the same, can stop, release, and begin a mission that
+    everybody takes up. One at least remembers at any time.
+    """
+
+    @initialize()
+    def begin(self) -> None:
+        self.now = 0.0
+        self.rng = random.Random(7)
+        self.peers = [Memory(random.Random(n)) for n in range(PEERS)]
+        self.count = 0
+
+    def say(self, message: Latched, source: int | None = None) -> None:
+        for number, memory in enumerate(self.peers):
+            if number != source:
+                memory.hear(message, self.now)
+
+    def pass_time(self, seconds: float) -> None:
+        """What is due is said in the order of its draws, each a moment later at the others."""
+        end = self.now + seconds
+        while True:
+            due = [(m.wakeup, n) for n, m in enumerate(self.peers) if m.wakeup is not None]
+            if not due or min(due)[0] > end:
+                break
+            at, source = min(due)
+            self.now = max(self.now, at)
+            for message in self.peers[source].due(self.now):
+                self.now += 0.002
+                self.say(message, source)
+        self.now = end
+
+    @rule(kind=st.sampled_from([Stop, Stop, Trajectory]), data=st.data())
+    def stray(self, kind: type[Latched], data: st.DataObject) -> None:
+        """Heard by all, or by one; as far as is believed at once, farther, or anywhere."""
+        self.count += 1
+        known = max((m.order[0] for p in self.peers for m in p.all() if type(m) is kind), default=0)
+        step = data.draw(st.sampled_from([JUMP, JUMP - 3, JUMP + 9, 3 * JUMP, 2**51, COUNTS - 5]))
+        counter = (known + step) % COUNTS
+        message: Latched = Trajectory(counter, self.count, GOAL)
+        if kind is Stop:
+            message = Stop(counter, data.draw(st.booleans()), "stray", self.count)
+        who = data.draw(st.sampled_from([None, *range(PEERS)]))
+        if who is None:
+            self.say(message)
+        else:
+            self.peers[who].hear(message, self.now)
+
+    @rule(who=st.integers(0, PEERS - 1))
+    def restart(self, who: int) -> None:
+        self.peers[who] = Memory(random.Random(self.rng.random()))
+        for memory in self.peers:
+            memory.met(self.now)
+        self.pass_time(0.3)
+
+    @rule(seconds=st.sampled_from([0.02, 0.1, 0.5, 3.0]))
+    def time(self, seconds: float) -> None:
+        self.pass_time(seconds)
+
+    @rule(who=st.integers(0, PEERS - 1), how=st.sampled_from(["stop", "release", "mission"]))
+    def people(self, who: int, how: str) -> None:
+        self.do(who, how)
+
+    def do(self, who: int, how: str) -> None:
+        """One of them is the robot agent, or the interface agent: by its word people count."""
+        self.count += 1
+        memory = self.peers[who]
+        if how == "mission":
+            known = memory.newest(Trajectory)
+            counter = 1 if known is None else next_count(known.counter)
+            mission = Trajectory(counter, self.count, GOAL)
+            memory.note(mission)
+            self.say(mission, who)
+            return
+        stop = memory.newest(Stop) or Stop()
+        if how == "stop":
+            self.say(Stop(next_count(stop.counter), True, "people", self.count))
+            for each in self.peers:
+                known = each.newest(Stop)
+                assert known is not None
+                assert known.stopped, "a stop always latches"
+        elif stop.stopped:
+            self.say(Stop(next_count(stop.counter), False, "people", stop.press))
+            assert not (memory.newest(Stop) or Stop()).stopped
+
+    def teardown(self) -> None:
+        if not hasattr(self, "peers"):
+            return
+        self.meet()
+        assert len({m.newest(Trajectory) for m in self.peers}) == 1
+        for step, how in enumerate(("stop", "release", "mission", "stop", "release")):
+            self.do(step % PEERS, how)
+            self.meet()
+            stops = {(m.newest(Stop) or Stop()).stopped for m in self.peers}
+            assert len(stops) == 1, how
+            if how != "mission":
+                assert stops == {how == "stop"}
+        missions = {m.newest(Trajectory) for m in self.peers}
+        assert len(missions) == 1
+        (mission,) = missions
+        assert mission is not None
+        assert mission.mission == self.count - 2, "the last one that was begun"
+
+    def meet(self) -> None:
+        """Everybody appears to everybody, time and again."""
+        self.pass_time(2.0)
+        for _ in range(3):
+            for memory in self.peers:
+                memory.met(self.now)
+            self.pass_time(2.0)
+
+
+TestStrays = Strays.TestCase
+TestStrays.settings = settings(max_examples=60, stateful_step_count=20, deadline=None)
 
 
 def everybody(hear: Callable[[Memory, Latched], bool], *said: Latched) -> set[Latched | None]:

@@ -7,12 +7,15 @@ from math import hypot
 from typing import Any
 
 import pytest
+from msgspec.structs import replace
 
 from armadico.bridge.p2os.commands import Cmd, command
 from armadico.config.scenarios import Scenario
 from armadico.discovery import SIMULATORS, find
+from armadico.latch import Latching
 from armadico.mesh.virtual_node import Node
 from armadico.messages import (
+    JUMP,
     LARGEST_COUNT,
     Ack,
     Ballot,
@@ -23,6 +26,7 @@ from armadico.messages import (
     Message,
     MissionStatus,
     Obstacles,
+    Origin,
     Pose,
     RobotState,
     Stop,
@@ -52,7 +56,7 @@ class Drive:
         self.mesh = self.run.mesh
         self.said: list[tuple[float, Any]] = []
         kinds = (Truth, Pose, Command, Claim, RobotState, Obstacles, Stop, Log, MissionStatus)
-        self.mesh.watch(self._keep, *kinds, Trajectory, Ack)
+        self.mesh.watch(self._keep, *kinds, Trajectory, Ack, Origin)
         self.run.begin()
         self.let_pass(seconds)
         assert abs(self.truth().v) > 0.1, "it drives"
@@ -117,6 +121,39 @@ def test_a_stray_number_far_ahead_of_the_same_epoch_changes_nothing() -> None:
     assert drive.arrives()
 
 
+@pytest.mark.parametrize("ahead", [300, LARGEST_COUNT])
+def test_a_number_that_is_believed_while_the_robot_agent_hangs_is_left_again(ahead: int) -> None:
+    """What was asked for in that cycle, published and bid, does not count for ever either."""
+    drive = Drive()
+    robot, last = drive.mesh.node("robot"), drive.of(RobotState)[-1]
+    robot.hang()
+    drive.let_pass(0.5)
+    number = min(last.cycle.number + ahead, LARGEST_COUNT)
+    drive.mesh.publish(replace(last, cycle=Cycle(last.cycle.epoch, number)))
+    drive.let_pass(0.1)
+    robot.resume()
+    again = drive.mesh.now
+    drive.let_pass(2.5)
+    assert abs(drive.truth().v) > 0.1, "it drives on"
+    assert any("by a number that nobody went on with" in line for line in drive.logs())
+    assert max(c.cycle.number for c in drive.of(Claim, again + 1.0)) < number
+    drive.restart("goto")
+    assert drive.arrives()
+
+
+@pytest.mark.parametrize("apart", [0.001, 0.02, 0.09])
+def test_states_that_climb_stop_the_society_for_no_longer_than_they_come(apart: float) -> None:
+    drive = Drive()
+    first = drive.of(RobotState)[-1]
+    for step in range(150):
+        cycle = Cycle(first.cycle.epoch, first.cycle.number + 4 * (step + 1))
+        drive.mesh.publish(replace(first, cycle=cycle))
+        drive.let_pass(apart)
+    drive.let_pass(2.5)
+    assert abs(drive.truth().v) > 0.1, "it drives on"
+    assert drive.arrives()
+
+
 def second_robot(drive: Drive, *, admit: bool) -> Node:
     """Another robot agent, with a controller of its own."""
     factory = find(SIMULATORS, SIMULATOR).load()
@@ -172,6 +209,87 @@ def test_a_token_without_a_card_does_not_end_a_robot_agent_at_work() -> None:
     drive.let_pass(12.0)
     assert robot.alive
     assert robot.driver.refusal == ""
+    assert drive.arrives()
+
+
+# Counters -----------------------------------------------------------------------------------------
+
+BEYOND = [(JUMP,), (JUMP - 5, 2 * JUMP - 10), (2**51,), (LARGEST_COUNT - 500,)]
+"""How far ahead of what is known a stranger counts: as far as is believed, and farther."""
+
+
+@pytest.mark.parametrize("ahead", BEYOND)
+@pytest.mark.parametrize("who", ["encoder", "robot", "goto"])
+def test_who_restarts_after_an_origin_far_beyond_is_told_the_pose(
+    ahead: tuple[int, ...], who: str
+) -> None:
+    drive = Drive()
+    known = drive.of(Origin)[-1]
+    for step in ahead:
+        drive.mesh.publish(replace(known, counter=known.counter + step))
+        drive.let_pass(0.5)
+    drive.let_pass(1.0)
+    drive.restart(who)
+    drive.let_pass(1.5)
+    assert drive.off() < 0.2
+    assert drive.arrives()
+
+
+@pytest.mark.parametrize("ahead", BEYOND)
+@pytest.mark.parametrize("who", ["goto", "interface"])
+def test_who_restarts_after_a_trajectory_far_beyond_is_told_the_mission(
+    ahead: tuple[int, ...], who: str
+) -> None:
+    drive = Drive()
+    known = drive.of(Trajectory)[-1]
+    for step in ahead:
+        drive.mesh.publish(replace(known, counter=known.counter + step))
+        drive.let_pass(0.3)
+    drive.let_pass(1.0)
+    drive.restart(who)
+    assert drive.arrives()
+    drive.let_pass(2.0)
+    last = {t.mission for t in drive.of(Trajectory, drive.mesh.now - 1.5)}
+    assert last == {known.mission}
+    assert drive.of(Trajectory)[-1].waypoints == (), "and all know that it is over"
+
+
+@pytest.mark.parametrize("ahead", BEYOND)
+@pytest.mark.parametrize("who", ["robot", "goto"])
+def test_a_stop_far_beyond_outlives_a_restart_and_can_be_released(
+    ahead: tuple[int, ...], who: str
+) -> None:
+    drive = Drive()
+    for press, step in enumerate(ahead, 77):
+        drive.mesh.publish(Stop(step, True, "stranger", press))
+        drive.let_pass(0.5)
+    drive.let_pass(2.0)
+    assert rests(drive)
+    drive.restart(who)
+    drive.let_pass(3.0)
+    assert rests(drive), "it is still known"
+    quiet = drive.mesh.now
+    drive.let_pass(3.0)
+    assert drive.of(Stop, quiet) == [], "nobody contradicts anybody for ever"
+    resume = Latching(stopped=False, by="tester", press=0)
+    while not resume.done and drive.mesh.now < quiet + 5.0:
+        resume.hear(drive.of(RobotState)[-1], drive.mesh.now)
+        if (message := resume.message()) is not None:
+            drive.mesh.publish(message)
+        drive.let_pass(0.1)
+    assert resume.done
+    assert drive.arrives()
+
+
+def test_one_release_far_beyond_releases_nothing() -> None:
+    drive = Drive()
+    drive.mesh.publish(Stop(1, True, "tester", 1))
+    drive.let_pass(2.5)
+    drive.mesh.publish(Stop(3 * JUMP, False, "stranger", 1))
+    drive.let_pass(2.0)
+    assert rests(drive)
+    assert any("not believed: a Stop by stranger" in line for line in drive.logs())
+    drive.mesh.publish(Stop(2, False, "tester", 1))
     assert drive.arrives()
 
 

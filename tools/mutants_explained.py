@@ -63,15 +63,17 @@ _BY_PLACE: Final[dict[str, tuple[tuple[str, str, str], ...]]] = {
     ),
     "cycles.CycleClock.advance": (
         (
-            "if self.alive(now) or cycle.number <= self._left.get(cycle.epoch, -1):",
-            "if self.alive(now) or cycle.number <= self._left.get(cycle.epoch, - 2):",
+            "last = newest.number if same else self._left.get(cycle.epoch, -1)",
+            "last = newest.number if same else self._left.get(cycle.epoch, - 2)",
             "numbers begin at 0",
         ),
         (
-            "if self.alive(now) or cycle.number <= self._left.get(cycle.epoch, -1):",
-            "if self.alive(now) or cycle.number <= self._left.get(cycle.epoch, ~1):",
+            "last = newest.number if same else self._left.get(cycle.epoch, -1)",
+            "last = newest.number if same else self._left.get(cycle.epoch, ~1)",
             "numbers begin at 0",
         ),
+    ),
+    "cycles.CycleClock._leave": (
         (
             "while len(self._left) > EPOCHS_REMEMBERED:",
             "while len(self._left) == EPOCHS_REMEMBERED:",
@@ -96,23 +98,9 @@ _BY_PLACE: Final[dict[str, tuple[tuple[str, str, str], ...]]] = {
     ),
     "latched.Memory._hear_stop": (
         (
-            "return self._latch(stop, changed=stop.stopped != known.stopped)",
-            "return self._latch(stop, changed=stop.stopped is not known.stopped)",
+            "return stop.stopped != was.stopped",
+            "return stop.stopped is not was.stopped",
             "of two booleans the same",
-        ),
-    ),
-    "latched.Memory._latch": (
-        (
-            "def _latch(self, stop: Stop, *, changed: bool) -> bool:",
-            "def _latch(self, stop: Stop, /, changed: bool) -> bool:",
-            "how it may be called, by nobody else",
-        ),
-    ),
-    "latched.Memory.met": (
-        (
-            "if known.order > (0, 0):  # a stop may count from 0, too",
-            "if known.order != (0, 0):  # a stop may count from 0, too",
-            "nothing is counted below 0",
         ),
     ),
     "coordination": (("REMEMBERED: Final = 4", "REMEMBERED: Final = 5", _ANY),),

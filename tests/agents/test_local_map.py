@@ -344,7 +344,7 @@ def test_a_point_is_in_front_or_left_or_right_or_behind(bearing: float) -> None:
 
 def test_no_more_sonars_are_remembered_than_a_robot_has() -> None:
     """Each is looked through for each point: one that makes new ones up slows nobody for ever."""
-    seen = LocalMap(Settings(seen_decay=0.7, seen_threshold=0.6))
+    seen = LocalMap(MapSettings(seen_decay=0.7, seen_threshold=0.6))
     for shift in range(1000):
         seen.update([*RING, Ping(0.001 * shift, 0.0, 0.0, None)])
     assert len(seen._sonars) <= _MOST_SONARS

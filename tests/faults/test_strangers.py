@@ -9,21 +9,24 @@ from math import hypot
 import pytest
 
 from armadico.messages import (
+    JUMP,
     LARGEST_COUNT,
     Claim,
     Command,
     Log,
     Message,
     Obstacles,
+    Origin,
     Pose,
     RobotState,
     Stop,
+    Trajectory,
     Truth,
 )
 from armadico.tools.faults.kinds import AWAITED, KINDS
 from armadico.tools.faults.plan import Case, Fault
 from armadico.tools.faults.sightings import Sight
-from armadico.tools.faults.stranger import FLOOD, MOST_POINTS, RATCHET, STRANGE, WHO
+from armadico.tools.faults.stranger import BEYOND, FLOOD, MOST_POINTS, RATCHET, STRANGE, WHO
 from armadico.tools.faults.workload import Workload, case_of
 
 ALL = ("robot", "encoder", "sonar", "goto", "avoid", "gothrough", "path-planning", "interface")
@@ -70,6 +73,43 @@ def test_a_stray_state_arrives_and_no_watcher_takes_it_for_the_robots() -> None:
     assert epochs.count(state.cycle.epoch) > 50
 
 
+def test_one_state_far_ahead_is_believed_while_the_robot_agent_hangs_and_left_again() -> None:
+    hang = Fault("hang", 6.0, 0.6, ("robot",))
+    spied = Spied(hang, Fault("stray-state", 6.5, 0.05, ALL, (), 1.0), lasts=14.0)
+    outcome = spied.run()
+    numbers = [m.cycle.number for m in spied.heard["goto"] if isinstance(m, RobotState)]
+    assert numbers.count(LARGEST_COUNT) == 1
+    assert any("by a number that nobody went on with" in line for line in spied.lines)
+    assert outcome.violations == ()
+
+
+def test_states_climb_for_as_long_as_it_lasts() -> None:
+    spied = Spied(Fault("stray-state", 6.0, 2.0, ALL, (), 2.0), lasts=16.0)
+    outcome = spied.run()
+    numbers = [m.cycle.number for m in spied.heard["goto"] if isinstance(m, RobotState)]
+    assert max(numbers) > 400
+    assert len(numbers) > 200
+    assert outcome.violations == ()
+
+
+@pytest.mark.parametrize("far", range(len(BEYOND)))
+@pytest.mark.parametrize(("which", "kind"), [(0.0, Trajectory), (1.0, Origin)])
+def test_a_latched_state_counted_far_beyond_arrives_and_who_starts_later_knows_it(
+    which: float, kind: type[Trajectory | Origin], far: int
+) -> None:
+    gone = [Fault("crash", 8.0, 0.5, (name,)) for name in ("encoder", "goto")]
+    spied = Spied(Fault("huge-counter", 6.0, 1.0, ALL, (), which, float(far)), *gone, lasts=16.0)
+    outcome = spied.run()
+    heard = [m.counter for m in spied.heard["goto"] if isinstance(m, kind)]
+    assert max(heard) > BEYOND[far]
+    known = {node.agent.memory.newest(kind) for node in spied.mesh.nodes if node.alive}
+    assert len(known) == 1
+    (newest,) = known
+    assert newest is not None
+    assert (newest.counter > BEYOND[far]) is (far == 0)
+    assert outcome.violations == ()
+
+
 @pytest.mark.parametrize(("which", "claims"), [(0.0, 1), (1.0, RATCHET)])
 def test_claims_with_huge_terms_arrive(which: float, claims: int) -> None:
     spied = Spied(Fault("huge-term", 6.0, 1.0, ALL, (), which), lasts=8.0)
@@ -109,6 +149,7 @@ def test_a_huge_message_is_read_or_refused_and_the_robot_drives_on(
         (1.0, [1, 2, 1, 3, 4]),
         (2.0, [1, 0, 1, 2]),
         (3.0, [1, 2, 1, 2]),
+        (4.0, [JUMP, JUMP + 1]),
     ],
 )
 def test_who_stops_and_releases_says_so_with_these_counters(

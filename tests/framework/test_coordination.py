@@ -8,6 +8,7 @@ from random import Random
 
 import pytest
 
+from armadico.agent import Agent
 from armadico.coordination import (
     COMPARISONS,
     TRANSITIONS,
@@ -31,12 +32,16 @@ from armadico.messages import (
     Claim,
     Command,
     Cycle,
+    RobotState,
     Stop,
 )
-from armadico.resources import WHEELS
+from armadico.resources import WHEELS, Resource
 
 from .solo import Solo, running
 from .toys import ToyOwner, ToySociety, toy
+
+GRIP = Resource("test-grip", ("force",), (10.0,), (0.0,))
+LIFT = Resource("test-heave", ("height",), (1.0,), (0.0,), period_s=0.2)
 
 
 def test_the_most_useful_holds_and_the_others_are_silent() -> None:
@@ -370,6 +375,62 @@ def test_an_owner_that_starts_anew_is_obeyed_though_all_have_counted_far() -> No
     owner.largest = owner.obeyed = owner.obeyed_cycle = None
     society.run(6.0)
     assert society.obeyed_names(since=society.mesh.now - 0.5)
+
+
+@pytest.mark.parametrize("other", [0.5, 0.95])
+def test_a_tenure_of_a_cycle_that_never_was_is_let_go_of_and_somebody_is_obeyed(
+    other: float,
+) -> None:
+    """The owner hangs, and one state far ahead of it is believed by all."""
+    society = ToySociety(toy("a", 0.8), toy("b", lambda now: other if now > 2.0 else None))
+    society.run(1.0)
+    cycle, robot = society.owner.cycles.newest, society.nodes["robot"]
+    assert cycle is not None
+    robot.hang()
+    society.run(0.5)
+    far = Cycle(cycle.epoch, LARGEST_COUNT)
+    society.mesh.publish(RobotState(far, 0, 0, 0, 0, 0, 12, True, False))
+    society.run(0.1)
+    robot.resume()
+    society.run(4.0)
+    assert set(society.obeyed_names(since=society.mesh.now - 1.0)) == {"a" if other < 0.8 else "b"}
+    late = [c for at, c in society.claims if at > society.mesh.now - 3.0]
+    assert {c.cycle.number < LARGEST_COUNT for c in late} == {True}
+    assert max(c.ballot.term for c in late) < 8, "and they do not fight"
+
+
+@pytest.mark.parametrize("hangs", ["robot", "gripper"])
+def test_a_resource_that_is_not_the_robots_is_driven_on_after_a_cycle_that_never_was(
+    hangs: str,
+) -> None:
+    """The robot's cycles, which its owner follows; or its own, which its acks number."""
+    grip = LIFT if hangs == "gripper" else GRIP
+
+    class Gripper(Agent):
+        name = "gripper"
+        owns = (grip,)
+
+    society = ToySociety(toy("a", 0.8, competes_for=(grip,), action=(1.0,)))
+    gripper = society.join(Gripper)
+    society.run(2.5)
+    owner, node = gripper.agent.owner(grip), society.nodes[hangs]
+    cycle = owner.clock.newest
+    assert cycle is not None
+    assert owner.obeyed is not None
+    node.hang()
+    society.run(5 * owner.clock.period)
+    far = Cycle(cycle.epoch, LARGEST_COUNT)
+    if hangs == "gripper":
+        society.mesh.publish(Ack(grip.name, far), key=grip.ack_key)
+    else:
+        society.mesh.publish(RobotState(far, 0, 0, 0, 0, 0, 12, True, False))
+    society.run(0.1)
+    node.resume()
+    society.run(6.0)
+    newest, obeyed = owner.clock.newest, owner.obeyed_cycle
+    assert newest is not None
+    assert obeyed is not None
+    assert newest.number - 2 <= obeyed.number <= newest.number
 
 
 def test_where_there_is_no_next_term_nobody_casts_and_nobody_dies() -> None:

@@ -128,7 +128,9 @@ class Scene:
         self._gauges.take_claim(claim, t)
 
     def _latch(self, stop: m.Stop, t: float) -> None:
-        if stop.order < self._stop.order or stop == self._stop:
+        behind = (self._stop.counter - stop.counter) % m.COUNTS
+        late = 0 < behind <= m.JUMP or (not behind and stop.order < self._stop.order)
+        if late or stop == self._stop:
             return
         if stop.stopped != self._stop.stopped:
             text = "stopped" if stop.stopped else "the stop is released"

@@ -211,6 +211,8 @@ class _Keyed:
             self._since(clock.received_at),
             0 if newest is None else max(clock._listens_until - newest.number, 0),
             tuple((epoch, self._left(epoch, last)) for epoch, last in clock._left.items()),
+            round(max(clock._lead, 0.0), 1),
+            clock._steady,
         )
 
     def _left(self, epoch: int, last: int) -> Any:

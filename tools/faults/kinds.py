@@ -121,8 +121,12 @@ KINDS: Final = {
         Kind("stop", "somebody stops the robot, and releases it at the end", breaks=False),
         Kind("interface-restart", "the interface agent is killed in mid-mission, and started"),
         Kind("robot-then-encoder", "the robot agent is started again, then the encoder agent"),
-        Kind("stray-state", "one robot/state of an epoch that nobody counts arrives everywhere"),
+        Kind(
+            "stray-state",
+            "a robot/state of a cycle that never was, or many that climb, arrives everywhere",
+        ),
         Kind("huge-term", "a stranger's claim or ack with an enormous term arrives everywhere"),
+        Kind("huge-counter", "the mission or the origin, counted far beyond, arrives everywhere"),
         Kind("flood", "a stranger says thousands of claims and commands", weight=0.5),
         Kind(
             *(

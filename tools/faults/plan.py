@@ -33,7 +33,7 @@ BEGIN_S: Final = 4.0
 NETWORK: Final = frozenset({"drop", "delay", "duplicate", "reorder"})
 CUTS: Final = frozenset({"one-way", "partition"})
 
-EVERYWHERE: Final = frozenset({"stray-state", "huge-term", "flood", "huge-message"})
+EVERYWHERE: Final = frozenset({"stray-state", "huge-term", "huge-counter", "flood", "huge-message"})
 """What a stranger says reaches everybody."""
 
 VICTIMS: Final = {
@@ -243,11 +243,16 @@ DRAWS: Final[dict[str, Callable[[Random], tuple[float, float]]]] = {
     "clock-drift": lambda rng: (rng.uniform(0.95, 1.05), 0.0),  # times as fast
     "serial-garbage": lambda rng: (rng.uniform(0.05, 1.0), float(rng.randrange(3))),  # share, and
     "serial-loss": lambda rng: (rng.uniform(0.05, 1.0), float(rng.randrange(3))),  # both, in, out
+    "stray-state": lambda rng: (float(rng.randrange(3)), 0.0),  # which
+    "huge-counter": lambda rng: (
+        float(rng.randrange(2)),
+        float(rng.randrange(3)),
+    ),  # which, how far
     "huge-term": lambda rng: (float(rng.randrange(3)), 0.0),  # which
     "huge-message": lambda rng: (float(rng.randrange(3)), 0.0),  # which
     "two-robot-agents": lambda rng: (_either(rng), 0.0),  # 1: it is there before it is asked
     "flood": lambda rng: (float(rng.randrange(2)), 0.0),  # 1: with ever larger ballots
-    "stop-and-release": lambda rng: (float(rng.randrange(4)), 0.0),  # which
+    "stop-and-release": lambda rng: (float(rng.randrange(5)), 0.0),  # which
     "nan": lambda rng: (float(rng.randrange(5)), 0.0),  # which nonsense
     "flap": lambda rng: (rng.uniform(0.1, 0.8), 0.0),  # s, there and away
 }

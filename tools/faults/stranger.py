@@ -18,6 +18,7 @@ from armadico.bridge.robot import Parameters, Robot
 from armadico.discovery import SIMULATORS, find
 from armadico.mesh.virtual_node import Node
 from armadico.messages import (
+    COUNTS,
     JUMP,
     LARGEST_COUNT,
     LARGEST_PAYLOAD,
@@ -26,11 +27,14 @@ from armadico.messages import (
     Claim,
     Command,
     Cycle,
+    Latched,
     Message,
     Obstacles,
+    Origin,
     Point,
     RobotState,
     Stop,
+    Trajectory,
     encode,
 )
 from armadico.rehearsal import SIMULATOR, Rehearsal
@@ -41,8 +45,8 @@ from armadico.tools.faults.plan import EVERYBODY, Fault
 
 STRANGE: Final = frozenset(
     {
-        *("stop", "stop-and-release", "stray-state", "huge-term", "flood", "huge-message"),
-        "two-robot-agents",
+        *("stop", "stop-and-release", "stray-state", "huge-term", "huge-counter", "flood"),
+        *("huge-message", "two-robot-agents"),
     }
 )
 """The kinds that are made here."""
@@ -61,6 +65,13 @@ FAR_M: Final = 40.0
 
 OLD_CYCLES: Final = 10
 
+CLIMB_S: Final = 0.02
+CLIMB: Final = 4
+"""States that climb come so often, each so many cycles ahead of the one before."""
+
+BEYOND: Final = (JUMP, 3 * JUMP, LARGEST_COUNT // 2)
+"""How far a latched state is counted ahead: as far as is believed at once, and farther."""
+
 
 class Stranger:
     """Says it, and joins."""
@@ -70,12 +81,13 @@ class Stranger:
         self._rehearsal = rehearsal
         self._mesh = rehearsal.mesh
         self._state: RobotState | None = None
+        self._latched: dict[type[Latched], Trajectory | Origin] = {}
         self._counter = 0  # of the stop, the largest that anybody has said,
         self._press = 0  # and which press that was
         self._presses = Random(f"presses/{self._mesh.seed}")
         self._term = 0
         self._second: dict[Fault, Node] = {}
-        self._mesh.watch(self._hear, RobotState, Claim)
+        self._mesh.watch(self._hear, RobotState, Claim, Trajectory, Origin)
 
     def act(self, fault: Fault, *, begins: bool) -> None:
         """Begin a fault, or end it."""
@@ -88,6 +100,8 @@ class Stranger:
                 self._counter, self._press = message.stop.counter, message.stop.press
         elif isinstance(message, Claim):
             self._term = max(self._term, message.ballot.term)
+        elif isinstance(message, Trajectory | Origin):
+            self._latched[type(message)] = message
 
     def _arrives(self, message: Message, _a: Any = None, _b: Any = None) -> None:
         for name in EVERYBODY:
@@ -102,13 +116,16 @@ class Stranger:
         """Stop, and release at the end; 1: the stop's counter is smaller than one that is known.
 
         2: after a third of the time somebody releases by a counter that is too small. 3: a stop is
-        released at once, and comes again later: that is none.
+        released at once, and comes again later: that is none. 4: the stop counts as far ahead of
+        what is known as is believed.
         """
         now, lasts, variant = self._mesh.now, fault.lasts, fault.amount
         if not begins:
             if variant != 3.0:
                 self._say_stop(stopped=False)
             return
+        if variant == 4.0:
+            self._counter += JUMP - 1
         self._say_stop(stopped=True)
         first = Stop(self._counter, True, WHO, self._press)
         if variant in (1.0, 3.0):
@@ -135,11 +152,34 @@ class Stranger:
     # Messages ------------------------------------------------------------------------------------
 
     def _stray_state(self, fault: Fault, begins: bool) -> None:
-        """As of a robot that nobody knows, or of a recording that somebody plays."""
-        if begins and self._state is not None:
-            rng = Random(f"stray/{self._mesh.seed}/{fault.at}")
+        """0: as of a robot that nobody knows, or of a recording that somebody plays.
+
+        Of the present epoch, 1: one as far ahead as can be, 2: some that climb while it lasts.
+        """
+        state = self._state
+        if not begins or state is None:
+            return
+        rng = Random(f"stray/{self._mesh.seed}/{fault.at}")
+        if fault.amount == 0.0:
             cycle = Cycle(rng.getrandbits(63), rng.randrange(100_000))
-            self._arrives(replace(self._state, cycle=cycle))
+            self._arrives(replace(state, cycle=cycle))
+        elif fault.amount == 1.0:
+            self._arrives(replace(state, cycle=Cycle(state.cycle.epoch, LARGEST_COUNT)))
+        else:
+            for step in range(1, int(fault.lasts / CLIMB_S) + 1):
+                cycle = Cycle(state.cycle.epoch, state.cycle.number + CLIMB * step)
+                at = self._mesh.now + CLIMB_S * (step - 1)
+                self._mesh.call_at(at, self._later, replace(state, cycle=cycle))
+
+    def _later(self, message: Message, _: Any) -> None:
+        self._arrives(message)
+
+    def _huge_counter(self, fault: Fault, begins: bool) -> None:
+        """0: the mission, 1: the pose's origin, as they are, with a counter far beyond."""
+        known = self._latched.get(Origin if fault.amount else Trajectory)
+        if begins and known is not None:
+            counter = (known.counter + BEYOND[int(fault.spread)]) % COUNTS
+            self._arrives(replace(known, counter=counter))
 
     def _huge_term(self, fault: Fault, begins: bool) -> None:
         """0: a claim with the largest term; 1: claims that climb; 2: an ack that tells of one."""
