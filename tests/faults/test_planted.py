@@ -221,9 +221,9 @@ def stops_again_by_an_old_stop(patch: pytest.MonkeyPatch) -> None:
     """As long as a late one comes nobody is told that it was released."""
     hear = Memory._hear_stop
 
-    def heard(self: Memory, stop: Stop, known: Stop, now: float) -> bool:
+    def heard(self: Memory, stop: Stop, now: float) -> bool:
         self._presses.clear()
-        return hear(self, stop, known, now)
+        return hear(self, stop, now)
 
     patch.setattr(Memory, "_hear_stop", heard)
 

@@ -31,7 +31,7 @@ def test_the_hundred_seeds_have_every_kind_of_fault() -> None:
     seeds = range(FIRST, FIRST + SEEDS)
     drawn = Counter(f.kind for seed in seeds for f in case_of(seed, SECONDS).faults)
     assert set(drawn) == set(DRAWN)
-    assert min(drawn.values()) >= 5
+    assert min(drawn.values()) >= 4  # of thirty kinds, some drawn half as often
 
 
 def test_a_case_is_the_same_run_again() -> None:
