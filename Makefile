@@ -32,7 +32,7 @@ mutants: $(VENV)/.dev  ## change what decides in one place at a time: the tests 
 lint: $(VENV)/.dev  ## ruff, and mypy strict over every package
 	$(BIN)/ruff check .
 	$(BIN)/ruff format --check .
-	$(BIN)/python tools/typecheck.py
+	$(BIN)/mypy
 
 compiled:  ## a second environment, .venv-compiled, where what agents stand on is compiled
 	@$(MAKE) --no-print-directory VENV=.venv-compiled .venv-compiled/.compiled

@@ -1,14 +1,12 @@
 """The wheel is pure Python; with ARMADICO_COMPILE=1 what agents stand on is compiled in it.
 
-mypyc needs the packages as they are installed and everything that they import, so it is built
-without isolation where the development dependencies are: `make compiled`.
+mypyc needs everything that they import, so it is built without isolation where the development
+dependencies are: `make compiled`.
 """
 
 from __future__ import annotations
 
 import os
-import sys
-import tempfile
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -39,24 +37,15 @@ def compiled() -> list[Extension]:
     """The pattern of an agent, the virtual mesh, the methods and the simulated robot, by mypyc."""
     from mypyc.build import mypycify  # noqa: PLC0415 - not for the pure wheel
 
-    sys.path.insert(0, str(ROOT / "tools"))
-    from typecheck import link  # noqa: PLC0415
-
     robot = sorted((ROOT / "bridge" / "simulator").glob("*.py"))
     names = [*COMPILED, *(f"bridge/simulator/{p.stem}" for p in robot if p.stem not in APART)]
     modules = [f"armadico/{name.removeprefix('armadico/')}.py" for name in names]
-    options = ["--config-file", str(ROOT / "pyproject.toml")]
-    with tempfile.TemporaryDirectory() as folder:
-        link(Path(folder))
-        os.chdir(folder)  # mypyc names a module by its path from here
-        try:
-            made: list[Extension] = mypycify(
-                [*options, *modules],
-                group_name="armadico",
-                target_dir=str(ROOT / "build" / "mypyc"),
-            )
-        finally:
-            os.chdir(ROOT)
+    # From here, where setuptools runs this: mypyc names a module by its path.
+    made: list[Extension] = mypycify(
+        ["--config-file", "pyproject.toml", *modules],
+        group_name="armadico",
+        target_dir="build/mypyc",
+    )
     return made
 
 

@@ -65,7 +65,7 @@ class Process:
         with log.open("ab") as errors:
             self._begun_at = errors.tell()
             self.popen: subprocess.Popen[bytes] = subprocess.Popen(
-                [sys.executable, "-m", *program, *command],
+                [sys.executable, "-P", "-m", *program, *command],
                 stdin=subprocess.DEVNULL,
                 stdout=subprocess.PIPE if listen else errors,
                 stderr=errors,

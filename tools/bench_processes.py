@@ -89,7 +89,7 @@ def end(process: subprocess.Popen[bytes]) -> None:
 
 def floor(*arguments: str) -> list[str]:
     """The command line of a process of the floor's."""
-    return [sys.executable, str(FLOOR), *arguments]
+    return [sys.executable, "-P", str(FLOOR), *arguments]
 
 
 def await_ready(process: subprocess.Popen[bytes]) -> None:

@@ -102,8 +102,9 @@ def _drive(quick: bool, tell: Tell) -> tuple[Use, ...]:
 def _use(process: Any, before: Any, wall: float) -> Use:
     now, size = process.cpu_times(), process.memory_full_info()
     spent = now.user + now.system - before.user - before.system
-    # python -m armadico agent NAME, or python -m armadico sim WORLD
-    kind, name = process.cmdline()[3:5]
+    # python -P -m armadico agent NAME, or python -P -m armadico sim WORLD
+    words = process.cmdline()
+    kind, name = words[words.index("armadico") + 1 :][:2]
     return Use(kind if kind == "sim" else name, spent / wall, size.rss / MEGA, size.uss / MEGA)
 
 

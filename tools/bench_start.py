@@ -52,7 +52,7 @@ def imports(quick: bool, tell: Tell) -> list[Figure]:  # noqa: ARG001 - nothing 
 def _modules(call: str) -> set[str]:
     script = COUNT.format(call=call)
     done = subprocess.run(
-        [sys.executable, "-c", script], capture_output=True, text=True, check=True
+        [sys.executable, "-P", "-c", script], capture_output=True, text=True, check=True
     )
     return set(json.loads(done.stdout))
 

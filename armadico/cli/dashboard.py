@@ -74,7 +74,7 @@ def beside(args: argparse.Namespace, world: str) -> Iterator[None]:
     Raises:
         FailedError: It did not start, and has said why on stderr.
     """
-    command = [sys.executable, "-m", "armadico", "dashboard", "--port=0", "--web-port=0"]
+    command = [sys.executable, "-P", "-m", "armadico", "dashboard", "--port=0", "--web-port=0"]
     command += [f"--world={world}", f"--namespace={args.namespace}"]
     command += [f"--connect={endpoint}" for endpoint in args.connect]
     command += [f"--{name}={v}" for name in ("host", "hosts") if (v := getattr(args, name))]

@@ -1,12 +1,12 @@
 """The tree of sources as the tests of the house see it: modules, what they import, where they are.
 
-In the checkout `agents/` lies beside `armadico/`; installed it is `armadico.agents`. Names here are
-the installed ones.
+The tree is the package: `agents/` lies beside `armadico/`, and a link in it makes a package of it.
 """
 
 from __future__ import annotations
 
 import ast
+import os
 import tomllib
 from collections.abc import Iterator
 from functools import cache
@@ -15,14 +15,11 @@ from typing import Any
 
 ROOT = Path(__file__).resolve().parents[2]
 
-FOLDERS = {
-    "armadico": "armadico",
-    "armadico.agents": "agents",
-    "armadico.bridge": "bridge",
-    "armadico.configs": "configs",
-    "armadico.tools": "tools",
-}
-"""Package and folder, as `package-dir` in the project file has them."""
+PARTS = ("agents", "bridge", "configs", "tools")
+"""The packages of `armadico` that lie beside it; within it each is a link."""
+
+FOLDERS = ("armadico", *PARTS)
+"""Where there are sources, each of them once."""
 
 JUNK = {"__pycache__"}
 
@@ -35,11 +32,11 @@ def project() -> dict[str, Any]:
 
 def package_files() -> Iterator[tuple[str, Path]]:
     """Everything in the packages: where it is installed, and where it is in the checkout."""
-    for package, folder in FOLDERS.items():
-        for path in sorted((ROOT / folder).rglob("*")):
-            if path.is_file() and not JUNK & set(path.parts):
-                inside = path.relative_to(ROOT / folder).as_posix()
-                yield f"{package.replace('.', '/')}/{inside}", path
+    for folder, inside, names in os.walk(ROOT / "armadico", followlinks=True):
+        inside[:] = sorted(set(inside) - JUNK)
+        for name in sorted(names):
+            path = Path(folder, name)
+            yield path.relative_to(ROOT).as_posix(), path.resolve()
 
 
 @cache
@@ -81,13 +78,13 @@ def within(module: str, package: str) -> bool:
 
 def python_files() -> list[Path]:
     """Every Python file that is ours, tests too."""
-    folders = [*FOLDERS.values(), "tests"]
+    folders = [*FOLDERS, "tests"]
     return sorted(path for folder in folders for path in (ROOT / folder).rglob("*.py"))
 
 
 def text_files() -> list[Path]:
     """Every text file that is ours."""
     suffixes = {".py", ".md", ".toml", ".txt", ".map", ".in", ".yml", ".yaml", ".service", ".sh"}
-    folders = [*FOLDERS.values(), "tests", "docs", "deploy", "requirements", ".github"]
+    folders = [*FOLDERS, "tests", "docs", "deploy", "requirements", ".github"]
     found = [p for folder in folders for p in (ROOT / folder).rglob("*") if p.suffix in suffixes]
     return sorted([*found, *(p for p in ROOT.iterdir() if p.is_file() and p.suffix in suffixes)])

@@ -64,7 +64,7 @@ def live(task: tuple[Cell, int]) -> Sample:
     namespace = f"experiment-{os.getpid()}-{cell.scenario}-{seed}"
     done = subprocess.run(
         [
-            *(sys.executable, "-m", "armadico", "run", cell.scenario, "--seed", str(seed)),
+            *(sys.executable, "-P", "-m", "armadico", "run", cell.scenario, "--seed", str(seed)),
             *("--json", "--no-plot", "--namespace", namespace),
         ],
         capture_output=True,

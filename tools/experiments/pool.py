@@ -5,6 +5,7 @@ Ctrl-C ends it in order: what is finished has been handed over, what runs is let
 
 from __future__ import annotations
 
+import os
 import signal
 import sys
 import time
@@ -19,6 +20,8 @@ R = TypeVar("R")
 
 LINE_S: Final = 5.0
 """How often a line is printed where there is no terminal, s."""
+
+SAFE_PATH: Final = "PYTHONSAFEPATH"
 
 
 def over(
@@ -36,7 +39,7 @@ def over(
     results: list[R | None] = [None] * len(items)
     if not items:
         return []
-    with progress(label, len(items)) as step:
+    with progress(label, len(items)) as step, _safe_path():
         for index, result in _results(function, items, min(jobs, len(items))):
             results[index] = result
             if done is not None:
@@ -110,3 +113,17 @@ class _Lines:
         left = (now - self._began) / self._done * (self._total - self._done)
         text = f"{self._label}: {self._done} of {self._total}, {left:.0f} s left"
         print(text, file=sys.stderr, flush=True)
+
+
+@contextmanager
+def _safe_path() -> Iterator[None]:
+    """Workers import nothing from the current folder, not even before they are told the path."""
+    before = os.environ.get(SAFE_PATH)
+    os.environ[SAFE_PATH] = "1"
+    try:
+        yield
+    finally:
+        if before is None:
+            del os.environ[SAFE_PATH]
+        else:
+            os.environ[SAFE_PATH] = before

@@ -60,7 +60,7 @@ class Loopback:
         """Run `armadico WORDS`."""
         with log.open("ab") as out:
             process = subprocess.Popen(
-                tied([sys.executable, "-m", "armadico", *words]),
+                tied([sys.executable, "-P", "-m", "armadico", *words]),
                 env=os.environ | {ENDPOINTS_VARIABLE: ",".join(self._endpoints)},
                 stdin=subprocess.DEVNULL,
                 stdout=out,
@@ -112,7 +112,7 @@ class Namespaces:
         """Run `armadico WORDS` on that host."""
         with log.open("ab") as out:
             return self.network.hosts[host].popen(
-                [sys.executable, "-m", "armadico", *words], stdout=out, stderr=out
+                [sys.executable, "-P", "-m", "armadico", *words], stdout=out, stderr=out
             )
 
     def inside(self, host: str, function: Callable[..., T], *args: Any) -> T:

@@ -160,7 +160,7 @@ class _Watcher:
         self.story = Story()
         self._lines: queue.SimpleQueue[str] = queue.SimpleQueue()
         module = "armadico.tools.hosts.watch"
-        self._process = hosts.popen(SEAT, ("python", "-m", module, *_joining(SEAT)))
+        self._process = hosts.popen(SEAT, ("python", "-P", "-m", module, *_joining(SEAT)))
         threading.Thread(target=self._read, name="watcher", daemon=True).start()
 
     def until(self, condition: Callable[[], object], within: float) -> None:

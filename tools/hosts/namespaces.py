@@ -240,7 +240,7 @@ class Network:
 
 def tied(argv: Sequence[str]) -> list[str]:
     """A command that is killed when the thread that starts it is gone, hung or not (Linux)."""
-    return [sys.executable, "-c", _DIE_WITH_PARENT, str(os.getpid()), *argv]
+    return [sys.executable, "-P", "-c", _DIE_WITH_PARENT, str(os.getpid()), *argv]
 
 
 def kill_tree(process: subprocess.Popen[Any]) -> None:

@@ -18,7 +18,7 @@ from armadico.tools.hosts.namespaces import Network
 from armadico.tools.hosts.switch import Faults, Link
 
 PROGRAMS: Final = {
-    "armadico": (sys.executable, "-m", "armadico"),
+    "armadico": (sys.executable, "-P", "-m", "armadico"),
     "python": (sys.executable,),
 }
 """What the first word of a command stands for."""
