@@ -17,14 +17,19 @@ if TYPE_CHECKING:
 
 ROOT = Path(__file__).resolve().parent
 COMPILED = (
-    *("armadico/agent", "armadico/driver", "armadico/mailbox", "armadico/latched"),
-    *("armadico/coordination", "armadico/cycles", "armadico/exchange"),
-    *("armadico/resources", "armadico/services", "armadico/geometry"),
+    *(
+        "armadico/core/agent",
+        "armadico/core/driver",
+        "armadico/core/mailbox",
+        "armadico/core/latched",
+    ),
+    *("armadico/core/coordination", "armadico/core/cycles", "armadico/core/exchange"),
+    *("armadico/core/resources", "armadico/core/services", "armadico/core/geometry"),
     *("armadico/mesh/virtual", "armadico/mesh/virtual_network", "armadico/mesh/virtual_node"),
-    *("armadico/mesh/virtual_presence", "armadico/mesh/virtual_questions"),
-    *("agents/methods/geometry", "agents/methods/headings", "agents/methods/local_map"),
+    *("armadico/mesh/virtual_liveliness", "armadico/mesh/virtual_queries"),
+    *("agents/methods/geometry", "agents/methods/free_heading", "agents/methods/local_map"),
     *("agents/methods/motion", "agents/methods/route", "agents/methods/safety"),
-    *("agents/methods/sweep", "bridge/reflex", "bridge/p2os/packets"),
+    *("agents/methods/swept_path", "bridge/reflex", "bridge/p2os/packets"),
 )
 """What a virtual second goes into, and `bridge/simulator`. Agents are not: everybody's are Python.
 Nor is what declares types for msgspec: it reads them as they are written, and mypyc drops that."""

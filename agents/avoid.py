@@ -6,9 +6,8 @@ from collections.abc import Sequence
 from math import atan2, copysign, cos, hypot, inf, pi, radians, sin
 from typing import Any, Literal, NamedTuple
 
-from armadico import agent
 from armadico.agents.methods.behaviour import Behaviour
-from armadico.agents.methods.headings import open_heading
+from armadico.agents.methods.free_heading import open_heading
 from armadico.agents.methods.safety import (
     ON_THE_SPOT_M_S,
     Scene,
@@ -17,13 +16,14 @@ from armadico.agents.methods.safety import (
     limit,
 )
 from armadico.agents.methods.settings import TURN_MARGIN_M, Safety
-from armadico.agents.methods.sweep import free_path, free_turn
+from armadico.agents.methods.swept_path import free_path, free_turn
+from armadico.agents.methods.thesis_avoid import NonNegative, Positive, ZoneParameters, literal
 from armadico.agents.methods.utility import ramp_down
-from armadico.agents.methods.zones import NonNegative, Positive, ZoneParameters, literal
-from armadico.exchange import Bid
-from armadico.geometry import wrap
-from armadico.messages import Obstacles, Point, Pose, RobotState
-from armadico.resources import WHEELS
+from armadico.core import agent
+from armadico.core.exchange import Bid
+from armadico.core.geometry import wrap
+from armadico.core.messages import Obstacles, Point, Pose, RobotState
+from armadico.core.resources import WHEELS
 
 FLANKS = ((1.0, 0.0), (0.5, 0.2), (0.2, 0.5), (0.0, 0.8))
 """Shares of the flank that is kept beside the body, and what a tight fit costs, rad."""

@@ -8,10 +8,10 @@ from typing import Annotated, Any, ClassVar
 from msgspec import Meta
 from msgspec.structs import replace
 
-from armadico import agent
-from armadico.agent import WARNING, Agent
-from armadico.geometry import Pose2, compose, relative, wrap
-from armadico.messages import Message, Origin, Pose, RobotState, next_count
+from armadico.core import agent
+from armadico.core.agent import WARNING, Agent
+from armadico.core.geometry import Pose2, compose, relative, wrap
+from armadico.core.messages import Message, Origin, Pose, RobotState, next_count
 
 Metres = Annotated[float, Meta(ge=-1e5, le=1e5)]
 

@@ -8,11 +8,11 @@ from typing import Annotated, Any, ClassVar
 from msgspec import Meta
 from msgspec.structs import replace
 
-from armadico import agent
-from armadico.agent import WARNING, Agent, Question
 from armadico.agents.methods.route import Route
-from armadico.geometry import wrap
-from armadico.messages import (
+from armadico.core import agent
+from armadico.core.agent import WARNING, Agent, Question
+from armadico.core.geometry import wrap
+from armadico.core.messages import (
     WAYPOINTS,
     Message,
     MessageError,

@@ -6,14 +6,14 @@ from typing import Annotated, Any, ClassVar
 
 from msgspec import Meta
 
-from armadico import agent
-from armadico.agent import Agent, Question
 from armadico.agents.methods.energy import energy
 from armadico.agents.methods.planning import PlanError, plan
 from armadico.config.loading import find, load
 from armadico.config.profile import RobotProfile
 from armadico.config.worlds import load_world
-from armadico.messages import WAYPOINTS, Message, Plan, PlanRequest, Waypoint, line
+from armadico.core import agent
+from armadico.core.agent import Agent, Question
+from armadico.core.messages import WAYPOINTS, Message, Plan, PlanRequest, Waypoint, line
 
 
 class Parameters(agent.Parameters, frozen=True, kw_only=True):

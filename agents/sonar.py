@@ -8,15 +8,15 @@ from typing import Annotated, Any, ClassVar
 
 from msgspec import Meta
 
-from armadico import agent
-from armadico.agent import Agent
 from armadico.agents.methods import local_map
 from armadico.agents.methods.geometry import Placed
 from armadico.agents.methods.local_map import CELLS, RINGS, SECTORS, Obstacle
 from armadico.agents.methods.settings import MapSettings
-from armadico.agents.methods.sweep import Outline
-from armadico.geometry import Pose2, relative
-from armadico.messages import (
+from armadico.agents.methods.swept_path import Outline
+from armadico.core import agent
+from armadico.core.agent import Agent
+from armadico.core.geometry import Pose2, relative
+from armadico.core.messages import (
     Cell,
     Cycle,
     Description,

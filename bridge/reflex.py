@@ -15,8 +15,8 @@ from collections.abc import Iterable
 from math import cos, inf, sin, sqrt
 
 from armadico.config.profile import RobotProfile
-from armadico.geometry import Pose2, relative, to_world
-from armadico.messages import Echo
+from armadico.core.geometry import Pose2, relative, to_world
+from armadico.core.messages import Echo
 
 KEPT_S = 0.5
 """A sonar's reading counts until its next one, and no longer than this: the ring of a Pioneer goes

@@ -12,16 +12,25 @@ from typing import Annotated, Any, ClassVar
 
 from msgspec import Meta
 
-from armadico import agent
-from armadico.agent import ERROR, WARNING, DeviceAgent
 from armadico.bridge.p2os.session import Connected, Event, LinkLost, Reported, Session, Unanswered
 from armadico.bridge.reflex import Reflex
 from armadico.config.loading import find, load
 from armadico.config.profile import RobotProfile
-from armadico.cycles import CycleCounter
-from armadico.geometry import wrap
-from armadico.messages import Cycle, Description, Echo, Message, Origin, RobotState, Sonar, Stop
-from armadico.resources import WHEELS, Resource
+from armadico.core import agent
+from armadico.core.agent import ERROR, WARNING, DeviceAgent
+from armadico.core.cycles import CycleCounter
+from armadico.core.geometry import wrap
+from armadico.core.messages import (
+    Cycle,
+    Description,
+    Echo,
+    Message,
+    Origin,
+    RobotState,
+    Sonar,
+    Stop,
+)
+from armadico.core.resources import WHEELS, Resource
 
 PULSE_S = 0.5
 """How often the watchdog is fed when there is nothing else to say."""

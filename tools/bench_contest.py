@@ -6,12 +6,12 @@ from collections import Counter
 from math import cos, pi
 from typing import Any, ClassVar, Final
 
-from armadico.agent import Agent, Identity, Subscription
-from armadico.cycles import PERIOD
-from armadico.exchange import Bid
+from armadico.core.agent import Agent, Identity, Subscription
+from armadico.core.cycles import PERIOD
+from armadico.core.exchange import Bid
+from armadico.core.messages import Ballot, Claim, Command, Cycle, Message, RobotState
+from armadico.core.resources import WHEELS, Resource
 from armadico.mesh.virtual import VirtualMesh
-from armadico.messages import Ballot, Claim, Command, Cycle, Message, RobotState
-from armadico.resources import WHEELS, Resource
 from armadico.tools.bench_figures import Figure, Tell, figure
 
 CROWDS: Final = (3, 10, 50)

@@ -24,8 +24,7 @@ from armadico.bridge.simulator.server import Simulation, TcpLine
 from armadico.config.loading import find, load, load_entry
 from armadico.config.profile import RobotProfile, SensorProfile
 from armadico.config.scenarios import Scenario
-from armadico.launcher import Launcher
-from armadico.messages import (
+from armadico.core.messages import (
     Ack,
     Ballot,
     Claim,
@@ -40,7 +39,8 @@ from armadico.messages import (
     Sonar,
     encode,
 )
-from armadico.society import Options
+from armadico.launch.local import Launcher
+from armadico.launch.society import Options
 from armadico.tools.bench_figures import Figure, Tell, figure
 from armadico.tools.bench_processes import (
     Spawn,

@@ -10,8 +10,8 @@ from typing import Any, Final, NamedTuple
 import psutil
 
 from armadico.config.scenarios import load_scenario
-from armadico.launcher import Launcher
-from armadico.society import Options
+from armadico.launch.local import Launcher
+from armadico.launch.society import Options
 from armadico.tools.bench_figures import Figure, Tell, figure
 from armadico.tools.bench_processes import (
     await_ready,

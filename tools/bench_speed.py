@@ -11,8 +11,8 @@ from armadico.bridge.p2os.commands import Cmd, command, quantity
 from armadico.bridge.simulator.pioneer import of_scenario
 from armadico.bridge.simulator.plant import seeded
 from armadico.config.scenarios import Scenario, load_scenario
-from armadico.rehearsal import Rehearsal
-from armadico.society import Options
+from armadico.launch.society import Options
+from armadico.launch.virtual import Rehearsal
 from armadico.tools.bench_figures import Figure, Tell, figure
 
 SCENARIOS: Final = ("sc4", "sc1")

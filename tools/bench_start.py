@@ -12,8 +12,8 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import Final
 
+from armadico.core.services import TOKEN
 from armadico.mesh.topology import ENDPOINTS_VARIABLE
-from armadico.services import TOKEN
 from armadico.tools.bench_figures import Figure, Tell, figure
 from armadico.tools.bench_processes import end, floor, namespace, private_mesh, processes
 

@@ -21,11 +21,22 @@ from typing import Any, Final
 
 import cbor2
 
-from armadico.agent import Agent
-from armadico.coordination import TRANSITIONS, Event, State
-from armadico.discovery import summary
-from armadico.messages import Ack, Ballot, Claim, Command, Cycle, Log, Message, Stop, Truth, encode
-from armadico.services import SERVICES, TOKEN, Service, matches
+from armadico.config.discovery import summary
+from armadico.core.agent import Agent
+from armadico.core.coordination import TRANSITIONS, Event, State
+from armadico.core.messages import (
+    Ack,
+    Ballot,
+    Claim,
+    Command,
+    Cycle,
+    Log,
+    Message,
+    Stop,
+    Truth,
+    encode,
+)
+from armadico.core.services import SERVICES, TOKEN, Service, matches
 from armadico.tools.docs_fields import fields_of, messages
 from armadico.tools.transcripts.scenes import SCENES
 

@@ -1,7 +1,7 @@
 """The messages as the protocol page shows them: each field's place, type, range and default.
 
 Ranges come from the annotations that `decode` checks by; what a field means, from the comment
-beside it, or the text below it, in `armadico.messages`.
+beside it, or the text below it, in `armadico.core.messages`.
 """
 
 from __future__ import annotations
@@ -15,8 +15,8 @@ from typing import Any, Final
 import msgspec
 from msgspec import inspect as types
 
-from armadico import messages as m
-from armadico.messages import Latched, Message
+from armadico.core import messages as m
+from armadico.core.messages import Latched, Message
 
 COMMENT: Final = re.compile(r"^ {4}(\w+): .*?  # (.+)$", re.MULTILINE)
 
@@ -38,7 +38,7 @@ class Field:
 
 
 def messages() -> list[type[Message]]:
-    """Every message, in the order of `armadico.messages`; the types that others share are none."""
+    """Every message, in the order of `core.messages`; the types that others share are none."""
     return [
         kind
         for kind in vars(m).values()

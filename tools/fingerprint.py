@@ -14,10 +14,10 @@ import sys
 from collections.abc import Sequence
 
 from armadico.config.scenarios import Scenario, load_scenario
+from armadico.core.services import SERVICES
+from armadico.launch.society import Options
+from armadico.launch.virtual import Rehearsal
 from armadico.mesh import virtual
-from armadico.rehearsal import Rehearsal
-from armadico.services import SERVICES
-from armadico.society import Options
 
 
 def fingerprint(scenario: Scenario, options: Options) -> str:

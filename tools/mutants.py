@@ -41,9 +41,9 @@ ROOT: Final = Path(__file__).resolve().parent.parent
 
 _FRAMEWORK = ("framework/test_coordination.py", "framework/test_resources.py")
 TESTS: Final[dict[str, tuple[str, ...]]] = {
-    "exchange": ("test_exchange.py", *_FRAMEWORK),
-    "cycles": ("test_cycles.py", *_FRAMEWORK),
-    "latched": ("test_latched.py", "test_latch.py"),
+    "exchange": ("core/test_exchange.py", *_FRAMEWORK),
+    "cycles": ("core/test_cycles.py", *_FRAMEWORK),
+    "latched": ("core/test_latched.py", "runtime/test_latch.py"),
     "coordination": (
         "framework/test_contender.py",
         "framework/test_owner.py",
@@ -56,7 +56,7 @@ TESTS: Final[dict[str, tuple[str, ...]]] = {
 """The tests of each module, the quickest first."""
 
 FOLDERS: Final = {"safety": "agents/methods"}
-"""Where a module is that is not in `armadico`."""
+"""Where a module is that is not in `armadico.core`."""
 
 PRELOADED: Final = ("cbor2", "hypothesis.stateful", "msgspec", "numpy", "psutil", "pytest", "zenoh")
 
@@ -132,13 +132,13 @@ def mutants(module: str) -> list[Mutant]:
 
 def path_of(module: str) -> Path:
     """Where a module's source is."""
-    return ROOT / FOLDERS.get(module, "armadico") / f"{module}.py"
+    return ROOT / FOLDERS.get(module, "armadico/core") / f"{module}.py"
 
 
 def name_of(module: str) -> str:
     """By what it is imported."""
-    folder = FOLDERS.get(module)
-    return ".".join(["armadico", *(folder.split("/") if folder else ()), module])
+    folder = FOLDERS.get(module, "core")
+    return ".".join(["armadico", *folder.split("/"), module])
 
 
 @cache

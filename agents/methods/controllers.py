@@ -33,8 +33,8 @@ from armadico.agents.methods.geometry import (
     direction,
     distance,
 )
-from armadico.fuzzy import Far, Near, weights
-from armadico.geometry import wrap
+from armadico.core.fuzzy import Far, Near, weights
+from armadico.core.geometry import wrap
 
 Speeds = tuple[float, float]
 """(v, w) in m/s and rad/s, of the middle of the wheel axle."""

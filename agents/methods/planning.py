@@ -16,11 +16,11 @@ from typing import NamedTuple
 from msgspec import Struct
 
 from armadico.agents.methods.geometry import Placed, Posed, Positioned, direction, distance
-from armadico.agents.methods.graph import Leg, axis, route
 from armadico.agents.methods.grid import Grid, Margins, grid_of
-from armadico.agents.methods.ways import between, clear
+from armadico.agents.methods.path_smoothing import between, clear
+from armadico.agents.methods.room_graph import Leg, axis, route
 from armadico.config.worlds import World
-from armadico.geometry import wrap
+from armadico.core.geometry import wrap
 
 CELL_M = 0.05
 DOOR_M = (0.6, 0.5, 0.4, 0.3)

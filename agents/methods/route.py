@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from math import atan2, hypot, inf
 
-from armadico.messages import Point, Trajectory, Waypoint
+from armadico.core.messages import Point, Trajectory, Waypoint
 
 PASSED_M = 0.25
 """An intermediate waypoint is passed within this distance of it,"""

@@ -13,8 +13,8 @@ from typing import NamedTuple
 
 from armadico.agents.methods.motion import Body, Speeds, touches_at
 from armadico.agents.methods.settings import Safety
-from armadico.agents.methods.sweep import free_path
-from armadico.messages import Obstacles, Point
+from armadico.agents.methods.swept_path import free_path
+from armadico.core.messages import Obstacles, Point
 
 HALVINGS = 4
 """How finely the fastest admissible speed is looked for: to a sixteenth of what was wanted."""

@@ -1,6 +1,6 @@
 """What of the methods a file or ``--set KEY=VALUE`` may change, within an agent's parameters.
 
-A file of its own for the reason that `armadico.parameters` is one.
+A file of its own for the reason that `armadico.core.parameters` is one.
 """
 
 from __future__ import annotations

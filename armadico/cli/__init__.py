@@ -11,7 +11,7 @@ from collections.abc import Callable, Sequence
 from typing import Final
 
 from armadico.cli import options
-from armadico.discovery import COMMANDS, find, installed
+from armadico.config.discovery import COMMANDS, find, installed
 
 EXAMPLES: Final = """\
   armadico run sc4              drive scenario 4 with everything on this machine

@@ -14,11 +14,11 @@ from typing import TYPE_CHECKING, Any, Final
 
 from armadico.cli import options
 from armadico.cli.options import UsageError
-from armadico.discovery import AGENTS, agent_class, installed
+from armadico.config.discovery import AGENTS, agent_class, installed
 
 if TYPE_CHECKING:
-    from armadico.agent import Agent
-    from armadico.device import Port
+    from armadico.core.agent import Agent
+    from armadico.runtime.port_reader import Port
 
 EXAMPLES: Final = """\
   armadico-agent --list
@@ -103,7 +103,7 @@ def _signals_held() -> Iterator[None]:
 
 def _serve(args: argparse.Namespace) -> int:
     kinds = [agent_class(name) for name in args.names]
-    from armadico.runtime import identity, serve  # noqa: PLC0415 - not for --help
+    from armadico.runtime.process import identity, serve  # noqa: PLC0415 - not for --help
 
     parameters = [_parameters(kind, args) for kind in kinds]
     where = options.placed(args, passing=False)

@@ -11,7 +11,7 @@ from typing import Any, Final, NoReturn
 from unittest.mock import patch
 
 from armadico.cli import options
-from armadico.discovery import COMMANDS, installed
+from armadico.config.discovery import COMMANDS, installed
 
 EXAMPLES: Final = """\
   source <(armadico completion bash)

@@ -24,9 +24,9 @@ from armadico.mesh.topology import DEFAULT_NAMESPACE, checked_namespace
 
 if TYPE_CHECKING:
     from armadico.config.worlds import World
-    from armadico.rehearsal import Rehearsal
-    from armadico.tools.dashboard.rehearsed import Rehearsed
-    from armadico.tools.dashboard.viewer import Viewer
+    from armadico.launch.virtual import Rehearsal
+    from armadico.observe.dashboard.viewer import Viewer
+    from armadico.observe.dashboard.virtual_run import Rehearsed
 
 RERUN: Final = "0.41"
 """The version that this is written for; the viewer's interfaces change from one to the next."""
@@ -55,7 +55,7 @@ def main(argv: Sequence[str]) -> int:
     _check_installed()
     worlds = dict.fromkeys(namespaces, _world(args))
     _check_record("--record", args.record)
-    from armadico.tools.dashboard.viewer import ViewerError  # noqa: PLC0415 - not for --help
+    from armadico.observe.dashboard.viewer import ViewerError  # noqa: PLC0415 - not for --help
 
     try:
         return _show(args, worlds)
@@ -104,7 +104,7 @@ def kept(rehearsal: Rehearsal, path: Path) -> Rehearsed:
     """
     _check_installed()
     _check_record("--rrd", path)
-    from armadico.tools.dashboard.rehearsed import Rehearsed  # noqa: PLC0415 - not for --help
+    from armadico.observe.dashboard.virtual_run import Rehearsed  # noqa: PLC0415 - not for --help
 
     return Rehearsed(rehearsal, path)
 
@@ -199,10 +199,10 @@ def _check_record(option: str, path: Path | None) -> None:
 
 def _show(args: argparse.Namespace, worlds: Mapping[str, World | None]) -> int:
     """Join, serve, show; everything is down again when this returns."""
-    from armadico.tools.dashboard import viewer  # noqa: PLC0415 - not for --help
-    from armadico.tools.dashboard.live import Live  # noqa: PLC0415
-    from armadico.tools.dashboard.scene import Scene  # noqa: PLC0415
-    from armadico.tools.dashboard.server import close, serve  # noqa: PLC0415
+    from armadico.observe.dashboard import viewer  # noqa: PLC0415 - not for --help
+    from armadico.observe.dashboard.live import Live  # noqa: PLC0415
+    from armadico.observe.dashboard.scene import Scene  # noqa: PLC0415
+    from armadico.observe.dashboard.server import close, serve  # noqa: PLC0415
 
     viewer.check_version()
     port = viewer.checked_port(args.port, "--port")
@@ -227,7 +227,7 @@ def _show(args: argparse.Namespace, worlds: Mapping[str, World | None]) -> int:
 
 def _open(args: argparse.Namespace, uri: str) -> Viewer | None:
     """Whatever shows it; says where."""
-    from armadico.tools.dashboard import viewer  # noqa: PLC0415 - not for --help
+    from armadico.observe.dashboard import viewer  # noqa: PLC0415 - not for --help
 
     if args.headless:
         print(f"dashboard: no window; a viewer may connect to {uri}", flush=True)

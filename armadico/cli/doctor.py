@@ -213,9 +213,9 @@ def mesh(args: argparse.Namespace) -> Generator[Finding, None, dict[str, float |
     """
     where = options.placed(args)
     joined = options.join_at(args, where)
-    from armadico.census import census  # noqa: PLC0415 - not for --help
-    from armadico.client import Client  # noqa: PLC0415 - not for --help
-    from armadico.messages import PROTOCOL  # noqa: PLC0415 - not for --help
+    from armadico.core.messages import PROTOCOL  # noqa: PLC0415 - not for --help
+    from armadico.observe.hosts import census  # noqa: PLC0415 - not for --help
+    from armadico.runtime.client import Client  # noqa: PLC0415 - not for --help
 
     wanted = where is not None and where.table.multicast
     yield Finding("multicast", OK, "on: the table says so" if wanted else "off: hosts are named")
@@ -271,7 +271,7 @@ def clocks(offsets: Mapping[str, float | None]) -> Finding:
 
     `offsets` says how far each machine's clock is ahead of this one's, s; None: it was not heard.
     """
-    from armadico.census import SKEW_S  # noqa: PLC0415 - not for --help
+    from armadico.observe.hosts import SKEW_S  # noqa: PLC0415 - not for --help
 
     known = {name: offset for name, offset in offsets.items() if offset is not None}
     off = {name: offset for name, offset in known.items() if abs(offset) > SKEW_S}

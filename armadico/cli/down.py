@@ -14,7 +14,7 @@ from armadico.cli import options
 from armadico.cli.options import FailedError
 
 if TYPE_CHECKING:
-    from armadico.pidfile import Share
+    from armadico.launch.pidfile import Share
 
 PATIENCE_S: Final = 20.0
 """What it may take until everything is down: a few seconds for each kind of process."""
@@ -34,8 +34,8 @@ EXAMPLES: Final = """\
 def main(argv: Sequence[str]) -> int:
     """Have it end, and wait until it has; 0 also if there was nothing."""
     args = _parser().parse_args(argv)
+    from armadico.launch.pidfile import shares  # noqa: PLC0415 - not for --help
     from armadico.mesh.topology import checked_namespace  # noqa: PLC0415 - not for --help
-    from armadico.pidfile import shares  # noqa: PLC0415 - not for --help
 
     namespace = checked_namespace(args.namespace)
     try:
@@ -57,7 +57,7 @@ def _end_orphans(namespace: str) -> list[str]:
     """End the processes of a run whose launcher is gone; their names, in the order of ending."""
     import psutil  # noqa: PLC0415 - not for --help
 
-    from armadico.processes import ROBOT, SIMULATOR, orphans  # noqa: PLC0415 - not for --help
+    from armadico.launch.processes import ROBOT, SIMULATOR, orphans  # noqa: PLC0415 - not for --help
 
     found = orphans(namespace)
     order = {ROBOT: 1, SIMULATOR: 2}  # behaviours let go, the robot stops, the simulator ends last
@@ -91,7 +91,7 @@ def _parser() -> argparse.ArgumentParser:
 
 def _end(share: Share) -> None:
     """Raises FailedError if it may not be ended, or does not end."""
-    from armadico.pidfile import PidFile, is_held  # noqa: PLC0415 - not for --help
+    from armadico.launch.pidfile import PidFile, is_held  # noqa: PLC0415 - not for --help
 
     path = PidFile(share.namespace, share.host).path
     try:

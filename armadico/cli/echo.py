@@ -14,7 +14,7 @@ from typing import TYPE_CHECKING, Any, Final
 from armadico.cli import options
 
 if TYPE_CHECKING:
-    from armadico.tools.watching import Heard, Watcher
+    from armadico.observe.watching import Heard, Watcher
 
 HINT_S: Final = 3.0
 """Silence for so long is remarked upon."""
@@ -41,7 +41,7 @@ def main(argv: Sequence[str]) -> int:
     made.add_argument("--json", action="store_true", help="one JSON object a line, for programs")
     args = made.parse_args(argv)
     mesh = options.join(args)
-    from armadico.tools.watching import Heard, Watcher  # noqa: PLC0415 - not for --help
+    from armadico.observe.watching import Heard, Watcher  # noqa: PLC0415 - not for --help
 
     with mesh:
         watcher = Watcher([mesh])
@@ -113,8 +113,8 @@ def take(watcher: Watcher, args: argparse.Namespace) -> Heard | Any:
 
 
 def _line(item: Heard, *, as_json: bool) -> str:
-    from armadico.messages import MessageError  # noqa: PLC0415 - not for --help
-    from armadico.tools.watching import as_object, read  # noqa: PLC0415 - not for --help
+    from armadico.core.messages import MessageError  # noqa: PLC0415 - not for --help
+    from armadico.observe.watching import as_object, read  # noqa: PLC0415 - not for --help
 
     refused = ""
     try:

@@ -14,7 +14,7 @@ from typing import TYPE_CHECKING, Final
 
 from armadico.cli import options
 from armadico.cli.options import FailedError, UsageError
-from armadico.discovery import summary, unknown
+from armadico.config.discovery import summary, unknown
 from armadico.tools.experiments import EXPERIMENTS, FIRST_SEED, ON_REQUEST, RUNS, module
 
 if TYPE_CHECKING:

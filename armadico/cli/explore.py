@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING, Final
 
 from armadico.cli import options
 from armadico.cli.options import UsageError
-from armadico.discovery import unknown
+from armadico.config.discovery import unknown
 
 if TYPE_CHECKING:
     from armadico.tools.explore.joining import JoiningFound

@@ -25,7 +25,7 @@ def main(argv: Sequence[str]) -> int:
         raise UsageError(f"{args.file}: no such file")
     if find_spec("mcap") is None:
         raise FailedError("mcap is not installed: pip install 'armadico[record]'")
-    from armadico.tools.export import RecordingError  # noqa: PLC0415 - not for --help
+    from armadico.observe.export import RecordingError  # noqa: PLC0415 - not for --help
 
     try:
         said = _to_csv(args) if args.to == "csv" else _to_rrd(args)
@@ -55,7 +55,7 @@ def _parser() -> argparse.ArgumentParser:
 
 
 def _to_csv(args: argparse.Namespace) -> str:
-    from armadico.tools.export import Tables, rows  # noqa: PLC0415 - not for --help
+    from armadico.observe.export import Tables, rows  # noqa: PLC0415 - not for --help
 
     folder = args.out or args.file.with_name(f"{args.file.stem}-csv")
     with Tables(folder) as tables:
@@ -69,7 +69,7 @@ def _to_csv(args: argparse.Namespace) -> str:
 
 def _to_rrd(args: argparse.Namespace) -> str:
     from armadico.config.worlds import load_world  # noqa: PLC0415 - not for --help
-    from armadico.tools.export import to_rrd  # noqa: PLC0415 - not for --help
+    from armadico.observe.export import to_rrd  # noqa: PLC0415 - not for --help
 
     out = args.out or args.file.with_suffix(".rrd")
     if find_spec("rerun") is None:

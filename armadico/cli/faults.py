@@ -13,8 +13,8 @@ from typing import TYPE_CHECKING, Any, Final
 
 from armadico.cli import options
 from armadico.cli.options import FailedError, UsageError
+from armadico.config.discovery import unknown
 from armadico.config.errors import ConfigError
-from armadico.discovery import unknown
 
 if TYPE_CHECKING:
     from rich.console import Console
@@ -95,7 +95,7 @@ def _check(args: argparse.Namespace) -> None:
         if given:
             raise UsageError(f"--repeat is one case, which says all itself: no --{given[0]}")
     if args.kind:
-        from armadico.tools.faults.kinds import KINDS  # noqa: PLC0415 - not for --help
+        from armadico.tools.faults.fault_types import KINDS  # noqa: PLC0415 - not for --help
 
         for kind in args.kind:
             if kind not in KINDS:
@@ -103,7 +103,7 @@ def _check(args: argparse.Namespace) -> None:
 
 
 def _list(*, as_json: bool) -> int:
-    from armadico.tools.faults.kinds import AWAITED, KINDS, Promise  # noqa: PLC0415 - not for --help
+    from armadico.tools.faults.fault_types import AWAITED, KINDS, Promise  # noqa: PLC0415 - not for --help
 
     if as_json:
         kinds = {kind.name: kind.meaning for kind in KINDS.values()}
@@ -241,7 +241,7 @@ def _report(summary: Summary, ledger: Ledger, commands: list[str], *, as_json: b
     from rich.console import Console  # noqa: PLC0415 - not for --help
     from rich.table import Table  # noqa: PLC0415
 
-    from armadico.tools.faults.kinds import KINDS, Promise  # noqa: PLC0415
+    from armadico.tools.faults.fault_types import KINDS, Promise  # noqa: PLC0415
 
     console = Console()
     minutes = summary.seconds / 60.0

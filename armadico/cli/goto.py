@@ -13,8 +13,8 @@ from typing import TYPE_CHECKING, Final
 from armadico.cli import options
 
 if TYPE_CHECKING:
-    from armadico.client import Client
-    from armadico.messages import MissionReply
+    from armadico.core.messages import MissionReply
+    from armadico.runtime.client import Client
 
 FIND_S: Final = 3.0
 """How long somebody who takes missions is looked for."""
@@ -39,7 +39,7 @@ def main(argv: Sequence[str]) -> int:
     """Send the robot to a pose."""
     args = _parser().parse_args(argv)
     mesh = options.join(args)
-    from armadico.client import Client  # noqa: PLC0415 - not for --help
+    from armadico.runtime.client import Client  # noqa: PLC0415 - not for --help
 
     try:
         with mesh:
@@ -79,7 +79,7 @@ def _number(text: str) -> float:
 
 
 def _metres(text: str) -> float:
-    from armadico.messages import LARGEST  # noqa: PLC0415 - not for --help
+    from armadico.core.messages import LARGEST  # noqa: PLC0415 - not for --help
 
     value = _number(text)
     if abs(value) > LARGEST:
@@ -89,7 +89,7 @@ def _metres(text: str) -> float:
 
 def _begin(client: Client, args: argparse.Namespace) -> MissionReply:
     """Hand the mission over. Raises `FailedError` saying why it was not taken on."""
-    from armadico.messages import (  # noqa: PLC0415 - not for --help
+    from armadico.core.messages import (  # noqa: PLC0415 - not for --help
         MissionReply,
         MissionRequest,
         MissionStatus,
@@ -110,7 +110,7 @@ def _begin(client: Client, args: argparse.Namespace) -> MissionReply:
 
 def _watch(client: Client, reply: MissionReply, args: argparse.Namespace) -> None:
     """Wait until the goal is reached. Raises `FailedError` if it will not be."""
-    from armadico.messages import MissionState, MissionStatus  # noqa: PLC0415 - not for --help
+    from armadico.core.messages import MissionState, MissionStatus  # noqa: PLC0415 - not for --help
 
     begun = time.monotonic()
     with ExitStack() as stack:
@@ -132,7 +132,7 @@ def _watch(client: Client, reply: MissionReply, args: argparse.Namespace) -> Non
 
 
 def _remark(client: Client) -> str:
-    from armadico.messages import RobotState  # noqa: PLC0415 - not for --help
+    from armadico.core.messages import RobotState  # noqa: PLC0415 - not for --help
 
     state = client.latest(RobotState)
     if state is None or client.age(RobotState) > 1.0:

@@ -15,7 +15,7 @@ from armadico.cli import options
 from armadico.cli.options import FailedError
 
 if TYPE_CHECKING:
-    from armadico.messages import Card
+    from armadico.core.messages import Card
 
 EXAMPLES: Final = """\
   armadico graph                       a list: key, who says it, who listens
@@ -44,7 +44,7 @@ def main(argv: Sequence[str]) -> int:
     options.add_mesh_options(made)
     args = made.parse_args(argv)
     mesh = options.join(args)
-    from armadico.client import Client  # noqa: PLC0415 - not for --help
+    from armadico.runtime.client import Client  # noqa: PLC0415 - not for --help
 
     with mesh:
         cards = Client(mesh).cards()
@@ -92,7 +92,7 @@ class Graph:
 
 def graph(cards: Iterable[Card]) -> Graph:
     """The graph of those who have these cards."""
-    from armadico.services import SERVICES, Kind  # noqa: PLC0415 - not for --help
+    from armadico.core.services import SERVICES, Kind  # noqa: PLC0415 - not for --help
 
     queries = {service.key for service in SERVICES if service.kind is Kind.QUERY}
     agents: set[str] = set()
@@ -114,7 +114,7 @@ def graph(cards: Iterable[Card]) -> Graph:
 
 def _keys_of(resource: str) -> tuple[str, str, str]:
     """Where a resource's claims, commands and acknowledgements travel."""
-    from armadico.resources import WHEELS  # noqa: PLC0415 - not for --help
+    from armadico.core.resources import WHEELS  # noqa: PLC0415 - not for --help
 
     own = f"resource/{resource}"
     commands = WHEELS.command_pattern if resource == WHEELS.name else f"{own}/cmd/*"

@@ -29,9 +29,9 @@ def main(argv: Sequence[str]) -> int:
     from armadico.config.hosts import load_hosts  # noqa: PLC0415 - not for --help
     from armadico.config.scenarios import load_scenario  # noqa: PLC0415
     from armadico.tools.hosts.demo import TABLE, demo  # noqa: PLC0415
+    from armadico.tools.hosts.namespace_hosts import NamespaceHosts  # noqa: PLC0415
     from armadico.tools.hosts.namespaces import lacking  # noqa: PLC0415
     from armadico.tools.hosts.switch import LinkError, parse_link  # noqa: PLC0415
-    from armadico.tools.hosts.twin import NamespaceHosts  # noqa: PLC0415
 
     load_scenario(args.scenario)
     names = tuple(load_hosts(TABLE).hosts)

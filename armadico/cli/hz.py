@@ -11,7 +11,7 @@ from armadico.cli import options
 from armadico.cli.echo import add_pattern, take
 
 if TYPE_CHECKING:
-    from armadico.tools.watching import Rate
+    from armadico.observe.watching import Rate
 
 SHOW_S: Final = 1.0
 
@@ -36,7 +36,7 @@ def main(argv: Sequence[str]) -> int:
     if args.json and args.count is None:
         made.error("--json needs -n N: how many messages to measure")
     mesh = options.join(args)
-    from armadico.tools.watching import Rate, Watcher  # noqa: PLC0415 - not for --help
+    from armadico.observe.watching import Rate, Watcher  # noqa: PLC0415 - not for --help
 
     rates: dict[str, Rate] = {}
     with mesh:
@@ -60,7 +60,7 @@ def main(argv: Sequence[str]) -> int:
 
 
 def _row(key: str, rate: Rate, now: int) -> dict[str, Any]:
-    from armadico.tools.watching import service_at  # noqa: PLC0415 - not for --help
+    from armadico.observe.watching import service_at  # noqa: PLC0415 - not for --help
 
     service, spread = service_at(key), rate.spread()
     return {

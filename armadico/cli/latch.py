@@ -10,7 +10,7 @@ from armadico.cli import options
 from armadico.cli.echo import seconds
 
 if TYPE_CHECKING:
-    from armadico.client import Client
+    from armadico.runtime.client import Client
 
 TIMEOUT_S: Final = 5.0
 """What finding the robot agent, its acknowledgement and braking may take: a Pioneer at full speed
@@ -29,7 +29,7 @@ def latch(made: argparse.ArgumentParser, argv: Sequence[str], *, stopped: bool) 
     options.add_mesh_options(made)
     args = made.parse_args(argv)
     mesh = options.join(args)
-    from armadico.client import Client  # noqa: PLC0415 - not for --help
+    from armadico.runtime.client import Client  # noqa: PLC0415 - not for --help
 
     with mesh:
         _say(Client(mesh), args, stopped)
@@ -40,8 +40,8 @@ def latch(made: argparse.ArgumentParser, argv: Sequence[str], *, stopped: bool) 
 
 def _say(client: Client, args: argparse.Namespace, stopped: bool) -> None:
     """Say it until it is acknowledged. Raises `FailedError` if it is not."""
-    from armadico.latch import say  # noqa: PLC0415 - not for --help
-    from armadico.messages import RobotState  # noqa: PLC0415 - not for --help
+    from armadico.core.messages import RobotState  # noqa: PLC0415 - not for --help
+    from armadico.runtime.latch import say  # noqa: PLC0415 - not for --help
 
     client.listen(RobotState)
     by = "armadico stop" if stopped else "armadico resume"

@@ -16,7 +16,7 @@ from armadico.cli.echo import seconds
 from armadico.cli.options import FailedError, UsageError
 
 if TYPE_CHECKING:
-    from armadico.tools.watching import Heard
+    from armadico.observe.watching import Heard
 
 LEVELS: Final = {"debug": 10, "info": 20, "warning": 30, "error": 40}
 
@@ -59,7 +59,7 @@ def _parser() -> argparse.ArgumentParser:
 
 def _follow(args: argparse.Namespace) -> int:
     mesh = options.join(args)
-    from armadico.tools.watching import Heard, Watcher  # noqa: PLC0415 - not for --help
+    from armadico.observe.watching import Heard, Watcher  # noqa: PLC0415 - not for --help
 
     with mesh:
         watcher = Watcher([mesh])
@@ -73,8 +73,8 @@ def _follow(args: argparse.Namespace) -> int:
 
 
 def _show(args: argparse.Namespace, item: Heard) -> None:
-    from armadico.messages import Log  # noqa: PLC0415 - not for --help
-    from armadico.tools.watching import agent_of, read_or_none  # noqa: PLC0415 - not for --help
+    from armadico.core.messages import Log  # noqa: PLC0415 - not for --help
+    from armadico.observe.watching import agent_of, read_or_none  # noqa: PLC0415 - not for --help
 
     instance = item.key.partition("/")[2]
     message = read_or_none(item)

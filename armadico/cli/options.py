@@ -14,8 +14,8 @@ from importlib.metadata import PackageNotFoundError
 from importlib.metadata import version as installed
 from typing import TYPE_CHECKING, Final
 
+from armadico.config.discovery import UnknownNameError
 from armadico.config.errors import ConfigError
-from armadico.discovery import UnknownNameError
 from armadico.mesh.topology import (
     DEFAULT_NAMESPACE,
     ENDPOINTS_VARIABLE,

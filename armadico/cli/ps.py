@@ -15,10 +15,10 @@ from armadico.cli import options
 from armadico.cli.echo import seconds
 
 if TYPE_CHECKING:
-    from armadico.census import HostState
     from armadico.cli.places import Place
-    from armadico.client import Client
-    from armadico.messages import Card
+    from armadico.core.messages import Card
+    from armadico.observe.hosts import HostState
+    from armadico.runtime.client import Client
 
 EXAMPLES: Final = """\
   armadico ps                              everybody in this robot's namespace
@@ -36,8 +36,8 @@ def main(argv: Sequence[str]) -> int:
     where = _place(args)
     wanted = _wanted(args, where)
     mesh = options.join_at(args, where)
-    from armadico.census import census  # noqa: PLC0415 - not for --help
-    from armadico.client import Client  # noqa: PLC0415 - not for --help
+    from armadico.observe.hosts import census  # noqa: PLC0415 - not for --help
+    from armadico.runtime.client import Client  # noqa: PLC0415 - not for --help
 
     with mesh:
         client = Client(mesh)
@@ -92,7 +92,7 @@ def _place(args: argparse.Namespace) -> Place | None:
 
 def _wanted(args: argparse.Namespace, where: Place | None) -> dict[str, tuple[str, ...]]:
     """The agents of each host to look at: what was started there, if that is known, else all."""
-    from armadico.pidfile import shares  # noqa: PLC0415 - not for --help
+    from armadico.launch.pidfile import shares  # noqa: PLC0415 - not for --help
 
     if where is None:
         return {}
@@ -138,7 +138,7 @@ def _plain_card(who: tuple[str, str], card: Card | None) -> dict[str, Any]:
     name, instance = who
     if card is None:
         return {"name": name, "instance": instance, "answering": False}
-    from armadico.messages import plain  # noqa: PLC0415 - not for --help
+    from armadico.core.messages import plain  # noqa: PLC0415 - not for --help
 
     return {**plain(card), "answering": True}
 

@@ -17,8 +17,8 @@ from armadico.cli.options import FailedError, UsageError
 
 if TYPE_CHECKING:
     from armadico.mesh.zenoh import ZenohMesh
-    from armadico.tools.recorder import Recording
-    from armadico.tools.watching import Watcher
+    from armadico.observe.recorder import Recording
+    from armadico.observe.watching import Watcher
 
 MEGABYTE: Final = 1_000_000
 
@@ -108,8 +108,8 @@ def join_each(args: argparse.Namespace, namespaces: Sequence[str]) -> list[Zenoh
 def _record(
     args: argparse.Namespace, namespaces: Sequence[str], meshes: Sequence[ZenohMesh]
 ) -> None:
-    from armadico.tools.recorder import Recording, record  # noqa: PLC0415 - not for --help
-    from armadico.tools.watching import Watcher  # noqa: PLC0415 - not for --help
+    from armadico.observe.recorder import Recording, record  # noqa: PLC0415 - not for --help
+    from armadico.observe.watching import Watcher  # noqa: PLC0415 - not for --help
 
     limit = None if args.max_size is None else int(args.max_size * MEGABYTE)
     about = {"version": options.version(), "namespaces": " ".join(namespaces)}

@@ -19,11 +19,11 @@ from armadico.cli.options import FailedError, UsageError
 
 if TYPE_CHECKING:
     from armadico.config.scenarios import Scenario
-    from armadico.live_run import LiveRun
-    from armadico.measures import Result, RunWatch
+    from armadico.launch.run import LiveRun
+    from armadico.launch.society import Options
+    from armadico.launch.virtual import Rehearsal
     from armadico.mesh.zenoh import ZenohMesh
-    from armadico.rehearsal import Rehearsal
-    from armadico.society import Options
+    from armadico.observe.measures import Result, RunWatch
 
 LINE_S: Final = 2.0
 """How often a line is printed where there is no terminal, s of the run."""
@@ -213,8 +213,8 @@ def _check_pose(flag: str, pose: Sequence[float] | None) -> None:
 
 def _known_agents(args: argparse.Namespace, scenario: Scenario) -> Scenario:
     """Raises UnknownNameError or UsageError for a name that takes no part."""
+    from armadico.config.discovery import AGENTS, find  # noqa: PLC0415
     from armadico.config.parameters import load_set  # noqa: PLC0415 - not for --help
-    from armadico.discovery import AGENTS, find  # noqa: PLC0415
 
     given = load_set(args.parameters) if args.parameters else {}
     for name in (*scenario.agents, *args.without, *given):
@@ -277,7 +277,7 @@ def _drive_and_plot(args: argparse.Namespace, scenario: Scenario, seed: int) -> 
 
 
 def _drive(args: argparse.Namespace, scenario: Scenario, seed: int) -> tuple[Result, RunWatch]:
-    from armadico.society import Options  # noqa: PLC0415 - not for --help
+    from armadico.launch.society import Options  # noqa: PLC0415 - not for --help
 
     chosen = Options(
         seed=seed,
@@ -295,7 +295,7 @@ def _drive(args: argparse.Namespace, scenario: Scenario, seed: int) -> tuple[Res
 def _virtual(
     args: argparse.Namespace, scenario: Scenario, chosen: Options
 ) -> tuple[Result, RunWatch]:
-    from armadico.rehearsal import MissionRefusedError, Rehearsal  # noqa: PLC0415
+    from armadico.launch.virtual import MissionRefusedError, Rehearsal  # noqa: PLC0415
 
     rehearsal = Rehearsal(scenario, chosen)
     try:
@@ -306,8 +306,8 @@ def _virtual(
 
 
 def _live(args: argparse.Namespace, scenario: Scenario, chosen: Options) -> tuple[Result, RunWatch]:
-    from armadico.live_run import RunFailedError  # noqa: PLC0415 - not for --help
-    from armadico.rehearsal import MissionRefusedError  # noqa: PLC0415
+    from armadico.launch.run import RunFailedError  # noqa: PLC0415 - not for --help
+    from armadico.launch.virtual import MissionRefusedError  # noqa: PLC0415
 
     mesh = options.join(args)
     for number in (signal.SIGTERM, signal.SIGHUP):  # as Ctrl-C: everything is taken down
@@ -332,11 +332,11 @@ def _run_on(
 ) -> LiveRun:
     """The run, with processes of its own or of others."""
     if args.attach:
-        from armadico.attached import AttachedRun  # noqa: PLC0415 - not for --help
+        from armadico.launch.attached import AttachedRun  # noqa: PLC0415 - not for --help
 
         _say(f"{scenario.name}: by the society in namespace {args.namespace!r}")
         return AttachedRun(scenario, chosen, mesh)
-    from armadico.launcher import Launcher  # noqa: PLC0415 - not for --help
+    from armadico.launch.local import Launcher  # noqa: PLC0415 - not for --help
 
     joining = options.joining(args)
     launcher = Launcher(scenario, chosen, mesh, args.namespace, joining=joining)
@@ -509,7 +509,7 @@ def _plot(path: Path, scenario: Scenario, watch: RunWatch, result: Result) -> No
     """World, path coloured by holder, sonar echoes; a warning if nothing can draw."""
     try:
         from armadico.config.worlds import load_world  # noqa: PLC0415 - not for --help
-        from armadico.tools.pictures import Run, draw_run  # noqa: PLC0415 - heavy
+        from armadico.observe.pictures import Run, draw_run  # noqa: PLC0415 - heavy
 
         run = Run(
             path=watch.path,

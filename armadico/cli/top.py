@@ -17,8 +17,8 @@ if TYPE_CHECKING:
     import psutil
     from rich.console import Group
 
-    from armadico.messages import Ack, Card, Message, RobotState
-    from armadico.tools.watching import Heard, Presence, Rate, Watcher
+    from armadico.core.messages import Ack, Card, Message, RobotState
+    from armadico.observe.watching import Heard, Presence, Rate, Watcher
 
 SHOW_S: Final = 0.5
 ASK_S: Final = 1.0
@@ -35,7 +35,7 @@ def main(argv: Sequence[str]) -> int:
     """Watch."""
     args = _parser().parse_args(argv)
     mesh = options.join(args)
-    from armadico.tools.watching import Watcher  # noqa: PLC0415 - not for --help
+    from armadico.observe.watching import Watcher  # noqa: PLC0415 - not for --help
 
     with mesh:
         watcher = Watcher([mesh])
@@ -83,7 +83,7 @@ class View:
     """What is known of the society, from what is heard; times are ns of the watcher's clock."""
 
     def __init__(self, namespace: str) -> None:
-        from armadico.tools.watching import Holders  # noqa: PLC0415 - not for --help
+        from armadico.observe.watching import Holders  # noqa: PLC0415 - not for --help
 
         self.namespace = namespace
         self.holders = Holders()
@@ -96,7 +96,7 @@ class View:
 
     def take(self, item: Heard | Presence) -> None:
         """Take one thing that came."""
-        from armadico.tools.watching import Presence, read_or_none  # noqa: PLC0415
+        from armadico.observe.watching import Presence, read_or_none  # noqa: PLC0415
 
         if isinstance(item, Presence):
             who = (item.name, item.instance)
@@ -109,7 +109,7 @@ class View:
             self._learn(message, item.at)
 
     def _learn(self, message: Message, at: int) -> None:
-        from armadico.messages import Ack, Card, Claim, RobotState  # noqa: PLC0415
+        from armadico.core.messages import Ack, Card, Claim, RobotState  # noqa: PLC0415
 
         if isinstance(message, Claim):
             self.holders.hear(message, at)
@@ -121,7 +121,7 @@ class View:
             self.cards[message.instance] = message
 
     def _rate(self, item: Heard) -> None:
-        from armadico.tools.watching import Rate, deadline_s, service_at  # noqa: PLC0415
+        from armadico.observe.watching import Rate, deadline_s, service_at  # noqa: PLC0415
 
         if item.key not in self.rates:
             self.rates[item.key] = Rate(deadline_s(service_at(item.key)))
@@ -159,7 +159,7 @@ class View:
         return sorted(shared | set(self.holders.resources) | set(self.acks))
 
     def _resource(self, name: str, now: int) -> dict[str, Any]:
-        from armadico.measures import driver  # noqa: PLC0415 - not for --help
+        from armadico.observe.measures import driver  # noqa: PLC0415 - not for --help
 
         claim, ack = self.holders.of(name, now), self.acks.get(name)
         obeyed = driver(ack) if ack is not None else None
@@ -197,7 +197,7 @@ class View:
             return {}
 
     def _service(self, key: str, now: int) -> dict[str, Any]:
-        from armadico.tools.watching import service_at  # noqa: PLC0415 - not for --help
+        from armadico.observe.watching import service_at  # noqa: PLC0415 - not for --help
 
         rate, service = self.rates[key], service_at(key)
         hz = rate.hz(now)

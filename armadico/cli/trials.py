@@ -14,13 +14,13 @@ from typing import TYPE_CHECKING, Any, Final
 
 from armadico.cli import options
 from armadico.cli.options import FailedError, UsageError
-from armadico.discovery import unknown
+from armadico.config.discovery import unknown
 
 if TYPE_CHECKING:
     from armadico.tools.faults.checker import Violation
-    from armadico.tools.faults.real_places import Place
     from armadico.tools.faults.real_series import Line, Series
     from armadico.tools.faults.real_trials import Trial
+    from armadico.tools.faults.testbed import Place
 
 TRIALS: Final = 30
 SHOWN: Final = 10
@@ -227,7 +227,7 @@ def _recording(args: argparse.Namespace) -> int:
     """Check what was recorded."""
     if find_spec("mcap") is None:
         raise FailedError("mcap is not installed: pip install 'armadico[record]'")
-    from armadico.tools.export import RecordingError  # noqa: PLC0415 - an extra
+    from armadico.observe.export import RecordingError  # noqa: PLC0415 - an extra
     from armadico.tools.faults.real_recording import check  # noqa: PLC0415
 
     try:

@@ -15,8 +15,8 @@ from typing import TYPE_CHECKING, Final
 
 from armadico.cli import options
 from armadico.cli.options import FailedError, UsageError
+from armadico.config.discovery import UnknownNameError
 from armadico.config.errors import ConfigError
-from armadico.discovery import UnknownNameError
 
 if TYPE_CHECKING:
     from types import FrameType
@@ -24,8 +24,8 @@ if TYPE_CHECKING:
     from armadico.cli.places import Place
     from armadico.config.hosts import Host
     from armadico.config.scenarios import Scenario
-    from armadico.society import Member
-    from armadico.upkeep import Plan
+    from armadico.launch.society import Member
+    from armadico.launch.supervisor import Plan
 
 EXAMPLES: Final = """\
   armadico up sc4 --host lab1 --hosts lab.toml     lab1's share of scenario 4
@@ -120,9 +120,9 @@ def _scenario(args: argparse.Namespace) -> Scenario | None:
 
 
 def _keep(args: argparse.Namespace, where: Place, scenario: Scenario | None) -> None:
-    from armadico.pidfile import PidFile, Share, TakenError  # noqa: PLC0415 - not for --help
-    from armadico.supervision import Budget  # noqa: PLC0415 - not for --help
-    from armadico.upkeep import GaveUpError, Upkeep  # noqa: PLC0415 - not for --help
+    from armadico.core.restart_policy import Budget  # noqa: PLC0415 - not for --help
+    from armadico.launch.pidfile import PidFile, Share, TakenError  # noqa: PLC0415 - not for --help
+    from armadico.launch.supervisor import GaveUpError, Upkeep  # noqa: PLC0415 - not for --help
 
     plan = _plan(args, where, scenario)
     # The local table without options: as agents without options, in the namespace's own mesh.
@@ -157,8 +157,8 @@ def _plan(args: argparse.Namespace, where: Place, scenario: Scenario | None) -> 
 
     from armadico.config.hosts import nobodys, robot_fault, serial_port  # noqa: PLC0415
     from armadico.config.scenarios import Scenario  # noqa: PLC0415
-    from armadico.society import Options, share  # noqa: PLC0415
-    from armadico.upkeep import Plan  # noqa: PLC0415
+    from armadico.launch.society import Options, share  # noqa: PLC0415
+    from armadico.launch.supervisor import Plan  # noqa: PLC0415
 
     assert where.name is not None, "an agent's place has a name"
     host = where.table.host(where.name)
@@ -196,7 +196,7 @@ def _plan(args: argparse.Namespace, where: Place, scenario: Scenario | None) -> 
 
 def _check_names(args: argparse.Namespace, where: Place, host: Host) -> None:
     """Raises ConfigError or UnknownNameError for an agent that is not installed here."""
-    from armadico.discovery import AGENTS, find  # noqa: PLC0415 - not for --help
+    from armadico.config.discovery import AGENTS, find  # noqa: PLC0415 - not for --help
 
     for name in host.agents:
         try:
@@ -211,8 +211,8 @@ def _set(args: argparse.Namespace, members: Sequence[Member]) -> tuple[Member, .
     """The members with what `--set` says. Raises UsageError if an agent would refuse its own."""
     found = tuple(_with_sets(member, args.set, members) for member in members)
     if args.set or args.parameters is not None:  # else nobody has written any
+        from armadico.config.discovery import agent_class  # noqa: PLC0415 - not for --help
         from armadico.config.loading import load_parameters  # noqa: PLC0415 - not for --help
-        from armadico.discovery import agent_class  # noqa: PLC0415 - not for --help
 
         for member in found:
             try:
@@ -224,7 +224,7 @@ def _set(args: argparse.Namespace, members: Sequence[Member]) -> tuple[Member, .
 
 def _with_sets(member: Member, sets: Sequence[str], members: Sequence[Member]) -> Member:
     """A member with what `--set` says of it. Raises UsageError for a name that is not here."""
-    from armadico.society import Member  # noqa: PLC0415 - not for --help
+    from armadico.launch.society import Member  # noqa: PLC0415 - not for --help
 
     mine = []
     for setting in sets:
@@ -249,7 +249,7 @@ def _joining(args: argparse.Namespace, where: Place) -> list[str]:
 
 
 def _taken(namespace: str, host: str, share: object) -> str:
-    from armadico.pidfile import Share  # noqa: PLC0415 - not for --help
+    from armadico.launch.pidfile import Share  # noqa: PLC0415 - not for --help
 
     by = f"process {share.pid}" if isinstance(share, Share) else "another process"
     return (

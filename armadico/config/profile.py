@@ -11,7 +11,7 @@ from typing import Annotated
 
 from msgspec import Meta, Struct
 
-from armadico.messages import Length, Patience, Period, Place, Ramp, TopSpeed, TopTurn
+from armadico.core.messages import Length, Patience, Period, Place, Ramp, TopSpeed, TopTurn
 
 Positive = Annotated[float, Meta(gt=0, le=1e6)]
 NonNegative = Annotated[float, Meta(ge=0, le=1e6)]

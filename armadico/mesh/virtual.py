@@ -5,7 +5,7 @@ the live mesh, never zero, or the same agent would always be first; what one pro
 another arrives in order. Equal instants run in order of a sequence number. Each link and each
 agent draws from its own stream, derived from the seed and its name, so adding an agent leaves the
 others' noise as it was and comparisons are paired. A publication is checked once as the wire would,
-and shared frozen. Agents are run by the same driver as live ones (`armadico.driver`).
+and shared frozen. Agents are run by the same driver as live ones (`armadico.core.driver`).
 
 Faults: links that are slow, lossy, cut, or worse (`virtual_network`); processes that die, hang, are
 slow, return or have a twin, and clocks of their own. Who is out of reach for longer than the lease
@@ -19,15 +19,15 @@ import random
 from collections.abc import Callable, Sequence
 from typing import Any
 
-from armadico.agent import Agent, AskFor, Identity, Publish, Subscription, Write
-from armadico.driver import Announce, OpenPort, Output, Reply, sendable
-from armadico.mailbox import EVENTS
+from armadico.core.agent import Agent, AskFor, Identity, Publish, Subscription, Write
+from armadico.core.driver import Announce, OpenPort, Output, Reply, sendable
+from armadico.core.mailbox import EVENTS
+from armadico.core.messages import Message
+from armadico.core.services import Kind, matches, service_of
+from armadico.mesh.virtual_liveliness import LEASE, RECONNECT, Presence
 from armadico.mesh.virtual_network import Clock, Link
 from armadico.mesh.virtual_node import Device, Node, Port
-from armadico.mesh.virtual_presence import LEASE, RECONNECT, Presence
-from armadico.mesh.virtual_questions import Questions
-from armadico.messages import Message
-from armadico.services import Kind, matches, service_of
+from armadico.mesh.virtual_queries import Questions
 
 BURST = 1024
 """After so many deliveries a slow process's wake-up fires, whatever else waits."""

@@ -5,9 +5,9 @@ from __future__ import annotations
 from collections.abc import Callable
 from typing import TYPE_CHECKING, Protocol
 
-from armadico.agent import Agent
-from armadico.driver import Driver
-from armadico.mailbox import Mailbox
+from armadico.core.agent import Agent
+from armadico.core.driver import Driver
+from armadico.core.mailbox import Mailbox
 from armadico.mesh.virtual_network import Clock
 
 if TYPE_CHECKING:

@@ -28,10 +28,10 @@ os.environ.setdefault(
 
 import zenoh
 
+from armadico.core.messages import Message, MessageError, decode, encode, line
+from armadico.core.services import TOKEN
 from armadico.mesh.linger import release_links
 from armadico.mesh.topology import MeshError, Topology, one_way
-from armadico.messages import Message, MessageError, decode, encode, line
-from armadico.services import TOKEN
 
 logger = logging.getLogger("armadico.mesh")
 

@@ -21,8 +21,8 @@ from armadico.bridge.p2os.configuration import (
 )
 from armadico.bridge.p2os.packets import Decoder, encode
 from armadico.bridge.p2os.status import Status, encode_status
-from armadico.bridge.simulator.firing import ALL, Broken, Firing
 from armadico.bridge.simulator.motion import LIMITS, MOTIONS, Motion, Plant, SpeedLoops
+from armadico.bridge.simulator.sonar_schedule import ALL, Broken, Firing
 from armadico.config.profile import RobotProfile
 
 SERIAL_NUMBER = "SIM"  # by this ARIA knows a simulator and looks for no further hardware

@@ -7,7 +7,7 @@ from math import pi, remainder, tau
 from typing import Protocol
 
 from armadico.bridge.p2os.commands import Cmd, Command
-from armadico.bridge.simulator.axis import Axis
+from armadico.bridge.simulator.motion_profile import Axis
 from armadico.config.profile import RobotProfile
 
 TOLERANCE_M = 0.005  # a position servo this near leaves the wheels in peace

@@ -16,7 +16,7 @@ from armadico.config.loading import find, load, load_entry
 from armadico.config.profile import RobotProfile, SensorProfile
 from armadico.config.scenarios import Scenario
 from armadico.config.worlds import load_world
-from armadico.messages import Message, Truth
+from armadico.core.messages import Message, Truth
 
 Wall = tuple[float, float, float, float]
 

@@ -9,13 +9,13 @@ import pytest
 from hypothesis import assume, given, settings
 from hypothesis import strategies as st
 
-from armadico.agent import Identity
 from armadico.agents.avoid import Avoid, Parameters
 from armadico.agents.methods.motion import touches_at
 from armadico.agents.methods.settings import Safety
-from armadico.measures import speeds
-from armadico.messages import Ack, Ballot, Obstacles, Point, Pose, RobotState, Stop, Trajectory
-from armadico.resources import WHEELS
+from armadico.core.agent import Identity
+from armadico.core.messages import Ack, Ballot, Obstacles, Point, Pose, RobotState, Stop, Trajectory
+from armadico.core.resources import WHEELS
+from armadico.observe.measures import speeds
 from tests.framework.robots import body, described
 from tests.framework.stage import Stage, claims, commands, drive_to, obstacles, wall
 

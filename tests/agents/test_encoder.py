@@ -9,7 +9,6 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from armadico.agent import Identity, Publish
 from armadico.agents.encoder import (
     AGAIN_CYCLES,
     ROLLED_M,
@@ -18,8 +17,9 @@ from armadico.agents.encoder import (
     Encoder,
     Parameters,
 )
-from armadico.geometry import compose, relative
-from armadico.messages import Cycle, Log, Message, Origin, Pose, RobotState
+from armadico.core.agent import Identity, Publish
+from armadico.core.geometry import compose, relative
+from armadico.core.messages import Cycle, Log, Message, Origin, Pose, RobotState
 
 metres, angles = st.floats(-20, 20), st.floats(-3.1, 3.1)
 places = st.tuples(metres, metres, angles)

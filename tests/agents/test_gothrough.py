@@ -7,12 +7,12 @@ from typing import Any
 
 import pytest
 
-from armadico.agent import Identity
 from armadico.agents.gothrough import Gothrough, Parameters
 from armadico.agents.methods.motion import touches_at
-from armadico.measures import speeds
-from armadico.messages import Point, Trajectory
-from armadico.resources import WHEELS
+from armadico.core.agent import Identity
+from armadico.core.messages import Point, Trajectory
+from armadico.core.resources import WHEELS
+from armadico.observe.measures import speeds
 from tests.framework.robots import body
 from tests.framework.stage import Stage, claims, commands, drive_to, wall
 

@@ -10,11 +10,11 @@ from hypothesis import assume, given, settings
 from hypothesis import strategies as st
 from msgspec.structs import replace
 
-from armadico.agent import Identity
 from armadico.agents.goto import Goto, Parameters
 from armadico.agents.methods.motion import touches_at
-from armadico.measures import speeds
-from armadico.messages import Description, Point, Trajectory
+from armadico.core.agent import Identity
+from armadico.core.messages import Description, Point, Trajectory
+from armadico.observe.measures import speeds
 from tests.framework.robots import body, described
 from tests.framework.stage import Stage, commands, drive_to, wall
 

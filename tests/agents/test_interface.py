@@ -4,9 +4,9 @@ from __future__ import annotations
 
 import pytest
 
-from armadico.agent import Answer, AskFor, Identity, Publish, Question
 from armadico.agents.interface import Interface, Parameters
-from armadico.messages import (
+from armadico.core.agent import Answer, AskFor, Identity, Publish, Question
+from armadico.core.messages import (
     LARGEST_COUNT,
     WAYPOINTS,
     Cycle,

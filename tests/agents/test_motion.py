@@ -18,7 +18,7 @@ from armadico.agents.methods.motion import (
     ordered,
     touches_at,
 )
-from armadico.messages import (
+from armadico.core.messages import (
     Description,
     Length,
     Patience,

@@ -7,9 +7,9 @@ from math import pi
 
 import pytest
 
-from armadico.agent import Answer, Identity, Publish, Question
 from armadico.agents.path_planning import Parameters, PathPlanning
-from armadico.messages import Log, MissionRequest, Plan, PlanRequest, Waypoint, decode, encode
+from armadico.core.agent import Answer, Identity, Publish, Question
+from armadico.core.messages import Log, MissionRequest, Plan, PlanRequest, Waypoint, decode, encode
 
 START, GOAL = Waypoint(3.4, 0.6, pi / 2), Waypoint(7.4, 0.7, -pi / 2)
 

@@ -12,12 +12,12 @@ from hypothesis import strategies as st
 
 from armadico.agents.methods.energy import energy, motor_power
 from armadico.agents.methods.geometry import Placed, direction, distance
-from armadico.agents.methods.graph import Leg, axis, route
 from armadico.agents.methods.grid import Grid, Margins
 from armadico.agents.methods.planning import Plan, PlanError, plan
+from armadico.agents.methods.room_graph import Leg, axis, route
 from armadico.config.profile import RobotProfile
 from armadico.config.worlds import Door, Room, Segment, World
-from armadico.geometry import wrap
+from armadico.core.geometry import wrap
 
 
 def box(x1: float, y1: float, x2: float, y2: float) -> list[Segment]:

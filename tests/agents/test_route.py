@@ -9,7 +9,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from armadico.agents.methods.route import BESIDE_M, PASSED_M, Route
-from armadico.messages import Point, Trajectory, Waypoint
+from armadico.core.messages import Point, Trajectory, Waypoint
 
 CORNER = (Waypoint(4.0, 0.0, 0.0), Waypoint(4.0, 3.0, pi / 2))
 metres = st.floats(-6.0, 6.0)

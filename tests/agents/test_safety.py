@@ -11,8 +11,8 @@ from hypothesis import strategies as st
 from armadico.agents.methods.motion import Speeds
 from armadico.agents.methods.safety import Limited, Scene, corner_cut, critical, limit
 from armadico.agents.methods.settings import Safety
-from armadico.agents.methods.sweep import free_path
-from armadico.messages import Cycle, Obstacles, Point
+from armadico.agents.methods.swept_path import free_path
+from armadico.core.messages import Cycle, Obstacles, Point
 from tests.agents.test_motion import clearance, driven
 from tests.framework.robots import body
 

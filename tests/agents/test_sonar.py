@@ -6,9 +6,9 @@ from math import cos, hypot, pi, radians, sin
 
 import pytest
 
-from armadico.agent import Identity, Publish
 from armadico.agents.sonar import LOOK_CYCLES, Parameters, SonarAgent
-from armadico.messages import Cycle, Echo, Obstacles, Point, RobotState, Sonar
+from armadico.core.agent import Identity, Publish
+from armadico.core.messages import Cycle, Echo, Obstacles, Point, RobotState, Sonar
 from tests.framework.robots import described
 
 AHEAD = radians(10.0)  # where a sonar looks; those of a Pioneer look at 10, 30, 50 and 90 degrees

@@ -4,14 +4,14 @@ from __future__ import annotations
 
 import random
 
-from armadico.agent import Identity, Publish, Write
 from armadico.bridge.p2os.commands import SYNC0, SYNC1, Cmd, decode_command
 from armadico.bridge.p2os.packets import Decoder, encode
 from armadico.bridge.p2os.status import Status, encode_status
 from armadico.bridge.robot import Parameters, Robot
 from armadico.config.loading import find, load
 from armadico.config.profile import RobotProfile
-from armadico.messages import Ack, Ballot, Command, Cycle, Log, Message, RobotState
+from armadico.core.agent import Identity, Publish, Write
+from armadico.core.messages import Ack, Ballot, Command, Cycle, Log, Message, RobotState
 
 NAMES = encode(b"\x02Rob\0Pioneer\0p2dx\0")
 PROFILE = load(find("robots", "pioneer-2dx"), RobotProfile)

@@ -21,8 +21,8 @@ sys.path.insert(0, sys.argv[1])
 from wall_follower import WallFollower
 
 from armadico.config.scenarios import load_scenario
-from armadico.rehearsal import Rehearsal
-from armadico.society import Options
+from armadico.launch.virtual import Rehearsal
+from armadico.launch.society import Options
 
 rehearsal = Rehearsal(load_scenario("sc2"), Options(without=("gothrough",)))
 rehearsal.begin()

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from msgspec.structs import replace
 
-from armadico.messages import PROTOCOL, Ballot, Card, Claim, Command
+from armadico.core.messages import PROTOCOL, Ballot, Card, Claim, Command
 from tests.bridge.robot_bench import Bench
 
 STRANGER = Ballot(9, 1.0, True, "avoid-2")

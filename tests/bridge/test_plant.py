@@ -17,7 +17,7 @@ from armadico.bridge.simulator.plant import Plant, seeded
 from armadico.bridge.simulator.speed_loops import SpeedLoops
 from armadico.bridge.simulator.walls import Wall
 from armadico.config.profile import RobotProfile, SensorProfile
-from armadico.geometry import Pose2
+from armadico.core.geometry import Pose2
 
 
 def config(name: str) -> dict[str, object]:

@@ -12,8 +12,8 @@ from armadico.bridge.p2os.commands import Cmd
 from armadico.bridge.reflex import KEPT_S, SAY_S, TOUCH_M, Reflex
 from armadico.config.loading import find, load
 from armadico.config.profile import RobotProfile
-from armadico.cycles import LISTEN
-from armadico.messages import Echo
+from armadico.core.cycles import LISTEN
+from armadico.core.messages import Echo
 from tests.bridge.robot_bench import Bench
 
 PROFILE = load(find("robots", "pioneer-2dx"), RobotProfile)

@@ -8,12 +8,12 @@ from math import inf, nan
 
 import pytest
 
-from armadico.agent import REPORT_S, Identity
 from armadico.bridge.p2os.commands import SYNC0, Cmd
 from armadico.bridge.p2os.session import ZERO
 from armadico.bridge.robot import PULSE_S, Parameters, Robot
-from armadico.cycles import LISTEN
-from armadico.messages import (
+from armadico.core.agent import REPORT_S, Identity
+from armadico.core.cycles import LISTEN
+from armadico.core.messages import (
     JUMP,
     Ack,
     Ballot,
@@ -27,7 +27,7 @@ from armadico.messages import (
     Sonar,
     Stop,
 )
-from armadico.resources import WHEELS
+from armadico.core.resources import WHEELS
 from tests.bridge.robot_bench import BALLOT, PROFILE, TICK, Bench
 
 

@@ -8,9 +8,9 @@ from pathlib import Path
 
 import pytest
 
-from armadico import discovery
-from armadico.agent import Agent
-from armadico.discovery import AGENTS, UnknownNameError
+from armadico.config import discovery
+from armadico.config.discovery import AGENTS, UnknownNameError
+from armadico.core.agent import Agent
 
 
 @pytest.fixture
@@ -18,7 +18,7 @@ def third_party(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[Pat
     """Another package with an agent of its own, and two that are not quite."""
     (tmp_path / "elsewhere.py").write_text(
         '"""An agent from elsewhere.\n\nMore."""\n'
-        "from armadico.agent import Agent\n"
+        "from armadico.core.agent import Agent\n"
         "class Dance(Agent):\n    name = 'dance'\n"
         "class Chair: ...\n"
     )

@@ -18,7 +18,7 @@ from armadico.cli.options import INTERRUPTED, UsageError
 from armadico.config.errors import ConfigError
 from armadico.tools.experiments import pool
 from armadico.tools.faults import series, workload
-from armadico.tools.faults.kinds import KINDS, Promise
+from armadico.tools.faults.fault_types import KINDS, Promise
 from armadico.tools.faults.plan import Case
 from armadico.tools.faults.sightings import Sight
 from armadico.tools.faults.workload import Outcome

@@ -16,10 +16,10 @@ from typing import Any
 
 import pytest
 
-from armadico.client import Client
+from armadico.core.messages import Cycle, Message, RobotState, Stop, Trajectory, Truth, decode
 from armadico.mesh.topology import ENDPOINTS_VARIABLE, topology
 from armadico.mesh.zenoh import ZenohMesh
-from armadico.messages import Cycle, Message, RobotState, Stop, Trajectory, Truth, decode
+from armadico.runtime.client import Client
 
 pytestmark = pytest.mark.live
 

@@ -12,8 +12,8 @@ import pytest
 
 from armadico import cli
 from armadico.config.shipped import resource_path
+from armadico.launch.virtual import Rehearsal
 from armadico.mesh.topology import ENDPOINTS_VARIABLE
-from armadico.rehearsal import Rehearsal
 from tests.mesh.conftest import private_endpoints
 
 CLOSED = """\

@@ -22,9 +22,7 @@ from typing import Any, Self
 import pytest
 
 from armadico.cli import doctor
-from armadico.mesh.topology import ENDPOINTS_VARIABLE, topology
-from armadico.mesh.zenoh import Call, ZenohMesh
-from armadico.messages import (
+from armadico.core.messages import (
     PROTOCOL,
     Ack,
     Ballot,
@@ -38,7 +36,9 @@ from armadico.messages import (
     RobotState,
     Stop,
 )
-from armadico.services import BIDS, CARD
+from armadico.core.services import BIDS, CARD
+from armadico.mesh.topology import ENDPOINTS_VARIABLE, topology
+from armadico.mesh.zenoh import Call, ZenohMesh
 
 pytestmark = pytest.mark.live
 

@@ -8,9 +8,9 @@ from pathlib import Path
 
 import pytest
 
-from armadico import messages
-from armadico.coordination import TRANSITIONS
-from armadico.services import SERVICES
+from armadico.core import messages
+from armadico.core.coordination import TRANSITIONS
+from armadico.core.services import SERVICES
 from armadico.tools import docs
 from armadico.tools.docs_fields import fields_of
 from tests.docs.blocks import ROOT, documents

@@ -12,11 +12,11 @@ from pathlib import Path
 
 import pytest
 
-from armadico.agent import Agent
+from armadico.config.discovery import agent_class, find
 from armadico.config.scenarios import load_scenario
-from armadico.discovery import agent_class, find
-from armadico.rehearsal import Rehearsal
-from armadico.society import Options
+from armadico.core.agent import Agent
+from armadico.launch.society import Options
+from armadico.launch.virtual import Rehearsal
 from tests.docs.blocks import Block, blocks, files
 from tests.docs.shell import Shell
 from tests.docs.watcher import watching

@@ -10,9 +10,9 @@ from pathlib import Path
 import pytest
 
 from armadico.config.scenarios import Scenario, load_scenario
-from armadico.messages import Ack, Claim, Command, Message, Truth
-from armadico.rehearsal import Rehearsal
-from armadico.society import Options
+from armadico.core.messages import Ack, Claim, Command, Message, Truth
+from armadico.launch.society import Options
+from armadico.launch.virtual import Rehearsal
 from tests.docs.blocks import files
 from tests.docs.shell import Shell
 from tests.docs.test_tutorial import NAMESPACE, TUTORIAL, do

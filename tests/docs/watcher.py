@@ -5,11 +5,11 @@ from __future__ import annotations
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 
-from armadico.client import Client
-from armadico.measures import driver
+from armadico.core.messages import Ack, Card, Pose
 from armadico.mesh.topology import ENDPOINTS_VARIABLE, topology
 from armadico.mesh.zenoh import ZenohMesh
-from armadico.messages import Ack, Card, Pose
+from armadico.observe.measures import driver
+from armadico.runtime.client import Client
 from tests.docs.shell import Shell
 
 SOON = 60.0  # s; a deadline, not an expectation

@@ -7,12 +7,12 @@ from typing import Any
 
 import pytest
 
-from armadico import coordination
-from armadico.admission import Admission, Stage
-from armadico.coordination import Contender, Event, Owner, State, Step, Verdict, last_heard
-from armadico.cycles import CycleClock
-from armadico.messages import Ack, Command, Message
-from armadico.resources import Resource
+from armadico.core import coordination
+from armadico.core.coordination import Contender, Event, Owner, State, Step, Verdict, last_heard
+from armadico.core.cycles import CycleClock
+from armadico.core.membership import Admission, Stage
+from armadico.core.messages import Ack, Command, Message
+from armadico.core.resources import Resource
 from armadico.tools.explore.joining import Joining, all_runs, rejoin
 from armadico.tools.explore.replay import replay
 from armadico.tools.explore.search import Counterexample, Limits, Search

@@ -7,9 +7,9 @@ from dataclasses import replace
 import msgspec
 import pytest
 
-from armadico.cycles import PERIOD
-from armadico.exchange import Bid, SmoothExchange
-from armadico.messages import (
+from armadico.core.cycles import PERIOD
+from armadico.core.exchange import Bid, SmoothExchange
+from armadico.core.messages import (
     Ack,
     Action,
     Ballot,
@@ -25,9 +25,9 @@ from armadico.messages import (
     Stop,
     Truth,
 )
-from armadico.resources import WHEELS
+from armadico.core.resources import WHEELS
 from armadico.tools.faults.checker import Checker
-from armadico.tools.faults.kinds import KINDS, WEDGED_S, Promise, voided
+from armadico.tools.faults.fault_types import KINDS, WEDGED_S, Promise, voided
 from armadico.tools.faults.observations import (
     Bids,
     Faulted,

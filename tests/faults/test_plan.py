@@ -9,7 +9,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from armadico.config.errors import ConfigError
-from armadico.tools.faults.kinds import AWAITED, DRAWN, KINDS
+from armadico.tools.faults.fault_types import AWAITED, DRAWN, KINDS
 from armadico.tools.faults.plan import (
     BEGIN_S,
     CALM_END_S,

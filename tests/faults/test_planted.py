@@ -9,7 +9,6 @@ from typing import Any
 import pytest
 from msgspec.structs import replace
 
-from armadico.agent import Agent
 from armadico.agents.encoder import Encoder
 from armadico.agents.goto import Goto
 from armadico.agents.sonar import SonarAgent
@@ -18,11 +17,12 @@ from armadico.bridge.p2os.commands import Cmd, command
 from armadico.bridge.p2os.odometry import Odometry
 from armadico.bridge.p2os.session import Session
 from armadico.bridge.simulator.microcontroller import Microcontroller
-from armadico.coordination import TRANSITIONS, Contender, Event, Owner, State, Verdict
-from armadico.exchange import AT_ONCE, Bid, Blend, Handover, SmoothExchange
-from armadico.geometry import Pose2
-from armadico.latched import Memory
-from armadico.messages import (
+from armadico.core.agent import Agent
+from armadico.core.coordination import TRANSITIONS, Contender, Event, Owner, State, Verdict
+from armadico.core.exchange import AT_ONCE, Bid, Blend, Handover, SmoothExchange
+from armadico.core.geometry import Pose2
+from armadico.core.latched import Memory
+from armadico.core.messages import (
     Action,
     Latched,
     Message,
@@ -33,8 +33,8 @@ from armadico.messages import (
     Stop,
     Trajectory,
 )
-from armadico.resources import WHEELS, Resource
-from armadico.tools.faults.kinds import Promise
+from armadico.core.resources import WHEELS, Resource
+from armadico.tools.faults.fault_types import Promise
 from armadico.tools.faults.plan import EVERYBODY, Case, Fault
 from armadico.tools.faults.series import smallest
 from armadico.tools.faults.workload import Outcome, case_of, run
@@ -73,7 +73,7 @@ def _owner_forgets(patch: pytest.MonkeyPatch, rule: Verdict) -> None:
 
 def never_yields(patch: pytest.MonkeyPatch) -> None:
     patch.delitem(TRANSITIONS, (State.HOLDING, Event.OUTBID))  # type: ignore[arg-type]
-    patch.setattr("armadico.coordination.UNOBEYED", 60)
+    patch.setattr("armadico.core.coordination.UNOBEYED", 60)
 
 
 def starts_from_no_echo(patch: pytest.MonkeyPatch) -> None:
@@ -143,7 +143,7 @@ def takes_no_turn_in_a_new_epoch(patch: pytest.MonkeyPatch) -> None:
 
 
 def stands_back_for_a_minute(patch: pytest.MonkeyPatch) -> None:
-    patch.setattr("armadico.coordination.STAND_BACK", (60.0, 60.0, 60.0))
+    patch.setattr("armadico.core.coordination.STAND_BACK", (60.0, 60.0, 60.0))
 
 
 def mixes_up_its_axes(patch: pytest.MonkeyPatch) -> None:
@@ -189,7 +189,7 @@ def begins_from_rest(patch: pytest.MonkeyPatch) -> None:
 
 
 def waits_long_for_silence(patch: pytest.MonkeyPatch) -> None:
-    patch.setattr("armadico.coordination.SILENCE", 4.3)
+    patch.setattr("armadico.core.coordination.SILENCE", 4.3)
 
 
 def takes_no_news_of_tokens(patch: pytest.MonkeyPatch) -> None:
@@ -197,7 +197,7 @@ def takes_no_news_of_tokens(patch: pytest.MonkeyPatch) -> None:
 
 
 def is_patient_with_who_is_not_obeyed(patch: pytest.MonkeyPatch) -> None:
-    patch.setattr("armadico.coordination.UNOBEYED", 60)
+    patch.setattr("armadico.core.coordination.UNOBEYED", 60)
 
 
 def orders_a_stop_late(patch: pytest.MonkeyPatch) -> None:

@@ -7,7 +7,7 @@ from pathlib import Path
 import pytest
 
 from armadico.cli import main
-from armadico.messages import (
+from armadico.core.messages import (
     Ack,
     Ballot,
     BidHistory,
@@ -18,12 +18,12 @@ from armadico.messages import (
     RobotState,
     encode,
 )
-from armadico.tools.export import rows
-from armadico.tools.faults.kinds import Promise
+from armadico.observe.export import rows
+from armadico.observe.recorder import Recording
+from armadico.observe.watching import Heard, Presence
+from armadico.tools.faults.fault_types import Promise
 from armadico.tools.faults.observations import Bids, Left, Passed, Said
 from armadico.tools.faults.real_recording import check, observations
-from armadico.tools.recorder import Recording
-from armadico.tools.watching import Heard, Presence
 
 SECOND = 1_000_000_000
 GOTO = "goto-0000000000000001"

@@ -6,7 +6,7 @@ from collections import Counter
 
 import pytest
 
-from armadico.tools.faults.kinds import DRAWN
+from armadico.tools.faults.fault_types import DRAWN
 from armadico.tools.faults.series import CAMPAIGN, CAMPAIGN_S, Summary, Task, missing, work
 from armadico.tools.faults.sightings import AWAITED_SIGHTS, Sight
 from armadico.tools.faults.workload import case_of

@@ -8,7 +8,7 @@ from math import hypot
 
 import pytest
 
-from armadico.messages import (
+from armadico.core.messages import (
     JUMP,
     LARGEST_COUNT,
     Claim,
@@ -23,7 +23,7 @@ from armadico.messages import (
     Trajectory,
     Truth,
 )
-from armadico.tools.faults.kinds import AWAITED, KINDS
+from armadico.tools.faults.fault_types import AWAITED, KINDS
 from armadico.tools.faults.plan import Case, Fault
 from armadico.tools.faults.sightings import Sight
 from armadico.tools.faults.stranger import BEYOND, FLOOD, MOST_POINTS, RATCHET, STRANGE, WHO

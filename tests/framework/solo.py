@@ -5,11 +5,11 @@ from __future__ import annotations
 from random import Random
 from typing import Any
 
-from armadico.coordination import DRAW, Contender
-from armadico.cycles import PERIOD, CycleClock
-from armadico.exchange import EXCHANGES, Bid
-from armadico.messages import Ack, Ballot, Claim, Command, Cycle, Message
-from armadico.resources import WHEELS
+from armadico.core.coordination import DRAW, Contender
+from armadico.core.cycles import PERIOD, CycleClock
+from armadico.core.exchange import EXCHANGES, Bid
+from armadico.core.messages import Ack, Ballot, Claim, Command, Cycle, Message
+from armadico.core.resources import WHEELS
 
 
 class Solo:

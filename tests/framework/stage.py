@@ -5,10 +5,10 @@ from __future__ import annotations
 from collections.abc import Iterable
 from math import atan2, degrees, hypot
 
-from armadico.agent import Agent, Publish
-from armadico.coordination import DRAW
-from armadico.cycles import PERIOD
-from armadico.messages import (
+from armadico.core.agent import Agent, Publish
+from armadico.core.coordination import DRAW
+from armadico.core.cycles import PERIOD
+from armadico.core.messages import (
     Ack,
     BidRecord,
     Claim,

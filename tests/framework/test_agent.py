@@ -7,9 +7,9 @@ from typing import Any, ClassVar
 
 import pytest
 
-from armadico import messages as m
-from armadico import services
-from armadico.agent import (
+from armadico.core import messages as m
+from armadico.core import services
+from armadico.core.agent import (
     BIDS_REMEMBERED,
     ERROR,
     Agent,
@@ -20,11 +20,11 @@ from armadico.agent import (
     Question,
     Social,
 )
-from armadico.exchange import Bid
-from armadico.latched import GIVE_BACK_S
-from armadico.messages import Cycle, Message, Obstacles, Pose, RobotState, Stop
-from armadico.resources import WHEELS
-from armadico.services import Kind, Service
+from armadico.core.exchange import Bid
+from armadico.core.latched import GIVE_BACK_S
+from armadico.core.messages import Cycle, Message, Obstacles, Pose, RobotState, Stop
+from armadico.core.resources import WHEELS
+from armadico.core.services import Kind, Service
 
 from .stage import NOTHING, Stage, claims, commands
 

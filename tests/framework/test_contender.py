@@ -6,11 +6,11 @@ from random import Random
 
 import pytest
 
-from armadico.coordination import DRAW, Contender, State
-from armadico.cycles import PERIOD
-from armadico.exchange import EXCHANGES, Bid
-from armadico.messages import JUMP, LARGEST_COUNT, Ack, Action, Ballot, Claim, Command, Cycle
-from armadico.resources import WHEELS
+from armadico.core.coordination import DRAW, Contender, State
+from armadico.core.cycles import PERIOD
+from armadico.core.exchange import EXCHANGES, Bid
+from armadico.core.messages import JUMP, LARGEST_COUNT, Ack, Action, Ballot, Claim, Command, Cycle
+from armadico.core.resources import WHEELS
 
 from .solo import Solo
 

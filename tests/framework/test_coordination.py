@@ -8,8 +8,8 @@ from random import Random
 
 import pytest
 
-from armadico.agent import Agent
-from armadico.coordination import (
+from armadico.core.agent import Agent
+from armadico.core.coordination import (
     COMPARISONS,
     TRANSITIONS,
     Contender,
@@ -21,10 +21,9 @@ from armadico.coordination import (
     beats,
     braked,
 )
-from armadico.cycles import LISTEN, PERIOD
-from armadico.exchange import EXCHANGES, Bid
-from armadico.mesh.virtual_presence import RECONNECT
-from armadico.messages import (
+from armadico.core.cycles import LISTEN, PERIOD
+from armadico.core.exchange import EXCHANGES, Bid
+from armadico.core.messages import (
     JUMP,
     LARGEST_COUNT,
     Ack,
@@ -35,7 +34,8 @@ from armadico.messages import (
     RobotState,
     Stop,
 )
-from armadico.resources import WHEELS, Resource
+from armadico.core.resources import WHEELS, Resource
+from armadico.mesh.virtual_liveliness import RECONNECT
 
 from .solo import Solo, running
 from .toys import ToyOwner, ToySociety, toy

@@ -8,10 +8,10 @@ from math import sin
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from armadico.agent import Agent
-from armadico.cycles import PERIOD
+from armadico.core.agent import Agent
+from armadico.core.cycles import PERIOD
+from armadico.core.resources import WHEELS
 from armadico.mesh.virtual import VirtualMesh
-from armadico.resources import WHEELS
 
 from .toys import Toy, ToyOwner, ToySociety, toy
 

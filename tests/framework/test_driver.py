@@ -6,10 +6,10 @@ from typing import ClassVar
 
 import pytest
 
-from armadico.admission import Stage
-from armadico.agent import Agent, Answer, Identity, Question
-from armadico.driver import QUESTIONS, AskFor, Driver, Reply
-from armadico.messages import (
+from armadico.core.agent import Agent, Answer, Identity, Question
+from armadico.core.driver import QUESTIONS, AskFor, Driver, Reply
+from armadico.core.membership import Stage
+from armadico.core.messages import (
     PROTOCOL,
     Card,
     Message,

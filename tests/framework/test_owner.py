@@ -6,10 +6,10 @@ from typing import Any
 
 import pytest
 
-from armadico.coordination import Owner, Verdict
-from armadico.cycles import PERIOD, CycleClock
-from armadico.messages import JUMP, Ack, Ballot, Claim, Command, Cycle
-from armadico.resources import WHEELS
+from armadico.core.coordination import Owner, Verdict
+from armadico.core.cycles import PERIOD, CycleClock
+from armadico.core.messages import JUMP, Ack, Ballot, Claim, Command, Cycle
+from armadico.core.resources import WHEELS
 
 from .solo import running
 

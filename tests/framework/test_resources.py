@@ -10,14 +10,12 @@ from typing import Any, ClassVar
 import pytest
 from msgspec.structs import replace
 
-from armadico import resources
-from armadico.agent import ERROR, WARNING, Agent, Identity, Parameters, Refused
-from armadico.coordination import SILENCE, Verdict
-from armadico.driver import Driver
-from armadico.exchange import Bid
-from armadico.mesh.virtual import VirtualMesh
-from armadico.mesh.virtual_node import Node
-from armadico.messages import (
+from armadico.core import resources
+from armadico.core.agent import ERROR, WARNING, Agent, Identity, Parameters, Refused
+from armadico.core.coordination import SILENCE, Verdict
+from armadico.core.driver import Driver
+from armadico.core.exchange import Bid
+from armadico.core.messages import (
     Ack,
     Action,
     Ballot,
@@ -31,7 +29,9 @@ from armadico.messages import (
     Stop,
     Waypoint,
 )
-from armadico.resources import LEAST_SILENCE_S, WHEELS, Resource, declare
+from armadico.core.resources import LEAST_SILENCE_S, WHEELS, Resource, declare
+from armadico.mesh.virtual import VirtualMesh
+from armadico.mesh.virtual_node import Node
 
 from .robots import described
 from .toys import Toy, ToyOwner, ToySociety, toy

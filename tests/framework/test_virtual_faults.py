@@ -10,10 +10,10 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from armadico.agent import DeviceAgent
+from armadico.core.agent import DeviceAgent
 from armadico.mesh.virtual import VirtualMesh
+from armadico.mesh.virtual_liveliness import LEASE, RECONNECT
 from armadico.mesh.virtual_network import Clock, Link
-from armadico.mesh.virtual_presence import LEASE, RECONNECT
 
 from .test_virtual_mesh import Listener, Planner, Talker, Word, status, told
 

@@ -7,14 +7,14 @@ from typing import Any, ClassVar
 
 import pytest
 
-from armadico import messages as m
-from armadico.agent import Agent, Question
-from armadico.mailbox import EVENTS
+from armadico.core import messages as m
+from armadico.core.agent import Agent, Question
+from armadico.core.mailbox import EVENTS
+from armadico.core.messages import Log, Message, MissionState, MissionStatus, Stop
+from armadico.core.services import Kind, Service, register
 from armadico.mesh.virtual import VirtualMesh
+from armadico.mesh.virtual_liveliness import LIVELINESS
 from armadico.mesh.virtual_network import DELAY_MEDIAN, Link
-from armadico.mesh.virtual_presence import LIVELINESS
-from armadico.messages import Log, Message, MissionState, MissionStatus, Stop
-from armadico.services import Kind, Service, register
 
 Seen = list[tuple[float, Any]]
 

@@ -7,14 +7,14 @@ from typing import Any, ClassVar, cast
 
 import msgspec
 
-from armadico.agent import Agent, Identity, Parameters, Subscription
-from armadico.coordination import Verdict
-from armadico.cycles import PERIOD, CycleCounter
-from armadico.exchange import Bid
+from armadico.core.agent import Agent, Identity, Parameters, Subscription
+from armadico.core.coordination import Verdict
+from armadico.core.cycles import PERIOD, CycleCounter
+from armadico.core.exchange import Bid
+from armadico.core.messages import Ack, Claim, Command, Message, RobotState, Stop
+from armadico.core.resources import WHEELS, Resource
 from armadico.mesh.virtual import VirtualMesh
 from armadico.mesh.virtual_node import Node
-from armadico.messages import Ack, Claim, Command, Message, RobotState, Stop
-from armadico.resources import WHEELS, Resource
 
 Utility = Callable[[float], float | None]
 

@@ -15,9 +15,9 @@ import pytest
 
 from armadico.cli.options import HOSTS_VARIABLE, NAMESPACE_VARIABLE
 from armadico.config.hosts import load_hosts
+from armadico.launch.pidfile import RUNTIME_VARIABLE
 from armadico.mesh.topology import topology
 from armadico.mesh.zenoh import ZenohMesh
-from armadico.pidfile import RUNTIME_VARIABLE
 from tests.live.society import SOON, Observer
 
 BIN = Path(sys.executable).parent

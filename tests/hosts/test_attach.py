@@ -71,7 +71,7 @@ def test_who_does_not_come_is_named(
 
     up("lab1")
     up("lab3")
-    monkeypatch.setattr("armadico.attached.AttachedRun.come_s", 3.0)
+    monkeypatch.setattr("armadico.launch.attached.AttachedRun.come_s", 3.0)
     code = main(["run", scenario(tmp_path, SHORT), "--attach", "--host", "lab3"])
     errors = capsys.readouterr().err
     assert code == 1

@@ -11,7 +11,7 @@ from pathlib import Path
 
 import pytest
 
-from armadico.messages import PROTOCOL
+from armadico.core.messages import PROTOCOL
 from tests.hosts.conftest import Call, Start, children, kill_tree
 from tests.live.society import Observer
 

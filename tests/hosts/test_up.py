@@ -9,7 +9,7 @@ from signal import SIGINT, SIGTERM, Signals
 
 import pytest
 
-from armadico.pidfile import shares
+from armadico.launch.pidfile import shares
 from tests.hosts.conftest import NAMESPACE, SOON, Call, Start, all_gone, children
 from tests.live.society import Observer
 

@@ -13,13 +13,13 @@ import sys
 import time
 from typing import Any, ClassVar
 
-from armadico import messages
-from armadico.agent import Agent
 from armadico.cli import options
-from armadico.exchange import Bid
-from armadico.messages import Message, RobotState
-from armadico.resources import WHEELS, Resource
-from armadico.runtime import identity, serve
+from armadico.core import messages
+from armadico.core.agent import Agent
+from armadico.core.exchange import Bid
+from armadico.core.messages import Message, RobotState
+from armadico.core.resources import WHEELS, Resource
+from armadico.runtime.process import identity, serve
 
 AHEAD_S = 3600.0
 

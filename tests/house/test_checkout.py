@@ -11,7 +11,7 @@ from pathlib import Path
 
 import pytest
 
-from armadico.processes import Process
+from armadico.launch.processes import Process
 from tests.house.tree import FOLDERS, PARTS, ROOT, modules, package_files, tree
 
 EVIL = "raise SystemExit('what lies in the current folder was imported')\n"

@@ -10,8 +10,8 @@ from pathlib import Path
 
 import pytest
 
-from armadico.agent import Agent
-from armadico.discovery import Found
+from armadico.config.discovery import Found
+from armadico.core.agent import Agent
 from tests.house.tree import FOLDERS, ROOT, modules, package_files, project
 
 ENTRIES = [

@@ -8,13 +8,8 @@ from collections.abc import Callable
 from itertools import pairwise
 
 from armadico.bridge.p2os.commands import Cmd
-from armadico.client import Client
 from armadico.config.scenarios import Scenario
-from armadico.launcher import Launcher
-from armadico.measures import driver
-from armadico.mesh.topology import topology
-from armadico.mesh.zenoh import ZenohMesh
-from armadico.messages import (
+from armadico.core.messages import (
     Ack,
     Ask,
     Ballot,
@@ -28,10 +23,15 @@ from armadico.messages import (
     Truth,
     decode,
 )
-from armadico.processes import Process
-from armadico.services import BIDS
-from armadico.society import Member, Options
-from armadico.tools.faults.real_line import Tap, moves
+from armadico.core.services import BIDS
+from armadico.launch.local import Launcher
+from armadico.launch.processes import Process
+from armadico.launch.society import Member, Options
+from armadico.mesh.topology import topology
+from armadico.mesh.zenoh import ZenohMesh
+from armadico.observe.measures import driver
+from armadico.runtime.client import Client
+from armadico.tools.faults.serial_tap import Tap, moves
 
 SOON = 40.0
 """s; a deadline, not an expectation."""

@@ -8,7 +8,7 @@ from signal import SIGCONT, SIGSTOP
 import pytest
 
 from armadico.config.scenarios import load_scenario
-from armadico.society import Member
+from armadico.launch.society import Member
 from tests.live.conftest import Start
 from tests.live.society import Society, ballots_never_go_down
 

@@ -15,11 +15,11 @@ import pytest
 from msgspec.structs import replace
 
 from armadico.bridge.p2os.commands import Cmd
-from armadico.launcher import Launcher
-from armadico.live_run import RunFailedError
-from armadico.measures import Result, RunWatch
-from armadico.society import Options
-from armadico.tools.faults.real_line import Tap, moves
+from armadico.launch.local import Launcher
+from armadico.launch.run import RunFailedError
+from armadico.launch.society import Options
+from armadico.observe.measures import Result, RunWatch
+from armadico.tools.faults.serial_tap import Tap, moves
 from tests.live.conftest import NAMESPACE
 from tests.live.society import LINE, SOON, Observer, mesh_of
 from tests.mesh.conftest import private_endpoints
@@ -216,7 +216,7 @@ def test_a_robot_that_does_not_answer_is_named_with_what_its_agent_says(
     apart: None, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     nowhere = Options(robot="nothing-that-is-an-address")
-    monkeypatch.setattr("armadico.launcher.ANSWER_S", 0.5)
+    monkeypatch.setattr("armadico.launch.local.ANSWER_S", 0.5)
     with (
         mesh_of(NAMESPACE) as mesh,
         Launcher(LINE, nowhere, mesh, NAMESPACE) as launcher,

@@ -12,9 +12,9 @@ from pathlib import Path
 
 import pytest
 
-from armadico.client import Client
 from armadico.mesh.topology import ENDPOINTS_VARIABLE, topology
 from armadico.mesh.zenoh import ZenohMesh
+from armadico.runtime.client import Client
 
 TOY = Path(__file__).parent / "toy_process.py"
 NAMESPACE = "test"

@@ -6,9 +6,9 @@ import threading
 from collections.abc import Callable
 from typing import Any, cast
 
-from armadico.agent import Agent
-from armadico.messages import M, Message, PlanRequest, Waypoint, decode, encode
-from armadico.runtime import AgentHost
+from armadico.core.agent import Agent
+from armadico.core.messages import M, Message, PlanRequest, Waypoint, decode, encode
+from armadico.runtime.process import AgentHost
 
 REQUEST = PlanRequest(Waypoint(0, 0, 0), Waypoint(1, 1, 0))
 

@@ -14,9 +14,9 @@ from pathlib import Path
 import pytest
 import zenoh
 
-from armadico.client import Client
 from armadico.mesh.linger import release_links
 from armadico.mesh.zenoh import SETTINGS, ZenohMesh
+from armadico.runtime.client import Client
 from tests.mesh.conftest import private_endpoints
 
 pytestmark = pytest.mark.live

@@ -9,8 +9,8 @@ from pathlib import Path
 
 import pytest
 
-from armadico.client import Client
-from armadico.messages import Card, Cycle, Plan, PlanRequest, Pose, RobotState, Stop, Waypoint
+from armadico.core.messages import Card, Cycle, Plan, PlanRequest, Pose, RobotState, Stop, Waypoint
+from armadico.runtime.client import Client
 from tests.mesh.conftest import Spawn
 
 pytestmark = pytest.mark.live

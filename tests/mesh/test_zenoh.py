@@ -10,10 +10,7 @@ from typing import Any, cast
 
 import pytest
 
-from armadico.client import Client
-from armadico.mesh.topology import MeshError, Topology
-from armadico.mesh.zenoh import Call, ZenohMesh
-from armadico.messages import (
+from armadico.core.messages import (
     Ask,
     Cycle,
     Log,
@@ -25,6 +22,9 @@ from armadico.messages import (
     Stop,
     Waypoint,
 )
+from armadico.mesh.topology import MeshError, Topology
+from armadico.mesh.zenoh import Call, ZenohMesh
+from armadico.runtime.client import Client
 
 pytestmark = pytest.mark.live
 

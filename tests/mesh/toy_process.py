@@ -6,11 +6,11 @@ import logging
 import sys
 from typing import ClassVar
 
-from armadico.agent import Agent, Question
+from armadico.core.agent import Agent, Question
+from armadico.core.messages import Message, Plan, PlanRequest, Pose, RobotState, Stop
 from armadico.mesh.topology import topology
 from armadico.mesh.zenoh import ZenohMesh
-from armadico.messages import Message, Plan, PlanRequest, Pose, RobotState, Stop
-from armadico.runtime import identity, serve
+from armadico.runtime.process import identity, serve
 
 
 class Toy(Agent):

@@ -12,12 +12,12 @@ import cbor2
 import msgspec
 import pytest
 
-from armadico.coordination import Contender, plausible
-from armadico.cycles import CycleClock
-from armadico.driver import misaddressed
-from armadico.exchange import EXCHANGES
-from armadico.messages import Ack, Ballot, Claim, Command, Cycle, MessageError, decode, encode
-from armadico.resources import WHEELS
+from armadico.core.coordination import Contender, plausible
+from armadico.core.cycles import CycleClock
+from armadico.core.driver import misaddressed
+from armadico.core.exchange import EXCHANGES
+from armadico.core.messages import Ack, Ballot, Claim, Command, Cycle, MessageError, decode, encode
+from armadico.core.resources import WHEELS
 from armadico.tools.docs import ROOT
 from armadico.tools.transcripts import __main__ as tool
 from armadico.tools.transcripts.replay import (

@@ -40,8 +40,8 @@ from armadico.agents.methods.controllers import (
 from armadico.agents.methods.geometry import clip, direction, distance
 from armadico.config.loading import find, load
 from armadico.config.profile import RobotProfile
-from armadico.geometry import wrap
-from armadico.messages import Waypoint
+from armadico.core.geometry import wrap
+from armadico.core.messages import Waypoint
 from armadico.tools.experiments.speed import ROBOT, STEP_S, Rig
 
 if TYPE_CHECKING:

@@ -7,8 +7,8 @@ from itertools import groupby
 from typing import TYPE_CHECKING, Final
 
 from armadico.config.worlds import World, load_world
+from armadico.observe.pictures import FAINT, INK, SOFT, colour
 from armadico.tools.experiments.driving import Drive
-from armadico.tools.pictures import FAINT, INK, SOFT, colour
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes

@@ -16,14 +16,14 @@ from math import hypot
 
 from msgspec import Struct, structs
 
-from armadico.agent import Agent
+from armadico.config.discovery import AGENTS, load
 from armadico.config.loading import load_parameters, read_text
 from armadico.config.scenarios import Scenario, load_scenario
 from armadico.config.shipped import find as find_config
-from armadico.discovery import AGENTS, load
-from armadico.measures import REACHED_M, RunWatch
-from armadico.rehearsal import MissionRefusedError, Rehearsal
-from armadico.society import Options, members
+from armadico.core.agent import Agent
+from armadico.launch.society import Options, members
+from armadico.launch.virtual import MissionRefusedError, Rehearsal
+from armadico.observe.measures import REACHED_M, RunWatch
 from armadico.tools.experiments.traces import Smoothness, Trace, smoothness
 
 REST_S = 2.0
@@ -45,7 +45,7 @@ class Cell(Struct, frozen=True):
 
 
 class Sample(Struct, frozen=True):
-    """One run: `armadico.measures.Result`, how smooth it was, and what else there is to say.
+    """One run: `observe.measures.Result`, how smooth it was, and what else there is to say.
 
     `arrived` is by the true position alone, within 0.15 m; `reached` asks for the heading too.
     `believed_p_percent` is P by the encoders' pose.

@@ -10,9 +10,9 @@ from typing import Final
 
 from msgspec import Struct
 
-from armadico.cycles import PERIOD
-from armadico.messages import Claim, Message
-from armadico.resources import WHEELS
+from armadico.core.cycles import PERIOD
+from armadico.core.messages import Claim, Message
+from armadico.core.resources import WHEELS
 from armadico.tools.experiments.driving import Cell, Drive
 
 SAME: Final = 1e-9

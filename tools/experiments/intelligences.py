@@ -6,11 +6,11 @@ from collections.abc import Callable, Sequence
 from statistics import fmean
 from typing import TYPE_CHECKING, Final
 
+from armadico.observe.pictures import colour
 from armadico.tools.experiments import drawing
 from armadico.tools.experiments.driving import Cell
 from armadico.tools.experiments.histories import History, Turn
 from armadico.tools.experiments.tables import RULES, Column, compare, row
-from armadico.tools.pictures import colour
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes

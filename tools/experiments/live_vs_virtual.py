@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Final
 
 import msgspec
 
-from armadico.measures import Result
+from armadico.observe.measures import Result
 from armadico.tools.experiments import tables
 from armadico.tools.experiments.driving import Cell, Sample
 from armadico.tools.experiments.statistics import holm, shift, spread, unpaired

@@ -7,11 +7,11 @@ from typing import TYPE_CHECKING, Final
 
 from armadico.config.scenarios import load_scenario
 from armadico.config.worlds import load_world
+from armadico.observe.pictures import Run, draw_run
 from armadico.tools.experiments.driving import Cell, Drive, Sample
 from armadico.tools.experiments.floor_plans import floor_plan, save
 from armadico.tools.experiments.statistics import at_least
 from armadico.tools.experiments.tables import RULES, cell, number, row, spread_of
-from armadico.tools.pictures import Run, draw_run
 
 if TYPE_CHECKING:
     from armadico.tools.experiments.base import Context

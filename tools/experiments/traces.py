@@ -12,10 +12,10 @@ from math import hypot, sqrt
 
 from msgspec import Struct
 
-from armadico.cycles import PERIOD
-from armadico.measures import RunWatch, speeds
-from armadico.messages import Ack, Command, Message, Truth
-from armadico.resources import WHEELS
+from armadico.core.cycles import PERIOD
+from armadico.core.messages import Ack, Command, Message, Truth
+from armadico.core.resources import WHEELS
+from armadico.observe.measures import RunWatch, speeds
 
 REST_M_S, REST_RAD_S = 0.01, 0.02
 """True speeds below which the wheels are at rest: the interface agent's own limits."""

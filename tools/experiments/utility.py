@@ -5,12 +5,12 @@ from __future__ import annotations
 from collections.abc import Sequence
 from typing import TYPE_CHECKING, Final
 
+from armadico.observe.pictures import colour
 from armadico.tools.experiments import drawing
 from armadico.tools.experiments.driving import Cell
 from armadico.tools.experiments.histories import History, Turn
 from armadico.tools.experiments.tables import RULES, Column, compare
 from armadico.tools.experiments.traces import reigns_of
-from armadico.tools.pictures import colour
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes

@@ -22,10 +22,10 @@ from __future__ import annotations
 from collections.abc import Callable
 from typing import Any, Final
 
-from armadico.coordination import Contender, Owner, Rival
-from armadico.cycles import CycleClock
-from armadico.exchange import Bid
-from armadico.messages import Ack, Ballot, Claim, Command, Cycle
+from armadico.core.coordination import Contender, Owner, Rival
+from armadico.core.cycles import CycleClock
+from armadico.core.exchange import Bid
+from armadico.core.messages import Ack, Ballot, Claim, Command, Cycle
 from armadico.tools.explore.world import AWAY, CYCLE, LEASE, SECOND, Side, World
 
 LONG: Final = 12

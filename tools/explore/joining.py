@@ -14,8 +14,8 @@ from dataclasses import dataclass, field
 from time import monotonic
 from typing import Any, Final
 
-from armadico.admission import AGAIN_S, CARD_S, GOING_S, LEASE_S, Admission, Stage
-from armadico.messages import PROTOCOL, Card
+from armadico.core.membership import AGAIN_S, CARD_S, GOING_S, LEASE_S, Admission, Stage
+from armadico.core.messages import PROTOCOL, Card
 from armadico.tools.explore.picks import Enumerator, Picker, Script
 
 CYCLE_S: Final = 0.1

@@ -15,11 +15,11 @@ from dataclasses import dataclass, replace
 from math import ceil
 from typing import Any, Final, TypeVar, cast
 
-from armadico.coordination import Contender, Owner, Rival, Tenure, Verdict, beats
-from armadico.cycles import CycleClock
-from armadico.exchange import EXCHANGES, Bid
-from armadico.messages import Ack, Ballot, Claim, Command, Cycle, Message
-from armadico.resources import Resource
+from armadico.core.coordination import Contender, Owner, Rival, Tenure, Verdict, beats
+from armadico.core.cycles import CycleClock
+from armadico.core.exchange import EXCHANGES, Bid
+from armadico.core.messages import Ack, Ballot, Claim, Command, Cycle, Message
+from armadico.core.resources import Resource
 from armadico.tools.explore.picks import Picker
 
 T = TypeVar("T")

@@ -4,11 +4,11 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 
-from armadico.messages import Ack, Ballot, Claim
-from armadico.resources import WHEELS
-from armadico.tools.faults.kinds import Promise
+from armadico.core.messages import Ack, Ballot, Claim
+from armadico.core.resources import WHEELS
+from armadico.tools.faults.fault_types import Promise
 from armadico.tools.faults.observations import Obeyed, Observation, Said
-from armadico.tools.faults.situation import FRESH_CYCLES, Bounds, Situation
+from armadico.tools.faults.world_state import FRESH_CYCLES, Bounds, Situation
 
 ALIVE_S = 0.35
 """The robot agent obeys for so long after its newest cycle: 0.3 s, by a clock that may be slow."""

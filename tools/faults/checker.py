@@ -13,14 +13,14 @@ from dataclasses import dataclass
 from typing import Protocol
 
 from armadico.tools.faults.ballots import Fresh, OneDriver, OneHolder
+from armadico.tools.faults.fault_types import Promise
 from armadico.tools.faults.handover import Exchanged, Replaced
-from armadico.tools.faults.kinds import Promise
 from armadico.tools.faults.latched import Stopped
 from armadico.tools.faults.motion import Collision, Heading, Silence, Smooth, Watchdog
 from armadico.tools.faults.observations import Observation
 from armadico.tools.faults.pose import Localized
 from armadico.tools.faults.recovery import Arrives, Moves, SomebodyObeyed
-from armadico.tools.faults.situation import Bounds, Situation
+from armadico.tools.faults.world_state import Bounds, Situation
 
 
 @dataclass(frozen=True, slots=True)

@@ -6,16 +6,16 @@ from collections import deque
 from collections.abc import Iterator
 from typing import Final, NamedTuple
 
-from armadico.coordination import braked
-from armadico.cycles import PERIOD
-from armadico.exchange import LONGEST, fuzzy_window
-from armadico.messages import Ack, Action, Ballot, Claim
-from armadico.resources import WHEELS
+from armadico.core.coordination import braked
+from armadico.core.cycles import PERIOD
+from armadico.core.exchange import LONGEST, fuzzy_window
+from armadico.core.messages import Ack, Action, Ballot, Claim
+from armadico.core.resources import WHEELS
 from armadico.tools.faults.ballots import brief
-from armadico.tools.faults.kinds import CLAIMS as STRANGE_CLAIMS
-from armadico.tools.faults.kinds import STRANGE_UTILITY, Promise
+from armadico.tools.faults.fault_types import CLAIMS as STRANGE_CLAIMS
+from armadico.tools.faults.fault_types import STRANGE_UTILITY, Promise
 from armadico.tools.faults.observations import Faulted, Obeyed, Observation, Said
-from armadico.tools.faults.situation import FRESH_CYCLES, Bounds, Situation
+from armadico.tools.faults.world_state import FRESH_CYCLES, Bounds, Situation
 
 CLAIMS = 16
 LATELY_S = 0.35

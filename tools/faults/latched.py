@@ -5,10 +5,10 @@ from __future__ import annotations
 from collections.abc import Iterator
 from math import inf
 
-from armadico.messages import RobotState, Stop, Truth
-from armadico.tools.faults.kinds import LOSSY, RESTARTS, Promise
+from armadico.core.messages import RobotState, Stop, Truth
+from armadico.tools.faults.fault_types import LOSSY, RESTARTS, Promise
 from armadico.tools.faults.observations import Observation, Ordered, Said
-from armadico.tools.faults.situation import Bounds, Situation
+from armadico.tools.faults.world_state import Bounds, Situation
 
 TOLD_S = 1.0
 """A robot agent that starts again is told the stop within this, in a whole network, s."""

@@ -6,12 +6,12 @@ from collections import Counter, deque
 from collections.abc import Iterator
 from math import atan2, hypot, inf, pi
 
-from armadico.geometry import relative, wrap
-from armadico.measures import speeds
-from armadico.messages import Command, RobotState, Truth
-from armadico.tools.faults.kinds import Promise
+from armadico.core.geometry import relative, wrap
+from armadico.core.messages import Command, RobotState, Truth
+from armadico.observe.measures import speeds
+from armadico.tools.faults.fault_types import Promise
 from armadico.tools.faults.observations import Observation, Ordered, Said
-from armadico.tools.faults.situation import (
+from armadico.tools.faults.world_state import (
     FRESH_CYCLES,
     MOVING_M_S,
     MOVING_RAD_S,

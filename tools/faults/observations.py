@@ -11,7 +11,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 from math import inf
 
-from armadico.messages import Ballot, BidRecord, Cycle, Message
+from armadico.core.messages import Ballot, BidRecord, Cycle, Message
 
 
 @dataclass(frozen=True, slots=True)

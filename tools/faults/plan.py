@@ -10,8 +10,8 @@ import msgspec
 from msgspec import Meta, Struct
 
 from armadico.config.errors import ConfigError
-from armadico.mesh.virtual_presence import LEASE
-from armadico.tools.faults.kinds import DRAWN, KINDS
+from armadico.mesh.virtual_liveliness import LEASE
+from armadico.tools.faults.fault_types import DRAWN, KINDS
 
 BEHAVIOURS: Final = ("goto", "avoid", "gothrough")
 EVERYBODY: Final = (

@@ -5,11 +5,11 @@ from __future__ import annotations
 from collections.abc import Iterator
 from math import hypot, inf, pi, sin
 
-from armadico.geometry import wrap
-from armadico.messages import Cycle, Pose, RobotState, Truth
-from armadico.tools.faults.kinds import Promise
+from armadico.core.geometry import wrap
+from armadico.core.messages import Cycle, Pose, RobotState, Truth
+from armadico.tools.faults.fault_types import Promise
 from armadico.tools.faults.observations import Astray, Observation, Said
-from armadico.tools.faults.situation import POSES, Bounds, Situation
+from armadico.tools.faults.world_state import POSES, Bounds, Situation
 
 BASE_M, BASE_RAD = 0.02, 0.02
 """A pose may be off by so much without any reason: in 16 drives of 4 minutes without a fault it was

@@ -9,7 +9,6 @@ import random
 import signal
 from typing import Final
 
-from armadico.tools.faults.real_places import WATCHER
 from armadico.tools.faults.real_society import RealSociety, TrialError
 from armadico.tools.faults.real_trials import (
     LONGER_THAN_A_LEASE_S,
@@ -20,6 +19,7 @@ from armadico.tools.faults.real_trials import (
     on_host,
     phase,
 )
+from armadico.tools.faults.testbed import WATCHER
 from armadico.tools.hosts.switch import Faults, Link
 
 LASTS_S: Final = 3.0

@@ -5,8 +5,8 @@ from __future__ import annotations
 from collections.abc import Callable, Iterable, Iterator
 from pathlib import Path
 
-from armadico.cycles import PERIOD
-from armadico.messages import (
+from armadico.core.cycles import PERIOD
+from armadico.core.messages import (
     Ack,
     BidRecord,
     Claim,
@@ -17,7 +17,7 @@ from armadico.messages import (
     RobotState,
     Truth,
 )
-from armadico.tools.export import HERE, Row, rows
+from armadico.observe.export import HERE, Row, rows
 from armadico.tools.faults.checker import Checker
 from armadico.tools.faults.observations import Bids, Left, Observation, Passed, Said
 

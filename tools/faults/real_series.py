@@ -20,10 +20,10 @@ from armadico.config.profile import RobotProfile
 from armadico.config.scenarios import Scenario
 from armadico.tools.faults.checker import Checker, Violation
 from armadico.tools.faults.real_faults import FAULTS
-from armadico.tools.faults.real_places import Loopback, Namespaces, Place
 from armadico.tools.faults.real_society import ROAD, RealSociety, TrialError
 from armadico.tools.faults.real_trials import TRIALS, TWIN, Figure, Trial, settle
-from armadico.tools.faults.situation import bounds_of
+from armadico.tools.faults.testbed import Loopback, Namespaces, Place
+from armadico.tools.faults.world_state import bounds_of
 
 ALL: Final[Mapping[str, Trial]] = {**TRIALS, **FAULTS}
 """Every kind of trial: those of the table, then the others."""

@@ -18,17 +18,17 @@ from pathlib import Path
 from typing import Final, Self, TypeVar
 
 from armadico.config.scenarios import Scenario
-from armadico.messages import Ask, Command, Message, MissionRequest, Waypoint, decode
-from armadico.messages import MessageError as UnreadableError
-from armadico.services import BIDS, service_of
-from armadico.society import Options, members
+from armadico.core.messages import Ask, Command, Message, MissionRequest, Waypoint, decode
+from armadico.core.messages import MessageError as UnreadableError
+from armadico.core.services import BIDS, service_of
+from armadico.launch.society import Options, members
+from armadico.observe.watching import agent_of, kind_at
 from armadico.tools.faults.checker import Checker
+from armadico.tools.faults.event_log import Account
 from armadico.tools.faults.observations import Faulted, Observation, Passed, Said
-from armadico.tools.faults.orders import Orders
-from armadico.tools.faults.real_account import Account
-from armadico.tools.faults.real_line import Tap
-from armadico.tools.faults.real_places import Place
-from armadico.tools.watching import agent_of, kind_at
+from armadico.tools.faults.serial_tap import Tap
+from armadico.tools.faults.testbed import Place
+from armadico.tools.faults.wheel_commands import Orders
 
 T = TypeVar("T")
 

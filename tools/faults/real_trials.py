@@ -14,9 +14,9 @@ from dataclasses import dataclass
 from typing import Final
 
 from armadico.bridge.p2os.commands import Cmd
-from armadico.tools.faults.real_line import moves
-from armadico.tools.faults.real_places import Namespaces
 from armadico.tools.faults.real_society import RealSociety, TrialError
+from armadico.tools.faults.serial_tap import moves
+from armadico.tools.faults.testbed import Namespaces
 
 TWIN: Final = "goto-2"
 """A second instance of goto: it bids as the first does, and as good is not better, so it waits."""

@@ -5,14 +5,14 @@ from __future__ import annotations
 from collections.abc import Iterator
 from math import hypot, inf
 
-from armadico.geometry import wrap
-from armadico.messages import MissionState, MissionStatus, RobotState
-from armadico.tools.faults.kinds import Promise
+from armadico.core.geometry import wrap
+from armadico.core.messages import MissionState, MissionStatus, RobotState
+from armadico.tools.faults.fault_types import Promise
 from armadico.tools.faults.observations import Observation, Said
-from armadico.tools.faults.situation import MOVING_M_S, MOVING_RAD_S, Bounds, Situation
+from armadico.tools.faults.world_state import MOVING_M_S, MOVING_RAD_S, Bounds, Situation
 
 STANDS_BACK_S = 4.0
-"""The longest that a holder stands back, s (`armadico.coordination.STAND_BACK`)."""
+"""The longest that a holder stands back, s (`armadico.core.coordination.STAND_BACK`)."""
 
 FRICTION_S = 2.0
 """From rest a slow turn of 0.1 rad/s takes the speed loops 1.2 s to begin, by what was seen."""

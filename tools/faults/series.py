@@ -9,7 +9,7 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Final
 
-from armadico.tools.faults.kinds import Promise
+from armadico.tools.faults.fault_types import Promise
 from armadico.tools.faults.plan import Case
 from armadico.tools.faults.shrink import Shrinker
 from armadico.tools.faults.sightings import AWAITED_SIGHTS, Sight

@@ -11,8 +11,8 @@ from collections.abc import Mapping
 from enum import StrEnum
 from typing import Final
 
-from armadico.messages import Ballot, Claim, MissionState, MissionStatus, RobotState, Truth
-from armadico.tools.faults.kinds import Promise
+from armadico.core.messages import Ballot, Claim, MissionState, MissionStatus, RobotState, Truth
+from armadico.tools.faults.fault_types import Promise
 from armadico.tools.faults.observations import (
     Bids,
     Denied,
@@ -25,7 +25,7 @@ from armadico.tools.faults.observations import (
     Refused,
     Said,
 )
-from armadico.tools.faults.situation import Situation
+from armadico.tools.faults.world_state import Situation
 
 SILENT_S: Final = 0.2
 """A holder last heard longer ago than this, s, is silent: two of its claims are missing."""

@@ -15,9 +15,8 @@ import cbor2
 from msgspec.structs import replace
 
 from armadico.bridge.robot import Parameters, Robot
-from armadico.discovery import SIMULATORS, find
-from armadico.mesh.virtual_node import Node
-from armadico.messages import (
+from armadico.config.discovery import SIMULATORS, find
+from armadico.core.messages import (
     COUNTS,
     JUMP,
     LARGEST_COUNT,
@@ -37,10 +36,11 @@ from armadico.messages import (
     Trajectory,
     encode,
 )
-from armadico.rehearsal import SIMULATOR, Rehearsal
-from armadico.resources import WHEELS
-from armadico.services import service_of
-from armadico.tools.faults.kinds import STRANGE_UTILITY
+from armadico.core.resources import WHEELS
+from armadico.core.services import service_of
+from armadico.launch.virtual import SIMULATOR, Rehearsal
+from armadico.mesh.virtual_node import Node
+from armadico.tools.faults.fault_types import STRANGE_UTILITY
 from armadico.tools.faults.plan import EVERYBODY, Fault
 
 STRANGE: Final = frozenset(

@@ -16,16 +16,13 @@ from typing import Any, Final
 
 from msgspec import Struct
 
-from armadico.agent import DeviceAgent
 from armadico.bridge.robot import Robot
 from armadico.config.loading import find, load
 from armadico.config.profile import RobotProfile
 from armadico.config.scenarios import load_scenario
-from armadico.coordination import Owner, Verdict
-from armadico.mesh.virtual import VirtualMesh
-from armadico.mesh.virtual_network import Clock
-from armadico.mesh.virtual_node import Node
-from armadico.messages import (
+from armadico.core.agent import DeviceAgent
+from armadico.core.coordination import Owner, Verdict
+from armadico.core.messages import (
     Ack,
     Claim,
     Command,
@@ -40,12 +37,15 @@ from armadico.messages import (
     Truth,
     Waypoint,
 )
-from armadico.rehearsal import Rehearsal
-from armadico.resources import WHEELS
-from armadico.society import Options
+from armadico.core.resources import WHEELS
+from armadico.launch.society import Options
+from armadico.launch.virtual import Rehearsal
+from armadico.mesh.virtual import VirtualMesh
+from armadico.mesh.virtual_network import Clock
+from armadico.mesh.virtual_node import Node
 from armadico.tools.faults.checker import Checker, Violation
-from armadico.tools.faults.inflict import Inflictor
-from armadico.tools.faults.kinds import Promise
+from armadico.tools.faults.fault_types import Promise
+from armadico.tools.faults.injector import Inflictor
 from armadico.tools.faults.observations import (
     Astray,
     Bids,
@@ -58,11 +58,11 @@ from armadico.tools.faults.observations import (
     Refused,
     Said,
 )
-from armadico.tools.faults.orders import Orders
 from armadico.tools.faults.plan import Case, draw, vary
 from armadico.tools.faults.recovery import FORGOTTEN_S
 from armadico.tools.faults.sightings import Sight, Sightings
-from armadico.tools.faults.situation import bounds_of
+from armadico.tools.faults.wheel_commands import Orders
+from armadico.tools.faults.world_state import bounds_of
 
 SCENARIOS: Final = ("sc1", "sc2", "sc3", "sc4", "rooms-a", "rooms-b", "offices", "house")
 

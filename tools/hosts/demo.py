@@ -17,8 +17,8 @@ from typing import Final, Protocol
 from armadico.cli.options import FailedError
 from armadico.config.hosts import load_hosts
 from armadico.config.scenarios import load_scenario
-from armadico.tools.hosts import news
-from armadico.tools.hosts.story import Story
+from armadico.tools.hosts import events
+from armadico.tools.hosts.timeline import Story
 
 TABLE: Final = "demo"
 """The shipped host table that the demo's hosts are those of."""
@@ -159,7 +159,7 @@ class _Watcher:
     def __init__(self, hosts: Hosts) -> None:
         self.story = Story()
         self._lines: queue.SimpleQueue[str] = queue.SimpleQueue()
-        module = "armadico.tools.hosts.watch"
+        module = "armadico.tools.hosts.remote_observer"
         self._process = hosts.popen(SEAT, ("python", "-P", "-m", module, *_joining(SEAT)))
         threading.Thread(target=self._read, name="watcher", daemon=True).start()
 
@@ -168,7 +168,7 @@ class _Watcher:
         end = time.monotonic() + within
         while not condition() and (left := end - time.monotonic()) > 0:
             with suppress(queue.Empty):
-                found = news.read(self._lines.get(timeout=min(left, 0.2)))
+                found = events.read(self._lines.get(timeout=min(left, 0.2)))
                 if found is not None:
                     self.story.take(found)
             if self._process.poll() not in (None, 0) and self._lines.empty():

@@ -7,13 +7,13 @@ from typing import Any, ClassVar, Final
 
 from msgspec import Struct
 
-from armadico.agent import Agent, Identity, Parameters, Social, Subscription
-from armadico.coordination import Owner, Verdict
-from armadico.cycles import PERIOD, CycleCounter
-from armadico.exchange import Bid
+from armadico.core.agent import Agent, Identity, Parameters, Social, Subscription
+from armadico.core.coordination import Owner, Verdict
+from armadico.core.cycles import PERIOD, CycleCounter
+from armadico.core.exchange import Bid
+from armadico.core.messages import Command, Description, Message, RobotState, Stop
+from armadico.core.resources import WHEELS, Resource
 from armadico.mesh.virtual import VirtualMesh
-from armadico.messages import Command, Description, Message, RobotState, Stop
-from armadico.resources import WHEELS, Resource
 
 LIFT: Final = Resource("lift", ("height",), (1.0,), (0.0,), period_s=0.2)
 """A second resource, with cycles of its own: m."""

@@ -11,7 +11,7 @@ from typing import Final
 
 from msgspec import inspect as types
 
-from armadico.messages import LARGEST_PAYLOAD, PROTOCOL, Message
+from armadico.core.messages import LARGEST_PAYLOAD, PROTOCOL, Message
 from armadico.tools.docs_fields import messages
 
 HEAD: Final = f"""\

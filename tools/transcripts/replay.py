@@ -10,10 +10,10 @@ from collections.abc import Iterator, Sequence
 from math import ceil
 from typing import Final
 
-from armadico.agent import AskFor
-from armadico.driver import Driver
-from armadico.messages import Latched, Message, MessageError, decode
-from armadico.services import matches
+from armadico.core.agent import AskFor
+from armadico.core.driver import Driver
+from armadico.core.messages import Latched, Message, MessageError, decode
+from armadico.core.services import matches
 from armadico.tools.transcripts.agents import agent_of
 from armadico.tools.transcripts.tape import KINDS, Line, Transcript, fields_of, uttered
 

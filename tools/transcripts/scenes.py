@@ -7,9 +7,9 @@ from typing import Any, Final
 from msgspec import Struct
 from msgspec.structs import replace
 
+from armadico.core.messages import Claim, Command, Message, Stop
+from armadico.core.services import service_of
 from armadico.mesh.virtual import VirtualMesh
-from armadico.messages import Claim, Command, Message, Stop
-from armadico.services import service_of
 from armadico.tools.transcripts.agents import Part, Step, agent_of
 from armadico.tools.transcripts.tape import Recorder, Tape, Transcript
 

@@ -13,12 +13,12 @@ from typing import Any, Final
 
 import msgspec
 
-from armadico import messages as m
-from armadico.agent import Agent, AskFor, Publish, Subscription
-from armadico.driver import Announce, Driver, Output, Reply
+from armadico.core import messages as m
+from armadico.core.agent import Agent, AskFor, Publish, Subscription
+from armadico.core.driver import Announce, Driver, Output, Reply
+from armadico.core.messages import Log, Message, checked, encode, plain
+from armadico.core.services import TOKEN, matches
 from armadico.mesh.virtual import VirtualMesh
-from armadico.messages import Log, Message, checked, encode, plain
-from armadico.services import TOKEN, matches
 from armadico.tools.docs_fields import messages
 from armadico.tools.transcripts.agents import Judge, Part
 

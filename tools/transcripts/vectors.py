@@ -7,7 +7,7 @@ from typing import Any, Final
 import cbor2
 from msgspec import Struct
 
-from armadico.messages import (
+from armadico.core.messages import (
     JUMP,
     LARGEST_COUNT,
     LARGEST_PAYLOAD,

@@ -1,0 +1,128 @@
+"""What is installed, by name: agents, simulators and commands, found through entry points.
+
+Nothing that is found is imported before it is used, so a list costs nothing however heavy the
+things on it are. A third party's agent is found exactly as ours are.
+"""
+
+from __future__ import annotations
+
+import ast
+import difflib
+from collections.abc import Callable, Iterable
+from dataclasses import dataclass
+from importlib import import_module
+from importlib.metadata import EntryPoint, entry_points
+from importlib.util import find_spec
+from pathlib import Path
+from typing import TYPE_CHECKING, Any, Final, TypeVar, cast
+
+if TYPE_CHECKING:
+    from armadico.core.agent import Agent
+
+AGENTS: Final = "armadico.agents"
+SIMULATORS: Final = "armadico.simulators"
+COMMANDS: Final = "armadico.commands"
+
+T = TypeVar("T")
+
+
+class UnknownNameError(LookupError):
+    """Nothing of that name is installed; the message lists what is, the nearest first."""
+
+
+@dataclass(frozen=True)
+class Found:
+    """One thing that is installed, not imported yet."""
+
+    name: str
+    value: str  # "module:Class"; a module alone stands for its `main`
+    package: str  # the distribution that brought it
+
+    @property
+    def module(self) -> str:
+        """Where it is defined."""
+        return self.value.partition(":")[0].strip()
+
+    @property
+    def summary(self) -> str:
+        """The first line of its module's docstring, read without importing the module."""
+        return summary(self.module)
+
+    def load(self) -> Any:
+        """Import it. Raises ImportError saying which entry point is to blame."""
+        module, _, attributes = (part.strip() for part in self.value.partition(":"))
+        try:
+            found: Any = import_module(module)
+            for attribute in (attributes or "main").split("."):
+                found = getattr(found, attribute)
+        except (ImportError, AttributeError) as error:
+            raise ImportError(f"{self.name} ({self.value}) cannot be loaded: {error}") from error
+        return found
+
+
+def installed(group: str) -> dict[str, Found]:
+    """Everything in a group, by name. If two packages bring one name, the first stands."""
+    found: dict[str, Found] = {}
+    for entry in sorted(entry_points(group=group), key=lambda entry: entry.name):
+        found.setdefault(entry.name, Found(entry.name, entry.value, _package(entry)))
+    return found
+
+
+def find(group: str, name: str) -> Found:
+    """One thing of a group. Raises `UnknownNameError`."""
+    found = installed(group)
+    if name not in found:
+        raise UnknownNameError(unknown(_kind(group), name, found))
+    return found[name]
+
+
+def load(group: str, name: str, kind: type[T]) -> type[T]:
+    """Import a class of a group. Raises `UnknownNameError`, ImportError, or TypeError."""
+    what = find(group, name)
+    loaded = what.load()
+    if not (isinstance(loaded, type) and issubclass(loaded, kind)):
+        raise TypeError(f"{what.name} ({what.value}) is no {kind.__name__}")
+    return loaded
+
+
+def agent_class(name: str) -> type[Agent]:
+    """The class of an agent that is installed. Raises `UnknownNameError`."""
+    from armadico.core.agent import Agent  # noqa: PLC0415 - a list of agents needs no agent
+
+    return load(AGENTS, name, Agent)
+
+
+def simulator_factory(name: str) -> Callable[..., Any]:
+    """What makes a simulated robot, as `armadico.simulators` has it. Raises `UnknownNameError`."""
+    factory = find(SIMULATORS, name).load()
+    if not callable(factory):
+        raise TypeError(f"simulator {name} cannot be called")
+    return cast("Callable[..., Any]", factory)
+
+
+def unknown(kind: str, name: str, names: Iterable[str]) -> str:
+    """What to say when a name is not among those that exist."""
+    known = sorted(names)
+    near = difflib.get_close_matches(name, known, n=1)
+    hint = f"did you mean {near[0]!r}? " if near else ""
+    return f"no {kind} {name!r}; {hint}there are: {', '.join(known) or 'none'}"
+
+
+def summary(module: str) -> str:
+    """The first line of a module's docstring, without its full stop; empty if it has none."""
+    try:
+        spec = find_spec(module)
+    except (ImportError, ValueError):
+        return ""
+    if spec is None or spec.origin is None or not spec.origin.endswith(".py"):
+        return ""
+    text = ast.get_docstring(ast.parse(Path(spec.origin).read_text(encoding="utf-8"))) or ""
+    return text.partition("\n")[0].rstrip(".")
+
+
+def _kind(group: str) -> str:
+    return group.rpartition(".")[2].removesuffix("s")
+
+
+def _package(entry: EntryPoint) -> str:
+    return entry.dist.name if entry.dist is not None else ""

@@ -1,0 +1,570 @@
+"""Every message, one frozen type each: what is published on the mesh, and nothing else.
+
+A message travels as a CBOR array of its fields in the order written here, so a field is appended,
+never moved, and `PROTOCOL` grows when one changes its meaning. Units are SI, angles are radians,
+frames of reference are REP-103: x forward, y left, counter-clockwise positive. `decode` refuses
+what is not finite, out of range or of another shape; nobody downstream checks again.
+"""
+
+from __future__ import annotations
+
+from enum import StrEnum
+from typing import Annotated, Any, Final, NoReturn, TypeVar
+
+import cbor2
+import msgspec
+from msgspec import Meta, Struct
+
+PROTOCOL = 2
+"""The version of this file, on every card."""
+
+LARGEST = 1e6
+"""The size of the largest number that a message carries."""
+
+LARGEST_PAYLOAD: Final = 65_536
+"""Bytes. A larger payload is refused before it is decoded: decoding holds up everything else."""
+
+LARGEST_COUNT: Final = 2**52
+"""No term and no counter goes beyond this; JSON and every language's doubles carry it."""
+
+JUMP: Final = 2**32
+"""A term or counter that is so much larger than the largest known is refused.
+
+One corrupt number must not end all others: what is adopted leaves a million such jumps to
+`LARGEST_COUNT`. Who knows nothing yet counts terms from 0, so the jump must be larger than what a
+society counts in its whole life: at ten exchanges a second this is thirteen years. Of terms the
+owner may insist, of latched states whoever remembers them.
+"""
+
+WAYPOINTS: Final = 1024
+"""Points of a mission, its goal among them."""
+
+LONGEST_TENURE: Final = JUMP
+"""Cycles for which nobody has been at work yet: a card that says more is none, and drives nobody
+out. Who should ever get there says no more than this."""
+
+COUNTS: Final = LARGEST_COUNT + 1
+"""Counters of latched states go round: after the largest comes 0, so there is always a next one."""
+
+Real = Annotated[float, Meta(ge=-LARGEST, le=LARGEST)]  # also refuses NaN and the infinities
+Share = Annotated[float, Meta(ge=0, le=1)]
+
+# What no robot on wheels is or does, whoever says so. Others work by these numbers, each cycle: so
+# much ahead, so often, for so long. All that a P2OS packet can say lies within.
+Speed = Annotated[float, Meta(ge=-100, le=100)]  # m/s
+Turn = Annotated[float, Meta(ge=-1000, le=1000)]  # rad/s
+TopSpeed = Annotated[float, Meta(gt=0, le=100)]  # m/s
+TopTurn = Annotated[float, Meta(gt=0, le=1000)]  # rad/s
+Ramp = Annotated[float, Meta(ge=0.01, le=10_000)]  # m/s^2 or rad/s^2
+Length = Annotated[float, Meta(gt=0, le=10)]  # m, of a body
+Place = Annotated[float, Meta(ge=-10, le=10)]  # m, on a body
+Period = Annotated[float, Meta(ge=0.001, le=1)]  # s, of a robot's status packets
+Patience = Annotated[float, Meta(gt=0, le=60)]  # s
+Counter = Annotated[int, Meta(ge=0, le=LARGEST_COUNT)]
+Bits64 = Annotated[int, Meta(ge=0, le=2**63 - 1)]
+# No control characters, nor those that turn the direction of writing: texts go to terminals.
+_PRINTED = r"^[^\x00-\x1f\x7f-\x9f\u061c\u200e\u200f\u2028\u2029\u202a-\u202e\u2066-\u2069]*\Z"
+Name = Annotated[str, Meta(min_length=1, max_length=128, pattern=_PRINTED)]
+Text = Annotated[str, Meta(max_length=2000, pattern=_PRINTED)]
+
+Numbers = Annotated[tuple[Real, ...], Meta(max_length=64)]
+Encoded = Annotated[bytes, Meta(max_length=LARGEST_PAYLOAD)]
+Action = Numbers | Encoded
+"""What a resource is to do: the numbers of its parameters, or a message of its own, encoded."""
+
+
+class Message(Struct, frozen=True, array_like=True):
+    """What every message is: immutable, compared by value, an array on the wire."""
+
+
+class MessageError(ValueError):
+    """Bytes that are not the message they were taken for, or a message that cannot be sent."""
+
+
+M = TypeVar("M", bound=Message)
+
+
+def checked(message: M) -> M:
+    """The message as whoever receives it would have it. Raises `MessageError` if nobody could."""
+    return _both(message)[1]
+
+
+def encode(message: Message) -> bytes:
+    """The message as CBOR. Raises `MessageError` if it could not be decoded again."""
+    data = cbor2.dumps(_both(message)[0])
+    if len(data) > LARGEST_PAYLOAD:
+        name, most = type(message).__name__, LARGEST_PAYLOAD
+        raise MessageError(f"{name} cannot be sent: {len(data)} bytes, at most {most} are read")
+    return data
+
+
+def _both(message: M) -> tuple[Any, M]:
+    """A message's plain values, and what comes of them at the other end."""
+    try:
+        plain = msgspec.to_builtins(message, builtin_types=(bytes,))
+        return plain, msgspec.convert(plain, type(message))
+    except (msgspec.ValidationError, TypeError, OverflowError) as error:
+        raise MessageError(f"{type(message).__name__} cannot be sent: {error}") from None
+
+
+def decode(data: bytes, kind: type[M]) -> M:
+    """Read one message of a kind. Raises `MessageError` saying what is wrong with it."""
+    if len(data) > LARGEST_PAYLOAD:
+        raise MessageError(f"not a {kind.__name__}: {len(data)} bytes, at most {LARGEST_PAYLOAD}")
+    try:
+        plain = cbor2.loads(
+            data,
+            tag_hook=_no_tags,
+            semantic_decoders=_TAGS,
+            max_depth=_DEEPEST,
+            allow_indefinite=False,
+        )
+        return msgspec.convert(plain, kind)
+    except (msgspec.ValidationError, cbor2.CBORDecodeError, ValueError, RecursionError) as error:
+        raise MessageError(f"not a {kind.__name__}: {error}") from None
+
+
+def line(text: str) -> str:
+    """A text as one line that a message may carry: no control characters, cut at 2,000."""
+    if not text.isprintable():
+        text = "".join(c if c.isprintable() else " " for c in text)
+    return text[:2000]
+
+
+def _no_tags(*_: object) -> NoReturn:
+    raise ValueError("CBOR tags are refused")
+
+
+# Tags that the decoder reads by itself, unless told otherwise. No message has one, and some cost
+# time out of all proportion: a decimal fraction of 100 kB takes a second.
+_TAGS: Final = dict.fromkeys(
+    (
+        *(0, 1, 2, 3, 4, 5, 25, 28, 29, 30, 35, 36, 37, 52, 54, 100),
+        *(256, 258, 260, 261, 1004, 43000, 55799),
+    ),
+    _no_tags,
+)
+_DEEPEST: Final = 16  # a message within a message within a list, and some to spare
+
+
+# Cycles and ballots -------------------------------------------------------------------------------
+
+
+class Cycle(Message, frozen=True, order=True):
+    """One status packet of the robot, or one period of another resource: (epoch, number).
+
+    The epoch is drawn at random by each start of the owner. The number is a clock: it jumps over
+    what was missed.
+    """
+
+    epoch: Bits64
+    number: Counter
+
+
+class Ballot(Message, frozen=True, order=True):
+    """The right to a resource for one tenure, totally ordered: (term, rank when cast, instance).
+
+    A fencing token: the owner refuses what carries a smaller one than the largest it knows.
+    """
+
+    term: Counter
+    utility: Share
+    critical: bool
+    instance: Name
+
+
+class Claim(Message, frozen=True):
+    """A bid made public on ``resource/<resource>/utility``; a release has no utility.
+
+    `wanted` is the bid's action, `commanded` what was commanded after blending.
+    """
+
+    resource: Name
+    ballot: Ballot
+    cycle: Cycle
+    utility: Share | None
+    critical: bool = False
+    wanted: Action = ()
+    commanded: Action = ()
+
+
+class Command(Message, frozen=True):
+    """The holder's action, to the resource's owner; a release has none.
+
+    It travels on the key that the resource declares: ``robot/cmd/<instance>`` for the wheels,
+    ``resource/<resource>/cmd/<instance>`` for others. `action` is in the order of the resource's
+    parameters: (v, w) in m/s and rad/s for the wheels.
+    """
+
+    resource: Name
+    cycle: Cycle
+    ballot: Ballot
+    action: Action | None
+
+
+class Ack(Message, frozen=True):
+    """The owner's acknowledgement on ``resource/<resource>/ack``, one a cycle of the resource.
+
+    `largest` is the largest ballot obeyed or received: smaller ones are refused. `obeyed` is that
+    of the last command obeyed, none since a release; `obeyed_cycle` what that command answered,
+    `utility` and `critical` the holder's newest. `measured` is what the resource does now; of
+    another shape than the resource's it is as if it had not been said.
+    """
+
+    resource: Name
+    cycle: Cycle
+    largest: Ballot | None = None
+    obeyed: Ballot | None = None
+    obeyed_cycle: Cycle | None = None
+    utility: Share = 0.0
+    critical: bool = False
+    measured: Action = ()
+
+
+# Latched states -----------------------------------------------------------------------------------
+
+
+class Latched(Message, frozen=True):
+    """A state that outlives every process: whoever receives it remembers the newest.
+
+    Who publishes an older one is given the newer one back (`armadico.core.latched`). Of two with
+    one counter the greater `rank` stands.
+    """
+
+    @property
+    def order(self) -> tuple[int, int]:
+        """What is newer is greater."""
+        raise NotImplementedError
+
+
+def next_count(counter: int) -> int:
+    """The counter of a latched state that comes after one."""
+    return (counter + 1) % COUNTS
+
+
+def counts_beyond(counter: int, other: int) -> bool:
+    """Whether a latched state's counter is the newer: of two near each other by going round."""
+    ahead = (counter - other) % COUNTS
+    return 0 < ahead <= JUMP or (counter > other and ahead < COUNTS - JUMP)
+
+
+class Stop(Latched, frozen=True):
+    """The latch that stops the robot. A stop always latches; a release needs a larger counter.
+
+    `press` is drawn at random for each stop; a release has that of the stop that it releases. So a
+    stop that comes late, or from somebody's memory, is told from a new one.
+    """
+
+    counter: Counter = 0
+    stopped: bool = False
+    by: Annotated[str, Meta(max_length=128, pattern=_PRINTED)] = ""
+    press: Bits64 = 0
+
+    @property
+    def order(self) -> tuple[int, int]:
+        """At equal counters the stop stands."""
+        return self.counter, int(self.stopped)
+
+
+class Origin(Latched, frozen=True):
+    """Where the odometry's origin lies in the world: a pose in the world frame, m, m and rad.
+
+    `at` is where the odometry was when this was published, in the robot agent's `epoch`: who finds
+    it elsewhere in another epoch knows whether the controller has counted on, or begun anew.
+    """
+
+    counter: Counter
+    by: Bits64  # drawn at random by each encoder agent that begins one
+    epoch: Bits64
+    x: Real
+    y: Real
+    theta: Real
+    at_x: Real
+    at_y: Real
+    at_theta: Real
+
+    @property
+    def order(self) -> tuple[int, int]:
+        """Counted each time it is published: who has known it for longer is right."""
+        return self.counter, self.by
+
+
+# The robot ----------------------------------------------------------------------------------------
+
+
+class RobotState(Message, frozen=True):
+    """What the robot's controller says each cycle.
+
+    Odometry (x, y, theta) is the controller's own, unwrapped: it goes on over restarts of the robot
+    agent for as long as the controller counts on. `stop` is the latch as the robot agent has it:
+    the acknowledgement of a stop.
+    """
+
+    cycle: Cycle
+    x: Real
+    y: Real
+    theta: Real
+    v: Speed
+    w: Turn
+    battery_v: Real
+    motors: bool
+    stalled: bool
+    stop: Stop = Stop()
+
+
+class Description(Message, frozen=True):
+    """The robot's body and limits; nothing about the body stands anywhere else on the mesh.
+
+    The outline is a rectangle around the middle of the wheel axle, in the body frame. `v_accel` to
+    `w_decel` are the ramps that the controller drives; `silence_s` is how long it goes on without a
+    valid command until a stop is ordered, `watchdog_s` until its controller stops by itself.
+    """
+
+    robot: Name  # the profile's name
+    cycle_s: Period  # s from one status packet to the next
+    front: Length  # m from the axle to the front edge,
+    rear: Length  # to the rear edge,
+    half_width: Length  # and to either side
+    v_max: TopSpeed  # m/s
+    w_max: TopTurn  # rad/s
+    v_accel: Ramp  # m/s^2
+    v_decel: Ramp
+    w_accel: Ramp  # rad/s^2
+    w_decel: Ramp
+    silence_s: Patience
+    watchdog_s: Patience
+
+
+class Echo(Message, frozen=True):
+    """One sonar's reading: where the sonar sits and looks in the body frame, and the range."""
+
+    x: Place
+    y: Place
+    bearing: Real
+    range: Annotated[float, Meta(gt=0, le=100)] | None  # None: nothing within `Sonar.reach`
+
+
+class Sonar(Message, frozen=True):
+    """The sonars that fired since the cycle before."""
+
+    cycle: Cycle
+    reach: Annotated[float, Meta(gt=0, le=100)]  # the longest range it hears, m
+    echoes: Annotated[tuple[Echo, ...], Meta(max_length=64)]
+
+
+# Perception ---------------------------------------------------------------------------------------
+
+
+class Pose(Message, frozen=True):
+    """Where the robot is in the world frame."""
+
+    cycle: Cycle
+    x: Real
+    y: Real
+    theta: Real
+
+
+class Point(Message, frozen=True):
+    """A point in the body frame, m."""
+
+    x: Real
+    y: Real
+
+
+class Obstacles(Message, frozen=True):
+    """What the local map holds: the closest points (thesis 3.4.2), and all of them."""
+
+    cycle: Cycle
+    closest: Point | None
+    front: Point | None
+    left: Point | None
+    right: Point | None
+    points: Annotated[tuple[Point, ...], Meta(max_length=2048)] = ()
+
+
+class Cell(Message, frozen=True):
+    """One cell of the local map (thesis figure 3.8), and a point that was heard in it.
+
+    Sectors count counter-clockwise from straight ahead, rings outwards; the point is in the body's
+    frame of reference. Near the robot a cell may hold several, and comes once for each.
+    """
+
+    sector: Annotated[int, Meta(ge=0, le=359)]
+    ring: Annotated[int, Meta(ge=0, le=999)]
+    probability: Share
+    x: Real
+    y: Real
+
+
+class LocalMap(Message, frozen=True):
+    """The local map's cells that are not empty, for those who watch."""
+
+    cycle: Cycle
+    sectors: Annotated[int, Meta(ge=1, le=360)]
+    rings: Annotated[int, Meta(ge=1, le=1000)]
+    reach: Annotated[float, Meta(gt=0, le=100)]  # of the outermost ring, m
+    cells: Annotated[tuple[Cell, ...], Meta(max_length=1024)]
+
+
+# Missions and plans -------------------------------------------------------------------------------
+
+
+class Waypoint(Message, frozen=True):
+    """A pose to pass, or the last one, to reach."""
+
+    x: Real
+    y: Real
+    theta: Real
+
+
+class Trajectory(Latched, frozen=True):
+    """The mission's waypoints, the goal last; none when it has ended. A nav_msgs/Path.
+
+    `start` is where it began (world frame) and `leg` the waypoint that is driven to by now, for
+    whoever joins late.
+    """
+
+    counter: Counter
+    mission: Bits64
+    waypoints: Annotated[tuple[Waypoint, ...], Meta(max_length=WAYPOINTS)]
+    start: Point = Point(0.0, 0.0)
+    leg: Counter = 0
+
+    @property
+    def order(self) -> tuple[int, int]:
+        """Of two missions begun at once one stands, the same one for everybody."""
+        return self.counter, self.mission
+
+
+class PlanRequest(Message, frozen=True):
+    """Asks for a way from a pose to another."""
+
+    start: Waypoint
+    goal: Waypoint
+
+
+class Plan(Message, frozen=True):
+    """The way, or why there is none."""
+
+    waypoints: tuple[Waypoint, ...]
+    length: Real = 0.0  # m
+    energy: Real = 0.0  # J
+    refusal: Text = ""
+
+
+class MissionRequest(Message, frozen=True):
+    """Go to a goal: straight, over given waypoints, or as the path planning agent says."""
+
+    goal: Waypoint
+    waypoints: Annotated[tuple[Waypoint, ...], Meta(max_length=WAYPOINTS)] = ()
+    planned: bool = True
+
+
+class MissionReply(Message, frozen=True):
+    """Whether the mission was taken on."""
+
+    mission: Bits64
+    refusal: Text = ""
+    waypoints: tuple[Waypoint, ...] = ()
+    length: Real = 0.0  # m
+
+
+class MissionState(StrEnum):
+    """How far a mission has come."""
+
+    NONE = "none"
+    PLANNING = "planning"
+    DRIVING = "driving"
+    REACHED = "reached"
+
+
+class MissionStatus(Message, frozen=True):
+    """The interface agent's report on the run."""
+
+    mission: Bits64
+    state: MissionState
+    to_go: Real  # m, along the waypoints that are left
+    leg: Counter = 0  # index of the waypoint that is driven to
+    note: Text = ""
+
+
+# Who is alive, and what they offer ----------------------------------------------------------------
+
+
+class Card(Message, frozen=True):
+    """What an agent offers, needs and shares (thesis table 3.1), asked for by query."""
+
+    name: Name
+    instance: Name
+    host: Text  # its machine's name, for people
+    pid: Counter  # its process there
+    version: Text  # its program's, for people
+    protocol: Counter  # the version of this page
+    provides: tuple[Text, ...]
+    """Keys that it publishes or answers queries on, as in the table of keys; not those that come
+    with a resource, nor those that everybody has."""
+    requests: tuple[Text, ...]
+    """Key expressions that it subscribes to for itself, those of its resources too (`robot/state`,
+    `resource/wheels/utility`), and keys of queries that it asks."""
+    resources: tuple[Text, ...]  # the names of those that it competes for
+    holds: tuple[Text, ...] = ()  # and of those that it holds now
+    clock: Annotated[float, Meta(ge=0, le=1e11)] = 0.0
+    """What its machine's clock shows, s since 1970; 0: not given. Only people compare it."""
+    owns: tuple[Text, ...] = ()
+    """The resources that it obeys for, once it does."""
+    declares: tuple[Text, ...] = ()
+    """The signatures of the resources that it owns or competes for: what it means by them."""
+    tenure: Annotated[int, Meta(ge=0, le=LONGEST_TENURE)] = 0
+    """Cycles for which it has been at work, 0 before; of two that may not both stay the longer
+    stays."""
+
+
+class BidRecord(Message, frozen=True):
+    """One bid, or the reason for none, kept by whoever made it."""
+
+    cycle: Cycle
+    resource: Name
+    utility: Share | None
+    critical: bool
+    wanted: Action
+    reason: Text
+    inputs: tuple[Text, ...] = ()  # the messages that it was made of
+
+
+class BidHistory(Message, frozen=True):
+    """An agent's recent bids, oldest first: losers are silent on the mesh, not secretive."""
+
+    instance: Name
+    bids: tuple[BidRecord, ...]
+
+
+class Ask(Message, frozen=True):
+    """An empty question, for a card or the bids: an array of nothing. No payload will do."""
+
+
+class Log(Message, frozen=True):
+    """A line for people."""
+
+    level: Annotated[int, Meta(ge=0, le=50)]
+    text: Text
+
+
+class Truth(Message, frozen=True):
+    """What only the simulator knows. For those who watch: agents are refused it."""
+
+    t: Real  # s of simulation
+    x: Real
+    y: Real
+    theta: Real
+    v: Real
+    w: Real
+    collisions: Counter
+    clearance: Real | None  # m from the body's outline to the nearest thing, if there is any
+
+
+def plain(message: Message) -> Any:
+    """The message as a dictionary by field names, for people and JSON."""
+    return {
+        name: plain(value) if isinstance(value, Message) else msgspec.to_builtins(value)
+        for name, value in ((f, getattr(message, f)) for f in message.__struct_fields__)
+    }

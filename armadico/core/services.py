@@ -1,0 +1,123 @@
+"""The table of services: which message goes by which key, how often, and how long it is good for.
+
+Freshness checks and the protocol page are drawn from it. Who provides and who requests a service
+is not here: that is read from the agents' classes and from the cards of those that are alive. An
+agent that brings a message of its own adds its row with `register`. A resource needs no row: its
+keys come from its declaration (`armadico.core.resources.Resource`).
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from enum import Enum
+
+from armadico.core import messages as m
+
+
+class Kind(Enum):
+    """How a service is published and kept."""
+
+    STATE = "state"  # the latest value replaces the one before
+    EVENT = "event"  # each one counts: queued, bounded, never merged
+    LATCHED = "latched"  # everybody remembers the newest, by its counter (armadico.core.latched)
+    QUERY = "query"  # answered when asked
+
+
+@dataclass(frozen=True)
+class Service:
+    """One row. `key` holds {instance}, {name} or {resource} where it differs between publishers."""
+
+    message: type[m.Message]
+    key: str
+    kind: Kind
+    rate_hz: float | None  # as promised by whoever provides it; None: as it happens
+    fresh_cycles: int | None  # older than this in cycles is stale; None: no cycle, never stale
+    meaning: str
+    reply: type[m.Message] | None = None
+    watchers_only: bool = False
+
+    @property
+    def pattern(self) -> str:
+        """The key expression that catches every publisher's key."""
+        return "/".join("*" if "{" in chunk else chunk for chunk in self.key.split("/"))
+
+    def key_for(self, **names: str) -> str:
+        """The key of one publisher. Raises KeyError if a name is missing."""
+        return self.key.format(**names)
+
+
+_S, _E, _L, _Q = Kind.STATE, Kind.EVENT, Kind.LATCHED, Kind.QUERY
+
+SERVICES: tuple[Service, ...] = (
+    Service(m.RobotState, "robot/state", _S, 10, 3, "odometry, speeds, battery; moves the cycle"),
+    Service(m.Description, "robot/description", _S, 1, None, "the robot's body and limits"),
+    Service(m.Sonar, "robot/sonar", _S, 10, 3, "the sonars that fired since the cycle before"),
+    Service(m.Stop, "robot/stop", _L, None, None, "latch or release the stop; anyone may"),
+    Service(m.Pose, "encoder/pose", _S, 10, 3, "where the robot is, by its encoders"),
+    Service(m.Origin, "encoder/origin", _L, 1, None, "where the odometry's origin lies"),
+    Service(m.Obstacles, "sonar/obstacles", _S, 10, 3, "the local map's points, body frame"),
+    Service(m.LocalMap, "sonar/map", _S, 2, 3, "the local map's cells, for those who watch"),
+    Service(m.Trajectory, "trajectory", _L, 1, None, "the mission's waypoints"),
+    Service(m.PlanRequest, "path/plan", _Q, None, None, "a way to a goal", reply=m.Plan),
+    Service(
+        m.MissionRequest, "mission/request", _Q, None, None, "go to a goal", reply=m.MissionReply
+    ),
+    Service(m.MissionStatus, "mission/status", _S, 5, None, "how far the mission has come"),
+    Service(m.Claim, "resource/{resource}/utility", _E, 10, 3, "the holder's bid, made public"),
+    Service(m.Ack, "resource/{resource}/ack", _S, 10, 3, "what the owner obeys and refuses by"),
+    Service(m.Command, "resource/{resource}/cmd/{instance}", _E, 10, 3, "the holder's action"),
+    Service(m.Command, "robot/cmd/{instance}", _E, 10, 3, "the same, for the wheels"),
+    Service(m.Ask, "agent/{name}/{instance}/card", _Q, None, None, "who, where, what", m.Card),
+    Service(m.Ask, "agent/{name}/{instance}/bids", _Q, None, None, "recent bids", m.BidHistory),
+    Service(m.Log, "log/{instance}", _E, None, None, "lines for people"),
+    Service(
+        m.Truth, "sim/truth", _S, 10, None, "the simulated robot's true pose", watchers_only=True
+    ),
+)
+
+_by_message: dict[type[m.Message], Service] = {
+    service.message: service for service in SERVICES if service.message is not m.Ask
+}
+
+CARD = next(s for s in SERVICES if s.key.endswith("/card"))
+BIDS = next(s for s in SERVICES if s.key.endswith("/bids"))
+TOKEN = "agent/{name}/{instance}"
+"""The liveliness token's key: who is alive."""
+
+
+def register(service: Service) -> Service:
+    """Add a row for a message of one's own. Raises ValueError if the message has one already."""
+    known = _by_message.get(service.message)
+    if known is not None and known != service:
+        raise ValueError(f"{service.message.__name__} already travels on {known.key}")
+    _by_message[service.message] = service
+    return service
+
+
+def service_of(message: type[m.Message]) -> Service:
+    """The row of a message type. Raises KeyError with advice if there is none."""
+    try:
+        return _by_message[message]
+    except KeyError:
+        raise KeyError(
+            f"{message.__name__} has no row in the table of services; services.register adds one"
+        ) from None
+
+
+def rows_of(message: type[m.Message]) -> tuple[Service, ...]:
+    """All rows of a message type; most have one. Raises KeyError if there is none."""
+    rows = tuple(service for service in SERVICES if service.message is message)
+    return rows or (service_of(message),)
+
+
+def latched() -> tuple[Service, ...]:
+    """The rows of all latched states that are known."""
+    return tuple(s for s in _by_message.values() if s.kind is Kind.LATCHED)
+
+
+def matches(pattern: str, key: str) -> bool:
+    """Whether a key expression of whole chunks and `*` catches a key."""
+    wanted, chunks = pattern.split("/"), key.split("/")
+    return len(wanted) == len(chunks) and all(
+        w in ("*", c) for w, c in zip(wanted, chunks, strict=True)
+    )

@@ -1,0 +1,1 @@
+"""What runs a society: as processes of this machine, or on the virtual mesh."""

@@ -1,0 +1,92 @@
+"""A run of a society that others have started, on whatever machines: nobody is started or ended."""
+
+from __future__ import annotations
+
+import time
+from contextlib import suppress
+from math import hypot
+from types import TracebackType
+from typing import Final
+
+from armadico.core.messages import RobotState
+from armadico.launch.processes import undisturbed
+from armadico.launch.run import LiveRun, RunFailedError
+from armadico.mesh.topology import MeshError
+from armadico.runtime.latch import say
+
+COME_S: Final = 30.0
+"""What the agents may take to be there."""
+
+SAY_S: Final = 1.0
+"""Who is not there by then is said to be waited for."""
+
+STOP_S: Final = 3.0
+"""What the robot agent may take to confirm the stop."""
+
+AWAY_M: Final = 0.5
+"""A robot farther than this from the scenario's start is said to be elsewhere."""
+
+
+class AttachedRun(LiveRun):
+    """Watches a society that is up. Unless the goal is reached, it leaves the robot stopped."""
+
+    come_s: float = COME_S
+
+    def __exit__(
+        self,
+        kind: type[BaseException] | None,
+        error: BaseException | None,
+        trace: TracebackType | None,
+    ) -> None:
+        """Stop the robot, by the latch, if its mission was begun and not ended."""
+        if not self.watch.mission or self.watch.done:
+            return
+        with undisturbed(), suppress(MeshError):
+            said = say(self.client, stopped=True, by="armadico run", timeout=STOP_S)
+            self._warn(
+                "the robot is stopped; `armadico resume` releases it"
+                if said.done
+                else f"the stop is latched, and {said.rolling}; `armadico resume` releases it"
+                if said.latched
+                else "the stop was sent, not acknowledged; `armadico stop` tries again"
+            )
+
+    def start(self) -> None:
+        """Wait for everybody. Raises RunFailedError if somebody does not come."""
+        began = time.monotonic()
+        if not self.client.wait_for(self._complete, SAY_S):
+            self._warn(f"waiting for {self._lacking()}")
+        if not self.client.wait_for(self._complete, self.come_s - SAY_S):
+            raise RunFailedError(
+                f"not there within {time.monotonic() - began:.0f} s: {self._lacking()};"
+                " `armadico up` on its machine starts an agent, `armadico ps` shows who is there"
+            )
+        self._check_robot()
+
+    def _complete(self) -> bool:
+        return not self._missing() and self._ready_to_drive()
+
+    def _lacking(self) -> str:
+        return ", ".join(self._missing()) or "the robot: its agent is there, and says nothing"
+
+    def _check_robot(self) -> None:
+        robots = sorted(instance for name, instance in self.client.alive if name == "robot")
+        if len(robots) > 1:
+            raise RunFailedError(
+                f"{len(robots)} robot agents are in the namespace: {', '.join(robots)}; end one,"
+                " or name another namespace: --namespace NAME"
+            )
+        state = self.client.latest(RobotState)
+        if state is not None and state.stop.stopped:
+            raise RunFailedError(
+                f"the robot is stopped by {state.stop.by}; `armadico resume` releases it"
+            )
+        here = self.watch.here
+        if here is None:
+            return
+        x, y, _ = self.scenario.start
+        if hypot(here[0] - x, here[1] - y) > AWAY_M:
+            self._warn(
+                f"the robot is at ({here[0]:.2f}, {here[1]:.2f}), not at the scenario's start"
+                f" ({x:g}, {y:g}): it is measured from there"
+            )

@@ -1,0 +1,206 @@
+"""A run as real processes on this machine: simulator, robot agent and every agent, on Zenoh.
+
+The launcher starts them, hands the mission over, watches, and takes everything down again, whatever
+happens.
+"""
+
+from __future__ import annotations
+
+import shutil
+import tempfile
+from collections.abc import Sequence
+from pathlib import Path
+from types import TracebackType
+from typing import TYPE_CHECKING
+
+from armadico.config.scenarios import Scenario
+from armadico.core.restart_policy import MISUSED
+from armadico.launch.processes import (
+    ROBOT,
+    SIMULATOR,
+    START_S,
+    Process,
+    StartError,
+    agent_words,
+    end_in_order,
+    ending,
+    label_of,
+    simulator_words,
+)
+from armadico.launch.run import IDLE_S, SILENT_S, LiveRun, RunFailedError
+from armadico.launch.society import Member, Options, members, processes
+
+if TYPE_CHECKING:
+    from armadico.mesh.zenoh import ZenohMesh
+
+ANSWER_S = 10.0
+"""What the robot may take to answer once its agent is there."""
+
+ALONE_S = 5.0
+"""What one of two robot agents may take to leave."""
+
+
+class Launcher(LiveRun):
+    """The processes of one run; a context manager that leaves nothing running."""
+
+    def __init__(
+        self,
+        scenario: Scenario,
+        options: Options,
+        mesh: ZenohMesh,
+        namespace: str,
+        *,
+        silent_s: float = SILENT_S,
+        idle_s: float = IDLE_S,
+        joining: Sequence[str] = (),
+    ) -> None:
+        """Prepare.
+
+        Args:
+            scenario: What is driven, and who takes part.
+            options: What else was chosen for the run.
+            mesh: Where the launcher listens.
+            namespace: The robot's subtree of keys.
+            silent_s: A run whose robot has said nothing for so long is over.
+            idle_s: So is one in which nobody has claimed the wheels for so long, if somebody who
+                takes part is missing.
+            joining: Options by which the processes find the mesh, if it is not the default one.
+        """
+        super().__init__(scenario, options, mesh, silent_s=silent_s, idle_s=idle_s)
+        self.members: tuple[Member, ...] = ()
+        self.logs = Path(tempfile.mkdtemp(prefix="armadico-"))
+        self.processes: list[Process] = []
+        self._namespace = namespace
+        self._joining = tuple(joining)
+        self._mourned: set[Process] = set()
+
+    def __exit__(
+        self,
+        kind: type[BaseException] | None,
+        error: BaseException | None,
+        trace: TracebackType | None,
+    ) -> None:
+        """Take everything down; the logs stay if something went wrong."""
+        self.stop()
+        if not self.processes or (error is None and not self._mourned):
+            shutil.rmtree(self.logs, ignore_errors=True)  # nobody began, or ended badly: no words
+
+    # Starting ------------------------------------------------------------------------------------
+
+    def start(self) -> None:
+        """Start everything. Raises RunFailedError if somebody is here or does not come up."""
+        self._refuse_company()
+        port = self.options.robot or self.start_simulator()
+        self.members = members(self.scenario, self.options, port)
+        for group in processes(self.members, self.options.together):
+            self.start_agent(*group)
+        self._wait_for_everybody()
+        self._wait_for_the_robot(port)
+        self._refuse_a_second_robot()
+
+    def _refuse_company(self) -> None:
+        """A robot that is in the namespace already is not ours to drive."""
+        self.client.settle()
+        there = self._robots()
+        if there:
+            raise RunFailedError(
+                f"a robot is in the namespace {self._namespace!r} already: {there[0]}"
+                " (armadico ps shows whose); --attach drives with it, --namespace NAME without"
+            )
+
+    def _refuse_a_second_robot(self) -> None:
+        """Of two runs that begin together one has the robot, and the other does not drive it."""
+
+        def alone() -> bool:
+            self._check_alive()  # a robot agent that finds another leaves
+            return len(self._robots()) == 1
+
+        self.client.wait_for(alone, ALONE_S)
+        for instance in self._robots():
+            card = self.client.card(ROBOT, instance)
+            if card is not None and card.pid not in {p.popen.pid for p in self.processes}:
+                raise RunFailedError(
+                    f"another robot came into the namespace {self._namespace!r} meanwhile:"
+                    f" {instance}; use another one: --namespace NAME"
+                )
+
+    def _robots(self) -> list[str]:
+        """The instances of robot agents in the namespace."""
+        return [instance for name, instance in sorted(self.client.alive) if name == "robot"]
+
+    def start_simulator(self, port: int = 0) -> str:
+        """Start a simulator on a TCP port, 0: one that is free; returns its URL."""
+        words = simulator_words(self.scenario, self.options.seed, self._namespace, port)
+        process = Process(
+            SIMULATOR, [*words, *self._joining], self.logs / "simulator.log", listen=True
+        )
+        self.processes.append(process)
+        try:
+            return process.announced()
+        except StartError as error:
+            raise RunFailedError(str(error)) from None
+
+    def start_agent(self, *group: Member) -> Process:
+        """Start an agent as a process, or several as one."""
+        words = [*agent_words(group, self._namespace), *self._joining]
+        name = label_of(group)
+        process = Process(name, words, self.logs / f"{name}.log")
+        self.processes.append(process)
+        return process
+
+    def _wait_for_everybody(self) -> None:
+        """Until all tokens are there."""
+
+        def here() -> bool:
+            self._check_alive()
+            return not self._missing()
+
+        if not self.client.wait_for(here, START_S):
+            missing = ", ".join(self._missing())
+            raise RunFailedError(f"did not start within {START_S:.0f} s: {missing}")
+
+    def _wait_for_the_robot(self, port: str) -> None:
+        """Until it talks and obeys, and the encoder agent, if it takes part, knows where it is."""
+
+        def talks() -> bool:
+            self._check_alive()
+            return self._ready_to_drive()
+
+        if not self.client.wait_for(talks, ANSWER_S):
+            raise RunFailedError(
+                f"the robot on {port} did not answer within {ANSWER_S:.0f} s;"
+                f" {self.words_of_the_robot()}"
+            )
+
+    # While it runs -------------------------------------------------------------------------------
+
+    def _check_alive(self) -> None:
+        for process in self.processes:
+            if process.ended():
+                how = ending(process.popen.returncode)
+                raise RunFailedError(f"{process.name} ended with {how}:\n{process.last_words()}")
+
+    def look(self) -> None:
+        """Say once who has gone; without the robot there is no run."""
+        for process in self.processes:
+            if process.ended() and process not in self._mourned:
+                self._mourned.add(process)
+                if process.runs(ROBOT) and process.popen.returncode == MISUSED:
+                    self._check_alive()
+                self._warn(
+                    f"{process.name} is gone ({ending(process.popen.returncode)});"
+                    f" its last words:\n{process.last_words()}"
+                )
+        super().look()
+
+    def words_of_the_robot(self) -> str:
+        """The last words of the newest robot agent."""
+        words = [process.last_words() for process in self.processes if process.runs(ROBOT)]
+        return f"the robot agent says:\n{words[-1] if words else '    nothing'}"
+
+    # Leaving -------------------------------------------------------------------------------------
+
+    def stop(self) -> None:
+        """Take everything down: the behaviours let go, the robot stops, the simulator ends last."""
+        end_in_order(self.processes)
+        self.processes.clear()

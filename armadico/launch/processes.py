@@ -1,0 +1,224 @@
+"""Processes of this machine: started, listened to, and ended in order."""
+
+from __future__ import annotations
+
+import os
+import re
+import selectors
+import signal
+import subprocess
+import sys
+import threading
+import time
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager, suppress
+from pathlib import Path
+from typing import IO, TYPE_CHECKING, Final
+
+if TYPE_CHECKING:
+    import psutil
+
+    from armadico.config.scenarios import Scenario
+    from armadico.launch.society import Member
+
+START_S: Final = 20.0
+"""What the processes may take to start."""
+
+LEAVE_S: Final = 3.0
+"""What a process may take to leave before it is killed."""
+
+SIMULATOR: Final = "simulator"
+ROBOT: Final = "robot"
+
+_ANNOUNCED = re.compile(r" at (tcp://[^;\s]+)")
+"""Where the simulator's first line on standard output says that it listens."""
+
+
+class StartError(RuntimeError):
+    """A process did not start; the message says why."""
+
+
+class Process:
+    """One process of the society, and where its last words are kept."""
+
+    def __init__(
+        self,
+        name: str,
+        command: Sequence[str],
+        log: Path,
+        *,
+        listen: bool = False,
+        tied: bool = False,
+    ) -> None:
+        """Start `armadico COMMAND...`.
+
+        Args:
+            name: What it is called.
+            command: The words after `armadico`.
+            log: Where what it says is appended.
+            listen: Keep its standard output for `announced`, instead of in the log.
+            tied: It is to leave when this process is gone, however that ends.
+        """
+        self.name = name
+        self.log = log
+        program = ["armadico.child", str(os.getpid())] if tied else ["armadico"]
+        with log.open("ab") as errors:
+            self._begun_at = errors.tell()
+            self.popen: subprocess.Popen[bytes] = subprocess.Popen(
+                [sys.executable, "-P", "-m", *program, *command],
+                stdin=subprocess.DEVNULL,
+                stdout=subprocess.PIPE if listen else errors,
+                stderr=errors,
+                start_new_session=True,  # Ctrl-C is the launcher's; it tells them in order
+            )
+
+    def runs(self, agent: str) -> bool:
+        """Whether an agent is one of this process's."""
+        return agent in self.name.split("+")
+
+    def ended(self) -> bool:
+        """Whether it is gone."""
+        return self.popen.poll() is not None
+
+    def last_words(self, lines: int = 5) -> str:
+        """The end of what it wrote."""
+        with self.log.open("rb") as file:
+            file.seek(min(self._begun_at, self.log.stat().st_size))
+            text = file.read().decode(errors="replace").strip().splitlines()
+        return "\n".join(f"    {line}" for line in text[-lines:]) or "    nothing"
+
+    def announced(self) -> str:
+        """The address that the simulator says first. Raises StartError."""
+        assert self.popen.stdout is not None, "it was asked for"
+        found = _ANNOUNCED.search(_line(self.popen.stdout, START_S))
+        if found is None:
+            raise StartError(f"the {self.name} did not start:\n{self.last_words()}")
+        return found.group(1)
+
+
+def ending(code: int) -> str:
+    """How a process ended, for people: `status 1`, or the signal's name."""
+    if code >= 0:
+        return f"status {code}"
+    with suppress(ValueError):
+        return f"signal {signal.Signals(-code).name}"
+    return f"signal {-code}"
+
+
+def simulator_words(scenario: Scenario, seed: int, namespace: str, port: int = 0) -> list[str]:
+    """The command that simulates a scenario's robot; `port` 0: one that is free."""
+    x, y, degrees = scenario.start
+    return [
+        "sim",
+        scenario.world,
+        f"--port={port}",
+        f"--seed={seed}",
+        f"--sensors={scenario.sensors}",
+        f"--robot={scenario.robot}",
+        f"--namespace={namespace}",
+        *("--start", str(x), str(y), str(degrees)),
+    ]
+
+
+def agent_words(members: Sequence[Member], namespace: str) -> list[str]:
+    """The command that runs the agents of one process."""
+    whose = [f"{member.name}." if len(members) > 1 else "" for member in members]
+    settings = [
+        word
+        for of, member in zip(whose, members, strict=True)
+        for value in member.sets
+        for word in ("--set", f"{of}{value}")
+    ]
+    return ["agent", *(member.name for member in members), "--namespace", namespace, *settings]
+
+
+def label_of(members: Sequence[Member]) -> str:
+    """What a process is called: its agents."""
+    return "+".join(member.name for member in members)
+
+
+def orphans(namespace: str) -> list[tuple[str, psutil.Process]]:
+    """Processes of this user that a launcher started in a namespace, and that it has survived.
+
+    By what it starts them with: the namespace is always named. Each with its label.
+    """
+    import psutil  # noqa: PLC0415 - only `armadico down` looks
+
+    found = []
+    for process in psutil.process_iter():
+        with suppress(psutil.Error):
+            parent = process.parent()
+            launched = parent is not None and any("armadico" in word for word in parent.cmdline())
+            if launched or process.uids().real != os.getuid():
+                continue
+            words = process.cmdline()
+            if "-m" not in words or words[words.index("-m") + 1] != "armadico":
+                continue
+            rest = words[words.index("-m") + 2 :]
+            if rest[:1] == ["sim"] and f"--namespace={namespace}" in rest:
+                found.append((SIMULATOR, process))
+            elif rest[:1] == ["agent"] and "--namespace" in rest:
+                at = rest.index("--namespace")
+                if rest[at + 1] == namespace:
+                    found.append(("+".join(rest[1:at]), process))
+    return found
+
+
+def end_in_order(processes: Sequence[Process]) -> None:
+    """The behaviours let go, the robot stops, the simulator ends last.
+
+    A second Ctrl-C does not interrupt it: it is bounded, and nothing may be left behind.
+    """
+    simulators = [p for p in processes if p.name == SIMULATOR]
+    robots = [p for p in processes if p.runs(ROBOT)]
+    others = [p for p in processes if p not in simulators and p not in robots]
+    with undisturbed():
+        for group in (others, robots, simulators):
+            _end(group)
+
+
+@contextmanager
+def undisturbed() -> Iterator[None]:
+    """Without the signals that end a process; only the main thread could be disturbed by them."""
+    if threading.current_thread() is not threading.main_thread():
+        yield
+        return
+    ignored = (signal.SIGINT, signal.SIGTERM, signal.SIGHUP)
+    before = {number: signal.signal(number, signal.SIG_IGN) for number in ignored}
+    try:
+        yield
+    finally:
+        for number, handler in before.items():
+            signal.signal(number, handler)
+
+
+def _end(processes: Sequence[Process]) -> None:
+    """Ask them to leave, and kill whoever does not."""
+    for process in processes:
+        with suppress(ProcessLookupError):
+            process.popen.terminate()
+    deadline = time.monotonic() + LEAVE_S
+    for process in processes:
+        try:
+            process.popen.wait(max(deadline - time.monotonic(), 0.0))
+        except subprocess.TimeoutExpired:
+            process.popen.kill()
+            process.popen.wait()
+        if process.popen.stdout is not None:
+            process.popen.stdout.close()
+
+
+def _line(pipe: IO[bytes], timeout: float) -> str:
+    """The first line of a pipe, or what there is of it in time."""
+    data = b""
+    deadline = time.monotonic() + timeout
+    with selectors.DefaultSelector() as selector:
+        selector.register(pipe, selectors.EVENT_READ)
+        while b"\n" not in data and (left := deadline - time.monotonic()) > 0:
+            if not selector.select(left):
+                break
+            chunk = os.read(pipe.fileno(), 4096)
+            if not chunk:
+                break
+            data += chunk
+    return data.decode(errors="replace").partition("\n")[0]

@@ -1,0 +1,189 @@
+"""One run of a society that is really there: the mission is handed over, and the run watched.
+
+Whoever starts the processes, `armadico run` or `armadico up` on any machines, this decides nothing:
+kill it and the society drives on.
+"""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Callable
+from types import TracebackType
+from typing import TYPE_CHECKING, Self
+
+from armadico.config.scenarios import Scenario
+from armadico.core.agent import WARNING
+from armadico.core.cycles import LISTEN
+from armadico.core.messages import Claim, Log, Message, MissionReply, Pose, RobotState
+from armadico.launch.society import Options, mission, time_limit, watch
+from armadico.launch.virtual import MissionRefusedError
+from armadico.observe.measures import WATCHED, Result, RunWatch
+from armadico.runtime.client import Client
+
+if TYPE_CHECKING:
+    from armadico.mesh.zenoh import ZenohMesh
+
+HEAR_S = 5.0
+"""What the interface agent may take to be found; its plan may take longer."""
+
+LINKS_S = 2.0
+"""A refusal stands after this: among processes that have just started, links are coming up."""
+
+AGAIN_S = 0.5
+"""How long until a mission that was refused is asked for again."""
+
+SILENT_S = 10.0
+"""A run whose robot has said nothing for so long is over."""
+
+IDLE_S = 15.0
+"""A run in which nobody has claimed the wheels for so long is over, if somebody is missing."""
+
+
+class RunFailedError(RuntimeError):
+    """The run cannot begin or go on; the message says why, and what to do."""
+
+
+class LiveRun:
+    """A run that is watched; a context manager, since whoever leaves it has something to leave."""
+
+    def __init__(
+        self,
+        scenario: Scenario,
+        options: Options,
+        mesh: ZenohMesh,
+        *,
+        silent_s: float = SILENT_S,
+        idle_s: float = IDLE_S,
+    ) -> None:
+        """Prepare.
+
+        Args:
+            scenario: What is driven, and who takes part.
+            options: What else was chosen for the run.
+            mesh: Where to listen.
+            silent_s: A run whose robot has said nothing for so long is over.
+            idle_s: So is one in which nobody has claimed the wheels for so long, if somebody who
+                takes part is missing.
+        """
+        self.scenario = scenario
+        self.options = options
+        self.client = Client(mesh)
+        self.watch = watch(scenario, options)
+        self.limit = time_limit(0.0)
+        self._silent_s = silent_s
+        self._idle_s = idle_s
+        self._warn: Callable[[str], None] = lambda _: None
+        self._warned = ""
+        self.client.listen(*WATCHED, then=self.watch.show)
+        self.client.listen(Log, then=self._pass_on)
+
+    def __enter__(self) -> Self:
+        return self
+
+    def __exit__(
+        self,
+        kind: type[BaseException] | None,
+        error: BaseException | None,
+        trace: TracebackType | None,
+    ) -> None:
+        """Leave things as they should be left, whatever happened."""
+
+    @property
+    def names(self) -> frozenset[str]:
+        """The agents that take part, by name."""
+        there = {name for name in self.scenario.agents if name not in self.options.without}
+        return frozenset({"robot", *there})
+
+    def start(self) -> None:
+        """See that everybody is there. Raises RunFailedError if somebody is not."""
+        raise NotImplementedError
+
+    def begin(self) -> None:
+        """Hand the mission over. Raises MissionRefusedError or RunFailedError."""
+        reply = self._ask()
+        until = time.monotonic() + LINKS_S
+        while reply.refusal and time.monotonic() < until:
+            self.client.wait_for(lambda: None, AGAIN_S)
+            reply = self._ask()
+        if reply.refusal:
+            raise MissionRefusedError(reply.refusal)
+        self.limit = time_limit(reply.length)
+        self.watch.begin(reply.mission)
+
+    def run(
+        self,
+        progress: Callable[[RunWatch], None] | None = None,
+        warn: Callable[[str], None] | None = None,
+    ) -> Result:
+        """Drive to the goal or the time limit; `warn` is told who is gone and what goes wrong."""
+        self._warn = warn or self._warn
+        self.start()
+        self.begin()
+        begun = time.monotonic()
+        end = begun + self.limit
+        while not self.watch.done and time.monotonic() < end:
+            self.client.wait_for(lambda: self.watch.done, 0.2)
+            if progress is not None:
+                progress(self.watch)
+            self.look()
+            if self._nobody_can(time.monotonic() - begun):
+                break
+        if self.watch.astray is not None:
+            self._warn(
+                "by its pose the robot is at the goal, and in truth it is not: the pose is"
+                f" {self.watch.astray:.2f} m off"
+            )
+        return self.watch.result()
+
+    def look(self) -> None:
+        """Called now and then while it runs. Raises RunFailedError if the robot is silent."""
+        if self.client.age(RobotState) > self._silent_s:
+            raise RunFailedError(
+                f"the robot has said nothing for {self._silent_s:g} s; {self.words_of_the_robot()}"
+            )
+
+    def words_of_the_robot(self) -> str:
+        """What is known of a robot that does not answer."""
+        return "`armadico ps` shows whether its agent is there, `armadico logs -f` what it says"
+
+    # Inside --------------------------------------------------------------------------------------
+
+    def _ask(self) -> MissionReply:
+        reply = self.client.ask(mission(self.scenario), timeout=30.0, patience=HEAR_S)
+        if not isinstance(reply, MissionReply):
+            raise RunFailedError("no interface agent answered mission/request")
+        return reply
+
+    def _ready_to_drive(self) -> bool:
+        """Whether the robot talks and obeys, and the encoder agent knows where it is."""
+        kinds: list[type[Message]] = [RobotState]
+        if "encoder" in self.names:
+            kinds.append(Pose)
+        state = self.client.latest(RobotState)
+        listens = state is None or state.cycle.number <= LISTEN  # and refuses, meanwhile
+        return not listens and all(self.client.age(kind) < 1.0 for kind in kinds)
+
+    def _missing(self) -> list[str]:
+        """Who takes part and has no token."""
+        return sorted(self.names - {name for name, _ in self.client.alive})
+
+    def _nobody_can(self, elapsed: float) -> bool:
+        """Whether nobody claims the wheels any more, and somebody who takes part is missing."""
+        state = self.watch.state
+        if state is None or state.stop.stopped or not (missing := self._missing()):
+            return False
+        if min(self.client.age(Claim), elapsed) < self._idle_s:
+            return False
+        self._warn(
+            f"nobody has claimed the wheels for {self._idle_s:g} s, and {', '.join(missing)}"
+            f" {'is' if len(missing) == 1 else 'are'} gone: the run is over"
+        )
+        return True
+
+    def _pass_on(self, message: Message, _now: float) -> None:
+        """Pass on what an agent logs of faults, with whose it is."""
+        if isinstance(message, Log) and message.level >= WARNING and message.text != self._warned:
+            self._warned = message.text
+            name = self.client.key.rpartition("/")[2].rpartition("-")[0]
+            said = message.text.startswith(name)
+            self._warn(message.text if said else f"{name}: {message.text}")

@@ -1,0 +1,159 @@
+"""The global map: walls, where the robot is, believes to be and has been, its plan, its echoes.
+
+World frame, m, REP-103. Rerun's 2D views point y down, so everything hangs below one transform
+that turns it up again.
+"""
+
+from __future__ import annotations
+
+from collections import deque
+from itertools import groupby
+from math import hypot
+from typing import Final
+
+import rerun as rr
+
+from armadico.config.worlds import World
+from armadico.core.geometry import Pose2
+from armadico.core.messages import Pose, Sonar, Trajectory, Truth
+from armadico.observe.dashboard import palette
+from armadico.observe.dashboard.canvas import Canvas, pixels
+from armadico.observe.dashboard.shapes import Point, Strip, hit, nose, outline, placed
+
+ROOT: Final = "map/world"
+
+STEP_M: Final = 0.04
+"""A path is drawn with a point each so many metres."""
+
+PATH_POINTS: Final = 2500
+"""Points of the path that are kept: the last 100 m."""
+
+ECHOES: Final = 1500
+"""Echoes that are kept, the newest."""
+
+ECHO_APART_M: Final = 0.08
+"""Echoes nearer to one another than this are drawn as one."""
+
+
+class GlobalMap:
+    """Draws one robot's world."""
+
+    def __init__(self, canvas: Canvas, world: World | None) -> None:
+        self._canvas = canvas
+        self._pose: Pose2 | None = None
+        self._path: deque[tuple[Point, str]] = deque(maxlen=PATH_POINTS)
+        self._echoes: dict[tuple[int, int], Point] = {}
+        self._plan: tuple[int, Strip] | None = None
+        canvas.fix(ROOT, rr.Transform3D(mat3x3=[[1, 0, 0], [0, -1, 0], [0, 0, 1]]))
+        if world is not None:
+            self._walls(world)
+
+    def take_pose(self, pose: Pose, holder: str, t: float) -> None:
+        """Where the robot believes to be, and who is obeyed meanwhile."""
+        self._pose = (pose.x, pose.y, pose.theta)
+        if not self._known:
+            self._fix_body("robot", palette.BODY, 1.5)
+        if self._canvas.due(f"{ROOT}/robot", t):
+            self._canvas.draw(f"{ROOT}/robot", t, _transform(self._pose))
+        self._travel((pose.x, pose.y), holder)
+        if self._canvas.due(f"{ROOT}/path", t):
+            self._draw_path(t)
+
+    def take_truth(self, truth: Truth, t: float) -> None:
+        """Where the simulated robot really is."""
+        if not self._true:
+            self._fix_body("truth", palette.TRUTH, 1.2)
+        if self._canvas.due(f"{ROOT}/truth", t):
+            self._canvas.draw(f"{ROOT}/truth", t, _transform((truth.x, truth.y, truth.theta)))
+
+    def take_sonar(self, sonar: Sonar, t: float) -> None:
+        """What the sonars heard, put into the world by where the robot believes to be."""
+        if self._pose is None:
+            return
+        heard = [point for point in map(hit, sonar.echoes) if point is not None]
+        for x, y in placed(self._pose, heard):
+            cell = round(x / ECHO_APART_M), round(y / ECHO_APART_M)
+            self._echoes.pop(cell, None)  # heard again, it is among the newest
+            self._echoes[cell] = (x, y)
+        while len(self._echoes) > ECHOES:
+            del self._echoes[next(iter(self._echoes))]
+        if self._canvas.due(f"{ROOT}/echoes", t):
+            points = list(self._echoes.values())
+            dots = rr.Points2D(points, radii=pixels(1.3), colors=palette.ECHO, draw_order=5)
+            self._canvas.draw(f"{ROOT}/echoes", t, dots)
+
+    def take_cones(self, cones: list[Strip], t: float) -> None:
+        """The cones of the body frame, in the world."""
+        if not self._canvas.due(f"{ROOT}/robot/sonar", t):
+            return
+        wedges = rr.LineStrips2D(cones, radii=pixels(0.6), colors=palette.CONE, draw_order=8)
+        self._canvas.draw(f"{ROOT}/robot/sonar", t, wedges)
+
+    def take_trajectory(self, trajectory: Trajectory, t: float) -> None:
+        """Where the mission leads; drawn when it is a new one."""
+        points = [(w.x, w.y) for w in trajectory.waypoints]
+        start = (trajectory.start.x, trajectory.start.y)
+        plan = trajectory.mission, [start, *points] if points else []
+        if plan == self._plan:
+            return
+        self._plan = plan
+        labels = [str(number + 1) for number in range(len(points))]
+        colours = [palette.PLAN] * len(points)
+        if points:
+            labels[-1], colours[-1] = "goal", palette.GOAL
+        line = rr.LineStrips2D([plan[1]], radii=pixels(0.8), colors=palette.PLAN, draw_order=10)
+        dots = rr.Points2D(points, radii=pixels(4), colors=colours, labels=labels, draw_order=12)
+        self._canvas.draw(f"{ROOT}/plan", t, line)
+        self._canvas.draw(f"{ROOT}/waypoints", t, dots)
+
+    # Inside --------------------------------------------------------------------------------------
+
+    _known = False
+    _true = False
+
+    def _walls(self, world: World) -> None:
+        walls = [[wall[:2], wall[2:]] for wall in world.walls]
+        lines = rr.LineStrips2D(walls, radii=pixels(1.4), colors=palette.WALL, draw_order=6)
+        self._canvas.fix(f"{ROOT}/walls", lines)
+        if world.rooms:
+            rooms = rr.Points2D(
+                [((room.x1 + room.x2) / 2, (room.y1 + room.y2) / 2) for room in world.rooms],
+                labels=[room.name for room in world.rooms],
+                colors=palette.ROOM,
+                radii=pixels(0.5),
+                show_labels=True,
+                draw_order=1,
+            )
+            self._canvas.fix(f"{ROOT}/rooms", rooms)
+
+    def _fix_body(self, name: str, colour: tuple[int, int, int, int], width: float) -> None:
+        strips = [outline(), nose()]
+        body = rr.LineStrips2D(strips, radii=pixels(width), colors=colour, draw_order=40)
+        self._canvas.fix(f"{ROOT}/{name}/outline", body)
+        if name == "robot":
+            self._known = True
+        else:
+            self._true = True
+
+    def _travel(self, here: Point, holder: str) -> None:
+        if self._path:
+            (x, y), before = self._path[-1]
+            if holder == before and hypot(here[0] - x, here[1] - y) < STEP_M:
+                return
+        self._path.append((here, holder))
+
+    def _draw_path(self, t: float) -> None:
+        """One strip a tenure; each begins where the one before it ended."""
+        strips: list[Strip] = []
+        colours = []
+        for holder, steps in groupby(self._path, key=lambda step: step[1]):
+            joint = strips[-1][-1:] if strips else []
+            strips.append([*joint, *(point for point, _ in steps)])
+            colours.append(palette.agent(holder))
+        lines = rr.LineStrips2D(strips, radii=pixels(2.0), colors=colours, draw_order=20)
+        self._canvas.draw(f"{ROOT}/path", t, lines)
+
+
+def _transform(pose: Pose2) -> rr.Transform3D:
+    turned = rr.RotationAxisAngle([0, 0, 1], radians=pose[2])
+    return rr.Transform3D(translation=[pose[0], pose[1], 0], rotation=turned)

@@ -1,0 +1,145 @@
+"""Who would like a resource and who has it: utilities as curves, the holder as a lane under them.
+
+A resource's owner says each cycle whom it obeys, and a holder its utility. The others are silent
+and are asked for their recent bids (`agent/*/*/bids`); each bid is drawn at the cycle that it
+answered, so curves of agents that were asked late still lie side by side.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+from math import nan
+from typing import Final
+
+import rerun as rr
+
+from armadico.core.messages import Ack, Ballot, BidHistory, BidRecord, Claim, Cycle, RobotState
+from armadico.observe.dashboard import palette
+from armadico.observe.dashboard.canvas import Canvas
+from armadico.observe.dashboard.palette import NOBODY, name_of
+from armadico.observe.measures import driver
+
+CYCLES: Final = 200
+"""Cycles whose time is remembered: 20 s, and agents remember 50 bids."""
+
+SILENT_S: Final = 0.6
+"""A claim this old holds nothing any more."""
+
+Seat = tuple[str, str]
+"""An instance, and a resource that it competes for."""
+
+
+class Contest:
+    """Draws the competition for every resource of one robot."""
+
+    def __init__(self, canvas: Canvas) -> None:
+        self.holders: dict[str, str] = {}  # by resource; NOBODY if nobody is obeyed
+        self.last: dict[str, BidRecord] = {}  # by agent: the newest bid, or why there was none
+        self._canvas = canvas
+        self._times: dict[Cycle, float] = {}
+        self._drawn: dict[Seat, dict[Cycle, None]] = {}
+        self._gap: dict[tuple[str, str], bool] = {}
+        self._known: dict[str, list[str]] = {}  # agents with a curve, by resource
+        self._claims: dict[str, tuple[Ballot, float]] = {}
+        self._owned: set[str] = set()  # resources whose owner has said whom it obeys
+
+    def time_of(self, cycle: Cycle) -> float | None:
+        """When a cycle came, s; None if it is long past or was never heard."""
+        return self._times.get(cycle)
+
+    def take_state(self, state: RobotState, t: float) -> list[tuple[str, str, str]]:
+        """A new cycle; returns who took what from whom: (resource, from, to)."""
+        self._begins(state.cycle, t)
+        changes = [
+            self._held(resource, NOBODY, t)
+            for resource, (_, at) in self._claims.items()
+            if resource not in self._owned and t - at > SILENT_S
+        ]
+        return [change for change in changes if change is not None]
+
+    def take_ack(self, ack: Ack, t: float) -> list[tuple[str, str, str]]:
+        """Whom the owner of a resource obeys; returns who took what from whom."""
+        self._begins(ack.cycle, t)
+        self._owned.add(ack.resource)
+        change = self._held(ack.resource, driver(ack) or NOBODY, t)
+        return [] if change is None else [change]
+
+    def take_claim(self, claim: Claim, t: float) -> list[tuple[str, str, str]]:
+        """The holder's bid; returns who took what from whom."""
+        at = self._times.get(claim.cycle, t)
+        instance = claim.ballot.instance
+        self._point(claim.resource, instance, claim.cycle, claim.utility, at)
+        ballot, heard = self._claims.get(claim.resource, (None, t))
+        if ballot is not None and claim.ballot < ballot and t - heard <= SILENT_S:
+            return []
+        self._claims[claim.resource] = (claim.ballot, t)
+        if claim.resource in self._owned:
+            return []  # its owner's word stands
+        holder = NOBODY if claim.utility is None else name_of(instance)
+        change = self._held(claim.resource, holder, t)
+        return [] if change is None else [change]
+
+    def take_history(self, history: BidHistory) -> None:
+        """The recent bids of somebody who was asked."""
+        name = name_of(history.instance)
+        for record in history.bids:
+            at = self._times.get(record.cycle)
+            if at is not None:
+                self._point(record.resource, history.instance, record.cycle, record.utility, at)
+        if history.bids:
+            self.last[name] = history.bids[-1]
+
+    def forget(self, instance: str) -> None:
+        """An instance has gone: its curve ends."""
+        self.last.pop(name_of(instance), None)
+        for seat in [seat for seat in self._drawn if seat[0] == instance]:
+            del self._drawn[seat]
+
+    # Inside --------------------------------------------------------------------------------------
+
+    def _begins(self, cycle: Cycle, t: float) -> None:
+        """Remember when a cycle was first heard of."""
+        self._times.setdefault(cycle, t)
+        while len(self._times) > CYCLES:
+            del self._times[next(iter(self._times))]
+
+    def _point(
+        self, resource: str, instance: str, cycle: Cycle, utility: float | None, at: float
+    ) -> None:
+        """One bid, drawn once, whether it was claimed or asked for; no bid is a gap."""
+        drawn = self._drawn.setdefault((instance, resource), {})
+        if cycle in drawn:
+            return
+        drawn[cycle] = None
+        if len(drawn) > CYCLES:
+            del drawn[next(iter(drawn))]
+        name = name_of(instance)
+        if utility is None and self._gap.get((resource, name), True):
+            return
+        self._gap[resource, name] = utility is None
+        self._introduce(resource, [name])
+        path = f"utility/{resource}/{name}"
+        self._canvas.number(path, at, nan if utility is None else utility)
+
+    def _held(self, resource: str, holder: str, t: float) -> tuple[str, str, str] | None:
+        before = self.holders.get(resource)
+        if before == holder:
+            return None
+        self.holders[resource] = holder
+        self._introduce(resource, [NOBODY, holder])
+        self._canvas.draw(f"holders/{resource}", t, rr.StateChange(state=holder))
+        return None if before is None else (resource, before, holder)
+
+    def _introduce(self, resource: str, names: Iterable[str]) -> None:
+        """Say how an agent's curve and its part of the lane look, when it is first seen."""
+        known = self._known.setdefault(resource, [])
+        fresh = [name for name in dict.fromkeys(names) if name not in known]
+        if not fresh:
+            return
+        known += fresh
+        for name in fresh:
+            if name != NOBODY:
+                self._canvas.curve(f"utility/{resource}/{name}", name, palette.agent(name), 2.5)
+        colours = [palette.agent(name) for name in known]
+        look = rr.StateConfiguration(values=known, labels=known, colors=colours)
+        self._canvas.fix(f"holders/{resource}", look)

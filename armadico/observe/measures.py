@@ -1,0 +1,249 @@
+"""The measures of thesis 5.1, from live and virtual runs alike: messages in, one row out (sans-IO).
+
+**Stop rule.** The clock starts with the first cycle after the mission is taken on and stops when
+the interface agent reports the goal reached: its pose within the agent's tolerances and the wheels
+at rest. Whether it *is* reached is then decided by the true pose, within 0.15 m and 5 degrees.
+FO and P depend on this rule; it belongs beside every table.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+from math import degrees, hypot, radians
+
+from msgspec import Struct
+
+from armadico.core.geometry import Pose2, to_world, wrap
+from armadico.core.messages import (
+    Ack,
+    Claim,
+    Command,
+    Message,
+    MissionState,
+    MissionStatus,
+    Pose,
+    RobotState,
+    Sonar,
+    Trajectory,
+    Truth,
+)
+from armadico.core.resources import WHEELS
+
+REACHED_M = 0.15
+REACHED_RAD = radians(5.0)
+
+OBEYED_CYCLES = 3
+"""A command obeyed longer ago than so many cycles is nobody's any more."""
+
+WATCHED: tuple[type[Message], ...] = (
+    Truth,
+    RobotState,
+    Ack,
+    Pose,
+    Sonar,
+    Claim,
+    MissionStatus,
+    Trajectory,
+)
+"""What a `RunWatch` wants to be shown."""
+
+
+class Result(Struct, frozen=True):
+    """One run. Without truth (a real robot) the pose stands in, and what it cannot tell is null.
+
+    TD m, FO degrees off the goal's heading, TT s, P per cent of the straight distance start to
+    goal; TG, TA and TGt per cent of the cycles in which goto, avoid and gothrough were obeyed.
+    """
+
+    scenario: str
+    seed: int | None
+    reached: bool
+    td_m: float
+    fo_deg: float
+    tt_s: float
+    p_percent: float
+    tg_percent: float | None
+    ta_percent: float | None
+    tgt_percent: float | None
+    exchanges: int
+    collisions: int | None
+    min_clearance_m: float | None
+
+    @property
+    def passed(self) -> bool:
+        """Reached, and nothing touched."""
+        return self.reached and not self.collisions
+
+
+class Mark(Struct, frozen=True):
+    """One cycle of a run: when, where (true if known), and who was obeyed."""
+
+    t: float
+    x: float
+    y: float
+    theta: float
+    holder: str | None
+
+
+def driver(ack: Ack) -> str | None:
+    """The agent that a resource obeys now, by its owner's word; None: nobody."""
+    at = ack.obeyed_cycle
+    if ack.obeyed is None or at is None or at.epoch != ack.cycle.epoch:
+        return None
+    if ack.cycle.number - at.number > OBEYED_CYCLES:
+        return None
+    return ack.obeyed.instance.rsplit("-", 1)[0]
+
+
+def speeds(command: Command) -> tuple[float, float]:
+    """What a command asks of the wheels, m/s and rad/s; rest, if it releases or is no speeds."""
+    action = command.action
+    if command.resource != WHEELS.name or isinstance(action, bytes | None) or len(action) != 2:
+        return 0.0, 0.0
+    return action[0], action[1]
+
+
+@dataclass
+class RunWatch:
+    """Watches one run: say `begin` when the mission is taken on, then show it every message."""
+
+    scenario: str
+    goal: Pose2
+    seed: int | None = None
+    agents: tuple[str, ...] = ()
+    path: list[Mark] = field(default_factory=list)
+    echoes: list[tuple[float, float]] = field(default_factory=list)
+    waypoints: tuple[Pose2, ...] = ()
+    holder: str | None = None
+    state: RobotState | None = None
+    pose: Pose | None = None
+    truth: Truth | None = None
+    status: MissionStatus | None = None
+    done: bool = False
+    mission: int = 0
+    distance: float = 0.0
+    exchanges: int = 0
+    clearance: float | None = None
+    start: Pose2 | None = None
+    _cycles: dict[str, int] = field(default_factory=dict)
+    _last_holder: str | None = None
+    _collisions_before: int = 0
+    _began: float | None = None
+
+    def begin(self, mission: int) -> None:
+        """The mission is taken on."""
+        self.mission = mission
+
+    def show(self, message: Message, now: float) -> None:
+        """Take one message."""
+        kind = type(message).__name__
+        taker = getattr(self, f"_take_{kind.lower()}", None)
+        if taker is not None and not self.done:
+            taker(message, now)
+
+    @property
+    def elapsed(self) -> float:
+        """TT so far, s."""
+        if self._began is None or not self.path:
+            return 0.0
+        return self.path[-1].t - self._began
+
+    @property
+    def here(self) -> Pose2 | None:
+        """The true pose, or the encoders' where nobody knows better."""
+        at = self.truth or self.pose
+        return None if at is None else (at.x, at.y, at.theta)
+
+    @property
+    def astray(self) -> float | None:
+        """How far a pose that says the goal is reached is from the truth, m; None if it is not."""
+        if not self.done or self.pose is None or self.truth is None:
+            return None
+        if self.result().reached:
+            return None
+        return hypot(self.pose.x - self.truth.x, self.pose.y - self.truth.y)
+
+    def result(self) -> Result:
+        """The row, as far as the run has come."""
+        here = self.here or (0.0, 0.0, 0.0)
+        start = self.start or here
+        error = hypot(self.goal[0] - here[0], self.goal[1] - here[1])
+        turned = abs(wrap(self.goal[2] - here[2]))
+        straight = hypot(self.goal[0] - start[0], self.goal[1] - start[1])
+        truth = self.truth
+        return Result(
+            scenario=self.scenario,
+            seed=self.seed,
+            reached=self.done and error <= REACHED_M and turned <= REACHED_RAD,
+            td_m=round(self.distance, 3),
+            fo_deg=round(degrees(turned), 3),
+            tt_s=round(self.elapsed, 3),
+            p_percent=round(100.0 * (1.0 - error / straight), 3) if straight else 0.0,
+            tg_percent=self._share("goto"),
+            ta_percent=self._share("avoid"),
+            tgt_percent=self._share("gothrough"),
+            exchanges=self.exchanges,
+            collisions=truth.collisions - self._collisions_before if truth else None,
+            min_clearance_m=None if self.clearance is None else round(self.clearance, 3),
+        )
+
+    def _share(self, name: str) -> float | None:
+        if self.agents and name not in self.agents:
+            return None
+        total = sum(self._cycles.values())
+        return round(100.0 * self._cycles.get(name, 0) / total, 2) if total else 0.0
+
+    def _take_truth(self, truth: Truth, _now: float) -> None:
+        self.truth = truth
+        if self.mission:
+            self._mark(truth.t, (truth.x, truth.y, truth.theta))
+            if truth.clearance is not None:
+                least = truth.clearance if self.clearance is None else self.clearance
+                self.clearance = min(truth.clearance, least)
+
+    def _take_pose(self, pose: Pose, now: float) -> None:
+        self.pose = pose
+        if self.mission and self.truth is None:
+            self._mark(now, (pose.x, pose.y, pose.theta))
+
+    def _mark(self, t: float, at: Pose2) -> None:
+        if self._began is None:
+            self._began, self.start = t, at
+            self._collisions_before = self.truth.collisions if self.truth else 0
+        elif self.path:
+            self.distance += hypot(at[0] - self.path[-1].x, at[1] - self.path[-1].y)
+        self.path.append(Mark(t, *at, self.holder))
+
+    def _take_robotstate(self, state: RobotState, _now: float) -> None:
+        self.state = state
+
+    def _take_ack(self, ack: Ack, _now: float) -> None:
+        if ack.resource != WHEELS.name or not self.mission:
+            return
+        holder = driver(ack)
+        if holder is None:
+            self.holder = None
+            return
+        if self._last_holder not in (None, holder):
+            self.exchanges += 1
+        self.holder = self._last_holder = holder
+        self._cycles[holder] = self._cycles.get(holder, 0) + 1
+
+    def _take_sonar(self, sonar: Sonar, _now: float) -> None:
+        here = self.here
+        if here is None or not self.mission:
+            return
+        for echo in sonar.echoes:
+            if echo.range is not None:
+                at = (here[0], here[1], here[2])
+                x, y = to_world((echo.x, echo.y, echo.bearing), echo.range, 0.0)
+                self.echoes.append(to_world(at, x, y))
+
+    def _take_trajectory(self, trajectory: Trajectory, _now: float) -> None:
+        if trajectory.waypoints:
+            self.waypoints = tuple((w.x, w.y, w.theta) for w in trajectory.waypoints)
+
+    def _take_missionstatus(self, status: MissionStatus, _now: float) -> None:
+        self.status = status
+        if self.mission and status.mission == self.mission:
+            self.done = status.state is MissionState.REACHED

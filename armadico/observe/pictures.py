@@ -1,0 +1,368 @@
+"""Pictures of worlds and runs, for the documentation and for whoever wants to see what happened.
+
+Matplotlib is an extra (`armadico[plot]`) and slow to import, so it is imported when something is
+drawn. A picture is 1280 x 720 and in few colours, so that its PNG is small. Worlds that are much
+taller than wide are drawn turned by a quarter, which the axes say.
+
+`python -m armadico.observe.pictures docs/worlds` draws every shipped world again.
+"""
+
+from __future__ import annotations
+
+import io
+import sys
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass, field
+from itertools import groupby, pairwise
+from math import cos, hypot, pi, sin
+from pathlib import Path
+from typing import TYPE_CHECKING, Any, Protocol
+from zlib import crc32
+
+from armadico.config.shipped import names
+from armadico.config.worlds import Pose, World, load_world
+
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
+    from matplotlib.figure import Figure
+
+SIZE_PX = (1280, 720)
+DPI = 100
+COLOURS_IN_PNG = 224
+TALL = 1.6
+"""A world this much taller than wide is drawn turned by a quarter."""
+
+HOLDERS: dict[str | None, str] = {
+    "goto": "#0072b2",
+    "avoid": "#d55e00",
+    "gothrough": "#009e73",
+    None: "#9a9a9a",
+}
+"""Who holds the wheels, and the colour of their part of a path (Okabe and Ito's, which people with
+any colour vision tell apart)."""
+
+OTHERS = ("#cc79a7", "#e69f00", "#56b4e9", "#7b5ea7")
+"""Agents that nobody foresaw get one of these, by their name and so the same in every picture."""
+
+INK, SOFT, FAINT, PAPER, FLOOR = "#22303c", "#6b7883", "#dfe4e8", "#ffffff", "#f4f7f9"
+START, GOAL = "#3b7d23", "#b01e68"
+OUTLINE = ((0.21, 0.165), (-0.23, 0.165), (-0.23, -0.165), (0.21, -0.165))
+"""A Pioneer 2DX about the middle of its axle, m (thesis table 4.3)."""
+
+MAX_ECHOES = 8000
+
+
+class Mark(Protocol):
+    """Where the robot was, m and rad, at t in s, and which agent was obeyed."""
+
+    @property
+    def t(self) -> float:
+        """Seconds."""
+
+    @property
+    def x(self) -> float:
+        """Metres."""
+
+    @property
+    def y(self) -> float:
+        """Metres."""
+
+    @property
+    def theta(self) -> float:
+        """Radians."""
+
+    @property
+    def holder(self) -> str | None:
+        """The agent that was obeyed."""
+
+
+Step = tuple[float, float, float, float, str | None]
+"""t, x, y, theta, holder: a `Mark` as a tuple."""
+
+
+@dataclass(frozen=True)
+class Run:
+    """What a picture of a run shows. Poses are x, y in m and a heading in rad, in the world."""
+
+    path: Sequence[Step | Mark]
+    start: Pose
+    goal: Pose
+    waypoints: Sequence[Pose] = ()
+    echoes: Sequence[tuple[float, float]] = ()
+    title: str = ""
+    caption: Sequence[str] = ()
+    steps: list[Step] = field(init=False, repr=False)
+
+    def __post_init__(self) -> None:
+        object.__setattr__(self, "steps", [_step(mark) for mark in self.path])
+
+
+def draw_world(
+    world: World, path_out: Path | str, start: Pose | None = None, goal: Pose | None = None
+) -> None:
+    """A PNG of a world: walls, rooms by their names, doors, a start and a goal."""
+    canvas = _Canvas(world)
+    canvas.heading(world.name, _size(world))
+    canvas.poses(start, goal, ())
+    canvas.save(path_out)
+
+
+def draw_run(world: World, run: Run, path_out: Path | str) -> None:
+    """A PNG of a run: who drove where, what the sonars saw, and the robot now and then."""
+    canvas = _Canvas(world)
+    canvas.heading(run.title or world.name, *run.caption)
+    canvas.echoes(run.echoes)
+    canvas.path(run.steps)
+    canvas.poses(run.start, run.goal, run.waypoints)
+    canvas.robots(run.steps)
+    canvas.save(path_out)
+
+
+def draw_worlds(folder: Path | str) -> list[Path]:
+    """The pictures of every shipped world, each with its start and its first goal."""
+    drawn: list[Path] = []
+    for name in names("worlds"):
+        world = load_world(name)
+        drawn.append(Path(folder) / f"{name}.png")
+        draw_world(world, drawn[-1], world.start, next(iter(world.goals.values()), None))
+    return drawn
+
+
+def colour(holder: str | None) -> str:
+    """The colour of an agent's part of a path."""
+    if holder in HOLDERS:
+        return HOLDERS[holder]
+    return OTHERS[crc32(str(holder).encode()) % len(OTHERS)]
+
+
+def _step(mark: Step | Mark) -> Step:
+    if isinstance(mark, tuple):
+        return mark
+    return mark.t, mark.x, mark.y, mark.theta, mark.holder
+
+
+def _size(world: World) -> str:
+    x1, y1, x2, y2 = world.bounds
+    return f"{x2 - x1:g} m x {y2 - y1:g} m"
+
+
+class _Canvas:
+    """A figure with one world in it, in the world's metres or turned by a quarter."""
+
+    def __init__(self, world: World) -> None:
+        import matplotlib as mpl  # noqa: PLC0415 (an extra, and slow)
+
+        mpl.use("Agg")
+        import matplotlib.pyplot as plt  # noqa: PLC0415
+
+        x1, y1, x2, y2 = world.bounds
+        self.turned = (y2 - y1) > TALL * (x2 - x1)
+        self.size = max(x2 - x1, y2 - y1)
+        self.legend: dict[str, Any] = {}
+        size = (SIZE_PX[0] / DPI, SIZE_PX[1] / DPI)
+        self.figure: Figure = plt.figure(figsize=size, dpi=DPI, facecolor=PAPER)
+        self.axes: Axes = self.figure.add_axes((0.055, 0.125, 0.925, 0.735))
+        self._cycle(world.bounds)
+        self._rooms(world)
+        self._walls(world)
+
+    def at(self, x: float, y: float) -> tuple[float, float]:
+        """A point of the world on the paper: turned, x points down and y to the right."""
+        return (y, -x) if self.turned else (x, y)
+
+    def direction(self, theta: float) -> float:
+        """A heading of the world on the paper."""
+        return theta - pi / 2 if self.turned else theta
+
+    def heading(self, title: str, *lines: str) -> None:
+        self.figure.text(0.055, 0.945, title, fontsize=17, weight="bold", color=INK)
+        for row, line in enumerate(lines[:2]):
+            self.figure.text(0.055, 0.908 - 0.034 * row, line, fontsize=10.5, color=SOFT)
+
+    def echoes(self, echoes: Sequence[tuple[float, float]]) -> None:
+        every = max(1, len(echoes) // MAX_ECHOES)
+        points = [self.at(x, y) for x, y in echoes[::every]]
+        if points:
+            xs, ys = zip(*points, strict=True)
+            dots = self.axes.scatter(xs, ys, s=3, color="#8796a3", alpha=0.45, linewidths=0)
+            dots.set_zorder(2)
+            self.legend["sonar echo"] = self.axes.scatter([], [], s=14, color="#8796a3")
+
+    def path(self, steps: Sequence[Step]) -> None:
+        for holder, points in _reigns(steps):
+            xs, ys = zip(*(self.at(x, y) for x, y in points), strict=True)
+            (line,) = self.axes.plot(
+                xs, ys, color=colour(holder), linewidth=2.6, solid_capstyle="round", zorder=4
+            )
+            self.legend.setdefault(holder or "nobody", line)
+
+    def poses(self, start: Pose | None, goal: Pose | None, waypoints: Sequence[Pose]) -> None:
+        for x, y, _ in waypoints:
+            px, py = self.at(x, y)
+            (cross,) = self.axes.plot(
+                [px], [py], "x", color=INK, markersize=8, markeredgewidth=1.6, zorder=6
+            )
+            self.legend["waypoint"] = cross
+        for name, pose, ink in (("start", start, START), ("goal", goal, GOAL)):
+            if pose is not None:
+                self._arrow(pose, ink)
+                self.legend[name] = self._handle(ink)
+
+    def robots(self, steps: Sequence[Step]) -> None:
+        """The robot's outline, each so many metres along the path, and where it came to rest."""
+        from matplotlib.patches import Polygon  # noqa: PLC0415
+
+        for step, last in _spaced(steps, max(0.8, self.size / 16.0)):
+            outline = [self.at(*point) for point in _outline(step)]
+            ink = INK if last else SOFT
+            alpha = 1.0 if last else 0.55
+            self.axes.add_patch(
+                Polygon(outline, fill=False, edgecolor=ink, linewidth=1.1, alpha=alpha, zorder=5)
+            )
+            nose = [self.at(*_point(step, *p)) for p in ((0.06, 0.09), (0.17, 0.0), (0.06, -0.09))]
+            xs, ys = zip(*nose, strict=True)
+            self.axes.plot(xs, ys, color=ink, linewidth=1.1, alpha=alpha, zorder=5)
+
+    def save(self, path: Path | str) -> None:
+        """Write the PNG, with a palette: a third of the bytes and nothing to be seen of it."""
+        import matplotlib.pyplot as plt  # noqa: PLC0415
+        from PIL import Image  # noqa: PLC0415
+
+        if self.legend:
+            entries = sorted(self.legend.items(), key=lambda entry: _rank(entry[0]))
+            self.figure.legend(
+                [handle for _, handle in entries],
+                [name for name, _ in entries],
+                loc="lower center",
+                bbox_to_anchor=(0.5, 0.0),
+                ncols=min(len(entries), 10),
+                frameon=False,
+                fontsize=11,
+                labelcolor=INK,
+                handletextpad=0.5,
+                columnspacing=1.4,
+            )
+        raw = io.BytesIO()
+        self.figure.savefig(raw, dpi=DPI, facecolor=PAPER)
+        plt.close(self.figure)
+        with Image.open(raw) as image:
+            Path(path).parent.mkdir(parents=True, exist_ok=True)
+            image.convert("RGB").quantize(COLOURS_IN_PNG).save(path, format="PNG", optimize=True)
+
+    def _cycle(self, bounds: tuple[float, float, float, float]) -> None:
+        from matplotlib.ticker import FuncFormatter, MaxNLocator  # noqa: PLC0415
+
+        (xa, ya), (xb, yb) = self.at(*bounds[:2]), self.at(*bounds[2:])
+        margin = 0.02 * self.size + 0.1
+        axes = self.axes
+        axes.set_aspect("equal", anchor="C")
+        axes.set_xlim(min(xa, xb) - margin, max(xa, xb) + margin)
+        axes.set_ylim(min(ya, yb) - margin, max(ya, yb) + margin)
+        axes.grid(color=FAINT, linewidth=0.7, zorder=0)
+        axes.set_axisbelow(True)
+        axes.tick_params(colors=SOFT, labelsize=9.5, length=0)
+        axes.set_xlabel("y (m)" if self.turned else "x (m)", color=SOFT, fontsize=10)
+        axes.set_ylabel("x (m)" if self.turned else "y (m)", color=SOFT, fontsize=10)
+        axes.xaxis.set_major_locator(MaxNLocator(14, steps=[1, 2, 5, 10]))
+        axes.yaxis.set_major_locator(MaxNLocator(8, steps=[1, 2, 5, 10]))
+        if self.turned:
+            axes.yaxis.set_major_formatter(FuncFormatter(lambda value, _: f"{0.0 - value:g}"))
+        for spine in axes.spines.values():
+            spine.set_visible(False)
+
+    def _rooms(self, world: World) -> None:
+        from matplotlib.patches import Rectangle  # noqa: PLC0415
+
+        for room in world.rooms:
+            (xa, ya), (xb, yb) = self.at(room.x1, room.y1), self.at(room.x2, room.y2)
+            width, height = abs(xb - xa), abs(yb - ya)
+            corner = min(xa, xb), min(ya, yb)
+            self.axes.add_patch(Rectangle(corner, width, height, color=FLOOR, zorder=0.5))
+            # A name is upright where the room is too narrow for it, at about 7 pixels a letter.
+            upright = height > width and width * self._pixels_per_metre() < 7 * len(room.name) + 12
+            self.axes.annotate(
+                room.name,
+                (corner[0], corner[1] + height),
+                xytext=(6, -6),
+                textcoords="offset points",
+                va="top",
+                rotation=90 if upright else 0,
+                color=SOFT,
+                fontsize=11,
+                zorder=1,
+            )
+
+    def _pixels_per_metre(self) -> float:
+        (x1, x2), (y1, y2) = self.axes.get_xlim(), self.axes.get_ylim()
+        place = self.axes.get_position(original=True)
+        return min(SIZE_PX[0] * place.width / (x2 - x1), SIZE_PX[1] * place.height / (y2 - y1))
+
+    def _walls(self, world: World) -> None:
+        from matplotlib.collections import LineCollection  # noqa: PLC0415
+
+        lines = [[self.at(*wall[:2]), self.at(*wall[2:])] for wall in world.walls]
+        walls = LineCollection(lines, colors=INK, linewidths=2.4, capstyle="round", zorder=3)
+        self.axes.add_collection(walls)
+
+    def _arrow(self, pose: Pose, ink: str) -> None:
+        """A disc where the pose is and an arrow where it looks, of the same size in any world."""
+        x, y = self.at(*pose[:2])
+        heading = self.direction(pose[2])
+        self.axes.plot([x], [y], "o", color=ink, markersize=9, markeredgecolor=PAPER, zorder=7)
+        # An arrow is drawn from a text to a point: its head is at the text here, which is empty and
+        # so many points away.
+        self.axes.annotate(
+            "",
+            xy=(x, y),
+            xytext=(34 * cos(heading), 34 * sin(heading)),
+            textcoords="offset points",
+            arrowprops={"arrowstyle": "<|-", "color": ink, "lw": 2.2, "shrinkA": 0, "shrinkB": 0},
+            zorder=7,
+        )
+
+    def _handle(self, ink: str) -> Any:
+        from matplotlib.lines import Line2D  # noqa: PLC0415
+
+        return Line2D([], [], color=ink, marker="o", linewidth=2.2, markersize=7)
+
+
+def _rank(name: str) -> tuple[int, str]:
+    """The order of a legend: the agents first, as the thesis has them."""
+    order = (*HOLDERS, "nobody", "start", "waypoint", "goal", "sonar echo")
+    return (order.index(name), "") if name in order else (len(HOLDERS) - 2, name)
+
+
+def _reigns(steps: Sequence[Step]) -> Iterator[tuple[str | None, list[tuple[float, float]]]]:
+    """The path cut where another agent takes over; each part begins where the last one ended."""
+    ended: list[tuple[float, float]] = []
+    for holder, tenure in groupby(steps, key=lambda step: step[4]):
+        points = [(step[1], step[2]) for step in tenure]
+        yield holder, ended + points
+        ended = points[-1:]
+
+
+def _spaced(steps: Sequence[Step], metres: float) -> Iterator[tuple[Step, bool]]:
+    """A step each so many metres of way, and the last one, which is told apart."""
+    travelled, due = 0.0, metres
+    for before, step in pairwise(steps):
+        travelled += hypot(step[1] - before[1], step[2] - before[2])
+        if travelled >= due:
+            due += metres
+            yield step, False
+    if steps:
+        yield steps[-1], True
+
+
+def _outline(step: Step) -> list[tuple[float, float]]:
+    return [_point(step, *corner) for corner in OUTLINE]
+
+
+def _point(step: Step, x: float, y: float) -> tuple[float, float]:
+    """A point of the robot, in the world."""
+    c, s = cos(step[3]), sin(step[3])
+    return step[1] + c * x - s * y, step[2] + s * x + c * y
+
+
+if __name__ == "__main__":
+    for path in draw_worlds(sys.argv[1] if len(sys.argv) > 1 else "docs/worlds"):
+        print(path)

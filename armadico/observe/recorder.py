@@ -1,0 +1,280 @@
+"""Everything that is said, kept in MCAP files that Foxglove and other tools open.
+
+Each message is written as a JSON object with a JSON schema drawn from `armadico.core.messages`, not
+as the CBOR array that travels: viewers read JSON, and an array without names tells a reader
+nothing. A payload that is no known message is kept raw, so nothing that was said is lost: on a
+channel of its own, as CBOR without a schema.
+
+A topic is `/<namespace>/<key>`; the time of a message is when it was received. Besides what is said
+there are `Presence` on the key of a liveliness token, `Card` and `BidRecord` on the keys that they
+are asked on. What has been received is with the operating system within `FLUSH_S`: killed at any
+moment, a recording is readable up to then. (A power cut may cost what the disk had not written.)
+"""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Callable, Mapping
+from pathlib import Path
+from typing import IO, TYPE_CHECKING, Final
+
+import msgspec
+from msgspec import Struct
+
+from armadico.core.messages import (
+    PROTOCOL,
+    BidHistory,
+    BidRecord,
+    Card,
+    Message,
+    MessageError,
+    Name,
+)
+from armadico.core.services import TOKEN
+from armadico.observe.watching import Heard, Presence, as_object, json_schema, read
+
+if TYPE_CHECKING:
+    from mcap.writer import Writer
+
+    from armadico.observe.watching import Watcher
+
+FLUSH_S: Final = 0.5
+"""How often what has been received is handed to the operating system."""
+
+ASK_S: Final = 1.0
+"""How often everybody is asked for their bids, and for a card that is missing."""
+
+SHOW_S: Final = 1.0
+"""How often whoever watches the recorder is told how it goes."""
+
+PROFILE: Final = "armadico"
+SCHEMA_PREFIX: Final = "armadico."
+
+REFUSED: Final = ".refused"
+"""Ends the topic of payloads that are not the message that their key promises."""
+
+
+class Here(Struct, frozen=True):
+    """A liveliness token came or went."""
+
+    name: Name
+    instance: Name
+    there: bool
+
+
+class McapFile:
+    """One file that is being written. Raises OSError."""
+
+    def __init__(self, path: Path, about: Mapping[str, str]) -> None:
+        """Begin a file that is not there yet; `about` is kept in it."""
+        from mcap.writer import Writer  # noqa: PLC0415 - an extra
+
+        self.path = path
+        self._stream: IO[bytes] = path.open("xb")
+        self._writer: Writer = Writer(self._stream)
+        self._schemas: dict[type[Struct], int] = {}
+        self._channels: dict[tuple[str, type[Struct] | None], tuple[int, int]] = {}
+        self._writer.start(PROFILE, f"armadico {about.get('version', '')}")
+        self._writer.add_metadata("armadico", dict(about))
+        self._writer.flush()  # type: ignore[no-untyped-call]
+
+    @property
+    def size(self) -> int:
+        """Bytes that are in the file."""
+        return self.path.stat().st_size
+
+    def add(
+        self, namespace: str, key: str, kind: type[Struct] | None, data: bytes, at: int
+    ) -> None:
+        """Write one message, JSON if it has a kind, else CBOR; `at` in ns since 1970."""
+        topic = f"/{namespace}/{key}"
+        channel, sequence = self._channels.get((topic, kind), (0, 0))
+        if channel == 0:
+            channel = self._writer.register_channel(
+                topic,
+                "cbor" if kind is None else "json",
+                0 if kind is None else self._schema(kind),
+                {"namespace": namespace, "key": key},
+            )
+        self._channels[topic, kind] = (channel, sequence + 1)
+        self._writer.add_message(channel, at, data, at, sequence)
+
+    def flush(self) -> None:
+        """Hand everything to the operating system."""
+        self._writer.flush()  # type: ignore[no-untyped-call]
+
+    def close(self) -> None:
+        """Write the index and close."""
+        try:
+            self._writer.finish()  # type: ignore[no-untyped-call]
+        finally:
+            self._stream.close()
+
+    def _schema(self, kind: type[Struct]) -> int:
+        if kind not in self._schemas:
+            text = msgspec.json.encode(json_schema(kind))
+            name = SCHEMA_PREFIX + kind.__name__
+            self._schemas[kind] = self._writer.register_schema(name, "jsonschema", text)
+        return self._schemas[kind]
+
+
+class Recording:
+    """What is heard goes in, files come out; the clock is the caller's.
+
+    A file that has grown to `max_bytes` is closed and the next begun: `run.mcap`, `run-001.mcap`
+    and so on. Each begins with who is there and their cards, so that each can be read alone.
+    """
+
+    def __init__(
+        self, path: Path, about: Mapping[str, str] | None = None, max_bytes: int | None = None
+    ) -> None:
+        """Begin the first file. Raises OSError, FileExistsError among them."""
+        self.messages = 0
+        self.refused = 0
+        self.there: dict[tuple[str, str, str], Presence] = {}
+        self._cards: dict[tuple[str, str, str], tuple[Heard, Card]] = {}
+        self._bids: dict[tuple[str, str], frozenset[BidRecord]] = {}
+        self._about = {"protocol": str(PROTOCOL), **(about or {})}
+        self._first, self._max_bytes = path, max_bytes
+        self.files = 1
+        self._earlier = 0
+        self._file = McapFile(path, self._about)
+
+    @property
+    def path(self) -> Path:
+        """The file that is being written."""
+        return self._file.path
+
+    @property
+    def size(self) -> int:
+        """Bytes in all files."""
+        return self._earlier + self._file.size
+
+    def take(self, item: Heard | Presence) -> None:
+        """Keep one thing that came."""
+        if isinstance(item, Presence):
+            self._take_presence(item)
+            return
+        try:
+            message = read(item)
+        except MessageError:
+            self.refused += 1
+            self._add(item, None, item.data, item.key + REFUSED)
+            return
+        if message is None:
+            self._add(item, None, item.data)
+        elif isinstance(message, BidHistory) and item.asked:
+            self._take_bids(item, message)
+        elif isinstance(message, Card) and item.asked:
+            self._take_card(item, message)
+        else:
+            self._say(item, message)
+
+    def misses_cards(self) -> bool:
+        """Whether somebody is there who has not shown a card."""
+        return any(who not in self._cards for who in self.there)
+
+    def flush(self) -> None:
+        """Hand what was taken to the operating system, and go on to the next file if it is time."""
+        self._file.flush()
+        if self._max_bytes is not None and self._file.size >= self._max_bytes:
+            self._next_file()
+
+    def close(self) -> None:
+        """Finish the file."""
+        self._file.close()
+
+    def _take_presence(self, item: Presence) -> None:
+        who = (item.namespace, item.name, item.instance)
+        if item.there == (who in self.there):
+            return  # liveliness may say the same twice
+        if item.there:
+            self.there[who] = item
+        else:
+            del self.there[who]
+            self._cards.pop(who, None)
+            self._bids.pop((item.namespace, item.instance), None)
+        self._show_presence(item, item.at)
+
+    def _take_card(self, item: Heard, card: Card) -> None:
+        who = (item.namespace, card.name, card.instance)
+        if self._cards.get(who, (None, None))[1] != card:
+            self._cards[who] = (item, card)
+            self._say(item, card)
+
+    def _take_bids(self, item: Heard, history: BidHistory) -> None:
+        """Keep those that the last answer did not have."""
+        who = (item.namespace, history.instance)
+        known = self._bids.get(who, frozenset())
+        self._bids[who] = frozenset(history.bids)
+        for bid in history.bids:
+            if bid not in known:
+                self._say(item, bid)
+
+    def _show_presence(self, item: Presence, at: int) -> None:
+        key = TOKEN.format(name=item.name, instance=item.instance)
+        here = Here(item.name, item.instance, item.there)
+        self._file.add(item.namespace, key, Here, msgspec.json.encode(here), at)
+        self.messages += 1
+
+    def _say(self, item: Heard, message: Message) -> None:
+        self._add(item, type(message), msgspec.json.encode(as_object(message)))
+
+    def _add(
+        self, item: Heard, kind: type[Struct] | None, data: bytes, key: str | None = None
+    ) -> None:
+        self._file.add(item.namespace, key or item.key, kind, data, item.at)
+        self.messages += 1
+
+    def _next_file(self) -> None:
+        now = time.time_ns()
+        self._file.close()
+        self._earlier += self._file.path.stat().st_size
+        self._file = McapFile(part(self._first, self.files), self._about)
+        self.files += 1
+        for presence in self.there.values():
+            self._show_presence(presence, now)
+        for heard, card in self._cards.values():
+            data = msgspec.json.encode(as_object(card))
+            self._file.add(heard.namespace, heard.key, Card, data, now)
+
+
+def part(path: Path, number: int) -> Path:
+    """The name of a further file of a recording: 1 is the second."""
+    return path.with_stem(f"{path.stem}-{number:03d}")
+
+
+def record(
+    watcher: Watcher,
+    recording: Recording,
+    show: Callable[[Recording], None],
+    duration: float | None = None,
+) -> None:
+    """Record until `duration` (s) is over, or for ever: until an exception, KeyboardInterrupt say.
+
+    The watcher's meshes are open; the recording is left open.
+    """
+    watcher.watch_alive()
+    watcher.hear()
+    end = float("inf") if duration is None else time.monotonic() + duration
+    flush_at = ask_at = show_at = time.monotonic()
+    while (now := time.monotonic()) < end:
+        if now >= ask_at:
+            ask_at = now + ASK_S
+            _ask(watcher, recording)
+        if now >= flush_at:
+            flush_at = now + FLUSH_S
+            recording.flush()
+        if now >= show_at:
+            show_at = now + SHOW_S
+            show(recording)
+        item = watcher.take(min(flush_at, end) - now)
+        if item is not None:
+            recording.take(item)
+
+
+def _ask(watcher: Watcher, recording: Recording) -> None:
+    if recording.there:
+        watcher.ask_for_bids(ASK_S)
+    if recording.misses_cards():
+        watcher.ask_for_cards(ASK_S)

@@ -1,0 +1,375 @@
+"""What those who watch share: everything that is said, in order, with the time it came.
+
+A watcher is a guest: it has no token, agents do not see it, and nothing that it does is waited for.
+Unlike an agent it keeps every message, states too, since the one that was overtaken may be the one
+that explains what happened. The queue is bounded; what it had no room for is counted.
+"""
+
+from __future__ import annotations
+
+import queue
+import time
+from collections import deque
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
+from enum import Enum
+from functools import cache
+from itertools import pairwise
+from statistics import mean, pstdev
+from typing import TYPE_CHECKING, Any, Final, TypeVar
+
+import msgspec
+from msgspec import inspect
+
+from armadico.core.messages import Ask, Claim, Message, MessageError, decode
+from armadico.core.services import BIDS, CARD, SERVICES, Kind, Service, matches
+
+if TYPE_CHECKING:
+    from armadico.mesh.zenoh import ZenohMesh
+
+M = TypeVar("M", bound=Message)
+
+WAITING: Final = 20_000
+"""What may wait for a watcher that is busy: at 20 agents, half a minute's talk."""
+
+WINDOW_S: Final = 5.0
+"""Rates are those of so long."""
+
+CYCLE_S: Final = 0.1
+"""One status packet of the robot."""
+
+QUIET_S: Final = 0.5
+"""A holder that has claimed nothing for so long holds nothing, as far as a watcher can tell."""
+
+EVERYTHING: Final = "**"
+
+HEX: Final = "_hex"
+"""Ends the name of a field that is bytes, written as hexadecimal text."""
+
+
+@dataclass(frozen=True, slots=True)
+class Heard:
+    """One payload, and when it came (ns of the watcher's clock)."""
+
+    namespace: str
+    key: str
+    data: bytes
+    at: int
+    asked: bool = False  # a reply to a query of the watcher's, not something said to all
+
+
+@dataclass(frozen=True, slots=True)
+class Presence:
+    """A liveliness token came or went."""
+
+    namespace: str
+    name: str
+    instance: str
+    there: bool
+    at: int
+
+
+class Clock:
+    """Wall time that never steps back: read once, then counted on by the monotonic clock."""
+
+    def __init__(self) -> None:
+        self._offset = time.time_ns() - time.monotonic_ns()
+
+    def __call__(self) -> int:
+        """Now, ns since 1970."""
+        return time.monotonic_ns() + self._offset
+
+
+class Watcher:
+    """Listens on one mesh for each namespace; they have been opened, and are closed, elsewhere."""
+
+    def __init__(self, meshes: Sequence[ZenohMesh], waiting: int = WAITING) -> None:
+        self.meshes = tuple(meshes)
+        self.clock = Clock()
+        self.dropped = 0  # what there was no room for
+        self._queue: queue.Queue[Heard | Presence] = queue.Queue(waiting)
+
+    def hear(self, pattern: str = EVERYTHING) -> None:
+        """Keep what is said on the keys of a pattern, in every namespace."""
+        for mesh in self.meshes:
+            mesh.subscribe(pattern, self._receiver(mesh.namespace, asked=False))
+
+    def watch_alive(self) -> None:
+        """Keep who is there, comes and goes, in every namespace."""
+        for mesh in self.meshes:
+
+            def changed(name: str, instance: str, there: bool, ns: str = mesh.namespace) -> None:
+                self._put(Presence(ns, name, instance, there, self.clock()))
+
+            mesh.watch_alive(changed)
+
+    def ask(self, pattern: str, timeout: float) -> None:
+        """Put an empty question; the replies are kept as they come."""
+        for mesh in self.meshes:
+            mesh.ask(
+                pattern, Ask(), timeout, self._receiver(mesh.namespace, asked=True), lambda: None
+            )
+
+    def ask_for_cards(self, timeout: float = 1.0) -> None:
+        """Have everybody say who they are."""
+        self.ask(CARD.key_for(name="*", instance="*"), timeout)
+
+    def ask_for_bids(self, timeout: float = 1.0) -> None:
+        """Have everybody say what they would do, losers too."""
+        self.ask(BIDS.key_for(name="*", instance="*"), timeout)
+
+    def take(self, timeout: float) -> Heard | Presence | None:
+        """The next thing that came; None if nothing does within `timeout` (s)."""
+        try:
+            return self._queue.get(block=timeout > 0, timeout=max(timeout, 0.0))
+        except queue.Empty:
+            return None
+
+    def until(self, deadline: float) -> Iterator[Heard | Presence]:
+        """What comes until a time of `time.monotonic` (s)."""
+        while (left := deadline - time.monotonic()) > 0:
+            item = self.take(left)
+            if item is not None:
+                yield item
+
+    def _receiver(self, namespace: str, *, asked: bool) -> Any:
+        def arrived(key: str, data: bytes) -> None:
+            self._put(Heard(namespace, key, data, self.clock(), asked))
+
+        return arrived
+
+    def _put(self, item: Heard | Presence) -> None:
+        try:
+            self._queue.put_nowait(item)
+        except queue.Full:
+            self.dropped += 1
+
+
+# What a payload is --------------------------------------------------------------------------------
+
+
+@cache
+def service_at(key: str) -> Service | None:
+    """The row of the table of services that a key belongs to."""
+    return next((service for service in SERVICES if matches(service.pattern, key)), None)
+
+
+def kind_at(key: str) -> type[Message] | None:
+    """The message that is said, or answered, on a key; None if the key is in nobody's table."""
+    service = service_at(key)
+    if service is None:
+        return None
+    return service.reply if service.kind is Kind.QUERY else service.message
+
+
+def read(heard: Heard) -> Message | None:
+    """The message in a payload; None if its key is not known. Raises MessageError."""
+    kind = kind_at(heard.key)
+    return None if kind is None else decode(heard.data, kind)
+
+
+def read_or_none(heard: Heard) -> Message | None:
+    """The message in a payload, if there is one."""
+    try:
+        return read(heard)
+    except MessageError:
+        return None
+
+
+def as_object(value: Any) -> Any:
+    """A message as a dictionary by field names, through and through; what is None is left out.
+
+    So a number that may be missing is a number in the schema, which is what plotting tools expect.
+    An action that is a message, encoded, is hexadecimal text in a field of its own, `<name>_hex`.
+    """
+    if isinstance(value, msgspec.Struct):
+        fields = ((name, getattr(value, name)) for name in value.__struct_fields__)
+        return {
+            name + HEX if isinstance(found, bytes) else name: as_object(found)
+            for name, found in fields
+            if found is not None
+        }
+    if isinstance(value, bytes):
+        return value.hex()
+    if isinstance(value, tuple | list):
+        return [as_object(each) for each in value]
+    return value.value if isinstance(value, Enum) else value
+
+
+def from_object(kind: type[M], found: Any) -> M:
+    """The message that `as_object` was given. Raises MessageError."""
+    try:
+        plain = _arrays(_type_info(kind), found)
+        return msgspec.convert(plain, kind)
+    except (msgspec.ValidationError, TypeError, ValueError, AttributeError) as error:
+        raise MessageError(f"not a {kind.__name__}: {error}") from None
+
+
+_type_info = cache(inspect.type_info)
+
+
+def _arrays(kind: inspect.Type, found: Any) -> Any:
+    """Objects back to the arrays that messages travel as."""
+    if isinstance(kind, inspect.StructType):
+        return [_field(field, found) for field in kind.fields]
+    if isinstance(kind, inspect.UnionType):
+        return None if found is None else _arrays(_not_none(kind), found)
+    if isinstance(kind, inspect.VarTupleType):
+        return [_arrays(kind.item_type, each) for each in found]
+    return found
+
+
+def _field(field: inspect.Field, found: dict[str, Any]) -> Any:
+    """One field; one that an older recording does not have is as its default."""
+    if field.name + HEX in found:
+        return bytes.fromhex(found[field.name + HEX])
+    if field.name in found or field.default is msgspec.NODEFAULT:
+        return _arrays(field.type, found.get(field.name))
+    return msgspec.to_builtins(field.default)
+
+
+@cache
+def json_schema(kind: type[msgspec.Struct]) -> dict[str, Any]:
+    """The JSON schema of `as_object`'s result: no references and no unions, which few read."""
+    return {"title": kind.__name__, **_schema(inspect.type_info(kind))}
+
+
+def _schema(kind: inspect.Type) -> dict[str, Any]:
+    if isinstance(kind, inspect.StructType):
+        optional = {f.name for f in kind.fields if isinstance(f.type, inspect.UnionType)}
+        encoded = {f.name + HEX: {"type": "string"} for f in kind.fields if _may_be_bytes(f.type)}
+        return {
+            "type": "object",
+            "properties": {field.name: _schema(field.type) for field in kind.fields} | encoded,
+            "required": [field.name for field in kind.fields if field.name not in optional],
+        }
+    if isinstance(kind, inspect.UnionType):
+        return _schema(_not_none(kind))
+    if isinstance(kind, inspect.VarTupleType):
+        return {"type": "array", "items": _schema(kind.item_type)}
+    return {"type": _SCALARS[type(kind)]}
+
+
+_SCALARS: Final[dict[type[inspect.Type], str]] = {
+    inspect.BoolType: "boolean",
+    inspect.IntType: "integer",
+    inspect.FloatType: "number",
+    inspect.StrType: "string",
+    inspect.EnumType: "string",
+}
+
+
+def _may_be_bytes(kind: inspect.Type) -> bool:
+    among = kind.types if isinstance(kind, inspect.UnionType) else (kind,)
+    return any(isinstance(each, inspect.BytesType) for each in among)
+
+
+def _not_none(kind: inspect.UnionType) -> inspect.Type:
+    """What it is, unless it is missing, or bytes: those have a field of their own."""
+    aside = (inspect.NoneType, inspect.BytesType)
+    (only,) = (each for each in kind.types if not isinstance(each, aside))
+    return only
+
+
+# How often, and whose -----------------------------------------------------------------------------
+
+
+@dataclass(frozen=True)
+class Spread:
+    """How far apart messages came, s."""
+
+    least: float
+    most: float
+    mean: float
+    deviation: float
+
+
+class Rate:
+    """How often something comes, over the last `WINDOW_S`. Times are ns."""
+
+    def __init__(self, deadline_s: float | None = None) -> None:
+        """Count; a gap longer than the deadline is a missed one."""
+        self.count = 0
+        self.missed = 0
+        self.last: int | None = None
+        self._deadline_s = deadline_s
+        self._late = False  # the gap that is still open has been counted
+        self._arrivals: deque[int] = deque()
+
+    def add(self, at: int) -> None:
+        """One came."""
+        self.look(at)
+        self.count += 1
+        self.last, self._late = at, False
+        self._arrivals.append(at)
+
+    def look(self, now: int) -> None:
+        """Forget what is past, and notice a deadline that has been missed."""
+        while self._arrivals and now - self._arrivals[0] > WINDOW_S * 1e9:
+            self._arrivals.popleft()
+        if self._deadline_s is None or self.last is None or self._late:
+            return
+        if now - self.last > self._deadline_s * 1e9:
+            self._late = True
+            self.missed += 1
+
+    def hz(self, now: int) -> float | None:
+        """Messages a second; None before there are two. Silence counts as soon as it is long."""
+        self.look(now)
+        if len(self._arrivals) < 2:
+            return None if self.count < 2 else 0.0
+        gaps = len(self._arrivals) - 1
+        span = self._arrivals[-1] - self._arrivals[0]
+        silence = now - self._arrivals[-1]
+        if silence > 2 * span / gaps:
+            span += silence
+        return gaps * 1e9 / max(span, 1)
+
+    def spread(self) -> Spread | None:
+        """The gaps in the window; None before there is one."""
+        gaps = [(b - a) / 1e9 for a, b in pairwise(self._arrivals)]
+        return Spread(min(gaps), max(gaps), mean(gaps), pstdev(gaps)) if gaps else None
+
+
+def deadline_s(service: Service | None) -> float | None:
+    """The longest silence that its row of the table allows, s.
+
+    Only what is said all the time has one: claims and commands end with a tenure. Where no
+    freshness is promised it is two periods.
+    """
+    if service is None or service.kind is not Kind.STATE or service.rate_hz is None:
+        return None
+    period = 1.0 / service.rate_hz
+    if service.fresh_cycles is None:
+        return 2.0 * period
+    return max(service.fresh_cycles * CYCLE_S, 2.0 * period)
+
+
+class Holders:
+    """Who holds each resource, by the claims that are heard."""
+
+    def __init__(self) -> None:
+        self._claims: dict[str, tuple[Claim, int]] = {}
+
+    def hear(self, claim: Claim, at: int) -> None:
+        """The largest ballot stands, until it is silent or released."""
+        known = self.of(claim.resource, at)
+        if known is None or claim.ballot >= known.ballot:
+            self._claims[claim.resource] = (claim, at)
+
+    def of(self, resource: str, now: int) -> Claim | None:
+        """The holder's last claim; None if nobody holds it."""
+        claim, at = self._claims.get(resource, (None, 0))
+        if claim is None or claim.utility is None or now - at > QUIET_S * 1e9:
+            return None
+        return claim
+
+    @property
+    def resources(self) -> list[str]:
+        """Those that have been claimed."""
+        return sorted(self._claims)
+
+
+def agent_of(instance: str) -> str:
+    """The agent's name in an instance's id."""
+    return instance.rpartition("-")[0] or instance

@@ -1,0 +1,99 @@
+"""A mailbox between threads: transports put into it, the agent's thread takes from it.
+
+One thread is at work at a time: the one that takes, but while it waits. Then a transport's thread
+may do at once what it would have put, which saves waking another: `at_once`.
+"""
+
+from __future__ import annotations
+
+import threading
+import time
+from collections.abc import Callable
+from typing import Any
+
+from armadico.core.mailbox import EVENTS, Mailbox
+
+Item = tuple[Callable[..., None], tuple[Any, ...]]
+"""What is called on the agent's thread, and with what."""
+
+
+class Inbox:
+    """A mailbox that several threads put into and one takes from."""
+
+    def __init__(self) -> None:
+        self._mailbox: Mailbox[Item] = Mailbox()
+        self._guard = threading.Lock()
+        # A bell, not a condition: it stays rung until somebody hears it.
+        self._bell = threading.Lock()
+        self._bell.acquire()
+        self._called = False  # rung for no item
+        self._work = threading.Lock()  # held by who is at work
+        self._work.acquire()
+        self._back = False  # whether who takes wants to be at work again
+
+    def put(self, key: str, call: Callable[..., None], *args: Any, keep: int = EVENTS) -> None:
+        """Queue a call on a key; `keep` 1 keeps the latest of it only."""
+        with self._guard:
+            self._mailbox.put(key, (call, args), keep)
+        self._ring()
+
+    def at_once(self) -> bool:
+        """Whether nothing waits and nobody is at work: then the caller is, until `done`."""
+        if self._back or not self._work.acquire(blocking=False):
+            return False
+        with self._guard:
+            waits = bool(self._mailbox)
+        if waits or self._back:
+            self._work.release()
+            return False
+        return True
+
+    def done(self) -> None:
+        """Let others work, after `at_once`."""
+        self._work.release()
+
+    def ring(self) -> None:
+        """Have `take` return, now or at its next call, though there may be no item."""
+        self._called = True
+        self._ring()
+
+    def _ring(self) -> None:
+        try:  # noqa: SIM105 - `suppress` would cost more than the rest of this class
+            self._bell.release()
+        except RuntimeError:  # it is ringing already
+            pass
+
+    def take(self, timeout: float | None) -> Item | None:
+        """The oldest item; None if it was rung for none, or `timeout` (s) has passed."""
+        item = self._pop()
+        end = None if timeout is None else time.monotonic() + timeout
+        while item is None:
+            left = -1.0 if end is None else end - time.monotonic()
+            if (end is not None and left <= 0.0) or not self._wait(left):
+                return None
+            if self._called:
+                self._called = False
+                return self._pop()
+            item = self._pop()  # the bell may still ring for one that was taken before
+        return item
+
+    def _wait(self, timeout: float) -> bool:
+        """Let others work until the bell rings; False if it has not in time, s."""
+        self._work.release()
+        try:
+            return self._bell.acquire(timeout=timeout)
+        finally:
+            self._back = True  # a flood of what is done at once could keep it out for ever
+            self._work.acquire()
+            self._back = False
+
+    def take_dropped(self) -> dict[str, int]:
+        """How many events were lost, by key, since this was last asked."""
+        if not self._mailbox.dropped:
+            return {}
+        with self._guard:
+            return self._mailbox.take_dropped()
+
+    def _pop(self) -> Item | None:
+        with self._guard:
+            return self._mailbox.take()

@@ -1,0 +1,131 @@
+"""The latch that stops the robot, as tools say it.
+
+A stop is a state, not an edge: it is published again and again until the robot agent's own states
+show it, and go on showing it. A release is one message about one stop, whoever pressed that; it
+ends nothing that was pressed since.
+"""
+
+from __future__ import annotations
+
+import random
+import time
+from typing import Final
+
+from armadico.core.messages import Cycle, RobotState, Stop, counts_beyond, next_count
+from armadico.runtime.client import Client
+
+AGAIN_S: Final = 0.1
+"""How often it is published until it is acknowledged, and while that is looked at."""
+
+HELD_S: Final = 1.0
+"""The robot counts as stopped once its states have said so for so long."""
+
+SILENT_S: Final = 0.5
+"""After a longer silence of the robot agent it has to say so for as long again."""
+
+REST_M_S: Final = 0.02
+REST_RAD_S: Final = 0.1
+"""Wheels that are measured slower than this rest: a stop is an order to brake, and braking takes
+its time."""
+
+
+class Latching:
+    """One press of the stop, or the release of one: what to publish, and what came of it.
+
+    Sans-IO: the robot agent's states and the time go in.
+
+    Attributes:
+        known: The latch by the robot agent's newest state; None if nothing is heard of it.
+        latched: Whether the stop holds, by the robot agent's word.
+        done: Whether the robot is stopped and its wheels rest, or is free, by that word.
+        refusal: Why it cannot be done.
+    """
+
+    def __init__(self, *, stopped: bool, by: str, press: int) -> None:
+        """Begin.
+
+        Args:
+            stopped: To stop the robot, or to release it.
+            by: Who does, for people.
+            press: What tells this stop from all others; a release has that of what it releases.
+        """
+        self.known: Stop | None = None
+        self.latched = False
+        self.done = False
+        self.refusal = ""
+        self._stopped, self._by, self._press = stopped, by, press
+        self._release: Stop | None = None
+        self._cycle: Cycle | None = None
+        self._speeds = (0.0, 0.0)  # measured, m/s and rad/s
+        self._heard_at = float("-inf")
+        self._since: float | None = None  # the robot agent has said so without a break
+
+    def hear(self, state: RobotState, now: float) -> None:
+        """Take the robot agent's newest state at a time, s; one that was taken already is none."""
+        if state.cycle == self._cycle:
+            return
+        self._cycle, self.known = state.cycle, state.stop
+        self._speeds = (state.v, state.w)
+        if self._stopped:
+            self._hear_stopped(state.stop, now)
+        else:
+            self._hear_released(state.stop)
+        self._heard_at = now
+
+    def message(self) -> Stop | None:
+        """What to publish now; None if that is not known yet, or there is nothing to say."""
+        if not self._stopped:
+            return self._release
+        known = self.known or Stop()
+        ours = known.stopped and known.press == self._press
+        counter = known.counter if ours else next_count(known.counter)
+        return Stop(counter, True, self._by, self._press)
+
+    @property
+    def rolling(self) -> str:
+        """How the wheels still turn, for people; "" once they rest."""
+        v, w = self._speeds
+        if abs(v) <= REST_M_S and abs(w) <= REST_RAD_S:
+            return ""
+        return f"the wheels still turn, at {v:.2f} m/s and {w:.2f} rad/s"
+
+    def _hear_stopped(self, stop: Stop, now: float) -> None:
+        if not stop.stopped:
+            self._since, self.latched = None, False
+        elif self._since is None or now - self._heard_at > SILENT_S:
+            self._since, self.latched = now, False
+        elif now - self._since >= HELD_S:
+            self.latched = True
+        self.done = self.latched and not self.rolling
+
+    def _hear_released(self, stop: Stop) -> None:
+        release = self._release
+        late = release is not None and counts_beyond(release.counter, stop.counter)
+        if not stop.stopped:
+            self.done = not late
+        elif release is None or (not late and stop.press == release.press):
+            self._release = Stop(next_count(stop.counter), False, self._by, stop.press)
+        elif not late:
+            self.refusal = f"it was stopped again meanwhile, by {stop.by or 'somebody'}"
+
+
+def say(client: Client, *, stopped: bool, by: str, timeout: float) -> Latching:
+    """Stop or release the robot; what came of it within `timeout` (s).
+
+    The client listens to `RobotState` already.
+    """
+    latching = Latching(stopped=stopped, by=by, press=random.SystemRandom().getrandbits(63))
+
+    def over() -> bool:
+        state = client.latest(RobotState)
+        if state is not None:
+            latching.hear(state, time.monotonic())
+        return latching.done or bool(latching.refusal)
+
+    end = time.monotonic() + timeout
+    while not over() and time.monotonic() < end:
+        message = latching.message()
+        if message is not None:
+            client.publish(message)
+        client.wait_for(over, min(AGAIN_S, max(end - time.monotonic(), 0.0)))
+    return latching

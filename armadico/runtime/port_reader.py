@@ -1,0 +1,140 @@
+"""A device agent's port: the thread that reads it, and opens it again whenever it has gone."""
+
+from __future__ import annotations
+
+import threading
+from collections.abc import Callable
+from typing import Any, Final, Protocol
+
+from armadico.core.driver import Driver
+from armadico.runtime.inbox import Inbox
+
+RETRY_S: Final = (0.1, 0.2, 0.5, 1.0)
+"""Pauses between attempts to open the port; the last one stands for ever."""
+
+CLOSE_S: Final = 0.5
+"""How long closing may take before it is left to itself."""
+
+
+READ_S: Final = 0.1
+"""How long a read waits; so long may closing take."""
+
+CHUNKS: Final = 256
+"""Pieces of bytes that wait for an agent that is busy; the oldest go first."""
+
+LINK: Final = "link"
+"""What the news of the link is called in the inbox; no key of the mesh has that name."""
+
+
+class Port(Protocol):
+    """An open port. Whatever goes wrong with it is an OSError."""
+
+    def read(self, timeout_s: float) -> bytes:
+        """Wait for bytes; none after `timeout_s`."""
+
+    def write(self, data: bytes) -> None:
+        """Send all of it."""
+
+    def close(self) -> None:
+        """Let go; again does no harm."""
+
+
+class Device:
+    """Bytes and news of the link go into the inbox, in lanes of their own; the agent writes."""
+
+    def __init__(
+        self,
+        driver: Driver,
+        connect: Callable[[], Port],
+        inbox: Inbox,
+        clock: Callable[[], float],
+        at_once: Callable[[Callable[..., None], tuple[Any, ...]], object] | None = None,
+    ) -> None:
+        """Prepare.
+
+        Args:
+            driver: The agent's.
+            connect: Opens the port, or raises OSError, or ValueError if there can be none.
+            inbox: Where bytes and news go.
+            clock: s from anywhere.
+            at_once: Does on the reading thread what need not wait.
+        """
+        self._driver = driver
+        self._connect = connect
+        self._port: Port | None = None
+        self._inbox = inbox
+        self._clock = clock
+        self._at_once = at_once
+        self._stopping = threading.Event()
+        self._up: bool | None = None
+        self._failures = 0
+        self._broken = ""  # why a write failed, for the reading thread to act upon
+        self._thread = threading.Thread(target=self._run, name="port", daemon=True)
+
+    def start(self) -> None:
+        """Begin to open and read."""
+        self._thread.start()
+
+    def stop(self) -> None:
+        """Close the port, once what was written has been handed over."""
+        self._stopping.set()
+        if self._thread.is_alive():
+            self._thread.join(CLOSE_S)
+
+    def write(self, data: bytes) -> None:
+        """Send to the device; what it cannot take is lost."""
+        port = self._port
+        if port is None:
+            return
+        try:
+            port.write(data)
+        except OSError as error:
+            self._broken = f"cannot write: {error}"
+
+    def _run(self) -> None:
+        while not self._stopping.is_set():
+            try:
+                port = self._connect()
+            except (OSError, ValueError) as error:
+                self._link(False, str(error))
+            else:
+                self._use(port)
+            pause = RETRY_S[min(self._failures, len(RETRY_S) - 1)]
+            self._failures += 1
+            self._stopping.wait(pause)
+
+    def _use(self, port: Port) -> None:
+        """Read an open port until it goes."""
+        self._broken = ""
+        self._port = port
+        self._link(True, "")
+        why = self._read(port)
+        self._port = None
+        self._link(False, why)
+        port.close()
+
+    def _read(self, port: Port) -> str:
+        try:
+            while not (self._stopping.is_set() or self._broken):
+                data = port.read(READ_S)
+                if data:
+                    self._failures = 0  # a port that opens and says nothing is no success
+                    self._take(data)
+        except OSError as error:
+            return str(error)
+        return self._broken or "closed"
+
+    def _take(self, data: bytes) -> None:
+        if self._at_once is not None and self._inbox.at_once():
+            self._at_once(self._received, (data,))
+        else:
+            self._inbox.put("device", self._received, data, keep=CHUNKS)
+
+    def _received(self, data: bytes) -> None:
+        self._driver.received(data, self._clock())
+
+    def _link(self, up: bool, why: str) -> None:
+        """Say that the link came or went: a state, so that no flood of bytes can push it out."""
+        if up != self._up:
+            self._up = up
+            self._inbox.put(LINK, lambda: self._driver.link(up, why, self._clock()), keep=1)

@@ -1,0 +1,681 @@
+"""Latched states: whoever restarts is told, a stop always stops, and an old one stays released."""
+
+from __future__ import annotations
+
+import random
+from collections.abc import Callable
+
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from hypothesis.stateful import RuleBasedStateMachine, initialize, invariant, precondition, rule
+
+from armadico.core.latched import DOUBT_S, GIVE_BACK_S, PRESSES, Memory
+from armadico.core.messages import (
+    COUNTS,
+    JUMP,
+    LARGEST_COUNT,
+    Latched,
+    Origin,
+    Point,
+    Stop,
+    Trajectory,
+    Waypoint,
+    counts_beyond,
+    decode,
+    encode,
+    next_count,
+)
+
+GOAL = (Waypoint(1.0, 0.0, 0.0),)
+
+
+@pytest.fixture
+def memory() -> Memory:
+    return Memory(random.Random(1))
+
+
+def knowing(*known: Latched) -> Memory:
+    memory = Memory(random.Random(1))
+    for message in known:
+        memory.hear(message, 0.0)
+    return memory
+
+
+def given_back(memory: Memory, now: float = 0.0) -> list[Latched]:
+    """What it gives back within the time that it may take, and nothing after."""
+    said = memory.due(now + GIVE_BACK_S)
+    assert memory.due(now + 10 * GIVE_BACK_S) == []
+    return said
+
+
+# A stop -------------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("counter", [0, 1, 5, 6, 7, LARGEST_COUNT])
+def test_a_stop_latches_whatever_its_counter(counter: int) -> None:
+    memory = knowing(Stop(6, False, "a", 1))
+    assert memory.hear(Stop(counter, True, "b", 2), 1.0)
+    known = memory.newest(Stop)
+    assert known is not None
+    assert known.stopped
+    assert known.by == "b"
+    assert known.counter == (counter if counter in (6, 7) else 7)
+
+
+def test_a_release_needs_a_larger_counter() -> None:
+    memory = knowing(Stop(6, True, "a", 1))
+    for counter in (0, 5, 6):
+        assert not memory.hear(Stop(counter, False, "b", 1), 1.0)
+    assert memory.hear(Stop(7, False, "b", 1), 1.0)
+
+
+def test_a_late_copy_of_a_stop_that_was_released_does_not_stop_again() -> None:
+    stop, release = Stop(6, True, "a", 1), Stop(7, False, "a", 1)
+    memory = knowing(stop, release)
+    for _ in range(3):
+        assert not memory.hear(stop, 1.0)
+        assert memory.newest(Stop) == release
+    assert given_back(memory, 1.0) == [release], "and its publisher is told"
+
+
+def test_who_saw_the_release_alone_knows_the_stop_that_it_releases() -> None:
+    memory = knowing(Stop(7, False, "a", 1))
+    assert not memory.hear(Stop(6, True, "a", 1), 1.0)
+
+
+def test_who_presses_again_stops_again() -> None:
+    memory = knowing(Stop(6, True, "a", 1), Stop(7, False, "a", 1))
+    assert memory.hear(Stop(6, True, "a", 2), 1.0)
+    assert memory.newest(Stop) == Stop(8, True, "a", 2)
+
+
+def test_a_stop_with_a_huge_counter_stops_and_can_be_released() -> None:
+    memory = knowing(Stop(6, False, "a", 1))
+    assert memory.hear(Stop(LARGEST_COUNT, True, "forger", 2), 1.0)
+    known = memory.newest(Stop)
+    assert known is not None
+    release = Stop(known.counter + 1, False, "b", known.press)
+    assert decode(encode(release), Stop) == release, "there is a larger counter"
+    assert memory.hear(release, 2.0)
+
+
+def test_a_release_with_a_huge_counter_is_refused() -> None:
+    memory = knowing(Stop(6, True, "a", 1))
+    assert not memory.hear(Stop(6 + JUMP + 1, False, "forger", 1), 1.0)
+    assert memory.refused == 1
+    assert memory.newest(Stop) == Stop(6, True, "a", 1)
+
+
+def test_a_stop_at_the_largest_counter_of_all_still_stops() -> None:
+    memory = Memory(random.Random(1))
+    memory.note(Stop(LARGEST_COUNT, False, "a", 1))
+    assert memory.hear(Stop(1, True, "b", 2), 1.0)
+    known = memory.newest(Stop)
+    assert known is not None
+    assert known.stopped
+
+
+@pytest.mark.parametrize("press", [1, 9], ids=["known", "unknown"])
+def test_a_release_with_a_huge_counter_changes_nothing_where_nothing_is_stopped(press: int) -> None:
+    memory = knowing(Stop(6, True, "a", 1), Stop(7, False, "a", 1))
+    assert not memory.hear(Stop(7 + JUMP + 1, False, "forger", press), 1.0)
+    assert memory.newest(Stop) == Stop(7, False, "a", 1)
+
+
+def test_a_late_copy_of_a_stop_with_a_huge_counter_does_not_stop_again() -> None:
+    huge = Stop(LARGEST_COUNT, True, "forger", 2)
+    memory = knowing(Stop(6, False, "a", 1), huge, Stop(8, False, "b", 2))
+    assert not memory.hear(huge, 1.0)
+    assert memory.newest(Stop) == Stop(8, False, "b", 2)
+
+
+def test_a_jump_is_the_largest_step_that_is_believed() -> None:
+    memory = knowing(Stop(6, False, "a", 1))
+    stop, release = Stop(6 + JUMP, True, "b", 2), Stop(6 + 2 * JUMP, False, "b", 2)
+    assert memory.hear(stop, 1.0)
+    assert memory.newest(Stop) == stop
+    assert memory.hear(release, 1.0)
+    assert memory.newest(Stop) == release
+    assert memory.refused == 0
+
+
+@pytest.mark.parametrize("counter", [4, 6])
+def test_a_release_that_counts_no_further_does_not_make_its_stop_an_old_one(counter: int) -> None:
+    memory = knowing(Stop(6, False, "a", 1))
+    assert not memory.hear(Stop(counter, False, "b", 2), 1.0)
+    assert memory.hear(Stop(3, True, "b", 2), 1.0)
+
+
+def test_who_released_a_stop_itself_knows_a_late_copy_of_it(memory: Memory) -> None:
+    memory.note(Stop(7, False, "a", 1))
+    assert not memory.hear(Stop(6, True, "a", 1), 1.0)
+
+
+@given(st.integers(0, 5), st.integers(PRESSES + 1, 3 * PRESSES))
+def test_however_many_stops_there_were_the_last_release_stands(counter: int, presses: int) -> None:
+    memory = Memory(random.Random(1))
+    for press in range(presses):
+        memory.hear(Stop(counter + 2 * press, True, "a", press), 0.0)
+        memory.hear(Stop(counter + 2 * press + 1, False, "a", press), 0.0)
+    last = memory.newest(Stop)
+    for press in range(presses - PRESSES, presses):
+        assert not memory.hear(Stop(counter + 2 * press, True, "a", press), 1.0)
+    assert memory.newest(Stop) == last
+
+
+# Trajectories and origins -------------------------------------------------------------------------
+
+
+def test_an_older_one_is_answered_with_the_newer_once() -> None:
+    newer = Trajectory(4, 1, GOAL)
+    memory = knowing(newer)
+    for _ in range(5):
+        assert not memory.hear(Trajectory(3, 9, ()), 1.0)
+    assert given_back(memory, 1.0) == [newer]
+
+
+def test_nobody_gives_back_what_somebody_else_was_faster_with() -> None:
+    newer = Trajectory(4, 1, GOAL)
+    memory = knowing(newer)
+    memory.hear(Trajectory(3, 9, ()), 1.0)
+    memory.hear(newer, 1.001)
+    assert memory.due(2.0) == []
+
+
+def test_nor_what_it_has_published_itself_or_heard_of_a_stop() -> None:
+    memory = knowing(Trajectory(4, 1, GOAL), Stop(7, False, "a", 1))
+    memory.met(1.0)
+    memory.note(Trajectory(5, 1, GOAL))
+    memory.hear(Stop(7, False, "a", 1), 1.0)
+    assert memory.wakeup is None
+    assert memory.due(2.0) == []
+
+
+def test_news_is_to_be_acted_upon_and_what_is_older_is_none(memory: Memory) -> None:
+    assert memory.hear(Trajectory(4, 1, GOAL), 0.0)
+    assert memory.hear(Trajectory(4, 2, GOAL), 0.0)
+    assert not memory.hear(Trajectory(4, 1, GOAL), 0.0)
+
+
+def test_a_jump_is_measured_by_the_counter_alone(memory: Memory) -> None:
+    assert memory.hear(Trajectory(JUMP, 3 * JUMP, GOAL), 0.0)
+    assert not memory.hear(Trajectory(2 * JUMP + 1, 1, GOAL), 0.0)
+    assert memory.hear(Trajectory(2 * JUMP, 1, GOAL), 0.0)
+
+
+@pytest.mark.parametrize("seed", range(20))
+def test_what_is_given_back_is_so_within_a_tenth_of_a_second(seed: int) -> None:
+    memory = Memory(random.Random(seed))
+    memory.hear(Trajectory(4, 1, GOAL), 0.0)
+    memory.met(5.0)
+    due = memory.wakeup
+    assert due is not None
+    assert 5.0 <= due <= 5.1
+    assert memory.due(due - 1e-6) == []
+    assert memory.due(due) == [Trajectory(4, 1, GOAL)]
+    assert memory.wakeup is None
+
+
+@pytest.mark.parametrize("stopped", [False, True])
+def test_what_counts_from_zero_is_given_too(stopped: bool) -> None:
+    memory = knowing(Stop(0, stopped, "a", 1))
+    memory.met(1.0)
+    assert given_back(memory, 1.0) == [Stop(0, stopped, "a", 1)]
+
+
+def test_that_nobody_ever_stopped_is_nothing_to_remember(memory: Memory) -> None:
+    assert not memory.hear(Stop(), 0.0)
+    assert memory.all() == []
+    memory.hear(Stop(7, False, "a", 1), 1.0)
+    assert not memory.hear(Stop(), 1.0)
+    assert given_back(memory, 1.0) == [Stop(7, False, "a", 1)], "but who says so is told"
+
+
+def test_an_empty_memory_has_nothing_to_give(memory: Memory) -> None:
+    memory.met(0.0)
+    assert memory.wakeup is None
+    assert memory.due(1.0) == []
+
+
+def test_who_appears_is_given_all_that_is_known() -> None:
+    known = (Stop(3, True, "a", 1), Trajectory(4, 1, GOAL), Origin(2, 7, 1, 0, 0, 0, 0, 0, 0))
+    memory = knowing(*known)
+    memory.met(1.0)
+    assert set(given_back(memory, 1.0)) == set(known)
+
+
+# Counters that cannot be --------------------------------------------------------------------------
+
+
+def origin(counter: int) -> Origin:
+    return Origin(counter, 1, 1, 0, 0, 0, 0, 0, 0)
+
+
+def mission(counter: int) -> Trajectory:
+    return Trajectory(counter, 1, GOAL)
+
+
+FAR = [JUMP + 7, 3 * JUMP, LARGEST_COUNT // 2]
+
+
+@pytest.mark.parametrize("counter", [1, *FAR, LARGEST_COUNT])
+@pytest.mark.parametrize("made", [origin, mission, lambda n: Stop(n, True, "a", 5)])
+def test_who_knows_nothing_believes_whatever_it_is_given(
+    memory: Memory, made: Callable[[int], Latched], counter: int
+) -> None:
+    assert memory.hear(made(counter), 0.0)
+    assert memory.all() == [made(counter)]
+    assert memory.refused == 0
+
+
+@pytest.mark.parametrize("far", [*FAR, LARGEST_COUNT])
+def test_one_that_is_far_beyond_what_is_known_is_refused_and_answered(far: int) -> None:
+    memory = knowing(mission(6))
+    for _ in range(3):
+        assert not memory.hear(mission(far), 1.0), "copies of one are one"
+    assert memory.newest(Trajectory) == mission(6)
+    assert given_back(memory, 1.0) == [mission(6)]
+
+
+@pytest.mark.parametrize("far", FAR)
+@pytest.mark.parametrize("said", ["given back", "by another", "published"])
+def test_who_says_it_again_though_answered_remembers_it_and_is_believed(
+    far: int, said: str
+) -> None:
+    memory = knowing(mission(6))
+    memory.hear(mission(far), 1.0)
+    if said == "given back":
+        assert given_back(memory, 1.0)
+    elif said == "by another":
+        memory.hear(mission(6), 1.05)
+    else:
+        memory.note(mission(7))
+    assert memory.hear(mission(far + 1), 1.2)
+    assert memory.newest(Trajectory) == mission(far + 1)
+    memory.hear(mission(6), 1.3)
+    assert given_back(memory, 1.3) == [mission(far + 1)]
+    assert not memory.hear(mission(min(2 * far + JUMP + 9, LARGEST_COUNT - JUMP)), 1.35)
+
+
+def test_what_is_said_again_much_later_or_otherwise_is_another_stray() -> None:
+    memory = knowing(mission(6))
+    for at in range(5):
+        assert not memory.hear(mission(FAR[0]), 3.0 * at)
+        assert given_back(memory, 3.0 * at)
+    for step, far in enumerate((3 * JUMP, 5 * JUMP, 9 * JUMP)):
+        assert not memory.hear(mission(far), 20.0 + step / 4)
+        assert given_back(memory, 20.0 + step / 4)
+    assert memory.refused == 8
+
+
+@pytest.mark.parametrize("far", [*FAR, LARGEST_COUNT])
+@pytest.mark.parametrize("within", [0.0, 0.9 * DOUBT_S])
+def test_a_newcomer_that_hears_a_stray_first_is_put_right(
+    memory: Memory, far: int, within: float
+) -> None:
+    memory.hear(origin(far), 5.0)
+    memory.met(5.0)
+    assert memory.due(5.0 + 0.99 * DOUBT_S) == [], "what is in doubt is not handed on"
+    assert memory.hear(origin(6), 5.0 + within)
+    assert memory.newest(Origin) == origin(6)
+    assert not memory.hear(origin(far), 5.0 + within)
+
+
+@pytest.mark.parametrize("how", ["in time", "counted on", "older by one", "published"])
+def test_what_nobody_contradicts_is_in_doubt_no_longer(memory: Memory, how: str) -> None:
+    far = FAR[1]
+    memory.hear(origin(far), 5.0)
+    now = 5.1
+    if how == "in time":
+        now = 5.0 + DOUBT_S
+    elif how == "published":
+        memory.note(origin(far))
+    else:
+        memory.hear(origin(far + (1 if how == "counted on" else -1)), 5.1)
+    assert not memory.hear(origin(6), now)
+    assert given_back(memory, now)
+
+
+def test_who_appears_while_it_is_in_doubt_is_given_it_later(memory: Memory) -> None:
+    memory.hear(origin(FAR[0]), 5.0)
+    memory.met(5.2)
+    assert memory.wakeup is not None
+    assert memory.wakeup >= 5.0 + DOUBT_S
+    assert memory.due(5.0 + DOUBT_S + GIVE_BACK_S) == [origin(FAR[0])]
+
+
+@pytest.mark.parametrize("far", FAR)
+def test_a_stop_that_is_in_doubt_is_not_released_by_what_is_apart(memory: Memory, far: int) -> None:
+    assert memory.hear(Stop(far, True, "a", 5), 5.0)
+    assert not memory.hear(Stop(6, False, "b", 4), 5.1)
+    assert memory.newest(Stop) == Stop(far, True, "a", 5)
+    assert not memory.hear(Stop(6, True, "b", 6), 5.2), "no news: it is stopped"
+    assert memory.hear(Stop(7, False, "b", 6), 5.3), "and counts as the others do"
+
+
+@pytest.mark.parametrize("far", FAR)
+def test_a_release_that_is_in_doubt_yields_to_the_stop_that_others_know(
+    memory: Memory, far: int
+) -> None:
+    memory.hear(Stop(far, False, "forger", 5), 5.0)
+    assert memory.hear(Stop(6, True, "b", 5), 5.1)
+    assert memory.newest(Stop) == Stop(6, True, "b", 5)
+
+
+def test_a_stop_far_beyond_that_others_insist_on_is_counted_as_they_do() -> None:
+    memory = knowing(Stop(6, False, "a", 1))
+    far = Stop(FAR[1], True, "b", 2)
+    assert memory.hear(far, 1.0)
+    counted = Stop(7, True, "b", 2)
+    assert memory.newest(Stop) == counted
+    assert given_back(memory, 1.0) == [counted], "they are told"
+    assert not memory.hear(far, 1.2), "no news: it is stopped"
+    assert memory.newest(Stop) == far
+    assert memory.hear(Stop(FAR[1] + 1, False, "b", 2), 1.3)
+
+
+def test_a_release_far_beyond_does_not_make_its_stop_an_old_one() -> None:
+    memory = knowing(Stop(6, False, "a", 1))
+    assert not memory.hear(Stop(FAR[0] + 6, False, "forger", 2), 1.0)
+    assert memory.hear(Stop(7, True, "b", 2), 1.1)
+
+
+@pytest.mark.parametrize("made", [origin, mission, lambda n: Stop(n, False, "a", 5)])
+def test_after_the_largest_counter_comes_none(made: Callable[[int], Latched]) -> None:
+    memory = knowing(made(LARGEST_COUNT))
+    assert next_count(LARGEST_COUNT) == 0
+    memory.hear(made(0), 1.0)
+    assert memory.newest(type(made(0))) == made(0)
+    memory.hear(made(LARGEST_COUNT), 1.0)
+    assert memory.newest(type(made(0))) == made(0)
+    assert given_back(memory, 1.0) == [made(0)]
+
+
+@pytest.mark.parametrize("known", [LARGEST_COUNT, LARGEST_COUNT - 1, 2**51])
+def test_there_is_a_release_for_every_stop_and_a_stop_after_it(known: int) -> None:
+    memory = knowing(Stop(known, False, "a", 1))
+    for press in range(2, 6):
+        assert memory.hear(Stop(3, True, "b", press), 1.0)
+        stop = memory.newest(Stop)
+        assert stop is not None
+        release = Stop(next_count(stop.counter), False, "c", press)
+        assert decode(encode(release), Stop) == release
+        assert memory.hear(release, 1.0)
+
+
+@given(st.integers(0, LARGEST_COUNT), st.integers(0, LARGEST_COUNT))
+def test_of_two_counters_one_is_beyond_the_other(one: int, other: int) -> None:
+    assert counts_beyond(one, other) + counts_beyond(other, one) == (one != other)
+    assert counts_beyond(next_count(one), one)
+
+
+# Everybody at once --------------------------------------------------------------------------------
+
+PEERS = 4
+
+
+class Society(RuleBasedStateMachine):
+    """Some memories, and a network that delays, doubles, loses and reorders what they say.
+
+    A click of the clock is a tenth of a second. At the end the network is whole, and everybody
+    meets everybody, as they do when links come up: then all must have come to know the same.
+    """
+
+    @initialize()
+    def begin(self) -> None:
+        self.now = 0.0
+        self.rng = random.Random(7)
+        self.peers = [Memory(random.Random(n)) for n in range(PEERS)]
+        self.wire: list[tuple[int, Latched]] = []  # under way: to whom
+        self.old: list[Latched] = []  # all that was ever said
+        self.press = 0
+        self.missions = 0
+        self.released: set[int] = set()  # presses whose release each living peer has seen
+
+    def say(self, source: int, message: Latched) -> None:
+        self.old.append(message)
+        self.wire += [(n, message) for n in range(PEERS) if n != source]
+
+    @rule(who=st.integers(0, PEERS - 1), far=st.integers(0, 3))
+    def press_stop(self, who: int, far: int) -> None:
+        """A guest's stop reaches somebody first; it knows little of how far others have counted."""
+        self.press += 1
+        stop = Stop(far, True, "guest", self.press)
+        self.peers[who].hear(stop, self.now)
+        known = self.peers[who].newest(Stop)
+        assert known is not None
+        assert known.stopped, "a stop was not obeyed"
+        self.say(who, stop)
+
+    @rule(who=st.integers(0, PEERS - 1))
+    def release(self, who: int) -> None:
+        known = self.peers[who].newest(Stop)
+        if known is not None and known.stopped:
+            release = Stop(known.counter + 1, False, "guest", known.press)
+            assert self.peers[who].hear(release, self.now), "a stop could not be released"
+            self.say(who, release)
+
+    @rule(who=st.integers(0, PEERS - 1), ends=st.booleans())
+    def mission(self, who: int, ends: bool) -> None:
+        memory = self.peers[who]
+        known = memory.newest(Trajectory)
+        self.missions += 1
+        counter = 1 if known is None else known.counter + 1
+        new = Trajectory(counter, self.missions, () if ends else GOAL, Point(0.0, 0.0))
+        memory.note(new)
+        self.say(who, new)
+
+    @precondition(lambda self: self.wire)
+    @rule(data=st.data(), fate=st.sampled_from(["deliver", "deliver", "double", "lose"]))
+    def network(self, data: st.DataObject, fate: str) -> None:
+        to, message = self.wire[data.draw(st.integers(0, len(self.wire) - 1))]
+        if fate != "double":
+            self.wire.remove((to, message))
+        if fate != "lose":
+            self.hear(to, message)
+
+    @precondition(lambda self: self.old)
+    @rule(data=st.data(), to=st.integers(0, PEERS - 1))
+    def late(self, data: st.DataObject, to: int) -> None:
+        """Something said long ago arrives once more."""
+        self.hear(to, self.old[data.draw(st.integers(0, len(self.old) - 1))])
+
+    def hear(self, to: int, message: Latched) -> None:
+        memory = self.peers[to]
+        before = memory.newest(Stop) or Stop()
+        memory.hear(message, self.now)
+        after = memory.newest(Stop) or Stop()
+        if isinstance(message, Stop) and not message.stopped:
+            assert after.stopped <= before.stopped
+        assert after.counter >= before.counter
+        if before.stopped and not after.stopped:
+            assert isinstance(message, Stop), "released by what is no release"
+            assert not message.stopped, "released by what is no release"
+            assert message.counter > before.counter
+
+    @rule()
+    def time(self) -> None:
+        self.now += 0.1
+        for number, memory in enumerate(self.peers):
+            for message in memory.due(self.now):
+                self.say(number, message)
+
+    @rule(who=st.integers(1, PEERS - 1))
+    def restart(self, who: int) -> None:
+        """All but one may be started anew: that one remembers."""
+        self.peers[who] = Memory(random.Random(self.rng.random()))
+        self.wire = [(to, message) for to, message in self.wire if to != who]
+        for memory in self.peers:
+            memory.met(self.now)
+
+    @invariant()
+    def counters_stay_within_reach(self) -> None:
+        for memory in getattr(self, "peers", []):
+            for message in memory.all():
+                assert message.order[0] < 10_000
+
+    def teardown(self) -> None:
+        if not hasattr(self, "peers"):
+            return
+        remembered = [memory.newest(Stop) or Stop() for memory in self.peers]
+        for _ in range(6):  # the network is whole
+            for memory in self.peers:
+                memory.met(self.now)
+            self.now += 1.0
+            for memory in self.peers:
+                for message in memory.due(self.now):
+                    for other in self.peers:
+                        if other is not memory:
+                            other.hear(message, self.now)
+        for kind in (Stop, Trajectory):
+            nothing = Stop() if kind is Stop else None
+            known = {memory.newest(kind) or nothing for memory in self.peers}
+            assert len(known) == 1, f"they do not agree: {known}"
+        newest = max(remembered, key=lambda stop: stop.order)
+        now = self.peers[0].newest(Stop) or Stop()
+        if newest.stopped:
+            assert now.stopped, "a stop that somebody remembered was lost"
+
+
+TestSociety = Society.TestCase
+TestSociety.settings = settings(max_examples=60, stateful_step_count=40, deadline=None)
+
+
+class Strays(RuleBasedStateMachine):
+    """Some memories on a sound network, agents that restart, people, and numbers out of nowhere.
+
+    However far those are, in the end all know the same, can stop, release, and begin a mission that
+    everybody takes up. One at least remembers at any time.
+    """
+
+    @initialize()
+    def begin(self) -> None:
+        self.now = 0.0
+        self.rng = random.Random(7)
+        self.peers = [Memory(random.Random(n)) for n in range(PEERS)]
+        self.count = 0
+
+    def say(self, message: Latched, source: int | None = None) -> None:
+        for number, memory in enumerate(self.peers):
+            if number != source:
+                memory.hear(message, self.now)
+
+    def pass_time(self, seconds: float) -> None:
+        """What is due is said in the order of its draws, each a moment later at the others."""
+        end = self.now + seconds
+        while True:
+            due = [(m.wakeup, n) for n, m in enumerate(self.peers) if m.wakeup is not None]
+            if not due or min(due)[0] > end:
+                break
+            at, source = min(due)
+            self.now = max(self.now, at)
+            for message in self.peers[source].due(self.now):
+                self.now += 0.002
+                self.say(message, source)
+        self.now = end
+
+    @rule(kind=st.sampled_from([Stop, Stop, Trajectory]), data=st.data())
+    def stray(self, kind: type[Latched], data: st.DataObject) -> None:
+        """Heard by all, or by one; as far as is believed at once, farther, or anywhere."""
+        self.count += 1
+        known = max((m.order[0] for p in self.peers for m in p.all() if type(m) is kind), default=0)
+        step = data.draw(st.sampled_from([JUMP, JUMP - 3, JUMP + 9, 3 * JUMP, 2**51, COUNTS - 5]))
+        counter = (known + step) % COUNTS
+        message: Latched = Trajectory(counter, self.count, GOAL)
+        if kind is Stop:
+            message = Stop(counter, data.draw(st.booleans()), "stray", self.count)
+        who = data.draw(st.sampled_from([None, *range(PEERS)]))
+        if who is None:
+            self.say(message)
+        else:
+            self.peers[who].hear(message, self.now)
+
+    @rule(who=st.integers(0, PEERS - 1))
+    def restart(self, who: int) -> None:
+        self.peers[who] = Memory(random.Random(self.rng.random()))
+        for memory in self.peers:
+            memory.met(self.now)
+        self.pass_time(0.3)
+
+    @rule(seconds=st.sampled_from([0.02, 0.1, 0.5, 3.0]))
+    def time(self, seconds: float) -> None:
+        self.pass_time(seconds)
+
+    @rule(who=st.integers(0, PEERS - 1), how=st.sampled_from(["stop", "release", "mission"]))
+    def people(self, who: int, how: str) -> None:
+        self.do(who, how)
+
+    def do(self, who: int, how: str) -> None:
+        """One of them is the robot agent, or the interface agent: by its word people count."""
+        self.count += 1
+        memory = self.peers[who]
+        if how == "mission":
+            known = memory.newest(Trajectory)
+            counter = 1 if known is None else next_count(known.counter)
+            mission = Trajectory(counter, self.count, GOAL)
+            memory.note(mission)
+            self.say(mission, who)
+            return
+        stop = memory.newest(Stop) or Stop()
+        if how == "stop":
+            self.say(Stop(next_count(stop.counter), True, "people", self.count))
+            for each in self.peers:
+                known = each.newest(Stop)
+                assert known is not None
+                assert known.stopped, "a stop always latches"
+        elif stop.stopped:
+            self.say(Stop(next_count(stop.counter), False, "people", stop.press))
+            assert not (memory.newest(Stop) or Stop()).stopped
+
+    def teardown(self) -> None:
+        if not hasattr(self, "peers"):
+            return
+        self.meet()
+        assert len({m.newest(Trajectory) for m in self.peers}) == 1
+        for step, how in enumerate(("stop", "release", "mission", "stop", "release")):
+            self.do(step % PEERS, how)
+            self.meet()
+            stops = {(m.newest(Stop) or Stop()).stopped for m in self.peers}
+            assert len(stops) == 1, how
+            if how != "mission":
+                assert stops == {how == "stop"}
+        missions = {m.newest(Trajectory) for m in self.peers}
+        assert len(missions) == 1
+        (mission,) = missions
+        assert mission is not None
+        assert mission.mission == self.count - 2, "the last one that was begun"
+
+    def meet(self) -> None:
+        """Everybody appears to everybody, time and again."""
+        self.pass_time(2.0)
+        for _ in range(3):
+            for memory in self.peers:
+                memory.met(self.now)
+            self.pass_time(2.0)
+
+
+TestStrays = Strays.TestCase
+TestStrays.settings = settings(max_examples=60, stateful_step_count=20, deadline=None)
+
+
+def everybody(hear: Callable[[Memory, Latched], bool], *said: Latched) -> set[Latched | None]:
+    """What is known after some messages, in all orders of two copies each."""
+    found = set()
+    for seed in range(40):
+        memory, order = Memory(random.Random(1)), [*said, *said]
+        random.Random(seed).shuffle(order)
+        for message in order:
+            hear(memory, message)
+        found.add(memory.newest(type(said[0])))
+    return found
+
+
+def test_in_whatever_order_and_however_often_all_come_to_one_trajectory() -> None:
+    said = [Trajectory(n // 2, n, GOAL) for n in range(6)]
+    assert everybody(lambda memory, message: memory.hear(message, 0.0), *said) == {said[-1]}
+
+
+def test_in_whatever_order_and_however_often_a_stop_and_its_release_come_to_the_release() -> None:
+    said = [Stop(6, True, "a", 1), Stop(7, False, "b", 1)]
+    assert everybody(lambda memory, message: memory.hear(message, 0.0), *said) == {said[-1]}

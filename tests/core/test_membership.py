@@ -1,0 +1,458 @@
+"""Whether a newcomer may join, under a virtual clock: several instances, and a network between."""
+
+from __future__ import annotations
+
+import heapq
+from collections.abc import Callable, Mapping
+from itertools import count
+
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from msgspec.structs import replace
+
+from armadico.core.membership import (
+    AGAIN_S,
+    ALONE_S,
+    CARD_S,
+    GOING_S,
+    GRACE_S,
+    MUCH,
+    QUIET_S,
+    RESTLESS_S,
+    TOLD_S,
+    Admission,
+    Stage,
+)
+from armadico.core.messages import PROTOCOL, Card
+
+
+def card(
+    instance: str,
+    protocol: int = PROTOCOL,
+    host: str = "lab1",
+    pid: int = 7,
+    *,
+    owns: tuple[str, ...] = (),
+    tenure: int = 0,
+) -> Card:
+    name = instance.rpartition("-")[0]
+    return Card(name, instance, host, pid, "1", protocol, (), (), (), owns=owns, tenure=tenure)
+
+
+def settle(admission: Admission, now: float, until: float = 60.0) -> float:
+    """Ask and look whenever it wants to; nobody answers. Returns when it did so last."""
+    while True:
+        admission.questions(now)
+        if admission.look(now) not in (Stage.LOOKING, Stage.CLAIMING) or now >= until:
+            return now
+        due = admission.wakeup
+        assert due is not None
+        assert due > now, "it would look for ever at one instant"
+        now = due
+
+
+def test_where_nobody_is_it_joins_after_a_moment() -> None:
+    admission = Admission("goto", "goto-1", 10.0)
+    assert settle(admission, 10.0) == pytest.approx(10.0 + ALONE_S)
+    assert admission.stage is Stage.JOINED
+
+
+def test_where_others_are_it_asks_each_for_its_card_once_and_joins() -> None:
+    admission = Admission("goto", "goto-1", 0.0)
+    admission.appeared("goto", "goto-1", 0.01)  # itself
+    for _ in range(2):
+        admission.appeared("avoid", "avoid-2", 0.01)
+    assert admission.questions(0.01) == [("avoid", "avoid-2")]
+    assert admission.questions(0.02) == []
+    admission.answered("avoid-2", card("avoid-2"), 0.02)
+    admission.answered("avoid-2", None, 0.5)  # no more answers
+    assert settle(admission, 0.02) == pytest.approx(0.01 + QUIET_S)
+    assert admission.stage is Stage.JOINED
+
+
+@pytest.mark.parametrize("alone", [False, True])
+def test_who_still_waits_for_something_is_not_woken_again_at_once(alone: bool) -> None:
+    admission = Admission("goto", "goto-1", 0.0, alone=alone)
+    admission.appeared("avoid", "avoid-2", 0.002)
+    assert admission.questions(0.002)
+    settled = 0.002 + QUIET_S
+    assert admission.look(settled) is Stage.LOOKING, "a card may still come"
+    assert admission.wakeup == pytest.approx(0.002 + CARD_S)
+
+
+def test_however_many_come_and_go_it_waits_no_longer() -> None:
+    admission = Admission("goto", "goto-1", 0.0)
+    for number in range(100):
+        at = 0.01 * number
+        admission.appeared("avoid", f"avoid-{number}", at)
+        admission.disappeared(f"avoid-{number}", at)
+        if admission.look(at) is Stage.JOINED:
+            break
+    assert at == pytest.approx(RESTLESS_S, abs=0.011)
+
+
+def test_one_that_hangs_is_not_waited_for_and_asked_again_later() -> None:
+    admission = Admission("goto", "goto-1", 0.0)
+    admission.appeared("avoid", "avoid-2", 0.0)
+    assert admission.questions(0.0)
+    assert settle(admission, 0.0) == pytest.approx(CARD_S)
+    admission.answered("avoid-2", None, CARD_S)
+    assert admission.questions(CARD_S) == []
+    assert admission.look(CARD_S + GRACE_S) is Stage.JOINED
+    due = admission.wakeup
+    assert due is not None
+    assert admission.questions(due) == [("avoid", "avoid-2")]
+
+
+def meet(
+    admission: Admission,
+    instance: str,
+    now: float,
+    protocol: int = PROTOCOL + 1,
+    *,
+    owns: tuple[str, ...] = (),
+    tenure: int = 0,
+) -> None:
+    """An instance appears and gives its card, which says another protocol."""
+    admission.appeared(instance.rpartition("-")[0], instance, now)
+    assert admission.questions(now)
+    said = card(instance, protocol, "lab3", 42, owns=owns, tenure=tenure)
+    admission.answered(instance, said, now)
+
+
+def test_among_agents_of_another_protocol_it_names_one_and_does_not_join() -> None:
+    admission = Admission("goto", "goto-1", 0.0)
+    meet(admission, "avoid-2", 0.0)
+    settle(admission, 0.0)
+    assert admission.stage is Stage.REFUSED
+    for part in ("avoid-2", "lab3", "42", f"protocol {PROTOCOL + 1}", f"this one {PROTOCOL}"):
+        assert part in admission.refusal
+
+
+def test_if_it_hears_of_them_a_little_later_it_leaves_again() -> None:
+    admission = Admission("goto", "goto-1", 0.0)
+    joined = settle(admission, 0.0)
+    meet(admission, "avoid-2", joined + 1.0)
+    assert admission.look(joined + 1.0) is Stage.JOINED, "an owner may speak for it yet"
+    due = admission.wakeup
+    assert due is not None
+    assert due == pytest.approx(joined + GRACE_S)
+    assert admission.look(due) is Stage.REFUSED
+
+
+def test_one_that_comes_later_still_is_the_newcomer_itself() -> None:
+    admission = Admission("goto", "goto-1", 0.0)
+    joined = settle(admission, 0.0)
+    assert admission.look(joined + GRACE_S) is Stage.JOINED
+    assert admission.wakeup is None
+    meet(admission, "avoid-2", joined + GRACE_S + 0.1)
+    assert admission.look(1000.0) is Stage.JOINED
+
+
+@pytest.mark.parametrize(("protocol", "stays"), [(PROTOCOL, True), (PROTOCOL + 1, False)])
+def test_whoever_speaks_an_owners_protocol_stays(protocol: int, stays: bool) -> None:
+    """So one stranger keeps nobody from starting again."""
+    admission = Admission("goto", "goto-1", 0.0)
+    meet(admission, "avoid-2", 0.0)
+    meet(admission, "robot-3", 0.0, protocol, owns=("wheels",))
+    settle(admission, 0.0)
+    assert admission.look(100.0) is (Stage.JOINED if stays else Stage.REFUSED)
+
+
+def test_a_robot_agent_that_has_joined_does_not_leave_for_a_stranger_that_comes_later() -> None:
+    admission = Admission("robot", "robot-1", 0.0, alone=True, owns=("wheels",))
+    joined = settle(admission, 0.0)
+    assert admission.look(joined + GRACE_S) is Stage.JOINED
+    meet(admission, "avoid-2", joined + GRACE_S)
+    assert admission.look(joined + 100.0) is Stage.JOINED
+    late = Admission("robot", "robot-1", 0.0, alone=True, owns=("wheels",))
+    meet(late, "avoid-2", 0.0)
+    settle(late, 0.0)
+    assert late.stage is Stage.REFUSED, "it is the newcomer"
+
+
+# One that must be alone ---------------------------------------------------------------------------
+
+ONE_ALONE = ("encoder", "sonar", "interface", "path-planning", "robot")
+
+
+@pytest.mark.parametrize("name", ONE_ALONE)
+def test_a_second_one_is_refused_at_once_and_names_who_is_at_work(name: str) -> None:
+    admission = Admission(name, f"{name}-2", 0.0, alone=True)
+    meet(admission, f"{name}-9", 0.01, PROTOCOL, tenure=500)
+    assert settle(admission, 0.01) == pytest.approx(0.01)
+    assert admission.stage is Stage.REFUSED
+    assert f"another {name} agent is alive already: {name}-9 (host lab3, pid 42" in (
+        admission.refusal
+    )
+    assert "--namespace" in admission.refusal
+
+
+def test_a_token_without_a_card_keeps_a_newcomer_out_once_it_could_have_gone() -> None:
+    admission = Admission("robot", "robot-2", 0.0, alone=True)
+    admission.appeared("robot", "robot-9", 0.01)
+    assert settle(admission, 0.01) == pytest.approx(0.01 + GOING_S)
+    assert admission.stage is Stage.REFUSED
+    assert "alive already: robot-9;" in admission.refusal
+
+
+def test_it_joins_if_the_token_goes_in_time() -> None:
+    admission = Admission("robot", "robot-2", 0.0, alone=True)
+    admission.appeared("robot", "robot-9", 0.0)
+    admission.questions(0.0)
+    admission.look(1.0)
+    admission.disappeared("robot-9", 1.0)
+    assert settle(admission, 1.0) < 1.0 + QUIET_S + max(TOLD_S, ALONE_S, QUIET_S) + 0.01
+    assert admission.stage is Stage.JOINED
+
+
+def test_others_of_other_names_are_not_in_its_way() -> None:
+    admission = Admission("robot", "robot-2", 0.0, alone=True)
+    meet(admission, "goto-1", 0.0, PROTOCOL, tenure=500)
+    settle(admission, 0.0)
+    assert admission.stage is Stage.JOINED
+
+
+def test_of_two_that_begin_at_once_the_larger_id_waits_for_nobody() -> None:
+    admission = Admission("robot", "robot-9", 0.0, alone=True)
+    now = 0.0
+    while admission.look(now) is not Stage.CLAIMING:
+        due = admission.wakeup
+        assert due is not None
+        now = due
+    meet(admission, "robot-2", now, PROTOCOL, tenure=0)
+    assert admission.look(now) is Stage.REFUSED
+
+
+def test_one_with_a_larger_id_that_does_not_leave_keeps_it_out() -> None:
+    admission = Admission("robot", "robot-2", 0.0, alone=True)
+    while admission.look(1.0) is not Stage.CLAIMING:
+        assert admission.stage is Stage.LOOKING
+    admission.appeared("robot", "robot-9", 1.01)
+    settle(admission, 1.01)
+    assert admission.stage is Stage.REFUSED
+
+
+def both_at_work(longer: int, shorter: int) -> list[Admission]:
+    """Two robot agents on either side of a cut that has healed, and what each has of the other."""
+    both = [Admission("robot", who, 0.0, alone=True) for who in ("robot-2", "robot-9")]
+    for admission, tenure in zip(both, (shorter, longer), strict=True):
+        settle(admission, 0.0)
+        admission.tenure = tenure
+    for admission, other in zip(both, ("robot-9", "robot-2"), strict=True):
+        admission.appeared("robot", other, 50.0)
+        assert admission.questions(50.0)
+        assert admission.look(50.0) is Stage.JOINED, "it waits for the card, to say who that is"
+    for admission, other, tenure in zip(
+        both, ("robot-9", "robot-2"), (longer, shorter), strict=True
+    ):
+        admission.answered(other, card(other, host="lab3", tenure=tenure), 50.1)
+    return both
+
+
+def test_after_a_cut_the_one_that_has_been_at_work_for_longer_stays() -> None:
+    both = both_at_work(longer=400, shorter=400 - MUCH * 400 // 8 - 1)
+    assert [admission.look(50.1) for admission in both] == [Stage.REFUSED, Stage.JOINED]
+    assert "robot-9 (host lab3" in both[0].refusal
+
+
+def test_of_two_that_have_been_at_work_for_as_long_the_smaller_id_stays() -> None:
+    both = both_at_work(longer=400, shorter=395)
+    assert [admission.look(50.1) for admission in both] == [Stage.JOINED, Stage.REFUSED]
+    assert "robot-2 (host lab3" in both[1].refusal
+
+
+@pytest.mark.parametrize("more", [0, 10, 11, 15, 20, 21, 40])
+@pytest.mark.parametrize("longer", ["robot-2", "robot-9"])
+def test_of_two_at_work_one_leaves_however_much_longer_it_has_been(more: int, longer: str) -> None:
+    """Between 11 and 20 cycles none did, for good."""
+    both = {who: Admission("robot", who, 0.0, alone=True) for who in ("robot-2", "robot-9")}
+    for admission in both.values():
+        settle(admission, 0.0)
+    others = {"robot-2": "robot-9", "robot-9": "robot-2"}
+    for who, other in others.items():
+        both[who].appeared("robot", other, 50.0)
+    for cycle in range(400):
+        now = 50.0 + 0.1 * cycle
+        for who, admission in both.items():
+            admission.tenure = 4 + cycle + (more if who == longer else 0)
+        for who, admission in both.items():
+            for _, other in admission.questions(now):
+                theirs = replace(card(other), tenure=both[other].tenure)
+                admission.answered(other, theirs, now)
+            if admission.look(now) is Stage.REFUSED:
+                both[others[who]].disappeared(who, now)
+    stay = [who for who, admission in both.items() if admission.stage is Stage.JOINED]
+    assert len(stay) == 1
+    if more > 20:
+        assert stay == [longer]
+
+
+def test_a_token_without_a_card_drives_nobody_out() -> None:
+    """However small its id, and however often it is asked."""
+    admission = Admission("robot", "robot-9", 0.0, alone=True, owns=("wheels",))
+    settle(admission, 0.0)
+    admission.tenure = 400
+    admission.appeared("robot", "robot-0000000000000000", 50.0)
+    asked = 0
+    for step in range(3000):
+        now = 50.0 + 0.02 * step
+        if admission.questions(now):
+            asked += 1
+            admission.answered("robot-0000000000000000", None, now)
+        assert admission.look(now) is Stage.JOINED
+    assert asked == pytest.approx(60.0 / AGAIN_S, abs=1)
+
+
+def test_a_card_that_says_that_it_never_began_drives_nobody_out() -> None:
+    admission = Admission("robot", "robot-9", 0.0, alone=True)
+    settle(admission, 0.0)
+    admission.tenure = 400
+    meet(admission, "robot-0", 50.0, PROTOCOL, tenure=0)
+    assert admission.look(60.0) is Stage.JOINED
+
+
+# One that owns a resource -------------------------------------------------------------------------
+
+
+def test_a_second_owner_is_refused_and_told_whose_the_resource_is() -> None:
+    admission = Admission("claw", "claw-1", 0.0, owns=("gripper", "lamp"))
+    meet(admission, "arm-5", 0.0, PROTOCOL, owns=("gripper", "elbow"), tenure=30)
+    settle(admission, 0.0)
+    assert admission.stage is Stage.REFUSED
+    assert "gripper has an owner already: arm-5 (host lab3, pid 42" in admission.refusal
+    assert "lamp" not in admission.refusal
+
+
+def test_owners_of_different_resources_are_not_in_each_others_way() -> None:
+    admission = Admission("claw", "claw-1", 0.0, owns=("gripper",))
+    meet(admission, "arm-5", 0.0, PROTOCOL, owns=("elbow",), tenure=30)
+    settle(admission, 0.0)
+    assert admission.stage is Stage.JOINED
+
+
+def test_who_owns_nothing_may_join_beside_any_owner_and_itself() -> None:
+    admission = Admission("goto", "goto-1", 0.0)
+    meet(admission, "goto-2", 0.0, PROTOCOL, tenure=30)
+    meet(admission, "robot-2", 0.0, PROTOCOL, owns=("wheels",), tenure=30)
+    settle(admission, 0.0)
+    assert admission.stage is Stage.JOINED
+
+
+class World:
+    """Instances that begin when they begin, and hear of each other's tokens after a delay.
+
+    A card comes in time, and says for how long its instance has been at work by then.
+    """
+
+    def __init__(self, begins: Mapping[str, float], delay: Callable[[str, str], float]) -> None:
+        self.delay = delay
+        self.now = 0.0
+        self.those: dict[str, Admission] = {}
+        self.shown: dict[str, bool] = {}
+        self.driving: dict[str, bool] = {}
+        self.joined_at: dict[str, float] = {}
+        self._order = count()
+        self._queue: list[tuple[float, int, Callable[[], None]]] = []
+        for who, at in begins.items():
+            self.at(at, lambda who=who: self.begin(who))  # type: ignore[misc]
+
+    def at(self, when: float, what: Callable[[], None]) -> None:
+        heapq.heappush(self._queue, (when, next(self._order), what))
+
+    def begin(self, who: str) -> None:
+        self.those[who] = Admission("robot", who, self.now, alone=True, owns=("wheels",))
+        for other, shown in self.shown.items():
+            if shown:
+                self.tell(who, other, there=True)
+        self.look(who)
+
+    def tenure(self, who: str) -> int:
+        at = self.joined_at.get(who)
+        return 0 if at is None else 1 + int(10 * (self.now - at))
+
+    def tell(self, who: str, of: str, *, there: bool) -> None:
+        def deliver() -> None:
+            admission = self.those[who]
+            if there:
+                admission.appeared("robot", of, self.now)
+            else:
+                admission.disappeared(of, self.now)
+            self.look(who)
+
+        self.at(self.now + self.delay(who, of), deliver)
+
+    def ask(self, who: str, of: str) -> None:
+        """The query goes there, and its answer, if there is one, comes back; or none in time."""
+        answered = False
+
+        def there() -> None:
+            if self.shown.get(of):
+                said = card(of, owns=("wheels",), tenure=self.tenure(of))
+                self.at(self.now + min(self.delay(who, of), CARD_S / 3), lambda: back(said))
+
+        def back(said: Card | None) -> None:
+            nonlocal answered
+            if not answered:
+                answered = True
+                self.those[who].answered(of, said, self.now)
+                self.look(who)
+
+        self.at(self.now + min(self.delay(of, who), CARD_S / 3), there)
+        self.at(self.now + CARD_S, lambda: back(None))
+
+    def look(self, who: str) -> None:
+        admission = self.those[who]
+        admission.tenure = self.tenure(who)
+        for _, instance in admission.questions(self.now):
+            self.ask(who, instance)
+        stage = admission.look(self.now)
+        if stage is Stage.JOINED:
+            self.joined_at.setdefault(who, self.now)
+        shown = stage in (Stage.CLAIMING, Stage.JOINED)
+        if shown != self.shown.get(who, False):
+            self.shown[who] = shown
+            for other in self.those:
+                if other != who:
+                    self.tell(other, who, there=shown)
+        self.driving[who] = stage is Stage.JOINED
+        due = admission.wakeup
+        if due is not None and due > self.now and stage is not Stage.REFUSED:
+            self.at(due, lambda: self.look(who))
+
+    def run(self, until: float) -> list[list[str]]:
+        """Who drove, at each instant at which something happened."""
+        seen = []
+        while self._queue and self._queue[0][0] <= until:
+            self.now, _, what = heapq.heappop(self._queue)
+            what()
+            seen.append([who for who, drives in self.driving.items() if drives])
+        return seen
+
+
+STARTS = st.lists(st.floats(0.0, 0.6), min_size=2, max_size=4)
+
+
+@given(starts=STARTS, delays=st.lists(st.floats(0.001, 0.04), min_size=16, max_size=16))
+def test_of_several_that_begin_together_exactly_one_ever_drives(
+    starts: list[float], delays: list[float]
+) -> None:
+    names = [f"robot-{number}" for number in range(len(starts))]
+    pairs = {(a, b): delays[4 * i + j] for i, a in enumerate(names) for j, b in enumerate(names)}
+    world = World(dict(zip(names, starts, strict=True)), lambda to, of: pairs[to, of])
+    seen = world.run(30.0)
+    assert max(map(len, seen)) == 1, "two drove at once"
+    assert len({who for drivers in seen for who in drivers}) == 1, "one drove after another"
+    assert sum(world.driving.values()) == 1
+
+
+@settings(max_examples=300)
+@given(starts=st.lists(st.floats(0.0, 4.0), min_size=2, max_size=4), delay=st.floats(0.001, 3.0))
+def test_however_late_the_news_of_tokens_is_one_stays_in_the_end(
+    starts: list[float], delay: float
+) -> None:
+    names = [f"robot-{number}" for number in range(len(starts))]
+    world = World(dict(zip(names, starts, strict=True)), lambda to, of: delay)
+    world.run(60.0)
+    assert sum(world.driving.values()) == 1

@@ -1,0 +1,402 @@
+"""What is said on the mesh: the order of fields is the wire, and nothing unsound gets on or off."""
+
+from __future__ import annotations
+
+import math
+from typing import Any
+
+import cbor2
+import msgspec
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from msgspec import inspect as shape
+
+from armadico.core import messages as m
+from armadico.core.messages import (
+    JUMP,
+    LARGEST_COUNT,
+    LARGEST_PAYLOAD,
+    Message,
+    MessageError,
+    checked,
+    decode,
+    encode,
+    line,
+    plain,
+)
+
+KINDS = sorted(
+    (
+        kind
+        for kind in vars(m).values()
+        if isinstance(kind, type) and issubclass(kind, Message) and kind not in (Message, m.Latched)
+    ),
+    key=lambda kind: kind.__name__,
+)
+
+WIRE = {
+    "Ack": "resource cycle largest obeyed obeyed_cycle utility critical measured",
+    "Ask": "",
+    "Ballot": "term utility critical instance",
+    "BidHistory": "instance bids",
+    "BidRecord": "cycle resource utility critical wanted reason inputs",
+    "Card": (
+        "name instance host pid version protocol provides requests resources holds clock owns"
+        " declares tenure"
+    ),
+    "Cell": "sector ring probability x y",
+    "Claim": "resource ballot cycle utility critical wanted commanded",
+    "Command": "resource cycle ballot action",
+    "Cycle": "epoch number",
+    "Description": (
+        "robot cycle_s front rear half_width v_max w_max v_accel v_decel w_accel w_decel silence_s"
+        " watchdog_s"
+    ),
+    "Echo": "x y bearing range",
+    "LocalMap": "cycle sectors rings reach cells",
+    "Log": "level text",
+    "MissionReply": "mission refusal waypoints length",
+    "MissionRequest": "goal waypoints planned",
+    "MissionStatus": "mission state to_go leg note",
+    "Obstacles": "cycle closest front left right points",
+    "Origin": "counter by epoch x y theta at_x at_y at_theta",
+    "Plan": "waypoints length energy refusal",
+    "PlanRequest": "start goal",
+    "Point": "x y",
+    "Pose": "cycle x y theta",
+    "RobotState": "cycle x y theta v w battery_v motors stalled stop",
+    "Sonar": "cycle reach echoes",
+    "Stop": "counter stopped by press",
+    "Trajectory": "counter mission waypoints start leg",
+    "Truth": "t x y theta v w collisions clearance",
+    "Waypoint": "x y theta",
+}
+"""Protocol 2, field by field. What is new is appended and has a default; nothing moves."""
+
+LINES = [*range(0x20), *range(0x7F, 0xA0), 0x2028, 0x2029]
+TURNS = [0x61C, 0x200E, 0x200F, *range(0x202A, 0x202F), *range(0x2066, 0x206A)]
+CONTROL = "".join(map(chr, [*LINES, *TURNS]))
+PRINTED = st.characters(codec="utf-8", exclude_characters=CONTROL)
+
+
+def values(kind: shape.Type) -> st.SearchStrategy[Any]:
+    """Anything that a field may hold, by its annotation."""
+    if isinstance(kind, shape.StructType):
+        fields = (values(field.type) for field in kind.fields)
+        return st.builds(kind.cls, *fields)
+    if isinstance(kind, shape.UnionType):
+        return st.one_of(*map(values, kind.types))
+    if isinstance(kind, shape.VarTupleType):
+        return st.lists(values(kind.item_type), max_size=3).map(tuple)
+    return scalars(kind)
+
+
+def scalars(kind: shape.Type) -> st.SearchStrategy[Any]:
+    if isinstance(kind, shape.FloatType):
+        low, high = kind.gt if kind.ge is None else kind.ge, kind.le
+        return st.floats(low, high, exclude_min=kind.gt is not None)
+    if isinstance(kind, shape.IntType):
+        return st.integers(kind.ge, kind.le)
+    if isinstance(kind, shape.StrType):
+        return st.text(
+            PRINTED, min_size=kind.min_length or 0, max_size=min(kind.max_length or 20, 20)
+        )
+    if isinstance(kind, shape.BytesType):
+        return st.binary(max_size=40)
+    if isinstance(kind, shape.EnumType):
+        return st.sampled_from(list(kind.cls))
+    if isinstance(kind, shape.BoolType):
+        return st.booleans()
+    assert isinstance(kind, shape.NoneType), kind
+    return st.none()
+
+
+def of(kind: type[Message]) -> st.SearchStrategy[Any]:
+    return values(shape.type_info(kind))
+
+
+POSE = m.Pose(m.Cycle(7, 3), 1.0, -2.0, 0.5)
+
+
+@pytest.mark.parametrize("kind", KINDS, ids=lambda kind: kind.__name__)
+@settings(max_examples=30)
+@given(data=st.data())
+def test_every_message_comes_back_as_it_was(kind: type[Message], data: st.DataObject) -> None:
+    message = data.draw(of(kind))
+    assert decode(encode(message), kind) == message
+
+
+@pytest.mark.parametrize("name", WIRE)
+def test_the_order_of_fields_is_the_wire(name: str) -> None:
+    kind = getattr(m, name)
+    fields = kind.__struct_fields__
+    known = WIRE[name].split()
+    assert list(fields[: len(known)]) == known
+    appended = len(fields) - len(known)
+    assert appended <= len(kind.__struct_defaults__)  # who does not say them is understood
+
+
+def test_a_message_travels_as_a_cbor_array() -> None:
+    assert cbor2.loads(encode(POSE)) == [[7, 3], 1.0, -2.0, 0.5]
+    assert cbor2.loads(encode(m.MissionStatus(1, m.MissionState.DRIVING, 2.0))) == [
+        1,
+        "driving",
+        2.0,
+        0,
+        "",
+    ]
+
+
+def test_messages_are_frozen_and_can_be_shared() -> None:
+    with pytest.raises(AttributeError):
+        POSE.x = 2.0  # type: ignore[misc]
+    assert hash(POSE) == hash(decode(encode(POSE), m.Pose))
+
+
+BODY: dict[str, Any] = {
+    "robot": "r",
+    "cycle_s": 0.1,
+    **dict.fromkeys(("front", "rear", "half_width", "v_max", "w_max"), 0.5),
+    **dict.fromkeys(("v_accel", "v_decel", "w_accel", "w_decel", "silence_s", "watchdog_s"), 0.5),
+}
+ABSURD = [
+    ("cycle_s", 1e-6),
+    ("cycle_s", 100.0),  # ms, taken for s
+    *((field, size) for field in ("front", "rear", "half_width") for size in (0.0, 11.0)),
+    ("v_max", 101.0),
+    ("w_max", 1001.0),
+    *((f"{of}_{ramp}", 1e-6) for of in "vw" for ramp in ("accel", "decel")),
+    ("silence_s", 61.0),
+    ("watchdog_s", 1e6),
+]
+UNSOUND: list[tuple[str, Message]] = [
+    ("nan", m.Pose(m.Cycle(1, 1), math.nan, 0.0, 0.0)),
+    ("infinite", m.Pose(m.Cycle(1, 1), 0.0, math.inf, 0.0)),
+    ("minus infinite", m.Pose(m.Cycle(1, 1), 0.0, 0.0, -math.inf)),
+    ("too large", m.Pose(m.Cycle(1, 1), 1.1e6, 0.0, 0.0)),
+    (
+        "nan in an action",
+        m.Claim("w", m.Ballot(1, 0.5, False, "a"), m.Cycle(1, 1), 0.5, False, (math.nan,)),
+    ),
+    ("a speed of 101 m/s", m.RobotState(m.Cycle(1, 1), 0, 0, 0, 101.0, 0, 12, True, False)),
+    ("a turn", m.RobotState(m.Cycle(1, 1), 0, 0, 0, 0, -1001.0, 12, True, False)),
+    ("a sonar that no robot carries", m.Echo(11.0, 0.0, 0.0, 1.0)),
+    *((f"{field} of {value:g}", m.Description(**BODY | {field: value})) for field, value in ABSURD),
+    ("a utility above one", m.Ballot(1, 1.5, False, "a")),
+    ("a negative utility", m.Ballot(1, -0.1, False, "a")),
+    ("a term beyond 2^52", m.Ballot(LARGEST_COUNT + 1, 0.5, False, "a")),
+    ("a counter beyond 2^52", m.Stop(LARGEST_COUNT + 1, True, "a", 1)),
+    ("a cycle's number beyond 2^52", m.Pose(m.Cycle(1, LARGEST_COUNT + 1), 0.0, 0.0, 0.0)),
+    (
+        "at work for longer than anybody",
+        m.Card("a", "a-1", "h", 1, "1", 2, (), (), (), tenure=2**52),
+    ),
+    ("a negative term", m.Ballot(-1, 0.5, False, "a")),
+    ("nobody's ballot", m.Ballot(1, 0.5, False, "")),
+    ("a long name", m.Ballot(1, 0.5, False, "a" * 129)),
+    ("a long text", m.Log(20, "a" * 2001)),
+    ("a text of two lines", m.Log(20, "one\ntwo")),
+    ("a text that ends its line", m.Log(20, "one\n")),
+    ("a text that colours a terminal", m.Log(20, "\x1b[31mred")),
+    ("a text that turns the direction of writing", m.Log(20, "one\u202etwo")),
+    ("a name that does", m.Ballot(1, 0.5, False, "goto\u2067-1")),
+    ("a name that ends its line", m.Ballot(1, 0.5, False, "goto-1\n")),
+    ("who stopped it, over two lines", m.Stop(1, True, "a\nb", 1)),
+    (
+        "an action of 65 numbers",
+        m.Command("w", m.Cycle(1, 1), m.Ballot(1, 1, False, "a"), (0.0,) * 65),
+    ),
+    ("2,049 points", m.Obstacles(m.Cycle(1, 1), None, None, None, None, (m.Point(0, 0),) * 2049)),
+    ("a range of zero", m.Echo(0.0, 0.0, 0.0, 0.0)),
+    ("an epoch beyond 63 bits", m.Cycle(2**63, 0)),
+    ("nan deep inside", m.Trajectory(1, 1, (m.Waypoint(0.0, math.nan, 0.0),))),
+]
+
+
+@pytest.mark.parametrize(("what", "message"), UNSOUND, ids=[what for what, _ in UNSOUND])
+def test_what_is_not_finite_or_out_of_range_is_neither_sent_nor_taken(
+    what: str, message: Message
+) -> None:
+    with pytest.raises(MessageError):
+        encode(message)
+    with pytest.raises(MessageError):
+        decode(cbor2.dumps(msgspec.to_builtins(message)), type(message))
+
+
+@pytest.mark.parametrize("value", ["fast", None, (1.0,), object(), 10**400])
+def test_what_is_of_another_type_is_not_sent(value: Any) -> None:
+    with pytest.raises(MessageError, match="Pose cannot be sent"):
+        encode(m.Pose(m.Cycle(1, 1), value, 0.0, 0.0))
+
+
+SHAPES: list[tuple[str, Any]] = [
+    ("a map", {"cycle": [1, 1], "x": 0.0, "y": 0.0, "theta": 0.0}),
+    ("too short", [[1, 1], 0.0, 0.0]),
+    ("text for a number", [[1, 1], "0", 0.0, 0.0]),
+    ("a truth value for a number", [[1, 1], True, 0.0, 0.0]),
+    ("a number for a cycle", [1, 0.0, 0.0, 0.0]),
+    ("nothing", None),
+    ("a fraction for a counter", [[1, 1.5], 0.0, 0.0, 0.0]),
+    ("a huge integer", [[1, 1], 10**400, 0.0, 0.0]),
+]
+
+
+@pytest.mark.parametrize(("what", "value"), SHAPES, ids=[what for what, _ in SHAPES])
+def test_another_shape_is_refused(what: str, value: Any) -> None:
+    with pytest.raises(MessageError, match="not a Pose"):
+        decode(cbor2.dumps(value), m.Pose)
+
+
+@given(data=st.binary(max_size=64))
+def test_arbitrary_bytes_raise_nothing_but_a_message_error(data: bytes) -> None:
+    for kind in KINDS:
+        try:
+            decode(data, kind)
+        except MessageError:
+            continue
+
+
+@given(data=st.data())
+def test_a_damaged_message_is_another_one_or_an_error(data: st.DataObject) -> None:
+    wire = bytearray(encode(data.draw(of(m.Claim))))
+    for _ in range(data.draw(st.integers(1, 4))):
+        wire[data.draw(st.integers(0, len(wire) - 1))] = data.draw(st.integers(0, 255))
+    try:
+        taken = decode(bytes(wire), m.Claim)
+    except MessageError:
+        return
+    assert decode(encode(taken), m.Claim) == taken
+
+
+def indefinite(items: int) -> bytes:
+    """An array of that many zeros that does not say how many they are."""
+    return b"\x9f" + b"\x00" * items + b"\xff"
+
+
+HOSTILE = [
+    ("deep nesting", b"\x81" * 100_000 + b"\x00"),
+    ("an array of 2^63", b"\x9b\x7f" + b"\xff" * 7),
+    ("a text that is not there", b"\x7a\xff\xff\xff\xff"),
+    ("a decimal with a huge exponent", bytes.fromhex("c4821b7fffffffffffffff01")),
+    ("a date out of range", bytes.fromhex("c11b7fffffffffffffff")),
+    ("an array that holds itself", bytes.fromhex("d81c81d81d00")),
+    ("a broken text", b"\x62\xff\xff"),
+    ("nothing", b""),
+    ("an array that does not say its length", indefinite(4)),
+    ("a text that does not say its length", b"\x7f\x61a\xff"),
+    ("a pose within a tag", b"\xd9\xd9\xf7" + encode(POSE)),
+]
+
+
+@pytest.mark.parametrize(("what", "data"), HOSTILE, ids=[what for what, _ in HOSTILE])
+def test_hostile_bytes_are_an_error_like_any_other(what: str, data: bytes) -> None:
+    with pytest.raises(MessageError):
+        decode(data, m.Pose)
+
+
+def test_a_message_of_an_older_program_lacks_what_was_appended_since() -> None:
+    ballot = m.Ballot(3, 0.5, False, "a-1")
+    assert decode(cbor2.dumps(["wheels", [3, 0.5, False, "a-1"], [1, 2], 0.5]), m.Claim) == m.Claim(
+        "wheels", ballot, m.Cycle(1, 2), 0.5, critical=False, wanted=(), commanded=()
+    )
+    assert decode(cbor2.dumps([]), m.Stop) == m.Stop(0, False, "", 0)
+    state = decode(cbor2.dumps([[1, 2], 0, 0, 0, 0, 0, 12, True, False]), m.RobotState)
+    assert state.stop == m.Stop()
+    ack = decode(cbor2.dumps(["wheels", [1, 2]]), m.Ack)
+    assert (ack.largest, ack.obeyed, ack.obeyed_cycle, ack.measured) == (None, None, None, ())
+
+
+def test_a_message_of_a_newer_program_may_be_longer() -> None:
+    assert decode(cbor2.dumps([[7, 3, "new"], 1.0, -2.0, 0.5, "new"]), m.Pose) == POSE
+
+
+def test_ballots_are_ordered_by_term_then_rank_then_instance() -> None:
+    ballots = [
+        m.Ballot(1, 0.9, True, "z"),
+        m.Ballot(2, 0.5, False, "b"),
+        m.Ballot(2, 0.5, True, "a"),
+        m.Ballot(2, 0.6, False, "a"),
+        m.Ballot(2, 0.6, False, "b"),
+    ]
+    assert sorted(set(ballots)) == ballots
+
+
+def test_plain_is_a_dictionary_for_people() -> None:
+    assert plain(POSE) == {
+        "cycle": {"epoch": 7, "number": 3},
+        "x": 1.0,
+        "y": -2.0,
+        "theta": 0.5,
+    }
+
+
+# What is refused before it costs anything ---------------------------------------------------------
+
+
+@pytest.mark.parametrize("kind", [m.Command, m.RobotState, m.Log], ids=lambda kind: kind.__name__)
+def test_what_is_larger_than_64_kib_is_not_even_decoded(
+    kind: type[Message], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def loads(*_: Any, **__: Any) -> None:
+        raise AssertionError("it was decoded")
+
+    monkeypatch.setattr(cbor2, "loads", loads)
+    with pytest.raises(MessageError, match=f"{LARGEST_PAYLOAD + 1} bytes, at most"):
+        decode(b"\x00" * (LARGEST_PAYLOAD + 1), kind)
+    with pytest.raises(AssertionError):
+        decode(b"\x00" * LARGEST_PAYLOAD, kind)
+
+
+def test_what_is_larger_is_not_sent_either() -> None:
+    way = tuple(m.Waypoint(0.1 * n, 1.0, 0.0) for n in range(1024))
+    assert decode(encode(m.Trajectory(1, 1, way)), m.Trajectory).waypoints == way
+    cards = m.BidHistory("a-1", (m.BidRecord(m.Cycle(1, 1), "w", 0.5, False, (), "x" * 2000),) * 50)
+    with pytest.raises(MessageError, match=r"BidHistory cannot be sent: .* at most"):
+        encode(cards)
+
+
+BIGNUM = b"\x5a" + (60_000).to_bytes(4, "big") + b"\xff" * 60_000
+
+
+@pytest.mark.parametrize("tag", [0, 1, 2, 3, 4, 5, 25, 28, 29, 30, 35, 36, 37, 52, 100, 256, 258])
+def test_no_tag_is_converted_whatever_it_holds(tag: int) -> None:
+    """A decimal fraction of a large number takes seconds: it is refused for being a tag."""
+    head = bytes([0xC0 | tag]) if tag < 24 else b"\xd9" + tag.to_bytes(2, "big")
+    for content in (b"\x00", b"\x82\x01\x02", b"\x61a", BIGNUM, b"\x82\x01\xc2" + BIGNUM):
+        with pytest.raises(MessageError, match="semantic tag"):
+            decode(b"\x84\x82\x01\x01" + head + content + b"\x00\x00", m.Pose)
+
+
+@given(
+    tag=st.integers(0, 2**64 - 1),
+    content=st.one_of(st.integers(), st.text(), st.binary(), st.lists(st.integers(0, 5))),
+)
+def test_no_tag_at_all_is_read(tag: int, content: Any) -> None:
+    tagged = cbor2.dumps(cbor2.CBORTag(tag, content))
+    with pytest.raises(MessageError):
+        decode(b"\x82\x14" + tagged, m.Log)
+
+
+@given(data=st.data())
+def test_checked_is_what_the_other_end_has(data: st.DataObject) -> None:
+    message = data.draw(of(m.Command))
+    assert checked(message) == decode(encode(message), m.Command) == message
+
+
+@pytest.mark.parametrize("size", [0, 1, 1000, 60_000])
+def test_an_action_of_bytes_is_carried_as_it_is(size: int) -> None:
+    command = m.Command("grip", m.Cycle(1, 1), m.Ballot(1, 0.5, False, "a"), bytes(size))
+    taken = decode(encode(command), m.Command)
+    assert taken == command
+    assert isinstance(taken.action, bytes)
+
+
+def test_a_jump_fits_a_million_times_below_the_largest_count() -> None:
+    assert LARGEST_COUNT // JUMP >= 1_000_000
+
+
+@given(st.text(max_size=3000))
+def test_any_text_can_be_made_a_line(text: str) -> None:
+    said = m.Log(20, line(text))
+    assert decode(encode(said), m.Log) == said

@@ -1,0 +1,82 @@
+"""The table of services: each message has one key, one kind and one freshness."""
+
+from __future__ import annotations
+
+import pytest
+
+from armadico.core import messages as m
+from armadico.core import services
+from armadico.core.services import BIDS, CARD, SERVICES, Kind, Service, register, service_of
+
+
+class Whistle(m.Message, frozen=True):
+    cycle: m.Cycle
+    pitch: float
+
+
+WHISTLE = Service(Whistle, "whistle/{instance}", Kind.EVENT, None, 8, "a test's own")
+
+
+@pytest.fixture
+def registry(monkeypatch: pytest.MonkeyPatch) -> None:
+    """A table of one's own to add to."""
+    monkeypatch.setattr(services, "_by_message", dict(services._by_message))
+
+
+def test_no_two_services_share_a_key_or_but_for_questions_a_message() -> None:
+    keys = [service.key for service in SERVICES]
+    assert len(set(keys)) == len(keys)
+    twice = (m.Ask, m.Command)  # a resource says which key its commands have
+    said = [service.message for service in SERVICES if service.message not in twice]
+    assert len(set(said)) == len(said)
+
+
+def test_a_query_has_a_reply_and_nothing_else_has() -> None:
+    for service in SERVICES:
+        assert (service.reply is not None) == (service.kind is Kind.QUERY), service.key
+
+
+def test_what_goes_stale_carries_the_cycle_that_it_answers() -> None:
+    for service in SERVICES:
+        if service.fresh_cycles is not None:
+            assert "cycle" in service.message.__struct_fields__, service.key
+
+
+def test_claims_and_commands_are_events_so_that_none_overwrites_another() -> None:
+    events: tuple[type[m.Message], ...] = (m.Claim, m.Command, m.Log)
+    states: tuple[type[m.Message], ...] = (m.RobotState, m.Pose, m.Obstacles, m.Ack)
+    assert {service_of(kind).kind for kind in events} == {Kind.EVENT}
+    assert {service_of(kind).kind for kind in states} == {Kind.STATE}
+    latched: tuple[type[m.Message], ...] = (m.Stop, m.Trajectory, m.Origin)
+    assert {service_of(kind).kind for kind in latched} == {Kind.LATCHED}
+
+
+def test_only_the_truth_is_for_watchers_alone() -> None:
+    assert [service.message for service in SERVICES if service.watchers_only] == [m.Truth]
+
+
+def test_keys_are_filled_with_names_and_patterns_catch_them_all() -> None:
+    command, claim = service_of(m.Command), service_of(m.Claim)
+    assert command.key_for(instance="goto-1") == "robot/cmd/goto-1"
+    assert command.pattern == "robot/cmd/*"
+    assert claim.key_for(resource="wheels") == "resource/wheels/utility"
+    assert claim.pattern == "resource/*/utility"
+    assert CARD.key_for(name="goto", instance="goto-1") == "agent/goto/goto-1/card"
+    assert BIDS.pattern == "agent/*/*/bids"
+    with pytest.raises(KeyError):
+        command.key_for(name="goto")
+
+
+@pytest.mark.usefixtures("registry")
+def test_an_agent_may_bring_a_message_of_its_own() -> None:
+    with pytest.raises(KeyError, match=r"services\.register adds one"):
+        service_of(Whistle)
+    assert register(WHISTLE) is WHISTLE
+    assert service_of(Whistle) is WHISTLE
+    register(WHISTLE)
+
+
+@pytest.mark.usefixtures("registry")
+def test_a_message_cannot_be_given_a_second_key() -> None:
+    with pytest.raises(ValueError, match="Pose already travels on encoder/pose"):
+        register(Service(m.Pose, "my/pose", Kind.STATE, 10, 3, "another"))

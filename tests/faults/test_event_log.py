@@ -1,0 +1,121 @@
+"""The account of a real society: from when to when its figures count, on made-up times."""
+
+from __future__ import annotations
+
+from armadico.core.messages import (
+    Ack,
+    Ballot,
+    BidHistory,
+    BidRecord,
+    Command,
+    Cycle,
+    RobotState,
+    Truth,
+)
+from armadico.tools.faults.event_log import Account
+from armadico.tools.faults.observations import Ordered, Passed, Said
+
+OLD, NEW = "goto-0000000000000001", "goto-0000000000000002"
+
+
+def ballot(term: int, who: str) -> Ballot:
+    return Ballot(term, 0.6, False, who)
+
+
+def ack(number: int, by: Ballot | None = None, answered: int = 0) -> Ack:
+    at = None if by is None else Cycle(1, answered)
+    return Ack("wheels", Cycle(1, number), by, by, at)
+
+
+def command(number: int, by: Ballot) -> Command:
+    return Command("wheels", Cycle(1, number), by, (0.3, 0.0))
+
+
+def truth(t: float, v: float) -> Truth:
+    return Truth(t, 0, 0, 0, v, 0, 0, None)
+
+
+def test_the_next_obeyed_command_is_the_one_that_is_acknowledged() -> None:
+    account = Account()
+    first, second = ballot(1, OLD), ballot(2, NEW)
+    account.take(Said(1.00, command(10, first)))
+    account.take(Said(1.10, ack(11, first, 10)))
+    account.take(Said(1.15, command(11, second)))
+    assert account.obeyed_after(1.12) is None, "said, and not known to be obeyed"
+    account.take(Said(1.20, ack(12, second, 11)))
+    assert account.obeyed_after(1.12) == 1.15
+    assert account.obeyed_after(1.12, (NEW,)) is None
+    assert account.holder == NEW
+
+
+def test_what_was_said_before_and_acknowledged_after_does_not_count() -> None:
+    account = Account()
+    account.take(Said(1.00, command(10, ballot(1, OLD))))
+    account.take(Said(1.10, ack(11, ballot(1, OLD), 10)))
+    assert account.obeyed_after(1.05) is None
+
+
+def test_stop_rest_and_silence() -> None:
+    account = Account()
+    for at, v in ((1.0, 0.3), (1.1, 0.3), (1.4, 0.0)):
+        account.take(Ordered(at, v, 0.0))
+    for at, v in ((1.5, 0.2), (1.6, 0.005)):
+        account.take(Said(at, truth(at, v)))
+    account.take(Ordered(2.0, 0.2, 0.0))
+    account.take(Said(2.1, truth(2.1, 0.1)))
+    assert account.stop_after(1.05) == 1.4
+    assert account.moves_after(1.2) == 2.0
+    assert account.rest_after(1.4) == 1.6
+    assert account.rest_after(1.7) is None
+    assert account.fastest(1.55, 2.2) == 0.1
+    assert round(account.longest_silence(1.05), 6) == 0.6
+    account.take(Passed(3.1))
+    assert round(account.longest_silence(1.05), 6) == 1.1
+
+
+def test_tokens_come_and_go_and_are_counted_from_when_they_came() -> None:
+    account = Account()
+    account.token(1.0, OLD, True)
+    account.token(1.5, NEW, True)
+    account.token(1.6, NEW, True)
+    assert account.instances("goto") == [OLD, NEW]
+    assert account.there[NEW] == 1.5
+    account.token(2.0, OLD, False)
+    account.token(2.1, OLD, True)
+    assert account.there[OLD] == 2.1
+
+
+def test_bids_count_for_a_while() -> None:
+    account = Account()
+    record = BidRecord(Cycle(1, 5), "wheels", 0.6, False, (0.3, 0.0), "leg 0")
+    account.take(Said(1.0, BidHistory(NEW, (record,))))
+    assert account.bids_now(NEW)
+    account.take(Ordered(4.0, 0.0, 0.0))
+    assert not account.bids_now(NEW)
+    assert not account.bids_now(OLD)
+
+
+def test_late_commands_are_those_of_a_ballot_of_before() -> None:
+    account = Account()
+    before = ballot(3, OLD)
+    for at, by in ((1.0, before), (2.0, before), (2.1, ballot(5, OLD)), (2.2, ballot(2, NEW))):
+        account.take(Said(at, command(10, by)))
+    assert account.late_commands(OLD, 1.5, before) == 1
+
+
+def test_the_share_of_cycles_in_which_somebody_was_obeyed() -> None:
+    account = Account()
+    for number in range(10, 20):
+        account.take(Said(number / 10, ack(number, ballot(1, OLD), min(number, 12))))
+    assert account.share_obeyed(1.0) == 0.6  # cycles 10 to 15 are within 3 of the last obeyed
+    assert not account.obeyed_lately()
+
+
+def test_an_onlooker_that_may_not_hear_everybody_does_not_ask_who_commanded_what() -> None:
+    for deaf in (False, True):
+        account = Account()
+        account.deaf = deaf
+        account.take(Said(1.0, RobotState(Cycle(1, 10), 0, 0, 0, 0.3, 0, 12, True, False)))
+        account.take(Said(1.0, ack(10, ballot(1, OLD), 9)))
+        account.take(Ordered(1.05, 0.3, 0.0))
+        assert bool(account.checker.violations) is not deaf

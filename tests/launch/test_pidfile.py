@@ -1,0 +1,92 @@
+"""Who has a share up: by a lock, whatever the file says."""
+
+from __future__ import annotations
+
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+
+from armadico.launch.pidfile import RUNTIME_VARIABLE, PidFile, Share, TakenError, folder, shares
+
+HOLDER = """
+import sys
+from armadico.launch.pidfile import PidFile, Share
+with PidFile("robot1", "lab1") as file:
+    file.write(Share(4711, "lab1", "robot1", ("goto",), "logs"))
+    print("held", flush=True)
+    sys.stdin.read()
+"""
+
+
+@pytest.fixture(autouse=True)
+def runtime(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setenv(RUNTIME_VARIABLE, str(tmp_path))
+
+
+def share(host: str = "lab1", namespace: str = "robot1") -> Share:
+    return Share(1, host, namespace, ("goto", "avoid"), "somewhere")
+
+
+def test_what_is_up_can_be_read_as_long_as_it_is() -> None:
+    with PidFile("robot1", "lab1") as file:
+        assert list(shares("robot1")) == [], "it has said nothing yet"
+        file.write(share())
+        file.write(share())
+        assert list(shares("robot1")) == [share()]
+        assert list(shares("robot1", "lab1")) == [share()]
+        assert list(shares("robot1", "lab2")) == list(shares("robot2")) == []
+    assert list(shares("robot1")) == []
+    assert list(folder().iterdir()) == []
+
+
+def test_a_second_one_is_told_who_has_it_and_others_are_not_touched() -> None:
+    with PidFile("robot1", "lab1") as file:
+        file.write(share())
+        with pytest.raises(TakenError) as caught, PidFile("robot1", "lab1"):
+            pass
+        assert caught.value.share == share()
+        with PidFile("robot1", "lab2"), PidFile("robot2", "lab1"):
+            pass
+
+
+def test_names_that_are_no_file_names_stay_apart() -> None:
+    with PidFile("fleet/r1", "lab1"), PidFile("fleet%2fr1", "lab1"), PidFile("fleet-r1", "lab1"):
+        assert len(list(folder().iterdir())) == 3
+
+
+def test_what_a_killed_process_left_is_nobodys() -> None:
+    process = subprocess.Popen(
+        [sys.executable, "-c", HOLDER], stdin=subprocess.PIPE, stdout=subprocess.PIPE, text=True
+    )
+    try:
+        assert process.stdout is not None
+        assert process.stdout.readline() == "held\n"
+        assert [found.pid for found in shares("robot1")] == [4711]
+    finally:
+        process.kill()
+        process.communicate()
+    assert list(shares("robot1")) == []
+    with PidFile("robot1", "lab1") as file:
+        file.write(share())
+        assert list(shares("robot1")) == [share()]
+
+
+@pytest.mark.parametrize("text", ["", "{", "[]", '{"pid": 1}', "\x00"])
+def test_a_file_that_says_nothing_sensible_names_nobody(text: str) -> None:
+    with PidFile("robot1", "lab1") as file:
+        file.path.write_text(text)
+        assert list(shares("robot1")) == []
+        with pytest.raises(TakenError) as caught, PidFile("robot1", "lab1"):
+            pass
+        assert caught.value.share is None
+
+
+def test_without_a_runtime_folder_there_is_one_of_this_users(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.delenv(RUNTIME_VARIABLE)
+    monkeypatch.setattr("tempfile.tempdir", str(tmp_path))
+    assert folder().parent == tmp_path
+    assert folder().stat().st_mode & 0o077 == 0

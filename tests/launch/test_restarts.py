@@ -1,0 +1,440 @@
+"""No restart is worse than a loss: whole societies whose agents die, return, or come twice."""
+
+from __future__ import annotations
+
+from itertools import pairwise
+from math import hypot
+from typing import Any
+
+import pytest
+from msgspec.structs import replace
+
+from armadico.bridge.p2os.commands import Cmd, command
+from armadico.config.discovery import SIMULATORS, find
+from armadico.config.scenarios import Scenario
+from armadico.core.messages import (
+    JUMP,
+    LARGEST_COUNT,
+    Ack,
+    Ballot,
+    Claim,
+    Command,
+    Cycle,
+    Log,
+    Message,
+    MissionStatus,
+    Obstacles,
+    Origin,
+    Pose,
+    RobotState,
+    Stop,
+    Trajectory,
+    Truth,
+)
+from armadico.core.services import service_of
+from armadico.launch.society import Options
+from armadico.launch.virtual import SIMULATOR, Rehearsal
+from armadico.mesh.virtual_node import Node
+from armadico.runtime.latch import Latching
+
+LINE = Scenario(
+    name="line",
+    world="sc1",
+    start=(-1.5, 0.0, 0.0),
+    goal=(4.5, 0.0, 0.0),
+    plan="direct",
+    agents=("encoder", "sonar", "goto", "path-planning", "interface"),
+)
+ALONE = ("robot", "encoder", "sonar", "path-planning", "interface")
+
+
+class Drive:
+    """The scenario, begun, and what is published in it."""
+
+    def __init__(self, seed: int = 1, seconds: float = 4.0) -> None:
+        self.run = Rehearsal(LINE, Options(seed=seed))
+        self.mesh = self.run.mesh
+        self.said: list[tuple[float, Any]] = []
+        kinds = (Truth, Pose, Command, Claim, RobotState, Obstacles, Stop, Log, MissionStatus)
+        self.mesh.watch(self._keep, *kinds, Trajectory, Ack, Origin)
+        self.run.begin()
+        self.let_pass(seconds)
+        assert abs(self.truth().v) > 0.1, "it drives"
+
+    def _keep(self, _key: str, message: Message, now: float) -> None:
+        self.said.append((now, message))
+
+    def of(self, kind: type[Message], since: float = 0.0) -> list[Any]:
+        return [m for at, m in self.said if type(m) is kind and at > since]
+
+    def truth(self) -> Truth:
+        return next(m for _, m in reversed(self.said) if isinstance(m, Truth))
+
+    def off(self) -> float:
+        """How far the pose is from the truth, m."""
+        pose = next(m for _, m in reversed(self.said) if isinstance(m, Pose))
+        return hypot(pose.x - self.truth().x, pose.y - self.truth().y)
+
+    def let_pass(self, seconds: float) -> Drive:
+        self.mesh.run(self.mesh.now + seconds)
+        return self
+
+    def arrives(self) -> bool:
+        """Whether it reaches the goal, by the truth, within its time."""
+        end = self.mesh.now + 60.0
+        while not self.run.watch.done and self.mesh.now < end:
+            self.mesh.run(min(self.mesh.now + 1.0, end), lambda: self.run.watch.done)
+        return bool(self.run.watch.result().reached)
+
+    def restart(self, name: str, away: float = 1.0) -> Node:
+        self.mesh.node(name).kill()
+        self.let_pass(away)
+        return self.run.start(name)
+
+    def logs(self) -> list[str]:
+        return [log.text for log in self.of(Log)]
+
+
+# Epochs -------------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("cycle", [Cycle(12345, 1), Cycle(2**63 - 1, LARGEST_COUNT)])
+def test_a_stray_state_of_another_epoch_changes_nothing(cycle: Cycle) -> None:
+    drive = Drive()
+    for _ in range(3):
+        drive.mesh.publish(RobotState(cycle, 9, 9, 0, 0, 0, 12, True, False))
+        stray = drive.mesh.now
+        drive.let_pass(1.0)
+        assert len(drive.of(Claim, stray)) >= 9, "not one cycle without a holder"
+        assert {claim.cycle.epoch for claim in drive.of(Claim, stray)} != {cycle.epoch}
+    assert drive.arrives()
+
+
+def test_a_stray_number_far_ahead_of_the_same_epoch_changes_nothing() -> None:
+    drive = Drive()
+    epoch = drive.of(RobotState)[-1].cycle.epoch
+    ahead = Cycle(epoch, LARGEST_COUNT)
+    drive.mesh.publish(RobotState(ahead, 9, 9, 0, 0, 0, 12, True, False))
+    stray = drive.mesh.now
+    drive.let_pass(1.0)
+    assert len(drive.of(Claim, stray)) >= 9
+    assert drive.arrives()
+
+
+@pytest.mark.parametrize("ahead", [300, LARGEST_COUNT])
+def test_a_number_that_is_believed_while_the_robot_agent_hangs_is_left_again(ahead: int) -> None:
+    """What was asked for in that cycle, published and bid, does not count for ever either."""
+    drive = Drive()
+    robot, last = drive.mesh.node("robot"), drive.of(RobotState)[-1]
+    robot.hang()
+    drive.let_pass(0.5)
+    number = min(last.cycle.number + ahead, LARGEST_COUNT)
+    drive.mesh.publish(replace(last, cycle=Cycle(last.cycle.epoch, number)))
+    drive.let_pass(0.1)
+    robot.resume()
+    again = drive.mesh.now
+    drive.let_pass(2.5)
+    assert abs(drive.truth().v) > 0.1, "it drives on"
+    assert any("by a number that nobody went on with" in line for line in drive.logs())
+    assert max(c.cycle.number for c in drive.of(Claim, again + 1.0)) < number
+    drive.restart("goto")
+    assert drive.arrives()
+
+
+@pytest.mark.parametrize("apart", [0.001, 0.02, 0.09])
+def test_states_that_climb_stop_the_society_for_no_longer_than_they_come(apart: float) -> None:
+    drive = Drive()
+    first = drive.of(RobotState)[-1]
+    for step in range(150):
+        cycle = Cycle(first.cycle.epoch, first.cycle.number + 4 * (step + 1))
+        drive.mesh.publish(replace(first, cycle=cycle))
+        drive.let_pass(apart)
+    drive.let_pass(2.5)
+    assert abs(drive.truth().v) > 0.1, "it drives on"
+    assert drive.arrives()
+
+
+def second_robot(drive: Drive, *, admit: bool) -> Node:
+    """Another robot agent, with a controller of its own."""
+    factory = find(SIMULATORS, SIMULATOR).load()
+    controller = factory(LINE, drive.mesh.stream, lambda *_: None)
+    kind = type(drive.mesh.node("robot").agent)
+    first = drive.mesh.node("robot").agent
+    agent = kind(drive.mesh.identity("robot", 7), first.p)
+    return drive.mesh.add(agent, controller, admit=admit)
+
+
+def test_a_second_robot_agent_that_was_there_for_two_seconds_changes_nothing() -> None:
+    """As after a cut that has healed: it leaves in order."""
+    drive = Drive()
+    second = second_robot(drive, admit=False)
+    drive.let_pass(2.0)
+    assert {state.cycle.epoch for state in drive.of(RobotState, drive.mesh.now - 0.5)} != {
+        drive.of(RobotState)[0].cycle.epoch
+    }, "both speak"
+    second.leave()
+    left = drive.mesh.now
+    drive.let_pass(3.0)
+    first_epoch = drive.of(RobotState)[0].cycle.epoch
+    late = drive.of(Claim, left + 1.5)
+    assert late
+    assert {claim.cycle.epoch for claim in late} == {first_epoch}
+    assert drive.arrives()
+
+
+@pytest.mark.parametrize("name", ALONE)
+def test_a_second_one_of_those_that_must_be_alone_is_refused_and_nothing_happens(
+    name: str,
+) -> None:
+    drive = Drive()
+    first = drive.mesh.node(name)
+    second = second_robot(drive, admit=True) if name == "robot" else drive.run.start(name)
+    begun = drive.mesh.now
+    drive.let_pass(4.0)
+    assert not second.alive
+    assert first.alive
+    assert f"another {name} agent is alive already: {first.agent.instance}" in (
+        second.driver.refusal
+    )
+    assert not [m for m in drive.of(Log, begun) if second.agent.instance in m.text]
+    claims = [at for at, m in drive.said if isinstance(m, Claim) and at > begun]
+    assert max(b - a for a, b in pairwise(claims)) < 0.15
+    assert drive.arrives()
+
+
+def test_a_token_without_a_card_does_not_end_a_robot_agent_at_work() -> None:
+    drive = Drive()
+    robot = drive.mesh.node("robot")
+    robot.driver.token("robot", "robot-0000000000000000", True, robot.time)
+    drive.let_pass(12.0)
+    assert robot.alive
+    assert robot.driver.refusal == ""
+    assert drive.arrives()
+
+
+# Counters -----------------------------------------------------------------------------------------
+
+BEYOND = [(JUMP,), (JUMP - 5, 2 * JUMP - 10), (2**51,), (LARGEST_COUNT - 500,)]
+"""How far ahead of what is known a stranger counts: as far as is believed, and farther."""
+
+
+@pytest.mark.parametrize("ahead", BEYOND)
+@pytest.mark.parametrize("who", ["encoder", "robot", "goto"])
+def test_who_restarts_after_an_origin_far_beyond_is_told_the_pose(
+    ahead: tuple[int, ...], who: str
+) -> None:
+    drive = Drive()
+    known = drive.of(Origin)[-1]
+    for step in ahead:
+        drive.mesh.publish(replace(known, counter=known.counter + step))
+        drive.let_pass(0.5)
+    drive.let_pass(1.0)
+    drive.restart(who)
+    drive.let_pass(1.5)
+    assert drive.off() < 0.2
+    assert drive.arrives()
+
+
+@pytest.mark.parametrize("ahead", BEYOND)
+@pytest.mark.parametrize("who", ["goto", "interface"])
+def test_who_restarts_after_a_trajectory_far_beyond_is_told_the_mission(
+    ahead: tuple[int, ...], who: str
+) -> None:
+    drive = Drive()
+    known = drive.of(Trajectory)[-1]
+    for step in ahead:
+        drive.mesh.publish(replace(known, counter=known.counter + step))
+        drive.let_pass(0.3)
+    drive.let_pass(1.0)
+    drive.restart(who)
+    assert drive.arrives()
+    drive.let_pass(2.0)
+    last = {t.mission for t in drive.of(Trajectory, drive.mesh.now - 1.5)}
+    assert last == {known.mission}
+    assert drive.of(Trajectory)[-1].waypoints == (), "and all know that it is over"
+
+
+@pytest.mark.parametrize("ahead", BEYOND)
+@pytest.mark.parametrize("who", ["robot", "goto"])
+def test_a_stop_far_beyond_outlives_a_restart_and_can_be_released(
+    ahead: tuple[int, ...], who: str
+) -> None:
+    drive = Drive()
+    for press, step in enumerate(ahead, 77):
+        drive.mesh.publish(Stop(step, True, "stranger", press))
+        drive.let_pass(0.5)
+    drive.let_pass(2.0)
+    assert rests(drive)
+    drive.restart(who)
+    drive.let_pass(3.0)
+    assert rests(drive), "it is still known"
+    quiet = drive.mesh.now
+    drive.let_pass(3.0)
+    assert drive.of(Stop, quiet) == [], "nobody contradicts anybody for ever"
+    resume = Latching(stopped=False, by="tester", press=0)
+    while not resume.done and drive.mesh.now < quiet + 5.0:
+        resume.hear(drive.of(RobotState)[-1], drive.mesh.now)
+        if (message := resume.message()) is not None:
+            drive.mesh.publish(message)
+        drive.let_pass(0.1)
+    assert resume.done
+    assert drive.arrives()
+
+
+def test_one_release_far_beyond_releases_nothing() -> None:
+    drive = Drive()
+    drive.mesh.publish(Stop(1, True, "tester", 1))
+    drive.let_pass(2.5)
+    drive.mesh.publish(Stop(3 * JUMP, False, "stranger", 1))
+    drive.let_pass(2.0)
+    assert rests(drive)
+    assert any("not believed: a Stop by stranger" in line for line in drive.logs())
+    drive.mesh.publish(Stop(2, False, "tester", 1))
+    assert drive.arrives()
+
+
+# The mission --------------------------------------------------------------------------------------
+
+
+def test_an_interface_agent_that_restarts_goes_on_with_the_mission() -> None:
+    drive = Drive()
+    mission = drive.of(Trajectory)[-1].mission
+    drive.restart("interface")
+    again = drive.mesh.now
+    drive.let_pass(2.0)
+    assert all(t.waypoints for t in drive.of(Trajectory, again)), "nobody ends it"
+    assert {t.mission for t in drive.of(Trajectory, again)} == {mission}
+    assert drive.of(MissionStatus)[-1].mission == mission
+    assert drive.arrives()
+    assert drive.of(Trajectory)[-1].waypoints == ()
+
+
+def test_a_behaviour_that_restarts_is_told_the_mission() -> None:
+    drive = Drive()
+    drive.restart("goto")
+    assert drive.arrives()
+
+
+# The pose -----------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("order", [("robot", "encoder"), ("encoder", "robot")])
+def test_robot_and_encoder_agent_may_restart_one_after_the_other(order: tuple[str, str]) -> None:
+    drive = Drive()
+    for name in order:
+        drive.restart(name)
+        drive.let_pass(4.0)
+    assert drive.off() < 0.2
+    assert drive.arrives()
+
+
+@pytest.mark.parametrize("encoder_too", [False, True])
+def test_a_controller_that_zeroes_its_odometry_does_not_move_the_pose(encoder_too: bool) -> None:
+    drive = Drive()
+    stop = Stop(1, True, "tester", 1)
+    drive.mesh.publish(stop)
+    drive.let_pass(3.0)
+    assert abs(drive.truth().v) < 0.01
+    before = drive.off()
+    drive.mesh.node("robot").kill()
+    drive.run.robot.receive(command(Cmd.SETO), drive.mesh.now)
+    drive.let_pass(1.0)
+    drive.run.start("robot")
+    drive.let_pass(2.0)
+    assert hypot(drive.of(RobotState)[-1].x, drive.of(RobotState)[-1].y) < 0.05, "it was zeroed"
+    if encoder_too:
+        drive.restart("encoder")
+        drive.let_pass(1.0)
+    assert drive.off() < before + 0.05
+    assert drive.of(RobotState)[-1].stop.stopped, "the stop outlives the robot agent"
+    drive.mesh.publish(Stop(2, False, "tester", 1))
+    assert drive.arrives()
+
+
+# Gaps ---------------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("seconds", [0.6, 5.0])
+def test_after_a_gap_of_the_controller_nothing_old_is_fresh(seconds: float) -> None:
+    drive = Drive()
+    before = drive.of(RobotState)[-1].cycle
+    drive.mesh.link("device", "robot").up = False
+    drive.let_pass(seconds)
+    assert abs(drive.of(Ack)[-1].cycle.number - before.number) <= 1
+    back = drive.mesh.now
+    drive.mesh.link("device", "robot").up = True
+    drive.let_pass(4.0)
+    first = drive.of(RobotState, back)[0].cycle
+    assert first.number - before.number == pytest.approx(seconds / 0.1, abs=25)
+    assert first.number - before.number > 4
+    heard = next(at for at, m in drive.said if isinstance(m, Obstacles) and at > back)
+    commands = [at for at, m in drive.said if isinstance(m, Command) and at > back and m.action]
+    assert commands
+    assert commands[0] > heard, "nobody drives by what was seen before"
+    assert drive.arrives()
+
+
+# The stop -----------------------------------------------------------------------------------------
+
+
+def rests(drive: Drive) -> bool:
+    return abs(drive.truth().v) < 0.01 and drive.of(RobotState)[-1].stop.stopped
+
+
+@pytest.mark.parametrize("counter", [0, 1, 6, LARGEST_COUNT])
+def test_a_stop_of_whatever_counter_stops_and_can_be_released(counter: int) -> None:
+    """Its publisher may hear nobody: who stops need not know how far others have counted."""
+    drive = Drive(seconds=1.0)
+    for press in range(3):
+        drive.mesh.publish(Stop(2 * press + 1, True, "tester", press))
+        drive.let_pass(0.5)
+        drive.mesh.publish(Stop(2 * press + 2, False, "tester", press))
+        drive.let_pass(0.5)
+    drive.let_pass(3.0)
+    assert abs(drive.truth().v) > 0.1
+    drive.mesh.publish(Stop(counter, True, "deaf", 77))
+    drive.let_pass(3.0)
+    assert rests(drive)
+    stop = drive.of(RobotState)[-1].stop
+    drive.mesh.publish(Stop(stop.counter + 1, False, "tester", stop.press))
+    assert drive.arrives()
+
+
+def test_a_copy_of_a_stop_that_was_released_does_not_stop_again() -> None:
+    drive = Drive()
+    drive.mesh.publish(Stop(1, True, "tester", 1))
+    drive.let_pass(0.3)
+    drive.mesh.publish(Stop(2, False, "tester", 1))
+    drive.let_pass(1.0)
+    for _ in range(5):
+        drive.mesh.publish(Stop(1, True, "tester", 1))
+        drive.let_pass(0.2)
+        assert not drive.of(RobotState)[-1].stop.stopped
+    assert drive.arrives()
+
+
+def test_a_stop_reaches_the_robot_over_somebody_else_when_its_own_way_is_cut() -> None:
+    drive = Drive()
+    drive.mesh.link("client", "robot").up = False
+    drive.mesh.publish(Stop(1, True, "tester", 1))
+    drive.let_pass(3.0)
+    assert rests(drive), "its state told the others that it had not heard"
+
+
+def test_a_stop_and_a_claim_flood_while_it_hangs() -> None:
+    drive = Drive()
+    robot = drive.mesh.node("robot")
+    robot.hang()
+    drive.mesh.publish(Stop(1, True, "tester", 1))
+    cycle = drive.of(RobotState)[-1].cycle
+    for number in range(2000):
+        ballot = Ballot(1, 0.5, False, f"noise-{number % 5}")
+        drive.mesh.publish(Claim("wheels", ballot, cycle, 0.5), key="resource/wheels/utility")
+        drive.mesh.publish(Log(20, "noise"))
+    drive.let_pass(0.8)
+    robot.resume()
+    drive.let_pass(0.3)
+    assert drive.of(RobotState)[-1].stop.stopped
+    said = [log.text for log in drive.of(Log) if "too busy: dropped on" in log.text]
+    assert any("resource/wheels/utility" in text for text in said), "it was a flood, and it says so"
+    assert not any(service_of(Stop).key in text for text in said)

@@ -1,0 +1,274 @@
+"""What the dashboard draws, from messages and from a run."""
+
+from __future__ import annotations
+
+import io
+import math
+from pathlib import Path
+
+import pytest
+
+pytest.importorskip("rerun", reason="the dashboard's extra is not installed")
+
+from PIL import Image
+
+from armadico.config.scenarios import load_scenario
+from armadico.config.worlds import load_world
+from armadico.core import messages as m
+from armadico.launch.society import Options
+from armadico.launch.virtual import Rehearsal
+from armadico.observe.dashboard import palette, shapes, viewer
+from armadico.observe.dashboard.blueprint import VIEWS
+from armadico.observe.dashboard.global_map import PATH_POINTS
+from armadico.observe.dashboard.local_map import png
+from armadico.observe.dashboard.picture import photograph
+from armadico.observe.dashboard.scene import Scene
+from armadico.observe.dashboard.server import close, keep
+from armadico.observe.dashboard.virtual_run import Rehearsed
+from tests.observe.kept import (
+    AVOID,
+    GOTO,
+    Kept,
+    ack,
+    ballot,
+    colour_of,
+    cycle,
+    drawn,
+    record,
+    state,
+)
+
+# What is drawn ------------------------------------------------------------------------------------
+
+
+def test_bids_of_losers_are_drawn_at_the_cycles_that_they_answered(tmp_path: Path) -> None:
+    path = tmp_path / "a.rrd"
+    with drawn(path) as scene:
+        for number in range(1, 6):
+            scene.take("robot/state", state(number), number / 10)
+            claim = m.Claim("wheels", ballot(GOTO), cycle(number), 0.6)
+            scene.take("resource/wheels/utility", claim, number / 10 + 0.01)
+        late = [record(n, u) for n, u in ((2, None), (3, 0.25), (4, 0.5), (5, None), (9, 0.9))]
+        for _ in range(2):  # asked twice, drawn once
+            scene.take("bids", m.BidHistory(AVOID, tuple(late)), 1.0)
+        scene.take("bids", m.BidHistory(GOTO, (record(5, 0.6),)), 1.0)
+    kept = Kept(path)
+    assert kept.values("/p/utility/wheels/goto", "scalars") == [(n / 10, 0.6) for n in range(1, 6)]
+    avoid = kept.values("/p/utility/wheels/avoid", "scalars")
+    assert avoid[:2] == [(0.3, 0.25), (0.4, 0.5)]
+    assert avoid[2][0] == 0.5
+    assert math.isnan(avoid[2][1])  # no bid is a gap
+    assert len(avoid) == 3
+
+
+def test_the_lane_shows_who_is_obeyed_by_the_robots_own_word(tmp_path: Path) -> None:
+    path = tmp_path / "a.rrd"
+    with drawn(path) as scene:
+        drivers = [None, GOTO, GOTO, AVOID, AVOID, GOTO]
+        for number, driver in enumerate(drivers):
+            scene.take("robot/state", state(number), float(number))
+            scene.take("resource/wheels/ack", ack(number, driver), float(number))
+        silent = m.Ack("wheels", cycle(20), ballot(GOTO), ballot(GOTO), cycle(5))
+        scene.take("resource/wheels/ack", silent, 20.0)
+    kept = Kept(path)
+    assert kept.values("/p/holders/wheels", "state") == [
+        (0.0, "nobody"),
+        (1.0, "goto"),
+        (3.0, "avoid"),
+        (5.0, "goto"),
+        (20.0, "nobody"),
+    ]
+    look = kept.fixed["/p/holders/wheels"]
+    colours = dict(zip(look["values"], map(colour_of, look["colors"]), strict=True))
+    assert colours["goto"] == palette.agent("goto")
+    assert kept.texts("/p/log/avoid") == ["takes the wheels from goto"]
+    assert kept.texts("/p/log/goto")[-1] == "lets go of the wheels"
+
+
+def test_a_resource_whose_owner_is_not_heard_has_its_holder_by_the_claims(tmp_path: Path) -> None:
+    path = tmp_path / "a.rrd"
+    arm = "resource/arm/utility"
+    with drawn(path) as scene:
+        scene.take(arm, m.Claim("arm", ballot(GOTO), cycle(1), 0.6, wanted=b"x"), 1.0)
+        scene.take("robot/state", state(9), 2.0)
+        scene.take(arm, m.Claim("arm", ballot(AVOID, 2), cycle(3), 0.6), 3.0)
+        scene.take("resource/arm/ack", ack(4, None, "arm"), 4.0)
+        scene.take(arm, m.Claim("arm", ballot(AVOID, 2), cycle(5), 0.6), 5.0)
+    assert Kept(path).values("/p/holders/arm", "state") == [
+        (1.0, "goto"),
+        (2.0, "nobody"),
+        (3.0, "avoid"),
+        (4.0, "nobody"),  # from here on its owner's word stands
+    ]
+
+
+def test_an_agent_has_one_colour_in_curve_lane_path_and_graph(tmp_path: Path) -> None:
+    path = tmp_path / "a.rrd"
+    card = m.Card("avoid", AVOID, "here", 1, "1", 1, (), ("sonar/obstacles",), ("wheels",))
+    with drawn(path) as scene:
+        scene.take("card", card, 0.0)
+        scene.take("resource/wheels/ack", ack(1, AVOID), 0.1)
+        scene.take("robot/state", state(1), 0.1)
+        for step in range(30):
+            scene.take("encoder/pose", m.Pose(cycle(1), 0.05 * step, 0.0, 0.0), 0.1 + step / 10)
+        scene.take("resource", m.Claim("wheels", ballot(AVOID), cycle(1), 0.6), 0.2)
+    kept = Kept(path)
+    avoid = palette.agent("avoid")
+    assert colour_of(kept.fixed["/p/utility/wheels/avoid"]["colors"][0]) == avoid
+    look = kept.fixed["/p/holders/wheels"]
+    assert colour_of(look["colors"][look["values"].index("avoid")]) == avoid
+    assert colour_of(kept.rows["/p/map/world/path"][-1][1]["colors"][-1]) == avoid
+    (_, graph), *_ = kept.rows["/p/society/graph"]
+    colours = dict(zip(graph["node_ids"], map(colour_of, graph["colors"]), strict=True))
+    assert colours["says/avoid"] == avoid
+    assert colours["key/wheels"] == avoid  # it holds them
+    edges = {(edge["first"], edge["second"]) for edge in graph["edges"]}
+    assert edges == {("says/avoid", "key/wheels"), ("key/sonar/obstacles", "hears/avoid")}
+
+
+def test_who_comes_and_goes_is_in_the_log_and_on_the_page(tmp_path: Path) -> None:
+    path = tmp_path / "a.rrd"
+    with drawn(path) as scene:
+        for _ in range(2):  # the same news may come twice
+            scene.alive("goto", GOTO, True, 0.0)
+        scene.refresh(0.0)
+        scene.alive("goto", GOTO, False, 2.0)
+        scene.refresh(2.0)
+    kept = Kept(path)
+    assert kept.texts("/p/log/goto") == ["goto-1 is there", "goto-1 has gone"]
+    before, after = kept.texts("/p/society/table")
+    assert "| goto |" in before
+    assert "not answering" in before  # it has shown no card
+    assert "goto" not in after
+
+
+def test_a_stop_and_its_release_are_in_the_log(tmp_path: Path) -> None:
+    path = tmp_path / "a.rrd"
+    with drawn(path) as scene:
+        for number, stop in enumerate(
+            [m.Stop(), m.Stop(1, True, "me"), m.Stop(1, True, "me"), m.Stop(2, False, "you")]
+        ):
+            scene.take("robot/state", state(number, stop=stop), float(number))
+    kept = Kept(path)
+    assert kept.texts("/p/log/robot") == ["stopped by me", "the stop is released by you"]
+    assert "**by me**" in kept.texts("/p/status")[1]
+
+
+def test_floods_are_thinned_and_what_is_kept_is_bounded(tmp_path: Path) -> None:
+    path = tmp_path / "a.rrd"
+    seconds, rate = 20, 200
+    with drawn(path) as scene:
+        for step in range(seconds * rate):
+            scene.take("pose", m.Pose(cycle(step), 0.05 * step, 0.0, 0.0), step / rate)
+            echo = m.Echo(0.1, 0.0, step * 0.01, 1.0 + step % 20)
+            scene.take("sonar", m.Sonar(cycle(step), 30.0, (echo,)), step / rate)
+    kept = Kept(path)
+    rows = {name: len(rows) / seconds for name, rows in kept.rows.items()}
+    assert 5.0 < rows["/p/map/world/robot"] < 16.0
+    assert 0.5 < rows["/p/map/world/path"] < 1.5
+    assert len(kept.rows["/p/map/world/path"][-1][1]["strips"][0]) == PATH_POINTS
+    assert max(len(parts["positions"]) for _, parts in kept.rows["/p/map/world/echoes"]) <= 1500
+
+
+def test_two_robots_are_drawn_apart(tmp_path: Path) -> None:
+    recording = keep({"one": None, "two": None}, tmp_path / "a.rrd")
+    one, two = (Scene(recording, None, name) for name in ("one", "two"))
+    one.take("robot/state", state(1), 0.0)
+    one.take("resource/wheels/ack", ack(1, GOTO), 0.0)
+    two.take("encoder/pose", m.Pose(cycle(1), 1.0, 2.0, 0.0), 0.0)
+    close(recording)
+    kept = Kept(tmp_path / "a.rrd")
+    assert "/one/holders/wheels" in kept.rows
+    assert "/two/holders/wheels" not in kept.rows
+    assert kept.rows["/two/map/world/robot"][0][1]["translation"] == [[1.0, 2.0, 0.0]]
+    assert "/one/map/world/robot" not in kept.rows
+
+
+def test_a_message_that_is_not_shown_is_let_pass(tmp_path: Path) -> None:
+    with drawn(tmp_path / "a.rrd") as scene:
+        scene.take("path/plan", m.Ask(), 0.0)
+    assert Kept(tmp_path / "a.rrd").rows == {}
+
+
+@pytest.mark.parametrize(
+    ("sector", "row", "column"),
+    [(0, 40, 90), (4, 100, 30), (13, 100, 170), (8, 160, 90)],
+    ids=["ahead", "left", "right", "behind"],
+)
+def test_the_local_map_looks_as_the_robot_does(sector: int, row: int, column: int) -> None:
+    cells = m.LocalMap(
+        cycle(1), 18, 10, 2.5, tuple(m.Cell(sector, n, 1.0, 0, 0) for n in range(10))
+    )
+    picture = Image.open(io.BytesIO(png(cells))).convert("RGB")
+    assert picture.getpixel((column, row)) == (86, 180, 233)
+    assert picture.getpixel((199 - column, 199 - row)) == palette.BACKGROUND[:3]
+
+
+def test_of_several_points_in_a_cell_the_surest_is_shown() -> None:
+    sure, doubtful = m.Cell(0, 7, 1.0, 0, 0), m.Cell(0, 7, 0.1, 0, 0)
+    alone, both = (m.LocalMap(cycle(1), 18, 10, 2.5, c) for c in ((sure,), (sure, doubtful)))
+    assert png(both) == png(alone)
+
+
+def test_zones_lie_around_the_outline() -> None:
+    strip = shapes.around_outline(0.3)
+    assert strip[0] == strip[-1]
+    assert all(abs(shapes.OUTLINE.clearance(x, y) - 0.3) < 1e-9 for x, y in strip)
+
+
+# A run --------------------------------------------------------------------------------------------
+
+
+@pytest.fixture(scope="module")
+def run(tmp_path_factory: pytest.TempPathFactory) -> tuple[Path, Rehearsal]:
+    path = tmp_path_factory.mktemp("run") / "sc3.rrd"
+    rehearsal = Rehearsal(load_scenario("sc3"), Options())
+    with Rehearsed(rehearsal, path):
+        assert rehearsal.run().reached
+    return path, rehearsal
+
+
+def test_a_virtual_run_is_all_there(run: tuple[Path, Rehearsal]) -> None:
+    path, rehearsal = run
+    kept = Kept(path)
+    entities = {name.removeprefix("/robot1/") for name in kept.rows}
+    assert entities >= {
+        *(
+            f"map/world/{part}"
+            for part in ("robot", "truth", "path", "plan", "waypoints", "echoes")
+        ),
+        *(f"local/robot/{part}" for part in ("points", "closest", "zones", "sonar")),
+        *(f"utility/wheels/{name}" for name in ("goto", "avoid", "gothrough")),
+        *(f"speed/{a}/{w}" for a in "vw" for w in ("measured", "commanded", "wanted")),
+        *("local/cells", "holders/wheels", "battery/volts", "status"),
+        *("society/table", "society/graph", "log/interface"),
+    }
+    walls = kept.fixed["/robot1/map/world/walls"]["strips"]
+    assert len(walls) == len(load_world("sc3").walls)
+    held = {holder for _, holder in kept.values("/robot1/holders/wheels", "state")}
+    assert held >= {mark.holder for mark in rehearsal.watch.path if mark.holder}
+    assert not kept.texts("/robot1/society/table")[-1].count("not answering")
+
+
+def test_losers_are_drawn_in_almost_every_cycle_in_which_they_bid(
+    run: tuple[Path, Rehearsal],
+) -> None:
+    path, rehearsal = run
+    goto = Kept(path).values("/robot1/utility/wheels/goto", "scalars")
+    assert len(goto) > 0.9 * len(rehearsal.watch.path)  # goto lost a fifth of the cycles
+
+
+def test_the_native_viewer_shows_every_view_without_an_error(
+    run: tuple[Path, Rehearsal], tmp_path: Path
+) -> None:
+    try:
+        taken = photograph(run[0], 12.0, (1280, 720))
+    except viewer.ViewerError as error:
+        pytest.skip(f"no headless viewer here: {error}")
+    assert taken.errors == ()
+    assert taken.views >= set(VIEWS)
+    (tmp_path / "dashboard.png").write_bytes(taken.png)
+    picture = Image.open(io.BytesIO(taken.png)).convert("RGB")
+    assert picture.size == (1280, 720)
+    colours = {colour for _, colour in picture.getcolors(2**20) or []}
+    assert {palette.agent(name)[:3] for name in ("goto", "avoid")} <= colours

@@ -1,0 +1,301 @@
+"""The measures of thesis 5.1, from made-up messages."""
+
+from __future__ import annotations
+
+from math import pi, radians
+
+import msgspec
+import pytest
+
+from armadico.core.geometry import Pose2
+from armadico.core.messages import (
+    Ack,
+    Ballot,
+    Command,
+    Cycle,
+    Echo,
+    Message,
+    MissionState,
+    MissionStatus,
+    Pose,
+    RobotState,
+    Sonar,
+    Trajectory,
+    Truth,
+    Waypoint,
+)
+from armadico.observe.measures import OBEYED_CYCLES, Result, RunWatch, driver, speeds
+
+GOAL: Pose2 = (2.0, 0.0, 0.0)
+MISSION = 77
+KEYS = [
+    "scenario",
+    "seed",
+    "reached",
+    "td_m",
+    "fo_deg",
+    "tt_s",
+    "p_percent",
+    "tg_percent",
+    "ta_percent",
+    "tgt_percent",
+    "exchanges",
+    "collisions",
+    "min_clearance_m",
+]
+
+
+class Run:
+    """A run made up cycle by cycle."""
+
+    def __init__(self, agents: tuple[str, ...] = (), *, truth: bool = True) -> None:
+        self.watch = RunWatch("made-up", GOAL, 5, agents)
+        self.truth = truth
+        self.number = 0
+        self.now = 50.0
+
+    def show(self, *messages: Message) -> None:
+        for message in messages:
+            self.watch.show(message, self.now)
+
+    def begin(self) -> Run:
+        self.watch.begin(MISSION)
+        return self
+
+    def cycle(
+        self,
+        x: float,
+        y: float = 0.0,
+        theta: float = 0.0,
+        *,
+        holder: str | None = None,
+        behind: int = 0,
+        collisions: int = 0,
+        clearance: float | None = None,
+    ) -> None:
+        """One cycle later the robot is there, and this agent's command was the last obeyed."""
+        self.number += 1
+        self.now += 0.1
+        cycle = Cycle(1, self.number)
+        ballot = None if holder is None else Ballot(1, 0.5, False, f"{holder}-0123456789abcdef")
+        obeyed = None if ballot is None else Cycle(1, self.number - behind)
+        state = RobotState(cycle, 0, 0, 0, 0, 0, 12, True, False)
+        ack = Ack("wheels", cycle, ballot, ballot, obeyed)
+        if self.truth:
+            t = 0.1 * self.number
+            self.show(Truth(t, x, y, theta, 0, 0, collisions, clearance))
+        self.show(state, ack, Pose(cycle, x, y, theta))
+
+    def end(self, state: MissionState = MissionState.REACHED, mission: int = MISSION) -> Result:
+        self.show(MissionStatus(mission, state, 0.0))
+        return self.watch.result()
+
+
+def test_a_row_has_these_keys_in_this_order() -> None:
+    run = Run().begin()
+    run.cycle(0.0)
+    assert list(msgspec.to_builtins(run.watch.result())) == KEYS
+
+
+def test_td_tt_fo_and_p_of_a_run_round_a_corner() -> None:
+    run = Run().begin()
+    for x, y, theta in ((0, 0, 0), (0, 1, pi / 2), (1, 1, 0), (1, 0, 0), (1.9, 0, radians(3))):
+        run.cycle(x, y, theta)
+    result = run.end()
+    assert result.td_m == pytest.approx(3.9)
+    assert result.tt_s == pytest.approx(0.4)  # four periods from the first cycle to the last
+    assert result.fo_deg == pytest.approx(3.0)
+    assert result.p_percent == pytest.approx(95.0)  # 0.1 m of 2 m is missing
+    assert result.reached
+    assert (result.scenario, result.seed) == ("made-up", 5)
+
+
+def test_the_clock_starts_with_the_first_cycle_of_the_mission() -> None:
+    run = Run()
+    run.cycle(-3.0)
+    run.cycle(-1.0)
+    run.begin()
+    run.cycle(0.0)
+    run.cycle(1.0)
+    result = run.watch.result()
+    assert result.td_m == pytest.approx(1.0)
+    assert result.tt_s == pytest.approx(0.1)
+    assert result.p_percent == pytest.approx(50.0)
+
+
+def test_nothing_counts_after_the_end() -> None:
+    run = Run().begin()
+    run.cycle(0.0)
+    run.cycle(2.0)
+    before = run.end()
+    run.cycle(5.0, holder="goto", collisions=3)
+    assert run.watch.result() == before
+
+
+@pytest.mark.parametrize(
+    ("x", "y", "theta", "reached"),
+    [
+        (1.86, 0.0, 0.0, True),
+        (1.84, 0.0, 0.0, False),
+        (2.0, 0.0, radians(4.9), True),
+        (2.0, 0.0, radians(-5.1), False),
+        (2.11, 0.11, 0.0, False),
+    ],
+)
+def test_reached_is_decided_by_the_true_pose(
+    x: float, y: float, theta: float, reached: bool
+) -> None:
+    run = Run().begin()
+    run.cycle(0.0)
+    run.cycle(x, y, theta)
+    run.show(Pose(Cycle(1, 9), 2.0, 0.0, 0.0))  # what the encoders believe does not matter
+    assert run.end().reached is reached
+
+
+def test_a_goal_that_is_reached_by_the_pose_alone_is_told_with_how_far_that_is_off() -> None:
+    run = Run().begin()
+    run.cycle(0.0)
+    run.cycle(1.7, 0.4)
+    run.show(Pose(Cycle(1, 9), 2.0, 0.0, 0.0))
+    assert run.watch.astray is None, "it drives on"
+    run.end()
+    assert run.watch.astray == pytest.approx(0.5)
+
+
+@pytest.mark.parametrize("truth", [True, False])
+def test_a_goal_that_is_reached_is_not_astray(truth: bool) -> None:
+    run = Run(truth=truth).begin()
+    run.cycle(0.0)
+    run.cycle(2.0)
+    assert run.end().reached
+    assert run.watch.astray is None
+
+
+def test_being_there_is_not_enough_while_the_interface_agent_says_driving() -> None:
+    run = Run().begin()
+    run.cycle(0.0)
+    run.cycle(2.0)
+    assert not run.end(MissionState.DRIVING).reached
+
+
+def test_another_missions_end_is_not_this_ones() -> None:
+    run = Run().begin()
+    run.cycle(0.0)
+    assert not run.end(mission=MISSION + 1).reached
+    assert not run.watch.done
+
+
+def test_shares_are_of_the_cycles_in_which_somebody_was_obeyed() -> None:
+    run = Run(("goto", "avoid")).begin()
+    run.cycle(0.0)
+    for holder in ("goto", "goto", "avoid", "goto"):
+        run.cycle(0.1, holder=holder)
+    result = run.watch.result()
+    assert (result.tg_percent, result.ta_percent) == (75.0, 25.0)
+    assert result.tgt_percent is None  # it did not take part
+    assert result.exchanges == 2
+
+
+def test_a_reign_that_is_interrupted_by_nobody_is_no_exchange() -> None:
+    run = Run().begin()
+    run.cycle(0.0, holder="goto")
+    run.cycle(0.0, holder="goto", behind=4)
+    assert run.watch.holder is None
+    run.cycle(0.0, holder="goto")
+    assert run.watch.result().exchanges == 0
+    assert run.watch.holder == "goto"
+
+
+def test_what_was_obeyed_before_the_mission_is_not_counted() -> None:
+    run = Run()
+    run.cycle(0.0, holder="avoid")
+    run.begin()
+    run.cycle(0.0, holder="goto")
+    result = run.watch.result()
+    assert (result.tg_percent, result.ta_percent, result.exchanges) == (100.0, 0.0, 0)
+
+
+def test_collisions_and_clearance_are_those_of_the_run() -> None:
+    run = Run()
+    run.cycle(0.0, collisions=2, clearance=0.01)
+    run.begin()
+    run.cycle(0.0, collisions=2, clearance=0.5)
+    run.cycle(1.0, collisions=3, clearance=0.2)
+    run.cycle(2.0, collisions=3, clearance=0.3)
+    result = run.end()
+    assert result.collisions == 1
+    assert result.min_clearance_m == pytest.approx(0.2)
+    assert result.reached
+    assert not result.passed
+
+
+def test_in_an_empty_world_there_is_no_clearance() -> None:
+    run = Run().begin()
+    run.cycle(0.0)
+    assert run.watch.result().min_clearance_m is None
+
+
+def test_without_truth_the_pose_stands_in_and_what_it_cannot_tell_is_null() -> None:
+    run = Run(truth=False).begin()
+    for x in (0.0, 1.0, 1.9):
+        run.cycle(x, holder="goto")
+    result = run.end()
+    assert result.td_m == pytest.approx(1.9)
+    assert result.tt_s == pytest.approx(0.2)
+    assert result.reached
+    assert result.passed
+    assert result.collisions is None
+    assert result.min_clearance_m is None
+
+
+def test_before_anything_was_heard_there_is_a_row_too() -> None:
+    result = RunWatch("made-up", GOAL).result()
+    assert not result.reached
+    assert (result.td_m, result.tt_s, result.exchanges) == (0.0, 0.0, 0)
+
+
+def test_a_picture_gets_the_echoes_where_they_were_and_the_way() -> None:
+    run = Run().begin()
+    run.cycle(1.0, 2.0, pi / 2)
+    echoes = (Echo(0.1, 0.0, 0.0, 1.0), Echo(0.0, 0.1, pi / 2, None))
+    run.show(Sonar(Cycle(1, 1), 5.0, echoes), Trajectory(1, MISSION, (Waypoint(2.0, 0.0, 0.0),)))
+    assert run.watch.echoes == [pytest.approx((1.0, 3.1))]
+    assert run.watch.waypoints == ((2.0, 0.0, 0.0),)
+    run.show(Trajectory(2, MISSION, ()))
+    assert run.watch.waypoints == ((2.0, 0.0, 0.0),)
+
+
+BALLOT = Ballot(1, 0.5, False, "path-planning-0123456789abcdef")
+
+
+@pytest.mark.parametrize(
+    ("obeyed", "at", "who"),
+    [
+        (BALLOT, Cycle(1, 9), "path-planning"),
+        (BALLOT, Cycle(1, 10 - OBEYED_CYCLES), "path-planning"),
+        (BALLOT, Cycle(1, 9 - OBEYED_CYCLES), None),
+        (BALLOT, Cycle(2, 9), None),  # in another epoch
+        (None, Cycle(1, 9), None),  # released
+        (None, None, None),
+    ],
+)
+def test_who_drives_is_whom_the_owner_obeyed_lately(
+    obeyed: Ballot | None, at: Cycle | None, who: str | None
+) -> None:
+    assert driver(Ack("wheels", Cycle(1, 10), BALLOT, obeyed, at)) == who
+
+
+@pytest.mark.parametrize(
+    ("resource", "action", "asked"),
+    [
+        ("wheels", (0.3, -0.1), (0.3, -0.1)),
+        ("wheels", None, (0.0, 0.0)),
+        ("wheels", (0.3,), (0.0, 0.0)),
+        ("wheels", b"xy", (0.0, 0.0)),
+        ("arm", (0.3, -0.1), (0.0, 0.0)),
+    ],
+)
+def test_a_command_asks_for_speeds_or_for_rest(
+    resource: str, action: tuple[float, ...] | bytes | None, asked: tuple[float, float]
+) -> None:
+    assert speeds(Command(resource, Cycle(1, 10), BALLOT, action)) == asked

@@ -1,0 +1,110 @@
+"""Pictures: of the promised size, with all that happened in them, the same every time."""
+
+from __future__ import annotations
+
+import subprocess
+import sys
+from dataclasses import dataclass
+from math import pi
+from pathlib import Path
+
+import pytest
+from PIL import Image
+
+from armadico.config.loading import names
+from armadico.config.worlds import load_world
+
+pytest.importorskip("matplotlib")
+
+from armadico.observe.pictures import HOLDERS, OTHERS, Run, Step, _reigns, _spaced, colour, draw_run
+
+DOCS = Path(__file__).parents[2] / "docs"
+
+STRAIGHT: list[Step] = [
+    (i / 10, 1.0 + 0.05 * i, 0.5, 0.0, "goto" if i < 40 else "avoid") for i in range(81)
+]
+
+
+@dataclass(frozen=True)
+class Seen:
+    t: float
+    x: float
+    y: float
+    theta: float
+    holder: str | None
+
+
+def pixels(path: Path) -> set[tuple[int, int, int]]:
+    with Image.open(path) as image:
+        assert image.size == (1280, 720)
+        colours = image.convert("RGB").getcolors(1280 * 720)
+    assert colours is not None
+    return {(r, g, b) for _, (r, g, b) in colours}  # type: ignore[misc]
+
+
+def rgb(name: str | None) -> tuple[int, int, int]:
+    code = colour(name)
+    return int(code[1:3], 16), int(code[3:5], 16), int(code[5:7], 16)
+
+
+def near(wanted: tuple[int, int, int], seen: set[tuple[int, int, int]]) -> bool:
+    """Whether a colour is there, as nearly as a palette has it."""
+    return any(max(abs(a - b) for a, b in zip(wanted, one, strict=True)) <= 8 for one in seen)
+
+
+def test_a_run_is_drawn_in_its_holders_colours(tmp_path: Path) -> None:
+    run = Run(
+        STRAIGHT, (1.0, 0.5, 0.0), (5.0, 0.5, pi), [(3.0, 0.5, 0.0)], [(2.0, 0.0)] * 9, "T", ["c"]
+    )
+    draw_run(load_world("sc3"), run, tmp_path / "new folder" / "run.png")
+    seen = pixels(tmp_path / "new folder" / "run.png")
+    assert near(rgb("goto"), seen)
+    assert near(rgb("avoid"), seen)
+    assert not near(rgb("gothrough"), seen)
+
+
+def test_marks_and_tuples_draw_the_same_picture_twice(tmp_path: Path) -> None:
+    pictures: list[bytes] = []
+    for path in (STRAIGHT, [Seen(*step) for step in STRAIGHT]):
+        draw_run(load_world("sc3"), Run(path, (1, 0.5, 0), (5, 0.6, 0)), tmp_path / "run.png")
+        pictures.append((tmp_path / "run.png").read_bytes())
+    assert pictures[0] == pictures[1]
+
+
+def test_a_run_that_never_began_can_be_drawn(tmp_path: Path) -> None:
+    draw_run(load_world("empty"), Run([], (0, 0, 0), (1, 0, 0)), tmp_path / "run.png")
+    assert pixels(tmp_path / "run.png")
+
+
+def test_a_path_is_cut_where_the_holder_changes_and_has_no_gap() -> None:
+    tenures = list(_reigns(STRAIGHT))
+    assert [holder for holder, _ in tenures] == ["goto", "avoid"]
+    assert tenures[0][1][-1] == tenures[1][1][0]
+    assert sum(len(points) for _, points in tenures) == len(STRAIGHT) + 1
+
+
+def test_outlines_are_so_far_apart_and_the_last_is_told_apart() -> None:
+    drawn = list(_spaced(STRAIGHT, 0.98))
+    assert [round(step[1], 2) for step, _ in drawn] == [2.0, 3.0, 3.95, 4.95, 5.0]
+    assert [last for _, last in drawn] == [False] * 4 + [True]
+
+
+def test_colours_are_fixed_by_name_and_no_two_agents_of_ours_share_one() -> None:
+    assert len(set(HOLDERS.values()) | set(OTHERS)) == len(HOLDERS) + len(OTHERS)
+    assert colour("goto") == HOLDERS["goto"]
+    assert colour(None) == HOLDERS[None]
+    assert colour("wander") == colour("wander")
+    assert colour("wander") in OTHERS
+
+
+def test_matplotlib_is_not_imported_until_something_is_drawn() -> None:
+    code = "import sys, armadico.observe.pictures; sys.exit('matplotlib' in sys.modules)"
+    assert subprocess.run([sys.executable, "-c", code], check=False).returncode == 0
+
+
+def test_every_shipped_world_is_in_the_documentation() -> None:
+    text = (DOCS / "worlds.md").read_text(encoding="utf-8")
+    assert sorted(path.stem for path in (DOCS / "worlds").glob("*.png")) == names("worlds")
+    for name in names("worlds"):
+        assert f"(worlds/{name}.png)" in text
+        assert (DOCS / "worlds" / f"{name}.png").stat().st_size < 40_000

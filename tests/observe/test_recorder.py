@@ -1,0 +1,353 @@
+"""The recorder: what was said is read back, whatever happens to the process or the file."""
+
+from __future__ import annotations
+
+import csv
+import json
+from pathlib import Path
+from typing import Any
+
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+pytest.importorskip("mcap")
+
+from mcap.reader import make_reader
+
+from armadico.core import messages as m
+from armadico.core.services import SERVICES
+from armadico.observe.export import RecordingError, Row, Tables, rows, to_rrd
+from armadico.observe.recorder import Recording
+from armadico.observe.watching import (
+    Heard,
+    Holders,
+    Presence,
+    Rate,
+    as_object,
+    deadline_s,
+    from_object,
+    json_schema,
+    kind_at,
+    service_at,
+)
+
+CYCLE = m.Cycle(2**62 + 1, 7)
+BALLOT = m.Ballot(3, 0.6, False, "goto-1")
+POSE = m.Pose(CYCLE, 1.5, -2.0, 0.25)
+CLAIM = m.Claim("wheels", BALLOT, CYCLE, 0.6, False, (0.3, 0.1), (0.2, 0.0))
+SONAR = m.Sonar(CYCLE, 5.0, (m.Echo(0.1, 0.2, 0.3, None), m.Echo(0.1, 0.2, 0.3, 2.0)))
+STATE = m.RobotState(CYCLE, 1, 2, 3, 0.5, 0, 12.5, True, False)
+ACK = m.Ack("wheels", CYCLE, BALLOT, None, CYCLE, measured=(0.5, 0.0))
+COMMAND = m.Command("wheels", CYCLE, BALLOT, (0.5, 0.0))
+RELEASE = m.Command("wheels", CYCLE, BALLOT, None)
+ENCODED = m.Claim("arm", BALLOT, CYCLE, 0.6, wanted=b"\x00\xff", commanded=b"")
+CARD = m.Card("goto", "goto-1", "lab1", 7, "1", 1, ("a",), ("b",), ("wheels",))
+SECOND = 1_000_000_000
+
+
+def heard(key: str, message: m.Message, at: int = 0, *, asked: bool = False) -> Heard:
+    return Heard("robot1", key, m.encode(message), at, asked)
+
+
+def bid(number: int) -> m.BidRecord:
+    return m.BidRecord(m.Cycle(1, number), "wheels", 0.5, False, (0.1, 0.2), "", ("encoder/pose",))
+
+
+def recorded(path: Path, *items: Heard | Presence, **options: Any) -> Recording:
+    recording = Recording(path, **options)
+    for item in items:
+        recording.take(item)
+        recording.flush()
+    recording.close()
+    return recording
+
+
+def read(path: Path) -> list[Row]:
+    warnings: list[str] = []
+    found = list(rows(path, warnings.append))
+    assert not warnings
+    return found
+
+
+@pytest.mark.parametrize(
+    "message",
+    [POSE, CLAIM, SONAR, STATE, CARD, ACK, COMMAND, RELEASE, ENCODED],
+    ids=lambda m: type(m).__name__,
+)
+def test_a_message_is_the_same_after_being_an_object(message: m.Message) -> None:
+    plain = json.loads(json.dumps(as_object(message)))
+    assert from_object(type(message), plain) == message
+
+
+@pytest.mark.parametrize("service", SERVICES, ids=lambda s: s.key)
+def test_every_message_has_a_schema_that_viewers_read(service: Any) -> None:
+    def check(schema: dict[str, Any]) -> None:
+        assert schema["type"] in {"object", "array", "string", "number", "integer", "boolean"}
+        assert not {"$ref", "anyOf", "oneOf"} & set(schema)
+        for inner in (*schema.get("properties", {}).values(), schema.get("items")):
+            if inner is not None:
+                check(inner)
+
+    schema = json_schema(service.reply or service.message)
+    assert schema["type"] == "object"
+    check(schema)
+
+
+def test_what_may_be_missing_is_not_required() -> None:
+    schema = json_schema(m.Claim)
+    assert schema["properties"]["utility"]["type"] == "number"
+    assert "utility" not in schema["required"]
+    assert "utility" not in as_object(m.Claim("wheels", BALLOT, CYCLE, None))
+
+
+def test_an_action_that_is_a_message_is_hexadecimal_text_in_a_field_of_its_own() -> None:
+    found = as_object(ENCODED)
+    assert (found["wanted_hex"], found["commanded_hex"]) == ("00ff", "")
+    assert not {"wanted", "commanded"} & set(found)
+    schema = json_schema(m.Claim)["properties"]
+    assert schema["wanted"] == {"type": "array", "items": {"type": "number"}}
+    assert schema["wanted_hex"] == {"type": "string"}
+    with pytest.raises(m.MessageError):
+        from_object(m.Claim, found | {"wanted_hex": "not hexadecimal"})
+
+
+def test_what_was_said_is_read_back_in_order(tmp_path: Path) -> None:
+    path = tmp_path / "run.mcap"
+    said = [heard("encoder/pose", POSE, 5), heard("resource/wheels/utility", CLAIM, 6)]
+    recorded(path, *said)
+    back = read(path)
+    assert [(row.t, row.topic) for row in back] == [
+        (5, "/robot1/encoder/pose"),
+        (6, "/robot1/resource/wheels/utility"),
+    ]
+    assert [row.message for row in back] == [POSE, CLAIM]
+
+
+def test_other_readers_find_schemas_and_an_index(tmp_path: Path) -> None:
+    path = tmp_path / "run.mcap"
+    recorded(path, heard("encoder/pose", POSE, 5))
+    with path.open("rb") as stream:
+        summary = make_reader(stream).get_summary()
+        assert summary is not None
+        (channel,) = summary.channels.values()
+        schema = summary.schemas[channel.schema_id]
+        assert (channel.message_encoding, schema.encoding) == ("json", "jsonschema")
+        assert json.loads(schema.data)["properties"]["x"] == {"type": "number"}
+        assert summary.chunk_indexes
+        ((_, _, message),) = make_reader(stream).iter_messages()
+        assert json.loads(message.data)["x"] == POSE.x
+
+
+def test_a_payload_that_is_no_message_is_kept_as_it_came(tmp_path: Path) -> None:
+    path = tmp_path / "run.mcap"
+    strange = Heard("robot1", "somebody/else", b"\x01\x02", 1)
+    broken = Heard("robot1", "encoder/pose", b"\xff", 2)
+    recording = recorded(path, strange, broken)
+    assert recording.refused == 1
+    assert [(row.key, row.schema, row.data) for row in read(path)] == [
+        ("somebody/else", "", b"\x01\x02"),
+        ("encoder/pose.refused", "", b"\xff"),
+    ]
+
+
+def test_who_comes_and_goes_is_kept_once(tmp_path: Path) -> None:
+    path = tmp_path / "run.mcap"
+    came = Presence("robot1", "goto", "goto-1", True, 1)
+    gone = Presence("robot1", "goto", "goto-1", False, 2)
+    card = heard("agent/goto/goto-1/card", CARD, 1, asked=True)
+    recorded(path, came, came, card, card, gone, gone)
+    assert [(row.key, row.fields.get("there")) for row in read(path)] == [
+        ("agent/goto/goto-1", True),
+        ("agent/goto/goto-1/card", None),
+        ("agent/goto/goto-1", False),
+    ]
+
+
+def test_of_the_bids_that_are_asked_for_each_is_kept_once(tmp_path: Path) -> None:
+    path = tmp_path / "run.mcap"
+    key = "agent/goto/goto-1/bids"
+    answers = [
+        heard(key, m.BidHistory("goto-1", tuple(map(bid, numbers))), asked=True)
+        for numbers in ((1, 2, 3), (2, 3, 4), (2, 3, 4), (9,))
+    ]
+    recorded(path, *answers)
+    assert [row.message for row in read(path)] == [bid(n) for n in (1, 2, 3, 4, 9)]
+
+
+def test_each_file_of_a_recording_can_be_read_alone(tmp_path: Path) -> None:
+    path = tmp_path / "run.mcap"
+    came = Presence("robot1", "goto", "goto-1", True, 1)
+    card = heard("agent/goto/goto-1/card", CARD, 1, asked=True)
+    poses = [heard("encoder/pose", POSE, n) for n in range(80)]
+    recording = recorded(path, came, card, *poses, max_bytes=5000)
+    assert recording.files >= 3
+    files = [path, *sorted(tmp_path.glob("run-*.mcap"))]
+    assert len(files) == recording.files
+    for file in files:
+        assert {row.key for row in read(file)} >= {"agent/goto/goto-1", "agent/goto/goto-1/card"}
+    kept = [row.t for file in files for row in read(file) if row.key == "encoder/pose"]
+    assert kept == list(range(80))
+
+
+def test_a_recording_is_not_written_over(tmp_path: Path) -> None:
+    path = tmp_path / "run.mcap"
+    recorded(path, heard("encoder/pose", POSE))
+    with pytest.raises(FileExistsError):
+        Recording(path)
+
+
+def test_what_was_flushed_is_read_wherever_the_file_ends(tmp_path: Path) -> None:
+    path, cut = tmp_path / "run.mcap", tmp_path / "cut.mcap"
+    recording = Recording(path)
+    sizes = []
+    for n in range(5):
+        recording.take(heard("encoder/pose", POSE, n))
+        recording.flush()
+        sizes.append(path.stat().st_size)
+    data = path.read_bytes()
+    recording.close()
+    for length in range(sizes[0], len(data), 7):
+        cut.write_bytes(data[:length])
+        warnings: list[str] = []
+        found = [row.t for row in rows(cut, warnings.append)]
+        flushed = sum(size <= length for size in sizes)
+        assert found[:flushed] == list(range(flushed))
+        assert "cut short" in warnings[0]
+
+
+@given(st.binary(max_size=200))
+def test_what_is_no_recording_is_told(
+    tmp_path_factory: pytest.TempPathFactory, data: bytes
+) -> None:
+    path = tmp_path_factory.mktemp("bad") / "bad.mcap"
+    path.write_bytes(data)
+    with pytest.raises(RecordingError, match=r"no MCAP file|empty|cut short"):
+        raise RecordingError(f"{list(rows(path, raising))}")
+
+
+def raising(text: str) -> None:
+    raise RecordingError(text)
+
+
+@given(st.integers(0, 4000), st.integers(1, 255))
+def test_a_damaged_byte_is_a_warning_at_worst(
+    tmp_path_factory: pytest.TempPathFactory, where: int, change: int
+) -> None:
+    folder = tmp_path_factory.mktemp("damaged")
+    path = folder / "run.mcap"
+    recorded(path, *(heard("robot/state", STATE, n) for n in range(5)))
+    data = bytearray(path.read_bytes())
+    data[where % len(data)] ^= change
+    path.write_bytes(data)
+    warnings: list[str] = []
+    try:
+        found = list(rows(path, warnings.append))
+    except RecordingError:
+        return
+    assert len(found) == 5 or warnings
+
+
+def test_tables_have_a_file_a_topic_and_a_column_a_field(tmp_path: Path) -> None:
+    path = tmp_path / "run.mcap"
+    released = m.Claim("wheels", BALLOT, CYCLE, None)
+    recorded(
+        path,
+        heard("resource/wheels/utility", CLAIM, SECOND),
+        heard("encoder/pose", POSE, SECOND + SECOND // 2),
+        heard("resource/wheels/utility", released, 2 * SECOND),
+    )
+    with Tables(tmp_path / "out") as tables:
+        for row in read(path):
+            tables.take(row)
+    with (tmp_path / "out" / "robot1_resource_wheels_utility.csv").open() as stream:
+        claims = list(csv.DictReader(stream))
+    assert [row["t"] for row in claims] == ["0.000000", "1.000000"]
+    assert [row["utility"] for row in claims] == ["0.6", ""]
+    assert claims[0]["ballot.instance"] == "goto-1"
+    assert json.loads(claims[0]["commanded"]) == [0.2, 0.0]
+    with (tmp_path / "out" / "robot1_encoder_pose.csv").open() as stream:
+        assert [row["x"] for row in csv.DictReader(stream)] == ["1.5"]
+
+
+def test_a_recording_is_drawn_as_the_dashboard_would(tmp_path: Path) -> None:
+    pytest.importorskip("rerun")
+    path, out = tmp_path / "run.mcap", tmp_path / "run.rrd"
+    recorded(
+        path,
+        Presence("robot1", "goto", "goto-1", True, 1),
+        heard("robot/state", STATE, 2),
+        heard("encoder/pose", POSE, 3),
+        heard("agent/goto/goto-1/bids", m.BidHistory("goto-1", (bid(1),)), 4, asked=True),
+        Heard("robot1", "encoder/pose", b"broken", 5),
+    )
+    warnings: list[str] = []
+    assert to_rrd(path, out, None, None, warnings.append) == 4
+    assert not warnings
+    assert out.stat().st_size > 1000
+
+
+def test_of_several_robots_one_is_drawn(tmp_path: Path) -> None:
+    pytest.importorskip("rerun")
+    path = tmp_path / "run.mcap"
+    recorded(path, heard("robot/state", STATE), Heard("robot2", "robot/state", m.encode(STATE), 1))
+    with pytest.raises(RecordingError, match="robot1, robot2"):
+        to_rrd(path, tmp_path / "run.rrd", None, None, lambda _: None)
+    assert to_rrd(path, tmp_path / "run.rrd", "robot2", None, lambda _: None) == 1
+
+
+# What watchers share ------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize(
+    ("key", "kind"),
+    [
+        ("robot/state", m.RobotState),
+        ("robot/cmd/goto-1", m.Command),
+        ("resource/arm/cmd/goto-1", m.Command),
+        ("resource/arm/ack", m.Ack),
+        ("encoder/origin", m.Origin),
+        ("agent/goto/goto-1/card", m.Card),
+        ("agent/goto/goto-1/bids", m.BidHistory),
+        ("robot/cmd", None),
+        ("robot/state/more", None),
+    ],
+)
+def test_a_key_tells_its_message(key: str, kind: type[m.Message] | None) -> None:
+    assert kind_at(key) is kind
+
+
+def test_a_rate_is_what_came_over_the_time_it_took() -> None:
+    rate = Rate(deadline_s=0.3)
+    for n in range(11):
+        rate.add(n * SECOND // 10)
+    assert rate.hz(SECOND) == pytest.approx(10.0)
+    assert rate.missed == 0
+    assert rate.hz(3 * SECOND) == pytest.approx(10 / 3)  # silence counts
+    assert rate.hz(60 * SECOND) == 0.0
+    assert rate.missed == 1  # one silence, however often it is looked at
+    rate.add(61 * SECOND)
+    rate.add(62 * SECOND)
+    assert rate.missed == 2
+
+
+def test_only_what_is_said_all_the_time_has_a_deadline() -> None:
+    found = {s.key: deadline_s(service_at(s.pattern)) for s in SERVICES}
+    assert found["robot/state"] == pytest.approx(0.3)
+    assert found["sonar/map"] == pytest.approx(1.0)
+    assert found["resource/{resource}/utility"] is None
+    assert found["log/{instance}"] is None
+
+
+def test_the_holder_is_the_largest_ballot_until_it_is_silent_or_released() -> None:
+    holders = Holders()
+    rival = m.Claim("wheels", m.Ballot(2, 0.9, False, "avoid-1"), CYCLE, 0.9)
+    holders.hear(CLAIM, 0)
+    holders.hear(rival, 1)
+    assert holders.of("wheels", 2) == CLAIM
+    assert holders.of("wheels", SECOND) is None
+    holders.hear(rival, SECOND)
+    assert holders.of("wheels", SECOND) == rival
+    holders.hear(CLAIM, SECOND + 1)
+    holders.hear(m.Claim("wheels", BALLOT, CYCLE, None), SECOND + 2)
+    assert holders.of("wheels", SECOND + 3) is None

@@ -1,0 +1,206 @@
+"""The latch as tools say it, against a robot agent that is made up state by state."""
+
+from __future__ import annotations
+
+import random
+from collections.abc import Callable
+
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from armadico.core.latched import Memory
+from armadico.core.messages import JUMP, LARGEST_COUNT, Cycle, RobotState, Stop, checked
+from armadico.runtime.latch import HELD_S, SILENT_S, Latching
+
+BY = "armadico stop"
+PRESS = 77
+
+
+class Robot:
+    """A robot agent's latch, and somebody who presses against it ten times a second."""
+
+    def __init__(self, stop: Stop | None = None, *, stopped: bool = True) -> None:
+        self.memory = Memory(random.Random(1))
+        if stop is not None:
+            self.memory.note(stop)
+        self.press = Latching(stopped=stopped, by=BY, press=PRESS)
+        self.now = 0.0
+        self.number = 0
+        self.said: list[Stop] = []
+        self.speeds = (0.0, 0.0)
+
+    @property
+    def stop(self) -> Stop:
+        return self.memory.newest(Stop) or Stop()
+
+    def state(self, stop: Stop | None = None) -> None:
+        """A cycle later its state comes."""
+        self.now += 0.1
+        self.number += 1
+        at, latch = Cycle(1, self.number), stop or self.stop
+        state = RobotState(at, 0, 0, 0, *self.speeds, 12, True, False, latch)
+        self.press.hear(state, self.now)
+
+    def turn(self) -> None:
+        """What is pressed comes to the robot agent, and then its state to who presses."""
+        message = self.press.message()
+        if message is not None:
+            self.said.append(checked(message))  # it can be sent
+            self.memory.hear(message, self.now)
+        self.state()
+
+    def turns(self, count: int, until: Callable[[], bool] = lambda: False) -> None:
+        for _ in range(count):
+            self.turn()
+            if self.press.done or self.press.refusal or until():
+                return
+
+
+def latches() -> st.SearchStrategy[Stop]:
+    counters = st.sampled_from((0, 1, 7, JUMP, JUMP + 2, LARGEST_COUNT - 1, LARGEST_COUNT))
+    return st.builds(Stop, counters, st.booleans(), st.just("somebody"), st.integers(0, 2**63 - 1))
+
+
+@given(latches())
+def test_a_stop_stops_whatever_is_known(before: Stop) -> None:
+    robot = Robot(before)
+    robot.turns(30)
+    assert robot.stop.stopped
+    assert robot.press.done
+
+
+def test_a_stop_is_published_before_anything_is_heard_and_goes_on_until_it_is_done() -> None:
+    robot = Robot()
+    assert robot.press.message() == Stop(1, True, BY, PRESS)
+    robot.turns(30)
+    assert len(robot.said) == robot.number
+    assert {stop.press for stop in robot.said} == {PRESS}
+    assert robot.said[-1] == robot.stop, "once latched it is the same stop, and no new one"
+
+
+def test_stopped_is_what_the_robot_agent_goes_on_saying_for_a_second() -> None:
+    robot = Robot()
+    robot.turns(60)
+    assert robot.press.done
+    assert robot.now == pytest.approx(HELD_S + 0.1, abs=0.11)
+
+
+def test_one_old_state_said_again_and_again_is_no_acknowledgement() -> None:
+    robot = Robot()
+    state = RobotState(Cycle(1, 5), 0, 0, 0, 0, 0, 12, True, False, Stop(9, True, "old", 3))
+    for tenth in range(40):
+        robot.press.hear(state, tenth / 10)
+    assert not robot.press.done
+
+
+def test_a_robot_agent_that_falls_silent_has_to_say_so_for_as_long_again() -> None:
+    robot = Robot()
+    robot.turns(5)
+    robot.now += 2 * SILENT_S
+    robot.turns(3)
+    assert not robot.press.done
+    robot.turns(20)
+    assert robot.press.done
+
+
+def test_a_stop_that_somebody_releases_meanwhile_stands_again() -> None:
+    robot = Robot()
+    robot.turns(5)
+    robot.memory.hear(Stop(robot.stop.counter + 1, False, "somebody", PRESS), robot.now)
+    robot.state()
+    assert not robot.stop.stopped
+    since = robot.now
+    robot.turns(30)
+    assert robot.stop.stopped
+    assert robot.press.done
+    assert robot.now - since >= HELD_S
+
+
+def test_one_that_does_not_obey_is_never_said_to_be_stopped() -> None:
+    robot = Robot()
+    for _ in range(100):
+        assert robot.press.message() is not None
+        robot.state(Stop())
+    assert not robot.press.done
+    assert robot.press.known == Stop()
+
+
+@pytest.mark.parametrize("speeds", [(0.17, 0.0), (-0.17, 0.0), (0.0, 0.5), (0.0, -0.5)], ids=str)
+def test_it_is_not_stopped_while_its_wheels_turn(speeds: tuple[float, float]) -> None:
+    """The latch holds at once; a robot at 0.75 m/s goes on for more than a second."""
+    robot = Robot()
+    robot.speeds = speeds
+    robot.turns(50)
+    assert robot.press.latched
+    assert not robot.press.done
+    assert f"{speeds[0]:.2f} m/s and {speeds[1]:.2f} rad/s" in robot.press.rolling
+    robot.speeds = (0.0, 0.0)
+    robot.turn()
+    assert robot.press.done
+    assert robot.press.rolling == ""
+
+
+def test_what_was_latched_and_is_released_by_somebody_is_not_latched() -> None:
+    robot = Robot()
+    robot.speeds = (0.5, 0.0)
+    robot.turns(30)
+    assert robot.press.latched
+    robot.state(Stop())
+    assert not robot.press.latched
+    assert not robot.press.done
+
+
+def test_wheels_that_rest_before_the_latch_is_acknowledged_are_not_enough() -> None:
+    robot = Robot()
+    for _ in range(50):
+        robot.state(Stop())
+    assert not robot.press.done
+
+
+# The release --------------------------------------------------------------------------------------
+
+
+def test_a_release_is_one_more_than_the_stop_and_has_its_press() -> None:
+    robot = Robot(Stop(7, True, "somebody", 5), stopped=False)
+    assert robot.press.message() is None, "nothing is known yet"
+    robot.state()
+    assert robot.press.message() == Stop(8, False, BY, 5)
+    robot.turns(10)
+    assert robot.press.done
+    assert not robot.stop.stopped
+
+
+@given(latches())
+def test_a_release_releases_or_says_why_not(before: Stop) -> None:
+    robot = Robot(before, stopped=False)
+    robot.turns(30)
+    assert robot.press.done == (not robot.stop.stopped)
+    assert robot.press.done != bool(robot.press.refusal)
+
+
+def test_what_is_not_stopped_needs_no_release() -> None:
+    robot = Robot(Stop(7, False, "somebody", 5), stopped=False)
+    robot.turns(10)
+    assert robot.press.done
+    assert robot.said == []
+
+
+@pytest.mark.parametrize("ahead", [1, 2, 10])
+def test_a_stop_that_was_pressed_meanwhile_is_not_released(ahead: int) -> None:
+    robot = Robot(Stop(7, True, "somebody", 5), stopped=False)
+    robot.state()
+    robot.memory.hear(Stop(7 + ahead, True, "another", 6), robot.now)
+    robot.turns(30)
+    assert robot.stop.stopped
+    assert not robot.press.done
+    assert "by another" in robot.press.refusal
+
+
+def test_the_same_stop_counted_on_by_others_is_released() -> None:
+    robot = Robot(Stop(7, True, "somebody", 5), stopped=False)
+    robot.state()
+    robot.memory.hear(Stop(9, True, "somebody", 5), robot.now)
+    robot.turns(30)
+    assert robot.press.done
+    assert robot.stop == Stop(10, False, BY, 5)

@@ -1,0 +1,151 @@
+"""A device agent's port: opened again when it goes, and the agent always knows how it stands."""
+
+from __future__ import annotations
+
+import threading
+from collections.abc import Callable
+
+from armadico.core.agent import DeviceAgent, Identity
+from armadico.runtime.port_reader import CHUNKS
+from armadico.runtime.process import identity
+from tests.mesh.fakes import on_a_fake
+
+SOON = 10.0
+
+
+class Listener(DeviceAgent):
+    name = "listener"
+
+    def __init__(self, identity: Identity) -> None:
+        super().__init__(identity)
+        self.seen: list[str] = []
+        self.until: tuple[str, Callable[[], None]] = ("", lambda: None)
+        self._changed = threading.Condition()
+
+    def await_seen(self, what: str, times: int = 1) -> None:
+        """Called on the port's thread: wait until the agent knows."""
+        with self._changed:
+            assert self._changed.wait_for(lambda: self.seen.count(what) >= times, SOON)
+
+    def on_bytes(self, data: bytes) -> None:
+        self._see(data.decode())
+        self.write(b"got " + data)
+
+    def on_link(self, up: bool, why: str) -> None:
+        self._see(f"up {why}" if up else f"down: {why}")
+
+    def _see(self, what: str) -> None:
+        with self._changed:
+            self.seen.append(what)
+            self._changed.notify_all()
+        if what == self.until[0]:
+            self.until[1]()
+
+
+class FakePort:
+    """Says what it was made with, then breaks."""
+
+    def __init__(self, agent: Listener, says: list[bytes], opening: int = 1) -> None:
+        self.agent = agent
+        self.opening = opening  # how often the agent has seen a port open, this one included
+        self.says = says
+        self.closed = False
+
+    def read(self, timeout_s: float) -> bytes:
+        self.agent.await_seen("up ", self.opening)
+        if not self.says:
+            raise OSError("unplugged")
+        return self.says.pop(0)
+
+    def write(self, data: bytes) -> None:
+        pass
+
+    def close(self) -> None:
+        self.closed = True
+
+
+def test_a_port_that_goes_is_opened_again_and_the_agent_knows() -> None:
+    agent = Listener(identity("listener"))
+    ports = [FakePort(agent, [b"a", b"", b"b"]), FakePort(agent, [b"c"], 2)]
+    attempts: list[tuple[str, FakePort | None]] = [
+        ("", None),
+        ("down: no port", None),
+        ("down: no port", ports[0]),
+        ("down: unplugged", ports[1]),
+    ]
+
+    def connect() -> FakePort:
+        known, port = attempts.pop(0) if attempts else ("", None)
+        if known:
+            agent.await_seen(known)
+        if port is None:
+            raise OSError("no port")
+        return port
+
+    host, _ = on_a_fake(agent, connect={agent.instance: connect})
+    agent.until = ("c", host.request_stop)
+    host.live()
+    host.leave()
+    expected = ["down: no port", "up ", "a", "b", "down: unplugged", "up ", "c"]
+    assert agent.seen[:7] == expected
+    assert all(port.closed for port in ports)
+
+
+def test_a_port_that_cannot_be_written_to_is_taken_for_gone() -> None:
+    agent = Listener(identity("listener"))
+    tried = threading.Event()
+
+    class Deaf(FakePort):
+        def read(self, timeout_s: float) -> bytes:
+            if self.says:
+                return super().read(timeout_s)
+            tried.wait(timeout_s)
+            return b""
+
+        def write(self, data: bytes) -> None:
+            tried.set()
+            raise OSError("nobody listens")
+
+    host, _ = on_a_fake(agent, connect={agent.instance: lambda: Deaf(agent, [b"x"])})
+    agent.until = ("down: cannot write: nobody listens", host.request_stop)
+    host.live()
+    host.leave()
+    assert agent.seen[:3] == ["up ", "x", "down: cannot write: nobody listens"]
+
+
+def test_news_of_the_link_survives_a_flood_of_bytes() -> None:
+    agent = Listener(identity("listener"))
+    host, _ = on_a_fake(agent, connect={agent.instance: lambda: FakePort(agent, [])})
+    device = host._devices[agent.instance]
+    device._link(True, "")
+    for _ in range(10 * CHUNKS):
+        device._take(b"x")
+    while (item := host.inbox.take(0)) is not None:
+        call, args = item
+        call(*args)
+    assert agent.seen == ["up ", *["x"] * CHUNKS]
+    assert host.inbox.take_dropped() == {"device": 9 * CHUNKS}
+    assert host.inbox.take_dropped() == {}
+
+
+def test_bytes_are_taken_where_they_were_read_while_the_agents_thread_waits() -> None:
+    readers: list[int] = []
+    takers: list[int] = []
+
+    class Port(FakePort):
+        def read(self, timeout_s: float) -> bytes:
+            self.agent.await_seen("up ", self.opening)
+            readers.append(threading.get_ident())
+            return b"" if set(takers) & set(readers) else b"a"
+
+    class Taker(Listener):
+        def on_bytes(self, data: bytes) -> None:
+            takers.append(threading.get_ident())
+            if takers[-1] in readers:
+                host.request_stop()
+
+    agent = Taker(identity("listener"))
+    host, _ = on_a_fake(agent, connect={agent.instance: lambda: Port(agent, [])})
+    host.live()
+    host.leave()
+    assert set(takers) & set(readers)
