@@ -1,0 +1,103 @@
+"""The rooms of the framework, the lower first: each imports only itself and those below it."""
+
+from __future__ import annotations
+
+from collections import Counter
+
+import pytest
+
+from tests.house.tree import imports, modules, within
+
+ROOMS = ("core", "config", "mesh", "runtime", "observe", "launch", "cli")
+"""What decides; what is configured; how it talks; one process; what looks at a society; many
+processes; commands. A launcher measures what it runs, so that looking is below launching."""
+
+DOORS = {
+    "armadico": (),
+    "armadico.__main__": ("armadico.cli",),
+    "armadico.child": ("armadico.cli",),
+}
+"""Of no room, and what they may import."""
+
+LABORATORY = ("armadico.tools",)
+"""What a robot's computer does without. Only its own commands may import it."""
+
+TO_BE_CUT = {
+    ("armadico.observe.dashboard.virtual_run", "armadico.launch.virtual"),
+    ("armadico.observe.dashboard.local_map", "armadico.agents.avoid"),
+    ("armadico.observe.dashboard.shapes", "armadico.agents.methods.swept_path"),
+}
+"""Imports of what is above, or of an agent: each is there, and no other is."""
+
+COMMANDS_TO_BE_MOVED = {
+    "bench",
+    "experiment",
+    "explore",
+    "faults",
+    "hosts_demo",
+    "identify",
+    "trials",
+}
+"""Commands that are the laboratory's or import it."""
+
+CIRCLES_TO_BE_CUT = (
+    {"virtual", "virtual_node", "virtual_liveliness", "virtual_queries"},  # of the mesh
+)
+
+
+def room(module: str) -> str:
+    """The room of a module, or nothing."""
+    parts = module.split(".")
+    return parts[1] if len(parts) > 1 and parts[1] in ROOMS else ""
+
+
+def arrows() -> list[tuple[str, str]]:
+    """Who imports whom, of our own."""
+    return [(name, other) for name in modules() for other in imports(name) & modules().keys()]
+
+
+def test_everything_of_the_framework_is_in_a_room() -> None:
+    apart = ("agents", "bridge", "configs", "tools")
+    loose = {
+        name
+        for name in modules()
+        if not room(name) and not any(within(name, f"armadico.{part}") for part in apart)
+    }
+    assert loose == set(DOORS)
+    assert {room(name) for name in modules()} - {""} == set(ROOMS)
+
+
+def test_a_room_imports_only_those_below_it() -> None:
+    def allowed(name: str, other: str) -> bool:
+        if room(other):
+            return ROOMS.index(room(other)) <= ROOMS.index(room(name))
+        return room(name) == "cli" or other in DOORS
+
+    broken = {(name, other) for name, other in arrows() if room(name) and not allowed(name, other)}
+    assert broken == TO_BE_CUT
+
+
+@pytest.mark.parametrize("door", DOORS)
+def test_a_door_leads_to_one_room(door: str) -> None:
+    assert imports(door) & modules().keys() <= set(DOORS[door])
+
+
+def test_only_its_own_commands_import_the_laboratory() -> None:
+    users = {
+        name
+        for name, other in arrows()
+        if any(within(other, part) and not within(name, part) for part in LABORATORY)
+    }
+    assert users == {f"armadico.cli.{name}" for name in COMMANDS_TO_BE_MOVED} | {"armadico.cli.run"}
+
+
+def test_nothing_imports_in_a_circle() -> None:
+    left = {name: imports(name) & modules().keys() - {name} for name in modules()}
+    while done := {name for name, others in left.items() if not others & left.keys()}:
+        left = {name: others for name, others in left.items() if name not in done}
+    into = Counter(other for others in left.values() for other in others if other in left)
+    while done := {name for name in left if not into[name]}:
+        left = {name: others for name, others in left.items() if name not in done}
+        into = Counter(other for others in left.values() for other in others if other in left)
+    circle = {name.rpartition(".")[2] for name in left}
+    assert circle == set().union(*CIRCLES_TO_BE_CUT)
