@@ -14,10 +14,10 @@ import sys
 from collections.abc import Sequence
 
 from armadico.config.scenarios import Scenario, load_scenario
+from armadico.core.compiled import is_compiled
 from armadico.core.services import SERVICES
 from armadico.launch.society import Options
 from armadico.launch.virtual import Rehearsal
-from armadico.mesh import virtual
 
 
 def fingerprint(scenario: Scenario, options: Options) -> str:
@@ -29,11 +29,6 @@ def fingerprint(scenario: Scenario, options: Options) -> str:
     )
     rehearsal.run()
     return digest.hexdigest()
-
-
-def is_compiled() -> bool:
-    """Whether what agents stand on is machine code here (`make compiled`)."""
-    return not (virtual.__file__ or "").endswith(".py")
 
 
 def main(argv: Sequence[str] | None = None) -> int:

@@ -33,6 +33,7 @@ def main(argv: Sequence[str]) -> int:
     """Go through them; exit code 1 if a promise can be broken."""
     args = _parser().parse_args(argv)
     _check(args)
+    options.look_inside("armadico explore")
     from armadico.tools.experiments import pool  # noqa: PLC0415 - not for --help
     from armadico.tools.explore import series, world  # noqa: PLC0415
 

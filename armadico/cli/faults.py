@@ -41,6 +41,7 @@ def main(argv: Sequence[str]) -> int:
     _check(args)
     if args.list:
         return _list(as_json=args.json)
+    options.look_inside("armadico faults")
     if args.repeat is not None:
         return _repeat(args.repeat, as_json=args.json)
     return _series(args)

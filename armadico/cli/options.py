@@ -184,6 +184,17 @@ def joining(args: argparse.Namespace) -> list[str]:
     return words + [word for endpoint in args.connect for word in ("--connect", endpoint)]
 
 
+def look_inside(program: str) -> None:
+    """Raises FailedError where what a command looks into is closed: compiled."""
+    from armadico.core.compiled import is_compiled  # noqa: PLC0415 - not for --help
+
+    if is_compiled():
+        raise FailedError(
+            f"{program} looks into what is compiled here; run it where Armadico is pure Python:"
+            " .venv/bin, after `make run`"
+        )
+
+
 def nobody(args: argparse.Namespace, what: str) -> FailedError:
     """What to say when nobody is there to do it."""
     return FailedError(

@@ -30,6 +30,9 @@ LEAVE_S: Final = 3.0
 SIMULATOR: Final = "simulator"
 ROBOT: Final = "robot"
 
+LAUNCHER: Final = "ARMADICO_LAUNCHER"
+"""In the environment of a process: the id of the one that started it, to be ended with it."""
+
 _ANNOUNCED = re.compile(r" at (tcp://[^;\s]+)")
 """Where the simulator's first line on standard output says that it listens."""
 
@@ -69,6 +72,7 @@ class Process:
                 stdin=subprocess.DEVNULL,
                 stdout=subprocess.PIPE if listen else errors,
                 stderr=errors,
+                env={**os.environ, LAUNCHER: str(os.getpid())},
                 start_new_session=True,  # Ctrl-C is the launcher's; it tells them in order
             )
 
@@ -138,21 +142,22 @@ def label_of(members: Sequence[Member]) -> str:
 
 
 def orphans(namespace: str) -> list[tuple[str, psutil.Process]]:
-    """Processes of this user that a launcher started in a namespace, and that it has survived.
+    """Processes of this user that a launcher started in a namespace, and that have survived it.
 
-    By what it starts them with: the namespace is always named. Each with its label.
+    Each has its launcher's id in its environment, and by now another parent. What was started by
+    hand has none. Each with its label.
     """
     import psutil  # noqa: PLC0415 - only `armadico down` looks
 
     found = []
     for process in psutil.process_iter():
         with suppress(psutil.Error):
-            parent = process.parent()
-            launched = parent is not None and any("armadico" in word for word in parent.cmdline())
-            if launched or process.uids().real != os.getuid():
-                continue
             words = process.cmdline()
             if "-m" not in words or words[words.index("-m") + 1] != "armadico":
+                continue
+            launcher = process.environ().get(LAUNCHER)
+            ours = process.uids().real == os.getuid()
+            if not ours or launcher is None or int(launcher) == process.ppid():
                 continue
             rest = words[words.index("-m") + 2 :]
             if rest[:1] == ["sim"] and f"--namespace={namespace}" in rest:

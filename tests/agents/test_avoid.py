@@ -151,7 +151,7 @@ def test_a_way_that_leads_far_aside_is_not_in_the_way_until_it_holds() -> None:
 places = st.builds(Point, st.floats(-1.0, 2.0), st.floats(-1.2, 1.2))
 
 
-@settings(deadline=None, max_examples=100)
+@settings(max_examples=100)
 @given(st.lists(places, max_size=8), st.floats(0.0, 0.75), st.floats(-1.0, 1.0))
 def test_whatever_it_wants_is_swept_clear_of_what_it_knows_if_braking_is(
     points: list[Point], speed: float, turning: float

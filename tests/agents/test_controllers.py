@@ -63,7 +63,7 @@ def duration(mode: Mode, parameters: Settings) -> float:
     return PERIOD * len(list(drive(Controller(parameters, mode), ORIGIN, [Placed(5, 1)], lag=0.0)))
 
 
-@settings(deadline=None, max_examples=60)
+@settings(max_examples=60)
 @given(start=poses, goal=poses, mode=modes)
 def test_it_parks_within_the_stop_rule_from_any_pose(
     start: Placed, goal: Placed, mode: Mode
@@ -75,7 +75,7 @@ def test_it_parks_within_the_stop_rule_from_any_pose(
     assert abs(wrap(end.theta - goal.theta)) <= math.radians(2)
 
 
-@settings(deadline=None, max_examples=40)
+@settings(max_examples=40)
 @given(start=poses, goal=poses)
 def test_the_fast_controller_stops_near_the_goal_at_any_heading(
     start: Placed, goal: Placed
@@ -86,7 +86,7 @@ def test_the_fast_controller_stops_near_the_goal_at_any_heading(
     assert distance(end, goal) <= CHAPTER_5.fast_stop_m
 
 
-@settings(deadline=None, max_examples=40)
+@settings(max_examples=40)
 @given(start=poses, goal=poses, mode=st.sampled_from(list(Mode)))
 def test_the_faster_set_parks_too(start: Placed, goal: Placed, mode: Mode) -> None:
     controller = Controller(CHAPTER_4, mode)
@@ -95,7 +95,7 @@ def test_the_faster_set_parks_too(start: Placed, goal: Placed, mode: Mode) -> No
     assert distance(end, goal) <= 0.10
 
 
-@settings(deadline=None, max_examples=60)
+@settings(max_examples=60)
 @given(start=poses, goal=poses, mode=modes)
 def test_it_never_turns_round_and_round(start: Placed, goal: Placed, mode: Mode) -> None:
     poses_on_the_way = [pose for pose, _ in drive(Controller(CHAPTER_5, mode), start, [goal])]
@@ -104,7 +104,7 @@ def test_it_never_turns_round_and_round(start: Placed, goal: Placed, mode: Mode)
     assert max(headings) - min(headings) < 2.5 * math.pi
 
 
-@settings(deadline=None, max_examples=60)
+@settings(max_examples=60)
 @given(bearing=st.floats(-math.pi, math.pi), away=st.floats(0.05, 0.8), speed=st.floats(0.0, 0.75))
 def test_it_does_not_orbit_a_near_goal_that_it_meets_at_speed(
     bearing: float, away: float, speed: float
@@ -120,7 +120,7 @@ def test_it_does_not_orbit_a_near_goal_that_it_meets_at_speed(
     assert command == (0.0, 0.0)
 
 
-@settings(deadline=None, max_examples=40)
+@settings(max_examples=40)
 @given(start=poses, goal=poses, mode=st.sampled_from(list(Mode)))
 def test_commands_keep_to_the_ramps_and_limits_and_never_reverse(
     start: Placed, goal: Placed, mode: Mode

@@ -79,7 +79,7 @@ def test_a_gap_that_is_too_narrow_is_none() -> None:
     assert abs(found) > atan2(0.19, 0.8)
 
 
-@settings(deadline=None, max_examples=200)
+@settings(max_examples=200)
 @given(worlds, angles, st.sampled_from([0.0, 1.0, -1.0]))
 def test_what_is_found_is_open_and_nothing_nearer_is(
     points: list[Point], wanted: float, side: float

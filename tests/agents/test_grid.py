@@ -45,7 +45,6 @@ def brute_force(costs: Field, start: Cell, goal: Cell) -> float:
             return float(best[goal])
 
 
-@settings(deadline=None)
 @given(grids, st.data())
 def test_the_way_found_is_as_cheap_as_brute_force_finds(costs: Field, data: st.DataObject) -> None:
     cell = st.tuples(*(st.integers(0, size - 1) for size in costs.shape))
@@ -78,7 +77,7 @@ def test_the_same_question_has_the_same_answer() -> None:
     assert search(costs, (0, 0), (19, 29)) == search(costs.copy(), (0, 0), (19, 29))
 
 
-@settings(deadline=None, max_examples=50)
+@settings(max_examples=50)
 @given(st.lists(segments, min_size=1, max_size=4), spots, spots)
 def test_the_clearance_of_a_way_is_the_least_over_its_places(
     walls: list[tuple[float, float, float, float]], a: Placed, b: Placed
@@ -98,7 +97,7 @@ def test_in_a_box_the_nearest_wall_is_one_of_four(place: Placed) -> None:
     assert Grid(BOX, BOUNDS).clearance_at(place) == pytest.approx(nearest)
 
 
-@settings(deadline=None, max_examples=50)
+@settings(max_examples=50)
 @given(st.lists(segments, max_size=4), spots)
 def test_a_cell_knows_the_exact_clearance_of_its_centre_up_to_a_metre(
     walls: list[tuple[float, float, float, float]], place: Placed
@@ -122,7 +121,7 @@ def test_without_walls_there_is_endless_room() -> None:
     assert (grid.costs(Margins()) == 1.0).all()
 
 
-@settings(deadline=None, max_examples=30)
+@settings(max_examples=30)
 @given(st.lists(segments, min_size=1, max_size=4))
 def test_between_free_neighbours_the_radius_is_kept(
     walls: list[tuple[float, float, float, float]],

@@ -71,7 +71,7 @@ def with_columns(world: World, corners: list[tuple[float, float]]) -> World:
     return msgspec.structs.replace(world, walls=(*world.walls, *extra))
 
 
-@settings(deadline=None, max_examples=60)
+@settings(max_examples=60)
 @given(
     inside(0.17),
     inside(0.17),
@@ -98,7 +98,7 @@ def test_every_stretch_keeps_the_radius_clear(
     assert found.waypoints[-1] == goal
 
 
-@settings(deadline=None, max_examples=40)
+@settings(max_examples=40)
 @given(inside(0.35), inside(0.35))
 def test_between_clear_places_there_is_a_way_and_it_is_not_long(
     start: Placed, goal: Placed
@@ -303,7 +303,6 @@ def test_a_route_is_legs_from_the_start_over_doors_to_the_goal() -> None:
     assert route(ROOMS, START, GOAL, closed=[Leg("hall", "a", "b")]) is None
 
 
-@settings(deadline=None)
 @given(st.integers(2, 6), st.data())
 def test_the_route_is_the_shortest_of_all(count: int, data: st.DataObject) -> None:
     """Rooms in a row, joined by random doors: every chain without repetition is tried."""

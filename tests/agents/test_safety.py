@@ -43,7 +43,7 @@ def test_nobody_wishes_for_more_than_the_robot_can() -> None:
     assert limited(9.0, -9.0)[:2] == (PIONEER.v_max, -PIONEER.w_max)
 
 
-@settings(deadline=None, max_examples=150)
+@settings(max_examples=150)
 @given(worlds, speeds, WHOLE, st.sampled_from([0.0, 0.12]))
 def test_who_can_still_stop_is_never_told_to_do_what_touches(
     points: list[Point], measured: Speeds, wanted: Speeds, slow: float
@@ -58,7 +58,7 @@ def test_who_can_still_stop_is_never_told_to_do_what_touches(
     assert all(clearance(PIONEER, poses, p) > 0.0 for p in points)
 
 
-@settings(deadline=None, max_examples=150)
+@settings(max_examples=150)
 @given(worlds, speeds, WHOLE)
 def test_a_limited_motion_is_never_faster_nor_turned_the_other_way(
     points: list[Point], measured: Speeds, wanted: Speeds
@@ -125,7 +125,7 @@ def test_backwards_what_is_behind_counts() -> None:
     assert limited(-0.1, 0.0, Point(-0.60, 0.0), Point(0.25, 0.0)).v == -0.1
 
 
-@settings(deadline=None, max_examples=300)
+@settings(max_examples=300)
 @given(places, st.floats(0.05, 1.0), st.floats(-2.0, 2.0))
 def test_a_wider_margin_never_finds_a_longer_way(point: Point, v: float, w: float) -> None:
     assume(OUTLINE.beside(point.x, point.y) > 0.002)

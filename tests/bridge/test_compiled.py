@@ -69,3 +69,17 @@ def test_what_other_people_write_in_python_derives_from_what_is_compiled(
     one, other = (said(who, "-c", NEWCOMER, str(tmp_path)) for who in (sys.executable, compiled))
     assert one.stdout.startswith("wall-follower ")
     assert one.stdout == other.stdout
+
+
+@pytest.mark.parametrize("words", [("faults", "--seeds", "1"), ("explore", "--faults", "0")])
+def test_what_looks_inside_says_that_it_cannot(compiled: Path, words: tuple[str, ...]) -> None:
+    done = subprocess.run(
+        [str(compiled), "-P", "-m", "armadico", *words],
+        capture_output=True,
+        text=True,
+        check=False,
+        cwd=ROOT,
+    )
+    assert done.returncode == 1
+    assert "looks into what is compiled here" in done.stderr
+    assert "Traceback" not in done.stderr

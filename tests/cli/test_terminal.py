@@ -362,7 +362,7 @@ def test_doctor_knows_who_listens() -> None:
 
 # Whoever else is on the mesh ----------------------------------------------------------------------
 
-CLEAR = "\x1b[2J"
+CLEAR = "\x1b[2J\u202e"  # and right to left from there
 EVIL = "evil-00000000000000bb"
 
 
@@ -383,7 +383,7 @@ class Hostile:
 
     @staticmethod
     def _card(name: str, instance: str) -> Card:
-        texts = ("[/nope]", '"]; evil [shape="x', "<script>", "\u202egnp.exe")
+        texts = ("[/nope]", '"]; evil [shape="x', "<script>")
         return Card(
             name=name,
             instance=instance,
@@ -417,7 +417,7 @@ class Hostile:
             self._mesh.publish(f"resource/{CLEAR}/utility", claim)
             ack = Ack("[/nope]", cycle, ballot, ballot, cycle)
             self._mesh.publish("resource/x/ack", ack)
-            self._mesh.publish(f"log/{CLEAR}-1", Log(40, "[/nope] \u202egnp.exe"))
+            self._mesh.publish(f"log/{CLEAR}-1", Log(40, "[/nope]"))
             self._mesh.publish(f"a/key/{CLEAR}", Log(40, "x"))
 
 

@@ -6,7 +6,7 @@ from itertools import pairwise
 from math import exp
 
 import pytest
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 
 from armadico.core.cycles import PERIOD
@@ -82,7 +82,6 @@ def test_the_smallest_utility_there_is_ends_nobody(least: float) -> None:
         assert (a, b) == pytest.approx((0.2, 1.5))
 
 
-@settings(deadline=None)
 @given(speeds, speeds, shares, shares, st.floats(1.0, LONGEST))
 def test_a_blend_lies_between_both_actions_and_moves_to_the_winners(
     lost: tuple[float, float],
@@ -136,7 +135,6 @@ def test_the_largest_scaled_difference_decides() -> None:
     assert halved.window == pytest.approx(fuzzy_window(0.4))
 
 
-@settings(deadline=None)
 @given(st.floats(0.0, 5.0), st.floats(0.0, 5.0))
 def test_a_larger_difference_is_never_exchanged_faster(a: float, b: float) -> None:
     small, large = sorted((a, b))

@@ -539,7 +539,7 @@ class Society(RuleBasedStateMachine):
 
 
 TestSociety = Society.TestCase
-TestSociety.settings = settings(max_examples=60, stateful_step_count=40, deadline=None)
+TestSociety.settings = settings(max_examples=60, stateful_step_count=40)
 
 
 class Strays(RuleBasedStateMachine):
@@ -656,7 +656,7 @@ class Strays(RuleBasedStateMachine):
 
 
 TestStrays = Strays.TestCase
-TestStrays.settings = settings(max_examples=60, stateful_step_count=20, deadline=None)
+TestStrays.settings = settings(max_examples=60, stateful_step_count=20)
 
 
 def everybody(hear: Callable[[Memory, Latched], bool], *said: Latched) -> set[Latched | None]:

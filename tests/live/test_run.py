@@ -20,7 +20,7 @@ from armadico.launch.run import RunFailedError
 from armadico.launch.society import Options
 from armadico.observe.measures import Result, RunWatch
 from armadico.tools.faults.serial_tap import Tap, moves
-from tests.live.conftest import NAMESPACE
+from tests.live.conftest import NAMESPACE, Start
 from tests.live.society import LINE, SOON, Observer, mesh_of
 from tests.mesh.conftest import private_endpoints
 
@@ -122,6 +122,14 @@ def test_when_the_launcher_is_killed_the_society_drives_on_and_down_ends_it(
         for child in everybody:
             with suppress(psutil.NoSuchProcess):
                 child.kill()
+
+
+def test_down_leaves_alone_what_somebody_who_lives_has_started(start: Start, run: Run) -> None:
+    """A test or a notebook, say: nothing in its own command line speaks of Armadico."""
+    society = start()
+    said, errors = run("down").communicate(timeout=SOON)
+    assert "nothing is up" in said, errors
+    assert not any(process.ended() for process in society.launcher.processes)
 
 
 def test_a_second_run_in_the_namespace_is_told_who_is_there_and_disturbs_nobody(
