@@ -30,6 +30,7 @@ from armadico.tools.faults.checker import Checker
 from armadico.tools.faults.fault_types import KINDS, WEDGED_S, Promise, voided
 from armadico.tools.faults.observations import (
     Bids,
+    Denied,
     Faulted,
     Left,
     Obeyed,
@@ -252,6 +253,18 @@ def test_it_has_moved_that_crawls(story: Story) -> None:
     assert Promise.MOVES not in story.broken()
 
 
+def test_it_has_moved_that_crawls_in_another_epoch(story: Story) -> None:
+    healed(story)
+    story.epoch, story.number, story.v = 2, 0, 0.01
+    story.x = 7.0  # counted from elsewhere: no way that it has gone
+    story.cycles(5)
+    assert story.checker.longest is None
+    story.x = 7.006
+    story.cycles(25)
+    assert Promise.MOVES not in story.broken()
+    assert story.checker.longest is not None
+
+
 def test_exchanges_one_after_another_are_one_holder_each(story: Story) -> None:
     for term in range(3, 20):
         story.ballot = ballot(term, A if term % 2 else B)
@@ -405,6 +418,18 @@ def test_who_is_in_a_hurry_may_take_a_shorter_window(
     shorter = begins(within=0.12)
     assert shorter != begins()
     story.said(Claim("wheels", ballot(4, winner), story.cycle, 0.9, False, WANTED, shorter))
+    assert story.broken() == [Promise.SMOOTH] * broken
+
+
+@pytest.mark.parametrize(("ago_s", "broken"), [(0.2, 0), (3.0, 1)])
+def test_what_sonars_that_repeat_themselves_show_may_hurry_it(
+    story: Story, ago_s: float, broken: int
+) -> None:
+    story.see(Faulted(story.now, "frozen-sonar", ("robot",), began=True))
+    story.cycles(15)
+    story.see(Faulted(story.now, "frozen-sonar", ("robot",), began=False))
+    story.cycles(round(ago_s / 0.1))
+    story.said(Claim("wheels", ballot(4, B), story.cycle, 0.9, False, WANTED, begins(within=0.12)))
     assert story.broken() == [Promise.SMOOTH] * broken
 
 
@@ -851,6 +876,36 @@ def test_whose_bids_were_nonsense_stands_back_from_then_on_unless_another_bids(
     assert [broken for broken in story.broken() if broken is Promise.MOVES] == broken
     story.stand(1.0, goto=wants(0.6))
     assert Promise.MOVES in story.broken()
+
+
+@pytest.mark.parametrize(("holds_s", "broken"), [(0.5, []), (1.5, [Promise.MOVES])])
+def test_others_wait_until_nonsense_that_holds_is_let_go_of(
+    story: Story, holds_s: float, broken: list[Promise]
+) -> None:
+    healed(story)
+    story.see(Faulted(story.now, "nan", ("goto",), began=True))
+    story.stand(1.8, goto=wants(1.0), avoid=wants(0.5))
+    for _ in range(round(holds_s / 0.1)):
+        story.claim(ballot(9))
+        story.stand(0.1, goto=wants(1.0), avoid=wants(0.5))
+    story.claim(ballot(9), None)
+    assert [promise for promise in story.broken() if promise is Promise.MOVES] == broken
+
+
+@pytest.mark.parametrize(("who", "broken"), [("robot", []), ("sonar", [Promise.MOVES])])
+def test_a_robot_agent_that_another_was_in_the_way_of_is_there_a_second_later(
+    story: Story, who: str, broken: list[Promise]
+) -> None:
+    story.cycles(5)
+    story.see(Faulted(story.now, "two-robot-agents", ("robot",), began=True))
+    story.see(Ordered(story.now, 0.0, 0.0))
+    story.now = round(story.now + 2.0, 3)
+    story.see(Denied(story.now, f"{who}-0123456789abcdef", "another is alive already"))
+    story.see(Faulted(story.now, "two-robot-agents", ("robot",), began=False))
+    story.stand(2.9, goto=wants(0.6))
+    assert story.broken() == broken
+    story.stand(0.3, goto=wants(0.6))
+    assert story.broken() == [Promise.MOVES]
 
 
 def test_the_longest_time_to_move_again_is_kept(story: Story) -> None:

@@ -80,6 +80,10 @@ keeps up, and orders a stop late by one or two messages, for which 0.4 s instead
 promised. From 20 ms on what waits for it grows for as long as it is slow. With 19.9 ms no promise
 was broken in 24 simulated minutes."""
 
+AGAIN_S: Final = 1.0
+"""Who may not join while nobody else of its name is there is started again after this, s, as by
+`armadico up`."""
+
 KINDS: Final = {
     kind.name: kind
     for kind in (

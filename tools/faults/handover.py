@@ -219,8 +219,8 @@ def _least_window(winner: Claim, now: Situation) -> float:
     if winner.ballot.instance.rpartition("-")[0] not in HURRIED:
         return LONGEST
     truth = now.truth
-    if truth is None or truth.clearance is None:
-        return 0.0
+    if truth is None or truth.clearance is None or now.void(Promise.COLLISION):
+        return 0.0  # sensing that is not honest may show it anything
     v = max(truth.v, 0.0)
     left = truth.clearance - SEEN_M - v * LATENCY_S - v * v / (2.0 * DECEL_M_S2)
     return max(0.5 * left / max(v, 0.05), 0.0) / PERIOD

@@ -18,6 +18,7 @@ from armadico.core.messages import Claim, Command, Message
 from armadico.launch.virtual import Rehearsal
 from armadico.mesh.virtual_network import Link
 from armadico.mesh.virtual_node import Node
+from armadico.tools.faults.fault_types import AGAIN_S
 from armadico.tools.faults.observations import Faulted
 from armadico.tools.faults.plan import BEHAVIOURS, CUTS, NETWORK, Fault, Variation
 from armadico.tools.faults.stranger import STRANGE, Stranger
@@ -33,10 +34,6 @@ NONSENSE: Final = (
 
 LONE_AWAY_S: Final = 0.3
 """How long the one behaviour that is left is away when it is started again."""
-
-AGAIN_S: Final = 1.0
-"""Who may not join while nobody else of its name is there is started again after this, s, as by
-`armadico up`."""
 
 OLD_S: Final = 0.6
 """Commands and claims of so long before are under way when the robot agent is started again."""

@@ -58,10 +58,10 @@ class SomebodyObeyed:
 class Moves:
     """After healing the robot moves within 2 s, or every bid says why not.
 
-    5 s if somebody has let go of a tenure that was not obeyed, and stands back; from then on, if
-    its bids were made nonsense until then and nobody else bid. It need not move if
-    it is stopped, has no mission, or somebody is obeyed who commands rest, and says why; or creeps
-    to its goal so slowly that the wheels' friction holds it for a while.
+    5 s if somebody has let go of a tenure that was not obeyed, and stands back, or is about to, its
+    bids being made nonsense; from then on, if they were until then and nobody else bid. It need not
+    move if it is stopped, has no mission, or somebody is obeyed who commands rest, and says why; or
+    creeps to its goal so slowly that the wheels' friction holds it for a while.
     """
 
     promise = Promise.MOVES
@@ -83,6 +83,9 @@ class Moves:
             self._from = now.state
         if self._healed is None:
             return
+        then, state = self._from, now.state
+        if state is not None and (then is None or then.cycle.epoch != state.cycle.epoch):
+            self._from = state  # a robot agent that starts anew counts from elsewhere
         self._healed = max(self._healed, now.mad_back_at)
         if now.driven() and self._moves(now):
             took = max(now.state_at - self._healed, 0.0)
@@ -100,7 +103,7 @@ class Moves:
         if now.moved_at >= self._healed:
             return True
         then, state = self._from, now.state
-        if then is None or state is None or then.cycle.epoch != state.cycle.epoch:
+        if then is None or state is None:
             return False
         turned = abs(wrap(state.theta - then.theta))
         return hypot(state.x - then.x, state.y - then.y) > CRAWL_M or turned > CRAWL_RAD
@@ -108,6 +111,7 @@ class Moves:
     def _allowed(self, now: Situation) -> float:
         assert self._healed is not None, "it is waited for"
         stood_back = now.stood_back_at > self._healed - STANDS_BACK_S
+        stood_back = stood_back or now.mad_in_vain(self._bounds.unobeyed_s)
         allowed = self._bounds.stood_back_s if stood_back else self._bounds.moves_s
         order = now.ordered
         driven = order is not None and (order.v != 0.0 or order.w != 0.0)

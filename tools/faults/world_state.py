@@ -21,8 +21,24 @@ from armadico.core.messages import (
     Truth,
 )
 from armadico.core.resources import WHEELS
-from armadico.tools.faults.fault_types import FORGETS, KINDS, WEDGED_M, WEDGED_S, Promise, voided
-from armadico.tools.faults.observations import Bids, Faulted, Left, Observation, Ordered, Said
+from armadico.tools.faults.fault_types import (
+    AGAIN_S,
+    FORGETS,
+    KINDS,
+    WEDGED_M,
+    WEDGED_S,
+    Promise,
+    voided,
+)
+from armadico.tools.faults.observations import (
+    Bids,
+    Denied,
+    Faulted,
+    Left,
+    Observation,
+    Ordered,
+    Said,
+)
 
 MOVING_M_S = 0.02
 MOVING_RAD_S = 0.05
@@ -44,6 +60,9 @@ POSES = 64  # cycles whose true poses are remembered, for poses that come late
 ACKS_S = 1.0
 """A holder may let go of what is obeyed so long after healing: acks that were slow are still on
 their way, and it counts 6 cycles without one."""
+
+SILENT_S = 0.3
+"""A robot agent that has said nothing for so long is not there."""
 
 BID_AGE_S = 0.35
 """A bid older than this says nothing of now: three cycles, and the way here."""
@@ -132,6 +151,7 @@ class Situation:
     ended_at: float = -inf  # when the last fault of any kind ended
     _ended: dict[Promise, tuple[float, str]] = field(default_factory=dict)  # by faults now over
     _excused: bool = True
+    _again_at: float = -inf  # when a robot agent that was refused, and is not there, tries again
     _truths: dict[Cycle, Truth] = field(default_factory=dict)  # where it was in the last cycles
 
     def take(self, seen: Observation) -> None:
@@ -149,6 +169,8 @@ class Situation:
         elif isinstance(seen, Bids):
             self.sees_bids = True
             self.bids[seen.instance] = (seen.at - seen.age, seen.record)
+        elif isinstance(seen, Denied):
+            self._deny(seen)
         elif isinstance(seen, Left):
             self.bids.pop(seen.instance, None)
 
@@ -206,6 +228,19 @@ class Situation:
     def mad(self, instance: str) -> bool:
         """Whether an instance's bids are made to be nonsense: they count for nothing."""
         return self.befalls(instance.rpartition("-")[0], "nan")
+
+    def mad_in_vain(self, most: float) -> bool:
+        """Whether one whose bids are nonsense claims, and has not been obeyed, for at most so long.
+
+        All others wait until it lets go.
+        """
+        return any(
+            self.mad(ballot.instance)
+            and ballot != self.obeyed
+            and self.now - last <= BID_AGE_S
+            and self.now - first <= most
+            for ballot, (first, last, _) in self.claims.items()
+        )
 
     def driven(self) -> bool:
         """Whether somebody is obeyed, by the newest ack."""
@@ -325,13 +360,19 @@ class Situation:
         if broken:
             self.whole_since = inf
         elif self.whole_since == inf:
-            self.whole_since = self.now
+            self.whole_since = max(self.now, self._again_at)
         self._excuse()
+
+    def _deny(self, denied: Denied) -> None:
+        """While a fault breaks the network, somebody may be in a robot agent's way."""
+        there = self.now - self.state_at <= SILENT_S
+        if self.whole_since == inf and not there and denied.instance.rpartition("-")[0] == "robot":
+            self._again_at = denied.at + AGAIN_S
 
     def _excuse(self) -> None:
         """From the last of what excused it on, it is to move again."""
         if self.stopped() or any(KINDS[fault.kind].excuses for fault in self.active):
             self.free_since, self._excused = inf, True
         elif self._excused:
-            self.free_since, self._excused = self.now, False
-            self.healed_at = self.now
+            self._excused = False
+            self.free_since = self.healed_at = max(self.now, self._again_at)
