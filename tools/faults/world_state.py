@@ -201,8 +201,10 @@ class Situation:
         """
         if promise is not Promise.COLLISION:
             return self._fault_voids(promise)
-        wedged = self.now - self.wedged_at < WEDGED_S
-        return self._contact_voids() or ("wedged" if wedged else "")
+        return self._contact_voids() or ("wedged" if self._wedged() else "")
+
+    def _wedged(self) -> bool:
+        return self.now - self.wedged_at < WEDGED_S
 
     def _contact_voids(self) -> str:
         fault = self._fault_voids(Promise.COLLISION)
@@ -295,7 +297,7 @@ class Situation:
             near = message.clearance is not None and message.clearance < WEDGED_M
             if not near:
                 self.wedged_at = -inf
-            elif self._contact_voids():
+            elif self._contact_voids() or (self._wedged() and self.whole_for() < 0.0):
                 self.wedged_at = said.at
             if abs(message.v) < MOVING_M_S and abs(message.w) < MOVING_RAD_S:
                 self.rested_at = said.at
