@@ -85,11 +85,17 @@ class Behaviour(Agent):
             self.on_body()
 
     def on_trajectory(self, trajectory: Trajectory) -> None:
-        """A new mission, or the old one said again."""
+        """A new mission, or the old one said again: with how far the run has come since.
+
+        Whoever hung, or was cut off from the poses, has not seen the waypoints passed meanwhile. It
+        would lead back to them for ever, straight through what is between.
+        """
         if trajectory.order != self._known:
             self._known = trajectory.order
             self.route = Route.of(trajectory)
             self.on_mission()
+        else:
+            self.route.catch_up(trajectory.leg)
 
     def bid(self, message: Any) -> Bid | None:  # noqa: ARG002 - either starts the turn
         """Follow the route, and propose."""

@@ -17,6 +17,10 @@ BESIDE_M = 0.8
 SOON_M = 0.6
 """Legs that begin within so much of the way after the next waypoint may be the robot's already."""
 
+STRIDE_M = 0.3
+"""Farther than this from one look to the next, it has driven unseen: whoever looks hung, or was cut
+off. So much farther on may the leg be that is the robot's already."""
+
 CLEARLY_M = 0.1
 """So much nearer to another leg, it is the robot's."""
 
@@ -38,6 +42,8 @@ class Route:
         self.waypoints = tuple(waypoints)
         self.start = start
         self.leg = min(leg, max(len(self.waypoints) - 1, 0))
+        self._seen: tuple[float, float] | None = None  # where the robot was at the last look
+        self._unseen = 0.0  # m driven without a look, at least, until it is found on a leg
 
     @classmethod
     def of(cls, trajectory: Trajectory) -> Route:
@@ -61,10 +67,20 @@ class Route:
 
     def advance(self, x: float, y: float) -> None:
         """Go on to the next leg while the waypoint is passed; the goal is never passed."""
+        before, self._seen = self._seen, (x, y)
+        stride = 0.0 if before is None else hypot(x - before[0], y - before[1])
+        self._unseen += stride if stride > STRIDE_M else 0.0
+        leg = self.leg
         while self.waypoints and not self.last_leg and self._passed(x, y):
             self.leg += 1
         if self.waypoints and not self.last_leg:
             self.leg = self._farthest_on(x, y)
+        if self.leg != leg:
+            self._unseen = 0.0
+
+    def catch_up(self, leg: int) -> None:
+        """Go on to a leg that somebody else knows to be driven; never back."""
+        self.leg = max(self.leg, min(leg, len(self.waypoints) - 1))
 
     def _farthest_on(self, x: float, y: float) -> int:
         """The last of the legs soon to come on which the robot is, clearly nearer than to this one.
@@ -75,7 +91,7 @@ class Route:
         here = self._off(self.leg, x, y)[0]
         found, way = self.leg, 0.0
         for leg in range(self.leg + 1, len(self.waypoints)):
-            if way > SOON_M:
+            if way > SOON_M + self._unseen:
                 break
             off, on = self._off(leg, x, y)
             if on and off <= min(PASSED_M, here - CLEARLY_M):

@@ -421,7 +421,7 @@ class Trajectory(Latched, frozen=True):
     """The mission's waypoints, the goal last; none when it has ended. A nav_msgs/Path.
 
     `start` is where it began (world frame) and `leg` the waypoint that is driven to by now, for
-    whoever joins late.
+    whoever joins late or has not seen the ones before passed.
     """
 
     counter: Counter

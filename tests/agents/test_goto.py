@@ -112,6 +112,15 @@ def test_the_same_mission_said_again_changes_nothing_a_new_one_does() -> None:
     assert utility_at(made, 4.0, 2.9) == 0.6
 
 
+def test_who_did_not_see_a_waypoint_passed_is_told_by_the_same_mission() -> None:
+    made = stage()
+    assert utility_at(made, 0.5, 0.0) == 0.6
+    assert utility_at(made, 3.7, 2.95) == 0.6  # it hung, and was led aside: it is on no leg
+    made.hand(replace(ROUND_A_CORNER, leg=1))
+    assert utility_at(made, 3.7, 2.95) == pytest.approx(1.0, abs=0.3)
+    assert made.bid().reason == "leg 1"
+
+
 def test_who_comes_late_goes_on_where_the_run_is() -> None:
     late = Trajectory(1, 1, ROUND_A_CORNER.waypoints, Point(0.0, 0.0), 1)
     assert utility_at(stage(late), 4.0, 2.9) == 1.0

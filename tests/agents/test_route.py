@@ -83,6 +83,52 @@ def test_who_comes_late_is_told_the_leg_and_where_it_began() -> None:
     assert Route.of(Trajectory(1, 7, CORNER, Point(0.0, 0.0), 9)).leg == 1
 
 
+def test_it_catches_up_with_who_knows_that_more_is_passed_and_never_goes_back(
+    route: Route,
+) -> None:
+    route.catch_up(1)
+    assert route.leg == 1
+    route.catch_up(0)
+    assert route.leg == 1
+    route.catch_up(9)
+    assert route.leg == 1
+    nowhere = Route()
+    nowhere.catch_up(3)
+    assert nowhere.leg == 0
+
+
+U_TURN = (
+    Waypoint(1.5, 2.4, pi / 2),
+    Waypoint(1.5, 3.6, pi / 2),
+    Waypoint(6.3, 3.6, -pi / 2),
+    Waypoint(6.3, 2.4, -pi / 2),
+)
+
+
+def test_who_did_not_see_waypoints_passed_finds_the_robot_on_a_leg_far_on() -> None:
+    route = Route(U_TURN, Point(1.8, 0.5))
+    route.advance(1.61, 1.76)
+    route.advance(1.83, 3.77)  # two waypoints farther on
+    assert route.leg == 2
+
+
+def test_led_off_the_line_meanwhile_it_finds_it_when_it_is_back() -> None:
+    route = Route(U_TURN, Point(1.8, 0.5))
+    route.advance(1.61, 1.76)
+    route.advance(1.83, 4.2)
+    assert route.leg == 0
+    for step in range(7):
+        route.advance(2.0 + 0.1 * step, 4.2 - 0.08 * step)
+    assert route.leg == 2
+
+
+def test_who_sees_all_of_the_way_skips_nothing() -> None:
+    route = Route(U_TURN, Point(1.8, 0.5))
+    for step in range(60):  # from beside the second leg straight to the third, cycle by cycle
+        route.advance(2.4 + 0.01 * step, 1.76 + 0.03 * step)
+    assert route.leg == 0
+
+
 def test_the_way_left_is_along_the_waypoints(route: Route) -> None:
     assert route.to_go(1.0, 0.0) == pytest.approx(6.0)
     route.advance(4.0, 0.0)
