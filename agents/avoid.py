@@ -37,6 +37,9 @@ LEAST_REACH_M = 0.3
 BACK_MARGIN_M = 0.05
 """Kept all round while it backs off."""
 
+BACK_STALL_S = 1.0
+"""Still stalled so long after it began to back off, s, it is the way back that is not free."""
+
 SMALL, LATCHED = radians(2), radians(15)
 
 
@@ -97,6 +100,8 @@ class Avoid(Behaviour):
         self._around: tuple[float, float] = (inf, inf)  # the place that it does not get away from,
         self._around_since = inf
         self._back_until = -inf
+        self._backs_since = inf
+        self._turns_until = -inf
 
     def on_mission(self) -> None:
         """Nothing is dodged yet."""
@@ -227,6 +232,7 @@ class Avoid(Behaviour):
         excused = looked_away or near or not driven
         self._watch_rest(excused or abs(state.v) > 0.02 or abs(state.w) > 0.05)
         self._watch_place(pose, excused)
+        self._watch_stall(state.stalled)
         return self.now < max(self._escape_until, self._back_until)
 
     @property
@@ -246,7 +252,23 @@ class Avoid(Behaviour):
             self._around, self._around_since = (pose.x, pose.y), self.now
         elif self.now - self._around_since > self.p.nowhere_s:
             self._around_since = self.now
-            self._back_until = self.now + self.p.back_s
+            self._back_off()
+
+    def _watch_stall(self, stalled: bool) -> None:
+        """What stalls the wheels is touched, and where on the body nobody knows.
+
+        Whoever turns may push it with a corner, for as long as it turns. The way that it came is
+        free; unless it is stalled on that: then it turns for as long before it tries that again.
+        """
+        if not stalled or self.now < self._turns_until:
+            return
+        if self.now >= self._back_until:
+            self._back_off()
+        elif self.now - self._backs_since > BACK_STALL_S:
+            self._back_until, self._turns_until = self.now, self.now + self.p.back_s
+
+    def _back_off(self) -> None:
+        self._backs_since, self._back_until = self.now, self.now + self.p.back_s
 
     def _back(self, scene: Scene) -> tuple[float, float] | None:
         """Straight back, if there is room behind."""

@@ -215,6 +215,34 @@ def test_a_robot_that_is_turned_to_and_fro_and_gets_nowhere_is_backed_off() -> N
     assert 25 <= sum(backed[first : first + 40]) <= 31
 
 
+def test_a_robot_that_is_stalled_by_what_nobody_hears_is_backed_off_at_once() -> None:
+    made = stage()
+    driven_by_goto(made, 5)
+    made.stalled = True
+    made.cycle()
+    assert (made.bid().utility, made.bid().wanted[0] < 0.0) == (1.0, True)
+    made.stalled = False
+    backed = []
+    for _ in range(60):
+        made.cycle()
+        backed.append(bool(made.bid().wanted) and made.bid().wanted[0] < 0.0)
+    assert all(backed[:28])
+    assert not any(backed[32:])
+
+
+def test_who_is_stalled_on_the_way_back_too_does_not_push_on() -> None:
+    made = stage()
+    driven_by_goto(made, 5)
+    made.stalled = True
+    backed = []
+    for _ in range(60):
+        made.cycle()
+        backed.append(bool(made.bid().wanted) and made.bid().wanted[0] < 0.0)
+    assert all(backed[:10])
+    assert not any(backed[12:40])
+    assert any(backed[40:])
+
+
 def test_what_lies_beyond_a_bend_of_the_trajectory_is_not_in_the_way() -> None:
     beyond = [*wall(0.65, -0.3, 0.3), Point(0.2, 0.4)]
     on = stage()

@@ -43,6 +43,7 @@ class Stage:
         self.now = 0.0
         self.pose = (0.0, 0.0, 0.0)
         self.speed = (0.0, 0.0)
+        self.stalled = False
         self.said: list[Message] = []
         if robot is not None and agent.listens_to(Description):
             self.hand(described(robot))
@@ -70,7 +71,7 @@ class Stage:
         self.number += cycles
         self.now += 0.1 * cycles
         v, w = self.speed
-        state = RobotState(self.at, 0, 0, 0, v, w, 12, True, False, stop)
+        state = RobotState(self.at, 0, 0, 0, v, w, 12, True, self.stalled, stop)
         return self.hand(state, self.ack())
 
     def ack(self) -> Ack:
