@@ -754,25 +754,6 @@ def test_what_a_fault_has_brought_it_against_it_may_touch_until_it_has_got_clear
     assert story.broken() == [Promise.COLLISION]
 
 
-@pytest.mark.parametrize(("kind", "broken"), [("partition", []), ("nan", [Promise.COLLISION])])
-def test_who_is_cut_off_meanwhile_has_its_time_afterwards(
-    story: Story, kind: str, broken: list[Promise]
-) -> None:
-    story.cycles(5)
-    story.see(Faulted(story.now, "hang", ("robot",), began=True))
-    touched(story, 0.05, 0)
-    story.see(Faulted(story.now, "hang", ("robot",), began=False))
-    for _ in range(int(5 * WEDGED_S)):
-        touched(story, 0.05, 0)
-    story.see(Faulted(story.now, kind, ("sonar",), began=True))
-    touched(story, 0.05, 0)
-    story.see(Faulted(story.now, kind, ("sonar",), began=False))
-    for _ in range(int(8 * WEDGED_S)):
-        touched(story, 0.05, 0)
-    touched(story, 0.0, 1)
-    assert story.broken() == broken
-
-
 def test_what_it_came_near_by_itself_it_may_not_touch(story: Story) -> None:
     story.cycles(5)
     touched(story, 0.05, 0)

@@ -179,9 +179,7 @@ got clear: the sonars' least range is 0.1 m, so on the flank nobody can tell 7 c
 behind nobody hears at all. What was passed while the robot agent hung was not heard either."""
 
 WEDGED_S: Final = 15.0
-"""But for no longer than this in a whole network, s: whoever creeps away from a wall at 1 cm/s has
-got clear. Who is cut off from the sonar agent or the robot agent begins anew to see that it gets
-nowhere."""
+"""But for no longer than this, s: whoever creeps away from a wall at 1 cm/s has got clear."""
 
 
 def voided(kind: str, whom: tuple[str, ...], amount: float = inf) -> dict[Promise, str]:

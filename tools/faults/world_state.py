@@ -201,10 +201,8 @@ class Situation:
         """
         if promise is not Promise.COLLISION:
             return self._fault_voids(promise)
-        return self._contact_voids() or ("wedged" if self._wedged() else "")
-
-    def _wedged(self) -> bool:
-        return self.now - self.wedged_at < WEDGED_S
+        wedged = self.now - self.wedged_at < WEDGED_S
+        return self._contact_voids() or ("wedged" if wedged else "")
 
     def _contact_voids(self) -> str:
         fault = self._fault_voids(Promise.COLLISION)
@@ -297,7 +295,7 @@ class Situation:
             near = message.clearance is not None and message.clearance < WEDGED_M
             if not near:
                 self.wedged_at = -inf
-            elif self._contact_voids() or (self._wedged() and self.whole_for() < 0.0):
+            elif self._contact_voids():
                 self.wedged_at = said.at
             if abs(message.v) < MOVING_M_S and abs(message.w) < MOVING_RAD_S:
                 self.rested_at = said.at
