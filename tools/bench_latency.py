@@ -41,12 +41,12 @@ from armadico.core.messages import (
 )
 from armadico.launch.local import Launcher
 from armadico.launch.society import Options
+from armadico.mesh.ports import private_endpoints
 from armadico.tools.bench_figures import Figure, Tell, figure
 from armadico.tools.bench_processes import (
     Spawn,
     await_ready,
     floor,
-    free_ports,
     namespace,
     private_mesh,
     processes,
@@ -244,7 +244,7 @@ def _society(port: str, together: tuple[tuple[str, ...], ...]) -> Iterator[None]
 @contextmanager
 def _floor(rules: Sequence[Sequence[str]], delay_s: float) -> Iterator[BarePath]:
     """Processes that follow these rules, all linked; the first has the TCP connection."""
-    ends = [f"tcp/127.0.0.1:{port}" for port in free_ports(len(rules))]
+    ends = private_endpoints(len(rules)).split(",")
     with ExitStack() as stack:
         spawn: Spawn = stack.enter_context(processes())
         listener = stack.enter_context(socket.create_server(("127.0.0.1", 0)))

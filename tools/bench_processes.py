@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import os
-import socket
 import subprocess
 import sys
 from collections.abc import Callable, Iterator, Sequence
@@ -11,6 +10,7 @@ from contextlib import ExitStack, contextmanager
 from pathlib import Path
 from typing import TYPE_CHECKING, Final
 
+from armadico.mesh.ports import private_endpoints
 from armadico.mesh.topology import ENDPOINTS_VARIABLE, topology
 
 if TYPE_CHECKING:
@@ -21,15 +21,6 @@ LEAVE_S: Final = 3.0
 """What a process may take to leave before it is killed."""
 
 Spawn = Callable[[Sequence[str]], subprocess.Popen[bytes]]
-
-
-def free_ports(count: int) -> list[int]:
-    """TCP ports of loopback that nobody has; they are free again when this returns."""
-    with ExitStack() as stack:
-        sockets = [
-            stack.enter_context(socket.create_server(("127.0.0.1", 0))) for _ in range(count)
-        ]
-        return [s.getsockname()[1] for s in sockets]
 
 
 def namespace() -> str:
@@ -43,8 +34,7 @@ def private_mesh() -> Iterator[ZenohMesh]:
     from armadico.mesh.zenoh import ZenohMesh  # noqa: PLC0415 - not for the cheap figures
 
     before = os.environ.get(ENDPOINTS_VARIABLE)
-    ports = free_ports(4)
-    os.environ[ENDPOINTS_VARIABLE] = ",".join(f"tcp/127.0.0.1:{port}" for port in ports)
+    os.environ[ENDPOINTS_VARIABLE] = private_endpoints()
     try:
         with ZenohMesh(namespace(), topology()) as mesh:
             yield mesh

@@ -11,8 +11,8 @@ import pytest
 
 from armadico.cli import doctor
 from armadico.cli import main as armadico
+from armadico.mesh.ports import private_endpoints
 from armadico.mesh.topology import ENDPOINTS_VARIABLE
-from tests.mesh.conftest import private_endpoints
 
 
 def returned(findings: Generator[doctor.Finding, None, set[str]]) -> set[str]:

@@ -5,7 +5,6 @@ from __future__ import annotations
 import json
 import os
 import signal
-import socket
 import subprocess
 import sys
 import threading
@@ -17,6 +16,7 @@ from typing import Any
 import pytest
 
 from armadico.core.messages import Cycle, Message, RobotState, Stop, Trajectory, Truth, decode
+from armadico.mesh.ports import private_endpoints
 from armadico.mesh.topology import ENDPOINTS_VARIABLE, topology
 from armadico.mesh.zenoh import ZenohMesh
 from armadico.runtime.client import Client
@@ -33,12 +33,7 @@ Start = Callable[..., subprocess.Popen[str]]
 @pytest.fixture
 def environment() -> dict[str, str]:
     """Endpoints and a namespace of this test's own."""
-    servers = [socket.create_server(("127.0.0.1", 0)) for _ in range(2)]
-    ports = [server.getsockname()[1] for server in servers]
-    for server in servers:
-        server.close()
-    endpoints = ",".join(f"tcp/127.0.0.1:{port}" for port in ports)
-    return os.environ | {ENDPOINTS_VARIABLE: endpoints, "ARMADICO_NAMESPACE": "cli-test"}
+    return os.environ | {ENDPOINTS_VARIABLE: private_endpoints(2), "ARMADICO_NAMESPACE": "cli-test"}
 
 
 @pytest.fixture

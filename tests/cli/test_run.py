@@ -13,8 +13,8 @@ import pytest
 from armadico import cli
 from armadico.config.shipped import resource_path
 from armadico.launch.virtual import Rehearsal
+from armadico.mesh.ports import private_endpoints
 from armadico.mesh.topology import ENDPOINTS_VARIABLE
-from tests.mesh.conftest import private_endpoints
 
 CLOSED = """\
 2D-Map

@@ -37,6 +37,7 @@ from armadico.core.messages import (
     Stop,
 )
 from armadico.core.services import BIDS, CARD
+from armadico.mesh.ports import private_endpoints
 from armadico.mesh.topology import ENDPOINTS_VARIABLE, topology
 from armadico.mesh.zenoh import Call, ZenohMesh
 
@@ -111,12 +112,8 @@ class Society:
 
 @pytest.fixture
 def environment() -> dict[str, str]:
-    servers = [socket.create_server(("127.0.0.1", 0)) for _ in range(2)]
-    endpoints = ",".join(f"tcp/127.0.0.1:{server.getsockname()[1]}" for server in servers)
-    for server in servers:
-        server.close()
     return os.environ | {
-        ENDPOINTS_VARIABLE: endpoints,
+        ENDPOINTS_VARIABLE: private_endpoints(2),
         "ARMADICO_NAMESPACE": NAMESPACE,
         "COLUMNS": "100",
         "LINES": "40",

@@ -5,16 +5,15 @@ from __future__ import annotations
 import os
 import re
 import signal
-import socket
 import subprocess
 import sys
 from contextlib import suppress
 from pathlib import Path
 from types import TracebackType
 
+from armadico.mesh.ports import free_port, private_endpoints
 from armadico.mesh.topology import ENDPOINTS_VARIABLE
 from tests.docs.blocks import ROOT
-from tests.mesh.conftest import private_endpoints
 
 BLOCK_S = 100.0
 """What one block may take; a deadline, not an expectation."""
@@ -39,12 +38,6 @@ SUBSTITUTIONS: tuple[tuple[str, str, str], ...] = (
     (r"armadico-agent robot &", "armadico-agent robot --set port=tcp://127.0.0.1:{port} &", "so"),
 )
 """The only differences between what is printed and what is run."""
-
-
-def free_port() -> int:
-    with socket.create_server(("127.0.0.1", 0)) as server:
-        port: int = server.getsockname()[1]
-        return port
 
 
 class Shell:

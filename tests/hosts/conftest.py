@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import json
-import socket
 import subprocess
 import sys
 from collections.abc import Callable, Iterator
@@ -16,6 +15,7 @@ import pytest
 from armadico.cli.options import HOSTS_VARIABLE, NAMESPACE_VARIABLE
 from armadico.config.hosts import load_hosts
 from armadico.launch.pidfile import RUNTIME_VARIABLE
+from armadico.mesh.ports import private_endpoints
 from armadico.mesh.topology import topology
 from armadico.mesh.zenoh import ZenohMesh
 from tests.live.society import SOON, Observer
@@ -40,19 +40,12 @@ Start = Callable[..., subprocess.Popen[str]]
 Call = Callable[..., subprocess.CompletedProcess[str]]
 
 
-def free_ports(address: str, count: int) -> list[int]:
-    """Ports that nobody else has; they are free again when this returns."""
-    with ExitStack() as stack:
-        sockets = [stack.enter_context(socket.create_server((address, 0))) for _ in range(count)]
-        return [s.getsockname()[1] for s in sockets]
-
-
 @pytest.fixture(autouse=True)
 def table(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
     """The host table, inherited by every process that the test starts."""
     entries = []
     for host, address in ADDRESSES.items():
-        endpoints = [f"tcp/{address}:{port}" for port in free_ports(address, 2)]
+        endpoints = private_endpoints(2, address).split(",")
         entries.append(f"[{host}]\nendpoints = {json.dumps(endpoints)}\n")
         entries.append(f"agents = {json.dumps(AGENTS[host])}\n")
     file = tmp_path / "lab.toml"

@@ -11,7 +11,8 @@ import pytest
 import zenoh
 
 from armadico.cli.options import HOSTS_VARIABLE
-from tests.hosts.conftest import Call, Start, free_ports, says
+from armadico.mesh.ports import private_endpoints
+from tests.hosts.conftest import Call, Start, says
 
 pytestmark = pytest.mark.live
 
@@ -21,8 +22,7 @@ Router = Callable[[], zenoh.Session]
 @pytest.fixture
 def router(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[Router]:
     """A table that names a router, and what starts it."""
-    (port,) = free_ports("127.0.0.1", 1)
-    endpoint = f"tcp/127.0.0.1:{port}"
+    endpoint = private_endpoints(1)
     table = tmp_path / "routed.toml"
     table.write_text(
         f'router = "{endpoint}"\n[lab1]\nagents = ["encoder"]\n[lab2]\nagents = ["goto"]\n'

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 import tempfile
 from collections.abc import Callable, Iterator
 from contextlib import ExitStack
@@ -10,11 +11,11 @@ from pathlib import Path
 import pytest
 
 from armadico.config.scenarios import Scenario
+from armadico.mesh.ports import private_endpoints
 from armadico.mesh.topology import ENDPOINTS_VARIABLE
 from tests.live.society import LINE, Observer, Society, launcher_of, mesh_of
-from tests.mesh.conftest import private_endpoints
 
-NAMESPACE = "live-test"
+NAMESPACE = f"live-test-{os.getpid()}"
 
 Start = Callable[..., Society]
 

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import os
-import socket
 import subprocess
 import sys
 from collections.abc import Callable, Iterator
@@ -12,6 +11,7 @@ from pathlib import Path
 
 import pytest
 
+from armadico.mesh.ports import private_endpoints
 from armadico.mesh.topology import ENDPOINTS_VARIABLE, topology
 from armadico.mesh.zenoh import ZenohMesh
 from armadico.runtime.client import Client
@@ -20,15 +20,6 @@ TOY = Path(__file__).parent / "toy_process.py"
 NAMESPACE = "test"
 
 Spawn = Callable[..., subprocess.Popen[str]]
-
-
-def private_endpoints(count: int = 4) -> str:
-    """Ports that nobody else has; they are free again when this returns."""
-    with ExitStack() as stack:
-        sockets = [
-            stack.enter_context(socket.create_server(("127.0.0.1", 0))) for _ in range(count)
-        ]
-        return ",".join(f"tcp/127.0.0.1:{s.getsockname()[1]}" for s in sockets)
 
 
 @pytest.fixture

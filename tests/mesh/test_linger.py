@@ -15,9 +15,9 @@ import pytest
 import zenoh
 
 from armadico.mesh.linger import release_links
+from armadico.mesh.ports import private_endpoints
 from armadico.mesh.zenoh import SETTINGS, ZenohMesh
 from armadico.runtime.client import Client
-from tests.mesh.conftest import private_endpoints
 
 pytestmark = pytest.mark.live
 

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import json
-import socket
 from collections.abc import Iterator
 from contextlib import ExitStack
 
@@ -12,6 +11,7 @@ import zenoh
 from hypothesis import given
 from hypothesis import strategies as st
 
+from armadico.mesh.ports import private_endpoints
 from armadico.mesh.topology import LAST_RANK, one_way
 from armadico.mesh.zenoh import SETTINGS, _session_id
 
@@ -53,8 +53,7 @@ def sessions() -> Iterator[ExitStack]:
 
 def session(stack: ExitStack, rank: int, connect: list[str]) -> tuple[zenoh.Session, str]:
     """A peer on a port of its own, which knows others by gossip only; and its endpoint."""
-    with socket.create_server(("127.0.0.1", 0)) as probe:
-        endpoint = f"tcp/127.0.0.1:{probe.getsockname()[1]}"
+    endpoint = private_endpoints(1)
     config = zenoh.Config()
     own = {"id": _session_id(rank), "listen/endpoints": [endpoint], "connect/endpoints": connect}
     for key, value in (SETTINGS | own).items():

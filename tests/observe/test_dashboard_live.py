@@ -23,11 +23,11 @@ from armadico.cli import dashboard as command  # noqa: E402
 from armadico.cli import main as armadico  # noqa: E402
 from armadico.cli.options import FailedError  # noqa: E402
 from armadico.core import messages as m  # noqa: E402
+from armadico.mesh.ports import private_endpoints  # noqa: E402
 from armadico.mesh.topology import ENDPOINTS_VARIABLE, topology  # noqa: E402
 from armadico.mesh.zenoh import ZenohMesh  # noqa: E402
 from armadico.observe.dashboard import live, viewer  # noqa: E402
 from armadico.runtime.client import Client  # noqa: E402
-from tests.mesh.conftest import private_endpoints  # noqa: E402
 from tests.observe.kept import GOTO, NAMESPACE, Kept, ack, ballot, cycle, drawn, state  # noqa: E402
 
 DASHBOARD = (sys.executable, "-m", "armadico", "dashboard", "--port=0")

@@ -6,7 +6,6 @@ import heapq
 import os
 import queue
 import signal
-import socket
 import subprocess
 import time
 from collections import deque
@@ -22,6 +21,7 @@ from armadico.core.messages import Ask, Command, Message, MissionRequest, Waypoi
 from armadico.core.messages import MessageError as UnreadableError
 from armadico.core.services import BIDS, service_of
 from armadico.launch.society import Options, members
+from armadico.mesh.ports import free_port
 from armadico.observe.watching import agent_of, kind_at
 from armadico.tools.faults.checker import Checker
 from armadico.tools.faults.event_log import Account
@@ -320,7 +320,7 @@ class RealSociety:
     def _listen(self) -> Tap:
         """A tap on a port of the robot's host, which leads to where the simulator will be."""
         host = self.host_of("robot")
-        self._sim_port = self.place.inside(host, _free_port)
+        self._sim_port = self.place.inside(host, free_port)
         return self.place.inside(host, Tap, f"tcp://127.0.0.1:{self._sim_port}", self._crossed)
 
     def _crossed(self, data: bytes, at: float) -> None:
@@ -346,9 +346,3 @@ def _goals(scenario: Scenario) -> deque[Waypoint]:
         return deque([Waypoint(FAR_M, 0.0, 0.0)])
     poses = (scenario.goal, scenario.start)
     return deque(Waypoint(x, y, radians(degrees)) for x, y, degrees in poses)
-
-
-def _free_port() -> int:
-    with socket.create_server(("127.0.0.1", 0)) as probe:
-        port: int = probe.getsockname()[1]
-        return port

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import os
-import socket
 import subprocess
 import sys
 from collections.abc import Callable, Sequence
@@ -12,6 +11,7 @@ from pathlib import Path
 from typing import Any, Protocol, TypeVar
 
 from armadico.config.hosts import HostTable
+from armadico.mesh.ports import private_endpoints
 from armadico.mesh.topology import ENDPOINTS_VARIABLE, topology
 from armadico.mesh.zenoh import ZenohMesh
 from armadico.tools.hosts.namespaces import Network, kill_tree, tied
@@ -53,7 +53,7 @@ class Loopback:
 
     def __init__(self) -> None:
         self._namespace = f"trials-{os.getpid()}"
-        self._endpoints = _free_endpoints(4)
+        self._endpoints = private_endpoints().split(",")
         self._processes: list[subprocess.Popen[bytes]] = []
 
     def popen(self, host: str, words: Sequence[str], log: Path) -> subprocess.Popen[bytes]:  # noqa: ARG002
@@ -142,9 +142,3 @@ class Namespaces:
     def close(self) -> None:
         """End everything."""
         self._stack.close()
-
-
-def _free_endpoints(count: int) -> list[str]:
-    with ExitStack() as stack:
-        found = [stack.enter_context(socket.create_server(("127.0.0.1", 0))) for _ in range(count)]
-        return [f"tcp/127.0.0.1:{each.getsockname()[1]}" for each in found]

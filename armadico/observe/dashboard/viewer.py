@@ -22,6 +22,8 @@ from urllib.parse import urlencode
 import rerun as rr
 import rerun_cli
 
+from armadico.mesh.ports import free_port
+
 LOOPBACK: Final = "127.0.0.1"
 
 VIEWER_MEMORY: Final = "1GB"
@@ -162,12 +164,6 @@ def has_screen(environ: Mapping[str, str]) -> bool:
     if os.name == "nt" or os.uname().sysname == "Darwin":
         return True
     return bool(environ.get("DISPLAY") or environ.get("WAYLAND_DISPLAY"))
-
-
-def free_port() -> int:
-    """A port of this machine that nobody has now."""
-    with socket.create_server((LOOPBACK, 0)) as found:
-        return int(found.getsockname()[1])
 
 
 def listening(port: int) -> bool:

@@ -1,0 +1,65 @@
+"""TCP ports for those who have to name one before it is bound: test beds, benchmarks, viewers.
+
+A port that the system gives out by itself is no such port: by the time it is bound anybody may have
+been given it, and then a peer of the mesh talks to a simulator, or two societies are one.
+"""
+
+from __future__ import annotations
+
+import itertools
+import os
+import socket
+from collections.abc import Iterator
+from typing import Final
+
+LOOPBACK: Final = "127.0.0.1"
+
+FIRST: Final = 10_000
+SLICE: Final = 100
+SLICES: Final = 200
+"""From 10,000 to 29,999: below what Linux (32,768) and others (49,152) give out by themselves."""
+
+
+def free_ports(count: int, address: str = LOOPBACK) -> list[int]:
+    """Ports that nobody has now, and that the system gives to nobody.
+
+    Each process has a slice of its own, by its id, and goes round in it. So two that look at the
+    same time (workers of one test run, say) do not find the same. OSError if there are not as many.
+    """
+    found: list[int] = []
+    for _ in range(SLICE):
+        port = next(_of(os.getpid()))
+        if _is_free(address, port):
+            found.append(port)
+            if len(found) == count:
+                return found
+    raise OSError(f"{address} has no {count} free ports from {found[0] if found else FIRST} on")
+
+
+def free_port(address: str = LOOPBACK) -> int:
+    """One of them."""
+    return free_ports(1, address)[0]
+
+
+def private_endpoints(count: int = 4, address: str = LOOPBACK) -> str:
+    """Endpoints for a mesh that nobody else is on, as `ARMADICO_ENDPOINTS` has them."""
+    return ",".join(f"tcp/{address}:{port}" for port in free_ports(count, address))
+
+
+_rounds: dict[int, Iterator[int]] = {}
+
+
+def _of(process: int) -> Iterator[int]:
+    """The slice of a process, round and round; a fork begins its own."""
+    if process not in _rounds:
+        first = FIRST + process % SLICES * SLICE
+        _rounds[process] = itertools.cycle(range(first, first + SLICE))
+    return _rounds[process]
+
+
+def _is_free(address: str, port: int) -> bool:
+    try:
+        socket.create_server((address, port)).close()
+    except OSError:
+        return False
+    return True

@@ -1,0 +1,39 @@
+"""Ports that the system gives to nobody."""
+
+from __future__ import annotations
+
+import os
+import socket
+from contextlib import ExitStack
+from pathlib import Path
+
+import pytest
+
+from armadico.mesh import ports
+
+RANGE = Path("/proc/sys/net/ipv4/ip_local_port_range")
+
+
+@pytest.mark.skipif(not RANGE.exists(), reason="only Linux says which ports it gives out")
+def test_the_system_gives_them_to_nobody() -> None:
+    """What is bound to port 0 meanwhile cannot be what the mesh will connect to."""
+    first = int(RANGE.read_text().split()[0])
+    assert all(port < first for port in ports.free_ports(ports.SLICE))
+
+
+def test_two_processes_that_look_at_once_find_others(monkeypatch: pytest.MonkeyPatch) -> None:
+    ours = set(ports.free_ports(20))
+    other = os.getpid() + 1
+    monkeypatch.setattr(os, "getpid", lambda: other)
+    assert not ours & set(ports.free_ports(20))
+
+
+def test_a_port_that_somebody_has_is_not_found() -> None:
+    with ExitStack() as stack:
+        taken = {ports.free_port() for _ in range(3)}
+        for port in taken:
+            stack.enter_context(socket.create_server((ports.LOOPBACK, port)))
+        rest = ports.free_ports(ports.SLICE - len(taken))
+        assert not taken & set(rest)
+        with pytest.raises(OSError, match="no 100 free ports"):
+            ports.free_ports(ports.SLICE)
