@@ -91,11 +91,17 @@ def checked(message: M) -> M:
 
 def encode(message: Message) -> bytes:
     """The message as CBOR. Raises `MessageError` if it could not be decoded again."""
-    data = cbor2.dumps(_both(message)[0])
+    return encoded(message)[0]
+
+
+def encoded(message: M) -> tuple[bytes, M]:
+    """The message as CBOR, and as whoever receives it would have it; both from one reading."""
+    plain, received = _both(message)
+    data = cbor2.dumps(plain)
     if len(data) > LARGEST_PAYLOAD:
         name, most = type(message).__name__, LARGEST_PAYLOAD
         raise MessageError(f"{name} cannot be sent: {len(data)} bytes, at most {most} are read")
-    return data
+    return data, received
 
 
 def _both(message: M) -> tuple[Any, M]:
