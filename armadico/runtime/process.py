@@ -32,7 +32,7 @@ from typing import TYPE_CHECKING, Any, Final, NoReturn
 
 from armadico.core.agent import Agent, AskFor, DeviceAgent, Identity, Publish, Subscription, Write
 from armadico.core.driver import Announce, Driver, OpenPort, Output, Reply
-from armadico.core.mailbox import EVENTS
+from armadico.core.mailbox import BURST_S, EVENTS
 from armadico.core.messages import Command, Log, Message, MessageError, decode, encoded
 from armadico.core.restart_policy import MISUSED
 from armadico.core.services import Kind, matches
@@ -48,9 +48,6 @@ LATE_S: Final = 0.05
 
 SETTLE_S: Final = 0.005
 """So long must nothing arrive before a late wake-up fires."""
-
-BURST: Final = 1024
-"""Deliveries after which a due wake-up fires anyway: a message flood cannot starve it."""
 
 SLOW_S: Final = 0.02
 """After a longer turn nothing is done on the mesh's reception thread, which must receive,"""
@@ -171,14 +168,18 @@ class AgentHost:
         if settle:
             self._calm_at = max(self._calm_at, self._clock() + LATE_S)
         wait = settle if settle else None if wait is None else max(wait, 0.0)
-        for _ in range(BURST):
+        began, spent, longest = None, 0.0, 0.0
+        while spent - longest < BURST_S:
             item = self.inbox.take(wait)
             if item is None:
                 break
+            began = self._clock() if began is None else began
             call, args = item
             call(*args)
             self._send()
-            wait = settle
+            now, wait = self._clock(), settle
+            began, took = now, now - began
+            spent, longest = spent + took, max(longest, took)
         for driver in self.drivers:
             due = driver.wakeup
             if due is not None and self._clock() >= due:
