@@ -56,6 +56,8 @@ def test_who_can_still_stop_is_never_told_to_do_what_touches(
     v, w, _ = limit(*wanted, scene, safety)
     poses = driven(PIONEER, measured, (v, w))
     assert all(clearance(PIONEER, poses, p) > 0.0 for p in points)
+    if v > 0.0 and slow == 0.0:  # to the millimetre: what is not admissible is not commanded
+        assert scene.touches_at((v, w), safety.margin_m) == inf
 
 
 @settings(max_examples=150)
