@@ -9,6 +9,7 @@ alone: with no configuration nothing leaves it.
 from __future__ import annotations
 
 import os
+import re
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
@@ -26,6 +27,13 @@ LAST_RANK = 255
 
 DEFAULT_NAMESPACE = "robot1"
 """The robot that is meant when none is named."""
+
+LONGEST_NAMESPACE = 100
+"""Characters: files are named by it."""
+
+_NAMESPACE = re.compile(r"[\w.-]+(/[\w.-]+)*", re.ASCII)
+
+LAST_PORT = 65_535
 
 
 class TopologyError(ValueError):
@@ -115,8 +123,12 @@ def one_way(listen: Sequence[str], known: Sequence[str]) -> tuple[tuple[str, ...
 
 def checked_namespace(name: str) -> str:
     """The namespace, if it can be one. Raises `TopologyError` saying why not."""
-    if not name or any(c in name for c in "*$?# ") or name != name.strip("/") or "//" in name:
-        raise TopologyError(f"{name!r} cannot be a namespace: letters, digits, '-', '_' and '/'")
+    if len(name) > LONGEST_NAMESPACE or _NAMESPACE.fullmatch(name) is None:
+        shown = name if len(name) <= LONGEST_NAMESPACE else f"{name[:20]}..."
+        raise TopologyError(
+            f"{shown!r} cannot be a namespace: letters, digits, '-', '_', '.' and '/', at most"
+            f" {LONGEST_NAMESPACE} of them"
+        )
     return name
 
 
@@ -148,6 +160,7 @@ def _checked(endpoints: Sequence[str]) -> tuple[str, ...]:
         protocol, slash, rest = endpoint.partition("/")
         address, colon, port = rest.rpartition(":")
         port = port.partition("#")[0].partition("?")[0]
-        if not (protocol and slash and address and colon and port.isdecimal()):
+        known = port.isdecimal() and int(port[:6]) <= LAST_PORT
+        if not (protocol and slash and address and colon and known):
             raise TopologyError(f"{endpoint!r} is no endpoint; one looks like tcp/192.168.1.5:7450")
     return tuple(endpoints)

@@ -21,16 +21,13 @@ from typing import Any
 
 from armadico.core.agent import Agent, AskFor, Identity, Publish, Subscription, Write
 from armadico.core.driver import Announce, OpenPort, Output, Reply, sendable
-from armadico.core.mailbox import EVENTS
+from armadico.core.mailbox import BURST_S, EVENTS
 from armadico.core.messages import Message
 from armadico.core.services import Kind, matches, service_of
 from armadico.mesh.virtual_liveliness import LEASE, RECONNECT, Presence
 from armadico.mesh.virtual_network import Clock, Link
 from armadico.mesh.virtual_node import Device, Node, Port
 from armadico.mesh.virtual_queries import Questions
-
-BURST = 1024
-"""After so many deliveries a slow process's wake-up fires, whatever else waits."""
 
 LOOK_AGAIN = 0.02
 """How often a wake-up tries whether a process that hangs or is busy can take it, s."""
@@ -292,6 +289,8 @@ class VirtualMesh:
         while not (node.busy or node.hung) and (item := node.mailbox.take()):
             node.worked += 1
             item()
+        if not node.busy:
+            node.worked = 0
         self._own_up(node)
 
     def _own_up(self, node: Node) -> None:
@@ -308,7 +307,9 @@ class VirtualMesh:
             node.mailbox.put("worked", lambda: self._send(node, out))
         elif node.alive:
             self._send(node, out)
-            if node.worked >= BURST:
+            wanted = node.driver.wakeup
+            worked_s = (node.worked - 1) * node.work_s
+            if wanted is not None and node.time >= wanted and worked_s >= BURST_S:
                 self._wake(node, node.wake_due or 0.0)
             if node.work_s:
                 self._work(node)
@@ -406,7 +407,7 @@ class VirtualMesh:
         node.wake_due = None
         if not node.alive:
             return
-        if node.hung or (node.busy and node.worked < BURST):
+        if node.hung or node.busy:
             node.wake_due = self.now + LOOK_AGAIN
             self.call_at(node.wake_due, self._wake, node, node.wake_due)
             return

@@ -47,7 +47,7 @@ class Node:
         self.lost = False  # hung for longer than the lease, and not found again yet
         self.work_s = 0.0  # for each delivery: what else it would have been through at once
         self.busy = False
-        self.worked = 0  # deliveries since its last wake-up
+        self.worked = 0  # deliveries since its last wake-up, or since nothing waited
         self.wake_due: float | None = None
         self.device: Device | None = None
         self.clock = clock

@@ -184,8 +184,8 @@ class ZenohMesh:
 
     # Talking -------------------------------------------------------------------------------------
 
-    def publish(self, key: str, message: Message) -> None:
-        """Say a message to the others; one's own subscribers do not hear it.
+    def publish(self, key: str, message: Message, data: bytes | None = None) -> None:
+        """Say a message to the others, by its `data` if there are; one's own do not hear it.
 
         One priority for all: across priorities a stop and a speed could change places.
         """
@@ -196,7 +196,7 @@ class ZenohMesh:
                 congestion_control=zenoh.CongestionControl.DROP,
                 allowed_destination=zenoh.Locality.REMOTE,
             )
-        publisher.put(encode(message))
+        publisher.put(encode(message) if data is None else data)
 
     def has_said(self, key: str) -> bool:
         """Whether something was published on a key: the first time it has to be declared."""

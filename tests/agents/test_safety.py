@@ -133,6 +133,17 @@ def test_a_wider_margin_never_finds_a_longer_way(point: Point, v: float, w: floa
     assert wide <= bare + 2e-3 * max(1.0, bare)
 
 
+@pytest.mark.parametrize("measured", [0.1, 0.3, 0.6])
+def test_the_fastest_that_is_looked_for_is_admissible_itself(measured: float) -> None:
+    looked_for = 0
+    for ahead in range(25, 125, 3):
+        scene = Scene(PIONEER, (measured, 0.0), [Point(ahead / 100, y) for y in (-0.1, 0.1)])
+        v, w, _ = limit(1.5, 0.0, scene, SAFETY)
+        assert v == 0.0 or scene.touches_at((v, w), SAFETY.margin_m) == inf
+        looked_for += 0.0 < v < 1.5
+    assert looked_for
+
+
 def test_a_tight_place_is_driven_through_slowly_where_a_parameter_says_so() -> None:
     sides, squeezing = (Point(0.32, 0.2), Point(0.32, -0.2)), Safety(slow=0.12)
     assert limited(0.4, 0.0, *sides, measured=(0.1, 0.0)).v < 0.06

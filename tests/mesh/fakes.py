@@ -33,6 +33,7 @@ class FakeMesh:
 
     def __init__(self) -> None:
         self.published: list[tuple[str, Message]] = []
+        self.sent: list[bytes] = []  # of each of them, what went over the wire
         self.subscribers: dict[str, Callable[[str, bytes], None]] = {}
         self.answers: dict[str, Callable[[Any], None]] = {}
         self.changed: Callable[[str, str, bool], None] = lambda *_: None
@@ -46,8 +47,8 @@ class FakeMesh:
         """What was published, without its keys."""
         return [message for _, message in self.published]
 
-    def publish(self, key: str, message: Message) -> None:
-        encode(message)
+    def publish(self, key: str, message: Message, data: bytes | None = None) -> None:
+        self.sent.append(encode(message) if data is None else data)
         self.published.append((key, message))
 
     def has_said(self, key: str) -> bool:
