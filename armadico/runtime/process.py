@@ -33,7 +33,7 @@ from typing import TYPE_CHECKING, Any, Final, NoReturn
 from armadico.core.agent import Agent, AskFor, DeviceAgent, Identity, Publish, Subscription, Write
 from armadico.core.driver import Announce, Driver, OpenPort, Output, Reply
 from armadico.core.mailbox import EVENTS
-from armadico.core.messages import Command, Log, Message, MessageError, checked, decode, encode
+from armadico.core.messages import Command, Log, Message, MessageError, checked, decode
 from armadico.core.restart_policy import MISUSED
 from armadico.core.services import Kind, matches
 from armadico.mesh.base import Call, Mesh
@@ -275,7 +275,6 @@ class AgentHost:
         if not listeners:
             return item
         try:
-            encode(item.message)  # it may be sound, and too large
             message = checked(item.message)
         except MessageError:
             return item

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from math import nan
 from typing import Any, ClassVar
 
 import pytest
@@ -9,10 +10,24 @@ from msgspec.structs import replace
 
 from armadico.agents.encoder import Encoder
 from armadico.bridge.robot import Robot
-from armadico.core.agent import Agent, Question
+from armadico.core.agent import Agent, Publish, Question
 from armadico.core.driver import Driver
 from armadico.core.membership import Stage
-from armadico.core.messages import PROTOCOL, Card, Message, Plan, PlanRequest, Stop, Waypoint
+from armadico.core.messages import (
+    LARGEST_PAYLOAD,
+    PROTOCOL,
+    Ballot,
+    Card,
+    Claim,
+    Cycle,
+    Log,
+    Message,
+    Plan,
+    PlanRequest,
+    Pose,
+    Stop,
+    Waypoint,
+)
 from armadico.core.resources import WHEELS
 from armadico.mesh.virtual import VirtualMesh
 from armadico.mesh.virtual_session import VirtualSession
@@ -153,6 +168,37 @@ def test_cards_and_queries_are_answered(crowd: Crowd) -> None:
     assert card is not None
     assert card.provides == ("path/plan",)
     assert crowd.client.card("toy", "toy-0", SOON) is None
+
+
+class Loud(Toy):
+    """Publishes on a stop what nobody could read, for its numbers or its size, and what all can."""
+
+    name = "loud"
+    hears: ClassVar[tuple[type[Message], ...]] = (Stop,)
+
+    def on_stop(self, stop: Stop) -> None:
+        ballot, large = Ballot(1, 0.5, False, self.instance), bytes(LARGEST_PAYLOAD // 2)
+        claim = Claim("wheels", ballot, Cycle(1, 1), 0.5)
+        too_large = replace(claim, wanted=large, commanded=large)
+        self.outbox += [Publish(WHEELS.utility_key, said) for said in (too_large, claim)]
+        self.outbox += [Publish("encoder/pose", Pose(Cycle(1, 1), x, 0, 0)) for x in (nan, 1.0)]
+
+
+def test_what_nobody_could_read_is_dropped_and_said_and_its_agent_goes_on(crowd: Crowd) -> None:
+    client = crowd.client
+    received: list[Any] = []
+    lines: list[Any] = []
+    client.listen(Claim, Pose, then=lambda message, _: received.append(message))
+    client.listen(Log, then=lambda message, _: lines.append(message))
+    driver = joined(crowd, Loud)
+    client.publish(Stop(1, True, "tester", 1))
+    assert crowd.until(lambda: received and isinstance(received[-1], Pose))
+    claim, pose = received
+    assert claim.wanted == ()
+    assert pose.x == 1.0
+    assert crowd.until(lambda: lines)
+    assert "1 x on resource/wheels/utility: Claim cannot be sent" in lines[0].text
+    assert driver.started
 
 
 def test_a_host_of_agents_lives_on_the_virtual_mesh_too() -> None:
