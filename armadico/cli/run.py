@@ -60,7 +60,7 @@ EXAMPLES: Final = """\
 
 def main(argv: Sequence[str]) -> int:
     """Drive; 0 only if the goal was reached without a collision, in every run."""
-    args = _parser().parse_args(argv)
+    args = parser().parse_args(argv)
     scenario = _scenario(args)
     seeds = _seeds(args, scenario)
     for seed in seeds if args.plot is not None else ():
@@ -73,7 +73,8 @@ def main(argv: Sequence[str]) -> int:
     return 0 if all(result.passed for result in results) else options.FAILED
 
 
-def _parser() -> argparse.ArgumentParser:
+def parser() -> argparse.ArgumentParser:
+    """The command's options."""
     made = options.parser(
         "armadico run",
         "Drive one scenario and measure it. Live: simulator, robot agent and every agent are"
@@ -261,7 +262,7 @@ def _series(args: argparse.Namespace, scenario: Scenario, seeds: range) -> list[
             results.append(drive(seed))
             told(seed, results[-1])
         return results
-    from armadico.tools.experiments.pool import over  # noqa: PLC0415 - not for --help
+    from armadico.cli.pool import over  # noqa: PLC0415 - not for --help
 
     jobs = min(os.cpu_count() or 1, len(seeds) // RUNS_FOR_A_WORKER)
     return over(drive, seeds, jobs, scenario.name, told)
