@@ -30,7 +30,7 @@ def main(argv: Sequence[str]) -> int:
         cards = Client(mesh).cards()
     found = graph(card for card in cards.values() if card is not None)
     if not found.agents:
-        raise options.nobody(args, "nobody is there")
+        raise options.nobody(args, "no agent is alive")
     _write(args, found)
     return 0
 

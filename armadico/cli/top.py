@@ -1,4 +1,4 @@
-"""Watch the society live: who is there, who holds what, and whether promises are kept."""
+"""Watch the society live: alive agents, holders, rates and whether deadlines are met."""
 
 from __future__ import annotations
 
@@ -53,7 +53,7 @@ def main(argv: Sequence[str]) -> int:
 
         Console().print(tables(snapshot))
     if not snapshot["agents"] and not snapshot["services"]:
-        raise options.nobody(args, "nobody is there")
+        raise options.nobody(args, "no agent is alive")
     return 0
 
 
