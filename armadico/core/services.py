@@ -116,8 +116,13 @@ def latched() -> tuple[Service, ...]:
 
 
 def matches(pattern: str, key: str) -> bool:
-    """Whether a key expression of whole chunks and `*` catches a key."""
-    wanted, chunks = pattern.split("/"), key.split("/")
-    return len(wanted) == len(chunks) and all(
-        w in ("*", c) for w, c in zip(wanted, chunks, strict=True)
-    )
+    """Whether a key expression of whole chunks, `*` and `**` catches a key, or one of another's."""
+    return _meet(pattern.split("/"), key.split("/"))
+
+
+def _meet(one: list[str], other: list[str]) -> bool:
+    if not (one and other):
+        return all(chunk == "**" for chunk in one + other)
+    if "**" in (one[0], other[0]):
+        return _meet(one[1:], other) or _meet(one, other[1:])
+    return (one[0] == other[0] or "*" in (one[0], other[0])) and _meet(one[1:], other[1:])

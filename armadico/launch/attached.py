@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import time
 from contextlib import suppress
 from math import hypot
 from types import TracebackType
@@ -53,12 +52,12 @@ class AttachedRun(LiveRun):
 
     def start(self) -> None:
         """Wait for everybody. Raises RunFailedError if somebody does not come."""
-        began = time.monotonic()
+        began = self.client.mesh.now()
         if not self.client.wait_for(self._complete, SAY_S):
             self._warn(f"waiting for {self._lacking()}")
         if not self.client.wait_for(self._complete, self.come_s - SAY_S):
             raise RunFailedError(
-                f"not there within {time.monotonic() - began:.0f} s: {self._lacking()};"
+                f"not there within {self.client.mesh.now() - began:.0f} s: {self._lacking()};"
                 " `armadico up` on its machine starts an agent, `armadico ps` lists alive agents"
             )
         self._check_robot()

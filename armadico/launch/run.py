@@ -6,10 +6,9 @@ kill it and the society drives on.
 
 from __future__ import annotations
 
-import time
 from collections.abc import Callable
 from types import TracebackType
-from typing import TYPE_CHECKING, Self
+from typing import Self
 
 from armadico.config.scenarios import Scenario
 from armadico.core.agent import WARNING
@@ -17,11 +16,9 @@ from armadico.core.cycles import LISTEN
 from armadico.core.messages import Claim, Log, Message, MissionReply, Pose, RobotState
 from armadico.launch.society import Options, mission, time_limit, watch
 from armadico.launch.virtual import MissionRefusedError
+from armadico.mesh.base import Mesh
 from armadico.observe.measures import WATCHED, Result, RunWatch
 from armadico.runtime.client import Client
-
-if TYPE_CHECKING:
-    from armadico.mesh.zenoh import ZenohMesh
 
 HEAR_S = 5.0
 """What the interface agent may take to be found; its plan may take longer."""
@@ -50,7 +47,7 @@ class LiveRun:
         self,
         scenario: Scenario,
         options: Options,
-        mesh: ZenohMesh,
+        mesh: Mesh,
         *,
         silent_s: float = SILENT_S,
         idle_s: float = IDLE_S,
@@ -101,8 +98,8 @@ class LiveRun:
     def begin(self) -> None:
         """Hand the mission over. Raises MissionRefusedError or RunFailedError."""
         reply = self._ask()
-        until = time.monotonic() + LINKS_S
-        while reply.refusal and time.monotonic() < until:
+        until = self.client.mesh.now() + LINKS_S
+        while reply.refusal and self.client.mesh.now() < until:
             self.client.wait_for(lambda: None, AGAIN_S)
             reply = self._ask()
         if reply.refusal:
@@ -119,14 +116,14 @@ class LiveRun:
         self._warn = warn or self._warn
         self.start()
         self.begin()
-        begun = time.monotonic()
+        begun = self.client.mesh.now()
         end = begun + self.limit
-        while not self.watch.done and time.monotonic() < end:
+        while not self.watch.done and self.client.mesh.now() < end:
             self.client.wait_for(lambda: self.watch.done, 0.2)
             if progress is not None:
                 progress(self.watch)
             self.look()
-            if self._nobody_can(time.monotonic() - begun):
+            if self._nobody_can(self.client.mesh.now() - begun):
                 break
         if self.watch.astray is not None:
             self._warn(

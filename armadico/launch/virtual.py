@@ -11,9 +11,8 @@ from armadico.config.scenarios import Scenario
 from armadico.core.agent import Agent, DeviceAgent
 from armadico.core.messages import Message, MissionReply
 from armadico.launch.society import Options, members, mission, time_limit, watch
-from armadico.mesh.virtual import VirtualMesh
+from armadico.mesh.virtual import Node, VirtualMesh
 from armadico.mesh.virtual_network import Clock
-from armadico.mesh.virtual_node import Node
 from armadico.observe.measures import WATCHED, Result, RunWatch
 
 SIMULATOR = "pioneer"

@@ -4,15 +4,13 @@ from __future__ import annotations
 
 import time
 from collections.abc import Callable
-from typing import TYPE_CHECKING, Final, TypeVar, cast
+from typing import Final, TypeVar, cast
 
 from armadico.core.mailbox import EVENTS
 from armadico.core.messages import Ask, Card, Message
 from armadico.core.services import CARD, Kind, rows_of, service_of
+from armadico.mesh.base import Mesh
 from armadico.runtime.inbox import Inbox
-
-if TYPE_CHECKING:
-    from armadico.mesh.zenoh import ZenohMesh
 
 M = TypeVar("M", bound=Message)
 T = TypeVar("T")
@@ -25,16 +23,16 @@ QUIET_S: Final = 0.3
 
 
 class Client:
-    """A guest on the mesh: it has no token, and agents do not see it."""
+    """A guest on either mesh: it has no token, and agents do not see it. Times are the mesh's."""
 
-    def __init__(self, mesh: ZenohMesh) -> None:
+    def __init__(self, mesh: Mesh) -> None:
         self.mesh = mesh
         self.alive: set[tuple[str, str]] = set()  # (name, instance) of the tokens that are there
         self.key = ""  # of the message that is being handed on
         self.ahead: dict[str, float] = {}  # s; by instance, of the clocks that cards have said
-        self._inbox = Inbox()
+        self._inbox = Inbox(mesh)
         self._latest: dict[type[Message], tuple[Message, float]] = {}
-        self._changed_at = time.monotonic()
+        self._changed_at = self.mesh.now()
         mesh.watch_alive(self._token)
 
     def listen(
@@ -52,7 +50,7 @@ class Client:
     def age(self, kind: type[Message]) -> float:
         """Seconds since the newest message of a kind came; infinite if none did."""
         found = self._latest.get(kind)
-        return float("inf") if found is None else time.monotonic() - found[1]
+        return float("inf") if found is None else self.mesh.now() - found[1]
 
     def publish(self, message: Message) -> None:
         """Say something on its service's key."""
@@ -63,9 +61,9 @@ class Client:
 
         Returns its last value if that does not happen within `timeout` (s).
         """
-        deadline = time.monotonic() + timeout
+        deadline = self.mesh.now() + timeout
         while not (value := condition()):
-            left = deadline - time.monotonic()
+            left = deadline - self.mesh.now()
             if left <= 0:
                 return value
             self._take(left)
@@ -81,12 +79,12 @@ class Client:
         """
         service = service_of(type(request))
         assert service.reply is not None, f"{service.key} is not a query"
-        begun = time.monotonic()
-        while (gone := time.monotonic() - begun) < timeout:
+        begun = self.mesh.now()
+        while (gone := self.mesh.now() - begun) < timeout:
             replies = self._ask(service.key, request, service.reply, timeout - gone, enough=1)
             if replies:
                 return next(iter(replies.values()))
-            if patience is not None and time.monotonic() - begun >= patience:
+            if patience is not None and self.mesh.now() - begun >= patience:
                 return None
             self.wait_for(lambda: None, AGAIN_S)
         return None
@@ -126,10 +124,10 @@ class Client:
         """Wait until the links are up and no token has come or gone for a while."""
 
         def quiet() -> bool:
-            return time.monotonic() - self._changed_at >= QUIET_S
+            return self.mesh.now() - self._changed_at >= QUIET_S
 
-        deadline = time.monotonic() + timeout
-        while not quiet() and time.monotonic() < deadline:
+        deadline = self.mesh.now() + timeout
+        while not quiet() and self.mesh.now() < deadline:
             self._take(QUIET_S)
 
     # Inside --------------------------------------------------------------------------------------
@@ -147,7 +145,7 @@ class Client:
             def deliver() -> None:
                 message = self.mesh.read(kind, key, data)
                 if message is not None:
-                    now = time.monotonic()
+                    now = self.mesh.now()
                     self._latest[kind] = (message, now)
                     self.key = key
                     if then is not None:
@@ -163,7 +161,7 @@ class Client:
             who = (name, instance)
             if there != (who in self.alive):
                 (self.alive.add if there else self.alive.discard)(who)
-                self._changed_at = time.monotonic()
+                self._changed_at = self.mesh.now()
 
         self._inbox.put(f"token/{instance}", deliver, keep=1)
 

@@ -8,7 +8,6 @@ ends nothing that was pressed since.
 from __future__ import annotations
 
 import random
-import time
 from typing import Final
 
 from armadico.core.messages import Cycle, RobotState, Stop, counts_beyond, next_count
@@ -116,16 +115,18 @@ def say(client: Client, *, stopped: bool, by: str, timeout: float) -> Latching:
     """
     latching = Latching(stopped=stopped, by=by, press=random.SystemRandom().getrandbits(63))
 
+    now = client.mesh.now
+
     def over() -> bool:
         state = client.latest(RobotState)
         if state is not None:
-            latching.hear(state, time.monotonic())
+            latching.hear(state, now())
         return latching.done or bool(latching.refusal)
 
-    end = time.monotonic() + timeout
-    while not over() and time.monotonic() < end:
+    end = now() + timeout
+    while not over() and now() < end:
         message = latching.message()
         if message is not None:
             client.publish(message)
-        client.wait_for(over, min(AGAIN_S, max(end - time.monotonic(), 0.0)))
+        client.wait_for(over, min(AGAIN_S, max(end - now(), 0.0)))
     return latching

@@ -36,12 +36,13 @@ from armadico.core.mailbox import BURST_S, EVENTS
 from armadico.core.messages import Command, Log, Message, MessageError, decode, encoded
 from armadico.core.restart_policy import MISUSED
 from armadico.core.services import Kind, matches
+from armadico.mesh.base import Call, Mesh
 from armadico.mesh.topology import MeshError
 from armadico.runtime.inbox import Inbox
 from armadico.runtime.port_reader import Device, Port
 
 if TYPE_CHECKING:
-    from armadico.mesh.zenoh import Call, ZenohMesh
+    from armadico.mesh.zenoh import ZenohMesh
 
 LATE_S: Final = 0.05
 """A wake-up later than this lets what has piled up meanwhile come first."""
@@ -79,9 +80,8 @@ class AgentHost:
     def __init__(
         self,
         agents: Sequence[Agent],
-        mesh: ZenohMesh,
+        mesh: Mesh,
         connect: Mapping[str, Callable[[], Port]] | None = None,
-        clock: Callable[[], float] = time.monotonic,
         wall: Callable[[], float] = time.time,
         *,
         admit: bool = True,
@@ -90,21 +90,20 @@ class AgentHost:
 
         Args:
             agents: Who lives in this process.
-            mesh: The mesh that they share.
+            mesh: The mesh that they share, and whose time is theirs.
             connect: What opens the port of a device agent, by its instance.
-            clock: s from anywhere.
             wall: s since 1970, shown to people only.
             admit: Without, they join whoever is alive.
         """
-        self.inbox = Inbox()
+        self.inbox = Inbox(mesh)
         self.refusal = ""  # why one of them may not join, or stay
         self._mesh = mesh
-        self._clock = clock
+        self._clock = mesh.now
         self._stopping = threading.Event()
         self._failure: BaseException | None = None  # of a turn on the reception thread
         self._until: float | None = None  # when the agents' thread wakes by itself
         self._calm_at = float("-inf")  # not before is anything done on the reception thread
-        now = clock()
+        now = self._clock()
         self.drivers = [Driver(agent, now, admit=admit, wall=wall) for agent in agents]
         self._listeners: dict[str, list[tuple[Subscription, Driver]]] = {}  # by pattern
         self._inside: dict[str, list[tuple[Subscription, Driver]]] = {}  # by key, in this process
@@ -117,7 +116,7 @@ class AgentHost:
             opens = (connect or {}).get(agent.instance)
             if isinstance(agent, DeviceAgent) and opens is not None:
                 self._devices[agent.instance] = Device(
-                    driver, opens, self.inbox, clock, self._at_once
+                    driver, opens, self.inbox, self._clock, self._at_once
                 )
 
     # Its life ------------------------------------------------------------------------------------

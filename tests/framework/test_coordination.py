@@ -35,7 +35,7 @@ from armadico.core.messages import (
     Stop,
 )
 from armadico.core.resources import WHEELS, Resource
-from armadico.mesh.virtual_liveliness import RECONNECT
+from armadico.mesh.virtual import RECONNECT
 
 from .solo import Solo, running
 from .toys import ToyOwner, ToySociety, toy

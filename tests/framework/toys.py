@@ -13,8 +13,7 @@ from armadico.core.cycles import PERIOD, CycleCounter
 from armadico.core.exchange import Bid
 from armadico.core.messages import Ack, Claim, Command, Message, RobotState, Stop
 from armadico.core.resources import WHEELS, Resource
-from armadico.mesh.virtual import VirtualMesh
-from armadico.mesh.virtual_node import Node
+from armadico.mesh.virtual import Node, VirtualMesh
 
 Utility = Callable[[float], float | None]
 

@@ -19,11 +19,15 @@ from armadico.config.discovery import AGENTS, load
 from armadico.config.loading import load_parameters
 from armadico.config.scenarios import Scenario, load_scenario
 from armadico.core.agent import Agent
-from armadico.core.messages import Ack, Ballot, Message, Truth, encode
+from armadico.core.messages import Ack, Ballot, Message, RobotState, Truth, encode
 from armadico.core.services import SERVICES
+from armadico.launch.attached import AttachedRun
 from armadico.launch.society import Options, members
 from armadico.launch.virtual import Rehearsal
+from armadico.mesh.virtual_session import VirtualSession
 from armadico.observe.measures import driver
+from armadico.runtime.client import Client
+from armadico.runtime.latch import say
 
 SCENARIOS = ("sc1", "sc2", "sc3", "sc4", "rooms-a", "rooms-b", "house", "offices", "floor")
 EVERYBODY = ("encoder", "sonar", "goto", "avoid", "gothrough", "path-planning", "interface")
@@ -56,6 +60,23 @@ def test_another_robot_reaches_every_goal_too_and_touches_nothing(name: str) -> 
     again = f"armadico run {name} --virtual --profile amigobot"
     assert result.reached, again
     assert result.collisions == 0, again
+
+
+def test_who_watches_and_stops_a_live_society_can_watch_and_stop_a_virtual_one() -> None:
+    """The code of `armadico run --attach` and `armadico stop`, word for word, on the other mesh."""
+    rehearsal = Rehearsal(LINE, Options())
+    session = VirtualSession(rehearsal.mesh)
+    with AttachedRun(LINE, Options(), session) as run:
+        result = run.run()
+    assert result.reached
+    assert result.collisions == 0
+    client = Client(session)
+    client.listen(RobotState)
+    assert say(client, stopped=True, by="tester", timeout=10.0).done
+    state = client.latest(RobotState)
+    assert state is not None
+    assert state.stop.by == "tester"
+    assert say(client, stopped=False, by="tester", timeout=10.0).done
 
 
 # Repeatable ---------------------------------------------------------------------------------------
