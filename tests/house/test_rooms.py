@@ -25,7 +25,6 @@ LABORATORY = ("armadico.tools",)
 TO_BE_CUT = {
     ("armadico.observe.dashboard.virtual_run", "armadico.launch.virtual"),
     ("armadico.observe.dashboard.local_map", "armadico.agents.avoid"),
-    ("armadico.observe.dashboard.shapes", "armadico.agents.methods.swept_path"),
 }
 """Imports of what is above, or of an agent: each is there, and no other is."""
 

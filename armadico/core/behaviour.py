@@ -4,15 +4,15 @@ from __future__ import annotations
 
 from typing import Any, ClassVar
 
-from armadico.agents.methods.motion import Body, Speeds, ordered
-from armadico.agents.methods.route import Route
-from armadico.agents.methods.safety import Scene, limit
-from armadico.agents.methods.settings import Safety
 from armadico.core import agent
 from armadico.core.agent import Agent
 from armadico.core.exchange import Bid
 from armadico.core.messages import Description, Message, Obstacles, Pose, RobotState, Trajectory
+from armadico.core.motion import Body, Speeds, ordered
+from armadico.core.parameters import Safety
 from armadico.core.resources import WHEELS
+from armadico.core.route import Route
+from armadico.core.safety import Scene, limit
 
 
 class Behaviour(Agent):
