@@ -19,11 +19,14 @@ from armadico.config.errors import ConfigError
 from armadico.mesh.topology import (
     DEFAULT_NAMESPACE,
     ENDPOINTS_VARIABLE,
+    NAMESPACE_VARIABLE,
     MeshError,
     TopologyError,
     checked_namespace,
+    default_namespace,
     topology,
 )
+from armadico.runtime.errors import SocietyError
 
 if TYPE_CHECKING:
     from armadico.cli.places import Place
@@ -32,8 +35,6 @@ if TYPE_CHECKING:
 FAILED: Final = 1
 USAGE: Final = 2
 INTERRUPTED: Final = 130
-
-NAMESPACE_VARIABLE: Final = "ARMADICO_NAMESPACE"
 
 HOSTS_VARIABLE: Final = "ARMADICO_HOSTS"
 """As in `armadico.config.hosts`, which --help does without."""
@@ -51,7 +52,7 @@ class FailedError(Exception):
 
 
 WRONGLY_USED: Final = (UsageError, ConfigError, TopologyError, UnknownNameError)
-BROKEN: Final = (FailedError, MeshError, ImportError)
+BROKEN: Final = (FailedError, SocietyError, MeshError, ImportError)
 
 
 def guarded(program: str, command: Callable[[], int]) -> int:
@@ -124,7 +125,7 @@ def add_namespace_option(made: argparse._ActionsContainer) -> None:
     made.add_argument(
         "--namespace",
         metavar="NS",
-        default=os.environ.get(NAMESPACE_VARIABLE, DEFAULT_NAMESPACE),
+        default=default_namespace(),
         help=f"which robot (default: ${NAMESPACE_VARIABLE}, or {DEFAULT_NAMESPACE})",
     )
 

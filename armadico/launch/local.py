@@ -27,8 +27,9 @@ from armadico.launch.processes import (
     label_of,
     simulator_words,
 )
-from armadico.launch.run import IDLE_S, SILENT_S, LiveRun, RunFailedError
+from armadico.launch.run import IDLE_S, SILENT_S, LiveRun
 from armadico.launch.society import Member, Options, members, processes
+from armadico.runtime.errors import RunFailedError
 
 if TYPE_CHECKING:
     from armadico.mesh.zenoh import ZenohMesh
