@@ -14,6 +14,9 @@ from armadico.core.resources import WHEELS
 from armadico.core.route import Route
 from armadico.core.safety import Scene, limit
 
+MARGINS = Safety()
+"""Kept by a behaviour that has none of its own."""
+
 
 class Behaviour(Agent):
     """An agent that competes for the wheels while there is a trajectory to follow.
@@ -59,7 +62,7 @@ class Behaviour(Agent):
         going = ordered(self.body, *self._speeds)
         return Scene(self.body, going, obstacles.points, age * cycle_s, waits * cycle_s)
 
-    def limited(self, v: float, w: float, obstacles: Obstacles, safety: Safety) -> Speeds:
+    def limited(self, v: float, w: float, obstacles: Obstacles, safety: Safety = MARGINS) -> Speeds:
         """The wish (m/s, rad/s), as fast as is admissible among the obstacles."""
         return limit(v, w, self.scene(obstacles), safety)[:2]
 
