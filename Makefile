@@ -5,7 +5,7 @@ VENV   := .venv
 BIN    := $(VENV)/bin
 PIP    := $(BIN)/python -m pip --disable-pip-version-check
 
-.PHONY: run test mutants lint compiled demo demo-down lock clean
+.PHONY: run tools test mutants lint compiled demo demo-down lock clean
 .DEFAULT_GOAL := run
 
 $(VENV)/.run: requirements/run.txt pyproject.toml
@@ -15,19 +15,26 @@ $(VENV)/.run: requirements/run.txt pyproject.toml
 	$(PIP) install --quiet --no-deps --no-build-isolation -e .
 	@touch $@
 
-$(VENV)/.dev: $(VENV)/.run requirements/dev.txt
+$(VENV)/.tools: $(VENV)/.run requirements/tools.txt tools/pyproject.toml
+	$(PIP) install --quiet --require-hashes -r requirements/tools.txt
+	$(PIP) install --quiet --no-deps --no-build-isolation -e tools
+	@touch $@
+
+$(VENV)/.dev: $(VENV)/.tools requirements/dev.txt
 	$(PIP) install --quiet --require-hashes -r requirements/dev.txt
 	@touch $@
 
 run: $(VENV)/.run  ## set up and drive scenario 4 as separate processes on this machine
 	$(BIN)/armadico run sc4
 
+tools: $(VENV)/.tools  ## the laboratory too: experiments, faults, trials, benchmarks, demos
+
 test: $(VENV)/.dev  ## set up and run the tests
 	$(BIN)/python -m pytest -n 2 --dist worksteal
 
 mutants: $(VENV)/.dev  ## change what decides in one place at a time: the tests must notice
 	$(PIP) install --quiet cosmic-ray==8.7.0
-	$(BIN)/python -m armadico.tools.mutants
+	$(BIN)/python -m armadico_tools.mutants
 
 lint: $(VENV)/.dev  ## ruff, and mypy strict over every package
 	$(BIN)/ruff check .
@@ -41,14 +48,15 @@ compiled:  ## a second environment, .venv-compiled, where what agents stand on i
 	ARMADICO_COMPILE=1 $(PIP) install --quiet --no-deps --no-build-isolation --force-reinstall .
 	@touch $@
 
-demo: $(VENV)/.run  ## four hosts as containers, one of them lost in the middle of a run
-	$(BIN)/python -m armadico.tools.hosts.compose $(SCENARIO)
+demo: $(VENV)/.tools  ## four hosts as containers, one of them lost in the middle of a run
+	$(BIN)/python -m armadico_tools.hosts.compose $(SCENARIO)
 
 demo-down:  ## what a demo left that was killed
 	docker compose --file deploy/compose.yaml down --timeout 1
 
 lock: $(VENV)/.dev  ## write the locks again from pyproject.toml
-	for lock in agents: run:--extra=plot dev:--extra=plot,experiments,record,dashboard,dev; do \
+	for lock in agents: run:--extra=plot "tools:--extra=plot requirements/tools.in" \
+	    "dev:--extra=plot,record,dashboard,dev requirements/tools.in"; do \
 	  $(BIN)/pip-compile --quiet --generate-hashes --no-emit-options --allow-unsafe \
 	    --strip-extras --no-annotate --no-header \
 	    $${lock#*:} -o requirements/$${lock%%:*}.txt pyproject.toml requirements/build.in; done

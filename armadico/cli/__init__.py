@@ -11,7 +11,10 @@ from collections.abc import Callable, Sequence
 from typing import Final
 
 from armadico.cli import options
-from armadico.config.discovery import COMMANDS, find, installed
+from armadico.config.discovery import COMMANDS, UnknownNameError, find, installed
+
+LABORATORY: Final = "armadico-tools"
+"""The distribution that brings what a robot's computer does without."""
 
 EXAMPLES: Final = """\
   armadico run sc4              drive scenario 4 with everything on this machine
@@ -36,8 +39,19 @@ def _dispatch(arguments: list[str]) -> int:
     if name == "--version":
         print(f"armadico {options.version()}")
         return 0
-    command: Callable[[Sequence[str]], int] = find(COMMANDS, name).load()
+    try:
+        found = find(COMMANDS, name)
+    except UnknownNameError as error:
+        raise UnknownNameError(f"{error}{_more()}") from None
+    command: Callable[[Sequence[str]], int] = found.load()
     return command(rest)
+
+
+def _more() -> str:
+    """Where there are more commands, if they are not here."""
+    if any(found.package == LABORATORY for found in installed(COMMANDS).values()):
+        return ""
+    return f"\n{LABORATORY} has more: experiments, faults, trials, benchmarks, demos"
 
 
 def _help() -> str:
@@ -47,6 +61,6 @@ def _help() -> str:
     return (
         "usage: armadico COMMAND [OPTION]...\n\n"
         "One robot, many agents, nobody in charge.\n\n"
-        f"commands:\n{rows}\n\nexamples:\n{EXAMPLES}\n"
+        f"commands:\n{rows}\n{_more()}\nexamples:\n{EXAMPLES}\n"
         "`armadico --version` says which one this is; `armadico-agent --help` starts one agent.\n"
     )

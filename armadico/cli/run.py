@@ -245,7 +245,7 @@ def _series(
             results.append(drive(seed))
             told(seed, results[-1])
         return results
-    from armadico.tools.experiments.pool import over  # noqa: PLC0415 - not for --help
+    from armadico.cli.pool import over  # noqa: PLC0415 - not for --help
 
     jobs = min(os.cpu_count() or 1, len(seeds) // RUNS_FOR_A_WORKER)
     return over(drive, seeds, jobs, scenario.name, told)

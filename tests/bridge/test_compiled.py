@@ -54,7 +54,7 @@ def compiled() -> Path:
 
 @pytest.mark.parametrize("words", [("sc4", "sc1", "house"), ("sc3", "--parameters", "thesis")])
 def test_compiled_and_interpreted_publish_the_same(compiled: Path, words: tuple[str, ...]) -> None:
-    module = ("-m", "armadico.tools.fingerprint", *words)
+    module = ("-m", "armadico_tools.fingerprint", *words)
     one, other = said(sys.executable, *module), said(compiled, *module)
     assert "pure Python" in one.stderr
     assert "compiled" in other.stderr

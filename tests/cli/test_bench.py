@@ -9,7 +9,7 @@ from pathlib import Path
 
 import pytest
 
-from armadico.tools.bench_figures import BENCHMARKS, figure, percentile
+from armadico_tools.bench.figures import BENCHMARKS, figure, percentile
 
 ARMADICO = Path(sys.executable).with_name("armadico")
 KEYS = ["name", "unit", "p50", "p99", "floor_p50", "floor_p99", "ratio"]
@@ -49,7 +49,7 @@ def test_list_is_json_too() -> None:
 @pytest.mark.parametrize("option", ["--help", "--list"])
 def test_asking_what_there_is_imports_nothing_heavy(option: str) -> None:
     script = (
-        "import sys\nfrom armadico.cli.bench import main\n"
+        "import sys\nfrom armadico_tools.commands.bench import main\n"
         f"try:\n    main([{option!r}])\nexcept SystemExit:\n    pass\n"
         "heavy = {'numpy', 'zenoh', 'pymunk', 'msgspec', 'rich', 'psutil'}\n"
         "print('HEAVY', sorted(heavy & set(sys.modules)))"

@@ -13,15 +13,15 @@ from pathlib import Path
 import pytest
 from msgspec.structs import replace
 
-from armadico.cli import faults
+from armadico.cli import pool
 from armadico.cli.options import INTERRUPTED, UsageError
 from armadico.config.errors import ConfigError
-from armadico.tools.experiments import pool
-from armadico.tools.faults import series, workload
-from armadico.tools.faults.fault_types import KINDS, Promise
-from armadico.tools.faults.plan import Case
-from armadico.tools.faults.sightings import Sight
-from armadico.tools.faults.workload import Outcome
+from armadico_tools.commands import faults
+from armadico_tools.faults import series, workload
+from armadico_tools.faults.fault_types import KINDS, Promise
+from armadico_tools.faults.plan import Case
+from armadico_tools.faults.sightings import Sight
+from armadico_tools.faults.workload import Outcome
 
 ARMADICO = Path(sys.executable).with_name("armadico")
 CALM = '{"seed":1,"scenario":"sc1","lasts":4.0,"faults":[["hang",2.0,0.1,["interface"]]]}'

@@ -15,8 +15,8 @@ import pytest
 
 from armadico.cli.options import FailedError
 from armadico.config.hosts import load_hosts
-from armadico.tools.hosts import compose
-from armadico.tools.hosts.compose import FILE, ComposeHosts
+from armadico_tools.hosts import compose
+from armadico_tools.hosts.compose import FILE, ComposeHosts
 
 HOSTS = tuple(load_hosts("demo").hosts)
 

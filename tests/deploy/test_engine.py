@@ -7,7 +7,7 @@ from collections.abc import Iterator
 
 import pytest
 
-from armadico.tools.hosts.compose import ComposeHosts, lacking
+from armadico_tools.hosts.compose import ComposeHosts, lacking
 from tests.house.tree import ROOT
 
 BASE = "python:3.11-slim-bookworm"

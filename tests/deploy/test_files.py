@@ -11,7 +11,7 @@ from pathlib import Path
 import pytest
 
 from armadico.config.hosts import load_hosts
-from tests.house.tree import FOLDERS, ROOT
+from tests.house.tree import PRODUCT, ROOT
 
 DEPLOY = ROOT / "deploy"
 UNIT = DEPLOY / "systemd" / "armadico@.service"
@@ -43,7 +43,7 @@ def test_the_image_is_given_every_package_and_all_that_it_copies() -> None:
     lines = re.findall(r"^COPY (?!--from)(.+) \S+$", dockerfile, re.MULTILINE)
     copied = {word for line in lines for word in line.split()}
     assert copied == given
-    assert set(FOLDERS) <= copied
+    assert set(PRODUCT) <= copied
 
 
 def test_the_image_installs_what_a_run_on_this_machine_has_without_what_draws() -> None:

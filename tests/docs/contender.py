@@ -1,7 +1,7 @@
 """A contender for the wheels by rules 1 to 8 of docs/protocol.md, with nothing of Armadico's.
 
 It reads the lines of a transcript that are meant for it, and writes what it publishes:
-`python -m armadico.tools.transcripts inputs FILE --agent b | python contender.py FILE b`.
+`python -m armadico_tools.transcripts inputs FILE --agent b | python contender.py FILE b`.
 """
 
 from __future__ import annotations

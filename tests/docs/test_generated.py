@@ -11,8 +11,8 @@ import pytest
 from armadico.core import messages
 from armadico.core.coordination import TRANSITIONS
 from armadico.core.services import SERVICES
-from armadico.tools import docs
-from armadico.tools.docs_fields import fields_of
+from armadico_tools import docs
+from armadico_tools.docs_fields import fields_of
 from tests.docs.blocks import ROOT, documents
 
 LINK = re.compile(r"(?<!`)\[[^\]\n]*\]\(([^)\s]+)\)")
@@ -24,7 +24,7 @@ TEST = re.compile(r"`(test_\w+)`")
 
 def test_no_document_is_stale() -> None:
     names = [path.name for path in docs.stale()]
-    assert not names, f"{names}: python -m armadico.tools.docs writes them again"
+    assert not names, f"{names}: python -m armadico_tools.docs writes them again"
 
 
 def test_looking_writes_nothing(capsys: pytest.CaptureFixture[str]) -> None:

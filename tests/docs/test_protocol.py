@@ -10,11 +10,11 @@ from pathlib import Path
 
 import pytest
 
-from armadico.tools.docs import ROOT
-from armadico.tools.transcripts.__main__ import FOLDER
-from armadico.tools.transcripts.replay import difference_of, inputs
-from armadico.tools.transcripts.scenes import SCENES
-from armadico.tools.transcripts.tape import read
+from armadico_tools.docs import ROOT
+from armadico_tools.transcripts.__main__ import FOLDER
+from armadico_tools.transcripts.replay import difference_of, inputs
+from armadico_tools.transcripts.scenes import SCENES
+from armadico_tools.transcripts.tape import read
 from tests.docs import contender
 from tests.docs.blocks import files
 from tests.docs.shell import Shell
@@ -74,7 +74,7 @@ def test_the_contender_knows_nothing_of_ours() -> None:
 
 def test_the_check_on_the_page_is_a_pipe(tmp_path: Path) -> None:
     file, mine = str(ROOT / FOLDER / "take-over.jsonl"), tmp_path / "mine.jsonl"
-    tool = [sys.executable, "-m", "armadico.tools.transcripts"]
+    tool = [sys.executable, "-m", "armadico_tools.transcripts"]
     given = subprocess.run([*tool, "inputs", file, "--agent", "b"], capture_output=True, check=True)
     said = subprocess.run(
         [sys.executable, str(CONTENDER), file, "b"],

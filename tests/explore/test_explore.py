@@ -6,16 +6,16 @@ import json
 
 import pytest
 
-from armadico.cli import explore
 from armadico.cli.options import INTERRUPTED, UsageError
-from armadico.tools.explore import series
-from armadico.tools.explore.identity import key
-from armadico.tools.explore.joining import all_runs, setups
-from armadico.tools.explore.picks import Enumerator, Script
-from armadico.tools.explore.recovery import Graph, Never
-from armadico.tools.explore.replay import Run, replay
-from armadico.tools.explore.search import Limits, Search
-from armadico.tools.explore.world import KINDS, Setup, World
+from armadico_tools.commands import explore
+from armadico_tools.explore import series
+from armadico_tools.explore.identity import key
+from armadico_tools.explore.joining import all_runs, setups
+from armadico_tools.explore.picks import Enumerator, Script
+from armadico_tools.explore.recovery import Graph, Never
+from armadico_tools.explore.replay import Run, replay
+from armadico_tools.explore.search import Limits, Search
+from armadico_tools.explore.world import KINDS, Setup, World
 
 
 @pytest.mark.parametrize(

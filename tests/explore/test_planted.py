@@ -13,11 +13,11 @@ from armadico.core.cycles import CycleClock
 from armadico.core.membership import Admission, Stage
 from armadico.core.messages import Ack, Command, Message
 from armadico.core.resources import Resource
-from armadico.tools.explore.joining import Joining, all_runs, rejoin
-from armadico.tools.explore.replay import replay
-from armadico.tools.explore.search import Counterexample, Limits, Search
-from armadico.tools.explore.testing import as_test, joining_as_test
-from armadico.tools.explore.world import Parts, Setup
+from armadico_tools.explore.joining import Joining, all_runs, rejoin
+from armadico_tools.explore.replay import replay
+from armadico_tools.explore.search import Counterexample, Limits, Search
+from armadico_tools.explore.testing import as_test, joining_as_test
+from armadico_tools.explore.world import Parts, Setup
 
 
 def first(setup: Setup, parts: Parts | None = None, faults: int = 1) -> Counterexample:

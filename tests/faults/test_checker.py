@@ -26,9 +26,9 @@ from armadico.core.messages import (
     Truth,
 )
 from armadico.core.resources import WHEELS
-from armadico.tools.faults.checker import Checker
-from armadico.tools.faults.fault_types import KINDS, WEDGED_S, Promise, voided
-from armadico.tools.faults.observations import (
+from armadico_tools.faults.checker import Checker
+from armadico_tools.faults.fault_types import KINDS, WEDGED_S, Promise, voided
+from armadico_tools.faults.observations import (
     Bids,
     Denied,
     Faulted,

@@ -12,8 +12,8 @@ from armadico.core.messages import (
     RobotState,
     Truth,
 )
-from armadico.tools.faults.event_log import Account
-from armadico.tools.faults.observations import Ordered, Passed, Said
+from armadico_tools.faults.event_log import Account
+from armadico_tools.faults.observations import Ordered, Passed, Said
 
 OLD, NEW = "goto-0000000000000001", "goto-0000000000000002"
 

@@ -9,8 +9,8 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from armadico.config.errors import ConfigError
-from armadico.tools.faults.fault_types import AWAITED, DRAWN, KINDS
-from armadico.tools.faults.plan import (
+from armadico_tools.faults.fault_types import AWAITED, DRAWN, KINDS
+from armadico_tools.faults.plan import (
     BEGIN_S,
     CALM_END_S,
     EVERYBODY,
@@ -21,8 +21,8 @@ from armadico.tools.faults.plan import (
     loads,
     swarm,
 )
-from armadico.tools.faults.shrink import AFTER_S, NOISE, Shrinker
-from armadico.tools.faults.workload import case_of
+from armadico_tools.faults.shrink import AFTER_S, NOISE, Shrinker
+from armadico_tools.faults.workload import case_of
 
 
 @given(st.integers(0, 2**32), st.floats(10.0, 300.0))

@@ -34,10 +34,10 @@ from armadico.core.messages import (
     Trajectory,
 )
 from armadico.core.resources import WHEELS, Resource
-from armadico.tools.faults.fault_types import Promise
-from armadico.tools.faults.plan import EVERYBODY, Case, Fault
-from armadico.tools.faults.series import smallest
-from armadico.tools.faults.workload import Outcome, case_of, run
+from armadico_tools.faults.fault_types import Promise
+from armadico_tools.faults.plan import EVERYBODY, Case, Fault
+from armadico_tools.faults.series import smallest
+from armadico_tools.faults.workload import Outcome, case_of, run
 
 Plant = Callable[[pytest.MonkeyPatch], None]
 BEHAVIOURS = ("goto", "avoid", "gothrough")

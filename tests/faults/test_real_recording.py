@@ -21,9 +21,9 @@ from armadico.core.messages import (
 from armadico.observe.export import rows
 from armadico.observe.recorder import Recording
 from armadico.observe.watching import Heard, Presence
-from armadico.tools.faults.fault_types import Promise
-from armadico.tools.faults.observations import Bids, Left, Passed, Said
-from armadico.tools.faults.real_recording import check, observations
+from armadico_tools.faults.fault_types import Promise
+from armadico_tools.faults.observations import Bids, Left, Passed, Said
+from armadico_tools.faults.real_recording import check, observations
 
 SECOND = 1_000_000_000
 GOTO = "goto-0000000000000001"

@@ -11,8 +11,8 @@ from pathlib import Path
 import pytest
 
 from armadico.cli import main
-from armadico.tools.faults.real_series import ALL, Line, Series
-from armadico.tools.faults.real_trials import TRIALS
+from armadico_tools.faults.real_series import ALL, Line, Series
+from armadico_tools.faults.real_trials import TRIALS
 
 SOON = 90.0
 

@@ -6,10 +6,10 @@ from collections import Counter
 
 import pytest
 
-from armadico.tools.faults.fault_types import DRAWN
-from armadico.tools.faults.series import CAMPAIGN, CAMPAIGN_S, Summary, Task, missing, work
-from armadico.tools.faults.sightings import AWAITED_SIGHTS, Sight
-from armadico.tools.faults.workload import case_of
+from armadico_tools.faults.fault_types import DRAWN
+from armadico_tools.faults.series import CAMPAIGN, CAMPAIGN_S, Summary, Task, missing, work
+from armadico_tools.faults.sightings import AWAITED_SIGHTS, Sight
+from armadico_tools.faults.workload import case_of
 
 FIRST, SEEDS, EACH, SECONDS = 200, 100, 10, 30.0
 

@@ -23,11 +23,11 @@ from armadico.core.messages import (
     Trajectory,
     Truth,
 )
-from armadico.tools.faults.fault_types import AWAITED, KINDS
-from armadico.tools.faults.plan import Case, Fault
-from armadico.tools.faults.sightings import Sight
-from armadico.tools.faults.stranger import BEYOND, FLOOD, MOST_POINTS, RATCHET, STRANGE, WHO
-from armadico.tools.faults.workload import Workload, case_of
+from armadico_tools.faults.fault_types import AWAITED, KINDS
+from armadico_tools.faults.plan import Case, Fault
+from armadico_tools.faults.sightings import Sight
+from armadico_tools.faults.stranger import BEYOND, FLOOD, MOST_POINTS, RATCHET, STRANGE, WHO
+from armadico_tools.faults.workload import Workload, case_of
 
 ALL = ("robot", "encoder", "sonar", "goto", "avoid", "gothrough", "path-planning", "interface")
 

@@ -18,7 +18,7 @@ EVIL = "raise SystemExit('what lies in the current folder was imported')\n"
 HOSTILE = ("armadico/__init__.py", "json.py", "selectors.py", "socket.py", "cbor2.py")
 
 WORKERS = """
-from armadico.tools.experiments.pool import over
+from armadico.cli.pool import over
 if __name__ == "__main__":
     print(over(abs, [-1, -2], 2, "workers"))
 """

@@ -14,7 +14,7 @@ RULES: tuple[tuple[str, str, tuple[str, ...]], ...] = (
     (
         "armadico",
         "the framework knows no robot and no behaviour",
-        ("armadico.agents", "armadico.bridge", "armadico.tools"),
+        ("armadico.agents", "armadico.bridge", "armadico_tools"),
     ),
     ("armadico.agents", "agents hold no sockets, threads or clocks", SOCKETS),
     ("armadico.agents", "agents draw nothing", DRAWING),
@@ -22,14 +22,14 @@ RULES: tuple[tuple[str, str, tuple[str, ...]], ...] = (
         "armadico.agents",
         "agents know the mesh and the robot by messages only",
         (
-            *("armadico.bridge", "armadico.tools", "armadico.cli", "armadico.mesh"),
+            *("armadico.bridge", "armadico_tools", "armadico.cli", "armadico.mesh"),
             *("armadico.runtime", "armadico.observe", "armadico.launch"),
         ),
     ),
     (
         "armadico.bridge",
         "the robot knows no behaviour",
-        ("armadico.agents", "armadico.tools", "armadico.cli", "armadico.launch"),
+        ("armadico.agents", "armadico_tools", "armadico.cli", "armadico.launch"),
     ),
     (
         "armadico.bridge.robot",
@@ -86,7 +86,7 @@ ZENOH = "armadico.mesh.zenoh"
 
 def of(package: str) -> list[str]:
     """The modules that a rule is about: sub-packages with rules of their own are not."""
-    parts = ("armadico.agents", "armadico.bridge", "armadico.tools")
+    parts = ("armadico.agents", "armadico.bridge", "armadico_tools")
     others = [part for part in parts if part != package and within(part, package)]
     apart = (*others, *APART.get(package, ()))
     return [
@@ -130,7 +130,7 @@ def test_methods_know_no_agent() -> None:
 def test_one_module_knows_zenoh_and_the_floors_that_it_is_measured_against() -> None:
     users = {name for name in modules() if any(within(i, "zenoh") for i in imports(name))}
     assert ZENOH in users
-    assert all(name.startswith("armadico.tools.bench") for name in users - {ZENOH})
+    assert all(name.startswith("armadico_tools.bench") for name in users - {ZENOH})
 
 
 @pytest.mark.parametrize(

@@ -12,25 +12,38 @@ import pytest
 
 from armadico.config.discovery import Found
 from armadico.core.agent import Agent
-from tests.house.tree import FOLDERS, ROOT, modules, package_files, project
+from tests.house.tree import FOLDERS, LABORATORY, ROOT, modules, package_files, project
 
-ENTRIES = [
-    Found(name, value, "armadico")
-    for points in project()["project"]["entry-points"].values()
+DISTRIBUTIONS = {"armadico": ".", "armadico_tools": LABORATORY}
+"""Packages, and the folders of the project files that they are built by."""
+
+POINTS = [
+    (group, name, value)
+    for folder in DISTRIBUTIONS.values()
+    for group, points in project(folder)["project"]["entry-points"].items()
     for name, value in points.items()
 ]
+ENTRIES = [Found(name, value, "armadico") for _, name, value in POINTS]
+
+
+@pytest.fixture(scope="module", params=DISTRIBUTIONS)
+def package(request: pytest.FixtureRequest) -> str:
+    """Each distribution, by the name of its package."""
+    name: str = request.param
+    return name
 
 
 @pytest.fixture(scope="module")
-def wheel(tmp_path_factory: pytest.TempPathFactory) -> set[str]:
+def wheel(package: str, tmp_path_factory: pytest.TempPathFactory) -> set[str]:
     """The names of the files in a wheel that is built, without the network, from a copy."""
     copy = tmp_path_factory.mktemp("checkout")
-    ignore = shutil.ignore_patterns("__pycache__")
+    ignore = shutil.ignore_patterns("__pycache__", "*.egg-info")
     for folder in FOLDERS:
         shutil.copytree(ROOT / folder, copy / folder, symlinks=True, ignore=ignore)
     for name in ("pyproject.toml", "README.md", "LICENSE"):
         shutil.copy(ROOT / name, copy)
-    command = [*("-m", "build", "--wheel", "--no-isolation", "--outdir", "dist"), "."]
+    command = [*("-m", "build", "--wheel", "--no-isolation", "--outdir", "dist")]
+    command.append(DISTRIBUTIONS[package])
     done = subprocess.run(
         [sys.executable, *command], cwd=copy, capture_output=True, text=True, check=False
     )
@@ -40,18 +53,32 @@ def wheel(tmp_path_factory: pytest.TempPathFactory) -> set[str]:
         return set(archive.namelist())
 
 
-def test_the_wheel_is_the_tree(wheel: set[str]) -> None:
+def test_the_wheel_is_the_tree(wheel: set[str], package: str) -> None:
+    """So no experiment is in the product's."""
     inside = {name for name in wheel if ".dist-info/" not in name}
-    assert inside == {name for name, _ in package_files()}
+    assert inside == {name for name, _ in package_files() if Path(name).parts[0] == package}
 
 
-def test_the_wheel_has_the_licence_and_the_type_marker(wheel: set[str]) -> None:
+def test_the_wheel_has_the_licence_and_the_type_marker(wheel: set[str], package: str) -> None:
     assert any(name.endswith(".dist-info/licenses/LICENSE") for name in wheel)
-    assert "armadico/py.typed" in wheel
+    assert f"{package}/py.typed" in wheel
 
 
-def test_it_takes_one_name_among_other_peoples_packages(wheel: set[str]) -> None:
-    assert {Path(name).parts[0].partition("-")[0] for name in wheel} == {"armadico"}
+def test_it_takes_one_name_among_other_peoples_packages(wheel: set[str], package: str) -> None:
+    assert {Path(name).parts[0].partition("-")[0] for name in wheel} == {package}
+
+
+def test_both_are_of_one_version_and_the_laboratory_needs_that_one() -> None:
+    product, laboratory = (project(folder)["project"] for folder in DISTRIBUTIONS.values())
+    assert product["version"] == laboratory["version"]
+    needed = [d for d in laboratory["dependencies"] if d.startswith("armadico")]
+    assert needed == [f"armadico[plot]=={product['version']}"]
+
+
+def test_what_the_laboratory_needs_besides_is_locked() -> None:
+    needed = set(project(LABORATORY)["project"]["dependencies"])
+    lines = (ROOT / "requirements" / "tools.in").read_text(encoding="utf-8").splitlines()
+    assert {d for d in needed if not d.startswith("armadico")} == {*lines[1:]}
 
 
 @pytest.mark.parametrize("entry", ENTRIES, ids=lambda entry: entry.name)
@@ -69,18 +96,10 @@ def test_every_agent_goes_by_the_name_of_its_entry_point() -> None:
 
 
 def test_every_agent_and_command_has_an_entry_point() -> None:
-    points = project()["project"]["entry-points"]
-    announced = {
-        value.partition(":")[0]
-        for group in ("armadico.agents", "armadico.commands")
-        for value in points[group].values()
-    }
-    helpers = ("options", "latch", "places", "agent")
+    announced = {value.partition(":")[0] for _, _, value in POINTS}
+    helpers = ("options", "latch", "places", "agent", "pool")
     not_commands = {f"armadico.cli.{name}" for name in helpers}
-    there = {
-        name
-        for name in modules()
-        if name.count(".") == 2 and name.startswith(("armadico.agents.", "armadico.cli."))
-    }
+    rooms = ("armadico.agents.", "armadico.cli.", "armadico_tools.commands.")
+    there = {name for name in modules() if name.count(".") == 2 and name.startswith(rooms)}
     missing = there - announced - not_commands - {"armadico.agents.methods"}
     assert not missing

@@ -1,6 +1,7 @@
 """The tree of sources as the tests of the house see it: modules, what they import, where they are.
 
 The tree is the package: `agents/` lies beside `armadico/`, and a link in it makes a package of it.
+There are two distributions, each with a project file: the product, and the laboratory in `tools/`.
 """
 
 from __future__ import annotations
@@ -15,28 +16,35 @@ from typing import Any
 
 ROOT = Path(__file__).resolve().parents[2]
 
-PARTS = ("agents", "bridge", "configs", "tools")
+PARTS = ("agents", "bridge", "configs")
 """The packages of `armadico` that lie beside it; within it each is a link."""
 
-FOLDERS = ("armadico", *PARTS)
+PRODUCT = ("armadico", *PARTS)
+LABORATORY = "tools"
+FOLDERS = (*PRODUCT, LABORATORY)
 """Where there are sources, each of them once."""
 
 JUNK = {"__pycache__"}
 
 
-def project() -> dict[str, Any]:
-    """The project file."""
-    with (ROOT / "pyproject.toml").open("rb") as file:
+def project(folder: str = ".") -> dict[str, Any]:
+    """The project file of a distribution."""
+    with (ROOT / folder / "pyproject.toml").open("rb") as file:
         return tomllib.load(file)
 
 
 def package_files() -> Iterator[tuple[str, Path]]:
     """Everything in the packages: where it is installed, and where it is in the checkout."""
-    for folder, inside, names in os.walk(ROOT / "armadico", followlinks=True):
+    yield from _files(ROOT, "armadico")
+    yield from _files(ROOT / LABORATORY, "armadico_tools")
+
+
+def _files(root: Path, package: str) -> Iterator[tuple[str, Path]]:
+    for folder, inside, names in os.walk(root / package, followlinks=True):
         inside[:] = sorted(set(inside) - JUNK)
         for name in sorted(names):
             path = Path(folder, name)
-            yield path.relative_to(ROOT).as_posix(), path.resolve()
+            yield path.relative_to(root).as_posix(), path.resolve()
 
 
 @cache

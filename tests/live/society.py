@@ -31,7 +31,7 @@ from armadico.mesh.topology import topology
 from armadico.mesh.zenoh import ZenohMesh
 from armadico.observe.measures import driver
 from armadico.runtime.client import Client
-from armadico.tools.faults.serial_tap import Tap, moves
+from armadico_tools.faults.serial_tap import Tap, moves
 
 SOON = 40.0
 """s; a deadline, not an expectation."""

@@ -10,7 +10,7 @@ from signal import SIGCONT, SIGSTOP
 import pytest
 
 from armadico.bridge.p2os.commands import Cmd
-from armadico.tools.faults.serial_tap import moves, statuses_until_stop
+from armadico_tools.faults.serial_tap import moves, statuses_until_stop
 from tests.live.conftest import Start
 from tests.live.society import ballots_never_go_down
 from tests.live.test_kills import MOST_STATUSES

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import pytest
 
-from armadico.tools.faults.serial_tap import statuses_until_stop
+from armadico_tools.faults.serial_tap import statuses_until_stop
 from tests.live.conftest import Start
 from tests.live.society import ballots_never_go_down
 

@@ -8,7 +8,7 @@ from msgspec import structs
 from armadico.bridge.p2os.commands import Cmd, decode_command
 from armadico.bridge.p2os.packets import Decoder
 from armadico.bridge.p2os.session import ZERO
-from armadico.tools.faults.serial_tap import moves
+from armadico_tools.faults.serial_tap import moves
 from tests.live.conftest import Start
 from tests.live.society import LINE, ballots_never_go_down
 

@@ -20,7 +20,7 @@ from armadico.launch.society import Options
 from armadico.mesh.ports import private_endpoints
 from armadico.observe.measures import Result, RunWatch
 from armadico.runtime.errors import RunFailedError
-from armadico.tools.faults.serial_tap import Tap, moves
+from armadico_tools.faults.serial_tap import Tap, moves
 from tests.live.conftest import NAMESPACE, Start
 from tests.live.society import LINE, SOON, Observer, mesh_of
 

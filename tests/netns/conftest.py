@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import pytest
 
-from armadico.tools.hosts.namespaces import lacking
+from armadico_tools.hosts.namespaces import lacking
 
 
 @pytest.fixture(scope="session", autouse=True)

@@ -11,8 +11,8 @@ from pathlib import Path
 import psutil
 import pytest
 
-from armadico.tools.hosts.namespaces import Host, Network
-from armadico.tools.hosts.switch import Faults
+from armadico_tools.hosts.namespaces import Host, Network
+from armadico_tools.hosts.switch import Faults
 
 ADDRESSES = {"left": "10.77.1.1", "right": "10.77.1.2"}
 PORT = 5000
@@ -109,7 +109,7 @@ def test_whoever_is_killed_leaves_neither_processes_nor_namespaces(tmp_path: Pat
     script = tmp_path / "maker.py"
     script.write_text(
         "import sys, time\n"
-        "from armadico.tools.hosts.namespaces import Network\n"
+        "from armadico_tools.hosts.namespaces import Network\n"
         "network = Network({'left': '10.77.1.1', 'right': '10.77.1.2'})\n"
         "sleeper = [sys.executable, '-c', 'import time; time.sleep(600)']\n"
         "made = network.hosts['left'].popen(sleeper)\n"

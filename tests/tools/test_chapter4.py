@@ -11,7 +11,7 @@ from typing import Any
 import pytest
 
 from armadico.agents.methods.controllers import Mode
-from armadico.tools.experiments import controllers, identify, speed
+from armadico_tools.experiments import controllers, identify, speed
 
 
 class Folder:

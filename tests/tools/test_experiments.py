@@ -13,17 +13,18 @@ from pathlib import Path
 
 import pytest
 
-from armadico.cli.experiment import main
+from armadico.cli import pool
 from armadico.cli.options import FailedError, UsageError
 from armadico.config.scenarios import load_scenario
-from armadico.tools.experiments import EXPERIMENTS, base, module, pool, published, statistics, store
-from armadico.tools.experiments.base import Context
-from armadico.tools.experiments.driving import Cell, Drive, Sample, drive, key_of
-from armadico.tools.experiments.floor_plans import PASSAGE_M, floor_plan, passable, save
-from armadico.tools.experiments.histories import History
-from armadico.tools.experiments.table_5_3 import join
-from armadico.tools.experiments.tables import Column, compare, differences
-from armadico.tools.experiments.traces import Tick, exchanges_of, reigns_of, smoothness
+from armadico_tools.commands.experiment import main
+from armadico_tools.experiments import EXPERIMENTS, base, module, published, statistics, store
+from armadico_tools.experiments.base import Context
+from armadico_tools.experiments.driving import Cell, Drive, Sample, drive, key_of
+from armadico_tools.experiments.floor_plans import PASSAGE_M, floor_plan, passable, save
+from armadico_tools.experiments.histories import History
+from armadico_tools.experiments.table_5_3 import join
+from armadico_tools.experiments.tables import Column, compare, differences
+from armadico_tools.experiments.traces import Tick, exchanges_of, reigns_of, smoothness
 
 SC1 = Cell("sc1 collaborative", "sc1", without=("gothrough",))
 FAST = Cell("sc1 fast", "sc1", controller="fast", without=("gothrough",))
@@ -255,7 +256,8 @@ def test_wrong_calls_are_told_what_is_right(words: list[str], says: str, tmp_pat
 
 def test_the_list_says_what_each_is_and_imports_nothing_heavy() -> None:
     script = (
-        "import sys\nfrom armadico.cli.experiment import main\nmain(['--list', '--json'])\n"
+        "import sys\nfrom armadico_tools.commands.experiment import main\n"
+        "main(['--list', '--json'])\n"
         "heavy = {'numpy', 'scipy', 'matplotlib', 'msgspec', 'pymunk', 'rich'}\n"
         "print(sorted(heavy & set(sys.modules)))"
     )

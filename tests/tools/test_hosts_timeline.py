@@ -5,9 +5,9 @@ from __future__ import annotations
 import pytest
 
 from armadico.core.messages import Ack, Ballot, BidHistory, BidRecord, Card, Command, Cycle
-from armadico.tools.hosts import events
-from armadico.tools.hosts.remote_observer import told
-from armadico.tools.hosts.timeline import Story, Takeover
+from armadico_tools.hosts import events
+from armadico_tools.hosts.remote_observer import told
+from armadico_tools.hosts.timeline import Story, Takeover
 
 GOTO, AVOID = "goto-0000000000000001", "avoid-0000000000000002"
 HOMES = {GOTO: "lab2", AVOID: "lab1"}

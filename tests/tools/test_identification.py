@@ -14,11 +14,11 @@ import pytest
 from armadico.bridge.p2os.transports import TransportError
 from armadico.bridge.simulator.pioneer import of_scenario
 from armadico.bridge.simulator.plant import seeded
-from armadico.cli import identify as command
 from armadico.cli import main
 from armadico.cli.options import FailedError
 from armadico.config.scenarios import load_scenario
-from armadico.tools.experiments.identify import (
+from armadico_tools.commands import identify as command
+from armadico_tools.experiments.identify import (
     MENDED,
     STRAIGHT,
     TURNING,
@@ -27,7 +27,7 @@ from armadico.tools.experiments.identify import (
     profile,
     record,
 )
-from armadico.tools.identification import (
+from armadico_tools.identification import (
     ANGULAR,
     LINEAR,
     Estimate,
@@ -41,7 +41,7 @@ from armadico.tools.identification import (
     response,
     truth,
 )
-from armadico.tools.speed_log import Floats, Log, LogError, Recorder, read_log, write_log
+from armadico_tools.speed_log import Floats, Log, LogError, Recorder, read_log, write_log
 
 ROBOT = profile()
 TRUE = truth(ROBOT)

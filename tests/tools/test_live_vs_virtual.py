@@ -8,9 +8,9 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from armadico.tools.experiments import statistics
-from armadico.tools.experiments.driving import Sample
-from armadico.tools.experiments.live_vs_virtual import compare
+from armadico_tools.experiments import statistics
+from armadico_tools.experiments.driving import Sample
+from armadico_tools.experiments.live_vs_virtual import compare
 
 
 def run(cell: str, seed: int, tt_s: float) -> Sample:

@@ -7,8 +7,8 @@ from pathlib import Path
 
 import pytest
 
-from armadico.tools import mutants
-from armadico.tools.mutants import (
+from armadico_tools import mutants
+from armadico_tools.mutants import (
     LEFT_OUT,
     ROOT,
     TESTS,
@@ -19,7 +19,7 @@ from armadico.tools.mutants import (
     path_of,
     summary,
 )
-from armadico.tools.mutants_explained import EXPLAINED
+from armadico_tools.mutants_explained import EXPLAINED
 
 SOURCE = '''"""A module."""
 

@@ -10,7 +10,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from armadico.tools.hosts.switch import WHOLE, Faults, LinkError, Switch, parse_link
+from armadico_tools.hosts.switch import WHOLE, Faults, LinkError, Switch, parse_link
 
 NAMES = ("robot", "lab1", "lab2")
 MAC = {name: bytes((2, 0, 0, 0, 0, n)) for n, name in enumerate(NAMES, 1)}

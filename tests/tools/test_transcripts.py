@@ -18,9 +18,9 @@ from armadico.core.driver import misaddressed
 from armadico.core.exchange import EXCHANGES
 from armadico.core.messages import Ack, Ballot, Claim, Command, Cycle, MessageError, decode, encode
 from armadico.core.resources import WHEELS
-from armadico.tools.docs import ROOT
-from armadico.tools.transcripts import __main__ as tool
-from armadico.tools.transcripts.replay import (
+from armadico_tools.docs import ROOT
+from armadico_tools.transcripts import __main__ as tool
+from armadico_tools.transcripts.replay import (
     LIFE,
     difference_of,
     first_difference,
@@ -29,9 +29,9 @@ from armadico.tools.transcripts.replay import (
     outputs,
     replayed,
 )
-from armadico.tools.transcripts.scenes import SCENES
-from armadico.tools.transcripts.tape import KINDS, Line, Transcript, fields_of, read
-from armadico.tools.transcripts.vectors import VECTORS, Vector
+from armadico_tools.transcripts.scenes import SCENES
+from armadico_tools.transcripts.tape import KINDS, Line, Transcript, fields_of, read
+from armadico_tools.transcripts.vectors import VECTORS, Vector
 
 FOLDER = ROOT / tool.FOLDER
 NAMES = [scene.name for scene in SCENES]
@@ -52,7 +52,7 @@ def said(name: str, who: str, kind: str, since: float = 0.0) -> list[Line]:
 
 
 def test_no_file_is_stale(capsys: pytest.CaptureFixture[str]) -> None:
-    assert tool.main(["--check"]) == 0, "python -m armadico.tools.transcripts writes them again"
+    assert tool.main(["--check"]) == 0, "python -m armadico_tools.transcripts writes them again"
     assert not capsys.readouterr().out
 
 

@@ -1,0 +1,1 @@
+"""What measures a society, beside the bare mesh."""

@@ -1,0 +1,167 @@
+"""Contenders for the wheels on the virtual mesh: what they say, and how soon they are obeyed."""
+
+from __future__ import annotations
+
+from collections import Counter
+from math import cos, pi
+from typing import Any, ClassVar, Final
+
+from armadico.core.agent import Agent, Identity, Subscription
+from armadico.core.cycles import PERIOD
+from armadico.core.exchange import Bid
+from armadico.core.messages import Ballot, Claim, Command, Cycle, Message, RobotState
+from armadico.core.resources import WHEELS, Resource
+from armadico.mesh.virtual import VirtualMesh
+from armadico_tools.bench.figures import Figure, Tell, figure
+
+CROWDS: Final = (3, 10, 50)
+"""Numbers of contenders."""
+
+SETTLE_CYCLES: Final = 20
+ROUND_CYCLES: Final = 400
+"""In which the utility wanders once through all contenders."""
+
+TURN_CYCLES: Final = 15
+"""After so many the best bid is another contender's."""
+
+
+class Robot(Agent):
+    """Makes the cycles and owns the wheels as the robot agent does, without a robot."""
+
+    name = "robot"
+    owns = (WHEELS,)
+    provides: ClassVar[tuple[type[Message], ...]] = (RobotState,)
+
+    def __init__(self, identity: Identity, parameters: Any = None) -> None:
+        super().__init__(identity, parameters)
+        self.number = 0
+        self.first_obeyed: dict[Ballot, int] = {}  # by ballot, the cycle of its first command
+        self._speed = (0.0, 0.0)
+
+    @classmethod
+    def subscriptions(cls) -> tuple[Subscription, ...]:
+        """It makes the cycles, so it does not hear them."""
+        return tuple(s for s in super().subscriptions() if s.message is not RobotState)
+
+    def on_start(self) -> None:
+        """Begin to make cycles."""
+        self.on_wakeup()
+
+    def on_wakeup(self) -> None:
+        """One cycle."""
+        self.wake_at(self.now + PERIOD)
+        self.number += 1
+        cycle = Cycle(1, self.number)
+        self.cycles.advance(cycle, self.now)
+        self.tenure += 1
+        self.publish(RobotState(cycle, 0, 0, 0, *self._speed, 12, True, False))
+        self.acknowledge()
+
+    def obey(self, resource: Resource, action: Any) -> None:
+        """Have the speeds, and note whose command was the first of its ballot."""
+        self._speed = action
+        ballot = self.owner(resource).obeyed
+        assert ballot is not None, "its command was just obeyed"
+        self.first_obeyed.setdefault(ballot, self.number)
+
+    def rest(self, resource: Resource) -> None:  # noqa: ARG002 - it owns one
+        """Have no speed."""
+        self._speed = (0.0, 0.0)
+
+    def measure(self, resource: Resource) -> tuple[float, float]:  # noqa: ARG002 - it owns one
+        """The speeds that were last obeyed, m/s and rad/s."""
+        return self._speed
+
+
+class Wanderer(Agent):
+    """Its utility rises and falls once a round; the others' do so at other times."""
+
+    reacts_to = RobotState
+    needs = (RobotState,)
+    competes_for = (WHEELS,)
+    place: ClassVar[float] = 0.0  # within the round, from 0 to 1
+
+    def bid(self, message: RobotState) -> Bid | None:
+        """Always something; the nearer its place, the better."""
+        phase = message.cycle.number / ROUND_CYCLES - self.place
+        return Bid(0.5 + 0.4 * cos(2 * pi * phase), (0.5, 0.1 * self.place))
+
+
+class TurnTaker(Agent):
+    """Bids 0.9 when it is its turn, else 0.3."""
+
+    reacts_to = RobotState
+    needs = (RobotState,)
+    competes_for = (WHEELS,)
+    place: ClassVar[int] = 0
+
+    def bid(self, message: RobotState) -> Bid | None:
+        """One of `CROWDS[0]` takes its turn."""
+        turn = message.cycle.number // TURN_CYCLES % CROWDS[0]
+        return Bid(0.9 if turn == self.place else 0.3, (0.5, 0.2 * self.place))
+
+
+def messages_per_cycle(quick: bool, tell: Tell) -> list[Figure]:
+    """Claims and commands in each cycle of a round, for each crowd."""
+    rounds = 1 if quick else 3
+    alone = _talk(1, rounds)
+    figures = []
+    for done, crowd in enumerate(CROWDS, 1):
+        row = figure(f"messages-per-cycle-{crowd}", "messages", _talk(crowd, rounds), alone)
+        figures.append(row)
+        tell(done / len(CROWDS))
+    return figures
+
+
+def _talk(crowd: int, rounds: int) -> list[int]:
+    """How many messages each cycle brought."""
+    mesh = VirtualMesh(seed=crowd)
+    said: Counter[int] = Counter()
+    mesh.watch(lambda _key, message, _now: said.update([_number(message)]), Claim, Command)
+    mesh.add(Robot(mesh.identity("robot")), admit=False)
+    for index in range(crowd):
+        _join(mesh, Wanderer, f"wanderer-{index}", index / crowd)
+    cycles = range(SETTLE_CYCLES, SETTLE_CYCLES + rounds * ROUND_CYCLES)
+    mesh.run((cycles.stop + 1) * PERIOD)
+    return [said[number] for number in cycles]
+
+
+def _number(message: Message) -> int:
+    assert isinstance(message, Claim | Command), "nothing else is watched"
+    return message.cycle.number
+
+
+def cycles_to_obeyed(quick: bool, tell: Tell) -> list[Figure]:
+    """Cycles from the one in which somebody else's bid is the best to its first obeyed command."""
+    turns = 20 if quick else 100
+    cycles: list[int] = []
+    for seed in range(5):
+        cycles += _takeovers(seed, turns)
+        tell((seed + 1) / 5)
+    return [figure("cycles-to-obeyed", "cycles", cycles)]
+
+
+def _takeovers(seed: int, turns: int) -> list[int]:
+    mesh = VirtualMesh(seed)
+    robot = Robot(mesh.identity("robot"))
+    mesh.add(robot, admit=False)
+    names = [f"turn-taker-{index}" for index in range(CROWDS[0])]
+    for index, name in enumerate(names):
+        _join(mesh, TurnTaker, name, index)
+    mesh.run(((turns + 2) * TURN_CYCLES - 1) * PERIOD)
+    obeyed = [(at, ballot.instance) for ballot, at in robot.first_obeyed.items()]
+    return [
+        _first(obeyed, names[turn % len(names)], turn * TURN_CYCLES) - turn * TURN_CYCLES + 1
+        for turn in range(2, turns + 2)
+    ]
+
+
+def _first(obeyed: list[tuple[int, str]], name: str, since: int) -> int:
+    """The cycle, from `since` on, in which an agent was first obeyed."""
+    return next(at for at, who in obeyed if at >= since and who.startswith(name))
+
+
+def _join(mesh: VirtualMesh, kind: type[Agent], name: str, place: float) -> None:
+    """A contender of its own class."""
+    own = type(name.title(), (kind,), {"name": name, "place": place})
+    mesh.add(own(mesh.identity(name)), admit=False)

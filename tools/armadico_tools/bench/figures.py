@@ -1,0 +1,152 @@
+"""What `armadico bench` measures, and how a figure is stated.
+
+Machines are shared and noisy, so a figure stands beside the floor that was measured in the same
+run, in turns with it, and the ratio of both is what is compared from one machine to the next.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from importlib import import_module
+from typing import Final
+
+Tell = Callable[[float], None]
+"""Told how much of a benchmark is done, from 0 to 1."""
+
+
+@dataclass(frozen=True)
+class Figure:
+    """One row. p99 is the bad end: of a rate, where more is better, what 99 of 100 exceed.
+
+    A figure that was measured once has no p99; one that is compared with nothing has no floor.
+    """
+
+    name: str
+    unit: str
+    p50: float
+    p99: float | None = None
+    floor_p50: float | None = None
+    floor_p99: float | None = None
+    ratio: float | None = None  # p50 over the floor's
+
+
+@dataclass(frozen=True)
+class Benchmark:
+    """One thing to measure: `function` ("module:name") takes (quick, tell) and gives figures."""
+
+    name: str
+    summary: str
+    floor: str
+    aim: str
+    function: str
+
+    def measure(self, quick: bool, tell: Tell) -> list[Figure]:
+        """Do it; nothing of it is imported before."""
+        module, _, name = self.function.partition(":")
+        measure: Callable[[bool, Tell], list[Figure]] = getattr(import_module(module), name)
+        return measure(quick, tell)
+
+
+BENCHMARKS: Final = (
+    Benchmark(
+        "sip-to-command",
+        "from a status packet's last byte to the motor command that it caused, through robot,"
+        " encoder and goto as processes",
+        "bare zenoh-python: as many hops between as many processes, TCP at both ends",
+        "at most 1.5 times the floor at p50, 2 times at p99",
+        "armadico_tools.bench.latency:sip_to_command",
+    ),
+    Benchmark(
+        "sip-to-command-together",
+        "the same, with all agents but the robot agent in one process",
+        "the same floors: every agent a process of its own",
+        "at most 1.5 times the floor at p50, 2 times at p99",
+        "armadico_tools.bench.latency:sip_to_command_together",
+    ),
+    Benchmark(
+        "messages-per-cycle",
+        "claims and commands for a resource in a cycle, by the number of contenders",
+        "a lone contender",
+        "flat",
+        "armadico_tools.bench.contest:messages_per_cycle",
+    ),
+    Benchmark(
+        "cycles-to-obeyed",
+        "cycles from a bid that wins to its first obeyed command, that of the bid included",
+        "",
+        "1",
+        "armadico_tools.bench.contest:cycles_to_obeyed",
+    ),
+    Benchmark(
+        "speed",
+        "simulated seconds in a second of the whole virtual society, by the wall and by the CPU",
+        "the simulated robot alone, driven along",
+        "1.6 times commit c949985, run in turns; 200, at least 100",
+        "armadico_tools.bench.speed:speed",
+    ),
+    Benchmark(
+        "start",
+        "from starting `armadico-agent goto` to its token seen by another process",
+        "bare Python that opens a Zenoh session and declares a token",
+        "",
+        "armadico_tools.bench.start:start",
+    ),
+    Benchmark(
+        "imports",
+        "modules that --help imports; imports-heavy: numpy, zenoh, pymunk and their like among"
+        " them",
+        "bare Python",
+        "imports-heavy 0",
+        "armadico_tools.bench.start:imports",
+    ),
+    Benchmark(
+        "memory",
+        "of one agent process, driving: resident (rss), and what is its own alone (uss)",
+        "bare Python with Zenoh open",
+        "",
+        "armadico_tools.bench.society:memory",
+    ),
+    Benchmark(
+        "cpu",
+        "of the society's processes at 10 Hz, driving sc1, in per cent of a core",
+        "",
+        "",
+        "armadico_tools.bench.society:cpu",
+    ),
+)
+"""Everything that can be measured, in the order in which it is."""
+
+
+def figure(
+    name: str,
+    unit: str,
+    values: Sequence[float],
+    floor: Sequence[float] = (),
+    *,
+    more_is_better: bool = False,
+) -> Figure:
+    """State what was measured, and the floor if there is one. Raises ValueError without values."""
+    if not values:
+        raise ValueError(f"{name}: nothing was measured")
+    bad = 0.01 if more_is_better else 0.99
+    p50 = percentile(values, 0.5)
+    floor_p50 = percentile(floor, 0.5) if floor else None
+    return Figure(
+        name,
+        unit,
+        p50,
+        percentile(values, bad) if len(values) > 1 else None,
+        floor_p50,
+        percentile(floor, bad) if len(floor) > 1 else None,
+        p50 / floor_p50 if floor_p50 else None,
+    )
+
+
+def percentile(values: Sequence[float], share: float) -> float:
+    """The value that this share of the others does not exceed, between two of them if need be."""
+    ordered = sorted(values)
+    place = share * (len(ordered) - 1)
+    below = int(place)
+    above = min(below + 1, len(ordered) - 1)
+    return ordered[below] + (place - below) * (ordered[above] - ordered[below])

@@ -1,0 +1,80 @@
+"""How fast a virtual society runs, on one core, beside the simulated robot alone."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Callable
+from functools import partial
+from typing import Final, NamedTuple
+
+from armadico.bridge.p2os.commands import Cmd, command, quantity
+from armadico.bridge.simulator.pioneer import of_scenario
+from armadico.bridge.simulator.plant import seeded
+from armadico.config.scenarios import Scenario, load_scenario
+from armadico.launch.society import Options
+from armadico.launch.virtual import Rehearsal
+from armadico_tools.bench.figures import Figure, Tell, figure
+
+SCENARIOS: Final = ("sc4", "sc1")
+V_SET: Final = 0.1  # m/s
+W_SET: Final = 0.5  # rad/s: in a circle of 0.2 m, so that it touches nothing
+CYCLE_S: Final = 0.1
+
+SYNC: Final = (command(Cmd.PULSE), command(Cmd.OPEN), command(Cmd.CLOSE))
+"""SYNC0, SYNC1 and SYNC2 are the same bytes."""
+
+
+class Pace(NamedTuple):
+    """Simulated seconds in a second by the wall clock, and of this process's CPU time."""
+
+    wall: float
+    cpu: float
+
+
+def speed(quick: bool, tell: Tell) -> list[Figure]:
+    """Whole runs, handshake and planning included; each seed is followed by its floor."""
+    seeds = range(3 if quick else 12)
+    figures: list[Figure] = []
+    for at, name in enumerate(SCENARIOS):
+        scenario = load_scenario(name)
+        whole, robot = [], []
+        for seed in seeds:
+            rehearsal = Rehearsal(scenario, Options(seed=seed))
+            whole.append(_pace(partial(_drive, rehearsal)))
+            robot.append(_pace(partial(_alone, scenario, seed, rehearsal.mesh.now)))
+            tell((at + (seed + 1) / len(seeds)) / len(SCENARIOS))
+        figures += _figures(name, whole, robot)
+    return figures
+
+
+def _figures(name: str, whole: list[Pace], robot: list[Pace]) -> list[Figure]:
+    rows = ((f"speed-{name}", 0), (f"speed-{name}-cpu", 1))
+    return [
+        figure(row, "s/s", [p[i] for p in whole], [p[i] for p in robot], more_is_better=True)
+        for row, i in rows
+    ]
+
+
+def _pace(run: Callable[[], float]) -> Pace:
+    """Time something that returns how many seconds it simulated."""
+    wall, cpu = time.perf_counter(), time.process_time()
+    simulated = run()
+    return Pace(simulated / (time.perf_counter() - wall), simulated / (time.process_time() - cpu))
+
+
+def _drive(rehearsal: Rehearsal) -> float:
+    rehearsal.run()
+    return rehearsal.mesh.now
+
+
+def _alone(scenario: Scenario, seed: int, duration: float) -> float:
+    """The robot in its world, commanded each cycle, for as long as the society took."""
+    robot = of_scenario(scenario, seeded(seed))
+    robot.watch(lambda _truth: None)
+    for packet in (*SYNC, command(Cmd.OPEN), command(Cmd.ENABLE, 1)):
+        robot.receive(packet, 0.0)
+    cycles = round(duration / CYCLE_S)
+    for cycle in range(1, cycles + 1):
+        robot.advance(cycle * CYCLE_S)
+        robot.receive(quantity(Cmd.VEL, V_SET) + quantity(Cmd.RVEL, W_SET), cycle * CYCLE_S)
+    return cycles * CYCLE_S

@@ -1,0 +1,1 @@
+"""Commands of the laboratory: `armadico bench`, `armadico faults` and so on."""

@@ -1,0 +1,140 @@
+"""Measure speed, latency and size, each beside the floor that it is compared with."""
+
+from __future__ import annotations
+
+import dataclasses
+import json
+import sys
+from collections.abc import Callable, Iterator, Sequence
+from contextlib import contextmanager
+from typing import TYPE_CHECKING, Final
+
+from armadico.cli import options
+from armadico.cli.options import FailedError, UsageError
+
+if TYPE_CHECKING:
+    from armadico_tools.bench.figures import Benchmark, Figure
+
+EXAMPLES: Final = """\
+  armadico bench                         everything, in under 3 minutes
+  armadico bench --quick                 everything, less exactly, in under 40 s
+  armadico bench sip-to-command speed    these only
+  armadico bench --list                  what there is, and what each is compared with
+  armadico bench imports --json | jq .
+"""
+
+
+def main(argv: Sequence[str]) -> int:
+    """Measure; figures go to stdout, progress to stderr."""
+    made = options.parser(
+        "armadico bench",
+        "Measure on this machine, on a mesh of its own that disturbs nobody. Each figure stands"
+        " beside a floor measured in the same run, in turns with it: on a shared machine the ratio"
+        " says more than the figure.",
+        EXAMPLES,
+    )
+    made.add_argument("names", nargs="*", metavar="NAME", help="which; see --list (default: all)")
+    made.add_argument("--quick", action="store_true", help="fewer repetitions")
+    made.add_argument("--json", action="store_true", help="a JSON array on stdout")
+    made.add_argument("--list", action="store_true", help="what can be measured")
+    args = made.parse_args(argv)
+    chosen = _chosen(args.names)
+    if args.list:
+        _list(chosen, as_json=args.json)
+        return 0
+    figures: list[Figure] = []
+    with _progress(len(chosen)) as next_one:
+        for benchmark in chosen:
+            figures += _measure(benchmark, args.quick, next_one(benchmark.name))
+    if args.json:
+        print(json.dumps([dataclasses.asdict(figure) for figure in figures], indent=2))
+    else:
+        _show(figures)
+    return 0
+
+
+def _chosen(names: Sequence[str]) -> list[Benchmark]:
+    """What the command line names. Raises UsageError for what there is not."""
+    from armadico_tools.bench.figures import BENCHMARKS  # noqa: PLC0415 - not for --help
+
+    known = {benchmark.name: benchmark for benchmark in BENCHMARKS}
+    for name in names:
+        if name not in known:
+            raise UsageError(f"no benchmark {name!r}; there are: {', '.join(known)}")
+    return [b for b in BENCHMARKS if not names or b.name in names]
+
+
+def _measure(benchmark: Benchmark, quick: bool, tell: Callable[[float], None]) -> list[Figure]:
+    """Raises FailedError saying which one failed, and why."""
+    try:
+        return benchmark.measure(quick, tell)
+    except (RuntimeError, OSError) as error:
+        raise FailedError(f"{benchmark.name}: {error}") from error
+
+
+def _list(benchmarks: Sequence[Benchmark], *, as_json: bool) -> None:
+    keys = ("name", "summary", "floor", "aim")
+    if as_json:
+        rows = [{key: getattr(b, key) for key in keys} for b in benchmarks]
+        print(json.dumps(rows, indent=2))
+        return
+    for benchmark in benchmarks:
+        print(f"{benchmark.name:<25}{benchmark.summary}")
+        for key in keys[2:]:
+            if getattr(benchmark, key):
+                print(f"{'':<25}{key}: {getattr(benchmark, key)}")
+
+
+# Progress -----------------------------------------------------------------------------------------
+
+
+@contextmanager
+def _progress(count: int) -> Iterator[Callable[[str], Callable[[float], None]]]:
+    """A bar on a terminal, a line for each benchmark elsewhere; on stderr."""
+    if not sys.stderr.isatty():
+        yield _say
+        return
+    from rich.console import Console  # noqa: PLC0415 - not for --help
+    from rich.progress import Progress  # noqa: PLC0415 - not for --help
+
+    with Progress(console=Console(stderr=True), transient=True) as progress:
+        task = progress.add_task("", total=count)
+        begun = 0
+
+        def next_one(name: str) -> Callable[[float], None]:
+            nonlocal begun
+            before, begun = begun, begun + 1
+            progress.update(task, description=name, completed=before)
+            return lambda share: progress.update(task, completed=before + share)
+
+        yield next_one
+
+
+def _say(name: str) -> Callable[[float], None]:
+    print(f"measuring {name}", file=sys.stderr, flush=True)
+    return lambda _share: None
+
+
+# What came of it ----------------------------------------------------------------------------------
+
+
+def _show(figures: Sequence[Figure]) -> None:
+    from rich.console import Console  # noqa: PLC0415 - not for --help
+    from rich.table import Table  # noqa: PLC0415 - not for --help
+
+    table = Table(box=None, header_style="bold", pad_edge=False)
+    table.add_column("FIGURE", no_wrap=True)
+    table.add_column("UNIT")
+    for title in ("P50", "P99", "FLOOR P50", "FLOOR P99", "RATIO"):
+        table.add_column(title, justify="right", no_wrap=True)
+    for row in figures:
+        numbers = (row.p50, row.p99, row.floor_p50, row.floor_p99, row.ratio)
+        table.add_row(row.name, row.unit, *map(_cell, numbers))
+    Console().print(table)
+
+
+def _cell(value: float | None) -> str:
+    """Three digits are more than a shared machine can tell."""
+    if value is None:
+        return "-"
+    return f"{value:.0f}" if value >= 100 or value == int(value) else f"{value:.3g}"

@@ -1,0 +1,161 @@
+"""Measure the thesis's chapters 4 and 5 again: tables, figures and raw runs into a folder."""
+
+from __future__ import annotations
+
+import argparse
+import json
+import os
+import sys
+import time
+from collections.abc import Sequence
+from importlib import import_module
+from pathlib import Path
+from typing import TYPE_CHECKING, Final
+
+from armadico.cli import options
+from armadico.cli.options import FailedError, UsageError
+from armadico.config.discovery import summary, unknown
+from armadico_tools.experiments import EXPERIMENTS, FIRST_SEED, ON_REQUEST, RUNS, module
+
+if TYPE_CHECKING:
+    from armadico_tools.experiments.base import Context
+
+ALL: Final = "all"
+
+EXAMPLES: Final = """\
+  armadico experiment --list
+  armadico experiment table-5.1                30 seeds a cell, into results/table-5.1
+  armadico experiment table-5.2 --runs 100 --jobs 8 --json
+  armadico experiment all                      all but those in real time (--live: those too)
+"""
+
+
+def main(argv: Sequence[str]) -> int:
+    """Run one experiment, or all of them."""
+    args = _parser().parse_args(argv)
+    if args.list:
+        return _list(as_json=args.json)
+    _check(args)
+    names = _names(args)
+    _check_extras()
+    done = [_run(name, args) for name in names]
+    if args.json:
+        print(json.dumps(done[0] if args.experiment != ALL else done))
+    return 0
+
+
+def _parser() -> argparse.ArgumentParser:
+    made = options.parser(
+        "armadico experiment",
+        "Measure a table or figure of the thesis again, on the virtual mesh. What is finished is"
+        " kept: interrupt it and run it again, and it goes on where it was.",
+        EXAMPLES,
+    )
+    made.add_argument("experiment", nargs="?", metavar="NAME", help="one of --list, or all")
+    made.add_argument("--list", action="store_true", help="what there is")
+    made.add_argument("--runs", type=int, metavar="N", help=f"seeds a cell (default: {RUNS})")
+    made.add_argument(
+        "--jobs", type=int, metavar="J", help="so many processes (default: one a core)"
+    )
+    made.add_argument(
+        "--out", type=Path, default=Path("results"), metavar="DIR", help="(default: results)"
+    )
+    made.add_argument("--live", action="store_true", help="with all: real processes, real time too")
+    made.add_argument("--json", action="store_true", help="what came of it as JSON on stdout")
+    return made
+
+
+def _list(*, as_json: bool) -> int:
+    found = {name: summary(module(name)) for name in EXPERIMENTS}
+    if as_json:
+        print(json.dumps(found))
+        return 0
+    for name, text in found.items():
+        print(f"{name:<17} {text}{' (not in all)' if name in ON_REQUEST else ''}")
+    return 0
+
+
+def _check(args: argparse.Namespace) -> None:
+    """Raises UsageError for a number that makes no sense."""
+    for name in ("runs", "jobs"):
+        value = getattr(args, name)
+        if value is not None and value < 1:
+            raise UsageError(f"--{name} {value}: at least 1")
+    if args.live and args.experiment != ALL:
+        raise UsageError("--live goes with all; live-vs-virtual is live anyway")
+
+
+def _names(args: argparse.Namespace) -> list[str]:
+    """The experiments that are asked for. Raises UsageError."""
+    if args.experiment is None:
+        raise UsageError("name an experiment, or all; --list shows them")
+    if args.experiment == ALL:
+        return [name for name in EXPERIMENTS if args.live or name not in ON_REQUEST]
+    if args.experiment not in EXPERIMENTS:
+        raise UsageError(unknown("experiment", args.experiment, (*EXPERIMENTS, ALL)))
+    return [args.experiment]
+
+
+def _check_extras() -> None:
+    """Raises FailedError before anything is driven."""
+    for package in ("scipy", "matplotlib"):
+        try:
+            import_module(package)
+        except ImportError:
+            raise FailedError(
+                f"{package} is missing; pip install armadico-tools brings it"
+            ) from None
+
+
+def _run(name: str, args: argparse.Namespace) -> dict[str, object]:
+    """One experiment; what came of it."""
+    began = time.monotonic()
+    experiment = import_module(module(name))
+    runs = args.runs or getattr(experiment, "RUNS", RUNS)
+    first_seed = getattr(experiment, "FIRST_SEED", FIRST_SEED)
+    context = _context(name, args, runs, first_seed)
+    experiment.run(context)
+    seconds = time.monotonic() - began
+    _say(f"{name}: {seconds:.0f} s, {len(context.files)} files in {context.out}")
+    return {
+        "experiment": name,
+        "title": experiment.TITLE,
+        "out": str(context.out),
+        "runs": runs,
+        "first_seed": first_seed,
+        "commit": context.commit,
+        "seconds": round(seconds, 1),
+        "files": [path.name for path in context.files],
+        "cells": context.summary,
+    }
+
+
+def _context(name: str, args: argparse.Namespace, runs: int, first_seed: int) -> Context:
+    """Its folder made its own. Raises FailedError if that cannot be."""
+    from armadico_tools.experiments import store  # noqa: PLC0415 - not for --help
+    from armadico_tools.experiments.base import Context  # noqa: PLC0415
+
+    out = args.out / name
+    context = Context(
+        out=out, runs=runs, jobs=args.jobs or os.cpu_count() or 1, first_seed=first_seed
+    )
+    about = store.About(
+        experiment=name,
+        first_seed=first_seed,
+        runs=runs,
+        source=context.source,
+        commit=context.commit,
+    )
+    try:
+        moved = store.claim(out, about)
+    except store.NotOursError as error:
+        raise FailedError(str(error)) from None
+    except OSError as error:
+        raise FailedError(f"cannot write to {out}: {error.strerror}") from None
+    if moved is not None:
+        _say(f"{out} held other seeds or other code's runs: they are in {moved} now")
+    return context
+
+
+def _say(text: str) -> None:
+    print(text, file=sys.stderr, flush=True)

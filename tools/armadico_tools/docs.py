@@ -1,0 +1,301 @@
+"""Write the generated parts of the documentation again: `python -m armadico_tools.docs`.
+
+A part stands between `<!-- generated: NAME -->` and `<!-- end: NAME -->` in a Markdown file of the
+checkout. What is said there comes from the code itself: the table of services, the messages, the
+agents' classes, the table of transitions. `--check` writes nothing and fails if a part is stale.
+"""
+
+from __future__ import annotations
+
+import argparse
+import json
+import re
+import sys
+import textwrap
+import tomllib
+from collections.abc import Callable, Iterator, Sequence
+from importlib import import_module
+from importlib.util import find_spec
+from pathlib import Path
+from typing import Any, Final
+
+import cbor2
+
+from armadico.config.discovery import summary
+from armadico.core.agent import Agent
+from armadico.core.coordination import TRANSITIONS, Event, State
+from armadico.core.messages import (
+    Ack,
+    Ballot,
+    Claim,
+    Command,
+    Cycle,
+    Log,
+    Message,
+    Stop,
+    Truth,
+    encode,
+)
+from armadico.core.services import SERVICES, TOKEN, Service, matches
+from armadico_tools.docs_fields import fields_of, messages
+from armadico_tools.transcripts.scenes import SCENES
+
+ROOT: Final = Path(__file__).resolve().parents[2]
+
+FIRST: Final = ("run", "up", "down", "ps", "goto", "stop", "resume", "top", "dashboard", "record")
+"""The commands that the README shows."""
+"""The checkout: the documentation is not installed."""
+
+PART: Final = re.compile(r"(<!-- generated: ([\w-]+) -->\n).*?(<!-- end: \2 -->)", re.DOTALL)
+
+EVERYBODY: Final = "everybody"
+
+
+class UnknownPartError(LookupError):
+    """A document asks for a part that nobody writes."""
+
+
+def documents(root: Path = ROOT) -> list[Path]:
+    """Every Markdown file that may have generated parts."""
+    return [root / "README.md", *sorted((root / "docs").glob("*.md"))]
+
+
+def rewritten(text: str) -> str:
+    """The text with each of its generated parts as it should be. Raises UnknownPartError."""
+
+    def part(found: re.Match[str]) -> str:
+        write = PARTS.get(found[2])
+        if write is None:
+            raise UnknownPartError(f"no part {found[2]!r}; there are: {', '.join(PARTS)}")
+        return f"{found[1]}\n{write()}\n\n{found[3]}"
+
+    return PART.sub(part, text)
+
+
+def stale(root: Path = ROOT) -> list[Path]:
+    """The documents whose generated parts are not what the code says."""
+    return [path for path in documents(root) if _read(path) != rewritten(_read(path))]
+
+
+def main(argv: Sequence[str] | None = None) -> int:
+    """Write all of them, or with `--check` only look."""
+    parser = argparse.ArgumentParser(prog="python -m armadico_tools.docs", description=__doc__)
+    parser.add_argument("--check", action="store_true", help="write nothing; fail if it is stale")
+    args = parser.parse_args(argv)
+    old = stale()
+    for path in old:
+        if not args.check:
+            path.write_text(rewritten(_read(path)), encoding="utf-8")
+        print(f"{path.relative_to(ROOT)}: {'stale' if args.check else 'written'}")
+    return 1 if args.check and old else 0
+
+
+def table(head: Sequence[str], rows: Iterator[Sequence[str]]) -> str:
+    """A Markdown table; a bar in a cell is escaped."""
+    lines = [head, ["---"] * len(head), *rows]
+    return "\n".join(
+        "| " + " | ".join(cell.replace("|", "\\|") for cell in line) + " |" for line in lines
+    )
+
+
+# Who says and hears what --------------------------------------------------------------------------
+
+
+def entries(group: str) -> dict[str, str]:
+    """The entry points of a group, as our two project files have them."""
+    found: dict[str, str] = {}
+    for folder in (ROOT, ROOT / "tools"):
+        with (folder / "pyproject.toml").open("rb") as file:
+            found |= tomllib.load(file)["project"]["entry-points"].get(group, {})
+    return found
+
+
+def agents() -> dict[str, type[Agent]]:
+    """Our own agents' classes, by name."""
+    found: dict[str, type[Agent]] = {}
+    for name, value in entries("armadico.agents").items():
+        module, _, attribute = value.partition(":")
+        if find_spec(module) is not None:
+            found[name] = getattr(import_module(module), attribute)
+    return found
+
+
+def _names(names: Iterator[str]) -> str:
+    return ", ".join(names)
+
+
+def _provides(kind: type[Agent], service: Service) -> bool:
+    if service.message is Command:
+        return any(matches(service.pattern, r.command_pattern) for r in kind.competes_for)
+    if service.message is Claim:
+        return bool(kind.competes_for)
+    if service.message is Ack:
+        return bool(kind.owns)
+    return service.message in (*kind.provides, *kind.answers)
+
+
+def _requests(kind: type[Agent], service: Service) -> bool:
+    hears = any(
+        to.message is service.message and matches(service.pattern, to.pattern)
+        for to in kind.subscriptions()
+    )
+    return hears or service.message in kind.asks
+
+
+def providers(service: Service) -> str:
+    """Who says it, or answers it."""
+    if service.message is Log or service.key.startswith("agent/"):
+        return EVERYBODY
+    if service.message is Stop:
+        return "anybody"
+    if service.message is Truth:
+        return "the simulator"
+    found = _names(name for name, kind in agents().items() if _provides(kind, service))
+    return found or "whoever holds it"
+
+
+def requesters(service: Service) -> str:
+    """Which agents hear it, or ask for it."""
+    every = agents()
+    asking = [name for name, kind in every.items() if _requests(kind, service)]
+    nobody = "its owner" if service.message is Command else "people and tools"
+    return EVERYBODY if len(asking) == len(every) else ", ".join(asking) or nobody
+
+
+# The parts ----------------------------------------------------------------------------------------
+
+
+def keys() -> str:
+    """The table of services, with who provides and who requests each."""
+
+    def rows() -> Iterator[Sequence[str]]:
+        for s in SERVICES:
+            said = f"[{s.message.__name__}]({_anchor(s.message)})"
+            if s.reply is not None:
+                said += f" -> [{s.reply.__name__}]({_anchor(s.reply)})"
+            rate = "" if s.rate_hz is None else f"{s.rate_hz:g}"
+            fresh = "" if s.fresh_cycles is None else str(s.fresh_cycles)
+            yield (
+                *(f"`{_angled(s.key)}`", said, s.kind.value, rate, fresh),
+                *(providers(s), requesters(s), s.meaning),
+            )
+        token = f"`{_angled(TOKEN)}`"
+        yield token, "none", "liveliness token", "", "", EVERYBODY, EVERYBODY, "who is there"
+
+    head = ("key", "message", "kind", "Hz", "cycles", "provided by", "requested by", "meaning")
+    return table(head, rows())
+
+
+def fields() -> str:
+    """Every message: what it is, and its fields in the order of the wire."""
+    parts = []
+    for kind in messages():
+        rows = (
+            (str(f.index), f"`{f.name}`", f.type, f.default, f.meaning) for f in fields_of(kind)
+        )
+        body = table(("", "field", "type and range", "if left out", ""), rows)
+        text = _docstring(kind)
+        parts.append(f"### {kind.__name__}\n\n{text}\n\n{body if kind.__struct_fields__ else ''}")
+    return "\n\n".join(part.rstrip() for part in parts)
+
+
+def transitions() -> str:
+    """The contender's table: state, event, next state, what is done."""
+    rows = (
+        (state.value, event.value, after.value, step.value)
+        for (state, event), (after, step) in TRANSITIONS.items()
+    )
+    return table(("state", "event", "next state", "what is done"), rows)
+
+
+def diagram() -> str:
+    """The same as a state diagram that GitHub draws."""
+    ids = {state: state.name.title().replace("_", "") for state in State}
+    lines = ["```mermaid", "stateDiagram-v2", f"    [*] --> {ids[State.IDLE]}"]
+    lines += [f'    state "{state.value}" as {name}' for state, name in ids.items()]
+    arrows: dict[tuple[State, State], list[Event]] = {}
+    for (state, event), (after, _) in TRANSITIONS.items():
+        arrows.setdefault((state, after), []).append(event)
+    for (state, after), events in arrows.items():
+        label = " / ".join(event.name.lower().replace("_", " ") for event in events)
+        lines.append(f"    {ids[state]} --> {ids[after]}: {label}")
+    return "\n".join([*lines, "```"])
+
+
+def example() -> str:
+    """A command and the claim that goes with it, as they are on the wire."""
+    cycle, ballot = Cycle(7, 42), Ballot(3, 0.75, critical=False, instance="mine-0123456789abcdef")
+    claim = Claim("wheels", ballot, cycle, 0.75, wanted=(0.5, 0.0), commanded=(0.4, 0.1))
+    parts = []
+    for message in (Command("wheels", cycle, ballot, (0.4, 0.1)), claim):
+        data = encode(message)
+        said = json.dumps(cbor2.loads(data))
+        hexed = "\n".join(textwrap.wrap(data.hex(" "), 90))
+        parts.append(
+            f"`{type(message).__name__}`, {len(data)} bytes: `{said}`\n\n```text\n{hexed}\n```"
+        )
+    return "\n\n".join(parts)
+
+
+def commands(chosen: Callable[[str, str], bool]) -> str:
+    """Commands, each with the first line of its module; `chosen` by name and module."""
+
+    def rows() -> Iterator[Sequence[str]]:
+        for name, value in entries("armadico.commands").items():
+            module = value.partition(":")[0]
+            if chosen(name, module):
+                yield f"`armadico {name}`", summary(module)
+
+    return table(("command", "what it does"), rows())
+
+
+def agent_list() -> str:
+    """The agents, each with the first line of its module and what it shares."""
+    rows = (
+        (f"`{name}`", summary(kind.__module__), _names(r.name for r in kind.competes_for))
+        for name, kind in agents().items()
+    )
+    return table(("agent", "what it is", "competes for"), rows)
+
+
+def scenes() -> str:
+    """The transcripts: what happens in each."""
+    rows = ((f"[{s.name}](transcripts/{s.name}.jsonl)", s.about) for s in SCENES)
+    return table(("scene", "what happens"), rows)
+
+
+PARTS: Final[dict[str, Callable[[], str]]] = {
+    "keys": keys,
+    "fields": fields,
+    "transitions": transitions,
+    "diagram": diagram,
+    "example": example,
+    "first commands": lambda: commands(lambda name, _: name in FIRST),
+    "commands": lambda: commands(lambda _, module: module.startswith("armadico.")),
+    "laboratory": lambda: commands(lambda _, module: module.startswith("armadico_tools.")),
+    "scenes": scenes,
+    "agents": agent_list,
+}
+
+
+# Inside -------------------------------------------------------------------------------------------
+
+
+def _read(path: Path) -> str:
+    return path.read_text(encoding="utf-8")
+
+
+def _anchor(kind: type[Message]) -> str:
+    return f"#{kind.__name__.lower()}"
+
+
+def _angled(key: str) -> str:
+    return key.replace("{", "<").replace("}", ">")
+
+
+def _docstring(kind: type[Any]) -> str:
+    return re.sub(r"\s+", " ", kind.__doc__ or "").strip().replace("``", "`")
+
+
+if __name__ == "__main__":
+    sys.exit(main())

@@ -1,0 +1,220 @@
+"""One run of an experiment: a cell of its table and a seed in, a row out.
+
+**Stop rule.** The clock starts with the first cycle after the mission is taken on and stops when
+the interface agent reports the goal reached: its pose within 0.12 m and 4 degrees, wheels at rest.
+The fast controller does not turn to the goal's heading, so its runs stop when the robot has rested
+for 2 s within 0.15 m of the goal; TT ends where that rest began. A run that never stops so ends at
+its time limit (5 times the way over 0.3 m/s), or when the robot has been within 1 m of one place
+for 60 s.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from hashlib import sha256
+from math import hypot
+
+from msgspec import Struct, structs
+
+from armadico.config.discovery import AGENTS, load
+from armadico.config.loading import load_parameters, read_text
+from armadico.config.scenarios import Scenario, load_scenario
+from armadico.config.shipped import find as find_config
+from armadico.core.agent import Agent
+from armadico.launch.society import Options, members
+from armadico.launch.virtual import Rehearsal
+from armadico.observe.measures import REACHED_M, RunWatch
+from armadico.runtime.errors import MissionRefusedError
+from armadico_tools.experiments.traces import Smoothness, Trace, smoothness
+
+REST_S = 2.0
+
+
+class Cell(Struct, frozen=True):
+    """One cell of a table: a scenario and what is changed about it."""
+
+    name: str
+    scenario: str  # a shipped one's name, or a file
+    controller: str | None = None
+    exchange: str | None = None
+    parameters: str | None = None
+    without: tuple[str, ...] = ()
+    sensors: str | None = None
+    robot: str | None = None
+    joins: str | None = None  # an agent that joins while the run is going on,
+    joins_at_s: float = 0.0  # so long after its beginning
+
+
+class Sample(Struct, frozen=True):
+    """One run: `observe.measures.Result`, how smooth it was, and what else there is to say.
+
+    `arrived` is by the true position alone, within 0.15 m; `reached` asks for the heading too.
+    `believed_p_percent` is P by the encoders' pose.
+    """
+
+    cell: str
+    seed: int
+    reached: bool
+    arrived: bool
+    td_m: float
+    fo_deg: float
+    tt_s: float
+    p_percent: float
+    exchanges: int
+    believed_p_percent: float | None = None
+    tg_percent: float | None = None
+    ta_percent: float | None = None
+    tgt_percent: float | None = None
+    collisions: int | None = None
+    min_clearance_m: float | None = None
+    reign_s: float | None = None
+    short_reigns: int = 0
+    jerk_v: float | None = None
+    jerk_w: float | None = None
+    accel_step: float | None = None
+    command_step_v: float | None = None
+    command_step_w: float | None = None
+    note: str = ""
+
+
+class Drive:
+    """One run under way on the virtual mesh, with its trace."""
+
+    def __init__(self, cell: Cell, seed: int) -> None:
+        self.cell, self.seed = cell, seed
+        self.scenario = scenario_of(cell)
+        self.rehearsal = Rehearsal(self.scenario, self._options())
+        self.trace = Trace(self.rehearsal.watch)
+        self.rehearsal.mesh.watch(lambda _k, message, _t: self.trace.show(message), *Trace.kinds)
+        self.refused = ""
+
+    @property
+    def watch(self) -> RunWatch:
+        """What the run's measures are taken from."""
+        return self.rehearsal.watch
+
+    def go(self, each_second: Callable[[], None] | None = None) -> Drive:
+        """Drive to the end."""
+        mesh = self.rehearsal.mesh
+        try:
+            self.rehearsal.begin()
+        except MissionRefusedError as error:
+            self.refused = error.reason
+            return self
+        began, end = mesh.now, mesh.now + self.rehearsal.limit
+        while not self._over() and mesh.now < end:
+            mesh.run(min(mesh.now + 1.0, end), self._over)
+            if self.cell.joins and began + self.cell.joins_at_s <= mesh.now:
+                self._join(self.cell.joins)
+            if each_second is not None:
+                each_second()
+        return self
+
+    def instances(self) -> list[str]:
+        """The instances of the agents that are alive, in the order in which they joined."""
+        return [node.agent.instance for node in self.rehearsal.mesh.nodes if node.alive]
+
+    def sample(self) -> Sample:
+        """The row of this run."""
+        row = structs.asdict(self.watch.result())
+        del row["scenario"], row["seed"]
+        ticks = self.trace.ticks
+        resting = self._parked()
+        if resting:
+            ticks = [tick for tick in ticks if tick.t <= (self.trace.rests_since or 0.0)]
+            row["tt_s"] = round(ticks[-1].t - ticks[0].t, 3)
+            for field, name in SHARES.items():
+                if row[field] is not None:
+                    row[field] = share(name, [tick.holder for tick in ticks])
+        rough = Smoothness() if not ticks else smoothness(ticks)
+        return Sample(
+            cell=self.cell.name,
+            seed=self.seed,
+            arrived=(self.watch.done or resting) and self._at_goal(),
+            believed_p_percent=self._believed(),
+            note=self._note(resting),
+            **row,
+            **structs.asdict(rough),
+        )
+
+    def _note(self, resting: bool) -> str:
+        if self.refused:
+            return f"refused: {self.refused}"
+        if self.watch.done or resting:
+            return ""
+        return "stuck" if self.trace.stuck else "time limit"
+
+    def _believed(self) -> float | None:
+        pose, start, goal = self.watch.pose, self.watch.start, self.watch.goal
+        if pose is None or start is None:
+            return None
+        straight = hypot(goal[0] - start[0], goal[1] - start[1])
+        off = hypot(goal[0] - pose.x, goal[1] - pose.y)
+        return round(100.0 * (1.0 - off / straight), 3) if straight else None
+
+    def _over(self) -> bool:
+        return self.watch.done or self._parked() or self.trace.stuck
+
+    def _parked(self) -> bool:
+        """Whether the fast controller has come to rest where it was to go."""
+        fast = self.cell.controller == "fast"
+        return fast and self.trace.resting_s >= REST_S and self._at_goal()
+
+    def _at_goal(self) -> bool:
+        here, goal = self.watch.here, self.watch.goal
+        return here is not None and hypot(goal[0] - here[0], goal[1] - here[1]) <= REACHED_M
+
+    def _options(self) -> Options:
+        cell = self.cell
+        left_out = cell.without + ((cell.joins,) if cell.joins else ())
+        return Options(self.seed, cell.controller, cell.exchange, cell.parameters, left_out)
+
+    def _join(self, name: str) -> None:
+        """The agent joins with the parameters that it would have had from the beginning."""
+        if any(node.name == name for node in self.rehearsal.mesh.nodes):
+            return
+        everybody = members(self.scenario, with_everybody(self._options()), "memory:")
+        sets = next(member.sets for member in everybody if member.name == name)
+        kind = load(AGENTS, name, Agent)
+        self.rehearsal.add(kind, load_parameters(kind.parameters, None, list(sets)))
+        self.watch.agents += (name,)
+
+
+SHARES = {"tg_percent": "goto", "ta_percent": "avoid", "tgt_percent": "gothrough"}
+
+
+def share(name: str, holders: list[str | None]) -> float:
+    """Per cent of the cycles with a holder in which it was this one."""
+    held = [holder for holder in holders if holder is not None]
+    return round(100.0 * held.count(name) / len(held), 2) if held else 0.0
+
+
+def with_everybody(options: Options) -> Options:
+    """The same society with nobody left out."""
+    return Options(options.seed, options.controller, options.exchange, options.parameters)
+
+
+def scenario_of(cell: Cell) -> Scenario:
+    """The cell's scenario with what the cell changes about it."""
+    scenario = load_scenario(cell.scenario)
+    if cell.sensors is not None:
+        scenario = structs.replace(scenario, sensors=cell.sensors)
+    if cell.robot is not None:
+        scenario = structs.replace(scenario, robot=cell.robot)
+    return scenario
+
+
+def drive(task: tuple[Cell, int]) -> Sample:
+    """One run, whole: what the workers do."""
+    cell, seed = task
+    return Drive(cell, seed).go().sample()
+
+
+def key_of(cell: Cell, source: str) -> str:
+    """What a run depends on besides its seed, as 12 hex digits: the cell, its files, the code."""
+    scenario = load_scenario(cell.scenario)
+    text = [repr(structs.replace(cell, scenario="", robot=None, parameters=None)), source]
+    text.append(repr(structs.replace(scenario, world="")))
+    files = (("worlds", scenario.world), ("robots", cell.robot), ("parameters", cell.parameters))
+    text += [read_text(find_config(kind, name)) for kind, name in files if name is not None]
+    return sha256("\0".join(text).encode()).hexdigest()[:12]

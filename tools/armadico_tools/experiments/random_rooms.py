@@ -1,0 +1,123 @@
+"""Two hundred generated floor plans with furniture: how often the robot gets there, and why not."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import TYPE_CHECKING, Final
+
+from armadico.config.scenarios import load_scenario
+from armadico.config.worlds import load_world
+from armadico.observe.pictures import Run, draw_run
+from armadico_tools.experiments.driving import Cell, Drive, Sample
+from armadico_tools.experiments.floor_plans import floor_plan, save
+from armadico_tools.experiments.statistics import at_least
+from armadico_tools.experiments.tables import RULES, cell, number, row, spread_of
+
+if TYPE_CHECKING:
+    from armadico_tools.experiments.base import Context
+
+TITLE: Final = "Random rooms: generated floor plans with furniture"
+RUNS: Final = 200
+FIRST_SEED: Final = 0
+AIM: Final = 0.99
+
+NOTE: Final = (
+    "Floor plans of 8 to 14 by 6 to 10 m, rooms of at least 2.4 m, doors of 0.8 to 1.1 m, up to"
+    " three boxes a room; from one room to another, everybody takes part, default parameters, ideal"
+    " sensors. The planner knows the walls and the furniture. In each of them a disc of 0.53 m (the"
+    " robot's width plus 20 cm) gets from start to goal, by flood fill. The seed is the plan's and"
+    " the run's. Aim: 99 % reached, nothing touched."
+)
+
+
+def make(task: tuple[Path, int]) -> Path:
+    """Write the plan of a seed; the scenario's file."""
+    folder, seed = task
+    return save(floor_plan(seed), folder)
+
+
+def run(context: Context) -> None:
+    """Drive them all; a table of what failed, and a picture of each failure."""
+    folder = context.out / "plans"
+    folder.mkdir(exist_ok=True)
+    files = context.map(make, [(folder, seed) for seed in context.seeds], "floor plans")
+    cells = {
+        seed: Cell(path.stem, str(path)) for seed, path in zip(context.seeds, files, strict=True)
+    }
+    samples = context.drive_each([(cell, seed) for seed, cell in cells.items()])
+    found = [samples[cells[seed].name][0] for seed in context.seeds]
+    context.summary = {
+        "runs": len(found),
+        "reached": sum(one.reached for one in found),
+        "collided": sum(bool(one.collisions) for one in found),
+        "failed": [one.seed for one in found if failed(one)],
+    }
+    for one in found:
+        if failed(one) and not one.note.startswith("refused"):
+            context.files.append(picture(cells[one.seed], one, context.out))
+    context.table(f"# {TITLE}\n\n{NOTE}\n\n{RULES}\n\n{_summary(found)}\n{_failures(found)}")
+
+
+def failed(sample: Sample) -> bool:
+    """Not reached, or something touched."""
+    return not sample.reached or bool(sample.collisions)
+
+
+def picture(of: Cell, sample: Sample, folder: Path) -> Path:
+    """A picture of a run that failed."""
+    drive = Drive(of, sample.seed).go()
+    path = folder / f"failed-{sample.seed:03d}.png"
+    watch = drive.watch
+    run = Run(
+        path=watch.path,
+        start=watch.start or watch.goal,
+        goal=watch.goal,
+        waypoints=watch.waypoints[:-1],
+        echoes=watch.echoes,
+        title=f"{of.name}, seed {sample.seed}",
+        caption=(what_happened(sample),),
+    )
+    draw_run(load_world(load_scenario(of.scenario).world), run, path)
+    return path
+
+
+def what_happened(sample: Sample) -> str:
+    """A failure in a few words."""
+    if sample.note.startswith("refused"):
+        return sample.note
+    words = [sample.note] if sample.note else []
+    if sample.collisions:
+        words.append(f"{sample.collisions} collisions")
+    if not sample.reached and not sample.note:
+        words.append(f"stopped {sample.fo_deg:.1f} degrees off, P {sample.p_percent:.2f} %")
+    return f"{', '.join(words)} after {sample.tt_s:.1f} s and {sample.td_m:.1f} m"
+
+
+def _summary(found: list[Sample]) -> str:
+    reached = sum(one.reached for one in found)
+    passed = sum(not failed(one) for one in found)
+    low = 100.0 * at_least(reached, len(found))
+    lines = [
+        row(["measure", "value"]),
+        row(["---"] * 2),
+        row(["reached", f"{reached} of {len(found)} ({low:.1f} % at least, one-sided 95 %)"]),
+        row(["collided", sum(bool(one.collisions) for one in found)]),
+        row(["reached and nothing touched", f"{passed} of {len(found)}"]),
+    ]
+    for field, title in (("tt_s", "TT s"), ("td_m", "TD m"), ("exchanges", "exchanges")):
+        lines.append(row([title, cell(spread_of(found, field))]))
+    clear = [one.min_clearance_m for one in found if one.min_clearance_m is not None]
+    lines.append(row(["least clearance of all, m", number(min(clear))]))
+    return "\n".join(lines) + "\n"
+
+
+def _failures(found: list[Sample]) -> str:
+    bad = [one for one in found if failed(one)]
+    if not bad:
+        return "No failure.\n"
+    lines = [row(["seed", "what happened", "picture"]), row(["---"] * 3)]
+    for one in bad:
+        name = f"failed-{one.seed:03d}.png"
+        shown = "-" if one.note.startswith("refused") else f"[{name}]({name})"
+        lines.append(row([one.seed, what_happened(one), shown]))
+    return "\n".join(lines) + "\n"

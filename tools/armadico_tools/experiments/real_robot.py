@@ -1,0 +1,56 @@
+"""What tables 5.4 and 5.5 share: a scenario with ideal and with real sensors."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+from armadico_tools.experiments import drawing
+from armadico_tools.experiments.driving import Cell, Drive
+from armadico_tools.experiments.published import Numbers
+from armadico_tools.experiments.tables import RULES, Column, compare, row
+
+if TYPE_CHECKING:
+    from armadico_tools.experiments.base import Context
+    from armadico_tools.experiments.driving import Sample
+
+SENSORS = {"simulated": "ideal", "real": "real"}
+"""The thesis's two columns, and our stand-ins for them."""
+
+
+def cells(scenario: str) -> list[Cell]:
+    """Everybody takes part; both sensors."""
+    return [Cell(name, scenario, sensors=sensors) for name, sensors in SENSORS.items()]
+
+
+def measure(
+    context: Context, title: str, scenario: str, published: dict[str, Numbers], note: str
+) -> None:
+    """The table beside the thesis's single runs, and the first seed's picture of each."""
+    arms = cells(scenario)
+    samples = context.drive(arms)
+    columns = [Column(arm.name, samples[arm.name], published[arm.name]) for arm in arms]
+    text = f"# {title}\n\n{note}\n\n{RULES}\n\n{compare(columns)}\n"
+    context.table(text + failures([one for arm in arms for one in samples[arm.name]]))
+    figure = drawing.sheet(1, 2, 12.0, 7.0)
+    for axes, arm in zip(figure.axes, arms, strict=True):
+        drive = Drive(arm, context.first_seed).go()
+        echoes = drive.watch.echoes[:: max(1, len(drive.watch.echoes) // 6000)]
+        xs, ys = [x for x, _ in echoes], [y for _, y in echoes]
+        axes.scatter(xs, ys, s=2, color="#8796a3", linewidths=0, rasterized=True)
+        drawing.by_holder(axes, drive, f"{scenario}, {arm.name}, seed {context.first_seed}")
+    context.figure(figure, "trajectories")
+
+
+def failures(samples: list[Sample]) -> str:
+    """The runs that did not arrive or touched something, seed by seed."""
+    bad = [one for one in samples if not one.reached or one.collisions]
+    if not bad:
+        return "Every run reached the goal and touched nothing.\n"
+    lines = ["## Runs that failed\n"]
+    lines.append(row(["arm", "seed", "reached", "collisions", "P %", "FO deg", "TT s", "note"]))
+    lines.append(row(["---"] * 8))
+    for one in bad:
+        reached = "yes" if one.reached else "no"
+        numbers = (f"{one.p_percent:.1f}", f"{one.fo_deg:.1f}", f"{one.tt_s:.1f}")
+        lines.append(row([one.cell, one.seed, reached, one.collisions or 0, *numbers, one.note]))
+    return "\n".join(lines) + "\n"

@@ -1,0 +1,99 @@
+"""Means, intervals and p values. SciPy is slow to import."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from math import isnan, sqrt
+from statistics import fmean, median, stdev
+
+from msgspec import Struct
+
+PUBLISHED_RUNS = 5
+"""How often the thesis ran each case."""
+
+
+class Spread(Struct, frozen=True):
+    """A sample's mean, standard deviation, and the 95 % interval of the mean (Student's t)."""
+
+    n: int
+    mean: float
+    sd: float
+    low: float
+    high: float
+
+
+def spread(values: Sequence[float]) -> Spread | None:
+    """Of a sample; None of an empty one. One value has no deviation: 0."""
+    if not values:
+        return None
+    n, mean = len(values), fmean(values)
+    if n == 1:
+        return Spread(1, mean, 0.0, mean, mean)
+    from scipy.stats import t  # noqa: PLC0415
+
+    sd = stdev(values)
+    half = float(t.ppf(0.975, n - 1)) * sd / sqrt(n)
+    return Spread(n, mean, sd, mean - half, mean + half)
+
+
+def against(ours: Spread, mean: float, sd: float, n: int = PUBLISHED_RUNS) -> float | None:
+    """Welch's p for our mean being the published one; None where nothing varies or n is 1."""
+    if ours.n < 2 or (ours.sd == 0.0 and sd == 0.0):
+        return None
+    from scipy.stats import ttest_ind_from_stats  # noqa: PLC0415
+
+    found = ttest_ind_from_stats(ours.mean, ours.sd, ours.n, mean, sd, n, equal_var=False)
+    return _p(found.pvalue)
+
+
+def paired(a: Sequence[float], b: Sequence[float]) -> float | None:
+    """Wilcoxon's signed-rank p for two arms with the same seeds; None if they never differ."""
+    if len(a) < 2 or all(x == y for x, y in zip(a, b, strict=True)):
+        return None
+    from scipy.stats import wilcoxon  # noqa: PLC0415
+
+    return _p(wilcoxon(a, b).pvalue)
+
+
+def unpaired(a: Sequence[float], b: Sequence[float]) -> float | None:
+    """Mann and Whitney's p for two samples; None if all values are one, or for one run."""
+    if len(a) < 2 or len(b) < 2 or len({*a, *b}) == 1:
+        return None
+    from scipy.stats import mannwhitneyu  # noqa: PLC0415
+
+    return _p(mannwhitneyu(a, b).pvalue)
+
+
+def shift(a: Sequence[float], b: Sequence[float]) -> tuple[float, float, float]:
+    """How far `a` lies above `b`, with its 95 % interval (Hodges and Lehmann).
+
+    The median of all differences, and the interval in which Mann and Whitney's test would not
+    tell them apart, by the normal approximation. Neither sample may be empty.
+    """
+    differences = sorted(x - y for x in a for y in b)
+    count = len(differences)
+    cut = count / 2 - 1.96 * sqrt(count * (len(a) + len(b) + 1) / 12.0)
+    lowest = min(max(int(cut), 0), (count - 1) // 2)
+    return median(differences), differences[lowest], differences[count - 1 - lowest]
+
+
+def holm(ps: Sequence[float | None]) -> list[float | None]:
+    """Corrected for the number of tests (Holm 1979); None, which was no test, stays None."""
+    order = sorted((p, index) for index, p in enumerate(ps) if p is not None)
+    found: list[float | None] = [None] * len(ps)
+    worst = 0.0
+    for rank, (p, index) in enumerate(order):
+        worst = max(worst, min(1.0, (len(order) - rank) * p))
+        found[index] = worst
+    return found
+
+
+def at_least(reached: int, n: int) -> float:
+    """The lower end of the one-sided 95 % interval of a share (Clopper and Pearson)."""
+    from scipy.stats import beta  # noqa: PLC0415
+
+    return 0.0 if reached == 0 else float(beta.ppf(0.05, reached, n - reached + 1))
+
+
+def _p(value: float) -> float | None:
+    return None if isnan(value) else float(value)

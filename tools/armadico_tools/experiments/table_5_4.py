@@ -1,0 +1,24 @@
+"""Table 5.4, figures 5.13 and 5.14: two offices, with ideal and with real sensors."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, Final
+
+from armadico_tools.experiments import real_robot
+from armadico_tools.experiments.published import TABLE_5_4
+
+if TYPE_CHECKING:
+    from armadico_tools.experiments.base import Context
+
+TITLE: Final = "Table 5.4: experiment 1, two offices"
+NOTE: Final = (
+    "v at most 0.4 m/s, everybody takes part. The thesis drove each column once, on a real Pioneer"
+    " for *real*; ours is a simulation with slip (2 % of each wheel), a heading drift of 0.01 rad a"
+    " metre, 1 cm of sonar noise, lost echoes, and a tenth of the walls dead to the sonars. Those"
+    " numbers are chosen, not measured. There is less furniture than in the text."
+)
+
+
+def run(context: Context) -> None:
+    """Both columns."""
+    real_robot.measure(context, TITLE, "offices", TABLE_5_4, NOTE)

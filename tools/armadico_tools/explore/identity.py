@@ -1,0 +1,356 @@
+"""Which worlds are the same from here on: a key that leaves out when, and how often before.
+
+Cycles and times count back from now, terms from the smallest that is left, and what is long past is
+only that. A world is never changed by it: the key decides what is gone through once, so a mistake
+here may hide a run, and never makes one up.
+
+What each part of it rests on:
+
+- Cycles are only compared with the newest (at most 6 back), or with each other while they are fresh
+  (bids with claims); so beyond `LONG` cycles back all are alike. `Contender._released` compares two
+  that may be older, so its answer is kept instead.
+- Claims that no bid is there for, or will come, are compared with nothing.
+- Times are only compared with now: the claim timeout (2.3 cycles), fresh (3), the rest, the draw.
+- Terms are compared, and one is added to the largest known. A gap of more than `GAP` between two is
+  as good as one of `GAP` until somebody casts so often without hearing of any larger one; likewise
+  above 0, from which a newcomer casts.
+- Anything that a subclass adds is compared as it is.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from typing import Any, Final
+
+from armadico.core.coordination import Contender, Owner, Rival
+from armadico.core.cycles import CycleClock
+from armadico.core.exchange import Bid
+from armadico.core.messages import Ack, Ballot, Claim, Command, Cycle
+from armadico_tools.explore.world import AWAY, CYCLE, LEASE, SECOND, Side, World
+
+LONG: Final = 12
+"""Cycles; more than anything is waited for but the stand-back, which is a time."""
+
+GAP: Final = 4
+
+_PAST: Final = int(4.5 * CYCLE)
+_FAR: Final = 100_000  # added to what may be negative: -1 and -2 have one hash
+
+_CONTENDER: Final = frozenset(
+    (
+        *("resource", "instance", "state", "tenure", "rival", "largest", "ack", "clock"),
+        *("_exchange", "_rng", "_margin", "_compare", "_bids", "_inputs", "_heard_at"),
+        *("_looked_at", "_take_at", "_failures", "_rest_until"),
+    )
+)
+_OWNER: Final = frozenset(
+    (
+        *("resource", "largest", "obeyed", "obeyed_cycle", "active", "refusals", "clock"),
+        *("_over", "_rank", "_obeyed_at"),
+    )
+)
+
+Key = tuple[Any, ...]
+
+
+def key(world: World) -> int:
+    """The same for worlds that are the same from here on."""
+    return hash(_Keyed(world).key())
+
+
+class _Keyed:
+    """The key of one world."""
+
+    def __init__(self, world: World) -> None:
+        self.world = world
+        self.tick = (world.n + 1) * CYCLE
+        self.terms = self._terms()
+
+    def key(self) -> Key:
+        world = self.world
+        n = world.n
+        flights = tuple(
+            (f.due - self.tick + _FAR, f.to, f.sender, self._message(f.message))
+            for f in world.flights
+        )
+        cuts = tuple(
+            (
+                tuple(sorted(c.links)),
+                min(n - c.since, LEASE + 1),
+                None if c.until is None else c.until - n,
+            )
+            for c in world.cuts
+        )
+        return (
+            tuple(self._side(side) for side in world.sides),
+            self._owner(world.owner),
+            world.epoch,
+            world.owner_down if world.owner_down <= AWAY else -7,
+            world.owner_starts,
+            world.active,
+            max(world.stopped_until - n, 0),
+            world.rising,
+            flights,
+            cuts,
+            self._ballot(world.top),
+            self._ago(world.top_at),
+            self._ballot(world.released) if world.released == world.top else None,
+            world.obeyed_now,
+            min(self.tick - world.obeyed_at, _PAST) if world.active else None,
+        )
+
+    # Parts ---------------------------------------------------------------------------------------
+
+    def _side(self, side: Side) -> Key:
+        hung = side.hung_until
+        about = (
+            side.bid,
+            side.starts,
+            side.down if side.down <= AWAY else -7,
+            None if hung is None else max(hung - self.world.n, 0),
+            0 if hung == 0 else min(self.world.n - side.hung_since, LEASE + 1),
+            tuple((f.sender, self._message(f.message)) for f in side.waiting),
+        )
+        if side.contender is None:
+            return about
+        turned = side.turned
+        newest = side.contender.clock.newest
+        return (
+            *about,
+            None if turned is None else (turned.epoch, turned == newest),
+            self._contender(side, side.contender),
+        )
+
+    def _contender(self, side: Side, c: Contender) -> Key:
+        clock, tenure, rival, ack = c.clock, c.tenure, c.rival, c.ack
+        ago = _counting_back(clock.newest)
+        silent_at = c._silent_at
+        extra = vars(c).keys() - _CONTENDER
+        return (
+            c.state.value,
+            None if tenure is None else (self._ballot(tenure.ballot), ago(tenure.began)),
+            self._rival(rival, c._bids, side.turned, clock.newest),
+            self._ballot(c.largest),
+            self._known_ack(ack, rival, ago),
+            self._clock(clock),
+            self._by_cycle(c._bids, clock.newest),
+            self._since(c._heard_at),
+            silent_at > c._looked_at,
+            None if c._take_at is None else round((c._take_at * SECOND - self.tick) * 64) + _FAR,
+            min(c._failures, 3),
+            max(round(c._rest_until * SECOND) - self.tick, 0),
+            tuple((name, vars(c)[name]) for name in sorted(extra)) if extra else (),
+        )
+
+    def _rival(
+        self,
+        rival: Rival | None,
+        bids: dict[Cycle, Bid],
+        turned: Cycle | None,
+        newest: Cycle | None,
+    ) -> Key | None:
+        if rival is None:
+            return None
+        ago = _counting_back(newest)
+        claim = rival.claim
+        owner = self.world.owner
+        at = None if owner is None else owner.obeyed_cycle
+        return (
+            self._ballot(claim.ballot),
+            ago(claim.cycle),
+            # The owner's word, when it comes, is compared with this.
+            at is not None and at.epoch == claim.cycle.epoch and at.number >= claim.cycle.number,
+            claim.utility,
+            claim.critical,
+            ago(rival.since),
+            tuple(
+                (self._exactly(cycle, newest), each.utility, each.critical)
+                for cycle, each in self._comparable(rival, bids, turned)
+            ),
+            rival.gone,
+        )
+
+    @staticmethod
+    def _comparable(
+        rival: Rival, bids: dict[Cycle, Bid], turned: Cycle | None
+    ) -> list[tuple[Cycle, Claim]]:
+        """The claims but the first ones that no bid will ever be compared with.
+
+        The first are forgotten first, so those that are left are forgotten as if these were none.
+        """
+        claims = list(rival.claims.items())
+        while claims and claims[0][0] not in bids:
+            cycle = claims[0][0]
+            if turned is None or (cycle.epoch == turned.epoch and cycle.number > turned.number):
+                break
+            del claims[0]
+        return claims
+
+    def _known_ack(
+        self, ack: Ack | None, rival: Rival | None, ago: Callable[[Cycle | None], Any]
+    ) -> Key | None:
+        if ack is None:
+            return None
+        return (
+            ago(ack.cycle),
+            self._ballot(ack.largest),
+            self._ballot(ack.obeyed),
+            ago(ack.obeyed_cycle),
+            ack.utility,
+            ack.critical,
+            rival is not None and Contender._released(ack, rival),
+        )
+
+    def _clock(self, clock: CycleClock) -> Key:
+        ago = _counting_back(clock.newest)
+        newest = clock.newest
+        return (
+            self._ago(newest),
+            ago(clock.first),
+            ago(clock.resumed),
+            self._since(clock.received_at),
+            0 if newest is None else max(clock._listens_until - newest.number, 0),
+            tuple((epoch, self._left(epoch, last)) for epoch, last in clock._left.items()),
+            round(max(clock._lead, 0.0), 1),
+            clock._steady,
+        )
+
+    def _left(self, epoch: int, last: int) -> Any:
+        """Numbers of an epoch that is over count only while something of it is under way."""
+        under_way = [
+            f.message.cycle.number
+            for f in self.world.flights
+            if isinstance(f.message, Ack) and f.message.cycle.epoch == epoch
+        ]
+        return tuple(number - last + _FAR for number in under_way)
+
+    def _owner(self, owner: Owner | None) -> Key | None:
+        if owner is None:
+            return None
+        extra = vars(owner).keys() - _OWNER
+        return (
+            self._ballot(owner.largest),
+            self._ballot(owner.obeyed),
+            self._ago(owner.obeyed_cycle),
+            owner.active,
+            owner._over is not None and owner._over == owner.largest,
+            owner._rank,
+            self._since(owner._obeyed_at) if owner.active else None,
+            self._clock(owner.clock),
+            tuple((name, vars(owner)[name]) for name in sorted(extra)) if extra else (),
+        )
+
+    def _message(self, message: Any) -> Any:
+        if isinstance(message, Claim):
+            at = self._exactly_now(message.cycle)
+            return ("claim", self._ballot(message.ballot), at, message.utility, message.critical)
+        if isinstance(message, Command):
+            at = self._exactly_now(message.cycle)
+            return ("command", self._ballot(message.ballot), at, message.action is None)
+        if isinstance(message, Ack):
+            return (
+                "ack",
+                self._exactly_now(message.cycle),
+                self._ballot(message.largest),
+                self._ballot(message.obeyed),
+                self._ago(message.obeyed_cycle),
+                message.utility,
+                message.critical,
+            )
+        return self._exactly_now(message) if isinstance(message, Cycle) else message
+
+    # Numbers -------------------------------------------------------------------------------------
+
+    def _since(self, at: float) -> int:
+        """How long ago, in ticks; whatever is longer ago than is ever asked is alike."""
+        past = self.tick - at * SECOND
+        return _PAST if past > _PAST else round(past) + 1
+
+    def _ago(self, cycle: Cycle | None) -> Any:
+        """How many cycles before the owner's."""
+        if cycle is None:
+            return None
+        if cycle.epoch != self.world.epoch:
+            return (cycle.epoch,)
+        return min(self.world.number - cycle.number, LONG) + _FAR
+
+    def _exactly_now(self, cycle: Cycle) -> Any:
+        if cycle.epoch != self.world.epoch:
+            return (cycle.epoch, cycle.number)
+        return self.world.number - cycle.number + _FAR
+
+    @staticmethod
+    def _exactly(cycle: Cycle, newest: Cycle | None) -> Any:
+        if newest is None or cycle.epoch != newest.epoch:
+            return (cycle.epoch, cycle.number)
+        return newest.number - cycle.number + _FAR
+
+    def _by_cycle(self, bids: dict[Cycle, Bid], newest: Cycle | None) -> Key:
+        return tuple(
+            (self._exactly(cycle, newest), bid.utility, bid.critical) for cycle, bid in bids.items()
+        )
+
+    def _ballot(self, ballot: Ballot | None) -> Any:
+        if ballot is None:
+            return None
+        return (self.terms[ballot.term], ballot.utility, ballot.critical, ballot.instance)
+
+    def _terms(self) -> dict[int, int]:
+        """The terms that are left, counted from the smallest, gaps no longer than counts."""
+        found: set[int] = set()
+        add = found.add
+        world = self.world
+
+        def ballot(each: Ballot | None) -> None:
+            if each is not None:
+                add(each.term)
+
+        def ack(each: Ack | None) -> None:
+            if each is not None:
+                ballot(each.largest)
+                ballot(each.obeyed)
+
+        def message(each: Any) -> None:
+            if isinstance(each, Claim | Command):
+                add(each.ballot.term)
+            elif isinstance(each, Ack):
+                ack(each)
+
+        for side in world.sides:
+            contender = side.contender
+            if contender is not None:
+                ballot(contender.largest)
+                ack(contender.ack)
+                if contender.tenure is not None:
+                    add(contender.tenure.ballot.term)
+                if contender.rival is not None:
+                    add(contender.rival.claim.ballot.term)
+            for flight in side.waiting:
+                message(flight.message)
+        for flight in world.flights:
+            message(flight.message)
+        if world.owner is not None:
+            ballot(world.owner.largest)
+            ballot(world.owner.obeyed)
+            ballot(world.owner._over)
+        ballot(world.top)
+        ballot(world.released)
+        mapped: dict[int, int] = {}
+        last = at = 0
+        for term in sorted(found):
+            at += min(term - last, GAP)
+            mapped[term], last = at, term
+        return mapped
+
+
+def _counting_back(newest: Cycle | None) -> Callable[[Cycle | None], Any]:
+    """Cycles before one's own newest."""
+
+    def ago(cycle: Cycle | None) -> Any:
+        if cycle is None:
+            return None
+        if newest is None or cycle.epoch != newest.epoch:
+            return (cycle.epoch,)
+        return min(newest.number - cycle.number, LONG) + _FAR
+
+    return ago

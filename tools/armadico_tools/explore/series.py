@@ -1,0 +1,99 @@
+"""Where runs begin, and what all of them add up to."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+from typing import Final
+
+from armadico_tools.explore.joining import Joining, JoiningFound, all_runs, setups
+from armadico_tools.explore.search import Found, Limits, Search
+from armadico_tools.explore.testing import as_test, joining_as_test
+from armadico_tools.explore.world import KINDS, Setup
+
+BIDS: Final[dict[int, tuple[str, ...]]] = {
+    2: ("0.6 0.5", "0.5 0.6", "0.5 0.53", "0.5 0.5", "0.5 0.5!", "0.6 0", "0.6 -", "- -"),
+    3: ("0.6 0.5 0.53", "0.5 0.5 0.5", "0.5 0.5! 0.6", "0.6 0 -"),
+}
+"""Who bids what in the beginning, by how many they are."""
+
+STAGGERS: Final[dict[int, tuple[tuple[int, ...], ...]]] = {2: ((0, 8), (8, 0)), 3: ((16, 8, 0),)}
+"""How long after the owner's cycle each hears of it, in 1/1024 s, for the first bids."""
+
+
+@dataclass(frozen=True)
+class Task:
+    """What a worker is given."""
+
+    setup: Setup | Joining
+    faults: int
+    cycles: int | None = None
+
+    def run(self) -> Found | JoiningFound:
+        """All runs of it."""
+        if isinstance(self.setup, Joining):
+            return all_runs(self.setup, self.faults)
+        return Search(self.setup, Limits(self.faults, self.cycles)).run()
+
+
+def work(task: Task) -> Found | JoiningFound:
+    """One setup."""
+    return task.run()
+
+
+def tasks(
+    what: str, contenders: int, faults: int, cycles: int | None, kinds: tuple[str, ...] = KINDS
+) -> list[Task]:
+    """All setups of a kind."""
+    if what == "admission":
+        return [Task(setup, faults) for setup in setups(contenders)]
+    bids = [tuple(each.split()) for each in BIDS[contenders]]
+    chosen = [Setup(each, kinds=kinds) for each in bids]
+    chosen += [Setup(bids[0], stagger, kinds=kinds) for stagger in STAGGERS[contenders]]
+    chosen.append(Setup(bids[0], apart=True, kinds=kinds))
+    return [Task(setup, faults, cycles) for setup in chosen]
+
+
+@dataclass
+class Summary:
+    """Counts over the setups that have been gone through."""
+
+    setups: int = 0
+    states: int = 0
+    steps: int = 0
+    closed: bool = True
+    starved: int = 0
+    unsettled: int = 0
+    tests: list[tuple[int, int, str, str]] = field(default_factory=list)
+    """Counterexamples: what goes otherwise, cycles, the promise, and a test."""
+
+    def add(self, found: Found | JoiningFound) -> None:
+        """One more."""
+        self.setups += 1
+        if isinstance(found, JoiningFound):
+            self.states += found.runs
+            for how, joining in found.broken:
+                self.tests.append((joining.cost, 0, how, joining_as_test(how, joining)))
+        else:
+            self.states += found.states
+            self.steps += found.steps
+            self.closed = self.closed and found.closed
+            self.starved = max(self.starved, found.starved)
+            self.unsettled = max(self.unsettled, found.unsettled)
+            for broken in found.broken:
+                self.tests.append((*broken.size, broken.promise, as_test(broken)))
+        self.tests.sort()
+
+    def plain(self) -> dict[str, object]:
+        """For JSON."""
+        return {
+            "setups": self.setups,
+            "states": self.states,
+            "steps": self.steps,
+            "closed": self.closed,
+            "starved_cycles": self.starved,
+            "unsettled_cycles": self.unsettled,
+            "counterexamples": [
+                {"faults": cost, "cycles": cycles, "promise": promise, "test": test}
+                for cost, cycles, promise, test in self.tests
+            ],
+        }

@@ -1,0 +1,104 @@
+"""The checker: observations in, violations of promises out; sans-IO.
+
+It knows nothing of whoever makes the faults, and of the agents only what can be seen from outside.
+One class a promise; each looks at one observation after the situation has taken it in, and says
+what is wrong, if anything. A promise that a fault voids is not looked at (`kinds.voided`).
+"""
+
+from __future__ import annotations
+
+from collections import Counter
+from collections.abc import Iterable, Iterator
+from dataclasses import dataclass
+from typing import Protocol
+
+from armadico_tools.faults.ballots import Fresh, OneDriver, OneHolder
+from armadico_tools.faults.fault_types import Promise
+from armadico_tools.faults.handover import Exchanged, Replaced
+from armadico_tools.faults.latched import Stopped
+from armadico_tools.faults.motion import Collision, Heading, Silence, Smooth, Watchdog
+from armadico_tools.faults.observations import Observation
+from armadico_tools.faults.pose import Localized
+from armadico_tools.faults.recovery import Arrives, Moves, SomebodyObeyed
+from armadico_tools.faults.world_state import Bounds, Situation
+
+
+@dataclass(frozen=True, slots=True)
+class Violation:
+    """A promise that was broken: when (s), and what was seen."""
+
+    promise: Promise
+    at: float
+    text: str
+
+
+class Watch(Protocol):
+    """What watches over one promise."""
+
+    promise: Promise
+
+    def look(self, seen: Observation, now: Situation) -> Iterator[str]:
+        """What is wrong, after this observation."""
+
+
+class Checker:
+    """Feed it observations in the order of time; `violations` is what it found.
+
+    `longest` is the longest time from healing to the robot's moving again, s.
+    """
+
+    def __init__(self, bounds: Bounds | None = None) -> None:
+        self.situation = Situation()
+        self.violations: list[Violation] = []
+        bounds = bounds or Bounds()
+        self._moves = Moves(bounds)
+        self._collision = Collision()
+        self._watches: tuple[Watch, ...] = (
+            OneDriver(),
+            Fresh(),
+            OneHolder(bounds),
+            SomebodyObeyed(bounds),
+            Silence(bounds),
+            Watchdog(bounds),
+            Smooth(bounds),
+            Exchanged(),
+            Replaced(bounds),
+            Stopped(bounds),
+            self._collision,
+            Heading(),
+            Localized(bounds),
+            self._moves,
+            Arrives(bounds),
+        )
+
+    @property
+    def longest(self) -> float | None:
+        """The longest time from healing to moving again, s; None if it never had to."""
+        return self._moves.longest
+
+    @property
+    def contacts(self) -> Counter[str]:
+        """Contacts by what voids them; those that break the promise by the empty word."""
+        return self._collision.contacts
+
+    @property
+    def moving_s(self) -> dict[str, float]:
+        """Seconds in which it moved, by what voided contacts then."""
+        return self._collision.moving_s
+
+    def take(self, seen: Observation) -> list[Violation]:
+        """Look at one observation; what it breaks."""
+        self.situation.take(seen)
+        found = [
+            Violation(watch.promise, seen.at, text)
+            for watch in self._watches
+            for text in watch.look(seen, self.situation)
+        ]
+        self.violations += found
+        return found
+
+    def take_all(self, seen: Iterable[Observation]) -> list[Violation]:
+        """Look at a recording; all that is broken in it."""
+        for observation in seen:
+            self.take(observation)
+        return self.violations

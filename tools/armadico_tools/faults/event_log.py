@@ -1,0 +1,262 @@
+"""What was seen of a real society, in the order of time, and the times that trials are about.
+
+Sans-IO: what was heard on the mesh, what crossed the line to the controller and which faults were
+made go in; the checker of promises is shown the same. All times are s by one clock, that of
+whoever watches; processes on one machine share it.
+"""
+
+from __future__ import annotations
+
+from collections import deque
+from collections.abc import Callable, Container, Iterator
+from itertools import pairwise
+from typing import Final, TypeVar
+
+from armadico.core.cycles import PERIOD
+from armadico.core.messages import (
+    Ack,
+    Ballot,
+    BidHistory,
+    Command,
+    Cycle,
+    Log,
+    Message,
+    MissionState,
+    MissionStatus,
+    RobotState,
+    Truth,
+)
+from armadico.core.resources import WHEELS
+from armadico.observe.measures import driver
+from armadico.observe.watching import agent_of
+from armadico_tools.faults.checker import Checker
+from armadico_tools.faults.observations import (
+    Bids,
+    Faulted,
+    Left,
+    Observation,
+    Ordered,
+    Passed,
+    Said,
+)
+
+KEPT: Final = 3000
+"""Messages of a kind that are kept: a few minutes' talk."""
+
+REST_M_S: Final = 0.01
+REST_RAD_S: Final = 0.01
+"""Slower than this the wheels rest."""
+
+MOVES_M_S: Final = 0.05
+"""Faster than this the robot is on its way."""
+
+SILENT_S: Final = 0.3
+"""A robot agent that has said nothing for so long says nothing of now."""
+
+T = TypeVar("T")
+
+Timed = deque[tuple[float, T]]
+
+
+class Account:
+    """Takes what is seen, and tells from when to when things took."""
+
+    def __init__(self, checker: Checker | None = None) -> None:
+        self.checker = checker or Checker()
+        self.states: Timed[RobotState] = deque(maxlen=KEPT)
+        self.acks: Timed[Ack] = deque(maxlen=KEPT)  # the robot agent's, of the wheels
+        self.commands: Timed[Command] = deque(maxlen=KEPT)
+        self.truths: Timed[Truth] = deque(maxlen=KEPT)
+        self.orders: Timed[Ordered] = deque(maxlen=KEPT)
+        self.logs: Timed[Log] = deque(maxlen=200)
+        self.bids: dict[str, tuple[float, BidHistory]] = {}
+        self.there: dict[str, float] = {}  # the instances whose tokens are there, since when
+        self.now = float("-inf")
+        self.on_mission = False  # the interface agent's last word
+        self.deaf = False  # somebody's commands may reach the robot and not the onlooker
+
+    # What comes in -------------------------------------------------------------------------------
+
+    def take(self, seen: Observation) -> None:
+        """Take one thing; what comes a little late counts as coming now.
+
+        A command does not move the time: it may be taken before what was seen before it.
+        """
+        if isinstance(seen, Said) and isinstance(seen.message, Command):
+            self.commands.append((seen.at, seen.message))
+            self.checker.take(Said(self.now, seen.message))
+            return
+        self.now = max(self.now, seen.at)
+        if isinstance(seen, Said):
+            self._hear(seen.message)
+            if not isinstance(seen.message, BidHistory | Log):
+                self.checker.take(Said(self.now, seen.message))
+            return
+        if isinstance(seen, Ordered):
+            self.orders.append((seen.at, seen))
+            if self.deaf:
+                self._supply(seen)
+        self.checker.take(_at(self.now, seen))
+
+    def _supply(self, order: Ordered) -> None:
+        """Have been commanded what is ordered: when it is to stop is still looked at."""
+        ack = self.ack
+        if ack is not None and ack.obeyed is not None:
+            unheard = Command(WHEELS.name, ack.cycle, ack.obeyed, (order.v, order.w))
+            self.checker.take(Said(self.now, unheard))
+
+    def token(self, at: float, instance: str, there: bool) -> None:
+        """A liveliness token came or went."""
+        self.now = max(self.now, at)
+        if there:
+            self.there.setdefault(instance, at)
+        elif self.there.pop(instance, None) is not None:
+            self.checker.take(Left(self.now, instance))
+
+    def _hear(self, message: Message) -> None:
+        if isinstance(message, RobotState):
+            self.states.append((self.now, message))
+        elif isinstance(message, Ack) and message.resource == WHEELS.name:
+            self.acks.append((self.now, message))
+        elif isinstance(message, Truth):
+            self.truths.append((self.now, message))
+        elif isinstance(message, MissionStatus):
+            self.on_mission = message.state is MissionState.DRIVING
+        elif isinstance(message, Log):
+            self.logs.append((self.now, message))
+        elif isinstance(message, BidHistory):
+            self.bids[message.instance] = (self.now, message)
+            if message.bids:
+                last = message.bids[-1]
+                self.checker.take(Bids(self.now, message.instance, last, self._age(last.cycle)))
+
+    def _age(self, cycle: Cycle) -> float:
+        """How long ago something answered a cycle, s."""
+        newest = None if self.state is None else self.state.cycle
+        if newest is None or newest.epoch != cycle.epoch:
+            return 0.0
+        return max(newest.number - cycle.number, 0) * PERIOD
+
+    # How things stand ----------------------------------------------------------------------------
+
+    @property
+    def state(self) -> RobotState | None:
+        """The newest word of the robot agent."""
+        return self.states[-1][1] if self.states else None
+
+    @property
+    def ack(self) -> Ack | None:
+        """The newest acknowledgement of the robot agent."""
+        return self.acks[-1][1] if self.acks else None
+
+    @property
+    def holder(self) -> str:
+        """The instance that is obeyed, or was last; empty if nobody was since a release."""
+        ack = self.ack
+        return "" if ack is None or ack.obeyed is None else ack.obeyed.instance
+
+    def obeyed_lately(self) -> bool:
+        """Whether somebody's command for one of the last cycles was obeyed."""
+        return (
+            bool(self.acks)
+            and self.now - self.acks[-1][0] <= SILENT_S
+            and driver(self.acks[-1][1]) is not None
+        )
+
+    def driving(self) -> bool:
+        """Whether somebody is obeyed and the robot is truly on its way."""
+        return bool(self.truths) and self.truths[-1][1].v > MOVES_M_S and self.obeyed_lately()
+
+    def at_rest(self) -> bool:
+        """Whether the wheels truly rest."""
+        return bool(self.truths) and _rests(self.truths[-1][1])
+
+    def bids_now(self, instance: str, within: float = 1.5) -> bool:
+        """Whether an instance was last heard to bid, at most so long ago (s)."""
+        at, history = self.bids.get(instance, (float("-inf"), None))
+        if history is None or not history.bids or self.now - at > within:
+            return False
+        return bool(history.bids[-1].utility)
+
+    def instances(self, name: str) -> list[str]:
+        """The instances of an agent whose tokens are there, those that came first first."""
+        return [
+            who for who in sorted(self.there, key=self.there.__getitem__) if agent_of(who) == name
+        ]
+
+    # From when to when ---------------------------------------------------------------------------
+
+    def obeyed_after(self, since: float, but: Container[str] = ()) -> float | None:
+        """When the next command was said that is known to have been obeyed; None if none is yet.
+
+        Known by the acknowledgement of the robot agent: the first after `since` of a command said
+        since then by an instance that is none of `but`.
+        """
+        said = {(c.ballot, c.cycle): at for at, c in self.commands}
+        for _, ack in _from(self.acks, since):
+            if ack.obeyed is None or ack.obeyed_cycle is None or ack.obeyed.instance in but:
+                continue
+            at = said.get((ack.obeyed, ack.obeyed_cycle))
+            if at is not None and at >= since:
+                return at
+        return None
+
+    def stop_after(self, since: float) -> float | None:
+        """When the first zero speeds after a time were written to the controller."""
+        return _first(self.orders, since, lambda order: order.v == 0.0 and order.w == 0.0)
+
+    def moves_after(self, since: float) -> float | None:
+        """When the first speeds that are not zero were written to the controller."""
+        return _first(self.orders, since, lambda order: order.v != 0.0 or order.w != 0.0)
+
+    def longest_silence(self, since: float) -> float:
+        """The longest time between two orders on the line since a time, s."""
+        times = [since, *(at for at, _ in _from(self.orders, since)), self.now]
+        return max(b - a for a, b in pairwise(times))
+
+    def rest_after(self, since: float) -> float | None:
+        """When the wheels were first seen to rest; the truth is told each 100 ms."""
+        return _first(self.truths, since, _rests)
+
+    def fastest(self, since: float, until: float) -> float:
+        """The largest true speed in a time, m/s; 0 if none was told."""
+        return max((abs(t.v) for at, t in _from(self.truths, since) if at <= until), default=0.0)
+
+    def share_obeyed(self, since: float) -> float:
+        """The share of the cycles since a time in which somebody was obeyed of late, 0 to 1."""
+        cycles = [driver(ack) is not None for _, ack in _from(self.acks, since)]
+        return sum(cycles) / len(cycles) if cycles else 0.0
+
+    def late_commands(self, instance: str, since: float, ballot: Ballot) -> int:
+        """How many commands an instance said with a ballot, or a smaller one, since a time."""
+        heard = _from(self.commands, since)
+        return sum(c.ballot.instance == instance and c.ballot <= ballot for _, c in heard)
+
+    def obeyed_ballots(self, since: float) -> set[Ballot]:
+        """The ballots that were acknowledged as obeyed since a time."""
+        return {ack.obeyed for _, ack in _from(self.acks, since) if ack.obeyed is not None}
+
+
+def _from(kept: Timed[T], since: float) -> Iterator[tuple[float, T]]:
+    return ((at, item) for at, item in kept if at >= since)
+
+
+def _first(kept: Timed[T], since: float, wanted: Callable[[T], bool]) -> float | None:
+    return next((at for at, item in _from(kept, since) if wanted(item)), None)
+
+
+def _rests(truth: Truth) -> bool:
+    return abs(truth.v) < REST_M_S and abs(truth.w) < REST_RAD_S
+
+
+def _at(at: float, seen: Observation) -> Observation:
+    """The same, seen at another time."""
+    if isinstance(seen, Ordered):
+        return Ordered(at, seen.v, seen.w)
+    if isinstance(seen, Faulted):
+        return Faulted(at, seen.kind, seen.whom, seen.began)
+    if isinstance(seen, Left):
+        return Left(at, seen.instance)
+    if isinstance(seen, Passed):
+        return Passed(at)
+    return seen

@@ -1,0 +1,304 @@
+"""Puts the faults of a plan into a rehearsal, and takes them out again.
+
+Several may be on at once, so each begins and ends by making the mesh what it should be with all
+that are on: a link that two faults befall is mended when the last of them ends.
+"""
+
+from __future__ import annotations
+
+from collections import Counter
+from collections.abc import Callable
+from functools import partial
+from math import inf, nan
+from typing import Any, Final
+
+from armadico.bridge.simulator.sonar_schedule import Broken
+from armadico.core.exchange import Bid
+from armadico.core.messages import Claim, Command, Message
+from armadico.launch.virtual import Rehearsal
+from armadico.mesh.virtual_network import Link
+from armadico.mesh.virtual_node import Node
+from armadico_tools.faults.fault_types import AGAIN_S
+from armadico_tools.faults.observations import Faulted
+from armadico_tools.faults.plan import BEHAVIOURS, CUTS, NETWORK, Fault, Variation
+from armadico_tools.faults.stranger import STRANGE, Stranger
+
+NONSENSE: Final = (
+    Bid(nan, (0.2, 0.0)),
+    Bid(1.0, (nan, nan)),
+    Bid(inf, (0.2, 0.0)),
+    Bid(1.0, (0.2,)),
+    Bid(1.0, (500.0, -90.0), critical=True),  # sound, and beyond every robot
+)
+"""What an agent bids that is not itself."""
+
+LONE_AWAY_S: Final = 0.3
+"""How long the one behaviour that is left is away when it is started again."""
+
+OLD_S: Final = 0.6
+"""Commands and claims of so long before are under way when the robot agent is started again."""
+
+
+class Inflictor:
+    """Makes the faults of one run happen at their times."""
+
+    def __init__(
+        self,
+        rehearsal: Rehearsal,
+        tell: Callable[[Faulted], object],
+        variation: Variation,
+    ) -> None:
+        self._rehearsal = rehearsal
+        self._variation = variation
+        self._mesh = rehearsal.mesh
+        self._tell = tell
+        self._on: list[Fault] = []
+        self._down: Counter[str] = Counter()
+        self._twins: Counter[str] = Counter()
+        self._away: set[Fault] = set()  # of those that flap
+        self._befallen: dict[Fault, list[Node]] = {}
+        self._said: list[tuple[float, str, Message]] = []
+        self._stranger = Stranger(rehearsal)
+        self._mesh.watch(self._keep, Command, Claim)
+        self._mend_links()
+
+    def schedule(self, faults: tuple[Fault, ...]) -> None:
+        """Have them begin and end."""
+        for fault in faults:
+            self._mesh.call_at(fault.at, self._begin, fault)
+            self._mesh.call_at(fault.until, self._end, fault)
+
+    def alive(self, name: str) -> list[Node]:
+        """The processes of an agent that are there, the oldest first."""
+        ours = (node for node in self._mesh.nodes if node not in self._stranger.nodes)
+        return [node for node in ours if node.alive and node.name == name]
+
+    def refused(self, node: Node) -> None:
+        """Somebody may not join, or stay: where that leaves nobody, it is tried again."""
+        if node not in self._stranger.nodes:
+            self._mesh.call_at(self._mesh.now + AGAIN_S, self._try_again, node.name)
+
+    def _try_again(self, name: str, _: Any) -> None:
+        if not self.alive(name):
+            self._settle(name)
+
+    # Beginning and ending ------------------------------------------------------------------------
+
+    def _begin(self, fault: Fault, _: Any) -> None:
+        self._tell(_told(self._mesh.now, fault, began=True))
+        self._on.append(fault)
+        self._befallen[fault] = [node for name in fault.whom for node in self.alive(name)]
+        self._act(fault, begins=True)
+
+    def _end(self, fault: Fault, _: Any) -> None:
+        self._on.remove(fault)
+        self._act(fault, begins=False)
+        self._tell(_told(self._mesh.now, fault, began=False))
+
+    def _act(self, fault: Fault, *, begins: bool) -> None:
+        kind = fault.kind
+        if kind in NETWORK:
+            self._mend_links()
+        elif kind.startswith("serial"):
+            self._mend_line()
+        elif kind in CUTS:
+            self._part(fault, begins=begins)
+        elif kind in STRANGE:
+            self._stranger.act(fault, begins=begins)
+        else:
+            act = getattr(self, "_" + kind.replace("-", "_"))
+            act(fault, begins)
+
+    # Links ---------------------------------------------------------------------------------------
+
+    def _mend_links(self) -> None:
+        """Every link as it is in this run, then what is on."""
+        names = {node.name for node in self._mesh.nodes}
+        ways = [(a, b) for a in sorted(names) for b in sorted(names)]
+        for way in ways:
+            link = self._mesh.link(*way)
+            link.mend()
+            link.delay, link.jitter = self._variation.delay, self._variation.jitter
+        for fault in self._on:
+            if fault.kind in NETWORK:
+                for source in fault.whom:
+                    for target in fault.to:
+                        _worsen(self._mesh.link(source, target), fault)
+
+    def _mend_line(self) -> None:
+        inwards, outwards = self._mesh.link("device", "robot"), self._mesh.link("robot", "device")
+        inwards.mend()
+        outwards.mend()
+        for fault in self._on:
+            for link, one_way in ((inwards, 1.0), (outwards, 2.0)):
+                if fault.kind.startswith("serial") and fault.spread in {0.0, one_way}:
+                    _worsen(link, fault)
+
+    def _part(self, fault: Fault, *, begins: bool) -> None:
+        both = [(fault.whom, fault.to)]
+        if fault.kind == "partition":
+            both.append((fault.to, fault.whom))
+        for sources, targets in both:
+            if begins:
+                self._mesh.cut(sources, targets, lease=bool(fault.amount))
+            else:
+                self._mesh.heal(sources, targets)
+
+    # Processes -----------------------------------------------------------------------------------
+
+    def _settle(self, name: str) -> None:
+        """As many processes of an agent as there should be: one, its twins, or none."""
+        wanted = (0 if self._down[name] else 1) + self._twins[name]
+        there = self.alive(name)
+        while len(there) > wanted:
+            there.pop(0).kill()
+        for _ in range(wanted - len(there)):
+            self._rehearsal.start(name)
+
+    def _crash(self, fault: Fault, begins: bool) -> None:
+        for name in fault.whom:
+            self._down[name] += 1 if begins else -1
+            self._settle(name)
+
+    def _interface_restart(self, fault: Fault, begins: bool) -> None:
+        self._crash(fault, begins)
+
+    def _robot_then_encoder(self, fault: Fault, begins: bool) -> None:
+        """The encoder agent goes when the new robot agent has said its first cycles."""
+        robot, encoder = fault.whom
+        if begins:
+            now = self._mesh.now
+            self._come_or_go(robot, 1)
+            for at, name, change in ((0.2, robot, -1), (0.85, encoder, 1)):
+                self._mesh.call_at(now + at * fault.lasts, partial(self._come_or_go, name, change))
+        else:
+            self._come_or_go(encoder, -1)
+
+    def _come_or_go(self, name: str, change: int, _a: Any = None, _b: Any = None) -> None:
+        self._down[name] += change
+        self._settle(name)
+
+    def _hang(self, fault: Fault, begins: bool) -> None:
+        for node in self._befallen[fault]:
+            if begins:
+                node.hang()
+            elif node.alive and not self._befalls(node, "hang"):
+                node.resume()
+
+    def _slow(self, fault: Fault, begins: bool) -> None:  # noqa: ARG002
+        for node in self._befallen[fault]:
+            works = [f.amount for f in self._on if f.kind == "slow" and node in self._befallen[f]]
+            self._mesh.slow_down(node, max(works, default=0.0))
+
+    def _befalls(self, node: Node, kind: str) -> bool:
+        return any(f.kind == kind and node in self._befallen[f] for f in self._on)
+
+    def _clock_step(self, fault: Fault, begins: bool) -> None:
+        if begins:
+            for node in self._befallen[fault]:
+                node.jump(fault.amount)
+
+    def _clock_drift(self, fault: Fault, begins: bool) -> None:
+        for node in self._befallen[fault]:
+            if node.alive:
+                node.drift(fault.amount if begins else 1.0)
+
+    def _nan(self, fault: Fault, begins: bool) -> None:
+        for node in self._befallen[fault]:
+            if begins:
+                bid = NONSENSE[int(fault.amount)]
+                vars(node.agent)["bid_for"] = lambda resource, message, bid=bid: bid  # noqa: ARG005
+            elif not self._befalls(node, "nan"):
+                vars(node.agent).pop("bid_for", None)
+
+    def _twin(self, fault: Fault, begins: bool) -> None:
+        for name in fault.whom:
+            self._twins[name] += 1 if begins else -1
+            there = self.alive(name)
+            if not begins and fault.amount and len(there) > 1 and not there[-1].hung:
+                there[-1].leave()
+            self._settle(name)
+
+    def _flap(self, fault: Fault, begins: bool) -> None:
+        if begins:
+            self._flip(fault, None)
+        elif fault in self._away:
+            self._away.remove(fault)
+            self._down[fault.whom[0]] -= 1
+            self._settle(fault.whom[0])
+
+    def _flip(self, fault: Fault, _: Any) -> None:
+        """Come if it is away, and go if it is there."""
+        if fault not in self._on:
+            return
+        (name,) = fault.whom
+        away = fault in self._away
+        (self._away.remove if away else self._away.add)(fault)
+        self._down[name] += -1 if away else 1
+        self._settle(name)
+        self._mesh.call_at(self._mesh.now + fault.amount, self._flip, fault)
+
+    def _lone_restart(self, fault: Fault, begins: bool) -> None:
+        """The other behaviours are away; the one that is left goes and comes in the middle."""
+        (lone,) = fault.whom
+        for name in BEHAVIOURS:
+            if name != lone:
+                self._down[name] += 1 if begins else -1
+                self._settle(name)
+        if begins:
+            away = min(LONE_AWAY_S, fault.lasts / 3)
+            at = self._mesh.now + fault.lasts / 3
+            self._mesh.call_at(at, partial(self._come_or_go, lone, 1))
+            self._mesh.call_at(at + away, partial(self._come_or_go, lone, -1))
+
+    def _robot_restart(self, fault: Fault, begins: bool) -> None:
+        """Commands and claims of before arrive at the new robot agent, one after another."""
+        self._down["robot"] += 1 if begins else -1
+        self._settle("robot")
+        if begins:
+            old = [item for item in self._said if item[0] > self._mesh.now - OLD_S]
+            for index, item in enumerate(old):
+                late = fault.lasts + 0.05 + index * 1.5 / len(old)
+                self._mesh.call_at(self._mesh.now + late, self._say_again, item)
+
+    def _say_again(self, item: tuple[float, str, Message], _: Any) -> None:
+        """An old message arrives; nobody says it now, so no watcher is shown it."""
+        self._mesh.arrive(item[2], "robot", item[1])
+
+    def _keep(self, key: str, message: Message, now: float) -> None:
+        self._said.append((now, key, message))
+        if len(self._said) > 256:
+            del self._said[:128]
+
+    # The robot -----------------------------------------------------------------------------------
+
+    def _silent_sonar(self, fault: Fault, begins: bool) -> None:  # noqa: ARG002
+        kinds = {fault.kind for fault in self._on}
+        how = Broken.REPEATING if "frozen-sonar" in kinds else None
+        if "silent-sonar" in kinds:
+            how = Broken.SILENT
+        self._rehearsal.robot.controller.break_sonars(how)
+
+    _frozen_sonar = _silent_sonar
+
+
+def _told(at: float, fault: Fault, *, began: bool) -> Faulted:
+    return Faulted(at, fault.kind, fault.whom, began, fault.to, fault.amount)
+
+
+def _worsen(link: Link, fault: Fault) -> None:
+    """What a fault adds to a link."""
+    kind = fault.kind
+    if kind in {"drop", "serial-loss"}:
+        link.loss = max(link.loss, fault.amount)
+    elif kind == "delay":
+        link.delay += fault.amount
+        link.jitter += fault.spread
+    elif kind == "serial-garbage":
+        link.garble = max(link.garble, fault.amount)
+    elif kind == "duplicate":
+        link.duplicate = max(link.duplicate, fault.amount)
+        link.behind = max(link.behind, fault.spread)
+    elif kind == "reorder":
+        link.reorder = max(link.reorder, fault.amount)
+        link.behind = max(link.behind, fault.spread)

@@ -1,0 +1,213 @@
+"""Promises about the wheels: silence, the watchdog, bounded acceleration, contacts, odometry."""
+
+from __future__ import annotations
+
+from collections import Counter, deque
+from collections.abc import Iterator
+from math import atan2, hypot, inf, pi
+
+from armadico.core.geometry import relative, wrap
+from armadico.core.messages import Command, RobotState, Truth
+from armadico.observe.measures import speeds
+from armadico_tools.faults.fault_types import Promise
+from armadico_tools.faults.observations import Observation, Ordered, Said
+from armadico_tools.faults.world_state import (
+    FRESH_CYCLES,
+    MOVING_M_S,
+    MOVING_RAD_S,
+    Bounds,
+    Situation,
+)
+
+ROUND_M_S = 0.001
+ROUND_RAD_S = 0.0095
+"""P2OS carries whole mm/s and whole degrees/s."""
+
+COMMANDS = 256  # commands remembered, to be found again in what is ordered
+
+STEP_M = 0.02
+SIDEWAYS_RAD = 0.2
+"""A step of at least so much leads at most so far off the heading: 0.05 rad is the most that was
+seen in 25 simulated drives of 2 minutes, turns and counts of the encoders included."""
+
+TURN_RAD = 0.03
+"""A step that turns by more than this turns the way that the measured rate says."""
+
+GAP_S = 0.25
+"""Cycles farther apart than this, s, were missing: it may have turned to and fro."""
+
+
+class Silence:
+    """A stop is ordered within 0.4 s of the last valid command.
+
+    Each command that is obeyed is written to the controller; so once it was told to move, either
+    the next order comes in time, or a stop. And what is ordered was commanded, for a cycle that is
+    not long past: a robot agent that goes on by itself has not stopped. After the braking time the
+    wheels rest: an order that the line lost is given again.
+    """
+
+    promise = Promise.SILENCE
+
+    def __init__(self, bounds: Bounds) -> None:
+        self._stop_s = bounds.stop_s
+        self._braking_s = bounds.braking_s
+        self._rest_at: float | None = None  # when rest was ordered, and nothing else since
+        self._commands: deque[Command] = deque(maxlen=COMMANDS)
+        self._order: Ordered | None = None  # the last, if it moves and is not settled yet
+
+    def look(self, seen: Observation, now: Situation) -> Iterator[str]:
+        """At each order, and as time passes."""
+        if isinstance(seen, Said) and isinstance(seen.message, Command):
+            self._commands.append(seen.message)
+        last = self._order
+        if now.void(self.promise):
+            self._order = None
+        elif last is not None and seen.at - last.at > self._stop_s:
+            self._order = None
+            waited = seen.at - last.at
+            yield f"no order for {waited:.2f} s after {last.v:.3f} m/s, {last.w:.3f} rad/s"
+        yield from self._rests(seen, now)
+        if isinstance(seen, Ordered):
+            moves = seen.v != 0.0 or seen.w != 0.0
+            self._order = seen if moves else None
+            self._rest_at = None if moves else self._rest_at or seen.at
+            if moves and not now.void(self.promise) and not self._commanded(seen, now):
+                yield f"{seen.v:.3f} m/s, {seen.w:.3f} rad/s are ordered, and nobody commanded so"
+
+    def _rests(self, seen: Observation, now: Situation) -> Iterator[str]:
+        """Whether the wheels rest in time, the line to them being whole."""
+        if now.void(Promise.COLLISION) or now.void(self.promise):
+            self._rest_at = self._rest_at and seen.at
+        if self._rest_at is None or not isinstance(seen, Said):
+            return
+        waited, truth = seen.at - self._rest_at, seen.message
+        if isinstance(truth, Truth) and waited > self._braking_s and now.rested_at < seen.at:
+            self._rest_at = None
+            yield f"{waited:.1f} s after rest was ordered still {truth.v:.2f} m/s"
+
+    def _commanded(self, order: Ordered, now: Situation) -> bool:
+        """Whether a fresh command says so; the reflex may have slowed it down ahead."""
+        for command in reversed(self._commands):
+            v, w = speeds(command)
+            near = min(v, 0.0) - ROUND_M_S <= order.v <= v + ROUND_M_S
+            near = near and abs(w - order.w) <= ROUND_RAD_S
+            if near and now.age(command.cycle) <= FRESH_CYCLES:
+                return True
+        return False
+
+
+class Watchdog:
+    """The robot agent dead or hung, the controller's watchdog has the wheels at rest in time."""
+
+    promise = Promise.WATCHDOG
+
+    def __init__(self, bounds: Bounds) -> None:
+        self._due_s = bounds.watchdog_s + bounds.braking_s
+        self._since: float | None = None
+
+    def look(self, seen: Observation, now: Situation) -> Iterator[str]:
+        """At the true speed, once it is time."""
+        gone = now.befalls("robot", "crash", "hang")
+        if not gone:
+            self._since = None
+        elif self._since is None or isinstance(seen, Ordered):
+            self._since = seen.at
+        elif seen.at - self._since > self._due_s and now.truth_at == seen.at:
+            truth = now.truth
+            if truth is not None and now.rested_at < seen.at:
+                self._since = inf
+                yield f"still {truth.v:.2f} m/s, {truth.w:.2f} rad/s after {self._due_s:.1f} s"
+
+
+class Smooth:
+    """True speeds change by no more than the ramps allow, but where a wall pushes."""
+
+    promise = Promise.SMOOTH
+
+    def __init__(self, bounds: Bounds) -> None:
+        self._bounds = bounds
+        self._truth: tuple[float, Truth] | None = None
+        self._touched_at = -inf
+
+    def look(self, seen: Observation, now: Situation) -> Iterator[str]:
+        """At each true speed."""
+        if isinstance(seen, Said) and isinstance(seen.message, Truth):
+            if not now.void(self.promise):
+                yield from self._ramps(seen.at, seen.message)
+            self._truth = (seen.at, seen.message)
+
+    def _ramps(self, at: float, truth: Truth) -> Iterator[str]:
+        if self._truth is None:
+            return
+        before_at, before = self._truth
+        if truth.clearance is not None and truth.clearance < 0.005:
+            self._touched_at = at
+        dt = truth.t - before.t
+        if dt <= 0.0 or at - before_at > 0.5 or at - self._touched_at < 1.0:
+            return
+        v, w = abs(truth.v - before.v) / dt, abs(truth.w - before.w) / dt
+        if v > self._bounds.v_accel:
+            yield f"{v:.2f} m/s^2: from {before.v:.3f} to {truth.v:.3f} m/s in {dt:.2f} s"
+        if w > self._bounds.w_accel:
+            yield f"{w:.2f} rad/s^2: from {before.w:.3f} to {truth.w:.3f} rad/s in {dt:.2f} s"
+
+
+class Collision:
+    """Nothing is touched, while sensing is honest and the robot agent lives.
+
+    Every contact is counted, and every second in which the robot moves, by what voids the promise
+    then; nothing, by the empty word.
+    """
+
+    promise = Promise.COLLISION
+
+    def __init__(self) -> None:
+        self.contacts: Counter[str] = Counter()
+        self.moving_s: dict[str, float] = {}
+        self._truth: Truth | None = None
+
+    def look(self, seen: Observation, now: Situation) -> Iterator[str]:
+        """At the simulator's count of contacts."""
+        if not isinstance(seen, Said) or not isinstance(seen.message, Truth):
+            return
+        truth, before, self._truth = seen.message, self._truth, seen.message
+        if before is None:
+            return
+        why = now.reason(self.promise)
+        if abs(truth.v) >= MOVING_M_S or abs(truth.w) >= MOVING_RAD_S:
+            self.moving_s[why] = self.moving_s.get(why, 0.0) + max(truth.t - before.t, 0.0)
+        if truth.collisions > before.collisions:
+            self.contacts[why] += truth.collisions - before.collisions
+            if not why:
+                yield f"touched something at ({truth.x:.2f}, {truth.y:.2f}), {truth.v:.2f} m/s"
+
+
+class Heading:
+    """A differential drive goes where it heads, or straight back: so do the steps of its odometry.
+
+    And it turns the way that the measured turn rate says.
+
+    After a link that was lost the controller's axes may be others than the pose's. Whoever mixes
+    them up moves maps and poses sideways, and every agent believes it.
+    """
+
+    promise = Promise.ODOMETRY
+
+    def look(self, seen: Observation, now: Situation) -> Iterator[str]:
+        """From one `robot/state` to the next of its epoch."""
+        if not isinstance(seen, Said) or not isinstance(seen.message, RobotState):
+            return
+        state, before = seen.message, now.before
+        if before is None or before.cycle.epoch != state.cycle.epoch:
+            return
+        x, y, turned = relative((before.x, before.y, before.theta), (state.x, state.y, state.theta))
+        off = abs(wrap(atan2(y, x) - 0.5 * turned))
+        if now.state_gap_s < GAP_S and abs(turned) > TURN_RAD:
+            rates = (before.w, state.w)  # it turned between them, and the loops may overshoot
+            if max(rates) < 0.0 < turned or turned < 0.0 < min(rates):
+                yield f"it turned by {turned:.3f} rad while it measured {state.w:.2f} rad/s"
+        most = SIDEWAYS_RAD
+        if now.state_gap_s >= GAP_S:  # it may have driven first, and turned then
+            most += 0.5 * abs(turned)
+        if hypot(x, y) > STEP_M and min(off, pi - off) > most:
+            yield f"a step of {hypot(x, y):.3f} m leads {off:.2f} rad off where it heads"

@@ -1,0 +1,259 @@
+"""Faults as data: a list that a seed draws, that JSON carries, and that can be shortened."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from random import Random
+from typing import Annotated, Final
+
+import msgspec
+from msgspec import Meta, Struct
+
+from armadico.config.errors import ConfigError
+from armadico.mesh.virtual_liveliness import LEASE
+from armadico_tools.faults.fault_types import DRAWN, KINDS
+
+BEHAVIOURS: Final = ("goto", "avoid", "gothrough")
+EVERYBODY: Final = (
+    *("robot", "encoder", "sonar"),
+    *BEHAVIOURS,
+    *("path-planning", "interface"),
+)
+LAYOUTS: Final[tuple[tuple[tuple[str, ...], ...], ...]] = (
+    (("robot", "encoder"), ("sonar",), BEHAVIOURS, ("path-planning", "interface")),
+    (("robot",), ("encoder", "sonar"), BEHAVIOURS, ("path-planning", "interface")),
+    (("robot", "goto"), ("encoder", "avoid"), ("sonar", "gothrough"), ("interface",)),
+    (("robot", "encoder", "sonar", "avoid"), ("goto", "gothrough", "interface", "path-planning")),
+)
+"""Which agents share a machine: a cut goes between machines, never through one."""
+
+BEGIN_S: Final = 4.0
+"""Before this nothing goes wrong: the handshake, and the robot on its way."""
+
+NETWORK: Final = frozenset({"drop", "delay", "duplicate", "reorder"})
+CUTS: Final = frozenset({"one-way", "partition"})
+
+EVERYWHERE: Final = frozenset({"stray-state", "huge-term", "huge-counter", "flood", "huge-message"})
+"""What a stranger says reaches everybody."""
+
+VICTIMS: Final = {
+    **dict.fromkeys(("nan", "lone-restart"), BEHAVIOURS),
+    **dict.fromkeys(("serial-garbage", "serial-loss", "robot-restart"), ("robot",)),
+    **dict.fromkeys(("silent-sonar", "frozen-sonar"), ("robot",)),
+    **dict.fromkeys(("flap", "twin"), EVERYBODY[1:]),
+    **dict.fromkeys(("stop", "stop-and-release", "two-robot-agents"), ("robot",)),
+    "interface-restart": ("interface",),
+}
+"""Whom a kind may befall, if not everybody: there is one robot agent, or it is another matter."""
+
+PACES: Final[tuple[tuple[float, float], ...]] = ((2.5, 4.0), (5.5, 9.0), (5.5, 9.0), (12.0, 25.0))
+"""Between most faults, s: on the whole long enough for every promise about afterwards to be due."""
+
+LEAST_S: Final = {"robot-then-encoder": 1.5, "two-robot-agents": 2.5, "stop": 1.0}
+"""Shorter than this, s, such a fault comes to nothing."""
+
+TOGETHER: Final = (0.0, 0.3, 0.3, 0.7)
+"""Share of the faults that begin while another is on."""
+
+LENGTHS: Final = ((0.05, 0.6), (0.4, 2.5), (2.0, 6.0))
+"""A fault lasts something of one of these, s."""
+
+CALM_END: Final = 0.2
+"""Share of the longer runs whose faults are over early, so that the mission must be reached."""
+
+CALM_END_S: Final = 95.0
+"""So long a run needs to be calm at its end, s."""
+
+SWARM: Final = 0.5
+"""The chance with which each kind takes part in a seed. Faults of all kinds in each run hide what
+only many of a few show (Groce et al., Swarm testing, 2012)."""
+
+Seconds = Annotated[float, Meta(ge=0, le=86_400)]
+
+
+class Fault(Struct, frozen=True, array_like=True):
+    """One fault: what, when and for how long (s), whom it befalls, and how much.
+
+    `to` is whom messages go to, for faults of the network; `amount` is the kind's own number: a
+    share, seconds, a rate or a variant, as `DRAWS` draws it; `spread` is a second one.
+    """
+
+    kind: str
+    at: Seconds
+    lasts: Seconds
+    whom: tuple[str, ...]
+    to: tuple[str, ...] = ()
+    amount: float = 0.0
+    spread: float = 0.0
+
+    @property
+    def until(self) -> float:
+        """When it ends, s."""
+        return self.at + self.lasts
+
+
+class Variation(Struct, frozen=True, omit_defaults=True):
+    """What may be otherwise from one society to another.
+
+    `delay` and `jitter`, s, come on top of what the virtual mesh draws for each message; `lease` is
+    that of tokens, s. With `ties` equal instants run in an order that the seed draws. `margin` is
+    everybody's (`social.margin`); None: the resource's own.
+    """
+
+    delay: Annotated[float, Meta(ge=0, le=1)] = 0.0
+    jitter: Annotated[float, Meta(ge=0, le=1)] = 0.0
+    lease: Annotated[float, Meta(gt=0, le=60)] = LEASE
+    ties: bool = False
+    margin: Annotated[float, Meta(ge=0, le=1)] | None = None
+
+
+class Case(Struct, frozen=True, omit_defaults=True):
+    """A run that can be repeated to the byte: the seed, the scenario, how long (s), the faults.
+
+    The seed is that of all noise; `variation` is how the network is.
+    """
+
+    seed: int
+    scenario: str
+    lasts: Annotated[float, Meta(gt=0, le=86_400)]
+    faults: tuple[Fault, ...]
+    variation: Variation = Variation()
+
+    def dumps(self) -> str:
+        """As one line of JSON."""
+        return msgspec.json.encode(self).decode()
+
+
+def loads(text: str | bytes) -> Case:
+    """A case from its JSON. Raises ConfigError saying what is wrong."""
+    try:
+        case = msgspec.json.decode(text, type=Case)
+    except msgspec.DecodeError as error:
+        raise ConfigError(f"not a case of faults: {error}") from None
+    for fault in case.faults:
+        if fault.kind not in KINDS:
+            raise ConfigError(f"no kind of fault is called {fault.kind!r}: {', '.join(KINDS)}")
+        strangers = {*fault.whom, *fault.to} - {*EVERYBODY}
+        if strangers:
+            raise ConfigError(f"{fault.kind}: no agent is called {', '.join(sorted(strangers))}")
+    return case
+
+
+class Swarm(Struct, frozen=True):
+    """What a seed draws of what there is: which kinds, how long they last, how close they are."""
+
+    kinds: tuple[str, ...]
+    weights: tuple[float, ...]
+    lengths: tuple[float, ...]  # weights of LENGTHS
+    calm: tuple[float, float]  # s
+    together: float
+
+
+def swarm(rng: Random, kinds: Sequence[str] = ()) -> Swarm:
+    """Draw one; of the kinds that are given all take part, else some of those that are drawn."""
+    taking = tuple(kinds) or tuple(kind for kind in DRAWN if rng.random() < SWARM)
+    taking = taking or (rng.choice(DRAWN),)
+    weights = tuple(KINDS[kind].weight * rng.choice((1.0, 1.0, 3.0)) for kind in taking)
+    lengths = tuple(rng.choice((0.2, 1.0, 1.0)) for _ in LENGTHS)
+    return Swarm(taking, weights, lengths, rng.choice(PACES), rng.choice(TOGETHER))
+
+
+def vary(rng: Random) -> Variation:
+    """Draw a network: half of them as quick as the one that was measured."""
+    delay, jitter = rng.choice(((0.0, 0.0), (0.0, 0.0), (0.002, 0.004), (0.005, 0.0)))
+    lease = rng.choice((LEASE, LEASE, 0.6, 2.0))
+    ties = rng.random() < 0.5
+    margin = rng.choice((None, None, 0.0, 0.1))
+    return Variation(delay, jitter, lease, ties, margin)
+
+
+def draw(rng: Random, until: float, kinds: Sequence[str] = ()) -> tuple[Fault, ...]:
+    """Faults for a run of so many seconds, in the order of their beginnings."""
+    drawn = swarm(rng, kinds)
+    if until > CALM_END_S + 2 * BEGIN_S and rng.random() < CALM_END:
+        until = max(until - CALM_END_S, 3 * BEGIN_S)
+    faults: list[Fault] = []
+    at = BEGIN_S
+    while True:
+        if faults and rng.random() < drawn.together:
+            at = rng.uniform(faults[-1].at, faults[-1].until)
+        elif faults:
+            at = max(fault.until for fault in faults) + rng.uniform(*drawn.calm)
+        fault = _draw_one(rng, drawn, round(at, 3))
+        if fault.until > until:
+            return tuple(sorted(faults, key=lambda f: f.at))
+        faults.append(fault)
+
+
+def _draw_one(rng: Random, drawn: Swarm, at: float) -> Fault:
+    (kind,) = rng.choices(drawn.kinds, drawn.weights)
+    (between,) = rng.choices(LENGTHS, drawn.lengths)
+    lasts = max(rng.uniform(*between), LEAST_S.get(kind, 0.0))
+    whom, to = _whom(rng, kind)
+    amount, spread = _amounts(rng, kind)
+    return Fault(kind, at, round(lasts, 3), whom, to, round(amount, 4), round(spread, 4))
+
+
+def _whom(rng: Random, kind: str) -> tuple[tuple[str, ...], tuple[str, ...]]:
+    """Whom a fault befalls, and on the way to whom."""
+    if kind in NETWORK and rng.random() < 0.4:
+        return EVERYBODY, EVERYBODY
+    if kind in NETWORK or kind in CUTS:
+        return _sides(rng)
+    if kind == "robot-then-encoder":
+        return ("robot", "encoder"), ()
+    if kind in EVERYWHERE:
+        return EVERYBODY, ()
+    return (rng.choice(VICTIMS.get(kind, EVERYBODY)),), ()
+
+
+def _sides(rng: Random) -> tuple[tuple[str, ...], tuple[str, ...]]:
+    """Some machines, and some of the others."""
+    layout = list(rng.choice(LAYOUTS))
+    rng.shuffle(layout)
+    here = rng.randint(1, len(layout) - 1)
+    there = rng.randint(here + 1, len(layout))
+    return _names(layout[:here]), _names(layout[here:there])
+
+
+def _names(machines: Sequence[Sequence[str]]) -> tuple[str, ...]:
+    return tuple(name for machine in machines for name in machine)
+
+
+def _amounts(rng: Random, kind: str) -> tuple[float, float]:
+    """The kind's own numbers."""
+    drawn = DRAWS.get(kind)
+    return drawn(rng) if drawn is not None else (0.0, 0.0)
+
+
+def _either(rng: Random) -> float:
+    return float(rng.random() < 0.5)
+
+
+DRAWS: Final[dict[str, Callable[[Random], tuple[float, float]]]] = {
+    "drop": lambda rng: (rng.uniform(0.05, 0.7), 0.0),  # share
+    "delay": lambda rng: (rng.uniform(0.02, 0.4), rng.choice((0.0, 0.05, 0.2))),  # s, and jitter
+    "duplicate": lambda rng: (rng.uniform(0.05, 0.5), rng.uniform(0.0, 0.4)),  # share, s behind
+    "reorder": lambda rng: (rng.uniform(0.05, 0.5), rng.uniform(0.0, 0.4)),
+    "one-way": lambda rng: (_either(rng), 0.0),  # 1: a lease runs out
+    "partition": lambda rng: (_either(rng), 0.0),
+    "twin": lambda rng: (_either(rng), 0.0),  # 1: it leaves in order
+    "slow": lambda rng: (rng.choice((0.005, 0.01, rng.uniform(0.02, 0.08))), 0.0),  # s each
+    "clock-step": lambda rng: (rng.choice((rng.uniform(0.05, 3.0), 3600.0)), 0.0),  # s
+    "clock-drift": lambda rng: (rng.uniform(0.95, 1.05), 0.0),  # times as fast
+    "serial-garbage": lambda rng: (rng.uniform(0.05, 1.0), float(rng.randrange(3))),  # share, and
+    "serial-loss": lambda rng: (rng.uniform(0.05, 1.0), float(rng.randrange(3))),  # both, in, out
+    "stray-state": lambda rng: (float(rng.randrange(3)), 0.0),  # which
+    "huge-counter": lambda rng: (
+        float(rng.randrange(2)),
+        float(rng.randrange(3)),
+    ),  # which, how far
+    "huge-term": lambda rng: (float(rng.randrange(3)), 0.0),  # which
+    "huge-message": lambda rng: (float(rng.randrange(3)), 0.0),  # which
+    "two-robot-agents": lambda rng: (_either(rng), 0.0),  # 1: it is there before it is asked
+    "flood": lambda rng: (float(rng.randrange(2)), 0.0),  # 1: with ever larger ballots
+    "stop-and-release": lambda rng: (float(rng.randrange(5)), 0.0),  # which
+    "nan": lambda rng: (float(rng.randrange(5)), 0.0),  # which nonsense
+    "flap": lambda rng: (rng.uniform(0.1, 0.8), 0.0),  # s, there and away
+}
+"""What a kind's `amount` and `spread` are, and how they are drawn."""

@@ -1,0 +1,348 @@
+"""A real society that stays up for many trials: processes, a tap on the line, and an onlooker."""
+
+from __future__ import annotations
+
+import heapq
+import os
+import queue
+import signal
+import subprocess
+import time
+from collections import deque
+from collections.abc import Callable, Iterable, Mapping, Sequence
+from contextlib import suppress
+from dataclasses import dataclass, field
+from math import radians
+from pathlib import Path
+from typing import Final, Self, TypeVar
+
+from armadico.config.scenarios import Scenario
+from armadico.core.messages import Ask, Command, Message, MissionRequest, Waypoint, decode
+from armadico.core.messages import MessageError as UnreadableError
+from armadico.core.services import BIDS, service_of
+from armadico.launch.society import Options, members
+from armadico.mesh.ports import free_port
+from armadico.observe.watching import agent_of, kind_at
+from armadico_tools.faults.checker import Checker
+from armadico_tools.faults.event_log import Account
+from armadico_tools.faults.observations import Faulted, Observation, Passed, Said
+from armadico_tools.faults.serial_tap import Tap
+from armadico_tools.faults.testbed import Place
+from armadico_tools.faults.wheel_commands import Orders
+
+T = TypeVar("T")
+
+FAR_M: Final = 90_000.0
+"""A goal so far straight on that the robot drives as long as anybody wants to watch;"""
+
+REACH_M: Final = 100_000.0
+"""the interface agent is told to take one that far."""
+
+ROAD: Final = Scenario(name="road", world="empty", start=(0.0, 0.0, 0.0), goal=(9.0, 0.0, 0.0))
+"""Straight on with nothing in the way: only goto has a reason to drive."""
+
+MISSION_S: Final = 2.0
+"""A mission is asked for again after so long, as long as there is none."""
+
+SOON_S: Final = 30.0
+"""A deadline for what must come, not an expectation."""
+
+ASK_S: Final = 0.3
+"""How often everybody is asked for their bids while one waits for something."""
+
+
+HELD_BACK_S: Final = 0.1
+"""Everything is looked at so much later than it came, to be put in order first."""
+
+HEARD_LATE_S: Final = 0.05
+"""A tap hears at once, the mesh later: a command counts as said so long before it was heard, so
+that it is seen before it is seen to be obeyed."""
+
+
+class TrialError(RuntimeError):
+    """A trial could not be made; the message says what did not come."""
+
+
+@dataclass
+class Agent:
+    """One process of the society. `label` is its agent's name, or one of its own for a twin."""
+
+    label: str
+    name: str
+    host: str
+    sets: tuple[str, ...]
+    process: subprocess.Popen[bytes] | None = None
+    instance: str = ""
+
+
+@dataclass(order=True)
+class _Item:
+    at: float
+    act: Callable[[float], None] = field(compare=False)
+
+
+class RealSociety:
+    """Starts everybody, sees everything. A context manager that ends them all.
+
+    `hosts` says where agents run, by name; who is not named is on the first host of the place.
+    """
+
+    def __init__(
+        self,
+        place: Place,
+        logs: Path,
+        *,
+        scenario: Scenario = ROAD,
+        hosts: Mapping[str, str] | None = None,
+        seed: int = 0,
+        checker: Checker | None = None,
+    ) -> None:
+        self.place = place
+        self.account = Account(checker)
+        self.agents: dict[str, Agent] = {}
+        self.count = 0  # for trials that take one after another in turn
+        self._scenario, self._seed, self._logs = scenario, seed, logs
+        self._hosts = dict(hosts or {})
+        self._queue: queue.SimpleQueue[_Item] = queue.SimpleQueue()
+        self._due: list[_Item] = []  # a heap: what is held back, too
+        self._orders = Orders()
+        self._asked_at = float("-inf")
+        self._sent_at = float("inf")  # when the last mission was asked for; inf: none is wanted
+        self._goals = _goals(scenario)
+        self._sim_port = 0
+        self._simulator: subprocess.Popen[bytes] | None = None
+        self._mesh = place.mesh()
+        self._mesh.watch_alive(self._token)
+        self._mesh.subscribe("**", self._arrived)
+        self.tap = self._listen()
+
+    def __enter__(self) -> Self:
+        return self
+
+    def __exit__(self, *error: object) -> None:
+        self.place.kill()
+        self.tap.close()
+        self._mesh.close()
+
+    def host_of(self, name: str) -> str:
+        """Where an agent runs."""
+        return self._hosts.get(name, self.place.hosts[0])
+
+    # Starting ------------------------------------------------------------------------------------
+
+    def start(self) -> None:
+        """Start the simulator and every agent of the scenario, and have it drive."""
+        self.start_simulator()
+        for member in members(self._scenario, Options(seed=self._seed), self.tap.url):
+            far = (f"reach_m={REACH_M:g}",) if member.name == "interface" else ()
+            sets = (*member.sets, *far)
+            self.add(member.name, member.name, self.host_of(member.name), sets, wait=False)
+        for agent in self.agents.values():
+            self._meet(agent, known=())
+        self.until(lambda: self.account.state is not None, "the robot's first cycle")
+        self._sent_at = float("-inf")
+        self.until(self.account.driving, "the robot is on its way")
+
+    def start_simulator(self) -> None:
+        """Start it, or start it again where it was."""
+        x, y, degrees = self._scenario.start
+        host = self.host_of("robot")
+        words = [
+            *("sim", self._scenario.world, "--port", str(self._sim_port)),
+            *("--seed", str(self._seed), "--sensors", self._scenario.sensors),
+            *("--robot", self._scenario.robot, *self.place.joining(host)),
+            *("--start", str(x), str(y), str(degrees)),
+        ]
+        self._simulator = self.place.popen(host, words, self._logs / "simulator.log")
+
+    def kill_simulator(self) -> None:
+        """SIGKILL it: its TCP line is gone."""
+        assert self._simulator is not None, "it was started"
+        self._simulator.kill()
+        self._simulator.wait()
+
+    def add(
+        self, label: str, name: str, host: str, sets: Sequence[str] = (), *, wait: bool = True
+    ) -> Agent:
+        """Start an agent, which may be a twin of another; `wait` until its token is there."""
+        known = set(self.account.instances(name))
+        agent = self.agents[label] = Agent(label, name, host, tuple(sets))
+        self._run(agent)
+        if wait:
+            self._meet(agent, known)
+        return agent
+
+    def restart(self, label: str) -> float:
+        """Start an agent again, which has ended; returns when its process was started (s)."""
+        agent = self.agents[label]
+        known = {*self.account.instances(agent.name), agent.instance}
+        at = time.monotonic()
+        self._run(agent)
+        self._meet(agent, known)
+        return at
+
+    def _run(self, agent: Agent) -> None:
+        settings = [word for value in agent.sets for word in ("--set", value)]
+        words = ["agent", agent.name, *self.place.joining(agent.host), *settings]
+        agent.process = self.place.popen(agent.host, words, self._logs / f"{agent.label}.log")
+
+    def _meet(self, agent: Agent, known: Iterable[str]) -> None:
+        """Wait for the token of an instance that is not known yet."""
+        before = set(known)
+
+        def new() -> list[str]:
+            if agent.process is not None and agent.process.poll() is not None:
+                log = (self._logs / f"{agent.label}.log").read_text(errors="replace")
+                raise TrialError(f"{agent.label} ended:\n{log[-500:]}")
+            return [who for who in self.account.instances(agent.name) if who not in before]
+
+        self.until(new, f"the token of {agent.label}")
+        agent.instance = new()[-1]
+
+    # Missions ------------------------------------------------------------------------------------
+
+    def _keep_going(self) -> None:
+        """Ask for a mission if there is none, or the last one's goal is reached."""
+        now = time.monotonic()
+        if self.account.on_mission or now - self._sent_at < MISSION_S:
+            return
+        self._sent_at = now
+        goal = self._goals[0]
+        self._goals.rotate(-1)
+        self._mesh.ask(
+            service_of(MissionRequest).key,
+            MissionRequest(goal, planned=self._scenario.plan == "rooms"),
+            MISSION_S,
+            lambda *_: None,  # how it stands is said on mission/status
+            lambda: None,
+        )
+
+    # Faults --------------------------------------------------------------------------------------
+
+    def signal(self, label: str, number: signal.Signals) -> float:
+        """Send a signal; returns when (s), just before. Ends and stops are faults that it notes."""
+        agent = self.agents[label]
+        assert agent.process is not None, "it was started"
+        at = time.monotonic()
+        os.kill(agent.process.pid, number)
+        if number == signal.SIGKILL:
+            agent.process.wait()
+        return at
+
+    def next_agent(self) -> str:
+        """Each agent in turn."""
+        label = list(self.agents)[self.count % len(self.agents)]
+        self.count += 1
+        return label
+
+    def fault(self, kind: str, whom: Sequence[str], *, began: bool) -> None:
+        """Tell the checker that a fault begins or ends.
+
+        Where links are cut the onlooker may hear less than the robot until all are back.
+        """
+
+        def note(at: float) -> None:
+            self.account.deaf = began and kind == "partition"
+            self.account.take(Faulted(at, kind, tuple(whom), began))
+
+        self._put(note)
+
+    # Time ----------------------------------------------------------------------------------------
+
+    @staticmethod
+    def now() -> float:
+        """The onlooker's time, s."""
+        return time.monotonic()
+
+    def run(self, seconds: float) -> None:
+        """Let time pass, and take what comes."""
+        end = time.monotonic() + seconds
+        while (left := end - time.monotonic()) > 0:
+            self._pump(left)
+
+    def until(self, condition: Callable[[], T | None], what: str, within: float = SOON_S) -> T:
+        """Take what comes until a condition is true, asked after each thing. Raises TrialError."""
+        end = time.monotonic() + within
+        while not (value := condition()):
+            left = end - time.monotonic()
+            if left <= 0:
+                raise TrialError(f"not within {within:.0f} s: {what}{self._last_words()}")
+            self._ask_for_bids()
+            self._pump(min(left, 0.1))
+        assert value is not None, "it is true"
+        return value
+
+    def _pump(self, wait: float) -> None:
+        """Take what is due, in the order of time; wait for it if there is nothing yet."""
+        if self._due:
+            wait = min(wait, max(self._due[0].at + HELD_BACK_S - time.monotonic(), 0.0))
+        with suppress(queue.Empty):
+            heapq.heappush(self._due, self._queue.get(timeout=wait))
+        now = time.monotonic() - HELD_BACK_S
+        with suppress(queue.Empty):
+            while True:
+                heapq.heappush(self._due, self._queue.get_nowait())
+        while self._due and self._due[0].at <= now:
+            item = heapq.heappop(self._due)
+            item.act(item.at)
+        self.account.take(Passed(now))
+        self._keep_going()
+
+    def _last_words(self) -> str:
+        lines = [log.text for _, log in list(self.account.logs)[-5:]]
+        return "".join(f"\n    {line}" for line in lines)
+
+    # What comes, on other threads ----------------------------------------------------------------
+
+    def _put(self, act: Callable[[float], None]) -> None:
+        self._queue.put(_Item(time.monotonic(), act))
+
+    def _token(self, _name: str, instance: str, there: bool) -> None:
+        self._put(lambda at: self.account.token(at, instance, there))
+
+    def _arrived(self, key: str, data: bytes) -> None:
+        at, kind = time.monotonic(), kind_at(key)
+        if kind is not None:
+            due = at - HEARD_LATE_S if kind is Command else at
+            self._queue.put(_Item(due, lambda _: self._read(kind, data, at)))
+
+    def _read(self, kind: type[Message], data: bytes, at: float) -> None:
+        with suppress(UnreadableError):
+            self.account.take(Said(at, decode(data, kind)))
+
+    def _ask_for_bids(self) -> None:
+        now = time.monotonic()
+        if now - self._asked_at >= ASK_S:
+            self._asked_at = now
+            key = BIDS.key_for(name="*", instance="*")
+            self._mesh.ask(key, Ask(), 0.5, self._arrived, lambda: None)
+
+    def _listen(self) -> Tap:
+        """A tap on a port of the robot's host, which leads to where the simulator will be."""
+        host = self.host_of("robot")
+        self._sim_port = self.place.inside(host, free_port)
+        return self.place.inside(host, Tap, f"tcp://127.0.0.1:{self._sim_port}", self._crossed)
+
+    def _crossed(self, data: bytes, at: float) -> None:
+        for order in self._orders.feed(data, at):
+            self._show(order, at)
+
+    def _show(self, seen: Observation, at: float) -> None:
+        self._queue.put(_Item(at, lambda _: self.account.take(seen)))
+
+    def bidding(self, label: str) -> bool:
+        """Whether an agent was lately heard to bid."""
+        return self.account.bids_now(self.agents[label].instance)
+
+    def label_of(self, instance: str) -> str:
+        """Who an instance is."""
+        found = [a.label for a in self.agents.values() if a.instance == instance]
+        return found[0] if found else agent_of(instance)
+
+
+def _goals(scenario: Scenario) -> deque[Waypoint]:
+    """There, and back again, for as long as anybody watches; on the road only there."""
+    if scenario is ROAD:
+        return deque([Waypoint(FAR_M, 0.0, 0.0)])
+    poses = (scenario.goal, scenario.start)
+    return deque(Waypoint(x, y, radians(degrees)) for x, y, degrees in poses)

@@ -1,0 +1,209 @@
+"""Promises about afterwards: somebody is obeyed, the robot moves again, and it arrives."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from math import hypot, inf
+
+from armadico.core.geometry import wrap
+from armadico.core.messages import MissionState, MissionStatus, RobotState
+from armadico_tools.faults.fault_types import Promise
+from armadico_tools.faults.observations import Observation, Said
+from armadico_tools.faults.world_state import MOVING_M_S, MOVING_RAD_S, Bounds, Situation
+
+STANDS_BACK_S = 4.0
+"""The longest that a holder stands back, s (`armadico.core.coordination.STAND_BACK`)."""
+
+FRICTION_S = 2.0
+"""From rest a slow turn of 0.1 rad/s takes the speed loops 1.2 s to begin, by what was seen."""
+
+CRAWL_M, CRAWL_RAD = 0.005, 0.02
+"""Farther from where it stood than this, it has moved: six counts of the controller's odometry."""
+
+FORGOTTEN_S = 2.0
+"""An interface agent that starts again has heard of the mission by then, in a whole network, s."""
+
+TURN_S = 1.0
+"""In a whole network every contender has had a turn within this, s."""
+
+
+class SomebodyObeyed:
+    """In a whole network somebody is obeyed within 5 s, if anyone bids and it is not stopped."""
+
+    promise = Promise.OBEYED
+
+    def __init__(self, bounds: Bounds) -> None:
+        self._obeyed_s = bounds.obeyed_s
+        self._since = inf
+        self._bid_at = -inf
+
+    def look(self, seen: Observation, now: Situation) -> Iterator[str]:
+        """As time passes: since when somebody has bid, and nobody was obeyed."""
+        if now.bidders():
+            self._bid_at = seen.at
+        quiet = seen.at - self._bid_at > TURN_S  # a moment without a bid is no excuse
+        excused = now.whole_for() < 0 or now.stopped() or quiet
+        if excused or now.obeyed_at >= self._since:
+            self._since = inf
+        if excused:
+            return
+        if self._since == inf and now.obeyed_at < seen.at - 0.3:
+            self._since = seen.at
+        if seen.at - self._since > self._obeyed_s:
+            self._since = inf
+            who = ", ".join(sorted(now.bidders()))
+            yield f"nobody is obeyed for {self._obeyed_s:.1f} s, though there bid: {who}"
+
+
+class Moves:
+    """After healing the robot moves within 2 s, or every bid says why not.
+
+    5 s if somebody has let go of a tenure that was not obeyed, and stands back, or is about to, its
+    bids being made nonsense; from then on, if they were until then and nobody else bid. It need not
+    move if it is stopped, has no mission, or somebody is obeyed who commands rest, and says why; or
+    creeps to its goal so slowly that the wheels' friction holds it for a while.
+    """
+
+    promise = Promise.MOVES
+
+    def __init__(self, bounds: Bounds) -> None:
+        self._bounds = bounds
+        self._healed: float | None = None  # waited for since
+        self._known = -inf  # the healing that was last settled
+        self._from: RobotState | None = None  # what was last said before
+        self.longest: float | None = None
+
+    def look(self, seen: Observation, now: Situation) -> Iterator[str]:
+        """As time passes, from the end of the last of what excused it."""
+        if now.free_since == inf:
+            self._healed = None
+            return
+        if now.healed_at > self._known:
+            self._healed = self._known = now.healed_at
+            self._from = now.state
+        if self._healed is None:
+            return
+        then, state = self._from, now.state
+        if state is not None and (then is None or then.cycle.epoch != state.cycle.epoch):
+            self._from = state  # a robot agent that starts anew counts from elsewhere
+        self._healed = max(self._healed, now.mad_back_at)
+        if now.driven() and self._moves(now):
+            took = max(now.state_at - self._healed, 0.0)
+            self.longest = max(took, self.longest or 0.0)
+            self._healed = None
+        elif seen.at - self._healed > self._allowed(now):
+            waited, self._healed = seen.at - self._healed, None
+            why = self._why_it_need_not(now)
+            if why is None:
+                yield f"it stands {waited:.2f} s after healing: {self._bidding(now)}"
+
+    def _moves(self, now: Situation) -> bool:
+        """Whether it moves, if only at a crawl, as it does before it turns on its goal."""
+        assert self._healed is not None, "it is waited for"
+        if now.moved_at >= self._healed:
+            return True
+        then, state = self._from, now.state
+        if then is None or state is None:
+            return False
+        turned = abs(wrap(state.theta - then.theta))
+        return hypot(state.x - then.x, state.y - then.y) > CRAWL_M or turned > CRAWL_RAD
+
+    def _allowed(self, now: Situation) -> float:
+        assert self._healed is not None, "it is waited for"
+        stood_back = now.stood_back_at > self._healed - STANDS_BACK_S
+        stood_back = stood_back or now.mad_in_vain(self._bounds.unobeyed_s)
+        allowed = self._bounds.stood_back_s if stood_back else self._bounds.moves_s
+        order = now.ordered
+        driven = order is not None and (order.v != 0.0 or order.w != 0.0)
+        return allowed + FRICTION_S if driven and now.driven() else allowed
+
+    @staticmethod
+    def _why_it_need_not(now: Situation) -> str | None:
+        if not now.driving or now.stopped():
+            return "no mission, or stopped"
+        if not now.bidders():
+            blind = now.befalls("robot", "silent-sonar")  # who reacts to obstacles has no turn
+            silent = [
+                instance
+                for instance, (at, record) in now.bids.items()
+                if not (record.reason or now.mad(instance)) or (now.now - at > TURN_S and not blind)
+            ]
+            return "nobody bids" if not silent else None
+        order = now.ordered
+        rests = order is None or (abs(order.v) < MOVING_M_S and abs(order.w) < MOVING_RAD_S)
+        held = now.state is not None and now.state.stalled
+        if now.driven() and (held or (rests and _says_why(now))):
+            return "who is obeyed commands rest, or all but rest, or a wall holds it"
+        return None
+
+    @staticmethod
+    def _bidding(now: Situation) -> str:
+        if not now.bids:
+            return "bids are not seen"
+        return "; ".join(
+            f"{instance.rpartition('-')[0]} {record.utility} ({record.reason})"
+            for instance, (_, record) in sorted(now.bids.items())
+        )
+
+
+class Arrives:
+    """A mission that no fault befalls from before it began is reached in good time.
+
+    And any mission within 90 s from the last fault on. Who is stopped need not arrive, nor who
+    cannot know where it is, which is for POSE to judge.
+    """
+
+    promise = Promise.ARRIVES
+
+    def __init__(self, bounds: Bounds) -> None:
+        self._bounds = bounds
+        self._mission: int | None = None
+        self._due = inf
+        self._spoilt = False  # whether something has befallen the mission that goes on
+        self._none_at: float | None = None  # since when nobody knows of it
+
+    def look(self, seen: Observation, now: Situation) -> Iterator[str]:
+        """At each word of the mission, and as time passes."""
+        if self._excused(now):
+            self._spoilt, self._due = True, seen.at + self._bounds.arrives_s
+        if isinstance(seen, Said) and isinstance(seen.message, MissionStatus):
+            yield from self._told(seen.message, seen.at, now)
+        if seen.at > self._due and self._mission is not None:
+            self._due = inf
+            yield f"the mission is not reached, though {_quiet(now, seen.at)}"
+
+    def _told(self, status: MissionStatus, at: float, now: Situation) -> Iterator[str]:
+        if status.state is MissionState.DRIVING:
+            if status.mission != self._mission:
+                self._spoilt = self._excused(now)
+                self._mission, self._due = status.mission, self._due_for(status.to_go, at)
+            self._none_at = None
+        elif status.state is MissionState.NONE and self._mission is not None:
+            self._none_at = at if self._none_at is None or now.whole_for() < 0 else self._none_at
+            if at - self._none_at > FORGOTTEN_S:
+                self._mission = None
+                yield f"the mission is forgotten for {FORGOTTEN_S:.0f} s"
+        elif status.state is MissionState.REACHED:
+            self._mission = None
+
+    @staticmethod
+    def _excused(now: Situation) -> bool:
+        return now.disturbed() or now.stopped() or now.now - now.astray_at < TURN_S
+
+    def _due_for(self, way: float, at: float) -> float:
+        bounds = self._bounds
+        if self._spoilt:
+            return at + bounds.arrives_s
+        return at + bounds.start_s + way / bounds.way_m_s
+
+
+def _quiet(now: Situation, at: float) -> str:
+    ended = now.ended_at
+    return "no fault was ever on" if ended == -inf else f"no fault was on for {at - ended:.0f} s"
+
+
+def _says_why(now: Situation) -> bool:
+    """Whether who is obeyed gives a reason, as far as its bids can be seen."""
+    assert now.obeyed is not None, "somebody is obeyed"
+    _, record = now.bids.get(now.obeyed.instance, (0.0, None))
+    return record is None or bool(record.reason)

@@ -1,0 +1,190 @@
+"""Many seeds: what they add up to, and where they are counted over time."""
+
+from __future__ import annotations
+
+import csv
+from collections import Counter
+from collections.abc import Callable
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Final
+
+from armadico_tools.faults.fault_types import Promise
+from armadico_tools.faults.plan import Case
+from armadico_tools.faults.shrink import Shrinker
+from armadico_tools.faults.sightings import AWAITED_SIGHTS, Sight
+from armadico_tools.faults.workload import Outcome, case_of, run
+
+SEEDS: Final = "seeds.csv"
+
+CAMPAIGN: Final = 1000
+CAMPAIGN_S: Final = 60.0
+"""So many seeds, of so long in the mean (s), must show every situation; the rarest (an equal bid
+that is about to collide takes over) comes to pass in one of a hundred seeds of a minute."""
+
+FIELDS: Final = (
+    *("commit", "seed", "scenario", "seconds", "kinds", "faults", "violations", "longest_s"),
+    *("missions", "driven_m", "what", "contacts", "void_contacts", "moving_s", "void_s", "again"),
+)
+
+
+@dataclass(frozen=True)
+class Task:
+    """What a worker is given."""
+
+    seed: int
+    lasts: float  # s
+    kinds: tuple[str, ...] = ()
+
+    def run(self) -> Outcome:
+        """Draw the seed's case, and run it."""
+        return run(case_of(self.seed, self.lasts, self.kinds))
+
+
+def work(task: Task) -> Outcome:
+    """One seed."""
+    return task.run()
+
+
+@dataclass
+class Summary:
+    """Counts over the seeds that have been run."""
+
+    seeds: int = 0
+    seconds: float = 0.0
+    missions: int = 0
+    driven_m: float = 0.0
+    longest_s: float = 0.0
+    faults: Counter[str] = field(default_factory=Counter)
+    violations: Counter[str] = field(default_factory=Counter)
+    broken: list[Outcome] = field(default_factory=list)
+    contacts: Counter[str] = field(default_factory=Counter)  # by what voids them; "": nothing does
+    moving_s: dict[str, float] = field(default_factory=dict)  # likewise
+    sights: Counter[str] = field(default_factory=Counter)
+    again: int = 0  # missions that were forgotten, and asked for again
+    narrowed: bool = False  # whether only some kinds were made
+
+    def add(self, outcome: Outcome) -> None:
+        """One more."""
+        self.seeds += 1
+        self.seconds += outcome.case.lasts
+        self.missions += outcome.missions
+        self.driven_m += outcome.driven_m
+        self.longest_s = max(self.longest_s, outcome.longest_s or 0.0)
+        self.faults.update(outcome.faults)
+        self.violations.update(promise for promise, _, _ in outcome.violations)
+        self.contacts.update(outcome.contacts)
+        for why, seconds in outcome.moving_s.items():
+            self.moving_s[why] = self.moving_s.get(why, 0.0) + seconds
+        self.sights.update(outcome.sights)
+        self.again += outcome.again
+        if outcome.violations:
+            self.broken.append(outcome)
+
+    def void_contacts(self) -> dict[str, int]:
+        """Contacts that do not count, by the reason."""
+        return {why: count for why, count in sorted(self.contacts.items()) if why and count}
+
+    def void_shares(self) -> dict[str, float]:
+        """The share of the moving time in which contacts are void, by the reason."""
+        whole = sum(self.moving_s.values()) or 1.0
+        return {why: s / whole for why, s in sorted(self.moving_s.items()) if why and s}
+
+    def plain(self) -> dict[str, object]:
+        """For JSON."""
+        return {
+            "seeds": self.seeds,
+            "simulated_s": round(self.seconds, 1),
+            "missions": self.missions,
+            "driven_m": round(self.driven_m, 1),
+            "longest_to_move_s": round(self.longest_s, 3),
+            "faults": dict(sorted(self.faults.items())),
+            "contacts": self.contacts[""],
+            "void_contacts": self.void_contacts(),
+            "moving_s": round(sum(self.moving_s.values()), 1),
+            "void_share": {why: round(share, 4) for why, share in self.void_shares().items()},
+            "missions_asked_again": self.again,
+            "sights": {sight.name: self.sights[sight.name] for sight in Sight},
+            "never": [sight.name for sight in missing(self)],
+            "violations": {promise.name: self.violations[promise.name] for promise in Promise},
+            "broken": [
+                {"seed": o.case.seed, "scenario": o.case.scenario, "violations": o.violations}
+                for o in self.broken
+            ],
+        }
+
+
+class Ledger:
+    """The file in which seeds are counted, with the commit that they ran on."""
+
+    def __init__(self, folder: Path, commit: str) -> None:
+        """Make the folder if need be. Raises OSError."""
+        folder.mkdir(parents=True, exist_ok=True)
+        self.path = folder / SEEDS
+        self._commit = commit
+
+    def next_seed(self) -> int:
+        """The one after the largest that was run on this commit, with whatever faults."""
+        return max((int(row["seed"]) + 1 for row in self._rows()), default=0)
+
+    def count(self) -> tuple[int, int]:
+        """Seeds that ran on this commit, and how many of them broke a promise."""
+        rows = self._rows()
+        return len({row["seed"] for row in rows}), sum(bool(row["violations"]) for row in rows)
+
+    def add(self, task: Task, outcome: Outcome) -> None:
+        """Write one down, now."""
+        new = not self.path.is_file()
+        broken = Counter(promise for promise, _, _ in outcome.violations)
+        with self.path.open("a", newline="", encoding="utf-8") as file:
+            writer = csv.writer(file, lineterminator="\n")
+            if new:
+                writer.writerow(FIELDS)
+            writer.writerow(
+                (
+                    self._commit,
+                    task.seed,
+                    outcome.case.scenario,
+                    outcome.case.lasts,
+                    " ".join(task.kinds),
+                    len(outcome.case.faults),
+                    " ".join(f"{name}:{count}" for name, count in sorted(broken.items())),
+                    "" if outcome.longest_s is None else round(outcome.longest_s, 3),
+                    outcome.missions,
+                    outcome.driven_m,
+                    outcome.violations[0][2] if outcome.violations else "",
+                    outcome.contacts.get("", 0),
+                    sum(count for why, count in outcome.contacts.items() if why),
+                    round(sum(outcome.moving_s.values()), 1),
+                    round(sum(s for why, s in outcome.moving_s.items() if why), 1),
+                    outcome.again,
+                )
+            )
+
+    def _rows(self) -> list[dict[str, str]]:
+        if not self.path.is_file():
+            return []
+        with self.path.open(newline="", encoding="utf-8") as file:
+            return [row for row in csv.DictReader(file) if row.get("commit") == self._commit]
+
+
+def smallest(
+    outcome: Outcome, tries: int, step: Callable[[], None] = lambda: None
+) -> tuple[Case, str]:
+    """A small case that breaks the promise that an outcome broke first, and which that is.
+
+    It costs at most so many tries, and `step` is called after each.
+    """
+    promise = outcome.violations[0][0]
+
+    def broken(case: Case) -> float | None:
+        return next((at for name, at, _ in run(case).violations if name == promise), None)
+
+    return Shrinker(broken, tries, step=step).shrink(outcome.case), promise
+
+
+def missing(summary: Summary) -> list[Sight]:
+    """What should have happened sometimes in so many seeds, and never did."""
+    if summary.seeds < CAMPAIGN or summary.seconds < CAMPAIGN * CAMPAIGN_S or summary.narrowed:
+        return []
+    return [s for s in Sight if not summary.sights[s.name] and s not in AWAITED_SIGHTS]

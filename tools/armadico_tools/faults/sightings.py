@@ -1,0 +1,185 @@
+"""What happens to a society that is worth a test only if it happens: situations, counted.
+
+A campaign in which one of them never came to pass has tested less than it says, and fails: so do
+the "sometimes" assertions of FoundationDB's and Antithesis's simulations.
+"""
+
+from __future__ import annotations
+
+from collections import Counter
+from collections.abc import Mapping
+from enum import StrEnum
+from typing import Final
+
+from armadico.core.messages import Ballot, Claim, MissionState, MissionStatus, RobotState, Truth
+from armadico_tools.faults.fault_types import Promise
+from armadico_tools.faults.observations import (
+    Bids,
+    Denied,
+    Faulted,
+    Left,
+    Missed,
+    Obeyed,
+    Observation,
+    Ordered,
+    Refused,
+    Said,
+)
+from armadico_tools.faults.world_state import Situation
+
+SILENT_S: Final = 0.2
+"""A holder last heard longer ago than this, s, is silent: two of its claims are missing."""
+
+UNCOMMANDED_S: Final = 0.28
+"""A stop that is ordered so long after the last obeyed command, s, is the owner's own."""
+
+
+class Sight(StrEnum):
+    """A situation."""
+
+    BETTER = "a better bid takes over"
+    CRITICAL = "about to collide, an equal bid takes over"
+    SILENCE = "the holder is silent, and another takes over"
+    VACANT = "the holder has released or is gone, and another takes over"
+    BLENDED = "an exchange is blended over some cycles"
+    AT_ONCE = "an exchange happens at once"
+    OFFERED = "a holder offers what it has"
+    RELEASED = "a holder lets go in order"
+    STOOD_BACK = "a holder that is not obeyed stands back"
+    STALE_BALLOT = "a smaller ballot is refused"
+    OLD_CYCLE = "what answers an old cycle is refused"
+    OUT_OF_RANGE = "speeds beyond the robot's limits are refused"
+    LISTENING = "an owner that has just started refuses"
+    WHILE_STOPPED = "a command is refused, for the robot is stopped"
+    STOPPED = "the stop is latched while a fault is on"
+    FREED = "the stop is released"
+    SILENT_STOP = "nobody commands, and the owner orders a stop"
+    WATCHDOG = "without the robot agent the wheels come to rest"
+    RESTARTED = "somebody is obeyed in a new epoch"
+    STALE_INPUT = "a bid is withheld, for an input is not fresh"
+    MISSED = "somebody who lives is taken for gone"
+    TOGETHER = "two faults are on at once"
+    LOST = "the pose is off by more than 0.15 m"
+    TOUCHED = "something is touched where that is void"
+    REACHED = "a mission is reached though faults befell it"
+    SECOND_REFUSED = "admission refuses a second instance"
+
+
+AWAITED_SIGHTS: Final[frozenset[Sight]] = frozenset()
+"""What cannot come to pass yet."""
+
+VERDICTS: Final[Mapping[str, Sight]] = {
+    "STALE_BALLOT": Sight.STALE_BALLOT,
+    "OLD_CYCLE": Sight.OLD_CYCLE,
+    "OUT_OF_RANGE": Sight.OUT_OF_RANGE,
+    "LISTENING": Sight.LISTENING,
+    "STOPPED": Sight.WHILE_STOPPED,
+}
+"""What the owner's verdicts show, by their names."""
+
+
+class Sightings:
+    """Counts them, in one run."""
+
+    def __init__(self) -> None:
+        self.counts: Counter[Sight] = Counter()
+        self._largest: Ballot | None = None
+        self._rival: tuple[float, Claim] | None = None  # the last claim, and when it was said
+        self._gone: set[str] = set()
+        self._obeyed_at = 0.0
+        self._epoch: int | None = None
+        self._stopped = False
+        self._rolling = False  # the robot agent was away while the wheels still turned
+        self._resting = True
+        self._lost = False
+        self._touches = 0
+        self._befallen = False  # whether a fault has befallen the mission that goes on
+
+    def take(self, seen: Observation, now: Situation) -> None:
+        """Look at one observation, after the situation has taken it in."""
+        if isinstance(seen, Said):
+            self._hear(seen, now)
+        elif isinstance(seen, Refused):
+            sight = VERDICTS.get(seen.why)
+            if sight is not None:
+                self.counts[sight] += 1
+        elif isinstance(seen, Obeyed):
+            if self._epoch is not None and seen.cycle.epoch != self._epoch:
+                self.counts[Sight.RESTARTED] += 1
+            self._epoch, self._obeyed_at = seen.cycle.epoch, seen.at
+        elif isinstance(seen, Ordered):
+            self._ordered(seen)
+        elif isinstance(seen, Faulted):
+            self._befallen = True
+            self.counts[Sight.TOGETHER] += seen.began and now.active.total() > 1
+        elif isinstance(seen, Left):
+            self._gone.add(seen.instance)
+        elif isinstance(seen, Missed):
+            self.counts[Sight.MISSED] += 1
+        elif isinstance(seen, Denied):
+            self.counts[Sight.SECOND_REFUSED] += 1
+        elif isinstance(seen, Bids):
+            self.counts[Sight.STALE_INPUT] += seen.record.reason.startswith("no fresh")
+
+    def _hear(self, said: Said, now: Situation) -> None:
+        message = said.message
+        if isinstance(message, Claim):
+            self._claim(message, said.at, now)
+        elif isinstance(message, RobotState):
+            stopped = message.stop.stopped
+            self.counts[Sight.STOPPED] += stopped and not self._stopped and now.troubled("stop")
+            self.counts[Sight.FREED] += self._stopped and not stopped
+            self._stopped = stopped
+        elif isinstance(message, Truth):
+            self._truth(message, said.at, now)
+        elif isinstance(message, MissionStatus):
+            if message.state is MissionState.REACHED:
+                self.counts[Sight.REACHED] += self._befallen
+                self._befallen = False
+            elif message.state is not MissionState.DRIVING:
+                self._befallen = False
+        lost = now.astray_at == said.at
+        self.counts[Sight.LOST] += lost and not self._lost
+        self._lost = lost or (self._lost and now.now - now.astray_at < 1.0)
+
+    def _claim(self, claim: Claim, at: float, now: Situation) -> None:
+        if self._largest is None or claim.ballot > self._largest:
+            self._largest = claim.ballot
+            self._takes_over(claim, at)
+        if claim.utility is None:
+            kept = now.obeyed == claim.ballot
+            self.counts[Sight.RELEASED if kept else Sight.STOOD_BACK] += 1
+        elif claim.utility == 0.0:
+            self.counts[Sight.OFFERED] += 1
+        elif claim.wanted != claim.commanded:
+            self.counts[Sight.BLENDED] += 1
+        self._rival = at, claim
+
+    def _takes_over(self, claim: Claim, at: float) -> None:
+        if self._rival is None or claim.utility is None:
+            return
+        said, before = self._rival
+        if claim.wanted == claim.commanded:
+            self.counts[Sight.AT_ONCE] += 1
+        if before.utility is None or before.ballot.instance in self._gone:
+            self.counts[Sight.VACANT] += 1
+        elif at - said > SILENT_S:
+            self.counts[Sight.SILENCE] += 1
+        elif claim.utility > before.utility:
+            self.counts[Sight.BETTER] += 1
+        elif claim.critical and not before.critical:
+            self.counts[Sight.CRITICAL] += 1
+
+    def _ordered(self, order: Ordered) -> None:
+        moves = bool(order.v or order.w)
+        silent = order.at - self._obeyed_at > UNCOMMANDED_S
+        self.counts[Sight.SILENT_STOP] += not moves and not self._resting and silent
+        self._resting = not moves
+
+    def _truth(self, truth: Truth, at: float, now: Situation) -> None:
+        rests, away = now.rested_at == at, now.befalls("robot", "crash", "hang")
+        self.counts[Sight.WATCHDOG] += self._rolling and rests and away
+        self._rolling = away and not rests
+        touched = truth.collisions > self._touches
+        self.counts[Sight.TOUCHED] += touched and now.void(Promise.COLLISION)
+        self._touches = truth.collisions

@@ -1,0 +1,284 @@
+"""Faults that come from outside the society: somebody says what nobody of it would, or joins it.
+
+What a stranger says to the agents arrives without being shown to those who watch; what people say,
+the stop and its release, is shown.
+"""
+
+from __future__ import annotations
+
+from functools import partial
+from math import cos, sin, tau
+from random import Random
+from typing import Any, Final
+
+import cbor2
+from msgspec.structs import replace
+
+from armadico.bridge.robot import Parameters, Robot
+from armadico.config.discovery import SIMULATORS, find
+from armadico.core.messages import (
+    COUNTS,
+    JUMP,
+    LARGEST_COUNT,
+    LARGEST_PAYLOAD,
+    Ack,
+    Ballot,
+    Claim,
+    Command,
+    Cycle,
+    Latched,
+    Message,
+    Obstacles,
+    Origin,
+    Point,
+    RobotState,
+    Stop,
+    Trajectory,
+    encode,
+)
+from armadico.core.resources import WHEELS
+from armadico.core.services import service_of
+from armadico.launch.virtual import SIMULATOR, Rehearsal
+from armadico.mesh.virtual_node import Node
+from armadico_tools.faults.fault_types import STRANGE_UTILITY
+from armadico_tools.faults.plan import EVERYBODY, Fault
+
+STRANGE: Final = frozenset(
+    {
+        *("stop", "stop-and-release", "stray-state", "huge-term", "huge-counter", "flood"),
+        *("huge-message", "two-robot-agents"),
+    }
+)
+"""The kinds that are made here."""
+
+WHO: Final = "stranger-0123456789abcdef"
+RATCHET: Final = 40
+"""Claims one after another, each as far ahead of the one before as is believed."""
+
+FLOOD: Final = 2000
+"""Claims, and as many commands, within a flood's time, a second at most."""
+
+POINTS: Final = 20_000
+MOST_POINTS: Final = 2048
+FAR_M: Final = 40.0
+"""So many points, and the most that may be read, so far away that nobody need steer for them."""
+
+OLD_CYCLES: Final = 10
+
+CLIMB_S: Final = 0.02
+CLIMB: Final = 4
+"""States that climb come so often, each so many cycles ahead of the one before."""
+
+BEYOND: Final = (JUMP, 3 * JUMP, LARGEST_COUNT // 2)
+"""How far a latched state is counted ahead: as far as is believed at once, and farther."""
+
+
+class Stranger:
+    """Says it, and joins."""
+
+    def __init__(self, rehearsal: Rehearsal) -> None:
+        self.nodes: list[Node] = []  # processes that are none of the society's
+        self._rehearsal = rehearsal
+        self._mesh = rehearsal.mesh
+        self._state: RobotState | None = None
+        self._latched: dict[type[Latched], Trajectory | Origin] = {}
+        self._counter = 0  # of the stop, the largest that anybody has said,
+        self._press = 0  # and which press that was
+        self._presses = Random(f"presses/{self._mesh.seed}")
+        self._term = 0
+        self._second: dict[Fault, Node] = {}
+        self._mesh.watch(self._hear, RobotState, Claim, Trajectory, Origin)
+
+    def act(self, fault: Fault, *, begins: bool) -> None:
+        """Begin a fault, or end it."""
+        getattr(self, "_" + fault.kind.replace("-", "_"))(fault, begins)
+
+    def _hear(self, _key: str, message: Message, _now: float) -> None:
+        if isinstance(message, RobotState):
+            self._state = message
+            if message.stop.counter >= self._counter:
+                self._counter, self._press = message.stop.counter, message.stop.press
+        elif isinstance(message, Claim):
+            self._term = max(self._term, message.ballot.term)
+        elif isinstance(message, Trajectory | Origin):
+            self._latched[type(message)] = message
+
+    def _arrives(self, message: Message, _a: Any = None, _b: Any = None) -> None:
+        for name in EVERYBODY:
+            self._mesh.arrive(message, name, _key(message))
+
+    # The stop ------------------------------------------------------------------------------------
+
+    def _stop(self, fault: Fault, begins: bool) -> None:  # noqa: ARG002
+        self._say_stop(stopped=begins)
+
+    def _stop_and_release(self, fault: Fault, begins: bool) -> None:
+        """Stop, and release at the end; 1: the stop's counter is smaller than one that is known.
+
+        2: after a third of the time somebody releases by a counter that is too small. 3: a stop is
+        released at once, and comes again later: that is none. 4: the stop counts as far ahead of
+        what is known as is believed.
+        """
+        now, lasts, variant = self._mesh.now, fault.lasts, fault.amount
+        if not begins:
+            if variant != 3.0:
+                self._say_stop(stopped=False)
+            return
+        if variant == 4.0:
+            self._counter += JUMP - 1
+        self._say_stop(stopped=True)
+        first = Stop(self._counter, True, WHO, self._press)
+        if variant in (1.0, 3.0):
+            self._say_stop(stopped=False)
+        if variant == 1.0:
+            small = Stop(max(self._counter - 1, 0), True, WHO, self._presses.getrandbits(63))
+            self._mesh.call_at(now + 0.2 * lasts, partial(self._say, small))
+        elif variant == 2.0:
+            small = Stop(self._counter - 1, False, WHO, self._presses.getrandbits(63))
+            self._mesh.call_at(now + lasts / 3, partial(self._say, small))
+        elif variant == 3.0:
+            self._mesh.call_at(now + 0.2 * lasts, partial(self._say, first))
+
+    def _say_stop(self, *, stopped: bool) -> None:
+        """A new stop, or the release of the newest."""
+        self._counter += 1
+        if stopped:
+            self._press = self._presses.getrandbits(63)
+        self._say(Stop(self._counter, stopped, WHO, self._press))
+
+    def _say(self, message: Message, _a: Any = None, _b: Any = None) -> None:
+        self._mesh.publish(message)
+
+    # Messages ------------------------------------------------------------------------------------
+
+    def _stray_state(self, fault: Fault, begins: bool) -> None:
+        """0: as of a robot that nobody knows, or of a recording that somebody plays.
+
+        Of the present epoch, 1: one as far ahead as can be, 2: some that climb while it lasts.
+        """
+        state = self._state
+        if not begins or state is None:
+            return
+        rng = Random(f"stray/{self._mesh.seed}/{fault.at}")
+        if fault.amount == 0.0:
+            cycle = Cycle(rng.getrandbits(63), rng.randrange(100_000))
+            self._arrives(replace(state, cycle=cycle))
+        elif fault.amount == 1.0:
+            self._arrives(replace(state, cycle=Cycle(state.cycle.epoch, LARGEST_COUNT)))
+        else:
+            for step in range(1, int(fault.lasts / CLIMB_S) + 1):
+                cycle = Cycle(state.cycle.epoch, state.cycle.number + CLIMB * step)
+                at = self._mesh.now + CLIMB_S * (step - 1)
+                self._mesh.call_at(at, self._later, replace(state, cycle=cycle))
+
+    def _later(self, message: Message, _: Any) -> None:
+        self._arrives(message)
+
+    def _huge_counter(self, fault: Fault, begins: bool) -> None:
+        """0: the mission, 1: the pose's origin, as they are, with a counter far beyond."""
+        known = self._latched.get(Origin if fault.amount else Trajectory)
+        if begins and known is not None:
+            counter = (known.counter + BEYOND[int(fault.spread)]) % COUNTS
+            self._arrives(replace(known, counter=counter))
+
+    def _huge_term(self, fault: Fault, begins: bool) -> None:
+        """0: a claim with the largest term; 1: claims that climb; 2: an ack that tells of one."""
+        if not begins or self._state is None:
+            return
+        if fault.amount == 2.0:
+            self._arrives(heard_of(self._state, LARGEST_COUNT))
+            return
+        climb = [self._term + (step + 1) * JUMP for step in range(RATCHET)]
+        for term in climb if fault.amount == 1.0 else [LARGEST_COUNT]:
+            self._arrives(self._claim(term))
+
+    def _flood(self, fault: Fault, begins: bool) -> None:
+        """Claims and commands, either with a ballot long beaten or with ever larger ones."""
+        if not begins:
+            return
+        within = min(fault.lasts, 1.0)
+        for index in range(FLOOD):
+            at = self._mesh.now + within * index / FLOOD
+            self._mesh.call_at(at, partial(self._flow, fault.amount), index)
+
+    def _flow(self, climbs: float, index: int, _: Any) -> None:
+        if self._state is None:
+            return
+        cycle = self._state.cycle
+        old = Cycle(cycle.epoch, max(cycle.number - OLD_CYCLES, 0))
+        term = self._term + index + 1 if climbs else 1
+        self._arrives(self._claim(term))
+        self._arrives(Command(WHEELS.name, old, _ballot(term), (0.1, 0.0)))
+
+    def _huge_message(self, fault: Fault, begins: bool) -> None:
+        """0: the largest that is read; 1: far beyond that; 2: tags that take long to decode."""
+        if not begins or self._state is None:
+            return
+        cycle, key = self._state.cycle, service_of(Obstacles).key
+        if fault.amount == 0.0:
+            data = encode(Obstacles(cycle, None, None, None, None, _ring(MOST_POINTS)))
+        elif fault.amount == 1.0:
+            points = [[point.x, point.y] for point in _ring(POINTS)]
+            data = cbor2.dumps([[cycle.epoch, cycle.number], None, None, None, None, points])
+        else:
+            digits = LARGEST_PAYLOAD - 100
+            # A decimal fraction with a mantissa of so many bytes.
+            fraction = b"\xc4\x82\x3a\x00\x0f\x42\x3f\xc2\x5a" + digits.to_bytes(4, "big")
+            data = fraction + digits * b"\xff"
+        self._mesh.publish_bytes(data, key)
+
+    def _claim(self, term: int) -> Claim:
+        assert self._state is not None, "a robot agent has spoken"
+        rest = WHEELS.neutral
+        cycle = self._state.cycle
+        return Claim(WHEELS.name, _ballot(term), cycle, STRANGE_UTILITY, False, rest, rest)
+
+    # Another robot -------------------------------------------------------------------------------
+
+    def _two_robot_agents(self, fault: Fault, begins: bool) -> None:
+        """One with a controller of its own, whose wheels nobody of this society sees.
+
+        1: it does not look around, as if it had come while the network was cut.
+        """
+        if not begins:
+            node = self._second.pop(fault)
+            if node.alive:
+                node.leave()
+            return
+        scenario, mesh = self._rehearsal.scenario, self._mesh
+        number = 1000 + len(self.nodes)
+        factory = find(SIMULATORS, SIMULATOR).load()
+        device = factory(scenario, lambda name: mesh.stream(f"second/{name}"), _unseen)
+        identity = mesh.identity(Robot.name, number)
+        agent = Robot(identity, Parameters(port="memory:", profile=scenario.robot))
+        node = mesh.add(agent, device, admit=fault.amount != 1.0)
+        self.nodes.append(node)
+        self._second[fault] = node
+
+
+def _unseen(_truth: Message) -> None:
+    """Nobody watches the other robot."""
+
+
+def heard_of(state: RobotState, term: int) -> Ack:
+    """The next cycle's word, which says that a ballot has been heard."""
+    cycle = Cycle(state.cycle.epoch, state.cycle.number + 1)
+    return Ack(WHEELS.name, cycle, _ballot(term))
+
+
+def _key(message: Message) -> str:
+    """The key that a message of the stranger's travels on."""
+    if isinstance(message, Claim):
+        return WHEELS.utility_key
+    if isinstance(message, Command):
+        return WHEELS.command_key_of(WHO)
+    return WHEELS.ack_key if isinstance(message, Ack) else service_of(type(message)).key
+
+
+def _ring(count: int) -> tuple[Point, ...]:
+    angles = (tau * index / count for index in range(count))
+    return tuple(Point(FAR_M * cos(angle), FAR_M * sin(angle)) for angle in angles)
+
+
+def _ballot(term: int) -> Ballot:
+    return Ballot(term, STRANGE_UTILITY, False, WHO)

@@ -1,0 +1,340 @@
+"""The workload: a whole society drives a shipped scenario to and fro while faults befall it.
+
+It makes the faults and drives; what is right or wrong it leaves to the checker, to which it shows
+what can be seen from outside, and besides the bids of those who are silent.
+"""
+
+from __future__ import annotations
+
+import traceback
+from collections import Counter
+from collections.abc import Sequence
+from dataclasses import replace
+from math import hypot, radians
+from random import Random
+from typing import Any, Final
+
+from msgspec import Struct
+
+from armadico.bridge.robot import Robot
+from armadico.config.loading import find, load
+from armadico.config.profile import RobotProfile
+from armadico.config.scenarios import load_scenario
+from armadico.core.agent import DeviceAgent
+from armadico.core.coordination import Owner, Verdict
+from armadico.core.messages import (
+    Ack,
+    Claim,
+    Command,
+    Message,
+    MissionReply,
+    MissionRequest,
+    MissionState,
+    MissionStatus,
+    Pose,
+    RobotState,
+    Stop,
+    Truth,
+    Waypoint,
+)
+from armadico.core.resources import WHEELS
+from armadico.launch.society import Options
+from armadico.launch.virtual import Rehearsal
+from armadico.mesh.virtual import VirtualMesh
+from armadico.mesh.virtual_network import Clock
+from armadico.mesh.virtual_node import Node
+from armadico_tools.faults.checker import Checker, Violation
+from armadico_tools.faults.fault_types import Promise
+from armadico_tools.faults.injector import Inflictor
+from armadico_tools.faults.observations import (
+    Astray,
+    Bids,
+    Denied,
+    Left,
+    Missed,
+    Obeyed,
+    Observation,
+    Passed,
+    Refused,
+    Said,
+)
+from armadico_tools.faults.plan import Case, draw, vary
+from armadico_tools.faults.recovery import FORGOTTEN_S
+from armadico_tools.faults.sightings import Sight, Sightings
+from armadico_tools.faults.wheel_commands import Orders
+from armadico_tools.faults.world_state import bounds_of
+
+SCENARIOS: Final = ("sc1", "sc2", "sc3", "sc4", "rooms-a", "rooms-b", "offices", "house")
+
+LOOK_S: Final = 0.5
+"""How often the workload looks whether there is a mission."""
+
+MISSION_S: Final = 90.0
+"""After so long the robot is sent elsewhere: it may have lost its way with its pose, and nobody
+tells it where it is: what a fault has put wrong, the society mends itself or not at all."""
+
+BOOTED_S: Final = 1e5
+"""Clocks of the processes begin anywhere within this."""
+
+SEEN: Final = (RobotState, Ack, Claim, Command, Stop, MissionStatus, Truth, Pose)
+
+
+class Outcome(Struct, frozen=True):
+    """What came of one case.
+
+    `faults` counts them by kind, `violations` are (promise, at, text), `longest_s` is the longest
+    time from healing to moving again, `missions` how many goals were reached and `again` how often
+    a mission was asked for again that had been forgotten. `contacts` and `moving_s` (s) are by what
+    voided COLLISION then, nothing by the empty word; `sights` counts what was seen to happen.
+    """
+
+    case: Case
+    faults: dict[str, int]
+    violations: tuple[tuple[str, float, str], ...]
+    longest_s: float | None
+    missions: int
+    driven_m: float
+    again: int = 0
+    contacts: dict[str, int] = {}
+    moving_s: dict[str, float] = {}
+    sights: dict[str, int] = {}
+
+
+def case_of(seed: int, lasts: float, only: Sequence[str] = (), scenario: str | None = None) -> Case:
+    """The case that a seed draws: a scenario and faults, for so many s.
+
+    Of the kinds that are given; else of some that the seed draws.
+    """
+    rng = Random(f"faults/{seed}")
+    drawn = rng.choice(SCENARIOS)
+    varied = vary(Random(f"variation/{seed}"))
+    return Case(seed, scenario or drawn, lasts, draw(rng, lasts, tuple(only)), varied)
+
+
+class Workload:
+    """One case, being run."""
+
+    def __init__(self, case: Case, checker: Checker | None = None) -> None:
+        self.case = case
+        scenario = load_scenario(case.scenario)
+        profile = load(find("robots", scenario.robot), RobotProfile)
+        self.checker = checker or Checker(replace(bounds_of(profile), skew_s=0.0))
+        self._clocks = Random(f"clocks/{case.seed}")
+        varied = case.variation
+        ties = Random(f"ties/{case.seed}") if varied.ties else None
+        self.rehearsal = Rehearsal(
+            scenario,
+            Options(seed=case.seed, margin=varied.margin),
+            self._clock,
+            mesh=VirtualMesh(case.seed, ties=ties, lease=varied.lease),
+        )
+        self.mesh = self.rehearsal.mesh
+        self.mesh.refused = self._refused
+        self.mesh.watch(self._said, *SEEN)
+        self.mesh.joined = self._joined
+        for node in self.mesh.nodes:
+            self._joined(node)
+        self._inflictor = Inflictor(self.rehearsal, self.show, case.variation)
+        self._ends = _ends(self.rehearsal)
+        self._heading_for = 0
+        self._asked = False
+        self._mission_at = 0.0  # when it was taken on
+        self._none_at: float | None = None  # since when nobody knows of it
+        self._status = MissionState.NONE
+        self._truth: Truth | None = None
+        self._driven = 0.0
+        self._looked: dict[str, int] = {}
+        self._elsewhere: set[int] = set()  # epochs of robot agents with controllers of their own
+        self.sightings = Sightings()
+        self.missions = self.again = 0
+        self.error: tuple[float, str] | None = None
+
+    def run(self) -> Outcome:
+        """Drive to the end of the case."""
+        self._inflictor.schedule(self.case.faults)
+        self.mesh.call_at(1.0, self._look)
+        try:
+            self.mesh.run(self.case.lasts)
+        except Exception:  # an agent that raises dies; here the run ends, and says where
+            lines = traceback.format_exc().strip().splitlines()
+            where = next((x.strip() for x in reversed(lines) if x.startswith("  File")), "")
+            self.error = (self.mesh.now, f"{lines[-1]} ({where})")
+        self.show(Passed(self.mesh.now))
+        return self.outcome()
+
+    def outcome(self) -> Outcome:
+        """What came of it so far."""
+        found = [(v.promise.name, round(v.at, 3), v.text) for v in self.checker.violations]
+        if self.error is not None:
+            found.append((Promise.NO_ERROR.name, round(self.error[0], 3), self.error[1]))
+        return Outcome(
+            case=self.case,
+            faults=dict(Counter(fault.kind for fault in self.case.faults)),
+            violations=tuple(found),
+            longest_s=self.checker.longest,
+            missions=self.missions,
+            driven_m=round(self._driven, 2),
+            again=self.again,
+            contacts=dict(sorted(self.checker.contacts.items())),
+            moving_s={why: round(s, 1) for why, s in sorted(self.checker.moving_s.items())},
+            sights={sight.name: self.sightings.counts[sight] for sight in Sight},
+        )
+
+    # What the checker is shown -------------------------------------------------------------------
+
+    def show(self, seen: Observation) -> list[Violation]:
+        """Show the checker, and whoever counts what happens, one thing."""
+        found = self.checker.take(seen)
+        self.sightings.take(seen, self.checker.situation)
+        return found
+
+    def _said(self, _key: str, message: Message, now: float) -> None:
+        cycle = getattr(message, "cycle", None)
+        if cycle is not None and cycle.epoch in self._elsewhere:
+            if isinstance(message, Pose):
+                self.show(Astray(now))
+            return
+        if isinstance(message, Claim) and message.utility is None:
+            self._show_bids()  # whether who lets go bids on
+        self.show(Said(now, message))
+        if isinstance(message, MissionStatus):
+            ended = self._status is MissionState.REACHED and message.state is MissionState.NONE
+            if not ended:  # a new interface agent says nothing of a mission that has ended
+                self._status = message.state
+            if message.state is not MissionState.NONE:
+                self._none_at = None
+            elif self._none_at is None:
+                self._none_at = now
+        elif isinstance(message, Truth):
+            if self._truth is not None:
+                self._driven += hypot(message.x - self._truth.x, message.y - self._truth.y)
+            self._truth = message
+            self._show_bids()
+
+    def _show_bids(self) -> None:
+        """The bids that are new since the last look, and who is no longer there."""
+        there = set()
+        for node in self.mesh.nodes:
+            agent = node.agent
+            if not node.alive or not agent.competes_for:
+                continue
+            there.add(agent.instance)
+            if agent.bids and id(agent.bids[-1]) != self._looked.get(agent.instance):
+                self._looked[agent.instance] = id(agent.bids[-1])
+                self.show(Bids(self.mesh.now, agent.instance, agent.bids[-1]))
+        for instance in [name for name in self._looked if name not in there]:
+            del self._looked[instance]
+            self.show(Left(self.mesh.now, instance))
+
+    def _refused(self, node: Node) -> None:
+        self.show(Denied(self.mesh.now, node.agent.instance, node.driver.refusal))
+        self._inflictor.refused(node)
+
+    def _joined(self, node: Node) -> None:
+        """Tap a robot agent's line, and see whom it obeys."""
+        agent = node.agent
+        _tap_news(node, self)
+        if not isinstance(agent, Robot):
+            return
+        if node.device is self.rehearsal.robot:
+            _tap_line(agent, self)
+            _tap_owner(agent.owner(WHEELS), self)
+        else:
+            _tap_epochs(agent, self._elsewhere)
+
+    # Missions ------------------------------------------------------------------------------------
+
+    def _look(self, _a: Any = None, _b: Any = None) -> None:
+        """Send the robot on when it has arrived, or has no mission."""
+        self.mesh.call_at(self.mesh.now + LOOK_S, self._look)
+        late = self.mesh.now - self._mission_at > MISSION_S
+        if self._asked or (self._status is MissionState.DRIVING and not late):
+            return
+        if self._status is MissionState.REACHED or late:
+            self.missions += self._status is MissionState.REACHED
+            self._heading_for = 1 - self._heading_for
+        elif self._mission_at:  # nobody knows of it any more
+            if self._none_at is None or self.mesh.now - self._none_at < 2 * FORGOTTEN_S:
+                return  # whoever starts again has a while to be told of it
+            self.again += 1
+        self._asked = True
+        self.mesh.ask(self._ends[self._heading_for], self._answered, timeout=5.0)
+
+    def _answered(self, reply: Message | None) -> None:
+        self._asked = False
+        if isinstance(reply, MissionReply) and not reply.refusal:
+            self._mission_at = self.mesh.now
+            self._status = MissionState.DRIVING
+
+    def _clock(self, _name: str) -> Clock:
+        return Clock(self._clocks.uniform(0.0, BOOTED_S))
+
+
+def _ends(rehearsal: Rehearsal) -> tuple[MissionRequest, MissionRequest]:
+    """There, and back."""
+    scenario = rehearsal.scenario
+    planned = scenario.plan == "rooms"
+    between = scenario.waypoints if scenario.plan == "waypoints" else ()
+    there = tuple(_waypoint(pose) for pose in between)
+    return (
+        MissionRequest(_waypoint(scenario.goal), there, planned),
+        MissionRequest(_waypoint(scenario.start), there[::-1], planned),
+    )
+
+
+def _waypoint(pose: tuple[float, float, float]) -> Waypoint:
+    return Waypoint(pose[0], pose[1], radians(pose[2]))
+
+
+def _tap_line(agent: DeviceAgent, workload: Workload) -> None:
+    orders, write = Orders(), agent.write
+
+    def tapped(data: bytes) -> None:
+        write(data)
+        for order in orders.feed(data, workload.mesh.now):
+            workload.show(order)
+
+    vars(agent)["write"] = tapped
+
+
+def _tap_owner(owner: Owner, workload: Workload) -> None:
+    judge = owner.judge
+
+    def tapped(command: Command, now: float, *, stopped: bool = False, fault: str = "") -> Verdict:
+        verdict = judge(command, now, stopped=stopped, fault=fault)
+        if verdict is Verdict.OBEYED:
+            workload.show(Obeyed(workload.mesh.now, command.ballot, command.cycle))
+        elif verdict is not Verdict.RELEASED:
+            workload.show(Refused(workload.mesh.now, command.ballot, verdict.name))
+        return verdict
+
+    vars(owner)["judge"] = tapped
+
+
+def _tap_news(node: Node, workload: Workload) -> None:
+    """See whom it takes for gone who lives."""
+    agent = node.agent
+    disappeared = agent.disappeared
+
+    def tapped(name: str, instance: str, now: float) -> None:
+        if any(other.alive and other.agent.instance == instance for other in workload.mesh.nodes):
+            workload.show(Missed(workload.mesh.now, instance))
+        disappeared(name, instance, now)
+
+    vars(agent)["disappeared"] = tapped
+
+
+def _tap_epochs(agent: Robot, epochs: set[int]) -> None:
+    publish = agent.publish
+
+    def tapped(message: Message, **names: str) -> None:
+        if isinstance(message, RobotState):
+            epochs.add(message.cycle.epoch)
+        publish(message, **names)
+
+    vars(agent)["publish"] = tapped
+
+
+def run(case: Case) -> Outcome:
+    """Run a case."""
+    return Workload(case).run()

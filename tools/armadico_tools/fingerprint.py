@@ -1,0 +1,49 @@
+"""What a virtual run publishes, as one line: whether a change of code changed any of it.
+
+    python -m armadico_tools.fingerprint sc4 --seed 7
+
+hashes each publication's key, content and instant. Two builds or commits that print the same line
+drive the same run.
+"""
+
+from __future__ import annotations
+
+import argparse
+import hashlib
+import sys
+from collections.abc import Sequence
+
+from armadico.config.scenarios import Scenario, load_scenario
+from armadico.core.compiled import is_compiled
+from armadico.core.services import SERVICES
+from armadico.launch.society import Options
+from armadico.launch.virtual import Rehearsal
+
+
+def fingerprint(scenario: Scenario, options: Options) -> str:
+    """SHA-256 of all that is published from the start to the goal, and when."""
+    rehearsal, digest = Rehearsal(scenario, options), hashlib.sha256()
+    rehearsal.mesh.watch(
+        lambda key, message, now: digest.update(repr((key, message, now)).encode()),
+        *{service.message for service in SERVICES},
+    )
+    rehearsal.run()
+    return digest.hexdigest()
+
+
+def main(argv: Sequence[str] | None = None) -> int:
+    """Print a fingerprint for each scenario."""
+    parser = argparse.ArgumentParser(description="A hash of all that a virtual run publishes.")
+    parser.add_argument("scenarios", nargs="*", default=["sc4"])
+    parser.add_argument("--seed", type=int, default=7)
+    parser.add_argument("--parameters", help="thesis, or a TOML file")
+    args = parser.parse_args(argv)
+    print("armadico:", "compiled" if is_compiled() else "pure Python", file=sys.stderr)
+    for name in args.scenarios:
+        options = Options(seed=args.seed, parameters=args.parameters)
+        print(name, fingerprint(load_scenario(name), options))
+    return 0
+
+
+if __name__ == "__main__":
+    sys.exit(main())

@@ -1,0 +1,219 @@
+"""The demo's hosts as containers of Docker Compose: `make demo`.
+
+A host is a service of deploy/compose.yaml. Everything that is to be seen is seen from inside:
+whatever the engine runs on, this machine may have no way to the containers' network.
+"""
+
+from __future__ import annotations
+
+import argparse
+import os
+import shutil
+import signal
+import subprocess
+import sys
+import time
+from collections.abc import Callable, Sequence
+from contextlib import suppress
+from pathlib import Path
+from types import TracebackType
+from typing import Final, Self
+
+from armadico.cli.options import FailedError, guarded
+from armadico.config.hosts import load_hosts
+from armadico_tools.hosts.demo import demo
+
+FILE: Final = Path(__file__).resolve().parents[3] / "deploy" / "compose.yaml"
+"""What describes the containers; `COMPOSE_FILE` in the environment names others."""
+
+IMAGE: Final = "armadico"
+"""What the compose file calls the image of all hosts."""
+
+START_S: Final = 90
+"""What the containers may take until all are healthy."""
+
+INSTEAD: Final = (
+    "Without an engine, `sudo .venv/bin/armadico hosts-demo` shows the same four hosts as network"
+    " namespaces (Linux), and `make run` drives on this machine alone."
+)
+
+EXAMPLES: Final = """\
+  make demo
+  make demo SCENARIO=house
+  COMPOSE_FILE=deploy/compose.yaml:mine.yaml make demo    with an override file of your own
+"""
+
+
+class ComposeHosts:
+    """The services of one compose file; a context manager that takes them down again."""
+
+    def __init__(self, scenario: str, say: Callable[[str], None]) -> None:
+        """Prepare.
+
+        Args:
+            scenario: What each host's share is a share of.
+            say: Told what is being done, and how long it took.
+        """
+        self.names: tuple[str, ...] = tuple(load_hosts("demo").hosts)
+        self._say = say
+        self._environment = {"COMPOSE_FILE": str(FILE), **os.environ, "SCENARIO": scenario}
+
+    def __enter__(self) -> Self:
+        """Build the image and start every host. Raises FailedError."""
+        self.down()  # what a demo left that was killed
+        try:
+            began = time.monotonic()
+            self._say("building the image")
+            self._do("build", "--quiet")
+            self._say(f"it stands, {_size()}, {time.monotonic() - began:.1f} s")
+            began = time.monotonic()
+            self._do("up", "--detach", "--wait", "--wait-timeout", str(START_S))
+            self._say(f"all containers are healthy, {time.monotonic() - began:.1f} s")
+        except BaseException:
+            self.down()
+            raise
+        return self
+
+    def __exit__(
+        self,
+        kind: type[BaseException] | None,
+        error: BaseException | None,
+        traceback: TracebackType | None,
+    ) -> None:
+        self._say("taking everything down")
+        self.down()
+
+    def start(self, host: str, *, wait: bool = False) -> None:
+        """Start a host's container, and wait until it is healthy; nothing if it runs."""
+        waiting = ("--wait", "--wait-timeout", str(START_S)) if wait else ()
+        self._do("up", "--detach", "--no-deps", "--no-build", *waiting, host)
+
+    def stop(self, host: str) -> None:
+        """End everything in a host's container at once, as if the plug was pulled."""
+        self._do("kill", host)
+
+    def popen(self, host: str, argv: Sequence[str]) -> subprocess.Popen[str]:
+        """Start a command in a host's container; what it prints is piped.
+
+        Ending what is returned ends only this side of it; the rest goes with the container.
+        """
+        return _Client(
+            ["docker", "compose", "exec", "--no-TTY", host, *argv],
+            env=self._environment,
+            stdin=subprocess.DEVNULL,
+            stdout=subprocess.PIPE,
+            text=True,
+            bufsize=1,
+            start_new_session=True,  # Ctrl-C is the demo's, which takes it down
+        )
+
+    def down(self) -> None:
+        """Remove the containers and their network; a second Ctrl-C does not interrupt it."""
+        before = signal.signal(signal.SIGINT, signal.SIG_IGN)
+        try:
+            self._do("down", "--timeout", "1", "--remove-orphans")
+        finally:
+            signal.signal(signal.SIGINT, before)
+
+    def _do(self, *words: str) -> None:
+        """One command of Compose. Raises FailedError with what it said."""
+        command = ["docker", "compose", *words]
+        done = subprocess.run(
+            command,
+            env=self._environment,
+            stdin=subprocess.DEVNULL,
+            stdout=subprocess.PIPE,
+            stderr=subprocess.STDOUT,
+            text=True,
+            start_new_session=True,
+            check=False,
+        )
+        if done.returncode:
+            said = "\n".join(f"    {line}" for line in done.stdout.strip().splitlines()[-15:])
+            raise FailedError(f"{' '.join(command)} ended with {done.returncode}:\n{said}")
+
+
+class _Client(subprocess.Popen[str]):
+    """This side of a command in a container: `docker`, and the plug-in that it starts."""
+
+    def terminate(self) -> None:
+        """End it; a client that is asked to leave prints that it was."""
+        self.kill()
+
+    def kill(self) -> None:
+        """End both of them."""
+        with suppress(ProcessLookupError):
+            os.killpg(self.pid, signal.SIGKILL)
+
+
+def _size() -> str:
+    """How large the image is, as Docker counts."""
+    done = subprocess.run(
+        ["docker", "image", "inspect", "--format", "{{.Size}}", IMAGE],
+        stdin=subprocess.DEVNULL,
+        capture_output=True,
+        text=True,
+        check=False,
+    )
+    found = done.stdout.strip()
+    return f"{int(found) / 1e6:.0f} MB" if found.isdecimal() else "of unknown size"
+
+
+def lacking() -> str | None:
+    """What this machine lacks for it, in a sentence; None if nothing."""
+    if shutil.which("docker") is None:
+        return "the command docker is missing (Docker Engine, or Docker Desktop)"
+    if _said("docker", "compose", "version") is not None:
+        return "docker has no Compose v2 (Debian, Ubuntu: package docker-compose-plugin)"
+    trouble = _said("docker", "version")
+    if trouble is not None:
+        return f"no engine answers: {trouble}"
+    if not FILE.exists() and "COMPOSE_FILE" not in os.environ:
+        return f"{FILE} is missing: the demo is run from a checkout"
+    return None
+
+
+def _said(*command: str) -> str | None:
+    """The last line of what a command said when it failed; None if it did not."""
+    done = subprocess.run(
+        command, stdin=subprocess.DEVNULL, capture_output=True, text=True, check=False
+    )
+    lines = (done.stderr or done.stdout).strip().splitlines()
+    return (lines[-1] if lines else "no reason given") if done.returncode else None
+
+
+def main(argv: Sequence[str] | None = None) -> int:
+    """Run the demo; its exit code is the run's."""
+    arguments = list(sys.argv[1:] if argv is None else argv)
+    return guarded("make demo", lambda: _main(arguments))
+
+
+def _main(arguments: Sequence[str]) -> int:
+    args = _parser().parse_args(arguments)
+    trouble = lacking()
+    if trouble is not None:
+        raise FailedError(f"{trouble}\n{INSTEAD}")
+    for number in (signal.SIGTERM, signal.SIGHUP):  # as Ctrl-C: everything is taken down
+        signal.signal(number, signal.default_int_handler)
+    with ComposeHosts(args.scenario, _say) as hosts:
+        return demo(hosts, args.scenario, _say)
+
+
+def _parser() -> argparse.ArgumentParser:
+    from armadico.cli.options import parser  # noqa: PLC0415
+
+    made = parser(
+        "make demo",
+        "Four hosts as containers; one is lost in the middle of a run, and comes back.",
+        EXAMPLES,
+    )
+    made.add_argument("scenario", nargs="?", default="sc4", help="what is driven (default: sc4)")
+    return made
+
+
+def _say(text: str) -> None:
+    print(text, flush=True)
+
+
+if __name__ == "__main__":
+    sys.exit(main())

@@ -1,0 +1,229 @@
+"""The demo of several hosts: one is lost in the middle of a run, and comes back.
+
+Hosts are whatever can be started, stopped and run commands on: containers, network namespaces. All
+that is told comes from a watcher on one of them.
+"""
+
+from __future__ import annotations
+
+import queue
+import subprocess
+import threading
+import time
+from collections.abc import Callable, Sequence
+from contextlib import suppress
+from typing import Final, Protocol
+
+from armadico.cli.options import FailedError
+from armadico.config.hosts import load_hosts
+from armadico.config.scenarios import load_scenario
+from armadico_tools.hosts import events
+from armadico_tools.hosts.timeline import Story
+
+TABLE: Final = "demo"
+"""The shipped host table that the demo's hosts are those of."""
+
+LOST: Final = "lab2"
+"""The host that is lost: that of the behaviours."""
+
+BESIDE: Final = ("lab1", "avoid")
+"""Where a second avoid stands by."""
+
+SEAT: Final = "lab3"
+"""The host from which the society is watched and sent on its mission."""
+
+START_S: Final = 60.0
+LATEST: Final = 0.6
+"""Lost at this share of the way at the latest, whoever would drive on."""
+
+EARLIEST: Final = 0.1
+AWAY_S: Final = 4.0
+"""How long the host stays away."""
+
+END_S: Final = 600.0
+"""Longer than any run takes; `armadico run` has a limit of its own."""
+
+
+class Hosts(Protocol):
+    """Machines, real or not, of the demo's host table."""
+
+    names: tuple[str, ...]
+
+    def start(self, host: str) -> None:
+        """Have a host run its share of the society, `BESIDE` included; it may return before."""
+
+    def stop(self, host: str) -> None:
+        """Take a host away at once."""
+
+    def popen(self, host: str, argv: Sequence[str]) -> subprocess.Popen[str]:
+        """Run a command on a host, `armadico ...` or `python ...`; its output is piped, as text."""
+
+
+def demo(hosts: Hosts, scenario: str, say: Callable[[str], None]) -> int:
+    """Run it; returns the run's exit code. Raises FailedError if the society does not come up."""
+    for host in hosts.names:
+        hosts.start(host)
+    watcher = _Watcher(hosts)
+    try:
+        return _play(hosts, watcher, scenario, say)
+    finally:
+        watcher.close()
+
+
+def _play(hosts: Hosts, watcher: _Watcher, scenario: str, say: Callable[[str], None]) -> int:
+    story = watcher.story
+    began = time.monotonic()
+    wanted = _wanted(scenario)
+    watcher.until(lambda: not story.lacks(wanted), START_S)
+    if lacks := story.lacks(wanted):
+        raise FailedError(f"not there after {START_S:.0f} s: {', '.join(lacks)}")
+    say(f"everybody is there, {time.monotonic() - began:.1f} s after the watcher")
+    run = _Run(hosts, scenario)
+    try:
+        watcher.until(lambda: run.ended() or _moment(story), END_S)
+        if run.ended():
+            say(f"the run ended before {LOST} was lost")
+        else:
+            _lose(hosts, watcher, set(wanted[LOST]), say)
+        watcher.until(run.ended, END_S)
+    finally:
+        code = run.close()
+    say(run.output())
+    return code
+
+
+def _wanted(scenario: str) -> dict[str, tuple[str, ...]]:
+    """Who belongs on each host: those of the table that take part, and who stands by."""
+    taking = ("robot", *load_scenario(scenario).agents)
+    wanted = {
+        name: tuple(agent for agent in host.agents if agent in taking)
+        for name, host in load_hosts(TABLE).hosts.items()
+    }
+    host, name = BESIDE
+    return wanted | {host: (*wanted[host], name)}
+
+
+def _moment(story: Story) -> bool:
+    """Whether to lose the host now: it drives, and somebody elsewhere would drive on."""
+    drives = story.homes.get(story.holder) == LOST and story.done() >= EARLIEST
+    return drives and (bool(story.standing_by(LOST)) or story.done() >= LATEST)
+
+
+def _lose(hosts: Hosts, watcher: _Watcher, agents: set[str], say: Callable[[str], None]) -> None:
+    """Lose the host, tell what comes of it, and have it back."""
+    story = watcher.story
+    would = ", ".join(
+        f"{story.name(b.instance)} ({b.utility:.2f})" for b in story.standing_by(LOST)
+    )
+    say(f"{LOST} is stopped: {story.name(story.holder)} drives, {story.speed:.2f} m/s")
+    say(f"  who elsewhere would drive: {would or 'nobody has a reason to'}")
+    hosts.stop(LOST)
+    back_at = time.monotonic() + AWAY_S
+    watcher.until(lambda: not story.on(LOST), AWAY_S)
+    last = story.last_command(LOST)
+    assert last is not None, "it drove"
+    watcher.until(lambda: story.takeover(last), max(0.5, back_at - AWAY_S + 1.5 - time.monotonic()))
+    taken = story.takeover(last)
+    if taken is not None:
+        say(
+            f"  {story.name(taken.instance)} took over: obeyed {1e3 * taken.seconds:.0f} ms,"
+            f" {taken.cycles} cycles, after the last command of {story.name(last.instance)}"
+        )
+    else:
+        say("  nobody took over: the robot stops by itself")
+    watcher.until(lambda: False, back_at - time.monotonic())
+    say(f"  {AWAY_S:.0f} s later {story.name(story.holder) if story.holder else 'nobody'} drives")
+    _return(hosts, watcher, agents, say)
+
+
+def _return(hosts: Hosts, watcher: _Watcher, agents: set[str], say: Callable[[str], None]) -> None:
+    """Start it again, and tell when its agents are back and when one of them drives."""
+    story = watcher.story
+    say(f"{LOST} is started again")
+    began = story.now
+    hosts.start(LOST)
+    watcher.until(lambda: agents <= story.on(LOST).keys(), START_S)
+    if lacks := agents - story.on(LOST).keys():
+        say(f"  not back after {START_S:.0f} s: {', '.join(sorted(lacks))}")
+        return
+    took = max(story.on(LOST)[name] for name in agents) - began
+    say(f"  {', '.join(sorted(agents))} are back {took:.1f} s later")
+    watcher.until(lambda: story.homes.get(story.holder) == LOST, START_S)
+    if story.homes.get(story.holder) == LOST:
+        say(f"  {story.name(story.holder)} drives, {story.now - began:.1f} s after the start")
+
+
+class _Watcher:
+    """The watcher's process, and the story so far."""
+
+    def __init__(self, hosts: Hosts) -> None:
+        self.story = Story()
+        self._lines: queue.SimpleQueue[str] = queue.SimpleQueue()
+        module = "armadico_tools.hosts.remote_observer"
+        self._process = hosts.popen(SEAT, ("python", "-P", "-m", module, *_joining(SEAT)))
+        threading.Thread(target=self._read, name="watcher", daemon=True).start()
+
+    def until(self, condition: Callable[[], object], within: float) -> None:
+        """Take what comes until a condition is true, or time is up (s). Raises FailedError."""
+        end = time.monotonic() + within
+        while not condition() and (left := end - time.monotonic()) > 0:
+            with suppress(queue.Empty):
+                found = events.read(self._lines.get(timeout=min(left, 0.2)))
+                if found is not None:
+                    self.story.take(found)
+            if self._process.poll() not in (None, 0) and self._lines.empty():
+                raise FailedError(f"the watcher on {SEAT} ended: {self._process.returncode}")
+
+    def close(self) -> None:
+        """End it."""
+        _end(self._process)
+
+    def _read(self) -> None:
+        assert self._process.stdout is not None, "it is piped"
+        with suppress(ValueError):  # closed meanwhile
+            for line in self._process.stdout:
+                self._lines.put(line)
+
+
+class _Run:
+    """`armadico run --attach`, and what it prints."""
+
+    def __init__(self, hosts: Hosts, scenario: str) -> None:
+        words = ("armadico", "run", scenario, "--attach", "--no-plot", *_joining(SEAT))
+        self._process = hosts.popen(SEAT, words)
+        self._lines: list[str] = []
+        self._reader = threading.Thread(target=self._read, name="run", daemon=True)
+        self._reader.start()
+
+    def ended(self) -> bool:
+        """Whether it is over."""
+        return self._process.poll() is not None
+
+    def close(self) -> int:
+        """End it, if it has not ended; its exit code."""
+        if self.ended():
+            self._reader.join()
+        _end(self._process)
+        return self._process.returncode
+
+    def output(self) -> str:
+        """What it printed."""
+        return "".join(self._lines).rstrip()
+
+    def _read(self) -> None:
+        assert self._process.stdout is not None, "it is piped"
+        with suppress(ValueError):  # closed meanwhile
+            self._lines += self._process.stdout
+
+
+def _joining(host: str) -> tuple[str, ...]:
+    return ("--host", host, "--hosts", TABLE)
+
+
+def _end(process: subprocess.Popen[str]) -> None:
+    """End a command; what it did elsewhere ends with its host."""
+    process.terminate()
+    with suppress(subprocess.TimeoutExpired):
+        process.wait(3.0)
+    process.kill()
+    process.wait()

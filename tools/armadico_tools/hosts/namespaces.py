@@ -1,0 +1,278 @@
+"""Hosts as network namespaces of Linux, joined by a switch in user space.
+
+It needs root and /dev/net/tun, but no container engine and no traffic control in the kernel.
+
+A namespace has no name and lives in a thread: it is gone with the last process in it. Whatever
+happens to whoever made it, SIGKILL too, the kernel takes namespaces and cards away, and every
+process that was started in them is killed. Nothing on this machine's own network is touched.
+"""
+
+from __future__ import annotations
+
+import ctypes
+import fcntl
+import os
+import selectors
+import shutil
+import struct
+import subprocess
+import sys
+import threading
+import time
+from collections.abc import Callable, Mapping, Sequence
+from concurrent.futures import ThreadPoolExecutor
+from contextlib import ExitStack, suppress
+from pathlib import Path
+from types import TracebackType
+from typing import Any, Final, Self, TypeVar
+
+from armadico_tools.hosts.switch import Switch
+
+T = TypeVar("T")
+
+TUN: Final = Path("/dev/net/tun")
+CARD: Final = "eth0"
+FRAMES: Final = 64
+"""So many frames of one host are taken before the others have their turn."""
+
+_CLONE_NEWNET: Final = 0x40000000
+_TUNSETIFF: Final = 0x400454CA
+_TAP_WITHOUT_HEADER: Final = 0x1002
+_MTU: Final = 1500
+
+_DIE_WITH_PARENT: Final = (
+    "import ctypes, os, sys; parent = int(sys.argv[1]);"
+    "ctypes.CDLL(None).prctl(1, 9); os.getppid() == parent or os._exit(1);"
+    "os.execvp(sys.argv[2], sys.argv[2:])"
+)
+"""A program that becomes another one, and is killed when whoever started it is gone."""
+
+
+class UnsupportedError(RuntimeError):
+    """This machine cannot have hosts as namespaces; the message says what is lacking."""
+
+
+def lacking() -> str | None:
+    """What this machine or user lacks for it, in a sentence; None if nothing."""
+    if sys.platform != "linux":
+        return f"network namespaces are Linux's, and this is {sys.platform}"
+    if os.geteuid() != 0:
+        return "making network namespaces needs root (sudo)"
+    if shutil.which("ip") is None:
+        return "the command ip is missing (package iproute2)"
+    if not TUN.exists():
+        return f"{TUN} is missing (modprobe tun; in a container: --device {TUN})"
+    try:
+        with Host("probe"):
+            return None
+    except OSError as error:
+        return f"this user may not make namespaces and cards: {error}"
+
+
+class Host:
+    """One machine: a namespace with a card of its own. A context manager; processes end with it."""
+
+    def __init__(self, name: str) -> None:
+        """Make the namespace and its card. Raises OSError."""
+        self.name = name
+        self.tap = -1
+        self._thread = ThreadPoolExecutor(1, f"host-{name}")
+        self._processes: list[subprocess.Popen[Any]] = []
+        try:
+            self.tap = self.inside(_enter_new_namespace)
+        except OSError:
+            self._thread.shutdown()
+            raise
+
+    def __enter__(self) -> Self:
+        return self
+
+    def __exit__(
+        self,
+        kind: type[BaseException] | None,
+        error: BaseException | None,
+        traceback: TracebackType | None,
+    ) -> None:
+        self.close()
+
+    def inside(self, function: Callable[..., T], *args: Any, **kwargs: Any) -> T:
+        """Call a function in the host's network: sockets that it opens are the host's."""
+        return self._thread.submit(function, *args, **kwargs).result()
+
+    def configure(self, address: str, mac: bytes) -> None:
+        """Give the card its addresses, `10.77.0.11/24` say, and put it up. Raises OSError."""
+        self._ip(
+            "link set lo up",
+            f"link set {CARD} address {mac.hex(':')} mtu {_MTU} txqueuelen 1000 up",
+            f"addr add {address} dev {CARD}",
+        )
+
+    def carrier(self, up: bool) -> None:
+        """Put the card up or down, as `ip link set` does."""
+        self._ip(f"link set {CARD} {'up' if up else 'down'}")
+
+    def popen(self, argv: Sequence[str], **options: Any) -> subprocess.Popen[Any]:
+        """Start a process on this host; it ends with the host, or with this process."""
+        options.setdefault("stdin", subprocess.DEVNULL)
+        process: subprocess.Popen[Any] = self.inside(
+            subprocess.Popen, tied(argv), start_new_session=True, **options
+        )
+        self._processes.append(process)
+        return process
+
+    def kill(self) -> None:
+        """End every process of the host at once, as if the plug was pulled."""
+        processes, self._processes = self._processes, []
+        for process in processes:
+            kill_tree(process)
+
+    def close(self) -> None:
+        """End its processes, and the namespace with them."""
+        self.kill()
+        if self.tap >= 0:
+            os.close(self.tap)
+            self.tap = -1
+        self._thread.shutdown()
+
+    def _ip(self, *lines: str) -> None:
+        done: subprocess.CompletedProcess[str] = self.inside(
+            subprocess.run,
+            ["ip", "-batch", "-"],
+            input="\n".join(lines) + "\n",
+            capture_output=True,
+            text=True,
+        )
+        if done.returncode:
+            raise OSError(f"host {self.name}: ip: {done.stderr.strip()}")
+
+
+class Network:
+    """Hosts on a switch. A context manager that leaves nothing behind."""
+
+    def __init__(self, addresses: Mapping[str, str], seed: int = 0, prefix: int = 24) -> None:
+        """Make the hosts.
+
+        Args:
+            addresses: The IPv4 address of each host, by its name.
+            seed: Of the faults' draws.
+            prefix: The length of the network's prefix, bits.
+        """
+        self._lock = threading.Lock()
+        self._stack = ExitStack()
+        cards = {bytes((2, 0, 0, 0, 0, n)): name for n, name in enumerate(addresses, 1)}
+        self.switch = Switch(cards, seed)
+        self.hosts: dict[str, Host] = {}
+        self._bell = os.pipe()
+        self._stopping = False
+        self._thread = threading.Thread(target=self._run, name="switch", daemon=True)
+        try:
+            for mac, name in cards.items():
+                host = self.hosts[name] = self._stack.enter_context(Host(name))
+                host.configure(f"{addresses[name]}/{prefix}", mac)
+        except OSError:
+            self._stack.close()
+            raise
+        self._thread.start()
+
+    def __enter__(self) -> Self:
+        return self
+
+    def __exit__(
+        self,
+        kind: type[BaseException] | None,
+        error: BaseException | None,
+        traceback: TracebackType | None,
+    ) -> None:
+        self.close()
+
+    def change(self, how: Callable[[Switch], T]) -> T:
+        """Do something to the switch while no frame is on its way through it."""
+        with self._lock:
+            result = how(self.switch)
+        os.write(self._bell[1], b"\0")
+        return result
+
+    def close(self) -> None:
+        """End everything; may be called again."""
+        if self._stopping:
+            return
+        self._stopping = True
+        for host in self.hosts.values():
+            host.kill()
+        os.write(self._bell[1], b"\0")
+        self._thread.join()
+        self._stack.close()
+        for end in self._bell:
+            os.close(end)
+
+    # The thread ----------------------------------------------------------------------------------
+
+    def _run(self) -> None:
+        with selectors.DefaultSelector() as selector:
+            selector.register(self._bell[0], selectors.EVENT_READ, None)
+            for host in self.hosts.values():
+                selector.register(host.tap, selectors.EVENT_READ, host)
+            while not self._stopping:
+                due = self.switch.next_due
+                wait = None if due is None else max(due - time.monotonic(), 0.0)
+                ready = [key.data for key, _ in selector.select(wait)]
+                with self._lock:
+                    for host in ready:
+                        self._take(host)
+                    self._deliver()
+
+    def _take(self, host: Host | None) -> None:
+        if host is None:
+            os.read(self._bell[0], 4096)
+            return
+        for _ in range(FRAMES):
+            try:
+                frame = os.read(host.tap, _MTU + 64)
+            except OSError:  # nothing more, or the card is down
+                return
+            self.switch.take(host.name, frame, time.monotonic())
+
+    def _deliver(self) -> None:
+        for name, frame in self.switch.due(time.monotonic()):
+            with suppress(OSError):  # its card is down, or its queue full: lost, as on a wire
+                os.write(self.hosts[name].tap, frame)
+
+
+def tied(argv: Sequence[str]) -> list[str]:
+    """A command that is killed when the thread that starts it is gone, hung or not (Linux)."""
+    return [sys.executable, "-P", "-c", _DIE_WITH_PARENT, str(os.getpid()), *argv]
+
+
+def kill_tree(process: subprocess.Popen[Any]) -> None:
+    """SIGKILL a process and all that it started, and wait for it."""
+    import psutil  # noqa: PLC0415 - only here
+
+    with suppress(psutil.NoSuchProcess):
+        everybody = [psutil.Process(process.pid)] if process.poll() is None else []
+        for one in everybody:
+            one.suspend()  # or it might start somebody while its children are killed
+        for one in everybody:
+            for child in one.children(recursive=True):
+                with suppress(psutil.NoSuchProcess):
+                    child.kill()
+            one.kill()
+    process.wait()
+    for pipe in (process.stdout, process.stderr):
+        if pipe is not None:
+            pipe.close()
+
+
+def _enter_new_namespace() -> int:
+    """Move this thread to a network of its own; its card's other end. Raises OSError."""
+    libc = ctypes.CDLL(None, use_errno=True)
+    if libc.unshare(_CLONE_NEWNET):
+        number = ctypes.get_errno()
+        raise OSError(number, f"unshare: {os.strerror(number)}")
+    tap = os.open(TUN, os.O_RDWR | os.O_NONBLOCK | os.O_CLOEXEC)
+    try:
+        wanted = struct.pack("16sH22x", CARD.encode(), _TAP_WITHOUT_HEADER)
+        fcntl.ioctl(tap, _TUNSETIFF, wanted)
+    except OSError:
+        os.close(tap)
+        raise
+    return tap

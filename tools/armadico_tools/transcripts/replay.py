@@ -1,0 +1,203 @@
+"""One agent's side of a transcript: given all that it received, what does it publish?
+
+Ours is replayed by the real driver. Whoever has another agent gives it `inputs`, and has what it
+published compared by `difference`.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from math import ceil
+from typing import Final
+
+from armadico.core.agent import AskFor
+from armadico.core.driver import Driver
+from armadico.core.messages import Latched, Message, MessageError, decode
+from armadico.core.services import matches
+from armadico_tools.transcripts.agents import agent_of
+from armadico_tools.transcripts.tape import KINDS, Line, Transcript, fields_of, uttered
+
+EXACT: Final = 2e-6
+"""Our own agent says it all at the same time, s, but for rounding."""
+
+DRAWN: Final = 0.011
+"""Who takes over waits for up to 0.1 cycles, drawn at random: so far may times differ, s."""
+
+BURST: Final = 0.001
+"""What waited for a process that hung it receives within this of its return, s."""
+
+LIFE: Final = ("starts", "hangs", "returns", "is killed", "leaves")
+SAID: Final = ("publishes", "asks", "replies", "appears")
+
+
+def inputs(transcript: Transcript, label: str) -> list[Line]:
+    """All that a process is told, at its own times, and what befalls it, in order."""
+    transcript.part(label)
+    found = []
+    for line in transcript.lines:
+        if line["from"] == label and line["what"] in LIFE:
+            found.append({key: value for key, value in line.items() if key != "to"})
+        at = line.get("to", {}).get(label)
+        if at is not None and at <= transcript.ends:
+            what = "disappears" if line["what"] in {"is killed", "leaves"} else line["what"]
+            found.append({**line, "t": at, "what": what, "to": label})
+    return sorted(found, key=lambda line: (line["t"], line["what"] not in LIFE))
+
+
+def outputs(transcript: Transcript, label: str) -> list[Line]:
+    """All that it sends."""
+    return [x for x in transcript.lines if x["from"] == label and x["what"] in SAID]
+
+
+def replayed(transcript: Transcript, label: str) -> list[Line]:
+    """What our own agent sends in its place."""
+    return list(_Replay(transcript, label).lines())
+
+
+class _Replay:
+    """Runs the driver by the file's times instead of a clock."""
+
+    def __init__(self, transcript: Transcript, label: str) -> None:
+        self._transcript = transcript
+        self._label = label
+        self._agent = agent_of(transcript.part(label), transcript.seed)
+        self._driver: Driver | None = None
+        self._time = 0.0
+        self._asleep_until: float | None = None  # it hangs, or reads what waited meanwhile
+        mine = outputs(transcript, label)
+        self._queries: Iterator[int] = (x["query"] for x in mine if x["what"] == "asks")
+        self._questions: dict[int, int] = {}  # by the query's number in the file, the driver's own
+
+    def lines(self) -> Iterator[Line]:
+        """Live."""
+        for line in inputs(self._transcript, self._label):
+            yield from self._wake(line["t"])
+            if line["what"] == "is killed":
+                return
+            self._take(line)
+            yield from self._said()
+            if line["what"] == "leaves":
+                return
+        yield from self._wake(self._transcript.ends)
+
+    def _wake(self, until: float) -> Iterator[Line]:
+        driver = self._driver
+        if driver is None or (self._asleep_until is not None and until < self._asleep_until):
+            return
+        self._asleep_until = None
+        while (due := driver.wakeup) is not None and max(due, self._time) < until:
+            self._time = max(due, self._time)
+            driver.wake(self._time)
+            yield from self._said()
+
+    def _said(self) -> Iterator[Line]:
+        assert self._driver is not None, "it has started"
+        for item in self._driver.take():
+            if isinstance(item, AskFor):
+                self._questions[next(self._queries, -1)] = item.id
+            line = uttered(item, self._label, self._time)
+            if line is not None:
+                yield line
+
+    def _take(self, line: Line) -> None:
+        what, t = line["what"], line["t"]
+        if what == "starts":
+            self._driver = Driver(self._agent, t)
+            self._driver.begin(t)
+        driver = self._driver
+        assert driver is not None, "it has started"
+        if what == "leaves":
+            self._time = max(ceil(t * 1e6), ceil(self._time * 1e6) + 1) / 1e6
+            driver.leave(self._time)
+            return
+        self._time = max(t, self._time)
+        if what == "hangs":
+            self._asleep_until = float("inf")
+        elif what == "returns":
+            self._asleep_until = t + BURST
+        elif what != "starts":
+            self._receive(driver, line, t)
+
+    def _receive(self, driver: Driver, line: Line, t: float) -> None:
+        what, key = line["what"], line.get("key", "")
+        if what == "publishes":
+            for to in self._agent.subscriptions():
+                if matches(to.pattern, key):
+                    driver.deliver(to, key, bytes.fromhex(line["cbor"]), t)
+        elif what == "asks":
+            driver.asked(key, bytes.fromhex(line["cbor"]), line["query"], t)
+        elif what in {"replies", "no reply"}:
+            question = self._questions[line["query"]]
+            driver.replied(question, message_of(line) if what == "replies" else None, t)
+        else:
+            _, name, instance = key.split("/")
+            driver.token(name, instance, what == "appears", t)
+
+
+def message_of(line: Line) -> Message:
+    """The message of a line. Raises MessageError if its bytes are none of its type."""
+    return decode(bytes.fromhex(line["cbor"]), KINDS[line["type"]])
+
+
+def first_difference(transcript: Transcript, label: str) -> str:
+    """Where our own agent says something else than the file has; "" if nowhere."""
+    return _first(outputs(transcript, label), replayed(transcript, label), _unlike)
+
+
+def difference_of(transcript: Transcript, label: str, said: Sequence[Line]) -> str:
+    """Where another agent says something else; "" if nowhere.
+
+    What it publishes is compared by its fields, and by its time within the draw. Latched states
+    are left out: who gives one back is drawn, too.
+    """
+    expected = [x for x in outputs(transcript, label) if x["what"] == "publishes"]
+    kinds = {x["key"]: KINDS[x["type"]] for x in transcript.lines if "type" in x}
+    told = [x for x in expected if not issubclass(KINDS[x["type"]], Latched)]
+    latched = {key for key, kind in kinds.items() if issubclass(kind, Latched)}
+    found: list[Line] = []
+    for x in said:
+        if x["key"] in latched or x["key"].startswith("log/"):
+            continue
+        kind = kinds.get(x["key"])
+        if kind is None:
+            return f"{x['t']:.6f} s: nobody publishes on {x['key']}"
+        try:
+            fields = fields_of(decode(bytes.fromhex(x["cbor"]), kind))
+        except MessageError as error:
+            return f"{x['t']:.6f} s, {x['key']}: {error}"
+        found.append({"t": x["t"], "key": x["key"], "fields": fields})
+    return _first(told, found, _otherwise)
+
+
+def _first(expected: Sequence[Line], found: Sequence[Line], unlike: object) -> str:
+    assert callable(unlike), "it compares two lines"
+    for number, line in enumerate(expected):
+        if number == len(found):
+            return f"{_words(line)}: it is not said"
+        why = unlike(line, found[number])
+        if why:
+            return f"{_words(line)}: {why}\n  instead: {_words(found[number])}"
+    if len(found) > len(expected):
+        return f"{_words(found[len(expected)])}: it is said, and should not be"
+    return ""
+
+
+def _unlike(line: Line, other: Line) -> str:
+    for what in ("what", "key", "type", "fields", "cbor"):
+        if line.get(what) != other.get(what) and (what != "key" or line["what"] != "appears"):
+            return f"another {what}"
+    return "" if abs(line["t"] - other["t"]) <= EXACT else "at another time"
+
+
+def _otherwise(line: Line, other: Line) -> str:
+    if line["key"] != other["key"]:
+        return "another key"
+    if line["fields"] != other["fields"]:
+        names = [n for n, value in line["fields"].items() if value != other["fields"].get(n)]
+        return f"another {', '.join(names)}"
+    return "" if abs(line["t"] - other["t"]) <= DRAWN else "at another time"
+
+
+def _words(line: Line) -> str:
+    about = " ".join(str(line[what]) for what in ("key", "fields") if what in line)
+    return f"{line['t']:.6f} s: {line.get('what', 'publishes')} {about}"
