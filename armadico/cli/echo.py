@@ -12,6 +12,7 @@ from itertools import pairwise
 from typing import TYPE_CHECKING, Any, Final
 
 from armadico.cli import options
+from armadico.runtime.errors import AbsentError
 
 if TYPE_CHECKING:
     from armadico.observe.watching import Heard, Watcher
@@ -108,7 +109,7 @@ def take(watcher: Watcher, args: argparse.Namespace) -> Heard | Any:
     elif item is None:
         item = watcher.take(args.timeout - HINT_S)
     if item is None:
-        raise options.nobody(args, what)
+        raise AbsentError(what, args.namespace)
     return item
 
 

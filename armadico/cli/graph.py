@@ -13,6 +13,7 @@ from typing import TYPE_CHECKING, Final
 
 from armadico.cli import options
 from armadico.cli.options import FailedError
+from armadico.runtime.errors import AbsentError
 
 if TYPE_CHECKING:
     from armadico.core.messages import Card
@@ -50,7 +51,7 @@ def main(argv: Sequence[str]) -> int:
         cards = Client(mesh).cards()
     found = graph(card for card in cards.values() if card is not None)
     if not found.agents:
-        raise options.nobody(args, "nobody is there")
+        raise AbsentError("nobody is there", args.namespace)
     _write(args, found)
     return 0
 

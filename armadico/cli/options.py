@@ -196,14 +196,6 @@ def look_inside(program: str) -> None:
         )
 
 
-def nobody(args: argparse.Namespace, what: str) -> FailedError:
-    """What to say when nobody is there to do it."""
-    return FailedError(
-        f"{what} (namespace {args.namespace!r}); `armadico ps` shows who is there, --namespace and"
-        " --connect say where to look"
-    )
-
-
 def _say(program: str, error: Exception, code: int) -> int:
     text = str(error) or type(error).__name__
     print(f"{program}: {text}", file=sys.stderr)

@@ -252,7 +252,7 @@ class Client:
         while True:
             reply = self.ask(request, PLANNING_S, patience=find)
             if not isinstance(reply, MissionReply):
-                raise self.absent("no interface agent takes the mission")
+                raise AbsentError("no interface agent takes the mission", self.mesh.namespace)
             if not reply.refusal:
                 return reply
             if time.monotonic() >= until:
@@ -289,13 +289,6 @@ class Client:
         """Who is alive, as (name, instance); what they offer and hold is on their `cards`."""
         self.settle()
         return tuple(sorted(self.alive))
-
-    def absent(self, what: str) -> AbsentError:
-        """What to raise when nobody is there to do something."""
-        return AbsentError(
-            f"{what} (namespace {self.mesh.namespace!r}); `armadico ps` shows who is there,"
-            " --namespace and --connect say where to look"
-        )
 
     def cards(self, timeout: float = 1.0) -> dict[tuple[str, str], Card | None]:
         """The cards of everybody whose token is there; None for who does not answer in time."""
@@ -380,12 +373,14 @@ class Client:
         if latching.refusal:
             raise StopError(f"the robot is not released: {latching.refusal}")
         if not stopped and latching.known is None:
-            raise self.absent("no robot answers: nothing is known that could be released")
+            raise AbsentError(
+                "no robot answers: nothing is known that could be released", self.mesh.namespace
+            )
         if latching.latched:
             raise StopError(f"the stop is latched, and {latching.rolling}: look after the robot")
         what = f"the {'stop' if stopped else 'release'} was sent, not acknowledged"
         if latching.known is None:
-            raise self.absent(f"{what}: no robot answers")
+            raise AbsentError(f"{what}: no robot answers", self.mesh.namespace)
         still = "stopped" if latching.known.stopped else "free to move"
         raise StopError(f"{what}: the robot agent did not go on saying so; it last said {still}")
 
@@ -497,7 +492,7 @@ class Mission:
         while not self.reached:
             elapsed = time.monotonic() - begun
             if min(client.age(MissionStatus), elapsed) > SILENCE_S:
-                raise client.absent("nothing more is heard of the mission")
+                raise AbsentError("nothing more is heard of the mission", client.mesh.namespace)
             if self.status is None and elapsed > SILENCE_S:
                 raise MissionReplacedError("another mission has taken this one's place")
             if timeout is not None and elapsed > timeout:

@@ -14,13 +14,28 @@ class SocietyError(RuntimeError):
 class AbsentError(SocietyError):
     """Nobody is there to do it."""
 
+    def __init__(self, what: str, namespace: str | None = None) -> None:
+        super().__init__(what, namespace)  # a worker's error is made again from these
+
+    def __str__(self) -> str:
+        what, namespace = self.args
+        if namespace is None:
+            return str(what)
+        return (
+            f"{what} (namespace {namespace!r}); `armadico ps` shows who is there, --namespace and"
+            " --connect say where to look"
+        )
+
 
 class MissionRefusedError(SocietyError):
     """Nobody took the mission on."""
 
     def __init__(self, reason: str) -> None:
         self.reason = reason  # the interface agent's own words
-        super().__init__(f"the mission was refused: {reason}")
+        super().__init__(reason)
+
+    def __str__(self) -> str:
+        return f"the mission was refused: {self.reason}"
 
 
 class MissionReplacedError(SocietyError):

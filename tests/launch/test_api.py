@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import pickle
 import tempfile
 from itertools import pairwise
 from math import hypot, pi
@@ -132,6 +133,21 @@ def test_a_refusal_has_the_interface_agents_own_words() -> None:
         armadico.run("sc1", virtual=True, without=["encoder"])
     assert isinstance(caught.value, armadico.MissionRefusedError)
     assert str(caught.value) == f"the mission was refused: {caught.value.reason}"
+
+
+@pytest.mark.parametrize(
+    "error",
+    [
+        armadico.AbsentError("no robot answers", "robot1"),
+        armadico.AbsentError("no robot answers"),
+        armadico.MissionRefusedError("no way"),
+        armadico.RunFailedError("it is silent"),
+    ],
+)
+def test_an_error_comes_from_a_worker_as_it_was(error: armadico.SocietyError) -> None:
+    again = pickle.loads(pickle.dumps(error))
+    assert type(again) is type(error)
+    assert str(again) == str(error)
 
 
 # As processes -------------------------------------------------------------------------------------
