@@ -98,7 +98,7 @@ def add_pattern(made: argparse.ArgumentParser) -> None:
 
 
 def take(watcher: Watcher, args: argparse.Namespace) -> Heard | Any:
-    """The next thing heard. Raises FailedError if nothing comes within ``--timeout``."""
+    """The next thing heard. Raises AbsentError if nothing comes within ``--timeout``."""
     what = f"nothing is said on {args.pattern}"
     item = watcher.take(min(args.timeout or HINT_S, HINT_S))
     if item is None and args.timeout is None:
