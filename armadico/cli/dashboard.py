@@ -55,7 +55,7 @@ EXAMPLES: Final = """\
 
 def main(argv: Sequence[str]) -> int:
     """Show what happens until Ctrl-C."""
-    args = _parser().parse_args(argv)
+    args = parser().parse_args(argv)
     namespaces = _namespaces(args)
     _check_installed()
     worlds = dict.fromkeys(namespaces, _world(args))
@@ -123,7 +123,8 @@ def _end(process: subprocess.Popen[str]) -> None:
         process.kill()
 
 
-def _parser() -> argparse.ArgumentParser:
+def parser() -> argparse.ArgumentParser:
+    """The command's options."""
     made = options.parser(
         "armadico dashboard",
         "Show a society live: maps, utilities and holders, speeds, who is there, who says what."

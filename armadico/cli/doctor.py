@@ -47,15 +47,7 @@ class Finding:
 
 def main(argv: Sequence[str]) -> int:
     """Check; 1 if something is wrong."""
-    made = options.parser(
-        "armadico doctor",
-        "Check this machine and the mesh. A note is worth knowing, what is wrong keeps something"
-        " from working; then the exit code is 1.",
-        EXAMPLES,
-    )
-    made.add_argument("--json", action="store_true", help="a JSON array on stdout")
-    options.add_mesh_options(made)
-    args = made.parse_args(argv)
+    args = parser().parse_args(argv)
     findings = []
     for finding in examine(args):
         findings.append(finding)
@@ -67,6 +59,19 @@ def main(argv: Sequence[str]) -> int:
     else:
         print(f"\n{len(wrong)} of {len(findings)} are wrong" if wrong else "\nnothing is wrong")
     return options.FAILED if wrong else 0
+
+
+def parser() -> argparse.ArgumentParser:
+    """The command's options."""
+    made = options.parser(
+        "armadico doctor",
+        "Check this machine and the mesh. A note is worth knowing, what is wrong keeps something"
+        " from working; then the exit code is 1.",
+        EXAMPLES,
+    )
+    made.add_argument("--json", action="store_true", help="a JSON array on stdout")
+    options.add_mesh_options(made)
+    return made
 
 
 def examine(args: argparse.Namespace) -> Iterator[Finding]:

@@ -32,15 +32,7 @@ _CHUNK: Final = re.compile(r"\*\*|\*|(?:[^*$#?\s]|\$\*)+")
 
 def main(argv: Sequence[str]) -> int:
     """Print messages."""
-    made = options.parser(
-        "armadico echo",
-        "Print what is said on the keys of a pattern: * is any one part of a key, ** any number of"
-        " them. What is not a message of the table of services is shown as bytes.",
-        EXAMPLES,
-    )
-    add_pattern(made)
-    made.add_argument("--json", action="store_true", help="one JSON object a line, for programs")
-    args = made.parse_args(argv)
+    args = parser().parse_args(argv)
     mesh = options.join(args)
     from armadico.observe.watching import Heard, Watcher  # noqa: PLC0415 - not for --help
 
@@ -52,6 +44,19 @@ def main(argv: Sequence[str]) -> int:
             assert isinstance(item, Heard), "only messages were asked for"
             print(options.shown(_line(item, as_json=args.json)), flush=True)
     return 0
+
+
+def parser() -> argparse.ArgumentParser:
+    """The command's options."""
+    made = options.parser(
+        "armadico echo",
+        "Print what is said on the keys of a pattern: * is any one part of a key, ** any number of"
+        " them. What is not a message of the table of services is shown as bytes.",
+        EXAMPLES,
+    )
+    add_pattern(made)
+    made.add_argument("--json", action="store_true", help="one JSON object a line, for programs")
+    return made
 
 
 def key_expression(text: str) -> str:

@@ -27,7 +27,7 @@ EXAMPLES: Final = """\
 
 def main(argv: Sequence[str]) -> int:
     """Send the robot to a pose."""
-    args = _parser().parse_args(argv)
+    args = parser().parse_args(argv)
     mesh = options.join(args)
     from armadico.runtime.client import Client  # noqa: PLC0415 - not for --help
 
@@ -47,7 +47,8 @@ def main(argv: Sequence[str]) -> int:
     return 0
 
 
-def _parser() -> argparse.ArgumentParser:
+def parser() -> argparse.ArgumentParser:
+    """The command's options."""
     made = options.parser(
         "armadico goto",
         "Send the robot to a pose in the world frame and wait until it is there. Ctrl-C ends the"

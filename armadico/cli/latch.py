@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import argparse
-from collections.abc import Sequence
 from typing import Final
 
 from armadico.cli import options
@@ -13,8 +12,9 @@ TIMEOUT_S: Final = 5.0
 """As in `armadico.runtime.client`, which --help does without."""
 
 
-def latch(made: argparse.ArgumentParser, argv: Sequence[str], *, stopped: bool) -> int:
-    """Say it until the robot agent shows it; returns the exit code."""
+def parser(program: str, description: str, examples: str) -> argparse.ArgumentParser:
+    """The options of `armadico stop` and `armadico resume`."""
+    made = options.parser(program, description, examples)
     made.add_argument(
         "--timeout",
         type=seconds,
@@ -23,13 +23,20 @@ def latch(made: argparse.ArgumentParser, argv: Sequence[str], *, stopped: bool) 
         help=f"give up after this (default: {TIMEOUT_S:g} s)",
     )
     options.add_mesh_options(made)
-    args = made.parse_args(argv)
+    return made
+
+
+def latch(args: argparse.Namespace, *, stopped: bool) -> int:
+    """Publish it until the robot agent acknowledges it; returns the exit code."""
     mesh = options.join(args)
     from armadico.runtime.client import Client  # noqa: PLC0415 - not for --help
 
     with mesh:
         client = Client(mesh)
-        (client.stop if stopped else client.resume)(args.timeout, by=made.prog)
+        if stopped:
+            client.stop(args.timeout, by="armadico stop")
+        else:
+            client.resume(args.timeout, by="armadico resume")
         # Before leaving, which may take a while where a host does not answer.
         print(f"the robot is {'stopped' if stopped else 'free to move'}", flush=True)
     return 0

@@ -33,13 +33,14 @@ EXAMPLES: Final = """\
 
 def main(argv: Sequence[str]) -> int:
     """Show log lines."""
-    args = _parser().parse_args(argv)
+    args = parser().parse_args(argv)
     if args.follow and args.folder is not None:
         raise UsageError("--folder has what was written; -f follows what is said on the mesh")
     return _follow(args) if args.follow else _read(args)
 
 
-def _parser() -> argparse.ArgumentParser:
+def parser() -> argparse.ArgumentParser:
+    """The command's options."""
     made = options.parser(
         "armadico logs",
         "What the agents say to people. Log lines are events: nobody keeps them, so -f shows what"

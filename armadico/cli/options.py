@@ -86,6 +86,7 @@ def parser(program: str, description: str, examples: str) -> argparse.ArgumentPa
         description=description,
         epilog="examples:\n" + examples,
         formatter_class=argparse.RawDescriptionHelpFormatter,
+        allow_abbrev=False,  # --seed is not --seeds, and a typing error is no other option
     )
     made.add_argument("--version", action="version", version=f"armadico {version()}")
     return made

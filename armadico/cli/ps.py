@@ -32,7 +32,7 @@ Cards = Mapping[tuple[str, str], "Card | None"]
 
 def main(argv: Sequence[str]) -> int:
     """Show the agents that are there; 1 if nobody is, or the host asked for lacks somebody."""
-    args = _parser().parse_args(argv)
+    args = parser().parse_args(argv)
     where = _place(args)
     wanted = _wanted(args, where)
     mesh = options.join_at(args, where)
@@ -59,7 +59,8 @@ def main(argv: Sequence[str]) -> int:
     return 0 if cards else options.FAILED
 
 
-def _parser() -> argparse.ArgumentParser:
+def parser() -> argparse.ArgumentParser:
+    """The command's options."""
     made = options.parser(
         "armadico ps",
         "Who is there: from liveliness tokens, and the card that each agent gives when asked. With"

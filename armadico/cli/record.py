@@ -35,7 +35,7 @@ EXAMPLES: Final = """\
 
 def main(argv: Sequence[str]) -> int:
     """Record until Ctrl-C."""
-    args = _parser().parse_args(argv)
+    args = parser().parse_args(argv)
     _check(args)
     namespaces = args.namespaces or [args.namespace]
     meshes = join_each(args, namespaces)
@@ -56,7 +56,8 @@ def main(argv: Sequence[str]) -> int:
     return 0
 
 
-def _parser() -> argparse.ArgumentParser:
+def parser() -> argparse.ArgumentParser:
+    """The command's options."""
     made = options.parser(
         "armadico record",
         "Keep every message of one or more robots in an MCAP file, with who was there, their cards"

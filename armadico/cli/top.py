@@ -34,7 +34,7 @@ EXAMPLES: Final = """\
 
 def main(argv: Sequence[str]) -> int:
     """Watch."""
-    args = _parser().parse_args(argv)
+    args = parser().parse_args(argv)
     mesh = options.join(args)
     from armadico.observe.watching import Watcher  # noqa: PLC0415 - not for --help
 
@@ -58,7 +58,8 @@ def main(argv: Sequence[str]) -> int:
     return 0
 
 
-def _parser() -> argparse.ArgumentParser:
+def parser() -> argparse.ArgumentParser:
+    """The command's options."""
     made = options.parser(
         "armadico top",
         "Agents, hosts, the holder of each resource, and the measured rate of every key beside what"
