@@ -1,6 +1,6 @@
-"""Show a society live: maps, utilities and holders, speeds, who is there, and who says what.
+"""Show a society live: maps, utilities and holders, speeds, alive agents, who publishes what.
 
-One process that listens to the mesh; no agent feels whether it is there, slow or stopped.
+One process that subscribes to the mesh; no agent notices whether it runs, is slow or hangs.
 """
 
 from __future__ import annotations
@@ -127,7 +127,7 @@ def parser() -> argparse.ArgumentParser:
     """The command's options."""
     made = options.parser(
         "armadico dashboard",
-        "Show a society live: maps, utilities and holders, speeds, who is there, who says what."
+        "Show a society live: maps, utilities and holders, speeds, agents and what they publish."
         " Everything is served on this machine's loopback only.",
         EXAMPLES,
     )

@@ -1,4 +1,4 @@
-"""Check this machine and the mesh, and say what to do about what is wrong."""
+"""Check this machine and the mesh, and how to mend what is wrong."""
 
 from __future__ import annotations
 
@@ -236,13 +236,13 @@ def mesh(args: argparse.Namespace) -> Generator[Finding, None, dict[str, float |
         return {}
     if not cards:
         todo = "armadico run sc1 starts some; --namespace and --connect say where to look"
-        yield Finding("mesh", NOTE, f"nobody is there in namespace {args.namespace!r}", todo)
+        yield Finding("mesh", NOTE, f"no agent is alive in namespace {args.namespace!r}", todo)
         return {}
     yield Finding("mesh", OK, f"{len(cards)} agents, {links} links")
     for (name, instance), card in cards.items():
         if card is None:
             todo = "it hangs, or this machine cannot reach it: look at it, restart it"
-            yield Finding(name, WRONG, f"{instance} is there and does not answer", todo)
+            yield Finding(name, WRONG, f"{instance} is alive and does not answer", todo)
         elif card.protocol != PROTOCOL:
             what = f"speaks protocol {card.protocol}, we speak {PROTOCOL}"
             yield Finding(name, WRONG, what, f"install the same armadico on {card.host}")

@@ -1,4 +1,4 @@
-"""Print what is said on the keys of a pattern, as it is said."""
+"""Print messages published on matching keys."""
 
 from __future__ import annotations
 
@@ -50,8 +50,8 @@ def parser() -> argparse.ArgumentParser:
     """The command's options."""
     made = options.parser(
         "armadico echo",
-        "Print what is said on the keys of a pattern: * is any one part of a key, ** any number of"
-        " them. What is not a message of the table of services is shown as bytes.",
+        "Print messages published on matching keys: * matches one part of a key, ** any number of"
+        " them. What is no message of the table of services is shown as bytes.",
         EXAMPLES,
     )
     add_pattern(made)
@@ -104,7 +104,7 @@ def add_pattern(made: argparse.ArgumentParser) -> None:
 
 def take(watcher: Watcher, args: argparse.Namespace) -> Heard | Any:
     """The next thing heard. Raises AbsentError if nothing comes within ``--timeout``."""
-    what = f"nothing is said on {args.pattern}"
+    what = f"nothing is published on {args.pattern}"
     item = watcher.take(min(args.timeout or HINT_S, HINT_S))
     if item is None and args.timeout is None:
         note = f"armadico: {what} (namespace {args.namespace!r}); waiting, Ctrl-C ends it"

@@ -1,4 +1,4 @@
-"""Send the robot to a pose, and watch it go."""
+"""Send the robot to a pose, and follow it."""
 
 from __future__ import annotations
 

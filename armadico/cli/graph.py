@@ -31,7 +31,7 @@ def main(argv: Sequence[str]) -> int:
         cards = Client(mesh).cards()
     found = graph(card for card in cards.values() if card is not None)
     if not found.agents:
-        raise AbsentError("nobody is there", args.namespace)
+        raise AbsentError("no agent is alive", args.namespace)
     _write(args, found)
     return 0
 

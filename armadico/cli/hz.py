@@ -1,4 +1,4 @@
-"""Measure how often something is said on the keys of a pattern."""
+"""Measure the rates of messages on matching keys."""
 
 from __future__ import annotations
 
@@ -56,7 +56,7 @@ def parser() -> argparse.ArgumentParser:
     """The command's options."""
     made = options.parser(
         "armadico hz",
-        "How often something is said, for each key: over the last 5 s, beside the rate that the"
+        "The rate of messages on each key: over the last 5 s, beside the rate that the"
         " table of services promises, and the least, largest and usual gap between two messages.",
         EXAMPLES,
     )

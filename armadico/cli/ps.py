@@ -1,4 +1,4 @@
-"""Show who is there, what they offer and hold, and what each host lacks.
+"""List alive agents: services, held resources, and agents missing on each host.
 
 Nobody keeps a list: everybody is asked for their card.
 """
@@ -162,7 +162,7 @@ def _show(
         return [Text(options.shown(text)) for text in texts]  # no markup, whatever they say
 
     if not cards:
-        print(f"nobody is there in namespace {args.namespace!r}")
+        print(f"no agent is alive in namespace {args.namespace!r}")
     table = Table(box=None, header_style="bold", pad_edge=False)
     for title in ("HOST", "AGENT", "INSTANCE", "PID", "VERSION", "PROVIDES", "SHARES", "HOLDS"):
         table.add_column(title, overflow="fold")

@@ -1,4 +1,4 @@
-"""Watch the society live: who is there, who holds what, and whether promises are kept."""
+"""Watch the society live: alive agents, holders, rates and whether deadlines are met."""
 
 from __future__ import annotations
 
@@ -54,7 +54,7 @@ def main(argv: Sequence[str]) -> int:
 
         Console().print(tables(snapshot))
     if not snapshot["agents"] and not snapshot["services"]:
-        raise AbsentError("nobody is there", args.namespace)
+        raise AbsentError("no agent is alive", args.namespace)
     return 0
 
 

@@ -12,7 +12,7 @@ class SocietyError(RuntimeError):
 
 
 class AbsentError(SocietyError):
-    """Nobody is there to do it."""
+    """No agent that could do it is alive."""
 
     def __init__(self, what: str, namespace: str | None = None) -> None:
         super().__init__(what, namespace)  # a worker's error is made again from these
@@ -22,8 +22,8 @@ class AbsentError(SocietyError):
         if namespace is None:
             return str(what)
         return (
-            f"{what} (namespace {namespace!r}); `armadico ps` shows who is there, --namespace and"
-            " --connect say where to look"
+            f"{what} (namespace {namespace!r}); `armadico ps` lists alive agents; --namespace and"
+            " --connect choose where to look"
         )
 
 
