@@ -20,7 +20,12 @@ from typing import TYPE_CHECKING, Final
 
 from armadico.cli import options
 from armadico.cli.options import FailedError, UsageError
-from armadico.mesh.topology import DEFAULT_NAMESPACE, checked_namespace
+from armadico.mesh.topology import (
+    DEFAULT_NAMESPACE,
+    NAMESPACE_VARIABLE,
+    checked_namespace,
+    default_namespace,
+)
 
 if TYPE_CHECKING:
     from armadico.config.worlds import World
@@ -154,15 +159,15 @@ def parser() -> argparse.ArgumentParser:
         "--namespace",
         metavar="NS",
         action="append",
-        help=f"which robot; may be repeated (default: ${options.NAMESPACE_VARIABLE},"
+        help=f"which robot; may be repeated (default: ${NAMESPACE_VARIABLE},"
         f" or {DEFAULT_NAMESPACE})",
     )
     return made
 
 
 def _namespaces(args: argparse.Namespace) -> list[str]:
-    default = os.environ.get(options.NAMESPACE_VARIABLE, DEFAULT_NAMESPACE)
-    return [checked_namespace(name) for name in dict.fromkeys(args.namespace or [default])]
+    named = args.namespace or [default_namespace()]
+    return [checked_namespace(name) for name in dict.fromkeys(named)]
 
 
 def _check_installed() -> None:

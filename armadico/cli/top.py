@@ -12,6 +12,7 @@ from typing import TYPE_CHECKING, Any, Final
 
 from armadico.cli import options
 from armadico.cli.echo import seconds
+from armadico.runtime.errors import AbsentError
 
 if TYPE_CHECKING:
     import psutil
@@ -53,7 +54,7 @@ def main(argv: Sequence[str]) -> int:
 
         Console().print(tables(snapshot))
     if not snapshot["agents"] and not snapshot["services"]:
-        raise options.nobody(args, "no agent is alive")
+        raise AbsentError("no agent is alive", args.namespace)
     return 0
 
 

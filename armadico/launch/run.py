@@ -13,12 +13,12 @@ from typing import Self
 from armadico.config.scenarios import Scenario
 from armadico.core.agent import WARNING
 from armadico.core.cycles import LISTEN
-from armadico.core.messages import Claim, Log, Message, MissionReply, Pose, RobotState
+from armadico.core.messages import Claim, Log, Message, Pose, RobotState
 from armadico.launch.society import Options, mission, time_limit, watch
-from armadico.launch.virtual import MissionRefusedError
 from armadico.mesh.base import Mesh
 from armadico.observe.measures import WATCHED, Result, RunWatch
 from armadico.runtime.client import Client
+from armadico.runtime.errors import RunFailedError
 
 HEAR_S = 5.0
 """What the interface agent may take to be found; its plan may take longer."""
@@ -26,18 +26,11 @@ HEAR_S = 5.0
 LINKS_S = 2.0
 """A refusal stands after this: among processes that have just started, links are coming up."""
 
-AGAIN_S = 0.5
-"""How long until a mission that was refused is asked for again."""
-
 SILENT_S = 10.0
 """A run whose robot has said nothing for so long is over."""
 
 IDLE_S = 15.0
 """A run in which nobody has claimed the wheels for so long is over, if somebody is missing."""
-
-
-class RunFailedError(RuntimeError):
-    """The run cannot begin or go on; the message says why, and what to do."""
 
 
 class LiveRun:
@@ -96,14 +89,8 @@ class LiveRun:
         raise NotImplementedError
 
     def begin(self) -> None:
-        """Hand the mission over. Raises MissionRefusedError or RunFailedError."""
-        reply = self._ask()
-        until = self.client.mesh.now() + LINKS_S
-        while reply.refusal and self.client.mesh.now() < until:
-            self.client.wait_for(lambda: None, AGAIN_S)
-            reply = self._ask()
-        if reply.refusal:
-            raise MissionRefusedError(reply.refusal)
+        """Hand the mission over. Raises MissionRefusedError or AbsentError."""
+        reply = self.client.hand_over(mission(self.scenario), find=HEAR_S, again=LINKS_S)
         self.limit = time_limit(reply.length)
         self.watch.begin(reply.mission)
 
@@ -144,12 +131,6 @@ class LiveRun:
         return "`armadico ps` shows whether its agent is there, `armadico logs -f` what it says"
 
     # Inside --------------------------------------------------------------------------------------
-
-    def _ask(self) -> MissionReply:
-        reply = self.client.ask(mission(self.scenario), timeout=30.0, patience=HEAR_S)
-        if not isinstance(reply, MissionReply):
-            raise RunFailedError("no interface agent answered mission/request")
-        return reply
 
     def _ready_to_drive(self) -> bool:
         """Whether the robot talks and obeys, and the encoder agent knows where it is."""

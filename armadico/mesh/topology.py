@@ -25,8 +25,11 @@ ROUTER_S = 3.0
 LAST_RANK = 255
 """Of those that have no well-known endpoint."""
 
+NAMESPACE_VARIABLE = "ARMADICO_NAMESPACE"
+"""Which robot is meant when none is named;"""
+
 DEFAULT_NAMESPACE = "robot1"
-"""The robot that is meant when none is named."""
+"""and which without that."""
 
 LONGEST_NAMESPACE = 100
 """Characters: files are named by it."""
@@ -119,6 +122,11 @@ def one_way(listen: Sequence[str], known: Sequence[str]) -> tuple[tuple[str, ...
         return tuple(known), LAST_RANK
     first = min(places)
     return tuple(known[:first]), min(first + 1, LAST_RANK - 1)
+
+
+def default_namespace(environ: Mapping[str, str] = os.environ) -> str:
+    """The robot that is meant when none is named."""
+    return environ.get(NAMESPACE_VARIABLE, DEFAULT_NAMESPACE)
 
 
 def checked_namespace(name: str) -> str:

@@ -74,6 +74,17 @@ class Result(Struct, frozen=True):
         """Reached, and nothing touched."""
         return self.reached and not self.collisions
 
+    @property
+    def verdict(self) -> str:
+        """One line on the run."""
+        verdict = "reached" if self.reached else "NOT reached"
+        least = self.min_clearance_m
+        clear = "" if least is None else f", clearance {least:.2f} m"
+        return (
+            f"{verdict} in {self.tt_s:.1f} s over {self.td_m:.2f} m;"
+            f" {self.exchanges} exchanges, {self.collisions or 0} collisions{clear}"
+        )
+
 
 class Mark(Struct, frozen=True):
     """One cycle of a run: when, where (true if known), and who was obeyed."""

@@ -47,7 +47,6 @@ APART: dict[str, tuple[str, ...]] = {
     "armadico": (
         "armadico.cli",
         "armadico.observe.dashboard.local_map",
-        "armadico.observe.dashboard.shapes",
     )
 }
 """The commands are the framework's upper floor: they start everything, so they may know it."""
@@ -65,8 +64,13 @@ SANS_IO = (
     ),
     *(
         "core.messages",
+        "core.behaviour",
+        "core.motion",
         "core.resources",
+        "core.route",
+        "core.safety",
         "core.services",
+        "core.swept_path",
         "launch.society",
         "mesh.virtual",
         "launch.virtual",

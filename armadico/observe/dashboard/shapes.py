@@ -6,9 +6,9 @@ from collections.abc import Iterable
 from math import cos, pi, radians, sin
 from typing import Final
 
-from armadico.agents.methods.swept_path import Outline
 from armadico.core.geometry import Pose2, to_world
 from armadico.core.messages import Echo
+from armadico.core.swept_path import Outline
 
 Point = tuple[float, float]
 Strip = list[Point]

@@ -37,7 +37,7 @@ SEEN_M: Final = 0.25
 """What lies nearer by this, m, for who sees it by sonars: margin, noise, and a cycle's way."""
 
 DECEL_M_S2, LATENCY_S = 0.4, 0.2
-"""What the behaviours count on when they brake: `armadico.agents.methods.safety`."""
+"""What the behaviours count on when they brake: `armadico.core.safety`."""
 
 QUIET_S: Final = 3.0
 """So long after another fault nobody is still back from somewhere: coming back, no news of tokens

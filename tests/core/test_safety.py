@@ -8,12 +8,12 @@ import pytest
 from hypothesis import assume, given, settings
 from hypothesis import strategies as st
 
-from armadico.agents.methods.motion import Speeds
-from armadico.agents.methods.safety import Limited, Scene, corner_cut, critical, limit
-from armadico.agents.methods.settings import Safety
-from armadico.agents.methods.swept_path import free_path
 from armadico.core.messages import Cycle, Obstacles, Point
-from tests.agents.test_motion import clearance, driven
+from armadico.core.motion import Speeds
+from armadico.core.parameters import Safety
+from armadico.core.safety import Limited, Scene, corner_cut, critical, limit
+from armadico.core.swept_path import free_path
+from tests.core.test_motion import clearance, driven
 from tests.framework.robots import body
 
 SAFETY = Safety()
