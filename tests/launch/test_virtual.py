@@ -27,7 +27,6 @@ from armadico.launch.virtual import Rehearsal
 from armadico.mesh.virtual_session import VirtualSession
 from armadico.observe.measures import driver
 from armadico.runtime.client import Client
-from armadico.runtime.latch import say
 
 SCENARIOS = ("sc1", "sc2", "sc3", "sc4", "rooms-a", "rooms-b", "house", "offices", "floor")
 EVERYBODY = ("encoder", "sonar", "goto", "avoid", "gothrough", "path-planning", "interface")
@@ -71,12 +70,11 @@ def test_who_watches_and_stops_a_live_society_can_watch_and_stop_a_virtual_one()
     assert result.reached
     assert result.collisions == 0
     client = Client(session)
-    client.listen(RobotState)
-    assert say(client, stopped=True, by="tester", timeout=10.0).done
+    client.stop(10.0, by="tester")
     state = client.latest(RobotState)
     assert state is not None
     assert state.stop.by == "tester"
-    assert say(client, stopped=False, by="tester", timeout=10.0).done
+    client.resume(10.0, by="tester")
 
 
 # Repeatable ---------------------------------------------------------------------------------------
