@@ -3,9 +3,7 @@
 from __future__ import annotations
 
 import threading
-import time
 from collections.abc import Iterator
-from types import SimpleNamespace
 
 import pytest
 
@@ -14,7 +12,6 @@ from armadico.core.messages import Cycle, Log, Message, Pose
 from armadico.mesh.ports import private_endpoints
 from armadico.mesh.topology import ENDPOINTS_VARIABLE, NAMESPACE_VARIABLE, topology
 from armadico.mesh.zenoh import ZenohMesh
-from armadico.runtime import client
 from armadico.runtime.client import Client
 
 NAMESPACE = "guest-test"
@@ -77,8 +74,8 @@ def test_a_message_is_as_old_as_since_it_came_not_since_it_was_looked_at(
 ) -> None:
     first(guest, encoder)
     arrives(guest, encoder, pose(7))
-    later = SimpleNamespace(monotonic=lambda: time.monotonic() + 100.0, time=time.time)
-    monkeypatch.setattr(client, "time", later)  # this thread has been busy elsewhere
+    now = guest.mesh.now
+    monkeypatch.setattr(guest.mesh, "now", lambda: now() + 100.0)  # this thread was busy elsewhere
     assert guest.latest(Pose) == pose(7)
     assert guest.age(Pose) >= 100.0
 
