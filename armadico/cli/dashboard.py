@@ -106,7 +106,7 @@ def kept(rehearsal: Rehearsal, path: Path) -> Rehearsed:
     _check_record("--rrd", path)
     from armadico.observe.dashboard.virtual_run import Rehearsed  # noqa: PLC0415 - not for --help
 
-    return Rehearsed(rehearsal, path)
+    return Rehearsed(rehearsal.mesh, rehearsal.scenario.world, path)
 
 
 def _end(process: subprocess.Popen[str]) -> None:

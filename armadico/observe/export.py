@@ -229,7 +229,7 @@ def _draw(scene: Scene, row: Row, t: float) -> bool:
     """Show one message to the scene, if it is one."""
     if row.schema == HERE:
         here = row.fields
-        scene.alive(here["name"], here["instance"], here["there"], t)
+        scene.alive(here["instance"], here["there"], t)
         return True
     try:
         message = row.message

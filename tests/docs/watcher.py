@@ -8,7 +8,7 @@ from contextlib import contextmanager
 from armadico.core.messages import Ack, Card, Pose
 from armadico.mesh.topology import ENDPOINTS_VARIABLE, topology
 from armadico.mesh.zenoh import ZenohMesh
-from armadico.observe.measures import driver
+from armadico.observe.view import agent_of, driver
 from armadico.runtime.client import Client
 from tests.docs.shell import Shell
 
@@ -44,7 +44,7 @@ class Watcher:
     def driven_by(self, name: str) -> None:
         def obeyed() -> bool:
             ack = self.client.latest(Ack)
-            return ack is not None and driver(ack) == name
+            return ack is not None and agent_of(driver(ack) or "") == name
 
         self.until(obeyed, f"{name} is obeyed")
 

@@ -71,7 +71,7 @@ SANS_IO = (
         "mesh.virtual",
         "launch.virtual",
     ),
-    *("core.membership", "observe.hosts", "core.restart_policy"),
+    *("core.membership", "observe.hosts", "observe.view", "core.restart_policy"),
 )
 """Of the framework: bytes or messages and the time in, bytes or messages out."""
 

@@ -23,7 +23,6 @@ LABORATORY = "armadico_tools"
 """What a robot's computer does without: another distribution, which nothing of ours imports."""
 
 TO_BE_CUT = {
-    ("armadico.observe.dashboard.virtual_run", "armadico.launch.virtual"),
     ("armadico.observe.dashboard.local_map", "armadico.agents.avoid"),
     ("armadico.observe.dashboard.shapes", "armadico.agents.methods.swept_path"),
 }

@@ -29,7 +29,7 @@ from armadico.launch.processes import Process
 from armadico.launch.society import Member, Options
 from armadico.mesh.topology import topology
 from armadico.mesh.zenoh import ZenohMesh
-from armadico.observe.measures import driver
+from armadico.observe.view import driver
 from armadico.runtime.client import Client
 from armadico_tools.faults.serial_tap import Tap, moves
 

@@ -106,6 +106,7 @@ def test_an_agent_has_one_colour_in_curve_lane_path_and_graph(tmp_path: Path) ->
     path = tmp_path / "a.rrd"
     card = m.Card("avoid", AVOID, "here", 1, "1", 1, (), ("sonar/obstacles",), ("wheels",))
     with drawn(path) as scene:
+        scene.alive(AVOID, True, 0.0)
         scene.take("card", card, 0.0)
         scene.take("resource/wheels/ack", ack(1, AVOID), 0.1)
         scene.take("robot/state", state(1), 0.1)
@@ -130,9 +131,9 @@ def test_who_comes_and_goes_is_in_the_log_and_on_the_page(tmp_path: Path) -> Non
     path = tmp_path / "a.rrd"
     with drawn(path) as scene:
         for _ in range(2):  # the same news may come twice
-            scene.alive("goto", GOTO, True, 0.0)
+            scene.alive(GOTO, True, 0.0)
         scene.refresh(0.0)
-        scene.alive("goto", GOTO, False, 2.0)
+        scene.alive(GOTO, False, 2.0)
         scene.refresh(2.0)
     kept = Kept(path)
     assert kept.texts("/p/log/goto") == ["goto-1 is there", "goto-1 has gone"]
@@ -223,7 +224,7 @@ def test_zones_lie_around_the_outline() -> None:
 def run(tmp_path_factory: pytest.TempPathFactory) -> tuple[Path, Rehearsal]:
     path = tmp_path_factory.mktemp("run") / "sc3.rrd"
     rehearsal = Rehearsal(load_scenario("sc3"), Options())
-    with Rehearsed(rehearsal, path):
+    with Rehearsed(rehearsal.mesh, rehearsal.scenario.world, path):
         assert rehearsal.run().reached
     return path, rehearsal
 

@@ -27,8 +27,7 @@ from armadico.core.messages import (
     Truth,
 )
 from armadico.core.resources import WHEELS
-from armadico.observe.measures import driver
-from armadico.observe.watching import agent_of
+from armadico.observe.view import agent_of, driver
 from armadico_tools.faults.checker import Checker
 from armadico_tools.faults.observations import (
     Bids,

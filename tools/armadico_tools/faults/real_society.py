@@ -22,7 +22,8 @@ from armadico.core.messages import MessageError as UnreadableError
 from armadico.core.services import BIDS, service_of
 from armadico.launch.society import Options, members
 from armadico.mesh.ports import free_port
-from armadico.observe.watching import agent_of, kind_at
+from armadico.observe.view import agent_of
+from armadico.observe.watching import kind_at
 from armadico_tools.faults.checker import Checker
 from armadico_tools.faults.event_log import Account
 from armadico_tools.faults.observations import Faulted, Observation, Passed, Said

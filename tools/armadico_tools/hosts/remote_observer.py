@@ -13,7 +13,7 @@ from typing import TYPE_CHECKING, Final
 from armadico.cli import options
 from armadico.core.messages import Ack, BidHistory, Card, Command, Message, MissionStatus
 from armadico.core.resources import WHEELS
-from armadico.observe.measures import driver
+from armadico.observe.view import driver
 from armadico.observe.watching import Heard, Presence, Watcher, read_or_none
 from armadico_tools.hosts import events
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 
-from armadico.observe.watching import agent_of
+from armadico.observe.view import agent_of
 from armadico_tools.hosts import events
 
 FRESH_S = 1.0
