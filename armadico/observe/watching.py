@@ -10,7 +10,6 @@ from __future__ import annotations
 import queue
 import time
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass
 from enum import Enum
 from functools import cache
 from typing import TYPE_CHECKING, Any, Final, TypeVar
@@ -36,8 +35,7 @@ HEX: Final = "_hex"
 """Ends the name of a field that is bytes, written as hexadecimal text."""
 
 
-@dataclass(frozen=True, slots=True)
-class Heard:
+class Heard(msgspec.Struct, frozen=True, tag=True):
     """One payload, and when it came (ns of the watcher's clock)."""
 
     namespace: str
@@ -47,8 +45,7 @@ class Heard:
     asked: bool = False  # a reply to a query of the watcher's, not something said to all
 
 
-@dataclass(frozen=True, slots=True)
-class Presence:
+class Presence(msgspec.Struct, frozen=True, tag=True):
     """A liveliness token came or went."""
 
     namespace: str

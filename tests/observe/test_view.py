@@ -137,7 +137,7 @@ def test_the_newest_of_each_is_known() -> None:
     cycle = m.Cycle(1, 1)
     state = m.RobotState(cycle, 0, 0, 0, 0.2, 0.1, 12.5, True, False, stop=m.Stop(1, True, "me"))
     pose, truth = m.Pose(cycle, 1.0, 0.0, 0.0), m.Truth(0.1, 1, 0, 0, 0, 0, 0, None)
-    mission = m.MissionStatus(7, m.MissionState.DRIVING, 0, 3.5)
+    mission = m.MissionStatus(7, m.MissionState.DRIVING, 3.5, 0)
     for message in (
         state,
         pose,

@@ -140,7 +140,7 @@ class RealSociety:
             self.add(member.name, member.name, self.host_of(member.name), sets, wait=False)
         for agent in self.agents.values():
             self._meet(agent, known=())
-        self.until(lambda: self.account.state is not None, "the robot's first cycle")
+        self.until(lambda: self.account.view.state is not None, "the robot's first cycle")
         self._sent_at = float("-inf")
         self.until(self.account.driving, "the robot is on its way")
 
@@ -205,7 +205,7 @@ class RealSociety:
     def _keep_going(self) -> None:
         """Ask for a mission if there is none, or the last one's goal is reached."""
         now = time.monotonic()
-        if self.account.on_mission or now - self._sent_at < MISSION_S:
+        if self.account.on_mission() or now - self._sent_at < MISSION_S:
             return
         self._sent_at = now
         goal = self._goals[0]
