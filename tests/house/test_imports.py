@@ -47,7 +47,6 @@ APART: dict[str, tuple[str, ...]] = {
     "armadico": (
         "armadico.cli",
         "armadico.observe.dashboard.local_map",
-        "armadico.observe.dashboard.shapes",
     )
 }
 """The commands are the framework's upper floor: they start everything, so they may know it."""

@@ -24,7 +24,6 @@ LABORATORY = "armadico_tools"
 
 TO_BE_CUT = {
     ("armadico.observe.dashboard.local_map", "armadico.agents.avoid"),
-    ("armadico.observe.dashboard.shapes", "armadico.agents.methods.swept_path"),
 }
 """Imports of what is above, or of an agent: each is there, and no other is."""
 

@@ -12,6 +12,7 @@ pytest.importorskip("rerun", reason="the dashboard's extra is not installed")
 
 from PIL import Image
 
+from armadico.agents.methods.swept_path import Outline
 from armadico.config.scenarios import load_scenario
 from armadico.config.worlds import load_world
 from armadico.core import messages as m
@@ -37,6 +38,8 @@ from tests.observe.kept import (
     record,
     state,
 )
+
+BODY = m.Description("slim", 0.1, 0.3, 0.1, 0.08, 1.2, 5.2, 0.3, 0.3, 1.7, 1.7, 0.3, 2.0)
 
 # What is drawn ------------------------------------------------------------------------------------
 
@@ -212,9 +215,27 @@ def test_of_several_points_in_a_cell_the_surest_is_shown() -> None:
 
 
 def test_zones_lie_around_the_outline() -> None:
-    strip = shapes.around_outline(0.3)
+    strip = shapes.around_outline(BODY, 0.3)
     assert strip[0] == strip[-1]
-    assert all(abs(shapes.OUTLINE.clearance(x, y) - 0.3) < 1e-9 for x, y in strip)
+    outline = Outline(BODY.front, BODY.rear, BODY.half_width)
+    assert all(abs(outline.clearance(x, y) - 0.3) < 1e-9 for x, y in strip)
+
+
+def test_the_robot_is_drawn_as_its_owner_describes_it(tmp_path: Path) -> None:
+    path = tmp_path / "a.rrd"
+    with drawn(path) as scene:
+        scene.take("encoder/pose", m.Pose(cycle(1), 0.0, 0.0, 0.0), 0.0)
+        scene.take("robot/state", state(1), 0.0)
+        for t in (0.1, 0.4):
+            scene.take("robot/description", BODY, t)
+            scene.take("encoder/pose", m.Pose(cycle(2), 0.0, 0.0, 0.0), t)
+            scene.take("robot/state", state(2), t)
+    kept = Kept(path)
+    for where in ("/p/map/world/robot/outline", "/p/local/robot/outline"):
+        xs, ys = zip(*kept.fixed[where]["strips"][0], strict=True)
+        found = max(xs), -min(xs), max(ys)
+        assert found == pytest.approx((BODY.front, BODY.rear, BODY.half_width))
+    assert len(kept.rows["/p/local/robot/zones"]) == 2, "around what nobody has described are none"
 
 
 # A run --------------------------------------------------------------------------------------------

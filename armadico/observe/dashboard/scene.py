@@ -27,6 +27,7 @@ from armadico.observe.view import View, agent_of
 
 SHOWN: Final[tuple[type[Message], ...]] = (
     m.RobotState,
+    m.Description,
     m.Ack,
     m.Pose,
     m.Truth,
@@ -50,6 +51,7 @@ class Scene:
     def __init__(self, recording: rr.RecordingStream, world: World | None, namespace: str) -> None:
         self.canvas = Canvas(recording, namespace)
         self.view = View()
+        self._body: m.Description | None = None
         self._company = Company(self.canvas)
         self._map = GlobalMap(self.canvas, world)
         self._local = LocalView(self.canvas)
@@ -57,6 +59,7 @@ class Scene:
         self._gauges = Gauges(self.canvas, namespace)
         self._takers: dict[type[Message], Callable[[str, Any, float], None]] = {
             m.RobotState: self._state,
+            m.Description: self._described,
             m.Ack: self._ack,
             m.Pose: lambda _key, pose, t: self._map.take_pose(pose, self.holder, t),
             m.Truth: lambda _key, truth, t: self._map.take_truth(truth, t),
@@ -108,6 +111,12 @@ class Scene:
         self._local.take_state(state, t)
         self.refresh(t)
         self._gauges.draw(self.view, self.holder, t)
+
+    def _described(self, _key: str, body: m.Description, _t: float) -> None:
+        if body != self._body:
+            self._body = body
+            self._map.take_body(body)
+            self._local.take_body(body)
 
     def _ack(self, _key: str, ack: m.Ack, t: float) -> None:
         self._contest.take_cycle(ack.cycle, t)
