@@ -43,12 +43,7 @@ RULES: tuple[tuple[str, str, tuple[str, ...]], ...] = (
     ),
 )
 
-APART: dict[str, tuple[str, ...]] = {
-    "armadico": (
-        "armadico.cli",
-        "armadico.observe.dashboard.local_map",
-    )
-}
+APART = {"armadico": ("armadico.cli",)}
 """The commands are the framework's upper floor: they start everything, so they may know it."""
 
 SANS_IO = (

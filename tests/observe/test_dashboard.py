@@ -13,6 +13,7 @@ pytest.importorskip("rerun", reason="the dashboard's extra is not installed")
 from PIL import Image
 
 from armadico.agents.methods.swept_path import Outline
+from armadico.cli.dashboard import zones
 from armadico.config.scenarios import load_scenario
 from armadico.config.worlds import load_world
 from armadico.core import messages as m
@@ -245,7 +246,7 @@ def test_the_robot_is_drawn_as_its_owner_describes_it(tmp_path: Path) -> None:
 def run(tmp_path_factory: pytest.TempPathFactory) -> tuple[Path, Rehearsal]:
     path = tmp_path_factory.mktemp("run") / "sc3.rrd"
     rehearsal = Rehearsal(load_scenario("sc3"), Options())
-    with Rehearsed(rehearsal.mesh, rehearsal.scenario.world, path):
+    with Rehearsed(rehearsal.mesh, rehearsal.scenario.world, path, zones()):
         assert rehearsal.run().reached
     return path, rehearsal
 

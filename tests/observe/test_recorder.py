@@ -278,7 +278,7 @@ def test_a_recording_is_drawn_as_the_dashboard_would(tmp_path: Path) -> None:
         Heard("robot1", "encoder/pose", b"broken", 5),
     )
     warnings: list[str] = []
-    assert to_rrd(path, out, None, None, warnings.append) == 4
+    assert to_rrd(path, out, None, None, {}, warnings.append) == 4
     assert not warnings
     assert out.stat().st_size > 1000
 
@@ -288,8 +288,8 @@ def test_of_several_robots_one_is_drawn(tmp_path: Path) -> None:
     path = tmp_path / "run.mcap"
     recorded(path, heard("robot/state", STATE), Heard("robot2", "robot/state", m.encode(STATE), 1))
     with pytest.raises(RecordingError, match="robot1, robot2"):
-        to_rrd(path, tmp_path / "run.rrd", None, None, lambda _: None)
-    assert to_rrd(path, tmp_path / "run.rrd", "robot2", None, lambda _: None) == 1
+        to_rrd(path, tmp_path / "run.rrd", None, None, {}, lambda _: None)
+    assert to_rrd(path, tmp_path / "run.rrd", "robot2", None, {}, lambda _: None) == 1
 
 
 # What watchers share ------------------------------------------------------------------------------

@@ -7,6 +7,7 @@ in; the table `Scene._takers` says who draws which message.
 from __future__ import annotations
 
 from collections.abc import Callable
+from types import MappingProxyType
 from typing import Any, Final
 
 import rerun as rr
@@ -20,7 +21,7 @@ from armadico.observe.dashboard.agents_panel import Company
 from armadico.observe.dashboard.canvas import Canvas
 from armadico.observe.dashboard.gauges import Gauges
 from armadico.observe.dashboard.global_map import GlobalMap
-from armadico.observe.dashboard.local_map import LocalView
+from armadico.observe.dashboard.local_map import LocalView, Zones
 from armadico.observe.dashboard.palette import NOBODY, agent
 from armadico.observe.dashboard.utility_panel import Contest
 from armadico.observe.view import View, agent_of
@@ -48,13 +49,19 @@ LEVELS: Final = {10: "DEBUG", 20: "INFO", 30: "WARN", 40: "ERROR", 50: "CRITICAL
 class Scene:
     """One robot's part of a recording."""
 
-    def __init__(self, recording: rr.RecordingStream, world: World | None, namespace: str) -> None:
+    def __init__(
+        self,
+        recording: rr.RecordingStream,
+        world: World | None,
+        namespace: str,
+        zones: Zones = MappingProxyType({}),
+    ) -> None:
         self.canvas = Canvas(recording, namespace)
         self.view = View()
         self._body: m.Description | None = None
         self._company = Company(self.canvas)
         self._map = GlobalMap(self.canvas, world)
-        self._local = LocalView(self.canvas)
+        self._local = LocalView(self.canvas, zones)
         self._contest = Contest(self.canvas)
         self._gauges = Gauges(self.canvas, namespace)
         self._takers: dict[type[Message], Callable[[str, Any, float], None]] = {

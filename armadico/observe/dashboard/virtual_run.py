@@ -8,6 +8,7 @@ from typing import Final
 from armadico.config.worlds import load_world
 from armadico.core.messages import Message
 from armadico.mesh.virtual import VirtualMesh
+from armadico.observe.dashboard.local_map import Zones
 from armadico.observe.dashboard.scene import SHOWN, Scene
 from armadico.observe.dashboard.server import close, keep
 
@@ -23,13 +24,14 @@ class Rehearsed:
         mesh: VirtualMesh,
         world: str,
         path: Path,
+        zones: Zones,
         *,
         namespace: str = "robot1",
         graph: bool = False,
     ) -> None:
         walls = load_world(world)
         self.recording = keep({namespace: walls}, path, graph=graph)
-        self.scene = Scene(self.recording, walls, namespace)
+        self.scene = Scene(self.recording, walls, namespace, zones)
         self._mesh = mesh
         self._mesh.watch(self._take, *SHOWN)
         self._mesh.call_at(self._mesh.now + ASK_S, lambda _a, _b: self._ask())
