@@ -18,7 +18,7 @@ if TYPE_CHECKING:
     from armadico.cli.places import Place
     from armadico.core.messages import Card
     from armadico.observe.hosts import HostState
-    from armadico.observe.view import View
+    from armadico.observe.view import Seen, View
     from armadico.runtime.client import Client
 
 EXAMPLES: Final = """\
@@ -121,7 +121,7 @@ def _of_host(
 
 def _plain(view: View, hosts: Sequence[HostState]) -> dict[str, Any]:
     return {
-        "agents": [_plain_card(instance, card) for instance, card in view.agents],
+        "agents": [_plain_card(agent) for agent in view.agents],
         "hosts": [
             {
                 "name": host.name,
@@ -135,19 +135,17 @@ def _plain(view: View, hosts: Sequence[HostState]) -> dict[str, Any]:
     }
 
 
-def _plain_card(instance: str, card: Card | None) -> dict[str, Any]:
+def _plain_card(agent: Seen) -> dict[str, Any]:
     from armadico.core.messages import plain  # noqa: PLC0415 - not for --help
-    from armadico.observe.view import agent_of  # noqa: PLC0415
 
+    name, instance, card = agent
     if card is None:
-        return {"name": agent_of(instance), "instance": instance, "answering": False}
+        return {"name": name, "instance": instance, "answering": False}
     return {**plain(card), "answering": True}
 
 
 def _show_host(host: HostState, view: View) -> None:
-    from armadico.observe.view import agent_of  # noqa: PLC0415 - not for --help
-
-    silent = [agent_of(instance) for instance, card in view.agents if card is None]
+    silent = [agent.name for agent in view.agents if agent.card is None]
     more = f"; not answering: {', '.join(silent)}" if host.lacks and silent else ""
     skew = f"; {host.skew}" if host.skew else ""
     print(options.shown(f"{host.name}: {host.state}{more}{skew}"))
@@ -160,8 +158,6 @@ def _show(
     from rich.table import Table  # noqa: PLC0415 - not for --help
     from rich.text import Text  # noqa: PLC0415 - not for --help
 
-    from armadico.observe.view import agent_of  # noqa: PLC0415 - not for --help
-
     def cells(*texts: object) -> list[Text]:
         return [Text(options.shown(text)) for text in texts]  # no markup, whatever they say
 
@@ -171,8 +167,7 @@ def _show(
     for title in ("HOST", "AGENT", "INSTANCE", "PID", "VERSION", "PROVIDES", "SHARES", "HOLDS"):
         table.add_column(title, overflow="fold")
     order = {host.name: number for number, host in enumerate(hosts)}
-    for instance, card in sorted(view.agents, key=lambda row: _place_of(row[1], order)):
-        name = agent_of(instance)
+    for name, instance, card in sorted(view.agents, key=lambda row: _place_of(row.card, order)):
         short = instance.removeprefix(f"{name}-")[:8]  # enough for people; --json has it whole
         if card is None:
             table.add_row(*cells("", name, short, "not answering"), style="red")

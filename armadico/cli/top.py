@@ -17,8 +17,7 @@ if TYPE_CHECKING:
     import psutil
     from rich.console import Group
 
-    from armadico.core.messages import Card
-    from armadico.observe.view import View
+    from armadico.observe.view import Seen, View
     from armadico.observe.watching import Watcher
 
 SHOW_S: Final = 0.5
@@ -96,7 +95,7 @@ class Snapshots:
             "namespace": self._namespace,
             "robot": self._robot(),
             "resources": [self._resource(name, now) for name in view.resources],
-            "agents": [self._agent(instance, card) for instance, card in view.agents],
+            "agents": [self._agent(agent) for agent in view.agents],
             "services": [self._service(key, now) for key in sorted(view.rates)],
         }
 
@@ -128,10 +127,9 @@ class Snapshots:
             }
         return row | {"contenders": self.view.contenders(name)}
 
-    def _agent(self, instance: str, card: Card | None) -> dict[str, Any]:
-        from armadico.observe.view import agent_of  # noqa: PLC0415 - not for --help
-
-        row: dict[str, Any] = {"name": agent_of(instance), "instance": instance}
+    def _agent(self, agent: Seen) -> dict[str, Any]:
+        card = agent.card
+        row: dict[str, Any] = {"name": agent.name, "instance": agent.instance}
         if card is None:
             return row | {"answering": False}
         row |= {"answering": True, "host": card.host, "pid": card.pid, "version": card.version}

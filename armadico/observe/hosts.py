@@ -51,7 +51,7 @@ def census(
         wanted: The agents that each host should have.
         ahead: How far the clock on a card was ahead of this machine's, by instance, s.
     """
-    cards = [card for _, card in view.agents if card is not None]
+    cards = [agent.card for agent in view.agents if agent.card is not None]
     names = dict.fromkeys((*wanted, *sorted({card.host for card in cards})))
     return [
         _state(name, [card for card in cards if card.host == name], wanted.get(name, ()), ahead)

@@ -12,7 +12,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 from itertools import pairwise
 from statistics import mean, pstdev
-from typing import Final
+from typing import Final, NamedTuple
 
 from armadico.core.cycles import PERIOD
 from armadico.core.messages import (
@@ -55,6 +55,14 @@ def driver(ack: Ack) -> str | None:
     if ack.obeyed is None or at is None or at.epoch != ack.cycle.epoch:
         return None
     return ack.obeyed.instance if ack.cycle.number - at.number <= FRESH_CYCLES else None
+
+
+class Seen(NamedTuple):
+    """An instance that is alive, and its card; None: not shown yet."""
+
+    name: str
+    instance: str
+    card: Card | None
 
 
 class View:
@@ -143,9 +151,9 @@ class View:
         return {agent_of(instance) for instance in self.alive}
 
     @property
-    def agents(self) -> list[tuple[str, Card | None]]:
-        """The instances that are alive, by name, with their cards; None: not shown yet."""
-        return [(each, self.cards.get(each)) for each in sorted(self.alive, key=_by_name)]
+    def agents(self) -> list[Seen]:
+        """The instances that are alive, by name."""
+        return sorted(Seen(agent_of(each), each, self.cards.get(each)) for each in self.alive)
 
     @property
     def complete(self) -> bool:
@@ -170,7 +178,7 @@ class View:
 
     def contenders(self, resource: str) -> list[str]:
         """The agents that are alive and compete for a resource, by name."""
-        return sorted(c.name for _, c in self.agents if c is not None and resource in c.resources)
+        return [a.name for a in self.agents if a.card and resource in a.card.resources]
 
     def driver(self, resource: str, now: float) -> str | None:
         """The instance that a resource obeys now, as far as its owner's acks tell; None: nobody.
@@ -214,10 +222,6 @@ class View:
         """A resource whose cycles are long is spoken of seldom."""
         _, period = self._acked.get(resource, (0.0, PERIOD))
         return max(QUIET_S, FRESH_CYCLES * period)
-
-
-def _by_name(instance: str) -> tuple[str, str]:
-    return agent_of(instance), instance
 
 
 # How often ----------------------------------------------------------------------------------------

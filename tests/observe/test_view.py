@@ -96,11 +96,11 @@ def test_tokens_tell_who_is_alive_and_cards_what_they_are() -> None:
     assert not view.token(GOTO, there=True, t=2.0)  # liveliness may say the same twice
     assert view.alive == {GOTO: 1.0}
     view.learn(card(AVOID, "arm"), 2.0)
-    assert view.agents == [(GOTO, None)], "a card is no token"
+    assert view.agents == [("goto", GOTO, None)], "a card is no token"
     view.learn(card(GOTO, "wheels", owns=("lamp",)), 2.0)
     assert view.complete
     assert view.token(AVOID, there=True, t=3.0)
-    assert [instance for instance, _ in view.agents] == [AVOID, GOTO]
+    assert [agent.instance for agent in view.agents] == [AVOID, GOTO]
     assert view.names == {"avoid", "goto"}
     assert view.resources == ["arm", "lamp", "wheels"]
     assert view.contenders("wheels") == ["goto"]

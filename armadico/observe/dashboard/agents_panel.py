@@ -12,7 +12,7 @@ from armadico.core.messages import Ack, Card, Claim, Command
 from armadico.core.services import service_at
 from armadico.observe.dashboard import palette
 from armadico.observe.dashboard.canvas import Canvas, Colour
-from armadico.observe.view import View, agent_of
+from armadico.observe.view import View
 
 COLUMN: Final = 330.0
 ROW: Final = 42.0
@@ -37,7 +37,7 @@ class Company:
             return
         page = rr.TextDocument(_page(view, holders), media_type=rr.MediaType.MARKDOWN)
         self._canvas.draw("society/table", t, page)
-        graph = Graph((card for _, card in view.agents if card is not None), holders)
+        graph = Graph((agent.card for agent in view.agents if agent.card is not None), holders)
         if self._graph is None or not graph.looks_like(self._graph):
             self._graph = graph
             graph.draw(self._canvas, t)
@@ -45,8 +45,8 @@ class Company:
 
 def _page(view: View, holders: Mapping[str, str]) -> str:
     lines = ["| agent | host | pid | holds | bids | why |", "|---|---|---|---|---|---|"]
-    for instance, card in view.agents:
-        name, (bid, _) = agent_of(instance), view.bids.get(instance, (None, 0.0))
+    for name, instance, card in view.agents:
+        bid, _ = view.bids.get(instance, (None, 0.0))
         holds = ", ".join(what for what, who in holders.items() if who == name)
         host, pid = (card.host, str(card.pid)) if card else ("?", "not answering")
         utility = "" if bid is None or bid.utility is None else f"{bid.utility:.2f}"
