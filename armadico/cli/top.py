@@ -46,7 +46,7 @@ def main(argv: Sequence[str]) -> int:
         if not (args.once or args.json):
             return _live(snapshots, watcher)
         _measure(snapshots, watcher, args.for_s)
-    snapshot = snapshots.at(watcher.clock() / 1e9)
+        snapshot = snapshots.at(watcher.clock() / 1e9)  # to leave the mesh takes time
     if args.json:
         print(json.dumps(snapshot, indent=2))
     else:
