@@ -176,6 +176,9 @@ def _measure(snapshots: Snapshots, watcher: Watcher, for_s: float) -> None:
         item = watcher.take(min(ask_at, end) - now)
         if item is not None:
             show(snapshots.view, item)
+    over = watcher.clock()  # a look may take long, and what came meanwhile is not silence
+    while (item := watcher.take(0.0)) is not None and item.at <= over:
+        show(snapshots.view, item)
 
 
 def _live(snapshots: Snapshots, watcher: Watcher) -> int:
