@@ -357,7 +357,8 @@ def _progress(
         task = progress.add_task("starting", total=None, label=label)
 
         def show(watch: RunWatch) -> None:
-            to_go = watch.status.to_go if watch.status else 0.0
+            mission = watch.view.mission
+            to_go = 0.0 if mission is None else mission.to_go
             whole = max(watch.distance + to_go, 1e-3)
             progress.update(task, total=whole, completed=whole - to_go, description=remark(watch))
 
@@ -377,8 +378,8 @@ class _Lines:
 
 def remark(watch: RunWatch) -> str:
     """Distance to go, who holds the wheels, speed, battery."""
-    state = watch.state
-    to_go = f"{watch.status.to_go:.2f} m to go" if watch.status else "no word of the mission"
+    state, mission = watch.view.state, watch.view.mission
+    to_go = "no word of the mission" if mission is None else f"{mission.to_go:.2f} m to go"
     if state is None:
         return f"{to_go}, nothing heard of the robot"
     if state.stop.stopped:

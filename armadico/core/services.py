@@ -10,6 +10,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from enum import Enum
+from functools import cache
 
 from armadico.core import messages as m
 
@@ -108,6 +109,12 @@ def rows_of(message: type[m.Message]) -> tuple[Service, ...]:
     """All rows of a message type; most have one. Raises KeyError if there is none."""
     rows = tuple(service for service in SERVICES if service.message is message)
     return rows or (service_of(message),)
+
+
+@cache
+def service_at(key: str) -> Service | None:
+    """The row of the table that a key belongs to; None: of no row."""
+    return next((service for service in SERVICES if matches(service.pattern, key)), None)
 
 
 def latched() -> tuple[Service, ...]:

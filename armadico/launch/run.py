@@ -147,7 +147,7 @@ class LiveRun:
 
     def _nobody_can(self, elapsed: float) -> bool:
         """Whether nobody claims the wheels any more, and somebody who takes part is missing."""
-        state = self.watch.state
+        state = self.watch.view.state
         if state is None or state.stop.stopped or not (missing := self._missing()):
             return False
         if min(self.client.age(Claim), elapsed) < self._idle_s:

@@ -43,12 +43,7 @@ RULES: tuple[tuple[str, str, tuple[str, ...]], ...] = (
     ),
 )
 
-APART: dict[str, tuple[str, ...]] = {
-    "armadico": (
-        "armadico.cli",
-        "armadico.observe.dashboard.local_map",
-    )
-}
+APART = {"armadico": ("armadico.cli",)}
 """The commands are the framework's upper floor: they start everything, so they may know it."""
 
 SANS_IO = (
@@ -75,7 +70,7 @@ SANS_IO = (
         "mesh.virtual",
         "launch.virtual",
     ),
-    *("core.membership", "observe.hosts", "core.restart_policy"),
+    *("core.membership", "observe.hosts", "observe.view", "core.restart_policy"),
 )
 """Of the framework: bytes or messages and the time in, bytes or messages out."""
 

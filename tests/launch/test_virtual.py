@@ -25,7 +25,7 @@ from armadico.launch.attached import AttachedRun
 from armadico.launch.society import Options, members
 from armadico.launch.virtual import Rehearsal
 from armadico.mesh.virtual_session import VirtualSession
-from armadico.observe.measures import driver
+from armadico.observe.view import driver
 from armadico.runtime.client import Client
 
 SCENARIOS = ("sc1", "sc2", "sc3", "sc4", "rooms-a", "rooms-b", "house", "offices", "floor")
@@ -298,13 +298,14 @@ def test_the_holder_among_walls_may_be_killed_and_nothing_is_touched(
     scenario: str, name: str
 ) -> None:
     run = Faulty(scenario=load_scenario(scenario))
+    victim = run.mesh.node(name).agent.instance
 
     def holds() -> bool:
-        return driver(run.acks[-1]) == name and run.truths[-1].v > 0.1
+        return driver(run.acks[-1]) == victim and run.truths[-1].v > 0.1
 
     run.drive(holds)
     run.mesh.node(name).kill()
     run.pass_s(10.0)
     assert run.truths[-1].collisions == 0
-    assert driver(run.acks[-1]) not in (None, name) or run.at_rest()
+    assert driver(run.acks[-1]) not in (None, victim) or run.at_rest()
     run.ballots_never_go_down()

@@ -145,7 +145,7 @@ class Drive:
         return "stuck" if self.trace.stuck else "time limit"
 
     def _believed(self) -> float | None:
-        pose, start, goal = self.watch.pose, self.watch.start, self.watch.goal
+        pose, start, goal = self.watch.view.pose, self.watch.start, self.watch.goal
         if pose is None or start is None:
             return None
         straight = hypot(goal[0] - start[0], goal[1] - start[1])

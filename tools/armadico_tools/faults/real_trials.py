@@ -14,6 +14,7 @@ from dataclasses import dataclass
 from typing import Final
 
 from armadico.bridge.p2os.commands import Cmd
+from armadico.core.resources import WHEELS
 from armadico_tools.faults.real_society import RealSociety, TrialError
 from armadico_tools.faults.serial_tap import moves
 from armadico_tools.faults.testbed import Namespaces
@@ -85,8 +86,8 @@ def _holder(society: RealSociety) -> str:
     account = society.account
 
     def held() -> str:
-        label = society.label_of(account.holder)
-        return label if label in ("goto", TWIN) and account.obeyed_lately() else ""
+        label = society.label_of(account.driver or "")
+        return label if label in ("goto", TWIN) else ""
 
     return society.until(held, "one goto or the other is obeyed")
 
@@ -114,7 +115,7 @@ def holder_hung(society: RealSociety, rng: random.Random) -> dict[str, float]:
     phase(society, rng)
     holder = _holder(society)
     hung = society.agents[holder].instance
-    ballot = account.ack.obeyed if account.ack else None
+    ballot = account.view.acks[WHEELS.name].obeyed
     assert ballot is not None, "it is obeyed"
     society.fault("hang", [holder], began=True)
     begun = society.signal(holder, signal.SIGSTOP)
@@ -135,7 +136,7 @@ def nobody_left(society: RealSociety, rng: random.Random) -> dict[str, float]:
     """SIGKILL the only one who bids."""
     account = society.account
     phase(society, rng)
-    speed = account.state.v if account.state else 0.0
+    speed = account.view.state.v if account.view.state else 0.0
     society.fault("crash", ["goto"], began=True)
     begun = society.signal("goto", signal.SIGKILL)
     stop = society.until(lambda: account.stop_after(begun), "a stop is ordered")
@@ -160,7 +161,7 @@ def robot_killed(society: RealSociety, rng: random.Random) -> dict[str, float]:
     mark = len(tap.packets)
     again = society.restart("robot")
     society.fault("crash", ["robot"], began=False)
-    there = account.there[society.agents["robot"].instance]
+    there = account.view.alive[society.agents["robot"].instance]
     drives = society.until(lambda: account.moves_after(again), "the wheels are told to turn")
     first = [c for c in tap.commands(mark) if c.number in (Cmd.VEL, Cmd.RVEL)][:2]
     if any(map(moves, first)):
@@ -193,6 +194,7 @@ def on_host(society: RealSociety, host: str) -> list[str]:
 def holder_cut_off(society: RealSociety, rng: random.Random) -> dict[str, float]:
     """Pull the plug of the holder's host while a contender on another one bids; put it in again."""
     account, network = society.account, network_of(society).network
+    alive = account.view.alive
     phase(society, rng)
     holder = _holder(society)
     host, gone = society.agents[holder].host, society.agents[holder].instance
@@ -201,12 +203,12 @@ def holder_cut_off(society: RealSociety, rng: random.Random) -> dict[str, float]
     begun = society.now()
     network.change(lambda switch: switch.plug(host, False))
     obeyed = society.until(lambda: account.obeyed_after(begun, (gone,)), "the other is obeyed")
-    society.until(lambda: not any(who in account.there for who in everybody), "its tokens are gone")
+    society.until(lambda: alive.keys().isdisjoint(everybody), "its tokens are gone")
     society.run(GONE_S - LONGER_THAN_A_LEASE_S)
     healed = society.now()
     network.change(lambda switch: switch.plug(host, True))
-    society.until(lambda: all(who in account.there for who in everybody), "its tokens are back")
-    back = max(account.there[who] for who in everybody)
+    society.until(lambda: alive.keys() >= {*everybody}, "its tokens are back")
+    back = max(alive[who] for who in everybody)
     society.fault("partition", on_host(society, host), began=False)
     return {
         "next obeyed": milliseconds(begun, obeyed),
@@ -218,6 +220,7 @@ def holder_cut_off(society: RealSociety, rng: random.Random) -> dict[str, float]
 def host_lost(society: RealSociety, rng: random.Random) -> dict[str, float]:
     """Pull the plug of the host of all behaviours for 3 s, and put it in again."""
     account, network = society.account, network_of(society).network
+    alive = account.view.alive
     host = society.agents["goto"].host
     everybody = [society.agents[label].instance for label in on_host(society, host)]
     phase(society, rng)
@@ -225,12 +228,12 @@ def host_lost(society: RealSociety, rng: random.Random) -> dict[str, float]:
     begun = society.now()
     network.change(lambda switch: switch.plug(host, False))
     stop = society.until(lambda: account.stop_after(begun), "a stop is ordered")
-    society.until(lambda: not any(who in account.there for who in everybody), "its tokens are gone")
+    society.until(lambda: alive.keys().isdisjoint(everybody), "its tokens are gone")
     society.run(max(GONE_S - (society.now() - begun), 0.0))
     healed = society.now()
     network.change(lambda switch: switch.plug(host, True))
-    society.until(lambda: all(who in account.there for who in everybody), "its tokens are back")
-    back = max(account.there[who] for who in everybody)
+    society.until(lambda: alive.keys() >= {*everybody}, "its tokens are back")
+    back = max(alive[who] for who in everybody)
     obeyed = society.until(lambda: account.obeyed_after(healed), "somebody is obeyed again")
     society.fault("partition", on_host(society, host), began=False)
     return {

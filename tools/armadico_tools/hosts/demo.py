@@ -17,7 +17,7 @@ from typing import Final, Protocol
 from armadico.cli.options import FailedError
 from armadico.config.hosts import load_hosts
 from armadico.config.scenarios import load_scenario
-from armadico_tools.hosts import events
+from armadico_tools.hosts.remote_observer import read
 from armadico_tools.hosts.timeline import Story
 
 TABLE: Final = "demo"
@@ -105,7 +105,7 @@ def _wanted(scenario: str) -> dict[str, tuple[str, ...]]:
 
 def _moment(story: Story) -> bool:
     """Whether to lose the host now: it drives, and somebody elsewhere would drive on."""
-    drives = story.homes.get(story.holder) == LOST and story.done() >= EARLIEST
+    drives = story.host(story.driver) == LOST and story.done() >= EARLIEST
     return drives and (bool(story.standing_by(LOST)) or story.done() >= LATEST)
 
 
@@ -113,9 +113,9 @@ def _lose(hosts: Hosts, watcher: _Watcher, agents: set[str], say: Callable[[str]
     """Lose the host, tell what comes of it, and have it back."""
     story = watcher.story
     would = ", ".join(
-        f"{story.name(b.instance)} ({b.utility:.2f})" for b in story.standing_by(LOST)
+        f"{story.name(who)} ({bid.utility:.2f})" for who, bid in story.standing_by(LOST)
     )
-    say(f"{LOST} is stopped: {story.name(story.holder)} drives, {story.speed:.2f} m/s")
+    say(f"{LOST} is stopped: {story.name(story.driver)} drives, {story.speed:.2f} m/s")
     say(f"  who elsewhere would drive: {would or 'nobody has a reason to'}")
     hosts.stop(LOST)
     back_at = time.monotonic() + AWAY_S
@@ -132,7 +132,7 @@ def _lose(hosts: Hosts, watcher: _Watcher, agents: set[str], say: Callable[[str]
     else:
         say("  nobody took over: the robot stops by itself")
     watcher.until(lambda: False, back_at - time.monotonic())
-    say(f"  {AWAY_S:.0f} s later {story.name(story.holder) if story.holder else 'nobody'} drives")
+    say(f"  {AWAY_S:.0f} s later {story.name(story.driver) if story.driver else 'nobody'} drives")
     _return(hosts, watcher, agents, say)
 
 
@@ -148,9 +148,9 @@ def _return(hosts: Hosts, watcher: _Watcher, agents: set[str], say: Callable[[st
         return
     took = max(story.on(LOST)[name] for name in agents) - began
     say(f"  {', '.join(sorted(agents))} are back {took:.1f} s later")
-    watcher.until(lambda: story.homes.get(story.holder) == LOST, START_S)
-    if story.homes.get(story.holder) == LOST:
-        say(f"  {story.name(story.holder)} drives, {story.now - began:.1f} s after the start")
+    watcher.until(lambda: story.host(story.driver) == LOST, START_S)
+    if story.host(story.driver) == LOST:
+        say(f"  {story.name(story.driver)} drives, {story.now - began:.1f} s after the start")
 
 
 class _Watcher:
@@ -168,7 +168,7 @@ class _Watcher:
         end = time.monotonic() + within
         while not condition() and (left := end - time.monotonic()) > 0:
             with suppress(queue.Empty):
-                found = events.read(self._lines.get(timeout=min(left, 0.2)))
+                found = read(self._lines.get(timeout=min(left, 0.2)))
                 if found is not None:
                     self.story.take(found)
             if self._process.poll() not in (None, 0) and self._lines.empty():

@@ -1,15 +1,26 @@
-"""What happens in the demo, as one can tell it from a watcher's news (sans-IO)."""
+"""What happens in the demo, as one can tell it from what a remote observer hears (sans-IO)."""
 
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 
-from armadico.observe.watching import agent_of
-from armadico_tools.hosts import events
+from armadico.core.messages import Ack, BidRecord, Command
+from armadico.core.resources import WHEELS
+from armadico.observe.view import View, agent_of, driver
+from armadico.observe.watching import Heard, Presence, read_or_none, show
 
 FRESH_S = 1.0
 """A bid that was told longer ago says nothing of now."""
+
+
+@dataclass(frozen=True)
+class Commanded:
+    """Somebody commanded the wheels, at a time (s), for a cycle."""
+
+    at: float
+    instance: str
+    number: int
 
 
 @dataclass(frozen=True)
@@ -21,54 +32,53 @@ class Takeover:
     cycles: int
 
 
-@dataclass
 class Story:
-    """Takes news in the order in which they come."""
+    """Takes what was heard, in that order."""
 
-    now: float = 0.0
-    holder: str = ""
-    number: int = 0  # of the newest cycle
-    speed: float = 0.0
-    there: dict[str, float] = field(default_factory=dict)  # instances, and since when
-    homes: dict[str, str] = field(default_factory=dict)  # the host of an instance
-    to_go: float | None = None
-    way: float = 0.0  # the longest that was to go
-    reached: bool = False
-    _bids: dict[str, events.Bidding] = field(default_factory=dict)
-    _commands: dict[str, events.Commanded] = field(default_factory=dict)
-    _first: dict[tuple[str, int], events.Commanded] = field(default_factory=dict)
-    _cycles: list[events.Cycle] = field(default_factory=list)
+    def __init__(self) -> None:
+        self.view = View()
+        self.now = 0.0
+        self._way = 0.0  # the longest that was to go
+        self._commands: dict[tuple[str, int], Commanded] = {}
+        self._acks: list[tuple[float, Ack]] = []
 
-    def take(self, each: events.News) -> None:
+    def take(self, item: Heard | Presence) -> None:
         """Take one thing."""
-        if isinstance(each, events.Home):
-            self.homes[each.instance] = each.host
-            return
-        self.now = max(self.now, each.at)
-        if isinstance(each, events.Cycle):
-            self.holder, self.number, self.speed = each.holder, each.number, each.v
-            self._cycles.append(each)
-        elif isinstance(each, events.Commanded):
-            self._commands[each.instance] = each
-            self._first[each.instance, each.number] = each
-        elif isinstance(each, events.Token):
-            if each.there:
-                self.there.setdefault(each.instance, each.at)
-            else:
-                self.there.pop(each.instance, None)
-        elif isinstance(each, events.Bidding):
-            self._bids[each.instance] = each
-        elif isinstance(each, events.Mission):
-            self.to_go, self.reached = each.to_go, each.state == "reached"
-            self.way = max(self.way, each.to_go)
+        self.now = max(self.now, item.at / 1e9)
+        show(self.view, item)
+        message = None if isinstance(item, Presence) else read_or_none(item)
+        if isinstance(message, Ack):
+            self._acks.append((item.at / 1e9, message))
+        elif isinstance(message, Command):
+            said = Commanded(item.at / 1e9, message.ballot.instance, message.cycle.number)
+            self._commands[said.instance, said.number] = said
+        elif self.view.mission is not None:
+            self._way = max(self._way, self.view.mission.to_go)
+
+    @property
+    def driver(self) -> str:
+        """The instance that drives; empty: nobody."""
+        return self.view.driver(WHEELS.name, self.now) or ""
+
+    @property
+    def speed(self) -> float:
+        """As the robot agent measures it, m/s."""
+        ack = self.view.acks.get(WHEELS.name)
+        return float(ack.measured[0]) if ack is not None and ack.measured else 0.0
+
+    def host(self, instance: str) -> str | None:
+        """Where an instance runs, by its card; None: not known."""
+        card = self.view.cards.get(instance)
+        return None if card is None else card.host
 
     def name(self, instance: str) -> str:
         """An instance for people: `avoid on lab1`."""
-        return f"{agent_of(instance)} on {self.homes.get(instance, 'an unknown host')}"
+        return f"{agent_of(instance)} on {self.host(instance) or 'an unknown host'}"
 
     def on(self, host: str) -> dict[str, float]:
         """The agents whose tokens are there from a host, by name, and since when."""
-        return {agent_of(who): at for who, at in self.there.items() if self.homes.get(who) == host}
+        alive = self.view.alive.items()
+        return {agent_of(who): at for who, at in alive if self.host(who) == host}
 
     def lacks(self, wanted: Mapping[str, tuple[str, ...]]) -> list[str]:
         """What is not there of what should be on each host, for people."""
@@ -79,31 +89,31 @@ class Story:
             if name not in self.on(host)
         ]
 
-    def standing_by(self, host: str) -> list[events.Bidding]:
-        """Those on other hosts who would drive at this moment."""
+    def standing_by(self, host: str) -> list[tuple[str, BidRecord]]:
+        """Those on other hosts who would drive at this moment, and what they bid."""
         return [
-            bid
-            for who, bid in self._bids.items()
-            if bid.utility and self.homes.get(who) != host and self.now - bid.at <= FRESH_S
+            (who, bid)
+            for who, (bid, at) in self.view.bids.items()
+            if bid.utility and self.host(who) != host and self.now - at <= FRESH_S
         ]
 
     def done(self) -> float:
         """The share of the way that is behind the robot, 0 to 1."""
-        if self.to_go is None or self.way <= 0.0:
-            return 0.0
-        return 1.0 - self.to_go / self.way
+        mission = self.view.mission
+        return 0.0 if mission is None or not self._way else 1.0 - mission.to_go / self._way
 
-    def last_command(self, host: str) -> events.Commanded | None:
+    def last_command(self, host: str) -> Commanded | None:
         """The last that anybody on a host commanded."""
-        heard = [c for who, c in self._commands.items() if self.homes.get(who) == host]
+        heard = [each for each in self._commands.values() if self.host(each.instance) == host]
         return max(heard, key=lambda each: each.at, default=None)
 
-    def takeover(self, since: events.Commanded) -> Takeover | None:
+    def takeover(self, since: Commanded) -> Takeover | None:
         """Who was obeyed next after somebody's last command; None if nobody is yet."""
-        for cycle in self._cycles:
-            if cycle.at <= since.at or cycle.holder in ("", since.instance):
+        for at, ack in self._acks:
+            who, answered = driver(ack), ack.obeyed_cycle
+            if at <= since.at or who is None or who == since.instance or answered is None:
                 continue
-            said = self._first.get((cycle.holder, cycle.obeyed))
+            said = self._commands.get((who, answered.number))
             if said is not None and said.at > since.at:
                 return Takeover(said.instance, said.at - since.at, said.number - since.number)
         return None
