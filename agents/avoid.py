@@ -88,6 +88,7 @@ class Avoid(Behaviour):
     name = "avoid"
     reacts_to = Obstacles
     parameters = Parameters
+    launched_with = ("v_max",)
     p: Parameters
 
     def __init__(self, identity: agent.Identity, parameters: Any = None) -> None:

@@ -31,6 +31,7 @@ class PathPlanning(Agent):
     alone = True
     answers: ClassVar[tuple[type[Message], ...]] = (PlanRequest,)
     parameters = Parameters
+    launched_with = ("world", "profile")
     p: Parameters
 
     def __init__(self, identity: agent.Identity, parameters: Any = None) -> None:

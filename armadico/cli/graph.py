@@ -193,8 +193,13 @@ def _without_circles(found: Graph) -> list[tuple[str, str]]:
 
 
 def _nodes(found: Graph) -> list[str]:
-    """The robot first: data begins with it."""
-    return sorted([*found.agents, *found.keys], key=lambda node: (node != "robot", node))
+    """Whoever publishes the cycles first: data begins with them."""
+    from armadico.core.messages import RobotState  # noqa: PLC0415 - not for --help
+    from armadico.core.services import service_of  # noqa: PLC0415 - not for --help
+
+    cycles = service_of(RobotState).key
+    nodes = [*found.agents, *found.keys]
+    return sorted(nodes, key=lambda node: ((node, cycles) not in found.edges, node))
 
 
 def _untangle(columns: list[list[str]], found: Graph) -> None:

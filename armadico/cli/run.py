@@ -88,7 +88,9 @@ def _parser() -> argparse.ArgumentParser:
         )
     made.add_argument("--virtual", action="store_true", help="one process, under a virtual clock")
     made.add_argument("--seed", type=int, metavar="N", help="of all that is random (default: 0)")
-    made.add_argument("--controller", choices=("fast", "precise", "collaborative"), help="goto's")
+    made.add_argument(
+        "--controller", metavar="NAME", help="of agents that have several: fast, precise, ..."
+    )
     made.add_argument(
         "--parameters", metavar="SET", help="a set of agents' parameters: thesis, or a TOML file"
     )
@@ -215,15 +217,19 @@ def _known_agents(args: argparse.Namespace, scenario: Scenario) -> Scenario:
     """Raises UnknownNameError or UsageError for a name that takes no part."""
     from armadico.config.discovery import AGENTS, find  # noqa: PLC0415
     from armadico.config.parameters import load_set  # noqa: PLC0415 - not for --help
+    from armadico.launch.society import check, members, names  # noqa: PLC0415
 
     given = load_set(args.parameters) if args.parameters else {}
     for name in (*scenario.agents, *args.without, *given):
         find(AGENTS, name)
+    robot, *others = names(scenario)
     for name in args.without:
-        if name not in scenario.agents:
-            taking = ", ".join(scenario.agents)
-            raise UsageError(f"--without {name}: takes no part in {scenario.name} ({taking} do)")
-    _check_together(args, ("robot", *scenario.agents))
+        if name not in others:
+            taking = ", ".join(others)
+            raise UsageError(f"--without {name}: only {taking} can be left out of {scenario.name}")
+    if args.controller or args.parameters:
+        check(members(scenario, _options(args, 0), ""))
+    _check_together(args, (robot, *others))
     return scenario
 
 
@@ -277,9 +283,14 @@ def _drive_and_plot(args: argparse.Namespace, scenario: Scenario, seed: int) -> 
 
 
 def _drive(args: argparse.Namespace, scenario: Scenario, seed: int) -> tuple[Result, RunWatch]:
+    drive = _virtual if args.virtual else _live
+    return drive(args, scenario, _options(args, seed))
+
+
+def _options(args: argparse.Namespace, seed: int) -> Options:
     from armadico.launch.society import Options  # noqa: PLC0415 - not for --help
 
-    chosen = Options(
+    return Options(
         seed=seed,
         controller=args.controller,
         exchange=args.exchange,
@@ -288,8 +299,6 @@ def _drive(args: argparse.Namespace, scenario: Scenario, seed: int) -> tuple[Res
         together=tuple(tuple(group.split("+")) for group in args.together),
         robot=args.robot,
     )
-    drive = _virtual if args.virtual else _live
-    return drive(args, scenario, chosen)
 
 
 def _virtual(

@@ -7,17 +7,18 @@ experiments are those of the thesis's chapter 5.
 from __future__ import annotations
 
 from collections.abc import Iterator
+from functools import cache
 from math import degrees
 from pathlib import Path
 from typing import Annotated, Literal
 
-from msgspec import Meta, Struct
+from msgspec import Meta, Struct, field
 from msgspec.structs import replace
 
 from armadico.config.errors import ConfigError, advice
 from armadico.config.lines import line_of
-from armadico.config.loading import document, parse, read_text
-from armadico.config.shipped import find, resource_path
+from armadico.config.loading import document, load, parse, read_text
+from armadico.config.shipped import find, folder, resource_path
 from armadico.config.worlds import World, load_world
 
 Metres = Annotated[float, Meta(ge=-1e4, le=1e4)]
@@ -25,14 +26,24 @@ Degrees = Annotated[float, Meta(ge=-360, le=360)]
 PoseDeg = tuple[Metres, Metres, Degrees]
 """x, y in m and a heading in degrees."""
 
-SOCIETY = ("encoder", "sonar", "goto", "avoid", "gothrough", "path-planning", "interface")
-"""Everybody who takes part unless a scenario says otherwise; the robot agent always does."""
-
 Key = tuple[str | int, ...]
 """Where a value is in a scenario file."""
 
 ROBOT_RADIUS_M = 0.30
 """Half the diagonal of a Pioneer 2DX, and a little: what a pose must be clear of walls by."""
+
+
+class Society(Struct, frozen=True, forbid_unknown_fields=True):
+    """Who takes part unless a scenario says otherwise: the owner of the wheels, and the others."""
+
+    robot: str
+    agents: tuple[str, ...]
+
+
+@cache
+def society() -> Society:
+    """The shipped one, `society.toml`."""
+    return load(folder("") / "society.toml", Society)
 
 
 class Scenario(Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):
@@ -46,7 +57,7 @@ class Scenario(Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):
     """On the way to the goal; used with plan = "waypoints" only."""
     plan: Literal["direct", "waypoints", "rooms"] = "direct"
     """Straight to the goal, over the waypoints, or as the path planning agent says."""
-    agents: tuple[str, ...] = SOCIETY
+    agents: tuple[str, ...] = field(default_factory=lambda: society().agents)
     robot: str = "pioneer-2dx"
     sensors: str = "ideal"
     v_max: Annotated[float, Meta(gt=0, le=10)] | None = None

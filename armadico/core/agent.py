@@ -151,6 +151,9 @@ class Agent:
     owns: ClassVar[tuple[Resource, ...]] = ()
     alone: ClassVar[bool] = False  # a second instance in the namespace may not join
     parameters: ClassVar[type[Parameters]] = Parameters
+    launched_with: ClassVar[tuple[str, ...]] = ()
+    """Facts of a scenario that its launcher sets: the parameters of these names (see
+    `armadico.launch.society.facts`)."""
 
     def __init__(self, identity: Identity, parameters: Any = None) -> None:
         self.identity = identity
@@ -774,6 +777,9 @@ class Agent:
 @mypyc_attr(allow_interpreted_subclasses=True)
 class DeviceAgent(Agent):
     """An agent that owns a device: bytes in, bytes out."""
+
+    address: str = ""
+    """The URL of its device, which the transport of its scheme opens; none: nothing is opened."""
 
     def on_bytes(self, data: bytes) -> None:
         """Bytes from the device."""

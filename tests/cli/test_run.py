@@ -95,7 +95,7 @@ SMALL_ROBOT = (*VIRTUAL, "--seed", "1", "--json", "--no-plot")
         (("wall.toml",), ("wall.toml:2:", "start", "wall of 'sc4'")),
         ((*VIRTUAL, "--without", "gotho"), ("no agent 'gotho'", "did you mean 'goto'?")),
         ((*VIRTUAL, "--without", "robot"), ("--without robot", "encoder, sonar, goto")),
-        ((*VIRTUAL, "--controller", "fas"), ("'fas'", "'fast', 'precise', 'collaborative'")),
+        ((*VIRTUAL, "--controller", "fas"), ("goto: ", '"fas"', "did you mean 'fast'?")),
         ((*VIRTUAL, "--exchange", "rude"), ("'rude'", "'abrupt', 'smooth'")),
         ((*VIRTUAL, "--parameters", "thesys"), ("'thesys'", "did you mean 'thesis'?")),
         ((*VIRTUAL, "--runs", "0"), ("--runs 0", "at least 1")),

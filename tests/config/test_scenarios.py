@@ -12,10 +12,10 @@ from armadico.config.errors import ConfigError
 from armadico.config.loading import names, resource_path
 from armadico.config.scenarios import (
     ROBOT_RADIUS_M,
-    SOCIETY,
     Scenario,
     load_scenario,
     scenario_from,
+    society,
 )
 from armadico.config.worlds import load_world
 
@@ -129,7 +129,7 @@ def test_a_scenario_starts_where_its_world_says(name: str) -> None:
 def test_files_need_only_say_what_is_special() -> None:
     scenario = load_scenario("sc1")
     assert scenario.name == "sc1"
-    assert scenario.agents == SOCIETY
+    assert scenario.agents == society().agents
     assert (scenario.robot, scenario.sensors, scenario.plan) == ("pioneer-2dx", "ideal", "direct")
     assert (scenario.v_max, scenario.seed, scenario.waypoints) == (None, 0, ())
 
