@@ -36,9 +36,9 @@ class Company:
         self._graph: Graph | None = None
 
     @property
-    def names(self) -> set[str]:
-        """The agents that have a token."""
-        return set(self._there.values())
+    def owned(self) -> set[str]:
+        """The resources that somebody owns."""
+        return {resource for card in self._cards.values() for resource in card.owns}
 
     def take_alive(self, name: str, instance: str, there: bool) -> bool:
         """A token has come or gone; false if that was known."""

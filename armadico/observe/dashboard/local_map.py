@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 from PIL import Image
 
 from armadico.agents.avoid import Parameters
-from armadico.core.messages import Echo, LocalMap, Obstacles, RobotState, Sonar
+from armadico.core.messages import Description, Echo, LocalMap, Obstacles, RobotState, Sonar
 from armadico.observe.dashboard import palette
 from armadico.observe.dashboard.canvas import Canvas, pixels
 from armadico.observe.dashboard.shapes import (
@@ -54,12 +54,17 @@ class LocalView:
         self._grid: tuple[int, int, float] | None = None
         self._heard: dict[tuple[float, float, float], tuple[float, Echo]] = {}
         self._zones = Parameters()
+        self._robot: Description | None = None
         # Forward is up on the screen, where y points down, and left is left.
         canvas.fix(ROOT, rr.Transform3D(mat3x3=[[0, -1, 0], [-1, 0, 0], [0, 0, 1]]))
-        body = rr.LineStrips2D(
-            [outline(), nose()], radii=pixels(1.3), colors=palette.BODY, draw_order=40
-        )
-        canvas.fix(f"{ROOT}/outline", body)
+
+    def take_description(self, robot: Description) -> None:
+        """How large the robot is."""
+        if robot != self._robot:
+            self._robot = robot
+            strips = [outline(robot), nose(robot)]
+            body = rr.LineStrips2D(strips, radii=pixels(1.3), colors=palette.BODY, draw_order=40)
+            self._canvas.fix(f"{ROOT}/outline", body)
 
     def take_map(self, cells: LocalMap, t: float) -> None:
         """The cells with their probabilities."""
@@ -95,10 +100,10 @@ class LocalView:
 
     def take_state(self, state: RobotState, t: float) -> None:
         """The zones grow with the speed."""
-        if self._canvas.due(f"{ROOT}/zones", t):
+        if self._robot is not None and self._canvas.due(f"{ROOT}/zones", t):
             borders = {name: getattr(self._zones, name).border(state.v) for name in palette.ZONES}
             zones = rr.LineStrips2D(
-                [around_outline(border) for border in borders.values()],
+                [around_outline(self._robot, border) for border in borders.values()],
                 radii=pixels(1.2),
                 colors=list(palette.ZONES.values()),
                 draw_order=15,

@@ -26,6 +26,7 @@ from armadico.observe.dashboard.utility_panel import Contest
 
 SHOWN: Final[tuple[type[Message], ...]] = (
     m.RobotState,
+    m.Description,
     m.Ack,
     m.Pose,
     m.Truth,
@@ -58,6 +59,7 @@ class Scene:
         self._mission: m.MissionState | None = None
         self._takers: dict[type[Message], Callable[[str, Any, float], None]] = {
             m.RobotState: self._state,
+            m.Description: lambda _key, robot, _t: self._described(robot),
             m.Ack: lambda _key, ack, t: self._changes(self._contest.take_ack(ack, t), t),
             m.Pose: lambda _key, pose, t: self._map.take_pose(pose, self.holder, t),
             m.Truth: self._truth,
@@ -108,6 +110,10 @@ class Scene:
         self._latch(state.stop, t)
         self.refresh(t)
 
+    def _described(self, robot: m.Description) -> None:
+        self._map.take_description(robot)
+        self._local.take_description(robot)
+
     def _truth(self, _key: str, truth: m.Truth, t: float) -> None:
         self._map.take_truth(truth, t)
         self._gauges.keep(truth)
@@ -121,7 +127,7 @@ class Scene:
         if status.state is not self._mission:
             self._mission = status.state
             note = f" ({status.note})" if status.note else ""
-            self._say("interface", f"mission: {status.state.value}{note}", INFO, t)
+            self._say("mission", f"{status.state.value}{note}", INFO, t)
 
     def _claim(self, _key: str, claim: m.Claim, t: float) -> None:
         self._changes(self._contest.take_claim(claim, t), t)
@@ -133,8 +139,8 @@ class Scene:
         if late or stop == self._stop:
             return
         if stop.stopped != self._stop.stopped:
-            text = "stopped" if stop.stopped else "the stop is released"
-            self._say("robot", f"{text} by {stop.by}", WARNING, t)
+            text = "latched" if stop.stopped else "released"
+            self._say("stop", f"{text} by {stop.by}", WARNING, t)
         self._stop = stop
 
     def _log(self, key: str, log: m.Log, t: float) -> None:
