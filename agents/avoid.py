@@ -115,7 +115,7 @@ class Avoid(Behaviour):
         assert state is not None, "nobody bids without robot/state"
         if self.p.rules == "safe":
             return self._safe(obstacles, pose, state)
-        bid = literal(obstacles, state.v, self.p)
+        bid = literal(obstacles, state.v, self.body.outline, self.p)
         if bid is None:
             self.why = "nothing in the way"
         return bid

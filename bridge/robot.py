@@ -14,8 +14,7 @@ from msgspec import Meta
 
 from armadico.bridge.p2os.session import Connected, Event, LinkLost, Reported, Session, Unanswered
 from armadico.bridge.reflex import Reflex
-from armadico.config.loading import find, load
-from armadico.config.profile import RobotProfile
+from armadico.config.profile import load_profile
 from armadico.core import agent
 from armadico.core.agent import ERROR, WARNING, DeviceAgent
 from armadico.core.cycles import CycleCounter
@@ -72,7 +71,7 @@ class Robot(DeviceAgent):
     def __init__(self, identity: agent.Identity, parameters: Any = None) -> None:
         super().__init__(identity, parameters)
         self.address = self.p.port
-        self.profile = load(find("robots", self.p.profile), RobotProfile)
+        self.profile = load_profile(self.p.profile)
         self._v_max = min(self.p.v_max or inf, self.profile.limits.v_max)
         self.cycles.period = self.profile.p2os.cycle_s
         self._counter = CycleCounter(self.rng.getrandbits(63), self.cycles.period)

@@ -155,31 +155,27 @@ def _scenario(args: argparse.Namespace) -> Scenario:
         if args.goal is None:
             raise UsageError("--world needs a goal: --goal X Y DEG")
         start = tuple(args.start) if args.start else None
-        made = scenario_from(args.world, start, tuple(args.goal))
-        return _known_agents(args, _with_profile(args, made))
-    scenario = _with_profile(args, load_scenario(args.scenario))
+        made = scenario_from(args.world, start, tuple(args.goal), _robot(args))
+        return _known_agents(args, made)
+    scenario = load_scenario(args.scenario)
     changes = {key: tuple(v) for key in ("start", "goal") if (v := getattr(args, key))}
-    if changes:
+    robot = _robot(args)
+    if changes or robot:
         checked = scenario_from(
-            scenario.world, changes.get("start", scenario.start), changes.get("goal", scenario.goal)
+            scenario.world,
+            changes.get("start", scenario.start),
+            changes.get("goal", scenario.goal),
+            robot or scenario.robot,
         )
-        scenario = replace(scenario, start=checked.start, goal=checked.goal)
+        scenario = replace(scenario, start=checked.start, goal=checked.goal, robot=checked.robot)
     return _known_agents(args, scenario)
 
 
-def _with_profile(args: argparse.Namespace, scenario: Scenario) -> Scenario:
-    """The scenario with another make of robot, if one is named. Raises ConfigError."""
-    if args.profile is None:
-        return scenario
-    from msgspec.structs import replace  # noqa: PLC0415 - not for --help
+def _robot(args: argparse.Namespace) -> str | None:
+    """The make of robot that is named, a path from here."""
+    from armadico.config.scenarios import beside  # noqa: PLC0415 - not for --help
 
-    from armadico.config.scenarios import beside  # noqa: PLC0415
-    from armadico.config.shipped import find  # noqa: PLC0415
-
-    here = Path.cwd() / "command line"  # a path counts from here
-    robot = beside(here, args.profile)
-    find("robots", robot)
-    return replace(scenario, robot=robot)
+    return None if args.profile is None else beside(Path.cwd() / "command line", args.profile)
 
 
 def _check_robot(url: str) -> None:
@@ -452,14 +448,20 @@ def _show(scenario: str, results: Sequence[Result]) -> None:
         verdict += f", {results[0].collisions} COLLISION(S)"
     table = Table(
         title=f"{scenario}: {verdict}",
-        caption="TD FO TT P TG TA TGt as in thesis 5.1; exchanges, collisions, least clearance",
+        caption="TD FO TT P, and by agent its share of the cycles, as in thesis 5.1; exchanges,"
+        " collisions, least clearance",
         padding=(0, 0),
     )
-    for title, _ in ROWS:
+    driving = sorted({name for result in results for name in result.shares})
+    titles = [title for title, _ in ROWS]
+    at = titles.index("exch.")
+    titles[at:at] = [f"{options.shown(name)} %" for name in driving]
+    for title in titles:
         table.add_column(title, justify="right", no_wrap=True)
     for result in results:
-        style = None if result.passed else "bold red"
-        table.add_row(*(_cell(getattr(result, field)) for _, field in ROWS), style=style)
+        cells = [_cell(getattr(result, field)) for _, field in ROWS]
+        cells[at:at] = [_cell(result.shares.get(name, 0.0)) for name in driving]
+        table.add_row(*cells, style=None if result.passed else "bold red")
     Console().print(table)
 
 
@@ -469,9 +471,6 @@ ROWS: Final = (
     ("FO deg", "fo_deg"),
     ("TT s", "tt_s"),
     ("P %", "p_percent"),
-    ("TG %", "tg_percent"),
-    ("TA %", "ta_percent"),
-    ("TGt %", "tgt_percent"),
     ("exch.", "exchanges"),
     ("coll.", "collisions"),
     ("clear. m", "min_clearance_m"),
@@ -517,6 +516,7 @@ def _check_picture(path: Path | None) -> None:
 def _plot(path: Path, scenario: Scenario, watch: RunWatch, result: Result) -> None:
     """World, path coloured by holder, sonar echoes; a warning if nothing can draw."""
     try:
+        from armadico.config.profile import load_profile  # noqa: PLC0415 - not for --help
         from armadico.config.worlds import load_world  # noqa: PLC0415 - not for --help
         from armadico.observe.pictures import Run, draw_run  # noqa: PLC0415 - heavy
 
@@ -524,6 +524,7 @@ def _plot(path: Path, scenario: Scenario, watch: RunWatch, result: Result) -> No
             path=watch.path,
             start=watch.start or watch.goal,
             goal=watch.goal,
+            body=load_profile(scenario.robot).body,
             waypoints=watch.waypoints[:-1],
             echoes=watch.echoes,
             title=f"{scenario.title or scenario.name} (seed {result.seed})",

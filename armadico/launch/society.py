@@ -147,7 +147,6 @@ def watch(scenario: Scenario, options: Options) -> RunWatch:
         scenario.name,
         (scenario.goal[0], scenario.goal[1], radians(scenario.goal[2])),
         options.seed,
-        names(scenario, options.without),
     )
 
 

@@ -21,6 +21,7 @@ from typing import TYPE_CHECKING, Any, Final, TypeVar
 import msgspec
 from msgspec import inspect
 
+from armadico.core.cycles import PERIOD
 from armadico.core.messages import Ask, Claim, Message, MessageError, decode
 from armadico.core.services import BIDS, CARD, SERVICES, Kind, Service, matches
 
@@ -34,9 +35,6 @@ WAITING: Final = 20_000
 
 WINDOW_S: Final = 5.0
 """Rates are those of so long."""
-
-CYCLE_S: Final = 0.1
-"""One status packet of the robot."""
 
 QUIET_S: Final = 0.5
 """A holder that has claimed nothing for so long holds nothing, as far as a watcher can tell."""
@@ -342,7 +340,7 @@ def deadline_s(service: Service | None) -> float | None:
     period = 1.0 / service.rate_hz
     if service.fresh_cycles is None:
         return 2.0 * period
-    return max(service.fresh_cycles * CYCLE_S, 2.0 * period)
+    return max(service.fresh_cycles * PERIOD, 2.0 * period)
 
 
 class Holders:

@@ -10,8 +10,8 @@ import pytest
 
 from armadico.config.errors import ConfigError
 from armadico.config.loading import names, resource_path
+from armadico.config.profile import load_profile
 from armadico.config.scenarios import (
-    ROBOT_RADIUS_M,
     Scenario,
     load_scenario,
     scenario_from,
@@ -49,7 +49,7 @@ def test_the_thesis_experiments_are_all_there() -> None:
 @pytest.mark.parametrize("name", SHIPPED)
 def test_a_robot_can_get_from_start_over_the_waypoints_to_the_goal(name: str) -> None:
     scenario = load_scenario(name)
-    space = FreeSpace(load_world(scenario.world), ROBOT_RADIUS_M)
+    space = FreeSpace(load_world(scenario.world), load_profile(scenario.robot).body.circle_m)
     reached = space.reached(*scenario.start[:2])
     assert len(reached) > 100
     for x, y in stops(scenario):
