@@ -246,7 +246,7 @@ def mesh(args: argparse.Namespace) -> Generator[Finding, None, dict[str, float |
     robots = [card.instance for card in answered if WHEELS.name in card.owns]
     if len(robots) > 1:
         what = f"{len(robots)} robot agents in namespace {args.namespace!r}"
-        yield Finding("robot", WRONG, what, "give each robot its own --namespace")
+        yield Finding(WHEELS.name, WRONG, what, "give each robot its own --namespace")
     return {host.name: host.clock_s for host in census(answered, {}, client.ahead)}
 
 

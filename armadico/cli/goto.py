@@ -102,7 +102,7 @@ def _begin(client: Client, args: argparse.Namespace) -> MissionReply:
     request = MissionRequest(Waypoint(args.x, args.y, heading), planned=not args.direct)
     reply = client.ask(request, PLANNING_S, patience=FIND_S)
     if not isinstance(reply, MissionReply):
-        raise options.nobody(args, "no interface agent takes the mission")
+        raise options.nobody(args, "no agent takes missions")
     if reply.refusal:
         raise options.FailedError(f"the mission was refused: {options.shown(reply.refusal)}")
     return reply

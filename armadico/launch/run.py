@@ -148,7 +148,9 @@ class LiveRun:
     def _ask(self) -> MissionReply:
         reply = self.client.ask(mission(self.scenario), timeout=30.0, patience=HEAR_S)
         if not isinstance(reply, MissionReply):
-            raise RunFailedError("no interface agent answered mission/request")
+            raise RunFailedError(
+                "nobody answered mission/request: no agent that takes missions is alive"
+            )
         return reply
 
     def _ready_to_drive(self) -> bool:

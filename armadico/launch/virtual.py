@@ -81,7 +81,9 @@ class Rehearsal:
         self.mesh.run(self.mesh.now + 30.0, lambda: bool(replies))
         reply = replies[0]
         if not isinstance(reply, MissionReply):
-            raise MissionRefusedError("no interface agent answered mission/request")
+            raise MissionRefusedError(
+                "nobody answered mission/request: no agent that takes missions is alive"
+            )
         if reply.refusal:
             raise MissionRefusedError(reply.refusal)
         self.limit = time_limit(reply.length)

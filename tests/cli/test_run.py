@@ -138,7 +138,7 @@ def test_a_wrong_use_is_told_with_what_is_right_and_exit_code_2(
         ),
         (("sc1", "--without", "encoder"), "nobody knows where the robot is"),
         (("sc4", "--without", "path-planning"), "no path planning agent answered"),
-        (("sc1", "--without", "interface"), "no interface agent answered"),
+        (("sc1", "--without", "interface"), "nobody answered mission/request"),
     ],
 )
 def test_a_mission_that_cannot_be_is_refused_before_the_robot_moves(
