@@ -32,9 +32,10 @@ Key = tuple[str | int, ...]
 
 
 class Society(Struct, frozen=True, forbid_unknown_fields=True):
-    """Who takes part unless a scenario says otherwise: the owner of the wheels, and the others."""
+    """Who takes part unless a scenario says otherwise, by entry points: the robot, the others."""
 
     robot: str
+    simulator: str
     agents: tuple[str, ...]
 
 

@@ -7,7 +7,7 @@ from collections.abc import Callable
 
 from armadico.config.discovery import AGENTS, SIMULATORS, find, load
 from armadico.config.loading import load_parameters
-from armadico.config.scenarios import Scenario
+from armadico.config.scenarios import Scenario, society
 from armadico.core.agent import Agent, DeviceAgent
 from armadico.core.messages import Message, MissionReply
 from armadico.launch.society import Options, members, mission, time_limit, watch
@@ -15,9 +15,6 @@ from armadico.mesh.virtual import VirtualMesh
 from armadico.mesh.virtual_network import Clock
 from armadico.mesh.virtual_node import Node
 from armadico.observe.measures import WATCHED, Result, RunWatch
-
-SIMULATOR = "pioneer"
-"""The entry point of `armadico.simulators` that stands behind the robot agent's port."""
 
 SETTLE_S = 1.0
 """What the handshake with the controller and the first cycles take, on the virtual clock."""
@@ -51,7 +48,7 @@ class Rehearsal:
         self.watch = watch(scenario, options)
         self.limit = time_limit(0.0)
         self.mesh.watch(lambda _key, message, now: self.watch.show(message, now), *WATCHED)
-        factory = find(SIMULATORS, SIMULATOR).load()
+        factory = find(SIMULATORS, society().simulator).load()
         self.robot = factory(scenario, self.mesh.stream, self.mesh.publish)
         self._clock = clock
         self._starts: Counter[str] = Counter()

@@ -20,9 +20,10 @@ EXCEPTIONS = {
 
 
 def agents() -> frozenset[str]:
-    """What is installed as an agent, ours all."""
+    """What is installed as an agent or a simulator, ours all."""
     project = tomllib.loads((ROOT / "pyproject.toml").read_text(encoding="utf-8"))["project"]
-    return frozenset(project["entry-points"]["armadico.agents"])
+    groups = project["entry-points"]
+    return frozenset({*groups["armadico.agents"], *groups["armadico.simulators"]})
 
 
 def quoted(tree: ast.Module) -> Iterator[str]:
