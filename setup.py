@@ -34,8 +34,8 @@ COMPILED = (
 """What a virtual second goes into, and `bridge/simulator`. Agents are not: everybody's are Python.
 Nor is what declares types for msgspec: it reads them as they are written, and mypyc drops that."""
 
-APART = ("__init__", "server")
-"""Of `bridge/simulator`: nothing to compile, and sockets, which wait rather than compute."""
+APART = ("__init__", "command", "server")
+"""Of `bridge/simulator`: nothing to compile, and what waits rather than computes."""
 
 
 def compiled() -> list[Extension]:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from math import atan2, copysign, cos, hypot, inf, pi, radians, sin
-from typing import Any, Literal, NamedTuple
+from typing import Any, ClassVar, Literal, NamedTuple
 
 from armadico.agents.methods.free_heading import open_heading
 from armadico.agents.methods.thesis_avoid import NonNegative, Positive, ZoneParameters, literal
@@ -88,6 +88,12 @@ class Avoid(Behaviour):
     name = "avoid"
     reacts_to = Obstacles
     parameters = Parameters
+    launched_with = ("v_max",)
+    borders: ClassVar = {
+        "stop": Parameters().stop.border,
+        "danger": Parameters().danger.border,
+        "caution": Parameters().caution.border,
+    }
     p: Parameters
 
     def __init__(self, identity: agent.Identity, parameters: Any = None) -> None:
@@ -114,7 +120,7 @@ class Avoid(Behaviour):
         assert state is not None, "nobody bids without robot/state"
         if self.p.rules == "safe":
             return self._safe(obstacles, pose, state)
-        bid = literal(obstacles, state.v, self.p)
+        bid = literal(obstacles, state.v, self.body.outline, self.p)
         if bid is None:
             self.why = "nothing in the way"
         return bid

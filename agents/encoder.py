@@ -59,6 +59,7 @@ class Encoder(Agent):
     alone = True
     provides: ClassVar[tuple[type[Message], ...]] = (Pose, Origin)
     parameters = Parameters
+    launched_with = ("x", "y", "theta")
     p: Parameters
 
     def __init__(self, identity: agent.Identity, parameters: Any = None) -> None:

@@ -54,6 +54,7 @@ class Gothrough(Behaviour):
     name = "gothrough"
     reacts_to = Obstacles
     parameters = Parameters
+    launched_with = ("v_max",)
     p: Parameters
 
     def __init__(self, identity: agent.Identity, parameters: Any = None) -> None:

@@ -57,6 +57,7 @@ class Goto(Behaviour):
     name = "goto"
     reacts_to = Pose
     parameters = Parameters
+    launched_with = ("controller", "v_max")
     p: Parameters
 
     def __init__(self, identity: agent.Identity, parameters: Any = None) -> None:

@@ -8,8 +8,7 @@ from msgspec import Meta
 
 from armadico.agents.methods.energy import energy
 from armadico.agents.methods.planning import PlanError, plan
-from armadico.config.loading import find, load
-from armadico.config.profile import RobotProfile
+from armadico.config.profile import load_profile
 from armadico.config.worlds import load_world
 from armadico.core import agent
 from armadico.core.agent import Agent, Question
@@ -31,19 +30,20 @@ class PathPlanning(Agent):
     alone = True
     answers: ClassVar[tuple[type[Message], ...]] = (PlanRequest,)
     parameters = Parameters
+    launched_with = ("world", "profile")
     p: Parameters
 
     def __init__(self, identity: agent.Identity, parameters: Any = None) -> None:
         super().__init__(identity, parameters)
         self._world = load_world(self.p.world)
-        self._profile = load(find("robots", self.p.profile), RobotProfile)
+        self._profile = load_profile(self.p.profile)
 
     def on_plan_request(self, question: Question) -> Plan:
         """The waypoints, or why there is no way."""
         request = question.request
         assert isinstance(request, PlanRequest)
         try:
-            way = plan(self._world, request.start, request.goal)
+            way = plan(self._world, request.start, request.goal, self._profile.body)
         except PlanError as error:
             return Plan((), refusal=line(str(error)))
         waypoints = tuple(Waypoint(p.x, p.y, p.theta) for p in way.waypoints)

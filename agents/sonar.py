@@ -32,9 +32,9 @@ Angle = Annotated[float, Meta(ge=0, le=3.1416)]
 Seconds = Annotated[float, Meta(ge=0, le=3600)]
 Metres = Annotated[float, Meta(ge=0, le=10)]
 
-LOOK_CYCLES = 4
-"""Cycles that it listens before it says anything: once round the ring. What is not heard yet is
-not free, and whoever starts in the middle of a drive must not say that it is."""
+LOOK_S = 0.4
+"""It listens for so long before it says anything: once round the ring. What is not heard yet is not
+free, and whoever starts in the middle of a drive must not say that it is."""
 
 MAP_CYCLES = 5
 """The cells are said each so many cycles."""
@@ -110,7 +110,7 @@ class SonarAgent(Agent):
         seen.update(sonar.echoes)
         self._listened += 1
         body = seen.outline
-        if self._listened < LOOK_CYCLES or body is None:
+        if self._listened < round(LOOK_S / self.cycles.period) or body is None:
             return
         self.publish(
             Obstacles(

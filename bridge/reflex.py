@@ -22,8 +22,8 @@ KEPT_S = 0.5
 """A sonar's reading counts until its next one, and no longer than this: the ring of a Pioneer goes
 round in 0.32 s."""
 
-REACTION_CYCLES = 2.0
-"""Cycles from a reading until the wheels follow: the speed loops' lag, as a behaviour counts it."""
+REACTION_CYCLES, REACTION_S = 2.0, 0.2
+"""From a reading until the wheels follow: the speed loops' lag, as a behaviour counts it."""
 
 TOUCH_M = 0.02
 """So much of what is ahead is left."""
@@ -39,7 +39,7 @@ class Reflex:
         self._front = profile.body.front_m
         self._half = profile.body.width_m / 2
         self._decel = profile.limits.v_decel
-        self._reaction = REACTION_CYCLES * profile.p2os.cycle_s
+        self._reaction = max(REACTION_CYCLES * profile.p2os.cycle_s, REACTION_S)
         self._heard: dict[tuple[float, float, float], tuple[float, float, float]] = {}
         self._points: tuple[tuple[float, float], ...] = ()
         self._nearest = inf  # of them all, m ahead of the front edge

@@ -7,15 +7,14 @@ controller's watchdog is fed only while all of this works.
 
 from __future__ import annotations
 
-from math import radians
+from math import copysign, inf, radians
 from typing import Annotated, Any, ClassVar
 
 from msgspec import Meta
 
 from armadico.bridge.p2os.session import Connected, Event, LinkLost, Reported, Session, Unanswered
 from armadico.bridge.reflex import Reflex
-from armadico.config.loading import find, load
-from armadico.config.profile import RobotProfile
+from armadico.config.profile import load_profile
 from armadico.core import agent
 from armadico.core.agent import ERROR, WARNING, DeviceAgent
 from armadico.core.cycles import CycleCounter
@@ -29,6 +28,7 @@ from armadico.core.messages import (
     RobotState,
     Sonar,
     Stop,
+    TopSpeed,
 )
 from armadico.core.resources import WHEELS, Resource
 
@@ -53,6 +53,7 @@ class Parameters(agent.Parameters, frozen=True, kw_only=True):
 
     port: Annotated[str, Meta(min_length=1)] = "tcp://127.0.0.1:8101"
     profile: str = "pioneer-2dx"
+    v_max: TopSpeed | None = None  # m/s: a limit below the profile's, of a scenario say
     reflex: bool = True  # slow down for what the front sonars hear, whatever is commanded
 
 
@@ -64,11 +65,14 @@ class Robot(DeviceAgent):
     owns = (WHEELS,)
     provides: ClassVar[tuple[type[Message], ...]] = (RobotState, Description, Sonar)
     parameters = Parameters
+    launched_with = ("port", "profile", "v_max")
     p: Parameters
 
     def __init__(self, identity: agent.Identity, parameters: Any = None) -> None:
         super().__init__(identity, parameters)
-        self.profile = load(find("robots", self.p.profile), RobotProfile)
+        self.address = self.p.port
+        self.profile = load_profile(self.p.profile)
+        self._v_max = min(self.p.v_max or inf, self.profile.limits.v_max)
         self.cycles.period = self.profile.p2os.cycle_s
         self._counter = CycleCounter(self.rng.getrandbits(63), self.cycles.period)
         self._session: Session | None = None
@@ -208,7 +212,7 @@ class Robot(DeviceAgent):
             front=body.front_m,
             rear=body.rear_m,
             half_width=body.width_m / 2,
-            v_max=limits.v_max,
+            v_max=self._v_max,
             w_max=limits.w_max,
             v_accel=limits.v_accel,
             v_decel=limits.v_decel,
@@ -276,9 +280,15 @@ class Robot(DeviceAgent):
     # The wheels ----------------------------------------------------------------------------------
 
     def obey(self, resource: Resource, action: Any) -> None:  # noqa: ARG002 - it owns one
-        """Order the speeds, m/s and rad/s."""
+        """Order the speeds, m/s and rad/s; what is above the limit is driven slower, the same arc.
+
+        `beyond` refuses what no such robot can do. Who has not heard of a scenario's limit is none
+        the worse for it, nor is the robot.
+        """
         assert self._session is not None, "unavailable without one"
         v, w = action
+        if abs(v) > self._v_max:
+            v, w = copysign(self._v_max, v), w * self._v_max / abs(v)
         self._moving = v != 0.0 or w != 0.0
         self._order(v, w)
         self._send()

@@ -159,7 +159,7 @@ class Controller:
         return self._parked
 
     def steer(
-        self, pose: Posed, waypoints: Sequence[Posed], before: Speeds, period: float = 0.1
+        self, pose: Posed, waypoints: Sequence[Posed], before: Speeds, period: float
     ) -> Speeds:
         """Speeds for the next period.
 

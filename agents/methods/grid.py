@@ -29,7 +29,7 @@ _DIAGONAL = math.sqrt(2.0)
 class Margins(Struct, frozen=True):
     """How far from walls the robot wants to be."""
 
-    radius_m: float = 0.30  # never nearer to a wall: half the body's diagonal
+    radius_m: float  # never nearer to a wall
     preferred_m: float = 0.45  # kept where there is room
     dislike: float = 8.0  # a metre at the radius costs this much more than one with room
 

@@ -19,6 +19,7 @@ from armadico.agents.methods.geometry import Placed, Posed, Positioned, directio
 from armadico.agents.methods.grid import Grid, Margins, grid_of
 from armadico.agents.methods.path_smoothing import between, clear
 from armadico.agents.methods.room_graph import Leg, axis, route
+from armadico.config.profile import Body
 from armadico.config.worlds import World
 from armadico.core.geometry import wrap
 
@@ -26,10 +27,9 @@ CELL_M = 0.05
 DOOR_M = (0.6, 0.5, 0.4, 0.3)
 """How far before and after a door its waypoints lie: the first distance that has room."""
 
-RADII_M = (Margins().radius_m, 0.27, 0.24)
-"""How far from walls it wants to be; less only where there is no way with as much room."""
+FLANK_M = 0.075
+"""So much beside the body at the least, between walls where it cannot turn on the spot."""
 
-_BODY_M = 0.165  # half the body's width: where a wall is nearer than that, the robot cannot be
 _OFF_MIDDLE = range(-12, 13)  # how far a door's mark may lie from its opening's middle,
 _OFF_MIDDLE_M = 0.025  # in steps of this
 
@@ -47,14 +47,18 @@ class Plan(Struct, frozen=True):
     doors: tuple[str, ...] = ()  # passed, in order
 
 
-def plan(world: World, start: Posed, goal: Posed, margins: Margins | None = None) -> Plan:
+def plan(
+    world: World, start: Posed, goal: Posed, body: Body, margins: Margins | None = None
+) -> Plan:
     """The way from a pose to another.
 
     Args:
         world: Walls and bounds, rooms and doors if it has them. World frame, m and rad.
         start: Where the robot is.
         goal: Where it is to be, and heading where.
-        margins: How far from walls the robot has to be; the first of `RADII_M` if left out.
+        body: The robot's.
+        margins: How far from walls it has to be; if left out, as far as it takes to turn on the
+            spot, and less only where there is no way with as much room.
 
     Returns:
         Waypoints with headings along the way; the last one is the goal as asked for.
@@ -63,9 +67,9 @@ def plan(world: World, start: Posed, goal: Posed, margins: Margins | None = None
         PlanError: A pose is off the world or inside a wall, or there is no way between them.
     """
     grid = grid_of(world.walls, world.bounds, CELL_M)
-    _check(grid, "start", start)
-    _check(grid, "goal", goal)
-    tries = [margins] if margins else [Margins(radius_m=radius) for radius in RADII_M]
+    _check(grid, "start", start, body)
+    _check(grid, "goal", goal, body)
+    tries = [margins] if margins else [Margins(radius) for radius in radii(body)]
     way = _widest(world, tries, Placed(start.x, start.y), Placed(goal.x, goal.y))
     stretches = list(pairwise(way.places))
     return Plan(
@@ -74,6 +78,12 @@ def plan(world: World, start: Posed, goal: Posed, margins: Margins | None = None
         clearance_m=min(grid.clearance_between(a, b) for a, b in stretches),
         doors=way.doors,
     )
+
+
+def radii(body: Body) -> tuple[float, float, float]:
+    """How far from walls it is to be, the most first, m."""
+    most, least = body.circle_m, body.width_m / 2 + FLANK_M
+    return most, round((most + least) / 2, 3), round(least, 3)
 
 
 def _widest(world: World, tries: Sequence[Margins], start: Placed, goal: Placed) -> _Way:
@@ -264,13 +274,13 @@ def _foot(off: Placed, a: Placed, b: Placed) -> Placed | None:
     return Placed(a.x + share * dx, a.y + share * dy) if 0.0 < share < 1.0 else None
 
 
-def _check(grid: Grid, what: str, place: Positioned) -> None:
+def _check(grid: Grid, what: str, place: Positioned, body: Body) -> None:
     if not grid.inside(place):
         x1, y1, x2, y2 = grid.bounds
         extent = f"({x1:g}, {y1:g}) to ({x2:g}, {y2:g})"
         raise PlanError(f"the {what} {_at(place)} is off the world, which is {extent}")
     clearance = grid.clearance_at(place)
-    if clearance < _BODY_M:
+    if clearance < body.width_m / 2:  # whatever its heading
         raise PlanError(f"the {what} {_at(place)} is inside a wall, or {clearance:.2f} m from one")
 
 

@@ -10,7 +10,9 @@ from msgspec import Meta, Struct
 from armadico.agents.methods.utility import ramp_down
 from armadico.core import agent
 from armadico.core.exchange import Bid
+from armadico.core.geometry import turning_circle
 from armadico.core.messages import Obstacles, Point
+from armadico.core.swept_path import Outline
 
 NonNegative = Annotated[float, Meta(ge=0, le=10)]
 Positive = Annotated[float, Meta(gt=0, le=10)]
@@ -41,22 +43,22 @@ class ZoneParameters(agent.Parameters, frozen=True, kw_only=True):
     w_max: Positive = radians(60)
     w_stop: Positive = radians(45)
     abeam: Positive = radians(80)  # thesis: steer the obstacle here
-    half_diagonal_m: Positive = 0.30  # thesis: range to distance left
     u_heading_low: Positive = radians(40)
     u_heading_high: Positive = radians(120)
 
 
-def literal(obstacles: Obstacles, v: float, p: ZoneParameters) -> Bid | None:
+def literal(obstacles: Obstacles, v: float, outline: Outline, p: ZoneParameters) -> Bid | None:
     """Equations 3.8 and 3.9 with the closest point and the closest one in front.
 
     `v` is the measured speed, m/s. None if nothing is in the way.
     """
+    around = turning_circle(*outline)  # from a range to the distance left
     borders = [zone.border(v) for zone in (p.stop, p.danger, p.caution)]
     best: tuple[float, float, Point] | None = None
     for point in (obstacles.closest, obstacles.front):
         if point is None:
             continue
-        left = max(hypot(point.x, point.y) - p.half_diagonal_m, 0.0)
+        left = max(hypot(point.x, point.y) - around, 0.0)
         bearing = abs(atan2(point.y, point.x))
         utility = min(
             ramp_down(bearing, p.u_heading_low, p.u_heading_high),

@@ -7,7 +7,7 @@ import json
 import logging
 import signal
 import sys
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from functools import partial
 from typing import TYPE_CHECKING, Any, Final
@@ -18,7 +18,6 @@ from armadico.config.discovery import AGENTS, agent_class, installed
 
 if TYPE_CHECKING:
     from armadico.core.agent import Agent
-    from armadico.runtime.port_reader import Port
 
 EXAMPLES: Final = """\
   armadico-agent --list
@@ -104,7 +103,9 @@ def _signals_held() -> Iterator[None]:
 
 def _serve(args: argparse.Namespace) -> int:
     kinds = [agent_class(name) for name in args.names]
-    from armadico.runtime.process import identity, serve  # noqa: PLC0415 - not for --help
+    from armadico.core.agent import DeviceAgent  # noqa: PLC0415 - not for --help
+    from armadico.runtime.port_reader import open_port  # noqa: PLC0415
+    from armadico.runtime.process import identity, serve  # noqa: PLC0415
 
     parameters = [_parameters(kind, args) for kind in kinds]
     where = options.placed(args, passing=False)
@@ -117,7 +118,8 @@ def _serve(args: argparse.Namespace) -> int:
     )
     host = None if where is None else where.name
     agents = [k(identity(k.name, host), p) for k, p in zip(kinds, parameters, strict=True)]
-    connect = {a.instance: opens for a in agents if (opens := _port(a.p)) is not None}
+    devices = (a for a in agents if isinstance(a, DeviceAgent) and a.address)
+    connect = {device.instance: partial(open_port, device.address) for device in devices}
     serve(agents, mesh, connect)
 
 
@@ -137,13 +139,3 @@ def _parameters(kind: type[Agent], args: argparse.Namespace) -> Any:
         if whose == kind.name:
             mine.append(rest)
     return load_parameters(kind.parameters, None, mine)
-
-
-def _port(parameters: Any) -> Callable[[], Port] | None:
-    """What opens the device that an agent's parameters name, if they do."""
-    url = getattr(parameters, "port", None)
-    if url is None:
-        return None
-    from armadico.bridge.p2os.transports import open_transport  # noqa: PLC0415 - not for --help
-
-    return partial(open_transport, url)

@@ -11,8 +11,8 @@ import signal
 import subprocess
 import sys
 import webbrowser
-from collections.abc import Iterator, Mapping, Sequence
-from contextlib import ExitStack, contextmanager
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from contextlib import ExitStack, contextmanager, suppress
 from importlib.metadata import PackageNotFoundError
 from importlib.metadata import version as installed
 from pathlib import Path
@@ -116,11 +116,14 @@ def kept(rehearsal: Rehearsal, path: Path) -> Rehearsed:
 
 
 def zones() -> Zones:
-    """Those of the avoid agent, by its default parameters (thesis 3.5.2)."""
-    from armadico.agents.avoid import Parameters  # noqa: PLC0415 - not for --help
+    """The borders that agents installed here have around the robot, as avoid (thesis 3.5.2)."""
+    from armadico.config.discovery import AGENTS, agent_class, installed  # noqa: PLC0415
 
-    p = Parameters()
-    return {"stop": p.stop.border, "danger": p.danger.border, "caution": p.caution.border}
+    found: dict[str, Callable[[float], float]] = {}
+    for name in installed(AGENTS):
+        with suppress(ImportError, TypeError):  # somebody else's, and broken: not ours to mend
+            found |= agent_class(name).borders
+    return found
 
 
 def _end(process: subprocess.Popen[str]) -> None:

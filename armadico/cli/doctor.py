@@ -219,6 +219,7 @@ def mesh(args: argparse.Namespace) -> Generator[Finding, None, dict[str, float |
     where = options.placed(args)
     joined = options.join_at(args, where)
     from armadico.core.messages import PROTOCOL  # noqa: PLC0415 - not for --help
+    from armadico.core.resources import WHEELS  # noqa: PLC0415 - not for --help
     from armadico.observe.hosts import census  # noqa: PLC0415 - not for --help
     from armadico.observe.view import View  # noqa: PLC0415
     from armadico.runtime.client import Client  # noqa: PLC0415 - not for --help
@@ -247,10 +248,11 @@ def mesh(args: argparse.Namespace) -> Generator[Finding, None, dict[str, float |
         elif card.protocol != PROTOCOL:
             what = f"speaks protocol {card.protocol}, we speak {PROTOCOL}"
             yield Finding(name, WRONG, what, f"install the same armadico on {card.host}")
-    robots = [who for who in cards if who[0] == "robot"]
+    answered = [card for card in cards.values() if card is not None]
+    robots = [card.instance for card in answered if WHEELS.name in card.owns]
     if len(robots) > 1:
         what = f"{len(robots)} robot agents in namespace {args.namespace!r}"
-        yield Finding("robot", WRONG, what, "give each robot its own --namespace")
+        yield Finding(WHEELS.name, WRONG, what, "give each robot its own --namespace")
     return {host.name: host.clock_s for host in census(View.of(cards), {}, client.ahead)}
 
 

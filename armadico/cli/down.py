@@ -57,13 +57,12 @@ def _end_orphans(namespace: str) -> list[str]:
     """End the processes of a run whose launcher is gone; their names, in the order of ending."""
     import psutil  # noqa: PLC0415 - not for --help
 
-    from armadico.launch.processes import ROBOT, SIMULATOR, orphans  # noqa: PLC0415 - not for --help
+    from armadico.launch.processes import SIMULATOR, orphans, owns_wheels  # noqa: PLC0415
 
     found = orphans(namespace)
-    order = {ROBOT: 1, SIMULATOR: 2}  # behaviours let go, the robot stops, the simulator ends last
     ended: list[str] = []
-    for rank in range(3):
-        group = [(n, p) for n, p in found if max(order.get(a, 0) for a in n.split("+")) == rank]
+    for rank in range(3):  # behaviours let go, the robot stops, the simulator ends last
+        group = [(n, p) for n, p in found if 2 * (n == SIMULATOR) + owns_wheels(n) == rank]
         for _, process in group:
             with suppress(psutil.Error):
                 process.terminate()

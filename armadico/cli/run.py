@@ -92,7 +92,9 @@ def parser() -> argparse.ArgumentParser:
         )
     made.add_argument("--virtual", action="store_true", help="one process, under a virtual clock")
     made.add_argument("--seed", type=int, metavar="N", help="of all that is random (default: 0)")
-    made.add_argument("--controller", choices=("fast", "precise", "collaborative"), help="goto's")
+    made.add_argument(
+        "--controller", metavar="NAME", help="of agents that have several: fast, precise, ..."
+    )
     made.add_argument(
         "--parameters", metavar="SET", help="a set of agents' parameters: thesis, or a TOML file"
     )
@@ -131,7 +133,7 @@ def parser() -> argparse.ArgumentParser:
 def _scenario(args: argparse.Namespace, chosen: Options) -> Scenario:
     """What the command line names. Raises UsageError, ConfigError or UnknownNameError."""
     from armadico.config.scenarios import load_scenario, scenario_from  # noqa: PLC0415
-    from armadico.launch.society import prepared  # noqa: PLC0415 - not for --help
+    from armadico.launch.society import names, prepared, profile_of  # noqa: PLC0415
 
     if (args.scenario is None) == (args.world is None):
         raise UsageError("name a scenario (armadico run sc4), or a world with --world")
@@ -154,11 +156,12 @@ def _scenario(args: argparse.Namespace, chosen: Options) -> Scenario:
     if args.world is not None:
         if goal is None:
             raise UsageError("--world needs a goal: --goal X Y DEG")
-        scenario, start, goal = scenario_from(args.world, start, goal), None, None
+        scenario = scenario_from(args.world, start, goal, profile_of(args.profile))
+        start = goal = None
     else:
         scenario = load_scenario(args.scenario)
     scenario = prepared(scenario, chosen, start=start, goal=goal, profile=args.profile)
-    _check_together(args, ("robot", *scenario.agents))
+    _check_together(args, names(scenario))
     return scenario
 
 
@@ -405,14 +408,20 @@ def _show(scenario: str, results: Sequence[Result]) -> None:
         verdict += f", {results[0].collisions} COLLISION(S)"
     table = Table(
         title=f"{scenario}: {verdict}",
-        caption="TD FO TT P TG TA TGt as in thesis 5.1; exchanges, collisions, least clearance",
+        caption="TD FO TT P, and by agent its share of the cycles, as in thesis 5.1; exchanges,"
+        " collisions, least clearance",
         padding=(0, 0),
     )
-    for title, _ in ROWS:
+    driving = sorted({name for result in results for name in result.shares})
+    titles = [title for title, _ in ROWS]
+    at = titles.index("exch.")
+    titles[at:at] = [f"{options.shown(name)} %" for name in driving]
+    for title in titles:
         table.add_column(title, justify="right", no_wrap=True)
     for result in results:
-        style = None if result.passed else "bold red"
-        table.add_row(*(_cell(getattr(result, field)) for _, field in ROWS), style=style)
+        cells = [_cell(getattr(result, field)) for _, field in ROWS]
+        cells[at:at] = [_cell(result.shares.get(name, 0.0)) for name in driving]
+        table.add_row(*cells, style=None if result.passed else "bold red")
     Console().print(table)
 
 
@@ -422,9 +431,6 @@ ROWS: Final = (
     ("FO deg", "fo_deg"),
     ("TT s", "tt_s"),
     ("P %", "p_percent"),
-    ("TG %", "tg_percent"),
-    ("TA %", "ta_percent"),
-    ("TGt %", "tgt_percent"),
     ("exch.", "exchanges"),
     ("coll.", "collisions"),
     ("clear. m", "min_clearance_m"),

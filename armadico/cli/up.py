@@ -156,9 +156,11 @@ def _plan(args: argparse.Namespace, where: Place, scenario: Scenario | None) -> 
     """What is to be up here. Raises UsageError, ConfigError or UnknownNameError."""
     from msgspec.structs import replace  # noqa: PLC0415 - not for --help
 
+    from armadico.config.discovery import owners  # noqa: PLC0415
     from armadico.config.hosts import nobodys, robot_fault, serial_port  # noqa: PLC0415
     from armadico.config.scenarios import Scenario  # noqa: PLC0415
-    from armadico.launch.society import Options, share  # noqa: PLC0415
+    from armadico.core.resources import WHEELS  # noqa: PLC0415
+    from armadico.launch.society import Options, names, share  # noqa: PLC0415
     from armadico.launch.supervisor import Plan  # noqa: PLC0415
 
     assert where.name is not None, "an agent's place has a name"
@@ -173,13 +175,14 @@ def _plan(args: argparse.Namespace, where: Place, scenario: Scenario | None) -> 
     members = share(scenario, chosen, host, args.more)
     if not members:
         raise UsageError(f"nothing of {args.scenario or 'the table'} is {where.name}'s to start")
-    if args.robot is not None and "robot" not in {member.name for member in members}:
+    robot = next(owners((member.name for member in members), WHEELS), None)
+    if args.robot is not None and robot is None:
         raise UsageError(f"--robot {args.robot}: {where.name} starts no robot agent here")
-    lacking = nobodys(("robot", *scenario.agents), where.table) if scenario else ()
+    lacking = nobodys(names(scenario), where.table) if scenario else ()
     if lacking:
         _say(f"{args.scenario} needs what no host of {where.table.file} runs: {', '.join(lacking)}")
     simulated = None
-    if host.robot is None and any(member.name == "robot" for member in members):
+    if host.robot is None and robot is not None:
         simulated = scenario or Scenario(world="empty", start=(0, 0, 0), goal=(0, 0, 0))
     port = serial_port(host.robot) if host.robot else None
     if port is not None and not port.exists():
@@ -209,17 +212,12 @@ def _check_names(args: argparse.Namespace, where: Place, host: Host) -> None:
 
 
 def _set(args: argparse.Namespace, members: Sequence[Member]) -> tuple[Member, ...]:
-    """The members with what `--set` says. Raises UsageError if an agent would refuse its own."""
+    """The members with what `--set` says. Raises ConfigError if an agent would refuse its own."""
     found = tuple(_with_sets(member, args.set, members) for member in members)
     if args.set or args.parameters is not None:  # else nobody has written any
-        from armadico.config.discovery import agent_class  # noqa: PLC0415 - not for --help
-        from armadico.config.loading import load_parameters  # noqa: PLC0415 - not for --help
+        from armadico.launch.society import check  # noqa: PLC0415 - not for --help
 
-        for member in found:
-            try:
-                load_parameters(agent_class(member.name).parameters, None, member.sets)
-            except ConfigError as error:
-                raise UsageError(f"{member.name}: {error}") from None
+        check(found)
     return found
 
 

@@ -1,4 +1,4 @@
-"""What is installed, by name: agents, simulators and commands, found through entry points.
+"""What is installed, by name: agents, simulators, transports, commands, found by entry points.
 
 Nothing that is found is imported before it is used, so a list costs nothing however heavy the
 things on it are. A third party's agent is found exactly as ours are.
@@ -8,20 +8,25 @@ from __future__ import annotations
 
 import ast
 import difflib
-from collections.abc import Callable, Iterable
+import sys
+from collections.abc import Iterable, Iterator
 from dataclasses import dataclass
+from functools import cache
 from importlib import import_module
 from importlib.metadata import EntryPoint, entry_points
 from importlib.util import find_spec
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, Final, TypeVar, cast
+from typing import TYPE_CHECKING, Any, Final, TypeVar
 
 if TYPE_CHECKING:
     from armadico.core.agent import Agent
+    from armadico.core.resources import Resource
 
 AGENTS: Final = "armadico.agents"
 SIMULATORS: Final = "armadico.simulators"
 COMMANDS: Final = "armadico.commands"
+TRANSPORTS: Final = "armadico.transports"
+"""By the scheme of an address: what opens it as a device agent's port."""
 
 T = TypeVar("T")
 
@@ -62,6 +67,11 @@ class Found:
 
 def installed(group: str) -> dict[str, Found]:
     """Everything in a group, by name. If two packages bring one name, the first stands."""
+    return _installed(group, *sys.path)
+
+
+@cache  # looking through all that is installed takes 20 ms
+def _installed(group: str, *_path: str) -> dict[str, Found]:
     found: dict[str, Found] = {}
     for entry in sorted(entry_points(group=group), key=lambda entry: entry.name):
         found.setdefault(entry.name, Found(entry.name, entry.value, _package(entry)))
@@ -92,12 +102,10 @@ def agent_class(name: str) -> type[Agent]:
     return load(AGENTS, name, Agent)
 
 
-def simulator_factory(name: str) -> Callable[..., Any]:
-    """What makes a simulated robot, as `armadico.simulators` has it. Raises `UnknownNameError`."""
-    factory = find(SIMULATORS, name).load()
-    if not callable(factory):
-        raise TypeError(f"simulator {name} cannot be called")
-    return cast("Callable[..., Any]", factory)
+def owners(names: Iterable[str], resource: Resource) -> Iterator[str]:
+    """Those of the agents that own a resource; who is not installed here is not known to."""
+    here = installed(AGENTS)
+    return (name for name in names if name in here and resource in agent_class(name).owns)
 
 
 def unknown(kind: str, name: str, names: Iterable[str]) -> str:

@@ -8,6 +8,7 @@ them: `multicast = true`, and `router`, the endpoint of a site's own Zenoh route
 from __future__ import annotations
 
 import re
+from collections import Counter
 from collections.abc import Iterable, Mapping
 from ipaddress import AddressValueError, IPv6Address
 from pathlib import Path
@@ -17,10 +18,13 @@ from urllib.parse import urlsplit
 from msgspec import Struct
 from msgspec.structs import replace
 
+from armadico.config.discovery import AGENTS, TRANSPORTS, installed, owners
 from armadico.config.errors import ConfigError, advice
 from armadico.config.lines import line_of
 from armadico.config.loading import document, parse_entries, read_text
+from armadico.config.scenarios import society
 from armadico.config.shipped import folder
+from armadico.core.resources import WHEELS
 
 PROTOCOLS = ("tcp", "tls", "quic", "udp", "ws")
 """The links of Zenoh that have an address and a port."""
@@ -30,9 +34,6 @@ LOOPBACK = tuple(f"tcp/127.0.0.1:{port}" for port in range(7450, 7454))
 
 HOSTS_VARIABLE: Final = "ARMADICO_HOSTS"
 """The host table where `--hosts` names none: a file, or the name of a shipped one."""
-
-ROBOTS: Final = ("serial", "tcp")
-"""What the address of a robot's controller begins with."""
 
 ANYWHERE: Final = ("0.0.0.0", "[::]")
 """Addresses to listen on, and none to connect to."""
@@ -250,11 +251,12 @@ def _check_together(hosts: Mapping[str, Host], file: Path, text: str) -> None:
 
 
 def _check_robots(hosts: Mapping[str, Host], file: Path, text: str) -> None:
-    owners = [name for name, host in hosts.items() if "robot" in host.agents]
-    if len(owners) > 1:
-        first, second, *_ = owners
+    # Classes say who owns the wheels, and are imported only where a table asks for it.
+    every = Counter(agent for host in hosts.values() for agent in host.agents)
+    for agent in owners((agent for agent, often in every.items() if often > 1), WHEELS):
+        first, second, *_ = (name for name, host in hosts.items() if agent in host.agents)
         raise ConfigError(
-            f"{second}.agents: {first!r} has the robot agent already; expected it on one host",
+            f"{second}.agents: {first!r} has the {agent} agent already; expected it on one host",
             file,
             line_of(text, (second, "agents")),
         )
@@ -262,16 +264,23 @@ def _check_robots(hosts: Mapping[str, Host], file: Path, text: str) -> None:
         if host.robot is None:
             continue
         message = robot_fault(host.robot)
-        if message is None and "robot" not in host.agents:
-            message = f"there is no robot agent on {name}; expected 'robot' among its agents"
+        if message is None and not _may_have_a_robot(host):
+            message = (
+                f"there is no robot agent on {name}; expected {society().robot!r} among its agents"
+            )
         if message is not None:
             where = line_of(text, (name, "robot"))
             raise ConfigError(f'{name}.robot = "{host.robot}": {message}', file, where)
 
 
+def _may_have_a_robot(host: Host) -> bool:
+    """Whether an agent of a host owns the wheels, or is not installed here, so nobody knows."""
+    return bool(set(host.agents) - installed(AGENTS).keys()) or any(owners(host.agents, WHEELS))
+
+
 def robot_fault(url: str) -> str | None:
     """What is wrong with the address of a robot's controller; None if nothing is."""
-    if urlsplit(url).scheme not in ROBOTS:
+    if urlsplit(url).scheme not in installed(TRANSPORTS):
         return "expected serial:///dev/ttyUSB0 or tcp://HOST:PORT, say"
     return None
 

@@ -1,16 +1,20 @@
 """The robot profile: every number that belongs to one make of robot (thesis tables 4.2, 4.3, 4.6).
 
-A profile is a TOML file under ``configs/robots``; `armadico.config.loading.load` reads it. SI units
-throughout; conversion factors of the P2OS codec are the only ones in the controller's own units.
-What the robot agent says of its robot is as bounded here as on the mesh.
+A profile is a TOML file under ``configs/robots``. SI units throughout; conversion factors of the
+P2OS codec are the only ones in the controller's own units. What the robot agent says of its robot
+is as bounded here as on the mesh.
 """
 
 from __future__ import annotations
 
+from pathlib import Path
 from typing import Annotated
 
 from msgspec import Meta, Struct
 
+from armadico.config.loading import load
+from armadico.config.shipped import find
+from armadico.core.geometry import turning_circle
 from armadico.core.messages import Length, Patience, Period, Place, Ramp, TopSpeed, TopTurn
 
 Positive = Annotated[float, Meta(gt=0, le=1e6)]
@@ -34,6 +38,17 @@ class Body(Struct, frozen=True, forbid_unknown_fields=True):
     mass_kg: Positive  # M
     wheel_mass_kg: Positive  # m
     caster_mass_kg: Positive  # m_1
+
+    @property
+    def corners(self) -> tuple[tuple[float, float], ...]:
+        """The outline's, m."""
+        front, rear, side = self.front_m, -self.rear_m, self.width_m / 2
+        return (front, side), (rear, side), (rear, -side), (front, -side)
+
+    @property
+    def circle_m(self) -> float:
+        """How far its middle must be from walls to turn on the spot."""
+        return turning_circle(self.front_m, self.rear_m, self.width_m / 2)
 
 
 class Inertia(Struct, frozen=True, forbid_unknown_fields=True):
@@ -140,6 +155,11 @@ class RobotProfile(Struct, frozen=True, forbid_unknown_fields=True):
     sonar: SonarRing
     battery: Battery
     p2os: P2osUnits
+
+
+def load_profile(name_or_path: str | Path) -> RobotProfile:
+    """A shipped profile by its name, or a TOML file. Raises ConfigError."""
+    return load(find("robots", name_or_path), RobotProfile)
 
 
 class SensorProfile(Struct, frozen=True, forbid_unknown_fields=True):

@@ -7,17 +7,19 @@ experiments are those of the thesis's chapter 5.
 from __future__ import annotations
 
 from collections.abc import Iterator
+from functools import cache
 from math import degrees
 from pathlib import Path
 from typing import Annotated, Literal
 
-from msgspec import Meta, Struct
+from msgspec import Meta, Struct, field
 from msgspec.structs import replace
 
 from armadico.config.errors import ConfigError, advice
 from armadico.config.lines import line_of
-from armadico.config.loading import document, parse, read_text
-from armadico.config.shipped import find, resource_path
+from armadico.config.loading import document, load, parse, read_text
+from armadico.config.profile import load_profile
+from armadico.config.shipped import find, folder, resource_path
 from armadico.config.worlds import World, load_world
 
 Metres = Annotated[float, Meta(ge=-1e4, le=1e4)]
@@ -25,14 +27,22 @@ Degrees = Annotated[float, Meta(ge=-360, le=360)]
 PoseDeg = tuple[Metres, Metres, Degrees]
 """x, y in m and a heading in degrees."""
 
-SOCIETY = ("encoder", "sonar", "goto", "avoid", "gothrough", "path-planning", "interface")
-"""Everybody who takes part unless a scenario says otherwise; the robot agent always does."""
-
 Key = tuple[str | int, ...]
 """Where a value is in a scenario file."""
 
-ROBOT_RADIUS_M = 0.30
-"""Half the diagonal of a Pioneer 2DX, and a little: what a pose must be clear of walls by."""
+
+class Society(Struct, frozen=True, forbid_unknown_fields=True):
+    """Who takes part unless a scenario says otherwise, by entry points: the robot, the others."""
+
+    robot: str
+    simulator: str
+    agents: tuple[str, ...]
+
+
+@cache
+def society() -> Society:
+    """The shipped one, `society.toml`."""
+    return load(folder("") / "society.toml", Society)
 
 
 class Scenario(Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):
@@ -46,7 +56,7 @@ class Scenario(Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):
     """On the way to the goal; used with plan = "waypoints" only."""
     plan: Literal["direct", "waypoints", "rooms"] = "direct"
     """Straight to the goal, over the waypoints, or as the path planning agent says."""
-    agents: tuple[str, ...] = SOCIETY
+    agents: tuple[str, ...] = field(default_factory=lambda: society().agents)
     robot: str = "pioneer-2dx"
     sensors: str = "ideal"
     v_max: Annotated[float, Meta(gt=0, le=10)] | None = None
@@ -56,11 +66,11 @@ class Scenario(Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):
     """What it is called: the file's name, unless it is given."""
 
 
-def load_scenario(name_or_path: str | Path, radius: float = ROBOT_RADIUS_M) -> Scenario:
+def load_scenario(name_or_path: str | Path) -> Scenario:
     """A shipped scenario by its name, or a TOML file. Raises ConfigError with file and line.
 
     A world or a robot profile that is a file counts from the scenario's folder. Every pose must be
-    in the world and at least `radius` (m) from its walls.
+    in the world, and so far from its walls that the robot may turn there.
     """
     path = find("scenarios", name_or_path)
     text = read_text(path)
@@ -69,7 +79,7 @@ def load_scenario(name_or_path: str | Path, radius: float = ROBOT_RADIUS_M) -> S
         scenario, world=beside(path, scenario.world), robot=beside(path, scenario.robot)
     )
     world = _world(scenario, path, text)
-    for key, message in _faults(scenario, world, radius):
+    for key, message in _faults(scenario, world):
         raise ConfigError(message, path, line_of(text, key))
     return replace(scenario, name=scenario.name or path.stem)
 
@@ -95,7 +105,7 @@ def scenario_from(
     world: str | Path,
     start: PoseDeg | None = None,
     goal: PoseDeg | str | None = None,
-    radius: float = ROBOT_RADIUS_M,
+    robot: str | None = None,
 ) -> Scenario:
     """A scenario of the command line: a world, and from where to where. Raises ConfigError.
 
@@ -113,7 +123,9 @@ def scenario_from(
         goal=end,
         plan="rooms" if place.rooms else "direct",
     )
-    for _, message in _faults(scenario, place, radius):
+    if robot is not None:
+        scenario = replace(scenario, robot=robot)
+    for _, message in _faults(scenario, place):
         raise ConfigError(message)
     return scenario
 
@@ -132,8 +144,14 @@ def _goal(world: World, name: str) -> PoseDeg:
     return x, y, round(degrees(theta), 6)
 
 
-def _faults(scenario: Scenario, world: World, radius: float) -> Iterator[tuple[Key, str]]:
+def _faults(scenario: Scenario, world: World) -> Iterator[tuple[Key, str]]:
     """What is wrong with a scenario, and with which key."""
+    try:
+        profile = find("robots", scenario.robot)
+    except ConfigError as error:
+        yield ("robot",), error.message
+        return
+    radius = load_profile(profile).body.circle_m
     for key, pose in (("start", scenario.start), ("goal", scenario.goal)):
         yield from _misplaced(world, (key,), pose, radius)
     for index, pose in enumerate(scenario.waypoints):
@@ -141,10 +159,6 @@ def _faults(scenario: Scenario, world: World, radius: float) -> Iterator[tuple[K
     known = document(read_text(resource_path("robots", "sensors")), "sensors.toml")
     if scenario.sensors not in known:
         yield ("sensors",), f"no sensors {scenario.sensors!r}; {advice(scenario.sensors, known)}"
-    try:
-        find("robots", scenario.robot)
-    except ConfigError as error:
-        yield ("robot",), error.message
     for agent in scenario.agents:
         if scenario.agents.count(agent) > 1:
             yield ("agents",), f"agent {agent!r} is there twice; expected once"

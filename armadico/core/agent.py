@@ -20,6 +20,7 @@ from collections.abc import Callable, Mapping
 from contextlib import suppress
 from dataclasses import dataclass, field
 from math import isfinite
+from types import MappingProxyType
 from typing import Any, ClassVar, TypeVar, cast
 
 from armadico.core import messages as m
@@ -152,6 +153,12 @@ class Agent:
     owns: ClassVar[tuple[Resource, ...]] = ()
     alone: ClassVar[bool] = False  # a second instance in the namespace may not join
     parameters: ClassVar[type[Parameters]] = Parameters
+    launched_with: ClassVar[tuple[str, ...]] = ()
+    """Facts of a scenario that its launcher sets: the parameters of these names (see
+    `armadico.launch.society.facts`)."""
+
+    borders: ClassVar[Mapping[str, Callable[[float], float]]] = MappingProxyType({})
+    """What a picture shows around the robot: distances from its outline, m, by its speed, m/s."""
 
     def __init__(self, identity: Identity, parameters: Any = None) -> None:
         self.identity = identity
@@ -776,6 +783,9 @@ class Agent:
 @mypyc_attr(allow_interpreted_subclasses=True)
 class DeviceAgent(Agent):
     """An agent that owns a device: bytes in, bytes out."""
+
+    address: str = ""
+    """The URL of its device, which the transport of its scheme opens; none: nothing is opened."""
 
     def on_bytes(self, data: bytes) -> None:
         """Bytes from the device."""

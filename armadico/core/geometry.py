@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from math import cos, pi, sin
+from math import cos, hypot, pi, sin
 
 TWO_PI = 2.0 * pi
 
@@ -36,3 +36,8 @@ def to_world(frame: Pose2, x: float, y: float) -> tuple[float, float]:
     """A point of a frame, seen from where the frame's pose is given."""
     c, s = cos(frame[2]), sin(frame[2])
     return frame[0] + c * x - s * y, frame[1] + s * x + c * y
+
+
+def turning_circle(front: float, rear: float, half_width: float) -> float:
+    """Radius that an outline turns in, about the middle of its axle, and 15 mm; to the cm."""
+    return round(hypot(max(front, rear), half_width) + 0.015, 2)

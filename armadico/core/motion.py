@@ -33,9 +33,10 @@ from armadico.core.swept_path import Outline
 Speeds = tuple[float, float]
 """(v, w) of the middle of the wheel axle, m/s and rad/s."""
 
-LAG_CYCLES = 2.0
-"""Cycles from a status packet until the wheels follow what is commanded on it: the speed loops
-follow their ramps 0.2 s late (measured on the simulated Pioneer, see LEAD_S there)."""
+LAG_CYCLES, LAG_S = 2.0, 0.2
+"""From a status packet until the wheels follow what is commanded on it: the speed loops follow
+their ramps 0.2 s late, however short a cycle is (measured on the simulated Pioneer, see LEAD_S
+there)."""
 
 STEP_RAD = 0.07
 """The outline is looked at so often while it turns: between two looks a corner that is 0.3 m away
@@ -92,7 +93,7 @@ class Body(NamedTuple):
     @property
     def dead_s(self) -> float:
         """How long the wheels go on as they are, whatever is commanded now, s."""
-        return LAG_CYCLES * self.cycle_s
+        return max(LAG_CYCLES * self.cycle_s, LAG_S)
 
     def stopping_distance(self, v: float, waited: float = 0.0) -> float:
         """Metres to rest straight ahead from v m/s, if nobody commands anything any more.

@@ -86,6 +86,7 @@ class Run:
 
         Raises ImportError without matplotlib (`pip install 'armadico[plot]'`), and OSError.
         """
+        from armadico.config.profile import load_profile  # noqa: PLC0415 - heavy
         from armadico.config.worlds import load_world  # noqa: PLC0415 - heavy
         from armadico.observe.pictures import Run as Picture  # noqa: PLC0415 - heavy
         from armadico.observe.pictures import draw_run  # noqa: PLC0415 - heavy
@@ -97,6 +98,7 @@ class Run:
             path=self.marks,
             start=goal if first is None else (first.x, first.y, first.theta),
             goal=goal,
+            body=load_profile(self.scenario.robot).body,
             waypoints=self.waypoints[:-1],
             echoes=self.echoes,
             title=f"{self.scenario.title or self.scenario.name} (seed {self.measures.seed})",

@@ -67,7 +67,7 @@ class AttachedRun(LiveRun):
         return ", ".join(self._missing()) or "the robot: its agent is there, and says nothing"
 
     def _check_robot(self) -> None:
-        robots = sorted(instance for name, instance in self.client.alive if name == "robot")
+        robots = [instance for _, instance in self._robots()]
         if len(robots) > 1:
             raise RunFailedError(
                 f"{len(robots)} robot agents are in the namespace: {', '.join(robots)}; end one,"

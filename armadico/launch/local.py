@@ -16,7 +16,6 @@ from typing import TYPE_CHECKING
 from armadico.config.scenarios import Scenario
 from armadico.core.restart_policy import MISUSED
 from armadico.launch.processes import (
-    ROBOT,
     SIMULATOR,
     START_S,
     Process,
@@ -108,7 +107,7 @@ class Launcher(LiveRun):
         there = self._robots()
         if there:
             raise RunFailedError(
-                f"a robot is in the namespace {self._namespace!r} already: {there[0]}"
+                f"a robot is in the namespace {self._namespace!r} already: {there[0][1]}"
                 " (armadico ps shows whose); --attach drives with it, --namespace NAME without"
             )
 
@@ -120,17 +119,13 @@ class Launcher(LiveRun):
             return len(self._robots()) == 1
 
         self.client.wait_for(alone, ALONE_S)
-        for instance in self._robots():
-            card = self.client.card(ROBOT, instance)
+        for name, instance in self._robots():
+            card = self.client.card(name, instance)
             if card is not None and card.pid not in {p.popen.pid for p in self.processes}:
                 raise RunFailedError(
                     f"another robot came into the namespace {self._namespace!r} meanwhile:"
                     f" {instance}; use another one: --namespace NAME"
                 )
-
-    def _robots(self) -> list[str]:
-        """The instances of robot agents in the namespace."""
-        return [instance for name, instance in sorted(self.client.alive) if name == "robot"]
 
     def start_simulator(self, port: int = 0) -> str:
         """Start a simulator on a TCP port, 0: one that is free; returns its URL."""
@@ -188,7 +183,7 @@ class Launcher(LiveRun):
         for process in self.processes:
             if process.ended() and process not in self._mourned:
                 self._mourned.add(process)
-                if process.runs(ROBOT) and process.popen.returncode == MISUSED:
+                if process.has_robot and process.popen.returncode == MISUSED:
                     self._check_alive()
                 self._warn(
                     f"{process.name} is gone ({ending(process.popen.returncode)});"
@@ -198,7 +193,7 @@ class Launcher(LiveRun):
 
     def words_of_the_robot(self) -> str:
         """The last words of the newest robot agent."""
-        words = [process.last_words() for process in self.processes if process.runs(ROBOT)]
+        words = [process.last_words() for process in self.processes if process.has_robot]
         return f"the robot agent says:\n{words[-1] if words else '    nothing'}"
 
     # Leaving -------------------------------------------------------------------------------------

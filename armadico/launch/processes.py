@@ -15,6 +15,9 @@ from contextlib import contextmanager, suppress
 from pathlib import Path
 from typing import IO, TYPE_CHECKING, Final
 
+from armadico.config.discovery import owners
+from armadico.core.resources import WHEELS
+
 if TYPE_CHECKING:
     import psutil
 
@@ -28,7 +31,6 @@ LEAVE_S: Final = 3.0
 """What a process may take to leave before it is killed."""
 
 SIMULATOR: Final = "simulator"
-ROBOT: Final = "robot"
 
 LAUNCHER: Final = "ARMADICO_LAUNCHER"
 """In the environment of a process: the id of the one that started it, to be ended with it."""
@@ -78,9 +80,10 @@ class Process:
                 start_new_session=True,  # Ctrl-C is the launcher's; it tells them in order
             )
 
-    def runs(self, agent: str) -> bool:
-        """Whether an agent is one of this process's."""
-        return agent in self.name.split("+")
+    @property
+    def has_robot(self) -> bool:
+        """Whether the robot agent is one of this process's."""
+        return owns_wheels(self.name)
 
     def ended(self) -> bool:
         """Whether it is gone."""
@@ -149,6 +152,11 @@ def label_of(members: Sequence[Member]) -> str:
     return "+".join(member.name for member in members)
 
 
+def owns_wheels(label: str) -> bool:
+    """Whether one of a process's agents owns the wheels."""
+    return any(owners(label.split("+"), WHEELS))
+
+
 def orphans(namespace: str) -> list[tuple[str, psutil.Process]]:
     """Processes of this user that a launcher started in a namespace, and that have survived it.
 
@@ -184,7 +192,7 @@ def end_in_order(processes: Sequence[Process]) -> None:
     A second Ctrl-C does not interrupt it: it is bounded, and nothing may be left behind.
     """
     simulators = [p for p in processes if p.name == SIMULATOR]
-    robots = [p for p in processes if p.runs(ROBOT)]
+    robots = [p for p in processes if p.has_robot]
     others = [p for p in processes if p not in simulators and p not in robots]
     with undisturbed():
         for group in (others, robots, simulators):

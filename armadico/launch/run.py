@@ -10,11 +10,13 @@ from collections.abc import Callable
 from types import TracebackType
 from typing import Self
 
+from armadico.config.discovery import agent_class, owners
 from armadico.config.scenarios import Scenario
 from armadico.core.agent import WARNING
 from armadico.core.cycles import LISTEN
 from armadico.core.messages import Claim, Log, Message, Pose, RobotState
-from armadico.launch.society import Options, mission, time_limit, watch
+from armadico.core.resources import WHEELS
+from armadico.launch.society import Options, mission, names, time_limit, watch
 from armadico.mesh.base import Mesh
 from armadico.observe.measures import WATCHED, Result, RunWatch
 from armadico.runtime.client import Client
@@ -57,6 +59,7 @@ class LiveRun:
         """
         self.scenario = scenario
         self.options = options
+        self.names = names(scenario, options.without)
         self.client = Client(mesh)
         self.watch = watch(scenario, options)
         self.limit = time_limit(0.0)
@@ -77,12 +80,6 @@ class LiveRun:
         trace: TracebackType | None,
     ) -> None:
         """Leave things as they should be left, whatever happened."""
-
-    @property
-    def names(self) -> frozenset[str]:
-        """The agents that take part, by name."""
-        there = {name for name in self.scenario.agents if name not in self.options.without}
-        return frozenset({"robot", *there})
 
     def start(self) -> None:
         """See that everybody is there. Raises RunFailedError if somebody is not."""
@@ -133,9 +130,9 @@ class LiveRun:
     # Inside --------------------------------------------------------------------------------------
 
     def _ready_to_drive(self) -> bool:
-        """Whether the robot talks and obeys, and the encoder agent knows where it is."""
+        """Whether the robot talks and obeys, and whoever provides its pose knows where it is."""
         kinds: list[type[Message]] = [RobotState]
-        if "encoder" in self.names:
+        if any(Pose in agent_class(name).provides for name in self.names):
             kinds.append(Pose)
         state = self.client.latest(RobotState)
         listens = state is None or state.cycle.number <= LISTEN  # and refuses, meanwhile
@@ -143,7 +140,12 @@ class LiveRun:
 
     def _missing(self) -> list[str]:
         """Who takes part and has no token."""
-        return sorted(self.names - {name for name, _ in self.client.alive})
+        return sorted({*self.names} - {name for name, _ in self.client.alive})
+
+    def _robots(self) -> list[tuple[str, str]]:
+        """The robot agents in the namespace, whoever started them: name and instance."""
+        robots = {*owners({name for name, _ in self.client.alive}, WHEELS)}
+        return sorted(who for who in self.client.alive if who[0] in robots)
 
     def _nobody_can(self, elapsed: float) -> bool:
         """Whether nobody claims the wheels any more, and somebody who takes part is missing."""

@@ -6,25 +6,23 @@ The same list is launched as real processes (`armadico.launch.local`) or put on 
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from math import radians
 from pathlib import Path
 
 from msgspec.structs import replace
 
-from armadico.config.discovery import AGENTS, agent_class, find
-from armadico.config.errors import ConfigError
+from armadico.config.discovery import AGENTS, agent_class, find, owners
+from armadico.config.errors import ConfigError, advice
 from armadico.config.hosts import Host
+from armadico.config.loading import load_parameters
 from armadico.config.parameters import load_set
-from armadico.config.scenarios import PoseDeg, Scenario, beside, scenario_from
-from armadico.config.shipped import find as shipped
-from armadico.core.agent import Agent
+from armadico.config.scenarios import PoseDeg, Scenario, beside, scenario_from, society
 from armadico.core.messages import MissionRequest, Waypoint
 from armadico.core.resources import WHEELS
 from armadico.observe.measures import RunWatch
 
-ROBOT = "robot"
 LIMIT_SPEED = 0.3
 LIMIT_FACTOR = 5.0
 LIMIT_LEAST = 60.0
@@ -64,31 +62,41 @@ def prepared(
 
     Raises ConfigError for what cannot be driven, UnknownNameError for an agent that nobody has.
     """
-    if profile is not None:
-        robot = beside(Path.cwd() / "command line", profile)  # a path counts from here
-        shipped("robots", robot)
-        scenario = replace(scenario, robot=robot)
-    if start is not None or goal is not None:
-        checked = scenario_from(scenario.world, start or scenario.start, goal or scenario.goal)
-        scenario = replace(scenario, start=checked.start, goal=checked.goal)
+    if start is not None or goal is not None or profile is not None:
+        checked = scenario_from(
+            scenario.world,
+            start or scenario.start,
+            goal or scenario.goal,
+            profile_of(profile) or scenario.robot,
+        )
+        scenario = replace(scenario, start=checked.start, goal=checked.goal, robot=checked.robot)
     given = load_set(options.parameters) if options.parameters else {}
     for name in (*scenario.agents, *options.without, *given):
         find(AGENTS, name)
+    _, *others = names(scenario)
     for name in options.without:
-        if name not in scenario.agents:
-            taking = ", ".join(scenario.agents)
-            raise ConfigError(f"without {name}: takes no part in {scenario.name} ({taking} do)")
+        if name not in others:
+            taking = ", ".join(others)
+            raise ConfigError(f"without {name}: only {taking} can be left out of {scenario.name}")
+    if options.controller or options.parameters:
+        check(members(scenario, options, ""))
     return scenario
+
+
+def profile_of(name: str | None) -> str | None:
+    """The make of robot that is named on the command line, a path from here."""
+    return None if name is None else beside(Path.cwd() / "command line", name)
+
+
+def names(scenario: Scenario, without: Sequence[str] = ()) -> tuple[str, ...]:
+    """Everybody who takes part, the robot agent first: whoever owns the wheels."""
+    robot = next(owners(scenario.agents, WHEELS), society().robot)
+    return (robot, *(name for name in scenario.agents if name not in (robot, *without)))
 
 
 def members(scenario: Scenario, options: Options, port: str) -> tuple[Member, ...]:
     """The agents of a run, the robot agent first; `port` is the URL of the robot's controller."""
-    names = ["robot", *(name for name in scenario.agents if name not in options.without)]
-    given = load_set(options.parameters) if options.parameters else {}
-    return tuple(
-        Member(name, given.get(name, ()) + _settings(name, scenario, options, port))
-        for name in names
-    )
+    return _launched(names(scenario, options.without), facts(scenario, options, port), options)
 
 
 def share(
@@ -98,46 +106,59 @@ def share(
 
     Without a scenario all of the entry take part, with parameters of their own.
     """
-    if scenario is None:
-        here = tuple(name for name in host.agents if name != ROBOT)
-        scenario = Scenario(world="empty", start=(0, 0, 0), goal=(0, 0, 0), agents=here)
-    everybody = tuple(dict.fromkeys((*scenario.agents, *more)))
-    known = {
-        member.name: member
-        for member in members(replace(scenario, agents=everybody), options, host.robot or "")
-    }
-    taking = {ROBOT, *scenario.agents} - set(options.without)
-    names = [name for name in host.agents if name in taking]
-    return tuple(known[name] for name in (*names, *more))
+    taking = set(host.agents if scenario is None else names(scenario)) - set(options.without)
+    scenario = scenario or Scenario(world="empty", start=(0, 0, 0), goal=(0, 0, 0))
+    here = (*(name for name in host.agents if name in taking), *more)
+    return _launched(here, facts(scenario, options, host.robot or ""), options)
 
 
-def _settings(name: str, scenario: Scenario, options: Options, port: str) -> tuple[str, ...]:
+def facts(scenario: Scenario, options: Options, port: str = "") -> dict[str, object]:
+    """What an agent may be launched with, by the names of parameters; None: nothing is said.
+
+    `social.` is for whoever competes for the wheels; the rest for whoever declares it
+    (`Agent.launched_with`), whoever wrote it.
+    """
     x, y, degrees = scenario.start
-    sets: list[str] = []
-    if name == "robot":
-        sets += [*([f"port={port}"] if port else []), f"profile={scenario.robot}"]
-    elif name == "encoder":
-        sets += [f"x={x}", f"y={y}", f"theta={radians(degrees)}"]
-    elif name == "path-planning":
-        sets += [f"world={scenario.world}", f"profile={scenario.robot}"]
-    elif name == "goto" and options.controller is not None:
-        sets.append(f"controller={options.controller}")
-    social = [
-        f"social.{key}={value}"
-        for key, value in (("exchange", options.exchange), ("margin", options.margin))
-        if value is not None
-    ]
-    if scenario.v_max is not None or social:
-        sets += _driving(agent_class(name), scenario.v_max, social)
-    return tuple(sets)
+    return {
+        "port": port or None,
+        "profile": scenario.robot,
+        "x": x,
+        "y": y,
+        "theta": radians(degrees),
+        "world": scenario.world,
+        "v_max": scenario.v_max,
+        "controller": options.controller,
+        "social.exchange": options.exchange,
+        "social.margin": options.margin,
+    }
 
 
-def _driving(kind: type[Agent], v_max: float | None, social: list[str]) -> list[str]:
-    """What whoever competes for the wheels is told, whoever wrote it."""
-    if WHEELS not in kind.competes_for:
-        return []
-    limited = v_max is not None and "v_max" in kind.parameters.__struct_fields__
-    return [f"v_max={v_max}"] * limited + social
+def _launched(
+    names: Sequence[str], known: Mapping[str, object], options: Options
+) -> tuple[Member, ...]:
+    """The agents, set as the options' set of parameters and then the facts say."""
+    given = load_set(options.parameters) if options.parameters else {}
+    return tuple(Member(name, given.get(name, ()) + _settings(name, known)) for name in names)
+
+
+def _settings(name: str, known: Mapping[str, object]) -> tuple[str, ...]:
+    kind = agent_class(name)
+    wanted = [*kind.launched_with]
+    for fact in wanted:
+        if fact not in known:
+            raise ConfigError(f"{kind.__name__}.launched_with: {fact!r}; {advice(fact, known)}")
+    if WHEELS in kind.competes_for:
+        wanted += [fact for fact in known if fact.startswith("social.")]
+    return tuple(f"{fact}={known[fact]}" for fact in wanted if known[fact] is not None)
+
+
+def check(members: Sequence[Member]) -> None:
+    """Raises ConfigError if an agent would refuse what is set of it."""
+    for member in members:
+        try:
+            load_parameters(agent_class(member.name).parameters, None, member.sets)
+        except ConfigError as error:
+            raise ConfigError(f"{member.name}: {error}") from None
 
 
 def processes(
@@ -167,7 +188,6 @@ def watch(scenario: Scenario, options: Options) -> RunWatch:
         scenario.name,
         (scenario.goal[0], scenario.goal[1], radians(scenario.goal[2])),
         options.seed,
-        tuple(name for name in scenario.agents if name not in options.without),
     )
 
 

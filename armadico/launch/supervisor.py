@@ -15,9 +15,9 @@ from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Final
 
+from armadico.config.discovery import agent_class
 from armadico.core.restart_policy import Budget, Supervision
 from armadico.launch.processes import (
-    ROBOT,
     SIMULATOR,
     Process,
     StartError,
@@ -177,7 +177,7 @@ class Upkeep:
     def _start(self, label: str) -> None:
         group = [
             Member(member.name, (*member.sets, f"port={self._port}"))
-            if member.name == ROBOT and self._port is not None
+            if self._port is not None and "port" in agent_class(member.name).launched_with
             else member
             for member in self._groups[label]
         ]

@@ -7,7 +7,7 @@ from collections.abc import Callable
 
 from armadico.config.discovery import AGENTS, SIMULATORS, find, load
 from armadico.config.loading import load_parameters
-from armadico.config.scenarios import Scenario
+from armadico.config.scenarios import Scenario, society
 from armadico.core.agent import Agent, DeviceAgent
 from armadico.core.messages import Message, MissionReply
 from armadico.launch.society import Options, members, mission, time_limit, watch
@@ -15,9 +15,6 @@ from armadico.mesh.virtual import Node, VirtualMesh
 from armadico.mesh.virtual_network import Clock
 from armadico.observe.measures import WATCHED, Result, RunWatch
 from armadico.runtime.errors import AbsentError, MissionRefusedError
-
-SIMULATOR = "pioneer"
-"""The entry point of `armadico.simulators` that stands behind the robot agent's port."""
 
 SETTLE_S = 1.0
 """What the handshake with the controller and the first cycles take, on the virtual clock."""
@@ -47,7 +44,7 @@ class Rehearsal:
         self.watch = watch(scenario, options)
         self.limit = time_limit(0.0)
         self.mesh.watch(lambda _key, message, now: self.watch.show(message, now), *WATCHED)
-        factory = find(SIMULATORS, SIMULATOR).load()
+        factory = find(SIMULATORS, society().simulator).load()
         self.robot = factory(scenario, self.mesh.stream, self.mesh.publish)
         self._clock = clock
         self._starts: Counter[str] = Counter()
@@ -77,7 +74,7 @@ class Rehearsal:
         self.mesh.run(self.mesh.now + 30.0, lambda: bool(replies))
         reply = replies[0]
         if not isinstance(reply, MissionReply):
-            raise AbsentError("no interface agent takes the mission")
+            raise AbsentError("no agent that takes missions is alive")
         if reply.refusal:
             raise MissionRefusedError(reply.refusal)
         self.limit = time_limit(reply.length)

@@ -50,7 +50,8 @@ class Result(Struct, frozen=True):
     """One run. Without truth (a real robot) the pose stands in, and what it cannot tell is null.
 
     TD m, FO degrees off the goal's heading, TT s, P per cent of the straight distance start to
-    goal; TG, TA and TGt per cent of the cycles in which goto, avoid and gothrough were obeyed.
+    goal; shares (the thesis's TG, TA, TGt) by agent per cent of the cycles in which it was obeyed,
+    of those in which anybody was.
     """
 
     scenario: str
@@ -60,9 +61,7 @@ class Result(Struct, frozen=True):
     fo_deg: float
     tt_s: float
     p_percent: float
-    tg_percent: float | None
-    ta_percent: float | None
-    tgt_percent: float | None
+    shares: dict[str, float]
     exchanges: int
     collisions: int | None
     min_clearance_m: float | None
@@ -109,7 +108,6 @@ class RunWatch:
     scenario: str
     goal: Pose2
     seed: int | None = None
-    agents: tuple[str, ...] = ()
     path: list[Mark] = field(default_factory=list)
     echoes: list[tuple[float, float]] = field(default_factory=list)
     waypoints: tuple[Pose2, ...] = ()
@@ -185,19 +183,14 @@ class RunWatch:
             fo_deg=round(degrees(turned), 3),
             tt_s=round(self.elapsed, 3),
             p_percent=round(100.0 * (1.0 - error / straight), 3) if straight else 0.0,
-            tg_percent=self._share("goto"),
-            ta_percent=self._share("avoid"),
-            tgt_percent=self._share("gothrough"),
+            shares={
+                name: round(100.0 * cycles / sum(self._cycles.values()), 2)
+                for name, cycles in sorted(self._cycles.items())
+            },
             exchanges=self.exchanges,
             collisions=truth.collisions - self._collisions_before if truth else None,
             min_clearance_m=None if self.clearance is None else round(self.clearance, 3),
         )
-
-    def _share(self, name: str) -> float | None:
-        if self.agents and name not in self.agents:
-            return None
-        total = sum(self._cycles.values())
-        return round(100.0 * self._cycles.get(name, 0) / total, 2) if total else 0.0
 
     def _take_truth(self, truth: Truth) -> None:
         self._mark(truth.t, (truth.x, truth.y, truth.theta))

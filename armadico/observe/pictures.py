@@ -19,6 +19,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any, Protocol
 from zlib import crc32
 
+from armadico.config.profile import Body
 from armadico.config.shipped import names
 from armadico.config.worlds import Pose, World, load_world
 
@@ -32,23 +33,14 @@ COLOURS_IN_PNG = 224
 TALL = 1.6
 """A world this much taller than wide is drawn turned by a quarter."""
 
-HOLDERS: dict[str | None, str] = {
-    "goto": "#0072b2",
-    "avoid": "#d55e00",
-    "gothrough": "#009e73",
-    None: "#9a9a9a",
-}
-"""Who holds the wheels, and the colour of their part of a path (Okabe and Ito's, which people with
-any colour vision tell apart)."""
+COLOURS = ("#0072b2", "#cc79a7", "#e69f00", "#56b4e9", "#7b5ea7", "#009e73", "#d55e00")
+"""Who holds the wheels has one of these by its name, and so the same in every picture (Okabe and
+Ito's, which people with any colour vision tell apart; their order is such that ours differ)."""
 
-OTHERS = ("#cc79a7", "#e69f00", "#56b4e9", "#7b5ea7")
-"""Agents that nobody foresaw get one of these, by their name and so the same in every picture."""
+NOBODY = "#9a9a9a"
 
 INK, SOFT, FAINT, PAPER, FLOOR = "#22303c", "#6b7883", "#dfe4e8", "#ffffff", "#f4f7f9"
 START, GOAL = "#3b7d23", "#b01e68"
-OUTLINE = ((0.21, 0.165), (-0.23, 0.165), (-0.23, -0.165), (0.21, -0.165))
-"""A Pioneer 2DX about the middle of its axle, m (thesis table 4.3)."""
-
 MAX_ECHOES = 8000
 
 
@@ -87,6 +79,7 @@ class Run:
     path: Sequence[Step | Mark]
     start: Pose
     goal: Pose
+    body: Body
     waypoints: Sequence[Pose] = ()
     echoes: Sequence[tuple[float, float]] = ()
     title: str = ""
@@ -114,7 +107,7 @@ def draw_run(world: World, run: Run, path_out: Path | str) -> None:
     canvas.echoes(run.echoes)
     canvas.path(run.steps)
     canvas.poses(run.start, run.goal, run.waypoints)
-    canvas.robots(run.steps)
+    canvas.robots(run.steps, run.body)
     canvas.save(path_out)
 
 
@@ -130,9 +123,7 @@ def draw_worlds(folder: Path | str) -> list[Path]:
 
 def colour(holder: str | None) -> str:
     """The colour of an agent's part of a path."""
-    if holder in HOLDERS:
-        return HOLDERS[holder]
-    return OTHERS[crc32(str(holder).encode()) % len(OTHERS)]
+    return NOBODY if holder is None else COLOURS[crc32(holder.encode()) % len(COLOURS)]
 
 
 def _step(mark: Step | Mark) -> Step:
@@ -208,12 +199,12 @@ class _Canvas:
                 self._arrow(pose, ink)
                 self.legend[name] = self._handle(ink)
 
-    def robots(self, steps: Sequence[Step]) -> None:
+    def robots(self, steps: Sequence[Step], body: Body) -> None:
         """The robot's outline, each so many metres along the path, and where it came to rest."""
         from matplotlib.patches import Polygon  # noqa: PLC0415
 
         for step, last in _spaced(steps, max(0.8, self.size / 16.0)):
-            outline = [self.at(*point) for point in _outline(step)]
+            outline = [self.at(*point) for point in _outline(step, body)]
             ink = INK if last else SOFT
             alpha = 1.0 if last else 0.55
             self.axes.add_patch(
@@ -327,9 +318,9 @@ class _Canvas:
 
 
 def _rank(name: str) -> tuple[int, str]:
-    """The order of a legend: the agents first, as the thesis has them."""
-    order = (*HOLDERS, "nobody", "start", "waypoint", "goal", "sonar echo")
-    return (order.index(name), "") if name in order else (len(HOLDERS) - 2, name)
+    """The order of a legend: the agents first."""
+    order = ("nobody", "start", "waypoint", "goal", "sonar echo")
+    return (order.index(name), "") if name in order else (-1, name)
 
 
 def _reigns(steps: Sequence[Step]) -> Iterator[tuple[str | None, list[tuple[float, float]]]]:
@@ -353,8 +344,8 @@ def _spaced(steps: Sequence[Step], metres: float) -> Iterator[tuple[Step, bool]]
         yield steps[-1], True
 
 
-def _outline(step: Step) -> list[tuple[float, float]]:
-    return [_point(step, *corner) for corner in OUTLINE]
+def _outline(step: Step, body: Body) -> list[tuple[float, float]]:
+    return [_point(step, *corner) for corner in body.corners]
 
 
 def _point(step: Step, x: float, y: float) -> tuple[float, float]:

@@ -250,7 +250,7 @@ class Client:
         while True:
             reply = self.ask(request, PLANNING_S, patience=find)
             if not isinstance(reply, MissionReply):
-                raise AbsentError("no interface agent takes the mission", self.mesh.namespace)
+                raise AbsentError("no agent that takes missions is alive", self.mesh.namespace)
             if not reply.refusal:
                 return reply
             if self.mesh.now() >= until:

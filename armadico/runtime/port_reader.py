@@ -5,7 +5,9 @@ from __future__ import annotations
 import threading
 from collections.abc import Callable
 from typing import Any, Final, Protocol
+from urllib.parse import urlsplit
 
+from armadico.config.discovery import TRANSPORTS, installed
 from armadico.core.driver import Driver
 from armadico.runtime.inbox import Inbox
 
@@ -37,6 +39,16 @@ class Port(Protocol):
 
     def close(self) -> None:
         """Let go; again does no harm."""
+
+
+def open_port(url: str) -> Port:
+    """Open an address by its scheme's transport. Raises OSError, or ValueError if it has none."""
+    known = installed(TRANSPORTS)
+    scheme = urlsplit(url).scheme
+    if scheme not in known:
+        raise ValueError(f"{url!r} begins with none of {', '.join(known)}")
+    port: Port = known[scheme].load()(url)
+    return port
 
 
 class Device:

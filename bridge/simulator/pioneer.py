@@ -12,8 +12,8 @@ from math import isfinite, radians
 from armadico.bridge.simulator.microcontroller import Microcontroller
 from armadico.bridge.simulator.plant import Plant, Streams
 from armadico.bridge.simulator.speed_loops import SpeedLoops
-from armadico.config.loading import find, load, load_entry
-from armadico.config.profile import RobotProfile, SensorProfile
+from armadico.config.loading import find, load_entry
+from armadico.config.profile import RobotProfile, SensorProfile, load_profile
 from armadico.config.scenarios import Scenario
 from armadico.config.worlds import load_world
 from armadico.core.messages import Message, Truth
@@ -98,7 +98,7 @@ def of_scenario(scenario: Scenario, streams: Streams) -> Pioneer:
     """The robot that a scenario names, where the scenario puts it."""
     x, y, degrees = scenario.start
     return Pioneer(
-        load(find("robots", scenario.robot), RobotProfile),
+        load_profile(scenario.robot),
         load_entry(find("robots", "sensors"), SensorProfile, scenario.sensors),
         load_world(scenario.world).walls,
         (x, y, radians(degrees)),

@@ -11,6 +11,7 @@ from hypothesis import strategies as st
 
 from armadico.agents.avoid import Avoid, Parameters
 from armadico.core.agent import Identity
+from armadico.core.geometry import turning_circle
 from armadico.core.messages import Ack, Ballot, Obstacles, Point, Pose, RobotState, Stop, Trajectory
 from armadico.core.motion import touches_at
 from armadico.core.parameters import Safety
@@ -304,7 +305,7 @@ def literal(point: Point, speed: float = 0.5, **parameters: Any) -> Stage:
 
 def at(distance: float, bearing_deg: float) -> Point:
     """A point so far from being touched by the circle round the robot, in that direction."""
-    away = distance + Parameters().half_diagonal_m
+    away = distance + turning_circle(*body().outline)
     return Point(away * cos(radians(bearing_deg)), away * sin(radians(bearing_deg)))
 
 

@@ -173,21 +173,21 @@ def test_it_parks_at_the_end_of_a_route_with_corners() -> None:
 
 def test_parked_it_stays_parked_though_the_pose_is_noisy() -> None:
     controller, goal = Controller(), ORIGIN
-    controller.steer(Placed(0.02, 0.0, 0.01), [goal], (0.0, 0.0))
+    controller.steer(Placed(0.02, 0.0, 0.01), [goal], (0.0, 0.0), PERIOD)
     for x, degrees in ((0.05, 3.0), (-0.09, -3.9), (0.0, 3.9)):
         pose = Placed(x, 0.0, math.radians(degrees))
-        assert controller.steer(pose, [goal], (0.0, 0.0)) == (0.0, 0.0)
+        assert controller.steer(pose, [goal], (0.0, 0.0), PERIOD) == (0.0, 0.0)
         assert controller.parked
-    controller.steer(Placed(0.2, 0.0, 0.0), [goal], (0.0, 0.0))
+    controller.steer(Placed(0.2, 0.0, 0.0), [goal], (0.0, 0.0), PERIOD)
     assert not controller.parked
 
 
 def test_a_new_goal_is_driven_to_after_a_reset() -> None:
     controller = Controller()
-    controller.steer(ORIGIN, [ORIGIN], (0.0, 0.0))
-    assert controller.steer(Placed(-0.08, 0.0), [ORIGIN], (0.0, 0.0)) == (0.0, 0.0)
+    controller.steer(ORIGIN, [ORIGIN], (0.0, 0.0), PERIOD)
+    assert controller.steer(Placed(-0.08, 0.0), [ORIGIN], (0.0, 0.0), PERIOD) == (0.0, 0.0)
     controller.reset()
-    assert controller.steer(ORIGIN, [Placed(0.08, 0.0)], (0.0, 0.0))[0] > 0.0
+    assert controller.steer(ORIGIN, [Placed(0.08, 0.0)], (0.0, 0.0), PERIOD)[0] > 0.0
 
 
 def test_far_away_fast_alone_speaks_and_near_precise_alone() -> None:

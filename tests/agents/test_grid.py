@@ -118,7 +118,7 @@ def test_a_way_that_crosses_a_wall_has_no_clearance() -> None:
 def test_without_walls_there_is_endless_room() -> None:
     grid = Grid([], BOUNDS)
     assert grid.clearance_at(Placed(1.0, 1.0)) == math.inf
-    assert (grid.costs(Margins()) == 1.0).all()
+    assert (grid.costs(Margins(0.3)) == 1.0).all()
 
 
 @settings(max_examples=30)
@@ -126,7 +126,7 @@ def test_without_walls_there_is_endless_room() -> None:
 def test_between_free_neighbours_the_radius_is_kept(
     walls: list[tuple[float, float, float, float]],
 ) -> None:
-    grid, margins = Grid(walls, BOUNDS, cell_m=0.2), Margins()
+    grid, margins = Grid(walls, BOUNDS, cell_m=0.2), Margins(0.3)
     free = np.isfinite(grid.costs(margins))
     for row, column in np.argwhere(free):
         for there, _ in steps(grid.clearance, (row, column)):
@@ -137,7 +137,7 @@ def test_between_free_neighbours_the_radius_is_kept(
 
 def test_a_metre_costs_more_the_nearer_a_wall_is() -> None:
     grid = Grid([(0.0, 0.0, 3.0, 0.0)], BOUNDS)
-    column = grid.costs(Margins())[:, 30]
+    column = grid.costs(Margins(0.3))[:, 30]
     assert np.isinf(column[:6]).all()
     assert (column[9:] == 1.0).all()
     assert 1.0 < column[8] < column[7] < column[6] < 9.0
@@ -145,7 +145,7 @@ def test_a_metre_costs_more_the_nearer_a_wall_is() -> None:
 
 def test_a_straight_way_costs_its_length_where_there_is_room() -> None:
     grid = Grid([(0.0, 0.0, 3.0, 0.0)], BOUNDS)
-    costs = grid.costs(Margins())
+    costs = grid.costs(Margins(0.3))
     a, b = Placed(0.5, 1.0), Placed(2.5, 1.6)
     assert grid.cost_between(costs, a, b) == pytest.approx(math.dist(a[:2], b[:2]))
     assert math.isinf(grid.cost_between(costs, a, Placed(2.5, 0.1)))

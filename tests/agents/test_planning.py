@@ -10,14 +10,21 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
+from armadico.agents.methods import planning
 from armadico.agents.methods.energy import energy, motor_power
 from armadico.agents.methods.geometry import Placed, direction, distance
 from armadico.agents.methods.grid import Grid, Margins
-from armadico.agents.methods.planning import Plan, PlanError, plan
+from armadico.agents.methods.planning import Plan, PlanError
 from armadico.agents.methods.room_graph import Leg, axis, route
-from armadico.config.profile import RobotProfile
+from armadico.config.profile import RobotProfile, load_profile
 from armadico.config.worlds import Door, Room, Segment, World
 from armadico.core.geometry import wrap
+
+BODY = load_profile("pioneer-2dx").body
+
+
+def plan(world: World, start: Placed, goal: Placed, margins: Margins | None = None) -> Plan:
+    return planning.plan(world, start, goal, BODY, margins)
 
 
 def box(x1: float, y1: float, x2: float, y2: float) -> list[Segment]:
@@ -82,10 +89,10 @@ def test_every_stretch_keeps_the_radius_clear(
     start: Placed, goal: Placed, corners: list[tuple[float, float]], world: World
 ) -> None:
     world = with_columns(world, corners)
-    grid, radius = Grid(world.walls, world.bounds), Margins().radius_m
+    grid, radius = Grid(world.walls, world.bounds), Margins(BODY.circle_m).radius_m
     ends = grid.clearance_at(start), grid.clearance_at(goal)
     try:
-        found = plan(world, start, goal, Margins())
+        found = plan(world, start, goal, Margins(BODY.circle_m))
     except PlanError:
         return
     stretches = list(pairwise(way(found, start)))
@@ -206,7 +213,7 @@ def test_from_beside_a_wall_it_leads_away_first() -> None:
     start = Placed(0.2, 1.0, 0.0)
     found = plan(ROOMS, start, Placed(0.2, 2.0))
     grid = Grid(ROOMS.walls, ROOMS.bounds)
-    assert grid.clearance_at(found.waypoints[0]) >= Margins().radius_m
+    assert grid.clearance_at(found.waypoints[0]) >= Margins(BODY.circle_m).radius_m
     assert found.clearance_m == pytest.approx(0.2)
 
 
@@ -267,7 +274,7 @@ def test_why_there_is_no_way_is_said(
 def test_where_there_is_no_wider_way_a_tighter_one_will_do() -> None:
     tight = msgspec.structs.replace(ROOMS, walls=(*ROOMS.walls, (1.5, 3.0, 2.0, 3.0)))
     with pytest.raises(PlanError, match=r"0\.3 m are needed"):
-        plan(tight, START, GOAL, Margins())
+        plan(tight, START, GOAL, Margins(BODY.circle_m))
     assert 0.24 <= plan(tight, START, GOAL).clearance_m < 0.3
     assert plan(ROOMS, START, GOAL).clearance_m >= 0.3
 

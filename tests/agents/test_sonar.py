@@ -5,8 +5,9 @@ from __future__ import annotations
 from math import cos, hypot, pi, radians, sin
 
 import pytest
+from msgspec.structs import replace
 
-from armadico.agents.sonar import LOOK_CYCLES, Parameters, SonarAgent
+from armadico.agents.sonar import LOOK_S, Parameters, SonarAgent
 from armadico.core.agent import Identity, Publish
 from armadico.core.messages import Cycle, Echo, Obstacles, Point, RobotState, Sonar
 from tests.framework.robots import described
@@ -21,7 +22,7 @@ class Ring:
         self.agent = SonarAgent(Identity("sonar-1"), parameters)
         self.agent.receive(described(robot), 0.0)
         self.epoch, self.number, self.now = 1, 0, 0.0
-        self.agent._listened = LOOK_CYCLES
+        self.agent._listened = 99
 
     def ping(
         self,
@@ -58,17 +59,19 @@ def polar(distance: float, bearing: float) -> Point:
     return Point(distance * cos(bearing), distance * sin(bearing))
 
 
-def test_one_that_has_just_started_says_nothing_until_it_has_looked_round() -> None:
+@pytest.mark.parametrize("cycle_s", [0.05, 0.1])
+def test_one_that_has_just_started_says_nothing_until_it_has_looked_round(cycle_s: float) -> None:
     agent = SonarAgent(Identity("sonar-2"))
-    agent.receive(described(), 0.0)
-    said = []
-    for number in range(1, LOOK_CYCLES + 2):
-        agent.receive(RobotState(Cycle(1, number), 0, 0, 0, 0, 0, 12, True, False), 0.1 * number)
-        agent.receive(Sonar(Cycle(1, number), 5.0, (Echo(0.0, 0.0, AHEAD, 1.0),)), 0.1 * number)
+    agent.receive(replace(described(), cycle_s=cycle_s), 0.0)
+    looks, said = round(LOOK_S / cycle_s), []
+    for number in range(1, looks + 2):
+        now = cycle_s * number
+        agent.receive(RobotState(Cycle(1, number), 0, 0, 0, 0, 0, 12, True, False), now)
+        agent.receive(Sonar(Cycle(1, number), 5.0, (Echo(0.0, 0.0, AHEAD, 1.0),)), now)
         said += [o.message for o in agent.outbox if isinstance(o, Publish)]
         agent.outbox.clear()
     said_for = [m.cycle.number for m in said if isinstance(m, Obstacles)]
-    assert said_for == [LOOK_CYCLES, LOOK_CYCLES + 1]
+    assert said_for == [looks, looks + 1]
 
 
 def test_before_the_robot_is_described_it_says_nothing() -> None:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import random
+from typing import Any
 
 from armadico.bridge.p2os.commands import SYNC0, SYNC1, Cmd, decode_command
 from armadico.bridge.p2os.packets import Decoder, encode
@@ -22,8 +23,9 @@ TICK = 0.01
 class Bench:
     """A robot agent, a controller's answers, and the time, in steps of 10 ms."""
 
-    def __init__(self) -> None:
-        self.robot = Robot(Identity("robot-1", rng=random.Random(1)), Parameters(port="memory:"))
+    def __init__(self, **set_: Any) -> None:
+        parameters = Parameters(port="memory:", **set_)
+        self.robot = Robot(Identity("robot-1", rng=random.Random(1)), parameters)
         self.now = 0.0
         self.x_m = 0.0
         self.said: list[tuple[float, Message]] = []

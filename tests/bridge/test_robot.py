@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import random
 from itertools import pairwise
-from math import inf, nan
+from math import degrees, inf, nan
 
 import pytest
 
@@ -423,6 +423,24 @@ def test_it_describes_itself_at_once_and_each_second(bench: Bench) -> None:
     assert description == bench.robot.description()
     assert description.v_max == PROFILE.limits.v_max
     assert description.silence_s == pytest.approx(0.3)
+
+
+@pytest.mark.parametrize("forwards", [1.0, -1.0])
+def test_below_a_scenarios_limit_it_drives_the_same_arc_slower_and_says_the_limit(
+    forwards: float,
+) -> None:
+    limited = Bench(v_max=0.4).connect().cycles(10)
+    limited.command(0.8 * forwards, 0.5)
+    assert limited.speeds()[-1] == 400 * forwards
+    turned = [value for _, number, value in limited.written if number == Cmd.RVEL]
+    assert turned[-1] == round(degrees(0.25))
+    assert limited.robot.description().v_max == 0.4
+    limited.command(0.3 * forwards, 0.5)
+    assert limited.speeds()[-1] == 300 * forwards
+
+
+def test_a_limit_above_the_profiles_is_none() -> None:
+    assert Bench(v_max=9.0).robot.description().v_max == PROFILE.limits.v_max
 
 
 def test_each_cycle_is_acknowledged_once(bench: Bench) -> None:

@@ -11,7 +11,7 @@ import pytest
 from armadico.config.errors import ConfigError
 from armadico.config.hosts import LOOPBACK, Host, load_hosts, nobodys, serial_port
 from armadico.config.loading import read_text
-from armadico.config.scenarios import SOCIETY
+from armadico.config.scenarios import society
 from armadico.config.shipped import folder
 
 DEMO = {"robot": 11, "lab1": 12, "lab2": 13, "lab3": 14}
@@ -39,7 +39,7 @@ def lab(folder: Path, text: str = LAB) -> Path:
 
 def test_what_is_shipped_stays_on_loopback_and_runs_everybody() -> None:
     table = load_hosts()
-    assert table.hosts == {"localhost": Host(LOOPBACK, ("robot", *SOCIETY))}
+    assert table.hosts == {"localhost": Host(LOOPBACK, (society().robot, *society().agents))}
     assert not table.multicast
     assert table.router is None
 
@@ -51,7 +51,7 @@ def test_the_demos_table_is_four_hosts_that_run_everybody_between_them() -> None
     }
     assert all(len(host.endpoints) == 4 for host in hosts.values())
     everybody = [agent for host in hosts.values() for agent in host.agents]
-    assert sorted(everybody) == sorted(("robot", *SOCIETY))
+    assert sorted(everybody) == sorted((society().robot, *society().agents))
 
 
 def test_a_table_is_a_file_or_a_shipped_name(
@@ -101,7 +101,7 @@ def test_the_examples_in_the_shipped_table_are_a_table(tmp_path: Path) -> None:
     table = load_hosts(lab(tmp_path, example))
     assert list(table.hosts) == ["robot", "lab1", "lab2", "lab3"]
     every = [agent for host in table.hosts.values() for agent in host.agents]
-    assert sorted(every) == sorted(("robot", *SOCIETY))
+    assert sorted(every) == sorted((society().robot, *society().agents))
 
 
 def test_endpoints_are_those_of_the_entries_else_loopback(tmp_path: Path) -> None:

@@ -10,12 +10,12 @@ import pytest
 
 from armadico.config.errors import ConfigError
 from armadico.config.loading import names, resource_path
+from armadico.config.profile import load_profile
 from armadico.config.scenarios import (
-    ROBOT_RADIUS_M,
-    SOCIETY,
     Scenario,
     load_scenario,
     scenario_from,
+    society,
 )
 from armadico.config.worlds import load_world
 
@@ -49,7 +49,7 @@ def test_the_thesis_experiments_are_all_there() -> None:
 @pytest.mark.parametrize("name", SHIPPED)
 def test_a_robot_can_get_from_start_over_the_waypoints_to_the_goal(name: str) -> None:
     scenario = load_scenario(name)
-    space = FreeSpace(load_world(scenario.world), ROBOT_RADIUS_M)
+    space = FreeSpace(load_world(scenario.world), load_profile(scenario.robot).body.circle_m)
     reached = space.reached(*scenario.start[:2])
     assert len(reached) > 100
     for x, y in stops(scenario):
@@ -129,7 +129,7 @@ def test_a_scenario_starts_where_its_world_says(name: str) -> None:
 def test_files_need_only_say_what_is_special() -> None:
     scenario = load_scenario("sc1")
     assert scenario.name == "sc1"
-    assert scenario.agents == SOCIETY
+    assert scenario.agents == society().agents
     assert (scenario.robot, scenario.sensors, scenario.plan) == ("pioneer-2dx", "ideal", "direct")
     assert (scenario.v_max, scenario.seed, scenario.waypoints) == (None, 0, ())
 

@@ -105,6 +105,7 @@ def test_on_the_spot_it_is_the_stopping_turn() -> None:
 
 def test_the_time_counted_is_the_owners_silence_and_the_controllers_lag() -> None:
     assert PIONEER.dead_s + PIONEER.silence_s == pytest.approx(0.5)
+    assert PIONEER._replace(cycle_s=0.05).dead_s == PIONEER.dead_s, "the speed loops are as late"
     waited = course(PIONEER, (0.5, 0.0), (0.5, 0.0), waited=0.3)[-1].x
     assert waited - course(PIONEER, (0.5, 0.0), (0.5, 0.0))[-1].x == pytest.approx(0.15, abs=1e-6)
 
@@ -137,9 +138,9 @@ def test_wheels_that_speed_up_are_taken_to_be_where_their_ramps_have_got_to() ->
 
 
 def test_another_robot_has_another_way_to_rest() -> None:
-    slow = PIONEER._replace(v_decel=0.2, silence_s=1.0, cycle_s=0.05)
-    assert slow.stopping_distance(0.4) == pytest.approx(0.4 * 1.1 + 0.4)
-    assert course(slow, (0.4, 0.0), (0.4, 0.0))[-1].x == pytest.approx(0.84, abs=0.003)
+    slow = PIONEER._replace(v_decel=0.2, silence_s=1.0, cycle_s=0.2)
+    assert slow.stopping_distance(0.4) == pytest.approx(0.4 * 1.4 + 0.4)
+    assert course(slow, (0.4, 0.0), (0.4, 0.0))[-1].x == pytest.approx(0.96, abs=0.003)
 
 
 def within(kind: Any) -> st.SearchStrategy[float]:

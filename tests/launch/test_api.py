@@ -64,7 +64,7 @@ def test_holders_are_who_drove_one_after_another(sc4: Run) -> None:
     assert all(held.start < held.end for held in sc4.holders)
     assert all(a.end <= b.start for a, b in pairwise(sc4.holders))
     driven = sum(held.end - held.start for held in sc4.holders if held.agent == "goto")
-    assert 100 * driven / sc4.measures.tt_s == pytest.approx(sc4.measures.tg_percent, abs=5.0)
+    assert 100 * driven / sc4.measures.tt_s == pytest.approx(sc4.measures.shares["goto"], abs=5.0)
 
 
 def test_a_gap_ends_a_holding() -> None:
@@ -95,7 +95,7 @@ def test_poses_are_in_metres_and_radians() -> None:
 def test_another_robot_and_without_somebody(tmp_path: Path) -> None:
     done = armadico.run("sc1", virtual=True, profile="amigobot", without=["gothrough"])
     assert done.scenario.robot == "amigobot"
-    assert done.measures.tgt_percent is None
+    assert "gothrough" not in done.measures.shares
     picture = done.plot(tmp_path / "new" / "picture.png")
     assert picture.read_bytes().startswith(b"\x89PNG")
 
@@ -113,11 +113,11 @@ def test_progress_is_told_while_it_runs() -> None:
         ({"scenario": "sc11"}, armadico.ConfigError, "did you mean 'sc1'"),
         ({"goal": (99.0, 0.0, 0.0)}, armadico.ConfigError, "outside the world"),
         ({"profile": "amigobo"}, armadico.ConfigError, "did you mean 'amigobot'"),
-        ({"without": ["robot"]}, armadico.ConfigError, "takes no part"),
+        ({"without": ["robot"]}, armadico.ConfigError, "only encoder"),
         ({"without": ["gotho"]}, armadico.UnknownNameError, "did you mean 'goto'"),
         ({"controller": "fas"}, armadico.ConfigError, "fas"),
         ({"without": ["encoder"]}, armadico.MissionRefusedError, "nobody knows where the robot"),
-        ({"without": ["interface"]}, armadico.AbsentError, "no interface agent"),
+        ({"without": ["interface"]}, armadico.AbsentError, "no agent that takes missions"),
         ({"namespace": "robot2"}, ValueError, "not virtual"),
     ],
 )

@@ -11,7 +11,7 @@ from msgspec.structs import replace
 
 from armadico.bridge.p2os.commands import Cmd, command
 from armadico.config.discovery import SIMULATORS, find
-from armadico.config.scenarios import Scenario
+from armadico.config.scenarios import Scenario, society
 from armadico.core.messages import (
     JUMP,
     LARGEST_COUNT,
@@ -33,7 +33,7 @@ from armadico.core.messages import (
 )
 from armadico.core.services import service_of
 from armadico.launch.society import Options
-from armadico.launch.virtual import SIMULATOR, Rehearsal
+from armadico.launch.virtual import Rehearsal
 from armadico.mesh.virtual import Node
 from armadico.runtime.latch import Latching
 
@@ -156,7 +156,7 @@ def test_states_that_climb_stop_the_society_for_no_longer_than_they_come(apart: 
 
 def second_robot(drive: Drive, *, admit: bool) -> Node:
     """Another robot agent, with a controller of its own."""
-    factory = find(SIMULATORS, SIMULATOR).load()
+    factory = find(SIMULATORS, society().simulator).load()
     controller = factory(LINE, drive.mesh.stream, lambda *_: None)
     kind = type(drive.mesh.node("robot").agent)
     first = drive.mesh.node("robot").agent

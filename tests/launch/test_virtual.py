@@ -8,6 +8,7 @@ import subprocess
 import sys
 from collections.abc import Callable
 from itertools import pairwise
+from pathlib import Path
 
 import pytest
 from msgspec.structs import replace
@@ -18,6 +19,7 @@ from armadico.bridge.p2os.session import ZERO
 from armadico.config.discovery import AGENTS, load
 from armadico.config.loading import load_parameters
 from armadico.config.scenarios import Scenario, load_scenario
+from armadico.config.shipped import resource_path
 from armadico.core.agent import Agent
 from armadico.core.messages import Ack, Ballot, Message, RobotState, Truth, encode
 from armadico.core.services import SERVICES
@@ -75,6 +77,29 @@ def test_who_watches_and_stops_a_live_society_can_watch_and_stop_a_virtual_one()
     assert state is not None
     assert state.stop.by == "tester"
     client.resume(10.0, by="tester")
+
+
+@pytest.mark.parametrize("name", ["sc1", "sc2", "sc3", "sc4", "rooms-a"])
+@pytest.mark.parametrize(("robot", "cycle_s"), [("amigobot", 0.05), ("pioneer-2dx", 0.15)])
+def test_a_robot_of_another_cycle_reaches_its_goal_too_and_touches_nothing(
+    name: str, robot: str, cycle_s: float, tmp_path: Path
+) -> None:
+    """Nothing but the profile says how long a cycle is."""
+    text = resource_path("robots", robot).read_text()
+    assert "cycle_s = 0.1\n" in text
+    profile = tmp_path / "other.toml"
+    profile.write_text(text.replace("cycle_s = 0.1\n", f"cycle_s = {cycle_s}\n"))
+    rehearsal = Rehearsal(replace(load_scenario(name), robot=str(profile)), Options())
+    states: list[float] = []
+    rehearsal.mesh.watch(lambda _key, _state, now: states.append(now), RobotState)
+    result = rehearsal.run()
+    assert result.reached
+    assert result.collisions == 0
+    assert (states[-1] - states[0]) / (len(states) - 1) == pytest.approx(cycle_s, rel=0.05)
+    clocks = {node.name: node.agent.cycles for node in rehearsal.mesh.nodes}
+    periods = {name: clock.period for name, clock in clocks.items() if clock.newest is not None}
+    assert set(periods) == {"robot", *EVERYBODY} - {"path-planning"}, "who plans has no cycles"
+    assert set(periods.values()) == {cycle_s}, periods
 
 
 # Repeatable ---------------------------------------------------------------------------------------

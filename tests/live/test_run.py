@@ -75,7 +75,7 @@ def test_a_run_reaches_its_goal_says_json_and_leaves_nothing(run: Run, observer:
     assert tuple(result) == Result.__struct_fields__
     assert result["reached"]
     assert result["collisions"] == 0
-    assert result["tg_percent"] == 100.0
+    assert result["shares"] == {"goto": 100.0}
     assert all_gone(everybody)
     observer.until(lambda: not observer.client.alive, "nobody is left on the mesh")
 

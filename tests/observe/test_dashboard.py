@@ -16,7 +16,6 @@ from armadico.cli.dashboard import zones
 from armadico.config.scenarios import load_scenario
 from armadico.config.worlds import load_world
 from armadico.core import messages as m
-from armadico.core.swept_path import Outline
 from armadico.launch.society import Options
 from armadico.launch.virtual import Rehearsal
 from armadico.observe.dashboard import palette, shapes, viewer
@@ -27,6 +26,7 @@ from armadico.observe.dashboard.picture import photograph
 from armadico.observe.dashboard.scene import Scene
 from armadico.observe.dashboard.server import close, keep
 from armadico.observe.dashboard.virtual_run import Rehearsed
+from tests.framework.robots import body, described
 from tests.observe.kept import (
     AVOID,
     GOTO,
@@ -155,7 +155,7 @@ def test_a_stop_and_its_release_are_in_the_log(tmp_path: Path) -> None:
         ):
             scene.take("robot/state", state(number, stop=stop), float(number))
     kept = Kept(path)
-    assert kept.texts("/p/log/robot") == ["stopped by me", "the stop is released by you"]
+    assert kept.texts("/p/log/stop") == ["latched by me", "released by you"]
     assert "**by me**" in kept.texts("/p/status")[1]
 
 
@@ -216,27 +216,28 @@ def test_of_several_points_in_a_cell_the_surest_is_shown() -> None:
 
 
 def test_zones_lie_around_the_outline() -> None:
-    strip = shapes.around_outline(BODY, 0.3)
+    strip = shapes.around_outline(described(), 0.3)
     assert strip[0] == strip[-1]
-    outline = Outline(BODY.front, BODY.rear, BODY.half_width)
-    assert all(abs(outline.clearance(x, y) - 0.3) < 1e-9 for x, y in strip)
+    assert all(abs(body().outline.clearance(x, y) - 0.3) < 1e-9 for x, y in strip)
 
 
-def test_the_robot_is_drawn_as_its_owner_describes_it(tmp_path: Path) -> None:
+@pytest.mark.parametrize("profile", ["pioneer-2dx", "amigobot"])
+def test_the_robot_is_drawn_as_large_as_it_says_and_not_before(
+    tmp_path: Path, profile: str
+) -> None:
+    robot, pose = described(profile), m.Pose(cycle(1), 1.0, 2.0, 0.0)
     path = tmp_path / "a.rrd"
     with drawn(path) as scene:
-        scene.take("encoder/pose", m.Pose(cycle(1), 0.0, 0.0, 0.0), 0.0)
-        scene.take("robot/state", state(1), 0.0)
-        for t in (0.1, 0.4):
-            scene.take("robot/description", BODY, t)
-            scene.take("encoder/pose", m.Pose(cycle(2), 0.0, 0.0, 0.0), t)
-            scene.take("robot/state", state(2), t)
-    kept = Kept(path)
-    for where in ("/p/map/world/robot/outline", "/p/local/robot/outline"):
-        xs, ys = zip(*kept.fixed[where]["strips"][0], strict=True)
-        found = max(xs), -min(xs), max(ys)
-        assert found == pytest.approx((BODY.front, BODY.rear, BODY.half_width))
-    assert len(kept.rows["/p/local/robot/zones"]) == 2, "around what nobody has described are none"
+        scene.take("encoder/pose", pose, 0.0)
+        scene.take("robot/description", robot, 0.1)
+        scene.take("encoder/pose", pose, 0.2)
+    fixed = Kept(path).fixed
+    for where in ("map/world/robot", "local/robot"):
+        x, y = zip(*fixed[f"/p/{where}/outline"]["strips"][0], strict=True)
+        assert (max(x), -min(x), max(y)) == pytest.approx(
+            (robot.front, robot.rear, robot.half_width)
+        )
+    assert "/p/map/world/truth/outline" not in fixed
 
 
 # A run --------------------------------------------------------------------------------------------
@@ -264,7 +265,7 @@ def test_a_virtual_run_is_all_there(run: tuple[Path, Rehearsal]) -> None:
         *(f"utility/wheels/{name}" for name in ("goto", "avoid", "gothrough")),
         *(f"speed/{a}/{w}" for a in "vw" for w in ("measured", "commanded", "wanted")),
         *("local/cells", "holders/wheels", "battery/volts", "status"),
-        *("society/table", "society/graph", "log/interface"),
+        *("society/table", "society/graph", "log/mission"),
     }
     walls = kept.fixed["/robot1/map/world/walls"]["strips"]
     assert len(walls) == len(load_world("sc3").walls)

@@ -36,9 +36,7 @@ KEYS = [
     "fo_deg",
     "tt_s",
     "p_percent",
-    "tg_percent",
-    "ta_percent",
-    "tgt_percent",
+    "shares",
     "exchanges",
     "collisions",
     "min_clearance_m",
@@ -48,8 +46,8 @@ KEYS = [
 class Run:
     """A run made up cycle by cycle."""
 
-    def __init__(self, agents: tuple[str, ...] = (), *, truth: bool = True) -> None:
-        self.watch = RunWatch("made-up", GOAL, 5, agents)
+    def __init__(self, *, truth: bool = True) -> None:
+        self.watch = RunWatch("made-up", GOAL, 5)
         self.truth = truth
         self.number = 0
         self.now = 50.0
@@ -186,13 +184,12 @@ def test_another_missions_end_is_not_this_ones() -> None:
 
 
 def test_shares_are_of_the_cycles_in_which_somebody_was_obeyed() -> None:
-    run = Run(("goto", "avoid")).begin()
+    run = Run().begin()
     run.cycle(0.0)
     for holder in ("goto", "goto", "avoid", "goto"):
         run.cycle(0.1, holder=holder)
     result = run.watch.result()
-    assert (result.tg_percent, result.ta_percent) == (75.0, 25.0)
-    assert result.tgt_percent is None  # it did not take part
+    assert result.shares == {"avoid": 25.0, "goto": 75.0}
     assert result.exchanges == 2
 
 
@@ -212,7 +209,7 @@ def test_what_was_obeyed_before_the_mission_is_not_counted() -> None:
     run.begin()
     run.cycle(0.0, holder="goto")
     result = run.watch.result()
-    assert (result.tg_percent, result.ta_percent, result.exchanges) == (100.0, 0.0, 0)
+    assert (result.shares, result.exchanges) == ({"goto": 100.0}, 0)
 
 
 def test_collisions_and_clearance_are_those_of_the_run() -> None:

@@ -12,12 +12,14 @@ import pytest
 from PIL import Image
 
 from armadico.config.loading import names
+from armadico.config.profile import load_profile
 from armadico.config.worlds import load_world
 
 pytest.importorskip("matplotlib")
 
-from armadico.observe.pictures import HOLDERS, OTHERS, Run, Step, _reigns, _spaced, colour, draw_run
+from armadico.observe.pictures import COLOURS, NOBODY, Run, Step, _reigns, _spaced, colour, draw_run
 
+BODY = load_profile("pioneer-2dx").body
 DOCS = Path(__file__).parents[2] / "docs"
 
 STRAIGHT: list[Step] = [
@@ -53,9 +55,9 @@ def near(wanted: tuple[int, int, int], seen: set[tuple[int, int, int]]) -> bool:
 
 
 def test_a_run_is_drawn_in_its_holders_colours(tmp_path: Path) -> None:
-    run = Run(
-        STRAIGHT, (1.0, 0.5, 0.0), (5.0, 0.5, pi), [(3.0, 0.5, 0.0)], [(2.0, 0.0)] * 9, "T", ["c"]
-    )
+    waypoints, echoes = [(3.0, 0.5, 0.0)], [(2.0, 0.0)] * 9
+    start, goal = (1.0, 0.5, 0.0), (5.0, 0.5, pi)
+    run = Run(STRAIGHT, start, goal, BODY, waypoints, echoes, "T", ["c"])
     draw_run(load_world("sc3"), run, tmp_path / "new folder" / "run.png")
     seen = pixels(tmp_path / "new folder" / "run.png")
     assert near(rgb("goto"), seen)
@@ -66,13 +68,13 @@ def test_a_run_is_drawn_in_its_holders_colours(tmp_path: Path) -> None:
 def test_marks_and_tuples_draw_the_same_picture_twice(tmp_path: Path) -> None:
     pictures: list[bytes] = []
     for path in (STRAIGHT, [Seen(*step) for step in STRAIGHT]):
-        draw_run(load_world("sc3"), Run(path, (1, 0.5, 0), (5, 0.6, 0)), tmp_path / "run.png")
+        draw_run(load_world("sc3"), Run(path, (1, 0.5, 0), (5, 0.6, 0), BODY), tmp_path / "run.png")
         pictures.append((tmp_path / "run.png").read_bytes())
     assert pictures[0] == pictures[1]
 
 
 def test_a_run_that_never_began_can_be_drawn(tmp_path: Path) -> None:
-    draw_run(load_world("empty"), Run([], (0, 0, 0), (1, 0, 0)), tmp_path / "run.png")
+    draw_run(load_world("empty"), Run([], (0, 0, 0), (1, 0, 0), BODY), tmp_path / "run.png")
     assert pixels(tmp_path / "run.png")
 
 
@@ -90,11 +92,10 @@ def test_outlines_are_so_far_apart_and_the_last_is_told_apart() -> None:
 
 
 def test_colours_are_fixed_by_name_and_no_two_agents_of_ours_share_one() -> None:
-    assert len(set(HOLDERS.values()) | set(OTHERS)) == len(HOLDERS) + len(OTHERS)
-    assert colour("goto") == HOLDERS["goto"]
-    assert colour(None) == HOLDERS[None]
-    assert colour("wander") == colour("wander")
-    assert colour("wander") in OTHERS
+    assert len({*COLOURS, NOBODY}) == len(COLOURS) + 1
+    assert len({colour(name) for name in ("goto", "avoid", "gothrough")}) == 3
+    assert colour("wander") in COLOURS
+    assert colour(None) == NOBODY
 
 
 def test_matplotlib_is_not_imported_until_something_is_drawn() -> None:

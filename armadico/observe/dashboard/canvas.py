@@ -14,7 +14,7 @@ TIMELINE: Final = "t"
 """Seconds since the recording began."""
 
 FASTEST_HZ: Final = 12.0
-"""Nothing is drawn more often: a cycle of the robot is 0.1 s."""
+"""Nothing is drawn more often, however short the robot's cycle is."""
 
 RATES_HZ: Final[dict[str, float]] = {
     "map/world/path": 1.0,

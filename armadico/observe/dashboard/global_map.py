@@ -21,6 +21,8 @@ from armadico.observe.dashboard.canvas import Canvas, pixels
 from armadico.observe.dashboard.shapes import Point, Strip, hit, nose, outline, placed
 
 ROOT: Final = "map/world"
+ROBOT: Final = f"{ROOT}/robot"
+TRUTH: Final = f"{ROOT}/truth"
 
 STEP_M: Final = 0.04
 """A path is drawn with a point each so many metres."""
@@ -40,8 +42,8 @@ class GlobalMap:
 
     def __init__(self, canvas: Canvas, world: World | None) -> None:
         self._canvas = canvas
-        self._body: Description | None = None
-        self._fixed: set[str] = set()  # whose outlines are drawn
+        self._robot: Description | None = None
+        self._bodies: set[str] = set()  # where it is drawn, as it was described
         self._pose: Pose2 | None = None
         self._path: deque[tuple[Point, str]] = deque(maxlen=PATH_POINTS)
         self._echoes: dict[tuple[int, int], Point] = {}
@@ -50,26 +52,27 @@ class GlobalMap:
         if world is not None:
             self._walls(world)
 
-    def take_body(self, body: Description) -> None:
-        """The robot's outline, of where it is and of where it believes to be."""
-        self._body = body
-        self._fixed.clear()
+    def take_description(self, robot: Description) -> None:
+        """How large the robot is."""
+        if robot != self._robot:
+            self._robot = robot
+            self._bodies.clear()
 
     def take_pose(self, pose: Pose, holder: str, t: float) -> None:
         """Where the robot believes to be, and who is obeyed meanwhile."""
         self._pose = (pose.x, pose.y, pose.theta)
-        self._fix_body("robot", palette.BODY, 1.5)
-        if self._canvas.due(f"{ROOT}/robot", t):
-            self._canvas.draw(f"{ROOT}/robot", t, _transform(self._pose))
+        self._fix_body(ROBOT, palette.BODY, 1.5)
+        if self._canvas.due(ROBOT, t):
+            self._canvas.draw(ROBOT, t, _transform(self._pose))
         self._travel((pose.x, pose.y), holder)
         if self._canvas.due(f"{ROOT}/path", t):
             self._draw_path(t)
 
     def take_truth(self, truth: Truth, t: float) -> None:
         """Where the simulated robot really is."""
-        self._fix_body("truth", palette.TRUTH, 1.2)
-        if self._canvas.due(f"{ROOT}/truth", t):
-            self._canvas.draw(f"{ROOT}/truth", t, _transform((truth.x, truth.y, truth.theta)))
+        self._fix_body(TRUTH, palette.TRUTH, 1.2)
+        if self._canvas.due(TRUTH, t):
+            self._canvas.draw(TRUTH, t, _transform((truth.x, truth.y, truth.theta)))
 
     def take_sonar(self, sonar: Sonar, t: float) -> None:
         """What the sonars heard, put into the world by where the robot believes to be."""
@@ -128,13 +131,13 @@ class GlobalMap:
             )
             self._canvas.fix(f"{ROOT}/rooms", rooms)
 
-    def _fix_body(self, name: str, colour: tuple[int, int, int, int], width: float) -> None:
-        if self._body is None or name in self._fixed:
+    def _fix_body(self, where: str, colour: tuple[int, int, int, int], width: float) -> None:
+        if self._robot is None or where in self._bodies:
             return
-        self._fixed.add(name)
-        strips = [outline(self._body), nose()]
-        drawn = rr.LineStrips2D(strips, radii=pixels(width), colors=colour, draw_order=40)
-        self._canvas.fix(f"{ROOT}/{name}/outline", drawn)
+        self._bodies.add(where)
+        strips = [outline(self._robot), nose(self._robot)]
+        body = rr.LineStrips2D(strips, radii=pixels(width), colors=colour, draw_order=40)
+        self._canvas.fix(f"{where}/outline", body)
 
     def _travel(self, here: Point, holder: str) -> None:
         if self._path:

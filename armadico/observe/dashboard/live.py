@@ -13,6 +13,7 @@ from typing import Final
 
 from armadico.core.mailbox import EVENTS
 from armadico.core.messages import Ask, BidHistory, Card, Message
+from armadico.core.resources import WHEELS
 from armadico.core.services import BIDS, CARD, Kind, Service, service_of
 from armadico.mesh.zenoh import ZenohMesh
 from armadico.observe.dashboard.scene import SHOWN, Scene
@@ -29,8 +30,6 @@ TURN_S: Final = 0.25
 
 ALONE_S: Final = 10.0
 """Without a robot for so long, the user is told."""
-
-ROBOT: Final = "robot"
 
 
 class Feed:
@@ -65,8 +64,9 @@ class Feed:
             self._mesh.ask(service.pattern, Ask(), ANSWER_S, receiver, lambda: None)
 
     def robot_was_there(self) -> bool:
-        """Whether a robot agent has, or was once seen to have, its token in this namespace."""
-        self._robot_seen = self._robot_seen or ROBOT in self.scene.view.names
+        """Whether an owner of the wheels has, or was once seen to have, a card here."""
+        cards = self.scene.view.cards.values()
+        self._robot_seen = self._robot_seen or any(WHEELS.name in card.owns for card in cards)
         return self._robot_seen
 
     # On Zenoh's thread ---------------------------------------------------------------------------

@@ -59,15 +59,17 @@ class LocalView:
         self._grid: tuple[int, int, float] | None = None
         self._heard: dict[tuple[float, float, float], tuple[float, Echo]] = {}
         self._zones = zones
+        self._robot: Description | None = None
         # Forward is up on the screen, where y points down, and left is left.
         canvas.fix(ROOT, rr.Transform3D(mat3x3=[[0, -1, 0], [-1, 0, 0], [0, 0, 1]]))
 
-    def take_body(self, body: Description) -> None:
-        """The robot's outline."""
-        self._body = body
-        strips = [outline(body), nose()]
-        drawn = rr.LineStrips2D(strips, radii=pixels(1.3), colors=palette.BODY, draw_order=40)
-        self._canvas.fix(f"{ROOT}/outline", drawn)
+    def take_description(self, robot: Description) -> None:
+        """How large the robot is."""
+        if robot != self._robot:
+            self._robot = robot
+            strips = [outline(robot), nose(robot)]
+            body = rr.LineStrips2D(strips, radii=pixels(1.3), colors=palette.BODY, draw_order=40)
+            self._canvas.fix(f"{ROOT}/outline", body)
 
     def take_map(self, cells: LocalMap, t: float) -> None:
         """The cells with their probabilities."""
@@ -103,12 +105,12 @@ class LocalView:
 
     def take_state(self, state: RobotState, t: float) -> None:
         """The zones grow with the speed."""
-        body = self._body
-        if body is not None and self._zones and self._canvas.due(f"{ROOT}/zones", t):
+        robot = self._robot
+        if robot is not None and self._zones and self._canvas.due(f"{ROOT}/zones", t):
             zones = rr.LineStrips2D(
-                [around_outline(body, border(state.v)) for border in self._zones.values()],
+                [around_outline(robot, border(state.v)) for border in self._zones.values()],
                 radii=pixels(1.2),
-                colors=[palette.ZONES[name] for name in self._zones],
+                colors=[palette.ZONES.get(name, palette.BODY) for name in self._zones],
                 draw_order=15,
             )
             self._canvas.draw(f"{ROOT}/zones", t, zones)

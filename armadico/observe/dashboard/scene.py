@@ -119,11 +119,9 @@ class Scene:
         self.refresh(t)
         self._gauges.draw(self.view, self.holder, t)
 
-    def _described(self, _key: str, body: m.Description, _t: float) -> None:
-        if body != self._body:
-            self._body = body
-            self._map.take_body(body)
-            self._local.take_body(body)
+    def _described(self, _key: str, robot: m.Description, _t: float) -> None:
+        self._map.take_description(robot)
+        self._local.take_description(robot)
 
     def _ack(self, _key: str, ack: m.Ack, t: float) -> None:
         self._contest.take_cycle(ack.cycle, t)
@@ -144,12 +142,12 @@ class Scene:
     def _news(self, stop: m.Stop, before: m.MissionStatus | None, t: float) -> None:
         """What is otherwise than it was, of the stop and the mission."""
         if stop.stopped != self.view.stop.stopped:
-            text = "stopped" if self.view.stop.stopped else "the stop is released"
-            self._say("robot", f"{text} by {self.view.stop.by}", WARNING, t)
+            text = "latched" if self.view.stop.stopped else "released"
+            self._say("stop", f"{text} by {self.view.stop.by}", WARNING, t)
         mission = self.view.mission
         if mission is not None and (before is None or mission.state is not before.state):
             note = f" ({mission.note})" if mission.note else ""
-            self._say("interface", f"mission: {mission.state.value}{note}", INFO, t)
+            self._say("mission", f"{mission.state.value}{note}", INFO, t)
 
     def _drives(self, t: float) -> None:
         for resource, before, after in self._contest.update(self.view, t):

@@ -20,20 +20,21 @@ CORNER_STEPS: Final = 6
 RING_STEPS: Final = 72
 
 
-def outline(body: Description) -> Strip:
+def outline(robot: Description) -> Strip:
     """The robot about the middle of its axle, closed."""
-    front, rear, half = body.front, -body.rear, body.half_width
+    front, rear, half = robot.front, -robot.rear, robot.half_width
     return [(front, half), (rear, half), (rear, -half), (front, -half), (front, half)]
 
 
-def nose() -> Strip:
+def nose(robot: Description) -> Strip:
     """An arrow head that shows where the robot looks."""
-    return [(0.04, 0.10), (0.18, 0.0), (0.04, -0.10)]
+    x, y = 0.2 * robot.front, 0.6 * robot.half_width
+    return [(x, y), (0.85 * robot.front, 0.0), (x, -y)]
 
 
-def around_outline(body: Description, distance: float) -> Strip:
+def around_outline(robot: Description, distance: float) -> Strip:
     """Everything that is so far from the outline, m: a rectangle with round corners, closed."""
-    corners = outline(body)[:4]
+    corners = outline(robot)[:4]
     strip: Strip = []
     for quarter, (x, y) in enumerate(corners):
         for step in range(CORNER_STEPS + 1):

@@ -21,7 +21,7 @@ from armadico.config.loading import load_parameters, read_text
 from armadico.config.scenarios import Scenario, load_scenario
 from armadico.config.shipped import find as find_config
 from armadico.core.agent import Agent
-from armadico.launch.society import Options, members
+from armadico.launch.society import Options, members, names
 from armadico.launch.virtual import Rehearsal
 from armadico.observe.measures import REACHED_M, RunWatch
 from armadico.runtime.errors import MissionRefusedError
@@ -84,6 +84,7 @@ class Drive:
         self.cell, self.seed = cell, seed
         self.scenario = scenario_of(cell)
         self.rehearsal = Rehearsal(self.scenario, self._options())
+        self._taking = names(self.scenario, self._options().without)
         self.trace = Trace(self.rehearsal.watch)
         self.rehearsal.mesh.watch(lambda _k, message, _t: self.trace.show(message), *Trace.kinds)
         self.refused = ""
@@ -118,14 +119,15 @@ class Drive:
         """The row of this run."""
         row = structs.asdict(self.watch.result())
         del row["scenario"], row["seed"]
+        shares = row.pop("shares")
         ticks = self.trace.ticks
         resting = self._parked()
         if resting:
             ticks = [tick for tick in ticks if tick.t <= (self.trace.rests_since or 0.0)]
             row["tt_s"] = round(ticks[-1].t - ticks[0].t, 3)
-            for field, name in SHARES.items():
-                if row[field] is not None:
-                    row[field] = share(name, [tick.holder for tick in ticks])
+            holders = [tick.holder for tick in ticks]
+            shares = {name: share(name, holders) for name in SHARES.values()}
+        row |= {f: shares.get(n, 0.0) for f, n in SHARES.items() if n in self._taking}
         rough = Smoothness() if not ticks else smoothness(ticks)
         return Sample(
             cell=self.cell.name,
@@ -177,7 +179,7 @@ class Drive:
         sets = next(member.sets for member in everybody if member.name == name)
         kind = load(AGENTS, name, Agent)
         self.rehearsal.add(kind, load_parameters(kind.parameters, None, list(sets)))
-        self.watch.agents += (name,)
+        self._taking += (name,)
 
 
 SHARES = {"tg_percent": "goto", "ta_percent": "avoid", "tgt_percent": "gothrough"}

@@ -20,7 +20,7 @@ from msgspec import Struct
 from numpy.typing import NDArray
 
 from armadico.config.mapwriter import write_map
-from armadico.config.scenarios import ROBOT_RADIUS_M
+from armadico.config.profile import load_profile
 from armadico.config.worlds import Door, Pose, Room, Segment, World, hull
 
 BODY_M: Final = 0.33
@@ -222,7 +222,9 @@ def _clear(item: Sequence[tuple[float, float]], pose: Pose) -> bool:
     mx = sum(x for x, _ in item) / len(item)
     my = sum(y for _, y in item) / len(item)
     reach = max(hypot(x - mx, y - my) for x, y in item)
-    return hypot(pose[0] - mx, pose[1] - my) >= reach + max(FREE_M, ROBOT_RADIUS_M)
+    return hypot(pose[0] - mx, pose[1] - my) >= reach + max(
+        FREE_M, load_profile("pioneer-2dx").body.circle_m
+    )
 
 
 def passable(walls: Sequence[Segment], start: Pose, goal: Pose, width: float = PASSAGE_M) -> bool:

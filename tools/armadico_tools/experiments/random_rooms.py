@@ -5,6 +5,7 @@ from __future__ import annotations
 from pathlib import Path
 from typing import TYPE_CHECKING, Final
 
+from armadico.config.profile import load_profile
 from armadico.config.scenarios import load_scenario
 from armadico.config.worlds import load_world
 from armadico.observe.pictures import Run, draw_run
@@ -67,17 +68,18 @@ def picture(of: Cell, sample: Sample, folder: Path) -> Path:
     """A picture of a run that failed."""
     drive = Drive(of, sample.seed).go()
     path = folder / f"failed-{sample.seed:03d}.png"
-    watch = drive.watch
+    watch, scenario = drive.watch, load_scenario(of.scenario)
     run = Run(
         path=watch.path,
         start=watch.start or watch.goal,
         goal=watch.goal,
+        body=load_profile(scenario.robot).body,
         waypoints=watch.waypoints[:-1],
         echoes=watch.echoes,
         title=f"{of.name}, seed {sample.seed}",
         caption=(what_happened(sample),),
     )
-    draw_run(load_world(load_scenario(of.scenario).world), run, path)
+    draw_run(load_world(scenario.world), run, path)
     return path
 
 

@@ -16,6 +16,7 @@ from msgspec.structs import replace
 
 from armadico.bridge.robot import Parameters, Robot
 from armadico.config.discovery import SIMULATORS, find
+from armadico.config.scenarios import society
 from armadico.core.messages import (
     COUNTS,
     JUMP,
@@ -38,7 +39,7 @@ from armadico.core.messages import (
 )
 from armadico.core.resources import WHEELS
 from armadico.core.services import service_of
-from armadico.launch.virtual import SIMULATOR, Rehearsal
+from armadico.launch.virtual import Rehearsal
 from armadico.mesh.virtual import Node
 from armadico_tools.faults.fault_types import STRANGE_UTILITY
 from armadico_tools.faults.plan import EVERYBODY, Fault
@@ -247,7 +248,7 @@ class Stranger:
             return
         scenario, mesh = self._rehearsal.scenario, self._mesh
         number = 1000 + len(self.nodes)
-        factory = find(SIMULATORS, SIMULATOR).load()
+        factory = find(SIMULATORS, society().simulator).load()
         device = factory(scenario, lambda name: mesh.stream(f"second/{name}"), _unseen)
         identity = mesh.identity(Robot.name, number)
         agent = Robot(identity, Parameters(port="memory:", profile=scenario.robot))

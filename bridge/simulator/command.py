@@ -20,9 +20,6 @@ if TYPE_CHECKING:
 PORT: Final = 8101
 """Where simulators of Pioneers listen."""
 
-CLEAR_M: Final = 0.25
-"""The robot's middle must start at least so far from a wall."""
-
 EXAMPLES: Final = """\
   armadico sim sc4                           at tcp://127.0.0.1:8101, as MobileSim is
   armadico sim floor --start 2 3 90 --sensors real --seed 7
@@ -80,7 +77,7 @@ def parser() -> argparse.ArgumentParser:
 
 
 def _scenario(args: argparse.Namespace) -> Scenario:
-    """What the options say, checked: the robot does not start in a wall."""
+    """What the options say."""
     from armadico.config.scenarios import Scenario  # noqa: PLC0415 - not for --help
     from armadico.config.worlds import load_world  # noqa: PLC0415 - not for --help
 
@@ -91,21 +88,26 @@ def _scenario(args: argparse.Namespace) -> Scenario:
     elif world.start is not None:
         x, y, theta = world.start
         start = (x, y, math.degrees(theta))
-    if not all(map(math.isfinite, start)) or world.clearance(start[0], start[1]) < CLEAR_M:
-        raise options.UsageError(
-            f"the robot cannot start at {start[0]:g}, {start[1]:g}: less than {CLEAR_M} m from a"
-            " wall; --start X Y DEG puts it elsewhere"
-        )
+    if not all(map(math.isfinite, start)):
+        raise options.UsageError("--start: expected finite m, m and degrees")
     return Scenario(
         world=args.world, start=start, goal=start, robot=args.robot, sensors=args.sensors
     )
 
 
 def _robot(scenario: Scenario, seed: int) -> Pioneer:
+    """The robot; it does not start in a wall."""
     from armadico.bridge.simulator.pioneer import of_scenario  # noqa: PLC0415 - not for --help
     from armadico.bridge.simulator.plant import seeded  # noqa: PLC0415 - not for --help
 
-    return of_scenario(scenario, seeded(seed))
+    robot = of_scenario(scenario, seeded(seed))
+    if robot.plant.clearance() <= 0.0:
+        x, y, _ = scenario.start
+        raise options.UsageError(
+            f"the robot cannot start at {x:g}, {y:g}: it would stand in a wall;"
+            " --start X Y DEG puts it elsewhere"
+        )
+    return robot
 
 
 def _line(args: argparse.Namespace, stack: ExitStack) -> tuple[Line, str]:
