@@ -53,6 +53,7 @@ class Launcher(LiveRun):
         silent_s: float = SILENT_S,
         idle_s: float = IDLE_S,
         joining: Sequence[str] = (),
+        tied: bool = False,
     ) -> None:
         """Prepare.
 
@@ -65,6 +66,7 @@ class Launcher(LiveRun):
             idle_s: So is one in which nobody has claimed the wheels for so long, if somebody who
                 takes part is missing.
             joining: Options by which the processes find the mesh, if it is not the default one.
+            tied: The processes are to leave when this one is killed, instead of driving on.
         """
         super().__init__(scenario, options, mesh, silent_s=silent_s, idle_s=idle_s)
         self.members: tuple[Member, ...] = ()
@@ -72,6 +74,7 @@ class Launcher(LiveRun):
         self.processes: list[Process] = []
         self._namespace = namespace
         self._joining = tuple(joining)
+        self._tied = tied
         self._mourned: set[Process] = set()
 
     def __exit__(
@@ -131,10 +134,7 @@ class Launcher(LiveRun):
     def start_simulator(self, port: int = 0) -> str:
         """Start a simulator on a TCP port, 0: one that is free; returns its URL."""
         words = simulator_words(self.scenario, self.options.seed, self._namespace, port)
-        process = Process(
-            SIMULATOR, [*words, *self._joining], self.logs / "simulator.log", listen=True
-        )
-        self.processes.append(process)
+        process = self._process(SIMULATOR, words, listen=True)
         try:
             return process.announced()
         except StartError as error:
@@ -142,9 +142,11 @@ class Launcher(LiveRun):
 
     def start_agent(self, *group: Member) -> Process:
         """Start an agent as a process, or several as one."""
-        words = [*agent_words(group, self._namespace), *self._joining]
-        name = label_of(group)
-        process = Process(name, words, self.logs / f"{name}.log")
+        return self._process(label_of(group), agent_words(group, self._namespace))
+
+    def _process(self, name: str, words: Sequence[str], *, listen: bool = False) -> Process:
+        log = self.logs / f"{name}.log"
+        process = Process(name, [*words, *self._joining], log, listen=listen, tied=self._tied)
         self.processes.append(process)
         return process
 

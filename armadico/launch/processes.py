@@ -64,11 +64,10 @@ class Process:
         """
         self.name = name
         self.log = log
-        program = ["armadico.child", str(os.getpid())] if tied else ["armadico"]
         with log.open("ab") as errors:
             self._begun_at = errors.tell()
             self.popen: subprocess.Popen[bytes] = subprocess.Popen(
-                [sys.executable, "-P", "-m", *program, *command],
+                command_line(command, tied=tied),
                 stdin=subprocess.DEVNULL,
                 stdout=subprocess.PIPE if listen else errors,
                 stderr=errors,
@@ -98,6 +97,12 @@ class Process:
         if found is None:
             raise StartError(f"the {self.name} did not start:\n{self.last_words()}")
         return found.group(1)
+
+
+def command_line(words: Sequence[str], *, tied: bool = False) -> list[str]:
+    """`armadico WORDS...` by this Python; `tied`: it leaves when this process is gone."""
+    program = ["armadico.child", str(os.getpid())] if tied else ["armadico"]
+    return [sys.executable, "-P", "-m", *program, *words]
 
 
 def ending(code: int) -> str:

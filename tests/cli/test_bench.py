@@ -7,6 +7,7 @@ import subprocess
 import sys
 from pathlib import Path
 
+import psutil
 import pytest
 
 from armadico_tools.bench.figures import BENCHMARKS, figure, percentile
@@ -81,6 +82,33 @@ def test_the_cheapest_figures_have_the_promised_shape_and_order() -> None:
 def test_losers_are_silent_so_crowds_say_no_more_than_one() -> None:
     rows = json.loads(bench("messages-per-cycle", "--quick", "--json").stdout)
     assert [row["p50"] for row in rows] == [row["floor_p50"] for row in rows]
+
+
+def words(process: psutil.Process) -> list[str]:
+    """Its command line; none if it is gone by now."""
+    try:
+        return process.cmdline()
+    except psutil.NoSuchProcess:
+        return []
+
+
+@pytest.mark.live
+@pytest.mark.parametrize("name", ["start", "cpu", "sip-to-command"])
+def test_a_benchmark_that_is_killed_leaves_nobody_running(name: str) -> None:
+    with subprocess.Popen(
+        [str(ARMADICO), "bench", name, "--quick"],
+        stdout=subprocess.DEVNULL,
+        stderr=subprocess.DEVNULL,
+    ) as killed:
+        started: list[psutil.Process] = []
+        while not any("goto" in words(process) for process in started):
+            assert killed.poll() is None
+            started = psutil.Process(killed.pid).children(recursive=True)
+        killed.kill()
+    _, left = psutil.wait_procs(started, timeout=20)
+    for process in left:
+        process.kill()
+    assert not left
 
 
 def test_an_unknown_name_is_a_usage_error_that_lists_what_there_is() -> None:

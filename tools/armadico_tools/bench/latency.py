@@ -39,7 +39,6 @@ from armadico.core.messages import (
     Sonar,
     encode,
 )
-from armadico.launch.local import Launcher
 from armadico.launch.society import Options
 from armadico.mesh.ports import private_endpoints
 from armadico_tools.bench.figures import Figure, Tell, figure
@@ -47,9 +46,9 @@ from armadico_tools.bench.processes import (
     Spawn,
     await_ready,
     floor,
-    namespace,
     private_mesh,
     processes,
+    society,
 )
 
 AGENTS: Final = ("encoder", "sonar", "goto", "interface")
@@ -233,7 +232,7 @@ def _society(port: str, together: tuple[tuple[str, ...], ...]) -> Iterator[None]
     )
     with (
         private_mesh() as mesh,
-        Launcher(scenario, Options(robot=port, together=together), mesh, namespace()) as launcher,
+        society(scenario, Options(robot=port, together=together), mesh) as launcher,
     ):
         launcher.start()
         launcher.begin()

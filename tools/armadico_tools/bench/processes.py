@@ -1,4 +1,7 @@
-"""Processes to be measured, on a mesh of their own; nothing is left running."""
+"""Processes to be measured, on a mesh of their own; nothing is left running.
+
+Not even if the benchmark is killed: agents are tied to it, the floor ends with its standard input.
+"""
 
 from __future__ import annotations
 
@@ -14,6 +17,9 @@ from armadico.mesh.ports import private_endpoints
 from armadico.mesh.topology import ENDPOINTS_VARIABLE, topology
 
 if TYPE_CHECKING:
+    from armadico.config.scenarios import Scenario
+    from armadico.launch.local import Launcher
+    from armadico.launch.society import Options
     from armadico.mesh.zenoh import ZenohMesh
 
 FLOOR: Final = Path(__file__).with_name("floor.py")
@@ -43,6 +49,13 @@ def private_mesh() -> Iterator[ZenohMesh]:
             del os.environ[ENDPOINTS_VARIABLE]
         else:
             os.environ[ENDPOINTS_VARIABLE] = before
+
+
+def society(scenario: Scenario, options: Options, mesh: ZenohMesh) -> Launcher:
+    """A whole society that does not outlive its benchmark."""
+    from armadico.launch.local import Launcher  # noqa: PLC0415 - not for the cheap figures
+
+    return Launcher(scenario, options, mesh, namespace(), tied=True)
 
 
 @contextmanager

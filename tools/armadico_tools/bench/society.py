@@ -10,15 +10,15 @@ from typing import Any, Final, NamedTuple
 import psutil
 
 from armadico.config.scenarios import load_scenario
-from armadico.launch.local import Launcher
+from armadico.launch.processes import SIMULATOR
 from armadico.launch.society import Options
 from armadico_tools.bench.figures import Figure, Tell, figure
 from armadico_tools.bench.processes import (
     await_ready,
     floor,
-    namespace,
     private_mesh,
     processes,
+    society,
 )
 
 SCENARIO: Final = "sc1"
@@ -57,7 +57,7 @@ def cpu(quick: bool, tell: Tell) -> list[Figure]:
     """The agents together, the largest of them, and the simulator, which is no part of them."""
     uses = drive(quick, tell)
     agents = [100.0 * use.share for use in _agents(uses)]
-    simulators = [100.0 * use.share for use in uses if use.name == "sim"]
+    simulators = [100.0 * use.share for use in uses if use.name == SIMULATOR]
     return [
         figure("cpu", "%", [sum(agents)]),
         figure("cpu-largest", "%", [max(agents)]),
@@ -66,7 +66,7 @@ def cpu(quick: bool, tell: Tell) -> list[Figure]:
 
 
 def _agents(uses: Sequence[Use]) -> list[Use]:
-    return [use for use in uses if use.name != "sim"]
+    return [use for use in uses if use.name != SIMULATOR]
 
 
 def drive(quick: bool, tell: Tell) -> tuple[Use, ...]:
@@ -80,7 +80,7 @@ def _drive(quick: bool, tell: Tell) -> tuple[Use, ...]:
     seconds = 5.0 if quick else 12.0
     with (
         private_mesh() as mesh,
-        Launcher(load_scenario(SCENARIO), Options(), mesh, namespace()) as launcher,
+        society(load_scenario(SCENARIO), Options(), mesh) as launcher,
     ):
         launcher.start()
         launcher.begin()
@@ -92,20 +92,18 @@ def _drive(quick: bool, tell: Tell) -> tuple[Use, ...]:
                 launcher.client.wait_for(lambda: False, 0.2)
 
         until(FROM_S)
-        here = {process: process.cpu_times() for process in psutil.Process().children()}
+        here = {p.name: psutil.Process(p.popen.pid) for p in launcher.processes}
+        before = {name: process.cpu_times() for name, process in here.items()}
         since = time.monotonic()
         until(FROM_S + seconds)
         wall = time.monotonic() - since
-        return tuple(_use(process, before, wall) for process, before in here.items())
+        return tuple(_use(name, here[name], before[name], wall) for name in here)
 
 
-def _use(process: Any, before: Any, wall: float) -> Use:
+def _use(name: str, process: psutil.Process, before: Any, wall: float) -> Use:
     now, size = process.cpu_times(), process.memory_full_info()
     spent = now.user + now.system - before.user - before.system
-    # python -P -m armadico agent NAME, or python -P -m armadico sim WORLD
-    words = process.cmdline()
-    kind, name = words[words.index("armadico") + 1 :][:2]
-    return Use(kind if kind == "sim" else name, spent / wall, size.rss / MEGA, size.uss / MEGA)
+    return Use(name, spent / wall, size.rss / MEGA, size.uss / MEGA)
 
 
 def _bare_memory() -> list[tuple[float, float]]:

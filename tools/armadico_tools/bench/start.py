@@ -9,10 +9,10 @@ import sys
 import threading
 import time
 from collections.abc import Sequence
-from pathlib import Path
 from typing import Final
 
 from armadico.core.services import TOKEN
+from armadico.launch.processes import command_line
 from armadico.mesh.topology import ENDPOINTS_VARIABLE
 from armadico_tools.bench.figures import Figure, Tell, figure
 from armadico_tools.bench.processes import end, floor, namespace, private_mesh, processes
@@ -22,8 +22,6 @@ HEAVY: Final = ("numpy", "zenoh", "pymunk", "cbor2", "msgspec", "serial", "rich"
 
 SEEN_S: Final = 20.0
 """An agent that is not seen for so long will not be."""
-
-AGENT: Final = Path(sys.executable).with_name("armadico-agent")
 
 COUNT: Final = """
 import contextlib, io, json, sys
@@ -94,7 +92,7 @@ def start(quick: bool, tell: Tell) -> list[Figure]:
         sightings = Sightings()
         mesh.watch_alive(sightings.changed)
         key = f"{namespace()}/{TOKEN.format(name='floor', instance='floor-1')}"
-        agent = [str(AGENT), "goto", "--namespace", namespace()]
+        agent = command_line(["agent", "goto", "--namespace", namespace()], tied=True)
         bare_python = floor("token", "-", os.environ[ENDPOINTS_VARIABLE], key)
 
         def once(name: str, command: Sequence[str]) -> float:
