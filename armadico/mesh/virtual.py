@@ -386,7 +386,7 @@ class VirtualMesh:
             at = link.arrival(now)
             while at is not None:
                 heapq.heappush(self._heap, (at, self._next(), self._deliver, route, what))
-                at = link.again(at) if link.duplicate else None
+                at = link.again(at) if link.faults.duplicate else None
 
     def mind_wakeup(self, node: Node, *, anew: bool = False) -> None:
         """See that a node is woken when its agent wants it; `anew`: its clock has changed."""

@@ -154,11 +154,11 @@ def _whom(fault: Any) -> str:
 def _series(args: argparse.Namespace) -> int:
     """Many seeds; on Ctrl-C the counts so far."""
     from armadico.cli import pool  # noqa: PLC0415 - not for --help
-    from armadico_tools.experiments import store  # noqa: PLC0415
     from armadico_tools.faults import series  # noqa: PLC0415
+    from armadico_tools.results import commit  # noqa: PLC0415
 
     try:
-        ledger = series.Ledger(args.out, store.commit())
+        ledger = series.Ledger(args.out, commit())
         first = ledger.next_seed() if args.first is None else args.first
     except (OSError, ValueError) as error:
         raise FailedError(f"cannot count seeds in {args.out}: {error}") from None

@@ -28,10 +28,11 @@ def main(argv: Sequence[str]) -> int:
     args = _parser().parse_args(argv)
     from armadico.config.hosts import load_hosts  # noqa: PLC0415 - not for --help
     from armadico.config.scenarios import load_scenario  # noqa: PLC0415
-    from armadico_tools.hosts.demo import TABLE, demo  # noqa: PLC0415
+    from armadico_tools.hosts.demo import demo  # noqa: PLC0415
     from armadico_tools.hosts.namespace_hosts import NamespaceHosts  # noqa: PLC0415
     from armadico_tools.hosts.namespaces import lacking  # noqa: PLC0415
     from armadico_tools.hosts.switch import LinkError, parse_link  # noqa: PLC0415
+    from armadico_tools.testbed import TABLE  # noqa: PLC0415
 
     load_scenario(args.scenario)
     names = tuple(load_hosts(TABLE).hosts)

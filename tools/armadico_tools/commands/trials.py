@@ -6,7 +6,6 @@ import argparse
 import json
 import signal
 import sys
-import tempfile
 from collections.abc import Sequence
 from importlib.util import find_spec
 from pathlib import Path
@@ -20,7 +19,7 @@ if TYPE_CHECKING:
     from armadico_tools.faults.checker import Violation
     from armadico_tools.faults.real_series import Line, Series
     from armadico_tools.faults.real_trials import Trial
-    from armadico_tools.faults.testbed import Place
+    from armadico_tools.testbed import Place
 
 TRIALS: Final = 30
 SHOWN: Final = 10
@@ -132,7 +131,8 @@ def _chosen(args: argparse.Namespace) -> list[Trial]:
 
 def _series(args: argparse.Namespace, chosen: list[Trial]) -> int:
     from armadico.config.hosts import load_hosts  # noqa: PLC0415 - not for --help
-    from armadico_tools.faults.real_series import TABLE, Store, place_for  # noqa: PLC0415
+    from armadico_tools.faults.real_series import Store, place_for  # noqa: PLC0415
+    from armadico_tools.testbed import TABLE  # noqa: PLC0415
 
     table = load_hosts(TABLE)
     try:
@@ -140,25 +140,24 @@ def _series(args: argparse.Namespace, chosen: list[Trial]) -> int:
     except OSError as error:
         raise FailedError(f"cannot write into {args.out}: {error.strerror}") from None
     found: list[Series] = []
-    with tempfile.TemporaryDirectory(prefix="armadico-trials-") as logs:
-        place = place_for(chosen, table, args.seed)
-        try:
-            found.extend(_one(args, trial, place, Path(logs), store) for trial in chosen)
-        except KeyboardInterrupt:
-            _say(f"interrupted; what was measured is in {args.out}")
-            return options.INTERRUPTED
-        finally:
-            place.close()
-            store.finish(found)
+    try:
+        with place_for(chosen, table, args.seed) as place:
+            found.extend(_one(args, trial, place, store) for trial in chosen)
+    except KeyboardInterrupt:
+        _say(f"interrupted; what was measured is in {args.out}")
+        return options.INTERRUPTED
+    finally:
+        store.finish(found)
     _show(args, found)
     return 0 if all(series.kept for series in found) else options.FAILED
 
 
-def _one(args: argparse.Namespace, trial: Trial, place: Place, logs: Path, store: Any) -> Series:
+def _one(args: argparse.Namespace, trial: Trial, place: Place, store: Any) -> Series:
     from armadico.config.hosts import load_hosts  # noqa: PLC0415 - not for --help
     from armadico.config.scenarios import load_scenario  # noqa: PLC0415
-    from armadico_tools.faults.real_series import TABLE, run_series  # noqa: PLC0415
+    from armadico_tools.faults.real_series import run_series  # noqa: PLC0415
     from armadico_tools.faults.real_society import ROAD  # noqa: PLC0415
+    from armadico_tools.testbed import TABLE  # noqa: PLC0415
 
     def done(number: int, figures: dict[str, float]) -> None:
         store.add(trial.name, number, figures)
@@ -171,7 +170,6 @@ def _one(args: argparse.Namespace, trial: Trial, place: Place, logs: Path, store
     return run_series(
         trial,
         place,
-        logs,
         args.trials,
         table=load_hosts(TABLE),
         scenario=load_scenario(args.scenario) if args.scenario else ROAD,

@@ -186,20 +186,25 @@ class Account:
 
     # From when to when ---------------------------------------------------------------------------
 
-    def obeyed_after(self, since: float, but: Container[str] = ()) -> float | None:
-        """When the next command was said that is known to have been obeyed; None if none is yet.
+    def next_obeyed(self, since: float, but: Container[str] = ()) -> tuple[float, Command] | None:
+        """The next command that is known to have been obeyed, and when it was said.
 
         Known by the acknowledgement of the robot agent: the first after `since` of a command said
         since then by an instance that is none of `but`.
         """
-        said = {(c.ballot, c.cycle): at for at, c in self.commands}
+        said = {(c.ballot, c.cycle): (at, c) for at, c in self.commands}
         for _, ack in _from(self.acks, since):
             if ack.obeyed is None or ack.obeyed_cycle is None or ack.obeyed.instance in but:
                 continue
-            at = said.get((ack.obeyed, ack.obeyed_cycle))
-            if at is not None and at >= since:
-                return at
+            found = said.get((ack.obeyed, ack.obeyed_cycle))
+            if found is not None and found[0] >= since:
+                return found
         return None
+
+    def obeyed_after(self, since: float, but: Container[str] = ()) -> float | None:
+        """When that was said; None if none is yet."""
+        found = self.next_obeyed(since, but)
+        return None if found is None else found[0]
 
     def stop_after(self, since: float) -> float | None:
         """When the first zero speeds after a time were written to the controller."""

@@ -9,6 +9,7 @@ import random
 import signal
 from typing import Final
 
+from armadico.mesh.link_faults import LinkFaults
 from armadico_tools.faults.real_society import RealSociety, TrialError
 from armadico_tools.faults.real_trials import (
     LONGER_THAN_A_LEASE_S,
@@ -19,8 +20,8 @@ from armadico_tools.faults.real_trials import (
     on_host,
     phase,
 )
-from armadico_tools.faults.testbed import WATCHER
-from armadico_tools.hosts.switch import Faults, Link
+from armadico_tools.hosts.switch import Link
+from armadico_tools.testbed import WATCHER
 
 LASTS_S: Final = 3.0
 """How long links are out."""
@@ -125,7 +126,7 @@ def _between_hosts(society: RealSociety) -> list[Link]:
     return [link for link in network_of(society).network.switch.links() if WATCHER not in link]
 
 
-def _bad_links(society: RealSociety, kind: str, faults: Faults) -> float:
+def _bad_links(society: RealSociety, kind: str, faults: LinkFaults) -> float:
     """Have all links between hosts bad for a while; the share of cycles with somebody obeyed."""
     network, account = network_of(society).network, society.account
     links = _between_hosts(society)
@@ -148,7 +149,7 @@ def _heal(society: RealSociety, kind: str) -> float:
 def round_trip_100(society: RealSociety, rng: random.Random) -> dict[str, float]:
     """100 ms there and back, give or take 20: the robot drives on."""
     phase(society, rng)
-    share = _bad_links(society, "delay", Faults(delay=0.05, jitter=0.01))
+    share = _bad_links(society, "delay", LinkFaults(delay=0.05, jitter=0.01))
     if share < DRIVES_ON:
         raise TrialError(f"somebody was obeyed in {share:.0%} of the cycles only")
     return {"obeyed %": round(100 * share, 1), "drives": _heal(society, "delay")}
@@ -158,7 +159,7 @@ def one_way_300(society: RealSociety, rng: random.Random) -> dict[str, float]:
     """300 ms each way: the robot stands, and its agent says why."""
     phase(society, rng)
     begun = society.now()
-    share = _bad_links(society, "delay", Faults(delay=0.3))
+    share = _bad_links(society, "delay", LinkFaults(delay=0.3))
     said = [log.text for at, log in society.account.logs if at >= begun]
     why = [text for text in said if "too old" in text or "no valid command" in text]
     if share > 1.0 - DRIVES_ON or not why:
@@ -169,7 +170,7 @@ def one_way_300(society: RealSociety, rng: random.Random) -> dict[str, float]:
 def loss_20(society: RealSociety, rng: random.Random) -> dict[str, float]:
     """A fifth of all cycles on the wire lost; TCP sends them again, and everything comes late."""
     phase(society, rng)
-    share = _bad_links(society, "drop", Faults(loss=0.2))
+    share = _bad_links(society, "drop", LinkFaults(loss=0.2))
     return {"obeyed %": round(100 * share, 1), "drives": _heal(society, "drop")}
 
 

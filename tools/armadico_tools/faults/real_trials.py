@@ -16,7 +16,7 @@ from typing import Final
 from armadico.bridge.p2os.commands import Cmd
 from armadico_tools.faults.real_society import RealSociety, TrialError
 from armadico_tools.faults.serial_tap import moves
-from armadico_tools.faults.testbed import Namespaces
+from armadico_tools.testbed import Namespaces
 
 TWIN: Final = "goto-2"
 """A second instance of goto: it bids as the first does, and as good is not better, so it waits."""

@@ -1,66 +1,49 @@
-"""What happens in the demo, as one can tell it from a watcher's news (sans-IO)."""
+"""What happens in the demo, as one can tell it from what an observer hears (sans-IO)."""
 
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass, field
 
-from armadico.observe.watching import agent_of
-from armadico_tools.hosts import events
+from armadico.core.messages import Card, Command, MissionStatus
+from armadico.observe.watching import Heard, Presence, agent_of, read_or_none
+from armadico_tools.faults.event_log import Account
+from armadico_tools.faults.observations import Said
 
 FRESH_S = 1.0
 """A bid that was told longer ago says nothing of now."""
 
 
-@dataclass(frozen=True)
-class Takeover:
-    """Who was obeyed next, and how long after the last command of who drove before."""
+class Story(Account):
+    """What an onlooker sees of any society, and where its instances are; times are s."""
 
-    instance: str
-    seconds: float
-    cycles: int
+    def __init__(self) -> None:
+        super().__init__()
+        self.homes: dict[str, str] = {}  # the host of an instance
+        self._way = self._to_go = 0.0  # the longest that was to go, and what is, m
 
-
-@dataclass
-class Story:
-    """Takes news in the order in which they come."""
-
-    now: float = 0.0
-    holder: str = ""
-    number: int = 0  # of the newest cycle
-    speed: float = 0.0
-    there: dict[str, float] = field(default_factory=dict)  # instances, and since when
-    homes: dict[str, str] = field(default_factory=dict)  # the host of an instance
-    to_go: float | None = None
-    way: float = 0.0  # the longest that was to go
-    reached: bool = False
-    _bids: dict[str, events.Bidding] = field(default_factory=dict)
-    _commands: dict[str, events.Commanded] = field(default_factory=dict)
-    _first: dict[tuple[str, int], events.Commanded] = field(default_factory=dict)
-    _cycles: list[events.Cycle] = field(default_factory=list)
-
-    def take(self, each: events.News) -> None:
-        """Take one thing."""
-        if isinstance(each, events.Home):
-            self.homes[each.instance] = each.host
+    def hear(self, item: Heard | Presence) -> None:
+        """Take one thing, in the order in which they came."""
+        at = item.at / 1e9
+        if isinstance(item, Presence):
+            self.token(at, item.instance, item.there)
             return
-        self.now = max(self.now, each.at)
-        if isinstance(each, events.Cycle):
-            self.holder, self.number, self.speed = each.holder, each.number, each.v
-            self._cycles.append(each)
-        elif isinstance(each, events.Commanded):
-            self._commands[each.instance] = each
-            self._first[each.instance, each.number] = each
-        elif isinstance(each, events.Token):
-            if each.there:
-                self.there.setdefault(each.instance, each.at)
-            else:
-                self.there.pop(each.instance, None)
-        elif isinstance(each, events.Bidding):
-            self._bids[each.instance] = each
-        elif isinstance(each, events.Mission):
-            self.to_go, self.reached = each.to_go, each.state == "reached"
-            self.way = max(self.way, each.to_go)
+        message = read_or_none(item)
+        if isinstance(message, Card):
+            self.homes[message.instance] = message.host
+        elif message is not None:
+            self.take(Said(at, message))
+        if isinstance(message, MissionStatus):
+            self._to_go, self._way = message.to_go, max(self._way, message.to_go)
+
+    @property
+    def driver(self) -> str:
+        """The instance that is obeyed now; empty if nobody is."""
+        return self.holder if self.obeyed_lately() else ""
+
+    @property
+    def speed(self) -> float:
+        """The robot's, m/s."""
+        return float(self.ack.measured[0]) if self.ack and self.ack.measured else 0.0
 
     def name(self, instance: str) -> str:
         """An instance for people: `avoid on lab1`."""
@@ -79,31 +62,19 @@ class Story:
             if name not in self.on(host)
         ]
 
-    def standing_by(self, host: str) -> list[events.Bidding]:
-        """Those on other hosts who would drive at this moment."""
-        return [
-            bid
-            for who, bid in self._bids.items()
-            if bid.utility and self.homes.get(who) != host and self.now - bid.at <= FRESH_S
-        ]
+    def standing_by(self, host: str) -> dict[str, float]:
+        """Those on other hosts who would drive at this moment, and their utilities."""
+        return {
+            who: history.bids[-1].utility or 0.0
+            for who, (_, history) in self.bids.items()
+            if self.homes.get(who) != host and self.bids_now(who, FRESH_S)
+        }
 
     def done(self) -> float:
         """The share of the way that is behind the robot, 0 to 1."""
-        if self.to_go is None or self.way <= 0.0:
-            return 0.0
-        return 1.0 - self.to_go / self.way
+        return 1.0 - self._to_go / self._way if self._way > 0.0 else 0.0
 
-    def last_command(self, host: str) -> events.Commanded | None:
-        """The last that anybody on a host commanded."""
-        heard = [c for who, c in self._commands.items() if self.homes.get(who) == host]
-        return max(heard, key=lambda each: each.at, default=None)
-
-    def takeover(self, since: events.Commanded) -> Takeover | None:
-        """Who was obeyed next after somebody's last command; None if nobody is yet."""
-        for cycle in self._cycles:
-            if cycle.at <= since.at or cycle.holder in ("", since.instance):
-                continue
-            said = self._first.get((cycle.holder, cycle.obeyed))
-            if said is not None and said.at > since.at:
-                return Takeover(said.instance, said.at - since.at, said.number - since.number)
-        return None
+    def last_command(self, host: str) -> tuple[float, Command] | None:
+        """When anybody on a host commanded last, and what."""
+        heard = (at_what for at_what in reversed(self.commands))
+        return next((x for x in heard if self.homes.get(x[1].ballot.instance) == host), None)
