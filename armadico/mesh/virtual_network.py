@@ -36,11 +36,12 @@ class Link:
 
     @property
     def up(self) -> bool:
-        """Whether it is not cut; what else is wrong with it stays when that changes."""
+        """Whether it is not cut."""
         return not self.faults.cut
 
     @up.setter
     def up(self, up: bool) -> None:
+        """Cut it, or mend the cut; what else is wrong with it stays."""
         faults = replace(self.faults, cut=not up)
         self.faults = WHOLE if faults == WHOLE else faults
 

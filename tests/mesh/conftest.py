@@ -15,6 +15,7 @@ from armadico.mesh.ports import private_endpoints
 from armadico.mesh.topology import ENDPOINTS_VARIABLE, topology
 from armadico.mesh.zenoh import ZenohMesh
 from armadico.runtime.client import Client
+from tests.programs import starter
 
 TOY = Path(__file__).parent / "toy_process.py"
 NAMESPACE = "test"
@@ -47,17 +48,10 @@ def client(join: Callable[..., ZenohMesh]) -> Client:
 @pytest.fixture
 def spawn(endpoints: str) -> Iterator[Spawn]:
     """Start toy agents as processes on the mesh of this test."""
-    with ExitStack() as stack:
+    env = os.environ | {ENDPOINTS_VARIABLE: endpoints}
+    with starter([sys.executable, str(TOY)], env, stdout=None) as begin:
 
         def start(kind: str = "calm") -> subprocess.Popen[str]:
-            process = subprocess.Popen(
-                [sys.executable, str(TOY), kind, NAMESPACE],
-                env=os.environ | {ENDPOINTS_VARIABLE: endpoints},
-                stderr=subprocess.PIPE,
-                text=True,
-            )
-            stack.enter_context(process)
-            stack.callback(process.kill)
-            return process
+            return begin(kind, NAMESPACE)
 
         yield start

@@ -4,8 +4,6 @@ from __future__ import annotations
 
 import ast
 import json
-import subprocess
-import sys
 from importlib.util import find_spec
 from itertools import pairwise
 from math import hypot
@@ -25,6 +23,7 @@ from armadico_tools.experiments.histories import History
 from armadico_tools.experiments.table_5_3 import join
 from armadico_tools.experiments.tables import Column, compare, differences
 from armadico_tools.experiments.traces import Tick, exchanges_of, reigns_of, smoothness
+from tests.programs import heavy, imports_nothing
 
 SC1 = Cell("sc1 collaborative", "sc1", without=("gothrough",))
 FAST = Cell("sc1 fast", "sc1", controller="fast", without=("gothrough",))
@@ -255,17 +254,10 @@ def test_wrong_calls_are_told_what_is_right(words: list[str], says: str, tmp_pat
 
 
 def test_the_list_says_what_each_is_and_imports_nothing_heavy() -> None:
-    script = (
-        "import sys\nfrom armadico_tools.commands.experiment import main\n"
-        "main(['--list', '--json'])\n"
-        "heavy = {'numpy', 'scipy', 'matplotlib', 'msgspec', 'pymunk', 'rich'}\n"
-        "print(sorted(heavy & set(sys.modules)))"
-    )
-    done = subprocess.run(
-        [sys.executable, "-c", script], capture_output=True, text=True, timeout=60, check=True
-    )
-    listed, heavy = done.stdout.splitlines()
-    assert heavy == "[]"
+    among = {"numpy", "scipy", "matplotlib", "msgspec", "pymunk", "rich"}
+    done = heavy("armadico_tools.commands.experiment", ["--list", "--json"], among)
+    assert imports_nothing(done)
+    listed = done.stdout.splitlines()[0]
     found = json.loads(listed)
     assert list(found) == list(EXPERIMENTS)
     assert all(found.values())

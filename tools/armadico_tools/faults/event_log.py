@@ -12,6 +12,8 @@ from collections.abc import Callable, Container, Iterator
 from itertools import pairwise
 from typing import Final, TypeVar
 
+from msgspec.structs import replace
+
 from armadico.core.cycles import PERIOD
 from armadico.core.messages import (
     Ack,
@@ -32,11 +34,9 @@ from armadico.observe.watching import agent_of
 from armadico_tools.faults.checker import Checker
 from armadico_tools.faults.observations import (
     Bids,
-    Faulted,
     Left,
     Observation,
     Ordered,
-    Passed,
     Said,
 )
 
@@ -96,7 +96,7 @@ class Account:
             self.orders.append((seen.at, seen))
             if self.deaf:
                 self._supply(seen)
-        self.checker.take(_at(self.now, seen))
+        self.checker.take(replace(seen, at=self.now))
 
     def _supply(self, order: Ordered) -> None:
         """Have been commanded what is ordered: when it is to stop is still looked at."""
@@ -252,16 +252,3 @@ def _first(kept: Timed[T], since: float, wanted: Callable[[T], bool]) -> float |
 
 def _rests(truth: Truth) -> bool:
     return abs(truth.v) < REST_M_S and abs(truth.w) < REST_RAD_S
-
-
-def _at(at: float, seen: Observation) -> Observation:
-    """The same, seen at another time."""
-    if isinstance(seen, Ordered):
-        return Ordered(at, seen.v, seen.w)
-    if isinstance(seen, Faulted):
-        return Faulted(at, seen.kind, seen.whom, seen.began)
-    if isinstance(seen, Left):
-        return Left(at, seen.instance)
-    if isinstance(seen, Passed):
-        return Passed(at)
-    return seen

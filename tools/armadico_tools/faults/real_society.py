@@ -9,8 +9,8 @@ import signal
 import subprocess
 import time
 from collections import deque
-from collections.abc import Callable, Iterable, Mapping, Sequence
-from contextlib import suppress
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from contextlib import contextmanager, suppress
 from dataclasses import dataclass, field
 from math import radians
 from typing import Final, Self, TypeVar
@@ -233,17 +233,21 @@ class RealSociety:
         self.count += 1
         return label
 
-    def fault(self, kind: str, whom: Sequence[str], *, began: bool) -> None:
-        """Tell the checker that a fault begins or ends.
+    @contextmanager
+    def fault(self, kind: str, *whom: str) -> Iterator[None]:
+        """Tell the checker that a fault begins, and in the end that it is over.
 
         Where links are cut the onlooker may hear less than the robot until all are back.
         """
+        for began in (True, False):
 
-        def note(at: float) -> None:
-            self.account.deaf = began and kind == "partition"
-            self.account.take(Faulted(at, kind, tuple(whom), began))
+            def note(at: float, began: bool = began) -> None:
+                self.account.deaf = began and kind == "partition"
+                self.account.take(Faulted(at, kind, whom, began))
 
-        self._put(note)
+            self._put(note)
+            if began:
+                yield
 
     # Time ----------------------------------------------------------------------------------------
 
