@@ -136,7 +136,7 @@ def test_interrupted_it_keeps_and_tells_what_was_counted(
 
 def test_a_full_disk_is_one_line(tmp_path: Path) -> None:
     (tmp_path / series.SEEDS).symlink_to("/dev/full")
-    done = call("--seeds", "1", "--minutes", "0.2", "--jobs", "1", "--out", str(tmp_path))
+    done = call("faults", "--seeds", "1", "--minutes", "0.2", "--jobs", "1", "--out", str(tmp_path))
     assert done.returncode == 1
     assert "Traceback" not in done.stderr
     assert "No space left on device" in done.stderr.splitlines()[-1]
