@@ -18,7 +18,7 @@ LABORATORY: Final = "armadico-tools"
 
 EXAMPLES: Final = """\
   armadico run sc4              drive scenario 4 with everything on this machine
-  armadico ps                   who is there
+  armadico ps                   alive agents, and who holds what
   armadico goto 4 2 90          send the robot to x 4 m, y 2 m, heading 90 degrees
   armadico stop                 stop it
   armadico COMMAND --help       more about a command

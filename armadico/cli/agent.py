@@ -40,7 +40,7 @@ def main(argv: Sequence[str] | None = None) -> int:
 
 
 def _main(arguments: Sequence[str]) -> int:
-    made = _parser()
+    made = parser()
     args = made.parse_args(arguments)
     if args.list:
         _list(as_json=args.json)
@@ -51,7 +51,8 @@ def _main(arguments: Sequence[str]) -> int:
         return _serve(args)
 
 
-def _parser() -> argparse.ArgumentParser:
+def parser() -> argparse.ArgumentParser:
+    """The command's options."""
     made = options.parser(
         "armadico-agent",
         "Run an agent. It finds the others, and shares with them whatever it competes for. Several"

@@ -1,6 +1,6 @@
-"""Show a society live: maps, utilities and holders, speeds, who is there, and who says what.
+"""Show a society live: maps, utilities and holders, speeds, alive agents, who publishes what.
 
-One process that listens to the mesh; no agent feels whether it is there, slow or stopped.
+One process that subscribes to the mesh; no agent notices whether it runs, is slow or hangs.
 """
 
 from __future__ import annotations
@@ -50,7 +50,7 @@ EXAMPLES: Final = """\
 
 def main(argv: Sequence[str]) -> int:
     """Show what happens until Ctrl-C."""
-    args = _parser().parse_args(argv)
+    args = parser().parse_args(argv)
     namespaces = _namespaces(args)
     _check_installed()
     worlds = dict.fromkeys(namespaces, _world(args))
@@ -118,10 +118,11 @@ def _end(process: subprocess.Popen[str]) -> None:
         process.kill()
 
 
-def _parser() -> argparse.ArgumentParser:
+def parser() -> argparse.ArgumentParser:
+    """The command's options."""
     made = options.parser(
         "armadico dashboard",
-        "Show a society live: maps, utilities and holders, speeds, who is there, who says what."
+        "Show a society live: maps, utilities and holders, speeds, agents and what they publish."
         " Everything is served on this machine's loopback only.",
         EXAMPLES,
     )

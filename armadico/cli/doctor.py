@@ -1,4 +1,4 @@
-"""Check this machine and the mesh, and say what to do about what is wrong."""
+"""Check this machine and the mesh, and how to mend what is wrong."""
 
 from __future__ import annotations
 
@@ -47,15 +47,7 @@ class Finding:
 
 def main(argv: Sequence[str]) -> int:
     """Check; 1 if something is wrong."""
-    made = options.parser(
-        "armadico doctor",
-        "Check this machine and the mesh. A note is worth knowing, what is wrong keeps something"
-        " from working; then the exit code is 1.",
-        EXAMPLES,
-    )
-    made.add_argument("--json", action="store_true", help="a JSON array on stdout")
-    options.add_mesh_options(made)
-    args = made.parse_args(argv)
+    args = parser().parse_args(argv)
     findings = []
     for finding in examine(args):
         findings.append(finding)
@@ -67,6 +59,19 @@ def main(argv: Sequence[str]) -> int:
     else:
         print(f"\n{len(wrong)} of {len(findings)} are wrong" if wrong else "\nnothing is wrong")
     return options.FAILED if wrong else 0
+
+
+def parser() -> argparse.ArgumentParser:
+    """The command's options."""
+    made = options.parser(
+        "armadico doctor",
+        "Check this machine and the mesh. A note is worth knowing, what is wrong keeps something"
+        " from working; then the exit code is 1.",
+        EXAMPLES,
+    )
+    made.add_argument("--json", action="store_true", help="a JSON array on stdout")
+    options.add_mesh_options(made)
+    return made
 
 
 def examine(args: argparse.Namespace) -> Iterator[Finding]:
@@ -231,13 +236,13 @@ def mesh(args: argparse.Namespace) -> Generator[Finding, None, dict[str, float |
         return {}
     if not cards:
         todo = "armadico run sc1 starts some; --namespace and --connect say where to look"
-        yield Finding("mesh", NOTE, f"nobody is there in namespace {args.namespace!r}", todo)
+        yield Finding("mesh", NOTE, f"no agent is alive in namespace {args.namespace!r}", todo)
         return {}
     yield Finding("mesh", OK, f"{len(cards)} agents, {links} links")
     for (name, instance), card in cards.items():
         if card is None:
             todo = "it hangs, or this machine cannot reach it: look at it, restart it"
-            yield Finding(name, WRONG, f"{instance} is there and does not answer", todo)
+            yield Finding(name, WRONG, f"{instance} is alive and does not answer", todo)
         elif card.protocol != PROTOCOL:
             what = f"speaks protocol {card.protocol}, we speak {PROTOCOL}"
             yield Finding(name, WRONG, what, f"install the same armadico on {card.host}")

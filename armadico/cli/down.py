@@ -33,7 +33,7 @@ EXAMPLES: Final = """\
 
 def main(argv: Sequence[str]) -> int:
     """Have it end, and wait until it has; 0 also if there was nothing."""
-    args = _parser().parse_args(argv)
+    args = parser().parse_args(argv)
     from armadico.launch.pidfile import shares  # noqa: PLC0415 - not for --help
     from armadico.mesh.topology import checked_namespace  # noqa: PLC0415 - not for --help
 
@@ -76,7 +76,8 @@ def _end_orphans(namespace: str) -> list[str]:
     return ended
 
 
-def _parser() -> argparse.ArgumentParser:
+def parser() -> argparse.ArgumentParser:
+    """The command's options."""
     made = options.parser(
         "armadico down",
         "End what `armadico up` keeps up on this machine: the agents let go, the robot stops. Other"

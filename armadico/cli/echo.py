@@ -1,4 +1,4 @@
-"""Print what is said on the keys of a pattern, as it is said."""
+"""Print messages published on matching keys."""
 
 from __future__ import annotations
 
@@ -31,15 +31,7 @@ _CHUNK: Final = re.compile(r"\*\*|\*|(?:[^*$#?\s]|\$\*)+")
 
 def main(argv: Sequence[str]) -> int:
     """Print messages."""
-    made = options.parser(
-        "armadico echo",
-        "Print what is said on the keys of a pattern: * is any one part of a key, ** any number of"
-        " them. What is not a message of the table of services is shown as bytes.",
-        EXAMPLES,
-    )
-    add_pattern(made)
-    made.add_argument("--json", action="store_true", help="one JSON object a line, for programs")
-    args = made.parse_args(argv)
+    args = parser().parse_args(argv)
     mesh = options.join(args)
     from armadico.observe.watching import Heard, Watcher  # noqa: PLC0415 - not for --help
 
@@ -51,6 +43,19 @@ def main(argv: Sequence[str]) -> int:
             assert isinstance(item, Heard), "only messages were asked for"
             print(options.shown(_line(item, as_json=args.json)), flush=True)
     return 0
+
+
+def parser() -> argparse.ArgumentParser:
+    """The command's options."""
+    made = options.parser(
+        "armadico echo",
+        "Print messages published on matching keys: * matches one part of a key, ** any number of"
+        " them. What is no message of the table of services is shown as bytes.",
+        EXAMPLES,
+    )
+    add_pattern(made)
+    made.add_argument("--json", action="store_true", help="one JSON object a line, for programs")
+    return made
 
 
 def key_expression(text: str) -> str:
@@ -98,7 +103,7 @@ def add_pattern(made: argparse.ArgumentParser) -> None:
 
 def take(watcher: Watcher, args: argparse.Namespace) -> Heard | Any:
     """The next thing heard. Raises FailedError if nothing comes within ``--timeout``."""
-    what = f"nothing is said on {args.pattern}"
+    what = f"nothing is published on {args.pattern}"
     item = watcher.take(min(args.timeout or HINT_S, HINT_S))
     if item is None and args.timeout is None:
         note = f"armadico: {what} (namespace {args.namespace!r}); waiting, Ctrl-C ends it"

@@ -20,7 +20,7 @@ EXAMPLES = """\
 
 def main(argv: Sequence[str]) -> int:
     """Read a recording back."""
-    args = _parser().parse_args(argv)
+    args = parser().parse_args(argv)
     if not args.file.is_file():
         raise UsageError(f"{args.file}: no such file")
     if find_spec("mcap") is None:
@@ -37,7 +37,8 @@ def main(argv: Sequence[str]) -> int:
     return 0
 
 
-def _parser() -> argparse.ArgumentParser:
+def parser() -> argparse.ArgumentParser:
+    """The command's options."""
     made = options.parser(
         "armadico export",
         "Turn a recording of `armadico record` into something else. One that was cut short is read"

@@ -1,4 +1,4 @@
-"""Send the robot to a pose, and watch it go."""
+"""Send the robot to a pose, and follow it."""
 
 from __future__ import annotations
 
@@ -37,7 +37,7 @@ EXAMPLES: Final = """\
 
 def main(argv: Sequence[str]) -> int:
     """Send the robot to a pose."""
-    args = _parser().parse_args(argv)
+    args = parser().parse_args(argv)
     mesh = options.join(args)
     from armadico.runtime.client import Client  # noqa: PLC0415 - not for --help
 
@@ -52,7 +52,8 @@ def main(argv: Sequence[str]) -> int:
     return 0
 
 
-def _parser() -> argparse.ArgumentParser:
+def parser() -> argparse.ArgumentParser:
+    """The command's options."""
     made = options.parser(
         "armadico goto",
         "Send the robot to a pose in the world frame and wait until it is there. Ctrl-C ends the"

@@ -1,7 +1,8 @@
-"""Measure how often something is said on the keys of a pattern."""
+"""Measure the rates of messages on matching keys."""
 
 from __future__ import annotations
 
+import argparse
 import json
 import time
 from collections.abc import Sequence
@@ -24,17 +25,9 @@ EXAMPLES: Final = """\
 
 def main(argv: Sequence[str]) -> int:
     """Measure rates."""
-    made = options.parser(
-        "armadico hz",
-        "How often something is said, for each key: over the last 5 s, beside the rate that the"
-        " table of services promises, and the least, largest and usual gap between two messages.",
-        EXAMPLES,
-    )
-    add_pattern(made)
-    made.add_argument("--json", action="store_true", help="with -n: a JSON array on stdout")
-    args = made.parse_args(argv)
+    args = parser().parse_args(argv)
     if args.json and args.count is None:
-        made.error("--json needs -n N: how many messages to measure")
+        raise options.UsageError("--json needs -n N: how many messages to measure")
     mesh = options.join(args)
     from armadico.observe.watching import Rate, Watcher  # noqa: PLC0415 - not for --help
 
@@ -57,6 +50,19 @@ def main(argv: Sequence[str]) -> int:
     elif args.count is not None:
         _show(rates, now)
     return 0
+
+
+def parser() -> argparse.ArgumentParser:
+    """The command's options."""
+    made = options.parser(
+        "armadico hz",
+        "The rate of messages on each key: over the last 5 s, beside the rate that the"
+        " table of services promises, and the least, largest and usual gap between two messages.",
+        EXAMPLES,
+    )
+    add_pattern(made)
+    made.add_argument("--json", action="store_true", help="with -n: a JSON array on stdout")
+    return made
 
 
 def _row(key: str, rate: Rate, now: int) -> dict[str, Any]:

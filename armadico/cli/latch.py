@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import argparse
-from collections.abc import Sequence
 from typing import TYPE_CHECKING, Final
 
 from armadico.cli import options
@@ -17,8 +16,9 @@ TIMEOUT_S: Final = 5.0
 brakes for 3 s."""
 
 
-def latch(made: argparse.ArgumentParser, argv: Sequence[str], *, stopped: bool) -> int:
-    """Say it until the robot agent shows it; returns the exit code."""
+def parser(program: str, description: str, examples: str) -> argparse.ArgumentParser:
+    """The options of `armadico stop` and `armadico resume`."""
+    made = options.parser(program, description, examples)
     made.add_argument(
         "--timeout",
         type=seconds,
@@ -27,7 +27,11 @@ def latch(made: argparse.ArgumentParser, argv: Sequence[str], *, stopped: bool) 
         help=f"give up after this (default: {TIMEOUT_S:g} s)",
     )
     options.add_mesh_options(made)
-    args = made.parse_args(argv)
+    return made
+
+
+def latch(args: argparse.Namespace, *, stopped: bool) -> int:
+    """Publish it until the robot agent acknowledges it; returns the exit code."""
     mesh = options.join(args)
     from armadico.runtime.client import Client  # noqa: PLC0415 - not for --help
 

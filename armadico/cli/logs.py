@@ -1,4 +1,4 @@
-"""Read what the agents say to people: from now on, or what the last run left."""
+"""Read the agents' logs: from now on, or those of the last run."""
 
 from __future__ import annotations
 
@@ -33,17 +33,18 @@ EXAMPLES: Final = """\
 
 def main(argv: Sequence[str]) -> int:
     """Show log lines."""
-    args = _parser().parse_args(argv)
+    args = parser().parse_args(argv)
     if args.follow and args.folder is not None:
-        raise UsageError("--folder has what was written; -f follows what is said on the mesh")
+        raise UsageError("--folder has what was written; -f follows what is published")
     return _follow(args) if args.follow else _read(args)
 
 
-def _parser() -> argparse.ArgumentParser:
+def parser() -> argparse.ArgumentParser:
+    """The command's options."""
     made = options.parser(
         "armadico logs",
-        "What the agents say to people. Log lines are events: nobody keeps them, so -f shows what"
-        " is said from now on. Without -f it reads what the processes of a run on this machine"
+        "The agents' logs. Log lines are events: nobody keeps them, so -f shows what"
+        " is logged from now on. Without -f it reads what the processes of a run on this machine"
         " wrote. `armadico record` keeps everything.",
         EXAMPLES,
     )
@@ -119,8 +120,8 @@ def _newest() -> Path:
     folders = [folder for folder in there if folder.is_dir() and any(folder.glob("*.log"))]
     if not folders:
         raise FailedError(
-            "no run on this machine left its logs, and what was said on the mesh is not kept;"
-            " `armadico logs -f` shows what is said from now on, `armadico record` keeps it"
+            "no run on this machine left its logs, and what was published is not kept;"
+            " `armadico logs -f` shows what is logged from now on, `armadico record` keeps it"
         )
     return max(folders, key=lambda folder: folder.stat().st_mtime)
 

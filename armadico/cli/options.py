@@ -85,6 +85,7 @@ def parser(program: str, description: str, examples: str) -> argparse.ArgumentPa
         description=description,
         epilog="examples:\n" + examples,
         formatter_class=argparse.RawDescriptionHelpFormatter,
+        allow_abbrev=False,  # --seed is not --seeds, and a typing error is no other option
     )
     made.add_argument("--version", action="version", version=f"armadico {version()}")
     return made
@@ -198,8 +199,8 @@ def look_inside(program: str) -> None:
 def nobody(args: argparse.Namespace, what: str) -> FailedError:
     """What to say when nobody is there to do it."""
     return FailedError(
-        f"{what} (namespace {args.namespace!r}); `armadico ps` shows who is there, --namespace and"
-        " --connect say where to look"
+        f"{what} (namespace {args.namespace!r}); `armadico ps` lists alive agents; --namespace and"
+        " --connect choose where to look"
     )
 
 

@@ -1,4 +1,4 @@
-"""Show who is there, what they offer and hold, and what each host lacks.
+"""List alive agents: services, held resources, and agents missing on each host.
 
 Nobody keeps a list: everybody is asked for their card.
 """
@@ -32,7 +32,7 @@ Cards = Mapping[tuple[str, str], "Card | None"]
 
 def main(argv: Sequence[str]) -> int:
     """Show the agents that are there; 1 if nobody is, or the host asked for lacks somebody."""
-    args = _parser().parse_args(argv)
+    args = parser().parse_args(argv)
     where = _place(args)
     wanted = _wanted(args, where)
     mesh = options.join_at(args, where)
@@ -59,7 +59,8 @@ def main(argv: Sequence[str]) -> int:
     return 0 if cards else options.FAILED
 
 
-def _parser() -> argparse.ArgumentParser:
+def parser() -> argparse.ArgumentParser:
+    """The command's options."""
     made = options.parser(
         "armadico ps",
         "Who is there: from liveliness tokens, and the card that each agent gives when asked. With"
@@ -161,7 +162,7 @@ def _show(
         return [Text(options.shown(text)) for text in texts]  # no markup, whatever they say
 
     if not cards:
-        print(f"nobody is there in namespace {args.namespace!r}")
+        print(f"no agent is alive in namespace {args.namespace!r}")
     table = Table(box=None, header_style="bold", pad_edge=False)
     for title in ("HOST", "AGENT", "INSTANCE", "PID", "VERSION", "PROVIDES", "SHARES", "HOLDS"):
         table.add_column(title, overflow="fold")

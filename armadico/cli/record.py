@@ -1,4 +1,4 @@
-"""Keep everything that is said in an MCAP file, for Foxglove, `armadico export` or later."""
+"""Record all messages to an MCAP file, for Foxglove or `armadico export`."""
 
 from __future__ import annotations
 
@@ -35,7 +35,7 @@ EXAMPLES: Final = """\
 
 def main(argv: Sequence[str]) -> int:
     """Record until Ctrl-C."""
-    args = _parser().parse_args(argv)
+    args = parser().parse_args(argv)
     _check(args)
     namespaces = args.namespaces or [args.namespace]
     meshes = join_each(args, namespaces)
@@ -49,14 +49,15 @@ def main(argv: Sequence[str]) -> int:
             _record(args, namespaces, meshes)
         except FileExistsError as error:
             raise FailedError(
-                f"{error.filename} is there already; name another file, or say --force"
+                f"{error.filename} exists already; name another file, or use --force"
             ) from None
         except OSError as error:
             raise FailedError(f"cannot write {args.file}: {error.strerror or error}") from None
     return 0
 
 
-def _parser() -> argparse.ArgumentParser:
+def parser() -> argparse.ArgumentParser:
+    """The command's options."""
     made = options.parser(
         "armadico record",
         "Keep every message of one or more robots in an MCAP file, with who was there, their cards"
@@ -69,7 +70,7 @@ def _parser() -> argparse.ArgumentParser:
         "--max-size", type=float, metavar="MB", help="go on in another file when one is so large"
     )
     made.add_argument("--duration", type=float, metavar="S", help="stop after so long")
-    made.add_argument("--force", action="store_true", help="replace a file that is there already")
+    made.add_argument("--force", action="store_true", help="replace a file that exists")
     made.add_argument("--quiet", action="store_true", help="no progress")
     options.add_mesh_options(made)
     default = made.get_default("namespace")
@@ -155,7 +156,7 @@ def _remark(recording: Recording, watcher: Watcher, begun: float) -> str:
         f"{recording.path.name}: {elapsed:.1f} s",
         f"{recording.messages} messages",
         f"{recording.size / MEGABYTE:.2f} MB",
-        f"{len(recording.there)} agents" if recording.there else "nobody is there",
+        f"{len(recording.there)} agents" if recording.there else "no agent is alive",
     ]
     if recording.files > 1:
         parts.insert(1, f"{recording.files} files")

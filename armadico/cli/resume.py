@@ -2,11 +2,11 @@
 
 from __future__ import annotations
 
+import argparse
 from collections.abc import Sequence
 from typing import Final
 
-from armadico.cli import options
-from armadico.cli.latch import latch
+from armadico.cli import latch
 
 EXAMPLES: Final = """\
   armadico resume                       after `armadico stop`
@@ -16,7 +16,11 @@ EXAMPLES: Final = """\
 
 def main(argv: Sequence[str]) -> int:
     """Release the stop, and let the agents drive again."""
-    made = options.parser(
+    return latch.latch(parser().parse_args(argv), stopped=False)
+
+
+def parser() -> argparse.ArgumentParser:
+    """The command's options."""
+    return latch.parser(
         "armadico resume", "Release the stop, and let the agents drive again.", EXAMPLES
     )
-    return latch(made, argv, stopped=False)

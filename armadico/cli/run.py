@@ -60,7 +60,7 @@ EXAMPLES: Final = """\
 
 def main(argv: Sequence[str]) -> int:
     """Drive; 0 only if the goal was reached without a collision, in every run."""
-    args = _parser().parse_args(argv)
+    args = parser().parse_args(argv)
     scenario = _scenario(args)
     seeds = _seeds(args, scenario)
     for seed in seeds if args.plot is not None else ():
@@ -73,7 +73,8 @@ def main(argv: Sequence[str]) -> int:
     return 0 if all(result.passed for result in results) else options.FAILED
 
 
-def _parser() -> argparse.ArgumentParser:
+def parser() -> argparse.ArgumentParser:
+    """The command's options."""
     made = options.parser(
         "armadico run",
         "Drive one scenario and measure it. Live: simulator, robot agent and every agent are"

@@ -32,7 +32,7 @@ EXAMPLES: Final = """\
 
 def main(argv: Sequence[str]) -> int:
     """Simulate until interrupted."""
-    args = _parser().parse_args(argv)
+    args = parser().parse_args(argv)
     mesh = options.join(args)
     robot = _robot(_scenario(args), args.seed)
     with ExitStack() as stack:
@@ -44,7 +44,8 @@ def main(argv: Sequence[str]) -> int:
     return 0
 
 
-def _parser() -> argparse.ArgumentParser:
+def parser() -> argparse.ArgumentParser:
+    """The command's options."""
     made = options.parser(
         "armadico sim",
         "A simulated Pioneer in real time. It speaks P2OS, and tells watchers the truth on"

@@ -2,11 +2,11 @@
 
 from __future__ import annotations
 
+import argparse
 from collections.abc import Sequence
 from typing import Final
 
-from armadico.cli import options
-from armadico.cli.latch import latch
+from armadico.cli import latch
 
 EXAMPLES: Final = """\
   armadico stop                       nobody drives it until `armadico resume`
@@ -16,9 +16,13 @@ EXAMPLES: Final = """\
 
 def main(argv: Sequence[str]) -> int:
     """Stop the robot; it stays stopped until `armadico resume`."""
-    made = options.parser(
+    return latch.latch(parser().parse_args(argv), stopped=True)
+
+
+def parser() -> argparse.ArgumentParser:
+    """The command's options."""
+    return latch.parser(
         "armadico stop",
         "Stop the robot, whoever drives it. It stays stopped until `armadico resume`.",
         EXAMPLES,
     )
-    return latch(made, argv, stopped=True)

@@ -1,4 +1,4 @@
-"""Watch the society live: who is there, who holds what, and whether promises are kept."""
+"""Watch the society live: alive agents, holders, rates and whether deadlines are met."""
 
 from __future__ import annotations
 
@@ -33,7 +33,7 @@ EXAMPLES: Final = """\
 
 def main(argv: Sequence[str]) -> int:
     """Watch."""
-    args = _parser().parse_args(argv)
+    args = parser().parse_args(argv)
     mesh = options.join(args)
     from armadico.observe.watching import Watcher  # noqa: PLC0415 - not for --help
 
@@ -53,11 +53,12 @@ def main(argv: Sequence[str]) -> int:
 
         Console().print(tables(snapshot))
     if not snapshot["agents"] and not snapshot["services"]:
-        raise options.nobody(args, "nobody is there")
+        raise options.nobody(args, "no agent is alive")
     return 0
 
 
-def _parser() -> argparse.ArgumentParser:
+def parser() -> argparse.ArgumentParser:
+    """The command's options."""
     made = options.parser(
         "armadico top",
         "Agents, hosts, the holder of each resource, and the measured rate of every key beside what"

@@ -38,7 +38,7 @@ EXAMPLES: Final = """\
 
 def main(argv: Sequence[str]) -> int:
     """Keep the share up until interrupted; 0 after SIGTERM, as `armadico down` sends it."""
-    args = _parser().parse_args(argv)
+    args = parser().parse_args(argv)
     where = _place(args)
     scenario = _scenario(args)
     with _signals() as received:
@@ -51,7 +51,8 @@ def main(argv: Sequence[str]) -> int:
     return 0
 
 
-def _parser() -> argparse.ArgumentParser:
+def parser() -> argparse.ArgumentParser:
+    """The command's options."""
     made = options.parser(
         "armadico up",
         "Start this machine's share of a society, as the host table has it, and keep it up: who"

@@ -27,6 +27,10 @@ from armadico.core.messages import COUNTS, JUMP, Latched, Stop, counts_beyond, n
 GIVE_BACK_S: Final = 0.1
 """Who remembers a newer one gives it back within this, unless somebody else was faster."""
 
+AGAIN_S: Final = (0.5, 1.0)
+"""Who has appeared is given it again so much later: once may be lost, and it cannot ask for what it
+does not know of."""
+
 DOUBT_S: Final = 1.0
 """So long a first counter that is far from 0 is in doubt, unless others count on from it."""
 
@@ -67,6 +71,7 @@ class Memory:
         self._rng = rng
         self._known: dict[type[Latched], Latched] = {}
         self._give_at: dict[type[Latched], float] = {}
+        self._again: deque[float] = deque()  # when all that is known is given again, s
         self._doubt: dict[type[Latched], float] = {}  # until when what is known is in doubt, s
         self._far: dict[type[Latched], _Far] = {}
         self._presses: deque[int] = deque(maxlen=PRESSES)
@@ -180,6 +185,8 @@ class Memory:
         """Somebody has appeared at a time, s: it is given all that is known."""
         for kind in self._known:
             self._give_back(kind, now)
+        if self._known:
+            self._again = deque(now + later for later in AGAIN_S)
 
     def _give_back(self, kind: type[Latched], now: float) -> None:
         at = max(now, self._doubt.get(kind, now))
@@ -187,6 +194,10 @@ class Memory:
 
     def due(self, now: float) -> list[Latched]:
         """What is to be published now, each once."""
+        while self._again and self._again[0] <= now:
+            self._again.popleft()
+            for kind in self._known:
+                self._give_back(kind, now)
         kinds = [kind for kind, at in self._give_at.items() if at <= now]
         for kind in kinds:
             self._said(kind)
@@ -195,4 +206,4 @@ class Memory:
     @property
     def wakeup(self) -> float | None:
         """When something is due next, s."""
-        return min(self._give_at.values()) if self._give_at else None
+        return min((*self._give_at.values(), *list(self._again)[:1]), default=None)

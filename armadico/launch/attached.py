@@ -59,7 +59,7 @@ class AttachedRun(LiveRun):
         if not self.client.wait_for(self._complete, self.come_s - SAY_S):
             raise RunFailedError(
                 f"not there within {time.monotonic() - began:.0f} s: {self._lacking()};"
-                " `armadico up` on its machine starts an agent, `armadico ps` shows who is there"
+                " `armadico up` on its machine starts an agent, `armadico ps` lists alive agents"
             )
         self._check_robot()
 

@@ -26,7 +26,7 @@ class HostState:
     def state(self) -> str:
         """For people: `up`, what it lacks, or that nobody is there."""
         if self.lacks and not self.agents:
-            return "nobody is there"
+            return "no agent is alive"
         if self.lacks:
             return f"lacks: {', '.join(self.lacks)}"
         return "up" if self.agents else "nothing is to run there"

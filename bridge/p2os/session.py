@@ -38,7 +38,8 @@ from armadico.config.profile import Limits, P2osUnits
 ASK_AGAIN_S = 0.2  # CONFIG and ENABLE are repeated this often,
 ASK_TIMES = 5  # this many times: packets get lost, and some robots never send a good CONFIGpac
 HANG_S = 1.5  # between two calls: the owner hung, and comes back to a robot that will lurch
-LATE_S = 0.1  # an owner that comes so much later than an open link's time-out hung, too
+LOOK_S = LINK_TIMEOUT_S / 2  # of an open link: so soon after a call the next is asked for,
+LATE_S = 0.1  # and an owner that comes so much later than that hung, too
 
 ZERO = command(Cmd.VEL, 0) + command(Cmd.RVEL, 0)
 
@@ -134,6 +135,8 @@ class Session:
     def next_wakeup(self) -> float | None:
         """When `tick` is due at the latest; None once closed."""
         times = [time for time in (self._deadline, self._ask_at) if time is not None]
+        if self.is_open:
+            times.append(self._now + LOOK_S)
         return min(times, default=None)
 
     def receive(self, data: bytes, now: float) -> list[Event]:
@@ -217,8 +220,9 @@ class Session:
     def _advance(self, now: float) -> None:
         """Note the time. After a hang, zero speeds go first and the time-out begins anew."""
         if self._deadline is not None:
-            late = self.is_open and now - self._deadline > LATE_S
-            if late or now - self._now > HANG_S:
+            # By what passed since the last call, not by the time-out: a hang may end just on it.
+            late = now - self._now > (LOOK_S + LATE_S if self.is_open else HANG_S)
+            if late:
                 self._out += ZERO
                 self._deadline = now + TIMEOUTS_S[self.state]
         self._now = now

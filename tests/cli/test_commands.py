@@ -87,3 +87,10 @@ def test_a_wrong_use_is_told_clearly_with_exit_code_2(command: tuple[str, ...], 
     assert done.returncode == 2, done.stderr
     assert says in done.stderr
     assert "Traceback" not in done.stderr
+
+
+def test_the_beginning_of_an_option_is_no_option() -> None:
+    """Else --seed would be --seeds: not that seed, but so many."""
+    done = run("armadico", "sim", "sc1", "--por", "1")
+    assert done.returncode == 2
+    assert "--por" in done.stderr

@@ -7,12 +7,12 @@ import csv
 import json
 import os
 import pty
+import re
 import signal
 import socket
 import subprocess
 import threading
 import time
-import xml.etree.ElementTree as ET
 from collections.abc import Callable, Iterator
 from contextlib import suppress
 from functools import partial
@@ -268,13 +268,14 @@ def test_top_shows_the_holder_on_a_terminal(environment: dict[str, str], society
         os.close(ours)
 
 
-def test_graph_draws_agents_and_keys(run: Run, society: Society, tmp_path: Path) -> None:
+def test_graph_draws_agents_and_keys(run: Run, society: Society) -> None:
     assert "resource/wheels/utility  goto -> -" in run("graph").stdout
     assert '"goto" -> "robot/cmd/*";' in run("graph", "--dot").stdout
-    path = tmp_path / "graph.svg"
-    assert run("graph", "--svg", str(path)).returncode == 0
-    texts = {node.text for node in ET.parse(path).iter() if node.tag.endswith("text")}
-    assert texts >= {"goto", "encoder/pose"}
+    drawn = run("graph", "--mermaid").stdout
+    assert drawn.startswith("flowchart LR")
+    found = {name: node for node, name in re.findall(r'(n\d+)\(?\[+"(.+?)"', drawn)}
+    assert f"{found['goto']} --> {found['robot/cmd/*']}" in drawn
+    assert "encoder/pose" in found
 
 
 def test_logs_follows_one_agent(run: Run, society: Society) -> None:
@@ -415,8 +416,8 @@ class Hostile:
         (("top", "--once", "--for", "1.5"), "[/nope]"),
         (("graph",), "[/nope]"),
         (("graph", "--dot"), "[/nope]"),
-        (("graph", "--svg"), "[/nope]"),
-        (("doctor",), "m-1 is there and does not answer"),
+        (("graph", "--mermaid"), "[/nope]"),
+        (("doctor",), "m-1 is alive and does not answer"),
         (("logs", "-f", "--timeout", "1"), "ERROR [/nope]"),
         (("echo", "**", "-n", "20"), "a/key/"),
         (("hz", "**", "-n", "20"), "a/key/"),
@@ -472,11 +473,11 @@ def test_a_hostile_name_does_not_end_the_live_view(environment: dict[str, str]) 
         (("echo", "**/**"), 2, "no key expression"),
         (("echo", "robot/state", "--namespace", "a*"), 2, "namespace"),
         (("echo", "robot/state", "-n", "0"), 2, "from 1"),
-        (("echo", "robot/state", "--timeout", "0.3"), 1, "nothing is said on robot/state"),
-        (("hz", "robot/state", "--timeout", "0.3"), 1, "nothing is said on robot/state"),
+        (("echo", "robot/state", "--timeout", "0.3"), 1, "nothing is published on robot/state"),
+        (("hz", "robot/state", "--timeout", "0.3"), 1, "nothing is published on robot/state"),
         (("hz", "robot/state", "--json"), 2, "-n N"),
-        (("top", "--once", "--for", "0.5"), 1, "nobody is there"),
-        (("graph",), 1, "nobody is there"),
+        (("top", "--once", "--for", "0.5"), 1, "no agent is alive"),
+        (("graph",), 1, "no agent is alive"),
         (("logs", "-f", "--folder", "x"), 2, "--folder"),
         (("logs", "--folder", "/no/such"), 2, "no such folder"),
         (("record", "run.bag"), 2, ".mcap"),

@@ -10,7 +10,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from hypothesis.stateful import RuleBasedStateMachine, initialize, invariant, precondition, rule
 
-from armadico.core.latched import DOUBT_S, GIVE_BACK_S, PRESSES, Memory
+from armadico.core.latched import AGAIN_S, DOUBT_S, GIVE_BACK_S, PRESSES, Memory
 from armadico.core.messages import (
     COUNTS,
     JUMP,
@@ -188,8 +188,28 @@ def test_nor_what_it_has_published_itself_or_heard_of_a_stop() -> None:
     memory.met(1.0)
     memory.note(Trajectory(5, 1, GOAL))
     memory.hear(Stop(7, False, "a", 1), 1.0)
-    assert memory.wakeup is None
-    assert memory.due(2.0) == []
+    assert memory.wakeup == 1.0 + AGAIN_S[0]
+    assert memory.due(1.0 + GIVE_BACK_S) == []
+
+
+def test_who_appears_is_given_it_again_for_once_may_be_lost() -> None:
+    memory = knowing(mission := Trajectory(4, 1, GOAL))
+    memory.met(1.0)
+    times = []
+    while (due := memory.wakeup) is not None:
+        times += [due for said in memory.due(due) if said == mission]
+    rounds = [1.0, *(1.0 + later for later in AGAIN_S)]
+    assert [0.0 <= at - since <= GIVE_BACK_S for at, since in zip(times, rounds, strict=True)]
+
+
+def test_each_time_by_the_fastest_alone() -> None:
+    memory = knowing(mission := Trajectory(4, 1, GOAL))
+    memory.met(1.0)
+    again = 1.0 + AGAIN_S[0]
+    memory.hear(mission, 1.0)
+    assert memory.due(again) in ([], [mission]), "what was heard before is not what is due now"
+    memory.hear(mission, again)
+    assert memory.due(again + GIVE_BACK_S) == []
 
 
 def test_news_is_to_be_acted_upon_and_what_is_older_is_none(memory: Memory) -> None:
@@ -214,7 +234,7 @@ def test_what_is_given_back_is_so_within_a_tenth_of_a_second(seed: int) -> None:
     assert 5.0 <= due <= 5.1
     assert memory.due(due - 1e-6) == []
     assert memory.due(due) == [Trajectory(4, 1, GOAL)]
-    assert memory.wakeup is None
+    assert memory.wakeup == 5.0 + AGAIN_S[0]
 
 
 @pytest.mark.parametrize("stopped", [False, True])
@@ -340,8 +360,7 @@ def test_what_nobody_contradicts_is_in_doubt_no_longer(memory: Memory, how: str)
 def test_who_appears_while_it_is_in_doubt_is_given_it_later(memory: Memory) -> None:
     memory.hear(origin(FAR[0]), 5.0)
     memory.met(5.2)
-    assert memory.wakeup is not None
-    assert memory.wakeup >= 5.0 + DOUBT_S
+    assert memory.due(5.0 + 0.99 * DOUBT_S) == []
     assert memory.due(5.0 + DOUBT_S + GIVE_BACK_S) == [origin(FAR[0])]
 
 

@@ -17,7 +17,7 @@ def test_each_host_says_what_it_has_and_what_it_lacks() -> None:
     wanted = {"robot": ("robot",), "lab1": ("encoder", "sonar"), "lab2": ("goto",), "lab4": ()}
     found = {host.name: host.state for host in census(cards, wanted, {})}
     assert found == {
-        "robot": "nobody is there",
+        "robot": "no agent is alive",
         "lab1": "lacks: sonar",
         "lab2": "up",
         "lab4": "nothing is to run there",

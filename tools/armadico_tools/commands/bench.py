@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import argparse
 import dataclasses
 import json
 import sys
@@ -26,18 +27,7 @@ EXAMPLES: Final = """\
 
 def main(argv: Sequence[str]) -> int:
     """Measure; figures go to stdout, progress to stderr."""
-    made = options.parser(
-        "armadico bench",
-        "Measure on this machine, on a mesh of its own that disturbs nobody. Each figure stands"
-        " beside a floor measured in the same run, in turns with it: on a shared machine the ratio"
-        " says more than the figure.",
-        EXAMPLES,
-    )
-    made.add_argument("names", nargs="*", metavar="NAME", help="which; see --list (default: all)")
-    made.add_argument("--quick", action="store_true", help="fewer repetitions")
-    made.add_argument("--json", action="store_true", help="a JSON array on stdout")
-    made.add_argument("--list", action="store_true", help="what can be measured")
-    args = made.parse_args(argv)
+    args = parser().parse_args(argv)
     chosen = _chosen(args.names)
     if args.list:
         _list(chosen, as_json=args.json)
@@ -51,6 +41,22 @@ def main(argv: Sequence[str]) -> int:
     else:
         _show(figures)
     return 0
+
+
+def parser() -> argparse.ArgumentParser:
+    """The command's options."""
+    made = options.parser(
+        "armadico bench",
+        "Measure on this machine, on a mesh of its own that disturbs nobody. Each figure stands"
+        " beside a floor measured in the same run, in turns with it: on a shared machine the ratio"
+        " says more than the figure.",
+        EXAMPLES,
+    )
+    made.add_argument("names", nargs="*", metavar="NAME", help="which; see --list (default: all)")
+    made.add_argument("--quick", action="store_true", help="fewer repetitions")
+    made.add_argument("--json", action="store_true", help="a JSON array on stdout")
+    made.add_argument("--list", action="store_true", help="what can be measured")
+    return made
 
 
 def _chosen(names: Sequence[str]) -> list[Benchmark]:

@@ -32,7 +32,7 @@ EXAMPLES: Final = """\
 
 def main(argv: Sequence[str]) -> int:
     """Run one experiment, or all of them."""
-    args = _parser().parse_args(argv)
+    args = parser().parse_args(argv)
     if args.list:
         return _list(as_json=args.json)
     _check(args)
@@ -44,7 +44,8 @@ def main(argv: Sequence[str]) -> int:
     return 0
 
 
-def _parser() -> argparse.ArgumentParser:
+def parser() -> argparse.ArgumentParser:
+    """The command's options."""
     made = options.parser(
         "armadico experiment",
         "Measure a table or figure of the thesis again, on the virtual mesh. What is finished is"

@@ -31,7 +31,7 @@ SHOWN: Final = 3
 
 def main(argv: Sequence[str]) -> int:
     """Go through them; exit code 1 if a promise can be broken."""
-    args = _parser().parse_args(argv)
+    args = parser().parse_args(argv)
     _check(args)
     options.look_inside("armadico explore")
     from armadico.cli import pool  # noqa: PLC0415 - not for --help
@@ -59,7 +59,8 @@ def main(argv: Sequence[str]) -> int:
     return 1 if summary.tests else 0
 
 
-def _parser() -> argparse.ArgumentParser:
+def parser() -> argparse.ArgumentParser:
+    """The command's options."""
     made = options.parser(
         "armadico explore",
         "Goes through every run of real contenders and a real owner in which at most so many things"

@@ -37,7 +37,7 @@ EXAMPLES: Final = """\
 
 def main(argv: Sequence[str]) -> int:
     """Run the seeds, or one case again."""
-    args = _parser().parse_args(argv)
+    args = parser().parse_args(argv)
     _check(args)
     if args.list:
         return _list(as_json=args.json)
@@ -47,7 +47,8 @@ def main(argv: Sequence[str]) -> int:
     return _series(args)
 
 
-def _parser() -> argparse.ArgumentParser:
+def parser() -> argparse.ArgumentParser:
+    """The command's options."""
     made = options.parser(
         "armadico faults",
         "The whole society drives shipped scenarios on the virtual mesh while faults befall it,"

@@ -25,7 +25,7 @@ EXAMPLES: Final = """\
 
 def main(argv: Sequence[str]) -> int:
     """Show it; the exit code is that of the run."""
-    args = _parser().parse_args(argv)
+    args = parser().parse_args(argv)
     from armadico.config.hosts import load_hosts  # noqa: PLC0415 - not for --help
     from armadico.config.scenarios import load_scenario  # noqa: PLC0415
     from armadico_tools.hosts.demo import demo  # noqa: PLC0415
@@ -53,7 +53,8 @@ def main(argv: Sequence[str]) -> int:
             raise FailedError(f"{error}\n{hosts.last_words()}") from None
 
 
-def _parser() -> argparse.ArgumentParser:
+def parser() -> argparse.ArgumentParser:
+    """The command's options."""
     made = options.parser(
         "armadico hosts-demo",
         "The four hosts of the shipped table `demo` as network namespaces on a switch of our own,"

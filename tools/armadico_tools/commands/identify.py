@@ -47,7 +47,7 @@ EXAMPLES: Final = """\
 
 def main(argv: Sequence[str]) -> int:
     """Identify; 0 if any log told anything."""
-    args = _checked(_parser().parse_args(argv))
+    args = _checked(parser().parse_args(argv))
     if args.simulate:
         return _simulate(args)
     if args.record:
@@ -55,7 +55,8 @@ def main(argv: Sequence[str]) -> int:
     return _identify(args)
 
 
-def _parser() -> argparse.ArgumentParser:
+def parser() -> argparse.ArgumentParser:
+    """The command's options."""
     made = options.parser("armadico identify", DESCRIPTION, EXAMPLES)
     made.add_argument("logs", nargs="*", type=Path, metavar="LOG", help="CSV files to identify")
     making = made.add_mutually_exclusive_group()

@@ -37,7 +37,7 @@ EXAMPLES: Final = """\
 
 def main(argv: Sequence[str]) -> int:
     """Make the trials; 1 if one failed, a promise was broken or an aim was missed."""
-    args = _parser().parse_args(argv)
+    args = parser().parse_args(argv)
     if args.trials < 1:
         raise UsageError(f"--trials {args.trials}: at least 1")
     from armadico.config.scenarios import load_scenario  # noqa: PLC0415 - not for --help
@@ -53,7 +53,8 @@ def main(argv: Sequence[str]) -> int:
     return _series(args, _chosen(args))
 
 
-def _parser() -> argparse.ArgumentParser:
+def parser() -> argparse.ArgumentParser:
+    """The command's options."""
     made = options.parser(
         "armadico trials",
         "Faults on real processes that drive a simulated robot: some are measured, and beside all"
