@@ -91,6 +91,6 @@ def test_a_wrong_use_is_told_clearly_with_exit_code_2(command: tuple[str, ...], 
 
 def test_the_beginning_of_an_option_is_no_option() -> None:
     """Else --seed would be --seeds: not that seed, but so many."""
-    done = run("armadico", "sim", "sc1", "--por", "1")
+    done = call("sim", "sc1", "--por", "1")
     assert done.returncode == 2
     assert "--por" in done.stderr

@@ -3,12 +3,13 @@
 from __future__ import annotations
 
 import argparse
-import signal
 from collections.abc import Sequence
+from functools import partial
 from typing import Final
 
 from armadico.cli import options
 from armadico.cli.options import FailedError, UsageError
+from armadico_tools.commands.common import end_in_order
 
 INSTEAD: Final = (
     "`make demo` shows the same four hosts as containers (an engine with Compose v2), and"
@@ -43,12 +44,11 @@ def main(argv: Sequence[str]) -> int:
     trouble = lacking()
     if trouble is not None:
         raise FailedError(f"{trouble}. Without it, {INSTEAD}")
-    for number in (signal.SIGTERM, signal.SIGHUP):  # as Ctrl-C: everything is taken down
-        signal.signal(number, signal.default_int_handler)
+    end_in_order()
     hosts = NamespaceHosts(args.scenario, seed=args.seed, links=links, cable=args.cable)
     with hosts:
         try:
-            return demo(hosts, args.scenario, _say)
+            return demo(hosts, args.scenario, partial(print, flush=True))
         except FailedError as error:
             raise FailedError(f"{error}\n{hosts.last_words()}") from None
 
@@ -78,7 +78,3 @@ def parser() -> argparse.ArgumentParser:
         "--cable", action="store_true", help="lab2 loses its network only, and keeps its processes"
     )
     return made
-
-
-def _say(text: str) -> None:
-    print(text, flush=True)
