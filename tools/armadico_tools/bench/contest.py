@@ -120,15 +120,12 @@ def _takeovers(seed: int, turns: int) -> list[int]:
         _join(mesh, TurnTaker, name, index)
     mesh.run(((turns + 2) * TURN_CYCLES - 1) * PERIOD)
     obeyed = [(at, ballot.instance) for ballot, at in robot.first_obeyed.items()]
-    return [
-        _first(obeyed, names[turn % len(names)], turn * TURN_CYCLES) - turn * TURN_CYCLES + 1
-        for turn in range(2, turns + 2)
-    ]
-
-
-def _first(obeyed: list[tuple[int, str]], name: str, since: int) -> int:
-    """The cycle, from `since` on, in which an agent was first obeyed."""
-    return next(at for at, who in obeyed if at >= since and who.startswith(name))
+    cycles = []
+    for turn in range(2, turns + 2):
+        since, name = turn * TURN_CYCLES, names[turn % len(names)]
+        first = next(at for at, who in obeyed if at >= since and who.startswith(name))
+        cycles.append(first - since + 1)
+    return cycles
 
 
 def _join(mesh: VirtualMesh, kind: type[Agent], name: str, place: float) -> None:

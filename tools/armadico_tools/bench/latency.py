@@ -172,7 +172,7 @@ def _measured(
         stack.enter_context(_society(f"tcp://127.0.0.1:{line.port}", together))
         taken = [watch.latencies, *(bare.latencies for bare in floors)]
         _await(taken, wanted, tell)
-        whole, *bare_ms = [_ms(values[WARM_UP:wanted]) for values in taken]
+        whole, *bare_ms = [[1e3 * s for s in values[WARM_UP:wanted]] for values in taken]
     names = (name, f"{name}-path")
     return [figure(each, "ms", whole, bare) for each, bare in zip(names, bare_ms, strict=True)]
 
@@ -188,10 +188,6 @@ def _await(taken: Sequence[Sequence[float]], wanted: int, tell: Tell) -> None:
         elif time.monotonic() - since > READY_S:
             raise TimeoutError(f"no motor command for {READY_S:.0f} s")
         time.sleep(0.2)
-
-
-def _ms(seconds: Sequence[float]) -> list[float]:
-    return [1e3 * s for s in seconds]
 
 
 @contextmanager

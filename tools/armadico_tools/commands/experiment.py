@@ -13,7 +13,7 @@ from typing import TYPE_CHECKING, Final
 from armadico.cli import options
 from armadico.cli.options import FailedError, UsageError
 from armadico.config.discovery import summary, unknown
-from armadico_tools.commands.common import add_jobs, add_json, add_out, at_least, say
+from armadico_tools.command_options import add_jobs, add_json, add_out, at_least, say
 from armadico_tools.experiments import EXPERIMENTS, FIRST_SEED, ON_REQUEST, RUNS, module
 
 if TYPE_CHECKING:

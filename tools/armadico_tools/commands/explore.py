@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Final
 from armadico.cli import options
 from armadico.cli.options import UsageError
 from armadico.config.discovery import unknown
-from armadico_tools.commands.common import add_jobs, add_json, at_least, over
+from armadico_tools.command_options import add_jobs, add_json, at_least, over
 
 if TYPE_CHECKING:
     from armadico_tools.explore.series import Summary
@@ -40,7 +40,7 @@ def main(argv: Sequence[str]) -> int:
     tasks = series.tasks(args.what, args.contenders, args.faults, args.cycles, kinds)
     summary, began = series.Summary(), time.monotonic()
 
-    complete = over(series.work, tasks, args, "setups", lambda _, found: summary.add(found))
+    complete = over(series.Task.run, tasks, args, "setups", lambda _, found: summary.add(found))
     _report(summary, args, time.monotonic() - began, complete=complete)
     if not complete:
         return options.INTERRUPTED

@@ -13,7 +13,7 @@ from armadico.cli import options
 from armadico.cli.options import FailedError, UsageError
 from armadico.config.discovery import unknown
 from armadico.config.errors import ConfigError
-from armadico_tools.commands.common import add_jobs, add_json, add_out, at_least, over, say
+from armadico_tools.command_options import add_jobs, add_json, add_out, at_least, over, say
 
 if TYPE_CHECKING:
     from rich.console import Console
@@ -159,7 +159,7 @@ def _series(args: argparse.Namespace) -> int:
         except OSError as error:
             raise FailedError(f"cannot count seeds in {ledger.path}: {error.strerror}") from None
 
-    complete = over(series.work, tasks, args, "seeds", done)
+    complete = over(series.Task.run, tasks, args, "seeds", done)
     commands = _commands(summary) if complete else []
     _report(summary, ledger, commands, as_json=args.json)
     if not complete:

@@ -9,7 +9,7 @@ from typing import Final
 
 from armadico.cli import options
 from armadico.cli.options import FailedError, UsageError
-from armadico_tools.commands.common import end_in_order
+from armadico_tools.command_options import end_in_order
 
 INSTEAD: Final = (
     "`make demo` shows the same four hosts as containers (an engine with Compose v2), and"

@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING, Any, Final
 
 from armadico.cli import options
 from armadico.cli.options import FailedError, UsageError
-from armadico_tools.commands.common import at_least, say
+from armadico_tools.command_options import at_least, say
 
 if TYPE_CHECKING:
     from armadico.bridge.p2os.transports import Transport

@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING, Any, Final
 from armadico.cli import options
 from armadico.cli.options import FailedError, UsageError
 from armadico.config.discovery import unknown
-from armadico_tools.commands.common import add_json, add_out, at_least, end_in_order, say
+from armadico_tools.command_options import add_json, add_out, at_least, end_in_order, say
 
 if TYPE_CHECKING:
     from armadico_tools.faults.checker import Violation

@@ -164,8 +164,7 @@ class Inflictor:
             self._down[name] += 1 if begins else -1
             self._settle(name)
 
-    def _interface_restart(self, fault: Fault, begins: bool) -> None:
-        self._crash(fault, begins)
+    _interface_restart = _crash
 
     def _robot_then_encoder(self, fault: Fault, begins: bool) -> None:
         """The encoder agent goes when the new robot agent has said its first cycles."""
@@ -263,11 +262,9 @@ class Inflictor:
             old = [item for item in self._said if item[0] > self._mesh.now - OLD_S]
             for index, item in enumerate(old):
                 late = fault.lasts + 0.05 + index * 1.5 / len(old)
-                self._mesh.call_at(self._mesh.now + late, self._say_again, item)
-
-    def _say_again(self, item: tuple[float, str, Message], _: Any) -> None:
-        """An old message arrives; nobody says it now, so no watcher is shown it."""
-        self._mesh.arrive(item[2], "robot", item[1])
+                # It arrives; nobody says it now, so no watcher is shown it.
+                arrives = partial(self._mesh.arrive, item[2], "robot", item[1])
+                self._mesh.call_at(self._mesh.now + late, lambda call, _: call(), arrives)
 
     def _keep(self, key: str, message: Message, now: float) -> None:
         self._said.append((now, key, message))

@@ -38,11 +38,6 @@ class Task:
         return run(case_of(self.seed, self.lasts, self.kinds))
 
 
-def work(task: Task) -> Outcome:
-    """One seed."""
-    return task.run()
-
-
 @dataclass
 class Summary:
     """Counts over the seeds that have been run."""

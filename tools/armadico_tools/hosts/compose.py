@@ -21,7 +21,7 @@ from typing import Final, Self
 
 from armadico.cli.options import FailedError, guarded
 from armadico.config.hosts import load_hosts
-from armadico_tools.commands.common import end_in_order
+from armadico_tools.command_options import end_in_order
 from armadico_tools.hosts.demo import demo
 
 FILE: Final = Path(__file__).resolve().parents[3] / "deploy" / "compose.yaml"
