@@ -42,25 +42,26 @@ def _dispatch(arguments: list[str]) -> int:
     try:
         found = find(COMMANDS, name)
     except UnknownNameError as error:
-        raise UnknownNameError(f"{error}{_more()}") from None
+        raise UnknownNameError("\n".join([str(error), *_more()])) from None
     command: Callable[[Sequence[str]], int] = found.load()
     return command(rest)
 
 
-def _more() -> str:
+def _more() -> list[str]:
     """Where there are more commands, if they are not here."""
     if any(found.package == LABORATORY for found in installed(COMMANDS).values()):
-        return ""
-    return f"\n{LABORATORY} has more: experiments, faults, trials, benchmarks, demos"
+        return []
+    return [f"{LABORATORY} has more: experiments, faults, trials, benchmarks, demos"]
 
 
 def _help() -> str:
     commands = installed(COMMANDS)
     width = max(map(len, commands), default=0) + 2
     rows = "\n".join(f"  {name:<{width}}{found.summary}" for name, found in commands.items())
+    more = "".join(f"\n{line}\n" for line in _more())
     return (
         "usage: armadico COMMAND [OPTION]...\n\n"
         "One robot, many agents, nobody in charge.\n\n"
-        f"commands:\n{rows}\n{_more()}\nexamples:\n{EXAMPLES}\n"
+        f"commands:\n{rows}\n{more}\nexamples:\n{EXAMPLES}\n"
         "`armadico --version` says which one this is; `armadico-agent --help` starts one agent.\n"
     )
