@@ -27,9 +27,8 @@ class Rows(Generic[R]):
         self.path = path
         self._kind = kind
         path.parent.mkdir(parents=True, exist_ok=True)
-        if path.is_file() and not path.read_bytes().endswith(b"\n"):
-            with path.open("a", encoding="utf-8") as file:
-                file.write("\n")  # or the next row would be lost with the one that was cut off
+        if path.is_file() and not (data := path.read_bytes()).endswith(b"\n"):
+            path.write_bytes(data[: data.rfind(b"\n") + 1])  # the next row is not to end this one
 
     def read(self) -> list[R]:
         """What is there, in the order in which it was written."""
@@ -79,9 +78,11 @@ def _cells(row: Struct) -> Iterable[object]:
 
 
 def plain(value: object) -> object:
-    """A value as it stands in a CSV: nothing for None, 0 and 1 for truth values."""
+    """A value as it stands in a CSV: nothing for None, 0 and 1 for truth values, text in a line."""
     if value is None:
         return ""
+    if isinstance(value, str):
+        return " ".join(value.splitlines())
     return int(value) if isinstance(value, bool) else value
 
 
