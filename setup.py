@@ -25,11 +25,11 @@ COMPILED = (
     ),
     *("armadico/core/coordination", "armadico/core/cycles", "armadico/core/exchange"),
     *("armadico/core/resources", "armadico/core/services", "armadico/core/geometry"),
-    *("armadico/mesh/virtual", "armadico/mesh/virtual_network", "armadico/mesh/virtual_node"),
-    *("armadico/mesh/virtual_liveliness", "armadico/mesh/virtual_queries"),
+    *("armadico/core/motion", "armadico/core/route", "armadico/core/safety"),
+    "armadico/core/swept_path",
+    *("armadico/mesh/virtual", "armadico/mesh/virtual_network", "armadico/mesh/virtual_session"),
     *("agents/methods/geometry", "agents/methods/free_heading", "agents/methods/local_map"),
-    *("agents/methods/motion", "agents/methods/route", "agents/methods/safety"),
-    *("agents/methods/swept_path", "bridge/reflex", "bridge/p2os/packets"),
+    *("bridge/reflex", "bridge/p2os/packets"),
 )
 """What a virtual second goes into, and `bridge/simulator`. Agents are not: everybody's are Python.
 Nor is what declares types for msgspec: it reads them as they are written, and mypyc drops that."""

@@ -6,24 +6,24 @@ from collections.abc import Sequence
 from math import atan2, copysign, cos, hypot, inf, pi, radians, sin
 from typing import Any, Literal, NamedTuple
 
-from armadico.agents.methods.behaviour import Behaviour
 from armadico.agents.methods.free_heading import open_heading
-from armadico.agents.methods.safety import (
+from armadico.agents.methods.thesis_avoid import NonNegative, Positive, ZoneParameters, literal
+from armadico.agents.methods.utility import ramp_down
+from armadico.core import agent
+from armadico.core.behaviour import Behaviour
+from armadico.core.exchange import Bid
+from armadico.core.geometry import wrap
+from armadico.core.messages import Obstacles, Point, Pose, RobotState
+from armadico.core.parameters import TURN_MARGIN_M, Safety
+from armadico.core.resources import WHEELS
+from armadico.core.safety import (
     ON_THE_SPOT_M_S,
     Scene,
     corner_cut,
     critical,
     limit,
 )
-from armadico.agents.methods.settings import TURN_MARGIN_M, Safety
-from armadico.agents.methods.swept_path import free_path, free_turn
-from armadico.agents.methods.thesis_avoid import NonNegative, Positive, ZoneParameters, literal
-from armadico.agents.methods.utility import ramp_down
-from armadico.core import agent
-from armadico.core.exchange import Bid
-from armadico.core.geometry import wrap
-from armadico.core.messages import Obstacles, Point, Pose, RobotState
-from armadico.core.resources import WHEELS
+from armadico.core.swept_path import free_path, free_turn
 
 FLANKS = ((1.0, 0.0), (0.5, 0.2), (0.2, 0.5), (0.0, 0.8))
 """Shares of the flank that is kept beside the body, and what a tight fit costs, rad."""

@@ -36,6 +36,10 @@ NEAR_M, NEAR_RAD = 0.3, 0.5
 """that is, within this."""
 
 
+NOWHERE_M = 2e5
+"""A place beyond this is nobody's: what led there was not true, and the parameters count again."""
+
+
 class Parameters(agent.Parameters, frozen=True, kw_only=True):
     """Where the robot stands in the world when nobody remembers where it is: m, m, rad."""
 
@@ -113,6 +117,8 @@ class Encoder(Agent):
 
     def _begin(self, place: Pose2, odometry: Pose2, epoch: int, counter: int) -> Origin:
         """The origin by which the robot is at a place in the world now."""
+        if max(map(abs, place[:2])) > NOWHERE_M:
+            place = (self.p.x, self.p.y, self.p.theta)
         origin = compose(place, relative(odometry, (0.0, 0.0, 0.0)))
         return Origin(counter, self._id, epoch, *origin, *odometry)
 

@@ -7,16 +7,16 @@ from typing import Annotated, Any, Literal
 
 from msgspec import Meta
 
-from armadico.agents.methods.behaviour import Behaviour
 from armadico.agents.methods.controllers import ahead_of
 from armadico.agents.methods.geometry import clip
-from armadico.agents.methods.safety import corner_cut, limit
-from armadico.agents.methods.settings import Safety
 from armadico.agents.methods.utility import ramp_down
 from armadico.core import agent
+from armadico.core.behaviour import Behaviour
 from armadico.core.exchange import Bid
 from armadico.core.messages import Obstacles, Point, Pose, Waypoint
+from armadico.core.parameters import Safety
 from armadico.core.resources import WHEELS
+from armadico.core.safety import corner_cut, limit
 
 Positive = Annotated[float, Meta(gt=0, le=10)]
 

@@ -8,17 +8,17 @@ from typing import Annotated, Any, Literal
 from msgspec import Meta
 from msgspec.structs import replace
 
-from armadico.agents.methods.behaviour import Behaviour
 from armadico.agents.methods.controllers import SETTINGS, Controller, Law, Mode, Settings
-from armadico.agents.methods.motion import Body
-from armadico.agents.methods.safety import corner_cut
-from armadico.agents.methods.settings import Safety
 from armadico.agents.methods.utility import ramp_down
 from armadico.core import agent
+from armadico.core.behaviour import Behaviour
 from armadico.core.exchange import Bid
 from armadico.core.geometry import wrap
 from armadico.core.messages import Obstacles, Pose, Waypoint
+from armadico.core.motion import Body
+from armadico.core.parameters import Safety
 from armadico.core.resources import WHEELS
+from armadico.core.safety import corner_cut
 
 Speed = Annotated[float, Meta(gt=0, le=10)]
 Metres = Annotated[float, Meta(gt=0, le=10)]

@@ -8,7 +8,6 @@ from typing import Annotated, Any, ClassVar
 from msgspec import Meta
 from msgspec.structs import replace
 
-from armadico.agents.methods.route import Route
 from armadico.core import agent
 from armadico.core.agent import WARNING, Agent, Question
 from armadico.core.geometry import wrap
@@ -31,6 +30,7 @@ from armadico.core.messages import (
     line,
     next_count,
 )
+from armadico.core.route import Route
 
 
 class Parameters(agent.Parameters, frozen=True, kw_only=True):

@@ -12,7 +12,6 @@ from armadico.agents.methods import local_map
 from armadico.agents.methods.geometry import Placed
 from armadico.agents.methods.local_map import CELLS, RINGS, SECTORS, Obstacle
 from armadico.agents.methods.settings import MapSettings
-from armadico.agents.methods.swept_path import Outline
 from armadico.core import agent
 from armadico.core.agent import Agent
 from armadico.core.geometry import Pose2, relative
@@ -27,6 +26,7 @@ from armadico.core.messages import (
     RobotState,
     Sonar,
 )
+from armadico.core.swept_path import Outline
 
 Angle = Annotated[float, Meta(ge=0, le=3.1416)]
 Seconds = Annotated[float, Meta(ge=0, le=3600)]

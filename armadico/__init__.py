@@ -1,1 +1,174 @@
-"""Armadico: one robot, many agents, nobody in charge."""
+"""ARMADiCo: agents on one mesh drive one robot, and nobody is in charge.
+
+What others build on is imported from here, and nothing else is promised to stay:
+
+    from armadico import Behaviour, Bid, Obstacles, Pose      # an agent of one's own
+    armadico.run("sc4", virtual=True, seed=7).measures         # a run, from Python
+    with armadico.connect() as guest: guest.goto(2.0, 0.0, 0.0)
+
+`import armadico` loads nothing: a name is looked up where it is defined when it is first used.
+"""
+
+TYPE_CHECKING = False  # by this name type checkers know it; `typing` would cost more than all here
+if TYPE_CHECKING:
+    from armadico.config.discovery import UnknownNameError
+    from armadico.config.errors import ConfigError
+    from armadico.config.scenarios import Scenario
+    from armadico.core.agent import Agent, DeviceAgent, Identity, Question
+    from armadico.core.behaviour import Behaviour
+    from armadico.core.exchange import Bid
+    from armadico.core.messages import (
+        Ack,
+        Ask,
+        Ballot,
+        BidHistory,
+        BidRecord,
+        Card,
+        Cell,
+        Claim,
+        Command,
+        Cycle,
+        Description,
+        Echo,
+        Latched,
+        LocalMap,
+        Log,
+        Message,
+        MessageError,
+        MissionReply,
+        MissionRequest,
+        MissionState,
+        MissionStatus,
+        Obstacles,
+        Origin,
+        Plan,
+        PlanRequest,
+        Point,
+        Pose,
+        RobotState,
+        Sonar,
+        Stop,
+        Trajectory,
+        Truth,
+        Waypoint,
+    )
+    from armadico.core.parameters import Parameters, Safety
+    from armadico.core.resources import WHEELS, Resource
+    from armadico.core.route import Route
+    from armadico.launch.api import Holding, Run, run
+    from armadico.mesh.topology import MeshError, TopologyError
+    from armadico.observe.measures import Mark, Result
+    from armadico.runtime.client import Client, Mission, connect
+    from armadico.runtime.errors import (
+        AbsentError,
+        MissionRefusedError,
+        MissionReplacedError,
+        RunFailedError,
+        SocietyError,
+        StopError,
+    )
+
+__all__ = [
+    "WHEELS",
+    "AbsentError",
+    "Ack",
+    "Agent",
+    "Ask",
+    "Ballot",
+    "Behaviour",
+    "Bid",
+    "BidHistory",
+    "BidRecord",
+    "Card",
+    "Cell",
+    "Claim",
+    "Client",
+    "Command",
+    "ConfigError",
+    "Cycle",
+    "Description",
+    "DeviceAgent",
+    "Echo",
+    "Holding",
+    "Identity",
+    "Latched",
+    "LocalMap",
+    "Log",
+    "Mark",
+    "MeshError",
+    "Message",
+    "MessageError",
+    "Mission",
+    "MissionRefusedError",
+    "MissionReplacedError",
+    "MissionReply",
+    "MissionRequest",
+    "MissionState",
+    "MissionStatus",
+    "Obstacles",
+    "Origin",
+    "Parameters",
+    "Plan",
+    "PlanRequest",
+    "Point",
+    "Pose",
+    "Question",
+    "Resource",
+    "Result",
+    "RobotState",
+    "Route",
+    "Run",
+    "RunFailedError",
+    "Safety",
+    "Scenario",
+    "SocietyError",
+    "Sonar",
+    "Stop",
+    "StopError",
+    "TopologyError",
+    "Trajectory",
+    "Truth",
+    "UnknownNameError",
+    "Waypoint",
+    "connect",
+    "run",
+]
+
+_MODULES = {
+    "config.discovery": ("UnknownNameError",),
+    "config.errors": ("ConfigError",),
+    "config.scenarios": ("Scenario",),
+    "core.agent": ("Agent", "DeviceAgent", "Identity", "Question"),
+    "core.behaviour": ("Behaviour",),
+    "core.exchange": ("Bid",),
+    "core.parameters": ("Parameters", "Safety"),
+    "core.resources": ("WHEELS", "Resource"),
+    "core.route": ("Route",),
+    "launch.api": ("Holding", "Run", "run"),
+    "mesh.topology": ("MeshError", "TopologyError"),
+    "observe.measures": ("Mark", "Result"),
+    "runtime.client": ("Client", "Mission", "connect"),
+    "runtime.errors": (
+        *("SocietyError", "AbsentError", "MissionRefusedError", "MissionReplacedError"),
+        *("RunFailedError", "StopError"),
+    ),
+}
+"""Where names are defined; all others are in `core.messages`."""
+
+
+if not TYPE_CHECKING:  # who would otherwise take any name for one
+
+    def __getattr__(name: str) -> object:
+        """A name of the surface, from the module that defines it (PEP 562)."""
+        if name not in __all__:
+            raise AttributeError(f"module 'armadico' has no attribute {name!r}")
+        from importlib import import_module  # noqa: PLC0415 - nothing before it is needed
+
+        where = next((m for m, names in _MODULES.items() if name in names), "core.messages")
+        found = getattr(import_module(f"armadico.{where}"), name)
+        globals()[name] = found  # asked for once
+        return found
+
+
+def __dir__() -> list[str]:
+    return sorted({*globals(), *__all__})

@@ -24,7 +24,7 @@ from typing import NamedTuple, Protocol
 
 from armadico.agents.methods.geometry import Posed
 from armadico.agents.methods.settings import MapSettings
-from armadico.agents.methods.swept_path import Outline
+from armadico.core.swept_path import Outline
 
 SECTORS = 18
 """Sectors of 20 degrees, their edges at multiples of 20: a Pioneer's sonars look at centres."""

@@ -1,4 +1,4 @@
-"""What of the methods a file or ``--set KEY=VALUE`` may change, within an agent's parameters.
+"""What of the local map a file or ``--set KEY=VALUE`` may change, within the agent's parameters.
 
 A file of its own for the reason that `armadico.core.parameters` is one.
 """
@@ -6,21 +6,8 @@ A file of its own for the reason that `armadico.core.parameters` is one.
 from __future__ import annotations
 
 from math import radians
-from typing import Annotated
 
-from msgspec import Meta, Struct
-
-TURN_MARGIN_M = 0.02
-"""That small margin, where there are no parameters to say it."""
-
-
-class Safety(Struct, frozen=True, forbid_unknown_fields=True):
-    """Margins around the body. How it brakes is the robot's own, and comes with its description."""
-
-    margin_m: Annotated[float, Meta(ge=0, le=1)] = 0.08
-    slow: Annotated[float, Meta(ge=0, le=1)] = 0.0  # m/s: at no more than this
-    close_m: Annotated[float, Meta(ge=0, le=1)] = TURN_MARGIN_M  # so small a margin will do
-    turn_room: Annotated[float, Meta(ge=0, le=3.2)] = 0.12  # rad free, or it tries the other side
+from msgspec import Struct
 
 
 class MapSettings(Struct, frozen=True):

@@ -20,11 +20,17 @@ from typing import TYPE_CHECKING, Final
 
 from armadico.cli import options
 from armadico.cli.options import FailedError, UsageError
-from armadico.mesh.topology import DEFAULT_NAMESPACE, checked_namespace
+from armadico.mesh.topology import (
+    DEFAULT_NAMESPACE,
+    NAMESPACE_VARIABLE,
+    checked_namespace,
+    default_namespace,
+)
 
 if TYPE_CHECKING:
     from armadico.config.worlds import World
     from armadico.launch.virtual import Rehearsal
+    from armadico.observe.dashboard.local_map import Zones
     from armadico.observe.dashboard.viewer import Viewer
     from armadico.observe.dashboard.virtual_run import Rehearsed
 
@@ -106,7 +112,15 @@ def kept(rehearsal: Rehearsal, path: Path) -> Rehearsed:
     _check_record("--rrd", path)
     from armadico.observe.dashboard.virtual_run import Rehearsed  # noqa: PLC0415 - not for --help
 
-    return Rehearsed(rehearsal, path)
+    return Rehearsed(rehearsal.mesh, rehearsal.scenario.world, path, zones())
+
+
+def zones() -> Zones:
+    """Those of the avoid agent, by its default parameters (thesis 3.5.2)."""
+    from armadico.agents.avoid import Parameters  # noqa: PLC0415 - not for --help
+
+    p = Parameters()
+    return {"stop": p.stop.border, "danger": p.danger.border, "caution": p.caution.border}
 
 
 def _end(process: subprocess.Popen[str]) -> None:
@@ -154,15 +168,15 @@ def parser() -> argparse.ArgumentParser:
         "--namespace",
         metavar="NS",
         action="append",
-        help=f"which robot; may be repeated (default: ${options.NAMESPACE_VARIABLE},"
+        help=f"which robot; may be repeated (default: ${NAMESPACE_VARIABLE},"
         f" or {DEFAULT_NAMESPACE})",
     )
     return made
 
 
 def _namespaces(args: argparse.Namespace) -> list[str]:
-    default = os.environ.get(options.NAMESPACE_VARIABLE, DEFAULT_NAMESPACE)
-    return [checked_namespace(name) for name in dict.fromkeys(args.namespace or [default])]
+    named = args.namespace or [default_namespace()]
+    return [checked_namespace(name) for name in dict.fromkeys(named)]
 
 
 def _check_installed() -> None:
@@ -216,7 +230,7 @@ def _show(args: argparse.Namespace, worlds: Mapping[str, World | None]) -> int:
         for namespace, world in worlds.items():
             one = argparse.Namespace(**{**vars(args), "namespace": namespace})
             mesh = stack.enter_context(options.join(one, passing=True))
-            live.add(mesh, Scene(recording, world, namespace))
+            live.add(mesh, Scene(recording, world, namespace, zones()))
         window = _open(args, uri)
         if window is not None:
             stack.enter_context(window)

@@ -220,6 +220,7 @@ def mesh(args: argparse.Namespace) -> Generator[Finding, None, dict[str, float |
     joined = options.join_at(args, where)
     from armadico.core.messages import PROTOCOL  # noqa: PLC0415 - not for --help
     from armadico.observe.hosts import census  # noqa: PLC0415 - not for --help
+    from armadico.observe.view import View  # noqa: PLC0415
     from armadico.runtime.client import Client  # noqa: PLC0415 - not for --help
 
     wanted = where is not None and where.table.multicast
@@ -250,8 +251,7 @@ def mesh(args: argparse.Namespace) -> Generator[Finding, None, dict[str, float |
     if len(robots) > 1:
         what = f"{len(robots)} robot agents in namespace {args.namespace!r}"
         yield Finding("robot", WRONG, what, "give each robot its own --namespace")
-    answered = [card for card in cards.values() if card is not None]
-    return {host.name: host.clock_s for host in census(answered, {}, client.ahead)}
+    return {host.name: host.clock_s for host in census(View.of(cards), {}, client.ahead)}
 
 
 def hosts(args: argparse.Namespace) -> Generator[Finding, None, set[str]]:

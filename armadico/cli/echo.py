@@ -12,6 +12,7 @@ from itertools import pairwise
 from typing import TYPE_CHECKING, Any, Final
 
 from armadico.cli import options
+from armadico.runtime.errors import AbsentError
 
 if TYPE_CHECKING:
     from armadico.observe.watching import Heard, Watcher
@@ -102,7 +103,7 @@ def add_pattern(made: argparse.ArgumentParser) -> None:
 
 
 def take(watcher: Watcher, args: argparse.Namespace) -> Heard | Any:
-    """The next thing heard. Raises FailedError if nothing comes within ``--timeout``."""
+    """The next thing heard. Raises AbsentError if nothing comes within ``--timeout``."""
     what = f"nothing is published on {args.pattern}"
     item = watcher.take(min(args.timeout or HINT_S, HINT_S))
     if item is None and args.timeout is None:
@@ -113,7 +114,7 @@ def take(watcher: Watcher, args: argparse.Namespace) -> Heard | Any:
     elif item is None:
         item = watcher.take(args.timeout - HINT_S)
     if item is None:
-        raise options.nobody(args, what)
+        raise AbsentError(what, args.namespace)
     return item
 
 

@@ -11,19 +11,10 @@ from contextlib import ExitStack
 from typing import TYPE_CHECKING, Final
 
 from armadico.cli import options
+from armadico.cli.echo import seconds
 
 if TYPE_CHECKING:
-    from armadico.core.messages import MissionReply
     from armadico.runtime.client import Client
-
-FIND_S: Final = 3.0
-"""How long somebody who takes missions is looked for."""
-
-PLANNING_S: Final = 30.0
-"""How long the answer may take once they are there."""
-
-SILENCE_S: Final = 5.0
-"""Without any word on the mission for so long, whoever took it is gone."""
 
 LINE_S: Final = 2.0
 """How often a line is printed where there is no terminal."""
@@ -42,9 +33,14 @@ def main(argv: Sequence[str]) -> int:
     from armadico.runtime.client import Client  # noqa: PLC0415 - not for --help
 
     try:
-        with mesh:
+        with mesh, ExitStack() as stack:
             client = Client(mesh)
-            _watch(client, _begin(client, args), args)
+            heading = math.radians(args.heading)
+            mission = client.goto(args.x, args.y, heading, direct=args.direct)
+            show = _shower(stack, mission.length)
+            if not mission.wait(args.timeout, lambda m: show(m.to_go or 0.0, _remark(client))):
+                late = f"not there after {args.timeout:g} s; the mission goes on"
+                raise options.FailedError(late)
     except KeyboardInterrupt:
         print("\nthe robot drives on; `armadico stop` stops it", file=sys.stderr)
         raise
@@ -64,7 +60,7 @@ def parser() -> argparse.ArgumentParser:
     made.add_argument("y", type=_metres, metavar="Y", help="m")
     made.add_argument("heading", type=_number, metavar="DEG", help="degrees, counter-clockwise")
     made.add_argument("--direct", action="store_true", help="straight there, with no plan")
-    made.add_argument("--timeout", type=_number, metavar="S", help="give up waiting after this")
+    made.add_argument("--timeout", type=seconds, metavar="S", help="give up waiting after this")
     options.add_mesh_options(made)
     return made
 
@@ -86,50 +82,6 @@ def _metres(text: str) -> float:
     if abs(value) > LARGEST:
         raise argparse.ArgumentTypeError(f"{text!r} m is beyond {LARGEST:g} m, which is no place")
     return value
-
-
-def _begin(client: Client, args: argparse.Namespace) -> MissionReply:
-    """Hand the mission over. Raises `FailedError` saying why it was not taken on."""
-    from armadico.core.messages import (  # noqa: PLC0415 - not for --help
-        MissionReply,
-        MissionRequest,
-        MissionStatus,
-        RobotState,
-        Waypoint,
-    )
-
-    client.listen(MissionStatus, RobotState)
-    heading = math.remainder(math.radians(args.heading), math.tau)
-    request = MissionRequest(Waypoint(args.x, args.y, heading), planned=not args.direct)
-    reply = client.ask(request, PLANNING_S, patience=FIND_S)
-    if not isinstance(reply, MissionReply):
-        raise options.nobody(args, "no interface agent takes the mission")
-    if reply.refusal:
-        raise options.FailedError(f"the mission was refused: {options.shown(reply.refusal)}")
-    return reply
-
-
-def _watch(client: Client, reply: MissionReply, args: argparse.Namespace) -> None:
-    """Wait until the goal is reached. Raises `FailedError` if it will not be."""
-    from armadico.core.messages import MissionState, MissionStatus  # noqa: PLC0415 - not for --help
-
-    begun = time.monotonic()
-    with ExitStack() as stack:
-        show = _shower(stack, reply.length)
-        while True:
-            client.wait_for(lambda: None, 0.1)
-            status = client.latest(MissionStatus)
-            if min(client.age(MissionStatus), time.monotonic() - begun) > SILENCE_S:
-                raise options.nobody(args, "nothing more is heard of the mission")
-            if status is not None and status.mission == reply.mission:
-                if status.state is MissionState.REACHED:
-                    return
-                show(status.to_go, _remark(client))
-            elif status is not None and time.monotonic() - begun > SILENCE_S:
-                raise options.FailedError("another mission has taken this one's place")
-            if args.timeout is not None and time.monotonic() - begun > args.timeout:
-                late = f"not there after {args.timeout:g} s; the mission goes on"
-                raise options.FailedError(late)
 
 
 def _remark(client: Client) -> str:

@@ -9,6 +9,7 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING, Final
 
 from armadico.cli import options
+from armadico.runtime.errors import AbsentError
 
 if TYPE_CHECKING:
     from armadico.core.messages import Card
@@ -30,7 +31,7 @@ def main(argv: Sequence[str]) -> int:
         cards = Client(mesh).cards()
     found = graph(card for card in cards.values() if card is not None)
     if not found.agents:
-        raise options.nobody(args, "no agent is alive")
+        raise AbsentError("no agent is alive", args.namespace)
     _write(args, found)
     return 0
 

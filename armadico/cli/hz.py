@@ -12,7 +12,7 @@ from armadico.cli import options
 from armadico.cli.echo import add_pattern, take
 
 if TYPE_CHECKING:
-    from armadico.observe.watching import Rate
+    from armadico.observe.view import Rate
 
 SHOW_S: Final = 1.0
 
@@ -29,7 +29,8 @@ def main(argv: Sequence[str]) -> int:
     if args.json and args.count is None:
         raise options.UsageError("--json needs -n N: how many messages to measure")
     mesh = options.join(args)
-    from armadico.observe.watching import Rate, Watcher  # noqa: PLC0415 - not for --help
+    from armadico.observe.view import Rate  # noqa: PLC0415 - not for --help
+    from armadico.observe.watching import Watcher  # noqa: PLC0415
 
     rates: dict[str, Rate] = {}
     with mesh:
@@ -39,12 +40,12 @@ def main(argv: Sequence[str]) -> int:
         heard = 0
         while args.count is None or heard < args.count:
             item = take(watcher, args)
-            rates.setdefault(item.key, Rate()).add(item.at)
+            rates.setdefault(item.key, Rate()).add(item.at / 1e9)
             heard += 1
             if args.count is None and time.monotonic() >= show_at:
                 show_at = time.monotonic() + SHOW_S
-                _show(rates, watcher.clock())
-        now = max(rate.last or 0 for rate in rates.values())
+                _show(rates, watcher.clock() / 1e9)
+        now = max(rate.last or 0.0 for rate in rates.values())
     if args.json:
         print(json.dumps([_row(key, rates[key], now) for key in sorted(rates)], indent=2))
     elif args.count is not None:
@@ -65,8 +66,8 @@ def parser() -> argparse.ArgumentParser:
     return made
 
 
-def _row(key: str, rate: Rate, now: int) -> dict[str, Any]:
-    from armadico.observe.watching import service_at  # noqa: PLC0415 - not for --help
+def _row(key: str, rate: Rate, now: float) -> dict[str, Any]:
+    from armadico.core.services import service_at  # noqa: PLC0415 - not for --help
 
     service, spread = service_at(key), rate.spread()
     return {
@@ -81,7 +82,7 @@ def _row(key: str, rate: Rate, now: int) -> dict[str, Any]:
     }
 
 
-def _show(rates: dict[str, Rate], now: int) -> None:
+def _show(rates: dict[str, Rate], now: float) -> None:
     for key in sorted(rates):
         row = _row(key, rates[key], now)
         if row["hz"] is None or row["mean_s"] is None:

@@ -3,17 +3,13 @@
 from __future__ import annotations
 
 import argparse
-from typing import TYPE_CHECKING, Final
+from typing import Final
 
 from armadico.cli import options
 from armadico.cli.echo import seconds
 
-if TYPE_CHECKING:
-    from armadico.runtime.client import Client
-
 TIMEOUT_S: Final = 5.0
-"""What finding the robot agent, its acknowledgement and braking may take: a Pioneer at full speed
-brakes for 3 s."""
+"""As in `armadico.runtime.client`, which --help does without."""
 
 
 def parser(program: str, description: str, examples: str) -> argparse.ArgumentParser:
@@ -36,32 +32,11 @@ def latch(args: argparse.Namespace, *, stopped: bool) -> int:
     from armadico.runtime.client import Client  # noqa: PLC0415 - not for --help
 
     with mesh:
-        _say(Client(mesh), args, stopped)
+        client = Client(mesh)
+        if stopped:
+            client.stop(args.timeout, by="armadico stop")
+        else:
+            client.resume(args.timeout, by="armadico resume")
         # Before leaving, which may take a while where a host does not answer.
         print(f"the robot is {'stopped' if stopped else 'free to move'}", flush=True)
     return 0
-
-
-def _say(client: Client, args: argparse.Namespace, stopped: bool) -> None:
-    """Say it until it is acknowledged. Raises `FailedError` if it is not."""
-    from armadico.core.messages import RobotState  # noqa: PLC0415 - not for --help
-    from armadico.runtime.latch import say  # noqa: PLC0415 - not for --help
-
-    client.listen(RobotState)
-    by = "armadico stop" if stopped else "armadico resume"
-    said = say(client, stopped=stopped, by=by, timeout=args.timeout)
-    if said.done:
-        return
-    if said.refusal:
-        raise options.FailedError(f"the robot is not released: {said.refusal}")
-    if not stopped and said.known is None:
-        raise options.nobody(args, "no robot answers: nothing is known that could be released")
-    if said.latched:
-        raise options.FailedError(f"the stop is latched, and {said.rolling}: look after the robot")
-    what = f"the {'stop' if stopped else 'release'} was sent, not acknowledged"
-    if said.known is None:
-        raise options.nobody(args, f"{what}: no robot answers")
-    still = "stopped" if said.known.stopped else "free to move"
-    raise options.FailedError(
-        f"{what}: the robot agent did not go on saying so; it last said {still}"
-    )

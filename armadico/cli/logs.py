@@ -75,7 +75,8 @@ def _follow(args: argparse.Namespace) -> int:
 
 def _show(args: argparse.Namespace, item: Heard) -> None:
     from armadico.core.messages import Log  # noqa: PLC0415 - not for --help
-    from armadico.observe.watching import agent_of, read_or_none  # noqa: PLC0415 - not for --help
+    from armadico.observe.view import agent_of  # noqa: PLC0415 - not for --help
+    from armadico.observe.watching import read_or_none  # noqa: PLC0415
 
     instance = item.key.partition("/")[2]
     message = read_or_none(item)

@@ -19,11 +19,14 @@ from armadico.config.errors import ConfigError
 from armadico.mesh.topology import (
     DEFAULT_NAMESPACE,
     ENDPOINTS_VARIABLE,
+    NAMESPACE_VARIABLE,
     MeshError,
     TopologyError,
     checked_namespace,
+    default_namespace,
     topology,
 )
+from armadico.runtime.errors import SocietyError
 
 if TYPE_CHECKING:
     from armadico.cli.places import Place
@@ -32,8 +35,6 @@ if TYPE_CHECKING:
 FAILED: Final = 1
 USAGE: Final = 2
 INTERRUPTED: Final = 130
-
-NAMESPACE_VARIABLE: Final = "ARMADICO_NAMESPACE"
 
 HOSTS_VARIABLE: Final = "ARMADICO_HOSTS"
 """As in `armadico.config.hosts`, which --help does without."""
@@ -51,7 +52,7 @@ class FailedError(Exception):
 
 
 WRONGLY_USED: Final = (UsageError, ConfigError, TopologyError, UnknownNameError)
-BROKEN: Final = (FailedError, MeshError, ImportError)
+BROKEN: Final = (FailedError, SocietyError, MeshError, ImportError)
 
 
 def guarded(program: str, command: Callable[[], int]) -> int:
@@ -125,7 +126,7 @@ def add_namespace_option(made: argparse._ActionsContainer) -> None:
     made.add_argument(
         "--namespace",
         metavar="NS",
-        default=os.environ.get(NAMESPACE_VARIABLE, DEFAULT_NAMESPACE),
+        default=default_namespace(),
         help=f"which robot (default: ${NAMESPACE_VARIABLE}, or {DEFAULT_NAMESPACE})",
     )
 
@@ -194,14 +195,6 @@ def look_inside(program: str) -> None:
             f"{program} looks into what is compiled here; run it where Armadico is pure Python:"
             " .venv/bin, after `make run`"
         )
-
-
-def nobody(args: argparse.Namespace, what: str) -> FailedError:
-    """What to say when nobody is there to do it."""
-    return FailedError(
-        f"{what} (namespace {args.namespace!r}); `armadico ps` lists alive agents; --namespace and"
-        " --connect choose where to look"
-    )
 
 
 def _say(program: str, error: Exception, code: int) -> int:

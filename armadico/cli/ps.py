@@ -18,6 +18,7 @@ if TYPE_CHECKING:
     from armadico.cli.places import Place
     from armadico.core.messages import Card
     from armadico.observe.hosts import HostState
+    from armadico.observe.view import Seen, View
     from armadico.runtime.client import Client
 
 EXAMPLES: Final = """\
@@ -27,8 +28,6 @@ EXAMPLES: Final = """\
   armadico ps --json | jq .hosts           the same, for programs
 """
 
-Cards = Mapping[tuple[str, str], "Card | None"]
-
 
 def main(argv: Sequence[str]) -> int:
     """Show the agents that are there; 1 if nobody is, or the host asked for lacks somebody."""
@@ -37,26 +36,26 @@ def main(argv: Sequence[str]) -> int:
     wanted = _wanted(args, where)
     mesh = options.join_at(args, where)
     from armadico.observe.hosts import census  # noqa: PLC0415 - not for --help
+    from armadico.observe.view import View  # noqa: PLC0415
     from armadico.runtime.client import Client  # noqa: PLC0415 - not for --help
 
     with mesh:
         client = Client(mesh)
-        cards: Cards = (
+        view = View.of(
             client.cards(args.timeout)
             if args.host is None
             else _of_host(client, args.host, wanted[args.host], args.timeout)
         )
-    answered = [card for card in cards.values() if card is not None]
-    hosts = census(answered, wanted, client.ahead)
+    hosts = census(view, wanted, client.ahead)
     if args.json:
-        print(json.dumps(_plain(cards, hosts), indent=2))
+        print(json.dumps(_plain(view, hosts), indent=2))
     elif args.host is not None:
-        _show_host(hosts[0], cards)
+        _show_host(hosts[0], view)
     else:
-        _show(args, cards, hosts, everyone=where is not None)
+        _show(args, view, hosts, everyone=where is not None)
     if args.host is not None:
         return options.FAILED if hosts[0].lacks else 0
-    return 0 if cards else options.FAILED
+    return 0 if view.alive else options.FAILED
 
 
 def parser() -> argparse.ArgumentParser:
@@ -103,7 +102,9 @@ def _wanted(args: argparse.Namespace, where: Place | None) -> dict[str, tuple[st
     return {name: started.get(name, hosts[name].agents) for name in names}
 
 
-def _of_host(client: Client, host: str, wanted: Sequence[str], timeout: float) -> Cards:
+def _of_host(
+    client: Client, host: str, wanted: Sequence[str], timeout: float
+) -> dict[tuple[str, str], Card | None]:
     """The cards of one host's agents, as soon as all that are wanted are there, or time is up."""
     found: dict[tuple[str, str], Card | None] = {}
 
@@ -119,9 +120,9 @@ def _of_host(client: Client, host: str, wanted: Sequence[str], timeout: float) -
     return {who: card for who, card in found.items() if card is None or card.host == host}
 
 
-def _plain(cards: Cards, hosts: Sequence[HostState]) -> dict[str, Any]:
+def _plain(view: View, hosts: Sequence[HostState]) -> dict[str, Any]:
     return {
-        "agents": [_plain_card(who, card) for who, card in cards.items()],
+        "agents": [_plain_card(agent) for agent in view.agents],
         "hosts": [
             {
                 "name": host.name,
@@ -135,24 +136,24 @@ def _plain(cards: Cards, hosts: Sequence[HostState]) -> dict[str, Any]:
     }
 
 
-def _plain_card(who: tuple[str, str], card: Card | None) -> dict[str, Any]:
-    name, instance = who
-    if card is None:
-        return {"name": name, "instance": instance, "answering": False}
+def _plain_card(agent: Seen) -> dict[str, Any]:
     from armadico.core.messages import plain  # noqa: PLC0415 - not for --help
 
+    name, instance, card = agent
+    if card is None:
+        return {"name": name, "instance": instance, "answering": False}
     return {**plain(card), "answering": True}
 
 
-def _show_host(host: HostState, cards: Cards) -> None:
-    silent = [name for (name, _), card in cards.items() if card is None]
+def _show_host(host: HostState, view: View) -> None:
+    silent = [agent.name for agent in view.agents if agent.card is None]
     more = f"; not answering: {', '.join(silent)}" if host.lacks and silent else ""
     skew = f"; {host.skew}" if host.skew else ""
     print(options.shown(f"{host.name}: {host.state}{more}{skew}"))
 
 
 def _show(
-    args: argparse.Namespace, cards: Cards, hosts: Sequence[HostState], *, everyone: bool
+    args: argparse.Namespace, view: View, hosts: Sequence[HostState], *, everyone: bool
 ) -> None:
     from rich.console import Console  # noqa: PLC0415 - not for --help
     from rich.table import Table  # noqa: PLC0415 - not for --help
@@ -161,13 +162,13 @@ def _show(
     def cells(*texts: object) -> list[Text]:
         return [Text(options.shown(text)) for text in texts]  # no markup, whatever they say
 
-    if not cards:
+    if not view.alive:
         print(f"no agent is alive in namespace {args.namespace!r}")
     table = Table(box=None, header_style="bold", pad_edge=False)
     for title in ("HOST", "AGENT", "INSTANCE", "PID", "VERSION", "PROVIDES", "SHARES", "HOLDS"):
         table.add_column(title, overflow="fold")
     order = {host.name: number for number, host in enumerate(hosts)}
-    for (name, instance), card in sorted(cards.items(), key=lambda row: _place_of(row[1], order)):
+    for name, instance, card in sorted(view.agents, key=lambda row: _place_of(row.card, order)):
         short = instance.removeprefix(f"{name}-")[:8]  # enough for people; --json has it whole
         if card is None:
             table.add_row(*cells("", name, short, "not answering"), style="red")
@@ -183,7 +184,7 @@ def _show(
             ", ".join(card.holds),
         )
         table.add_row(*row)
-    if cards:
+    if view.alive:
         Console().print(table)
     for host in hosts:
         if everyone or host.skew:

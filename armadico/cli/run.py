@@ -9,6 +9,7 @@ import signal
 import sys
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import AbstractContextManager, contextmanager, nullcontext
+from dataclasses import replace
 from functools import partial
 from math import isfinite
 from pathlib import Path
@@ -18,7 +19,8 @@ from armadico.cli import options
 from armadico.cli.options import FailedError, UsageError
 
 if TYPE_CHECKING:
-    from armadico.config.scenarios import Scenario
+    from armadico.config.scenarios import PoseDeg, Scenario
+    from armadico.launch.api import Run
     from armadico.launch.run import LiveRun
     from armadico.launch.society import Options
     from armadico.launch.virtual import Rehearsal
@@ -61,11 +63,12 @@ EXAMPLES: Final = """\
 def main(argv: Sequence[str]) -> int:
     """Drive; 0 only if the goal was reached without a collision, in every run."""
     args = parser().parse_args(argv)
-    scenario = _scenario(args)
+    chosen = _options(args)
+    scenario = _scenario(args, chosen)
     seeds = _seeds(args, scenario)
     for seed in seeds if args.plot is not None else ():
         _check_picture(_picture(args, scenario, seed))
-    results = _series(args, scenario, seeds)
+    results = _series(args, scenario, chosen, seeds)
     if args.json:
         _print_json(results, several=args.runs is not None)
     else:
@@ -125,11 +128,10 @@ def parser() -> argparse.ArgumentParser:
     return made
 
 
-def _scenario(args: argparse.Namespace) -> Scenario:
-    """What the command line names. Raises UsageError or ConfigError."""
-    from msgspec.structs import replace  # noqa: PLC0415 - not for --help
-
+def _scenario(args: argparse.Namespace, chosen: Options) -> Scenario:
+    """What the command line names. Raises UsageError, ConfigError or UnknownNameError."""
     from armadico.config.scenarios import load_scenario, scenario_from  # noqa: PLC0415
+    from armadico.launch.society import prepared  # noqa: PLC0415 - not for --help
 
     if (args.scenario is None) == (args.world is None):
         raise UsageError("name a scenario (armadico run sc4), or a world with --world")
@@ -148,37 +150,29 @@ def _scenario(args: argparse.Namespace) -> Scenario:
     _check_attach(args)
     if args.seed is not None and not 0 <= args.seed < 2**63:
         raise UsageError(f"--seed {args.seed}: from 0 to 2^63 - 1")
-    for flag, pose in (("--start", args.start), ("--goal", args.goal)):
-        _check_pose(flag, pose)
+    start, goal = (_pose(flag, getattr(args, flag)) for flag in ("start", "goal"))
     if args.world is not None:
-        if args.goal is None:
+        if goal is None:
             raise UsageError("--world needs a goal: --goal X Y DEG")
-        start = tuple(args.start) if args.start else None
-        made = scenario_from(args.world, start, tuple(args.goal))
-        return _known_agents(args, _with_profile(args, made))
-    scenario = _with_profile(args, load_scenario(args.scenario))
-    changes = {key: tuple(v) for key in ("start", "goal") if (v := getattr(args, key))}
-    if changes:
-        checked = scenario_from(
-            scenario.world, changes.get("start", scenario.start), changes.get("goal", scenario.goal)
-        )
-        scenario = replace(scenario, start=checked.start, goal=checked.goal)
-    return _known_agents(args, scenario)
+        scenario, start, goal = scenario_from(args.world, start, goal), None, None
+    else:
+        scenario = load_scenario(args.scenario)
+    scenario = prepared(scenario, chosen, start=start, goal=goal, profile=args.profile)
+    _check_together(args, ("robot", *scenario.agents))
+    return scenario
 
 
-def _with_profile(args: argparse.Namespace, scenario: Scenario) -> Scenario:
-    """The scenario with another make of robot, if one is named. Raises ConfigError."""
-    if args.profile is None:
-        return scenario
-    from msgspec.structs import replace  # noqa: PLC0415 - not for --help
+def _options(args: argparse.Namespace) -> Options:
+    from armadico.launch.society import Options  # noqa: PLC0415 - not for --help
 
-    from armadico.config.scenarios import beside  # noqa: PLC0415
-    from armadico.config.shipped import find  # noqa: PLC0415
-
-    here = Path.cwd() / "command line"  # a path counts from here
-    robot = beside(here, args.profile)
-    find("robots", robot)
-    return replace(scenario, robot=robot)
+    return Options(
+        controller=args.controller,
+        exchange=args.exchange,
+        parameters=args.parameters,
+        without=tuple(args.without),
+        together=tuple(tuple(group.split("+")) for group in args.together),
+        robot=args.robot,
+    )
 
 
 def _check_robot(url: str) -> None:
@@ -205,27 +199,15 @@ def _check_attach(args: argparse.Namespace) -> None:
             )
 
 
-def _check_pose(flag: str, pose: Sequence[float] | None) -> None:
+def _pose(flag: str, given: Sequence[float] | None) -> PoseDeg | None:
     """Raises UsageError for what is no pose; whether it is free is the world's to say."""
-    if pose is not None and not (all(map(isfinite, pose)) and abs(pose[2]) <= 360.0):
-        given = " ".join(f"{value:g}" for value in pose)
-        raise UsageError(f"{flag} {given}: expected finite m, m and -360 to 360 degrees")
-
-
-def _known_agents(args: argparse.Namespace, scenario: Scenario) -> Scenario:
-    """Raises UnknownNameError or UsageError for a name that takes no part."""
-    from armadico.config.discovery import AGENTS, find  # noqa: PLC0415
-    from armadico.config.parameters import load_set  # noqa: PLC0415 - not for --help
-
-    given = load_set(args.parameters) if args.parameters else {}
-    for name in (*scenario.agents, *args.without, *given):
-        find(AGENTS, name)
-    for name in args.without:
-        if name not in scenario.agents:
-            taking = ", ".join(scenario.agents)
-            raise UsageError(f"--without {name}: takes no part in {scenario.name} ({taking} do)")
-    _check_together(args, ("robot", *scenario.agents))
-    return scenario
+    if given is None:
+        return None
+    x, y, heading = given
+    if not (all(map(isfinite, given)) and abs(heading) <= 360.0):
+        words = " ".join(f"{value:g}" for value in given)
+        raise UsageError(f"--{flag} {words}: expected finite m, m and -360 to 360 degrees")
+    return x, y, heading
 
 
 def _check_together(args: argparse.Namespace, taking: Sequence[str]) -> None:
@@ -248,13 +230,15 @@ def _seeds(args: argparse.Namespace, scenario: Scenario) -> range:
     return range(first, first + (args.runs or 1))
 
 
-def _series(args: argparse.Namespace, scenario: Scenario, seeds: range) -> list[Result]:
+def _series(
+    args: argparse.Namespace, scenario: Scenario, chosen: Options, seeds: range
+) -> list[Result]:
     """Every run's result, in the order of the seeds; virtual ones are driven on all cores."""
-    drive = partial(_drive_and_plot, args, scenario)
+    drive = partial(_drive, args, scenario, chosen)
 
     def told(seed: int, result: Result) -> None:
         if args.runs is not None:
-            _say(f"{scenario.name} seed {seed}: {_verdict(result)}")
+            _say(f"{scenario.name} seed {seed}: {result.verdict}")
 
     if not args.virtual or args.runs is None:
         results = []
@@ -268,64 +252,40 @@ def _series(args: argparse.Namespace, scenario: Scenario, seeds: range) -> list[
     return over(drive, seeds, jobs, scenario.name, told)
 
 
-def _drive_and_plot(args: argparse.Namespace, scenario: Scenario, seed: int) -> Result:
-    """One run, in this process or in a worker's."""
-    result, watch = _drive(args, scenario, seed)
-    picture = _picture(args, scenario, seed)
-    if picture is not None and watch.path:
-        _plot(picture, scenario, watch, result)
-    return result
+def _drive(args: argparse.Namespace, scenario: Scenario, chosen: Options, seed: int) -> Result:
+    """One run and its picture, in this process or in a worker's."""
+    from armadico.launch.api import Run  # noqa: PLC0415 - not for --help
 
-
-def _drive(args: argparse.Namespace, scenario: Scenario, seed: int) -> tuple[Result, RunWatch]:
-    from armadico.launch.society import Options  # noqa: PLC0415 - not for --help
-
-    chosen = Options(
-        seed=seed,
-        controller=args.controller,
-        exchange=args.exchange,
-        parameters=args.parameters,
-        without=tuple(args.without),
-        together=tuple(tuple(group.split("+")) for group in args.together),
-        robot=args.robot,
-    )
     drive = _virtual if args.virtual else _live
-    return drive(args, scenario, chosen)
+    run = Run.of(scenario, drive(args, scenario, replace(chosen, seed=seed)))
+    picture = _picture(args, scenario, seed)
+    if picture is not None and run.marks:
+        _plot(picture, run)
+    return run.measures
 
 
-def _virtual(
-    args: argparse.Namespace, scenario: Scenario, chosen: Options
-) -> tuple[Result, RunWatch]:
-    from armadico.launch.virtual import MissionRefusedError, Rehearsal  # noqa: PLC0415
+def _virtual(args: argparse.Namespace, scenario: Scenario, chosen: Options) -> RunWatch:
+    from armadico.launch.virtual import Rehearsal  # noqa: PLC0415 - not for --help
 
     rehearsal = Rehearsal(scenario, chosen)
-    try:
-        with _recording(args, rehearsal), _progress(args, scenario, chosen.seed) as show:
-            return rehearsal.run(show), rehearsal.watch
-    except MissionRefusedError as error:
-        raise FailedError(f"{scenario.name}: the mission was refused: {error}") from None
+    with _recording(args, rehearsal), _progress(args, scenario, chosen.seed) as show:
+        rehearsal.run(show)
+    return rehearsal.watch
 
 
-def _live(args: argparse.Namespace, scenario: Scenario, chosen: Options) -> tuple[Result, RunWatch]:
-    from armadico.launch.run import RunFailedError  # noqa: PLC0415 - not for --help
-    from armadico.launch.virtual import MissionRefusedError  # noqa: PLC0415
-
+def _live(args: argparse.Namespace, scenario: Scenario, chosen: Options) -> RunWatch:
     mesh = options.join(args)
     for number in (signal.SIGTERM, signal.SIGHUP):  # as Ctrl-C: everything is taken down
         if signal.getsignal(number) is signal.SIG_DFL:  # under nohup it is not
             signal.signal(number, signal.default_int_handler)
-    try:
-        with (
-            _dashboard(args, scenario),
-            mesh,
-            _run_on(mesh, args, scenario, chosen) as run,
-            _progress(args, scenario, chosen.seed) as show,
-        ):
-            return run.run(show, _say), run.watch
-    except MissionRefusedError as error:
-        raise FailedError(f"{scenario.name}: the mission was refused: {error}") from None
-    except RunFailedError as error:
-        raise FailedError(str(error)) from None
+    with (
+        _dashboard(args, scenario),
+        mesh,
+        _run_on(mesh, args, scenario, chosen) as run,
+        _progress(args, scenario, chosen.seed) as show,
+    ):
+        run.run(show, _say)
+    return run.watch
 
 
 def _run_on(
@@ -397,7 +357,8 @@ def _progress(
         task = progress.add_task("starting", total=None, label=label)
 
         def show(watch: RunWatch) -> None:
-            to_go = watch.status.to_go if watch.status else 0.0
+            mission = watch.view.mission
+            to_go = 0.0 if mission is None else mission.to_go
             whole = max(watch.distance + to_go, 1e-3)
             progress.update(task, total=whole, completed=whole - to_go, description=remark(watch))
 
@@ -417,8 +378,8 @@ class _Lines:
 
 def remark(watch: RunWatch) -> str:
     """Distance to go, who holds the wheels, speed, battery."""
-    state = watch.state
-    to_go = f"{watch.status.to_go:.2f} m to go" if watch.status else "no word of the mission"
+    state, mission = watch.view.state, watch.view.mission
+    to_go = "no word of the mission" if mission is None else f"{mission.to_go:.2f} m to go"
     if state is None:
         return f"{to_go}, nothing heard of the robot"
     if state.stop.stopped:
@@ -506,36 +467,13 @@ def _check_picture(path: Path | None) -> None:
         raise FailedError(f"cannot write the picture {path}: {error.strerror}") from None
 
 
-def _plot(path: Path, scenario: Scenario, watch: RunWatch, result: Result) -> None:
+def _plot(path: Path, run: Run) -> None:
     """World, path coloured by holder, sonar echoes; a warning if nothing can draw."""
     try:
-        from armadico.config.worlds import load_world  # noqa: PLC0415 - not for --help
-        from armadico.observe.pictures import Run, draw_run  # noqa: PLC0415 - heavy
-
-        run = Run(
-            path=watch.path,
-            start=watch.start or watch.goal,
-            goal=watch.goal,
-            waypoints=watch.waypoints[:-1],
-            echoes=watch.echoes,
-            title=f"{scenario.title or scenario.name} (seed {result.seed})",
-            caption=(_verdict(result),),
-        )
-        path.parent.mkdir(parents=True, exist_ok=True)
-        draw_run(load_world(scenario.world), run, path)
+        run.plot(path)
     except ImportError:
         _say("no picture: matplotlib is missing; pip install 'armadico[plot]'")
     except OSError as error:  # one that was asked for has been tried before the run
         _say(f"no picture: cannot write {path}: {error.strerror}")
     else:
         _say(f"picture: {path}")
-
-
-def _verdict(result: Result) -> str:
-    """One line on a run."""
-    verdict = "reached" if result.reached else "NOT reached"
-    clear = "" if result.min_clearance_m is None else f", clearance {result.min_clearance_m:.2f} m"
-    return (
-        f"{verdict} in {result.tt_s:.1f} s over {result.td_m:.2f} m;"
-        f" {result.exchanges} exchanges, {result.collisions or 0} collisions{clear}"
-    )

@@ -12,13 +12,14 @@ from typing import TYPE_CHECKING, Any, Final
 
 from armadico.cli import options
 from armadico.cli.echo import seconds
+from armadico.runtime.errors import AbsentError
 
 if TYPE_CHECKING:
     import psutil
     from rich.console import Group
 
-    from armadico.core.messages import Ack, Card, Message, RobotState
-    from armadico.observe.watching import Heard, Presence, Rate, Watcher
+    from armadico.observe.view import Seen, View
+    from armadico.observe.watching import Watcher
 
 SHOW_S: Final = 0.5
 ASK_S: Final = 1.0
@@ -35,17 +36,18 @@ def main(argv: Sequence[str]) -> int:
     """Watch."""
     args = parser().parse_args(argv)
     mesh = options.join(args)
+    from armadico.observe.view import View  # noqa: PLC0415 - not for --help
     from armadico.observe.watching import Watcher  # noqa: PLC0415 - not for --help
 
     with mesh:
         watcher = Watcher([mesh])
         watcher.watch_alive()
         watcher.hear()
-        view = View(args.namespace)
+        snapshots = Snapshots(View(), args.namespace)
         if not (args.once or args.json):
-            return _live(view, watcher)
-        _measure(view, watcher, args.for_s)
-    snapshot = view.snapshot(watcher.clock())
+            return _live(snapshots, watcher)
+        _measure(snapshots, watcher, args.for_s)
+        snapshot = snapshots.at(watcher.clock() / 1e9)  # to leave the mesh takes time
     if args.json:
         print(json.dumps(snapshot, indent=2))
     else:
@@ -53,7 +55,7 @@ def main(argv: Sequence[str]) -> int:
 
         Console().print(tables(snapshot))
     if not snapshot["agents"] and not snapshot["services"]:
-        raise options.nobody(args, "no agent is alive")
+        raise AbsentError("no agent is alive", args.namespace)
     return 0
 
 
@@ -80,91 +82,44 @@ def parser() -> argparse.ArgumentParser:
     return made
 
 
-class View:
-    """What is known of the society, from what is heard; times are ns of the watcher's clock."""
+class Snapshots:
+    """What is shown of a view, for programs and for `tables`."""
 
-    def __init__(self, namespace: str) -> None:
-        from armadico.observe.watching import Holders  # noqa: PLC0415 - not for --help
-
-        self.namespace = namespace
-        self.holders = Holders()
-        self.there: set[tuple[str, str]] = set()
-        self.cards: dict[str, Card] = {}
-        self.rates: dict[str, Rate] = {}
-        self.state: RobotState | None = None
-        self.acks: dict[str, Ack] = {}  # by resource: its owner's newest word
+    def __init__(self, view: View, namespace: str) -> None:
+        self.view = view
+        self._namespace = namespace
         self._processes: dict[int, psutil.Process] = {}
 
-    def take(self, item: Heard | Presence) -> None:
-        """Take one thing that came."""
-        from armadico.observe.watching import Presence, read_or_none  # noqa: PLC0415
-
-        if isinstance(item, Presence):
-            who = (item.name, item.instance)
-            (self.there.add if item.there else self.there.discard)(who)
-            return
-        message = read_or_none(item)
-        if not item.asked:
-            self._rate(item)
-        if message is not None:
-            self._learn(message, item.at)
-
-    def _learn(self, message: Message, at: int) -> None:
-        from armadico.core.messages import Ack, Card, Claim, RobotState  # noqa: PLC0415
-
-        if isinstance(message, Claim):
-            self.holders.hear(message, at)
-        elif isinstance(message, Ack):
-            self.acks[message.resource] = message
-        elif isinstance(message, RobotState):
-            self.state = message
-        elif isinstance(message, Card):
-            self.cards[message.instance] = message
-
-    def _rate(self, item: Heard) -> None:
-        from armadico.observe.watching import Rate, deadline_s, service_at  # noqa: PLC0415
-
-        if item.key not in self.rates:
-            self.rates[item.key] = Rate(deadline_s(service_at(item.key)))
-        self.rates[item.key].add(item.at)
-
-    def snapshot(self, now: int) -> dict[str, Any]:
-        """Everything, for programs and for `tables`."""
+    def at(self, now: float) -> dict[str, Any]:
+        """Everything; the time is s of the watcher's clock."""
+        view = self.view
         return {
-            "namespace": self.namespace,
+            "namespace": self._namespace,
             "robot": self._robot(),
-            "resources": [self._resource(name, now) for name in self._resources()],
-            "agents": [self._agent(*who) for who in sorted(self.there)],
-            "services": [self._service(key, now) for key in sorted(self.rates)],
+            "resources": [self._resource(name, now) for name in view.resources],
+            "agents": [self._agent(agent) for agent in view.agents],
+            "services": [self._service(key, now) for key in sorted(view.rates)],
         }
 
-    def knows_everybody(self) -> bool:
-        """Whether somebody is there, and everybody has shown a card."""
-        return bool(self.there) and all(instance in self.cards for _, instance in self.there)
-
     def _robot(self) -> dict[str, Any] | None:
-        if self.state is None:
+        state, stop = self.view.state, self.view.stop
+        if state is None:
             return None
-        state = self.state
         return {
             "v": state.v,
             "w": state.w,
             "battery_v": state.battery_v,
             "stalled": state.stalled,
-            "stopped_by": state.stop.by if state.stop.stopped else None,
+            "stopped_by": stop.by if stop.stopped else None,
             "cycle": state.cycle.number,
         }
 
-    def _resources(self) -> list[str]:
-        shared = {name for card in self.cards.values() for name in (*card.resources, *card.owns)}
-        return sorted(shared | set(self.holders.resources) | set(self.acks))
+    def _resource(self, name: str, now: float) -> dict[str, Any]:
+        from armadico.observe.view import agent_of  # noqa: PLC0415 - not for --help
 
-    def _resource(self, name: str, now: int) -> dict[str, Any]:
-        from armadico.observe.measures import driver  # noqa: PLC0415 - not for --help
-
-        claim, ack = self.holders.of(name, now), self.acks.get(name)
-        obeyed = driver(ack) if ack is not None else None
-        row: dict[str, Any] = {"resource": name, "holder": None, "obeyed": obeyed}
+        claim, obeyed = self.view.claim(name, now), self.view.driver(name, now)
+        row: dict[str, Any] = {"resource": name, "holder": None}
+        row["obeyed"] = None if obeyed is None else agent_of(obeyed)
         if claim is not None:
             row |= {
                 "holder": claim.ballot.instance,
@@ -172,17 +127,13 @@ class View:
                 "critical": claim.critical,
                 "term": claim.ballot.term,
             }
-        shares = [c.name for c in self.cards.values() if name in c.resources and self._here(c)]
-        return row | {"contenders": sorted(shares)}
+        return row | {"contenders": self.view.contenders(name)}
 
-    def _here(self, card: Card) -> bool:
-        return (card.name, card.instance) in self.there
-
-    def _agent(self, name: str, instance: str) -> dict[str, Any]:
-        row: dict[str, Any] = {"name": name, "instance": instance, "answering": False}
-        card = self.cards.get(instance)
+    def _agent(self, agent: Seen) -> dict[str, Any]:
+        card = agent.card
+        row: dict[str, Any] = {"name": agent.name, "instance": agent.instance}
         if card is None:
-            return row
+            return row | {"answering": False}
         row |= {"answering": True, "host": card.host, "pid": card.pid, "version": card.version}
         return row | (self._process(card.pid) if card.host == socket.gethostname() else {})
 
@@ -197,10 +148,10 @@ class View:
         except psutil.Error:
             return {}
 
-    def _service(self, key: str, now: int) -> dict[str, Any]:
-        from armadico.observe.watching import service_at  # noqa: PLC0415 - not for --help
+    def _service(self, key: str, now: float) -> dict[str, Any]:
+        from armadico.core.services import service_at  # noqa: PLC0415 - not for --help
 
-        rate, service = self.rates[key], service_at(key)
+        rate, service = self.view.rates[key], service_at(key)
         hz = rate.hz(now)
         assert rate.last is not None, "something was heard"
         return {
@@ -208,26 +159,33 @@ class View:
             "hz": None if hz is None else round(hz, 2),
             "promised_hz": service.rate_hz if service else None,
             "missed": rate.missed,
-            "age_s": round((now - rate.last) / 1e9, 2),
+            "age_s": round(now - rate.last, 2),
             "messages": rate.count,
         }
 
 
-def _measure(view: View, watcher: Watcher, for_s: float) -> None:
+def _measure(snapshots: Snapshots, watcher: Watcher, for_s: float) -> None:
+    from armadico.observe.watching import show  # noqa: PLC0415 - not for --help
+
     end = time.monotonic() + for_s
     ask_at = time.monotonic()
     while (now := time.monotonic()) < end:
         if now >= ask_at:
-            ask_at = now + (ASK_S if view.knows_everybody() else SHOW_S / 2)
+            ask_at = now + (ASK_S if snapshots.view.complete else SHOW_S / 2)
             watcher.ask_for_cards()
-            view.snapshot(watcher.clock())  # CPU is measured from here on
+            snapshots.at(watcher.clock() / 1e9)  # CPU is measured from here on
         item = watcher.take(min(ask_at, end) - now)
         if item is not None:
-            view.take(item)
+            show(snapshots.view, item)
+    over = watcher.clock()  # a look may take long, and what came meanwhile is not silence
+    while (item := watcher.take(0.0)) is not None and item.at <= over:
+        show(snapshots.view, item)
 
 
-def _live(view: View, watcher: Watcher) -> int:
+def _live(snapshots: Snapshots, watcher: Watcher) -> int:
     from rich.live import Live  # noqa: PLC0415 - not for --help
+
+    from armadico.observe.watching import show  # noqa: PLC0415 - not for --help
 
     with Live(auto_refresh=False, screen=True) as live:
         try:
@@ -235,8 +193,8 @@ def _live(view: View, watcher: Watcher) -> int:
                 watcher.ask_for_cards()
                 for _ in range(round(ASK_S / SHOW_S)):
                     for item in watcher.until(time.monotonic() + SHOW_S):
-                        view.take(item)
-                    live.update(tables(view.snapshot(watcher.clock())), refresh=True)
+                        show(snapshots.view, item)
+                    live.update(tables(snapshots.at(watcher.clock() / 1e9)), refresh=True)
         except KeyboardInterrupt:
             return 0  # how a live view ends
 

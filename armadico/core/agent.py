@@ -17,6 +17,7 @@ import random
 import re
 from collections import deque
 from collections.abc import Callable, Mapping
+from contextlib import suppress
 from dataclasses import dataclass, field
 from math import isfinite
 from typing import Any, ClassVar, TypeVar, cast
@@ -239,7 +240,8 @@ class Agent:
         if "{" in key:
             key = key.format(instance=self.instance, name=self.name, **names)
         if service.kind is Kind.LATCHED:
-            self.memory.note(cast("m.Latched", message))
+            with suppress(m.MessageError):  # what nobody can be told of, nobody remembers
+                self.memory.note(m.checked(cast("m.Latched", message)))
         self.outbox.append(Publish(key, message))
 
     def latest(self, kind: type[M]) -> M | None:

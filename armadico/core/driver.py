@@ -38,7 +38,6 @@ from armadico.core.messages import (
     Log,
     Message,
     MessageError,
-    checked,
     decode,
 )
 from armadico.core.services import BIDS, CARD, service_of
@@ -409,11 +408,3 @@ def misaddressed(key: str, message: Message) -> str:
     elif type(message) in _ADDRESSED and key.split("/")[1] != said.resource:
         return f"it is about {said.resource}"
     return ""
-
-
-def sendable(item: Publish) -> Message | str:
-    """The message of a publication as the others receive it, or why nobody can."""
-    try:
-        return checked(item.message)
-    except MessageError as error:
-        return str(error)

@@ -18,6 +18,11 @@ LANES: Final = 1024
 """Keys that differ in their last part only, on which something waits at once; what comes on more of
 them is dropped. What comes on others is not: a thousand publishers of commands cost no stop."""
 
+BURST_S: Final = 0.05
+"""So long is taken from it before a due wake-up comes in between: a flood cannot starve the order
+to stop. The longest delivery does not count, for it may have been a hang, and what has piled up
+meanwhile is seen before a time-out is believed."""
+
 T = TypeVar("T")
 
 

@@ -10,6 +10,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from enum import Enum
+from functools import cache
 
 from armadico.core import messages as m
 
@@ -110,14 +111,25 @@ def rows_of(message: type[m.Message]) -> tuple[Service, ...]:
     return rows or (service_of(message),)
 
 
+@cache
+def service_at(key: str) -> Service | None:
+    """The row of the table that a key belongs to; None: of no row."""
+    return next((service for service in SERVICES if matches(service.pattern, key)), None)
+
+
 def latched() -> tuple[Service, ...]:
     """The rows of all latched states that are known."""
     return tuple(s for s in _by_message.values() if s.kind is Kind.LATCHED)
 
 
 def matches(pattern: str, key: str) -> bool:
-    """Whether a key expression of whole chunks and `*` catches a key."""
-    wanted, chunks = pattern.split("/"), key.split("/")
-    return len(wanted) == len(chunks) and all(
-        w in ("*", c) for w, c in zip(wanted, chunks, strict=True)
-    )
+    """Whether a key expression of whole chunks, `*` and `**` catches a key, or one of another's."""
+    return _meet(pattern.split("/"), key.split("/"))
+
+
+def _meet(one: list[str], other: list[str]) -> bool:
+    if not (one and other):
+        return all(chunk == "**" for chunk in one + other)
+    if "**" in (one[0], other[0]):
+        return _meet(one[1:], other) or _meet(one, other[1:])
+    return (one[0] == other[0] or "*" in (one[0], other[0])) and _meet(one[1:], other[1:])

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import time
 from contextlib import suppress
 from math import hypot
 from types import TracebackType
@@ -10,9 +9,9 @@ from typing import Final
 
 from armadico.core.messages import RobotState
 from armadico.launch.processes import undisturbed
-from armadico.launch.run import LiveRun, RunFailedError
+from armadico.launch.run import LiveRun
 from armadico.mesh.topology import MeshError
-from armadico.runtime.latch import say
+from armadico.runtime.errors import RunFailedError, SocietyError
 
 COME_S: Final = 30.0
 """What the agents may take to be there."""
@@ -42,23 +41,21 @@ class AttachedRun(LiveRun):
         if not self.watch.mission or self.watch.done:
             return
         with undisturbed(), suppress(MeshError):
-            said = say(self.client, stopped=True, by="armadico run", timeout=STOP_S)
-            self._warn(
-                "the robot is stopped; `armadico resume` releases it"
-                if said.done
-                else f"the stop is latched, and {said.rolling}; `armadico resume` releases it"
-                if said.latched
-                else "the stop was sent, not acknowledged; `armadico stop` tries again"
-            )
+            try:
+                self.client.stop(STOP_S, by="armadico run")
+            except SocietyError as failure:
+                self._warn(f"{failure}; `armadico stop` tries again")
+            else:
+                self._warn("the robot is stopped; `armadico resume` releases it")
 
     def start(self) -> None:
         """Wait for everybody. Raises RunFailedError if somebody does not come."""
-        began = time.monotonic()
+        began = self.client.mesh.now()
         if not self.client.wait_for(self._complete, SAY_S):
             self._warn(f"waiting for {self._lacking()}")
         if not self.client.wait_for(self._complete, self.come_s - SAY_S):
             raise RunFailedError(
-                f"not there within {time.monotonic() - began:.0f} s: {self._lacking()};"
+                f"not there within {self.client.mesh.now() - began:.0f} s: {self._lacking()};"
                 " `armadico up` on its machine starts an agent, `armadico ps` lists alive agents"
             )
         self._check_robot()

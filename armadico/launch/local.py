@@ -27,11 +27,12 @@ from armadico.launch.processes import (
     label_of,
     simulator_words,
 )
-from armadico.launch.run import IDLE_S, SILENT_S, LiveRun, RunFailedError
+from armadico.launch.run import IDLE_S, SILENT_S, LiveRun
 from armadico.launch.society import Member, Options, members, processes
+from armadico.runtime.errors import RunFailedError
 
 if TYPE_CHECKING:
-    from armadico.mesh.zenoh import ZenohMesh
+    from armadico.mesh.base import Mesh
 
 ANSWER_S = 10.0
 """What the robot may take to answer once its agent is there."""
@@ -47,7 +48,7 @@ class Launcher(LiveRun):
         self,
         scenario: Scenario,
         options: Options,
-        mesh: ZenohMesh,
+        mesh: Mesh,
         namespace: str,
         *,
         silent_s: float = SILENT_S,

@@ -33,6 +33,9 @@ ROBOT: Final = "robot"
 LAUNCHER: Final = "ARMADICO_LAUNCHER"
 """In the environment of a process: the id of the one that started it, to be ended with it."""
 
+TIED: Final = "armadico.child"
+"""The program of a process that is to leave when its launcher is gone."""
+
 _ANNOUNCED = re.compile(r" at (tcp://[^;\s]+)")
 """Where the simulator's first line on standard output says that it listens."""
 
@@ -108,7 +111,7 @@ def command_line(words: Sequence[str], *, tied: bool = False) -> list[str]:
 
 def bound(program: Sequence[str], number: signal.Signals) -> list[str]:
     """A program that is sent a signal when the thread that starts it is gone."""
-    child = [sys.executable, "-P", "-m", "armadico.child"]
+    child = [sys.executable, "-P", "-m", TIED]
     return [*child, str(os.getpid()), str(number.value), *program]
 
 
@@ -157,7 +160,7 @@ def orphans(namespace: str) -> list[tuple[str, psutil.Process]]:
     """Processes of this user that a launcher started in a namespace, and that have survived it.
 
     Each has its launcher's id in its environment, and by now another parent. What was started by
-    hand has none. Each with its label.
+    hand has none. Of those that were tied to it one may be left that hangs. Each with its label.
     """
     import psutil  # noqa: PLC0415 - only `armadico down` looks
 
@@ -165,13 +168,14 @@ def orphans(namespace: str) -> list[tuple[str, psutil.Process]]:
     for process in psutil.process_iter():
         with suppress(psutil.Error):
             words = process.cmdline()
-            if "-m" not in words or words[words.index("-m") + 1] != "armadico":
+            at = words.index("-m") + 1 if "-m" in words else 0
+            if words[at : at + 1] not in (["armadico"], [TIED]):
                 continue
             launcher = process.environ().get(LAUNCHER)
             ours = process.uids().real == os.getuid()
             if not ours or launcher is None or int(launcher) == process.ppid():
                 continue
-            rest = words[words.index("-m") + 2 :]
+            rest = words[at + 4 if words[at] == TIED else at + 1 :]
             if rest[:1] == ["sim"] and f"--namespace={namespace}" in rest:
                 found.append((SIMULATOR, process))
             elif rest[:1] == ["agent"] and "--namespace" in rest:

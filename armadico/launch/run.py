@@ -6,22 +6,19 @@ kill it and the society drives on.
 
 from __future__ import annotations
 
-import time
 from collections.abc import Callable
 from types import TracebackType
-from typing import TYPE_CHECKING, Self
+from typing import Self
 
 from armadico.config.scenarios import Scenario
 from armadico.core.agent import WARNING
 from armadico.core.cycles import LISTEN
-from armadico.core.messages import Claim, Log, Message, MissionReply, Pose, RobotState
+from armadico.core.messages import Claim, Log, Message, Pose, RobotState
 from armadico.launch.society import Options, mission, time_limit, watch
-from armadico.launch.virtual import MissionRefusedError
+from armadico.mesh.base import Mesh
 from armadico.observe.measures import WATCHED, Result, RunWatch
 from armadico.runtime.client import Client
-
-if TYPE_CHECKING:
-    from armadico.mesh.zenoh import ZenohMesh
+from armadico.runtime.errors import RunFailedError
 
 HEAR_S = 5.0
 """What the interface agent may take to be found; its plan may take longer."""
@@ -29,18 +26,11 @@ HEAR_S = 5.0
 LINKS_S = 2.0
 """A refusal stands after this: among processes that have just started, links are coming up."""
 
-AGAIN_S = 0.5
-"""How long until a mission that was refused is asked for again."""
-
 SILENT_S = 10.0
 """A run whose robot has said nothing for so long is over."""
 
 IDLE_S = 15.0
 """A run in which nobody has claimed the wheels for so long is over, if somebody is missing."""
-
-
-class RunFailedError(RuntimeError):
-    """The run cannot begin or go on; the message says why, and what to do."""
 
 
 class LiveRun:
@@ -50,7 +40,7 @@ class LiveRun:
         self,
         scenario: Scenario,
         options: Options,
-        mesh: ZenohMesh,
+        mesh: Mesh,
         *,
         silent_s: float = SILENT_S,
         idle_s: float = IDLE_S,
@@ -99,14 +89,8 @@ class LiveRun:
         raise NotImplementedError
 
     def begin(self) -> None:
-        """Hand the mission over. Raises MissionRefusedError or RunFailedError."""
-        reply = self._ask()
-        until = time.monotonic() + LINKS_S
-        while reply.refusal and time.monotonic() < until:
-            self.client.wait_for(lambda: None, AGAIN_S)
-            reply = self._ask()
-        if reply.refusal:
-            raise MissionRefusedError(reply.refusal)
+        """Hand the mission over. Raises MissionRefusedError or AbsentError."""
+        reply = self.client.hand_over(mission(self.scenario), find=HEAR_S, again=LINKS_S)
         self.limit = time_limit(reply.length)
         self.watch.begin(reply.mission)
 
@@ -119,14 +103,14 @@ class LiveRun:
         self._warn = warn or self._warn
         self.start()
         self.begin()
-        begun = time.monotonic()
+        begun = self.client.mesh.now()
         end = begun + self.limit
-        while not self.watch.done and time.monotonic() < end:
+        while not self.watch.done and self.client.mesh.now() < end:
             self.client.wait_for(lambda: self.watch.done, 0.2)
             if progress is not None:
                 progress(self.watch)
             self.look()
-            if self._nobody_can(time.monotonic() - begun):
+            if self._nobody_can(self.client.mesh.now() - begun):
                 break
         if self.watch.astray is not None:
             self._warn(
@@ -148,12 +132,6 @@ class LiveRun:
 
     # Inside --------------------------------------------------------------------------------------
 
-    def _ask(self) -> MissionReply:
-        reply = self.client.ask(mission(self.scenario), timeout=30.0, patience=HEAR_S)
-        if not isinstance(reply, MissionReply):
-            raise RunFailedError("no interface agent answered mission/request")
-        return reply
-
     def _ready_to_drive(self) -> bool:
         """Whether the robot talks and obeys, and the encoder agent knows where it is."""
         kinds: list[type[Message]] = [RobotState]
@@ -169,7 +147,7 @@ class LiveRun:
 
     def _nobody_can(self, elapsed: float) -> bool:
         """Whether nobody claims the wheels any more, and somebody who takes part is missing."""
-        state = self.watch.state
+        state = self.watch.view.state
         if state is None or state.stop.stopped or not (missing := self._missing()):
             return False
         if min(self.client.age(Claim), elapsed) < self._idle_s:

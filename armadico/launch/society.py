@@ -9,13 +9,16 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass
 from math import radians
+from pathlib import Path
 
 from msgspec.structs import replace
 
-from armadico.config.discovery import agent_class
+from armadico.config.discovery import AGENTS, agent_class, find
+from armadico.config.errors import ConfigError
 from armadico.config.hosts import Host
 from armadico.config.parameters import load_set
-from armadico.config.scenarios import Scenario
+from armadico.config.scenarios import PoseDeg, Scenario, beside, scenario_from
+from armadico.config.shipped import find as shipped
 from armadico.core.agent import Agent
 from armadico.core.messages import MissionRequest, Waypoint
 from armadico.core.resources import WHEELS
@@ -47,6 +50,35 @@ class Member:
 
     name: str
     sets: tuple[str, ...] = ()
+
+
+def prepared(
+    scenario: Scenario,
+    options: Options,
+    *,
+    start: PoseDeg | None = None,
+    goal: PoseDeg | None = None,
+    profile: str | None = None,
+) -> Scenario:
+    """The scenario with what was chosen for it: poses, and the make of robot.
+
+    Raises ConfigError for what cannot be driven, UnknownNameError for an agent that nobody has.
+    """
+    if profile is not None:
+        robot = beside(Path.cwd() / "command line", profile)  # a path counts from here
+        shipped("robots", robot)
+        scenario = replace(scenario, robot=robot)
+    if start is not None or goal is not None:
+        checked = scenario_from(scenario.world, start or scenario.start, goal or scenario.goal)
+        scenario = replace(scenario, start=checked.start, goal=checked.goal)
+    given = load_set(options.parameters) if options.parameters else {}
+    for name in (*scenario.agents, *options.without, *given):
+        find(AGENTS, name)
+    for name in options.without:
+        if name not in scenario.agents:
+            taking = ", ".join(scenario.agents)
+            raise ConfigError(f"without {name}: takes no part in {scenario.name} ({taking} do)")
+    return scenario
 
 
 def members(scenario: Scenario, options: Options, port: str) -> tuple[Member, ...]:

@@ -11,20 +11,16 @@ from armadico.config.scenarios import Scenario
 from armadico.core.agent import Agent, DeviceAgent
 from armadico.core.messages import Message, MissionReply
 from armadico.launch.society import Options, members, mission, time_limit, watch
-from armadico.mesh.virtual import VirtualMesh
+from armadico.mesh.virtual import Node, VirtualMesh
 from armadico.mesh.virtual_network import Clock
-from armadico.mesh.virtual_node import Node
 from armadico.observe.measures import WATCHED, Result, RunWatch
+from armadico.runtime.errors import AbsentError, MissionRefusedError
 
 SIMULATOR = "pioneer"
 """The entry point of `armadico.simulators` that stands behind the robot agent's port."""
 
 SETTLE_S = 1.0
 """What the handshake with the controller and the first cycles take, on the virtual clock."""
-
-
-class MissionRefusedError(RuntimeError):
-    """Nobody took the mission on; the message says why."""
 
 
 class Rehearsal:
@@ -74,14 +70,14 @@ class Rehearsal:
         return self.mesh.add(agent, self.robot if isinstance(agent, DeviceAgent) else None, clock)
 
     def begin(self) -> None:
-        """Hand the mission to the interface agent. Raises MissionRefusedError with the reason."""
+        """Hand the mission to the interface agent. Raises MissionRefusedError or AbsentError."""
         self.mesh.run(SETTLE_S)
         replies: list[Message | None] = []
         self.mesh.ask(mission(self.scenario), replies.append, timeout=30.0)
         self.mesh.run(self.mesh.now + 30.0, lambda: bool(replies))
         reply = replies[0]
         if not isinstance(reply, MissionReply):
-            raise MissionRefusedError("no interface agent answered mission/request")
+            raise AbsentError("no interface agent takes the mission")
         if reply.refusal:
             raise MissionRefusedError(reply.refusal)
         self.limit = time_limit(reply.length)

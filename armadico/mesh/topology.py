@@ -9,6 +9,7 @@ alone: with no configuration nothing leaves it.
 from __future__ import annotations
 
 import os
+import re
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
@@ -24,8 +25,18 @@ ROUTER_S = 3.0
 LAST_RANK = 255
 """Of those that have no well-known endpoint."""
 
+NAMESPACE_VARIABLE = "ARMADICO_NAMESPACE"
+"""Which robot is meant when none is named;"""
+
 DEFAULT_NAMESPACE = "robot1"
-"""The robot that is meant when none is named."""
+"""and which without that."""
+
+LONGEST_NAMESPACE = 100
+"""Characters: files are named by it."""
+
+_NAMESPACE = re.compile(r"[\w.-]+(/[\w.-]+)*", re.ASCII)
+
+LAST_PORT = 65_535
 
 
 class TopologyError(ValueError):
@@ -113,10 +124,19 @@ def one_way(listen: Sequence[str], known: Sequence[str]) -> tuple[tuple[str, ...
     return tuple(known[:first]), min(first + 1, LAST_RANK - 1)
 
 
+def default_namespace(environ: Mapping[str, str] = os.environ) -> str:
+    """The robot that is meant when none is named."""
+    return environ.get(NAMESPACE_VARIABLE, DEFAULT_NAMESPACE)
+
+
 def checked_namespace(name: str) -> str:
     """The namespace, if it can be one. Raises `TopologyError` saying why not."""
-    if not name or any(c in name for c in "*$?# ") or name != name.strip("/") or "//" in name:
-        raise TopologyError(f"{name!r} cannot be a namespace: letters, digits, '-', '_' and '/'")
+    if len(name) > LONGEST_NAMESPACE or _NAMESPACE.fullmatch(name) is None:
+        shown = name if len(name) <= LONGEST_NAMESPACE else f"{name[:20]}..."
+        raise TopologyError(
+            f"{shown!r} cannot be a namespace: letters, digits, '-', '_', '.' and '/', at most"
+            f" {LONGEST_NAMESPACE} of them"
+        )
     return name
 
 
@@ -148,6 +168,7 @@ def _checked(endpoints: Sequence[str]) -> tuple[str, ...]:
         protocol, slash, rest = endpoint.partition("/")
         address, colon, port = rest.rpartition(":")
         port = port.partition("#")[0].partition("?")[0]
-        if not (protocol and slash and address and colon and port.isdecimal()):
+        known = port.isdecimal() and int(port[:6]) <= LAST_PORT
+        if not (protocol and slash and address and colon and known):
             raise TopologyError(f"{endpoint!r} is no endpoint; one looks like tcp/192.168.1.5:7450")
     return tuple(endpoints)

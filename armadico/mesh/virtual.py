@@ -16,21 +16,27 @@ from __future__ import annotations
 
 import heapq
 import random
-from collections.abc import Callable, Sequence
-from typing import Any
+from collections import Counter
+from collections.abc import Callable, Iterable, Sequence
+from math import inf
+from typing import Any, Protocol
 
 from armadico.core.agent import Agent, AskFor, Identity, Publish, Subscription, Write
-from armadico.core.driver import Announce, OpenPort, Output, Reply, sendable
-from armadico.core.mailbox import EVENTS
-from armadico.core.messages import Message
+from armadico.core.driver import Announce, Driver, OpenPort, Output, Reply
+from armadico.core.mailbox import BURST_S, EVENTS, Mailbox
+from armadico.core.messages import Message, MessageError, checked
 from armadico.core.services import Kind, matches, service_of
-from armadico.mesh.virtual_liveliness import LEASE, RECONNECT, Presence
+from armadico.mesh.topology import DEFAULT_NAMESPACE
 from armadico.mesh.virtual_network import Clock, Link
-from armadico.mesh.virtual_node import Device, Node, Port
-from armadico.mesh.virtual_queries import Questions
 
-BURST = 1024
-"""After so many deliveries a slow process's wake-up fires, whatever else waits."""
+LIVELINESS = 0.003
+"""How long after a process is killed the others hear of it, s: the socket closes at once."""
+
+LEASE = 1.0
+"""Who cannot be heard for so long, s, by a cut or a hang, is taken for gone."""
+
+RECONNECT = (0.2, 0.5)
+"""How long it then takes to find each other again, s: the pauses between attempts."""
 
 LOOK_AGAIN = 0.02
 """How often a wake-up tries whether a process that hangs or is busy can take it, s."""
@@ -38,12 +44,34 @@ LOOK_AGAIN = 0.02
 ROUNDING = 1e-9
 """A wake-up this little before its time, s, by a clock of its own, is in time."""
 
+CLIENT = "client"
+"""What whoever publishes or asks from outside the society is called."""
+
 Watcher = Callable[[str, Message, float], None]
-Route = tuple[Subscription, Node]
+
+Step = Callable[[Any, Any], None]
+"""What happens at a time."""
+
+Way = tuple[str, str]
+"""From one agent's name to another's."""
+
+
+class Device(Protocol):
+    """What stands behind a device agent's port in memory: bytes and the time in, bytes out."""
+
+    def receive(self, data: bytes, now: float) -> None:
+        """Bytes from the agent."""
+
+    def advance(self, now: float) -> bytes:
+        """Live up to this time; what it says meanwhile."""
+
+    @property
+    def due(self) -> float:
+        """When it next has something to say, s."""
 
 
 class VirtualMesh:
-    """The clock, the queue of events and the network between the nodes."""
+    """The clock, the queue of events and the network between the places on it."""
 
     def __init__(
         self,
@@ -64,18 +92,20 @@ class VirtualMesh:
         self.seed = seed
         self.now = 0.0
         self.refused: Callable[[Node], None] | None = None  # told of who may not join, or stay
-        self._ties = ties
-        self.nodes: list[Node] = []
-        self.events = 0
-        self._heap: list[tuple[float, int, Callable[[Any, Any], None], Any, Any]] = []
-        self._sequence = 0
-        self._links: dict[tuple[str, str], Link] = {}
-        self._routes: dict[str, tuple[Route, ...]] = {}  # by key, who listens; made when needed
-        self._watchers: dict[type[Message], list[Watcher]] = {}
         self.joined: Callable[[Node], None] | None = None  # told of each node that is added
+        self.nodes: list[Node] = []  # the processes of agents,
+        self.places: list[Place] = []  # and the guests' too
+        self.events = 0
+        self.liveliness = Liveliness(self, lease, reconnect)
+        self._ties = ties
+        self._heap: list[tuple[float, int, Step, Any, Any]] = []
+        self._sequence = 0
+        self._links: dict[Way, Link] = {}
+        self._routes: dict[Way, list[Route]] = {}  # by namespace and key; made when needed
+        self._watchers: dict[type[Message], list[Watcher]] = {}
         self._ports: list[Port] = []
-        self._presence = Presence(self, lease, reconnect)
-        self._questions = Questions(self)
+        self._queries: dict[int, Query] = {}  # that wait for replies
+        self._asked = 0
 
     # Building ------------------------------------------------------------------------------------
 
@@ -100,61 +130,35 @@ class VirtualMesh:
 
         Without `admit` it joins at once, whoever is alive.
         """
-        node = Node(agent, self, clock, admit=admit)
-        node.device = device
+        node = Node(agent, self, device, clock, admit)
         self.nodes.append(node)
-        self._routes.clear()
+        self.take_in(node)
         self.call_at(self.now, self._start, node)
         if self.joined is not None:
             self.joined(node)
         return node
+
+    def take_in(self, place: Place) -> None:
+        """Somebody joins, now."""
+        self.places.append(place)
+        self._routes.clear()
+
+    def _start(self, node: Node, _: Any) -> None:
+        if node.alive:
+            self.liveliness.look(node)
+            node.begin()
 
     def watch(self, watcher: Watcher, *kinds: type[Message]) -> None:
         """Be shown every message of these kinds the moment it is published, without being heard."""
         for kind in kinds:
             self._watchers.setdefault(kind, []).append(watcher)
 
-    def call_at(
-        self, when: float, call: Callable[[Any, Any], None], a: Any = None, b: Any = None
-    ) -> None:
-        """Have something called at a time."""
-        heapq.heappush(self._heap, (when, self._next(), call, a, b))
-
-    def _next(self) -> int:
-        """What orders equal instants."""
-        self._sequence += 1
-        if self._ties is None:
-            return self._sequence
-        return self._ties.getrandbits(32) << 32 | self._sequence
-
-    def publish(self, message: Message, sender: str = "client", key: str | None = None) -> None:
-        """Publish something from outside the society, as a command-line tool would."""
-        self._publish(sender, Publish(key or service_of(type(message)).key, message))
-
-    def publish_bytes(self, data: bytes, key: str, sender: str = "client") -> None:
-        """Publish a payload, whatever it is, from outside the society."""
-        for route in self._listeners(key):
-            at = self.link(sender, route[1].name).arrival(self.now)
-            if at is not None:
-                self.call_at(at, self._deliver, route, (key, data))
-
-    def arrive(self, message: Message, name: str, key: str) -> None:
-        """Have something arrive, now, that was published on a key for an agent long ago."""
-        for route in self._listeners(key):
-            if route[1].name == name:
-                self.call_at(self.now, self._deliver, route, (key, message))
-
-    def ask(
-        self,
-        request: Message,
-        then: Callable[[Message | None], None],
-        timeout: float = 5.0,
-    ) -> None:
-        """Put a query from outside the society."""
-        service = service_of(type(request))
-        assert service.reply is not None, f"{service.key} is not a query"
-        ask = AskFor(0, service.key, request, service.reply, timeout)
-        self._questions.put(None, ask, then)
+    def node(self, name: str) -> Node:
+        """The newest node of an agent's name. Raises KeyError if there is none."""
+        for node in reversed(self.nodes):
+            if node.name == name:
+                return node
+        raise KeyError(name)
 
     # Running -------------------------------------------------------------------------------------
 
@@ -167,14 +171,174 @@ class VirtualMesh:
             self.events += 1
             if stop is not None and stop():
                 return
-        self.now = max(self.now, until)
+        if until < inf:
+            self.now = max(self.now, until)
 
-    def node(self, name: str) -> Node:
-        """The newest node of an agent's name. Raises KeyError if there is none."""
-        for node in reversed(self.nodes):
-            if node.name == name:
-                return node
-        raise KeyError(name)
+    def call_at(self, when: float, call: Step, a: Any = None, b: Any = None) -> None:
+        """Have something called at a time."""
+        heapq.heappush(self._heap, (when, self._next(), call, a, b))
+
+    def later(self, source: str, target: str, call: Step, a: Any, b: Any = None) -> None:
+        """Have something called once it has come over the network, if it does."""
+        at = self.link(source, target).arrival(self.now)
+        if at is not None:
+            self.call_at(at, call, a, b)
+
+    def _next(self) -> int:
+        """What orders equal instants."""
+        self._sequence += 1
+        if self._ties is None:
+            return self._sequence
+        return self._ties.getrandbits(32) << 32 | self._sequence
+
+    # Publications --------------------------------------------------------------------------------
+
+    def publish(self, message: Message, sender: str = CLIENT, key: str | None = None) -> None:
+        """Publish something from outside the society, as a command-line tool would."""
+        self.spread(sender, key or service_of(type(message)).key, message, None)
+
+    def publish_bytes(self, data: bytes, key: str, sender: str = CLIENT) -> None:
+        """Publish a payload, whatever it is, from outside the society."""
+        for place, deliver, to in self.routes(DEFAULT_NAMESPACE, key):
+            self.later(sender, place.name, deliver, to, (key, data))
+
+    def arrive(self, message: Message, name: str, key: str) -> None:
+        """Have something arrive, now, that was published on a key for an agent long ago."""
+        for place, deliver, to in self.routes(DEFAULT_NAMESPACE, key):
+            if place.name == name:
+                self.call_at(self.now, deliver, to, (key, message))
+
+    def routes(self, namespace: str, key: str) -> list[Route]:
+        """Who receives what is published on a key, in the order in which they were added."""
+        routes = self._routes.get((namespace, key))
+        if routes is None:
+            routes = self._routes[namespace, key] = [
+                (place, place.refuse if "*" in key else deliver, to)
+                for place in self.places
+                if place.alive and place.namespace == namespace
+                for pattern, deliver, to in place.listeners()
+                if matches(pattern, key)
+            ]
+        return routes
+
+    def forget_routes(self) -> None:
+        """Somebody listens to more, or no longer."""
+        self._routes.clear()
+
+    def spread(self, sender: str, key: str, message: Message, speaker: Place | None) -> str:
+        """Send to everybody but the speaker, to another instance of the same agent too.
+
+        Args:
+            sender: Whose links it takes.
+            key: What it is published on.
+            message: What is published.
+            speaker: Who publishes it; None: somebody outside the society.
+
+        Returns:
+            Why nobody could receive it, or nothing.
+        """
+        namespace = DEFAULT_NAMESPACE if speaker is None else speaker.namespace
+        watchers = self._watchers.get(type(message), ())
+        routes = self.routes(namespace, key)
+        if not watchers and not routes:
+            return ""
+        shared = sendable(message)
+        if isinstance(shared, str):
+            return shared
+        for watcher in watchers:
+            watcher(key, shared, self.now)
+        if speaker is not None and speaker.lost:
+            return ""
+        now, links, heap, what = self.now, self._links, self._heap, (key, shared)
+        for place, deliver, to in routes:
+            if place is speaker or place.lost:
+                continue
+            link = links.get((sender, place.name)) or self.link(sender, place.name)
+            at = link.arrival(now)
+            while at is not None:
+                heapq.heappush(heap, (at, self._next(), deliver, to, what))
+                at = link.again(at) if link.faults.duplicate else None
+        return ""
+
+    # Queries -------------------------------------------------------------------------------------
+
+    def ask(
+        self, request: Message, then: Callable[[Message | None], None], timeout: float = 5.0
+    ) -> None:
+        """Put a query from outside the society; `then` is told its first reply, or None."""
+        service = service_of(type(request))
+        assert service.reply is not None, f"{service.key} is not a query"
+        self.put_first(None, AskFor(0, service.key, request, service.reply, timeout), then)
+
+    def put_first(
+        self, asker: Place | None, ask: AskFor, then: Callable[[Message | None], None]
+    ) -> None:
+        """Put a query of which the first reply counts."""
+
+        def each(_: str, message: Message) -> bool:
+            if not isinstance(message, ask.reply):
+                return False
+            then(message)
+            return True
+
+        self.put(asker, ask.key, ask.request, ask.timeout, each, lambda: then(None))
+
+    def put(
+        self,
+        asker: Place | None,
+        key: str,
+        request: Message,
+        timeout: float,
+        each: Callable[[str, Message], bool],
+        over: Callable[[], None],
+    ) -> None:
+        """Ask everybody who answers on a key, or on the keys of a pattern."""
+        self._asked += 1
+        number, name, waits = self._asked, CLIENT if asker is None else asker.name, 0
+        shared = sendable(request)
+        if isinstance(shared, str):
+            if asker is not None:
+                asker.unsent(key, shared)
+        elif asker is None or not asker.lost:
+            for place in self.others(asker):
+                for one in () if place.lost else place.queried(key):
+                    waits += 1
+                    self.later(name, place.name, place.asked, one, (key, shared, number))
+        self._queries[number] = Query(name, waits, each, over)
+        self.call_at(self.now + (timeout if waits else 0.0), self._over, number)
+
+    def reply(self, place: Place, number: int, key: str, message: Message) -> None:
+        """Carry a reply back."""
+        query = self._queries.get(number)
+        shared = sendable(message)
+        if isinstance(shared, str):
+            place.unsent(key, shared)
+        elif query is not None and not place.lost:
+            self.later(place.name, query.asker, self._replied, number, (key, shared))
+
+    def _replied(self, number: int, what: tuple[str, Message]) -> None:
+        query = self._queries.get(number)
+        if query is None:
+            return
+        query.waits -= 1
+        if query.each(what[0], what[1]):
+            del self._queries[number]
+        elif not query.waits:
+            self._over(number, None)
+
+    def _over(self, number: int, _: Any) -> None:
+        query = self._queries.pop(number, None)
+        if query is not None:
+            query.over()
+
+    def others(self, place: Place | None) -> list[Place]:
+        """All others of a place's namespace who are alive."""
+        namespace = DEFAULT_NAMESPACE if place is None else place.namespace
+        return [
+            other
+            for other in self.places
+            if other.alive and other is not place and other.namespace == namespace
+        ]
 
     # Faults --------------------------------------------------------------------------------------
 
@@ -185,241 +349,18 @@ class VirtualMesh:
             link = self._links[source, target] = Link(self.stream(f"link/{source}/{target}"))
         return link
 
-    def kill(self, node: Node) -> None:
-        """End a process without a word."""
-        node.alive = False
-        self._routes.clear()
-        self._presence.killed(node)
-
-    def leave(self, node: Node) -> None:
-        """Have a process end in order."""
-        node.driver.leave(node.time)
-        self._send(node, node.driver.take())
-        self.kill(node)
-
-    def hang(self, node: Node) -> None:
-        """Stop a process; what arrives waits for it."""
-        if not node.hung:
-            node.hung = True
-            self._presence.hung(node)
-
-    def resume(self, node: Node) -> None:
-        """Let a process go on, with all that waited for it."""
-        node.hung = False
-        self.flush(node)
-        self._presence.woken(node)
-
-    def slow_down(self, node: Node, work_s: float) -> None:
-        """Have a process need so long for each delivery, s; 0 is as fast as ever."""
-        node.work_s = work_s
-        if not work_s and not node.busy:
-            self.flush(node)
-
     def cut(self, sources: Sequence[str], targets: Sequence[str], *, lease: bool = False) -> None:
-        """What some agents publish no longer reaches others; both by name (`Presence.cut`)."""
-        self._presence.cut(sources, targets, lease=lease)
+        """What some agents publish no longer reaches others; both by name (`Liveliness.cut`)."""
+        self.liveliness.cut(sources, targets, lease=lease)
 
     def heal(self, sources: Sequence[str], targets: Sequence[str]) -> None:
         """Undo a cut."""
-        self._presence.heal(sources, targets)
-
-    def unsent(self, node: Node | None, key: str, why: str) -> None:
-        """Have an agent say that something was not sent; None is a client, who says nothing."""
-        if node is not None:
-            node.driver.refuse(key, why, node.time)
-            self._send(node, node.driver.take())
-
-    def flush(self, node: Node) -> None:
-        """Hand a node what waited for it."""
-        while not node.hung and not node.busy and (item := node.mailbox.take()):
-            item()
-        self._own_up(node)
-
-    # Inside --------------------------------------------------------------------------------------
-
-    def _start(self, node: Node, _: Any) -> None:
-        if node.alive:
-            self._presence.look(node)
-            node.driver.begin(node.time)
-            self._drain(node)
-
-    def later(self, source: str, node: Node, call: Callable[[Any, Any], None], what: Any) -> None:
-        """Have something happen to a node once it has come over the network from a source."""
-        at = self.link(source, node.name).arrival(self.now)
-        if at is not None:
-            self.call_at(at, call, node, what)
-
-    def hand(self, node: Node, deliver: Callable[[], None], lane: str, keep: int = EVENTS) -> None:
-        """Deliver something, or keep it in a lane while the node hangs or is busy."""
-        if not node.alive:
-            return
-        if self._waits(node):
-            node.mailbox.put(lane, lambda: self._through(node, deliver), keep)
-            self._work(node)
-        else:
-            self._through(node, deliver)
-
-    @staticmethod
-    def _waits(node: Node) -> bool:
-        """Whether what arrives must wait: nothing overtakes what waits already."""
-        return node.hung or bool(node.work_s) or node.busy or bool(node.mailbox)
-
-    def _through(self, node: Node, deliver: Callable[[], None]) -> None:
-        if node.alive:
-            deliver()
-            self._drain(node)
-
-    def _deliver(self, route: Route, what: tuple[str, Message | bytes]) -> None:
-        to, node = route
-        if not node.alive:
-            return
-        key, message = what
-        if self._waits(node):
-            keep = 1 if to.kind is Kind.STATE else EVENTS
-            self.hand(node, lambda: node.driver.deliver(to, key, message, node.time), key, keep)
-            return
-        driver = node.driver
-        driver.deliver(to, key, message, self.now if node.clock is None else node.time)
-        out = driver.take()
-        if out:
-            self._send(node, out)
-        wanted, due = driver.wakeup, node.wake_due
-        if wanted is not None and (due is None or node.clock is not None or wanted < due):
-            self.mind_wakeup(node)
-
-    def _work(self, node: Node) -> None:
-        """A slow process takes one thing after another; what it sends comes at the end of each."""
-        while not (node.busy or node.hung) and (item := node.mailbox.take()):
-            node.worked += 1
-            item()
-        self._own_up(node)
-
-    def _own_up(self, node: Node) -> None:
-        """Have an agent say what its mailbox had no room for, as a process does."""
-        if node.hung or node.busy or not node.alive:
-            return
-        if dropped := node.mailbox.take_dropped():
-            node.driver.report(dropped, node.time)
-            self._send(node, node.driver.take())
-
-    def _worked(self, node: Node, out: list[Output]) -> None:
-        node.busy = False
-        if node.hung:  # it goes on where it was
-            node.mailbox.put("worked", lambda: self._send(node, out))
-        elif node.alive:
-            self._send(node, out)
-            if node.worked >= BURST:
-                self._wake(node, node.wake_due or 0.0)
-            if node.work_s:
-                self._work(node)
-            else:
-                self.flush(node)
-            self.mind_wakeup(node)
-
-    def _drain(self, node: Node) -> None:
-        """Send what an agent has put into its outbox, at once or when its work is done."""
-        out = node.driver.take()
-        if node.work_s and node.alive:
-            node.busy = True
-            self.call_at(self.now + node.work_s, self._worked, node, out)
-            return
-        if out:
-            self._send(node, out)
-        self.mind_wakeup(node)
-        if node.driver.refusal and node.alive:
-            if self.refused is not None:
-                self.refused(node)
-            self.leave(node)
-
-    def _send(self, node: Node, out: list[Output]) -> None:
-        for item in out:
-            if type(item) is Publish:
-                self._publish(node.name, item, node)
-            elif isinstance(item, Write):
-                self._later_device(node, item.data)
-            elif isinstance(item, AskFor):
-                self._questions.put(node, item)
-            elif isinstance(item, Reply):
-                self._questions.answer(node, item)
-            elif isinstance(item, Announce):
-                node.announced = True
-                self._presence.join(node)
-            elif isinstance(item, OpenPort) and node.device is not None:
-                self._plug(node.device, node)
-                node.driver.link(True, "", node.time)
-                self._drain(node)
-
-    def _listeners(self, key: str) -> tuple[Route, ...]:
-        """Who listens on a key, in the order in which they were added."""
-        routes = self._routes.get(key)
-        if routes is None:
-            routes = self._routes[key] = tuple(
-                (to, node)
-                for node in self.nodes
-                if node.alive
-                for to in node.agent.subscriptions()
-                if matches(to.pattern, key)
-            )
-        return routes
-
-    def _publish(self, sender: str, item: Publish, speaker: Node | None = None) -> None:
-        """Send to everybody but the speaker, to another instance of the same agent too."""
-        key = item.key
-        watchers = self._watchers.get(type(item.message), ())
-        routes = self._listeners(key)
-        if not watchers and not routes:
-            return
-        shared = sendable(item)
-        if isinstance(shared, str):
-            self.unsent(speaker, key, shared)
-            return
-        for watcher in watchers:
-            watcher(key, shared, self.now)
-        if speaker is not None and speaker.lost:
-            return
-        now, links, what = self.now, self._links, (key, shared)
-        for route in routes:
-            node = route[1]
-            if node is speaker or node.lost:
-                continue
-            link = links.get((sender, node.name)) or self.link(sender, node.name)
-            at = link.arrival(now)
-            while at is not None:
-                heapq.heappush(self._heap, (at, self._next(), self._deliver, route, what))
-                at = link.again(at) if link.faults.duplicate else None
-
-    def mind_wakeup(self, node: Node, *, anew: bool = False) -> None:
-        """See that a node is woken when its agent wants it; `anew`: its clock has changed."""
-        if anew:
-            node.wake_due = None
-        wanted = node.driver.wakeup
-        if wanted is None or not node.alive:
-            return
-        due = node.when(wanted)
-        if node.wake_due is None or due < node.wake_due:
-            node.wake_due = due
-            self.call_at(max(due, self.now), self._wake, node, due)
-
-    def _wake(self, node: Node, due: float) -> None:
-        if node.wake_due != due:
-            return  # an earlier one took its place
-        node.wake_due = None
-        if not node.alive:
-            return
-        if node.hung or (node.busy and node.worked < BURST):
-            node.wake_due = self.now + LOOK_AGAIN
-            self.call_at(node.wake_due, self._wake, node, node.wake_due)
-            return
-        now, wanted = node.time, node.driver.wakeup
-        if wanted is not None and now < wanted < now + ROUNDING:
-            now = wanted
-        node.worked = 0
-        node.driver.wake(now)
-        self._drain(node)
+        self.liveliness.heal(sources, targets)
 
     # Devices -------------------------------------------------------------------------------------
 
-    def _plug(self, device: Device, node: Node) -> None:
+    def plug(self, device: Device, node: Node) -> None:
+        """A node opens a device."""
         for port in self._ports:
             if port.device is device:
                 port.node = node
@@ -428,7 +369,8 @@ class VirtualMesh:
         self._ports.append(port)
         self.call_at(self.now, self._device_due, port)
 
-    def _later_device(self, node: Node, data: bytes) -> None:
+    def write(self, node: Node, data: bytes) -> None:
+        """Bytes for a node's device."""
         link = self.link(node.name, "device")
         at = link.arrival(self.now)
         if at is not None:
@@ -451,11 +393,485 @@ class VirtualMesh:
             link = self.link("device", node.name)
             at = link.arrival(self.now)
             if at is not None:
-                self.call_at(at, self._bytes, node, link.spoil(data))
+                self.call_at(at, node.received, link.spoil(data))
 
-    def _bytes(self, node: Node, data: bytes) -> None:
-        if self._waits(node):
-            self.hand(node, lambda: node.driver.received(data, node.time), "device")
-        elif node.alive:
-            node.driver.received(data, node.time)
-            self._drain(node)
+
+class Port:
+    """A device, and the node that has it open: the newest one that came with it."""
+
+    def __init__(self, device: Device, node: Node) -> None:
+        self.device = device
+        self.node = node
+
+
+class Query:
+    """A query that waits."""
+
+    def __init__(
+        self, asker: str, waits: int, each: Callable[[str, Message], bool], over: Callable[[], None]
+    ) -> None:
+        self.asker = asker
+        self.waits = waits  # how many may still reply
+        self.each = each  # takes a reply; whether that is enough
+        self.over = over  # told that there will be no more
+
+
+class Place:
+    """A process on the mesh, as the network sees it."""
+
+    def __init__(self, mesh: VirtualMesh, namespace: str, name: str) -> None:
+        self.namespace = namespace
+        self.name = name
+        self.alive = True
+        self.lost = False  # hung for longer than the lease, and not found again yet
+        self.tokens: list[tuple[str, str]] = []  # (name, instance) of those that can be seen
+        self.mesh = mesh
+
+    def listeners(self) -> list[tuple[str, Step, Any]]:
+        """The patterns that it listens to, what takes a delivery, and as what."""
+        raise NotImplementedError
+
+    def queried(self, pattern: str) -> list[Any]:
+        """What of it answers queries on the keys of a pattern."""
+        raise NotImplementedError
+
+    def asked(self, one: Any, what: tuple[str, Message, int]) -> None:
+        """One of them takes a query: the key asked for, the request, and the query's number."""
+        raise NotImplementedError
+
+    def tell(self, name: str, instance: str, alive: bool) -> None:
+        """Take the news of a token."""
+        raise NotImplementedError
+
+    def unsent(self, key: str, why: str) -> None:
+        """Something was not sent."""
+
+    def refuse(self, _: Any, what: tuple[str, Message]) -> None:
+        """Something was published by a wildcard: nobody takes it."""
+
+    def show(self, name: str, instance: str) -> None:
+        """Show a token."""
+        self.tokens.append((name, instance))
+        self.mesh.liveliness.join(self, name, instance)
+
+    def kill(self) -> None:
+        """SIGKILL: it says nothing more, and its tokens go."""
+        self.alive = False
+        self.mesh.forget_routes()
+        self.mesh.liveliness.killed(self)
+
+
+Route = tuple[Place, Step, Any]
+"""Who receives, what takes it, and as what."""
+
+
+class Node(Place):
+    """An agent's process: its driver, and what makes it hang, slow or wrong about the time.
+
+    Without a clock of its own it takes the mesh's time for its own.
+    """
+
+    def __init__(
+        self,
+        agent: Agent,
+        mesh: VirtualMesh,
+        device: Device | None,
+        clock: Clock | None,
+        admit: bool,
+    ) -> None:
+        super().__init__(mesh, DEFAULT_NAMESPACE, agent.name)
+        self.agent = agent
+        self.device = device
+        self.clock = clock
+        self.mailbox: Mailbox[Callable[[], None]] = Mailbox()
+        self.hung = False
+        self.hangs = 0
+        self.work_s = 0.0  # for each delivery: what else it would have been through at once
+        self._busy = False
+        self._worked = 0  # deliveries since its last wake-up, or since nothing waited
+        self._wake_due: float | None = None
+        self.driver = Driver(agent, self.time, admit=admit)
+
+    @property
+    def time(self) -> float:
+        """What it takes for the time, s."""
+        now = self.mesh.now
+        return now if self.clock is None else self.clock.read(now)
+
+    def begin(self) -> None:
+        """Start the agent."""
+        self.driver.begin(self.time)
+        self._drain()
+
+    # Faults --------------------------------------------------------------------------------------
+
+    def leave(self) -> None:
+        """SIGTERM: it lets go of what it holds, and ends."""
+        self.driver.leave(self.time)
+        self._send(self.driver.take())
+        self.kill()
+
+    def hang(self) -> None:
+        """SIGSTOP: what arrives waits, its token stays for the lease."""
+        if not self.hung:
+            self.hung = True
+            self.mesh.liveliness.hung(self)
+
+    def resume(self) -> None:
+        """SIGCONT: everything that waited arrives in a burst."""
+        self.hung = False
+        self._flush()
+        self.mesh.liveliness.woken(self)
+
+    def slow_down(self, work_s: float) -> None:
+        """It needs so long for each delivery from now on, s; 0 is as fast as ever."""
+        self.work_s = work_s
+        if not work_s and not self._busy:
+            self._flush()
+
+    def jump(self, ahead: float) -> None:
+        """Its clock shows so much more at once, s."""
+        self._own_clock().jump(ahead)
+        self._mind_wakeup(anew=True)
+
+    def drift(self, rate: float) -> None:
+        """Its clock runs so many times as fast as it should from now on."""
+        self._own_clock().drift(self.mesh.now, rate)
+        self._mind_wakeup(anew=True)
+
+    def _own_clock(self) -> Clock:
+        if self.clock is None:
+            self.clock = Clock()
+        return self.clock
+
+    # What arrives --------------------------------------------------------------------------------
+
+    def listeners(self) -> list[tuple[str, Step, Any]]:
+        """See `Place`."""
+        return [(to.pattern, self._deliver, to) for to in self.agent.subscriptions()]
+
+    def _deliver(self, to: Subscription, what: tuple[str, Message | bytes]) -> None:
+        if not self.alive:
+            return
+        key, message = what
+        if self._waits():
+            keep = 1 if to.kind is Kind.STATE else EVENTS
+            self._hand(lambda: self.driver.deliver(to, key, message, self.time), key, keep)
+            return
+        driver = self.driver
+        driver.deliver(to, key, message, self.mesh.now if self.clock is None else self.time)
+        out = driver.take()
+        if out:
+            self._send(out)
+        wanted, due = driver.wakeup, self._wake_due
+        if wanted is not None and (due is None or self.clock is not None or wanted < due):
+            self._mind_wakeup()
+
+    def queried(self, pattern: str) -> list[Any]:
+        """See `Place`."""
+        return [key for key in self.driver.queries if matches(pattern, key)]
+
+    def asked(self, one: Any, what: tuple[str, Message, int]) -> None:
+        """See `Place`."""
+        _, request, number = what
+        self._hand(lambda: self.driver.asked(one, request, number, self.time), f"query/{one}")
+
+    def tell(self, name: str, instance: str, alive: bool) -> None:
+        """See `Place`."""
+        self._hand(
+            lambda: self.driver.token(name, instance, alive, self.time), f"token/{instance}", 1
+        )
+
+    def received(self, data: bytes, _: Any) -> None:
+        """Take bytes from the device."""
+        self._hand(lambda: self.driver.received(data, self.time), "device")
+
+    def _replied(self, number: int, message: Message | None) -> None:
+        self._hand(lambda: self.driver.replied(number, message, self.time), f"reply/{number}")
+
+    def _hand(self, deliver: Callable[[], None], lane: str, keep: int = EVENTS) -> None:
+        """Deliver something, or keep it in a lane while it hangs or is busy."""
+        if not self.alive:
+            return
+        if self._waits():
+            self.mailbox.put(lane, lambda: self._through(deliver), keep)
+            self._work()
+        else:
+            self._through(deliver)
+
+    def _waits(self) -> bool:
+        """Whether what arrives must wait: nothing overtakes what waits already."""
+        return self.hung or bool(self.work_s) or self._busy or bool(self.mailbox)
+
+    def _through(self, deliver: Callable[[], None]) -> None:
+        if self.alive:
+            deliver()
+            self._drain()
+
+    def _flush(self) -> None:
+        """Take all that waited."""
+        while not self.hung and not self._busy and (item := self.mailbox.take()):
+            item()
+        self._own_up()
+
+    def _work(self) -> None:
+        """A slow process takes one thing after another; what it sends comes at the end of each."""
+        while not (self._busy or self.hung) and (item := self.mailbox.take()):
+            self._worked += 1
+            item()
+        if not self._busy:
+            self._worked = 0
+        self._own_up()
+
+    def _own_up(self) -> None:
+        """Have the agent say what its mailbox had no room for, as a process does."""
+        if self.hung or self._busy or not self.alive:
+            return
+        if dropped := self.mailbox.take_dropped():
+            self.driver.report(dropped, self.time)
+            self._send(self.driver.take())
+
+    def _has_worked(self, out: list[Output], _: Any) -> None:
+        self._busy = False
+        if self.hung:  # it goes on where it was
+            self.mailbox.put("worked", lambda: self._send(out))
+        elif self.alive:
+            self._send(out)
+            wanted = self.driver.wakeup
+            worked_s = (self._worked - 1) * self.work_s
+            if wanted is not None and self.time >= wanted and worked_s >= BURST_S:
+                self._wake(self._wake_due or 0.0, None)
+            if self.work_s:
+                self._work()
+            else:
+                self._flush()
+            self._mind_wakeup()
+
+    # What is sent --------------------------------------------------------------------------------
+
+    def _drain(self) -> None:
+        """Send what the agent has put into its outbox, at once or when its work is done."""
+        out = self.driver.take()
+        if self.work_s and self.alive:
+            self._busy = True
+            self.mesh.call_at(self.mesh.now + self.work_s, self._has_worked, out)
+            return
+        if out:
+            self._send(out)
+        self._mind_wakeup()
+        if self.driver.refusal and self.alive:
+            if self.mesh.refused is not None:
+                self.mesh.refused(self)
+            self.leave()
+
+    def _send(self, out: list[Output]) -> None:
+        for item in out:
+            if type(item) is Publish:
+                why = self.mesh.spread(self.name, item.key, item.message, self)
+                if why:
+                    self.unsent(item.key, why)
+            elif isinstance(item, Write):
+                self.mesh.write(self, item.data)
+            elif isinstance(item, AskFor):
+                self._ask(item)
+            elif isinstance(item, Reply):
+                self.mesh.reply(self, item.call, item.key, item.message)
+            elif isinstance(item, Announce):
+                self.show(self.name, self.agent.instance)
+            elif isinstance(item, OpenPort) and self.device is not None:
+                self.mesh.plug(self.device, self)
+                self.driver.link(True, "", self.time)
+                self._drain()
+
+    def _ask(self, item: AskFor) -> None:
+        self.mesh.put_first(self, item, lambda message: self._replied(item.id, message))
+
+    def unsent(self, key: str, why: str) -> None:
+        """See `Place`: the agent says so."""
+        self.driver.refuse(key, why, self.time)
+        self._send(self.driver.take())
+
+    # Wake-ups ------------------------------------------------------------------------------------
+
+    def _mind_wakeup(self, *, anew: bool = False) -> None:
+        """See that it is woken when the agent wants it; `anew`: its clock has changed."""
+        if anew:
+            self._wake_due = None
+        wanted = self.driver.wakeup
+        if wanted is None or not self.alive:
+            return
+        due = wanted if self.clock is None else self.clock.when(wanted)
+        if self._wake_due is None or due < self._wake_due:
+            self._wake_due = due
+            self.mesh.call_at(max(due, self.mesh.now), self._wake, due)
+
+    def _wake(self, due: float, _: Any) -> None:
+        if self._wake_due != due:
+            return  # an earlier one took its place
+        self._wake_due = None
+        if not self.alive:
+            return
+        if self.hung or self._busy:
+            self._wake_due = self.mesh.now + LOOK_AGAIN
+            self.mesh.call_at(self._wake_due, self._wake, self._wake_due)
+            return
+        now, wanted = self.time, self.driver.wakeup
+        if wanted is not None and now < wanted < now + ROUNDING:
+            now = wanted
+        self._worked = 0
+        self.driver.wake(now)
+        self._drain()
+
+
+class Liveliness:
+    """Who is there, for whom: tokens, leases, cuts and hangs, as Zenoh has them.
+
+    A process that is killed is missed at once: its socket closes. One that is cut off or hangs is
+    missed when its lease runs out; the connection is then gone both ways, and both sides are told
+    so, the hung one on waking. Some time after the cut has healed, or it has woken, they connect
+    again.
+    """
+
+    def __init__(self, mesh: VirtualMesh, lease: float, reconnect: tuple[float, float]) -> None:
+        self._mesh = mesh
+        self._lease = lease
+        self._reconnects = reconnect
+        self._rng = mesh.stream("presence")
+        self._cuts: Counter[Way] = Counter()
+        self._parted: set[frozenset[str]] = set()  # names whose connection's lease ran out
+
+    def look(self, place: Place) -> None:
+        """Somebody has come: it is told who is alive."""
+        for other in self._mesh.others(place):
+            if not other.lost:
+                self._show(other, place)
+
+    def join(self, place: Place, name: str, instance: str) -> None:
+        """Somebody shows a token: the others are told of it."""
+        for other in self._mesh.others(place):
+            if not other.lost:
+                self._tell_of(place, other, name, instance)
+
+    def killed(self, place: Place) -> None:
+        """Somebody is gone: who reached it sees its socket close, the others its lease end."""
+        for other in self._mesh.others(place):
+            reached = self._mesh.link(place.name, other.name).up and not place.lost
+            at = self._mesh.now + (LIVELINESS if reached else self._lease)
+            self._mesh.call_at(at, self._gone, other, place)
+
+    # Hangs ---------------------------------------------------------------------------------------
+
+    def hung(self, node: Node) -> None:
+        """A node hangs from now on."""
+        node.hangs += 1
+        self._mesh.call_at(self._mesh.now + self._lease, self._hung_for_long, node, node.hangs)
+
+    def woken(self, node: Node) -> None:
+        """It is back, and has dealt with what waited for it; tell it what it has lost meanwhile."""
+        if not node.lost:
+            return
+        for other in self._mesh.others(node):
+            self._gone(node, other)
+        at = self._mesh.now + self._rng.uniform(*self._reconnects)
+        self._mesh.call_at(at, self._found, node, node.hangs)
+
+    def _hung_for_long(self, node: Node, hang: int) -> None:
+        if node.alive and node.hung and node.hangs == hang:
+            node.lost = True
+            for other in self._mesh.others(node):
+                self._gone(other, node)
+
+    def _found(self, node: Node, hang: int) -> None:
+        if node.alive and not node.hung and node.hangs == hang:
+            node.lost = False
+            self.look(node)
+            for name, instance in node.tokens:
+                self.join(node, name, instance)
+
+    # Cuts ----------------------------------------------------------------------------------------
+
+    def cut(self, sources: Iterable[str], targets: Iterable[str], *, lease: bool) -> None:
+        """What sources say no longer reaches targets, by names.
+
+        With a `lease` the connection ends both ways when it runs out, as TCP's does; without,
+        nobody ever notices but by the silence.
+        """
+        for way in _ways(sources, targets):
+            self._cuts[way] += 1
+            self._mesh.link(*way).up = False
+            if lease:
+                at = self._mesh.now + self._lease
+                self._mesh.call_at(at, self._cut_for_long, way, self._cuts[way])
+
+    def heal(self, sources: Iterable[str], targets: Iterable[str]) -> None:
+        """Undo a cut."""
+        for way in _ways(sources, targets):
+            self._cuts[way] -= 1
+            if self._cuts[way]:
+                continue
+            if frozenset(way) in self._parted:
+                at = self._mesh.now + self._rng.uniform(*self._reconnects)
+                self._mesh.call_at(at, self._reconnect, way)
+            else:
+                self._mesh.link(*way).up = True
+
+    def _cut_for_long(self, way: Way, _: Any) -> None:
+        """Part them, if they are still cut; one that was cut anew meanwhile is parted early."""
+        pair = frozenset(way)
+        if not self._cuts[way] or pair in self._parted:
+            return
+        self._parted.add(pair)
+        self._both_ways(way, up=False)
+        for place in self._mesh.places:
+            for other in self._mesh.places:
+                if place.alive and place is not other and {place.name, other.name} == pair:
+                    self._gone(place, other)
+
+    def _reconnect(self, way: Way, _: Any) -> None:
+        pair = frozenset(way)
+        if self._cuts[way] or self._cuts[way[1], way[0]] or pair not in self._parted:
+            return
+        self._parted.remove(pair)
+        self._both_ways(way, up=True)
+        for place in self._mesh.places:
+            for other in self._mesh.places:
+                here = place.alive and other.alive and not (place.lost or other.lost)
+                if here and (place.name, other.name) == way:
+                    self._show(place, other)
+                    self._show(other, place)
+
+    def _both_ways(self, way: Way, *, up: bool) -> None:
+        self._mesh.link(way[0], way[1]).up = self._mesh.link(way[1], way[0]).up = up
+
+    # Telling -------------------------------------------------------------------------------------
+
+    def _show(self, place: Place, other: Place) -> None:
+        """One's tokens come to another."""
+        for name, instance in place.tokens:
+            self._tell_of(place, other, name, instance)
+
+    def _tell_of(self, place: Place, other: Place, name: str, instance: str) -> None:
+        what = (place, name, instance)
+        self._mesh.later(place.name, other.name, self._appear, other, what)
+
+    def _appear(self, place: Place, what: tuple[Place, str, str]) -> None:
+        other, name, instance = what
+        if other.alive:
+            place.tell(name, instance, True)
+
+    def _gone(self, place: Place, other: Place) -> None:
+        for name, instance in other.tokens:
+            place.tell(name, instance, False)
+
+
+def _ways(sources: Iterable[str], targets: Iterable[str]) -> list[Way]:
+    there = tuple(targets)
+    return [(source, target) for source in sources for target in there if source != target]
+
+
+def sendable(message: Message) -> Message | str:
+    """The message as the others receive it, or why nobody can."""
+    try:
+        return checked(message)
+    except MessageError as error:
+        return str(error)

@@ -13,10 +13,9 @@ import os
 import secrets
 import threading
 import time
-from collections import Counter
 from collections.abc import Callable
 from types import TracebackType
-from typing import Any, Final, TypeVar
+from typing import Any, Final
 
 # One worker of Zenoh's for everything, where there would be five: what they do for a message of
 # ours is little, and handing it on woke each process 20 times a cycle. Read on loading Zenoh.
@@ -28,26 +27,16 @@ os.environ.setdefault(
 
 import zenoh
 
-from armadico.core.messages import Message, MessageError, decode, encode, line
+from armadico.core.messages import Message, encode
 from armadico.core.services import TOKEN
+from armadico.mesh.base import Monotonic, Reader, Receiver
 from armadico.mesh.linger import release_links
 from armadico.mesh.topology import MeshError, Topology, one_way
 
 logger = logging.getLogger("armadico.mesh")
 
-M = TypeVar("M", bound=Message)
-
-Receiver = Callable[[str, bytes], None]
-"""Takes a key and a payload, on Zenoh's thread, and returns soon."""
-
 CLOSE_S: Final = 1.0
 """A session that does not close within this is left behind (closing may block for 10 s)."""
-
-REPORT_S: Final = 5.0
-"""What is refused is reported at most so often."""
-
-REFUSED_KEYS: Final = 1000
-"""Keys on which refusals are counted one by one."""
 
 ATTEMPT_MS: Final = 1000
 """How long one attempt to reach a router goes on."""
@@ -95,18 +84,17 @@ class Call:
         self._query.drop()  # type: ignore[no-untyped-call]
 
 
-class ZenohMesh:
-    """One process's session, within one robot's namespace."""
+class ZenohMesh(Reader, Monotonic):
+    """One process's session, within one robot's namespace: a `Mesh`."""
 
     def __init__(self, namespace: str, where: Topology) -> None:
+        super().__init__()
         self.namespace = namespace
-        self.refused: Counter[str] = Counter()  # by key: what was no message, or came by a wildcard
         self._where = where
         self._session: zenoh.Session | None = None
         self._publishers: dict[str, zenoh.Publisher] = {}
         self._kept: list[Any] = []  # declarations live as long as somebody holds them
         self._tokens: dict[str, zenoh.LivelinessToken] = {}
-        self._reported_at = float("-inf")
 
     def __enter__(self) -> ZenohMesh:
         self.open()
@@ -184,11 +172,8 @@ class ZenohMesh:
 
     # Talking -------------------------------------------------------------------------------------
 
-    def publish(self, key: str, message: Message) -> None:
-        """Say a message to the others; one's own subscribers do not hear it.
-
-        One priority for all: across priorities a stop and a speed could change places.
-        """
+    def publish(self, key: str, message: Message, data: bytes | None = None) -> None:
+        """See `Mesh`. One priority for all: or a stop and a speed could change places."""
         publisher = self._publishers.get(key)
         if publisher is None:
             publisher = self._publishers[key] = self._open.declare_publisher(
@@ -196,19 +181,19 @@ class ZenohMesh:
                 congestion_control=zenoh.CongestionControl.DROP,
                 allowed_destination=zenoh.Locality.REMOTE,
             )
-        publisher.put(encode(message))
+        publisher.put(encode(message) if data is None else data)
 
     def has_said(self, key: str) -> bool:
-        """Whether something was published on a key: the first time it has to be declared."""
+        """See `Mesh`: the first time a key has to be declared."""
         return key in self._publishers
 
     def subscribe(self, pattern: str, receiver: Receiver) -> None:
-        """Have what is said on the keys of a pattern handed over."""
+        """See `Mesh`."""
 
         def arrived(sample: zenoh.Sample) -> None:
             key = str(sample.key_expr)
             if "*" in key:
-                self._refuse(key, "published by wildcard")
+                self.refuse(key, "published by wildcard")
             else:
                 receiver(key, sample.payload.to_bytes())
 
@@ -222,15 +207,7 @@ class ZenohMesh:
         each: Receiver,
         done: Callable[[], None],
     ) -> None:
-        """Put a query: `each` takes every reply as it comes, then `done` is called, once.
-
-        Args:
-            key: May be a pattern; everybody who answers on it is asked.
-            request: The question.
-            timeout: When to stop waiting, s.
-            each: Takes a reply, on Zenoh's thread.
-            done: Told that there will be no more, on Zenoh's thread.
-        """
+        """See `Mesh`; both are called on Zenoh's thread."""
 
         def replied(reply: zenoh.Reply) -> None:
             if reply.ok is not None:
@@ -247,21 +224,18 @@ class ZenohMesh:
         )
 
     def answer(self, key: str, receiver: Callable[[Call], None]) -> None:
-        """Have the queries on a key handed over."""
+        """See `Mesh`."""
         self._keep(self._open.declare_queryable(key, _direct(lambda query: receiver(Call(query)))))
 
     # Who is there --------------------------------------------------------------------------------
 
     def declare_alive(self, name: str, instance: str) -> None:
-        """Show the liveliness token of an agent until the session closes."""
+        """See `Mesh`."""
         key = TOKEN.format(name=name, instance=instance)
         self._tokens[key] = self._open.liveliness().declare_token(key)
 
     def watch_alive(self, changed: Callable[[str, str, bool], None]) -> None:
-        """Have tokens that are there, come and go handed over as (name, instance, there).
-
-        The same news may come twice: treat it as a set.
-        """
+        """See `Mesh`."""
 
         def arrived(sample: zenoh.Sample) -> None:
             chunks = str(sample.key_expr).split("/")
@@ -272,25 +246,6 @@ class ZenohMesh:
         self._keep(
             self._open.liveliness().declare_subscriber(pattern, _direct(arrived), history=True)
         )
-
-    # Reading -------------------------------------------------------------------------------------
-
-    def read(self, kind: type[M], key: str, data: bytes) -> M | None:
-        """The message in a payload; None, counted and now and then reported, if there is none."""
-        try:
-            return decode(data, kind)
-        except MessageError as error:
-            self._refuse(key, str(error))
-            return None
-
-    def _refuse(self, key: str, why: str) -> None:
-        if len(self.refused) < REFUSED_KEYS or key in self.refused:
-            self.refused[key] += 1
-        now = time.monotonic()
-        if now - self._reported_at >= REPORT_S:
-            self._reported_at = now
-            words = line(f"refused on {key}: {why} ({self.refused.total()} refused so far)")
-            logger.warning("%s", words)
 
     # Inside --------------------------------------------------------------------------------------
 

@@ -25,6 +25,7 @@ if TYPE_CHECKING:
     from mcap.records import Channel, Schema
 
     from armadico.config.worlds import World
+    from armadico.observe.dashboard.local_map import Zones
     from armadico.observe.dashboard.scene import Scene
 
 KINDS: Final[dict[str, type[Struct]]] = {
@@ -202,7 +203,9 @@ def _flat(fields: dict[str, Any], before: str = "") -> Iterator[tuple[str, Any]]
 # Rerun --------------------------------------------------------------------------------------------
 
 
-def to_rrd(path: Path, out: Path, namespace: str | None, world: World | None, warn: Warn) -> int:
+def to_rrd(
+    path: Path, out: Path, namespace: str | None, world: World | None, zones: Zones, warn: Warn
+) -> int:
     """Draw a recording as the dashboard would have; returns how many messages it was.
 
     Raises RecordingError if it holds several robots and none was named, ImportError without rerun.
@@ -214,7 +217,7 @@ def to_rrd(path: Path, out: Path, namespace: str | None, world: World | None, wa
     chosen = namespace or _only_namespace(path)
     recording = rerun.RecordingStream("armadico")
     recording.save(str(out))
-    scene = Scene(recording, world, chosen)
+    scene = Scene(recording, world, chosen, zones)
     count, first = 0, None
     for row in rows(path, warn):
         first = row.t if first is None else first
@@ -229,7 +232,7 @@ def _draw(scene: Scene, row: Row, t: float) -> bool:
     """Show one message to the scene, if it is one."""
     if row.schema == HERE:
         here = row.fields
-        scene.alive(here["name"], here["instance"], here["there"], t)
+        scene.alive(here["instance"], here["there"], t)
         return True
     try:
         message = row.message

@@ -1,4 +1,4 @@
-"""Who is there, host by host, and what each host lacks (sans-IO): cards in, a state a host out."""
+"""Who is there, host by host, and what each host lacks (sans-IO): a view in, a state a host out."""
 
 from __future__ import annotations
 
@@ -8,6 +8,7 @@ from statistics import median
 from typing import Final
 
 from armadico.core.messages import Card
+from armadico.observe.view import View
 
 SKEW_S: Final = 2.0
 """A clock that is farther off than this is worth saying; an answer may take a while."""
@@ -41,15 +42,16 @@ class HostState:
 
 
 def census(
-    cards: Sequence[Card], wanted: Mapping[str, Sequence[str]], ahead: Mapping[str, float]
+    view: View, wanted: Mapping[str, Sequence[str]], ahead: Mapping[str, float]
 ) -> list[HostState]:
     """Every host that was heard of, those of `wanted` first.
 
     Args:
-        cards: Of everybody who answered.
+        view: Of the society; who shows no card is on no host.
         wanted: The agents that each host should have.
         ahead: How far the clock on a card was ahead of this machine's, by instance, s.
     """
+    cards = [agent.card for agent in view.agents if agent.card is not None]
     names = dict.fromkeys((*wanted, *sorted({card.host for card in cards})))
     return [
         _state(name, [card for card in cards if card.host == name], wanted.get(name, ()), ahead)

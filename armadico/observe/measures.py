@@ -28,12 +28,10 @@ from armadico.core.messages import (
     Truth,
 )
 from armadico.core.resources import WHEELS
+from armadico.observe.view import View, agent_of
 
 REACHED_M = 0.15
 REACHED_RAD = radians(5.0)
-
-OBEYED_CYCLES = 3
-"""A command obeyed longer ago than so many cycles is nobody's any more."""
 
 WATCHED: tuple[type[Message], ...] = (
     Truth,
@@ -74,6 +72,17 @@ class Result(Struct, frozen=True):
         """Reached, and nothing touched."""
         return self.reached and not self.collisions
 
+    @property
+    def verdict(self) -> str:
+        """One line on the run."""
+        verdict = "reached" if self.reached else "NOT reached"
+        least = self.min_clearance_m
+        clear = "" if least is None else f", clearance {least:.2f} m"
+        return (
+            f"{verdict} in {self.tt_s:.1f} s over {self.td_m:.2f} m;"
+            f" {self.exchanges} exchanges, {self.collisions or 0} collisions{clear}"
+        )
+
 
 class Mark(Struct, frozen=True):
     """One cycle of a run: when, where (true if known), and who was obeyed."""
@@ -83,16 +92,6 @@ class Mark(Struct, frozen=True):
     y: float
     theta: float
     holder: str | None
-
-
-def driver(ack: Ack) -> str | None:
-    """The agent that a resource obeys now, by its owner's word; None: nobody."""
-    at = ack.obeyed_cycle
-    if ack.obeyed is None or at is None or at.epoch != ack.cycle.epoch:
-        return None
-    if ack.cycle.number - at.number > OBEYED_CYCLES:
-        return None
-    return ack.obeyed.instance.rsplit("-", 1)[0]
 
 
 def speeds(command: Command) -> tuple[float, float]:
@@ -114,11 +113,8 @@ class RunWatch:
     path: list[Mark] = field(default_factory=list)
     echoes: list[tuple[float, float]] = field(default_factory=list)
     waypoints: tuple[Pose2, ...] = ()
-    holder: str | None = None
-    state: RobotState | None = None
-    pose: Pose | None = None
-    truth: Truth | None = None
-    status: MissionStatus | None = None
+    view: View = field(default_factory=View)
+    now: float = 0.0
     done: bool = False
     mission: int = 0
     distance: float = 0.0
@@ -136,10 +132,21 @@ class RunWatch:
 
     def show(self, message: Message, now: float) -> None:
         """Take one message."""
-        kind = type(message).__name__
-        taker = getattr(self, f"_take_{kind.lower()}", None)
-        if taker is not None and not self.done:
-            taker(message, now)
+        if self.done:
+            return
+        self.now = now
+        self.view.learn(message, now)
+        if isinstance(message, Trajectory) and message.waypoints:
+            self.waypoints = tuple((w.x, w.y, w.theta) for w in message.waypoints)
+        taker = getattr(self, f"_take_{type(message).__name__.lower()}", None)
+        if taker is not None and self.mission:
+            taker(message)
+
+    @property
+    def holder(self) -> str | None:
+        """The agent that drives since the mission began; None: nobody."""
+        driver = self.view.driver(WHEELS.name, self.now) if self.mission else None
+        return None if driver is None else agent_of(driver)
 
     @property
     def elapsed(self) -> float:
@@ -151,17 +158,16 @@ class RunWatch:
     @property
     def here(self) -> Pose2 | None:
         """The true pose, or the encoders' where nobody knows better."""
-        at = self.truth or self.pose
+        at = self.view.truth or self.view.pose
         return None if at is None else (at.x, at.y, at.theta)
 
     @property
     def astray(self) -> float | None:
         """How far a pose that says the goal is reached is from the truth, m; None if it is not."""
-        if not self.done or self.pose is None or self.truth is None:
+        pose, truth = self.view.pose, self.view.truth
+        if not self.done or pose is None or truth is None or self.result().reached:
             return None
-        if self.result().reached:
-            return None
-        return hypot(self.pose.x - self.truth.x, self.pose.y - self.truth.y)
+        return hypot(pose.x - truth.x, pose.y - truth.y)
 
     def result(self) -> Result:
         """The row, as far as the run has come."""
@@ -170,7 +176,7 @@ class RunWatch:
         error = hypot(self.goal[0] - here[0], self.goal[1] - here[1])
         turned = abs(wrap(self.goal[2] - here[2]))
         straight = hypot(self.goal[0] - start[0], self.goal[1] - start[1])
-        truth = self.truth
+        truth = self.view.truth
         return Result(
             scenario=self.scenario,
             seed=self.seed,
@@ -193,45 +199,36 @@ class RunWatch:
         total = sum(self._cycles.values())
         return round(100.0 * self._cycles.get(name, 0) / total, 2) if total else 0.0
 
-    def _take_truth(self, truth: Truth, _now: float) -> None:
-        self.truth = truth
-        if self.mission:
-            self._mark(truth.t, (truth.x, truth.y, truth.theta))
-            if truth.clearance is not None:
-                least = truth.clearance if self.clearance is None else self.clearance
-                self.clearance = min(truth.clearance, least)
+    def _take_truth(self, truth: Truth) -> None:
+        self._mark(truth.t, (truth.x, truth.y, truth.theta))
+        if truth.clearance is not None:
+            least = truth.clearance if self.clearance is None else self.clearance
+            self.clearance = min(truth.clearance, least)
 
-    def _take_pose(self, pose: Pose, now: float) -> None:
-        self.pose = pose
-        if self.mission and self.truth is None:
-            self._mark(now, (pose.x, pose.y, pose.theta))
+    def _take_pose(self, pose: Pose) -> None:
+        if self.view.truth is None:
+            self._mark(self.now, (pose.x, pose.y, pose.theta))
 
     def _mark(self, t: float, at: Pose2) -> None:
         if self._began is None:
             self._began, self.start = t, at
-            self._collisions_before = self.truth.collisions if self.truth else 0
+            self._collisions_before = truth.collisions if (truth := self.view.truth) else 0
         elif self.path:
             self.distance += hypot(at[0] - self.path[-1].x, at[1] - self.path[-1].y)
         self.path.append(Mark(t, *at, self.holder))
 
-    def _take_robotstate(self, state: RobotState, _now: float) -> None:
-        self.state = state
-
-    def _take_ack(self, ack: Ack, _now: float) -> None:
-        if ack.resource != WHEELS.name or not self.mission:
-            return
-        holder = driver(ack)
-        if holder is None:
-            self.holder = None
+    def _take_ack(self, ack: Ack) -> None:
+        holder = self.holder
+        if ack.resource != WHEELS.name or holder is None:
             return
         if self._last_holder not in (None, holder):
             self.exchanges += 1
-        self.holder = self._last_holder = holder
+        self._last_holder = holder
         self._cycles[holder] = self._cycles.get(holder, 0) + 1
 
-    def _take_sonar(self, sonar: Sonar, _now: float) -> None:
+    def _take_sonar(self, sonar: Sonar) -> None:
         here = self.here
-        if here is None or not self.mission:
+        if here is None:
             return
         for echo in sonar.echoes:
             if echo.range is not None:
@@ -239,11 +236,6 @@ class RunWatch:
                 x, y = to_world((echo.x, echo.y, echo.bearing), echo.range, 0.0)
                 self.echoes.append(to_world(at, x, y))
 
-    def _take_trajectory(self, trajectory: Trajectory, _now: float) -> None:
-        if trajectory.waypoints:
-            self.waypoints = tuple((w.x, w.y, w.theta) for w in trajectory.waypoints)
-
-    def _take_missionstatus(self, status: MissionStatus, _now: float) -> None:
-        self.status = status
-        if self.mission and status.mission == self.mission:
+    def _take_missionstatus(self, status: MissionStatus) -> None:
+        if status.mission == self.mission:
             self.done = status.state is MissionState.REACHED

@@ -9,37 +9,25 @@ from __future__ import annotations
 
 import queue
 import time
-from collections import deque
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass
 from enum import Enum
 from functools import cache
-from itertools import pairwise
-from statistics import mean, pstdev
 from typing import TYPE_CHECKING, Any, Final, TypeVar
 
 import msgspec
 from msgspec import inspect
 
-from armadico.core.messages import Ask, Claim, Message, MessageError, decode
-from armadico.core.services import BIDS, CARD, SERVICES, Kind, Service, matches
+from armadico.core.messages import Ask, Message, MessageError, decode
+from armadico.core.services import BIDS, CARD, Kind, service_at
 
 if TYPE_CHECKING:
     from armadico.mesh.zenoh import ZenohMesh
+    from armadico.observe.view import View
 
 M = TypeVar("M", bound=Message)
 
 WAITING: Final = 20_000
 """What may wait for a watcher that is busy: at 20 agents, half a minute's talk."""
-
-WINDOW_S: Final = 5.0
-"""Rates are those of so long."""
-
-CYCLE_S: Final = 0.1
-"""One status packet of the robot."""
-
-QUIET_S: Final = 0.5
-"""A holder that has claimed nothing for so long holds nothing, as far as a watcher can tell."""
 
 EVERYTHING: Final = "**"
 
@@ -47,8 +35,7 @@ HEX: Final = "_hex"
 """Ends the name of a field that is bytes, written as hexadecimal text."""
 
 
-@dataclass(frozen=True, slots=True)
-class Heard:
+class Heard(msgspec.Struct, frozen=True, tag=True):
     """One payload, and when it came (ns of the watcher's clock)."""
 
     namespace: str
@@ -58,8 +45,7 @@ class Heard:
     asked: bool = False  # a reply to a query of the watcher's, not something said to all
 
 
-@dataclass(frozen=True, slots=True)
-class Presence:
+class Presence(msgspec.Struct, frozen=True, tag=True):
     """A liveliness token came or went."""
 
     namespace: str
@@ -148,12 +134,6 @@ class Watcher:
 # What a payload is --------------------------------------------------------------------------------
 
 
-@cache
-def service_at(key: str) -> Service | None:
-    """The row of the table of services that a key belongs to."""
-    return next((service for service in SERVICES if matches(service.pattern, key)), None)
-
-
 def kind_at(key: str) -> type[Message] | None:
     """The message that is said, or answered, on a key; None if the key is in nobody's table."""
     service = service_at(key)
@@ -174,6 +154,18 @@ def read_or_none(heard: Heard) -> Message | None:
         return read(heard)
     except MessageError:
         return None
+
+
+def show(view: View, item: Heard | Presence) -> None:
+    """Have a view know of one thing that came."""
+    if isinstance(item, Presence):
+        view.token(item.instance, there=item.there, t=item.at / 1e9)
+        return
+    message = read_or_none(item)
+    if not item.asked:
+        view.take(item.key, message, item.at / 1e9)
+    elif message is not None:
+        view.learn(message, item.at / 1e9)
 
 
 def as_object(value: Any) -> Any:
@@ -269,107 +261,3 @@ def _not_none(kind: inspect.UnionType) -> inspect.Type:
     aside = (inspect.NoneType, inspect.BytesType)
     (only,) = (each for each in kind.types if not isinstance(each, aside))
     return only
-
-
-# How often, and whose -----------------------------------------------------------------------------
-
-
-@dataclass(frozen=True)
-class Spread:
-    """How far apart messages came, s."""
-
-    least: float
-    most: float
-    mean: float
-    deviation: float
-
-
-class Rate:
-    """How often something comes, over the last `WINDOW_S`. Times are ns."""
-
-    def __init__(self, deadline_s: float | None = None) -> None:
-        """Count; a gap longer than the deadline is a missed one."""
-        self.count = 0
-        self.missed = 0
-        self.last: int | None = None
-        self._deadline_s = deadline_s
-        self._late = False  # the gap that is still open has been counted
-        self._arrivals: deque[int] = deque()
-
-    def add(self, at: int) -> None:
-        """One came."""
-        self.look(at)
-        self.count += 1
-        self.last, self._late = at, False
-        self._arrivals.append(at)
-
-    def look(self, now: int) -> None:
-        """Forget what is past, and notice a deadline that has been missed."""
-        while self._arrivals and now - self._arrivals[0] > WINDOW_S * 1e9:
-            self._arrivals.popleft()
-        if self._deadline_s is None or self.last is None or self._late:
-            return
-        if now - self.last > self._deadline_s * 1e9:
-            self._late = True
-            self.missed += 1
-
-    def hz(self, now: int) -> float | None:
-        """Messages a second; None before there are two. Silence counts as soon as it is long."""
-        self.look(now)
-        if len(self._arrivals) < 2:
-            return None if self.count < 2 else 0.0
-        gaps = len(self._arrivals) - 1
-        span = self._arrivals[-1] - self._arrivals[0]
-        silence = now - self._arrivals[-1]
-        if silence > 2 * span / gaps:
-            span += silence
-        return gaps * 1e9 / max(span, 1)
-
-    def spread(self) -> Spread | None:
-        """The gaps in the window; None before there is one."""
-        gaps = [(b - a) / 1e9 for a, b in pairwise(self._arrivals)]
-        return Spread(min(gaps), max(gaps), mean(gaps), pstdev(gaps)) if gaps else None
-
-
-def deadline_s(service: Service | None) -> float | None:
-    """The longest silence that its row of the table allows, s.
-
-    Only what is said all the time has one: claims and commands end with a tenure. Where no
-    freshness is promised it is two periods.
-    """
-    if service is None or service.kind is not Kind.STATE or service.rate_hz is None:
-        return None
-    period = 1.0 / service.rate_hz
-    if service.fresh_cycles is None:
-        return 2.0 * period
-    return max(service.fresh_cycles * CYCLE_S, 2.0 * period)
-
-
-class Holders:
-    """Who holds each resource, by the claims that are heard."""
-
-    def __init__(self) -> None:
-        self._claims: dict[str, tuple[Claim, int]] = {}
-
-    def hear(self, claim: Claim, at: int) -> None:
-        """The largest ballot stands, until it is silent or released."""
-        known = self.of(claim.resource, at)
-        if known is None or claim.ballot >= known.ballot:
-            self._claims[claim.resource] = (claim, at)
-
-    def of(self, resource: str, now: int) -> Claim | None:
-        """The holder's last claim; None if nobody holds it."""
-        claim, at = self._claims.get(resource, (None, 0))
-        if claim is None or claim.utility is None or now - at > QUIET_S * 1e9:
-            return None
-        return claim
-
-    @property
-    def resources(self) -> list[str]:
-        """Those that have been claimed."""
-        return sorted(self._claims)
-
-
-def agent_of(instance: str) -> str:
-    """The agent's name in an instance's id."""
-    return instance.rpartition("-")[0] or instance

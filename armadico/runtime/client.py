@@ -1,18 +1,43 @@
-"""The mesh for command-line tools: listen, ask, wait; one thread, nothing to declare."""
+"""A guest on the mesh: listen, ask, wait, send the robot somewhere, stop it; one thread.
+
+For commands, notebooks and tests. Whoever is a guest has no token: agents do not see it, nobody
+waits for it, and it decides nothing. `connect` is how a program of one's own comes to be one.
+"""
 
 from __future__ import annotations
 
+import math
+import os
+import random
 import time
-from collections.abc import Callable
-from typing import TYPE_CHECKING, Final, TypeVar, cast
+from collections.abc import Callable, Iterator, Sequence
+from contextlib import contextmanager
+from pathlib import Path
+from typing import Final, TypeVar, cast
 
 from armadico.core.mailbox import EVENTS
-from armadico.core.messages import Ask, Card, Message
+from armadico.core.messages import (
+    Ask,
+    Card,
+    Message,
+    MissionReply,
+    MissionRequest,
+    MissionState,
+    MissionStatus,
+    RobotState,
+    Waypoint,
+)
 from armadico.core.services import CARD, Kind, rows_of, service_of
+from armadico.mesh.base import Mesh
+from armadico.mesh.topology import checked_namespace, default_namespace, topology
+from armadico.runtime.errors import (
+    AbsentError,
+    MissionRefusedError,
+    MissionReplacedError,
+    StopError,
+)
 from armadico.runtime.inbox import Inbox
-
-if TYPE_CHECKING:
-    from armadico.mesh.zenoh import ZenohMesh
+from armadico.runtime.latch import Latching
 
 M = TypeVar("M", bound=Message)
 T = TypeVar("T")
@@ -23,73 +48,245 @@ AGAIN_S: Final = 0.1
 QUIET_S: Final = 0.3
 """Nobody new for so long, and everybody who is there is taken to be known."""
 
+FIND_S: Final = 3.0
+"""How long somebody who takes missions is looked for."""
+
+PLANNING_S: Final = 30.0
+"""How long the answer may take once they are there."""
+
+REFUSED_S: Final = 0.5
+"""How long until a mission that was refused is asked for again, if it is."""
+
+SILENCE_S: Final = 5.0
+"""Without any word on the mission for so long, whoever took it is gone."""
+
+STOP_S: Final = 5.0
+"""What finding the robot agent, its acknowledgement and braking may take: a Pioneer at full speed
+brakes for 3 s."""
+
+PRESS_S: Final = 0.1
+"""How often a stop is published until it is acknowledged, and while that is looked at."""
+
+
+@contextmanager
+def connect(
+    namespace: str | None = None,
+    *,
+    hosts: str | Path | None = None,
+    connect: Sequence[str] = (),
+    listen: Sequence[str] = (),
+) -> Iterator[Client]:
+    """Be a guest in a society that is up, here or elsewhere, for as long as the block lasts.
+
+        with armadico.connect() as guest:
+            print(guest.agents())
+            guest.goto(4.0, 2.0, math.pi / 2).wait()
+            print(guest.latest(Pose))
+
+    Leaving stops nobody: the robot drives on, and a stop stays latched.
+
+    Args:
+        namespace: Which robot; by default $ARMADICO_NAMESPACE, or robot1.
+        hosts: A host table, its path or a shipped one's name; by default $ARMADICO_HOSTS, unless
+            `connect` or `listen` say where to look.
+        connect: Endpoints to connect to, such as tcp/192.168.1.5:7450; by default those of the
+            table, else $ARMADICO_ENDPOINTS, else this machine's four well-known ports.
+        listen: Endpoints to listen on; by default a port that is free.
+
+    Raises:
+        TopologyError: A namespace or an endpoint that cannot be one.
+        ConfigError: A host table that cannot be used.
+        MeshError: Nothing can be listened on, or a table's router does not come.
+    """
+    from armadico.config.hosts import HOSTS_VARIABLE, load_hosts  # noqa: PLC0415 - seldom needed
+    from armadico.mesh.zenoh import ZenohMesh  # noqa: PLC0415 - heavy
+
+    table = hosts or (None if connect or listen else os.environ.get(HOSTS_VARIABLE)) or None
+    known = None if table is None else load_hosts(table)
+    where = topology(
+        listen=listen,
+        connect=connect,
+        all_endpoints=() if known is None else known.endpoints(),
+        router=None if known is None else known.router,
+        multicast=known is not None and known.multicast,
+        passing=True,
+    )
+    with ZenohMesh(checked_namespace(namespace or default_namespace()), where) as mesh:
+        yield Client(mesh)
+
 
 class Client:
-    """A guest on the mesh: it has no token, and agents do not see it."""
+    """A guest on either mesh: it has no token, and agents do not see it.
 
-    def __init__(self, mesh: ZenohMesh) -> None:
+    Everything happens on the thread that calls: what arrives is kept until somebody waits, or asks
+    for the latest. Times are the mesh's, in s; poses are in metres and radians, in the world frame.
+    """
+
+    def __init__(self, mesh: Mesh) -> None:
         self.mesh = mesh
         self.alive: set[tuple[str, str]] = set()  # (name, instance) of the tokens that are there
         self.key = ""  # of the message that is being handed on
         self.ahead: dict[str, float] = {}  # s; by instance, of the clocks that cards have said
-        self._inbox = Inbox()
+        self._inbox = Inbox(mesh)
         self._latest: dict[type[Message], tuple[Message, float]] = {}
-        self._changed_at = time.monotonic()
+        self._listened: set[type[Message]] = set()
+        self._handing_on = 0  # within a wait, messages are handed on one by one
+        self._changed_at = self.mesh.now()
         mesh.watch_alive(self._token)
 
     def listen(
         self, *kinds: type[Message], then: Callable[[Message, float], None] | None = None
     ) -> None:
-        """Keep the latest message of each kind; `then` is shown each one, and when it came (s)."""
-        for kind in kinds:
-            self._listen(kind, then)
+        """Keep the latest message of each kind; `then` is shown each one, and when it came (s).
 
-    def latest(self, kind: type[M]) -> M | None:
-        """The newest message of a kind that was listened for."""
+        `then` is called while this thread waits, and told the time of a clock that only counts.
+        """
+        for kind in kinds:
+            if then is not None or kind not in self._listened:
+                self._listened.add(kind)
+                self._listen(kind, then)
+
+    def latest(self, kind: type[M], timeout: float = 0.0) -> M | None:
+        """The newest message of a kind; it is listened for from the first call on.
+
+        None if none has come. The first may be waited for, `timeout` s at most:
+
+            pose = guest.latest(Pose, timeout=2.0)
+        """
+        self.listen(kind)
+        if not self._handing_on:
+            self._catch_up()
+            self.wait_for(lambda: kind in self._latest, timeout)
         message, _ = self._latest.get(kind, (None, 0.0))
         return cast("M | None", message)
 
     def age(self, kind: type[Message]) -> float:
         """Seconds since the newest message of a kind came; infinite if none did."""
         found = self._latest.get(kind)
-        return float("inf") if found is None else time.monotonic() - found[1]
+        return float("inf") if found is None else self.mesh.now() - found[1]
 
     def publish(self, message: Message) -> None:
-        """Say something on its service's key."""
+        """Publish a message on its service's key. Raises MessageError if nobody could read it."""
         self.mesh.publish(service_of(type(message)).key, message)
 
     def wait_for(self, condition: Callable[[], T | None], timeout: float) -> T | None:
         """What a condition gives as soon as that is true, asked after everything that arrives.
 
-        Returns its last value if that does not happen within `timeout` (s).
+        Returns its last value if that does not happen within `timeout` (s):
+
+            guest.listen(RobotState)
+            guest.wait_for(lambda: (s := guest.latest(RobotState)) and s.v > 0.3, timeout=10.0)
         """
-        deadline = time.monotonic() + timeout
-        while not (value := condition()):
-            left = deadline - time.monotonic()
-            if left <= 0:
-                return value
-            self._take(left)
+        deadline = self.mesh.now() + timeout
+        self._handing_on += 1
+        try:
+            while not (value := condition()):
+                left = deadline - self.mesh.now()
+                if left <= 0:
+                    return value
+                self._take(left)
+        finally:
+            self._handing_on -= 1
         return value
 
     def ask(
-        self, request: Message, timeout: float, patience: float | None = None
+        self, request: Message, timeout: float = 5.0, patience: float | None = None
     ) -> Message | None:
         """The first answer to a query; None if nobody gave one within `timeout` (s).
 
+            plan = guest.ask(PlanRequest(start=Waypoint(0, 0, 0), goal=Waypoint(4, 2, 0)))
+
         As long as nobody is there to answer, it asks again, since links come up in the background;
-        for `patience` s at most, if that is given.
+        for `patience` s at most, if that is given. Raises TypeError for what is no query.
         """
         service = service_of(type(request))
-        assert service.reply is not None, f"{service.key} is not a query"
-        begun = time.monotonic()
-        while (gone := time.monotonic() - begun) < timeout:
+        if service.reply is None:
+            raise TypeError(f"{service.key} is not a query")
+        begun = self.mesh.now()
+        while (gone := self.mesh.now() - begun) < timeout:
             replies = self._ask(service.key, request, service.reply, timeout - gone, enough=1)
             if replies:
                 return next(iter(replies.values()))
-            if patience is not None and time.monotonic() - begun >= patience:
+            if patience is not None and self.mesh.now() - begun >= patience:
                 return None
             self.wait_for(lambda: None, AGAIN_S)
         return None
+
+    # The robot ------------------------------------------------------------------------------------
+
+    def goto(self, x: float, y: float, theta: float = 0.0, *, direct: bool = False) -> Mission:
+        """Send the robot to a pose (m, m, rad); returns as soon as somebody has taken that on.
+
+            mission = guest.goto(4.0, 2.0, math.pi / 2)
+            mission.wait(timeout=60.0)
+
+        The way is the path planner's, unless it is to be `direct`.
+
+        Raises:
+            AbsentError: There is no interface agent.
+            MissionRefusedError: It says why not: no way, no pose, the robot is stopped.
+            MessageError: A pose that is no place.
+        """
+        self.listen(MissionStatus, RobotState)
+        goal = Waypoint(x, y, math.remainder(theta, math.tau))
+        return Mission(self, self.hand_over(MissionRequest(goal, planned=not direct)))
+
+    def hand_over(
+        self, request: MissionRequest, *, find: float = FIND_S, again: float = 0.0
+    ) -> MissionReply:
+        """Have a mission taken on.
+
+        Args:
+            request: The mission.
+            find: How long somebody who takes it is looked for, s.
+            again: For so long it is asked for again if it is refused, s: among processes that have
+                just started, links are coming up.
+
+        Raises:
+            AbsentError: There is no interface agent.
+            MissionRefusedError: It was refused; the reason is the interface agent's.
+        """
+        until = self.mesh.now() + again
+        while True:
+            reply = self.ask(request, PLANNING_S, patience=find)
+            if not isinstance(reply, MissionReply):
+                raise AbsentError("no interface agent takes the mission", self.mesh.namespace)
+            if not reply.refusal:
+                return reply
+            if self.mesh.now() >= until:
+                raise MissionRefusedError(reply.refusal)
+            self.wait_for(lambda: None, REFUSED_S)
+
+    def stop(self, timeout: float = STOP_S, *, by: str = "a guest") -> None:
+        """Stop the robot, whoever drives it; returns once it is latched and the wheels rest.
+
+        It stays stopped until somebody releases it (`resume`), whoever leaves or restarts.
+
+        Args:
+            timeout: What finding the robot agent and braking may take, s.
+            by: Who stops it, for people.
+
+        Raises:
+            AbsentError: No robot answers.
+            StopError: It was not acknowledged, or the wheels still turn.
+        """
+        self._latch(stopped=True, by=by, timeout=timeout)
+
+    def resume(self, timeout: float = STOP_S, *, by: str = "a guest") -> None:
+        """Release the stop, whoever pressed it; returns once the robot agent says that it is.
+
+        Raises:
+            AbsentError: No robot answers.
+            StopError: It was not acknowledged, or somebody has stopped the robot again meanwhile.
+        """
+        self._latch(stopped=False, by=by, timeout=timeout)
+
+    # Who is alive ---------------------------------------------------------------------------------
+
+    def agents(self) -> tuple[tuple[str, str], ...]:
+        """Who is alive, as (name, instance); what they offer and hold is on their `cards`."""
+        self.settle()
+        return tuple(sorted(self.alive))
 
     def cards(self, timeout: float = 1.0) -> dict[tuple[str, str], Card | None]:
         """The cards of everybody whose token is there; None for who does not answer in time."""
@@ -126,32 +323,78 @@ class Client:
         """Wait until the links are up and no token has come or gone for a while."""
 
         def quiet() -> bool:
-            return time.monotonic() - self._changed_at >= QUIET_S
+            return self.mesh.now() - self._changed_at >= QUIET_S
 
-        deadline = time.monotonic() + timeout
-        while not quiet() and time.monotonic() < deadline:
-            self._take(QUIET_S)
+        deadline = self.mesh.now() + timeout
+        while not quiet() and self.mesh.now() < deadline:
+            self.wait_for(quiet, QUIET_S)
 
     # Inside --------------------------------------------------------------------------------------
 
-    def _take(self, timeout: float) -> None:
+    def _take(self, timeout: float) -> bool:
+        """Hand on the next that comes within `timeout` (s); whether there was one."""
         item = self._inbox.take(timeout)
         if item is not None:
             call, args = item
             call(*args)
+        return item is not None
+
+    def _catch_up(self) -> None:
+        """Hand on what has come while nobody waited."""
+        self._handing_on += 1
+        try:
+            while self._take(0.0):
+                pass
+        finally:
+            self._handing_on -= 1
+
+    def _latch(self, *, stopped: bool, by: str, timeout: float) -> None:
+        """Stop or release the robot. Raises AbsentError or StopError."""
+        press = random.SystemRandom().getrandbits(63)
+        latching = Latching(stopped=stopped, by=by, press=press)
+        self.listen(RobotState)
+
+        def over() -> bool:
+            state = self.latest(RobotState)
+            if state is not None:
+                latching.hear(state, self.mesh.now())
+            return latching.done or bool(latching.refusal)
+
+        end = self.mesh.now() + timeout
+        while not self.wait_for(over, 0.0) and self.mesh.now() < end:
+            message = latching.message()
+            if message is not None:
+                self.publish(message)
+            self.wait_for(over, min(PRESS_S, max(end - self.mesh.now(), 0.0)))
+        if latching.done:
+            return
+        if latching.refusal:
+            raise StopError(f"the robot is not released: {latching.refusal}")
+        if not stopped and latching.known is None:
+            raise AbsentError(
+                "no robot answers: nothing is known that could be released", self.mesh.namespace
+            )
+        if latching.latched:
+            raise StopError(f"the stop is latched, and {latching.rolling}: look after the robot")
+        what = f"the {'stop' if stopped else 'release'} was sent, not acknowledged"
+        if latching.known is None:
+            raise AbsentError(f"{what}: no robot answers", self.mesh.namespace)
+        still = "stopped" if latching.known.stopped else "free to move"
+        raise StopError(f"{what}: the robot agent did not go on saying so; it last said {still}")
 
     def _listen(self, kind: type[Message], then: Callable[[Message, float], None] | None) -> None:
         service = service_of(kind)
 
         def arrived(key: str, data: bytes) -> None:
+            at = self.mesh.now()  # now, and not when somebody comes to look
+
             def deliver() -> None:
                 message = self.mesh.read(kind, key, data)
                 if message is not None:
-                    now = time.monotonic()
-                    self._latest[kind] = (message, now)
+                    self._latest[kind] = (message, at)
                     self.key = key
                     if then is not None:
-                        then(message, now)
+                        then(message, at)
 
             self._inbox.put(key, deliver, keep=1 if service.kind is Kind.STATE else EVENTS)
 
@@ -163,7 +406,7 @@ class Client:
             who = (name, instance)
             if there != (who in self.alive):
                 (self.alive.add if there else self.alive.discard)(who)
-                self._changed_at = time.monotonic()
+                self._changed_at = self.mesh.now()
 
         self._inbox.put(f"token/{instance}", deliver, keep=1)
 
@@ -199,6 +442,64 @@ class Client:
             self._inbox.put(f"reply/{where}", deliver)
 
         self.mesh.ask(key, request, timeout, arrived, lambda: self._inbox.put(f"over/{key}", over))
+
+
+class Mission:
+    """A goal that was taken on. The society drives there whether or not anybody looks.
+
+    Attributes:
+        number: Tells it from other missions.
+        length: The way along its waypoints, m.
+    """
+
+    def __init__(self, client: Client, reply: MissionReply) -> None:
+        self.number = reply.mission
+        self.length = reply.length
+        self._client = client
+
+    @property
+    def status(self) -> MissionStatus | None:
+        """The interface agent's newest report on it; None if there is none, or on another one."""
+        status = self._client.latest(MissionStatus)
+        return status if status is not None and status.mission == self.number else None
+
+    @property
+    def reached(self) -> bool:
+        """Whether the interface agent says that the robot is there, and its wheels rest."""
+        status = self.status
+        return status is not None and status.state is MissionState.REACHED
+
+    @property
+    def to_go(self) -> float | None:
+        """The way that is left along its waypoints, m; None if that is not known."""
+        status = self.status
+        return None if status is None else status.to_go
+
+    def wait(
+        self, timeout: float | None = None, progress: Callable[[Mission], None] | None = None
+    ) -> bool:
+        """Until the goal is reached, `timeout` s at the most; whether it is.
+
+        The mission goes on if it is not. `progress` is called about ten times a second.
+
+        Raises:
+            AbsentError: Nothing has been heard of the mission for 5 s.
+            MissionReplacedError: Somebody has sent the robot elsewhere.
+        """
+        client = self._client
+        begun = client.mesh.now()
+        while not self.reached:
+            elapsed = client.mesh.now() - begun
+            if min(client.age(MissionStatus), elapsed) > SILENCE_S:
+                raise AbsentError("nothing more is heard of the mission", client.mesh.namespace)
+            if self.status is None and elapsed > SILENCE_S:
+                raise MissionReplacedError("another mission has taken this one's place")
+            if timeout is not None and elapsed > timeout:
+                return False
+            if progress is not None and self.status is not None:
+                progress(self)
+            client.wait_for(lambda: None, AGAIN_S)
+        return True
 
 
 def _own(card: Card | None, instance: str) -> Card | None:

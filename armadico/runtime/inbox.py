@@ -7,11 +7,11 @@ may do at once what it would have put, which saves waking another: `at_once`.
 from __future__ import annotations
 
 import threading
-import time
 from collections.abc import Callable
 from typing import Any
 
 from armadico.core.mailbox import EVENTS, Mailbox
+from armadico.mesh.base import Monotonic, Time
 
 Item = tuple[Callable[..., None], tuple[Any, ...]]
 """What is called on the agent's thread, and with what."""
@@ -20,7 +20,9 @@ Item = tuple[Callable[..., None], tuple[Any, ...]]
 class Inbox:
     """A mailbox that several threads put into and one takes from."""
 
-    def __init__(self) -> None:
+    def __init__(self, time: Time | None = None) -> None:
+        """Empty; `time` is what passes while one waits, the machine's if it is not given."""
+        self._time = Monotonic() if time is None else time
         self._mailbox: Mailbox[Item] = Mailbox()
         self._guard = threading.Lock()
         # A bell, not a condition: it stays rung until somebody hears it.
@@ -66,9 +68,9 @@ class Inbox:
     def take(self, timeout: float | None) -> Item | None:
         """The oldest item; None if it was rung for none, or `timeout` (s) has passed."""
         item = self._pop()
-        end = None if timeout is None else time.monotonic() + timeout
+        end = None if timeout is None else self._time.now() + timeout
         while item is None:
-            left = -1.0 if end is None else end - time.monotonic()
+            left = -1.0 if end is None else end - self._time.now()
             if (end is not None and left <= 0.0) or not self._wait(left):
                 return None
             if self._called:
@@ -81,7 +83,7 @@ class Inbox:
         """Let others work until the bell rings; False if it has not in time, s."""
         self._work.release()
         try:
-            return self._bell.acquire(timeout=timeout)
+            return self._time.wait(self._bell, timeout)
         finally:
             self._back = True  # a flood of what is done at once could keep it out for ever
             self._work.acquire()

@@ -7,15 +7,9 @@ ends nothing that was pressed since.
 
 from __future__ import annotations
 
-import random
-import time
 from typing import Final
 
 from armadico.core.messages import Cycle, RobotState, Stop, counts_beyond, next_count
-from armadico.runtime.client import Client
-
-AGAIN_S: Final = 0.1
-"""How often it is published until it is acknowledged, and while that is looked at."""
 
 HELD_S: Final = 1.0
 """The robot counts as stopped once its states have said so for so long."""
@@ -107,25 +101,3 @@ class Latching:
             self._release = Stop(next_count(stop.counter), False, self._by, stop.press)
         elif not late:
             self.refusal = f"it was stopped again meanwhile, by {stop.by or 'somebody'}"
-
-
-def say(client: Client, *, stopped: bool, by: str, timeout: float) -> Latching:
-    """Stop or release the robot; what came of it within `timeout` (s).
-
-    The client listens to `RobotState` already.
-    """
-    latching = Latching(stopped=stopped, by=by, press=random.SystemRandom().getrandbits(63))
-
-    def over() -> bool:
-        state = client.latest(RobotState)
-        if state is not None:
-            latching.hear(state, time.monotonic())
-        return latching.done or bool(latching.refusal)
-
-    end = time.monotonic() + timeout
-    while not over() and time.monotonic() < end:
-        message = latching.message()
-        if message is not None:
-            client.publish(message)
-        client.wait_for(over, min(AGAIN_S, max(end - time.monotonic(), 0.0)))
-    return latching

@@ -32,25 +32,23 @@ from typing import TYPE_CHECKING, Any, Final, NoReturn
 
 from armadico.core.agent import Agent, AskFor, DeviceAgent, Identity, Publish, Subscription, Write
 from armadico.core.driver import Announce, Driver, OpenPort, Output, Reply
-from armadico.core.mailbox import EVENTS
-from armadico.core.messages import Command, Log, Message, MessageError, checked, decode, encode
+from armadico.core.mailbox import BURST_S, EVENTS
+from armadico.core.messages import Command, Log, Message, MessageError, decode, encoded
 from armadico.core.restart_policy import MISUSED
 from armadico.core.services import Kind, matches
+from armadico.mesh.base import Call, Mesh
 from armadico.mesh.topology import MeshError
 from armadico.runtime.inbox import Inbox
 from armadico.runtime.port_reader import Device, Port
 
 if TYPE_CHECKING:
-    from armadico.mesh.zenoh import Call, ZenohMesh
+    from armadico.mesh.zenoh import ZenohMesh
 
 LATE_S: Final = 0.05
 """A wake-up later than this lets what has piled up meanwhile come first."""
 
 SETTLE_S: Final = 0.005
 """So long must nothing arrive before a late wake-up fires."""
-
-BURST: Final = 1024
-"""Deliveries after which a due wake-up fires anyway: a message flood cannot starve it."""
 
 SLOW_S: Final = 0.02
 """After a longer turn nothing is done on the mesh's reception thread, which must receive,"""
@@ -67,6 +65,9 @@ BUNCHED_S: Final = 0.02
 LEAVE_S: Final = 3.0
 """From the signal to the end of the process, whatever hangs."""
 
+_Sent = tuple[Driver, Output, bytes | None]
+"""What somebody sends, and its bytes if it was encoded for others of its process."""
+
 LOG_LINES: Final = 1000
 """Lines that wait for a terminal or a disk that takes none; what comes then is lost."""
 
@@ -79,9 +80,8 @@ class AgentHost:
     def __init__(
         self,
         agents: Sequence[Agent],
-        mesh: ZenohMesh,
+        mesh: Mesh,
         connect: Mapping[str, Callable[[], Port]] | None = None,
-        clock: Callable[[], float] = time.monotonic,
         wall: Callable[[], float] = time.time,
         *,
         admit: bool = True,
@@ -90,21 +90,20 @@ class AgentHost:
 
         Args:
             agents: Who lives in this process.
-            mesh: The mesh that they share.
+            mesh: The mesh that they share, and whose time is theirs.
             connect: What opens the port of a device agent, by its instance.
-            clock: s from anywhere.
             wall: s since 1970, shown to people only.
             admit: Without, they join whoever is alive.
         """
-        self.inbox = Inbox()
+        self.inbox = Inbox(mesh)
         self.refusal = ""  # why one of them may not join, or stay
         self._mesh = mesh
-        self._clock = clock
+        self._clock = mesh.now
         self._stopping = threading.Event()
         self._failure: BaseException | None = None  # of a turn on the reception thread
         self._until: float | None = None  # when the agents' thread wakes by itself
         self._calm_at = float("-inf")  # not before is anything done on the reception thread
-        now = clock()
+        now = self._clock()
         self.drivers = [Driver(agent, now, admit=admit, wall=wall) for agent in agents]
         self._listeners: dict[str, list[tuple[Subscription, Driver]]] = {}  # by pattern
         self._inside: dict[str, list[tuple[Subscription, Driver]]] = {}  # by key, in this process
@@ -117,7 +116,7 @@ class AgentHost:
             opens = (connect or {}).get(agent.instance)
             if isinstance(agent, DeviceAgent) and opens is not None:
                 self._devices[agent.instance] = Device(
-                    driver, opens, self.inbox, clock, self._at_once
+                    driver, opens, self.inbox, self._clock, self._at_once
                 )
 
     # Its life ------------------------------------------------------------------------------------
@@ -168,14 +167,18 @@ class AgentHost:
         if settle:
             self._calm_at = max(self._calm_at, self._clock() + LATE_S)
         wait = settle if settle else None if wait is None else max(wait, 0.0)
-        for _ in range(BURST):
+        began, spent, longest = None, 0.0, 0.0
+        while spent - longest < BURST_S:
             item = self.inbox.take(wait)
             if item is None:
                 break
+            began = self._clock() if began is None else began
             call, args = item
             call(*args)
             self._send()
-            wait = settle
+            now, wait = self._clock(), settle
+            began, took = now, now - began
+            spent, longest = spent + took, max(longest, took)
         for driver in self.drivers:
             due = driver.wakeup
             if due is not None and self._clock() >= due:
@@ -232,16 +235,16 @@ class AgentHost:
         Commands and bytes for the device go out before the next delivery. `at_once`: on the
         reception thread; from the first that may block on, the rest is left to the agents' own.
         """
-        first: list[tuple[Driver, Output]] = []
-        sent: list[tuple[Driver, Output]] = []
+        first: list[_Sent] = []
+        sent: list[_Sent] = []
         said = False
         while True:
             for driver in self.drivers:
                 for item in driver.take():
-                    said = True
+                    said, data = True, None
                     if len(self.drivers) > 1 and type(item) is Publish:
-                        item = self._hand_over(driver, item)  # noqa: PLW2901
-                    (first if _urgent(item) else sent).append((driver, item))
+                        item, data = self._hand_over(driver, item)  # noqa: PLW2901
+                    (first if _urgent(item) else sent).append((driver, item, data))
                 if driver.refusal:
                     self.refusal = driver.refusal
             while first and (not at_once or self._goes_at_once(first[0][1])):
@@ -251,38 +254,37 @@ class AgentHost:
             driver, to, key, message = self._local.popleft()
             self._timed(driver, driver.deliver, to, key, message)
         sent = first + sent
-        for index, (driver, item) in enumerate(sent):
+        for index, (driver, item, data) in enumerate(sent):
             if at_once and not self._goes_at_once(item):
                 self.inbox.put("out", self._put_all, sent[index:])
                 break
-            self._put(driver, item)
+            self._put(driver, item, data)
         return said
 
     def _goes_at_once(self, item: Output) -> bool:
         """Whether sending it asks nothing of the mesh but to be passed on."""
         return type(item) is Write or (type(item) is Publish and self._mesh.has_said(item.key))
 
-    def _put_all(self, sent: Sequence[tuple[Driver, Output]]) -> None:
-        for driver, item in sent:
-            self._put(driver, item)
+    def _put_all(self, sent: Sequence[_Sent]) -> None:
+        for driver, item, data in sent:
+            self._put(driver, item, data)
 
-    def _hand_over(self, driver: Driver, item: Publish) -> Publish:
+    def _hand_over(self, driver: Driver, item: Publish) -> tuple[Publish, bytes | None]:
         """Give a publication to those in this process who listen; returns it as they have it.
 
-        Shared, and as it comes out at the other end of the mesh: what cannot be sent, here too
-        nobody receives. `_put` says so.
+        Shared, and as it comes out at the other end of the mesh, with the bytes for that, so that
+        it is encoded once: what cannot be sent, here too nobody receives. `_put` says so.
         """
         listeners = [found for found in self._inside_of(item.key) if found[1] is not driver]
         if not listeners:
-            return item
+            return item, None
         try:
-            encode(item.message)  # it may be sound, and too large
-            message = checked(item.message)
+            data, message = encoded(item.message)
         except MessageError:
-            return item
+            return item, None
         for to, other in listeners:
             self._local.append((other, to, item.key, message))
-        return Publish(item.key, message)
+        return Publish(item.key, message), data
 
     def _unsent(self, driver: Driver, item: Output, error: MessageError) -> None:
         """What nobody could read is counted, said and dropped: it ends nobody."""
@@ -292,18 +294,18 @@ class AgentHost:
         driver.refuse(item.key, error, self._clock())
         self.inbox.put("refused", lambda: None, keep=1)  # so that the turn after it says so
 
-    def _put(self, driver: Driver, item: Output) -> None:
+    def _put(self, driver: Driver, item: Output, data: bytes | None) -> None:
         try:
-            self._pass_on(driver, item)
+            self._pass_on(driver, item, data)
         except MessageError as error:
             self._unsent(driver, item, error)
 
-    def _pass_on(self, driver: Driver, item: Output) -> None:
+    def _pass_on(self, driver: Driver, item: Output, data: bytes | None) -> None:
         """Give it to the mesh or the port. Raises MessageError for what cannot be sent."""
         if type(item) is Publish:
             if isinstance(item.message, Log):
                 logger.log(item.message.level, "%s", item.message.text)
-            self._mesh.publish(item.key, item.message)
+            self._mesh.publish(item.key, item.message, data)
         elif isinstance(item, Write):
             device = self._devices.get(driver.agent.instance)
             if device is not None:

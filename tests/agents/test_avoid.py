@@ -10,10 +10,10 @@ from hypothesis import assume, given, settings
 from hypothesis import strategies as st
 
 from armadico.agents.avoid import Avoid, Parameters
-from armadico.agents.methods.motion import touches_at
-from armadico.agents.methods.settings import Safety
 from armadico.core.agent import Identity
 from armadico.core.messages import Ack, Ballot, Obstacles, Point, Pose, RobotState, Stop, Trajectory
+from armadico.core.motion import touches_at
+from armadico.core.parameters import Safety
 from armadico.core.resources import WHEELS
 from armadico.observe.measures import speeds
 from tests.framework.robots import body, described

@@ -19,7 +19,8 @@ from armadico.agents.encoder import (
 )
 from armadico.core.agent import Identity, Publish
 from armadico.core.geometry import compose, relative
-from armadico.core.messages import Cycle, Log, Message, Origin, Pose, RobotState
+from armadico.core.messages import Cycle, Log, Message, Origin, Pose, RobotState, checked
+from tests.core.test_messages import of
 
 metres, angles = st.floats(-20, 20), st.floats(-3.1, 3.1)
 places = st.tuples(metres, metres, angles)
@@ -72,6 +73,21 @@ class Robot:
         if remembered:
             self.encoder.remember(known, self.now)
             self.encoder.start(self.now)
+
+
+@given(lies=st.lists(st.tuples(of(Origin), of(RobotState)), max_size=4), x=metres, y=metres)
+def test_no_lie_makes_it_unable_to_say_a_pose(
+    lies: list[tuple[Origin, RobotState]], x: float, y: float
+) -> None:
+    robot = Robot()
+    for origin, state in lies:
+        robot.encoder.receive(origin, robot.now)
+        robot.restart()
+        checked(robot.at(state.x, state.y, state.theta))
+    robot.restart()
+    for _ in range(TOLD_CYCLES + AGAIN_CYCLES + 1):
+        checked(robot.at(x, y, 0.0))
+    assert checked(robot.origin()) == robot.encoder.memory.newest(Origin)
 
 
 def pose(p: Pose) -> Place:

@@ -8,9 +8,9 @@ from typing import Any
 import pytest
 
 from armadico.agents.gothrough import Gothrough, Parameters
-from armadico.agents.methods.motion import touches_at
 from armadico.core.agent import Identity
 from armadico.core.messages import Point, Trajectory
+from armadico.core.motion import touches_at
 from armadico.core.resources import WHEELS
 from armadico.observe.measures import speeds
 from tests.framework.robots import body

@@ -11,9 +11,9 @@ from hypothesis import strategies as st
 from msgspec.structs import replace
 
 from armadico.agents.goto import Goto, Parameters
-from armadico.agents.methods.motion import touches_at
 from armadico.core.agent import Identity
 from armadico.core.messages import Description, Point, Trajectory
+from armadico.core.motion import touches_at
 from armadico.observe.measures import speeds
 from tests.framework.robots import body, described
 from tests.framework.stage import Stage, commands, drive_to, wall

@@ -20,8 +20,8 @@ from armadico.agents.methods.local_map import (
     cell_at,
 )
 from armadico.agents.methods.settings import MapSettings
-from armadico.agents.methods.swept_path import Outline
 from armadico.core.geometry import compose, relative
+from armadico.core.swept_path import Outline
 
 
 class Ping(NamedTuple):

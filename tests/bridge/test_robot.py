@@ -22,10 +22,12 @@ from armadico.core.messages import (
     Cycle,
     Description,
     Log,
+    MessageError,
     Origin,
     RobotState,
     Sonar,
     Stop,
+    checked,
 )
 from armadico.core.resources import WHEELS
 from tests.bridge.robot_bench import BALLOT, PROFILE, TICK, Bench
@@ -368,6 +370,19 @@ def test_odometry_that_has_wrapped_is_unwrapped_by_what_others_remember(bench: B
     bench.x_m = 29.5 - 32768 * PROFILE.p2os.distance_mm * 1e-3  # as the controller has it
     bench.connect().cycles(1)
     assert bench.state().x == pytest.approx(29.5, abs=0.02)
+
+
+@pytest.mark.parametrize("far", [1e6, 2e5, 1e5])
+def test_wherever_others_remember_it_to_be_it_can_say_its_odometry(far: float) -> None:
+    bench = Bench()
+    try:
+        bench.hand(checked(Origin(7, 1, 99, 0.0, 0.0, 0.0, far, -far, 0.0)))
+    except MessageError:
+        return  # nobody was told so
+    for x in (-13.0, 0.0, 13.0):
+        bench.x_m = x
+        bench.connect().cycles(1)
+        checked(bench.state())
 
 
 def test_speeds_of_before_do_not_come_back_with_the_port(ready: Bench) -> None:

@@ -17,11 +17,12 @@ from collections.abc import Callable, Iterator
 from contextlib import suppress
 from functools import partial
 from pathlib import Path
+from types import SimpleNamespace
 from typing import Any, Self
 
 import pytest
 
-from armadico.cli import doctor
+from armadico.cli import doctor, top
 from armadico.core.messages import (
     PROTOCOL,
     Ack,
@@ -40,6 +41,8 @@ from armadico.core.services import BIDS, CARD
 from armadico.mesh.ports import private_endpoints
 from armadico.mesh.topology import ENDPOINTS_VARIABLE, topology
 from armadico.mesh.zenoh import Call, ZenohMesh
+from armadico.observe.view import View
+from armadico.observe.watching import Heard, Watcher
 from tests.programs import BIN, Done, call, heavy, imports_nothing
 
 pytestmark = pytest.mark.live
@@ -243,6 +246,21 @@ def test_top_knows_agents_holder_and_rates(run: Run, society: Society) -> None:
     assert agent["memory_mb"] > 0
     assert {row["key"] for row in found["services"]} >= {"robot/state", "encoder/pose"}
     assert found["robot"]["battery_v"] == 12.5
+
+
+def test_what_comes_while_top_looks_is_no_silence(monkeypatch: pytest.MonkeyPatch) -> None:
+    now, watcher, view = [0.0], Watcher([]), View()
+
+    class Slow(top.Snapshots):
+        def at(self, _: float) -> dict[str, Any]:
+            now[0] += 5.0
+            for _ in range(9):
+                watcher._put(Heard(NAMESPACE, "encoder/pose", b"", watcher.clock()))
+            return {}
+
+    monkeypatch.setattr(top, "time", SimpleNamespace(monotonic=lambda: now[0]))
+    top._measure(Slow(view, NAMESPACE), watcher, 1.0)
+    assert view.rates["encoder/pose"].count == 9
 
 
 def test_top_shows_the_holder_on_a_terminal(environment: dict[str, str], society: Society) -> None:

@@ -127,6 +127,18 @@ def test_every_message_comes_back_as_it_was(kind: type[Message], data: st.DataOb
     assert decode(encode(message), kind) == message
 
 
+@pytest.mark.parametrize("kind", KINDS, ids=lambda kind: kind.__name__)
+@settings(max_examples=20)
+@given(data=st.data())
+def test_on_the_wire_a_message_is_at_most_twice_as_long_as_in_message_pack(
+    kind: type[Message], data: st.DataObject
+) -> None:
+    """By this `checked` knows what is small enough without encoding it as it will be."""
+    message = data.draw(of(kind))
+    packed = msgspec.msgpack.encode(msgspec.to_builtins(message, builtin_types=(bytes,)))
+    assert len(encode(message)) <= 2 * len(packed)
+
+
 @pytest.mark.parametrize("name", WIRE)
 def test_the_order_of_fields_is_the_wire(name: str) -> None:
     kind = getattr(m, name)

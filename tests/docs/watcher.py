@@ -2,13 +2,15 @@
 
 from __future__ import annotations
 
+import time
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 
 from armadico.core.messages import Ack, Card, Pose
+from armadico.core.resources import WHEELS
 from armadico.mesh.topology import ENDPOINTS_VARIABLE, topology
 from armadico.mesh.zenoh import ZenohMesh
-from armadico.observe.measures import driver
+from armadico.observe.view import View, agent_of
 from armadico.runtime.client import Client
 from tests.docs.shell import Shell
 
@@ -20,7 +22,9 @@ class Watcher:
 
     def __init__(self, mesh: ZenohMesh) -> None:
         self.client = Client(mesh)
-        self.client.listen(Ack, Pose)
+        self.view = View()
+        self.client.listen(Ack, then=self.view.learn)
+        self.client.listen(Pose)
 
     def until(self, condition: Callable[[], object], what: str) -> None:
         assert self.client.wait_for(condition, SOON), f"not within {SOON:.0f} s: {what}"
@@ -43,8 +47,8 @@ class Watcher:
 
     def driven_by(self, name: str) -> None:
         def obeyed() -> bool:
-            ack = self.client.latest(Ack)
-            return ack is not None and driver(ack) == name
+            driver = self.view.driver(WHEELS.name, time.monotonic())
+            return driver is not None and agent_of(driver) == name
 
         self.until(obeyed, f"{name} is obeyed")
 

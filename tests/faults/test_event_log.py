@@ -45,7 +45,7 @@ def test_the_next_obeyed_command_is_the_one_that_is_acknowledged() -> None:
     account.take(Said(1.20, ack(12, second, 11)))
     assert account.obeyed_after(1.12) == 1.15
     assert account.obeyed_after(1.12, (NEW,)) is None
-    assert account.holder == NEW
+    assert account.driver == NEW
 
 
 def test_what_was_said_before_and_acknowledged_after_does_not_count() -> None:
@@ -79,10 +79,10 @@ def test_tokens_come_and_go_and_are_counted_from_when_they_came() -> None:
     account.token(1.5, NEW, True)
     account.token(1.6, NEW, True)
     assert account.instances("goto") == [OLD, NEW]
-    assert account.there[NEW] == 1.5
+    assert account.view.alive[NEW] == 1.5
     account.token(2.0, OLD, False)
     account.token(2.1, OLD, True)
-    assert account.there[OLD] == 2.1
+    assert account.view.alive[OLD] == 2.1
 
 
 def test_bids_count_for_a_while() -> None:
@@ -108,7 +108,7 @@ def test_the_share_of_cycles_in_which_somebody_was_obeyed() -> None:
     for number in range(10, 20):
         account.take(Said(number / 10, ack(number, ballot(1, OLD), min(number, 12))))
     assert account.share_obeyed(1.0) == 0.6  # cycles 10 to 15 are within 3 of the last obeyed
-    assert not account.obeyed_lately()
+    assert account.driver is None
 
 
 def test_an_onlooker_that_may_not_hear_everybody_does_not_ask_who_commanded_what() -> None:

@@ -110,6 +110,16 @@ def test_a_latched_state_counted_far_beyond_arrives_and_who_starts_later_knows_i
     assert outcome.violations == ()
 
 
+@pytest.mark.parametrize(("kind", "which"), [("huge-term", 1.0), ("flood", 0.0)])
+@pytest.mark.parametrize("each", [0.005, 0.0149])
+def test_a_flood_delays_no_stop_where_each_message_takes_long(
+    kind: str, which: float, each: float
+) -> None:
+    slow = Fault("slow", 4.0, 2.0, ("robot",), (), each)
+    outcome = Spied(slow, Fault(kind, 5.0, 1.3, ALL, (), which), lasts=8.0).run()
+    assert outcome.violations == ()
+
+
 @pytest.mark.parametrize(("which", "claims"), [(0.0, 1), (1.0, RATCHET)])
 def test_claims_with_huge_terms_arrive(which: float, claims: int) -> None:
     spied = Spied(Fault("huge-term", 6.0, 1.0, ALL, (), which), lasts=8.0)

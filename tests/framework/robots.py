@@ -4,10 +4,10 @@ from __future__ import annotations
 
 from functools import cache
 
-from armadico.agents.methods.motion import Body
 from armadico.bridge.robot import Parameters, Robot
 from armadico.core.agent import Identity
 from armadico.core.messages import Description
+from armadico.core.motion import Body
 
 
 @cache

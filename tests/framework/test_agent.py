@@ -413,3 +413,13 @@ def test_the_social_parameters_reach_the_contender() -> None:
 
     assert takes_over(0.0)
     assert not takes_over(None)  # the wheels' own 0.05
+
+
+@pytest.mark.parametrize("x", [nan, 1e9, "far"])
+def test_a_latched_state_that_nobody_can_be_told_of_is_not_remembered(
+    driver: Driver, x: Any
+) -> None:
+    driver.publish(m.Trajectory(5, 1, (m.Waypoint(x, 0.0, 0.0),)))
+    assert driver.memory.newest(m.Trajectory) is None
+    driver.publish(m.Trajectory(1, 2, (m.Waypoint(1.0, 0.0, 0.0),)))
+    assert driver.memory.newest(m.Trajectory) == m.Trajectory(1, 2, (m.Waypoint(1.0, 0.0, 0.0),))

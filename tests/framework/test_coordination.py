@@ -35,7 +35,7 @@ from armadico.core.messages import (
     Stop,
 )
 from armadico.core.resources import WHEELS, Resource
-from armadico.mesh.virtual_liveliness import RECONNECT
+from armadico.mesh.virtual import RECONNECT
 
 from .solo import Solo, running
 from .toys import ToyOwner, ToySociety, toy
@@ -474,6 +474,21 @@ def test_who_takes_over_from_one_about_to_collide_may_only_brake_until_it_has_se
     stage.cycle(7)
     seen = stage.bid(0.7, action=(0.5, 0.3), inputs=Cycle(1, 6))
     assert seen[0].action != (0.2, 0.0)
+
+
+def test_nor_may_who_takes_over_because_that_one_fell_silent() -> None:
+    stage = Solo()
+    for number in (1, 5):
+        stage.cycle(number)
+    stage.hear("a-1", 5, 0.8, critical=True, commanded=(0.2, 0.0))
+    for number in (6, 7, 8):
+        stage.cycle(number)
+        said = stage.bid(0.7, action=(0.5, 0.3), inputs=Cycle(1, 5))
+    said += stage.tick()
+    assert [c.action for c in said] == [(0.4, 0.0)], "no faster than is measured"
+    stage.cycle(9)
+    (seen,) = stage.bid(0.7, action=(0.5, 0.3), inputs=Cycle(1, 6))
+    assert seen.action == (0.5, 0.3)
 
 
 def test_like_is_compared_with_like_and_by_the_thesis_what_was_heard_last() -> None:

@@ -30,8 +30,7 @@ from armadico.core.messages import (
     Waypoint,
 )
 from armadico.core.resources import LEAST_SILENCE_S, WHEELS, Resource, declare
-from armadico.mesh.virtual import VirtualMesh
-from armadico.mesh.virtual_node import Node
+from armadico.mesh.virtual import Node, VirtualMesh
 
 from .robots import described
 from .toys import Toy, ToyOwner, ToySociety, toy

@@ -12,8 +12,7 @@ from hypothesis import strategies as st
 
 from armadico.core.agent import DeviceAgent
 from armadico.mesh.link_faults import WHOLE, LinkFaults
-from armadico.mesh.virtual import VirtualMesh
-from armadico.mesh.virtual_liveliness import LEASE, RECONNECT
+from armadico.mesh.virtual import LEASE, RECONNECT, VirtualMesh
 from armadico.mesh.virtual_network import Clock, Link
 
 from .test_virtual_mesh import Listener, Planner, Talker, Word, status, told
@@ -157,7 +156,7 @@ def test_who_is_killed_behind_a_cut_is_missed_when_the_lease_ends() -> None:
 def test_a_slow_process_takes_one_thing_after_another() -> None:
     mesh, listener = told()
     mesh.run(0.1)
-    mesh.slow_down(mesh.node("listener"), 0.05)
+    mesh.node("listener").slow_down(0.05)
     for number in range(10):
         mesh.publish(Word(str(number)))
     mesh.run(1.0)
@@ -169,7 +168,7 @@ def test_a_slow_process_takes_one_thing_after_another() -> None:
 def test_of_a_state_a_slow_process_takes_only_the_latest() -> None:
     mesh, listener = told()
     mesh.run(0.1)
-    mesh.slow_down(mesh.node("listener"), 0.1)
+    mesh.node("listener").slow_down(0.1)
     for number in range(1, 30):
         mesh.publish(status(number))
         mesh.run(mesh.now + 0.01)
@@ -181,11 +180,11 @@ def test_of_a_state_a_slow_process_takes_only_the_latest() -> None:
 def test_what_a_slow_process_says_comes_when_its_work_is_done() -> None:
     mesh, listener = told(Talker)
     mesh.run(1.0)
-    mesh.slow_down(mesh.node("talker"), 0.2)
+    mesh.node("talker").slow_down(0.2)
     counted = len(listener.seen)
     mesh.run(2.0)
     assert len(listener.seen) - counted == pytest.approx(5, abs=1)
-    mesh.slow_down(mesh.node("talker"), 0.0)
+    mesh.node("talker").slow_down(0.0)
     counted = len(listener.seen)
     mesh.run(3.0)
     assert len(listener.seen) > counted + 70

@@ -12,8 +12,7 @@ from armadico.core.coordination import Verdict
 from armadico.core.exchange import Bid
 from armadico.core.messages import Ack, Claim, Command, Message, RobotState
 from armadico.core.resources import WHEELS, Resource
-from armadico.mesh.virtual import VirtualMesh
-from armadico.mesh.virtual_node import Node
+from armadico.mesh.virtual import Node, VirtualMesh
 from armadico_tools.transcripts.agents import Driven
 
 Utility = Callable[[float], float | None]

@@ -43,13 +43,7 @@ RULES: tuple[tuple[str, str, tuple[str, ...]], ...] = (
     ),
 )
 
-APART: dict[str, tuple[str, ...]] = {
-    "armadico": (
-        "armadico.cli",
-        "armadico.observe.dashboard.local_map",
-        "armadico.observe.dashboard.shapes",
-    )
-}
+APART = {"armadico": ("armadico.cli",)}
 """The commands are the framework's upper floor: they start everything, so they may know it."""
 
 SANS_IO = (
@@ -65,13 +59,18 @@ SANS_IO = (
     ),
     *(
         "core.messages",
+        "core.behaviour",
+        "core.motion",
         "core.resources",
+        "core.route",
+        "core.safety",
         "core.services",
+        "core.swept_path",
         "launch.society",
         "mesh.virtual",
         "launch.virtual",
     ),
-    *("core.membership", "observe.hosts", "core.restart_policy"),
+    *("core.membership", "observe.hosts", "observe.view", "core.restart_policy"),
 )
 """Of the framework: bytes or messages and the time in, bytes or messages out."""
 

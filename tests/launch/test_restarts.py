@@ -34,7 +34,7 @@ from armadico.core.messages import (
 from armadico.core.services import service_of
 from armadico.launch.society import Options
 from armadico.launch.virtual import SIMULATOR, Rehearsal
-from armadico.mesh.virtual_node import Node
+from armadico.mesh.virtual import Node
 from armadico.runtime.latch import Latching
 
 LINE = Scenario(

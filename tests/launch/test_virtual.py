@@ -19,11 +19,14 @@ from armadico.config.discovery import AGENTS, load
 from armadico.config.loading import load_parameters
 from armadico.config.scenarios import Scenario, load_scenario
 from armadico.core.agent import Agent
-from armadico.core.messages import Ack, Ballot, Message, Truth, encode
+from armadico.core.messages import Ack, Ballot, Message, RobotState, Truth, encode
 from armadico.core.services import SERVICES
+from armadico.launch.attached import AttachedRun
 from armadico.launch.society import Options, members
 from armadico.launch.virtual import Rehearsal
-from armadico.observe.measures import driver
+from armadico.mesh.virtual_session import VirtualSession
+from armadico.observe.view import driver
+from armadico.runtime.client import Client
 
 SCENARIOS = ("sc1", "sc2", "sc3", "sc4", "rooms-a", "rooms-b", "house", "offices", "floor")
 EVERYBODY = ("encoder", "sonar", "goto", "avoid", "gothrough", "path-planning", "interface")
@@ -56,6 +59,22 @@ def test_another_robot_reaches_every_goal_too_and_touches_nothing(name: str) -> 
     again = f"armadico run {name} --virtual --profile amigobot"
     assert result.reached, again
     assert result.collisions == 0, again
+
+
+def test_who_watches_and_stops_a_live_society_can_watch_and_stop_a_virtual_one() -> None:
+    """The code of `armadico run --attach` and `armadico stop`, word for word, on the other mesh."""
+    rehearsal = Rehearsal(LINE, Options())
+    session = VirtualSession(rehearsal.mesh)
+    with AttachedRun(LINE, Options(), session) as run:
+        result = run.run()
+    assert result.reached
+    assert result.collisions == 0
+    client = Client(session)
+    client.stop(10.0, by="tester")
+    state = client.latest(RobotState)
+    assert state is not None
+    assert state.stop.by == "tester"
+    client.resume(10.0, by="tester")
 
 
 # Repeatable ---------------------------------------------------------------------------------------
@@ -279,13 +298,14 @@ def test_the_holder_among_walls_may_be_killed_and_nothing_is_touched(
     scenario: str, name: str
 ) -> None:
     run = Faulty(scenario=load_scenario(scenario))
+    victim = run.mesh.node(name).agent.instance
 
     def holds() -> bool:
-        return driver(run.acks[-1]) == name and run.truths[-1].v > 0.1
+        return driver(run.acks[-1]) == victim and run.truths[-1].v > 0.1
 
     run.drive(holds)
     run.mesh.node(name).kill()
     run.pass_s(10.0)
     assert run.truths[-1].collisions == 0
-    assert driver(run.acks[-1]) not in (None, name) or run.at_rest()
+    assert driver(run.acks[-1]) not in (None, victim) or run.at_rest()
     run.ballots_never_go_down()

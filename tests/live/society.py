@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import os
 import signal
+import time
 from collections.abc import Callable
 from itertools import pairwise
 
@@ -23,13 +24,14 @@ from armadico.core.messages import (
     Truth,
     decode,
 )
+from armadico.core.resources import WHEELS
 from armadico.core.services import BIDS
 from armadico.launch.local import Launcher
 from armadico.launch.processes import Process
 from armadico.launch.society import Member, Options
 from armadico.mesh.topology import topology
 from armadico.mesh.zenoh import ZenohMesh
-from armadico.observe.measures import driver
+from armadico.observe.view import View
 from armadico.runtime.client import Client
 from armadico_tools.faults.serial_tap import Tap, moves
 
@@ -62,19 +64,13 @@ class Observer:
 
     def __init__(self, mesh: ZenohMesh) -> None:
         self.client = Client(mesh)
+        self.view = View()
         self.states: list[RobotState] = []
         self.acks: list[Ack] = []
         self.truths: list[Truth] = []
         self.commands: list[Command] = []
         self.logs: list[str] = []
-        self._kept: dict[type[Message], list[Message]] = {
-            RobotState: self.states,  # type: ignore[dict-item]
-            Ack: self.acks,  # type: ignore[dict-item]
-            Truth: self.truths,  # type: ignore[dict-item]
-            Command: self.commands,  # type: ignore[dict-item]
-        }
-        self.client.listen(RobotState, Ack, Truth, Command, Claim, then=self._keep)
-        self.client.listen(Log, then=self._keep_log)
+        self.client.listen(RobotState, Ack, Truth, Command, Claim, Log, then=self._keep)
 
     def until(self, condition: Callable[[], object], what: str) -> None:
         """Wait for something to be so. AssertionError with the last state if it does not come."""
@@ -93,25 +89,17 @@ class Observer:
         return {name for name, _ in self.client.alive}
 
     @property
-    def ack(self) -> Ack:
-        """The newest word of the robot agent on what it obeys."""
-        return self.acks[-1]
-
-    @property
     def holder(self) -> str:
         """The instance that was obeyed last; nobody since a release."""
-        if not self.acks or self.ack.obeyed is None:
-            return ""
-        return self.ack.obeyed.instance
+        return self.view.last_driver(WHEELS.name)
 
     def obeyed_lately(self) -> bool:
-        return bool(self.acks) and driver(self.ack) is not None
+        return self.view.driver(WHEELS.name, time.monotonic()) is not None
 
     def driving(self) -> bool:
         """Whether the robot is on its way, by the truth, and somebody is obeyed."""
-        return bool(self.states and self.truths) and (
-            self.truths[-1].v > 0.2 and self.obeyed_lately()
-        )
+        truth = self.view.truth
+        return truth is not None and truth.v > 0.2 and self.obeyed_lately()
 
     def at_rest(self) -> bool:
         return abs(self.truths[-1].v) < 0.01 and abs(self.truths[-1].w) < 0.01
@@ -131,7 +119,7 @@ class Observer:
         first = self.state.cycle
 
         def on() -> bool:
-            at = self.ack.obeyed_cycle
+            at = self.acks[-1].obeyed_cycle
             behind = at is not None and (
                 at.epoch != first.epoch or at.number >= first.number + cycles
             )
@@ -149,14 +137,19 @@ class Observer:
         self.until(lambda: over, "the answer")
         return decode(replies[0], BidHistory).bids if replies else ()
 
-    def _keep(self, message: Message, _now: float) -> None:
-        kept = self._kept.get(type(message))
-        if kept is not None:
-            kept.append(message)
-
-    def _keep_log(self, message: Message, _now: float) -> None:
-        assert isinstance(message, Log)
-        self.logs.append(message.text)
+    def _keep(self, message: Message, now: float) -> None:
+        self.view.learn(message, now)
+        match message:
+            case RobotState():
+                self.states.append(message)
+            case Ack():
+                self.acks.append(message)
+            case Truth():
+                self.truths.append(message)
+            case Command():
+                self.commands.append(message)
+            case Log():
+                self.logs.append(message.text)
 
 
 class Society(Observer):

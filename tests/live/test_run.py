@@ -14,10 +14,10 @@ from msgspec.structs import replace
 
 from armadico.bridge.p2os.commands import Cmd
 from armadico.launch.local import Launcher
-from armadico.launch.run import RunFailedError
 from armadico.launch.society import Options
 from armadico.mesh.ports import private_endpoints
 from armadico.observe.measures import Result, RunWatch
+from armadico.runtime.errors import RunFailedError
 from armadico_tools.faults.serial_tap import Tap, moves
 from tests.live.conftest import NAMESPACE
 from tests.live.society import LINE, SOON, Observer, Society, mesh_of

@@ -1,24 +1,33 @@
-"""Private loopback endpoints and real processes."""
+"""Places on either mesh, agents on either, and real processes."""
 
 from __future__ import annotations
 
 import os
 import subprocess
 import sys
+import threading
 from collections.abc import Callable, Iterator
 from contextlib import ExitStack
+from itertools import count
 from pathlib import Path
 
 import pytest
 
+from armadico.core.agent import Agent, Identity
+from armadico.core.driver import Driver
+from armadico.mesh.base import Mesh
 from armadico.mesh.ports import private_endpoints
 from armadico.mesh.topology import ENDPOINTS_VARIABLE, topology
+from armadico.mesh.virtual import VirtualMesh
+from armadico.mesh.virtual_session import VirtualSession
 from armadico.mesh.zenoh import ZenohMesh
 from armadico.runtime.client import Client
+from armadico.runtime.process import AgentHost, identity
 from tests.programs import starter
 
 TOY = Path(__file__).parent / "toy_process.py"
 NAMESPACE = "test"
+SOON = 20.0  # s; a deadline, not an expectation
 
 Spawn = Callable[..., subprocess.Popen[str]]
 
@@ -38,6 +47,100 @@ def join(endpoints: str) -> Iterator[Callable[..., ZenohMesh]]:
             return stack.enter_context(ZenohMesh(namespace, where))
 
         yield make
+
+
+MESHES = ["virtual", pytest.param("zenoh", marks=pytest.mark.live)]
+"""A test of what a mesh promises is run on each."""
+
+Enter = Callable[..., Mesh]
+
+
+@pytest.fixture(params=MESHES)
+def enter(request: pytest.FixtureRequest) -> Enter:
+    """Join this test's mesh, of either kind, as often as wanted."""
+    if request.param == "zenoh":
+        joined: Enter = request.getfixturevalue("join")
+        return joined
+    mesh, numbers = VirtualMesh(1), count()
+
+    def make(namespace: str = NAMESPACE) -> Mesh:
+        return VirtualSession(mesh, namespace, f"guest-{next(numbers)}")
+
+    return make
+
+
+class Crowd:
+    """Agents on one mesh, and somebody who watches them."""
+
+    client: Client
+
+    def identity(self, name: str) -> Identity:
+        """Who a new instance is."""
+        raise NotImplementedError
+
+    def start(self, agent: Agent) -> Driver:
+        """An agent's process starts, and asks to be admitted."""
+        raise NotImplementedError
+
+    def until(self, condition: Callable[[], object]) -> bool:
+        """Let time pass until something holds; whether it does in the end."""
+        mesh = self.client.mesh
+        end = mesh.now() + SOON
+        while mesh.now() < end and not condition():
+            self.client.wait_for(condition, 0.05)  # what is not published wakes no client
+        return bool(condition())
+
+
+class VirtualCrowd(Crowd):
+    """On a virtual mesh."""
+
+    def __init__(self) -> None:
+        self.mesh = VirtualMesh(1)
+        self.client = Client(VirtualSession(self.mesh))
+        self._starts = count()
+
+    def identity(self, name: str) -> Identity:
+        return self.mesh.identity(name, next(self._starts))
+
+    def start(self, agent: Agent) -> Driver:
+        return self.mesh.add(agent).driver
+
+
+class LiveCrowd(Crowd):
+    """On Zenoh, each in a thread of its own."""
+
+    def __init__(self, join: Callable[[], ZenohMesh], stack: ExitStack) -> None:
+        self._join, self._stack = join, stack
+        self.client = Client(join())
+
+    def identity(self, name: str) -> Identity:
+        return identity(name)
+
+    def start(self, agent: Agent) -> Driver:
+        mesh = self._join()
+        host = AgentHost([agent], mesh)
+
+        def live() -> None:
+            host.live()
+            host.leave()
+            mesh.close()
+
+        thread = threading.Thread(target=live)
+        thread.start()
+        self._stack.callback(thread.join)
+        self._stack.callback(host.request_stop)
+        return host.drivers[0]
+
+
+@pytest.fixture(params=MESHES)
+def crowd(request: pytest.FixtureRequest) -> Iterator[Crowd]:
+    """A society on either mesh."""
+    if request.param == "virtual":
+        yield VirtualCrowd()
+        return
+    join = request.getfixturevalue("join")
+    with ExitStack() as stack:
+        yield LiveCrowd(join, stack)
 
 
 @pytest.fixture

@@ -3,16 +3,18 @@
 from __future__ import annotations
 
 import threading
+import time
 from collections.abc import Callable
-from typing import Any, cast
+from typing import Any
 
 from armadico.core.agent import Agent
-from armadico.core.messages import M, Message, PlanRequest, Waypoint, decode, encode
+from armadico.core.messages import Message, PlanRequest, Waypoint, encode
+from armadico.mesh.base import Call, Monotonic, Reader, Receiver
 from armadico.runtime.process import AgentHost
 
 REQUEST = PlanRequest(Waypoint(0, 0, 0), Waypoint(1, 1, 0))
 
-Asked = tuple[Callable[[str, bytes], None], Callable[[], None]]
+Asked = tuple[Receiver, Callable[[], None]]
 
 
 class FakeCall:
@@ -28,38 +30,53 @@ class FakeCall:
         self.replies.append(message)
 
 
-class FakeMesh:
-    """Keeps what it is given, and lets the test speak."""
+class FakeMesh(Reader, Monotonic):
+    """Keeps what it is given, and lets the test speak; its time is the test's."""
 
-    def __init__(self) -> None:
+    namespace = "fake"
+
+    def __init__(self, clock: Callable[[], float] = time.monotonic) -> None:
+        super().__init__()
         self.published: list[tuple[str, Message]] = []
-        self.subscribers: dict[str, Callable[[str, bytes], None]] = {}
-        self.answers: dict[str, Callable[[Any], None]] = {}
+        self.sent: list[bytes] = []  # of each of them, what went over the wire
+        self.subscribers: dict[str, Receiver] = {}
+        self.answers: dict[str, Callable[[Call], None]] = {}
         self.changed: Callable[[str, str, bool], None] = lambda *_: None
         self.asked: list[Asked] = []
         self.asked_keys: list[str] = []
         self.tokens: list[tuple[str, str]] = []
         self.alive = threading.Event()
+        self._clock = clock
+
+    def now(self) -> float:
+        return self._clock()
 
     @property
     def said(self) -> list[Message]:
         """What was published, without its keys."""
         return [message for _, message in self.published]
 
-    def publish(self, key: str, message: Message) -> None:
-        encode(message)
+    def publish(self, key: str, message: Message, data: bytes | None = None) -> None:
+        self.sent.append(encode(message) if data is None else data)
         self.published.append((key, message))
 
     def has_said(self, key: str) -> bool:
         return any(key == said for said, _ in self.published)
 
-    def subscribe(self, pattern: str, receiver: Callable[[str, bytes], None]) -> None:
+    def subscribe(self, pattern: str, receiver: Receiver) -> None:
         self.subscribers[pattern] = receiver
 
-    def answer(self, key: str, receiver: Callable[[Any], None]) -> None:
+    def answer(self, key: str, receiver: Callable[[Call], None]) -> None:
         self.answers[key] = receiver
 
-    def ask(self, key: str, request: Message, timeout: float, each: Any, done: Any) -> None:
+    def ask(
+        self,
+        key: str,
+        request: Message,
+        timeout: float,
+        each: Receiver,
+        done: Callable[[], None],
+    ) -> None:
         encode(request)
         self.asked_keys.append(key)
         self.asked.append((each, done))
@@ -71,8 +88,8 @@ class FakeMesh:
         self.tokens.append((name, instance))
         self.alive.set()
 
-    def read(self, kind: type[M], key: str, data: bytes) -> M:
-        return decode(data, kind)
+    def close(self) -> bool:
+        return True
 
     def hear(self, pattern: str, message: Message, key: str | None = None) -> None:
         self.subscribers[pattern](key or pattern, encode(message))
@@ -95,8 +112,5 @@ def on_a_fake(
     **kwargs: Any,
 ) -> tuple[AgentHost, FakeMesh]:
     """A host of agents on a fake mesh; without `admit` they begin at once."""
-    mesh = FakeMesh()
-    host = AgentHost(
-        agents, cast("Any", mesh), clock=clock or Clock(), admit=admit, wall=lambda: 0.0, **kwargs
-    )
-    return host, mesh
+    mesh = FakeMesh(clock or Clock())
+    return AgentHost(agents, mesh, admit=admit, wall=lambda: 0.0, **kwargs), mesh

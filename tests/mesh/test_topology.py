@@ -68,13 +68,25 @@ def test_who_connects_elsewhere_can_be_reached_from_there_and_no_further(
     assert topology(connect=[seed], environ={}).attempts == ((listens,),)
 
 
-@pytest.mark.parametrize("text", ["", "7450", "tcp/", "tcp/host", "tcp/host:", "host:7450"])
+@pytest.mark.parametrize(
+    "text",
+    [
+        *("", "7450", "tcp/", "tcp/host", "tcp/host:", "host:7450"),
+        *("tcp/host:65536", "tcp/host:99999999999", "tcp/host:\u00b9"),
+    ],
+)
 def test_what_is_no_endpoint_is_refused_with_an_example(text: str) -> None:
     with pytest.raises(TopologyError, match=r"tcp/192\.168\.1\.5:7450"):
         topology(connect=[text])
 
 
-@pytest.mark.parametrize("name", ["", "a*", "/a", "a/", "a//b", "a b", "a#", "$a", "a?"])
+@pytest.mark.parametrize(
+    "name",
+    [
+        *("", "a*", "/a", "a/", "a//b", "a b", "a#", "$a", "a?"),
+        *("a\nb", "a\n", "\x1b[31m", "\u202ea", "@a", "a" * 101),
+    ],
+)
 def test_what_cannot_be_a_namespace_is_refused(name: str) -> None:
     with pytest.raises(TopologyError, match="namespace"):
         checked_namespace(name)

@@ -9,6 +9,7 @@ from typing import Any
 
 from rerun.chunk import RrdReader
 
+from armadico.cli.dashboard import zones
 from armadico.config.worlds import World
 from armadico.core import messages as m
 from armadico.observe.dashboard.scene import Scene
@@ -73,7 +74,7 @@ class Kept:
 @contextmanager
 def drawn(path: Path, world: World | None = None) -> Iterator[Scene]:
     recording = keep({NAMESPACE: world}, path)
-    yield Scene(recording, world, NAMESPACE)
+    yield Scene(recording, world, NAMESPACE, zones())
     close(recording)
 
 

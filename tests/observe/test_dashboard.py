@@ -12,9 +12,11 @@ pytest.importorskip("rerun", reason="the dashboard's extra is not installed")
 
 from PIL import Image
 
+from armadico.cli.dashboard import zones
 from armadico.config.scenarios import load_scenario
 from armadico.config.worlds import load_world
 from armadico.core import messages as m
+from armadico.core.swept_path import Outline
 from armadico.launch.society import Options
 from armadico.launch.virtual import Rehearsal
 from armadico.observe.dashboard import palette, shapes, viewer
@@ -37,6 +39,8 @@ from tests.observe.kept import (
     record,
     state,
 )
+
+BODY = m.Description("slim", 0.1, 0.3, 0.1, 0.08, 1.2, 5.2, 0.3, 0.3, 1.7, 1.7, 0.3, 2.0)
 
 # What is drawn ------------------------------------------------------------------------------------
 
@@ -106,6 +110,7 @@ def test_an_agent_has_one_colour_in_curve_lane_path_and_graph(tmp_path: Path) ->
     path = tmp_path / "a.rrd"
     card = m.Card("avoid", AVOID, "here", 1, "1", 1, (), ("sonar/obstacles",), ("wheels",))
     with drawn(path) as scene:
+        scene.alive(AVOID, True, 0.0)
         scene.take("card", card, 0.0)
         scene.take("resource/wheels/ack", ack(1, AVOID), 0.1)
         scene.take("robot/state", state(1), 0.1)
@@ -130,9 +135,9 @@ def test_who_comes_and_goes_is_in_the_log_and_on_the_page(tmp_path: Path) -> Non
     path = tmp_path / "a.rrd"
     with drawn(path) as scene:
         for _ in range(2):  # the same news may come twice
-            scene.alive("goto", GOTO, True, 0.0)
+            scene.alive(GOTO, True, 0.0)
         scene.refresh(0.0)
-        scene.alive("goto", GOTO, False, 2.0)
+        scene.alive(GOTO, False, 2.0)
         scene.refresh(2.0)
     kept = Kept(path)
     assert kept.texts("/p/log/goto") == ["goto-1 is there", "goto-1 has gone"]
@@ -211,9 +216,27 @@ def test_of_several_points_in_a_cell_the_surest_is_shown() -> None:
 
 
 def test_zones_lie_around_the_outline() -> None:
-    strip = shapes.around_outline(0.3)
+    strip = shapes.around_outline(BODY, 0.3)
     assert strip[0] == strip[-1]
-    assert all(abs(shapes.OUTLINE.clearance(x, y) - 0.3) < 1e-9 for x, y in strip)
+    outline = Outline(BODY.front, BODY.rear, BODY.half_width)
+    assert all(abs(outline.clearance(x, y) - 0.3) < 1e-9 for x, y in strip)
+
+
+def test_the_robot_is_drawn_as_its_owner_describes_it(tmp_path: Path) -> None:
+    path = tmp_path / "a.rrd"
+    with drawn(path) as scene:
+        scene.take("encoder/pose", m.Pose(cycle(1), 0.0, 0.0, 0.0), 0.0)
+        scene.take("robot/state", state(1), 0.0)
+        for t in (0.1, 0.4):
+            scene.take("robot/description", BODY, t)
+            scene.take("encoder/pose", m.Pose(cycle(2), 0.0, 0.0, 0.0), t)
+            scene.take("robot/state", state(2), t)
+    kept = Kept(path)
+    for where in ("/p/map/world/robot/outline", "/p/local/robot/outline"):
+        xs, ys = zip(*kept.fixed[where]["strips"][0], strict=True)
+        found = max(xs), -min(xs), max(ys)
+        assert found == pytest.approx((BODY.front, BODY.rear, BODY.half_width))
+    assert len(kept.rows["/p/local/robot/zones"]) == 2, "around what nobody has described are none"
 
 
 # A run --------------------------------------------------------------------------------------------
@@ -223,7 +246,7 @@ def test_zones_lie_around_the_outline() -> None:
 def run(tmp_path_factory: pytest.TempPathFactory) -> tuple[Path, Rehearsal]:
     path = tmp_path_factory.mktemp("run") / "sc3.rrd"
     rehearsal = Rehearsal(load_scenario("sc3"), Options())
-    with Rehearsed(rehearsal, path):
+    with Rehearsed(rehearsal.mesh, rehearsal.scenario.world, path, zones()):
         assert rehearsal.run().reached
     return path, rehearsal
 

@@ -34,7 +34,7 @@ def recording(tmp_path: Path) -> Path:
     """A short run in few chunks: drawn without a graphics card, a few are taken per image."""
     drawn, packed = tmp_path / "drawn.rrd", tmp_path / "packed.rrd"
     rehearsal = Rehearsal(load_scenario("sc3"), Options())
-    with Rehearsed(rehearsal, drawn):
+    with Rehearsed(rehearsal.mesh, rehearsal.scenario.world, drawn, {}):
         assert rehearsal.run().reached
     command = [str(viewer.binary()), "rrd", "optimize", str(drawn), "-o", str(packed)]
     subprocess.run(command, check=True, capture_output=True, timeout=60)

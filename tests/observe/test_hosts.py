@@ -6,16 +6,21 @@ import pytest
 
 from armadico.core.messages import PROTOCOL, Card
 from armadico.observe.hosts import census
+from armadico.observe.view import View
 
 
 def card(name: str, host: str) -> Card:
     return Card(name, f"{name}-1", host, 1, "1", PROTOCOL, (), (), ())
 
 
+def seen(*cards: Card) -> View:
+    return View.of({(card.name, card.instance): card for card in cards})
+
+
 def test_each_host_says_what_it_has_and_what_it_lacks() -> None:
-    cards = [card("goto", "lab2"), card("encoder", "lab1"), card("avoid", "desk")]
+    view = seen(card("goto", "lab2"), card("encoder", "lab1"), card("avoid", "desk"))
     wanted = {"robot": ("robot",), "lab1": ("encoder", "sonar"), "lab2": ("goto",), "lab4": ()}
-    found = {host.name: host.state for host in census(cards, wanted, {})}
+    found = {host.name: host.state for host in census(view, wanted, {})}
     assert found == {
         "robot": "no agent is alive",
         "lab1": "lacks: sonar",
@@ -26,7 +31,7 @@ def test_each_host_says_what_it_has_and_what_it_lacks() -> None:
 
 
 def test_two_of_one_agent_are_two() -> None:
-    (host,) = census([card("avoid", "lab1")], {"lab1": ("avoid", "avoid")}, {})
+    (host,) = census(seen(card("avoid", "lab1")), {"lab1": ("avoid", "avoid")}, {})
     assert host.lacks == ("avoid",)
 
 
@@ -45,5 +50,5 @@ def test_a_clock_that_is_off_is_said_with_how_far(
 ) -> None:
     names = [f"a{number}" for number in range(len(offsets))]
     ahead = {f"{n}-1": o for n, o in zip(names, offsets, strict=True) if o is not None}
-    (host,) = census([card(name, "lab2") for name in names], {}, ahead)
+    (host,) = census(seen(*(card(name, "lab2") for name in names)), {}, ahead)
     assert host.skew == says

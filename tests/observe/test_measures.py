@@ -24,7 +24,7 @@ from armadico.core.messages import (
     Truth,
     Waypoint,
 )
-from armadico.observe.measures import OBEYED_CYCLES, Result, RunWatch, driver, speeds
+from armadico.observe.measures import Result, RunWatch, speeds
 
 GOAL: Pose2 = (2.0, 0.0, 0.0)
 MISSION = 77
@@ -266,23 +266,6 @@ def test_a_picture_gets_the_echoes_where_they_were_and_the_way() -> None:
 
 
 BALLOT = Ballot(1, 0.5, False, "path-planning-0123456789abcdef")
-
-
-@pytest.mark.parametrize(
-    ("obeyed", "at", "who"),
-    [
-        (BALLOT, Cycle(1, 9), "path-planning"),
-        (BALLOT, Cycle(1, 10 - OBEYED_CYCLES), "path-planning"),
-        (BALLOT, Cycle(1, 9 - OBEYED_CYCLES), None),
-        (BALLOT, Cycle(2, 9), None),  # in another epoch
-        (None, Cycle(1, 9), None),  # released
-        (None, None, None),
-    ],
-)
-def test_who_drives_is_whom_the_owner_obeyed_lately(
-    obeyed: Ballot | None, at: Cycle | None, who: str | None
-) -> None:
-    assert driver(Ack("wheels", Cycle(1, 10), BALLOT, obeyed, at)) == who
 
 
 @pytest.mark.parametrize(

@@ -21,15 +21,11 @@ from armadico.observe.export import RecordingError, Row, Tables, rows, to_rrd
 from armadico.observe.recorder import Recording
 from armadico.observe.watching import (
     Heard,
-    Holders,
     Presence,
-    Rate,
     as_object,
-    deadline_s,
     from_object,
     json_schema,
     kind_at,
-    service_at,
 )
 
 CYCLE = m.Cycle(2**62 + 1, 7)
@@ -282,7 +278,7 @@ def test_a_recording_is_drawn_as_the_dashboard_would(tmp_path: Path) -> None:
         Heard("robot1", "encoder/pose", b"broken", 5),
     )
     warnings: list[str] = []
-    assert to_rrd(path, out, None, None, warnings.append) == 4
+    assert to_rrd(path, out, None, None, {}, warnings.append) == 4
     assert not warnings
     assert out.stat().st_size > 1000
 
@@ -292,8 +288,8 @@ def test_of_several_robots_one_is_drawn(tmp_path: Path) -> None:
     path = tmp_path / "run.mcap"
     recorded(path, heard("robot/state", STATE), Heard("robot2", "robot/state", m.encode(STATE), 1))
     with pytest.raises(RecordingError, match="robot1, robot2"):
-        to_rrd(path, tmp_path / "run.rrd", None, None, lambda _: None)
-    assert to_rrd(path, tmp_path / "run.rrd", "robot2", None, lambda _: None) == 1
+        to_rrd(path, tmp_path / "run.rrd", None, None, {}, lambda _: None)
+    assert to_rrd(path, tmp_path / "run.rrd", "robot2", None, {}, lambda _: None) == 1
 
 
 # What watchers share ------------------------------------------------------------------------------
@@ -315,39 +311,3 @@ def test_of_several_robots_one_is_drawn(tmp_path: Path) -> None:
 )
 def test_a_key_tells_its_message(key: str, kind: type[m.Message] | None) -> None:
     assert kind_at(key) is kind
-
-
-def test_a_rate_is_what_came_over_the_time_it_took() -> None:
-    rate = Rate(deadline_s=0.3)
-    for n in range(11):
-        rate.add(n * SECOND // 10)
-    assert rate.hz(SECOND) == pytest.approx(10.0)
-    assert rate.missed == 0
-    assert rate.hz(3 * SECOND) == pytest.approx(10 / 3)  # silence counts
-    assert rate.hz(60 * SECOND) == 0.0
-    assert rate.missed == 1  # one silence, however often it is looked at
-    rate.add(61 * SECOND)
-    rate.add(62 * SECOND)
-    assert rate.missed == 2
-
-
-def test_only_what_is_said_all_the_time_has_a_deadline() -> None:
-    found = {s.key: deadline_s(service_at(s.pattern)) for s in SERVICES}
-    assert found["robot/state"] == pytest.approx(0.3)
-    assert found["sonar/map"] == pytest.approx(1.0)
-    assert found["resource/{resource}/utility"] is None
-    assert found["log/{instance}"] is None
-
-
-def test_the_holder_is_the_largest_ballot_until_it_is_silent_or_released() -> None:
-    holders = Holders()
-    rival = m.Claim("wheels", m.Ballot(2, 0.9, False, "avoid-1"), CYCLE, 0.9)
-    holders.hear(CLAIM, 0)
-    holders.hear(rival, 1)
-    assert holders.of("wheels", 2) == CLAIM
-    assert holders.of("wheels", SECOND) is None
-    holders.hear(rival, SECOND)
-    assert holders.of("wheels", SECOND) == rival
-    holders.hear(CLAIM, SECOND + 1)
-    holders.hear(m.Claim("wheels", BALLOT, CYCLE, None), SECOND + 2)
-    assert holders.of("wheels", SECOND + 3) is None

@@ -6,6 +6,7 @@ import math
 from collections.abc import Callable
 from typing import Any, ClassVar
 
+import cbor2
 import pytest
 
 from armadico.core import messages as m
@@ -119,6 +120,23 @@ def test_what_one_publishes_reaches_another_of_its_process_as_it_is() -> None:
     (said,) = [message for message in mesh.said if isinstance(message, Pose)]
     assert len(watcher.poses) == 1
     assert watcher.poses[0] is said, "neither encoded nor decoded"
+
+
+def test_what_a_neighbour_is_given_is_encoded_once(monkeypatch: pytest.MonkeyPatch) -> None:
+    encoded: list[bytes] = []
+    dumps = cbor2.dumps
+
+    def counted(plain: Any) -> bytes:
+        encoded.append(dumps(plain))
+        return encoded[-1]
+
+    poser, watcher = Poser(identity("poser")), Watcher(identity("watcher"))
+    host, mesh = on_a_fake(poser, watcher)
+    monkeypatch.setattr("cbor2.dumps", counted)
+    play(host, lambda: mesh.hear("robot/state", state(1)))
+    (pose,) = [data for data, said in zip(mesh.sent, mesh.said, strict=True) if type(said) is Pose]
+    assert [m.decode(pose, Pose)] == watcher.poses
+    assert encoded.count(pose) == 1
 
 
 def test_what_several_listen_to_is_subscribed_and_decoded_once(

@@ -136,14 +136,17 @@ def test_a_flood_does_not_hold_up_a_wakeup() -> None:
     clock = Clock()
     agent = Recorder(identity("recorder"))
     host, _ = host_of(agent, clock)
+    began = clock.now
     agent.wake_at(clock.now - 1.0)
 
     def again() -> None:
+        clock.now += 0.01
         host.inbox.put("test", again)
 
     again()
     host.live()
     assert agent.seen == ["woken"]
+    assert clock.now < began + 0.1
 
 
 def in_turn(host: AgentHost, *steps: Callable[[], Any]) -> None:

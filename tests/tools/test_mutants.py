@@ -75,7 +75,7 @@ def test_the_tests_that_are_named_are_there(module: str) -> None:
 def test_a_module_is_changed_where_it_is_imported_from() -> None:
     assert [(module, name_of(module)) for module in ("cycles", "safety")] == [
         ("cycles", "armadico.core.cycles"),
-        ("safety", "armadico.agents.methods.safety"),
+        ("safety", "armadico.core.safety"),
     ]
     for module in TESTS:
         spec = find_spec(name_of(module))

@@ -53,12 +53,9 @@ TESTS: Final[dict[str, tuple[str, ...]]] = {
         "framework/test_agent.py",
         "framework/test_coordination_faults.py",
     ),
-    "safety": ("agents/test_safety.py", "agents/test_avoid.py", "agents/test_goto.py"),
+    "safety": ("core/test_safety.py", "agents/test_avoid.py", "agents/test_goto.py"),
 }
 """The tests of each module, the quickest first."""
-
-FOLDERS: Final = {"safety": "agents/methods"}
-"""Where a module is that is not in `armadico.core`."""
 
 PRELOADED: Final = ("cbor2", "hypothesis.stateful", "msgspec", "numpy", "psutil", "pytest", "zenoh")
 
@@ -133,13 +130,12 @@ def mutants(module: str) -> list[Mutant]:
 
 def path_of(module: str) -> Path:
     """Where a module's source is."""
-    return ROOT / FOLDERS.get(module, "armadico/core") / f"{module}.py"
+    return ROOT / "armadico" / "core" / f"{module}.py"
 
 
 def name_of(module: str) -> str:
     """By what it is imported."""
-    folder = FOLDERS.get(module, "core")
-    return ".".join(["armadico", *folder.split("/"), module])
+    return f"armadico.core.{module}"
 
 
 @cache

@@ -1,7 +1,4 @@
-"""Who is there: a page of agents and hosts, and a graph of who says what to whom, from the cards.
-
-Nobody keeps a list: tokens say who is there, cards what they offer, their bids what they want.
-"""
+"""Who is there: a page of agents and hosts; from their cards a graph of who says what to whom."""
 
 from __future__ import annotations
 
@@ -11,10 +8,11 @@ from typing import Final
 
 import rerun as rr
 
-from armadico.core.messages import Ack, BidRecord, Card, Claim, Command
+from armadico.core.messages import Ack, Card, Claim, Command
+from armadico.core.services import service_at
 from armadico.observe.dashboard import palette
 from armadico.observe.dashboard.canvas import Canvas, Colour
-from armadico.observe.watching import service_at
+from armadico.observe.view import View
 
 COLUMN: Final = 330.0
 ROW: Final = 42.0
@@ -31,52 +29,30 @@ class Company:
 
     def __init__(self, canvas: Canvas) -> None:
         self._canvas = canvas
-        self._there: dict[str, str] = {}  # names by instance
-        self._cards: dict[str, Card] = {}
         self._graph: Graph | None = None
 
-    @property
-    def names(self) -> set[str]:
-        """The agents that have a token."""
-        return set(self._there.values())
-
-    def take_alive(self, name: str, instance: str, there: bool) -> bool:
-        """A token has come or gone; false if that was known."""
-        if (instance in self._there) == there:
-            return False
-        if there:
-            self._there[instance] = name
-        else:
-            self._there.pop(instance)
-            self._cards.pop(instance, None)
-        return True
-
-    def take_card(self, card: Card) -> None:
-        """What an agent offers; whoever shows a card is there."""
-        self._there[card.instance] = card.name
-        self._cards[card.instance] = card
-
-    def draw(self, holders: Mapping[str, str], bids: Mapping[str, BidRecord], t: float) -> None:
+    def draw(self, view: View, holders: Mapping[str, str], t: float) -> None:
         """The page, each second, and the graph when it has changed."""
         if not self._canvas.due("society/table", t):
             return
-        page = rr.TextDocument(self._page(holders, bids), media_type=rr.MediaType.MARKDOWN)
+        page = rr.TextDocument(_page(view, holders), media_type=rr.MediaType.MARKDOWN)
         self._canvas.draw("society/table", t, page)
-        graph = Graph(self._cards.values(), holders)
+        graph = Graph((agent.card for agent in view.agents if agent.card is not None), holders)
         if self._graph is None or not graph.looks_like(self._graph):
             self._graph = graph
             graph.draw(self._canvas, t)
 
-    def _page(self, holders: Mapping[str, str], bids: Mapping[str, BidRecord]) -> str:
-        lines = ["| agent | host | pid | holds | bids | why |", "|---|---|---|---|---|---|"]
-        for instance, name in sorted(self._there.items(), key=lambda item: (item[1], item[0])):
-            card, bid = self._cards.get(instance), bids.get(name)
-            holds = ", ".join(what for what, who in holders.items() if who == name)
-            host, pid = (card.host, str(card.pid)) if card else ("?", "not answering")
-            utility = "" if bid is None or bid.utility is None else f"{bid.utility:.2f}"
-            why = "" if bid is None else bid.reason
-            lines.append(f"| {name} | {host} | {pid} | {holds} | {utility} | {why[:WHY]} |")
-        return "\n".join(lines) + "\n"
+
+def _page(view: View, holders: Mapping[str, str]) -> str:
+    lines = ["| agent | host | pid | holds | bids | why |", "|---|---|---|---|---|---|"]
+    for name, instance, card in view.agents:
+        bid, _ = view.bids.get(instance, (None, 0.0))
+        holds = ", ".join(what for what, who in holders.items() if who == name)
+        host, pid = (card.host, str(card.pid)) if card else ("?", "not answering")
+        utility = "" if bid is None or bid.utility is None else f"{bid.utility:.2f}"
+        why = "" if bid is None else bid.reason
+        lines.append(f"| {name} | {host} | {pid} | {holds} | {utility} | {why[:WHY]} |")
+    return "\n".join(lines) + "\n"
 
 
 class Graph:

@@ -7,11 +7,12 @@ from typing import Any, Final
 
 import rerun as rr
 
-from armadico.core.messages import Claim, Command, Message, MissionStatus, RobotState, Truth
+from armadico.core.messages import Claim, Command, RobotState
 from armadico.core.resources import WHEELS
 from armadico.observe.dashboard import palette
 from armadico.observe.dashboard.canvas import Canvas
 from armadico.observe.measures import speeds
+from armadico.observe.view import View
 
 AXES: Final = ("v", "w")
 """Forward speed, m/s, and turning speed, rad/s, ccw."""
@@ -23,22 +24,21 @@ class Gauges:
     def __init__(self, canvas: Canvas, namespace: str) -> None:
         self._canvas = canvas
         self._namespace = namespace
-        self._state: RobotState | None = None
-        self._mission: MissionStatus | None = None
-        self._truth: Truth | None = None
         for axis in AXES:
             for what, colour in palette.SPEEDS.items():
                 canvas.curve(f"speed/{axis}/{what}", what, colour)
         canvas.curve("battery/volts", "battery", palette.BATTERY)
 
-    def take_state(self, state: RobotState, holder: str, t: float) -> None:
+    def take_state(self, state: RobotState, t: float) -> None:
         """What the controller measured."""
-        self._state = state
         self._speeds("measured", state.v, state.w, t)
         if self._canvas.due("battery", t):
             self._canvas.number("battery/volts", t, state.battery_v)
+
+    def draw(self, view: View, holder: str, t: float) -> None:
+        """The page."""
         if self._canvas.due("status", t):
-            page = rr.TextDocument(self._page(holder), media_type=rr.MediaType.MARKDOWN)
+            page = rr.TextDocument(self._page(view, holder), media_type=rr.MediaType.MARKDOWN)
             self._canvas.draw("status", t, page)
 
     def take_command(self, command: Command, t: float) -> None:
@@ -52,39 +52,33 @@ class Gauges:
         if claim.resource == WHEELS.name and len(wanted) == len(AXES):
             self._speeds("wanted", wanted[0], wanted[1], t)
 
-    def keep(self, message: Message) -> None:
-        """The mission's state or the truth, for the page."""
-        if isinstance(message, MissionStatus):
-            self._mission = message
-        elif isinstance(message, Truth):
-            self._truth = message
-
     def _speeds(self, what: str, v: float, w: float, t: float) -> None:
         for axis, value in zip(AXES, (v, w), strict=True):
             if self._canvas.due(f"speed/{axis}/{what}", t):
                 self._canvas.number(f"speed/{axis}/{what}", t, value)
 
-    def _page(self, holder: str) -> str:
+    def _page(self, view: View, holder: str) -> str:
         """A table of two columns."""
-        rows = "\n".join(f"| {name} | {value} |" for name, value in self._rows(holder))
+        rows = "\n".join(f"| {name} | {value} |" for name, value in _rows(view, holder))
         return f"|  | **{self._namespace}** |\n|---|---|\n{rows}\n"
 
-    def _rows(self, holder: str) -> list[tuple[str, Any]]:
-        state, mission, truth = self._state, self._mission, self._truth
-        rows: list[tuple[str, Any]] = [("wheels", f"**{holder}**")]
-        if mission is not None:
-            rows += [
-                ("mission", mission.state.value),
-                ("to go", f"{mission.to_go:.2f} m, leg {mission.leg + 1}"),
-            ]
-        if state is not None:
-            turning = f"{degrees(state.w):+.0f} deg/s"
-            rows += [
-                ("speed", f"{state.v:.2f} m/s, {turning}"),
-                ("battery", f"{state.battery_v:.1f} V"),
-                ("stop", f"**by {state.stop.by}**" if state.stop.stopped else "not set"),
-            ]
-        if truth is not None:
-            clear = "-" if truth.clearance is None else f"{truth.clearance:.2f} m"
-            rows.append(("clearance", f"{clear}, {truth.collisions} collisions"))
-        return rows
+
+def _rows(view: View, holder: str) -> list[tuple[str, Any]]:
+    state, mission, truth = view.state, view.mission, view.truth
+    rows: list[tuple[str, Any]] = [("wheels", f"**{holder}**")]
+    if mission is not None:
+        rows += [
+            ("mission", mission.state.value),
+            ("to go", f"{mission.to_go:.2f} m, leg {mission.leg + 1}"),
+        ]
+    if state is not None:
+        turning = f"{degrees(state.w):+.0f} deg/s"
+        rows += [
+            ("speed", f"{state.v:.2f} m/s, {turning}"),
+            ("battery", f"{state.battery_v:.1f} V"),
+            ("stop", f"**by {state.stop.by}**" if state.stop.stopped else "not set"),
+        ]
+    if truth is not None:
+        clear = "-" if truth.clearance is None else f"{truth.clearance:.2f} m"
+        rows.append(("clearance", f"{clear}, {truth.collisions} collisions"))
+    return rows

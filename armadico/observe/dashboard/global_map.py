@@ -15,7 +15,7 @@ import rerun as rr
 
 from armadico.config.worlds import World
 from armadico.core.geometry import Pose2
-from armadico.core.messages import Pose, Sonar, Trajectory, Truth
+from armadico.core.messages import Description, Pose, Sonar, Trajectory, Truth
 from armadico.observe.dashboard import palette
 from armadico.observe.dashboard.canvas import Canvas, pixels
 from armadico.observe.dashboard.shapes import Point, Strip, hit, nose, outline, placed
@@ -40,6 +40,8 @@ class GlobalMap:
 
     def __init__(self, canvas: Canvas, world: World | None) -> None:
         self._canvas = canvas
+        self._body: Description | None = None
+        self._fixed: set[str] = set()  # whose outlines are drawn
         self._pose: Pose2 | None = None
         self._path: deque[tuple[Point, str]] = deque(maxlen=PATH_POINTS)
         self._echoes: dict[tuple[int, int], Point] = {}
@@ -48,11 +50,15 @@ class GlobalMap:
         if world is not None:
             self._walls(world)
 
+    def take_body(self, body: Description) -> None:
+        """The robot's outline, of where it is and of where it believes to be."""
+        self._body = body
+        self._fixed.clear()
+
     def take_pose(self, pose: Pose, holder: str, t: float) -> None:
         """Where the robot believes to be, and who is obeyed meanwhile."""
         self._pose = (pose.x, pose.y, pose.theta)
-        if not self._known:
-            self._fix_body("robot", palette.BODY, 1.5)
+        self._fix_body("robot", palette.BODY, 1.5)
         if self._canvas.due(f"{ROOT}/robot", t):
             self._canvas.draw(f"{ROOT}/robot", t, _transform(self._pose))
         self._travel((pose.x, pose.y), holder)
@@ -61,8 +67,7 @@ class GlobalMap:
 
     def take_truth(self, truth: Truth, t: float) -> None:
         """Where the simulated robot really is."""
-        if not self._true:
-            self._fix_body("truth", palette.TRUTH, 1.2)
+        self._fix_body("truth", palette.TRUTH, 1.2)
         if self._canvas.due(f"{ROOT}/truth", t):
             self._canvas.draw(f"{ROOT}/truth", t, _transform((truth.x, truth.y, truth.theta)))
 
@@ -108,9 +113,6 @@ class GlobalMap:
 
     # Inside --------------------------------------------------------------------------------------
 
-    _known = False
-    _true = False
-
     def _walls(self, world: World) -> None:
         walls = [[wall[:2], wall[2:]] for wall in world.walls]
         lines = rr.LineStrips2D(walls, radii=pixels(1.4), colors=palette.WALL, draw_order=6)
@@ -127,13 +129,12 @@ class GlobalMap:
             self._canvas.fix(f"{ROOT}/rooms", rooms)
 
     def _fix_body(self, name: str, colour: tuple[int, int, int, int], width: float) -> None:
-        strips = [outline(), nose()]
-        body = rr.LineStrips2D(strips, radii=pixels(width), colors=colour, draw_order=40)
-        self._canvas.fix(f"{ROOT}/{name}/outline", body)
-        if name == "robot":
-            self._known = True
-        else:
-            self._true = True
+        if self._body is None or name in self._fixed:
+            return
+        self._fixed.add(name)
+        strips = [outline(self._body), nose()]
+        drawn = rr.LineStrips2D(strips, radii=pixels(width), colors=colour, draw_order=40)
+        self._canvas.fix(f"{ROOT}/{name}/outline", drawn)
 
     def _travel(self, here: Point, holder: str) -> None:
         if self._path:

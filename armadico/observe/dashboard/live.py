@@ -66,7 +66,7 @@ class Feed:
 
     def robot_was_there(self) -> bool:
         """Whether a robot agent has, or was once seen to have, its token in this namespace."""
-        self._robot_seen = self._robot_seen or ROBOT in self.scene.company.names
+        self._robot_seen = self._robot_seen or ROBOT in self.scene.view.names
         return self._robot_seen
 
     # On Zenoh's thread ---------------------------------------------------------------------------
@@ -88,11 +88,11 @@ class Feed:
 
         return arrived
 
-    def _token(self, name: str, instance: str, there: bool) -> None:
+    def _token(self, _name: str, instance: str, there: bool) -> None:
         at = self._now()
         self._inbox.put(
             f"{self.namespace} token/{instance}",
-            lambda: self.scene.alive(name, instance, there, at),
+            lambda: self.scene.alive(instance, there, at),
             keep=1,
         )
 

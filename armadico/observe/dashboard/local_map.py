@@ -1,12 +1,13 @@
 """The local map around the robot: its cells, the closest points, avoid's zones (thesis 3.4.2).
 
-Body frame, m, REP-103, drawn with the robot looking up. The zones are those of the avoid agent's
-default parameters at the measured speed: distances from the robot's outline (figure 3.16).
+Body frame, m, REP-103, drawn with the robot looking up. The zones are distances from the robot's
+outline at the measured speed (figure 3.16); whose they are knows who starts the dashboard.
 """
 
 from __future__ import annotations
 
 import io
+from collections.abc import Callable, Mapping
 from functools import lru_cache
 from math import dist
 from typing import Any, Final
@@ -16,8 +17,7 @@ import rerun as rr
 from numpy.typing import NDArray
 from PIL import Image
 
-from armadico.agents.avoid import Parameters
-from armadico.core.messages import Echo, LocalMap, Obstacles, RobotState, Sonar
+from armadico.core.messages import Description, Echo, LocalMap, Obstacles, RobotState, Sonar
 from armadico.observe.dashboard import palette
 from armadico.observe.dashboard.canvas import Canvas, pixels
 from armadico.observe.dashboard.shapes import (
@@ -46,20 +46,28 @@ FAINT, FULL = np.array([24, 44, 58, 255.0]), np.array([86, 180, 233, 255.0])
 """A cell's colour at probability 0 and 1."""
 
 
+Zones = Mapping[str, Callable[[float], float]]
+"""By name (stop, danger, caution), how far a zone reaches at a speed, m/s: metres."""
+
+
 class LocalView:
     """Draws what is around one robot."""
 
-    def __init__(self, canvas: Canvas) -> None:
+    def __init__(self, canvas: Canvas, zones: Zones) -> None:
         self._canvas = canvas
+        self._body: Description | None = None
         self._grid: tuple[int, int, float] | None = None
         self._heard: dict[tuple[float, float, float], tuple[float, Echo]] = {}
-        self._zones = Parameters()
+        self._zones = zones
         # Forward is up on the screen, where y points down, and left is left.
         canvas.fix(ROOT, rr.Transform3D(mat3x3=[[0, -1, 0], [-1, 0, 0], [0, 0, 1]]))
-        body = rr.LineStrips2D(
-            [outline(), nose()], radii=pixels(1.3), colors=palette.BODY, draw_order=40
-        )
-        canvas.fix(f"{ROOT}/outline", body)
+
+    def take_body(self, body: Description) -> None:
+        """The robot's outline."""
+        self._body = body
+        strips = [outline(body), nose()]
+        drawn = rr.LineStrips2D(strips, radii=pixels(1.3), colors=palette.BODY, draw_order=40)
+        self._canvas.fix(f"{ROOT}/outline", drawn)
 
     def take_map(self, cells: LocalMap, t: float) -> None:
         """The cells with their probabilities."""
@@ -95,12 +103,12 @@ class LocalView:
 
     def take_state(self, state: RobotState, t: float) -> None:
         """The zones grow with the speed."""
-        if self._canvas.due(f"{ROOT}/zones", t):
-            borders = {name: getattr(self._zones, name).border(state.v) for name in palette.ZONES}
+        body = self._body
+        if body is not None and self._zones and self._canvas.due(f"{ROOT}/zones", t):
             zones = rr.LineStrips2D(
-                [around_outline(border) for border in borders.values()],
+                [around_outline(body, border(state.v)) for border in self._zones.values()],
                 radii=pixels(1.2),
-                colors=list(palette.ZONES.values()),
+                colors=[palette.ZONES[name] for name in self._zones],
                 draw_order=15,
             )
             self._canvas.draw(f"{ROOT}/zones", t, zones)

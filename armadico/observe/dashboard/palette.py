@@ -9,6 +9,7 @@ from typing import Final
 
 from armadico.observe.dashboard.canvas import Colour, rgba
 from armadico.observe.pictures import colour
+from armadico.observe.view import agent_of
 
 NOBODY: Final = "nobody"
 
@@ -45,6 +46,6 @@ def agent(name: str | None) -> Colour:
     return rgba(colour(None if name == NOBODY else name))
 
 
-def name_of(instance: str) -> str:
-    """The agent of an instance: its id without the random part."""
-    return instance.rpartition("-")[0] or instance
+def name_of(instance: str | None) -> str:
+    """The agent of an instance, or nobody."""
+    return NOBODY if instance is None else agent_of(instance)

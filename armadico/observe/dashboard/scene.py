@@ -7,6 +7,7 @@ in; the table `Scene._takers` says who draws which message.
 from __future__ import annotations
 
 from collections.abc import Callable
+from types import MappingProxyType
 from typing import Any, Final
 
 import rerun as rr
@@ -20,12 +21,14 @@ from armadico.observe.dashboard.agents_panel import Company
 from armadico.observe.dashboard.canvas import Canvas
 from armadico.observe.dashboard.gauges import Gauges
 from armadico.observe.dashboard.global_map import GlobalMap
-from armadico.observe.dashboard.local_map import LocalView
-from armadico.observe.dashboard.palette import NOBODY, agent, name_of
+from armadico.observe.dashboard.local_map import LocalView, Zones
+from armadico.observe.dashboard.palette import NOBODY, agent
 from armadico.observe.dashboard.utility_panel import Contest
+from armadico.observe.view import View, agent_of
 
 SHOWN: Final[tuple[type[Message], ...]] = (
     m.RobotState,
+    m.Description,
     m.Ack,
     m.Pose,
     m.Truth,
@@ -36,7 +39,6 @@ SHOWN: Final[tuple[type[Message], ...]] = (
     m.MissionStatus,
     m.Claim,
     m.Command,
-    m.Stop,
     m.Log,
 )
 """What is listened for. Cards and bids are asked for: `Card` and `BidHistory` are taken too."""
@@ -47,30 +49,34 @@ LEVELS: Final = {10: "DEBUG", 20: "INFO", 30: "WARN", 40: "ERROR", 50: "CRITICAL
 class Scene:
     """One robot's part of a recording."""
 
-    def __init__(self, recording: rr.RecordingStream, world: World | None, namespace: str) -> None:
+    def __init__(
+        self,
+        recording: rr.RecordingStream,
+        world: World | None,
+        namespace: str,
+        zones: Zones = MappingProxyType({}),
+    ) -> None:
         self.canvas = Canvas(recording, namespace)
-        self.company = Company(self.canvas)
+        self.view = View()
+        self._body: m.Description | None = None
+        self._company = Company(self.canvas)
         self._map = GlobalMap(self.canvas, world)
-        self._local = LocalView(self.canvas)
+        self._local = LocalView(self.canvas, zones)
         self._contest = Contest(self.canvas)
         self._gauges = Gauges(self.canvas, namespace)
-        self._stop = m.Stop()
-        self._mission: m.MissionState | None = None
         self._takers: dict[type[Message], Callable[[str, Any, float], None]] = {
             m.RobotState: self._state,
-            m.Ack: lambda _key, ack, t: self._changes(self._contest.take_ack(ack, t), t),
+            m.Description: self._described,
+            m.Ack: self._ack,
             m.Pose: lambda _key, pose, t: self._map.take_pose(pose, self.holder, t),
-            m.Truth: self._truth,
+            m.Truth: lambda _key, truth, t: self._map.take_truth(truth, t),
             m.Sonar: self._sonar,
             m.Obstacles: lambda _key, obstacles, t: self._local.take_obstacles(obstacles, t),
             m.LocalMap: lambda _key, cells, t: self._local.take_map(cells, t),
             m.Trajectory: lambda _key, trajectory, t: self._map.take_trajectory(trajectory, t),
-            m.MissionStatus: self._status,
             m.Claim: self._claim,
             m.Command: lambda _key, command, t: self._gauges.take_command(command, t),
-            m.Stop: lambda _key, stop, t: self._latch(stop, t),
             m.Log: self._log,
-            m.Card: lambda _key, card, _t: self.company.take_card(card),
             m.BidHistory: lambda _key, history, _t: self._contest.take_history(history),
         }
 
@@ -84,64 +90,69 @@ class Scene:
 
         Messages that are not shown are let pass.
         """
+        stop, mission = self.view.stop, self.view.mission
+        self.view.learn(message, t)
+        self._news(stop, mission, t)
         taker = self._takers.get(type(message))
         if taker is not None:
             taker(key, message, t)
 
-    def alive(self, name: str, instance: str, there: bool, t: float) -> None:
+    def alive(self, instance: str, there: bool, t: float) -> None:
         """A liveliness token has come or gone at t (s)."""
-        if self.company.take_alive(name, instance, there):
-            self._say(name, f"{instance} is there" if there else f"{instance} has gone", INFO, t)
+        if self.view.token(instance, there=there, t=t):
+            text = f"{instance} is there" if there else f"{instance} has gone"
+            self._say(agent_of(instance), text, INFO, t)
             if not there:
                 self._contest.forget(instance)
 
     def refresh(self, t: float) -> None:
         """Draw what is drawn by time and not by message: who is there, even when all is silent."""
-        self.company.draw(self._contest.holders, self._contest.last, t)
+        self._drives(t)
+        self._company.draw(self.view, self._contest.holders, t)
 
     # Inside --------------------------------------------------------------------------------------
 
     def _state(self, _key: str, state: m.RobotState, t: float) -> None:
-        self._changes(self._contest.take_state(state, t), t)
-        self._gauges.take_state(state, self.holder, t)
+        self._contest.take_cycle(state.cycle, t)
+        self._gauges.take_state(state, t)
         self._local.take_state(state, t)
-        self._latch(state.stop, t)
         self.refresh(t)
+        self._gauges.draw(self.view, self.holder, t)
 
-    def _truth(self, _key: str, truth: m.Truth, t: float) -> None:
-        self._map.take_truth(truth, t)
-        self._gauges.keep(truth)
+    def _described(self, _key: str, body: m.Description, _t: float) -> None:
+        if body != self._body:
+            self._body = body
+            self._map.take_body(body)
+            self._local.take_body(body)
+
+    def _ack(self, _key: str, ack: m.Ack, t: float) -> None:
+        self._contest.take_cycle(ack.cycle, t)
+        self._drives(t)
+
+    def _claim(self, _key: str, claim: m.Claim, t: float) -> None:
+        self._contest.take_claim(claim, t)
+        self._drives(t)
+        self._gauges.take_claim(claim, t)
 
     def _sonar(self, _key: str, sonar: m.Sonar, t: float) -> None:
         self._map.take_cones(self._local.take_sonar(sonar, t), t)
         self._map.take_sonar(sonar, t)
 
-    def _status(self, _key: str, status: m.MissionStatus, t: float) -> None:
-        self._gauges.keep(status)
-        if status.state is not self._mission:
-            self._mission = status.state
-            note = f" ({status.note})" if status.note else ""
-            self._say("interface", f"mission: {status.state.value}{note}", INFO, t)
-
-    def _claim(self, _key: str, claim: m.Claim, t: float) -> None:
-        self._changes(self._contest.take_claim(claim, t), t)
-        self._gauges.take_claim(claim, t)
-
-    def _latch(self, stop: m.Stop, t: float) -> None:
-        behind = (self._stop.counter - stop.counter) % m.COUNTS
-        late = 0 < behind <= m.JUMP or (not behind and stop.order < self._stop.order)
-        if late or stop == self._stop:
-            return
-        if stop.stopped != self._stop.stopped:
-            text = "stopped" if stop.stopped else "the stop is released"
-            self._say("robot", f"{text} by {stop.by}", WARNING, t)
-        self._stop = stop
-
     def _log(self, key: str, log: m.Log, t: float) -> None:
-        self._say(name_of(key.rpartition("/")[2]), log.text, log.level, t)
+        self._say(agent_of(key.rpartition("/")[2]), log.text, log.level, t)
 
-    def _changes(self, changes: list[tuple[str, str, str]], t: float) -> None:
-        for resource, before, after in changes:
+    def _news(self, stop: m.Stop, before: m.MissionStatus | None, t: float) -> None:
+        """What is otherwise than it was, of the stop and the mission."""
+        if stop.stopped != self.view.stop.stopped:
+            text = "stopped" if self.view.stop.stopped else "the stop is released"
+            self._say("robot", f"{text} by {self.view.stop.by}", WARNING, t)
+        mission = self.view.mission
+        if mission is not None and (before is None or mission.state is not before.state):
+            note = f" ({mission.note})" if mission.note else ""
+            self._say("interface", f"mission: {mission.state.value}{note}", INFO, t)
+
+    def _drives(self, t: float) -> None:
+        for resource, before, after in self._contest.update(self.view, t):
             if after == NOBODY:
                 self._say(before, f"lets go of the {resource}", INFO, t)
             else:

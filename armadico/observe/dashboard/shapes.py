@@ -6,15 +6,11 @@ from collections.abc import Iterable
 from math import cos, pi, radians, sin
 from typing import Final
 
-from armadico.agents.methods.swept_path import Outline
 from armadico.core.geometry import Pose2, to_world
-from armadico.core.messages import Echo
+from armadico.core.messages import Description, Echo
 
 Point = tuple[float, float]
 Strip = list[Point]
-
-OUTLINE: Final = Outline(0.21, 0.23, 0.165)
-"""A Pioneer 2DX (thesis table 4.3), whatever robot it is."""
 
 HALF_CONE: Final = radians(10)
 """Half the angle that a cone is drawn with; a sonar's beam is some 30 degrees wide, but sixteen
@@ -24,9 +20,9 @@ CORNER_STEPS: Final = 6
 RING_STEPS: Final = 72
 
 
-def outline() -> Strip:
-    """The robot about the middle of its axle, closed (thesis table 4.3)."""
-    front, rear, half = OUTLINE.front, -OUTLINE.rear, OUTLINE.half_width
+def outline(body: Description) -> Strip:
+    """The robot about the middle of its axle, closed."""
+    front, rear, half = body.front, -body.rear, body.half_width
     return [(front, half), (rear, half), (rear, -half), (front, -half), (front, half)]
 
 
@@ -35,9 +31,9 @@ def nose() -> Strip:
     return [(0.04, 0.10), (0.18, 0.0), (0.04, -0.10)]
 
 
-def around_outline(distance: float) -> Strip:
+def around_outline(body: Description, distance: float) -> Strip:
     """Everything that is so far from the outline, m: a rectangle with round corners, closed."""
-    corners = outline()[:4]
+    corners = outline(body)[:4]
     strip: Strip = []
     for quarter, (x, y) in enumerate(corners):
         for step in range(CORNER_STEPS + 1):

@@ -13,17 +13,14 @@ from typing import Final
 
 import rerun as rr
 
-from armadico.core.messages import Ack, Ballot, BidHistory, BidRecord, Claim, Cycle, RobotState
+from armadico.core.messages import BidHistory, Claim, Cycle
 from armadico.observe.dashboard import palette
 from armadico.observe.dashboard.canvas import Canvas
 from armadico.observe.dashboard.palette import NOBODY, name_of
-from armadico.observe.measures import driver
+from armadico.observe.view import View, agent_of
 
 CYCLES: Final = 200
 """Cycles whose time is remembered: 20 s, and agents remember 50 bids."""
-
-SILENT_S: Final = 0.6
-"""A claim this old holds nothing any more."""
 
 Seat = tuple[str, str]
 """An instance, and a resource that it competes for."""
@@ -33,75 +30,51 @@ class Contest:
     """Draws the competition for every resource of one robot."""
 
     def __init__(self, canvas: Canvas) -> None:
-        self.holders: dict[str, str] = {}  # by resource; NOBODY if nobody is obeyed
-        self.last: dict[str, BidRecord] = {}  # by agent: the newest bid, or why there was none
+        self.holders: dict[str, str] = {}  # by resource, as drawn; NOBODY if nobody drives
         self._canvas = canvas
         self._times: dict[Cycle, float] = {}
         self._drawn: dict[Seat, dict[Cycle, None]] = {}
         self._gap: dict[tuple[str, str], bool] = {}
         self._known: dict[str, list[str]] = {}  # agents with a curve, by resource
-        self._claims: dict[str, tuple[Ballot, float]] = {}
-        self._owned: set[str] = set()  # resources whose owner has said whom it obeys
 
-    def time_of(self, cycle: Cycle) -> float | None:
-        """When a cycle came, s; None if it is long past or was never heard."""
-        return self._times.get(cycle)
+    def update(self, view: View, t: float) -> list[tuple[str, str, str]]:
+        """The lanes, where another drives by now; returns who took what from whom.
 
-    def take_state(self, state: RobotState, t: float) -> list[tuple[str, str, str]]:
-        """A new cycle; returns who took what from whom: (resource, from, to)."""
-        self._begins(state.cycle, t)
-        changes = [
-            self._held(resource, NOBODY, t)
-            for resource, (_, at) in self._claims.items()
-            if resource not in self._owned and t - at > SILENT_S
-        ]
+        Those are (resource, from, to). The owner's word stands; of a resource whose owner is not
+        heard the holder is shown by its claims.
+        """
+        changes = []
+        for resource in view.claimed:
+            claim, owned = view.claim(resource, t), resource in view.acks
+            holder = claim.ballot.instance if claim is not None else None
+            drives = view.driver(resource, t) if owned else holder
+            changes.append(self._held(resource, name_of(drives), t))
         return [change for change in changes if change is not None]
 
-    def take_ack(self, ack: Ack, t: float) -> list[tuple[str, str, str]]:
-        """Whom the owner of a resource obeys; returns who took what from whom."""
-        self._begins(ack.cycle, t)
-        self._owned.add(ack.resource)
-        change = self._held(ack.resource, driver(ack) or NOBODY, t)
-        return [] if change is None else [change]
-
-    def take_claim(self, claim: Claim, t: float) -> list[tuple[str, str, str]]:
-        """The holder's bid; returns who took what from whom."""
-        at = self._times.get(claim.cycle, t)
-        instance = claim.ballot.instance
-        self._point(claim.resource, instance, claim.cycle, claim.utility, at)
-        ballot, heard = self._claims.get(claim.resource, (None, t))
-        if ballot is not None and claim.ballot < ballot and t - heard <= SILENT_S:
-            return []
-        self._claims[claim.resource] = (claim.ballot, t)
-        if claim.resource in self._owned:
-            return []  # its owner's word stands
-        holder = NOBODY if claim.utility is None else name_of(instance)
-        change = self._held(claim.resource, holder, t)
-        return [] if change is None else [change]
-
-    def take_history(self, history: BidHistory) -> None:
-        """The recent bids of somebody who was asked."""
-        name = name_of(history.instance)
-        for record in history.bids:
-            at = self._times.get(record.cycle)
-            if at is not None:
-                self._point(record.resource, history.instance, record.cycle, record.utility, at)
-        if history.bids:
-            self.last[name] = history.bids[-1]
-
-    def forget(self, instance: str) -> None:
-        """An instance has gone: its curve ends."""
-        self.last.pop(name_of(instance), None)
-        for seat in [seat for seat in self._drawn if seat[0] == instance]:
-            del self._drawn[seat]
-
-    # Inside --------------------------------------------------------------------------------------
-
-    def _begins(self, cycle: Cycle, t: float) -> None:
+    def take_cycle(self, cycle: Cycle, t: float) -> None:
         """Remember when a cycle was first heard of."""
         self._times.setdefault(cycle, t)
         while len(self._times) > CYCLES:
             del self._times[next(iter(self._times))]
+
+    def take_claim(self, claim: Claim, t: float) -> None:
+        """The holder's bid."""
+        at = self._times.get(claim.cycle, t)
+        self._point(claim.resource, claim.ballot.instance, claim.cycle, claim.utility, at)
+
+    def take_history(self, history: BidHistory) -> None:
+        """The recent bids of somebody who was asked."""
+        for record in history.bids:
+            at = self._times.get(record.cycle)
+            if at is not None:
+                self._point(record.resource, history.instance, record.cycle, record.utility, at)
+
+    def forget(self, instance: str) -> None:
+        """An instance has gone: its curve ends."""
+        for seat in [seat for seat in self._drawn if seat[0] == instance]:
+            del self._drawn[seat]
+
+    # Inside --------------------------------------------------------------------------------------
 
     def _point(
         self, resource: str, instance: str, cycle: Cycle, utility: float | None, at: float
@@ -113,7 +86,7 @@ class Contest:
         drawn[cycle] = None
         if len(drawn) > CYCLES:
             del drawn[next(iter(drawn))]
-        name = name_of(instance)
+        name = agent_of(instance)
         if utility is None and self._gap.get((resource, name), True):
             return
         self._gap[resource, name] = utility is None

@@ -7,7 +7,8 @@ from typing import Final
 
 from armadico.config.worlds import load_world
 from armadico.core.messages import Message
-from armadico.launch.virtual import Rehearsal
+from armadico.mesh.virtual import VirtualMesh
+from armadico.observe.dashboard.local_map import Zones
 from armadico.observe.dashboard.scene import SHOWN, Scene
 from armadico.observe.dashboard.server import close, keep
 
@@ -16,15 +17,22 @@ ASK_S: Final = 1.0
 
 
 class Rehearsed:
-    """Watches a rehearsal and draws it; use as a context manager around its run."""
+    """Draws what happens on a virtual mesh, in a world; use as a context manager around its run."""
 
     def __init__(
-        self, rehearsal: Rehearsal, path: Path, *, namespace: str = "robot1", graph: bool = False
+        self,
+        mesh: VirtualMesh,
+        world: str,
+        path: Path,
+        zones: Zones,
+        *,
+        namespace: str = "robot1",
+        graph: bool = False,
     ) -> None:
-        world = load_world(rehearsal.scenario.world)
-        self.recording = keep({namespace: world}, path, graph=graph)
-        self.scene = Scene(self.recording, world, namespace)
-        self._mesh = rehearsal.mesh
+        walls = load_world(world)
+        self.recording = keep({namespace: walls}, path, graph=graph)
+        self.scene = Scene(self.recording, walls, namespace, zones)
+        self._mesh = mesh
         self._mesh.watch(self._take, *SHOWN)
         self._mesh.call_at(self._mesh.now + ASK_S, lambda _a, _b: self._ask())
 
@@ -43,7 +51,7 @@ class Rehearsed:
         now = self._mesh.now
         for node in self._mesh.nodes:
             agent = node.agent
-            self.scene.alive(agent.name, agent.instance, node.alive, now)
+            self.scene.alive(agent.instance, node.alive, now)
             if node.alive and not node.hung:
                 self.scene.take("", agent.card(), now)
                 self.scene.take("", agent.history(), now)

@@ -22,8 +22,9 @@ from armadico.config.scenarios import Scenario, load_scenario
 from armadico.config.shipped import find as find_config
 from armadico.core.agent import Agent
 from armadico.launch.society import Options, members
-from armadico.launch.virtual import MissionRefusedError, Rehearsal
+from armadico.launch.virtual import Rehearsal
 from armadico.observe.measures import REACHED_M, RunWatch
+from armadico.runtime.errors import MissionRefusedError
 from armadico_tools.experiments.traces import Smoothness, Trace, smoothness
 
 REST_S = 2.0
@@ -98,7 +99,7 @@ class Drive:
         try:
             self.rehearsal.begin()
         except MissionRefusedError as error:
-            self.refused = str(error)
+            self.refused = error.reason
             return self
         began, end = mesh.now, mesh.now + self.rehearsal.limit
         while not self._over() and mesh.now < end:
@@ -144,7 +145,7 @@ class Drive:
         return "stuck" if self.trace.stuck else "time limit"
 
     def _believed(self) -> float | None:
-        pose, start, goal = self.watch.pose, self.watch.start, self.watch.goal
+        pose, start, goal = self.watch.view.pose, self.watch.start, self.watch.goal
         if pose is None or start is None:
             return None
         straight = hypot(goal[0] - start[0], goal[1] - start[1])

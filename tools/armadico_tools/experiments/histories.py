@@ -13,6 +13,7 @@ from msgspec import Struct
 from armadico.core.cycles import PERIOD
 from armadico.core.messages import Claim, Message
 from armadico.core.resources import WHEELS
+from armadico.observe.view import agent_of
 from armadico_tools.experiments.driving import Cell, Drive
 
 SAME: Final = 1e-9
@@ -45,7 +46,7 @@ class History:
         assert isinstance(message, Claim), "it watches nothing else"
         if message.resource != WHEELS.name or message.utility is None:
             return
-        agent = message.ballot.instance.rsplit("-", 1)[0]
+        agent = agent_of(message.ballot.instance)
         pairs = zip(message.wanted, message.commanded, strict=False)
         blends = any(abs(wanted - said) > SAME for wanted, said in pairs)
         self._claims[agent, message.cycle.number] = blends
@@ -59,7 +60,7 @@ class History:
 
     def turns(self) -> list[Turn]:
         """Everything since the mission began, by time and agent."""
-        ticks, state = self.drive.trace.ticks, self.drive.watch.state
+        ticks, state = self.drive.trace.ticks, self.drive.watch.view.state
         assert ticks and state is not None, "it drove"  # noqa: PT018
         took = ticks[-1].t - ticks[0].t
         found = []

@@ -24,13 +24,10 @@ from armadico.core.messages import (
     Log,
     Message,
     MissionState,
-    MissionStatus,
-    RobotState,
     Truth,
 )
 from armadico.core.resources import WHEELS
-from armadico.observe.measures import driver
-from armadico.observe.watching import agent_of
+from armadico.observe.view import View, agent_of, driver
 from armadico_tools.faults.checker import Checker
 from armadico_tools.faults.observations import (
     Bids,
@@ -50,9 +47,6 @@ REST_RAD_S: Final = 0.01
 MOVES_M_S: Final = 0.05
 """Faster than this the robot is on its way."""
 
-SILENT_S: Final = 0.3
-"""A robot agent that has said nothing for so long says nothing of now."""
-
 T = TypeVar("T")
 
 Timed = deque[tuple[float, T]]
@@ -63,16 +57,13 @@ class Account:
 
     def __init__(self, checker: Checker | None = None) -> None:
         self.checker = checker or Checker()
-        self.states: Timed[RobotState] = deque(maxlen=KEPT)
         self.acks: Timed[Ack] = deque(maxlen=KEPT)  # the robot agent's, of the wheels
         self.commands: Timed[Command] = deque(maxlen=KEPT)
         self.truths: Timed[Truth] = deque(maxlen=KEPT)
         self.orders: Timed[Ordered] = deque(maxlen=KEPT)
         self.logs: Timed[Log] = deque(maxlen=200)
-        self.bids: dict[str, tuple[float, BidHistory]] = {}
-        self.there: dict[str, float] = {}  # the instances whose tokens are there, since when
+        self.view = View()
         self.now = float("-inf")
-        self.on_mission = False  # the interface agent's last word
         self.deaf = False  # somebody's commands may reach the robot and not the onlooker
 
     # What comes in -------------------------------------------------------------------------------
@@ -100,7 +91,7 @@ class Account:
 
     def _supply(self, order: Ordered) -> None:
         """Have been commanded what is ordered: when it is to stop is still looked at."""
-        ack = self.ack
+        ack = self.view.acks.get(WHEELS.name)
         if ack is not None and ack.obeyed is not None:
             unheard = Command(WHEELS.name, ack.cycle, ack.obeyed, (order.v, order.w))
             self.checker.take(Said(self.now, unheard))
@@ -108,31 +99,25 @@ class Account:
     def token(self, at: float, instance: str, there: bool) -> None:
         """A liveliness token came or went."""
         self.now = max(self.now, at)
-        if there:
-            self.there.setdefault(instance, at)
-        elif self.there.pop(instance, None) is not None:
+        if self.view.token(instance, there=there, t=at) and not there:
             self.checker.take(Left(self.now, instance))
 
     def _hear(self, message: Message) -> None:
-        if isinstance(message, RobotState):
-            self.states.append((self.now, message))
-        elif isinstance(message, Ack) and message.resource == WHEELS.name:
+        self.view.learn(message, self.now)
+        if isinstance(message, Ack) and message.resource == WHEELS.name:
             self.acks.append((self.now, message))
         elif isinstance(message, Truth):
             self.truths.append((self.now, message))
-        elif isinstance(message, MissionStatus):
-            self.on_mission = message.state is MissionState.DRIVING
         elif isinstance(message, Log):
             self.logs.append((self.now, message))
-        elif isinstance(message, BidHistory):
-            self.bids[message.instance] = (self.now, message)
-            if message.bids:
-                last = message.bids[-1]
-                self.checker.take(Bids(self.now, message.instance, last, self._age(last.cycle)))
+        elif isinstance(message, BidHistory) and message.bids:
+            last = message.bids[-1]
+            self.checker.take(Bids(self.now, message.instance, last, self._age(last.cycle)))
 
     def _age(self, cycle: Cycle) -> float:
         """How long ago something answered a cycle, s."""
-        newest = None if self.state is None else self.state.cycle
+        state = self.view.state
+        newest = None if state is None else state.cycle
         if newest is None or newest.epoch != cycle.epoch:
             return 0.0
         return max(newest.number - cycle.number, 0) * PERIOD
@@ -140,49 +125,33 @@ class Account:
     # How things stand ----------------------------------------------------------------------------
 
     @property
-    def state(self) -> RobotState | None:
-        """The newest word of the robot agent."""
-        return self.states[-1][1] if self.states else None
-
-    @property
-    def ack(self) -> Ack | None:
-        """The newest acknowledgement of the robot agent."""
-        return self.acks[-1][1] if self.acks else None
-
-    @property
-    def holder(self) -> str:
-        """The instance that is obeyed, or was last; empty if nobody was since a release."""
-        ack = self.ack
-        return "" if ack is None or ack.obeyed is None else ack.obeyed.instance
-
-    def obeyed_lately(self) -> bool:
-        """Whether somebody's command for one of the last cycles was obeyed."""
-        return (
-            bool(self.acks)
-            and self.now - self.acks[-1][0] <= SILENT_S
-            and driver(self.acks[-1][1]) is not None
-        )
+    def driver(self) -> str | None:
+        """The instance that drives; None: nobody."""
+        return self.view.driver(WHEELS.name, self.now)
 
     def driving(self) -> bool:
         """Whether somebody is obeyed and the robot is truly on its way."""
-        return bool(self.truths) and self.truths[-1][1].v > MOVES_M_S and self.obeyed_lately()
+        truth = self.view.truth
+        return truth is not None and truth.v > MOVES_M_S and self.driver is not None
 
     def at_rest(self) -> bool:
         """Whether the wheels truly rest."""
-        return bool(self.truths) and _rests(self.truths[-1][1])
+        return self.view.truth is not None and _rests(self.view.truth)
+
+    def on_mission(self) -> bool:
+        """Whether the interface agent drives to a goal, by its last word."""
+        mission = self.view.mission
+        return mission is not None and mission.state is MissionState.DRIVING
 
     def bids_now(self, instance: str, within: float = 1.5) -> bool:
         """Whether an instance was last heard to bid, at most so long ago (s)."""
-        at, history = self.bids.get(instance, (float("-inf"), None))
-        if history is None or not history.bids or self.now - at > within:
-            return False
-        return bool(history.bids[-1].utility)
+        bid, at = self.view.bids.get(instance, (None, 0.0))
+        return bid is not None and self.now - at <= within and bool(bid.utility)
 
     def instances(self, name: str) -> list[str]:
         """The instances of an agent whose tokens are there, those that came first first."""
-        return [
-            who for who in sorted(self.there, key=self.there.__getitem__) if agent_of(who) == name
-        ]
+        alive = self.view.alive
+        return [who for who in sorted(alive, key=alive.__getitem__) if agent_of(who) == name]
 
     # From when to when ---------------------------------------------------------------------------
 

@@ -11,6 +11,7 @@ from armadico.core.cycles import PERIOD
 from armadico.core.exchange import LONGEST, fuzzy_window
 from armadico.core.messages import Ack, Action, Ballot, Claim
 from armadico.core.resources import WHEELS
+from armadico.observe.view import agent_of
 from armadico_tools.faults.ballots import brief
 from armadico_tools.faults.fault_types import CLAIMS as STRANGE_CLAIMS
 from armadico_tools.faults.fault_types import STRANGE_UTILITY, Promise
@@ -37,7 +38,7 @@ SEEN_M: Final = 0.25
 """What lies nearer by this, m, for who sees it by sonars: margin, noise, and a cycle's way."""
 
 DECEL_M_S2, LATENCY_S = 0.4, 0.2
-"""What the behaviours count on when they brake: `armadico.agents.methods.safety`."""
+"""What the behaviours count on when they brake: `armadico.core.safety`."""
 
 QUIET_S: Final = 3.0
 """So long after another fault nobody is still back from somewhere: coming back, no news of tokens
@@ -189,7 +190,7 @@ class Replaced:
         last = self._obeyed
         if last is None or len(now.active) != 1 or fault.at - last.at > NOW_S:
             return
-        holder = last.ballot.instance.rpartition("-")[0]
+        holder = agent_of(last.ballot.instance)
         bounds = self._bounds
         due = {"crash": fault.at + bounds.killed_s, "hang": last.at + bounds.silent_s}
         if fault.kind in due and fault.whom == (holder,):
@@ -206,7 +207,7 @@ class Replaced:
             for instance, (at, _) in now.bids.items()
             if instance in now.bidders()
             and fault.at - at <= NOW_S
-            and instance.rpartition("-")[0] not in here
+            and agent_of(instance) not in here
         )
 
 
@@ -214,7 +215,7 @@ def _least_window(winner: Claim, now: Situation) -> float:
     """The shortest window that a winner's hurry explains, cycles."""
     if winner.critical:
         return 0.0
-    if winner.ballot.instance.rpartition("-")[0] not in HURRIED:
+    if agent_of(winner.ballot.instance) not in HURRIED:
         return LONGEST
     truth = now.truth
     if truth is None or truth.clearance is None or now.void(Promise.COLLISION):

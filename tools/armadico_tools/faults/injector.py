@@ -19,7 +19,7 @@ from armadico.core.exchange import Bid
 from armadico.core.messages import Claim, Command, Message
 from armadico.launch.virtual import Rehearsal
 from armadico.mesh.link_faults import WHOLE, LinkFaults
-from armadico.mesh.virtual_node import Node
+from armadico.mesh.virtual import Node
 from armadico_tools.faults.fault_types import AGAIN_S
 from armadico_tools.faults.observations import Faulted
 from armadico_tools.faults.plan import BEHAVIOURS, CUTS, NETWORK, Fault, Variation
@@ -191,7 +191,7 @@ class Inflictor:
     def _slow(self, fault: Fault, begins: bool) -> None:  # noqa: ARG002
         for node in self._befallen[fault]:
             works = [f.amount for f in self._on if f.kind == "slow" and node in self._befallen[f]]
-            self._mesh.slow_down(node, max(works, default=0.0))
+            node.slow_down(max(works, default=0.0))
 
     def _befalls(self, node: Node, kind: str) -> bool:
         return any(f.kind == kind and node in self._befallen[f] for f in self._on)

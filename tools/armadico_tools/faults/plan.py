@@ -10,7 +10,7 @@ import msgspec
 from msgspec import Meta, Struct
 
 from armadico.config.errors import ConfigError
-from armadico.mesh.virtual_liveliness import LEASE
+from armadico.mesh.virtual import LEASE
 from armadico_tools.faults.fault_types import DRAWN, KINDS
 
 BEHAVIOURS: Final = ("goto", "avoid", "gothrough")

@@ -107,9 +107,10 @@ def partition(society: RealSociety, rng: random.Random) -> dict[str, float]:
 
 def _after_a_cut(society: RealSociety, healed: float) -> dict[str, float]:
     account = society.account
+    alive = account.view.alive
     everybody = [agent.instance for agent in society.agents.values()]
-    society.until(lambda: all(who in account.there for who in everybody), "all tokens are back")
-    back = max(healed, *(account.there[who] for who in everybody))
+    society.until(lambda: alive.keys() >= {*everybody}, "all tokens are back")
+    back = max(healed, *(alive[who] for who in everybody))
     return {"rejoined": milliseconds(healed, back), "drives": _drives(society, healed)}
 
 

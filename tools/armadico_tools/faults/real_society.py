@@ -22,7 +22,8 @@ from armadico.core.services import BIDS, service_of
 from armadico.launch.processes import agent_words, simulator_words
 from armadico.launch.society import Member, Options, members
 from armadico.mesh.ports import free_port
-from armadico.observe.watching import agent_of, kind_at
+from armadico.observe.view import agent_of
+from armadico.observe.watching import kind_at
 from armadico_tools.faults.checker import Checker
 from armadico_tools.faults.event_log import Account
 from armadico_tools.faults.observations import Faulted, Passed, Said
@@ -142,7 +143,7 @@ class RealSociety:
             self.add(member.name, member.name, self.host_of(member.name), sets, wait=False)
         for agent in self.agents.values():
             self._meet(agent, known=())
-        self.until(lambda: self.account.state is not None, "the robot's first cycle")
+        self.until(lambda: self.account.view.state is not None, "the robot's first cycle")
         self._sent_at = float("-inf")
         self.until(self.account.driving, "the robot is on its way")
 
@@ -202,7 +203,7 @@ class RealSociety:
     def _keep_going(self) -> None:
         """Ask for a mission if there is none, or the last one's goal is reached."""
         now = time.monotonic()
-        if self.account.on_mission or now - self._sent_at < MISSION_S:
+        if self.account.on_mission() or now - self._sent_at < MISSION_S:
             return
         self._sent_at = now
         goal = self._goals[0]

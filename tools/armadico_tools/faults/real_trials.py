@@ -15,6 +15,7 @@ from dataclasses import dataclass
 from typing import Final
 
 from armadico.bridge.p2os.commands import Cmd
+from armadico.core.resources import WHEELS
 from armadico_tools.faults.real_society import RealSociety, TrialError
 from armadico_tools.faults.serial_tap import moves
 from armadico_tools.testbed import Namespaces
@@ -86,8 +87,8 @@ def _holder(society: RealSociety) -> str:
     account = society.account
 
     def held() -> str:
-        label = society.label_of(account.holder)
-        return label if label in ("goto", TWIN) and account.obeyed_lately() else ""
+        label = society.label_of(account.driver or "")
+        return label if label in ("goto", TWIN) else ""
 
     return society.until(held, "one goto or the other is obeyed")
 
@@ -114,7 +115,7 @@ def holder_hung(society: RealSociety, rng: random.Random) -> dict[str, float]:
     phase(society, rng)
     holder = _holder(society)
     hung = society.agents[holder].instance
-    ballot = account.ack.obeyed if account.ack else None
+    ballot = account.view.acks[WHEELS.name].obeyed
     assert ballot is not None, "it is obeyed"
     with society.fault("hang", holder):
         begun = society.signal(holder, signal.SIGSTOP)
@@ -136,7 +137,7 @@ def nobody_left(society: RealSociety, rng: random.Random) -> dict[str, float]:
     """SIGKILL the only one who bids."""
     account = society.account
     phase(society, rng)
-    speed = account.state.v if account.state else 0.0
+    speed = account.view.state.v if account.view.state else 0.0
     with society.fault("crash", "goto"):
         begun = society.signal("goto", signal.SIGKILL)
         stop = society.until(lambda: account.stop_after(begun), "a stop is ordered")
@@ -159,7 +160,7 @@ def robot_killed(society: RealSociety, rng: random.Random) -> dict[str, float]:
         society.run(0.5)
         mark = len(tap.packets)
         again = society.restart("robot")
-    there = account.there[society.agents["robot"].instance]
+    there = account.view.alive[society.agents["robot"].instance]
     drives = society.until(lambda: account.moves_after(again), "the wheels are told to turn")
     first = [c for c in tap.commands(mark) if c.number in (Cmd.VEL, Cmd.RVEL)][:2]
     if any(map(moves, first)):
@@ -201,17 +202,17 @@ class Cut:
 @contextmanager
 def unplugged(society: RealSociety, host: str) -> Iterator[Cut]:
     """Pull a host's plug, and in the end, after 3 s, put it in again."""
-    network, there = network_of(society).network, society.account.there
+    network, alive = network_of(society).network, society.account.view.alive
     everybody = [society.agents[label].instance for label in on_host(society, host)]
     cut = Cut(society.now())
     network.change(lambda switch: switch.plug(host, False))
     yield cut
-    society.until(lambda: not any(who in there for who in everybody), "its tokens are gone")
+    society.until(lambda: alive.keys().isdisjoint(everybody), "its tokens are gone")
     society.run(max(GONE_S - (society.now() - cut.begun), 0.0))
     cut.healed = society.now()
     network.change(lambda switch: switch.plug(host, True))
-    society.until(lambda: all(who in there for who in everybody), "its tokens are back")
-    cut.back = max(there[who] for who in everybody)
+    society.until(lambda: alive.keys() >= {*everybody}, "its tokens are back")
+    cut.back = max(alive[who] for who in everybody)
 
 
 def holder_cut_off(society: RealSociety, rng: random.Random) -> dict[str, float]:

@@ -39,7 +39,7 @@ from armadico.core.messages import (
 from armadico.core.resources import WHEELS
 from armadico.core.services import service_of
 from armadico.launch.virtual import SIMULATOR, Rehearsal
-from armadico.mesh.virtual_node import Node
+from armadico.mesh.virtual import Node
 from armadico_tools.faults.fault_types import STRANGE_UTILITY
 from armadico_tools.faults.plan import EVERYBODY, Fault
 

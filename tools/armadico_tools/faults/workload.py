@@ -40,9 +40,8 @@ from armadico.core.messages import (
 from armadico.core.resources import WHEELS
 from armadico.launch.society import Options
 from armadico.launch.virtual import Rehearsal
-from armadico.mesh.virtual import VirtualMesh
+from armadico.mesh.virtual import Node, VirtualMesh
 from armadico.mesh.virtual_network import Clock
-from armadico.mesh.virtual_node import Node
 from armadico_tools.faults.checker import Checker, Violation
 from armadico_tools.faults.fault_types import Promise
 from armadico_tools.faults.injector import Inflictor

@@ -21,6 +21,7 @@ from armadico.core.messages import (
     Truth,
 )
 from armadico.core.resources import WHEELS
+from armadico.observe.view import agent_of, driver
 from armadico_tools.faults.fault_types import (
     AGAIN_S,
     FORGETS,
@@ -227,7 +228,7 @@ class Situation:
 
     def mad(self, instance: str) -> bool:
         """Whether an instance's bids are made to be nonsense: they count for nothing."""
-        return self.befalls(instance.rpartition("-")[0], "nan")
+        return self.befalls(agent_of(instance), "nan")
 
     def mad_in_vain(self, most: float) -> bool:
         """Whether one whose bids are nonsense claims, and has not been obeyed, for at most so long.
@@ -316,10 +317,7 @@ class Situation:
         if ack.resource != WHEELS.name:
             return
         self.ack_before, self.ack, self.acked_at = self.ack, ack, self.now
-        at = ack.obeyed_cycle
-        if ack.obeyed is None or at is None or at.epoch != ack.cycle.epoch:
-            return
-        if ack.cycle.number - at.number <= FRESH_CYCLES:
+        if driver(ack) is not None:
             self.obeyed_at = self.now
 
     def _claim(self, claim: Claim) -> None:
@@ -366,7 +364,7 @@ class Situation:
     def _deny(self, denied: Denied) -> None:
         """While a fault breaks the network, somebody may be in a robot agent's way."""
         there = self.now - self.state_at <= SILENT_S
-        if self.whole_since == inf and not there and denied.instance.rpartition("-")[0] == "robot":
+        if self.whole_since == inf and not there and agent_of(denied.instance) == "robot":
             self._again_at = denied.at + AGAIN_S
 
     def _excuse(self) -> None:

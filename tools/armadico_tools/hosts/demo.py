@@ -104,7 +104,7 @@ def _wanted(scenario: str) -> dict[str, tuple[str, ...]]:
 
 def _moment(story: Story) -> bool:
     """Whether to lose the host now: it drives, and somebody elsewhere would drive on."""
-    drives = story.homes.get(story.driver) == LOST and story.done() >= EARLIEST
+    drives = story.host(story.driver) == LOST and story.done() >= EARLIEST
     return drives and (bool(story.standing_by(LOST)) or story.done() >= LATEST)
 
 
@@ -135,7 +135,7 @@ def _lose(hosts: Hosts, watcher: _Watcher, agents: set[str], say: Callable[[str]
     else:
         say("  nobody took over: the robot stops by itself")
     watcher.until(lambda: False, back_at - time.monotonic())
-    say(f"  {AWAY_S:.0f} s later {story.name(story.driver) if story.driver else 'nobody'} drives")
+    say(f"  {AWAY_S:.0f} s later {story.name(story.driver)} drives")
     _return(hosts, watcher, agents, say)
 
 
@@ -151,8 +151,8 @@ def _return(hosts: Hosts, watcher: _Watcher, agents: set[str], say: Callable[[st
         return
     took = max(story.on(LOST)[name] for name in agents) - began
     say(f"  {', '.join(sorted(agents))} are back {took:.1f} s later")
-    watcher.until(lambda: story.homes.get(story.driver) == LOST, START_S)
-    if story.homes.get(story.driver) == LOST:
+    watcher.until(lambda: story.host(story.driver) == LOST, START_S)
+    if story.host(story.driver) == LOST:
         say(f"  {story.name(story.driver)} drives, {story.now - began:.1f} s after the start")
 
 

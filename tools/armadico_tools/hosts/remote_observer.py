@@ -1,9 +1,9 @@
-"""Watches a society from one of its hosts, and tells whoever reads its output, line by line.
+"""Hears a society from one of its hosts, and passes it on as lines of JSON to who reads its output.
+
+A payload is in base64, with its key. Times are ns of the observer's own clock, and are compared
+with nobody else's.
 
 python -m armadico_tools.hosts.remote_observer --host lab3 --hosts demo
-
-A line is what came, as JSON: a payload (in base64) with its key, or a token. Times are ns of the
-observer's own clock, and are compared with nobody else's.
 """
 
 from __future__ import annotations
@@ -11,17 +11,17 @@ from __future__ import annotations
 import sys
 import time
 from collections.abc import Sequence
-from contextlib import suppress
 from typing import Final
 
 import msgspec
 
 from armadico.cli import options
 from armadico.core.resources import WHEELS
-from armadico.observe.watching import Heard, Presence, Watcher
+from armadico.observe.view import View
+from armadico.observe.watching import Heard, Presence, Watcher, show
 
 ASK_S: Final = 0.25
-"""How often everybody is asked for their bids, and for their cards."""
+"""How often everybody is asked for their bids, and for their cards while one is missing."""
 
 KEYS: Final = (WHEELS.ack_key, WHEELS.command_pattern, "mission/status")
 
@@ -29,14 +29,20 @@ EXAMPLES: Final = """\
   python -m armadico_tools.hosts.remote_observer --host lab3 --hosts demo
 """
 
+_DECODER: Final[msgspec.json.Decoder[Heard | Presence]] = msgspec.json.Decoder(Heard | Presence)
+
+
+def written(item: Heard | Presence) -> str:
+    """One line, without its end."""
+    return msgspec.json.encode(item).decode()
+
 
 def read(line: str) -> Heard | Presence | None:
     """What a line says; None if it is none of ours."""
-    with suppress(msgspec.DecodeError):
-        return msgspec.json.decode(line, type=Heard)
-    with suppress(msgspec.DecodeError):
-        return msgspec.json.decode(line, type=Presence)
-    return None
+    try:
+        return _DECODER.decode(line)
+    except msgspec.DecodeError:
+        return None
 
 
 def main(argv: Sequence[str] | None = None) -> int:
@@ -51,15 +57,17 @@ def _main(arguments: Sequence[str]) -> int:
     )
     options.add_mesh_options(made)
     with options.join(made.parse_args(arguments)) as mesh:
-        watcher = Watcher([mesh])
+        watcher, view = Watcher([mesh]), View()
         watcher.watch_alive()
         for key in KEYS:
             watcher.hear(key)
         while True:
             watcher.ask_for_bids(ASK_S)
-            watcher.ask_for_cards(ASK_S)
+            if not view.complete:
+                watcher.ask_for_cards(ASK_S)
             for item in watcher.until(time.monotonic() + ASK_S):
-                print(msgspec.json.encode(item).decode(), flush=True)
+                show(view, item)
+                print(written(item), flush=True)
 
 
 if __name__ == "__main__":

@@ -1,11 +1,13 @@
-"""What happens in the demo, as one can tell it from what an observer hears (sans-IO)."""
+"""What happens in the demo, as one can tell it from what a remote observer hears (sans-IO)."""
 
 from __future__ import annotations
 
 from collections.abc import Mapping
 
-from armadico.core.messages import Card, Command, MissionStatus
-from armadico.observe.watching import Heard, Presence, agent_of, read_or_none
+from armadico.core.messages import Command
+from armadico.core.resources import WHEELS
+from armadico.observe.view import agent_of
+from armadico.observe.watching import Heard, Presence, read_or_none
 from armadico_tools.faults.event_log import Account
 from armadico_tools.faults.observations import Said
 
@@ -18,40 +20,39 @@ class Story(Account):
 
     def __init__(self) -> None:
         super().__init__()
-        self.homes: dict[str, str] = {}  # the host of an instance
-        self._way = self._to_go = 0.0  # the longest that was to go, and what is, m
+        self._way = 0.0  # the longest that was to go, m
 
     def hear(self, item: Heard | Presence) -> None:
         """Take one thing, in the order in which they came."""
         at = item.at / 1e9
         if isinstance(item, Presence):
             self.token(at, item.instance, item.there)
-            return
-        message = read_or_none(item)
-        if isinstance(message, Card):
-            self.homes[message.instance] = message.host
-        elif message is not None:
+        elif (message := read_or_none(item)) is not None:
             self.take(Said(at, message))
-        if isinstance(message, MissionStatus):
-            self._to_go, self._way = message.to_go, max(self._way, message.to_go)
-
-    @property
-    def driver(self) -> str:
-        """The instance that is obeyed now; empty if nobody is."""
-        return self.holder if self.obeyed_lately() else ""
+        if self.view.mission is not None:
+            self._way = max(self._way, self.view.mission.to_go)
 
     @property
     def speed(self) -> float:
-        """The robot's, m/s."""
-        return float(self.ack.measured[0]) if self.ack and self.ack.measured else 0.0
+        """As the robot agent measures it, m/s."""
+        ack = self.view.acks.get(WHEELS.name)
+        return float(ack.measured[0]) if ack is not None and ack.measured else 0.0
 
-    def name(self, instance: str) -> str:
-        """An instance for people: `avoid on lab1`."""
-        return f"{agent_of(instance)} on {self.homes.get(instance, 'an unknown host')}"
+    def host(self, instance: str | None) -> str | None:
+        """Where an instance runs, by its card; None: not known."""
+        card = self.view.cards.get(instance or "")
+        return None if card is None else card.host
+
+    def name(self, instance: str | None) -> str:
+        """An instance for people: `avoid on lab1`; of None: `nobody`."""
+        if instance is None:
+            return "nobody"
+        return f"{agent_of(instance)} on {self.host(instance) or 'an unknown host'}"
 
     def on(self, host: str) -> dict[str, float]:
         """The agents whose tokens are there from a host, by name, and since when."""
-        return {agent_of(who): at for who, at in self.there.items() if self.homes.get(who) == host}
+        alive = self.view.alive.items()
+        return {agent_of(who): at for who, at in alive if self.host(who) == host}
 
     def lacks(self, wanted: Mapping[str, tuple[str, ...]]) -> list[str]:
         """What is not there of what should be on each host, for people."""
@@ -65,16 +66,17 @@ class Story(Account):
     def standing_by(self, host: str) -> dict[str, float]:
         """Those on other hosts who would drive at this moment, and their utilities."""
         return {
-            who: history.bids[-1].utility or 0.0
-            for who, (_, history) in self.bids.items()
-            if self.homes.get(who) != host and self.bids_now(who, FRESH_S)
+            who: bid.utility
+            for who, (bid, _) in self.view.bids.items()
+            if bid.utility and self.host(who) != host and self.bids_now(who, FRESH_S)
         }
 
     def done(self) -> float:
         """The share of the way that is behind the robot, 0 to 1."""
-        return 1.0 - self._to_go / self._way if self._way > 0.0 else 0.0
+        mission = self.view.mission
+        return 0.0 if mission is None or not self._way else 1.0 - mission.to_go / self._way
 
     def last_command(self, host: str) -> tuple[float, Command] | None:
         """When anybody on a host commanded last, and what."""
-        heard = (at_what for at_what in reversed(self.commands))
-        return next((x for x in heard if self.homes.get(x[1].ballot.instance) == host), None)
+        heard = reversed(self.commands)
+        return next((x for x in heard if self.host(x[1].ballot.instance) == host), None)

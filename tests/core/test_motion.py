@@ -10,14 +10,6 @@ import pytest
 from hypothesis import assume, given, settings
 from hypothesis import strategies as st
 
-from armadico.agents.methods.motion import (
-    RAMP_STEPS,
-    Body,
-    Speeds,
-    course,
-    ordered,
-    touches_at,
-)
 from armadico.core.messages import (
     Description,
     Length,
@@ -31,6 +23,14 @@ from armadico.core.messages import (
     Turn,
     decode,
     encode,
+)
+from armadico.core.motion import (
+    RAMP_STEPS,
+    Body,
+    Speeds,
+    course,
+    ordered,
+    touches_at,
 )
 from tests.framework.robots import body, described
 

@@ -27,8 +27,8 @@ from collections.abc import Iterable
 from math import cos, hypot, inf, pi, sin
 from typing import NamedTuple
 
-from armadico.agents.methods.swept_path import Outline
 from armadico.core.messages import Description, Point
+from armadico.core.swept_path import Outline
 
 Speeds = tuple[float, float]
 """(v, w) of the middle of the wheel axle, m/s and rad/s."""

@@ -11,10 +11,10 @@ from collections.abc import Sequence
 from math import hypot, inf
 from typing import NamedTuple
 
-from armadico.agents.methods.motion import Body, Speeds, touches_at
-from armadico.agents.methods.settings import Safety
-from armadico.agents.methods.swept_path import free_path
 from armadico.core.messages import Obstacles, Point
+from armadico.core.motion import Body, Speeds, touches_at
+from armadico.core.parameters import Safety
+from armadico.core.swept_path import free_path
 
 HALVINGS = 4
 """How finely the fastest admissible speed is looked for: to a sixteenth of what was wanted."""

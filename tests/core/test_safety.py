@@ -8,12 +8,12 @@ import pytest
 from hypothesis import assume, given, settings
 from hypothesis import strategies as st
 
-from armadico.agents.methods.motion import Speeds
-from armadico.agents.methods.safety import Limited, Scene, corner_cut, critical, limit
-from armadico.agents.methods.settings import Safety
-from armadico.agents.methods.swept_path import free_path
 from armadico.core.messages import Cycle, Obstacles, Point
-from tests.agents.test_motion import clearance, driven
+from armadico.core.motion import Speeds
+from armadico.core.parameters import Safety
+from armadico.core.safety import Limited, Scene, corner_cut, critical, limit
+from armadico.core.swept_path import free_path
+from tests.core.test_motion import clearance, driven
 from tests.framework.robots import body
 
 SAFETY = Safety()
@@ -131,6 +131,17 @@ def test_a_wider_margin_never_finds_a_longer_way(point: Point, v: float, w: floa
     assume(OUTLINE.beside(point.x, point.y) > 0.002)
     bare, wide = (free_path([point], v, w, OUTLINE, margin) for margin in (0.0, 0.06))
     assert wide <= bare + 2e-3 * max(1.0, bare)
+
+
+@pytest.mark.parametrize("measured", [0.1, 0.3, 0.6])
+def test_the_fastest_that_is_looked_for_is_admissible_itself(measured: float) -> None:
+    looked_for = 0
+    for ahead in range(25, 125, 3):
+        scene = Scene(PIONEER, (measured, 0.0), [Point(ahead / 100, y) for y in (-0.1, 0.1)])
+        v, w, _ = limit(1.5, 0.0, scene, SAFETY)
+        assert v == 0.0 or scene.touches_at((v, w), SAFETY.margin_m) == inf
+        looked_for += 0.0 < v < 1.5
+    assert looked_for
 
 
 def test_a_tight_place_is_driven_through_slowly_where_a_parameter_says_so() -> None:

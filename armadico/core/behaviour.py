@@ -4,15 +4,18 @@ from __future__ import annotations
 
 from typing import Any, ClassVar
 
-from armadico.agents.methods.motion import Body, Speeds, ordered
-from armadico.agents.methods.route import Route
-from armadico.agents.methods.safety import Scene, limit
-from armadico.agents.methods.settings import Safety
 from armadico.core import agent
 from armadico.core.agent import Agent
 from armadico.core.exchange import Bid
 from armadico.core.messages import Description, Message, Obstacles, Pose, RobotState, Trajectory
+from armadico.core.motion import Body, Speeds, ordered
+from armadico.core.parameters import Safety
 from armadico.core.resources import WHEELS
+from armadico.core.route import Route
+from armadico.core.safety import Scene, limit
+
+MARGINS = Safety()
+"""Kept by a behaviour that has none of its own."""
 
 
 class Behaviour(Agent):
@@ -59,7 +62,7 @@ class Behaviour(Agent):
         going = ordered(self.body, *self._speeds)
         return Scene(self.body, going, obstacles.points, age * cycle_s, waits * cycle_s)
 
-    def limited(self, v: float, w: float, obstacles: Obstacles, safety: Safety) -> Speeds:
+    def limited(self, v: float, w: float, obstacles: Obstacles, safety: Safety = MARGINS) -> Speeds:
         """The wish (m/s, rad/s), as fast as is admissible among the obstacles."""
         return limit(v, w, self.scene(obstacles), safety)[:2]
 

@@ -1,0 +1,200 @@
+"""A run from Python, for notebooks and tests: `armadico.run` and what it gives back."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, field
+from functools import cached_property
+from math import degrees, radians
+from pathlib import Path
+from typing import TYPE_CHECKING, NamedTuple
+
+from armadico.config.scenarios import Scenario, load_scenario
+from armadico.core.geometry import Pose2
+from armadico.launch.society import Options, prepared
+from armadico.observe.measures import Mark, Result, RunWatch
+
+if TYPE_CHECKING:
+    import numpy as np
+    from numpy.typing import NDArray
+
+
+class Holding(NamedTuple):
+    """For how long one agent was obeyed without a break, in s since the run began."""
+
+    agent: str
+    start: float
+    end: float
+
+
+@dataclass(frozen=True)
+class Run:
+    """One run that is over.
+
+    Attributes:
+        scenario: What was driven.
+        measures: The measures of thesis 5.1, and whether the goal was reached and what was touched.
+        marks: Each cycle: when, where (the true pose if it is known), and who was obeyed.
+        waypoints: The trajectory, the goal last: x, y in m and a heading in rad.
+        echoes: Where the sonars heard something, m, in the world.
+        warnings: What went wrong meanwhile, in lines for people.
+    """
+
+    scenario: Scenario
+    measures: Result
+    marks: tuple[Mark, ...] = field(repr=False)
+    waypoints: tuple[Pose2, ...] = field(repr=False)
+    echoes: tuple[tuple[float, float], ...] = field(repr=False)
+    warnings: tuple[str, ...] = ()
+
+    @classmethod
+    def of(cls, scenario: Scenario, watch: RunWatch, warnings: Sequence[str] = ()) -> Run:
+        """What a watch has seen."""
+        seen = (tuple(watch.path), watch.waypoints, tuple(watch.echoes))
+        return cls(scenario, watch.result(), *seen, tuple(warnings))
+
+    @cached_property
+    def times(self) -> NDArray[np.float64]:
+        """When each pose of `path` was, in s since the run began."""
+        import numpy as np  # noqa: PLC0415 - heavy
+
+        return np.array([mark.t - self.marks[0].t for mark in self.marks])
+
+    @cached_property
+    def path(self) -> NDArray[np.float64]:
+        """The poses, a row each: x and y in m, the heading in rad, in the world."""
+        import numpy as np  # noqa: PLC0415 - heavy
+
+        return np.array([(m.x, m.y, m.theta) for m in self.marks]).reshape(-1, 3)
+
+    @cached_property
+    def holders(self) -> tuple[Holding, ...]:
+        """Who drove when, in order; between two holdings nobody may have been obeyed."""
+        found: list[Holding] = []
+        before: str | None = None
+        for mark in self.marks:
+            at = mark.t - self.marks[0].t
+            if before is not None:
+                found[-1] = found[-1]._replace(end=at)
+            if mark.holder not in (None, before):
+                found.append(Holding(str(mark.holder), at, at))
+            before = mark.holder
+        return tuple(found)
+
+    def plot(self, file: str | Path) -> Path:
+        """Draw the world and the path in it, coloured by who drove, as a PNG; returns its path.
+
+        Raises ImportError without matplotlib (`pip install 'armadico[plot]'`), and OSError.
+        """
+        from armadico.config.worlds import load_world  # noqa: PLC0415 - heavy
+        from armadico.observe.pictures import Run as Picture  # noqa: PLC0415 - heavy
+        from armadico.observe.pictures import draw_run  # noqa: PLC0415 - heavy
+
+        x, y, heading = self.scenario.goal
+        goal = (x, y, radians(heading))
+        first = self.marks[0] if self.marks else None
+        picture = Picture(
+            path=self.marks,
+            start=goal if first is None else (first.x, first.y, first.theta),
+            goal=goal,
+            waypoints=self.waypoints[:-1],
+            echoes=self.echoes,
+            title=f"{self.scenario.title or self.scenario.name} (seed {self.measures.seed})",
+            caption=(self.measures.verdict,),
+        )
+        Path(file).parent.mkdir(parents=True, exist_ok=True)
+        draw_run(load_world(self.scenario.world), picture, file)
+        return Path(file)
+
+
+def run(
+    scenario: str | Path | Scenario,
+    *,
+    virtual: bool = False,
+    seed: int | None = None,
+    start: Pose2 | None = None,
+    goal: Pose2 | None = None,
+    without: Sequence[str] = (),
+    controller: str | None = None,
+    exchange: str | None = None,
+    parameters: str | None = None,
+    profile: str | None = None,
+    robot: str | None = None,
+    namespace: str | None = None,
+    connect: Sequence[str] = (),
+    progress: Callable[[RunWatch], None] | None = None,
+) -> Run:
+    """Drive one scenario from start to goal; what `armadico run` does, without a word.
+
+        done = armadico.run("sc4", virtual=True, seed=7)
+        done.measures.reached, done.measures.tt_s      # True, and the time it took in s
+        done.path                                      # x, y, theta: m, m, rad; a row a cycle
+        [(h.agent, h.end - h.start) for h in done.holders]
+
+    Virtual, the whole society is in this process under a virtual clock, and the same seed gives the
+    same run. Otherwise simulator, robot agent and every agent are processes of their own on this
+    machine; it takes as long as it takes, and however it ends they are taken down.
+
+    A goal that is not reached is no error: `measures.reached` says so.
+
+    Args:
+        scenario: A shipped scenario's name, a TOML file, or a `Scenario`.
+        virtual: Under a virtual clock, or as processes.
+        seed: Of all that is random; by default the scenario's.
+        start: Where the robot starts, instead of where the scenario says: m, m, rad.
+        goal: Where it is to go, likewise.
+        without: Agents that take no part.
+        controller: Goto's: fast, precise or collaborative.
+        exchange: How resources change hands: smooth or abrupt.
+        parameters: A set of agents' parameters: thesis, or a TOML file.
+        profile: The make of robot: a shipped profile's name, or a TOML file.
+        robot: The URL of a robot that is there already, serial:// or tcp://; none: a simulator.
+        namespace: The robot's subtree of keys; by default $ARMADICO_NAMESPACE, or robot1.
+        connect: Endpoints by which the processes find one another; by default this machine's own.
+        progress: Called now and then with what has been seen so far.
+
+    Raises:
+        ConfigError: The scenario, or something in it, cannot be used; the text has file and line.
+        UnknownNameError: No such agent is installed.
+        MissionRefusedError: There is no way, or nobody knows where the robot is.
+        AbsentError: Nobody takes missions.
+        RunFailedError: A process did not start, or the robot is silent; its last words are there.
+        MeshError: The mesh cannot be joined.
+        TopologyError: A namespace or an endpoint that cannot be one.
+        ValueError: `robot`, `namespace` or `connect` for a virtual run.
+    """
+    if virtual and (robot or namespace or connect):
+        raise ValueError("robot, namespace and connect are for what is really there, not virtual")
+    given = scenario if isinstance(scenario, Scenario) else load_scenario(scenario)
+    options = Options(
+        seed=given.seed if seed is None else seed,
+        controller=controller,
+        exchange=exchange,
+        parameters=parameters,
+        without=tuple(without),
+        robot=robot,
+    )
+    chosen = prepared(
+        given,
+        options,
+        start=None if start is None else (start[0], start[1], degrees(start[2])),
+        goal=None if goal is None else (goal[0], goal[1], degrees(goal[2])),
+        profile=profile,
+    )
+    if virtual:
+        from armadico.launch.virtual import Rehearsal  # noqa: PLC0415 - it loads the virtual mesh
+
+        rehearsal = Rehearsal(chosen, options)
+        rehearsal.run(progress)
+        return Run.of(chosen, rehearsal.watch)
+    from armadico.launch.local import Launcher  # noqa: PLC0415 - and this one Zenoh
+    from armadico.runtime.client import connect as joined  # noqa: PLC0415
+
+    joining = [word for endpoint in connect for word in ("--connect", endpoint)]
+    warnings: list[str] = []
+    with (
+        joined(namespace, connect=connect) as guest,
+        Launcher(chosen, options, guest.mesh, guest.mesh.namespace, joining=joining) as live,
+    ):
+        live.run(progress, warnings.append)
+    return Run.of(chosen, live.watch, warnings)

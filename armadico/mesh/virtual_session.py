@@ -1,0 +1,154 @@
+"""A guest on the virtual mesh: what a process's session is on the real one."""
+
+from __future__ import annotations
+
+from collections import Counter
+from collections.abc import Callable
+from math import inf
+from typing import Any
+
+from armadico.core.messages import M, Message, encode
+from armadico.core.services import matches
+from armadico.mesh.base import Bell, Call, Reader, Receiver
+from armadico.mesh.topology import DEFAULT_NAMESPACE, MeshError
+from armadico.mesh.virtual import CLIENT, Place, Step, VirtualMesh
+
+
+class VirtualSession(Place):
+    """A guest's place on a virtual mesh: a `Mesh`. Whoever waits on one moves the clock."""
+
+    def __init__(
+        self, mesh: VirtualMesh, namespace: str = DEFAULT_NAMESPACE, name: str = CLIENT
+    ) -> None:
+        """Join; by its name its links are told from others'."""
+        super().__init__(mesh, namespace, name)
+        mesh.take_in(self)
+        self._reader = Reader()
+        self.refused: Counter[str] = self._reader.refused
+        self._listeners: list[tuple[str, Step, Any]] = []
+        self._answers: list[tuple[str, Callable[[Call], None]]] = []
+        self._changed: list[Callable[[str, str, bool], None]] = []
+
+    # A mesh --------------------------------------------------------------------------------------
+
+    def now(self) -> float:
+        """See `Mesh`."""
+        return self.mesh.now
+
+    def wait(self, bell: Bell, timeout: float) -> bool:
+        """See `Mesh`. Raises `MeshError` if it would be for ever."""
+        if bell.locked():
+            until = inf if timeout < 0.0 else self.mesh.now + timeout
+            self.mesh.run(until, lambda: not bell.locked())
+            if until == inf and bell.locked():
+                raise MeshError("nothing more will ever happen on this mesh")
+        return bell.acquire(blocking=False)
+
+    def publish(self, key: str, message: Message, data: bytes | None = None) -> None:  # noqa: ARG002
+        """See `Mesh`."""
+        self._joined()
+        encode(message)
+        self.mesh.spread(self.name, key, message, self)
+
+    def has_said(self, key: str) -> bool:  # noqa: ARG002
+        """See `Mesh`: nothing has to be declared."""
+        return True
+
+    def subscribe(self, pattern: str, receiver: Receiver) -> None:
+        """See `Mesh`."""
+        self._joined()
+        self._listeners.append((pattern, self._deliver, receiver))
+        self.mesh.forget_routes()
+
+    def ask(
+        self,
+        key: str,
+        request: Message,
+        timeout: float,
+        each: Receiver,
+        done: Callable[[], None],
+    ) -> None:
+        """See `Mesh`."""
+        self._joined()
+        encode(request)
+
+        def replied(where: str, message: Message) -> bool:
+            if self.alive:
+                each(where, encode(message))
+            return False
+
+        self.mesh.put(self, key, request, timeout, replied, lambda: done() if self.alive else None)
+
+    def answer(self, key: str, receiver: Callable[[Call], None]) -> None:
+        """See `Mesh`."""
+        self._joined()
+        self._answers.append((key, receiver))
+
+    def declare_alive(self, name: str, instance: str) -> None:
+        """See `Mesh`."""
+        self._joined()
+        self.show(name, instance)
+
+    def watch_alive(self, changed: Callable[[str, str, bool], None]) -> None:
+        """See `Mesh`."""
+        self._joined()
+        self._changed.append(changed)
+        self.mesh.liveliness.look(self)
+
+    def read(self, kind: type[M], key: str, data: bytes) -> M | None:
+        """See `Mesh`."""
+        return self._reader.read(kind, key, data)
+
+    def close(self) -> bool:
+        """See `Mesh`."""
+        if self.alive:
+            self.kill()
+        return True
+
+    def _joined(self) -> None:
+        if not self.alive:
+            raise MeshError("the mesh has been left")
+
+    # A place -------------------------------------------------------------------------------------
+
+    def listeners(self) -> list[tuple[str, Step, Any]]:
+        """See `Place`."""
+        return self._listeners
+
+    def _deliver(self, receiver: Receiver, what: tuple[str, Message | bytes]) -> None:
+        if self.alive:
+            key, message = what
+            receiver(key, message if isinstance(message, bytes) else encode(message))
+
+    def refuse(self, _: Any, what: tuple[str, Message]) -> None:
+        """See `Place`."""
+        self._reader.refuse(what[0], "published by wildcard")
+
+    def queried(self, pattern: str) -> list[Any]:
+        """See `Place`."""
+        return [receiver for key, receiver in self._answers if matches(pattern, key)]
+
+    def asked(self, one: Any, what: tuple[str, Message, int]) -> None:
+        """See `Place`."""
+        if self.alive:
+            one(Asked(self, what[0], encode(what[1]), what[2]))
+
+    def tell(self, name: str, instance: str, alive: bool) -> None:
+        """See `Place`."""
+        for changed in self._changed:
+            changed(name, instance, alive)
+
+
+class Asked:
+    """A `Call` on a guest."""
+
+    def __init__(self, session: VirtualSession, key: str, payload: bytes, number: int) -> None:
+        self._session = session
+        self.key = key
+        self.payload = payload
+        self._number = number
+
+    def reply(self, key: str, message: Message) -> None:
+        """See `Call`."""
+        encode(message)
+        self._session.mesh.reply(self._session, self._number, key, message)

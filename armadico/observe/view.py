@@ -1,0 +1,298 @@
+"""A society as it looks from outside (sans-IO): messages, tokens and cards in, and the time.
+
+Whoever watches reads this one. Nobody on the mesh keeps a list: liveliness tokens tell who is
+alive, cards what they are, an owner's acks who drives, a holder's claims what it wants, and the
+bids that are asked for what the others would do. Times are s by the clock of whoever watches.
+"""
+
+from __future__ import annotations
+
+from collections import deque
+from collections.abc import Mapping
+from dataclasses import dataclass
+from itertools import pairwise
+from statistics import mean, pstdev
+from typing import Final, NamedTuple
+
+from armadico.core.cycles import PERIOD
+from armadico.core.messages import (
+    Ack,
+    BidHistory,
+    BidRecord,
+    Card,
+    Claim,
+    Message,
+    MissionStatus,
+    Pose,
+    RobotState,
+    Stop,
+    Truth,
+)
+from armadico.core.services import Kind, Service, service_at
+
+FRESH_CYCLES: Final = 3
+"""A command obeyed longer ago than so many cycles is nobody's any more."""
+
+QUIET_S: Final = 0.5
+"""Who has been silent for so long says nothing of now; or for `FRESH_CYCLES`, if those are longer.
+"""
+
+GONE: Final = 100
+"""Instances that are gone and whose cards are still known, the last ones."""
+
+WINDOW_S: Final = 5.0
+"""Rates are those of so long."""
+
+
+def agent_of(instance: str) -> str:
+    """The agent's name in an instance's id."""
+    return instance.rpartition("-")[0] or instance
+
+
+def driver(ack: Ack) -> str | None:
+    """The instance that a resource obeys in an ack's cycle, by its owner's word; None: nobody."""
+    at = ack.obeyed_cycle
+    if ack.obeyed is None or at is None or at.epoch != ack.cycle.epoch:
+        return None
+    return ack.obeyed.instance if ack.cycle.number - at.number <= FRESH_CYCLES else None
+
+
+class Seen(NamedTuple):
+    """An instance that is alive, and its card; None: not shown yet."""
+
+    name: str
+    instance: str
+    card: Card | None
+
+
+class View:
+    """What is known of one society; `take`, `learn` and `token` bring it up to date.
+
+    Attributes:
+        alive: The instances whose tokens are there, and since when.
+        cards: By instance, of those that are gone too.
+        bids: By instance, the newest record of a bid, or of why there was none, and when it came.
+        acks: By resource, its owner's newest word.
+        rates: By key, how often something is published on it.
+    """
+
+    def __init__(self) -> None:
+        self.alive: dict[str, float] = {}
+        self.cards: dict[str, Card] = {}
+        self.bids: dict[str, tuple[BidRecord, float]] = {}
+        self.acks: dict[str, Ack] = {}
+        self.rates: dict[str, Rate] = {}
+        self.state: RobotState | None = None
+        self.pose: Pose | None = None
+        self.truth: Truth | None = None
+        self.mission: MissionStatus | None = None
+        self._claims: dict[str, tuple[Claim, float]] = {}
+        self._acked: dict[str, tuple[float, float]] = {}  # when, and from ack to ack, s
+
+    @classmethod
+    def of(cls, cards: Mapping[tuple[str, str], Card | None]) -> View:
+        """Those that are alive, by (name, instance), with their cards; None: it shows none."""
+        view = cls()
+        for (_, instance), card in cards.items():
+            view.token(instance, there=True, t=0.0)
+            if card is not None:
+                view.learn(card, 0.0)
+        return view
+
+    # What comes in -------------------------------------------------------------------------------
+
+    def token(self, instance: str, *, there: bool, t: float) -> bool:
+        """A liveliness token came or went; False if that was known."""
+        if (instance in self.alive) == there:
+            return False
+        if there:
+            self.alive[instance] = t
+            return True
+        del self.alive[instance]
+        for known in (self.cards, self.bids):
+            for gone in [each for each in known if each not in self.alive][:-GONE]:
+                del known[gone]
+        return True
+
+    def take(self, key: str, message: Message | None, t: float) -> None:
+        """Something was published on a key, without the namespace; None: it cannot be read."""
+        rate = self.rates.get(key)
+        if rate is None:
+            rate = self.rates[key] = Rate(deadline_s(service_at(key)))
+        rate.add(t)
+        if message is not None:
+            self.learn(message, t)
+
+    def learn(self, message: Message, t: float) -> None:
+        """Take a message, published or given in answer."""
+        match message:
+            case RobotState():
+                self.state = message
+            case Pose():
+                self.pose = message
+            case Truth():
+                self.truth = message
+            case Ack():
+                self._take_ack(message, t)
+            case Claim():
+                self._take_claim(message, t)
+            case MissionStatus():
+                self.mission = message
+            case Card():
+                self.cards[message.instance] = message
+            case BidHistory() if message.bids:
+                self.bids[message.instance] = (message.bids[-1], t)
+
+    # How things stand ----------------------------------------------------------------------------
+
+    @property
+    def names(self) -> set[str]:
+        """The agents that are alive."""
+        return {agent_of(instance) for instance in self.alive}
+
+    @property
+    def agents(self) -> list[Seen]:
+        """The instances that are alive, by name."""
+        return sorted(Seen(agent_of(each), each, self.cards.get(each)) for each in self.alive)
+
+    @property
+    def complete(self) -> bool:
+        """Whether somebody is alive, and everybody has shown a card."""
+        return bool(self.alive) and self.alive.keys() <= self.cards.keys()
+
+    @property
+    def claimed(self) -> list[str]:
+        """The resources that somebody claims or owns, as far as was heard."""
+        return sorted(self._claims.keys() | self.acks.keys())
+
+    @property
+    def resources(self) -> list[str]:
+        """Those, and what somebody's card offers or competes for."""
+        offered = {name for card in self.cards.values() for name in (*card.resources, *card.owns)}
+        return sorted(offered.union(self.claimed))
+
+    @property
+    def stop(self) -> Stop:
+        """The stop as the robot has it."""
+        return Stop() if self.state is None else self.state.stop
+
+    def contenders(self, resource: str) -> list[str]:
+        """The agents that are alive and compete for a resource, by name."""
+        return [a.name for a in self.agents if a.card and resource in a.card.resources]
+
+    def driver(self, resource: str, now: float) -> str | None:
+        """The instance that a resource obeys now, as far as its owner's acks tell; None: nobody.
+
+        An owner that is silent obeys nobody: what it drove it stops.
+        """
+        ack = self.acks.get(resource)
+        if ack is None or now - self._acked[resource][0] > self._quiet_s(resource):
+            return None
+        return driver(ack)
+
+    def last_driver(self, resource: str) -> str:
+        """The instance that a resource obeys, or obeyed last; empty: nobody since a release."""
+        ack = self.acks.get(resource)
+        return "" if ack is None or ack.obeyed is None else ack.obeyed.instance
+
+    def claim(self, resource: str, now: float) -> Claim | None:
+        """The claim that stands: of the largest ballot, until it is silent or released."""
+        claim, at = self._claims.get(resource, (None, 0.0))
+        if claim is None or claim.utility is None or now - at > self._quiet_s(resource):
+            return None
+        return claim
+
+    # Inside --------------------------------------------------------------------------------------
+
+    def _take_ack(self, ack: Ack, t: float) -> None:
+        before, period = self.acks.get(ack.resource), PERIOD
+        if before is not None and before.cycle.epoch == ack.cycle.epoch:
+            at, period = self._acked[ack.resource]
+            if ack.cycle.number > before.cycle.number:
+                period = (t - at) / (ack.cycle.number - before.cycle.number)
+        self.acks[ack.resource], self._acked[ack.resource] = ack, (t, period)
+
+    def _take_claim(self, claim: Claim, t: float) -> None:
+        known, at = self._claims.get(claim.resource, (None, t))
+        silent = t - at > self._quiet_s(claim.resource)
+        if known is None or silent or claim.ballot >= known.ballot:
+            self._claims[claim.resource] = (claim, t)
+
+    def _quiet_s(self, resource: str) -> float:
+        """A resource whose cycles are long is spoken of seldom."""
+        _, period = self._acked.get(resource, (0.0, PERIOD))
+        return max(QUIET_S, FRESH_CYCLES * period)
+
+
+# How often ----------------------------------------------------------------------------------------
+
+
+@dataclass(frozen=True)
+class Spread:
+    """How far apart messages came, s."""
+
+    least: float
+    most: float
+    mean: float
+    deviation: float
+
+
+class Rate:
+    """How often something comes, over the last `WINDOW_S`. Times are s."""
+
+    def __init__(self, deadline_s: float | None = None) -> None:
+        """Count; a gap longer than the deadline is a missed one."""
+        self.count = 0
+        self.missed = 0
+        self.last: float | None = None
+        self._deadline_s = deadline_s
+        self._late = False  # the gap that is still open has been counted
+        self._arrivals: deque[float] = deque()
+
+    def add(self, at: float) -> None:
+        """One came."""
+        self.look(at)
+        self.count += 1
+        self.last, self._late = at, False
+        self._arrivals.append(at)
+
+    def look(self, now: float) -> None:
+        """Forget what is past, and notice a deadline that has been missed."""
+        while self._arrivals and now - self._arrivals[0] > WINDOW_S:
+            self._arrivals.popleft()
+        if self._deadline_s is None or self.last is None or self._late:
+            return
+        if now - self.last > self._deadline_s:
+            self._late = True
+            self.missed += 1
+
+    def hz(self, now: float) -> float | None:
+        """Messages a second; None before there are two. Silence counts as soon as it is long."""
+        self.look(now)
+        if len(self._arrivals) < 2:
+            return None if self.count < 2 else 0.0
+        gaps = len(self._arrivals) - 1
+        span = self._arrivals[-1] - self._arrivals[0]
+        silence = now - self._arrivals[-1]
+        if silence > 2 * span / gaps:
+            span += silence
+        return gaps / max(span, 1e-9)
+
+    def spread(self) -> Spread | None:
+        """The gaps in the window; None before there is one."""
+        gaps = [b - a for a, b in pairwise(self._arrivals)]
+        return Spread(min(gaps), max(gaps), mean(gaps), pstdev(gaps)) if gaps else None
+
+
+def deadline_s(service: Service | None) -> float | None:
+    """The longest silence that its row of the table allows, s.
+
+    Only what is said all the time has one: claims and commands end with a tenure. Where no
+    freshness is promised it is two periods.
+    """
+    if service is None or service.kind is not Kind.STATE or service.rate_hz is None:
+        return None
+    period = 1.0 / service.rate_hz
+    if service.fresh_cycles is None:
+        return 2.0 * period
+    return max(service.fresh_cycles * PERIOD, 2.0 * period)

@@ -1,0 +1,206 @@
+"""`armadico.run`: what the command does, for a notebook; nothing is printed, nothing is left."""
+
+from __future__ import annotations
+
+import pickle
+import tempfile
+from itertools import pairwise
+from math import hypot, pi
+from pathlib import Path
+
+import numpy as np
+import psutil
+import pytest
+
+import armadico
+from armadico.config.scenarios import Scenario, load_scenario
+from armadico.launch.api import Holding, Run
+from armadico.launch.society import Options
+from armadico.launch.virtual import Rehearsal
+from armadico.mesh.ports import private_endpoints
+from armadico.mesh.topology import ENDPOINTS_VARIABLE
+from armadico.observe.measures import Mark, RunWatch
+
+SHORT = Scenario(
+    name="short",
+    world="empty",
+    start=(0.0, 0.0, 0.0),
+    goal=(1.0, 0.0, 0.0),
+    agents=("encoder", "sonar", "goto", "interface"),
+)
+
+
+@pytest.fixture(scope="module")
+def sc4() -> Run:
+    return armadico.run("sc4", virtual=True, seed=7)
+
+
+def test_a_virtual_run_is_the_commands(sc4: Run) -> None:
+    assert sc4.measures == Rehearsal(load_scenario("sc4"), Options(seed=7)).run()
+    assert sc4 == armadico.run("sc4", virtual=True, seed=7)
+
+
+def test_nothing_is_printed(capfd: pytest.CaptureFixture[str]) -> None:
+    armadico.run(SHORT, virtual=True)
+    assert capfd.readouterr() == ("", "")
+
+
+def test_the_path_has_a_pose_for_each_time_from_the_start_to_the_goal(sc4: Run) -> None:
+    x, y, heading = sc4.scenario.start
+    assert sc4.path.shape == (len(sc4.times), 3)
+    assert sc4.path[0] == pytest.approx((x, y, heading * pi / 180), abs=0.02)
+    assert hypot(*(sc4.path[-1, :2] - sc4.scenario.goal[:2])) < 0.15
+    assert sc4.times[0] == 0.0
+    assert np.all(np.diff(sc4.times) > 0)
+    assert sc4.times[-1] == pytest.approx(sc4.measures.tt_s, abs=1e-3)
+    steps = np.hypot(*np.diff(sc4.path[:, :2], axis=0).T)
+    assert steps.sum() == pytest.approx(sc4.measures.td_m, abs=1e-3)
+
+
+def test_holders_are_who_drove_one_after_another(sc4: Run) -> None:
+    agents = [held.agent for held in sc4.holders]
+    assert set(agents) <= set(sc4.scenario.agents)
+    assert sum(a != b for a, b in pairwise(agents)) == sc4.measures.exchanges
+    assert all(held.start < held.end for held in sc4.holders)
+    assert all(a.end <= b.start for a, b in pairwise(sc4.holders))
+    driven = sum(held.end - held.start for held in sc4.holders if held.agent == "goto")
+    assert 100 * driven / sc4.measures.tt_s == pytest.approx(sc4.measures.tg_percent, abs=5.0)
+
+
+def test_a_gap_ends_a_holding() -> None:
+    watch = RunWatch("made up", (1.0, 0.0, 0.0))
+    who = ("a", "a", None, None, "a", "b")
+    watch.path += [Mark(5.0 + t, 0.0, 0.0, 0.0, name) for t, name in enumerate(who)]
+    assert Run.of(SHORT, watch).holders == (
+        Holding("a", 0.0, 2.0),
+        Holding("a", 4.0, 5.0),
+        Holding("b", 5.0, 5.0),
+    )
+
+
+def test_a_run_that_never_moved_has_an_empty_path() -> None:
+    nowhere = Run.of(SHORT, RunWatch("made up", (1.0, 0.0, 0.0)))
+    assert nowhere.path.shape == (0, 3)
+    assert nowhere.times.shape == (0,)
+    assert nowhere.holders == ()
+
+
+def test_poses_are_in_metres_and_radians() -> None:
+    done = armadico.run("sc1", virtual=True, start=(0.0, 0.0, pi / 2), goal=(1.0, 0.5, -pi / 2))
+    assert done.scenario.start == pytest.approx((0.0, 0.0, 90.0))
+    assert done.scenario.goal == pytest.approx((1.0, 0.5, -90.0))
+    assert done.path[-1, 2] == pytest.approx(-pi / 2, abs=0.1)
+
+
+def test_another_robot_and_without_somebody(tmp_path: Path) -> None:
+    done = armadico.run("sc1", virtual=True, profile="amigobot", without=["gothrough"])
+    assert done.scenario.robot == "amigobot"
+    assert done.measures.tgt_percent is None
+    picture = done.plot(tmp_path / "new" / "picture.png")
+    assert picture.read_bytes().startswith(b"\x89PNG")
+
+
+def test_progress_is_told_while_it_runs() -> None:
+    seen: list[float] = []
+    armadico.run(SHORT, virtual=True, progress=lambda watch: seen.append(watch.elapsed))
+    assert len(seen) > 2
+    assert seen == sorted(seen)
+
+
+@pytest.mark.parametrize(
+    ("wrong", "error", "says"),
+    [
+        ({"scenario": "sc11"}, armadico.ConfigError, "did you mean 'sc1'"),
+        ({"goal": (99.0, 0.0, 0.0)}, armadico.ConfigError, "outside the world"),
+        ({"profile": "amigobo"}, armadico.ConfigError, "did you mean 'amigobot'"),
+        ({"without": ["robot"]}, armadico.ConfigError, "takes no part"),
+        ({"without": ["gotho"]}, armadico.UnknownNameError, "did you mean 'goto'"),
+        ({"controller": "fas"}, armadico.ConfigError, "fas"),
+        ({"without": ["encoder"]}, armadico.MissionRefusedError, "nobody knows where the robot"),
+        ({"without": ["interface"]}, armadico.AbsentError, "no interface agent"),
+        ({"namespace": "robot2"}, ValueError, "not virtual"),
+    ],
+)
+def test_what_cannot_be_driven_is_an_error_of_its_kind(
+    wrong: dict[str, object], error: type[Exception], says: str
+) -> None:
+    with pytest.raises(error, match=says):
+        armadico.run(**{"scenario": "sc1", "virtual": True} | wrong)  # type: ignore[arg-type]
+
+
+def test_a_refusal_has_the_interface_agents_own_words() -> None:
+    with pytest.raises(armadico.SocietyError) as caught:
+        armadico.run("sc1", virtual=True, without=["encoder"])
+    assert isinstance(caught.value, armadico.MissionRefusedError)
+    assert str(caught.value) == f"the mission was refused: {caught.value.reason}"
+
+
+@pytest.mark.parametrize(
+    "error",
+    [
+        armadico.AbsentError("no robot answers", "robot1"),
+        armadico.AbsentError("no robot answers"),
+        armadico.MissionRefusedError("no way"),
+        armadico.RunFailedError("it is silent"),
+    ],
+)
+def test_an_error_comes_from_a_worker_as_it_was(error: armadico.SocietyError) -> None:
+    again = pickle.loads(pickle.dumps(error))
+    assert type(again) is type(error)
+    assert str(again) == str(error)
+
+
+# As processes -------------------------------------------------------------------------------------
+
+
+@pytest.fixture
+def apart(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
+    """A mesh of the test's own, inherited by every process."""
+    monkeypatch.setenv(ENDPOINTS_VARIABLE, private_endpoints())
+    monkeypatch.setattr(tempfile, "tempdir", str(tmp_path))
+
+
+def children() -> set[int]:
+    return {child.pid for child in psutil.Process().children(recursive=True)}
+
+
+@pytest.mark.live
+@pytest.mark.usefixtures("apart")
+def test_a_run_as_processes_says_the_same_and_leaves_nothing(
+    capfd: pytest.CaptureFixture[str], tmp_path: Path
+) -> None:
+    before = children()
+    there: set[int] = set()
+    done = armadico.run(
+        SHORT, namespace="api-run-test", progress=lambda _: there.update(children() - before)
+    )
+    assert done.measures.passed, done
+    assert {held.agent for held in done.holders} == {"goto"}
+    assert done.path.shape == (len(done.times), 3)
+    assert len(there) == 6, "simulator, robot agent and four agents"
+    assert children() == before
+    assert list(tmp_path.iterdir()) == [], "nor a folder of logs"
+    assert capfd.readouterr() == ("", "")
+
+
+@pytest.mark.live
+@pytest.mark.usefixtures("apart")
+def test_a_run_that_fails_is_an_error_with_last_words_and_leaves_no_process() -> None:
+    before = children()
+    with pytest.raises(armadico.RunFailedError, match="did not answer") as caught:
+        armadico.run(SHORT, namespace="api-run-test", robot="tcp://127.0.0.1:1")
+    assert "nobody listens there" in str(caught.value)
+    assert children() == before
+
+
+@pytest.mark.live
+@pytest.mark.usefixtures("apart")
+def test_whoever_is_interrupted_leaves_no_process() -> None:
+    before = children()
+
+    def interrupt(_: RunWatch) -> None:
+        raise KeyboardInterrupt
+
+    with pytest.raises(KeyboardInterrupt):
+        armadico.run(SHORT, namespace="api-run-test", progress=interrupt)
+    assert children() == before

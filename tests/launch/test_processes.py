@@ -1,0 +1,41 @@
+"""What is left of a launcher that was killed."""
+
+from __future__ import annotations
+
+import os
+import signal
+import subprocess
+import sys
+from pathlib import Path
+
+import psutil
+import pytest
+
+from armadico.launch.processes import orphans
+
+SOON = 20.0
+NAMESPACE = f"orphans-{os.getpid()}"
+
+
+@pytest.mark.parametrize("tied", [False, True])
+def test_one_that_hangs_when_its_launcher_is_killed_is_found(tmp_path: Path, tied: bool) -> None:
+    """A process that was tied to its launcher leaves by itself, but for one that cannot."""
+    words = ["agent", "goto", "--namespace", NAMESPACE]
+    script = (
+        "import os, sys, time; from pathlib import Path;"
+        " from armadico.launch.processes import Process;"
+        f" print(Process('goto', {words!r}, Path('log'), tied={tied}).popen.pid, flush=True);"
+        " time.sleep(1e6)"
+    )
+    with subprocess.Popen(
+        [sys.executable, "-c", script], cwd=tmp_path, stdout=subprocess.PIPE
+    ) as launcher:
+        assert launcher.stdout is not None
+        orphan = psutil.Process(int(launcher.stdout.readline()))
+        orphan.suspend()
+        launcher.send_signal(signal.SIGKILL)
+    try:
+        assert [(name, found.pid) for name, found in orphans(NAMESPACE)] == [("goto", orphan.pid)]
+    finally:
+        orphan.kill()
+        psutil.wait_procs([orphan], timeout=SOON)

@@ -1,0 +1,364 @@
+"""What a mesh promises, on both: what is published arrives, what is no message does not."""
+
+from __future__ import annotations
+
+import logging
+from collections.abc import Callable
+from typing import Any
+
+import pytest
+
+from armadico.core.messages import (
+    LARGEST_PAYLOAD,
+    Ask,
+    Ballot,
+    Claim,
+    Cycle,
+    Log,
+    MessageError,
+    Plan,
+    PlanRequest,
+    Point,
+    Pose,
+    RobotState,
+    Stop,
+    Waypoint,
+    encode,
+)
+from armadico.mesh.base import Call, Mesh
+from armadico.mesh.topology import MeshError
+from armadico.runtime.client import Client
+from armadico.runtime.inbox import Inbox
+
+from .conftest import Enter
+
+SOON = 10.0  # s; nothing here takes a tenth of it
+POSE = Pose(Cycle(1, 2), 1.0, -2.0, 0.5)
+REQUEST = PlanRequest(Waypoint(0, 0, 0), Waypoint(1, 2, 0.5))
+NOWHERE = Waypoint(float("nan"), 0, 0)
+
+
+class Box:
+    """An inbox of whatever a mesh hands over; waiting for it lets the mesh's time pass."""
+
+    def __init__(self, mesh: Mesh) -> None:
+        self._inbox = Inbox(mesh)
+
+    def put(self, *what: Any) -> None:
+        self._inbox.put("all", lambda: None, *what, keep=1000)
+
+    def take(self, timeout: float) -> tuple[Any, ...] | None:
+        item = self._inbox.take(timeout)
+        return None if item is None else item[1]
+
+    def get(self) -> Any:
+        what = self.take(SOON)
+        assert what is not None, "nothing came"
+        return what
+
+    def empty(self) -> bool:
+        return self.take(0.0) is None
+
+
+def heard(mesh: Mesh, pattern: str) -> Box:
+    box = Box(mesh)
+    mesh.subscribe(pattern, box.put)
+    return box
+
+
+def asked(mesh: Mesh, key: str, request: Any) -> Box:
+    """A query, its replies, and an empty one for its end."""
+    box = Box(mesh)
+    mesh.ask(key, request, SOON, box.put, box.put)
+    return box
+
+
+def linked(*meshes: Mesh) -> None:
+    """Wait until every one of them knows the others, subscriptions included."""
+    for speaker in meshes:
+        for listener in meshes:
+            if speaker is not listener:
+                _greet(speaker, listener)
+
+
+def _greet(speaker: Mesh, listener: Mesh) -> None:
+    key = f"greeting/{id(speaker)}/{id(listener)}"
+    greetings = heard(listener, key)
+    for _ in range(200):
+        speaker.publish(key, Stop())
+        if greetings.take(SOON / 200):
+            return
+    raise AssertionError("never linked")
+
+
+# Publications -------------------------------------------------------------------------------------
+
+
+def test_what_is_published_arrives_as_it_was(enter: Enter) -> None:
+    speaker, listener = enter(), enter()
+    box = heard(listener, "encoder/*")
+    linked(speaker, listener)
+    speaker.publish("encoder/pose", POSE)
+    key, data = box.get()
+    assert key == "encoder/pose"
+    assert data == encode(POSE)
+    assert listener.read(Pose, key, data) == POSE
+
+
+def test_a_star_stands_for_one_part_of_a_key(enter: Enter) -> None:
+    speaker, listener = enter(), enter()
+    box = heard(listener, "resource/*/ack")
+    linked(speaker, listener)
+    for key in ("resource/ack", "resource/a/b/ack", "resource/a/utility", "resource/a/ack"):
+        speaker.publish(key, Stop())
+    assert box.get()[0] == "resource/a/ack"
+    assert box.empty()
+
+
+def test_what_one_publishes_arrives_in_order_whatever_the_key(enter: Enter) -> None:
+    speaker, listener = enter(), enter()
+    box = heard(listener, "log/*")
+    linked(speaker, listener)
+    for number in range(200):
+        speaker.publish(f"log/{number % 3}", Log(20, str(number)))
+    said = [listener.read(Log, *box.get()) for _ in range(200)]
+    assert [log.text for log in said if log is not None] == [str(number) for number in range(200)]
+
+
+def test_nobody_receives_what_they_publish(enter: Enter) -> None:
+    speaker, listener = enter(), enter()
+    own, theirs = heard(speaker, "encoder/pose"), heard(listener, "encoder/pose")
+    linked(speaker, listener)
+    speaker.publish("encoder/pose", POSE)
+    received = theirs.get()
+    listener.publish("encoder/pose", POSE)
+    assert own.get() == received
+    assert own.empty()
+
+
+def test_another_robot_is_not_received(enter: Enter) -> None:
+    speaker, listener, other = enter(), enter(), enter("other")
+    box = heard(listener, "encoder/pose")
+    linked(speaker, listener)
+    other.publish("encoder/pose", Pose(Cycle(9, 9), 0, 0, 0))
+    speaker.publish("encoder/pose", POSE)
+    assert listener.read(Pose, *box.get()) == POSE
+    assert box.empty()
+
+
+def test_another_robots_agents_are_not_seen_and_not_asked(enter: Enter) -> None:
+    other, planner = enter("other"), enter()
+    other.declare_alive("goto", "goto-9")
+    other.answer("path/plan", lambda call: call.reply("path/plan", Plan((), 9.0)))
+    planner.answer("path/plan", lambda call: call.reply("path/plan", Plan((), 1.0)))
+    planner.declare_alive("goto", "goto-1")
+    client = Client(enter())
+    assert client.wait_for(lambda: client.alive, SOON) == {("goto", "goto-1")}
+    linked(planner, client.mesh)
+    box = asked(client.mesh, "path/plan", REQUEST)
+    assert client.mesh.read(Plan, *box.get()) == Plan((), 1.0)
+    assert box.get() == ()
+
+
+def test_what_is_published_by_wildcard_is_refused_and_counted(enter: Enter) -> None:
+    speaker, listener = enter(), enter()
+    box = heard(listener, "robot/cmd/*")
+    linked(speaker, listener)
+    for pattern in ("robot/cmd/*", "robot/**", "**"):
+        speaker.publish(pattern, Stop())
+    speaker.publish("robot/cmd/me", Stop())
+    assert box.get()[0] == "robot/cmd/me"
+    assert box.empty()
+    assert {"robot/cmd/*", "robot/**", "**"} <= set(listener.refused)
+
+
+def test_what_was_published_before_leaving_is_received(enter: Enter) -> None:
+    speaker, listener = enter(), enter()
+    box = heard(listener, "log/*")
+    linked(speaker, listener)
+    speaker.publish("log/last", Log(20, "farewell"))
+    speaker.close()
+    assert listener.read(Log, *box.get()) == Log(20, "farewell")
+
+
+def test_a_mesh_that_was_left_can_be_used_no_more(enter: Enter) -> None:
+    mesh = enter()
+    mesh.close()
+    mesh.close()
+    with pytest.raises(MeshError):
+        mesh.publish("trajectory/point", Point(0, 0))
+
+
+# What is no message -------------------------------------------------------------------------------
+
+
+def test_what_is_no_message_is_counted_and_reported_once(
+    enter: Enter, caplog: pytest.LogCaptureFixture
+) -> None:
+    mesh = enter()
+    with caplog.at_level(logging.WARNING, "armadico.mesh"):
+        for garbage in (b"", b"\xff", b"\x80", b"\x83\x01\x02\x03", b"\xf9\x7e\x00" * 9):
+            assert mesh.read(RobotState, "robot/state", garbage) is None
+    assert mesh.refused == {"robot/state": 5}
+    assert len(caplog.records) == 1
+    assert "robot/state" in caplog.text
+
+
+def claim(size: int) -> Claim:
+    """A claim whose actions are of so many bytes together."""
+    action = bytes(size // 2)
+    return Claim("wheels", Ballot(1, 0.5, False, "a-1"), Cycle(1, 2), 0.5, False, action, action)
+
+
+LARGEST = LARGEST_PAYLOAD - len(encode(claim(40_000))) + 40_000
+"""Of the claims that are read."""
+
+
+@pytest.mark.parametrize(
+    ("message", "why"),
+    [
+        (Pose(Cycle(1, 2), float("nan"), 0.0, 0.0), "Pose cannot be sent"),
+        (claim(LARGEST + 2), "at most 65536 are read"),
+    ],
+)
+def test_what_nobody_could_read_is_refused_when_it_is_sent(
+    enter: Enter, message: Any, why: str
+) -> None:
+    speaker, listener = enter(), enter()
+    box = heard(listener, "any/key")
+    listener.answer("a/query", lambda call: box.put(call.key))
+    linked(speaker, listener)
+    with pytest.raises(MessageError, match=why):
+        speaker.publish("any/key", message)
+    with pytest.raises(MessageError, match=why):
+        speaker.ask("a/query", message, SOON, box.put, box.put)
+    speaker.publish("any/key", claim(LARGEST))
+    assert listener.read(Claim, *box.get()) == claim(LARGEST)
+    assert box.empty()
+
+
+def test_a_reply_that_nobody_could_read_is_refused_when_it_is_sent(enter: Enter) -> None:
+    asker, answerer = enter(), enter()
+    errors = Box(asker)
+
+    def answer(call: Call) -> None:
+        try:
+            call.reply("path/plan", Plan((NOWHERE,)))
+        except MessageError as error:
+            errors.put(str(error))
+            call.reply("path/plan", Plan((), 1.0))
+
+    answerer.answer("path/plan", answer)
+    linked(asker, answerer)
+    box = asked(asker, "path/plan", REQUEST)
+    assert asker.read(Plan, *box.get()) == Plan((), 1.0)
+    assert "Plan cannot be sent" in errors.get()[0]
+
+
+# Queries ------------------------------------------------------------------------------------------
+
+
+def test_a_query_is_answered_by_whoever_can(enter: Enter) -> None:
+    client, planner = Client(enter()), enter()
+    plan = Plan(waypoints=(Waypoint(1, 2, 0.5),), length=2.5)
+
+    def answer(call: Call) -> None:
+        assert planner.read(PlanRequest, call.key, call.payload) == REQUEST
+        call.reply("path/plan", plan)
+
+    planner.answer("path/plan", answer)
+    assert client.ask(REQUEST, SOON) == plan
+
+
+def test_a_query_that_nobody_can_answer_ends_long_before_its_time_is_up(enter: Enter) -> None:
+    asker, other = enter(), enter()
+    linked(asker, other)
+    box = Box(asker)
+    asker.ask("path/plan", REQUEST, 1000 * SOON, box.put, box.put)
+    assert box.get() == ()
+
+
+def test_a_query_that_is_let_go_of_ends_without_a_reply(enter: Enter) -> None:
+    asker, silent = enter(), enter()
+    silent.answer("path/plan", lambda _call: None)
+    linked(asker, silent)
+    box = Box(asker)
+    asker.ask("path/plan", REQUEST, SOON / 2, box.put, box.put)
+    assert box.get() == ()
+
+
+def test_everybody_answers_a_pattern_once_and_then_it_is_over(enter: Enter) -> None:
+    asker, first, second = enter(), enter(), enter()
+    for mesh, name in ((first, "a"), (second, "b")):
+        key = f"agent/{name}/{name}-1/card"
+        mesh.answer(key, lambda call, key=key: call.reply(key, Stop(1)))  # type: ignore[misc]
+    linked(asker, first, second)
+    box = asked(asker, "agent/*/*/card", Ask())
+    keys = sorted(box.get()[0] for _ in range(2))
+    assert keys == ["agent/a/a-1/card", "agent/b/b-1/card"]
+    assert box.get() == ()
+    assert box.empty()
+
+
+# Tokens -------------------------------------------------------------------------------------------
+
+
+def test_tokens_are_seen_by_who_came_before_and_who_came_after(enter: Enter) -> None:
+    early, agent = Client(enter()), enter()
+    agent.declare_alive("goto", "goto-1")
+    late = Client(enter())
+    for client in (early, late):
+        assert client.wait_for(saw(client, {("goto", "goto-1")}), SOON)
+    agent.close()
+    for client in (early, late):
+        assert client.wait_for(saw(client, set()), SOON)
+
+
+def saw(client: Client, alive: set[tuple[str, str]]) -> Callable[[], bool]:
+    return lambda: client.alive == alive
+
+
+# Clients ------------------------------------------------------------------------------------------
+
+
+def test_a_client_keeps_the_latest_of_what_it_listens_to_and_knows_how_old_it_is(
+    enter: Enter,
+) -> None:
+    client, speaker = Client(enter()), enter()
+    shown: list[tuple[Any, float]] = []
+    client.listen(Pose, then=lambda message, now: shown.append((message, now)))
+    assert client.latest(Pose) is None
+    assert client.age(Pose) == float("inf")
+    linked(speaker, client.mesh)
+    speaker.publish("encoder/pose", POSE)
+    assert client.wait_for(lambda: client.latest(Pose), SOON) == POSE
+    assert client.key == "encoder/pose"
+    ((message, came),) = shown
+    assert message == POSE
+    assert client.age(Pose) == pytest.approx(client.mesh.now() - came, abs=SOON)
+
+
+def test_a_client_waits_no_longer_than_it_is_told_to(enter: Enter) -> None:
+    client = Client(enter())
+    began = client.mesh.now()
+    assert not client.wait_for(lambda: False, 0.05)
+    assert client.mesh.now() >= began + 0.05
+
+
+def test_a_client_asks_until_there_is_somebody_to_answer_if_it_has_the_patience(
+    enter: Enter,
+) -> None:
+    client, late = Client(enter()), enter()
+    began = client.mesh.now()
+    assert client.ask(REQUEST, SOON, patience=0.0) is None
+    assert client.mesh.now() - began < SOON
+    late.answer("path/plan", lambda call: call.reply("path/plan", Plan((), 1.0)))
+    assert client.ask(REQUEST, SOON) == Plan((), 1.0)
+
+
+def test_what_a_client_publishes_goes_by_its_services_key(enter: Enter) -> None:
+    client, listener = Client(enter()), enter()
+    box = heard(listener, "robot/stop")
+    linked(client.mesh, listener)
+    client.publish(Stop(1, True, "tester", 1))
+    assert listener.read(Stop, *box.get()) == Stop(1, True, "tester", 1)

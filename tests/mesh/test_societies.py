@@ -1,0 +1,218 @@
+"""Agents on both meshes: they are admitted, refused, seen and asked by the same rules."""
+
+from __future__ import annotations
+
+from math import nan
+from typing import Any, ClassVar
+
+import pytest
+from msgspec.structs import replace
+
+from armadico.agents.encoder import Encoder
+from armadico.bridge.robot import Robot
+from armadico.core.agent import Agent, Publish, Question
+from armadico.core.driver import Driver
+from armadico.core.membership import Stage
+from armadico.core.messages import (
+    LARGEST_PAYLOAD,
+    PROTOCOL,
+    Ballot,
+    Card,
+    Claim,
+    Cycle,
+    Log,
+    Message,
+    Plan,
+    PlanRequest,
+    Pose,
+    Stop,
+    Waypoint,
+)
+from armadico.core.resources import WHEELS
+from armadico.mesh.virtual import VirtualMesh
+from armadico.mesh.virtual_session import VirtualSession
+from armadico.runtime.client import Client
+from armadico.runtime.process import AgentHost
+
+from .conftest import SOON, Crowd
+
+REQUEST = PlanRequest(Waypoint(0, 0, 0), Waypoint(1, 2, 0.5))
+
+
+class Toy(Agent):
+    """Hears the stop, and plans nothing."""
+
+    name = "toy"
+    answers: ClassVar[tuple[type[Message], ...]] = (PlanRequest,)
+
+    def on_plan_request(self, question: Question) -> Plan:
+        return Plan((), refusal=f"{self.instance} does not plan")
+
+
+class Foreign(Toy):
+    """Speaks another protocol."""
+
+    name = "foreign"
+
+    def card(self) -> Card:
+        return replace(super().card(), protocol=PROTOCOL + 1)
+
+
+class Other(Agent):
+    """Owns the wheels too, by another name."""
+
+    name = "other"
+    owns = (WHEELS,)
+
+    def obey(self, resource: Any, action: Any) -> None:
+        """Nothing."""
+
+    def rest(self, resource: Any) -> None:
+        """Nothing."""
+
+
+def start(crowd: Crowd, kind: type[Agent]) -> Driver:
+    return crowd.start(kind(crowd.identity(kind.name)))
+
+
+def joined(crowd: Crowd, kind: type[Agent]) -> Driver:
+    """One that is at work, and seen to be."""
+    driver = start(crowd, kind)
+    who = (driver.agent.name, driver.agent.instance)
+    assert crowd.until(lambda: driver.started and who in crowd.client.alive)
+    return driver
+
+
+def refusal(crowd: Crowd, driver: Driver) -> str:
+    assert crowd.until(lambda: driver.refusal)
+    assert driver.stage is Stage.REFUSED
+    return driver.refusal
+
+
+def alive(crowd: Crowd) -> set[str]:
+    """The names of those who are left once nothing changes any more."""
+    crowd.client.settle()
+    return {name for name, _ in crowd.client.alive}
+
+
+@pytest.mark.parametrize("kind", [Robot, Encoder])
+def test_a_second_robot_or_encoder_agent_is_refused_and_never_seen(
+    crowd: Crowd, kind: type[Agent]
+) -> None:
+    first = joined(crowd, kind)
+    seen: set[tuple[str, str]] = set()
+    second = start(crowd, kind)
+    assert crowd.until(lambda: seen.update(crowd.client.alive) or second.refusal)
+    why = refusal(crowd, second)
+    assert why.startswith(f"another {kind.name} agent is alive already: {first.agent.instance} (")
+    assert why.endswith("end that one, or name another namespace: --namespace")
+    crowd.client.settle()
+    assert seen | crowd.client.alive == {(kind.name, first.agent.instance)}
+    assert first.started
+
+
+def test_a_second_owner_of_a_resource_is_refused_by_whatever_name(crowd: Crowd) -> None:
+    first = joined(crowd, Robot)
+    why = refusal(crowd, start(crowd, Other))
+    assert why.startswith(f"wheels has an owner already: {first.agent.instance} (")
+    assert alive(crowd) == {"robot"}
+
+
+def test_of_several_that_begin_at_once_one_stays(crowd: Crowd) -> None:
+    drivers = [start(crowd, Encoder) for _ in range(3)]
+    assert crowd.until(lambda: sum(bool(d.refusal) for d in drivers) == 2)
+    (left,) = (driver for driver in drivers if not driver.refusal)
+    assert crowd.until(lambda: left.started)
+    assert alive(crowd) == {"encoder"}
+
+
+def test_among_agents_of_another_protocol_a_newcomer_is_refused(crowd: Crowd) -> None:
+    foreign = joined(crowd, Foreign)
+    why = refusal(crowd, start(crowd, Toy))
+    assert why.startswith(f"{foreign.agent.instance} (")
+    assert f"speaks protocol {PROTOCOL + 1}, this one {PROTOCOL};" in why
+    assert alive(crowd) == {"foreign"}
+
+
+def test_where_an_owner_speaks_its_protocol_it_may_join_beside_another(crowd: Crowd) -> None:
+    joined(crowd, Robot)
+    joined(crowd, Foreign)
+    joined(crowd, Toy)
+    assert alive(crowd) == {"robot", "foreign", "toy"}
+
+
+def test_who_joins_is_told_who_is_there_and_told_again_what_is_latched(
+    crowd: Crowd,
+) -> None:
+    first, stop = joined(crowd, Toy), Stop(7, True, "tester", 1)
+
+    def told(driver: Driver) -> bool:
+        return driver.agent.memory.newest(Stop) == stop
+
+    crowd.client.publish(stop)
+    assert crowd.until(lambda: told(first))
+    second = joined(crowd, Toy)
+    assert crowd.until(lambda: ("toy", first.agent.instance) in second.alive and told(second))
+
+
+def test_cards_and_queries_are_answered(crowd: Crowd) -> None:
+    toys = [joined(crowd, Toy), joined(crowd, Encoder)]
+    cards = crowd.client.cards(SOON)
+    assert set(cards) == {(d.agent.name, d.agent.instance) for d in toys}
+    for (name, instance), card in cards.items():
+        assert card is not None
+        assert (card.name, card.instance, card.protocol) == (name, instance, PROTOCOL)
+    instance = toys[0].agent.instance
+    assert crowd.client.ask(REQUEST, SOON) == Plan((), refusal=f"{instance} does not plan")
+    card = crowd.client.card("toy", instance, SOON)
+    assert card is not None
+    assert card.provides == ("path/plan",)
+    assert crowd.client.card("toy", "toy-0", SOON) is None
+
+
+class Loud(Toy):
+    """Publishes on a stop what nobody could read, for its numbers or its size, and what all can."""
+
+    name = "loud"
+    hears: ClassVar[tuple[type[Message], ...]] = (Stop,)
+
+    def on_stop(self, stop: Stop) -> None:
+        ballot, large = Ballot(1, 0.5, False, self.instance), bytes(LARGEST_PAYLOAD // 2)
+        claim = Claim("wheels", ballot, Cycle(1, 1), 0.5)
+        too_large = replace(claim, wanted=large, commanded=large)
+        self.outbox += [Publish(WHEELS.utility_key, said) for said in (too_large, claim)]
+        self.outbox += [Publish("encoder/pose", Pose(Cycle(1, 1), x, 0, 0)) for x in (nan, 1.0)]
+
+
+def test_what_nobody_could_read_is_dropped_and_said_and_its_agent_goes_on(crowd: Crowd) -> None:
+    client = crowd.client
+    received: list[Any] = []
+    lines: list[Any] = []
+    client.listen(Claim, Pose, then=lambda message, _: received.append(message))
+    client.listen(Log, then=lambda message, _: lines.append(message))
+    driver = joined(crowd, Loud)
+    client.publish(Stop(1, True, "tester", 1))
+    assert crowd.until(lambda: received and isinstance(received[-1], Pose))
+    claim, pose = received
+    assert claim.wanted == ()
+    assert pose.x == 1.0
+    assert crowd.until(lambda: lines)
+    assert "1 x on resource/wheels/utility: Claim cannot be sent" in lines[0].text
+    assert driver.started
+
+
+def test_a_host_of_agents_lives_on_the_virtual_mesh_too() -> None:
+    """Virtual only: live ones are processes (`test_processes`). It moves the clock by waiting."""
+    mesh = VirtualMesh(1)
+    node = mesh.add(Encoder(mesh.identity("encoder")))
+    client = Client(VirtualSession(mesh))
+    toy, second = Toy(mesh.identity("toy")), Encoder(mesh.identity("encoder", 1))
+    host = AgentHost([toy], VirtualSession(mesh, name="toy"), wall=lambda: 0.0)
+    mesh.call_at(2.0, lambda _a, _b: host.request_stop())
+    host.live()
+    assert mesh.now == pytest.approx(2.0)
+    assert host.drivers[0].started
+    assert client.wait_for(lambda: len(client.alive) == 2, 1.0)
+    late = AgentHost([second], VirtualSession(mesh, name="late"), wall=lambda: 0.0)
+    late.live()
+    assert f"another encoder agent is alive already: {node.agent.instance}" in late.refusal

@@ -1,0 +1,184 @@
+"""One view of a society: who is alive, who drives, what stands, how often things come."""
+
+from __future__ import annotations
+
+import pytest
+
+from armadico.core import messages as m
+from armadico.core.services import SERVICES, service_at
+from armadico.observe.view import FRESH_CYCLES, GONE, QUIET_S, Rate, View, deadline_s, driver
+
+GOTO, AVOID = "goto-0123456789abcdef", "avoid-0123456789abcdef"
+BALLOT = m.Ballot(1, 0.5, False, "path-planning-0123456789abcdef")
+
+
+def card(instance: str, *resources: str, owns: tuple[str, ...] = ()) -> m.Card:
+    name = instance.rpartition("-")[0]
+    return m.Card(name, instance, "here", 1, "1", m.PROTOCOL, (), (), resources, owns=owns)
+
+
+def ack(number: int, by: str | None, resource: str = "wheels") -> m.Ack:
+    ballot = None if by is None else m.Ballot(1, 0.5, False, by)
+    cycle = m.Cycle(1, number)
+    return m.Ack(resource, cycle, ballot, ballot, None if by is None else cycle)
+
+
+def claim(by: str, term: int = 1, utility: float | None = 0.6) -> m.Claim:
+    return m.Claim("wheels", m.Ballot(term, 0.6, False, by), m.Cycle(1, 1), utility)
+
+
+# Who drives ---------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize(
+    ("obeyed", "at", "who"),
+    [
+        (BALLOT, m.Cycle(1, 9), BALLOT.instance),
+        (BALLOT, m.Cycle(1, 10 - FRESH_CYCLES), BALLOT.instance),
+        (BALLOT, m.Cycle(1, 9 - FRESH_CYCLES), None),
+        (BALLOT, m.Cycle(2, 9), None),  # in another epoch
+        (None, m.Cycle(1, 9), None),  # released
+        (None, None, None),
+    ],
+)
+def test_who_drives_is_whom_the_owner_obeyed_lately(
+    obeyed: m.Ballot | None, at: m.Cycle | None, who: str | None
+) -> None:
+    said = m.Ack("wheels", m.Cycle(1, 10), BALLOT, obeyed, at)
+    assert driver(said) == who
+    view = View()
+    view.learn(said, 5.0)
+    assert view.driver("wheels", 5.1) == who
+    assert view.driver("arm", 5.1) is None
+    assert view.last_driver("wheels") == ("" if obeyed is None else BALLOT.instance)
+
+
+def test_of_an_owner_that_is_silent_nobody_drives() -> None:
+    view = View()
+    view.learn(ack(1, GOTO), 1.0)
+    assert view.driver("wheels", 1.0 + QUIET_S) == GOTO
+    assert view.driver("wheels", 1.1 + QUIET_S) is None
+    assert view.last_driver("wheels") == GOTO
+
+
+def test_an_owner_whose_cycles_are_long_is_not_silent_between_them() -> None:
+    view = View()
+    for number, t in ((1, 1.0), (2, 2.0), (4, 4.0)):  # the third was lost
+        view.learn(ack(number, GOTO, "task"), t)
+    assert view.driver("task", 6.9) == GOTO
+    assert view.driver("task", 7.1) is None
+    restarted = m.Ack("task", m.Cycle(2, 1), BALLOT, BALLOT, m.Cycle(2, 1))
+    view.learn(restarted, 100.0)
+    assert view.driver("task", 100.1 + QUIET_S) is None, "of a new epoch only one is known"
+
+
+def test_the_claim_that_stands_is_the_largest_ballots_until_it_is_silent_or_released() -> None:
+    view = View()
+    view.learn(claim(GOTO, 2), 0.0)
+    view.learn(claim(AVOID), 0.1)
+    assert view.claim("wheels", 0.2) == claim(GOTO, 2)
+    assert view.claim("wheels", 1.0) is None
+    view.learn(claim(AVOID), 1.0)
+    assert view.claim("wheels", 1.0) == claim(AVOID)
+    view.learn(claim(GOTO, 2), 1.1)
+    view.learn(claim(GOTO, 2, None), 1.2)
+    view.learn(claim(AVOID), 1.3)
+    assert view.claim("wheels", 1.3) is None, "it was beaten, and comes late"
+
+
+# Who is alive, and what they are ------------------------------------------------------------------
+
+
+def test_tokens_tell_who_is_alive_and_cards_what_they_are() -> None:
+    view = View()
+    assert not view.complete
+    assert view.token(GOTO, there=True, t=1.0)
+    assert not view.token(GOTO, there=True, t=2.0)  # liveliness may say the same twice
+    assert view.alive == {GOTO: 1.0}
+    view.learn(card(AVOID, "arm"), 2.0)
+    assert view.agents == [("goto", GOTO, None)], "a card is no token"
+    view.learn(card(GOTO, "wheels", owns=("lamp",)), 2.0)
+    assert view.complete
+    assert view.token(AVOID, there=True, t=3.0)
+    assert [agent.instance for agent in view.agents] == [AVOID, GOTO]
+    assert view.names == {"avoid", "goto"}
+    assert view.resources == ["arm", "lamp", "wheels"]
+    assert view.contenders("wheels") == ["goto"]
+    assert view.token(GOTO, there=False, t=4.0)
+    assert not view.token(GOTO, there=False, t=4.0)
+    assert view.contenders("wheels") == []
+    assert view.cards[GOTO].host == "here", "where it was is still known"
+
+
+def test_of_those_that_are_gone_only_the_last_are_known() -> None:
+    view = View()
+    view.token(GOTO, there=True, t=0.0)
+    view.learn(card(GOTO), 0.0)
+    for number in range(GONE + 9):
+        view.token(f"a-{number}", there=True, t=1.0)
+        view.learn(card(f"a-{number}"), 1.0)
+        view.learn(m.BidHistory(f"a-{number}", (BID,)), 1.0)
+        view.token(f"a-{number}", there=False, t=1.0)
+    assert len(view.cards) == GONE + 1
+    assert GOTO in view.cards
+    assert "a-8" not in view.cards
+    assert len(view.bids) == GONE
+
+
+BID = m.BidRecord(m.Cycle(1, 7), "wheels", 0.6, False, (0.3, 0.0), "leg 0")
+
+
+# What is known otherwise --------------------------------------------------------------------------
+
+
+def test_the_newest_of_each_is_known() -> None:
+    view = View()
+    assert not view.stop.stopped
+    cycle = m.Cycle(1, 1)
+    state = m.RobotState(cycle, 0, 0, 0, 0.2, 0.1, 12.5, True, False, stop=m.Stop(1, True, "me"))
+    pose, truth = m.Pose(cycle, 1.0, 0.0, 0.0), m.Truth(0.1, 1, 0, 0, 0, 0, 0, None)
+    mission = m.MissionStatus(7, m.MissionState.DRIVING, 3.5, 0)
+    for message in (
+        state,
+        pose,
+        truth,
+        mission,
+        m.BidHistory(GOTO, (BID,)),
+        m.BidHistory(GOTO, ()),
+    ):
+        view.learn(message, 2.0)
+    assert (view.state, view.pose, view.truth, view.mission) == (state, pose, truth, mission)
+    assert view.stop.by == "me"
+    assert view.bids == {GOTO: (BID, 2.0)}
+
+
+def test_what_is_published_counts_for_its_key_and_what_is_answered_does_not() -> None:
+    view = View()
+    view.take("encoder/pose", m.Pose(m.Cycle(1, 1), 1.0, 0.0, 0.0), 1.0)
+    view.take("encoder/pose", None, 1.1)  # it could not be read
+    view.learn(card(GOTO), 1.1)
+    assert {key: rate.count for key, rate in view.rates.items()} == {"encoder/pose": 2}
+    assert view.rates["encoder/pose"].hz(1.1) == pytest.approx(10.0)
+    assert view.pose is not None
+
+
+def test_a_rate_is_what_came_over_the_time_it_took() -> None:
+    rate = Rate(deadline_s=0.3)
+    for n in range(11):
+        rate.add(n / 10)
+    assert rate.hz(1.0) == pytest.approx(10.0)
+    assert rate.missed == 0
+    assert rate.hz(3.0) == pytest.approx(10 / 3)  # silence counts
+    assert rate.hz(60.0) == 0.0
+    assert rate.missed == 1  # one silence, however often it is looked at
+    rate.add(61.0)
+    rate.add(62.0)
+    assert rate.missed == 2
+
+
+def test_only_what_is_said_all_the_time_has_a_deadline() -> None:
+    found = {s.key: deadline_s(service_at(s.pattern)) for s in SERVICES}
+    assert found["robot/state"] == pytest.approx(0.3)
+    assert found["sonar/map"] == pytest.approx(1.0)
+    assert found["resource/{resource}/utility"] is None
+    assert found["log/{instance}"] is None
