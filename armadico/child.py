@@ -1,14 +1,14 @@
-"""One process of a host's share: it leaves, in order, when whoever started it is gone.
+"""One process that is told to leave, or killed, when whoever started it is gone.
 
-`python -m armadico.child PARENT COMMAND...` runs `armadico COMMAND...`. Linux sends the signal;
-elsewhere the parent has to end cleanly.
+`python -m armadico.child PARENT SIGNAL PROGRAM...` becomes a program; `armadico` it runs itself,
+without another start of Python. Linux sends the signal, as soon as the thread that started it has
+ended; elsewhere the parent has to end cleanly.
 """
 
 from __future__ import annotations
 
 import ctypes
 import os
-import signal
 import sys
 from typing import Final
 
@@ -16,12 +16,14 @@ PR_SET_PDEATHSIG: Final = 1
 
 
 def main() -> int:
-    """Run the command with this process's life tied to its parent's."""
-    parent, *words = sys.argv[1:]
+    """Run the program with this process's life tied to its parent's."""
+    parent, number, program, *words = sys.argv[1:]
     if sys.platform == "linux":
-        ctypes.CDLL(None, use_errno=True).prctl(PR_SET_PDEATHSIG, signal.SIGTERM)
+        ctypes.CDLL(None, use_errno=True).prctl(PR_SET_PDEATHSIG, int(number))
     if os.getppid() != int(parent):  # it went before the signal was asked for
         return 0
+    if program != "armadico":
+        os.execvp(program, [program, *words])
     from armadico.cli import main as run  # noqa: PLC0415 - nothing is imported for nobody
 
     return run(words)

@@ -13,7 +13,7 @@ import time
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager, suppress
 from pathlib import Path
-from typing import IO, TYPE_CHECKING, Final
+from typing import IO, TYPE_CHECKING, Any, Final
 
 from armadico.config.discovery import owners
 from armadico.core.resources import WHEELS
@@ -107,8 +107,15 @@ class Process:
 
 def command_line(words: Sequence[str], *, tied: bool = False) -> list[str]:
     """`armadico WORDS...` by this Python; `tied`: it leaves when this process is gone."""
-    program = [TIED, str(os.getpid())] if tied else ["armadico"]
-    return [sys.executable, "-P", "-m", *program, *words]
+    if tied:
+        return bound(["armadico", *words], signal.SIGTERM)
+    return [sys.executable, "-P", "-m", "armadico", *words]
+
+
+def bound(program: Sequence[str], number: signal.Signals) -> list[str]:
+    """A program that is sent a signal when the thread that starts it is gone."""
+    child = [sys.executable, "-P", "-m", TIED]
+    return [*child, str(os.getpid()), str(number.value), *program]
 
 
 def ending(code: int) -> str:
@@ -176,7 +183,7 @@ def orphans(namespace: str) -> list[tuple[str, psutil.Process]]:
             ours = process.uids().real == os.getuid()
             if not ours or launcher is None or int(launcher) == process.ppid():
                 continue
-            rest = words[at + 2 if words[at] == TIED else at + 1 :]
+            rest = words[at + 4 if words[at] == TIED else at + 1 :]
             if rest[:1] == ["sim"] and f"--namespace={namespace}" in rest:
                 found.append((SIMULATOR, process))
             elif rest[:1] == ["agent"] and "--namespace" in rest:
@@ -196,7 +203,7 @@ def end_in_order(processes: Sequence[Process]) -> None:
     others = [p for p in processes if p not in simulators and p not in robots]
     with undisturbed():
         for group in (others, robots, simulators):
-            _end(group)
+            end(*(process.popen for process in group))
 
 
 @contextmanager
@@ -214,20 +221,41 @@ def undisturbed() -> Iterator[None]:
             signal.signal(number, handler)
 
 
-def _end(processes: Sequence[Process]) -> None:
-    """Ask them to leave, and kill whoever does not."""
-    for process in processes:
+def end(*popens: subprocess.Popen[Any]) -> None:
+    """Ask processes to leave, kill whoever does not, and close their pipes."""
+    for popen in popens:
         with suppress(ProcessLookupError):
-            process.popen.terminate()
+            popen.terminate()
     deadline = time.monotonic() + LEAVE_S
-    for process in processes:
+    for popen in popens:
         try:
-            process.popen.wait(max(deadline - time.monotonic(), 0.0))
+            popen.wait(max(deadline - time.monotonic(), 0.0))
         except subprocess.TimeoutExpired:
-            process.popen.kill()
-            process.popen.wait()
-        if process.popen.stdout is not None:
-            process.popen.stdout.close()
+            popen.kill()
+    _finish(popens)
+
+
+def kill_trees(*popens: subprocess.Popen[Any]) -> None:
+    """SIGKILL processes and all that they started, as if the plug was pulled."""
+    import psutil  # noqa: PLC0415 - only where something is killed
+
+    for popen in popens:
+        with suppress(psutil.NoSuchProcess):
+            if popen.poll() is None:
+                popen.send_signal(signal.SIGSTOP)  # or it might start somebody meanwhile
+                for child in psutil.Process(popen.pid).children(recursive=True):
+                    with suppress(psutil.NoSuchProcess):
+                        child.kill()
+                popen.kill()
+    _finish(popens)
+
+
+def _finish(popens: Sequence[subprocess.Popen[Any]]) -> None:
+    for popen in popens:
+        popen.wait()
+        for pipe in (popen.stdin, popen.stdout, popen.stderr):
+            if pipe is not None:
+                pipe.close()
 
 
 def _line(pipe: IO[bytes], timeout: float) -> str:

@@ -257,7 +257,7 @@ class VirtualMesh:
             at = link.arrival(now)
             while at is not None:
                 heapq.heappush(heap, (at, self._next(), deliver, to, what))
-                at = link.again(at) if link.duplicate else None
+                at = link.again(at) if link.faults.duplicate else None
         return ""
 
     # Queries -------------------------------------------------------------------------------------

@@ -7,9 +7,12 @@ way to a device it spoils bytes. A clock is one process's own: processes never c
 from __future__ import annotations
 
 import random
+from dataclasses import replace
 from math import exp
 from statistics import NormalDist
 from typing import Final
+
+from armadico.mesh.link_faults import WHOLE
 
 DELAY_MEDIAN = 0.0006
 DELAY_SPREAD = 0.45
@@ -22,53 +25,51 @@ DELAYS: Final = tuple(
 
 
 class Link:
-    """One direction between two processes.
+    """One direction between two processes, and what is wrong with it."""
 
-    What one says to another arrives in order, unless `reorder` says otherwise. `loss`, `duplicate`
-    and `reorder` are shares of the messages; who is reordered is late by up to `behind`, s;
-    `garble` is the share of the pieces of bytes that arrive spoilt.
-    """
-
-    __slots__ = (
-        *("behind", "delay", "duplicate", "garble", "jitter", "last", "loss", "reorder"),
-        *("rng", "up"),
-    )
+    __slots__ = ("faults", "last", "rng")
 
     def __init__(self, rng: random.Random) -> None:
         self.rng = rng
         self.last = 0.0
-        self.up = True
-        self.mend()
+        self.faults = WHOLE
 
-    def mend(self) -> None:
-        """As good as new; whether it is cut is another matter."""
-        self.loss = self.duplicate = self.reorder = self.garble = 0.0
-        self.delay = 0.0  # s, on top of the usual,
-        self.jitter = 0.0  # and up to so much more, drawn for each message
-        self.behind = 0.0
+    @property
+    def up(self) -> bool:
+        """Whether it is not cut."""
+        return not self.faults.cut
+
+    @up.setter
+    def up(self, up: bool) -> None:
+        """Cut it, or mend the cut; what else is wrong with it stays."""
+        faults = replace(self.faults, cut=not up)
+        self.faults = WHOLE if faults == WHOLE else faults
 
     def arrival(self, now: float) -> float | None:
         """When something sent now arrives, s; None if it is lost."""
-        if not self.up or (self.loss and self.rng.random() < self.loss):
+        faults = self.faults
+        if faults.cut or (faults.loss and self.rng.random() < faults.loss):
             return None
-        at = now + self.delay + DELAYS[int(self.rng.random() * 1024)]
-        if self.jitter:
-            at += self.rng.uniform(0.0, self.jitter)
-        if self.reorder and self.rng.random() < self.reorder:
-            return at + self.rng.uniform(0.0, self.behind)  # and what follows overtakes it
+        at = now + faults.delay + DELAYS[int(self.rng.random() * 1024)]
+        if faults is not WHOLE:
+            if faults.jitter:
+                at += self.rng.uniform(0.0, faults.jitter)
+            if faults.reorder and self.rng.random() < faults.reorder:
+                return at + self.rng.uniform(0.0, faults.behind)  # and what follows overtakes it
         self.last = max(at, self.last)
         return self.last
 
     def again(self, arrival: float) -> float | None:
         """When a second copy of something arrives, s; None if there is none."""
-        if not self.duplicate or self.rng.random() >= self.duplicate:
+        faults = self.faults
+        if not faults.duplicate or self.rng.random() >= faults.duplicate:
             return None
-        return arrival + self.rng.uniform(0.0, max(self.behind, DELAY_MEDIAN))
+        return arrival + self.rng.uniform(0.0, max(faults.behind, DELAY_MEDIAN))
 
     def spoil(self, data: bytes) -> bytes:
         """Bytes as they come out: some changed, left out or put in, if it is their turn."""
         rng = self.rng
-        if not self.garble or rng.random() >= self.garble:
+        if not self.faults.garble or rng.random() >= self.faults.garble:
             return data
         spoilt = bytearray(data)
         for _ in range(rng.randint(1, 4)):

@@ -4,27 +4,19 @@ from __future__ import annotations
 
 import json
 import subprocess
-import sys
-from pathlib import Path
 
 import psutil
 import pytest
 
 from armadico_tools.bench.figures import BENCHMARKS, figure, percentile
+from tests.programs import BIN, Done, call, heavy, imports_nothing
 
-ARMADICO = Path(sys.executable).with_name("armadico")
 KEYS = ["name", "unit", "p50", "p99", "floor_p50", "floor_p99", "ratio"]
 NAMES = [benchmark.name for benchmark in BENCHMARKS]
 
 
-def bench(*arguments: str) -> subprocess.CompletedProcess[str]:
-    return subprocess.run(
-        [str(ARMADICO), "bench", *arguments],
-        capture_output=True,
-        text=True,
-        timeout=60,
-        check=False,
-    )
+def bench(*words: str) -> Done:
+    return call("bench", *words)
 
 
 def test_help_has_examples() -> None:
@@ -49,16 +41,8 @@ def test_list_is_json_too() -> None:
 
 @pytest.mark.parametrize("option", ["--help", "--list"])
 def test_asking_what_there_is_imports_nothing_heavy(option: str) -> None:
-    script = (
-        "import sys\nfrom armadico_tools.commands.bench import main\n"
-        f"try:\n    main([{option!r}])\nexcept SystemExit:\n    pass\n"
-        "heavy = {'numpy', 'zenoh', 'pymunk', 'msgspec', 'rich', 'psutil'}\n"
-        "print('HEAVY', sorted(heavy & set(sys.modules)))"
-    )
-    done = subprocess.run(
-        [sys.executable, "-c", script], capture_output=True, text=True, timeout=60, check=False
-    )
-    assert done.stdout.splitlines()[-1] == "HEAVY []", done.stderr
+    among = {"numpy", "zenoh", "pymunk", "msgspec", "rich", "psutil"}
+    assert imports_nothing(heavy("armadico_tools.commands.bench", [option], among))
 
 
 def test_the_cheapest_figures_have_the_promised_shape_and_order() -> None:
@@ -96,7 +80,7 @@ def words(process: psutil.Process) -> list[str]:
 @pytest.mark.parametrize("name", ["start", "cpu", "sip-to-command"])
 def test_a_benchmark_that_is_killed_leaves_nobody_running(name: str) -> None:
     with subprocess.Popen(
-        [str(ARMADICO), "bench", name, "--quick"],
+        [str(BIN / "armadico"), "bench", name, "--quick"],
         stdout=subprocess.DEVNULL,
         stderr=subprocess.DEVNULL,
     ) as killed:

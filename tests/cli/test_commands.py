@@ -3,50 +3,33 @@
 from __future__ import annotations
 
 import json
-import subprocess
-import sys
-from pathlib import Path
 
 import pytest
 
-BIN = Path(sys.executable).parent
+from tests.programs import call, heavy, imports_nothing
+
 HEAVY = ("numpy", "zenoh", "pymunk", "cbor2", "msgspec", "serial", "rich")
 OURS = ("goto", "stop", "resume", "ps", "sim", "agent")
 
 
-def run(*command: str) -> subprocess.CompletedProcess[str]:
-    program, *rest = command
-    return subprocess.run(
-        [str(BIN / program), *rest], capture_output=True, text=True, timeout=60, check=False
-    )
-
-
 @pytest.mark.parametrize(
-    "call",
+    ("module", "words"),
     [
-        "cli.main(['--help'])",
-        "cli.main(['--version'])",
-        "agent.main(['--list'])",
-        "agent.main(['--list', '--json'])",
-        "agent.main(['--help'])",
-        *(f"cli.main([{name!r}, '--help'])" for name in OURS),
+        ("armadico.cli", ["--help"]),
+        ("armadico.cli", ["--version"]),
+        ("armadico.cli.agent", ["--list"]),
+        ("armadico.cli.agent", ["--list", "--json"]),
+        ("armadico.cli.agent", ["--help"]),
+        *(("armadico.cli", [name, "--help"]) for name in OURS),
     ],
 )
-def test_help_and_lists_import_nothing_heavy(call: str) -> None:
-    script = (
-        "import sys\nfrom armadico import cli\nfrom armadico.cli import agent\n"
-        f"try:\n    {call}\nexcept SystemExit as end:\n    assert not end.code\n"
-        f"print('HEAVY', sorted(set({HEAVY!r}) & set(sys.modules)))"
-    )
-    done = subprocess.run(
-        [sys.executable, "-c", script], capture_output=True, text=True, timeout=60, check=False
-    )
-    assert done.stdout.splitlines()[-1] == "HEAVY []", done.stdout + done.stderr
+def test_help_and_lists_import_nothing_heavy(module: str, words: list[str]) -> None:
+    assert imports_nothing(heavy(module, words, HEAVY))
 
 
 @pytest.mark.parametrize("name", OURS)
 def test_every_command_explains_itself_with_examples(name: str) -> None:
-    done = run("armadico", name, "--help")
+    done = call(name, "--help")
     assert done.returncode == 0
     assert "examples:" in done.stdout
     program = "armadico-agent" if name == "agent" else f"armadico {name}"
@@ -54,25 +37,25 @@ def test_every_command_explains_itself_with_examples(name: str) -> None:
 
 
 def test_help_lists_every_command_with_what_it_is_for() -> None:
-    done = run("armadico", "--help")
+    done = call("--help")
     rows = {words[0]: words[1:] for line in done.stdout.splitlines() if (words := line.split())}
     assert all(rows[name] for name in OURS)
 
 
 def test_no_command_at_all_is_a_wrong_use() -> None:
-    done = run("armadico")
+    done = call()
     assert done.returncode == 2
     assert "usage:" in done.stdout
 
 
 def test_versions_agree() -> None:
-    said = {run("armadico", "--version").stdout, run("armadico-agent", "--version").stdout}
+    said = {call("--version").stdout, call("--version", program="armadico-agent").stdout}
     assert len(said) == 1
     assert said.pop().startswith("armadico ")
 
 
 def test_the_list_of_agents_for_programs_says_where_they_come_from() -> None:
-    done = run("armadico-agent", "--list", "--json")
+    done = call("--list", "--json", program="armadico-agent")
     agents = {row["name"]: row for row in json.loads(done.stdout)}
     assert agents["encoder"]["value"] == "armadico.agents.encoder:Encoder"
     assert agents["encoder"]["package"] == "armadico"
@@ -100,7 +83,8 @@ def test_the_list_of_agents_for_programs_says_where_they_come_from() -> None:
     ],
 )
 def test_a_wrong_use_is_told_clearly_with_exit_code_2(command: tuple[str, ...], says: str) -> None:
-    done = run(*command)
+    program, *words = command
+    done = call(*words, program=program)
     assert done.returncode == 2, done.stderr
     assert says in done.stderr
     assert "Traceback" not in done.stderr
@@ -108,6 +92,6 @@ def test_a_wrong_use_is_told_clearly_with_exit_code_2(command: tuple[str, ...], 
 
 def test_the_beginning_of_an_option_is_no_option() -> None:
     """Else --seed would be --seeds: not that seed, but so many."""
-    done = run("armadico", "sim", "sc1", "--por", "1")
+    done = call("sim", "sc1", "--por", "1")
     assert done.returncode == 2
     assert "--por" in done.stderr

@@ -5,8 +5,6 @@ from __future__ import annotations
 import csv
 import json
 import shlex
-import subprocess
-import sys
 from collections.abc import Callable
 from pathlib import Path
 
@@ -22,23 +20,13 @@ from armadico_tools.faults.fault_types import KINDS, Promise
 from armadico_tools.faults.plan import Case
 from armadico_tools.faults.sightings import Sight
 from armadico_tools.faults.workload import Outcome
+from tests.programs import call
 
-ARMADICO = Path(sys.executable).with_name("armadico")
 CALM = '{"seed":1,"scenario":"sc1","lasts":4.0,"faults":[["hang",2.0,0.1,["interface"]]]}'
 
 
-def call(*arguments: str) -> subprocess.CompletedProcess[str]:
-    return subprocess.run(
-        [str(ARMADICO), "faults", *arguments],
-        capture_output=True,
-        text=True,
-        timeout=60,
-        check=False,
-    )
-
-
 def test_help_has_examples() -> None:
-    assert call("--help").stdout.count("  armadico faults ") >= 3
+    assert call("faults", "--help").stdout.count("  armadico faults ") >= 3
 
 
 def test_list_names_every_kind_and_promise(capsys: pytest.CaptureFixture[str]) -> None:
@@ -148,7 +136,7 @@ def test_interrupted_it_keeps_and_tells_what_was_counted(
 
 def test_a_full_disk_is_one_line(tmp_path: Path) -> None:
     (tmp_path / series.SEEDS).symlink_to("/dev/full")
-    done = call("--seeds", "1", "--minutes", "0.2", "--jobs", "1", "--out", str(tmp_path))
+    done = call("faults", "--seeds", "1", "--minutes", "0.2", "--jobs", "1", "--out", str(tmp_path))
     assert done.returncode == 1
     assert "Traceback" not in done.stderr
     assert "No space left on device" in done.stderr.splitlines()[-1]

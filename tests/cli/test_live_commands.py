@@ -6,11 +6,10 @@ import json
 import os
 import signal
 import subprocess
-import sys
 import threading
 from collections.abc import Callable, Iterator
-from contextlib import ExitStack, contextmanager
-from pathlib import Path
+from contextlib import contextmanager
+from functools import partial
 from typing import Any
 
 import pytest
@@ -20,14 +19,13 @@ from armadico.mesh.ports import private_endpoints
 from armadico.mesh.topology import ENDPOINTS_VARIABLE, topology
 from armadico.mesh.zenoh import ZenohMesh
 from armadico.runtime.client import Client
+from tests.programs import Done, Start, call, starter
 
 pytestmark = pytest.mark.live
 
-BIN = Path(sys.executable).parent
 SOON = 30.0
 
-Run = Callable[..., subprocess.CompletedProcess[str]]
-Start = Callable[..., subprocess.Popen[str]]
+Run = Callable[..., Done]
 
 
 @pytest.fixture
@@ -38,39 +36,16 @@ def environment() -> dict[str, str]:
 
 @pytest.fixture
 def run(environment: dict[str, str]) -> Run:
-    def call(*command: str) -> subprocess.CompletedProcess[str]:
-        return subprocess.run(
-            [str(BIN / "armadico"), *command],
-            capture_output=True,
-            text=True,
-            timeout=SOON,
-            check=False,
-            env=environment,
-        )
-
-    return call
+    return partial(call, env=environment)
 
 
 @pytest.fixture
 def start(environment: dict[str, str]) -> Iterator[Start]:
-    with ExitStack() as stack:
-
-        def call(program: str, *arguments: str) -> subprocess.Popen[str]:
-            process = subprocess.Popen(
-                [str(BIN / program), *arguments],
-                stdout=subprocess.PIPE,
-                stderr=subprocess.DEVNULL,
-                text=True,
-                env=environment,
-            )
-            stack.enter_context(process)
-            stack.callback(process.kill)
-            return process
-
-        yield call
+    with starter(env=environment, stderr=subprocess.DEVNULL) as begin:
+        yield begin
 
 
-def agents(done: subprocess.CompletedProcess[str]) -> list[dict[str, Any]]:
+def agents(done: Done) -> list[dict[str, Any]]:
     """The agents that `ps --json` says are there."""
     rows: list[dict[str, Any]] = json.loads(done.stdout)["agents"]
     return rows
@@ -88,17 +63,17 @@ def who(run: Run, *names: str) -> dict[str, Any]:
 @pytest.fixture
 def robot(start: Start) -> None:
     """A simulated robot and its agent."""
-    simulator = start("armadico", "sim", "empty", "--port", "0", "--start", "0", "0", "0")
+    simulator = start("sim", "empty", "--port", "0", "--start", "0", "0", "0")
     assert simulator.stdout is not None
     where = "tcp://" + simulator.stdout.readline().partition("tcp://")[2].partition(";")[0]
-    start("armadico-agent", "robot", "--set", f"port={where}")
+    start("robot", "--set", f"port={where}", program="armadico-agent")
 
 
 def test_ps_shows_who_is_there_and_marks_who_does_not_answer(run: Run, start: Start) -> None:
     nobody = run("ps", "--json")
     assert agents(nobody) == []
     assert nobody.returncode == 1
-    process = start("armadico-agent", "encoder")
+    process = start("encoder", program="armadico-agent")
     row = who(run, "encoder")["encoder"]
     assert row["pid"] == process.pid
     assert row["provides"] == ["encoder/pose", "encoder/origin"]
@@ -113,7 +88,7 @@ def test_ps_shows_who_is_there_and_marks_who_does_not_answer(run: Run, start: St
 def test_an_agent_whose_imports_start_threads_leaves_in_order(
     run: Run, start: Start, ending: signal.Signals
 ) -> None:
-    process = start("armadico-agent", "path-planning")  # it imports numpy
+    process = start("path-planning", program="armadico-agent")  # it imports numpy
     who(run, "path-planning")
     process.send_signal(ending)
     assert process.wait(SOON) == 0
@@ -223,7 +198,7 @@ def test_a_goal_that_is_no_place_is_refused_in_one_line_and_nothing_moves(
     told: str,
 ) -> None:
     for name in ("encoder", "sonar", "goto", "interface"):
-        start("armadico-agent", name)
+        start(name, program="armadico-agent")
     who(run, "robot", "encoder", "sonar", "goto", "interface")
     with guest(environment) as mesh:
         client = Client(mesh)
@@ -250,7 +225,7 @@ def test_a_goal_that_is_no_place_is_refused_in_one_line_and_nothing_moves(
 
 def test_a_goal_is_reached(run: Run, start: Start, robot: None) -> None:
     for name in ("encoder", "sonar", "goto", "interface"):
-        start("armadico-agent", name)
+        start(name, program="armadico-agent")
     who(run, "robot", "encoder", "sonar", "goto", "interface")
     done = run("goto", "0.5", "0", "0", "--direct")
     assert done.returncode == 0, done.stdout + done.stderr
@@ -264,7 +239,7 @@ def test_without_an_interface_agent_a_mission_goes_nowhere(run: Run) -> None:
 
 
 def test_a_mission_that_is_refused_says_why(run: Run, start: Start) -> None:
-    start("armadico-agent", "interface")
+    start("interface", program="armadico-agent")
     who(run, "interface")
     done = run("goto", "1", "2", "90", "--direct")
     assert done.returncode == 1

@@ -4,8 +4,6 @@ from __future__ import annotations
 
 import json
 import socket
-import subprocess
-import sys
 from pathlib import Path
 
 import pytest
@@ -15,6 +13,7 @@ from armadico.config.shipped import resource_path
 from armadico.launch.virtual import Rehearsal
 from armadico.mesh.ports import private_endpoints
 from armadico.mesh.topology import ENDPOINTS_VARIABLE
+from tests.programs import call
 
 CLOSED = """\
 2D-Map
@@ -258,13 +257,7 @@ def test_a_serial_port_that_is_not_there_is_said_at_once(apart: None, capsys: Ca
 @pytest.mark.live
 def test_a_robot_that_is_not_there_is_said_with_what_to_do(apart: None) -> None:
     url = "tcp://127.0.0.1:1"
-    done = subprocess.run(
-        [str(Path(sys.executable).with_name("armadico")), "run", "sc1", "--robot", url],
-        capture_output=True,
-        text=True,
-        timeout=100,
-        check=False,
-    )
+    done = call("run", "sc1", "--robot", url, within=100)
     assert done.returncode == 1
     assert f"the robot on {url} did not answer" in done.stderr
     assert "nobody listens there; is the simulator running" in done.stderr
@@ -276,13 +269,7 @@ def test_a_robot_that_is_not_there_is_said_with_what_to_do(apart: None) -> None:
 def test_a_simulator_whose_port_is_taken_says_what_to_do(apart: None) -> None:
     with socket.create_server(("127.0.0.1", 0)) as taken:
         port = str(taken.getsockname()[1])
-        done = subprocess.run(
-            [str(Path(sys.executable).with_name("armadico")), "sim", "sc1", "--port", port],
-            capture_output=True,
-            text=True,
-            timeout=100,
-            check=False,
-        )
+        done = call("sim", "sc1", "--port", port, within=100)
     assert done.returncode == 1
     assert f"127.0.0.1:{port}" in done.stderr
     assert "--port 0" in done.stderr

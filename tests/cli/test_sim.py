@@ -14,6 +14,7 @@ import pytest
 
 from armadico import cli
 from armadico.bridge.simulator.server import BEHIND_S, Simulation, TcpLine
+from tests.programs import call
 
 SOON = 10.0
 
@@ -177,13 +178,7 @@ def test_a_simulator_that_was_held_up_does_not_jump() -> None:
 def test_a_port_that_is_taken_is_named() -> None:
     with socket.create_server(("127.0.0.1", 0)) as taken:
         port = str(taken.getsockname()[1])
-        done = subprocess.run(
-            [str(Path(sys.executable).with_name("armadico")), "sim", "sc1", "--port", port],
-            capture_output=True,
-            text=True,
-            timeout=60,
-            check=False,
-        )
+        done = call("sim", "sc1", "--port", port)
     assert done.returncode == 1
     assert port in done.stderr
     assert "Traceback" not in done.stderr

@@ -11,11 +11,11 @@ import re
 import signal
 import socket
 import subprocess
-import sys
 import threading
 import time
 from collections.abc import Callable, Iterator
 from contextlib import suppress
+from functools import partial
 from pathlib import Path
 from types import SimpleNamespace
 from typing import Any, Self
@@ -43,15 +43,15 @@ from armadico.mesh.topology import ENDPOINTS_VARIABLE, topology
 from armadico.mesh.zenoh import Call, ZenohMesh
 from armadico.observe.view import View
 from armadico.observe.watching import Heard, Watcher
+from tests.programs import BIN, Done, call, heavy, imports_nothing
 
 pytestmark = pytest.mark.live
 
-BIN = Path(sys.executable).parent
 NAMESPACE = "terminal-test"
 WHO = {"name": "goto", "instance": "goto-00000000000000aa"}
 SOON = 40.0
 
-Run = Callable[..., subprocess.CompletedProcess[str]]
+Run = Callable[..., Done]
 
 
 class Society:
@@ -133,17 +133,7 @@ def society(environment: dict[str, str]) -> Iterator[Society]:
 
 @pytest.fixture
 def run(environment: dict[str, str]) -> Run:
-    def call(*command: str) -> subprocess.CompletedProcess[str]:
-        return subprocess.run(
-            [str(BIN / "armadico"), *command],
-            capture_output=True,
-            text=True,
-            timeout=SOON,
-            check=False,
-            env=environment,
-        )
-
-    return call
+    return partial(call, env=environment)
 
 
 # The recorder -------------------------------------------------------------------------------------
@@ -529,15 +519,7 @@ def test_a_wrong_use_is_told_clearly(
     "name", ["record", "export", "top", "echo", "hz", "graph", "logs", "doctor", "completion"]
 )
 def test_help_imports_nothing_heavy_and_has_examples(name: str) -> None:
-    heavy = ("numpy", "zenoh", "cbor2", "msgspec", "rich", "rerun", "mcap", "psutil")
-    script = (
-        "import sys\nfrom armadico import cli\n"
-        f"try:\n    cli.main([{name!r}, '--help'])\n"
-        "except SystemExit as end:\n    assert not end.code\n"
-        f"print('HEAVY', sorted(set({heavy!r}) & set(sys.modules)))"
-    )
-    done = subprocess.run(
-        [sys.executable, "-c", script], capture_output=True, text=True, timeout=60, check=False
-    )
-    assert done.stdout.splitlines()[-1] == "HEAVY []", done.stdout + done.stderr
+    among = ("numpy", "zenoh", "cbor2", "msgspec", "rich", "rerun", "mcap", "psutil")
+    done = heavy("armadico.cli", [name, "--help"], among)
+    assert imports_nothing(done)
     assert done.stdout.partition("examples:")[2].count(f"armadico {name}") >= 2

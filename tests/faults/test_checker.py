@@ -2,10 +2,8 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
-
-import msgspec
 import pytest
+from msgspec.structs import replace
 
 from armadico.core.cycles import PERIOD
 from armadico.core.exchange import Bid, SmoothExchange
@@ -115,7 +113,7 @@ class Story:
 
     def rest(self) -> None:
         """A cycle at rest: what was obeyed last is long past."""
-        self.said(msgspec.structs.replace(self.state, x=0.0, v=0.0))
+        self.said(replace(self.state, x=0.0, v=0.0))
         self.said(
             Ack("wheels", self.cycle, ballot(3), ballot(3), self.last, 0.6, False, (0.0, 0.0))
         )
@@ -767,7 +765,7 @@ def test_what_it_came_near_by_itself_it_may_not_touch(story: Story) -> None:
 def test_odometry_that_moves_sideways(story: Story, x: float, y: float, broken: int) -> None:
     story.cycles(5)
     story.number += 1
-    story.said(msgspec.structs.replace(story.state, x=story.x + x, y=y))
+    story.said(replace(story.state, x=story.x + x, y=y))
     assert story.broken() == [Promise.ODOMETRY] * broken
 
 

@@ -4,8 +4,6 @@ from __future__ import annotations
 
 import csv
 import json
-import subprocess
-import sys
 from pathlib import Path
 
 import pytest
@@ -13,6 +11,7 @@ import pytest
 from armadico.cli import main
 from armadico_tools.faults.real_series import ALL, Line, Series
 from armadico_tools.faults.real_trials import TRIALS
+from tests.programs import call
 
 SOON = 90.0
 
@@ -21,14 +20,8 @@ KINDS = ("holder-hung", "nobody-left")
 
 @pytest.mark.live
 def test_trials_are_made_measured_and_kept(tmp_path: Path) -> None:
-    words = ["trials", *KINDS, "--trials", "1", "--json", "--out", str(tmp_path)]
-    done = subprocess.run(
-        [str(Path(sys.executable).with_name("armadico")), *words],
-        capture_output=True,
-        text=True,
-        timeout=SOON,
-        check=False,
-    )
+    words = ("--trials", "1", "--json", "--out", str(tmp_path))
+    done = call("trials", *KINDS, *words, within=SOON)
     found = json.loads(done.stdout)
     assert not found["violations"], done.stderr
     assert not found["failed"]

@@ -7,7 +7,7 @@ from collections import Counter
 import pytest
 
 from armadico_tools.faults.fault_types import DRAWN
-from armadico_tools.faults.series import CAMPAIGN, CAMPAIGN_S, Summary, Task, missing, work
+from armadico_tools.faults.series import CAMPAIGN, CAMPAIGN_S, Summary, Task, missing
 from armadico_tools.faults.sightings import AWAITED_SIGHTS, Sight
 from armadico_tools.faults.workload import case_of
 
@@ -21,7 +21,7 @@ RARE = frozenset({Sight.CRITICAL, Sight.WHILE_STOPPED, Sight.WATCHDOG, Sight.TOU
 def test_every_promise_is_kept_under_the_faults_of_ten_seeds(first: int) -> None:
     broken = [
         (outcome.case.dumps(), outcome.violations)
-        for outcome in (work(Task(seed, SECONDS)) for seed in range(first, first + EACH))
+        for outcome in (Task(seed, SECONDS).run() for seed in range(first, first + EACH))
         if outcome.violations
     ]
     assert not broken, "armadico faults --repeat CASE shows it again"
@@ -35,14 +35,14 @@ def test_the_hundred_seeds_have_every_kind_of_fault() -> None:
 
 
 def test_a_case_is_the_same_run_again() -> None:
-    assert work(Task(7, SECONDS)) == work(Task(7, SECONDS))
-    assert work(Task(7, SECONDS)) != work(Task(8, SECONDS))
+    assert Task(7, SECONDS).run() == Task(7, SECONDS).run()
+    assert Task(7, SECONDS).run() != Task(8, SECONDS).run()
 
 
 def test_what_should_happen_sometimes_does() -> None:
     awaited = {*Sight} - RARE - AWAITED_SIGHTS
     for seed in range(FIRST, FIRST + SEEDS):
-        seen = work(Task(seed, SECONDS)).sights
+        seen = Task(seed, SECONDS).run().sights
         awaited -= {sight for sight in awaited if seen[sight.name]}
         if not awaited:
             return

@@ -140,7 +140,7 @@ def test_a_bid_of_zero_offers_the_resource_and_never_takes_it() -> None:
     alone = ToySociety(toy("a", lambda now: 0.9 if now < 3.0 else 0.0))
     alone.run(4.0)
     assert alone.holders() == []
-    assert alone.owner.speed == (0.0, 0.0)
+    assert alone.owner.does["wheels"] == (0.0, 0.0)
     assert alone.owner.rests
 
 
@@ -296,7 +296,7 @@ def test_what_a_holder_commanded_that_died_long_ago_is_not_where_an_exchange_beg
     society.run(2.0)
     society.nodes["a"].kill()
     society.run(3.0)
-    society.owner.speed = (0.0, 0.0)  # the robot agent has ordered a stop meanwhile
+    society.owner.does["wheels"] = (0.0, 0.0)  # the robot agent has ordered a stop meanwhile
     society.run(2.0)
     commanded = [c.action[0] for t, c in society.owner.obeyed if t > 6.0]
     assert max(commanded) <= 0.2

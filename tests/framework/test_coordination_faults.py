@@ -11,6 +11,7 @@ from hypothesis import strategies as st
 from armadico.core.agent import Agent
 from armadico.core.cycles import PERIOD
 from armadico.core.resources import WHEELS
+from armadico.mesh.link_faults import WHOLE, LinkFaults
 from armadico.mesh.virtual import VirtualMesh
 
 from .toys import Toy, ToyOwner, ToySociety, toy
@@ -70,15 +71,15 @@ class Faulty:
         elif fault.kind == "cut one way":
             mesh.link(name, other).up = False
         elif fault.kind == "lose":
-            mesh.link(name, other).loss = 0.3
+            mesh.link(name, other).faults = LinkFaults(loss=0.3)
         elif fault.kind == "delay":
-            mesh.link(name, other).delay = 0.12
+            mesh.link(name, other).faults = LinkFaults(delay=0.12)
 
     def end(self, fault: Fault) -> None:
         name, other = self.names[fault.victim], self.names[fault.other]
         mesh = self.society.mesh
         for link in (mesh.link(name, other), mesh.link(other, name)):
-            link.up, link.loss, link.delay = True, 0.0, 0.0
+            link.faults = WHOLE
         for each in (name, "robot"):
             node = self.society.nodes[each]
             if not node.alive:

@@ -11,6 +11,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from armadico.core.agent import DeviceAgent
+from armadico.mesh.link_faults import WHOLE, LinkFaults
 from armadico.mesh.virtual import LEASE, RECONNECT, VirtualMesh
 from armadico.mesh.virtual_network import Clock, Link
 
@@ -26,8 +27,7 @@ def texts(listener: Listener) -> list[Any]:
 
 def test_a_doubled_message_comes_twice_and_the_second_no_earlier() -> None:
     mesh, listener = told()
-    mesh.link("client", "listener").duplicate = 0.5
-    mesh.link("client", "listener").behind = 0.2
+    mesh.link("client", "listener").faults = LinkFaults(duplicate=0.5, behind=0.2)
     for number in range(400):
         mesh.publish(Word(str(number)))
         mesh.run(mesh.now + 0.05)
@@ -39,8 +39,7 @@ def test_a_doubled_message_comes_twice_and_the_second_no_earlier() -> None:
 
 def test_a_reordering_link_lets_some_overtake_and_loses_none() -> None:
     mesh, listener = told()
-    link = mesh.link("client", "listener")
-    link.reorder, link.behind = 0.3, 0.2
+    mesh.link("client", "listener").faults = LinkFaults(reorder=0.3, behind=0.2)
     for number in range(200):
         mesh.publish(Word(str(number)))
         mesh.run(mesh.now + 0.02)
@@ -52,7 +51,7 @@ def test_a_reordering_link_lets_some_overtake_and_loses_none() -> None:
 
 def test_jitter_delays_by_up_to_so_much_and_keeps_the_order() -> None:
     link = Link(VirtualMesh(1).stream("a link"))
-    link.delay, link.jitter = 0.1, 0.2
+    link.faults = LinkFaults(delay=0.1, jitter=0.2)
     arrivals = [link.arrival(now / 10) for now in range(1000)]
     delays = [at - now / 10 for now, at in enumerate(arrivals) if at is not None]
     assert 0.1 < min(delays) < 0.15
@@ -64,9 +63,9 @@ def test_spoilt_bytes_differ_in_their_share() -> None:
     link = Link(VirtualMesh(1).stream("a link"))
     data = bytes(range(50))
     assert all(link.spoil(data) == data for _ in range(100))
-    link.garble = 0.4
+    link.faults = LinkFaults(garble=0.4)
     assert sum(link.spoil(data) != data for _ in range(1000)) == pytest.approx(400, abs=60)
-    link.mend()
+    link.faults = WHOLE
     assert link.spoil(data) == data
 
 

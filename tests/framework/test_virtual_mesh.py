@@ -12,6 +12,7 @@ from armadico.core.agent import Agent, Question
 from armadico.core.mailbox import EVENTS
 from armadico.core.messages import Log, Message, MissionState, MissionStatus, Stop
 from armadico.core.services import Kind, Service, register
+from armadico.mesh.link_faults import WHOLE, LinkFaults
 from armadico.mesh.virtual import LIVELINESS, VirtualMesh
 from armadico.mesh.virtual_network import DELAY_MEDIAN, Link
 
@@ -140,9 +141,9 @@ def test_no_delivery_takes_no_time() -> None:
 
 def test_a_later_message_never_overtakes_on_a_link_that_was_slow() -> None:
     link = Link(VirtualMesh(3).stream("a link"))
-    link.delay = 0.5
+    link.faults = LinkFaults(delay=0.5)
     slow = link.arrival(0.0)
-    link.delay = 0.0
+    link.faults = WHOLE
     quick = link.arrival(0.1)
     assert slow is not None
     assert quick is not None
@@ -152,7 +153,7 @@ def test_a_later_message_never_overtakes_on_a_link_that_was_slow() -> None:
 def test_the_same_seed_gives_the_same_run_and_another_another() -> None:
     def run(seed: int) -> Seen:
         mesh, listener = told(Talker, Planner, seed=seed)
-        mesh.link("talker", "listener").loss = 0.2
+        mesh.link("talker", "listener").faults = LinkFaults(loss=0.2)
         mesh.run(2.0)
         return listener.seen
 
@@ -163,7 +164,7 @@ def test_the_same_seed_gives_the_same_run_and_another_another() -> None:
 def test_another_agent_leaves_the_others_noise_as_it_was() -> None:
     def run(*more: type[Agent]) -> Seen:
         mesh, listener = told(Talker, *more)
-        mesh.link("talker", "listener").loss = 0.2
+        mesh.link("talker", "listener").faults = LinkFaults(loss=0.2)
         mesh.run(2.0)
         return listener.seen
 
@@ -338,14 +339,14 @@ def test_a_cut_is_one_way_and_heals() -> None:
 
 def test_a_lossy_link_loses_its_share() -> None:
     mesh, listener = told(Talker)
-    mesh.link("talker", "listener").loss = 0.3
+    mesh.link("talker", "listener").faults = LinkFaults(loss=0.3)
     mesh.run(20.0)
     assert len(listener.seen) == pytest.approx(0.7 * 2000, rel=0.1)
 
 
 def test_a_slow_link_takes_that_much_longer() -> None:
     mesh, listener = told(Talker)
-    mesh.link("talker", "listener").delay = 0.25
+    mesh.link("talker", "listener").faults = LinkFaults(delay=0.25)
     mesh.run(1.0)
     first, text = listener.seen[0]
     assert text == "1"

@@ -7,69 +7,38 @@ from typing import Any, ClassVar, cast
 
 import msgspec
 
-from armadico.core.agent import Agent, Identity, Parameters, Subscription
+from armadico.core.agent import Agent, Identity, Parameters
 from armadico.core.coordination import Verdict
-from armadico.core.cycles import PERIOD, CycleCounter
 from armadico.core.exchange import Bid
-from armadico.core.messages import Ack, Claim, Command, Message, RobotState, Stop
+from armadico.core.messages import Ack, Claim, Command, Message, RobotState
 from armadico.core.resources import WHEELS, Resource
 from armadico.mesh.virtual import Node, VirtualMesh
+from armadico_tools.transcripts.agents import Driven
 
 Utility = Callable[[float], float | None]
 
 
-class ToyOwner(Agent):
+class ToyOwner(Driven):
     """Publishes robot/state each 100 ms and owns the wheels as the robot agent does."""
 
-    name = "robot"
-    owns = (WHEELS,)
+    describes = None
     provides: ClassVar[tuple[type[Message], ...]] = (RobotState,)
 
     def __init__(self, identity: Identity) -> None:
         super().__init__(identity)
-        self.counter = CycleCounter(self.rng.getrandbits(63), PERIOD)
         self.obeyed: list[tuple[float, Command]] = []
         self.refused: list[tuple[float, Command, Verdict]] = []
         self.rests: list[float] = []
-        self.speed = (0.0, 0.0)
-        judge = self.owner(WHEELS).judge
 
-        def judged(command: Command, now: float, **about: Any) -> Verdict:
-            verdict = judge(command, now, **about)
-            if verdict is Verdict.OBEYED:
-                self.obeyed.append((self.now, command))
-            elif verdict is not Verdict.RELEASED:
-                self.refused.append((self.now, command, verdict))
-            return verdict
-
-        vars(self.owner(WHEELS))["judge"] = judged
-
-    @classmethod
-    def subscriptions(cls) -> tuple[Subscription, ...]:
-        return tuple(s for s in super().subscriptions() if s.message is not RobotState)
-
-    def on_start(self) -> None:
-        self.on_wakeup()
-
-    def on_wakeup(self) -> None:
-        self.wake_at(self.now + PERIOD)
-        cycle = self.counter.next(self.now)
-        self.cycles.advance(cycle, self.now)
-        self.tenure += 1
-        v, w = self.speed
-        stop = self.memory.newest(Stop) or Stop()
-        self.publish(RobotState(cycle, 0, 0, 0, v, w, 12, True, False, stop))
-        self.acknowledge()
-
-    def obey(self, resource: Resource, action: Any) -> None:
-        self.speed = action
+    def judged(self, command: Command, verdict: Verdict) -> None:
+        if verdict is Verdict.OBEYED:
+            self.obeyed.append((self.now, command))
+        elif verdict is not Verdict.RELEASED:
+            self.refused.append((self.now, command, verdict))
 
     def rest(self, resource: Resource) -> None:
-        self.speed = (0.0, 0.0)
+        super().rest(resource)
         self.rests.append(self.now)
-
-    def measure(self, resource: Resource) -> tuple[float, float]:
-        return self.speed
 
     def beyond(self, resource: Resource, action: Any) -> str:
         return "" if abs(action[0]) < 2 else "too fast"

@@ -4,9 +4,7 @@ from __future__ import annotations
 
 import json
 import subprocess
-import sys
-from collections.abc import Callable, Iterator
-from contextlib import ExitStack
+from collections.abc import Iterator
 from pathlib import Path
 
 import psutil
@@ -19,8 +17,8 @@ from armadico.mesh.ports import private_endpoints
 from armadico.mesh.topology import topology
 from armadico.mesh.zenoh import ZenohMesh
 from tests.live.society import SOON, Observer
+from tests.programs import Start, starter
 
-BIN = Path(sys.executable).parent
 NAMESPACE = "hosts-test"
 
 AGENTS = {
@@ -35,9 +33,6 @@ ADDRESSES = {
     "lab2": "127.0.0.13",
     "lab3": "127.0.0.14",
 }
-
-Start = Callable[..., subprocess.Popen[str]]
-Call = Callable[..., subprocess.CompletedProcess[str]]
 
 
 @pytest.fixture(autouse=True)
@@ -61,32 +56,8 @@ def table(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
 @pytest.fixture
 def start() -> Iterator[Start]:
     """Start `armadico` with these words; killed with all its children if it is left."""
-    with ExitStack() as stack:
-
-        def make(*words: str, program: str = "armadico") -> subprocess.Popen[str]:
-            process = subprocess.Popen(
-                [str(BIN / program), *words],
-                stdout=subprocess.PIPE,
-                stderr=subprocess.PIPE,
-                text=True,
-            )
-            stack.enter_context(process)
-            stack.callback(kill_tree, process)
-            return process
-
-        yield make
-
-
-@pytest.fixture
-def call() -> Call:
-    """Run `armadico` with these words to its end."""
-
-    def run(*words: str, program: str = "armadico") -> subprocess.CompletedProcess[str]:
-        return subprocess.run(
-            [str(BIN / program), *words], capture_output=True, text=True, timeout=SOON, check=False
-        )
-
-    return run
+    with starter() as begin:
+        yield begin
 
 
 @pytest.fixture
@@ -141,11 +112,3 @@ def children(process: subprocess.Popen[str]) -> dict[str, psutil.Process]:
 def all_gone(processes: list[psutil.Process]) -> bool:
     """Whether they end soon."""
     return not psutil.wait_procs(processes, SOON)[1]
-
-
-def kill_tree(process: subprocess.Popen[str]) -> None:
-    """Kill a process of the test's own, and those that it started."""
-    if process.poll() is None:
-        everybody = [*psutil.Process(process.pid).children(recursive=True), process]
-        for one in everybody:
-            one.kill()

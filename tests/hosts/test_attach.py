@@ -8,8 +8,9 @@ from signal import SIGINT
 
 import pytest
 
-from tests.hosts.conftest import SOON, Call, Start, says
+from tests.hosts.conftest import SOON, says
 from tests.live.society import Observer
+from tests.programs import Start, call
 
 pytestmark = pytest.mark.live
 
@@ -24,7 +25,7 @@ def scenario(folder: Path, text: str) -> str:
 
 
 def test_hosts_that_come_in_any_order_are_driven_to_the_goal_and_stay_up(
-    start: Start, call: Call, tmp_path: Path
+    start: Start, tmp_path: Path
 ) -> None:
     """The run is there before anybody, behaviours before the robot, and nobody minds."""
     name = scenario(tmp_path, SHORT)
@@ -44,7 +45,7 @@ def test_hosts_that_come_in_any_order_are_driven_to_the_goal_and_stay_up(
 
 
 def test_an_interrupted_run_leaves_the_robot_stopped_and_the_society_up(
-    up: Start, start: Start, call: Call, observer: Observer, tmp_path: Path
+    up: Start, start: Start, observer: Observer, tmp_path: Path
 ) -> None:
     name = scenario(tmp_path, FAR)
     for host in ("robot", "lab1", "lab2", "lab3"):
@@ -81,7 +82,7 @@ def test_who_does_not_come_is_named(
 
 
 @pytest.mark.parametrize("option", ["--seed=1", "--virtual", "--controller=fast", "--runs=2"])
-def test_what_is_for_whoever_starts_the_society_is_refused(call: Call, option: str) -> None:
+def test_what_is_for_whoever_starts_the_society_is_refused(option: str) -> None:
     done = call("run", "sc1", "--attach", option)
     assert done.returncode == 2
     assert f"{option.partition('=')[0]} is for whoever starts the society" in done.stderr

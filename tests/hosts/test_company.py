@@ -3,44 +3,34 @@
 from __future__ import annotations
 
 import json
-import subprocess
 import sys
-from collections.abc import Callable, Iterator
-from contextlib import ExitStack
+from collections.abc import Iterator
 from pathlib import Path
 
 import pytest
 
 from armadico.core.messages import PROTOCOL
-from tests.hosts.conftest import Call, Start, children, kill_tree
+from tests.hosts.conftest import children
 from tests.live.society import Observer
+from tests.programs import Start, call, starter
 
 pytestmark = pytest.mark.live
 
 TOYS = Path(__file__).with_name("toys.py")
 
-Toy = Callable[[str, str], subprocess.Popen[str]]
-
 
 @pytest.fixture
-def toy() -> Iterator[Toy]:
+def toy() -> Iterator[Start]:
     """Start one of toys.py; killed if it is left."""
-    with ExitStack() as stack:
-
-        def make(kind: str, host: str) -> subprocess.Popen[str]:
-            process = subprocess.Popen([sys.executable, str(TOYS), kind, host], text=True)
-            stack.enter_context(process)
-            stack.callback(kill_tree, process)
-            return process
-
-        yield make
+    with starter([sys.executable, str(TOYS)], stdout=None, stderr=None) as begin:
+        yield begin
 
 
 # One robot agent ----------------------------------------------------------------------------------
 
 
 def test_a_second_robot_agent_does_not_start_and_names_the_first(
-    up: Start, call: Call, observer: Observer
+    up: Start, observer: Observer
 ) -> None:
     first = children(up("robot"))["robot"]
     observer.until(lambda: observer.states, "the robot talks")
@@ -93,7 +83,7 @@ def test_the_robot_agent_of_one_that_was_killed_is_in_nobodys_way(
 
 
 def test_a_newcomer_among_agents_of_another_protocol_refuses_and_names_one(
-    toy: Toy, call: Call, observer: Observer
+    toy: Start, observer: Observer
 ) -> None:
     stranger = toy("foreign", "lab2")
     observer.until(lambda: observer.names == {"driver"}, "it is there")
@@ -106,7 +96,7 @@ def test_a_newcomer_among_agents_of_another_protocol_refuses_and_names_one(
 
 @pytest.mark.parametrize("kind", ["driver", "foreign"])
 def test_one_of_another_protocol_that_joins_all_the_same_is_not_obeyed_and_is_named(
-    up: Start, toy: Toy, observer: Observer, kind: str
+    up: Start, toy: Start, observer: Observer, kind: str
 ) -> None:
     up("robot")
     observer.until(lambda: observer.states, "the robot talks")
@@ -126,7 +116,7 @@ def test_one_of_another_protocol_that_joins_all_the_same_is_not_obeyed_and_is_na
 
 
 def test_a_clock_an_hour_ahead_is_said_and_hinders_nobody(
-    up: Start, toy: Toy, call: Call, observer: Observer
+    up: Start, toy: Start, observer: Observer
 ) -> None:
     up("robot")
     observer.until(lambda: observer.states, "the robot talks")

@@ -12,7 +12,8 @@ import zenoh
 
 from armadico.cli.options import HOSTS_VARIABLE
 from armadico.mesh.ports import private_endpoints
-from tests.hosts.conftest import Call, Start, says
+from tests.hosts.conftest import says
+from tests.programs import Start, call
 
 pytestmark = pytest.mark.live
 
@@ -39,9 +40,7 @@ def router(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[Router]:
         yield lambda: stack.enter_context(zenoh.open(config))
 
 
-def test_clients_wait_for_their_router_and_meet_through_it(
-    router: Router, start: Start, call: Call
-) -> None:
+def test_clients_wait_for_their_router_and_meet_through_it(router: Router, start: Start) -> None:
     ups = {host: start("up", "--host", host) for host in ("lab1", "lab2")}
     alone = call("ps")
     assert alone.returncode == 1
@@ -57,7 +56,7 @@ def test_clients_wait_for_their_router_and_meet_through_it(
     assert found == {"lab1": "up", "lab2": "up"}
 
 
-def test_clients_of_a_router_listen_on_nothing(router: Router, call: Call) -> None:
+def test_clients_of_a_router_listen_on_nothing(router: Router) -> None:
     words = ("goto", "--host", "lab2", "--listen", "tcp/127.0.0.1:7999")
     done = call(*words, program="armadico-agent")
     assert done.returncode == 2

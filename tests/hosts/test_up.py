@@ -10,13 +10,14 @@ from signal import SIGINT, SIGTERM, Signals
 import pytest
 
 from armadico.launch.pidfile import shares
-from tests.hosts.conftest import NAMESPACE, SOON, Call, Start, all_gone, children
+from tests.hosts.conftest import NAMESPACE, SOON, all_gone, children
 from tests.live.society import Observer
+from tests.programs import Start, call
 
 pytestmark = pytest.mark.live
 
 
-def test_a_share_comes_up_is_seen_and_goes_down(up: Start, call: Call) -> None:
+def test_a_share_comes_up_is_seen_and_goes_down(up: Start) -> None:
     process = up("lab1")
     kept = children(process)
     assert sorted(kept) == ["encoder", "sonar"]
@@ -36,7 +37,7 @@ def test_a_share_comes_up_is_seen_and_goes_down(up: Start, call: Call) -> None:
     assert "nothing is up on this machine" in again.stdout
 
 
-def test_down_without_a_host_is_for_all_shares_of_the_namespace(up: Start, call: Call) -> None:
+def test_down_without_a_host_is_for_all_shares_of_the_namespace(up: Start) -> None:
     both = [up("lab1"), up("lab2")]
     other = call("down", "--namespace", "another-robot")
     assert "nothing is up" in other.stdout
@@ -71,7 +72,7 @@ def test_when_the_budget_is_spent_all_of_the_host_ends_and_it_says_why(up: Start
     assert sorted(path.name for path in logs.iterdir()) == ["encoder.log", "sonar.log"]
 
 
-def test_what_is_configured_wrongly_is_not_started_again_and_has_the_last_word(call: Call) -> None:
+def test_what_is_configured_wrongly_is_not_started_again_and_has_the_last_word() -> None:
     done = call("up", "--host", "lab3", "--set", "path-planning.world=nowhere.map")
     assert done.returncode == 1
     assert "path-planning ended with status 2, and is not started again" in done.stderr
@@ -137,9 +138,7 @@ def test_systemd_is_told_when_it_is_up(
         assert line.recv(100) == b"READY=1"
 
 
-def test_ps_says_what_each_host_lacks_and_the_exit_code_what_one_does(
-    up: Start, call: Call
-) -> None:
+def test_ps_says_what_each_host_lacks_and_the_exit_code_what_one_does(up: Start) -> None:
     process = up("lab1", "--restarts", "0", "--without", "sonar")
     assert call("ps", "--host", "lab1").returncode == 0, "it was asked to do without"
     found = {host["name"]: host for host in json.loads(call("ps", "--json").stdout)["hosts"]}
@@ -153,7 +152,7 @@ def test_ps_says_what_each_host_lacks_and_the_exit_code_what_one_does(
     assert process.wait(SOON) == 0
 
 
-def test_an_agent_by_hand_counts_as_the_hosts(start: Start, call: Call, observer: Observer) -> None:
+def test_an_agent_by_hand_counts_as_the_hosts(start: Start, observer: Observer) -> None:
     start("goto", "--host", "lab2", program="armadico-agent")
     observer.until(lambda: observer.names == {"goto"}, "it is there")
     seen = call("ps", "--host", "lab2")
@@ -166,7 +165,7 @@ def test_a_port_that_is_taken_by_our_own_is_left_to_them(start: Start, up: Start
     assert line.poll() is None
 
 
-def test_who_is_not_on_this_machine_is_told(call: Call, table: Path) -> None:
+def test_who_is_not_on_this_machine_is_told(table: Path) -> None:
     text = table.read_text().replace("127.0.0.12", "192.0.2.77")
     table.write_text(text)
     for words, program in ((("up",), "armadico"), (("sonar",), "armadico-agent")):

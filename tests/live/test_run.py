@@ -3,10 +3,8 @@
 from __future__ import annotations
 
 import json
-import subprocess
-import sys
 from collections.abc import Callable, Iterator
-from contextlib import ExitStack, suppress
+from contextlib import suppress
 from pathlib import Path
 from signal import SIGHUP, SIGINT, SIGTERM, Signals
 
@@ -21,38 +19,18 @@ from armadico.mesh.ports import private_endpoints
 from armadico.observe.measures import Result, RunWatch
 from armadico.runtime.errors import RunFailedError
 from armadico_tools.faults.serial_tap import Tap, moves
-from tests.live.conftest import NAMESPACE, Start
-from tests.live.society import LINE, SOON, Observer, mesh_of
+from tests.live.conftest import NAMESPACE
+from tests.live.society import LINE, SOON, Observer, Society, mesh_of
+from tests.programs import Start, starter
 
 pytestmark = pytest.mark.live
 
-Run = Callable[..., subprocess.Popen[str]]
-
 
 @pytest.fixture
-def run(apart: None) -> Iterator[Run]:
+def run(apart: None) -> Iterator[Start]:
     """Start `armadico` with these words; killed with all its children if it is left."""
-    with ExitStack() as stack:
-
-        def make(*words: str) -> subprocess.Popen[str]:
-            process = subprocess.Popen(
-                [str(Path(sys.executable).with_name("armadico")), *words],
-                stdout=subprocess.PIPE,
-                stderr=subprocess.PIPE,
-                text=True,
-            )
-            stack.enter_context(process)
-            stack.callback(_kill_tree, process.pid)
-            return process
-
-        yield make
-
-
-def _kill_tree(pid: int) -> None:
-    if psutil.pid_exists(pid):
-        everybody = [*children(pid), psutil.Process(pid)]
-        for process in everybody:
-            process.kill()
+    with starter() as start:
+        yield start
 
 
 def children(pid: int) -> list[psutil.Process]:
@@ -64,7 +42,9 @@ def all_gone(processes: list[psutil.Process]) -> bool:
     return not psutil.wait_procs(processes, SOON)[1]
 
 
-def test_a_run_reaches_its_goal_says_json_and_leaves_nothing(run: Run, observer: Observer) -> None:
+def test_a_run_reaches_its_goal_says_json_and_leaves_nothing(
+    run: Start, observer: Observer
+) -> None:
     process = run("run", "sc1", "--goal", "1.5", "0", "0", "--no-plot", "--json")
     observer.until(observer.driving, "the robot is on its way")
     everybody = children(process.pid)
@@ -82,7 +62,7 @@ def test_a_run_reaches_its_goal_says_json_and_leaves_nothing(run: Run, observer:
 
 @pytest.mark.parametrize("number", [SIGINT, SIGTERM, SIGHUP])
 def test_a_run_that_is_interrupted_leaves_the_robot_at_rest_and_nothing_running(
-    run: Run, observer: Observer, number: Signals
+    run: Start, observer: Observer, number: Signals
 ) -> None:
     simulator = run("sim", "sc1", "--port", "0", "--start", "-1.5", "0", "0")
     assert simulator.stdout is not None
@@ -105,7 +85,7 @@ def test_a_run_that_is_interrupted_leaves_the_robot_at_rest_and_nothing_running(
 
 
 def test_when_the_launcher_is_killed_the_society_drives_on_and_down_ends_it(
-    run: Run, observer: Observer
+    run: Start, observer: Observer
 ) -> None:
     process = run("run", "sc1", "--start", "-1.5", "0", "0", "--no-plot")
     observer.until(observer.driving, "the robot is on its way")
@@ -124,7 +104,9 @@ def test_when_the_launcher_is_killed_the_society_drives_on_and_down_ends_it(
                 child.kill()
 
 
-def test_down_leaves_alone_what_somebody_who_lives_has_started(start: Start, run: Run) -> None:
+def test_down_leaves_alone_what_somebody_who_lives_has_started(
+    start: Callable[[], Society], run: Start
+) -> None:
     """A test or a notebook, say: nothing in its own command line speaks of Armadico."""
     society = start()
     said, errors = run("down").communicate(timeout=SOON)
@@ -133,7 +115,7 @@ def test_down_leaves_alone_what_somebody_who_lives_has_started(start: Start, run
 
 
 def test_a_second_run_in_the_namespace_is_told_who_is_there_and_disturbs_nobody(
-    run: Run, observer: Observer
+    run: Start, observer: Observer
 ) -> None:
     first = run("run", "sc1", "--start", "-1.5", "0", "0", "--no-plot")
     observer.until(observer.driving, "the first is on its way")
@@ -148,7 +130,7 @@ def test_a_second_run_in_the_namespace_is_told_who_is_there_and_disturbs_nobody(
     assert first.poll() is None
 
 
-def test_of_two_runs_that_begin_together_one_at_most_drives(run: Run) -> None:
+def test_of_two_runs_that_begin_together_one_at_most_drives(run: Start) -> None:
     both = [run("run", "sc1", "--goal", "0.3", "0", "0", "--no-plot") for _ in range(2)]
     errors = [process.communicate(timeout=2 * SOON)[1] for process in both]
     told = [text for text in errors if f"the namespace {NAMESPACE!r}" in text]
@@ -156,7 +138,7 @@ def test_of_two_runs_that_begin_together_one_at_most_drives(run: Run) -> None:
 
 
 def test_everybody_joins_the_mesh_that_was_named(
-    run: Run,
+    run: Start,
 ) -> None:
     here = private_endpoints(1)
     process = run(
@@ -234,7 +216,7 @@ def test_a_robot_that_does_not_answer_is_named_with_what_its_agent_says(
 
 
 def test_a_picture_that_nobody_asked_for_and_that_cannot_be_written_spoils_no_run(
-    run: Run, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+    run: Start, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.chdir(tmp_path)
     (tmp_path / "runs").write_text("no folder")

@@ -2,39 +2,26 @@
 
 from __future__ import annotations
 
-import subprocess
-import sys
-from pathlib import Path
-
 import pytest
 
 from tests.live.conftest import Start
-from tests.live.society import SOON, ballots_never_go_down
+from tests.live.society import ballots_never_go_down
+from tests.programs import call
 
 pytestmark = pytest.mark.live
-
-
-def armadico(*words: str) -> subprocess.CompletedProcess[str]:
-    return subprocess.run(
-        [str(Path(sys.executable).with_name("armadico")), *words],
-        capture_output=True,
-        text=True,
-        timeout=SOON,
-        check=False,
-    )
 
 
 def test_a_robot_that_is_stopped_stays_so_until_it_is_released(start: Start) -> None:
     society = start()
     mark = len(society.tap.packets)
-    done = armadico("stop")
+    done = call("stop")
     assert done.returncode == 0, done.stderr
     society.stops(mark)
     society.nobody_drives(15)
     latch = society.state.stop
     assert (latch.stopped, latch.by) == (True, "armadico stop")
 
-    done = armadico("resume")
+    done = call("resume")
     assert done.returncode == 0, done.stderr
     society.drives_on()
     assert not society.state.stop.stopped
@@ -44,7 +31,7 @@ def test_a_robot_that_is_stopped_stays_so_until_it_is_released(start: Start) -> 
 def test_a_stop_outlives_the_robot_agent_and_whoever_asked_for_it(start: Start) -> None:
     society = start()
     mark = len(society.tap.packets)
-    assert armadico("stop").returncode == 0
+    assert call("stop").returncode == 0
     society.stops(mark)
     epoch = society.state.cycle.epoch
     society.kill("robot")
@@ -52,5 +39,5 @@ def test_a_stop_outlives_the_robot_agent_and_whoever_asked_for_it(start: Start) 
     society.until(lambda: society.state.cycle.epoch != epoch, "a new epoch")
     society.until(lambda: society.state.stop.stopped, "the others remember the stop")
     society.nobody_drives(15)
-    assert armadico("resume").returncode == 0
+    assert call("resume").returncode == 0
     society.drives_on()

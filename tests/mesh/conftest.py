@@ -23,6 +23,7 @@ from armadico.mesh.virtual_session import VirtualSession
 from armadico.mesh.zenoh import ZenohMesh
 from armadico.runtime.client import Client
 from armadico.runtime.process import AgentHost, identity
+from tests.programs import starter
 
 TOY = Path(__file__).parent / "toy_process.py"
 NAMESPACE = "test"
@@ -150,17 +151,10 @@ def client(join: Callable[..., ZenohMesh]) -> Client:
 @pytest.fixture
 def spawn(endpoints: str) -> Iterator[Spawn]:
     """Start toy agents as processes on the mesh of this test."""
-    with ExitStack() as stack:
+    env = os.environ | {ENDPOINTS_VARIABLE: endpoints}
+    with starter([sys.executable, str(TOY)], env, stdout=None) as begin:
 
         def start(kind: str = "calm") -> subprocess.Popen[str]:
-            process = subprocess.Popen(
-                [sys.executable, str(TOY), kind, NAMESPACE],
-                env=os.environ | {ENDPOINTS_VARIABLE: endpoints},
-                stderr=subprocess.PIPE,
-                text=True,
-            )
-            stack.enter_context(process)
-            stack.callback(process.kill)
-            return process
+            return begin(kind, NAMESPACE)
 
         yield start

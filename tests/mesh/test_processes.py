@@ -3,15 +3,13 @@
 from __future__ import annotations
 
 import signal
-import subprocess
-import sys
-from pathlib import Path
 
 import pytest
 
 from armadico.core.messages import Card, Cycle, Plan, PlanRequest, Pose, RobotState, Stop, Waypoint
 from armadico.runtime.client import Client
 from tests.mesh.conftest import Spawn
+from tests.programs import call
 
 pytestmark = pytest.mark.live
 
@@ -137,18 +135,7 @@ def pids(cards: dict[tuple[str, str], Card | None]) -> set[int]:
 
 
 def test_a_process_that_cannot_join_says_so_and_ends() -> None:
-    process = subprocess.run(
-        [
-            str(Path(sys.executable).with_name("armadico-agent")),
-            "encoder",
-            "--listen",
-            "tcp/192.0.2.1:7450",
-        ],
-        capture_output=True,
-        text=True,
-        timeout=SOON,
-        check=False,
-    )
+    process = call("encoder", "--listen", "tcp/192.0.2.1:7450", program="armadico-agent")
     assert process.returncode == 1
     assert "192.0.2.1:7450" in process.stderr
     assert "Traceback" not in process.stderr

@@ -4,15 +4,14 @@ from __future__ import annotations
 
 import json
 import os
-import subprocess
-import sys
-from collections.abc import Callable, Iterator
-from contextlib import ExitStack
+from collections.abc import Iterator
 from pathlib import Path
 from signal import SIGINT
 
 import psutil
 import pytest
+
+from tests.programs import Start, starter
 
 pytestmark = pytest.mark.live
 
@@ -24,26 +23,11 @@ start = [0.0, 0.0, 0.0]
 goal = [2.5, 0.0, 0.0]
 """
 
-Run = Callable[..., subprocess.Popen[str]]
-
 
 @pytest.fixture
-def run(tmp_path: Path) -> Iterator[Run]:
+def run(tmp_path: Path) -> Iterator[Start]:
     """Start `armadico` with these words; it keeps what it keeps in the test's own folder."""
-    with ExitStack() as stack:
-
-        def start(*words: str) -> subprocess.Popen[str]:
-            process = subprocess.Popen(
-                [str(Path(sys.executable).with_name("armadico")), *words],
-                env=os.environ | {"TMPDIR": str(tmp_path)},
-                stdout=subprocess.PIPE,
-                stderr=subprocess.PIPE,
-                text=True,
-            )
-            stack.enter_context(process)
-            stack.callback(process.kill)
-            return process
-
+    with starter(env=os.environ | {"TMPDIR": str(tmp_path)}) as start:
         yield start
 
 
@@ -60,7 +44,7 @@ def _tmpdir(process: psutil.Process) -> str:
         return ""
 
 
-def test_a_host_is_lost_and_comes_back_and_the_goal_is_reached(run: Run, tmp_path: Path) -> None:
+def test_a_host_is_lost_and_comes_back_and_the_goal_is_reached(run: Start, tmp_path: Path) -> None:
     scenario = tmp_path / "short.toml"
     scenario.write_text(SHORT)
     process = run("hosts-demo", str(scenario), "--link", "*->*:delay=2ms,jitter=1ms")
@@ -80,7 +64,7 @@ def test_a_host_is_lost_and_comes_back_and_the_goal_is_reached(run: Run, tmp_pat
     assert not left_behind(tmp_path)
 
 
-def test_interrupted_it_leaves_nothing(run: Run, tmp_path: Path) -> None:
+def test_interrupted_it_leaves_nothing(run: Start, tmp_path: Path) -> None:
     process = run("hosts-demo", "sc1")
     assert process.stdout is not None
     assert "everybody is there" in process.stdout.readline()
@@ -91,7 +75,7 @@ def test_interrupted_it_leaves_nothing(run: Run, tmp_path: Path) -> None:
     assert not left_behind(tmp_path)
 
 
-def test_a_holder_cut_off_is_replaced_and_its_host_rejoins(run: Run, tmp_path: Path) -> None:
+def test_a_holder_cut_off_is_replaced_and_its_host_rejoins(run: Start, tmp_path: Path) -> None:
     words = ("holder-cut-off", "--trials", "1", "--json", "--out", str(tmp_path / "out"))
     process = run("trials", *words)
     out, errors = process.communicate(timeout=SOON)

@@ -11,8 +11,8 @@ from pathlib import Path
 import psutil
 import pytest
 
+from armadico.mesh.link_faults import LinkFaults
 from armadico_tools.hosts.namespaces import Host, Network
-from armadico_tools.hosts.switch import Faults
 
 ADDRESSES = {"left": "10.77.1.1", "right": "10.77.1.2"}
 PORT = 5000
@@ -81,7 +81,7 @@ def test_a_cut_loses_what_is_sent_one_way_and_not_the_other(
 
 
 def test_duplicates_come_twice(network: Network, ends: dict[str, socket.socket]) -> None:
-    network.change(lambda switch: switch.set([("left", "right")], Faults(duplicate=1.0)))
+    network.change(lambda switch: switch.set([("left", "right")], LinkFaults(duplicate=1.0)))
     ends["left"].sendto(b"twin", (ADDRESSES["right"], PORT))
     assert [ends["right"].recv(64) for _ in range(2)] == [b"twin", b"twin"]
 

@@ -7,13 +7,12 @@ import json
 import os
 import select
 import shutil
-import signal
 import subprocess
 import time
-from contextlib import suppress
 from pathlib import Path
-from types import TracebackType
 from typing import Any
+
+from armadico.launch.processes import kill_trees
 
 NAMES = ("chromium", "chromium-browser", "google-chrome", "chrome")
 
@@ -34,7 +33,6 @@ FLAGS = (
 )
 
 ANSWER_S = 60.0
-LEAVE_S = 5.0
 
 Event = dict[str, Any]
 
@@ -62,12 +60,7 @@ class Browser:
     def __enter__(self) -> Browser:
         return self
 
-    def __exit__(
-        self,
-        kind: type[BaseException] | None,
-        error: BaseException | None,
-        trace: TracebackType | None,
-    ) -> None:
+    def __exit__(self, *error: object) -> None:
         self.stop()
 
     def open(self, address: str) -> None:
@@ -92,13 +85,7 @@ class Browser:
 
     def stop(self) -> None:
         """End it and its helpers."""
-        with suppress(ProcessLookupError):
-            os.killpg(self._popen.pid, signal.SIGTERM)
-        with suppress(subprocess.TimeoutExpired):
-            self._popen.wait(LEAVE_S)
-        with suppress(ProcessLookupError):  # what of its group is left
-            os.killpg(self._popen.pid, signal.SIGKILL)
-        self._popen.wait()
+        kill_trees(self._popen)
         os.close(self._write)
         os.close(self._read)
 

@@ -7,7 +7,6 @@ import os
 import signal
 import socket
 import subprocess
-import sys
 import threading
 import urllib.error
 import urllib.request
@@ -29,8 +28,8 @@ from armadico.mesh.zenoh import ZenohMesh  # noqa: E402
 from armadico.observe.dashboard import live, viewer  # noqa: E402
 from armadico.runtime.client import Client  # noqa: E402
 from tests.observe.kept import GOTO, NAMESPACE, Kept, ack, ballot, cycle, drawn, state  # noqa: E402
+from tests.programs import heavy, imports_nothing, starter  # noqa: E402
 
-DASHBOARD = (sys.executable, "-m", "armadico", "dashboard", "--port=0")
 LINK = "dashboard: "
 FLOOD = 10_000
 
@@ -44,18 +43,8 @@ def apart(monkeypatch: pytest.MonkeyPatch) -> Callable[[], ZenohMesh]:
 
 @contextmanager
 def started(*options: str) -> Iterator[subprocess.Popen[str]]:
-    process = subprocess.Popen(
-        [*DASHBOARD, f"--namespace={NAMESPACE}", *options],
-        stdout=subprocess.PIPE,
-        stderr=subprocess.PIPE,
-        text=True,
-    )
-    try:
-        with process:
-            yield process
-            process.kill()
-    finally:
-        process.kill()
+    with starter() as start:
+        yield start("dashboard", "--port=0", f"--namespace={NAMESPACE}", *options)
 
 
 def children(pid: int) -> list[int]:
@@ -299,12 +288,5 @@ def test_a_virtual_run_is_kept_for_rerun(tmp_path: Path) -> None:
 
 
 def test_help_imports_nothing_heavy() -> None:
-    script = (
-        "import sys\nfrom armadico import cli\n"
-        "try:\n    cli.main(['dashboard', '--help'])\nexcept SystemExit:\n    pass\n"
-        "print(sorted({'numpy', 'zenoh', 'rerun', 'msgspec'} & set(sys.modules)))"
-    )
-    done = subprocess.run(
-        [sys.executable, "-c", script], capture_output=True, text=True, timeout=60, check=True
-    )
-    assert done.stdout.splitlines()[-1] == "[]"
+    among = ("numpy", "zenoh", "rerun", "msgspec")
+    assert imports_nothing(heavy("armadico.cli", ["dashboard", "--help"], among))

@@ -4,8 +4,6 @@ from __future__ import annotations
 
 import ast
 import json
-import subprocess
-import sys
 from importlib.util import find_spec
 from itertools import pairwise
 from math import hypot
@@ -25,6 +23,7 @@ from armadico_tools.experiments.histories import History
 from armadico_tools.experiments.table_5_3 import join
 from armadico_tools.experiments.tables import Column, compare, differences
 from armadico_tools.experiments.traces import Tick, exchanges_of, reigns_of, smoothness
+from tests.programs import heavy, imports_nothing
 
 SC1 = Cell("sc1 collaborative", "sc1", without=("gothrough",))
 FAST = Cell("sc1 fast", "sc1", controller="fast", without=("gothrough",))
@@ -195,9 +194,10 @@ def test_the_flood_knows_a_gap_that_is_too_narrow(gap: float, through: bool) -> 
 
 
 def test_the_shares_of_the_published_tables_add_up() -> None:
-    tables = [n for arm in published.TABLE_5_1.values() for n in arm.values()]
-    tables += [*published.TABLE_5_2.values(), *published.TABLE_5_3.values()]
-    tables += [*published.TABLE_5_4.values(), *published.TABLE_5_5.values()]
+    tables = []
+    for line in published.TABLES.splitlines():
+        names = [word for word in line.split()[1:] if not word[0].isdigit()]
+        tables.append(published.published(line.split()[0], *names))
     assert len(tables) == 22
     for numbers in tables:
         shares = [
@@ -226,7 +226,7 @@ def test_a_table_has_our_numbers_beside_the_published_ones() -> None:
     ours = [
         Sample("x", seed, True, True, 5.0, 1.0, tt, 99.0, 0) for seed, tt in enumerate((14.0, 15.0))
     ]
-    text = compare([Column("fast", ours, published.FAST["sc1"])])
+    text = compare([Column("fast", ours, published.published("5.1", "fast", "sc1"))])
     line = next(line for line in text.splitlines() if line.startswith("| TT s"))
     assert line.startswith("| TT s | 14.50 ± 0.707 [8.15, 20.85] | 14.28 ± 1.29 (p ")
     assert "| reached | 2 of 2 | - |" in text
@@ -255,17 +255,10 @@ def test_wrong_calls_are_told_what_is_right(words: list[str], says: str, tmp_pat
 
 
 def test_the_list_says_what_each_is_and_imports_nothing_heavy() -> None:
-    script = (
-        "import sys\nfrom armadico_tools.commands.experiment import main\n"
-        "main(['--list', '--json'])\n"
-        "heavy = {'numpy', 'scipy', 'matplotlib', 'msgspec', 'pymunk', 'rich'}\n"
-        "print(sorted(heavy & set(sys.modules)))"
-    )
-    done = subprocess.run(
-        [sys.executable, "-c", script], capture_output=True, text=True, timeout=60, check=True
-    )
-    listed, heavy = done.stdout.splitlines()
-    assert heavy == "[]"
+    among = {"numpy", "scipy", "matplotlib", "msgspec", "pymunk", "rich"}
+    done = heavy("armadico_tools.commands.experiment", ["--list", "--json"], among)
+    assert imports_nothing(done)
+    listed = done.stdout.splitlines()[0]
     found = json.loads(listed)
     assert list(found) == list(EXPERIMENTS)
     assert all(found.values())

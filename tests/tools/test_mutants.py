@@ -20,6 +20,7 @@ from armadico_tools.mutants import (
     summary,
 )
 from armadico_tools.mutants_explained import EXPLAINED
+from armadico_tools.results import Rows
 
 SOURCE = '''"""A module."""
 
@@ -100,15 +101,11 @@ def test_the_newest_word_counts_and_survivors_that_nobody_explains_are_counted(
     tmp_path: Path,
 ) -> None:
     made = [Mutant(name, "cycles", 1, "AddNot", "a", "b", "") for name in ("x", "y", "z")]
-    lines = (
-        '{"id":"x","module":"cycles","line":1,"operator":"AddNot","was":"a","becomes":"b",'
-        f'"killed":{killed},"by":"","seconds":1}}\n'
-        for killed in ("false", "true")
-    )
-    path = tmp_path / "cycles.jsonl"
-    assert outcomes(path) == {}
-    path.write_text("".join(lines), encoding="utf-8")
-    known = outcomes(path)
+    rows = Rows(tmp_path / "cycles.csv", Outcome)
+    assert outcomes(rows) == {}
+    for killed in (False, True):
+        rows.add(Outcome("x", "cycles", 1, "AddNot", "a", "b", killed, "", 1))
+    known = outcomes(rows)
     assert known == {"x": Outcome("x", "cycles", 1, "AddNot", "a", "b", True, "", 1)}
     assert summary("cycles", made, known) == ("| `cycles` | 3 | 1 | 1 | 100.0% | 0 | 0 |", 0)
     known["y"] = Outcome("y", "cycles", 1, "AddNot", "a", "b", False, "", 1)

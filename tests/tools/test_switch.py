@@ -10,7 +10,8 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from armadico_tools.hosts.switch import WHOLE, Faults, LinkError, Switch, parse_link
+from armadico.mesh.link_faults import WHOLE, LinkFaults
+from armadico_tools.hosts.switch import LinkError, Switch, parse_link
 
 NAMES = ("robot", "lab1", "lab2")
 MAC = {name: bytes((2, 0, 0, 0, 0, n)) for n, name in enumerate(NAMES, 1)}
@@ -21,7 +22,7 @@ Arrival = tuple[float, str, bytes]
 
 shares = st.floats(0.0, 1.0)
 faults = st.builds(
-    Faults,
+    LinkFaults,
     cut=st.booleans(),
     delay=st.floats(0.0, 0.5),
     jitter=st.floats(0.0, 0.2),
@@ -82,7 +83,7 @@ def test_nobody_hears_what_he_addresses_to_himself() -> None:
 
 def test_delay_and_jitter_stay_within_their_bounds_and_keep_the_order() -> None:
     of = switch()
-    of.set([THERE], Faults(delay=0.05, jitter=0.01))
+    of.set([THERE], LinkFaults(delay=0.05, jitter=0.01))
     arrivals = sent(of, 500)
     times = [at - number_of(data) * 0.01 for at, _, data in arrivals]
     assert min(times) >= 0.04 - 1e-9
@@ -93,7 +94,7 @@ def test_delay_and_jitter_stay_within_their_bounds_and_keep_the_order() -> None:
 
 def test_the_other_direction_and_other_links_are_whole() -> None:
     of = switch()
-    of.set([THERE], Faults(cut=True))
+    of.set([THERE], LinkFaults(cut=True))
     assert sent(of, 3) == []
     assert len(sent(of, 3, link=BACK)) == 3
     assert len(sent(of, 3, link=("lab2", "lab1"))) == 3
@@ -102,15 +103,15 @@ def test_the_other_direction_and_other_links_are_whole() -> None:
 @pytest.mark.parametrize("share", [0.05, 0.2, 0.5])
 def test_so_many_are_lost_and_so_many_come_twice(share: float) -> None:
     of = switch()
-    of.set([THERE], Faults(loss=share))
+    of.set([THERE], LinkFaults(loss=share))
     assert len(sent(of, 4000)) / 4000 == pytest.approx(1.0 - share, abs=0.03)
-    of.set([THERE], Faults(duplicate=share))
+    of.set([THERE], LinkFaults(duplicate=share))
     assert len(sent(of, 4000)) / 4000 == pytest.approx(1.0 + share, abs=0.03)
 
 
 def test_reordered_frames_overtake_those_that_are_delayed() -> None:
     of = switch()
-    of.set([THERE], Faults(delay=0.035, reorder=0.25))
+    of.set([THERE], LinkFaults(delay=0.035, reorder=0.25))
     arrivals = sent(of, 1000)
     order = [number_of(data) for *_, data in arrivals]
     assert sorted(order) == list(range(1000))
@@ -121,7 +122,7 @@ def test_reordered_frames_overtake_those_that_are_delayed() -> None:
 
 def test_a_slow_link_takes_its_time_and_lets_half_a_second_wait() -> None:
     of = switch()
-    of.set([THERE], Faults(rate=64 * 8 * 100))  # 100 such frames a second
+    of.set([THERE], LinkFaults(rate=64 * 8 * 100))  # 100 such frames a second
     arrivals = sent(of, 1000, each=0.0)
     gaps = [b[0] - a[0] for a, b in pairwise(arrivals)]
     assert fmean(gaps) == pytest.approx(0.01)
@@ -140,17 +141,17 @@ def test_a_partition_lets_groups_talk_among_themselves_until_it_is_healed() -> N
 
 def test_a_partition_leaves_what_else_is_wrong_with_a_link() -> None:
     of = switch()
-    of.set([THERE], Faults(delay=0.1))
+    of.set([THERE], LinkFaults(delay=0.1))
     of.partition(NAMES)
-    assert of.faults(THERE) == Faults(delay=0.1)
+    assert of.faults(THERE) == LinkFaults(delay=0.1)
     of.cut([THERE])
     of.cut([THERE], False)
-    assert of.faults(THERE) == Faults(delay=0.1)
+    assert of.faults(THERE) == LinkFaults(delay=0.1)
 
 
 def test_who_is_unplugged_hears_and_says_nothing_and_loses_what_was_on_its_way() -> None:
     of = switch()
-    of.set([THERE], Faults(delay=0.5))
+    of.set([THERE], LinkFaults(delay=0.5))
     of.take("lab2", frame("robot"), 0.0)
     of.plug("robot", False)
     of.take("robot", frame("lab2"), 0.1)
@@ -161,7 +162,7 @@ def test_who_is_unplugged_hears_and_says_nothing_and_loses_what_was_on_its_way()
 
 
 @given(faults=faults, seed=st.integers(0, 2**32))
-def test_the_same_seed_does_the_same_and_nothing_is_invented(faults: Faults, seed: int) -> None:
+def test_the_same_seed_does_the_same_and_nothing_is_invented(faults: LinkFaults, seed: int) -> None:
     runs = []
     for _ in range(2):
         of = switch(seed)
@@ -177,11 +178,11 @@ def test_the_same_seed_does_the_same_and_nothing_is_invented(faults: Faults, see
 
 
 @given(faults=faults)
-def test_a_fault_on_one_link_leaves_what_another_draws(faults: Faults) -> None:
+def test_a_fault_on_one_link_leaves_what_another_draws(faults: LinkFaults) -> None:
     runs = []
     for other in (WHOLE, faults):
         of = switch(3)
-        of.set([BACK], Faults(loss=0.4, delay=0.02, jitter=0.02))
+        of.set([BACK], LinkFaults(loss=0.4, delay=0.02, jitter=0.02))
         of.set([THERE], other)
         sent(of, 20)
         runs.append(sent(of, 50, link=BACK))
@@ -191,12 +192,12 @@ def test_a_fault_on_one_link_leaves_what_another_draws(faults: Faults) -> None:
 def test_links_are_read_as_people_write_them() -> None:
     links, found = parse_link("lab2->robot:delay=50ms,jitter=10ms,loss=5%", NAMES)
     assert links == [THERE]
-    assert found == Faults(delay=0.05, jitter=0.01, loss=0.05)
+    assert found == LinkFaults(delay=0.05, jitter=0.01, loss=0.05)
     links, found = parse_link("lab2<->*:cut", NAMES)
     assert sorted(links) == sorted(link for link in switch().links() if "lab2" in link)
-    assert found == Faults(cut=True)
+    assert found == LinkFaults(cut=True)
     _, found = parse_link("*->*:rate=1.5Mbit,duplicate=1%,reorder=2%", NAMES)
-    assert found == Faults(rate=1.5e6, duplicate=0.01, reorder=0.02)
+    assert found == LinkFaults(rate=1.5e6, duplicate=0.01, reorder=0.02)
 
 
 @pytest.mark.parametrize(

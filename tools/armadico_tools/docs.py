@@ -38,6 +38,7 @@ from armadico.core.messages import (
 )
 from armadico.core.services import SERVICES, TOKEN, Service, matches
 from armadico_tools.docs_fields import fields_of, messages
+from armadico_tools.markdown import table
 from armadico_tools.transcripts.scenes import SCENES
 
 ROOT: Final = Path(__file__).resolve().parents[2]
@@ -88,14 +89,6 @@ def main(argv: Sequence[str] | None = None) -> int:
             path.write_text(rewritten(_read(path)), encoding="utf-8")
         print(f"{path.relative_to(ROOT)}: {'stale' if args.check else 'written'}")
     return 1 if args.check and old else 0
-
-
-def table(head: Sequence[str], rows: Iterator[Sequence[str]]) -> str:
-    """A Markdown table; a bar in a cell is escaped."""
-    lines = [head, ["---"] * len(head), *rows]
-    return "\n".join(
-        "| " + " | ".join(cell.replace("|", "\\|") for cell in line) + " |" for line in lines
-    )
 
 
 # Who says and hears what --------------------------------------------------------------------------

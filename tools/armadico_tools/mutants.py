@@ -18,7 +18,6 @@ import gc
 import hashlib
 import importlib.machinery
 import importlib.util
-import json
 import os
 import random
 import re
@@ -35,7 +34,10 @@ from pathlib import Path
 from types import CodeType
 from typing import Any, Final
 
+from msgspec import Struct
+
 from armadico_tools.mutants_explained import EXPLAINED
+from armadico_tools.results import Rows
 
 ROOT: Final = Path(__file__).resolve().parents[2]
 
@@ -82,19 +84,18 @@ class Mutant:
     source: str
 
 
-@dataclass(frozen=True, slots=True)
-class Outcome:
+class Outcome(Struct, frozen=True):
     """What the tests said to a mutant; `by` names the first that failed, or the time limit."""
 
-    id: str
+    id: str  # a hash of the changed source
     module: str
     line: int
     operator: str
-    was: str
-    becomes: str
-    killed: bool
-    by: str
-    seconds: float
+    was: str = ""
+    becomes: str = ""
+    killed: bool = False
+    by: str = ""
+    seconds: float = 0.0
 
     @property
     def explained(self) -> str:
@@ -337,7 +338,7 @@ def test(module: str, source: str, seconds: int) -> tuple[bool, str, float]:
     return status != 0, by if status else "", took
 
 
-def run(module: str, todo: Iterable[Mutant], into: Path, deadline: float) -> int:
+def run(module: str, todo: Iterable[Mutant], into: Rows[Outcome], deadline: float) -> int:
     """Run mutants and write each outcome as it comes. How many were run."""
     began = time.process_time(), os.times().children_user
     source = path_of(module).read_text(encoding="utf-8")
@@ -346,27 +347,23 @@ def run(module: str, todo: Iterable[Mutant], into: Path, deadline: float) -> int
         raise SystemExit(f"{module}: the tests fail without a change, {by}")
     limit = int(10 + 4 * (os.times().children_user - began[1]))
     done = 0
-    with into.open("a", encoding="utf-8") as file:
-        for mutant in todo:
-            if time.monotonic() > deadline:
-                break
-            killed, by, took = test(module, mutant.source, limit)
-            about = asdict(mutant)
-            del about["source"]
-            outcome = Outcome(**about, killed=killed, by=by, seconds=round(took, 2))
-            print(json.dumps(asdict(outcome)), file=file, flush=True)
-            if not killed and not outcome.explained:
-                print(f"{module}:{mutant.line}: {mutant.was}  ->  {mutant.becomes}", flush=True)
-            done += 1
+    for mutant in todo:
+        if time.monotonic() > deadline:
+            break
+        killed, by, took = test(module, mutant.source, limit)
+        about = asdict(mutant)
+        del about["source"]
+        outcome = Outcome(**about, killed=killed, by=by, seconds=round(took, 2))
+        into.add(outcome)
+        if not killed and not outcome.explained:
+            print(f"{module}:{mutant.line}: {mutant.was}  ->  {mutant.becomes}", flush=True)
+        done += 1
     return done
 
 
-def outcomes(path: Path) -> dict[str, Outcome]:
+def outcomes(rows: Rows[Outcome]) -> dict[str, Outcome]:
     """What is known of each mutant, the newest word last."""
-    if not path.exists():
-        return {}
-    found = (Outcome(**json.loads(line)) for line in path.read_text(encoding="utf-8").splitlines())
-    return {outcome.id: outcome for outcome in found}
+    return {outcome.id: outcome for outcome in rows.read()}
 
 
 # The command --------------------------------------------------------------------------------------
@@ -400,12 +397,11 @@ def main(argv: Sequence[str] | None = None) -> int:
     for name in PRELOADED:
         importlib.import_module(name)
     gc.freeze()
-    args.results.mkdir(parents=True, exist_ok=True)
     deadline, unexplained = time.monotonic() + 60 * args.minutes, 0
     table, killers = [], Counter[str]()
     for module in args.modules or TESTS:
-        path, made = args.results / f"{module}.jsonl", mutants(module)
-        known = outcomes(path)
+        rows, made = Rows(args.results / f"{module}.csv", Outcome), mutants(module)
+        known = outcomes(rows)
         chosen = made
         if args.sample is not None and args.sample < len(made):
             chosen = random.Random(args.seed).sample(made, args.sample)
@@ -413,10 +409,10 @@ def main(argv: Sequence[str] | None = None) -> int:
         run(
             module,
             [m for m in chosen if (m.id in survived if args.again else m.id not in known)],
-            path,
+            rows,
             deadline,
         )
-        known = outcomes(path)
+        known = outcomes(rows)
         line, left = summary(module, made, known)
         table.append(line)
         unexplained += left

@@ -6,13 +6,15 @@ from collections import Counter
 from math import cos, pi
 from typing import Any, ClassVar, Final
 
-from armadico.core.agent import Agent, Identity, Subscription
+from armadico.core.agent import Agent, Identity
+from armadico.core.coordination import Verdict
 from armadico.core.cycles import PERIOD
 from armadico.core.exchange import Bid
-from armadico.core.messages import Ballot, Claim, Command, Cycle, Message, RobotState
-from armadico.core.resources import WHEELS, Resource
+from armadico.core.messages import Ballot, Claim, Command, Message, RobotState
+from armadico.core.resources import WHEELS
 from armadico.mesh.virtual import VirtualMesh
 from armadico_tools.bench.figures import Figure, Tell, figure
+from armadico_tools.transcripts.agents import Driven
 
 CROWDS: Final = (3, 10, 50)
 """Numbers of contenders."""
@@ -25,52 +27,20 @@ TURN_CYCLES: Final = 15
 """After so many the best bid is another contender's."""
 
 
-class Robot(Agent):
-    """Makes the cycles and owns the wheels as the robot agent does, without a robot."""
+class Robot(Driven):
+    """Notes whose command was the first of its ballot that it obeyed."""
 
-    name = "robot"
-    owns = (WHEELS,)
+    describes = None
     provides: ClassVar[tuple[type[Message], ...]] = (RobotState,)
 
     def __init__(self, identity: Identity, parameters: Any = None) -> None:
         super().__init__(identity, parameters)
-        self.number = 0
         self.first_obeyed: dict[Ballot, int] = {}  # by ballot, the cycle of its first command
-        self._speed = (0.0, 0.0)
 
-    @classmethod
-    def subscriptions(cls) -> tuple[Subscription, ...]:
-        """It makes the cycles, so it does not hear them."""
-        return tuple(s for s in super().subscriptions() if s.message is not RobotState)
-
-    def on_start(self) -> None:
-        """Begin to make cycles."""
-        self.on_wakeup()
-
-    def on_wakeup(self) -> None:
-        """One cycle."""
-        self.wake_at(self.now + PERIOD)
-        self.number += 1
-        cycle = Cycle(1, self.number)
-        self.cycles.advance(cycle, self.now)
-        self.tenure += 1
-        self.publish(RobotState(cycle, 0, 0, 0, *self._speed, 12, True, False))
-        self.acknowledge()
-
-    def obey(self, resource: Resource, action: Any) -> None:
-        """Have the speeds, and note whose command was the first of its ballot."""
-        self._speed = action
-        ballot = self.owner(resource).obeyed
-        assert ballot is not None, "its command was just obeyed"
-        self.first_obeyed.setdefault(ballot, self.number)
-
-    def rest(self, resource: Resource) -> None:  # noqa: ARG002 - it owns one
-        """Have no speed."""
-        self._speed = (0.0, 0.0)
-
-    def measure(self, resource: Resource) -> tuple[float, float]:  # noqa: ARG002 - it owns one
-        """The speeds that were last obeyed, m/s and rad/s."""
-        return self._speed
+    def judged(self, command: Command, verdict: Verdict) -> None:
+        """In this cycle."""
+        if verdict is Verdict.OBEYED:
+            self.first_obeyed.setdefault(command.ballot, self.counter.number)
 
 
 class Wanderer(Agent):
@@ -150,15 +120,12 @@ def _takeovers(seed: int, turns: int) -> list[int]:
         _join(mesh, TurnTaker, name, index)
     mesh.run(((turns + 2) * TURN_CYCLES - 1) * PERIOD)
     obeyed = [(at, ballot.instance) for ballot, at in robot.first_obeyed.items()]
-    return [
-        _first(obeyed, names[turn % len(names)], turn * TURN_CYCLES) - turn * TURN_CYCLES + 1
-        for turn in range(2, turns + 2)
-    ]
-
-
-def _first(obeyed: list[tuple[int, str]], name: str, since: int) -> int:
-    """The cycle, from `since` on, in which an agent was first obeyed."""
-    return next(at for at, who in obeyed if at >= since and who.startswith(name))
+    cycles = []
+    for turn in range(2, turns + 2):
+        since, name = turn * TURN_CYCLES, names[turn % len(names)]
+        first = next(at for at, who in obeyed if at >= since and who.startswith(name))
+        cycles.append(first - since + 1)
+    return cycles
 
 
 def _join(mesh: VirtualMesh, kind: type[Agent], name: str, place: float) -> None:

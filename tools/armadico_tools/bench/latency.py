@@ -13,7 +13,7 @@ import socket
 import threading
 import time
 from collections.abc import Callable, Iterator, Sequence
-from contextlib import ExitStack, contextmanager
+from contextlib import ExitStack, closing, contextmanager
 from typing import Final
 
 from armadico.bridge.p2os.commands import Cmd, quantity
@@ -39,17 +39,12 @@ from armadico.core.messages import (
     Sonar,
     encode,
 )
+from armadico.launch.local import Launcher
 from armadico.launch.society import Options
 from armadico.mesh.ports import private_endpoints
 from armadico_tools.bench.figures import Figure, Tell, figure
-from armadico_tools.bench.processes import (
-    Spawn,
-    await_ready,
-    floor,
-    private_mesh,
-    processes,
-    society,
-)
+from armadico_tools.bench.processes import ready_floor
+from armadico_tools.testbed import Place
 
 AGENTS: Final = ("encoder", "sonar", "goto", "interface")
 GOAL: Final = (190.0, 0.0, 0.0)  # m, m, degrees: farther than it gets
@@ -177,7 +172,7 @@ def _measured(
         stack.enter_context(_society(f"tcp://127.0.0.1:{line.port}", together))
         taken = [watch.latencies, *(bare.latencies for bare in floors)]
         _await(taken, wanted, tell)
-        whole, *bare_ms = [_ms(values[WARM_UP:wanted]) for values in taken]
+        whole, *bare_ms = [[1e3 * s for s in values[WARM_UP:wanted]] for values in taken]
     names = (name, f"{name}-path")
     return [figure(each, "ms", whole, bare) for each, bare in zip(names, bare_ms, strict=True)]
 
@@ -193,10 +188,6 @@ def _await(taken: Sequence[Sequence[float]], wanted: int, tell: Tell) -> None:
         elif time.monotonic() - since > READY_S:
             raise TimeoutError(f"no motor command for {READY_S:.0f} s")
         time.sleep(0.2)
-
-
-def _ms(seconds: Sequence[float]) -> list[float]:
-    return [1e3 * s for s in seconds]
 
 
 @contextmanager
@@ -230,9 +221,11 @@ def _society(port: str, together: tuple[tuple[str, ...], ...]) -> Iterator[None]
         plan="direct",
         agents=AGENTS,
     )
+    options = Options(robot=port, together=together)
     with (
-        private_mesh() as mesh,
-        society(scenario, Options(robot=port, together=together), mesh) as launcher,
+        Place("bench") as place,
+        closing(place.mesh()) as mesh,
+        Launcher(scenario, options, mesh, place.namespace, tied=True) as launcher,
     ):
         launcher.start()
         launcher.begin()
@@ -245,13 +238,13 @@ def _floor(rules: Sequence[Sequence[str]], delay_s: float) -> Iterator[BarePath]
     """Processes that follow these rules, all linked; the first has the TCP connection."""
     ends = private_endpoints(len(rules)).split(",")
     with ExitStack() as stack:
-        spawn: Spawn = stack.enter_context(processes())
         listener = stack.enter_context(socket.create_server(("127.0.0.1", 0)))
         port = str(listener.getsockname()[1])
         for index, own in enumerate(rules):
             kind = ("relay",) if index else ("ends",)
             where = (ends[index], ",".join(ends[:index]) or "-")
-            await_ready(spawn(floor(*kind, *where, *(() if index else (port,)), *own)))
+            line = () if index else (port,)
+            stack.enter_context(ready_floor(*kind, *where, *line, *own))
         connection, _ = listener.accept()
         stack.enter_context(connection)
         connection.setsockopt(socket.IPPROTO_TCP, socket.TCP_NODELAY, 1)

@@ -1,93 +1,36 @@
-"""Processes to be measured, on a mesh of their own; nothing is left running.
+"""Processes that are measured one by one, and bare ones to compare with.
 
-Not even if the benchmark is killed: agents are tied to it, the floor ends with its standard input.
+A benchmark that is killed leaves none: agents are tied to it, the floor ends with its input.
 """
 
 from __future__ import annotations
 
-import os
 import subprocess
 import sys
-from collections.abc import Callable, Iterator, Sequence
-from contextlib import ExitStack, contextmanager
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager
 from pathlib import Path
-from typing import TYPE_CHECKING, Final
+from typing import Final
 
-from armadico.mesh.ports import private_endpoints
-from armadico.mesh.topology import ENDPOINTS_VARIABLE, topology
-
-if TYPE_CHECKING:
-    from armadico.config.scenarios import Scenario
-    from armadico.launch.local import Launcher
-    from armadico.launch.society import Options
-    from armadico.mesh.zenoh import ZenohMesh
+from armadico.launch.processes import end
 
 FLOOR: Final = Path(__file__).with_name("floor.py")
-LEAVE_S: Final = 3.0
-"""What a process may take to leave before it is killed."""
-
-Spawn = Callable[[Sequence[str]], subprocess.Popen[bytes]]
-
-
-def namespace() -> str:
-    """A robot that nobody else has."""
-    return f"bench-{os.getpid()}"
 
 
 @contextmanager
-def private_mesh() -> Iterator[ZenohMesh]:
-    """A mesh that no other society is on; processes started meanwhile find it."""
-    from armadico.mesh.zenoh import ZenohMesh  # noqa: PLC0415 - not for the cheap figures
-
-    before = os.environ.get(ENDPOINTS_VARIABLE)
-    os.environ[ENDPOINTS_VARIABLE] = private_endpoints()
+def started(command: Sequence[str]) -> Iterator[subprocess.Popen[bytes]]:
+    """A process; it is gone at the end, however that comes."""
+    process = subprocess.Popen(
+        command,
+        stdin=subprocess.PIPE,
+        stdout=subprocess.PIPE,
+        stderr=subprocess.DEVNULL,
+        start_new_session=True,  # Ctrl-C is ours; we end them
+    )
     try:
-        with ZenohMesh(namespace(), topology()) as mesh:
-            yield mesh
+        yield process
     finally:
-        if before is None:
-            del os.environ[ENDPOINTS_VARIABLE]
-        else:
-            os.environ[ENDPOINTS_VARIABLE] = before
-
-
-def society(scenario: Scenario, options: Options, mesh: ZenohMesh) -> Launcher:
-    """A whole society that does not outlive its benchmark."""
-    from armadico.launch.local import Launcher  # noqa: PLC0415 - not for the cheap figures
-
-    return Launcher(scenario, options, mesh, namespace(), tied=True)
-
-
-@contextmanager
-def processes() -> Iterator[Spawn]:
-    """Start processes; they are gone at the end, however it comes."""
-    with ExitStack() as stack:
-
-        def spawn(command: Sequence[str]) -> subprocess.Popen[bytes]:
-            process = subprocess.Popen(
-                command,
-                stdin=subprocess.PIPE,
-                stdout=subprocess.PIPE,
-                stderr=subprocess.DEVNULL,
-                start_new_session=True,  # Ctrl-C is ours; we end them
-            )
-            stack.callback(end, process)
-            return process
-
-        yield spawn
-
-
-def end(process: subprocess.Popen[bytes]) -> None:
-    """Have a process leave, or kill it."""
-    process.terminate()
-    try:
-        process.wait(LEAVE_S)
-    except subprocess.TimeoutExpired:
-        process.kill()
-        process.wait()
-    for pipe in (process.stdin, process.stdout):
-        if pipe is not None:
-            pipe.close()
+        end(process)
 
 
 def floor(*arguments: str) -> list[str]:
@@ -95,8 +38,11 @@ def floor(*arguments: str) -> list[str]:
     return [sys.executable, "-P", str(FLOOR), *arguments]
 
 
-def await_ready(process: subprocess.Popen[bytes]) -> None:
-    """Wait for a floor process's word. Raises RuntimeError if it ends without one."""
-    assert process.stdout is not None, "it was asked for"
-    if process.stdout.readline().strip() != b"ready":
-        raise RuntimeError(f"the floor did not start: {process.args!r}")
+@contextmanager
+def ready_floor(*arguments: str) -> Iterator[subprocess.Popen[bytes]]:
+    """A process of the floor's that has said its word. Raises RuntimeError if it does not."""
+    with started(floor(*arguments)) as process:
+        assert process.stdout is not None, "it was asked for"
+        if process.stdout.readline().strip() != b"ready":
+            raise RuntimeError(f"the floor did not start: {process.args!r}")
+        yield process

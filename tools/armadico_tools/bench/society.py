@@ -4,22 +4,18 @@ from __future__ import annotations
 
 import time
 from collections.abc import Sequence
-from contextlib import ExitStack
+from contextlib import ExitStack, closing
 from typing import Any, Final, NamedTuple
 
 import psutil
 
 from armadico.config.scenarios import load_scenario
+from armadico.launch.local import Launcher
 from armadico.launch.processes import SIMULATOR
 from armadico.launch.society import Options
 from armadico_tools.bench.figures import Figure, Tell, figure
-from armadico_tools.bench.processes import (
-    await_ready,
-    floor,
-    private_mesh,
-    processes,
-    society,
-)
+from armadico_tools.bench.processes import ready_floor
+from armadico_tools.testbed import Place
 
 SCENARIO: Final = "sc1"
 FROM_S: Final = 2.0
@@ -79,8 +75,9 @@ def drive(quick: bool, tell: Tell) -> tuple[Use, ...]:
 def _drive(quick: bool, tell: Tell) -> tuple[Use, ...]:
     seconds = 5.0 if quick else 12.0
     with (
-        private_mesh() as mesh,
-        society(load_scenario(SCENARIO), Options(), mesh) as launcher,
+        Place("bench") as place,
+        closing(place.mesh()) as mesh,
+        Launcher(load_scenario(SCENARIO), Options(), mesh, place.namespace, tied=True) as launcher,
     ):
         launcher.start()
         launcher.begin()
@@ -108,12 +105,10 @@ def _use(name: str, process: psutil.Process, before: Any, wall: float) -> Use:
 
 def _bare_memory() -> list[tuple[float, float]]:
     """Python with Zenoh open and nothing else: rss and uss, MB."""
+    sizes = []
     with ExitStack() as stack:
-        spawn = stack.enter_context(processes())
-        sizes = []
         for _ in range(FLOORS):
-            process = spawn(floor("token", "tcp/127.0.0.1:0", "-", "-"))
-            await_ready(process)
+            process = stack.enter_context(ready_floor("token", "tcp/127.0.0.1:0", "-", "-"))
             size = psutil.Process(process.pid).memory_full_info()
             sizes.append((size.rss / MEGA, size.uss / MEGA))
-        return sizes
+    return sizes

@@ -43,16 +43,10 @@ def speed(quick: bool, tell: Tell) -> list[Figure]:
             whole.append(_pace(partial(_drive, rehearsal)))
             robot.append(_pace(partial(_alone, scenario, seed, rehearsal.mesh.now)))
             tell((at + (seed + 1) / len(seeds)) / len(SCENARIOS))
-        figures += _figures(name, whole, robot)
+        for row, i in ((f"speed-{name}", 0), (f"speed-{name}-cpu", 1)):
+            rates = ([pace[i] for pace in paces] for paces in (whole, robot))
+            figures.append(figure(row, "s/s", *rates, more_is_better=True))
     return figures
-
-
-def _figures(name: str, whole: list[Pace], robot: list[Pace]) -> list[Figure]:
-    rows = ((f"speed-{name}", 0), (f"speed-{name}-cpu", 1))
-    return [
-        figure(row, "s/s", [p[i] for p in whole], [p[i] for p in robot], more_is_better=True)
-        for row, i in rows
-    ]
 
 
 def _pace(run: Callable[[], float]) -> Pace:

@@ -9,13 +9,15 @@ import sys
 import threading
 import time
 from collections.abc import Sequence
+from contextlib import closing
 from typing import Final
 
 from armadico.core.services import TOKEN
 from armadico.launch.processes import command_line
 from armadico.mesh.topology import ENDPOINTS_VARIABLE
 from armadico_tools.bench.figures import Figure, Tell, figure
-from armadico_tools.bench.processes import end, floor, namespace, private_mesh, processes
+from armadico_tools.bench.processes import floor, started
+from armadico_tools.testbed import Place
 
 HEAVY: Final = ("numpy", "zenoh", "pymunk", "cbor2", "msgspec", "serial", "rich", "matplotlib")
 """What nobody waits for who only asks for help."""
@@ -88,18 +90,17 @@ def start(quick: bool, tell: Tell) -> list[Figure]:
     """From starting the process to the token, the agent and the floor in turns."""
     rounds = 4 if quick else 12
     whole, bare = [], []
-    with private_mesh() as mesh, processes() as spawn:
+    with Place("bench") as place, closing(place.mesh()) as mesh:
         sightings = Sightings()
         mesh.watch_alive(sightings.changed)
-        key = f"{namespace()}/{TOKEN.format(name='floor', instance='floor-1')}"
-        agent = command_line(["agent", "goto", "--namespace", namespace()], tied=True)
+        key = f"{place.namespace}/{TOKEN.format(name='floor', instance='floor-1')}"
+        agent = command_line(["agent", "goto", "--namespace", place.namespace], tied=True)
         bare_python = floor("token", "-", os.environ[ENDPOINTS_VARIABLE], key)
 
         def once(name: str, command: Sequence[str]) -> float:
             began = time.monotonic()
-            process = spawn(command)
-            seen = sightings.await_one(name)
-            end(process)
+            with started(command):
+                seen = sightings.await_one(name)
             sightings.await_none(name)
             return seen - began
 

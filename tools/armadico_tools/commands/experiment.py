@@ -5,16 +5,15 @@ from __future__ import annotations
 import argparse
 import json
 import os
-import sys
 import time
 from collections.abc import Sequence
 from importlib import import_module
-from pathlib import Path
 from typing import TYPE_CHECKING, Final
 
 from armadico.cli import options
 from armadico.cli.options import FailedError, UsageError
 from armadico.config.discovery import summary, unknown
+from armadico_tools.command_options import add_jobs, add_json, add_out, at_least, say
 from armadico_tools.experiments import EXPERIMENTS, FIRST_SEED, ON_REQUEST, RUNS, module
 
 if TYPE_CHECKING:
@@ -55,14 +54,10 @@ def parser() -> argparse.ArgumentParser:
     made.add_argument("experiment", nargs="?", metavar="NAME", help="one of --list, or all")
     made.add_argument("--list", action="store_true", help="what there is")
     made.add_argument("--runs", type=int, metavar="N", help=f"seeds a cell (default: {RUNS})")
-    made.add_argument(
-        "--jobs", type=int, metavar="J", help="so many processes (default: one a core)"
-    )
-    made.add_argument(
-        "--out", type=Path, default=Path("results"), metavar="DIR", help="(default: results)"
-    )
+    add_jobs(made)
+    add_out(made, "results", "folders of results are kept")
     made.add_argument("--live", action="store_true", help="with all: real processes, real time too")
-    made.add_argument("--json", action="store_true", help="what came of it as JSON on stdout")
+    add_json(made)
     return made
 
 
@@ -78,10 +73,7 @@ def _list(*, as_json: bool) -> int:
 
 def _check(args: argparse.Namespace) -> None:
     """Raises UsageError for a number that makes no sense."""
-    for name in ("runs", "jobs"):
-        value = getattr(args, name)
-        if value is not None and value < 1:
-            raise UsageError(f"--{name} {value}: at least 1")
+    at_least(args, runs=1, jobs=1)
     if args.live and args.experiment != ALL:
         raise UsageError("--live goes with all; live-vs-virtual is live anyway")
 
@@ -117,7 +109,7 @@ def _run(name: str, args: argparse.Namespace) -> dict[str, object]:
     context = _context(name, args, runs, first_seed)
     experiment.run(context)
     seconds = time.monotonic() - began
-    _say(f"{name}: {seconds:.0f} s, {len(context.files)} files in {context.out}")
+    say(f"{name}: {seconds:.0f} s, {len(context.files)} files in {context.out}")
     return {
         "experiment": name,
         "title": experiment.TITLE,
@@ -154,9 +146,5 @@ def _context(name: str, args: argparse.Namespace, runs: int, first_seed: int) ->
     except OSError as error:
         raise FailedError(f"cannot write to {out}: {error.strerror}") from None
     if moved is not None:
-        _say(f"{out} held other seeds or other code's runs: they are in {moved} now")
+        say(f"{out} held other seeds or other code's runs: they are in {moved} now")
     return context
-
-
-def _say(text: str) -> None:
-    print(text, file=sys.stderr, flush=True)

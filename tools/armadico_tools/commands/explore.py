@@ -4,8 +4,6 @@ from __future__ import annotations
 
 import argparse
 import json
-import os
-import sys
 import time
 from collections.abc import Sequence
 from typing import TYPE_CHECKING, Final
@@ -13,11 +11,10 @@ from typing import TYPE_CHECKING, Final
 from armadico.cli import options
 from armadico.cli.options import UsageError
 from armadico.config.discovery import unknown
+from armadico_tools.command_options import add_jobs, add_json, at_least, over
 
 if TYPE_CHECKING:
-    from armadico_tools.explore.joining import JoiningFound
-    from armadico_tools.explore.search import Found
-    from armadico_tools.explore.series import Summary, Task
+    from armadico_tools.explore.series import Summary
 
 EXAMPLES: Final = """\
   armadico explore                             two contenders, one fault: a few minutes
@@ -34,8 +31,7 @@ def main(argv: Sequence[str]) -> int:
     args = parser().parse_args(argv)
     _check(args)
     options.look_inside("armadico explore")
-    from armadico.cli import pool  # noqa: PLC0415 - not for --help
-    from armadico_tools.explore import series, world  # noqa: PLC0415
+    from armadico_tools.explore import series, world  # noqa: PLC0415 - not for --help
 
     for kind in args.kind:
         if kind not in world.KINDS:
@@ -44,17 +40,9 @@ def main(argv: Sequence[str]) -> int:
     tasks = series.tasks(args.what, args.contenders, args.faults, args.cycles, kinds)
     summary, began = series.Summary(), time.monotonic()
 
-    def done(_: Task, found: Found | JoiningFound) -> None:
-        summary.add(found)
-
-    interrupted = False
-    try:
-        pool.over(series.work, tasks, args.jobs or os.cpu_count() or 1, "explore", done)
-    except KeyboardInterrupt:
-        interrupted = True
-        print(f"interrupted after {summary.setups} of {len(tasks)} setups", file=sys.stderr)
-    _report(summary, args, time.monotonic() - began, complete=not interrupted)
-    if interrupted:
+    complete = over(series.Task.run, tasks, args, "setups", lambda _, found: summary.add(found))
+    _report(summary, args, time.monotonic() - began, complete=complete)
+    if not complete:
         return options.INTERRUPTED
     return 1 if summary.tests else 0
 
@@ -95,19 +83,14 @@ def parser() -> argparse.ArgumentParser:
         metavar="K",
         help="only fates (of messages), crash, owner, cut, hang, bids, rise, stop; may be repeated",
     )
-    made.add_argument(
-        "--jobs", type=int, metavar="J", help="so many processes (default: one a core)"
-    )
-    made.add_argument("--json", action="store_true", help="what came of it as JSON on stdout")
+    add_jobs(made)
+    add_json(made)
     return made
 
 
 def _check(args: argparse.Namespace) -> None:
     """Raises UsageError for what makes no sense."""
-    for name, least in (("faults", 0), ("cycles", 1), ("jobs", 1)):
-        value = getattr(args, name)
-        if value is not None and value < least:
-            raise UsageError(f"--{name} {value}: at least {least}")
+    at_least(args, faults=0, cycles=1, jobs=1)
     if args.what == "admission" and (args.kind or args.cycles):
         raise UsageError("--kind and --cycles are for coordination")
 

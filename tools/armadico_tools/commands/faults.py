@@ -4,17 +4,16 @@ from __future__ import annotations
 
 import argparse
 import json
-import os
 import shlex
-import sys
 from collections.abc import Sequence
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, Final
+from typing import TYPE_CHECKING, Final
 
 from armadico.cli import options
 from armadico.cli.options import FailedError, UsageError
 from armadico.config.discovery import unknown
 from armadico.config.errors import ConfigError
+from armadico_tools.command_options import add_jobs, add_json, add_out, at_least, over, say
 
 if TYPE_CHECKING:
     from rich.console import Console
@@ -67,28 +66,17 @@ def parser() -> argparse.ArgumentParser:
     made.add_argument(
         "--kind", action="append", default=[], metavar="K", help="only these kinds; may be repeated"
     )
-    made.add_argument(
-        "--jobs", type=int, metavar="J", help="so many processes (default: one a core)"
-    )
-    made.add_argument(
-        "--out",
-        type=Path,
-        default=Path("results/faults"),
-        metavar="DIR",
-        help="where seeds are counted (default: results/faults)",
-    )
+    add_jobs(made)
+    add_out(made, "results/faults", "seeds are counted")
     made.add_argument("--repeat", metavar="CASE", help="a case as JSON, or a file that holds one")
     made.add_argument("--list", action="store_true", help="the kinds, and the promises")
-    made.add_argument("--json", action="store_true", help="what came of it as JSON on stdout")
+    add_json(made)
     return made
 
 
 def _check(args: argparse.Namespace) -> None:
     """Raises UsageError for what makes no sense."""
-    for name, least in (("seeds", 1), ("jobs", 1), ("first", 0)):
-        value = getattr(args, name)
-        if value is not None and value < least:
-            raise UsageError(f"--{name} {value}: at least {least}")
+    at_least(args, seeds=1, jobs=1, first=0)
     if args.minutes is not None and not 0.2 <= args.minutes <= 60:
         raise UsageError(f"--minutes {args.minutes:g}: from 0.2 to 60")
     if args.repeat is not None:
@@ -139,7 +127,9 @@ def _repeat(given: str, *, as_json: bool) -> int:
         )
     else:
         for fault in outcome.case.faults:
-            print(f"{fault.at:9.3f} s  {fault.kind} for {fault.lasts:.3f} s: {_whom(fault)}")
+            to = f" to {', '.join(fault.to)}" if fault.to else ""
+            whom = ", ".join(fault.whom) + to
+            print(f"{fault.at:9.3f} s  {fault.kind} for {fault.lasts:.3f} s: {whom}")
         for promise, at, what in outcome.violations:
             print(f"{at:9.3f} s  {promise} broken: {what}")
         if not outcome.violations:
@@ -147,19 +137,13 @@ def _repeat(given: str, *, as_json: bool) -> int:
     return 1 if outcome.violations else 0
 
 
-def _whom(fault: Any) -> str:
-    to = f" to {', '.join(fault.to)}" if fault.to else ""
-    return f"{', '.join(fault.whom)}{to}"
-
-
 def _series(args: argparse.Namespace) -> int:
     """Many seeds; on Ctrl-C the counts so far."""
-    from armadico.cli import pool  # noqa: PLC0415 - not for --help
-    from armadico_tools.experiments import store  # noqa: PLC0415
-    from armadico_tools.faults import series  # noqa: PLC0415
+    from armadico_tools.faults import series  # noqa: PLC0415 - not for --help
+    from armadico_tools.results import commit  # noqa: PLC0415
 
     try:
-        ledger = series.Ledger(args.out, store.commit())
+        ledger = series.Ledger(args.out, commit())
         first = ledger.next_seed() if args.first is None else args.first
     except (OSError, ValueError) as error:
         raise FailedError(f"cannot count seeds in {args.out}: {error}") from None
@@ -175,15 +159,10 @@ def _series(args: argparse.Namespace) -> int:
         except OSError as error:
             raise FailedError(f"cannot count seeds in {ledger.path}: {error.strerror}") from None
 
-    interrupted = False
-    try:
-        pool.over(series.work, tasks, args.jobs or os.cpu_count() or 1, "faults", done)
-    except KeyboardInterrupt:
-        interrupted = True
-        print(f"interrupted after {summary.seeds} of {len(tasks)} seeds", file=sys.stderr)
-    commands = [] if interrupted else _commands(summary)
+    complete = over(series.Task.run, tasks, args, "seeds", done)
+    commands = _commands(summary) if complete else []
     _report(summary, ledger, commands, as_json=args.json)
-    if interrupted:
+    if not complete:
         return options.INTERRUPTED
     return 1 if summary.broken or series.missing(summary) else 0
 
@@ -200,7 +179,7 @@ def _commands(summary: Summary) -> list[str]:
         if promise in told or len(told) >= SHRUNK:
             continue
         told.add(promise)
-        print(f"seed {outcome.case.seed} broke {promise}: shrinking", file=sys.stderr, flush=True)
+        say(f"seed {outcome.case.seed} broke {promise}: shrinking")
         try:
             with pool.progress("runs, at most", shrink.TRIES) as step:
                 case, _ = series.smallest(outcome, shrink.TRIES, step)

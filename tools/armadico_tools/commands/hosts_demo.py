@@ -3,12 +3,13 @@
 from __future__ import annotations
 
 import argparse
-import signal
 from collections.abc import Sequence
+from functools import partial
 from typing import Final
 
 from armadico.cli import options
 from armadico.cli.options import FailedError, UsageError
+from armadico_tools.command_options import end_in_order
 
 INSTEAD: Final = (
     "`make demo` shows the same four hosts as containers (an engine with Compose v2), and"
@@ -28,10 +29,11 @@ def main(argv: Sequence[str]) -> int:
     args = parser().parse_args(argv)
     from armadico.config.hosts import load_hosts  # noqa: PLC0415 - not for --help
     from armadico.config.scenarios import load_scenario  # noqa: PLC0415
-    from armadico_tools.hosts.demo import TABLE, demo  # noqa: PLC0415
+    from armadico_tools.hosts.demo import demo  # noqa: PLC0415
     from armadico_tools.hosts.namespace_hosts import NamespaceHosts  # noqa: PLC0415
     from armadico_tools.hosts.namespaces import lacking  # noqa: PLC0415
     from armadico_tools.hosts.switch import LinkError, parse_link  # noqa: PLC0415
+    from armadico_tools.testbed import TABLE  # noqa: PLC0415
 
     load_scenario(args.scenario)
     names = tuple(load_hosts(TABLE).hosts)
@@ -42,12 +44,11 @@ def main(argv: Sequence[str]) -> int:
     trouble = lacking()
     if trouble is not None:
         raise FailedError(f"{trouble}. Without it, {INSTEAD}")
-    for number in (signal.SIGTERM, signal.SIGHUP):  # as Ctrl-C: everything is taken down
-        signal.signal(number, signal.default_int_handler)
+    end_in_order()
     hosts = NamespaceHosts(args.scenario, seed=args.seed, links=links, cable=args.cable)
     with hosts:
         try:
-            return demo(hosts, args.scenario, _say)
+            return demo(hosts, args.scenario, partial(print, flush=True))
         except FailedError as error:
             raise FailedError(f"{error}\n{hosts.last_words()}") from None
 
@@ -77,7 +78,3 @@ def parser() -> argparse.ArgumentParser:
         "--cable", action="store_true", help="lab2 loses its network only, and keeps its processes"
     )
     return made
-
-
-def _say(text: str) -> None:
-    print(text, flush=True)

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import argparse
 import json
-import sys
 import time
 from collections.abc import Callable, Sequence
 from contextlib import closing
@@ -13,6 +12,7 @@ from typing import TYPE_CHECKING, Any, Final
 
 from armadico.cli import options
 from armadico.cli.options import FailedError, UsageError
+from armadico_tools.command_options import at_least, say
 
 if TYPE_CHECKING:
     from armadico.bridge.p2os.transports import Transport
@@ -98,8 +98,7 @@ def _checked(args: argparse.Namespace) -> argparse.Namespace:
         raise UsageError("name logs to identify, or a file to write with --simulate or --record")
     if bool(args.record) != bool(args.robot):
         raise UsageError("--record FILE and --robot URL go together")
-    if args.seed < 0:
-        raise UsageError(f"--seed {args.seed}: at least 0")
+    at_least(args, seed=0)
     turning = args.motion == "angular"
     args.speed = (1.0 if turning else 0.4) if args.speed is None else args.speed
     if not 0.0 < args.speed <= FASTEST[turning]:
@@ -214,7 +213,7 @@ def _show(report: Sequence[dict[str, Any]], measured: bool) -> None:
         Console().print(table)
     for entry in report:
         if "refused" in entry:
-            _say(f"{entry['log']}: {entry['refused']}")
+            say(f"{entry['log']}: {entry['refused']}")
 
 
 # Logs ---------------------------------------------------------------------------------------------
@@ -240,7 +239,7 @@ def _record(args: argparse.Namespace) -> int:
     robot = _profile(args)
     speeds = (args.speed, 0.0) if args.motion == "linear" else (0.0, args.speed)
     recorder = Recorder(speeds, args.seconds, robot.body.half_track_m)
-    _say(f"the robot will move for {args.seconds:g} s, forward and backward; Ctrl-C stops it")
+    say(f"the robot will move for {args.seconds:g} s, forward and backward; Ctrl-C stops it")
     try:
         with closing(open_transport(args.robot)) as transport:
             _drive(transport, recorder, robot)
@@ -249,7 +248,7 @@ def _record(args: argparse.Namespace) -> int:
     except TransportError as error:
         raise FailedError(str(error)) from None
     _write(args.record, recorder.csv())
-    _say("left_v and right_v are empty: P2OS does not tell the motors' voltages")
+    say("left_v and right_v are empty: P2OS does not tell the motors' voltages")
     return 0
 
 
@@ -291,8 +290,4 @@ def _write(path: Path, text: str) -> None:
         path.write_text(text, encoding="utf-8")
     except OSError as error:
         raise FailedError(f"cannot write {path}: {error.strerror}") from None
-    _say(f"log: {path}")
-
-
-def _say(text: str) -> None:
-    print(text, file=sys.stderr, flush=True)
+    say(f"log: {path}")

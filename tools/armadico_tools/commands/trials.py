@@ -4,9 +4,6 @@ from __future__ import annotations
 
 import argparse
 import json
-import signal
-import sys
-import tempfile
 from collections.abc import Sequence
 from importlib.util import find_spec
 from pathlib import Path
@@ -15,12 +12,13 @@ from typing import TYPE_CHECKING, Any, Final
 from armadico.cli import options
 from armadico.cli.options import FailedError, UsageError
 from armadico.config.discovery import unknown
+from armadico_tools.command_options import add_json, add_out, at_least, end_in_order, say
 
 if TYPE_CHECKING:
     from armadico_tools.faults.checker import Violation
     from armadico_tools.faults.real_series import Line, Series
     from armadico_tools.faults.real_trials import Trial
-    from armadico_tools.faults.testbed import Place
+    from armadico_tools.testbed import Place
 
 TRIALS: Final = 30
 SHOWN: Final = 10
@@ -39,8 +37,7 @@ EXAMPLES: Final = """\
 def main(argv: Sequence[str]) -> int:
     """Make the trials; 1 if one failed, a promise was broken or an aim was missed."""
     args = parser().parse_args(argv)
-    if args.trials < 1:
-        raise UsageError(f"--trials {args.trials}: at least 1")
+    at_least(args, trials=1)
     from armadico.config.scenarios import load_scenario  # noqa: PLC0415 - not for --help
 
     if args.list:
@@ -49,8 +46,7 @@ def main(argv: Sequence[str]) -> int:
         return _recording(args)
     if args.scenario is not None:
         load_scenario(args.scenario)
-    for number in (signal.SIGTERM, signal.SIGHUP):  # as Ctrl-C: everything is taken down
-        signal.signal(number, signal.default_int_handler)
+    end_in_order()
     return _series(args, _chosen(args))
 
 
@@ -76,17 +72,11 @@ def parser() -> argparse.ArgumentParser:
         " a reason to drive; the figures of the table are meant for that)",
     )
     made.add_argument("--seed", type=int, default=0, help="of moments and links (default: 0)")
-    made.add_argument(
-        "--out",
-        type=Path,
-        default=Path("results/trials"),
-        metavar="DIR",
-        help="where figures are kept (default: results/trials)",
-    )
+    add_out(made, "results/trials", "figures are kept")
     made.add_argument("--recording", type=Path, metavar="FILE", help="check a recording instead")
     made.add_argument("--namespace", metavar="NS", help="with --recording: whose (default: all)")
     made.add_argument("--list", action="store_true", help="the kinds, and what they measure")
-    made.add_argument("--json", action="store_true", help="what came of it as JSON on stdout")
+    add_json(made)
     return made
 
 
@@ -127,13 +117,14 @@ def _chosen(args: argparse.Namespace) -> list[Trial]:
     if args.kind or not able:
         can = ", ".join(name for name, trial in ALL.items() if not trial.hosts)
         raise FailedError(f"{left_out}: {trouble}. Without hosts there are: {can}")
-    _say(f"left out: {left_out}: {trouble}")
+    say(f"left out: {left_out}: {trouble}")
     return able
 
 
 def _series(args: argparse.Namespace, chosen: list[Trial]) -> int:
     from armadico.config.hosts import load_hosts  # noqa: PLC0415 - not for --help
-    from armadico_tools.faults.real_series import TABLE, Store, place_for  # noqa: PLC0415
+    from armadico_tools.faults.real_series import Store, place_for  # noqa: PLC0415
+    from armadico_tools.testbed import TABLE  # noqa: PLC0415
 
     table = load_hosts(TABLE)
     try:
@@ -141,44 +132,39 @@ def _series(args: argparse.Namespace, chosen: list[Trial]) -> int:
     except OSError as error:
         raise FailedError(f"cannot write into {args.out}: {error.strerror}") from None
     found: list[Series] = []
-    with tempfile.TemporaryDirectory(prefix="armadico-trials-") as logs:
-        place = place_for(chosen, table, args.seed)
-        try:
-            found.extend(_one(args, trial, place, Path(logs), store) for trial in chosen)
-        except KeyboardInterrupt:
-            _say(f"interrupted; what was measured is in {args.out}")
-            return options.INTERRUPTED
-        finally:
-            place.close()
-            store.finish(found)
+    try:
+        with place_for(chosen, table, args.seed) as place:
+            found.extend(_one(args, trial, place, store) for trial in chosen)
+    except KeyboardInterrupt:
+        say(f"interrupted; what was measured is in {args.out}")
+        return options.INTERRUPTED
+    finally:
+        store.finish(found)
     _show(args, found)
     return 0 if all(series.kept for series in found) else options.FAILED
 
 
-def _one(args: argparse.Namespace, trial: Trial, place: Place, logs: Path, store: Any) -> Series:
+def _one(args: argparse.Namespace, trial: Trial, place: Place, store: Any) -> Series:
     from armadico.config.hosts import load_hosts  # noqa: PLC0415 - not for --help
     from armadico.config.scenarios import load_scenario  # noqa: PLC0415
-    from armadico_tools.faults.real_series import TABLE, run_series  # noqa: PLC0415
+    from armadico_tools.faults.real_series import run_series  # noqa: PLC0415
     from armadico_tools.faults.real_society import ROAD  # noqa: PLC0415
+    from armadico_tools.testbed import TABLE  # noqa: PLC0415
 
     def done(number: int, figures: dict[str, float]) -> None:
         store.add(trial.name, number, figures)
         text = ", ".join(f"{name} {value:g}" for name, value in figures.items())
-        _say(f"{trial.name} {number}/{args.trials}: {text}")
-
-    def failed(why: str) -> None:
-        _say(f"{trial.name}: FAILED: {why}")
+        say(f"{trial.name} {number}/{args.trials}: {text}")
 
     return run_series(
         trial,
         place,
-        logs,
         args.trials,
         table=load_hosts(TABLE),
         scenario=load_scenario(args.scenario) if args.scenario else ROAD,
         seed=args.seed,
         done=done,
-        failed=failed,
+        failed=lambda why: say(f"{trial.name}: FAILED: {why}"),
     )
 
 
@@ -232,7 +218,7 @@ def _recording(args: argparse.Namespace) -> int:
     from armadico_tools.faults.real_recording import check  # noqa: PLC0415
 
     try:
-        checker = check(args.recording, args.namespace, _say)
+        checker = check(args.recording, args.namespace, say)
     except RecordingError as error:
         raise UsageError(str(error)) from None
     except OSError as error:
@@ -243,7 +229,3 @@ def _recording(args: argparse.Namespace) -> int:
     else:
         _print_violations("", checker.violations)
     return options.FAILED if checker.violations else 0
-
-
-def _say(text: str) -> None:
-    print(text, file=sys.stderr, flush=True)

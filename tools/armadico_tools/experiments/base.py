@@ -10,7 +10,8 @@ from typing import TYPE_CHECKING, TypeVar
 from armadico.cli import pool
 from armadico_tools.experiments import FIRST_SEED, RUNS
 from armadico_tools.experiments.driving import Cell, Sample, drive, key_of
-from armadico_tools.experiments.store import Store, commit, source_hash, write_csv
+from armadico_tools.experiments.store import Store, source_hash
+from armadico_tools.results import commit, write_csv
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure

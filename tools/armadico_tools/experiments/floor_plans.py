@@ -209,12 +209,9 @@ def _item(rng: Random, room: Room) -> list[tuple[float, float]]:
     return [(round(x + c * a - s * b, 3), round(y + s * a + c * b, 3)) for a, b in halves]
 
 
-def _edges(item: Sequence[tuple[float, float]]) -> tuple[Segment, ...]:
-    return tuple((*a, *b) for a, b in zip(item, (*item[1:], item[0]), strict=True))
-
-
 def _flat(furniture: Sequence[Sequence[tuple[float, float]]]) -> tuple[Segment, ...]:
-    return tuple(edge for item in furniture for edge in _edges(item))
+    pairs = (zip(item, (*item[1:], item[0]), strict=True) for item in furniture)
+    return tuple((*a, *b) for sides in pairs for a, b in sides)
 
 
 def _clear(item: Sequence[tuple[float, float]], pose: Pose) -> bool:

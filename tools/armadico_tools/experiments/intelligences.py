@@ -10,7 +10,8 @@ from armadico.observe.pictures import colour
 from armadico_tools.experiments import drawing
 from armadico_tools.experiments.driving import Cell
 from armadico_tools.experiments.histories import History, Turn
-from armadico_tools.experiments.tables import RULES, Column, compare, row
+from armadico_tools.experiments.tables import RULES, Column, compare
+from armadico_tools.markdown import table
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -43,14 +44,14 @@ def run(context: Context) -> None:
     samples = context.drive(cells())
     columns = [Column(cell.name, samples[cell.name]) for cell in cells()]
     histories = [History(cell, context.first_seed) for cell in cells()]
-    lines = [row(["share of goto's cycles, %", *(cell.name for cell in cells())])]
-    lines.append(row(["---"] * (len(cells()) + 1)))
-    for name, works in MODULES.items():
-        shares = [100.0 * fmean(map(works, goto_of(history))) for history in histories]
-        lines.append(row([name, *(f"{share:.1f}" for share in shares)]))
+    rows = [
+        (name, *(f"{100.0 * fmean(map(at_work, goto_of(history))):.1f}" for history in histories))
+        for name, at_work in MODULES.items()
+    ]
+    head = ["share of goto's cycles, %", *(cell.name for cell in cells())]
     context.table(
         f"# {TITLE}\n\n{RULES}\n\n{compare(columns)}\n## Goto's modules, seed"
-        f" {context.first_seed}\n\n" + "\n".join(lines) + "\n"
+        f" {context.first_seed}\n\n{table(head, rows)}\n"
     )
     for stem, history in zip(("", "-thesis", "-everybody"), histories, strict=True):
         path = drawing.sheet(1, 1, 9.0, 6.0)

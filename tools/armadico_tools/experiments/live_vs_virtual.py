@@ -15,7 +15,8 @@ from armadico.observe.measures import Result
 from armadico_tools.experiments import tables
 from armadico_tools.experiments.driving import Cell, Sample
 from armadico_tools.experiments.statistics import holm, shift, spread, unpaired
-from armadico_tools.experiments.tables import RULES, number, p_of, row
+from armadico_tools.experiments.tables import RULES, number, p_of
+from armadico_tools.markdown import table
 
 if TYPE_CHECKING:
     from armadico_tools.experiments.base import Context
@@ -85,22 +86,22 @@ def live(task: tuple[Cell, int]) -> Sample:
 def compare(pairs: Sequence[tuple[list[Sample], list[Sample]]]) -> str:
     """A table of live and virtual runs of each scenario, with one test for each measure."""
     tests: list[tuple[str, str, list[float], list[float]]] = []
-    outcomes: list[str] = []
+    rows = []
     for real, virtual in pairs:
         scenario = virtual[0].cell
         both = [f"{sum(s.reached for s in runs)} of {len(runs)}" for runs in (real, virtual)]
-        outcomes.append(row([scenario, "reached", *both, "-", "-"]))
+        rows.append([scenario, "reached", *both, "-", "-"])
         for field, title in MEASURED.items():
             values = (_values(real, field), _values(virtual, field))
             if all(values):
                 tests.append((scenario, title, *values))
     ps = [unpaired(real, virtual) for *_, real, virtual in tests]
-    lines = [
-        row([*test[:2], *_shown(*test[2:]), f"{p_of(p)} ({_corrected(q)})"])
-        for test, p, q in zip(tests, ps, holm(ps), strict=True)
-    ]
-    header = ["scenario", "measure", "live", "virtual", "live - virtual", "p (Holm)"]
-    return "\n".join([row(header), row(["---"] * len(header)), *outcomes, *lines]) + "\n"
+    for test, p, q in zip(tests, ps, holm(ps), strict=True):
+        corrected = "-" if q is None else f"{q:.3f}"
+        rows.append([*test[:2], *_shown(*test[2:]), f"{p_of(p)} ({corrected})"])
+    return (
+        table(["scenario", "measure", "live", "virtual", "live - virtual", "p (Holm)"], rows) + "\n"
+    )
 
 
 def _values(runs: Sequence[Sample], field: str) -> list[float]:
@@ -113,7 +114,3 @@ def _shown(real: Sequence[float], virtual: Sequence[float]) -> list[str]:
         *(tables.cell(spread(values)) for values in (real, virtual)),
         f"{middle} [{low}, {high}]",
     ]
-
-
-def _corrected(p: float | None) -> str:
-    return "-" if p is None else f"{p:.3f}"

@@ -6,7 +6,8 @@ from typing import TYPE_CHECKING, Final
 
 from armadico_tools.experiments.driving import Cell, Sample
 from armadico_tools.experiments.real_robot import failures
-from armadico_tools.experiments.tables import RULES, number, row, spread_of
+from armadico_tools.experiments.tables import RULES, number, spread_of
+from armadico_tools.markdown import table
 
 if TYPE_CHECKING:
     from armadico_tools.experiments.base import Context
@@ -37,23 +38,18 @@ def cells() -> list[Cell]:
 def run(context: Context) -> None:
     """A row for each scenario and set."""
     samples = context.drive(cells())
-    lines = [row(["scenario", "set", "reached", "collided", *SHOWN.values()])]
-    lines.append(row(["---"] * (4 + len(SHOWN))))
-    lines += [_line(cell.name.split(), samples[cell.name]) for cell in cells()]
+    head = ("scenario", "set", "reached", "collided", *SHOWN.values())
+    rows = (_line(cell.name.split(), samples[cell.name]) for cell in cells())
     bad = failures([one for cell in cells() for one in samples[cell.name]])
     context.table(
         f"# {TITLE}\n\n`thesis` is `configs/parameters/thesis.toml`; where the text has no number"
         " it has a prototype's. Everybody takes part. *clearance*: the mean over the runs of the"
-        f" least way between outline and walls.\n\n{RULES}\n\n" + "\n".join(lines) + f"\n\n{bad}"
+        f" least way between outline and walls.\n\n{RULES}\n\n{table(head, rows)}\n\n{bad}"
     )
 
 
-def _line(names: list[str], samples: list[Sample]) -> str:
+def _line(names: list[str], samples: list[Sample]) -> list[object]:
     reached = f"{sum(sample.reached for sample in samples)} of {len(samples)}"
-    collided = sum(bool(sample.collisions) for sample in samples)
-    cells = [*names, reached, collided]
-    for field in SHOWN:
-        found = spread_of(samples, field)
-        text = "-" if found is None else f"{number(found.mean)} ± {number(found.sd)}"
-        cells.append(text)
-    return row(cells)
+    found = (spread_of(samples, field) for field in SHOWN)
+    spreads = ("-" if s is None else f"{number(s.mean)} ± {number(s.sd)}" for s in found)
+    return [*names, reached, sum(bool(sample.collisions) for sample in samples), *spreads]

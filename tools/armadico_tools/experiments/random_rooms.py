@@ -12,7 +12,8 @@ from armadico.observe.pictures import Run, draw_run
 from armadico_tools.experiments.driving import Cell, Drive, Sample
 from armadico_tools.experiments.floor_plans import floor_plan, save
 from armadico_tools.experiments.statistics import at_least
-from armadico_tools.experiments.tables import RULES, cell, number, row, spread_of
+from armadico_tools.experiments.tables import RULES, cell, number, spread_of
+from armadico_tools.markdown import table
 
 if TYPE_CHECKING:
     from armadico_tools.experiments.base import Context
@@ -97,29 +98,24 @@ def what_happened(sample: Sample) -> str:
 
 def _summary(found: list[Sample]) -> str:
     reached = sum(one.reached for one in found)
-    passed = sum(not failed(one) for one in found)
     low = 100.0 * at_least(reached, len(found))
-    lines = [
-        row(["measure", "value"]),
-        row(["---"] * 2),
-        row(["reached", f"{reached} of {len(found)} ({low:.1f} % at least, one-sided 95 %)"]),
-        row(["collided", sum(bool(one.collisions) for one in found)]),
-        row(["reached and nothing touched", f"{passed} of {len(found)}"]),
-    ]
-    for field, title in (("tt_s", "TT s"), ("td_m", "TD m"), ("exchanges", "exchanges")):
-        lines.append(row([title, cell(spread_of(found, field))]))
     clear = [one.min_clearance_m for one in found if one.min_clearance_m is not None]
-    lines.append(row(["least clearance of all, m", number(min(clear))]))
-    return "\n".join(lines) + "\n"
+    rows = [
+        ("reached", f"{reached} of {len(found)} ({low:.1f} % at least, one-sided 95 %)"),
+        ("collided", sum(bool(one.collisions) for one in found)),
+        ("reached and nothing touched", f"{sum(not failed(o) for o in found)} of {len(found)}"),
+        ("TT s", cell(spread_of(found, "tt_s"))),
+        ("TD m", cell(spread_of(found, "td_m"))),
+        ("exchanges", cell(spread_of(found, "exchanges"))),
+        ("least clearance of all, m", number(min(clear))),
+    ]
+    return table(("measure", "value"), rows) + "\n"
 
 
 def _failures(found: list[Sample]) -> str:
-    bad = [one for one in found if failed(one)]
-    if not bad:
-        return "No failure.\n"
-    lines = [row(["seed", "what happened", "picture"]), row(["---"] * 3)]
-    for one in bad:
+    rows = []
+    for one in filter(failed, found):
         name = f"failed-{one.seed:03d}.png"
         shown = "-" if one.note.startswith("refused") else f"[{name}]({name})"
-        lines.append(row([one.seed, what_happened(one), shown]))
-    return "\n".join(lines) + "\n"
+        rows.append((one.seed, what_happened(one), shown))
+    return table(("seed", "what happened", "picture"), rows) + "\n" if rows else "No failure.\n"

@@ -6,8 +6,9 @@ from typing import TYPE_CHECKING
 
 from armadico_tools.experiments import drawing
 from armadico_tools.experiments.driving import Cell, Drive
-from armadico_tools.experiments.published import Numbers
-from armadico_tools.experiments.tables import RULES, Column, compare, row
+from armadico_tools.experiments.published import published
+from armadico_tools.experiments.tables import RULES, Column, compare
+from armadico_tools.markdown import table
 
 if TYPE_CHECKING:
     from armadico_tools.experiments.base import Context
@@ -22,13 +23,11 @@ def cells(scenario: str) -> list[Cell]:
     return [Cell(name, scenario, sensors=sensors) for name, sensors in SENSORS.items()]
 
 
-def measure(
-    context: Context, title: str, scenario: str, published: dict[str, Numbers], note: str
-) -> None:
+def measure(context: Context, title: str, scenario: str, of: str, note: str) -> None:
     """The table beside the thesis's single runs, and the first seed's picture of each."""
     arms = cells(scenario)
     samples = context.drive(arms)
-    columns = [Column(arm.name, samples[arm.name], published[arm.name]) for arm in arms]
+    columns = [Column(arm.name, samples[arm.name], published(of, arm.name)) for arm in arms]
     text = f"# {title}\n\n{note}\n\n{RULES}\n\n{compare(columns)}\n"
     context.table(text + failures([one for arm in arms for one in samples[arm.name]]))
     figure = drawing.sheet(1, 2, 12.0, 7.0)
@@ -46,11 +45,13 @@ def failures(samples: list[Sample]) -> str:
     bad = [one for one in samples if not one.reached or one.collisions]
     if not bad:
         return "Every run reached the goal and touched nothing.\n"
-    lines = ["## Runs that failed\n"]
-    lines.append(row(["arm", "seed", "reached", "collisions", "P %", "FO deg", "TT s", "note"]))
-    lines.append(row(["---"] * 8))
-    for one in bad:
-        reached = "yes" if one.reached else "no"
-        numbers = (f"{one.p_percent:.1f}", f"{one.fo_deg:.1f}", f"{one.tt_s:.1f}")
-        lines.append(row([one.cell, one.seed, reached, one.collisions or 0, *numbers, one.note]))
-    return "\n".join(lines) + "\n"
+    head = ("arm", "seed", "reached", "collisions", "P %", "FO deg", "TT s", "note")
+    rows = (
+        (
+            *(one.cell, one.seed, "yes" if one.reached else "no", one.collisions or 0),
+            *(f"{number:.1f}" for number in (one.p_percent, one.fo_deg, one.tt_s)),
+            one.note,
+        )
+        for one in bad
+    )
+    return f"## Runs that failed\n\n{table(head, rows)}\n"

@@ -6,7 +6,7 @@ from typing import TYPE_CHECKING, Final
 
 from armadico_tools.experiments import drawing
 from armadico_tools.experiments.driving import Cell, Drive
-from armadico_tools.experiments.published import TABLE_5_1
+from armadico_tools.experiments.published import published
 from armadico_tools.experiments.tables import MEASURES, RULES, Column, compare, differences
 
 if TYPE_CHECKING:
@@ -42,7 +42,7 @@ def run(context: Context) -> None:
 
 def _scenario(scenario: str, samples: Samples) -> str:
     columns = [
-        Column(name, samples[f"{scenario} {name}"], TABLE_5_1[name][scenario])
+        Column(name, samples[f"{scenario} {name}"], published("5.1", name, scenario))
         for name in CONTROLLERS
     ]
     others = [

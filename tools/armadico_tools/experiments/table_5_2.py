@@ -11,7 +11,7 @@ from armadico.config.parameters import load_set
 from armadico.config.shipped import resource_path
 from armadico_tools.experiments import drawing
 from armadico_tools.experiments.driving import Cell, Drive
-from armadico_tools.experiments.published import TABLE_5_2
+from armadico_tools.experiments.published import published
 from armadico_tools.experiments.tables import (
     MEASURES,
     OTHERS,
@@ -99,7 +99,7 @@ def _setting(short: str, title: str, samples: Samples) -> str:
             Column(
                 f"{coordination}, {exchange}",
                 samples[f"{short} {coordination} {exchange}"],
-                TABLE_5_2[exchange],
+                published("5.2", exchange),
             )
             for exchange in EXCHANGES
         ]

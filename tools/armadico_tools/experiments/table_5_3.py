@@ -4,11 +4,11 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING, Final
 
-from msgspec import Struct
+from msgspec import Struct, structs
 
 from armadico_tools.experiments import drawing
 from armadico_tools.experiments.driving import Cell, Drive
-from armadico_tools.experiments.published import TABLE_5_3
+from armadico_tools.experiments.published import published
 from armadico_tools.experiments.tables import (
     MEASURES,
     OTHERS,
@@ -17,8 +17,8 @@ from armadico_tools.experiments.tables import (
     Column,
     compare,
     differences,
-    row,
 )
+from armadico_tools.markdown import table
 
 if TYPE_CHECKING:
     from armadico_tools.experiments.base import Context, Samples
@@ -79,8 +79,8 @@ def run(context: Context) -> None:
         join, [(world, seed) for world in WORLDS for seed in context.seeds], "who was there"
     )
     fields = Joining.__struct_fields__
-    rows = ([_text(getattr(one, field)) for field in fields] for one in joins)
-    context.rows("joining", fields, rows)
+    rows = (structs.replace(one, before=" ".join(one.before)) for one in joins)
+    context.rows("joining", fields, map(structs.astuple, rows))
     parts = [f"# {TITLE}\n\nGA: goto and avoid; GAT: gothrough too.\n\n{RULES}\n"]
     parts += [_part(world, name or "default", samples) for name in SETS for world in WORLDS]
     parts.append(_joined(samples, joins))
@@ -93,28 +93,26 @@ def run(context: Context) -> None:
     context.figure(figure, "figures-5.8-5.9")
 
 
-def _text(value: object) -> object:
-    return " ".join(value) if isinstance(value, tuple) else value
-
-
 def _part(world: str, name: str, samples: Samples) -> str:
-    columns = [Column(arm, samples[f"{world} {name} {arm}"], TABLE_5_3[world, arm]) for arm in ARMS]
+    columns = [
+        Column(arm, samples[f"{world} {name} {arm}"], published("5.3", world, arm)) for arm in ARMS
+    ]
     measures = {**MEASURES, **OTHERS, **SMOOTHNESS}
     changes = differences("GA to GAT", columns[0].samples, columns[1].samples, measures)
     return f"## {world}, {name} parameters\n\n{compare(columns)}\n{changes}"
 
 
 def _joined(samples: Samples, joins: list[Joining]) -> str:
-    lines = [
-        f"## Gothrough joins {JOINS_S:g} s after the mission began\n",
-        row(["world", "nobody else restarted", "gothrough obeyed in", "first obeyed after"]),
-        row(["---"] * 4),
-    ]
+    rows = []
     for world in WORLDS:
         mine = [one for one in joins if one.world == world]
         held = [one.first_held_s for one in mine if one.first_held_s is not None]
         least = f"{min(held):.1f} s" if held else "-"
         kept = f"{sum(one.kept for one in mine)} of {len(mine)} runs"
-        lines.append(row([world, kept, f"{len(held)} of {len(mine)} runs", least]))
+        rows.append((world, kept, f"{len(held)} of {len(mine)} runs", least))
+    head = ("world", "nobody else restarted", "gothrough obeyed in", "first obeyed after")
     columns = [Column(f"{world}, joins", samples[f"{world} joins"]) for world in WORLDS]
-    return "\n".join(lines) + "\n\n" + compare(columns)
+    return (
+        f"## Gothrough joins {JOINS_S:g} s after the mission began\n\n{table(head, rows)}\n\n"
+        + compare(columns)
+    )

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from statistics import fmean
 from typing import Final
 
 from msgspec import Struct
@@ -10,6 +11,7 @@ from msgspec import Struct
 from armadico_tools.experiments.driving import Sample
 from armadico_tools.experiments.published import Numbers, Value
 from armadico_tools.experiments.statistics import Spread, against, paired, spread
+from armadico_tools.markdown import table
 
 MEASURES: Final = {
     "td_m": "TD m",
@@ -70,8 +72,7 @@ def compare(columns: Sequence[Column], measures: dict[str, str] | None = None) -
         header.append(column.title)
         if column.published is not None:
             header.append("thesis (p)")
-    lines = [row(header), row(["---"] * len(header))]
-    lines += [_outcome(columns, name, title) for name, title in COUNTS.items()]
+    rows = [_outcome(columns, name, title) for name, title in COUNTS.items()]
     for field, title in (measures or {**MEASURES, **OTHERS}).items():
         cells = [title]
         for column in columns:
@@ -80,22 +81,22 @@ def compare(columns: Sequence[Column], measures: dict[str, str] | None = None) -
             if column.published is not None:
                 cells.append(_beside(ours, column.published.get(field)))
         if any(text != "-" for text in cells[1:]):
-            lines.append(row(cells))
-    return "\n".join(lines) + "\n"
+            rows.append(cells)
+    return table(header, rows) + "\n"
 
 
 MANY_TIMES: Final = 5.0
 COUNTS: Final = {"reached": "reached", "arrived": "arrived", "collisions": "runs with a collision"}
 
 
-def _outcome(columns: Sequence[Column], field: str, title: str) -> str:
+def _outcome(columns: Sequence[Column], field: str, title: str) -> list[str]:
     cells = [title]
     for column in columns:
         found = sum(bool(getattr(sample, field)) for sample in column.samples)
         cells.append(f"{found} of {len(column.samples)}")
         if column.published is not None:
             cells.append("-")
-    return row(cells)
+    return cells
 
 
 def _beside(ours: Spread | None, value: Value | None) -> str:
@@ -112,22 +113,19 @@ def differences(
     title: str, first: Sequence[Sample], second: Sequence[Sample], measures: dict[str, str]
 ) -> str:
     """Two arms with the same seeds: what changes from the first to the second, and its p."""
-    lines = [row([title, "first", "second", "change", "p (Wilcoxon)"]), row(["---"] * 5)]
+    rows = []
     for field, name in measures.items():
         pairs = [
             (a, b)
             for x, y in zip(first, second, strict=True)
             if (a := getattr(x, field)) is not None and (b := getattr(y, field)) is not None
         ]
-        if not pairs:
-            continue
-        before, after = spread([a for a, _ in pairs]), spread([b for _, b in pairs])
-        assert before is not None and after is not None, "there are pairs"  # noqa: PT018
-        change = _change(before.mean, after.mean)
-        p = paired([a for a, _ in pairs], [b for _, b in pairs])
-        means = [number(before.mean), number(after.mean)]
-        lines.append(row([name, *means, change, p_of(p)]))
-    return "\n".join(lines) + "\n"
+        if pairs:
+            one, other = map(list, zip(*pairs, strict=True))
+            before, after = fmean(one), fmean(other)
+            means = (number(before), number(after), _change(before, after))
+            rows.append((name, *means, p_of(paired(one, other))))
+    return table([title, "first", "second", "change", "p (Wilcoxon)"], rows) + "\n"
 
 
 def _change(before: float, after: float) -> str:
@@ -166,8 +164,3 @@ def p_of(p: float | None) -> str:
     if p is None:
         return "-"
     return "p < 0.001" if p < 0.001 else f"p {p:.3f}"
-
-
-def row(cells: Sequence[object]) -> str:
-    """One line of a Markdown table."""
-    return f"| {' | '.join(map(str, cells))} |"

@@ -87,11 +87,8 @@ class Trace:
         if ack.obeyed is not None and ack.obeyed_cycle is not None:
             key = (ack.obeyed.instance, ack.obeyed_cycle.number)
             self._obeyed = self._commands.get(key, self._obeyed)
-            self._forget(ack.cycle.number - 20)
-
-    def _forget(self, before: int) -> None:
-        for key in [key for key in self._commands if key[1] < before]:
-            del self._commands[key]
+            old = ack.cycle.number - 20
+            self._commands = {at: c for at, c in self._commands.items() if at[1] >= old}
 
     def _tick(self, truth: Truth) -> None:
         if not self._watch.mission or self._watch.done:

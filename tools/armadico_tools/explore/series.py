@@ -35,11 +35,6 @@ class Task:
         return Search(self.setup, Limits(self.faults, self.cycles)).run()
 
 
-def work(task: Task) -> Found | JoiningFound:
-    """One setup."""
-    return task.run()
-
-
 def tasks(
     what: str, contenders: int, faults: int, cycles: int | None, kinds: tuple[str, ...] = KINDS
 ) -> list[Task]:

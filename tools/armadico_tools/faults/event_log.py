@@ -12,6 +12,8 @@ from collections.abc import Callable, Container, Iterator
 from itertools import pairwise
 from typing import Final, TypeVar
 
+from msgspec.structs import replace
+
 from armadico.core.cycles import PERIOD
 from armadico.core.messages import (
     Ack,
@@ -29,11 +31,9 @@ from armadico.observe.view import View, agent_of, driver
 from armadico_tools.faults.checker import Checker
 from armadico_tools.faults.observations import (
     Bids,
-    Faulted,
     Left,
     Observation,
     Ordered,
-    Passed,
     Said,
 )
 
@@ -87,7 +87,7 @@ class Account:
             self.orders.append((seen.at, seen))
             if self.deaf:
                 self._supply(seen)
-        self.checker.take(_at(self.now, seen))
+        self.checker.take(replace(seen, at=self.now))
 
     def _supply(self, order: Ordered) -> None:
         """Have been commanded what is ordered: when it is to stop is still looked at."""
@@ -155,20 +155,25 @@ class Account:
 
     # From when to when ---------------------------------------------------------------------------
 
-    def obeyed_after(self, since: float, but: Container[str] = ()) -> float | None:
-        """When the next command was said that is known to have been obeyed; None if none is yet.
+    def next_obeyed(self, since: float, but: Container[str] = ()) -> tuple[float, Command] | None:
+        """The next command that is known to have been obeyed, and when it was said.
 
         Known by the acknowledgement of the robot agent: the first after `since` of a command said
         since then by an instance that is none of `but`.
         """
-        said = {(c.ballot, c.cycle): at for at, c in self.commands}
+        said = {(c.ballot, c.cycle): (at, c) for at, c in self.commands}
         for _, ack in _from(self.acks, since):
             if ack.obeyed is None or ack.obeyed_cycle is None or ack.obeyed.instance in but:
                 continue
-            at = said.get((ack.obeyed, ack.obeyed_cycle))
-            if at is not None and at >= since:
-                return at
+            found = said.get((ack.obeyed, ack.obeyed_cycle))
+            if found is not None and found[0] >= since:
+                return found
         return None
+
+    def obeyed_after(self, since: float, but: Container[str] = ()) -> float | None:
+        """When that was said; None if none is yet."""
+        found = self.next_obeyed(since, but)
+        return None if found is None else found[0]
 
     def stop_after(self, since: float) -> float | None:
         """When the first zero speeds after a time were written to the controller."""
@@ -216,16 +221,3 @@ def _first(kept: Timed[T], since: float, wanted: Callable[[T], bool]) -> float |
 
 def _rests(truth: Truth) -> bool:
     return abs(truth.v) < REST_M_S and abs(truth.w) < REST_RAD_S
-
-
-def _at(at: float, seen: Observation) -> Observation:
-    """The same, seen at another time."""
-    if isinstance(seen, Ordered):
-        return Ordered(at, seen.v, seen.w)
-    if isinstance(seen, Faulted):
-        return Faulted(at, seen.kind, seen.whom, seen.began)
-    if isinstance(seen, Left):
-        return Left(at, seen.instance)
-    if isinstance(seen, Passed):
-        return Passed(at)
-    return seen

@@ -108,7 +108,10 @@ class Exchanged:
         wanted, commanded = _numbers(winner.wanted), _numbers(winner.commanded)
         if any(self._explains(start, winner, least) for start in starts):
             return
-        if self._careful(winner) and any(_brakes(start, winner, least) for start in starts):
+        # It may only brake if who fell silent or let go was about to collide.
+        others = [claim for _, claim in self._claims if claim.ballot < winner.ballot]
+        careful = any(claim.critical for claim in others[-FRESH_CYCLES - 2 :])
+        if careful and any(_brakes(start, winner, least) for start in starts):
             return
         nearest = min(starts, key=lambda start: _far(start.action, commanded))
         window = _window(nearest.action, wanted)
@@ -117,11 +120,6 @@ class Exchanged:
             f" wants {_plain(wanted)}: not what {window:.1f} cycles make of that and"
             f" {_plain(nearest.action)}"
         )
-
-    def _careful(self, winner: Claim) -> bool:
-        """Whether it may only brake: who fell silent or let go was about to collide."""
-        others = [claim for _, claim in self._claims if claim.ballot < winner.ballot]
-        return any(claim.critical for claim in others[-FRESH_CYCLES - 2 :])
 
     def _starts(self, at: float, winner: Claim) -> Iterator[Start]:
         own, me = winner.utility or 0.0, winner.ballot.instance

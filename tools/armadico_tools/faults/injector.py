@@ -7,8 +7,10 @@ that are on: a link that two faults befall is mended when the last of them ends.
 from __future__ import annotations
 
 from collections import Counter
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
+from dataclasses import replace
 from functools import partial
+from itertools import product
 from math import inf, nan
 from typing import Any, Final
 
@@ -16,8 +18,8 @@ from armadico.bridge.simulator.sonar_schedule import Broken
 from armadico.core.exchange import Bid
 from armadico.core.messages import Claim, Command, Message
 from armadico.launch.virtual import Rehearsal
+from armadico.mesh.link_faults import WHOLE, LinkFaults
 from armadico.mesh.virtual import Node
-from armadico.mesh.virtual_network import Link
 from armadico_tools.faults.fault_types import AGAIN_S
 from armadico_tools.faults.observations import Faulted
 from armadico_tools.faults.plan import BEHAVIOURS, CUTS, NETWORK, Fault, Variation
@@ -113,26 +115,28 @@ class Inflictor:
 
     def _mend_links(self) -> None:
         """Every link as it is in this run, then what is on."""
-        names = {node.name for node in self._mesh.nodes}
-        ways = [(a, b) for a in sorted(names) for b in sorted(names)]
-        for way in ways:
-            link = self._mesh.link(*way)
-            link.mend()
-            link.delay, link.jitter = self._variation.delay, self._variation.jitter
+        names = sorted({node.name for node in self._mesh.nodes})
+        usual = replace(WHOLE, delay=self._variation.delay, jitter=self._variation.jitter)
+        wrong = {(source, target): usual for source in names for target in names}
         for fault in self._on:
             if fault.kind in NETWORK:
-                for source in fault.whom:
-                    for target in fault.to:
-                        _worsen(self._mesh.link(source, target), fault)
+                for way in product(fault.whom, fault.to):
+                    wrong[way] = _worse(wrong.get(way, usual), fault)
+        self._put(wrong)
 
     def _mend_line(self) -> None:
-        inwards, outwards = self._mesh.link("device", "robot"), self._mesh.link("robot", "device")
-        inwards.mend()
-        outwards.mend()
+        wrong = {("device", "robot"): WHOLE, ("robot", "device"): WHOLE}
         for fault in self._on:
-            for link, one_way in ((inwards, 1.0), (outwards, 2.0)):
+            for way, one_way in zip(wrong, (1.0, 2.0), strict=True):
                 if fault.kind.startswith("serial") and fault.spread in {0.0, one_way}:
-                    _worsen(link, fault)
+                    wrong[way] = _worse(wrong[way], fault)
+        self._put(wrong)
+
+    def _put(self, wrong: Mapping[tuple[str, str], LinkFaults]) -> None:
+        """What is wrong with links, but for their cuts, which `_part` makes."""
+        for way, faults in wrong.items():
+            link = self._mesh.link(*way)
+            link.faults = replace(faults, cut=not link.up)
 
     def _part(self, fault: Fault, *, begins: bool) -> None:
         both = [(fault.whom, fault.to)]
@@ -160,8 +164,7 @@ class Inflictor:
             self._down[name] += 1 if begins else -1
             self._settle(name)
 
-    def _interface_restart(self, fault: Fault, begins: bool) -> None:
-        self._crash(fault, begins)
+    _interface_restart = _crash
 
     def _robot_then_encoder(self, fault: Fault, begins: bool) -> None:
         """The encoder agent goes when the new robot agent has said its first cycles."""
@@ -259,11 +262,9 @@ class Inflictor:
             old = [item for item in self._said if item[0] > self._mesh.now - OLD_S]
             for index, item in enumerate(old):
                 late = fault.lasts + 0.05 + index * 1.5 / len(old)
-                self._mesh.call_at(self._mesh.now + late, self._say_again, item)
-
-    def _say_again(self, item: tuple[float, str, Message], _: Any) -> None:
-        """An old message arrives; nobody says it now, so no watcher is shown it."""
-        self._mesh.arrive(item[2], "robot", item[1])
+                # It arrives; nobody says it now, so no watcher is shown it.
+                arrives = partial(self._mesh.arrive, item[2], "robot", item[1])
+                self._mesh.call_at(self._mesh.now + late, lambda call, _: call(), arrives)
 
     def _keep(self, key: str, message: Message, now: float) -> None:
         self._said.append((now, key, message))
@@ -286,19 +287,15 @@ def _told(at: float, fault: Fault, *, began: bool) -> Faulted:
     return Faulted(at, fault.kind, fault.whom, began, fault.to, fault.amount)
 
 
-def _worsen(link: Link, fault: Fault) -> None:
-    """What a fault adds to a link."""
-    kind = fault.kind
+def _worse(faults: LinkFaults, fault: Fault) -> LinkFaults:
+    """A link's faults with another one beside them."""
+    kind, amount = fault.kind, fault.amount
     if kind in {"drop", "serial-loss"}:
-        link.loss = max(link.loss, fault.amount)
-    elif kind == "delay":
-        link.delay += fault.amount
-        link.jitter += fault.spread
-    elif kind == "serial-garbage":
-        link.garble = max(link.garble, fault.amount)
-    elif kind == "duplicate":
-        link.duplicate = max(link.duplicate, fault.amount)
-        link.behind = max(link.behind, fault.spread)
-    elif kind == "reorder":
-        link.reorder = max(link.reorder, fault.amount)
-        link.behind = max(link.behind, fault.spread)
+        return replace(faults, loss=max(faults.loss, amount))
+    if kind == "delay":
+        delay, jitter = faults.delay + amount, faults.jitter + fault.spread
+        return replace(faults, delay=delay, jitter=jitter)
+    if kind == "serial-garbage":
+        return replace(faults, garble=max(faults.garble, amount))
+    share = {kind: max(getattr(faults, kind), amount)}  # duplicate or reorder
+    return replace(faults, behind=max(faults.behind, fault.spread), **share)

@@ -190,7 +190,7 @@ def _draw_one(rng: Random, drawn: Swarm, at: float) -> Fault:
     (between,) = rng.choices(LENGTHS, drawn.lengths)
     lasts = max(rng.uniform(*between), LEAST_S.get(kind, 0.0))
     whom, to = _whom(rng, kind)
-    amount, spread = _amounts(rng, kind)
+    amount, spread = DRAWS[kind](rng) if kind in DRAWS else (0.0, 0.0)
     return Fault(kind, at, round(lasts, 3), whom, to, round(amount, 4), round(spread, 4))
 
 
@@ -218,12 +218,6 @@ def _sides(rng: Random) -> tuple[tuple[str, ...], tuple[str, ...]]:
 
 def _names(machines: Sequence[Sequence[str]]) -> tuple[str, ...]:
     return tuple(name for machine in machines for name in machine)
-
-
-def _amounts(rng: Random, kind: str) -> tuple[float, float]:
-    """The kind's own numbers."""
-    drawn = DRAWS.get(kind)
-    return drawn(rng) if drawn is not None else (0.0, 0.0)
 
 
 def _either(rng: Random) -> float:

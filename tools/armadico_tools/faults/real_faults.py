@@ -7,8 +7,10 @@ from __future__ import annotations
 
 import random
 import signal
+from collections.abc import Callable
 from typing import Final
 
+from armadico.mesh.link_faults import LinkFaults
 from armadico_tools.faults.real_society import RealSociety, TrialError
 from armadico_tools.faults.real_trials import (
     LONGER_THAN_A_LEASE_S,
@@ -19,8 +21,7 @@ from armadico_tools.faults.real_trials import (
     on_host,
     phase,
 )
-from armadico_tools.faults.testbed import WATCHER
-from armadico_tools.hosts.switch import Faults, Link
+from armadico_tools.testbed import WATCHER
 
 LASTS_S: Final = 3.0
 """How long links are out."""
@@ -44,11 +45,10 @@ def kill_one(society: RealSociety, rng: random.Random) -> dict[str, float]:
     """SIGKILL an agent, a different one each time, and start it again 1 s later."""
     label = society.next_agent()
     phase(society, rng)
-    society.fault("crash", [label], began=True)
-    society.signal(label, signal.SIGKILL)
-    society.run(1.0)
-    again = society.restart(label)
-    society.fault("crash", [label], began=False)
+    with society.fault("crash", label):
+        society.signal(label, signal.SIGKILL)
+        society.run(1.0)
+        again = society.restart(label)
     return {"drives": _drives(society, again)}
 
 
@@ -56,13 +56,12 @@ def hang_one(society: RealSociety, rng: random.Random) -> dict[str, float]:
     """SIGSTOP an agent, a different one each time, for longer than its lease."""
     label = society.next_agent()
     phase(society, rng)
-    society.fault("hang", [label], began=True)
-    society.signal(label, signal.SIGSTOP)
-    try:
-        society.run(LONGER_THAN_A_LEASE_S)
-    finally:
-        woken = society.signal(label, signal.SIGCONT)
-    society.fault("hang", [label], began=False)
+    with society.fault("hang", label):
+        society.signal(label, signal.SIGSTOP)
+        try:
+            society.run(LONGER_THAN_A_LEASE_S)
+        finally:
+            woken = society.signal(label, signal.SIGCONT)
     return {"drives": _drives(society, woken)}
 
 
@@ -71,14 +70,12 @@ def simulator_gone(society: RealSociety, rng: random.Random) -> dict[str, float]
     phase(society, rng)
     # Of the kinds that the checker knows, the one that takes away the same promises: with no line
     # nothing can be ordered, and a simulator that comes back stands still.
-    society.fault("robot-restart", ["robot"], began=True)
-    society.kill_simulator()
-    society.run(1.0)
-    begun = society.now()
-    society.start_simulator()
-    drives = _drives(society, begun)
-    society.fault("robot-restart", ["robot"], began=False)
-    return {"drives": drives}
+    with society.fault("robot-restart", "robot"):
+        society.kill_simulator()
+        society.run(1.0)
+        begun = society.now()
+        society.start_simulator()
+        return {"drives": _drives(society, begun)}
 
 
 def link_down(society: RealSociety, rng: random.Random) -> dict[str, float]:
@@ -88,12 +85,11 @@ def link_down(society: RealSociety, rng: random.Random) -> dict[str, float]:
     society.count += 1
     card = network_of(society).network.hosts[host]
     phase(society, rng)
-    society.fault("partition", on_host(society, host), began=True)
-    card.carrier(False)
-    society.run(LASTS_S)
-    card.carrier(True)
-    healed = society.now()
-    return _after_a_cut(society, healed, on_host(society, host))
+    with society.fault("partition", *on_host(society, host)):
+        card.carrier(False)
+        society.run(LASTS_S)
+        card.carrier(True)
+        return _after_a_cut(society, society.now())
 
 
 def partition(society: RealSociety, rng: random.Random) -> dict[str, float]:
@@ -102,76 +98,73 @@ def partition(society: RealSociety, rng: random.Random) -> dict[str, float]:
     hosts = society.place.hosts
     here, there = hosts[: len(hosts) // 2], hosts[len(hosts) // 2 :]
     phase(society, rng)
-    away = [label for host in there for label in on_host(society, host)]
-    society.fault("partition", away, began=True)
-    network.change(lambda switch: switch.partition((*here, WATCHER), there))
-    society.run(LASTS_S)
-    network.change(lambda switch: switch.heal())
-    return _after_a_cut(society, society.now(), away)
+    with society.fault("partition", *(who for host in there for who in on_host(society, host))):
+        network.change(lambda switch: switch.partition((*here, WATCHER), there))
+        society.run(LASTS_S)
+        network.change(lambda switch: switch.heal())
+        return _after_a_cut(society, society.now())
 
 
-def _after_a_cut(society: RealSociety, healed: float, away: list[str]) -> dict[str, float]:
+def _after_a_cut(society: RealSociety, healed: float) -> dict[str, float]:
     account = society.account
     alive = account.view.alive
     everybody = [agent.instance for agent in society.agents.values()]
     society.until(lambda: alive.keys() >= {*everybody}, "all tokens are back")
     back = max(healed, *(alive[who] for who in everybody))
-    drives = _drives(society, healed)
-    society.fault("partition", away, began=False)
-    return {"rejoined": milliseconds(healed, back), "drives": drives}
+    return {"rejoined": milliseconds(healed, back), "drives": _drives(society, healed)}
 
 
-def _between_hosts(society: RealSociety) -> list[Link]:
-    """The links between hosts of the society: what the watcher hears stays whole."""
-    return [link for link in network_of(society).network.switch.links() if WATCHER not in link]
+def _bad_links(
+    society: RealSociety,
+    rng: random.Random,
+    kind: str,
+    faults: LinkFaults,
+    check: Callable[[float, float], None] = lambda _begun, _share: None,
+) -> dict[str, float]:
+    """Have all links between hosts bad for a while; `check` is told since when, and the share.
 
-
-def _bad_links(society: RealSociety, kind: str, faults: Faults) -> float:
-    """Have all links between hosts bad for a while; the share of cycles with somebody obeyed."""
+    That is of the cycles with somebody obeyed. What the watcher hears stays whole.
+    """
+    phase(society, rng)
     network, account = network_of(society).network, society.account
-    links = _between_hosts(society)
-    society.fault(kind, list(society.agents), began=True)
-    begun = society.now()
-    network.change(lambda switch: switch.set(links, faults))
-    society.run(BAD_S)
-    share = account.share_obeyed(begun + 1.0)
-    network.change(lambda switch: switch.heal())
-    return share
-
-
-def _heal(society: RealSociety, kind: str) -> float:
-    drives = _drives(society, society.now())
-    society.run(1.0)
-    society.fault(kind, list(society.agents), began=False)
-    return drives
+    links = [link for link in network.switch.links() if WATCHER not in link]
+    with society.fault(kind, *society.agents):
+        begun = society.now()
+        network.change(lambda switch: switch.set(links, faults))
+        society.run(BAD_S)
+        share = account.share_obeyed(begun + 1.0)
+        network.change(lambda switch: switch.heal())
+        check(begun, share)
+        drives = _drives(society, society.now())
+        society.run(1.0)
+    return {"obeyed %": round(100 * share, 1), "drives": drives}
 
 
 def round_trip_100(society: RealSociety, rng: random.Random) -> dict[str, float]:
     """100 ms there and back, give or take 20: the robot drives on."""
-    phase(society, rng)
-    share = _bad_links(society, "delay", Faults(delay=0.05, jitter=0.01))
-    if share < DRIVES_ON:
-        raise TrialError(f"somebody was obeyed in {share:.0%} of the cycles only")
-    return {"obeyed %": round(100 * share, 1), "drives": _heal(society, "delay")}
+
+    def drives_on(_: float, share: float) -> None:
+        if share < DRIVES_ON:
+            raise TrialError(f"somebody was obeyed in {share:.0%} of the cycles only")
+
+    return _bad_links(society, rng, "delay", LinkFaults(delay=0.05, jitter=0.01), drives_on)
 
 
 def one_way_300(society: RealSociety, rng: random.Random) -> dict[str, float]:
     """300 ms each way: the robot stands, and its agent says why."""
-    phase(society, rng)
-    begun = society.now()
-    share = _bad_links(society, "delay", Faults(delay=0.3))
-    said = [log.text for at, log in society.account.logs if at >= begun]
-    why = [text for text in said if "too old" in text or "no valid command" in text]
-    if share > 1.0 - DRIVES_ON or not why:
-        raise TrialError(f"obeyed in {share:.0%} of the cycles; it says: {'; '.join(said)}")
-    return {"obeyed %": round(100 * share, 1), "drives": _heal(society, "delay")}
+
+    def stands(begun: float, share: float) -> None:
+        said = [log.text for at, log in society.account.logs if at >= begun]
+        why = [text for text in said if "too old" in text or "no valid command" in text]
+        if share > 1.0 - DRIVES_ON or not why:
+            raise TrialError(f"obeyed in {share:.0%} of the cycles; it says: {'; '.join(said)}")
+
+    return _bad_links(society, rng, "delay", LinkFaults(delay=0.3), stands)
 
 
 def loss_20(society: RealSociety, rng: random.Random) -> dict[str, float]:
-    """A fifth of all cycles on the wire lost; TCP sends them again, and everything comes late."""
-    phase(society, rng)
-    share = _bad_links(society, "drop", Faults(loss=0.2))
-    return {"obeyed %": round(100 * share, 1), "drives": _heal(society, "drop")}
+    """A fifth of all frames on the wire lost; TCP sends them again, and everything comes late."""
+    return _bad_links(society, rng, "drop", LinkFaults(loss=0.2))
 
 
 _DRIVES: Final = Figure("drives", "from the end of the fault to speeds ordered that are not zero")

@@ -2,16 +2,13 @@
 
 from __future__ import annotations
 
-import csv
 import random
-import subprocess
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
 from statistics import median
 from typing import Final
 
-import msgspec
 from msgspec import Struct
 
 from armadico.config.hosts import HostTable
@@ -22,21 +19,18 @@ from armadico_tools.faults.checker import Checker, Violation
 from armadico_tools.faults.real_faults import FAULTS
 from armadico_tools.faults.real_society import ROAD, RealSociety, TrialError
 from armadico_tools.faults.real_trials import TRIALS, TWIN, Figure, Trial, settle
-from armadico_tools.faults.testbed import Loopback, Namespaces, Place
 from armadico_tools.faults.world_state import bounds_of
+from armadico_tools.results import Rows, commit, write_json
+from armadico_tools.testbed import Namespaces, Place
 
 ALL: Final[Mapping[str, Trial]] = {**TRIALS, **FAULTS}
 """Every kind of trial: those of the table, then the others."""
-
-TABLE: Final = "demo"
-"""The shipped host table whose hosts the trials with hosts are on."""
 
 TWIN_HOST: Final = "lab3"
 """Where a second goto stands by, if there are hosts."""
 
 ROWS: Final = "trials.csv"
 SUMMARY: Final = "summary.json"
-FIELDS: Final = ("kind", "trial", "figure", "value", "seed", "commit")
 
 AGAIN: Final = 3
 """So many trials of a kind may fail before the rest of them are given up."""
@@ -96,22 +90,30 @@ class Series:
         )
 
 
+class Measured(Struct, frozen=True):
+    """One figure of one trial, as it is kept."""
+
+    kind: str
+    trial: int
+    figure: str
+    value: float
+    seed: int
+    commit: str
+
+
 class Store:
     """Keeps each trial as soon as it is made. Raises OSError."""
 
     def __init__(self, folder: Path, seed: int) -> None:
         """Go on with the folder's file, or begin one."""
-        folder.mkdir(parents=True, exist_ok=True)
         self.folder = folder
         self._seed, self._commit = seed, commit()
-        self._path = folder / ROWS
-        if not self._path.exists():
-            self._write([FIELDS])
+        self._rows = Rows(folder / ROWS, Measured)
 
     def add(self, kind: str, number: int, figures: Mapping[str, float]) -> None:
         """One trial's figures."""
-        rows = [(kind, number, name, v, self._seed, self._commit) for name, v in figures.items()]
-        self._write(rows)
+        about = (self._seed, self._commit)
+        self._rows.add(*(Measured(kind, number, name, v, *about) for name, v in figures.items()))
 
     def finish(self, series: list[Series]) -> None:
         """The summary of what was run this time."""
@@ -126,31 +128,12 @@ class Store:
                 for v in each.violations
             ],
         }
-        text = msgspec.json.format(msgspec.json.encode(about), indent=2)
-        (self.folder / SUMMARY).write_bytes(text + b"\n")
-
-    def _write(self, rows: Sequence[tuple[object, ...]]) -> None:
-        with self._path.open("a", newline="", encoding="utf-8") as out:
-            csv.writer(out, lineterminator="\n").writerows(rows)
-
-
-def commit() -> str:
-    """The commit of the checkout, with a mark if it was changed since; empty outside of one."""
-    root = Path(__file__).resolve().parents[3]
-    done = subprocess.run(
-        ["git", "describe", "--always", "--dirty"],
-        cwd=root,
-        capture_output=True,
-        text=True,
-        check=False,
-    )
-    return done.stdout.strip()
+        write_json(self.folder / SUMMARY, about)
 
 
 def run_series(
     trial: Trial,
     place: Place,
-    logs: Path,
     count: int,
     *,
     table: HostTable | None = None,
@@ -172,7 +155,7 @@ def run_series(
         checker = Checker(bounds_of(load(find("robots", scenario.robot), RobotProfile)))
         try:
             with RealSociety(
-                place, logs, scenario=scenario, hosts=hosts, seed=seed, checker=checker
+                place, scenario=scenario, hosts=hosts, seed=seed, checker=checker
             ) as society:
                 society.start()
                 if trial.twin:
@@ -191,7 +174,7 @@ def run_series(
 
 
 def place_for(trials: list[Trial], table: HostTable, seed: int) -> Place:
-    """Loopback, unless one of them needs hosts. Raises OSError."""
+    """This machine, unless one of them needs hosts. Raises OSError."""
     if any(trial.hosts for trial in trials):
-        return Namespaces(table, TABLE, seed)
-    return Loopback()
+        return Namespaces(table, seed)
+    return Place("trials")

@@ -9,27 +9,27 @@ import signal
 import subprocess
 import time
 from collections import deque
-from collections.abc import Callable, Iterable, Mapping, Sequence
-from contextlib import suppress
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from contextlib import contextmanager, suppress
 from dataclasses import dataclass, field
 from math import radians
-from pathlib import Path
 from typing import Final, Self, TypeVar
 
 from armadico.config.scenarios import Scenario
 from armadico.core.messages import Ask, Command, Message, MissionRequest, Waypoint, decode
 from armadico.core.messages import MessageError as UnreadableError
 from armadico.core.services import BIDS, service_of
-from armadico.launch.society import Options, members
+from armadico.launch.processes import agent_words, simulator_words
+from armadico.launch.society import Member, Options, members
 from armadico.mesh.ports import free_port
 from armadico.observe.view import agent_of
 from armadico.observe.watching import kind_at
 from armadico_tools.faults.checker import Checker
 from armadico_tools.faults.event_log import Account
-from armadico_tools.faults.observations import Faulted, Observation, Passed, Said
+from armadico_tools.faults.observations import Faulted, Passed, Said
 from armadico_tools.faults.serial_tap import Tap
-from armadico_tools.faults.testbed import Place
 from armadico_tools.faults.wheel_commands import Orders
+from armadico_tools.testbed import Place
 
 T = TypeVar("T")
 
@@ -91,7 +91,6 @@ class RealSociety:
     def __init__(
         self,
         place: Place,
-        logs: Path,
         *,
         scenario: Scenario = ROAD,
         hosts: Mapping[str, str] | None = None,
@@ -102,7 +101,7 @@ class RealSociety:
         self.account = Account(checker)
         self.agents: dict[str, Agent] = {}
         self.count = 0  # for trials that take one after another in turn
-        self._scenario, self._seed, self._logs = scenario, seed, logs
+        self._scenario, self._seed = scenario, seed
         self._hosts = dict(hosts or {})
         self._queue: queue.SimpleQueue[_Item] = queue.SimpleQueue()
         self._due: list[_Item] = []  # a heap: what is held back, too
@@ -110,12 +109,16 @@ class RealSociety:
         self._asked_at = float("-inf")
         self._sent_at = float("inf")  # when the last mission was asked for; inf: none is wanted
         self._goals = _goals(scenario)
-        self._sim_port = 0
         self._simulator: subprocess.Popen[bytes] | None = None
         self._mesh = place.mesh()
-        self._mesh.watch_alive(self._token)
+        self._mesh.watch_alive(
+            lambda _, instance, there: self._put(lambda at: self.account.token(at, instance, there))
+        )
         self._mesh.subscribe("**", self._arrived)
-        self.tap = self._listen()
+        # A tap on a port of the robot's host, which leads to where the simulator will be.
+        host = self.host_of("robot")
+        self._sim_port = place.inside(host, free_port)
+        self.tap = place.inside(host, Tap, f"tcp://127.0.0.1:{self._sim_port}", self._crossed)
 
     def __enter__(self) -> Self:
         return self
@@ -146,15 +149,10 @@ class RealSociety:
 
     def start_simulator(self) -> None:
         """Start it, or start it again where it was."""
-        x, y, degrees = self._scenario.start
-        host = self.host_of("robot")
-        words = [
-            *("sim", self._scenario.world, "--port", str(self._sim_port)),
-            *("--seed", str(self._seed), "--sensors", self._scenario.sensors),
-            *("--robot", self._scenario.robot, *self.place.joining(host)),
-            *("--start", str(x), str(y), str(degrees)),
-        ]
-        self._simulator = self.place.popen(host, words, self._logs / "simulator.log")
+        host, namespace = self.host_of("robot"), self.place.namespace
+        words = simulator_words(self._scenario, self._seed, namespace, self._sim_port)
+        words += self.place.joining(host)
+        self._simulator = self.place.start(host, "simulator", words)
 
     def kill_simulator(self) -> None:
         """SIGKILL it: its TCP line is gone."""
@@ -183,9 +181,9 @@ class RealSociety:
         return at
 
     def _run(self, agent: Agent) -> None:
-        settings = [word for value in agent.sets for word in ("--set", value)]
-        words = ["agent", agent.name, *self.place.joining(agent.host), *settings]
-        agent.process = self.place.popen(agent.host, words, self._logs / f"{agent.label}.log")
+        words = agent_words([Member(agent.name, agent.sets)], self.place.namespace)
+        words += self.place.joining(agent.host)
+        agent.process = self.place.start(agent.host, agent.label, words)
 
     def _meet(self, agent: Agent, known: Iterable[str]) -> None:
         """Wait for the token of an instance that is not known yet."""
@@ -193,8 +191,8 @@ class RealSociety:
 
         def new() -> list[str]:
             if agent.process is not None and agent.process.poll() is not None:
-                log = (self._logs / f"{agent.label}.log").read_text(errors="replace")
-                raise TrialError(f"{agent.label} ended:\n{log[-500:]}")
+                words = "\n".join(self.place.last_words(agent.label))
+                raise TrialError(f"{agent.label} ended:\n{words}")
             return [who for who in self.account.instances(agent.name) if who not in before]
 
         self.until(new, f"the token of {agent.label}")
@@ -236,17 +234,21 @@ class RealSociety:
         self.count += 1
         return label
 
-    def fault(self, kind: str, whom: Sequence[str], *, began: bool) -> None:
-        """Tell the checker that a fault begins or ends.
+    @contextmanager
+    def fault(self, kind: str, *whom: str) -> Iterator[None]:
+        """Tell the checker that a fault begins, and in the end that it is over.
 
         Where links are cut the onlooker may hear less than the robot until all are back.
         """
+        for began in (True, False):
 
-        def note(at: float) -> None:
-            self.account.deaf = began and kind == "partition"
-            self.account.take(Faulted(at, kind, tuple(whom), began))
+            def note(at: float, began: bool = began) -> None:
+                self.account.deaf = began and kind == "partition"
+                self.account.take(Faulted(at, kind, whom, began))
 
-        self._put(note)
+            self._put(note)
+            if began:
+                yield
 
     # Time ----------------------------------------------------------------------------------------
 
@@ -267,7 +269,8 @@ class RealSociety:
         while not (value := condition()):
             left = end - time.monotonic()
             if left <= 0:
-                raise TrialError(f"not within {within:.0f} s: {what}{self._last_words()}")
+                lines = [f"\n    {log.text}" for _, log in list(self.account.logs)[-5:]]
+                raise TrialError(f"not within {within:.0f} s: {what}{''.join(lines)}")
             self._ask_for_bids()
             self._pump(min(left, 0.1))
         assert value is not None, "it is true"
@@ -289,27 +292,21 @@ class RealSociety:
         self.account.take(Passed(now))
         self._keep_going()
 
-    def _last_words(self) -> str:
-        lines = [log.text for _, log in list(self.account.logs)[-5:]]
-        return "".join(f"\n    {line}" for line in lines)
-
     # What comes, on other threads ----------------------------------------------------------------
 
-    def _put(self, act: Callable[[float], None]) -> None:
-        self._queue.put(_Item(time.monotonic(), act))
-
-    def _token(self, _name: str, instance: str, there: bool) -> None:
-        self._put(lambda at: self.account.token(at, instance, there))
+    def _put(self, act: Callable[[float], None], at: float | None = None) -> None:
+        self._queue.put(_Item(time.monotonic() if at is None else at, act))
 
     def _arrived(self, key: str, data: bytes) -> None:
         at, kind = time.monotonic(), kind_at(key)
-        if kind is not None:
-            due = at - HEARD_LATE_S if kind is Command else at
-            self._queue.put(_Item(due, lambda _: self._read(kind, data, at)))
+        if kind is None:
+            return
 
-    def _read(self, kind: type[Message], data: bytes, at: float) -> None:
-        with suppress(UnreadableError):
-            self.account.take(Said(at, decode(data, kind)))
+        def read(_: float, kind: type[Message] = kind) -> None:
+            with suppress(UnreadableError):
+                self.account.take(Said(at, decode(data, kind)))
+
+        self._put(read, at - HEARD_LATE_S if kind is Command else at)
 
     def _ask_for_bids(self) -> None:
         now = time.monotonic()
@@ -318,18 +315,9 @@ class RealSociety:
             key = BIDS.key_for(name="*", instance="*")
             self._mesh.ask(key, Ask(), 0.5, self._arrived, lambda: None)
 
-    def _listen(self) -> Tap:
-        """A tap on a port of the robot's host, which leads to where the simulator will be."""
-        host = self.host_of("robot")
-        self._sim_port = self.place.inside(host, free_port)
-        return self.place.inside(host, Tap, f"tcp://127.0.0.1:{self._sim_port}", self._crossed)
-
     def _crossed(self, data: bytes, at: float) -> None:
         for order in self._orders.feed(data, at):
-            self._show(order, at)
-
-    def _show(self, seen: Observation, at: float) -> None:
-        self._queue.put(_Item(at, lambda _: self.account.take(seen)))
+            self._put(lambda _, order=order: self.account.take(order), at)  # type: ignore[misc]
 
     def bidding(self, label: str) -> bool:
         """Whether an agent was lately heard to bid."""

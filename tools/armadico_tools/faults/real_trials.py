@@ -9,7 +9,8 @@ from __future__ import annotations
 
 import random
 import signal
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
 from dataclasses import dataclass
 from typing import Final
 
@@ -17,7 +18,7 @@ from armadico.bridge.p2os.commands import Cmd
 from armadico.core.resources import WHEELS
 from armadico_tools.faults.real_society import RealSociety, TrialError
 from armadico_tools.faults.serial_tap import moves
-from armadico_tools.faults.testbed import Namespaces
+from armadico_tools.testbed import Namespaces
 
 TWIN: Final = "goto-2"
 """A second instance of goto: it bids as the first does, and as good is not better, so it waits."""
@@ -101,11 +102,10 @@ def holder_killed(society: RealSociety, rng: random.Random) -> dict[str, float]:
     phase(society, rng)
     holder = _holder(society)
     gone = society.agents[holder].instance
-    society.fault("crash", [holder], began=True)
-    begun = society.signal(holder, signal.SIGKILL)
-    obeyed = society.until(lambda: account.obeyed_after(begun, (gone,)), "the other is obeyed")
-    society.restart(holder)
-    society.fault("crash", [holder], began=False)
+    with society.fault("crash", holder):
+        begun = society.signal(holder, signal.SIGKILL)
+        obeyed = society.until(lambda: account.obeyed_after(begun, (gone,)), "the other is obeyed")
+        society.restart(holder)
     return {"next obeyed": milliseconds(begun, obeyed)}
 
 
@@ -117,15 +117,16 @@ def holder_hung(society: RealSociety, rng: random.Random) -> dict[str, float]:
     hung = society.agents[holder].instance
     ballot = account.view.acks[WHEELS.name].obeyed
     assert ballot is not None, "it is obeyed"
-    society.fault("hang", [holder], began=True)
-    begun = society.signal(holder, signal.SIGSTOP)
-    try:
-        obeyed = society.until(lambda: account.obeyed_after(begun, (hung,)), "the other is obeyed")
-        society.run(LONGER_THAN_A_LEASE_S)
-    finally:
-        woken = society.signal(holder, signal.SIGCONT)
-    society.run(1.0)
-    society.fault("hang", [holder], began=False)
+    with society.fault("hang", holder):
+        begun = society.signal(holder, signal.SIGSTOP)
+        try:
+            obeyed = society.until(
+                lambda: account.obeyed_after(begun, (hung,)), "the other is obeyed"
+            )
+            society.run(LONGER_THAN_A_LEASE_S)
+        finally:
+            woken = society.signal(holder, signal.SIGCONT)
+        society.run(1.0)
     if any(b.instance == hung and b <= ballot for b in account.obeyed_ballots(woken)):
         raise TrialError(f"{hung} woke up and was obeyed with a ballot of before")
     late = account.late_commands(hung, woken, ballot)
@@ -137,12 +138,11 @@ def nobody_left(society: RealSociety, rng: random.Random) -> dict[str, float]:
     account = society.account
     phase(society, rng)
     speed = account.view.state.v if account.view.state else 0.0
-    society.fault("crash", ["goto"], began=True)
-    begun = society.signal("goto", signal.SIGKILL)
-    stop = society.until(lambda: account.stop_after(begun), "a stop is ordered")
-    rest = society.until(lambda: account.rest_after(stop), "the wheels rest")
-    society.restart("goto")
-    society.fault("crash", ["goto"], began=False)
+    with society.fault("crash", "goto"):
+        begun = society.signal("goto", signal.SIGKILL)
+        stop = society.until(lambda: account.stop_after(begun), "a stop is ordered")
+        rest = society.until(lambda: account.rest_after(stop), "the wheels rest")
+        society.restart("goto")
     return {
         "stop": milliseconds(begun, stop),
         "rest": milliseconds(stop, rest),
@@ -154,13 +154,12 @@ def robot_killed(society: RealSociety, rng: random.Random) -> dict[str, float]:
     """SIGKILL the robot agent; when the wheels rest, start it again."""
     account, tap = society.account, society.tap
     phase(society, rng)
-    society.fault("crash", ["robot"], began=True)
-    begun = society.signal("robot", signal.SIGKILL)
-    rest = society.until(lambda: account.rest_after(begun), "the watchdog stops the wheels")
-    society.run(0.5)
-    mark = len(tap.packets)
-    again = society.restart("robot")
-    society.fault("crash", ["robot"], began=False)
+    with society.fault("crash", "robot"):
+        begun = society.signal("robot", signal.SIGKILL)
+        rest = society.until(lambda: account.rest_after(begun), "the watchdog stops the wheels")
+        society.run(0.5)
+        mark = len(tap.packets)
+        again = society.restart("robot")
     there = account.view.alive[society.agents["robot"].instance]
     drives = society.until(lambda: account.moves_after(again), "the wheels are told to turn")
     first = [c for c in tap.commands(mark) if c.number in (Cmd.VEL, Cmd.RVEL)][:2]
@@ -191,55 +190,60 @@ def on_host(society: RealSociety, host: str) -> list[str]:
     return [agent.label for agent in society.agents.values() if agent.host == host]
 
 
-def holder_cut_off(society: RealSociety, rng: random.Random) -> dict[str, float]:
-    """Pull the plug of the holder's host while a contender on another one bids; put it in again."""
-    account, network = society.account, network_of(society).network
-    alive = account.view.alive
-    phase(society, rng)
-    holder = _holder(society)
-    host, gone = society.agents[holder].host, society.agents[holder].instance
+@dataclass
+class Cut:
+    """A host's plug was pulled, put in again, and all its tokens were back, s."""
+
+    begun: float
+    healed: float = 0.0
+    back: float = 0.0
+
+
+@contextmanager
+def unplugged(society: RealSociety, host: str) -> Iterator[Cut]:
+    """Pull a host's plug, and in the end, after 3 s, put it in again."""
+    network, alive = network_of(society).network, society.account.view.alive
     everybody = [society.agents[label].instance for label in on_host(society, host)]
-    society.fault("partition", on_host(society, host), began=True)
-    begun = society.now()
+    cut = Cut(society.now())
     network.change(lambda switch: switch.plug(host, False))
-    obeyed = society.until(lambda: account.obeyed_after(begun, (gone,)), "the other is obeyed")
+    yield cut
     society.until(lambda: alive.keys().isdisjoint(everybody), "its tokens are gone")
-    society.run(GONE_S - LONGER_THAN_A_LEASE_S)
-    healed = society.now()
+    society.run(max(GONE_S - (society.now() - cut.begun), 0.0))
+    cut.healed = society.now()
     network.change(lambda switch: switch.plug(host, True))
     society.until(lambda: alive.keys() >= {*everybody}, "its tokens are back")
-    back = max(alive[who] for who in everybody)
-    society.fault("partition", on_host(society, host), began=False)
+    cut.back = max(alive[who] for who in everybody)
+
+
+def holder_cut_off(society: RealSociety, rng: random.Random) -> dict[str, float]:
+    """Pull the plug of the holder's host while a contender on another one bids; put it in again."""
+    account = society.account
+    phase(society, rng)
+    holder = society.agents[_holder(society)]
+    host, gone = holder.host, holder.instance
+    with society.fault("partition", *on_host(society, host)), unplugged(society, host) as cut:
+        obeyed = society.until(
+            lambda: account.obeyed_after(cut.begun, (gone,)), "the other is obeyed"
+        )
     return {
-        "next obeyed": milliseconds(begun, obeyed),
-        "longest silence": round(1e3 * account.longest_silence(begun), 1),
-        "rejoined": milliseconds(healed, back),
+        "next obeyed": milliseconds(cut.begun, obeyed),
+        "longest silence": round(1e3 * account.longest_silence(cut.begun), 1),
+        "rejoined": milliseconds(cut.healed, cut.back),
     }
 
 
 def host_lost(society: RealSociety, rng: random.Random) -> dict[str, float]:
     """Pull the plug of the host of all behaviours for 3 s, and put it in again."""
-    account, network = society.account, network_of(society).network
-    alive = account.view.alive
-    host = society.agents["goto"].host
-    everybody = [society.agents[label].instance for label in on_host(society, host)]
+    account, host = society.account, society.agents["goto"].host
     phase(society, rng)
-    society.fault("partition", on_host(society, host), began=True)
-    begun = society.now()
-    network.change(lambda switch: switch.plug(host, False))
-    stop = society.until(lambda: account.stop_after(begun), "a stop is ordered")
-    society.until(lambda: alive.keys().isdisjoint(everybody), "its tokens are gone")
-    society.run(max(GONE_S - (society.now() - begun), 0.0))
-    healed = society.now()
-    network.change(lambda switch: switch.plug(host, True))
-    society.until(lambda: alive.keys() >= {*everybody}, "its tokens are back")
-    back = max(alive[who] for who in everybody)
-    obeyed = society.until(lambda: account.obeyed_after(healed), "somebody is obeyed again")
-    society.fault("partition", on_host(society, host), began=False)
+    with society.fault("partition", *on_host(society, host)):
+        with unplugged(society, host) as cut:
+            stop = society.until(lambda: account.stop_after(cut.begun), "a stop is ordered")
+        obeyed = society.until(lambda: account.obeyed_after(cut.healed), "somebody is obeyed again")
     return {
-        "stop": milliseconds(begun, stop),
-        "rejoined": milliseconds(healed, back),
-        "obeyed again": milliseconds(healed, obeyed),
+        "stop": milliseconds(cut.begun, stop),
+        "rejoined": milliseconds(cut.healed, cut.back),
+        "obeyed again": milliseconds(cut.healed, obeyed),
     }
 
 

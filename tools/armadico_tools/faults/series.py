@@ -2,18 +2,20 @@
 
 from __future__ import annotations
 
-import csv
 from collections import Counter
 from collections.abc import Callable
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Final
 
+from msgspec import Struct
+
 from armadico_tools.faults.fault_types import Promise
 from armadico_tools.faults.plan import Case
 from armadico_tools.faults.shrink import Shrinker
 from armadico_tools.faults.sightings import AWAITED_SIGHTS, Sight
 from armadico_tools.faults.workload import Outcome, case_of, run
+from armadico_tools.results import Rows
 
 SEEDS: Final = "seeds.csv"
 
@@ -21,11 +23,6 @@ CAMPAIGN: Final = 1000
 CAMPAIGN_S: Final = 60.0
 """So many seeds, of so long in the mean (s), must show every situation; the rarest (an equal bid
 that is about to collide takes over) comes to pass in one of a hundred seeds of a minute."""
-
-FIELDS: Final = (
-    *("commit", "seed", "scenario", "seconds", "kinds", "faults", "violations", "longest_s"),
-    *("missions", "driven_m", "what", "contacts", "void_contacts", "moving_s", "void_s", "again"),
-)
 
 
 @dataclass(frozen=True)
@@ -39,11 +36,6 @@ class Task:
     def run(self) -> Outcome:
         """Draw the seed's case, and run it."""
         return run(case_of(self.seed, self.lasts, self.kinds))
-
-
-def work(task: Task) -> Outcome:
-    """One seed."""
-    return task.run()
 
 
 @dataclass
@@ -114,58 +106,72 @@ class Summary:
         }
 
 
+class Ran(Struct, frozen=True):
+    """A seed that has been run, as it is kept; `violations` counts them by promise."""
+
+    commit: str
+    seed: int
+    scenario: str
+    seconds: float
+    kinds: str = ""  # that it was told to make; none: all
+    faults: int = 0
+    violations: str = ""
+    longest_s: float | None = None
+    missions: int = 0
+    driven_m: float = 0.0
+    what: str = ""  # the first violation
+    contacts: int = 0
+    void_contacts: int = 0
+    moving_s: float = 0.0
+    void_s: float = 0.0
+    again: int = 0
+
+
 class Ledger:
     """The file in which seeds are counted, with the commit that they ran on."""
 
     def __init__(self, folder: Path, commit: str) -> None:
         """Make the folder if need be. Raises OSError."""
-        folder.mkdir(parents=True, exist_ok=True)
-        self.path = folder / SEEDS
+        self._rows = Rows(folder / SEEDS, Ran)
+        self.path = self._rows.path
         self._commit = commit
 
     def next_seed(self) -> int:
         """The one after the largest that was run on this commit, with whatever faults."""
-        return max((int(row["seed"]) + 1 for row in self._rows()), default=0)
+        return max((ran.seed + 1 for ran in self._mine()), default=0)
 
     def count(self) -> tuple[int, int]:
         """Seeds that ran on this commit, and how many of them broke a promise."""
-        rows = self._rows()
-        return len({row["seed"] for row in rows}), sum(bool(row["violations"]) for row in rows)
+        mine = self._mine()
+        return len({ran.seed for ran in mine}), sum(bool(ran.violations) for ran in mine)
 
     def add(self, task: Task, outcome: Outcome) -> None:
         """Write one down, now."""
-        new = not self.path.is_file()
+        case, longest = outcome.case, outcome.longest_s
         broken = Counter(promise for promise, _, _ in outcome.violations)
-        with self.path.open("a", newline="", encoding="utf-8") as file:
-            writer = csv.writer(file, lineterminator="\n")
-            if new:
-                writer.writerow(FIELDS)
-            writer.writerow(
-                (
-                    self._commit,
-                    task.seed,
-                    outcome.case.scenario,
-                    outcome.case.lasts,
-                    " ".join(task.kinds),
-                    len(outcome.case.faults),
-                    " ".join(f"{name}:{count}" for name, count in sorted(broken.items())),
-                    "" if outcome.longest_s is None else round(outcome.longest_s, 3),
-                    outcome.missions,
-                    outcome.driven_m,
-                    outcome.violations[0][2] if outcome.violations else "",
-                    outcome.contacts.get("", 0),
-                    sum(count for why, count in outcome.contacts.items() if why),
-                    round(sum(outcome.moving_s.values()), 1),
-                    round(sum(s for why, s in outcome.moving_s.items() if why), 1),
-                    outcome.again,
-                )
+        self._rows.add(
+            Ran(
+                self._commit,
+                task.seed,
+                case.scenario,
+                case.lasts,
+                " ".join(task.kinds),
+                len(case.faults),
+                " ".join(f"{name}:{count}" for name, count in sorted(broken.items())),
+                None if longest is None else round(longest, 3),
+                outcome.missions,
+                outcome.driven_m,
+                outcome.violations[0][2] if outcome.violations else "",
+                outcome.contacts.get("", 0),
+                sum(count for why, count in outcome.contacts.items() if why),
+                round(sum(outcome.moving_s.values()), 1),
+                round(sum(s for why, s in outcome.moving_s.items() if why), 1),
+                outcome.again,
             )
+        )
 
-    def _rows(self) -> list[dict[str, str]]:
-        if not self.path.is_file():
-            return []
-        with self.path.open(newline="", encoding="utf-8") as file:
-            return [row for row in csv.DictReader(file) if row.get("commit") == self._commit]
+    def _mine(self) -> list[Ran]:
+        return [ran for ran in self._rows.read() if ran.commit == self._commit]
 
 
 def smallest(

@@ -7,12 +7,12 @@ after it: so each case is tried with a few seeds of noise, and breaking under an
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable
 from typing import Final
 
 from msgspec.structs import replace
 
-from armadico_tools.faults.plan import Case, Fault
+from armadico_tools.faults.plan import Case
 
 TRIES: Final = 200
 """Runs that shrinking may cost."""
@@ -79,7 +79,9 @@ class Shrinker:
     def _fewer(self, case: Case) -> Case:
         parts = 2
         while case.faults:
-            for chunk in _chunks(case.faults, parts):
+            size = -(-len(case.faults) // parts)  # as even as can be
+            for start in range(0, len(case.faults), size):
+                chunk = case.faults[start : start + size]
                 rest = tuple(fault for fault in case.faults if fault not in chunk)
                 found = self._try(replace(case, faults=rest))
                 if found is not None:
@@ -105,9 +107,3 @@ class Shrinker:
                     case = found
                     break
         return case
-
-
-def _chunks(faults: Sequence[Fault], parts: int) -> list[Sequence[Fault]]:
-    """The list in so many parts, as even as can be."""
-    size = -(-len(faults) // parts)
-    return [faults[start : start + size] for start in range(0, len(faults), size)]

@@ -170,10 +170,7 @@ class Stranger:
             for step in range(1, int(fault.lasts / CLIMB_S) + 1):
                 cycle = Cycle(state.cycle.epoch, state.cycle.number + CLIMB * step)
                 at = self._mesh.now + CLIMB_S * (step - 1)
-                self._mesh.call_at(at, self._later, replace(state, cycle=cycle))
-
-    def _later(self, message: Message, _: Any) -> None:
-        self._arrives(message)
+                self._mesh.call_at(at, self._arrives, replace(state, cycle=cycle))
 
     def _huge_counter(self, fault: Fault, begins: bool) -> None:
         """0: the mission, 1: the pose's origin, as they are, with a counter far beyond."""
@@ -249,16 +246,12 @@ class Stranger:
         scenario, mesh = self._rehearsal.scenario, self._mesh
         number = 1000 + len(self.nodes)
         factory = find(SIMULATORS, society().simulator).load()
-        device = factory(scenario, lambda name: mesh.stream(f"second/{name}"), _unseen)
+        device = factory(scenario, lambda name: mesh.stream(f"second/{name}"), lambda _: None)
         identity = mesh.identity(Robot.name, number)
         agent = Robot(identity, Parameters(port="memory:", profile=scenario.robot))
         node = mesh.add(agent, device, admit=fault.amount != 1.0)
         self.nodes.append(node)
         self._second[fault] = node
-
-
-def _unseen(_truth: Message) -> None:
-    """Nobody watches the other robot."""
 
 
 def heard_of(state: RobotState, term: int) -> Ack:

@@ -15,12 +15,13 @@ import sys
 import time
 from collections.abc import Callable, Sequence
 from contextlib import suppress
+from functools import partial
 from pathlib import Path
-from types import TracebackType
 from typing import Final, Self
 
 from armadico.cli.options import FailedError, guarded
 from armadico.config.hosts import load_hosts
+from armadico_tools.command_options import end_in_order
 from armadico_tools.hosts.demo import demo
 
 FILE: Final = Path(__file__).resolve().parents[3] / "deploy" / "compose.yaml"
@@ -74,12 +75,7 @@ class ComposeHosts:
             raise
         return self
 
-    def __exit__(
-        self,
-        kind: type[BaseException] | None,
-        error: BaseException | None,
-        traceback: TracebackType | None,
-    ) -> None:
+    def __exit__(self, *error: object) -> None:
         self._say("taking everything down")
         self.down()
 
@@ -193,10 +189,10 @@ def _main(arguments: Sequence[str]) -> int:
     trouble = lacking()
     if trouble is not None:
         raise FailedError(f"{trouble}\n{INSTEAD}")
-    for number in (signal.SIGTERM, signal.SIGHUP):  # as Ctrl-C: everything is taken down
-        signal.signal(number, signal.default_int_handler)
-    with ComposeHosts(args.scenario, _say) as hosts:
-        return demo(hosts, args.scenario, _say)
+    end_in_order()
+    say = partial(print, flush=True)
+    with ComposeHosts(args.scenario, say) as hosts:
+        return demo(hosts, args.scenario, say)
 
 
 def _parser() -> argparse.ArgumentParser:
@@ -209,10 +205,6 @@ def _parser() -> argparse.ArgumentParser:
     )
     made.add_argument("scenario", nargs="?", default="sc4", help="what is driven (default: sc4)")
     return made
-
-
-def _say(text: str) -> None:
-    print(text, flush=True)
 
 
 if __name__ == "__main__":

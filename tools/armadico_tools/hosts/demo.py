@@ -17,11 +17,10 @@ from typing import Final, Protocol
 from armadico.cli.options import FailedError
 from armadico.config.hosts import load_hosts
 from armadico.config.scenarios import load_scenario
+from armadico.launch.processes import end
 from armadico_tools.hosts.remote_observer import read
 from armadico_tools.hosts.timeline import Story
-
-TABLE: Final = "demo"
-"""The shipped host table that the demo's hosts are those of."""
+from armadico_tools.testbed import TABLE
 
 LOST: Final = "lab2"
 """The host that is lost: that of the behaviours."""
@@ -78,7 +77,7 @@ def _play(hosts: Hosts, watcher: _Watcher, scenario: str, say: Callable[[str], N
     if lacks := story.lacks(wanted):
         raise FailedError(f"not there after {START_S:.0f} s: {', '.join(lacks)}")
     say(f"everybody is there, {time.monotonic() - began:.1f} s after the watcher")
-    run = _Run(hosts, scenario)
+    run = _Command(hosts, "armadico", "run", scenario, "--attach", "--no-plot")
     try:
         watcher.until(lambda: run.ended() or _moment(story), END_S)
         if run.ended():
@@ -112,27 +111,31 @@ def _moment(story: Story) -> bool:
 def _lose(hosts: Hosts, watcher: _Watcher, agents: set[str], say: Callable[[str], None]) -> None:
     """Lose the host, tell what comes of it, and have it back."""
     story = watcher.story
-    would = ", ".join(
-        f"{story.name(who)} ({bid.utility:.2f})" for who, bid in story.standing_by(LOST)
-    )
+    standing_by = story.standing_by(LOST).items()
+    would = ", ".join(f"{story.name(who)} ({utility:.2f})" for who, utility in standing_by)
     say(f"{LOST} is stopped: {story.name(story.driver)} drives, {story.speed:.2f} m/s")
     say(f"  who elsewhere would drive: {would or 'nobody has a reason to'}")
     hosts.stop(LOST)
     back_at = time.monotonic() + AWAY_S
     watcher.until(lambda: not story.on(LOST), AWAY_S)
-    last = story.last_command(LOST)
-    assert last is not None, "it drove"
-    watcher.until(lambda: story.takeover(last), max(0.5, back_at - AWAY_S + 1.5 - time.monotonic()))
-    taken = story.takeover(last)
+    found = story.last_command(LOST)
+    assert found is not None, "it drove"
+    at, last = found
+    gone = last.ballot.instance
+    left = max(0.5, back_at - AWAY_S + 1.5 - time.monotonic())
+    watcher.until(lambda: story.next_obeyed(at, (gone,)), left)
+    taken = story.next_obeyed(at, (gone,))
     if taken is not None:
+        then, by = taken
         say(
-            f"  {story.name(taken.instance)} took over: obeyed {1e3 * taken.seconds:.0f} ms,"
-            f" {taken.cycles} cycles, after the last command of {story.name(last.instance)}"
+            f"  {story.name(by.ballot.instance)} took over: obeyed {1e3 * (then - at):.0f} ms,"
+            f" {by.cycle.number - last.cycle.number} cycles, after the last command of"
+            f" {story.name(gone)}"
         )
     else:
         say("  nobody took over: the robot stops by itself")
     watcher.until(lambda: False, back_at - time.monotonic())
-    say(f"  {AWAY_S:.0f} s later {story.name(story.driver) if story.driver else 'nobody'} drives")
+    say(f"  {AWAY_S:.0f} s later {story.name(story.driver)} drives")
     _return(hosts, watcher, agents, say)
 
 
@@ -153,77 +156,51 @@ def _return(hosts: Hosts, watcher: _Watcher, agents: set[str], say: Callable[[st
         say(f"  {story.name(story.driver)} drives, {story.now - began:.1f} s after the start")
 
 
-class _Watcher:
-    """The watcher's process, and the story so far."""
+class _Command:
+    """A command on the seat, and what it prints, line by line as it comes."""
 
-    def __init__(self, hosts: Hosts) -> None:
-        self.story = Story()
-        self._lines: queue.SimpleQueue[str] = queue.SimpleQueue()
-        module = "armadico_tools.hosts.remote_observer"
-        self._process = hosts.popen(SEAT, ("python", "-P", "-m", module, *_joining(SEAT)))
-        threading.Thread(target=self._read, name="watcher", daemon=True).start()
-
-    def until(self, condition: Callable[[], object], within: float) -> None:
-        """Take what comes until a condition is true, or time is up (s). Raises FailedError."""
-        end = time.monotonic() + within
-        while not condition() and (left := end - time.monotonic()) > 0:
-            with suppress(queue.Empty):
-                found = read(self._lines.get(timeout=min(left, 0.2)))
-                if found is not None:
-                    self.story.take(found)
-            if self._process.poll() not in (None, 0) and self._lines.empty():
-                raise FailedError(f"the watcher on {SEAT} ended: {self._process.returncode}")
-
-    def close(self) -> None:
-        """End it."""
-        _end(self._process)
-
-    def _read(self) -> None:
-        assert self._process.stdout is not None, "it is piped"
-        with suppress(ValueError):  # closed meanwhile
-            for line in self._process.stdout:
-                self._lines.put(line)
-
-
-class _Run:
-    """`armadico run --attach`, and what it prints."""
-
-    def __init__(self, hosts: Hosts, scenario: str) -> None:
-        words = ("armadico", "run", scenario, "--attach", "--no-plot", *_joining(SEAT))
-        self._process = hosts.popen(SEAT, words)
-        self._lines: list[str] = []
-        self._reader = threading.Thread(target=self._read, name="run", daemon=True)
+    def __init__(self, hosts: Hosts, *words: str) -> None:
+        self.lines: queue.SimpleQueue[str] = queue.SimpleQueue()
+        self.process = hosts.popen(SEAT, (*words, "--host", SEAT, "--hosts", TABLE))
+        self._reader = threading.Thread(target=self._read, name=words[0], daemon=True)
         self._reader.start()
 
     def ended(self) -> bool:
         """Whether it is over."""
-        return self._process.poll() is not None
+        return self.process.poll() is not None
 
     def close(self) -> int:
-        """End it, if it has not ended; its exit code."""
+        """End it, if it has not ended; its exit code. What it did elsewhere ends with its host."""
         if self.ended():
             self._reader.join()
-        _end(self._process)
-        return self._process.returncode
+        end(self.process)
+        return self.process.returncode
 
     def output(self) -> str:
-        """What it printed."""
-        return "".join(self._lines).rstrip()
+        """What it printed, but for what was taken out of `lines`."""
+        return "".join(self.lines.get() for _ in range(self.lines.qsize())).rstrip()
 
     def _read(self) -> None:
-        assert self._process.stdout is not None, "it is piped"
+        assert self.process.stdout is not None, "it is piped"
         with suppress(ValueError):  # closed meanwhile
-            self._lines += self._process.stdout
+            for line in self.process.stdout:
+                self.lines.put(line)
 
 
-def _joining(host: str) -> tuple[str, ...]:
-    return ("--host", host, "--hosts", TABLE)
+class _Watcher(_Command):
+    """The observer's process, and the story so far."""
 
+    def __init__(self, hosts: Hosts) -> None:
+        self.story = Story()
+        super().__init__(hosts, "python", "-P", "-m", "armadico_tools.hosts.remote_observer")
 
-def _end(process: subprocess.Popen[str]) -> None:
-    """End a command; what it did elsewhere ends with its host."""
-    process.terminate()
-    with suppress(subprocess.TimeoutExpired):
-        process.wait(3.0)
-    process.kill()
-    process.wait()
+    def until(self, condition: Callable[[], object], within: float) -> None:
+        """Take what comes until a condition is true, or time is up (s). Raises FailedError."""
+        deadline = time.monotonic() + within
+        while not condition() and (left := deadline - time.monotonic()) > 0:
+            with suppress(queue.Empty):
+                found = read(self.lines.get(timeout=min(left, 0.2)))
+                if found is not None:
+                    self.story.hear(found)
+            if self.process.poll() not in (None, 0) and self.lines.empty():
+                raise FailedError(f"the watcher on {SEAT} ended: {self.process.returncode}")

@@ -2,26 +2,16 @@
 
 from __future__ import annotations
 
-import os
 import subprocess
 import sys
 from collections.abc import Sequence
-from contextlib import ExitStack
-from pathlib import Path
-from tempfile import TemporaryDirectory
-from types import TracebackType
-from typing import Final, Self
+from typing import Self
 
 from armadico.config.hosts import load_hosts
-from armadico_tools.hosts.demo import BESIDE, TABLE
-from armadico_tools.hosts.namespaces import Network
-from armadico_tools.hosts.switch import Faults, Link
-
-PROGRAMS: Final = {
-    "armadico": (sys.executable, "-P", "-m", "armadico"),
-    "python": (sys.executable,),
-}
-"""What the first word of a command stands for."""
+from armadico.mesh.link_faults import LinkFaults
+from armadico_tools.hosts.demo import BESIDE
+from armadico_tools.hosts.switch import Link
+from armadico_tools.testbed import TABLE, Namespaces
 
 
 class NamespaceHosts:
@@ -36,73 +26,45 @@ class NamespaceHosts:
         scenario: str,
         *,
         seed: int = 0,
-        links: Sequence[tuple[Sequence[Link], Faults]] = (),
+        links: Sequence[tuple[Sequence[Link], LinkFaults]] = (),
         cable: bool = False,
     ) -> None:
         """Make the hosts, with faults on some of the links between them. Raises OSError."""
-        table = load_hosts(TABLE)
-        self.names: tuple[str, ...] = tuple(table.hosts)
         self._scenario, self._seed, self._cable = scenario, seed, cable
         self._up: dict[str, subprocess.Popen[bytes]] = {}
-        self._stack = ExitStack()
-        self._folder = Path(self._stack.enter_context(TemporaryDirectory(prefix="armadico-hosts-")))
-        addresses = {name: host.addresses[0] for name, host in table.hosts.items()}
-        self.network = self._stack.enter_context(Network(addresses, seed))
+        self._bed = Namespaces(load_hosts(TABLE), seed)
+        self.names = self._bed.hosts
         for where, faults in links:
-            self.network.switch.set(where, faults)
+            self._bed.network.switch.set(where, faults)
 
     def __enter__(self) -> Self:
         return self
 
-    def __exit__(
-        self,
-        kind: type[BaseException] | None,
-        error: BaseException | None,
-        traceback: TracebackType | None,
-    ) -> None:
-        self._stack.close()
+    def __exit__(self, *error: object) -> None:
+        self._bed.__exit__(*error)
 
     def start(self, host: str) -> None:
         """Plug the host in and, unless it runs, start its share."""
-        self.network.change(lambda switch: switch.plug(host, True))
+        self._bed.network.change(lambda switch: switch.plug(host, True))
         if host in self._up and self._up[host].poll() is None:
             return
-        words = ["up", self._scenario, "--host", host, "--hosts", TABLE, "--seed", str(self._seed)]
-        if host == BESIDE[0]:
-            words += ["--with", BESIDE[1]]
-        with self._log(host).open("ab") as log:
-            self._up[host] = self.network.hosts[host].popen(
-                [*PROGRAMS["armadico"], *words], stdout=log, stderr=log, env=self._environment()
-            )
+        beside = ("--with", BESIDE[1]) if host == BESIDE[0] else ()
+        words = ["up", self._scenario, *self._bed.joining(host), "--seed", str(self._seed), *beside]
+        self._up[host] = self._bed.start(host, host, words)
 
     def stop(self, host: str) -> None:
         """Take the host's network away, and its power."""
-        self.network.change(lambda switch: switch.plug(host, False))
+        self._bed.network.change(lambda switch: switch.plug(host, False))
         if not self._cable:
-            self.network.hosts[host].kill()
+            self._bed.network.hosts[host].kill()
 
     def popen(self, host: str, argv: Sequence[str]) -> subprocess.Popen[str]:
-        """Run a command on a host; what it prints is piped."""
-        return self.network.hosts[host].popen(
-            [*PROGRAMS.get(argv[0], (argv[0],)), *argv[1:]],
-            stdout=subprocess.PIPE,
-            text=True,
-            bufsize=1,
-            env=self._environment(),
-        )
+        """Run `armadico ...` or `python ...` on a host; what it prints is piped."""
+        program = [sys.executable if argv[0] == "python" else argv[0], *argv[1:]]
+        return self._bed.popen(host, program, stdout=subprocess.PIPE, text=True, bufsize=1)
 
-    def last_words(self, lines: int = 5) -> str:
+    def last_words(self) -> str:
         """The end of what each host's `armadico up` said, for people."""
         return "\n".join(
-            f"  {name}: {line}"
-            for name in self._up
-            for line in self._log(name).read_text(errors="replace").splitlines()[-lines:]
+            f"  {host}: {line}" for host in self._up for line in self._bed.last_words(host)
         )
-
-    def _log(self, host: str) -> Path:
-        return self._folder / f"{host}.log"
-
-    def _environment(self) -> dict[str, str]:
-        """Ours, but for where `armadico up` keeps what it keeps: all hosts share one disk here."""
-        own = {"TMPDIR": str(self._folder), "XDG_RUNTIME_DIR": str(self._folder)}
-        return {k: v for k, v in os.environ.items() if not k.startswith("ARMADICO_")} | own

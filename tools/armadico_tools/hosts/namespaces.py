@@ -14,6 +14,7 @@ import fcntl
 import os
 import selectors
 import shutil
+import signal
 import struct
 import subprocess
 import sys
@@ -23,9 +24,9 @@ from collections.abc import Callable, Mapping, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from contextlib import ExitStack, suppress
 from pathlib import Path
-from types import TracebackType
 from typing import Any, Final, Self, TypeVar
 
+from armadico.launch.processes import bound, kill_trees
 from armadico_tools.hosts.switch import Switch
 
 T = TypeVar("T")
@@ -39,17 +40,6 @@ _CLONE_NEWNET: Final = 0x40000000
 _TUNSETIFF: Final = 0x400454CA
 _TAP_WITHOUT_HEADER: Final = 0x1002
 _MTU: Final = 1500
-
-_DIE_WITH_PARENT: Final = (
-    "import ctypes, os, sys; parent = int(sys.argv[1]);"
-    "ctypes.CDLL(None).prctl(1, 9); os.getppid() == parent or os._exit(1);"
-    "os.execvp(sys.argv[2], sys.argv[2:])"
-)
-"""A program that becomes another one, and is killed when whoever started it is gone."""
-
-
-class UnsupportedError(RuntimeError):
-    """This machine cannot have hosts as namespaces; the message says what is lacking."""
 
 
 def lacking() -> str | None:
@@ -87,12 +77,7 @@ class Host:
     def __enter__(self) -> Self:
         return self
 
-    def __exit__(
-        self,
-        kind: type[BaseException] | None,
-        error: BaseException | None,
-        traceback: TracebackType | None,
-    ) -> None:
+    def __exit__(self, *error: object) -> None:
         self.close()
 
     def inside(self, function: Callable[..., T], *args: Any, **kwargs: Any) -> T:
@@ -113,18 +98,18 @@ class Host:
 
     def popen(self, argv: Sequence[str], **options: Any) -> subprocess.Popen[Any]:
         """Start a process on this host; it ends with the host, or with this process."""
-        options.setdefault("stdin", subprocess.DEVNULL)
         process: subprocess.Popen[Any] = self.inside(
-            subprocess.Popen, tied(argv), start_new_session=True, **options
+            subprocess.Popen,
+            bound(argv, signal.SIGKILL),
+            **{"stdin": subprocess.DEVNULL, "start_new_session": True, **options},
         )
         self._processes.append(process)
         return process
 
     def kill(self) -> None:
         """End every process of the host at once, as if the plug was pulled."""
-        processes, self._processes = self._processes, []
-        for process in processes:
-            kill_tree(process)
+        kill_trees(*self._processes)
+        self._processes.clear()
 
     def close(self) -> None:
         """End its processes, and the namespace with them."""
@@ -177,12 +162,7 @@ class Network:
     def __enter__(self) -> Self:
         return self
 
-    def __exit__(
-        self,
-        kind: type[BaseException] | None,
-        error: BaseException | None,
-        traceback: TracebackType | None,
-    ) -> None:
+    def __exit__(self, *error: object) -> None:
         self.close()
 
     def change(self, how: Callable[[Switch], T]) -> T:
@@ -236,30 +216,6 @@ class Network:
         for name, frame in self.switch.due(time.monotonic()):
             with suppress(OSError):  # its card is down, or its queue full: lost, as on a wire
                 os.write(self.hosts[name].tap, frame)
-
-
-def tied(argv: Sequence[str]) -> list[str]:
-    """A command that is killed when the thread that starts it is gone, hung or not (Linux)."""
-    return [sys.executable, "-P", "-c", _DIE_WITH_PARENT, str(os.getpid()), *argv]
-
-
-def kill_tree(process: subprocess.Popen[Any]) -> None:
-    """SIGKILL a process and all that it started, and wait for it."""
-    import psutil  # noqa: PLC0415 - only here
-
-    with suppress(psutil.NoSuchProcess):
-        everybody = [psutil.Process(process.pid)] if process.poll() is None else []
-        for one in everybody:
-            one.suspend()  # or it might start somebody while its children are killed
-        for one in everybody:
-            for child in one.children(recursive=True):
-                with suppress(psutil.NoSuchProcess):
-                    child.kill()
-            one.kill()
-    process.wait()
-    for pipe in (process.stdout, process.stderr):
-        if pipe is not None:
-            pipe.close()
 
 
 def _enter_new_namespace() -> int:

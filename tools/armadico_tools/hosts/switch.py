@@ -12,9 +12,11 @@ import heapq
 import random
 import re
 from collections.abc import Collection, Iterable, Iterator, Sequence
-from dataclasses import dataclass, field, fields, replace
+from dataclasses import dataclass, field, replace
 from hashlib import sha256
 from typing import Final
+
+from armadico.mesh.link_faults import WHOLE, LinkFaults
 
 QUEUE_S: Final = 0.5
 """What a link of limited rate lets wait; what comes on top of it is lost."""
@@ -25,27 +27,6 @@ Link = tuple[str, str]
 
 class LinkError(ValueError):
     """A description of a link that cannot be understood; the message says what would be."""
-
-
-@dataclass(frozen=True, slots=True)
-class Faults:
-    """What is wrong with one direction of a link; by default nothing.
-
-    Times are s, shares of the frames from 0 to 1, the rate is bits a second (0: unlimited). A frame
-    takes `delay`, give or take up to `jitter`; frames keep their order but for the share `reorder`,
-    which goes ahead without any delay.
-    """
-
-    cut: bool = False
-    delay: float = 0.0
-    jitter: float = 0.0
-    loss: float = 0.0
-    duplicate: float = 0.0
-    reorder: float = 0.0
-    rate: float = 0.0
-
-
-WHOLE: Final = Faults()
 
 
 @dataclass(slots=True)
@@ -61,7 +42,7 @@ class Count:
 @dataclass(slots=True)
 class _Wire:
     rng: random.Random
-    faults: Faults = WHOLE
+    faults: LinkFaults = WHOLE
     busy_until: float = 0.0  # when the last bit of what waits is on its way
     last_due: float = 0.0
     count: Count = field(default_factory=Count)
@@ -148,7 +129,7 @@ class Switch:
 
     # Faults --------------------------------------------------------------------------------------
 
-    def set(self, links: Iterable[Link], faults: Faults) -> None:
+    def set(self, links: Iterable[Link], faults: LinkFaults) -> None:
         """Put faults on links in place of those that they had."""
         for link in links:
             wire = self._wires[link]
@@ -156,7 +137,7 @@ class Switch:
             if faults.rate == 0.0:
                 wire.busy_until = 0.0
 
-    def faults(self, link: Link) -> Faults:
+    def faults(self, link: Link) -> LinkFaults:
         """What is wrong with a link."""
         return self._wires[link].faults
 
@@ -204,10 +185,11 @@ _SHARE = re.compile(r"^(?P<number>\d+(?:\.\d+)?)%$")
 _RATE = re.compile(r"^(?P<number>\d+(?:\.\d+)?)(?P<unit>bit|kbit|Mbit)$")
 _BITS: Final = {"bit": 1.0, "kbit": 1e3, "Mbit": 1e6}
 
+KINDS: Final = ("cut", "delay", "jitter", "loss", "duplicate", "reorder", "rate")
 EXAMPLE: Final = "lab2->robot:delay=50ms,jitter=10ms,loss=5%"
 
 
-def parse_link(text: str, hosts: Sequence[str]) -> tuple[list[Link], Faults]:
+def parse_link(text: str, hosts: Sequence[str]) -> tuple[list[Link], LinkFaults]:
     """Read `A->B:FAULT,...`, or `A<->B` for both directions; `*` stands for every host.
 
     FAULT is cut, delay=50ms, jitter=10ms, loss=5%, duplicate=1%, reorder=2% or rate=1Mbit. Raises
@@ -234,17 +216,16 @@ def _named(name: str, hosts: Sequence[str], text: str) -> list[str]:
     return [name]
 
 
-def _faults(text: str, whole: str) -> Faults:
+def _faults(text: str, whole: str) -> LinkFaults:
     values: dict[str, float | bool] = {}
     for part in text.split(","):
         name, equals, value = part.strip().partition("=")
-        if name not in {each.name for each in fields(Faults)} or (name == "cut") == bool(equals):
-            known = ", ".join(each.name for each in fields(Faults))
+        if name not in KINDS or (name == "cut") == bool(equals):
             raise LinkError(
-                f"{whole!r}: {part.strip()!r} is no fault; there are {known}: {EXAMPLE}"
+                f"{whole!r}: {part.strip()!r} is no fault; there are {', '.join(KINDS)}: {EXAMPLE}"
             )
         values[name] = True if name == "cut" else _number(name, value, whole)
-    return Faults(**values)  # type: ignore[arg-type]
+    return LinkFaults(**values)  # type: ignore[arg-type]
 
 
 def _number(name: str, value: str, whole: str) -> float:

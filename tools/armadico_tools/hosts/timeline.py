@@ -3,62 +3,34 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass
 
-from armadico.core.messages import Ack, BidRecord, Command
+from armadico.core.messages import Command
 from armadico.core.resources import WHEELS
-from armadico.observe.view import View, agent_of, driver
-from armadico.observe.watching import Heard, Presence, read_or_none, show
+from armadico.observe.view import agent_of
+from armadico.observe.watching import Heard, Presence, read_or_none
+from armadico_tools.faults.event_log import Account
+from armadico_tools.faults.observations import Said
 
 FRESH_S = 1.0
 """A bid that was told longer ago says nothing of now."""
 
 
-@dataclass(frozen=True)
-class Commanded:
-    """Somebody commanded the wheels, at a time (s), for a cycle."""
-
-    at: float
-    instance: str
-    number: int
-
-
-@dataclass(frozen=True)
-class Takeover:
-    """Who was obeyed next, and how long after the last command of who drove before."""
-
-    instance: str
-    seconds: float
-    cycles: int
-
-
-class Story:
-    """Takes what was heard, in that order."""
+class Story(Account):
+    """What an onlooker sees of any society, and where its instances are; times are s."""
 
     def __init__(self) -> None:
-        self.view = View()
-        self.now = 0.0
-        self._way = 0.0  # the longest that was to go
-        self._commands: dict[tuple[str, int], Commanded] = {}
-        self._acks: list[tuple[float, Ack]] = []
+        super().__init__()
+        self._way = 0.0  # the longest that was to go, m
 
-    def take(self, item: Heard | Presence) -> None:
-        """Take one thing."""
-        self.now = max(self.now, item.at / 1e9)
-        show(self.view, item)
-        message = None if isinstance(item, Presence) else read_or_none(item)
-        if isinstance(message, Ack):
-            self._acks.append((item.at / 1e9, message))
-        elif isinstance(message, Command):
-            said = Commanded(item.at / 1e9, message.ballot.instance, message.cycle.number)
-            self._commands[said.instance, said.number] = said
-        elif self.view.mission is not None:
+    def hear(self, item: Heard | Presence) -> None:
+        """Take one thing, in the order in which they came."""
+        at = item.at / 1e9
+        if isinstance(item, Presence):
+            self.token(at, item.instance, item.there)
+        elif (message := read_or_none(item)) is not None:
+            self.take(Said(at, message))
+        if self.view.mission is not None:
             self._way = max(self._way, self.view.mission.to_go)
-
-    @property
-    def driver(self) -> str:
-        """The instance that drives; empty: nobody."""
-        return self.view.driver(WHEELS.name, self.now) or ""
 
     @property
     def speed(self) -> float:
@@ -66,13 +38,15 @@ class Story:
         ack = self.view.acks.get(WHEELS.name)
         return float(ack.measured[0]) if ack is not None and ack.measured else 0.0
 
-    def host(self, instance: str) -> str | None:
+    def host(self, instance: str | None) -> str | None:
         """Where an instance runs, by its card; None: not known."""
-        card = self.view.cards.get(instance)
+        card = self.view.cards.get(instance or "")
         return None if card is None else card.host
 
-    def name(self, instance: str) -> str:
-        """An instance for people: `avoid on lab1`."""
+    def name(self, instance: str | None) -> str:
+        """An instance for people: `avoid on lab1`; of None: `nobody`."""
+        if instance is None:
+            return "nobody"
         return f"{agent_of(instance)} on {self.host(instance) or 'an unknown host'}"
 
     def on(self, host: str) -> dict[str, float]:
@@ -89,31 +63,20 @@ class Story:
             if name not in self.on(host)
         ]
 
-    def standing_by(self, host: str) -> list[tuple[str, BidRecord]]:
-        """Those on other hosts who would drive at this moment, and what they bid."""
-        return [
-            (who, bid)
-            for who, (bid, at) in self.view.bids.items()
-            if bid.utility and self.host(who) != host and self.now - at <= FRESH_S
-        ]
+    def standing_by(self, host: str) -> dict[str, float]:
+        """Those on other hosts who would drive at this moment, and their utilities."""
+        return {
+            who: bid.utility
+            for who, (bid, _) in self.view.bids.items()
+            if bid.utility and self.host(who) != host and self.bids_now(who, FRESH_S)
+        }
 
     def done(self) -> float:
         """The share of the way that is behind the robot, 0 to 1."""
         mission = self.view.mission
         return 0.0 if mission is None or not self._way else 1.0 - mission.to_go / self._way
 
-    def last_command(self, host: str) -> Commanded | None:
-        """The last that anybody on a host commanded."""
-        heard = [each for each in self._commands.values() if self.host(each.instance) == host]
-        return max(heard, key=lambda each: each.at, default=None)
-
-    def takeover(self, since: Commanded) -> Takeover | None:
-        """Who was obeyed next after somebody's last command; None if nobody is yet."""
-        for at, ack in self._acks:
-            who, answered = driver(ack), ack.obeyed_cycle
-            if at <= since.at or who is None or who == since.instance or answered is None:
-                continue
-            said = self._commands.get((who, answered.number))
-            if said is not None and said.at > since.at:
-                return Takeover(said.instance, said.at - since.at, said.number - since.number)
-        return None
+    def last_command(self, host: str) -> tuple[float, Command] | None:
+        """When anybody on a host commanded last, and what."""
+        heard = reversed(self.commands)
+        return next((x for x in heard if self.host(x[1].ballot.instance) == host), None)

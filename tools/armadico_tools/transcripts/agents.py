@@ -80,10 +80,15 @@ class Judge(Agent):
         judge = owner.judge
 
         def judged(command: Command, now: float, **about: Any) -> Verdict:
-            self.verdict = judge(command, now, **about)
-            return self.verdict
+            verdict = judge(command, now, **about)
+            self.judged(command, verdict)
+            return verdict
 
         vars(owner)["judge"] = judged
+
+    def judged(self, command: Command, verdict: Verdict) -> None:  # noqa: ARG002 - others keep it
+        """It has judged a command."""
+        self.verdict = verdict
 
     def obey(self, resource: Resource, action: Any) -> None:
         """Do it."""
@@ -107,6 +112,9 @@ class Judge(Agent):
 class Driven(Judge):
     """The robot agent: it makes the cycles, as a controller's status packets would."""
 
+    name = "robot"
+    owns = (WHEELS,)
+    describes: ClassVar[Description | None] = DESCRIPTION
     provides: ClassVar[tuple[type[Message], ...]] = (RobotState, Description)
 
     def __init__(self, identity: Identity, parameters: Any = None) -> None:
@@ -132,8 +140,8 @@ class Driven(Judge):
         stop = self.memory.newest(Stop) or Stop()
         self.publish(RobotState(cycle, 0.0, 0.0, 0.0, v, w, 12.0, True, False, stop))
         self.acknowledge()
-        if cycle.number % 10 == 1:
-            self.publish(DESCRIPTION)
+        if self.describes is not None and cycle.number % 10 == 1:
+            self.publish(self.describes)
 
 
 class Planned(Agent):

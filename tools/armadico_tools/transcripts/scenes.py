@@ -9,6 +9,7 @@ from msgspec.structs import replace
 
 from armadico.core.messages import Claim, Command, Message, Stop
 from armadico.core.services import service_of
+from armadico.mesh.link_faults import WHOLE, LinkFaults
 from armadico.mesh.virtual import VirtualMesh
 from armadico_tools.transcripts.agents import Part, Step, agent_of
 from armadico_tools.transcripts.tape import Recorder, Tape, Transcript
@@ -245,9 +246,9 @@ def _act(mesh: VirtualMesh, tape: Tape, do: str, to: Any) -> None:
         return
     node = mesh.node(to)
     if do == "delay":
-        mesh.link(to, "robot").delay = 0.7
+        mesh.link(to, "robot").faults = LinkFaults(delay=0.7)
     elif do == "mend":
-        mesh.link(to, "robot").delay = 0.0
+        mesh.link(to, "robot").faults = WHOLE
     elif do == "hang":
         tape.happens(to, "hangs")
         node.hang()

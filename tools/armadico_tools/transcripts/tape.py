@@ -40,7 +40,7 @@ class Transcript(msgspec.Struct, frozen=True):
 
     def part(self, label: str) -> Part:
         """One of its processes. Raises KeyError if there is none of that label."""
-        return next((p for p in self.agents if p.label == label), None) or _missing(label)
+        return {part.label: part for part in self.agents}[label]
 
     def text(self) -> str:
         """The file."""
@@ -48,10 +48,6 @@ class Transcript(msgspec.Struct, frozen=True):
         del head["lines"]
         first = {**head, "protocol": m.PROTOCOL}
         return "".join(json.dumps(line) + "\n" for line in (first, *self.lines))
-
-
-def _missing(label: str) -> Part:
-    raise KeyError(f"nobody is called {label}")
 
 
 def read(text: str) -> Transcript:

@@ -1,0 +1,74 @@
+"""The store of results, and places that processes run at: nothing is lost, and nothing is left."""
+
+from __future__ import annotations
+
+import subprocess
+import sys
+from pathlib import Path
+
+import psutil
+import pytest
+from msgspec import Struct
+
+from armadico_tools.results import Rows
+
+SOON = 20.0
+
+MAKER = """\
+import signal, subprocess, sys, time
+from armadico_tools.testbed import Place
+with Place("test") as place:
+    program = "import time; print(1, flush=True); time.sleep(600)"
+    made = place.popen("localhost", [sys.executable, "-c", program], stdout=subprocess.PIPE)
+    made.stdout.readline()
+    made.send_signal(signal.SIGSTOP)
+    print(made.pid, flush=True)
+    time.sleep(600)
+"""
+
+
+class Row(Struct, frozen=True):
+    """One of each kind of value."""
+
+    name: str
+    number: int
+    well: bool = False
+    share: float | None = None
+
+
+ROWS = [Row('a, "b"', 1, True, 0.5), Row("c", 2)]
+
+
+def test_rows_are_read_as_they_were_added(tmp_path: Path) -> None:
+    rows = Rows(tmp_path / "made" / "rows.csv", Row)
+    assert rows.read() == []
+    for row in ROWS:
+        rows.add(row)
+    assert rows.read() == Rows(rows.path, Row).read() == ROWS
+    rows.rewrite(reversed(ROWS))
+    assert rows.read() == ROWS[::-1]
+
+
+@pytest.mark.parametrize("rest", ["d,", '"d', "d,4,1,", "d,four,0,\n"])
+def test_a_row_that_was_cut_off_does_not_count_and_takes_no_other_with_it(
+    tmp_path: Path, rest: str
+) -> None:
+    rows = Rows(tmp_path / "rows.csv", Row)
+    rows.add(*ROWS)
+    with rows.path.open("a") as file:
+        file.write(rest)
+    again = Rows(rows.path, Row)
+    again.add(Row("e", 5))
+    found = again.read()
+    assert found[:2] == ROWS
+    assert found[-1] == Row("e", 5)
+
+
+def test_whoever_is_killed_leaves_no_process_not_even_one_that_hangs(tmp_path: Path) -> None:
+    script = tmp_path / "maker.py"
+    script.write_text(MAKER)
+    with subprocess.Popen([sys.executable, script], stdout=subprocess.PIPE, text=True) as maker:
+        assert maker.stdout is not None
+        process = psutil.Process(int(maker.stdout.readline()))
+        maker.kill()
+    assert not psutil.wait_procs([process], SOON)[1]

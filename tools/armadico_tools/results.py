@@ -1,0 +1,105 @@
+"""The one store of results: rows of a CSV file, each written as soon as it is known.
+
+Experiments, faults, trials and mutants are interrupted and go on where they were: what is there is
+read again, by the kind of its rows. A line that was cut off does not count.
+"""
+
+from __future__ import annotations
+
+import csv
+import subprocess
+from collections.abc import Iterable, Sequence
+from importlib import import_module
+from pathlib import Path
+from typing import Generic, TypeVar
+
+import msgspec
+from msgspec import Struct
+
+R = TypeVar("R", bound=Struct)
+
+
+class Rows(Generic[R]):
+    """The rows of one file, of one kind; its fields are the columns."""
+
+    def __init__(self, path: Path, kind: type[R]) -> None:
+        """Go on with a file, or make its folder. Raises OSError."""
+        self.path = path
+        self._kind = kind
+        path.parent.mkdir(parents=True, exist_ok=True)
+        if path.is_file() and not (data := path.read_bytes()).endswith(b"\n"):
+            path.write_bytes(data[: data.rfind(b"\n") + 1])  # the next row is not to end this one
+
+    def read(self) -> list[R]:
+        """What is there, in the order in which it was written."""
+        if not self.path.is_file():
+            return []
+        found = []
+        with self.path.open(newline="", encoding="utf-8") as file:
+            for row in csv.DictReader(file):
+                if None in row or None in row.values():
+                    continue
+                given = {name: text for name, text in row.items() if text != ""}
+                try:
+                    found.append(msgspec.convert(given, self._kind, strict=False))
+                except msgspec.ValidationError:
+                    continue
+        return found
+
+    def add(self, *rows: R) -> None:
+        """Keep rows, now."""
+        if not self.path.is_file():
+            write_csv(self.path, self._kind.__struct_fields__, ())
+        with self.path.open("a", newline="", encoding="utf-8") as file:
+            csv.writer(file, lineterminator="\n").writerows(map(_cells, rows))
+
+    def rewrite(self, rows: Iterable[R]) -> None:
+        """Have these instead of what is there; an interruption leaves one or the other."""
+        fresh = self.path.with_suffix(".new")
+        write_csv(fresh, self._kind.__struct_fields__, map(_cells, rows))
+        fresh.replace(self.path)
+
+
+def write_csv(path: Path, header: Sequence[str], rows: Iterable[Iterable[object]]) -> None:
+    """A CSV file whose bytes depend on the numbers only."""
+    with path.open("w", newline="", encoding="utf-8") as file:
+        writer = csv.writer(file, lineterminator="\n")
+        writer.writerow(header)
+        writer.writerows(map(plain, row) for row in rows)
+
+
+def write_json(path: Path, about: object) -> None:
+    """What a folder of results holds, or came to, for programs and people."""
+    path.write_bytes(msgspec.json.format(msgspec.json.encode(about), indent=2) + b"\n")
+
+
+def _cells(row: Struct) -> Iterable[object]:
+    return map(plain, msgspec.structs.astuple(row))
+
+
+def plain(value: object) -> object:
+    """A value as it stands in a CSV: nothing for None, 0 and 1 for truth values, text in a line."""
+    if value is None:
+        return ""
+    if isinstance(value, str):
+        return " ".join(value.splitlines())
+    return int(value) if isinstance(value, bool) else value
+
+
+def commit() -> str:
+    """The git commit that runs, with a + if what drives has changed since; or `none`."""
+    root = Path(next(iter(import_module("armadico.agents").__path__))).resolve().parent
+    try:
+        head = _git(root, "rev-parse", "--short=12", "HEAD")
+        paths = ("armadico", "agents", "bridge", "configs", ":!armadico/cli")
+        changed = _git(root, "status", "--porcelain", "--", *paths)
+    except (OSError, subprocess.CalledProcessError):
+        return "none"
+    return f"{head}+" if changed else head
+
+
+def _git(root: Path, *words: str) -> str:
+    done = subprocess.run(
+        ["git", "-C", str(root), *words], capture_output=True, text=True, check=True
+    )
+    return done.stdout.strip()
