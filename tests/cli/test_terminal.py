@@ -210,7 +210,7 @@ def test_a_recording_is_not_written_over(run: Run, tmp_path: Path) -> None:
     path.write_text("precious")
     done = run("record", str(path), "--duration", "1")
     assert done.returncode == 1
-    assert "there already" in done.stderr
+    assert "exists already" in done.stderr
     assert path.read_text() == "precious"
 
 

@@ -59,7 +59,7 @@ def test_a_host_is_lost_and_comes_back_with_nothing_configured(hosts: ComposeHos
         assert code == 0, said
     hosts.stop("lab2")
     code, said = ps(hosts, "lab2")
-    assert (code, said) == (1, "lab2: nobody is there\n")
+    assert (code, said) == (1, "lab2: no agent is alive\n")
     assert ps(hosts, "lab1")[0] == 0
     hosts.start("lab2", wait=True)
     code, said = ps(hosts, "lab2")

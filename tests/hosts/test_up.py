@@ -145,9 +145,9 @@ def test_ps_says_what_each_host_lacks_and_the_exit_code_what_one_does(up: Start)
     assert found["lab1"]["state"] == "up"
     assert found["lab2"]["lacks"] == ["goto", "avoid", "gothrough"]
     shown = call("ps")
-    assert "lab3: nobody is there" in shown.stdout
+    assert "lab3: no agent is alive" in shown.stdout
     by_hand = call("ps", "--host", "lab2")
-    assert (by_hand.returncode, by_hand.stdout) == (1, "lab2: nobody is there\n")
+    assert (by_hand.returncode, by_hand.stdout) == (1, "lab2: no agent is alive\n")
     process.terminate()
     assert process.wait(SOON) == 0
 
