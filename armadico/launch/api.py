@@ -158,9 +158,9 @@ def run(
     Raises:
         ConfigError: The scenario, or something in it, cannot be used; the text has file and line.
         UnknownNameError: No such agent is installed.
-        MissionRefusedError: There is no way, or nobody knows where the robot is.
-        AbsentError: Nobody takes missions.
-        RunFailedError: A process did not start, or the robot is silent; its last words are there.
+        MissionRefusedError: There is no way, or the robot's pose is not known.
+        AbsentError: No agent that takes missions is alive.
+        RunFailedError: A process did not start, or the robot is silent; with its last log lines.
         MeshError: The mesh cannot be joined.
         TopologyError: A namespace or an endpoint that cannot be one.
         ValueError: `robot`, `namespace` or `connect` for a virtual run.

@@ -17,13 +17,13 @@ COME_S: Final = 30.0
 """What the agents may take to be there."""
 
 SAY_S: Final = 1.0
-"""Who is not there by then is said to be waited for."""
+"""Agents that are not alive by then are named as waited for."""
 
 STOP_S: Final = 3.0
 """What the robot agent may take to confirm the stop."""
 
 AWAY_M: Final = 0.5
-"""A robot farther than this from the scenario's start is said to be elsewhere."""
+"""A robot farther than this from the scenario's start is reported as elsewhere."""
 
 
 class AttachedRun(LiveRun):
@@ -49,7 +49,7 @@ class AttachedRun(LiveRun):
                 self._warn("the robot is stopped; `armadico resume` releases it")
 
     def start(self) -> None:
-        """Wait for everybody. Raises RunFailedError if somebody does not come."""
+        """Wait until all agents are alive. Raises RunFailedError if one does not come."""
         began = self.client.mesh.now()
         if not self.client.wait_for(self._complete, SAY_S):
             self._warn(f"waiting for {self._lacking()}")

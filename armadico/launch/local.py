@@ -34,7 +34,7 @@ if TYPE_CHECKING:
     from armadico.mesh.base import Mesh
 
 ANSWER_S = 10.0
-"""What the robot may take to answer once its agent is there."""
+"""What the robot may take to answer once its agent is alive."""
 
 ALONE_S = 5.0
 """What one of two robot agents may take to leave."""
@@ -62,7 +62,7 @@ class Launcher(LiveRun):
             options: What else was chosen for the run.
             mesh: Where the launcher listens.
             namespace: The robot's subtree of keys.
-            silent_s: A run whose robot has said nothing for so long is over.
+            silent_s: A run whose robot has published nothing for so long is over.
             idle_s: So is one in which nobody has claimed the wheels for so long, if somebody who
                 takes part is missing.
             joining: Options by which the processes find the mesh, if it is not the default one.
@@ -91,7 +91,7 @@ class Launcher(LiveRun):
     # Starting ------------------------------------------------------------------------------------
 
     def start(self) -> None:
-        """Start everything. Raises RunFailedError if somebody is here or does not come up."""
+        """Start everything. Raises RunFailedError if others are alive, or one does not start."""
         self._refuse_company()
         port = self.options.robot or self.start_simulator()
         self.members = members(self.scenario, self.options, port)
@@ -147,7 +147,7 @@ class Launcher(LiveRun):
         return process
 
     def _wait_for_everybody(self) -> None:
-        """Until all tokens are there."""
+        """Until all agents are alive."""
 
         def here() -> bool:
             self._check_alive()

@@ -29,10 +29,10 @@ LINKS_S = 2.0
 """A refusal stands after this: among processes that have just started, links are coming up."""
 
 SILENT_S = 10.0
-"""A run whose robot has said nothing for so long is over."""
+"""A run whose robot has published nothing for so long is over."""
 
 IDLE_S = 15.0
-"""A run in which nobody has claimed the wheels for so long is over, if somebody is missing."""
+"""A run without a claim for the wheels for so long is over, if an agent is missing."""
 
 
 class LiveRun:
@@ -53,7 +53,7 @@ class LiveRun:
             scenario: What is driven, and who takes part.
             options: What else was chosen for the run.
             mesh: Where to listen.
-            silent_s: A run whose robot has said nothing for so long is over.
+            silent_s: A run whose robot has published nothing for so long is over.
             idle_s: So is one in which nobody has claimed the wheels for so long, if somebody who
                 takes part is missing.
         """
@@ -82,7 +82,7 @@ class LiveRun:
         """Leave things as they should be left, whatever happened."""
 
     def start(self) -> None:
-        """See that everybody is there. Raises RunFailedError if somebody is not."""
+        """See that all agents are alive. Raises RunFailedError if one is not."""
         raise NotImplementedError
 
     def begin(self) -> None:
@@ -148,7 +148,7 @@ class LiveRun:
         return sorted(who for who in self.client.alive if who[0] in robots)
 
     def _nobody_can(self, elapsed: float) -> bool:
-        """Whether nobody claims the wheels any more, and somebody who takes part is missing."""
+        """Whether the wheels are not claimed any more, and an agent that takes part is missing."""
         state = self.watch.view.state
         if state is None or state.stop.stopped or not (missing := self._missing()):
             return False

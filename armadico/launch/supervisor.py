@@ -36,10 +36,10 @@ if TYPE_CHECKING:
     from armadico.mesh.zenoh import ZenohMesh
 
 LOOK_S: Final = 0.05
-"""How often it is looked who has ended, and what was said."""
+"""How often ended processes and new log lines are looked for."""
 
 CARD_S: Final = 0.5
-"""What an agent may take to say who it is, before it is asked again."""
+"""What an agent may take to answer the query for its card, before it is queried again."""
 
 LOG_BYTES: Final = 4_000_000
 """A log that is longer is kept as NAME.log.1, and begun anew."""
@@ -69,7 +69,7 @@ class Plan:
 
 @dataclass
 class Tail:
-    """What a log has said since it was looked at last, as far as people need to know it."""
+    """New lines of a log, as far as people need to know them."""
 
     name: str
     log: Path
@@ -79,7 +79,7 @@ class Tail:
     lines: list[str] = field(default_factory=list)
 
     def loud(self) -> list[str]:
-        """New lines at WARNING and worse, and what belongs to them, with who said them."""
+        """New lines at WARNING and worse, and what belongs to them, with the agent's name."""
         size = self.log.stat().st_size
         if size > self._read:
             with self.log.open("rb") as file:
@@ -231,7 +231,7 @@ class Upkeep:
                 self._say(f"{label} ended with {ending(code)}; it is started again")
 
     def _relay(self) -> None:
-        """Pass on what the processes say of faults."""
+        """Pass on what the processes log of faults."""
         for tail in self._tails.values():
             for line in tail.loud():
                 self._say(line)

@@ -69,7 +69,7 @@ class Mesh(Time, Protocol):
     def publish(self, key: str, message: Message, data: bytes | None = None) -> None:
         """Publish a message, by its `data` if it is encoded already; one's own do not receive it.
 
-        Raises MessageError for what nobody could read. What one publishes arrives in order.
+        Raises MessageError for what could not be decoded. What one publishes arrives in order.
         """
 
     def has_said(self, key: str) -> bool:
@@ -103,7 +103,7 @@ class Mesh(Time, Protocol):
         """Show the liveliness token of an agent until the mesh is left."""
 
     def watch_alive(self, changed: Callable[[str, str, bool], None]) -> None:
-        """Have others' tokens that are there, come and go handed over as (name, instance, there).
+        """Subscribe to others' liveliness tokens, as (name, instance, alive): those of now, too.
 
         The same news may come twice: treat it as a set.
         """

@@ -33,7 +33,7 @@ LIVELINESS = 0.003
 """How long after a process is killed the others hear of it, s: the socket closes at once."""
 
 LEASE = 1.0
-"""Who cannot be heard for so long, s, by a cut or a hang, is taken for gone."""
+"""Lease: who is unreachable for so long, s, by a cut or a hang, is taken for gone."""
 
 RECONNECT = (0.2, 0.5)
 """How long it then takes to find each other again, s: the pauses between attempts."""
@@ -45,7 +45,7 @@ ROUNDING = 1e-9
 """A wake-up this little before its time, s, by a clock of its own, is in time."""
 
 CLIENT = "client"
-"""What whoever publishes or asks from outside the society is called."""
+"""The name of those who publish or query from outside the society."""
 
 Watcher = Callable[[str, Message, float], None]
 
@@ -149,7 +149,7 @@ class VirtualMesh:
             node.begin()
 
     def watch(self, watcher: Watcher, *kinds: type[Message]) -> None:
-        """Be shown every message of these kinds the moment it is published, without being heard."""
+        """Watch every message of these kinds the moment it is published, without taking part."""
         for kind in kinds:
             self._watchers.setdefault(kind, []).append(watcher)
 
@@ -222,7 +222,7 @@ class VirtualMesh:
         return routes
 
     def forget_routes(self) -> None:
-        """Somebody listens to more, or no longer."""
+        """Subscriptions have changed."""
         self._routes.clear()
 
     def spread(self, sender: str, key: str, message: Message, speaker: Place | None) -> str:
@@ -235,7 +235,7 @@ class VirtualMesh:
             speaker: Who publishes it; None: somebody outside the society.
 
         Returns:
-            Why nobody could receive it, or nothing.
+            Why it could not be received, or an empty text.
         """
         namespace = DEFAULT_NAMESPACE if speaker is None else speaker.namespace
         watchers = self._watchers.get(type(message), ())
@@ -455,7 +455,7 @@ class Place:
         self.mesh.liveliness.join(self, name, instance)
 
     def kill(self) -> None:
-        """SIGKILL: it says nothing more, and its tokens go."""
+        """SIGKILL: it publishes nothing more, and its tokens go."""
         self.alive = False
         self.mesh.forget_routes()
         self.mesh.liveliness.killed(self)
@@ -624,7 +624,7 @@ class Node(Place):
         self._own_up()
 
     def _own_up(self) -> None:
-        """Have the agent say what its mailbox had no room for, as a process does."""
+        """Have the agent report what its mailbox had no room for, as a process does."""
         if self.hung or self._busy or not self.alive:
             return
         if dropped := self.mailbox.take_dropped():
@@ -724,7 +724,7 @@ class Node(Place):
 
 
 class Liveliness:
-    """Who is there, for whom: tokens, leases, cuts and hangs, as Zenoh has them.
+    """Who is alive, as each sees it: tokens, leases, cuts and hangs, as Zenoh has them.
 
     A process that is killed is missed at once: its socket closes. One that is cut off or hangs is
     missed when its lease runs out; the connection is then gone both ways, and both sides are told
@@ -741,19 +741,19 @@ class Liveliness:
         self._parted: set[frozenset[str]] = set()  # names whose connection's lease ran out
 
     def look(self, place: Place) -> None:
-        """Somebody has come: it is told who is alive."""
+        """A process has joined: it is told who is alive."""
         for other in self._mesh.others(place):
             if not other.lost:
                 self._show(other, place)
 
     def join(self, place: Place, name: str, instance: str) -> None:
-        """Somebody shows a token: the others are told of it."""
+        """A process declares its token: the others are told."""
         for other in self._mesh.others(place):
             if not other.lost:
                 self._tell_of(place, other, name, instance)
 
     def killed(self, place: Place) -> None:
-        """Somebody is gone: who reached it sees its socket close, the others its lease end."""
+        """A process is gone: who reached it sees its socket close, the others its lease end."""
         for other in self._mesh.others(place):
             reached = self._mesh.link(place.name, other.name).up and not place.lost
             at = self._mesh.now + (LIVELINESS if reached else self._lease)
@@ -791,7 +791,7 @@ class Liveliness:
     # Cuts ----------------------------------------------------------------------------------------
 
     def cut(self, sources: Iterable[str], targets: Iterable[str], *, lease: bool) -> None:
-        """What sources say no longer reaches targets, by names.
+        """What sources publish no longer reaches targets, by names.
 
         With a `lease` the connection ends both ways when it runs out, as TCP's does; without,
         nobody ever notices but by the silence.
@@ -870,7 +870,7 @@ def _ways(sources: Iterable[str], targets: Iterable[str]) -> list[Way]:
 
 
 def sendable(message: Message) -> Message | str:
-    """The message as the others receive it, or why nobody can."""
+    """The message as the others receive it, or why they cannot."""
     try:
         return checked(message)
     except MessageError as error:

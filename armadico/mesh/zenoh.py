@@ -227,7 +227,7 @@ class ZenohMesh(Reader, Monotonic):
         """See `Mesh`."""
         self._keep(self._open.declare_queryable(key, _direct(lambda query: receiver(Call(query)))))
 
-    # Who is there --------------------------------------------------------------------------------
+    # Liveliness ----------------------------------------------------------------------------------
 
     def declare_alive(self, name: str, instance: str) -> None:
         """See `Mesh`."""
@@ -291,7 +291,7 @@ REASONS: Final = {
     "cannot assign requested address": "that is no address of this machine",
     "permission denied": "ports below 1024 are not for everybody",
 }
-"""What the system says when it cannot listen, in words that help."""
+"""The system's error when it cannot listen, in words that help."""
 
 
 def _reason(error: Exception) -> str:

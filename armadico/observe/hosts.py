@@ -1,4 +1,4 @@
-"""Who is there, host by host, and what each host lacks (sans-IO): a view in, a state a host out."""
+"""Alive agents by host, and what each host lacks (sans-IO): a view in, a state a host out."""
 
 from __future__ import annotations
 
@@ -25,7 +25,7 @@ class HostState:
 
     @property
     def state(self) -> str:
-        """For people: `up`, what it lacks, or that nobody is there."""
+        """For people: `up`, what it lacks, or that no agent is alive."""
         if self.lacks and not self.agents:
             return "no agent is alive"
         if self.lacks:

@@ -155,7 +155,7 @@ class RunWatch:
 
     @property
     def here(self) -> Pose2 | None:
-        """The true pose, or the encoders' where nobody knows better."""
+        """The true pose, or the encoders' where there is no truth."""
         at = self.view.truth or self.view.pose
         return None if at is None else (at.x, at.y, at.theta)
 

@@ -34,7 +34,7 @@ FRESH_CYCLES: Final = 3
 """A command obeyed longer ago than so many cycles is nobody's any more."""
 
 QUIET_S: Final = 0.5
-"""Who has been silent for so long says nothing of now; or for `FRESH_CYCLES`, if those are longer.
+"""Messages older than this say nothing of now; or than `FRESH_CYCLES`, if those are longer.
 """
 
 GONE: Final = 100
@@ -162,12 +162,12 @@ class View:
 
     @property
     def claimed(self) -> list[str]:
-        """The resources that somebody claims or owns, as far as was heard."""
+        """The resources that are claimed or owned, as far as was received."""
         return sorted(self._claims.keys() | self.acks.keys())
 
     @property
     def resources(self) -> list[str]:
-        """Those, and what somebody's card offers or competes for."""
+        """Those, and what an agent's card offers or competes for."""
         offered = {name for card in self.cards.values() for name in (*card.resources, *card.owns)}
         return sorted(offered.union(self.claimed))
 
@@ -183,7 +183,7 @@ class View:
     def driver(self, resource: str, now: float) -> str | None:
         """The instance that a resource obeys now, as far as its owner's acks tell; None: nobody.
 
-        An owner that is silent obeys nobody: what it drove it stops.
+        An owner that is silent obeys no command: what it drove it stops.
         """
         ack = self.acks.get(resource)
         if ack is None or now - self._acked[resource][0] > self._quiet_s(resource):
@@ -287,7 +287,7 @@ class Rate:
 def deadline_s(service: Service | None) -> float | None:
     """The longest silence that its row of the table allows, s.
 
-    Only what is said all the time has one: claims and commands end with a tenure. Where no
+    Only what is published all the time has one: claims and commands end with a tenure. Where no
     freshness is promised it is two periods.
     """
     if service is None or service.kind is not Kind.STATE or service.rate_hz is None:

@@ -1,4 +1,4 @@
-"""What those who watch share: everything that is said, in order, with the time it came.
+"""What watchers share: all messages in order of arrival, with their times.
 
 A watcher is a guest: it has no token, agents do not see it, and nothing that it does is waited for.
 Unlike an agent it keeps every message, states too, since the one that was overtaken may be the one
@@ -42,7 +42,7 @@ class Heard(msgspec.Struct, frozen=True, tag=True):
     key: str
     data: bytes
     at: int
-    asked: bool = False  # a reply to a query of the watcher's, not something said to all
+    asked: bool = False  # a reply to a query of the watcher's, not a publication
 
 
 class Presence(msgspec.Struct, frozen=True, tag=True):
@@ -76,12 +76,12 @@ class Watcher:
         self._queue: queue.Queue[Heard | Presence] = queue.Queue(waiting)
 
     def hear(self, pattern: str = EVERYTHING) -> None:
-        """Keep what is said on the keys of a pattern, in every namespace."""
+        """Keep messages published on matching keys, in every namespace."""
         for mesh in self.meshes:
             mesh.subscribe(pattern, self._receiver(mesh.namespace, asked=False))
 
     def watch_alive(self) -> None:
-        """Keep who is there, comes and goes, in every namespace."""
+        """Keep tokens as they come and go, in every namespace."""
         for mesh in self.meshes:
 
             def changed(name: str, instance: str, there: bool, ns: str = mesh.namespace) -> None:
@@ -97,11 +97,11 @@ class Watcher:
             )
 
     def ask_for_cards(self, timeout: float = 1.0) -> None:
-        """Have everybody say who they are."""
+        """Query everybody's card."""
         self.ask(CARD.key_for(name="*", instance="*"), timeout)
 
     def ask_for_bids(self, timeout: float = 1.0) -> None:
-        """Have everybody say what they would do, losers too."""
+        """Query everybody's recent bids, losers' too."""
         self.ask(BIDS.key_for(name="*", instance="*"), timeout)
 
     def take(self, timeout: float) -> Heard | Presence | None:
@@ -135,7 +135,7 @@ class Watcher:
 
 
 def kind_at(key: str) -> type[Message] | None:
-    """The message that is said, or answered, on a key; None if the key is in nobody's table."""
+    """The message that is published, or replied, on a key; None if no service has that key."""
     service = service_at(key)
     if service is None:
         return None

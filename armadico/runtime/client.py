@@ -43,22 +43,22 @@ M = TypeVar("M", bound=Message)
 T = TypeVar("T")
 
 AGAIN_S: Final = 0.1
-"""A query that nobody is there to answer is put again after this."""
+"""A query without an alive answerer is repeated after this."""
 
 QUIET_S: Final = 0.3
-"""Nobody new for so long, and everybody who is there is taken to be known."""
+"""Without a new token for so long, all alive agents are taken to be known."""
 
 FIND_S: Final = 3.0
-"""How long somebody who takes missions is looked for."""
+"""How long an agent that takes missions is looked for."""
 
 PLANNING_S: Final = 30.0
-"""How long the answer may take once they are there."""
+"""How long its answer may take once it is alive."""
 
 REFUSED_S: Final = 0.5
 """How long until a mission that was refused is asked for again, if it is."""
 
 SILENCE_S: Final = 5.0
-"""Without any word on the mission for so long, whoever took it is gone."""
+"""Without a mission status for so long, the agent that took the mission is gone."""
 
 STOP_S: Final = 5.0
 """What finding the robot agent, its acknowledgement and braking may take: a Pioneer at full speed
@@ -124,9 +124,9 @@ class Client:
 
     def __init__(self, mesh: Mesh) -> None:
         self.mesh = mesh
-        self.alive: set[tuple[str, str]] = set()  # (name, instance) of the tokens that are there
+        self.alive: set[tuple[str, str]] = set()  # (name, instance) of the tokens
         self.key = ""  # of the message that is being handed on
-        self.ahead: dict[str, float] = {}  # s; by instance, of the clocks that cards have said
+        self.ahead: dict[str, float] = {}  # s; by instance, of the clocks in cards
         self._inbox = Inbox(mesh)
         self._latest: dict[type[Message], tuple[Message, float]] = {}
         self._listened: set[type[Message]] = set()
@@ -166,7 +166,7 @@ class Client:
         return float("inf") if found is None else self.mesh.now() - found[1]
 
     def publish(self, message: Message) -> None:
-        """Publish a message on its service's key. Raises MessageError if nobody could read it."""
+        """Publish a message on its service's key. MessageError if it could not be decoded."""
         self.mesh.publish(service_of(type(message)).key, message)
 
     def wait_for(self, condition: Callable[[], T | None], timeout: float) -> T | None:
@@ -196,7 +196,7 @@ class Client:
 
             plan = guest.ask(PlanRequest(start=Waypoint(0, 0, 0), goal=Waypoint(4, 2, 0)))
 
-        As long as nobody is there to answer, it asks again, since links come up in the background;
+        Without an alive answerer it queries again, since links come up in the background;
         for `patience` s at most, if that is given. Raises TypeError for what is no query.
         """
         service = service_of(type(request))
@@ -215,7 +215,7 @@ class Client:
     # The robot ------------------------------------------------------------------------------------
 
     def goto(self, x: float, y: float, theta: float = 0.0, *, direct: bool = False) -> Mission:
-        """Send the robot to a pose (m, m, rad); returns as soon as somebody has taken that on.
+        """Send the robot to a pose (m, m, rad); returns as soon as the mission is accepted.
 
             mission = guest.goto(4.0, 2.0, math.pi / 2)
             mission.wait(timeout=60.0)
@@ -273,7 +273,7 @@ class Client:
         self._latch(stopped=True, by=by, timeout=timeout)
 
     def resume(self, timeout: float = STOP_S, *, by: str = "a guest") -> None:
-        """Release the stop, whoever pressed it; returns once the robot agent says that it is.
+        """Release the stop, whoever pressed it; returns once the robot agent acknowledges it.
 
         Raises:
             AbsentError: No robot answers.
@@ -289,7 +289,7 @@ class Client:
         return tuple(sorted(self.alive))
 
     def cards(self, timeout: float = 1.0) -> dict[tuple[str, str], Card | None]:
-        """The cards of everybody whose token is there; None for who does not answer in time."""
+        """The cards of all alive agents; None for one that does not answer in time."""
         self.settle()
         everybody = CARD.key_for(name="*", instance="*")
         replies = self._ask(everybody, Ask(), Card, timeout, enough=len(self.alive))
@@ -465,7 +465,7 @@ class Mission:
 
     @property
     def reached(self) -> bool:
-        """Whether the interface agent says that the robot is there, and its wheels rest."""
+        """Whether the mission's status is reached: the robot is at the goal, its wheels at rest."""
         status = self.status
         return status is not None and status.state is MissionState.REACHED
 
@@ -483,7 +483,7 @@ class Mission:
         The mission goes on if it is not. `progress` is called about ten times a second.
 
         Raises:
-            AbsentError: Nothing has been heard of the mission for 5 s.
+            AbsentError: No status of the mission has been received for 5 s.
             MissionReplacedError: Somebody has sent the robot elsewhere.
         """
         client = self._client

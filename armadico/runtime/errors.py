@@ -1,4 +1,4 @@
-"""What a society did not do, as whoever asked is told: one family of errors.
+"""What a society did not do: one family of errors for commands, scripts and notebooks.
 
 It imports nothing, so that `--help` can do with it. Each text is one line, or ends with the last
 words of a process, and says what to do; a command prints it as it is.

@@ -25,7 +25,7 @@ class Inbox:
         self._time = Monotonic() if time is None else time
         self._mailbox: Mailbox[Item] = Mailbox()
         self._guard = threading.Lock()
-        # A bell, not a condition: it stays rung until somebody hears it.
+        # A bell, not a condition: it stays rung until the waiting thread takes it.
         self._bell = threading.Lock()
         self._bell.acquire()
         self._called = False  # rung for no item

@@ -1,4 +1,4 @@
-"""The latch that stops the robot, as tools say it.
+"""The latched stop (e-stop), as tools publish it.
 
 A stop is a state, not an edge: it is published again and again until the robot agent's own states
 show it, and go on showing it. A release is one message about one stop, whoever pressed that; it
@@ -12,10 +12,10 @@ from typing import Final
 from armadico.core.messages import Cycle, RobotState, Stop, counts_beyond, next_count
 
 HELD_S: Final = 1.0
-"""The robot counts as stopped once its states have said so for so long."""
+"""The robot counts as stopped once its states have acknowledged it for so long."""
 
 SILENT_S: Final = 0.5
-"""After a longer silence of the robot agent it has to say so for as long again."""
+"""After a longer silence of the robot agent it has to acknowledge for as long again."""
 
 REST_M_S: Final = 0.02
 REST_RAD_S: Final = 0.1
@@ -52,7 +52,7 @@ class Latching:
         self._cycle: Cycle | None = None
         self._speeds = (0.0, 0.0)  # measured, m/s and rad/s
         self._heard_at = float("-inf")
-        self._since: float | None = None  # the robot agent has said so without a break
+        self._since: float | None = None  # acknowledged by the robot agent without a break
 
     def hear(self, state: RobotState, now: float) -> None:
         """Take the robot agent's newest state at a time, s; one that was taken already is none."""
@@ -67,7 +67,7 @@ class Latching:
         self._heard_at = now
 
     def message(self) -> Stop | None:
-        """What to publish now; None if that is not known yet, or there is nothing to say."""
+        """What to publish now; None if that is not known yet, or nothing is to be published."""
         if not self._stopped:
             return self._release
         known = self.known or Stop()

@@ -189,7 +189,7 @@ class AgentHost:
             self._send()
 
     def _due(self) -> float | None:
-        """When somebody is to be woken."""
+        """When the next agent is to be woken."""
         return min((at for d in self.drivers if (at := d.wakeup) is not None), default=None)
 
     def _on_reception(self, call: Callable[..., None], args: tuple[Any, ...]) -> None:
@@ -287,7 +287,7 @@ class AgentHost:
         return Publish(item.key, message), data
 
     def _unsent(self, driver: Driver, item: Output, error: MessageError) -> None:
-        """What nobody could read is counted, said and dropped: it ends nobody."""
+        """What could not be decoded is counted, logged and dropped: it ends no agent."""
         assert isinstance(item, Publish | AskFor | Reply), "nothing else holds a message"
         if isinstance(item, AskFor):
             self.inbox.put(_lane(driver, item), self._replied, driver, item, "", None)

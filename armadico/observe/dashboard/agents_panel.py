@@ -1,4 +1,4 @@
-"""Who is there: a page of agents and hosts; from their cards a graph of who says what to whom."""
+"""Alive agents by host, and from their cards a graph of publishers and subscribers."""
 
 from __future__ import annotations
 
@@ -56,7 +56,7 @@ def _page(view: View, holders: Mapping[str, str]) -> str:
 
 
 class Graph:
-    """Who says what to whom, in three columns: agents that say, keys, agents that hear."""
+    """Three columns: publishers, keys, subscribers."""
 
     def __init__(self, cards: Iterable[Card], holders: Mapping[str, str]) -> None:
         self.places: dict[str, tuple[float, float]] = {}
@@ -95,7 +95,7 @@ class Graph:
         self.edges += [(f"key/{key}", f"hears/{card.name}") for key in hears]
 
     def _columns(self) -> None:
-        """Agents that say by name, keys beside who says them, agents that hear beside the keys."""
+        """Publishers by name, keys beside their publishers, subscribers beside the keys."""
         said = {edge for edge in self.edges if edge[0].startswith("says/")}
         heard = set(self.edges) - said
         self._place(0, {node: 0.0 for node, _ in said})

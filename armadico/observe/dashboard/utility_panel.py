@@ -63,7 +63,7 @@ class Contest:
         self._point(claim.resource, claim.ballot.instance, claim.cycle, claim.utility, at)
 
     def take_history(self, history: BidHistory) -> None:
-        """The recent bids of somebody who was asked."""
+        """The recent bids of an agent that was queried."""
         for record in history.bids:
             at = self._times.get(record.cycle)
             if at is not None:
