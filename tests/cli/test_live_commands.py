@@ -235,7 +235,7 @@ def test_a_goal_is_reached(run: Run, start: Start, robot: None) -> None:
 def test_without_an_interface_agent_a_mission_goes_nowhere(run: Run) -> None:
     done = run("goto", "1", "2", "90")
     assert done.returncode == 1
-    assert "no agent takes missions" in done.stderr
+    assert "no agent that takes missions" in done.stderr
 
 
 def test_a_mission_that_is_refused_says_why(run: Run, start: Start) -> None:

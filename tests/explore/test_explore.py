@@ -169,7 +169,7 @@ def test_what_was_interrupted_claims_nothing(
     def interrupt(_: object) -> None:
         raise KeyboardInterrupt
 
-    monkeypatch.setattr(series, "work", interrupt)
+    monkeypatch.setattr(series.Task, "run", interrupt)
     assert explore.main(["--jobs", "1"]) == INTERRUPTED
     said = capsys.readouterr()
     assert "no promise" not in said.out
