@@ -185,7 +185,10 @@ def test_a_run_as_processes_says_the_same_and_leaves_nothing(
 
 @pytest.mark.live
 @pytest.mark.usefixtures("apart")
-def test_a_run_that_fails_is_an_error_with_last_words_and_leaves_no_process() -> None:
+def test_a_run_that_fails_is_an_error_with_last_words_and_leaves_no_process(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    monkeypatch.setattr("armadico.launch.local.ANSWER_S", 2.0)
     before = children()
     with pytest.raises(armadico.RunFailedError, match="did not answer") as caught:
         armadico.run(SHORT, namespace="api-run-test", robot="tcp://127.0.0.1:1")
