@@ -12,7 +12,7 @@ from pathlib import Path
 import pytest
 
 from armadico.launch.processes import Process
-from tests.house.tree import FOLDERS, PARTS, ROOT, modules, package_files, tree
+from tests.house.tree import FOLDERS, PARTS, ROOT, modules, package_files, sources, tree
 
 EVIL = "raise SystemExit('what lies in the current folder was imported')\n"
 HOSTILE = ("armadico/__init__.py", "json.py", "selectors.py", "socket.py", "cbor2.py")
@@ -46,7 +46,7 @@ def test_a_part_is_a_package_by_a_relative_link(part: str) -> None:
 
 def test_every_source_is_in_the_package_once() -> None:
     found = Counter(path for _, path in package_files() if path.suffix == ".py")
-    there = {path for folder in FOLDERS for path in (ROOT / folder).rglob("*.py")}
+    there = {path for folder in FOLDERS for path in sources(folder)}
     assert set(found) == there
     assert set(found.values()) == {1}
 

@@ -12,7 +12,7 @@ import pytest
 
 from armadico.config.discovery import Found
 from armadico.core.agent import Agent
-from tests.house.tree import FOLDERS, LABORATORY, ROOT, modules, package_files, project
+from tests.house.tree import FOLDERS, JUNK, LABORATORY, ROOT, modules, package_files, project
 
 DISTRIBUTIONS = {"armadico": ".", "armadico_tools": LABORATORY}
 """Packages, and the folders of the project files that they are built by."""
@@ -37,7 +37,7 @@ def package(request: pytest.FixtureRequest) -> str:
 def wheel(package: str, tmp_path_factory: pytest.TempPathFactory) -> set[str]:
     """The names of the files in a wheel that is built, without the network, from a copy."""
     copy = tmp_path_factory.mktemp("checkout")
-    ignore = shutil.ignore_patterns("__pycache__", "*.egg-info")
+    ignore = shutil.ignore_patterns(*JUNK, "*.egg-info")
     for folder in FOLDERS:
         shutil.copytree(ROOT / folder, copy / folder, symlinks=True, ignore=ignore)
     for name in ("pyproject.toml", "README.md", "LICENSE"):

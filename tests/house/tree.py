@@ -24,7 +24,8 @@ LABORATORY = "tools"
 FOLDERS = (*PRODUCT, LABORATORY)
 """Where there are sources, each of them once."""
 
-JUNK = {"__pycache__"}
+JUNK = {"__pycache__", "build"}
+"""What running and installing leave: `pip install ./tools` copies the sources to `tools/build`."""
 
 
 def project(folder: str = ".") -> dict[str, Any]:
@@ -84,15 +85,23 @@ def within(module: str, package: str) -> bool:
     return module == package or module.startswith(f"{package}.")
 
 
+def sources(folder: str, pattern: str = "*.py") -> Iterator[Path]:
+    """What lies in a folder of the checkout and is ours."""
+    root = ROOT / folder
+    for path in root.rglob(pattern):
+        if not JUNK & set(path.relative_to(root).parts):
+            yield path
+
+
 def python_files() -> list[Path]:
     """Every Python file that is ours, tests too."""
     folders = [*FOLDERS, "tests"]
-    return sorted(path for folder in folders for path in (ROOT / folder).rglob("*.py"))
+    return sorted(path for folder in folders for path in sources(folder))
 
 
 def text_files() -> list[Path]:
     """Every text file that is ours."""
     suffixes = {".py", ".md", ".toml", ".txt", ".map", ".in", ".yml", ".yaml", ".service", ".sh"}
     folders = [*FOLDERS, "tests", "docs", "deploy", "requirements", ".github"]
-    found = [p for folder in folders for p in (ROOT / folder).rglob("*") if p.suffix in suffixes]
+    found = [p for folder in folders for p in sources(folder, "*") if p.suffix in suffixes]
     return sorted([*found, *(p for p in ROOT.iterdir() if p.is_file() and p.suffix in suffixes)])
