@@ -1,4 +1,4 @@
-"""Show a society live: maps, utilities and holders, speeds, alive agents, who publishes what.
+"""Show a society live: maps, utilities and holders, speeds, agents and what they publish.
 
 One process that subscribes to the mesh; no agent notices whether it runs, is slow or hangs.
 """

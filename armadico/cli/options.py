@@ -186,17 +186,6 @@ def joining(args: argparse.Namespace) -> list[str]:
     return words + [word for endpoint in args.connect for word in ("--connect", endpoint)]
 
 
-def look_inside(program: str) -> None:
-    """Raises FailedError where what a command looks into is closed: compiled."""
-    from armadico.core.compiled import is_compiled  # noqa: PLC0415 - not for --help
-
-    if is_compiled():
-        raise FailedError(
-            f"{program} looks into what is compiled here; run it where Armadico is pure Python:"
-            " .venv/bin, after `make run`"
-        )
-
-
 def _say(program: str, error: Exception, code: int) -> int:
     text = str(error) or type(error).__name__
     print(f"{program}: {text}", file=sys.stderr)

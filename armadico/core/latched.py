@@ -206,4 +206,8 @@ class Memory:
     @property
     def wakeup(self) -> float | None:
         """When something is due next, s."""
-        return min((*self._give_at.values(), *list(self._again)[:1]), default=None)
+        again = self._again[0] if self._again else None
+        if not self._give_at:  # as nearly always, and every delivery asks
+            return again
+        soonest = min(self._give_at.values())
+        return soonest if again is None or soonest < again else again

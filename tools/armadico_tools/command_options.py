@@ -10,7 +10,7 @@ from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import TypeVar
 
-from armadico.cli.options import UsageError
+from armadico.cli.options import FailedError, UsageError
 
 T = TypeVar("T")
 R = TypeVar("R")
@@ -81,3 +81,14 @@ def end_in_order() -> None:
     """SIGTERM and SIGHUP are as Ctrl-C: everything that was started is taken down."""
     for number in (signal.SIGTERM, signal.SIGHUP):
         signal.signal(number, signal.default_int_handler)
+
+
+def look_inside(program: str) -> None:
+    """Raises FailedError where what a command looks into is closed: compiled."""
+    from armadico.core.compiled import is_compiled  # noqa: PLC0415 - not for --help
+
+    if is_compiled():
+        raise FailedError(
+            f"{program} looks into what is compiled here; run it where Armadico is pure Python:"
+            " .venv/bin, after `make run`"
+        )

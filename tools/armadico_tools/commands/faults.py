@@ -13,7 +13,15 @@ from armadico.cli import options
 from armadico.cli.options import FailedError, UsageError
 from armadico.config.discovery import unknown
 from armadico.config.errors import ConfigError
-from armadico_tools.command_options import add_jobs, add_json, add_out, at_least, over, say
+from armadico_tools.command_options import (
+    add_jobs,
+    add_json,
+    add_out,
+    at_least,
+    look_inside,
+    over,
+    say,
+)
 
 if TYPE_CHECKING:
     from rich.console import Console
@@ -40,7 +48,7 @@ def main(argv: Sequence[str]) -> int:
     _check(args)
     if args.list:
         return _list(as_json=args.json)
-    options.look_inside("armadico faults")
+    look_inside("armadico faults")
     if args.repeat is not None:
         return _repeat(args.repeat, as_json=args.json)
     return _series(args)
