@@ -11,7 +11,7 @@ from msgspec.structs import replace
 from armadico.core import agent
 from armadico.core.agent import WARNING, Agent
 from armadico.core.geometry import Pose2, compose, relative, wrap
-from armadico.core.messages import Message, Origin, Pose, RobotState, next_count
+from armadico.core.messages import Correction, Message, Origin, Pose, RobotState, next_count
 
 Metres = Annotated[float, Meta(ge=-1e5, le=1e5)]
 
@@ -36,6 +36,20 @@ NEAR_M, NEAR_RAD = 0.3, 0.5
 """that is, within this."""
 
 
+SURE = 0.5
+"""A correction of less confidence than this moves nothing."""
+
+CREEP_M, CREEP_RAD = 0.02, 0.02
+"""So far a correction moves the pose in one cycle: behaviours follow it as they follow the robot,
+and no wheel jerks."""
+
+LEAP_M, LEAP_RAD = 0.5, 0.5
+"""A pose that is further off than this is wrong altogether: it is corrected at once."""
+
+GROWS = 0.01
+"""The variance of the pose grows by this for each metre that nobody corrects (m^2 and rad^2): a
+Pioneer's wheels, uncalibrated, drift 0.1 m in a metre at worst."""
+
 NOWHERE_M = 2e5
 """A place beyond this is nobody's: what led there was not true, and the parameters count again."""
 
@@ -57,6 +71,7 @@ class Encoder(Agent):
 
     name = "encoder"
     alone = True
+    hears: ClassVar[tuple[type[Message], ...]] = (Correction,)
     provides: ClassVar[tuple[type[Message], ...]] = (Pose, Origin)
     parameters = Parameters
     launched_with = ("x", "y", "theta")
@@ -69,10 +84,38 @@ class Encoder(Agent):
         self._published = 0
         self._waited = 0  # cycles without an origin
         self._last: tuple[int, Pose2] | None = None  # the epoch, and the odometry last known of it
+        self._correction: Correction | None = None
+        self._covariance: tuple[float, ...] = ()
 
     def on_origin(self, origin: Origin) -> None:
         """Somebody knows it, and has known it for longer."""
         self._origin = origin
+
+    def on_correction(self, correction: Correction) -> None:
+        """Somebody knows better by a map (thesis 3.4.1)."""
+        self._covariance = correction.covariance
+        self._correction = correction if correction.confidence >= SURE else None
+
+    def _corrected(self, known: Origin, odometry: Pose2) -> Origin:
+        """The origin, moved towards where the newest correction has it, as far as a cycle may."""
+        to = self._correction
+        if to is None or to.cycle.epoch != known.epoch:
+            return known
+        here = compose((known.x, known.y, known.theta), odometry)
+        there = compose((to.x, to.y, to.theta), odometry)
+        off, turned = hypot(there[0] - here[0], there[1] - here[1]), wrap(there[2] - here[2])
+        if off > LEAP_M or abs(turned) > LEAP_RAD:
+            self.log(f"the pose was {off:.2f} m and {abs(turned):.2f} rad off", WARNING)
+            share = 1.0
+        else:
+            share = min(1.0, CREEP_M / max(off, 1e-9), CREEP_RAD / max(abs(turned), 1e-9))
+        place = (
+            here[0] + share * (there[0] - here[0]),
+            here[1] + share * (there[1] - here[1]),
+            here[2] + share * turned,
+        )
+        x, y, theta = compose(place, relative(odometry, (0.0, 0.0, 0.0)))
+        return replace(known, x=x, y=y, theta=theta)
 
     def on_robot_state(self, state: RobotState) -> None:
         """One status packet, one pose."""
@@ -87,8 +130,12 @@ class Encoder(Agent):
             known = self._begin(place, odometry, epoch, 1)
         elif known.epoch != epoch:
             known = self._go_on(self._lately(known), odometry, epoch)
+        known = self._corrected(known, odometry)
+        if self._covariance and self._last is not None and self._last[0] == epoch:
+            self._covariance = grown(self._covariance, relative(self._last[1], odometry))
         self._last = (epoch, odometry)
-        self.publish(Pose(state.cycle, *compose((known.x, known.y, known.theta), odometry)))
+        pose = compose((known.x, known.y, known.theta), odometry)
+        self.publish(Pose(state.cycle, *pose, self._covariance))
         self._published += 1
         if known is not self._origin or self._published % AGAIN_CYCLES == 0:
             self._keep(known, odometry)
@@ -137,3 +184,10 @@ class Encoder(Agent):
         place = compose((known.x, known.y, known.theta), was)
         self.log("the controller's odometry has begun anew: the pose goes on from here", WARNING)
         return self._begin(place, odometry, epoch, known.counter)
+
+
+def grown(covariance: tuple[float, ...], motion: Pose2) -> tuple[float, ...]:
+    """The covariance of a pose after a motion that nobody corrects."""
+    more = GROWS * hypot(motion[0], motion[1])
+    xx, xy, xt, yy, yt, tt = covariance
+    return (xx + more, xy, xt, yy + more, yt, tt + 0.1 * more)

@@ -72,6 +72,7 @@ _PRINTED = r"^[^\x00-\x1f\x7f-\x9f\u061c\u200e\u200f\u2028\u2029\u202a-\u202e\u2
 Name = Annotated[str, Meta(min_length=1, max_length=128, pattern=_PRINTED)]
 Text = Annotated[str, Meta(max_length=2000, pattern=_PRINTED)]
 
+Covariance = Annotated[tuple[Real, ...], Meta(max_length=6)]
 Numbers = Annotated[tuple[Real, ...], Meta(max_length=64)]
 Encoded = Annotated[bytes, Meta(max_length=LARGEST_PAYLOAD)]
 Action = Numbers | Encoded
@@ -382,12 +383,31 @@ class Sonar(Message, frozen=True):
 
 
 class Pose(Message, frozen=True):
-    """Where the robot is in the world frame."""
+    """Where the robot is in the world frame.
+
+    `covariance` is the upper triangle of that of x, y and theta, row by row (m^2, m rad, rad^2), as
+    in a geometry_msgs/PoseWithCovariance; empty: nobody knows how far off it is.
+    """
 
     cycle: Cycle
     x: Real
     y: Real
     theta: Real
+    covariance: Covariance = ()
+
+
+class Correction(Message, frozen=True):
+    """Where the odometry's origin lies by the map and the sonars (thesis 3.6.3): tf's map -> odom.
+
+    Of the epoch of its cycle. `covariance` is that of the robot's pose by it, as in `Pose`.
+    """
+
+    cycle: Cycle
+    x: Based
+    y: Based
+    theta: Real
+    covariance: Covariance
+    confidence: Share  # 0: lost
 
 
 class Point(Message, frozen=True):

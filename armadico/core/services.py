@@ -56,6 +56,7 @@ SERVICES: tuple[Service, ...] = (
     Service(m.Stop, "robot/stop", _L, None, None, "latch or release the stop; anyone may"),
     Service(m.Pose, "encoder/pose", _S, 10, 3, "where the robot is, by its encoders"),
     Service(m.Origin, "encoder/origin", _L, 1, None, "where the odometry's origin lies"),
+    Service(m.Correction, "localization/correction", _S, 10, 3, "where it lies by map and sonars"),
     Service(m.Obstacles, "sonar/obstacles", _S, 10, 3, "the local map's points, body frame"),
     Service(m.LocalMap, "sonar/map", _S, 2, 3, "the local map's cells, for those who watch"),
     Service(m.Trajectory, "trajectory", _L, 1, None, "the mission's waypoints"),

@@ -1,0 +1,215 @@
+"""Monte Carlo localization (thesis 3.6.3): where the robot is on a known map, by many guesses.
+
+After Thrun, Burgard and Fox, *Probabilistic Robotics*: the odometry's motion model (5.4), weights by
+a model of the sensor (6.4), low-variance resampling (table 4.4) when the effective sample size has
+fallen below a half, as many particles as the spread needs (KLD sampling, table 8.4), and guesses
+drawn anew anywhere when the readings fit worse than they used to (augmented MCL, table 8.3).
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from math import ceil, exp, hypot, inf, log, sqrt
+from typing import Final
+
+import numpy as np
+from msgspec import Struct
+from numpy.typing import NDArray
+
+from armadico.agents.methods.sonar_model import Poses, SonarModel
+from armadico.core.geometry import Pose2, wrap
+from armadico.core.messages import Echo
+
+Z_99: Final = 2.326
+"""Quantile of the normal distribution: KLD sampling's bound holds with 99 %."""
+
+
+class Settings(Struct, frozen=True):
+    """What the filter believes of the odometry, and how many particles it takes."""
+
+    least: int = 300
+    most: int = 10_000
+    kld_error: float = 0.04  # of the sampled distribution from the true one, in nats
+    bin_m: float = 0.25
+    bin_rad: float = 0.175
+    turn_per_root_m: float = 0.02  # rad/sqrt(m): the heading wanders with the way,
+    turn_per_rad: float = 0.04  # and with turning
+    way_per_m: float = 0.04
+    moved_m: float = 0.02  # readings are weighed once the robot has come so far,
+    moved_rad: float = 0.03  # or turned so far: a robot that stands hears the same again
+    trust: float = 0.5  # exponent of a ping's likelihood: neighbouring pings are not independent
+    slow: float = 0.01  # rates of the two averages, per weighing
+    fast: float = 0.1
+
+
+class Estimate(Struct, frozen=True):
+    """Where the robot is, by the particles.
+
+    Attributes:
+        pose: The mean of the largest cluster: m, m, rad.
+        covariance: Of x, y and heading, (3, 3), of that cluster.
+        share: Of the weight that is in it, 0 to 1.
+        fit: How well the readings of late fit at the particles, 0 to 1: the fast average.
+    """
+
+    pose: Pose2
+    covariance: NDArray[np.float64]
+    share: float
+    fit: float
+
+    @property
+    def deviation_m(self) -> float:
+        """Standard deviation of the position, m."""
+        return sqrt(max(0.0, float(self.covariance[0, 0] + self.covariance[1, 1])))
+
+
+class MonteCarlo:
+    """The particles. Motion and readings in, an estimate out."""
+
+    def __init__(
+        self,
+        model: SonarModel,
+        free: NDArray[np.float64],
+        rng: np.random.Generator,
+        settings: Settings = Settings(),  # noqa: B008 - frozen
+    ) -> None:
+        """Nowhere yet; see `start_at` and `start_anywhere`.
+
+        Args:
+            model: How likely readings are.
+            free: Places where the robot may be, (n, 2), m; and `cell` of the grid they are of.
+            rng: All that is random.
+            settings: What is believed of the odometry.
+        """
+        self._model = model
+        self._free = free.astype(np.float32)
+        self._rng = rng
+        self.settings = settings
+        self.poses: Poses = np.zeros((0, 3), dtype=np.float32)
+        self.weights: NDArray[np.float64] = np.zeros(0)
+        self._moved = inf
+        self._turned = inf
+        self._slow = self._fast = 0.0
+
+    def start_at(self, pose: Pose2, deviation_m: float, deviation_rad: float) -> None:
+        """Begin about a pose."""
+        n = self.settings.least
+        spread = np.array([deviation_m, deviation_m, deviation_rad])
+        guesses = np.asarray(pose) + self._rng.standard_normal((n, 3)) * spread
+        self._begin(guesses.astype(np.float32))
+
+    def start_anywhere(self) -> None:
+        """Begin with no idea of the pose."""
+        self._begin(self._anywhere(self.settings.most))
+
+    def _begin(self, poses: Poses) -> None:
+        self.poses = poses
+        self.weights = np.full(len(poses), 1.0 / len(poses))
+        self._slow = self._fast = 0.0
+        self._moved = self._turned = inf
+
+    def _anywhere(self, n: int) -> Poses:
+        places = self._free[self._rng.integers(len(self._free), size=n)]
+        poses = np.empty((n, 3), dtype=np.float32)
+        poses[:, :2] = places + self._rng.uniform(-0.05, 0.05, (n, 2))
+        poses[:, 2] = self._rng.uniform(-np.pi, np.pi, n)
+        return poses
+
+    def move(self, motion: Pose2) -> None:
+        """The odometry says that the robot moved so, in its own frame: m, m, rad."""
+        dx, dy, turn = motion
+        way = hypot(dx, dy)
+        self._moved += way
+        self._turned += abs(turn)
+        if not way and not turn:
+            return
+        n, settings = len(self.poses), self.settings
+        noise = self._rng.standard_normal((3, n), dtype=np.float32)
+        wander = hypot(settings.turn_per_root_m * sqrt(way), settings.turn_per_rad * abs(turn))
+        slip = settings.way_per_m * sqrt(way * 0.1)  # drawn anew each 0.1 m of the floor
+        theta = self.poses[:, 2] + np.float32(0.5 * turn) + np.float32(wander) * noise[0]
+        along = np.float32(dx) + np.float32(slip) * noise[1]
+        aside = np.float32(dy) + np.float32(0.3 * slip) * noise[2]
+        c, s = np.cos(theta), np.sin(theta)
+        self.poses[:, 0] += c * along - s * aside
+        self.poses[:, 1] += s * along + c * aside
+        self.poses[:, 2] = theta + np.float32(0.5 * turn)
+
+    @property
+    def due(self) -> bool:
+        """Whether the robot has moved enough to weigh readings."""
+        return self._moved >= self.settings.moved_m or self._turned >= self.settings.moved_rad
+
+    def weigh(self, echoes: Sequence[Echo]) -> None:
+        """Take readings in; resample if few particles carry the weight."""
+        if not echoes or not len(self.poses):
+            return
+        self._moved = self._turned = 0.0
+        likelihood = self._model.likelihood(self.poses, echoes)
+        each = likelihood.mean(axis=1, dtype=np.float64)
+        fit = float(self.weights @ each)
+        self._average(fit)
+        logs = self.settings.trust * np.log(likelihood, dtype=np.float32).sum(
+            axis=1, dtype=np.float64
+        )
+        weights = self.weights * np.exp(logs - logs.max())
+        self.weights = weights / weights.sum()
+        if 1.0 / float(self.weights @ self.weights) < 0.5 * len(self.poses):
+            self._resample()
+
+    def _average(self, fit: float) -> None:
+        if not self._slow:
+            self._slow = self._fast = fit
+        self._slow += self.settings.slow * (fit - self._slow)
+        self._fast += self.settings.fast * (fit - self._fast)
+
+    def _resample(self) -> None:
+        """Low variance, as many as KLD sampling asks for, and some anywhere if it fits badly."""
+        n = self._needed()
+        anew = max(0.0, 1.0 - self._fast / self._slow) if self._slow else 0.0
+        anew = 0.0 if anew < 0.1 else anew
+        total = np.cumsum(self.weights)
+        at = (self._rng.random() + np.arange(n)) * (total[-1] / n)
+        poses = self.poses[np.minimum(np.searchsorted(total, at), len(total) - 1)]
+        self.poses, self.weights = poses, np.full(n, 1.0 / n)
+        if anew:  # as a tenth of the doubt: a place that fits better gains on its own
+            more = self._anywhere(ceil(anew * self.settings.most * 0.2))
+            self.poses = np.concatenate([poses, more])
+            lighter = np.full(len(more), 0.1 * anew / len(more))
+            self.weights = np.concatenate([self.weights * (1.0 - 0.1 * anew), lighter])
+
+    def _needed(self) -> int:
+        """How many particles the spread needs: bins that hold weight, and the bound of table 8.4."""
+        settings = self.settings
+        bins = np.floor(self.poses / (settings.bin_m, settings.bin_m, settings.bin_rad))
+        keys = bins @ (1.0, 4096.0, 4096.0 * 4096.0)
+        order = np.argsort(-self.weights)
+        held = order[: np.searchsorted(np.cumsum(self.weights[order]), 0.99) + 1]
+        k = len(np.unique(keys[held]))
+        if k < 2:
+            return settings.least
+        a = 2.0 / (9.0 * (k - 1))
+        needed = (k - 1) / (2.0 * settings.kld_error) * (1.0 - a + sqrt(a) * Z_99) ** 3
+        return int(min(max(needed, settings.least), settings.most))
+
+    def estimate(self) -> Estimate:
+        """The largest cluster's mean: particles within 0.5 m and 0.5 rad of the heaviest bin."""
+        bins = np.floor(self.poses / (0.5, 0.5, 0.35)) @ (1.0, 4096.0, 4096.0 * 4096.0)
+        _, where = np.unique(bins, return_inverse=True)
+        mass = np.bincount(where, weights=self.weights)
+        seed = self.poses[where == mass.argmax()].astype(np.float64)
+        weight = self.weights[where == mass.argmax()]
+        x, y = (weight @ seed[:, :2]) / weight.sum()
+        theta = float(np.arctan2(weight @ np.sin(seed[:, 2]), weight @ np.cos(seed[:, 2])))
+        turned = np.remainder(self.poses[:, 2] - theta + np.pi, 2.0 * np.pi) - np.pi
+        away = np.hypot(self.poses[:, 0] - x, self.poses[:, 1] - y)
+        near = (away < 0.6) & (np.abs(turned) < 0.5)
+        w = self.weights[near]
+        share = float(w.sum())
+        w = w / share
+        off = np.column_stack([self.poses[near, 0] - x, self.poses[near, 1] - y, turned[near]])
+        mean = w @ off
+        off -= mean
+        covariance = (off * w[:, None]).T @ off
+        pose = (float(x + mean[0]), float(y + mean[1]), wrap(theta + float(mean[2])))
+        return Estimate(pose, covariance, share, self._fast)
