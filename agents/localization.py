@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from math import hypot, radians
+from math import radians
 from typing import Annotated, Any, ClassVar, Literal
 
 import numpy as np

@@ -1,7 +1,7 @@
 """Monte Carlo localization (thesis 3.6.3): where the robot is on a known map, by many guesses.
 
-After Thrun, Burgard and Fox, *Probabilistic Robotics*: the odometry's motion model (5.4), weights by
-a model of the sensor (6.4), low-variance resampling (table 4.4) when the effective sample size has
+After Thrun, Burgard and Fox, *Probabilistic Robotics*: the odometry's motion model (5.4), weights
+by a model of the sensor (6.4), low-variance resampling (table 4.4) when the effective sample size has
 fallen below a half, as many particles as the spread needs (KLD sampling, table 8.4), and guesses
 drawn anew anywhere when the readings fit worse than they used to (augmented MCL, table 8.3).
 """
@@ -9,7 +9,7 @@ drawn anew anywhere when the readings fit worse than they used to (augmented MCL
 from __future__ import annotations
 
 from collections.abc import Sequence
-from math import ceil, exp, hypot, inf, log, sqrt
+from math import ceil, hypot, inf, sqrt
 from typing import Final
 
 import numpy as np
@@ -179,7 +179,7 @@ class MonteCarlo:
             self.weights = np.concatenate([self.weights * (1.0 - 0.1 * anew), lighter])
 
     def _needed(self) -> int:
-        """How many particles the spread needs: bins that hold weight, and the bound of table 8.4."""
+        """How many particles the spread needs: the bins that hold weight, by table 8.4's bound."""
         settings = self.settings
         bins = np.floor(self.poses / (settings.bin_m, settings.bin_m, settings.bin_rad))
         keys = bins @ (1.0, 4096.0, 4096.0 * 4096.0)

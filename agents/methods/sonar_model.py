@@ -11,7 +11,7 @@ are weak evidence, because a smooth wall that is met at a glancing angle throws 
 from __future__ import annotations
 
 from collections.abc import Sequence
-from math import pi, radians, sqrt, tau
+from math import radians, tau
 from typing import Final
 
 import numpy as np
@@ -160,4 +160,5 @@ class SonarModel:
         column = ((x - np.float32(self._x0)) * coarse).astype(np.int32)
         row = ((y - np.float32(self._y0)) * coarse).astype(np.int32)
         turn = np.rint(heading * np.float32(SIGHT_HEADINGS / tau)).astype(np.int32) % SIGHT_HEADINGS
-        return self._sight[(row * self._sight_columns + column) * SIGHT_HEADINGS + turn]
+        where = (row * self._sight_columns + column) * SIGHT_HEADINGS + turn
+        return np.take(self._sight, where)
