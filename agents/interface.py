@@ -10,6 +10,7 @@ from msgspec.structs import replace
 
 from armadico.core import agent
 from armadico.core.agent import WARNING, Agent, Question
+from armadico.core.behaviour import LOST_M
 from armadico.core.geometry import wrap
 from armadico.core.messages import (
     WAYPOINTS,
@@ -69,6 +70,8 @@ class Interface(Agent):
         self._route = Route()
         self._to_go = 0.0
         self._note = ""
+        self._plans = False  # the mission's way is the planner's,
+        self._replans = False  # and it is to be asked again
 
     def on_start(self) -> None:
         """Begin to say how things stand."""
@@ -85,7 +88,11 @@ class Interface(Agent):
             far = self._too_far(pose, (*request.waypoints, request.goal))
             if far:
                 return self._refuse(far)
+            self._plans = False
             return self._begin((*request.waypoints, request.goal), 0.0)
+        if pose.deviation > LOST_M:  # a way from a place where it is not is none
+            self._plans = self._replans = True
+            return self._begin((request.goal,), 0.0)
         if self._state is not MissionState.DRIVING:  # a mission goes on until another is taken on
             self._state = MissionState.PLANNING
         start = Waypoint(pose.x, pose.y, pose.theta)
@@ -113,7 +120,14 @@ class Interface(Agent):
         """Follow the run."""
         if self._state is not MissionState.DRIVING:
             return
-        self._route.advance(pose.x, pose.y)
+        if pose.deviation > LOST_M:
+            self._replans = self._plans
+            self._note = f"lost: +-{pose.deviation:.1f} m"
+        else:
+            self._note = ""
+            self._route.advance(pose.x, pose.y)
+            if self._replans:
+                self._plan_anew(pose, "the robot was lost")
         self._to_go = self._route.to_go(pose.x, pose.y)
         if self._arrived(pose):
             self._state = MissionState.REACHED
@@ -132,6 +146,29 @@ class Interface(Agent):
         if self._state is not MissionState.DRIVING:
             self._say_status(self._to_go)
 
+    def _plan_anew(self, pose: Pose, why: str) -> None:
+        """Have the way to the goal planned from here; the mission is the same."""
+        goal = self._route.goal
+        assert goal is not None, "it drives somewhere"
+        self._replans = False
+        mission = self._mission
+
+        def planned(plan: Plan | None) -> None:
+            if self._mission != mission or self._state is not MissionState.DRIVING:
+                return
+            if plan is None or plan.refusal or not plan.waypoints:
+                self._note = "no way from here: " + ("" if plan is None else plan.refusal)
+                self.log(f"{why}, and there is no plan from here; the old way counts", WARNING)
+                return
+            here = self.latest(Pose) or pose
+            self._route = Route(plan.waypoints, Point(here.x, here.y))
+            self.publish(self._next(mission, self._route, plan.waypoints))
+            self.log(f"planned anew, {plan.length:.1f} m: {why}")
+
+        self.ask(
+            PlanRequest(Waypoint(pose.x, pose.y, pose.theta), goal), planned, self.p.planning_s
+        )
+
     def _too_far(self, pose: Pose, waypoints: tuple[Waypoint, ...]) -> str:
         """Why a way is none: nobody has looked whether it is on any map."""
         x, y = pose.x, pose.y
@@ -149,6 +186,7 @@ class Interface(Agent):
             return self._refuse("nobody plans: no path planning agent answered path/plan")
         if plan.refusal:
             return self._refuse(plan.refusal)
+        self._plans = True
         return self._begin(plan.waypoints, plan.length)
 
     def _begin(self, waypoints: tuple[Waypoint, ...], length: float) -> MissionReply:
@@ -185,7 +223,7 @@ class Interface(Agent):
     def _arrived(self, pose: Pose) -> bool:
         goal = self._route.goal
         state = self.latest(RobotState)
-        if goal is None or state is None or not self._route.last_leg:
+        if goal is None or state is None or not self._route.last_leg or pose.deviation > LOST_M:
             return False
         return (
             hypot(goal.x - pose.x, goal.y - pose.y) <= self.p.near_m

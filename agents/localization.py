@@ -34,8 +34,13 @@ class Parameters(agent.Parameters, frozen=True, kw_only=True):
     start: Literal["pose", "anywhere"] = "pose"
     start_m: Metres = 0.15  # standard deviation about that pose
     start_rad: Angle = radians(6.0)
-    sure: Share = 0.8  # a correction is published with at least this share of the weight in it,
-    sure_m: Metres = 0.5  # and no wider than this: an idea of two places is none
+    lost: Share = 0.6  # with less than this of the weight in one place it is lost,
+    lost_m: Metres = 0.5  # or in one so wide,
+    lost_fit: Share = 0.4  # or if the readings fit so badly there
+    found: Share = 0.9  # and found with this much,
+    found_m: Metres = 0.3
+    found_fit: Share = 0.55
+    found_s: Annotated[float, Meta(gt=0, le=60)] = 1.0  # for so long
     filter: Settings = Settings()
 
 
@@ -72,7 +77,8 @@ class Localization(Agent):
         self._odometry: Pose2 | None = None
         self._epoch: int | None = None
         self._begun = False
-        self._lost = False
+        self._lost = self.p.start == "anywhere"
+        self._sure_since: float | None = None
 
     def on_pose(self, pose: Pose) -> None:
         """Where to begin."""
@@ -98,26 +104,33 @@ class Localization(Agent):
         if self._filter.due:
             self._filter.weigh(sonar.echoes)
         found = self._filter.estimate()
-        self._tell(found)
-        lost = found.share < self.p.sure or found.deviation_m > self.p.sure_m
-        origin = compose(found.pose, relative(self._odometry, (0.0, 0.0, 0.0)))
+        self._judge(found)
         c = found.covariance
+        if self._lost:  # who fits nowhere is nowhere: at least a metre off
+            c = np.maximum(self._filter.scatter(), np.eye(3))
         self.publish(
             Correction(
                 sonar.cycle,
-                *origin,
+                *compose(found.pose, relative(self._odometry, (0.0, 0.0, 0.0))),
                 covariance=tuple(float(c[i, j]) for i in range(3) for j in range(i, 3)),
-                confidence=0.0 if lost else min(1.0, found.share),
+                confidence=0.0 if self._lost else min(1.0, found.share),
             )
         )
 
-    def _tell(self, found: Estimate) -> None:
-        lost = found.share < self.p.sure or found.deviation_m > self.p.sure_m
-        if lost != self._lost:
-            self._lost = lost
-            x, y, _ = found.pose
-            where = f"({x:.2f}, {y:.2f}), {100 * found.share:.0f} % of the weight"
-            if lost:
-                self.log(f"the robot is lost: at best at {where}", WARNING)
-            else:
-                self.log(f"the robot is at {where}")
+    def _judge(self, found: Estimate) -> None:
+        """Whether it is lost: at once if it seems so, and found when it has been sure for long."""
+        p, x, y = self.p, found.pose[0], found.pose[1]
+        wide, share, fit = found.deviation_m, found.share, found.fit
+        if not self._lost and (share < p.lost or wide > p.lost_m or fit < p.lost_fit):
+            self._lost, self._sure_since = True, None
+            self.log(
+                f"the robot is lost: at best at ({x:.2f}, {y:.2f}), with {100 * share:.0f} % of the"
+                f" weight, +-{wide:.2f} m; the readings fit by {fit:.2f}",
+                WARNING,
+            )
+        elif self._lost:
+            sure = share >= p.found and wide <= p.found_m and fit >= p.found_fit
+            self._sure_since = (self._sure_since or self.now) if sure else None
+            if self._sure_since is not None and self.now - self._sure_since >= p.found_s:
+                self._lost = False
+                self.log(f"the robot is found: at ({x:.2f}, {y:.2f})")

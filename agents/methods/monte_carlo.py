@@ -1,15 +1,16 @@
 """Monte Carlo localization (thesis 3.6.3): where the robot is on a known map, by many guesses.
 
 After Thrun, Burgard and Fox, *Probabilistic Robotics*: the odometry's motion model (5.4), weights
-by a model of the sensor (6.4), low-variance resampling (table 4.4) when the effective sample size has
-fallen below a half, as many particles as the spread needs (KLD sampling, table 8.4), and guesses
+by a model of the sensor (6.4), low-variance resampling (table 4.4) when the effective sample size
+has fallen below a half, as many particles as the spread needs (KLD sampling, table 8.4), and guesses
 drawn anew anywhere when the readings fit worse than they used to (augmented MCL, table 8.3).
 """
 
 from __future__ import annotations
 
+from collections import deque
 from collections.abc import Sequence
-from math import ceil, hypot, inf, sqrt
+from math import hypot, inf, sqrt
 from typing import Final
 
 import numpy as np
@@ -17,11 +18,15 @@ from msgspec import Struct
 from numpy.typing import NDArray
 
 from armadico.agents.methods.sonar_model import Poses, SonarModel
-from armadico.core.geometry import Pose2, wrap
+from armadico.core.geometry import Pose2, compose, relative, wrap
 from armadico.core.messages import Echo
 
 Z_99: Final = 2.326
 """Quantile of the normal distribution: KLD sampling's bound holds with 99 %."""
+
+
+NEAR_BY: Final = np.array((0.12, 0.12, 0.1), dtype=np.float32)
+"""Standard deviations of guesses about one that is worth a closer look: m, m, rad."""
 
 
 class Settings(Struct, frozen=True):
@@ -37,9 +42,15 @@ class Settings(Struct, frozen=True):
     way_per_m: float = 0.04
     moved_m: float = 0.02  # readings are weighed once the robot has come so far,
     moved_rad: float = 0.03  # or turned so far: a robot that stands hears the same again
-    trust: float = 0.5  # exponent of a ping's likelihood: neighbouring pings are not independent
+    trust: float = 0.25  # exponent of a ping's likelihood: neighbouring pings are not independent
     slow: float = 0.01  # rates of the two averages, per weighing
     fast: float = 0.1
+    fits: float = 0.7  # what the averages are at the right place, among some things off the map
+    candidates: int = 4_000  # places that are tried when the robot may be elsewhere,
+    tries: int = 200  # the best of them that become particles,
+    kept: int = 12  # by so many readings of late,
+    apart_m: float = 0.15  # each so far from the one before, or turned by so much
+    apart_rad: float = 0.2
 
 
 class Estimate(Struct, frozen=True):
@@ -90,6 +101,9 @@ class MonteCarlo:
         self._moved = inf
         self._turned = inf
         self._slow = self._fast = 0.0
+        self._since: Pose2 = (0.0, 0.0, 0.0)  # the motion since the last reading that is kept
+        self._fresh = False  # a reading has been kept since places were recalled
+        self._kept: deque[tuple[Pose2, Sequence[Echo]]] = deque(maxlen=settings.kept)
 
     def start_at(self, pose: Pose2, deviation_m: float, deviation_rad: float) -> None:
         """Begin about a pose."""
@@ -121,6 +135,7 @@ class MonteCarlo:
         way = hypot(dx, dy)
         self._moved += way
         self._turned += abs(turn)
+        self._since = compose(self._since, motion)
         if not way and not turn:
             return
         n, settings = len(self.poses), self.settings
@@ -145,6 +160,7 @@ class MonteCarlo:
         if not echoes or not len(self.poses):
             return
         self._moved = self._turned = 0.0
+        self._keep(echoes)
         likelihood = self._model.likelihood(self.poses, echoes)
         each = likelihood.mean(axis=1, dtype=np.float64)
         fit = float(self.weights @ each)
@@ -157,6 +173,40 @@ class MonteCarlo:
         if 1.0 / float(self.weights @ self.weights) < 0.5 * len(self.poses):
             self._resample()
 
+    def _keep(self, echoes: Sequence[Echo]) -> None:
+        """Keep a reading for `_recall`, with the motion that led to it from the one before."""
+        x, y, turn = self._since
+        far = hypot(x, y) > self.settings.apart_m or abs(turn) > self.settings.apart_rad
+        if far or not self._kept:
+            self._kept.append((self._since, echoes))
+            self._since = (0.0, 0.0, 0.0)
+            self._fresh = True
+
+    def _recall(self) -> Poses:
+        """Places that the readings of late speak for, wherever the particles are.
+
+        Sensor resetting (Lenser and Veloso 2000) by a stretch of the drive, of any length up to all
+        that is kept: one cycle's readings fit in a hundred places, those of the last metres in
+        few, but none of them fits if the robot was carried away in between.
+        """
+        settings = self.settings
+        back = int(self._rng.integers(min(4, len(self._kept)), len(self._kept) + 1))
+        poses = self._anywhere(settings.candidates)
+        poses = poses[np.argsort(-self._past(poses, back, coarse=True))[: settings.tries]]
+        poses = np.repeat(poses, settings.candidates // (4 * settings.tries), axis=0)
+        poses += self._rng.standard_normal(poses.shape, dtype=np.float32) * NEAR_BY
+        return poses[np.argsort(-self._past(poses, back))[: settings.tries]]
+
+    def _past(self, poses: Poses, back: int, *, coarse: bool = False) -> NDArray[np.float64]:
+        """Log-likelihoods of the newest `back` readings, had the drive ended at these poses."""
+        logs = np.zeros(len(poses))
+        to = relative(self._since, (0.0, 0.0, 0.0))
+        for motion, echoes in list(self._kept)[: -back - 1 : -1]:
+            likelihood = self._model.likelihood(_moved(poses, to), echoes, coarse=coarse)
+            logs += np.log(likelihood).sum(axis=1)
+            to = compose(to, relative(motion, (0.0, 0.0, 0.0)))
+        return logs
+
     def _average(self, fit: float) -> None:
         if not self._slow:
             self._slow = self._fast = fit
@@ -166,17 +216,20 @@ class MonteCarlo:
     def _resample(self) -> None:
         """Low variance, as many as KLD sampling asks for, and some anywhere if it fits badly."""
         n = self._needed()
-        anew = max(0.0, 1.0 - self._fast / self._slow) if self._slow else 0.0
-        anew = 0.0 if anew < 0.1 else anew
+        reference = max(self._slow, self.settings.fits)
+        doubt = max(0.0, 1.0 - self._fast / reference)
         total = np.cumsum(self.weights)
         at = (self._rng.random() + np.arange(n)) * (total[-1] / n)
         poses = self.poses[np.minimum(np.searchsorted(total, at), len(total) - 1)]
         self.poses, self.weights = poses, np.full(n, 1.0 / n)
-        if anew:  # as a tenth of the doubt: a place that fits better gains on its own
-            more = self._anywhere(ceil(anew * self.settings.most * 0.2))
+        if (
+            doubt > 0.1 and self._fresh
+        ):  # as a tenth of it: a place that fits better gains on its own
+            self._fresh = False
+            more = self._recall()
             self.poses = np.concatenate([poses, more])
-            lighter = np.full(len(more), 0.1 * anew / len(more))
-            self.weights = np.concatenate([self.weights * (1.0 - 0.1 * anew), lighter])
+            lighter = np.full(len(more), 0.1 * doubt / len(more))
+            self.weights = np.concatenate([self.weights * (1.0 - 0.1 * doubt), lighter])
 
     def _needed(self) -> int:
         """How many particles the spread needs: the bins that hold weight, by table 8.4's bound."""
@@ -191,6 +244,15 @@ class MonteCarlo:
         a = 2.0 / (9.0 * (k - 1))
         needed = (k - 1) / (2.0 * settings.kld_error) * (1.0 - a + sqrt(a) * Z_99) ** 3
         return int(min(max(needed, settings.least), settings.most))
+
+    def scatter(self) -> NDArray[np.float64]:
+        """Covariance of all the particles about their mean, (3, 3)."""
+        off = self.poses.astype(np.float64)
+        theta = np.arctan2(self.weights @ np.sin(off[:, 2]), self.weights @ np.cos(off[:, 2]))
+        off[:, 2] = np.remainder(off[:, 2] - theta + np.pi, 2.0 * np.pi) - np.pi
+        off[:, :2] -= self.weights @ off[:, :2]
+        covariance: NDArray[np.float64] = (off * self.weights[:, None]).T @ off
+        return covariance
 
     def estimate(self) -> Estimate:
         """The largest cluster's mean: particles within 0.5 m and 0.5 rad of the heaviest bin."""
@@ -213,3 +275,12 @@ class MonteCarlo:
         covariance = (off * w[:, None]).T @ off
         pose = (float(x + mean[0]), float(y + mean[1]), wrap(theta + float(mean[2])))
         return Estimate(pose, covariance, share, self._fast)
+
+
+def _moved(poses: Poses, motion: Pose2) -> Poses:
+    """The poses after a motion in their own frames."""
+    x, y, turn = (np.float32(value) for value in motion)
+    c, s = np.cos(poses[:, 2]), np.sin(poses[:, 2])
+    return np.column_stack(
+        [poses[:, 0] + c * x - s * y, poses[:, 1] + s * x + c * y, poses[:, 2] + turn]
+    )

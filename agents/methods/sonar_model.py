@@ -27,6 +27,9 @@ HIT_M: Final = 0.08
 """Standard deviation of an echo about the map: the cells' size, the range's noise, the map's own
 errors."""
 
+COARSE_M: Final = 0.3
+"""The same for guesses that are that far apart."""
+
 HIT, SHORT, RANDOM = 0.75, 0.15, 0.10
 """Shares of echoes off a mapped wall, off something nearer that is not on the map, and of no
 cause."""
@@ -65,18 +68,24 @@ class SonarModel:
         self._arc = np.asarray(ARC) * (0.5 * cone_rad)
         self._reach = reach_m
         self._cell = grid.cell_m
-        pad = int(np.ceil((reach_m + 1.0) / grid.cell_m))  # what a robot at the edge looks at
+        pad = int(np.ceil((reach_m + 2.0) / grid.cell_m))  # what a robot at the edge looks at
         clearance = np.pad(grid.clearance.astype(np.float32), pad, constant_values=grid.horizon_m)
         self._x0 = grid.bounds[0] - pad * grid.cell_m
         self._y0 = grid.bounds[1] - pad * grid.cell_m
         self._columns = clearance.shape[1]
-        self._pad_m = (pad - 1) * grid.cell_m - reach_m
-        self._field = (HIT * np.exp(-0.5 * (clearance / HIT_M) ** 2)).astype(np.float32).ravel()
+        self._pad_m = 1.0  # a sensor sits within the other metre, off the middle of the robot
+        self._fine, self._coarse = (
+            (HIT * np.exp(-0.5 * (clearance / width) ** 2)).astype(np.float32).ravel()
+            for width in (HIT_M, COARSE_M)
+        )
         self.bounds = grid.bounds
         self._sight = self._looked(clearance)
 
-    def likelihood(self, poses: Poses, echoes: Sequence[Echo]) -> NDArray[np.float32]:
+    def likelihood(
+        self, poses: Poses, echoes: Sequence[Echo], *, coarse: bool = False
+    ) -> NDArray[np.float32]:
         """The likelihood of each echo at each pose, (poses, echoes); 1 is the best there is."""
+        self._field = self._coarse if coarse else self._fine
         found = np.empty((len(poses), len(echoes)), dtype=np.float32)
         x, y, theta = self._held(poses)
         c, s = np.cos(theta), np.sin(theta)
@@ -161,4 +170,5 @@ class SonarModel:
         row = ((y - np.float32(self._y0)) * coarse).astype(np.int32)
         turn = np.rint(heading * np.float32(SIGHT_HEADINGS / tau)).astype(np.int32) % SIGHT_HEADINGS
         where = (row * self._sight_columns + column) * SIGHT_HEADINGS + turn
-        return np.take(self._sight, where)
+        seen: NDArray[np.float32] = self._sight[where]
+        return seen

@@ -18,13 +18,25 @@ MARGINS = Safety()
 """Kept by a behaviour that has none of its own."""
 
 
+UNSURE_M, LOST_M = 0.15, 0.5
+"""Standard deviations of the pose, m: beyond the first a behaviour slows down, beyond the second
+the robot is lost and no mission is driven."""
+
+SLOWEST = 0.3
+"""The share of its speed that is left just before that."""
+
+
 class Behaviour(Agent):
     """An agent that competes for the wheels while there is a trajectory to follow.
 
     A subclass says in `propose` what it would do. `route` knows the way and how far the robot has
     come on it, `body` what the robot is and can: `robot/description` says it, and no setting does.
-    Nobody bids without a goal, nor before the robot has been described.
+    Nobody bids without a goal, nor before the robot has been described; nor while it is lost, but
+    who `seeks`.
     """
+
+    seeks: ClassVar[bool] = False
+    """Whether it drives a robot that is lost, and only then: to find out where it is."""
 
     needs: ClassVar[tuple[type[Message], ...]] = (Pose, Obstacles)
     hears: ClassVar[tuple[type[Message], ...]] = (Trajectory, Description)
@@ -63,8 +75,11 @@ class Behaviour(Agent):
         return Scene(self.body, going, obstacles.points, age * cycle_s, waits * cycle_s)
 
     def limited(self, v: float, w: float, obstacles: Obstacles, safety: Safety = MARGINS) -> Speeds:
-        """The wish (m/s, rad/s), as fast as is admissible among the obstacles."""
-        return limit(v, w, self.scene(obstacles), safety)[:2]
+        """The wish (m/s, rad/s), as fast as the obstacles and a pose that is unsure admit."""
+        pose = self.latest(Pose)
+        off = 0.0 if pose is None else pose.deviation
+        share = min(max((LOST_M - off) / (LOST_M - UNSURE_M), SLOWEST), 1.0)
+        return limit(v * share, w, self.scene(obstacles), safety)[:2]
 
     def propose(self, pose: Pose, obstacles: Obstacles) -> Bid | None:
         """What it would do now, and how much that helps; None, and `why`, if nothing."""
@@ -111,5 +126,9 @@ class Behaviour(Agent):
         pose, obstacles = self.fresh(Pose), self.fresh(Obstacles)
         assert pose is not None, "the pattern lets nobody bid without what it needs"
         assert obstacles is not None, "nor without that"
-        self.route.advance(pose.x, pose.y)
+        if (pose.deviation > LOST_M) != self.seeks:
+            self.why = "the pose is known" if self.seeks else f"lost: +-{pose.deviation:.1f} m"
+            return None
+        if not self.seeks:
+            self.route.advance(pose.x, pose.y)
         return self.propose(pose, obstacles)

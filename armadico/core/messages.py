@@ -9,6 +9,7 @@ what is not finite, out of range or of another shape; nobody downstream checks a
 from __future__ import annotations
 
 from enum import StrEnum
+from math import sqrt
 from typing import Annotated, Any, Final, NoReturn, TypeVar
 
 import cbor2
@@ -72,7 +73,8 @@ _PRINTED = r"^[^\x00-\x1f\x7f-\x9f\u061c\u200e\u200f\u2028\u2029\u202a-\u202e\u2
 Name = Annotated[str, Meta(min_length=1, max_length=128, pattern=_PRINTED)]
 Text = Annotated[str, Meta(max_length=2000, pattern=_PRINTED)]
 
-Covariance = Annotated[tuple[Real, ...], Meta(max_length=6)]
+COVARIANCE: Final = 6
+Covariance = Annotated[tuple[Real, ...], Meta(max_length=COVARIANCE)]
 Numbers = Annotated[tuple[Real, ...], Meta(max_length=64)]
 Encoded = Annotated[bytes, Meta(max_length=LARGEST_PAYLOAD)]
 Action = Numbers | Encoded
@@ -394,6 +396,12 @@ class Pose(Message, frozen=True):
     y: Real
     theta: Real
     covariance: Covariance = ()
+
+    @property
+    def deviation(self) -> float:
+        """Standard deviation of the position, m; 0 if nobody knows it."""
+        known = self.covariance
+        return sqrt(max(0.0, known[0] + known[3])) if len(known) == COVARIANCE else 0.0
 
 
 class Correction(Message, frozen=True):

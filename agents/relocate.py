@@ -1,0 +1,109 @@
+"""The relocate agent: drives a robot that is lost until its sonars have found out where it is."""
+
+from __future__ import annotations
+
+from math import inf, tau
+from typing import Annotated, Any
+
+from msgspec import Meta
+
+from armadico.core import agent
+from armadico.core.agent import WARNING
+from armadico.core.behaviour import LOST_M, Behaviour
+from armadico.core.exchange import Bid
+from armadico.core.messages import Obstacles, Pose
+from armadico.core.parameters import TURN_MARGIN_M, Safety
+from armadico.core.resources import WHEELS
+from armadico.core.swept_path import free_path, free_turn
+
+Metres = Annotated[float, Meta(gt=0, le=10)]
+
+
+class Parameters(agent.Parameters, frozen=True, kw_only=True):
+    """How it looks around, and for how long."""
+
+    v: Annotated[float, Meta(gt=0, le=1)] = 0.25  # m/s
+    v_max: Annotated[float, Meta(gt=0, le=10)] | None = None  # a scenario's limit
+    w: Annotated[float, Meta(gt=0, le=2)] = 0.5  # rad/s
+    ahead_m: Metres = 0.35  # with less than this free ahead it turns,
+    open_m: Metres = 0.9  # until so much is
+    leg_m: Metres = 3.0  # after so much straight ahead it looks around again
+    give_up_s: Annotated[float, Meta(gt=0, le=3600)] = 120.0
+    utility_least: Annotated[float, Meta(ge=0, le=1)] = 0.4  # just lost,
+    utility_most_m: Metres = 2.0  # and 1 when the pose is so uncertain
+    safety: Safety = Safety()
+
+
+class Relocate(Behaviour):
+    """Turns once on the spot, then drives on to where it is free, and turns again.
+
+    It needs no pose, only what is near. What it sees is for the localization agent: a place is told
+    from others like it by what comes after it.
+    """
+
+    name = "relocate"
+    reacts_to = Obstacles
+    parameters = Parameters
+    launched_with = ("v_max",)
+    seeks = True
+    p: Parameters
+
+    def __init__(self, identity: agent.Identity, parameters: Any = None) -> None:
+        super().__init__(identity, parameters)
+        self._since = -inf  # when the robot was lost
+        self._bid_at = -inf
+        self._left = 0.0  # of the turn, rad
+        self._way = 0.0  # of the leg, m
+        self._side = 1.0
+        self._gave_up = False
+
+    def propose(self, pose: Pose, obstacles: Obstacles) -> Bid | None:
+        """Look around, or drive on."""
+        self._begin()
+        if self.now - self._since > self.p.give_up_s:
+            self.why = f"not found in {self.p.give_up_s:g} s"
+            if not self._gave_up:
+                self._gave_up = True
+                self.log(f"the robot is lost, and was {self.why}: it stands", WARNING)
+            return None
+        v, w, reason = self._act(obstacles)
+        v, w = self.limited(v, w, obstacles, self.p.safety)
+        share = min(1.0, (pose.deviation - LOST_M) / (self.p.utility_most_m - LOST_M))
+        utility = self.p.utility_least + share * (1.0 - self.p.utility_least)
+        return Bid(utility, (v, w), reason=reason)
+
+    def _begin(self) -> None:
+        """Count from when the robot was lost, and what has been turned and driven since."""
+        cycle_s = self.body.cycle_s
+        if self.now - self._bid_at > 10.0 * cycle_s:
+            self._since, self._gave_up = self.now, False
+            self._left, self._way = tau, 0.0
+        self._bid_at = self.now
+        if self.holds(WHEELS):
+            v, w = self.measured
+            self._left = max(0.0, self._left - abs(w) * cycle_s)
+            self._way += abs(v) * cycle_s
+
+    def _act(self, obstacles: Obstacles) -> tuple[float, float, str]:
+        p, outline, points = self.p, self.body.outline, obstacles.points
+        ahead = free_path(points, 1.0, 0.0, outline, p.safety.margin_m)
+        if self._way > p.leg_m:
+            self._left, self._way = tau, 0.0
+        if ahead < p.ahead_m and self._left <= 0.0:
+            self._left = inf  # until there is room
+            left, right = (
+                inf if o is None else abs(o.y) for o in (obstacles.left, obstacles.right)
+            )
+            self._side = (
+                1.0 if left > right or (left == right and self.rng.random() < 0.5) else -1.0
+            )
+        elif self._left == inf and ahead > p.open_m:
+            self._left = 0.0
+        if self._left > 0.0:
+            for side in (self._side, -self._side):
+                if free_turn(points, side, outline, TURN_MARGIN_M) > p.safety.turn_room:
+                    self._side = side
+                    return 0.0, side * p.w, "lost: look around"
+            self._left = 0.0
+        v = min(p.v, p.v_max or inf)
+        return (v if ahead >= p.ahead_m else 0.0), 0.0, "lost: drive on"
