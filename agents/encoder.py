@@ -50,6 +50,9 @@ GROWS = 0.01
 """The variance of the pose grows by this for each metre that nobody corrects (m^2 and rad^2): a
 Pioneer's wheels, uncalibrated, drift 0.1 m in a metre at worst."""
 
+WIDEST = 1e4
+"""No variance grows beyond this: m^2, rad^2."""
+
 NOWHERE_M = 2e5
 """A place beyond this is nobody's: what led there was not true, and the parameters count again."""
 
@@ -130,14 +133,15 @@ class Encoder(Agent):
             known = self._begin(place, odometry, epoch, 1)
         elif known.epoch != epoch:
             known = self._go_on(self._lately(known), odometry, epoch)
-        known = self._corrected(known, odometry)
+        begins = known is not self._origin
+        self._origin = known = self._corrected(known, odometry)
         if self._covariance and self._last is not None and self._last[0] == epoch:
             self._covariance = grown(self._covariance, relative(self._last[1], odometry))
         self._last = (epoch, odometry)
         pose = compose((known.x, known.y, known.theta), odometry)
         self.publish(Pose(state.cycle, *pose, self._covariance))
         self._published += 1
-        if known is not self._origin or self._published % AGAIN_CYCLES == 0:
+        if begins or self._published % AGAIN_CYCLES == 0:
             self._keep(known, odometry)
 
     def _lately(self, known: Origin) -> Origin:
@@ -190,4 +194,4 @@ def grown(covariance: tuple[float, ...], motion: Pose2) -> tuple[float, ...]:
     """The covariance of a pose after a motion that nobody corrects."""
     more = GROWS * hypot(motion[0], motion[1])
     xx, xy, xt, yy, yt, tt = covariance
-    return (xx + more, xy, xt, yy + more, yt, tt + 0.1 * more)
+    return (min(xx + more, WIDEST), xy, xt, min(yy + more, WIDEST), yt, min(tt + more, WIDEST))

@@ -37,10 +37,10 @@ class Parameters(agent.Parameters, frozen=True, kw_only=True):
     lost: Share = 0.6  # with less than this of the weight in one place it is lost,
     lost_m: Metres = 0.5  # or in one so wide,
     lost_fit: Share = 0.4  # or if the readings fit so badly there
-    found: Share = 0.9  # and found with this much,
+    found: Share = 0.95  # and found with this much,
     found_m: Metres = 0.3
-    found_fit: Share = 0.55
-    found_s: Annotated[float, Meta(gt=0, le=60)] = 1.0  # for so long
+    found_fit: Share = 0.6
+    found_s: Annotated[float, Meta(gt=0, le=60)] = 3.0  # for so long
     filter: Settings = Settings()
 
 
@@ -88,7 +88,8 @@ class Localization(Agent):
         if self.p.start == "anywhere":
             self._filter.start_anywhere()
         else:
-            self._filter.start_at((pose.x, pose.y, pose.theta), self.p.start_m, self.p.start_rad)
+            off = max(self.p.start_m, pose.deviation)  # of a pose that nobody corrected lately
+            self._filter.start_at((pose.x, pose.y, pose.theta), off, self.p.start_rad)
 
     def on_robot_state(self, state: RobotState) -> None:
         """Move the particles."""
@@ -105,6 +106,7 @@ class Localization(Agent):
             self._filter.weigh(sonar.echoes)
         found = self._filter.estimate()
         self._judge(found)
+        self._filter.lost = self._lost
         c = found.covariance
         if self._lost:  # who fits nowhere is nowhere: at least a metre off
             c = np.maximum(self._filter.scatter(), np.eye(3))

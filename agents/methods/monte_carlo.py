@@ -2,8 +2,8 @@
 
 After Thrun, Burgard and Fox, *Probabilistic Robotics*: the odometry's motion model (5.4), weights
 by a model of the sensor (6.4), low-variance resampling (table 4.4) when the effective sample size
-has fallen below a half, as many particles as the spread needs (KLD sampling, table 8.4), and guesses
-drawn anew anywhere when the readings fit worse than they used to (augmented MCL, table 8.3).
+has fallen below a half, as many particles as the spread needs (KLD sampling, table 8.4), and
+guesses drawn anew when the readings fit worse than they should (augmented MCL, table 8.3).
 """
 
 from __future__ import annotations
@@ -42,7 +42,8 @@ class Settings(Struct, frozen=True):
     way_per_m: float = 0.04
     moved_m: float = 0.02  # readings are weighed once the robot has come so far,
     moved_rad: float = 0.03  # or turned so far: a robot that stands hears the same again
-    trust: float = 0.25  # exponent of a ping's likelihood: neighbouring pings are not independent
+    trust: float = 0.25  # exponent of a ping's likelihood: neighbouring pings are not independent,
+    doubtful: float = 0.12  # less while it is lost: what is alike is told apart by much, or never
     slow: float = 0.01  # rates of the two averages, per weighing
     fast: float = 0.1
     fits: float = 0.7  # what the averages are at the right place, among some things off the map
@@ -98,6 +99,7 @@ class MonteCarlo:
         self.settings = settings
         self.poses: Poses = np.zeros((0, 3), dtype=np.float32)
         self.weights: NDArray[np.float64] = np.zeros(0)
+        self.lost = False  # whoever judges that says so
         self._moved = inf
         self._turned = inf
         self._slow = self._fast = 0.0
@@ -107,7 +109,8 @@ class MonteCarlo:
 
     def start_at(self, pose: Pose2, deviation_m: float, deviation_rad: float) -> None:
         """Begin about a pose."""
-        n = self.settings.least
+        wide = deviation_m > 2.0 * self.settings.bin_m
+        n = self.settings.most if wide else self.settings.least
         spread = np.array([deviation_m, deviation_m, deviation_rad])
         guesses = np.asarray(pose) + self._rng.standard_normal((n, 3)) * spread
         self._begin(guesses.astype(np.float32))

@@ -414,7 +414,7 @@ class Correction(Message, frozen=True):
     x: Based
     y: Based
     theta: Real
-    covariance: Covariance
+    covariance: Annotated[tuple[Real, ...], Meta(min_length=COVARIANCE, max_length=COVARIANCE)]
     confidence: Share  # 0: lost
 
 

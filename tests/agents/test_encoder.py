@@ -3,14 +3,18 @@
 from __future__ import annotations
 
 import random
-from math import isnan, nan, pi
+from math import hypot, isnan, nan, pi
 
 import pytest
-from hypothesis import given
+from hypothesis import assume, given
 from hypothesis import strategies as st
+from msgspec.structs import replace
 
 from armadico.agents.encoder import (
     AGAIN_CYCLES,
+    CREEP_M,
+    CREEP_RAD,
+    LEAP_M,
     ROLLED_M,
     TOLD_CYCLES,
     YOUNG_CYCLES,
@@ -19,7 +23,16 @@ from armadico.agents.encoder import (
 )
 from armadico.core.agent import Identity, Publish
 from armadico.core.geometry import compose, relative
-from armadico.core.messages import Cycle, Log, Message, Origin, Pose, RobotState, checked
+from armadico.core.messages import (
+    Correction,
+    Cycle,
+    Log,
+    Message,
+    Origin,
+    Pose,
+    RobotState,
+    checked,
+)
 from tests.core.test_messages import of
 
 metres, angles = st.floats(-20, 20), st.floats(-3.1, 3.1)
@@ -75,13 +88,20 @@ class Robot:
             self.encoder.start(self.now)
 
 
-@given(lies=st.lists(st.tuples(of(Origin), of(RobotState)), max_size=4), x=metres, y=metres)
+@given(
+    lies=st.lists(st.tuples(of(Origin), of(Correction), of(RobotState)), max_size=4),
+    x=metres,
+    y=metres,
+)
 def test_no_lie_makes_it_unable_to_say_a_pose(
-    lies: list[tuple[Origin, RobotState]], x: float, y: float
+    lies: list[tuple[Origin, Correction, RobotState]], x: float, y: float
 ) -> None:
     robot = Robot()
-    for origin, state in lies:
+    for origin, correction, state in lies:
         robot.encoder.receive(origin, robot.now)
+        here = replace(correction, cycle=Cycle(robot.epoch, max(robot.number, 1)))
+        robot.encoder.receive(here, robot.now)
+        checked(robot.at(state.x, state.y, state.theta))
         robot.restart()
         checked(robot.at(state.x, state.y, state.theta))
     robot.restart()
@@ -256,3 +276,87 @@ def test_of_two_origins_the_one_that_has_been_known_for_longer_is_everybodys() -
     young.encoder.receive(known, young.now)
     assert pose(old.at(0.0, 0.0, 0.0)) == pytest.approx((1.0, 0.0, 0.0))
     assert pose(young.at(0.0, 0.0, 0.0)) == pytest.approx((1.0, 0.0, 0.0))
+
+
+# Corrections (thesis 3.4.1) -----------------------------------------------------------------------
+
+SURE = (0.01, 0.0, 0.0, 0.01, 0.0, 0.001)
+
+
+def correct(robot: Robot, origin: Place, confidence: float = 1.0) -> None:
+    cycle = Cycle(robot.epoch, robot.number)
+    robot.encoder.receive(Correction(cycle, *origin, SURE, confidence), robot.now)
+
+
+@given(st.floats(-LEAP_M / 2, LEAP_M / 2), st.floats(-LEAP_M / 2, LEAP_M / 2), st.floats(-0.4, 0.4))
+def test_a_correction_moves_the_pose_by_steps_and_gets_there(
+    x: float, y: float, theta: float
+) -> None:
+    robot = Robot()
+    robot.at(0.0, 0.0, 0.0)
+    before = pose(robot.at(2.0, 1.0, 0.3))
+    there = compose((x, y, theta), (2.0, 1.0, 0.3))
+    assume(hypot(there[0] - 2.0, there[1] - 1.0) < LEAP_M)
+    correct(robot, (x, y, theta))
+    for _ in range(60):
+        now = pose(robot.at(2.0, 1.0, 0.3))
+        assert abs(now[0] - before[0]) <= CREEP_M + 1e-9
+        assert abs(now[1] - before[1]) <= CREEP_M + 1e-9
+        assert abs(now[2] - before[2]) <= CREEP_RAD + 1e-9
+        before = now
+    assert before == pytest.approx(there, abs=1e-6)
+
+
+def test_a_pose_that_is_wrong_altogether_is_corrected_at_once_and_said() -> None:
+    robot = Robot()
+    robot.at(0.0, 0.0, 0.0)
+    correct(robot, (5.0, 0.0, 1.0))
+    assert pose(robot.at(0.0, 0.0, 0.0)) == pytest.approx((5.0, 0.0, 1.0))
+    assert any(isinstance(said, Log) and "5.00 m" in said.text for said in robot.said)
+
+
+def test_a_guess_without_confidence_moves_nothing_and_is_no_secret() -> None:
+    robot = Robot()
+    robot.at(0.0, 0.0, 0.0)
+    correct(robot, (5.0, 0.0, 1.0), confidence=0.0)
+    found = robot.at(0.0, 0.0, 0.0)
+    assert pose(found) == (0.0, 0.0, 0.0)
+    assert found.covariance == SURE
+
+
+def test_a_correction_of_another_epoch_moves_nothing() -> None:
+    robot = Robot()
+    robot.at(0.0, 0.0, 0.0)
+    correct(robot, (5.0, 0.0, 1.0))
+    robot.restart()
+    assert pose(robot.at(0.0, 0.0, 0.0)) == (0.0, 0.0, 0.0)
+
+
+def test_without_corrections_nobody_knows_how_far_off_it_is_and_after_one_it_grows() -> None:
+    robot = Robot()
+    assert robot.at(0.0, 0.0, 0.0).covariance == ()
+    assert robot.at(0.0, 0.0, 0.0).deviation == 0.0
+    correct(robot, (0.0, 0.0, 0.0))
+    first = robot.at(0.0, 0.0, 0.0).deviation
+    assert first == pytest.approx(0.02**0.5)
+    assert robot.at(1.0, 0.0, 0.0).deviation > first
+
+
+def test_what_was_corrected_outlives_the_encoder_agent() -> None:
+    robot = Robot()
+    robot.at(0.0, 0.0, 0.0)
+    correct(robot, (5.0, 0.0, 1.0))
+    for _ in range(AGAIN_CYCLES + 1):
+        robot.at(0.0, 0.0, 0.0)
+    robot.restart_encoder()
+    assert pose(robot.at(0.0, 0.0, 0.0)) == pytest.approx((5.0, 0.0, 1.0))
+
+
+def test_a_correction_does_not_have_the_origin_published_each_cycle() -> None:
+    robot = Robot()
+    robot.at(0.0, 0.0, 0.0)
+    correct(robot, (0.4, 0.0, 0.0))
+    robot.said.clear()
+    for _ in range(2 * AGAIN_CYCLES):
+        robot.at(0.0, 0.0, 0.0)
+    assert sum(isinstance(message, Origin) for message in robot.said) == 2

@@ -60,13 +60,19 @@ class Desk:
         self.agent.outbox.clear()
 
     def at(
-        self, x: float, y: float = 0.0, theta: float = 0.0, speed: tuple[float, float] = AT_REST
+        self,
+        x: float,
+        y: float = 0.0,
+        theta: float = 0.0,
+        speed: tuple[float, float] = AT_REST,
+        off_m: float = 0.0,
     ) -> None:
-        """A cycle later the robot is there."""
+        """A cycle later the robot is there, by a pose that may be so far off."""
         self.number += 1
         now, cycle = self.now + 0.1, Cycle(1, self.number)
         self.agent.receive(RobotState(cycle, 0, 0, 0, *speed, 12, True, False), now)
-        self.agent.receive(Pose(cycle, x, y, theta), now)
+        spread = (off_m**2 / 2, 0.0, 0.0, off_m**2 / 2, 0.0, 0.0) if off_m else ()
+        self.agent.receive(Pose(cycle, x, y, theta, spread), now)
         self.wake()
 
     def wake(self) -> None:
@@ -400,3 +406,62 @@ def test_after_the_largest_counter_there_is_one_more_for_a_mission(desk: Desk) -
     asked = desk.request(MissionRequest(GOAL, planned=False))
     assert not desk.replies[asked].refusal
     assert desk.trajectories()[-1].counter == 0
+
+
+# A robot that is lost -----------------------------------------------------------------------------
+
+
+def lost(desk: Desk, cycles: int = 3) -> None:
+    for _ in range(cycles):
+        desk.at(0.0, off_m=1.0)
+
+
+def test_a_planned_mission_of_a_lost_robot_waits_and_is_planned_anew_when_it_is_found(
+    desk: Desk,
+) -> None:
+    desk.request(MissionRequest(GOAL))
+    desk.planned(PLAN)
+    mission = desk.trajectories()[-1].mission
+    lost(desk)
+    assert desk.status().state is MissionState.DRIVING
+    assert "lost" in desk.status().note
+    assert len(desk.asked) == 1
+    for _ in range(3):
+        desk.at(1.5, 0.5)
+    assert desk.status().note == ""
+    assert [ask.request for ask in desk.asked[1:]] == [PlanRequest(Waypoint(1.5, 0.5, 0.0), GOAL)]
+    desk.planned(Plan((GOAL,), 1.6, 20.0))
+    found = desk.trajectories()[-1]
+    assert (found.mission, found.waypoints, found.start) == (mission, (GOAL,), Point(1.5, 0.5))
+
+
+def test_a_lost_robot_takes_a_mission_and_it_is_planned_once_it_is_found(desk: Desk) -> None:
+    lost(desk)
+    asked = desk.request(MissionRequest(GOAL))
+    assert desk.replies[asked].refusal == ""
+    assert desk.asked == []
+    desk.at(1.0, 2.0)
+    assert [ask.request for ask in desk.asked] == [PlanRequest(Waypoint(1.0, 2.0, 0.0), GOAL)]
+
+
+def test_a_lost_robot_has_not_arrived_wherever_its_pose_is(driving: Desk) -> None:
+    driving.at(1.0)
+    for _ in range(3):
+        driving.at(3.0, off_m=1.0)
+    assert driving.status().state is MissionState.DRIVING
+
+
+def test_given_waypoints_are_not_planned_anew(driving: Desk) -> None:
+    lost(driving)
+    driving.at(0.5)
+    assert driving.asked == []
+
+
+def test_without_a_plan_from_here_the_old_way_counts_and_the_status_says_so(desk: Desk) -> None:
+    desk.request(MissionRequest(GOAL))
+    desk.planned(PLAN)
+    before = desk.trajectories()[-1]
+    lost(desk)
+    desk.at(1.5, 0.5)
+    desk.planned(Plan((), refusal="no way"))
+    assert desk.trajectories()[-1].waypoints == before.waypoints

@@ -88,7 +88,9 @@ def values(kind: shape.Type) -> st.SearchStrategy[Any]:
     if isinstance(kind, shape.UnionType):
         return st.one_of(*map(values, kind.types))
     if isinstance(kind, shape.VarTupleType):
-        return st.lists(values(kind.item_type), max_size=3).map(tuple)
+        least = kind.min_length or 0
+        items = st.lists(values(kind.item_type), min_size=least, max_size=max(least, 3))
+        return items.map(tuple)
     return scalars(kind)
 
 
