@@ -1,0 +1,309 @@
+"""Localization: the sonar model, the particles, and the agent that publishes where they are."""
+
+from __future__ import annotations
+
+import random
+from collections.abc import Iterator
+from math import cos, hypot, pi, radians, sin
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from armadico.agents.localization import Localization, Parameters
+from armadico.agents.methods.grid import Grid
+from armadico.agents.methods.monte_carlo import Estimate, MonteCarlo, Settings
+from armadico.agents.methods.sonar_model import RANDOM, SHORT, THROUGH, UNHEARD, SonarModel
+from armadico.config.profile import load_profile
+from armadico.core.agent import Identity, Publish
+from armadico.core.geometry import Pose2, compose, relative, wrap
+from armadico.core.messages import Correction, Cycle, Echo, Log, Message, Pose, RobotState, Sonar
+
+RING = load_profile("pioneer-2dx").sonar
+WALLS = [(0, 0, 6, 0), (6, 0, 6, 4), (6, 4, 2.5, 4), (2.5, 4, 2.5, 3), (2.5, 3, 0, 3), (0, 3, 0, 0)]
+"""An L: no two places in it look the same for long."""
+
+GRID = Grid(WALLS, (0.0, 0.0, 6.0, 4.0))
+MODEL = SonarModel(GRID)
+
+
+def free() -> np.ndarray:
+    rows, columns = np.nonzero(GRID.clearance > 0.2)
+    places = np.column_stack([GRID.xs[columns], GRID.ys[rows]])
+    inside = (places[:, 1] < 2.8) | (places[:, 0] > 2.7)
+    return np.asarray(places[inside])
+
+
+def ranged(pose: Pose2, index: int, noise: random.Random | None = None) -> Echo:
+    """What a sonar measures, by rays of its own: the nearest wall that it meets squarely enough."""
+    mount = RING.sonars[index]
+    x, y, bearing = compose(pose, (mount.x_m, mount.y_m, radians(mount.bearing_deg)))
+    nearest: float | None = None
+    for part in range(-7, 8):
+        angle = bearing + radians(part)
+        for x1, y1, x2, y2 in WALLS:
+            ex, ey, dx, dy = x2 - x1, y2 - y1, cos(angle), sin(angle)
+            cross = dx * ey - dy * ex
+            if abs(cross) < 0.5 * hypot(ex, ey):
+                continue
+            way = ((x1 - x) * ey - (y1 - y) * ex) / cross
+            along = ((x1 - x) * dy - (y1 - y) * dx) / cross
+            if 0.0 < way <= RING.max_m and 0.0 <= along <= 1.0:
+                nearest = way if nearest is None else min(nearest, way)
+    if nearest is not None and noise is not None:
+        nearest = max(0.1, nearest + noise.gauss(0.0, 0.01))
+    at = radians(mount.bearing_deg)
+    return Echo(mount.x_m, mount.y_m, at, nearest)
+
+
+def ring(pose: Pose2) -> list[Echo]:
+    return [ranged(pose, index) for index in range(8)]
+
+
+# The model ----------------------------------------------------------------------------------------
+
+
+def fits(pose: Pose2, echoes: list[Echo]) -> float:
+    return float(np.log(MODEL.likelihood(np.array([pose], dtype=np.float32), echoes)).sum())
+
+
+@pytest.mark.parametrize("pose", [(1.0, 1.2, 0.3), (4.5, 2.0, pi / 2), (3.5, 3.2, -2.0)])
+def test_readings_fit_best_where_they_were_taken(pose: Pose2) -> None:
+    echoes = ring(pose)
+    best = fits(pose, echoes)
+    for dx, dy, turn in [(0.4, 0, 0), (-0.4, 0, 0), (0, 0.4, 0), (0, -0.4, 0), (0, 0, 0.5)]:
+        assert fits((pose[0] + dx, pose[1] + dy, pose[2] + turn), echoes) < best - 0.5
+
+
+def one(pose: Pose2, reading: float | None) -> float:
+    echo = Echo(0.0, 0.0, 0.0, reading)
+    return float(MODEL.likelihood(np.array([pose], dtype=np.float32), [echo])[0, 0])
+
+
+def test_what_a_reading_may_be_besides_a_wall_of_the_map() -> None:
+    """Probabilistic Robotics 6.3: short, through, random, none. The wall is 3 m ahead."""
+    pose = (3.0, 1.5, 0.0)
+    assert one(pose, 3.0) > 0.8
+    assert one(pose, 1.5) == pytest.approx(SHORT + RANDOM, abs=0.02)
+    assert one(pose, 4.5) == pytest.approx(RANDOM * THROUGH, abs=0.02)
+    assert one(pose, None) == pytest.approx(UNHEARD)
+    assert one((3.0, 1.5, 0.0), 3.0) > one((3.0, 1.5, 0.5), 3.0)
+
+
+def test_a_wall_that_is_square_to_a_beam_beside_its_axis_is_the_echo() -> None:
+    """A sonar measures the nearest wall in its cone, not the one on its axis."""
+    assert one((3.0, 1.5, radians(10.0)), 3.0) > 0.7
+
+
+def test_a_robot_beyond_the_map_is_no_error() -> None:
+    far = np.array([(-50.0, 99.0, 0.0), (6.9, 4.9, 1.0)], dtype=np.float32)
+    found = MODEL.likelihood(far, ring((3.0, 1.5, 0.0)))
+    assert np.isfinite(found).all()
+    assert (found > 0.0).all()
+
+
+# The particles ------------------------------------------------------------------------------------
+
+
+def drive(start: Pose2, cycles: int, drift: float = 0.0) -> Iterator[tuple[Pose2, Pose2]]:
+    """A square with round corners: the true pose, and the motion that the odometry tells."""
+    pose = start
+    for cycle in range(cycles):
+        turn = 0.05 if cycle % 60 >= 28 else 0.0
+        step = (0.04, 0.0, turn) if not turn else (0.005, 0.0, turn)
+        pose = compose(pose, step)
+        yield pose, (step[0], 0.0, turn + drift * step[0])
+
+
+def filtered(seed: int = 1, settings: Settings = Settings()) -> MonteCarlo:  # noqa: B008 - frozen
+    return MonteCarlo(MODEL, free(), np.random.default_rng(seed), settings)
+
+
+def follow(
+    particles: MonteCarlo, start: Pose2, cycles: int, drift: float = 0.0, seed: int = 1
+) -> list[tuple[Pose2, Estimate]]:
+    noise, found = random.Random(seed), []
+    for number, (pose, motion) in enumerate(drive(start, cycles, drift)):
+        particles.move(motion)
+        pings = [ranged(pose, index, noise) for index in ((2 * number) % 8, (2 * number + 5) % 8)]
+        if particles.due:
+            particles.weigh(pings)
+        found.append((pose, particles.estimate()))
+    return found
+
+
+def off(pose: Pose2, found: Estimate) -> tuple[float, float]:
+    x, y, theta = found.pose
+    return hypot(x - pose[0], y - pose[1]), abs(wrap(theta - pose[2]))
+
+
+START = (3.5, 0.8, 0.0)
+
+
+def test_they_follow_a_robot_whose_odometry_drifts() -> None:
+    particles = filtered()
+    particles.start_at(START, 0.1, 0.05)
+    followed = follow(particles, START, 600, drift=0.03)
+    errors = [off(pose, found) for pose, found in followed]
+    assert np.median([way for way, _ in errors]) < 0.06
+    assert max(way for way, _ in errors) < 0.2
+    assert all(found.deviation_m < 0.3 for _, found in followed)
+
+
+def test_they_find_a_robot_of_which_nothing_is_known() -> None:
+    particles = filtered()
+    particles.lost = True
+    particles.start_anywhere()
+    followed = follow(particles, START, 600)
+    way, turned = off(*followed[-1])
+    assert (way, turned) < (0.15, 0.1)
+    assert followed[0][1].share < 0.5
+    assert followed[-1][1].share > 0.9
+
+
+def test_a_robot_that_was_carried_away_fits_badly_and_is_found_again() -> None:
+    particles = filtered()
+    particles.start_at(START, 0.1, 0.05)
+    before = follow(particles, START, 200)[-1][1]
+    after = follow(particles, (1.0, 1.5, 2.0), 500)
+    assert min(found.fit for _, found in after[:80]) < 0.75 * before.fit
+    way, turned = off(*after[-1])
+    assert (way, turned) < (0.15, 0.1)
+
+
+def test_as_many_particles_as_the_spread_needs() -> None:
+    particles = filtered()
+    particles.start_anywhere()
+    assert len(particles.poses) == particles.settings.most
+    follow(particles, START, 600)
+    assert len(particles.poses) <= 2 * particles.settings.least
+    particles.start_at(START, 2.0, 1.0)
+    assert len(particles.poses) == particles.settings.most
+
+
+def test_the_same_seed_gives_the_same_particles() -> None:
+    poses = []
+    for _ in range(2):
+        particles = filtered(seed=5)
+        particles.start_anywhere()
+        follow(particles, START, 60)
+        poses.append(particles.poses)
+    assert np.array_equal(*poses)
+
+
+def test_a_robot_that_stands_hears_the_same_again_and_learns_nothing() -> None:
+    particles = filtered()
+    particles.start_at(START, 0.3, 0.2)
+    particles.weigh(ring(START))
+    assert not particles.due
+    particles.move((0.0, 0.0, 0.0))
+    assert not particles.due
+    particles.move((particles.settings.moved_m, 0.0, 0.0))
+    assert particles.due
+
+
+def test_no_readings_change_nothing() -> None:
+    particles = filtered()
+    particles.start_at(START, 0.1, 0.1)
+    before = particles.weights.copy()
+    particles.weigh([])
+    assert np.array_equal(particles.weights, before)
+
+
+# The agent ----------------------------------------------------------------------------------------
+
+
+MAP = """\
+2D-Map
+LineMinPos: 0 0
+LineMaxPos: 6000 4000
+LINES
+"""
+
+
+@pytest.fixture
+def world(tmp_path: Path) -> str:
+    path = tmp_path / "room.map"
+    lines = "\n".join(" ".join(str(round(1000 * v)) for v in wall) for wall in WALLS)
+    path.write_text(MAP + lines + "\n", encoding="utf-8")
+    return str(path)
+
+
+class Robot:
+    """Drives, and hands the agent what the robot and the encoder agent publish."""
+
+    def __init__(self, parameters: Parameters) -> None:
+        self.agent = Localization(Identity("localization-1", rng=random.Random(3)), parameters)
+        self.agent.start(0.0)
+        self.number = 0
+        self.odometry: Pose2 = (0.0, 0.0, 0.0)
+        self.said: list[Message] = []
+
+    def at(self, pose: Pose2, motion: Pose2, by_encoder: Pose2) -> list[Correction]:
+        self.number += 1
+        now, cycle = 0.1 * self.number, Cycle(1, self.number)
+        self.odometry = compose(self.odometry, motion)
+        state = RobotState(cycle, *self.odometry, 0.0, 0.0, 12.0, True, False)
+        pings = tuple(ranged(pose, index) for index in (self.number % 8, (self.number + 3) % 8))
+        for message in (state, Pose(cycle, *by_encoder), Sonar(cycle, 5.0, pings)):
+            self.agent.receive(message, now)
+        said = [item.message for item in self.agent.outbox if isinstance(item, Publish)]
+        self.agent.outbox.clear()
+        self.said += said
+        return [message for message in said if isinstance(message, Correction)]
+
+
+def placed(correction: Correction, odometry: Pose2) -> Pose2:
+    return compose((correction.x, correction.y, correction.theta), odometry)
+
+
+def test_it_says_where_the_odometry_begins_by_the_map(world: str) -> None:
+    robot = Robot(Parameters(world=world))
+    begin = relative((0.0, 0.0, 0.0), START)
+    for pose, motion in drive(START, 400, drift=0.03):
+        told = compose(begin, robot.odometry)
+        corrections = robot.at(pose, motion, told)
+    x, y, theta = placed(corrections[-1], robot.odometry)
+    assert hypot(x - pose[0], y - pose[1]) < 0.12
+    assert abs(wrap(theta - pose[2])) < 0.08
+    assert corrections[-1].confidence > 0.9
+    assert len(corrections[-1].covariance) == 6
+    told = compose(begin, robot.odometry)
+    assert hypot(told[0] - pose[0], told[1] - pose[1]) > 0.2  # what it was corrected from
+
+
+def test_one_correction_a_cycle_once_it_has_a_pose(world: str) -> None:
+    robot = Robot(Parameters(world=world))
+    made = [len(robot.at(pose, motion, pose)) for pose, motion in drive(START, 10)]
+    assert made == [1] * 10
+
+
+def test_with_no_idea_it_says_that_it_is_lost_until_it_is_found(world: str) -> None:
+    robot = Robot(Parameters(world=world, start="anywhere"))
+    confidences = []
+    for pose, motion in drive(START, 600):
+        (correction,) = robot.at(pose, motion, (0.0, 0.0, 0.0))
+        confidences.append(correction.confidence)
+        if not correction.confidence:
+            assert correction.covariance[0] >= 1.0
+    assert confidences[0] == 0.0
+    assert confidences[-1] > 0.9
+    assert any(isinstance(said, Log) and "is found" in said.text for said in robot.said)
+
+
+def test_a_robot_that_was_carried_away_is_lost(world: str) -> None:
+    robot = Robot(Parameters(world=world))
+    for pose, motion in drive(START, 200):
+        robot.at(pose, motion, pose)
+    confidences = [
+        robot.at(pose, motion, (0.0, 0.0, 0.0))[0].confidence
+        for pose, motion in drive((1.0, 1.5, 2.0), 100)
+    ]
+    assert 0.0 in confidences
+    assert any(isinstance(said, Log) and "is lost" in said.text for said in robot.said)
+
+
+def test_without_walls_there_is_nothing_to_know_it_by() -> None:
+    robot = Robot(Parameters(world="empty"))
+    for pose, motion in drive(START, 20):
+        assert robot.at(pose, motion, pose) == []
