@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from math import inf, tau
+from math import hypot, inf, tau
 from typing import Annotated, Any
 
 from msgspec import Meta
@@ -92,7 +92,7 @@ class Relocate(Behaviour):
         if ahead < p.ahead_m and self._left <= 0.0:
             self._left = inf  # until there is room
             left, right = (
-                inf if o is None else abs(o.y) for o in (obstacles.left, obstacles.right)
+                inf if o is None else hypot(o.x, o.y) for o in (obstacles.left, obstacles.right)
             )
             self._side = (
                 1.0 if left > right or (left == right and self.rng.random() < 0.5) else -1.0

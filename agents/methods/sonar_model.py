@@ -47,11 +47,9 @@ ARC: Final = (-0.8, -0.4, 0.0, 0.4, 0.8)
 """Where the field is read along the arc, in shares of half the cone. At 5 m and 30 degrees a wall
 that is square to the beam between two of them is 7 mm off the nearer one."""
 
-SIGHT_CELL_M: Final = 0.2
-SIGHT_HEADINGS: Final = 36
+SIGHT_CELL_M: Final = 0.25
+SIGHT_HEADINGS: Final = 32
 """How finely it is kept how far one sees along the axis: only `THROUGH` and `UNHEARD` read it."""
-
-_STEPS: Final = 24
 
 
 class SonarModel:
@@ -145,22 +143,26 @@ class SonarModel:
         ys = np.arange(self._stride // 2, rows, self._stride)
         xs = np.arange(self._stride // 2, columns, self._stride)
         self._sight_columns = len(xs)
-        headings = np.arange(SIGHT_HEADINGS) * (tau / SIGHT_HEADINGS)
-        x, y, heading = (
-            a.ravel().astype(np.float32) for a in np.meshgrid(xs, ys, headings, indexing="xy")
-        )
-        dx, dy = np.cos(heading) / self._cell, np.sin(heading) / self._cell
-        way = np.zeros(len(x), dtype=np.float32)
-        flat, live = clearance.ravel(), np.arange(len(x))
-        for _ in range(_STEPS):
-            column = np.clip(x[live] + dx[live] * way[live], 0, columns - 1).astype(np.int32)
-            row = np.clip(y[live] + dy[live] * way[live], 0, rows - 1).astype(np.int32)
-            step = flat[row * columns + column]
-            going = (step > 0.6 * self._cell) & (way[live] < self._reach)
-            way[live] += np.where(going, step, np.float32(0.0))
-            live = live[going]
-        way[live] = self._reach
-        return np.minimum(way, np.float32(self._reach))
+        place = (ys[:, None] * columns + xs).ravel()
+        flat = clearance.ravel()
+        seen = np.zeros((len(place), SIGHT_HEADINGS), dtype=np.float32)
+        for heading in range(SIGHT_HEADINGS):
+            angle = heading * tau / SIGHT_HEADINGS
+            way = np.zeros(len(place), dtype=np.float32)
+            live, at, step = np.arange(len(place)), place, flat[place]
+            while len(live):
+                way[live] += step
+                column = (at % columns + np.cos(angle) * way[live] / self._cell).astype(np.int32)
+                row = (at // columns + np.sin(angle) * way[live] / self._cell).astype(np.int32)
+                inside = (column >= 0) & (column < columns) & (row >= 0) & (row < rows)
+                going = inside & (way[live] < self._reach)
+                way[live[~inside]] = self._reach
+                live, at = live[going], at[going]
+                step = flat[row[going] * columns + column[going]]
+                going = step > 0.6 * self._cell
+                live, at, step = live[going], at[going], step[going]
+            seen[:, heading] = way
+        return np.minimum(seen, np.float32(self._reach)).ravel()
 
     def _sees(
         self, x: NDArray[np.float32], y: NDArray[np.float32], heading: NDArray[np.float32]

@@ -77,7 +77,7 @@ class Behaviour(Agent):
     def limited(self, v: float, w: float, obstacles: Obstacles, safety: Safety = MARGINS) -> Speeds:
         """The wish (m/s, rad/s), as fast as the obstacles and a pose that is unsure admit."""
         pose = self.latest(Pose)
-        off = 0.0 if pose is None else pose.deviation
+        off = 0.0 if pose is None or self.seeks else pose.deviation
         share = min(max((LOST_M - off) / (LOST_M - UNSURE_M), SLOWEST), 1.0)
         return limit(v * share, w, self.scene(obstacles), safety)[:2]
 

@@ -24,6 +24,7 @@ from armadico.core.messages import (
     decode,
     encode,
 )
+from tests.framework.stage import spread
 
 GOAL = Waypoint(3.0, 0.0, 0.0)
 DOOR = Waypoint(1.0, 0.0, 0.0)
@@ -71,8 +72,7 @@ class Desk:
         self.number += 1
         now, cycle = self.now + 0.1, Cycle(1, self.number)
         self.agent.receive(RobotState(cycle, 0, 0, 0, *speed, 12, True, False), now)
-        spread = (off_m**2 / 2, 0.0, 0.0, off_m**2 / 2, 0.0, 0.0) if off_m else ()
-        self.agent.receive(Pose(cycle, x, y, theta, spread), now)
+        self.agent.receive(Pose(cycle, x, y, theta, spread(off_m)), now)
         self.wake()
 
     def wake(self) -> None:

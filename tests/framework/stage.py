@@ -42,6 +42,7 @@ class Stage:
         self.number = 0
         self.now = 0.0
         self.pose = (0.0, 0.0, 0.0)
+        self.off_m = 0.0  # by so much the pose may be off; 0: nobody says
         self.speed = (0.0, 0.0)
         self.stalled = False
         self.said: list[Message] = []
@@ -91,7 +92,7 @@ class Stage:
     ) -> list[Message]:
         """The same with pose and obstacles, the one that it reacts to last."""
         said = self.state(stop, cycles=cycles)
-        brought = [obstacles(self.at, *points), Pose(self.at, *self.pose)]
+        brought = [obstacles(self.at, *points), Pose(self.at, *self.pose, spread(self.off_m))]
         brought.sort(key=lambda message: type(message) is self.agent.reacts_to)
         return said + self.hand(*brought) + self._settle()
 
@@ -114,6 +115,11 @@ class Stage:
     def bid(self) -> BidRecord:
         """What it last thought of bidding."""
         return self.agent.bids[-1]
+
+
+def spread(off_m: float) -> tuple[float, ...]:
+    """The covariance of a pose that may be so far off, m."""
+    return (off_m**2 / 2, 0.0, 0.0, off_m**2 / 2, 0.0, 0.0) if off_m else ()
 
 
 def obstacles(cycle: Cycle, *points: Point) -> Obstacles:

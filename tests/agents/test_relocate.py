@@ -1,0 +1,118 @@
+"""A robot that is lost: no mission is driven, and relocate drives it to where it can be found."""
+
+from __future__ import annotations
+
+from math import tau
+
+import pytest
+
+from armadico.agents.avoid import Avoid
+from armadico.agents.gothrough import Gothrough
+from armadico.agents.goto import Goto
+from armadico.agents.relocate import Parameters, Relocate
+from armadico.core.agent import Agent, Identity
+from armadico.core.behaviour import LOST_M, UNSURE_M
+from armadico.core.messages import Log
+from armadico.observe.measures import speeds
+from tests.framework.stage import Stage, claims, commands, drive_to, wall
+
+AWAY = drive_to((4.0, 0.0, 0.0))
+
+
+def stage(agent: Agent, off_m: float) -> Stage:
+    made = Stage(agent)
+    made.off_m = off_m
+    made.state()
+    made.hand(AWAY)
+    return made
+
+
+def lost(**parameters: float) -> Stage:
+    return stage(Relocate(Identity("relocate-1"), Parameters(**parameters)), 2.0 * LOST_M)
+
+
+@pytest.mark.parametrize("kind", [Goto, Avoid, Gothrough])
+def test_no_mission_is_driven_while_the_robot_is_lost(kind: type[Agent]) -> None:
+    made = stage(kind(Identity("x-1")), 1.01 * LOST_M)
+    for _ in range(10):
+        assert claims(made.cycle(points=wall(0.8, -0.4, 0.4))) == []
+    assert "lost" in made.bid().reason
+
+
+def test_the_less_sure_the_pose_is_the_slower_it_drives() -> None:
+    tops = []
+    for off_m in (0.0, UNSURE_M, 0.3, 0.45, 0.99 * LOST_M):
+        made = stage(Goto(Identity("goto-1")), off_m)
+        made.speed = (0.5, 0.0)
+        made.cycle()
+        tops.append(made.bid().wanted[0])
+    assert tops == sorted(tops, reverse=True)
+    assert tops[0] == tops[1] > tops[2]
+    assert tops[-1] < 0.4 * tops[0]
+
+
+def test_who_holds_lets_go_when_the_robot_is_lost() -> None:
+    made = stage(Goto(Identity("goto-1")), 0.0)
+    made.holding()
+    made.off_m = 2.0 * LOST_M
+    said = [made.cycle() for _ in range(6)]
+    assert [c.action for c in commands(m for cycle in said for m in cycle)][-1] is None
+
+
+def test_relocate_drives_only_a_robot_that_is_lost() -> None:
+    made = stage(Relocate(Identity("relocate-1")), 0.1)
+    assert claims(made.cycle()) == []
+    assert made.bid().reason == "the pose is known"
+
+
+def test_without_a_mission_nobody_drives_a_lost_robot() -> None:
+    made = Stage(Relocate(Identity("relocate-1")))
+    made.off_m = 2.0
+    made.state()
+    assert claims(made.cycle()) == []
+
+
+def test_the_more_uncertain_the_pose_the_more_it_bids() -> None:
+    bids = []
+    for off_m in (0.51, 1.0, 3.0):
+        made = stage(Relocate(Identity("relocate-1")), off_m)
+        made.cycle()
+        bids.append(made.bid().utility)
+    assert bids == sorted(bids)
+    assert bids[-1] == 1.0
+
+
+def test_it_looks_around_and_then_drives_on() -> None:
+    made = lost()
+    made.holding()
+    assert speeds(commands(made.said)[-1]) == (0.0, Parameters().w)
+    made.speed = (0.0, Parameters().w)
+    for _ in range(round(10 * tau / Parameters().w) + 5):
+        made.cycle()
+    v, w = speeds(commands(made.said)[-1])
+    assert (v > 0.1, w) == (True, 0.0)
+
+
+def test_where_it_cannot_drive_on_it_turns_to_the_freer_side() -> None:
+    made = lost()
+    made.holding()
+    made.speed = (0.0, 0.5)
+    for _ in range(140):
+        made.cycle()
+    right = [*wall(0.5, -0.6, 0.6), *wall(0.3, -0.9, -0.6)]
+    for _ in range(3):
+        made.cycle(points=right)
+    v, w = speeds(commands(made.said)[-1])
+    assert v == 0.0
+    assert w > 0.0
+
+
+def test_not_found_in_time_it_stands_and_says_so() -> None:
+    made = lost(give_up_s=5.0)
+    made.holding()
+    for _ in range(60):
+        last = made.cycle()
+    assert claims(last) == []
+    assert "not found in 5 s" in made.bid().reason
+    told = [said for said in made.said if isinstance(said, Log) and "it stands" in said.text]
+    assert len(told) == 1
