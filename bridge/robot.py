@@ -44,6 +44,14 @@ AT_REST_M_S = 0.02
 SONARS_SILENT = 4
 """Without a reading for so many cycles the sonars are said to be silent."""
 
+TOLD = tuple(2**n for n in range(20))
+"""Which attempts without an answer are told; not the first with status packets: it was open."""
+
+_HINTS = (
+    "is the robot on",
+    "it sends status packets and does not hear us: is the line to the robot whole",
+)
+
 DESCRIBE_CYCLES = 10
 """The description is published once in so many cycles, for those who come late."""
 
@@ -143,15 +151,16 @@ class Robot(DeviceAgent):
             if isinstance(event, Reported):
                 self._report(event)
             elif isinstance(event, Connected):
-                who = f"{event.name} ({event.class_name} {event.subclass})"
+                kind = f"{event.class_name} {event.subclass}".strip() or "it does not say what"
+                who = f"{event.name or 'a controller without a name'} ({kind})"
                 self.log(f"connected to {who} on {self.p.port}")
             elif isinstance(event, LinkLost):
                 self._moving = False
                 self.log(f"the controller is silent: {event.reason}; trying again", ERROR)
-            elif isinstance(event, Unanswered):
+            elif isinstance(event, Unanswered) and event.attempts in TOLD[event.streaming :]:
                 self.log(
                     f"no answer on {self.p.port} (waiting for {event.awaited},"
-                    f" attempt {event.attempts}); is the robot on?",
+                    f" attempt {event.attempts}); {_HINTS[event.streaming]}?",
                     WARNING,
                 )
 

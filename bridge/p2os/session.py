@@ -70,6 +70,7 @@ class Unanswered(Struct, frozen=True):
 
     awaited: str
     attempts: int  # since the last answer to a whole handshake
+    streaming: bool = False  # it sends status packets, so it is not off: it does not hear us
 
 
 Event = Connected | Configuration | Reported | Encoders | LinkLost | Unanswered
@@ -218,12 +219,12 @@ class Session:
         self._go(Signal.CLOSE)
 
     def _advance(self, now: float) -> None:
-        """Note the time. After a hang, zero speeds go first and the time-out begins anew."""
+        """Note the time. After a hang the time-out begins anew; if open, zero speeds go first."""
         if self._deadline is not None:
             # By what passed since the last call, not by the time-out: a hang may end just on it.
             late = now - self._now > (LOOK_S + LATE_S if self.is_open else HANG_S)
             if late:
-                self._out += ZERO
+                self._out += ZERO if self.is_open else b""
                 self._deadline = now + TIMEOUTS_S[self.state]
         self._now = now
 
@@ -234,7 +235,7 @@ class Session:
         except ValueError:
             self.malformed += 1
             return
-        if payload[0] == 0x02 and self.state is State.SYNC2:
+        if payload[0] == 0x02 and (self.state, Signal.NAMES) in TRANSITIONS:
             self._events.append(Connected(*decode_texts(payload[1:], 3)))
         if payload[0] in _SIGNALS:
             self._go(_SIGNALS[payload[0]])
@@ -268,16 +269,17 @@ class Session:
     def _act(self, action: Action, before: State, signal: Signal) -> None:
         if action in _SENDS:
             self._out += _SENDS[action]
-        elif action is Action.ZERO:
-            self._out[:] = ZERO
+        elif action is Action.FORGET:
+            self._out.clear()
             self._speeds = b""
         elif action is Action.SET_UP:
             self._open()
         elif action is Action.LOSE:
             self._events.append(LinkLost(_REASONS[signal]))
-        elif action is Action.UNANSWERED:
+        elif action in {Action.UNANSWERED, Action.UNHEARD}:
             self._attempts += 1
-            self._events.append(Unanswered(before.value, self._attempts))
+            streaming = action is Action.UNHEARD
+            self._events.append(Unanswered(before.value, self._attempts, streaming))
 
     def _open(self) -> None:
         self._out += self._set_up
@@ -304,6 +306,7 @@ class Session:
 
 
 _SENDS = {
+    Action.ZERO: ZERO,
     Action.SEND_SYNC0: SYNC0,
     Action.SEND_SYNC1: SYNC1,
     Action.SEND_SYNC2: SYNC2,

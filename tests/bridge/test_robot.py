@@ -8,8 +8,9 @@ from math import degrees, inf, nan
 
 import pytest
 
-from armadico.bridge.p2os.commands import SYNC0, Cmd
-from armadico.bridge.p2os.session import ZERO
+from armadico.bridge.p2os.commands import SYNC0, Cmd, command
+from armadico.bridge.p2os.packets import encode
+from armadico.bridge.p2os.status import Status, encode_status
 from armadico.bridge.robot import PULSE_S, Parameters, Robot
 from armadico.core.agent import REPORT_S, Identity
 from armadico.core.cycles import LISTEN
@@ -32,6 +33,9 @@ from armadico.core.messages import (
 from armadico.core.resources import WHEELS
 from tests.bridge.robot_bench import BALLOT, PROFILE, TICK, Bench
 
+CLOSE = command(Cmd.CLOSE)
+AT_REST = Status(x_m=0, y_m=0, theta_rad=0, left_m_s=0, right_m_s=0, battery_v=12)
+
 
 @pytest.fixture
 def bench() -> Bench:
@@ -44,9 +48,35 @@ def ready() -> Bench:
     return Bench().connect().cycles(LISTEN + 2)
 
 
-def test_the_first_bytes_of_all_are_zero_speeds(bench: Bench) -> None:
+def test_the_first_bytes_of_all_close_what_may_be_open(bench: Bench) -> None:
     bench.plug()
-    assert bench.raw.startswith(ZERO)
+    assert bench.raw.startswith(CLOSE)
+
+
+def test_who_does_not_answer_is_told_ever_more_rarely(bench: Bench) -> None:
+    bench.plug()
+    bench.let_pass(30.0)
+    assert 3 <= sum("is the robot on?" in text for text in bench.logs()) <= 6
+
+
+def test_who_sends_status_packets_and_does_not_hear_is_told(bench: Bench) -> None:
+    """The wire to the robot is broken, the one from it is not."""
+    bench.plug()
+    for _ in range(300):
+        bench.let_pass(0.1)
+        bench.answer(encode(encode_status(AT_REST, PROFILE.p2os)))
+    assert 3 <= sum("does not hear us" in text for text in bench.logs()) <= 8
+    assert not any(isinstance(m, RobotState) for _, m in bench.said)
+
+
+def test_a_name_of_control_characters_reaches_nobody(bench: Bench) -> None:
+    bench.plug()
+    bench.answer(SYNC0, encode(b"\x02Rob\x1b[2J\n\0Pioneer\x07\0\xff\0"))
+    assert bench.logs()[-1].isprintable()
+    bench.unplug()
+    bench.plug()
+    bench.answer(encode(b"\x02"))
+    assert "a controller without a name" in bench.logs()[-1]
 
 
 def test_each_status_packet_is_a_cycle_and_its_sonars_are_of_it(bench: Bench) -> None:
@@ -329,7 +359,7 @@ def driven(ready: Bench) -> RobotState:
     return before
 
 
-def test_a_port_that_comes_back_begins_with_zero_speeds_and_keeps_the_pose(ready: Bench) -> None:
+def test_a_port_that_comes_back_is_closed_first_and_keeps_the_pose(ready: Bench) -> None:
     before = driven(ready)
     ready.command(0.3)
     ready.unplug()
@@ -337,7 +367,7 @@ def test_a_port_that_comes_back_begins_with_zero_speeds_and_keeps_the_pose(ready
     ready.now += 0.5
     ready.x_m = 0.0  # the controller's odometry begins anew
     ready.connect()
-    assert ready.raw.startswith(ZERO)
+    assert ready.raw.startswith(CLOSE)
     ready.cycles(1)
     after = ready.state()
     assert after.x == pytest.approx(before.x, abs=0.01)
@@ -399,7 +429,7 @@ def test_a_silent_controller_is_given_up_and_opened_again(ready: Bench) -> None:
     ready.let_pass(1.1)
     assert any("the controller is silent" in text for text in ready.logs())
     ready.let_pass(0.3)
-    assert ready.raw.endswith(ZERO + SYNC0)
+    assert ready.raw.endswith(CLOSE + SYNC0)
 
 
 def test_leaving_it_rests_switches_off_and_closes(ready: Bench) -> None:
