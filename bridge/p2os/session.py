@@ -10,6 +10,8 @@ the robot to stop. `drive` does, and `pulse` where there is nothing to drive.
 
 from __future__ import annotations
 
+from math import inf
+
 from msgspec import Struct
 
 from armadico.bridge.p2os.commands import SYNC0, SYNC1, SYNC2, Cmd, command, quantity
@@ -39,6 +41,7 @@ ASK_AGAIN_S = 0.2  # CONFIG and ENABLE are repeated this often,
 ASK_TIMES = 5  # this many times: packets get lost, and some robots never send a good CONFIGpac
 HANG_S = 1.5  # between two calls: the owner hung, and comes back to a robot that will lurch
 LOOK_S = LINK_TIMEOUT_S / 2  # of an open link: so soon after a call the next is asked for,
+ABSURD = 2.0  # times the profile's tops: no wheel turns so fast
 LATE_S = 0.1  # and an owner that comes so much later than that hung, too
 
 ZERO = command(Cmd.VEL, 0) + command(Cmd.RVEL, 0)
@@ -96,7 +99,8 @@ class Session:
     Attributes:
         state: What the session waits for.
         malformed: Status and other packets so far with a good checksum and bad contents.
-        decoder: Counts the bytes that were dropped.
+        absurd: Status packets so far of wheels faster than any; they count as not received.
+        decoder: Counts what was dropped.
     """
 
     def __init__(
@@ -111,11 +115,12 @@ class Session:
         `near` is about where the odometry was last known to be, m: it wraps every 27.5 m.
         """
         self.state = State.CLOSED
-        self.malformed = 0
+        self.malformed = self.absurd = 0
         self.decoder = Decoder()
         self.odometry = Odometry(units, near)
         self._units = units
         self._set_up = _set_up(limits)
+        self._fastest = inf if limits is None else ABSURD * _top_rim(units, limits)
         self._out = bytearray()
         self._speeds = b""  # the latest `drive`, not yet fetched
         self._events: list[Event] = []
@@ -131,6 +136,11 @@ class Session:
     def is_open(self) -> bool:
         """Whether speeds that are asked for reach the robot."""
         return self.state is State.OPEN
+
+    @property
+    def motors_due(self) -> bool:
+        """Whether motors that are off were switched off at the robot, or held off there."""
+        return self.is_open and (self._enabled or self._ask_at is None)
 
     @property
     def next_wakeup(self) -> float | None:
@@ -210,7 +220,7 @@ class Session:
     def restart(self, now: float) -> list[Event]:
         """Begin again at the handshake: the transport was opened again."""
         self._advance(now)
-        self.decoder = Decoder()
+        self.decoder.begin()
         self._go(Signal.START)
         return self._drain_events()
 
@@ -245,6 +255,9 @@ class Session:
         kind = payload[0]
         if kind in STATUS_TYPES:
             status = decode_status(payload, self._units)
+            if max(abs(status.left_m_s), abs(status.right_m_s)) > self._fastest:
+                self.absurd += 1
+                return
             self._enabled = self._enabled or status.motors_enabled
             self._deadline = self._now + LINK_TIMEOUT_S
             self._events.append(Reported(status, self.odometry.update(status, self._now)))
@@ -313,6 +326,11 @@ _SENDS = {
     Action.SEND_CLOSE: command(Cmd.CLOSE),
     Action.LEAVE: command(Cmd.ENABLE, 0) + command(Cmd.CLOSE),
 }
+
+
+def _top_rim(units: P2osUnits, limits: Limits) -> float:
+    """The speed of a wheel's rim at both tops, m/s."""
+    return limits.v_max + limits.w_max / (units.diff_conv * 1e3)
 
 
 def _set_up(limits: Limits | None) -> bytes:

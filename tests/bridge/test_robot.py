@@ -22,6 +22,7 @@ from armadico.core.messages import (
     Command,
     Cycle,
     Description,
+    Line,
     Log,
     MessageError,
     Origin,
@@ -241,7 +242,8 @@ def test_commands_each_cycle_keep_it_moving(ready: Bench) -> None:
     began = ready.now
     for _ in range(20):
         ready.command(0.3)
-        ready.cycles(1)
+        ready.let_pass(0.1)
+        ready.status(left_m_s=0.3, right_m_s=0.3)
     assert set(ready.speeds(began)) == {300}
 
 
@@ -319,6 +321,159 @@ def test_a_stop_before_the_port_is_open_is_kept(bench: Bench) -> None:
     bench.command(0.3)
     assert not any(bench.speeds())
     assert bench.state().stop.stopped
+
+
+# The hand at the button, and what it touches ------------------------------------------------------
+
+
+HANDS = [
+    ({"motors_enabled": False}, "the motors being off at the robot"),
+    ({"stop_button": True}, "the STOP button at the robot"),
+    ({"stop_button": True, "motors_enabled": False}, "the STOP button at the robot"),
+]
+
+
+@pytest.mark.parametrize(("hand", "by"), HANDS, ids=["motors", "STOP", "both"])
+def test_who_switches_the_motors_off_at_the_robot_latches_the_stop(
+    ready: Bench, hand: dict[str, object], by: str
+) -> None:
+    ready.command(0.3)
+    assert ready.status().stop == Stop()
+    stop = ready.status(**hand).stop
+    assert (stop.stopped, stop.by, ready.speeds()[-1]) == (True, by, 0)
+    assert [m for _, m in ready.said if isinstance(m, Stop)] == [stop], "for all to hear"
+    assert any(f"stopped by {by}" in text for text in ready.logs())
+    began = ready.now + TICK
+    for _ in range(20):  # they are on again, and nobody drives off
+        ready.let_pass(0.1)
+        assert ready.status().stop == stop
+        ready.command(0.3)
+    assert not any(ready.speeds(began))
+    ready.hand(Stop(stop.counter + 1, False, "somebody", stop.press))
+    ready.command(0.3)
+    assert ready.speeds()[-1] == 300
+
+
+@pytest.mark.parametrize(("hand", "by"), HANDS, ids=["motors", "STOP", "both"])
+def test_a_release_while_the_hand_is_at_the_button_does_not_hold(
+    ready: Bench, hand: dict[str, object], by: str
+) -> None:
+    first = ready.status(**hand).stop
+    ready.hand(Stop(first.counter + 1, False, "somebody", first.press))
+    again = ready.status(**hand).stop
+    assert (again.stopped, again.by, again.counter) == (True, by, first.counter + 2)
+    assert again.press != first.press
+    ready.command(0.3)
+    assert not any(ready.speeds())
+
+
+def test_motors_that_are_held_off_from_the_first_latch_it_too(bench: Bench) -> None:
+    bench.connect()
+    for _ in range(12):
+        stops = bench.status(motors_enabled=False).stop
+        bench.let_pass(0.1)
+    assert stops.stopped
+    assert bench.sent(Cmd.ENABLE), "they were asked for first"
+
+
+def test_a_stop_that_somebody_else_latched_stays_theirs(ready: Bench) -> None:
+    ready.hand(Stop(1, True, "somebody", 1))
+    assert ready.status(motors_enabled=False).stop == Stop(1, True, "somebody", 1)
+
+
+def pushes(bench: Bench, v: float, w: float = 0.0, *, for_s: float = 2.0, **fields: object) -> None:
+    """It is commanded, and the wheels do not turn."""
+    for _ in range(round(for_s / 0.1)):
+        bench.command(v, w)
+        bench.let_pass(0.1)
+        bench.status(**fields)
+
+
+@pytest.mark.parametrize(
+    ("v", "x"), [(0.3, PROFILE.body.front_m), (-0.3, -PROFILE.body.rear_m), (0.0, None)]
+)
+def test_wheels_that_do_not_turn_as_ordered_touch_something(
+    ready: Bench, v: float, x: float | None
+) -> None:
+    pushes(ready, v, 0.0 if v else 1.0)
+    touched = [m for _, m in ready.said if isinstance(m, RobotState) and m.stalled]
+    assert touched
+    assert (touched[0].touch and touched[0].touch.x) == x
+    assert any("touched something" in text for text in ready.logs())
+    assert 0 in ready.speeds(ready.now - 1.5)
+
+
+@pytest.mark.parametrize("bits", [{"left_stall": True}, {"front_bumpers": 4}])
+def test_against_what_it_touches_it_is_not_driven_and_away_from_it_it_is(
+    ready: Bench, bits: dict[str, object]
+) -> None:
+    pushes(ready, 0.3, for_s=0.1)
+    pushes(ready, 0.3, for_s=0.3, **bits)
+    began = ready.now + TICK
+    pushes(ready, 0.3, for_s=0.3, **bits)
+    assert set(ready.speeds(began)) == {0}
+    ready.command(-0.2)
+    assert ready.speeds()[-1] == -200
+    state = ready.status(**bits)
+    assert state.touch is not None
+    assert state.touch.x > 0, "backing off, it still touches what it drove into"
+    assert not ready.status().stalled
+    ready.command(0.3)
+    assert ready.speeds()[-1] == 300
+
+
+def test_a_bumper_behind_says_so_and_one_that_sticks_says_nothing(bench: Bench) -> None:
+    bench.connect()
+    for _ in range(LISTEN + 2):
+        assert not bench.status(rear_bumpers=2).stalled
+        bench.let_pass(0.1)
+    state = bench.status(rear_bumpers=3)
+    assert state.touch is not None
+    assert state.touch.x == -PROFILE.body.rear_m
+
+
+@pytest.mark.parametrize("share", [0.6, 1.0])
+@pytest.mark.parametrize("wanted", [(0.8, 0.0), (-0.3, 0.0), (0.0, 1.5), (0.6, -0.8)])
+def test_a_robot_that_runs_up_turns_round_and_brakes_touches_nothing(
+    ready: Bench, wanted: tuple[float, float], share: float
+) -> None:
+    """With ramps weaker than the profile's, too."""
+    limits, half, now = PROFILE.limits, PROFILE.body.half_track_m, (0.0, 0.0)
+    for turn in range(120):
+        sign = 1 if turn < 40 else -1 if turn < 80 else 0
+        ready.command(sign * wanted[0], sign * wanted[1])
+        ready.let_pass(0.1)
+        steps = (0.1 * share * limits.v_accel, 0.1 * share * limits.w_accel)
+        v, w = now = tuple(
+            at + min(max(sign * to - at, -step), step)
+            for at, to, step in zip(now, wanted, steps, strict=True)
+        )
+        assert not ready.status(left_m_s=v - w * half, right_m_s=v + w * half).stalled
+
+
+def test_what_the_line_spoils_is_counted_published_and_told_now_and_then(ready: Bench) -> None:
+    assert ready.state().line == Line()
+    good = encode(encode_status(AT_REST, PROFILE.p2os))
+    for _ in range(150):
+        ready.answer(b"noise", good[:-1] + b"\x77", encode(b"\x32\x00"))
+        ready.status(left_m_s=30.0)
+        ready.let_pass(0.1)
+        ready.x_m += 5.0
+        ready.status()
+    line = ready.state().line
+    assert line.dropped >= 150 * (5 + len(good))
+    assert min(line.mangled, line.malformed, line.absurd, line.resets) >= 149
+    told = [text for text in ready.logs() if "bad checksums" in text]
+    assert len(told) == 2
+    assert "odometry resets" in told[-1]
+    assert ready.state().v == 0.0, "and what is absurd is not believed"
+
+
+def test_the_counts_go_on_when_the_port_is_opened_again(ready: Bench) -> None:
+    ready.answer(b"noise")
+    ready.unplug()
+    ready.connect()
+    assert ready.status().line.dropped == 5
 
 
 # The watchdog, the port ----------------------------------------------------------------------
