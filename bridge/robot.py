@@ -48,7 +48,7 @@ SONARS_SILENT = 4
 """Without a reading for so many cycles the sonars are said to be silent."""
 
 TOLD = tuple(2**n for n in range(20))
-"""Which attempts without an answer are told; not the first with status packets: it was open."""
+"""Which attempts without a status packet are told; if they come, not the first: it was open."""
 
 _HINTS = (
     "is the robot on",
@@ -96,6 +96,7 @@ class Robot(DeviceAgent):
         self._moving = False  # whether the controller was last told to move
         self._reported_at = float("-inf")
         self._pulsed_at = float("-inf")
+        self._openings = 0  # of the port, since the last status packet
         self._described = 0  # cycles since the last description
         self._ordered = (0.0, 0.0)  # what was last obeyed, m/s and rad/s
         self._driven = (0.0, 0.0)  # what came of it by the reflexes
@@ -118,11 +119,15 @@ class Robot(DeviceAgent):
 
     def on_link(self, up: bool, why: str) -> None:
         """The port was opened, or is gone."""
+        self._openings += up
+        told = self._openings in TOLD or not self._openings
         if not up:
             self._moving = False
-            self.log(f"the port {self.p.port} is gone: {why}", ERROR)
+            if told:
+                self.log(f"the port {self.p.port} is gone: {why}", ERROR)
             return
-        self.log(f"the port {self.p.port} is open")
+        if told:
+            self.log(f"the port {self.p.port} is open")
         if self._session is None:
             origin = self.memory.newest(Origin)  # as others remember it
             near = (0.0, 0.0) if origin is None else (origin.at_x, origin.at_y)
@@ -196,7 +201,7 @@ class Robot(DeviceAgent):
 
     def _report(self, report: Reported) -> None:
         status, pose = report.status, report.pose
-        self._reported_at = self.now
+        self._reported_at, self._openings = self.now, 0
         cycle = self._counter.next(self.now)
         self.cycles.advance(cycle, self.now)
         self.tenure += 1

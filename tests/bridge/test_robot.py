@@ -54,6 +54,19 @@ def test_the_first_bytes_of_all_close_what_may_be_open(bench: Bench) -> None:
     assert bench.raw.startswith(CLOSE)
 
 
+def test_a_port_that_opens_and_closes_again_is_told_ever_more_rarely(bench: Bench) -> None:
+    """A server that hangs up in the handshake."""
+    for _ in range(50):
+        bench.plug()
+        bench.answer(SYNC0)
+        bench.unplug()
+    assert sum("is open" in text for text in bench.logs()) == 6
+    assert sum("is gone" in text for text in bench.logs()) == 6
+    bench.connect().cycles(1)
+    bench.unplug()
+    assert "is gone" in bench.logs()[-1]
+
+
 def test_who_does_not_answer_is_told_ever_more_rarely(bench: Bench) -> None:
     bench.plug()
     bench.let_pass(30.0)
