@@ -244,6 +244,7 @@ class Robot(DeviceAgent):
             session.decoder.mangled,
             session.malformed,
             session.absurd,
+            session.surplus,
             session.odometry.resets,
         )
         if line != self._told and self.now - self._told_at >= LINE_SAY_S:

@@ -325,6 +325,7 @@ class Line(Message, frozen=True):
     mangled: Counter = 0  # packets with a bad checksum
     malformed: Counter = 0  # packets with a good one, and bad contents
     absurd: Counter = 0  # status packets of wheels faster than any
+    surplus: Counter = 0  # status packets too many to be looked at
     resets: Counter = 0  # steps of the odometry that the speeds do not explain
 
     @property
@@ -339,6 +340,7 @@ _WRONG: Final = (
     "bad checksums",
     "packets of bad contents",
     "packets of absurd speeds",
+    "packets too many",
     "odometry resets",
 )
 

@@ -10,6 +10,7 @@ the robot to stop. `drive` does, and `pulse` where there is nothing to drive.
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from math import inf
 
 from msgspec import Struct
@@ -41,6 +42,8 @@ ASK_AGAIN_S = 0.2  # CONFIG and ENABLE are repeated this often,
 ASK_TIMES = 5  # this many times: packets get lost, and some robots never send a good CONFIGpac
 HANG_S = 1.5  # between two calls: the owner hung, and comes back to a robot that will lurch
 LOOK_S = LINK_TIMEOUT_S / 2  # of an open link: so soon after a call the next is asked for,
+A_CYCLE = 3  # status packets, on average: a controller sends one,
+BURST = 50  # and so many may come at once, after a hang
 ABSURD = 2.0  # times the profile's tops: no wheel turns so fast
 LATE_S = 0.1  # and an owner that comes so much later than that hung, too
 
@@ -100,6 +103,7 @@ class Session:
         state: What the session waits for.
         malformed: Status and other packets so far with a good checksum and bad contents.
         absurd: Status packets so far of wheels faster than any; they count as not received.
+        surplus: Status packets so far that were too many to be looked at.
         decoder: Counts what was dropped.
     """
 
@@ -115,7 +119,8 @@ class Session:
         `near` is about where the odometry was last known to be, m: it wraps every 27.5 m.
         """
         self.state = State.CLOSED
-        self.malformed = self.absurd = 0
+        self.malformed = self.absurd = self.surplus = 0
+        self._ration = float(BURST)  # of status packets
         self.decoder = Decoder()
         self.odometry = Odometry(units, near)
         self._units = units
@@ -152,8 +157,9 @@ class Session:
 
     def receive(self, data: bytes, now: float) -> list[Event]:
         """Take in what was read, and return what it means."""
+        self._ration += (now - self._now) * A_CYCLE / self._units.cycle_s
         self._advance(now)
-        for payload in self.decoder.feed(data, now):
+        for payload in self._rationed(self.decoder.feed(data, now)):
             self._take(payload)
         return self._drain_events()
 
@@ -237,6 +243,19 @@ class Session:
                 self._out += ZERO if self.is_open else b""
                 self._deadline = now + TIMEOUTS_S[self.state]
         self._now = now
+
+    def _rationed(self, payloads: list[bytes]) -> Iterator[bytes]:
+        """Of a flood of status packets the newest: what each costs must not put a stop off."""
+        count = sum(payload[0] in STATUS_TYPES for payload in payloads)
+        self._ration = min(self._ration, BURST)
+        surplus = max(count - int(self._ration), 0)
+        self._ration -= count - surplus
+        self.surplus += surplus
+        for payload in payloads:
+            if surplus and payload[0] in STATUS_TYPES:
+                surplus -= 1
+            else:
+                yield payload
 
     def _take(self, payload: bytes) -> None:
         try:

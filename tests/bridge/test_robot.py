@@ -7,6 +7,7 @@ from itertools import pairwise
 from math import degrees, inf, nan
 
 import pytest
+from msgspec.structs import replace
 
 from armadico.bridge.p2os.commands import SYNC0, Cmd, command
 from armadico.bridge.p2os.packets import encode
@@ -35,7 +36,15 @@ from armadico.core.resources import WHEELS
 from tests.bridge.robot_bench import BALLOT, PROFILE, TICK, Bench
 
 CLOSE = command(Cmd.CLOSE)
-AT_REST = Status(x_m=0, y_m=0, theta_rad=0, left_m_s=0, right_m_s=0, battery_v=12)
+AT_REST = Status(
+    x_m=0,
+    y_m=0,
+    theta_rad=0,
+    left_m_s=0,
+    right_m_s=0,
+    battery_v=12,
+    motors_enabled=True,
+)
 
 
 @pytest.fixture
@@ -480,6 +489,34 @@ def test_what_the_line_spoils_is_counted_published_and_told_now_and_then(ready: 
     assert len(told) == 2
     assert "odometry resets" in told[-1]
     assert ready.state().v == 0.0, "and what is absurd is not believed"
+
+
+def test_of_a_flood_of_status_packets_few_are_looked_at_and_the_newest(ready: Bench) -> None:
+    """Each costs messages to everybody, and the stop has to wait for them."""
+    before = sum(isinstance(m, RobotState) for _, m in ready.said)
+    ready.command(0.3)
+    began = ready.now
+    for tens in range(100):
+        ready.now = round(ready.now + TICK, 6)
+        flood = [replace(AT_REST, x_m=0.0084 * (50 * tens + n) / 50) for n in range(50)]
+        ready.answer(b"".join(encode(encode_status(s, PROFILE.p2os)) for s in flood))
+        ready.let_pass(0.0)
+        if ready.robot.wakeup is not None and ready.now >= ready.robot.wakeup:
+            ready.robot.wake(ready.now)
+            ready.take()
+    looked_at = sum(isinstance(m, RobotState) for _, m in ready.said) - before
+    assert looked_at <= 50 + 30 + 1
+    assert ready.state().line.surplus > 4500
+    assert ready.state().x > 0.79
+    stopped = [at for at, n, value in ready.written if n == Cmd.VEL and value == 0 and at > began]
+    assert stopped[0] - began == pytest.approx(0.3, abs=2 * TICK)
+
+
+def test_all_that_came_during_a_hang_is_looked_at(ready: Bench) -> None:
+    before = sum(isinstance(m, RobotState) for _, m in ready.said)
+    ready.now = round(ready.now + 4.0, 6)
+    ready.answer(40 * encode(encode_status(AT_REST, PROFILE.p2os)))
+    assert sum(isinstance(m, RobotState) for _, m in ready.said) - before == 40
 
 
 def test_the_counts_go_on_when_the_port_is_opened_again(ready: Bench) -> None:
