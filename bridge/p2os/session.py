@@ -45,7 +45,7 @@ ZERO = command(Cmd.VEL, 0) + command(Cmd.RVEL, 0)
 
 
 class Connected(Struct, frozen=True):
-    """The controller is open and has said who it is."""
+    """The controller is open and has sent its names."""
 
     name: str
     class_name: str
@@ -196,7 +196,7 @@ class Session:
             self._out += command(Cmd.PULSE)
 
     def enable(self) -> None:
-        """Switch the motors on; somebody at the robot may have switched them off."""
+        """Switch the motors on; a person at the robot may have switched them off."""
         if self.is_open:
             self._out += command(Cmd.ENABLE, 1)
 
@@ -240,7 +240,7 @@ class Session:
             self._go(_SIGNALS[payload[0]])
 
     def _report(self, payload: bytes) -> None:
-        """Make events of what an open controller says."""
+        """Make events of an open controller's packet."""
         kind = payload[0]
         if kind in STATUS_TYPES:
             status = decode_status(payload, self._units)
