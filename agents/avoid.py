@@ -101,7 +101,7 @@ class Avoid(Behaviour):
         self._side = 0.0  # +1 left, -1 right: latched while the same thing is dodged
         self._side_at: tuple[float, float] = (0.0, 0.0)
         self._moved_at = inf  # when the robot was last seen to move on its mission
-        self._looked_at = -inf  # when it last looked: nobody looks while the robot is stopped
+        self._looked_at = -inf  # when it last looked: not while the robot is stopped
         self._escape_until = -inf
         self._around: tuple[float, float] = (inf, inf)  # the place that it does not get away from,
         self._around_since = inf
@@ -227,7 +227,7 @@ class Avoid(Behaviour):
         """Whether the robot gets nowhere, far from its goal: then avoid works it free.
 
         Whoever holds the wheels may see no way and command nothing, with nothing in *its* way; or
-        two turn it to and fro. If nobody is obeyed, nobody drives, and that is not for avoid to
+        two turn it to and fro. If no agent is obeyed, none drives, and that is not for avoid to
         mend.
         """
         ack = self.acked(WHEELS)
@@ -261,7 +261,7 @@ class Avoid(Behaviour):
             self._back_off()
 
     def _watch_stall(self, stalled: bool) -> None:
-        """What stalls the wheels is touched, and where on the body nobody knows.
+        """What stalls the wheels is touched, at an unknown place of the body.
 
         Whoever turns may push it with a corner, for as long as it turns. The way that it came is
         free; unless it is stalled on that: then it turns for as long before it tries that again.
@@ -303,7 +303,7 @@ class Avoid(Behaviour):
         return self._back(scene) or (0.0, 0.0)
 
     def _onward(self, scene: Scene, wanted: float, v: float) -> tuple[float, float]:
-        """What to command in the cycle or two until somebody takes over."""
+        """What to command in the cycle or two until another agent takes over."""
         w = max(-self.p.w_max, min(self.p.w_max, self.p.turn_gain * wanted))
         return limit(v, w, scene, self.p.safety)[:2]
 

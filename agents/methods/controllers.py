@@ -62,7 +62,7 @@ class Settings(Struct, frozen=True):
 
     fast: Law
     precise: Law
-    near_m: float = 0.3  # up to here only the precise controller has a say (min of 3.2),
+    near_m: float = 0.3  # up to here only the precise controller counts (min of 3.2),
     far_m: float = 1.0  # from here on only the fast one (max)
     behind_rad: float = math.radians(100)  # a target past this angle lets fast creep only,
     creep: float = 0.1  # at this speed, m/s

@@ -35,7 +35,7 @@ _OFF_MIDDLE_M = 0.025  # in steps of this
 
 
 class PlanError(ValueError):
-    """There is no plan; the text says why."""
+    """There is no plan; the text is the reason."""
 
 
 class Plan(Struct, frozen=True):
