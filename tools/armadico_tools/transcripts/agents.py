@@ -1,4 +1,4 @@
-"""The agents of the transcripts: they do what the first line of a file says, and no more."""
+"""The agents of the transcripts: they do what the first line of a file has, and no more."""
 
 from __future__ import annotations
 
@@ -99,7 +99,7 @@ class Judge(Agent):
         self.does[resource.name] = resource.neutral
 
     def measure(self, resource: Resource) -> Any:
-        """What it was told last."""
+        """The last action that it obeyed."""
         return self.does[resource.name]
 
     def beyond(self, resource: Resource, action: Any) -> str:
@@ -145,7 +145,7 @@ class Driven(Judge):
 
 
 class Planned(Agent):
-    """A contender that bids what the file says of a cycle's number."""
+    """A contender that bids what the file has for a cycle's number."""
 
     plan: ClassVar[Mapping[str, tuple[Step, ...]]] = {}
 
@@ -160,7 +160,7 @@ class Planned(Agent):
 
 
 def agent_of(part: Part, seed: int) -> Agent:
-    """The agent of a part. It changes hands abruptly: how to blend is everybody's own choice."""
+    """The agent of a part. It changes hands abruptly: how to blend is each agent's own choice."""
     owned = tuple(RESOURCES[name] for name in part.owns)
     wanted = tuple(RESOURCES[name] for name in part.competes_for)
     attributes = {"name": part.name, "owns": owned, "competes_for": wanted, "plan": part.bids}

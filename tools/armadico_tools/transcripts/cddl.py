@@ -1,6 +1,6 @@
 """The messages as CDDL (RFC 8610), written from the annotations that `decode` checks by.
 
-What CDDL does not say stands in the text before it. Names of fields are comments to a machine:
+What CDDL cannot express stands in the text before it. Names of fields are comments to a machine:
 messages are arrays. `epoch` and `number` and the like have no rules of their own, so nothing of
 CDDL's prelude is redefined.
 """
