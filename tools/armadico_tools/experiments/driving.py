@@ -176,8 +176,8 @@ class Drive:
         """The agent joins with the parameters that it would have had from the beginning."""
         if any(node.name == name for node in self.rehearsal.mesh.nodes):
             return
-        everybody = members(self.scenario, with_everybody(self._options()), "memory:")
-        sets = next(member.sets for member in everybody if member.name == name)
+        every = members(self.scenario, complete(self._options()), "memory:")
+        sets = next(member.sets for member in every if member.name == name)
         kind = load(AGENTS, name, Agent)
         self.rehearsal.add(kind, load_parameters(kind.parameters, None, list(sets)))
         self._taking += (name,)
@@ -192,8 +192,8 @@ def share(name: str, holders: list[str | None]) -> float:
     return round(100.0 * held.count(name) / len(held), 2) if held else 0.0
 
 
-def with_everybody(options: Options) -> Options:
-    """The same society with nobody left out."""
+def complete(options: Options) -> Options:
+    """The same society with no agent left out."""
     return Options(options.seed, options.controller, options.exchange, options.parameters)
 
 

@@ -65,7 +65,7 @@ class Trace:
     kinds: tuple[type[Message], ...] = (Command, Ack, Truth)
 
     def __init__(self, watch: RunWatch) -> None:
-        """`watch` says when the run has begun and ended, and who is obeyed."""
+        """`watch` knows when the run has begun and ended, and who is obeyed."""
         self.ticks: list[Tick] = []
         self.rests_since: float | None = None
         self._watch = watch
