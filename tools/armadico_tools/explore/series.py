@@ -17,7 +17,7 @@ BIDS: Final[dict[int, tuple[str, ...]]] = {
 """Who bids what in the beginning, by how many they are."""
 
 STAGGERS: Final[dict[int, tuple[tuple[int, ...], ...]]] = {2: ((0, 8), (8, 0)), 3: ((16, 8, 0),)}
-"""How long after the owner's cycle each hears of it, in 1/1024 s, for the first bids."""
+"""How long after the owner's cycle each receives it, in 1/1024 s, for the first bids."""
 
 
 @dataclass(frozen=True)
