@@ -113,7 +113,7 @@ class Ran(Struct, frozen=True):
     seed: int
     scenario: str
     seconds: float
-    kinds: str = ""  # that it was told to make; none: all
+    kinds: str = ""  # that it was to make; none: all
     faults: int = 0
     violations: str = ""
     longest_s: float | None = None
