@@ -77,7 +77,7 @@ class Decoder:
         return None
 
     def _find_header(self) -> bool:
-        """Drop what stands before the next header; say whether header and count are there."""
+        """Drop what stands before the next header; return whether header and count have come."""
         buffer = self._buffer
         start = buffer.find(HEADER)
         if start < 0:

@@ -28,8 +28,8 @@ from armadico.config.profile import RobotProfile, SensorProfile
 STEP_S = 0.005
 APART_S = 0.5  # a contact after less than this apart belongs to the same collision
 STALLED_M_S = 0.02  # rims slower than this, pushing a wall, are stalled
-PUSH_OUT = 0.2  # share of a penetration that is mended in a step,
-PUSH_OUT_M = 0.005  # and how much at the most
+PUSH_OUT = 0.2  # share of a penetration that is mended in a step
+PUSH_OUT_M = 0.005  # the most that is mended in a step
 
 Streams = Callable[[str], Random]
 """A random stream of one's own for a name; the same name gives the same numbers."""
