@@ -63,14 +63,14 @@ class Parameters(ZoneParameters, frozen=True, kw_only=True):
     """
 
     rules: Literal["safe", "thesis"] = "safe"
-    v_back: NonNegative = 0.08  # m/s, off what it cannot turn away from,
-    back_room_m: NonNegative = 0.1  # with so much remembered free behind
-    stuck_s: Positive = 2.0  # at rest for so long, farther from the goal than goal_m,
-    goal_m: Positive = 0.4
-    escape_s: Positive = 2.5  # avoid works it free for so long
-    nowhere_s: Positive = 8.0  # driven for so long, and still within so little of one place:
-    nowhere_m: Positive = 0.35
-    back_s: Positive = 3.0  # avoid backs it off for so long, and it is tried again
+    v_back: NonNegative = 0.08  # m/s, backwards off what it cannot turn from
+    back_room_m: NonNegative = 0.1  # backs off only with more remembered free behind
+    stuck_s: Positive = 2.0  # at rest for so long beyond `goal_m`, the robot is stuck
+    goal_m: Positive = 0.4  # nearer to the goal than this it may rest
+    escape_s: Positive = 2.5  # time for which avoid works it free
+    nowhere_s: Positive = 8.0  # driven for so long within `nowhere_m` of one place, it is stuck
+    nowhere_m: Positive = 0.35  # radius of such a place
+    back_s: Positive = 3.0  # time for which avoid backs it off, or turns, before a new try
     let_go: Positive = radians(150)  # a trajectory farther behind than this no longer counts
     turn_first: Positive = radians(60)  # an open heading farther off is turned to on the spot
     aligned: Positive = radians(15)
@@ -103,7 +103,7 @@ class Avoid(Behaviour):
         self._moved_at = inf  # when the robot was last seen to move on its mission
         self._looked_at = -inf  # when it last looked: not while the robot is stopped
         self._escape_until = -inf
-        self._around: tuple[float, float] = (inf, inf)  # the place that it does not get away from,
+        self._around: tuple[float, float] = (inf, inf)  # the place that it does not get away from
         self._around_since = inf
         self._back_until = -inf
         self._backs_since = inf

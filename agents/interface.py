@@ -110,7 +110,7 @@ class Interface(Agent):
             self._state = MissionState.NONE
 
     def on_pose(self, pose: Pose) -> None:
-        """Follow the run."""
+        """Follow the trajectory; publish how far it is, and the arrival."""
         if self._state is not MissionState.DRIVING:
             return
         self._route.advance(pose.x, pose.y)

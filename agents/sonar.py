@@ -86,7 +86,7 @@ class SonarAgent(Agent):
         self._bumps: list[tuple[float, Point]] = []  # when, and where in the body frame
 
     def on_description(self, said: Description) -> None:
-        """How large the robot is."""
+        """Take the robot's outline."""
         self._map.outline = Outline(said.front, said.rear, said.half_width)
 
     def on_robot_state(self, state: RobotState) -> None:
