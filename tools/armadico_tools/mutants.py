@@ -248,7 +248,7 @@ class _Changed(importlib.machinery.SourceFileLoader):
         self._source = source
 
     def get_code(self, fullname: str) -> CodeType:  # noqa: ARG002
-        """Whatever is on the disk."""
+        """The changed text, whatever is on the disk."""
         return compile(self._source, self.path, "exec", dont_inherit=True)
 
 
@@ -260,7 +260,7 @@ class _Finder:
         self._loader = _Changed(self._name, str(path_of(module)), source)
 
     def find_spec(self, fullname: str, *_: object) -> importlib.machinery.ModuleSpec | None:
-        """Only the one."""
+        """Find the changed module only."""
         if fullname != self._name:
             return None
         return importlib.util.spec_from_file_location(
@@ -381,7 +381,7 @@ def summary(module: str, made: Sequence[Mutant], known: dict[str, Outcome]) -> t
 
 
 def main(argv: Sequence[str] | None = None) -> int:
-    """Run what is left to run, then say what came out; 1 if a survivor is not explained."""
+    """Run what is left to run, then print the outcome; 1 if a survivor is not explained."""
     parser = argparse.ArgumentParser(description="Change the code in one place; the tests notice.")
     parser.add_argument("modules", nargs="*", metavar="MODULE", help=", ".join(TESTS))
     parser.add_argument("--sample", type=int, help="so many of each module, drawn by --seed")

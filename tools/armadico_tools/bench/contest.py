@@ -38,7 +38,7 @@ class Robot(Driven):
         self.first_obeyed: dict[Ballot, int] = {}  # by ballot, the cycle of its first command
 
     def judged(self, command: Command, verdict: Verdict) -> None:
-        """In this cycle."""
+        """Note the cycle of a ballot's first obeyed command."""
         if verdict is Verdict.OBEYED:
             self.first_obeyed.setdefault(command.ballot, self.counter.number)
 

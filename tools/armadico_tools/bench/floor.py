@@ -48,7 +48,7 @@ class Relay:
         self._held: list[Any] = []  # a declaration lives as long as its reference
 
     def obey(self, rules: Sequence[str]) -> None:
-        """Answer from now on."""
+        """Subscribe to each rule's key, and answer by it from now on."""
         for rule in rules:
             key, _, answers = rule.partition(">")
             puts = [self._put(answer) for answer in answers.split(",") if answer]

@@ -121,11 +121,11 @@ class BarePath:
         raise RuntimeError(f"nothing came round the floor within {READY_S:.0f} s")
 
     def turn(self) -> None:
-        """A status packet went out elsewhere."""
+        """Start a round: a status packet went out elsewhere."""
         self._turns.put(True)
 
     def stop(self) -> None:
-        """No more."""
+        """End the thread."""
         self._over.set()
         self._turns.put(False)
         if self._thread.is_alive():

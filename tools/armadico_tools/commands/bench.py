@@ -71,7 +71,7 @@ def _chosen(names: Sequence[str]) -> list[Benchmark]:
 
 
 def _measure(benchmark: Benchmark, quick: bool, tell: Callable[[float], None]) -> list[Figure]:
-    """Raises FailedError saying which one failed, and why."""
+    """Its figures. Raises FailedError with its name and the reason."""
     try:
         return benchmark.measure(quick, tell)
     except (RuntimeError, OSError) as error:

@@ -41,12 +41,12 @@ class Cell(Struct, frozen=True):
     without: tuple[str, ...] = ()
     sensors: str | None = None
     robot: str | None = None
-    joins: str | None = None  # an agent that joins while the run is going on,
-    joins_at_s: float = 0.0  # so long after its beginning
+    joins: str | None = None  # an agent that joins while the run is going on
+    joins_at_s: float = 0.0  # when it joins, from the run's beginning
 
 
 class Sample(Struct, frozen=True):
-    """One run: `observe.measures.Result`, how smooth it was, and what else there is to say.
+    """One run: `observe.measures.Result`, how smooth it was, and a note.
 
     `arrived` is by the true position alone, within 0.15 m; `reached` asks for the heading too.
     `believed_p_percent` is P by the encoders' pose.

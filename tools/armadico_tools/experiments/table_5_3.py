@@ -35,8 +35,8 @@ class Joining(Struct, frozen=True):
 
     world: str
     seed: int
-    before: tuple[str, ...]  # instances that were alive before,
-    kept: bool  # all of them still are, and the only other one is gothrough's
+    before: tuple[str, ...]  # instances that were alive before
+    kept: bool  # all of them still live, and the only other one is gothrough's
     first_held_s: float | None  # when gothrough was first obeyed, s after the mission began
 
 

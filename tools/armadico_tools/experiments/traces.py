@@ -74,7 +74,7 @@ class Trace:
         self._left: Tick | None = None  # where the last circle of STUCK_M was begun
 
     def show(self, message: Message) -> None:
-        """Take one message."""
+        """Take one message of the run."""
         if isinstance(message, Truth):
             self._tick(message)
         elif isinstance(message, Command) and message.resource == WHEELS.name:

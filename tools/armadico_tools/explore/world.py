@@ -79,7 +79,7 @@ KINDS: Final = ("fates", "crash", "owner", "cut", "hang", "bids", "rise", "stop"
 all bids rise together, a stop."""
 
 KEPT: Final = 4
-"""Cycles whose bids are looked at, to say whether who took over was better."""
+"""Cycles whose bids are compared, to judge whether who took over was better."""
 
 
 @dataclass(frozen=True)
@@ -112,7 +112,7 @@ class Draws:
         self.who = ""
 
     def random(self) -> float:
-        """Soonest or latest."""
+        """0 or 1: the soonest or the latest."""
         assert self.picker is not None, "numbers are drawn within a cycle"
         return 0.0 if self.picker.pick(f"draw of {self.who}", ("soon", "late"), 0) == "soon" else 1
 
@@ -158,7 +158,7 @@ class Side:
         self._resource, self._parts = resource, parts
 
     def start(self) -> None:
-        """A new instance of it."""
+        """Make a new instance of its contender."""
         self.starts += 1
         self.down = 0
         clock = self._parts.clock(0.1)
@@ -242,9 +242,9 @@ class World:
         self.cost = 0
         self._start_owner()
         # What was seen, to judge the promises by: nothing of it is used above.
-        self.top: Ballot | None = None  # the largest obeyed in this epoch,
-        self.top_at: Cycle | None = None  # the newest cycle of it,
-        self.obeyed_at = -(10**6)  # and when that was
+        self.top: Ballot | None = None  # the largest obeyed in this epoch
+        self.top_at: Cycle | None = None  # the newest cycle of `top`
+        self.obeyed_at = -(10**6)  # when `top` was last obeyed
         self.released: Ballot | None = None
         self.highest = 0  # term of all ballots ever cast
         self.obeyed_now = False  # in this cycle

@@ -35,8 +35,8 @@ class Stopped:
         self._rest_due = inf
         self._sent_at = inf  # when a stop was published that is not acknowledged yet
         self._lost_at: float | None = None  # since when the robot agent knows of no stop
-        self._stops: dict[int, int] = {}  # by press, the largest counter of that stop,
-        self._over: set[int] = set()  # and those that were released
+        self._stops: dict[int, int] = {}  # by press, the largest counter of that stop
+        self._over: set[int] = set()  # presses that were released
         self._again_at: float | None = None  # since when one of those stops it
 
     def look(self, seen: Observation, now: Situation) -> Iterator[str]:

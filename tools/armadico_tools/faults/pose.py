@@ -45,9 +45,9 @@ class Localized:
         self._skew_s = bounds.skew_s
         self._v, self._w = SPARE * bounds.v_max, SPARE * bounds.w_max
         self._off_m, self._off_rad = BASE_M, BASE_RAD  # what it may be off by
-        self._rolled = (0.0, 0.0)  # m and rad, since the beginning,
-        self._rolled_at: dict[Cycle, tuple[float, float]] = {}  # at each of the last cycles,
-        self._posed = (0.0, 0.0)  # and at the cycle of the last pose
+        self._rolled = (0.0, 0.0)  # m and rad, since the beginning
+        self._rolled_at: dict[Cycle, tuple[float, float]] = {}  # that at each of the last cycles
+        self._posed = (0.0, 0.0)  # that at the cycle of the last pose
         self._gap: Cycle | None = None  # the first after some were missing, for a reason
         self._cause_at = -inf  # when a fault was last on that keeps the robot agent from counting
         self._slow_at = self._spoilt_at = -inf

@@ -35,7 +35,7 @@ UNCOMMANDED_S: Final = 0.28
 
 
 class Sight(StrEnum):
-    """A situation."""
+    """A situation that a campaign must show."""
 
     BETTER = "a better bid takes over"
     CRITICAL = "about to collide, an equal bid takes over"

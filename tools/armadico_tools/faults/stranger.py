@@ -67,8 +67,10 @@ FAR_M: Final = 40.0
 OLD_CYCLES: Final = 10
 
 CLIMB_S: Final = 0.02
+"""From one climbing state to the next."""
+
 CLIMB: Final = 4
-"""States that climb come so often, each so many cycles ahead of the one before."""
+"""Cycles from one climbing state to the next."""
 
 BEYOND: Final = (JUMP, 3 * JUMP, LARGEST_COUNT // 2)
 """How far a latched state is counted ahead: as far as is believed at once, and farther."""
@@ -83,8 +85,8 @@ class Stranger:
         self._mesh = rehearsal.mesh
         self._state: RobotState | None = None
         self._latched: dict[type[Latched], Trajectory | Origin] = {}
-        self._counter = 0  # of the stop, the largest that was published,
-        self._press = 0  # and which press that was
+        self._counter = 0  # of the stop, the largest that was published
+        self._press = 0  # the press of that stop
         self._presses = Random(f"presses/{self._mesh.seed}")
         self._term = 0
         self._second: dict[Fault, Node] = {}

@@ -270,7 +270,7 @@ class Workload:
 
 
 def _ends(rehearsal: Rehearsal) -> tuple[MissionRequest, MissionRequest]:
-    """There, and back."""
+    """The missions to the scenario's goal, and back to its start."""
     scenario = rehearsal.scenario
     planned = scenario.plan == "rooms"
     between = scenario.waypoints if scenario.plan == "waypoints" else ()

@@ -83,8 +83,8 @@ class Bounds:
     silent_s: float = 0.3  # from a silent holder's last to another's first: before the stop
     unobeyed_s: float = 0.9  # where the other still receives it: 6 cycles, and the way
     arrives_s: float = 90.0  # from the last fault on
-    start_s: float = 20.0  # a mission that no fault befalls takes so long,
-    way_m_s: float = 0.25  # and its way at this speed: half as much again as any that was seen
+    start_s: float = 20.0  # time for a mission that no fault befalls, besides its way's
+    way_m_s: float = 0.25  # speed for its way: half as much time again as any that was seen
     skew_s: float = 0.25  # between two messages of one cycle: a cycle, and two ways here
     v_max: float = 1.6  # m/s
     w_max: float = 5.2  # rad/s

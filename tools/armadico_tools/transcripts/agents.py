@@ -87,15 +87,15 @@ class Judge(Agent):
         vars(owner)["judge"] = judged
 
     def judged(self, command: Command, verdict: Verdict) -> None:  # noqa: ARG002 - others keep it
-        """It has judged a command."""
+        """Keep the verdict on a command."""
         self.verdict = verdict
 
     def obey(self, resource: Resource, action: Any) -> None:
-        """Do it."""
+        """The action is reached at once."""
         self.does[resource.name] = action
 
     def rest(self, resource: Resource) -> None:
-        """Do nothing."""
+        """Back to the neutral action at once."""
         self.does[resource.name] = resource.neutral
 
     def measure(self, resource: Resource) -> Any:
@@ -127,7 +127,7 @@ class Driven(Judge):
         return tuple(s for s in super().subscriptions() if s.message not in cls.provides)
 
     def on_start(self) -> None:
-        """Begin to count."""
+        """The first cycle."""
         self.on_wakeup()
 
     def on_wakeup(self) -> None:

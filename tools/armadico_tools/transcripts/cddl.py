@@ -32,7 +32,7 @@ RESERVED: Final = frozenset({"number", "text", "time", "any", "bytes", "float", 
 
 
 def schema() -> str:
-    """The whole of it."""
+    """All messages."""
     kinds = messages()
     first = "message = " + " /\n    ".join(kind.__name__ for kind in kinds)
     return HEAD + "\n\n".join([first, *(rule(kind) for kind in kinds)]) + "\n"

@@ -69,7 +69,7 @@ class _Replay:
         self._questions: dict[int, int] = {}  # by the query's number in the file, the driver's own
 
     def lines(self) -> Iterator[Line]:
-        """Live."""
+        """What the agent sends, as it lives through the file."""
         for line in inputs(self._transcript, self._label):
             yield from self._wake(line["t"])
             if line["what"] == "is killed":

@@ -178,7 +178,7 @@ class Tape:
 class Recorder(Driver):
     """The real driver; what it receives, and what it sends, is written down.
 
-    It takes each event at a microsecond of its own, so the file's times say in which order.
+    It takes each event at a microsecond of its own, so the file's times give the order.
     """
 
     def __init__(self, agent: Agent, now: float, label: str, tape: Tape) -> None:
@@ -194,7 +194,7 @@ class Recorder(Driver):
         return self.time
 
     def wake(self, now: float) -> None:
-        """Take the time."""
+        """Note the time, and wake the driver."""
         self.time = max(now, self.time)
         self._ticks = max(self._ticks, ceil(self.time * 1e6))
         super().wake(self.time)

@@ -48,7 +48,7 @@ class Vector(Struct, frozen=True):
 
     @property
     def payload(self) -> bytes:
-        """The whole of it."""
+        """Its bytes, `zeros` included."""
         return self.cbor + bytes(self.zeros)
 
     def line(self) -> dict[str, Any]:
