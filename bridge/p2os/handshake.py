@@ -1,25 +1,25 @@
 """The states of a session with a controller, as a table; `session.Session` walks it.
 
 The numbers of SYNC0, SYNC1 and SYNC2 are also those of PULSE, OPEN and CLOSE. So to a controller
-that a dead client left open, SYNC0 says "go on": the watchdog resets and the wheels run up again to
-the speeds last asked for, which the controller kept. Listening first does not tell: one whose
+that a dead client left open, SYNC0 is a PULSE: the watchdog resets and the wheels run up again to
+the speeds last asked for, which the controller kept. Listening first does not help: one whose
 status packets are lost on the way is as silent as one that is closed. So what is sent first must be
-right for every controller, heard or not, and is one packet, CLOSE, with SYNC0 behind it:
+right for every controller, and is one packet, CLOSE, with SYNC0 behind it:
 
-- one that was left open closes: motors off, wheels at rest, and SYNC0 is SYNC0 to it;
+- one that was left open closes, motors off, wheels at rest, and SYNC0 is SYNC0 to it;
 - a closed P2OS reads SYNC2 where SYNC0 is due, and waits for SYNC0, which follows;
 - MobileSim and AMRISim take the first packet for the SYNC of its number, whatever that is: for
-  SYNC2 they send their names and are in step, and SYNC0 is a pulse to them. (After zero speeds, 11,
-  they were in step as well, without having said so, and never heard of again.)
+  SYNC2 they send their names and are in step, and SYNC0 is a PULSE to them. (After zero speeds, 11,
+  they were in step as well, and answered nothing more.)
 
 Three things follow, and the table has them:
 
 - names are an answer to SYNC0, too; zero speeds follow before the motors are on;
 - a status packet where an echo was due means that the controller is still open, or that CLOSE and
-  the packet crossed: it is closed again, and the handshake starts again. Who goes on like that
-  hears nothing of us, and that is told;
-- so does silence, since SYNC2's answer may be what was lost, and a controller that is in step
-  already takes the next SYNC0 for a pulse and says nothing.
+  the packet crossed: it is closed again, and the handshake starts again. A controller that goes on
+  like that does not receive what we send, and that is reported;
+- silence starts the handshake again, too: SYNC2's answer may be what was lost, and a controller
+  that is in step already takes the next SYNC0 for a PULSE and does not answer.
 """
 
 from __future__ import annotations
@@ -50,7 +50,7 @@ class Signal(Enum):
     ECHO1 = auto()
     NAMES = auto()
     STATUS = auto()
-    RESET = auto()  # the controller says that it restarted
+    RESET = auto()  # the controller reports that it restarted
     SILENCE = auto()  # the state's time-out
     CLOSE = auto()
 
@@ -64,11 +64,11 @@ class Action(Enum):
     SEND_SYNC1 = auto()
     SEND_SYNC2 = auto()
     SEND_CLOSE = auto()
-    SET_UP = auto()  # OPEN, motors and sonar on, limits; tell that the link is there
+    SET_UP = auto()  # OPEN, motors and sonar on, limits; report the link as open
     LEAVE = auto()  # motors off, CLOSE
-    LOSE = auto()  # tell that the link is lost
-    UNANSWERED = auto()  # tell that nobody answers
-    UNHEARD = auto()  # tell that it sends status packets and does not hear us
+    LOSE = auto()  # report the link as lost
+    UNANSWERED = auto()  # report that nothing answers
+    UNHEARD = auto()  # report that it sends status packets and does not receive
 
 
 TIMEOUTS_S = {
