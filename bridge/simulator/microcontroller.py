@@ -23,6 +23,7 @@ from armadico.bridge.p2os.packets import Decoder, encode
 from armadico.bridge.p2os.status import Status, encode_status
 from armadico.bridge.simulator.motion import LIMITS, MOTIONS, Motion, Plant, SpeedLoops
 from armadico.bridge.simulator.sonar_schedule import ALL, Broken, Firing
+from armadico.bridge.simulator.traps import KIND, Trap
 from armadico.config.profile import RobotProfile
 
 SERIAL_NUMBER = "SIM"  # by this ARIA knows a simulator and looks for no further hardware
@@ -36,9 +37,15 @@ class Microcontroller:
     (`advance`). Nothing happens between two steps of the plant; answers, too, wait for `advance`.
     """
 
-    def __init__(self, profile: RobotProfile, plant: Plant, loops: SpeedLoops) -> None:
+    def __init__(
+        self,
+        profile: RobotProfile,
+        plant: Plant,
+        loops: SpeedLoops,
+        traps: frozenset[Trap] = KIND,
+    ) -> None:
         self.decoder = Decoder()
-        self._profile, self._plant = profile, plant
+        self._profile, self._plant, self._traps = profile, plant, traps
         self._motion = Motion(profile, plant, loops)
         self._firing = Firing(profile.sonar, plant.ping)
         self._out = bytearray()
@@ -46,7 +53,7 @@ class Microcontroller:
         self._period = round(profile.sonar.period_s / plant.step_s)
         self._patience = round(profile.p2os.watchdog_s / plant.step_s)
         self._now = self._heard_at = self._next_status = self._next_ping = 0
-        self._sync = 0  # the SYNC awaited; 3 once in step
+        self._sync = 0  # the SYNC awaited; 3 or more once in step
         self._open = False
         self._encoder_packets = 0
         self._digital_out = 0
@@ -122,7 +129,10 @@ class Microcontroller:
 
     def _synchronise(self, payload: bytes) -> None:
         """Answer SYNC0, SYNC1, SYNC2 in that order; anything else, and it is SYNC0's turn again."""
-        if payload == b"\x00":
+        if Trap.FIRST_PACKET in self._traps:
+            payload = payload[:1]
+            self._sync = payload[0]
+        elif payload == b"\x00":
             self._sync = 0
         if payload != bytes([self._sync]):
             self._sync = 0
