@@ -9,7 +9,7 @@ PULSE, OPEN and CLOSE.
 from __future__ import annotations
 
 from collections.abc import Callable
-from math import inf
+from math import inf, remainder, tau
 
 from armadico.bridge.p2os.commands import Cmd, Command, decode_command
 from armadico.bridge.p2os.configuration import (
@@ -19,14 +19,24 @@ from armadico.bridge.p2os.configuration import (
     encode_encoders,
     encode_text,
 )
-from armadico.bridge.p2os.packets import Decoder, encode
+from armadico.bridge.p2os.packets import QUIET_S, Decoder, encode
 from armadico.bridge.p2os.status import Status, encode_status
-from armadico.bridge.simulator.motion import LIMITS, MOTIONS, Motion, Plant, SpeedLoops
+from armadico.bridge.simulator.motion import (
+    LIMITS,
+    MOTIONS,
+    V_ACCEL_TOP,
+    W_ACCEL_TOP,
+    Motion,
+    Plant,
+    SpeedLoops,
+)
 from armadico.bridge.simulator.sonar_schedule import ALL, Broken, Firing
 from armadico.bridge.simulator.traps import KIND, Trap
 from armadico.config.profile import RobotProfile
 
 SERIAL_NUMBER = "SIM"  # by this ARIA knows a simulator and looks for no further hardware
+PWM_MAX = 500  # as a real P3-DX says
+WORLD_M = 1e4  # no world reaches farther; 32 bits of mm would put the robot 2000 km away
 _STANDING_MM_S = 0.5  # below this a wheel's speed is reported as zero
 
 
@@ -52,7 +62,8 @@ class Microcontroller:
         self._cycle = round(profile.p2os.cycle_s / plant.step_s)  # these in steps of the plant
         self._period = round(profile.sonar.period_s / plant.step_s)
         self._patience = round(profile.p2os.watchdog_s / plant.step_s)
-        self._now = self._heard_at = self._next_status = self._next_ping = 0
+        self._quiet = round(QUIET_S / plant.step_s) + 1
+        self._now = self._heard_at = self._fed_at = self._next_status = self._next_ping = 0
         self._sync = 0  # the SYNC awaited; 3 or more once in step
         self._open = False
         self._encoder_packets = 0
@@ -80,6 +91,7 @@ class Microcontroller:
 
     def receive(self, data: bytes) -> None:
         """Take in what the client wrote; it takes effect at once, at the time reached."""
+        self._fed_at = self._now
         for payload in self.decoder.feed(data, self.time_s):
             self._heard_at = self._now
             if self._sync < 3:
@@ -94,6 +106,8 @@ class Microcontroller:
             stop = self._next_event(until)
             self._motion.run(stop - self._now, self._watchdog_tripped())
             self._now = stop
+            if self.decoder.pending and stop == self._fed_at + self._quiet:
+                self.receive(b"")  # what it held back for a packet's sake is let go: a stop, say
             if self._open:
                 self._on_schedule()
         data = bytes(self._out)
@@ -113,6 +127,8 @@ class Microcontroller:
         """The step up to which nothing but motion happens."""
         if self._open:
             until = min(until, self._next_status, self._next_ping)
+        if self.decoder.pending:
+            until = min(until, self._fed_at + self._quiet)
         trip = self._heard_at + self._patience
         return trip if self._now < trip < until else until
 
@@ -188,8 +204,9 @@ class Microcontroller:
         self._out += encode(encode_configuration(_configuration(self._profile, self._motion)))
 
     def _set_pose(self, command: Command) -> None:
-        if command.pose is not None:
-            self._plant.set_pose(*command.pose)
+        if command.pose is not None and max(map(abs, command.pose[:2])) <= WORLD_M:
+            x, y, theta = command.pose
+            self._plant.set_pose(x, y, remainder(theta, tau))
 
     def _pretend_battery(self, command: Command) -> None:
         self._pretended_v = command.si
@@ -250,6 +267,9 @@ def _configuration(profile: RobotProfile, motion: Motion) -> Configuration:
         v_top=limits.v_max,
         w_top=limits.w_max,
         v_max=linear.top,
+        v_accel_top=V_ACCEL_TOP,
+        w_accel_top=W_ACCEL_TOP,
+        pwm_max=PWM_MAX,
         w_max=angular.top,
         v_accel=linear.accel,
         v_decel=linear.decel,

@@ -14,7 +14,8 @@ TOLERANCE_M = 0.005  # a position servo this near leaves the wheels in peace
 TOLERANCE_RAD = 0.5 * pi / 180
 AT_REST_M_S = 0.01  # after an emergency stop, commands count again below these
 AT_REST_RAD_S = 0.02
-
+V_ACCEL_TOP = 2.0  # m/s^2 and rad/s^2: no ramp is steeper, as a real P3-DX says of itself.
+W_ACCEL_TOP = 300 * pi / 180  # Where a CONFIGpac has 0 instead, ARIA asks for no ramp at all.
 
 Driver = Callable[[float, float], tuple[float, float]]
 """Measured speeds ahead (m/s) and around (rad/s) to the voltages of left and right motor, V."""
@@ -177,17 +178,19 @@ class Motion:
         self._plant.reset_odometry()
 
     def limit(self, command: Command) -> None:
-        """SETV, SETRV, SETA, SETRA. Zero asks for nothing; the profile's tops stay above all."""
+        """SETV, SETRV, SETA, SETRA. Zero asks for nothing; the tops stay above all."""
         limits, size = self._profile.limits, abs(command.si)
-        axis = self.linear if command.number in {Cmd.SETV, Cmd.SETA} else self.angular
+        linear = command.number in {Cmd.SETV, Cmd.SETA}
+        axis = self.linear if linear else self.angular
+        ramp = min(size, V_ACCEL_TOP if linear else W_ACCEL_TOP)
         if not size:
             return
         if command.number in {Cmd.SETV, Cmd.SETRV}:
-            axis.top = min(size, limits.v_max if axis is self.linear else limits.w_max)
+            axis.top = min(size, limits.v_max if linear else limits.w_max)
         elif command.value > 0:
-            axis.accel = size
+            axis.accel = ramp
         else:
-            axis.decel = size
+            axis.decel = ramp
 
     def _halt(self) -> None:
         self.linear.halt()
