@@ -24,6 +24,8 @@ from armadico.bridge.p2os.status import Status, encode_status
 from armadico.bridge.simulator.motion import (
     LIMITS,
     MOTIONS,
+    STALL_S,
+    STALL_SHARE,
     V_ACCEL_TOP,
     W_ACCEL_TOP,
     Motion,
@@ -218,7 +220,7 @@ class Microcontroller:
         plant, motion = self._plant, self._motion
         x, y, theta = plant.odometry
         left, right = plant.left_m_s, plant.right_m_s
-        stalled = plant.blocked and motion.active
+        motion.look()
         status = Status(
             x_m=x,
             y_m=y,
@@ -227,8 +229,8 @@ class Microcontroller:
             right_m_s=right,
             battery_v=self._pretended_v or plant.battery_v,
             moving=max(abs(left), abs(right)) * 1e3 > _STANDING_MM_S,
-            left_stall=stalled,
-            right_stall=stalled,
+            left_stall=motion.stalled,
+            right_stall=motion.stalled,
             motors_enabled=motion.enabled,
             sonar_arrays=self._firing.arrays,
             control_rad=motion.heading_set,
@@ -270,6 +272,8 @@ def _configuration(profile: RobotProfile, motion: Motion) -> Configuration:
         v_accel_top=V_ACCEL_TOP,
         w_accel_top=W_ACCEL_TOP,
         pwm_max=PWM_MAX,
+        stall_pwm=round(STALL_SHARE * PWM_MAX),
+        stall_s=STALL_S,
         w_max=angular.top,
         v_accel=linear.accel,
         v_decel=linear.decel,
