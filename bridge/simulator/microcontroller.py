@@ -37,6 +37,7 @@ from armadico.bridge.simulator.traps import KIND, Trap
 from armadico.config.profile import RobotProfile
 
 SERIAL_NUMBER = "SIM"  # by this ARIA knows a simulator and looks for no further hardware
+IDLE_S = 10.0  # MobileSim gives a handshake so long
 PWM_MAX = 500  # as a real P3-DX says
 WORLD_M = 1e4  # no world reaches farther; 32 bits of mm would put the robot 2000 km away
 _STANDING_MM_S = 0.5  # below this a wheel's speed is reported as zero
@@ -65,9 +66,10 @@ class Microcontroller:
         self._period = round(profile.sonar.period_s / plant.step_s)
         self._patience = round(profile.p2os.watchdog_s / plant.step_s)
         self._quiet = round(QUIET_S / plant.step_s) + 1
+        self._idle = round(IDLE_S / plant.step_s)
         self._now = self._heard_at = self._fed_at = self._next_status = self._next_ping = 0
         self._sync = 0  # the SYNC awaited; 3 or more once in step
-        self._open = False
+        self._open = self._closed = False
         self._encoder_packets = 0
         self._digital_out = 0
         self._pretended_v = 0.0
@@ -76,6 +78,16 @@ class Microcontroller:
     def is_open(self) -> bool:
         """Whether a client has it send status packets."""
         return self._open
+
+    @property
+    def hangs_up(self) -> bool:
+        """Whether a connection that can be ended is to be: so the next client comes in.
+
+        CLOSE ends it, even if the client keeps it, as AriaCoda does; so does a long silence in
+        which nobody has status packets sent. A client that has may listen as long as it likes.
+        """
+        idle = not self._open and self._now - self._heard_at >= self._idle
+        return Trap.PORT not in self._traps and (self._closed or idle)
 
     @property
     def time_s(self) -> float:
@@ -117,13 +129,15 @@ class Microcontroller:
         return data
 
     def disconnect(self) -> None:
-        """End the session, as CLOSE does: the connection that carried it is gone.
+        """End the session, as CLOSE does: the connection that carried it is gone, or is a new one.
 
         A serial line tells nobody that its client died; a TCP connection does.
         """
         self.decoder = Decoder()
         self._out.clear()
         self._close()
+        self._closed = False
+        self._heard_at = self._now
 
     def _next_event(self, until: int) -> int:
         """The step up to which nothing but motion happens."""
@@ -179,6 +193,8 @@ class Microcontroller:
         if self._open:
             return
         self._open = True
+        if Trap.ODOMETRY in self._traps:
+            self._motion.reset_odometry()
         self._next_status = self._now + self._cycle
         self._next_ping = self._now + self._period
         self._firing.restore_order()
@@ -187,7 +203,7 @@ class Microcontroller:
     def _close(self) -> None:
         self._motion.enable(False)
         self._firing.switch(0)
-        self._open = False
+        self._open, self._closed = False, True
         self._sync = self._encoder_packets = 0
 
     def _set_digital_out(self, command: Command) -> None:

@@ -9,6 +9,8 @@ from __future__ import annotations
 from collections.abc import Callable, Sequence
 from math import isfinite, radians
 
+from msgspec.structs import replace
+
 from armadico.bridge.simulator.microcontroller import Microcontroller
 from armadico.bridge.simulator.plant import Plant, Streams
 from armadico.bridge.simulator.speed_loops import SpeedLoops
@@ -35,6 +37,8 @@ class Pioneer:
         traps: frozenset[Trap] = KIND,
     ) -> None:
         """Stand at `start` (m, m, rad) among walls (m)."""
+        if Trap.RAYS in traps:
+            profile = replace(profile, sonar=replace(profile.sonar, cone_deg=0.0))
         self.plant = Plant(profile, sensors, walls, start, streams)
         loops = SpeedLoops(profile.speed_loop, profile.motor.supply_v)
         self.controller = Microcontroller(profile, self.plant, loops, traps)

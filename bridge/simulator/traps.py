@@ -16,6 +16,15 @@ class Trap(Enum):
     """A packet in the handshake is a SYNC whatever its number, and is answered with that number:
     after a VEL (11) it is in step, and SYNC0 but a pulse, until CLOSE or until the client goes."""
 
+    PORT = "port"
+    """Neither CLOSE nor silence ends a connection: the port is the client's until it hangs up."""
+
+    RAYS = "rays"
+    """A sonar is a single ray: what stands beside its middle is not there."""
+
+    ODOMETRY = "odometry"
+    """OPEN sets the odometry to zero."""
+
 
 UNKIND = frozenset(Trap)
 KIND: frozenset[Trap] = frozenset()
