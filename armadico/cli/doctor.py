@@ -19,6 +19,7 @@ from armadico.mesh.topology import WELL_KNOWN, MeshError
 
 if TYPE_CHECKING:
     from armadico.config.hosts import Host
+    from armadico.core.messages import RobotState
 
 OK, NOTE, WRONG = "ok", "note", "wrong"
 
@@ -218,7 +219,7 @@ def mesh(args: argparse.Namespace) -> Generator[Finding, None, dict[str, float |
     """
     where = options.placed(args)
     joined = options.join_at(args, where)
-    from armadico.core.messages import PROTOCOL  # noqa: PLC0415 - not for --help
+    from armadico.core.messages import PROTOCOL, RobotState  # noqa: PLC0415 - likewise
     from armadico.core.resources import WHEELS  # noqa: PLC0415 - not for --help
     from armadico.observe.hosts import census  # noqa: PLC0415 - not for --help
     from armadico.observe.view import View  # noqa: PLC0415
@@ -231,6 +232,8 @@ def mesh(args: argparse.Namespace) -> Generator[Finding, None, dict[str, float |
             client = Client(joined)
             cards = client.cards()
             links = joined.neighbours
+            driven = any(card and WHEELS.name in card.owns for card in cards.values())
+            state = client.latest(RobotState, 1.0) if driven else None
     except MeshError as error:
         routed = where is not None and where.table.router is not None
         todo = "does zenohd run there?" if routed else "name another endpoint: --listen"
@@ -241,6 +244,8 @@ def mesh(args: argparse.Namespace) -> Generator[Finding, None, dict[str, float |
         yield Finding("mesh", NOTE, f"no agent is alive in namespace {args.namespace!r}", todo)
         return {}
     yield Finding("mesh", OK, f"{len(cards)} agents, {links} links")
+    if state is not None:
+        yield from robot(state)
     for (name, instance), card in cards.items():
         if card is None:
             todo = "it hangs, or this machine cannot reach it: look at it, restart it"
@@ -254,6 +259,21 @@ def mesh(args: argparse.Namespace) -> Generator[Finding, None, dict[str, float |
         what = f"{len(robots)} robot agents in namespace {args.namespace!r}"
         yield Finding(WHEELS.name, WRONG, what, "give each robot its own --namespace")
     return {host.name: host.clock_s for host in census(View.of(cards), {}, client.ahead)}
+
+
+def robot(state: RobotState) -> Iterator[Finding]:
+    """Why the robot stands, and what its controller's line is like."""
+    if state.stop.stopped:
+        what = f"is stopped by {state.stop.by or 'somebody'}"
+        yield Finding("stop", NOTE, what, "`armadico resume` releases it")
+    if not state.motors:
+        todo = "switch them on at the robot, then `armadico resume`"
+        yield Finding("motors", NOTE, "are off", todo)
+    if state.line.told:
+        todo = "look at cable, plugs, baud rate and batteries"
+        yield Finding("line", NOTE, f"from the controller: {state.line.told}", todo)
+    else:
+        yield Finding("line", OK, "all that the controller sent was sound")
 
 
 def hosts(args: argparse.Namespace) -> Generator[Finding, None, set[str]]:

@@ -389,7 +389,8 @@ def remark(watch: RunWatch) -> str:
         by = options.shown(state.stop.by) or "somebody"
         return f"{to_go}, stopped by {by}; armadico resume releases it"
     holder = options.shown(watch.holder or "nobody")
-    return f"{to_go}, {holder} holds the wheels, {state.v:.2f} m/s, {state.battery_v:.1f} V"
+    speed = "stalled" if state.stalled else f"{state.v:.2f} m/s"
+    return f"{to_go}, {holder} holds the wheels, {speed}, {state.battery_v:.1f} V"
 
 
 # What came of it ----------------------------------------------------------------------------------

@@ -318,12 +318,40 @@ class Origin(Latched, frozen=True):
 # The robot ----------------------------------------------------------------------------------------
 
 
+class Line(Message, frozen=True):
+    """What was wrong with what the controller sent, counted since the robot agent started."""
+
+    dropped: Counter = 0  # bytes that belonged to no good packet
+    mangled: Counter = 0  # packets with a bad checksum
+    malformed: Counter = 0  # packets with a good one, and bad contents
+    absurd: Counter = 0  # status packets of wheels faster than any
+    surplus: Counter = 0  # status packets too many to be looked at
+    resets: Counter = 0  # steps of the odometry that the speeds do not explain
+
+    @property
+    def told(self) -> str:
+        """For people; empty: nothing was wrong."""
+        counts = zip(msgspec.structs.astuple(self), _WRONG, strict=True)
+        return ", ".join(f"{count} {what}" for count, what in counts if count)
+
+
+_WRONG: Final = (
+    "bytes dropped",
+    "bad checksums",
+    "packets of bad contents",
+    "packets of absurd speeds",
+    "packets too many",
+    "odometry resets",
+)
+
+
 class RobotState(Message, frozen=True):
     """What the robot's controller says each cycle.
 
     Odometry (x, y, theta) is the controller's own, unwrapped: it goes on over restarts of the robot
     agent for as long as the controller counts on. `stop` is the latch as the robot agent has it:
-    the acknowledgement of a stop.
+    the acknowledgement of a stop. `stalled` is that something holds the robot: by the controller's
+    stall bits, its bumpers, or wheels that do not turn as ordered; `touch` is where on its edge.
     """
 
     cycle: Cycle
@@ -336,6 +364,8 @@ class RobotState(Message, frozen=True):
     motors: bool
     stalled: bool
     stop: Stop = Stop()
+    touch: Point | None = None  # in the body frame; None: nowhere, or nobody knows
+    line: Line = Line()
 
 
 class Description(Message, frozen=True):

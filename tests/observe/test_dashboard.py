@@ -10,6 +10,7 @@ import pytest
 
 pytest.importorskip("rerun", reason="the dashboard's extra is not installed")
 
+from msgspec.structs import replace
 from PIL import Image
 
 from armadico.cli.dashboard import zones
@@ -20,12 +21,14 @@ from armadico.launch.society import Options
 from armadico.launch.virtual import Rehearsal
 from armadico.observe.dashboard import palette, shapes, viewer
 from armadico.observe.dashboard.blueprint import VIEWS
+from armadico.observe.dashboard.gauges import _rows
 from armadico.observe.dashboard.global_map import PATH_POINTS
 from armadico.observe.dashboard.local_map import png
 from armadico.observe.dashboard.picture import photograph
 from armadico.observe.dashboard.scene import Scene
 from armadico.observe.dashboard.server import close, keep
 from armadico.observe.dashboard.virtual_run import Rehearsed
+from armadico.observe.view import View
 from tests.framework.robots import body, described
 from tests.observe.kept import (
     AVOID,
@@ -157,6 +160,17 @@ def test_a_stop_and_its_release_are_in_the_log(tmp_path: Path) -> None:
     kept = Kept(path)
     assert kept.texts("/p/log/stop") == ["latched by me", "released by you"]
     assert "**by me**" in kept.texts("/p/status")[1]
+
+
+def test_what_is_wrong_with_the_robot_is_on_the_page() -> None:
+    view = View()
+    state = m.RobotState(m.Cycle(1, 1), 0, 0, 0, 0, 0, 12, motors=True, stalled=False)
+    view.learn(state, 0.0)
+    well = dict(_rows(view, "nobody"))
+    view.learn(replace(state, motors=False, line=m.Line(dropped=3)), 0.0)
+    rows = dict(_rows(view, "nobody"))
+    assert rows.keys() - well.keys() == {"note", "line"}
+    assert (rows["note"], rows["line"]) == ("**motors off**", "3 bytes dropped")
 
 
 def test_floods_are_thinned_and_what_is_kept_is_bounded(tmp_path: Path) -> None:
