@@ -275,12 +275,14 @@ class Robot(DeviceAgent):
         """Latch the stop when somebody at the robot wants it to stand.
 
         Motors that come back must not drive off at once, so that takes a release, on purpose; and
-        one while they are off, or the button is pressed, does not hold.
+        one while they are off, or the button is pressed, does not hold. Those that a stall has cut
+        nobody has switched off.
         """
         if self.stopped is None and self._session is not None:
+            stalled = status.left_stall or status.right_stall
             if status.stop_button:
                 self.latch("the STOP button at the robot")
-            elif not status.motors_enabled and self._session.motors_due:
+            elif not (status.motors_enabled or stalled) and self._session.motors_due:
                 self.latch("the motors being off at the robot")
 
     def _feel(self, status: Status) -> None:

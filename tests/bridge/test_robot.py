@@ -398,6 +398,12 @@ def test_motors_that_are_held_off_from_the_first_latch_it_too(bench: Bench) -> N
     assert bench.sent(Cmd.ENABLE), "they were asked for first"
 
 
+def test_motors_that_a_stall_has_cut_nobody_has_switched_off(ready: Bench) -> None:
+    for _ in range(3):
+        assert not ready.status(motors_enabled=False, left_stall=True).stop.stopped
+    assert not ready.status().stop.stopped
+
+
 def test_a_stop_that_somebody_else_latched_stays_theirs(ready: Bench) -> None:
     ready.hand(Stop(1, True, "somebody", 1))
     assert ready.status(motors_enabled=False).stop == Stop(1, True, "somebody", 1)
