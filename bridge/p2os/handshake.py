@@ -50,7 +50,7 @@ class Signal(Enum):
     ECHO1 = auto()
     NAMES = auto()
     STATUS = auto()
-    RESET = auto()  # the controller says that it restarted
+    RESET = auto()  # the controller reports that it restarted
     SILENCE = auto()  # the state's time-out
     CLOSE = auto()
 
@@ -64,7 +64,7 @@ class Action(Enum):
     SEND_SYNC1 = auto()
     SEND_SYNC2 = auto()
     SEND_CLOSE = auto()
-    SET_UP = auto()  # OPEN, motors and sonar on, limits; tell that the link is there
+    SET_UP = auto()  # OPEN, motors and sonar on, limits; report the link as open
     LEAVE = auto()  # motors off, CLOSE
     LOSE = auto()  # tell that the link is lost
     UNANSWERED = auto()  # tell that nobody answers

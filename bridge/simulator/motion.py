@@ -14,10 +14,10 @@ TOLERANCE_M = 0.005  # a position servo this near leaves the wheels in peace
 TOLERANCE_RAD = 0.5 * pi / 180
 AT_REST_M_S = 0.01  # after an emergency stop, commands count again below these
 AT_REST_RAD_S = 0.02
-V_ACCEL_TOP = 2.0  # m/s^2 and rad/s^2: no ramp is steeper, as a real P3-DX says of itself.
-W_ACCEL_TOP = 300 * pi / 180  # Where a CONFIGpac has 0 instead, ARIA asks for no ramp at all.
-STALL_SHARE = 0.4  # of the supply: what pushes harder and does not turn is stalled (StallVal),
-STALL_S = 0.2  # and off for so long (StallCount); P2OS has both in its FLASH, these are chosen
+V_ACCEL_TOP = 2.0  # m/s^2, a P3-DX's; ARIA sends no SETA to a controller whose top is 0
+W_ACCEL_TOP = 300 * pi / 180  # rad/s^2, a P3-DX's
+STALL_SHARE = 0.4  # of the supply: a motor that gets more and is held is stalled (StallVal; chosen)
+STALL_S = 0.2  # a stalled motor is off for so long (StallCount; chosen)
 
 Driver = Callable[[float, float], tuple[float, float]]
 """Measured speeds ahead (m/s) and around (rad/s) to the voltages of left and right motor, V."""
@@ -63,7 +63,7 @@ class Plant(Protocol):
         """Voltage of the battery."""
 
     def run(self, steps: int, driver: Driver) -> None:
-        """Let steps pass; before each the driver hears v and w and says the motors' voltages."""
+        """Let steps pass; before each the driver turns v and w into the motors' voltages."""
 
     def reset_odometry(self) -> None:
         """Set the odometry to zero."""
