@@ -10,6 +10,7 @@ from collections.abc import Sequence
 from contextlib import ExitStack
 from typing import TYPE_CHECKING, Final
 
+from armadico.bridge.simulator.traps import KIND, UNKIND, Trap
 from armadico.cli import options
 
 if TYPE_CHECKING:
@@ -24,6 +25,7 @@ EXAMPLES: Final = """\
   armadico sim sc4                           at tcp://127.0.0.1:8101, as MobileSim is
   armadico sim floor --start 2 3 90 --sensors real --seed 7
   armadico sim my.map --pty /tmp/pioneer     clients open /tmp/pioneer as their serial port
+  armadico sim sc1 --unkind                  with the traps of other people's controllers
 """
 
 
@@ -31,7 +33,7 @@ def main(argv: Sequence[str]) -> int:
     """Simulate until interrupted."""
     args = parser().parse_args(argv)
     mesh = options.join(args)
-    robot = _robot(_scenario(args), args.seed)
+    robot = _robot(_scenario(args), args)
     with ExitStack() as stack:
         line, where = _line(args, stack)
         stack.enter_context(mesh)
@@ -71,6 +73,14 @@ def parser() -> argparse.ArgumentParser:
     made.add_argument(
         "--sensors", choices=("ideal", "real"), default="ideal", help="default %(default)s"
     )
+    made.add_argument(
+        "--unkind",
+        nargs="*",
+        choices=[trap.value for trap in Trap],
+        metavar="TRAP",
+        help="do to the client what other controllers do: all of"
+        f" {', '.join(trap.value for trap in Trap)}, or those named",
+    )
     made.add_argument("--seed", type=int, default=0, help="of all noise (default 0)")
     options.add_mesh_options(made)
     return made
@@ -95,12 +105,12 @@ def _scenario(args: argparse.Namespace) -> Scenario:
     )
 
 
-def _robot(scenario: Scenario, seed: int) -> Pioneer:
+def _robot(scenario: Scenario, args: argparse.Namespace) -> Pioneer:
     """The robot; it does not start in a wall."""
     from armadico.bridge.simulator.pioneer import of_scenario  # noqa: PLC0415 - not for --help
     from armadico.bridge.simulator.plant import seeded  # noqa: PLC0415 - not for --help
 
-    robot = of_scenario(scenario, seeded(seed))
+    robot = of_scenario(scenario, seeded(args.seed), _traps(args.unkind))
     if robot.plant.clearance() <= 0.0:
         x, y, _ = scenario.start
         raise options.UsageError(
@@ -108,6 +118,11 @@ def _robot(scenario: Scenario, seed: int) -> Pioneer:
             " --start X Y DEG puts it elsewhere"
         )
     return robot
+
+
+def _traps(names: Sequence[str] | None) -> frozenset[Trap]:
+    """Those of `--unkind`: every one if it names none."""
+    return KIND if names is None else frozenset(map(Trap, names)) or UNKIND
 
 
 def _line(args: argparse.Namespace, stack: ExitStack) -> tuple[Line, str]:

@@ -9,9 +9,12 @@ from __future__ import annotations
 from collections.abc import Callable, Sequence
 from math import isfinite, radians
 
+from msgspec.structs import replace
+
 from armadico.bridge.simulator.microcontroller import Microcontroller
 from armadico.bridge.simulator.plant import Plant, Streams
 from armadico.bridge.simulator.speed_loops import SpeedLoops
+from armadico.bridge.simulator.traps import KIND, Trap
 from armadico.config.loading import find, load_entry
 from armadico.config.profile import RobotProfile, SensorProfile, load_profile
 from armadico.config.scenarios import Scenario
@@ -31,11 +34,14 @@ class Pioneer:
         walls: Sequence[Wall],
         start: tuple[float, float, float],
         streams: Streams,
+        traps: frozenset[Trap] = KIND,
     ) -> None:
         """Stand at `start` (m, m, rad) among walls (m)."""
+        if Trap.RAYS in traps:
+            profile = replace(profile, sonar=replace(profile.sonar, cone_deg=0.0))
         self.plant = Plant(profile, sensors, walls, start, streams)
         loops = SpeedLoops(profile.speed_loop, profile.motor.supply_v)
-        self.controller = Microcontroller(profile, self.plant, loops)
+        self.controller = Microcontroller(profile, self.plant, loops, traps)
         self._watchers: list[Callable[[Truth], None]] = []
         self._cycle = profile.p2os.cycle_s
         self._answering = False
@@ -94,7 +100,7 @@ class Pioneer:
                 watcher(truth)
 
 
-def of_scenario(scenario: Scenario, streams: Streams) -> Pioneer:
+def of_scenario(scenario: Scenario, streams: Streams, traps: frozenset[Trap] = KIND) -> Pioneer:
     """The robot that a scenario names, where the scenario puts it."""
     x, y, degrees = scenario.start
     return Pioneer(
@@ -103,6 +109,7 @@ def of_scenario(scenario: Scenario, streams: Streams) -> Pioneer:
         load_world(scenario.world).walls,
         (x, y, radians(degrees)),
         streams,
+        traps,
     )
 
 
