@@ -62,7 +62,7 @@ class LiveRun:
         self.names = names(scenario, options.without)
         self.client = Client(mesh)
         self.watch = watch(scenario, options)
-        self.limit = time_limit(0.0)
+        self.limit = time_limit(0.0, options)
         self._silent_s = silent_s
         self._idle_s = idle_s
         self._warn: Callable[[str], None] = lambda _: None
@@ -86,9 +86,13 @@ class LiveRun:
         raise NotImplementedError
 
     def begin(self) -> None:
-        """Hand the mission over. Raises MissionRefusedError or AbsentError."""
-        reply = self.client.hand_over(mission(self.scenario), find=HEAR_S, again=LINKS_S)
-        self.limit = time_limit(reply.length)
+        """Hand over the mission, if there is one. Raises MissionRefusedError or AbsentError."""
+        request = mission(self.scenario)
+        if request is None:
+            self.watch.begin()
+            return
+        reply = self.client.hand_over(request, find=HEAR_S, again=LINKS_S)
+        self.limit = time_limit(reply.length, self.options)
         self.watch.begin(reply.mission)
 
     def run(
@@ -109,6 +113,8 @@ class LiveRun:
             self.look()
             if self._nobody_can(self.client.mesh.now() - begun):
                 break
+        else:
+            self.watch.end(self.limit)
         if self.watch.astray is not None:
             self._warn(
                 "by its pose the robot is at the goal, and in truth it is not: the pose is"

@@ -39,10 +39,10 @@ class Rehearsal:
             clock: Gives each process a clock of its own, by its agent's name.
             mesh: A network that is otherwise; None: the usual one of the options' seed.
         """
-        self.scenario = scenario
+        self.scenario, self.options = scenario, options
         self.mesh = VirtualMesh(options.seed) if mesh is None else mesh
         self.watch = watch(scenario, options)
-        self.limit = time_limit(0.0)
+        self.limit = time_limit(0.0, options)
         self.mesh.watch(lambda _key, message, now: self.watch.show(message, now), *WATCHED)
         factory = find(SIMULATORS, society().simulator).load()
         self.robot = factory(scenario, self.mesh.stream, self.mesh.publish)
@@ -67,17 +67,21 @@ class Rehearsal:
         return self.mesh.add(agent, self.robot if isinstance(agent, DeviceAgent) else None, clock)
 
     def begin(self) -> None:
-        """Hand the mission to the interface agent. Raises MissionRefusedError or AbsentError."""
+        """Hand over the mission, if there is one. Raises MissionRefusedError or AbsentError."""
         self.mesh.run(SETTLE_S)
+        request = mission(self.scenario)
+        if request is None:
+            self.watch.begin()
+            return
         replies: list[Message | None] = []
-        self.mesh.ask(mission(self.scenario), replies.append, timeout=30.0)
+        self.mesh.ask(request, replies.append, timeout=30.0)
         self.mesh.run(self.mesh.now + 30.0, lambda: bool(replies))
         reply = replies[0]
         if not isinstance(reply, MissionReply):
             raise AbsentError("no agent that takes missions is alive")
         if reply.refusal:
             raise MissionRefusedError(reply.refusal)
-        self.limit = time_limit(reply.length)
+        self.limit = time_limit(reply.length, self.options)
         self.watch.begin(reply.mission)
 
     def run(self, progress: Callable[[RunWatch], None] | None = None) -> Result:
@@ -88,4 +92,5 @@ class Rehearsal:
             self.mesh.run(min(self.mesh.now + 1.0, end), lambda: self.watch.done)
             if progress is not None:
                 progress(self.watch)
+        self.watch.end(self.limit)
         return self.watch.result()

@@ -70,9 +70,11 @@ def picture(of: Cell, sample: Sample, folder: Path) -> Path:
     drive = Drive(of, sample.seed).go()
     path = folder / f"failed-{sample.seed:03d}.png"
     watch, scenario = drive.watch, load_scenario(of.scenario)
+    start = watch.start or watch.goal
+    assert start is not None, "a plan has one"
     run = Run(
         path=watch.path,
-        start=watch.start or watch.goal,
+        start=start,
         goal=watch.goal,
         body=load_profile(scenario.robot).body,
         waypoints=watch.waypoints[:-1],
