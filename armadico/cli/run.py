@@ -124,6 +124,11 @@ def parser() -> argparse.ArgumentParser:
     made.add_argument(
         "--dashboard", action="store_true", help="show a live run; the link is printed"
     )
+    made.add_argument(
+        "--wait",
+        action="store_true",
+        help="a dashboard: begin when somebody looks, stay till Ctrl-C",
+    )
     made.add_argument("--rrd", metavar="FILE", type=Path, help="keep a virtual run for rerun")
     made.add_argument("--robot", metavar="URL", help="drive something that is already there")
     made.add_argument(
@@ -149,12 +154,7 @@ def _scenario(args: argparse.Namespace, chosen: Options) -> Scenario:
         raise UsageError(f"--for {args.limit:g}: expected seconds, more than none")
     if args.runs is not None and args.runs < 1:
         raise UsageError(f"--runs {args.runs}: at least 1")
-    if args.dashboard and args.virtual:
-        raise UsageError("--dashboard shows live runs; --rrd FILE keeps a virtual one")
-    if args.rrd is not None and not args.virtual:
-        raise UsageError(
-            "--rrd is for --virtual; armadico dashboard --record FILE keeps a live run"
-        )
+    _check_shown(args)
     if args.robot is not None and args.virtual:
         raise UsageError("--robot drives what is really there; --virtual has its own simulator")
     if args.robot is not None:
@@ -193,6 +193,18 @@ def _world(args: argparse.Namespace) -> str | None:
         return named
     scenario: str = args.scenario
     return scenario
+
+
+def _check_shown(args: argparse.Namespace) -> None:
+    """Raises UsageError for a way of looking that this run has not."""
+    if args.wait and args.runs is not None:
+        raise UsageError("--wait is for one run, without --runs")
+    if (args.dashboard or args.wait) and args.virtual:
+        raise UsageError("--dashboard shows live runs; --rrd FILE keeps a virtual one")
+    if args.rrd is not None and not args.virtual:
+        raise UsageError(
+            "--rrd is for --virtual; armadico dashboard --record FILE keeps a live run"
+        )
 
 
 def _options(args: argparse.Namespace) -> Options:
@@ -319,6 +331,8 @@ def _live(args: argparse.Namespace, scenario: Scenario, chosen: Options) -> RunW
         _progress(args, scenario, chosen.seed) as show,
     ):
         run.run(show, _say)
+        if args.wait:  # what is printed comes after Ctrl-C
+            _say(f"{scenario.name}: {run.watch.result().verdict}")
     return run.watch
 
 
@@ -352,11 +366,11 @@ def _recording(args: argparse.Namespace, rehearsal: Rehearsal) -> AbstractContex
 
 def _dashboard(args: argparse.Namespace, scenario: Scenario) -> AbstractContextManager[None]:
     """A dashboard beside a live run, if it is asked for."""
-    if not args.dashboard:
+    if not (args.dashboard or args.wait):
         return nullcontext()
     from armadico.cli.dashboard import beside  # noqa: PLC0415 - not for --help
 
-    return beside(args, scenario.world)
+    return beside(args, scenario.world, wait=args.wait)
 
 
 def _say(text: str) -> None:
