@@ -37,7 +37,7 @@ if TYPE_CHECKING:
 RERUN: Final = "0.41"
 """The version that this is written for; the viewer's interfaces change from one to the next."""
 
-INSTALL: Final = "pip install 'armadico[dashboard]'"
+INSTALL: Final = f"{sys.executable} -m pip install 'armadico[dashboard]'"
 
 LEAVE_S: Final = 10.0
 """What a dashboard may take to leave before it is killed: it closes a file and a viewer."""
