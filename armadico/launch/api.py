@@ -18,6 +18,8 @@ if TYPE_CHECKING:
     import numpy as np
     from numpy.typing import NDArray
 
+    from armadico.core.agent import Agent
+
 
 class Holding(NamedTuple):
     """For how long one agent was obeyed without a break, in s since the run began."""
@@ -118,6 +120,7 @@ def run(
     goal: Pose2 | None = None,
     limit: float | None = None,
     without: Sequence[str] = (),
+    joins: Sequence[type[Agent]] = (),
     controller: str | None = None,
     exchange: str | None = None,
     parameters: str | None = None,
@@ -148,6 +151,7 @@ def run(
         goal: Where it is to go, likewise; where neither says so, it is sent nowhere.
         limit: How long it may take, s; by default 5 times the way over 0.3 m/s, at least 60 s.
         without: Agents that take no part.
+        joins: Classes of yours that take part too, installed or not; in virtual runs.
         controller: Goto's: fast, precise or collaborative.
         exchange: How resources change hands: smooth or abrupt.
         parameters: A set of agents' parameters: thesis, or a TOML file.
@@ -165,10 +169,13 @@ def run(
         RunFailedError: A process did not start, or the robot is silent; with its last log lines.
         MeshError: The mesh cannot be joined.
         TopologyError: A namespace or an endpoint that cannot be one.
-        ValueError: A limit that is none; `robot`, `namespace` or `connect` for a virtual run.
+        ValueError: A limit that is none; `robot`, `namespace` or `connect` for a virtual run;
+            `joins` for another, where an agent is a process, found by its entry point.
     """
     if virtual and (robot or namespace or connect):
         raise ValueError("robot, namespace and connect are for what is really there, not virtual")
+    if joins and not virtual:
+        raise ValueError("joins is for virtual runs; processes are found by their entry points")
     if limit is not None and not 0.0 < limit < inf:
         raise ValueError(f"limit {limit:g}: expected seconds, more than none")
     given = scenario if isinstance(scenario, Scenario) else load_scenario(scenario)
@@ -192,6 +199,8 @@ def run(
         from armadico.launch.virtual import Rehearsal  # noqa: PLC0415 - it loads the virtual mesh
 
         rehearsal = Rehearsal(chosen, options)
+        for kind in joins:
+            rehearsal.add(kind)
         rehearsal.run(progress)
         return Run.of(chosen, rehearsal.watch)
     from armadico.launch.local import Launcher  # noqa: PLC0415 - and this one Zenoh
