@@ -41,7 +41,9 @@ def test_what_make_run_says_to_type_next_works_in_that_shell(tmp_path: Path) -> 
     make = ["make", "--no-print-directory", "-C", str(ROOT), "next", f"VENV={sys.prefix}"]
     said = subprocess.run(make, capture_output=True, text=True, check=True).stdout
     typed = "\n".join(line for line in said.splitlines() if line.startswith("  "))
-    assert "$(MAKE) --no-print-directory next" in (ROOT / "Makefile").read_text(encoding="utf-8")
+    makefile = (ROOT / "Makefile").read_text(encoding="utf-8")
+    assert "$(BIN)/armadico run sc4\n\t@$(MAKE) --no-print-directory next\n" in makefile
+    assert "$(PIP) install --require-hashes -r requirements/run.txt" in makefile, "shows progress"
     shell = ["bash", "-euc", f"{typed}\ncommand -v armadico"]
     bare = {"PATH": "/usr/bin:/bin", "HOME": str(tmp_path)}
     done = subprocess.run(
