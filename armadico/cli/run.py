@@ -11,7 +11,7 @@ from collections.abc import Callable, Iterator, Sequence
 from contextlib import AbstractContextManager, contextmanager, nullcontext
 from dataclasses import replace
 from functools import partial
-from math import isfinite
+from math import inf, isfinite
 from pathlib import Path
 from typing import TYPE_CHECKING, Final
 
@@ -52,6 +52,8 @@ EXAMPLES: Final = """\
   armadico run sc4 --virtual --seed 7          the same society in one process, repeatable
   armadico run house --virtual --runs 20 --json
   armadico run --world rooms-a --start 1 1 90 --goal 7 0.7 -90
+  armadico run office.map --start 1 1.5 0 --goal 16.5 13.2 -90
+  armadico run --for 60                        no goal and no walls; armadico goto sends it
   armadico run my.toml --controller fast --exchange abrupt --without gothrough
   armadico run sc1 --robot serial:///dev/ttyUSB0
   armadico run sc4 --together encoder+sonar --together goto+avoid+gothrough
@@ -61,7 +63,7 @@ EXAMPLES: Final = """\
 
 
 def main(argv: Sequence[str]) -> int:
-    """Drive; 0 only if the goal was reached without a collision, in every run."""
+    """Drive; 0 only if the goal, if any, was reached without a collision, in every run."""
     args = parser().parse_args(argv)
     chosen = _options(args)
     scenario = _scenario(args, chosen)
@@ -81,15 +83,21 @@ def parser() -> argparse.ArgumentParser:
     made = options.parser(
         "armadico run",
         "Drive one scenario and measure it. Live: simulator, robot agent and every agent are"
-        " processes of their own on this machine, over Zenoh.",
+        " processes of their own on this machine, over Zenoh. It ends at the goal, or at its"
+        " time limit: --for, or 5 times the way over 0.3 m/s, at least 60 s.",
         EXAMPLES,
     )
-    made.add_argument("scenario", nargs="?", help="a scenario's name, or a TOML file")
-    made.add_argument("--world", metavar="MAP", help="a world instead of a scenario")
+    made.add_argument(
+        "scenario", nargs="?", help="a scenario's name, a TOML file, or a map as --world"
+    )
+    made.add_argument("--world", metavar="MAP", help="a world instead of a scenario: .map, .yaml")
     for name, text in (("--start", "where the robot starts"), ("--goal", "where it is to go")):
         made.add_argument(
             name, nargs=3, type=float, metavar=("X", "Y", "DEG"), help=f"{text}: m, m, degrees"
         )
+    made.add_argument(
+        "--for", dest="limit", type=float, metavar="S", help="time limit; without a goal: 60"
+    )
     made.add_argument("--virtual", action="store_true", help="one process, under a virtual clock")
     made.add_argument("--seed", type=int, metavar="N", help="of all that is random (default: 0)")
     made.add_argument(
@@ -116,6 +124,11 @@ def parser() -> argparse.ArgumentParser:
     made.add_argument(
         "--dashboard", action="store_true", help="show a live run; the link is printed"
     )
+    made.add_argument(
+        "--wait",
+        action="store_true",
+        help="a dashboard: begin when somebody looks, stay till Ctrl-C",
+    )
     made.add_argument("--rrd", metavar="FILE", type=Path, help="keep a virtual run for rerun")
     made.add_argument("--robot", metavar="URL", help="drive something that is already there")
     made.add_argument(
@@ -132,19 +145,16 @@ def parser() -> argparse.ArgumentParser:
 
 def _scenario(args: argparse.Namespace, chosen: Options) -> Scenario:
     """What the command line names. Raises UsageError, ConfigError or UnknownNameError."""
-    from armadico.config.scenarios import load_scenario, scenario_from  # noqa: PLC0415
+    from armadico.config.scenarios import blind, load_scenario, scenario_from  # noqa: PLC0415
     from armadico.launch.society import names, prepared, profile_of  # noqa: PLC0415
 
-    if (args.scenario is None) == (args.world is None):
-        raise UsageError("name a scenario (armadico run sc4), or a world with --world")
+    if args.scenario is not None and args.world is not None:
+        raise UsageError("name a scenario or a world, not both")
+    if args.limit is not None and not 0.0 < args.limit < inf:
+        raise UsageError(f"--for {args.limit:g}: expected seconds, more than none")
     if args.runs is not None and args.runs < 1:
         raise UsageError(f"--runs {args.runs}: at least 1")
-    if args.dashboard and args.virtual:
-        raise UsageError("--dashboard shows live runs; --rrd FILE keeps a virtual one")
-    if args.rrd is not None and not args.virtual:
-        raise UsageError(
-            "--rrd is for --virtual; armadico dashboard --record FILE keeps a live run"
-        )
+    _check_shown(args)
     if args.robot is not None and args.virtual:
         raise UsageError("--robot drives what is really there; --virtual has its own simulator")
     if args.robot is not None:
@@ -153,16 +163,48 @@ def _scenario(args: argparse.Namespace, chosen: Options) -> Scenario:
     if args.seed is not None and not 0 <= args.seed < 2**63:
         raise UsageError(f"--seed {args.seed}: from 0 to 2^63 - 1")
     start, goal = (_pose(flag, getattr(args, flag)) for flag in ("start", "goal"))
-    if args.world is not None:
-        if goal is None:
-            raise UsageError("--world needs a goal: --goal X Y DEG")
-        scenario = scenario_from(args.world, start, goal, profile_of(args.profile))
+    world = _world(args)
+    if world is not None:
+        scenario = scenario_from(world, start, goal, profile_of(args.profile))
         start = goal = None
     else:
         scenario = load_scenario(args.scenario)
     scenario = prepared(scenario, chosen, start=start, goal=goal, profile=args.profile)
     _check_together(args, names(scenario))
+    if blind(scenario):
+        _say(f'{scenario.name}: nothing is planned, and a wall is in the way; plan = "rooms" plans')
+    if scenario.goal is None:
+        _say(f"{scenario.name}: no goal; armadico goto X Y DEG sends the robot to one")
     return scenario
+
+
+def _world(args: argparse.Namespace) -> str | None:
+    """The world that is named instead of a scenario, or the empty one. Raises UsageError."""
+    from armadico.config.worlds import READERS  # noqa: PLC0415 - not for --help
+
+    named: str | None = args.world
+    if args.scenario is None and named is None:
+        if args.limit is None and args.goal is None:
+            raise UsageError(
+                "name a scenario (armadico run sc4) or a map, or say for how long (--for 60)"
+            )
+        return "empty"
+    if args.scenario is None or Path(args.scenario).suffix not in READERS:
+        return named
+    scenario: str = args.scenario
+    return scenario
+
+
+def _check_shown(args: argparse.Namespace) -> None:
+    """Raises UsageError for a way of looking that this run has not."""
+    if args.wait and args.runs is not None:
+        raise UsageError("--wait is for one run, without --runs")
+    if (args.dashboard or args.wait) and args.virtual:
+        raise UsageError("--dashboard shows live runs; --rrd FILE keeps a virtual one")
+    if args.rrd is not None and not args.virtual:
+        raise UsageError(
+            "--rrd is for --virtual; armadico dashboard --record FILE keeps a live run"
+        )
 
 
 def _options(args: argparse.Namespace) -> Options:
@@ -175,6 +217,7 @@ def _options(args: argparse.Namespace) -> Options:
         without=tuple(args.without),
         together=tuple(tuple(group.split("+")) for group in args.together),
         robot=args.robot,
+        limit=args.limit,
     )
 
 
@@ -288,6 +331,8 @@ def _live(args: argparse.Namespace, scenario: Scenario, chosen: Options) -> RunW
         _progress(args, scenario, chosen.seed) as show,
     ):
         run.run(show, _say)
+        if args.wait:  # what is printed comes after Ctrl-C
+            _say(f"{scenario.name}: {run.watch.result().verdict}")
     return run.watch
 
 
@@ -321,11 +366,11 @@ def _recording(args: argparse.Namespace, rehearsal: Rehearsal) -> AbstractContex
 
 def _dashboard(args: argparse.Namespace, scenario: Scenario) -> AbstractContextManager[None]:
     """A dashboard beside a live run, if it is asked for."""
-    if not args.dashboard:
+    if not (args.dashboard or args.wait):
         return nullcontext()
     from armadico.cli.dashboard import beside  # noqa: PLC0415 - not for --help
 
-    return beside(args, scenario.world)
+    return beside(args, scenario.world, wait=args.wait)
 
 
 def _say(text: str) -> None:
@@ -402,9 +447,10 @@ def _show(scenario: str, results: Sequence[Result]) -> None:
     from rich.table import Table  # noqa: PLC0415 - not for --help
 
     passed = sum(result.passed for result in results)
-    verdict = "reached" if results[0].reached else "NOT reached"
+    verdict = results[0].outcome
     if len(results) > 1:
-        verdict = f"{passed} of {len(results)} runs reached the goal without a collision"
+        did = "touched nothing" if results[0].reached is None else "reached the goal untouched"
+        verdict = f"{passed} of {len(results)} runs {did}"
     elif results[0].collisions:
         verdict += f", {results[0].collisions} COLLISION(S)"
     table = Table(

@@ -57,7 +57,7 @@ class Run:
         self.options = options
         self.client = client
         self.watch = watch(scenario, options)
-        self.limit = time_limit(0.0)
+        self.limit = time_limit(0.0, options)
         self._warn: Callable[[str], None] = lambda _: None
 
     def start(self) -> None:
@@ -65,9 +65,13 @@ class Run:
         raise NotImplementedError
 
     def begin(self) -> None:
-        """Hand the mission over. Raises MissionRefusedError or AbsentError."""
-        reply = self.client.hand_over(mission(self.scenario), find=HEAR_S, again=self.again_s)
-        self.limit = time_limit(reply.length)
+        """Hand over the mission, if there is one. Raises MissionRefusedError or AbsentError."""
+        request = mission(self.scenario)
+        if request is None:
+            self.watch.begin()
+            return
+        reply = self.client.hand_over(request, find=HEAR_S, again=self.again_s)
+        self.limit = time_limit(reply.length, self.options)
         self.watch.begin(reply.mission)
 
     def run(
@@ -87,6 +91,8 @@ class Run:
                 progress(self.watch)
             if not self.goes_on(now() - begun):
                 break
+        else:
+            self.watch.end(self.limit)
         if self.watch.astray is not None:
             self._warn(
                 "by its pose the robot is at the goal, and in truth it is not: the pose is"

@@ -18,7 +18,7 @@ from armadico.config.errors import ConfigError, advice
 from armadico.config.hosts import Host
 from armadico.config.loading import load_parameters
 from armadico.config.parameters import load_set
-from armadico.config.scenarios import PoseDeg, Scenario, beside, scenario_from, society
+from armadico.config.scenarios import PoseDeg, Scenario, beside, planned, scenario_from, society
 from armadico.core.messages import MissionRequest, Waypoint
 from armadico.core.resources import WHEELS
 from armadico.observe.measures import RunWatch
@@ -39,6 +39,7 @@ class Options:
     without: tuple[str, ...] = ()
     robot: str | None = None  # the URL of something that is already there
     together: tuple[tuple[str, ...], ...] = ()  # agents that share a process
+    limit: float | None = None  # s that the run may take; None: as `time_limit` says
     margin: float | None = None  # by how much a bid must be better; None: the resource's own
 
 
@@ -107,7 +108,7 @@ def share(
     Without a scenario all of the entry take part, with parameters of their own.
     """
     taking = set(host.agents if scenario is None else names(scenario)) - set(options.without)
-    scenario = scenario or Scenario(world="empty", start=(0, 0, 0), goal=(0, 0, 0))
+    scenario = scenario or Scenario(world="empty", start=(0, 0, 0))
     here = (*(name for name in host.agents if name in taking), *more)
     return _launched(here, facts(scenario, options, host.robot or ""), options)
 
@@ -173,27 +174,27 @@ def processes(
     return tuple(found.values())
 
 
-def mission(scenario: Scenario) -> MissionRequest:
-    """What the interface agent is asked for."""
+def mission(scenario: Scenario) -> MissionRequest | None:
+    """What the interface agent is asked for; None: nobody is sent anywhere."""
+    if scenario.goal is None:
+        return None
     return MissionRequest(
         goal=_waypoint(scenario.goal),
         waypoints=tuple(map(_waypoint, scenario.waypoints)) if scenario.plan == "waypoints" else (),
-        planned=scenario.plan == "rooms",
+        planned=planned(scenario),
     )
 
 
 def watch(scenario: Scenario, options: Options) -> RunWatch:
     """Who measures the run."""
-    return RunWatch(
-        scenario.name,
-        (scenario.goal[0], scenario.goal[1], radians(scenario.goal[2])),
-        options.seed,
-    )
+    goal = scenario.goal
+    to = None if goal is None else (goal[0], goal[1], radians(goal[2]))
+    return RunWatch(scenario.name, to, options.seed)
 
 
-def time_limit(length: float) -> float:
-    """Seconds that a run may take: 5 times the way over 0.3 m/s, at least 60 s."""
-    return max(LIMIT_FACTOR * length / LIMIT_SPEED, LIMIT_LEAST)
+def time_limit(length: float, options: Options) -> float:
+    """Seconds that a run may take: as asked, or 5 times the way over 0.3 m/s, at least 60 s."""
+    return options.limit or max(LIMIT_FACTOR * length / LIMIT_SPEED, LIMIT_LEAST)
 
 
 def _waypoint(pose: tuple[float, float, float]) -> Waypoint:

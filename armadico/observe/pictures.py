@@ -78,7 +78,7 @@ class Run:
 
     path: Sequence[Step | Mark]
     start: Pose
-    goal: Pose
+    goal: Pose | None
     body: Body
     waypoints: Sequence[Pose] = ()
     echoes: Sequence[tuple[float, float]] = ()

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import io
 import math
+from collections.abc import Iterable
 from pathlib import Path
 
 import pytest
@@ -15,7 +16,7 @@ from PIL import Image
 
 from armadico.cli.dashboard import zones
 from armadico.config.scenarios import load_scenario
-from armadico.config.worlds import load_world
+from armadico.config.worlds import Segment, World, load_world
 from armadico.core import messages as m
 from armadico.launch.society import Options
 from armadico.launch.virtual import Rehearsal
@@ -252,6 +253,29 @@ def test_the_robot_is_drawn_as_large_as_it_says_and_not_before(
             (robot.front, robot.rear, robot.half_width)
         )
     assert "/p/map/world/truth/outline" not in fixed
+
+
+@pytest.mark.parametrize(
+    ("bounds", "xs", "ys"),
+    [
+        (None, range(-10, 11, 2), range(-10, 11, 2)),
+        ((-2.0, 0.5, 7.0, 3.0), range(-2, 8), (1, 2, 3)),
+        ((100.2, 0.0, 180.0, 39.0), range(105, 185, 5), range(0, 40, 5)),
+    ],
+)
+def test_coordinates_can_be_read_off_the_global_map(
+    tmp_path: Path, bounds: Segment | None, xs: Iterable[int], ys: Iterable[int]
+) -> None:
+    path = tmp_path / "a.rrd"
+    with drawn(path, None if bounds is None else World("w", (), bounds)):
+        pass
+    fixed = Kept(path).fixed
+    lines = fixed["/p/map/world/grid"]["strips"]
+    assert [a[0] for a, b in lines if a[0] == b[0]] == pytest.approx([*xs])
+    assert [a[1] for a, b in lines if a[1] == b[1]] == pytest.approx([*ys])
+    numbers = fixed["/p/map/world/numbers"]
+    assert numbers["labels"] == [*map(str, xs), *map(str, ys), "x, m", "y, m"]
+    assert [x for x, _ in numbers["positions"][: len([*xs])]] == pytest.approx([*xs])
 
 
 # A run --------------------------------------------------------------------------------------------

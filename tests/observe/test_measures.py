@@ -40,14 +40,15 @@ KEYS = [
     "exchanges",
     "collisions",
     "min_clearance_m",
+    "limit_s",
 ]
 
 
 class Run:
     """A run made up cycle by cycle."""
 
-    def __init__(self, *, truth: bool = True) -> None:
-        self.watch = RunWatch("made-up", GOAL, 5)
+    def __init__(self, *, truth: bool = True, goal: Pose2 | None = GOAL) -> None:
+        self.watch = RunWatch("made-up", goal, 5)
         self.truth = truth
         self.number = 0
         self.now = 50.0
@@ -249,6 +250,30 @@ def test_before_anything_was_heard_there_is_a_row_too() -> None:
     result = RunWatch("made-up", GOAL).result()
     assert not result.reached
     assert (result.td_m, result.tt_s, result.exchanges) == (0.0, 0.0, 0)
+
+
+def test_the_time_limit_is_told_if_it_ended_the_run() -> None:
+    run = Run().begin()
+    run.cycle(0.0)
+    run.watch.end(66.4)
+    assert run.watch.result().limit_s == 66.4
+    assert run.watch.result().verdict.startswith("NOT reached: time limit of 66 s; ")
+    run.watch.done = True
+    run.watch.end(66.4)
+    assert run.watch.result().limit_s is None
+
+
+def test_without_a_goal_there_is_none_to_reach_and_all_else_is_measured() -> None:
+    run = Run(goal=None)
+    run.watch.begin()
+    run.cycle(0.0)
+    run.cycle(1.5)
+    result = run.watch.result()
+    assert (result.reached, result.fo_deg, result.p_percent) == (None, None, None)
+    assert result.td_m == 1.5
+    assert result.passed
+    assert result.verdict.startswith("no goal; ")
+    assert not msgspec.structs.replace(result, collisions=1).passed
 
 
 def test_a_picture_gets_the_echoes_where_they_were_and_the_way() -> None:

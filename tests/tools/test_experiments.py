@@ -13,9 +13,19 @@ import pytest
 
 from armadico.cli import pool
 from armadico.cli.options import FailedError, UsageError
+from armadico.config.profile import load_profile
 from armadico.config.scenarios import load_scenario
+from armadico.config.worlds import load_world
 from armadico_tools.commands.experiment import main
-from armadico_tools.experiments import EXPERIMENTS, base, module, published, statistics, store
+from armadico_tools.experiments import (
+    EXPERIMENTS,
+    base,
+    module,
+    other_maps,
+    published,
+    statistics,
+    store,
+)
 from armadico_tools.experiments.base import Context
 from armadico_tools.experiments.driving import Cell, Drive, Sample, drive, key_of
 from armadico_tools.experiments.floor_plans import PASSAGE_M, floor_plan, passable, save
@@ -297,3 +307,47 @@ def test_an_experiment_writes_its_runs_table_and_figures(
     before = {path.name: path.read_bytes() for path in folder.iterdir()}
     assert main(["utility", "--runs", "1", "--jobs", "1", "--out", str(tmp_path)]) == 0
     assert {path.name: path.read_bytes() for path in folder.iterdir()} == before
+
+
+def test_other_peoples_maps_are_planned_and_driven_and_nothing_is_touched(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    sample = ("flat.map", "cellar.yaml")  # of either format the one with the tightest ways
+    monkeypatch.setattr(other_maps, "MAPS", sample)
+    words = ["other-maps", "--runs", "1", "--jobs", "1", "--out", str(tmp_path), "--json"]
+    assert main(words) == 0
+    cells = json.loads(capsys.readouterr().out)["cells"]
+    assert cells == {name: {"runs": 1, "planned": 1, "reached": 1, "touched": 0} for name in sample}
+    assert "No failure." in (tmp_path / "other-maps" / "table.md").read_text(encoding="utf-8")
+
+
+@pytest.mark.parametrize("name", other_maps.MAPS)
+def test_a_seed_draws_the_same_free_places_again_and_the_next_one_others(
+    name: str, tmp_path: Path
+) -> None:
+    world = load_world(other_maps.FOLDER / name)
+    assert not world.rooms
+    made = other_maps.scenarios((name, [1, 2], tmp_path))
+    text = [Path(cell.scenario).read_text(encoding="utf-8") for cell in made]
+    other_maps.scenarios((name, [1, 2], tmp_path))
+    assert [Path(cell.scenario).read_text(encoding="utf-8") for cell in made] == text
+    assert text[0] != text[1]
+    circle = load_profile("pioneer-2dx").body.circle_m
+    for x, y in other_maps.places(world)[::997]:
+        assert world.clearance(x, y) >= circle + other_maps.ROOM_M
+    for cell in made:
+        assert load_scenario(cell.scenario).plan is None
+
+
+def test_with_sonars_of_a_single_ray_it_gets_there_without_standing_or_shaking(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr("armadico.bridge.simulator.sonar.fan", lambda _cone, _rays: [(1.0, 0.0)])
+    for name in ("corridor.map", "lab.yaml"):
+        (cell,) = other_maps.scenarios((name, [1000], tmp_path))
+        run = Drive(cell, 1000).go()
+        sample = run.sample()
+        assert (sample.reached, sample.collisions, sample.note) == (True, 0, "")
+        turns = [tick.w for tick in run.trace.ticks]
+        swings = [a * b < 0.0 and min(abs(a), abs(b)) > 0.2 for a, b in pairwise(turns)]
+        assert sum(swings) < 0.05 * len(swings), "from one side to the other, cycle by cycle"

@@ -13,6 +13,7 @@ from __future__ import annotations
 from collections.abc import Callable
 from hashlib import sha256
 from math import hypot
+from typing import Any
 
 from msgspec import Struct, structs
 
@@ -23,7 +24,7 @@ from armadico.config.shipped import find as find_config
 from armadico.core.agent import Agent
 from armadico.launch.society import Options, members, names
 from armadico.launch.virtual import Rehearsal
-from armadico.observe.measures import REACHED_M, RunWatch
+from armadico.observe.measures import REACHED_M, Result, RunWatch
 from armadico.runtime.errors import MissionRefusedError
 from armadico_tools.experiments.traces import Smoothness, Trace, smoothness
 
@@ -118,9 +119,8 @@ class Drive:
 
     def sample(self) -> Sample:
         """The row of this run."""
-        row = structs.asdict(self.watch.result())
-        del row["scenario"], row["seed"]
-        shares = row.pop("shares")
+        row = columns(self.watch.result())
+        shares = self.watch.result().shares
         ticks = self.trace.ticks
         resting = self._parked()
         if resting:
@@ -149,7 +149,7 @@ class Drive:
 
     def _believed(self) -> float | None:
         pose, start, goal = self.watch.view.pose, self.watch.start, self.watch.goal
-        if pose is None or start is None:
+        if pose is None or start is None or goal is None:
             return None
         straight = hypot(goal[0] - start[0], goal[1] - start[1])
         off = hypot(goal[0] - pose.x, goal[1] - pose.y)
@@ -165,7 +165,9 @@ class Drive:
 
     def _at_goal(self) -> bool:
         here, goal = self.watch.here, self.watch.goal
-        return here is not None and hypot(goal[0] - here[0], goal[1] - here[1]) <= REACHED_M
+        if here is None or goal is None:
+            return False
+        return hypot(goal[0] - here[0], goal[1] - here[1]) <= REACHED_M
 
     def _options(self) -> Options:
         cell = self.cell
@@ -181,6 +183,12 @@ class Drive:
         kind = load(AGENTS, name, Agent)
         self.rehearsal.add(kind, load_parameters(kind.parameters, None, list(sets)))
         self._taking += (name,)
+
+
+def columns(result: Result) -> dict[str, Any]:
+    """What a sample has of a result: the measures of its one goal."""
+    row = structs.asdict(result)
+    return {name: row[name] for name in Sample.__struct_fields__ if name in row and name != "seed"}
 
 
 SHARES = {"tg_percent": "goto", "ta_percent": "avoid", "tgt_percent": "gothrough"}
