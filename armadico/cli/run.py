@@ -271,8 +271,10 @@ def _virtual(args: argparse.Namespace, scenario: Scenario, chosen: Options) -> R
     from armadico.launch.virtual import Rehearsal  # noqa: PLC0415 - not for --help
 
     rehearsal = Rehearsal(scenario, chosen)
+    first = args.runs is None or chosen.seed == _seeds(args, scenario)[0]
+    told = _say if first else None  # of a series once: every seed would say the same
     with _recording(args, rehearsal), _progress(args, scenario, chosen.seed) as show:
-        rehearsal.run(show)
+        rehearsal.run(show, told)
     return rehearsal.watch
 
 

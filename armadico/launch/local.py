@@ -187,7 +187,7 @@ class Launcher(LiveRun):
                     self._check_alive()
                 self._warn(
                     f"{process.name} is gone ({ending(process.popen.returncode)});"
-                    f" its last words:\n{process.last_words()}"
+                    f" its last words, of {process.log}:\n{process.last_words()}"
                 )
         super().look()
 

@@ -12,11 +12,11 @@ from typing import Self
 
 from armadico.config.discovery import agent_class, owners
 from armadico.config.scenarios import Scenario
-from armadico.core.agent import WARNING
 from armadico.core.cycles import LISTEN
 from armadico.core.messages import Claim, Log, Message, Pose, RobotState
 from armadico.core.resources import WHEELS
 from armadico.launch.society import Options, mission, names, time_limit, watch
+from armadico.launch.told import Told
 from armadico.mesh.base import Mesh
 from armadico.observe.measures import WATCHED, Result, RunWatch
 from armadico.runtime.client import Client
@@ -65,10 +65,9 @@ class LiveRun:
         self.limit = time_limit(0.0)
         self._silent_s = silent_s
         self._idle_s = idle_s
-        self._warn: Callable[[str], None] = lambda _: None
-        self._warned = ""
+        self._told = Told()
         self.client.listen(*WATCHED, then=self.watch.show)
-        self.client.listen(Log, then=self._pass_on)
+        self.client.listen(Log, then=lambda log, _: self._told.take(self.client.key, log))
 
     def __enter__(self) -> Self:
         return self
@@ -97,7 +96,7 @@ class LiveRun:
         warn: Callable[[str], None] | None = None,
     ) -> Result:
         """Drive to the goal or the time limit; `warn` is told who is gone and what goes wrong."""
-        self._warn = warn or self._warn
+        self._told.tell = warn or self._told.tell
         self.start()
         self.begin()
         begun = self.client.mesh.now()
@@ -129,6 +128,9 @@ class LiveRun:
 
     # Inside --------------------------------------------------------------------------------------
 
+    def _warn(self, text: str) -> None:
+        self._told.tell(text)
+
     def _ready_to_drive(self) -> bool:
         """Whether the robot talks and obeys, and whoever provides its pose knows where it is."""
         kinds: list[type[Message]] = [RobotState]
@@ -159,11 +161,3 @@ class LiveRun:
             f" {'is' if len(missing) == 1 else 'are'} gone: the run is over"
         )
         return True
-
-    def _pass_on(self, message: Message, _now: float) -> None:
-        """Pass on what an agent logs of faults, with whose it is."""
-        if isinstance(message, Log) and message.level >= WARNING and message.text != self._warned:
-            self._warned = message.text
-            name = self.client.key.rpartition("/")[2].rpartition("-")[0]
-            said = message.text.startswith(name)
-            self._warn(message.text if said else f"{name}: {message.text}")

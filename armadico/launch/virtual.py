@@ -9,11 +9,13 @@ from armadico.config.discovery import AGENTS, SIMULATORS, find, load
 from armadico.config.loading import load_parameters
 from armadico.config.scenarios import Scenario, society
 from armadico.core.agent import Agent, DeviceAgent
-from armadico.core.messages import Message, MissionReply
+from armadico.core.messages import Log, Message, MissionReply
 from armadico.launch.society import Options, members, mission, time_limit, watch
+from armadico.launch.told import Told
 from armadico.mesh.virtual import Node, VirtualMesh
 from armadico.mesh.virtual_network import Clock
 from armadico.observe.measures import WATCHED, Result, RunWatch
+from armadico.runtime.blame import blaming
 from armadico.runtime.errors import AbsentError, MissionRefusedError
 
 SETTLE_S = 1.0
@@ -43,7 +45,9 @@ class Rehearsal:
         self.mesh = VirtualMesh(options.seed) if mesh is None else mesh
         self.watch = watch(scenario, options)
         self.limit = time_limit(0.0)
+        self._told = Told()
         self.mesh.watch(lambda _key, message, now: self.watch.show(message, now), *WATCHED)
+        self.mesh.watch(lambda key, message, _: self._told.take(key, message), Log)
         factory = find(SIMULATORS, society().simulator).load()
         self.robot = factory(scenario, self.mesh.stream, self.mesh.publish)
         self._clock = clock
@@ -61,7 +65,8 @@ class Rehearsal:
 
     def add(self, kind: type[Agent], parameters: object = None, start: int = 0) -> Node:
         """An agent joins, now, as the `start`-th instance."""
-        agent = kind(self.mesh.identity(kind.name, start), parameters)
+        with blaming():
+            agent = kind(self.mesh.identity(kind.name, start), parameters)
         self._starts[kind.name] = max(self._starts[kind.name], start + 1)
         clock = None if self._clock is None else self._clock(kind.name)
         return self.mesh.add(agent, self.robot if isinstance(agent, DeviceAgent) else None, clock)
@@ -80,12 +85,21 @@ class Rehearsal:
         self.limit = time_limit(reply.length)
         self.watch.begin(reply.mission)
 
-    def run(self, progress: Callable[[RunWatch], None] | None = None) -> Result:
-        """Drive to the goal or the time limit."""
-        self.begin()
-        end = self.mesh.now + self.limit
-        while not self.watch.done and self.mesh.now < end:
-            self.mesh.run(min(self.mesh.now + 1.0, end), lambda: self.watch.done)
-            if progress is not None:
-                progress(self.watch)
+    def run(
+        self,
+        progress: Callable[[RunWatch], None] | None = None,
+        warn: Callable[[str], None] | None = None,
+    ) -> Result:
+        """Drive to the goal or the time limit; `warn` is told what agents log of faults.
+
+        Raises AgentFailedError if an agent raises; what the run itself finds, as `begin`.
+        """
+        self._told.tell = warn or self._told.tell
+        with blaming():
+            self.begin()
+            end = self.mesh.now + self.limit
+            while not self.watch.done and self.mesh.now < end:
+                self.mesh.run(min(self.mesh.now + 1.0, end), lambda: self.watch.done)
+                if progress is not None:
+                    progress(self.watch)
         return self.watch.result()
