@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable
 
 from armadico.core.agent import WARNING
-from armadico.core.messages import Log
+from armadico.core.messages import Log, Message
 
 
 class Told:
@@ -15,10 +15,12 @@ class Told:
         self.tell: Callable[[str], None] = lambda _: None
         self._last: tuple[str, str] | None = None
 
-    def take(self, key: str, message: Log) -> None:
+    def take(self, key: str, message: Message) -> None:
         """Pass it on, if it is of a fault."""
+        if not isinstance(message, Log) or message.level < WARNING:
+            return
         said = key, message.text
-        if message.level < WARNING or said == self._last:
+        if said == self._last:
             return
         self._last = said
         name = key.rpartition("/")[2].rpartition("-")[0]
