@@ -39,6 +39,9 @@ PATIENCE_S = 0.1
 MEMORY = 6 << 30
 """What reads a device that has no end should end before the machine does."""
 
+IN_PASSING = "Exception ignored in"
+"""Python's word of a Ctrl-C that meets a destructor, which nobody can take."""
+
 NUMBERS = ("-1", "0", "1", "0.5", "1e309", "nan", "-inf", "9" * 30, "1e6", "-3.5", "90")
 TEXTS = (
     "",
@@ -121,7 +124,7 @@ def _call(words: list[str]) -> str:
         pass  # while an error was being told; `armadico.__main__` takes it
     except BaseException:
         return traceback.format_exc()
-    if "Traceback" in said.getvalue():
+    if "Traceback" in said.getvalue() and IN_PASSING not in said.getvalue():
         return said.getvalue()
     return "" if code in (0, 1, 2, 130) else f"exit code {code}"
 
