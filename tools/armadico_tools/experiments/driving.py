@@ -98,6 +98,7 @@ class Drive:
         """Drive to the end."""
         mesh = self.rehearsal.mesh
         try:
+            self.rehearsal.start()
             self.rehearsal.begin()
         except MissionRefusedError as error:
             self.refused = error.reason

@@ -157,7 +157,7 @@ class Inflictor:
         while len(there) > wanted:
             there.pop(0).kill()
         for _ in range(wanted - len(there)):
-            self._rehearsal.start(name)
+            self._rehearsal.enter(name)
 
     def _crash(self, fault: Fault, begins: bool) -> None:
         for name in fault.whom:
