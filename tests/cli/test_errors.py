@@ -2,17 +2,21 @@
 
 from __future__ import annotations
 
+import errno
 import os
 import resource
 import signal
 import subprocess
 import sys
 from pathlib import Path
+from types import SimpleNamespace
+from typing import Any
 
 import pytest
 
 from armadico import cli
-from armadico.cli import options
+from armadico.cli import goto, options
+from armadico.core.messages import Cycle, RobotState, Stop
 from tests.programs import BIN, SOON, Done, call
 
 SCENARIO = 'world = "sc1"\nstart = [0, 0, 0]\ngoal = [1, 0, 0]\n'
@@ -157,6 +161,21 @@ def test_a_file_without_an_end_is_no_configuration(capsys: pytest.CaptureFixture
     assert "no configuration" in capsys.readouterr().err
 
 
+def test_tables_on_a_full_disk_are_named_and_not_what_they_are_made_of(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    pytest.importorskip("mcap")
+
+    def full(*_: object) -> None:
+        raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC))
+
+    monkeypatch.setattr("armadico.observe.export.rows", full)
+    recording = tmp_path / "run.mcap"
+    recording.touch()
+    assert cli.main(["export", str(recording), "--to", "csv"]) == options.FAILED
+    assert f"{tmp_path}/run-csv: No space left on device" in capsys.readouterr().err
+
+
 # Limits, Ctrl-C, characters -----------------------------------------------------------------------
 
 
@@ -208,3 +227,19 @@ def test_what_an_error_quotes_does_not_control_the_terminal(
 ) -> None:
     assert cli.main(["run", "--world", "a\x1b[31m.map", "--goal", "1", "1", "0"]) == options.USAGE
     assert "\x1b" not in capsys.readouterr().err
+
+
+@pytest.mark.parametrize(
+    ("stop", "says"),
+    [
+        (Stop(1, True, "you", 1), "the robot is stopped by you"),
+        (Stop(2, False, "you", 1), "the robot drives on"),
+        (None, "the robot drives on"),
+    ],
+)
+def test_whoever_stops_waiting_is_told_what_the_robot_does(stop: Stop | None, says: str) -> None:
+    state = None
+    if stop is not None:
+        state = RobotState(Cycle(1, 1), 0, 0, 0, 0, 0, 12, True, False, stop)
+    client: Any = SimpleNamespace(latest=lambda _: state)
+    assert goto._left_behind(client).startswith(says)
