@@ -94,7 +94,9 @@ def parser() -> argparse.ArgumentParser:
             name, nargs=3, type=float, metavar=("X", "Y", "DEG"), help=f"{text}: m, m, degrees"
         )
     made.add_argument("--virtual", action="store_true", help="one process, under a virtual clock")
-    made.add_argument("--seed", type=int, metavar="N", help="seed of all that is random (default: 0)")
+    made.add_argument(
+        "--seed", type=int, metavar="N", help="seed of all that is random (default: 0)"
+    )
     made.add_argument(
         "--controller", metavar="NAME", help="of agents that have several: fast, precise, ..."
     )
