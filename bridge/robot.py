@@ -41,6 +41,9 @@ PULSE_S = 0.5
 HEALTHY_S = 0.5
 """The watchdog is fed only while status packets keep coming at least this often."""
 
+PATIENCE_S = 10.0
+"""A port that is not there by then, s, is worth more than a word in passing."""
+
 AT_REST_M_S = 0.02
 """Rims slower than this rest."""
 
@@ -92,6 +95,7 @@ class Robot(DeviceAgent):
         self.cycles.period = self.profile.p2os.cycle_s
         self._counter = CycleCounter(self.rng.getrandbits(63), self.cycles.period)
         self._session: Session | None = None
+        self._awaited = ""  # before the port was ever open: why it is not
         self._speeds = (0.0, 0.0)  # measured, m/s and rad/s
         self._moving = False  # whether the controller was last told to move
         self._reported_at = float("-inf")
@@ -119,6 +123,11 @@ class Robot(DeviceAgent):
 
     def on_link(self, up: bool, why: str) -> None:
         """The port was opened, or is gone."""
+        if not up and self._session is None:  # started before it, as anybody may be
+            self._awaited = f"waiting for the port {self.p.port}: {why}"
+            self.log(self._awaited)
+            self.wake_at(self.now + PATIENCE_S)
+            return
         self._openings += up
         told = self._openings in TOLD or not self._openings
         if not up:
@@ -145,6 +154,7 @@ class Robot(DeviceAgent):
     def on_wakeup(self) -> None:
         """Time-outs: of the session, of the last valid command, of the watchdog."""
         if self._session is None:
+            self.log(f"still {self._awaited}", WARNING)
             return
         self._take(self._session.tick(self.now))
         if self._healthy and self.now - self._pulsed_at >= PULSE_S:

@@ -132,7 +132,7 @@ def zones() -> Zones:
 
     found: dict[str, Callable[[float], float]] = {}
     for name in installed(AGENTS):
-        with suppress(ImportError, TypeError):  # somebody else's, and broken: not ours to mend
+        with suppress(ImportError):  # somebody else's, and broken: not ours to mend
             found |= agent_class(name).borders
     return found
 

@@ -26,6 +26,9 @@ OK, NOTE, WRONG = "ok", "note", "wrong"
 CONTROLLER_PORT: Final = 8101
 """Where `armadico sim` and MobileSim stand in for a robot's controller."""
 
+LONGEST: Final = 60
+"""Characters of a command line that are shown; who it is stands at its beginning."""
+
 REACH_S: Final = 0.5
 """A host that does not answer within this is not reached."""
 
@@ -144,7 +147,7 @@ def ports() -> Iterator[Finding]:
         owner = listener(port)
         if owner is None:
             yield Finding(f"port {port}", OK, "is free")
-        elif "armadico" in owner:
+        elif owner.startswith("armadico"):
             yield Finding(f"port {port}", OK, f"is an agent's: {owner}")
         else:
             todo = "other ports can be named: ARMADICO_ENDPOINTS, or a host table"
@@ -167,10 +170,18 @@ def listener(port: int) -> str | None:
         for found in psutil.net_connections("tcp"):
             if found.status == psutil.CONN_LISTEN and found.laddr.port == port and found.pid:
                 process = psutil.Process(found.pid)
-                return f"{' '.join(process.cmdline())[-60:]} (pid {found.pid})"
+                return f"{called(process.cmdline())} (pid {found.pid})"
     except psutil.Error:
         pass
     return "somebody whose process cannot be seen from here"
+
+
+def called(words: Sequence[str]) -> str:
+    """A command line as somebody would type it: of ours without the Python that runs it."""
+    names = [Path(word).name for word in words]
+    at = next((at for at, name in enumerate(names) if name.startswith("armadico")), 0)
+    text = " ".join([*names[at : at + 1], *words[at + 1 :]])
+    return text if len(text) <= LONGEST else f"{text[:LONGEST]}..."
 
 
 def serial_ports(folder: Path = Path("/dev")) -> Iterator[Finding]:

@@ -8,9 +8,10 @@ import os
 import signal
 import sys
 from collections.abc import Callable, Iterator, Sequence
-from contextlib import AbstractContextManager, contextmanager, nullcontext
+from contextlib import AbstractContextManager, contextmanager, nullcontext, suppress
 from dataclasses import replace
 from functools import partial
+from importlib.util import find_spec
 from math import inf, isfinite
 from pathlib import Path
 from typing import TYPE_CHECKING, Final
@@ -75,7 +76,9 @@ def main(argv: Sequence[str]) -> int:
         _print_json(results, several=args.runs is not None)
     else:
         _show(scenario.name, results)
-    return 0 if all(result.passed for result in results) else options.FAILED
+    asked = [_picture(args, scenario, seed) for seed in seeds if args.plot is not None]
+    drawn = all(path is None or path.is_file() for path in asked)
+    return 0 if drawn and all(result.passed for result in results) else options.FAILED
 
 
 def parser() -> argparse.ArgumentParser:
@@ -99,7 +102,9 @@ def parser() -> argparse.ArgumentParser:
         "--for", dest="limit", type=float, metavar="S", help="time limit; without a goal: 60"
     )
     made.add_argument("--virtual", action="store_true", help="one process, under a virtual clock")
-    made.add_argument("--seed", type=int, metavar="N", help="of all that is random (default: 0)")
+    made.add_argument(
+        "--seed", type=int, metavar="N", help="seed of all that is random (default: 0)"
+    )
     made.add_argument(
         "--controller", metavar="NAME", help="of agents that have several: fast, precise, ..."
     )
@@ -314,8 +319,10 @@ def _virtual(args: argparse.Namespace, scenario: Scenario, chosen: Options) -> R
     from armadico.launch.virtual import Rehearsal  # noqa: PLC0415 - not for --help
 
     rehearsal = Rehearsal(scenario, chosen)
+    first = args.runs is None or chosen.seed == _seeds(args, scenario)[0]
+    told = _say if first else None  # of a series once: every seed would say the same
     with _recording(args, rehearsal), _progress(args, scenario, chosen.seed) as show:
-        rehearsal.run(show)
+        rehearsal.run(show, told)
     return rehearsal.watch
 
 
@@ -444,6 +451,7 @@ def remark(watch: RunWatch) -> str:
 def _show(scenario: str, results: Sequence[Result]) -> None:
     """The table of measures, a row for each run."""
     from rich.console import Console  # noqa: PLC0415 - not for --help
+    from rich.markup import escape  # noqa: PLC0415 - not for --help
     from rich.table import Table  # noqa: PLC0415 - not for --help
 
     passed = sum(result.passed for result in results)
@@ -454,7 +462,7 @@ def _show(scenario: str, results: Sequence[Result]) -> None:
     elif results[0].collisions:
         verdict += f", {results[0].collisions} COLLISION(S)"
     table = Table(
-        title=f"{scenario}: {verdict}",
+        title=escape(options.shown(f"{scenario}: {verdict}")),
         caption="TD FO TT P, and by agent its share of the cycles, as in thesis 5.1; exchanges,"
         " collisions, least clearance",
         padding=(0, 0),
@@ -497,6 +505,9 @@ def _print_json(results: Sequence[Result], *, several: bool) -> None:
     print(json.dumps(rows if several else rows[0]))
 
 
+NOTHING_DRAWS: Final = "no picture: matplotlib is missing; pip install 'armadico[plot]'"
+
+
 def _picture(args: argparse.Namespace, scenario: Scenario, seed: int) -> Path | None:
     """Where the picture goes: as asked for; a live run leaves one without being asked."""
     path: Path | None = args.plot
@@ -507,11 +518,12 @@ def _picture(args: argparse.Namespace, scenario: Scenario, seed: int) -> Path | 
 
 
 def _check_picture(path: Path | None) -> None:
-    """Whether it can be written is said before the robot moves. Raises FailedError."""
+    """Whether it can be drawn and written is said before the robot moves. Raises FailedError."""
     if path is None:
         return
+    if find_spec("matplotlib") is None:
+        raise FailedError(NOTHING_DRAWS)
     try:
-        path.parent.mkdir(parents=True, exist_ok=True)
         new = not path.exists()
         path.open("ab").close()
         if new:
@@ -525,8 +537,10 @@ def _plot(path: Path, run: Run) -> None:
     try:
         run.plot(path)
     except ImportError:
-        _say("no picture: matplotlib is missing; pip install 'armadico[plot]'")
-    except OSError as error:  # one that was asked for has been tried before the run
+        _say(NOTHING_DRAWS)
+    except OSError as error:
+        with suppress(OSError):
+            path.unlink()  # half a picture is none
         _say(f"no picture: cannot write {path}: {error.strerror}")
     else:
         _say(f"picture: {path}")

@@ -15,6 +15,8 @@ from typing import Annotated, Literal
 from msgspec import Meta, Struct, field
 from msgspec.structs import replace
 
+from armadico.config.discovery import AGENTS, UnknownNameError
+from armadico.config.discovery import find as find_installed
 from armadico.config.errors import ConfigError, advice
 from armadico.config.lines import line_of
 from armadico.config.loading import document, load, parse, read_text
@@ -81,7 +83,7 @@ def load_scenario(name_or_path: str | Path) -> Scenario:
         scenario, world=beside(path, scenario.world), robot=beside(path, scenario.robot)
     )
     world = _world(scenario, path, text)
-    for key, message in _faults(scenario, world):
+    for key, message in (*_strangers(scenario), *_faults(scenario, world)):
         raise ConfigError(message, path, line_of(text, key))
     return replace(scenario, name=scenario.name or path.stem)
 
@@ -106,6 +108,15 @@ def beside(file: Path, name: str) -> str:
     if not path.suffix and path.name == name:
         return name  # of something that is shipped
     return str((file.parent / path.expanduser()).resolve())
+
+
+def _strangers(scenario: Scenario) -> Iterator[tuple[tuple[str | int, ...], str]]:
+    """Agents that are not installed, each with its key."""
+    for index, name in enumerate(scenario.agents):
+        try:
+            find_installed(AGENTS, name)
+        except UnknownNameError as error:
+            yield ("agents", index), str(error)
 
 
 def _world(scenario: Scenario, path: Path, text: str) -> World:

@@ -164,6 +164,7 @@ def run(
     Raises:
         ConfigError: The scenario, or something in it, cannot be used; the text has file and line.
         UnknownNameError: No such agent is installed.
+        AgentFailedError: An agent's own code raised, in a virtual run; with file and line.
         MissionRefusedError: There is no way, or the robot's pose is not known.
         AbsentError: No agent that takes missions is alive.
         RunFailedError: A process did not start, or the robot is silent; with its last log lines.
@@ -195,19 +196,19 @@ def run(
         goal=None if goal is None else (goal[0], goal[1], degrees(goal[2])),
         profile=profile,
     )
+    warnings: list[str] = []
     if virtual:
         from armadico.launch.virtual import Rehearsal  # noqa: PLC0415 - it loads the virtual mesh
 
         rehearsal = Rehearsal(chosen, options)
         for kind in joins:
             rehearsal.add(kind)
-        rehearsal.run(progress)
-        return Run.of(chosen, rehearsal.watch)
+        rehearsal.run(progress, warnings.append)
+        return Run.of(chosen, rehearsal.watch, warnings)
     from armadico.launch.local import Launcher  # noqa: PLC0415 - and this one Zenoh
     from armadico.runtime.client import connect as joined  # noqa: PLC0415
 
     joining = [word for endpoint in connect for word in ("--connect", endpoint)]
-    warnings: list[str] = []
     with (
         joined(namespace, connect=connect) as guest,
         Launcher(chosen, options, guest.mesh, guest.mesh.namespace, joining=joining) as live,

@@ -108,7 +108,8 @@ class Launcher(LiveRun):
         if there:
             raise RunFailedError(
                 f"a robot is in the namespace {self._namespace!r} already: {there[0][1]}"
-                " (armadico ps shows whose); --attach drives with it, --namespace NAME without"
+                " (armadico ps shows whose); --attach drives with it, --namespace NAME without;"
+                " `armadico down` ends what a killed run has left"
             )
 
     def _refuse_a_second_robot(self) -> None:
@@ -187,7 +188,7 @@ class Launcher(LiveRun):
                     self._check_alive()
                 self._warn(
                     f"{process.name} is gone ({ending(process.popen.returncode)});"
-                    f" its last words:\n{process.last_words()}"
+                    f" its last words, of {process.log}:\n{process.last_words()}"
                 )
         super().look()
 

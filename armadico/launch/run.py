@@ -59,6 +59,7 @@ class Run:
         self.watch = watch(scenario, options)
         self.limit = time_limit(0.0, options)
         self._warn: Callable[[str], None] = lambda _: None
+        self._warned = ""
 
     def start(self) -> None:
         """See that all agents are alive. Raises RunFailedError if one is not."""
@@ -108,6 +109,14 @@ class Run:
         """Called at each step, s after the beginning. Raises RunFailedError if it cannot go on."""
         return True
 
+    def pass_on(self, key: str, message: Message) -> None:
+        """Pass on what an agent logs of faults, with whose it is; nothing twice running."""
+        if isinstance(message, Log) and message.level >= WARNING and message.text != self._warned:
+            self._warned = message.text
+            name = key.rpartition("/")[2].rpartition("-")[0]
+            said = message.text.startswith(name)
+            self._warn(message.text if said else f"{name}: {message.text}")
+
 
 class LiveRun(Run):
     """A run over a real mesh; a context manager, since whoever leaves it has something to leave."""
@@ -137,9 +146,8 @@ class LiveRun(Run):
         self.names = names(scenario, options.without)
         self._silent_s = silent_s
         self._idle_s = idle_s
-        self._warned = ""
         self.client.listen(*WATCHED, then=self.watch.show)
-        self.client.listen(Log, then=self._pass_on)
+        self.client.listen(Log, then=lambda log, _: self.pass_on(self.client.key, log))
 
     def __enter__(self) -> Self:
         return self
@@ -200,11 +208,3 @@ class LiveRun(Run):
             f" {'is' if len(missing) == 1 else 'are'} gone: the run is over"
         )
         return True
-
-    def _pass_on(self, message: Message, _now: float) -> None:
-        """Pass on what an agent logs of faults, with whose it is."""
-        if isinstance(message, Log) and message.level >= WARNING and message.text != self._warned:
-            self._warned = message.text
-            name = self.client.key.rpartition("/")[2].rpartition("-")[0]
-            said = message.text.startswith(name)
-            self._warn(message.text if said else f"{name}: {message.text}")

@@ -71,8 +71,7 @@ def prepared(
             profile_of(profile) or scenario.robot,
         )
         scenario = replace(scenario, start=checked.start, goal=checked.goal, robot=checked.robot)
-    given = load_set(options.parameters) if options.parameters else {}
-    for name in (*scenario.agents, *options.without, *given):
+    for name in (*scenario.agents, *options.without):
         find(AGENTS, name)
     _, *others = names(scenario)
     for name in options.without:

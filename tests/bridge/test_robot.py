@@ -12,8 +12,8 @@ from msgspec.structs import replace
 from armadico.bridge.p2os.commands import SYNC0, Cmd, command
 from armadico.bridge.p2os.packets import encode
 from armadico.bridge.p2os.status import Status, encode_status
-from armadico.bridge.robot import PULSE_S, Parameters, Robot
-from armadico.core.agent import REPORT_S, Identity
+from armadico.bridge.robot import PATIENCE_S, PULSE_S, Parameters, Robot
+from armadico.core.agent import ERROR, INFO, REPORT_S, WARNING, Identity
 from armadico.core.cycles import LISTEN
 from armadico.core.messages import (
     JUMP,
@@ -568,6 +568,25 @@ def driven(ready: Bench) -> RobotState:
         before = ready.status(left_m_s=0.5, right_m_s=0.5)
     assert before.x == pytest.approx(1.5, abs=0.01)
     return before
+
+
+def test_a_port_that_is_not_there_yet_is_waited_for_and_only_said_to_be_gone_later() -> None:
+    bench = Bench()
+    bench.unplug()
+    bench.let_pass(PATIENCE_S - 1.0)
+    logs = [message for _, message in bench.said if isinstance(message, Log)]
+    assert [(log.level, log.text) for log in logs] == [
+        (INFO, "waiting for the port memory:: pulled out")
+    ]
+    bench.let_pass(2.0)
+    _, late = (message for _, message in bench.said if isinstance(message, Log))
+    assert (late.level, late.text) == (WARNING, f"still {logs[0].text}")
+    bench.connect()
+    bench.unplug()
+    assert any(
+        isinstance(message, Log) and message.level == ERROR and "is gone" in message.text
+        for _, message in bench.said
+    )
 
 
 def test_a_port_that_comes_back_is_closed_first_and_keeps_the_pose(ready: Bench) -> None:

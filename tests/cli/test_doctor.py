@@ -107,3 +107,23 @@ def test_clocks_are_among_the_findings(
     armadico(["doctor", "--json", "--namespace", "doctor-test"])
     findings = {f["subject"]: f for f in json.loads(capsys.readouterr().out)}
     assert findings["clocks"]["verdict"] == "ok"
+
+
+@pytest.mark.parametrize(
+    ("words", "said"),
+    [
+        (["/x/.venv/bin/python", "/x/.venv/bin/armadico-agent", "goto"], "armadico-agent goto"),
+        (["/usr/bin/python3", "-P", "-m", "armadico", "agent", "goto"], "armadico agent goto"),
+        (["/x/python", "-m", "armadico.child", "1", "15"], "armadico.child 1 15"),
+        (["/usr/sbin/sshd", "-D"], "sshd -D"),
+        ([], ""),
+    ],
+)
+def test_who_has_a_port_is_called_as_it_was_typed(words: list[str], said: str) -> None:
+    assert doctor.called(words) == said
+
+
+def test_a_long_command_line_is_cut_at_its_end() -> None:
+    long = ["python", "/x/armadico-agent", "encoder", *("--set", "x=3.4") * 20]
+    assert doctor.called(long).startswith("armadico-agent encoder --set x=3.4")
+    assert doctor.called(long).endswith("...")

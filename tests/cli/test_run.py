@@ -170,9 +170,10 @@ def test_a_picture_that_cannot_be_written_is_said_before_the_robot_moves(
     assert f"cannot write the picture {path}" in errors
 
 
-def test_a_picture_gets_its_folder_and_nothing_is_left_of_a_run_that_failed(
+def test_a_picture_goes_to_a_folder_and_nothing_is_left_of_a_run_that_failed(
     capsys: Captured,
 ) -> None:
+    Path("new").mkdir()
     refused = run(capsys, *VIRTUAL, "--without", "encoder", "--plot", "new/refused.png")
     assert refused[0] == 1
     assert list(Path("new").iterdir()) == []

@@ -6,13 +6,13 @@ import argparse
 import json
 import shlex
 from collections.abc import Sequence
-from pathlib import Path
 from typing import TYPE_CHECKING, Final
 
 from armadico.cli import options
 from armadico.cli.options import FailedError, UsageError
 from armadico.config.discovery import unknown
 from armadico.config.errors import ConfigError
+from armadico.config.loading import read_text
 from armadico_tools.command_options import (
     add_jobs,
     add_json,
@@ -124,10 +124,9 @@ def _repeat(given: str, *, as_json: bool) -> int:
     text = given
     if not given.lstrip().startswith("{"):
         try:
-            text = Path(given).read_text(encoding="utf-8")
-        except (OSError, UnicodeDecodeError) as error:
-            why = error.strerror if isinstance(error, OSError) else "not text"
-            raise ConfigError(f"{given}: neither a case as JSON nor a file of one: {why}") from None
+            text = read_text(given)
+        except ConfigError as error:
+            raise ConfigError(f"neither a case as JSON nor a file of one: {error}") from None
     outcome = workload.run(plan.loads(text))
     if as_json:
         print(
