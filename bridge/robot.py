@@ -20,6 +20,7 @@ from armadico.core.agent import ERROR, WARNING, DeviceAgent
 from armadico.core.cycles import CycleCounter
 from armadico.core.geometry import wrap
 from armadico.core.messages import (
+    LABEL,
     Cycle,
     Description,
     Echo,
@@ -81,6 +82,7 @@ class Robot(DeviceAgent):
         self._reported_at = float("-inf")
         self._pulsed_at = float("-inf")
         self._described = 0  # cycles since the last description
+        self._controller = ""  # as it names itself
         self._ordered = (0.0, 0.0)  # what was last obeyed, m/s and rad/s
         self._reflex = Reflex(self.profile)
         self._unheard = 0  # cycles since a sonar fired
@@ -145,6 +147,8 @@ class Robot(DeviceAgent):
             elif isinstance(event, Connected):
                 who = f"{event.name} ({event.class_name} {event.subclass})"
                 self.log(f"connected to {who} on {self.p.port}")
+                self._controller = "".join(filter(str.isprintable, event.name))[:LABEL]
+                self._described = 0
             elif isinstance(event, LinkLost):
                 self._moving = False
                 self.log(f"the controller is silent: {event.reason}; trying again", ERROR)
@@ -220,6 +224,7 @@ class Robot(DeviceAgent):
             w_decel=limits.w_decel,
             silence_s=WHEELS.silence(p2os.cycle_s),
             watchdog_s=p2os.watchdog_s,
+            controller=self._controller,
         )
 
     def _insist(self, left: float, right: float) -> None:

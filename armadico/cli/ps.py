@@ -123,6 +123,7 @@ def _of_host(
 def _plain(view: View, hosts: Sequence[HostState]) -> dict[str, Any]:
     return {
         "agents": [_plain_card(agent) for agent in view.agents],
+        "doubled": view.doubled,
         "hosts": [
             {
                 "name": host.name,
@@ -186,6 +187,8 @@ def _show(
         table.add_row(*row)
     if view.alive:
         Console().print(table)
+    for key, whose in view.doubled.items():
+        print(options.shown(f"{key} is published by {' and '.join(whose)}: end one"))
     for host in hosts:
         if everyone or host.skew:
             print(options.shown(f"{host.name}: {host.state}{'; ' if host.skew else ''}{host.skew}"))

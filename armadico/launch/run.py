@@ -67,6 +67,7 @@ class LiveRun:
         self._idle_s = idle_s
         self._warn: Callable[[str], None] = lambda _: None
         self._warned = ""
+        self._strangers: set[str] = set()
         self.client.listen(*WATCHED, then=self.watch.show)
         self.client.listen(Log, then=self._pass_on)
 
@@ -117,7 +118,23 @@ class LiveRun:
         return self.watch.result()
 
     def look(self) -> None:
-        """Called now and then while it runs. Raises RunFailedError if the robot is silent."""
+        """Called now and then while it runs.
+
+        Raises RunFailedError if the robot is silent, or another one has come in its place.
+        """
+        if self.watch.mixed:
+            raise RunFailedError(
+                f"the robot's controller is {self.watch.mixed} now, and was another one when the"
+                " run began: what was measured is of two robots"
+            )
+        for name in self.watch.view.strangers(self.client.mesh.now()):
+            if name not in self._strangers:
+                self._strangers.add(name)
+                self._warn(
+                    f"another simulator speaks in the namespace {self.client.mesh.namespace!r}:"
+                    f" {name or 'of an older version'}; it is not this run's, and nothing of it is"
+                    " counted"
+                )
         if self.client.age(RobotState) > self._silent_s:
             raise RunFailedError(
                 f"the robot has said nothing for {self._silent_s:g} s; {self.words_of_the_robot()}"
@@ -136,7 +153,8 @@ class LiveRun:
             kinds.append(Pose)
         state = self.client.latest(RobotState)
         listens = state is None or state.cycle.number <= LISTEN  # and refuses, meanwhile
-        return not listens and all(self.client.age(kind) < 1.0 for kind in kinds)
+        described = self.watch.view.description is not None  # and whose truth is the robot's
+        return described and not listens and all(self.client.age(kind) < 1.0 for kind in kinds)
 
     def _missing(self) -> list[str]:
         """Who takes part and has no token."""

@@ -18,6 +18,7 @@ from armadico.core.messages import (
     Ack,
     Claim,
     Command,
+    Description,
     Message,
     MissionState,
     MissionStatus,
@@ -34,6 +35,7 @@ REACHED_M = 0.15
 REACHED_RAD = radians(5.0)
 
 WATCHED: tuple[type[Message], ...] = (
+    Description,
     Truth,
     RobotState,
     Ack,
@@ -122,6 +124,7 @@ class RunWatch:
     _cycles: dict[str, int] = field(default_factory=dict)
     _last_holder: str | None = None
     _collisions_before: int = 0
+    _controller: str = ""
     _began: float | None = None
 
     def begin(self, mission: int) -> None:
@@ -160,6 +163,12 @@ class RunWatch:
         return None if at is None else (at.x, at.y, at.theta)
 
     @property
+    def mixed(self) -> str:
+        """Another robot's controller, if one has taken this one's place since the run began."""
+        now = self.view.controller
+        return now if self._began is not None and now != self._controller else ""  # "": unknown
+
+    @property
     def astray(self) -> float | None:
         """How far a pose that says the goal is reached is from the truth, m; None if it is not."""
         pose, truth = self.view.pose, self.view.truth
@@ -193,6 +202,8 @@ class RunWatch:
         )
 
     def _take_truth(self, truth: Truth) -> None:
+        if truth is not self.view.truth:
+            return  # another simulator's
         self._mark(truth.t, (truth.x, truth.y, truth.theta))
         if truth.clearance is not None:
             least = truth.clearance if self.clearance is None else self.clearance
@@ -204,7 +215,7 @@ class RunWatch:
 
     def _mark(self, t: float, at: Pose2) -> None:
         if self._began is None:
-            self._began, self.start = t, at
+            self._began, self.start, self._controller = t, at, self.view.controller
             self._collisions_before = truth.collisions if (truth := self.view.truth) else 0
         elif self.path:
             self.distance += hypot(at[0] - self.path[-1].x, at[1] - self.path[-1].y)
