@@ -16,7 +16,7 @@ from armadico.core.agent import WARNING
 from armadico.core.cycles import LISTEN
 from armadico.core.messages import Claim, Log, Message, Pose, RobotState
 from armadico.core.resources import WHEELS
-from armadico.launch.society import Options, mission, names, time_limit, watch
+from armadico.launch.society import LIVE, Options, mission, names, time_limit, watch
 from armadico.mesh.base import Mesh
 from armadico.observe.measures import WATCHED, Result, RunWatch
 from armadico.runtime.client import Client
@@ -37,6 +37,8 @@ IDLE_S = 15.0
 
 class LiveRun:
     """A run that is watched; a context manager, since whoever leaves it has something to leave."""
+
+    mode: str = LIVE
 
     def __init__(
         self,
@@ -61,7 +63,7 @@ class LiveRun:
         self.options = options
         self.names = names(scenario, options.without)
         self.client = Client(mesh)
-        self.watch = watch(scenario, options)
+        self.watch = watch(scenario, options, self.mode, mesh.namespace)
         self.limit = time_limit(0.0)
         self._silent_s = silent_s
         self._idle_s = idle_s

@@ -10,7 +10,7 @@ from armadico.config.loading import load_parameters
 from armadico.config.scenarios import Scenario, society
 from armadico.core.agent import Agent, DeviceAgent
 from armadico.core.messages import Message, MissionReply
-from armadico.launch.society import Options, members, mission, time_limit, watch
+from armadico.launch.society import VIRTUAL, Options, members, mission, time_limit, watch
 from armadico.mesh.virtual import Node, VirtualMesh
 from armadico.mesh.virtual_network import Clock
 from armadico.observe.measures import WATCHED, Result, RunWatch
@@ -41,7 +41,7 @@ class Rehearsal:
         """
         self.scenario = scenario
         self.mesh = VirtualMesh(options.seed) if mesh is None else mesh
-        self.watch = watch(scenario, options)
+        self.watch = watch(scenario, options, VIRTUAL)
         self.limit = time_limit(0.0)
         self.mesh.watch(lambda _key, message, now: self.watch.show(message, now), *WATCHED)
         factory = find(SIMULATORS, society().simulator).load()

@@ -29,6 +29,7 @@ from armadico.core.messages import (
     Truth,
 )
 from armadico.core.resources import WHEELS
+from armadico.observe.conditions import Conditions
 from armadico.observe.view import View, agent_of
 
 REACHED_M = 0.15
@@ -67,6 +68,7 @@ class Result(Struct, frozen=True):
     exchanges: int
     collisions: int | None
     min_clearance_m: float | None
+    conditions: Conditions | None = None
 
     @property
     def passed(self) -> bool:
@@ -110,6 +112,7 @@ class RunWatch:
     scenario: str
     goal: Pose2
     seed: int | None = None
+    conditions: Conditions | None = None
     path: list[Mark] = field(default_factory=list)
     echoes: list[tuple[float, float]] = field(default_factory=list)
     waypoints: tuple[Pose2, ...] = ()
@@ -199,6 +202,7 @@ class RunWatch:
             exchanges=self.exchanges,
             collisions=truth.collisions - self._collisions_before if truth else None,
             min_clearance_m=None if self.clearance is None else round(self.clearance, 3),
+            conditions=self.conditions,
         )
 
     def _take_truth(self, truth: Truth) -> None:

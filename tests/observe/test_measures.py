@@ -41,6 +41,7 @@ KEYS = [
     "exchanges",
     "collisions",
     "min_clearance_m",
+    "conditions",
 ]
 
 

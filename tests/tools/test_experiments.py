@@ -14,6 +14,7 @@ import pytest
 from armadico.cli import pool
 from armadico.cli.options import FailedError, UsageError
 from armadico.config.scenarios import load_scenario
+from armadico.observe.conditions import software
 from armadico_tools.commands.experiment import main
 from armadico_tools.experiments import EXPERIMENTS, base, module, published, statistics, store
 from armadico_tools.experiments.base import Context
@@ -31,12 +32,12 @@ FAST = Cell("sc1 fast", "sc1", controller="fast", without=("gothrough",))
 
 def context(folder: Path, runs: int = 1, jobs: int = 1) -> Context:
     folder.mkdir(parents=True, exist_ok=True)
-    return Context(out=folder, runs=runs, jobs=jobs, source="here", commit="abc")
+    return Context(out=folder, runs=runs, jobs=jobs, source="here")
 
 
 def about(runs: int = 2, first_seed: int = 1000, source: str = "s") -> store.About:
     return store.About(
-        experiment="x", first_seed=first_seed, runs=runs, source=source, commit="abc"
+        experiment="x", first_seed=first_seed, runs=runs, source=source, software=software()
     )
 
 
