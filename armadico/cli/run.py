@@ -16,6 +16,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Final
 
 from armadico.cli import options
+from armadico.cli.measures import show, statistics
 from armadico.cli.options import FailedError, UsageError
 
 if TYPE_CHECKING:
@@ -72,7 +73,7 @@ def main(argv: Sequence[str]) -> int:
     if args.json:
         _print_json(results, several=args.runs is not None)
     else:
-        _show(scenario.name, results)
+        show(scenario.name, results)
     return 0 if all(result.passed for result in results) else options.FAILED
 
 
@@ -110,7 +111,11 @@ def parser() -> argparse.ArgumentParser:
         help="live: agents that share one process; may be repeated",
     )
     made.add_argument("--runs", type=int, metavar="N", help="so many, with one seed after another")
-    made.add_argument("--json", action="store_true", help="one JSON object on stdout")
+    made.add_argument(
+        "--json",
+        action="store_true",
+        help="one JSON object on stdout; of several runs: runs, mean, deviation",
+    )
     made.add_argument("--plot", metavar="FILE", type=Path, help="where the picture goes (PNG)")
     made.add_argument("--no-plot", action="store_true", help="no picture")
     made.add_argument(
@@ -395,59 +400,11 @@ def remark(watch: RunWatch) -> str:
 # What came of it ----------------------------------------------------------------------------------
 
 
-def _show(scenario: str, results: Sequence[Result]) -> None:
-    """The table of measures, a row for each run."""
-    from rich.console import Console  # noqa: PLC0415 - not for --help
-    from rich.table import Table  # noqa: PLC0415 - not for --help
-
-    passed = sum(result.passed for result in results)
-    verdict = "reached" if results[0].reached else "NOT reached"
-    if len(results) > 1:
-        verdict = f"{passed} of {len(results)} runs reached the goal without a collision"
-    elif results[0].collisions:
-        verdict += f", {results[0].collisions} COLLISION(S)"
-    table = Table(
-        title=f"{scenario}: {verdict}",
-        caption="TD FO TT P, and by agent its share of the cycles, as in thesis 5.1; exchanges,"
-        " collisions, least clearance",
-        padding=(0, 0),
-    )
-    driving = sorted({name for result in results for name in result.shares})
-    titles = [title for title, _ in ROWS]
-    at = titles.index("exch.")
-    titles[at:at] = [f"{options.shown(name)} %" for name in driving]
-    for title in titles:
-        table.add_column(title, justify="right", no_wrap=True)
-    for result in results:
-        cells = [_cell(getattr(result, field)) for _, field in ROWS]
-        cells[at:at] = [_cell(result.shares.get(name, 0.0)) for name in driving]
-        table.add_row(*cells, style=None if result.passed else "bold red")
-    Console().print(table)
-
-
-ROWS: Final = (
-    ("seed", "seed"),
-    ("TD m", "td_m"),
-    ("FO deg", "fo_deg"),
-    ("TT s", "tt_s"),
-    ("P %", "p_percent"),
-    ("exch.", "exchanges"),
-    ("coll.", "collisions"),
-    ("clear. m", "min_clearance_m"),
-)
-
-
-def _cell(value: float | None) -> str:
-    if value is None:
-        return "-"
-    return str(value) if isinstance(value, int) else f"{value:.2f}"
-
-
 def _print_json(results: Sequence[Result], *, several: bool) -> None:
     import msgspec  # noqa: PLC0415 - not for --help
 
     rows = msgspec.to_builtins(list(results))
-    print(json.dumps(rows if several else rows[0]))
+    print(json.dumps({"runs": rows, **statistics(results)} if several else rows[0]))
 
 
 def _picture(args: argparse.Namespace, scenario: Scenario, seed: int) -> Path | None:

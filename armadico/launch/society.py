@@ -30,9 +30,6 @@ from armadico.observe.measures import RunWatch
 VIRTUAL, LIVE, ATTACHED = "virtual", "live", "attached"
 """How a run is driven."""
 
-FILES = {"name", "title", "seed", "world", "robot"}
-"""Of a scenario, what its hash is not of: what things are called, and what has its own."""
-
 LIMIT_SPEED = 0.3
 LIMIT_FACTOR = 5.0
 LIMIT_LEAST = 60.0
@@ -210,13 +207,14 @@ def conditions(
     """What the run's result depends on besides its seed."""
     taking = names(scenario, options.without)
     driven = {**to_builtins(scenario), "agents": taking}
+    unnamed = replace(scenario, name="", title="", seed=0, world="", robot="", agents=())
     brought = packages(find(AGENTS, name).package for name in taking)
     return Conditions(
         mode=mode,
         namespace=namespace,
         robot=options.robot,
         scenario=driven,
-        scenario_hash=digest({key: driven[key] for key in driven.keys() - FILES}),
+        scenario_hash=digest((unnamed, taking)),
         world_hash=digest(replace(load_world(scenario.world), name="")),
         profile_hash=digest(load_profile(scenario.robot)),
         agents={} if mode == ATTACHED else {m.name: m.sets for m in members(scenario, options, "")},

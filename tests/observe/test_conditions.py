@@ -7,12 +7,14 @@ import shutil
 import subprocess
 from importlib import import_module
 from pathlib import Path
+from types import SimpleNamespace
+from typing import Any
 
 import pytest
 from msgspec.structs import replace
 
 import armadico
-from armadico.config.scenarios import load_scenario
+from armadico.config.scenarios import Scenario, load_scenario
 from armadico.launch.society import Options, conditions
 from armadico.observe import conditions as observed
 from armadico.observe.conditions import Conditions
@@ -20,8 +22,8 @@ from armadico.observe.conditions import Conditions
 SC1 = load_scenario("sc1")
 
 
-def of(options: Options = Options()) -> Conditions:
-    return conditions(SC1, options, "virtual")
+def of(*, scenario: Scenario = SC1, **options: Any) -> Conditions:
+    return conditions(scenario, Options(**options), "virtual")
 
 
 def test_a_run_from_python_says_what_it_depends_on() -> None:
