@@ -26,9 +26,6 @@ WORDS: Final = (
 """By the field of a result: its letters (of the thesis's 5.1, where it has any) and its meaning."""
 
 
-WIDEST: Final = 10_000
-
-
 class Column(NamedTuple):
     """One measure of every run; None: it could not be measured."""
 
@@ -83,8 +80,7 @@ def show(scenario: str, results: Sequence[Result]) -> None:
     console = Console()
     found = list(columns(results))
     table = _down(results, found)
-    anywhere = console.options.update(width=WIDEST)
-    if len(results) == 1 or console.measure(table, options=anywhere).maximum > console.width:
+    if len(results) == 1 or not options.fits(table, console):
         table = _stacked(results, found)
     table.title = f"{scenario}: {_verdict(results)}"
     console.print(table)
@@ -129,7 +125,8 @@ def _stacked(results: Sequence[Result], found: Sequence[Column]) -> Table:
     table.columns[0].justify, table.columns[0].no_wrap = "left", False
     for column in found:
         cells = column.values if one else [column.mean, column.deviation]
-        table.add_row(column.words, column.title, *map(_cell, cells))
+        title = "%" if column.agent else column.title
+        table.add_row(column.words, title, *map(_cell, cells))
     return table
 
 

@@ -20,6 +20,8 @@ from armadico.cli.measures import show, statistics
 from armadico.cli.options import FailedError, UsageError
 
 if TYPE_CHECKING:
+    from rich.progress import ProgressColumn
+
     from armadico.config.scenarios import PoseDeg, Scenario
     from armadico.launch.api import Run
     from armadico.launch.run import LiveRun
@@ -353,15 +355,9 @@ def _progress(
         yield _Lines(label).show
         return
     from rich.console import Console  # noqa: PLC0415 - not for --help
-    from rich.progress import BarColumn, Progress, TextColumn, TimeElapsedColumn  # noqa: PLC0415
+    from rich.progress import Progress  # noqa: PLC0415
 
-    columns = (
-        TextColumn("{task.fields[label]}", markup=False),
-        BarColumn(),
-        TimeElapsedColumn(),
-        TextColumn("{task.description}", markup=False),
-    )
-    with Progress(*columns, console=Console(stderr=True), transient=True) as progress:
+    with Progress(*bar(), console=Console(stderr=True), transient=True, expand=True) as progress:
         task = progress.add_task("starting", total=None, label=label)
 
         def show(watch: RunWatch) -> None:
@@ -371,6 +367,18 @@ def _progress(
             progress.update(task, total=whole, completed=whole - to_go, description=remark(watch))
 
         yield show
+
+
+def bar() -> Iterator[ProgressColumn]:
+    """The columns of the progress; the remark is cut off before the name and the bar are."""
+    from rich.progress import BarColumn, TextColumn, TimeElapsedColumn  # noqa: PLC0415
+    from rich.table import Column  # noqa: PLC0415 - not for --help
+
+    yield TextColumn("{task.fields[label]}", markup=False, table_column=Column(no_wrap=True))
+    yield BarColumn(None, table_column=Column(ratio=1))
+    yield TimeElapsedColumn()
+    cut = Column(ratio=4, no_wrap=True, overflow="ellipsis")
+    yield TextColumn("{task.description}", markup=False, table_column=cut)
 
 
 class _Lines:
@@ -394,7 +402,7 @@ def remark(watch: RunWatch) -> str:
         by = options.shown(state.stop.by) or "somebody"
         return f"{to_go}, stopped by {by}; armadico resume releases it"
     holder = options.shown(watch.holder or "nobody")
-    return f"{to_go}, {holder} holds the wheels, {state.v:.2f} m/s, {state.battery_v:.1f} V"
+    return f"{to_go}, {state.v:.2f} m/s, {holder} drives, {state.battery_v:.1f} V"
 
 
 # What came of it ----------------------------------------------------------------------------------
