@@ -1,7 +1,8 @@
-"""One run of a society that is really there: the mission is handed over, and the run watched.
+"""One run: the society starts, the mission is handed over, and the run watched to its end.
 
-Whoever starts the processes, `armadico run` or `armadico up` on any machines, this decides nothing:
-kill it and the society drives on.
+`Run` is the life of every run; what starts the society is `launch.virtual` (in this process, under
+a virtual clock), `launch.local` (processes on this machine) or `launch.attached` (somebody else).
+It decides nothing: kill it and the society drives on.
 """
 
 from __future__ import annotations
@@ -35,10 +36,81 @@ IDLE_S = 15.0
 """A run without a claim for the wheels for so long is over, if an agent is missing."""
 
 
-class LiveRun:
-    """A run that is watched; a context manager, since whoever leaves it has something to leave."""
+class Run:
+    """One run of a scenario; what differs between societies is in its subclasses."""
 
-    mode: str = LIVE
+    mode: str
+    """How it is driven, as its conditions name it."""
+
+    again_s = 0.0
+    """A mission that is refused is asked for again for so long."""
+
+    step_s = 0.2
+    """How often progress is reported and the society looked at."""
+
+    def __init__(self, scenario: Scenario, options: Options, client: Client) -> None:
+        """Prepare.
+
+        Args:
+            scenario: What is driven, and who takes part.
+            options: What else was chosen for the run.
+            client: The guest that hands the mission over.
+        """
+        self.scenario = scenario
+        self.options = options
+        self.client = client
+        self.watch = watch(scenario, options, self.mode, client.mesh.namespace)
+        self.limit = time_limit(0.0)
+        self._warn: Callable[[str], None] = lambda _: None
+
+    def start(self) -> None:
+        """See that all agents are alive. Raises RunFailedError if one is not."""
+        raise NotImplementedError
+
+    def begin(self) -> None:
+        """Hand the mission over. Raises MissionRefusedError or AbsentError."""
+        reply = self.client.hand_over(mission(self.scenario), find=HEAR_S, again=self.again_s)
+        self.limit = time_limit(reply.length)
+        self.watch.begin(reply.mission)
+
+    def run(
+        self,
+        progress: Callable[[RunWatch], None] | None = None,
+        warn: Callable[[str], None] | None = None,
+    ) -> Result:
+        """Drive to the goal or the time limit; `warn` is told who is gone and what goes wrong."""
+        self._warn = warn or self._warn
+        self.start()
+        self.begin()
+        now = self.client.mesh.now
+        begun = now()
+        while not self.watch.done and (elapsed := now() - begun) < self.limit:
+            self.wait(min(self.step_s, self.limit - elapsed))
+            if progress is not None:
+                progress(self.watch)
+            if not self.goes_on(now() - begun):
+                break
+        if self.watch.astray is not None:
+            self._warn(
+                "by its pose the robot is at the goal, and in truth it is not: the pose is"
+                f" {self.watch.astray:.2f} m off"
+            )
+        return self.watch.result()
+
+    def wait(self, seconds: float) -> None:
+        """Let it drive for so long, or until it is done."""
+        self.client.wait_for(lambda: self.watch.done, seconds)
+
+    def goes_on(self, elapsed: float) -> bool:  # noqa: ARG002
+        """Called at each step, s after the beginning. Raises RunFailedError if it cannot go on."""
+        return True
+
+
+class LiveRun(Run):
+    """A run over a real mesh; a context manager, since whoever leaves it has something to leave."""
+
+    mode = LIVE
+    again_s = LINKS_S
 
     def __init__(
         self,
@@ -59,15 +131,10 @@ class LiveRun:
             idle_s: So is one in which nobody has claimed the wheels for so long, if somebody who
                 takes part is missing.
         """
-        self.scenario = scenario
-        self.options = options
+        super().__init__(scenario, options, Client(mesh))
         self.names = names(scenario, options.without)
-        self.client = Client(mesh)
-        self.watch = watch(scenario, options, self.mode, mesh.namespace)
-        self.limit = time_limit(0.0)
         self._silent_s = silent_s
         self._idle_s = idle_s
-        self._warn: Callable[[str], None] = lambda _: None
         self._warned = ""
         self._strangers: set[str] = set()
         self.client.listen(*WATCHED, then=self.watch.show)
@@ -84,40 +151,10 @@ class LiveRun:
     ) -> None:
         """Leave things as they should be left, whatever happened."""
 
-    def start(self) -> None:
-        """See that all agents are alive. Raises RunFailedError if one is not."""
-        raise NotImplementedError
-
-    def begin(self) -> None:
-        """Hand the mission over. Raises MissionRefusedError or AbsentError."""
-        reply = self.client.hand_over(mission(self.scenario), find=HEAR_S, again=LINKS_S)
-        self.limit = time_limit(reply.length)
-        self.watch.begin(reply.mission)
-
-    def run(
-        self,
-        progress: Callable[[RunWatch], None] | None = None,
-        warn: Callable[[str], None] | None = None,
-    ) -> Result:
-        """Drive to the goal or the time limit; `warn` is told who is gone and what goes wrong."""
-        self._warn = warn or self._warn
-        self.start()
-        self.begin()
-        begun = self.client.mesh.now()
-        end = begun + self.limit
-        while not self.watch.done and self.client.mesh.now() < end:
-            self.client.wait_for(lambda: self.watch.done, 0.2)
-            if progress is not None:
-                progress(self.watch)
-            self.look()
-            if self._nobody_can(self.client.mesh.now() - begun):
-                break
-        if self.watch.astray is not None:
-            self._warn(
-                "by its pose the robot is at the goal, and in truth it is not: the pose is"
-                f" {self.watch.astray:.2f} m off"
-            )
-        return self.watch.result()
+    def goes_on(self, elapsed: float) -> bool:
+        """See `Run`."""
+        self.look()
+        return not self._nobody_can(elapsed)
 
     def look(self) -> None:
         """Called now and then while it runs.

@@ -211,7 +211,7 @@ def conditions(
     brought = packages(find(AGENTS, name).package for name in taking)
     return Conditions(
         mode=mode,
-        namespace=namespace,
+        namespace=None if mode == VIRTUAL else namespace,
         robot=options.robot,
         scenario=driven,
         scenario_hash=digest((unnamed, taking)),

@@ -25,6 +25,7 @@ from armadico.launch.virtual import Rehearsal
 from armadico.launch.society import Options
 
 rehearsal = Rehearsal(load_scenario("sc2"), Options(without=("gothrough",)))
+rehearsal.start()
 rehearsal.begin()
 rehearsal.mesh.run(rehearsal.mesh.now + 2.0)
 node = rehearsal.add(WallFollower)

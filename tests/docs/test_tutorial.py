@@ -63,6 +63,7 @@ def test_it_joins_a_run_that_goes_on_and_drives_while_the_others_stay_as_they_we
 ) -> None:
     rehearsal = Rehearsal(load_scenario("sc2"), Options(without=("gothrough",)))
     mesh, watch = rehearsal.mesh, rehearsal.watch
+    rehearsal.start()
     rehearsal.begin()
     mesh.run(FAR, lambda: watch.holder == "goto")
     before = [(node.agent, node.agent.instance) for node in mesh.nodes]

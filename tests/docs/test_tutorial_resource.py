@@ -78,9 +78,10 @@ def test_the_head_moves_smoothly_and_stays_within_its_reach(scenario: Scenario) 
 
 def test_a_second_camera_is_refused_and_told_whose_the_head_is(scenario: Scenario) -> None:
     rehearsal = Rehearsal(scenario, Options(seed=3))
+    rehearsal.start()
     rehearsal.begin()
     first = rehearsal.mesh.node("camera")
-    second = rehearsal.start("camera")
+    second = rehearsal.enter("camera")
     rehearsal.mesh.run(rehearsal.mesh.now + 3.0)
     assert first.alive
     assert not second.alive
@@ -93,6 +94,7 @@ def test_whoever_holds_it_may_be_killed_and_without_its_owner_nobody_bids(
 ) -> None:
     seen = Seen(scenario, Options(seed=3))
     rehearsal = seen.rehearsal
+    rehearsal.start()
     rehearsal.begin()
     mesh = rehearsal.mesh
     mesh.run(60.0, lambda: seen.holders()[-1:] == ["look-there"])

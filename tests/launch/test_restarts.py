@@ -57,6 +57,7 @@ class Drive:
         self.said: list[tuple[float, Any]] = []
         kinds = (Truth, Pose, Command, Claim, RobotState, Obstacles, Stop, Log, MissionStatus)
         self.mesh.watch(self._keep, *kinds, Trajectory, Ack, Origin)
+        self.run.start()
         self.run.begin()
         self.let_pass(seconds)
         assert abs(self.truth().v) > 0.1, "it drives"
@@ -89,7 +90,7 @@ class Drive:
     def restart(self, name: str, away: float = 1.0) -> Node:
         self.mesh.node(name).kill()
         self.let_pass(away)
-        return self.run.start(name)
+        return self.run.enter(name)
 
     def logs(self) -> list[str]:
         return [log.text for log in self.of(Log)]
@@ -188,7 +189,7 @@ def test_a_second_one_of_those_that_must_be_alone_is_refused_and_nothing_happens
 ) -> None:
     drive = Drive()
     first = drive.mesh.node(name)
-    second = second_robot(drive, admit=True) if name == "robot" else drive.run.start(name)
+    second = second_robot(drive, admit=True) if name == "robot" else drive.run.enter(name)
     begun = drive.mesh.now
     drive.let_pass(4.0)
     assert not second.alive
@@ -339,7 +340,7 @@ def test_a_controller_that_zeroes_its_odometry_does_not_move_the_pose(encoder_to
     drive.mesh.node("robot").kill()
     drive.run.robot.receive(command(Cmd.SETO), drive.mesh.now)
     drive.let_pass(1.0)
-    drive.run.start("robot")
+    drive.run.enter("robot")
     drive.let_pass(2.0)
     assert hypot(drive.of(RobotState)[-1].x, drive.of(RobotState)[-1].y) < 0.05, "it was zeroed"
     if encoder_too:

@@ -101,6 +101,7 @@ def driven(scenario: Scenario, options: Options) -> tuple[Rehearsal, list[float]
         speeds.append(message.v)
 
     rehearsal.mesh.watch(keep, Truth)
+    rehearsal.start()
     rehearsal.begin()
     rehearsal.mesh.run(rehearsal.mesh.now + 10.0)
     return rehearsal, speeds

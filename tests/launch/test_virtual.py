@@ -165,6 +165,7 @@ class Faulty:
 
     def drive(self, condition: Callable[[], bool] | None = None) -> None:
         """Begin, and go on until the robot is on its way."""
+        self.rehearsal.start()
         self.rehearsal.begin()
         self.mesh.run(60.0, condition or (lambda: self.truths[-1].v > 0.4))
         assert self.truths[-1].v > 0.1, "it is on its way"

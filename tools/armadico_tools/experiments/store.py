@@ -2,8 +2,8 @@
 
 `runs.csv` is append-only while an experiment runs, one line a run as soon as it is finished, keyed
 by cell, seed and a hash of all that the run depends on; at the end it is put in order. `about.json`
-says what the folder holds, `conditions.json` what the runs of each cell depend on. A folder that
-holds other seeds, or was made by other code, is moved aside.
+describes the folder, `conditions.json` what the runs of each cell depend on. A folder that holds
+other seeds, or was made by other code, is moved aside.
 """
 
 from __future__ import annotations
@@ -24,7 +24,7 @@ RUNS: Final = "runs.csv"
 ABOUT: Final = "about.json"
 CONDITIONS: Final = "conditions.json"
 BESIDES: Final = [Path(__file__).with_name(name) for name in ("driving.py", "traces.py")]
-"""Of this package, what a run depends on: the rest only tells what came of it."""
+"""Of this package, what a run depends on: the rest only reports its results."""
 
 Key = tuple[str, int, str]
 
