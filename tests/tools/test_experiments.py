@@ -15,10 +15,19 @@ from armadico.cli import pool
 from armadico.cli.options import FailedError, UsageError
 from armadico.config.scenarios import load_scenario
 from armadico.observe.conditions import software
+from armadico.observe.measures import Result
 from armadico_tools.commands.experiment import main
 from armadico_tools.experiments import EXPERIMENTS, base, module, published, statistics, store
 from armadico_tools.experiments.base import Context
-from armadico_tools.experiments.driving import Cell, Drive, Sample, drive, key_of
+from armadico_tools.experiments.driving import (
+    Cell,
+    Drive,
+    Sample,
+    columns,
+    drive,
+    key_of,
+    of_thesis,
+)
 from armadico_tools.experiments.floor_plans import PASSAGE_M, floor_plan, passable, save
 from armadico_tools.experiments.histories import History
 from armadico_tools.experiments.table_5_3 import join
@@ -298,3 +307,19 @@ def test_an_experiment_writes_its_runs_table_and_figures(
     before = {path.name: path.read_bytes() for path in folder.iterdir()}
     assert main(["utility", "--runs", "1", "--jobs", "1", "--out", str(tmp_path)]) == 0
     assert {path.name: path.read_bytes() for path in folder.iterdir()} == before
+
+
+def test_a_live_runs_result_is_a_sample_with_the_shares_of_the_thesis() -> None:
+    result = Result("sc4", 1, True, 1, 1, 1, 1, {"goto": 75.0, "guest": 25.0}, 1, 0, None)
+    measured, shares = columns(result)
+    sample = Sample(cell="x", seed=1, arrived=True, **measured, **of_thesis(shares, shares))
+    assert (sample.tg_percent, sample.ta_percent) == (75.0, None)
+
+
+def test_a_folder_says_what_its_runs_depend_on(tmp_path: Path) -> None:
+    made = context(tmp_path)
+    made.drive([SC1])
+    found = json.loads((tmp_path / store.CONDITIONS).read_bytes())
+    assert found[SC1.name]["mode"] == "virtual"
+    assert "gothrough" not in found[SC1.name]["agents"]
+    assert found[SC1.name]["software"]["source"] == made.software.source
