@@ -21,6 +21,7 @@ from armadico.core.agent import ERROR, WARNING, DeviceAgent
 from armadico.core.cycles import CycleCounter
 from armadico.core.geometry import wrap
 from armadico.core.messages import (
+    LABEL,
     Cycle,
     Description,
     Echo,
@@ -102,6 +103,7 @@ class Robot(DeviceAgent):
         self._pulsed_at = float("-inf")
         self._openings = 0  # of the port, since the last status packet
         self._described = 0  # cycles since the last description
+        self._controller = ""  # as it names itself
         self._ordered = (0.0, 0.0)  # what was last obeyed, m/s and rad/s
         self._driven = (0.0, 0.0)  # what came of it by the reflexes
         self._reflex = Reflex(self.profile)
@@ -181,6 +183,8 @@ class Robot(DeviceAgent):
                 kind = f"{event.class_name} {event.subclass}".strip() or "it does not say what"
                 who = f"{event.name or 'a controller without a name'} ({kind})"
                 self.log(f"connected to {who} on {self.p.port}")
+                self._controller = "".join(filter(str.isprintable, event.name))[:LABEL]
+                self._described = 0
             elif isinstance(event, LinkLost):
                 self._moving = False
                 self._line()
@@ -279,6 +283,7 @@ class Robot(DeviceAgent):
             w_decel=limits.w_decel,
             silence_s=WHEELS.silence(p2os.cycle_s),
             watchdog_s=p2os.watchdog_s,
+            controller=self._controller,
         )
 
     def _heed_hands(self, status: Status) -> None:

@@ -30,6 +30,9 @@ from armadico.mesh.topology import (
 from armadico.runtime.errors import SocietyError
 
 if TYPE_CHECKING:
+    from rich.console import Console
+    from rich.table import Table
+
     from armadico.cli.places import Place
     from armadico.mesh.zenoh import ZenohMesh
 
@@ -204,6 +207,12 @@ def _say(program: str, error: Exception, code: int) -> int:
     lines = str(error).split("\n") if str(error) else [type(error).__name__]
     print(f"{program}: " + "\n".join(map(shown, lines)), file=sys.stderr)
     return code
+
+
+def fits(table: Table, console: Console) -> bool:
+    """Whether a table has room on a terminal with nothing folded or cut off."""
+    anywhere = console.options.update(width=sys.maxsize)
+    return console.measure(table, options=anywhere).maximum <= console.width
 
 
 def shown(value: object) -> str:

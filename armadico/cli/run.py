@@ -17,9 +17,12 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Final
 
 from armadico.cli import options
+from armadico.cli.measures import show, statistics
 from armadico.cli.options import FailedError, UsageError
 
 if TYPE_CHECKING:
+    from rich.progress import ProgressColumn
+
     from armadico.config.scenarios import PoseDeg, Scenario
     from armadico.launch.api import Run
     from armadico.launch.run import LiveRun
@@ -75,7 +78,7 @@ def main(argv: Sequence[str]) -> int:
     if args.json:
         _print_json(results, several=args.runs is not None)
     else:
-        _show(scenario.name, results)
+        show(scenario.name, results)
     asked = [_picture(args, scenario, seed) for seed in seeds if args.plot is not None]
     drawn = all(path is None or path.is_file() for path in asked)
     return 0 if drawn and all(result.passed for result in results) else options.FAILED
@@ -123,7 +126,11 @@ def parser() -> argparse.ArgumentParser:
         help="live: agents that share one process; may be repeated",
     )
     made.add_argument("--runs", type=int, metavar="N", help="so many, with one seed after another")
-    made.add_argument("--json", action="store_true", help="one JSON object on stdout")
+    made.add_argument(
+        "--json",
+        action="store_true",
+        help="one JSON object on stdout; of several runs: runs, mean, deviation",
+    )
     made.add_argument("--plot", metavar="FILE", type=Path, help="where the picture goes (PNG)")
     made.add_argument("--no-plot", action="store_true", help="no picture")
     made.add_argument(
@@ -400,15 +407,9 @@ def _progress(
         yield _Lines(label).show
         return
     from rich.console import Console  # noqa: PLC0415 - not for --help
-    from rich.progress import BarColumn, Progress, TextColumn, TimeElapsedColumn  # noqa: PLC0415
+    from rich.progress import Progress  # noqa: PLC0415
 
-    columns = (
-        TextColumn("{task.fields[label]}", markup=False),
-        BarColumn(),
-        TimeElapsedColumn(),
-        TextColumn("{task.description}", markup=False),
-    )
-    with Progress(*columns, console=Console(stderr=True), transient=True) as progress:
+    with Progress(*bar(), console=Console(stderr=True), transient=True, expand=True) as progress:
         task = progress.add_task("starting", total=None, label=label)
 
         def show(watch: RunWatch) -> None:
@@ -418,6 +419,18 @@ def _progress(
             progress.update(task, total=whole, completed=whole - to_go, description=remark(watch))
 
         yield show
+
+
+def bar() -> Iterator[ProgressColumn]:
+    """The columns of the progress; the remark is cut off before the name and the bar are."""
+    from rich.progress import BarColumn, TextColumn, TimeElapsedColumn  # noqa: PLC0415
+    from rich.table import Column  # noqa: PLC0415 - not for --help
+
+    yield TextColumn("{task.fields[label]}", markup=False, table_column=Column(no_wrap=True))
+    yield BarColumn(None, table_column=Column(ratio=1))
+    yield TimeElapsedColumn()
+    cut = Column(ratio=4, no_wrap=True, overflow="ellipsis")
+    yield TextColumn("{task.description}", markup=False, table_column=cut)
 
 
 class _Lines:
@@ -442,67 +455,17 @@ def remark(watch: RunWatch) -> str:
         return f"{to_go}, stopped by {by}; armadico resume releases it"
     holder = options.shown(watch.holder or "nobody")
     speed = "stalled" if state.stalled else f"{state.v:.2f} m/s"
-    return f"{to_go}, {holder} holds the wheels, {speed}, {state.battery_v:.1f} V"
+    return f"{to_go}, {speed}, {holder} drives, {state.battery_v:.1f} V"
 
 
 # What came of it ----------------------------------------------------------------------------------
-
-
-def _show(scenario: str, results: Sequence[Result]) -> None:
-    """The table of measures, a row for each run."""
-    from rich.console import Console  # noqa: PLC0415 - not for --help
-    from rich.markup import escape  # noqa: PLC0415 - not for --help
-    from rich.table import Table  # noqa: PLC0415 - not for --help
-
-    passed = sum(result.passed for result in results)
-    verdict = results[0].outcome
-    if len(results) > 1:
-        did = "touched nothing" if results[0].reached is None else "reached the goal untouched"
-        verdict = f"{passed} of {len(results)} runs {did}"
-    elif results[0].collisions:
-        verdict += f", {results[0].collisions} COLLISION(S)"
-    table = Table(
-        title=escape(options.shown(f"{scenario}: {verdict}")),
-        caption="TD FO TT P, and by agent its share of the cycles, as in thesis 5.1; exchanges,"
-        " collisions, least clearance",
-        padding=(0, 0),
-    )
-    driving = sorted({name for result in results for name in result.shares})
-    titles = [title for title, _ in ROWS]
-    at = titles.index("exch.")
-    titles[at:at] = [f"{options.shown(name)} %" for name in driving]
-    for title in titles:
-        table.add_column(title, justify="right", no_wrap=True)
-    for result in results:
-        cells = [_cell(getattr(result, field)) for _, field in ROWS]
-        cells[at:at] = [_cell(result.shares.get(name, 0.0)) for name in driving]
-        table.add_row(*cells, style=None if result.passed else "bold red")
-    Console().print(table)
-
-
-ROWS: Final = (
-    ("seed", "seed"),
-    ("TD m", "td_m"),
-    ("FO deg", "fo_deg"),
-    ("TT s", "tt_s"),
-    ("P %", "p_percent"),
-    ("exch.", "exchanges"),
-    ("coll.", "collisions"),
-    ("clear. m", "min_clearance_m"),
-)
-
-
-def _cell(value: float | None) -> str:
-    if value is None:
-        return "-"
-    return str(value) if isinstance(value, int) else f"{value:.2f}"
 
 
 def _print_json(results: Sequence[Result], *, several: bool) -> None:
     import msgspec  # noqa: PLC0415 - not for --help
 
     rows = msgspec.to_builtins(list(results))
-    print(json.dumps(rows if several else rows[0]))
+    print(json.dumps({"runs": rows, **statistics(results)} if several else rows[0]))
 
 
 NOTHING_DRAWS: Final = "no picture: matplotlib is missing; pip install 'armadico[plot]'"

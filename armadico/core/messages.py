@@ -69,7 +69,9 @@ Counter = Annotated[int, Meta(ge=0, le=LARGEST_COUNT)]
 Bits64 = Annotated[int, Meta(ge=0, le=2**63 - 1)]
 # No control characters, nor those that turn the direction of writing: texts go to terminals.
 _PRINTED = r"^[^\x00-\x1f\x7f-\x9f\u061c\u200e\u200f\u2028\u2029\u202a-\u202e\u2066-\u2069]*\Z"
-Name = Annotated[str, Meta(min_length=1, max_length=128, pattern=_PRINTED)]
+LABEL: Final = 128
+Name = Annotated[str, Meta(min_length=1, max_length=LABEL, pattern=_PRINTED)]
+Label = Annotated[str, Meta(max_length=LABEL, pattern=_PRINTED)]  # or none
 Text = Annotated[str, Meta(max_length=2000, pattern=_PRINTED)]
 
 Numbers = Annotated[tuple[Real, ...], Meta(max_length=64)]
@@ -283,7 +285,7 @@ class Stop(Latched, frozen=True):
 
     counter: Counter = 0
     stopped: bool = False
-    by: Annotated[str, Meta(max_length=128, pattern=_PRINTED)] = ""
+    by: Label = ""
     press: Bits64 = 0
 
     @property
@@ -389,6 +391,7 @@ class Description(Message, frozen=True):
     w_decel: Ramp
     silence_s: Patience
     watchdog_s: Patience
+    controller: Label = ""  # as the controller names itself; a simulator's `Truth` has the same
 
 
 class Echo(Message, frozen=True):
@@ -606,7 +609,11 @@ class Log(Message, frozen=True):
 
 
 class Truth(Message, frozen=True):
-    """What only the simulator knows. For those who watch: agents are refused it."""
+    """What only the simulator knows. For those who watch: agents are refused it.
+
+    It is the robot's if `Description.controller` has the same name: another simulator that is left
+    in the namespace speaks of another robot.
+    """
 
     t: Real  # s of simulation
     x: Real
@@ -616,6 +623,7 @@ class Truth(Message, frozen=True):
     w: Real
     collisions: Counter
     clearance: Real | None  # m from the body's outline to the nearest thing, if there is any
+    simulator: Label = ""  # as its controller names itself
 
 
 def plain(message: Message) -> Any:

@@ -11,6 +11,7 @@ from dataclasses import dataclass
 from math import radians
 from pathlib import Path
 
+from msgspec import to_builtins
 from msgspec.structs import replace
 
 from armadico.config.discovery import AGENTS, agent_class, find, owners
@@ -18,10 +19,16 @@ from armadico.config.errors import ConfigError, advice
 from armadico.config.hosts import Host
 from armadico.config.loading import load_parameters
 from armadico.config.parameters import load_set
+from armadico.config.profile import load_profile
 from armadico.config.scenarios import PoseDeg, Scenario, beside, planned, scenario_from, society
+from armadico.config.worlds import load_world
 from armadico.core.messages import MissionRequest, Waypoint
 from armadico.core.resources import WHEELS
+from armadico.observe.conditions import Conditions, digest, packages, software
 from armadico.observe.measures import RunWatch
+
+VIRTUAL, LIVE, ATTACHED = "virtual", "live", "attached"
+"""How a run is driven."""
 
 LIMIT_SPEED = 0.3
 LIMIT_FACTOR = 5.0
@@ -184,11 +191,34 @@ def mission(scenario: Scenario) -> MissionRequest | None:
     )
 
 
-def watch(scenario: Scenario, options: Options) -> RunWatch:
+def watch(
+    scenario: Scenario, options: Options, mode: str, namespace: str | None = None
+) -> RunWatch:
     """Who measures the run."""
     goal = scenario.goal
     to = None if goal is None else (goal[0], goal[1], radians(goal[2]))
-    return RunWatch(scenario.name, to, options.seed)
+    return RunWatch(scenario.name, to, options.seed, conditions(scenario, options, mode, namespace))
+
+
+def conditions(
+    scenario: Scenario, options: Options, mode: str, namespace: str | None = None
+) -> Conditions:
+    """What the run's result depends on besides its seed."""
+    taking = names(scenario, options.without)
+    driven = {**to_builtins(scenario), "agents": taking}
+    unnamed = replace(scenario, name="", title="", seed=0, world="", robot="", agents=())
+    brought = packages(find(AGENTS, name).package for name in taking)
+    return Conditions(
+        mode=mode,
+        namespace=None if mode == VIRTUAL else namespace,
+        robot=options.robot,
+        scenario=driven,
+        scenario_hash=digest((unnamed, taking)),
+        world_hash=digest(replace(load_world(scenario.world), name="")),
+        profile_hash=digest(load_profile(scenario.robot)),
+        agents={} if mode == ATTACHED else {m.name: m.sets for m in members(scenario, options, "")},
+        software=replace(software(), packages=software().packages | brought),
+    )
 
 
 def time_limit(length: float, options: Options) -> float:

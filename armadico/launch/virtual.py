@@ -11,7 +11,7 @@ from armadico.config.scenarios import Scenario, society
 from armadico.core.agent import Agent, DeviceAgent
 from armadico.core.messages import Log
 from armadico.launch.run import Run
-from armadico.launch.society import Options, members
+from armadico.launch.society import VIRTUAL, Options, members
 from armadico.mesh.virtual import Node, VirtualMesh
 from armadico.mesh.virtual_network import Clock
 from armadico.mesh.virtual_session import VirtualSession
@@ -25,6 +25,8 @@ SETTLE_S = 1.0
 
 class Rehearsal(Run):
     """One scenario on a virtual mesh. `run` drives it to its end; faults may be put in between."""
+
+    mode = VIRTUAL
 
     def __init__(
         self,

@@ -18,6 +18,7 @@ from armadico.core.messages import (
     Ack,
     Claim,
     Command,
+    Description,
     Message,
     MissionState,
     MissionStatus,
@@ -28,12 +29,14 @@ from armadico.core.messages import (
     Truth,
 )
 from armadico.core.resources import WHEELS
+from armadico.observe.conditions import Conditions
 from armadico.observe.view import View, agent_of
 
 REACHED_M = 0.15
 REACHED_RAD = radians(5.0)
 
 WATCHED: tuple[type[Message], ...] = (
+    Description,
     Truth,
     RobotState,
     Ack,
@@ -67,6 +70,7 @@ class Result(Struct, frozen=True):
     collisions: int | None
     min_clearance_m: float | None
     limit_s: float | None = None
+    conditions: Conditions | None = None
 
     @property
     def passed(self) -> bool:
@@ -117,6 +121,7 @@ class RunWatch:
     scenario: str
     goal: Pose2 | None
     seed: int | None = None
+    conditions: Conditions | None = None
     path: list[Mark] = field(default_factory=list)
     echoes: list[tuple[float, float]] = field(default_factory=list)
     waypoints: tuple[Pose2, ...] = ()
@@ -133,6 +138,7 @@ class RunWatch:
     _cycles: dict[str, int] = field(default_factory=dict)
     _last_holder: str | None = None
     _collisions_before: int = 0
+    _controller: str = ""
     _began: float | None = None
 
     def begin(self, mission: int = 0) -> None:
@@ -175,6 +181,12 @@ class RunWatch:
         return None if at is None else (at.x, at.y, at.theta)
 
     @property
+    def mixed(self) -> str:
+        """Another robot's controller, if one has taken this one's place since the run began."""
+        now = self.view.controller
+        return now if self._began is not None and now != self._controller else ""  # "": unknown
+
+    @property
     def astray(self) -> float | None:
         """How far a pose that says the goal is reached is from the truth, m; None if it is not."""
         pose, truth = self.view.pose, self.view.truth
@@ -202,6 +214,7 @@ class RunWatch:
             collisions=truth.collisions - self._collisions_before if truth else None,
             min_clearance_m=None if self.clearance is None else round(self.clearance, 3),
             limit_s=self.limit,
+            conditions=self.conditions,
         )
 
     def _by_the_goal(self) -> tuple[bool | None, float | None, float | None]:
@@ -218,6 +231,8 @@ class RunWatch:
         return reached, round(degrees(turned), 3), p
 
     def _take_truth(self, truth: Truth) -> None:
+        if truth is not self.view.truth:
+            return  # another simulator's
         self._mark(truth.t, (truth.x, truth.y, truth.theta))
         if truth.clearance is not None:
             least = truth.clearance if self.clearance is None else self.clearance
@@ -229,7 +244,7 @@ class RunWatch:
 
     def _mark(self, t: float, at: Pose2) -> None:
         if self._began is None:
-            self._began, self.start = t, at
+            self._began, self.start, self._controller = t, at, self.view.controller
             self._collisions_before = truth.collisions if (truth := self.view.truth) else 0
         elif self.path:
             self.distance += hypot(at[0] - self.path[-1].x, at[1] - self.path[-1].y)

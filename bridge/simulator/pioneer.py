@@ -43,7 +43,7 @@ class Pioneer:
         loops = SpeedLoops(profile.speed_loop, profile.motor.supply_v)
         self.controller = Microcontroller(profile, self.plant, loops, traps)
         self._watchers: list[Callable[[Truth], None]] = []
-        self._cycle = profile.p2os.cycle_s
+        self._name, self._cycle = profile.p2os.name, profile.p2os.cycle_s
         self._answering = False
         self._truth_at = 0.0
 
@@ -91,6 +91,7 @@ class Pioneer:
             w=w,
             collisions=plant.collisions,
             clearance=clearance if isfinite(clearance) else None,
+            simulator=self._name,
         )
 
     def _tell(self) -> None:
@@ -100,11 +101,17 @@ class Pioneer:
                 watcher(truth)
 
 
-def of_scenario(scenario: Scenario, streams: Streams, traps: frozenset[Trap] = KIND) -> Pioneer:
-    """The robot that a scenario names, where the scenario puts it."""
+def of_scenario(
+    scenario: Scenario, streams: Streams, name: str = "", traps: frozenset[Trap] = KIND
+) -> Pioneer:
+    """The robot that a scenario names, where the scenario puts it.
+
+    Its controller has a name of its own where other simulators may be about.
+    """
     x, y, degrees = scenario.start
+    profile = load_profile(scenario.robot)
     return Pioneer(
-        load_profile(scenario.robot),
+        replace(profile, p2os=replace(profile.p2os, name=name or profile.p2os.name)),
         load_entry(find("robots", "sensors"), SensorProfile, scenario.sensors),
         load_world(scenario.world).walls,
         (x, y, radians(degrees)),

@@ -39,7 +39,7 @@ def test_a_scenario_reaches_its_goal(monkeypatch: pytest.MonkeyPatch, name: str)
     """Three of nine; live, all were driven by hand (docs/controller.md)."""
 
     def unkind(scenario: Scenario, streams: Streams, publish: Callable[[Message], None]) -> Pioneer:
-        robot = pioneer.of_scenario(scenario, streams, UNKIND)
+        robot = pioneer.of_scenario(scenario, streams, traps=UNKIND)
         robot.watch(publish)
         return robot
 

@@ -196,16 +196,24 @@ def test_a_profile_named_is_the_robot_that_drives(capsys: Captured) -> None:
     small = run(capsys, *SMALL_ROBOT, "--profile", "amigobot")
     same = run(capsys, *SMALL_ROBOT, "--profile", str(resource_path("robots", "amigobot")))
     pioneer = run(capsys, *SMALL_ROBOT)
-    assert small[:2] == same[:2]
-    assert small[1] != pioneer[1]
+    measured = [out.partition("conditions")[0] for _, out, _ in (small, same, pioneer)]
+    assert measured[0] == measured[1] != measured[2]
     assert {code for code, _, _ in (small, same, pioneer)} == {0}
 
 
-def test_several_runs_are_a_list_and_one_after_another(capsys: Captured) -> None:
+def test_several_runs_have_a_mean_and_a_deviation(
+    capsys: Captured,
+) -> None:
     code, out, _ = run(capsys, *VIRTUAL, "--runs", "2", "--json", "--seed", "5")
-    rows = json.loads(out)
+    found = json.loads(out)
+    rows = found["runs"]
     assert code == 0
     assert [row["seed"] for row in rows] == [5, 6]
+    times = [row["tt_s"] for row in rows]
+    assert found["mean"]["tt_s"] == pytest.approx(sum(times) / 2, abs=1e-3)
+    assert found["deviation"]["tt_s"] == pytest.approx(abs(times[0] - times[1]) / 2**0.5, abs=1e-3)
+    assert found["mean"]["shares"] == {"goto": 100.0}
+    assert found["mean"]["min_clearance_m"] is None, "there is nothing to be near to"
     _, one, _ = run(capsys, *VIRTUAL, "--json", "--seed", "6")
     assert json.loads(one) == rows[1], "a run knows nothing of the one before it"
 

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import json
+import os
 import select
 import socket
 import subprocess
@@ -23,7 +25,9 @@ from armadico.bridge.simulator.plant import seeded
 from armadico.bridge.simulator.server import BEHIND_S, Simulation, TcpLine
 from armadico.bridge.simulator.traps import KIND, Trap
 from armadico.config.scenarios import load_scenario
-from tests.programs import call
+from armadico.mesh.ports import private_endpoints
+from armadico.mesh.topology import ENDPOINTS_VARIABLE
+from tests.programs import call, starter
 
 SOON = 10.0
 
@@ -213,7 +217,7 @@ class Served:
 
     def __init__(self, line: TcpLine, traps: frozenset[Trap] = KIND) -> None:
         self.line, self.clock = line, Clock()
-        robot = of_scenario(load_scenario("sc1"), seeded(1), traps)
+        robot = of_scenario(load_scenario("sc1"), seeded(1), traps=traps)
         self.simulation = Simulation(robot, Hasty(line), self.clock)
 
     def client(self) -> socket.socket:
@@ -339,3 +343,22 @@ def test_the_command_says_where_it_listens_and_answers_there() -> None:
             assert process.wait(SOON) == 0
         finally:
             process.kill()
+
+
+@pytest.mark.live
+def test_the_truth_is_heard_where_there_is_nobody_else_and_two_simulators_are_named() -> None:
+    """Neither `sim` nor `echo` is an agent, and they meet all the same."""
+    alone = os.environ | {ENDPOINTS_VARIABLE: private_endpoints()}
+    with starter(env=alone) as start:
+        first = start("sim", "sc1", "--port", "0")
+        echo = call("echo", "sim/truth", "-n", "1", "--json", "--timeout", str(SOON), env=alone)
+        assert echo.returncode == 0, echo.stderr
+        name = json.loads(echo.stdout)["message"]["simulator"]
+        assert str(first.pid) in name
+        second = start("sim", "sc2", "--port", "0")
+        assert second.stderr is not None
+        assert name in second.stderr.readline()
+        found = json.loads(call("doctor", "--json", env=alone).stdout)
+        (truth,) = (f for f in found if f["subject"] == "sim/truth")
+        assert truth["verdict"] == "wrong"
+        assert name in truth["what"]

@@ -16,6 +16,8 @@ from armadico.cli.options import FailedError, UsageError
 from armadico.config.profile import load_profile
 from armadico.config.scenarios import load_scenario
 from armadico.config.worlds import load_world
+from armadico.observe.conditions import software
+from armadico.observe.measures import Result
 from armadico_tools.commands.experiment import main
 from armadico_tools.experiments import (
     EXPERIMENTS,
@@ -27,7 +29,15 @@ from armadico_tools.experiments import (
     store,
 )
 from armadico_tools.experiments.base import Context
-from armadico_tools.experiments.driving import Cell, Drive, Sample, drive, key_of
+from armadico_tools.experiments.driving import (
+    Cell,
+    Drive,
+    Sample,
+    columns,
+    drive,
+    key_of,
+    of_thesis,
+)
 from armadico_tools.experiments.floor_plans import PASSAGE_M, floor_plan, passable, save
 from armadico_tools.experiments.histories import History
 from armadico_tools.experiments.table_5_3 import join
@@ -41,12 +51,12 @@ FAST = Cell("sc1 fast", "sc1", controller="fast", without=("gothrough",))
 
 def context(folder: Path, runs: int = 1, jobs: int = 1) -> Context:
     folder.mkdir(parents=True, exist_ok=True)
-    return Context(out=folder, runs=runs, jobs=jobs, source="here", commit="abc")
+    return Context(out=folder, runs=runs, jobs=jobs, source="here")
 
 
 def about(runs: int = 2, first_seed: int = 1000, source: str = "s") -> store.About:
     return store.About(
-        experiment="x", first_seed=first_seed, runs=runs, source=source, commit="abc"
+        experiment="x", first_seed=first_seed, runs=runs, source=source, software=software()
     )
 
 
@@ -351,3 +361,19 @@ def test_with_sonars_of_a_single_ray_it_gets_there_without_standing_or_shaking(
         turns = [tick.w for tick in run.trace.ticks]
         swings = [a * b < 0.0 and min(abs(a), abs(b)) > 0.2 for a, b in pairwise(turns)]
         assert sum(swings) < 0.05 * len(swings), "from one side to the other, cycle by cycle"
+
+
+def test_a_live_runs_result_is_a_sample_with_the_shares_of_the_thesis() -> None:
+    result = Result("sc4", 1, True, 1, 1, 1, 1, {"goto": 75.0, "guest": 25.0}, 1, 0, None)
+    measured, shares = columns(result)
+    sample = Sample(cell="x", seed=1, arrived=True, **measured, **of_thesis(shares, shares))
+    assert (sample.tg_percent, sample.ta_percent) == (75.0, None)
+
+
+def test_a_folder_says_what_its_runs_depend_on(tmp_path: Path) -> None:
+    made = context(tmp_path)
+    made.drive([SC1])
+    found = json.loads((tmp_path / store.CONDITIONS).read_bytes())
+    assert found[SC1.name]["mode"] == "virtual"
+    assert "gothrough" not in found[SC1.name]["agents"]
+    assert found[SC1.name]["software"]["source"] == made.software.source

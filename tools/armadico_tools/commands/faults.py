@@ -146,11 +146,11 @@ def _repeat(given: str, *, as_json: bool) -> int:
 
 def _series(args: argparse.Namespace) -> int:
     """Many seeds; on Ctrl-C the counts so far."""
+    from armadico.observe.conditions import software  # noqa: PLC0415
     from armadico_tools.faults import series  # noqa: PLC0415 - not for --help
-    from armadico_tools.results import commit  # noqa: PLC0415
 
     try:
-        ledger = series.Ledger(args.out, commit())
+        ledger = series.Ledger(args.out, software().commit)
         first = ledger.next_seed() if args.first is None else args.first
     except (OSError, ValueError) as error:
         raise FailedError(f"cannot count seeds in {args.out}: {error}") from None
