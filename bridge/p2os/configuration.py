@@ -1,4 +1,4 @@
-"""CONFIGpac (type 20) and ENCODERpac (type 90): what a controller says of itself when asked.
+"""CONFIGpac (type 20) and ENCODERpac (type 90): what a controller sends when queried.
 
 Controllers of different ages end the CONFIGpac at different fields: what is missing reads as zero.
 A CONFIGpac is wanted and never required, since some real robots send it with a bad checksum.
@@ -42,8 +42,8 @@ FIELDS: tuple[tuple[str, str, float], ...] = (
     ("", "H", 1),  # encoder counts a revolution
     ("watchdog_s", "H", _MILLI),
     ("", "B", 1),  # alternative status packet
-    ("", "H", 1),  # stall value
-    ("", "H", 1),  # stall count
+    ("stall_pwm", "H", 1),
+    ("stall_s", "H", _MILLI),
     ("", "H", 1),  # joystick, linear
     ("", "H", 1),  # joystick, angular
     ("w_max", "H", _DEGREE),
@@ -75,7 +75,7 @@ TEXT_LIMIT = 19  # clients copy each name into twenty bytes, the NUL included
 
 
 class Configuration(Struct, frozen=True, kw_only=True):
-    """A controller's own account of itself. SI units; 0 where it does not say.
+    """What a controller reports of itself. SI units; 0 where it does not.
 
     `top` is what it can do at most, `max` the limit in force.
     """
@@ -96,6 +96,8 @@ class Configuration(Struct, frozen=True, kw_only=True):
     w_accel: float = 0  # rad/s^2
     w_decel: float = 0  # rad/s^2
     pwm_max: int = 0
+    stall_pwm: int = 0  # of pwm_max: held wheels that get more are stalled,
+    stall_s: float = 0  # and their motors off for so long
     cycle_s: float = 0
     watchdog_s: float = 0
     low_battery_v: float = 0

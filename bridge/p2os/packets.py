@@ -22,7 +22,7 @@ def checksum(payload: bytes | bytearray) -> int:
 
 
 def encode(payload: bytes) -> bytes:
-    """Cycle a payload of 1 to 198 bytes as a whole packet."""
+    """Frame a payload of 1 to 198 bytes as a whole packet."""
     if not 1 <= len(payload) <= MAX_PAYLOAD:
         raise ValueError(f"a P2OS payload has 1 to {MAX_PAYLOAD} bytes, this one {len(payload)}")
     return b"%b%c%b%b" % (HEADER, len(payload) + 2, payload, checksum(payload).to_bytes(2, "big"))
@@ -37,6 +37,7 @@ class Decoder:
 
     def __init__(self) -> None:
         self.dropped = 0  # bytes so far that belonged to no good packet
+        self.mangled = 0  # packets so far whose checksum was bad
         self._buffer = bytearray()
         self._fed_at = 0.0
 
@@ -44,6 +45,10 @@ class Decoder:
     def pending(self) -> int:
         """Bytes kept because they may begin a packet."""
         return len(self._buffer)
+
+    def begin(self) -> None:
+        """What comes next has nothing to do with what came: the line was opened again."""
+        self._drop(len(self._buffer))
 
     def feed(self, data: bytes, now: float = 0.0) -> list[bytes]:
         """Take bytes in at time `now` (s, any clock) and return the payloads that they complete.
@@ -73,11 +78,12 @@ class Decoder:
                 if checksum(payload) == buffer[end - 2] << 8 | buffer[end - 1]:
                     del buffer[:end]
                     return payload
+                self.mangled += 1
             self._drop(2)
         return None
 
     def _find_header(self) -> bool:
-        """Drop what stands before the next header; say whether header and count are there."""
+        """Drop what stands before the next header; return whether header and count have come."""
         buffer = self._buffer
         start = buffer.find(HEADER)
         if start < 0:

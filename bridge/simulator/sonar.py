@@ -1,8 +1,8 @@
 """The ring of ultrasonic sensors (thesis 4.4): what a ping brings back.
 
 A ping is a cone of rays. Each ray ends at the nearest wall, whatever it is: one that it meets at
-more than `glancing_deg` from its normal throws the sound away, a dead one swallows it, and nobody
-hears what is behind. The echo is the nearest of what comes back. Rays start at the sensor, inside
+more than `glancing_deg` from its normal throws the sound away, a dead one swallows it, and what
+is behind stays hidden. The echo is the nearest of what comes back. Rays start at the sensor, inside
 the outline. Noise, loss and dead walls come from streams of their own, and each ping draws the same
 number of times whatever it meets: one wall more does not change another one's noise.
 
@@ -97,7 +97,7 @@ def echo(walls: Sequence[Segment], rays: Sequence[Ray], least_cosine: float) -> 
     """Way to the nearest wall that answers, m; inf if none does. All in the sensor's frame."""
     nearest = inf
     for ray_x, ray_y in rays if walls else ():
-        first, heard = nearest, False  # what is farther than an echo already heard is of no account
+        first, heard = nearest, False  # an echo already found hides what is farther
         for x, y, along_x, along_y, length, echoes in walls:
             cosine = ray_x * along_y - ray_y * along_x  # of the angle to the normal, signed
             if cosine == 0.0:

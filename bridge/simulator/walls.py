@@ -85,7 +85,7 @@ class Walls:
         return len(self._all.length)
 
     def add(self, walls: Iterable[Wall], echoes: Iterable[bool]) -> None:
-        """More walls, and for each whether a sonar hears it; one without length is left out."""
+        """More walls, and for each whether it echoes; one without length is left out."""
         rows = np.array(list(walls), float).reshape(-1, 4)
         answers = np.fromiter(echoes, bool, len(rows))
         length = np.hypot(rows[:, 2] - rows[:, 0], rows[:, 3] - rows[:, 1])

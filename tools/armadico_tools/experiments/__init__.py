@@ -1,6 +1,6 @@
 """The experiments of chapters 4 and 5 of the thesis, and what they leave open.
 
-An experiment is a module here with `TITLE: str` and `run(context: Context) -> None`. It may say
+An experiment is a module here with `TITLE: str` and `run(context: Context) -> None`. It may set
 `RUNS` and `FIRST_SEED` where 30 seeds a cell from 1000 on are not what it wants.
 """
 
@@ -21,6 +21,7 @@ EXPERIMENTS: Final = {
     "table-5.5": "table_5_5",
     "parameters": "parameter_sets",
     "random-rooms": "random_rooms",
+    "other-maps": "other_maps",
     "live-vs-virtual": "live_vs_virtual",
 }
 """What an experiment is called, and its module; in this order they are all run."""

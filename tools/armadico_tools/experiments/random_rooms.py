@@ -25,7 +25,7 @@ AIM: Final = 0.99
 
 NOTE: Final = (
     "Floor plans of 8 to 14 by 6 to 10 m, rooms of at least 2.4 m, doors of 0.8 to 1.1 m, up to"
-    " three boxes a room; from one room to another, everybody takes part, default parameters, ideal"
+    " three boxes a room; from one room to another, all agents take part, default parameters, ideal"
     " sensors. The planner knows the walls and the furniture. In each of them a disc of 0.53 m (the"
     " robot's width plus 20 cm) gets from start to goal, by flood fill. The seed is the plan's and"
     " the run's. Aim: 99 % reached, nothing touched."
@@ -56,7 +56,8 @@ def run(context: Context) -> None:
     }
     for one in found:
         if failed(one) and not one.note.startswith("refused"):
-            context.files.append(picture(cells[one.seed], one, context.out))
+            path = context.out / f"failed-{one.seed:03d}.png"
+            context.files.append(picture(cells[one.seed], one, path))
     context.table(f"# {TITLE}\n\n{NOTE}\n\n{RULES}\n\n{_summary(found)}\n{_failures(found)}")
 
 
@@ -65,14 +66,15 @@ def failed(sample: Sample) -> bool:
     return not sample.reached or bool(sample.collisions)
 
 
-def picture(of: Cell, sample: Sample, folder: Path) -> Path:
+def picture(of: Cell, sample: Sample, path: Path) -> Path:
     """A picture of a run that failed."""
     drive = Drive(of, sample.seed).go()
-    path = folder / f"failed-{sample.seed:03d}.png"
     watch, scenario = drive.watch, load_scenario(of.scenario)
+    start = watch.start or watch.goal
+    assert start is not None, "a plan has one"
     run = Run(
         path=watch.path,
-        start=watch.start or watch.goal,
+        start=start,
         goal=watch.goal,
         body=load_profile(scenario.robot).body,
         waypoints=watch.waypoints[:-1],
