@@ -20,7 +20,7 @@ from armadico.bridge.simulator.contact import SKIN_M, Contact, Motion, Outline, 
 from armadico.bridge.simulator.dynamics import Dynamics
 from armadico.bridge.simulator.encoders import Odometry
 from armadico.bridge.simulator.motion import Driver
-from armadico.bridge.simulator.sonar import Sonars
+from armadico.bridge.simulator.sonar import Sonars, Surfaces
 from armadico.bridge.simulator.speed_loops import truncated
 from armadico.bridge.simulator.walls import TOUCH_M, Wall, Walls
 from armadico.config.profile import RobotProfile, SensorProfile
@@ -76,7 +76,7 @@ class Plant:
         self._back_emf = (  # V for a m/s of a rim
             profile.motor.back_emf_v_s * profile.motor.gear_ratio / profile.body.wheel_radius_m
         )
-        self._dead = (rng("dead walls"), sensors.dead_walls)
+        self._surfaces = Surfaces(sensors, rng)
         self._sideways = 0.0  # m/s to the left, only while a wall pushes
         self._margin = 0.0  # no wall is nearer to the outline, m; 0 is unknown
         self._steps = 0
@@ -87,9 +87,8 @@ class Plant:
     # The world -----------------------------------------------------------------------------------
 
     def add_walls(self, walls: Sequence[Wall]) -> None:
-        """More walls; which of them are dead to the sonars depends on the seed and their order."""
-        rng, share = self._dead
-        self._walls.add(walls, [rng.random() >= share for _ in walls])
+        """More walls; how each answers the sonars depends on the seed and their order."""
+        self._walls.add(walls, [self._surfaces.draw() for _ in walls])
         self._margin = 0.0
 
     def add_segment(self, x1: float, y1: float, x2: float, y2: float) -> None:
