@@ -15,6 +15,7 @@ from armadico.cli import options
 if TYPE_CHECKING:
     from armadico.bridge.simulator.pioneer import Pioneer
     from armadico.bridge.simulator.server import Line
+    from armadico.config.moving import Moving
     from armadico.config.scenarios import Scenario
 
 PORT: Final = 8101
@@ -71,6 +72,12 @@ def parser() -> argparse.ArgumentParser:
     made.add_argument(
         "--sensors", choices=("ideal", "real"), default="ideal", help="default %(default)s"
     )
+    made.add_argument(
+        "--moving",
+        metavar="JSON",
+        default="[]",
+        help="a scenario's [[moving]], as a list",
+    )
     made.add_argument("--seed", type=int, default=0, help="of all noise (default 0)")
     options.add_mesh_options(made)
     return made
@@ -91,8 +98,24 @@ def _scenario(args: argparse.Namespace) -> Scenario:
     if not all(map(math.isfinite, start)):
         raise options.UsageError("--start: expected finite m, m and degrees")
     return Scenario(
-        world=args.world, start=start, goal=start, robot=args.robot, sensors=args.sensors
+        world=args.world,
+        start=start,
+        goal=start,
+        robot=args.robot,
+        sensors=args.sensors,
+        moving=_moving(args.moving),
     )
+
+
+def _moving(text: str) -> tuple[Moving, ...]:
+    import msgspec  # noqa: PLC0415 - not for --help
+
+    from armadico.config.moving import Moving  # noqa: PLC0415 - not for --help
+
+    try:
+        return msgspec.json.decode(text, type=tuple[Moving, ...])
+    except msgspec.DecodeError as error:
+        raise options.UsageError(f"--moving: {error}") from None
 
 
 def _robot(scenario: Scenario, seed: int) -> Pioneer:

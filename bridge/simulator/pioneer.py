@@ -13,6 +13,7 @@ from armadico.bridge.simulator.microcontroller import Microcontroller
 from armadico.bridge.simulator.plant import Plant, Streams
 from armadico.bridge.simulator.speed_loops import SpeedLoops
 from armadico.config.loading import find, load_entry
+from armadico.config.moving import Moving
 from armadico.config.profile import RobotProfile, SensorProfile, load_profile
 from armadico.config.scenarios import Scenario
 from armadico.config.worlds import load_world
@@ -31,9 +32,10 @@ class Pioneer:
         walls: Sequence[Wall],
         start: tuple[float, float, float],
         streams: Streams,
+        moving: Sequence[Moving] = (),
     ) -> None:
-        """Stand at `start` (m, m, rad) among walls (m)."""
-        self.plant = Plant(profile, sensors, walls, start, streams)
+        """Stand at `start` (m, m, rad) among walls (m) and what moves."""
+        self.plant = Plant(profile, sensors, walls, start, streams, moving)
         loops = SpeedLoops(profile.speed_loop, profile.motor.supply_v)
         self.controller = Microcontroller(profile, self.plant, loops)
         self._watchers: list[Callable[[Truth], None]] = []
@@ -83,8 +85,9 @@ class Pioneer:
             theta=theta,
             v=v,
             w=w,
-            collisions=plant.collisions,
+            collisions=plant.collisions + plant.bumps,
             clearance=clearance if isfinite(clearance) else None,
+            bumped=plant.bumps,
         )
 
     def _tell(self) -> None:
@@ -103,6 +106,7 @@ def of_scenario(scenario: Scenario, streams: Streams) -> Pioneer:
         load_world(scenario.world).walls,
         (x, y, radians(degrees)),
         streams,
+        scenario.moving,
     )
 
 

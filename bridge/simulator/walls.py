@@ -7,7 +7,7 @@ robot as plain tuples for its sonars.
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Iterator
+from collections.abc import Iterable, Iterator, Sequence
 from math import atan2, hypot, inf, radians, tau
 from typing import NamedTuple
 
@@ -113,12 +113,14 @@ class Segments(NamedTuple):
 
 
 class Walls:
-    """All walls. More may be added at any time."""
+    """All walls, and what moves. More walls may be added at any time."""
 
     def __init__(self) -> None:
         self.space = pymunk.Space()
         none, points = np.empty(0), np.empty(0, complex)
-        self._all = Segments(points, points, none, none, none)
+        self._all = self._moving = Segments(points, points, none, none, none)
+        self._shown: list[Segment] = []
+        self._things = 0  # the first of what moves, people after them
         self._near = self._all
         self._plain: list[Segment] = []
         self._corners: list[Corner] | None = None
@@ -129,24 +131,26 @@ class Walls:
 
     def add(self, walls: Iterable[Wall], surfaces: Iterable[Surface]) -> None:
         """More walls, and how each answers a sonar; one without length is left out."""
-        rows = np.array(list(walls), float).reshape(-1, 4)
-        answers = np.array(list(surfaces), float).reshape(len(rows), 2)
-        length = np.hypot(rows[:, 2] - rows[:, 0], rows[:, 3] - rows[:, 1])
-        rows, answers, length = rows[length > 0.0], answers[length > 0.0], length[length > 0.0]
-        start, end = rows[:, 0] + 1j * rows[:, 1], rows[:, 2] + 1j * rows[:, 3]
-        new = Segments(start, (end - start) / length, length, answers[:, 0], answers[:, 1])
-        self._all = self._all.joined(new)
+        rows, added = _segments(walls, surfaces)
+        self._all = self._all.joined(added)
         self._anchor = (inf, inf)
         static = self.space.static_body
         self.space.add(
             *(pymunk.Segment(static, (a, b), (c, d), 0.0) for a, b, c, d in rows.tolist())
         )
 
+    def show(self, things: Sequence[Wall], people: Sequence[Wall], surface: Surface) -> None:
+        """What moves is now here, and answers so; who moves it sees to what it touches."""
+        outlines = [*things, *people]
+        self._things = len(things)
+        self._moving = _segments(outlines, [surface] * len(outlines))[1]
+        self._shown = self._moving.plain()
+
     def near(self, x: float, y: float) -> Segments:
         """Every wall within `NEAR_M` of a point, and perhaps some more."""
         if not hypot(x - self._anchor[0], y - self._anchor[1]) <= ROAM_M:
             self._anchor = (x, y)
-            self._near = self._all.chosen(self._distance(x, y) <= NEAR_M + ROAM_M)
+            self._near = self._all.chosen(_distance(self._all, x, y) <= NEAR_M + ROAM_M)
             self._plain = self._near.plain()
             self._corners = None
         return self._near
@@ -154,7 +158,7 @@ class Walls:
     def plain(self, x: float, y: float) -> list[Segment]:
         """The same walls as `near`, one by one."""
         self.near(x, y)
-        return self._plain
+        return self._plain + self._shown if self._shown else self._plain
 
     def corners(self, x: float, y: float) -> list[Corner]:
         """Corners and edges near a point."""
@@ -168,12 +172,37 @@ class Walls:
         nearest = _clearance(self.near(pose[0], pose[1]), pose, box)
         if nearest > NEAR_M - box.half_length - box.half_width - abs(box.ahead):
             nearest = _clearance(self._all, pose, box)
+        if self._shown:
+            nearest = min(nearest, _clearance(self._moving, pose, box))
         return nearest if nearest > TOUCH_M else 0.0
 
-    def _distance(self, x: float, y: float) -> npt.NDArray[np.float64]:
-        offset = complex(x, y) - self._all.start
-        way = np.clip((offset * self._all.along.conj()).real, 0.0, self._all.length)
-        return np.abs(offset - way * self._all.along)
+    def between(self, walls: Sequence[Wall], pose: tuple[float, float, float], box: Box) -> float:
+        """From a rectangle at a pose to some walls that are not (yet) here, m."""
+        return _clearance(_segments(walls, [DEAD] * len(walls))[1], pose, box)
+
+    def distance(self, x: float, y: float) -> float:
+        """From a point to the nearest wall, door or box, m; inf if none is."""
+        things = self._moving.chosen(np.arange(len(self._shown)) < self._things)
+        ways = (_distance(walls, x, y) for walls in (self._all, things) if len(walls.length))
+        return min((float(way.min()) for way in ways), default=inf)
+
+
+def _segments(
+    walls: Iterable[Wall], surfaces: Iterable[Surface]
+) -> tuple[npt.NDArray[np.float64], Segments]:
+    """Walls as rows of four and as arrays, without those that have no length."""
+    rows = np.array(list(walls), float).reshape(-1, 4)
+    answers = np.array(list(surfaces), float).reshape(len(rows), 2)
+    length = np.hypot(rows[:, 2] - rows[:, 0], rows[:, 3] - rows[:, 1])
+    rows, answers, length = rows[length > 0.0], answers[length > 0.0], length[length > 0.0]
+    start, end = rows[:, 0] + 1j * rows[:, 1], rows[:, 2] + 1j * rows[:, 3]
+    return rows, Segments(start, (end - start) / length, length, answers[:, 0], answers[:, 1])
+
+
+def _distance(walls: Segments, x: float, y: float) -> Floats:
+    offset = complex(x, y) - walls.start
+    way = np.clip((offset * walls.along.conj()).real, 0.0, walls.length)
+    return np.abs(offset - way * walls.along)
 
 
 def _sectors(end: complex, walls: Segments) -> Iterator[Corner]:
