@@ -1,1 +1,1 @@
-"""One file an agent; nobody imports another."""
+"""One file per agent; no agent imports another."""

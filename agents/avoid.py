@@ -63,14 +63,14 @@ class Parameters(ZoneParameters, frozen=True, kw_only=True):
     """
 
     rules: Literal["safe", "thesis"] = "safe"
-    v_back: NonNegative = 0.08  # m/s, off what it cannot turn away from,
-    back_room_m: NonNegative = 0.1  # with so much remembered free behind
-    stuck_s: Positive = 2.0  # at rest for so long, farther from the goal than goal_m,
-    goal_m: Positive = 0.4
-    escape_s: Positive = 2.5  # avoid works it free for so long
-    nowhere_s: Positive = 8.0  # driven for so long, and still within so little of one place:
-    nowhere_m: Positive = 0.35
-    back_s: Positive = 3.0  # avoid backs it off for so long, and it is tried again
+    v_back: NonNegative = 0.08  # m/s, backwards off what it cannot turn from
+    back_room_m: NonNegative = 0.1  # backs off only with more remembered free behind
+    stuck_s: Positive = 2.0  # at rest for so long beyond `goal_m`, the robot is stuck
+    goal_m: Positive = 0.4  # nearer to the goal than this it may rest
+    escape_s: Positive = 2.5  # time for which avoid works it free
+    nowhere_s: Positive = 8.0  # driven for so long within `nowhere_m` of one place, it is stuck
+    nowhere_m: Positive = 0.35  # radius of such a place
+    back_s: Positive = 3.0  # time for which avoid backs it off, or turns, before a new try
     let_go: Positive = radians(150)  # a trajectory farther behind than this no longer counts
     turn_first: Positive = radians(60)  # an open heading farther off is turned to on the spot
     aligned: Positive = radians(15)
@@ -101,9 +101,9 @@ class Avoid(Behaviour):
         self._side = 0.0  # +1 left, -1 right: latched while the same thing is dodged
         self._side_at: tuple[float, float] = (0.0, 0.0)
         self._moved_at = inf  # when the robot was last seen to move on its mission
-        self._looked_at = -inf  # when it last looked: nobody looks while the robot is stopped
+        self._looked_at = -inf  # when it last looked: not while the robot is stopped
         self._escape_until = -inf
-        self._around: tuple[float, float] = (inf, inf)  # the place that it does not get away from,
+        self._around: tuple[float, float] = (inf, inf)  # the place that it does not get away from
         self._around_since = inf
         self._back_until = -inf
         self._backs_since = inf
@@ -227,7 +227,7 @@ class Avoid(Behaviour):
         """Whether the robot gets nowhere, far from its goal: then avoid works it free.
 
         Whoever holds the wheels may see no way and command nothing, with nothing in *its* way; or
-        two turn it to and fro. If nobody is obeyed, nobody drives, and that is not for avoid to
+        two turn it to and fro. If no agent is obeyed, none drives, and that is not for avoid to
         mend.
         """
         ack = self.acked(WHEELS)
@@ -261,7 +261,7 @@ class Avoid(Behaviour):
             self._back_off()
 
     def _watch_stall(self, stalled: bool) -> None:
-        """What stalls the wheels is touched, and where on the body nobody knows.
+        """What stalls the wheels is touched, at an unknown place of the body.
 
         Whoever turns may push it with a corner, for as long as it turns. The way that it came is
         free; unless it is stalled on that: then it turns for as long before it tries that again.
@@ -303,7 +303,7 @@ class Avoid(Behaviour):
         return self._back(scene) or (0.0, 0.0)
 
     def _onward(self, scene: Scene, wanted: float, v: float) -> tuple[float, float]:
-        """What to command in the cycle or two until somebody takes over."""
+        """What to command in the cycle or two until another agent takes over."""
         w = max(-self.p.w_max, min(self.p.w_max, self.p.turn_gain * wanted))
         return limit(v, w, scene, self.p.safety)[:2]
 

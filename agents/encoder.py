@@ -16,24 +16,24 @@ from armadico.core.messages import Correction, Message, Origin, Pose, RobotState
 Metres = Annotated[float, Meta(ge=-1e5, le=1e5)]
 
 AGAIN_CYCLES = 10
-"""The origin is published once in so many cycles: who remembers it knows where it was lately."""
+"""Cycles from one publication of the origin to the next."""
 
 YOUNG_CYCLES = 30
-"""An epoch that is older than this has had an encoder agent before: somebody knows its origin."""
+"""An older epoch has had an encoder agent before: some agent remembers its origin."""
 
 TOLD_CYCLES = 10
-"""Then a newcomer that has not been told of it says nothing for so long: on a slow network it would
-say a pose by its parameters first, and the right one half a second later."""
+"""In an older epoch, cycles without a pose while no origin was received: on a slow network the pose
+would be that of the parameters first, and the right one half a second later."""
 
 ROLLED_M = 3.0
-"""So far may a robot have come between two robot agents: a second of driving until the last word of
-the odometry, two until the controller's watchdog, and braking."""
+"""So far may a robot have come between two robot agents: a second of driving until the last status
+packet, two until the controller's watchdog, and braking."""
 
 ZERO_M, ZERO_RAD = 0.05, 0.1
-"""An odometry within this of zero has just begun, unless it was near there before,"""
+"""An odometry within this of zero has just begun, unless it was near zero before."""
 
 NEAR_M, NEAR_RAD = 0.3, 0.5
-"""that is, within this."""
+"""Within this of zero it was near zero before."""
 
 
 SURE = 0.5
@@ -51,11 +51,11 @@ GROWS = 0.01
 Pioneer's wheels, uncalibrated, drift 0.1 m in a metre at worst."""
 
 NOWHERE_M = 2e5
-"""A place beyond this is nobody's: what led there was not true, and the parameters count again."""
+"""A place beyond this is no place: what led there was not true, and the parameters count again."""
 
 
 class Parameters(agent.Parameters, frozen=True, kw_only=True):
-    """Where the robot stands in the world when nobody remembers where it is: m, m, rad."""
+    """Where the robot stands in the world when no agent remembers: m, m, rad."""
 
     x: Metres = 0.0
     y: Metres = 0.0
@@ -66,7 +66,7 @@ class Encoder(Agent):
     """Turns the controller's odometry into a pose in the world frame.
 
     Where the odometry's origin lies is a latched state: it outlives this process, and the robot
-    agent's. Only if nobody remembers it do the parameters say where the robot is.
+    agent's. Only if no agent remembers it do the parameters count.
     """
 
     name = "encoder"
@@ -88,7 +88,7 @@ class Encoder(Agent):
         self._covariance: tuple[float, ...] = ()
 
     def on_origin(self, origin: Origin) -> None:
-        """Somebody knows it, and has known it for longer."""
+        """A peer has known it for longer."""
         self._origin = origin
 
     def on_correction(self, correction: Correction) -> None:
@@ -179,7 +179,7 @@ class Encoder(Agent):
         anew = away > ROLLED_M or (at_zero and (away > NEAR_M or turned > NEAR_RAD))
         if not anew:
             return Origin(known.counter, known.by, epoch, known.x, known.y, known.theta, *odometry)
-        # The robot has not jumped. What it rolled meanwhile nobody has counted.
+        # The robot has not jumped. What it rolled meanwhile was not counted.
         was = (known.at_x, known.at_y, known.at_theta)
         place = compose((known.x, known.y, known.theta), was)
         self.log("the controller's odometry has begun anew: the pose goes on from here", WARNING)

@@ -35,16 +35,16 @@ class Parameters(agent.Parameters, frozen=True, kw_only=True):
     w_max: Positive = radians(50)
     u_low_m: Positive = 0.5  # equation 3.7
     u_high_m: Positive = 1.2
-    least_m: Positive = 0.3  # the point to drive to lies so far ahead of the narrowest place,
-    most_m: Positive = 1.0  # or so far
+    least_m: Positive = 0.3  # least way from the narrowest place to the point to drive to
+    most_m: Positive = 1.0  # most way from there to that point
     clear_m: Positive = 0.6  # of free way, or it abstains
     astray: Positive = radians(45)  # a trajectory that leads off by more is not through here
     goal_m: Positive = 0.8  # nearer to the goal than this, parking is goto's
     ahead_m: Positive = 1.0
     off_line: Positive = 0.15  # rad: the middle may lead off the trajectory by so much
     cut_least_m: Positive = 0.06  # by so much its corners may be cut where something is near
-    gain: Positive = 0.38  # m/s for a metre until the trajectory bends: goto's,
-    v_corner: Positive = 0.2  # but not less than this
+    gain: Positive = 0.38  # m/s for a metre until the trajectory bends: goto's
+    v_corner: Positive = 0.2  # least speed towards a bend, m/s
     safety: Safety = Safety()
 
 

@@ -38,12 +38,12 @@ class Parameters(agent.Parameters, frozen=True, kw_only=True):
     settings: Literal["chapter-5", "chapter-4"] = "chapter-5"
     rules: Literal["safe", "thesis"] = "safe"
     v_max: Speed | None = None
-    ahead_m: Metres = 0.6  # on the line between waypoints it looks so far ahead,
-    park_m: Metres = 1.0  # and straight to the goal within this, where `precise` joins in
+    ahead_m: Metres = 0.6  # look-ahead on the line between waypoints
+    park_m: Metres = 1.0  # within this of the goal straight to it, where `precise` joins in
     cut_least_m: Metres = 0.06  # by so much it may cut a corner where something is near
-    calm_from: Angle = radians(8)  # turning by more than this to where it steers, it slows down,
-    calm_over: Angle = radians(50)  # by this much more to nothing,
-    calm_least: Share = 0.35  # but not to less: it must get along while it turns
+    calm_from: Angle = radians(8)  # slows down from this angle to where it steers
+    calm_over: Angle = radians(50)  # angle on top of `calm_from` at which no speed is left
+    calm_least: Share = 0.35  # least share of the speed: it must get along while it turns
     safety: Safety = Safety()
     p_max: Share = 1.0  # equation 3.6
     p_min: Share = 0.6

@@ -34,7 +34,7 @@ from armadico.core.route import Route
 
 
 class Parameters(agent.Parameters, frozen=True, kw_only=True):
-    """When a goal counts as reached, by pose and measured speeds; and how often it talks."""
+    """When a goal counts as reached, by pose and measured speeds; and how often it publishes."""
 
     near_m: Annotated[float, Meta(gt=0, le=1)] = 0.12
     turned_rad: Annotated[float, Meta(gt=0, le=1)] = 0.07
@@ -49,7 +49,7 @@ class Parameters(agent.Parameters, frozen=True, kw_only=True):
 class Interface(Agent):
     """The link to the people and programs outside the community.
 
-    The mission is the trajectory, which everybody remembers: an interface agent that is started
+    The mission is the trajectory, a latched state: an interface agent that is started
     again goes on with it.
     """
 
@@ -71,7 +71,7 @@ class Interface(Agent):
         self._note = ""
 
     def on_start(self) -> None:
-        """Begin to say how things stand."""
+        """Begin to publish now and then."""
         self.wake_at(self.now + self.p.repeat_s)
 
     def on_mission_request(self, question: Question) -> MissionReply | None:
@@ -97,8 +97,8 @@ class Interface(Agent):
         return None
 
     def on_trajectory(self, trajectory: Trajectory) -> None:
-        """A mission that somebody remembers, and this one does not know."""
-        reached = self._state is MissionState.REACHED  # somebody remembers so, too
+        """A mission that a peer remembers, and this one does not know."""
+        reached = self._state is MissionState.REACHED  # the peers remember so, too
         if trajectory.mission == self._mission and (trajectory.waypoints or reached):
             return
         self._mission = trajectory.mission
@@ -110,7 +110,7 @@ class Interface(Agent):
             self._state = MissionState.NONE
 
     def on_pose(self, pose: Pose) -> None:
-        """Follow the run."""
+        """Follow the trajectory; publish how far it is, and the arrival."""
         if self._state is not MissionState.DRIVING:
             return
         self._route.advance(pose.x, pose.y)
@@ -124,7 +124,7 @@ class Interface(Agent):
             self._say_status(self._to_go)
 
     def on_wakeup(self) -> None:
-        """Say the trajectory again for those who came late."""
+        """Publish the trajectory again for late joiners."""
         self.wake_at(self.now + self.p.repeat_s)
         known = self.memory.newest(Trajectory)
         if known is not None:
@@ -133,7 +133,7 @@ class Interface(Agent):
             self._say_status(self._to_go)
 
     def _too_far(self, pose: Pose, waypoints: tuple[Waypoint, ...]) -> str:
-        """Why a way is none: nobody has looked whether it is on any map."""
+        """Why waypoints are refused: no planner has checked them against a map."""
         x, y = pose.x, pose.y
         for to in waypoints:
             if hypot(to.x - x, to.y - y) > self.p.reach_m:
@@ -152,7 +152,7 @@ class Interface(Agent):
         return self._begin(plan.waypoints, plan.length)
 
     def _begin(self, waypoints: tuple[Waypoint, ...], length: float) -> MissionReply:
-        """Take it on, if the others can be told of it: else it would be driven by nobody."""
+        """Take it on, if it can be published: else no agent would drive it."""
         pose = self.latest(Pose)
         assert pose is not None, "a mission begins somewhere"
         if not waypoints:
@@ -195,7 +195,7 @@ class Interface(Agent):
         )
 
     def _next(self, mission: int, route: Route, waypoints: tuple[Waypoint, ...]) -> Trajectory:
-        """What begins a mission for everybody, or ends it."""
+        """The trajectory that begins a mission, or ends it."""
         known = self.memory.newest(Trajectory)
         counter = 1 if known is None else next_count(known.counter)
         return Trajectory(counter, mission, waypoints, route.start, route.leg)

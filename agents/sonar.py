@@ -33,25 +33,25 @@ Seconds = Annotated[float, Meta(ge=0, le=3600)]
 Metres = Annotated[float, Meta(ge=0, le=10)]
 
 LOOK_S = 0.4
-"""It listens for so long before it says anything: once round the ring. What is not heard yet is not
-free, and whoever starts in the middle of a drive must not say that it is."""
+"""It publishes nothing for so long: once round the ring. What has not been pinged yet is not free,
+and whoever starts in the middle of a drive must not publish that it is."""
 
 MAP_CYCLES = 5
-"""The cells are said each so many cycles."""
+"""Cycles from one publication of the cells to the next."""
 
 BUMP_M = 0.04
-"""Where something is put that stalled the robot: so much before its front edge,"""
+"""What stalled the robot is put so far before its front edge."""
 
 BUMP_SHARES = (-0.75, 0.0, 0.75)
-"""and so far to its sides, in shares of half its width."""
+"""What stalled the robot is put so far to its sides, in shares of half its width."""
 
 
 class Parameters(agent.Parameters, frozen=True, kw_only=True):
     """How the map believes and forgets, and how wide an echo in front is taken to be.
 
-    A sonar hears anything in its cone and the map puts it on the axis: a wall dead ahead becomes
+    A sonar measures anything in its cone and the map puts it on the axis: a wall dead ahead becomes
     two points with a gap between them that the robot would fit through. So what is in front and
-    near is said as an arc, a point on each side of the axis.
+    near is published as an arc, a point on each side of the axis.
     """
 
     map: MapSettings = MapSettings()
@@ -59,15 +59,15 @@ class Parameters(agent.Parameters, frozen=True, kw_only=True):
     arc_within_rad: Angle = radians(45.0)  # of the heading
     arc_from_m: Metres = 0.04  # before the front edge
     arc_to_m: Metres = 1.6
-    bump_s: Seconds = 60.0  # how long something is remembered that stalled the robot unheard
+    bump_s: Seconds = 60.0  # how long something is remembered that stalled the robot
 
 
 class SonarAgent(Agent):
-    """Moves its map with the robot, takes the echoes in, and says what is near.
+    """Moves its map with the robot, takes the echoes in, and publishes what is near.
 
     The map is local, so the controller's own odometry moves it: a cycle's echoes become obstacles
-    one hop after they came, whoever else is slow. It says nothing before the robot is described:
-    what is inside the body is no obstacle.
+    one hop after they came, whoever else is slow. Nothing is published before the robot is
+    described: what is inside the body is no obstacle.
     """
 
     name = "sonar"
@@ -86,11 +86,11 @@ class SonarAgent(Agent):
         self._bumps: list[tuple[float, Point]] = []  # when, and where in the body frame
 
     def on_description(self, said: Description) -> None:
-        """How large the robot is."""
+        """Take the robot's outline."""
         self._map.outline = Outline(said.front, said.rear, said.half_width)
 
     def on_robot_state(self, state: RobotState) -> None:
-        """Apply the robot's motion to the map; what stalls it is an obstacle, heard or not."""
+        """Apply the robot's motion to the map; what stalls it is an obstacle."""
         odometry = (state.x, state.y, state.theta)
         if self._odometry is not None and state.cycle.epoch == self._epoch:
             motion = relative(self._odometry, odometry)
@@ -105,7 +105,7 @@ class SonarAgent(Agent):
                 self._bumps += [(self.now, Point(x, y)) for y in sides]
 
     def on_sonar(self, sonar: Sonar) -> None:
-        """Take the echoes in, and say where the obstacles are."""
+        """Take the echoes in, and publish where the obstacles are."""
         seen = self._map
         seen.update(sonar.echoes)
         self._listened += 1

@@ -62,20 +62,20 @@ class Settings(Struct, frozen=True):
 
     fast: Law
     precise: Law
-    near_m: float = 0.3  # up to here only the precise controller has a say (min of 3.2),
-    far_m: float = 1.0  # from here on only the fast one (max)
-    behind_rad: float = math.radians(100)  # a target past this angle lets fast creep only,
-    creep: float = 0.1  # at this speed, m/s
+    near_m: float = 0.3  # up to here only the precise controller counts (min of 3.2)
+    far_m: float = 1.0  # from here on only the fast one (max of 3.2)
+    behind_rad: float = math.radians(100)  # a target past this angle lets fast creep only
+    creep: float = 0.1  # speed of that, m/s
     corner: float = 0.25  # fast's least speed into a waypoint, m/s
     v_accel: float = 0.3  # m/s^2
     v_decel: float = 0.6  # m/s^2
     w_accel: float = math.radians(100)  # rad/s^2
     fast_stop_m: float = 0.06  # fast alone stops here, at any heading
-    stop_m: float = 0.03  # the others stop here and turn to the goal's heading,
-    beside_m: float = 0.06  # or here if the goal is already abeam: no turning back for 3 cm,
-    leave_m: float = 0.10  # and drive again only beyond this
-    stop_rad: float = math.radians(2)  # the heading is good here,
-    leave_rad: float = math.radians(4)  # and bad again only beyond this
+    stop_m: float = 0.03  # the others stop here and turn to the goal's heading
+    beside_m: float = 0.06  # they stop here if the goal is abeam: no turning back for 3 cm
+    leave_m: float = 0.10  # they drive again only beyond this
+    stop_rad: float = math.radians(2)  # the heading is good within this
+    leave_rad: float = math.radians(4)  # the heading is bad again only beyond this
 
 
 # Chapters 4 and 5 differ by a factor of 3 in speed, so one set cannot give both. Chapter 5's is

@@ -3,15 +3,15 @@
 The circle around the robot is cut into 18 sectors and ten rings (figure 3.8). A cell holds the
 point that was hit in it, not its centre: with centres the robot keeps up to 18 cm more or less
 distance than there is. Near the robot it holds several that are apart: of one alone, the end of a
-wall would be as far back as the wall was heard first, and a corner of the body turns into the rest.
+wall would be as far back as its first echo, and a corner of the body turns into the rest.
 Everything is in the body frame: x forward, y left, origin at the middle
 of the wheel axle; metres and radians.
 
 It believes by looks, not by cycles. A cell's probability grows when an echo comes from it. It
-shrinks on a ping that had to hear its point: within the cone, near the axis, and short of what was
-heard instead. An echo from behind it says so plainly; a ping that brings nothing back says little,
-for a wall that is met at a slant does not answer either. What nobody looks at only fades, slowly
-with time and, as odometry goes wrong, with the way: the tail swings into what cannot be seen.
+shrinks on a ping that had to bring its echo: within the cone, near the axis, and short of the range
+measured. An echo from behind it is strong evidence; a ping without one is weak, for a wall met at
+a slant does not answer either. What no sonar looks at only fades, slowly with time and, as odometry
+goes wrong, with the way: the tail swings into what cannot be seen.
 """
 
 from __future__ import annotations
@@ -32,10 +32,10 @@ SECTORS = 18
 RINGS = 10
 CELLS = SECTORS * RINGS
 NEAR_RINGS = 3
-"""In the innermost so many rings, 0.75 m, a cell holds several points;"""
+"""In the innermost so many rings, 0.75 m, a cell holds several points."""
 
 POINTS = 4
-"""so many at the most."""
+"""Points of one such cell at the most."""
 
 NOBODY = Outline(0.0, 0.0, 0.0)  # before the robot is described
 _MOST_SONARS = 64  # that are remembered, as many as one message has: no robot has more
@@ -89,7 +89,7 @@ def _direction(bearing: float) -> tuple[float, float]:
 
 
 class LocalMap:
-    """Moves with the robot, takes echoes in, and tells what is near.
+    """Moves with the robot, takes echoes in, and holds what is near.
 
     A cycle is `move`, then `update`, then the queries. `outline` is the body's: nothing can be
     inside it.
@@ -101,7 +101,7 @@ class LocalMap:
         self.outline = outline
         self._ring_m = self.settings.reach_m / RINGS
         self._cells: dict[int, _Cell] = {}  # by the cell, and CELLS for each point before it
-        self._sonars: dict[tuple[float, float, float], Echo] = {}  # that have been heard
+        self._sonars: dict[tuple[float, float, float], Echo] = {}  # each one's last
         self._occupied: tuple[Obstacle, ...] | None = ()
 
     def move(self, motion: Posed) -> None:
@@ -134,12 +134,12 @@ class LocalMap:
         self._occupied = None
 
     def update(self, echoes: Iterable[Echo]) -> None:
-        """Take in the echoes of one cycle: a ping doubts what it had to hear, and fills a cell."""
+        """Take in the echoes of one cycle: a ping doubts what did not echo, and fills a cell."""
         for echo in echoes:
             sonar = (echo.x, echo.y, echo.bearing)
             self._sonars.pop(sonar, None)
             self._sonars[sonar] = echo
-            if len(self._sonars) > _MOST_SONARS:  # the one not heard for longest is none
+            if len(self._sonars) > _MOST_SONARS:  # the one silent for longest is none
                 del self._sonars[next(iter(self._sonars))]
             self._clear(echo)
             if echo.range is not None:
@@ -203,10 +203,10 @@ class LocalMap:
         return False
 
     def _clear(self, echo: Echo) -> None:
-        """Doubt what this ping had to hear and did not.
+        """Doubt what had to echo this ping and did not.
 
-        A point stands for something within the cone of the sonar that heard it. From nearer by the
-        cone is narrower than that, and may miss the thing: such a ping says so much less.
+        A point stands for something within the cone of the sonar that pinged it. From nearer by the
+        cone is narrower than that, and may miss the thing: such a ping counts so much less.
         """
         s = self.settings
         free, taken = (math.inf, s.silence) if echo.range is None else (echo.range, s.miss)

@@ -20,8 +20,8 @@ ESCAPE_M = 0.5
 """How far from a place beside a wall the way over free cells may begin."""
 
 _SPACING = 10  # a straight run of cells is offered to shortening in pieces of this many
-_SLACK = 1.05  # a short cut may cost this much more than the way it replaces,
-_SLACK_M = 0.1  # and this much on top: fewer turns for millimetres of clearance
+_SLACK = 1.05  # a short cut may cost this much more than the way it replaces
+_SLACK_M = 0.1  # allowed on top of `_SLACK`: fewer turns for millimetres of clearance
 
 
 def between(

@@ -30,12 +30,12 @@ DOOR_M = (0.6, 0.5, 0.4, 0.3)
 FLANK_M = 0.075
 """So much beside the body at the least, between walls where it cannot turn on the spot."""
 
-_OFF_MIDDLE = range(-12, 13)  # how far a door's mark may lie from its opening's middle,
-_OFF_MIDDLE_M = 0.025  # in steps of this
+_OFF_MIDDLE = range(-12, 13)  # how far a door's mark may lie from its opening's middle
+_OFF_MIDDLE_M = 0.025  # m, a step of `_OFF_MIDDLE`
 
 
 class PlanError(ValueError):
-    """There is no plan; the text says why."""
+    """There is no plan; the text is the reason."""
 
 
 class Plan(Struct, frozen=True):

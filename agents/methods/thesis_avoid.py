@@ -25,7 +25,7 @@ class Zone(Struct, frozen=True, forbid_unknown_fields=True):
     time_s: NonNegative
 
     def border(self, v: float) -> float:
-        """Metres at a speed, m/s."""
+        """The border at a speed (m/s), m."""
         return self.distance_m + self.time_s * abs(v)
 
 

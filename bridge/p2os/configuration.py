@@ -1,4 +1,4 @@
-"""CONFIGpac (type 20) and ENCODERpac (type 90): what a controller says of itself when asked.
+"""CONFIGpac (type 20) and ENCODERpac (type 90): what a controller sends when queried.
 
 Controllers of different ages end the CONFIGpac at different fields: what is missing reads as zero.
 A CONFIGpac is wanted and never required, since some real robots send it with a bad checksum.
@@ -75,7 +75,7 @@ TEXT_LIMIT = 19  # clients copy each name into twenty bytes, the NUL included
 
 
 class Configuration(Struct, frozen=True, kw_only=True):
-    """A controller's own account of itself. SI units; 0 where it does not say.
+    """What a controller reports of itself. SI units; 0 where it does not.
 
     `top` is what it can do at most, `max` the limit in force.
     """

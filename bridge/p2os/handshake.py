@@ -1,13 +1,13 @@
 """The states of a session with a controller, as a table; `session.Session` walks it.
 
 The numbers of SYNC0, SYNC1 and SYNC2 are also those of PULSE, OPEN and CLOSE. So to a controller
-that a dead client left open, SYNC0 says "go on": the watchdog resets and the wheels run up again to
+that a dead client left open, SYNC0 is a PULSE: the watchdog resets and the wheels run up again to
 the speeds last asked for, which the controller kept. Two things follow, and the table has both:
 
 - every beginning sends zero speeds before SYNC0;
 - a status packet where an echo was due means that the controller is still open: it is closed, and
   the handshake starts again. So does silence, since SYNC2's answer may be what was lost, and
-  a controller that is in step already takes the next SYNC0 for a pulse and says nothing.
+  a controller that is in step already takes the next SYNC0 for a PULSE and does not answer.
 """
 
 from __future__ import annotations
@@ -38,7 +38,7 @@ class Signal(Enum):
     ECHO1 = auto()
     NAMES = auto()
     STATUS = auto()
-    RESET = auto()  # the controller says that it restarted
+    RESET = auto()  # the controller reports that it restarted
     SILENCE = auto()  # the state's time-out
     CLOSE = auto()
 
@@ -51,10 +51,10 @@ class Action(Enum):
     SEND_SYNC1 = auto()
     SEND_SYNC2 = auto()
     SEND_CLOSE = auto()
-    SET_UP = auto()  # OPEN, motors and sonar on, limits; tell that the link is there
+    SET_UP = auto()  # OPEN, motors and sonar on, limits; report the link as open
     LEAVE = auto()  # motors off, CLOSE
-    LOSE = auto()  # tell that the link is lost
-    UNANSWERED = auto()  # tell that nobody answers
+    LOSE = auto()  # report the link as lost
+    UNANSWERED = auto()  # report that nothing answers
 
 
 TIMEOUTS_S = {

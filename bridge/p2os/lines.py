@@ -1,4 +1,4 @@
-"""What all transports share: the interface, and errors that say what to do."""
+"""The transports' interface, and errors with a remedy."""
 
 from __future__ import annotations
 
@@ -11,13 +11,13 @@ from typing import NoReturn, Protocol
 
 import serial
 
-# What pyserial raises when a line breaks; TypeError if it was closed while somebody waited.
+# What pyserial raises when a line breaks; TypeError if it was closed during a read.
 LINE_ERRORS = (serial.SerialException, OSError, termios.error, TypeError, ValueError)
 CHUNK = 4096
 
 
 class TransportError(OSError):
-    """A transport that cannot be opened, or broke; the message says what to do about it."""
+    """A transport that cannot be opened, or broke; the message has a remedy."""
 
 
 class Transport(Protocol):
@@ -53,7 +53,7 @@ _ADVICE = {
 
 
 def advice(error: BaseException) -> str:
-    """Say what to do about a failure to open."""
+    """A remedy for a failure to open."""
     if isinstance(error, socket.gaierror):
         return "no such host; check its name"
     if isinstance(error, TimeoutError):

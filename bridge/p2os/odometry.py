@@ -32,12 +32,12 @@ class Odometry:
     """The controller's own odometry, unwrapped, and continuous over its resets.
 
     It begins where the controller's is: one that was open before us has counted on, and what it
-    counted while nobody listened is the robot's way. It is wrapped to some 27.5 m, so whoever knows
-    about where it was says so. A step that the speeds do not explain is a reset (SETO, or the power
+    counted without a client is the robot's way. It wraps at some 27.5 m, so `near` is about where
+    it was. A step that the speeds do not explain is a reset (SETO, or the power
     was off): the pose stays where it was and goes on from there. The controller's axes may then lie
     otherwise than the pose's, so its steps are turned into the pose's.
 
-    A reset within `SPARE_M` and `SPARE_RAD` of the controller's origin cannot be told from a step
+    A reset within `SPARE_M` and `SPARE_RAD` of the controller's origin looks like a step
     and moves the pose by that much; whoever sends SETO calls `rebase` and is spared that.
     """
 

@@ -22,7 +22,7 @@ def checksum(payload: bytes | bytearray) -> int:
 
 
 def encode(payload: bytes) -> bytes:
-    """Cycle a payload of 1 to 198 bytes as a whole packet."""
+    """Frame a payload of 1 to 198 bytes as a whole packet."""
     if not 1 <= len(payload) <= MAX_PAYLOAD:
         raise ValueError(f"a P2OS payload has 1 to {MAX_PAYLOAD} bytes, this one {len(payload)}")
     return b"%b%c%b%b" % (HEADER, len(payload) + 2, payload, checksum(payload).to_bytes(2, "big"))
@@ -77,7 +77,7 @@ class Decoder:
         return None
 
     def _find_header(self) -> bool:
-        """Drop what stands before the next header; say whether header and count are there."""
+        """Drop what stands before the next header; return whether header and count have come."""
         buffer = self._buffer
         start = buffer.find(HEADER)
         if start < 0:

@@ -25,7 +25,7 @@ WRITE_S = 0.05  # a line that takes no bytes for this long is broken: a stop mus
 
 
 class SerialTransport:
-    """A serial port, or a pseudo-terminal that somebody else made."""
+    """A serial port, or a pseudo-terminal of another process."""
 
     def __init__(self, path: str, baud: int = BAUD) -> None:
         self.path, self.baud = path, baud
@@ -79,7 +79,7 @@ class PtyTransport:
     """The robot's end of a pseudo-terminal; a client opens `path` as its serial port.
 
     Clients may come and go: we hold the client's end open too, and a line is not broken because
-    nobody listens. What nobody reads is dropped once the terminal is full, as on a real line.
+    no client is there. What is not read is dropped once the terminal is full, as on a real line.
     """
 
     def __init__(self, link: str = "") -> None:
@@ -116,7 +116,7 @@ class PtyTransport:
             return os.read(ours, CHUNK) if ready else b""
 
     def write(self, data: bytes) -> None:
-        """Send bytes; nobody may be there to read them."""
+        """Send bytes; what does not fit is dropped."""
         with broken(self.path, "open it again"), contextlib.suppress(BlockingIOError):
             ours = self._opened()
             while data:

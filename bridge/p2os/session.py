@@ -35,17 +35,17 @@ from armadico.bridge.p2os.packets import Decoder
 from armadico.bridge.p2os.status import STATUS_TYPES, Status, decode_status
 from armadico.config.profile import Limits, P2osUnits
 
-ASK_AGAIN_S = 0.2  # CONFIG and ENABLE are repeated this often,
-ASK_TIMES = 5  # this many times: packets get lost, and some robots never send a good CONFIGpac
+ASK_AGAIN_S = 0.2  # CONFIG and ENABLE are repeated this often
+ASK_TIMES = 5  # at most so often: packets get lost, and some robots never send a good CONFIGpac
 HANG_S = 1.5  # between two calls: the owner hung, and comes back to a robot that will lurch
-LOOK_S = LINK_TIMEOUT_S / 2  # of an open link: so soon after a call the next is asked for,
-LATE_S = 0.1  # and an owner that comes so much later than that hung, too
+LOOK_S = LINK_TIMEOUT_S / 2  # from a call to the next, with an open link
+LATE_S = 0.1  # an owner that calls so much later than that hung
 
 ZERO = command(Cmd.VEL, 0) + command(Cmd.RVEL, 0)
 
 
 class Connected(Struct, frozen=True):
-    """The controller is open and has said who it is."""
+    """The controller is open and has sent its names."""
 
     name: str
     class_name: str
@@ -196,7 +196,7 @@ class Session:
             self._out += command(Cmd.PULSE)
 
     def enable(self) -> None:
-        """Switch the motors on; somebody at the robot may have switched them off."""
+        """Switch the motors on; a person at the robot may have switched them off."""
         if self.is_open:
             self._out += command(Cmd.ENABLE, 1)
 
@@ -240,7 +240,7 @@ class Session:
             self._go(_SIGNALS[payload[0]])
 
     def _report(self, payload: bytes) -> None:
-        """Make events of what an open controller says."""
+        """Make events of an open controller's packet."""
         kind = payload[0]
         if kind in STATUS_TYPES:
             status = decode_status(payload, self._units)

@@ -1,7 +1,7 @@
 """What carries P2OS's bytes: a serial line, a pseudo-terminal, TCP, or memory.
 
 A transport is read by one thread, which waits in `read` and passes on what it gets; another thread
-may write. Bytes cross unchanged and uncycled on all of them.
+may write. Bytes cross unchanged and unframed on all of them.
 
 | address | end |
 | --- | --- |
@@ -158,7 +158,7 @@ def open_transport(url: str) -> Transport:
 
     Raises:
         ValueError: The address is none.
-        TransportError: It cannot be opened; the message says what to do.
+        TransportError: It cannot be opened; the message has a remedy.
     """
     parts = urlsplit(url)
     if parts.scheme not in _SCHEMES:

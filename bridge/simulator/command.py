@@ -84,7 +84,7 @@ def parser() -> argparse.ArgumentParser:
 
 
 def _scenario(args: argparse.Namespace) -> Scenario:
-    """What the options say."""
+    """The scenario that the options describe."""
     from armadico.config.scenarios import Scenario  # noqa: PLC0415 - not for --help
     from armadico.config.worlds import load_world  # noqa: PLC0415 - not for --help
 

@@ -2,7 +2,7 @@
 
 It behaves as a Pioneer's controller does, traps included. Its watchdog stops the wheels of a client
 that fell silent, but the set-points stay, and the next packet, were it a pulse, sends the robot off
-again. A session that nobody closed stays open, and takes a new client's SYNC0, SYNC1 and SYNC2 for
+again. A session that was not closed stays open, and takes a new client's SYNC0, SYNC1 and SYNC2 for
 PULSE, OPEN and CLOSE.
 """
 
@@ -96,7 +96,7 @@ class Microcontroller:
     def disconnect(self) -> None:
         """End the session, as CLOSE does: the connection that carried it is gone.
 
-        A serial line tells nobody that its client died; a TCP connection does.
+        A serial line does not show that its client died; a TCP connection does.
         """
         self.decoder = Decoder()
         self._out.clear()
@@ -228,7 +228,7 @@ _COMMANDS: dict[int, Callable[[Microcontroller, Command], None]] = {
 
 
 def _configuration(profile: RobotProfile, motion: Motion) -> Configuration:
-    """What the controller says of itself; auto_baud stays 0, which keeps clients from HOSTBAUD."""
+    """The CONFIGpac's contents; auto_baud stays 0, which keeps clients from HOSTBAUD."""
     limits, units = profile.limits, profile.p2os
     linear, angular = motion.linear, motion.angular
     return Configuration(

@@ -60,7 +60,7 @@ class Plant(Protocol):
         """Voltage of the battery."""
 
     def run(self, steps: int, driver: Driver) -> None:
-        """Let steps pass; before each the driver hears v and w and says the motors' voltages."""
+        """Let steps pass; before each the driver turns v and w into the motors' voltages."""
 
     def reset_odometry(self) -> None:
         """Set the odometry to zero."""

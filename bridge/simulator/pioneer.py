@@ -44,7 +44,7 @@ class Pioneer:
         self._truth_at = 0.0
 
     def watch(self, watcher: Callable[[Truth], None]) -> None:
-        """Be told the truth with every status packet."""
+        """Call `watcher` with the truth at every status packet."""
         self._watchers.append(watcher)
 
     def receive(self, data: bytes, now: float) -> None:
@@ -65,7 +65,7 @@ class Pioneer:
 
     @property
     def due(self) -> float:
-        """When it next has something to say, s of simulation."""
+        """When it next has something to send, s of simulation."""
         if self._answering:
             return self.controller.time_s + self.plant.step_s
         if not self.controller.is_open:
@@ -73,7 +73,7 @@ class Pioneer:
         return self.controller.next_status_s
 
     def truth(self) -> Truth:
-        """What nobody on the robot knows."""
+        """True pose, speeds and clearance, which no agent can measure."""
         plant = self.plant
         x, y, theta = plant.pose
         v, w = plant.speeds
@@ -113,7 +113,7 @@ def of_scenario(scenario: Scenario, streams: Streams) -> Pioneer:
 def on_virtual_mesh(
     scenario: Scenario, streams: Streams, publish: Callable[[Message], None]
 ) -> Pioneer:
-    """The same, telling the truth to a mesh."""
+    """The same, publishing the truth on a mesh."""
     pioneer = of_scenario(scenario, streams)
     pioneer.watch(publish)
     return pioneer

@@ -6,7 +6,7 @@ what the outline may have travelled in each step (every corner, turning included
 when nothing is left of it. The motion is bit for bit the one that asking in every step gives.
 
 All randomness comes from a function that gives a stream of numbers for a name (`seeded`, or the
-virtual mesh's `stream`): one stream a purpose, so that another purpose shifts nobody's noise.
+virtual mesh's `stream`): one stream a purpose, so that another purpose shifts no other's noise.
 """
 
 from __future__ import annotations
@@ -32,8 +32,8 @@ STEP_S = 0.005
 MOVE_STEPS = round(MOVE_S / STEP_S)
 APART_S = 0.5  # a contact after less than this apart belongs to the same collision
 STALLED_M_S = 0.02  # rims slower than this, pushing a wall, are stalled
-PUSH_OUT = 0.2  # share of a penetration that is mended in a step,
-PUSH_OUT_M = 0.005  # and how much at the most
+PUSH_OUT = 0.2  # share of a penetration that is mended in a step
+PUSH_OUT_M = 0.005  # the most that is mended in a step
 
 Streams = Callable[[str], Random]
 """A random stream of one's own for a name; the same name gives the same numbers."""
@@ -173,7 +173,7 @@ class Plant:
         self.run(1, lambda _v, _w: (left_v, right_v))
 
     def run(self, steps: int, driver: Driver) -> None:
-        """Steps of `step_s` seconds; the motors get what the driver says, cut at the battery's.
+        """Steps of `step_s` seconds; the motors get the driver's voltages, cut at the battery's.
 
         All the robot does in a simulation happens here, 200 times a simulated second: what does
         not change is looked up before, and the pose stays in locals while no wall is near.

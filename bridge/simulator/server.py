@@ -1,7 +1,7 @@
 """A simulated robot in real time, behind a TCP port or a pseudo-terminal.
 
 Only here does the simulator meet sockets and a clock. One client at a time, as on the robot: while
-one is there nobody listens, and who comes second is refused.
+one is connected the port is closed, and a second one is refused.
 """
 
 from __future__ import annotations
@@ -30,7 +30,7 @@ class Line(Protocol):
         """Wait for bytes; none after `timeout_s`; None if the client has just gone."""
 
     def write(self, data: bytes) -> None:
-        """Send, if anybody is there."""
+        """Send, if a client is connected."""
 
 
 class TcpLine:
@@ -89,7 +89,7 @@ class TcpLine:
             self._listener.close()
 
     def _listening(self) -> socket.socket | None:
-        """The listener, opened again after a client; None while somebody else has the port."""
+        """The listener, opened again after a client; None while another process has the port."""
         if self._listener is None:
             with contextlib.suppress(OSError):
                 self._listener = socket.create_server(self._where, backlog=1)
@@ -121,7 +121,7 @@ class Simulation:
         self._origin = clock()
 
     def run(self, stop: Callable[[], bool]) -> None:
-        """Serve until `stop` says so."""
+        """Serve until `stop` is true."""
         while not stop():
             self.step()
 

@@ -196,7 +196,7 @@ def echo(walls: Sequence[Segment], rays: Sequence[Ray]) -> float:
     """Way to the nearest wall that scatters, m; inf if none does. All in the sensor's frame."""
     nearest = inf
     for ray_x, ray_y in rays if walls else ():
-        first, heard = nearest, False  # what is farther than an echo already heard is of no account
+        first, heard = nearest, False  # an echo already found hides what is farther
         for x, y, along_x, along_y, length, scatters, _ in walls:
             cosine = ray_x * along_y - ray_y * along_x  # of the angle to the normal, signed
             if cosine == 0.0:

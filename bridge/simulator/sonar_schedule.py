@@ -1,4 +1,4 @@
-"""The sonar half of the controller: which sonar pings when, and what was heard since a report."""
+"""The sonar half of the controller: which sonar pings when, and the echoes since a report."""
 
 from __future__ import annotations
 
@@ -64,7 +64,7 @@ class Firing:
         self._turn += 1
 
     def take(self) -> tuple[tuple[int, float], ...]:
-        """Hand over, once, what was heard: sonar index and range (m), no echo as the maximum."""
+        """Hand over, once, the echoes: sonar index and range (m), none as the maximum."""
         heard = tuple(self._heard.items())
         self._heard.clear()
         return heard

@@ -34,7 +34,7 @@ class SpeedLoops:
     What the limit took away is fed back into both integrators (back-calculation, gain
     `antiwindup`, 1/s), so they do not wind up while the motors give all they can. At rest with no
     speed asked the integrals are dropped: else a robot that a wall has stopped would push on for
-    ever after it was told to stop, its error being zero.
+    ever after a command to stop, its error being zero.
     """
 
     __slots__ = ("_feasible", "_loop", "_sum_v", "_sum_w", "supply_v")

@@ -86,7 +86,7 @@ def test_the_check_on_the_page_is_a_pipe(tmp_path: Path) -> None:
     compare = [*tool, "replay", file, "--agent", "b", "--said", str(mine)]
     done = subprocess.run(compare, capture_output=True, text=True, check=False)
     assert done.returncode == 0, done.stdout
-    assert "b says what take-over has" in done.stdout
+    assert "b publishes what take-over has" in done.stdout
 
 
 @pytest.mark.parametrize(("name", "label"), WHEELS_ONLY)

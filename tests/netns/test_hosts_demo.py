@@ -51,9 +51,9 @@ def test_a_host_is_lost_and_comes_back_and_the_goal_is_reached(run: Start, tmp_p
     out, errors = process.communicate(timeout=SOON)
     assert process.returncode == 0, out + errors
     story = [
-        "everybody is there",
+        "all agents are alive",
         "lab2 is stopped: goto on lab2 drives",
-        "nobody took over: the robot stops by itself",
+        "no agent took over: the robot stops by itself",
         "lab2 is started again",
         "avoid, gothrough, goto are back",
         "goto on lab2 drives",
@@ -67,7 +67,7 @@ def test_a_host_is_lost_and_comes_back_and_the_goal_is_reached(run: Start, tmp_p
 def test_interrupted_it_leaves_nothing(run: Start, tmp_path: Path) -> None:
     process = run("hosts-demo", "sc1")
     assert process.stdout is not None
-    assert "everybody is there" in process.stdout.readline()
+    assert "all agents are alive" in process.stdout.readline()
     process.send_signal(SIGINT)
     _, errors = process.communicate(timeout=SOON)
     assert process.returncode == 130, errors

@@ -155,12 +155,12 @@ def test_floats_may_be_as_short_as_they_like_and_the_draw_its_own() -> None:
 @pytest.mark.parametrize(
     ("change", "why"),
     [
-        (lambda lines: lines[:-1], "it is not said"),
-        (lambda lines: [*lines, {**lines[-1], "t": 2.4}], "it is said, and should not be"),
+        (lambda lines: lines[:-1], "it is not published"),
+        (lambda lines: [*lines, {**lines[-1], "t": 2.4}], "it is published, and should not be"),
         (lambda lines: [lines[1], lines[0], *lines[2:]], "another key"),
         (lambda lines: [{**lines[0], "t": 0.9}, *lines[1:]], "at another time"),
         (lambda lines: [{**lines[0], "cbor": "80"}, *lines[1:]], "not a Command"),
-        (lambda lines: [{**lines[0], "key": "robot/cmd/x"}, *lines[1:]], "nobody publishes on"),
+        (lambda lines: [{**lines[0], "key": "robot/cmd/x"}, *lines[1:]], "no agent publishes on"),
         (lambda lines: [lines[2], lines[1], *lines[2:]], "another cycle"),
     ],
 )
@@ -172,14 +172,14 @@ def test_whatever_is_otherwise_is_told(change: Any, why: str) -> None:
 def test_on_the_command_line(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     file = str(FOLDER / "take-over.jsonl")
     assert tool.main(["replay", file, "--agent", "b"]) == 0
-    assert "b says what take-over has" in capsys.readouterr().out
+    assert "b publishes what take-over has" in capsys.readouterr().out
     assert tool.main(["inputs", file, "--agent", "b"]) == 0
     given = [json.loads(line) for line in capsys.readouterr().out.splitlines()]
     assert given == inputs(transcript("take-over"), "b")
     mine = tmp_path / "mine.jsonl"
     mine.write_text("".join(json.dumps(x) + "\n" for x in published("take-over", "b")[:-1]))
     assert tool.main(["replay", file, "--agent", "b", "--said", str(mine)]) == 1
-    assert "it is not said" in capsys.readouterr().out
+    assert "it is not published" in capsys.readouterr().out
     with pytest.raises(SystemExit):
         tool.main(["replay", file, "--agent", "nobody"])
     assert "there are: robot, a, b" in capsys.readouterr().err

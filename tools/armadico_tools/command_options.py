@@ -40,7 +40,7 @@ def add_out(made: argparse.ArgumentParser, folder: str, what: str) -> None:
 
 
 def add_json(made: argparse.ArgumentParser) -> None:
-    """What came of it, for programs."""
+    """--json: the results, for programs."""
     made.add_argument("--json", action="store_true", help="what came of it as JSON on stdout")
 
 

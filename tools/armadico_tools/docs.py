@@ -1,7 +1,7 @@
 """Write the generated parts of the documentation again: `python -m armadico_tools.docs`.
 
 A part stands between `<!-- generated: NAME -->` and `<!-- end: NAME -->` in a Markdown file of the
-checkout. What is said there comes from the code itself: the table of services, the messages, the
+checkout. Its text comes from the code itself: the table of services, the messages, the
 agents' classes, the table of transitions. `--check` writes nothing and fails if a part is stale.
 """
 
@@ -42,18 +42,18 @@ from armadico_tools.markdown import table
 from armadico_tools.transcripts.scenes import SCENES
 
 ROOT: Final = Path(__file__).resolve().parents[2]
+"""The checkout: the documentation is not installed."""
 
 FIRST: Final = ("run", "up", "down", "ps", "goto", "stop", "resume", "top", "dashboard", "record")
 """The commands that the README shows."""
-"""The checkout: the documentation is not installed."""
 
 PART: Final = re.compile(r"(<!-- generated: ([\w-]+) -->\n).*?(<!-- end: \2 -->)", re.DOTALL)
 
-EVERYBODY: Final = "everybody"
+ALL: Final = "all agents"
 
 
 class UnknownPartError(LookupError):
-    """A document asks for a part that nobody writes."""
+    """A document names a part that does not exist."""
 
 
 def documents(root: Path = ROOT) -> list[Path]:
@@ -74,7 +74,7 @@ def rewritten(text: str) -> str:
 
 
 def stale(root: Path = ROOT) -> list[Path]:
-    """The documents whose generated parts are not what the code says."""
+    """The documents whose generated parts are stale."""
     return [path for path in documents(root) if _read(path) != rewritten(_read(path))]
 
 
@@ -91,7 +91,7 @@ def main(argv: Sequence[str] | None = None) -> int:
     return 1 if args.check and old else 0
 
 
-# Who says and hears what --------------------------------------------------------------------------
+# Who publishes and receives what ------------------------------------------------------------------
 
 
 def entries(group: str) -> dict[str, str]:
@@ -128,31 +128,31 @@ def _provides(kind: type[Agent], service: Service) -> bool:
 
 
 def _requests(kind: type[Agent], service: Service) -> bool:
-    hears = any(
+    receives = any(
         to.message is service.message and matches(service.pattern, to.pattern)
         for to in kind.subscriptions()
     )
-    return hears or service.message in kind.asks
+    return receives or service.message in kind.asks
 
 
 def providers(service: Service) -> str:
-    """Who says it, or answers it."""
+    """Who publishes it, or answers it."""
     if service.message is Log or service.key.startswith("agent/"):
-        return EVERYBODY
+        return ALL
     if service.message is Stop:
-        return "anybody"
+        return "any peer"
     if service.message is Truth:
         return "the simulator"
     found = _names(name for name, kind in agents().items() if _provides(kind, service))
-    return found or "whoever holds it"
+    return found or "the holder"
 
 
 def requesters(service: Service) -> str:
-    """Which agents hear it, or ask for it."""
+    """Which agents receive it, or query it."""
     every = agents()
     asking = [name for name, kind in every.items() if _requests(kind, service)]
-    nobody = "its owner" if service.message is Command else "people and tools"
-    return EVERYBODY if len(asking) == len(every) else ", ".join(asking) or nobody
+    others = "its owner" if service.message is Command else "people and tools"
+    return ALL if len(asking) == len(every) else ", ".join(asking) or others
 
 
 # The parts ----------------------------------------------------------------------------------------
@@ -163,17 +163,17 @@ def keys() -> str:
 
     def rows() -> Iterator[Sequence[str]]:
         for s in SERVICES:
-            said = f"[{s.message.__name__}]({_anchor(s.message)})"
+            what = f"[{s.message.__name__}]({_anchor(s.message)})"
             if s.reply is not None:
-                said += f" -> [{s.reply.__name__}]({_anchor(s.reply)})"
+                what += f" -> [{s.reply.__name__}]({_anchor(s.reply)})"
             rate = "" if s.rate_hz is None else f"{s.rate_hz:g}"
             fresh = "" if s.fresh_cycles is None else str(s.fresh_cycles)
             yield (
-                *(f"`{_angled(s.key)}`", said, s.kind.value, rate, fresh),
+                *(f"`{_angled(s.key)}`", what, s.kind.value, rate, fresh),
                 *(providers(s), requesters(s), s.meaning),
             )
         token = f"`{_angled(TOKEN)}`"
-        yield token, "none", "liveliness token", "", "", EVERYBODY, EVERYBODY, "who is there"
+        yield token, "none", "liveliness token", "", "", ALL, ALL, "its agent is alive"
 
     head = ("key", "message", "kind", "Hz", "cycles", "provided by", "requested by", "meaning")
     return table(head, rows())
@@ -222,10 +222,10 @@ def example() -> str:
     parts = []
     for message in (Command("wheels", cycle, ballot, (0.4, 0.1)), claim):
         data = encode(message)
-        said = json.dumps(cbor2.loads(data))
+        shown = json.dumps(cbor2.loads(data))
         hexed = "\n".join(textwrap.wrap(data.hex(" "), 90))
         parts.append(
-            f"`{type(message).__name__}`, {len(data)} bytes: `{said}`\n\n```text\n{hexed}\n```"
+            f"`{type(message).__name__}`, {len(data)} bytes: `{shown}`\n\n```text\n{hexed}\n```"
         )
     return "\n\n".join(parts)
 

@@ -1,12 +1,12 @@
 """Mutants: the code that decides, changed in one place at a time; the tests must notice.
 
     python -m armadico_tools.mutants                    # all that have not been run yet
-    python -m armadico_tools.mutants cycles --again     # survivors that nobody explains, once more
+    python -m armadico_tools.mutants cycles --again     # unexplained survivors, once more
 
 Cosmic Ray (`pip install cosmic-ray`) makes the changes; besides, each statement is left out once. A
 mutant never touches a file: a forked process imports the changed module and runs the tests that
 `TESTS` names, until one fails or the processor time is up. What came out is kept, a line each, so a
-run that was interrupted goes on. Survivors that change nothing that anybody is promised are
+run that was interrupted goes on. Survivors that break no promise are
 explained in `mutants_explained.py`; the others end the command with 1.
 """
 
@@ -60,13 +60,13 @@ TESTS: Final[dict[str, tuple[str, ...]]] = {
 PRELOADED: Final = ("cbor2", "hypothesis.stateful", "msgspec", "numpy", "psutil", "pytest", "zenoh")
 
 SKIPPED: Final = re.compile(
-    r"BinaryOperator_BitOr_"  # in annotations only, which nobody evaluates
+    r"BinaryOperator_BitOr_"  # in annotations only, which are not evaluated
     r"|BinaryOperator_\w+_(FloorDiv|Mod|Pow|RShift|LShift|Bit\w+)$"  # + - * / are enough
     r"|ComparisonOperator_Is_(?!IsNot)"  # `is None`: `==` is the same, and `<` raises at once
     r"|ComparisonOperator_IsNot_(?!Is$)"
     r"|ComparisonOperator_(?!Is_|IsNot_|Eq_Is$|NotEq_IsNot$)\w+_Is(Not)?$"  # `<` to `is`
 )
-"""Changes that say nothing of the tests."""
+"""Changes that no test is expected to notice."""
 
 LEFT_OUT: Final = "LeaveOut"
 
@@ -85,7 +85,7 @@ class Mutant:
 
 
 class Outcome(Struct, frozen=True):
-    """What the tests said to a mutant; `by` names the first that failed, or the time limit."""
+    """What the tests made of a mutant; `by` names the first that failed, or the time limit."""
 
     id: str  # a hash of the changed source
     module: str
@@ -123,7 +123,7 @@ def mutants(module: str) -> list[Mutant]:
         known = hashlib.sha256(changed.encode()).hexdigest()[:12]
         was, becomes, line = _difference(lines, changed.splitlines())
         if was.startswith("@dataclass("):
-            continue  # frozen and slots say to a reader what nobody does
+            continue  # frozen and slots forbid what no code does
         found.setdefault(known, Mutant(known, module, line, operator, was, becomes, changed))
     return sorted(found.values(), key=lambda mutant: (mutant.line, mutant.operator, mutant.becomes))
 
@@ -248,19 +248,19 @@ class _Changed(importlib.machinery.SourceFileLoader):
         self._source = source
 
     def get_code(self, fullname: str) -> CodeType:  # noqa: ARG002
-        """Whatever is on the disk."""
+        """The changed text, whatever is on the disk."""
         return compile(self._source, self.path, "exec", dont_inherit=True)
 
 
 class _Finder:
-    """Finds the changed module before anybody else does."""
+    """Finds the changed module before any other finder."""
 
     def __init__(self, module: str, source: str) -> None:
         self._name = name_of(module)
         self._loader = _Changed(self._name, str(path_of(module)), source)
 
     def find_spec(self, fullname: str, *_: object) -> importlib.machinery.ModuleSpec | None:
-        """Only the one."""
+        """Find the changed module only."""
         if fullname != self._name:
             return None
         return importlib.util.spec_from_file_location(
@@ -362,7 +362,7 @@ def run(module: str, todo: Iterable[Mutant], into: Rows[Outcome], deadline: floa
 
 
 def outcomes(rows: Rows[Outcome]) -> dict[str, Outcome]:
-    """What is known of each mutant, the newest word last."""
+    """What is known of each mutant, the newest last."""
     return {outcome.id: outcome for outcome in rows.read()}
 
 
@@ -370,7 +370,7 @@ def outcomes(rows: Rows[Outcome]) -> dict[str, Outcome]:
 
 
 def summary(module: str, made: Sequence[Mutant], known: dict[str, Outcome]) -> tuple[str, int]:
-    """A line of the table in docs/reliability.md, and how many survivors nobody explains."""
+    """A line of the table in docs/reliability.md, and how many survivors are not explained."""
     tried = [known[mutant.id] for mutant in made if mutant.id in known]
     lived = [outcome for outcome in tried if not outcome.killed]
     explained = sum(bool(outcome.explained) for outcome in lived)
@@ -381,7 +381,7 @@ def summary(module: str, made: Sequence[Mutant], known: dict[str, Outcome]) -> t
 
 
 def main(argv: Sequence[str] | None = None) -> int:
-    """Run what is left to run, then say what came out; 1 if a survivor is not explained."""
+    """Run what is left to run, then print the outcome; 1 if a survivor is not explained."""
     parser = argparse.ArgumentParser(description="Change the code in one place; the tests notice.")
     parser.add_argument("modules", nargs="*", metavar="MODULE", help=", ".join(TESTS))
     parser.add_argument("--sample", type=int, help="so many of each module, drawn by --seed")

@@ -8,7 +8,7 @@ from typing import Final
 _CHECKED: Final = "shapes are checked where a bid is packed and a command received"
 _ANY: Final = "any number of about this size does"
 _BEFORE: Final = "long before any time there is, as it was"
-_OVERWRITTEN: Final = "before the first cycle nobody looks at it"
+_OVERWRITTEN: Final = "not read before the first cycle"
 _SHARE: Final = "a utility lies in [0, 1]"
 _LENGTHS: Final = "small numbers are equal where they are the same"
 _UNREAD: Final = "written before it is read"
@@ -158,7 +158,7 @@ _BY_PLACE: Final[dict[str, tuple[tuple[str, str, str], ...]]] = {
         ),
     ),
     "coordination.Contender._follow": (
-        ("rival.claims.clear()", "pass", "nobody compares with who has gone"),
+        ("rival.claims.clear()", "pass", "claims of who has gone are not compared"),
         (
             "if rival is None or rival.claim.ballot != claim.ballot:",
             "if rival is None or rival.claim.ballot < claim.ballot:",
@@ -189,7 +189,7 @@ _BY_PLACE: Final[dict[str, tuple[tuple[str, str, str], ...]]] = {
         (
             "if at is None or ballot is None or ballot != self.largest or not self.clock.fresh(at):",
             "if at is None and ballot is None or ballot != self.largest or not self.clock.fresh(at):",
-            "who is obeyed is so in a cycle, and nobody is not the largest",
+            "who is obeyed is so in a cycle, and None is not the largest",
         ),
     ),
     "coordination.Contender._hold": (
@@ -297,7 +297,7 @@ _BY_PLACE: Final[dict[str, tuple[tuple[str, str, str], ...]]] = {
         (
             "if self.state is State.HOLDING and tenure is not None:",
             "if self.state is State.HOLDING or tenure is not None:",
-            "who holds has a tenure, and nobody else",
+            "a holder has a tenure, and no other has",
         ),
     ),
     "coordination.Owner.__init__": (('self._obeyed_at = float("-inf")', "pass", _UNREAD),),
@@ -347,7 +347,7 @@ _BY_PLACE: Final[dict[str, tuple[tuple[str, str, str], ...]]] = {
     ),
     "coordination.same_cycle": (("return False", "pass", "None is as false"),),
 }
-"""By place: what was, what becomes of it, and why nobody minds."""
+"""By place: what was, what becomes of it, and why no test fails."""
 
 EXPLAINED: Final = {
     (place, was, becomes): why for place, those in _BY_PLACE.items() for was, becomes, why in those

@@ -26,7 +26,7 @@ LEAST_ROWS: Final = 20
 
 
 class LogError(ValueError):
-    """The log cannot be used; the message says which row or column, and why."""
+    """The log cannot be used; the message names the row or column, and the reason."""
 
 
 class Log(Struct, frozen=True, eq=False):
@@ -114,9 +114,9 @@ Speeds = tuple[float, float]
 
 
 class Recorder:
-    """What to ask of a robot, and what it answered; sans-IO.
+    """Set-points for a robot, and the speeds that it reports; sans-IO.
 
-    P2OS takes speeds, not voltages, and its status packet does not tell the motors' voltages: the
+    P2OS takes speeds, not voltages, and its status packet has no motor voltages: the
     two columns are left empty for whoever measures them. Forward and backward, fast and half as
     fast, so that the robot ends about where it began.
     """

@@ -34,7 +34,7 @@ WATCHER: Final = "watcher"
 
 
 class Place:
-    """This machine, with ports and a namespace of keys that nobody else has.
+    """This machine, with ports and a namespace of keys of its own.
 
     Every process that is started while it is entered finds its mesh.
     """

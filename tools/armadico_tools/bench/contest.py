@@ -1,4 +1,4 @@
-"""Contenders for the wheels on the virtual mesh: what they say, and how soon they are obeyed."""
+"""Contenders on the virtual mesh: messages per cycle, and cycles until a command is obeyed."""
 
 from __future__ import annotations
 
@@ -21,10 +21,10 @@ CROWDS: Final = (3, 10, 50)
 
 SETTLE_CYCLES: Final = 20
 ROUND_CYCLES: Final = 400
-"""In which the utility wanders once through all contenders."""
+"""Cycles in which the best utility wanders once through all contenders."""
 
 TURN_CYCLES: Final = 15
-"""After so many the best bid is another contender's."""
+"""Cycles after which the best bid is another contender's."""
 
 
 class Robot(Driven):
@@ -38,7 +38,7 @@ class Robot(Driven):
         self.first_obeyed: dict[Ballot, int] = {}  # by ballot, the cycle of its first command
 
     def judged(self, command: Command, verdict: Verdict) -> None:
-        """In this cycle."""
+        """Note the cycle of a ballot's first obeyed command."""
         if verdict is Verdict.OBEYED:
             self.first_obeyed.setdefault(command.ballot, self.counter.number)
 
@@ -86,14 +86,14 @@ def messages_per_cycle(quick: bool, tell: Tell) -> list[Figure]:
 def _talk(crowd: int, rounds: int) -> list[int]:
     """How many messages each cycle brought."""
     mesh = VirtualMesh(seed=crowd)
-    said: Counter[int] = Counter()
-    mesh.watch(lambda _key, message, _now: said.update([_number(message)]), Claim, Command)
+    counts: Counter[int] = Counter()
+    mesh.watch(lambda _key, message, _now: counts.update([_number(message)]), Claim, Command)
     mesh.add(Robot(mesh.identity("robot")), admit=False)
     for index in range(crowd):
         _join(mesh, Wanderer, f"wanderer-{index}", index / crowd)
     cycles = range(SETTLE_CYCLES, SETTLE_CYCLES + rounds * ROUND_CYCLES)
     mesh.run((cycles.stop + 1) * PERIOD)
-    return [said[number] for number in cycles]
+    return [counts[number] for number in cycles]
 
 
 def _number(message: Message) -> int:
@@ -102,7 +102,7 @@ def _number(message: Message) -> int:
 
 
 def cycles_to_obeyed(quick: bool, tell: Tell) -> list[Figure]:
-    """Cycles from the one in which somebody else's bid is the best to its first obeyed command."""
+    """Cycles from the one in which another bid is the best to its first obeyed command."""
     turns = 20 if quick else 100
     cycles: list[int] = []
     for seed in range(5):

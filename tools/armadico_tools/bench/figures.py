@@ -12,7 +12,7 @@ from importlib import import_module
 from typing import Final
 
 Tell = Callable[[float], None]
-"""Told how much of a benchmark is done, from 0 to 1."""
+"""Called with the share of a benchmark that is done, 0 to 1."""
 
 
 @dataclass(frozen=True)
@@ -115,7 +115,7 @@ BENCHMARKS: Final = (
         "armadico_tools.bench.society:cpu",
     ),
 )
-"""Everything that can be measured, in the order in which it is."""
+"""All benchmarks, in the order in which they run."""
 
 
 def figure(

@@ -6,7 +6,7 @@ Run as a file, not as a module, so that it imports nothing but Zenoh:
     floor.py relay LISTEN CONNECT RULE...   answer samples by samples
     floor.py ends LISTEN CONNECT PORT RULE...
 
-LISTEN and CONNECT are endpoints, separated by commas, or "-". A RULE is "KEY" (it is heard, no
+LISTEN and CONNECT are endpoints, separated by commas, or "-". A RULE is "KEY" (it is received, no
 more) or "KEY>KEY:BYTES,KEY:BYTES": each sample is answered by these, within Zenoh's callback, with
 no queue, no thread and no decoding. `ends` also joins a TCP connection to the mesh: in its rules
 the key "tcp" stands for that. All live until their standard input is closed.
@@ -45,19 +45,19 @@ class Relay:
     def __init__(self, mesh: zenoh.Session, line: socket.socket | None = None) -> None:
         self._mesh = mesh
         self._line = line
-        self._held: list[Any] = []  # declarations live as long as somebody holds them
+        self._held: list[Any] = []  # a declaration lives as long as its reference
 
     def obey(self, rules: Sequence[str]) -> None:
-        """Answer from now on."""
+        """Subscribe to each rule's key, and answer by it from now on."""
         for rule in rules:
             key, _, answers = rule.partition(">")
             puts = [self._put(answer) for answer in answers.split(",") if answer]
             if key == "tcp":
                 threading.Thread(target=self._read, args=(puts,), daemon=True).start()
             else:
-                self._hear(key, puts)
+                self._subscribe(key, puts)
 
-    def _hear(self, key: str, puts: Sequence[Put]) -> None:
+    def _subscribe(self, key: str, puts: Sequence[Put]) -> None:
         def arrived(_sample: zenoh.Sample) -> None:
             for put in puts:
                 put()
@@ -87,7 +87,7 @@ def _endpoints(text: str) -> list[str]:
 
 
 def main() -> None:
-    """Do what the arguments say."""
+    """Run the mode that the arguments name."""
     kind, listen, connect, *rest = sys.argv[1:]
     mesh = session(listen, connect)
     held: Any = None

@@ -2,8 +2,8 @@
 
 This process plays the microcontroller: a simulated Pioneer between two long walls, in real time
 behind a TCP port. Later in each cycle two floors have their turns, so that whatever else the
-machine does happens to all three: bare Zenoh processes that say as much to as many as the society
-does, and bare processes with the critical path alone.
+machine does happens to all three: bare Zenoh processes that publish as much to as many subscribers
+as the society does, and bare processes with the critical path alone.
 """
 
 from __future__ import annotations
@@ -57,7 +57,7 @@ LOST_S: Final = 0.09
 """What has not come by then answers another status packet, or none."""
 
 READY_S: Final = 10.0
-"""So long the floor may take to be linked, or anybody to say something."""
+"""Time limit for the floor's links, and from one motor command to the next."""
 
 ATTEMPTS: Final = 50
 
@@ -100,7 +100,7 @@ class Stopwatch:
 
 
 class BarePath:
-    """A floor: a thread that sends some time after it is told to, and waits for the answer."""
+    """A floor: a thread that sends some time after `turn`, and waits for the answer."""
 
     def __init__(self, connection: socket.socket, delay_s: float) -> None:
         self.latencies: list[float] = []  # s
@@ -121,11 +121,11 @@ class BarePath:
         raise RuntimeError(f"nothing came round the floor within {READY_S:.0f} s")
 
     def turn(self) -> None:
-        """A status packet went out elsewhere."""
+        """Start a round: a status packet went out elsewhere."""
         self._turns.put(True)
 
     def stop(self) -> None:
-        """No more."""
+        """End the thread."""
         self._over.set()
         self._turns.put(False)
         if self._thread.is_alive():
@@ -229,7 +229,7 @@ def _society(port: str, together: tuple[tuple[str, ...], ...]) -> Iterator[None]
     ):
         launcher.start()
         launcher.begin()
-        mesh.close()  # nobody but the society is there
+        mesh.close()  # no guest listens in
         yield
 
 
@@ -265,7 +265,7 @@ def path() -> list[tuple[str, ...]]:
 
 
 def traffic() -> list[tuple[str, ...]]:
-    """All that the society says in a cycle, to everybody who hears it there."""
+    """All that the society publishes in a cycle, to all that subscribe to it there."""
     size = _sizes()
     return [
         (
@@ -281,7 +281,7 @@ def traffic() -> list[tuple[str, ...]]:
 
 
 def _sizes() -> dict[str, int]:
-    """Bytes of what travels, as the society says it."""
+    """Payload sizes of the society's messages, bytes."""
     number = 0.12345678901234
     cycle, ballot = Cycle(2**62, 1000), Ballot(3, 0.9, False, "goto-0123456789abcdef")
     point, echo = Point(number, number), Echo(number, number, number, number)

@@ -40,7 +40,7 @@ def floor(*arguments: str) -> list[str]:
 
 @contextmanager
 def ready_floor(*arguments: str) -> Iterator[subprocess.Popen[bytes]]:
-    """A process of the floor's that has said its word. Raises RuntimeError if it does not."""
+    """A process of the floor that has printed `ready`. Raises RuntimeError if it does not."""
     with started(floor(*arguments)) as process:
         assert process.stdout is not None, "it was asked for"
         if process.stdout.readline().strip() != b"ready":

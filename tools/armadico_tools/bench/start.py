@@ -20,10 +20,10 @@ from armadico_tools.bench.processes import floor, started
 from armadico_tools.testbed import Place
 
 HEAVY: Final = ("numpy", "zenoh", "pymunk", "cbor2", "msgspec", "serial", "rich", "matplotlib")
-"""What nobody waits for who only asks for help."""
+"""Packages that are slow to import, and not needed for --help."""
 
 SEEN_S: Final = 20.0
-"""An agent that is not seen for so long will not be."""
+"""Time limit for an agent's token."""
 
 COUNT: Final = """
 import contextlib, io, json, sys

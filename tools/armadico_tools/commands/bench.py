@@ -47,9 +47,9 @@ def parser() -> argparse.ArgumentParser:
     """The command's options."""
     made = options.parser(
         "armadico bench",
-        "Measure on this machine, on a mesh of its own that disturbs nobody. Each figure stands"
-        " beside a floor measured in the same run, in turns with it: on a shared machine the ratio"
-        " says more than the figure.",
+        "Measure on this machine, on a mesh of its own. Each figure stands beside a floor measured"
+        " in the same run, in turns with it: on a shared machine compare the ratios, not the"
+        " figures.",
         EXAMPLES,
     )
     made.add_argument("names", nargs="*", metavar="NAME", help="which; see --list (default: all)")
@@ -71,7 +71,7 @@ def _chosen(names: Sequence[str]) -> list[Benchmark]:
 
 
 def _measure(benchmark: Benchmark, quick: bool, tell: Callable[[float], None]) -> list[Figure]:
-    """Raises FailedError saying which one failed, and why."""
+    """Its figures. Raises FailedError with its name and the reason."""
     try:
         return benchmark.measure(quick, tell)
     except (RuntimeError, OSError) as error:
@@ -140,7 +140,7 @@ def _show(figures: Sequence[Figure]) -> None:
 
 
 def _cell(value: float | None) -> str:
-    """Three digits are more than a shared machine can tell."""
+    """Three digits: a shared machine is less exact."""
     if value is None:
         return "-"
     return f"{value:.0f}" if value >= 100 or value == int(value) else f"{value:.3g}"

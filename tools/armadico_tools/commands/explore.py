@@ -97,8 +97,8 @@ def _check(args: argparse.Namespace) -> None:
 
 def _report(summary: Summary, args: argparse.Namespace, seconds: float, *, complete: bool) -> None:
     if args.json:
-        told = {"complete": complete, "seconds": round(seconds, 1)}
-        print(json.dumps({**summary.plain(), **told}))
+        ended = {"complete": complete, "seconds": round(seconds, 1)}
+        print(json.dumps({**summary.plain(), **ended}))
         return
     what = "runs" if args.what == "admission" else "states"
     print(

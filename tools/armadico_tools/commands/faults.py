@@ -32,7 +32,7 @@ if TYPE_CHECKING:
 SEEDS: Final = 20
 MINUTES: Final = 2.0
 SHRUNK: Final = 3
-"""So many of the cases that broke a promise are made small."""
+"""At most so many of the cases that broke a promise are shrunk."""
 
 EXAMPLES: Final = """\
   armadico faults --list                       the kinds of faults, and the promises
@@ -91,7 +91,7 @@ def _check(args: argparse.Namespace) -> None:
         given = [n for n in ("seeds", "first", "minutes", "jobs") if getattr(args, n) is not None]
         given += ["kind"] * bool(args.kind)
         if given:
-            raise UsageError(f"--repeat is one case, which says all itself: no --{given[0]}")
+            raise UsageError(f"--repeat takes everything from its case: no --{given[0]}")
     if args.kind:
         from armadico_tools.faults.fault_types import KINDS  # noqa: PLC0415 - not for --help
 
@@ -181,12 +181,12 @@ def _commands(summary: Summary) -> list[str]:
     from armadico_tools.faults import series, shrink  # noqa: PLC0415
 
     commands = []
-    told: set[str] = set()
+    shrunk: set[str] = set()
     for outcome in summary.broken:
         promise = outcome.violations[0][0]
-        if promise in told or len(told) >= SHRUNK:
+        if promise in shrunk or len(shrunk) >= SHRUNK:
             continue
-        told.add(promise)
+        shrunk.add(promise)
         say(f"seed {outcome.case.seed} broke {promise}: shrinking")
         try:
             with pool.progress("runs, at most", shrink.TRIES) as step:

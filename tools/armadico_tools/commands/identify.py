@@ -29,10 +29,10 @@ DESCRIPTION: Final = """\
 Identify the robot's dynamics (thesis 4.5.3): 1/a11, C_v and C_s from driving straight, 1/a22, C_v1
 and C_s1 from turning on the spot, each with its 95 % interval. A log is CSV with the columns t,
 left_v, right_v, v, w (s, V, V, m/s, rad/s); a row's voltages are held until the next row. Several
-logs may be given: one straight, one turning. What a log cannot tell is said, not guessed.
+logs may be given: one straight, one turning. What a log does not excite is refused, not guessed.
 
 --simulate drives the simulated robot by voltages and writes a log that can be identified.
---record drives a robot over P2OS and writes what it reports. P2OS takes speeds and tells no
+--record drives a robot over P2OS and writes what it reports. P2OS takes speeds and reports no
 voltages, so left_v and right_v stay empty: fill them in from a measurement of your own, as the
 thesis did through an external board. Without them such a log is refused.
 """
@@ -46,7 +46,7 @@ EXAMPLES: Final = """\
 
 
 def main(argv: Sequence[str]) -> int:
-    """Identify; 0 if any log told anything."""
+    """Identify; 0 if any log could be identified."""
     args = _checked(parser().parse_args(argv))
     if args.simulate:
         return _simulate(args)
@@ -248,7 +248,7 @@ def _record(args: argparse.Namespace) -> int:
     except TransportError as error:
         raise FailedError(str(error)) from None
     _write(args.record, recorder.csv())
-    say("left_v and right_v are empty: P2OS does not tell the motors' voltages")
+    say("left_v and right_v are empty: P2OS does not report the motors' voltages")
     return 0
 
 
@@ -258,7 +258,7 @@ def _drive(
     robot: RobotProfile,
     clock: Callable[[], float] = time.monotonic,
 ) -> None:
-    """Ask for the recorder's speeds until it is done. Raises FailedError if nobody answers."""
+    """Drive at the recorder's speeds until it is done. Raises FailedError without an answer."""
     from armadico.bridge.p2os.session import (  # noqa: PLC0415 - not for --help
         LinkLost,
         Reported,

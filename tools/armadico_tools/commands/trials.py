@@ -22,7 +22,7 @@ if TYPE_CHECKING:
 
 TRIALS: Final = 30
 SHOWN: Final = 10
-"""So many violations are printed; --json has them all."""
+"""Violations that are printed at most; --json has them all."""
 
 EXAMPLES: Final = """\
   armadico trials --list                         what there is, and from when to when it counts
@@ -187,7 +187,7 @@ def _print_table(lines: list[Line]) -> None:
     from rich.console import Console  # noqa: PLC0415 - not for --help
     from rich.table import Table  # noqa: PLC0415
 
-    table = Table(caption="ms unless it says otherwise; armadico trials --list says what counts")
+    table = Table(caption="ms unless named otherwise; armadico trials --list has the definitions")
     for title in ("kind", "figure"):
         table.add_column(title)
     for title in ("trials", "median", "worst", "aim"):

@@ -1,6 +1,6 @@
 """The experiments of chapters 4 and 5 of the thesis, and what they leave open.
 
-An experiment is a module here with `TITLE: str` and `run(context: Context) -> None`. It may say
+An experiment is a module here with `TITLE: str` and `run(context: Context) -> None`. It may set
 `RUNS` and `FIRST_SEED` where 30 seeds a cell from 1000 on are not what it wants.
 """
 

@@ -82,7 +82,7 @@ class Context:
         self._wrote(path)
 
     def table(self, text: str, name: str = "table") -> None:
-        """Write `name`.md, which says what it was made with."""
+        """Write `name`.md, with the commit and the seeds that it was made with."""
         path = self.out / f"{name}.md"
         seeds = f"seeds {self.first_seed} to {self.first_seed + self.runs - 1}"
         path.write_text(f"{text.rstrip()}\n\nCommit {self.commit}, {seeds}.\n", encoding="utf-8")

@@ -199,9 +199,9 @@ def scattered(first_seed: int, runs: int) -> list[Case]:
 
 
 def drives_table(drives: Sequence[Drive]) -> str:
-    """Who came how far, and when."""
+    """How far each controller came, and when."""
     lines = [
-        f"| {one.case} | {one.controller} | {_told(one)} |"
+        f"| {one.case} | {one.controller} | {_thesis(one)} |"
         f" {one.seconds:.1f} | {one.metres:.2f} | {one.off_m:.3f} | {degrees(one.off_rad):.1f} |"
         f" {'yes' if one.reached else 'no'} |"
         for one in drives
@@ -212,7 +212,7 @@ def drives_table(drives: Sequence[Drive]) -> str:
     )
 
 
-def _told(one: Drive) -> str:
+def _thesis(one: Drive) -> str:
     return THESIS_S[one.controller] if one.case == CASE_A.name else "-"
 
 

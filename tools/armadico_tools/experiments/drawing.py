@@ -54,7 +54,7 @@ def by_holder(axes: Axes, run: Drive, title: str) -> None:
     for holder, group in groupby(marks, key=lambda mark: mark.holder):
         end = begin + len(list(group))
         part = marks[max(begin - 1, 0) : end]
-        name = holder or "nobody"
+        name = holder or "no agent"
         axes.plot(
             [mark.x for mark in part],
             [mark.y for mark in part],

@@ -41,12 +41,12 @@ class Cell(Struct, frozen=True):
     without: tuple[str, ...] = ()
     sensors: str | None = None
     robot: str | None = None
-    joins: str | None = None  # an agent that joins while the run is going on,
-    joins_at_s: float = 0.0  # so long after its beginning
+    joins: str | None = None  # an agent that joins while the run is going on
+    joins_at_s: float = 0.0  # when it joins, from the run's beginning
 
 
 class Sample(Struct, frozen=True):
-    """One run: `observe.measures.Result`, how smooth it was, and what else there is to say.
+    """One run: `observe.measures.Result`, how smooth it was, and a note.
 
     `arrived` is by the true position alone, within 0.15 m; `reached` asks for the heading too.
     `believed_p_percent` is P by the encoders' pose.
@@ -176,8 +176,8 @@ class Drive:
         """The agent joins with the parameters that it would have had from the beginning."""
         if any(node.name == name for node in self.rehearsal.mesh.nodes):
             return
-        everybody = members(self.scenario, with_everybody(self._options()), "memory:")
-        sets = next(member.sets for member in everybody if member.name == name)
+        every = members(self.scenario, complete(self._options()), "memory:")
+        sets = next(member.sets for member in every if member.name == name)
         kind = load(AGENTS, name, Agent)
         self.rehearsal.add(kind, load_parameters(kind.parameters, None, list(sets)))
         self._taking += (name,)
@@ -192,8 +192,8 @@ def share(name: str, holders: list[str | None]) -> float:
     return round(100.0 * held.count(name) / len(held), 2) if held else 0.0
 
 
-def with_everybody(options: Options) -> Options:
-    """The same society with nobody left out."""
+def complete(options: Options) -> Options:
+    """The same society with no agent left out."""
     return Options(options.seed, options.controller, options.exchange, options.parameters)
 
 

@@ -1,7 +1,7 @@
 """What every agent bid in every cycle of a run, from the agents' own bid histories.
 
 Losers are silent on the mesh but remember their bids: the histories are asked for once a second.
-The holder's claims say what it wanted and what it commanded, so blending shows in public.
+The holder's claims have what it wanted and what it commanded, so blending is visible.
 """
 
 from __future__ import annotations
@@ -32,23 +32,23 @@ class Turn(Struct, frozen=True):
 
 
 class History:
-    """One run, driven to its end, and everybody's bids for the wheels."""
+    """One run, driven to its end, and all agents' bids for the wheels."""
 
     def __init__(self, cell: Cell, seed: int) -> None:
         self.drive = Drive(cell, seed)
         self._bids: dict[tuple[str, int], tuple[float | None, bool, str]] = {}
         self._claims: dict[tuple[str, int], bool] = {}
-        self.drive.rehearsal.mesh.watch(lambda _key, message, _t: self._hear(message), Claim)
+        self.drive.rehearsal.mesh.watch(lambda _key, message, _t: self._receive(message), Claim)
         self.drive.go(self._ask)
         self._ask()
 
-    def _hear(self, message: Message) -> None:
+    def _receive(self, message: Message) -> None:
         assert isinstance(message, Claim), "it watches nothing else"
         if message.resource != WHEELS.name or message.utility is None:
             return
         agent = agent_of(message.ballot.instance)
         pairs = zip(message.wanted, message.commanded, strict=False)
-        blends = any(abs(wanted - said) > SAME for wanted, said in pairs)
+        blends = any(abs(wanted - sent) > SAME for wanted, sent in pairs)
         self._claims[agent, message.cycle.number] = blends
 
     def _ask(self) -> None:

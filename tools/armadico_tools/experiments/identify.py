@@ -199,7 +199,7 @@ def summary(trials: Sequence[Trial], found: Sequence[Found], true: dict[str, flo
     lines = []
     for trial in trials:
         for name in trial.motion.gives:
-            told = THESIS[trial.name.split()[0]][name]
+            printed = THESIS[trial.name.split()[0]][name]
             for method, _ in METHODS:
                 mine = [
                     one.values[name]
@@ -207,7 +207,7 @@ def summary(trials: Sequence[Trial], found: Sequence[Found], true: dict[str, flo
                     if one.trial == trial.name and one.method == method
                 ]
                 lines.append(
-                    f"| {trial.name} | {trial.signal} | {name} | {told:g} | {true[name]:.4g} |"
+                    f"| {trial.name} | {trial.signal} | {name} | {printed:g} | {true[name]:.4g} |"
                     f" {method} | {_spread(mine, true[name])} |"
                 )
     return HEAD + "\n".join(lines) + "\n"
@@ -260,21 +260,21 @@ def together(found: Sequence[Found], seed: int, robot: RobotProfile) -> dict[str
 
 
 def conclusion(found: Sequence[Found], seeds: Sequence[int], robot: RobotProfile) -> str:
-    """Table 4.6, and whether an interval tells a parameter from zero."""
+    """Table 4.6, and how often an interval excludes zero."""
     true = truth(robot) | {"I_0": robot.inertia.body_kg_m2}
-    told = THESIS["4.6"] | {"I_0": 0.3}
+    printed = THESIS["4.6"] | {"I_0": 0.3}
     every = [together(found, seed, robot) for seed in seeds]
     lines = []
     for name in (*LINEAR.gives, *ANGULAR.gives, "I_0"):
         mine = [one[name] for one in every]
         apart = sum(not one.holds(0.0) for one in mine)
         lines.append(
-            f"| {name} | {told[name]:g} | {true[name]:.4g} | {_spread(mine, true[name])} |"
+            f"| {name} | {printed[name]:g} | {true[name]:.4g} | {_spread(mine, true[name])} |"
             f" {apart} of {len(mine)} | {fmean(one.half for one in mine) / true[name]:.3g} |"
         )
     return (
         "| parameter | thesis | true | one log of each trial | mean | bias | sd | 95 % half width |"
-        " holds the true value | told from zero | half width / true |\n"
+        " holds the true value | excludes zero | half width / true |\n"
         "| --- | ---: | ---: | ---: | ---: | ---: | ---: | ---: | ---: | ---: | ---: |\n"
         + "\n".join(lines)
         + "\n"

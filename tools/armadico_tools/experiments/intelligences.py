@@ -31,7 +31,7 @@ MODULES: Final[dict[str, Module]] = {
 
 
 def cells() -> list[Cell]:
-    """Goto and avoid as in the thesis, by the default rules and by the text's; and everybody."""
+    """Goto and avoid as in the thesis, by the default rules and by the text's; and all agents."""
     return [
         Cell("goto and avoid", "house", without=("gothrough",)),
         Cell("goto and avoid, thesis", "house", parameters="thesis", without=("gothrough",)),

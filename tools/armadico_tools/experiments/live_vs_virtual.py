@@ -76,8 +76,8 @@ def live(task: tuple[Cell, int]) -> Sample:
     try:
         result = msgspec.convert(json.loads(done.stdout), Result)
     except ValueError:
-        said = done.stderr.strip()[-500:]
-        raise RuntimeError(f"{cell.scenario} seed {seed}: {said}") from None
+        why = done.stderr.strip()[-500:]
+        raise RuntimeError(f"{cell.scenario} seed {seed}: {why}") from None
     measured = msgspec.structs.asdict(result)
     del measured["scenario"], measured["seed"]
     return Sample(cell=cell.name, seed=seed, arrived=result.reached, **measured)

@@ -27,7 +27,7 @@ SHOWN: Final = {
 
 
 def cells() -> list[Cell]:
-    """Everybody takes part, collaborative controller, ideal sensors."""
+    """All agents take part, collaborative controller, ideal sensors."""
     return [
         Cell(f"{scenario} {name}", scenario, parameters=given)
         for scenario in SCENARIOS
@@ -43,7 +43,7 @@ def run(context: Context) -> None:
     bad = failures([one for cell in cells() for one in samples[cell.name]])
     context.table(
         f"# {TITLE}\n\n`thesis` is `configs/parameters/thesis.toml`; where the text has no number"
-        " it has a prototype's. Everybody takes part. *clearance*: the mean over the runs of the"
+        " it has a prototype's. All agents take part. *clearance*: the mean over the runs of the"
         f" least way between outline and walls.\n\n{RULES}\n\n{table(head, rows)}\n\n{bad}"
     )
 

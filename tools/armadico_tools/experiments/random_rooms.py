@@ -25,7 +25,7 @@ AIM: Final = 0.99
 
 NOTE: Final = (
     "Floor plans of 8 to 14 by 6 to 10 m, rooms of at least 2.4 m, doors of 0.8 to 1.1 m, up to"
-    " three boxes a room; from one room to another, everybody takes part, default parameters, ideal"
+    " three boxes a room; from one room to another, all agents take part, default parameters, ideal"
     " sensors. The planner knows the walls and the furniture. In each of them a disc of 0.53 m (the"
     " robot's width plus 20 cm) gets from start to goal, by flood fill. The seed is the plan's and"
     " the run's. Aim: 99 % reached, nothing touched."

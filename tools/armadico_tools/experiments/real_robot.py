@@ -19,7 +19,7 @@ SENSORS = {"simulated": "ideal", "real": "real"}
 
 
 def cells(scenario: str) -> list[Cell]:
-    """Everybody takes part; both sensors."""
+    """All agents take part; both sensors."""
     return [Cell(name, scenario, sensors=sensors) for name, sensors in SENSORS.items()]
 
 

@@ -50,13 +50,13 @@ KINDS: Final[dict[str, tuple[Speeds, ...]]] = {
     "angular": ((0.0, 0.5), (0.0, 1.0), (0.0, 2.0), (0.0, 4.0)),
     "coupled": ((0.3, 0.5), (0.5, 1.0), (1.0, 1.0), (1.0, 2.0), (1.4, 2.0)),
 }
-"""The thesis does not say its set-points: these go to 90 % of what the supply can hold."""
+"""The thesis does not print its set-points: these go to 90 % of what the supply can hold."""
 
 WAY_M: Final = 3.0
 """The heading error is read after this way."""
 
 TAIL: Final = 60
-"""So many steps at the end, 0.3 s, tell how the heading error goes on."""
+"""Steps at the end, 0.3 s, from which the growth of the heading error is read."""
 
 PLACES: Final = ("voltages", "set-points")
 

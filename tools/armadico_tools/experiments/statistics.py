@@ -68,7 +68,7 @@ def shift(a: Sequence[float], b: Sequence[float]) -> tuple[float, float, float]:
     """How far `a` lies above `b`, with its 95 % interval (Hodges and Lehmann).
 
     The median of all differences, and the interval in which Mann and Whitney's test would not
-    tell them apart, by the normal approximation. Neither sample may be empty.
+    separate them, by the normal approximation. Neither sample may be empty.
     """
     differences = sorted(x - y for x in a for y in b)
     count = len(differences)

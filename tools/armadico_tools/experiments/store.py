@@ -2,7 +2,7 @@
 
 `runs.csv` is append-only while an experiment runs, one line a run as soon as it is finished, keyed
 by cell, seed and a hash of all that the run depends on; at the end it is put in order. `about.json`
-says what the folder holds. A folder that holds other seeds, or was made by other code, is moved
+describes the folder. A folder that holds other seeds, or was made by other code, is moved
 aside.
 """
 
@@ -25,7 +25,7 @@ RUNS: Final = "runs.csv"
 ABOUT: Final = "about.json"
 CODE: Final = ("armadico", "armadico.agents", "armadico.bridge", "armadico.configs")
 BESIDES: Final = ("driving.py", "traces.py")
-"""Of this package, what a run depends on: the rest only tells what came of it."""
+"""Of this package, what a run depends on: the rest only reports its results."""
 
 Key = tuple[str, int, str]
 

@@ -33,7 +33,7 @@ COORDINATIONS: Final = {
     "same-cycle": (),
     "last-heard": ("social.margin=0.0", 'social.comparison="last-heard"'),
 }
-"""Ours (bids of one cycle, a margin), and 3.10's: a new bid against the claim last heard."""
+"""Ours (bids of one cycle, a margin), and 3.10's: a new bid against the last claim received."""
 
 SETTINGS: Final = (
     ("safe", "default rules", None, False),
@@ -48,7 +48,7 @@ NO_RAMP: Final = 30.0
 NOTE: Final = (
     "World `sc4` (figure 5.7), goto and avoid only, as in the thesis. *same-cycle* compares bids"
     " of one cycle, with the resource's margin; *last-heard* is 3.10 as written: a new bid against"
-    " the claim last heard, no margin. Jerk and steps are of the true speeds and the obeyed"
+    " the last claim received, no margin. Jerk and steps are of the true speeds and the obeyed"
     " commands, sampled at 10 Hz.\n"
 )
 

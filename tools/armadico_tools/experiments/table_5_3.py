@@ -35,8 +35,8 @@ class Joining(Struct, frozen=True):
 
     world: str
     seed: int
-    before: tuple[str, ...]  # instances that were there before,
-    kept: bool  # all of them are still there and the only other one is gothrough's
+    before: tuple[str, ...]  # instances that were alive before
+    kept: bool  # all of them still live, and the only other one is gothrough's
     first_held_s: float | None  # when gothrough was first obeyed, s after the mission began
 
 
@@ -59,7 +59,7 @@ def joining(world: str) -> Cell:
 
 
 def join(task: tuple[str, int]) -> Joining:
-    """One run in which gothrough joins, and who was there before and after."""
+    """One run in which gothrough joins, and who was alive before and after."""
     world, seed = task
     drive = Drive(joining(world), seed)
     before = drive.instances()
@@ -73,10 +73,10 @@ def join(task: tuple[str, int]) -> Joining:
 
 
 def run(context: Context) -> None:
-    """The table, what adding gothrough changes, and whether anybody else had to restart."""
+    """The table, what adding gothrough changes, and whether another agent had to restart."""
     samples = context.drive(cells())
     joins = context.map(
-        join, [(world, seed) for world in WORLDS for seed in context.seeds], "who was there"
+        join, [(world, seed) for world in WORLDS for seed in context.seeds], "who was alive"
     )
     fields = Joining.__struct_fields__
     rows = (structs.replace(one, before=" ".join(one.before)) for one in joins)
@@ -110,7 +110,7 @@ def _joined(samples: Samples, joins: list[Joining]) -> str:
         least = f"{min(held):.1f} s" if held else "-"
         kept = f"{sum(one.kept for one in mine)} of {len(mine)} runs"
         rows.append((world, kept, f"{len(held)} of {len(mine)} runs", least))
-    head = ("world", "nobody else restarted", "gothrough obeyed in", "first obeyed after")
+    head = ("world", "no other restarted", "gothrough obeyed in", "first obeyed after")
     columns = [Column(f"{world}, joins", samples[f"{world} joins"]) for world in WORLDS]
     return (
         f"## Gothrough joins {JOINS_S:g} s after the mission began\n\n{table(head, rows)}\n\n"

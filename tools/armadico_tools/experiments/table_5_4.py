@@ -11,7 +11,7 @@ if TYPE_CHECKING:
 
 TITLE: Final = "Table 5.4: experiment 1, two offices"
 NOTE: Final = (
-    "v at most 0.4 m/s, everybody takes part. The thesis drove each column once, on a real Pioneer"
+    "v at most 0.4 m/s, all agents take part. The thesis drove each column once, on a real Pioneer"
     " for *real*; ours is a simulation with slip (2 % of each wheel), a heading drift of 0.01 rad a"
     " metre, 1 cm of sonar noise, lost echoes, and a tenth of the walls dead to the sonars. Those"
     " numbers are chosen, not measured. There is less furniture than in the text."

@@ -11,7 +11,7 @@ if TYPE_CHECKING:
 
 TITLE: Final = "Table 5.5: experiment 2, the whole floor"
 NOTE: Final = (
-    "v at most 0.4 m/s, everybody takes part, as table 5.4. The thesis's TT of 152.71 s over 51 m"
+    "v at most 0.4 m/s, all agents take part, as table 5.4. The thesis's TT of 152.71 s over 51 m"
     " is 0.33 m/s. P and FO are by the true pose: the interface agent believes the encoders, so a"
     " run may end far from the goal with the robot sure that it is there, as the thesis's real one"
     " did. *Left out*: people (nothing in the simulator moves but the robot) and the drop of the"

@@ -129,7 +129,7 @@ def differences(
 
 
 def _change(before: float, after: float) -> str:
-    """Plain, and in per cent where that says anything: not of next to nothing."""
+    """The difference, and in per cent unless it is of next to nothing."""
     text = f"{after - before:+.3g}"
     if abs(after) > MANY_TIMES * abs(before):
         return text

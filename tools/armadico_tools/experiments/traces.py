@@ -65,7 +65,7 @@ class Trace:
     kinds: tuple[type[Message], ...] = (Command, Ack, Truth)
 
     def __init__(self, watch: RunWatch) -> None:
-        """`watch` says when the run has begun and ended, and who is obeyed."""
+        """`watch` knows when the run has begun and ended, and who is obeyed."""
         self.ticks: list[Tick] = []
         self.rests_since: float | None = None
         self._watch = watch
@@ -74,7 +74,7 @@ class Trace:
         self._left: Tick | None = None  # where the last circle of STUCK_M was begun
 
     def show(self, message: Message) -> None:
-        """Take one message."""
+        """Take one message of the run."""
         if isinstance(message, Truth):
             self._tick(message)
         elif isinstance(message, Command) and message.resource == WHEELS.name:

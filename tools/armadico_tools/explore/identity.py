@@ -12,7 +12,7 @@ What each part of it rests on:
 - Claims that no bid is there for, or will come, are compared with nothing.
 - Times are only compared with now: the claim timeout (2.3 cycles), fresh (3), the rest, the draw.
 - Terms are compared, and one is added to the largest known. A gap of more than `GAP` between two is
-  as good as one of `GAP` until somebody casts so often without hearing of any larger one; likewise
+  as good as one of `GAP` until one casts so often without receiving any larger one; likewise
   above 0, from which a newcomer casts.
 - Anything that a subclass adds is compared as it is.
 """

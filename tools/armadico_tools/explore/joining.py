@@ -2,8 +2,8 @@
 
 Each instance shows its token, asks for cards and gives its own, as the driver of an agent does. How
 long each token and each card takes is picked, and who begins when, and which link is cut and when
-it heals. What is asked for by name in DESIGN's words: never two at work for good, and never nobody
-where one was.
+it heals. Promised: never two at work for good, and never none where one
+was.
 """
 
 from __future__ import annotations
@@ -22,7 +22,7 @@ CYCLE_S: Final = 0.1
 LATENCY_S: Final = 0.002
 
 TOKENS: Final = ("at once", "0.12 s", "0.3 s")
-"""What a token's news may take. A link that is up brings it within this, or is no link yet."""
+"""Delays of a token's news. A link that is up brings it within these, or is no link yet."""
 
 CARDS: Final = ("at once", "0.12 s", "0.4 s", "never")
 
@@ -68,7 +68,7 @@ class Joiners:
         self.now = 0.0
         self.setup = setup
         self.worked: set[str] = set()
-        self.at_work_at = 0.0  # when somebody was last at work
+        self.at_work_at = 0.0  # when an instance was last at work
         self._kind = admission
         self._picker = picker
         self._heap: list[tuple[float, int, Any, tuple[Any, ...]]] = []
@@ -80,7 +80,7 @@ class Joiners:
         self._seen: set[tuple[str, str]] = set()  # (who, whose token)
         self._down: set[frozenset[str]] = set()
         self._wakes: dict[str, float] = {}
-        self._told = 0.0
+        self._changed_at = 0.0
         self._spins = ""
         self._plan()
 
@@ -96,17 +96,17 @@ class Joiners:
 
     def run(self) -> str:
         """Let it all happen; which promise is broken, or nothing."""
-        while self._heap and self._heap[0][0] <= self._told + AFTER_S:
+        while self._heap and self._heap[0][0] <= self._changed_at + AFTER_S:
             self.now, _, call, about = heapq.heappop(self._heap)
             call(*about)
         if self._spins:
-            return f"nobody spins: woken again at once, {self._spins}"
+            return f"no busy loop: woken again at once, {self._spins}"
         if len(self.at_work) > 1:
             return f"one stays: {' and '.join(self.at_work)} are both at work for good"
         if self.worked and not self.at_work:
-            return f"one stays: nobody is left, and {', '.join(sorted(self.worked))} was at work"
+            return f"one stays: none is left, and {', '.join(sorted(self.worked))} was at work"
         if not self.at_work:
-            return f"somebody joins: {self.stages}"
+            return f"one joins: {self.stages}"
         return ""
 
     # What happens --------------------------------------------------------------------------------
@@ -135,7 +135,7 @@ class Joiners:
         heapq.heappush(self._heap, (when, self._count, call, about))
 
     def _begin(self, who: str) -> None:
-        self._told = self.now
+        self._changed_at = self.now
         self._those[who] = self._kind(NAME, who, self.now, alone=True)
         self._began[who] = self.now
         for other in sorted(self._shown):
@@ -215,7 +215,7 @@ class Joiners:
             self._at(self.now + LATENCY_S, self._give, who, other, _seconds(how))
 
     def _give(self, who: str, other: str, takes: float) -> None:
-        """Its card says what is so when it is asked, and is some time under way."""
+        """Its card has what is so when it is queried, and is some time under way."""
         shown = other in self._shown and self._up(who, other)
         card = None
         if shown:
@@ -232,7 +232,7 @@ class Joiners:
         self._progress(who)
 
     def _cut(self, link: frozenset[str]) -> None:
-        self._told = self.now
+        self._changed_at = self.now
         self._down.add(link)
         self._at(self.now + LEASE_S, self._expire, link)
 
@@ -245,7 +245,7 @@ class Joiners:
             self._disappear(who, of)
 
     def _heal(self, link: frozenset[str]) -> None:
-        self._told = self.now
+        self._changed_at = self.now
         self._down.discard(link)
         one, other = sorted(link)
         for who, of in ((one, other), (other, one)):
@@ -279,11 +279,11 @@ def all_runs(
         picker = Enumerator(budget)
         while True:
             picker.begin()
-            said = Joiners(setup, picker, admission).run()
+            how = Joiners(setup, picker, admission).run()
             if picker.cost == budget:
                 found.runs += 1
-                if said:
-                    found.broken.append((said, JoiningRun(setup, dict(picker.step))))
+                if how:
+                    found.broken.append((how, JoiningRun(setup, dict(picker.step))))
             if not picker.advance():
                 break
         if len(found.broken) >= most:
@@ -295,9 +295,9 @@ def all_runs(
 def rejoin(run: JoiningRun, admission: type[Admission] = Admission) -> list[str]:
     """One run again: the promises that it breaks. Raises ValueError if it cannot happen."""
     script = Script(run.picks)
-    said = Joiners(run.setup, script, admission).run()
+    how = Joiners(run.setup, script, admission).run()
     script.done()
-    return [said] if said else []
+    return [how] if how else []
 
 
 def setups(instances: int) -> Sequence[Joining]:

@@ -1,4 +1,4 @@
-"""What could go otherwise, and which way it goes: picked by a search, or as a script says."""
+"""What could go otherwise, and which way it goes: picked by a search, or by a script."""
 
 from __future__ import annotations
 
@@ -71,7 +71,7 @@ class Enumerator:
 
 
 class Script:
-    """Picks as it is told. Raises ValueError, on `done`, if something told was never asked."""
+    """Picks what `step` has. Raises ValueError, on `done`, if one of those was never picked."""
 
     def __init__(self, step: Step) -> None:
         self._step = dict(step)

@@ -10,7 +10,7 @@ from collections.abc import Iterable, Mapping, Sequence
 from typing import Final
 
 SELDOM: Final = 3
-"""In the long run, in at most one of so many cycles nobody is obeyed though somebody could be."""
+"""In the long run no contender is obeyed in at most one of so many cycles, though one could be."""
 
 
 class Never(Exception):  # noqa: N818 - it is an answer

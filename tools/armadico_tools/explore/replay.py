@@ -1,4 +1,4 @@
-"""Runs one run again, as it was found, and says which promises it breaks."""
+"""Runs one run again, as it was found, and returns the promises that it breaks."""
 
 from __future__ import annotations
 
@@ -19,10 +19,10 @@ class Run:
     steps: Mapping[int, Mapping[str, str]] = field(default_factory=dict)
     cycles: int = 20
     loop: int = 0
-    """The last so many cycles come back to where they began, and so go on for ever."""
+    """Cycles at the end that come back to where they began, and so go on for ever."""
 
     patience: int | None = None
-    """So many cycles may somebody be without a valid command who could be obeyed."""
+    """Cycles at most without a valid command, though a contender could be obeyed."""
 
     @property
     def cost(self) -> int:
@@ -51,14 +51,14 @@ def replay(run: Run, parts: Parts | None = None) -> list[str]:
         elif loop:
             loop.append(world.twin())
     if run.patience is not None and longest > run.patience:
-        return [f"in time: nobody is obeyed in {longest} cycles"]
+        return [f"in time: no contender is obeyed in {longest} cycles"]
     if not loop or key(loop[0]) != key(loop[-1]):
         return []
     broken = []
     if all(each.starved for each in loop):
-        broken.append(f"somebody drives: nobody is obeyed, every {run.loop} cycles the same")
+        broken.append(f"one drives: none is obeyed, every {run.loop} cycles the same")
     elif SELDOM * sum(each.starved for each in loop[1:]) > run.loop:
-        broken.append(f"somebody drives most of the time: {run.loop} cycles again and again")
+        broken.append(f"one drives most of the time: {run.loop} cycles again and again")
     wrong = next((each.unsettled for each in loop if each.whole and each.unsettled), "")
     if all(each.whole for each in loop) and wrong:
         broken.append(f"it settles: {wrong}, every {run.loop} cycles the same")

@@ -45,7 +45,7 @@ class Found:
     steps: int = 0
     seconds: float = 0.0
     closed: bool = True  # gone through to the end: longer runs come to no other world
-    starved: int = 0  # cycles at most without a valid command, while somebody could be obeyed
+    starved: int = 0  # cycles at most without a valid command, while one could be obeyed
     unsettled: int = 0  # cycles at most until it settles, when nothing goes wrong any more
     broken: list[Counterexample] = field(default_factory=list)
 
@@ -59,7 +59,7 @@ class Limits:
     states: int | None = None
     patience: int | None = None  # cycles within which it must come right; None: some time
     every: bool = False  # not only the first counterexample of each promise
-    told: Callable[[int], None] | None = None  # of the states, now and then
+    progress: Callable[[int], None] | None = None  # called with the states, now and then
 
 
 class Search:
@@ -160,8 +160,8 @@ class Search:
             self._flags.append(flags + UNSETTLED * (whole and bool(world.unsettled)))
             if not number:
                 self._layers[0].append((0, world))
-            if number % 1000 == 0 and self.limits.told is not None:
-                self.limits.told(number)
+            if number % 1000 == 0 and self.limits.progress is not None:
+                self.limits.progress(number)
             return number + 1
         if cost < self._cost[known]:
             self._cost[known], self._parent[known] = cost, parent
@@ -198,12 +198,12 @@ class Search:
             if self.limits.patience is not None and len(path) > self.limits.patience:
                 self._late(path)
         except Never as never:
-            self._never(never, "somebody drives")
+            self._never(never, "one drives")
         else:
             try:
                 graph.mostly_good(starving, SELDOM)
             except Never as never:
-                self._never(never, "somebody drives most of the time")
+                self._never(never, "one drives most of the time")
         whole = [bool(flags & WHOLE) for flags in self._flags]
         unsettled = [bool(flags & UNSETTLED) for flags in self._flags]
         try:
@@ -216,7 +216,7 @@ class Search:
         steps = self.way(path[0])
         steps += [self._step_between(*pair) for pair in pairwise(path)]
         run = Run(self.setup, _sparse(steps), len(steps), patience=self.limits.patience)
-        how = f"nobody is obeyed in {len(path)} cycles"
+        how = f"no contender is obeyed in {len(path)} cycles"
         self._broken["in time"] = Counterexample("in time", how, run)
 
     def _never(self, never: Never, promise: str) -> None:

@@ -17,12 +17,12 @@ BIDS: Final[dict[int, tuple[str, ...]]] = {
 """Who bids what in the beginning, by how many they are."""
 
 STAGGERS: Final[dict[int, tuple[tuple[int, ...], ...]]] = {2: ((0, 8), (8, 0)), 3: ((16, 8, 0),)}
-"""How long after the owner's cycle each hears of it, in 1/1024 s, for the first bids."""
+"""How long after the owner's cycle each receives it, in 1/1024 s, for the first bids."""
 
 
 @dataclass(frozen=True)
 class Task:
-    """What a worker is given."""
+    """One setup, for a worker process."""
 
     setup: Setup | Joining
     faults: int
@@ -62,7 +62,7 @@ class Summary:
     """Counterexamples: what goes otherwise, cycles, the promise, and a test."""
 
     def add(self, found: Found | JoiningFound) -> None:
-        """One more."""
+        """Add one setup's counts."""
         self.setups += 1
         if isinstance(found, JoiningFound):
             self.states += found.runs
@@ -79,7 +79,7 @@ class Summary:
         self.tests.sort()
 
     def plain(self) -> dict[str, object]:
-        """For JSON."""
+        """The counts as JSON has them."""
         return {
             "setups": self.setups,
             "states": self.states,

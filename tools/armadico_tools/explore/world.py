@@ -48,7 +48,7 @@ FATES: Final = ("now", "late 1", "late 4", "lost", "twice")
 
 OWNER: Final = -1
 
-NOBODY: Final = Ballot(0, 0.0, False, "")
+NO_BALLOT: Final = Ballot(0, 0.0, False, "")
 
 BIDS: Final[dict[str, Bid | None]] = {
     "-": None,
@@ -64,7 +64,7 @@ OWN: Final = Resource("task", ("v",), (1.0,), (0.0,), exchange="abrupt", period_
 WHEELS_LIKE: Final = Resource("reel", ("v",), (1.0,), (0.0,), exchange="abrupt")
 
 RISE: Final = (0.1, 0.2, 0.3)
-"""By how much everybody bids more, for so many cycles: each more in itself, and no better than the
+"""By how much all bids rise, for so many cycles: each more in itself, and no better than the
 others."""
 
 HIGHER: Final[dict[tuple[Bid, int], Bid]] = {
@@ -79,12 +79,12 @@ KINDS: Final = ("fates", "crash", "owner", "cut", "hang", "bids", "rise", "stop"
 all bids rise together, a stop."""
 
 KEPT: Final = 4
-"""Cycles whose bids are looked at, to say whether who took over was better."""
+"""Cycles whose bids are compared, to judge whether who took over was better."""
 
 
 @dataclass(frozen=True)
 class Setup:
-    """Where a run begins: who bids what, and how long after the owner's cycle each hears of it."""
+    """Where a run begins: who bids what, and how long after the owner's cycle each receives it."""
 
     bids: tuple[str, ...]
     stagger: tuple[int, ...] = ()
@@ -112,7 +112,7 @@ class Draws:
         self.who = ""
 
     def random(self) -> float:
-        """Soonest or latest."""
+        """0 or 1: the soonest or the latest."""
         assert self.picker is not None, "numbers are drawn within a cycle"
         return 0.0 if self.picker.pick(f"draw of {self.who}", ("soon", "late"), 0) == "soon" else 1
 
@@ -154,11 +154,11 @@ class Side:
         self.hung_since = 0
         self.waiting: list[Flight] = []
         self.made: tuple[tuple[Cycle, Bid], ...] = ()  # its bids of the last cycles
-        self.spoke: Ballot | None = None  # by which it last said something
+        self.spoke: Ballot | None = None  # by which it last published something
         self._resource, self._parts = resource, parts
 
     def start(self) -> None:
-        """A new instance of it."""
+        """Make a new instance of its contender."""
         self.starts += 1
         self.down = 0
         clock = self._parts.clock(0.1)
@@ -211,7 +211,7 @@ def _twin(thing: T) -> T:
 
 
 class BrokenError(Exception):
-    """A promise was broken; says which, and how."""
+    """A promise was broken: which, and how."""
 
     def __init__(self, promise: str, how: str) -> None:
         super().__init__(f"{promise}: {how}")
@@ -236,15 +236,15 @@ class World:
         self.number = 0
         self.owner_down = 0
         self.owner_starts = 0
-        self.active = False  # the resource was told to do something, and has not been rested
+        self.active = False  # the resource was commanded, and has not been rested
         self.stopped_until = 0
         self.risen: Cycle | None = None  # the first cycle in which all bid more
         self.cost = 0
         self._start_owner()
-        # What was seen, to tell a broken promise by: nothing of it is used above.
-        self.top: Ballot | None = None  # the largest obeyed in this epoch,
-        self.top_at: Cycle | None = None  # the newest cycle of it,
-        self.obeyed_at = -(10**6)  # and when that was
+        # What was seen, to judge the promises by: nothing of it is used above.
+        self.top: Ballot | None = None  # the largest obeyed in this epoch
+        self.top_at: Cycle | None = None  # the newest cycle of `top`
+        self.obeyed_at = -(10**6)  # when `top` was last obeyed
         self.released: Ballot | None = None
         self.highest = 0  # term of all ballots ever cast
         self.obeyed_now = False  # in this cycle
@@ -286,7 +286,7 @@ class World:
         self._picker = DRAWS.picker = None
 
     def _befall(self) -> None:
-        """What befalls somebody at the beginning of a cycle, if anything."""
+        """The fault at the beginning of a cycle, if any."""
         picker = self._picker
         assert picker is not None, "it is within a step"
         what = picker.pick("event", self._events(), 1)
@@ -393,7 +393,7 @@ class World:
                 self._start_owner()
 
     def _missed_tokens(self, side: Side, waiting: list[Flight]) -> list[Flight]:
-        """Who slept longer than a lease hears that all others have gone, sooner or later."""
+        """Who slept longer than a lease receives that all others have gone, sooner or later."""
         picker = self._picker
         assert picker is not None, "it is within a step"
         tokens = [
@@ -456,7 +456,7 @@ class World:
                 return
             spins = spins + 1 if due == now and not isinstance(what, Flight) else 0
             if spins > SPINS:
-                raise BrokenError("nobody spins", "woken at one instant again and again")
+                raise BrokenError("no busy loop", "woken at one instant again and again")
             now = due
             if isinstance(what, Flight):
                 self.flights.remove(what)
@@ -583,7 +583,7 @@ class World:
 
     def _say(self, side: Side, messages: list[Message], now: int) -> None:
         for message in messages:
-            assert isinstance(message, Command | Claim), "a contender says nothing else"
+            assert isinstance(message, Command | Claim), "a contender publishes nothing else"
             self._watch_ballot(message.ballot, side, now)
             kind = "command" if isinstance(message, Command) else "claim"
             self._send(f"{kind} {side.name}>owner", side.index, OWNER, message, 0, now)
@@ -642,18 +642,18 @@ class World:
     def _watch_cast(self, ballot: Ballot, side: Side, now: int) -> None:
         """A new ballot: from a holder that is well, only who is better takes over.
 
-        A holder is well that is obeyed, by the word that the other one has from the owner, and of
-        whom nobody is cut off. Who casts no larger term than its did not know of it.
+        A holder is well that is obeyed, by the last ack that the other one has, and from whom no
+        other is cut off. Who casts no larger term than its did not know of it.
         """
         top, owner, contender = self.top, self.owner, side.contender
         assert contender is not None, "it has just spoken"
         if top is None or owner is None or owner.obeyed != top or ballot.term <= top.term:
             return
-        told = contender.ack
-        if told is None or told.obeyed != top or now - self.obeyed_at > 3 * CYCLE or self.cuts:
+        known = contender.ack
+        if known is None or known.obeyed != top or now - self.obeyed_at > 3 * CYCLE or self.cuts:
             return
-        if told.obeyed_cycle is None or told.cycle.number > told.obeyed_cycle.number + 1:
-            return  # not in the last cycle, by that word: its silence may be meant
+        if known.obeyed_cycle is None or known.cycle.number > known.obeyed_cycle.number + 1:
+            return  # not in the last cycle, by that ack: its silence may be meant
         holder = next((each for each in self.sides if each.instance == top.instance), side)
         if holder is side or holder.contender is None or holder.hung_until != 0:
             return
@@ -685,13 +685,13 @@ class World:
 
     @property
     def whole(self) -> bool:
-        """Whether nobody is cut off or hung, and the owner is there, not stopped."""
+        """Whether none is cut off or hung, and the owner is alive and not stopped."""
         hung = any(side.hung_until != 0 for side in self.sides)
         return self.owner is not None and not self.cuts and not hung and not self.stopped
 
     @property
     def starved(self) -> bool:
-        """Whether nobody was obeyed in this cycle, though somebody bids who reaches the owner."""
+        """Whether none was obeyed in this cycle, though one bids that reaches the owner."""
         if self.owner is None or self.stopped or self.obeyed_now:
             return False
         return any(
@@ -735,4 +735,4 @@ def _wants(side: Side) -> bool:
 
 
 def _better(bid: Bid, than: Bid, margin: float) -> bool:
-    return beats(bid, Claim("", NOBODY, Cycle(0, 0), than.utility, than.critical), margin)
+    return beats(bid, Claim("", NO_BALLOT, Cycle(0, 0), than.utility, than.critical), margin)

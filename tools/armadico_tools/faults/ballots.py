@@ -58,7 +58,7 @@ class Fresh:
     promise = Promise.FRESH
 
     def look(self, seen: Observation, now: Situation) -> Iterator[str]:
-        """By each command obeyed, else by what the acks tell from one cycle to the next."""
+        """By each command obeyed, else by the acks from one cycle to the next."""
         if isinstance(seen, Obeyed) and now.state is not None:
             age, silent = now.age(seen.cycle), seen.at - now.state_at
             if age > FRESH_CYCLES:
@@ -88,14 +88,14 @@ class Fresh:
 class OneHolder:
     """In a whole network no two tenures go on side by side for 5 cycles.
 
-    An exchange shows two for a moment: who is beaten has not heard so yet.
+    An exchange shows two for a moment: the loser has not received the winner's claim yet.
     """
 
     promise = Promise.ONE_HOLDER
 
     def __init__(self, bounds: Bounds) -> None:
         self._overlap_s = bounds.overlap_s
-        self._told: set[frozenset[Ballot]] = set()
+        self._reported: set[frozenset[Ballot]] = set()
 
     def look(self, seen: Observation, now: Situation) -> Iterator[str]:
         """At each claim: for how long two tenures have gone on, the network being whole."""
@@ -110,6 +110,6 @@ class OneHolder:
                 continue
             overlap = min(last, other_last) - max(first, other_first, now.whole_since)
             pair = frozenset((ballot, other))
-            if overlap >= self._overlap_s and pair not in self._told:
-                self._told.add(pair)
+            if overlap >= self._overlap_s and pair not in self._reported:
+                self._reported.add(pair)
                 yield f"{brief(ballot)} and {brief(other)} both claim for {overlap:.2f} s"

@@ -1,7 +1,7 @@
 """The checker: observations in, violations of promises out; sans-IO.
 
 It knows nothing of whoever makes the faults, and of the agents only what can be seen from outside.
-One class a promise; each looks at one observation after the situation has taken it in, and says
+One class a promise; each looks at one observation after the situation has taken it in, and yields
 what is wrong, if anything. A promise that a fault voids is not looked at (`kinds.voided`).
 """
 

@@ -1,7 +1,7 @@
 """What was seen of a real society, in the order of time, and the times that trials are about.
 
-Sans-IO: what was heard on the mesh, what crossed the line to the controller and which faults were
-made go in; the checker of promises is shown the same. All times are s by one clock, that of
+Sans-IO: what the mesh delivered, what crossed the line to the controller and which faults were made
+go in; the checker of promises is shown the same. All times are s by one clock, that of
 whoever watches; processes on one machine share it.
 """
 
@@ -38,7 +38,7 @@ from armadico_tools.faults.observations import (
 )
 
 KEPT: Final = 3000
-"""Messages of a kind that are kept: a few minutes' talk."""
+"""Messages of a kind that are kept: a few minutes' worth."""
 
 REST_M_S: Final = 0.01
 REST_RAD_S: Final = 0.01
@@ -53,7 +53,7 @@ Timed = deque[tuple[float, T]]
 
 
 class Account:
-    """Takes what is seen, and tells from when to when things took."""
+    """Takes what is seen, and measures from when to when things took."""
 
     def __init__(self, checker: Checker | None = None) -> None:
         self.checker = checker or Checker()
@@ -64,7 +64,7 @@ class Account:
         self.logs: Timed[Log] = deque(maxlen=200)
         self.view = View()
         self.now = float("-inf")
-        self.deaf = False  # somebody's commands may reach the robot and not the onlooker
+        self.deaf = False  # commands may reach the robot and not the onlooker
 
     # What comes in -------------------------------------------------------------------------------
 
@@ -79,7 +79,7 @@ class Account:
             return
         self.now = max(self.now, seen.at)
         if isinstance(seen, Said):
-            self._hear(seen.message)
+            self._receive(seen.message)
             if not isinstance(seen.message, BidHistory | Log):
                 self.checker.take(Said(self.now, seen.message))
             return
@@ -102,7 +102,7 @@ class Account:
         if self.view.token(instance, there=there, t=at) and not there:
             self.checker.take(Left(self.now, instance))
 
-    def _hear(self, message: Message) -> None:
+    def _receive(self, message: Message) -> None:
         self.view.learn(message, self.now)
         if isinstance(message, Ack) and message.resource == WHEELS.name:
             self.acks.append((self.now, message))
@@ -126,11 +126,11 @@ class Account:
 
     @property
     def driver(self) -> str | None:
-        """The instance that drives; None: nobody."""
+        """The instance that drives; None if there is none."""
         return self.view.driver(WHEELS.name, self.now)
 
     def driving(self) -> bool:
-        """Whether somebody is obeyed and the robot is truly on its way."""
+        """Whether a command is obeyed and the robot is truly on its way."""
         truth = self.view.truth
         return truth is not None and truth.v > MOVES_M_S and self.driver is not None
 
@@ -139,39 +139,39 @@ class Account:
         return self.view.truth is not None and _rests(self.view.truth)
 
     def on_mission(self) -> bool:
-        """Whether the interface agent drives to a goal, by its last word."""
+        """Whether the interface agent drives to a goal, by its last status."""
         mission = self.view.mission
         return mission is not None and mission.state is MissionState.DRIVING
 
     def bids_now(self, instance: str, within: float = 1.5) -> bool:
-        """Whether an instance was last heard to bid, at most so long ago (s)."""
+        """Whether an instance's last bids were received at most so long ago (s)."""
         bid, at = self.view.bids.get(instance, (None, 0.0))
         return bid is not None and self.now - at <= within and bool(bid.utility)
 
     def instances(self, name: str) -> list[str]:
-        """The instances of an agent whose tokens are there, those that came first first."""
+        """The instances of an agent that are alive, the oldest first."""
         alive = self.view.alive
         return [who for who in sorted(alive, key=alive.__getitem__) if agent_of(who) == name]
 
     # From when to when ---------------------------------------------------------------------------
 
     def next_obeyed(self, since: float, but: Container[str] = ()) -> tuple[float, Command] | None:
-        """The next command that is known to have been obeyed, and when it was said.
+        """The next command that is known to have been obeyed, and when it was published.
 
-        Known by the acknowledgement of the robot agent: the first after `since` of a command said
-        since then by an instance that is none of `but`.
+        Known by the acknowledgement of the robot agent: the first after `since` of a command
+        published since then by an instance that is none of `but`.
         """
-        said = {(c.ballot, c.cycle): (at, c) for at, c in self.commands}
+        sent = {(c.ballot, c.cycle): (at, c) for at, c in self.commands}
         for _, ack in _from(self.acks, since):
             if ack.obeyed is None or ack.obeyed_cycle is None or ack.obeyed.instance in but:
                 continue
-            found = said.get((ack.obeyed, ack.obeyed_cycle))
+            found = sent.get((ack.obeyed, ack.obeyed_cycle))
             if found is not None and found[0] >= since:
                 return found
         return None
 
     def obeyed_after(self, since: float, but: Container[str] = ()) -> float | None:
-        """When that was said; None if none is yet."""
+        """When that was published; None if none is yet."""
         found = self.next_obeyed(since, but)
         return None if found is None else found[0]
 
@@ -189,22 +189,22 @@ class Account:
         return max(b - a for a, b in pairwise(times))
 
     def rest_after(self, since: float) -> float | None:
-        """When the wheels were first seen to rest; the truth is told each 100 ms."""
+        """When the wheels were first seen to rest; the truth comes each 100 ms."""
         return _first(self.truths, since, _rests)
 
     def fastest(self, since: float, until: float) -> float:
-        """The largest true speed in a time, m/s; 0 if none was told."""
+        """The largest true speed in a time, m/s; 0 if none was received."""
         return max((abs(t.v) for at, t in _from(self.truths, since) if at <= until), default=0.0)
 
     def share_obeyed(self, since: float) -> float:
-        """The share of the cycles since a time in which somebody was obeyed of late, 0 to 1."""
+        """The share of the cycles since a time in which a command was obeyed of late, 0 to 1."""
         cycles = [driver(ack) is not None for _, ack in _from(self.acks, since)]
         return sum(cycles) / len(cycles) if cycles else 0.0
 
     def late_commands(self, instance: str, since: float, ballot: Ballot) -> int:
-        """How many commands an instance said with a ballot, or a smaller one, since a time."""
-        heard = _from(self.commands, since)
-        return sum(c.ballot.instance == instance and c.ballot <= ballot for _, c in heard)
+        """How many commands an instance published with a ballot, or a smaller one, since a time."""
+        late = _from(self.commands, since)
+        return sum(c.ballot.instance == instance and c.ballot <= ballot for _, c in late)
 
     def obeyed_ballots(self, since: float) -> set[Ballot]:
         """The ballots that were acknowledged as obeyed since a time."""

@@ -1,6 +1,6 @@
 """The kinds of faults, and which promises each of them takes away while it lasts.
 
-A promise that a fault voids is not broken by it: with the robot agent dead nobody can order a stop,
+A promise that a fault voids is not broken by it: with the robot agent dead none can order a stop,
 and the wheels roll until the controller's own watchdog holds them.
 """
 
@@ -18,7 +18,7 @@ class Promise(StrEnum):
     ONE_DRIVER = "within an epoch the ballots that are obeyed never go down"
     FRESH = "what answers a cycle long past is refused, however late it comes"
     ONE_HOLDER = "in a whole network no two tenures go on for 5 cycles"
-    OBEYED = "in a whole network somebody is obeyed within 5 s if anyone bids"
+    OBEYED = "in a whole network a command is obeyed within 5 s if anyone bids"
     SILENCE = "a stop is ordered within 0.4 s of the last valid command"
     WATCHDOG = "without the robot agent the controller's watchdog stops the wheels"
     SMOOTH = "speeds change by no more than the ramps allow, and a hand-over stays between both"
@@ -27,7 +27,7 @@ class Promise(StrEnum):
     NO_ERROR = "no agent raises an error"
     MOVES = "after healing the robot moves within 2 s (5 s after standing back), or bids say why"
     HANDOVER = "a holder that falls silent is replaced before the stop, if another bids"
-    STOP = "once stopped the wheels rest in time, and nobody drives until it is released"
+    STOP = "once stopped the wheels rest in time, and no agent drives until it is released"
     POSE = "the pose is off by no more than what rolled while a fault kept it from being counted"
     ARRIVES = "a mission that no fault befalls for long is reached"
 
@@ -39,7 +39,7 @@ class Kind:
     `breaks`: whether the network or its processes are not whole while it lasts, so that promises
     about a whole network wait for its end; `excuses`: whether the robot need not move meanwhile.
     `voids` while it lasts, and until the robot has come to rest or driven on for a while: those
-    promises count for nothing, and `why` says so in a word; only if the fault's amount is at least
+    promises count for nothing, `why` being the reason; only if the fault's amount is at least
     `least`. A seed draws the kind with this `weight`.
     """
 
@@ -59,13 +59,13 @@ class Kind:
 
 
 ROBOT_VOIDS: Final = frozenset({Promise.SILENCE, Promise.COLLISION, Promise.SMOOTH})
-"""What nobody keeps without the robot agent: the wheels roll on blindly, for up to 2 s."""
+"""What is not kept without the robot agent: the wheels roll on blindly, for up to 2 s."""
 
 _LINE: Final = frozenset({Promise.COLLISION, Promise.SMOOTH})
 """With the line to the controller broken a stop is ordered, and may not arrive."""
 
 _BLIND: Final = frozenset({Promise.COLLISION})
-"""Readings that are there and wrong cannot be told from right ones; those that lack can."""
+"""Readings that are there and wrong look like right ones; those that lack are noticed."""
 
 LOSSY: Final = 0.25
 """A line that loses or spoils less than this share of what is written is no excuse. Each cycle
@@ -81,7 +81,7 @@ promised. From 20 ms on what waits for it grows for as long as it is slow. With 
 was broken in 24 simulated minutes."""
 
 AGAIN_S: Final = 1.0
-"""Who may not join while nobody else of its name is there is started again after this, s, as by
+"""Who may not join while no other of its name is alive is started again after this, s, as by
 `armadico up`."""
 
 KINDS: Final = {
@@ -112,7 +112,7 @@ KINDS: Final = {
         ),
         Kind("silent-sonar", "no sonar fires", breaks=False, blinds=True),
         Kind(
-            *("frozen-sonar", "the sonars repeat what they heard"),
+            *("frozen-sonar", "the sonars repeat their last ranges"),
             breaks=False,
             voids=_BLIND,
             why="sonars repeat themselves",
@@ -122,7 +122,7 @@ KINDS: Final = {
         Kind("lone-restart", "one behaviour is left, and is started again"),
         Kind("robot-restart", "the robot agent is started again, with old commands under way"),
         Kind("twin", "a second instance of an agent joins, and leaves", breaks=False),
-        Kind("stop", "somebody stops the robot, and releases it at the end", breaks=False),
+        Kind("stop", "a peer stops the robot, and releases it at the end", breaks=False),
         Kind("interface-restart", "the interface agent is killed in mid-mission, and started"),
         Kind("robot-then-encoder", "the robot agent is started again, then the encoder agent"),
         Kind(
@@ -131,7 +131,7 @@ KINDS: Final = {
         ),
         Kind("huge-term", "a stranger's claim or ack with an enormous term arrives everywhere"),
         Kind("huge-counter", "the mission or the origin, counted far beyond, arrives everywhere"),
-        Kind("flood", "a stranger says thousands of claims and commands", weight=0.5),
+        Kind("flood", "a stranger publishes thousands of claims and commands", weight=0.5),
         Kind(
             *(
                 "huge-message",
@@ -141,7 +141,7 @@ KINDS: Final = {
         ),
         Kind(
             "stop-and-release",
-            "somebody stops and releases, also by old counters and old stops",
+            "a peer stops and releases, also by old counters and old stops",
         ),
         Kind(
             "two-robot-agents",
@@ -155,7 +155,7 @@ AWAITED: Final[frozenset[str]] = frozenset()
 """Kinds that the core does not bear yet: made only if they are asked for by name."""
 
 DRAWN: Final = tuple(kind for kind in KINDS if kind not in AWAITED)
-"""The kinds that a seed draws from unless it is told which."""
+"""The kinds that a seed draws from unless some are named."""
 
 RESTARTS: Final = frozenset({"crash", "flap", "robot-restart", "robot-then-encoder"})
 """Kinds after which another process is there."""
@@ -164,10 +164,10 @@ DISABLES: Final = RESTARTS | {"hang", "slow"}
 """Kinds that void `ROBOT_VOIDS` if it is the robot agent that they befall."""
 
 CLAIMS: Final = frozenset({"huge-term", "flood"})
-"""Kinds by which a stranger claims the wheels, and no watcher is shown it;"""
+"""Kinds by which a stranger claims the wheels, and no watcher is shown it."""
 
 STRANGE_UTILITY: Final = 0.9
-"""with this utility."""
+"""The utility of a stranger's claims."""
 
 FORGETS: Final = frozenset({"crash", "flap"})
 """Kinds after which the sonar agent has forgotten what its sonars no longer look at: the sides and
@@ -175,8 +175,8 @@ the back of the robot, which it may then turn into something that it has passed.
 
 WEDGED_M: Final = 0.07
 """Nearer to something than this, m, by a fault that voids contacts, contacts stay void until it has
-got clear: the sonars' least range is 0.1 m, so on the flank nobody can tell 7 cm from touching, and
-behind nobody hears at all. What was passed while the robot agent hung was not heard either."""
+got clear: the sonars' least range is 0.1 m, so on the flank 7 cm looks like touching, and behind
+there is no sonar. What was passed while the robot agent hung was not received either."""
 
 WEDGED_S: Final = 15.0
 """But for no longer than this, s: whoever creeps away from a wall at 1 cm/s has got clear."""

@@ -20,18 +20,18 @@ from armadico_tools.faults.world_state import FRESH_CYCLES, Bounds, Situation
 
 CLAIMS = 16
 LATELY_S = 0.35
-"""A take-over begins from the holder that was heard of not longer ago than this, s."""
+"""A take-over begins from a holder whose claim was received within this, s."""
 
 SETTLED_S: Final = 1.0
-"""Only where the network has been whole for so long, s, everybody has heard the same claims."""
+"""Only where the network has been whole for so long, s, have all received the same claims."""
 
 SHARE: Final = 0.005
 """The winner's share of the first action may be off by so much, and so may the action, m/s, rad/s:
 numbers travel whole, so this is room for rounding and for nothing else."""
 
 HURRIED: Final = frozenset({"avoid"})
-"""Agents whose bids may say that there is no time for the whole window (`Bid.within`): half of what
-is left until they must brake, which no message tells. It is at least half of what the truth leaves,
+"""Agents whose bids may have no time for the whole window (`Bid.within`): half of what is left
+until they must brake, which no message carries. It is at least half of what the truth leaves,
 with the margins that they keep, so their share lies between the rule's and that window's."""
 
 SEEN_M: Final = 0.25
@@ -41,18 +41,18 @@ DECEL_M_S2, LATENCY_S = 0.4, 0.2
 """What the behaviours count on when they brake: `armadico.core.safety`."""
 
 QUIET_S: Final = 3.0
-"""So long after another fault nobody is still back from somewhere: coming back, no news of tokens
+"""So long after another fault no agent is just coming back: on coming back, no news of tokens
 is believed for 2 s."""
 
 NOW_S: Final = 0.15
 """A bid of the newest cycle or of the one before, s."""
 
 PROVIDERS: Final = frozenset({"robot", "encoder", "sonar", "interface"})
-"""Whom every contender for the wheels must hear."""
+"""Agents that every contender for the wheels must receive."""
 
 
 STEPS: Final = 20
-"""A hurry that no message tells is tried in so many steps."""
+"""A hurry that no message carries is tried in so many steps."""
 
 Numbers = tuple[float, ...]
 
@@ -77,7 +77,7 @@ class Exchanged:
 
     def __init__(self) -> None:
         self._claims: deque[tuple[float, Claim]] = deque(maxlen=CLAIMS)
-        self._weights: deque[tuple[str, float]] = deque(maxlen=4 * CLAIMS)  # whose, last said
+        self._weights: deque[tuple[str, float]] = deque(maxlen=4 * CLAIMS)  # whose, last published
         self._unseen: set[float] = set()  # utilities of who claimed, and was not seen to
         self._largest: Ballot | None = None
         self._speeds: deque[Numbers] = deque(maxlen=FRESH_CYCLES + 2)
@@ -123,9 +123,9 @@ class Exchanged:
 
     def _starts(self, at: float, winner: Claim) -> Iterator[Start]:
         own, me = winner.utility or 0.0, winner.ballot.instance
-        for said, claim in self._claims:
+        for when, claim in self._claims:
             commanded = _numbers(claim.commanded)
-            if at - said <= LATELY_S and claim.ballot.instance != me and commanded:
+            if at - when <= LATELY_S and claim.ballot.instance != me and commanded:
                 yield Start(commanded, own if claim.utility is None else claim.utility)
         weights = {own, *self._unseen, *(u for who, u in self._weights if who != me)}
         for speeds in self._speeds:
@@ -137,10 +137,10 @@ class Exchanged:
         wanted, commanded = _numbers(winner.wanted), _numbers(winner.commanded)
         least, most = _shares(start, winner, least_window)
         pairs = list(zip(start.action, wanted, commanded, strict=True))
-        lost, won, said = max(pairs, key=lambda axis: abs(axis[1] - axis[0]))
+        lost, won, sent = max(pairs, key=lambda axis: abs(axis[1] - axis[0]))
         if abs(won - lost) < SHARE:
             return _far(wanted, commanded) < SHARE
-        share = (said - lost) / (won - lost)
+        share = (sent - lost) / (won - lost)
         if not least - SHARE <= share <= most + SHARE:
             return False
         return all(abs(lo + share * (wo - lo) - sa) < SHARE for lo, wo, sa in pairs)
@@ -151,7 +151,7 @@ class Replaced:
 
     Killed, its token is gone at once, and the next command is obeyed within `killed_s`. Hung or cut
     off, another takes over after its silence (2.3 cycles), before the owner's 0.3 s; where the
-    other still hears it, after the 6 cycles for which it was not obeyed: it lets go.
+    other still receives it, after the 6 cycles for which it was not obeyed: it lets go.
     """
 
     promise = Promise.HANDOVER
@@ -165,7 +165,7 @@ class Replaced:
         self._quiet_at = 0.0  # when the last fault began or ended
 
     def look(self, seen: Observation, now: Situation) -> Iterator[str]:
-        """From the fault on, until somebody else is obeyed."""
+        """From the fault on, until another is obeyed."""
         if isinstance(seen, Obeyed):
             holder = self._obeyed
             if holder is None or seen.ballot.instance != holder.ballot.instance:

@@ -47,13 +47,13 @@ class Inflictor:
     def __init__(
         self,
         rehearsal: Rehearsal,
-        tell: Callable[[Faulted], object],
+        show: Callable[[Faulted], object],
         variation: Variation,
     ) -> None:
         self._rehearsal = rehearsal
         self._variation = variation
         self._mesh = rehearsal.mesh
-        self._tell = tell
+        self._show = show
         self._on: list[Fault] = []
         self._down: Counter[str] = Counter()
         self._twins: Counter[str] = Counter()
@@ -71,12 +71,12 @@ class Inflictor:
             self._mesh.call_at(fault.until, self._end, fault)
 
     def alive(self, name: str) -> list[Node]:
-        """The processes of an agent that are there, the oldest first."""
+        """The processes of an agent that are alive, the oldest first."""
         ours = (node for node in self._mesh.nodes if node not in self._stranger.nodes)
         return [node for node in ours if node.alive and node.name == name]
 
     def refused(self, node: Node) -> None:
-        """Somebody may not join, or stay: where that leaves nobody, it is tried again."""
+        """A process may not join, or stay: where that leaves none, it is tried again."""
         if node not in self._stranger.nodes:
             self._mesh.call_at(self._mesh.now + AGAIN_S, self._try_again, node.name)
 
@@ -87,7 +87,7 @@ class Inflictor:
     # Beginning and ending ------------------------------------------------------------------------
 
     def _begin(self, fault: Fault, _: Any) -> None:
-        self._tell(_told(self._mesh.now, fault, began=True))
+        self._show(_faulted(self._mesh.now, fault, began=True))
         self._on.append(fault)
         self._befallen[fault] = [node for name in fault.whom for node in self.alive(name)]
         self._act(fault, begins=True)
@@ -95,7 +95,7 @@ class Inflictor:
     def _end(self, fault: Fault, _: Any) -> None:
         self._on.remove(fault)
         self._act(fault, begins=False)
-        self._tell(_told(self._mesh.now, fault, began=False))
+        self._show(_faulted(self._mesh.now, fault, began=False))
 
     def _act(self, fault: Fault, *, begins: bool) -> None:
         kind = fault.kind
@@ -167,7 +167,7 @@ class Inflictor:
     _interface_restart = _crash
 
     def _robot_then_encoder(self, fault: Fault, begins: bool) -> None:
-        """The encoder agent goes when the new robot agent has said its first cycles."""
+        """The encoder agent goes when the new robot agent has published its first cycles."""
         robot, encoder = fault.whom
         if begins:
             now = self._mesh.now
@@ -262,7 +262,7 @@ class Inflictor:
             old = [item for item in self._said if item[0] > self._mesh.now - OLD_S]
             for index, item in enumerate(old):
                 late = fault.lasts + 0.05 + index * 1.5 / len(old)
-                # It arrives; nobody says it now, so no watcher is shown it.
+                # It arrives; it is not published now, so no watcher is shown it.
                 arrives = partial(self._mesh.arrive, item[2], "robot", item[1])
                 self._mesh.call_at(self._mesh.now + late, lambda call, _: call(), arrives)
 
@@ -283,7 +283,7 @@ class Inflictor:
     _frozen_sonar = _silent_sonar
 
 
-def _told(at: float, fault: Fault, *, began: bool) -> Faulted:
+def _faulted(at: float, fault: Fault, *, began: bool) -> Faulted:
     return Faulted(at, fault.kind, fault.whom, began, fault.to, fault.amount)
 
 

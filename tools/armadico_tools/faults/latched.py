@@ -10,18 +10,18 @@ from armadico_tools.faults.fault_types import LOSSY, RESTARTS, Promise
 from armadico_tools.faults.observations import Observation, Ordered, Said
 from armadico_tools.faults.world_state import Bounds, Situation
 
-TOLD_S = 1.0
-"""A robot agent that starts again is told the stop within this, in a whole network, s."""
+KNOWN_S = 1.0
+"""A robot agent that starts again receives the stop within this, in a whole network, s."""
 
 LATCHED_S = 0.3
-"""A stop that somebody says is acknowledged within this, the robot agent being well: the way there,
-and the cycle that says so."""
+"""A stop that is published is acknowledged within this, the robot agent being well: the way there,
+and the cycle that carries the ack."""
 
 
 class Stopped:
-    """A stop always latches; then nobody drives, and the wheels rest in time, until a release.
+    """A stop always latches; then no agent drives, and the wheels rest in time, until a release.
 
-    A stop that was released, and comes again late or from somebody's memory, is none.
+    A stop that was released, and comes again late or from a peer's memory, is none.
     Under all faults: what a fault can delay is only when the wheels rest. Without the robot agent
     the watchdog's time comes first, and an order that the line loses is given again.
     """
@@ -31,20 +31,20 @@ class Stopped:
     def __init__(self, bounds: Bounds) -> None:
         self._bounds = bounds
         self._counter: int | None = None  # of the stop that is acknowledged
-        self._release: int = -1  # the largest counter by which anybody released
+        self._release: int = -1  # the largest counter of a release
         self._rest_due = inf
-        self._said_at = inf  # when a stop was said that is not acknowledged yet
+        self._sent_at = inf  # when a stop was published that is not acknowledged yet
         self._lost_at: float | None = None  # since when the robot agent knows of no stop
-        self._stops: dict[int, int] = {}  # by press, the largest counter of that stop,
-        self._over: set[int] = set()  # and those that somebody has released
+        self._stops: dict[int, int] = {}  # by press, the largest counter of that stop
+        self._over: set[int] = set()  # presses that were released
         self._again_at: float | None = None  # since when one of those stops it
 
     def look(self, seen: Observation, now: Situation) -> Iterator[str]:
-        """At what is ordered, measured and said from the stop on."""
+        """At what is ordered, measured and published from the stop on."""
         if isinstance(seen, Said):
             message = seen.message
             if isinstance(message, Stop):
-                self._hear(message, seen.at, now)
+                self._receive(message, seen.at, now)
             elif isinstance(message, RobotState):
                 yield from self._acknowledged(message.stop, seen.at, now)
             elif isinstance(message, Truth) and self._counter is not None:
@@ -54,16 +54,16 @@ class Stopped:
             if (seen.v or seen.w) and not released:
                 yield f"{seen.v:.3f} m/s, {seen.w:.3f} rad/s are ordered while it is stopped"
 
-    def _hear(self, stop: Stop, at: float, now: Situation) -> None:
+    def _receive(self, stop: Stop, at: float, now: Situation) -> None:
         if not stop.stopped:
             self._release = max(self._release, stop.counter)
             if stop.counter > self._stops.get(stop.press, -1):
                 self._over.add(stop.press)
-            self._said_at = inf
+            self._sent_at = inf
             return
         self._stops[stop.press] = max(stop.counter, self._stops.get(stop.press, 0))
         if stop.press not in self._over and self._counter is None and not _away(now):
-            self._said_at = min(self._said_at, at)
+            self._sent_at = min(self._sent_at, at)
 
     def _acknowledged(self, stop: Stop, at: float, now: Situation) -> Iterator[str]:
         if stop.stopped and stop.press not in self._over:
@@ -72,19 +72,19 @@ class Stopped:
             self._again_at = None
         elif self._again_at is None:
             self._again_at = at
-        elif at - self._again_at > TOLD_S:
+        elif at - self._again_at > KNOWN_S:
             self._again_at = inf
-            yield f"a stop that was released stops it for {TOLD_S:.0f} s"
+            yield f"a stop that was released stops it for {KNOWN_S:.0f} s"
         if stop.stopped:
             if self._counter is None:
                 self._rest_due = at + self._bounds.braking_s
-            self._counter, self._said_at, self._lost_at = stop.counter, inf, None
+            self._counter, self._sent_at, self._lost_at = stop.counter, inf, None
             return
         if _away(now):
-            self._said_at = inf
-        if at - self._said_at > LATCHED_S:
-            self._said_at = inf
-            yield "a stop was said, and is not latched"
+            self._sent_at = inf
+        if at - self._sent_at > LATCHED_S:
+            self._sent_at = inf
+            yield "a stop was published, and is not latched"
         if self._counter is None:
             return
         if self._release > self._counter:
@@ -92,9 +92,9 @@ class Stopped:
             return
         if self._lost_at is None or now.whole_for() < 0.0:
             self._lost_at = at
-        elif at - self._lost_at > TOLD_S:
+        elif at - self._lost_at > KNOWN_S:
             self._counter, self._lost_at = None, None
-            yield f"the stop is forgotten for {TOLD_S:.0f} s, and nobody released it"
+            yield f"the stop is forgotten for {KNOWN_S:.0f} s, and was not released"
 
     def _rests(self, truth: Truth, at: float, now: Situation) -> Iterator[str]:
         if _away(now):

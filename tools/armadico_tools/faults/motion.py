@@ -31,7 +31,7 @@ SIDEWAYS_RAD = 0.2
 seen in 25 simulated drives of 2 minutes, turns and counts of the encoders included."""
 
 TURN_RAD = 0.03
-"""A step that turns by more than this turns the way that the measured rate says."""
+"""A step that turns by more than this turns the way of the measured rate."""
 
 GAP_S = 0.25
 """Cycles farther apart than this, s, were missing: it may have turned to and fro."""
@@ -40,7 +40,7 @@ GAP_S = 0.25
 class Silence:
     """A stop is ordered within 0.4 s of the last valid command.
 
-    Each command that is obeyed is written to the controller; so once it was told to move, either
+    Each command that is obeyed is written to the controller; so once it was ordered to move, either
     the next order comes in time, or a stop. And what is ordered was commanded, for a cycle that is
     not long past: a robot agent that goes on by itself has not stopped. After the braking time the
     wheels rest: an order that the line lost is given again.
@@ -72,7 +72,7 @@ class Silence:
             self._order = seen if moves else None
             self._rest_at = None if moves else self._rest_at or seen.at
             if moves and not now.void(self.promise) and not self._commanded(seen, now):
-                yield f"{seen.v:.3f} m/s, {seen.w:.3f} rad/s are ordered, and nobody commanded so"
+                yield f"{seen.v:.3f} m/s, {seen.w:.3f} rad/s are ordered, and not commanded"
 
     def _rests(self, seen: Observation, now: Situation) -> Iterator[str]:
         """Whether the wheels rest in time, the line to them being whole."""
@@ -86,7 +86,7 @@ class Silence:
             yield f"{waited:.1f} s after rest was ordered still {truth.v:.2f} m/s"
 
     def _commanded(self, order: Ordered, now: Situation) -> bool:
-        """Whether a fresh command says so; the reflex may have slowed it down ahead."""
+        """Whether a fresh command asks for it; the reflex may have slowed it down ahead."""
         for command in reversed(self._commands):
             v, w = speeds(command)
             near = min(v, 0.0) - ROUND_M_S <= order.v <= v + ROUND_M_S
@@ -185,7 +185,7 @@ class Collision:
 class Heading:
     """A differential drive goes where it heads, or straight back: so do the steps of its odometry.
 
-    And it turns the way that the measured turn rate says.
+    And it turns the way of the measured turn rate.
 
     After a link that was lost the controller's axes may be others than the pose's. Whoever mixes
     them up moves maps and poses sideways, and every agent believes it.

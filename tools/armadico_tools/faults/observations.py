@@ -1,7 +1,7 @@
 """What the checker of promises is shown, in the order of time.
 
-All of it can be seen from outside the processes: what is said on the mesh, what the robot agent
-writes to the controller, and what whoever makes the faults knows. Those after `Passed` are
+All of it can be seen from outside the processes: what is published on the mesh, what the robot
+agent writes to the controller, and what whoever makes the faults knows. Those after `Passed` are
 optional, since only the virtual mesh shows all of them in every cycle. `at` is always in seconds,
 by one clock of whoever watches.
 """
@@ -22,7 +22,7 @@ class Observation(Struct, frozen=True):
 
 
 class Said(Observation, frozen=True):
-    """A message: what the robot agent, contenders, people and the simulator say."""
+    """A message of the robot agent, a contender, a person or the simulator."""
 
     message: Message
 
@@ -49,7 +49,7 @@ class Faulted(Observation, frozen=True):
 
 
 class Passed(Observation, frozen=True):
-    """Nothing but time: say so at the end, and wherever nothing is seen for long."""
+    """Nothing but time: to be shown at the end, and wherever nothing is seen for long."""
 
 
 class Obeyed(Observation, frozen=True):
@@ -67,7 +67,7 @@ class Refused(Observation, frozen=True):
 
 
 class Missed(Observation, frozen=True):
-    """An agent takes somebody for gone who lives, by a lease that ran out."""
+    """An agent takes a live one for gone, by a lease that ran out."""
 
     instance: str
 
@@ -80,7 +80,7 @@ class Denied(Observation, frozen=True):
 
 
 class Astray(Observation, frozen=True):
-    """Somebody takes another robot for this one, and says poses of that."""
+    """An agent takes another robot for this one, and publishes poses of that."""
 
 
 class Bids(Observation, frozen=True):

@@ -34,7 +34,7 @@ NETWORK: Final = frozenset({"drop", "delay", "duplicate", "reorder"})
 CUTS: Final = frozenset({"one-way", "partition"})
 
 EVERYWHERE: Final = frozenset({"stray-state", "huge-term", "huge-counter", "flood", "huge-message"})
-"""What a stranger says reaches everybody."""
+"""Kinds in which a stranger's messages reach all agents."""
 
 VICTIMS: Final = {
     **dict.fromkeys(("nan", "lone-restart"), BEHAVIOURS),
@@ -44,7 +44,7 @@ VICTIMS: Final = {
     **dict.fromkeys(("stop", "stop-and-release", "two-robot-agents"), ("robot",)),
     "interface-restart": ("interface",),
 }
-"""Whom a kind may befall, if not everybody: there is one robot agent, or it is another matter."""
+"""Whom a kind may befall, if not all: there is one robot agent, or it is another matter."""
 
 PACES: Final[tuple[tuple[float, float], ...]] = ((2.5, 4.0), (5.5, 9.0), (5.5, 9.0), (12.0, 25.0))
 """Between most faults, s: on the whole long enough for every promise about afterwards to be due."""
@@ -97,7 +97,7 @@ class Variation(Struct, frozen=True, omit_defaults=True):
 
     `delay` and `jitter`, s, come on top of what the virtual mesh draws for each message; `lease` is
     that of tokens, s. With `ties` equal instants run in an order that the seed draws. `margin` is
-    everybody's (`social.margin`); None: the resource's own.
+    that of all agents (`social.margin`); None: the resource's own.
     """
 
     delay: Annotated[float, Meta(ge=0, le=1)] = 0.0
@@ -125,7 +125,7 @@ class Case(Struct, frozen=True, omit_defaults=True):
 
 
 def loads(text: str | bytes) -> Case:
-    """A case from its JSON. Raises ConfigError saying what is wrong."""
+    """A case from its JSON. Raises ConfigError with what is wrong."""
     try:
         case = msgspec.json.decode(text, type=Case)
     except msgspec.DecodeError as error:

@@ -1,4 +1,4 @@
-"""The promise about the pose: it is off only by what nobody can have counted."""
+"""The promise about the pose: it is off only by what cannot have been counted."""
 
 from __future__ import annotations
 
@@ -31,7 +31,7 @@ SPARE = 1.1
 
 
 class Localized:
-    """The pose is off by no more than what rolled while nobody could count it.
+    """The pose is off by no more than what rolled while it could not be counted.
 
     That is while the line to the controller was broken, as long as no `robot/state` came, and while
     the robot leant on something. A robot agent that was away is no excuse: the controller counts.
@@ -45,9 +45,9 @@ class Localized:
         self._skew_s = bounds.skew_s
         self._v, self._w = SPARE * bounds.v_max, SPARE * bounds.w_max
         self._off_m, self._off_rad = BASE_M, BASE_RAD  # what it may be off by
-        self._rolled = (0.0, 0.0)  # m and rad, since the beginning,
-        self._rolled_at: dict[Cycle, tuple[float, float]] = {}  # at each of the last cycles,
-        self._posed = (0.0, 0.0)  # and at the cycle of the last pose
+        self._rolled = (0.0, 0.0)  # m and rad, since the beginning
+        self._rolled_at: dict[Cycle, tuple[float, float]] = {}  # that at each of the last cycles
+        self._posed = (0.0, 0.0)  # that at the cycle of the last pose
         self._gap: Cycle | None = None  # the first after some were missing, for a reason
         self._cause_at = -inf  # when a fault was last on that keeps the robot agent from counting
         self._slow_at = self._spoilt_at = -inf
@@ -106,7 +106,7 @@ class Localized:
         self._posed = rolled
         truth = now.truth_of(pose.cycle)
         if truth is None or self._lost or at - self._slow_at < 1.0:
-            return  # nobody knows when a status packet was said that waited
+            return  # when a status packet was sent that waited is not known
         off = hypot(pose.x - truth.x, pose.y - truth.y)
         turned = abs(wrap(pose.theta - truth.theta))
         skew_s = LATE_S if at - self._spoilt_at < LATE_S else self._skew_s

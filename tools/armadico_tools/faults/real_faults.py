@@ -30,7 +30,7 @@ BAD_S: Final = 8.0
 """How long links are bad."""
 
 DRIVES_ON: Final = 0.9
-"""The share of cycles in which somebody must be obeyed where the robot is to drive on."""
+"""The share of cycles in which a command must be obeyed where the robot is to drive on."""
 
 
 def _drives(society: RealSociety, since: float) -> float:
@@ -108,9 +108,9 @@ def partition(society: RealSociety, rng: random.Random) -> dict[str, float]:
 def _after_a_cut(society: RealSociety, healed: float) -> dict[str, float]:
     account = society.account
     alive = account.view.alive
-    everybody = [agent.instance for agent in society.agents.values()]
-    society.until(lambda: alive.keys() >= {*everybody}, "all tokens are back")
-    back = max(healed, *(alive[who] for who in everybody))
+    every = [agent.instance for agent in society.agents.values()]
+    society.until(lambda: alive.keys() >= {*every}, "all tokens are back")
+    back = max(healed, *(alive[who] for who in every))
     return {"rejoined": milliseconds(healed, back), "drives": _drives(society, healed)}
 
 
@@ -121,9 +121,9 @@ def _bad_links(
     faults: LinkFaults,
     check: Callable[[float, float], None] = lambda _begun, _share: None,
 ) -> dict[str, float]:
-    """Have all links between hosts bad for a while; `check` is told since when, and the share.
+    """Have all links between hosts bad for a while; `check` is given since when, and the share.
 
-    That is of the cycles with somebody obeyed. What the watcher hears stays whole.
+    That is of the cycles with an obeyed command. The watcher's own links stay whole.
     """
     phase(society, rng)
     network, account = network_of(society).network, society.account
@@ -145,19 +145,19 @@ def round_trip_100(society: RealSociety, rng: random.Random) -> dict[str, float]
 
     def drives_on(_: float, share: float) -> None:
         if share < DRIVES_ON:
-            raise TrialError(f"somebody was obeyed in {share:.0%} of the cycles only")
+            raise TrialError(f"commands were obeyed in {share:.0%} of the cycles only")
 
     return _bad_links(society, rng, "delay", LinkFaults(delay=0.05, jitter=0.01), drives_on)
 
 
 def one_way_300(society: RealSociety, rng: random.Random) -> dict[str, float]:
-    """300 ms each way: the robot stands, and its agent says why."""
+    """300 ms each way: the robot stands, and its agent logs why."""
 
     def stands(begun: float, share: float) -> None:
-        said = [log.text for at, log in society.account.logs if at >= begun]
-        why = [text for text in said if "too old" in text or "no valid command" in text]
+        texts = [log.text for at, log in society.account.logs if at >= begun]
+        why = [text for text in texts if "too old" in text or "no valid command" in text]
         if share > 1.0 - DRIVES_ON or not why:
-            raise TrialError(f"obeyed in {share:.0%} of the cycles; it says: {'; '.join(said)}")
+            raise TrialError(f"obeyed in {share:.0%} of the cycles; its log: {'; '.join(texts)}")
 
     return _bad_links(society, rng, "delay", LinkFaults(delay=0.3), stands)
 
@@ -168,7 +168,7 @@ def loss_20(society: RealSociety, rng: random.Random) -> dict[str, float]:
 
 
 _DRIVES: Final = Figure("drives", "from the end of the fault to speeds ordered that are not zero")
-_SHARE: Final = Figure("obeyed %", "cycles in which somebody was obeyed of late, while it lasted")
+_SHARE: Final = Figure("obeyed %", "cycles in which a command was obeyed of late, while it lasted")
 _BACK: Final = Figure("rejoined", "from its end until all tokens are seen", None, 2000)
 
 FAULTS: Final = {
@@ -196,7 +196,7 @@ FAULTS: Final = {
         ),
         Trial(
             "one-way-300",
-            "300 ms one way: stands, and says why",
+            "300 ms one way: stands, and logs why",
             (_SHARE, _DRIVES),
             one_way_300,
             hosts=True,

@@ -63,7 +63,7 @@ def observations(recorded: Iterable[Row]) -> Iterator[Observation]:
 
 
 def _age(cycle: Cycle, newest: Cycle | None) -> float:
-    """How long ago a cycle was, s; bids are asked for, and come some time after they were made."""
+    """How long ago a cycle was, s; bids are queried, and come some time after they were made."""
     if newest is None or newest.epoch != cycle.epoch:
         return 0.0
     return max(newest.number - cycle.number, 0) * PERIOD

@@ -142,7 +142,7 @@ def run_series(
     done: Callable[[int, dict[str, float]], None] = lambda *_: None,
     failed: Callable[[str], None] = lambda _: None,
 ) -> Series:
-    """Make so many trials of one kind; `done` is shown each, `failed` is told what went wrong.
+    """Make so many trials of one kind; `done` is shown each, `failed` is given what went wrong.
 
     The society stays up from trial to trial; after one that failed another is started.
     """

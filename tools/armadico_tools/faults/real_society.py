@@ -34,10 +34,10 @@ from armadico_tools.testbed import Place
 T = TypeVar("T")
 
 FAR_M: Final = 90_000.0
-"""A goal so far straight on that the robot drives as long as anybody wants to watch;"""
+"""A goal so far straight on that the robot drives for as long as it is watched."""
 
 REACH_M: Final = 100_000.0
-"""the interface agent is told to take one that far."""
+"""The interface agent's `reach_m`: it takes a goal that far."""
 
 ROAD: Final = Scenario(name="road", world="empty", start=(0.0, 0.0, 0.0), goal=(9.0, 0.0, 0.0))
 """Straight on with nothing in the way: only goto has a reason to drive."""
@@ -49,19 +49,19 @@ SOON_S: Final = 30.0
 """A deadline for what must come, not an expectation."""
 
 ASK_S: Final = 0.3
-"""How often everybody is asked for their bids while one waits for something."""
+"""How often all agents are queried for their bids while one waits for something."""
 
 
 HELD_BACK_S: Final = 0.1
 """Everything is looked at so much later than it came, to be put in order first."""
 
-HEARD_LATE_S: Final = 0.05
-"""A tap hears at once, the mesh later: a command counts as said so long before it was heard, so
-that it is seen before it is seen to be obeyed."""
+EARLIER_S: Final = 0.05
+"""A tap receives at once, the mesh later: a command counts as published so long before it was
+received, so that it is seen before it is seen to be obeyed."""
 
 
 class TrialError(RuntimeError):
-    """A trial could not be made; the message says what did not come."""
+    """A trial could not be made; the message names what did not come."""
 
 
 @dataclass
@@ -83,9 +83,9 @@ class _Item:
 
 
 class RealSociety:
-    """Starts everybody, sees everything. A context manager that ends them all.
+    """Starts all processes, sees everything. A context manager that ends them all.
 
-    `hosts` says where agents run, by name; who is not named is on the first host of the place.
+    `hosts` has where agents run, by name; who is not named is on the first host of the place.
     """
 
     def __init__(
@@ -212,7 +212,7 @@ class RealSociety:
             service_of(MissionRequest).key,
             MissionRequest(goal, planned=self._scenario.plan == "rooms"),
             MISSION_S,
-            lambda *_: None,  # how it stands is said on mission/status
+            lambda *_: None,  # the outcome is published on mission/status
             lambda: None,
         )
 
@@ -236,9 +236,9 @@ class RealSociety:
 
     @contextmanager
     def fault(self, kind: str, *whom: str) -> Iterator[None]:
-        """Tell the checker that a fault begins, and in the end that it is over.
+        """Show the checker that a fault begins, and in the end that it is over.
 
-        Where links are cut the onlooker may hear less than the robot until all are back.
+        Where links are cut the onlooker may receive less than the robot until all are back.
         """
         for began in (True, False):
 
@@ -306,7 +306,7 @@ class RealSociety:
             with suppress(UnreadableError):
                 self.account.take(Said(at, decode(data, kind)))
 
-        self._put(read, at - HEARD_LATE_S if kind is Command else at)
+        self._put(read, at - EARLIER_S if kind is Command else at)
 
     def _ask_for_bids(self) -> None:
         now = time.monotonic()
@@ -320,7 +320,7 @@ class RealSociety:
             self._put(lambda _, order=order: self.account.take(order), at)  # type: ignore[misc]
 
     def bidding(self, label: str) -> bool:
-        """Whether an agent was lately heard to bid."""
+        """Whether an agent's bids were received lately."""
         return self.account.bids_now(self.agents[label].instance)
 
     def label_of(self, instance: str) -> str:
@@ -330,7 +330,7 @@ class RealSociety:
 
 
 def _goals(scenario: Scenario) -> deque[Waypoint]:
-    """There, and back again, for as long as anybody watches; on the road only there."""
+    """There, and back again, for as long as it is watched; on the road only there."""
     if scenario is ROAD:
         return deque([Waypoint(FAR_M, 0.0, 0.0)])
     poses = (scenario.goal, scenario.start)

@@ -48,7 +48,7 @@ class Figure:
 
 @dataclass(frozen=True)
 class Trial:
-    """One kind of trial. `make` returns its figures by name, ms unless the name says otherwise."""
+    """One kind of trial. `make` returns its figures by name, ms unless named otherwise."""
 
     name: str
     text: str
@@ -67,7 +67,7 @@ def settle(society: RealSociety) -> None:
             len(twins) < 2 or all(society.bidding(label) for label in twins)
         )
 
-    society.until(well, "the robot drives, and everybody bids who should")
+    society.until(well, "the robot drives, and all bid that should")
     society.run(CALM_S)
     society.until(well, "the robot drives on")
 
@@ -133,7 +133,7 @@ def holder_hung(society: RealSociety, rng: random.Random) -> dict[str, float]:
     return {"next obeyed": milliseconds(begun, obeyed), "late commands": float(late)}
 
 
-def nobody_left(society: RealSociety, rng: random.Random) -> dict[str, float]:
+def none_left(society: RealSociety, rng: random.Random) -> dict[str, float]:
     """SIGKILL the only one who bids."""
     account = society.account
     phase(society, rng)
@@ -161,7 +161,7 @@ def robot_killed(society: RealSociety, rng: random.Random) -> dict[str, float]:
         mark = len(tap.packets)
         again = society.restart("robot")
     there = account.view.alive[society.agents["robot"].instance]
-    drives = society.until(lambda: account.moves_after(again), "the wheels are told to turn")
+    drives = society.until(lambda: account.moves_after(again), "the wheels are ordered to turn")
     first = [c for c in tap.commands(mark) if c.number in (Cmd.VEL, Cmd.RVEL)][:2]
     if any(map(moves, first)):
         raise TrialError(f"the first speeds of the new robot agent are not zero: {first}")
@@ -203,16 +203,16 @@ class Cut:
 def unplugged(society: RealSociety, host: str) -> Iterator[Cut]:
     """Pull a host's plug, and in the end, after 3 s, put it in again."""
     network, alive = network_of(society).network, society.account.view.alive
-    everybody = [society.agents[label].instance for label in on_host(society, host)]
+    every = [society.agents[label].instance for label in on_host(society, host)]
     cut = Cut(society.now())
     network.change(lambda switch: switch.plug(host, False))
     yield cut
-    society.until(lambda: alive.keys().isdisjoint(everybody), "its tokens are gone")
+    society.until(lambda: alive.keys().isdisjoint(every), "its tokens are gone")
     society.run(max(GONE_S - (society.now() - cut.begun), 0.0))
     cut.healed = society.now()
     network.change(lambda switch: switch.plug(host, True))
-    society.until(lambda: alive.keys() >= {*everybody}, "its tokens are back")
-    cut.back = max(alive[who] for who in everybody)
+    society.until(lambda: alive.keys() >= {*every}, "its tokens are back")
+    cut.back = max(alive[who] for who in every)
 
 
 def holder_cut_off(society: RealSociety, rng: random.Random) -> dict[str, float]:
@@ -239,7 +239,7 @@ def host_lost(society: RealSociety, rng: random.Random) -> dict[str, float]:
     with society.fault("partition", *on_host(society, host)):
         with unplugged(society, host) as cut:
             stop = society.until(lambda: account.stop_after(cut.begun), "a stop is ordered")
-        obeyed = society.until(lambda: account.obeyed_after(cut.healed), "somebody is obeyed again")
+        obeyed = society.until(lambda: account.obeyed_after(cut.healed), "the next command obeyed")
     return {
         "stop": milliseconds(cut.begun, stop),
         "rejoined": milliseconds(cut.healed, cut.back),
@@ -247,7 +247,7 @@ def host_lost(society: RealSociety, rng: random.Random) -> dict[str, float]:
     }
 
 
-_NEXT: Final = "from just before the fault to when the next command that is obeyed is said"
+_NEXT: Final = "from just before the fault to when the next command that is obeyed is published"
 _REJOINED: Final = (
     "from putting the plug in to when the last of its agents' tokens is seen elsewhere"
 )
@@ -267,7 +267,7 @@ TRIALS: Final = {
             "the holder hung (SIGSTOP), another contender alive: a second goto",
             (
                 Figure("next obeyed", _NEXT, 400, 600),
-                Figure("late commands", "said on waking by the ballot of before; none was obeyed"),
+                Figure("late commands", "sent on waking by the ballot of before; none was obeyed"),
             ),
             holder_hung,
             twin=True,
@@ -286,13 +286,13 @@ TRIALS: Final = {
         ),
         Trial(
             "nobody-left",
-            "the holder killed, nobody left who bids",
+            "the holder killed, no bidder left",
             (
                 Figure("stop", "from just before SIGKILL to zero speeds on the line", None, 400),
-                Figure("rest", "from those to the first true speed of zero (told each 100 ms)"),
+                Figure("rest", "from those to the first true speed of zero (sent each 100 ms)"),
                 Figure("speed mm/s", "what it drove before"),
             ),
-            nobody_left,
+            none_left,
         ),
         Trial(
             "robot-killed",

@@ -1,4 +1,4 @@
-"""Promises about afterwards: somebody is obeyed, the robot moves again, and it arrives."""
+"""Promises about afterwards: a command is obeyed, the robot moves again, and it arrives."""
 
 from __future__ import annotations
 
@@ -21,14 +21,14 @@ CRAWL_M, CRAWL_RAD = 0.005, 0.02
 """Farther from where it stood than this, it has moved: six counts of the controller's odometry."""
 
 FORGOTTEN_S = 2.0
-"""An interface agent that starts again has heard of the mission by then, in a whole network, s."""
+"""An interface agent that starts again has received the mission by then, in a whole network, s."""
 
 TURN_S = 1.0
 """In a whole network every contender has had a turn within this, s."""
 
 
 class SomebodyObeyed:
-    """In a whole network somebody is obeyed within 5 s, if anyone bids and it is not stopped."""
+    """In a whole network a command is obeyed within 5 s, if anyone bids and it is not stopped."""
 
     promise = Promise.OBEYED
 
@@ -38,7 +38,7 @@ class SomebodyObeyed:
         self._bid_at = -inf
 
     def look(self, seen: Observation, now: Situation) -> Iterator[str]:
-        """As time passes: since when somebody has bid, and nobody was obeyed."""
+        """As time passes: since when one has bid, and none was obeyed."""
         if now.bidders():
             self._bid_at = seen.at
         quiet = seen.at - self._bid_at > TURN_S  # a moment without a bid is no excuse
@@ -52,16 +52,16 @@ class SomebodyObeyed:
         if seen.at - self._since > self._obeyed_s:
             self._since = inf
             who = ", ".join(sorted(now.bidders()))
-            yield f"nobody is obeyed for {self._obeyed_s:.1f} s, though there bid: {who}"
+            yield f"no command is obeyed for {self._obeyed_s:.1f} s, though there bid: {who}"
 
 
 class Moves:
-    """After healing the robot moves within 2 s, or every bid says why not.
+    """After healing the robot moves within 2 s, or every bid has a reason not to.
 
-    5 s if somebody has let go of a tenure that was not obeyed, and stands back, or is about to, its
-    bids being made nonsense; from then on, if they were until then and nobody else bid. It need not
-    move if it is stopped, has no mission, or somebody is obeyed who commands rest, and says why; or
-    creeps to its goal so slowly that the wheels' friction holds it for a while.
+    5 s if a holder has let go of a tenure that was not obeyed, and stands back, or is about to, its
+    bids being made nonsense; from then on, if they were until then and no other bid. It need not
+    move if it is stopped, has no mission, or a command of rest is obeyed, with a reason; or creeps
+    to its goal so slowly that the wheels' friction holds it for a while.
     """
 
     promise = Promise.MOVES
@@ -70,7 +70,7 @@ class Moves:
         self._bounds = bounds
         self._healed: float | None = None  # waited for since
         self._known = -inf  # the healing that was last settled
-        self._from: RobotState | None = None  # what was last said before
+        self._from: RobotState | None = None  # the last state before
         self.longest: float | None = None
 
     def look(self, seen: Observation, now: Situation) -> Iterator[str]:
@@ -128,7 +128,7 @@ class Moves:
                 for instance, (at, record) in now.bids.items()
                 if not (record.reason or now.mad(instance)) or (now.now - at > TURN_S and not blind)
             ]
-            return "nobody bids" if not silent else None
+            return "no bids" if not silent else None
         order = now.ordered
         rests = order is None or (abs(order.v) < MOVING_M_S and abs(order.w) < MOVING_RAD_S)
         held = now.state is not None and now.state.stalled
@@ -160,19 +160,19 @@ class Arrives:
         self._mission: int | None = None
         self._due = inf
         self._spoilt = False  # whether something has befallen the mission that goes on
-        self._none_at: float | None = None  # since when nobody knows of it
+        self._none_at: float | None = None  # since when it is not known
 
     def look(self, seen: Observation, now: Situation) -> Iterator[str]:
-        """At each word of the mission, and as time passes."""
+        """At each status of the mission, and as time passes."""
         if self._excused(now):
             self._spoilt, self._due = True, seen.at + self._bounds.arrives_s
         if isinstance(seen, Said) and isinstance(seen.message, MissionStatus):
-            yield from self._told(seen.message, seen.at, now)
+            yield from self._status(seen.message, seen.at, now)
         if seen.at > self._due and self._mission is not None:
             self._due = inf
             yield f"the mission is not reached, though {_quiet(now, seen.at)}"
 
-    def _told(self, status: MissionStatus, at: float, now: Situation) -> Iterator[str]:
+    def _status(self, status: MissionStatus, at: float, now: Situation) -> Iterator[str]:
         if status.state is MissionState.DRIVING:
             if status.mission != self._mission:
                 self._spoilt = self._excused(now)
@@ -204,6 +204,6 @@ def _quiet(now: Situation, at: float) -> str:
 
 def _says_why(now: Situation) -> bool:
     """Whether who is obeyed gives a reason, as far as its bids can be seen."""
-    assert now.obeyed is not None, "somebody is obeyed"
+    assert now.obeyed is not None, "a command is obeyed"
     _, record = now.bids.get(now.obeyed.instance, (0.0, None))
     return record is None or bool(record.reason)

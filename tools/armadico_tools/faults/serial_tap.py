@@ -1,7 +1,7 @@
 """A tap on the line between the robot agent and its controller: what crosses it, and when.
 
-The controller's end stays open when the agent's goes: as on a serial line, nobody tells the
-controller that its client died, and its watchdog has to notice.
+The controller's end stays open when the agent's goes: as on a serial line, the controller
+does not learn that its client died, and its watchdog has to notice.
 """
 
 from __future__ import annotations
@@ -51,7 +51,7 @@ class Tap:
         self._listener = socket.create_server(("127.0.0.1", 0))
         self._client: socket.socket | None = None
         self._robot: socket.socket | None = None
-        self._said, self._heard = Decoder(), Decoder()
+        self._sent, self._received = Decoder(), Decoder()
         self._stopping = threading.Event()
         self._thread = threading.Thread(target=self._run, name="tap", daemon=True)
         self._thread.start()
@@ -74,7 +74,7 @@ class Tap:
         self._listener.close()
 
     def commands(self, since: int = 0) -> list[Command]:
-        """What the robot agent has said from a position in `packets` on."""
+        """The robot agent's commands from a position in `packets` on."""
         return [packet for packet in self.packets[since:] if isinstance(packet, Command)]
 
     # The thread ----------------------------------------------------------------------------------
@@ -99,7 +99,7 @@ class Tap:
         except OSError:
             client.close()
             return
-        self._client, self._said = client, Decoder()
+        self._client, self._sent = client, Decoder()
 
     def _from_client(self, client: socket.socket) -> None:
         data = _read(client)
@@ -108,7 +108,7 @@ class Tap:
             self._client = None
             return
         self._written(data, self._clock())
-        self.packets += [decode_command(payload) for payload in self._said.feed(data)]
+        self.packets += [decode_command(payload) for payload in self._sent.feed(data)]
         _send(self._robot, data)
 
     def _from_robot(self, robot: socket.socket) -> None:
@@ -116,8 +116,8 @@ class Tap:
         if not data:
             self._hang_up()
             return
-        heard = self._heard.feed(data)
-        self.packets += [Status() for payload in heard if payload[0] in STATUS_TYPES]
+        payloads = self._received.feed(data)
+        self.packets += [Status() for payload in payloads if payload[0] in STATUS_TYPES]
         _send(self._client, data)
 
     def _hang_up(self) -> None:
@@ -135,7 +135,7 @@ def _read(end: socket.socket) -> bytes:
 
 
 def _send(end: socket.socket | None, data: bytes) -> None:
-    """Send, if anybody is there; the next read finds out who is not."""
+    """Send, if the peer is connected; the next read finds out if not."""
     if end is not None:
         with suppress(OSError):
             end.sendall(data)

@@ -27,7 +27,7 @@ that is about to collide takes over) comes to pass in one of a hundred seeds of 
 
 @dataclass(frozen=True)
 class Task:
-    """What a worker is given."""
+    """One seed, for a worker process."""
 
     seed: int
     lasts: float  # s
@@ -57,7 +57,7 @@ class Summary:
     narrowed: bool = False  # whether only some kinds were made
 
     def add(self, outcome: Outcome) -> None:
-        """One more."""
+        """Add one seed's counts."""
         self.seeds += 1
         self.seconds += outcome.case.lasts
         self.missions += outcome.missions
@@ -83,7 +83,7 @@ class Summary:
         return {why: s / whole for why, s in sorted(self.moving_s.items()) if why and s}
 
     def plain(self) -> dict[str, object]:
-        """For JSON."""
+        """The counts as JSON has them."""
         return {
             "seeds": self.seeds,
             "simulated_s": round(self.seconds, 1),
@@ -113,7 +113,7 @@ class Ran(Struct, frozen=True):
     seed: int
     scenario: str
     seconds: float
-    kinds: str = ""  # that it was told to make; none: all
+    kinds: str = ""  # that it was to make; none: all
     faults: int = 0
     violations: str = ""
     longest_s: float | None = None

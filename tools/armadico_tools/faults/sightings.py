@@ -1,6 +1,6 @@
 """What happens to a society that is worth a test only if it happens: situations, counted.
 
-A campaign in which one of them never came to pass has tested less than it says, and fails: so do
+A campaign in which one of them never came to pass has tested less than it claims, and fails: so do
 the "sometimes" assertions of FoundationDB's and Antithesis's simulations.
 """
 
@@ -28,14 +28,14 @@ from armadico_tools.faults.observations import (
 from armadico_tools.faults.world_state import Situation
 
 SILENT_S: Final = 0.2
-"""A holder last heard longer ago than this, s, is silent: two of its claims are missing."""
+"""A holder last received longer ago than this, s, is silent: two of its claims are missing."""
 
 UNCOMMANDED_S: Final = 0.28
 """A stop that is ordered so long after the last obeyed command, s, is the owner's own."""
 
 
 class Sight(StrEnum):
-    """A situation."""
+    """A situation that a campaign must show."""
 
     BETTER = "a better bid takes over"
     CRITICAL = "about to collide, an equal bid takes over"
@@ -53,11 +53,11 @@ class Sight(StrEnum):
     WHILE_STOPPED = "a command is refused, for the robot is stopped"
     STOPPED = "the stop is latched while a fault is on"
     FREED = "the stop is released"
-    SILENT_STOP = "nobody commands, and the owner orders a stop"
+    SILENT_STOP = "no commands come, and the owner orders a stop"
     WATCHDOG = "without the robot agent the wheels come to rest"
-    RESTARTED = "somebody is obeyed in a new epoch"
+    RESTARTED = "a command is obeyed in a new epoch"
     STALE_INPUT = "a bid is withheld, for an input is not fresh"
-    MISSED = "somebody who lives is taken for gone"
+    MISSED = "a live agent is taken for gone"
     TOGETHER = "two faults are on at once"
     LOST = "the pose is off by more than 0.15 m"
     TOUCHED = "something is touched where that is void"
@@ -84,7 +84,7 @@ class Sightings:
     def __init__(self) -> None:
         self.counts: Counter[Sight] = Counter()
         self._largest: Ballot | None = None
-        self._rival: tuple[float, Claim] | None = None  # the last claim, and when it was said
+        self._rival: tuple[float, Claim] | None = None  # the last claim, and when it was published
         self._gone: set[str] = set()
         self._obeyed_at = 0.0
         self._epoch: int | None = None
@@ -98,7 +98,7 @@ class Sightings:
     def take(self, seen: Observation, now: Situation) -> None:
         """Look at one observation, after the situation has taken it in."""
         if isinstance(seen, Said):
-            self._hear(seen, now)
+            self._receive(seen, now)
         elif isinstance(seen, Refused):
             sight = VERDICTS.get(seen.why)
             if sight is not None:
@@ -121,24 +121,24 @@ class Sightings:
         elif isinstance(seen, Bids):
             self.counts[Sight.STALE_INPUT] += seen.record.reason.startswith("no fresh")
 
-    def _hear(self, said: Said, now: Situation) -> None:
-        message = said.message
+    def _receive(self, seen: Said, now: Situation) -> None:
+        message = seen.message
         if isinstance(message, Claim):
-            self._claim(message, said.at, now)
+            self._claim(message, seen.at, now)
         elif isinstance(message, RobotState):
             stopped = message.stop.stopped
             self.counts[Sight.STOPPED] += stopped and not self._stopped and now.troubled("stop")
             self.counts[Sight.FREED] += self._stopped and not stopped
             self._stopped = stopped
         elif isinstance(message, Truth):
-            self._truth(message, said.at, now)
+            self._truth(message, seen.at, now)
         elif isinstance(message, MissionStatus):
             if message.state is MissionState.REACHED:
                 self.counts[Sight.REACHED] += self._befallen
                 self._befallen = False
             elif message.state is not MissionState.DRIVING:
                 self._befallen = False
-        lost = now.astray_at == said.at
+        lost = now.astray_at == seen.at
         self.counts[Sight.LOST] += lost and not self._lost
         self._lost = lost or (self._lost and now.now - now.astray_at < 1.0)
 
@@ -158,12 +158,12 @@ class Sightings:
     def _takes_over(self, claim: Claim, at: float) -> None:
         if self._rival is None or claim.utility is None:
             return
-        said, before = self._rival
+        last, before = self._rival
         if claim.wanted == claim.commanded:
             self.counts[Sight.AT_ONCE] += 1
         if before.utility is None or before.ballot.instance in self._gone:
             self.counts[Sight.VACANT] += 1
-        elif at - said > SILENT_S:
+        elif at - last > SILENT_S:
             self.counts[Sight.SILENCE] += 1
         elif claim.utility > before.utility:
             self.counts[Sight.BETTER] += 1

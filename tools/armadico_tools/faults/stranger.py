@@ -1,7 +1,7 @@
-"""Faults that come from outside the society: somebody says what nobody of it would, or joins it.
+"""Faults from outside the society: a stranger publishes what no member would, or joins it.
 
-What a stranger says to the agents arrives without being shown to those who watch; what people say,
-the stop and its release, is shown.
+A stranger's messages arrive without being shown to those who watch; people's, the stop and its
+release, are shown.
 """
 
 from __future__ import annotations
@@ -59,23 +59,25 @@ RATCHET: Final = 40
 FLOOD: Final = 2000
 """Claims, and as many commands, within a flood's time, a second at most."""
 
-POINTS: Final = 20_000
-MOST_POINTS: Final = 2048
+POINTS: Final = 20_000  # of a message that is too large
+MOST_POINTS: Final = 2048  # of the largest that is read
 FAR_M: Final = 40.0
-"""So many points, and the most that may be read, so far away that nobody need steer for them."""
+"""Those points are so far away that no agent need steer for them."""
 
 OLD_CYCLES: Final = 10
 
 CLIMB_S: Final = 0.02
+"""From one climbing state to the next."""
+
 CLIMB: Final = 4
-"""States that climb come so often, each so many cycles ahead of the one before."""
+"""Cycles from one climbing state to the next."""
 
 BEYOND: Final = (JUMP, 3 * JUMP, LARGEST_COUNT // 2)
 """How far a latched state is counted ahead: as far as is believed at once, and farther."""
 
 
 class Stranger:
-    """Says it, and joins."""
+    """Publishes a fault's messages, and joins."""
 
     def __init__(self, rehearsal: Rehearsal) -> None:
         self.nodes: list[Node] = []  # processes that are none of the society's
@@ -83,18 +85,18 @@ class Stranger:
         self._mesh = rehearsal.mesh
         self._state: RobotState | None = None
         self._latched: dict[type[Latched], Trajectory | Origin] = {}
-        self._counter = 0  # of the stop, the largest that anybody has said,
-        self._press = 0  # and which press that was
+        self._counter = 0  # of the stop, the largest that was published
+        self._press = 0  # the press of that stop
         self._presses = Random(f"presses/{self._mesh.seed}")
         self._term = 0
         self._second: dict[Fault, Node] = {}
-        self._mesh.watch(self._hear, RobotState, Claim, Trajectory, Origin)
+        self._mesh.watch(self._receive, RobotState, Claim, Trajectory, Origin)
 
     def act(self, fault: Fault, *, begins: bool) -> None:
         """Begin a fault, or end it."""
         getattr(self, "_" + fault.kind.replace("-", "_"))(fault, begins)
 
-    def _hear(self, _key: str, message: Message, _now: float) -> None:
+    def _receive(self, _key: str, message: Message, _now: float) -> None:
         if isinstance(message, RobotState):
             self._state = message
             if message.stop.counter >= self._counter:
@@ -116,7 +118,7 @@ class Stranger:
     def _stop_and_release(self, fault: Fault, begins: bool) -> None:
         """Stop, and release at the end; 1: the stop's counter is smaller than one that is known.
 
-        2: after a third of the time somebody releases by a counter that is too small. 3: a stop is
+        2: after a third of the time a release has a counter that is too small. 3: a stop is
         released at once, and comes again later: that is none. 4: the stop counts as far ahead of
         what is known as is believed.
         """
@@ -153,7 +155,7 @@ class Stranger:
     # Messages ------------------------------------------------------------------------------------
 
     def _stray_state(self, fault: Fault, begins: bool) -> None:
-        """0: as of a robot that nobody knows, or of a recording that somebody plays.
+        """0: as of an unknown robot, or of a recording that is played.
 
         Of the present epoch, 1: one as far ahead as can be, 2: some that climb while it lasts.
         """
@@ -180,11 +182,11 @@ class Stranger:
             self._arrives(replace(known, counter=counter))
 
     def _huge_term(self, fault: Fault, begins: bool) -> None:
-        """0: a claim with the largest term; 1: claims that climb; 2: an ack that tells of one."""
+        """0: a claim with the largest term; 1: claims that climb; 2: an ack with one."""
         if not begins or self._state is None:
             return
         if fault.amount == 2.0:
-            self._arrives(heard_of(self._state, LARGEST_COUNT))
+            self._arrives(ack_of(self._state, LARGEST_COUNT))
             return
         climb = [self._term + (step + 1) * JUMP for step in range(RATCHET)]
         for term in climb if fault.amount == 1.0 else [LARGEST_COUNT]:
@@ -226,7 +228,7 @@ class Stranger:
         self._mesh.publish_bytes(data, key)
 
     def _claim(self, term: int) -> Claim:
-        assert self._state is not None, "a robot agent has spoken"
+        assert self._state is not None, "a robot agent has published"
         rest = WHEELS.neutral
         cycle = self._state.cycle
         return Claim(WHEELS.name, _ballot(term), cycle, STRANGE_UTILITY, False, rest, rest)
@@ -234,7 +236,7 @@ class Stranger:
     # Another robot -------------------------------------------------------------------------------
 
     def _two_robot_agents(self, fault: Fault, begins: bool) -> None:
-        """One with a controller of its own, whose wheels nobody of this society sees.
+        """One with a controller of its own, whose wheels no agent of this society sees.
 
         1: it does not look around, as if it had come while the network was cut.
         """
@@ -254,8 +256,8 @@ class Stranger:
         self._second[fault] = node
 
 
-def heard_of(state: RobotState, term: int) -> Ack:
-    """The next cycle's word, which says that a ballot has been heard."""
+def ack_of(state: RobotState, term: int) -> Ack:
+    """The next cycle's ack, with a ballot that was received."""
     cycle = Cycle(state.cycle.epoch, state.cycle.number + 1)
     return Ack(WHEELS.name, cycle, _ballot(term))
 

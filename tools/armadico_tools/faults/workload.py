@@ -69,8 +69,8 @@ LOOK_S: Final = 0.5
 """How often the workload looks whether there is a mission."""
 
 MISSION_S: Final = 90.0
-"""After so long the robot is sent elsewhere: it may have lost its way with its pose, and nobody
-tells it where it is: what a fault has put wrong, the society mends itself or not at all."""
+"""After so long the robot is sent elsewhere: it may have lost its way with its pose. What a fault
+has put wrong, the society mends itself or not at all."""
 
 BOOTED_S: Final = 1e5
 """Clocks of the processes begin anywhere within this."""
@@ -138,7 +138,7 @@ class Workload:
         self._heading_for = 0
         self._asked = False
         self._mission_at = 0.0  # when it was taken on
-        self._none_at: float | None = None  # since when nobody knows of it
+        self._none_at: float | None = None  # since when it is not known
         self._status = MissionState.NONE
         self._truth: Truth | None = None
         self._driven = 0.0
@@ -154,7 +154,7 @@ class Workload:
         self.mesh.call_at(1.0, self._look)
         try:
             self.mesh.run(self.case.lasts)
-        except Exception:  # an agent that raises dies; here the run ends, and says where
+        except Exception:  # an agent that raises dies; here the run ends, and shows where
             lines = traceback.format_exc().strip().splitlines()
             where = next((x.strip() for x in reversed(lines) if x.startswith("  File")), "")
             self.error = (self.mesh.now, f"{lines[-1]} ({where})")
@@ -198,7 +198,7 @@ class Workload:
         self.show(Said(now, message))
         if isinstance(message, MissionStatus):
             ended = self._status is MissionState.REACHED and message.state is MissionState.NONE
-            if not ended:  # a new interface agent says nothing of a mission that has ended
+            if not ended:  # a new interface agent publishes nothing of a mission that has ended
                 self._status = message.state
             if message.state is not MissionState.NONE:
                 self._none_at = None
@@ -252,9 +252,9 @@ class Workload:
         if self._status is MissionState.REACHED or late:
             self.missions += self._status is MissionState.REACHED
             self._heading_for = 1 - self._heading_for
-        elif self._mission_at:  # nobody knows of it any more
+        elif self._mission_at:  # it is not known any more
             if self._none_at is None or self.mesh.now - self._none_at < 2 * FORGOTTEN_S:
-                return  # whoever starts again has a while to be told of it
+                return  # whoever starts again has a while to receive it
             self.again += 1
         self._asked = True
         self.mesh.ask(self._ends[self._heading_for], self._answered, timeout=5.0)
@@ -270,7 +270,7 @@ class Workload:
 
 
 def _ends(rehearsal: Rehearsal) -> tuple[MissionRequest, MissionRequest]:
-    """There, and back."""
+    """The missions to the scenario's goal, and back to its start."""
     scenario = rehearsal.scenario
     planned = scenario.plan == "rooms"
     between = scenario.waypoints if scenario.plan == "waypoints" else ()
@@ -311,7 +311,7 @@ def _tap_owner(owner: Owner, workload: Workload) -> None:
 
 
 def _tap_news(node: Node, workload: Workload) -> None:
-    """See whom it takes for gone who lives."""
+    """See which live agents it takes for gone."""
     agent = node.agent
     disappeared = agent.disappeared
 

@@ -63,10 +63,10 @@ ACKS_S = 1.0
 their way, and it counts 6 cycles without one."""
 
 SILENT_S = 0.3
-"""A robot agent that has said nothing for so long is not there."""
+"""A robot agent that has published nothing for so long is not alive."""
 
 BID_AGE_S = 0.35
-"""A bid older than this says nothing of now: three cycles, and the way here."""
+"""A bid older than this does not count: three cycles, and the way here."""
 
 
 @dataclass(frozen=True)
@@ -81,11 +81,11 @@ class Bounds:
     watchdog_s: float = 2.0
     killed_s: float = 0.1  # from a holder's end to another's obeyed command: far below its silence
     silent_s: float = 0.3  # from a silent holder's last to another's first: before the stop
-    unobeyed_s: float = 0.9  # where the other still hears it: 6 cycles, and the way
+    unobeyed_s: float = 0.9  # where the other still receives it: 6 cycles, and the way
     arrives_s: float = 90.0  # from the last fault on
-    start_s: float = 20.0  # a mission that no fault befalls takes so long,
-    way_m_s: float = 0.25  # and its way at this speed: half as much again as any that was seen
-    skew_s: float = 0.25  # between what is said of one cycle by two: a cycle, and two ways here
+    start_s: float = 20.0  # time for a mission that no fault befalls, besides its way's
+    way_m_s: float = 0.25  # speed for its way: half as much time again as any that was seen
+    skew_s: float = 0.25  # between two messages of one cycle: a cycle, and two ways here
     v_max: float = 1.6  # m/s
     w_max: float = 5.2  # rad/s
     braking_s: float = 3.0  # from top speed to rest, by the ramp, and for the loops to settle
@@ -133,11 +133,11 @@ class Situation:
     ack: Ack | None = None  # the newest of the wheels
     ack_before: Ack | None = None
     acked_at: float = -inf
-    obeyed_at: float = -inf  # when the ack last showed somebody obeyed of late
+    obeyed_at: float = -inf  # when the ack last showed a command obeyed of late
     moved_at: float = -inf
     rested_at: float = -inf
     stood_back_at: float = -inf  # when a tenure that was not obeyed was last let go of
-    mad_back_at: float = -inf  # likewise, by one whose bids are nonsense, and nobody else bid
+    mad_back_at: float = -inf  # likewise, by one whose bids are nonsense, and no other bid
     truth: Truth | None = None
     truth_at: float = -inf
     astray_at: float = -inf  # when the pose was last known to be wrong
@@ -162,7 +162,7 @@ class Situation:
             self._excused = False
         self.now = seen.at
         if isinstance(seen, Said):
-            self._hear(seen)
+            self._receive(seen)
         elif isinstance(seen, Faulted):
             self._fault(seen)
         elif isinstance(seen, Ordered):
@@ -244,7 +244,7 @@ class Situation:
         )
 
     def driven(self) -> bool:
-        """Whether somebody is obeyed, by the newest ack."""
+        """Whether a command is obeyed, by the newest ack."""
         return self.obeyed_at >= self.acked_at
 
     def stopped(self) -> bool:
@@ -261,7 +261,7 @@ class Situation:
 
     @property
     def obeyed(self) -> Ballot | None:
-        """The ballot of the last command that the owner says it obeyed; none since a release."""
+        """The ballot of the last command acknowledged as obeyed; none since a release."""
         return None if self.ack is None else self.ack.obeyed
 
     def bidders(self) -> list[str]:
@@ -277,8 +277,8 @@ class Situation:
 
     # Inside --------------------------------------------------------------------------------------
 
-    def _hear(self, said: Said) -> None:
-        message = said.message
+    def _receive(self, seen: Said) -> None:
+        message = seen.message
         if isinstance(message, RobotState):
             self._cycle(message)
         elif isinstance(message, Ack):
@@ -290,16 +290,16 @@ class Situation:
         elif isinstance(message, Pose):
             truth = self.truth_of(message.cycle) or self.truth
             if truth is not None and hypot(message.x - truth.x, message.y - truth.y) > ASTRAY_M:
-                self.astray_at = said.at
+                self.astray_at = seen.at
         elif isinstance(message, Truth):
-            self.truth, self.truth_at = message, said.at
+            self.truth, self.truth_at = message, seen.at
             near = message.clearance is not None and message.clearance < WEDGED_M
             if not near:
                 self.wedged_at = -inf
             elif self._contact_voids():
-                self.wedged_at = said.at
+                self.wedged_at = seen.at
             if abs(message.v) < MOVING_M_S and abs(message.w) < MOVING_RAD_S:
-                self.rested_at = said.at
+                self.rested_at = seen.at
 
     def _cycle(self, state: RobotState) -> None:
         self.before, self.state = self.state, state
@@ -362,7 +362,7 @@ class Situation:
         self._excuse()
 
     def _deny(self, denied: Denied) -> None:
-        """While a fault breaks the network, somebody may be in a robot agent's way."""
+        """While a fault breaks the network, another may keep a robot agent from joining."""
         there = self.now - self.state_at <= SILENT_S
         if self.whole_since == inf and not there and agent_of(denied.instance) == "robot":
             self._again_at = denied.at + AGAIN_S

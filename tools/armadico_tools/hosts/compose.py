@@ -53,7 +53,7 @@ class ComposeHosts:
 
         Args:
             scenario: What each host's share is a share of.
-            say: Told what is being done, and how long it took.
+            say: Called with what is being done, and how long it took.
         """
         self.names: tuple[str, ...] = tuple(load_hosts("demo").hosts)
         self._say = say
@@ -112,7 +112,7 @@ class ComposeHosts:
             signal.signal(signal.SIGINT, before)
 
     def _do(self, *words: str) -> None:
-        """One command of Compose. Raises FailedError with what it said."""
+        """One command of Compose. Raises FailedError with its output."""
         command = ["docker", "compose", *words]
         done = subprocess.run(
             command,
@@ -125,8 +125,8 @@ class ComposeHosts:
             check=False,
         )
         if done.returncode:
-            said = "\n".join(f"    {line}" for line in done.stdout.strip().splitlines()[-15:])
-            raise FailedError(f"{' '.join(command)} ended with {done.returncode}:\n{said}")
+            output = "\n".join(f"    {line}" for line in done.stdout.strip().splitlines()[-15:])
+            raise FailedError(f"{' '.join(command)} ended with {done.returncode}:\n{output}")
 
 
 class _Client(subprocess.Popen[str]):
@@ -170,7 +170,7 @@ def lacking() -> str | None:
 
 
 def _said(*command: str) -> str | None:
-    """The last line of what a command said when it failed; None if it did not."""
+    """The last line of a command's output when it failed; None if it did not."""
     done = subprocess.run(
         command, stdin=subprocess.DEVNULL, capture_output=True, text=True, check=False
     )

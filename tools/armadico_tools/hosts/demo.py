@@ -1,7 +1,7 @@
 """The demo of several hosts: one is lost in the middle of a run, and comes back.
 
-Hosts are whatever can be started, stopped and run commands on: containers, network namespaces. All
-that is told comes from a watcher on one of them.
+Hosts are whatever can be started, stopped and run commands on: containers, network namespaces. What
+is printed was received by a watcher on one of them.
 """
 
 from __future__ import annotations
@@ -75,8 +75,8 @@ def _play(hosts: Hosts, watcher: _Watcher, scenario: str, say: Callable[[str], N
     wanted = _wanted(scenario)
     watcher.until(lambda: not story.lacks(wanted), START_S)
     if lacks := story.lacks(wanted):
-        raise FailedError(f"not there after {START_S:.0f} s: {', '.join(lacks)}")
-    say(f"everybody is there, {time.monotonic() - began:.1f} s after the watcher")
+        raise FailedError(f"not alive after {START_S:.0f} s: {', '.join(lacks)}")
+    say(f"all agents are alive, {time.monotonic() - began:.1f} s after the watcher")
     run = _Command(hosts, "armadico", "run", scenario, "--attach", "--no-plot")
     try:
         watcher.until(lambda: run.ended() or _moment(story), END_S)
@@ -103,18 +103,18 @@ def _wanted(scenario: str) -> dict[str, tuple[str, ...]]:
 
 
 def _moment(story: Story) -> bool:
-    """Whether to lose the host now: it drives, and somebody elsewhere would drive on."""
+    """Whether to lose the host now: it drives, and an agent elsewhere would drive on."""
     drives = story.host(story.driver) == LOST and story.done() >= EARLIEST
     return drives and (bool(story.standing_by(LOST)) or story.done() >= LATEST)
 
 
 def _lose(hosts: Hosts, watcher: _Watcher, agents: set[str], say: Callable[[str], None]) -> None:
-    """Lose the host, tell what comes of it, and have it back."""
+    """Lose the host, print what comes of it, and have it back."""
     story = watcher.story
     standing_by = story.standing_by(LOST).items()
     would = ", ".join(f"{story.name(who)} ({utility:.2f})" for who, utility in standing_by)
     say(f"{LOST} is stopped: {story.name(story.driver)} drives, {story.speed:.2f} m/s")
-    say(f"  who elsewhere would drive: {would or 'nobody has a reason to'}")
+    say(f"  who elsewhere would drive: {would or 'no agent has a reason to'}")
     hosts.stop(LOST)
     back_at = time.monotonic() + AWAY_S
     watcher.until(lambda: not story.on(LOST), AWAY_S)
@@ -133,14 +133,14 @@ def _lose(hosts: Hosts, watcher: _Watcher, agents: set[str], say: Callable[[str]
             f" {story.name(gone)}"
         )
     else:
-        say("  nobody took over: the robot stops by itself")
+        say("  no agent took over: the robot stops by itself")
     watcher.until(lambda: False, back_at - time.monotonic())
     say(f"  {AWAY_S:.0f} s later {story.name(story.driver)} drives")
     _return(hosts, watcher, agents, say)
 
 
 def _return(hosts: Hosts, watcher: _Watcher, agents: set[str], say: Callable[[str], None]) -> None:
-    """Start it again, and tell when its agents are back and when one of them drives."""
+    """Start it again, and print when its agents are back and when one of them drives."""
     story = watcher.story
     say(f"{LOST} is started again")
     began = story.now

@@ -64,7 +64,7 @@ class NamespaceHosts:
         return self._bed.popen(host, program, stdout=subprocess.PIPE, text=True, bufsize=1)
 
     def last_words(self) -> str:
-        """The end of what each host's `armadico up` said, for people."""
+        """The end of each host's `armadico up` output, for people."""
         return "\n".join(
             f"  {host}: {line}" for host in self._up for line in self._bed.last_words(host)
         )

@@ -1,7 +1,7 @@
-"""Hears a society from one of its hosts, and passes it on as lines of JSON to who reads its output.
+"""Watches a society from one of its hosts, and prints what it receives as lines of JSON.
 
 A payload is in base64, with its key. Times are ns of the observer's own clock, and are compared
-with nobody else's.
+with no other's.
 
 python -m armadico_tools.hosts.remote_observer --host lab3 --hosts demo
 """
@@ -21,7 +21,7 @@ from armadico.observe.view import View
 from armadico.observe.watching import Heard, Presence, Watcher, show
 
 ASK_S: Final = 0.25
-"""How often everybody is asked for their bids, and for their cards while one is missing."""
+"""How often all agents are queried for their bids, and for their cards while one is missing."""
 
 KEYS: Final = (WHEELS.ack_key, WHEELS.command_pattern, "mission/status")
 
@@ -38,7 +38,7 @@ def written(item: Heard | Presence) -> str:
 
 
 def read(line: str) -> Heard | Presence | None:
-    """What a line says; None if it is none of ours."""
+    """The item on a line; None if it is none of ours."""
     try:
         return _DECODER.decode(line)
     except msgspec.DecodeError:
@@ -53,7 +53,7 @@ def main(argv: Sequence[str] | None = None) -> int:
 
 def _main(arguments: Sequence[str]) -> int:
     made = options.parser(
-        "watch", "Tell what is said and who is there, a JSON line each.", EXAMPLES
+        "watch", "Print what is published and who is alive, a JSON line each.", EXAMPLES
     )
     options.add_mesh_options(made)
     with options.join(made.parse_args(arguments)) as mesh:

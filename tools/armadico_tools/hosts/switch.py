@@ -1,9 +1,9 @@
 """An Ethernet switch that is not there: frames and the time in, frames and when they are due out.
 
-Sans-IO. A link leads from one host to another and has faults of its own, so that what a host says
-and what it hears may suffer differently. All draws come from one seed, a stream for each link:
+Sans-IO. A link leads from one host to another and has faults of its own, so that what a host sends
+and what it receives may suffer differently. All draws come from one seed, a stream for each link:
 a fault on one leaves what happens on the others as it was. A seed fixes the draws, not when a real
-host speaks.
+host sends.
 """
 
 from __future__ import annotations
@@ -26,7 +26,7 @@ Link = tuple[str, str]
 
 
 class LinkError(ValueError):
-    """A description of a link that cannot be understood; the message says what would be."""
+    """A description of a link that cannot be understood; the message has an example."""
 
 
 @dataclass(slots=True)
@@ -57,7 +57,7 @@ class _Due:
 
 
 class Switch:
-    """Leads frames between hosts, learning nothing: it was told whose address is whose."""
+    """Leads frames between hosts, learning nothing: the addresses are given."""
 
     def __init__(self, addresses: dict[bytes, str], seed: int = 0) -> None:
         """Begin with whole links between all hosts.

@@ -1,4 +1,4 @@
-"""What happens in the demo, as one can tell it from what a remote observer hears (sans-IO)."""
+"""What happens in the demo, from what a remote observer received (sans-IO)."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ from armadico_tools.faults.event_log import Account
 from armadico_tools.faults.observations import Said
 
 FRESH_S = 1.0
-"""A bid that was told longer ago says nothing of now."""
+"""A bid received longer ago does not count."""
 
 
 class Story(Account):
@@ -44,18 +44,18 @@ class Story(Account):
         return None if card is None else card.host
 
     def name(self, instance: str | None) -> str:
-        """An instance for people: `avoid on lab1`; of None: `nobody`."""
+        """An instance for people: `avoid on lab1`; of None: `no agent`."""
         if instance is None:
-            return "nobody"
+            return "no agent"
         return f"{agent_of(instance)} on {self.host(instance) or 'an unknown host'}"
 
     def on(self, host: str) -> dict[str, float]:
-        """The agents whose tokens are there from a host, by name, and since when."""
+        """The agents alive on a host, by name, and since when."""
         alive = self.view.alive.items()
         return {agent_of(who): at for who, at in alive if self.host(who) == host}
 
     def lacks(self, wanted: Mapping[str, tuple[str, ...]]) -> list[str]:
-        """What is not there of what should be on each host, for people."""
+        """The agents that should be alive on each host and are not, for people."""
         return [
             f"{name} on {host}"
             for host, names in wanted.items()
@@ -77,6 +77,6 @@ class Story(Account):
         return 0.0 if mission is None or not self._way else 1.0 - mission.to_go / self._way
 
     def last_command(self, host: str) -> tuple[float, Command] | None:
-        """When anybody on a host commanded last, and what."""
-        heard = reversed(self.commands)
-        return next((x for x in heard if self.host(x[1].ballot.instance) == host), None)
+        """When an agent on a host commanded last, and what."""
+        newest = reversed(self.commands)
+        return next((x for x in newest if self.host(x[1].ballot.instance) == host), None)

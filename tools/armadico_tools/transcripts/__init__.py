@@ -1,4 +1,4 @@
-"""What a small society says, message by message, as files that any agent can be checked against.
+"""What a small society publishes, message by message, as files to check any agent against.
 
 `docs/transcripts/*.jsonl` are written by the virtual mesh from a fixed seed. Each has all that its
 agents received, when, and all that they published. So whoever writes an agent, in whatever

@@ -1,8 +1,8 @@
 """Write the transcripts, the vectors and the schema: `python -m armadico_tools.transcripts`.
 
 `--check` writes nothing and fails if one is stale. `replay FILE --agent NAME` lets our own agent
-live through a transcript and prints where it says something else; with `--said FILE` it compares
-what another program said, one JSON object a line with `t`, `key` and `cbor`. `inputs FILE --agent
+live through a transcript and prints the first difference; with `--said FILE` it compares what
+another program published, one JSON object a line with `t`, `key` and `cbor`. `inputs FILE --agent
 NAME` prints what that program is to be given.
 """
 
@@ -33,7 +33,7 @@ def files() -> dict[str, str]:
 
 
 def stale(root: Path = ROOT) -> dict[str, str | None]:
-    """The files that are not what the code says, and what they should be; None: not there."""
+    """The files that are stale, and what they should be; None: not there."""
     wanted: dict[str, str | None] = dict(files())
     there = {f"{FOLDER}/{path.name}" for path in (root / FOLDER).glob("*.jsonl")}
     wanted.update(dict.fromkeys(there - set(wanted)))
@@ -61,12 +61,12 @@ def main(argv: Sequence[str] | None = None) -> int:
     )
     parser.add_argument("--check", action="store_true", help="write nothing; fail if it is stale")
     commands = parser.add_subparsers(dest="command")
-    for name, text in (("replay", "compare what an agent says"), ("inputs", "what it is given")):
+    for name, text in (("replay", "compare an agent's output"), ("inputs", "what it is given")):
         command = commands.add_parser(name, help=text)
         command.add_argument("file", type=Path, help="a transcript")
         command.add_argument("--agent", required=True, help="which of its processes")
         if name == "replay":
-            command.add_argument("--said", type=Path, help="what another program said; - is stdin")
+            command.add_argument("--said", type=Path, help="another program's output; - is stdin")
     args = parser.parse_args(argv)
     if args.command is None:
         return _refresh(check=args.check)
@@ -75,7 +75,7 @@ def main(argv: Sequence[str] | None = None) -> int:
         part = transcript.part(args.agent)
     except KeyError:
         labels = ", ".join(part.label for part in transcript.agents)
-        parser.error(f"nobody is called {args.agent} in {args.file}; there are: {labels}")
+        parser.error(f"no agent {args.agent!r} in {args.file}; there are: {labels}")
     if args.command == "inputs":
         for line in inputs(transcript, part.label):
             print(json.dumps(line))
@@ -85,7 +85,7 @@ def main(argv: Sequence[str] | None = None) -> int:
     else:
         text = sys.stdin.read() if str(args.said) == "-" else args.said.read_text(encoding="utf-8")
         why = difference_of(transcript, part.label, [json.loads(x) for x in text.splitlines()])
-    print(why or f"{part.label} says what {transcript.scene} has")
+    print(why or f"{part.label} publishes what {transcript.scene} has")
     return 1 if why else 0
 
 

@@ -1,4 +1,4 @@
-"""The agents of the transcripts: they do what the first line of a file says, and no more."""
+"""The agents of the transcripts: they do what the first line of a file has, and no more."""
 
 from __future__ import annotations
 
@@ -87,19 +87,19 @@ class Judge(Agent):
         vars(owner)["judge"] = judged
 
     def judged(self, command: Command, verdict: Verdict) -> None:  # noqa: ARG002 - others keep it
-        """It has judged a command."""
+        """Keep the verdict on a command."""
         self.verdict = verdict
 
     def obey(self, resource: Resource, action: Any) -> None:
-        """Do it."""
+        """The action is reached at once."""
         self.does[resource.name] = action
 
     def rest(self, resource: Resource) -> None:
-        """Do nothing."""
+        """Back to the neutral action at once."""
         self.does[resource.name] = resource.neutral
 
     def measure(self, resource: Resource) -> Any:
-        """What it was told last."""
+        """The last action that it obeyed."""
         return self.does[resource.name]
 
     def beyond(self, resource: Resource, action: Any) -> str:
@@ -127,7 +127,7 @@ class Driven(Judge):
         return tuple(s for s in super().subscriptions() if s.message not in cls.provides)
 
     def on_start(self) -> None:
-        """Begin to count."""
+        """The first cycle."""
         self.on_wakeup()
 
     def on_wakeup(self) -> None:
@@ -145,7 +145,7 @@ class Driven(Judge):
 
 
 class Planned(Agent):
-    """A contender that bids what the file says of a cycle's number."""
+    """A contender that bids what the file has for a cycle's number."""
 
     plan: ClassVar[Mapping[str, tuple[Step, ...]]] = {}
 
@@ -160,7 +160,7 @@ class Planned(Agent):
 
 
 def agent_of(part: Part, seed: int) -> Agent:
-    """The agent of a part. It changes hands abruptly: how to blend is everybody's own choice."""
+    """The agent of a part. It changes hands abruptly: how to blend is each agent's own choice."""
     owned = tuple(RESOURCES[name] for name in part.owns)
     wanted = tuple(RESOURCES[name] for name in part.competes_for)
     attributes = {"name": part.name, "owns": owned, "competes_for": wanted, "plan": part.bids}

@@ -1,6 +1,6 @@
 """The messages as CDDL (RFC 8610), written from the annotations that `decode` checks by.
 
-What CDDL does not say stands in the text before it. Names of fields are comments to a machine:
+What CDDL cannot express stands in the text before it. Names of fields are comments to a machine:
 messages are arrays. `epoch` and `number` and the like have no rules of their own, so nothing of
 CDDL's prelude is redefined.
 """
@@ -32,7 +32,7 @@ RESERVED: Final = frozenset({"number", "text", "time", "any", "bytes", "float", 
 
 
 def schema() -> str:
-    """The whole of it."""
+    """All messages."""
     kinds = messages()
     first = "message = " + " /\n    ".join(kind.__name__ for kind in kinds)
     return HEAD + "\n\n".join([first, *(rule(kind) for kind in kinds)]) + "\n"

@@ -18,20 +18,20 @@ from armadico_tools.transcripts.agents import agent_of
 from armadico_tools.transcripts.tape import KINDS, Line, Transcript, fields_of, uttered
 
 EXACT: Final = 2e-6
-"""Our own agent says it all at the same time, s, but for rounding."""
+"""Tolerance for the times of our own agent's messages, s: rounding."""
 
 DRAWN: Final = 0.011
-"""Who takes over waits for up to 0.1 cycles, drawn at random: so far may times differ, s."""
+"""Tolerance for another agent's, s: who takes over waits for up to 0.1 cycles, drawn at random."""
 
 BURST: Final = 0.001
-"""What waited for a process that hung it receives within this of its return, s."""
+"""A process that hung receives what waited for it within this of its return, s."""
 
 LIFE: Final = ("starts", "hangs", "returns", "is killed", "leaves")
-SAID: Final = ("publishes", "asks", "replies", "appears")
+SENT: Final = ("publishes", "asks", "replies", "appears")
 
 
 def inputs(transcript: Transcript, label: str) -> list[Line]:
-    """All that a process is told, at its own times, and what befalls it, in order."""
+    """All that a process receives, at its own times, and what befalls it, in order."""
     transcript.part(label)
     found = []
     for line in transcript.lines:
@@ -46,7 +46,7 @@ def inputs(transcript: Transcript, label: str) -> list[Line]:
 
 def outputs(transcript: Transcript, label: str) -> list[Line]:
     """All that it sends."""
-    return [x for x in transcript.lines if x["from"] == label and x["what"] in SAID]
+    return [x for x in transcript.lines if x["from"] == label and x["what"] in SENT]
 
 
 def replayed(transcript: Transcript, label: str) -> list[Line]:
@@ -69,13 +69,13 @@ class _Replay:
         self._questions: dict[int, int] = {}  # by the query's number in the file, the driver's own
 
     def lines(self) -> Iterator[Line]:
-        """Live."""
+        """What the agent sends, as it lives through the file."""
         for line in inputs(self._transcript, self._label):
             yield from self._wake(line["t"])
             if line["what"] == "is killed":
                 return
             self._take(line)
-            yield from self._said()
+            yield from self._sent()
             if line["what"] == "leaves":
                 return
         yield from self._wake(self._transcript.ends)
@@ -88,9 +88,9 @@ class _Replay:
         while (due := driver.wakeup) is not None and max(due, self._time) < until:
             self._time = max(due, self._time)
             driver.wake(self._time)
-            yield from self._said()
+            yield from self._sent()
 
-    def _said(self) -> Iterator[Line]:
+    def _sent(self) -> Iterator[Line]:
         assert self._driver is not None, "it has started"
         for item in self._driver.take():
             if isinstance(item, AskFor):
@@ -140,45 +140,45 @@ def message_of(line: Line) -> Message:
 
 
 def first_difference(transcript: Transcript, label: str) -> str:
-    """Where our own agent says something else than the file has; "" if nowhere."""
+    """Where our own agent differs from the file; "" if nowhere."""
     return _first(outputs(transcript, label), replayed(transcript, label), _unlike)
 
 
-def difference_of(transcript: Transcript, label: str, said: Sequence[Line]) -> str:
-    """Where another agent says something else; "" if nowhere.
+def difference_of(transcript: Transcript, label: str, sent: Sequence[Line]) -> str:
+    """Where another agent differs from the file; "" if nowhere.
 
     What it publishes is compared by its fields, and by its time within the draw. Latched states
     are left out: who gives one back is drawn, too.
     """
     expected = [x for x in outputs(transcript, label) if x["what"] == "publishes"]
     kinds = {x["key"]: KINDS[x["type"]] for x in transcript.lines if "type" in x}
-    told = [x for x in expected if not issubclass(KINDS[x["type"]], Latched)]
+    compared = [x for x in expected if not issubclass(KINDS[x["type"]], Latched)]
     latched = {key for key, kind in kinds.items() if issubclass(kind, Latched)}
     found: list[Line] = []
-    for x in said:
+    for x in sent:
         if x["key"] in latched or x["key"].startswith("log/"):
             continue
         kind = kinds.get(x["key"])
         if kind is None:
-            return f"{x['t']:.6f} s: nobody publishes on {x['key']}"
+            return f"{x['t']:.6f} s: no agent publishes on {x['key']}"
         try:
             fields = fields_of(decode(bytes.fromhex(x["cbor"]), kind))
         except MessageError as error:
             return f"{x['t']:.6f} s, {x['key']}: {error}"
         found.append({"t": x["t"], "key": x["key"], "fields": fields})
-    return _first(told, found, _otherwise)
+    return _first(compared, found, _otherwise)
 
 
 def _first(expected: Sequence[Line], found: Sequence[Line], unlike: object) -> str:
     assert callable(unlike), "it compares two lines"
     for number, line in enumerate(expected):
         if number == len(found):
-            return f"{_words(line)}: it is not said"
+            return f"{_words(line)}: it is not published"
         why = unlike(line, found[number])
         if why:
             return f"{_words(line)}: {why}\n  instead: {_words(found[number])}"
     if len(found) > len(expected):
-        return f"{_words(found[len(expected)])}: it is said, and should not be"
+        return f"{_words(found[len(expected)])}: it is published, and should not be"
     return ""
 
 

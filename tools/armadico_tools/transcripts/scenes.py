@@ -24,7 +24,7 @@ Act = tuple[float, str, Any]
 
 
 class Scene(Struct, frozen=True):
-    """A scene as it is written: `loses` is the release that reaches nobody."""
+    """A scene as it is written: `loses` is the release that is lost."""
 
     name: str
     about: str
@@ -59,8 +59,8 @@ SCENES: Final = (
     Scene(
         "join",
         "The robot agent, then a, then b, look around, ask for cards, show their tokens, and listen"
-        " for 3 cycles. Nobody has been obeyed for as long as they know, so a takes the wheels. b"
-        " bids less, and publishes nothing.",
+        " for 3 cycles. No agent has been obeyed for as long as they know, so a takes the wheels."
+        " b bids less, and publishes nothing.",
         1.6,
         (ROBOT, a(), replace(b(), starts=0.9)),
     ),
@@ -92,15 +92,15 @@ SCENES: Final = (
     ),
     Scene(
         "hand-over-command-lost",
-        "The same; the releasing command is lost. The claim tells the robot agent and b.",
+        "The same; the releasing command is lost. The claim reaches the robot agent and b.",
         2.0,
         (ROBOT, a(*OVER), b()),
         loses=Command,
     ),
     Scene(
         "hand-over-claim-lost",
-        "The same; the releasing claim is lost. The command tells the robot agent; its ack tells"
-        " b.",
+        "The same; the releasing claim is lost. The command reaches the robot agent; its ack"
+        " reaches b.",
         2.0,
         (ROBOT, a(*OVER), b()),
         loses=Claim,
@@ -141,7 +141,7 @@ SCENES: Final = (
     ),
     Scene(
         "stop",
-        "Somebody stops the robot: all rest, nobody bids. It is released by a larger counter with"
+        "A peer stops the robot: all rest, no agent bids. It is released by a larger counter with"
         " the stop's press. A new stop with a smaller counter latches all the same, as the one"
         " known plus 1. Released again. The first stop comes once more, late: it is given back what"
         " is newer, and changes nothing.",

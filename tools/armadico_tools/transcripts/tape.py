@@ -72,7 +72,7 @@ def fields_of(message: Message) -> Any:
 
 
 def uttered(item: Output, label: str, t: float) -> Line | None:
-    """The line of something that an agent sends; None for a log, whose words are its own."""
+    """The line of something that an agent sends; None for a log, whose text is free."""
     line: Line = {"t": round(t, 6), "from": label}
     if isinstance(item, Publish):
         if isinstance(item.message, Log):
@@ -89,7 +89,7 @@ class Tape:
     """Takes down a scene on a virtual mesh."""
 
     def __init__(self, mesh: VirtualMesh, loses: Callable[[Message], bool]) -> None:
-        """`loses`: whether a message reaches nobody."""
+        """`loses`: whether a message is lost."""
         self.lines: list[Line] = []
         self.closed = False
         self.queries: list[Line] = []
@@ -176,9 +176,9 @@ class Tape:
 
 
 class Recorder(Driver):
-    """The real driver; what it is told, and what it sends, is written down.
+    """The real driver; what it receives, and what it sends, is written down.
 
-    It takes each event at a microsecond of its own, so the file's times say in which order.
+    It takes each event at a microsecond of its own, so the file's times give the order.
     """
 
     def __init__(self, agent: Agent, now: float, label: str, tape: Tape) -> None:
@@ -194,7 +194,7 @@ class Recorder(Driver):
         return self.time
 
     def wake(self, now: float) -> None:
-        """Take the time."""
+        """Note the time, and wake the driver."""
         self.time = max(now, self.time)
         self._ticks = max(self._ticks, ceil(self.time * 1e6))
         super().wake(self.time)
@@ -212,7 +212,7 @@ class Recorder(Driver):
 
     def deliver(self, to: Subscription, key: str, payload: bytes | Message, now: float) -> None:
         """Take a message."""
-        assert isinstance(payload, Message), "nobody sends bytes here"
+        assert isinstance(payload, Message), "the virtual mesh carries messages"
         if self._tape.loses(payload):
             return
         t, line = self._tick(now), self._tape.line_of(payload)

@@ -48,7 +48,7 @@ class Vector(Struct, frozen=True):
 
     @property
     def payload(self) -> bytes:
-        """The whole of it."""
+        """Its bytes, `zeros` included."""
         return self.cbor + bytes(self.zeros)
 
     def line(self) -> dict[str, Any]:
@@ -96,7 +96,7 @@ READ: Final = (
     ("a stop of nothing but defaults", Stop, _hex("80")),
     ("a stop without its last fields", Stop, _plain(5, True)),
     ("the largest counter", Stop, _plain(LARGEST_COUNT, True, "me", 2**63 - 1)),
-    ("a stop by somebody with an umlaut", Stop, _plain(5, True, "Jürgen", 1)),
+    ("a stop by a name with an umlaut", Stop, _plain(5, True, "Jürgen", 1)),
     ("a state, and a stop within it", RobotState, _plain([7, 3], *[0.5] * 6, True, False, [1])),
     ("a state without a stop", RobotState, _plain([7, 3], 0, 0, 0, 0, 0, 12, True, False)),
     ("a command", Command, encode(Command("wheels", AT, MINE, (0.4, 0.1)))),
@@ -104,7 +104,7 @@ READ: Final = (
     ("an action of bytes", Command, encode(Command("look", AT, MINE, b"\x83\x01\x02\x03"))),
     ("a claim", Claim, encode(Claim("wheels", MINE, AT, 0.75, False, (0.5, 0.0), (0.4, 0.1)))),
     ("a claim that releases", Claim, _plain("wheels", BALLOT, [7, 42], None)),
-    ("an ack before anybody drove", Ack, _plain("wheels", [7, 42])),
+    ("an ack before any command", Ack, _plain("wheels", [7, 42])),
     ("an ack", Ack, encode(Ack("wheels", AT, MINE, MINE, Cycle(7, 41), 0.75, False, (0.4, 0.1)))),
     ("nothing near, and one point", Obstacles, encode(Obstacles(AT, *(None,) * 4, (Point(1, 2),)))),
     (
@@ -143,7 +143,7 @@ REFUSED: Final = (
     ("a utility below 0", Claim, _plain("wheels", BALLOT, [7, 42], -0.5)),
     ("a claim without a ballot", Claim, _plain("wheels", None, [7, 42], 0.5)),
     ("an action of 65 numbers", Command, _plain("wheels", [7, 42], BALLOT, [0] * 65)),
-    ("nobody's ballot", Claim, _plain("wheels", [*BALLOT[:3], ""], [7, 42], 0.5)),
+    ("a ballot without an instance", Claim, _plain("wheels", [*BALLOT[:3], ""], [7, 42], 0.5)),
     ("a name of 129 characters", Claim, _plain("w" * 129, BALLOT, [7, 42], 0.5)),
     ("a text of two lines", Log, _plain(20, "one\ntwo")),
     ("a text that colours a terminal", Log, _plain(20, "\x1b[31mred")),
@@ -159,11 +159,11 @@ REFUSED: Final = (
     ("a bigfloat", Pose, POSE + _hex("c5 82 20 03 02 03")),
     ("a date", Pose, POSE + _hex("c1 00 02 03")),
     ("a shared reference", Pose, _hex("84 d81c 82 07 03 01 02 03")),
-    ("a tag that nobody knows", Pose, POSE + _hex("d9 ffff 01 02 03")),
+    ("an unknown tag", Pose, POSE + _hex("d9 ffff 01 02 03")),
     ("an array of indefinite length", Pose, _hex("9f 82 07 03 01 02 03 ff")),
     ("a cycle of indefinite length", Pose, _hex("84 9f 07 03 ff 01 02 03")),
     ("a text of indefinite length", Log, _hex("82 14 7f 61 61 ff")),
-    ("an array that says to be longer than all memory", Pose, _hex("9b 7fffffffffffffff")),
+    ("an array that claims to be longer than all memory", Pose, _hex("9b 7fffffffffffffff")),
     ("a text that is not there", Log, _hex("82 14 7a ffffffff")),
     ("17 arrays in one another", Pose, b"\x81" * 17 + b"\x00"),
 )
