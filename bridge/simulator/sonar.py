@@ -249,7 +249,7 @@ def by_a_mirror(
     along = 2.0 * (ray_x * along_x + ray_y * along_y)
     x, y = x + way * ray_x, y + way * ray_y
     ray_x, ray_y = along * along_x - ray_x, along * along_y - ray_y
-    more, other = _meets([wall for wall in walls if wall is not mirror], x, y, ray_x, ray_y)
+    more, other = _meets(walls, x, y, ray_x, ray_y)
     if other is None:
         return inf
     _, _, along_x, along_y, _, scatters, gone = other
@@ -262,7 +262,7 @@ def by_a_mirror(
 def _meets(
     walls: Sequence[Segment], x: float, y: float, ray_x: float, ray_y: float
 ) -> tuple[float, Segment | None]:
-    """The way along a ray to the first wall, and which it is."""
+    """The way along a ray to the first wall but one that it starts on, and which it is."""
     first, met = inf, None
     for wall in walls:
         start_x, start_y, along_x, along_y, length, *_ = wall
@@ -271,7 +271,7 @@ def _meets(
             continue
         away_x, away_y = start_x - x, start_y - y
         way = (away_x * along_y - away_y * along_x) / cosine
-        if 0.0 <= way < first and 0.0 <= (away_x * ray_y - away_y * ray_x) / cosine <= length:
+        if SEAM_M < way < first and 0.0 <= (away_x * ray_y - away_y * ray_x) / cosine <= length:
             first, met = way, wall
     return first, met
 
