@@ -15,6 +15,8 @@ from typing import Annotated, Literal
 from msgspec import Meta, Struct, field
 from msgspec.structs import replace
 
+from armadico.config.discovery import AGENTS, UnknownNameError
+from armadico.config.discovery import find as find_installed
 from armadico.config.errors import ConfigError, advice
 from armadico.config.lines import line_of
 from armadico.config.loading import document, load, parse, read_text
@@ -52,11 +54,13 @@ class Scenario(Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):
     title: str = ""
     world: str
     start: PoseDeg
-    goal: PoseDeg
+    goal: PoseDeg | None = None
+    """None: nobody is sent anywhere, as where an agent wanders."""
     waypoints: tuple[PoseDeg, ...] = ()
     """On the way to the goal; used with plan = "waypoints" only."""
-    plan: Literal["direct", "waypoints", "rooms"] = "direct"
-    """Straight to the goal, over the waypoints, or as the path planning agent says."""
+    plan: Literal["direct", "waypoints", "rooms"] | None = None
+    """Straight to the goal, over the waypoints, or as the path planning agent says, with rooms or
+    without; None: planned where there are walls."""
     agents: tuple[str, ...] = field(default_factory=lambda: society().agents)
     robot: str = "pioneer-2dx"
     sensors: str = "ideal"
@@ -82,9 +86,23 @@ def load_scenario(name_or_path: str | Path) -> Scenario:
         scenario, world=beside(path, scenario.world), robot=beside(path, scenario.robot)
     )
     world = _world(scenario, path, text)
-    for key, message in _faults(scenario, world):
+    for key, message in (*_strangers(scenario), *_faults(scenario, world)):
         raise ConfigError(message, path, line_of(text, key))
     return replace(scenario, name=scenario.name or path.stem)
+
+
+def planned(scenario: Scenario) -> bool:
+    """Whether the path planning agent is asked for the way."""
+    if scenario.plan is None:
+        return bool(load_world(scenario.world).walls)
+    return scenario.plan == "rooms"
+
+
+def blind(scenario: Scenario) -> bool:
+    """Whether it is driven straight at a goal that is behind a wall, by nobody's plan."""
+    if scenario.goal is None or scenario.plan == "waypoints" or planned(scenario):
+        return False
+    return load_world(scenario.world).crossed(scenario.start[:2], scenario.goal[:2])
 
 
 def beside(file: Path, name: str) -> str:
@@ -93,6 +111,15 @@ def beside(file: Path, name: str) -> str:
     if not path.suffix and path.name == name:
         return name  # of something that is shipped
     return str((file.parent / path.expanduser()).resolve())
+
+
+def _strangers(scenario: Scenario) -> Iterator[tuple[tuple[str | int, ...], str]]:
+    """Agents that are not installed, each with its key."""
+    for index, name in enumerate(scenario.agents):
+        try:
+            find_installed(AGENTS, name)
+        except UnknownNameError as error:
+            yield ("agents", index), str(error)
 
 
 def _world(scenario: Scenario, path: Path, text: str) -> World:
@@ -113,18 +140,17 @@ def scenario_from(
     """A scenario of the command line: a world, and from where to where. Raises ConfigError.
 
     Without a start it is the world's own (`RobotHome`); a goal may be the name of one of the
-    world's goals, and without any the robot stays where it is. Worlds with rooms are planned.
+    world's goals.
     """
     place = load_world(world)
     begin = start if start is not None else _home(place)
-    end = _goal(place, goal) if isinstance(goal, str) else goal or begin
+    end = _goal(place, goal) if isinstance(goal, str) else goal
     scenario = Scenario(
         name=place.name,
         title=f"{place.name}: from the command line",
         world=str(world),
         start=begin,
         goal=end,
-        plan="rooms" if place.rooms else "direct",
     )
     if robot is not None:
         scenario = replace(scenario, robot=robot)
@@ -156,6 +182,8 @@ def _faults(scenario: Scenario, world: World) -> Iterator[tuple[Key, str]]:
         return
     radius = load_profile(profile).body.circle_m
     for key, pose in (("start", scenario.start), ("goal", scenario.goal)):
+        if pose is None:
+            continue
         yield from _misplaced(world, (key,), pose, radius)
     for index, pose in enumerate(scenario.waypoints):
         yield from _misplaced(world, ("waypoints", index), pose, radius)

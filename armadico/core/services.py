@@ -64,7 +64,14 @@ SERVICES: tuple[Service, ...] = (
     Service(
         m.MissionRequest, "mission/request", _Q, None, None, "go to a goal", reply=m.MissionReply
     ),
-    Service(m.MissionStatus, "mission/status", _S, 5, None, "how far the mission has come"),
+    Service(
+        m.MissionStatus,
+        "mission/status",
+        _S,
+        1,
+        None,
+        "how far the mission has come; 5 Hz under way",
+    ),
     Service(m.Claim, "resource/{resource}/utility", _E, 10, 3, "the holder's bid, made public"),
     Service(m.Ack, "resource/{resource}/ack", _S, 10, 3, "what the owner obeys and refuses by"),
     Service(m.Command, "resource/{resource}/cmd/{instance}", _E, 10, 3, "the holder's action"),

@@ -95,7 +95,7 @@ def test_a_robot_that_drives_into_somebody_is_to_blame_itself() -> None:
 
 def test_the_truth_tells_whose_fault_it_was() -> None:
     someone = walker(1.0, 0.0, heeds=False)
-    pioneer = Pioneer(PROFILE, IDEAL, PEN, (0.0, 0.0, 0.0), seeded(1), [someone])
+    pioneer = Pioneer(PROFILE, IDEAL, PEN, (0.0, 0.0, 0.0), seeded(1), moving=[someone])
     wait(pioneer.plant, 60.0)
     truth = pioneer.truth()
     assert truth.collisions == truth.bumped == pioneer.plant.bumps > 0

@@ -13,11 +13,31 @@ import pytest
 
 from armadico.cli import pool
 from armadico.cli.options import FailedError, UsageError
+from armadico.config.profile import load_profile
 from armadico.config.scenarios import load_scenario
+from armadico.config.worlds import load_world
+from armadico.observe.conditions import software
+from armadico.observe.measures import Result
 from armadico_tools.commands.experiment import main
-from armadico_tools.experiments import EXPERIMENTS, base, module, published, statistics, store
+from armadico_tools.experiments import (
+    EXPERIMENTS,
+    base,
+    module,
+    other_maps,
+    published,
+    statistics,
+    store,
+)
 from armadico_tools.experiments.base import Context
-from armadico_tools.experiments.driving import Cell, Drive, Sample, drive, key_of
+from armadico_tools.experiments.driving import (
+    Cell,
+    Drive,
+    Sample,
+    columns,
+    drive,
+    key_of,
+    of_thesis,
+)
 from armadico_tools.experiments.floor_plans import PASSAGE_M, floor_plan, passable, save
 from armadico_tools.experiments.histories import History
 from armadico_tools.experiments.table_5_3 import join
@@ -31,12 +51,12 @@ FAST = Cell("sc1 fast", "sc1", controller="fast", without=("gothrough",))
 
 def context(folder: Path, runs: int = 1, jobs: int = 1) -> Context:
     folder.mkdir(parents=True, exist_ok=True)
-    return Context(out=folder, runs=runs, jobs=jobs, source="here", commit="abc")
+    return Context(out=folder, runs=runs, jobs=jobs, source="here")
 
 
 def about(runs: int = 2, first_seed: int = 1000, source: str = "s") -> store.About:
     return store.About(
-        experiment="x", first_seed=first_seed, runs=runs, source=source, commit="abc"
+        experiment="x", first_seed=first_seed, runs=runs, source=source, software=software()
     )
 
 
@@ -297,3 +317,63 @@ def test_an_experiment_writes_its_runs_table_and_figures(
     before = {path.name: path.read_bytes() for path in folder.iterdir()}
     assert main(["utility", "--runs", "1", "--jobs", "1", "--out", str(tmp_path)]) == 0
     assert {path.name: path.read_bytes() for path in folder.iterdir()} == before
+
+
+def test_other_peoples_maps_are_planned_and_driven_and_nothing_is_touched(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    sample = ("flat.map", "cellar.yaml")  # of either format the one with the tightest ways
+    monkeypatch.setattr(other_maps, "MAPS", sample)
+    words = ["other-maps", "--runs", "1", "--jobs", "1", "--out", str(tmp_path), "--json"]
+    assert main(words) == 0
+    cells = json.loads(capsys.readouterr().out)["cells"]
+    assert cells == {name: {"runs": 1, "planned": 1, "reached": 1, "touched": 0} for name in sample}
+    assert "No failure." in (tmp_path / "other-maps" / "table.md").read_text(encoding="utf-8")
+
+
+@pytest.mark.parametrize("name", other_maps.MAPS)
+def test_a_seed_draws_the_same_free_places_again_and_the_next_one_others(
+    name: str, tmp_path: Path
+) -> None:
+    world = load_world(other_maps.FOLDER / name)
+    assert not world.rooms
+    made = other_maps.scenarios((name, [1, 2], tmp_path))
+    text = [Path(cell.scenario).read_text(encoding="utf-8") for cell in made]
+    other_maps.scenarios((name, [1, 2], tmp_path))
+    assert [Path(cell.scenario).read_text(encoding="utf-8") for cell in made] == text
+    assert text[0] != text[1]
+    circle = load_profile("pioneer-2dx").body.circle_m
+    for x, y in other_maps.places(world)[::997]:
+        assert world.clearance(x, y) >= circle + other_maps.ROOM_M
+    for cell in made:
+        assert load_scenario(cell.scenario).plan is None
+
+
+def test_with_sonars_of_a_single_ray_it_gets_there_without_standing_or_shaking(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr("armadico.bridge.simulator.sonar.fan", lambda _cone, _rays: [(1.0, 0.0)])
+    for name in ("corridor.map", "lab.yaml"):
+        (cell,) = other_maps.scenarios((name, [1000], tmp_path))
+        run = Drive(cell, 1000).go()
+        sample = run.sample()
+        assert (sample.reached, sample.collisions, sample.note) == (True, 0, "")
+        turns = [tick.w for tick in run.trace.ticks]
+        swings = [a * b < 0.0 and min(abs(a), abs(b)) > 0.2 for a, b in pairwise(turns)]
+        assert sum(swings) < 0.05 * len(swings), "from one side to the other, cycle by cycle"
+
+
+def test_a_live_runs_result_is_a_sample_with_the_shares_of_the_thesis() -> None:
+    result = Result("sc4", 1, True, 1, 1, 1, 1, {"goto": 75.0, "guest": 25.0}, 1, 0, None)
+    measured, shares = columns(result)
+    sample = Sample(cell="x", seed=1, arrived=True, **measured, **of_thesis(shares, shares))
+    assert (sample.tg_percent, sample.ta_percent) == (75.0, None)
+
+
+def test_a_folder_says_what_its_runs_depend_on(tmp_path: Path) -> None:
+    made = context(tmp_path)
+    made.drive([SC1])
+    found = json.loads((tmp_path / store.CONDITIONS).read_bytes())
+    assert found[SC1.name]["mode"] == "virtual"
+    assert "gothrough" not in found[SC1.name]["agents"]
+    assert found[SC1.name]["software"]["source"] == made.software.source
