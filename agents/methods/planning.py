@@ -66,7 +66,7 @@ def plan(
     Raises:
         PlanError: A pose is off the world or inside a wall, or there is no way between them.
     """
-    grid = grid_of(world.walls, world.bounds, CELL_M)
+    grid = grid_of(world.barriers, world.bounds, CELL_M)
     _check(grid, "start", start, body)
     _check(grid, "goal", goal, body)
     tries = [margins] if margins else [Margins(radius) for radius in radii(body)]
@@ -129,7 +129,7 @@ class _Planner:
 
     def __init__(self, world: World, margins: Margins) -> None:
         self.world, self.margins = world, margins
-        self.grid = grid_of(world.walls, world.bounds, CELL_M)
+        self.grid = grid_of(world.barriers, world.bounds, CELL_M)
         self.areas = {area.name: (area.x1, area.y1, area.x2, area.y2) for area in world.rooms}
         self.doors = {door.name: door for door in world.doors}
         self._middles: dict[str, Placed] = {}

@@ -9,11 +9,12 @@ lines, which are `Cairn: TYPE X Y DEGREES "DESCRIPTION" ICON "NAME" [X1 Y1 X2 Y2
 | --- | --- |
 | `RobotHome` | where the robot starts |
 | `Goal`, `GoalWithHeading` | a named goal; the heading of the former is 0 |
+| `ForbiddenArea`, `ForbiddenLine` | where no way leads: a rectangle or a line, turned about 0, 0 |
 | `ArmadicoRoom` | a room: NAME and its rectangle |
 | `ArmadicoDoor` | a door: NAME, its middle, and the DESCRIPTION is its two rooms, `"A corridor"` |
 
 The last two are ours: other programs skip types that they do not know. So do we: everything else
-(forbidden lines, docks, laser points after `DATA`) is passed over. ARIA cuts a line at `;` or `#`,
+(docks, laser points after `DATA`) is passed over. ARIA cuts a line at `;` or `#`,
 and so these begin a comment here too, from the second line on: the first must be `2D-Map`.
 """
 
@@ -21,7 +22,8 @@ from __future__ import annotations
 
 import re
 from collections.abc import Callable, Mapping, Sequence
-from math import isfinite, radians
+from itertools import pairwise
+from math import cos, isfinite, radians, sin
 from pathlib import Path
 
 from msgspec import Struct
@@ -76,6 +78,7 @@ class _Reader:
         self.walls: list[Segment] = []
         self.start: Pose | None = None
         self.goals: dict[str, Pose] = {}
+        self.forbidden: list[Segment] = []
         self.rooms: dict[str, Room] = {}
         self.doors: dict[str, tuple[Door, int]] = {}
 
@@ -118,6 +121,15 @@ class _Reader:
         _refuse_twice(cairn, self.goals)
         self.goals[cairn.name] = (x, y, heading if cairn.kind == "GoalWithHeading" else 0.0)
 
+    def forbid(self, cairn: _Cairn) -> None:
+        x1, y1, x2, y2 = _metres(_count(cairn.rest, 4, "X1 Y1 X2 Y2 in mm after the name"))
+        c, s = cos(cairn.pose[2]), sin(cairn.pose[2])
+        corners = [(x1, y1), (x2, y1), (x2, y2), (x1, y2), (x1, y1)]
+        if cairn.kind == "ForbiddenLine":
+            corners = [(x1, y1), (x2, y2)]
+        turned = [(x * c - y * s, x * s + y * c) for x, y in corners]
+        self.forbidden += [(*a, *b) for a, b in pairwise(turned)]
+
     def room(self, cairn: _Cairn) -> None:
         x1, y1, x2, y2 = _metres(_count(cairn.rest, 4, "X1 Y1 X2 Y2 in mm after the name"))
         if cairn.pose[2] != 0.0:
@@ -150,7 +162,9 @@ class _Reader:
         walls = tuple(self.walls)
         doors = tuple(door for door, _ in self.doors.values())
         rooms = tuple(self.rooms.values())
-        return World(name, walls, self._bounds(walls), self.start, self.goals, rooms, doors)
+        forbidden = tuple(self.forbidden)
+        bounds = self._bounds(walls + forbidden)
+        return World(name, walls, bounds, self.start, self.goals, rooms, doors, forbidden)
 
     def _bounds(self, walls: tuple[Segment, ...]) -> Segment:
         """The header's corners, and whatever sticks out of them."""
@@ -163,6 +177,8 @@ CAIRNS: dict[str, Callable[[_Reader, _Cairn], None]] = {
     "RobotHome": _Reader.home,
     "Goal": _Reader.goal,
     "GoalWithHeading": _Reader.goal,
+    "ForbiddenArea": _Reader.forbid,
+    "ForbiddenLine": _Reader.forbid,
     "ArmadicoRoom": _Reader.room,
     "ArmadicoDoor": _Reader.door,
 }

@@ -28,6 +28,9 @@ def format_map(world: World, comments: Sequence[str] = ()) -> str:
     if world.start is not None:
         lines.append(_cairn("RobotHome", world.start, "", "RobotHome"))
     lines += [_cairn("GoalWithHeading", pose, "", name) for name, pose in world.goals.items()]
+    for k, line in enumerate(world.forbidden):
+        cairn = _cairn("ForbiddenLine", (0.0, 0.0, 0.0), "", f"forbidden-{k}")
+        lines.append(" ".join([cairn, *map(str, _millimetres(line))]))
     for room in world.rooms:
         corners = _millimetres((room.x1, room.y1, room.x2, room.y2))
         cairn = _cairn("ArmadicoRoom", (0.0, 0.0, 0.0), "", _one_word(room.name))

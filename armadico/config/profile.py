@@ -20,6 +20,8 @@ from armadico.core.messages import Length, Patience, Period, Place, Ramp, TopSpe
 Positive = Annotated[float, Meta(gt=0, le=1e6)]
 NonNegative = Annotated[float, Meta(ge=0, le=1e6)]
 Real = Annotated[float, Meta(ge=-1e6, le=1e6)]
+Share = Annotated[float, Meta(ge=0, le=1)]
+Angle = Annotated[float, Meta(ge=0, le=90)]
 
 
 class Body(Struct, frozen=True, forbid_unknown_fields=True):
@@ -163,12 +165,23 @@ def load_profile(name_or_path: str | Path) -> RobotProfile:
 
 
 class SensorProfile(Struct, frozen=True, forbid_unknown_fields=True):
-    """How well the simulated robot senses: `ideal` or `real`."""
+    """How well the simulated robot senses: `ideal` or `real`.
+
+    What a run draws from its seed is drawn uniformly up to the value here, to either side.
+    """
 
     name: str
-    sonar_noise_m: NonNegative  # standard deviation of a range
-    glancing_deg: Annotated[float, Meta(ge=0, le=90)]  # past this angle of incidence, no echo
-    dropout: Annotated[float, Meta(ge=0, le=1)]  # an echo lost by chance
-    slip: Annotated[float, Meta(ge=0, le=1)]  # standard deviation of each wheel's relative slip
-    drift_rad_m: Real  # heading error that grows with distance
-    dead_walls: Annotated[float, Meta(ge=0, le=1)]  # share of walls that do not answer
+    sonar_noise_m: NonNegative  # standard deviation of a range, at least,
+    sonar_noise: Share  # and as a share of it
+    glancing_deg: Angle  # a rough wall met at more than this from its normal has no echo
+    dropout: Share  # an echo lost by chance
+    dead_walls: Share  # share of walls that do not answer
+    rough_walls: Share  # of walls that scatter; the others are mirrors,
+    gone_deg: tuple[Angle, Angle]  # which are heard no more from somewhere between these on
+    edge_m: NonNegative  # an edge is always heard up to here, beyond it by the inverse of the range
+    multipath: Share  # how often what a mirror threw off is heard if it comes back
+    crosstalk: Share  # how often what came back to nobody is heard by the next sonar
+    slip: Share  # standard deviation of each wheel's relative slip
+    drift_rad_m: NonNegative  # heading error that grows with distance: drawn
+    turn_error: Share  # of the wheel base, so of all turning: drawn
+    way_error: Share  # of both wheels' diameters, so of all ways: drawn

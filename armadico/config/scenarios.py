@@ -20,6 +20,7 @@ from armadico.config.discovery import find as find_installed
 from armadico.config.errors import ConfigError, advice
 from armadico.config.lines import line_of
 from armadico.config.loading import document, load, parse, read_text
+from armadico.config.moving import Moving
 from armadico.config.profile import load_profile
 from armadico.config.shipped import find, folder, resource_path
 from armadico.config.worlds import World, load_world
@@ -63,6 +64,8 @@ class Scenario(Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):
     agents: tuple[str, ...] = field(default_factory=lambda: society().agents)
     robot: str = "pioneer-2dx"
     sensors: str = "ideal"
+    moving: tuple[Moving, ...] = ()
+    """People, doors that shut, boxes put down; in the simulator only."""
     v_max: Annotated[float, Meta(gt=0, le=10)] | None = None
     """A speed limit of this scenario, m/s; none: the agents' own."""
     seed: Annotated[int, Meta(ge=0, le=2**63 - 1)] = 0
@@ -184,6 +187,9 @@ def _faults(scenario: Scenario, world: World) -> Iterator[tuple[Key, str]]:
         yield from _misplaced(world, (key,), pose, radius)
     for index, pose in enumerate(scenario.waypoints):
         yield from _misplaced(world, ("waypoints", index), pose, radius)
+    for index, moving in enumerate(scenario.moving):
+        for name, message in moving.faults(world, scenario.start[:2], radius):
+            yield ("moving", index, name), message
     known = document(read_text(resource_path("robots", "sensors")), "sensors.toml")
     if scenario.sensors not in known:
         yield ("sensors",), f"no sensors {scenario.sensors!r}; {advice(scenario.sensors, known)}"

@@ -69,6 +69,12 @@ class World(Struct, frozen=True):
     goals: dict[str, Pose] = {}
     rooms: tuple[Room, ...] = ()
     doors: tuple[Door, ...] = ()
+    forbidden: tuple[Segment, ...] = ()  # lines not to cross, which no sensor sees: stairs
+
+    @property
+    def barriers(self) -> tuple[Segment, ...]:
+        """What a way keeps clear of: walls and forbidden lines."""
+        return self.walls + self.forbidden
 
     def clearance(self, x: float, y: float) -> float:
         """The distance from a point to the nearest wall, m; infinite without walls."""

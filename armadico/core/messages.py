@@ -652,6 +652,7 @@ class Truth(Message, frozen=True):
     collisions: Counter
     clearance: Real | None  # m from the body's outline to the nearest thing, if there is any
     simulator: Label = ""  # as its controller names itself
+    bumped: Counter = 0  # of the collisions, those in which somebody walked into the robot
 
 
 def plain(message: Message) -> Any:

@@ -15,6 +15,8 @@ from contextlib import contextmanager, suppress
 from pathlib import Path
 from typing import IO, TYPE_CHECKING, Any, Final
 
+import msgspec
+
 from armadico.config.discovery import owners
 from armadico.core.resources import WHEELS
 
@@ -139,6 +141,7 @@ def simulator_words(scenario: Scenario, seed: int, namespace: str, port: int = 0
         f"--robot={scenario.robot}",
         f"--namespace={namespace}",
         *("--start", str(x), str(y), str(degrees)),
+        *(["--moving", msgspec.json.encode(scenario.moving).decode()] if scenario.moving else []),
     ]
 
 

@@ -55,7 +55,8 @@ class Result(Struct, frozen=True):
     TD m, FO degrees off the goal's heading, TT s, P per cent of the straight distance start to
     goal; without a goal there is no FO, no P, and nothing to be reached. `limit_s` is the time
     limit, if that ended the run. Shares (the thesis's TG, TA, TGt) by agent: per cent of the cycles
-    in which it was obeyed, of those in which anybody was.
+    in which it was obeyed, of those in which anybody was. Collisions are those of the robot's own
+    motion: nobody's who walked into it.
     """
 
     scenario: str
@@ -94,6 +95,11 @@ class Result(Struct, frozen=True):
             f"{self.outcome}; {self.tt_s:.1f} s over {self.td_m:.2f} m;"
             f" {self.exchanges} exchanges, {self.collisions or 0} collisions{clear}"
         )
+
+
+def _own(truth: Truth) -> int:
+    """Collisions of the robot's own motion."""
+    return truth.collisions - truth.bumped
 
 
 class Mark(Struct, frozen=True):
@@ -211,7 +217,7 @@ class RunWatch:
                 for name, cycles in sorted(self._cycles.items())
             },
             exchanges=self.exchanges,
-            collisions=truth.collisions - self._collisions_before if truth else None,
+            collisions=_own(truth) - self._collisions_before if truth else None,
             min_clearance_m=None if self.clearance is None else round(self.clearance, 3),
             limit_s=self.limit,
             conditions=self.conditions,
@@ -245,7 +251,7 @@ class RunWatch:
     def _mark(self, t: float, at: Pose2) -> None:
         if self._began is None:
             self._began, self.start, self._controller = t, at, self.view.controller
-            self._collisions_before = truth.collisions if (truth := self.view.truth) else 0
+            self._collisions_before = _own(truth) if (truth := self.view.truth) else 0
         elif self.path:
             self.distance += hypot(at[0] - self.path[-1].x, at[1] - self.path[-1].y)
         self.path.append(Mark(t, *at, self.holder))

@@ -19,6 +19,7 @@ from armadico.cli import options
 if TYPE_CHECKING:
     from armadico.bridge.simulator.pioneer import Pioneer
     from armadico.bridge.simulator.server import Line
+    from armadico.config.moving import Moving
     from armadico.config.scenarios import Scenario
     from armadico.mesh.zenoh import ZenohMesh
 
@@ -101,6 +102,12 @@ def parser() -> argparse.ArgumentParser:
         "--sensors", choices=("ideal", "real"), default="ideal", help="default %(default)s"
     )
     made.add_argument(
+        "--moving",
+        metavar="JSON",
+        default="[]",
+        help="a scenario's [[moving]], as a list",
+    )
+    made.add_argument(
         "--unkind",
         nargs="*",
         choices=[trap.value for trap in Trap],
@@ -128,8 +135,24 @@ def _scenario(args: argparse.Namespace) -> Scenario:
     if not all(map(math.isfinite, start)):
         raise options.UsageError("--start: expected finite m, m and degrees")
     return Scenario(
-        world=args.world, start=start, goal=start, robot=args.robot, sensors=args.sensors
+        world=args.world,
+        start=start,
+        goal=start,
+        robot=args.robot,
+        sensors=args.sensors,
+        moving=_moving(args.moving),
     )
+
+
+def _moving(text: str) -> tuple[Moving, ...]:
+    import msgspec  # noqa: PLC0415 - not for --help
+
+    from armadico.config.moving import Moving  # noqa: PLC0415 - not for --help
+
+    try:
+        return msgspec.json.decode(text, type=tuple[Moving, ...])
+    except msgspec.DecodeError as error:
+        raise options.UsageError(f"--moving: {error}") from None
 
 
 def _robot(scenario: Scenario, args: argparse.Namespace) -> Pioneer:

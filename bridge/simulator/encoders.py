@@ -2,8 +2,9 @@
 
 The encoders see the wheels turn, not the floor pass. What the wheels turn in vain or in excess is
 drawn for each wheel and for each 0.1 m of its way (a patch of floor): drawn at each step it would
-average out, drawn once it would be a miscalibration. A miscalibration is the drift: the heading
-error grows with the way (rad/m).
+average out, drawn once it would be a miscalibration. Those are drawn once a run: the drift (the
+wheels differ: the heading error grows with the way), and what all turning and all ways are measured
+too large by (a wheel base and wheels of another size than the controller believes).
 """
 
 from __future__ import annotations
@@ -66,12 +67,16 @@ class Odometry:
         dt: float,
         streams: Callable[[str], Random],
     ) -> None:
-        track = profile.body.half_track_m
-        skew = sensors.drift_rad_m * track
+        track, rng = profile.body.half_track_m, streams("odometry")
+        skew, turn, way = (
+            rng.uniform(-most, most)
+            for most in (sensors.drift_rad_m * track, sensors.turn_error, sensors.way_error)
+        )
+        ticks = TICKS_PER_M * (1.0 + way)
         self._dt = dt
-        self._track = 2.0 * track
-        self._left = Encoder(sensors.slip, TICKS_PER_M * (1.0 - skew), streams("slip/left"))
-        self._right = Encoder(sensors.slip, TICKS_PER_M * (1.0 + skew), streams("slip/right"))
+        self._track = 2.0 * track * (1.0 - turn)
+        self._left = Encoder(sensors.slip, ticks * (1.0 - skew), streams("slip/left"))
+        self._right = Encoder(sensors.slip, ticks * (1.0 + skew), streams("slip/right"))
         self.left_m_s = self.right_m_s = self.v = self.w = 0.0
         self.reset()
 

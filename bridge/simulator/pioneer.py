@@ -16,6 +16,7 @@ from armadico.bridge.simulator.plant import Plant, Streams
 from armadico.bridge.simulator.speed_loops import SpeedLoops
 from armadico.bridge.simulator.traps import KIND, Trap
 from armadico.config.loading import find, load_entry
+from armadico.config.moving import Moving
 from armadico.config.profile import RobotProfile, SensorProfile, load_profile
 from armadico.config.scenarios import Scenario
 from armadico.config.worlds import load_world
@@ -35,11 +36,12 @@ class Pioneer:
         start: tuple[float, float, float],
         streams: Streams,
         traps: frozenset[Trap] = KIND,
+        moving: Sequence[Moving] = (),
     ) -> None:
-        """Stand at `start` (m, m, rad) among walls (m)."""
+        """Stand at `start` (m, m, rad) among walls (m) and what moves."""
         if Trap.RAYS in traps:
             profile = replace(profile, sonar=replace(profile.sonar, cone_deg=0.0))
-        self.plant = Plant(profile, sensors, walls, start, streams)
+        self.plant = Plant(profile, sensors, walls, start, streams, moving)
         loops = SpeedLoops(profile.speed_loop, profile.motor.supply_v)
         self.controller = Microcontroller(profile, self.plant, loops, traps)
         self._watchers: list[Callable[[Truth], None]] = []
@@ -89,9 +91,10 @@ class Pioneer:
             theta=theta,
             v=v,
             w=w,
-            collisions=plant.collisions,
+            collisions=plant.collisions + plant.bumps,
             clearance=clearance if isfinite(clearance) else None,
             simulator=self._name,
+            bumped=plant.bumps,
         )
 
     def _tell(self) -> None:
@@ -117,6 +120,7 @@ def of_scenario(
         (x, y, radians(degrees)),
         streams,
         traps,
+        scenario.moving,
     )
 
 

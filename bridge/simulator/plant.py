@@ -20,12 +20,16 @@ from armadico.bridge.simulator.contact import SKIN_M, Contact, Motion, Outline, 
 from armadico.bridge.simulator.dynamics import Dynamics
 from armadico.bridge.simulator.encoders import Odometry
 from armadico.bridge.simulator.motion import Driver
-from armadico.bridge.simulator.sonar import Sonars
+from armadico.bridge.simulator.moving import STEP_S as MOVE_S
+from armadico.bridge.simulator.moving import Movement
+from armadico.bridge.simulator.sonar import Sonars, Surfaces
 from armadico.bridge.simulator.speed_loops import truncated
 from armadico.bridge.simulator.walls import TOUCH_M, Wall, Walls
+from armadico.config.moving import Moving
 from armadico.config.profile import RobotProfile, SensorProfile
 
 STEP_S = 0.005
+MOVE_STEPS = round(MOVE_S / STEP_S)
 APART_S = 0.5  # a contact after less than this apart belongs to the same collision
 STALLED_M_S = 0.02  # rims slower than this, pushing a wall, are stalled
 PUSH_OUT = 0.2  # share of a penetration that is mended in a step
@@ -44,9 +48,9 @@ class Plant:
     """A Pioneer among walls. Left is the thesis's motor 3, right its motor 2; SI and REP-103.
 
     `collisions` counts episodes in which the outline touches anything; contacts less than
-    `APART_S` apart are one episode. `blocked`: in the last step the robot pushed a
-    wall and came no farther (rims below 2 cm/s). `pose` is the true one in the
-    world: m, m, rad (not wrapped).
+    `APART_S` apart are one episode. Those in which somebody walked into the robot are `bumps`, and
+    not among them. `blocked` says that in the last step the robot pushed a wall and came no
+    farther (rims below 2 cm/s). `pose` is the true one in the world: m, m, rad (not wrapped).
     """
 
     def __init__(
@@ -56,10 +60,11 @@ class Plant:
         walls: Sequence[Wall],
         start: tuple[float, float, float],
         rng: Streams,
+        moving: Sequence[Moving] = (),
     ) -> None:
         self.step_s = STEP_S
         self.blocked = False
-        self.collisions = 0
+        self.collisions = self.bumps = 0
         self.pose = start
         self.battery = Battery(profile.battery)
         self._dynamics = Dynamics(profile, STEP_S)
@@ -76,20 +81,21 @@ class Plant:
         self._back_emf = (  # V for a m/s of a rim
             profile.motor.back_emf_v_s * profile.motor.gear_ratio / profile.body.wheel_radius_m
         )
-        self._dead = (rng("dead walls"), sensors.dead_walls)
+        self._surfaces = Surfaces(sensors, rng)
         self._sideways = 0.0  # m/s to the left, only while a wall pushes
         self._margin = 0.0  # no wall is nearer to the outline, m; 0 is unknown
         self._steps = 0
         self._touched: float = -inf  # the last step in which the outline touched
         self._touching = False
         self.add_walls(walls)
+        self._movement = Movement(moving, walls, self._walls, self._box, rng) if moving else None
+        self._move_world()
 
     # The world -----------------------------------------------------------------------------------
 
     def add_walls(self, walls: Sequence[Wall]) -> None:
-        """More walls; which of them are dead to the sonars depends on the seed and their order."""
-        rng, share = self._dead
-        self._walls.add(walls, [rng.random() >= share for _ in walls])
+        """More walls; how each answers the sonars depends on the seed and their order."""
+        self._walls.add(walls, [self._surfaces.draw() for _ in walls])
         self._margin = 0.0
 
     def add_segment(self, x1: float, y1: float, x2: float, y2: float) -> None:
@@ -180,7 +186,12 @@ class Plant:
         v, w = dynamics.v, dynamics.w
         pace = abs(v) + corner * abs(w)  # no point of the outline is faster, m/s
         self.blocked = self.blocked and not steps
+        moves = self._movement is not None
         for _ in range(steps):
+            if moves and not self._steps % MOVE_STEPS:
+                self.pose, self._margin = (x, y, theta), margin
+                self._move_world()
+                margin = self._margin
             left_v, right_v = driver(odometry.v, odometry.w)
             most = battery.volts
             if not (-most <= left_v <= most and -most <= right_v <= most):
@@ -211,6 +222,15 @@ class Plant:
             watts = left_v * (left_v - emf * left) + right_v * (right_v - emf * right)
             battery.drain(watts * conductance, STEP_S)
         self.pose, self._margin = (x, y, theta), margin
+
+    def _move_world(self) -> None:
+        """What moves does, and may be nearer for it."""
+        if self._movement is None:
+            return
+        went, bumped = self._movement.step(self._steps * STEP_S, self.pose)
+        self._margin = max(0.0, self._margin - went)
+        if bumped:
+            self._touch(touching=True, bumped=True)
 
     def _move(self, v: float, u: float, w: float) -> None:
         """The body goes a step ahead, to the left and around."""
@@ -252,10 +272,11 @@ class Plant:
             self._move(speed * deepest.v, speed * deepest.u, 0.0)
         return force
 
-    def _touch(self, touching: bool) -> None:
-        """Count the collisions: episodes of contact."""
-        self._touching = touching
+    def _touch(self, touching: bool, bumped: bool = False) -> None:
+        """Count the episodes of contact: collisions, and what somebody `bumped` into."""
+        self._touching = touching and not bumped
         if touching:
             if (self._steps - self._touched) * STEP_S > APART_S:
-                self.collisions += 1
+                self.bumps += bumped
+                self.collisions += not bumped
             self._touched = float(self._steps)

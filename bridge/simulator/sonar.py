@@ -1,10 +1,19 @@
 """The ring of ultrasonic sensors (thesis 4.4): what a ping brings back.
 
-A ping is a cone of rays. Each ray ends at the nearest wall, whatever it is: one that it meets at
-more than `glancing_deg` from its normal throws the sound away, a dead one swallows it, and what
-is behind stays hidden. The echo is the nearest of what comes back. Rays start at the sensor, inside
-the outline. Noise, loss and dead walls come from streams of their own, and each ping draws the same
-number of times whatever it meets: one wall more does not change another one's noise.
+Rough walls scatter the sound. A ping is a cone of rays to them: each ends at the nearest wall,
+whatever it is; one that it meets at more than `glancing_deg` from its normal is not heard, nor a
+dead one, nor what is behind them. The echo is the nearest of what comes back. With the sensors
+`ideal` all walls are so.
+
+To smooth walls the sound is light to a mirror. They are heard where they are square to the sensor,
+ever more seldom the farther that is from its axis. An inner corner throws the sound back whence it
+came, an edge scatters a little of it. What meets a mirror at a slant goes on, may meet another wall
+squarely and come back by the same way: an echo from too far. And what has come back to nobody is
+still in the air when the next sonar listens. `docs/worlds.md` has the sources.
+
+Noise, loss and surfaces come from streams of their own, and each ping draws the same number of
+times whatever it meets: one wall more does not change another one's noise. Rays start at the
+sensor, inside the outline.
 
 Few walls stand in a cone, so plain numbers are several times faster than arrays here. And they are
 the same on every machine: numpy multiplies complex numbers in one rounding or in two, as the
@@ -13,11 +22,11 @@ processor can.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
-from math import cos, inf, radians, sin
+from collections.abc import Callable, Iterator, Sequence
+from math import atan2, cos, hypot, inf, radians, sin, tan, tau
 from random import Random
 
-from armadico.bridge.simulator.walls import Segment, Walls
+from armadico.bridge.simulator.walls import DEAD, Corner, Segment, Surface, Walls
 from armadico.config.profile import SensorProfile, SonarRing
 
 RAYS = 11  # 3 degrees apart in a cone of 30: nothing wider than 0.26 m at 5 m slips through
@@ -26,6 +35,27 @@ SLACK_M = 1e-3  # a wall is left out only if it is farther than this from the co
 
 Ray = tuple[float, float]
 """A unit vector in the sensor's frame: ahead, to the left."""
+
+Heard = tuple[float, float, float, float]
+"""A place that may answer: its range, how probably, and where it is in the sensor's frame."""
+
+
+class Surfaces:
+    """Draws how walls answer, from the run's seed."""
+
+    def __init__(self, sensors: SensorProfile, streams: Callable[[str], Random]) -> None:
+        self._dead, self._dead_walls = streams("dead walls"), sensors.dead_walls
+        self._rng, self._rough = streams("surfaces"), sensors.rough_walls
+        self._gone = [radians(angle) for angle in sensors.gone_deg]
+        self._scatters = cos(radians(sensors.glancing_deg))
+
+    def draw(self) -> Surface:
+        """The next wall's."""
+        dead, rough = self._dead.random() < self._dead_walls, self._rng.random() < self._rough
+        gone = self._rng.uniform(*self._gone)
+        if dead:
+            return DEAD
+        return Surface(self._scatters, 0.0) if rough else Surface(DEAD.scatters, gone)
 
 
 class Sonars:
@@ -41,27 +71,96 @@ class Sonars:
         self._walls = walls
         self._range = (ring.min_m, ring.max_m)
         self._rng = streams("sonar")
-        self._noise_m = sensors.sonar_noise_m
-        self._dropout = sensors.dropout
-        self._least_cosine = cos(radians(sensors.glancing_deg))
+        self._sensors = sensors
+        self._smooth = sensors.rough_walls < 1.0
         self._fan = fan(ring.cone_deg, RAYS)
+        self._half = radians(ring.cone_deg) / 2
+        self._gone = radians(max(sensors.gone_deg))
+        self._edge = (cos(self._gone), sin(self._gone)) if self._smooth else self._fan[0]
         self._mounts = [(s.x_m, s.y_m, radians(s.bearing_deg)) for s in ring.sonars]
+        self._stray = False  # sound of the ping before is in the air
 
     def ping(self, index: int, pose: tuple[float, float, float]) -> float | None:
         """Range that sonar `index` measures with the robot at a pose, m; None without an echo."""
-        noise, luck = self._rng.gauss(0.0, self._noise_m), self._rng.random()
-        if luck < self._dropout:
-            return None
+        sensors, (least, most) = self._sensors, self._range
+        noise, luck = self._rng.gauss(0.0, 1.0), self._rng.random()
         x, y, theta = pose
         ahead, left, bearing = self._mounts[index]
         c, s = cos(theta), sin(theta)
         sensor = (x + ahead * c - left * s, y + ahead * s + left * c, theta + bearing)
-        least, most = self._range
-        seen = in_cone(self._walls.plain(x, y), sensor, self._fan[0], most)
-        nearest = echo(seen, self._fan, self._least_cosine)
+        walls = self._walls.plain(x, y)
+        if self._smooth:
+            nearest = self._by_mirrors(walls, sensor, luck < sensors.dropout)
+        elif luck < sensors.dropout:
+            return None
+        else:
+            nearest = echo(in_cone(walls, sensor, self._edge, most), self._fan)
         if nearest > most:
             return None
+        noise *= max(sensors.sonar_noise_m, sensors.sonar_noise * nearest)
         return min(most, max(least, nearest + noise))
+
+    def _by_mirrors(
+        self, walls: Sequence[Segment], sensor: tuple[float, float, float], lost: bool
+    ) -> float:
+        """The range that comes back of smooth walls and rough ones, m; inf if none does."""
+        strength, bounce, direction, crossed, stray = (self._rng.random() for _ in range(5))
+        sensors, (least, most) = self._sensors, self._range
+        seen = in_cone(walls, sensor, self._edge, most)
+        nearest = inf if lost else self._direct(seen, sensor, strength)
+        straying, self._stray = self._stray, nearest > most and bool(seen)
+        if nearest > most and bounce < sensors.multipath and not lost:
+            aim = self._half * (2.0 * direction - 1.0)
+            nearest = by_a_mirror(walls, sensor, (cos(aim), sin(aim)), strength, self._half)
+        if straying and crossed < sensors.crosstalk:
+            nearest = min(nearest, least + stray * (most - least))
+        return nearest
+
+    def _direct(
+        self, seen: Sequence[Segment], sensor: tuple[float, float, float], strength: float
+    ) -> float:
+        """The nearest place that answers by itself and is not hidden, m."""
+        nearest = inf
+        if any(wall[5] <= 1.0 for wall in seen):
+            nearest = echo(seen, self._fan)
+        heard = [*self._feet(seen), *self._ends(seen, sensor)]
+        for way, chance, x, y in sorted(heard):
+            if way >= nearest:
+                break
+            if strength < chance and visible(seen, x, y):
+                return way
+        return nearest
+
+    def _feet(self, seen: Sequence[Segment]) -> Iterator[Heard]:
+        """Where smooth walls are square to the sensor."""
+        for x, y, along_x, along_y, length, _, gone in seen:
+            foot = -(x * along_x + y * along_y)
+            if gone and 0.0 <= foot <= length:
+                ahead, left = x + foot * along_x, y + foot * along_y
+                if ahead > 0.0:
+                    chance = fade(ahead, left, self._half, gone)
+                    yield hypot(ahead, left), chance, ahead, left
+
+    def _ends(self, seen: Sequence[Segment], sensor: tuple[float, float, float]) -> Iterator[Heard]:
+        """Corners and edges."""
+        if not seen:
+            return
+        sensor_x, sensor_y, heading = sensor
+        c, s = cos(heading), sin(heading)
+        slope, most = tan(self._gone), self._range[1]
+        for corner in self._walls.corners(sensor_x, sensor_y):
+            away_x, away_y = corner.x - sensor_x, corner.y - sensor_y
+            x = away_x * c + away_y * s
+            if not 0.0 < x < most:
+                continue
+            y = away_y * c - away_x * s
+            if abs(y) > slope * x or not _faces(corner, away_x, away_y):
+                continue
+            way = hypot(x, y)
+            chance = fade(x, y, self._half, self._gone)
+            if not corner.inner:
+                chance *= min(1.0, self._sensors.edge_m / way)
+            yield way, chance, x, y
 
 
 def fan(cone_deg: float, rays: int) -> list[Ray]:
@@ -78,7 +177,7 @@ def in_cone(
     c, s = cos(heading), sin(heading)
     slope, far = abs(edge[1] / edge[0]), most + SLACK_M
     seen = []
-    for start_x, start_y, wall_x, wall_y, length, echoes in walls:
+    for start_x, start_y, wall_x, wall_y, length, scatters, gone in walls:
         away_x, away_y = start_x - sensor_x, start_y - sensor_y
         x, y = away_x * c + away_y * s, away_y * c - away_x * s
         along_x, along_y = wall_x * c + wall_y * s, wall_y * c - wall_x * s
@@ -89,16 +188,16 @@ def in_cone(
         beside, end_beside = slope * x + SLACK_M, slope * end_x + SLACK_M
         if (y > beside and end_y > end_beside) or (-y > beside and -end_y > end_beside):
             continue
-        seen.append((x, y, along_x, along_y, length, echoes))
+        seen.append((x, y, along_x, along_y, length, scatters, gone))
     return seen
 
 
-def echo(walls: Sequence[Segment], rays: Sequence[Ray], least_cosine: float) -> float:
-    """Way to the nearest wall that answers, m; inf if none does. All in the sensor's frame."""
+def echo(walls: Sequence[Segment], rays: Sequence[Ray]) -> float:
+    """Way to the nearest wall that scatters, m; inf if none does. All in the sensor's frame."""
     nearest = inf
     for ray_x, ray_y in rays if walls else ():
         first, heard = nearest, False  # an echo already found hides what is farther
-        for x, y, along_x, along_y, length, echoes in walls:
+        for x, y, along_x, along_y, length, scatters, _ in walls:
             cosine = ray_x * along_y - ray_y * along_x  # of the angle to the normal, signed
             if cosine == 0.0:
                 continue
@@ -106,7 +205,77 @@ def echo(walls: Sequence[Segment], rays: Sequence[Ray], least_cosine: float) -> 
             if 0.0 <= way < first:
                 seam = (x * ray_y - y * ray_x) / cosine  # along the wall, from its start
                 if -SEAM_M <= seam <= length + SEAM_M:
-                    first, heard = way, echoes and abs(cosine) >= least_cosine
+                    first, heard = way, abs(cosine) >= scatters
         if heard:
             nearest = first
     return nearest
+
+
+def fade(x: float, y: float, within: float, gone: float) -> float:
+    """How probably what is there is heard: always `within` an angle, never when `gone` (rad)."""
+    angle = abs(atan2(y, x))
+    if angle <= within:
+        return 1.0
+    share = (angle - within) / (gone - within) if angle < gone else 1.0
+    return 1.0 - share * share * (3.0 - 2.0 * share)
+
+
+def visible(walls: Sequence[Segment], x: float, y: float) -> bool:
+    """Whether no wall stands between the sensor and a place (which may lie on one)."""
+    for wall_x, wall_y, along_x, along_y, length, *_ in walls:
+        across = x * along_y - y * along_x
+        if across != 0.0:
+            share = (wall_x * along_y - wall_y * along_x) / across
+            if 0.0 < share < 1.0 - SLACK_M and 0.0 <= (wall_x * y - wall_y * x) / across <= length:
+                return False
+    return True
+
+
+def by_a_mirror(
+    walls: Sequence[Segment],
+    sensor: tuple[float, float, float],
+    ray: Ray,
+    strength: float,
+    within: float,
+) -> float:
+    """The way over a smooth wall to another one that answers, m; inf if none does."""
+    x, y, heading = sensor
+    c, s = cos(heading), sin(heading)
+    ray_x, ray_y = ray[0] * c - ray[1] * s, ray[0] * s + ray[1] * c
+    way, mirror = _meets(walls, x, y, ray_x, ray_y)
+    if mirror is None or not mirror[6]:
+        return inf
+    _, _, along_x, along_y, *_ = mirror
+    along = 2.0 * (ray_x * along_x + ray_y * along_y)
+    x, y = x + way * ray_x, y + way * ray_y
+    ray_x, ray_y = along * along_x - ray_x, along * along_y - ray_y
+    more, other = _meets(walls, x, y, ray_x, ray_y)
+    if other is None:
+        return inf
+    _, _, along_x, along_y, _, scatters, gone = other
+    square = abs(ray_x * along_y - ray_y * along_x)
+    slant = abs(ray_x * along_x + ray_y * along_y)
+    chance = fade(square, slant, within, gone) if gone else float(square >= scatters)
+    return way + more if strength < chance else inf
+
+
+def _meets(
+    walls: Sequence[Segment], x: float, y: float, ray_x: float, ray_y: float
+) -> tuple[float, Segment | None]:
+    """The way along a ray to the first wall but one that it starts on, and which it is."""
+    first, met = inf, None
+    for wall in walls:
+        start_x, start_y, along_x, along_y, length, *_ = wall
+        cosine = ray_x * along_y - ray_y * along_x
+        if cosine == 0.0:
+            continue
+        away_x, away_y = start_x - x, start_y - y
+        way = (away_x * along_y - away_y * along_x) / cosine
+        if SEAM_M < way < first and 0.0 <= (away_x * ray_y - away_y * ray_x) / cosine <= length:
+            first, met = way, wall
+    return first, met
+
+
+def _faces(corner: Corner, away_x: float, away_y: float) -> bool:
+    """Whether a corner so far from the sensor opens towards it."""
+    return (atan2(-away_y, -away_x) - corner.bearing) % tau < corner.width

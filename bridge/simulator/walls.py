@@ -7,8 +7,8 @@ robot as plain tuples for its sonars.
 
 from __future__ import annotations
 
-from collections.abc import Iterable
-from math import hypot, inf
+from collections.abc import Iterable, Iterator, Sequence
+from math import atan2, hypot, inf, radians, tau
 from typing import NamedTuple
 
 import numpy as np
@@ -16,15 +16,20 @@ import numpy.typing as npt
 import pymunk
 
 Points = npt.NDArray[np.complex128]
+Floats = npt.NDArray[np.float64]
 Wall = tuple[float, float, float, float]
 """x1, y1, x2, y2, m."""
 
-Segment = tuple[float, float, float, float, float, bool]
-"""x and y of a wall's start (m), of the unit vector along it, its length (m), whether it echoes."""
+Segment = tuple[float, float, float, float, float, float, float]
+"""x and y of a wall's start (m), of the unit vector along it, its length (m), and its `Surface`."""
 
 NEAR_M = 7.0  # how far `near` reaches at least: the sonar's 5 m, and the robot
 ROAM_M = 1.0  # how far the robot may go before what is near is looked up again
 TOUCH_M = 1e-4  # closer than this is touching
+JOINT_M = 1e-3  # ends of walls nearer to each other, or to a wall, are joined
+ARM_M = 0.1  # a corner's walls are at least this long: cells of a drawn map are none
+INNER = (radians(75.0), radians(105.0))  # a corner between these angles throws sound back
+OUTER = radians(200.0)  # from here on it is an edge, which scatters a little
 
 
 class Box(NamedTuple):
@@ -35,94 +40,184 @@ class Box(NamedTuple):
     half_width: float
 
 
+class Surface(NamedTuple):
+    """How a wall answers a sonar: rough ones scatter the sound, smooth ones are mirrors to it.
+
+    `scatters` is the least cosine of the angle to its normal at which it is heard; over 1: at none.
+    As a mirror it is heard where it is square to the ear, not farther than `gone` from the axis
+    (rad); 0: nowhere.
+    """
+
+    scatters: float
+    gone: float
+
+
+DEAD = Surface(2.0, 0.0)
+
+
+class Corner(NamedTuple):
+    """Where walls meet or end, for who stands within `width` (rad) to the left of `bearing`."""
+
+    x: float
+    y: float
+    bearing: float
+    width: float
+
+    @property
+    def inner(self) -> bool:
+        """Whether it throws the sound back; else it is an edge."""
+        return self.width < OUTER
+
+
 class Segments(NamedTuple):
     """Some walls, as arrays of one length."""
 
     start: Points
     along: Points  # unit vector from the start to the end
-    length: npt.NDArray[np.float64]
-    echoes: npt.NDArray[np.bool_]  # whether it answers a sonar
+    length: Floats
+    scatters: Floats
+    gone: Floats
 
     def chosen(self, mask: npt.NDArray[np.bool_]) -> Segments:
         """The walls of a mask."""
-        start, along, length, echoes = self
-        return Segments(start[mask], along[mask], length[mask], echoes[mask])
+        start, along, *others = self
+        return Segments(start[mask], along[mask], *(column[mask] for column in others))
 
     def joined(self, other: Segments) -> Segments:
         """These walls and others."""
-        return Segments(
-            np.concatenate((self.start, other.start)),
-            np.concatenate((self.along, other.along)),
-            np.concatenate((self.length, other.length)),
-            np.concatenate((self.echoes, other.echoes)),
-        )
+        columns = (np.concatenate(pair) for pair in zip(self[2:], other[2:], strict=True))
+        start, along = zip(self[:2], other[:2], strict=True)
+        return Segments(np.concatenate(start), np.concatenate(along), *columns)
 
     def plain(self) -> list[Segment]:
         """The walls one by one."""
-        start, along, length, echoes = self
+        start, along, *others = self
         return list(
             zip(
-                *(start.real.tolist(), start.imag.tolist(), along.real.tolist()),
-                *(along.imag.tolist(), length.tolist(), echoes.tolist()),
+                *(start.real.tolist(), start.imag.tolist()),
+                *(along.real.tolist(), along.imag.tolist()),
+                *(column.tolist() for column in others),
                 strict=True,
             )
         )
 
+    def corners(self) -> list[Corner]:
+        """The corners and edges that these walls make."""
+        long = self.chosen(self.length >= ARM_M)
+        found: dict[tuple[int, int], list[Corner]] = {}
+        for end in (*long.start, *(long.start + long.along * long.length)):
+            key = round(end.real / JOINT_M), round(end.imag / JOINT_M)
+            if key not in found:
+                found[key] = list(_sectors(end, long))
+        return [corner for corners in found.values() for corner in corners]
+
 
 class Walls:
-    """All walls. More may be added at any time."""
+    """All walls, and what moves. More walls may be added at any time."""
 
     def __init__(self) -> None:
         self.space = pymunk.Space()
-        self._all = Segments(
-            np.empty(0, complex), np.empty(0, complex), np.empty(0), np.empty(0, bool)
-        )
+        none, points = np.empty(0), np.empty(0, complex)
+        self._all = self._moving = Segments(points, points, none, none, none)
+        self._shown: list[Segment] = []
+        self._things = 0  # the first of what moves, people after them
         self._near = self._all
         self._plain: list[Segment] = []
+        self._corners: list[Corner] | None = None
         self._anchor = (inf, inf)
 
     def __len__(self) -> int:
         return len(self._all.length)
 
-    def add(self, walls: Iterable[Wall], echoes: Iterable[bool]) -> None:
-        """More walls, and for each whether it echoes; one without length is left out."""
-        rows = np.array(list(walls), float).reshape(-1, 4)
-        answers = np.fromiter(echoes, bool, len(rows))
-        length = np.hypot(rows[:, 2] - rows[:, 0], rows[:, 3] - rows[:, 1])
-        rows, answers, length = rows[length > 0.0], answers[length > 0.0], length[length > 0.0]
-        start, end = rows[:, 0] + 1j * rows[:, 1], rows[:, 2] + 1j * rows[:, 3]
-        new = Segments(start, (end - start) / length, length, answers)
-        self._all = self._all.joined(new)
+    def add(self, walls: Iterable[Wall], surfaces: Iterable[Surface]) -> None:
+        """More walls, and how each answers a sonar; one without length is left out."""
+        rows, added = _segments(walls, surfaces)
+        self._all = self._all.joined(added)
         self._anchor = (inf, inf)
         static = self.space.static_body
         self.space.add(
             *(pymunk.Segment(static, (a, b), (c, d), 0.0) for a, b, c, d in rows.tolist())
         )
 
+    def show(self, things: Sequence[Wall], people: Sequence[Wall], surface: Surface) -> None:
+        """What moves is now here, and answers so; who moves it sees to what it touches."""
+        outlines = [*things, *people]
+        self._things = len(things)
+        self._moving = _segments(outlines, [surface] * len(outlines))[1]
+        self._shown = self._moving.plain()
+
     def near(self, x: float, y: float) -> Segments:
         """Every wall within `NEAR_M` of a point, and perhaps some more."""
         if not hypot(x - self._anchor[0], y - self._anchor[1]) <= ROAM_M:
             self._anchor = (x, y)
-            self._near = self._all.chosen(self._distance(x, y) <= NEAR_M + ROAM_M)
+            self._near = self._all.chosen(_distance(self._all, x, y) <= NEAR_M + ROAM_M)
             self._plain = self._near.plain()
+            self._corners = None
         return self._near
 
     def plain(self, x: float, y: float) -> list[Segment]:
         """The same walls as `near`, one by one."""
         self.near(x, y)
-        return self._plain
+        return self._plain + self._shown if self._shown else self._plain
+
+    def corners(self, x: float, y: float) -> list[Corner]:
+        """Corners and edges near a point."""
+        near = self.near(x, y)
+        if self._corners is None:
+            self._corners = near.corners()
+        return self._corners
 
     def clearance(self, pose: tuple[float, float, float], box: Box) -> float:
         """From a rectangle at a pose to the nearest wall, m; 0 when touching, inf if none is."""
         nearest = _clearance(self.near(pose[0], pose[1]), pose, box)
         if nearest > NEAR_M - box.half_length - box.half_width - abs(box.ahead):
             nearest = _clearance(self._all, pose, box)
+        if self._shown:
+            nearest = min(nearest, _clearance(self._moving, pose, box))
         return nearest if nearest > TOUCH_M else 0.0
 
-    def _distance(self, x: float, y: float) -> npt.NDArray[np.float64]:
-        offset = complex(x, y) - self._all.start
-        way = np.clip((offset * self._all.along.conj()).real, 0.0, self._all.length)
-        return np.abs(offset - way * self._all.along)
+    def between(self, walls: Sequence[Wall], pose: tuple[float, float, float], box: Box) -> float:
+        """From a rectangle at a pose to some walls that are not (yet) here, m."""
+        return _clearance(_segments(walls, [DEAD] * len(walls))[1], pose, box)
+
+    def distance(self, x: float, y: float) -> float:
+        """From a point to the nearest wall, door or box, m; inf if none is."""
+        things = self._moving.chosen(np.arange(len(self._shown)) < self._things)
+        ways = (_distance(walls, x, y) for walls in (self._all, things) if len(walls.length))
+        return min((float(way.min()) for way in ways), default=inf)
+
+
+def _segments(
+    walls: Iterable[Wall], surfaces: Iterable[Surface]
+) -> tuple[npt.NDArray[np.float64], Segments]:
+    """Walls as rows of four and as arrays, without those that have no length."""
+    rows = np.array(list(walls), float).reshape(-1, 4)
+    answers = np.array(list(surfaces), float).reshape(len(rows), 2)
+    length = np.hypot(rows[:, 2] - rows[:, 0], rows[:, 3] - rows[:, 1])
+    rows, answers, length = rows[length > 0.0], answers[length > 0.0], length[length > 0.0]
+    start, end = rows[:, 0] + 1j * rows[:, 1], rows[:, 2] + 1j * rows[:, 3]
+    return rows, Segments(start, (end - start) / length, length, answers[:, 0], answers[:, 1])
+
+
+def _distance(walls: Segments, x: float, y: float) -> Floats:
+    offset = complex(x, y) - walls.start
+    way = np.clip((offset * walls.along.conj()).real, 0.0, walls.length)
+    return np.abs(offset - way * walls.along)
+
+
+def _sectors(end: complex, walls: Segments) -> Iterator[Corner]:
+    """What is a corner or an edge of the ground around a wall's end."""
+    start, along, length, *_ = walls
+    offset = (end - start) * along.conj()  # along each wall, and beside it
+    touched = (np.abs(offset.imag) <= JOINT_M) & (offset.real >= -JOINT_M)
+    touched &= offset.real <= length + JOINT_M
+    ahead = touched & (offset.real < length - JOINT_M)
+    behind = touched & (offset.real > JOINT_M)
+    arms = sorted(atan2(a.imag, a.real) for a in (*along[ahead], *-along[behind]))
+    for arm, after in zip(arms, [*arms[1:], arms[0] + tau], strict=True):
+        width = after - arm
+        if INNER[0] <= width <= INNER[1] or width >= OUTER:
+            yield Corner(end.real, end.imag, arm, width)
 
 
 def _clearance(walls: Segments, pose: tuple[float, float, float], box: Box) -> float:

@@ -115,6 +115,17 @@ def test_between_clear_places_there_is_a_way_and_it_is_not_long(
     assert over_doors.length_m <= 1.15 * direct.length_m + 1.5
 
 
+def test_no_way_leads_over_what_is_forbidden() -> None:
+    """Stairs in the short cut: the way is the long one, by rooms and by cells."""
+    stairs = tuple(box(4.3, 1.0, 4.9, 2.0))
+    for world in (SHORT_CUT, msgspec.structs.replace(SHORT_CUT, rooms=(), doors=())):
+        short = plan(world, START, GOAL)
+        long = plan(msgspec.structs.replace(world, forbidden=stairs), START, GOAL)
+        assert max(w.y for w in short.waypoints) < 2.5
+        assert max(w.y for w in long.waypoints) > 3.0
+        assert long.clearance_m > 0.2
+
+
 def test_doors_are_passed_in_order_and_squarely() -> None:
     found = plan(ROOMS, START, GOAL)
     assert found.doors == ("a", "b")

@@ -53,8 +53,32 @@ def compiled() -> Path:
     return COMPILED
 
 
-@pytest.mark.parametrize("words", [("sc4", "sc1", "house"), ("sc3", "--parameters", "thesis")])
-def test_compiled_and_interpreted_publish_the_same(compiled: Path, words: tuple[str, ...]) -> None:
+CROWD = """
+world = "sc4"
+start = [3.4, 0.6, 90]
+goal = [7.4, 0.7, -90]
+plan = "rooms"
+moving = [
+  { kind = "person", at = [7.5, 2.2], speed = 0.8 },
+  { kind = "person", at = [3.0, 3.8], heeds = false },
+  { kind = "box", at = [8.3, 3.9], times = [10, 30] },
+]
+"""
+
+
+@pytest.mark.parametrize(
+    "words",
+    [
+        ("sc4", "sc1", "house"),
+        ("sc3", "--parameters", "thesis"),
+        ("crowd.toml", "offices", "--sensors", "real"),
+    ],
+)
+def test_compiled_and_interpreted_publish_the_same(
+    compiled: Path, words: tuple[str, ...], tmp_path: Path
+) -> None:
+    (tmp_path / "crowd.toml").write_text(CROWD)
+    words = tuple(str(tmp_path / word) if word.endswith(".toml") else word for word in words)
     module = ("-m", "armadico_tools.fingerprint", *words)
     one, other = said(sys.executable, *module), said(compiled, *module)
     assert "pure Python" in one.stderr

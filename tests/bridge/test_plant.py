@@ -364,13 +364,38 @@ def drift_after(sensors: SensorProfile, seed: int = 1) -> float:
     return robot.odometry[2] - robot.pose[2]
 
 
-def test_drift_grows_with_the_way() -> None:
-    drifting = msgspec.structs.replace(IDEAL, drift_rad_m=0.01)
-    robot = plant(sensors=drifting)
-    for _ in range(3000):
-        robot.step(4.0, 4.0)
-    assert robot.pose[0] > 5.0
-    assert robot.odometry[2] - robot.pose[2] == pytest.approx(0.01 * robot.pose[0], rel=0.01)
+def miscalibrated(seed: int, **sizes: float) -> Plant:
+    return plant(sensors=msgspec.structs.replace(IDEAL, **sizes), seed=seed)
+
+
+def test_drift_grows_with_the_way_and_is_drawn_anew_in_each_run() -> None:
+    drifts = []
+    for seed in range(8):
+        robot = miscalibrated(seed, drift_rad_m=0.01)
+        off = []
+        for _ in range(2):
+            for _ in range(1000):
+                robot.step(4.0, 4.0)
+            off.append((robot.odometry[2] - robot.pose[2]) / robot.pose[0])
+        assert off[0] == pytest.approx(off[1], abs=2e-5)
+        drifts.append(off[1])
+    assert -0.0101 < min(drifts) < -0.002
+    assert 0.002 < max(drifts) < 0.0101
+
+
+def test_turning_and_ways_are_measured_too_large_or_too_small() -> None:
+    turns, ways = [], []
+    for seed in range(8):
+        robot = miscalibrated(seed, turn_error=0.03)
+        drive(robot, 0.0, 0.5, 10.0)
+        turns.append(robot.odometry[2] / robot.pose[2] - 1.0)
+        robot = miscalibrated(seed, way_error=0.02)
+        drive(robot, 0.5, 0.0, 5.0)
+        ways.append(robot.odometry[0] / robot.pose[0] - 1.0)
+        assert robot.odometry[2] == pytest.approx(robot.pose[2], abs=1e-4)
+    for errors, most in ((turns, 0.032), (ways, 0.021)):
+        assert -most < min(errors) < -0.2 * most
+        assert 0.2 * most < max(errors) < most
 
 
 def test_slip_wanders_and_an_ideal_robot_does_not() -> None:

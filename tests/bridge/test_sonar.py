@@ -14,8 +14,8 @@ import numpy as np
 import pytest
 
 from armadico.bridge.simulator.plant import seeded
-from armadico.bridge.simulator.sonar import Sonars, echo, fan, in_cone
-from armadico.bridge.simulator.walls import Box, Wall, Walls
+from armadico.bridge.simulator.sonar import Sonars, Surfaces, echo, fan, in_cone
+from armadico.bridge.simulator.walls import DEAD, Box, Surface, Wall, Walls
 from armadico.config.profile import RobotProfile, SensorProfile
 
 
@@ -25,7 +25,16 @@ def config(name: str) -> dict[str, object]:
 
 RING = msgspec.convert(config("pioneer-2dx"), RobotProfile).sonar
 IDEAL = msgspec.convert(config("sensors")["ideal"], SensorProfile)
+REAL = msgspec.convert(config("sensors")["real"], SensorProfile)
 EXACT = msgspec.structs.replace(IDEAL, sonar_noise_m=0.0, dropout=0.0)
+MIRRORS = msgspec.structs.replace(
+    msgspec.structs.replace(REAL, sonar_noise_m=0.0, sonar_noise=0.0, dropout=0.0),
+    edge_m=0.0,
+    multipath=0.0,
+    crosstalk=0.0,
+)
+ROUGH = Surface(cos(radians(IDEAL.glancing_deg)), 0.0)
+SMOOTH = Surface(DEAD.scatters, radians(40.0))
 HOME = (0.0, 0.0, 0.0)
 AHEAD = 3  # bearing 10 degrees: with a cone of 30 it looks from -5 to 25 degrees
 LEFT = 0
@@ -35,10 +44,10 @@ def ring(
     walls: Sequence[Wall],
     sensors: SensorProfile = EXACT,
     seed: int = 1,
-    echoes: Sequence[bool] | None = None,
+    surfaces: Sequence[Surface] | Surface = ROUGH,
 ) -> Sonars:
     world = Walls()
-    world.add(walls, [True] * len(walls) if echoes is None else echoes)
+    world.add(walls, [surfaces] * len(walls) if isinstance(surfaces, Surface) else surfaces)
     return Sonars(RING, sensors, world, seeded(seed))
 
 
@@ -109,7 +118,7 @@ def test_a_tilted_wall_is_heard_where_it_is_nearest_in_the_cone() -> None:
 def test_a_glancing_or_dead_wall_hides_what_is_behind() -> None:
     screen, behind = (-3.0, 0.5, 3.0, 0.5), (-3.0, 2.0, 3.0, 2.0)
     assert ring([screen, behind]).ping(LEFT, HOME) == pytest.approx(0.5 - 0.136)
-    assert ring([screen, behind], echoes=[False, True]).ping(LEFT, HOME) is None
+    assert ring([screen, behind], surfaces=[DEAD, ROUGH]).ping(LEFT, HOME) is None
     slope = tan(radians(75))
     glancing = (-2.0, 0.6 - 2.0 * slope, 2.0, 0.6 + 2.0 * slope)
     covered = (-0.4, 2.0, -0.05, 2.0)
@@ -137,8 +146,8 @@ def test_a_ray_aimed_exactly_at_a_corner_ends_there() -> None:
         walls: list[Wall] = [(x, y, x + cos(arm), y + sin(arm)) for arm in arms]
         if rng.random() < 0.5:  # whichever end of the walls the corner is
             walls = [(x2, y2, x1, y1) for x1, y1, x2, y2 in walls]
-        world.add(walls, [True, True])
-        assert echo(world.plain(0.0, 0.0), [(cos(aim), sin(aim))], 0.0) == pytest.approx(far)
+        world.add(walls, [Surface(0.0, 0.0)] * 2)
+        assert echo(world.plain(0.0, 0.0), [(cos(aim), sin(aim))]) == pytest.approx(far)
 
 
 def test_walls_that_are_left_out_would_not_have_been_heard() -> None:
@@ -147,12 +156,13 @@ def test_walls_that_are_left_out_would_not_have_been_heard() -> None:
     for _ in range(500):
         world = Walls()
         ends = [tuple(rng.uniform(-6, 6) for _ in range(4)) for _ in range(6)]
-        world.add(ends, [rng.random() < 0.8 for _ in ends])  # type: ignore[arg-type]
+        surfaces = [Surface(0.5, 0.0) if rng.random() < 0.8 else DEAD for _ in ends]
+        world.add(ends, surfaces)  # type: ignore[arg-type]
         sensor = (rng.uniform(-3, 3), rng.uniform(-3, 3), rng.uniform(-pi, pi))
         walls = world.plain(0.0, 0.0)
         chosen, ahead = in_cone(walls, sensor, rays[0], 5.0), in_cone(walls, sensor, wide[0], 99.0)
-        way = echo(ahead, rays, 0.5)
-        assert echo(chosen, rays, 0.5) == way or way > 5.0
+        way = echo(ahead, rays)
+        assert echo(chosen, rays) == way or way > 5.0
         heard += way <= 5.0
         fewer += len(chosen) < len(ahead)
     assert heard > 100
@@ -196,6 +206,135 @@ def test_walls_far_from_the_start_are_heard_when_the_robot_gets_there() -> None:
     assert sonars.ping(AHEAD, (18.0, 0.0, 0.0)) == pytest.approx(2.0 - 0.166, rel=0.002)
 
 
+# Smooth walls ------------------------------------------------------------------------------------
+
+
+def tilted(tilt_deg: float, distance: float = 1.0) -> Wall:
+    """A long wall whose foot is so far from the left sonar, and so far off its axis."""
+    sonar = RING.sonars[LEFT]
+    x1, y1, x2, y2 = facing(90 + tilt_deg, distance, half=9.0)
+    return (x1 + sonar.x_m, y1 + sonar.y_m, x2 + sonar.x_m, y2 + sonar.y_m)
+
+
+def answers(sonars: Sonars, count: int = 400) -> list[float]:
+    heard = (sonars.ping(LEFT, HOME) for _ in range(count))
+    return [value for value in heard if value is not None]
+
+
+def test_a_smooth_wall_answers_ever_more_seldom_the_more_it_is_tilted() -> None:
+    share = [
+        len(answers(ring([tilted(t)], MIRRORS, surfaces=SMOOTH))) / 400 for t in range(0, 50, 5)
+    ]
+    assert share[:4] == [1.0] * 4
+    assert share[4:8] == sorted(share[4:8], reverse=True)
+    assert 0.7 < share[4] < 0.99
+    assert 0.01 < share[7] < 0.3
+    assert share[8:] == [0.0, 0.0]
+
+
+@pytest.mark.parametrize("tilt", [-25, -10, 0, 10, 25])
+def test_a_smooth_wall_is_as_far_as_its_foot_wherever_the_sensor_looks(tilt: float) -> None:
+    heard = answers(ring([tilted(tilt, 1.5)], MIRRORS, surfaces=SMOOTH))
+    assert heard
+    assert heard == pytest.approx([1.5] * len(heard))
+
+
+@pytest.mark.parametrize(("distance", "deviation"), [(0.3, 0.005), (2.0, 0.02), (4.5, 0.045)])
+def test_noise_grows_with_the_range(distance: float, deviation: float) -> None:
+    noisy = msgspec.structs.replace(MIRRORS, sonar_noise_m=0.005, sonar_noise=0.01)
+    heard = answers(ring([tilted(0, distance)], noisy, surfaces=SMOOTH), 2000)
+    assert stdev(heard) == pytest.approx(deviation, rel=0.08)
+
+
+def room_corner(x: float, y: float) -> list[Wall]:
+    """An inner corner whose walls are met at 45 degrees."""
+    return [(x, y, x + 3, y - 3), (x, y, x - 3, y - 3)]
+
+
+def test_an_inner_corner_is_as_far_as_its_apex() -> None:
+    sonar = RING.sonars[LEFT]
+    walls = room_corner(sonar.x_m, sonar.y_m + 2.0)
+    assert answers(ring(walls, MIRRORS, surfaces=SMOOTH)) == pytest.approx([2.0] * 400)
+    outwards = [(x1, y1, x2, 2 * y1 - y2) for x1, y1, x2, y2 in walls]
+    assert not answers(ring(outwards, MIRRORS, surfaces=SMOOTH))
+
+
+def test_an_edge_is_heard_weakly_and_the_farther_the_more_seldom() -> None:
+    sonar, share = RING.sonars[LEFT], []
+    edged = msgspec.structs.replace(MIRRORS, edge_m=0.4)
+    for distance in (0.3, 0.8, 2.4):
+        y = sonar.y_m + distance  # seen edge-on, then the corner of a post turned by 45 degrees
+        for walls in (
+            [(sonar.x_m, y, sonar.x_m, y + 1.0)],
+            [(sonar.x_m, y, sonar.x_m + side, y + 0.2) for side in (0.2, -0.2)],
+        ):
+            heard = answers(ring(walls, edged, surfaces=SMOOTH), 1000)
+            assert heard == pytest.approx([distance] * len(heard))
+            share.append(len(heard) / 1000)
+    assert share == pytest.approx([1.0, 1.0, 0.5, 0.5, 0.167, 0.167], abs=0.04)
+
+
+def test_what_a_wall_hides_is_not_heard() -> None:
+    """A smooth wall that is met at a slant throws the sound away, and nothing comes through it."""
+    sonar = RING.sonars[LEFT]
+    behind, hidden = tilted(0, 2.0), room_corner(sonar.x_m, sonar.y_m + 1.8)
+    x, y = sonar.x_m, sonar.y_m + 0.5
+    slope = (x - 2.0, y - 3.5, x + 2.0, y + 3.5)
+    assert answers(ring([behind, *hidden], MIRRORS, surfaces=SMOOTH))
+    assert not answers(ring([slope, behind, *hidden], MIRRORS, surfaces=SMOOTH))
+
+
+def test_an_oblique_wall_now_and_then_gives_the_echo_of_another() -> None:
+    """Off a wall at 45 degrees, 1 m ahead, to one that stands 0.8 m beside."""
+    sonar = RING.sonars[LEFT]
+    x, y = sonar.x_m, sonar.y_m + 1.0
+    mirror, other = (x - 1.5, y - 1.5, x + 1.5, y + 1.5), (x + 0.8, y - 1.2, x + 0.8, y + 0.7)
+    often = msgspec.structs.replace(MIRRORS, multipath=0.4)
+    assert not answers(ring([mirror, other], MIRRORS, surfaces=SMOOTH))
+    heard = answers(ring([mirror, other], often, surfaces=SMOOTH))
+    assert 100 < len(heard) < 200
+    assert min(heard) > 1.6
+    assert fmean(heard) == pytest.approx(1.8, abs=0.15)
+    assert not answers(ring([mirror, other], often, surfaces=[DEAD, SMOOTH]))
+
+
+def test_what_nobody_answered_is_heard_by_the_next_sonar_now_and_then() -> None:
+    crossing = msgspec.structs.replace(MIRRORS, crosstalk=0.1)
+    away, square = tilted(60), tilted(0)
+    heard = answers(ring([away], crossing, surfaces=SMOOTH), 2000)
+    assert 130 < len(heard) < 270
+    assert min(heard) < 1.0 < 4.0 < max(heard)
+    assert not answers(ring([], crossing))
+    assert answers(ring([square], crossing, surfaces=SMOOTH)) == pytest.approx([1.0] * 400)
+
+
+def test_surfaces_are_drawn_from_the_seed() -> None:
+    def drawn(sensors: SensorProfile, seed: int) -> list[Surface]:
+        surfaces = Surfaces(sensors, seeded(seed))
+        return [surfaces.draw() for _ in range(400)]
+
+    assert drawn(REAL, 1) == drawn(REAL, 1) != drawn(REAL, 2)
+    assert set(drawn(IDEAL, 1)) == {ROUGH}
+    walls = drawn(REAL, 3)
+    assert walls.count(DEAD) == pytest.approx(400 * REAL.dead_walls, abs=15)
+    gone = [np.degrees(wall.gone) for wall in walls if wall.gone]
+    assert len(gone) == pytest.approx(400 * 0.95 * (1.0 - REAL.rough_walls), abs=40)
+    assert min(gone) == pytest.approx(25.0, abs=1.0)
+    assert max(gone) == pytest.approx(42.0, abs=1.0)
+
+
+def test_a_ping_draws_as_often_whatever_it_meets() -> None:
+    """Whether it is heard, is lost, comes over a mirror or from the ping before."""
+    near, far = (-3.0, 1.0, 3.0, 1.0), tilted(60)
+    alone, both = ring([near], REAL, surfaces=SMOOTH), ring([near, far], REAL, surfaces=SMOOTH)
+    for _ in range(100):
+        both.ping(7, HOME)
+        both.ping(1, HOME)
+        alone.ping(7, HOME)
+        alone.ping(1, HOME)
+    assert alone._rng.random() == both._rng.random()
+
+
 BOX = Box(-0.01, 0.22, 0.165)
 
 
@@ -221,7 +360,7 @@ def test_clearance_is_the_distance_of_the_nearest_point() -> None:
             walls.append((x, y, rng.uniform(-1, 1), rng.uniform(-1, 1)))
         pose = (rng.uniform(-1, 1), rng.uniform(-1, 1), rng.uniform(-pi, pi))
         world = Walls()
-        world.add(walls, [True] * 3)
+        world.add(walls, [ROUGH] * 3)
         expected = min(sampled(wall, pose) for wall in walls)
         found = world.clearance(pose, BOX)
         touching += found == 0.0
@@ -233,9 +372,9 @@ def test_clearance_is_the_distance_of_the_nearest_point() -> None:
 def test_clearance_of_walls_beyond_what_is_near() -> None:
     world = Walls()
     assert world.clearance(HOME, BOX) == inf
-    world.add([(30.0, -1.0, 30.0, 1.0)], [True])
+    world.add([(30.0, -1.0, 30.0, 1.0)], [ROUGH])
     assert world.clearance(HOME, BOX) == pytest.approx(30.0 - 0.21)
-    world.add([(0.0, 12.0, 1.0, 12.0), (5.0, 5.0, 5.0, 5.0)], [True, True])
+    world.add([(0.0, 12.0, 1.0, 12.0), (5.0, 5.0, 5.0, 5.0)], [ROUGH, ROUGH])
     assert len(world) == 2, "a wall without length is left out"
     assert world.clearance(HOME, BOX) == pytest.approx(12.0 - 0.165)
     assert world.clearance((28.0, 0.0, pi), BOX) == pytest.approx(hypot(2.0 - 0.23, 0.0))

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from itertools import pairwise
 from math import inf, pi, radians
 from pathlib import Path
 
@@ -49,7 +50,24 @@ def test_lines_cairns_and_corners_become_a_world_in_si() -> None:
         goals={"over there": (1.0, 2.0, 0.0), "table": (1.0, 2.0, -pi / 2)},
         rooms=(Room("A", 0.0, 0.0, 2.0, 3.0), Room("B", 2.0, 0.0, 4.0, 3.0)),
         doors=(Door("the door", "A", "B", 2.0, 1.5),),
+        forbidden=((0.0, 0.0, 0.001, 0.001),),
     )
+
+
+def test_forbidden_areas_are_turned_about_the_origin_as_in_aria() -> None:
+    cairn = 'Cairn: ForbiddenArea 0 0 90.000000 "" ICON "stairs" 1000 2000 3000 5000\n'
+    world = parse_map(f"2D-Map\n{cairn}", "w")
+    corners = [(-2.0, 1.0), (-2.0, 3.0), (-5.0, 3.0), (-5.0, 1.0), (-2.0, 1.0)]
+    for line, (a, b) in zip(world.forbidden, pairwise(corners), strict=True):
+        assert line == pytest.approx((*a, *b))
+    assert len(world.forbidden) == 4
+    assert world.bounds == pytest.approx((-5.0, 1.0, -2.0, 3.0))
+    assert (world.walls, len(world.barriers)) == ((), 4)
+    again = parse_map(format_map(world), "w")
+    assert format_map(again) == format_map(world)
+    assert len(again.forbidden) == 4
+    with pytest.raises(ConfigError, match=r"m\.map:2: '1000 2000': expected X1 Y1 X2 Y2 in mm"):
+        parse_map(f"2D-Map\n{cairn.replace(' 3000 5000', '')}", "w", "m.map")
 
 
 def test_windows_line_ends_change_nothing() -> None:

@@ -207,6 +207,48 @@ def test_a_world_may_lie_beside_the_scenario(tmp_path: Path) -> None:
             'agents = ["goto", "avoid", "goto"]\nplan =',
             "own.toml:8: agent 'goto' is there twice; expected once",
         ),
+        (
+            '"rooms"',
+            '"rooms"\n[[moving]]\nkind = "persn"\nat = [1, 2]',
+            "own.toml:10: moving[0].kind = \"persn\": did you mean 'person'?",
+        ),
+        (
+            '"rooms"',
+            '"rooms"\n[[moving]]\nkind = "box"\nat = [2, 2]\n'
+            '[[moving]]\nkind = "person"\nat = [3, 3]',
+            "own.toml:14: a person at (3, 3) is 0.00 m from a wall of 'sc4'; expected at least the "
+            "radius, 0.25 m",
+        ),
+        (
+            '"rooms"',
+            '"rooms"\n[[moving]]\nkind = "person"\nat = [30, 3]',
+            "own.toml:11: a person at (30, 3) is outside the world 'sc4'",
+        ),
+        (
+            '"rooms"',
+            '"rooms"\n[[moving]]\nkind = "person"\nat = [1.4, 1]',
+            "own.toml:11: a person at (1.4, 1) stands where the robot starts",
+        ),
+        (
+            '"rooms"',
+            '"rooms"\n[[moving]]\nkind = "door"\nat = [1, 2]',
+            "own.toml:10: a door has no place; expected wall = [...]",
+        ),
+        (
+            '"rooms"',
+            '"rooms"\n[[moving]]\nkind = "box"\nat = [2, 2]\ntimes = [9, 4]',
+            "own.toml:12: times = [9.0, 4.0]: expected each after the one before",
+        ),
+        (
+            '"rooms"',
+            '"rooms"\n[[moving]]\nkind = "person"\nat = [2, 2]\nspeed = 9',
+            "own.toml:12: moving[0].speed = 9: expected a number <= 3",
+        ),
+        (
+            '"rooms"',
+            '"rooms"\n[[moving]]\nkind = "person"\nat = [2, 2]\npace = 1',
+            "own.toml:12: unknown key moving[0].pace",
+        ),
         ("plan =", "v_max = 0\nplan =", "own.toml:8: v_max = 0: expected a number > 0"),
     ],
 )

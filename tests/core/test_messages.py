@@ -69,7 +69,7 @@ WIRE = {
     "Sonar": "cycle reach echoes",
     "Stop": "counter stopped by press",
     "Trajectory": "counter mission waypoints start leg",
-    "Truth": "t x y theta v w collisions clearance",
+    "Truth": "t x y theta v w collisions clearance simulator bumped",
     "Waypoint": "x y theta",
 }
 """Protocol 2, field by field. What is new is appended and has a default; nothing moves."""

@@ -72,6 +72,7 @@ class Run:
         holder: str | None = None,
         behind: int = 0,
         collisions: int = 0,
+        bumped: int = 0,
         clearance: float | None = None,
     ) -> None:
         """One cycle later the robot is there, and this agent's command was the last obeyed."""
@@ -84,7 +85,7 @@ class Run:
         ack = Ack("wheels", cycle, ballot, ballot, obeyed)
         if self.truth:
             t = 0.1 * self.number
-            self.show(Truth(t, x, y, theta, 0, 0, collisions, clearance))
+            self.show(Truth(t, x, y, theta, 0, 0, collisions, clearance, bumped=bumped))
         self.show(state, ack, Pose(cycle, x, y, theta))
 
     def end(self, state: MissionState = MissionState.REACHED, mission: int = MISSION) -> Result:
@@ -213,6 +214,15 @@ def test_what_was_obeyed_before_the_mission_is_not_counted() -> None:
     run.cycle(0.0, holder="goto")
     result = run.watch.result()
     assert (result.shares, result.exchanges) == ({"goto": 100.0}, 0)
+
+
+def test_who_walks_into_the_robot_is_no_collision_of_its_own() -> None:
+    run = Run()
+    run.cycle(0.0, collisions=2, bumped=1)
+    run.begin()
+    run.cycle(0.0, collisions=2, bumped=1)
+    run.cycle(1.0, collisions=5, bumped=3)
+    assert run.watch.result().collisions == 1
 
 
 def test_collisions_and_clearance_are_those_of_the_run() -> None:

@@ -13,6 +13,8 @@ import hashlib
 import sys
 from collections.abc import Sequence
 
+from msgspec.structs import replace
+
 from armadico.config.scenarios import Scenario, load_scenario
 from armadico.core.compiled import is_compiled
 from armadico.core.services import SERVICES
@@ -36,12 +38,16 @@ def main(argv: Sequence[str] | None = None) -> int:
     parser = argparse.ArgumentParser(description="A hash of all that a virtual run publishes.")
     parser.add_argument("scenarios", nargs="*", default=["sc4"])
     parser.add_argument("--seed", type=int, default=7)
+    parser.add_argument("--sensors", choices=("ideal", "real"), help="not the scenario's")
     parser.add_argument("--parameters", help="thesis, or a TOML file")
     args = parser.parse_args(argv)
     print("armadico:", "compiled" if is_compiled() else "pure Python", file=sys.stderr)
     for name in args.scenarios:
         options = Options(seed=args.seed, parameters=args.parameters)
-        print(name, fingerprint(load_scenario(name), options))
+        scenario = load_scenario(name)
+        if args.sensors is not None:
+            scenario = replace(scenario, sensors=args.sensors)
+        print(name, fingerprint(scenario, options))
     return 0
 
 

@@ -1,0 +1,191 @@
+"""What moves in the simulated world: people, doors that shut, boxes put down (`[[moving]]`).
+
+A person walks straight to a place that is drawn anew, in sight and with room, as in the random
+waypoint model, and turns to another velocity within `RELAX_S`, as in the social force model. Who
+heeds the robot is pushed aside by it and never walks up to it; who does not walks until it is
+touched. People walk through each other. Nothing comes where the robot is: a door or a box waits.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from itertools import pairwise
+from math import cos, exp, hypot, pi, sin, tau
+from random import Random
+
+import pymunk
+
+from armadico.bridge.simulator.walls import Box, Surface, Wall, Walls
+from armadico.config.moving import Moving
+from armadico.config.worlds import hull
+
+STEP_S = 0.05  # people move by steps of this
+RELAX_S = 0.5
+HEED_M = 0.1  # who heeds the robot comes no nearer,
+SWERVE_M = 0.4  # and is pushed aside e times less strongly with each of these
+SPACE_M = 0.1  # a place to go to, and the way there, have so much more room than it takes
+STROLL_M = (1.0, 6.0)  # how far it is
+DRAWS = 20  # places are looked at at a time; if none will do, it waits
+WAIT_S = 1.0
+APPEAR_M = 0.05  # a door or a box comes if the robot is farther than this
+SIDES = 8  # of a person, to a sonar
+CLOTHES = Surface(cos(pi / 3), 0.0)  # they scatter, whoever stands in front of the sonar
+
+
+class Person:
+    """Somebody who walks about."""
+
+    def __init__(self, moving: Moving, walls: Walls, bounds: Wall, rng: Random) -> None:
+        assert moving.at is not None, "the scenario was checked"
+        self.x, self.y = moving.at
+        self._moving, self._walls, self._bounds, self._rng = moving, walls, bounds, rng
+        self._vx = self._vy = 0.0
+        self._goal: tuple[float, float] | None = None
+        self._waits_until = 0.0
+        self._body = pymunk.Body(body_type=pymunk.Body.KINEMATIC)
+        walls.space.add(self._body, pymunk.Circle(self._body, moving.radius))
+        self._place()
+
+    def step(
+        self, now: float, gap: Callable[[float, float], tuple[float, float, float]]
+    ) -> tuple[float, bool]:
+        """One step; how far it went, m, and whether it walked into the robot.
+
+        `gap` is the way from a place to the robot's outline, and the direction away from it.
+        """
+        moving = self._moving
+        if self._goal is None and now >= self._waits_until:
+            self._goal = self._somewhere()
+            self._waits_until = now + WAIT_S
+        wish_x = wish_y = 0.0
+        if self._goal is not None:
+            ahead_x, ahead_y = self._goal[0] - self.x, self._goal[1] - self.y
+            left = hypot(ahead_x, ahead_y)
+            wish_x, wish_y = moving.speed * ahead_x / left, moving.speed * ahead_y / left
+            if left < moving.speed * RELAX_S:
+                self._goal = None
+        near, away_x, away_y = gap(self.x, self.y)
+        near -= moving.radius
+        if moving.heeds:
+            push = moving.speed * exp((HEED_M - near) / SWERVE_M)
+            wish_x, wish_y = wish_x + push * away_x, wish_y + push * away_y
+        share = STEP_S / RELAX_S
+        self._vx += share * (wish_x - self._vx)
+        self._vy += share * (wish_y - self._vy)
+        speed = hypot(self._vx, self._vy)
+        slower = min(1.0, moving.speed / speed) if speed else 0.0
+        x, y = self.x + STEP_S * slower * self._vx, self.y + STEP_S * slower * self._vy
+        after = gap(x, y)[0] - moving.radius
+        met = after < near and after < (HEED_M if moving.heeds else 0.0)
+        if met or self._walls.distance(x, y) < moving.radius:
+            self._vx = self._vy = 0.0
+            self._goal = None
+            return 0.0, met and not moving.heeds
+        went = hypot(x - self.x, y - self.y)
+        self.x, self.y = x, y
+        self._place()
+        return went, False
+
+    @property
+    def outline(self) -> list[Wall]:
+        """What a sonar meets: a polygon around it."""
+        reach = self._moving.radius / cos(pi / SIDES)
+        corners = [
+            (self.x + reach * cos(tau * k / SIDES), self.y + reach * sin(tau * k / SIDES))
+            for k in range(SIDES + 1)
+        ]
+        return [(*a, *b) for a, b in pairwise(corners)]
+
+    def _place(self) -> None:
+        self._body.position = (self.x, self.y)
+        self._walls.space.reindex_shapes_for_body(self._body)
+
+    def _somewhere(self) -> tuple[float, float] | None:
+        x1, y1, x2, y2 = self._bounds
+        room = self._moving.radius + SPACE_M
+        for _ in range(DRAWS):
+            way, heading = self._rng.uniform(*STROLL_M), self._rng.uniform(0.0, tau)
+            dx, dy = way * cos(heading), way * sin(heading)
+            x, y = self.x + dx, self.y + dy
+            steps = int(way / room) + 1
+            if (x1 <= x <= x2 and y1 <= y <= y2) and all(
+                self._walls.distance(self.x + dx * k / steps, self.y + dy * k / steps) >= room
+                for k in range(1, steps + 1)
+            ):
+                return x, y
+        return None
+
+
+class Thing:
+    """A door or a box: there, or not."""
+
+    def __init__(self, moving: Moving, walls: Walls) -> None:
+        self.there = False
+        self.outline = moving.outline
+        self._times, self._walls = moving.times, walls
+        static = walls.space.static_body
+        self._shapes = [pymunk.Segment(static, w[:2], w[2:], 0.0) for w in self.outline]
+
+    def step(self, now: float, free: Callable[[Sequence[Wall]], bool]) -> bool:
+        """Come or go if it is time, and nobody stands there; whether it did."""
+        wanted = sum(time <= now for time in self._times) % 2 == 1
+        if wanted == self.there or (wanted and not free(self.outline)):
+            return False
+        self.there = wanted
+        (self._walls.space.add if wanted else self._walls.space.remove)(*self._shapes)
+        return True
+
+
+class Movement:
+    """All that moves among the walls."""
+
+    def __init__(
+        self,
+        moving: Sequence[Moving],
+        fixed: Sequence[Wall],
+        walls: Walls,
+        box: Box,
+        streams: Callable[[str], Random],
+    ) -> None:
+        self._walls, self._box = walls, box
+        bounds = hull(tuple(fixed)) if fixed else (-1e4, -1e4, 1e4, 1e4)
+        self._people = [
+            Person(m, walls, bounds, streams(f"person/{k}"))
+            for k, m in enumerate(moving)
+            if m.kind == "person"
+        ]
+        self._things = [Thing(m, walls) for m in moving if m.kind != "person"]
+        self._show()
+
+    def step(self, now: float, pose: tuple[float, float, float]) -> tuple[float, bool]:
+        """Everybody moves, with the robot at a pose; how far at most, m, and who walked into it."""
+        c, s = cos(pose[2]), sin(pose[2])
+        box = self._box
+
+        def gap(x: float, y: float) -> tuple[float, float, float]:
+            dx, dy = x - pose[0], y - pose[1]
+            ahead, left = dx * c + dy * s - box.ahead, dy * c - dx * s
+            away = hypot(dx, dy) or 1.0
+            out = hypot(
+                max(abs(ahead) - box.half_length, 0.0), max(abs(left) - box.half_width, 0.0)
+            )
+            return out, dx / away, dy / away
+
+        farthest, bumped = 0.0, False
+        for person in self._people:
+            went, into = person.step(now, gap)
+            farthest, bumped = max(farthest, went), bumped or into
+        moved = [thing.step(now, lambda walls: self._free(walls, pose)) for thing in self._things]
+        self._show()
+        return 1e9 if any(moved) else farthest, bumped
+
+    def _free(self, outline: Sequence[Wall], pose: tuple[float, float, float]) -> bool:
+        xs, ys = [w[0] for w in outline], [w[1] for w in outline]
+        within = len(outline) > 1 and min(xs) < pose[0] < max(xs) and min(ys) < pose[1] < max(ys)
+        return not within and self._walls.between(outline, pose, self._box) > APPEAR_M
+
+    def _show(self) -> None:
+        outlines = [thing.outline for thing in self._things if thing.there]
+        things = [wall for outline in outlines for wall in outline]
+        people = [wall for person in self._people for wall in person.outline]
+        self._walls.show(things, people, CLOTHES)

@@ -1,0 +1,187 @@
+"""People walk, doors shut and boxes are put down; sonars hear them, and blame is said."""
+
+from __future__ import annotations
+
+from itertools import pairwise
+from math import dist, inf, pi
+
+import msgspec
+import pytest
+
+from armadico.bridge.simulator import command
+from armadico.bridge.simulator.moving import APPEAR_M, HEED_M, Movement
+from armadico.bridge.simulator.pioneer import Pioneer
+from armadico.bridge.simulator.plant import Plant, seeded
+from armadico.bridge.simulator.walls import Wall
+from armadico.cli.options import UsageError
+from armadico.config.loading import find, load_entry
+from armadico.config.moving import Moving
+from armadico.config.profile import SensorProfile, load_profile
+from armadico.config.scenarios import load_scenario
+from armadico.launch.processes import simulator_words
+
+PROFILE = load_profile("pioneer-2dx")
+IDEAL, REAL = (load_entry(find("robots", "sensors"), SensorProfile, n) for n in ("ideal", "real"))
+FRONT = PROFILE.body.front_m
+ROOM: list[Wall] = [(-3, -3, 4, -3), (4, -3, 4, 3), (4, 3, -3, 3), (-3, 3, -3, -3)]
+PEN: list[Wall] = [(-1, -1, 2, -1), (2, -1, 2, 1), (2, 1, -1, 1), (-1, 1, -1, -1)]
+AHEAD = 3
+
+
+def plant(*moving: Moving, walls: list[Wall] | None = None, seed: int = 1) -> Plant:
+    sensors = msgspec.structs.replace(IDEAL, dropout=0.0)
+    walls = ROOM if walls is None else walls
+    return Plant(PROFILE, sensors, walls, (0.0, 0.0, 0.0), seeded(seed), moving)
+
+
+def person(robot: Plant, index: int = 0) -> tuple[float, float]:
+    movement = robot._movement
+    assert movement is not None
+    return movement._people[index].x, movement._people[index].y
+
+
+def wait(robot: Plant, seconds: float, volts: float = 0.0) -> None:
+    robot.run(round(seconds / robot.step_s), lambda _v, _w: (volts, volts))
+
+
+def walker(x: float, y: float, **more: object) -> Moving:
+    return msgspec.convert({"kind": "person", "at": (x, y), **more}, Moving)
+
+
+def test_people_walk_about_the_room_and_stay_in_it() -> None:
+    robot = plant(walker(2.0, 2.0), walker(-2.0, 2.0, speed=0.5, radius=0.3))
+    seen = []
+    for _ in range(600):
+        wait(robot, 0.1)
+        seen.append((person(robot), person(robot, 1)))
+        for (x, y), radius in zip(seen[-1], (0.25, 0.3), strict=True):
+            assert -3.0 + radius <= x <= 4.0 - radius
+            assert -3.0 + radius <= y <= 3.0 - radius
+    ways = [sum(dist(a[k], b[k]) for a, b in pairwise(seen)) for k in (0, 1)]
+    assert 15.0 < ways[0] < 60.0
+    assert 8.0 < ways[1] < 30.0
+    assert robot.pose == (0.0, 0.0, 0.0)
+    assert (robot.collisions, robot.bumps) == (0, 0)
+
+
+def test_who_heeds_the_robot_keeps_clear_of_it() -> None:
+    robot = plant(walker(1.0, 0.0), walls=PEN)
+    least = inf
+    for _ in range(600):
+        wait(robot, 0.1)
+        least = min(least, robot.clearance())
+    assert least > HEED_M - 0.03  # a sonar's person is a little larger, having corners
+    assert (robot.collisions, robot.bumps) == (0, 0)
+
+
+def test_who_walks_into_a_standing_robot_is_to_blame() -> None:
+    robot = plant(walker(1.0, 0.0, heeds=False), walls=PEN)
+    wait(robot, 60.0)
+    assert robot.bumps > 0
+    assert robot.collisions == 0
+    assert robot.pose == (0.0, 0.0, 0.0)
+
+
+def test_a_robot_that_drives_into_somebody_is_to_blame_itself() -> None:
+    nook: list[Wall] = [(1.6, -0.4, 1.6, 0.4), (1.6, 0.4, 0.9, 0.4), (0.9, -0.4, 1.6, -0.4)]
+    robot = plant(walker(1.2, 0.0), walls=nook)
+    wait(robot, 8.0, 6.0)
+    x, _ = person(robot)
+    assert robot.collisions == 1
+    assert robot.bumps == 0
+    assert robot.blocked
+    assert robot.pose[0] + FRONT == pytest.approx(x - 0.25, abs=0.02)
+
+
+def test_the_truth_tells_whose_fault_it_was() -> None:
+    someone = walker(1.0, 0.0, heeds=False)
+    pioneer = Pioneer(PROFILE, IDEAL, PEN, (0.0, 0.0, 0.0), seeded(1), moving=[someone])
+    wait(pioneer.plant, 60.0)
+    truth = pioneer.truth()
+    assert truth.collisions == truth.bumped == pioneer.plant.bumps > 0
+
+
+def test_a_sonar_hears_people_with_either_sensors() -> None:
+    for sensors in (IDEAL, REAL):
+        exact = msgspec.structs.replace(sensors, dropout=0.0, sonar_noise_m=0.0, sonar_noise=0.0)
+        someone = walker(1.5, 0.1)
+        robot = Plant(PROFILE, exact, [], (0.0, 0.0, 0.0), seeded(1), [someone])
+        assert robot.ping(AHEAD) == pytest.approx(1.5 - 0.166 - 0.25, abs=0.05)
+
+
+def test_a_door_shuts_and_opens_at_its_times() -> None:
+    door = Moving(kind="door", wall=(1.5, -1.0, 1.5, 1.0), times=(2.0, 5.0))
+    robot, heard = plant(door, walls=[]), []
+    for _ in range(8):
+        wait(robot, 1.0)
+        heard.append(robot.ping(AHEAD) is not None)
+    assert heard == [False, False, True, True, True, False, False, False]
+
+
+def test_a_box_put_down_stops_the_robot() -> None:
+    box = Moving(kind="box", at=(1.5, 0.0), size=(0.4, 0.6), times=(1.0,))
+    robot = plant(box)
+    assert robot.clearance() == pytest.approx(3.0 - PROFILE.body.rear_m)
+    wait(robot, 1.5)
+    assert robot.clearance() == pytest.approx(1.3 - FRONT)
+    wait(robot, 6.0, 6.0)
+    assert robot.pose[0] + FRONT == pytest.approx(1.3, abs=0.001)
+    assert robot.collisions == 1
+
+
+@pytest.mark.parametrize(
+    "moving",
+    [
+        Moving(kind="door", wall=(0.1, -1.0, 0.1, 1.0), times=(0.0,)),
+        Moving(kind="box", at=(0.0, 0.0), size=(3.0, 3.0), times=(0.5,)),
+    ],
+    ids=["through it", "around it"],
+)
+def test_nothing_is_put_where_the_robot_stands(moving: Moving) -> None:
+    robot = plant(moving, walls=[])
+    wait(robot, 2.0)
+    assert robot.clearance() == inf
+    robot.set_pose(5.0, 0.0, pi)
+    wait(robot, 0.1)
+    assert APPEAR_M < robot.clearance() < inf
+
+
+def test_people_stop_at_a_door_that_is_shut() -> None:
+    nook: list[Wall] = [(0, 2, 2, 2), (0, 2, 0, 4), (0, 4, 2, 4)]
+    robot = plant(Moving(kind="door", wall=(2, 2, 2, 4)), walker(1.0, 3.0), walls=nook)
+    for _ in range(300):
+        wait(robot, 0.1)
+        x, y = person(robot)
+        assert 0.25 <= x <= 1.75
+        assert 2.25 <= y <= 3.75
+
+
+def test_what_moves_comes_from_the_seed_and_steps_in_one_go_are_those_one_by_one() -> None:
+    def walked(seed: int) -> list[tuple[float, float]]:
+        robot, places = plant(walker(2.0, 2.0), seed=seed), []
+        for _ in range(50):
+            wait(robot, 0.2, 5.0)
+            places.append(person(robot))
+        return places
+
+    at_once, singly = plant(walker(2.0, 2.0)), plant(walker(2.0, 2.0))
+    for _ in range(60):
+        at_once.run(37, lambda _v, _w: (5.0, 4.0))
+        for _ in range(37):
+            singly.step(5.0, 4.0)
+        assert (at_once.pose, person(at_once)) == (singly.pose, person(singly))
+    assert walked(1) == walked(1) != walked(2)
+
+
+def test_a_world_in_which_nothing_moves_has_no_movement() -> None:
+    assert plant()._movement is None
+    assert isinstance(plant(walker(2.0, 2.0))._movement, Movement)
+
+
+def test_a_live_simulator_is_told_what_moves() -> None:
+    moving = (walker(2.0, 2.0), Moving(kind="door", wall=(3.0, -1.0, 3.0, 1.0), times=(2.0,)))
+    scenario = msgspec.structs.replace(load_scenario("sc1"), moving=moving)
+    _, *words = simulator_words(scenario, 7, "")
+    assert command._scenario(command.parser().parse_args(words)).moving == moving
+    with pytest.raises(UsageError, match="--moving: "):
+        command._moving('[{"kind": "dog"}]')
