@@ -37,9 +37,13 @@ class Settings(Struct, frozen=True):
     kld_error: float = 0.04  # of the sampled distribution from the true one, in nats
     bin_m: float = 0.25
     bin_rad: float = 0.175
-    turn_per_root_m: float = 0.02  # rad/sqrt(m): the heading wanders with the way,
-    turn_per_rad: float = 0.04  # and with turning
+    turn_per_root_m: float = 0.012  # rad/sqrt(m): the heading wanders with the way,
+    turn_per_rad: float = 0.02  # and with turning
     way_per_m: float = 0.04
+    drift_rad_m: float = 0.02  # the wheels' own errors, which last: an arc instead of a line,
+    turn_error: float = 0.025  # of a turn, and
+    way_error: float = 0.015  # of a way: standard deviations, as they are guessed at the start,
+    forgets: float = 0.05  # and by what share of that a guess varies when it is drawn again
     moved_m: float = 0.02  # readings are weighed once the robot has come so far,
     moved_rad: float = 0.03  # or turned so far: a robot that stands hears the same again
     trust: float = 0.25  # exponent of a ping's likelihood: neighbouring pings are not independent,
@@ -98,6 +102,7 @@ class MonteCarlo:
         self._rng = rng
         self.settings = settings
         self.poses: Poses = np.zeros((0, 3), dtype=np.float32)
+        self.wheels: Poses = np.zeros((0, 3), dtype=np.float32)  # each guess's drift and errors
         self.weights: NDArray[np.float64] = np.zeros(0)
         self.lost = False  # whoever judges that says so
         self._moved = inf
@@ -121,9 +126,20 @@ class MonteCarlo:
 
     def _begin(self, poses: Poses) -> None:
         self.poses = poses
+        self.wheels = self._uncalibrated(len(poses))
         self.weights = np.full(len(poses), 1.0 / len(poses))
         self._slow = self._fast = 0.0
         self._moved = self._turned = inf
+
+    def _uncalibrated(self, n: int, share: float = 1.0) -> Poses:
+        """Guesses of the drift (rad/m) and of the errors of turns and ways, (n, 3)."""
+        settings = self.settings
+        spread = (settings.drift_rad_m, settings.turn_error, settings.way_error)
+        return (
+            self._rng.standard_normal((n, 3), dtype=np.float32)
+            * np.float32(share)
+            * np.asarray(spread, dtype=np.float32)
+        )
 
     def _anywhere(self, n: int) -> Poses:
         places = self._free[self._rng.integers(len(self._free), size=n)]
@@ -145,13 +161,16 @@ class MonteCarlo:
         noise = self._rng.standard_normal((3, n), dtype=np.float32)
         wander = hypot(settings.turn_per_root_m * sqrt(way), settings.turn_per_rad * abs(turn))
         slip = settings.way_per_m * sqrt(way * 0.1)  # drawn anew each 0.1 m of the floor
-        theta = self.poses[:, 2] + np.float32(0.5 * turn) + np.float32(wander) * noise[0]
-        along = np.float32(dx) + np.float32(slip) * noise[1]
+        drift, turns, ways = self.wheels.T
+        turned = np.float32(turn) * (1.0 + turns) + np.float32(dx) * drift
+        turned += np.float32(wander) * noise[0]
+        theta = self.poses[:, 2] + np.float32(0.5) * turned
+        along = np.float32(dx) * (1.0 + ways) + np.float32(slip) * noise[1]
         aside = np.float32(dy) + np.float32(0.3 * slip) * noise[2]
         c, s = np.cos(theta), np.sin(theta)
         self.poses[:, 0] += c * along - s * aside
         self.poses[:, 1] += s * along + c * aside
-        self.poses[:, 2] = theta + np.float32(0.5 * turn)
+        self.poses[:, 2] += turned
 
     @property
     def due(self) -> bool:
@@ -223,14 +242,19 @@ class MonteCarlo:
         doubt = max(0.0, 1.0 - self._fast / reference)
         total = np.cumsum(self.weights)
         at = (self._rng.random() + np.arange(n)) * (total[-1] / n)
-        poses = self.poses[np.minimum(np.searchsorted(total, at), len(total) - 1)]
-        self.poses, self.weights = poses, np.full(n, 1.0 / n)
+        drawn = np.minimum(np.searchsorted(total, at), len(total) - 1)
+        poses, self.weights = self.poses[drawn], np.full(n, 1.0 / n)
+        # Shrunk by as much as the noise widens it, a guess stays as wide as it is (Liu and West).
+        keep = np.float32(sqrt(1.0 - self.settings.forgets**2))
+        self.poses = poses
+        self.wheels = keep * self.wheels[drawn] + self._uncalibrated(n, self.settings.forgets)
         if (
             doubt > 0.1 and self._fresh
         ):  # as a tenth of it: a place that fits better gains on its own
             self._fresh = False
             more = self._recall()
             self.poses = np.concatenate([poses, more])
+            self.wheels = np.concatenate([self.wheels, self._uncalibrated(len(more))])
             lighter = np.full(len(more), 0.1 * doubt / len(more))
             self.weights = np.concatenate([self.weights * (1.0 - 0.1 * doubt), lighter])
 
