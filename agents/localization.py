@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from math import radians
+from math import hypot, radians
 from typing import Annotated, Any, ClassVar, Literal
 
 import numpy as np
@@ -15,12 +15,16 @@ from armadico.config.profile import load_profile
 from armadico.config.worlds import load_world
 from armadico.core import agent
 from armadico.core.agent import WARNING, Agent
-from armadico.core.geometry import Pose2, compose, relative
+from armadico.core.geometry import Pose2, compose, relative, wrap
 from armadico.core.messages import Correction, Message, Pose, RobotState, Sonar
 
 Metres = Annotated[float, Meta(gt=0, le=100)]
 Angle = Annotated[float, Meta(gt=0, le=6.2832)]
 Share = Annotated[float, Meta(ge=0, le=1)]
+
+
+LEAP_M, LEAP_RAD = 0.5, 0.5
+"""An estimate that changes by more in a cycle is of another place."""
 
 
 class Parameters(agent.Parameters, frozen=True, kw_only=True):
@@ -34,9 +38,10 @@ class Parameters(agent.Parameters, frozen=True, kw_only=True):
     start: Literal["pose", "anywhere"] = "pose"
     start_m: Metres = 0.15  # standard deviation about that pose
     start_rad: Angle = radians(6.0)
-    lost: Share = 0.6  # with less than this of the weight in one place it is lost,
+    lost: Share = 0.15  # with less than this of the weight in one place it is lost,
     lost_m: Metres = 0.5  # or in one so wide,
-    lost_fit: Share = 0.4  # or if the readings fit so badly there
+    lost_fit: Share = 0.3  # or if the readings fit so badly there,
+    lost_s: Annotated[float, Meta(gt=0, le=60)] = 0.7  # for so long
     found: Share = 0.95  # and found with this much,
     found_m: Metres = 0.3
     found_fit: Share = 0.6
@@ -78,7 +83,8 @@ class Localization(Agent):
         self._epoch: int | None = None
         self._begun = False
         self._lost = self.p.start == "anywhere"
-        self._sure_since: float | None = None
+        self._at: Pose2 | None = None  # the estimate a cycle ago
+        self._since: float | None = None  # when it began to doubt, or to be sure
 
     def on_pose(self, pose: Pose) -> None:
         """Where to begin."""
@@ -95,7 +101,9 @@ class Localization(Agent):
         """Move the particles."""
         odometry = (state.x, state.y, state.theta)
         if self._odometry is not None and state.cycle.epoch == self._epoch and self._begun:
-            self._filter.move(relative(self._odometry, odometry))
+            motion = relative(self._odometry, odometry)
+            self._filter.move(motion)
+            self._at = None if self._at is None else compose(self._at, motion)
         self._odometry, self._epoch = odometry, state.cycle.epoch
 
     def on_sonar(self, sonar: Sonar) -> None:
@@ -104,7 +112,9 @@ class Localization(Agent):
             return
         if self._filter.due:
             self._filter.weigh(sonar.echoes)
-        found = self._filter.estimate()
+        # While it knows where it is it stays with that place: another one that fits as well, the room
+        # next door, is no reason to leave it before it no longer fits.
+        found = self._filter.estimate(None if self._lost else self._at)
         self._judge(found)
         self._filter.lost = self._lost
         c = found.covariance
@@ -120,19 +130,32 @@ class Localization(Agent):
         )
 
     def _judge(self, found: Estimate) -> None:
-        """Whether it is lost: at once if it seems so, and found when it has been sure for long."""
+        """Whether it is lost: if it seems so for a while, and found once it has been sure.
+
+        An estimate that leaps is of another place: the robot is lost until it has been sure of it.
+        """
         p, x, y = self.p, found.pose[0], found.pose[1]
         wide, share, fit = found.deviation_m, found.share, found.fit
-        if not self._lost and (share < p.lost or wide > p.lost_m or fit < p.lost_fit):
-            self._lost, self._sure_since = True, None
+        leaps = self._at is not None and (
+            hypot(x - self._at[0], y - self._at[1]) > LEAP_M
+            or abs(wrap(found.pose[2] - self._at[2])) > LEAP_RAD
+        )
+        self._at = found.pose
+        if not self._lost:
+            doubtful = share < p.lost or wide > p.lost_m or fit < p.lost_fit
+            self._since = (self._since or self.now) if doubtful else None
+            waited = self._since is not None and self.now - self._since >= p.lost_s
+            if not (waited or leaps):
+                return
+            self._lost, self._since = True, None
             self.log(
                 f"the robot is lost: at best at ({x:.2f}, {y:.2f}), with {100 * share:.0f} % of the"
                 f" weight, +-{wide:.2f} m; the readings fit by {fit:.2f}",
                 WARNING,
             )
-        elif self._lost:
-            sure = share >= p.found and wide <= p.found_m and fit >= p.found_fit
-            self._sure_since = (self._sure_since or self.now) if sure else None
-            if self._sure_since is not None and self.now - self._sure_since >= p.found_s:
-                self._lost = False
+        else:
+            sure = share >= p.found and wide <= p.found_m and fit >= p.found_fit and not leaps
+            self._since = (self._since or self.now) if sure else None
+            if self._since is not None and self.now - self._since >= p.found_s:
+                self._lost, self._since = False, None
                 self.log(f"the robot is found: at ({x:.2f}, {y:.2f})")

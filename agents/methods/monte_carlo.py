@@ -51,8 +51,11 @@ class Settings(Struct, frozen=True):
     slow: float = 0.01  # rates of the two averages, per weighing
     fast: float = 0.1
     fits: float = 0.7  # what the averages are at the right place, among some things off the map
+    bad: float = 0.4  # and below this the robot may have been carried away just now
     candidates: int = 4_000  # places that are tried when the robot may be elsewhere,
     tries: int = 200  # the best of them that become particles,
+    known: int = 30  # if they are better than this many that there are,
+    better: float = 10.0  # by so much in the logarithm of the likelihood;
     kept: int = 12  # by so many readings of late,
     apart_m: float = 0.15  # each so far from the one before, or turned by so much
     apart_rad: float = 0.2
@@ -209,15 +212,23 @@ class MonteCarlo:
 
         Sensor resetting (Lenser and Veloso 2000) by a stretch of the drive, of any length up to all
         that is kept: one cycle's readings fit in a hundred places, those of the last metres in
-        few, but none of them fits if the robot was carried away in between.
+        few, but none of them fits if the robot was carried away in between. Only what fits better
+        by far than where the particles are counts: readings are bad where the map is, too.
         """
         settings = self.settings
-        back = int(self._rng.integers(min(4, len(self._kept)), len(self._kept) + 1))
+        kept = len(self._kept)
+        back = (
+            int(self._rng.integers(min(5, kept), kept + 1)) if self._fast < settings.bad else kept
+        )
         poses = self._anywhere(settings.candidates)
         poses = poses[np.argsort(-self._past(poses, back, coarse=True))[: settings.tries]]
         poses = np.repeat(poses, settings.candidates // (4 * settings.tries), axis=0)
         poses += self._rng.standard_normal(poses.shape, dtype=np.float32) * NEAR_BY
-        return poses[np.argsort(-self._past(poses, back))[: settings.tries]]
+        known = self.poses[np.argsort(-self.weights)[: settings.known]]
+        least = float(self._past(known, back).max()) + settings.better
+        logs = self._past(poses, back)
+        best = np.argsort(-logs)[: settings.tries]
+        return poses[best[logs[best] > least]]
 
     def _past(self, poses: Poses, back: int, *, coarse: bool = False) -> NDArray[np.float64]:
         """Log-likelihoods of the newest `back` readings, had the drive ended at these poses."""
@@ -237,23 +248,19 @@ class MonteCarlo:
 
     def _resample(self) -> None:
         """Low variance, as many as KLD sampling asks for, and some anywhere if it fits badly."""
-        n = self._needed()
-        reference = max(self._slow, self.settings.fits)
-        doubt = max(0.0, 1.0 - self._fast / reference)
+        n, forgets = self._needed(), np.float32(self.settings.forgets)
+        doubt = max(0.0, 1.0 - self._fast / max(self._slow, self.settings.fits))
+        more = self._recall() if doubt > 0.1 and self._fresh else self.poses[:0]
+        self._fresh = False
         total = np.cumsum(self.weights)
         at = (self._rng.random() + np.arange(n)) * (total[-1] / n)
         drawn = np.minimum(np.searchsorted(total, at), len(total) - 1)
-        poses, self.weights = self.poses[drawn], np.full(n, 1.0 / n)
+        self.poses, self.weights = self.poses[drawn], np.full(n, 1.0 / n)
         # Shrunk by as much as the noise widens it, a guess stays as wide as it is (Liu and West).
-        keep = np.float32(sqrt(1.0 - self.settings.forgets**2))
-        self.poses = poses
-        self.wheels = keep * self.wheels[drawn] + self._uncalibrated(n, self.settings.forgets)
-        if (
-            doubt > 0.1 and self._fresh
-        ):  # as a tenth of it: a place that fits better gains on its own
-            self._fresh = False
-            more = self._recall()
-            self.poses = np.concatenate([poses, more])
+        keep = np.sqrt(1.0 - forgets**2)
+        self.wheels = keep * self.wheels[drawn] + self._uncalibrated(n, float(forgets))
+        if len(more):  # as a tenth of the doubt: a place that fits better gains on its own
+            self.poses = np.concatenate([self.poses, more])
             self.wheels = np.concatenate([self.wheels, self._uncalibrated(len(more))])
             lighter = np.full(len(more), 0.1 * doubt / len(more))
             self.weights = np.concatenate([self.weights * (1.0 - 0.1 * doubt), lighter])
@@ -281,20 +288,29 @@ class MonteCarlo:
         covariance: NDArray[np.float64] = (off * self.weights[:, None]).T @ off
         return covariance
 
-    def estimate(self) -> Estimate:
-        """The largest cluster's mean: particles within 0.5 m and 0.5 rad of the heaviest bin."""
+    def _heaviest(self) -> Pose2:
+        """The mean of the bin that holds most weight."""
         bins = np.floor(self.poses / (0.5, 0.5, 0.35)) @ (1.0, 4096.0, 4096.0 * 4096.0)
         _, where = np.unique(bins, return_inverse=True)
-        mass = np.bincount(where, weights=self.weights)
-        seed = self.poses[where == mass.argmax()].astype(np.float64)
-        weight = self.weights[where == mass.argmax()]
-        x, y = (weight @ seed[:, :2]) / weight.sum()
-        theta = float(np.arctan2(weight @ np.sin(seed[:, 2]), weight @ np.cos(seed[:, 2])))
+        chosen = where == np.bincount(where, weights=self.weights).argmax()
+        poses, weights = self.poses[chosen].astype(np.float64), self.weights[chosen]
+        x, y = (weights @ poses[:, :2]) / weights.sum()
+        theta = np.arctan2(weights @ np.sin(poses[:, 2]), weights @ np.cos(poses[:, 2]))
+        return float(x), float(y), float(theta)
+
+    def estimate(self, about: Pose2 | None = None) -> Estimate:
+        """The mean of a cluster: the particles within 0.6 m and 0.5 rad of a pose.
+
+        By default of the heaviest bin's. Whoever follows one place gives the one before.
+        """
+        x, y, theta = self._heaviest() if about is None else about
         turned = np.remainder(self.poses[:, 2] - theta + np.pi, 2.0 * np.pi) - np.pi
         away = np.hypot(self.poses[:, 0] - x, self.poses[:, 1] - y)
         near = (away < 0.6) & (np.abs(turned) < 0.5)
         w = self.weights[near]
         share = float(w.sum())
+        if share < 1e-6:
+            return self.estimate()
         w = w / share
         off = np.column_stack([self.poses[near, 0] - x, self.poses[near, 1] - y, turned[near]])
         mean = w @ off

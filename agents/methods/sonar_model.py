@@ -35,17 +35,24 @@ HIT, SHORT, RANDOM = 0.75, 0.15, 0.10
 cause."""
 
 THROUGH: Final = 0.35
-"""Of the likelihood that remains where the beam's axis passes a wall of the map before the echo."""
+"""Of the likelihood that remains where a wall of the map should have answered before the echo."""
 
 THROUGH_M: Final = 0.4
-"""By so much an echo must be behind that wall: a cone is wider than its axis."""
+"""By so much an echo must be behind that wall."""
 
-UNHEARD: Final = 0.6
-"""Likelihood of no echo where the axis meets a wall in reach, beside 1 where it meets none."""
+UNHEARD: Final = 0.35
+"""Likelihood of no echo where a wall should have answered, beside 1 where none should."""
 
 ARC: Final = (-0.8, -0.4, 0.0, 0.4, 0.8)
 """Where the field is read along the arc, in shares of half the cone. At 5 m and 30 degrees a wall
 that is square to the beam between two of them is 7 mm off the nearer one."""
+
+SQUARE: Final = 0.82
+"""Cosine of the angle of incidence beyond which a wall throws the sound away: 35 degrees, where
+smooth walls have gone silent for some and not for other sonars (docs/worlds.md)."""
+
+BEFORE_M: Final = 0.3
+"""So far before the wall it is looked at."""
 
 SIGHT_CELL_M: Final = 0.25
 SIGHT_HEADINGS: Final = 32
@@ -134,9 +141,12 @@ class SonarModel:
     # How far one sees ----------------------------------------------------------------------------
 
     def _looked(self, clearance: NDArray[np.float32]) -> NDArray[np.float32]:
-        """Way to the first wall from each coarse cell in each direction, m, by sphere tracing.
+        """Way to the first wall that answers, from each coarse cell in each direction, m.
 
-        A step as long as the clearance passes no wall; half a cell is as near as cells tell.
+        By sphere tracing: a step as long as the clearance passes no wall, and half a cell is as
+        near as cells tell. A wall answers that the ray meets squarely enough; by how much tells the
+        clearance, which falls by the way that is made if the wall is square to it. The nearest such
+        wall in the cone counts.
         """
         rows, columns = clearance.shape
         self._stride = max(1, round(SIGHT_CELL_M / self._cell))
@@ -145,15 +155,16 @@ class SonarModel:
         self._sight_columns = len(xs)
         place = (ys[:, None] * columns + xs).ravel()
         flat = clearance.ravel()
-        seen = np.zeros((len(place), SIGHT_HEADINGS), dtype=np.float32)
+        seen = np.zeros((SIGHT_HEADINGS, len(place)), dtype=np.float32)
         for heading in range(SIGHT_HEADINGS):
             angle = heading * tau / SIGHT_HEADINGS
+            dx, dy = np.cos(angle) / self._cell, np.sin(angle) / self._cell
             way = np.zeros(len(place), dtype=np.float32)
             live, at, step = np.arange(len(place)), place, flat[place]
             while len(live):
                 way[live] += step
-                column = (at % columns + np.cos(angle) * way[live] / self._cell).astype(np.int32)
-                row = (at // columns + np.sin(angle) * way[live] / self._cell).astype(np.int32)
+                column = (at % columns + dx * way[live]).astype(np.int32)
+                row = (at // columns + dy * way[live]).astype(np.int32)
                 inside = (column >= 0) & (column < columns) & (row >= 0) & (row < rows)
                 going = inside & (way[live] < self._reach)
                 way[live[~inside]] = self._reach
@@ -161,8 +172,14 @@ class SonarModel:
                 step = flat[row[going] * columns + column[going]]
                 going = step > 0.6 * self._cell
                 live, at, step = live[going], at[going], step[going]
-            seen[:, heading] = way
-        return np.minimum(seen, np.float32(self._reach)).ravel()
+            back = np.maximum(way - BEFORE_M, 0.0)
+            column = np.clip(place % columns + dx * back, 0, columns - 1).astype(np.int32)
+            row = np.clip(place // columns + dy * back, 0, rows - 1).astype(np.int32)
+            square = flat[row * columns + column] >= SQUARE * (way - back)
+            seen[heading] = np.where(square, way, self._reach)
+        turned = round(self._arc.max() / (tau / SIGHT_HEADINGS))
+        cone = [np.roll(seen, by, axis=0) for by in range(-turned, turned + 1)]
+        return np.ascontiguousarray(np.minimum(np.min(cone, axis=0), self._reach).T).ravel()
 
     def _sees(
         self, x: NDArray[np.float32], y: NDArray[np.float32], heading: NDArray[np.float32]
