@@ -112,8 +112,8 @@ class Localization(Agent):
             return
         if self._filter.due:
             self._filter.weigh(sonar.echoes)
-        # While it knows where it is it stays with that place: another one that fits as well, the room
-        # next door, is no reason to leave it before it no longer fits.
+        # While it knows where it is it stays with that place: another one that fits as well, the
+        # room next door, is no reason to leave it before it no longer fits.
         found = self._filter.estimate(None if self._lost else self._at)
         self._judge(found)
         self._filter.lost = self._lost

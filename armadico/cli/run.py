@@ -62,6 +62,7 @@ EXAMPLES: Final = """\
   armadico run sc1 --robot serial:///dev/ttyUSB0
   armadico run sc4 --together encoder+sonar --together goto+avoid+gothrough
   armadico run sc4 --virtual --profile amigobot
+  armadico run sc4 --sensors real --with localization --with relocate
   armadico run sc4 --attach --hosts lab.toml   the society is up already: armadico up
 """
 
@@ -117,6 +118,17 @@ def parser() -> argparse.ArgumentParser:
     made.add_argument("--exchange", choices=("abrupt", "smooth"), help="how resources change hands")
     made.add_argument(
         "--without", action="append", default=[], metavar="AGENT", help="leave an agent out"
+    )
+    made.add_argument(
+        "--with",
+        dest="besides",
+        action="append",
+        default=[],
+        metavar="AGENT",
+        help="an agent that takes part, too; may be repeated",
+    )
+    made.add_argument(
+        "--sensors", metavar="NAME", help="how well the simulated robot senses: ideal, real"
     )
     made.add_argument(
         "--together",
@@ -227,6 +239,8 @@ def _options(args: argparse.Namespace) -> Options:
         exchange=args.exchange,
         parameters=args.parameters,
         without=tuple(args.without),
+        besides=tuple(args.besides),
+        sensors=args.sensors,
         together=tuple(tuple(group.split("+")) for group in args.together),
         robot=args.robot,
         limit=args.limit,

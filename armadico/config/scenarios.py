@@ -190,15 +190,24 @@ def _faults(scenario: Scenario, world: World) -> Iterator[tuple[Key, str]]:
     for index, moving in enumerate(scenario.moving):
         for name, message in moving.faults(world, scenario.start[:2], radius):
             yield ("moving", index, name), message
-    known = document(read_text(resource_path("robots", "sensors")), "sensors.toml")
-    if scenario.sensors not in known:
-        yield ("sensors",), f"no sensors {scenario.sensors!r}; {advice(scenario.sensors, known)}"
+    try:
+        known_sensors(scenario.sensors)
+    except ConfigError as error:
+        yield ("sensors",), error.message
     for agent in scenario.agents:
         if scenario.agents.count(agent) > 1:
             yield ("agents",), f"agent {agent!r} is there twice; expected once"
     if scenario.plan == "waypoints" and not scenario.waypoints:
         message = 'plan = "waypoints", but there are none; give waypoints = [[x, y, degrees], ...]'
         yield ("plan",), message
+
+
+def known_sensors(name: str) -> str:
+    """The name, if robots/sensors.toml has it. Raises ConfigError."""
+    known = document(read_text(resource_path("robots", "sensors")), "sensors.toml")
+    if name not in known:
+        raise ConfigError(f"no sensors {name!r}; {advice(name, known)}")
+    return name
 
 
 def _misplaced(world: World, key: Key, pose: PoseDeg, radius: float) -> Iterator[tuple[Key, str]]:

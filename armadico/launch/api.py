@@ -120,6 +120,8 @@ def run(
     goal: Pose2 | None = None,
     limit: float | None = None,
     without: Sequence[str] = (),
+    besides: Sequence[str] = (),
+    sensors: str | None = None,
     joins: Sequence[type[Agent]] = (),
     controller: str | None = None,
     exchange: str | None = None,
@@ -151,6 +153,8 @@ def run(
         goal: Where it is to go, likewise; where neither says so, it is sent nowhere.
         limit: How long it may take, s; by default 5 times the way over 0.3 m/s, at least 60 s.
         without: Agents that take no part.
+        besides: Agents that take part, too, by their names; installed.
+        sensors: How well the simulated robot senses, ideal or real; by default the scenario's.
         joins: Classes of yours that take part too, installed or not; in virtual runs.
         controller: Goto's: fast, precise or collaborative.
         exchange: How resources change hands: smooth or abrupt.
@@ -187,6 +191,8 @@ def run(
         parameters=parameters,
         limit=limit,
         without=tuple(without),
+        besides=tuple(besides),
+        sensors=sensors,
         robot=robot,
     )
     chosen = prepared(

@@ -20,7 +20,15 @@ from armadico.config.hosts import Host
 from armadico.config.loading import load_parameters
 from armadico.config.parameters import load_set
 from armadico.config.profile import load_profile
-from armadico.config.scenarios import PoseDeg, Scenario, beside, planned, scenario_from, society
+from armadico.config.scenarios import (
+    PoseDeg,
+    Scenario,
+    beside,
+    known_sensors,
+    planned,
+    scenario_from,
+    society,
+)
 from armadico.config.worlds import load_world
 from armadico.core.messages import MissionRequest, Waypoint
 from armadico.core.resources import WHEELS
@@ -44,6 +52,8 @@ class Options:
     exchange: str | None = None
     parameters: str | None = None  # a set of them, by name or path
     without: tuple[str, ...] = ()
+    besides: tuple[str, ...] = ()  # agents that take part, too
+    sensors: str | None = None  # how well the simulated robot senses; None: the scenario's
     robot: str | None = None  # the URL of something that is already there
     together: tuple[tuple[str, ...], ...] = ()  # agents that share a process
     limit: float | None = None  # s that the run may take; None: as `time_limit` says
@@ -78,6 +88,12 @@ def prepared(
             profile_of(profile) or scenario.robot,
         )
         scenario = replace(scenario, start=checked.start, goal=checked.goal, robot=checked.robot)
+    more = tuple(name for name in options.besides if name not in scenario.agents)
+    scenario = replace(
+        scenario,
+        agents=(*scenario.agents, *more),
+        sensors=known_sensors(options.sensors or scenario.sensors),
+    )
     for name in (*scenario.agents, *options.without):
         find(AGENTS, name)
     _, *others = names(scenario)

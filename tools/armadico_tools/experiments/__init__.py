@@ -19,6 +19,7 @@ EXPERIMENTS: Final = {
     "intelligences": "intelligences",
     "table-5.4": "table_5_4",
     "table-5.5": "table_5_5",
+    "localization": "localization",
     "parameters": "parameter_sets",
     "random-rooms": "random_rooms",
     "other-maps": "other_maps",

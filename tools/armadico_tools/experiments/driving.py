@@ -13,7 +13,8 @@ from __future__ import annotations
 from collections.abc import Callable, Collection, Mapping
 from dataclasses import replace
 from hashlib import sha256
-from math import hypot
+from math import degrees, hypot
+from statistics import median
 from typing import Any
 
 from msgspec import Struct, structs
@@ -23,6 +24,8 @@ from armadico.config.loading import load_parameters, read_text
 from armadico.config.scenarios import Scenario, load_scenario
 from armadico.config.shipped import find as find_config
 from armadico.core.agent import Agent
+from armadico.core.geometry import wrap
+from armadico.core.messages import Message, Pose
 from armadico.launch.society import Options, conditions, members, names
 from armadico.launch.virtual import Rehearsal
 from armadico.observe.conditions import Conditions
@@ -42,6 +45,7 @@ class Cell(Struct, frozen=True):
     exchange: str | None = None
     parameters: str | None = None
     without: tuple[str, ...] = ()
+    besides: tuple[str, ...] = ()
     sensors: str | None = None
     robot: str | None = None
     joins: str | None = None  # an agent that joins while the run is going on
@@ -77,6 +81,9 @@ class Sample(Struct, frozen=True):
     accel_step: float | None = None
     command_step_v: float | None = None
     command_step_w: float | None = None
+    pose_m: float | None = None  # median over the run of how far off the pose was,
+    pose_end_m: float | None = None  # and at its end
+    pose_end_deg: float | None = None
     note: str = ""
 
 
@@ -90,6 +97,8 @@ class Drive:
         self._taking = names(self.scenario, self._options().without)
         self.trace = Trace(self.rehearsal.watch)
         self.rehearsal.mesh.watch(lambda _k, message, _t: self.trace.show(message), *Trace.kinds)
+        self.pose_errors: list[tuple[float, float]] = []  # m and rad, each cycle of the mission
+        self.rehearsal.mesh.watch(lambda _k, message, _t: self._compare(message), Pose)
         self.refused = ""
 
     @property
@@ -115,6 +124,13 @@ class Drive:
                 each_second()
         return self
 
+    def _compare(self, pose: Message) -> None:
+        """Note how far off the pose is, before the goal is reached."""
+        truth = self.watch.view.truth
+        if isinstance(pose, Pose) and truth and self.watch.mission and not self.watch.done:
+            off = hypot(pose.x - truth.x, pose.y - truth.y)
+            self.pose_errors.append((off, abs(wrap(pose.theta - truth.theta))))
+
     def instances(self) -> list[str]:
         """The instances of the agents that are alive, in the order in which they joined."""
         return [node.agent.instance for node in self.rehearsal.mesh.nodes if node.alive]
@@ -137,9 +153,20 @@ class Drive:
             arrived=(self.watch.done or resting) and self._at_goal(),
             believed_p_percent=self._believed(),
             note=self._note(resting),
+            **self._pose_errors(),
             **row,
             **structs.asdict(rough),
         )
+
+    def _pose_errors(self) -> dict[str, float]:
+        if not self.pose_errors:
+            return {}
+        end_m, end_rad = self.pose_errors[-1]
+        return {
+            "pose_m": round(median(way for way, _ in self.pose_errors), 4),
+            "pose_end_m": round(end_m, 4),
+            "pose_end_deg": round(degrees(end_rad), 2),
+        }
 
     def _note(self, resting: bool) -> str:
         if self.refused:
@@ -217,6 +244,8 @@ def scenario_of(cell: Cell) -> Scenario:
     scenario = load_scenario(cell.scenario)
     if cell.sensors is not None:
         scenario = structs.replace(scenario, sensors=cell.sensors)
+    if cell.besides:
+        scenario = structs.replace(scenario, agents=(*scenario.agents, *cell.besides))
     if cell.robot is not None:
         scenario = structs.replace(scenario, robot=cell.robot)
     return scenario
@@ -224,7 +253,7 @@ def scenario_of(cell: Cell) -> Scenario:
 
 def options_of(cell: Cell) -> Options:
     """What the cell says on the command line, as it were."""
-    return Options(0, cell.controller, cell.exchange, cell.parameters, cell.without)
+    return Options(0, cell.controller, cell.exchange, cell.parameters, cell.without, cell.besides)
 
 
 def conditions_of(cell: Cell, mode: str) -> Conditions:
