@@ -158,7 +158,7 @@ class Drive:
             **structs.asdict(rough),
         )
 
-    def _pose_errors(self) -> dict[str, float]:
+    def _pose_errors(self) -> dict[str, Any]:
         if not self.pose_errors:
             return {}
         end_m, end_rad = self.pose_errors[-1]
