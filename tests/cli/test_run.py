@@ -100,6 +100,8 @@ SMALL_ROBOT = (*VIRTUAL, "--seed", "1", "--json", "--no-plot")
         (("nan.toml",), ("nan.toml:3:", "goal")),
         (("wall.toml",), ("wall.toml:2:", "start", "wall of 'sc4'")),
         ((*VIRTUAL, "--without", "gotho"), ("no agent 'gotho'", "did you mean 'goto'?")),
+        ((*VIRTUAL, "--with", "gotho"), ("no agent 'gotho'", "did you mean 'goto'?")),
+        ((*VIRTUAL, "--sensors", "rael"), ("no sensors 'rael'", "did you mean 'real'?")),
         ((*VIRTUAL, "--without", "robot"), ("without robot", "encoder, sonar, goto")),
         ((*VIRTUAL, "--controller", "fas"), ("goto: ", '"fas"', "did you mean 'fast'?")),
         ((*VIRTUAL, "--exchange", "rude"), ("'rude'", "'abrupt', 'smooth'")),
@@ -248,6 +250,17 @@ def test_a_run_that_takes_too_long_says_its_limit_and_ends_with_exit_code_1(
 
 
 @pytest.mark.parametrize("words", [("alone.toml",), (), ("shut-in.map", "--start", "1", "1", "0")])
+def test_a_robot_whose_odometry_drifts_gets_there_by_its_map(capsys: Captured) -> None:
+    words = ("sc4", "--virtual", "--seed", "1000", "--sensors", "real", "--no-plot", "--json")
+    code, out, _ = run(capsys, *words, "--with", "localization", "--with", "relocate")
+    row = json.loads(out)
+    assert (code, row["reached"], row["collisions"]) == (0, True, 0)
+    assert "localization" in row["conditions"]["scenario"]["agents"]
+    assert row["conditions"]["scenario"]["sensors"] == "real"
+    lost, out, _ = run(capsys, *words)
+    assert (lost, json.loads(out)["reached"]) == (1, False)
+
+
 def test_without_a_goal_it_runs_for_as_long_as_it_is_told(
     capsys: Captured, words: tuple[str, ...]
 ) -> None:

@@ -1,8 +1,10 @@
-"""What tables 5.4 and 5.5 share: a scenario with ideal and with real sensors."""
+"""What tables 5.4 and 5.5 share: a scenario with ideal and with real sensors, and localized."""
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Final
+
+from msgspec.structs import replace
 
 from armadico_tools.experiments import drawing
 from armadico_tools.experiments.driving import Cell, Drive
@@ -18,19 +20,25 @@ SENSORS = {"simulated": "ideal", "real": "real"}
 """The thesis's two columns, and our stand-ins for them."""
 
 
+LOCALIZED: Final = Cell("localized", "", besides=("localization", "relocate"), sensors="real")
+"""A column that the thesis has not: the agent of 3.6.3 was designed and not built."""
+
+
 def cells(scenario: str) -> list[Cell]:
-    """All agents take part; both sensors."""
-    return [Cell(name, scenario, sensors=sensors) for name, sensors in SENSORS.items()]
+    """All agents take part; both sensors, and the real ones with localization."""
+    arms = [Cell(name, scenario, sensors=sensors) for name, sensors in SENSORS.items()]
+    return [*arms, replace(LOCALIZED, scenario=scenario)]
 
 
 def measure(context: Context, title: str, scenario: str, of: str, note: str) -> None:
     """The table beside the thesis's single runs, and the first seed's picture of each."""
     arms = cells(scenario)
     samples = context.drive(arms)
-    columns = [Column(arm.name, samples[arm.name], published(of, arm.name)) for arm in arms]
+    theirs = {name: published(of, name) for name in SENSORS}
+    columns = [Column(arm.name, samples[arm.name], theirs.get(arm.name)) for arm in arms]
     text = f"# {title}\n\n{note}\n\n{RULES}\n\n{compare(columns)}\n"
     context.table(text + failures([one for arm in arms for one in samples[arm.name]]))
-    figure = drawing.sheet(1, 2, 12.0, 7.0)
+    figure = drawing.sheet(1, 3, 18.0, 7.0)
     for axes, arm in zip(figure.axes, arms, strict=True):
         drive = Drive(arm, context.first_seed).go()
         echoes = drive.watch.echoes[:: max(1, len(drive.watch.echoes) // 6000)]
