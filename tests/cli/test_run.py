@@ -249,7 +249,6 @@ def test_a_run_that_takes_too_long_says_its_limit_and_ends_with_exit_code_1(
     assert "NOT reached: time limit of 2 s" in out
 
 
-@pytest.mark.parametrize("words", [("alone.toml",), (), ("shut-in.map", "--start", "1", "1", "0")])
 def test_a_robot_whose_odometry_drifts_gets_there_by_its_map(capsys: Captured) -> None:
     words = ("sc4", "--virtual", "--seed", "1000", "--sensors", "real", "--no-plot", "--json")
     code, out, _ = run(capsys, *words, "--with", "localization", "--with", "relocate")
@@ -261,6 +260,7 @@ def test_a_robot_whose_odometry_drifts_gets_there_by_its_map(capsys: Captured) -
     assert (lost, json.loads(out)["reached"]) == (1, False)
 
 
+@pytest.mark.parametrize("words", [("alone.toml",), (), ("shut-in.map", "--start", "1", "1", "0")])
 def test_without_a_goal_it_runs_for_as_long_as_it_is_told(
     capsys: Captured, words: tuple[str, ...]
 ) -> None:
