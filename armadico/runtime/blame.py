@@ -8,6 +8,7 @@ from contextlib import contextmanager
 from types import FrameType
 from typing import Final
 
+from armadico.config.errors import ConfigError
 from armadico.core.agent import Agent
 from armadico.runtime.errors import AgentFailedError, SocietyError
 
@@ -19,10 +20,13 @@ FRAMEWORK: Final = tuple(
 
 @contextmanager
 def blaming() -> Iterator[None]:
-    """An exception in an agent's own code comes out as AgentFailedError, all others as they are."""
+    """An exception in an agent's own code comes out as AgentFailedError, all others as they are.
+
+    What an agent cannot be configured with is its user's fault, and says what would be right.
+    """
     try:
         yield
-    except SocietyError:
+    except (SocietyError, ConfigError):
         raise
     except Exception as error:
         told = failure(error)
