@@ -156,9 +156,9 @@ def run(
         besides: Agents that take part, too, by their names; installed.
         sensors: How well the simulated robot senses, ideal or real; by default the scenario's.
         joins: Classes of yours that take part too, installed or not; in virtual runs.
-        controller: Goto's: fast, precise or collaborative.
+        controller: Goto's: fast, precise, collaborative or brisk.
         exchange: How resources change hands: smooth or abrupt.
-        parameters: A set of agents' parameters: thesis, or a TOML file.
+        parameters: A set of agents' parameters: thesis, brisk, or a TOML file.
         profile: The make of robot: a shipped profile's name, or a TOML file.
         robot: The URL of a robot that is there already, serial:// or tcp://; none: a simulator.
         namespace: The robot's subtree of keys; by default $ARMADICO_NAMESPACE, or robot1.

@@ -22,6 +22,7 @@ EXPERIMENTS: Final = {
     "localization": "localization",
     "parameters": "parameter_sets",
     "random-rooms": "random_rooms",
+    "time": "driving_time",
     "other-maps": "other_maps",
     "live-vs-virtual": "live_vs_virtual",
 }
