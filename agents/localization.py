@@ -40,7 +40,7 @@ class Parameters(agent.Parameters, frozen=True, kw_only=True):
     start_rad: Angle = radians(6.0)
     lost: Share = 0.15  # with less than this of the weight in one place it is lost,
     lost_m: Metres = 0.5  # or in one so wide,
-    lost_fit: Share = 0.3  # or if the readings fit so badly there,
+    lost_fit: Share = 0.6  # or if the readings fit so much worse than they usually do,
     lost_s: Annotated[float, Meta(gt=0, le=60)] = 0.7  # for so long
     found: Share = 0.95  # and found with this much,
     found_m: Metres = 0.3
@@ -142,7 +142,7 @@ class Localization(Agent):
         )
         self._at = found.pose
         if not self._lost:
-            doubtful = share < p.lost or wide > p.lost_m or fit < p.lost_fit
+            doubtful = share < p.lost or wide > p.lost_m or fit < p.lost_fit * found.usual
             self._since = (self._since or self.now) if doubtful else None
             waited = self._since is not None and self.now - self._since >= p.lost_s
             if not (waited or leaps):

@@ -69,12 +69,14 @@ class Estimate(Struct, frozen=True):
         covariance: Of x, y and heading, (3, 3), of that cluster.
         share: Of the weight that is in it, 0 to 1.
         fit: How well the readings of late fit at the particles, 0 to 1: the fast average.
+        usual: How well they usually do: the slow one.
     """
 
     pose: Pose2
     covariance: NDArray[np.float64]
     share: float
     fit: float
+    usual: float
 
     @property
     def deviation_m(self) -> float:
@@ -317,7 +319,7 @@ class MonteCarlo:
         off -= mean
         covariance = (off * w[:, None]).T @ off
         pose = (float(x + mean[0]), float(y + mean[1]), wrap(theta + float(mean[2])))
-        return Estimate(pose, covariance, share, self._fast)
+        return Estimate(pose, covariance, share, self._fast, self._slow)
 
 
 def _moved(poses: Poses, motion: Pose2) -> Poses:

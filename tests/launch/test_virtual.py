@@ -17,6 +17,7 @@ from armadico.bridge.p2os.commands import Cmd, Command, decode_command
 from armadico.bridge.p2os.packets import Decoder
 from armadico.bridge.p2os.session import ZERO
 from armadico.bridge.reflex import HELD_S
+from armadico.bridge.simulator.walls import DEAD
 from armadico.config.discovery import AGENTS, load
 from armadico.config.loading import load_parameters
 from armadico.config.scenarios import Scenario, load_scenario
@@ -316,7 +317,7 @@ def test_motors_that_come_on_again_drive_nobody_off_until_the_stop_is_released()
 @pytest.mark.parametrize("seed", range(3))
 def test_what_no_sonar_hears_is_touched_once_and_driven_round(seed: int) -> None:
     run = Faulty(Options(seed=seed))
-    run.rehearsal.robot.plant._walls.add([(2.0, 0.05, 2.0, 0.6)], [False])
+    run.rehearsal.robot.plant._walls.add([(2.0, 0.05, 2.0, 0.6)], [DEAD])
     touched: list[tuple[float, str]] = []
     run.mesh.watch(
         lambda _key, log, now: touched.append((now, log.text)) if "touched" in log.text else None,
