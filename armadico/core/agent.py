@@ -698,6 +698,8 @@ class Agent:
         if bid is None:
             return None
         try:
+            if not isinstance(bid, Bid):
+                raise TypeError(f"{type(bid).__name__} is no Bid")
             utility, within = float(bid.utility), bid.within
             if not 0.0 <= utility <= 1.0:
                 raise ValueError(f"its utility is {utility}, and not from 0 to 1")
