@@ -170,13 +170,13 @@ class Touch:
             measured: (v, w) by the wheels.
             now: s.
         """
-        if self._held(status, ordered, measured, now):
-            self._held_until = now + HELD_S
+        held = self._held(status, ordered, measured, now)
         bumpers = self._pressed(status)
+        if held or bumpers or status.left_stall or status.right_stall:
+            # For a while: a controller cuts what stalls, and then nothing stalls any more.
+            self._held_until = now + HELD_S
         before = self.felt
-        self.felt = bool(
-            status.left_stall or status.right_stall or bumpers or now < self._held_until
-        )
+        self.felt = now < self._held_until
         if before or not self.felt:
             return False
         x, y = self._place

@@ -9,6 +9,7 @@ from contextlib import contextmanager
 from types import FrameType
 from typing import Final
 
+from armadico.config.errors import ConfigError
 from armadico.core.agent import Agent
 from armadico.runtime.errors import AgentFailedError, SocietyError
 
@@ -22,11 +23,12 @@ FRAMEWORK: Final = tuple(
 def blaming(kind: type[Agent] | None = None) -> Iterator[None]:
     """An exception of an agent comes out as AgentFailedError, all others as they are.
 
-    `kind` is whose it is where no agent has been made yet.
+    `kind` is whose it is where no agent has been made yet. What an agent cannot be configured with
+    is its user's fault, and says what would be right.
     """
     try:
         yield
-    except SocietyError:
+    except (SocietyError, ConfigError):
         raise
     except Exception as error:
         told = failure(error, kind)

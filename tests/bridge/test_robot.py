@@ -12,6 +12,7 @@ from msgspec.structs import replace
 from armadico.bridge.p2os.commands import SYNC0, Cmd, command
 from armadico.bridge.p2os.packets import encode
 from armadico.bridge.p2os.status import Status, encode_status
+from armadico.bridge.reflex import HELD_S
 from armadico.bridge.robot import PATIENCE_S, PULSE_S, Parameters, Robot
 from armadico.core.agent import ERROR, INFO, REPORT_S, WARNING, Identity
 from armadico.core.cycles import LISTEN
@@ -445,6 +446,8 @@ def test_against_what_it_touches_it_is_not_driven_and_away_from_it_it_is(
     state = ready.status(**bits)
     assert state.touch is not None
     assert state.touch.x > 0, "backing off, it still touches what it drove into"
+    assert ready.status().stalled, "a controller cuts what stalls, and then nothing stalls"
+    ready.let_pass(HELD_S)
     assert not ready.status().stalled
     ready.command(0.3)
     assert ready.speeds()[-1] == 300

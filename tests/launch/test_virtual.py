@@ -16,6 +16,7 @@ from msgspec.structs import replace
 from armadico.bridge.p2os.commands import Cmd, Command, decode_command
 from armadico.bridge.p2os.packets import Decoder
 from armadico.bridge.p2os.session import ZERO
+from armadico.bridge.reflex import HELD_S
 from armadico.config.discovery import AGENTS, load
 from armadico.config.loading import load_parameters
 from armadico.config.scenarios import Scenario, load_scenario
@@ -328,7 +329,8 @@ def test_what_no_sonar_hears_is_touched_once_and_driven_round(seed: int) -> None
     assert "something ahead" in text
     zero = [when for when, command in run.commands if when >= at and command.number == Cmd.VEL]
     assert zero[0] - at < 0.01
-    assert not any(c.value > 0 for when, c in run.commands if at < when < at + 1 and _moves(c))
+    held = (c for when, c in run.commands if at < when < at + HELD_S and _moves(c))
+    assert not any(command.value > 0 for command in held)
 
 
 @pytest.mark.parametrize("fault", ["kill", "hang"])
