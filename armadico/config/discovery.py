@@ -112,11 +112,17 @@ def load(group: str, name: str, kind: type[T]) -> type[T]:
 def agent_class(name: str) -> type[Agent]:
     """The class of an agent that is installed. Raises `UnknownNameError`."""
     from armadico.core.agent import Agent  # noqa: PLC0415 - a list of agents needs no agent
+    from armadico.core.parameters import Parameters  # noqa: PLC0415
 
     kind = load(AGENTS, name, Agent)
     if kind.name != name:  # whoever waits for the one would never see the other
         why = f"calls itself {kind.name!r}: its class says name = {name!r}, as its entry point does"
         raise find(AGENTS, name).unusable(why)
+    given: object = kind.parameters
+    if not (isinstance(given, type) and issubclass(given, Parameters)):
+        raise find(AGENTS, name).unusable(
+            "has parameters that are no class derived from Parameters"
+        )
     return kind
 
 

@@ -53,6 +53,9 @@ class Bare(Mine):
 class Other(Mine):
     name = "another"
 class Nameless(Mine): ...
+class Listing(Mine):
+    name = "listing"
+    parameters = {"wall": "left"}
 class Chair: ...
 '''
 NAMES = re.findall(r"^class (?!Mine)(\w+)", SOURCE, re.MULTILINE)
@@ -191,6 +194,7 @@ def test_a_live_run_tells_what_is_wrong_with_each_of_ones_own_agents(run: Run) -
         ("spelling", "own_spelling.py, line 2)"),
         ("missing", "cannot be loaded: module 'own' has no attribute 'Missing'"),
         ("other", "other (own:Other) calls itself 'another': its class says name = 'other'"),
+        ("listing", "has parameters that are no class derived from Parameters"),
         ("nameless", "nameless (own:Nameless) calls itself ''"),
     ],
 )
