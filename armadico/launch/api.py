@@ -151,9 +151,9 @@ def run(
         limit: How long it may take, s; by default 5 times the way over 0.3 m/s, at least 60 s.
         without: Agents that take no part.
         joins: Classes of yours that take part too, installed or not; in virtual runs.
-        controller: Goto's: fast, precise or collaborative.
+        controller: Goto's: fast, precise, collaborative or brisk.
         exchange: How resources change hands: smooth or abrupt.
-        parameters: A set of agents' parameters: thesis, or a TOML file.
+        parameters: A set of agents' parameters: thesis, brisk, or a TOML file.
         profile: The make of robot: a shipped profile's name, or a TOML file.
         robot: The URL of a robot that is there already, serial:// or tcp://; none: a simulator.
         namespace: The robot's subtree of keys; by default $ARMADICO_NAMESPACE, or robot1.

@@ -21,6 +21,7 @@ EXPERIMENTS: Final = {
     "table-5.5": "table_5_5",
     "parameters": "parameter_sets",
     "random-rooms": "random_rooms",
+    "time": "driving_time",
     "other-maps": "other_maps",
     "live-vs-virtual": "live_vs_virtual",
 }

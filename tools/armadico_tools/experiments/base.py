@@ -51,11 +51,11 @@ class Context:
         self,
         tasks: Sequence[tuple[Cell, int]],
         function: Callable[[tuple[Cell, int]], Sample] | None = None,
+        mode: str = "virtual",
         jobs: int | None = None,
     ) -> Samples:
         """These runs, but for what `runs.csv` has already; `function` drives one of them."""
         store = Store(self.out, self.software.commit)
-        mode = "virtual" if function is None else "live"
         self.conditions = {c.name: conditions_of(c, mode) for c, _ in tasks} | self.conditions
         write_json(self.out / CONDITIONS, self.conditions)
         self._wrote(self.out / CONDITIONS)

@@ -10,9 +10,10 @@ for 60 s.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Collection, Mapping
+from collections.abc import Callable, Collection, Mapping, Sequence
 from dataclasses import replace
 from hashlib import sha256
+from itertools import takewhile
 from math import hypot
 from typing import Any
 
@@ -28,7 +29,7 @@ from armadico.launch.virtual import Rehearsal
 from armadico.observe.conditions import Conditions
 from armadico.observe.measures import REACHED_M, Result, RunWatch
 from armadico.runtime.errors import MissionRefusedError
-from armadico_tools.experiments.traces import Smoothness, Trace, smoothness
+from armadico_tools.experiments.traces import Smoothness, Tick, Trace, smoothness
 
 REST_S = 2.0
 
@@ -77,6 +78,7 @@ class Sample(Struct, frozen=True):
     accel_step: float | None = None
     command_step_v: float | None = None
     command_step_w: float | None = None
+    last_metre_s: float | None = None  # from 1 m off the goal, for good, to the end
     note: str = ""
 
 
@@ -136,6 +138,7 @@ class Drive:
             seed=self.seed,
             arrived=(self.watch.done or resting) and self._at_goal(),
             believed_p_percent=self._believed(),
+            last_metre_s=last_metre(ticks, self.watch.goal),
             note=self._note(resting),
             **row,
             **structs.asdict(rough),
@@ -184,6 +187,14 @@ class Drive:
         kind = load(AGENTS, name, Agent)
         self.rehearsal.add(kind, load_parameters(kind.parameters, None, list(sets)))
         self._taking += (name,)
+
+
+def last_metre(ticks: Sequence[Tick], goal: tuple[float, float, float] | None) -> float | None:
+    """How long it took from where the robot was within 1 m of the goal for good, s."""
+    if goal is None:
+        return None
+    near = list(takewhile(lambda t: hypot(goal[0] - t.x, goal[1] - t.y) <= 1.0, reversed(ticks)))
+    return round(near[0].t - near[-1].t, 3) if near else None
 
 
 SHARES = {"tg_percent": "goto", "ta_percent": "avoid", "tgt_percent": "gothrough"}

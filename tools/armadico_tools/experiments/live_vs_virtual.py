@@ -53,7 +53,7 @@ def run(context: Context) -> None:
         for scenario in SCENARIOS
     ]
     context.drive_each(virtual)
-    context.drive_each(real, live, jobs=1)
+    context.drive_each(real, live, "live", jobs=1)
     samples = context.drive_each([*virtual, *real])  # all are known: in order
     text = compare([(samples[f"{name} live"], samples[name]) for name in SCENARIOS])
     context.table(f"# {TITLE}\n\n{NOTE}\n\n{RULES}\n\n{text}")
