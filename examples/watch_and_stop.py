@@ -3,6 +3,7 @@
 In another terminal first: armadico run sc4
 """
 
+import sys
 from math import hypot
 
 import armadico
@@ -10,7 +11,9 @@ from armadico import Pose, RobotState
 
 with armadico.connect() as guest:
     print("here:", ", ".join(name for name, _ in guest.agents()))
-    start = guest.latest(Pose, timeout=30.0)
+    start = guest.latest(Pose, timeout=5.0)
+    if start is None:
+        sys.exit("nobody says where the robot is; in another terminal first: armadico run sc4")
 
     def away() -> float:
         here = guest.latest(Pose)

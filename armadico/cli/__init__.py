@@ -16,6 +16,11 @@ from armadico.config.discovery import COMMANDS, UnknownNameError, find, installe
 LABORATORY: Final = "armadico-tools"
 """The distribution that brings what a robot's computer does without."""
 
+TOOLS: Final = ("bench", "experiment", "explore", "faults", "hosts-demo", "identify", "trials")
+"""Its commands."""
+
+GET: Final = "`make tools` in a checkout, or `pip install ./tools`"
+
 EXAMPLES: Final = """\
   armadico run sc4              drive scenario 4 with everything on this machine
   armadico ps                   alive agents, and who holds what
@@ -43,8 +48,10 @@ def _dispatch(arguments: list[str]) -> int:
         return 0
     try:
         found = find(COMMANDS, name)
-    except UnknownNameError as error:
-        raise UnknownNameError("\n".join([str(error), *_more()])) from None
+    except UnknownNameError:
+        if name in TOOLS:
+            raise UnknownNameError(f"{name!r} comes with {LABORATORY}: {GET}") from None
+        raise
     command: Callable[[Sequence[str]], int] = found.load()
     return command(rest)
 
@@ -53,7 +60,7 @@ def _more() -> list[str]:
     """Where there are more commands, if they are not here."""
     if any(found.package == LABORATORY for found in installed(COMMANDS).values()):
         return []
-    return [f"{LABORATORY} has more: experiments, faults, trials, benchmarks, demos"]
+    return [f"{LABORATORY} has more ({GET}): {', '.join(TOOLS)}"]
 
 
 def _help() -> str:

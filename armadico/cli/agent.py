@@ -118,8 +118,10 @@ def _serve(args: argparse.Namespace) -> int:
         datefmt="%H:%M:%S",
     )
     host = None if where is None else where.name
-    with blaming():
-        agents = [k(identity(k.name, host), p) for k, p in zip(kinds, parameters, strict=True)]
+    agents = []
+    for kind, values in zip(kinds, parameters, strict=True):
+        with blaming(kind):
+            agents.append(kind(identity(kind.name, host), values))
     devices = (a for a in agents if isinstance(a, DeviceAgent) and a.address)
     connect = {device.instance: partial(open_port, device.address) for device in devices}
     serve(agents, mesh, connect)

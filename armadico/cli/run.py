@@ -51,6 +51,9 @@ STARTING: Final = (
 )
 """Options that are for whoever starts the society."""
 
+PICTURES: Final = (".pgm", ".png")
+"""Of a map; its .yaml names it."""
+
 EXAMPLES: Final = """\
   armadico run sc4                             separate processes on this machine, with a picture
   armadico run sc4 --virtual --seed 7          the same society in one process, repeatable
@@ -143,7 +146,12 @@ def parser() -> argparse.ArgumentParser:
         action="store_true",
         help="one JSON object on stdout; of several runs: runs, mean, deviation",
     )
-    made.add_argument("--plot", metavar="FILE", type=Path, help="where the picture goes (PNG)")
+    made.add_argument(
+        "--plot",
+        metavar="FILE",
+        type=Path,
+        help="where the picture goes (PNG); of a live run: runs/SCENARIO.png",
+    )
     made.add_argument("--no-plot", action="store_true", help="no picture")
     made.add_argument(
         "--dashboard", action="store_true", help="show a live run; the link is printed"
@@ -198,7 +206,8 @@ def _scenario(args: argparse.Namespace, chosen: Options) -> Scenario:
     if blind(scenario):
         _say(f'{scenario.name}: nothing is planned, and a wall is in the way; plan = "rooms" plans')
     if scenario.goal is None:
-        _say(f"{scenario.name}: no goal; armadico goto X Y DEG sends the robot to one")
+        sent = "" if args.virtual else "; armadico goto X Y DEG sends the robot to one"
+        _say(f"{scenario.name}: no goal{sent}")
     return scenario
 
 
@@ -213,7 +222,7 @@ def _world(args: argparse.Namespace) -> str | None:
                 "name a scenario (armadico run sc4) or a map, or say for how long (--for 60)"
             )
         return "empty"
-    if args.scenario is None or Path(args.scenario).suffix not in READERS:
+    if args.scenario is None or Path(args.scenario).suffix not in {*READERS, *PICTURES}:
         return named
     scenario: str = args.scenario
     return scenario
@@ -352,15 +361,22 @@ def _live(args: argparse.Namespace, scenario: Scenario, chosen: Options) -> RunW
     for number in (signal.SIGTERM, signal.SIGHUP):  # as Ctrl-C: everything is taken down
         if signal.getsignal(number) is signal.SIG_DFL:  # under nohup it is not
             signal.signal(number, signal.default_int_handler)
-    with (
-        _dashboard(args, scenario),
-        mesh,
-        _run_on(mesh, args, scenario, chosen) as run,
-        _progress(args, scenario, chosen.seed) as show,
-    ):
-        run.run(show, _say)
-        if args.wait:  # what is printed comes after Ctrl-C
-            _say(f"{scenario.name}: {run.watch.result().verdict}")
+    try:
+        with (
+            _dashboard(args, scenario),
+            mesh,
+            _run_on(mesh, args, scenario, chosen) as run,
+            _progress(args, scenario, chosen.seed) as show,
+        ):
+            run.run(show, _say)
+            if args.wait:  # what is printed comes after Ctrl-C
+                _say(f"{scenario.name}: {run.watch.result().verdict}")
+    except KeyboardInterrupt:
+        if not args.attach:  # which has said what it leaves
+            _say(
+                f"{scenario.name}: interrupted; all that it started has ended, nothing is measured"
+            )
+        raise
     return run.watch
 
 
@@ -461,7 +477,11 @@ class _Lines:
 def remark(watch: RunWatch) -> str:
     """Distance to go, who holds the wheels, speed, battery."""
     state, mission = watch.view.state, watch.view.mission
-    to_go = "no word of the mission" if mission is None else f"{mission.to_go:.2f} m to go"
+    if mission is None:
+        to_go = "no word of the mission"
+    else:
+        none = mission.state == "none"  # a mission's state, as on the wire
+        to_go = "no goal" if none else f"{mission.to_go:.2f} m to go"
     if state is None:
         return f"{to_go}, nothing heard of the robot"
     if state.stop.stopped:

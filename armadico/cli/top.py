@@ -6,6 +6,7 @@ import argparse
 import json
 import math
 import socket
+import sys
 import time
 from collections.abc import Sequence
 from typing import TYPE_CHECKING, Any, Final
@@ -44,7 +45,7 @@ def main(argv: Sequence[str]) -> int:
         watcher.watch_alive()
         watcher.hear()
         snapshots = Snapshots(View(), args.namespace)
-        if not (args.once or args.json):
+        if sys.stdout.isatty() and not (args.once or args.json):
             return _live(snapshots, watcher)
         _measure(snapshots, watcher, args.for_s)
         snapshot = snapshots.at(watcher.clock() / 1e9)  # to leave the mesh takes time
@@ -68,7 +69,9 @@ def parser() -> argparse.ArgumentParser:
         " and memory are known for agents of this machine.",
         EXAMPLES,
     )
-    made.add_argument("--once", action="store_true", help="measure, print once, end")
+    made.add_argument(
+        "--once", action="store_true", help="measure, print once, end; so it does into a pipe"
+    )
     made.add_argument("--json", action="store_true", help="the same as one JSON object")
     made.add_argument(
         "--for",

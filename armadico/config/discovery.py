@@ -112,8 +112,18 @@ def load(group: str, name: str, kind: type[T]) -> type[T]:
 def agent_class(name: str) -> type[Agent]:
     """The class of an agent that is installed. Raises `UnknownNameError`."""
     from armadico.core.agent import Agent  # noqa: PLC0415 - a list of agents needs no agent
+    from armadico.core.parameters import Parameters  # noqa: PLC0415
 
-    return load(AGENTS, name, Agent)
+    kind = load(AGENTS, name, Agent)
+    if kind.name != name:  # whoever waits for the one would never see the other
+        why = f"calls itself {kind.name!r}: its class says name = {name!r}, as its entry point does"
+        raise find(AGENTS, name).unusable(why)
+    given: object = kind.parameters
+    if not (isinstance(given, type) and issubclass(given, Parameters)):
+        raise find(AGENTS, name).unusable(
+            "has parameters that are no class derived from Parameters"
+        )
+    return kind
 
 
 def owners(names: Iterable[str], resource: Resource) -> Iterator[str]:
@@ -148,14 +158,18 @@ def summary(module: str, name: str = "") -> str:
 
 
 def _said(error: Exception) -> str:
-    """An error while importing; of what is more than a missing name, the place."""
-    if isinstance(error, (ImportError, AttributeError)):
-        return str(error)
-    lines = traceback.extract_tb(error.__traceback__)
-    name = type(error).__name__
+    """An error while importing, with the line of theirs that raised it, if one did."""
     if isinstance(error, SyntaxError):
-        return f"{name}: {error}"
-    return f"{name}: {error} ({lines[-1].filename}, line {lines[-1].lineno})"
+        return f"SyntaxError: {error.msg} ({error.filename}, line {error.lineno})"
+    named = isinstance(error, (ImportError, AttributeError))  # which say it all
+    said = str(error) if named else f"{type(error).__name__}: {error}"
+    lines = [at for at in traceback.extract_tb(error.__traceback__) if _is_code(at.filename)]
+    return f"{said} ({lines[-1].filename}, line {lines[-1].lineno})" if lines else said
+
+
+def _is_code(filename: str) -> bool:
+    """Neither this file nor what imports."""
+    return filename not in {__file__, import_module.__code__.co_filename} and filename[:1] != "<"
 
 
 def _kind(group: str) -> str:

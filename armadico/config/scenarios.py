@@ -161,7 +161,7 @@ def scenario_from(
 
 def _home(world: World) -> PoseDeg:
     if world.start is None:
-        raise ConfigError(f"world {world.name!r} has no start; give one as X Y DEGREES")
+        raise ConfigError(f"world {world.name!r} has no start: --start X Y DEG says where")
     x, y, theta = world.start
     return x, y, round(degrees(theta), 6)
 

@@ -45,6 +45,9 @@ LONGEST_REASON = 200
 REPORT_S = 2.0
 """Refused commands are reported at most so often."""
 
+REASONS_TOLD = 3
+"""So many different reasons are; a speed beyond what the robot can is another one each time."""
+
 AT_WORK = frozenset({Verdict.STALE_BALLOT, Verdict.OVER, Verdict.LISTENING})
 """Refusals that come of every exchange and every start: the protocol at work, and no fault."""
 
@@ -698,6 +701,8 @@ class Agent:
         if bid is None:
             return None
         try:
+            if not isinstance(bid, Bid):
+                raise TypeError(f"{type(bid).__name__} is no Bid")
             utility, within = float(bid.utility), bid.within
             if not 0.0 <= utility <= 1.0:
                 raise ValueError(f"its utility is {utility}, and not from 0 to 1")
@@ -759,7 +764,10 @@ class Agent:
         refusals = owned.owner.refusals
         if refusals and self.now - owned.complained_at >= REPORT_S:
             owned.complained_at = self.now
-            text = "; ".join(f"{count} x {verdict}" for verdict, count in refusals.items())
+            told = [f"{count} x {verdict}" for verdict, count in refusals.items()]
+            if len(told) > REASONS_TOLD:
+                told[REASONS_TOLD:] = [f"{sum(refusals.values())} in all"]
+            text = "; ".join(told)
             level = INFO if set(refusals) <= AT_WORK else WARNING
             self.log(f"commands refused: {text}", level)
             refusals.clear()

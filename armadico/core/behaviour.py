@@ -84,7 +84,7 @@ class Behaviour(Agent):
 
     def propose(self, pose: Pose, obstacles: Obstacles) -> Bid | None:
         """What it would do now, and how much that helps; None, and `why`, if nothing."""
-        raise NotImplementedError
+        raise NotImplementedError("propose(self, pose, obstacles) says what it would do")
 
     def on_mission(self) -> None:
         """A new mission has begun, or the old one has ended."""

@@ -109,7 +109,8 @@ def service_of(message: type[m.Message]) -> Service:
         return _by_message[message]
     except KeyError:
         raise KeyError(
-            f"{message.__name__} has no row in the table of services; services.register adds one"
+            f"{getattr(message, '__name__', message)!r} is no message with a row in the table of"
+            " services; services.register adds one"
         ) from None
 
 

@@ -106,7 +106,6 @@ class Run:
             title=f"{self.scenario.title or self.scenario.name} (seed {self.measures.seed})",
             caption=(self.measures.verdict,),
         )
-        Path(file).parent.mkdir(parents=True, exist_ok=True)
         draw_run(load_world(self.scenario.world), picture, file)
         return Path(file)
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections import Counter
 from collections.abc import Callable
 
-from armadico.config.discovery import AGENTS, SIMULATORS, find, load
+from armadico.config.discovery import SIMULATORS, agent_class, find
 from armadico.config.loading import load_parameters
 from armadico.config.scenarios import Scenario, society
 from armadico.core.agent import Agent, DeviceAgent
@@ -60,13 +60,13 @@ class Rehearsal(Run):
     def enter(self, name: str, *sets: str) -> Node:
         """A member of the society joins, now, or joins again; `sets` are set besides its own."""
         member = self._members[name]
-        kind = load(AGENTS, name, Agent)
+        kind = agent_class(name)
         parameters = load_parameters(kind.parameters, None, [*member.sets, *sets])
         return self.add(kind, parameters, self._starts[name])
 
     def add(self, kind: type[Agent], parameters: object = None, start: int = 0) -> Node:
         """An agent joins, now, as the `start`-th instance."""
-        with blaming():
+        with blaming(kind):
             agent = kind(self.mesh.identity(kind.name, start), parameters)
         self._starts[kind.name] = max(self._starts[kind.name], start + 1)
         clock = None if self._clock is None else self._clock(kind.name)

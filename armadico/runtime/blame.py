@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import inspect
 import traceback
 from collections.abc import Iterator
 from contextlib import contextmanager
@@ -19,40 +20,55 @@ FRAMEWORK: Final = tuple(
 
 
 @contextmanager
-def blaming() -> Iterator[None]:
-    """An exception in an agent's own code comes out as AgentFailedError, all others as they are.
+def blaming(kind: type[Agent] | None = None) -> Iterator[None]:
+    """An exception of an agent comes out as AgentFailedError, all others as they are.
 
-    What an agent cannot be configured with is its user's fault, and says what would be right.
+    `kind` is whose it is where no agent has been made yet. What an agent cannot be configured with
+    is its user's fault, and says what would be right.
     """
     try:
         yield
     except (SocietyError, ConfigError):
         raise
     except Exception as error:
-        told = failure(error)
+        told = failure(error, kind)
         if told is None:
             raise
         raise AgentFailedError(told) from error
 
 
-def failure(error: BaseException) -> str | None:
-    """The agent that raised, and the lines of its code that led there; None if it was none."""
+def failure(error: BaseException, kind: type[Agent] | None = None) -> str | None:
+    """The agent that raised, and the lines of its code that led there; None if it was none.
+
+    Where none of its lines did (a method with too few arguments, a declaration of the wrong type),
+    its class is named, and the line of ours that stumbled over it.
+    """
     frames = [*traceback.walk_tb(error.__traceback__)]
-    first = next((at for at, (frame, _) in enumerate(frames) if _is_theirs(frame)), None)
-    who = next((who for frame, _ in reversed(frames) if (who := _agent(frame))), None)
-    if first is None or who is None:
+    kind = next((who for frame, _ in reversed(frames) if (who := _agent(frame))), kind)
+    if kind is None:
         return None
+    first = next((at for at, (frame, _) in enumerate(frames) if _is_theirs(frame)), -1)
     summary = traceback.StackSummary.extract(iter(frames[first:]))
     for line in summary:
         line.colno = None  # a row of ^^^ takes the place of a line that says something
     said = [*summary.format(), *traceback.format_exception_only(error)]
-    return f"{who} failed:\n{''.join(said).rstrip()}"
+    if first < 0:
+        said.insert(0, _place(kind))
+    return f"{kind.name or kind.__name__} failed:\n{''.join(said).rstrip()}"
 
 
 def _is_theirs(frame: FrameType) -> bool:
     return not f"{frame.f_globals.get('__name__', '')}.".startswith(FRAMEWORK)
 
 
-def _agent(frame: FrameType) -> str | None:
+def _agent(frame: FrameType) -> type[Agent] | None:
     who = frame.f_locals.get("self")
-    return who.name if isinstance(who, Agent) else None
+    return type(who) if isinstance(who, Agent) else None
+
+
+def _place(kind: type[Agent]) -> str:
+    try:
+        _, line = inspect.getsourcelines(kind)
+        return f'  File "{inspect.getsourcefile(kind)}", line {line}, class {kind.__name__}\n'
+    except (OSError, TypeError):  # of a notebook, or compiled
+        return f"  class {kind.__name__} of {kind.__module__}\n"

@@ -280,6 +280,17 @@ def test_refusals_are_reported_with_their_reason_and_not_too_often(ready: Bench)
     assert any("is beyond" in text for text in ready.logs())
 
 
+def test_a_command_that_is_wrong_in_another_way_each_time_does_not_fill_the_log(
+    ready: Bench,
+) -> None:
+    for speed in range(10, 60):
+        ready.cycles(1)
+        ready.command(float(speed))
+    (*_, told) = (text for text in ready.logs() if "commands refused" in text)
+    assert told.count("is beyond") == 3
+    assert told.endswith(" in all")
+
+
 def test_after_a_hang_what_waited_is_not_obeyed(ready: Bench) -> None:
     ready.command(0.3)
     waited = Command("wheels", ready.state().cycle, BALLOT, (0.3, 0.0))

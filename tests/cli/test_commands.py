@@ -6,6 +6,9 @@ import json
 
 import pytest
 
+from armadico import cli
+from armadico.config import discovery
+from armadico.config.discovery import Found, installed
 from tests.programs import call, heavy, imports_nothing
 
 HEAVY = ("numpy", "zenoh", "pymunk", "cbor2", "msgspec", "serial", "rich")
@@ -46,6 +49,23 @@ def test_no_command_at_all_is_a_wrong_use() -> None:
     done = call()
     assert done.returncode == 2
     assert "usage:" in done.stdout
+
+
+@pytest.mark.parametrize("name", cli.TOOLS)
+def test_a_command_of_the_tools_that_are_not_installed_says_how_to_get_them(
+    name: str, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """Not that it might be another: `bench` is no `echo`."""
+
+    def product(group: str) -> dict[str, Found]:
+        return {n: f for n, f in installed(group).items() if f.package == "armadico"}
+
+    monkeypatch.setattr(cli, "installed", product)
+    monkeypatch.setattr(discovery, "installed", product)
+    assert cli.main([name]) == 2
+    assert f"{name!r} comes with armadico-tools: `make tools`" in capsys.readouterr().err
+    assert cli.main(["help"]) == 0
+    assert name in capsys.readouterr().out
 
 
 def test_versions_agree() -> None:

@@ -12,10 +12,10 @@ from rich.progress import Progress
 
 from armadico.cli import ps
 from armadico.cli.measures import WORDS, show, statistics
-from armadico.cli.run import bar
-from armadico.core.messages import PROTOCOL, Card
+from armadico.cli.run import bar, remark
+from armadico.core.messages import PROTOCOL, Card, MissionState, MissionStatus
 from armadico.observe.hosts import census
-from armadico.observe.measures import Result
+from armadico.observe.measures import Result, RunWatch
 from armadico.observe.view import View
 from tests.house.tree import ROOT
 
@@ -74,6 +74,14 @@ def test_the_progress_line_keeps_its_scenario_and_a_bar_in_a_narrow_terminal() -
     assert line.startswith("sc1 seed 0 ━━━━━━")
     assert "3.21 m to go, 0.45 m/s" in line
     assert len(line) <= 60
+
+
+def test_the_progress_line_gives_no_distance_to_no_goal() -> None:
+    watch = RunWatch("sc1", None)
+    watch.show(MissionStatus(0, MissionState.NONE, 0.0), 0.0)
+    assert remark(watch).startswith("no goal, ")
+    watch.show(MissionStatus(1, MissionState.DRIVING, 2.0), 0.1)
+    assert remark(watch).startswith("2.00 m to go, ")
 
 
 def test_ps_breaks_no_name_in_a_narrow_terminal(

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import os
+import re
 from collections.abc import Callable
 from pathlib import Path
 
@@ -34,10 +35,34 @@ class Broken(Mine):
     def __init__(self, *given):
         super().__init__(*given)
         raise KeyError("at the start")  # there
+class Pair(Mine):
+    name = "pair"
+    def propose(self, pose, obstacles):
+        return 0.3, (0.1, 0.0)
+class Short(Mine):  # a class
+    name = "short"
+    def propose(self, pose): ...
+class Idle(Mine):
+    name = "idle"
+class Wordy(Mine):
+    name = "wordy"
+    reacts_to = "sonar/obstacles"
+class Bare(Mine):
+    name = "bare"
+    def __init__(self): ...
+class Other(Mine):
+    name = "another"
+class Nameless(Mine): ...
+class Listing(Mine):
+    name = "listing"
+    parameters = {"wall": "left"}
 class Chair: ...
 '''
+NAMES = re.findall(r"^class (?!Mine)(\w+)", SOURCE, re.MULTILINE)
 POINTS = {
-    **{n.lower(): f"own:{n}" for n in ("Raiser", "Unsound", "Slow", "Broken", "Chair")},
+    **{n.lower(): f"own:{n}" for n in NAMES},
+    "spelling": "own_spelling:Agent",
+    "missing": "own:Missing",
     "syntax": "own_syntax:Agent",
     "raises": "own_raises:Agent",
 }
@@ -50,6 +75,7 @@ def package(tmp_path: Path) -> Path:
     """It is installed, as far as Python can tell."""
     (tmp_path / "own.py").write_text(SOURCE, encoding="utf-8")
     (tmp_path / "own_syntax.py").write_text("def (\n", encoding="utf-8")
+    (tmp_path / "own_spelling.py").write_text("\nfrom armadico import Behavior\n", encoding="utf-8")
     (tmp_path / "own_raises.py").write_text("\n1 / 0\n", encoding="utf-8")
     info = tmp_path / "own-1.0.dist-info"
     info.mkdir()
@@ -108,6 +134,31 @@ def test_in_a_virtual_run_too_a_bid_that_is_not_sound_is_told_with_whose_it_is(r
     assert done.returncode == 0, "goto drives, whatever that one bids"
     assert done.stderr.startswith("unsound-")
     assert "its bid is not sound: wheels takes 2 numbers ('v', 'w')" in done.stderr
+    assert "its bid is not sound: tuple is no Bid" in run("pair", words=("--virtual",)).stderr
+
+
+@pytest.mark.parametrize(
+    ("name", "says"),
+    [
+        ("short", "propose() takes 2 positional arguments but 3 were given"),
+        ("idle", "propose(self, pose, obstacles) says what it would do"),
+        ("wordy", "'sonar/obstacles' is no message with a row in the table of services"),
+        ("bare", "__init__() takes 1 positional argument but 3 were given"),
+    ],
+)
+def test_what_our_own_lines_stumble_over_is_told_with_its_class(
+    run: Run, package: Path, name: str, says: str
+) -> None:
+    """A traceback through ours is of no use to whoever wrote a method with too few arguments."""
+    said = run(name, words=("--virtual",)).stderr
+    assert said.startswith(f'armadico: {name} failed:\n  File "{package}/own.py", line ')
+    assert says in said.splitlines()[-1]
+    assert "Traceback" not in said
+    if name == "short":
+        assert f"line {line('# a class')}, class Short\n" in said
+    else:
+        started = of(package, name, program="armadico-agent") if name != "idle" else None
+        assert started is None or (says in started.stderr and "Traceback" not in started.stderr)
 
 
 def test_a_series_tells_it_once(run: Run) -> None:
@@ -135,8 +186,16 @@ def test_a_live_run_tells_what_is_wrong_with_each_of_ones_own_agents(run: Run) -
     ("name", "says"),
     [
         ("chair", "chair (own:Chair) is no Agent: an entry point names a class derived from it"),
-        ("syntax", "cannot be loaded: SyntaxError: invalid syntax (own_syntax.py, line 1)"),
+        ("syntax", "cannot be loaded: SyntaxError: invalid syntax ("),
+        ("syntax", "own_syntax.py, line 1)"),
+        ("raises", "own_raises.py, line 2)"),
         ("raises", "cannot be loaded: ZeroDivisionError: division by zero ("),
+        ("spelling", "cannot import name 'Behavior' from 'armadico'"),
+        ("spelling", "own_spelling.py, line 2)"),
+        ("missing", "cannot be loaded: module 'own' has no attribute 'Missing'"),
+        ("other", "other (own:Other) calls itself 'another': its class says name = 'other'"),
+        ("listing", "has parameters that are no class derived from Parameters"),
+        ("nameless", "nameless (own:Nameless) calls itself ''"),
     ],
 )
 def test_an_entry_point_that_leads_to_no_agent_is_a_line(

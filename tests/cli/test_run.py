@@ -268,7 +268,7 @@ def test_without_a_goal_it_runs_for_as_long_as_it_is_told(
     row = json.loads(out)
     assert (code, row["reached"], row["limit_s"]) == (0, None, 3.0)
     assert 2.5 < row["tt_s"] <= 3.1
-    assert "no goal; armadico goto X Y DEG" in errors
+    assert errors.splitlines()[0].endswith(": no goal"), "nobody can send it under --virtual"
     assert Path("it.png").exists()
 
 
@@ -278,6 +278,11 @@ def test_a_ros_map_is_a_world(capsys: Captured) -> None:
     words = ("hall.yaml", "--start", "-1.5", "0.5", "0", "--goal", "2", "0.5", "0")
     code, out, errors = run(capsys, *words, "--virtual", "--json")
     assert (code, json.loads(out)["reached"]) == (0, True), errors
+    code, _, errors = run(capsys, "hall.pgm", *words[1:], "--virtual")
+    assert (code, errors.rstrip().rpartition("; ")[2]) == (
+        2,
+        "expected an ARIA .map or a map_server .yaml",
+    )
 
 
 # Live ---------------------------------------------------------------------------------------------

@@ -249,6 +249,12 @@ def test_top_knows_agents_holder_and_rates(run: Run, society: Society) -> None:
     assert found["robot"]["battery_v"] == 12.5
 
 
+def test_top_into_a_pipe_measures_once_and_ends(run: Run, society: Society) -> None:
+    said = run("top", "--for", "0.5").stdout
+    assert WHO["instance"][:13] in said
+    assert "\x1b" not in said
+
+
 def test_what_comes_while_top_looks_is_no_silence(monkeypatch: pytest.MonkeyPatch) -> None:
     now, watcher, view = [0.0], Watcher([]), View()
 

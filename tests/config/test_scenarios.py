@@ -371,6 +371,6 @@ def test_a_run_that_cannot_be_is_refused(
 def test_a_world_without_a_start_wants_one(tmp_path: Path) -> None:
     (tmp_path / "hall.map").write_text("2D-Map\nLineMaxPos: 9000 9000\nLineMinPos: 0 0\n")
     hall = tmp_path / "hall.map"
-    with pytest.raises(ConfigError, match="world 'hall' has no start; give one as X Y DEGREES"):
+    with pytest.raises(ConfigError, match="world 'hall' has no start: --start X Y DEG says where"):
         scenario_from(hall)
     assert scenario_from(hall, (1.0, 1.0, 0.0)).goal is None

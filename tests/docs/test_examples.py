@@ -10,6 +10,7 @@ from pathlib import Path
 import pytest
 
 import armadico
+from armadico.mesh.ports import private_endpoints
 from armadico.mesh.topology import ENDPOINTS_VARIABLE, NAMESPACE_VARIABLE
 from tests.docs.blocks import ROOT
 from tests.docs.shell import Shell
@@ -53,6 +54,21 @@ def test_every_example_is_run_short_and_named_where_people_look() -> None:
 @pytest.mark.parametrize("name", SAYS)
 def test_an_example_under_a_virtual_clock(name: str, tmp_path: Path) -> None:
     assert SAYS[name] in run(name, tmp_path)
+
+
+def test_the_guest_alone_says_what_to_start_first(tmp_path: Path) -> None:
+    text = (EXAMPLES / GUEST).read_text(encoding="utf-8").replace("timeout=5.0", "timeout=0.1")
+    done = subprocess.run(
+        [sys.executable, "-c", text],
+        cwd=tmp_path,
+        env=os.environ | {ENDPOINTS_VARIABLE: private_endpoints()},
+        capture_output=True,
+        text=True,
+        timeout=100,
+        check=False,
+    )
+    assert done.returncode == 1
+    assert done.stderr.endswith("in another terminal first: armadico run sc4\n")
 
 
 @pytest.mark.live

@@ -27,6 +27,14 @@ def test_no_document_is_stale() -> None:
     assert not names, f"{names}: python -m armadico_tools.docs writes them again"
 
 
+def test_every_marker_of_a_part_is_one_that_is_written() -> None:
+    """One that the pattern passes over would be stale for ever, and nobody would be told."""
+    for path in docs.documents():
+        text = path.read_text(encoding="utf-8")
+        found = [match[2] for match in docs.PART.finditer(text)]
+        assert found == re.findall(r"^<!-- generated: (.*) -->$", text, re.MULTILINE), path
+
+
 def test_looking_writes_nothing(capsys: pytest.CaptureFixture[str]) -> None:
     before = [path.read_bytes() for path in documents()]
     assert docs.main(["--check"]) == 0

@@ -12,6 +12,7 @@ from pathlib import Path
 
 import pytest
 
+from armadico import cli
 from armadico.config.discovery import Found
 from armadico.core.agent import Agent
 from tests.house.tree import (
@@ -113,6 +114,11 @@ def test_both_are_of_one_version_and_the_laboratory_needs_that_one() -> None:
     assert product["version"] == laboratory["version"]
     needed = [d for d in laboratory["dependencies"] if d.startswith("armadico")]
     assert needed == [f"armadico[plot]=={product['version']}"]
+
+
+def test_the_product_knows_by_name_what_the_laboratory_would_bring() -> None:
+    brought = project(LABORATORY)["project"]["entry-points"]["armadico.commands"]
+    assert tuple(brought) == cli.TOOLS
 
 
 def test_what_the_laboratory_needs_besides_is_locked() -> None:

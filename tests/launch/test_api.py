@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import pickle
+import sys
 import tempfile
 from itertools import pairwise
 from math import hypot, pi
@@ -97,6 +98,11 @@ def test_another_robot_and_without_somebody(tmp_path: Path) -> None:
     done = armadico.run("sc1", virtual=True, profile="amigobot", without=["gothrough"])
     assert done.scenario.robot == "amigobot"
     assert "gothrough" not in done.measures.shares
+    with pytest.MonkeyPatch.context() as patched:
+        patched.setitem(sys.modules, "matplotlib", None)
+        with pytest.raises(ImportError):
+            done.plot(tmp_path / "new" / "picture.png")
+    assert not (tmp_path / "new").exists(), "no empty folder where nothing draws"
     picture = done.plot(tmp_path / "new" / "picture.png")
     assert picture.read_bytes().startswith(b"\x89PNG")
 

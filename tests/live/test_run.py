@@ -76,6 +76,7 @@ def test_a_run_that_is_interrupted_leaves_the_robot_at_rest_and_nothing_running(
         process.send_signal(number)
         _, errors = process.communicate(timeout=SOON)
         assert process.returncode == 130, errors
+        assert "sc1: interrupted; all that it started has ended" in errors
         assert "Traceback" not in errors
         assert all_gone(everybody)
         observer.until(observer.at_rest, "the wheels rest")

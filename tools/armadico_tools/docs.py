@@ -44,10 +44,23 @@ from armadico_tools.transcripts.scenes import SCENES
 ROOT: Final = Path(__file__).resolve().parents[2]
 """The checkout: the documentation is not installed."""
 
-FIRST: Final = ("run", "up", "down", "ps", "goto", "stop", "resume", "top", "dashboard", "record")
+FIRST: Final = (
+    "run",
+    "up",
+    "down",
+    "ps",
+    "goto",
+    "stop",
+    "resume",
+    "top",
+    "echo",
+    "doctor",
+    "dashboard",
+    "record",
+)
 """The commands that the README shows."""
 
-PART: Final = re.compile(r"(<!-- generated: ([\w-]+) -->\n).*?(<!-- end: \2 -->)", re.DOTALL)
+PART: Final = re.compile(r"(<!-- generated: ([\w -]+?) -->\n).*?(<!-- end: \2 -->)", re.DOTALL)
 
 ALL: Final = "all agents"
 
