@@ -14,6 +14,7 @@ import sys
 import textwrap
 import tomllib
 from collections.abc import Callable, Iterator, Sequence
+from functools import partial
 from importlib import import_module
 from importlib.util import find_spec
 from pathlib import Path
@@ -22,6 +23,7 @@ from typing import Any, Final
 import cbor2
 
 from armadico.config.discovery import summary
+from armadico.config.scenarios import society
 from armadico.core.agent import Agent
 from armadico.core.coordination import TRANSITIONS, Event, State
 from armadico.core.messages import (
@@ -255,11 +257,13 @@ def commands(chosen: Callable[[str, str], bool]) -> str:
     return table(("command", "what it does"), rows())
 
 
-def agent_list() -> str:
-    """The agents, each with the first line of its module and what it shares."""
+def agent_list(*, asked_for: bool = False) -> str:
+    """The agents of a society, or those beside them, which take part if they are asked for."""
+    usual = (society().robot, *society().agents)
     rows = (
         (f"`{name}`", summary(kind.__module__), _names(r.name for r in kind.competes_for))
         for name, kind in agents().items()
+        if (name in usual) != asked_for
     )
     return table(("agent", "what it is", "competes for"), rows)
 
@@ -281,6 +285,7 @@ PARTS: Final[dict[str, Callable[[], str]]] = {
     "laboratory": lambda: commands(lambda _, module: module.startswith("armadico_tools.")),
     "scenes": scenes,
     "agents": agent_list,
+    "more agents": partial(agent_list, asked_for=True),
 }
 
 
