@@ -27,6 +27,9 @@ Degrees = Annotated[float, Meta(ge=-360, le=360)]
 PoseDeg = tuple[Metres, Metres, Degrees]
 """x, y in m and a heading in degrees."""
 
+EXPLORERS = ("mapping", "explore")
+"""Agents that an exploration needs besides those that drive."""
+
 Key = tuple[str | int, ...]
 """Where a value is in a scenario file."""
 
@@ -54,8 +57,9 @@ class Scenario(Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):
     goal: PoseDeg
     waypoints: tuple[PoseDeg, ...] = ()
     """On the way to the goal; used with plan = "waypoints" only."""
-    plan: Literal["direct", "waypoints", "rooms"] = "direct"
-    """Straight to the goal, over the waypoints, or as the path planning agent says."""
+    plan: Literal["direct", "waypoints", "rooms", "explore"] = "direct"
+    """Straight to the goal, over the waypoints, as the path planning agent says; or all over the
+    world, which nobody knows, and then to the goal."""
     agents: tuple[str, ...] = field(default_factory=lambda: society().agents)
     robot: str = "pioneer-2dx"
     sensors: str = "ideal"
@@ -90,6 +94,13 @@ def beside(file: Path, name: str) -> str:
     if not path.suffix and path.name == name:
         return name  # of something that is shipped
     return str((file.parent / path.expanduser()).resolve())
+
+
+def exploring(scenario: Scenario) -> Scenario:
+    """The scenario with a robot that is told nothing of the world, maps it and comes back."""
+    told = ("path-planning", *EXPLORERS)
+    agents = (*(name for name in scenario.agents if name not in told), *EXPLORERS)
+    return replace(scenario, goal=scenario.start, plan="explore", agents=agents)
 
 
 def _world(scenario: Scenario, path: Path, text: str) -> World:

@@ -19,7 +19,8 @@ from armadico.config.hosts import Host
 from armadico.config.loading import load_parameters
 from armadico.config.parameters import load_set
 from armadico.config.scenarios import PoseDeg, Scenario, beside, scenario_from, society
-from armadico.core.messages import MissionRequest, Waypoint
+from armadico.config.worlds import load_world
+from armadico.core.messages import ExploreRequest, MissionRequest, Waypoint
 from armadico.core.resources import WHEELS
 from armadico.observe.measures import RunWatch
 
@@ -173,8 +174,10 @@ def processes(
     return tuple(found.values())
 
 
-def mission(scenario: Scenario) -> MissionRequest:
-    """What the interface agent is asked for."""
+def mission(scenario: Scenario) -> MissionRequest | ExploreRequest:
+    """What the interface agent is asked for, or the explore agent."""
+    if scenario.plan == "explore":  # the world's rectangle, and nothing that is in it
+        return ExploreRequest(*load_world(scenario.world).bounds, _waypoint(scenario.goal))
     return MissionRequest(
         goal=_waypoint(scenario.goal),
         waypoints=tuple(map(_waypoint, scenario.waypoints)) if scenario.plan == "waypoints" else (),

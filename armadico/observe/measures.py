@@ -18,6 +18,8 @@ from armadico.core.messages import (
     Ack,
     Claim,
     Command,
+    ExploreState,
+    ExploreStatus,
     Message,
     MissionState,
     MissionStatus,
@@ -41,6 +43,7 @@ WATCHED: tuple[type[Message], ...] = (
     Sonar,
     Claim,
     MissionStatus,
+    ExploreStatus,
     Trajectory,
 )
 """What a `RunWatch` wants to be shown."""
@@ -114,6 +117,8 @@ class RunWatch:
     view: View = field(default_factory=View)
     now: float = 0.0
     done: bool = False
+    failed: str = ""  # why an exploration ended otherwise than asked
+    explored: ExploreStatus | None = None
     mission: int = 0
     distance: float = 0.0
     exchanges: int = 0
@@ -178,7 +183,7 @@ class RunWatch:
         return Result(
             scenario=self.scenario,
             seed=self.seed,
-            reached=self.done and error <= REACHED_M and turned <= REACHED_RAD,
+            reached=self.done and not self.failed and error <= REACHED_M and turned <= REACHED_RAD,
             td_m=round(self.distance, 3),
             fo_deg=round(degrees(turned), 3),
             tt_s=round(self.elapsed, 3),
@@ -232,3 +237,9 @@ class RunWatch:
     def _take_missionstatus(self, status: MissionStatus) -> None:
         if status.mission == self.mission:
             self.done = status.state is MissionState.REACHED
+
+    def _take_explorestatus(self, status: ExploreStatus) -> None:
+        if status.exploration == self.mission:
+            self.explored = status
+            self.done = status.state in (ExploreState.DONE, ExploreState.FAILED)
+            self.failed = status.note if status.state is ExploreState.FAILED else ""
