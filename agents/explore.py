@@ -71,6 +71,7 @@ class Explore(Agent):
         self._note = ""
         self._cells: Cells | None = None
         self._known = 0.0
+        self._beyond: tuple[Placed, ...] = ()  # what is unknown where it drives to
 
     def on_start(self) -> None:
         """Begin to publish now and then."""
@@ -153,7 +154,6 @@ class Explore(Agent):
         """Nothing is driven to."""
         self._target: Placed | None = None
         self._way: list[Placed] = []
-        self._beyond: tuple[Placed, ...] = ()
         self._mission = self._leg = 0
         self._pending = False
         self._nearer_at = self._map_at = self.now
@@ -235,9 +235,7 @@ class Explore(Agent):
 
     def _failed(self, why: str) -> None:
         """Try again with the next map, so many times."""
-        beyond = self._beyond
         self._rest()
-        self._beyond = beyond
         self._failures += 1
         if self._failures >= self.p.tries:
             self._fail(why)

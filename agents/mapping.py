@@ -35,7 +35,7 @@ class Mapping(Agent):
     provides: ClassVar[tuple[type[Message], ...]] = (OccupancyGrid,)
     answers: ClassVar[tuple[type[Message], ...]] = (MapRequest,)
     parameters = Parameters
-    launched_with = ("profile",)
+    launched_with = ("profile", "resume")
     p: Parameters
 
     def __init__(self, identity: agent.Identity, parameters: Any = None) -> None:

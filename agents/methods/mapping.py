@@ -38,7 +38,7 @@ class Settings(Struct, frozen=True):
     """How much is believed of a ping. Evidence is in log-odds."""
 
     cell_m: float = 0.05
-    reach_m: float = 3.0  # what is farther is left for a nearer ping
+    reach_m: float = 1.5  # what is farther is left for a nearer ping: arcs there close doors
     silent_m: float = 1.0  # so far no echo is evidence of free, in the middle third of the cone
     hit: float = 1.0  # of one cell, at the most
     spread: float = 5.0  # shared by all cells of the arc

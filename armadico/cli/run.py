@@ -13,19 +13,21 @@ from dataclasses import replace
 from functools import partial
 from math import isfinite
 from pathlib import Path
-from typing import TYPE_CHECKING, Final
+from typing import TYPE_CHECKING, Any, Final
 
 from armadico.cli import options
 from armadico.cli.options import FailedError, UsageError
 
 if TYPE_CHECKING:
     from armadico.config.scenarios import PoseDeg, Scenario
+    from armadico.core.messages import ExploreStatus
     from armadico.launch.api import Run
     from armadico.launch.run import LiveRun
     from armadico.launch.society import Options
     from armadico.launch.virtual import Rehearsal
     from armadico.mesh.zenoh import ZenohMesh
     from armadico.observe.measures import Result, RunWatch
+    from armadico.runtime.client import Client
 
 LINE_S: Final = 2.0
 """How often a line is printed where there is no terminal, s of the run."""
@@ -47,6 +49,8 @@ STARTING: Final = (
 )
 """Options that are for whoever starts the society."""
 
+POSE: Final[dict[str, Any]] = {"nargs": 3, "type": float, "metavar": ("X", "Y", "DEG")}
+
 EXAMPLES: Final = """\
   armadico run sc4                             separate processes on this machine, with a picture
   armadico run sc4 --virtual --seed 7          the same society in one process, repeatable
@@ -63,8 +67,11 @@ EXAMPLES: Final = """\
 def main(argv: Sequence[str]) -> int:
     """Drive; 0 only if the goal was reached without a collision, in every run."""
     args = parser().parse_args(argv)
-    chosen = _options(args)
-    scenario = _scenario(args, chosen)
+    return drive(args, *choose(args))
+
+
+def drive(args: argparse.Namespace, scenario: Scenario, chosen: Options) -> int:
+    """Drive as it was chosen; the exit code."""
     seeds = _seeds(args, scenario)
     for seed in seeds if args.plot is not None else ():
         _check_picture(_picture(args, scenario, seed))
@@ -84,12 +91,16 @@ def parser() -> argparse.ArgumentParser:
         " processes of their own on this machine, over Zenoh.",
         EXAMPLES,
     )
+    made.add_argument("--goal", **POSE, help="where it is to go: m, m, degrees")
+    add_options(made)
+    return made
+
+
+def add_options(made: argparse.ArgumentParser) -> None:
+    """The options of whoever drives in a scenario."""
     made.add_argument("scenario", nargs="?", help="a scenario's name, or a TOML file")
     made.add_argument("--world", metavar="MAP", help="a world instead of a scenario")
-    for name, text in (("--start", "where the robot starts"), ("--goal", "where it is to go")):
-        made.add_argument(
-            name, nargs=3, type=float, metavar=("X", "Y", "DEG"), help=f"{text}: m, m, degrees"
-        )
+    made.add_argument("--start", **POSE, help="where the robot starts: m, m, degrees")
     made.add_argument("--virtual", action="store_true", help="one process, under a virtual clock")
     made.add_argument("--seed", type=int, metavar="N", help="of all that is random (default: 0)")
     made.add_argument(
@@ -127,16 +138,24 @@ def parser() -> argparse.ArgumentParser:
         help="start nobody: the society is up, here or elsewhere; Ctrl-C stops the robot only",
     )
     options.add_mesh_options(made)
-    return made
 
 
-def _scenario(args: argparse.Namespace, chosen: Options) -> Scenario:
+def choose(args: argparse.Namespace, *, somewhere: bool = True) -> tuple[Scenario, Options]:
+    """What the command line names, with a goal if it is to lead `somewhere`.
+
+    Raises UsageError, ConfigError, UnknownNameError or FailedError.
+    """
+    chosen = _options(args)
+    return _scenario(args, chosen, somewhere=somewhere), chosen
+
+
+def _scenario(args: argparse.Namespace, chosen: Options, *, somewhere: bool) -> Scenario:
     """What the command line names. Raises UsageError, ConfigError or UnknownNameError."""
     from armadico.config.scenarios import load_scenario, scenario_from  # noqa: PLC0415
     from armadico.launch.society import names, prepared, profile_of  # noqa: PLC0415
 
     if (args.scenario is None) == (args.world is None):
-        raise UsageError("name a scenario (armadico run sc4), or a world with --world")
+        raise UsageError("name a scenario, such as sc4, or a world with --world")
     if args.runs is not None and args.runs < 1:
         raise UsageError(f"--runs {args.runs}: at least 1")
     if args.dashboard and args.virtual:
@@ -152,9 +171,10 @@ def _scenario(args: argparse.Namespace, chosen: Options) -> Scenario:
     _check_attach(args)
     if args.seed is not None and not 0 <= args.seed < 2**63:
         raise UsageError(f"--seed {args.seed}: from 0 to 2^63 - 1")
-    start, goal = (_pose(flag, getattr(args, flag)) for flag in ("start", "goal"))
+    start = _pose("start", args.start)
+    goal = _pose("goal", args.goal) if somewhere else None
     if args.world is not None:
-        if goal is None:
+        if goal is None and somewhere:
             raise UsageError("--world needs a goal: --goal X Y DEG")
         scenario = scenario_from(args.world, start, goal, profile_of(args.profile))
         start = goal = None
@@ -175,6 +195,7 @@ def _options(args: argparse.Namespace) -> Options:
         without=tuple(args.without),
         together=tuple(tuple(group.split("+")) for group in args.together),
         robot=args.robot,
+        resume=getattr(args, "resume", None),
     )
 
 
@@ -260,7 +281,10 @@ def _drive(args: argparse.Namespace, scenario: Scenario, chosen: Options, seed: 
     from armadico.launch.api import Run  # noqa: PLC0415 - not for --help
 
     drive = _virtual if args.virtual else _live
-    run = Run.of(scenario, drive(args, scenario, replace(chosen, seed=seed)))
+    watch = drive(args, scenario, replace(chosen, seed=seed))
+    run = Run.of(scenario, watch)
+    if watch.explored is not None:
+        _say(explored(watch.explored))
     picture = _picture(args, scenario, seed)
     if picture is not None and run.marks:
         _plot(picture, run)
@@ -273,6 +297,7 @@ def _virtual(args: argparse.Namespace, scenario: Scenario, chosen: Options) -> R
     rehearsal = Rehearsal(scenario, chosen)
     with _recording(args, rehearsal), _progress(args, scenario, chosen.seed) as show:
         rehearsal.run(show)
+    _keep_map(args, rehearsal.client)
     return rehearsal.watch
 
 
@@ -288,7 +313,16 @@ def _live(args: argparse.Namespace, scenario: Scenario, chosen: Options) -> RunW
         _progress(args, scenario, chosen.seed) as show,
     ):
         run.run(show, _say)
+        _keep_map(args, run.client)
     return run.watch
+
+
+def _keep_map(args: argparse.Namespace, client: Client) -> None:
+    """Save what was mapped, by `armadico explore --map`."""
+    if getattr(args, "map", None) is not None:
+        from armadico.cli.map import save  # noqa: PLC0415 - heavy
+
+        _say(save(client, args.map))
 
 
 def _run_on(
@@ -423,6 +457,15 @@ def _show(scenario: str, results: Sequence[Result]) -> None:
         cells[at:at] = [_cell(result.shares.get(name, 0.0)) for name in driving]
         table.add_row(*cells, style=None if result.passed else "bold red")
     Console().print(table)
+
+
+def explored(status: ExploreStatus) -> str:
+    """An exploration in one line."""
+    note = f": {options.shown(status.note)}" if status.note else ""
+    return (
+        f"exploration {status.state.value}{note}; {status.known:.1f} m^2 known,"
+        f" {status.places} places driven to, {status.given_up} of them not reached"
+    )
 
 
 ROWS: Final = (

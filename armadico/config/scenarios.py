@@ -6,7 +6,7 @@ experiments are those of the thesis's chapter 5.
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from functools import cache
 from math import degrees
 from pathlib import Path
@@ -60,6 +60,8 @@ class Scenario(Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):
     plan: Literal["direct", "waypoints", "rooms", "explore"] = "direct"
     """Straight to the goal, over the waypoints, as the path planning agent says; or all over the
     world, which nobody knows, and then to the goal."""
+    within: tuple[Metres, Metres, Metres, Metres] | None = None
+    """The rectangle that is explored: x1, y1, x2, y2 in m; none: the world's."""
     agents: tuple[str, ...] = field(default_factory=lambda: society().agents)
     robot: str = "pioneer-2dx"
     sensors: str = "ideal"
@@ -96,11 +98,12 @@ def beside(file: Path, name: str) -> str:
     return str((file.parent / path.expanduser()).resolve())
 
 
-def exploring(scenario: Scenario) -> Scenario:
+def exploring(scenario: Scenario, within: Sequence[float] | None = None) -> Scenario:
     """The scenario with a robot that is told nothing of the world, maps it and comes back."""
     told = ("path-planning", *EXPLORERS)
     agents = (*(name for name in scenario.agents if name not in told), *EXPLORERS)
-    return replace(scenario, goal=scenario.start, plan="explore", agents=agents)
+    changed = replace(scenario, goal=scenario.start, plan="explore", agents=agents)
+    return changed if within is None else replace(changed, within=tuple(within))
 
 
 def _world(scenario: Scenario, path: Path, text: str) -> World:

@@ -40,6 +40,7 @@ class Options:
     without: tuple[str, ...] = ()
     robot: str | None = None  # the URL of something that is already there
     together: tuple[tuple[str, ...], ...] = ()  # agents that share a process
+    resume: str | None = None  # a saved map that the mapping agent goes on with
     margin: float | None = None  # by how much a bid must be better; None: the resource's own
 
 
@@ -128,6 +129,7 @@ def facts(scenario: Scenario, options: Options, port: str = "") -> dict[str, obj
         "theta": radians(degrees),
         "world": scenario.world,
         "v_max": scenario.v_max,
+        "resume": options.resume,
         "controller": options.controller,
         "social.exchange": options.exchange,
         "social.margin": options.margin,
@@ -176,8 +178,9 @@ def processes(
 
 def mission(scenario: Scenario) -> MissionRequest | ExploreRequest:
     """What the interface agent is asked for, or the explore agent."""
-    if scenario.plan == "explore":  # the world's rectangle, and nothing that is in it
-        return ExploreRequest(*load_world(scenario.world).bounds, _waypoint(scenario.goal))
+    if scenario.plan == "explore":  # where it ends, and nothing that is in it
+        within = scenario.within or load_world(scenario.world).bounds
+        return ExploreRequest(*within, _waypoint(scenario.goal))
     return MissionRequest(
         goal=_waypoint(scenario.goal),
         waypoints=tuple(map(_waypoint, scenario.waypoints)) if scenario.plan == "waypoints" else (),

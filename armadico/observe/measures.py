@@ -23,6 +23,7 @@ from armadico.core.messages import (
     Message,
     MissionState,
     MissionStatus,
+    OccupancyGrid,
     Pose,
     RobotState,
     Sonar,
@@ -44,6 +45,7 @@ WATCHED: tuple[type[Message], ...] = (
     Claim,
     MissionStatus,
     ExploreStatus,
+    OccupancyGrid,
     Trajectory,
 )
 """What a `RunWatch` wants to be shown."""
@@ -119,6 +121,7 @@ class RunWatch:
     done: bool = False
     failed: str = ""  # why an exploration ended otherwise than asked
     explored: ExploreStatus | None = None
+    grid: OccupancyGrid | None = None  # the map made by driving
     mission: int = 0
     distance: float = 0.0
     exchanges: int = 0
@@ -237,6 +240,9 @@ class RunWatch:
     def _take_missionstatus(self, status: MissionStatus) -> None:
         if status.mission == self.mission:
             self.done = status.state is MissionState.REACHED
+
+    def _take_occupancygrid(self, grid: OccupancyGrid) -> None:
+        self.grid = grid
 
     def _take_explorestatus(self, status: ExploreStatus) -> None:
         if status.exploration == self.mission:
