@@ -7,7 +7,7 @@ from typing import Annotated, Any, ClassVar
 
 from msgspec import Meta
 
-from armadico.agents.methods.frontiers import Chart, crossed, unknown
+from armadico.agents.methods.frontiers import Chart, crossed
 from armadico.agents.methods.geometry import Placed, direction
 from armadico.agents.methods.grid import Margins
 from armadico.agents.methods.planning import headed, radii
@@ -71,7 +71,6 @@ class Explore(Agent):
         self._note = ""
         self._cells: Cells | None = None
         self._known = 0.0
-        self._beyond: tuple[Placed, ...] = ()  # what is unknown where it drives to
 
     def on_start(self) -> None:
         """Begin to publish now and then."""
@@ -112,10 +111,9 @@ class Explore(Agent):
         self._known = self._cells.area(FREE)
         if not self._at_work or self._pending:
             return
-        if self._target is None or crossed(self._cells, self._left()):
-            self._go_on()
-        elif self._state is ExploreState.EXPLORING and not unknown(self._cells, self._beyond):
-            self._go_on()
+        chart = Chart(self._cells, self._within)
+        if self._target is None or not self._worth(chart, self._target):
+            self._go_on(chart)
 
     def on_mission_status(self, status: MissionStatus) -> None:
         """Arrived, nearer, or sent elsewhere by somebody."""
@@ -158,29 +156,33 @@ class Explore(Agent):
         self._pending = False
         self._nearer_at = self._map_at = self.now
 
-    def _left(self) -> list[Placed]:
-        """What is left of the way."""
-        return self._way[self._leg + 1 :]
+    def _worth(self, chart: Chart, target: Placed) -> bool:
+        """Whether what is driven to is unknown still, or home, and nothing was seen on the way."""
+        pose = self.latest(Pose)
+        if pose is not None and self._cells is not None:
+            left = [Placed(pose.x, pose.y), *self._way[self._leg + 1 :]]
+            if crossed(self._cells, left):
+                return False
+        home = self._state is ExploreState.RETURNING
+        return home or chart.unknown_at(target, self._tries[0])
 
-    def _go_on(self) -> None:
+    def _go_on(self, chart: Chart) -> None:
         """To the next frontier, or home if there is none."""
         pose = self.fresh(Pose)
-        if pose is None or self._cells is None:
+        if pose is None:
             return
         here = Placed(pose.x, pose.y, pose.theta)
-        chart = Chart(self._cells, self._within)
         if self._state is ExploreState.EXPLORING:
             places = chart.to_frontier(here, self._tries, self._avoided)
             if places is not None:
                 self._places += 1
-                self._beyond = chart.beyond(places[-1], self._tries[0])
                 before = places[-2] if len(places) > 1 else here
                 self._drive(places, direction(before, places[-1]))
                 return
             if self._avoided and not self._second_look:
                 self._second_look = True  # what was in the way may have gone, or was never there
                 self._avoided = []
-                self._go_on()
+                self._go_on(chart)
                 return
             self._became(ExploreState.RETURNING)
         home = Placed(self._home.x, self._home.y)
@@ -220,8 +222,10 @@ class Explore(Agent):
             else:
                 self._became(ExploreState.DONE)
             return
-        if self._cells is not None and unknown(self._cells, self._beyond):
-            self._give_up("still unknown from there")
+        if self._cells is not None and self._target is not None:
+            chart = Chart(self._cells, self._within)
+            if chart.unknown_at(self._target, self._tries[0]):
+                self._give_up("still unknown from there")
         self._target = None
 
     def _give_up(self, why: str) -> None:
@@ -261,7 +265,5 @@ class Explore(Agent):
         given_up = len(self._avoided) if self._exploration else 0
         places = self._places if self._exploration else 0
         self.publish(
-            ExploreStatus(
-                self._exploration, self._state, self._known, places, given_up, self._note
-            )
+            ExploreStatus(self._exploration, self._state, self._known, places, given_up, self._note)
         )

@@ -26,8 +26,8 @@ CELL_M: Final = 0.1
 FEWEST: Final = 3
 """Unknown cells among the nine around a frontier's: fewer are a seam and no place to look at."""
 
-REACH: Final = 3
-"""So many cells around a frontier are looked at before the next one is chosen."""
+BESIDE_M: Final = 0.35
+"""A frontier is still there while there is one so near to it."""
 
 AROUND_M: Final = 0.4
 """Nearer than this to a place that was given up no other is chosen."""
@@ -62,7 +62,7 @@ class Chart(Grid):
 
     def frontiers(self, margins: Margins, avoided: Sequence[Placed] = ()) -> Mask:
         """The cells that border on what is unknown and could be driven over, but for some."""
-        unknown_ = self._open(margins)
+        unknown_ = np.isfinite(super()._price(margins)) & ~self.known & self._within
         around = sum(
             np.roll(unknown_, (down, right), axis=(0, 1)).astype(np.int8)
             for down in (-1, 0, 1)
@@ -103,20 +103,10 @@ class Chart(Grid):
                 return found
         return None
 
-    def beyond(self, place: Placed, margins: Margins) -> tuple[Placed, ...]:
-        """What is unknown around a frontier, and could be driven over."""
-        row, column = self.cell(place)
-        low, left = max(row - REACH, 0), max(column - REACH, 0)
-        part = self._open(margins)[low : row + REACH + 1, left : column + REACH + 1]
-        return tuple(self.centre((low + int(r), left + int(c))) for r, c in np.argwhere(part))
-
-    def _open(self, margins: Margins) -> Mask:
-        return np.isfinite(super()._price(margins)) & ~self.known & self._within
-
-
-def unknown(cells: Cells, places: Sequence[Placed]) -> bool:
-    """Whether of some places more than half are unknown."""
-    return 2 * sum(cells.at(p.x, p.y) == UNKNOWN for p in places) > len(places)
+    def unknown_at(self, place: Placed, margins: Margins) -> bool:
+        """Whether there is a frontier still, there or beside it."""
+        near = np.hypot(self.xs[None, :] - place.x, self.ys[:, None] - place.y) < BESIDE_M
+        return bool((self.frontiers(margins) & near).any())
 
 
 def crossed(cells: Cells, places: Sequence[Placed]) -> bool:

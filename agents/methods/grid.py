@@ -154,9 +154,7 @@ def search(costs: Field, start: Cell, goal: Cell) -> tuple[list[Cell], float] | 
     return _cheapest(costs, start, goals, _octile(costs.shape, goal))
 
 
-def nearest(
-    costs: Field, start: Cell, goals: NDArray[np.bool_]
-) -> tuple[list[Cell], float] | None:
+def nearest(costs: Field, start: Cell, goals: NDArray[np.bool_]) -> tuple[list[Cell], float] | None:
     """Dijkstra: the same to the goal that is the cheapest to reach."""
     return _cheapest(costs, start, goals, [0.0] * ((costs.shape[0] + 2) * (costs.shape[1] + 2)))
 

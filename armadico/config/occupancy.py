@@ -115,9 +115,7 @@ def _image(fields: Fields, file: Path) -> NDArray[np.uint8]:
         raise _wrong(fields, "image", "a PGM or PNG image that can be read", file) from None
 
 
-def _dark(
-    pixels: NDArray[np.uint8], fields: Fields, file: Path
-) -> NDArray[np.floating[Any]]:
+def _dark(pixels: NDArray[np.uint8], fields: Fields, file: Path) -> NDArray[np.floating[Any]]:
     """How likely each cell is occupied, by its grey."""
     if fields["mode"][0] not in ("trinary", "scale"):
         raise _wrong(fields, "mode", "trinary or scale", file)

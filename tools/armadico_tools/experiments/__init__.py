@@ -21,6 +21,7 @@ EXPERIMENTS: Final = {
     "table-5.5": "table_5_5",
     "parameters": "parameter_sets",
     "random-rooms": "random_rooms",
+    "explore": "explore",
     "live-vs-virtual": "live_vs_virtual",
 }
 """What an experiment is called, and its module; in this order they are all run."""
