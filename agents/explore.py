@@ -71,6 +71,18 @@ class Explore(Agent):
         self._note = ""
         self._cells: Cells | None = None
         self._known = 0.0
+        self._within = (0.0, 0.0, 0.0, 0.0)
+        self._home = Waypoint(0.0, 0.0, 0.0)
+        self._places = self._failures = 0
+        self._avoided: list[Placed] = []  # what was given up
+        self._second_look = False
+        self._missions: set[int] = set()  # those that it asked for
+        self._target: Placed | None = None
+        self._way: list[Placed] = []
+        self._mission = self._leg = 0  # the one that is driven
+        self._pending = False  # one was asked for, and not answered yet
+        self._to_go = 0.0
+        self._nearer_at = self._map_at = 0.0
 
     def on_start(self) -> None:
         """Begin to publish now and then."""
@@ -93,11 +105,11 @@ class Explore(Agent):
         self._within = within
         self._home = request.home or Waypoint(pose.x, pose.y, pose.theta)
         self._places = self._failures = 0
-        self._avoided: list[Placed] = []
+        self._avoided = []
         self._second_look = False
-        self._own: set[int] = set()
+        self._missions.clear()
         self._became(ExploreState.EXPLORING)
-        self._rest()
+        self._drop()
         return MissionReply(self._exploration, length=min(width * height / LANE_M, 1e6))
 
     def on_occupancy_grid(self, grid: OccupancyGrid) -> None:
@@ -119,13 +131,14 @@ class Explore(Agent):
         """Arrived, nearer, or sent elsewhere by somebody."""
         if not self._at_work or self._pending or not self._mission:
             return
-        if status.mission not in self._own:
+        if status.mission not in self._missions:
             self._fail("somebody has sent the robot elsewhere")
-        elif status.mission == self._mission and status.state is MissionState.REACHED:
-            self._arrived()
-        elif status.to_go < self._to_go - PROGRESS_M:
-            self._to_go, self._nearer_at = status.to_go, self.now
-        self._leg = status.leg
+        elif status.mission == self._mission:
+            self._leg = status.leg
+            if status.to_go < self._to_go - PROGRESS_M:
+                self._to_go, self._nearer_at = status.to_go, self.now
+            if status.state is MissionState.REACHED:
+                self._arrived()
 
     def on_wakeup(self) -> None:
         """Publish how far it is; give up what is not reached."""
@@ -148,10 +161,10 @@ class Explore(Agent):
     def _in(self, within: tuple[float, float, float, float], at: Pose) -> bool:
         return within[0] <= at.x <= within[2] and within[1] <= at.y <= within[3]
 
-    def _rest(self) -> None:
+    def _drop(self) -> None:
         """Nothing is driven to."""
-        self._target: Placed | None = None
-        self._way: list[Placed] = []
+        self._target = None
+        self._way = []
         self._mission = self._leg = 0
         self._pending = False
         self._nearer_at = self._map_at = self.now
@@ -197,7 +210,7 @@ class Explore(Agent):
         end = places[-1]
         through = tuple(Waypoint(p.x, p.y, p.theta) for p in headed(places))
         goal = Waypoint(end.x, end.y, theta if abs(theta) <= pi else 0.0)
-        self._rest()
+        self._drop()
         self._target, self._way, self._pending = end, places, True
 
         def taken(reply: MissionReply | None) -> None:
@@ -209,7 +222,7 @@ class Explore(Agent):
                 self._failed(f"a mission was refused: {why}")
                 return
             self._mission = reply.mission
-            self._own.add(reply.mission)
+            self._missions.add(reply.mission)
             self._to_go, self._nearer_at = reply.length, self.now
 
         self.ask(MissionRequest(goal, through, planned=False), taken)
@@ -235,11 +248,11 @@ class Explore(Agent):
             return
         self.log(f"({self._target.x:.2f}, {self._target.y:.2f}) is left for later: {why}", WARNING)
         self._avoided.append(self._target)
-        self._rest()
+        self._drop()
 
     def _failed(self, why: str) -> None:
         """Try again with the next map, so many times."""
-        self._rest()
+        self._drop()
         self._failures += 1
         if self._failures >= self.p.tries:
             self._fail(why)

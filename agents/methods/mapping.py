@@ -15,7 +15,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from math import ceil, floor
-from typing import Final
+from typing import Any, Final
 
 import numpy as np
 from msgspec import Struct
@@ -57,13 +57,15 @@ class Mapper:
         """Half the angle of a sonar's cone, rad."""
         self.p = settings or Settings()
         self._half = half_cone
-        self._row = self._column = 0  # of the corner, in cells from the world's origin
+        self._row = self._column = 0  # of the corner, in cells from where their lines begin
+        self._lines = (0.0, 0.0)  # m; a map that is gone on with may have cells beside our own
         self._odds: NDArray[np.float32] = np.zeros((0, 0), dtype=np.float32)
 
     def resume(self, cells: Cells) -> None:
         """Go on from a map, in its cells; what it knows is known, and may be unlearnt."""
         self.p = replace(self.p, cell_m=cells.cell_m)
-        self._row, self._column = round(cells.y / cells.cell_m), round(cells.x / cells.cell_m)
+        self._row = self._column = 0
+        self._lines = cells.x, cells.y
         odds = np.zeros(cells.states.shape, dtype=np.float32)
         odds[cells.states == FREE] = -2.0 * self.p.known
         odds[cells.states == OCCUPIED] = 2.0 * self.p.known
@@ -128,22 +130,23 @@ class Mapper:
             return NOTHING
         top, left = int(rows[0]), int(columns[0])
         part = states[top : rows[-1] + 1, left : columns[-1] + 1].astype(np.uint8)
-        corner = (self._column + left) * p.cell_m, (self._row + top) * p.cell_m
+        x, y = self._lines
+        corner = x + (self._column + left) * p.cell_m, y + (self._row + top) * p.cell_m
         return Cells(*corner, p.cell_m, part)
 
     def _window(
         self, x1: float, y1: float, x2: float, y2: float
-    ) -> tuple[NDArray[np.float32], NDArray[np.float64], NDArray[np.float64]] | None:
+    ) -> tuple[NDArray[np.float32], NDArray[Any], NDArray[Any]] | None:
         """The cells of a rectangle, and their middles; None if they would be too many."""
-        size = self.p.cell_m
-        left, low = floor(x1 / size), floor(y1 / size)
-        right, high = ceil(x2 / size), ceil(y2 / size)
+        size, (x, y) = self.p.cell_m, self._lines
+        left, low = floor((x1 - x) / size), floor((y1 - y) / size)
+        right, high = ceil((x2 - x) / size), ceil((y2 - y) / size)
         if not self._cover(low, left, high, right):
             return None
         rows = slice(low - self._row, high - self._row)
         columns = slice(left - self._column, right - self._column)
-        xs = (np.arange(left, right) + 0.5) * size
-        ys = (np.arange(low, high) + 0.5) * size
+        xs = x + (np.arange(left, right) + 0.5) * size
+        ys = y + (np.arange(low, high) + 0.5) * size
         return self._odds[rows, columns], xs[None, :], ys[:, None]
 
     def _cover(self, low: int, left: int, high: int, right: int) -> bool:

@@ -102,7 +102,8 @@ def exploring(scenario: Scenario, within: Sequence[float] | None = None) -> Scen
     """The scenario with a robot that is told nothing of the world, maps it and comes back."""
     told = ("path-planning", *EXPLORERS)
     agents = (*(name for name in scenario.agents if name not in told), *EXPLORERS)
-    changed = replace(scenario, goal=scenario.start, plan="explore", agents=agents)
+    title = f"{scenario.name}: explored from here, and back"
+    changed = replace(scenario, title=title, goal=scenario.start, plan="explore", agents=agents)
     return changed if within is None else replace(changed, within=tuple(within))
 
 

@@ -103,7 +103,7 @@ class Run:
             start=goal if first is None else (first.x, first.y, first.theta),
             goal=goal,
             body=load_profile(self.scenario.robot).body,
-            waypoints=self.waypoints[:-1],
+            waypoints=self.waypoints[:-1] if self.grid is None else (),  # else the last of many
             echoes=self.echoes,
             title=f"{self.scenario.title or self.scenario.name} (seed {self.measures.seed})",
             caption=(self.measures.verdict,),

@@ -10,6 +10,7 @@ from armadico.agents.methods.frontiers import Chart, crossed
 from armadico.agents.methods.geometry import Placed
 from armadico.agents.methods.grid import Margins
 from armadico.config.grid_map import FREE, OCCUPIED, UNKNOWN, Cells, message_of
+from armadico.config.scenarios import exploring, load_scenario
 from armadico.core.agent import Answer, AskFor, Identity, Publish, Question
 from armadico.core.messages import (
     Cycle,
@@ -26,7 +27,6 @@ from armadico.core.messages import (
 )
 from armadico.launch.society import Options
 from armadico.launch.virtual import Rehearsal
-from armadico.config.scenarios import exploring, load_scenario
 
 TRIES = (Margins(0.3), Margins(0.25))
 WIDE = (-100.0, -100.0, 100.0, 100.0)

@@ -13,7 +13,7 @@ from armadico.agents.methods.geometry import Placed
 from armadico.agents.methods.mapping import Mapper, Settings
 from armadico.config import grid_map
 from armadico.config.errors import ConfigError
-from armadico.config.grid_map import FREE, OCCUPIED, UNKNOWN, cells_of
+from armadico.config.grid_map import FREE, OCCUPIED, UNKNOWN, Cells, cells_of
 from armadico.core.agent import Answer, Identity, Publish, Question
 from armadico.core.messages import Cycle, Echo, MapRequest, OccupancyGrid, Pose, Sonar
 from tests.framework.robots import described
@@ -121,6 +121,18 @@ def test_it_goes_on_with_a_map_in_its_cells_and_unlearns_what_is_wrong() -> None
     assert (again.x, again.y) == pytest.approx((saved.x, saved.y))
     ping(mapper, (0.0, 1.4), times=60)
     assert mapper.cells().at(1.0, 0.0) == FREE
+
+
+def test_a_map_of_another_resolution_goes_on_where_its_cells_are() -> None:
+    states = np.full((40, 40), FREE, dtype=np.uint8)
+    mapper = Mapper(HALF)
+    mapper.resume(Cells(-1.03, -2.01, 0.08, states))
+    ping(mapper, (0.0, 1.0), at=Placed(1.2, -0.4))
+    cells = mapper.cells()
+    assert cells.cell_m == 0.08
+    assert (cells.x, cells.y) == pytest.approx((-1.03, -2.01))
+    assert cells.at(2.2, -0.4) == OCCUPIED
+    assert cells.at(2.3, -0.4) == UNKNOWN
 
 
 # The agent ----------------------------------------------------------------------------------------

@@ -97,7 +97,7 @@ def test_another_kind_of_file_is_refused(tmp_path: Path) -> None:
 def test_a_map_that_is_turned_is_not_gone_on_with(tmp_path: Path) -> None:
     file, _ = grid_map.save(room(), tmp_path / "room.yaml")
     file.write_text(file.read_text().replace(", 0.0]", ", 0.5]"))
-    with pytest.raises(ConfigError, match="turned by 0.5 rad"):
+    with pytest.raises(ConfigError, match=r"turned by 0\.5 rad"):
         grid_map.read(file)
 
 
