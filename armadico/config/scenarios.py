@@ -27,11 +27,15 @@ Degrees = Annotated[float, Meta(ge=-360, le=360)]
 PoseDeg = tuple[Metres, Metres, Degrees]
 """x, y in m and a heading in degrees."""
 
-EXPLORERS = ("mapping", "explore")
-"""Agents that an exploration needs besides those that drive."""
-
 Key = tuple[str | int, ...]
 """Where a value is in a scenario file."""
+
+
+class Exploring(Struct, frozen=True, forbid_unknown_fields=True):
+    """Who takes no part where the world is explored, and who does besides those that drive."""
+
+    without: tuple[str, ...]
+    besides: tuple[str, ...]
 
 
 class Society(Struct, frozen=True, forbid_unknown_fields=True):
@@ -40,6 +44,7 @@ class Society(Struct, frozen=True, forbid_unknown_fields=True):
     robot: str
     simulator: str
     agents: tuple[str, ...]
+    exploring: Exploring
 
 
 @cache
@@ -57,7 +62,7 @@ class Scenario(Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):
     goal: PoseDeg
     waypoints: tuple[PoseDeg, ...] = ()
     """On the way to the goal; used with plan = "waypoints" only."""
-    plan: Literal["direct", "waypoints", "rooms", "explore"] = "direct"
+    plan: Literal["direct", "waypoints", "rooms", "frontiers"] = "direct"
     """Straight to the goal, over the waypoints, as the path planning agent says; or all over the
     world, which nobody knows, and then to the goal."""
     within: tuple[Metres, Metres, Metres, Metres] | None = None
@@ -100,10 +105,11 @@ def beside(file: Path, name: str) -> str:
 
 def exploring(scenario: Scenario, within: Sequence[float] | None = None) -> Scenario:
     """The scenario with a robot that is told nothing of the world, maps it and comes back."""
-    told = ("path-planning", *EXPLORERS)
-    agents = (*(name for name in scenario.agents if name not in told), *EXPLORERS)
+    changes = society().exploring
+    others = (name for name in scenario.agents if name not in changes.without + changes.besides)
+    agents = (*others, *changes.besides)
     title = f"{scenario.name}: explored from here, and back"
-    changed = replace(scenario, title=title, goal=scenario.start, plan="explore", agents=agents)
+    changed = replace(scenario, title=title, goal=scenario.start, plan="frontiers", agents=agents)
     return changed if within is None else replace(changed, within=tuple(within))
 
 

@@ -178,7 +178,7 @@ def processes(
 
 def mission(scenario: Scenario) -> MissionRequest | ExploreRequest:
     """What the interface agent is asked for, or the explore agent."""
-    if scenario.plan == "explore":  # where it ends, and nothing that is in it
+    if scenario.plan == "frontiers":  # where it ends, and nothing that is in it
         within = scenario.within or load_world(scenario.world).bounds
         return ExploreRequest(*within, _waypoint(scenario.goal))
     return MissionRequest(

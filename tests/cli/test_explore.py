@@ -1,4 +1,4 @@
-"""`armadico explore` and `armadico map`: what is kept, and what is refused before anything moves."""
+"""`armadico explore` and `armadico map`: what is kept, and what is refused beforehand."""
 
 from __future__ import annotations
 
