@@ -43,6 +43,9 @@ class Parameters(agent.Parameters, frozen=True, kw_only=True):
 PROGRESS_M = 0.1
 """So much nearer is nearer."""
 
+TURNING_M = 0.05
+"""So much more than its turning circle a frontier leaves it: what is beyond is not known yet."""
+
 LANE_M = 1.0
 """The way is counted on to be no longer than lanes of this width over all of the rectangle."""
 
@@ -65,7 +68,8 @@ class Explore(Agent):
 
     def __init__(self, identity: agent.Identity, parameters: Any = None) -> None:
         super().__init__(identity, parameters)
-        self._tries = [Margins(radius) for radius in radii(load_profile(self.p.profile).body)]
+        body = load_profile(self.p.profile).body
+        self._tries = [Margins(r) for r in (body.circle_m + TURNING_M, *radii(body))]
         self._exploration = 0
         self._state = ExploreState.NONE
         self._note = ""

@@ -39,13 +39,14 @@ class Settings(Struct, frozen=True):
 
     cell_m: float = 0.05
     reach_m: float = 1.5  # what is farther is left for a nearer ping: arcs there close doors
-    silent_m: float = 1.0  # so far no echo is evidence of free, in the middle third of the cone
+    silent_m: float = 0.8  # so far no echo is evidence of free
     hit: float = 1.0  # of one cell, at the most
-    spread: float = 5.0  # shared by all cells of the arc
+    spread: float = 2.5  # shared by all cells of the arc
     miss: float = 0.5  # on the axis, near
-    silence: float = 0.1  # likewise
+    silence: float = 0.2  # likewise
     most: float = 4.0  # certain: so much is taken back within seconds of seeing otherwise
-    known: float = 0.85  # free or occupied from here on: a probability of 0.7
+    free: float = 0.85  # from here on: a probability of 0.3
+    occupied: float = 1.2  # from here on: 0.77
     far: float = 0.3  # share of the evidence that is left at the reach
     size_m: float = 200.0  # of the grid, at the most, each way
 
@@ -67,8 +68,8 @@ class Mapper:
         self._row = self._column = 0
         self._lines = cells.x, cells.y
         odds = np.zeros(cells.states.shape, dtype=np.float32)
-        odds[cells.states == FREE] = -2.0 * self.p.known
-        odds[cells.states == OCCUPIED] = 2.0 * self.p.known
+        odds[cells.states == FREE] = -2.0 * self.p.free
+        odds[cells.states == OCCUPIED] = 2.0 * self.p.occupied
         self._odds = odds
 
     def take(self, pose: Posed, echo: Echo) -> None:
@@ -77,7 +78,7 @@ class Mapper:
         x, y, bearing = compose((pose.x, pose.y, pose.theta), (echo.x, echo.y, echo.bearing))
         silent = echo.range is None
         heard = p.silent_m if echo.range is None else echo.range
-        half = self._half / 3.0 if silent else self._half
+        half = self._half
         span = min(heard + 2.0 * p.cell_m, p.reach_m)
         angles = bearing + half * np.linspace(-1.0, 1.0, 5)
         xs = np.append(x + span * np.cos(angles), x)
@@ -94,7 +95,7 @@ class Mapper:
         centred = 1.0 - (off / half) ** 2
         thick = p.cell_m
         before = cone & (away < heard - thick)
-        solid = before & (odds > p.known)
+        solid = before & (odds > p.occupied)
         if solid.any():
             slices = np.clip(((off / half + 1.0) * 0.5 * BINS).astype(np.intp), 0, BINS - 1)
             nearest = np.full(BINS, np.inf)
@@ -124,7 +125,7 @@ class Mapper:
     def cells(self) -> Cells:
         """What is known, cropped to it."""
         odds, p = self._odds, self.p
-        states = np.where(odds >= p.known, OCCUPIED, np.where(odds <= -p.known, FREE, 0))
+        states = np.where(odds >= p.occupied, OCCUPIED, np.where(odds <= -p.free, FREE, 0))
         rows, columns = (np.flatnonzero(states.any(axis=axis)) for axis in (1, 0))
         if not len(rows):
             return NOTHING

@@ -189,10 +189,10 @@ def test_the_map_is_given_when_it_is_asked_for() -> None:
     ring.agent.asked(Question(1, MapRequest()), 0.0)
     (nothing,) = ring.grids()
     assert not nothing.rows
-    for _ in range(5):
+    for _ in range(20):
         ring.cycle()
     ring.grids()
-    ring.agent.asked(Question(2, MapRequest()), 0.6)
+    ring.agent.asked(Question(2, MapRequest()), 2.1)
     (grid,) = ring.grids()
     assert cells_of(grid).at(3.2, 1.0) == OCCUPIED
 

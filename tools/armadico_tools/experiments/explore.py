@@ -50,6 +50,9 @@ RAYS: Final = 180
 STEP: Final = 3
 """The greedy explorer looks again after so many cells."""
 
+AROUND_M: Final = 2.5
+"""A map may reach so far beyond a world that has no walls around it, and be right."""
+
 NEAR_M: Final = 0.1
 """An occupied cell whose middle is so near to a wall is right: two cells."""
 
@@ -71,7 +74,11 @@ class Truth:
         """What a disc of a radius (m) reaches from there."""
         from scipy.ndimage import label  # noqa: PLC0415 - slow
 
-        self.grid = Grid(world.walls, world.bounds, CELL_M)
+        x1, y1, x2, y2 = world.bounds
+        wider = (x1 - AROUND_M, y1 - AROUND_M, x2 + AROUND_M, y2 + AROUND_M)
+        self.grid = Grid(world.walls, wider, CELL_M)
+        within = np.zeros(self.grid.clearance.shape, dtype=np.bool_)
+        within[self.grid.window(*world.bounds)] = True
         x, y, _ = start
 
         def around(free: Mask) -> Mask:
@@ -80,7 +87,7 @@ class Truth:
             found: Mask = parts == parts[row, column]
             return found & free
 
-        self.reachable = around(np.isfinite(self.grid.costs(Margins(radius))))
+        self.reachable = within & around(np.isfinite(self.grid.costs(Margins(radius))))
         self.inside = around(self.grid.clearance > CELL_M / 2.0)
 
     def judge(self, cells: Cells) -> Judged:
