@@ -5,27 +5,35 @@ VENV   := .venv
 BIN    := $(VENV)/bin
 PIP    := $(BIN)/python -m pip --disable-pip-version-check
 
-.PHONY: run tools test mutants lint compiled demo demo-down lock clean
+.PHONY: run next tools test mutants lint compiled demo demo-down lock clean
 .DEFAULT_GOAL := run
 
 $(VENV)/.run: requirements/run.txt pyproject.toml
 	@$(PYTHON) -c 'import sys; sys.exit(sys.version_info < (3, 11) and "Armadico needs Python 3.11 or newer; this is " + sys.version.split()[0] + ". Name another one: make PYTHON=python3.11")'
+	@echo "Setting up $(VENV), once: a minute or a few, by the network"
 	$(PYTHON) -m venv $(VENV)
-	$(PIP) install --quiet --require-hashes -r requirements/run.txt
+	$(PIP) install --require-hashes -r requirements/run.txt
 	$(PIP) install --quiet --no-deps --no-build-isolation -e .
 	@touch $@
 
 $(VENV)/.tools: $(VENV)/.run requirements/tools.txt tools/pyproject.toml
-	$(PIP) install --quiet --require-hashes -r requirements/tools.txt
+	$(PIP) install --require-hashes -r requirements/tools.txt
 	$(PIP) install --quiet --no-deps --no-build-isolation -e tools
 	@touch $@
 
 $(VENV)/.dev: $(VENV)/.tools requirements/dev.txt
-	$(PIP) install --quiet --require-hashes -r requirements/dev.txt
+	$(PIP) install --require-hashes -r requirements/dev.txt
 	@touch $@
 
 run: $(VENV)/.run  ## set up and drive scenario 4 as separate processes on this machine
 	$(BIN)/armadico run sc4
+	@$(MAKE) --no-print-directory next
+
+next:  ## what to type after `make run`
+	@echo 'To go on, in this shell:'
+	@echo '  export PATH="$(abspath $(BIN)):$$PATH"'
+	@echo '  armadico run sc4 --virtual --seed 7     # the same society, in a second'
+	@echo '  armadico --help                         # everything else; docs/tutorial.md explains'
 
 tools: $(VENV)/.tools  ## the laboratory too: experiments, faults, trials, benchmarks, demos
 

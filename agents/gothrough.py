@@ -7,16 +7,20 @@ from typing import Annotated, Any, Literal
 
 from msgspec import Meta
 
+from armadico.agents.methods.brisk import Driver, slowed
 from armadico.agents.methods.controllers import ahead_of
 from armadico.agents.methods.geometry import clip
+from armadico.agents.methods.settings import Brisk
 from armadico.agents.methods.utility import ramp_down
 from armadico.core import agent
 from armadico.core.behaviour import Behaviour
 from armadico.core.exchange import Bid
+from armadico.core.geometry import wrap
 from armadico.core.messages import Obstacles, Point, Pose, Waypoint
+from armadico.core.motion import Speeds
 from armadico.core.parameters import Safety
 from armadico.core.resources import WHEELS
-from armadico.core.safety import corner_cut, limit
+from armadico.core.safety import corner_cut, limit, unhurried
 
 Positive = Annotated[float, Meta(gt=0, le=10)]
 
@@ -24,10 +28,14 @@ Positive = Annotated[float, Meta(gt=0, le=10)]
 class Parameters(agent.Parameters, frozen=True, kw_only=True):
     """Gothrough's parameters.
 
+    `controller` "proportional" drives by v, turn_gain, w_max, gain and v_corner; "brisk" turns and
+    slows down as goto's does.
+
     `rules` "thesis" bids whenever something is on both sides. "safe" abstains when the way through
     is not clear, when the trajectory does not lead through, and near the goal.
     """
 
+    controller: Literal["proportional", "brisk"] = "proportional"
     rules: Literal["safe", "thesis"] = "safe"
     v_max: Positive | None = None
     v: Positive = 0.5  # m/s through a narrow place
@@ -45,6 +53,7 @@ class Parameters(agent.Parameters, frozen=True, kw_only=True):
     cut_least_m: Positive = 0.06  # by so much its corners may be cut where something is near
     gain: Positive = 0.38  # m/s for a metre until the trajectory bends: goto's
     v_corner: Positive = 0.2  # least speed towards a bend, m/s
+    brisk: Brisk = Brisk()
     safety: Safety = Safety()
 
 
@@ -60,7 +69,12 @@ class Gothrough(Behaviour):
     def __init__(self, identity: agent.Identity, parameters: Any = None) -> None:
         super().__init__(identity, parameters)
         self._commanded = (0.0, 0.0)
+        self._driver = Driver(self.p.brisk)
         self._ahead: list[Waypoint] = []  # what is left of the trajectory, as far as it matters
+
+    def on_body(self) -> None:
+        """Drive within the robot's limits."""
+        self._driver.settings = slowed(self.p.brisk, self.body, self.p.v_max)
 
     def propose(self, pose: Pose, obstacles: Obstacles) -> Bid | None:
         """The way through, and how narrow it is."""
@@ -128,12 +142,27 @@ class Gothrough(Behaviour):
         p = self.p
         if p.rules == "safe" and abs(alpha) > p.astray:
             return self._none("the middle is not ahead")
-        v = min(p.v, p.v_max or p.v) * max(0.2, cos(alpha))
-        w = max(-p.w_max, min(p.w_max, p.turn_gain * alpha))
+        if p.controller == "brisk":
+            v, w = self._brisk(alpha, pose, obstacles)
+        else:
+            v, w = self._proportional(alpha, pose)
         if p.rules == "safe":
-            v = min(v, max(p.v_corner, p.gain * ahead_of(pose, self._ahead, p.v / p.gain)))
             v, w, free = limit(v, w, self.scene(obstacles), p.safety)
             if free < p.clear_m:
                 return self._none(f"only {free:.2f} m of free way")
         self._commanded = (v, w)
         return Bid(utility, (v, w), reason=f"{utility:.2f} at {alpha:.2f} rad")
+
+    def _brisk(self, alpha: float, pose: Pose, obstacles: Obstacles) -> Speeds:
+        before = self._commanded if self.holds(WHEELS) else self.measured
+        soon = self._driver.soon(pose, self.measured, before)
+        off = alpha - wrap(soon.theta - pose.theta)
+        v, w = self._driver.toward(off, soon, self.route, before, self.body.cycle_s)
+        return unhurried(v, w, self.scene(obstacles), self.p.safety), w
+
+    def _proportional(self, alpha: float, pose: Pose) -> Speeds:
+        p = self.p
+        v = min(p.v, p.v_max or p.v) * max(0.2, cos(alpha))
+        if p.rules == "safe":
+            v = min(v, max(p.v_corner, p.gain * ahead_of(pose, self._ahead, p.v / p.gain)))
+        return v, clip(p.turn_gain * alpha, -p.w_max, p.w_max)

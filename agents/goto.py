@@ -8,17 +8,19 @@ from typing import Annotated, Any, Literal
 from msgspec import Meta
 from msgspec.structs import replace
 
+from armadico.agents.methods.brisk import Driver, slowed
 from armadico.agents.methods.controllers import SETTINGS, Controller, Law, Mode, Settings
+from armadico.agents.methods.settings import Brisk
 from armadico.agents.methods.utility import ramp_down
 from armadico.core import agent
 from armadico.core.behaviour import Behaviour
 from armadico.core.exchange import Bid
 from armadico.core.geometry import wrap
 from armadico.core.messages import Obstacles, Pose, Waypoint
-from armadico.core.motion import Body
+from armadico.core.motion import Body, Speeds
 from armadico.core.parameters import Safety
 from armadico.core.resources import WHEELS
-from armadico.core.safety import corner_cut
+from armadico.core.safety import corner_cut, unhurried
 
 Speed = Annotated[float, Meta(gt=0, le=10)]
 Metres = Annotated[float, Meta(gt=0, le=10)]
@@ -29,12 +31,15 @@ Share = Annotated[float, Meta(ge=0, le=1)]
 class Parameters(agent.Parameters, frozen=True, kw_only=True):
     """Goto's parameters.
 
+    `controller` "brisk" is faster, with settings of its own (`brisk`); the set `brisk` has it. The
+    others are the thesis's, with `settings`, ahead_m, park_m, cut_least_m and calm.
+
     `rules` "thesis" reads 3.10.1 literally: the utility by the distance to each waypoint, straight
     to the waypoint, no look at obstacles. "safe" measures to the final goal, keeps to the line
     between waypoints, and drives no faster than it can stop.
     """
 
-    controller: Literal["fast", "precise", "collaborative"] = "collaborative"
+    controller: Literal["brisk", "fast", "precise", "collaborative"] = "collaborative"
     settings: Literal["chapter-5", "chapter-4"] = "chapter-5"
     rules: Literal["safe", "thesis"] = "safe"
     v_max: Speed | None = None
@@ -44,6 +49,7 @@ class Parameters(agent.Parameters, frozen=True, kw_only=True):
     calm_from: Angle = radians(8)  # slows down from this angle to where it steers
     calm_over: Angle = radians(50)  # angle on top of `calm_from` at which no speed is left
     calm_least: Share = 0.35  # least share of the speed: it must get along while it turns
+    brisk: Brisk = Brisk()
     safety: Safety = Safety()
     p_max: Share = 1.0  # equation 3.6
     p_min: Share = 0.6
@@ -62,26 +68,42 @@ class Goto(Behaviour):
 
     def __init__(self, identity: agent.Identity, parameters: Any = None) -> None:
         super().__init__(identity, parameters)
-        self._controller = Controller(SETTINGS[self.p.settings], Mode(self.p.controller))
+        brisk = self.p.controller == "brisk"
+        self._driver = Driver(self.p.brisk) if brisk else None
+        mode = Mode.COLLABORATIVE if brisk else Mode(self.p.controller)
+        self._controller = Controller(SETTINGS[self.p.settings], mode)
         self._commanded = (0.0, 0.0)
 
     def on_body(self) -> None:
         """Drive within the robot's limits, and by its own ramps."""
         self._controller.settings = within(SETTINGS[self.p.settings], self.body, self.p.v_max)
+        if self._driver is not None:
+            self._driver.settings = slowed(self.p.brisk, self.body, self.p.v_max)
 
     def on_mission(self) -> None:
         """Forget where the last one was parked."""
         self._controller.reset()
+        if self._driver is not None:
+            self._driver.reset()
 
     def propose(self, pose: Pose, obstacles: Obstacles) -> Bid | None:
         """Where it would steer, and how much that helps."""
-        ahead = self._ahead(pose, obstacles)
-        v, w = self._controller.steer(pose, ahead, self._before(), self.body.cycle_s)
+        v, w = self._wish(pose, obstacles)
         if self.p.rules == "safe":
-            v *= self._calm(pose, ahead[0])
             v, w = self.limited(v, w, obstacles, self.p.safety)
         self._commanded = (v, w)
         return Bid(self._utility(pose), (v, w), reason=f"leg {self.route.leg}")
+
+    def _wish(self, pose: Pose, obstacles: Obstacles) -> Speeds:
+        """What the controller asks for, before anybody looks at obstacles."""
+        before, period = self._before(), self.body.cycle_s
+        if self._driver is not None:
+            cut = corner_cut(obstacles, self.body, self.p.brisk.cut_m)
+            v, w = self._driver.steer(pose, self.measured, before, self.route, cut, period)
+            return unhurried(v, w, self.scene(obstacles), self.p.safety), w
+        ahead = self._ahead(pose, obstacles)
+        v, w = self._controller.steer(pose, ahead, before, period)
+        return (v * self._calm(pose, ahead[0]) if self.p.rules == "safe" else v), w
 
     def _calm(self, pose: Pose, target: Waypoint) -> float:
         """The share of the speed that is left while the robot turns towards where it steers.

@@ -20,6 +20,7 @@ class Parameters(agent.Parameters, frozen=True, kw_only=True):
 
     world: Annotated[str, Meta(min_length=1)] = "empty"
     profile: str = "pioneer-2dx"
+    round_corners: bool = False  # for the brisk controller; the thesis's turn at each waypoint
     cruise_m_s: Annotated[float, Meta(gt=0, le=10)] = 0.4
 
 
@@ -43,7 +44,13 @@ class PathPlanning(Agent):
         request = question.request
         assert isinstance(request, PlanRequest)
         try:
-            way = plan(self._world, request.start, request.goal, self._profile.body)
+            way = plan(
+                self._world,
+                request.start,
+                request.goal,
+                self._profile.body,
+                round_corners=self.p.round_corners,
+            )
         except PlanError as error:
             return Plan((), refusal=line(str(error)))
         waypoints = tuple(Waypoint(p.x, p.y, p.theta) for p in way.waypoints)

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterable, Iterator
-from math import atan2, cos, hypot, radians, sin
+from math import atan2, copysign, cos, hypot, radians, sin
 from typing import Annotated, Any, ClassVar
 
 from msgspec import Meta
@@ -40,7 +40,7 @@ MAP_CYCLES = 5
 """Cycles from one publication of the cells to the next."""
 
 BUMP_M = 0.04
-"""What stalled the robot is put so far before its front edge."""
+"""What the robot touched is put so far beyond the edge that touched it."""
 
 BUMP_SHARES = (-0.75, 0.0, 0.75)
 """What stalled the robot is put so far to its sides, in shares of half its width."""
@@ -59,7 +59,7 @@ class Parameters(agent.Parameters, frozen=True, kw_only=True):
     arc_within_rad: Angle = radians(45.0)  # of the heading
     arc_from_m: Metres = 0.04  # before the front edge
     arc_to_m: Metres = 1.6
-    bump_s: Seconds = 60.0  # how long something is remembered that stalled the robot
+    bump_s: Seconds = 60.0  # how long something is remembered that the robot touched
 
 
 class SonarAgent(Agent):
@@ -90,7 +90,7 @@ class SonarAgent(Agent):
         self._map.outline = Outline(said.front, said.rear, said.half_width)
 
     def on_robot_state(self, state: RobotState) -> None:
-        """Apply the robot's motion to the map; what stalls it is an obstacle."""
+        """Apply the robot's motion to the map; what it touches is an obstacle."""
         odometry = (state.x, state.y, state.theta)
         if self._odometry is not None and state.cycle.epoch == self._epoch:
             motion = relative(self._odometry, odometry)
@@ -98,9 +98,10 @@ class SonarAgent(Agent):
             self._bumps = list(self._moved(motion))
         self._odometry, self._epoch = odometry, state.cycle.epoch
         body = self._map.outline
-        if state.stalled and body is not None:
-            x = body.front + BUMP_M
-            if not any(hypot(p.x, p.y) < x + 0.1 for _, p in self._bumps):
+        if state.touch is not None and body is not None:
+            x = state.touch.x + copysign(BUMP_M, state.touch.x)
+            near = (p for _, p in self._bumps if p.x * x > 0.0)
+            if not any(hypot(p.x, p.y) < abs(x) + 0.1 for p in near):
                 sides = (share * body.half_width for share in BUMP_SHARES)
                 self._bumps += [(self.now, Point(x, y)) for y in sides]
 

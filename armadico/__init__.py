@@ -61,6 +61,7 @@ if TYPE_CHECKING:
     from armadico.runtime.client import Client, Mission, connect
     from armadico.runtime.errors import (
         AbsentError,
+        AgentFailedError,
         MissionRefusedError,
         MissionReplacedError,
         RunFailedError,
@@ -73,6 +74,7 @@ __all__ = [
     "AbsentError",
     "Ack",
     "Agent",
+    "AgentFailedError",
     "Ask",
     "Ballot",
     "Behaviour",
@@ -150,7 +152,7 @@ _MODULES = {
     "runtime.client": ("Client", "Mission", "connect"),
     "runtime.errors": (
         *("SocietyError", "AbsentError", "MissionRefusedError", "MissionReplacedError"),
-        *("RunFailedError", "StopError"),
+        *("AgentFailedError", "RunFailedError", "StopError"),
     ),
 }
 """Where names are defined; all others are in `core.messages`."""

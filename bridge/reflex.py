@@ -1,4 +1,4 @@
-"""The robot agent's reflex: no faster ahead than its own newest readings allow (sans-IO).
+"""The robot agent's reflexes: no faster than its newest readings allow, nor against a touch.
 
 The behaviours see to it that they can stop, by what they know. What they know may be late: between
 a reading and the wheels lie the mesh and other processes. Sonars and wheels are one process here,
@@ -12,8 +12,9 @@ Frame: the body's, x forward, y left, the origin at the middle of the wheel axle
 from __future__ import annotations
 
 from collections.abc import Iterable
-from math import cos, inf, sin, sqrt
+from math import copysign, cos, hypot, inf, sin, sqrt
 
+from armadico.bridge.p2os.status import Status
 from armadico.config.profile import RobotProfile
 from armadico.core.geometry import Pose2, relative, to_world
 from armadico.core.messages import Echo
@@ -30,6 +31,24 @@ TOUCH_M = 0.02
 
 SAY_S = 2.0
 """It says what it capped at most so often."""
+
+HELD_S = 0.5
+"""Wheels that turn much slower than ordered for so long are held, and are said to be as long."""
+
+HELD_SHARE = 0.25
+"""Much slower is less than this share,"""
+
+EAGER = 0.5
+"""of the speed to which this share of the profile's ramps would have brought them by now."""
+
+CREEP = (0.1, 0.3)
+"""m/s and rad/s: friction may hold what is ordered to go slower."""
+
+STANDING = 0.02
+"""m/s or rad/s: what is slower may be noise."""
+
+SAME_PLACE_M = 0.05
+"""What is touched again within this is what was touched before, whichever way was tried since."""
 
 
 class Reflex:
@@ -109,3 +128,108 @@ class Reflex:
             if abs(y - bend * x * x) < self._half:
                 free = min(free, x - self._front)
         return free
+
+
+class Touch:
+    """Feels that something holds the robot: by stall bits, bumpers, or its wheels.
+
+    Those are held that do not turn as they are ordered to, though the ramps have long been over.
+
+    Attributes:
+        felt: Whether it touches something now.
+        side: Where, by what was ordered when it began: 1 ahead, -1 behind, 0 nobody knows.
+    """
+
+    def __init__(self, profile: RobotProfile) -> None:
+        limits = profile.limits
+        self._ramps = (EAGER * limits.v_accel, EAGER * limits.w_accel)
+        self._patience = 3 * profile.p2os.cycle_s
+        self._place = (inf, inf)  # odometry, m
+        self.begin()
+
+    def begin(self) -> None:
+        """Forget what was ordered: the controller was opened anew."""
+        self.felt, self.side = False, 0
+        self._least = (0.0, 0.0)  # what the wheels are to have reached by now, m/s and rad/s
+        self._at = self._held_since = inf
+        self._held_until = -inf
+        self._stuck: int | None = None  # bumpers that were pressed from the first: of no use
+
+    def feel(
+        self,
+        status: Status,
+        ordered: tuple[float, float],
+        measured: tuple[float, float],
+        now: float,
+    ) -> bool:
+        """Take a status packet; whether something new is touched.
+
+        Args:
+            status: By the controller; its odometry tells one place from another.
+            ordered: (v, w) that was ordered since the last one, m/s and rad/s.
+            measured: (v, w) by the wheels.
+            now: s.
+        """
+        held = self._held(status, ordered, measured, now)
+        bumpers = self._pressed(status)
+        if held or bumpers or status.left_stall or status.right_stall:
+            # For a while: a controller cuts what stalls, and then nothing stalls any more.
+            self._held_until = now + HELD_S
+        before = self.felt
+        self.felt = now < self._held_until
+        if before or not self.felt:
+            return False
+        x, y = self._place
+        again = hypot(status.x_m - x, status.y_m - y) < SAME_PLACE_M
+        if not again:
+            self._place = (status.x_m, status.y_m)
+            self.side = bumpers or _sign(ordered[0]) or _sign(self._least[0])
+        return not again
+
+    def cap(self, v: float) -> float:
+        """The speed that is obeyed of a commanded one, m/s: none against what it touches."""
+        return 0.0 if self.felt and self.side * v > 0.0 else v
+
+    def _held(
+        self,
+        status: Status,
+        ordered: tuple[float, float],
+        measured: tuple[float, float],
+        now: float,
+    ) -> bool:
+        """Whether the wheels have turned much too slowly for too long."""
+        passed, self._at = now - self._at, now
+        if not 0.0 <= passed <= self._patience or not status.motors_enabled:
+            self._least, self._held_since = (0.0, 0.0), inf
+            return False
+        steps = (ramp * passed for ramp in self._ramps)
+        v, w = map(_follow, self._least, ordered, measured, steps)
+        self._least = v, w
+        slow = any(
+            abs(least) >= creep and abs(speed) < HELD_SHARE * abs(least)
+            for least, creep, speed in zip(self._least, CREEP, measured, strict=True)
+        )
+        self._held_since = min(self._held_since, now) if slow else inf
+        return now - self._held_since >= HELD_S
+
+    def _pressed(self, status: Status) -> int:
+        """On which side a bumper has been pressed since the controller was opened; 0: none."""
+        bits = status.front_bumpers | status.rear_bumpers << 8
+        self._stuck = bits if self._stuck is None else self._stuck & bits
+        bits &= ~self._stuck
+        return bool(bits & 0xFF) - bool(bits >> 8)
+
+
+def _follow(least: float, ordered: float, measured: float, step: float) -> float:
+    """The least speed that free wheels have, one cycle later: a ramp up, and none down.
+
+    It begins once they turn the way that is ordered: before that they brake.
+    """
+    if measured * ordered < 0.0 and abs(measured) > STANDING:
+        return 0.0
+    at = least if least * ordered > 0.0 else 0.0
+    return copysign(min(abs(ordered), abs(at) + step), ordered)
+
+
+def _sign(value: float) -> int:
+    return (value > 0.0) - (value < 0.0)

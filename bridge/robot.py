@@ -13,18 +13,22 @@ from typing import Annotated, Any, ClassVar
 from msgspec import Meta
 
 from armadico.bridge.p2os.session import Connected, Event, LinkLost, Reported, Session, Unanswered
-from armadico.bridge.reflex import Reflex
+from armadico.bridge.p2os.status import Status
+from armadico.bridge.reflex import Reflex, Touch
 from armadico.config.profile import load_profile
 from armadico.core import agent
 from armadico.core.agent import ERROR, WARNING, DeviceAgent
 from armadico.core.cycles import CycleCounter
 from armadico.core.geometry import wrap
 from armadico.core.messages import (
+    LABEL,
     Cycle,
     Description,
     Echo,
+    Line,
     Message,
     Origin,
+    Point,
     RobotState,
     Sonar,
     Stop,
@@ -38,11 +42,27 @@ PULSE_S = 0.5
 HEALTHY_S = 0.5
 """The watchdog is fed only while status packets keep coming at least this often."""
 
+PATIENCE_S = 10.0
+"""A port that is not there by then, s, is worth more than a word in passing."""
+
 AT_REST_M_S = 0.02
 """Rims slower than this rest."""
 
 SONARS_SILENT = 4
 """Without a reading for so many cycles the sonars are said to be silent."""
+
+TOLD = tuple(2**n for n in range(20))
+"""Which attempts without a status packet are told; if they come, not the first: it was open."""
+
+_HINTS = (
+    "is the robot on",
+    "it sends status packets and does not hear us: is the line to the robot whole",
+)
+
+LINE_SAY_S = 10.0
+"""What is wrong on the line is told at most so often."""
+
+_SIDES = {1: "ahead", -1: "behind", 0: "on turning"}
 
 DESCRIBE_CYCLES = 10
 """The description is published once in so many cycles, for those who come late."""
@@ -76,14 +96,20 @@ class Robot(DeviceAgent):
         self.cycles.period = self.profile.p2os.cycle_s
         self._counter = CycleCounter(self.rng.getrandbits(63), self.cycles.period)
         self._session: Session | None = None
+        self._awaited = ""  # before the port was ever open: why it is not
         self._speeds = (0.0, 0.0)  # measured, m/s and rad/s
         self._moving = False  # whether the controller was last told to move
         self._reported_at = float("-inf")
         self._pulsed_at = float("-inf")
+        self._openings = 0  # of the port, since the last status packet
         self._described = 0  # cycles since the last description
+        self._controller = ""  # as it names itself
         self._ordered = (0.0, 0.0)  # what was last obeyed, m/s and rad/s
+        self._driven = (0.0, 0.0)  # what came of it by the reflexes
         self._reflex = Reflex(self.profile)
+        self._touch = Touch(self.profile)
         self._unheard = 0  # cycles since a sonar fired
+        self._told, self._told_at = Line(), -inf  # of the line
 
     @classmethod
     def subscriptions(cls) -> tuple[agent.Subscription, ...]:
@@ -99,11 +125,20 @@ class Robot(DeviceAgent):
 
     def on_link(self, up: bool, why: str) -> None:
         """The port was opened, or is gone."""
+        if not up and self._session is None:  # started before it, as anybody may be
+            self._awaited = f"waiting for the port {self.p.port}: {why}"
+            self.log(self._awaited)
+            self.wake_at(self.now + PATIENCE_S)
+            return
+        self._openings += up
+        told = self._openings in TOLD or not self._openings
         if not up:
             self._moving = False
-            self.log(f"the port {self.p.port} is gone: {why}", ERROR)
+            if told:
+                self.log(f"the port {self.p.port} is gone: {why}", ERROR)
             return
-        self.log(f"the port {self.p.port} is open")
+        if told:
+            self.log(f"the port {self.p.port} is open")
         if self._session is None:
             origin = self.memory.newest(Origin)  # as others remember it
             near = (0.0, 0.0) if origin is None else (origin.at_x, origin.at_y)
@@ -121,6 +156,7 @@ class Robot(DeviceAgent):
     def on_wakeup(self) -> None:
         """Time-outs: of the session, of the last valid command, of the watchdog."""
         if self._session is None:
+            self.log(f"still {self._awaited}", WARNING)
             return
         self._take(self._session.tick(self.now))
         if self._healthy and self.now - self._pulsed_at >= PULSE_S:
@@ -143,15 +179,21 @@ class Robot(DeviceAgent):
             if isinstance(event, Reported):
                 self._report(event)
             elif isinstance(event, Connected):
-                who = f"{event.name} ({event.class_name} {event.subclass})"
+                self._touch.begin()
+                kind = f"{event.class_name} {event.subclass}".strip() or "it does not say what"
+                who = f"{event.name or 'a controller without a name'} ({kind})"
                 self.log(f"connected to {who} on {self.p.port}")
+                self._controller = "".join(filter(str.isprintable, event.name))[:LABEL]
+                self._described = 0
             elif isinstance(event, LinkLost):
                 self._moving = False
+                self._line()
                 self.log(f"the controller is silent: {event.reason}; trying again", ERROR)
-            elif isinstance(event, Unanswered):
+            elif isinstance(event, Unanswered) and event.attempts in TOLD[event.streaming :]:
+                self._line()
                 self.log(
                     f"no answer on {self.p.port} (waiting for {event.awaited},"
-                    f" attempt {event.attempts}); is the robot on?",
+                    f" attempt {event.attempts}); {_HINTS[event.streaming]}?",
                     WARNING,
                 )
 
@@ -173,13 +215,15 @@ class Robot(DeviceAgent):
 
     def _report(self, report: Reported) -> None:
         status, pose = report.status, report.pose
-        self._reported_at = self.now
+        self._reported_at, self._openings = self.now, 0
         cycle = self._counter.next(self.now)
         self.cycles.advance(cycle, self.now)
         self.tenure += 1
         left, right = status.left_m_s, status.right_m_s
         v, w = 0.5 * (left + right), 0.5 * (right - left) / self.profile.body.half_track_m
         self._speeds = (v, w)
+        self._heed_hands(status)
+        self._feel(status)
         self.publish(
             RobotState(
                 cycle=cycle,
@@ -190,8 +234,10 @@ class Robot(DeviceAgent):
                 w=w,
                 battery_v=status.battery_v,
                 motors=status.motors_enabled,
-                stalled=status.left_stall or status.right_stall,
+                stalled=self._touch.felt,
                 stop=self.memory.newest(Stop) or Stop(),
+                touch=self._touched(),
+                line=self._line(),
             )
         )
         self.acknowledge()
@@ -202,6 +248,23 @@ class Robot(DeviceAgent):
         self._say_sonar(cycle, echoes)
         self._heed(report, echoes)
         self._insist(left, right)
+
+    def _line(self) -> Line:
+        """What was wrong on the line; told now and then, if something new was."""
+        session = self._session
+        assert session is not None, "it has a line"
+        line = Line(
+            session.decoder.dropped,
+            session.decoder.mangled,
+            session.malformed,
+            session.absurd,
+            session.surplus,
+            session.odometry.resets,
+        )
+        if line != self._told and self.now - self._told_at >= LINE_SAY_S:
+            self._told, self._told_at = line, self.now
+            self.log(f"from the controller so far: {line.told}", WARNING)
+        return line
 
     def description(self) -> Description:
         """The robot's body and limits, by its profile."""
@@ -220,7 +283,38 @@ class Robot(DeviceAgent):
             w_decel=limits.w_decel,
             silence_s=WHEELS.silence(p2os.cycle_s),
             watchdog_s=p2os.watchdog_s,
+            controller=self._controller,
         )
+
+    def _heed_hands(self, status: Status) -> None:
+        """Latch the stop when somebody at the robot wants it to stand.
+
+        Motors that come back must not drive off at once, so that takes a release, on purpose; and
+        one while they are off, or the button is pressed, does not hold. Those that a stall has cut
+        nobody has switched off.
+        """
+        if self.stopped is None and self._session is not None:
+            stalled = status.left_stall or status.right_stall
+            if status.stop_button:
+                self.latch("the STOP button at the robot")
+            elif not (status.motors_enabled or stalled) and self._session.motors_due:
+                self.latch("the motors being off at the robot")
+
+    def _feel(self, status: Status) -> None:
+        """Rest on touching something; whose turn it is next, goes on as it sees fit."""
+        v, w = self._driven
+        if self._touch.feel(status, self._driven, self._speeds, self.now):
+            self.rest(WHEELS)
+            where = _SIDES[self._touch.side]
+            text = f"touched something {where}: {v:.2f} m/s, {w:.2f} rad/s ordered,"
+            self.log(f"{text} {self._speeds[0]:.2f}, {self._speeds[1]:.2f} measured", WARNING)
+
+    def _touched(self) -> Point | None:
+        """Where it touches something: in the middle of an edge, for nobody knows better."""
+        body, touch = self.profile.body, self._touch
+        if not touch.felt or touch.side == 0:
+            return None
+        return Point(body.front_m if touch.side > 0 else -body.rear_m, 0.0)
 
     def _insist(self, left: float, right: float) -> None:
         """Order the stop again while the wheels still turn: it may have been lost on the line.
@@ -242,10 +336,12 @@ class Robot(DeviceAgent):
             self.log(text, WARNING)
 
     def _order(self, v: float, w: float) -> None:
-        """Order what was commanded, m/s and rad/s, capped by the reflex."""
+        """Order what was commanded, m/s and rad/s, capped by the reflexes."""
         assert self._session is not None
         self._ordered = v, w
-        self._session.drive(self._reflex.cap(v, w) if self.p.reflex else v, w)
+        v = self._touch.cap(v)
+        self._driven = (self._reflex.cap(v, w) if self.p.reflex else v, w)
+        self._session.drive(*self._driven)
 
     def _say_sonar(self, cycle: Cycle, echoes: tuple[Echo, ...]) -> None:
         """Pass the readings on; a cycle in which no sonar fired has none.
@@ -296,6 +392,7 @@ class Robot(DeviceAgent):
     def rest(self, resource: Resource) -> None:  # noqa: ARG002 - it owns one
         """Order zero speeds, down the controller's ramps."""
         self._moving = False
+        self._driven = (0.0, 0.0)
         if self._session is not None:
             self._session.stop()
             self._send()

@@ -9,6 +9,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from itertools import accumulate, pairwise
+from math import inf
 
 import numpy as np
 
@@ -18,6 +19,22 @@ from armadico.config.worlds import Segment
 
 ESCAPE_M = 0.5
 """How far from a place beside a wall the way over free cells may begin."""
+
+ROUND_M = 0.42
+"""A corner that is cut off keeps so far from walls, m, if there is as much on either side of it."""
+
+ROUND_MOST_M = 0.6
+"""At the most so far from the corner."""
+
+WIGGLE_M = 0.04
+"""A place that is no farther off a straight way is left out,"""
+
+WIGGLE_ROOM_M = 0.015
+"""if that comes no nearer to walls than by so much."""
+
+_SHARES = (0.45, 0.3, 0.15)  # of the shorter leg
+_ROUNDS = 2
+_STRAIGHT = 0.99  # cosine: less is no corner
 
 _SPACING = 10  # a straight run of cells is offered to shortening in pieces of this many
 _SLACK = 1.05  # a short cut may cost this much more than the way it replaces
@@ -78,6 +95,65 @@ def shorten(grid: Grid, margins: Margins, costs: Field, places: Sequence[Placed]
             )
         )
     return [places[index] for index in kept]
+
+
+def rounded(grid: Grid, margins: Margins, places: Sequence[Placed]) -> list[Placed]:
+    """The way with its corners cut off, and what is left of them again, where there is room.
+
+    Wiggles from cell to cell, where the way is narrow, go first.
+    """
+    places = _straightened(grid, margins, places)
+    for _ in range(_ROUNDS):
+        kept = [places[0]]
+        for a, b, c in zip(places, places[1:], places[2:], strict=False):
+            kept += _blunt(grid, margins, a, b, c)
+        places = [*kept, places[-1]]
+    return list(places)
+
+
+def _straightened(grid: Grid, margins: Margins, places: Sequence[Placed]) -> list[Placed]:
+    """Without the places that a straight way passes so near that it hardly loses room."""
+    kept, last = [0], len(places) - 1
+    while kept[-1] < last:
+        here = kept[-1]
+        nearest = inf
+        found = here + 1
+        for there in range(here + 1, last + 1):
+            nearest = min(nearest, grid.clearance_between(places[there - 1], places[there]))
+            a, c = places[here], places[there]
+            if any(_off(p, a, c) > WIGGLE_M for p in places[here + 1 : there]):
+                break
+            least = min(nearest, max(nearest - WIGGLE_ROOM_M, margins.radius_m))
+            if grid.clearance_between(a, c) >= least - 1e-9:
+                found = there
+        kept.append(found)
+    return [places[index] for index in kept]
+
+
+def _off(place: Placed, a: Placed, b: Placed) -> float:
+    """How far a place lies off a straight line, m."""
+    length = distance(a, b)
+    if length == 0.0:
+        return distance(place, a)
+    return abs((b.x - a.x) * (place.y - a.y) - (b.y - a.y) * (place.x - a.x)) / length
+
+
+def _blunt(grid: Grid, margins: Margins, a: Placed, b: Placed, c: Placed) -> list[Placed]:
+    """Two places instead of a corner, as far from it as there is room, or the corner."""
+    before, after = distance(a, b), distance(b, c)
+    dot = (b.x - a.x) * (c.x - b.x) + (b.y - a.y) * (c.y - b.y)
+    if dot > _STRAIGHT * before * after:
+        return [b]
+    for share in _SHARES:
+        far = min(share * min(before, after), ROUND_MOST_M)
+        if far < WIGGLE_M:
+            break
+        x = Placed(b.x + far / before * (a.x - b.x), b.y + far / before * (a.y - b.y))
+        y = Placed(b.x + far / after * (c.x - b.x), b.y + far / after * (c.y - b.y))
+        least = min(ROUND_M, grid.clearance_at(x), grid.clearance_at(y))
+        if grid.clearance_between(x, y) >= max(margins.radius_m, least) - 1e-9:
+            return [x, y]
+    return [b]
 
 
 def clear(grid: Grid, margins: Margins, a: Placed, b: Placed) -> bool:

@@ -17,7 +17,7 @@ from msgspec import Struct
 
 from armadico.agents.methods.geometry import Placed, Posed, Positioned, direction, distance
 from armadico.agents.methods.grid import Grid, Margins, grid_of
-from armadico.agents.methods.path_smoothing import between, clear
+from armadico.agents.methods.path_smoothing import between, clear, rounded
 from armadico.agents.methods.room_graph import Leg, axis, route
 from armadico.config.profile import Body
 from armadico.config.worlds import World
@@ -48,7 +48,13 @@ class Plan(Struct, frozen=True):
 
 
 def plan(
-    world: World, start: Posed, goal: Posed, body: Body, margins: Margins | None = None
+    world: World,
+    start: Posed,
+    goal: Posed,
+    body: Body,
+    margins: Margins | None = None,
+    *,
+    round_corners: bool = False,
 ) -> Plan:
     """The way from a pose to another.
 
@@ -59,6 +65,7 @@ def plan(
         body: The robot's.
         margins: How far from walls it has to be; if left out, as far as it takes to turn on the
             spot, and less only where there is no way with as much room.
+        round_corners: Whether they are cut off where there is room.
 
     Returns:
         Waypoints with headings along the way; the last one is the goal as asked for.
@@ -71,6 +78,8 @@ def plan(
     _check(grid, "goal", goal, body)
     tries = [margins] if margins else [Margins(radius) for radius in radii(body)]
     way = _widest(world, tries, Placed(start.x, start.y), Placed(goal.x, goal.y))
+    if round_corners:
+        way = _Way(rounded(grid, tries[-1], way.places), way.doors)
     stretches = list(pairwise(way.places))
     return Plan(
         waypoints=(*headed(way.places, way.crossings), Placed(goal.x, goal.y, goal.theta)),

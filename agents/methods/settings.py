@@ -28,3 +28,31 @@ class MapSettings(Struct, frozen=True):
     apart_m: float = 0.06  # points of a near cell farther apart than this are two; 1: one a cell
     frontal_rad: float = radians(40)  # in front: within this of the heading
     abeam_rad: float = radians(120)  # beside: between that and this
+
+
+class Brisk(Struct, frozen=True, forbid_unknown_fields=True):
+    """Its settings; SI."""
+
+    v: float = 0.75  # at most
+    v_decel: float = 0.55  # that it counts on
+    w: float = radians(90)
+    w_decel: float = 1.3
+    w_accel: float = 1.7
+    w_jerk: float = 6.0
+    settle_s: float = 0.2  # in which the turn rate follows what is wanted, within those
+    late_s: float = 0.25  # the wheels follow so late
+    turn_s: float = 0.25  # how late a turn is stopped
+    look_m: float = 0.4  # it steers to the line so far ahead,
+    look_s: float = 0.35  # and by the way of so long more
+    cut_m: float = 0.1  # corners of the line may be cut by so much where something is near
+    calm_from: float = radians(10)  # turning by more than this, it slows down,
+    calm_over: float = radians(60)  # by so much more to nothing
+    corner_w: float = 1.25  # a corner is taken at no more than this turn rate
+    corner_m: float = 0.5  # on an arc that begins so far before it
+    corner_v: float = 0.2
+    on_line_m: float = 0.05  # so near to the last leg's line it keeps its direction to the goal
+    stop_m: float = 0.10  # nearer to the goal than this it turns to the goal's heading,
+    short_m: float = 0.02  # and comes to rest so far before it
+    beside_m: float = 0.10  # or than this with the goal abeam,
+    leave_m: float = 0.115  # and drives again only beyond this
+    stop_rad: float = radians(1.5)

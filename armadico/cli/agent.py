@@ -104,6 +104,7 @@ def _signals_held() -> Iterator[None]:
 def _serve(args: argparse.Namespace) -> int:
     kinds = [agent_class(name) for name in args.names]
     from armadico.core.agent import DeviceAgent  # noqa: PLC0415 - not for --help
+    from armadico.runtime.blame import blaming  # noqa: PLC0415
     from armadico.runtime.port_reader import open_port  # noqa: PLC0415
     from armadico.runtime.process import identity, serve  # noqa: PLC0415
 
@@ -117,7 +118,8 @@ def _serve(args: argparse.Namespace) -> int:
         datefmt="%H:%M:%S",
     )
     host = None if where is None else where.name
-    agents = [k(identity(k.name, host), p) for k, p in zip(kinds, parameters, strict=True)]
+    with blaming():
+        agents = [k(identity(k.name, host), p) for k, p in zip(kinds, parameters, strict=True)]
     devices = (a for a in agents if isinstance(a, DeviceAgent) and a.address)
     connect = {device.instance: partial(open_port, device.address) for device in devices}
     serve(agents, mesh, connect)

@@ -37,7 +37,7 @@ if TYPE_CHECKING:
 RERUN: Final = "0.41"
 """The version that this is written for; the viewer's interfaces change from one to the next."""
 
-INSTALL: Final = "pip install 'armadico[dashboard]'"
+INSTALL: Final = f"{sys.executable} -m pip install 'armadico[dashboard]'"
 
 LEAVE_S: Final = 10.0
 """What a dashboard may take to leave before it is killed: it closes a file and a viewer."""
@@ -59,6 +59,7 @@ def main(argv: Sequence[str]) -> int:
     args = parser().parse_args(argv)
     namespaces = _namespaces(args)
     _check_installed()
+    _quiet()
     worlds = dict.fromkeys(namespaces, _world(args))
     _check_record("--record", args.record)
     from armadico.observe.dashboard.viewer import ViewerError  # noqa: PLC0415 - not for --help
@@ -70,12 +71,13 @@ def main(argv: Sequence[str]) -> int:
 
 
 @contextmanager
-def beside(args: argparse.Namespace, world: str) -> Iterator[None]:
+def beside(args: argparse.Namespace, world: str, *, wait: bool = False) -> Iterator[None]:
     """A dashboard for a run, as a process of its own that ends with it; its link is printed.
 
     Args:
         args: The run's: with the options of the mesh.
         world: The run's world, by name or path.
+        wait: Until somebody looks; and afterwards it stays until Ctrl-C.
 
     Raises:
         FailedError: It did not start, and has said why on stderr.
@@ -98,7 +100,15 @@ def beside(args: argparse.Namespace, world: str) -> Iterator[None]:
             if not said:
                 raise FailedError("no dashboard, so no run; without --dashboard it drives")
             print(said, end="", file=sys.stderr, flush=True)
+            if wait:
+                _say("open the link: the run begins when somebody looks")
+                if not process.stdout.readline():
+                    raise FailedError("the dashboard has ended, so no run")
             yield
+            if wait:
+                _say("the run is over; Ctrl-C ends the dashboard")
+                with suppress(KeyboardInterrupt):
+                    process.wait()
         finally:
             _end(process)
 
@@ -109,6 +119,7 @@ def kept(rehearsal: Rehearsal, path: Path) -> Rehearsed:
     Raises UsageError or FailedError before the run.
     """
     _check_installed()
+    _quiet()
     _check_record("--rrd", path)
     from armadico.observe.dashboard.virtual_run import Rehearsed  # noqa: PLC0415 - not for --help
 
@@ -121,7 +132,7 @@ def zones() -> Zones:
 
     found: dict[str, Callable[[float], float]] = {}
     for name in installed(AGENTS):
-        with suppress(ImportError, TypeError):  # somebody else's, and broken: not ours to mend
+        with suppress(ImportError):  # somebody else's, and broken: not ours to mend
             found |= agent_class(name).borders
     return found
 
@@ -194,6 +205,11 @@ def _check_installed() -> None:
         )
 
 
+def _quiet() -> None:
+    """Rerun's library warns of itself where nobody can do anything; before it is imported."""
+    os.environ.setdefault("RUST_LOG", "error")
+
+
 def _world(args: argparse.Namespace) -> World | None:
     if args.world is None:
         return None
@@ -237,7 +253,16 @@ def _show(args: argparse.Namespace, worlds: Mapping[str, World | None]) -> int:
         window = _open(args, uri)
         if window is not None:
             stack.enter_context(window)
-        live.run(window.ended if window is not None else lambda: False)
+        seen = False
+
+        def ended() -> bool:
+            nonlocal seen
+            if not seen and viewer.watched(port):
+                seen = True
+                print("dashboard: somebody looks", flush=True)
+            return window is not None and window.ended()
+
+        live.run(ended)
         if window is not None and window.ended():
             _say("the viewer is gone, and so is the dashboard")
     return 0

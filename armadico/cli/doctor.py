@@ -19,11 +19,18 @@ from armadico.mesh.topology import WELL_KNOWN, MeshError
 
 if TYPE_CHECKING:
     from armadico.config.hosts import Host
+    from armadico.core.messages import RobotState
 
 OK, NOTE, WRONG = "ok", "note", "wrong"
 
 CONTROLLER_PORT: Final = 8101
 """Where `armadico sim` and MobileSim stand in for a robot's controller."""
+
+LONGEST: Final = 60
+"""Characters of a command line that are shown; who it is stands at its beginning."""
+
+HEAR_S: Final = 1.2
+"""A robot is described, and a simulator heard, within this."""
 
 REACH_S: Final = 0.5
 """A host that does not answer within this is not reached."""
@@ -143,7 +150,7 @@ def ports() -> Iterator[Finding]:
         owner = listener(port)
         if owner is None:
             yield Finding(f"port {port}", OK, "is free")
-        elif "armadico" in owner:
+        elif owner.startswith("armadico"):
             yield Finding(f"port {port}", OK, f"is an agent's: {owner}")
         else:
             todo = "other ports can be named: ARMADICO_ENDPOINTS, or a host table"
@@ -155,21 +162,30 @@ def ports() -> Iterator[Finding]:
 
 
 def listener(port: int) -> str | None:
-    """Who listens on a TCP port of this machine; None if nobody does."""
-    with socket.socket() as probe:
-        probe.settimeout(REACH_S)
-        if probe.connect_ex(("127.0.0.1", port)) != 0:
-            return None
+    """Who has a TCP port of this machine, to listen or to serve its client; None: nobody."""
     import psutil  # noqa: PLC0415 - not for --help
 
+    # A simulator that is driven listens no more, and one that is not would take a probe for its
+    # client: so nothing is connected to.
+    taking = (psutil.CONN_LISTEN, psutil.CONN_ESTABLISHED)
     try:
         for found in psutil.net_connections("tcp"):
-            if found.status == psutil.CONN_LISTEN and found.laddr.port == port and found.pid:
-                process = psutil.Process(found.pid)
-                return f"{' '.join(process.cmdline())[-60:]} (pid {found.pid})"
+            if found.status not in taking or not found.laddr or found.laddr.port != port:
+                continue
+            if found.pid is None:
+                return "a process that cannot be seen from here"
+            return f"{called(psutil.Process(found.pid).cmdline())} (pid {found.pid})"
     except psutil.Error:
-        pass
-    return "somebody whose process cannot be seen from here"
+        return "nobody knows whom: connections cannot be looked at from here"
+    return None
+
+
+def called(words: Sequence[str]) -> str:
+    """A command line as somebody would type it: of ours without the Python that runs it."""
+    names = [Path(word).name for word in words]
+    at = next((at for at, name in enumerate(names) if name.startswith("armadico")), 0)
+    text = " ".join([*names[at : at + 1], *words[at + 1 :]])
+    return text if len(text) <= LONGEST else f"{text[:LONGEST]}..."
 
 
 def serial_ports(folder: Path = Path("/dev")) -> Iterator[Finding]:
@@ -218,7 +234,12 @@ def mesh(args: argparse.Namespace) -> Generator[Finding, None, dict[str, float |
     """
     where = options.placed(args)
     joined = options.join_at(args, where)
-    from armadico.core.messages import PROTOCOL  # noqa: PLC0415 - not for --help
+    from armadico.core.messages import (  # noqa: PLC0415 - likewise
+        PROTOCOL,
+        Description,
+        RobotState,
+        Truth,
+    )
     from armadico.core.resources import WHEELS  # noqa: PLC0415 - not for --help
     from armadico.observe.hosts import census  # noqa: PLC0415 - not for --help
     from armadico.observe.view import View  # noqa: PLC0415
@@ -229,18 +250,29 @@ def mesh(args: argparse.Namespace) -> Generator[Finding, None, dict[str, float |
     try:
         with joined:
             client = Client(joined)
+            view = View()
+            client.listen(Description, Truth, then=view.learn)
             cards = client.cards()
+            client.wait_for(lambda: None, HEAR_S)
+            strangers = view.strangers(joined.now())
             links = joined.neighbours
+            driven = any(card and WHEELS.name in card.owns for card in cards.values())
+            state = client.latest(RobotState, 1.0) if driven else None
     except MeshError as error:
         routed = where is not None and where.table.router is not None
         todo = "does zenohd run there?" if routed else "name another endpoint: --listen"
         yield Finding("mesh", WRONG, str(error), todo)
         return {}
+    if strangers:
+        what = f"{', '.join(strangers)}: in this namespace, and no simulator of its robot"
+        yield Finding("sim/truth", WRONG, what, "end it, or give it its own --namespace")
     if not cards:
         todo = "armadico run sc1 starts some; --namespace and --connect say where to look"
         yield Finding("mesh", NOTE, f"no agent is alive in namespace {args.namespace!r}", todo)
         return {}
     yield Finding("mesh", OK, f"{len(cards)} agents, {links} links")
+    if state is not None:
+        yield from robot(state)
     for (name, instance), card in cards.items():
         if card is None:
             todo = "it hangs, or this machine cannot reach it: look at it, restart it"
@@ -253,7 +285,25 @@ def mesh(args: argparse.Namespace) -> Generator[Finding, None, dict[str, float |
     if len(robots) > 1:
         what = f"{len(robots)} robot agents in namespace {args.namespace!r}"
         yield Finding(WHEELS.name, WRONG, what, "give each robot its own --namespace")
+    for key, whose in View.of(cards).doubled.items():
+        what = f"is published by {' and '.join(whose)}: who receives both is misled"
+        yield Finding(key, WRONG, what, "end one, or give it its own --namespace")
     return {host.name: host.clock_s for host in census(View.of(cards), {}, client.ahead)}
+
+
+def robot(state: RobotState) -> Iterator[Finding]:
+    """Why the robot stands, and what its controller's line is like."""
+    if state.stop.stopped:
+        what = f"is stopped by {state.stop.by or 'somebody'}"
+        yield Finding("stop", NOTE, what, "`armadico resume` releases it")
+    if not state.motors:
+        todo = "switch them on at the robot, then `armadico resume`"
+        yield Finding("motors", NOTE, "are off", todo)
+    if state.line.told:
+        todo = "look at cable, plugs, baud rate and batteries"
+        yield Finding("line", NOTE, f"from the controller: {state.line.told}", todo)
+    else:
+        yield Finding("line", OK, "all that the controller sent was sound")
 
 
 def hosts(args: argparse.Namespace) -> Generator[Finding, None, set[str]]:

@@ -41,6 +41,7 @@ def parser() -> argparse.ArgumentParser:
         EXAMPLES,
     )
     run.add_options(made)
+    made.set_defaults(goal=None)
     made.add_argument(
         "--within",
         nargs=4,

@@ -32,7 +32,8 @@ def main(argv: Sequence[str]) -> int:
     except RecordingError as error:
         raise UsageError(str(error)) from None
     except OSError as error:
-        raise FailedError(f"{error.filename or args.file}: {error.strerror or error}") from None
+        where = error.filename or _out(args)  # a full disk has no name
+        raise FailedError(f"{where}: {error.strerror or error}") from None
     print(said)
     return 0
 
@@ -58,7 +59,7 @@ def parser() -> argparse.ArgumentParser:
 def _to_csv(args: argparse.Namespace) -> str:
     from armadico.observe.export import Tables, rows  # noqa: PLC0415 - not for --help
 
-    folder = args.out or args.file.with_name(f"{args.file.stem}-csv")
+    folder = _out(args)
     with Tables(folder) as tables:
         for row in rows(args.file, _warn):
             if args.namespace in (None, row.namespace):
@@ -73,7 +74,7 @@ def _to_rrd(args: argparse.Namespace) -> str:
     from armadico.config.worlds import load_world  # noqa: PLC0415 - not for --help
     from armadico.observe.export import to_rrd  # noqa: PLC0415 - not for --help
 
-    out = args.out or args.file.with_suffix(".rrd")
+    out = _out(args)
     if find_spec("rerun") is None:
         raise FailedError("rerun is not installed: pip install 'armadico[dashboard]'")
     world = None if args.world is None else load_world(args.world)
@@ -81,6 +82,13 @@ def _to_rrd(args: argparse.Namespace) -> str:
     if not count:
         raise FailedError(f"{args.file} holds no messages" + _of(args))
     return f"{count} messages in {out}"
+
+
+def _out(args: argparse.Namespace) -> Path:
+    """What is written, as asked for or beside the recording."""
+    beside = f"{args.file.stem}-csv" if args.to == "csv" else f"{args.file.stem}.rrd"
+    chosen: Path | None = args.out
+    return args.file.with_name(beside) if chosen is None else chosen
 
 
 def _of(args: argparse.Namespace) -> str:

@@ -32,6 +32,7 @@ def main(argv: Sequence[str]) -> int:
     mesh = options.join(args)
     from armadico.runtime.client import Client  # noqa: PLC0415 - not for --help
 
+    mission = None
     try:
         with mesh, ExitStack() as stack:
             client = Client(mesh)
@@ -42,7 +43,8 @@ def main(argv: Sequence[str]) -> int:
                 late = f"not there after {args.timeout:g} s; the mission goes on"
                 raise options.FailedError(late)
     except KeyboardInterrupt:
-        print("\nthe robot drives on; `armadico stop` stops it", file=sys.stderr)
+        if mission is not None:
+            print(f"\n{_left_behind(client)}", file=sys.stderr)
         raise
     print("the goal is reached")
     return 0
@@ -82,6 +84,17 @@ def _metres(text: str) -> float:
     if abs(value) > LARGEST:
         raise argparse.ArgumentTypeError(f"{text!r} m is beyond {LARGEST:g} m, which is no place")
     return value
+
+
+def _left_behind(client: Client) -> str:
+    """What a robot does that nobody waits for any more, as far as is known."""
+    from armadico.core.messages import RobotState  # noqa: PLC0415 - not for --help
+
+    state = client.latest(RobotState)
+    if state is not None and state.stop.stopped:
+        by = options.shown(state.stop.by) or "somebody"
+        return f"the robot is stopped by {by}; `armadico resume` has it drive on"
+    return "the robot drives on; `armadico stop` stops it"
 
 
 def _remark(client: Client) -> str:

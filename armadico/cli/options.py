@@ -6,6 +6,7 @@ Exit codes: 0 done, 1 it failed, 2 it was called or configured wrongly, 130 inte
 from __future__ import annotations
 
 import argparse
+import errno
 import os
 import sys
 from collections.abc import Callable
@@ -29,6 +30,9 @@ from armadico.mesh.topology import (
 from armadico.runtime.errors import SocietyError
 
 if TYPE_CHECKING:
+    from rich.console import Console
+    from rich.table import Table
+
     from armadico.cli.places import Place
     from armadico.mesh.zenoh import ZenohMesh
 
@@ -58,7 +62,8 @@ BROKEN: Final = (FailedError, SocietyError, MeshError, ImportError)
 def guarded(program: str, command: Callable[[], int]) -> int:
     """Run a command; an error is one line on stderr and an exit code."""
     try:
-        return command()
+        code = command()
+        sys.stdout.flush()  # a disk that is full says so now, and not when nobody listens
     except WRONGLY_USED as error:
         return _say(program, error, USAGE)
     except BROKEN as error:
@@ -66,9 +71,21 @@ def guarded(program: str, command: Callable[[], int]) -> int:
     except KeyboardInterrupt:
         return INTERRUPTED
     except BrokenPipeError:
-        # Whoever read us has gone; nothing is to be written at exit either.
-        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
-        return FAILED
+        return _unheard()  # whoever read us has gone
+    except OSError as error:  # no disk, no file descriptors, a name that is too long, ...
+        what = ": ".join(map(str, filter(None, (error.filename, error.strerror or error))))
+        if error.errno == errno.ENOSPC and error.filename is None:
+            _unheard()
+        return _say(program, OSError(what), FAILED)
+    except MemoryError:
+        return _say(program, MemoryError("not enough memory for that"), FAILED)
+    return code
+
+
+def _unheard() -> int:
+    """What waits to be written is not tried again at exit."""
+    os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
+    return FAILED
 
 
 def version() -> str:
@@ -187,9 +204,15 @@ def joining(args: argparse.Namespace) -> list[str]:
 
 
 def _say(program: str, error: Exception, code: int) -> int:
-    text = str(error) or type(error).__name__
-    print(f"{program}: {text}", file=sys.stderr)
+    lines = str(error).split("\n") if str(error) else [type(error).__name__]
+    print(f"{program}: " + "\n".join(map(shown, lines)), file=sys.stderr)
     return code
+
+
+def fits(table: Table, console: Console) -> bool:
+    """Whether a table has room on a terminal with nothing folded or cut off."""
+    anywhere = console.options.update(width=sys.maxsize)
+    return console.measure(table, options=anywhere).maximum <= console.width
 
 
 def shown(value: object) -> str:

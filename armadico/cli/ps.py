@@ -15,6 +15,8 @@ from armadico.cli import options
 from armadico.cli.echo import seconds
 
 if TYPE_CHECKING:
+    from rich.table import Table
+
     from armadico.cli.places import Place
     from armadico.core.messages import Card
     from armadico.observe.hosts import HostState
@@ -52,7 +54,7 @@ def main(argv: Sequence[str]) -> int:
     elif args.host is not None:
         _show_host(hosts[0], view)
     else:
-        _show(args, view, hosts, everyone=where is not None)
+        show(args, view, hosts, everyone=where is not None)
     if args.host is not None:
         return options.FAILED if hosts[0].lacks else 0
     return 0 if view.alive else options.FAILED
@@ -123,6 +125,7 @@ def _of_host(
 def _plain(view: View, hosts: Sequence[HostState]) -> dict[str, Any]:
     return {
         "agents": [_plain_card(agent) for agent in view.agents],
+        "doubled": view.doubled,
         "hosts": [
             {
                 "name": host.name,
@@ -152,43 +155,59 @@ def _show_host(host: HostState, view: View) -> None:
     print(options.shown(f"{host.name}: {host.state}{more}{skew}"))
 
 
-def _show(
+def show(
     args: argparse.Namespace, view: View, hosts: Sequence[HostState], *, everyone: bool
 ) -> None:
+    """Print who is there, and on a narrow terminal less of each."""
     from rich.console import Console  # noqa: PLC0415 - not for --help
-    from rich.table import Table  # noqa: PLC0415 - not for --help
-    from rich.text import Text  # noqa: PLC0415 - not for --help
 
-    def cells(*texts: object) -> list[Text]:
-        return [Text(options.shown(text)) for text in texts]  # no markup, whatever they say
-
+    console = Console()
     if not view.alive:
         print(f"no agent is alive in namespace {args.namespace!r}")
-    table = Table(box=None, header_style="bold", pad_edge=False)
-    for title in ("HOST", "AGENT", "INSTANCE", "PID", "VERSION", "PROVIDES", "SHARES", "HOLDS"):
-        table.add_column(title, overflow="fold")
-    order = {host.name: number for number, host in enumerate(hosts)}
-    for name, instance, card in sorted(view.agents, key=lambda row: _place_of(row.card, order)):
-        short = instance.removeprefix(f"{name}-")[:8]  # enough for people; --json has it whole
-        if card is None:
-            table.add_row(*cells("", name, short, "not answering"), style="red")
-            continue
-        row = cells(
-            card.host,
-            name,
-            short,
-            card.pid,
-            card.version,
-            ", ".join(card.provides),
-            ", ".join(dict.fromkeys((*card.owns, *card.resources))),
-            ", ".join(card.holds),
-        )
-        table.add_row(*row)
-    if view.alive:
-        Console().print(table)
+    else:
+        tables = [_table(view, hosts, *narrow) for narrow in NARROWER]
+        fitting = (table for table in tables if options.fits(table, console))
+        console.print(next(fitting, tables[-1]))
+    for key, whose in view.doubled.items():
+        print(options.shown(f"{key} is published by {' and '.join(whose)}: end one"))
     for host in hosts:
         if everyone or host.skew:
             print(options.shown(f"{host.name}: {host.state}{'; ' if host.skew else ''}{host.skew}"))
+
+
+TITLES: Final = ("HOST", "AGENT", "INSTANCE", "PID", "VERSION", "PROVIDES", "SHARES", "HOLDS")
+NARROWER: Final = (
+    (", ", ()),
+    ("\n", ()),
+    ("\n", ("VERSION", "PID")),
+    ("\n", ("VERSION", "PID", "INSTANCE", "HOST")),
+)
+"""How a table gets into a narrow terminal: what is between keys, and what is left out."""
+
+
+def _table(view: View, hosts: Sequence[HostState], between: str, without: Sequence[str]) -> Table:
+    from rich.table import Table  # noqa: PLC0415 - not for --help
+    from rich.text import Text  # noqa: PLC0415 - not for --help
+
+    table = Table(box=None, header_style="bold", pad_edge=False)
+    for title in TITLES:
+        if title not in without:
+            table.add_column(title, overflow="fold")
+    order = {host.name: number for number, host in enumerate(hosts)}
+    for name, instance, card in sorted(view.agents, key=lambda row: _place_of(row.card, order)):
+        short = instance.removeprefix(f"{name}-")[:8]  # enough for people; --json has it whole
+        row: list[Sequence[object]] = [(), [name], [short], (), (), ["not answering"], (), ()]
+        if card is not None:
+            shares = dict.fromkeys((*card.owns, *card.resources))
+            row = [[card.host], [name], [short], [card.pid], [card.version]]
+            row += [card.provides, [*shares], card.holds]
+        cells = (
+            Text(between.join(map(options.shown, words)))  # no markup, whatever they say
+            for title, words in zip(TITLES, row, strict=True)
+            if title not in without
+        )
+        table.add_row(*cells, style="red" if card is None else None)
+    return table
 
 
 def _place_of(card: Card | None, order: Mapping[str, int]) -> int:

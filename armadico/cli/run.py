@@ -8,17 +8,21 @@ import os
 import signal
 import sys
 from collections.abc import Callable, Iterator, Sequence
-from contextlib import AbstractContextManager, contextmanager, nullcontext
+from contextlib import AbstractContextManager, contextmanager, nullcontext, suppress
 from dataclasses import replace
 from functools import partial
-from math import isfinite
+from importlib.util import find_spec
+from math import inf, isfinite
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Final
 
 from armadico.cli import options
+from armadico.cli.measures import show, statistics
 from armadico.cli.options import FailedError, UsageError
 
 if TYPE_CHECKING:
+    from rich.progress import ProgressColumn
+
     from armadico.config.scenarios import PoseDeg, Scenario
     from armadico.core.messages import ExploreStatus
     from armadico.launch.api import Run
@@ -56,6 +60,8 @@ EXAMPLES: Final = """\
   armadico run sc4 --virtual --seed 7          the same society in one process, repeatable
   armadico run house --virtual --runs 20 --json
   armadico run --world rooms-a --start 1 1 90 --goal 7 0.7 -90
+  armadico run office.map --start 1 1.5 0 --goal 16.5 13.2 -90
+  armadico run --for 60                        no goal and no walls; armadico goto sends it
   armadico run my.toml --controller fast --exchange abrupt --without gothrough
   armadico run sc1 --robot serial:///dev/ttyUSB0
   armadico run sc4 --together encoder+sonar --together goto+avoid+gothrough
@@ -65,7 +71,7 @@ EXAMPLES: Final = """\
 
 
 def main(argv: Sequence[str]) -> int:
-    """Drive; 0 only if the goal was reached without a collision, in every run."""
+    """Drive; 0 only if the goal, if any, was reached without a collision, in every run."""
     args = parser().parse_args(argv)
     return drive(args, *choose(args))
 
@@ -79,8 +85,10 @@ def drive(args: argparse.Namespace, scenario: Scenario, chosen: Options) -> int:
     if args.json:
         _print_json(results, several=args.runs is not None)
     else:
-        _show(scenario.name, results)
-    return 0 if all(result.passed for result in results) else options.FAILED
+        show(scenario.name, results)
+    asked = [_picture(args, scenario, seed) for seed in seeds if args.plot is not None]
+    drawn = all(path is None or path.is_file() for path in asked)
+    return 0 if drawn and all(result.passed for result in results) else options.FAILED
 
 
 def parser() -> argparse.ArgumentParser:
@@ -88,7 +96,8 @@ def parser() -> argparse.ArgumentParser:
     made = options.parser(
         "armadico run",
         "Drive one scenario and measure it. Live: simulator, robot agent and every agent are"
-        " processes of their own on this machine, over Zenoh.",
+        " processes of their own on this machine, over Zenoh. It ends at the goal, or at its"
+        " time limit: --for, or 5 times the way over 0.3 m/s, at least 60 s.",
         EXAMPLES,
     )
     made.add_argument("--goal", **POSE, help="where it is to go: m, m, degrees")
@@ -98,11 +107,18 @@ def parser() -> argparse.ArgumentParser:
 
 def add_options(made: argparse.ArgumentParser) -> None:
     """The options of whoever drives in a scenario."""
-    made.add_argument("scenario", nargs="?", help="a scenario's name, or a TOML file")
-    made.add_argument("--world", metavar="MAP", help="a world instead of a scenario")
+    made.add_argument(
+        "scenario", nargs="?", help="a scenario's name, a TOML file, or a map as --world"
+    )
+    made.add_argument("--world", metavar="MAP", help="a world instead of a scenario: .map, .yaml")
     made.add_argument("--start", **POSE, help="where the robot starts: m, m, degrees")
+    made.add_argument(
+        "--for", dest="limit", type=float, metavar="S", help="time limit; without a goal: 60"
+    )
     made.add_argument("--virtual", action="store_true", help="one process, under a virtual clock")
-    made.add_argument("--seed", type=int, metavar="N", help="of all that is random (default: 0)")
+    made.add_argument(
+        "--seed", type=int, metavar="N", help="seed of all that is random (default: 0)"
+    )
     made.add_argument(
         "--controller", metavar="NAME", help="of agents that have several: fast, precise, ..."
     )
@@ -121,11 +137,20 @@ def add_options(made: argparse.ArgumentParser) -> None:
         help="live: agents that share one process; may be repeated",
     )
     made.add_argument("--runs", type=int, metavar="N", help="so many, with one seed after another")
-    made.add_argument("--json", action="store_true", help="one JSON object on stdout")
+    made.add_argument(
+        "--json",
+        action="store_true",
+        help="one JSON object on stdout; of several runs: runs, mean, deviation",
+    )
     made.add_argument("--plot", metavar="FILE", type=Path, help="where the picture goes (PNG)")
     made.add_argument("--no-plot", action="store_true", help="no picture")
     made.add_argument(
         "--dashboard", action="store_true", help="show a live run; the link is printed"
+    )
+    made.add_argument(
+        "--wait",
+        action="store_true",
+        help="a dashboard: begin when somebody looks, stay till Ctrl-C",
     )
     made.add_argument("--rrd", metavar="FILE", type=Path, help="keep a virtual run for rerun")
     made.add_argument("--robot", metavar="URL", help="drive something that is already there")
@@ -141,7 +166,7 @@ def add_options(made: argparse.ArgumentParser) -> None:
 
 
 def choose(args: argparse.Namespace, *, somewhere: bool = True) -> tuple[Scenario, Options]:
-    """What the command line names, with a goal if it is to lead `somewhere`.
+    """What the command line names; if it is to lead `somewhere`, it is said what may hinder that.
 
     Raises UsageError, ConfigError, UnknownNameError or FailedError.
     """
@@ -151,19 +176,16 @@ def choose(args: argparse.Namespace, *, somewhere: bool = True) -> tuple[Scenari
 
 def _scenario(args: argparse.Namespace, chosen: Options, *, somewhere: bool) -> Scenario:
     """What the command line names. Raises UsageError, ConfigError or UnknownNameError."""
-    from armadico.config.scenarios import load_scenario, scenario_from  # noqa: PLC0415
+    from armadico.config.scenarios import blind, load_scenario, scenario_from  # noqa: PLC0415
     from armadico.launch.society import names, prepared, profile_of  # noqa: PLC0415
 
-    if (args.scenario is None) == (args.world is None):
-        raise UsageError("name a scenario, such as sc4, or a world with --world")
+    if args.scenario is not None and args.world is not None:
+        raise UsageError("name a scenario or a world, not both")
+    if args.limit is not None and not 0.0 < args.limit < inf:
+        raise UsageError(f"--for {args.limit:g}: expected seconds, more than none")
     if args.runs is not None and args.runs < 1:
         raise UsageError(f"--runs {args.runs}: at least 1")
-    if args.dashboard and args.virtual:
-        raise UsageError("--dashboard shows live runs; --rrd FILE keeps a virtual one")
-    if args.rrd is not None and not args.virtual:
-        raise UsageError(
-            "--rrd is for --virtual; armadico dashboard --record FILE keeps a live run"
-        )
+    _check_shown(args)
     if args.robot is not None and args.virtual:
         raise UsageError("--robot drives what is really there; --virtual has its own simulator")
     if args.robot is not None:
@@ -171,18 +193,49 @@ def _scenario(args: argparse.Namespace, chosen: Options, *, somewhere: bool) -> 
     _check_attach(args)
     if args.seed is not None and not 0 <= args.seed < 2**63:
         raise UsageError(f"--seed {args.seed}: from 0 to 2^63 - 1")
-    start = _pose("start", args.start)
-    goal = _pose("goal", args.goal) if somewhere else None
-    if args.world is not None:
-        if goal is None and somewhere:
-            raise UsageError("--world needs a goal: --goal X Y DEG")
-        scenario = scenario_from(args.world, start, goal, profile_of(args.profile))
+    start, goal = (_pose(flag, getattr(args, flag)) for flag in ("start", "goal"))
+    world = _world(args)
+    if world is not None:
+        scenario = scenario_from(world, start, goal, profile_of(args.profile))
         start = goal = None
     else:
         scenario = load_scenario(args.scenario)
     scenario = prepared(scenario, chosen, start=start, goal=goal, profile=args.profile)
     _check_together(args, names(scenario))
+    if somewhere and blind(scenario):
+        _say(f'{scenario.name}: nothing is planned, and a wall is in the way; plan = "rooms" plans')
+    if somewhere and scenario.goal is None:
+        _say(f"{scenario.name}: no goal; armadico goto X Y DEG sends the robot to one")
     return scenario
+
+
+def _world(args: argparse.Namespace) -> str | None:
+    """The world that is named instead of a scenario, or the empty one. Raises UsageError."""
+    from armadico.config.worlds import READERS  # noqa: PLC0415 - not for --help
+
+    named: str | None = args.world
+    if args.scenario is None and named is None:
+        if args.limit is None and args.goal is None:
+            raise UsageError(
+                "name a scenario (armadico run sc4) or a map, or say for how long (--for 60)"
+            )
+        return "empty"
+    if args.scenario is None or Path(args.scenario).suffix not in READERS:
+        return named
+    scenario: str = args.scenario
+    return scenario
+
+
+def _check_shown(args: argparse.Namespace) -> None:
+    """Raises UsageError for a way of looking that this run has not."""
+    if args.wait and args.runs is not None:
+        raise UsageError("--wait is for one run, without --runs")
+    if (args.dashboard or args.wait) and args.virtual:
+        raise UsageError("--dashboard shows live runs; --rrd FILE keeps a virtual one")
+    if args.rrd is not None and not args.virtual:
+        raise UsageError(
+            "--rrd is for --virtual; armadico dashboard --record FILE keeps a live run"
+        )
 
 
 def _options(args: argparse.Namespace) -> Options:
@@ -196,6 +249,7 @@ def _options(args: argparse.Namespace) -> Options:
         together=tuple(tuple(group.split("+")) for group in args.together),
         robot=args.robot,
         resume=getattr(args, "resume", None),
+        limit=args.limit,
     )
 
 
@@ -295,8 +349,10 @@ def _virtual(args: argparse.Namespace, scenario: Scenario, chosen: Options) -> R
     from armadico.launch.virtual import Rehearsal  # noqa: PLC0415 - not for --help
 
     rehearsal = Rehearsal(scenario, chosen)
+    first = args.runs is None or chosen.seed == _seeds(args, scenario)[0]
+    told = _say if first else None  # of a series once: every seed would say the same
     with _recording(args, rehearsal), _progress(args, scenario, chosen.seed) as show:
-        rehearsal.run(show)
+        rehearsal.run(show, told)
     _keep_map(args, rehearsal.client)
     return rehearsal.watch
 
@@ -314,6 +370,8 @@ def _live(args: argparse.Namespace, scenario: Scenario, chosen: Options) -> RunW
     ):
         run.run(show, _say)
         _keep_map(args, run.client)
+        if args.wait:  # what is printed comes after Ctrl-C
+            _say(f"{scenario.name}: {run.watch.result().verdict}")
     return run.watch
 
 
@@ -355,11 +413,11 @@ def _recording(args: argparse.Namespace, rehearsal: Rehearsal) -> AbstractContex
 
 def _dashboard(args: argparse.Namespace, scenario: Scenario) -> AbstractContextManager[None]:
     """A dashboard beside a live run, if it is asked for."""
-    if not args.dashboard:
+    if not (args.dashboard or args.wait):
         return nullcontext()
     from armadico.cli.dashboard import beside  # noqa: PLC0415 - not for --help
 
-    return beside(args, scenario.world)
+    return beside(args, scenario.world, wait=args.wait)
 
 
 def _say(text: str) -> None:
@@ -382,15 +440,9 @@ def _progress(
         yield _Lines(label).show
         return
     from rich.console import Console  # noqa: PLC0415 - not for --help
-    from rich.progress import BarColumn, Progress, TextColumn, TimeElapsedColumn  # noqa: PLC0415
+    from rich.progress import Progress  # noqa: PLC0415
 
-    columns = (
-        TextColumn("{task.fields[label]}", markup=False),
-        BarColumn(),
-        TimeElapsedColumn(),
-        TextColumn("{task.description}", markup=False),
-    )
-    with Progress(*columns, console=Console(stderr=True), transient=True) as progress:
+    with Progress(*bar(), console=Console(stderr=True), transient=True, expand=True) as progress:
         task = progress.add_task("starting", total=None, label=label)
 
         def show(watch: RunWatch) -> None:
@@ -400,6 +452,18 @@ def _progress(
             progress.update(task, total=whole, completed=whole - to_go, description=remark(watch))
 
         yield show
+
+
+def bar() -> Iterator[ProgressColumn]:
+    """The columns of the progress; the remark is cut off before the name and the bar are."""
+    from rich.progress import BarColumn, TextColumn, TimeElapsedColumn  # noqa: PLC0415
+    from rich.table import Column  # noqa: PLC0415 - not for --help
+
+    yield TextColumn("{task.fields[label]}", markup=False, table_column=Column(no_wrap=True))
+    yield BarColumn(None, table_column=Column(ratio=1))
+    yield TimeElapsedColumn()
+    cut = Column(ratio=4, no_wrap=True, overflow="ellipsis")
+    yield TextColumn("{task.description}", markup=False, table_column=cut)
 
 
 class _Lines:
@@ -423,40 +487,11 @@ def remark(watch: RunWatch) -> str:
         by = options.shown(state.stop.by) or "somebody"
         return f"{to_go}, stopped by {by}; armadico resume releases it"
     holder = options.shown(watch.holder or "nobody")
-    return f"{to_go}, {holder} holds the wheels, {state.v:.2f} m/s, {state.battery_v:.1f} V"
+    speed = "stalled" if state.stalled else f"{state.v:.2f} m/s"
+    return f"{to_go}, {speed}, {holder} drives, {state.battery_v:.1f} V"
 
 
 # What came of it ----------------------------------------------------------------------------------
-
-
-def _show(scenario: str, results: Sequence[Result]) -> None:
-    """The table of measures, a row for each run."""
-    from rich.console import Console  # noqa: PLC0415 - not for --help
-    from rich.table import Table  # noqa: PLC0415 - not for --help
-
-    passed = sum(result.passed for result in results)
-    verdict = "reached" if results[0].reached else "NOT reached"
-    if len(results) > 1:
-        verdict = f"{passed} of {len(results)} runs reached the goal without a collision"
-    elif results[0].collisions:
-        verdict += f", {results[0].collisions} COLLISION(S)"
-    table = Table(
-        title=f"{scenario}: {verdict}",
-        caption="TD FO TT P, and by agent its share of the cycles, as in thesis 5.1; exchanges,"
-        " collisions, least clearance",
-        padding=(0, 0),
-    )
-    driving = sorted({name for result in results for name in result.shares})
-    titles = [title for title, _ in ROWS]
-    at = titles.index("exch.")
-    titles[at:at] = [f"{options.shown(name)} %" for name in driving]
-    for title in titles:
-        table.add_column(title, justify="right", no_wrap=True)
-    for result in results:
-        cells = [_cell(getattr(result, field)) for _, field in ROWS]
-        cells[at:at] = [_cell(result.shares.get(name, 0.0)) for name in driving]
-        table.add_row(*cells, style=None if result.passed else "bold red")
-    Console().print(table)
 
 
 def explored(status: ExploreStatus) -> str:
@@ -468,29 +503,14 @@ def explored(status: ExploreStatus) -> str:
     )
 
 
-ROWS: Final = (
-    ("seed", "seed"),
-    ("TD m", "td_m"),
-    ("FO deg", "fo_deg"),
-    ("TT s", "tt_s"),
-    ("P %", "p_percent"),
-    ("exch.", "exchanges"),
-    ("coll.", "collisions"),
-    ("clear. m", "min_clearance_m"),
-)
-
-
-def _cell(value: float | None) -> str:
-    if value is None:
-        return "-"
-    return str(value) if isinstance(value, int) else f"{value:.2f}"
-
-
 def _print_json(results: Sequence[Result], *, several: bool) -> None:
     import msgspec  # noqa: PLC0415 - not for --help
 
     rows = msgspec.to_builtins(list(results))
-    print(json.dumps(rows if several else rows[0]))
+    print(json.dumps({"runs": rows, **statistics(results)} if several else rows[0]))
+
+
+NOTHING_DRAWS: Final = "no picture: matplotlib is missing; pip install 'armadico[plot]'"
 
 
 def _picture(args: argparse.Namespace, scenario: Scenario, seed: int) -> Path | None:
@@ -503,11 +523,12 @@ def _picture(args: argparse.Namespace, scenario: Scenario, seed: int) -> Path | 
 
 
 def _check_picture(path: Path | None) -> None:
-    """Whether it can be written is said before the robot moves. Raises FailedError."""
+    """Whether it can be drawn and written is said before the robot moves. Raises FailedError."""
     if path is None:
         return
+    if find_spec("matplotlib") is None:
+        raise FailedError(NOTHING_DRAWS)
     try:
-        path.parent.mkdir(parents=True, exist_ok=True)
         new = not path.exists()
         path.open("ab").close()
         if new:
@@ -521,8 +542,10 @@ def _plot(path: Path, run: Run) -> None:
     try:
         run.plot(path)
     except ImportError:
-        _say("no picture: matplotlib is missing; pip install 'armadico[plot]'")
-    except OSError as error:  # one that was asked for has been tried before the run
+        _say(NOTHING_DRAWS)
+    except OSError as error:
+        with suppress(OSError):
+            path.unlink()  # half a picture is none
         _say(f"no picture: cannot write {path}: {error.strerror}")
     else:
         _say(f"picture: {path}")

@@ -110,6 +110,8 @@ class Snapshots:
             "w": state.w,
             "battery_v": state.battery_v,
             "stalled": state.stalled,
+            "motors": state.motors,
+            "line": state.line.told,
             "stopped_by": stop.by if stop.stopped else None,
             "cycle": state.cycle.number,
         }
@@ -256,7 +258,8 @@ def _heading(snapshot: dict[str, Any]) -> str:
     words = [where, f"{robot['v']:.2f} m/s", f"{turn:.0f} deg/s", f"{robot['battery_v']:.1f} V"]
     if robot["stopped_by"] is not None:
         words.append(f"STOPPED by {robot['stopped_by'] or 'somebody'}")
-    return ", ".join([*words, *(["STALLED"] if robot["stalled"] else [])])
+    words += ["STALLED"] * robot["stalled"] + ["MOTORS OFF"] * (not robot["motors"])
+    return ", ".join([*words, *filter(None, [robot["line"]])])
 
 
 def _table(titles: Sequence[str], rows: Sequence[Sequence[Any]], late: int | None = None) -> Any:

@@ -183,7 +183,7 @@ def _plan(args: argparse.Namespace, where: Place, scenario: Scenario | None) -> 
         _say(f"{args.scenario} needs what no host of {where.table.file} runs: {', '.join(lacking)}")
     simulated = None
     if host.robot is None and robot is not None:
-        simulated = scenario or Scenario(world="empty", start=(0, 0, 0), goal=(0, 0, 0))
+        simulated = scenario or Scenario(world="empty", start=(0, 0, 0))
     port = serial_port(host.robot) if host.robot else None
     if port is not None and not port.exists():
         _say(f"there is no {port} yet; the robot agent looks for it until the adapter is there")

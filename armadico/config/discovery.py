@@ -9,6 +9,8 @@ from __future__ import annotations
 import ast
 import difflib
 import sys
+import traceback
+from collections import Counter
 from collections.abc import Iterable, Iterator
 from dataclasses import dataclass
 from functools import cache
@@ -42,6 +44,7 @@ class Found:
     name: str
     value: str  # "module:Class"; a module alone stands for its `main`
     package: str  # the distribution that brought it
+    shares: bool = False  # its module with others of its group
 
     @property
     def module(self) -> str:
@@ -50,19 +53,27 @@ class Found:
 
     @property
     def summary(self) -> str:
-        """The first line of its module's docstring, read without importing the module."""
-        return summary(self.module)
+        """The first line of its module's docstring, read without importing the module.
+
+        Of a module that brings several, each is described by its own docstring, if it has one.
+        """
+        own = self.value.partition(":")[2].strip() if self.shares else ""
+        return summary(self.module, own)
 
     def load(self) -> Any:
-        """Import it. Raises ImportError saying which entry point is to blame."""
+        """Import it. Raises ImportError saying which entry point is to blame, and where."""
         module, _, attributes = (part.strip() for part in self.value.partition(":"))
         try:
             found: Any = import_module(module)
             for attribute in (attributes or "main").split("."):
                 found = getattr(found, attribute)
-        except (ImportError, AttributeError) as error:
-            raise ImportError(f"{self.name} ({self.value}) cannot be loaded: {error}") from error
+        except Exception as error:  # a module is anybody's code, and may raise anything
+            raise self.unusable(f"cannot be loaded: {_said(error)}") from error
         return found
+
+    def unusable(self, why: str) -> ImportError:
+        """What to raise of an entry point that leads to nothing that can be used."""
+        return ImportError(f"{self.name} ({self.value}) {why}")
 
 
 def installed(group: str) -> dict[str, Found]:
@@ -73,8 +84,11 @@ def installed(group: str) -> dict[str, Found]:
 @cache  # looking through all that is installed takes 20 ms
 def _installed(group: str, *_path: str) -> dict[str, Found]:
     found: dict[str, Found] = {}
-    for entry in sorted(entry_points(group=group), key=lambda entry: entry.name):
-        found.setdefault(entry.name, Found(entry.name, entry.value, _package(entry)))
+    entries = sorted(entry_points(group=group), key=lambda entry: entry.name)
+    modules = Counter(module for _, module in {(entry.name, entry.module) for entry in entries})
+    for entry in entries:
+        shares = modules[entry.module] > 1
+        found.setdefault(entry.name, Found(entry.name, entry.value, _package(entry), shares))
     return found
 
 
@@ -87,11 +101,11 @@ def find(group: str, name: str) -> Found:
 
 
 def load(group: str, name: str, kind: type[T]) -> type[T]:
-    """Import a class of a group. Raises `UnknownNameError`, ImportError, or TypeError."""
+    """Import a class of a group. Raises `UnknownNameError`, or ImportError."""
     what = find(group, name)
     loaded = what.load()
     if not (isinstance(loaded, type) and issubclass(loaded, kind)):
-        raise TypeError(f"{what.name} ({what.value}) is no {kind.__name__}")
+        raise what.unusable(f"is no {kind.__name__}: an entry point names a class derived from it")
     return loaded
 
 
@@ -116,16 +130,32 @@ def unknown(kind: str, name: str, names: Iterable[str]) -> str:
     return f"no {kind} {name!r}; {hint}there are: {', '.join(known) or 'none'}"
 
 
-def summary(module: str) -> str:
-    """The first line of a module's docstring, without its full stop; empty if it has none."""
+def summary(module: str, name: str = "") -> str:
+    """The first line of the docstring of a module, or of what goes by a name in it.
+
+    Without its full stop; empty if there is none, or the module cannot be read.
+    """
     try:
         spec = find_spec(module)
-    except (ImportError, ValueError):
+        if spec is None or spec.origin is None or not spec.origin.endswith(".py"):
+            return ""
+        tree = ast.parse(Path(spec.origin).read_text(encoding="utf-8"))
+    except Exception:  # to find it, the packages that it is in are imported
         return ""
-    if spec is None or spec.origin is None or not spec.origin.endswith(".py"):
-        return ""
-    text = ast.get_docstring(ast.parse(Path(spec.origin).read_text(encoding="utf-8"))) or ""
-    return text.partition("\n")[0].rstrip(".")
+    named = (n for n in tree.body if isinstance(n, ast.ClassDef) and n.name == name)
+    own = next((text for n in named if (text := ast.get_docstring(n))), None)
+    return (own or ast.get_docstring(tree) or "").partition("\n")[0].rstrip(".")
+
+
+def _said(error: Exception) -> str:
+    """An error while importing; of what is more than a missing name, the place."""
+    if isinstance(error, (ImportError, AttributeError)):
+        return str(error)
+    lines = traceback.extract_tb(error.__traceback__)
+    name = type(error).__name__
+    if isinstance(error, SyntaxError):
+        return f"{name}: {error}"
+    return f"{name}: {error} ({lines[-1].filename}, line {lines[-1].lineno})"
 
 
 def _kind(group: str) -> str:

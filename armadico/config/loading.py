@@ -10,7 +10,7 @@ import re
 import tomllib
 from collections.abc import Mapping, Sequence
 from pathlib import Path
-from typing import Any, TypeVar
+from typing import Any, Final, TypeVar
 
 import msgspec
 
@@ -34,6 +34,9 @@ __all__ = [
 ]
 
 T = TypeVar("T")
+LONGEST: Final = 64_000_000
+"""Bytes of a file; the largest, a map of many walls, have some."""
+
 Document = dict[str, Any]
 
 WORDS = {
@@ -85,7 +88,11 @@ def load_entry(path: Path | str, kind: type[T], name: str) -> T:
 def read_text(path: Path | str) -> str:
     """The text of a file. Raises ConfigError."""
     try:
-        return Path(path).read_text(encoding="utf-8")
+        with Path(path).open("rb") as file:  # a device may have no end
+            data = file.read(LONGEST + 1)
+        if len(data) > LONGEST:
+            raise ConfigError(f"has more than {LONGEST // 1_000_000} MB: no configuration", path)
+        return data.decode("utf-8").replace("\r\n", "\n").replace("\r", "\n")
     except OSError as error:
         raise ConfigError(f"cannot be read: {error.strerror}", path) from None
     except UnicodeDecodeError:
@@ -193,9 +200,14 @@ def _explain(value: Any, path: Sequence[str | int], what: str, known: Sequence[s
         where = f" in {_dotted(path)}" if path else ""
         return f"missing key {what.split('`')[1]}{where}"
     wanted = _RANGE.sub(r"Expected a number \2 \3", what)
-    wanted = re.sub(r"`(\w+)`", lambda word: WORDS.get(word[1], word[1]), wanted)
+    wanted = re.sub(r"`([\w |]+)`", lambda kinds: _named(kinds[1]), wanted)
     wanted = wanted.replace(", got ", ", not ").replace("Expected", "expected").replace("`", "")
     return f"{_dotted(path)} = {_quoted(value)}: {wanted}" if path else wanted
+
+
+def _named(kinds: str) -> str:
+    """What msgspec calls `float | null`, as people who write TOML say it."""
+    return " or ".join(WORDS.get(kind, kind) for kind in kinds.split(" | "))
 
 
 def _value(data: Any, path: Sequence[str | int]) -> Any:
@@ -205,6 +217,8 @@ def _value(data: Any, path: Sequence[str | int]) -> Any:
 
 
 def _quoted(value: Any) -> str:
+    if isinstance(value, float):
+        return str(value)  # JSON has no nan
     text = msgspec.json.encode(value, enc_hook=str).decode()
     return text if len(text) <= 60 else text[:57] + "..."
 

@@ -22,7 +22,9 @@ def format_map(world: World, comments: Sequence[str] = ()) -> str:
     """The text of a `.map` file. Raises ConfigError for a name that the format cannot hold."""
     x1, y1, x2, y2 = _millimetres(world.bounds)
     lines = ["2D-Map", *(f"# {comment}" for comment in comments)]
-    lines += [f"LineMinPos: {x1} {y1}", f"LineMaxPos: {x2} {y2}", f"NumLines: {len(world.walls)}"]
+    lines += [f"LineMinPos: {x1} {y1}", f"LineMaxPos: {x2} {y2}"]
+    if world.walls:  # ARIA's reader refuses a map that announces none
+        lines.append(f"NumLines: {len(world.walls)}")
     if world.start is not None:
         lines.append(_cairn("RobotHome", world.start, "", "RobotHome"))
     lines += [_cairn("GoalWithHeading", pose, "", name) for name, pose in world.goals.items()]

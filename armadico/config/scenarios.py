@@ -15,6 +15,8 @@ from typing import Annotated, Literal
 from msgspec import Meta, Struct, field
 from msgspec.structs import replace
 
+from armadico.config.discovery import AGENTS, UnknownNameError
+from armadico.config.discovery import find as find_installed
 from armadico.config.errors import ConfigError, advice
 from armadico.config.lines import line_of
 from armadico.config.loading import document, load, parse, read_text
@@ -59,12 +61,13 @@ class Scenario(Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):
     title: str = ""
     world: str
     start: PoseDeg
-    goal: PoseDeg
+    goal: PoseDeg | None = None
+    """None: nobody is sent anywhere, as where an agent wanders."""
     waypoints: tuple[PoseDeg, ...] = ()
     """On the way to the goal; used with plan = "waypoints" only."""
-    plan: Literal["direct", "waypoints", "rooms", "frontiers"] = "direct"
-    """Straight to the goal, over the waypoints, as the path planning agent says; or all over the
-    world, which nobody knows, and then to the goal."""
+    plan: Literal["direct", "waypoints", "rooms", "frontiers"] | None = None
+    """Straight to the goal, over the waypoints, as the path planning agent says, with rooms or
+    without, or all over the world, which nobody knows; None: planned where there are walls."""
     within: tuple[Metres, Metres, Metres, Metres] | None = None
     """The rectangle that is explored: x1, y1, x2, y2 in m; none: the world's."""
     agents: tuple[str, ...] = field(default_factory=lambda: society().agents)
@@ -90,9 +93,23 @@ def load_scenario(name_or_path: str | Path) -> Scenario:
         scenario, world=beside(path, scenario.world), robot=beside(path, scenario.robot)
     )
     world = _world(scenario, path, text)
-    for key, message in _faults(scenario, world):
+    for key, message in (*_strangers(scenario), *_faults(scenario, world)):
         raise ConfigError(message, path, line_of(text, key))
     return replace(scenario, name=scenario.name or path.stem)
+
+
+def planned(scenario: Scenario) -> bool:
+    """Whether the path planning agent is asked for the way."""
+    if scenario.plan is None:
+        return bool(load_world(scenario.world).walls)
+    return scenario.plan == "rooms"
+
+
+def blind(scenario: Scenario) -> bool:
+    """Whether it is driven straight at a goal that is behind a wall, by nobody's plan."""
+    if scenario.goal is None or scenario.plan in ("waypoints", "frontiers") or planned(scenario):
+        return False
+    return load_world(scenario.world).crossed(scenario.start[:2], scenario.goal[:2])
 
 
 def beside(file: Path, name: str) -> str:
@@ -113,6 +130,15 @@ def exploring(scenario: Scenario, within: Sequence[float] | None = None) -> Scen
     return changed if within is None else replace(changed, within=tuple(within))
 
 
+def _strangers(scenario: Scenario) -> Iterator[tuple[tuple[str | int, ...], str]]:
+    """Agents that are not installed, each with its key."""
+    for index, name in enumerate(scenario.agents):
+        try:
+            find_installed(AGENTS, name)
+        except UnknownNameError as error:
+            yield ("agents", index), str(error)
+
+
 def _world(scenario: Scenario, path: Path, text: str) -> World:
     try:
         return load_world(scenario.world)
@@ -131,18 +157,17 @@ def scenario_from(
     """A scenario of the command line: a world, and from where to where. Raises ConfigError.
 
     Without a start it is the world's own (`RobotHome`); a goal may be the name of one of the
-    world's goals, and without any the robot stays where it is. Worlds with rooms are planned.
+    world's goals.
     """
     place = load_world(world)
     begin = start if start is not None else _home(place)
-    end = _goal(place, goal) if isinstance(goal, str) else goal or begin
+    end = _goal(place, goal) if isinstance(goal, str) else goal
     scenario = Scenario(
         name=place.name,
         title=f"{place.name}: from the command line",
         world=str(world),
         start=begin,
         goal=end,
-        plan="rooms" if place.rooms else "direct",
     )
     if robot is not None:
         scenario = replace(scenario, robot=robot)
@@ -174,6 +199,8 @@ def _faults(scenario: Scenario, world: World) -> Iterator[tuple[Key, str]]:
         return
     radius = load_profile(profile).body.circle_m
     for key, pose in (("start", scenario.start), ("goal", scenario.goal)):
+        if pose is None:
+            continue
         yield from _misplaced(world, (key,), pose, radius)
     for index, pose in enumerate(scenario.waypoints):
         yield from _misplaced(world, ("waypoints", index), pose, radius)

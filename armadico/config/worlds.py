@@ -74,6 +74,15 @@ class World(Struct, frozen=True):
         """The distance from a point to the nearest wall, m; infinite without walls."""
         return min((_distance(x, y, wall) for wall in self.walls), default=inf)
 
+    def crossed(self, a: tuple[float, float], b: tuple[float, float]) -> bool:
+        """Whether a wall is across the straight way from one point to another."""
+        (ax, ay), (bx, by) = a, b
+        return any(
+            _side(ax, ay, bx, by, x1, y1) * _side(ax, ay, bx, by, x2, y2) <= 0.0
+            and _side(x1, y1, x2, y2, ax, ay) * _side(x1, y1, x2, y2, bx, by) <= 0.0
+            for x1, y1, x2, y2 in self.walls
+        )
+
     def inside(self, x: float, y: float) -> bool:
         """Whether a point lies within the bounds."""
         x1, y1, x2, y2 = self.bounds
@@ -113,6 +122,11 @@ def check_door(door: Door, rooms: dict[str, Room]) -> None:
                 f"door {door.name!r} at {at} is {away:.2f} m from the border of room {name!r}; "
                 f"expected {DOOR_REACH_M} m at the most"
             )
+
+
+def _side(x1: float, y1: float, x2: float, y2: float, x: float, y: float) -> float:
+    """Positive for a point left of the line through two others, negative right of it."""
+    return (x2 - x1) * (y - y1) - (y2 - y1) * (x - x1)
 
 
 def _distance(x: float, y: float, wall: Segment) -> float:

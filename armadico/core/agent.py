@@ -296,6 +296,13 @@ class Agent:
         stop = self.memory.newest(m.Stop)
         return stop if stop is not None and stop.stopped else None
 
+    def latch(self, by: str) -> None:
+        """Stop the robot, as anybody may; `by` says who or what. People release it, on purpose."""
+        known = self.memory.newest(m.Stop) or m.Stop()
+        press = self.rng.getrandbits(63)
+        self.publish(m.Stop(m.next_count(known.counter), stopped=True, by=by, press=press))
+        self._stop_changed()
+
     def acknowledge(self) -> None:
         """Acknowledge what it owns: for who makes the cycles itself. Others do on the state."""
         for owned in self._owned.values():

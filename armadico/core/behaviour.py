@@ -23,8 +23,11 @@ class Behaviour(Agent):
 
     A subclass says in `propose` what it would do. `route` knows the way and how far the robot has
     come on it, `body` what the robot is and can: `robot/description` says it, and no setting does.
-    Nobody bids without a goal, nor before the robot has been described.
+    Nobody bids without a goal, unless it says that it needs none, nor before the robot has been
+    described.
     """
+
+    needs_goal: ClassVar[bool] = True
 
     needs: ClassVar[tuple[type[Message], ...]] = (Pose, Obstacles)
     hears: ClassVar[tuple[type[Message], ...]] = (Trajectory, Description)
@@ -102,7 +105,7 @@ class Behaviour(Agent):
 
     def bid(self, message: Any) -> Bid | None:  # noqa: ARG002 - either starts the turn
         """Follow the route, and propose."""
-        if not self.route.waypoints:
+        if self.needs_goal and not self.route.waypoints:
             self.why = "no goal"
             return None
         if self._body is None:

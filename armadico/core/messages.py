@@ -69,7 +69,9 @@ Counter = Annotated[int, Meta(ge=0, le=LARGEST_COUNT)]
 Bits64 = Annotated[int, Meta(ge=0, le=2**63 - 1)]
 # No control characters, nor those that turn the direction of writing: texts go to terminals.
 _PRINTED = r"^[^\x00-\x1f\x7f-\x9f\u061c\u200e\u200f\u2028\u2029\u202a-\u202e\u2066-\u2069]*\Z"
-Name = Annotated[str, Meta(min_length=1, max_length=128, pattern=_PRINTED)]
+LABEL: Final = 128
+Name = Annotated[str, Meta(min_length=1, max_length=LABEL, pattern=_PRINTED)]
+Label = Annotated[str, Meta(max_length=LABEL, pattern=_PRINTED)]  # or none
 Text = Annotated[str, Meta(max_length=2000, pattern=_PRINTED)]
 
 Numbers = Annotated[tuple[Real, ...], Meta(max_length=64)]
@@ -283,7 +285,7 @@ class Stop(Latched, frozen=True):
 
     counter: Counter = 0
     stopped: bool = False
-    by: Annotated[str, Meta(max_length=128, pattern=_PRINTED)] = ""
+    by: Label = ""
     press: Bits64 = 0
 
     @property
@@ -318,12 +320,40 @@ class Origin(Latched, frozen=True):
 # The robot ----------------------------------------------------------------------------------------
 
 
+class Line(Message, frozen=True):
+    """What was wrong with what the controller sent, counted since the robot agent started."""
+
+    dropped: Counter = 0  # bytes that belonged to no good packet
+    mangled: Counter = 0  # packets with a bad checksum
+    malformed: Counter = 0  # packets with a good one, and bad contents
+    absurd: Counter = 0  # status packets of wheels faster than any
+    surplus: Counter = 0  # status packets too many to be looked at
+    resets: Counter = 0  # steps of the odometry that the speeds do not explain
+
+    @property
+    def told(self) -> str:
+        """For people; empty: nothing was wrong."""
+        counts = zip(msgspec.structs.astuple(self), _WRONG, strict=True)
+        return ", ".join(f"{count} {what}" for count, what in counts if count)
+
+
+_WRONG: Final = (
+    "bytes dropped",
+    "bad checksums",
+    "packets of bad contents",
+    "packets of absurd speeds",
+    "packets too many",
+    "odometry resets",
+)
+
+
 class RobotState(Message, frozen=True):
     """What the robot's controller says each cycle.
 
     Odometry (x, y, theta) is the controller's own, unwrapped: it goes on over restarts of the robot
     agent for as long as the controller counts on. `stop` is the latch as the robot agent has it:
-    the acknowledgement of a stop.
+    the acknowledgement of a stop. `stalled` is that something holds the robot: by the controller's
+    stall bits, its bumpers, or wheels that do not turn as ordered; `touch` is where on its edge.
     """
 
     cycle: Cycle
@@ -336,6 +366,8 @@ class RobotState(Message, frozen=True):
     motors: bool
     stalled: bool
     stop: Stop = Stop()
+    touch: Point | None = None  # in the body frame; None: nowhere, or nobody knows
+    line: Line = Line()
 
 
 class Description(Message, frozen=True):
@@ -359,6 +391,7 @@ class Description(Message, frozen=True):
     w_decel: Ramp
     silence_s: Patience
     watchdog_s: Patience
+    controller: Label = ""  # as the controller names itself; a simulator's `Truth` has the same
 
 
 class Echo(Message, frozen=True):
@@ -627,7 +660,11 @@ class Log(Message, frozen=True):
 
 
 class Truth(Message, frozen=True):
-    """What only the simulator knows. For those who watch: agents are refused it."""
+    """What only the simulator knows. For those who watch: agents are refused it.
+
+    It is the robot's if `Description.controller` has the same name: another simulator that is left
+    in the namespace speaks of another robot.
+    """
 
     t: Real  # s of simulation
     x: Real
@@ -637,6 +674,7 @@ class Truth(Message, frozen=True):
     w: Real
     collisions: Counter
     clearance: Real | None  # m from the body's outline to the nearest thing, if there is any
+    simulator: Label = ""  # as its controller names itself
 
 
 def plain(message: Message) -> Any:

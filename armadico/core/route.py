@@ -65,6 +65,12 @@ class Route:
         """Whether only the goal is left."""
         return self.leg == len(self.waypoints) - 1
 
+    @property
+    def direction(self) -> float:
+        """Where the leg leads, rad."""
+        (x, y), to = self._leg_start(), self.waypoints[self.leg]
+        return atan2(to.y - y, to.x - x)
+
     def advance(self, x: float, y: float) -> None:
         """Go on to the next leg while the waypoint is passed; the goal is never passed."""
         before, self._seen = self._seen, (x, y)

@@ -8,7 +8,7 @@ that are remembered.
 from __future__ import annotations
 
 from collections.abc import Sequence
-from math import hypot, inf
+from math import hypot, inf, sqrt
 from typing import NamedTuple
 
 from armadico.core.messages import Obstacles, Point
@@ -25,6 +25,9 @@ less, and drives on as it does."""
 
 ON_THE_SPOT_M_S = 0.05
 """Slower than this the robot turns on the spot, and the small margin will do all round."""
+
+EARLIER_S = 0.05
+"""So much before it must, whoever is in no hurry brakes."""
 
 CORNER_ROOM_M = 0.17
 """Nearer to something than this, its farthest corner to obstacle, a corner of the trajectory is not
@@ -83,6 +86,24 @@ def limit(v: float, w: float, scene: Scene, safety: Safety) -> Limited:
         if w == 0.0:
             break
     return Limited(*_too_late(scene, w, safety), free)
+
+
+def unhurried(v: float, w: float, scene: Scene, safety: Safety) -> float:
+    """The speed up to v (m/s) that nobody will call critical in the next cycles.
+
+    `limit` lets a wish brake at the last moment; whoever looks then sees a motion that would touch
+    something if it went on. So it brakes earlier, for what lies on the arc of the wish, and on that
+    which the robot is on.
+    """
+    free = min(
+        free_path(scene.points, v, turn, scene.body.outline, safety.margin_m)
+        for turn in (w, scene.measured[1])
+    )
+    if free == inf:
+        return v
+    decel = scene.body.v_decel
+    late = scene.body.dead_s + scene.body.silence_s + scene.age + EARLIER_S
+    return min(v, decel * (sqrt(late * late + 2.0 * free / decel) - late))
 
 
 def critical(scene: Scene, safety: Safety) -> bool:

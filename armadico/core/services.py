@@ -67,7 +67,14 @@ SERVICES: tuple[Service, ...] = (
     Service(
         m.MissionRequest, "mission/request", _Q, None, None, "go to a goal", reply=m.MissionReply
     ),
-    Service(m.MissionStatus, "mission/status", _S, 5, None, "how far the mission has come"),
+    Service(
+        m.MissionStatus,
+        "mission/status",
+        _S,
+        1,
+        None,
+        "how far the mission has come; 5 Hz under way",
+    ),
     Service(
         m.ExploreRequest, "explore/request", _Q, None, None, "map a place", reply=m.MissionReply
     ),

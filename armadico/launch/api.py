@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
 from functools import cached_property
-from math import degrees, radians
+from math import degrees, inf, radians
 from pathlib import Path
 from typing import TYPE_CHECKING, NamedTuple
 
@@ -18,6 +18,8 @@ from armadico.observe.measures import Mark, Result, RunWatch
 if TYPE_CHECKING:
     import numpy as np
     from numpy.typing import NDArray
+
+    from armadico.core.agent import Agent
 
 
 class Holding(NamedTuple):
@@ -95,13 +97,13 @@ class Run:
         from armadico.observe.pictures import Run as Picture  # noqa: PLC0415 - heavy
         from armadico.observe.pictures import draw_run  # noqa: PLC0415 - heavy
 
-        x, y, heading = self.scenario.goal
-        goal = (x, y, radians(heading))
+        goal = self.scenario.goal
         first = self.marks[0] if self.marks else None
+        x, y, heading = self.scenario.start
         picture = Picture(
             path=self.marks,
-            start=goal if first is None else (first.x, first.y, first.theta),
-            goal=goal,
+            start=(x, y, radians(heading)) if first is None else (first.x, first.y, first.theta),
+            goal=None if goal is None else (goal[0], goal[1], radians(goal[2])),
             body=load_profile(self.scenario.robot).body,
             waypoints=self.waypoints[:-1] if self.grid is None else (),  # else the last of many
             echoes=self.echoes,
@@ -121,7 +123,9 @@ def run(
     seed: int | None = None,
     start: Pose2 | None = None,
     goal: Pose2 | None = None,
+    limit: float | None = None,
     without: Sequence[str] = (),
+    joins: Sequence[type[Agent]] = (),
     controller: str | None = None,
     exchange: str | None = None,
     parameters: str | None = None,
@@ -149,11 +153,13 @@ def run(
         virtual: Under a virtual clock, or as processes.
         seed: Of all that is random; by default the scenario's.
         start: Where the robot starts, instead of where the scenario says: m, m, rad.
-        goal: Where it is to go, likewise.
+        goal: Where it is to go, likewise; where neither says so, it is sent nowhere.
+        limit: How long it may take, s; by default 5 times the way over 0.3 m/s, at least 60 s.
         without: Agents that take no part.
-        controller: Goto's: fast, precise or collaborative.
+        joins: Classes of yours that take part too, installed or not; in virtual runs.
+        controller: Goto's: fast, precise, collaborative or brisk.
         exchange: How resources change hands: smooth or abrupt.
-        parameters: A set of agents' parameters: thesis, or a TOML file.
+        parameters: A set of agents' parameters: thesis, brisk, or a TOML file.
         profile: The make of robot: a shipped profile's name, or a TOML file.
         robot: The URL of a robot that is there already, serial:// or tcp://; none: a simulator.
         namespace: The robot's subtree of keys; by default $ARMADICO_NAMESPACE, or robot1.
@@ -163,21 +169,28 @@ def run(
     Raises:
         ConfigError: The scenario, or something in it, cannot be used; the text has file and line.
         UnknownNameError: No such agent is installed.
+        AgentFailedError: An agent's own code raised, in a virtual run; with file and line.
         MissionRefusedError: There is no way, or the robot's pose is not known.
         AbsentError: No agent that takes missions is alive.
         RunFailedError: A process did not start, or the robot is silent; with its last log lines.
         MeshError: The mesh cannot be joined.
         TopologyError: A namespace or an endpoint that cannot be one.
-        ValueError: `robot`, `namespace` or `connect` for a virtual run.
+        ValueError: A limit that is none; `robot`, `namespace` or `connect` for a virtual run;
+            `joins` for another, where an agent is a process, found by its entry point.
     """
     if virtual and (robot or namespace or connect):
         raise ValueError("robot, namespace and connect are for what is really there, not virtual")
+    if joins and not virtual:
+        raise ValueError("joins is for virtual runs; processes are found by their entry points")
+    if limit is not None and not 0.0 < limit < inf:
+        raise ValueError(f"limit {limit:g}: expected seconds, more than none")
     given = scenario if isinstance(scenario, Scenario) else load_scenario(scenario)
     options = Options(
         seed=given.seed if seed is None else seed,
         controller=controller,
         exchange=exchange,
         parameters=parameters,
+        limit=limit,
         without=tuple(without),
         robot=robot,
     )
@@ -188,17 +201,19 @@ def run(
         goal=None if goal is None else (goal[0], goal[1], degrees(goal[2])),
         profile=profile,
     )
+    warnings: list[str] = []
     if virtual:
         from armadico.launch.virtual import Rehearsal  # noqa: PLC0415 - it loads the virtual mesh
 
         rehearsal = Rehearsal(chosen, options)
-        rehearsal.run(progress)
-        return Run.of(chosen, rehearsal.watch)
+        for kind in joins:
+            rehearsal.add(kind)
+        rehearsal.run(progress, warnings.append)
+        return Run.of(chosen, rehearsal.watch, warnings)
     from armadico.launch.local import Launcher  # noqa: PLC0415 - and this one Zenoh
     from armadico.runtime.client import connect as joined  # noqa: PLC0415
 
     joining = [word for endpoint in connect for word in ("--connect", endpoint)]
-    warnings: list[str] = []
     with (
         joined(namespace, connect=connect) as guest,
         Launcher(chosen, options, guest.mesh, guest.mesh.namespace, joining=joining) as live,

@@ -10,6 +10,7 @@ from typing import Final
 from armadico.core.messages import RobotState
 from armadico.launch.processes import undisturbed
 from armadico.launch.run import LiveRun
+from armadico.launch.society import ATTACHED
 from armadico.mesh.topology import MeshError
 from armadico.runtime.errors import RunFailedError, SocietyError
 
@@ -29,6 +30,7 @@ AWAY_M: Final = 0.5
 class AttachedRun(LiveRun):
     """Watches a society that is up. Unless the goal is reached, it leaves the robot stopped."""
 
+    mode = ATTACHED
     come_s: float = COME_S
 
     def __exit__(

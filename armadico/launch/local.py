@@ -37,7 +37,9 @@ ANSWER_S = 10.0
 """What the robot may take to answer once its agent is alive."""
 
 ALONE_S = 5.0
-"""What one of two robot agents may take to leave."""
+"""What the agents of one of two runs may take to leave."""
+
+LOOK_S = 0.1
 
 
 class Launcher(LiveRun):
@@ -98,8 +100,8 @@ class Launcher(LiveRun):
         for group in processes(self.members, self.options.together):
             self.start_agent(*group)
         self._wait_for_everybody()
+        self._refuse_a_second_run()
         self._wait_for_the_robot(port)
-        self._refuse_a_second_robot()
 
     def _refuse_company(self) -> None:
         """A robot that is in the namespace already is not ours to drive."""
@@ -108,24 +110,28 @@ class Launcher(LiveRun):
         if there:
             raise RunFailedError(
                 f"a robot is in the namespace {self._namespace!r} already: {there[0][1]}"
-                " (armadico ps shows whose); --attach drives with it, --namespace NAME without"
+                " (armadico ps shows whose); --attach drives with it, --namespace NAME without;"
+                " `armadico down` ends what a killed run has left"
             )
 
-    def _refuse_a_second_robot(self) -> None:
-        """Of two runs that begin together one has the robot, and the other does not drive it."""
-
-        def alone() -> bool:
-            self._check_alive()  # a robot agent that finds another leaves
-            return len(self._robots()) == 1
-
-        self.client.wait_for(alone, ALONE_S)
-        for name, instance in self._robots():
-            card = self.client.card(name, instance)
-            if card is not None and card.pid not in {p.popen.pid for p in self.processes}:
+    def _refuse_a_second_run(self) -> None:
+        """Of two runs that begin together one drives at most, and only with its own agents."""
+        end = self.client.mesh.now() + ALONE_S
+        while strangers := self._strange_agents():
+            self._check_alive()  # an encoder agent that finds another leaves
+            if self.client.mesh.now() >= end:
                 raise RunFailedError(
-                    f"another robot came into the namespace {self._namespace!r} meanwhile:"
-                    f" {instance}; use another one: --namespace NAME"
+                    f"others came into the namespace {self._namespace!r} meanwhile:"
+                    f" {', '.join(strangers)}; use another one: --namespace NAME"
                 )
+            self.client.wait_for(lambda: None, LOOK_S)
+
+    def _strange_agents(self) -> list[str]:
+        """Instances of the agents that take part which somebody else has started."""
+        ours = {process.popen.pid for process in self.processes}
+        there = sorted(who for who in self.client.alive if who[0] in self.names)
+        cards = [self.client.card(*who) for who in there]
+        return [card.instance for card in cards if card is not None and card.pid not in ours]
 
     def start_simulator(self, port: int = 0) -> str:
         """Start a simulator on a TCP port, 0: one that is free; returns its URL."""
@@ -179,15 +185,18 @@ class Launcher(LiveRun):
                 raise RunFailedError(f"{process.name} ended with {how}:\n{process.last_words()}")
 
     def look(self) -> None:
-        """Say once who has gone; without the robot there is no run."""
+        """Say once who has gone.
+
+        Raises RunFailedError if another's agent has taken the place of one.
+        """
         for process in self.processes:
             if process.ended() and process not in self._mourned:
                 self._mourned.add(process)
-                if process.has_robot and process.popen.returncode == MISUSED:
+                if process.popen.returncode == MISUSED:  # another's of its kind is there
                     self._check_alive()
                 self._warn(
                     f"{process.name} is gone ({ending(process.popen.returncode)});"
-                    f" its last words:\n{process.last_words()}"
+                    f" its last words, of {process.log}:\n{process.last_words()}"
                 )
         super().look()
 

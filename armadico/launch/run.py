@@ -17,7 +17,7 @@ from armadico.core.agent import WARNING
 from armadico.core.cycles import LISTEN
 from armadico.core.messages import Claim, Log, Message, Pose, RobotState
 from armadico.core.resources import WHEELS
-from armadico.launch.society import Options, mission, names, time_limit, watch
+from armadico.launch.society import LIVE, Options, errand, names, time_limit, watch
 from armadico.mesh.base import Mesh
 from armadico.observe.measures import WATCHED, Result, RunWatch
 from armadico.runtime.client import Client
@@ -39,6 +39,9 @@ IDLE_S = 15.0
 class Run:
     """One run of a scenario; what differs between societies is in its subclasses."""
 
+    mode: str
+    """How it is driven, as its conditions name it."""
+
     again_s = 0.0
     """A mission that is refused is asked for again for so long."""
 
@@ -56,18 +59,23 @@ class Run:
         self.scenario = scenario
         self.options = options
         self.client = client
-        self.watch = watch(scenario, options)
-        self.limit = time_limit(0.0)
+        self.watch = watch(scenario, options, self.mode, client.mesh.namespace)
+        self.limit = time_limit(0.0, options)
         self._warn: Callable[[str], None] = lambda _: None
+        self._warned = ""
 
     def start(self) -> None:
         """See that all agents are alive. Raises RunFailedError if one is not."""
         raise NotImplementedError
 
     def begin(self) -> None:
-        """Hand the mission over. Raises MissionRefusedError or AbsentError."""
-        reply = self.client.hand_over(mission(self.scenario), find=HEAR_S, again=self.again_s)
-        self.limit = time_limit(reply.length)
+        """Hand over the mission, if there is one. Raises MissionRefusedError or AbsentError."""
+        request = errand(self.scenario)
+        if request is None:
+            self.watch.begin()
+            return
+        reply = self.client.hand_over(request, find=HEAR_S, again=self.again_s)
+        self.limit = time_limit(reply.length, self.options)
         self.watch.begin(reply.mission)
 
     def run(
@@ -87,6 +95,8 @@ class Run:
                 progress(self.watch)
             if not self.goes_on(now() - begun):
                 break
+        else:
+            self.watch.end(self.limit)
         if self.watch.astray is not None:
             self._warn(
                 "by its pose the robot is at the goal, and in truth it is not: the pose is"
@@ -102,10 +112,19 @@ class Run:
         """Called at each step, s after the beginning. Raises RunFailedError if it cannot go on."""
         return True
 
+    def pass_on(self, key: str, message: Message) -> None:
+        """Pass on what an agent logs of faults, with whose it is; nothing twice running."""
+        if isinstance(message, Log) and message.level >= WARNING and message.text != self._warned:
+            self._warned = message.text
+            name = key.rpartition("/")[2].rpartition("-")[0]
+            said = message.text.startswith(name)
+            self._warn(message.text if said else f"{name}: {message.text}")
+
 
 class LiveRun(Run):
     """A run over a real mesh; a context manager, since whoever leaves it has something to leave."""
 
+    mode = LIVE
     again_s = LINKS_S
 
     def __init__(
@@ -131,9 +150,9 @@ class LiveRun(Run):
         self.names = names(scenario, options.without)
         self._silent_s = silent_s
         self._idle_s = idle_s
-        self._warned = ""
+        self._strangers: set[str] = set()
         self.client.listen(*WATCHED, then=self.watch.show)
-        self.client.listen(Log, then=self._pass_on)
+        self.client.listen(Log, then=lambda log, _: self.pass_on(self.client.key, log))
 
     def __enter__(self) -> Self:
         return self
@@ -152,7 +171,23 @@ class LiveRun(Run):
         return not self._nobody_can(elapsed)
 
     def look(self) -> None:
-        """Called now and then while it runs. Raises RunFailedError if the robot is silent."""
+        """Called now and then while it runs.
+
+        Raises RunFailedError if the robot is silent, or another one has come in its place.
+        """
+        if self.watch.mixed:
+            raise RunFailedError(
+                f"the robot's controller is {self.watch.mixed} now, and was another one when the"
+                " run began: what was measured is of two robots"
+            )
+        for name in self.watch.view.strangers(self.client.mesh.now()):
+            if name not in self._strangers:
+                self._strangers.add(name)
+                self._warn(
+                    f"another simulator speaks in the namespace {self.client.mesh.namespace!r}:"
+                    f" {name or 'of an older version'}; it is not this run's, and nothing of it is"
+                    " counted"
+                )
         if self.client.age(RobotState) > self._silent_s:
             raise RunFailedError(
                 f"the robot has said nothing for {self._silent_s:g} s; {self.words_of_the_robot()}"
@@ -171,7 +206,8 @@ class LiveRun(Run):
             kinds.append(Pose)
         state = self.client.latest(RobotState)
         listens = state is None or state.cycle.number <= LISTEN  # and refuses, meanwhile
-        return not listens and all(self.client.age(kind) < 1.0 for kind in kinds)
+        described = self.watch.view.description is not None  # and whose truth is the robot's
+        return described and not listens and all(self.client.age(kind) < 1.0 for kind in kinds)
 
     def _missing(self) -> list[str]:
         """Who takes part and has no token."""
@@ -194,11 +230,3 @@ class LiveRun(Run):
             f" {'is' if len(missing) == 1 else 'are'} gone: the run is over"
         )
         return True
-
-    def _pass_on(self, message: Message, _now: float) -> None:
-        """Pass on what an agent logs of faults, with whose it is."""
-        if isinstance(message, Log) and message.level >= WARNING and message.text != self._warned:
-            self._warned = message.text
-            name = self.client.key.rpartition("/")[2].rpartition("-")[0]
-            said = message.text.startswith(name)
-            self._warn(message.text if said else f"{name}: {message.text}")

@@ -11,6 +11,7 @@ from dataclasses import dataclass
 from math import radians
 from pathlib import Path
 
+from msgspec import to_builtins
 from msgspec.structs import replace
 
 from armadico.config.discovery import AGENTS, agent_class, find, owners
@@ -18,11 +19,16 @@ from armadico.config.errors import ConfigError, advice
 from armadico.config.hosts import Host
 from armadico.config.loading import load_parameters
 from armadico.config.parameters import load_set
-from armadico.config.scenarios import PoseDeg, Scenario, beside, scenario_from, society
+from armadico.config.profile import load_profile
+from armadico.config.scenarios import PoseDeg, Scenario, beside, planned, scenario_from, society
 from armadico.config.worlds import load_world
 from armadico.core.messages import ExploreRequest, MissionRequest, Waypoint
 from armadico.core.resources import WHEELS
+from armadico.observe.conditions import Conditions, digest, packages, software
 from armadico.observe.measures import RunWatch
+
+VIRTUAL, LIVE, ATTACHED = "virtual", "live", "attached"
+"""How a run is driven."""
 
 LIMIT_SPEED = 0.3
 LIMIT_FACTOR = 5.0
@@ -41,6 +47,7 @@ class Options:
     robot: str | None = None  # the URL of something that is already there
     together: tuple[tuple[str, ...], ...] = ()  # agents that share a process
     resume: str | None = None  # a saved map that the mapping agent goes on with
+    limit: float | None = None  # s that the run may take; None: as `time_limit` says
     margin: float | None = None  # by how much a bid must be better; None: the resource's own
 
 
@@ -72,8 +79,7 @@ def prepared(
             profile_of(profile) or scenario.robot,
         )
         scenario = replace(scenario, start=checked.start, goal=checked.goal, robot=checked.robot)
-    given = load_set(options.parameters) if options.parameters else {}
-    for name in (*scenario.agents, *options.without, *given):
+    for name in (*scenario.agents, *options.without):
         find(AGENTS, name)
     _, *others = names(scenario)
     for name in options.without:
@@ -109,7 +115,7 @@ def share(
     Without a scenario all of the entry take part, with parameters of their own.
     """
     taking = set(host.agents if scenario is None else names(scenario)) - set(options.without)
-    scenario = scenario or Scenario(world="empty", start=(0, 0, 0), goal=(0, 0, 0))
+    scenario = scenario or Scenario(world="empty", start=(0, 0, 0))
     here = (*(name for name in host.agents if name in taking), *more)
     return _launched(here, facts(scenario, options, host.robot or ""), options)
 
@@ -176,30 +182,58 @@ def processes(
     return tuple(found.values())
 
 
-def mission(scenario: Scenario) -> MissionRequest | ExploreRequest:
-    """What the interface agent is asked for, or the explore agent."""
-    if scenario.plan == "frontiers":  # where it ends, and nothing that is in it
+def errand(scenario: Scenario) -> MissionRequest | ExploreRequest | None:
+    """What the interface agent is asked for, or the explore agent; None: nobody is sent off."""
+    if scenario.plan == "frontiers" and scenario.goal is not None:
         within = scenario.within or load_world(scenario.world).bounds
-        return ExploreRequest(*within, _waypoint(scenario.goal))
+        return ExploreRequest(*within, _waypoint(scenario.goal))  # and nothing that is in it
+    return mission(scenario)
+
+
+def mission(scenario: Scenario) -> MissionRequest | None:
+    """What the interface agent is asked for; None: nobody is sent anywhere."""
+    if scenario.goal is None:
+        return None
     return MissionRequest(
         goal=_waypoint(scenario.goal),
         waypoints=tuple(map(_waypoint, scenario.waypoints)) if scenario.plan == "waypoints" else (),
-        planned=scenario.plan == "rooms",
+        planned=planned(scenario),
     )
 
 
-def watch(scenario: Scenario, options: Options) -> RunWatch:
+def watch(
+    scenario: Scenario, options: Options, mode: str, namespace: str | None = None
+) -> RunWatch:
     """Who measures the run."""
-    return RunWatch(
-        scenario.name,
-        (scenario.goal[0], scenario.goal[1], radians(scenario.goal[2])),
-        options.seed,
+    goal = scenario.goal
+    to = None if goal is None else (goal[0], goal[1], radians(goal[2]))
+    return RunWatch(scenario.name, to, options.seed, conditions(scenario, options, mode, namespace))
+
+
+def conditions(
+    scenario: Scenario, options: Options, mode: str, namespace: str | None = None
+) -> Conditions:
+    """What the run's result depends on besides its seed."""
+    taking = names(scenario, options.without)
+    driven = {**to_builtins(scenario), "agents": taking}
+    unnamed = replace(scenario, name="", title="", seed=0, world="", robot="", agents=())
+    brought = packages(find(AGENTS, name).package for name in taking)
+    return Conditions(
+        mode=mode,
+        namespace=None if mode == VIRTUAL else namespace,
+        robot=options.robot,
+        scenario=driven,
+        scenario_hash=digest((unnamed, taking)),
+        world_hash=digest(replace(load_world(scenario.world), name="")),
+        profile_hash=digest(load_profile(scenario.robot)),
+        agents={} if mode == ATTACHED else {m.name: m.sets for m in members(scenario, options, "")},
+        software=replace(software(), packages=software().packages | brought),
     )
 
 
-def time_limit(length: float) -> float:
-    """Seconds that a run may take: 5 times the way over 0.3 m/s, at least 60 s."""
-    return max(LIMIT_FACTOR * length / LIMIT_SPEED, LIMIT_LEAST)
+def time_limit(length: float, options: Options) -> float:
+    """Seconds that a run may take: as asked, or 5 times the way over 0.3 m/s, at least 60 s."""
+    return options.limit or max(LIMIT_FACTOR * length / LIMIT_SPEED, LIMIT_LEAST)
 
 
 def _waypoint(pose: tuple[float, float, float]) -> Waypoint:

@@ -9,12 +9,14 @@ from armadico.config.discovery import AGENTS, SIMULATORS, find, load
 from armadico.config.loading import load_parameters
 from armadico.config.scenarios import Scenario, society
 from armadico.core.agent import Agent, DeviceAgent
+from armadico.core.messages import Log
 from armadico.launch.run import Run
-from armadico.launch.society import Options, members
+from armadico.launch.society import VIRTUAL, Options, members
 from armadico.mesh.virtual import Node, VirtualMesh
 from armadico.mesh.virtual_network import Clock
 from armadico.mesh.virtual_session import VirtualSession
-from armadico.observe.measures import WATCHED
+from armadico.observe.measures import WATCHED, Result, RunWatch
+from armadico.runtime.blame import blaming
 from armadico.runtime.client import Client
 
 SETTLE_S = 1.0
@@ -23,6 +25,8 @@ SETTLE_S = 1.0
 
 class Rehearsal(Run):
     """One scenario on a virtual mesh. `run` drives it to its end; faults may be put in between."""
+
+    mode = VIRTUAL
 
     def __init__(
         self,
@@ -44,6 +48,7 @@ class Rehearsal(Run):
         super().__init__(scenario, options, Client(VirtualSession(self.mesh)))
         # At the moment of publication: what is measured has been nowhere on the way.
         self.mesh.watch(lambda _key, message, now: self.watch.show(message, now), *WATCHED)
+        self.mesh.watch(lambda key, message, _: self.pass_on(key, message), Log)
         factory = find(SIMULATORS, society().simulator).load()
         self.robot = factory(scenario, self.mesh.stream, self.mesh.publish)
         self._clock = clock
@@ -61,7 +66,8 @@ class Rehearsal(Run):
 
     def add(self, kind: type[Agent], parameters: object = None, start: int = 0) -> Node:
         """An agent joins, now, as the `start`-th instance."""
-        agent = kind(self.mesh.identity(kind.name, start), parameters)
+        with blaming():
+            agent = kind(self.mesh.identity(kind.name, start), parameters)
         self._starts[kind.name] = max(self._starts[kind.name], start + 1)
         clock = None if self._clock is None else self._clock(kind.name)
         return self.mesh.add(agent, self.robot if isinstance(agent, DeviceAgent) else None, clock)
@@ -69,6 +75,15 @@ class Rehearsal(Run):
     def start(self) -> None:
         """See `Run`: all have joined, the handshake and the first cycles are left."""
         self.mesh.run(SETTLE_S)
+
+    def run(
+        self,
+        progress: Callable[[RunWatch], None] | None = None,
+        warn: Callable[[str], None] | None = None,
+    ) -> Result:
+        """See `Run`. Raises AgentFailedError if an agent's own code raises."""
+        with blaming():
+            return super().run(progress, warn)
 
     def wait(self, seconds: float) -> None:
         """See `Run`. It is done at once: the guest hears of it later, over the network."""

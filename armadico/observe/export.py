@@ -208,23 +208,21 @@ def to_rrd(
 ) -> int:
     """Draw a recording as the dashboard would have; returns how many messages it was.
 
-    Raises RecordingError if it holds several robots and none was named, ImportError without rerun.
+    Raises RecordingError if it holds several robots and none was named, ImportError without rerun,
+    and OSError.
     """
-    import rerun  # noqa: PLC0415 - an extra
-
     from armadico.observe.dashboard.scene import Scene  # noqa: PLC0415 - imports rerun
+    from armadico.observe.dashboard.server import finish, keep  # noqa: PLC0415 - and this
 
     chosen = namespace or _only_namespace(path)
-    recording = rerun.RecordingStream("armadico")
-    recording.save(str(out))
+    recording = keep({chosen: world}, out)
     scene = Scene(recording, world, chosen, zones)
     count, first = 0, None
     for row in rows(path, warn):
         first = row.t if first is None else first
         if row.namespace == chosen and not row.key.endswith(REFUSED):
             count += _draw(scene, row, (row.t - first) / 1e9)
-    recording.flush()
-    recording.disconnect()
+    finish(recording, out)
     return count
 
 

@@ -18,6 +18,7 @@ from armadico.core.messages import (
     Ack,
     Claim,
     Command,
+    Description,
     ExploreState,
     ExploreStatus,
     Message,
@@ -31,12 +32,14 @@ from armadico.core.messages import (
     Truth,
 )
 from armadico.core.resources import WHEELS
+from armadico.observe.conditions import Conditions
 from armadico.observe.view import View, agent_of
 
 REACHED_M = 0.15
 REACHED_RAD = radians(5.0)
 
 WATCHED: tuple[type[Message], ...] = (
+    Description,
     Truth,
     RobotState,
     Ack,
@@ -55,35 +58,45 @@ class Result(Struct, frozen=True):
     """One run. Without truth (a real robot) the pose stands in, and what it cannot tell is null.
 
     TD m, FO degrees off the goal's heading, TT s, P per cent of the straight distance start to
-    goal; shares (the thesis's TG, TA, TGt) by agent per cent of the cycles in which it was obeyed,
-    of those in which anybody was.
+    goal; without a goal there is no FO, no P, and nothing to be reached. `limit_s` is the time
+    limit, if that ended the run. Shares (the thesis's TG, TA, TGt) by agent: per cent of the cycles
+    in which it was obeyed, of those in which anybody was.
     """
 
     scenario: str
     seed: int | None
-    reached: bool
+    reached: bool | None
     td_m: float
-    fo_deg: float
+    fo_deg: float | None
     tt_s: float
-    p_percent: float
+    p_percent: float | None
     shares: dict[str, float]
     exchanges: int
     collisions: int | None
     min_clearance_m: float | None
+    limit_s: float | None = None
+    conditions: Conditions | None = None
 
     @property
     def passed(self) -> bool:
-        """Reached, and nothing touched."""
-        return self.reached and not self.collisions
+        """Reached, if there was a goal, and nothing touched."""
+        return self.reached is not False and not self.collisions
+
+    @property
+    def outcome(self) -> str:
+        """Whether it was reached, and if a time limit ended it, which."""
+        if self.reached is None:
+            return "no goal"
+        limit = "" if self.limit_s is None else f": time limit of {self.limit_s:.0f} s"
+        return "reached" if self.reached else f"NOT reached{limit}"
 
     @property
     def verdict(self) -> str:
         """One line on the run."""
-        verdict = "reached" if self.reached else "NOT reached"
         least = self.min_clearance_m
         clear = "" if least is None else f", clearance {least:.2f} m"
         return (
-            f"{verdict} in {self.tt_s:.1f} s over {self.td_m:.2f} m;"
+            f"{self.outcome}; {self.tt_s:.1f} s over {self.td_m:.2f} m;"
             f" {self.exchanges} exchanges, {self.collisions or 0} collisions{clear}"
         )
 
@@ -111,8 +124,9 @@ class RunWatch:
     """Watches one run: say `begin` when the mission is taken on, then show it every message."""
 
     scenario: str
-    goal: Pose2
+    goal: Pose2 | None
     seed: int | None = None
+    conditions: Conditions | None = None
     path: list[Mark] = field(default_factory=list)
     echoes: list[tuple[float, float]] = field(default_factory=list)
     waypoints: tuple[Pose2, ...] = ()
@@ -122,7 +136,9 @@ class RunWatch:
     failed: str = ""  # why an exploration ended otherwise than asked
     explored: ExploreStatus | None = None
     grid: OccupancyGrid | None = None  # the map made by driving
+    begun: bool = False
     mission: int = 0
+    limit: float | None = None
     distance: float = 0.0
     exchanges: int = 0
     clearance: float | None = None
@@ -130,11 +146,16 @@ class RunWatch:
     _cycles: dict[str, int] = field(default_factory=dict)
     _last_holder: str | None = None
     _collisions_before: int = 0
+    _controller: str = ""
     _began: float | None = None
 
-    def begin(self, mission: int) -> None:
-        """The mission is taken on."""
-        self.mission = mission
+    def begin(self, mission: int = 0) -> None:
+        """The mission is taken on; 0: there is none."""
+        self.mission, self.begun = mission, True
+
+    def end(self, limit: float) -> None:
+        """The time that it may take is over."""
+        self.limit = None if self.done else limit
 
     def show(self, message: Message, now: float) -> None:
         """Take one message."""
@@ -145,13 +166,13 @@ class RunWatch:
         if isinstance(message, Trajectory) and message.waypoints:
             self.waypoints = tuple((w.x, w.y, w.theta) for w in message.waypoints)
         taker = getattr(self, f"_take_{type(message).__name__.lower()}", None)
-        if taker is not None and self.mission:
+        if taker is not None and self.begun:
             taker(message)
 
     @property
     def holder(self) -> str | None:
-        """The agent that drives since the mission began; None: nobody."""
-        driver = self.view.driver(WHEELS.name, self.now) if self.mission else None
+        """The agent that drives since the run began; None: nobody."""
+        driver = self.view.driver(WHEELS.name, self.now) if self.begun else None
         return None if driver is None else agent_of(driver)
 
     @property
@@ -168,6 +189,12 @@ class RunWatch:
         return None if at is None else (at.x, at.y, at.theta)
 
     @property
+    def mixed(self) -> str:
+        """Another robot's controller, if one has taken this one's place since the run began."""
+        now = self.view.controller
+        return now if self._began is not None and now != self._controller else ""  # "": unknown
+
+    @property
     def astray(self) -> float | None:
         """How far a pose that says the goal is reached is from the truth, m; None if it is not."""
         pose, truth = self.view.pose, self.view.truth
@@ -177,20 +204,16 @@ class RunWatch:
 
     def result(self) -> Result:
         """The row, as far as the run has come."""
-        here = self.here or (0.0, 0.0, 0.0)
-        start = self.start or here
-        error = hypot(self.goal[0] - here[0], self.goal[1] - here[1])
-        turned = abs(wrap(self.goal[2] - here[2]))
-        straight = hypot(self.goal[0] - start[0], self.goal[1] - start[1])
+        reached, off, p = self._by_the_goal()
         truth = self.view.truth
         return Result(
             scenario=self.scenario,
             seed=self.seed,
-            reached=self.done and not self.failed and error <= REACHED_M and turned <= REACHED_RAD,
+            reached=reached,
             td_m=round(self.distance, 3),
-            fo_deg=round(degrees(turned), 3),
+            fo_deg=off,
             tt_s=round(self.elapsed, 3),
-            p_percent=round(100.0 * (1.0 - error / straight), 3) if straight else 0.0,
+            p_percent=p,
             shares={
                 name: round(100.0 * cycles / sum(self._cycles.values()), 2)
                 for name, cycles in sorted(self._cycles.items())
@@ -198,9 +221,27 @@ class RunWatch:
             exchanges=self.exchanges,
             collisions=truth.collisions - self._collisions_before if truth else None,
             min_clearance_m=None if self.clearance is None else round(self.clearance, 3),
+            limit_s=self.limit,
+            conditions=self.conditions,
         )
 
+    def _by_the_goal(self) -> tuple[bool | None, float | None, float | None]:
+        """Whether it is reached, FO and P."""
+        if self.goal is None:
+            return None, None, None
+        here = self.here or (0.0, 0.0, 0.0)
+        start = self.start or here
+        error = hypot(self.goal[0] - here[0], self.goal[1] - here[1])
+        turned = abs(wrap(self.goal[2] - here[2]))
+        straight = hypot(self.goal[0] - start[0], self.goal[1] - start[1])
+        there = error <= REACHED_M and turned <= REACHED_RAD
+        reached = self.done and not self.failed and there
+        p = round(100.0 * (1.0 - error / straight), 3) if straight else 0.0
+        return reached, round(degrees(turned), 3), p
+
     def _take_truth(self, truth: Truth) -> None:
+        if truth is not self.view.truth:
+            return  # another simulator's
         self._mark(truth.t, (truth.x, truth.y, truth.theta))
         if truth.clearance is not None:
             least = truth.clearance if self.clearance is None else self.clearance
@@ -212,7 +253,7 @@ class RunWatch:
 
     def _mark(self, t: float, at: Pose2) -> None:
         if self._began is None:
-            self._began, self.start = t, at
+            self._began, self.start, self._controller = t, at, self.view.controller
             self._collisions_before = truth.collisions if (truth := self.view.truth) else 0
         elif self.path:
             self.distance += hypot(at[0] - self.path[-1].x, at[1] - self.path[-1].y)

@@ -13,7 +13,7 @@ import io
 import sys
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, field
-from itertools import groupby, pairwise
+from itertools import cycle, groupby, pairwise
 from math import cos, hypot, pi, sin
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Protocol
@@ -37,6 +37,9 @@ TALL = 1.6
 COLOURS = ("#0072b2", "#cc79a7", "#e69f00", "#56b4e9", "#7b5ea7", "#009e73", "#d55e00")
 """Who holds the wheels has one of these by its name, and so the same in every picture (Okabe and
 Ito's, which people with any colour vision tell apart; their order is such that ours differ)."""
+
+LINES = ("solid", "dashed", "dotted", "dashdot")
+"""Within a picture the first four holders are told apart by these too, whatever their colours."""
 
 NOBODY = "#9a9a9a"
 
@@ -80,7 +83,7 @@ class Run:
 
     path: Sequence[Step | Mark]
     start: Pose
-    goal: Pose
+    goal: Pose | None
     body: Body
     waypoints: Sequence[Pose] = ()
     echoes: Sequence[tuple[float, float]] = ()
@@ -208,10 +211,15 @@ class _Canvas:
             self.legend[name] = self.axes.scatter([], [], s=40, marker="s", color=ink)
 
     def path(self, steps: Sequence[Step]) -> None:
+        styles = cycle(LINES)
+        style_of: dict[str | None, str] = {None: "solid"}
         for holder, points in _reigns(steps):
             xs, ys = zip(*(self.at(x, y) for x, y in points), strict=True)
+            if holder not in style_of:
+                style_of[holder] = next(styles)
+            look: dict[str, Any] = {"color": colour(holder), "linestyle": style_of[holder]}
             (line,) = self.axes.plot(
-                xs, ys, color=colour(holder), linewidth=2.6, solid_capstyle="round", zorder=4
+                xs, ys, **look, linewidth=2.6, solid_capstyle="round", zorder=4
             )
             self.legend.setdefault(holder or "nobody", line)
 

@@ -21,6 +21,7 @@ from armadico.core.messages import (
     BidRecord,
     Card,
     Claim,
+    Description,
     Message,
     MissionStatus,
     Pose,
@@ -74,6 +75,8 @@ class View:
         bids: By instance, the newest record of a bid, or of why there was none, and when it came.
         acks: By resource, its owner's newest word.
         rates: By key, how often something is published on it.
+        truth: The newest of the robot's own simulator.
+        simulators: All that speak in the namespace, and when they last did.
     """
 
     def __init__(self) -> None:
@@ -85,6 +88,8 @@ class View:
         self.state: RobotState | None = None
         self.pose: Pose | None = None
         self.truth: Truth | None = None
+        self.simulators: dict[str, float] = {}
+        self.description: Description | None = None
         self.mission: MissionStatus | None = None
         self._claims: dict[str, tuple[Claim, float]] = {}
         self._acked: dict[str, tuple[float, float]] = {}  # when, and from ack to ack, s
@@ -130,8 +135,14 @@ class View:
                 self.state = message
             case Pose():
                 self.pose = message
+            case Description():
+                self.description = message
+                if self.truth is not None and self.truth.simulator != self.controller:
+                    self.truth = None
             case Truth():
-                self.truth = message
+                self.simulators[message.simulator] = t
+                if message.simulator == self.controller:
+                    self.truth = message
             case Ack():
                 self._take_ack(message, t)
             case Claim():
@@ -170,6 +181,31 @@ class View:
         """Those, and what an agent's card offers or competes for."""
         offered = {name for card in self.cards.values() for name in (*card.resources, *card.owns)}
         return sorted(offered.union(self.claimed))
+
+    @property
+    def doubled(self) -> dict[str, list[str]]:
+        """The states that several instances offer to publish: who receives both is misled."""
+        by_key: dict[str, list[str]] = {}
+        for _, instance, card in self.agents:
+            for key in card.provides if card else ():
+                service = service_at(key)
+                if service is not None and service.kind is Kind.STATE:
+                    by_key.setdefault(key, []).append(instance)
+        return {key: whose for key, whose in by_key.items() if len(whose) > 1}
+
+    @property
+    def controller(self) -> str:
+        """The robot's controller, as it names itself; empty if that is not known."""
+        return "" if self.description is None else self.description.controller
+
+    def strangers(self, now: float) -> list[str]:
+        """Simulators that speak in the namespace, and none of which is the robot's.
+
+        Where no robot is described, several of them are strangers to one another.
+        """
+        spoken = [each for each, at in self.simulators.items() if now - at <= WINDOW_S]
+        others = sorted({*spoken} - {self.controller})
+        return others if self.description is not None or len(others) > 1 else []
 
     @property
     def stop(self) -> Stop:

@@ -46,5 +46,9 @@ class StopError(SocietyError):
     """The robot is not stopped, or not released, as far as is known."""
 
 
+class AgentFailedError(SocietyError):
+    """An agent's own code raised; the message ends as its traceback does."""
+
+
 class RunFailedError(SocietyError):
     """A run cannot begin or go on."""

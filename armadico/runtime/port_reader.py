@@ -14,6 +14,9 @@ from armadico.runtime.inbox import Inbox
 RETRY_S: Final = (0.1, 0.2, 0.5, 1.0)
 """Pauses between attempts to open the port; the last one stands for ever."""
 
+LASTS_S: Final = 2.0
+"""A port that goes again sooner was no success, whatever it said: the pauses go on growing."""
+
 CLOSE_S: Final = 0.5
 """How long closing may take before it is left to itself."""
 
@@ -120,17 +123,18 @@ class Device:
         self._broken = ""
         self._port = port
         self._link(True, "")
-        why = self._read(port)
+        why = self._read(port, self._clock() + LASTS_S)
         self._port = None
         self._link(False, why)
         port.close()
 
-    def _read(self, port: Port) -> str:
+    def _read(self, port: Port, lasts: float) -> str:
         try:
             while not (self._stopping.is_set() or self._broken):
                 data = port.read(READ_S)
                 if data:
-                    self._failures = 0  # a port that opens and says nothing is no success
+                    if self._clock() >= lasts:  # one that says nothing is no success, either
+                        self._failures = 0
                     self._take(data)
         except OSError as error:
             return str(error)

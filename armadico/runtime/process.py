@@ -38,6 +38,7 @@ from armadico.core.restart_policy import MISUSED
 from armadico.core.services import Kind, matches
 from armadico.mesh.base import Call, Mesh
 from armadico.mesh.topology import MeshError
+from armadico.runtime.blame import failure
 from armadico.runtime.inbox import Inbox
 from armadico.runtime.port_reader import Device, Port
 
@@ -459,9 +460,11 @@ def serve(
     except MeshError as error:
         logger.error("%s", error)  # a matter of where, not of the program: no traceback
         code = 1
-    except Exception:
-        names = ", ".join(agent.instance for agent in agents)
-        logger.exception("%s failed", names)
+    except Exception as error:
+        if told := failure(error):
+            logger.error("%s", told)
+        else:
+            logger.exception("%s failed", ", ".join(agent.instance for agent in agents))
         code = 1
     _arm_deadline()
     with contextlib.suppress(Exception):

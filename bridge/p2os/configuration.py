@@ -42,8 +42,8 @@ FIELDS: tuple[tuple[str, str, float], ...] = (
     ("", "H", 1),  # encoder counts a revolution
     ("watchdog_s", "H", _MILLI),
     ("", "B", 1),  # alternative status packet
-    ("", "H", 1),  # stall value
-    ("", "H", 1),  # stall count
+    ("stall_pwm", "H", 1),
+    ("stall_s", "H", _MILLI),
     ("", "H", 1),  # joystick, linear
     ("", "H", 1),  # joystick, angular
     ("w_max", "H", _DEGREE),
@@ -96,6 +96,8 @@ class Configuration(Struct, frozen=True, kw_only=True):
     w_accel: float = 0  # rad/s^2
     w_decel: float = 0  # rad/s^2
     pwm_max: int = 0
+    stall_pwm: int = 0  # of pwm_max: held wheels that get more are stalled,
+    stall_s: float = 0  # and their motors off for so long
     cycle_s: float = 0
     watchdog_s: float = 0
     low_battery_v: float = 0

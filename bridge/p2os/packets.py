@@ -37,6 +37,7 @@ class Decoder:
 
     def __init__(self) -> None:
         self.dropped = 0  # bytes so far that belonged to no good packet
+        self.mangled = 0  # packets so far whose checksum was bad
         self._buffer = bytearray()
         self._fed_at = 0.0
 
@@ -44,6 +45,10 @@ class Decoder:
     def pending(self) -> int:
         """Bytes kept because they may begin a packet."""
         return len(self._buffer)
+
+    def begin(self) -> None:
+        """What comes next has nothing to do with what came: the line was opened again."""
+        self._drop(len(self._buffer))
 
     def feed(self, data: bytes, now: float = 0.0) -> list[bytes]:
         """Take bytes in at time `now` (s, any clock) and return the payloads that they complete.
@@ -73,6 +78,7 @@ class Decoder:
                 if checksum(payload) == buffer[end - 2] << 8 | buffer[end - 1]:
                     del buffer[:end]
                     return payload
+                self.mangled += 1
             self._drop(2)
         return None
 

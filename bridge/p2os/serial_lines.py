@@ -122,6 +122,10 @@ class PtyTransport:
             while data:
                 data = data[os.write(ours, data) :]
 
+    def hang_up(self) -> bool:
+        """A serial line cannot: whoever has it open reads on."""
+        return False
+
     def close(self) -> None:
         """Take the terminal and its link away."""
         fds, self._fds = self._fds, None

@@ -10,6 +10,9 @@ the robot to stop. `drive` does, and `pulse` where there is nothing to drive.
 
 from __future__ import annotations
 
+from collections.abc import Iterator
+from math import inf
+
 from msgspec import Struct
 
 from armadico.bridge.p2os.commands import SYNC0, SYNC1, SYNC2, Cmd, command, quantity
@@ -40,6 +43,9 @@ ASK_TIMES = 5  # at most so often: packets get lost, and some robots never send 
 HANG_S = 1.5  # between two calls: the owner hung, and comes back to a robot that will lurch
 LOOK_S = LINK_TIMEOUT_S / 2  # from a call to the next, with an open link
 LATE_S = 0.1  # an owner that calls so much later than that hung
+A_CYCLE = 3  # status packets that are decoded in a cycle, on average; a controller sends one
+BURST = 50  # status packets that are decoded at once, after a hang
+ABSURD = 2.0  # times the profile's top speeds: no wheel turns so fast
 
 ZERO = command(Cmd.VEL, 0) + command(Cmd.RVEL, 0)
 
@@ -70,6 +76,7 @@ class Unanswered(Struct, frozen=True):
 
     awaited: str
     attempts: int  # since the last answer to a whole handshake
+    streaming: bool = False  # it sends status packets, so it is not off: it does not hear us
 
 
 Event = Connected | Configuration | Reported | Encoders | LinkLost | Unanswered
@@ -95,7 +102,9 @@ class Session:
     Attributes:
         state: What the session waits for.
         malformed: Status and other packets so far with a good checksum and bad contents.
-        decoder: Counts the bytes that were dropped.
+        absurd: Status packets so far of wheels faster than any; they count as not received.
+        surplus: Status packets so far that were too many to be looked at.
+        decoder: Counts what was dropped.
     """
 
     def __init__(
@@ -110,11 +119,13 @@ class Session:
         `near` is about where the odometry was last known to be, m: it wraps every 27.5 m.
         """
         self.state = State.CLOSED
-        self.malformed = 0
+        self.malformed = self.absurd = self.surplus = 0
+        self._ration = float(BURST)  # of status packets
         self.decoder = Decoder()
         self.odometry = Odometry(units, near)
         self._units = units
         self._set_up = _set_up(limits)
+        self._fastest = inf if limits is None else ABSURD * _top_rim(units, limits)
         self._out = bytearray()
         self._speeds = b""  # the latest `drive`, not yet fetched
         self._events: list[Event] = []
@@ -132,6 +143,11 @@ class Session:
         return self.state is State.OPEN
 
     @property
+    def motors_due(self) -> bool:
+        """Whether motors that are off were switched off at the robot, or held off there."""
+        return self.is_open and (self._enabled or self._ask_at is None)
+
+    @property
     def next_wakeup(self) -> float | None:
         """When `tick` is due at the latest; None once closed."""
         times = [time for time in (self._deadline, self._ask_at) if time is not None]
@@ -141,8 +157,9 @@ class Session:
 
     def receive(self, data: bytes, now: float) -> list[Event]:
         """Take in what was read, and return what it means."""
+        self._ration += (now - self._now) * A_CYCLE / self._units.cycle_s
         self._advance(now)
-        for payload in self.decoder.feed(data, now):
+        for payload in self._rationed(self.decoder.feed(data, now)):
             self._take(payload)
         return self._drain_events()
 
@@ -209,7 +226,7 @@ class Session:
     def restart(self, now: float) -> list[Event]:
         """Begin again at the handshake: the transport was opened again."""
         self._advance(now)
-        self.decoder = Decoder()
+        self.decoder.begin()
         self._go(Signal.START)
         return self._drain_events()
 
@@ -218,14 +235,27 @@ class Session:
         self._go(Signal.CLOSE)
 
     def _advance(self, now: float) -> None:
-        """Note the time. After a hang, zero speeds go first and the time-out begins anew."""
+        """Note the time. After a hang the time-out begins anew; if open, zero speeds go first."""
         if self._deadline is not None:
             # By what passed since the last call, not by the time-out: a hang may end just on it.
             late = now - self._now > (LOOK_S + LATE_S if self.is_open else HANG_S)
             if late:
-                self._out += ZERO
+                self._out += ZERO if self.is_open else b""
                 self._deadline = now + TIMEOUTS_S[self.state]
         self._now = now
+
+    def _rationed(self, payloads: list[bytes]) -> Iterator[bytes]:
+        """Of a flood of status packets the newest: what each costs must not put a stop off."""
+        count = sum(payload[0] in STATUS_TYPES for payload in payloads)
+        self._ration = min(self._ration, BURST)
+        surplus = max(count - int(self._ration), 0)
+        self._ration -= count - surplus
+        self.surplus += surplus
+        for payload in payloads:
+            if surplus and payload[0] in STATUS_TYPES:
+                surplus -= 1
+            else:
+                yield payload
 
     def _take(self, payload: bytes) -> None:
         try:
@@ -234,7 +264,7 @@ class Session:
         except ValueError:
             self.malformed += 1
             return
-        if payload[0] == 0x02 and self.state is State.SYNC2:
+        if payload[0] == 0x02 and (self.state, Signal.NAMES) in TRANSITIONS:
             self._events.append(Connected(*decode_texts(payload[1:], 3)))
         if payload[0] in _SIGNALS:
             self._go(_SIGNALS[payload[0]])
@@ -244,6 +274,9 @@ class Session:
         kind = payload[0]
         if kind in STATUS_TYPES:
             status = decode_status(payload, self._units)
+            if max(abs(status.left_m_s), abs(status.right_m_s)) > self._fastest:
+                self.absurd += 1
+                return
             self._enabled = self._enabled or status.motors_enabled
             self._deadline = self._now + LINK_TIMEOUT_S
             self._events.append(Reported(status, self.odometry.update(status, self._now)))
@@ -268,16 +301,17 @@ class Session:
     def _act(self, action: Action, before: State, signal: Signal) -> None:
         if action in _SENDS:
             self._out += _SENDS[action]
-        elif action is Action.ZERO:
-            self._out[:] = ZERO
+        elif action is Action.FORGET:
+            self._out.clear()
             self._speeds = b""
         elif action is Action.SET_UP:
             self._open()
         elif action is Action.LOSE:
             self._events.append(LinkLost(_REASONS[signal]))
-        elif action is Action.UNANSWERED:
+        elif action in {Action.UNANSWERED, Action.UNHEARD}:
             self._attempts += 1
-            self._events.append(Unanswered(before.value, self._attempts))
+            streaming = action is Action.UNHEARD
+            self._events.append(Unanswered(before.value, self._attempts, streaming))
 
     def _open(self) -> None:
         self._out += self._set_up
@@ -304,12 +338,18 @@ class Session:
 
 
 _SENDS = {
+    Action.ZERO: ZERO,
     Action.SEND_SYNC0: SYNC0,
     Action.SEND_SYNC1: SYNC1,
     Action.SEND_SYNC2: SYNC2,
     Action.SEND_CLOSE: command(Cmd.CLOSE),
     Action.LEAVE: command(Cmd.ENABLE, 0) + command(Cmd.CLOSE),
 }
+
+
+def _top_rim(units: P2osUnits, limits: Limits) -> float:
+    """The speed of a wheel's rim at both tops, m/s."""
+    return limits.v_max + limits.w_max / (units.diff_conv * 1e3)
 
 
 def _set_up(limits: Limits | None) -> bytes:

@@ -4,41 +4,70 @@ from __future__ import annotations
 
 import argparse
 import math
+import os
+import secrets
 import signal
+import sys
 import threading
 from collections.abc import Sequence
 from contextlib import ExitStack
 from typing import TYPE_CHECKING, Final
 
+from armadico.bridge.simulator.traps import KIND, UNKIND, Trap
 from armadico.cli import options
 
 if TYPE_CHECKING:
     from armadico.bridge.simulator.pioneer import Pioneer
     from armadico.bridge.simulator.server import Line
     from armadico.config.scenarios import Scenario
+    from armadico.mesh.zenoh import ZenohMesh
 
 PORT: Final = 8101
 """Where simulators of Pioneers listen."""
+
+KEY: Final = "sim/truth"
 
 EXAMPLES: Final = """\
   armadico sim sc4                           at tcp://127.0.0.1:8101, as MobileSim is
   armadico sim floor --start 2 3 90 --sensors real --seed 7
   armadico sim my.map --pty /tmp/pioneer     clients open /tmp/pioneer as their serial port
+  armadico sim sc1 --unkind                  with the traps of other people's controllers
 """
 
 
 def main(argv: Sequence[str]) -> int:
     """Simulate until interrupted."""
     args = parser().parse_args(argv)
-    mesh = options.join(args)
-    robot = _robot(_scenario(args), args.seed)
+    mesh = options.join(args, passing=False)  # who looks for the truth alone finds it there
+    robot = _robot(_scenario(args), args)
     with ExitStack() as stack:
         line, where = _line(args, stack)
         stack.enter_context(mesh)
-        robot.watch(lambda truth: mesh.publish("sim/truth", truth))
+        robot.watch(lambda truth: mesh.publish(KEY, truth))
+        _remark(mesh)
         print(f"a simulated Pioneer in {args.world} at {where}; Ctrl-C ends it", flush=True)
         _run(robot, line)
     return 0
+
+
+def _remark(mesh: ZenohMesh) -> None:
+    """Say who else is a simulator in the namespace."""
+    from armadico.core.messages import Truth  # noqa: PLC0415 - not for --help
+
+    known: set[str] = set()
+
+    def heard(key: str, data: bytes) -> None:
+        truth = mesh.read(Truth, key, data)
+        if truth is not None and truth.simulator not in known:
+            known.add(truth.simulator)
+            print(
+                f"armadico sim: another simulator speaks in the namespace {mesh.namespace!r}:"
+                f" {truth.simulator}; end one, or use another one: --namespace NAME",
+                file=sys.stderr,
+                flush=True,
+            )
+
+    mesh.subscribe(KEY, heard)
 
 
 def parser() -> argparse.ArgumentParser:
@@ -71,6 +100,14 @@ def parser() -> argparse.ArgumentParser:
     made.add_argument(
         "--sensors", choices=("ideal", "real"), default="ideal", help="default %(default)s"
     )
+    made.add_argument(
+        "--unkind",
+        nargs="*",
+        choices=[trap.value for trap in Trap],
+        metavar="TRAP",
+        help="do to the client what other controllers do: all of"
+        f" {', '.join(trap.value for trap in Trap)}, or those named",
+    )
     made.add_argument("--seed", type=int, default=0, help="of all noise (default 0)")
     options.add_mesh_options(made)
     return made
@@ -95,12 +132,14 @@ def _scenario(args: argparse.Namespace) -> Scenario:
     )
 
 
-def _robot(scenario: Scenario, seed: int) -> Pioneer:
+def _robot(scenario: Scenario, args: argparse.Namespace) -> Pioneer:
     """The robot; it does not start in a wall."""
     from armadico.bridge.simulator.pioneer import of_scenario  # noqa: PLC0415 - not for --help
     from armadico.bridge.simulator.plant import seeded  # noqa: PLC0415 - not for --help
 
-    robot = of_scenario(scenario, seeded(seed))
+    # By the name the robot agent tells whose truth is its robot's, and people which process it is.
+    name = f"sim-{os.getpid()}-{secrets.token_hex(3)}"
+    robot = of_scenario(scenario, seeded(args.seed), name, _traps(args.unkind))
     if robot.plant.clearance() <= 0.0:
         x, y, _ = scenario.start
         raise options.UsageError(
@@ -110,10 +149,16 @@ def _robot(scenario: Scenario, seed: int) -> Pioneer:
     return robot
 
 
+def _traps(names: Sequence[str] | None) -> frozenset[Trap]:
+    """Those of `--unkind`: every one if it names none."""
+    return KIND if names is None else frozenset(map(Trap, names)) or UNKIND
+
+
 def _line(args: argparse.Namespace, stack: ExitStack) -> tuple[Line, str]:
     """The line that the options name, and how a robot agent calls it."""
     from armadico.bridge.p2os.transports import PtyTransport  # noqa: PLC0415 - not for --help
     from armadico.bridge.simulator.server import TcpLine  # noqa: PLC0415 - not for --help
+    from armadico.cli.doctor import listener  # noqa: PLC0415 - not for --help
 
     if args.pty is not None:
         pty = PtyTransport(args.pty)
@@ -128,6 +173,9 @@ def _line(args: argparse.Namespace, stack: ExitStack) -> tuple[Line, str]:
     if not 0 <= args.port < 2**16:
         raise options.UsageError(f"--port {args.port}: from 0 to 65535")
     try:
+        # A simulator that is driven listens no more: its port could be bound, and never freed.
+        if args.port and (owner := listener(args.port)):
+            raise OSError(0, f"it is taken by {owner}")
         tcp = TcpLine(args.bind, args.port)
     except OSError as error:
         raise options.FailedError(

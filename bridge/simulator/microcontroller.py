@@ -9,7 +9,7 @@ PULSE, OPEN and CLOSE.
 from __future__ import annotations
 
 from collections.abc import Callable
-from math import inf
+from math import inf, remainder, tau
 
 from armadico.bridge.p2os.commands import Cmd, Command, decode_command
 from armadico.bridge.p2os.configuration import (
@@ -19,13 +19,27 @@ from armadico.bridge.p2os.configuration import (
     encode_encoders,
     encode_text,
 )
-from armadico.bridge.p2os.packets import Decoder, encode
+from armadico.bridge.p2os.packets import QUIET_S, Decoder, encode
 from armadico.bridge.p2os.status import Status, encode_status
-from armadico.bridge.simulator.motion import LIMITS, MOTIONS, Motion, Plant, SpeedLoops
+from armadico.bridge.simulator.motion import (
+    LIMITS,
+    MOTIONS,
+    STALL_S,
+    STALL_SHARE,
+    V_ACCEL_TOP,
+    W_ACCEL_TOP,
+    Motion,
+    Plant,
+    SpeedLoops,
+)
 from armadico.bridge.simulator.sonar_schedule import ALL, Broken, Firing
+from armadico.bridge.simulator.traps import KIND, Trap
 from armadico.config.profile import RobotProfile
 
 SERIAL_NUMBER = "SIM"  # by this ARIA knows a simulator and looks for no further hardware
+IDLE_S = 10.0  # MobileSim gives a handshake so long
+PWM_MAX = 500  # as a real P3-DX says
+WORLD_M = 1e4  # no world reaches farther; 32 bits of mm would put the robot 2000 km away
 _STANDING_MM_S = 0.5  # below this a wheel's speed is reported as zero
 
 
@@ -36,18 +50,26 @@ class Microcontroller:
     (`advance`). Nothing happens between two steps of the plant; answers, too, wait for `advance`.
     """
 
-    def __init__(self, profile: RobotProfile, plant: Plant, loops: SpeedLoops) -> None:
+    def __init__(
+        self,
+        profile: RobotProfile,
+        plant: Plant,
+        loops: SpeedLoops,
+        traps: frozenset[Trap] = KIND,
+    ) -> None:
         self.decoder = Decoder()
-        self._profile, self._plant = profile, plant
+        self._profile, self._plant, self._traps = profile, plant, traps
         self._motion = Motion(profile, plant, loops)
         self._firing = Firing(profile.sonar, plant.ping)
         self._out = bytearray()
         self._cycle = round(profile.p2os.cycle_s / plant.step_s)  # these in steps of the plant
         self._period = round(profile.sonar.period_s / plant.step_s)
         self._patience = round(profile.p2os.watchdog_s / plant.step_s)
-        self._now = self._heard_at = self._next_status = self._next_ping = 0
-        self._sync = 0  # the SYNC awaited; 3 once in step
-        self._open = False
+        self._quiet = round(QUIET_S / plant.step_s) + 1
+        self._idle = round(IDLE_S / plant.step_s)
+        self._now = self._heard_at = self._fed_at = self._next_status = self._next_ping = 0
+        self._sync = 0  # the SYNC awaited; 3 or more once in step
+        self._open = self._closed = False
         self._encoder_packets = 0
         self._digital_out = 0
         self._pretended_v = 0.0
@@ -56,6 +78,16 @@ class Microcontroller:
     def is_open(self) -> bool:
         """Whether a client has it send status packets."""
         return self._open
+
+    @property
+    def hangs_up(self) -> bool:
+        """Whether a connection that can be ended is to be: so the next client comes in.
+
+        CLOSE ends it, even if the client keeps it, as AriaCoda does; so does a long silence in
+        which nobody has status packets sent. A client that has may listen as long as it likes.
+        """
+        idle = not self._open and self._now - self._heard_at >= self._idle
+        return Trap.PORT not in self._traps and (self._closed or idle)
 
     @property
     def time_s(self) -> float:
@@ -73,6 +105,7 @@ class Microcontroller:
 
     def receive(self, data: bytes) -> None:
         """Take in what the client wrote; it takes effect at once, at the time reached."""
+        self._fed_at = self._now
         for payload in self.decoder.feed(data, self.time_s):
             self._heard_at = self._now
             if self._sync < 3:
@@ -87,6 +120,8 @@ class Microcontroller:
             stop = self._next_event(until)
             self._motion.run(stop - self._now, self._watchdog_tripped())
             self._now = stop
+            if self.decoder.pending and stop == self._fed_at + self._quiet:
+                self.receive(b"")  # what it held back for a packet's sake is let go: a stop, say
             if self._open:
                 self._on_schedule()
         data = bytes(self._out)
@@ -94,18 +129,22 @@ class Microcontroller:
         return data
 
     def disconnect(self) -> None:
-        """End the session, as CLOSE does: the connection that carried it is gone.
+        """End the session, as CLOSE does: the connection that carried it is gone, or is a new one.
 
         A serial line does not show that its client died; a TCP connection does.
         """
         self.decoder = Decoder()
         self._out.clear()
         self._close()
+        self._closed = False
+        self._heard_at = self._now
 
     def _next_event(self, until: int) -> int:
         """The step up to which nothing but motion happens."""
         if self._open:
             until = min(until, self._next_status, self._next_ping)
+        if self.decoder.pending:
+            until = min(until, self._fed_at + self._quiet)
         trip = self._heard_at + self._patience
         return trip if self._now < trip < until else until
 
@@ -122,7 +161,10 @@ class Microcontroller:
 
     def _synchronise(self, payload: bytes) -> None:
         """Answer SYNC0, SYNC1, SYNC2 in that order; anything else, and it is SYNC0's turn again."""
-        if payload == b"\x00":
+        if Trap.FIRST_PACKET in self._traps:
+            payload = payload[:1]
+            self._sync = payload[0]
+        elif payload == b"\x00":
             self._sync = 0
         if payload != bytes([self._sync]):
             self._sync = 0
@@ -151,6 +193,8 @@ class Microcontroller:
         if self._open:
             return
         self._open = True
+        if Trap.ODOMETRY in self._traps:
+            self._motion.reset_odometry()
         self._next_status = self._now + self._cycle
         self._next_ping = self._now + self._period
         self._firing.restore_order()
@@ -159,7 +203,7 @@ class Microcontroller:
     def _close(self) -> None:
         self._motion.enable(False)
         self._firing.switch(0)
-        self._open = False
+        self._open, self._closed = False, True
         self._sync = self._encoder_packets = 0
 
     def _set_digital_out(self, command: Command) -> None:
@@ -178,8 +222,9 @@ class Microcontroller:
         self._out += encode(encode_configuration(_configuration(self._profile, self._motion)))
 
     def _set_pose(self, command: Command) -> None:
-        if command.pose is not None:
-            self._plant.set_pose(*command.pose)
+        if command.pose is not None and max(map(abs, command.pose[:2])) <= WORLD_M:
+            x, y, theta = command.pose
+            self._plant.set_pose(x, y, remainder(theta, tau))
 
     def _pretend_battery(self, command: Command) -> None:
         self._pretended_v = command.si
@@ -191,7 +236,7 @@ class Microcontroller:
         plant, motion = self._plant, self._motion
         x, y, theta = plant.odometry
         left, right = plant.left_m_s, plant.right_m_s
-        stalled = plant.blocked and motion.active
+        motion.look()
         status = Status(
             x_m=x,
             y_m=y,
@@ -200,8 +245,8 @@ class Microcontroller:
             right_m_s=right,
             battery_v=self._pretended_v or plant.battery_v,
             moving=max(abs(left), abs(right)) * 1e3 > _STANDING_MM_S,
-            left_stall=stalled,
-            right_stall=stalled,
+            left_stall=motion.stalled,
+            right_stall=motion.stalled,
             motors_enabled=motion.enabled,
             sonar_arrays=self._firing.arrays,
             control_rad=motion.heading_set,
@@ -240,6 +285,11 @@ def _configuration(profile: RobotProfile, motion: Motion) -> Configuration:
         v_top=limits.v_max,
         w_top=limits.w_max,
         v_max=linear.top,
+        v_accel_top=V_ACCEL_TOP,
+        w_accel_top=W_ACCEL_TOP,
+        pwm_max=PWM_MAX,
+        stall_pwm=round(STALL_SHARE * PWM_MAX),
+        stall_s=STALL_S,
         w_max=angular.top,
         v_accel=linear.accel,
         v_decel=linear.decel,

@@ -14,7 +14,10 @@ TOLERANCE_M = 0.005  # a position servo this near leaves the wheels in peace
 TOLERANCE_RAD = 0.5 * pi / 180
 AT_REST_M_S = 0.01  # after an emergency stop, commands count again below these
 AT_REST_RAD_S = 0.02
-
+V_ACCEL_TOP = 2.0  # m/s^2, a P3-DX's; ARIA sends no SETA to a controller whose top is 0
+W_ACCEL_TOP = 300 * pi / 180  # rad/s^2, a P3-DX's
+STALL_SHARE = 0.4  # of the supply: a motor that gets more and is held is stalled (StallVal; chosen)
+STALL_S = 0.2  # a stalled motor is off for so long (StallCount; chosen)
 
 Driver = Callable[[float, float], tuple[float, float]]
 """Measured speeds ahead (m/s) and around (rad/s) to the voltages of left and right motor, V."""
@@ -89,13 +92,16 @@ class Motion:
 
     Attributes:
         enabled: Whether the motors are on. While they are off, what is asked is not remembered.
+        stalled: Whether an obstacle held the motors at the last look.
         heading_set: Heading last asked for (rad, odometry).
     """
 
     def __init__(self, profile: RobotProfile, plant: Plant, loops: SpeedLoops) -> None:
         self._profile, self._plant, self._loops = profile, plant, loops
-        self.enabled = False
+        self.enabled = self.stalled = False
         self.heading_set = 0.0
+        self._cut = 0  # looks until stalled motors are on again
+        self._cut_for = max(1, round(STALL_S / profile.p2os.cycle_s))
         self._emergency = False
         self.restore_limits()
 
@@ -119,7 +125,7 @@ class Motion:
             self._loops.voltages,
         )
         dt = plant.step_s
-        if not self.enabled:
+        if self._cut or not self.enabled:
             plant.run(steps, _off)
         elif linear.steady(held) and angular.steady(held):
             v_set, w_set = linear.speed, angular.speed
@@ -132,6 +138,24 @@ class Motion:
                 ),
             )
 
+    def look(self) -> None:
+        """With each status packet: cut motors that are stalled, put cut ones on again in time.
+
+        What was asked is kept, the ramps begin at rest, and the loops forget how they pushed. So
+        they do when held wheels are told to stop or turn back: there is no speed to brake from.
+        """
+        held = self._plant.blocked and self.active
+        self.stalled = held or self._cut > 0
+        if self._cut:
+            self._cut -= 1
+        elif held:
+            if self._push() > STALL_SHARE * self._profile.motor.supply_v:
+                self._cut = self._cut_for
+            if self._cut or self.linear.turned_back or self.angular.turned_back:
+                self.linear.rest()
+                self.angular.rest()
+                self._loops.reset()
+
     def obey(self, command: Command) -> None:
         """Carry out a command of `MOTIONS`, unless motors or emergency stop forbid it."""
         if self.enabled and not self._stopping():
@@ -143,6 +167,7 @@ class Motion:
             return
         self.enabled = on
         self._emergency = False
+        self._cut = 0
         self._halt()
 
     def emergency_stop(self) -> None:
@@ -177,17 +202,24 @@ class Motion:
         self._plant.reset_odometry()
 
     def limit(self, command: Command) -> None:
-        """SETV, SETRV, SETA, SETRA. Zero asks for nothing; the profile's tops stay above all."""
+        """SETV, SETRV, SETA, SETRA. Zero asks for nothing; the tops stay above all."""
         limits, size = self._profile.limits, abs(command.si)
-        axis = self.linear if command.number in {Cmd.SETV, Cmd.SETA} else self.angular
+        linear = command.number in {Cmd.SETV, Cmd.SETA}
+        axis = self.linear if linear else self.angular
+        ramp = min(size, V_ACCEL_TOP if linear else W_ACCEL_TOP)
         if not size:
             return
         if command.number in {Cmd.SETV, Cmd.SETRV}:
-            axis.top = min(size, limits.v_max if axis is self.linear else limits.w_max)
+            axis.top = min(size, limits.v_max if linear else limits.w_max)
         elif command.value > 0:
-            axis.accel = size
+            axis.accel = ramp
         else:
-            axis.decel = size
+            axis.decel = ramp
+
+    def _push(self) -> float:
+        """What the stronger motor gets now, V."""
+        plant, wanted = self._plant, (self.linear.speed, self.angular.speed)
+        return max(map(abs, self._loops.voltages(*wanted, plant.v, plant.w, 0.0)))
 
     def _halt(self) -> None:
         self.linear.halt()

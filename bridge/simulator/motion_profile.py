@@ -50,6 +50,11 @@ class Axis:
         """Whether the axis is to move: a speed, or a goal not yet reached."""
         return self.speed != 0 or self._target != 0 or self._goal not in {None, self._planned}
 
+    @property
+    def turned_back(self) -> bool:
+        """Whether the speed asked for is none, or the other way, of the one that still is."""
+        return self._goal is None and self.speed != 0 and self._target * self.speed <= 0
+
     def set_speed(self, speed: float) -> None:
         """Go at a speed from now on."""
         self._goal = None
@@ -68,6 +73,11 @@ class Axis:
         """Forget what was asked, and have the reference at zero without a ramp."""
         self._goal = None
         self._target = self.speed = 0.0
+
+    def rest(self) -> None:
+        """Keep what was asked, and begin it anew from where the wheels stand."""
+        self.speed = 0.0
+        self._planned = self._travelled
 
     def steady(self, held: bool) -> bool:
         """Whether the reference stays as it is until something else is asked."""

@@ -9,9 +9,12 @@ from __future__ import annotations
 from collections.abc import Callable, Sequence
 from math import isfinite, radians
 
+from msgspec.structs import replace
+
 from armadico.bridge.simulator.microcontroller import Microcontroller
 from armadico.bridge.simulator.plant import Plant, Streams
 from armadico.bridge.simulator.speed_loops import SpeedLoops
+from armadico.bridge.simulator.traps import KIND, Trap
 from armadico.config.loading import find, load_entry
 from armadico.config.profile import RobotProfile, SensorProfile, load_profile
 from armadico.config.scenarios import Scenario
@@ -31,13 +34,16 @@ class Pioneer:
         walls: Sequence[Wall],
         start: tuple[float, float, float],
         streams: Streams,
+        traps: frozenset[Trap] = KIND,
     ) -> None:
         """Stand at `start` (m, m, rad) among walls (m)."""
+        if Trap.RAYS in traps:
+            profile = replace(profile, sonar=replace(profile.sonar, cone_deg=0.0))
         self.plant = Plant(profile, sensors, walls, start, streams)
         loops = SpeedLoops(profile.speed_loop, profile.motor.supply_v)
-        self.controller = Microcontroller(profile, self.plant, loops)
+        self.controller = Microcontroller(profile, self.plant, loops, traps)
         self._watchers: list[Callable[[Truth], None]] = []
-        self._cycle = profile.p2os.cycle_s
+        self._name, self._cycle = profile.p2os.name, profile.p2os.cycle_s
         self._answering = False
         self._truth_at = 0.0
 
@@ -85,6 +91,7 @@ class Pioneer:
             w=w,
             collisions=plant.collisions,
             clearance=clearance if isfinite(clearance) else None,
+            simulator=self._name,
         )
 
     def _tell(self) -> None:
@@ -94,15 +101,22 @@ class Pioneer:
                 watcher(truth)
 
 
-def of_scenario(scenario: Scenario, streams: Streams) -> Pioneer:
-    """The robot that a scenario names, where the scenario puts it."""
+def of_scenario(
+    scenario: Scenario, streams: Streams, name: str = "", traps: frozenset[Trap] = KIND
+) -> Pioneer:
+    """The robot that a scenario names, where the scenario puts it.
+
+    Its controller has a name of its own where other simulators may be about.
+    """
     x, y, degrees = scenario.start
+    profile = load_profile(scenario.robot)
     return Pioneer(
-        load_profile(scenario.robot),
+        replace(profile, p2os=replace(profile.p2os, name=name or profile.p2os.name)),
         load_entry(find("robots", "sensors"), SensorProfile, scenario.sensors),
         load_world(scenario.world).walls,
         (x, y, radians(degrees)),
         streams,
+        traps,
     )
 
 

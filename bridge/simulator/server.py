@@ -1,7 +1,7 @@
 """A simulated robot in real time, behind a TCP port or a pseudo-terminal.
 
 Only here does the simulator meet sockets and a clock. One client at a time, as on the robot: while
-one is connected the port is closed, and a second one is refused.
+one is connected the port is closed, and a second one is refused. CLOSE ends the connection.
 """
 
 from __future__ import annotations
@@ -24,13 +24,16 @@ BEHIND_S: Final = 0.5
 
 
 class Line(Protocol):
-    """The robot's end of a line. None is read from a client that has gone."""
+    """The robot's end of a line. None is read where a client has gone, or another has come."""
 
     def read(self, timeout_s: float) -> bytes | None:
-        """Wait for bytes; none after `timeout_s`; None if the client has just gone."""
+        """Wait for bytes; none after `timeout_s`; None if the client has just gone or come."""
 
     def write(self, data: bytes) -> None:
         """Send, if a client is connected."""
+
+    def hang_up(self) -> bool:
+        """Have the client go; whether there was one, and the line can."""
 
 
 class TcpLine:
@@ -62,14 +65,13 @@ class TcpLine:
             return b""
         if client is None:
             self._accept(waited)
-            return b""
+            return None
         try:
             data = client.recv(CHUNK)
         except OSError:
             data = b""
         if not data:
-            self._hang_up()
-            self._listening()
+            self.hang_up()
         return data or None
 
     def write(self, data: bytes) -> None:
@@ -82,11 +84,20 @@ class TcpLine:
             with contextlib.suppress(OSError):  # the next `read` finds the end of it
                 self._client.shutdown(socket.SHUT_RDWR)
 
+    def hang_up(self) -> bool:
+        """Have the client go, and listen for the next; whether there was one."""
+        client, self._client = self._client, None
+        if client is None:
+            return False
+        client.close()
+        self._listening()
+        return True
+
     def close(self) -> None:
-        """Hang up, and listen no more."""
-        self._hang_up()
-        if self._listener is not None:
-            self._listener.close()
+        """Listen no more, and let the client go."""
+        for end in (self._listener, self._client):
+            if end is not None:
+                end.close()
 
     def _listening(self) -> socket.socket | None:
         """The listener, opened again after a client; None while another process has the port."""
@@ -102,11 +113,6 @@ class TcpLine:
         client.setsockopt(socket.IPPROTO_TCP, socket.TCP_NODELAY, 1)
         client.settimeout(1.0)
         self._client = client
-
-    def _hang_up(self) -> None:
-        client, self._client = self._client, None
-        if client is not None:
-            client.close()
 
 
 class Simulation:
@@ -133,8 +139,10 @@ class Simulation:
         said = self._robot.advance(now)
         if said:
             self._line.write(said)
-        if data is None:
-            self._robot.controller.disconnect()
+        controller = self._robot.controller
+        # Here and not behind `receive`: what came before CLOSE has been answered by now.
+        if data is None or (controller.hangs_up and self._line.hang_up()):
+            controller.disconnect()
         elif data:
             self._robot.receive(data, now)
 

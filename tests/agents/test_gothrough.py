@@ -172,3 +172,11 @@ def test_an_ended_mission_ends_its_bids() -> None:
     said = made.cycle(points=between(0.5))
     assert [claim.utility for claim in claims(said)] == [None]
     assert made.cycle(points=between(0.5)) == []
+
+
+def test_brisk_it_drives_as_fast_as_goto_does() -> None:
+    made = stage(controller="brisk")
+    made.speed = (0.7, 0.0)
+    made.cycle(points=between(0.5))
+    assert made.bid().utility == 1.0
+    assert made.bid().wanted[0] > Parameters().v

@@ -89,14 +89,15 @@ def test_its_ramps_start_from_what_the_robot_does() -> None:
     assert made.bid().wanted[0] == pytest.approx(0.53)  # 0.3 m/s2 for a cycle
 
 
-def test_a_scenarios_speed_limit_holds() -> None:
-    made = stage(v_max=0.4)
+@pytest.mark.parametrize("mode", ["brisk", "collaborative"])
+def test_a_scenarios_speed_limit_holds(mode: str) -> None:
+    made = stage(controller=mode, v_max=0.4)
     for _ in range(40):
         made.cycle()
     assert max(speeds(c)[0] for c in commands(made.said)) == pytest.approx(0.4)
 
 
-@pytest.mark.parametrize("mode", ["fast", "precise", "collaborative"])
+@pytest.mark.parametrize("mode", ["brisk", "fast", "precise", "collaborative"])
 def test_at_the_goal_it_commands_rest(mode: str) -> None:
     made = stage(drive_to((2.0, 0.0, 0.0)), controller=mode)
     made.pose = (2.0, 0.0, 0.0)

@@ -24,6 +24,7 @@ from armadico.core.messages import (
     decode,
     encode,
 )
+from armadico.core.services import service_of
 
 GOAL = Waypoint(3.0, 0.0, 0.0)
 DOOR = Waypoint(1.0, 0.0, 0.0)
@@ -400,3 +401,10 @@ def test_after_the_largest_counter_there_is_one_more_for_a_mission(desk: Desk) -
     asked = desk.request(MissionRequest(GOAL, planned=False))
     assert not desk.replies[asked].refusal
     assert desk.trajectories()[-1].counter == 0
+
+
+def test_it_says_how_far_it_is_as_often_as_the_table_promises_with_nothing_to_do_too() -> None:
+    """Else whoever watches an idle society is told of silences that are none."""
+    promised = service_of(MissionStatus).rate_hz
+    assert promised is not None
+    assert promised * Interface.parameters().repeat_s <= 1.0

@@ -14,6 +14,7 @@ from armadico.agents.methods import planning
 from armadico.agents.methods.energy import energy, motor_power
 from armadico.agents.methods.geometry import Placed, direction, distance
 from armadico.agents.methods.grid import Grid, Margins
+from armadico.agents.methods.path_smoothing import ROUND_M, rounded
 from armadico.agents.methods.planning import Plan, PlanError
 from armadico.agents.methods.room_graph import Leg, axis, route
 from armadico.config.profile import RobotProfile, load_profile
@@ -23,8 +24,15 @@ from armadico.core.geometry import wrap
 BODY = load_profile("pioneer-2dx").body
 
 
-def plan(world: World, start: Placed, goal: Placed, margins: Margins | None = None) -> Plan:
-    return planning.plan(world, start, goal, BODY, margins)
+def plan(
+    world: World,
+    start: Placed,
+    goal: Placed,
+    margins: Margins | None = None,
+    *,
+    round_corners: bool = False,
+) -> Plan:
+    return planning.plan(world, start, goal, BODY, margins, round_corners=round_corners)
 
 
 def box(x1: float, y1: float, x2: float, y2: float) -> list[Segment]:
@@ -84,15 +92,20 @@ def with_columns(world: World, corners: list[tuple[float, float]]) -> World:
     inside(0.17),
     st.lists(columns, max_size=3),
     WORLDS,
+    st.booleans(),
 )
 def test_every_stretch_keeps_the_radius_clear(
-    start: Placed, goal: Placed, corners: list[tuple[float, float]], world: World
+    start: Placed,
+    goal: Placed,
+    corners: list[tuple[float, float]],
+    world: World,
+    round_corners: bool,
 ) -> None:
     world = with_columns(world, corners)
     grid, radius = Grid(world.walls, world.bounds), Margins(BODY.circle_m).radius_m
     ends = grid.clearance_at(start), grid.clearance_at(goal)
     try:
-        found = plan(world, start, goal, Margins(BODY.circle_m))
+        found = plan(world, start, goal, Margins(BODY.circle_m), round_corners=round_corners)
     except PlanError:
         return
     stretches = list(pairwise(way(found, start)))
@@ -103,6 +116,28 @@ def test_every_stretch_keeps_the_radius_clear(
     assert found.clearance_m == min(least)
     assert found.length_m == pytest.approx(sum(distance(a, b) for a, b in stretches))
     assert found.waypoints[-1] == goal
+
+
+def sharpest(found: Plan, start: Placed) -> float:
+    """The sharpest turn, rad."""
+    headings = [direction(a, b) for a, b in pairwise(way(found, start))]
+    return max(abs(wrap(b - a)) for a, b in pairwise(headings))
+
+
+def test_corners_are_cut_off_where_there_is_room_and_the_way_gets_shorter() -> None:
+    sharp, round_ = (plan(ROOMS, START, GOAL, round_corners=cut) for cut in (False, True))
+    assert sharpest(round_, START) < 0.6 * sharpest(sharp, START)
+    assert round_.length_m < sharp.length_m
+    assert round_.clearance_m >= min(sharp.clearance_m, ROUND_M) - 1e-9
+    assert round_.doors == sharp.doors
+
+
+def test_wiggles_of_a_few_centimetres_go() -> None:
+    grid, margins = Grid(ROOMS.walls, ROOMS.bounds), Margins(BODY.circle_m)
+    y = GOAL.y
+    wiggly = [Placed(GOAL.x + 0.1 * n, y + 0.03 * (n % 2)) for n in range(5)]
+    assert rounded(grid, margins, wiggly) == [wiggly[0], wiggly[-1]]
+    assert rounded(grid, margins, [GOAL, GOAL]) == [GOAL, GOAL]
 
 
 @settings(max_examples=40)

@@ -28,13 +28,14 @@ class Ring:
         self,
         *echoes: tuple[float, float | None],
         odometry: tuple[float, float, float] = (0.0, 0.0, 0.0),
-        stalled: bool = False,
+        touch: float | None = None,
     ) -> Obstacles:
         """One cycle: bearings (rad) and ranges (m) from the middle of the robot."""
         self.number += 1
         self.now += 0.1
         cycle = Cycle(self.epoch, self.number)
-        state = RobotState(cycle, *odometry, 0, 0, 12, True, stalled)
+        at = None if touch is None else Point(touch, 0.0)
+        state = RobotState(cycle, *odometry, 0, 0, 12, True, at is not None, touch=at)
         self.agent.receive(state, self.now)
         heard = tuple(Echo(0.0, 0.0, bearing, distance) for bearing, distance in echoes)
         self.agent.receive(Sonar(cycle, 5.0, heard), self.now)
@@ -170,11 +171,17 @@ def test_what_is_inside_a_large_robot_is_outside_a_small_one() -> None:
         assert len(ring.ping((0.0, None)).points) == found
 
 
-def test_what_stalls_the_robot_is_an_obstacle_though_nobody_hears_it(ring: Ring) -> None:
-    found = ring.ping((AHEAD, None), stalled=True)
+def test_what_is_touched_behind_is_behind(ring: Ring) -> None:
+    ring.ping((AHEAD, None), touch=0.21)
+    found = ring.ping((AHEAD, None), touch=-0.23)
+    assert sum(p.x > 0.21 for p in found.points) == sum(p.x < -0.23 for p in found.points) == 3
+
+
+def test_what_the_robot_touches_is_an_obstacle_though_nobody_hears_it(ring: Ring) -> None:
+    found = ring.ping((AHEAD, None), touch=0.21)
     assert found.points
     assert all(p.x > 0.21 and abs(p.y) < 0.165 for p in found.points)
-    assert len(ring.ping((AHEAD, None), stalled=True).points) == len(found.points)
+    assert len(ring.ping((AHEAD, None), touch=0.21).points) == len(found.points)
     behind = ring.ping((AHEAD, None), odometry=(-0.5, 0.0, 0.0))
     assert all(p.x > 0.7 for p in behind.points)
     assert behind.points

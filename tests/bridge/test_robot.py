@@ -7,11 +7,14 @@ from itertools import pairwise
 from math import degrees, inf, nan
 
 import pytest
+from msgspec.structs import replace
 
-from armadico.bridge.p2os.commands import SYNC0, Cmd
-from armadico.bridge.p2os.session import ZERO
-from armadico.bridge.robot import PULSE_S, Parameters, Robot
-from armadico.core.agent import REPORT_S, Identity
+from armadico.bridge.p2os.commands import SYNC0, Cmd, command
+from armadico.bridge.p2os.packets import encode
+from armadico.bridge.p2os.status import Status, encode_status
+from armadico.bridge.reflex import HELD_S
+from armadico.bridge.robot import PATIENCE_S, PULSE_S, Parameters, Robot
+from armadico.core.agent import ERROR, INFO, REPORT_S, WARNING, Identity
 from armadico.core.cycles import LISTEN
 from armadico.core.messages import (
     JUMP,
@@ -21,6 +24,7 @@ from armadico.core.messages import (
     Command,
     Cycle,
     Description,
+    Line,
     Log,
     MessageError,
     Origin,
@@ -31,6 +35,17 @@ from armadico.core.messages import (
 )
 from armadico.core.resources import WHEELS
 from tests.bridge.robot_bench import BALLOT, PROFILE, TICK, Bench
+
+CLOSE = command(Cmd.CLOSE)
+AT_REST = Status(
+    x_m=0,
+    y_m=0,
+    theta_rad=0,
+    left_m_s=0,
+    right_m_s=0,
+    battery_v=12,
+    motors_enabled=True,
+)
 
 
 @pytest.fixture
@@ -44,9 +59,48 @@ def ready() -> Bench:
     return Bench().connect().cycles(LISTEN + 2)
 
 
-def test_the_first_bytes_of_all_are_zero_speeds(bench: Bench) -> None:
+def test_the_first_bytes_of_all_close_what_may_be_open(bench: Bench) -> None:
     bench.plug()
-    assert bench.raw.startswith(ZERO)
+    assert bench.raw.startswith(CLOSE)
+
+
+def test_a_port_that_opens_and_closes_again_is_told_ever_more_rarely(bench: Bench) -> None:
+    """A server that hangs up in the handshake."""
+    for _ in range(50):
+        bench.plug()
+        bench.answer(SYNC0)
+        bench.unplug()
+    assert sum("is open" in text for text in bench.logs()) == 6
+    assert sum("is gone" in text for text in bench.logs()) == 6
+    bench.connect().cycles(1)
+    bench.unplug()
+    assert "is gone" in bench.logs()[-1]
+
+
+def test_who_does_not_answer_is_told_ever_more_rarely(bench: Bench) -> None:
+    bench.plug()
+    bench.let_pass(30.0)
+    assert 3 <= sum("is the robot on?" in text for text in bench.logs()) <= 6
+
+
+def test_who_sends_status_packets_and_does_not_hear_is_told(bench: Bench) -> None:
+    """The wire to the robot is broken, the one from it is not."""
+    bench.plug()
+    for _ in range(300):
+        bench.let_pass(0.1)
+        bench.answer(encode(encode_status(AT_REST, PROFILE.p2os)))
+    assert 3 <= sum("does not hear us" in text for text in bench.logs()) <= 8
+    assert not any(isinstance(m, RobotState) for _, m in bench.said)
+
+
+def test_a_name_of_control_characters_reaches_nobody(bench: Bench) -> None:
+    bench.plug()
+    bench.answer(SYNC0, encode(b"\x02Rob\x1b[2J\n\0Pioneer\x07\0\xff\0"))
+    assert bench.logs()[-1].isprintable()
+    bench.unplug()
+    bench.plug()
+    bench.answer(encode(b"\x02"))
+    assert "a controller without a name" in bench.logs()[-1]
 
 
 def test_each_status_packet_is_a_cycle_and_its_sonars_are_of_it(bench: Bench) -> None:
@@ -211,7 +265,8 @@ def test_commands_each_cycle_keep_it_moving(ready: Bench) -> None:
     began = ready.now
     for _ in range(20):
         ready.command(0.3)
-        ready.cycles(1)
+        ready.let_pass(0.1)
+        ready.status(left_m_s=0.3, right_m_s=0.3)
     assert set(ready.speeds(began)) == {300}
 
 
@@ -291,6 +346,195 @@ def test_a_stop_before_the_port_is_open_is_kept(bench: Bench) -> None:
     assert bench.state().stop.stopped
 
 
+# The hand at the button, and what it touches ------------------------------------------------------
+
+
+HANDS = [
+    ({"motors_enabled": False}, "the motors being off at the robot"),
+    ({"stop_button": True}, "the STOP button at the robot"),
+    ({"stop_button": True, "motors_enabled": False}, "the STOP button at the robot"),
+]
+
+
+@pytest.mark.parametrize(("hand", "by"), HANDS, ids=["motors", "STOP", "both"])
+def test_who_switches_the_motors_off_at_the_robot_latches_the_stop(
+    ready: Bench, hand: dict[str, object], by: str
+) -> None:
+    ready.command(0.3)
+    assert ready.status().stop == Stop()
+    stop = ready.status(**hand).stop
+    assert (stop.stopped, stop.by, ready.speeds()[-1]) == (True, by, 0)
+    assert [m for _, m in ready.said if isinstance(m, Stop)] == [stop], "for all to hear"
+    assert any(f"stopped by {by}" in text for text in ready.logs())
+    began = ready.now + TICK
+    for _ in range(20):  # they are on again, and nobody drives off
+        ready.let_pass(0.1)
+        assert ready.status().stop == stop
+        ready.command(0.3)
+    assert not any(ready.speeds(began))
+    ready.hand(Stop(stop.counter + 1, False, "somebody", stop.press))
+    ready.command(0.3)
+    assert ready.speeds()[-1] == 300
+
+
+@pytest.mark.parametrize(("hand", "by"), HANDS, ids=["motors", "STOP", "both"])
+def test_a_release_while_the_hand_is_at_the_button_does_not_hold(
+    ready: Bench, hand: dict[str, object], by: str
+) -> None:
+    first = ready.status(**hand).stop
+    ready.hand(Stop(first.counter + 1, False, "somebody", first.press))
+    again = ready.status(**hand).stop
+    assert (again.stopped, again.by, again.counter) == (True, by, first.counter + 2)
+    assert again.press != first.press
+    ready.command(0.3)
+    assert not any(ready.speeds())
+
+
+def test_motors_that_are_held_off_from_the_first_latch_it_too(bench: Bench) -> None:
+    bench.connect()
+    for _ in range(12):
+        stops = bench.status(motors_enabled=False).stop
+        bench.let_pass(0.1)
+    assert stops.stopped
+    assert bench.sent(Cmd.ENABLE), "they were asked for first"
+
+
+def test_motors_that_a_stall_has_cut_nobody_has_switched_off(ready: Bench) -> None:
+    for _ in range(3):
+        assert not ready.status(motors_enabled=False, left_stall=True).stop.stopped
+    assert not ready.status().stop.stopped
+
+
+def test_a_stop_that_somebody_else_latched_stays_theirs(ready: Bench) -> None:
+    ready.hand(Stop(1, True, "somebody", 1))
+    assert ready.status(motors_enabled=False).stop == Stop(1, True, "somebody", 1)
+
+
+def pushes(bench: Bench, v: float, w: float = 0.0, *, for_s: float = 2.0, **fields: object) -> None:
+    """It is commanded, and the wheels do not turn."""
+    for _ in range(round(for_s / 0.1)):
+        bench.command(v, w)
+        bench.let_pass(0.1)
+        bench.status(**fields)
+
+
+@pytest.mark.parametrize(
+    ("v", "x"), [(0.3, PROFILE.body.front_m), (-0.3, -PROFILE.body.rear_m), (0.0, None)]
+)
+def test_wheels_that_do_not_turn_as_ordered_touch_something(
+    ready: Bench, v: float, x: float | None
+) -> None:
+    pushes(ready, v, 0.0 if v else 1.0)
+    touched = [m for _, m in ready.said if isinstance(m, RobotState) and m.stalled]
+    assert touched
+    assert (touched[0].touch and touched[0].touch.x) == x
+    assert any("touched something" in text for text in ready.logs())
+    assert 0 in ready.speeds(ready.now - 1.5)
+
+
+@pytest.mark.parametrize("bits", [{"left_stall": True}, {"front_bumpers": 4}])
+def test_against_what_it_touches_it_is_not_driven_and_away_from_it_it_is(
+    ready: Bench, bits: dict[str, object]
+) -> None:
+    pushes(ready, 0.3, for_s=0.1)
+    pushes(ready, 0.3, for_s=0.3, **bits)
+    began = ready.now + TICK
+    pushes(ready, 0.3, for_s=0.3, **bits)
+    assert set(ready.speeds(began)) == {0}
+    ready.command(-0.2)
+    assert ready.speeds()[-1] == -200
+    state = ready.status(**bits)
+    assert state.touch is not None
+    assert state.touch.x > 0, "backing off, it still touches what it drove into"
+    assert ready.status().stalled, "a controller cuts what stalls, and then nothing stalls"
+    ready.let_pass(HELD_S)
+    assert not ready.status().stalled
+    ready.command(0.3)
+    assert ready.speeds()[-1] == 300
+
+
+def test_a_bumper_behind_says_so_and_one_that_sticks_says_nothing(bench: Bench) -> None:
+    bench.connect()
+    for _ in range(LISTEN + 2):
+        assert not bench.status(rear_bumpers=2).stalled
+        bench.let_pass(0.1)
+    state = bench.status(rear_bumpers=3)
+    assert state.touch is not None
+    assert state.touch.x == -PROFILE.body.rear_m
+
+
+@pytest.mark.parametrize("share", [0.6, 1.0])
+@pytest.mark.parametrize("wanted", [(0.8, 0.0), (-0.3, 0.0), (0.0, 1.5), (0.6, -0.8)])
+def test_a_robot_that_runs_up_turns_round_and_brakes_touches_nothing(
+    ready: Bench, wanted: tuple[float, float], share: float
+) -> None:
+    """With ramps weaker than the profile's, too."""
+    limits, half, now = PROFILE.limits, PROFILE.body.half_track_m, (0.0, 0.0)
+    for turn in range(120):
+        sign = 1 if turn < 40 else -1 if turn < 80 else 0
+        ready.command(sign * wanted[0], sign * wanted[1])
+        ready.let_pass(0.1)
+        steps = (0.1 * share * limits.v_accel, 0.1 * share * limits.w_accel)
+        v, w = now = tuple(
+            at + min(max(sign * to - at, -step), step)
+            for at, to, step in zip(now, wanted, steps, strict=True)
+        )
+        assert not ready.status(left_m_s=v - w * half, right_m_s=v + w * half).stalled
+
+
+def test_what_the_line_spoils_is_counted_published_and_told_now_and_then(ready: Bench) -> None:
+    assert ready.state().line == Line()
+    good = encode(encode_status(AT_REST, PROFILE.p2os))
+    for _ in range(150):
+        ready.answer(b"noise", good[:-1] + b"\x77", encode(b"\x32\x00"))
+        ready.status(left_m_s=30.0)
+        ready.let_pass(0.1)
+        ready.x_m += 5.0
+        ready.status()
+    line = ready.state().line
+    assert line.dropped >= 150 * (5 + len(good))
+    assert min(line.mangled, line.malformed, line.absurd, line.resets) >= 149
+    told = [text for text in ready.logs() if "bad checksums" in text]
+    assert len(told) == 2
+    assert "odometry resets" in told[-1]
+    assert ready.state().v == 0.0, "and what is absurd is not believed"
+
+
+def test_of_a_flood_of_status_packets_few_are_looked_at_and_the_newest(ready: Bench) -> None:
+    """Each costs messages to everybody, and the stop has to wait for them."""
+    before = sum(isinstance(m, RobotState) for _, m in ready.said)
+    ready.command(0.3)
+    began = ready.now
+    for tens in range(100):
+        ready.now = round(ready.now + TICK, 6)
+        flood = [replace(AT_REST, x_m=0.0084 * (50 * tens + n) / 50) for n in range(50)]
+        ready.answer(b"".join(encode(encode_status(s, PROFILE.p2os)) for s in flood))
+        ready.let_pass(0.0)
+        if ready.robot.wakeup is not None and ready.now >= ready.robot.wakeup:
+            ready.robot.wake(ready.now)
+            ready.take()
+    looked_at = sum(isinstance(m, RobotState) for _, m in ready.said) - before
+    assert looked_at <= 50 + 30 + 1
+    assert ready.state().line.surplus > 4500
+    assert ready.state().x > 0.79
+    stopped = [at for at, n, value in ready.written if n == Cmd.VEL and value == 0 and at > began]
+    assert stopped[0] - began == pytest.approx(0.3, abs=2 * TICK)
+
+
+def test_all_that_came_during_a_hang_is_looked_at(ready: Bench) -> None:
+    before = sum(isinstance(m, RobotState) for _, m in ready.said)
+    ready.now = round(ready.now + 4.0, 6)
+    ready.answer(40 * encode(encode_status(AT_REST, PROFILE.p2os)))
+    assert sum(isinstance(m, RobotState) for _, m in ready.said) - before == 40
+
+
+def test_the_counts_go_on_when_the_port_is_opened_again(ready: Bench) -> None:
+    ready.answer(b"noise")
+    ready.unplug()
+    ready.connect()
+    assert ready.status().line.dropped == 5
+
+
 # The watchdog, the port ----------------------------------------------------------------------
 
 
@@ -329,7 +573,26 @@ def driven(ready: Bench) -> RobotState:
     return before
 
 
-def test_a_port_that_comes_back_begins_with_zero_speeds_and_keeps_the_pose(ready: Bench) -> None:
+def test_a_port_that_is_not_there_yet_is_waited_for_and_only_said_to_be_gone_later() -> None:
+    bench = Bench()
+    bench.unplug()
+    bench.let_pass(PATIENCE_S - 1.0)
+    logs = [message for _, message in bench.said if isinstance(message, Log)]
+    assert [(log.level, log.text) for log in logs] == [
+        (INFO, "waiting for the port memory:: pulled out")
+    ]
+    bench.let_pass(2.0)
+    _, late = (message for _, message in bench.said if isinstance(message, Log))
+    assert (late.level, late.text) == (WARNING, f"still {logs[0].text}")
+    bench.connect()
+    bench.unplug()
+    assert any(
+        isinstance(message, Log) and message.level == ERROR and "is gone" in message.text
+        for _, message in bench.said
+    )
+
+
+def test_a_port_that_comes_back_is_closed_first_and_keeps_the_pose(ready: Bench) -> None:
     before = driven(ready)
     ready.command(0.3)
     ready.unplug()
@@ -337,7 +600,7 @@ def test_a_port_that_comes_back_begins_with_zero_speeds_and_keeps_the_pose(ready
     ready.now += 0.5
     ready.x_m = 0.0  # the controller's odometry begins anew
     ready.connect()
-    assert ready.raw.startswith(ZERO)
+    assert ready.raw.startswith(CLOSE)
     ready.cycles(1)
     after = ready.state()
     assert after.x == pytest.approx(before.x, abs=0.01)
@@ -399,7 +662,7 @@ def test_a_silent_controller_is_given_up_and_opened_again(ready: Bench) -> None:
     ready.let_pass(1.1)
     assert any("the controller is silent" in text for text in ready.logs())
     ready.let_pass(0.3)
-    assert ready.raw.endswith(ZERO + SYNC0)
+    assert ready.raw.endswith(CLOSE + SYNC0)
 
 
 def test_leaving_it_rests_switches_off_and_closes(ready: Bench) -> None:

@@ -8,11 +8,14 @@ from collections.abc import Generator
 from pathlib import Path
 
 import pytest
+from msgspec.structs import replace
 
-from armadico.cli import doctor
+from armadico.cli import doctor, top
 from armadico.cli import main as armadico
+from armadico.core.messages import Cycle, Line, RobotState, Stop
 from armadico.mesh.ports import private_endpoints
 from armadico.mesh.topology import ENDPOINTS_VARIABLE
+from armadico.observe.view import View
 
 
 def returned(findings: Generator[doctor.Finding, None, set[str]]) -> set[str]:
@@ -54,6 +57,30 @@ def test_the_machines_are_those_of_the_host_table(tmp_path: Path) -> None:
     assert returned(doctor.hosts(args)) == set()
 
 
+WELL = RobotState(Cycle(1, 1), 0, 0, 0, 0, 0, 12, motors=True, stalled=False)
+
+
+def test_why_the_robot_stands_and_what_its_line_is_like_is_said() -> None:
+    (line,) = doctor.robot(WELL)
+    assert (line.subject, line.verdict) == ("line", "ok")
+    stop = Stop(1, stopped=True, by="the motors being off at the robot")
+    counts = Line(dropped=7, resets=2)
+    found = list(doctor.robot(replace(WELL, motors=False, stop=stop, line=counts)))
+    assert [f.subject for f in found] == ["stop", "motors", "line"]
+    assert {f.verdict for f in found} == {"note"}
+    assert "motors being off" in found[0].what
+    assert "7 bytes dropped, 2 odometry resets" in found[2].what
+
+
+def test_top_says_it_in_its_first_line() -> None:
+    view = View()
+    stop = Stop(1, stopped=True, by="the STOP button at the robot")
+    view.learn(replace(WELL, motors=False, stalled=True, stop=stop, line=Line(mangled=3)), 0.0)
+    said = top._heading(top.Snapshots(view, "robot1").at(0.0))
+    assert "STOPPED by the STOP button at the robot" in said
+    assert said.endswith("STALLED, MOTORS OFF, 3 bad checksums")
+
+
 @pytest.mark.parametrize(
     "text",
     [
@@ -80,3 +107,23 @@ def test_clocks_are_among_the_findings(
     armadico(["doctor", "--json", "--namespace", "doctor-test"])
     findings = {f["subject"]: f for f in json.loads(capsys.readouterr().out)}
     assert findings["clocks"]["verdict"] == "ok"
+
+
+@pytest.mark.parametrize(
+    ("words", "said"),
+    [
+        (["/x/.venv/bin/python", "/x/.venv/bin/armadico-agent", "goto"], "armadico-agent goto"),
+        (["/usr/bin/python3", "-P", "-m", "armadico", "agent", "goto"], "armadico agent goto"),
+        (["/x/python", "-m", "armadico.child", "1", "15"], "armadico.child 1 15"),
+        (["/usr/sbin/sshd", "-D"], "sshd -D"),
+        ([], ""),
+    ],
+)
+def test_who_has_a_port_is_called_as_it_was_typed(words: list[str], said: str) -> None:
+    assert doctor.called(words) == said
+
+
+def test_a_long_command_line_is_cut_at_its_end() -> None:
+    long = ["python", "/x/armadico-agent", "encoder", *("--set", "x=3.4") * 20]
+    assert doctor.called(long).startswith("armadico-agent encoder --set x=3.4")
+    assert doctor.called(long).endswith("...")

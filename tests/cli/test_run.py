@@ -10,7 +10,6 @@ import pytest
 
 from armadico import cli
 from armadico.config.shipped import resource_path
-from armadico.launch.virtual import Rehearsal
 from armadico.mesh.ports import private_endpoints
 from armadico.mesh.topology import ENDPOINTS_VARIABLE
 from tests.programs import call
@@ -35,7 +34,10 @@ DATA
 SHUT_IN = CLOSED.replace('Cairn: ArmadicoRoom 0 0 0 "" ICON "A" 0 0 4000 4000\n', "").replace(
     'Cairn: ArmadicoRoom 0 0 0 "" ICON "B" 4000 0 8000 4000\n', ""
 )
-"""The same walls; a map that knows nothing of rooms, so nobody can plan."""
+"""The same walls; a map that knows nothing of rooms."""
+
+
+SCENARIO = 'world = "{world}"\nstart = [1, 1, 0]\nplan = "direct"\n{goal}\n'
 
 
 @pytest.fixture(autouse=True)
@@ -52,6 +54,8 @@ def here(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
         "stranger.toml": scenario + 'agents = ["gotoo"]\n',
         "word.toml": scenario.replace("[1, 1, 0]", '[1, "east", 0]'),
         "nan.toml": scenario.replace("[1, 1, 0]", "[1, nan, 0]"),
+        "blind.toml": SCENARIO.format(world="shut-in.map", goal="goal = [6, 2, 0]"),
+        "alone.toml": SCENARIO.format(world="sc1", goal='agents = ["encoder"]'),
         "wall.toml": scenario.replace('"sc1"', '"sc4"'),
         "broken.map": "2D-Map\nLINES\n0 0 zero 0\nDATA\n",
     }.items():
@@ -79,11 +83,14 @@ SMALL_ROBOT = (*VIRTUAL, "--seed", "1", "--json", "--no-plot")
     ("words", "says"),
     [
         ((), ("name a scenario",)),
-        (("sc1", "--world", "sc1"), ("name a scenario", "or a world")),
+        (("sc1", "--world", "sc1"), ("name a scenario", "not both")),
         (("sc11",), ("no scenario 'sc11'", "did you mean 'sc1'?", "rooms-a")),
         (("missing.toml",), ("no file 'missing.toml'",)),
         (("--world", "hous", "--goal", "1", "1", "0"), ("no world 'hous'", "'house'", "floor")),
-        (("--world", "sc4"), ("--world needs a goal", "--goal X Y DEG")),
+        (("sc4.map", "--world", "sc1"), ("name a scenario", "not both")),
+        (("away.map", "--for", "2"), ("no file 'away.map'",)),
+        ((*VIRTUAL, "--for", "0"), ("--for 0", "more than none")),
+        ((*VIRTUAL, "--for", "nan"), ("--for nan", "more than none")),
         (("--world", "broken.map", "--goal", "1", "1", "0"), ("broken.map:3:", "zero")),
         (("unclosed.toml",), ("unclosed.toml:2:", "not TOML")),
         (("colour.toml",), ("colour.toml:4:", "unknown key colour", "known: agents")),
@@ -135,6 +142,10 @@ def test_a_wrong_use_is_told_with_what_is_right_and_exit_code_2(
             ("--world", "closed.map", "--start", "1", "1", "0", "--goal", "6", "2", "0"),
             "the mission was refused: no way from room A to room B: no chain of doors",
         ),
+        (
+            ("shut-in.map", "--start", "1", "1", "0", "--goal", "6", "2", "0"),
+            "the mission was refused: no way from (1, 1) to (6, 2) that keeps",
+        ),
         (("sc1", "--without", "encoder"), "nobody knows where the robot is"),
         (("sc4", "--without", "path-planning"), "no path planning agent answered"),
         (("sc1", "--without", "interface"), "no agent that takes missions is alive"),
@@ -159,9 +170,10 @@ def test_a_picture_that_cannot_be_written_is_said_before_the_robot_moves(
     assert f"cannot write the picture {path}" in errors
 
 
-def test_a_picture_gets_its_folder_and_nothing_is_left_of_a_run_that_failed(
+def test_a_picture_goes_to_a_folder_and_nothing_is_left_of_a_run_that_failed(
     capsys: Captured,
 ) -> None:
+    Path("new").mkdir()
     refused = run(capsys, *VIRTUAL, "--without", "encoder", "--plot", "new/refused.png")
     assert refused[0] == 1
     assert list(Path("new").iterdir()) == []
@@ -184,16 +196,24 @@ def test_a_profile_named_is_the_robot_that_drives(capsys: Captured) -> None:
     small = run(capsys, *SMALL_ROBOT, "--profile", "amigobot")
     same = run(capsys, *SMALL_ROBOT, "--profile", str(resource_path("robots", "amigobot")))
     pioneer = run(capsys, *SMALL_ROBOT)
-    assert small[:2] == same[:2]
-    assert small[1] != pioneer[1]
+    measured = [out.partition("conditions")[0] for _, out, _ in (small, same, pioneer)]
+    assert measured[0] == measured[1] != measured[2]
     assert {code for code, _, _ in (small, same, pioneer)} == {0}
 
 
-def test_several_runs_are_a_list_and_one_after_another(capsys: Captured) -> None:
+def test_several_runs_have_a_mean_and_a_deviation(
+    capsys: Captured,
+) -> None:
     code, out, _ = run(capsys, *VIRTUAL, "--runs", "2", "--json", "--seed", "5")
-    rows = json.loads(out)
+    found = json.loads(out)
+    rows = found["runs"]
     assert code == 0
     assert [row["seed"] for row in rows] == [5, 6]
+    times = [row["tt_s"] for row in rows]
+    assert found["mean"]["tt_s"] == pytest.approx(sum(times) / 2, abs=1e-3)
+    assert found["deviation"]["tt_s"] == pytest.approx(abs(times[0] - times[1]) / 2**0.5, abs=1e-3)
+    assert found["mean"]["shares"] == {"goto": 100.0}
+    assert found["mean"]["min_clearance_m"] is None, "there is nothing to be near to"
     _, one, _ = run(capsys, *VIRTUAL, "--json", "--seed", "6")
     assert json.loads(one) == rows[1], "a run knows nothing of the one before it"
 
@@ -211,27 +231,40 @@ def test_workers_change_no_run_and_no_order(
 def test_a_goal_that_is_not_reached_is_measured_and_ends_with_exit_code_1(
     capsys: Captured,
 ) -> None:
-    words = ("--world", "shut-in.map", "--start", "1", "1", "0", "--goal", "6", "2", "0")
-    code, out, _ = run(capsys, *words, "--virtual", "--json")
+    code, out, errors = run(capsys, "blind.toml", "--virtual", "--json")
     row = json.loads(out)
     assert code == 1
     assert row["reached"] is False
-    assert row["tt_s"] > 0
+    assert row["limit_s"] == 60.0 or row["limit_s"] > row["tt_s"] - 1.0
+    assert "nothing is planned, and a wall is in the way" in errors
 
 
-def test_a_run_that_takes_too_long_ends_with_exit_code_1(
-    capsys: Captured, monkeypatch: pytest.MonkeyPatch
+def test_a_run_that_takes_too_long_says_its_limit_and_ends_with_exit_code_1(
+    capsys: Captured,
 ) -> None:
-    begin = Rehearsal.begin
-
-    def hurried(self: Rehearsal) -> None:
-        begin(self)
-        self.limit = 2.0
-
-    monkeypatch.setattr(Rehearsal, "begin", hurried)
-    code, out, _ = run(capsys, *VIRTUAL)
+    code, out, _ = run(capsys, *VIRTUAL, "--for", "2")
     assert code == 1
-    assert "NOT reached" in out
+    assert "NOT reached: time limit of 2 s" in out
+
+
+@pytest.mark.parametrize("words", [("alone.toml",), (), ("shut-in.map", "--start", "1", "1", "0")])
+def test_without_a_goal_it_runs_for_as_long_as_it_is_told(
+    capsys: Captured, words: tuple[str, ...]
+) -> None:
+    code, out, errors = run(capsys, *words, "--virtual", "--json", "--for", "3", "--plot", "it.png")
+    row = json.loads(out)
+    assert (code, row["reached"], row["limit_s"]) == (0, None, 3.0)
+    assert 2.5 < row["tt_s"] <= 3.1
+    assert "no goal; armadico goto X Y DEG" in errors
+    assert Path("it.png").exists()
+
+
+def test_a_ros_map_is_a_world(capsys: Captured) -> None:
+    Path("hall.yaml").write_text("image: hall.pgm\nresolution: 1.0\norigin: [-2, -1, 0.0]\n")
+    Path("hall.pgm").write_bytes(b"P5 5 3 255\n" + b"\x00" * 5 + b"\xff" * 5 + b"\x00" * 5)
+    words = ("hall.yaml", "--start", "-1.5", "0.5", "0", "--goal", "2", "0.5", "0")
+    code, out, errors = run(capsys, *words, "--virtual", "--json")
+    assert (code, json.loads(out)["reached"]) == (0, True), errors
 
 
 # Live ---------------------------------------------------------------------------------------------

@@ -2,19 +2,32 @@
 
 from __future__ import annotations
 
+import json
+import os
 import select
 import socket
 import subprocess
 import sys
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
+from contextlib import ExitStack
 from pathlib import Path
 from typing import Any, cast
 
 import pytest
 
 from armadico import cli
+from armadico.bridge.p2os.commands import SYNC0, SYNC1, SYNC2, Cmd, command
+from armadico.bridge.p2os.configuration import CONFIG
+from armadico.bridge.p2os.packets import Decoder
+from armadico.bridge.simulator.microcontroller import IDLE_S
+from armadico.bridge.simulator.pioneer import of_scenario
+from armadico.bridge.simulator.plant import seeded
 from armadico.bridge.simulator.server import BEHIND_S, Simulation, TcpLine
-from tests.programs import call
+from armadico.bridge.simulator.traps import KIND, Trap
+from armadico.config.scenarios import load_scenario
+from armadico.mesh.ports import private_endpoints
+from armadico.mesh.topology import ENDPOINTS_VARIABLE
+from tests.programs import call, starter
 
 SOON = 10.0
 
@@ -26,17 +39,19 @@ def line() -> Iterator[TcpLine]:
     line.close()
 
 
-def connect(line: TcpLine) -> socket.socket:
-    return socket.create_connection(("127.0.0.1", line.port), SOON)
-
-
 def read(line: TcpLine) -> bytes | None:
-    """What comes next, be it only that the client has gone."""
+    """What comes next, be it only that the client has gone or come."""
     for _ in range(100):
         data = line.read(SOON / 100)
         if data != b"":
             return data
     raise AssertionError("nothing came")
+
+
+def connect(line: TcpLine) -> socket.socket:
+    client = socket.create_connection(("127.0.0.1", line.port), SOON)
+    assert read(line) is None
+    return client
 
 
 def test_bytes_cross_both_ways(line: TcpLine) -> None:
@@ -85,6 +100,7 @@ class FakeRobot:
     class Controller:
         def __init__(self) -> None:
             self.time_s = 0.0
+            self.hangs_up = False
             self.disconnected = 0
 
         def disconnect(self) -> None:
@@ -115,6 +131,9 @@ class FakeLine:
 
     def write(self, data: bytes) -> None:
         self.heard += data
+
+    def hang_up(self) -> bool:
+        return False
 
 
 class Clock:
@@ -171,6 +190,125 @@ def test_a_simulator_that_was_held_up_does_not_jump() -> None:
     assert robot.controller.time_s == pytest.approx(before + 0.1)
 
 
+def test_a_line_that_cannot_be_hung_up_is_read_on() -> None:
+    simulated, robot, line, _ = simulation()
+    robot.controller.hangs_up = True
+    line.says = [b"SYNC0"]
+    simulated.step()
+    assert [data for data, _ in robot.heard] == [b"SYNC0"]
+    assert robot.controller.disconnected == 0
+
+
+# A client and its port ----------------------------------------------------------------------------
+
+
+class Hasty:
+    """A line that waits for hardly anything: the clock is by hand."""
+
+    def __init__(self, line: TcpLine) -> None:
+        self.write, self.hang_up, self._read = line.write, line.hang_up, line.read
+
+    def read(self, timeout_s: float) -> bytes | None:
+        return self._read(min(timeout_s, 0.001))
+
+
+class Served:
+    """A simulated Pioneer behind a TCP line, and time by hand."""
+
+    def __init__(self, line: TcpLine, traps: frozenset[Trap] = KIND) -> None:
+        self.line, self.clock = line, Clock()
+        robot = of_scenario(load_scenario("sc1"), seeded(1), traps=traps)
+        self.simulation = Simulation(robot, Hasty(line), self.clock)
+
+    def client(self) -> socket.socket:
+        client = socket.create_connection(("127.0.0.1", self.line.port), SOON)
+        self.until(lambda: self.line.connected)
+        return client
+
+    def until(self, condition: Callable[[], object]) -> None:
+        for _ in range(1000):
+            if condition():
+                return
+            self.step()
+        raise AssertionError("it did not come to that")
+
+    def step(self, seconds: float = 0.01) -> None:
+        self.clock.now += seconds
+        self.simulation.step()
+
+    def let_pass(self, seconds: float) -> None:
+        for _ in range(round(seconds / 0.1)):
+            self.step(0.1)
+
+    def answered(self, client: socket.socket, *packets: bytes) -> list[int]:
+        """The types of all that comes until the simulator hangs up, or an echo of the last."""
+        client.sendall(b"".join(packets))
+        decoder, types = Decoder(), list[int]()
+
+        def over() -> bool:
+            if not select.select([client], [], [], 0)[0]:
+                return False
+            data = client.recv(4096)
+            types.extend(payload[0] for payload in decoder.feed(data))
+            return not data or types[-1] == packets[-1][3]
+
+        self.until(over)
+        return types
+
+
+SYNC = (SYNC0, SYNC1, SYNC2)
+CLOSE = command(Cmd.CLOSE)
+
+
+def test_close_frees_the_port_though_the_client_keeps_its_end(line: TcpLine) -> None:
+    served = Served(line)
+    with served.client() as first, ExitStack() as others:
+        assert served.answered(first, *SYNC) == [0, 1, 2]
+        assert served.answered(first, command(Cmd.CONFIG, 1), CLOSE) == [CONFIG]
+        for _ in range(3):
+            another = others.enter_context(served.client())
+            assert served.answered(another, *SYNC) == [0, 1, 2]
+            served.answered(another, CLOSE)
+
+
+def test_with_the_trap_it_is_the_clients_until_that_hangs_up(line: TcpLine) -> None:
+    served = Served(line, frozenset({Trap.PORT}))
+    with served.client() as first:
+        assert served.answered(first, *SYNC, CLOSE, SYNC0) == [0, 1, 2, 0]
+        served.let_pass(0.1)
+        with pytest.raises(ConnectionRefusedError):
+            served.client()
+    served.until(lambda: not line.connected)
+    with served.client() as second:
+        assert served.answered(second, SYNC0) == [0]
+
+
+@pytest.mark.parametrize("said", [(), (SYNC0,), SYNC, (b"GET / HTTP/1.1",)])
+def test_a_client_that_falls_silent_does_not_hold_the_port(
+    line: TcpLine, said: tuple[bytes, ...]
+) -> None:
+    served = Served(line)
+    with served.client() as silent:
+        silent.sendall(b"".join(said))
+        served.let_pass(IDLE_S - 1.0)
+        assert line.connected
+        served.let_pass(2.0)
+        assert not line.connected
+        with served.client() as another:
+            assert served.answered(another, SYNC0) == [0]
+
+
+def test_a_client_that_has_status_packets_sent_may_listen_as_long_as_it_likes(
+    line: TcpLine,
+) -> None:
+    served = Served(line)
+    with served.client() as listener:
+        served.answered(listener, *SYNC)
+        listener.sendall(command(Cmd.OPEN))
+        served.let_pass(3 * IDLE_S)
+        assert line.connected
+
+
 # The command --------------------------------------------------------------------------------------
 
 
@@ -205,3 +343,22 @@ def test_the_command_says_where_it_listens_and_answers_there() -> None:
             assert process.wait(SOON) == 0
         finally:
             process.kill()
+
+
+@pytest.mark.live
+def test_the_truth_is_heard_where_there_is_nobody_else_and_two_simulators_are_named() -> None:
+    """Neither `sim` nor `echo` is an agent, and they meet all the same."""
+    alone = os.environ | {ENDPOINTS_VARIABLE: private_endpoints()}
+    with starter(env=alone) as start:
+        first = start("sim", "sc1", "--port", "0")
+        echo = call("echo", "sim/truth", "-n", "1", "--json", "--timeout", str(SOON), env=alone)
+        assert echo.returncode == 0, echo.stderr
+        name = json.loads(echo.stdout)["message"]["simulator"]
+        assert str(first.pid) in name
+        second = start("sim", "sc2", "--port", "0")
+        assert second.stderr is not None
+        assert name in second.stderr.readline()
+        found = json.loads(call("doctor", "--json", env=alone).stdout)
+        (truth,) = (f for f in found if f["subject"] == "sim/truth")
+        assert truth["verdict"] == "wrong"
+        assert name in truth["what"]

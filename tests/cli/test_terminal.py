@@ -22,7 +22,8 @@ from typing import Any, Self
 
 import pytest
 
-from armadico.cli import doctor, top
+from armadico.bridge.simulator.server import TcpLine
+from armadico.cli import doctor, main, top
 from armadico.core.messages import (
     PROTOCOL,
     Ack,
@@ -364,6 +365,17 @@ def test_doctor_knows_who_listens() -> None:
     assert owner is not None
     assert str(os.getpid()) in owner
     assert doctor.listener(port) is None
+
+
+def test_the_port_of_a_simulator_that_is_driven_is_not_free() -> None:
+    """It listens no more, and a second simulator would get its port."""
+    line = TcpLine("127.0.0.1", 0)
+    with socket.create_connection(("127.0.0.1", line.port)):
+        line.read(SOON)
+        assert line.connected
+        assert str(os.getpid()) in (doctor.listener(line.port) or "")
+        assert main(["sim", "sc1", "--port", str(line.port)]) == 1
+    line.close()
 
 
 # Whoever else is on the mesh ----------------------------------------------------------------------

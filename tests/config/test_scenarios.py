@@ -6,6 +6,7 @@ from itertools import pairwise
 from math import hypot
 from pathlib import Path
 
+import msgspec
 import pytest
 
 from armadico.config.errors import ConfigError
@@ -13,7 +14,9 @@ from armadico.config.loading import names, resource_path
 from armadico.config.profile import load_profile
 from armadico.config.scenarios import (
     Scenario,
+    blind,
     load_scenario,
+    planned,
     scenario_from,
     society,
 )
@@ -27,7 +30,7 @@ WITH_ROOMS = ["floor", "house", "offices", "rooms-a", "rooms-b", "sc4"]
 
 def stops(scenario: Scenario) -> list[tuple[float, float]]:
     poses = (scenario.start, *scenario.waypoints, scenario.goal)
-    return [(x, y) for x, y, _ in poses]
+    return [pose[:2] for pose in poses if pose is not None]
 
 
 def straight(points: list[tuple[float, float]]) -> float:
@@ -130,7 +133,7 @@ def test_files_need_only_say_what_is_special() -> None:
     scenario = load_scenario("sc1")
     assert scenario.name == "sc1"
     assert scenario.agents == society().agents
-    assert (scenario.robot, scenario.sensors, scenario.plan) == ("pioneer-2dx", "ideal", "direct")
+    assert (scenario.robot, scenario.sensors) == ("pioneer-2dx", "ideal")
     assert (scenario.v_max, scenario.seed, scenario.waypoints) == (None, 0, ())
 
 
@@ -258,8 +261,49 @@ def test_a_goal_is_a_pose_or_a_name() -> None:
     by_name = scenario_from("sc4", goal="B")
     by_pose = scenario_from("sc4", (3.4, 0.6, 90.0), (7.4, 0.7, -90.0))
     assert by_name == by_pose
-    assert by_name.plan == "rooms"
-    assert scenario_from("sc1", goal="goal").plan == "direct"
+    assert planned(by_name)
+    assert not planned(scenario_from("sc1", goal="goal"))
+
+
+HALL = """\
+2D-Map
+LineMinPos: 0 0
+LineMaxPos: 9000 9000
+Cairn: RobotHome 1000 1000 0 "" ICON "RobotHome"
+LINES
+0 5000 8000 5000
+DATA
+"""
+"""Somebody else's map: no rooms of ours."""
+
+
+@pytest.mark.parametrize(
+    ("plan", "asks", "into_the_wall"),
+    [("", True, False), ('plan = "direct"', False, True), ('plan = "rooms"', True, False)],
+)
+def test_a_map_with_walls_is_planned_whoever_made_it(
+    tmp_path: Path, plan: str, asks: bool, into_the_wall: bool
+) -> None:
+    (tmp_path / "hall.map").write_text(HALL)
+    own = tmp_path / "own.toml"
+    own.write_text(f'world = "hall.map"\nstart = [1, 1, 0]\ngoal = [1, 8, 0]\n{plan}\n')
+    scenario = load_scenario(own)
+    assert planned(scenario) == asks
+    assert blind(scenario) == into_the_wall
+    assert planned(scenario_from(tmp_path / "hall.map", goal=(1.0, 8.0, 0.0)))
+
+
+def test_a_straight_way_that_is_free_is_not_blind(tmp_path: Path) -> None:
+    (tmp_path / "hall.map").write_text(HALL)
+    along = scenario_from(tmp_path / "hall.map", goal=(7.0, 4.0, 0.0))
+    assert not blind(msgspec.structs.replace(along, plan="direct"))
+    assert not blind(scenario_from(tmp_path / "hall.map"))
+    assert [blind(load_scenario(name)) for name in ("sc1", "sc2", "sc3", "sc4")] == [
+        False,
+        True,
+        True,
+        False,
+    ]
 
 
 @pytest.mark.parametrize(
@@ -287,4 +331,4 @@ def test_a_world_without_a_start_wants_one(tmp_path: Path) -> None:
     hall = tmp_path / "hall.map"
     with pytest.raises(ConfigError, match="world 'hall' has no start; give one as X Y DEGREES"):
         scenario_from(hall)
-    assert scenario_from(hall, (1.0, 1.0, 0.0)).goal == (1.0, 1.0, 0.0)
+    assert scenario_from(hall, (1.0, 1.0, 0.0)).goal is None

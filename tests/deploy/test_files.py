@@ -36,6 +36,24 @@ def test_each_service_is_a_host_of_the_demo_at_its_address() -> None:
         assert re.search(rf"test: \[CMD, armadico, ps, --host, {name}\]", text)
 
 
+@pytest.mark.skipif(shutil.which("make") is None, reason="no make here")
+def test_what_make_run_says_to_type_next_works_in_that_shell(tmp_path: Path) -> None:
+    make = ["make", "--no-print-directory", "-C", str(ROOT), "next", f"VENV={sys.prefix}"]
+    said = subprocess.run(make, capture_output=True, text=True, check=True).stdout
+    typed = "\n".join(line for line in said.splitlines() if line.startswith("  "))
+    makefile = (ROOT / "Makefile").read_text(encoding="utf-8")
+    assert "$(BIN)/armadico run sc4\n\t@$(MAKE) --no-print-directory next\n" in makefile
+    assert "$(PIP) install --require-hashes -r requirements/run.txt" in makefile, "shows progress"
+    shell = ["bash", "-euc", f"{typed}\ncommand -v armadico"]
+    bare = {"PATH": "/usr/bin:/bin", "HOME": str(tmp_path)}
+    done = subprocess.run(
+        shell, cwd=tmp_path, env=bare, capture_output=True, text=True, check=False
+    )
+    assert done.returncode == 0, done.stderr
+    assert "sc4: reached" in done.stdout
+    assert done.stdout.rstrip().endswith(f"{sys.prefix}/bin/armadico")
+
+
 def test_the_image_is_given_every_package_and_all_that_it_copies() -> None:
     ignore = (ROOT / ".dockerignore").read_text(encoding="utf-8").splitlines()
     given = {line[1:] for line in ignore if line.startswith("!")}

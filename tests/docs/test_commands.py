@@ -7,6 +7,7 @@ from pathlib import Path
 
 import pytest
 
+from armadico.config.errors import ConfigError
 from armadico.config.scenarios import load_scenario
 from tests.docs.blocks import NOTES, Block, blocks, blocks_of, files
 from tests.docs.shell import SUBSTITUTIONS, Shell
@@ -57,5 +58,9 @@ def test_there_are_commands_to_run() -> None:
 
 def test_the_tutorials_scenario_is_a_scenario(tmp_path: Path) -> None:
     path = tmp_path / "along.toml"
-    path.write_text(files("docs/tutorial.md")["along.toml"])
-    assert "wall-follower" in load_scenario(path).agents
+    text = files("docs/tutorial.md")["along.toml"]
+    path.write_text(text)
+    with pytest.raises(ConfigError, match="no agent 'wall-follower'"):
+        load_scenario(path)  # the reader has installed it
+    path.write_text(text.replace("wall-follower", "gothrough"))
+    assert load_scenario(path).plan == "direct"

@@ -98,6 +98,11 @@ def test_it_is_found_by_the_name_of_its_entry_point(newcomer: type[Agent]) -> No
     assert newcomer.name == NEWCOMER
 
 
+@pytest.mark.usefixtures("newcomer")
+def test_the_test_that_the_tutorial_prints_passes(shell: Shell) -> None:
+    assert "1 passed" in do(shell, "test")
+
+
 @pytest.mark.live
 def test_the_tutorial_from_a_society_by_hand_to_an_agent_that_joins_it(shell: Shell) -> None:
     with watching(shell) as watcher:
@@ -120,5 +125,5 @@ def test_the_tutorial_from_a_society_by_hand_to_an_agent_that_joins_it(shell: Sh
 
 
 def test_every_block_of_the_session_is_run_above() -> None:
-    names = "society look drive stop install rehearse join beyond head-install head-rehearse"
+    names = "society look drive stop install rehearse test join beyond head-install head-rehearse"
     assert list(SESSION) == names.split()

@@ -5,14 +5,30 @@ from __future__ import annotations
 import shutil
 import subprocess
 import sys
+import tarfile
 import zipfile
+from collections.abc import Iterable
 from pathlib import Path
 
 import pytest
 
 from armadico.config.discovery import Found
 from armadico.core.agent import Agent
-from tests.house.tree import FOLDERS, JUNK, LABORATORY, ROOT, modules, package_files, project
+from tests.house.tree import (
+    FOLDERS,
+    JUNK,
+    LABORATORY,
+    ROOT,
+    modules,
+    package_files,
+    project,
+    sources,
+)
+
+LEAST = ("pyproject.toml", "README.md", "LICENSE")
+TEXTS = ("CHANGELOG.md", "CONTRIBUTING.md", "SECURITY.md", "Makefile", "MANIFEST.in", "setup.py")
+BESIDES = ("docs", "requirements", "tests", "deploy")
+"""Of no package, and in the source distribution all the same."""
 
 DISTRIBUTIONS = {"armadico": ".", "armadico_tools": LABORATORY}
 """Packages, and the folders of the project files that they are built by."""
@@ -36,21 +52,45 @@ def package(request: pytest.FixtureRequest) -> str:
 @pytest.fixture(scope="module")
 def wheel(package: str, tmp_path_factory: pytest.TempPathFactory) -> set[str]:
     """The names of the files in a wheel that is built, without the network, from a copy."""
-    copy = tmp_path_factory.mktemp("checkout")
+    copy = checkout(tmp_path_factory.mktemp("checkout"), FOLDERS, LEAST)
+    with zipfile.ZipFile(built(copy, "--wheel", DISTRIBUTIONS[package])) as archive:
+        return set(archive.namelist())
+
+
+def checkout(copy: Path, folders: Iterable[str], files: Iterable[str]) -> Path:
+    """A copy of these of the checkout."""
     ignore = shutil.ignore_patterns(*JUNK, "*.egg-info")
-    for folder in FOLDERS:
+    for folder in folders:
         shutil.copytree(ROOT / folder, copy / folder, symlinks=True, ignore=ignore)
-    for name in ("pyproject.toml", "README.md", "LICENSE"):
+    for name in files:
         shutil.copy(ROOT / name, copy)
-    command = [*("-m", "build", "--wheel", "--no-isolation", "--outdir", "dist")]
-    command.append(DISTRIBUTIONS[package])
+    return copy
+
+
+def built(copy: Path, what: str, folder: str = ".") -> Path:
+    """A distribution that is built of a checkout."""
+    command = [*("-m", "build", what, "--no-isolation", "--outdir", "dist"), folder]
     done = subprocess.run(
         [sys.executable, *command], cwd=copy, capture_output=True, text=True, check=False
     )
     assert done.returncode == 0, done.stdout + done.stderr
-    (built,) = (copy / "dist").glob("*.whl")
-    with zipfile.ZipFile(built) as archive:
-        return set(archive.namelist())
+    (archive,) = (path for path in (copy / "dist").iterdir() if path.is_file())
+    return archive
+
+
+def test_the_source_distribution_has_what_it_is_built_tried_and_read_with(tmp_path: Path) -> None:
+    copy = checkout(tmp_path, (*FOLDERS, *BESIDES), (*LEAST, *TEXTS))
+    with tarfile.open(built(copy, "--sdist")) as archive:
+        inside = {name.partition("/")[2] for name in archive.getnames()}
+    assert {*LEAST, *TEXTS} <= inside
+    there = {
+        path.relative_to(ROOT).as_posix()
+        for folder in (*BESIDES, LABORATORY)
+        for path in sources(folder, "*")
+        if path.is_file() and path.suffix != ".pyc" and ".egg-info" not in str(path)
+    }
+    assert not there - inside
+    assert not {name for name, _ in package_files() if name.startswith("armadico/")} - inside
 
 
 def test_the_wheel_is_the_tree(wheel: set[str], package: str) -> None:
@@ -97,7 +137,7 @@ def test_every_agent_goes_by_the_name_of_its_entry_point() -> None:
 
 def test_every_agent_and_command_has_an_entry_point() -> None:
     announced = {value.partition(":")[0] for _, _, value in POINTS}
-    helpers = ("options", "latch", "places", "agent", "pool")
+    helpers = ("options", "latch", "places", "agent", "pool", "measures")
     not_commands = {f"armadico.cli.{name}" for name in helpers}
     rooms = ("armadico.agents.", "armadico.cli.", "armadico_tools.commands.")
     there = {name for name in modules() if name.count(".") == 2 and name.startswith(rooms)}

@@ -29,8 +29,8 @@ SURFACE = {
     *("connect", "Client", "Mission"),
     # what goes wrong
     *("SocietyError", "AbsentError", "MissionRefusedError", "MissionReplacedError"),
-    *("RunFailedError", "StopError", "ConfigError", "MeshError", "MessageError"),
-    *("TopologyError", "UnknownNameError"),
+    *("AgentFailedError", "RunFailedError", "StopError", "ConfigError", "MeshError"),
+    *("MessageError", "TopologyError", "UnknownNameError"),
 }
 """What others build on. Whoever takes one away, or means something else by it, breaks their code;
 whoever adds one promises to keep it."""

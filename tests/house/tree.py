@@ -102,6 +102,6 @@ def python_files() -> list[Path]:
 def text_files() -> list[Path]:
     """Every text file that is ours."""
     suffixes = {".py", ".md", ".toml", ".txt", ".map", ".in", ".yml", ".yaml", ".service", ".sh"}
-    folders = [*FOLDERS, "tests", "docs", "deploy", "requirements", ".github"]
+    folders = [*FOLDERS, "tests", "examples", "docs", "deploy", "requirements", ".github"]
     found = [p for folder in folders for p in sources(folder, "*") if p.suffix in suffixes]
     return sorted([*found, *(p for p in ROOT.iterdir() if p.is_file() and p.suffix in suffixes)])

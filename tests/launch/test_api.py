@@ -7,6 +7,7 @@ import tempfile
 from itertools import pairwise
 from math import hypot, pi
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import psutil
@@ -98,6 +99,32 @@ def test_another_robot_and_without_somebody(tmp_path: Path) -> None:
     assert "gothrough" not in done.measures.shares
     picture = done.plot(tmp_path / "new" / "picture.png")
     assert picture.read_bytes().startswith(b"\x89PNG")
+
+
+class Ahead(armadico.Behaviour):
+    """Straight on, for no goal."""
+
+    name = "ahead"
+    needs_goal = False
+
+    def propose(self, pose: armadico.Pose, obstacles: armadico.Obstacles) -> armadico.Bid:
+        return armadico.Bid(0.5, self.limited(0.2, 0.0, obstacles))
+
+
+def test_a_class_of_ones_own_drives_without_a_goal_and_until_the_limit() -> None:
+    nowhere = Scenario(world="empty", start=(0, 0, 0))
+    done = armadico.run(nowhere, virtual=True, limit=10.0, joins=[Ahead])
+    assert done.measures.shares == {"ahead": 100.0}
+    assert done.measures.td_m > 1.0
+    assert (done.measures.reached, done.measures.limit_s) == (None, 10.0)
+    assert armadico.run(nowhere, virtual=True, limit=5.0).measures.td_m == 0.0
+    assert armadico.run(SHORT, virtual=True, joins=[Ahead]).measures.reached
+
+
+@pytest.mark.parametrize("wrong", [{"limit": 0.0}, {"limit": float("nan")}, {"joins": [Ahead]}])
+def test_what_makes_no_sense_is_refused_before_anybody_starts(wrong: dict[str, Any]) -> None:
+    with pytest.raises(ValueError, match=next(iter(wrong))):
+        armadico.run(SHORT, **wrong)
 
 
 def test_progress_is_told_while_it_runs() -> None:

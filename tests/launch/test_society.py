@@ -77,6 +77,7 @@ def test_every_member_understands_what_it_is_told(options: Options) -> None:
 
 def test_a_planned_mission_leaves_the_way_to_the_planner() -> None:
     asked = mission(SC4)
+    assert asked is not None
     assert asked.planned
     assert asked.waypoints == ()
     assert asked.goal == Waypoint(7.4, 0.7, -pi / 2)
@@ -84,6 +85,7 @@ def test_a_planned_mission_leaves_the_way_to_the_planner() -> None:
 
 def test_a_mission_over_waypoints_brings_them() -> None:
     asked = mission(msgspec.structs.replace(SC4, plan="waypoints"))
+    assert asked is not None
     assert not asked.planned
     assert [(w.x, w.y) for w in asked.waypoints] == [
         (1.5, 2.5),
@@ -95,5 +97,10 @@ def test_a_mission_over_waypoints_brings_them() -> None:
 
 
 def test_the_time_limit_is_five_times_the_way_at_0_3_m_s_and_a_minute_at_least() -> None:
-    assert time_limit(12.0) == pytest.approx(200.0)
-    assert time_limit(0.5) == 60.0
+    assert time_limit(12.0, Options()) == pytest.approx(200.0)
+    assert time_limit(0.5, Options()) == 60.0
+    assert time_limit(12.0, Options(limit=7.0)) == 7.0
+
+
+def test_without_a_goal_there_is_no_mission() -> None:
+    assert mission(msgspec.structs.replace(SC4, goal=None)) is None

@@ -16,12 +16,13 @@ from msgspec.structs import replace
 from armadico.bridge.p2os.commands import Cmd, Command, decode_command
 from armadico.bridge.p2os.packets import Decoder
 from armadico.bridge.p2os.session import ZERO
+from armadico.bridge.reflex import HELD_S
 from armadico.config.discovery import AGENTS, load
 from armadico.config.loading import load_parameters
 from armadico.config.scenarios import Scenario, load_scenario
 from armadico.config.shipped import resource_path
 from armadico.core.agent import Agent
-from armadico.core.messages import Ack, Ballot, Message, RobotState, Truth, encode
+from armadico.core.messages import Ack, Ballot, Log, Message, RobotState, Stop, Truth, encode
 from armadico.core.services import SERVICES
 from armadico.launch.attached import AttachedRun
 from armadico.launch.society import Options, members
@@ -273,7 +274,7 @@ def test_who_was_killed_and_started_again_drives_to_the_goal(name: str) -> None:
     run.ballots_never_go_down()
 
 
-def test_a_new_robot_agent_begins_with_zero_speeds_and_the_mission_goes_on() -> None:
+def test_a_new_robot_agent_closes_what_was_left_open_and_the_mission_goes_on() -> None:
     """On a serial line it knows nothing of the way that the robot went without it."""
     run = Faulty()
     run.drive()
@@ -285,12 +286,51 @@ def test_a_new_robot_agent_begins_with_zero_speeds_and_the_mission_goes_on() -> 
     restarted_at = run.mesh.now
     run.restart("robot")
     run.mesh.run(run.mesh.now + run.rehearsal.limit, lambda: run.rehearsal.watch.done)
-    first = [command for at, command in run.commands if at >= restarted_at][:2]
-    assert first == [decode_command(payload) for payload in Decoder().feed(ZERO)]
+    first = next(command for at, command in run.commands if at >= restarted_at)
+    assert first.number == Cmd.CLOSE
     assert run.rehearsal.watch.done
     assert run.truths[-1].collisions == 0
     assert abs(run.truths[-1].x - LINE.goal[0]) <= unseen + 0.15
     run.ballots_never_go_down()
+
+
+def test_motors_that_come_on_again_drive_nobody_off_until_the_stop_is_released() -> None:
+    run = Faulty()
+    run.drive()
+    motion = run.rehearsal.robot.controller._motion
+    motion.enable(False)
+    run.pass_s(3.0)
+    assert run.at_rest()
+    motion.enable(True)
+    on_at = run.mesh.now
+    run.pass_s(3.0)
+    assert run.orders_to_move_after(on_at) == []
+    state = run.rehearsal.watch.view.state
+    assert state is not None
+    assert state.motors
+    assert state.stop.stopped
+    run.mesh.publish(Stop(state.stop.counter + 1, stopped=False, by="us", press=state.stop.press))
+    run.finish()
+
+
+@pytest.mark.parametrize("seed", range(3))
+def test_what_no_sonar_hears_is_touched_once_and_driven_round(seed: int) -> None:
+    run = Faulty(Options(seed=seed))
+    run.rehearsal.robot.plant._walls.add([(2.0, 0.05, 2.0, 0.6)], [False])
+    touched: list[tuple[float, str]] = []
+    run.mesh.watch(
+        lambda _key, log, now: touched.append((now, log.text)) if "touched" in log.text else None,
+        Log,
+    )
+    result = run.rehearsal.run()
+    assert result.reached
+    assert result.collisions == 1
+    ((at, text),) = touched
+    assert "something ahead" in text
+    zero = [when for when, command in run.commands if when >= at and command.number == Cmd.VEL]
+    assert zero[0] - at < 0.01
+    held = (c for when, c in run.commands if at < when < at + HELD_S and _moves(c))
+    assert not any(command.value > 0 for command in held)
 
 
 @pytest.mark.parametrize("fault", ["kill", "hang"])

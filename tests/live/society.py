@@ -18,6 +18,7 @@ from armadico.core.messages import (
     BidRecord,
     Claim,
     Command,
+    Description,
     Log,
     Message,
     RobotState,
@@ -70,7 +71,8 @@ class Observer:
         self.truths: list[Truth] = []
         self.commands: list[Command] = []
         self.logs: list[str] = []
-        self.client.listen(RobotState, Ack, Truth, Command, Claim, Log, then=self._keep)
+        kinds = (RobotState, Description, Ack, Truth, Command, Claim, Log)
+        self.client.listen(*kinds, then=self._keep)
 
     def until(self, condition: Callable[[], object], what: str) -> None:
         """Wait for something to be so. AssertionError with the last state if it does not come."""

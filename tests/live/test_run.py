@@ -13,7 +13,9 @@ import pytest
 from msgspec.structs import replace
 
 from armadico.bridge.p2os.commands import Cmd
+from armadico.config.errors import ConfigError
 from armadico.launch.local import Launcher
+from armadico.launch.processes import simulator_words
 from armadico.launch.society import Options
 from armadico.mesh.ports import private_endpoints
 from armadico.observe.measures import Result, RunWatch
@@ -151,13 +153,10 @@ def test_everybody_joins_the_mesh_that_was_named(
 
 
 def test_the_simulated_robot_is_the_scenarios(apart: None) -> None:
+    assert "--robot=amigobot" in simulator_words(replace(LINE, robot="amigobot"), 1, NAMESPACE)
     stranger = replace(LINE, robot="nobodys")
-    with (
-        mesh_of(NAMESPACE) as mesh,
-        Launcher(stranger, Options(), mesh, NAMESPACE) as launcher,
-        pytest.raises(RunFailedError, match=r"(?s)did not start.*no robot 'nobodys'"),
-    ):
-        launcher.start_simulator()
+    with mesh_of(NAMESPACE) as mesh, pytest.raises(ConfigError, match="no robot 'nobodys'"):
+        Launcher(stranger, Options(), mesh, NAMESPACE)
 
 
 def test_a_run_whose_robot_falls_silent_ends_and_says_so(apart: None) -> None:

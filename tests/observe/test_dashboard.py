@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import io
 import math
+from collections.abc import Iterable
 from pathlib import Path
 
 import pytest
@@ -11,23 +12,26 @@ import pytest
 pytest.importorskip("rerun", reason="the dashboard's extra is not installed")
 
 import numpy as np
+from msgspec.structs import replace
 from PIL import Image
 
 from armadico.cli.dashboard import zones
 from armadico.config.grid_map import Cells, message_of
 from armadico.config.scenarios import load_scenario
-from armadico.config.worlds import load_world
+from armadico.config.worlds import Segment, World, load_world
 from armadico.core import messages as m
 from armadico.launch.society import Options
 from armadico.launch.virtual import Rehearsal
 from armadico.observe.dashboard import palette, shapes, viewer
 from armadico.observe.dashboard.blueprint import VIEWS
+from armadico.observe.dashboard.gauges import _rows
 from armadico.observe.dashboard.global_map import PATH_POINTS
 from armadico.observe.dashboard.local_map import png
 from armadico.observe.dashboard.picture import photograph
 from armadico.observe.dashboard.scene import Scene
 from armadico.observe.dashboard.server import close, keep
 from armadico.observe.dashboard.virtual_run import Rehearsed
+from armadico.observe.view import View
 from tests.framework.robots import body, described
 from tests.observe.kept import (
     AVOID,
@@ -176,6 +180,17 @@ def test_a_stop_and_its_release_are_in_the_log(tmp_path: Path) -> None:
     assert "**by me**" in kept.texts("/p/status")[1]
 
 
+def test_what_is_wrong_with_the_robot_is_on_the_page() -> None:
+    view = View()
+    state = m.RobotState(m.Cycle(1, 1), 0, 0, 0, 0, 0, 12, motors=True, stalled=False)
+    view.learn(state, 0.0)
+    well = dict(_rows(view, "nobody"))
+    view.learn(replace(state, motors=False, line=m.Line(dropped=3)), 0.0)
+    rows = dict(_rows(view, "nobody"))
+    assert rows.keys() - well.keys() == {"note", "line"}
+    assert (rows["note"], rows["line"]) == ("**motors off**", "3 bytes dropped")
+
+
 def test_floods_are_thinned_and_what_is_kept_is_bounded(tmp_path: Path) -> None:
     path = tmp_path / "a.rrd"
     seconds, rate = 20, 200
@@ -255,6 +270,29 @@ def test_the_robot_is_drawn_as_large_as_it_says_and_not_before(
             (robot.front, robot.rear, robot.half_width)
         )
     assert "/p/map/world/truth/outline" not in fixed
+
+
+@pytest.mark.parametrize(
+    ("bounds", "xs", "ys"),
+    [
+        (None, range(-10, 11, 2), range(-10, 11, 2)),
+        ((-2.0, 0.5, 7.0, 3.0), range(-2, 8), (1, 2, 3)),
+        ((100.2, 0.0, 180.0, 39.0), range(105, 185, 5), range(0, 40, 5)),
+    ],
+)
+def test_coordinates_can_be_read_off_the_global_map(
+    tmp_path: Path, bounds: Segment | None, xs: Iterable[int], ys: Iterable[int]
+) -> None:
+    path = tmp_path / "a.rrd"
+    with drawn(path, None if bounds is None else World("w", (), bounds)):
+        pass
+    fixed = Kept(path).fixed
+    lines = fixed["/p/map/world/grid"]["strips"]
+    assert [a[0] for a, b in lines if a[0] == b[0]] == pytest.approx([*xs])
+    assert [a[1] for a, b in lines if a[1] == b[1]] == pytest.approx([*ys])
+    numbers = fixed["/p/map/world/numbers"]
+    assert numbers["labels"] == [*map(str, xs), *map(str, ys), "x, m", "y, m"]
+    assert [x for x, _ in numbers["positions"][: len([*xs])]] == pytest.approx([*xs])
 
 
 # A run --------------------------------------------------------------------------------------------

@@ -9,6 +9,7 @@ import socket
 import subprocess
 import threading
 import urllib.error
+import urllib.parse
 import urllib.request
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
@@ -172,6 +173,43 @@ def test_beside_a_run_it_prints_its_link_and_ends_with_it(
         urllib.request.urlopen(page, timeout=20)
 
 
+@pytest.mark.live
+def test_a_run_waits_until_somebody_looks_and_its_dashboard_stays_until_ctrl_c(
+    apart: Callable[[], ZenohMesh], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    args = argparse.Namespace(namespace=NAMESPACE, connect=[], host=None, hosts=None)
+    happened: list[str] = []
+    read, write = os.pipe()
+
+    def look() -> None:
+        with os.fdopen(read) as told:
+            data = urllib.parse.unquote(told.readline()).partition("http://127.0.0.1:")[2]
+            port = int(data.partition("127.0.0.1:")[2].partition("/")[0])
+            assert "the run begins when somebody looks" in told.readline()
+            happened.append("looks")
+            with socket.create_connection(("127.0.0.1", port)):
+                assert "the run is over" in told.readline()
+            happened.append("leaves")
+            os.kill(os.getpid(), signal.SIGINT)
+
+    looker = threading.Thread(target=look)
+    with os.fdopen(write, "w", buffering=1) as told:
+        monkeypatch.setattr("sys.stderr", told)
+        looker.start()
+        with command.beside(args, "sc1", wait=True):
+            happened.append("runs")
+        looker.join()
+    assert happened == ["looks", "runs", "leaves"]
+
+
+def test_a_viewer_is_who_is_connected_and_not_who_listens() -> None:
+    with socket.create_server(("127.0.0.1", 0)) as server:
+        port = server.getsockname()[1]
+        assert not viewer.watched(port)
+        with socket.create_connection(("127.0.0.1", port)):
+            assert viewer.watched(port)
+
+
 def test_beside_a_run_a_world_that_is_not_there_is_no_run(
     apart: Callable[[], ZenohMesh],
 ) -> None:
@@ -270,6 +308,8 @@ def test_bad_arguments_are_refused_before_anything_starts(
     ("arguments", "expected"),
     [
         (["sc1", "--virtual", "--dashboard"], "--rrd FILE keeps a virtual one"),
+        (["sc1", "--virtual", "--wait"], "--rrd FILE keeps a virtual one"),
+        (["sc1", "--wait", "--runs", "2"], "--wait is for one run"),
         (["sc1", "--rrd", "x.rrd"], "--rrd is for --virtual"),
         (["sc1", "--virtual", "--rrd", "x.csv"], ".rrd"),
     ],

@@ -13,6 +13,7 @@ from armadico.core.messages import (
     Ballot,
     Command,
     Cycle,
+    Description,
     Echo,
     Message,
     MissionState,
@@ -40,14 +41,16 @@ KEYS = [
     "exchanges",
     "collisions",
     "min_clearance_m",
+    "limit_s",
+    "conditions",
 ]
 
 
 class Run:
     """A run made up cycle by cycle."""
 
-    def __init__(self, *, truth: bool = True) -> None:
-        self.watch = RunWatch("made-up", GOAL, 5)
+    def __init__(self, *, truth: bool = True, goal: Pose2 | None = GOAL) -> None:
+        self.watch = RunWatch("made-up", goal, 5)
         self.truth = truth
         self.number = 0
         self.now = 50.0
@@ -251,6 +254,30 @@ def test_before_anything_was_heard_there_is_a_row_too() -> None:
     assert (result.td_m, result.tt_s, result.exchanges) == (0.0, 0.0, 0)
 
 
+def test_the_time_limit_is_told_if_it_ended_the_run() -> None:
+    run = Run().begin()
+    run.cycle(0.0)
+    run.watch.end(66.4)
+    assert run.watch.result().limit_s == 66.4
+    assert run.watch.result().verdict.startswith("NOT reached: time limit of 66 s; ")
+    run.watch.done = True
+    run.watch.end(66.4)
+    assert run.watch.result().limit_s is None
+
+
+def test_without_a_goal_there_is_none_to_reach_and_all_else_is_measured() -> None:
+    run = Run(goal=None)
+    run.watch.begin()
+    run.cycle(0.0)
+    run.cycle(1.5)
+    result = run.watch.result()
+    assert (result.reached, result.fo_deg, result.p_percent) == (None, None, None)
+    assert result.td_m == 1.5
+    assert result.passed
+    assert result.verdict.startswith("no goal; ")
+    assert not msgspec.structs.replace(result, collisions=1).passed
+
+
 def test_a_picture_gets_the_echoes_where_they_were_and_the_way() -> None:
     run = Run().begin()
     run.cycle(1.0, 2.0, pi / 2)
@@ -279,3 +306,39 @@ def test_a_command_asks_for_speeds_or_for_rest(
     resource: str, action: tuple[float, ...] | bytes | None, asked: tuple[float, float]
 ) -> None:
     assert speeds(Command(resource, Cycle(1, 10), BALLOT, action)) == asked
+
+
+def described(controller: str) -> Description:
+    return Description(
+        "slim", 0.1, 0.3, 0.1, 0.08, 1.2, 5.2, 0.3, 0.3, 1.7, 1.7, 0.3, 2.0, controller
+    )
+
+
+def test_only_the_robots_own_simulator_is_believed_and_another_is_named() -> None:
+    run = Run(truth=False)
+    ours, other = (Truth(0.0, x, 0, 0, 0, 0, 0, c, s) for x, c, s in ((0, 1, "a"), (50, 0, "b")))
+    run.show(described("a"), ours, other)
+    run.begin()
+    for number in range(1, 11):
+        run.show(
+            msgspec.structs.replace(ours, t=0.1 * number, x=0.2 * number),
+            msgspec.structs.replace(other, t=7.0 * number, collisions=3),
+        )
+        run.cycle(0.2 * number)
+    result = run.end()
+    assert result.reached
+    assert (result.td_m, result.tt_s) == pytest.approx((1.8, 0.9))
+    assert (result.collisions, result.min_clearance_m) == (0, 1)
+    assert run.watch.view.strangers(run.now) == ["b"]
+    assert not run.watch.mixed
+
+
+def test_a_robot_of_another_controller_in_mid_run_is_said() -> None:
+    run = Run(truth=False)
+    run.show(described("a"))
+    run.begin()
+    run.cycle(0.0)
+    run.show(described(""))  # it has just begun, and does not know yet
+    assert not run.watch.mixed
+    run.show(described("b"))
+    assert run.watch.mixed == "b"

@@ -17,7 +17,17 @@ from armadico.config.worlds import load_world
 
 pytest.importorskip("matplotlib")
 
-from armadico.observe.pictures import COLOURS, NOBODY, Run, Step, _reigns, _spaced, colour, draw_run
+from armadico.observe.pictures import (
+    COLOURS,
+    NOBODY,
+    Run,
+    Step,
+    _Canvas,
+    _reigns,
+    _spaced,
+    colour,
+    draw_run,
+)
 
 BODY = load_profile("pioneer-2dx").body
 DOCS = Path(__file__).parents[2] / "docs"
@@ -96,6 +106,16 @@ def test_colours_are_fixed_by_name_and_no_two_agents_of_ours_share_one() -> None
     assert len({colour(name) for name in ("goto", "avoid", "gothrough")}) == 3
     assert colour("wander") in COLOURS
     assert colour(None) == NOBODY
+
+
+def test_holders_are_told_apart_by_their_lines_too_be_their_colours_the_same() -> None:
+    assert colour("wander") == colour("avoid")
+    canvas = _Canvas(load_world("empty"))
+    who = ["goto", "avoid", "goto", "wander", None]
+    canvas.path([(i, float(i), 0.0, 0.0, holder) for i, holder in enumerate(who)])
+    looks = {name: (line.get_color(), line.get_linestyle()) for name, line in canvas.legend.items()}
+    assert len(set(looks.values())) == 4
+    assert len({looks[name][1] for name in ("goto", "avoid", "wander")}) == 3
 
 
 def test_matplotlib_is_not_imported_until_something_is_drawn() -> None:

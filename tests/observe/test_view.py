@@ -27,6 +27,20 @@ def claim(by: str, term: int = 1, utility: float | None = 0.6) -> m.Claim:
     return m.Claim("wheels", m.Ballot(term, 0.6, False, by), m.Cycle(1, 1), utility)
 
 
+def test_a_state_that_two_publish_is_named_with_both_and_without_a_robot_two_simulators() -> None:
+    view = View()
+    for digit in "12":
+        instance = f"encoder-{digit * 16}"
+        view.token(instance, there=True, t=0.0)
+        keys = ("encoder/pose", "path/plan", "trajectory")  # a state, a query, a latched one
+        view.learn(m.Card("encoder", instance, "here", 1, "1", m.PROTOCOL, keys, (), ()), 0.0)
+        assert not view.strangers(0.0)
+        view.learn(m.Truth(0, 0, 0, 0, 0, 0, 0, None, f"sim-{digit}"), 0.0)
+    assert view.doubled == {"encoder/pose": ["encoder-" + "1" * 16, "encoder-" + "2" * 16]}
+    assert view.strangers(0.0) == ["sim-1", "sim-2"]
+    assert view.truth is None
+
+
 # Who drives ---------------------------------------------------------------------------------------
 
 

@@ -5,8 +5,10 @@ from __future__ import annotations
 import threading
 from collections.abc import Callable
 
+import pytest
+
 from armadico.core.agent import DeviceAgent, Identity
-from armadico.runtime.port_reader import CHUNKS
+from armadico.runtime.port_reader import CHUNKS, LASTS_S
 from armadico.runtime.process import identity
 from tests.mesh.fakes import on_a_fake
 
@@ -111,6 +113,58 @@ def test_a_port_that_cannot_be_written_to_is_taken_for_gone() -> None:
     host.live()
     host.leave()
     assert agent.seen[:3] == ["up ", "x", "down: cannot write: nobody listens"]
+
+
+class Pauses(threading.Event):
+    """Between attempts nobody waits, and after so many it is over."""
+
+    def __init__(self, count: int) -> None:
+        super().__init__()
+        self.lengths: list[float | None] = []
+        self._count = count
+
+    def wait(self, timeout: float | None = None) -> bool:
+        self.lengths.append(timeout)
+        if len(self.lengths) == self._count:
+            self.set()
+        return self.is_set()
+
+
+class Chatty:
+    """A port that says something each so many seconds, and closes."""
+
+    def __init__(self, now: list[float], after_s: float) -> None:
+        self._now, self._after_s, self._said = now, after_s, False
+
+    def read(self, timeout_s: float) -> bytes:
+        if self._said:
+            raise OSError("closed")
+        self._said = True
+        self._now[0] += self._after_s
+        return b"x"
+
+    def write(self, data: bytes) -> None:
+        pass
+
+    def close(self) -> None:
+        pass
+
+
+@pytest.mark.parametrize(
+    ("lives_s", "pauses"),
+    [(0.2, [0.1, 0.2, 0.5, 1.0, 1.0]), (LASTS_S + 0.1, [0.1] * 5)],
+)
+def test_a_port_that_talks_and_goes_at_once_is_opened_ever_more_rarely(
+    lives_s: float, pauses: list[float]
+) -> None:
+    agent = Listener(identity("listener"))
+    now = [0.0]
+    host, _ = on_a_fake(agent, connect={agent.instance: lambda: Chatty(now, lives_s)})
+    device = host._devices[agent.instance]
+    device._clock = lambda: now[0]
+    device._stopping = stopping = Pauses(5)
+    device._run()
+    assert stopping.lengths == pauses
 
 
 def test_news_of_the_link_survives_a_flood_of_bytes() -> None:

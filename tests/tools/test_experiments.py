@@ -10,14 +10,47 @@ from math import hypot
 from pathlib import Path
 
 import pytest
+from msgspec import structs
 
+from armadico.agents.methods.geometry import Placed
 from armadico.cli import pool
 from armadico.cli.options import FailedError, UsageError
+from armadico.config.profile import load_profile
 from armadico.config.scenarios import load_scenario
+from armadico.config.worlds import World, load_world
+from armadico.observe.conditions import software
+from armadico.observe.measures import Result
 from armadico_tools.commands.experiment import main
-from armadico_tools.experiments import EXPERIMENTS, base, module, published, statistics, store
+from armadico_tools.experiments import (
+    EXPERIMENTS,
+    base,
+    module,
+    other_maps,
+    published,
+    statistics,
+    store,
+)
 from armadico_tools.experiments.base import Context
-from armadico_tools.experiments.driving import Cell, Drive, Sample, drive, key_of
+from armadico_tools.experiments.driving import (
+    Cell,
+    Drive,
+    Sample,
+    columns,
+    drive,
+    key_of,
+    last_metre,
+    of_thesis,
+    options_of,
+)
+from armadico_tools.experiments.driving_time import (
+    ARMS,
+    BASELINES,
+    cells_of,
+    make,
+    ratios,
+    shortest,
+)
+from armadico_tools.experiments.driving_time import drive as drive_time
 from armadico_tools.experiments.floor_plans import PASSAGE_M, floor_plan, passable, save
 from armadico_tools.experiments.histories import History
 from armadico_tools.experiments.table_5_3 import join
@@ -31,12 +64,12 @@ FAST = Cell("sc1 fast", "sc1", controller="fast", without=("gothrough",))
 
 def context(folder: Path, runs: int = 1, jobs: int = 1) -> Context:
     folder.mkdir(parents=True, exist_ok=True)
-    return Context(out=folder, runs=runs, jobs=jobs, source="here", commit="abc")
+    return Context(out=folder, runs=runs, jobs=jobs, source="here")
 
 
 def about(runs: int = 2, first_seed: int = 1000, source: str = "s") -> store.About:
     return store.About(
-        experiment="x", first_seed=first_seed, runs=runs, source=source, commit="abc"
+        experiment="x", first_seed=first_seed, runs=runs, source=source, software=software()
     )
 
 
@@ -297,3 +330,125 @@ def test_an_experiment_writes_its_runs_table_and_figures(
     before = {path.name: path.read_bytes() for path in folder.iterdir()}
     assert main(["utility", "--runs", "1", "--jobs", "1", "--out", str(tmp_path)]) == 0
     assert {path.name: path.read_bytes() for path in folder.iterdir()} == before
+
+
+# Time ---------------------------------------------------------------------------------------------
+
+
+def test_the_least_time_is_by_the_shortest_way_of_a_disc() -> None:
+    box = World("box", (), (0.0, 0.0, 6.0, 6.0), (1.0, 1.0, 0.0), {}, (), ())
+    assert shortest(box, Placed(1.0, 1.0), Placed(4.0, 5.0)) == pytest.approx(5.0)
+    wall = structs.replace(box, walls=((3.0, 0.0, 3.0, 4.0),))
+    round_it = shortest(wall, Placed(1.0, 3.0), Placed(5.0, 3.0))
+    assert 2.0 * hypot(2.0, 1.0) < round_it < 2.0 * hypot(2.0, 1.2) + 0.4
+
+
+def test_a_run_that_does_not_reach_has_no_share_of_the_least_time() -> None:
+    there = Sample(
+        cell="x",
+        seed=1,
+        reached=True,
+        arrived=True,
+        td_m=7.0,
+        fo_deg=0.0,
+        tt_s=20.0,
+        p_percent=100.0,
+        exchanges=0,
+    )
+    runs = [there, structs.replace(there, reached=False)]
+    assert ratios(runs, [7.5, 7.5]) == [pytest.approx(0.5), 0.0]
+
+
+def test_the_last_metre_is_counted_from_when_the_goal_stays_near() -> None:
+    xs = (0.0, 2.5, 1.0, 2.5, 3.0, 3.0)
+    ticks = [Tick(float(t), x, 0.0, 0.0, 0.0, None, 0.0, 0.0) for t, x in enumerate(xs)]
+    assert last_metre(ticks, (3.0, 0.0, 0.0)) == 2.0
+    assert last_metre(ticks[:1], (3.0, 0.0, 0.0)) is None
+
+
+def test_both_ways_of_ours_are_measured_by_their_names(tmp_path: Path) -> None:
+    """And so they stay apart, whatever the defaults are."""
+    path, _ = make((tmp_path, 7))
+    brisk, default, *_ = (options_of(cell) for cell in cells_of(path))
+    assert (brisk.parameters, brisk.controller) == ("brisk", None)
+    assert (default.parameters, default.controller) == (None, "collaborative")
+
+
+def test_its_runs_are_virtual_and_say_so(tmp_path: Path) -> None:
+    assert main(["time", "--runs", "1", "--jobs", "1", "--out", str(tmp_path)]) == 0
+    conditions = json.loads((tmp_path / "time" / store.CONDITIONS).read_bytes())
+    assert len(conditions) == len(ARMS)
+    assert {found["mode"] for found in conditions.values()} == {"virtual"}
+    assert ARMS["brisk"] in (tmp_path / "time" / "table.md").read_text(encoding="utf-8")
+
+
+@pytest.mark.parametrize("arm", BASELINES)
+def test_a_baseline_drives_a_plan_alone(arm: str, tmp_path: Path) -> None:
+    path, _ = make((tmp_path, 7))
+    (cell,) = [cell for cell in cells_of(path) if cell.name.endswith(arm)]
+    found = drive_time((cell, 7))
+    assert found.reached
+    assert not found.collisions
+    assert found.exchanges == 0
+    assert found.last_metre_s is not None
+    assert found.last_metre_s < 6.0
+
+
+def test_other_peoples_maps_are_planned_and_driven_and_nothing_is_touched(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    sample = ("flat.map", "cellar.yaml")  # of either format the one with the tightest ways
+    monkeypatch.setattr(other_maps, "MAPS", sample)
+    words = ["other-maps", "--runs", "1", "--jobs", "1", "--out", str(tmp_path), "--json"]
+    assert main(words) == 0
+    cells = json.loads(capsys.readouterr().out)["cells"]
+    assert cells == {name: {"runs": 1, "planned": 1, "reached": 1, "touched": 0} for name in sample}
+    assert "No failure." in (tmp_path / "other-maps" / "table.md").read_text(encoding="utf-8")
+
+
+@pytest.mark.parametrize("name", other_maps.MAPS)
+def test_a_seed_draws_the_same_free_places_again_and_the_next_one_others(
+    name: str, tmp_path: Path
+) -> None:
+    world = load_world(other_maps.FOLDER / name)
+    assert not world.rooms
+    made = other_maps.scenarios((name, [1, 2], tmp_path))
+    text = [Path(cell.scenario).read_text(encoding="utf-8") for cell in made]
+    other_maps.scenarios((name, [1, 2], tmp_path))
+    assert [Path(cell.scenario).read_text(encoding="utf-8") for cell in made] == text
+    assert text[0] != text[1]
+    circle = load_profile("pioneer-2dx").body.circle_m
+    for x, y in other_maps.places(world)[::997]:
+        assert world.clearance(x, y) >= circle + other_maps.ROOM_M
+    for cell in made:
+        assert load_scenario(cell.scenario).plan is None
+
+
+def test_with_sonars_of_a_single_ray_it_gets_there_without_standing_or_shaking(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr("armadico.bridge.simulator.sonar.fan", lambda _cone, _rays: [(1.0, 0.0)])
+    for name in ("corridor.map", "lab.yaml"):
+        (cell,) = other_maps.scenarios((name, [1000], tmp_path))
+        run = Drive(cell, 1000).go()
+        sample = run.sample()
+        assert (sample.reached, sample.collisions, sample.note) == (True, 0, "")
+        turns = [tick.w for tick in run.trace.ticks]
+        swings = [a * b < 0.0 and min(abs(a), abs(b)) > 0.2 for a, b in pairwise(turns)]
+        assert sum(swings) < 0.05 * len(swings), "from one side to the other, cycle by cycle"
+
+
+def test_a_live_runs_result_is_a_sample_with_the_shares_of_the_thesis() -> None:
+    result = Result("sc4", 1, True, 1, 1, 1, 1, {"goto": 75.0, "guest": 25.0}, 1, 0, None)
+    measured, shares = columns(result)
+    sample = Sample(cell="x", seed=1, arrived=True, **measured, **of_thesis(shares, shares))
+    assert (sample.tg_percent, sample.ta_percent) == (75.0, None)
+
+
+def test_a_folder_says_what_its_runs_depend_on(tmp_path: Path) -> None:
+    made = context(tmp_path)
+    made.drive([SC1])
+    found = json.loads((tmp_path / store.CONDITIONS).read_bytes())
+    assert found[SC1.name]["mode"] == "virtual"
+    assert "gothrough" not in found[SC1.name]["agents"]
+    assert found[SC1.name]["software"]["source"] == made.software.source

@@ -7,9 +7,7 @@ read again, by the kind of its rows. A line that was cut off does not count.
 from __future__ import annotations
 
 import csv
-import subprocess
 from collections.abc import Iterable, Sequence
-from importlib import import_module
 from pathlib import Path
 from typing import Generic, TypeVar
 
@@ -84,22 +82,3 @@ def plain(value: object) -> object:
     if isinstance(value, str):
         return " ".join(value.splitlines())
     return int(value) if isinstance(value, bool) else value
-
-
-def commit() -> str:
-    """The git commit that runs, with a + if what drives has changed since; or `none`."""
-    root = Path(next(iter(import_module("armadico.agents").__path__))).resolve().parent
-    try:
-        head = _git(root, "rev-parse", "--short=12", "HEAD")
-        paths = ("armadico", "agents", "bridge", "configs", ":!armadico/cli")
-        changed = _git(root, "status", "--porcelain", "--", *paths)
-    except (OSError, subprocess.CalledProcessError):
-        return "none"
-    return f"{head}+" if changed else head
-
-
-def _git(root: Path, *words: str) -> str:
-    done = subprocess.run(
-        ["git", "-C", str(root), *words], capture_output=True, text=True, check=True
-    )
-    return done.stdout.strip()

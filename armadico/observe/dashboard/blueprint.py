@@ -12,9 +12,12 @@ from armadico.observe.dashboard import palette
 from armadico.observe.dashboard.canvas import TIMELINE
 
 WINDOW_S: Final = 40.0
-"""What the curves show: so many seconds up to now."""
+"""What the curves show: so many seconds up to now,"""
 
-MARGIN: Final = 0.03
+LEGEND_S: Final = 10.0
+"""and before them so many that the legend lies over."""
+
+MARGIN: Final = 0.05
 """Of a world's size, around it."""
 
 LOCAL_REACH_M: Final = 2.6
@@ -121,7 +124,7 @@ def _right(root: str) -> rrb.Vertical:
 def _curves(
     origin: str, name: str, span: tuple[float, float] | None = None, *, legend: bool = True
 ) -> rrb.TimeSeriesView:
-    """Curves over the window; the legend lies over the oldest part."""
+    """Curves over the window, and the legend beside it."""
     return rrb.TimeSeriesView(
         origin=origin,
         name=name,
@@ -132,7 +135,7 @@ def _curves(
 
 
 def _window() -> rrb.VisibleTimeRange:
-    start = rrb.TimeRangeBoundary.cursor_relative(seconds=-WINDOW_S)
+    start = rrb.TimeRangeBoundary.cursor_relative(seconds=-WINDOW_S - LEGEND_S)
     return rrb.VisibleTimeRange(TIMELINE, start=start, end=rrb.TimeRangeBoundary.cursor_relative())
 
 

@@ -78,6 +78,9 @@ def _rows(view: View, holder: str) -> list[tuple[str, Any]]:
             ("battery", f"{state.battery_v:.1f} V"),
             ("stop", f"**by {state.stop.by}**" if state.stop.stopped else "not set"),
         ]
+        wrong = [*["motors off"] * (not state.motors), *["stalled"] * state.stalled]
+        rows += [("note", f"**{word}**") for word in wrong]
+        rows += [("line", state.line.told)] if state.line.told else []
     if truth is not None:
         clear = "-" if truth.clearance is None else f"{truth.clearance:.2f} m"
         rows.append(("clearance", f"{clear}, {truth.collisions} collisions"))

@@ -1,4 +1,4 @@
-"""The global map: walls, where the robot is, believes to be and has been, its plan, its echoes.
+"""The global map: a grid, walls, where the robot is, believes to be and has been, plan, echoes.
 
 World frame, m, REP-103. Rerun's 2D views point y down, so everything hangs below one transform
 that turns it up again.
@@ -9,7 +9,7 @@ from __future__ import annotations
 import io
 from collections import deque
 from itertools import groupby
-from math import hypot
+from math import ceil, floor, hypot
 from typing import Final
 
 import numpy as np
@@ -17,7 +17,7 @@ import rerun as rr
 from PIL import Image
 
 from armadico.config.grid_map import Cells, cells_of
-from armadico.config.worlds import World
+from armadico.config.worlds import Segment, World
 from armadico.core.geometry import Pose2
 from armadico.core.messages import Description, OccupancyGrid, Pose, Sonar, Trajectory, Truth
 from armadico.observe.dashboard import palette
@@ -42,6 +42,14 @@ ECHO_APART_M: Final = 0.08
 """Echoes nearer to one another than this are drawn as one."""
 
 
+STEPS_M: Final = (0.5, 1.0, 2.0, 5.0, 10.0, 20.0, 50.0, 100.0, 1000.0)
+LINES: Final = 16
+"""A grid line each so many metres: the first that gives no more lines than this."""
+
+UNKNOWN: Final = (-10.0, -10.0, 10.0, 10.0)
+"""What the grid covers where no world is named, m."""
+
+
 class GlobalMap:
     """Draws one robot's world."""
 
@@ -54,6 +62,7 @@ class GlobalMap:
         self._echoes: dict[tuple[int, int], Point] = {}
         self._plan: tuple[int, Strip] | None = None
         canvas.fix(ROOT, rr.Transform3D(mat3x3=[[1, 0, 0], [0, -1, 0], [0, 0, 1]]))
+        self._grid(UNKNOWN if world is None else world.bounds)
         if world is not None:
             self._walls(world)
 
@@ -132,6 +141,30 @@ class GlobalMap:
 
     # Inside --------------------------------------------------------------------------------------
 
+    def _grid(self, bounds: Segment) -> None:
+        """Lines at round metres with their coordinates at the left and below, to be typed."""
+        x1, y1, x2, y2 = bounds
+        longer = max(x2 - x1, y2 - y1)
+        step = next((step for step in STEPS_M if longer <= LINES * step), STEPS_M[-1])
+        xs, ys = ticks(x1, x2, step), ticks(y1, y2, step)
+        lines = [[(x, y1), (x, y2)] for x in xs] + [[(x1, y), (x2, y)] for y in ys]
+        colours = [palette.GRID if at else palette.AXIS for at in (*xs, *ys)]  # 0 is an axis
+        drawn = rr.LineStrips2D(lines, radii=pixels(0.5), colors=colours, draw_order=0)
+        self._canvas.fix(f"{ROOT}/grid", drawn)
+        away = 0.02 * longer
+        places = [(x, y1 - away) for x in xs] + [(x1 - away, y) for y in ys]
+        texts = [f"{at:g}" for at in (*xs, *ys)]
+        places += [(x2 + away, y1 - away), (x1 - away, y2 + away)]
+        numbers = rr.Points2D(
+            places,
+            labels=[*texts, "x, m", "y, m"],
+            show_labels=True,
+            colors=palette.ROOM,
+            radii=pixels(0.1),
+            draw_order=0,
+        )
+        self._canvas.fix(f"{ROOT}/numbers", numbers)
+
     def _walls(self, world: World) -> None:
         walls = [[wall[:2], wall[2:]] for wall in world.walls]
         lines = rr.LineStrips2D(walls, radii=pixels(1.4), colors=palette.WALL, draw_order=6)
@@ -180,6 +213,11 @@ def png(cells: Cells) -> bytes:
     raw = io.BytesIO()
     Image.fromarray(picture, "RGBA").save(raw, format="PNG", compress_level=3)
     return raw.getvalue()
+
+
+def ticks(low: float, high: float, step: float) -> list[float]:
+    """The multiples of a step from one place to another."""
+    return [step * count for count in range(ceil(low / step), floor(high / step) + 1)]
 
 
 def _transform(pose: Pose2) -> rr.Transform3D:

@@ -69,7 +69,10 @@ def main(arguments: list[str]) -> None:
     recording, out, *rest = arguments
     numbers = [float(number) for number in rest]
     size = (int(numbers[1]), int(numbers[2])) if len(numbers) > 2 else SIZE
-    taken = photograph(Path(recording), numbers[0] if numbers else 0.0, size)
+    try:
+        taken = photograph(Path(recording), numbers[0] if numbers else 0.0, size)
+    except (ViewerError, TimeoutError) as error:
+        sys.exit(f"no picture of {recording}: {error}")
     with Image.open(io.BytesIO(taken.png)) as image:  # the same picture, in a third of the bytes
         image.convert("RGB").save(out, format="PNG", optimize=True)
     print(f"{out}: {', '.join(sorted(taken.views))}; errors: {taken.errors or 'none'}")

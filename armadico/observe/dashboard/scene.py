@@ -70,7 +70,7 @@ class Scene:
             m.Description: self._described,
             m.Ack: self._ack,
             m.Pose: lambda _key, pose, t: self._map.take_pose(pose, self.holder, t),
-            m.Truth: lambda _key, truth, t: self._map.take_truth(truth, t),
+            m.Truth: self._truth,
             m.Sonar: self._sonar,
             m.Obstacles: lambda _key, obstacles, t: self._local.take_obstacles(obstacles, t),
             m.LocalMap: lambda _key, cells, t: self._local.take_map(cells, t),
@@ -120,6 +120,10 @@ class Scene:
         self._local.take_state(state, t)
         self.refresh(t)
         self._gauges.draw(self.view, self.holder, t)
+
+    def _truth(self, _key: str, truth: m.Truth, t: float) -> None:
+        if truth is self.view.truth:  # and not of another simulator
+            self._map.take_truth(truth, t)
 
     def _described(self, _key: str, robot: m.Description, _t: float) -> None:
         self._map.take_description(robot)

@@ -10,8 +10,9 @@ comes late sees the recent past; a scene keeps bounded collections; a native vie
 
 from __future__ import annotations
 
+import ctypes
+import errno
 from collections.abc import Mapping
-from contextlib import suppress
 from pathlib import Path
 from typing import Final
 
@@ -56,17 +57,44 @@ def serve(
 def keep(
     worlds: Mapping[str, World | None], record: Path, *, graph: bool = False
 ) -> rr.RecordingStream:
-    """A recording that only goes into a file; `graph`: that opens on the graph of agents."""
+    """A recording that only goes into a file; `graph`: that opens on the graph of agents.
+
+    Raises OSError.
+    """
     recording = _stream()
-    recording.save(record, default_blueprint=blueprint(worlds, graph=graph))
+    try:
+        recording.save(record, default_blueprint=blueprint(worlds, graph=graph))
+    except RuntimeError as error:
+        _abandon(recording)
+        raise OSError(errno.EIO, str(error), str(record)) from None
     return recording
 
 
-def close(recording: rr.RecordingStream) -> None:
-    """Write out what is left, within `CLOSE_S`, and end the recording with its footer."""
-    with suppress(RuntimeError):  # nobody takes it any more: what could be written is
+def finish(recording: rr.RecordingStream, record: Path) -> None:
+    """Close what is kept in a file. Raises OSError if not all of it could be written."""
+    if not close(recording):
+        raise OSError(errno.EIO, "is not whole: what follows could not be written", str(record))
+
+
+def close(recording: rr.RecordingStream) -> bool:
+    """Write out what is left, and end the recording with its footer; whether all was written."""
+    try:
         recording.flush(timeout_sec=CLOSE_S)
+    except RuntimeError:  # nobody takes it any more: what could be written is
+        _abandon(recording)
+        return False
     recording.disconnect()
+    return True
+
+
+def _abandon(recording: rr.RecordingStream) -> None:
+    """Leave a recording whose file takes no more: whoever ends it waits for that for ever.
+
+    Nor may it be dropped, which ends it: it goes with the process.
+    """
+    rr.unregister_shutdown()
+    for kept in (recording, recording.to_native()):
+        ctypes.pythonapi.Py_IncRef(ctypes.py_object(kept))
 
 
 def _stream() -> rr.RecordingStream:

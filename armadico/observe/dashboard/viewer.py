@@ -32,7 +32,12 @@ VIEWER_MEMORY: Final = "1GB"
 START_S: Final = 15.0
 LEAVE_S: Final = 3.0
 
-NO_GRAPHICS: Final = re.compile(r"graphics adapter|wgpu|Vulkan|WINDOWING|DISPLAY|winit", re.I)
+ESTABLISHED: Final = "01"
+"""A connection's state, as the kernel lists it."""
+
+NO_GRAPHICS: Final = re.compile(
+    r"graphics adapter|render context|wgpu|Vulkan|WINDOWING|DISPLAY|winit", re.I
+)
 
 
 class ViewerError(RuntimeError):
@@ -173,6 +178,16 @@ def listening(port: int) -> bool:
     except OSError:
         return False
     return True
+
+
+def watched(port: int) -> bool:
+    """Whether a viewer is connected to the data's port, by what the kernel lists (Linux)."""
+    try:
+        listed = Path("/proc/net/tcp").read_text(encoding="ascii").splitlines()[1:]
+    except OSError:
+        return True  # nobody can say, so nobody waits
+    here = f"0100007F:{port:04X}"
+    return any(line.split()[1] == here and line.split()[3] == ESTABLISHED for line in listed)
 
 
 def checked_port(port: int, option: str) -> int:

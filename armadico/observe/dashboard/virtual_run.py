@@ -10,7 +10,7 @@ from armadico.core.messages import Message
 from armadico.mesh.virtual import VirtualMesh
 from armadico.observe.dashboard.local_map import Zones
 from armadico.observe.dashboard.scene import SHOWN, Scene
-from armadico.observe.dashboard.server import close, keep
+from armadico.observe.dashboard.server import finish, keep
 
 ASK_S: Final = 1.0
 """How often agents are asked for their cards and bids, as the live dashboard does."""
@@ -30,6 +30,7 @@ class Rehearsed:
         graph: bool = False,
     ) -> None:
         walls = load_world(world)
+        self._path = path
         self.recording = keep({namespace: walls}, path, graph=graph)
         self.scene = Scene(self.recording, walls, namespace, zones)
         self._mesh = mesh
@@ -41,7 +42,7 @@ class Rehearsed:
 
     def __exit__(self, *_: object) -> None:
         self._ask()
-        close(self.recording)
+        finish(self.recording, self._path)
 
     def _take(self, key: str, message: Message, now: float) -> None:
         self.scene.take(key, message, now)

@@ -20,6 +20,7 @@ from armadico.bridge.p2os.packets import Decoder
 from armadico.bridge.p2os.status import Status, decode_status
 from armadico.bridge.simulator.microcontroller import Microcontroller
 from armadico.bridge.simulator.motion import Driver
+from armadico.bridge.simulator.traps import KIND, Trap
 from armadico.config.profile import RobotProfile
 
 
@@ -87,10 +88,10 @@ class Lagging:
 class Bench:
     """A controller, and hands to type commands with."""
 
-    def __init__(self, profile: RobotProfile) -> None:
+    def __init__(self, profile: RobotProfile, traps: frozenset[Trap] = KIND) -> None:
         self.profile = profile
         self.plant = Lagging()
-        self.controller = Microcontroller(profile, self.plant, self.plant)
+        self.controller = Microcontroller(profile, self.plant, self.plant, traps)
         self.decoder = Decoder()
         self.now = 0.0
 

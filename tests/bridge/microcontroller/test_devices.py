@@ -104,3 +104,16 @@ def test_a_simulated_robot_can_be_put_elsewhere(robot: Bench) -> None:
     assert robot.plant.true_pose == pytest.approx((1.5, -2.0, math.pi / 2))
     robot.controller.receive(encode(b"\xe0\x3b\x01"))
     assert robot.plant.true_pose[0] == pytest.approx(1.5)
+
+
+@pytest.mark.parametrize(
+    "pose", [(2e6, 0.0, 0.0), (0.0, -2e6, 0.0), (1e4 + 1, 0.0, 0.0), (-2e6, 2e6, 1e6)]
+)
+def test_but_not_off_every_world(robot: Bench, pose: tuple[float, float, float]) -> None:
+    robot.controller.receive(set_pose(*pose))
+    assert robot.plant.true_pose == (0.0, 0.0, 0.0)
+
+
+def test_nor_turned_so_far_that_no_message_could_carry_it(robot: Bench) -> None:
+    robot.controller.receive(set_pose(1.0, 2.0, 2e6))
+    assert abs(robot.plant.true_pose[2]) <= math.pi

@@ -182,6 +182,16 @@ def test_limits_and_ramps_can_be_set_and_never_exceed_the_profiles(robot: Bench)
     assert robot.plant.v == pytest.approx(1.6, abs=0.001)
 
 
+def test_no_ramp_is_steeper_than_the_tops_that_the_configuration_tells(robot: Bench) -> None:
+    for cmd in (Cmd.SETA, Cmd.SETRA):
+        robot.send(cmd, 32000)
+        robot.send(cmd, -32000)
+    robot.send(Cmd.CONFIG, 1)
+    told = decode_configuration(robot.run(0)[-1])
+    assert told.v_accel == told.v_decel == told.v_accel_top
+    assert told.w_accel == told.w_decel == told.w_accel_top
+
+
 @pytest.mark.parametrize("cmd", [Cmd.STOP, Cmd.E_STOP])
 def test_both_stops_stop_and_leave_the_motors_on(robot: Bench, cmd: Cmd) -> None:
     robot.send(Cmd.VEL, 500)

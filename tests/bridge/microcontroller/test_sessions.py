@@ -59,6 +59,16 @@ def test_before_open_there_is_no_status_and_the_configuration_is_given(bench: Be
     assert configuration.cycle_s == pytest.approx(0.1)
 
 
+def test_the_configuration_tells_tops_of_acceleration_since_aria_takes_0_for_none_allowed(
+    robot: Bench,
+) -> None:
+    robot.send(Cmd.CONFIG, 1)
+    configuration = decode_configuration(robot.run(0)[-1])
+    assert configuration.v_accel_top >= configuration.v_accel > 0
+    assert configuration.w_accel_top >= configuration.w_accel > 0
+    assert configuration.pwm_max > 0
+
+
 def test_once_open_a_status_comes_each_cycle(robot: Bench) -> None:
     assert robot.controller.next_status_s == pytest.approx(0.1)
     counts = [len(robot.run(0.05)) for _ in range(20)]
@@ -92,6 +102,17 @@ def test_the_watchdog_holds_a_move_and_a_pulse_lets_it_go_on(robot: Bench) -> No
     assert robot.plant.odometry[0] < 2.0
     robot.watched(9.0)
     assert robot.plant.odometry[0] == pytest.approx(3.0, abs=0.006)
+
+
+@pytest.mark.parametrize("header", [b"\xfa\xfb\xc8", b"\xfa\xfb\x06\x0b"])
+def test_a_lost_header_does_not_hold_a_stop_back(robot: Bench, header: bytes) -> None:
+    robot.send(Cmd.VEL, 300)
+    robot.watched(2.0)
+    robot.controller.receive(header)
+    robot.run(0.05)
+    robot.send(Cmd.STOP)
+    robot.run(1.6)  # nothing else comes, and the watchdog is not yet due
+    assert robot.plant.v == pytest.approx(0, abs=0.01)
 
 
 def test_even_an_unknown_command_feeds_the_watchdog(robot: Bench) -> None:

@@ -70,7 +70,7 @@ def test_a_robot_left_open_lurches_at_the_next_clients_sync0(link: Link) -> None
 
 
 @pytest.mark.parametrize("cut_off", [b"", b"\xfa\xfb\xc8", b"\xfa\xfb\x06\x0b\x3b"])
-def test_with_zero_speeds_first_it_does_not(link: Link, cut_off: bytes) -> None:
+def test_with_close_first_it_does_not(link: Link, cut_off: bytes) -> None:
     link.let_pass(0.1)
     drive_and_die(link)
     link.controller.receive(cut_off)  # all that the dead client's last packet came to
@@ -79,6 +79,18 @@ def test_with_zero_speeds_first_it_does_not(link: Link, cut_off: bytes) -> None:
     events = link.let_pass(3.0)
     assert kinds(events, Connected)
     assert kinds(events, Reported)
+    assert link.fastest == 0
+
+
+def test_not_even_if_its_status_packets_do_not_arrive(link: Link) -> None:
+    drive_and_die(link)
+    advance = link.controller.advance
+    link.controller.advance = lambda now: advance(now)[:0]  # type: ignore[method-assign]
+    link.new_session()
+    link.let_pass(5.0)
+    assert link.fastest == 0
+    link.controller.advance = advance  # type: ignore[method-assign]
+    assert kinds(link.let_pass(5.0), Connected)
     assert link.fastest == 0
 
 

@@ -6,7 +6,7 @@ import math
 
 import pytest
 
-from armadico.bridge.p2os.commands import SYNC0, SYNC1, SYNC2, Cmd, decode_command
+from armadico.bridge.p2os.commands import SYNC0, SYNC1, SYNC2, Cmd, command, decode_command
 from armadico.bridge.p2os.configuration import Configuration, Encoders, encode_configuration
 from armadico.bridge.p2os.handshake import (
     DRAIN_S,
@@ -22,7 +22,6 @@ from armadico.bridge.p2os.packets import Decoder, encode
 from armadico.bridge.p2os.session import (
     ASK_TIMES,
     HANG_S,
-    ZERO,
     Connected,
     Event,
     LinkLost,
@@ -34,6 +33,7 @@ from armadico.bridge.p2os.status import Status, encode_status
 from armadico.config.profile import RobotProfile
 
 NAMES = encode(b"\x02Rob\0Pioneer\0p2dx\0")
+CLOSE = command(Cmd.CLOSE)
 
 
 @pytest.fixture
@@ -67,8 +67,8 @@ def opened(session: Session, now: float = 0.0) -> Session:
     return session
 
 
-def test_the_first_bytes_of_all_are_zero_speeds_then_sync0(session: Session) -> None:
-    assert session.outgoing() == ZERO + SYNC0
+def test_the_first_bytes_of_all_close_what_may_be_open_then_sync0(session: Session) -> None:
+    assert session.outgoing() == CLOSE + SYNC0
 
 
 def test_the_handshake_ends_with_motors_on_at_zero_speed_and_limits_set(session: Session) -> None:
@@ -120,7 +120,7 @@ def test_an_answer_that_does_not_come_is_told_and_asked_for_again(session: Sessi
     assert session.tick(ECHO_TIMEOUT_S) == [Unanswered("the echo of SYNC0", 1)]
     assert sent(session) == [(Cmd.VEL, 0), (Cmd.RVEL, 0), (Cmd.CLOSE, 0)]
     assert session.tick(ECHO_TIMEOUT_S + DRAIN_S) == []
-    assert session.outgoing() == ZERO + SYNC0
+    assert session.outgoing() == CLOSE + SYNC0
     assert session.tick(2 * ECHO_TIMEOUT_S + DRAIN_S) == [Unanswered("the echo of SYNC0", 2)]
 
 
@@ -128,12 +128,13 @@ def test_a_status_packet_instead_of_an_echo_closes_what_a_dead_client_left(
     session: Session, profile: RobotProfile
 ) -> None:
     session.outgoing()
-    session.receive(status(profile), 0.05)
+    told = session.receive(status(profile), 0.05)
+    assert told == [Unanswered("the echo of SYNC0", 1, streaming=True)]
     assert session.state is State.DRAIN
     assert sent(session) == [(Cmd.VEL, 0), (Cmd.RVEL, 0), (Cmd.CLOSE, 0)]
     session.receive(status(profile), 0.1)
     assert session.tick(0.05 + DRAIN_S) == []
-    assert session.outgoing() == ZERO + SYNC0
+    assert session.outgoing() == CLOSE + SYNC0
 
 
 def test_the_configuration_is_wanted_and_not_required(
@@ -291,13 +292,13 @@ def test_close_stops_switches_off_and_ends(session: Session) -> None:
     assert session.tick(100.0) == []
     assert session.outgoing() == b""
     session.restart(101.0)
-    assert session.outgoing() == ZERO + SYNC0
+    assert session.outgoing() == CLOSE + SYNC0
 
 
 def test_a_transport_opened_again_begins_again(session: Session) -> None:
     opened(session)
     assert session.restart(0.5) == [LinkLost("the transport was opened again")]
-    assert session.outgoing() == ZERO + SYNC0
+    assert session.outgoing() == CLOSE + SYNC0
 
 
 def test_packets_with_good_checksums_and_bad_contents_are_counted(session: Session) -> None:
@@ -331,10 +332,60 @@ def test_every_state_that_waits_has_a_time_out_and_a_way_on() -> None:
         assert (state, Signal.CLOSE) in TRANSITIONS
 
 
-def test_every_beginning_zeroes_the_speeds_before_sync0() -> None:
+def test_every_beginning_closes_before_sync0_and_nothing_comes_before_that() -> None:
+    """SYNC0 is a pulse to who was left open; what comes first is a SYNC to MobileSim."""
     for _, actions in TRANSITIONS.values():
         if Action.SEND_SYNC0 in actions:
-            assert actions.index(Action.ZERO) < actions.index(Action.SEND_SYNC0)
+            sends = [a for a in actions if a not in {Action.LOSE, Action.FORGET}]
+            assert sends == [Action.SEND_CLOSE, Action.SEND_SYNC0]
+            assert actions[-3] is Action.FORGET
+
+
+class FirstPacketIsSync:
+    """MobileSim and AMRISim before OPEN: any first packet is the SYNC of its number."""
+
+    def __init__(self) -> None:
+        self._decoder = Decoder()
+        self._sync = 0
+
+    def answers(self, data: bytes) -> bytes:
+        said = b""
+        for payload in self._decoder.feed(data):
+            if self._sync > 2:
+                if payload[0] == Cmd.CLOSE:
+                    self._sync = 0
+                continue
+            said += NAMES if payload[0] == 2 else encode(payload[:1])
+            self._sync = payload[0] + 1
+        return said
+
+
+@pytest.mark.parametrize("first", [b"", SYNC0, SYNC0 + SYNC1, SYNC0 + SYNC1 + SYNC2])
+def test_who_takes_the_first_packet_for_a_sync_is_connected_to(
+    session: Session, first: bytes
+) -> None:
+    """Whatever another client has left it in the middle of, on a line that tells nobody."""
+    controller = FirstPacketIsSync()
+    controller.answers(first)
+    now, events = 0.0, session.receive(controller.answers(session.outgoing()), 0.0)
+    while not session.is_open and now < 5.0:
+        now += 0.05
+        events += session.tick(now)
+        events += session.receive(controller.answers(session.outgoing()), now)
+    assert events[-1] == Connected("Rob", "Pioneer", "p2dx")
+    assert session.is_open
+
+
+def test_who_streams_and_never_answers_is_told_again_and_again(
+    session: Session, profile: RobotProfile
+) -> None:
+    """The wire from us to the robot is broken."""
+    told: list[Event] = []
+    for n in range(1, 51):
+        told += session.receive(status(profile), n / 10)
+        told += session.tick(n / 10)
+    assert all(isinstance(event, Unanswered) and event.streaming for event in told)
+    assert len(told) > 10
 
 
 def test_every_way_out_of_an_open_link_but_closing_tells_that_it_is_lost() -> None:

@@ -75,10 +75,9 @@ class Stopwatch:
         self._sent_at: float | None = None
         self._decoder = Decoder()
 
-    @property
-    def connected(self) -> bool:
-        """Whether a client is there."""
-        return self._line.connected
+    def hang_up(self) -> bool:
+        """The robot is done with its client."""
+        return self._line.hang_up()
 
     def write(self, data: bytes) -> None:
         """Status packets go out: the watch starts."""

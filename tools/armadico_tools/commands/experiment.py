@@ -102,6 +102,8 @@ def _check_extras() -> None:
 
 def _run(name: str, args: argparse.Namespace) -> dict[str, object]:
     """One experiment; what came of it."""
+    import msgspec  # noqa: PLC0415 - not for --help
+
     began = time.monotonic()
     experiment = import_module(module(name))
     runs = args.runs or getattr(experiment, "RUNS", RUNS)
@@ -116,7 +118,7 @@ def _run(name: str, args: argparse.Namespace) -> dict[str, object]:
         "out": str(context.out),
         "runs": runs,
         "first_seed": first_seed,
-        "commit": context.commit,
+        "software": msgspec.to_builtins(context.software),
         "seconds": round(seconds, 1),
         "files": [path.name for path in context.files],
         "cells": context.summary,
@@ -137,7 +139,7 @@ def _context(name: str, args: argparse.Namespace, runs: int, first_seed: int) ->
         first_seed=first_seed,
         runs=runs,
         source=context.source,
-        commit=context.commit,
+        software=context.software,
     )
     try:
         moved = store.claim(out, about)

@@ -6,13 +6,13 @@ import argparse
 import json
 import shlex
 from collections.abc import Sequence
-from pathlib import Path
 from typing import TYPE_CHECKING, Final
 
 from armadico.cli import options
 from armadico.cli.options import FailedError, UsageError
 from armadico.config.discovery import unknown
 from armadico.config.errors import ConfigError
+from armadico.config.loading import read_text
 from armadico_tools.command_options import (
     add_jobs,
     add_json,
@@ -124,10 +124,9 @@ def _repeat(given: str, *, as_json: bool) -> int:
     text = given
     if not given.lstrip().startswith("{"):
         try:
-            text = Path(given).read_text(encoding="utf-8")
-        except (OSError, UnicodeDecodeError) as error:
-            why = error.strerror if isinstance(error, OSError) else "not text"
-            raise ConfigError(f"{given}: neither a case as JSON nor a file of one: {why}") from None
+            text = read_text(given)
+        except ConfigError as error:
+            raise ConfigError(f"neither a case as JSON nor a file of one: {error}") from None
     outcome = workload.run(plan.loads(text))
     if as_json:
         print(
@@ -147,11 +146,11 @@ def _repeat(given: str, *, as_json: bool) -> int:
 
 def _series(args: argparse.Namespace) -> int:
     """Many seeds; on Ctrl-C the counts so far."""
+    from armadico.observe.conditions import software  # noqa: PLC0415
     from armadico_tools.faults import series  # noqa: PLC0415 - not for --help
-    from armadico_tools.results import commit  # noqa: PLC0415
 
     try:
-        ledger = series.Ledger(args.out, commit())
+        ledger = series.Ledger(args.out, software().commit)
         first = ledger.next_seed() if args.first is None else args.first
     except (OSError, ValueError) as error:
         raise FailedError(f"cannot count seeds in {args.out}: {error}") from None

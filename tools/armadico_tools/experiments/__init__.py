@@ -21,6 +21,8 @@ EXPERIMENTS: Final = {
     "table-5.5": "table_5_5",
     "parameters": "parameter_sets",
     "random-rooms": "random_rooms",
+    "time": "driving_time",
+    "other-maps": "other_maps",
     "explore": "explore",
     "live-vs-virtual": "live_vs_virtual",
 }

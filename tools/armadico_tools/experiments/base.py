@@ -8,10 +8,11 @@ from pathlib import Path
 from typing import TYPE_CHECKING, TypeVar
 
 from armadico.cli import pool
+from armadico.observe.conditions import Conditions, Software, software, source_hash
 from armadico_tools.experiments import FIRST_SEED, RUNS
-from armadico_tools.experiments.driving import Cell, Sample, drive, key_of
-from armadico_tools.experiments.store import Store, source_hash
-from armadico_tools.results import commit, write_csv
+from armadico_tools.experiments.driving import Cell, Sample, conditions_of, drive, key_of
+from armadico_tools.experiments.store import BESIDES, CONDITIONS, Store
+from armadico_tools.results import write_csv, write_json
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -31,8 +32,9 @@ class Context:
     runs: int = RUNS  # seeds for each cell
     jobs: int = 1
     first_seed: int = FIRST_SEED
-    source: str = field(default_factory=source_hash)
-    commit: str = field(default_factory=commit)
+    source: str = field(default_factory=lambda: source_hash(*BESIDES))
+    software: Software = field(default_factory=software)
+    conditions: dict[str, Conditions] = field(default_factory=dict)
     files: list[Path] = field(default_factory=list)
     summary: dict[str, object] = field(default_factory=dict)
 
@@ -49,10 +51,14 @@ class Context:
         self,
         tasks: Sequence[tuple[Cell, int]],
         function: Callable[[tuple[Cell, int]], Sample] | None = None,
+        mode: str = "virtual",
         jobs: int | None = None,
     ) -> Samples:
         """These runs, but for what `runs.csv` has already; `function` drives one of them."""
-        store = Store(self.out, self.commit)
+        store = Store(self.out, self.software.commit)
+        self.conditions = {c.name: conditions_of(c, mode) for c, _ in tasks} | self.conditions
+        write_json(self.out / CONDITIONS, self.conditions)
+        self._wrote(self.out / CONDITIONS)
         keys = {cell.name: key_of(cell, self.source) for cell, _ in dict(tasks).items()}
         wanted = [(cell.name, seed, keys[cell.name]) for cell, seed in tasks]
         missing = [task for task, key in zip(tasks, wanted, strict=True) if key not in store.known]
@@ -85,7 +91,8 @@ class Context:
         """Write `name`.md, with the commit and the seeds that it was made with."""
         path = self.out / f"{name}.md"
         seeds = f"seeds {self.first_seed} to {self.first_seed + self.runs - 1}"
-        path.write_text(f"{text.rstrip()}\n\nCommit {self.commit}, {seeds}.\n", encoding="utf-8")
+        commit = self.software.commit
+        path.write_text(f"{text.rstrip()}\n\nCommit {commit}, {seeds}.\n", encoding="utf-8")
         self._wrote(path)
 
     def figure(self, figure: Figure, name: str) -> None:

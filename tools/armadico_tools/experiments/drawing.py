@@ -110,6 +110,8 @@ def tidy(axes: Axes) -> None:
 
 def _ends(axes: Axes, run: Drive) -> None:
     start, goal = run.watch.start or run.watch.goal, run.watch.goal
+    assert start is not None, "every cell has a goal"
+    assert goal is not None, "every cell has a goal"
     axes.plot([start[0]], [start[1]], "o", color="#3b7d23", markersize=6)
     axes.plot([goal[0]], [goal[1]], "o", color="#b01e68", markersize=6)
     for waypoint in run.watch.waypoints[:-1]:

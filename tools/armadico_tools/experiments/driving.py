@@ -10,9 +10,12 @@ for 60 s.
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Collection, Mapping, Sequence
+from dataclasses import replace
 from hashlib import sha256
+from itertools import takewhile
 from math import hypot
+from typing import Any
 
 from msgspec import Struct, structs
 
@@ -21,11 +24,12 @@ from armadico.config.loading import load_parameters, read_text
 from armadico.config.scenarios import Scenario, load_scenario
 from armadico.config.shipped import find as find_config
 from armadico.core.agent import Agent
-from armadico.launch.society import Options, members, names
+from armadico.launch.society import Options, conditions, members, names
 from armadico.launch.virtual import Rehearsal
-from armadico.observe.measures import REACHED_M, RunWatch
+from armadico.observe.conditions import Conditions
+from armadico.observe.measures import REACHED_M, Result, RunWatch
 from armadico.runtime.errors import MissionRefusedError
-from armadico_tools.experiments.traces import Smoothness, Trace, smoothness
+from armadico_tools.experiments.traces import Smoothness, Tick, Trace, smoothness
 
 REST_S = 2.0
 
@@ -74,6 +78,7 @@ class Sample(Struct, frozen=True):
     accel_step: float | None = None
     command_step_v: float | None = None
     command_step_w: float | None = None
+    last_metre_s: float | None = None  # from 1 m off the goal, for good, to the end
     note: str = ""
 
 
@@ -118,9 +123,7 @@ class Drive:
 
     def sample(self) -> Sample:
         """The row of this run."""
-        row = structs.asdict(self.watch.result())
-        del row["scenario"], row["seed"]
-        shares = row.pop("shares")
+        row, shares = columns(self.watch.result())
         ticks = self.trace.ticks
         resting = self._parked()
         if resting:
@@ -128,13 +131,14 @@ class Drive:
             row["tt_s"] = round(ticks[-1].t - ticks[0].t, 3)
             holders = [tick.holder for tick in ticks]
             shares = {name: share(name, holders) for name in SHARES.values()}
-        row |= {f: shares.get(n, 0.0) for f, n in SHARES.items() if n in self._taking}
+        row |= of_thesis(shares, self._taking)
         rough = Smoothness() if not ticks else smoothness(ticks)
         return Sample(
             cell=self.cell.name,
             seed=self.seed,
             arrived=(self.watch.done or resting) and self._at_goal(),
             believed_p_percent=self._believed(),
+            last_metre_s=last_metre(ticks, self.watch.goal),
             note=self._note(resting),
             **row,
             **structs.asdict(rough),
@@ -149,7 +153,7 @@ class Drive:
 
     def _believed(self) -> float | None:
         pose, start, goal = self.watch.view.pose, self.watch.start, self.watch.goal
-        if pose is None or start is None:
+        if pose is None or start is None or goal is None:
             return None
         straight = hypot(goal[0] - start[0], goal[1] - start[1])
         off = hypot(goal[0] - pose.x, goal[1] - pose.y)
@@ -165,12 +169,14 @@ class Drive:
 
     def _at_goal(self) -> bool:
         here, goal = self.watch.here, self.watch.goal
-        return here is not None and hypot(goal[0] - here[0], goal[1] - here[1]) <= REACHED_M
+        if here is None or goal is None:
+            return False
+        return hypot(goal[0] - here[0], goal[1] - here[1]) <= REACHED_M
 
     def _options(self) -> Options:
         cell = self.cell
         left_out = cell.without + ((cell.joins,) if cell.joins else ())
-        return Options(self.seed, cell.controller, cell.exchange, cell.parameters, left_out)
+        return replace(options_of(cell), seed=self.seed, without=left_out)
 
     def _join(self, name: str) -> None:
         """The agent joins with the parameters that it would have had from the beginning."""
@@ -183,7 +189,27 @@ class Drive:
         self._taking += (name,)
 
 
+def last_metre(ticks: Sequence[Tick], goal: tuple[float, float, float] | None) -> float | None:
+    """How long it took from where the robot was within 1 m of the goal for good, s."""
+    if goal is None:
+        return None
+    near = list(takewhile(lambda t: hypot(goal[0] - t.x, goal[1] - t.y) <= 1.0, reversed(ticks)))
+    return round(near[0].t - near[-1].t, 3) if near else None
+
+
 SHARES = {"tg_percent": "goto", "ta_percent": "avoid", "tgt_percent": "gothrough"}
+
+
+def columns(result: Result) -> tuple[dict[str, Any], dict[str, float]]:
+    """What a sample takes of a run's measures, and the shares by agent."""
+    row = structs.asdict(result)
+    del row["scenario"], row["seed"], row["conditions"], row["limit_s"]
+    return row, row.pop("shares")
+
+
+def of_thesis(shares: Mapping[str, float], taking: Collection[str]) -> dict[str, float]:
+    """The thesis's shares, of the agents that took part."""
+    return {field: shares.get(n, 0.0) for field, n in SHARES.items() if n in taking}
 
 
 def share(name: str, holders: list[str | None]) -> float:
@@ -205,6 +231,16 @@ def scenario_of(cell: Cell) -> Scenario:
     if cell.robot is not None:
         scenario = structs.replace(scenario, robot=cell.robot)
     return scenario
+
+
+def options_of(cell: Cell) -> Options:
+    """What the cell says on the command line, as it were."""
+    return Options(0, cell.controller, cell.exchange, cell.parameters, cell.without)
+
+
+def conditions_of(cell: Cell, mode: str) -> Conditions:
+    """What the cell's runs depend on."""
+    return conditions(scenario_of(cell), options_of(cell), mode)
 
 
 def drive(task: tuple[Cell, int]) -> Sample:

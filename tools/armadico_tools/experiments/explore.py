@@ -156,7 +156,7 @@ def explore(task: tuple[str, int]) -> Row:
         world=name,
         seed=seed,
         ended=status.state.value,
-        back=result.reached,
+        back=bool(result.reached),
         known=round(judged.known, 4),
         right=round(judged.right, 4),
         occupied_right=round(judged.occupied_right, 4),

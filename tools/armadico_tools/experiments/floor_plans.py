@@ -41,6 +41,7 @@ PLACES: Final = 200
 
 Rectangle = tuple[float, float, float, float]
 Mask = NDArray[np.bool_]
+Axis = NDArray[np.float64]
 
 
 class FloorPlan(Struct, frozen=True):
@@ -228,10 +229,10 @@ def passable(walls: Sequence[Segment], start: Pose, goal: Pose, width: float = P
     """Whether a disc of a width (m) gets from start to goal."""
     from scipy.ndimage import label  # noqa: PLC0415 - an extra, and slow
 
-    free, origin = _free(walls, 0.5 * width + 0.5 * CELL_M)
+    free, xs, ys = free_cells(walls, 0.5 * width + 0.5 * CELL_M)
     cells = []
     for pose in (start, goal):
-        i, j = (round((pose[axis] - origin[axis]) / CELL_M) for axis in (0, 1))
+        i, j = (round((at - axis[0]) / CELL_M) for at, axis in ((pose[0], xs), (pose[1], ys)))
         if not free[i, j]:
             return False
         cells.append((i, j))
@@ -239,8 +240,8 @@ def passable(walls: Sequence[Segment], start: Pose, goal: Pose, width: float = P
     return bool(parts[cells[0]] == parts[cells[1]])
 
 
-def _free(walls: Sequence[Segment], radius: float) -> tuple[Mask, tuple[float, float]]:
-    """The cells whose middle is at least so far (m) from every wall, and the first one's middle."""
+def free_cells(walls: Sequence[Segment], radius: float) -> tuple[Mask, Axis, Axis]:
+    """The cells whose middle is at least so far (m) from every wall, and where the middles are."""
     x1, y1, x2, y2 = hull(tuple(walls))
     xs = np.arange(x1, x2 + CELL_M / 2, CELL_M)
     ys = np.arange(y1, y2 + CELL_M / 2, CELL_M)
@@ -254,4 +255,4 @@ def _free(walls: Sequence[Segment], radius: float) -> tuple[Mask, tuple[float, f
         along = np.clip(((px - ax) * dx + (py - ay) * dy) / (dx * dx + dy * dy), 0.0, 1.0)
         away = np.hypot(px - ax - along * dx, py - ay - along * dy)
         free[np.ix_(rows, columns)] &= away >= radius
-    return free, (x1, y1)
+    return free, xs, ys

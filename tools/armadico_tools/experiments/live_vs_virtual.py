@@ -13,7 +13,7 @@ import msgspec
 
 from armadico.observe.measures import Result
 from armadico_tools.experiments import tables
-from armadico_tools.experiments.driving import Cell, Sample
+from armadico_tools.experiments.driving import Cell, Sample, columns, of_thesis
 from armadico_tools.experiments.statistics import holm, shift, spread, unpaired
 from armadico_tools.experiments.tables import RULES, number, p_of
 from armadico_tools.markdown import table
@@ -53,7 +53,7 @@ def run(context: Context) -> None:
         for scenario in SCENARIOS
     ]
     context.drive_each(virtual)
-    context.drive_each(real, live, jobs=1)
+    context.drive_each(real, live, "live", jobs=1)
     samples = context.drive_each([*virtual, *real])  # all are known: in order
     text = compare([(samples[f"{name} live"], samples[name]) for name in SCENARIOS])
     context.table(f"# {TITLE}\n\n{NOTE}\n\n{RULES}\n\n{text}")
@@ -78,9 +78,9 @@ def live(task: tuple[Cell, int]) -> Sample:
     except ValueError:
         why = done.stderr.strip()[-500:]
         raise RuntimeError(f"{cell.scenario} seed {seed}: {why}") from None
-    measured = msgspec.structs.asdict(result)
-    del measured["scenario"], measured["seed"]
-    return Sample(cell=cell.name, seed=seed, arrived=result.reached, **measured)
+    measured, shares = columns(result)
+    measured |= of_thesis(shares, shares)
+    return Sample(cell=cell.name, seed=seed, arrived=bool(result.reached), **measured)
 
 
 def compare(pairs: Sequence[tuple[list[Sample], list[Sample]]]) -> str:

@@ -56,7 +56,8 @@ def run(context: Context) -> None:
     }
     for one in found:
         if failed(one) and not one.note.startswith("refused"):
-            context.files.append(picture(cells[one.seed], one, context.out))
+            path = context.out / f"failed-{one.seed:03d}.png"
+            context.files.append(picture(cells[one.seed], one, path))
     context.table(f"# {TITLE}\n\n{NOTE}\n\n{RULES}\n\n{_summary(found)}\n{_failures(found)}")
 
 
@@ -65,14 +66,15 @@ def failed(sample: Sample) -> bool:
     return not sample.reached or bool(sample.collisions)
 
 
-def picture(of: Cell, sample: Sample, folder: Path) -> Path:
+def picture(of: Cell, sample: Sample, path: Path) -> Path:
     """A picture of a run that failed."""
     drive = Drive(of, sample.seed).go()
-    path = folder / f"failed-{sample.seed:03d}.png"
     watch, scenario = drive.watch, load_scenario(of.scenario)
+    start = watch.start or watch.goal
+    assert start is not None, "a plan has one"
     run = Run(
         path=watch.path,
-        start=watch.start or watch.goal,
+        start=start,
         goal=watch.goal,
         body=load_profile(scenario.robot).body,
         waypoints=watch.waypoints[:-1],

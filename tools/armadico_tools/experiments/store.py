@@ -2,15 +2,13 @@
 
 `runs.csv` is append-only while an experiment runs, one line a run as soon as it is finished, keyed
 by cell, seed and a hash of all that the run depends on; at the end it is put in order. `about.json`
-describes the folder. A folder that holds other seeds, or was made by other code, is moved
-aside.
+describes the folder, `conditions.json` what the runs of each cell depend on. A folder that holds
+other seeds, or was made by other code, is moved aside.
 """
 
 from __future__ import annotations
 
 from collections.abc import Sequence
-from hashlib import sha256
-from importlib import import_module
 from itertools import count
 from pathlib import Path
 from typing import Final
@@ -18,13 +16,14 @@ from typing import Final
 import msgspec
 from msgspec import Struct
 
+from armadico.observe.conditions import Software
 from armadico_tools.experiments.driving import Sample
 from armadico_tools.results import Rows, write_json
 
 RUNS: Final = "runs.csv"
 ABOUT: Final = "about.json"
-CODE: Final = ("armadico", "armadico.agents", "armadico.bridge", "armadico.configs")
-BESIDES: Final = ("driving.py", "traces.py")
+CONDITIONS: Final = "conditions.json"
+BESIDES: Final = [Path(__file__).with_name(name) for name in ("driving.py", "traces.py")]
 """Of this package, what a run depends on: the rest only reports its results."""
 
 Key = tuple[str, int, str]
@@ -41,7 +40,7 @@ class About(Struct, frozen=True, kw_only=True):
     first_seed: int
     runs: int
     source: str
-    commit: str
+    software: Software
 
     def continues(self, other: About) -> bool:
         """Whether these results may be put where the other ones are: the same, or more of them."""
@@ -95,17 +94,3 @@ class Store:
         """Write the file anew: these runs in this order, then any others that it holds."""
         rest = sorted(set(self.known) - set(keys))
         self._rows.rewrite(self.known[key] for key in (*keys, *rest))
-
-
-def source_hash() -> str:
-    """16 hex digits of all code and configuration that a run depends on."""
-    digest = sha256()
-    for package in CODE:
-        root = Path(next(iter(import_module(package).__path__)))
-        for path in sorted(root.rglob("*")):
-            if path.suffix in {".py", ".toml", ".map"} and "cli" not in path.parts:
-                digest.update(f"{package}/{path.relative_to(root)}\0".encode())
-                digest.update(path.read_bytes())
-    for name in BESIDES:
-        digest.update((Path(__file__).parent / name).read_bytes())
-    return digest.hexdigest()[:16]

@@ -15,12 +15,13 @@ from armadico.config.hosts import HostTable
 from armadico.config.loading import find, load
 from armadico.config.profile import RobotProfile
 from armadico.config.scenarios import Scenario
+from armadico.observe.conditions import software
 from armadico_tools.faults.checker import Checker, Violation
 from armadico_tools.faults.real_faults import FAULTS
 from armadico_tools.faults.real_society import ROAD, RealSociety, TrialError
 from armadico_tools.faults.real_trials import TRIALS, TWIN, Figure, Trial, settle
 from armadico_tools.faults.world_state import bounds_of
-from armadico_tools.results import Rows, commit, write_json
+from armadico_tools.results import Rows, write_json
 from armadico_tools.testbed import Namespaces, Place
 
 ALL: Final[Mapping[str, Trial]] = {**TRIALS, **FAULTS}
@@ -107,7 +108,7 @@ class Store:
     def __init__(self, folder: Path, seed: int) -> None:
         """Go on with the folder's file, or begin one."""
         self.folder = folder
-        self._seed, self._commit = seed, commit()
+        self._seed, self._commit = seed, software().commit
         self._rows = Rows(folder / ROWS, Measured)
 
     def add(self, kind: str, number: int, figures: Mapping[str, float]) -> None:
@@ -118,7 +119,7 @@ class Store:
     def finish(self, series: list[Series]) -> None:
         """The summary of what was run this time."""
         about = {
-            "commit": self._commit,
+            "software": software(),
             "seed": self._seed,
             "lines": [line for each in series for line in each.lines()],
             "failed": {each.trial.name: each.failed for each in series if each.failed},

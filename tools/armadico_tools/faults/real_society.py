@@ -15,12 +15,12 @@ from dataclasses import dataclass, field
 from math import radians
 from typing import Final, Self, TypeVar
 
-from armadico.config.scenarios import Scenario
+from armadico.config.scenarios import Scenario, planned
 from armadico.core.messages import Ask, Command, Message, MissionRequest, Waypoint, decode
 from armadico.core.messages import MessageError as UnreadableError
 from armadico.core.services import BIDS, service_of
 from armadico.launch.processes import agent_words, simulator_words
-from armadico.launch.society import Member, Options, members
+from armadico.launch.society import Member, Options, members, mission
 from armadico.mesh.ports import free_port
 from armadico.observe.view import agent_of
 from armadico.observe.watching import kind_at
@@ -210,7 +210,7 @@ class RealSociety:
         self._goals.rotate(-1)
         self._mesh.ask(
             service_of(MissionRequest).key,
-            MissionRequest(goal, planned=self._scenario.plan == "rooms"),
+            MissionRequest(goal, planned=planned(self._scenario)),
             MISSION_S,
             lambda *_: None,  # the outcome is published on mission/status
             lambda: None,
@@ -333,5 +333,7 @@ def _goals(scenario: Scenario) -> deque[Waypoint]:
     """There, and back again, for as long as it is watched; on the road only there."""
     if scenario is ROAD:
         return deque([Waypoint(FAR_M, 0.0, 0.0)])
-    poses = (scenario.goal, scenario.start)
-    return deque(Waypoint(x, y, radians(degrees)) for x, y, degrees in poses)
+    there = mission(scenario)
+    assert there is not None, "faults are injected on the way to a goal"
+    x, y, degrees = scenario.start
+    return deque([there.goal, Waypoint(x, y, radians(degrees))])

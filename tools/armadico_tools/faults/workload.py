@@ -14,7 +14,7 @@ from math import hypot, radians
 from random import Random
 from typing import Any, Final
 
-from msgspec import Struct
+from msgspec import Struct, structs
 
 from armadico.bridge.robot import Robot
 from armadico.config.loading import find, load
@@ -38,7 +38,7 @@ from armadico.core.messages import (
     Waypoint,
 )
 from armadico.core.resources import WHEELS
-from armadico.launch.society import Options
+from armadico.launch.society import Options, mission
 from armadico.launch.virtual import Rehearsal
 from armadico.mesh.virtual import Node, VirtualMesh
 from armadico.mesh.virtual_network import Clock
@@ -271,18 +271,11 @@ class Workload:
 
 def _ends(rehearsal: Rehearsal) -> tuple[MissionRequest, MissionRequest]:
     """The missions to the scenario's goal, and back to its start."""
-    scenario = rehearsal.scenario
-    planned = scenario.plan == "rooms"
-    between = scenario.waypoints if scenario.plan == "waypoints" else ()
-    there = tuple(_waypoint(pose) for pose in between)
-    return (
-        MissionRequest(_waypoint(scenario.goal), there, planned),
-        MissionRequest(_waypoint(scenario.start), there[::-1], planned),
-    )
-
-
-def _waypoint(pose: tuple[float, float, float]) -> Waypoint:
-    return Waypoint(pose[0], pose[1], radians(pose[2]))
+    there = mission(rehearsal.scenario)
+    assert there is not None, "faults are injected on the way to a goal"
+    x, y, heading = rehearsal.scenario.start
+    back = Waypoint(x, y, radians(heading))
+    return there, structs.replace(there, goal=back, waypoints=there.waypoints[::-1])
 
 
 def _tap_line(agent: DeviceAgent, workload: Workload) -> None:

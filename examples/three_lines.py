@@ -1,0 +1,6 @@
+"""A run in three lines: scenario 4 under a virtual clock, and what came of it."""
+
+import armadico
+
+done = armadico.run("sc4", virtual=True, seed=7)
+print(done.measures.verdict)

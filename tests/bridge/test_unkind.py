@@ -1,0 +1,79 @@
+"""Our own society against the unkind controller: it relies on nobody's kindness."""
+
+from __future__ import annotations
+
+import json
+import math
+from collections.abc import Callable
+from contextlib import ExitStack
+from pathlib import Path
+
+import pytest
+
+from armadico.bridge.simulator import pioneer
+from armadico.bridge.simulator.pioneer import Pioneer
+from armadico.bridge.simulator.plant import Streams
+from armadico.bridge.simulator.traps import UNKIND
+from armadico.config.scenarios import Scenario, load_scenario
+from armadico.core.messages import Description, Message, Pose, Truth
+from armadico.launch.society import Options
+from armadico.launch.virtual import Rehearsal
+from armadico.mesh.ports import free_port, private_endpoints
+from armadico.mesh.topology import ENDPOINTS_VARIABLE
+from armadico.observe.view import View
+from armadico.runtime.client import Client
+from tests.live.society import mesh_of
+from tests.programs import SOON, starter
+
+
+def agree(pose: Pose | None, truth: Truth | None) -> bool:
+    """Whether the robot rests where it believes to rest."""
+    assert pose is not None
+    assert truth is not None
+    turned = math.remainder(pose.theta - truth.theta, math.tau)
+    return math.hypot(pose.x - truth.x, pose.y - truth.y) < 0.02 and abs(turned) < 0.02
+
+
+SEEN = (Description, Pose, Truth)  # the truth counts by the description of its robot
+
+
+@pytest.mark.parametrize("name", ["sc2", "sc4", "house"])
+def test_a_scenario_reaches_its_goal(monkeypatch: pytest.MonkeyPatch, name: str) -> None:
+    """Three of nine; live, all were driven by hand (docs/controller.md)."""
+
+    def unkind(scenario: Scenario, streams: Streams, publish: Callable[[Message], None]) -> Pioneer:
+        robot = pioneer.of_scenario(scenario, streams, traps=UNKIND)
+        robot.watch(publish)
+        return robot
+
+    monkeypatch.setattr(pioneer, "on_virtual_mesh", unkind)
+    rehearsal, view = Rehearsal(load_scenario(name), Options(seed=7)), View()
+    rehearsal.mesh.watch(lambda _, message, now: view.learn(message, now), *SEEN)
+    assert rehearsal.run().reached
+    assert agree(view.pose, view.truth)
+
+
+@pytest.mark.live
+def test_live_it_does_so_over_tcp_and_over_a_serial_line_at_once(
+    monkeypatch: pytest.MonkeyPatch, tmp_path: Path
+) -> None:
+    monkeypatch.setenv(ENDPOINTS_VARIABLE, private_endpoints())
+    lines = {
+        "unkind-tcp": ("--port", str(free_port())),
+        "unkind-pty": ("--pty", str(tmp_path / "robot")),
+    }
+    with starter() as start, ExitStack() as stack:
+        runs = []
+        for namespace, line in lines.items():
+            guest = Client(stack.enter_context(mesh_of(namespace)))
+            guest.listen(Pose, Truth)
+            simulator = start("sim", "sc1", "--unkind", *line, "--namespace", namespace)
+            assert simulator.stdout is not None
+            url = simulator.stdout.readline().partition(" at ")[2].partition(";")[0]
+            words = ("--robot", url, "--namespace", namespace, "--no-plot", "--json")
+            runs.append((guest, start("run", "sc1", "--goal", "0.6", "0", "0", *words)))
+        for guest, run in runs:
+            out, errors = run.communicate(timeout=SOON)
+            assert run.returncode == 0, errors
+            assert json.loads(out)["reached"]
+            assert agree(guest.latest(Pose), guest.latest(Truth))

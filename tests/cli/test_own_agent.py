@@ -1,0 +1,156 @@
+"""What is wrong with an agent of one's own is said with its name, its file and its line."""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Callable
+from pathlib import Path
+
+import pytest
+
+from tests.programs import Done, call
+
+SOURCE = '''"""Agents of one's own."""
+import time
+from armadico import Behaviour, Bid, Obstacles
+class Mine(Behaviour):
+    reacts_to = Obstacles
+class Raiser(Mine):
+    """Divides by zero."""
+    name = "raiser"
+    def propose(self, pose, obstacles):
+        return Bid(1 / 0, (0.1, 0.0))  # here
+class Unsound(Mine):
+    name = "unsound"
+    def propose(self, pose, obstacles):
+        return Bid(0.3, (0.1, 0.0, 3.0))
+class Slow(Mine):
+    name = "slow"
+    def propose(self, pose, obstacles):
+        time.sleep(0.15)
+        return Bid(0.7, (0.1, 0.0))
+class Broken(Mine):
+    name = "broken"
+    def __init__(self, *given):
+        super().__init__(*given)
+        raise KeyError("at the start")  # there
+class Chair: ...
+'''
+POINTS = {
+    **{n.lower(): f"own:{n}" for n in ("Raiser", "Unsound", "Slow", "Broken", "Chair")},
+    "syntax": "own_syntax:Agent",
+    "raises": "own_raises:Agent",
+}
+
+Run = Callable[..., Done]
+
+
+@pytest.fixture
+def package(tmp_path: Path) -> Path:
+    """It is installed, as far as Python can tell."""
+    (tmp_path / "own.py").write_text(SOURCE, encoding="utf-8")
+    (tmp_path / "own_syntax.py").write_text("def (\n", encoding="utf-8")
+    (tmp_path / "own_raises.py").write_text("\n1 / 0\n", encoding="utf-8")
+    info = tmp_path / "own-1.0.dist-info"
+    info.mkdir()
+    (info / "METADATA").write_text("Metadata-Version: 2.1\nName: own\nVersion: 1.0\n")
+    points = "\n".join(f"{name} = {value}" for name, value in POINTS.items())
+    (info / "entry_points.txt").write_text(f"[armadico.agents]\n{points}\n")
+    return tmp_path
+
+
+@pytest.fixture
+def run(package: Path) -> Run:
+    """`armadico run` of a metre's way, with some of its agents."""
+
+    def run(*names: str, words: tuple[str, ...]) -> Done:
+        agents = ["encoder", "sonar", "goto", "path-planning", "interface", *names]
+        text = f'world = "sc1"\nstart = [0, 0, 0]\ngoal = [1, 0, 0]\nagents = {agents}\n'
+        (package / "mine.toml").write_text(text, encoding="utf-8")
+        return of(package, "run", str(package / "mine.toml"), "--no-plot", *words)
+
+    return run
+
+
+def of(package: Path, *words: str, program: str = "armadico") -> Done:
+    """A program of ours, where the package is installed."""
+    return call(*words, program=program, env={**os.environ, "PYTHONPATH": str(package)})
+
+
+def line(text: str) -> int:
+    """Where it is in the source."""
+    return 1 + next(at for at, row in enumerate(SOURCE.splitlines()) if row.endswith(text))
+
+
+def test_one_that_raises_in_a_virtual_run_is_named_with_file_and_line(
+    run: Run, package: Path
+) -> None:
+    done = run("raiser", words=("--virtual",))
+    assert done.returncode == 1
+    said = done.stderr.splitlines()
+    assert said[0] == "armadico: raiser failed:"
+    assert said[1] == f'  File "{package}/own.py", line {line("# here")}, in propose'
+    assert said[-1] == "ZeroDivisionError: division by zero"
+    assert "Traceback" not in done.stderr
+    assert "/armadico/" not in done.stderr, "what calls it is of no use to whoever wrote it"
+
+
+def test_so_is_one_that_cannot_even_begin(package: Path) -> None:
+    done = of(package, "broken", program="armadico-agent")
+    assert done.returncode == 1
+    assert f'own.py", line {line("# there")}, in __init__' in done.stderr
+    assert done.stderr.endswith("KeyError: 'at the start'\n")
+    assert "Traceback" not in done.stderr
+
+
+def test_in_a_virtual_run_too_a_bid_that_is_not_sound_is_told_with_whose_it_is(run: Run) -> None:
+    done = run("unsound", words=("--virtual",))
+    assert done.returncode == 0, "goto drives, whatever that one bids"
+    assert done.stderr.startswith("unsound-")
+    assert "its bid is not sound: wheels takes 2 numbers ('v', 'w')" in done.stderr
+
+
+def test_a_series_tells_it_once(run: Run) -> None:
+    done = run("unsound", words=("--virtual", "--runs", "2"))
+    assert done.stderr.count("its bid is not sound") == 1, done.stderr
+
+
+@pytest.mark.live
+def test_a_live_run_tells_what_is_wrong_with_each_of_ones_own_agents(run: Run) -> None:
+    words = ("--namespace", f"own-{os.getpid()}")
+    said = run("raiser", "unsound", "slow", words=words).stderr
+    assert "raiser is gone (status 1)" in said
+    assert f'own.py", line {line("# here")}, in propose' in said
+    assert "ZeroDivisionError: division by zero" in said
+    unsound, slow = (
+        next(row for row in said.splitlines() if text in row)
+        for text in ("its bid is not sound", "too slow")
+    )
+    assert unsound.startswith("unsound-")
+    assert slow.startswith("slow-")
+    assert "a cycle is 0.1 s" in slow
+
+
+@pytest.mark.parametrize(
+    ("name", "says"),
+    [
+        ("chair", "chair (own:Chair) is no Agent: an entry point names a class derived from it"),
+        ("syntax", "cannot be loaded: SyntaxError: invalid syntax (own_syntax.py, line 1)"),
+        ("raises", "cannot be loaded: ZeroDivisionError: division by zero ("),
+    ],
+)
+def test_an_entry_point_that_leads_to_no_agent_is_a_line(
+    run: Run, package: Path, name: str, says: str
+) -> None:
+    for done in (of(package, name, program="armadico-agent"), run(name, words=("--virtual",))):
+        assert done.returncode == 1
+        assert says in done.stderr
+        assert len(done.stderr.splitlines()) == 1
+
+
+def test_agents_of_one_file_are_each_described_by_their_own_docstring(package: Path) -> None:
+    said = of(package, "--list", program="armadico-agent").stdout
+    rows = {words[0]: words[1:] for row in said.splitlines() if (words := row.split(maxsplit=1))}
+    assert rows["raiser"] == ["Divides by zero"]
+    assert rows["unsound"] == ["Agents of one's own"]
+    assert rows["syntax"] == []

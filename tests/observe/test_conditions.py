@@ -1,0 +1,80 @@
+"""What stands beside a result, so that others can come to the same."""
+
+from __future__ import annotations
+
+import platform
+import shutil
+import subprocess
+from importlib import import_module
+from pathlib import Path
+from types import SimpleNamespace
+from typing import Any
+
+import pytest
+from msgspec.structs import replace
+
+import armadico
+from armadico.config.scenarios import Scenario, load_scenario
+from armadico.launch.society import Options, conditions
+from armadico.observe import conditions as observed
+from armadico.observe.conditions import Conditions
+
+SC1 = load_scenario("sc1")
+
+
+def of(*, scenario: Scenario = SC1, **options: Any) -> Conditions:
+    return conditions(scenario, Options(**options), "virtual")
+
+
+def test_a_run_from_python_says_what_it_depends_on() -> None:
+    done = armadico.run("sc1", virtual=True, seed=3, goal=(1.0, 0.0, 0.0), parameters="thesis")
+    found = done.measures.conditions
+    assert found is not None
+    assert (done.measures.seed, found.mode) == (3, "virtual")
+    assert found.namespace is found.robot is None
+    assert found.scenario["goal"] == (1.0, 0.0, 0.0)
+    assert found.agents["goto"], "the set's settings"
+    software = found.software
+    assert software.python == platform.python_version()
+    assert {"eclipse-zenoh", "cbor2", "msgspec", "numpy", "pymunk"} <= set(software.packages)
+    assert "unknown" not in software.packages.values()
+    assert software.version != "unknown"
+    assert len(software.source) == 16
+
+
+def test_hashes_tell_what_is_otherwise() -> None:
+    one = of()
+    assert one == of()
+    moved = of(scenario=replace(SC1, goal=(1.0, 0.0, 0.0)))
+    assert moved.scenario_hash != one.scenario_hash
+    assert moved.world_hash == one.world_hash
+    assert of(scenario=replace(SC1, world="sc2")).world_hash != one.world_hash
+    assert of(scenario=replace(SC1, robot="amigobot")).profile_hash != one.profile_hash
+    assert "avoid" not in of(without=("avoid",)).agents
+
+
+def test_of_a_society_that_others_have_started_the_settings_are_not_known() -> None:
+    assert conditions(SC1, Options(), "attached", "robot1").agents == {}
+
+
+def test_the_world_is_told_by_what_is_in_it_and_not_by_its_file(tmp_path: Path) -> None:
+    shipped = Path(next(iter(import_module("armadico.configs").__path__))) / "worlds" / "sc1.map"
+    copied = str(shutil.copy(shipped, tmp_path / "elsewhere.map"))
+    there, here = of(scenario=replace(SC1, world=copied)), of()
+    assert (there.world_hash, there.scenario_hash) == (here.world_hash, here.scenario_hash)
+
+
+def test_installed_within_a_checkout_of_something_else_it_is_of_no_commit(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    subprocess.run(["git", "init", "-q", tmp_path], check=True)
+    who = ("-c", "user.name=x", "-c", "user.email=x@y")
+    subprocess.run(
+        ["git", "-C", tmp_path, *who, "commit", "-q", "--allow-empty", "-m", "x"], check=True
+    )
+    (tmp_path / "agents").mkdir()
+    (tmp_path / "agents" / "a.py").touch()
+
+    installed = SimpleNamespace(__path__=[str(tmp_path / "agents")])
+    monkeypatch.setattr(observed, "import_module", lambda _: installed)
+    assert observed.commit() == "none"
