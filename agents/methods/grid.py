@@ -149,11 +149,25 @@ def search(costs: Field, start: Cell, goal: Cell) -> tuple[list[Cell], float] | 
         The cells in order and the cost in cell lengths, or None if there is no way. Equal costs
         are decided by the cells' order, so the answer is always the same.
     """
+    goals = np.zeros(costs.shape, dtype=np.bool_)
+    goals[goal] = True
+    return _cheapest(costs, start, goals, _octile(costs.shape, goal))
+
+
+def nearest(costs: Field, start: Cell, goals: NDArray[np.bool_]) -> tuple[list[Cell], float] | None:
+    """Dijkstra: the same to the goal that is the cheapest to reach."""
+    return _cheapest(costs, start, goals, [0.0] * ((costs.shape[0] + 2) * (costs.shape[1] + 2)))
+
+
+def _cheapest(
+    costs: Field, start: Cell, goals: NDArray[np.bool_], bound: list[float]
+) -> tuple[list[Cell], float] | None:
+    """The cheapest way to any goal; `bound`: what each cell of the padded grid costs at least."""
     width = costs.shape[1] + 2
     price: list[float] = np.pad(costs, 1, constant_values=np.inf).ravel().tolist()
-    bound = _octile(costs.shape, goal)
-    source, target = ((row + 1) * width + column + 1 for row, column in (start, goal))
-    if math.isinf(price[source]) or math.isinf(price[target]):
+    wanted = np.pad(goals & np.isfinite(costs), 1).ravel().tobytes()
+    source = (start[0] + 1) * width + start[1] + 1
+    if math.isinf(price[source]) or 1 not in wanted:
         return None
     steps = (
         *((offset, 0.5) for offset in (-width, -1, 1, width)),
@@ -166,8 +180,8 @@ def search(costs: Field, start: Cell, goal: Cell) -> tuple[list[Cell], float] | 
     done = bytearray(len(price))
     while queue:
         _, here = heapq.heappop(queue)
-        if here == target:
-            return _trace(came, source, target, width), best[target]
+        if wanted[here]:
+            return _trace(came, source, here, width), best[here]
         if done[here]:
             continue
         done[here] = 1

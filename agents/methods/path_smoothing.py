@@ -50,7 +50,7 @@ def between(
     there. None if there is no way.
     """
     costs = grid.costs(margins)
-    near_a, near_b = _free(grid, margins, costs, a), _free(grid, margins, costs, b)
+    near_a, near_b = nearest_free(grid, margins, costs, a), nearest_free(grid, margins, costs, b)
     if near_a is None or near_b is None:
         return None
     rows, columns = grid.window(
@@ -69,7 +69,7 @@ def between(
         return None
     turns = [
         grid.centre((row + rows.start, column + columns.start))
-        for row, column in _turns(found[0])[1:-1]
+        for row, column in turns_of(found[0])[1:-1]
     ]
     short = shorten(grid, margins, costs, [near_a, *turns, near_b])
     return [*([a] if a != near_a else []), *short, *([b] if b != near_b else [])]
@@ -162,7 +162,7 @@ def clear(grid: Grid, margins: Margins, a: Placed, b: Placed) -> bool:
     return grid.clearance_between(a, b) >= least - 1e-9
 
 
-def _free(grid: Grid, margins: Margins, costs: Field, place: Placed) -> Placed | None:
+def nearest_free(grid: Grid, margins: Margins, costs: Field, place: Placed) -> Placed | None:
     """The place itself if its cell is free, else the nearest free cell straight away from walls."""
     row, column = grid.cell(place)
     if np.isfinite(costs[row, column]):
@@ -175,7 +175,7 @@ def _free(grid: Grid, margins: Margins, costs: Field, place: Placed) -> Placed |
     return next((centre for centre in centres if clear(grid, margins, place, centre)), None)
 
 
-def _turns(cells: Sequence[Cell]) -> list[Cell]:
+def turns_of(cells: Sequence[Cell]) -> list[Cell]:
     """Both ends, the cells where the way turns, and some of each long straight run."""
     steps = [(there[0] - here[0], there[1] - here[1]) for here, there in pairwise(cells)]
     kept, since = [cells[0]], 0

@@ -82,7 +82,7 @@ def plan(
         way = _Way(rounded(grid, tries[-1], way.places), way.doors)
     stretches = list(pairwise(way.places))
     return Plan(
-        waypoints=(*_headed(way), Placed(goal.x, goal.y, goal.theta)),
+        waypoints=(*headed(way.places, way.crossings), Placed(goal.x, goal.y, goal.theta)),
         length_m=sum(distance(a, b) for a, b in stretches),
         clearance_m=min(grid.clearance_between(a, b) for a, b in stretches),
         doors=way.doors,
@@ -111,19 +111,19 @@ class _Way(NamedTuple):
     crossings: frozenset[int] = frozenset()
 
 
-def _headed(way: _Way) -> list[Placed]:
-    """The places on the way: at a door with its axis, else half way through the turn."""
-    headings = [direction(a, b) for a, b in pairwise(way.places)]
-    headed = []
-    for index in range(1, len(way.places) - 1):
+def headed(places: Sequence[Placed], crossings: Collection[int] = ()) -> list[Placed]:
+    """The places between both ends: at a door with its axis, else half way through the turn."""
+    headings = [direction(a, b) for a, b in pairwise(places)]
+    turned = []
+    for index in range(1, len(places) - 1):
         before, after = headings[index - 1], headings[index]
         heading = before + 0.5 * wrap(after - before)
-        if index in way.crossings:
+        if index in crossings:
             heading = after
-        elif index - 1 in way.crossings:
+        elif index - 1 in crossings:
             heading = before
-        headed.append(way.places[index]._replace(theta=wrap(heading)))
-    return headed
+        turned.append(places[index]._replace(theta=wrap(heading)))
+    return turned
 
 
 class _Mark(NamedTuple):

@@ -14,7 +14,7 @@ from functools import partial
 from importlib.util import find_spec
 from math import inf, isfinite
 from pathlib import Path
-from typing import TYPE_CHECKING, Final
+from typing import TYPE_CHECKING, Any, Final
 
 from armadico.cli import options
 from armadico.cli.measures import show, statistics
@@ -24,12 +24,14 @@ if TYPE_CHECKING:
     from rich.progress import ProgressColumn
 
     from armadico.config.scenarios import PoseDeg, Scenario
+    from armadico.core.messages import ExploreStatus
     from armadico.launch.api import Run
     from armadico.launch.run import LiveRun
     from armadico.launch.society import Options
     from armadico.launch.virtual import Rehearsal
     from armadico.mesh.zenoh import ZenohMesh
     from armadico.observe.measures import Result, RunWatch
+    from armadico.runtime.client import Client
 
 LINE_S: Final = 2.0
 """How often a line is printed where there is no terminal, s of the run."""
@@ -54,6 +56,8 @@ STARTING: Final = (
 PICTURES: Final = (".pgm", ".png")
 """Of a map; its .yaml names it."""
 
+POSE: Final[dict[str, Any]] = {"nargs": 3, "type": float, "metavar": ("X", "Y", "DEG")}
+
 EXAMPLES: Final = """\
   armadico run sc4                             separate processes on this machine, with a picture
   armadico run sc4 --virtual --seed 7          the same society in one process, repeatable
@@ -73,8 +77,11 @@ EXAMPLES: Final = """\
 def main(argv: Sequence[str]) -> int:
     """Drive; 0 only if the goal, if any, was reached without a collision, in every run."""
     args = parser().parse_args(argv)
-    chosen = _options(args)
-    scenario = _scenario(args, chosen)
+    return drive(args, *choose(args))
+
+
+def drive(args: argparse.Namespace, scenario: Scenario, chosen: Options) -> int:
+    """Drive as it was chosen; the exit code."""
     seeds = _seeds(args, scenario)
     for seed in seeds if args.plot is not None else ():
         _check_picture(_picture(args, scenario, seed))
@@ -97,14 +104,18 @@ def parser() -> argparse.ArgumentParser:
         " time limit: --for, or 5 times the way over 0.3 m/s, at least 60 s.",
         EXAMPLES,
     )
+    made.add_argument("--goal", **POSE, help="where it is to go: m, m, degrees")
+    add_options(made)
+    return made
+
+
+def add_options(made: argparse.ArgumentParser) -> None:
+    """The options of whoever drives in a scenario."""
     made.add_argument(
         "scenario", nargs="?", help="a scenario's name, a TOML file, or a map as --world"
     )
     made.add_argument("--world", metavar="MAP", help="a world instead of a scenario: .map, .yaml")
-    for name, text in (("--start", "where the robot starts"), ("--goal", "where it is to go")):
-        made.add_argument(
-            name, nargs=3, type=float, metavar=("X", "Y", "DEG"), help=f"{text}: m, m, degrees"
-        )
+    made.add_argument("--start", **POSE, help="where the robot starts: m, m, degrees")
     made.add_argument(
         "--for", dest="limit", type=float, metavar="S", help="time limit; without a goal: 60"
     )
@@ -172,10 +183,18 @@ def parser() -> argparse.ArgumentParser:
         help="start nobody: the society is up, here or elsewhere; Ctrl-C stops the robot only",
     )
     options.add_mesh_options(made)
-    return made
 
 
-def _scenario(args: argparse.Namespace, chosen: Options) -> Scenario:
+def choose(args: argparse.Namespace, *, somewhere: bool = True) -> tuple[Scenario, Options]:
+    """What the command line names; if it is to lead `somewhere`, it is said what may hinder that.
+
+    Raises UsageError, ConfigError, UnknownNameError or FailedError.
+    """
+    chosen = _options(args)
+    return _scenario(args, chosen, somewhere=somewhere), chosen
+
+
+def _scenario(args: argparse.Namespace, chosen: Options, *, somewhere: bool) -> Scenario:
     """What the command line names. Raises UsageError, ConfigError or UnknownNameError."""
     from armadico.config.scenarios import blind, load_scenario, scenario_from  # noqa: PLC0415
     from armadico.launch.society import names, prepared, profile_of  # noqa: PLC0415
@@ -203,9 +222,9 @@ def _scenario(args: argparse.Namespace, chosen: Options) -> Scenario:
         scenario = load_scenario(args.scenario)
     scenario = prepared(scenario, chosen, start=start, goal=goal, profile=args.profile)
     _check_together(args, names(scenario))
-    if blind(scenario):
+    if somewhere and blind(scenario):
         _say(f'{scenario.name}: nothing is planned, and a wall is in the way; plan = "rooms" plans')
-    if scenario.goal is None:
+    if somewhere and scenario.goal is None:
         sent = "" if args.virtual else "; armadico goto X Y DEG sends the robot to one"
         _say(f"{scenario.name}: no goal{sent}")
     return scenario
@@ -252,6 +271,7 @@ def _options(args: argparse.Namespace) -> Options:
         sensors=args.sensors,
         together=tuple(tuple(group.split("+")) for group in args.together),
         robot=args.robot,
+        resume=getattr(args, "resume", None),
         limit=args.limit,
     )
 
@@ -338,7 +358,10 @@ def _drive(args: argparse.Namespace, scenario: Scenario, chosen: Options, seed: 
     from armadico.launch.api import Run  # noqa: PLC0415 - not for --help
 
     drive = _virtual if args.virtual else _live
-    run = Run.of(scenario, drive(args, scenario, replace(chosen, seed=seed)))
+    watch = drive(args, scenario, replace(chosen, seed=seed))
+    run = Run.of(scenario, watch)
+    if watch.explored is not None:
+        _say(explored(watch.explored))
     picture = _picture(args, scenario, seed)
     if picture is not None and run.marks:
         _plot(picture, run)
@@ -353,6 +376,7 @@ def _virtual(args: argparse.Namespace, scenario: Scenario, chosen: Options) -> R
     told = _say if first else None  # of a series once: every seed would say the same
     with _recording(args, rehearsal), _progress(args, scenario, chosen.seed) as show:
         rehearsal.run(show, told)
+    _keep_map(args, rehearsal.client)
     return rehearsal.watch
 
 
@@ -369,6 +393,7 @@ def _live(args: argparse.Namespace, scenario: Scenario, chosen: Options) -> RunW
             _progress(args, scenario, chosen.seed) as show,
         ):
             run.run(show, _say)
+            _keep_map(args, run.client)
             if args.wait:  # what is printed comes after Ctrl-C
                 _say(f"{scenario.name}: {run.watch.result().verdict}")
     except KeyboardInterrupt:
@@ -378,6 +403,14 @@ def _live(args: argparse.Namespace, scenario: Scenario, chosen: Options) -> RunW
             )
         raise
     return run.watch
+
+
+def _keep_map(args: argparse.Namespace, client: Client) -> None:
+    """Save what was mapped, by `armadico explore --map`."""
+    if getattr(args, "map", None) is not None:
+        from armadico.cli.map import save  # noqa: PLC0415 - heavy
+
+        _say(save(client, args.map))
 
 
 def _run_on(
@@ -493,6 +526,15 @@ def remark(watch: RunWatch) -> str:
 
 
 # What came of it ----------------------------------------------------------------------------------
+
+
+def explored(status: ExploreStatus) -> str:
+    """An exploration in one line."""
+    note = f": {options.shown(status.note)}" if status.note else ""
+    return (
+        f"exploration {status.state.value}{note}; {status.known:.1f} m^2 known,"
+        f" {status.places} places driven to, {status.given_up} of them not reached"
+    )
 
 
 def _print_json(results: Sequence[Result], *, several: bool) -> None:

@@ -6,6 +6,7 @@ judged as map_server does in its trinary mode; unknown cells are not walls.
 
 from __future__ import annotations
 
+from dataclasses import dataclass
 from math import cos, isfinite, sin
 from pathlib import Path
 from typing import Any
@@ -26,20 +27,43 @@ OPTIONAL = {"negate": "0", "occupied_thresh": "0.65", "free_thresh": "0.196", "m
 MAX_PIXELS = 100_000_000
 
 
+@dataclass(frozen=True)
+class Raster:
+    """An image's cells, the bottom row first, and the pose of its lower left corner."""
+
+    occupied: NDArray[np.bool_]
+    free: NDArray[np.bool_]
+    cell_m: float
+    origin: tuple[float, float, float]
+
+
 def read_occupancy(path: Path | str) -> World:
     """The world in a map_server's YAML file and its image. Raises ConfigError with the line."""
+    return world_of(read_raster(path), Path(path).stem)
+
+
+def read_raster(path: Path | str) -> Raster:
+    """The cells in a map_server's YAML file and its image. Raises ConfigError with the line."""
     file = Path(path)
     fields = _fields(read_text(file), file)
     resolution = _numbers(fields, "resolution", 1, file)[0]
     if not 1e-4 <= resolution <= 10.0:
         raise _wrong(fields, "resolution", "metres for one pixel, 0.0001 to 10", file)
-    origin = _numbers(fields, "origin", 3, file)
-    occupied = _occupied(_image(fields, file), fields, file)
-    walls = tuple(_place(edge, resolution, origin) for edge in _edges(occupied))
-    rows, columns = occupied.shape
+    x, y, theta = _numbers(fields, "origin", 3, file)
+    dark = _dark(_image(fields, file), fields, file)
+    occupied = dark > _numbers(fields, "occupied_thresh", 1, file)[0]
+    free = dark < _numbers(fields, "free_thresh", 1, file)[0]
+    return Raster(np.asarray(occupied), np.asarray(free), resolution, (x, y, theta))
+
+
+def world_of(raster: Raster, name: str) -> World:
+    """Occupied cells as walls: their borders, in runs as long as they go."""
+    cell_m, origin = raster.cell_m, raster.origin
+    walls = tuple(_place(edge, cell_m, origin) for edge in _edges(raster.occupied))
+    rows, columns = raster.occupied.shape
     frame = ((0, 0, columns, 0), (columns, 0, columns, rows), (columns, rows, 0, rows))
-    bounds = hull(tuple(_place(edge, resolution, origin) for edge in frame))
-    return World(file.stem, walls, bounds)
+    bounds = hull(tuple(_place(edge, cell_m, origin) for edge in frame))
+    return World(name, walls, bounds)
 
 
 def _fields(text: str, file: Path) -> Fields:
@@ -91,16 +115,14 @@ def _image(fields: Fields, file: Path) -> NDArray[np.uint8]:
         raise _wrong(fields, "image", "a PGM or PNG image that can be read", file) from None
 
 
-def _occupied(pixels: NDArray[np.uint8], fields: Fields, file: Path) -> NDArray[np.bool_]:
+def _dark(pixels: NDArray[np.uint8], fields: Fields, file: Path) -> NDArray[np.floating[Any]]:
+    """How likely each cell is occupied, by its grey."""
     if fields["mode"][0] not in ("trinary", "scale"):
         raise _wrong(fields, "mode", "trinary or scale", file)
     if fields["negate"][0] not in ("0", "1", "false", "true"):
         raise _wrong(fields, "negate", "0 or 1", file)
-    threshold = _numbers(fields, "occupied_thresh", 1, file)[0]
-    dark = pixels / 255.0
-    if fields["negate"][0] in ("0", "false"):
-        dark = 1.0 - dark
-    return np.asarray(dark > threshold)
+    share = pixels / 255.0
+    return 1.0 - share if fields["negate"][0] in ("0", "false") else share
 
 
 def _edges(occupied: NDArray[np.bool_]) -> list[tuple[int, int, int, int]]:
@@ -120,7 +142,9 @@ def _runs(edges: NDArray[np.bool_]) -> list[tuple[int, int, int]]:
     return [(start[0], start[1], end[1]) for start, end in both]
 
 
-def _place(edge: tuple[int, int, int, int], resolution: float, origin: list[float]) -> Segment:
+def _place(
+    edge: tuple[int, int, int, int], resolution: float, origin: tuple[float, float, float]
+) -> Segment:
     """An edge in cells, in the map's frame."""
     c, s = cos(origin[2]), sin(origin[2])
     points: list[float] = []

@@ -6,7 +6,7 @@ experiments are those of the thesis's chapter 5.
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from functools import cache
 from math import degrees
 from pathlib import Path
@@ -34,12 +34,20 @@ Key = tuple[str | int, ...]
 """Where a value is in a scenario file."""
 
 
+class Exploring(Struct, frozen=True, forbid_unknown_fields=True):
+    """Who takes no part where the world is explored, and who does besides those that drive."""
+
+    without: tuple[str, ...]
+    besides: tuple[str, ...]
+
+
 class Society(Struct, frozen=True, forbid_unknown_fields=True):
     """Who takes part unless a scenario says otherwise, by entry points: the robot, the others."""
 
     robot: str
     simulator: str
     agents: tuple[str, ...]
+    exploring: Exploring
 
 
 @cache
@@ -58,9 +66,11 @@ class Scenario(Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):
     """None: nobody is sent anywhere, as where an agent wanders."""
     waypoints: tuple[PoseDeg, ...] = ()
     """On the way to the goal; used with plan = "waypoints" only."""
-    plan: Literal["direct", "waypoints", "rooms"] | None = None
-    """Straight to the goal, over the waypoints, or as the path planning agent says, with rooms or
-    without; None: planned where there are walls."""
+    plan: Literal["direct", "waypoints", "rooms", "frontiers"] | None = None
+    """Straight to the goal, over the waypoints, as the path planning agent says, with rooms or
+    without, or all over the world, which nobody knows; None: planned where there are walls."""
+    within: tuple[Metres, Metres, Metres, Metres] | None = None
+    """The rectangle that is explored: x1, y1, x2, y2 in m; none: the world's."""
     agents: tuple[str, ...] = field(default_factory=lambda: society().agents)
     robot: str = "pioneer-2dx"
     sensors: str = "ideal"
@@ -100,7 +110,7 @@ def planned(scenario: Scenario) -> bool:
 
 def blind(scenario: Scenario) -> bool:
     """Whether it is driven straight at a goal that is behind a wall, by nobody's plan."""
-    if scenario.goal is None or scenario.plan == "waypoints" or planned(scenario):
+    if scenario.goal is None or scenario.plan in ("waypoints", "frontiers") or planned(scenario):
         return False
     return load_world(scenario.world).crossed(scenario.start[:2], scenario.goal[:2])
 
@@ -111,6 +121,16 @@ def beside(file: Path, name: str) -> str:
     if not path.suffix and path.name == name:
         return name  # of something that is shipped
     return str((file.parent / path.expanduser()).resolve())
+
+
+def exploring(scenario: Scenario, within: Sequence[float] | None = None) -> Scenario:
+    """The scenario with a robot that is told nothing of the world, maps it and comes back."""
+    changes = society().exploring
+    others = (name for name in scenario.agents if name not in changes.without + changes.besides)
+    agents = (*others, *changes.besides)
+    title = f"{scenario.name}: explored from here, and back"
+    changed = replace(scenario, title=title, goal=scenario.start, plan="frontiers", agents=agents)
+    return changed if within is None else replace(changed, within=tuple(within))
 
 
 def _strangers(scenario: Scenario) -> Iterator[tuple[tuple[str | int, ...], str]]:

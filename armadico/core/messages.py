@@ -493,6 +493,26 @@ class LocalMap(Message, frozen=True):
     cells: Annotated[tuple[Cell, ...], Meta(max_length=1024)]
 
 
+class MapRequest(Message, frozen=True):
+    """Asks for the map as it is now."""
+
+
+class OccupancyGrid(Message, frozen=True):
+    """The map made by driving: cells in the world, rows along y, columns along x.
+
+    `packed` is a byte a cell, row by row from the lower left corner, deflated (zlib): 0 unknown, 1
+    free, 2 occupied. What would not fit into a message comes in larger cells. Without cells nothing
+    is mapped yet.
+    """
+
+    x: Real  # of the lower left corner, m
+    y: Real
+    cell: Annotated[float, Meta(gt=0, le=100)]  # side of a cell, m
+    rows: Annotated[int, Meta(ge=0, le=65536)]
+    columns: Annotated[int, Meta(ge=0, le=65536)]
+    packed: Encoded
+
+
 # Missions and plans -------------------------------------------------------------------------------
 
 
@@ -572,6 +592,37 @@ class MissionStatus(Message, frozen=True):
     state: MissionState
     to_go: Real  # m, along the waypoints that are left
     leg: Counter = 0  # index of the waypoint that is driven to
+    note: Text = ""
+
+
+class ExploreRequest(Message, frozen=True):
+    """Map what can be reached in a rectangle of the world, and come back to where it began."""
+
+    x1: Real
+    y1: Real
+    x2: Real
+    y2: Real
+    home: Waypoint | None = None  # where it ends; null: where the robot is now
+
+
+class ExploreState(StrEnum):
+    """How far an exploration has come."""
+
+    NONE = "none"
+    EXPLORING = "exploring"
+    RETURNING = "returning"
+    DONE = "done"
+    FAILED = "failed"
+
+
+class ExploreStatus(Message, frozen=True):
+    """The explore agent's report: `exploration` is the number that its request was answered."""
+
+    exploration: Bits64
+    state: ExploreState
+    known: Annotated[float, Meta(ge=0, le=1e12)] = 0.0  # m^2 of the map that are free
+    places: Counter = 0  # that it has set out for
+    given_up: Counter = 0  # of those, not reached
     note: Text = ""
 
 

@@ -59,6 +59,10 @@ SERVICES: tuple[Service, ...] = (
     Service(m.Correction, "localization/correction", _S, 10, 3, "where it lies by map and sonars"),
     Service(m.Obstacles, "sonar/obstacles", _S, 10, 3, "the local map's points, body frame"),
     Service(m.LocalMap, "sonar/map", _S, 2, 3, "the local map's cells, for those who watch"),
+    Service(m.OccupancyGrid, "mapping/grid", _S, 1, None, "the map made by driving"),
+    Service(
+        m.MapRequest, "mapping/request", _Q, None, None, "the same, now", reply=m.OccupancyGrid
+    ),
     Service(m.Trajectory, "trajectory", _L, 1, None, "the mission's waypoints"),
     Service(m.PlanRequest, "path/plan", _Q, None, None, "a way to a goal", reply=m.Plan),
     Service(
@@ -72,6 +76,10 @@ SERVICES: tuple[Service, ...] = (
         None,
         "how far the mission has come; 5 Hz under way",
     ),
+    Service(
+        m.ExploreRequest, "explore/request", _Q, None, None, "map a place", reply=m.MissionReply
+    ),
+    Service(m.ExploreStatus, "explore/status", _S, 1, None, "how far the exploration has come"),
     Service(m.Claim, "resource/{resource}/utility", _E, 10, 3, "the holder's bid, made public"),
     Service(m.Ack, "resource/{resource}/ack", _S, 10, 3, "what the owner obeys and refuses by"),
     Service(m.Command, "resource/{resource}/cmd/{instance}", _E, 10, 3, "the holder's action"),

@@ -11,6 +11,7 @@ from typing import TYPE_CHECKING, NamedTuple
 
 from armadico.config.scenarios import Scenario, load_scenario
 from armadico.core.geometry import Pose2
+from armadico.core.messages import OccupancyGrid
 from armadico.launch.society import Options, prepared
 from armadico.observe.measures import Mark, Result, RunWatch
 
@@ -40,6 +41,7 @@ class Run:
         waypoints: The trajectory, the goal last: x, y in m and a heading in rad.
         echoes: Where the sonars heard something, m, in the world.
         warnings: What went wrong meanwhile, in lines for people.
+        grid: The map made by driving, if a mapping agent took part.
     """
 
     scenario: Scenario
@@ -48,12 +50,13 @@ class Run:
     waypoints: tuple[Pose2, ...] = field(repr=False)
     echoes: tuple[tuple[float, float], ...] = field(repr=False)
     warnings: tuple[str, ...] = ()
+    grid: OccupancyGrid | None = field(default=None, repr=False)
 
     @classmethod
     def of(cls, scenario: Scenario, watch: RunWatch, warnings: Sequence[str] = ()) -> Run:
         """What a watch has seen."""
         seen = (tuple(watch.path), watch.waypoints, tuple(watch.echoes))
-        return cls(scenario, watch.result(), *seen, tuple(warnings))
+        return cls(scenario, watch.result(), *seen, tuple(warnings), watch.grid)
 
     @cached_property
     def times(self) -> NDArray[np.float64]:
@@ -88,6 +91,7 @@ class Run:
 
         Raises ImportError without matplotlib (`pip install 'armadico[plot]'`), and OSError.
         """
+        from armadico.config.grid_map import cells_of  # noqa: PLC0415 - heavy
         from armadico.config.profile import load_profile  # noqa: PLC0415 - heavy
         from armadico.config.worlds import load_world  # noqa: PLC0415 - heavy
         from armadico.observe.pictures import Run as Picture  # noqa: PLC0415 - heavy
@@ -101,10 +105,11 @@ class Run:
             start=(x, y, radians(heading)) if first is None else (first.x, first.y, first.theta),
             goal=None if goal is None else (goal[0], goal[1], radians(goal[2])),
             body=load_profile(self.scenario.robot).body,
-            waypoints=self.waypoints[:-1],
+            waypoints=self.waypoints[:-1] if self.grid is None else (),  # else the last of many
             echoes=self.echoes,
             title=f"{self.scenario.title or self.scenario.name} (seed {self.measures.seed})",
             caption=(self.measures.verdict,),
+            mapped=None if self.grid is None else cells_of(self.grid),
         )
         draw_run(load_world(self.scenario.world), picture, file)
         return Path(file)

@@ -40,7 +40,7 @@ class AttachedRun(LiveRun):
         trace: TracebackType | None,
     ) -> None:
         """Stop the robot, by the latch, if its mission was begun and not ended."""
-        if not self.watch.mission or self.watch.done:
+        if not self.watch.mission or (self.watch.done and not self.watch.failed):
             return
         with undisturbed(), suppress(MeshError):
             try:

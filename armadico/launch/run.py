@@ -17,7 +17,7 @@ from armadico.core.agent import WARNING
 from armadico.core.cycles import LISTEN
 from armadico.core.messages import Claim, Log, Message, Pose, RobotState
 from armadico.core.resources import WHEELS
-from armadico.launch.society import LIVE, Options, mission, names, time_limit, watch
+from armadico.launch.society import LIVE, Options, errand, names, time_limit, watch
 from armadico.mesh.base import Mesh
 from armadico.observe.measures import WATCHED, Result, RunWatch
 from armadico.runtime.client import Client
@@ -70,7 +70,7 @@ class Run:
 
     def begin(self) -> None:
         """Hand over the mission, if there is one. Raises MissionRefusedError or AbsentError."""
-        request = mission(self.scenario)
+        request = errand(self.scenario)
         if request is None:
             self.watch.begin()
             return

@@ -30,7 +30,7 @@ from armadico.config.scenarios import (
     society,
 )
 from armadico.config.worlds import load_world
-from armadico.core.messages import MissionRequest, Waypoint
+from armadico.core.messages import ExploreRequest, MissionRequest, Waypoint
 from armadico.core.resources import WHEELS
 from armadico.observe.conditions import Conditions, digest, packages, software
 from armadico.observe.measures import RunWatch
@@ -56,6 +56,7 @@ class Options:
     sensors: str | None = None  # how well the simulated robot senses; None: the scenario's
     robot: str | None = None  # the URL of something that is already there
     together: tuple[tuple[str, ...], ...] = ()  # agents that share a process
+    resume: str | None = None  # a saved map that the mapping agent goes on with
     limit: float | None = None  # s that the run may take; None: as `time_limit` says
     margin: float | None = None  # by how much a bid must be better; None: the resource's own
 
@@ -150,6 +151,7 @@ def facts(scenario: Scenario, options: Options, port: str = "") -> dict[str, obj
         "theta": radians(degrees),
         "world": scenario.world,
         "v_max": scenario.v_max,
+        "resume": options.resume,
         "controller": options.controller,
         "social.exchange": options.exchange,
         "social.margin": options.margin,
@@ -194,6 +196,14 @@ def processes(
         group = group_of.get(member.name, (member.name, str(index)))
         found[group] = (*found.get(group, ()), member)
     return tuple(found.values())
+
+
+def errand(scenario: Scenario) -> MissionRequest | ExploreRequest | None:
+    """What the interface agent is asked for, or the explore agent; None: nobody is sent off."""
+    if scenario.plan == "frontiers" and scenario.goal is not None:
+        within = scenario.within or load_world(scenario.world).bounds
+        return ExploreRequest(*within, _waypoint(scenario.goal))  # and nothing that is in it
+    return mission(scenario)
 
 
 def mission(scenario: Scenario) -> MissionRequest | None:

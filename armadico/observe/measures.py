@@ -19,9 +19,12 @@ from armadico.core.messages import (
     Claim,
     Command,
     Description,
+    ExploreState,
+    ExploreStatus,
     Message,
     MissionState,
     MissionStatus,
+    OccupancyGrid,
     Pose,
     RobotState,
     Sonar,
@@ -44,6 +47,8 @@ WATCHED: tuple[type[Message], ...] = (
     Sonar,
     Claim,
     MissionStatus,
+    ExploreStatus,
+    OccupancyGrid,
     Trajectory,
 )
 """What a `RunWatch` wants to be shown."""
@@ -134,6 +139,9 @@ class RunWatch:
     view: View = field(default_factory=View)
     now: float = 0.0
     done: bool = False
+    failed: str = ""  # why an exploration ended otherwise than asked
+    explored: ExploreStatus | None = None
+    grid: OccupancyGrid | None = None  # the map made by driving
     begun: bool = False
     mission: int = 0
     limit: float | None = None
@@ -232,7 +240,8 @@ class RunWatch:
         error = hypot(self.goal[0] - here[0], self.goal[1] - here[1])
         turned = abs(wrap(self.goal[2] - here[2]))
         straight = hypot(self.goal[0] - start[0], self.goal[1] - start[1])
-        reached = self.done and error <= REACHED_M and turned <= REACHED_RAD
+        there = error <= REACHED_M and turned <= REACHED_RAD
+        reached = self.done and not self.failed and there
         p = round(100.0 * (1.0 - error / straight), 3) if straight else 0.0
         return reached, round(degrees(turned), 3), p
 
@@ -278,3 +287,12 @@ class RunWatch:
     def _take_missionstatus(self, status: MissionStatus) -> None:
         if status.mission == self.mission:
             self.done = status.state is MissionState.REACHED
+
+    def _take_occupancygrid(self, grid: OccupancyGrid) -> None:
+        self.grid = grid
+
+    def _take_explorestatus(self, status: ExploreStatus) -> None:
+        if status.exploration == self.mission:
+            self.explored = status
+            self.done = status.state in (ExploreState.DONE, ExploreState.FAILED)
+            self.failed = status.note if status.state is ExploreState.FAILED else ""

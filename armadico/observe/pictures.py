@@ -19,6 +19,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any, Protocol
 from zlib import crc32
 
+from armadico.config.grid_map import Cells
 from armadico.config.profile import Body
 from armadico.config.shipped import names
 from armadico.config.worlds import Pose, World, load_world
@@ -44,6 +45,7 @@ NOBODY = "#9a9a9a"
 
 INK, SOFT, FAINT, PAPER, FLOOR = "#22303c", "#6b7883", "#dfe4e8", "#ffffff", "#f4f7f9"
 START, GOAL = "#3b7d23", "#b01e68"
+MAPPED_FREE, MAPPED = "#e3ecf3", "#d98c1f"
 MAX_ECHOES = 8000
 
 
@@ -87,6 +89,7 @@ class Run:
     echoes: Sequence[tuple[float, float]] = ()
     title: str = ""
     caption: Sequence[str] = ()
+    mapped: Cells | None = None
     steps: list[Step] = field(init=False, repr=False)
 
     def __post_init__(self) -> None:
@@ -107,7 +110,10 @@ def draw_run(world: World, run: Run, path_out: Path | str) -> None:
     """A PNG of a run: who drove where, what the sonars saw, and the robot now and then."""
     canvas = _Canvas(world)
     canvas.heading(run.title or world.name, *run.caption)
-    canvas.echoes(run.echoes)
+    if run.mapped is None:
+        canvas.echoes(run.echoes)
+    else:
+        canvas.mapped(run.mapped)
     canvas.path(run.steps)
     canvas.poses(run.start, run.goal, run.waypoints)
     canvas.robots(run.steps, run.body)
@@ -181,6 +187,28 @@ class _Canvas:
             dots = self.axes.scatter(xs, ys, s=3, color="#8796a3", alpha=0.45, linewidths=0)
             dots.set_zorder(2)
             self.legend["sonar echo"] = self.axes.scatter([], [], s=14, color="#8796a3")
+
+    def mapped(self, cells: Cells) -> None:
+        """The map made by driving: what is free, and what is occupied."""
+        from matplotlib.colors import ListedColormap  # noqa: PLC0415
+
+        x1, y1, x2, y2 = cells.bounds
+        states = cells.states.T[::-1] if self.turned else cells.states
+        extent = (y1, y2, -x2, -x1) if self.turned else (x1, x2, y1, y2)
+        limits = self.axes.get_xlim(), self.axes.get_ylim()
+        self.axes.imshow(
+            states,
+            cmap=ListedColormap([PAPER, MAPPED_FREE, MAPPED]),
+            vmin=0,
+            vmax=2,
+            origin="lower",
+            extent=extent,
+            interpolation="nearest",
+            zorder=0.8,
+        )
+        self.axes.set(xlim=limits[0], ylim=limits[1])
+        for name, ink in (("mapped free", MAPPED_FREE), ("mapped occupied", MAPPED)):
+            self.legend[name] = self.axes.scatter([], [], s=40, marker="s", color=ink)
 
     def path(self, steps: Sequence[Step]) -> None:
         styles = cycle(LINES)
@@ -327,7 +355,7 @@ class _Canvas:
 
 def _rank(name: str) -> tuple[int, str]:
     """The order of a legend: the agents first."""
-    order = ("nobody", "start", "waypoint", "goal", "sonar echo")
+    order = ("nobody", "start", "waypoint", "goal", "sonar echo", "mapped free", "mapped occupied")
     return (order.index(name), "") if name in order else (-1, name)
 
 

@@ -229,11 +229,13 @@ def json_schema(kind: type[msgspec.Struct]) -> dict[str, Any]:
 def _schema(kind: inspect.Type) -> dict[str, Any]:
     if isinstance(kind, inspect.StructType):
         optional = {f.name for f in kind.fields if isinstance(f.type, inspect.UnionType)}
+        raw = {f.name for f in kind.fields if isinstance(f.type, inspect.BytesType)}
         encoded = {f.name + HEX: {"type": "string"} for f in kind.fields if _may_be_bytes(f.type)}
         return {
             "type": "object",
-            "properties": {field.name: _schema(field.type) for field in kind.fields} | encoded,
-            "required": [field.name for field in kind.fields if field.name not in optional],
+            "properties": {f.name: _schema(f.type) for f in kind.fields if f.name not in raw}
+            | encoded,
+            "required": [f.name for f in kind.fields if f.name not in optional | raw],
         }
     if isinstance(kind, inspect.UnionType):
         return _schema(_not_none(kind))

@@ -19,6 +19,7 @@ from armadico.core.mailbox import EVENTS
 from armadico.core.messages import (
     Ask,
     Card,
+    ExploreRequest,
     Message,
     MissionReply,
     MissionRequest,
@@ -232,25 +233,30 @@ class Client:
         return Mission(self, self.hand_over(MissionRequest(goal, planned=not direct)))
 
     def hand_over(
-        self, request: MissionRequest, *, find: float = FIND_S, again: float = 0.0
+        self,
+        request: MissionRequest | ExploreRequest,
+        *,
+        find: float = FIND_S,
+        again: float = 0.0,
     ) -> MissionReply:
-        """Have a mission taken on.
+        """Have a mission taken on, or an exploration.
 
         Args:
-            request: The mission.
+            request: What is to be driven.
             find: How long somebody who takes it is looked for, s.
             again: For so long it is asked for again if it is refused, s: among processes that have
                 just started, links are coming up.
 
         Raises:
-            AbsentError: There is no interface agent.
-            MissionRefusedError: It was refused; the reason is the interface agent's.
+            AbsentError: There is no interface agent, or no explore agent.
+            MissionRefusedError: It was refused; the reason is the agent's.
         """
         until = self.mesh.now() + again
         while True:
             reply = self.ask(request, PLANNING_S, patience=find)
             if not isinstance(reply, MissionReply):
-                raise AbsentError("no agent that takes missions is alive", self.mesh.namespace)
+                what = "explorations" if isinstance(request, ExploreRequest) else "missions"
+                raise AbsentError(f"no agent that takes {what} is alive", self.mesh.namespace)
             if not reply.refusal:
                 return reply
             if self.mesh.now() >= until:

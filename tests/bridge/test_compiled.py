@@ -96,7 +96,7 @@ def test_what_other_people_write_in_python_derives_from_what_is_compiled(
     assert one.stdout == other.stdout
 
 
-@pytest.mark.parametrize("words", [("faults", "--seeds", "1"), ("explore", "--faults", "0")])
+@pytest.mark.parametrize("words", [("faults", "--seeds", "1"), ("model-check", "--faults", "0")])
 def test_what_looks_inside_says_that_it_cannot(compiled: Path, words: tuple[str, ...]) -> None:
     done = subprocess.run(
         [str(compiled), "-P", "-m", "armadico", *words],

@@ -11,10 +11,12 @@ import pytest
 
 pytest.importorskip("rerun", reason="the dashboard's extra is not installed")
 
+import numpy as np
 from msgspec.structs import replace
 from PIL import Image
 
 from armadico.cli.dashboard import zones
+from armadico.config.grid_map import Cells, message_of
 from armadico.config.scenarios import load_scenario
 from armadico.config.worlds import Segment, World, load_world
 from armadico.core import messages as m
@@ -47,6 +49,21 @@ from tests.observe.kept import (
 BODY = m.Description("slim", 0.1, 0.3, 0.1, 0.08, 1.2, 5.2, 0.3, 0.3, 1.7, 1.7, 0.3, 2.0)
 
 # What is drawn ------------------------------------------------------------------------------------
+
+
+def test_the_map_made_by_driving_lies_where_it_is_in_the_world(tmp_path: Path) -> None:
+    states = np.array([[0, 1, 2], [1, 1, 0]], dtype=np.uint8)
+    path = tmp_path / "a.rrd"
+    with drawn(path) as scene:
+        scene.take("mapping/grid", message_of(Cells(-1.0, 2.0, 0.5, states)), 1.0)
+        scene.take("mapping/grid", m.OccupancyGrid(0.0, 0.0, 0.5, 9, 9, b"no"), 9.0)
+    ((_, kept),) = Kept(path).rows["/p/map/world/mapped"]
+    assert kept["translation"] == [[-1.0, 2.0, 0.0]]
+    with Image.open(io.BytesIO(bytes(kept["blob"][0]))) as image:
+        assert image.size == (3, 2)
+        assert image.getpixel((0, 0)) == palette.MAPPED[0]
+        assert image.getpixel((1, 0)) == palette.MAPPED[1]  # the lowest row comes first
+        assert image.getpixel((2, 0)) == palette.MAPPED[2]
 
 
 def test_bids_of_losers_are_drawn_at_the_cycles_that_they_answered(tmp_path: Path) -> None:

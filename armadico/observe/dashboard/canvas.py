@@ -18,6 +18,7 @@ FASTEST_HZ: Final = 12.0
 
 RATES_HZ: Final[dict[str, float]] = {
     "map/world/path": 1.0,
+    "map/world/mapped": 0.5,
     "map/world/echoes": 1.0,
     "map/world/robot/sonar": 5.0,
     "local/robot/sonar": 5.0,

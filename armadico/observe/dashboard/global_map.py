@@ -6,16 +6,20 @@ that turns it up again.
 
 from __future__ import annotations
 
+import io
 from collections import deque
 from itertools import groupby
 from math import ceil, floor, hypot
 from typing import Final
 
+import numpy as np
 import rerun as rr
+from PIL import Image
 
+from armadico.config.grid_map import Cells, cells_of
 from armadico.config.worlds import Segment, World
 from armadico.core.geometry import Pose2
-from armadico.core.messages import Description, Pose, Sonar, Trajectory, Truth
+from armadico.core.messages import Description, OccupancyGrid, Pose, Sonar, Trajectory, Truth
 from armadico.observe.dashboard import palette
 from armadico.observe.dashboard.canvas import Canvas, pixels
 from armadico.observe.dashboard.shapes import Point, Strip, hit, nose, outline, placed
@@ -23,6 +27,7 @@ from armadico.observe.dashboard.shapes import Point, Strip, hit, nose, outline, 
 ROOT: Final = "map/world"
 ROBOT: Final = f"{ROOT}/robot"
 TRUTH: Final = f"{ROOT}/truth"
+MAPPED: Final = f"{ROOT}/mapped"
 
 STEP_M: Final = 0.04
 """A path is drawn with a point each so many metres."""
@@ -98,6 +103,17 @@ class GlobalMap:
             points = list(self._echoes.values())
             dots = rr.Points2D(points, radii=pixels(1.3), colors=palette.ECHO, draw_order=5)
             self._canvas.draw(f"{ROOT}/echoes", t, dots)
+
+    def take_grid(self, grid: OccupancyGrid, t: float) -> None:
+        """The map made by driving, below everything else; what is no map is let pass."""
+        try:
+            cells = cells_of(grid)
+        except ValueError:
+            return
+        if cells.states.size and self._canvas.due(MAPPED, t):
+            place = rr.Transform3D(translation=[cells.x, cells.y, 0.0], scale=cells.cell_m)
+            picture = rr.EncodedImage(contents=png(cells), media_type="image/png", draw_order=-20)
+            self._canvas.draw(MAPPED, t, place, picture)
 
     def take_cones(self, cones: list[Strip], t: float) -> None:
         """The cones of the body frame, in the world."""
@@ -189,6 +205,14 @@ class GlobalMap:
             colours.append(palette.agent(holder))
         lines = rr.LineStrips2D(strips, radii=pixels(2.0), colors=colours, draw_order=20)
         self._canvas.draw(f"{ROOT}/path", t, lines)
+
+
+def png(cells: Cells) -> bytes:
+    """The cells as a picture, its first row the lowest: what is unknown is not there."""
+    picture = np.array(palette.MAPPED, dtype=np.uint8)[cells.states]
+    raw = io.BytesIO()
+    Image.fromarray(picture, "RGBA").save(raw, format="PNG", compress_level=3)
+    return raw.getvalue()
 
 
 def ticks(low: float, high: float, step: float) -> list[float]:

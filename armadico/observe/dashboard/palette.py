@@ -26,6 +26,9 @@ POINT: Final = rgba("#f0e442")
 PLAN: Final = rgba("#b9a7e0")
 GOAL: Final = rgba("#ff5fa8")
 
+MAPPED: Final = (rgba("#000000", 0), rgba("#233440"), rgba("#e8b04b"))
+"""Cells of the map made by driving: unknown, free, occupied."""
+
 ZONES: Final[dict[str, Colour]] = {
     "stop": rgba("#e5484d"),
     "danger": rgba("#ef8e3c"),

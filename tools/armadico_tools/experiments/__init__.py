@@ -24,6 +24,7 @@ EXPERIMENTS: Final = {
     "random-rooms": "random_rooms",
     "time": "driving_time",
     "other-maps": "other_maps",
+    "explore": "explore",
     "live-vs-virtual": "live_vs_virtual",
 }
 """What an experiment is called, and its module; in this order they are all run."""

@@ -17,10 +17,10 @@ if TYPE_CHECKING:
     from armadico_tools.explore.series import Summary
 
 EXAMPLES: Final = """\
-  armadico explore                             two contenders, one fault: a few minutes
-  armadico explore --faults 2 --kind crash --kind owner
-  armadico explore --contenders 3 --cycles 30
-  armadico explore --what admission --contenders 3 --faults 2
+  armadico model-check                             two contenders, one fault: a few minutes
+  armadico model-check --faults 2 --kind crash --kind owner
+  armadico model-check --contenders 3 --cycles 30
+  armadico model-check --what admission --contenders 3 --faults 2
 """
 
 SHOWN: Final = 3
@@ -30,7 +30,7 @@ def main(argv: Sequence[str]) -> int:
     """Go through them; exit code 1 if a promise can be broken."""
     args = parser().parse_args(argv)
     _check(args)
-    look_inside("armadico explore")
+    look_inside("armadico model-check")
     from armadico_tools.explore import series, world  # noqa: PLC0415 - not for --help
 
     for kind in args.kind:
@@ -50,7 +50,7 @@ def main(argv: Sequence[str]) -> int:
 def parser() -> argparse.ArgumentParser:
     """The command's options."""
     made = options.parser(
-        "armadico explore",
+        "armadico model-check",
         "Goes through every run of real contenders and a real owner in which at most so many things"
         " go wrong: each message lost, late or twice, a crash and a new start of a contender or of"
         " the owner, a hang, a cut, a stop, another bid, bids that rise together. Worlds that are"

@@ -1,0 +1,73 @@
+"""The mapping agent: an occupancy grid of what the sonars have seen while driving."""
+
+from __future__ import annotations
+
+from math import radians
+from typing import Annotated, Any, ClassVar
+
+from msgspec import Meta
+
+from armadico.agents.methods.mapping import Mapper
+from armadico.config import grid_map
+from armadico.config.profile import load_profile
+from armadico.core import agent
+from armadico.core.agent import Agent, Question
+from armadico.core.messages import Description, MapRequest, Message, OccupancyGrid, Pose, Sonar
+
+
+class Parameters(agent.Parameters, frozen=True, kw_only=True):
+    """The robot whose sonars it listens to, how often it publishes, and a map to go on with."""
+
+    profile: str = "pioneer-2dx"
+    every_s: Annotated[float, Meta(ge=0.1, le=60)] = 1.0
+    resume: str = ""  # the .yaml of a map that was saved; none: nothing is known
+
+
+class Mapping(Agent):
+    """Puts each ping where the robot was in its cycle.
+
+    It believes the pose: with an odometry that drifts its walls drift, for it is no SLAM.
+    """
+
+    name = "mapping"
+    alone = True
+    hears: ClassVar[tuple[type[Message], ...]] = (Pose, Sonar, Description)
+    provides: ClassVar[tuple[type[Message], ...]] = (OccupancyGrid,)
+    answers: ClassVar[tuple[type[Message], ...]] = (MapRequest,)
+    parameters = Parameters
+    launched_with = ("profile", "resume")
+    p: Parameters
+
+    def __init__(self, identity: agent.Identity, parameters: Any = None) -> None:
+        super().__init__(identity, parameters)
+        ring = load_profile(self.p.profile).sonar
+        self._map = Mapper(radians(ring.cone_deg) / 2.0)
+        if self.p.resume:
+            self._map.resume(grid_map.read(self.p.resume))
+        self._published_at = float("-inf")
+
+    def on_pose(self, pose: Pose) -> None:
+        """Where the pings of this cycle were, if they have come."""
+        self._match(pose, self.latest(Sonar))
+
+    def on_sonar(self, sonar: Sonar) -> None:
+        """The pings of this cycle, if it is known where they were."""
+        self._match(self.latest(Pose), sonar)
+
+    def on_map_request(self, _question: Question) -> OccupancyGrid:
+        """The map as it is now."""
+        return grid_map.message_of(self._map.cells())
+
+    def _match(self, pose: Pose | None, sonar: Sonar | None) -> None:
+        """Take a cycle's pings once both its messages are there, in whatever order."""
+        if pose is None or sonar is None or pose.cycle != sonar.cycle:
+            return
+        for echo in sonar.echoes:
+            self._map.take(pose, echo)
+        robot = self.latest(Description)
+        if robot is not None:
+            front, rear, side = robot.front, -robot.rear, robot.half_width
+            self._map.stand(pose, ((front, side), (rear, side), (rear, -side), (front, -side)))
+        if self.now - self._published_at >= self.p.every_s:
+            self._published_at = self.now
+            self.publish(grid_map.message_of(self._map.cells()))

@@ -1,0 +1,120 @@
+"""Frontiers (Yamauchi, 1997): where what is known to be free ends, and how to get there.
+
+The planner's grid over a map that is still growing. The robot drives over known cells only; a
+frontier is one of them that it can reach beside an unknown one that it could be in, for all that is
+known. Pockets that are unknown and too narrow for it are none.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from itertools import pairwise
+from typing import Final
+
+import numpy as np
+from numpy.typing import NDArray
+
+from armadico.agents.methods.geometry import Placed, distance
+from armadico.agents.methods.grid import Field, Grid, Margins, nearest
+from armadico.agents.methods.path_smoothing import between, nearest_free, shorten, turns_of
+from armadico.config.grid_map import OCCUPIED, UNKNOWN, Cells
+from armadico.config.worlds import Segment
+
+CELL_M: Final = 0.1
+"""Cells of the search; walls are as fine as the map."""
+
+FEWEST: Final = 3
+"""Unknown cells among the nine around a frontier's: fewer are a seam and no place to look at."""
+
+BESIDE_M: Final = 0.35
+"""A frontier is still there while there is one so near to it."""
+
+AROUND_M: Final = 0.4
+"""Nearer than this to a place that was given up no other is chosen."""
+
+Mask = NDArray[np.bool_]
+
+
+class Chart(Grid):
+    """A map as a grid to plan on: what is unknown is closed."""
+
+    def __init__(self, cells: Cells, within: Segment) -> None:
+        """Frontiers are looked for within a rectangle of the world."""
+        times = max(1, round(CELL_M / cells.cell_m))
+        cell_m = times * cells.cell_m
+        x1, y1, x2, y2 = cells.bounds
+        margin = 2 * cell_m  # of unknown around the map
+        bounds = (x1 - margin, y1 - margin, x2 + margin, y2 + margin)
+        super().__init__(cells.world("").walls, bounds, cell_m)
+        shape = self.clearance.shape
+        fine = np.full((shape[0] * times, shape[1] * times), UNKNOWN, dtype=np.uint8)
+        rows, columns = cells.states.shape
+        fine[2 * times : 2 * times + rows, 2 * times : 2 * times + columns] = cells.states
+        blocks = (fine == UNKNOWN).reshape(shape[0], times, shape[1], times)
+        self.known: Mask = 2 * blocks.sum(axis=(1, 3)) < times * times
+        low, high = np.array(within[:2]), np.array(within[2:])
+        self._within: Mask = ((self.ys >= low[1]) & (self.ys <= high[1]))[:, None] & (
+            (self.xs >= low[0]) & (self.xs <= high[0])
+        )
+
+    def _price(self, margins: Margins) -> Field:
+        return np.where(self.known, super()._price(margins), np.inf)
+
+    def frontiers(self, margins: Margins, avoided: Sequence[Placed] = ()) -> Mask:
+        """The cells that border on what is unknown and could be driven over, but for some."""
+        unknown_ = np.isfinite(super()._price(margins)) & ~self.known & self._within
+        around = sum(
+            np.roll(unknown_, (down, right), axis=(0, 1)).astype(np.int8)
+            for down in (-1, 0, 1)
+            for right in (-1, 0, 1)
+        )
+        found: Mask = np.isfinite(self._price(margins)) & self._within & (around >= FEWEST)
+        for place in avoided:
+            near = np.hypot(self.xs[None, :] - place.x, self.ys[:, None] - place.y) < AROUND_M
+            found &= ~near
+        return found
+
+    def to_frontier(
+        self, here: Placed, tries: Sequence[Margins], avoided: Sequence[Placed] = ()
+    ) -> list[Placed] | None:
+        """The cheapest way to a frontier, both ends included, by the first margins that have one.
+
+        At the frontier itself there is as much room as the first of them want. Where there is none,
+        everything that can be reached is known: None.
+        """
+        goals = self.frontiers(tries[0], avoided)
+        for margins in tries:
+            costs = self.costs(margins)
+            free = nearest_free(self, margins, costs, here)
+            if free is None:
+                continue
+            found = nearest(costs, self.cell(free), goals)
+            if found is not None:
+                turns = [self.centre(cell) for cell in turns_of([*found[0]])[1:]]
+                places = shorten(self, margins, costs, [free, *turns])
+                return places if free == here else [here, *places]
+        return None
+
+    def way(self, here: Placed, there: Placed, tries: Sequence[Margins]) -> list[Placed] | None:
+        """The way over what is known, both ends included; None if there is none."""
+        for margins in tries:
+            found = between(self, margins, here, there, self.bounds)
+            if found is not None:
+                return found
+        return None
+
+    def unknown_at(self, place: Placed, margins: Margins) -> bool:
+        """Whether there is a frontier still, there or beside it."""
+        near = np.hypot(self.xs[None, :] - place.x, self.ys[:, None] - place.y) < BESIDE_M
+        return bool((self.frontiers(margins) & near).any())
+
+
+def crossed(cells: Cells, places: Sequence[Placed]) -> bool:
+    """Whether something has been seen on a way."""
+    for a, b in pairwise(places):
+        count = max(1, round(2.0 * distance(a, b) / cells.cell_m))
+        for k in range(count + 1):
+            x, y = a.x + (b.x - a.x) * k / count, a.y + (b.y - a.y) * k / count
+            if cells.at(x, y) == OCCUPIED:
+                return True
+    return False

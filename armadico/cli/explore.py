@@ -1,0 +1,77 @@
+"""Map a world that nobody told the robot, and come back to where it began."""
+
+from __future__ import annotations
+
+import argparse
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Final
+
+from armadico.cli import options, run
+from armadico.cli.options import FailedError, UsageError
+
+EXAMPLES: Final = """\
+  armadico explore house --virtual --seed 7             in one process, repeatable
+  armadico explore house --virtual --map house.yaml     and keep the map, as a map_server's
+  armadico explore rooms-a --dashboard                  live, with the map as it grows
+  armadico explore --world plan.map --start 1 1 0 --within 0 0 8 6
+  armadico explore house --virtual --resume house.yaml  go on with a map that was saved
+  armadico explore my.toml --attach --hosts lab.toml    the society is up already
+"""
+
+
+def main(argv: Sequence[str]) -> int:
+    """Explore; 0 only if all that can be reached is known, and it is back, and touched nothing."""
+    args = parser().parse_args(argv)
+    from armadico.config.scenarios import exploring  # noqa: PLC0415 - not for --help
+
+    _check(args)
+    scenario, chosen = run.choose(args, somewhere=False)
+    return run.drive(args, exploring(scenario, args.within), chosen)
+
+
+def parser() -> argparse.ArgumentParser:
+    """The command's options."""
+    made = options.parser(
+        "armadico explore",
+        "Drive to one frontier of the map after another until nothing is unknown that can be"
+        " reached, in a world that no agent is told, and then back. The agents mapping and explore"
+        " take part, path-planning does not. The pose is believed as it is: with an odometry that"
+        " drifts the map drifts, too.",
+        EXAMPLES,
+    )
+    run.add_options(made)
+    made.set_defaults(goal=None)
+    made.add_argument(
+        "--within",
+        nargs=4,
+        type=float,
+        metavar=("X1", "Y1", "X2", "Y2"),
+        help="the rectangle to explore, m (default: the world's)",
+    )
+    made.add_argument("--map", metavar="FILE", type=Path, help="where the map goes: .yaml or .map")
+    made.add_argument("--resume", metavar="FILE", help="a map that was saved, .yaml, to go on with")
+    return made
+
+
+def _check(args: argparse.Namespace) -> None:
+    """Raises UsageError, ConfigError or FailedError before anything moves."""
+    if args.within is not None and not (
+        args.within[0] < args.within[2] and args.within[1] < args.within[3]
+    ):
+        raise UsageError("--within: expected X1 < X2 and Y1 < Y2")
+    if args.attach and args.resume is not None:
+        raise UsageError("--resume is for whoever starts the mapping agent; --attach starts nobody")
+    if args.map is None and args.resume is None:
+        return
+    from armadico.config import grid_map  # noqa: PLC0415 - heavy
+
+    if args.resume is not None:
+        args.resume = str(Path(args.resume).resolve())
+        grid_map.read(args.resume)
+    if args.map is not None:
+        if args.runs is not None:
+            raise UsageError("--map keeps one run's map, not those of --runs")
+        grid_map.check_suffix(args.map)
+        if not args.map.resolve().parent.is_dir():
+            raise FailedError(f"cannot write {args.map}: there is no such folder")

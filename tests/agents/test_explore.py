@@ -1,0 +1,306 @@
+"""The explore agent: from frontier to frontier by missions of the interface agent, and back."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from armadico.agents.explore import Explore, Parameters
+from armadico.agents.methods.frontiers import Chart, crossed
+from armadico.agents.methods.geometry import Placed
+from armadico.agents.methods.grid import Margins
+from armadico.config.grid_map import FREE, OCCUPIED, UNKNOWN, Cells, message_of
+from armadico.config.scenarios import exploring, load_scenario
+from armadico.core.agent import Answer, AskFor, Identity, Publish, Question
+from armadico.core.messages import (
+    Cycle,
+    ExploreRequest,
+    ExploreState,
+    ExploreStatus,
+    MissionReply,
+    MissionRequest,
+    MissionState,
+    MissionStatus,
+    OccupancyGrid,
+    Pose,
+    Waypoint,
+)
+from armadico.launch.society import Options
+from armadico.launch.virtual import Rehearsal
+
+TRIES = (Margins(0.3), Margins(0.25))
+WIDE = (-100.0, -100.0, 100.0, 100.0)
+HERE = Placed(1.0, 1.0)
+
+
+def hall(length: float = 4.0, *, end: int = UNKNOWN) -> Cells:
+    """Free from 0 to `length` along x and from 0 to 2 m along y, walls along it."""
+    states = np.full((44, round(length / 0.05) + 4), OCCUPIED, dtype=np.uint8)
+    states[2:-2, 2:] = FREE
+    states[2:-2, -2:] = end
+    return Cells(-0.1, -0.1, 0.05, states)
+
+
+def box(cells: Cells, x1: float, y1: float, x2: float, y2: float, state: int) -> Cells:
+    states = cells.states.copy()
+    rows = slice(round((y1 - cells.y) / 0.05), round((y2 - cells.y) / 0.05))
+    columns = slice(round((x1 - cells.x) / 0.05), round((x2 - cells.x) / 0.05))
+    states[rows, columns] = state
+    return Cells(cells.x, cells.y, cells.cell_m, states)
+
+
+# Frontiers ----------------------------------------------------------------------------------------
+
+
+def test_the_way_leads_to_where_what_is_known_ends() -> None:
+    way = Chart(hall(), WIDE).to_frontier(HERE, TRIES)
+    assert way is not None
+    assert way[0] == HERE
+    assert way[-1].x == pytest.approx(3.95, abs=0.15)
+    assert 0.3 <= way[-1].y <= 1.7
+
+
+def test_a_room_that_is_closed_has_no_frontier() -> None:
+    assert Chart(hall(end=OCCUPIED), WIDE).to_frontier(HERE, TRIES) is None
+
+
+def test_pockets_too_narrow_for_the_robot_and_places_outside_are_none() -> None:
+    closed = hall(end=OCCUPIED)
+    pocket = box(closed, 0.0, 0.0, 0.2, 0.2, UNKNOWN)
+    assert Chart(pocket, WIDE).to_frontier(HERE, TRIES) is None
+    assert Chart(hall(), (0.0, 0.0, 3.0, 2.0)).to_frontier(HERE, TRIES) is None
+
+
+def test_the_nearest_frontier_comes_first_and_one_that_was_given_up_last() -> None:
+    cells = box(hall(), 2.0, 1.0, 2.5, 1.5, UNKNOWN)
+    first = Chart(cells, WIDE).to_frontier(HERE, TRIES)
+    assert first is not None
+    assert first[-1].x == pytest.approx(1.95, abs=0.15)
+    around = [Placed(2.25, 1.25), first[-1]]
+    around += [Placed(x, y) for x in (1.9, 2.25, 2.6) for y in (0.9, 1.25, 1.6)]
+    second = Chart(cells, WIDE).to_frontier(HERE, TRIES, around)
+    assert second is not None
+    assert second[-1].x > 3.0
+
+
+def test_a_way_leads_over_what_is_known_and_round_what_is_not() -> None:
+    cells = box(hall(end=OCCUPIED), 2.0, 0.0, 2.3, 1.2, UNKNOWN)
+    chart = Chart(cells, WIDE)
+    way = chart.way(HERE, Placed(3.5, 1.0), TRIES)
+    assert way is not None
+    assert max(place.y for place in way) > 1.2
+    assert chart.way(HERE, Placed(9.0, 1.0), TRIES) is None
+
+
+def test_a_frontier_is_none_once_what_is_beyond_is_known() -> None:
+    chart = Chart(hall(), WIDE)
+    way = chart.to_frontier(HERE, TRIES)
+    assert way is not None
+    assert chart.unknown_at(way[-1], TRIES[0])
+    for known in (hall(6.0), hall(end=OCCUPIED)):
+        assert not Chart(known, WIDE).unknown_at(way[-1], TRIES[0])
+
+
+def test_a_way_is_crossed_by_what_was_seen_on_it() -> None:
+    way = [HERE, Placed(3.0, 1.0)]
+    assert not crossed(hall(), way)
+    assert crossed(box(hall(), 2.0, 0.9, 2.05, 1.1, OCCUPIED), way)
+    assert not crossed(hall(), [])
+
+
+# The agent ----------------------------------------------------------------------------------------
+
+
+class Desk:
+    """An explore agent; a mapping and an interface agent that say what they are told to."""
+
+    def __init__(self, cells: Cells | None = None) -> None:
+        self.agent = Explore(Identity("explore-1"), Parameters(tries=2))
+        self.agent.start(0.0)
+        self.now, self.number, self.mission = 0.0, 0, 0
+        self.asked: list[MissionRequest] = []
+        self.replies: list[MissionReply] = []
+        self.said: list[ExploreStatus] = []
+        self.refusal = ""
+        self.at(1.0, 1.0)
+        if cells is not None:
+            self.map(cells)
+
+    def at(self, x: float, y: float, after: float = 0.1) -> None:
+        self.now += after
+        self.number += max(1, round(after / 0.1))
+        cycle = Cycle(1, self.number)
+        self.agent.cycles.advance(cycle, self.now)
+        self.agent.receive(Pose(cycle, x, y, 0.0), self.now)
+        self.take()
+
+    def map(self, cells: Cells) -> None:
+        self.agent.receive(message_of(cells), self.now)
+        self.take()
+
+    def status(self, state: MissionState, to_go: float = 1.0, mission: int | None = None) -> None:
+        number = self.mission if mission is None else mission
+        self.agent.receive(MissionStatus(number, state, to_go), self.now)
+        self.take()
+
+    def wake(self) -> None:
+        self.agent.on_wakeup()
+        self.take()
+
+    def begin(self, **more: object) -> MissionReply:
+        self.agent.asked(Question(1, ExploreRequest(-1.0, -1.0, 9.0, 3.0, **more)), self.now)
+        self.take()
+        return self.replies[-1]
+
+    @property
+    def state(self) -> ExploreState:
+        return self.said[-1].state
+
+    def take(self) -> None:
+        out, self.agent.outbox = self.agent.outbox, []
+        for item in out:
+            if isinstance(item, Publish) and isinstance(item.message, ExploreStatus):
+                self.said.append(item.message)
+            elif isinstance(item, Answer):
+                assert isinstance(item.message, MissionReply)
+                self.replies.append(item.message)
+            elif isinstance(item, AskFor):
+                assert isinstance(item.request, MissionRequest)
+                self.asked.append(item.request)
+                self.mission += 1
+                reply = MissionReply(0 if self.refusal else self.mission, self.refusal, length=3.0)
+                self.agent.replied(item.id, reply, self.now)
+                self.take()
+
+
+def test_without_a_map_or_a_pose_nothing_begins() -> None:
+    assert "no mapping/grid" in Desk().begin().refusal
+    desk = Desk(hall())
+    desk.agent.cycles.advance(Cycle(1, 90), 9.0)
+    assert "no fresh encoder/pose" in desk.begin().refusal
+
+
+def test_a_robot_outside_of_what_is_to_be_explored_does_not_begin() -> None:
+    desk = Desk(hall())
+    desk.at(20.0, 0.0)
+    assert "not in the rectangle" in desk.begin().refusal
+
+
+def test_it_sends_the_robot_to_a_frontier_and_on_once_that_is_known() -> None:
+    desk = Desk(hall())
+    assert desk.begin().mission
+    desk.map(hall())
+    (first,) = desk.asked
+    assert not first.planned
+    assert first.goal.x == pytest.approx(3.95, abs=0.15)
+    desk.map(hall())
+    assert len(desk.asked) == 1
+    desk.map(hall(6.0))
+    assert desk.asked[-1].goal.x == pytest.approx(5.95, abs=0.15)
+
+
+def test_when_nothing_is_left_it_goes_home_and_is_done() -> None:
+    desk = Desk(hall())
+    desk.begin(home=Waypoint(1.0, 1.0, 0.5))
+    desk.map(hall())
+    desk.at(3.5, 1.0)
+    desk.map(hall(end=OCCUPIED))
+    assert desk.state is ExploreState.RETURNING
+    assert desk.asked[-1].goal == Waypoint(1.0, 1.0, 0.5)
+    desk.status(MissionState.DRIVING)
+    desk.status(MissionState.REACHED, 0.0)
+    assert desk.state is ExploreState.DONE
+    assert desk.said[-1].exploration == desk.replies[-1].mission
+    assert not desk.said[-1].given_up
+
+
+def test_a_way_that_turns_out_to_be_shut_is_planned_anew() -> None:
+    desk = Desk(hall())
+    desk.begin()
+    desk.map(hall())
+    y = desk.asked[-1].goal.y
+    desk.map(box(hall(), 2.0, y - 0.1, 2.1, y + 0.1, OCCUPIED))
+    assert len(desk.asked) == 2
+    assert desk.asked[-1].waypoints  # round it
+
+
+def test_a_place_that_it_does_not_come_nearer_to_is_tried_once_more_and_then_told() -> None:
+    desk = Desk(hall())
+    desk.begin()
+    for _ in range(40):
+        desk.map(hall())
+        if desk.state is ExploreState.RETURNING:
+            break
+        desk.status(MissionState.DRIVING, 2.9)
+        for _ in range(20):
+            desk.at(1.0, 1.0, 1.0)
+        desk.map(hall())
+        desk.wake()
+    assert desk.state is ExploreState.RETURNING
+    desk.status(MissionState.REACHED)
+    assert desk.state is ExploreState.FAILED
+    assert "could not be reached" in desk.said[-1].note
+    assert desk.said[-1].given_up
+
+
+def test_coming_nearer_is_progress_and_so_is_a_stop() -> None:
+    desk = Desk(hall())
+    desk.begin()
+    desk.map(hall())
+    for step in range(5):
+        desk.at(1.0, 1.0, 10.0)
+        desk.map(hall())
+        desk.status(MissionState.DRIVING, 2.5 - 0.3 * step)
+        desk.wake()
+    assert len(desk.asked) == 1
+    assert not desk.said[-1].given_up
+
+
+def test_whoever_sends_the_robot_elsewhere_ends_it() -> None:
+    desk = Desk(hall())
+    desk.begin()
+    desk.map(hall())
+    desk.map(hall(6.0))
+    desk.status(MissionState.DRIVING, mission=1)  # late, of its own first
+    assert desk.state is ExploreState.EXPLORING
+    desk.status(MissionState.DRIVING, mission=77)
+    assert desk.state is ExploreState.FAILED
+    assert "elsewhere" in desk.said[-1].note
+
+
+def test_missions_that_are_refused_and_a_map_that_ends_are_told() -> None:
+    desk = Desk(hall())
+    desk.refusal = "no"
+    desk.begin()
+    desk.map(hall())
+    desk.map(hall())
+    assert desk.state is ExploreState.FAILED
+    assert "refused: no" in desk.said[-1].note
+    desk = Desk(hall())
+    desk.begin()
+    desk.map(hall())
+    desk.at(1.0, 1.0, 20.0)
+    desk.wake()
+    assert "no map for 15 s" in desk.said[-1].note
+
+
+def test_what_is_no_map_is_left_out() -> None:
+    desk = Desk(hall())
+    desk.begin()
+    desk.agent.receive(OccupancyGrid(0.0, 0.0, 0.05, 9, 9, b"no"), desk.now)
+    desk.map(hall())
+    assert len(desk.asked) == 1
+
+
+def test_a_small_world_that_nobody_told_is_explored_and_the_robot_comes_back() -> None:
+    scenario = exploring(load_scenario("sc3"))
+    assert "path-planning" not in scenario.agents
+    rehearsal = Rehearsal(scenario, Options(seed=1))
+    result = rehearsal.run()
+    watch = rehearsal.watch
+    assert result.passed, watch.failed
+    assert watch.explored is not None
+    assert watch.explored.state is ExploreState.DONE
+    assert watch.explored.known > 10.0
+    farthest = max(mark.x for mark in watch.path)
+    assert farthest > 5.0

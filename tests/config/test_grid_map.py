@@ -1,0 +1,108 @@
+"""Occupancy grids: through a message and through files, and what is none."""
+
+from __future__ import annotations
+
+import zlib
+from pathlib import Path
+
+import numpy as np
+import pytest
+from msgspec.structs import replace
+from numpy.typing import NDArray
+
+from armadico.config import grid_map
+from armadico.config.errors import ConfigError
+from armadico.config.grid_map import FREE, OCCUPIED, UNKNOWN, Cells, cells_of, message_of
+from armadico.config.worlds import load_world
+from armadico.core.messages import LARGEST_PAYLOAD, OccupancyGrid, decode, encode
+from armadico.observe.watching import as_object, from_object, json_schema
+
+ROOM = np.array([[0, 2, 2, 0], [2, 1, 1, 2], [0, 2, 2, 2]], dtype=np.uint8)
+
+
+def room(states: NDArray[np.uint8] = ROOM, cell_m: float = 0.5) -> Cells:
+    return Cells(-1.0, 2.0, cell_m, states)
+
+
+def same(one: Cells, other: Cells) -> bool:
+    corner = (one.x, one.y, one.cell_m) == (other.x, other.y, other.cell_m)
+    return corner and np.array_equal(one.states, other.states)
+
+
+def test_a_grid_comes_out_of_a_message_as_it_went_in() -> None:
+    sent = decode(encode(message_of(room())), OccupancyGrid)
+    assert same(cells_of(sent), room())
+    assert cells_of(message_of(grid_map.NOTHING)).states.size == 0
+
+
+def test_what_does_not_fit_comes_in_larger_cells_and_keeps_what_is_occupied() -> None:
+    states = np.random.default_rng(1).integers(0, 3, (1000, 1000), dtype=np.uint8)
+    sent = message_of(room(states, 0.05))
+    assert len(encode(sent)) <= LARGEST_PAYLOAD
+    seen = cells_of(sent)
+    times = round(seen.cell_m / 0.05)
+    assert times > 1
+    blocks = states[: 1000 // times * times, : 1000 // times * times]
+    blocks = blocks.reshape(1000 // times, times, 1000 // times, times)
+    inner = seen.states[: 1000 // times, : 1000 // times]
+    assert np.array_equal(inner == OCCUPIED, (blocks == OCCUPIED).any(axis=(1, 3)))
+    free = inner == FREE
+    assert not (blocks == UNKNOWN).any(axis=(1, 3))[free].any()
+
+
+@pytest.mark.parametrize(
+    "packed",
+    [b"", b"no", zlib.compress(b"\1" * 11), zlib.compress(b"\1" * 13), zlib.compress(b"\3" * 12)],
+)
+def test_what_is_no_grid_is_refused(packed: bytes) -> None:
+    with pytest.raises(ValueError, match=r"cells"):
+        cells_of(replace(message_of(room()), packed=packed))
+
+
+def test_a_grid_too_large_to_be_read_is_refused_before_it_is_unpacked() -> None:
+    with pytest.raises(ValueError, match="at most 16,000,000"):
+        cells_of(OccupancyGrid(0.0, 0.0, 0.05, 60_000, 60_000, b""))
+
+
+def test_a_grid_is_recorded_and_read_back_with_its_bytes_as_text() -> None:
+    message = message_of(room())
+    plain = as_object(message)
+    assert from_object(OccupancyGrid, plain) == message
+    schema = json_schema(OccupancyGrid)
+    assert schema["properties"].keys() >= plain.keys()
+    assert "packed" not in schema["required"]
+
+
+def test_a_map_servers_files_hold_all_of_it(tmp_path: Path) -> None:
+    files = grid_map.save(room(), tmp_path / "room.yaml")
+    assert [file.name for file in files] == ["room.yaml", "room.pgm"]
+    assert same(grid_map.read(tmp_path / "room.yaml"), room())
+
+
+def test_both_kinds_of_file_are_the_same_world(tmp_path: Path) -> None:
+    for name in ("room.yaml", "room.map"):
+        grid_map.save(room(), tmp_path / name)
+    ros, aria = (load_world(tmp_path / name) for name in ("room.yaml", "room.map"))
+    assert sorted(ros.walls) == sorted(aria.walls)
+    assert ros.bounds == aria.bounds == room().bounds
+    assert load_world(tmp_path / "room.map").clearance(-0.25, 2.75) == pytest.approx(0.25)
+
+
+def test_another_kind_of_file_is_refused(tmp_path: Path) -> None:
+    with pytest.raises(ConfigError, match=r"expected \.yaml .* or \.map"):
+        grid_map.save(room(), tmp_path / "room.png")
+    assert not list(tmp_path.iterdir())
+
+
+def test_a_map_that_is_turned_is_not_gone_on_with(tmp_path: Path) -> None:
+    file, _ = grid_map.save(room(), tmp_path / "room.yaml")
+    file.write_text(file.read_text().replace(", 0.0]", ", 0.5]"))
+    with pytest.raises(ConfigError, match=r"turned by 0\.5 rad"):
+        grid_map.read(file)
+
+
+def test_what_is_at_a_place() -> None:
+    assert room().at(-0.4, 2.6) == FREE
+    assert room().at(-0.9, 2.6) == OCCUPIED
+    assert room().at(-0.9, 2.1) == room().at(9.0, 9.0) == room().at(-9.0, 2.0) == UNKNOWN
+    assert room().area(FREE) == 0.5
