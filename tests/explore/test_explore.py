@@ -7,7 +7,7 @@ import json
 import pytest
 
 from armadico.cli.options import INTERRUPTED, UsageError
-from armadico_tools.commands import explore
+from armadico_tools.commands import model_check
 from armadico_tools.explore import series
 from armadico_tools.explore.identity import key
 from armadico_tools.explore.joining import all_runs, setups
@@ -154,12 +154,12 @@ def test_when_all_bid_more_nobody_is_better_than_before() -> None:
 
 
 def test_the_command_counts_states(capsys: pytest.CaptureFixture[str]) -> None:
-    assert explore.main(["--faults", "0", "--jobs", "1", "--json"]) == 0
+    assert model_check.main(["--faults", "0", "--jobs", "1", "--json"]) == 0
     said = json.loads(capsys.readouterr().out)
     assert said["counterexamples"] == []
     assert said["closed"]
     assert said["states"] > 100
-    assert explore.main(["--what", "admission", "--faults", "1", "--jobs", "1"]) == 0
+    assert model_check.main(["--what", "admission", "--faults", "1", "--jobs", "1"]) == 0
     assert "no promise was broken" in capsys.readouterr().out
 
 
@@ -170,7 +170,7 @@ def test_what_was_interrupted_claims_nothing(
         raise KeyboardInterrupt
 
     monkeypatch.setattr(series.Task, "run", interrupt)
-    assert explore.main(["--jobs", "1"]) == INTERRUPTED
+    assert model_check.main(["--jobs", "1"]) == INTERRUPTED
     said = capsys.readouterr()
     assert "no promise" not in said.out
     assert "interrupted after 0 of 11" in said.err
@@ -181,7 +181,7 @@ def test_what_was_interrupted_claims_nothing(
 )
 def test_the_command_refuses_what_makes_no_sense(arguments: list[str]) -> None:
     with pytest.raises(UsageError):
-        explore.main(arguments)
+        model_check.main(arguments)
 
 
 def test_every_kind_is_something_that_can_happen() -> None:
