@@ -32,7 +32,7 @@ NEAR_BY: Final = np.array((0.12, 0.12, 0.1), dtype=np.float32)
 class Settings(Struct, frozen=True):
     """What the filter believes of the odometry, and how many particles it takes."""
 
-    least: int = 300
+    least: int = 500
     most: int = 10_000
     kld_error: float = 0.04  # of the sampled distribution from the true one, in nats
     bin_m: float = 0.25
@@ -46,8 +46,8 @@ class Settings(Struct, frozen=True):
     forgets: float = 0.05  # and by what share of that a guess varies when it is drawn again
     moved_m: float = 0.02  # readings are weighed once the robot has come so far,
     moved_rad: float = 0.03  # or turned so far: a robot that stands hears the same again
-    trust: float = 0.3  # exponent of a ping's likelihood: neighbouring pings are not independent,
-    doubtful: float = 0.12  # less while it is lost: what is alike is told apart by much, or never
+    trust: float = 0.15  # exponent of a ping's likelihood: neighbouring pings are not independent,
+    doubtful: float = 0.1  # less while it is lost: what is alike is told apart by much, or never
     slow: float = 0.01  # rates of the two averages, per weighing
     fast: float = 0.1
     fits: float = 0.7  # what the averages are at the right place, among some things off the map
