@@ -29,6 +29,10 @@ NEAR_BY: Final = np.array((0.12, 0.12, 0.1), dtype=np.float32)
 """Standard deviations of guesses about one that is worth a closer look: m, m, rad."""
 
 
+DOUBT: Final = 0.1
+"""With more doubt than this, places are looked for that fit better."""
+
+
 class Settings(Struct, frozen=True):
     """What the filter believes of the odometry, and how many particles it takes."""
 
@@ -55,7 +59,7 @@ class Settings(Struct, frozen=True):
     candidates: int = 4_000  # places that are tried when the robot may be elsewhere,
     tries: int = 200  # the best of them that become particles,
     known: int = 30  # if they are better than this many that there are,
-    better: float = 20.0  # by so much in the logarithm of the likelihood;
+    better: float = 12.0  # by so much in the logarithm of the likelihood;
     kept: int = 12  # by so many readings of late,
     apart_m: float = 0.15  # each so far from the one before, or turned by so much
     apart_rad: float = 0.2
@@ -197,7 +201,8 @@ class MonteCarlo:
         )
         weights = self.weights * np.exp(logs - logs.max())
         self.weights = weights / weights.sum()
-        if 1.0 / float(self.weights @ self.weights) < 0.5 * len(self.poses):
+        few = 1.0 / float(self.weights @ self.weights) < 0.5 * len(self.poses)
+        if few or (self._doubt > DOUBT and self._fresh):
             self._resample()
 
     def _keep(self, echoes: Sequence[Echo]) -> None:
@@ -248,11 +253,16 @@ class MonteCarlo:
         self._slow += self.settings.slow * (fit - self._slow)
         self._fast += self.settings.fast * (fit - self._fast)
 
+    @property
+    def _doubt(self) -> float:
+        """By what share the readings of late fit worse than they used to, or than they should."""
+        return max(0.0, 1.0 - self._fast / max(self._slow, self.settings.fits))
+
     def _resample(self) -> None:
         """Low variance, as many as KLD sampling asks for, and some anywhere if it fits badly."""
         n, forgets = self._needed(), np.float32(self.settings.forgets)
-        doubt = max(0.0, 1.0 - self._fast / max(self._slow, self.settings.fits))
-        more = self._recall() if doubt > 0.1 and self._fresh else self.poses[:0]
+        doubt = self._doubt
+        more = self._recall() if doubt > DOUBT and self._fresh else self.poses[:0]
         self._fresh = False
         total = np.cumsum(self.weights)
         at = (self._rng.random() + np.arange(n)) * (total[-1] / n)
