@@ -102,7 +102,7 @@ class MonteCarlo:
 
         Args:
             model: How likely readings are.
-            free: Places where the robot may be, (n, 2), m; and `cell` of the grid they are of.
+            free: Places where the robot may be, (n, 2), m.
             rng: All that is random.
             settings: What is believed of the odometry.
         """
@@ -280,8 +280,7 @@ class MonteCarlo:
     def _needed(self) -> int:
         """How many particles the spread needs: the bins that hold weight, by table 8.4's bound."""
         settings = self.settings
-        bins = np.floor(self.poses / (settings.bin_m, settings.bin_m, settings.bin_rad))
-        keys = bins @ (1.0, 4096.0, 4096.0 * 4096.0)
+        keys = self._bins(settings.bin_m, settings.bin_rad)
         order = np.argsort(-self.weights)
         held = order[: np.searchsorted(np.cumsum(self.weights[order]), 0.99) + 1]
         k = len(np.unique(keys[held]))
@@ -291,24 +290,27 @@ class MonteCarlo:
         needed = (k - 1) / (2.0 * settings.kld_error) * (1.0 - a + sqrt(a) * Z_99) ** 3
         return int(min(max(needed, settings.least), settings.most))
 
+    def _bins(self, size_m: float, size_rad: float) -> NDArray[np.float64]:
+        """A number for the bin that each particle is in."""
+        bins = np.floor(self.poses / (size_m, size_m, size_rad))
+        keys: NDArray[np.float64] = bins @ (1.0, 4096.0, 4096.0 * 4096.0)
+        return keys
+
     def scatter(self) -> NDArray[np.float64]:
         """Covariance of all the particles about their mean, (3, 3)."""
         off = self.poses.astype(np.float64)
-        theta = np.arctan2(self.weights @ np.sin(off[:, 2]), self.weights @ np.cos(off[:, 2]))
-        off[:, 2] = np.remainder(off[:, 2] - theta + np.pi, 2.0 * np.pi) - np.pi
+        off[:, 2] = _turned(off[:, 2], _heading(off[:, 2], self.weights))
         off[:, :2] -= self.weights @ off[:, :2]
         covariance: NDArray[np.float64] = (off * self.weights[:, None]).T @ off
         return covariance
 
     def _heaviest(self) -> Pose2:
         """The mean of the bin that holds most weight."""
-        bins = np.floor(self.poses / (0.5, 0.5, 0.35)) @ (1.0, 4096.0, 4096.0 * 4096.0)
-        _, where = np.unique(bins, return_inverse=True)
+        _, where = np.unique(self._bins(0.5, 0.35), return_inverse=True)
         chosen = where == np.bincount(where, weights=self.weights).argmax()
         poses, weights = self.poses[chosen].astype(np.float64), self.weights[chosen]
         x, y = (weights @ poses[:, :2]) / weights.sum()
-        theta = np.arctan2(weights @ np.sin(poses[:, 2]), weights @ np.cos(poses[:, 2]))
-        return float(x), float(y), float(theta)
+        return float(x), float(y), _heading(poses[:, 2], weights)
 
     def estimate(self, about: Pose2 | None = None) -> Estimate:
         """The mean of a cluster: the particles within 0.6 m and 0.5 rad of a pose.
@@ -316,7 +318,7 @@ class MonteCarlo:
         By default of the heaviest bin's. Whoever follows one place gives the one before.
         """
         x, y, theta = self._heaviest() if about is None else about
-        turned = np.remainder(self.poses[:, 2] - theta + np.pi, 2.0 * np.pi) - np.pi
+        turned = _turned(self.poses[:, 2], theta)
         away = np.hypot(self.poses[:, 0] - x, self.poses[:, 1] - y)
         near = (away < 0.6) & (np.abs(turned) < 0.5)
         w = self.weights[near]
@@ -339,3 +341,14 @@ def _moved(poses: Poses, motion: Pose2) -> Poses:
     return np.column_stack(
         [poses[:, 0] + c * x - s * y, poses[:, 1] + s * x + c * y, poses[:, 2] + turn]
     )
+
+
+def _heading(theta: NDArray[np.floating], weights: NDArray[np.float64]) -> float:
+    """The weighted mean of headings, rad."""
+    return float(np.arctan2(weights @ np.sin(theta), weights @ np.cos(theta)))
+
+
+def _turned(theta: NDArray[np.floating], reference: float) -> NDArray[np.floating]:
+    """Headings from a reference on, rad, within half a turn."""
+    turned: NDArray[np.floating] = np.remainder(theta - reference + np.pi, 2.0 * np.pi) - np.pi
+    return turned

@@ -90,16 +90,17 @@ class SonarModel:
         self, poses: Poses, echoes: Sequence[Echo], *, coarse: bool = False
     ) -> NDArray[np.float32]:
         """The likelihood of each echo at each pose, (poses, echoes); 1 is the best there is."""
-        self._field = self._coarse if coarse else self._fine
+        field = self._coarse if coarse else self._fine
         found = np.empty((len(poses), len(echoes)), dtype=np.float32)
         x, y, theta = self._held(poses)
         c, s = np.cos(theta), np.sin(theta)
         for column, echo in enumerate(echoes):
-            found[:, column] = self._one(x, y, theta, c, s, echo)
+            found[:, column] = self._one(field, x, y, theta, c, s, echo)
         return found
 
     def _one(
         self,
+        field: NDArray[np.float32],
         x: NDArray[np.float32],
         y: NDArray[np.float32],
         theta: NDArray[np.float32],
@@ -120,7 +121,7 @@ class SonarModel:
             by = np.float32(echo.y + echo.range * np.sin(angle))
             column = ((x + (c * bx - s * by) - np.float32(self._x0)) * inverse).astype(np.int32)
             row = ((y + (s * bx + c * by) - np.float32(self._y0)) * inverse).astype(np.int32)
-            np.maximum(best, self._field[row * self._columns + column], out=best)
+            np.maximum(best, field[row * self._columns + column], out=best)
         short = np.where(sees > echo.range, np.float32(SHORT), np.float32(0.0))
         through = sees < echo.range - THROUGH_M
         best += short + np.float32(RANDOM)

@@ -264,7 +264,7 @@ def scenario_of(cell: Cell) -> Scenario:
 
 def options_of(cell: Cell) -> Options:
     """What the cell says on the command line, as it were."""
-    return Options(0, cell.controller, cell.exchange, cell.parameters, cell.without, cell.besides)
+    return Options(0, cell.controller, cell.exchange, cell.parameters, cell.without)
 
 
 def conditions_of(cell: Cell, mode: str) -> Conditions:
