@@ -42,14 +42,14 @@ class Grid:
         x1, y1, x2, y2 = bounds
         self.cell_m, self.horizon_m = cell_m, 1.0
         self.bounds = bounds
-        self._walls = np.asarray(walls, dtype=np.float64).reshape(-1, 4)
+        self.walls = np.asarray(walls, dtype=np.float64).reshape(-1, 4)
         columns = max(1, math.ceil((x2 - x1) / cell_m - 1e-9))
         rows = max(1, math.ceil((y2 - y1) / cell_m - 1e-9))
         self.xs: Field = x1 + (np.arange(columns, dtype=np.float64) + 0.5) * cell_m
         self.ys: Field = y1 + (np.arange(rows, dtype=np.float64) + 0.5) * cell_m
         self.clearance: Field = np.full((rows, columns), self.horizon_m)
         self._priced: tuple[Margins, Field] | None = None
-        for wall in self._walls:
+        for wall in self.walls:
             self._raise(wall)
 
     def _raise(self, wall: Field) -> None:
@@ -87,9 +87,9 @@ class Grid:
 
     def clearance_between(self, a: Positioned, b: Positioned) -> float:
         """Exact least distance of a straight way to any wall, m; 0 if it crosses one."""
-        if not len(self._walls):
+        if not len(self.walls):
             return math.inf
-        walls, way = self._walls, np.array([a.x, a.y, b.x, b.y])
+        walls, way = self.walls, np.array([a.x, a.y, b.x, b.y])
         if _cross(way, walls).any():
             return 0.0
         ends = np.minimum(_to_segments(a.x, a.y, walls.T), _to_segments(b.x, b.y, walls.T))

@@ -29,19 +29,19 @@ NEAR_BY: Final = np.array((0.12, 0.12, 0.1), dtype=np.float32)
 """Standard deviations of guesses about one that is worth a closer look: m, m, rad."""
 
 
-DOUBT: Final = 0.1
+DOUBT: Final = 0.35
 """With more doubt than this, places are looked for that fit better."""
 
 
 class Settings(Struct, frozen=True):
     """What the filter believes of the odometry, and how many particles it takes."""
 
-    least: int = 500
+    least: int = 1_000
     most: int = 10_000
     kld_error: float = 0.04  # of the sampled distribution from the true one, in nats
     bin_m: float = 0.25
     bin_rad: float = 0.175
-    turn_per_root_m: float = 0.012  # rad/sqrt(m): the heading wanders with the way,
+    turn_per_root_m: float = 0.027  # rad/sqrt(m): the heading wanders with the way,
     turn_per_rad: float = 0.02  # and with turning
     way_per_m: float = 0.04
     drift_rad_m: float = 0.02  # the wheels' own errors, which last: an arc instead of a line,
@@ -50,12 +50,11 @@ class Settings(Struct, frozen=True):
     forgets: float = 0.05  # and by what share of that a guess varies when it is drawn again
     moved_m: float = 0.02  # readings are weighed once the robot has come so far,
     moved_rad: float = 0.03  # or turned so far: a robot that stands hears the same again
-    trust: float = 0.15  # exponent of a ping's likelihood: neighbouring pings are not independent,
-    doubtful: float = 0.1  # less while it is lost: what is alike is told apart by much, or never
+    trust: float = 0.3  # exponent of a ping's likelihood: neighbouring pings are not independent
     slow: float = 0.01  # rates of the two averages, per weighing
     fast: float = 0.1
-    fits: float = 0.7  # what the averages are at the right place, among some things off the map
-    bad: float = 0.4  # and below this the robot may have been carried away just now
+    fits: float = 0.45  # what the averages are at the right place, among some things off the map
+    bad: float = 0.22  # and below this the robot may have been carried away just now
     candidates: int = 4_000  # places that are tried when the robot may be elsewhere,
     tries: int = 200  # the best of them that become particles,
     known: int = 30  # if they are better than this many that there are,
@@ -151,7 +150,8 @@ class MonteCarlo:
         )
 
     def _anywhere(self, n: int) -> Poses:
-        places = self._free[self._rng.integers(len(self._free), size=n)]
+        # In order, so that neighbours look up what lies near by: half the time on a large map.
+        places = self._free[np.sort(self._rng.integers(len(self._free), size=n))]
         poses = np.empty((n, 3), dtype=np.float32)
         poses[:, :2] = places + self._rng.uniform(-0.05, 0.05, (n, 2))
         poses[:, 2] = self._rng.uniform(-np.pi, np.pi, n)

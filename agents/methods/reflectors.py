@@ -1,0 +1,263 @@
+"""What sends a sonar's sound back, and which of it is heard from where: made once for a map.
+
+To smooth walls the sound is light to a mirror (Leonard and Durrant-Whyte's regions of constant
+depth): whatever a sonar looks at, its echo comes from the foot of the perpendicular on a wall, up
+to some 40 degrees off its axis. A corner throws the sound back whence it came, an edge scatters a
+little. So the range that is to be expected is known exactly, wherever the sonar stands in a cell
+from which the same few of them are heard; only which one answers is a matter of chance.
+"""
+
+from __future__ import annotations
+
+from math import pi, radians, tau
+from typing import Final, NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+Floats = NDArray[np.float32]
+
+CELL_M: Final = 0.25
+HEADINGS: Final = 48
+"""How finely it is kept what is heard from where."""
+
+FULL: Final = 255
+"""A chance of 1: a byte each, since what is looked up should lie near by."""
+
+LIKELY: Final = 3
+"""So many of what may answer are kept for each cell and heading: the likeliest."""
+
+NEAREST: Final = 10
+"""So many of what is in sight of a cell are considered, the nearest ones."""
+
+TILE_CELLS: Final = 8
+"""Cells are looked at by squares with sides of so many."""
+
+MARGIN_M: Final = 1.0
+"""So far beyond the map's bounds there are cells: a robot may be a little off its map."""
+
+SURE_RAD, GONE_RAD = radians(15.0), radians(34.0)
+"""What is within the first angle of the axis is heard, beyond the second it is not: the mean of
+what walls do (docs/worlds.md)."""
+
+WALL, CORNER, EDGE_M = 0.7, 0.9, 0.4
+"""How often a wall is a mirror that answers (others scatter, or swallow the sound), and a corner;
+an edge is heard like that to this distance, and beyond by the inverse of the range."""
+
+ARM_M: Final = 0.1
+"""Shorter walls make no corners: cells of a drawn map."""
+
+JOINT_M: Final = 0.01
+"""Walls that come so near to each other are joined."""
+
+INNER: Final = (radians(75.0), radians(105.0))
+OUTER: Final = radians(200.0)
+"""Corners between these angles throw the sound back, wider ones than this are edges."""
+
+SEEN_M: Final = 0.2
+"""What is not farther behind the first thing in its direction is in sight: cells are coarse."""
+
+
+class Reflectors(NamedTuple):
+    """Walls, corners and edges, as columns; corners and edges have no direction and no length."""
+
+    x: Floats
+    y: Floats
+    along_x: Floats  # unit vector along a wall, from (x, y)
+    along_y: Floats
+    length: Floats
+    chance: Floats  # of an answer when it is looked at from near by
+    fades_m: Floats  # beyond this by the inverse of the range
+    bearing: Floats  # a corner opens to the left of this,
+    width: Floats  # by this
+
+
+def of_walls(walls: NDArray[np.float64]) -> Reflectors:
+    """The walls (rows of x1, y1, x2, y2), corners and edges of a map, and one that never answers.
+
+    The last is for places from which nothing else is heard.
+    """
+    length = np.hypot(walls[:, 2] - walls[:, 0], walls[:, 3] - walls[:, 1])
+    long = length >= ARM_M
+    walls, length = walls[long], length[long]
+    along = (walls[:, 2:] - walls[:, :2]) / length[:, None]
+    rows: list[tuple[float, ...]] = [
+        (x, y, u, v, size, WALL, np.inf, 0.0, tau)
+        for (x, y), (u, v), size in zip(walls[:, :2], along, length, strict=True)
+    ]
+    if len(walls) > MOST // 3:
+        return _columns(rows[:MOST])
+    ends = np.concatenate([walls[:, :2], walls[:, 2:]])
+    _, first = np.unique(np.round(ends / JOINT_M), axis=0, return_index=True)
+    for x, y in ends[np.sort(first)]:
+        for bearing, width in _openings(x, y, walls[:, :2], along, length):
+            inner = INNER[0] <= width <= INNER[1]
+            if inner or width > OUTER:
+                rows.append((x, y, 0, 0, 0, CORNER, np.inf if inner else EDGE_M, bearing, width))
+    return _columns(rows[:MOST])
+
+
+def _columns(rows: list[tuple[float, ...]]) -> Reflectors:
+    """The rows, and the one that never answers."""
+    rows = [*rows, (1e6, 1e6, 0.0, 0.0, 0.0, 0.0, np.inf, 0.0, tau)]
+    return Reflectors(*np.asarray(rows, dtype=np.float32).T.copy())
+
+
+def _openings(
+    x: float,
+    y: float,
+    start: NDArray[np.float64],
+    along: NDArray[np.float64],
+    length: NDArray[np.float64],
+) -> list[tuple[float, float]]:
+    """The sectors between the walls that meet at a place: from which bearing on, and how wide."""
+    way = np.clip((x - start[:, 0]) * along[:, 0] + (y - start[:, 1]) * along[:, 1], 0.0, length)
+    off = np.hypot(x - start[:, 0] - way * along[:, 0], y - start[:, 1] - way * along[:, 1])
+    near = off < JOINT_M
+    angle = np.arctan2(along[near, 1], along[near, 0])
+    away = np.concatenate(
+        [angle[way[near] < length[near] - JOINT_M], angle[way[near] > JOINT_M] + pi]
+    )
+    away = np.unique(np.round(away % tau, 3))
+    return list(zip(away, np.append(away[1:], away[0] + tau) - away, strict=True))
+
+
+ROW: Final = np.dtype(
+    [("which", "<u2", LIKELY), ("chance", "u1", LIKELY), ("silent", "u1"), ("sees_mm", "<u2")]
+)
+"""What is heard from a cell in a heading, in 12 bytes, since looking it up is what costs: which
+reflectors, the chance that this one is it and that none is (of `FULL`), and the way to the first
+wall in the cone that is met squarely."""
+
+MOST: Final = 2**16 - 2
+"""More reflectors than these are not considered."""
+
+
+def heard(
+    reflectors: Reflectors,
+    first: Floats,
+    sees: Floats,
+    cell: NDArray[np.int32],
+    origin: tuple[float, float],
+    reach_m: float,
+) -> NDArray[np.void]:
+    """Work out what is heard from where.
+
+    Args:
+        reflectors: What there is.
+        first: (cells, HEADINGS): the way to the first thing in each direction, m.
+        sees: The same to the first wall in the cone that is met squarely.
+        cell: (rows, columns): the number of each cell, -1 where no sonar can be.
+        origin: The lower left corner of the first cell, m.
+        reach_m: The longest range that sonars hear.
+
+    Returns:
+        A `ROW` for each cell and heading, `cell * HEADINGS + heading`; the last HEADINGS are for
+        where no sonar can be.
+    """
+    count = len(first)
+    nothing = len(reflectors.x) - 1
+    which = np.full((count, NEAREST), nothing, dtype=np.int32)
+    ways = np.full((count, NEAREST), np.inf, dtype=np.float32)
+    angles = np.zeros((count, NEAREST), dtype=np.float32)
+    end_x = reflectors.x + reflectors.along_x * reflectors.length
+    end_y = reflectors.y + reflectors.along_y * reflectors.length
+    far = reach_m + 0.5 * CELL_M
+    for top in range(0, cell.shape[0], TILE_CELLS):
+        for left in range(0, cell.shape[1], TILE_CELLS):
+            rows, columns = np.nonzero(cell[top : top + TILE_CELLS, left : left + TILE_CELLS] >= 0)
+            if not len(rows):
+                continue
+            rows, columns = rows + top, columns + left
+            x = np.float32(origin[0]) + (columns + np.float32(0.5)) * np.float32(CELL_M)
+            y = np.float32(origin[1]) + (rows + np.float32(0.5)) * np.float32(CELL_M)
+            near = np.nonzero(
+                (np.minimum(reflectors.x, end_x) < x.max() + far)
+                & (np.maximum(reflectors.x, end_x) > x.min() - far)
+                & (np.minimum(reflectors.y, end_y) < y.max() + far)
+                & (np.maximum(reflectors.y, end_y) > y.min() - far)
+            )[0]
+            if not len(near):
+                continue
+            numbers = cell[rows, columns]
+            way, angle = _seen(reflectors, near, x[:, None], y[:, None], first[numbers], far)
+            order = np.argsort(way, axis=1)[:, :NEAREST]
+            taken = order.shape[1]
+            ways[numbers, :taken] = np.take_along_axis(way, order, 1)
+            angles[numbers, :taken] = np.take_along_axis(angle, order, 1)
+            which[numbers, :taken] = near[order]
+    which[np.isinf(ways)] = nothing
+    table = _likely(reflectors, which, ways, angles)
+    nowhere = np.full(HEADINGS, reach_m, dtype=np.float32)
+    table["sees_mm"] = np.rint(1e3 * np.minimum(np.append(sees, nowhere), np.float32(reach_m)))
+    return table
+
+
+def _seen(
+    reflectors: Reflectors,
+    near: NDArray[np.intp],
+    x: Floats,
+    y: Floats,
+    first: Floats,
+    far: float,
+) -> tuple[Floats, Floats]:
+    """From each place to each reflector in sight: the way (m; inf: none) and the bearing."""
+    r = Reflectors(*(column[near] for column in reflectors))
+    to_x, to_y = r.x - x, r.y - y
+    foot = -(to_x * r.along_x + to_y * r.along_y)
+    to_x, to_y = to_x + foot * r.along_x, to_y + foot * r.along_y
+    way, angle = np.hypot(to_x, to_y), np.arctan2(to_y, to_x)
+    slack = np.float32(0.5 * CELL_M)
+    there = (way < far) & (foot >= -slack) & (foot <= r.length + slack)
+    there &= (angle + np.float32(pi) - r.bearing) % np.float32(tau) < r.width
+    # The nearer the coarser the bearing: what is beside counts, too.
+    bin_ = np.rint(angle * np.float32(HEADINGS / tau)).astype(np.int32)
+    rows = np.arange(len(first))[:, None]
+    sight = np.max([first[rows, (bin_ + by) % HEADINGS] for by in (-1, 0, 1)], axis=0)
+    there &= way < sight + np.float32(SEEN_M)
+    return np.where(there, way, np.float32(np.inf)), angle
+
+
+def _likely(
+    reflectors: Reflectors, which: NDArray[np.int32], ways: Floats, angles: Floats
+) -> NDArray[np.void]:
+    """The likeliest of those in sight, nearest first: who answers hides who is behind."""
+    nothing = len(reflectors.x) - 1
+    rows = (len(which) + 1) * HEADINGS
+    silent = np.ones(rows, dtype=np.float32)
+    chances = np.zeros((LIKELY, rows), dtype=np.float32)
+    chosen = np.full((LIKELY, rows), nothing, dtype=np.uint16)
+    around = int(np.ceil(GONE_RAD * HEADINGS / tau))
+    beside = np.arange(-around, around + 1, dtype=np.int32)
+    for nearest in range(which.shape[1]):
+        live = np.nonzero(which[:, nearest] != nothing)[0]
+        one, way, angle = (array[live, nearest] for array in (which, ways, angles))
+        answers = reflectors.chance[one] * np.minimum(
+            1.0, reflectors.fades_m[one] / np.maximum(way, np.float32(0.01))
+        )
+        middle = np.rint(angle * np.float32(HEADINGS / tau)).astype(np.int32)
+        off = angle - middle * np.float32(tau / HEADINGS)
+        faded = _fade(np.abs(off[:, None] - beside * np.float32(tau / HEADINGS)))
+        row = (live[:, None] * HEADINGS + (middle[:, None] + beside) % HEADINGS).ravel()
+        before = silent[row]
+        now = (answers[:, None] * faded).ravel() * before
+        silent[row] = before - now
+        one = np.repeat(one, len(beside))
+        for rank in range(LIKELY):  # the likeliest first; what it pushes out may be the next
+            was = chances[rank, row]
+            more = np.nonzero(now > was)[0]
+            at = row[more]
+            pushed = chosen[rank, at].astype(np.int32)
+            chances[rank, at], chosen[rank, at] = now[more], one[more]
+            now[more], one[more] = was[more], pushed
+    table = np.empty(rows, dtype=ROW)
+    table["which"], table["chance"] = chosen.T, np.rint(FULL * chances.T)
+    table["silent"] = np.rint(FULL * silent)
+    return table
+
+
+def _fade(off: Floats) -> Floats:
+    """How probably something so far off the axis (rad) is heard."""
+    share = np.clip((off - np.float32(SURE_RAD)) / np.float32(GONE_RAD - SURE_RAD), 0.0, 1.0)
+    faded: Floats = 1.0 - share * share * (3.0 - 2.0 * share)
+    return faded
