@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from hashlib import sha256
+from importlib.metadata import version
 from math import hypot, radians
 from typing import Annotated, Any, ClassVar, Literal
 
@@ -11,7 +13,8 @@ from msgspec import Meta
 
 from armadico.agents.methods.grid import Grid
 from armadico.agents.methods.monte_carlo import Estimate, MonteCarlo, Settings
-from armadico.agents.methods.sonar_model import SonarModel
+from armadico.agents.methods.sonar_model import FORMAT, Fields, SonarModel, fields
+from armadico.config.kept import Arrays, arrays
 from armadico.config.profile import load_profile
 from armadico.config.worlds import load_world
 from armadico.core import agent
@@ -23,6 +26,9 @@ Metres = Annotated[float, Meta(gt=0, le=100)]
 Angle = Annotated[float, Meta(gt=0, le=6.2832)]
 Share = Annotated[float, Meta(ge=0, le=1)]
 
+
+LARGE = 250_000
+"""Cells from which on what is made of a map is kept: half a second's work and more."""
 
 STOOD: Pose2 = (0.0, 0.0, 0.0)
 
@@ -77,7 +83,7 @@ class Localization(Agent):
         free = np.column_stack([grid.xs[columns], grid.ys[rows]])
         self._useful = bool(world.walls) and len(free) > 0
         self._filter = MonteCarlo(
-            SonarModel(grid, radians(ring.cone_deg), ring.max_m),
+            sonar_model(grid, radians(ring.cone_deg), ring.max_m),
             free,
             np.random.default_rng(self.rng.getrandbits(63)),
             self.p.filter,
@@ -117,7 +123,8 @@ class Localization(Agent):
         if not self._begun or self._odometry is None:
             return
         if self._filter.due:
-            self._filter.weigh(self._as_fired(sonar.echoes))
+            ago = self._ping_s / self.cycles.period
+            self._filter.weigh(as_fired(sonar.echoes, self._motion, ago))
         # While it knows where it is it stays with that place: another one that fits as well, the
         # room next door, is no reason to leave it before it no longer fits.
         found = self._filter.estimate(None if self._lost else self._at)
@@ -134,21 +141,6 @@ class Localization(Agent):
                 confidence=0.0 if self._lost else min(1.0, found.share),
             )
         )
-
-    def _as_fired(self, echoes: Sequence[Echo]) -> list[Echo]:
-        """The echoes with their sonars where they were when they fired, as seen from now.
-
-        One fires after the other, the last on average half a period ago. At 0.5 m/s and 40 ms that
-        is 2 cm for each, always in the same direction.
-        """
-        x, y, turn = self._motion
-        shifted = []
-        for later, echo in enumerate(reversed(echoes)):
-            ago = (later + 0.5) * self._ping_s / self.cycles.period
-            then = (-ago * x, -ago * y, -ago * turn)
-            mount = compose(then, (echo.x, echo.y, echo.bearing))
-            shifted.append(Echo(*mount, echo.range))
-        return shifted[::-1]
 
     def _judge(self, found: Estimate) -> None:
         """Whether it is lost: if it seems so for a while, and found once it has been sure.
@@ -180,3 +172,36 @@ class Localization(Agent):
             if self._since is not None and self.now - self._since >= p.found_s:
                 self._lost, self._since = False, None
                 self.log(f"the robot is found: at ({x:.2f}, {y:.2f})")
+
+
+def as_fired(echoes: Sequence[Echo], motion: Pose2, share: float) -> list[Echo]:
+    """The echoes with their sonars where they were when they fired, in the frame of now.
+
+    One fires after the other, the last on average half a period ago. At 0.5 m/s and 40 ms that is
+    2 cm for each, always the same way.
+
+    Args:
+        echoes: In the order in which their sonars fired.
+        motion: In this cycle: m, m, rad.
+        share: From one ping to the next, in cycles.
+    """
+    x, y, turn = motion
+    shifted = []
+    for later, echo in enumerate(reversed(echoes)):
+        ago = -(later + 0.5) * share
+        mount = compose((ago * x, ago * y, ago * turn), (echo.x, echo.y, echo.bearing))
+        shifted.append(Echo(*mount, echo.range))
+    return shifted[::-1]
+
+
+def sonar_model(grid: Grid, cone_rad: float, reach_m: float) -> SonarModel:
+    """The model of a map. What a large map needs for it is kept for the next time."""
+    if grid.clearance.size < LARGE:
+        return SonarModel(grid, cone_rad, reach_m)
+
+    def make() -> Arrays:
+        return fields(grid, cone_rad, reach_m)._asdict()
+
+    about = repr((version("armadico"), FORMAT, grid.cell_m, grid.bounds, cone_rad, reach_m))
+    key = sha256(about.encode() + grid.walls.tobytes()).hexdigest()[:32]
+    return SonarModel(grid, cone_rad, reach_m, Fields(**arrays(f"sonars-{key}", make)))

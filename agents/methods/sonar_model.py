@@ -31,6 +31,9 @@ from armadico.agents.methods.reflectors import (
 )
 from armadico.core.messages import Echo
 
+FORMAT: Final = 1
+"""Of `Fields`, and of how they are worked out: what was kept of another one is of no use."""
+
 Poses = NDArray[np.float32]
 """A row each: x and y in m, the heading in rad, in the world."""
 
