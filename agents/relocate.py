@@ -11,7 +11,7 @@ from armadico.core import agent
 from armadico.core.agent import WARNING
 from armadico.core.behaviour import LOST_M, Behaviour
 from armadico.core.exchange import Bid
-from armadico.core.messages import Obstacles, Pose
+from armadico.core.messages import Obstacles, Point, Pose
 from armadico.core.parameters import TURN_MARGIN_M, Safety
 from armadico.core.resources import WHEELS
 from armadico.core.swept_path import free_path, free_turn
@@ -24,7 +24,11 @@ class Parameters(agent.Parameters, frozen=True, kw_only=True):
 
     v: Annotated[float, Meta(gt=0, le=1)] = 0.25  # m/s
     v_max: Annotated[float, Meta(gt=0, le=10)] | None = None  # a scenario's limit
+    v_back: Annotated[float, Meta(gt=0, le=1)] = (
+        0.08  # backwards where it can neither turn nor go on
+    )
     w: Annotated[float, Meta(gt=0, le=2)] = 0.5  # rad/s
+    back_room_m: Metres = 0.1  # with more than this remembered free behind
     ahead_m: Metres = 0.35  # with less than this free ahead it turns,
     open_m: Metres = 0.9  # until so much is
     leg_m: Metres = 3.0  # after so much straight ahead it looks around again
@@ -106,4 +110,11 @@ class Relocate(Behaviour):
                     return 0.0, side * p.w, "lost: look around"
             self._left = 0.0
         v = min(p.v, p.v_max or inf)
-        return (v if ahead >= p.ahead_m else 0.0), 0.0, "lost: drive on"
+        if ahead >= p.ahead_m:
+            return v, 0.0, "lost: drive on"
+        mirrored = [Point(-point.x, -point.y) for point in points]
+        behind = free_path(mirrored, 1.0, 0.0, outline.turned_round, p.safety.margin_m)
+        if behind > p.back_room_m:  # it fits neither way round here: out as it came in
+            self._left = tau
+            return -min(p.v_back, v), 0.0, "lost: back out"
+        return 0.0, 0.0, "lost: no way on"

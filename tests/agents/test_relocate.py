@@ -12,7 +12,7 @@ from armadico.agents.goto import Goto
 from armadico.agents.relocate import Parameters, Relocate
 from armadico.core.agent import Agent, Identity
 from armadico.core.behaviour import LOST_M, UNSURE_M
-from armadico.core.messages import Log
+from armadico.core.messages import Log, Point
 from armadico.observe.measures import speeds
 from tests.framework.stage import Stage, claims, commands, drive_to, wall
 
@@ -116,3 +116,15 @@ def test_not_found_in_time_it_stands_and_says_so() -> None:
     assert "not found in 5 s" in made.bid().reason
     told = [said for said in made.said if isinstance(said, Log) and "it stands" in said.text]
     assert len(told) == 1
+
+
+def test_where_it_can_neither_turn_nor_go_on_it_backs_out() -> None:
+    """A dead end as wide as the robot: it would stand there until it gave up."""
+    made = lost()
+    made.holding()
+    narrow = [Point(0.03 * i, side) for i in range(-3, 9) for side in (-0.2, 0.2)]
+    for _ in range(30):
+        made.cycle(points=[*narrow, *wall(0.3, -0.2, 0.2)])
+    v, w = speeds(commands(made.said)[-1])
+    assert v < 0.0
+    assert w == 0.0
