@@ -49,12 +49,14 @@ class Parameters(agent.Parameters, frozen=True, kw_only=True):
     start_rad: Angle = radians(6.0)
     lost: Share = 0.15  # with less than this of the weight in one place it is lost,
     lost_m: Metres = 0.5  # or in one so wide,
-    lost_fit: Share = 0.45  # or if the readings fit so much worse than they usually do,
-    lost_s: Annotated[float, Meta(gt=0, le=60)] = 0.7  # for so long
+    lost_fit: Share = 0.55  # or if the readings fit so much worse than they usually do,
+    lost_s: Annotated[float, Meta(gt=0, le=60)] = 1.0  # for so long
     found: Share = 0.95  # and found with this much,
     found_m: Metres = 0.3
     found_fit: Share = 0.35
-    found_s: Annotated[float, Meta(gt=0, le=60)] = 3.0  # for so long
+    found_way_m: Metres = 1.0  # all along such a way,
+    found_turn_rad: Angle = 3.0  # or such a turn, or a part of both,
+    found_times: Annotated[int, Meta(ge=1, le=100)] = 2  # and no other place was found that fits
     filter: Settings = Settings()
 
 
@@ -95,7 +97,9 @@ class Localization(Agent):
         self._begun = False
         self._lost = self.p.start == "anywhere"
         self._at: Pose2 | None = None  # the estimate a cycle ago
-        self._since: float | None = None  # when it began to doubt, or to be sure
+        self._since: float | None = None  # when it began to doubt
+        self._alone = 0  # so often no other place has been found that fits
+        self._shown = 0.0  # how much of what is asked for it has been sure since
 
     def on_pose(self, pose: Pose) -> None:
         """Where to begin."""
@@ -155,21 +159,28 @@ class Localization(Agent):
         )
         self._at = found.pose
         if not self._lost:
-            doubtful = share < p.lost or wide > p.lost_m or fit < p.lost_fit * found.usual
+            usual = max(found.usual, p.filter.fits)  # a wrong place is no standard
+            doubtful = share < p.lost or wide > p.lost_m or fit < p.lost_fit * usual
             self._since = (self._since or self.now) if doubtful else None
             waited = self._since is not None and self.now - self._since >= p.lost_s
             if not (waited or leaps):
                 return
-            self._lost, self._since = True, None
+            self._lost, self._since, self._shown = True, None, 0.0
+            self._alone = 0
             self.log(
                 f"the robot is lost: at best at ({x:.2f}, {y:.2f}), with {100 * share:.0f} % of the"
                 f" weight, +-{wide:.2f} m; the readings fit by {fit:.2f}",
                 WARNING,
             )
         else:
+            x_, y_, turn = self._motion
+            moved = hypot(x_, y_) / p.found_way_m + abs(turn) / p.found_turn_rad
             sure = share >= p.found and wide <= p.found_m and fit >= p.found_fit and not leaps
-            self._since = (self._since or self.now) if sure else None
-            if self._since is not None and self.now - self._since >= p.found_s:
+            self._shown = self._shown + moved if sure else 0.0
+            if self._shown >= 1.0 and moved:
+                self._alone = 0 if self._filter.rivalled(found.pose) else self._alone + 1
+                if self._alone < p.found_times:
+                    return
                 self._lost, self._since = False, None
                 self.log(f"the robot is found: at ({x:.2f}, {y:.2f})")
 

@@ -50,7 +50,8 @@ class Settings(Struct, frozen=True):
     forgets: float = 0.05  # and by what share of that a guess varies when it is drawn again
     moved_m: float = 0.02  # readings are weighed once the robot has come so far,
     moved_rad: float = 0.03  # or turned so far: a robot that stands hears the same again
-    trust: float = 0.3  # exponent of a ping's likelihood: neighbouring pings are not independent
+    trust: float = 0.3  # exponent of a ping's likelihood: neighbouring pings are not independent,
+    doubtful: float = 0.2  # less while it is lost: what is alike is told apart by much, or never
     slow: float = 0.01  # rates of the two averages, per weighing
     fast: float = 0.1
     fits: float = 0.45  # what the averages are at the right place, among some things off the map
@@ -58,8 +59,9 @@ class Settings(Struct, frozen=True):
     candidates: int = 4_000  # places that are tried when the robot may be elsewhere,
     tries: int = 200  # the best of them that become particles,
     known: int = 30  # if they are better than this many that there are,
-    better: float = 12.0  # by so much in the logarithm of the likelihood;
-    kept: int = 12  # by so many readings of late,
+    better: float = 20.0  # by so much in the logarithm of the likelihood,
+    rival: float = 12.0  # and by how much the one where the robot is must be better than others;
+    kept: int = 20  # by so many readings of late,
     apart_m: float = 0.15  # each so far from the one before, or turned by so much
     apart_rad: float = 0.2
 
@@ -115,7 +117,7 @@ class MonteCarlo:
         self.lost = False  # whoever judges that says so
         self._moved = inf
         self._turned = inf
-        self._slow = self._fast = 0.0
+        self._slow = self._fast = settings.fits
         self._since: Pose2 = (0.0, 0.0, 0.0)  # the motion since the last reading that is kept
         self._fresh = False  # a reading has been kept since places were recalled
         self._kept: deque[tuple[Pose2, Sequence[Echo]]] = deque(maxlen=settings.kept)
@@ -136,7 +138,7 @@ class MonteCarlo:
         self.poses = poses
         self.wheels = self._uncalibrated(len(poses))
         self.weights = np.full(len(poses), 1.0 / len(poses))
-        self._slow = self._fast = 0.0
+        self._slow = self._fast = self.settings.fits  # guesses that lie apart fit badly at first
         self._moved = self._turned = inf
 
     def _uncalibrated(self, n: int, share: float = 1.0) -> Poses:
@@ -196,9 +198,8 @@ class MonteCarlo:
         each = likelihood.mean(axis=1, dtype=np.float64)
         fit = float(self.weights @ each)
         self._average(fit)
-        logs = self.settings.trust * np.log(likelihood, dtype=np.float32).sum(
-            axis=1, dtype=np.float64
-        )
+        trust = self.settings.doubtful if self.lost else self.settings.trust
+        logs = trust * np.log(likelihood, dtype=np.float32).sum(axis=1, dtype=np.float64)
         weights = self.weights * np.exp(logs - logs.max())
         self.weights = weights / weights.sum()
         few = 1.0 / float(self.weights @ self.weights) < 0.5 * len(self.poses)
@@ -227,15 +228,30 @@ class MonteCarlo:
         back = (
             int(self._rng.integers(min(5, kept), kept + 1)) if self._fast < settings.bad else kept
         )
+        poses, logs = self._tried(back)
+        known = self.poses[np.argsort(-self.weights)[: settings.known]]
+        least = float(self._past(known, back).max()) + settings.better
+        best = np.argsort(-logs)[: settings.tries]
+        return poses[best[logs[best] > least]]
+
+    def _tried(self, back: int) -> tuple[Poses, NDArray[np.float64]]:
+        """Places that the newest `back` readings may have come from, and their log-likelihoods."""
+        settings = self.settings
         poses = self._anywhere(settings.candidates)
         poses = poses[np.argsort(-self._past(poses, back, coarse=True))[: settings.tries]]
         poses = np.repeat(poses, settings.candidates // (4 * settings.tries), axis=0)
         poses += self._rng.standard_normal(poses.shape, dtype=np.float32) * NEAR_BY
-        known = self.poses[np.argsort(-self.weights)[: settings.known]]
-        least = float(self._past(known, back).max()) + settings.better
-        logs = self._past(poses, back)
-        best = np.argsort(-logs)[: settings.tries]
-        return poses[best[logs[best] > least]]
+        return poses, self._past(poses, back)
+
+    def rivalled(self, pose: Pose2) -> bool:
+        """Whether the readings of late may have come from another place than about a pose."""
+        back = len(self._kept)
+        poses, logs = self._tried(back)
+        own = self._past(self.poses[self._near(pose)], back)
+        apart = np.hypot(poses[:, 0] - pose[0], poses[:, 1] - pose[1]) > 0.6
+        apart |= np.abs(_turned(poses[:, 2], pose[2])) > 0.5
+        best = float(logs[apart].max(initial=-inf))
+        return not len(own) or best > float(own.max()) - self.settings.rival
 
     def _past(self, poses: Poses, back: int, *, coarse: bool = False) -> NDArray[np.float64]:
         """Log-likelihoods of the newest `back` readings, had the drive ended at these poses."""
@@ -248,8 +264,6 @@ class MonteCarlo:
         return logs
 
     def _average(self, fit: float) -> None:
-        if not self._slow:
-            self._slow = self._fast = fit
         self._slow += self.settings.slow * (fit - self._slow)
         self._fast += self.settings.fast * (fit - self._fast)
 
@@ -312,15 +326,20 @@ class MonteCarlo:
         x, y = (weights @ poses[:, :2]) / weights.sum()
         return float(x), float(y), _heading(poses[:, 2], weights)
 
+    def _near(self, pose: Pose2) -> NDArray[np.bool_]:
+        """Which particles are of the same place as a pose."""
+        away = np.hypot(self.poses[:, 0] - pose[0], self.poses[:, 1] - pose[1])
+        turned = np.abs(_turned(self.poses[:, 2], pose[2]))
+        near: NDArray[np.bool_] = np.logical_and(away < 0.6, turned < 0.5)
+        return near
+
     def estimate(self, about: Pose2 | None = None) -> Estimate:
         """The mean of a cluster: the particles within 0.6 m and 0.5 rad of a pose.
 
         By default of the heaviest bin's. Whoever follows one place gives the one before.
         """
         x, y, theta = self._heaviest() if about is None else about
-        turned = _turned(self.poses[:, 2], theta)
-        away = np.hypot(self.poses[:, 0] - x, self.poses[:, 1] - y)
-        near = (away < 0.6) & (np.abs(turned) < 0.5)
+        near, turned = self._near((x, y, theta)), _turned(self.poses[:, 2], theta)
         w = self.weights[near]
         share = float(w.sum())
         if share < 1e-6:

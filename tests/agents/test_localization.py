@@ -409,3 +409,39 @@ def test_only_so_many_are_kept(cache: Path, monkeypatch: pytest.MonkeyPatch) -> 
     for reach in (3.0, 4.0, 5.0):
         sonar_model(GRID, radians(30.0), reach)
     assert len(list(cache.iterdir())) == 2
+
+
+# Bad input ----------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize(
+    "walls",
+    [
+        [],
+        [(0.0, 0.0, 0.3, 0.0), (0.0, 0.1, 0.3, 0.1), (0.0, 0.2, 0.3, 0.2), (0.0, 0.3, 0.3, 0.3)],
+        [(1.0, 1.0, 1.0, 1.0)],
+    ],
+)
+def test_a_map_without_walls_or_room_is_no_error(walls: list[tuple[float, ...]]) -> None:
+    grid = Grid([tuple(wall) for wall in walls], (0.0, 0.0, 0.3, 0.3))  # type: ignore[misc]
+    found = SonarModel(grid).likelihood(np.zeros((3, 3), dtype=np.float32), ring(START))
+    assert np.isfinite(found).all()
+    assert (found > 0.0).all()
+
+
+def test_a_start_inside_a_wall_is_weighed_as_any_other() -> None:
+    particles = filtered()
+    particles.start_at((6.0, 2.0, 0.0), 0.01, 0.01)
+    particles.weigh(ring(START))
+    assert np.isfinite(particles.weights).all()
+
+
+def test_a_map_that_does_not_fit_is_told(world: str, tmp_path: Path) -> None:
+    """Another room than the one that it drives in: it says that it is lost, and stays so."""
+    path = tmp_path / "other.map"
+    path.write_text(MAP + "0 0 9000 0\n9000 0 9000 9000\n9000 9000 0 9000\n0 9000 0 0\n")
+    robot = Robot(Parameters(world=str(path)))
+    confidences = [
+        robot.at(pose, motion, pose)[-1].confidence for pose, motion in drive(START, 300)
+    ]
+    assert confidences[-1] == 0.0
