@@ -86,6 +86,14 @@ BENCHMARKS: Final = (
         "armadico_tools.bench.speed:speed",
     ),
     Benchmark(
+        "localizing",
+        "what is made of a map of 1,000 x 1,000 cells, the whole update of 10,000 particles by 8"
+        " sonars, and tracking; of CPU time",
+        "",
+        "0.5 s (kept on disk afterwards), 10 ms, 3 % of a core",
+        "armadico_tools.bench.localizing:localizing",
+    ),
+    Benchmark(
         "start",
         "from starting `armadico-agent goto` to its token seen by another process",
         "bare Python that opens a Zenoh session and declares a token",
