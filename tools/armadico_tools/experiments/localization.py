@@ -4,6 +4,9 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING, Final
 
+from msgspec import structs
+
+from armadico_tools.experiments import carried
 from armadico_tools.experiments.driving import Cell, Sample
 from armadico_tools.experiments.real_robot import failures
 from armadico_tools.experiments.tables import RULES, cell, spread_of
@@ -57,7 +60,22 @@ def run(context: Context) -> None:
         }
         for arm in ARMS
     }
-    context.table(f"# {TITLE}\n\n{NOTE}\n\n{RULES}\n\n{table(head, rows)}\n\n{failures(localized)}")
+    tasks = [
+        (arm, name, seed)
+        for arm in carried.ARMS
+        for name in carried.SCENARIOS
+        for seed in context.seeds
+    ]
+    lifted = context.map(carried.drive, tasks, "carried")
+    context.rows(
+        "carried",
+        carried.Carried.__struct_fields__,
+        [structs.astuple(one) for one in lifted],
+    )
+    context.table(
+        f"# {TITLE}\n\n{NOTE}\n\n{RULES}\n\n{table(head, rows)}\n\n{failures(localized)}\n\n"
+        f"# Put down elsewhere\n\n{carried.section(lifted)}"
+    )
 
 
 def _row(samples: Sequence[Sample]) -> tuple[str, ...]:

@@ -1,0 +1,32 @@
+"""A robot that is put down elsewhere: the truth jumps, its odometry does not."""
+
+from __future__ import annotations
+
+from math import hypot, inf
+
+from armadico.bridge.simulator.pioneer import Pioneer
+from armadico_tools.experiments.carried import ARMS, SCENARIOS, Carried, Kidnap, section
+
+
+def test_the_truth_jumps_and_the_odometry_does_not() -> None:
+    run = Kidnap("kidnapped", "sc4", 9001)
+    robot = run.rehearsal.robot
+    assert isinstance(robot, Pioneer)
+    before, odometry = robot.plant.pose, robot.plant.odometry
+    run.put_down()
+    x, y, _ = robot.plant.pose
+    assert hypot(x - before[0], y - before[1]) >= 1.0
+    assert robot.plant.odometry == odometry
+    assert robot.plant.clearance() > 0.05
+
+
+def test_the_table_has_a_row_for_each_scenario_and_one_for_all() -> None:
+    runs = [
+        Carried(arm, name, seed, inf if seed else 12.0, 3.0, 0.2 + 0.2 * seed, 0)
+        for arm in ARMS
+        for name in SCENARIOS
+        for seed in range(2)
+    ]
+    rows = [line for line in section(runs).splitlines() if line.startswith(("| kidn", "| any"))]
+    assert len(rows) == 2 * (len(SCENARIOS) + 1)
+    assert rows[5] == "| kidnapped | all | 5 of 10 | 12.0 | 3.0 | 0.40 | 5 of 10 |"
