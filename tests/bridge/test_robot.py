@@ -474,6 +474,25 @@ def test_a_bumper_behind_says_so_and_one_that_sticks_says_nothing(bench: Bench) 
     assert state.touch.x == -PROFILE.body.rear_m
 
 
+def test_between_two_things_it_is_driven_against_neither(ready: Bench) -> None:
+    """Both bumpers at once, and what is behind when it has backed off what is ahead."""
+    assert ready.status(front_bumpers=1, rear_bumpers=1).stalled
+    for v in (0.2, -0.2):
+        ready.command(v)
+        assert ready.speeds()[-1] == 0
+    ready.let_pass(2 * HELD_S, statuses=True)
+    ready.status(front_bumpers=1)
+    ready.command(-0.2)
+    assert ready.speeds()[-1] == -200
+    state = ready.status(rear_bumpers=1)
+    assert state.touch is not None
+    assert state.touch.x < 0
+    ready.command(-0.2)
+    assert ready.speeds()[-1] == 0
+    ready.command(0.2)
+    assert ready.speeds()[-1] == 200
+
+
 @pytest.mark.parametrize("share", [0.6, 1.0])
 @pytest.mark.parametrize("wanted", [(0.8, 0.0), (-0.3, 0.0), (0.0, 1.5), (0.6, -0.8)])
 def test_a_robot_that_runs_up_turns_round_and_brakes_touches_nothing(
