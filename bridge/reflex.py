@@ -138,6 +138,7 @@ class Touch:
     Attributes:
         felt: Whether it touches something now.
         side: Where, by what was ordered when it began: 1 ahead, -1 behind, 0 nobody knows.
+        cut: Whether motors that are off now may have been cut for a stall.
     """
 
     def __init__(self, profile: RobotProfile) -> None:
@@ -152,7 +153,8 @@ class Touch:
         self.felt, self.side = False, 0
         self._least = (0.0, 0.0)  # what the wheels are to have reached by now, m/s and rad/s
         self._at = self._held_since = inf
-        self._held_until = -inf
+        self._held_until = self._cut_until = -inf
+        self.cut = False
         self._stuck: int | None = None  # bumpers that were pressed from the first: of no use
         self._bumpers = (False, False)  # pressed ahead, behind
 
@@ -173,9 +175,13 @@ class Touch:
         """
         held = self._held(status, ordered, measured, now)
         ahead, behind = self._bumpers = self._pressed(status)
-        if held or ahead or behind or status.left_stall or status.right_stall:
+        stalls = status.left_stall or status.right_stall
+        if held or ahead or behind or stalls:
             # For a while: a controller cuts what stalls, and then nothing stalls any more.
             self._held_until = now + HELD_S
+        if stalls:
+            self._cut_until = now + HELD_S
+        self.cut = now < self._cut_until
         before = self.felt
         self.felt = now < self._held_until
         known = ahead - behind  # 0: no bumper, or bumpers on both sides

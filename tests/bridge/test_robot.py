@@ -416,6 +416,15 @@ def test_motors_that_a_stall_has_cut_nobody_has_switched_off(ready: Bench) -> No
     assert not ready.status().stop.stopped
 
 
+def test_nor_those_that_are_off_for_a_while_after_it(ready: Bench) -> None:
+    """What is cut stalls no more. If they stay off, somebody wants them off."""
+    ready.status(left_stall=True)
+    ready.let_pass(0.1)
+    assert not ready.status(motors_enabled=False).stop.stopped
+    ready.let_pass(HELD_S)
+    assert ready.status(motors_enabled=False).stop.stopped
+
+
 def test_a_stop_that_somebody_else_latched_stays_theirs(ready: Bench) -> None:
     ready.hand(Stop(1, True, "somebody", 1))
     assert ready.status(motors_enabled=False).stop == Stop(1, True, "somebody", 1)
