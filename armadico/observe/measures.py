@@ -204,7 +204,7 @@ class RunWatch:
     def astray(self) -> float | None:
         """How far a pose that says the goal is reached is from the truth, m; None if it is not."""
         pose, truth = self.view.pose, self.view.truth
-        if not self.done or pose is None or truth is None or self.result().reached:
+        if not self.done or self.failed or pose is None or truth is None or self.result().reached:
             return None
         return hypot(pose.x - truth.x, pose.y - truth.y)
 
