@@ -35,10 +35,11 @@ Key = tuple[str | int, ...]
 
 
 class Exploring(Struct, frozen=True, forbid_unknown_fields=True):
-    """Who takes no part where the world is explored, and who does besides those that drive."""
+    """What is otherwise where the world is explored: who takes part, and what it senses by."""
 
     without: tuple[str, ...]
     besides: tuple[str, ...]
+    sensors: str
 
 
 class Society(Struct, frozen=True, forbid_unknown_fields=True):
@@ -73,7 +74,8 @@ class Scenario(Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):
     """The rectangle that is explored: x1, y1, x2, y2 in m; none: the world's."""
     agents: tuple[str, ...] = field(default_factory=lambda: society().agents)
     robot: str = "pioneer-2dx"
-    sensors: str = "ideal"
+    sensors: str = "real"
+    """How well the simulated robot senses, of robots/sensors.toml."""
     moving: tuple[Moving, ...] = ()
     """People, doors that shut, boxes put down; in the simulator only."""
     v_max: Annotated[float, Meta(gt=0, le=10)] | None = None
@@ -129,7 +131,14 @@ def exploring(scenario: Scenario, within: Sequence[float] | None = None) -> Scen
     others = (name for name in scenario.agents if name not in changes.without + changes.besides)
     agents = (*others, *changes.besides)
     title = f"{scenario.name}: explored from here, and back"
-    changed = replace(scenario, title=title, goal=scenario.start, plan="frontiers", agents=agents)
+    changed = replace(
+        scenario,
+        title=title,
+        goal=scenario.start,
+        plan="frontiers",
+        agents=agents,
+        sensors=changes.sensors,
+    )
     return changed if within is None else replace(changed, within=tuple(within))
 
 

@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Final
 from msgspec.structs import replace
 
 from armadico_tools.experiments import drawing
-from armadico_tools.experiments.driving import Cell, Drive
+from armadico_tools.experiments.driving import LOCALIZING, Cell, Drive
 from armadico_tools.experiments.published import published
 from armadico_tools.experiments.tables import RULES, Column, compare
 from armadico_tools.markdown import table
@@ -20,7 +20,7 @@ SENSORS = {"simulated": "ideal", "real": "real"}
 """The thesis's two columns, and our stand-ins for them."""
 
 
-LOCALIZED: Final = Cell("localized", "", besides=("localization", "relocate"), sensors="real")
+LOCALIZED: Final = Cell("localized", "", besides=LOCALIZING, sensors="real")
 """A column that the thesis has not: the agent of 3.6.3 was designed and not built."""
 
 
