@@ -45,6 +45,7 @@ STARTING: Final = (
     "controller",
     "parameters",
     "exchange",
+    "redundant",
     "runs",
     "robot",
     "profile",
@@ -69,7 +70,8 @@ EXAMPLES: Final = """\
   armadico run sc1 --robot serial:///dev/ttyUSB0
   armadico run sc4 --together encoder+sonar --together goto+avoid+gothrough
   armadico run sc4 --virtual --profile amigobot
-  armadico run sc4 --sensors real --with localization --with relocate
+  armadico run sc4 --redundant                 two of each behaviour: kill any one
+  armadico run sc4 --sensors ideal --without localization --without relocate
   armadico run sc4 --attach --hosts lab.toml   the society is up already: armadico up
 """
 
@@ -143,6 +145,11 @@ def add_options(made: argparse.ArgumentParser) -> None:
     )
     made.add_argument(
         "--sensors", metavar="NAME", help="how well the simulated robot senses: ideal, real"
+    )
+    made.add_argument(
+        "--redundant",
+        action="store_true",
+        help="two of each behaviour: any one may die, and the mission ends all the same",
     )
     made.add_argument(
         "--together",
@@ -269,6 +276,7 @@ def _options(args: argparse.Namespace) -> Options:
         without=tuple(args.without),
         besides=tuple(args.besides),
         sensors=args.sensors,
+        redundant=args.redundant,
         together=tuple(tuple(group.split("+")) for group in args.together),
         robot=args.robot,
         resume=getattr(args, "resume", None),

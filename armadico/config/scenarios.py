@@ -73,6 +73,8 @@ class Scenario(Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):
     within: tuple[Metres, Metres, Metres, Metres] | None = None
     """The rectangle that is explored: x1, y1, x2, y2 in m; none: the world's."""
     agents: tuple[str, ...] = field(default_factory=lambda: society().agents)
+    redundant: bool = False
+    """Two of each behaviour: the mission outlives any one of them."""
     robot: str = "pioneer-2dx"
     sensors: str = "real"
     """How well the simulated robot senses, of robots/sensors.toml."""

@@ -126,6 +126,7 @@ def run(
     without: Sequence[str] = (),
     besides: Sequence[str] = (),
     sensors: str | None = None,
+    redundant: bool = False,
     joins: Sequence[type[Agent]] = (),
     controller: str | None = None,
     exchange: str | None = None,
@@ -159,6 +160,7 @@ def run(
         without: Agents that take no part.
         besides: Agents that take part, too, by their names; installed.
         sensors: How well the simulated robot senses, ideal or real; by default the scenario's.
+        redundant: Two of each behaviour, whatever the scenario says.
         joins: Classes of yours that take part too, installed or not; in virtual runs.
         controller: Goto's: fast, precise, collaborative or brisk.
         exchange: How resources change hands: smooth or abrupt.
@@ -197,6 +199,7 @@ def run(
         without=tuple(without),
         besides=tuple(besides),
         sensors=sensors,
+        redundant=redundant,
         robot=robot,
     )
     chosen = prepared(
