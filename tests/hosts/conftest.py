@@ -23,8 +23,8 @@ NAMESPACE = "hosts-test"
 
 AGENTS = {
     "robot": ["robot"],
-    "lab1": ["encoder", "sonar"],
-    "lab2": ["goto", "avoid", "gothrough"],
+    "lab1": ["encoder", "sonar", "localization"],
+    "lab2": ["goto", "avoid", "gothrough", "relocate"],
     "lab3": ["path-planning", "interface"],
 }
 ADDRESSES = {
