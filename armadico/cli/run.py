@@ -71,7 +71,7 @@ EXAMPLES: Final = """\
   armadico run sc4 --together encoder+sonar --together goto+avoid+gothrough
   armadico run sc4 --virtual --profile amigobot
   armadico run sc4 --redundant                 two of each behaviour: kill any one
-  armadico run sc4 --sensors ideal --without localization --without relocate
+  armadico run sc4 --sensors ideal             as the thesis's tables: nobody localizes
   armadico run sc4 --attach --hosts lab.toml   the society is up already: armadico up
 """
 
@@ -144,7 +144,9 @@ def add_options(made: argparse.ArgumentParser) -> None:
         help="an agent that takes part, too; may be repeated",
     )
     made.add_argument(
-        "--sensors", metavar="NAME", help="how well the simulated robot senses: ideal, real"
+        "--sensors",
+        metavar="NAME",
+        help="how well the simulated robot senses: real; ideal: without error, nobody localizes",
     )
     made.add_argument(
         "--redundant",

@@ -35,11 +35,17 @@ Key = tuple[str | int, ...]
 
 
 class Exploring(Struct, frozen=True, forbid_unknown_fields=True):
-    """What is otherwise where the world is explored: who takes part, and what it senses by."""
+    """Who takes no part where the world is explored, and who does besides those that drive."""
 
     without: tuple[str, ...]
     besides: tuple[str, ...]
+
+
+class Ideal(Struct, frozen=True, forbid_unknown_fields=True):
+    """The sensors that have no error, and who is not needed with them."""
+
     sensors: str
+    without: tuple[str, ...]
 
 
 class Society(Struct, frozen=True, forbid_unknown_fields=True):
@@ -48,6 +54,7 @@ class Society(Struct, frozen=True, forbid_unknown_fields=True):
     robot: str
     simulator: str
     agents: tuple[str, ...]
+    ideal: Ideal
     exploring: Exploring
 
 
@@ -127,20 +134,27 @@ def beside(file: Path, name: str) -> str:
     return str((file.parent / path.expanduser()).resolve())
 
 
+def ideal(scenario: Scenario, keeping: Sequence[str] = ()) -> Scenario:
+    """The scenario as the thesis ran it: sensors without error, and whom that makes needless gone.
+
+    Those that are named take part all the same.
+    """
+    changes = society().ideal
+    gone = set(changes.without) - set(keeping)
+    agents = tuple(name for name in scenario.agents if name not in gone)
+    return replace(scenario, sensors=changes.sensors, agents=agents)
+
+
 def exploring(scenario: Scenario, within: Sequence[float] | None = None) -> Scenario:
-    """The scenario with a robot that is told nothing of the world, maps it and comes back."""
-    changes = society().exploring
+    """The scenario with a robot that is told nothing of the world, maps it and comes back.
+
+    Nobody localizes on a map in the making, so the map is as good as the odometry: ideal.
+    """
+    changes, scenario = society().exploring, ideal(scenario)
     others = (name for name in scenario.agents if name not in changes.without + changes.besides)
     agents = (*others, *changes.besides)
     title = f"{scenario.name}: explored from here, and back"
-    changed = replace(
-        scenario,
-        title=title,
-        goal=scenario.start,
-        plan="frontiers",
-        agents=agents,
-        sensors=changes.sensors,
-    )
+    changed = replace(scenario, title=title, goal=scenario.start, plan="frontiers", agents=agents)
     return changed if within is None else replace(changed, within=tuple(within))
 
 

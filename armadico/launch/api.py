@@ -159,7 +159,8 @@ def run(
         limit: How long it may take, s; by default 5 times the way over 0.3 m/s, at least 60 s.
         without: Agents that take no part.
         besides: Agents that take part, too, by their names; installed.
-        sensors: How well the simulated robot senses, ideal or real; by default the scenario's.
+        sensors: How well the simulated robot senses; by default as the scenario says, real. With
+            ideal ones nobody localizes.
         redundant: Two of each behaviour, whatever the scenario says.
         joins: Classes of yours that take part too, installed or not; in virtual runs.
         controller: Goto's: fast, precise, collaborative or brisk.

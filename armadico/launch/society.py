@@ -25,6 +25,7 @@ from armadico.config.scenarios import (
     PoseDeg,
     Scenario,
     beside,
+    ideal,
     known_sensors,
     planned,
     scenario_from,
@@ -91,6 +92,8 @@ def prepared(
             profile_of(profile) or scenario.robot,
         )
         scenario = replace(scenario, start=checked.start, goal=checked.goal, robot=checked.robot)
+    if options.sensors == society().ideal.sensors:
+        scenario = ideal(scenario, options.besides)
     more = tuple(name for name in options.besides if name not in scenario.agents)
     scenario = replace(
         scenario,

@@ -26,6 +26,7 @@ from armadico.observe.measures import Mark, RunWatch
 SHORT = Scenario(
     name="short",
     world="empty",
+    sensors="ideal",
     start=(0.0, 0.0, 0.0),
     goal=(1.0, 0.0, 0.0),
     agents=("encoder", "sonar", "goto", "interface"),

@@ -22,7 +22,7 @@ from msgspec import Struct, structs
 
 from armadico.config.discovery import AGENTS, load
 from armadico.config.loading import load_parameters, read_text
-from armadico.config.scenarios import Scenario, load_scenario
+from armadico.config.scenarios import Scenario, ideal, load_scenario, society
 from armadico.config.shipped import find as find_config
 from armadico.core.agent import Agent
 from armadico.core.geometry import wrap
@@ -36,7 +36,7 @@ from armadico_tools.experiments.traces import Smoothness, Tick, Trace, smoothnes
 
 REST_S = 2.0
 
-LOCALIZING = ("localization", "relocate")
+LOCALIZING = society().ideal.without
 """Who is not in a table unless its cell says so: the thesis had no localization."""
 
 
@@ -258,9 +258,9 @@ def complete(options: Options) -> Options:
 
 def scenario_of(cell: Cell) -> Scenario:
     """The cell's scenario with what the cell changes about it."""
-    scenario = load_scenario(cell.scenario)
-    agents = tuple(name for name in scenario.agents if name not in LOCALIZING)
-    scenario = structs.replace(scenario, sensors=cell.sensors, agents=(*agents, *cell.besides))
+    scenario = ideal(load_scenario(cell.scenario))
+    agents = (*scenario.agents, *cell.besides)
+    scenario = structs.replace(scenario, sensors=cell.sensors, agents=agents)
     if cell.robot is not None:
         scenario = structs.replace(scenario, robot=cell.robot)
     return scenario

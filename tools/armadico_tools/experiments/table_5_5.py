@@ -14,8 +14,8 @@ NOTE: Final = (
     "v at most 0.4 m/s, all agents take part, as table 5.4. The thesis's TT of 152.71 s over 51 m"
     " is 0.33 m/s. P and FO are by the true pose: the interface agent believes the encoders, so a"
     " run may end far from the goal with the robot sure that it is there, as the thesis's real one"
-    " did. The real columns are `floor-people`: five people walk, a box is left in the corridor, and"
-    " the way is planned."
+    " did. The real columns are `floor-people`: five people walk, a box is left in the corridor,"
+    " and the way is planned."
 )
 
 
