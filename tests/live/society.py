@@ -116,6 +116,12 @@ class Observer:
         last = len(self.truths) + count
         self.until(lambda: len(self.truths) >= last, f"{count} cycles")
 
+    def pid_of(self, name: str, instance: str) -> int:
+        """The process of an instance, by its card."""
+        card = self.client.card(name, instance)
+        assert card is not None, "it answers"
+        return card.pid
+
     def drives_on(self, cycles: int = 8) -> None:
         """Somebody is obeyed for cycles that come after this call, and the robot moves."""
         first = self.state.cycle
