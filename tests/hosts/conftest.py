@@ -23,9 +23,9 @@ NAMESPACE = "hosts-test"
 
 AGENTS = {
     "robot": ["robot"],
-    "lab1": ["encoder", "sonar", "localization"],
+    "lab1": ["encoder", "sonar"],
     "lab2": ["goto", "avoid", "gothrough", "relocate"],
-    "lab3": ["path-planning", "interface"],
+    "lab3": ["localization", "path-planning", "interface"],
 }
 ADDRESSES = {
     "robot": "127.0.0.11",
