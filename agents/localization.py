@@ -13,10 +13,10 @@ from armadico.agents.methods.monte_carlo import Estimate, MonteCarlo, Settings
 from armadico.agents.methods.sonar_model import SonarModel
 from armadico.config.profile import load_profile
 from armadico.config.worlds import load_world
-from armadico.core import agent
+from armadico.core import agent, particles
 from armadico.core.agent import WARNING, Agent
 from armadico.core.geometry import Pose2, compose, relative, wrap
-from armadico.core.messages import Correction, Message, Pose, RobotState, Sonar
+from armadico.core.messages import Correction, Message, Particles, Pose, RobotState, Sonar
 
 Metres = Annotated[float, Meta(gt=0, le=100)]
 Angle = Annotated[float, Meta(gt=0, le=6.2832)]
@@ -25,6 +25,9 @@ Share = Annotated[float, Meta(ge=0, le=1)]
 
 LEAP_M, LEAP_RAD = 0.5, 0.5
 """An estimate that changes by more in a cycle is of another place."""
+
+PARTICLES_S = 0.5
+"""From one publication of particles to the next: for those who watch."""
 
 
 class Parameters(agent.Parameters, frozen=True, kw_only=True):
@@ -60,7 +63,7 @@ class Localization(Agent):
     name = "localization"
     alone = True
     hears: ClassVar[tuple[type[Message], ...]] = (Sonar, Pose)
-    provides: ClassVar[tuple[type[Message], ...]] = (Correction,)
+    provides: ClassVar[tuple[type[Message], ...]] = (Correction, Particles)
     parameters = Parameters
     launched_with = ("world", "profile")
     p: Parameters
@@ -85,6 +88,7 @@ class Localization(Agent):
         self._lost = self.p.start == "anywhere"
         self._at: Pose2 | None = None  # the estimate a cycle ago
         self._since: float | None = None  # when it began to doubt, or to be sure
+        self._shown_at = float("-inf")
 
     def on_pose(self, pose: Pose) -> None:
         """Where to begin."""
@@ -128,6 +132,10 @@ class Localization(Agent):
                 confidence=0.0 if self._lost else min(1.0, found.share),
             )
         )
+        if self.now - self._shown_at >= PARTICLES_S:
+            self._shown_at = self.now
+            drawn = self._filter.drawn(particles.MOST).tolist()
+            self.publish(particles.message_of(sonar.cycle, drawn))
 
     def _judge(self, found: Estimate) -> None:
         """Whether it is lost: if it seems so for a while, and found once it has been sure.

@@ -451,6 +451,20 @@ class Correction(Message, frozen=True):
     confidence: Share  # 0: lost
 
 
+class Particles(Message, frozen=True):
+    """Places where the robot may be: some of the localization agent's particles, by their weight.
+
+    For those who watch. `packed` has six bytes for each: x and y in steps from the corner, and the
+    heading in 65536ths of a turn, unsigned integers of two bytes, the lower one first.
+    """
+
+    cycle: Cycle
+    x: Real  # of the lower left corner of all of them, m
+    y: Real
+    step: Annotated[float, Meta(gt=0, le=100)]  # m
+    packed: Encoded
+
+
 class Point(Message, frozen=True):
     """A point in the body frame, m."""
 

@@ -17,7 +17,18 @@ from armadico.agents.methods.sonar_model import RANDOM, SHORT, THROUGH, UNHEARD,
 from armadico.config.profile import load_profile
 from armadico.core.agent import Identity, Publish
 from armadico.core.geometry import Pose2, compose, relative, wrap
-from armadico.core.messages import Correction, Cycle, Echo, Log, Message, Pose, RobotState, Sonar
+from armadico.core.messages import (
+    Correction,
+    Cycle,
+    Echo,
+    Log,
+    Message,
+    Particles,
+    Pose,
+    RobotState,
+    Sonar,
+)
+from armadico.core.particles import MOST, poses_of
 
 RING = load_profile("pioneer-2dx").sonar
 WALLS = [(0, 0, 6, 0), (6, 0, 6, 4), (6, 4, 2.5, 4), (2.5, 4, 2.5, 3), (2.5, 3, 0, 3), (0, 3, 0, 0)]
@@ -210,6 +221,22 @@ def test_no_readings_change_nothing() -> None:
     assert np.array_equal(particles.weights, before)
 
 
+def test_to_look_at_them_draws_by_weight_and_changes_nothing() -> None:
+    looked, alone = filtered(), filtered()
+    for particles in (looked, alone):
+        particles.start_anywhere()
+        particles.weights[:] = 0.0
+        particles.weights[[5, 9]] = 0.75, 0.25
+    drawn = looked.drawn(100)
+    assert drawn.shape == (100, 3)
+    assert (drawn[:, 0] == looked.poses[5, 0]).sum() == 75
+    assert (drawn[:, 0] == looked.poses[9, 0]).sum() == 25
+    for particles in (looked, alone):
+        particles.move((0.1, 0.0, 0.0))
+    assert np.array_equal(looked.poses, alone.poses)
+    assert filtered().drawn(100).shape == (0, 3)
+
+
 # The agent ----------------------------------------------------------------------------------------
 
 
@@ -276,6 +303,17 @@ def test_one_correction_a_cycle_once_it_has_a_pose(world: str) -> None:
     robot = Robot(Parameters(world=world))
     made = [len(robot.at(pose, motion, pose)) for pose, motion in drive(START, 10)]
     assert made == [1] * 10
+
+
+def test_twice_a_second_some_particles_are_published_about_where_it_is(world: str) -> None:
+    robot = Robot(Parameters(world=world))
+    for pose, motion in drive(START, 31):
+        robot.at(pose, motion, pose)
+    shown = [message for message in robot.said if isinstance(message, Particles)]
+    assert [message.cycle.number for message in shown] == [1, 6, 11, 16, 21, 26, 31]
+    poses = poses_of(shown[-1])
+    assert len(poses) == MOST
+    assert hypot(poses[0][0] - pose[0], poses[0][1] - pose[1]) < 0.6
 
 
 def test_with_no_idea_it_says_that_it_is_lost_until_it_is_found(world: str) -> None:
