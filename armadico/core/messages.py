@@ -436,6 +436,12 @@ class Pose(Message, frozen=True):
         known = self.covariance
         return sqrt(max(0.0, known[0] + known[3])) if len(known) == COVARIANCE else 0.0
 
+    @property
+    def heading_deviation(self) -> float:
+        """Standard deviation of the heading, rad; 0 if nobody knows it."""
+        known = self.covariance
+        return sqrt(max(0.0, known[5])) if len(known) == COVARIANCE else 0.0
+
 
 class Correction(Message, frozen=True):
     """Where the odometry's origin lies by the map and the sonars (thesis 3.6.3): tf's map -> odom.
