@@ -10,6 +10,7 @@ from msgspec import Meta
 
 from armadico.agents.methods.grid import Grid
 from armadico.agents.methods.monte_carlo import Estimate, MonteCarlo, Settings
+from armadico.agents.methods.odometry import begun_anew
 from armadico.agents.methods.sonar_model import SonarModel
 from armadico.config.profile import load_profile
 from armadico.config.worlds import load_world
@@ -25,6 +26,10 @@ Share = Annotated[float, Meta(ge=0, le=1)]
 
 LEAP_M, LEAP_RAD = 0.5, 0.5
 """An estimate that changes by more in a cycle is of another place."""
+
+UNCOUNTED_M, UNCOUNTED_RAD = 0.5, 0.5
+"""Standard deviations of what rolled while nobody counted: two seconds until the controller's
+watchdog, and braking, at half the top speed, or turning."""
 
 PARTICLES_S = 0.5
 """From one publication of particles to the next: for those who watch."""
@@ -95,6 +100,7 @@ class Localization(Agent):
         if self._begun or not self._useful or self._odometry is None:
             return
         self._begun = True
+        self._lost = self._lost or pose.deviation > self.p.lost_m  # and was so before it started
         if self.p.start == "anywhere":
             self._filter.start_anywhere()
         else:
@@ -102,13 +108,22 @@ class Localization(Agent):
             self._filter.start_at((pose.x, pose.y, pose.theta), off, self.p.start_rad)
 
     def on_robot_state(self, state: RobotState) -> None:
-        """Move the particles."""
-        odometry = (state.x, state.y, state.theta)
-        if self._odometry is not None and state.cycle.epoch == self._epoch and self._begun:
-            motion = relative(self._odometry, odometry)
-            self._filter.move(motion)
-            self._at = None if self._at is None else compose(self._at, motion)
+        """Move the particles.
+
+        The controller counts while there is no robot agent. If it has begun anew, nobody knows what
+        the robot rolled meanwhile.
+        """
+        odometry, before = (state.x, state.y, state.theta), self._odometry
+        another = state.cycle.epoch != self._epoch
         self._odometry, self._epoch = odometry, state.cycle.epoch
+        if before is None or not self._begun:
+            return
+        if another and begun_anew(before, odometry):
+            self._filter.start_at(self._filter.estimate(self._at).pose, UNCOUNTED_M, UNCOUNTED_RAD)
+            return
+        motion = relative(before, odometry)
+        self._filter.move(motion)
+        self._at = None if self._at is None else compose(self._at, motion)
 
     def on_sonar(self, sonar: Sonar) -> None:
         """Weigh the particles, and publish where they are."""

@@ -302,6 +302,7 @@ class Origin(Latched, frozen=True):
 
     `at` is where the odometry was when this was published, in the robot agent's `epoch`: who finds
     it elsewhere in another epoch knows whether the controller has counted on, or begun anew.
+    `covariance` is that of the pose there, as in `Pose`: what nobody knows outlives a restart, too.
     """
 
     counter: Counter
@@ -313,6 +314,7 @@ class Origin(Latched, frozen=True):
     at_x: Passed
     at_y: Passed
     at_theta: Real
+    covariance: Covariance = ()
 
     @property
     def order(self) -> tuple[int, int]:

@@ -262,17 +262,28 @@ class Robot:
     def __init__(self, parameters: Parameters) -> None:
         self.agent = Localization(Identity("localization-1", rng=random.Random(3)), parameters)
         self.agent.start(0.0)
-        self.number = 0
+        self.epoch, self.number, self.begun = 1, 0, 0.0
         self.odometry: Pose2 = (0.0, 0.0, 0.0)
         self.said: list[Message] = []
 
-    def at(self, pose: Pose2, motion: Pose2, by_encoder: Pose2) -> list[Correction]:
+    def restart(self, motion: Pose2, *, anew: bool = False) -> None:
+        """Another robot agent; meanwhile the robot rolled on, and was counted, or not."""
+        self.epoch, self.number, self.begun = self.epoch + 1, 0, self.begun + 0.1 * self.number + 2
+        self.odometry = (0.0, 0.0, 0.0) if anew else compose(self.odometry, motion)
+
+    def at(
+        self,
+        pose: Pose2,
+        motion: Pose2,
+        by_encoder: Pose2,
+        covariance: tuple[float, ...] = (),
+    ) -> list[Correction]:
         self.number += 1
-        now, cycle = 0.1 * self.number, Cycle(1, self.number)
+        now, cycle = self.begun + 0.1 * self.number, Cycle(self.epoch, self.number)
         self.odometry = compose(self.odometry, motion)
         state = RobotState(cycle, *self.odometry, 0.0, 0.0, 12.0, True, False)
         pings = tuple(ranged(pose, index) for index in (self.number % 8, (self.number + 3) % 8))
-        for message in (state, Pose(cycle, *by_encoder), Sonar(cycle, 5.0, pings)):
+        for message in (state, Pose(cycle, *by_encoder, covariance), Sonar(cycle, 5.0, pings)):
             self.agent.receive(message, now)
         said = [item.message for item in self.agent.outbox if isinstance(item, Publish)]
         self.agent.outbox.clear()
@@ -339,6 +350,43 @@ def test_a_robot_that_was_carried_away_is_lost(world: str) -> None:
     ]
     assert 0.0 in confidences
     assert any(isinstance(said, Log) and "is lost" in said.text for said in robot.said)
+
+
+def test_what_rolled_while_there_was_no_robot_agent_moves_the_particles_too(world: str) -> None:
+    robot = Robot(Parameters(world=world))
+    poses = list(drive(START, 200))
+    for pose, motion in poses[:120]:
+        robot.at(pose, motion, pose)
+    rolled = relative(poses[119][0], poses[149][0])
+    assert hypot(*rolled[:2]) > 1.0
+    robot.restart(rolled)
+    for pose, motion in poses[150:155]:
+        (correction,) = robot.at(pose, motion, pose)
+    x, y, _ = placed(correction, robot.odometry)
+    assert hypot(x - pose[0], y - pose[1]) < 0.15
+    assert correction.confidence > 0.9
+
+
+def test_what_a_controller_that_began_anew_did_not_count_makes_it_unsure(world: str) -> None:
+    robot = Robot(Parameters(world=world))
+    poses = list(drive(START, 160))
+    for pose, motion in poses[:150]:
+        (before,) = robot.at(pose, motion, pose)
+    robot.restart((0.0, 0.0, 0.0), anew=True)
+    pose = poses[149][0]
+    (correction,) = robot.at(pose, (0.0, 0.0, 0.0), pose)
+    assert correction.covariance[0] > 4.0 * before.covariance[0]
+    for pose, motion in poses[150:]:
+        (correction,) = robot.at(pose, motion, pose)
+    x, y, _ = placed(correction, robot.odometry)
+    assert hypot(x - pose[0], y - pose[1]) < 0.3
+
+
+def test_a_robot_that_was_lost_before_it_started_is_lost(world: str) -> None:
+    robot = Robot(Parameters(world=world))
+    wide = (1.0, 0.0, 0.0, 1.0, 0.0, 1.0)
+    corrections = [robot.at(pose, motion, pose, wide) for pose, motion in drive(START, 5)]
+    assert [said.confidence for (said,) in corrections] == [0.0] * 5
 
 
 def test_without_walls_there_is_nothing_to_know_it_by() -> None:
