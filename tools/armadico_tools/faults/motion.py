@@ -173,7 +173,7 @@ class Collision:
         truth, before, self._truth = seen.message, self._truth, seen.message
         if before is None:
             return
-        why = now.reason(self.promise)
+        why = now.contact_reason()
         if abs(truth.v) >= MOVING_M_S or abs(truth.w) >= MOVING_RAD_S:
             self.moving_s[why] = self.moving_s.get(why, 0.0) + max(truth.t - before.t, 0.0)
         if truth.collisions > before.collisions:
