@@ -757,6 +757,12 @@ def test_a_pose_that_comes_late_is_not_wrong(story: Story) -> None:
     assert story.broken() == [Promise.COLLISION]
 
 
+def test_where_there_is_nothing_to_touch_no_time_is_counted(story: Story) -> None:
+    for number in range(10):
+        story.said(Truth(0.1 * number, 0, 0, 0, 0.3, 0, 0, None))
+    assert story.checker.moving_s == {}
+
+
 def test_moving_time_is_counted_by_what_voids_contacts(story: Story) -> None:
     story.cycles(11)
     story.said(Pose(story.cycle, 0.5, 0, 0))
@@ -808,15 +814,18 @@ def test_what_a_fault_has_brought_it_against_it_may_touch_until_it_has_got_clear
     assert story.broken() == [Promise.COLLISION]
 
 
-@pytest.mark.parametrize(("clearance", "broken"), [(0.3, 0), (0.5, 1)])
+@pytest.mark.parametrize(
+    ("clearance", "later", "broken"), [(0.3, 0.0, 0), (0.3, 1.4, 1), (0.5, 0.0, 1)]
+)
 def test_what_it_could_have_stopped_for_after_a_fault_is_its_own_doing(
-    story: Story, clearance: float, broken: int
+    story: Story, clearance: float, later: float, broken: int
 ) -> None:
     story.cycles(5)
     story.see(Faulted(story.now, "hang", ("robot",), began=True))
     # From 0.3 m/s: 0.24 m until it has listened and braked, 0.08 m of ramp, 0.1 m for its corners.
     story.said(Truth(story.now, 0, 0, 0, 0.3, 0, 0, clearance))
     story.see(Faulted(story.now, "hang", ("robot",), began=False))
+    story.now += later
     touched(story, 0.0, 1)
     assert story.broken() == [Promise.COLLISION] * broken
 

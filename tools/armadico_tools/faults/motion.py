@@ -155,8 +155,8 @@ class Smooth:
 class Collision:
     """Nothing is touched, while sensing is honest and the robot agent lives.
 
-    Every contact is counted, and every second in which the robot moves, by what voids the promise
-    then; nothing, by the empty word.
+    Every contact is counted, and every second in which the robot moves where there is something to
+    be touched, by what voids the promise then; nothing, by the empty word.
     """
 
     promise = Promise.COLLISION
@@ -174,7 +174,8 @@ class Collision:
         if before is None:
             return
         why = now.contact_reason()
-        if abs(truth.v) >= MOVING_M_S or abs(truth.w) >= MOVING_RAD_S:
+        moves = abs(truth.v) >= MOVING_M_S or abs(truth.w) >= MOVING_RAD_S
+        if moves and truth.clearance is not None:
             self.moving_s[why] = self.moving_s.get(why, 0.0) + max(truth.t - before.t, 0.0)
         if truth.collisions > before.collisions:
             self.contacts[why] += truth.collisions - before.collisions

@@ -183,7 +183,7 @@ class Situation:
     ordered: Ordered | None = None
     active: Counter[Fault] = field(default_factory=Counter)
     ended_at: float = -inf  # when the last fault of any kind ended
-    _left_near_at: float = -inf  # when a fault that voids contacts last ended near something
+    _left_near_until: float = -inf  # until when a contact may be what a fault has led to
     _ended: dict[Promise, tuple[float, str]] = field(default_factory=dict)  # by faults now over
     _excused: bool = True
     _again_at: float = -inf  # when a robot agent that was refused, and is not there, tries again
@@ -249,8 +249,7 @@ class Situation:
         Just after a fault that is what it could not have stopped for when the fault ended.
         """
         why = self.reason(Promise.COLLISION)
-        after, _ = self._ended.get(Promise.COLLISION, (-inf, ""))
-        return "" if why.startswith(JUST_AFTER) and self._left_near_at < after else why
+        return "" if why.startswith(JUST_AFTER) and self.now > self._left_near_until else why
 
     def _contact_voids(self) -> str:
         fault = self._fault_voids(Promise.COLLISION)
@@ -406,8 +405,8 @@ class Situation:
         if not fault.began:
             self.ended_at = self.now
             taken = voided(fault.kind, fault.whom, fault.amount)
-            if Promise.COLLISION in taken and self._too_near():
-                self._left_near_at = self.now
+            if Promise.COLLISION in taken:
+                self._left_near_until = self.now + self._stops_in_s()
             self._ended.update({promise: (self.now, why) for promise, why in taken.items()})
             if fault.kind in FORGETS and "sonar" in fault.whom:
                 self.forgot_at = self.now
@@ -418,16 +417,18 @@ class Situation:
             self.whole_since = max(self.now, self._again_at)
         self._excuse()
 
-    def _too_near(self) -> bool:
-        """Whether something is nearer than the robot needs to stop, its reaction included."""
+    def _stops_in_s(self) -> float:
+        """How long it needs to stop if something is nearer than that; 0: nothing is.
+
+        That is to listen all round, to react, and to brake.
+        """
         truth, bounds = self.truth, self.bounds
-        if truth is None or truth.clearance is None:
-            return truth is None
-        v = abs(truth.v)
-        return (
-            truth.clearance
-            < v * (HEARD_S + bounds.stop_s) + v * v / (2.0 * bounds.v_decel) + SWUNG_M
-        )
+        if truth is None:
+            return OVER_S
+        v, waits = abs(truth.v), HEARD_S + bounds.stop_s
+        needs = v * waits + v * v / (2.0 * bounds.v_decel) + SWUNG_M
+        near = truth.clearance is not None and truth.clearance < needs
+        return waits + v / bounds.v_decel if near else 0.0
 
     def _deny(self, denied: Denied) -> None:
         """While a fault breaks the network, another may keep a robot agent from joining."""
