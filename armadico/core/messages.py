@@ -302,6 +302,7 @@ class Origin(Latched, frozen=True):
 
     `at` is where the odometry was when this was published, in the robot agent's `epoch`: who finds
     it elsewhere in another epoch knows whether the controller has counted on, or begun anew.
+    `covariance` is that of the pose there, as in `Pose`: what nobody knows outlives a restart, too.
     """
 
     counter: Counter
@@ -313,6 +314,7 @@ class Origin(Latched, frozen=True):
     at_x: Passed
     at_y: Passed
     at_theta: Real
+    covariance: Covariance = ()
 
     @property
     def order(self) -> tuple[int, int]:
@@ -436,6 +438,12 @@ class Pose(Message, frozen=True):
         known = self.covariance
         return sqrt(max(0.0, known[0] + known[3])) if len(known) == COVARIANCE else 0.0
 
+    @property
+    def heading_deviation(self) -> float:
+        """Standard deviation of the heading, rad; 0 if nobody knows it."""
+        known = self.covariance
+        return sqrt(max(0.0, known[5])) if len(known) == COVARIANCE else 0.0
+
 
 class Correction(Message, frozen=True):
     """Where the odometry's origin lies by the map and the sonars (thesis 3.6.3): tf's map -> odom.
@@ -449,6 +457,20 @@ class Correction(Message, frozen=True):
     theta: Real
     covariance: Annotated[tuple[Real, ...], Meta(min_length=COVARIANCE, max_length=COVARIANCE)]
     confidence: Share  # 0: lost
+
+
+class Particles(Message, frozen=True):
+    """Places where the robot may be: some of the localization agent's particles, by their weight.
+
+    For those who watch. `packed` has six bytes for each: x and y in steps from the corner, and the
+    heading in 65536ths of a turn, unsigned integers of two bytes, the lower one first.
+    """
+
+    cycle: Cycle
+    x: Real  # of the lower left corner of all of them, m
+    y: Real
+    step: Annotated[float, Meta(gt=0, le=100)]  # m
+    packed: Encoded
 
 
 class Point(Message, frozen=True):
