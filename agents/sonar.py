@@ -148,7 +148,7 @@ class SonarAgent(Agent):
                 right=_point(seen.right()),
                 points=(
                     *self._arcs(seen.heard(), body),
-                    *(Point(o.x, o.y) for o in seen.expected),
+                    *(Point(o.x, o.y) for o in (*seen.expected, *seen.onward())),
                     *(point for _, point in self._bumps),
                 ),
             )

@@ -23,6 +23,7 @@ from operator import itemgetter
 from typing import NamedTuple, Protocol
 
 from armadico.agents.methods.geometry import Posed
+from armadico.agents.methods.rows import Heard, onward
 from armadico.agents.methods.settings import MapSettings
 from armadico.core.swept_path import Outline
 
@@ -183,6 +184,35 @@ class LocalMap:
             ]
             self._occupied = tuple(sorted(found, key=itemgetter(2, 0, 1)))
         return self._occupied
+
+    def onward(self) -> tuple[Obstacle, ...]:
+        """Where what was heard goes on, but for what was expected: of that the ends are known."""
+        s = self.settings
+        if not s.goes_on:
+            return ()
+        heard = [
+            Heard(cell.x, cell.y, cell.ahead, cell.left)
+            for cell in self._cells.values()
+            if cell.probability >= s.threshold and not self._is_expected(cell.x, cell.y)
+        ]
+        through = [
+            (
+                e.x,
+                e.y,
+                *_direction(e.bearing),
+                math.inf if e.range is None else e.range - s.margin_m,
+            )
+            for e in self._sonars.values()
+        ]
+        slope = math.tan(s.axis_rad)
+        return tuple(
+            Obstacle(x, y, math.hypot(x, y))
+            for x, y in onward(heard, self.outline or NOBODY, through, slope)
+        )
+
+    def _is_expected(self, x: float, y: float) -> bool:
+        near = self.settings.apart_m + self.settings.margin_m
+        return any(abs(o.x - x) < near and abs(o.y - y) < near for o in self._expected)
 
     def cells(self) -> Mapping[int, _Cell]:
         """What is in each cell that is not empty: its number is `sector * RINGS + ring`.

@@ -28,6 +28,7 @@ class MapSettings(Struct, frozen=True):
     forget: float = 0.05  # a cell below this is dropped
     margin_m: float = 0.1  # an echo clears what lies this much before it
     apart_m: float = 0.06  # points of a near cell farther apart than this are two; 1: one a cell
+    goes_on: bool = True  # points in a row are a wall that goes on
     frontal_rad: float = radians(40)  # in front: within this of the heading
     abeam_rad: float = radians(120)  # beside: between that and this
 
