@@ -33,11 +33,14 @@ ASIDE_M = 0.08
 END_M = (0.05,)
 """So far any row goes on,"""
 
-BESIDE_M = (0.05, 0.1, 0.2, 0.3)
-"""and so far one beside the robot does ahead."""
+AHEAD_M = (0.05, 0.1, 0.2, 0.3)
+"""and so far one that the robot is driven along, or comes nearer to at a slant."""
 
-ALONG = math.cos(math.radians(25))
-"""Beside is what leads so nearly where the robot does."""
+AHEAD = math.cos(math.radians(50))
+"""Ahead is what leads so nearly where the robot does; what it meets more squarely it hears."""
+
+ANSWERS = math.sin(math.radians(20))
+"""A ping that met it so squarely had to bring its echo."""
 
 
 class Heard(NamedTuple):
@@ -68,8 +71,7 @@ def onward(
     near = [p for p in heard if -rear < p.x < front and -half < p.y < half]
     for p in near:
         for ux, uy in _ends(p, near):
-            ahead = abs(p.y) > body.half_width and ux > ALONG
-            for way in BESIDE_M if ahead else END_M:
+            for way in AHEAD_M if ux > AHEAD else END_M:
                 x, y = p.x + way * ux, p.y + way * uy
                 if any(_answers(x, y, ux, uy, ping, slope) for ping in through):
                     break
@@ -110,5 +112,5 @@ def _answers(x: float, y: float, ux: float, uy: float, ping: Through, slope: flo
     dx, dy = x - sonar_x, y - sonar_y
     along = ahead * dx + left * dy
     aside = abs(ahead * dy - left * dx)
-    square = abs(ux * ahead + uy * left) < ACROSS
+    square = abs(ux * ahead + uy * left) < ANSWERS
     return square and 0.0 < along < free and aside <= slope * along

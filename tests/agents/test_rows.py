@@ -7,7 +7,7 @@ from math import cos, hypot, inf, radians, sin
 import pytest
 
 from armadico.agents.methods.local_map import Echo, LocalMap, Obstacle
-from armadico.agents.methods.rows import BESIDE_M, END_M, Heard, Through, onward
+from armadico.agents.methods.rows import AHEAD_M, END_M, Heard, Through, onward
 from armadico.agents.methods.settings import MapSettings
 from armadico.core.swept_path import Outline
 from tests.agents.test_local_map import Ping
@@ -29,7 +29,7 @@ def goes_on(heard: list[Heard], *through: Through) -> list[tuple[float, float]]:
 def test_a_wall_that_is_driven_along_goes_on_ahead_and_ends_behind() -> None:
     found = goes_on(beside(-0.1, 0.0, 0.1))
     assert [x for x, _ in found] == pytest.approx(
-        [-0.1 - way for way in reversed(END_M)] + [0.1 + way for way in BESIDE_M]
+        [-0.1 - way for way in reversed(END_M)] + [0.1 + way for way in AHEAD_M]
     )
     assert all(y == pytest.approx(-0.35) for _, y in found)
     assert max(x for x, _ in found) > BODY.front  # where no sonar hears it, and a corner comes
@@ -86,7 +86,7 @@ def mapped(settings: MapSettings | None = None) -> LocalMap:
 def test_a_local_map_knows_how_its_walls_go_on_unless_it_knows_them_better() -> None:
     local = mapped()
     farthest = max(local.onward())
-    assert (farthest.x, farthest.y) == pytest.approx((0.1 + BESIDE_M[-1], -0.35))
+    assert (farthest.x, farthest.y) == pytest.approx((0.1 + AHEAD_M[-1], -0.35))
     assert all(o.distance == pytest.approx(hypot(o.x, o.y)) for o in local.onward())
     local.expect([Obstacle(x, -0.36, hypot(x, 0.36)) for x in (-0.1, 0.0, 0.1)])
     assert local.onward() == ()
