@@ -56,6 +56,8 @@ BUMP_SHARES = (-0.75, 0.0, 0.75)
 class Parameters(agent.Parameters, frozen=True, kw_only=True):
     """How the map believes and forgets, and how wide an echo in front is taken to be.
 
+    Told of a `world`, it expects the walls of that near a pose whose covariance is known and small.
+
     A sonar measures anything in its cone and the map puts it on the axis: a wall dead ahead becomes
     two points with a gap between them that the robot would fit through. So what is in front and
     near is published as an arc, a point on each side of the axis.
@@ -75,7 +77,8 @@ class SonarAgent(Agent):
     """Moves its map with the robot, takes the echoes in, and publishes what is near.
 
     The map is local, so the controller's own odometry moves it: a cycle's echoes become obstacles
-    one hop after they came, whoever else is slow. Nothing is published before the robot is
+    one hop after they came, whoever else is slow, and no correction of the pose smears it. What the
+    global map has near is put to it anew in each cycle. Nothing is published before the robot is
     described: what is inside the body is no obstacle.
     """
 

@@ -10,8 +10,11 @@ of the wheel axle; metres and radians.
 It believes by looks, not by cycles. A cell's probability grows when an echo comes from it. It
 shrinks on a ping that had to bring its echo: within the cone, near the axis, and short of the range
 measured. An echo from behind it is strong evidence; a ping without one is weak, for a wall met at
-a slant does not answer either. What no sonar looks at only fades, slowly with time and, as odometry
-goes wrong, with the way: the tail swings into what cannot be seen.
+a slant does not answer either: neither counts that looked from another side than it was heard from.
+What no sonar looks at only fades, slowly with time and, as odometry goes wrong, with the way: the
+tail swings into what cannot be seen.
+
+What is expected, by a global map, is beside that, and new in each cycle.
 """
 
 from __future__ import annotations
