@@ -10,6 +10,7 @@ from __future__ import annotations
 import heapq
 import math
 from collections.abc import Sequence
+from copy import copy
 from functools import lru_cache
 
 import numpy as np
@@ -64,6 +65,19 @@ class Grid:
         part = self.clearance[low:high, left:right]
         xs, ys = self.xs[None, left:right], self.ys[low:high, None]
         np.minimum(part, _to_segments(xs, ys, wall), out=part)
+
+    def beside(self, more: Sequence[Segment]) -> Grid:
+        """The same cells with more walls among them; itself if there are none."""
+        if not more:
+            return self
+        grid = copy(self)
+        walls = np.asarray(more, dtype=np.float64).reshape(-1, 4)
+        grid._walls = np.concatenate((self._walls, walls))
+        grid.clearance = self.clearance.copy()
+        grid._priced = None
+        for wall in walls:
+            grid._raise(wall)
+        return grid
 
     def inside(self, place: Positioned) -> bool:
         """Whether a place lies within the bounds."""
