@@ -99,6 +99,7 @@ class Snapshots:
         return {
             "namespace": self._namespace,
             "robot": self._robot(),
+            "mission": self._mission(),
             "resources": [self._resource(name, now) for name in view.resources],
             "agents": [self._agent(agent) for agent in view.agents],
             "services": [self._service(key, now) for key in sorted(view.rates)],
@@ -118,6 +119,12 @@ class Snapshots:
             "stopped_by": stop.by if stop.stopped else None,
             "cycle": state.cycle.number,
         }
+
+    def _mission(self) -> dict[str, Any] | None:
+        mission = self.view.mission
+        if mission is None:
+            return None
+        return {"state": mission.state.value, "to_go": mission.to_go, "note": mission.note}
 
     def _resource(self, name: str, now: float) -> dict[str, Any]:
         from armadico.observe.view import agent_of  # noqa: PLC0415 - not for --help
@@ -262,6 +269,8 @@ def _heading(snapshot: dict[str, Any]) -> str:
     if robot["stopped_by"] is not None:
         words.append(f"STOPPED by {robot['stopped_by'] or 'somebody'}")
     words += ["STALLED"] * robot["stalled"] + ["MOTORS OFF"] * (not robot["motors"])
+    if snapshot["mission"] is not None:
+        words += filter(None, [snapshot["mission"]["state"], snapshot["mission"]["note"]])
     return ", ".join([*words, *filter(None, [robot["line"]])])
 
 

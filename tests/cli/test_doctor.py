@@ -12,7 +12,7 @@ from msgspec.structs import replace
 
 from armadico.cli import doctor, top
 from armadico.cli import main as armadico
-from armadico.core.messages import Cycle, Line, RobotState, Stop
+from armadico.core.messages import Cycle, Line, MissionState, MissionStatus, RobotState, Stop
 from armadico.mesh.ports import private_endpoints
 from armadico.mesh.topology import ENDPOINTS_VARIABLE
 from armadico.observe.view import View
@@ -79,6 +79,19 @@ def test_top_says_it_in_its_first_line() -> None:
     said = top._heading(top.Snapshots(view, "robot1").at(0.0))
     assert "STOPPED by the STOP button at the robot" in said
     assert said.endswith("STALLED, MOTORS OFF, 3 bad checksums")
+
+
+def test_top_says_why_a_mission_is_not_driven() -> None:
+    view = View()
+    view.learn(WELL, 0.0)
+    view.learn(MissionStatus(1, MissionState.DRIVING, 4.0, 0, "waits: door D is shut"), 0.0)
+    snapshot = top.Snapshots(view, "robot1").at(0.0)
+    assert snapshot["mission"] == {
+        "state": "driving",
+        "to_go": 4.0,
+        "note": "waits: door D is shut",
+    }
+    assert "driving, waits: door D is shut" in top._heading(snapshot)
 
 
 @pytest.mark.parametrize(
