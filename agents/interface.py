@@ -39,6 +39,9 @@ from armadico.core.route import Route
 WAS_LOST: Final = "the robot was lost"
 ACROSS: Final = "something stands across the way"
 
+PARKING_M: Final = 0.3
+"""Nearer to the goal than this there is no other way to it."""
+
 ELSEWHERE_M: Final = 0.15
 """A way that leaves the one that is driven by so much is another one."""
 
@@ -227,7 +230,7 @@ class Interface(Agent):
             return ""
         if self._waits:
             return self._blocked_by or "no way was free"
-        if self.now - self._nearest_at > p.nearer_s:
+        if self.now - self._nearest_at > p.nearer_s and self._to_go > PARKING_M:
             return f"no nearer for {p.nearer_s:g} s"
         since = self._across_since
         if since is not None and self.now - since > p.across_s:

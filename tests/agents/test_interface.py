@@ -537,6 +537,14 @@ def test_while_it_gets_nearer_however_slowly_it_drives_on(planned: Desk) -> None
     assert len(planned.asked) == asked
 
 
+def test_beside_the_goal_there_is_no_other_way(planned: Desk) -> None:
+    """It turns there, or somebody stands in its way."""
+    planned.at(1.1)
+    asked = len(planned.asked)
+    stay(planned, 2 * SOME.nearer_s, at=2.8)
+    assert len(planned.asked) == asked
+
+
 def test_without_another_way_it_waits_says_so_and_asks_again(planned: Desk) -> None:
     mission = planned.trajectories()[-1]
     blocked(planned)
