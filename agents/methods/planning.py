@@ -304,4 +304,4 @@ def _check(grid: Grid, what: str, place: Positioned, room: float) -> None:
 
 
 def _at(place: Positioned) -> str:
-    return f"({place.x:g}, {place.y:g})"
+    return f"({round(place.x, 2):g}, {round(place.y, 2):g})"

@@ -22,7 +22,7 @@ from msgspec import Struct, structs
 
 from armadico.config.discovery import AGENTS, load
 from armadico.config.loading import load_parameters, read_text
-from armadico.config.scenarios import Scenario, load_scenario
+from armadico.config.scenarios import Scenario, ideal, load_scenario, society
 from armadico.config.shipped import find as find_config
 from armadico.core.agent import Agent
 from armadico.core.geometry import wrap
@@ -36,9 +36,15 @@ from armadico_tools.experiments.traces import Smoothness, Tick, Trace, smoothnes
 
 REST_S = 2.0
 
+LOCALIZING = society().ideal.without
+"""Who is not in a table unless its cell says so: the thesis had no localization."""
+
 
 class Cell(Struct, frozen=True):
-    """One cell of a table: a scenario and what is changed about it."""
+    """One cell of a table: a scenario and what is changed about it.
+
+    The thesis's tables have sensors without error and no localization; other cells say so.
+    """
 
     name: str
     scenario: str  # a shipped one's name, or a file
@@ -47,7 +53,7 @@ class Cell(Struct, frozen=True):
     parameters: str | None = None
     without: tuple[str, ...] = ()
     besides: tuple[str, ...] = ()
-    sensors: str | None = None
+    sensors: str = "ideal"
     robot: str | None = None
     joins: str | None = None  # an agent that joins while the run is going on
     joins_at_s: float = 0.0  # when it joins, from the run's beginning
@@ -254,11 +260,9 @@ def complete(options: Options) -> Options:
 
 def scenario_of(cell: Cell) -> Scenario:
     """The cell's scenario with what the cell changes about it."""
-    scenario = load_scenario(cell.scenario)
-    if cell.sensors is not None:
-        scenario = structs.replace(scenario, sensors=cell.sensors)
-    if cell.besides:
-        scenario = structs.replace(scenario, agents=(*scenario.agents, *cell.besides))
+    scenario = ideal(load_scenario(cell.scenario))
+    agents = (*scenario.agents, *cell.besides)
+    scenario = structs.replace(scenario, sensors=cell.sensors, agents=agents)
     if cell.robot is not None:
         scenario = structs.replace(scenario, robot=cell.robot)
     return scenario

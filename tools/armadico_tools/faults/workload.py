@@ -19,7 +19,7 @@ from msgspec import Struct, structs
 from armadico.bridge.robot import Robot
 from armadico.config.loading import find, load
 from armadico.config.profile import RobotProfile
-from armadico.config.scenarios import load_scenario
+from armadico.config.scenarios import ideal, load_scenario
 from armadico.core.agent import DeviceAgent
 from armadico.core.coordination import Owner, Verdict
 from armadico.core.messages import (
@@ -115,7 +115,7 @@ class Workload:
 
     def __init__(self, case: Case, checker: Checker | None = None) -> None:
         self.case = case
-        scenario = load_scenario(case.scenario)
+        scenario = ideal(load_scenario(case.scenario))
         profile = load(find("robots", scenario.robot), RobotProfile)
         self.checker = checker or Checker(replace(bounds_of(profile), skew_s=0.0))
         self._clocks = Random(f"clocks/{case.seed}")
