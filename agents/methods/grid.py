@@ -166,7 +166,8 @@ class Grid:
         The samples are some of those of `cost_between`: what is blocked here has no finite cost.
         """
         xs, ys = np.array([b.x for b in others]) - a.x, np.array([b.y for b in others]) - a.y
-        count = np.maximum(1, np.ceil(2.0 * np.hypot(xs, ys) / self.cell_m))
+        lengths = np.array([math.hypot(b.x - a.x, b.y - a.y) for b in others])  # numpy's differ
+        count = np.maximum(1, np.ceil(2.0 * lengths / self.cell_m))
         chosen = np.floor(np.linspace(0.0, 1.0, _LOOKS) * (count[:, None] - 1.0))
         along = (chosen + 0.5) / count[:, None]
         rows = _indices(a.y + along * ys[:, None] - self.bounds[1], self.cell_m, costs.shape[0])
