@@ -521,13 +521,14 @@ class _Lines:
 
 
 def remark(watch: RunWatch) -> str:
-    """Distance to go, who holds the wheels, speed, battery."""
+    """Distance to go and what keeps it, who holds the wheels, speed, battery."""
     state, mission = watch.view.state, watch.view.mission
     if mission is None:
         to_go = "no word of the mission"
     else:
         none = mission.state == "none"  # a mission's state, as on the wire
         to_go = "no goal" if none else f"{mission.to_go:.2f} m to go"
+        to_go += f", {options.shown(mission.note)}" if mission.note else ""
     if state is None:
         return f"{to_go}, nothing heard of the robot"
     if state.stop.stopped:
