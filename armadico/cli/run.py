@@ -45,6 +45,7 @@ STARTING: Final = (
     "controller",
     "parameters",
     "exchange",
+    "redundant",
     "runs",
     "robot",
     "profile",
@@ -70,7 +71,8 @@ EXAMPLES: Final = """\
   armadico run sc1 --robot serial:///dev/ttyUSB0
   armadico run sc4 --together encoder+sonar --together goto+avoid+gothrough
   armadico run sc4 --virtual --profile amigobot
-  armadico run sc4 --sensors real --with localization --with relocate
+  armadico run sc4 --redundant                 two of each behaviour: kill any one
+  armadico run sc4 --sensors ideal             as the thesis's tables: nobody localizes
   armadico run sc4 --attach --hosts lab.toml   the society is up already: armadico up
 """
 
@@ -143,7 +145,14 @@ def add_options(made: argparse.ArgumentParser) -> None:
         help="an agent that takes part, too; may be repeated",
     )
     made.add_argument(
-        "--sensors", metavar="NAME", help="how well the simulated robot senses: ideal, real"
+        "--sensors",
+        metavar="NAME",
+        help="how well the simulated robot senses: real; ideal: without error, nobody localizes",
+    )
+    made.add_argument(
+        "--redundant",
+        action="store_true",
+        help="two of each behaviour: any one may die, and the mission ends all the same",
     )
     made.add_argument(
         "--together",
@@ -272,6 +281,7 @@ def _options(args: argparse.Namespace) -> Options:
         without=tuple(args.without),
         besides=tuple(args.besides),
         sensors=args.sensors,
+        redundant=args.redundant,
         together=tuple(tuple(group.split("+")) for group in args.together),
         robot=args.robot,
         resume=getattr(args, "resume", None),
@@ -511,13 +521,14 @@ class _Lines:
 
 
 def remark(watch: RunWatch) -> str:
-    """Distance to go, who holds the wheels, speed, battery."""
+    """Distance to go and what keeps it, who holds the wheels, speed, battery."""
     state, mission = watch.view.state, watch.view.mission
     if mission is None:
         to_go = "no word of the mission"
     else:
         none = mission.state == "none"  # a mission's state, as on the wire
         to_go = "no goal" if none else f"{mission.to_go:.2f} m to go"
+        to_go += f", {options.shown(mission.note)}" if mission.note else ""
     if state is None:
         return f"{to_go}, nothing heard of the robot"
     if state.stop.stopped:

@@ -140,7 +140,9 @@ def test_nor_does_one_begin_that_cannot(tmp_path: Path) -> None:
 
 
 @pytest.mark.skipif(not FULL.exists(), reason="no /dev/full")
-@pytest.mark.parametrize("words", [("--help",), ("run", "sc1", "--virtual", "--json")])
+@pytest.mark.parametrize(
+    "words", [("--help",), ("run", "sc1", "--virtual", "--sensors", "ideal", "--json")]
+)
 def test_output_that_goes_to_a_full_disk_is_told_of(words: tuple[str, ...]) -> None:
     with FULL.open("w") as full:
         done = subprocess.run(
