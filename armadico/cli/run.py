@@ -49,6 +49,7 @@ STARTING: Final = (
     "runs",
     "robot",
     "profile",
+    "sensors",
     "world",
     "together",
 )
@@ -214,6 +215,8 @@ def _scenario(args: argparse.Namespace, chosen: Options, *, somewhere: bool) -> 
         raise UsageError(f"--for {args.limit:g}: expected seconds, more than none")
     if args.runs is not None and args.runs < 1:
         raise UsageError(f"--runs {args.runs}: at least 1")
+    if both := sorted({*args.besides} & {*args.without}):
+        raise UsageError(f"--with {both[0]} --without {both[0]}: does it take part, or not?")
     _check_shown(args)
     if args.robot is not None and args.virtual:
         raise UsageError("--robot drives what is really there; --virtual has its own simulator")

@@ -165,7 +165,7 @@ def facts(scenario: Scenario, options: Options, port: str = "") -> dict[str, obj
         "x": x,
         "y": y,
         "theta": radians(degrees),
-        "world": scenario.world,
+        "world": None if scenario.plan == "frontiers" else scenario.world,  # it is to find out
         "v_max": scenario.v_max,
         "resume": options.resume,
         "controller": options.controller,
