@@ -100,6 +100,9 @@ class Encoder(Agent):
 
     def on_correction(self, correction: Correction) -> None:
         """Somebody knows better by a map (thesis 3.4.1)."""
+        xx, _, _, yy, _, tt = correction.covariance
+        if min(xx, yy, tt) < 0.0 or max(abs(correction.x), abs(correction.y)) > NOWHERE_M:
+            return  # no variance is negative, nor is any place there: it is not true
         self._covariance = correction.covariance
         self._correction = correction if correction.confidence >= SURE else None
 

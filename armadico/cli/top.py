@@ -100,6 +100,7 @@ class Snapshots:
             "namespace": self._namespace,
             "robot": self._robot(),
             "pose": self._pose(now),
+            "mission": self._mission(),
             "resources": [self._resource(name, now) for name in view.resources],
             "agents": [self._agent(agent) for agent in view.agents],
             "services": [self._service(key, now) for key in sorted(view.rates)],
@@ -136,6 +137,12 @@ class Snapshots:
             "lost_s": None if view.lost_since is None else round(now - view.lost_since, 1),
             "told": view.whereabouts(now),
         }
+
+    def _mission(self) -> dict[str, Any] | None:
+        mission = self.view.mission
+        if mission is None:
+            return None
+        return {"state": mission.state.value, "to_go": mission.to_go, "note": mission.note}
 
     def _resource(self, name: str, now: float) -> dict[str, Any]:
         from armadico.observe.view import agent_of  # noqa: PLC0415 - not for --help
@@ -284,6 +291,8 @@ def _heading(snapshot: dict[str, Any]) -> str:
     if robot["stopped_by"] is not None:
         words.append(f"STOPPED by {robot['stopped_by'] or 'somebody'}")
     words += ["STALLED"] * robot["stalled"] + ["MOTORS OFF"] * (not robot["motors"])
+    if snapshot["mission"] is not None:
+        words += filter(None, [snapshot["mission"]["state"], snapshot["mission"]["note"]])
     return ", ".join([*words, *filter(None, [robot["line"]])])
 
 

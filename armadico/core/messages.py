@@ -481,7 +481,12 @@ class Point(Message, frozen=True):
 
 
 class Obstacles(Message, frozen=True):
-    """What the local map holds: the closest points (thesis 3.4.2), and all of them."""
+    """What the local map holds: the closest points (thesis 3.4.2), and all of them.
+
+    What was heard and is remembered, walls of the global map while the pose is sure enough, how
+    rows of points go on, and what was touched. Which of them a point is nobody is told: all are to
+    be kept off.
+    """
 
     cycle: Cycle
     closest: Point | None
@@ -550,7 +555,8 @@ class Trajectory(Latched, frozen=True):
     """The mission's waypoints, the goal last; none when it has ended. A nav_msgs/Path.
 
     `start` is where it began (world frame) and `leg` the waypoint that is driven to by now, for
-    whoever joins late or has not seen the ones before passed.
+    whoever joins late or has not seen the ones before passed. `waits`: nobody drives it for now,
+    since no way is free.
     """
 
     counter: Counter
@@ -558,6 +564,8 @@ class Trajectory(Latched, frozen=True):
     waypoints: Annotated[tuple[Waypoint, ...], Meta(max_length=WAYPOINTS)]
     start: Point = Point(0.0, 0.0)
     leg: Counter = 0
+    planned: bool = False  # the way is the planner's, and planned anew where it is blocked
+    waits: bool = False
 
     @property
     def order(self) -> tuple[int, int]:
@@ -566,10 +574,11 @@ class Trajectory(Latched, frozen=True):
 
 
 class PlanRequest(Message, frozen=True):
-    """Asks for a way from a pose to another."""
+    """Asks for a way from a pose to another; anew for a robot that is under way, if it says why."""
 
     start: Waypoint
     goal: Waypoint
+    why: Text = ""
 
 
 class Plan(Message, frozen=True):
@@ -605,6 +614,7 @@ class MissionState(StrEnum):
     PLANNING = "planning"
     DRIVING = "driving"
     REACHED = "reached"
+    FAILED = "failed"  # given up, for the reason in the note
 
 
 class MissionStatus(Message, frozen=True):

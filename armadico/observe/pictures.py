@@ -48,6 +48,7 @@ NOBODY = "#9a9a9a"
 
 INK, SOFT, FAINT, PAPER, FLOOR = "#22303c", "#6b7883", "#dfe4e8", "#ffffff", "#f4f7f9"
 START, GOAL = "#3b7d23", "#b01e68"
+FORBIDDEN = "#c0392b"
 PARTICLE = "#0b8f88"
 MAPPED_FREE, MAPPED = "#e3ecf3", "#d98c1f"
 MAX_ECHOES = 8000
@@ -390,9 +391,11 @@ class _Canvas:
     def _walls(self, world: World) -> None:
         from matplotlib.collections import LineCollection  # noqa: PLC0415
 
-        lines = [[self.at(*wall[:2]), self.at(*wall[2:])] for wall in world.walls]
-        walls = LineCollection(lines, colors=INK, linewidths=2.4, capstyle="round", zorder=3)
-        self.axes.add_collection(walls)
+        for walls, ink, dashes in ((world.walls, INK, "-"), (world.forbidden, FORBIDDEN, "--")):
+            lines = [[self.at(*wall[:2]), self.at(*wall[2:])] for wall in walls]
+            drawn = LineCollection(lines, colors=ink, linewidths=2.4, linestyles=dashes, zorder=3)
+            drawn.set_capstyle("round")
+            self.axes.add_collection(drawn)
 
     def _arrow(self, pose: Pose, ink: str) -> None:
         """A disc where the pose is and an arrow where it looks, of the same size in any world."""

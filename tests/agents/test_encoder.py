@@ -283,9 +283,11 @@ def test_of_two_origins_the_one_that_has_been_known_for_longer_is_everybodys() -
 SURE = (0.01, 0.0, 0.0, 0.01, 0.0, 0.001)
 
 
-def correct(robot: Robot, origin: Place, confidence: float = 1.0) -> None:
+def correct(
+    robot: Robot, origin: Place, confidence: float = 1.0, covariance: tuple[float, ...] = SURE
+) -> None:
     cycle = Cycle(robot.epoch, robot.number)
-    robot.encoder.receive(Correction(cycle, *origin, SURE, confidence), robot.now)
+    robot.encoder.receive(Correction(cycle, *origin, covariance, confidence), robot.now)
 
 
 @given(st.floats(-LEAP_M / 2, LEAP_M / 2), st.floats(-LEAP_M / 2, LEAP_M / 2), st.floats(-0.4, 0.4))
@@ -322,6 +324,21 @@ def test_a_guess_without_confidence_moves_nothing_and_is_no_secret() -> None:
     found = robot.at(0.0, 0.0, 0.0)
     assert pose(found) == (0.0, 0.0, 0.0)
     assert found.covariance == SURE
+
+
+@pytest.mark.parametrize(
+    ("origin", "covariance"),
+    [((5.0, 0.0, 0.0), (-1.0, 0.0, 0.0, -1.0, 0.0, -1.0)), ((4e5, 0.0, 0.0), SURE)],
+)
+def test_a_correction_that_cannot_be_true_is_none(
+    origin: Place, covariance: tuple[float, ...]
+) -> None:
+    """A negative variance is no certainty, and 400 km away there is no room to drive in."""
+    robot = Robot()
+    robot.at(0.0, 0.0, 0.0)
+    correct(robot, origin, covariance=covariance)
+    found = robot.at(0.0, 0.0, 0.0)
+    assert (*pose(found), found.covariance) == (0.0, 0.0, 0.0, ())
 
 
 def test_a_correction_of_another_epoch_moves_nothing() -> None:

@@ -12,7 +12,16 @@ from msgspec.structs import replace
 
 from armadico.cli import doctor, top
 from armadico.cli import main as armadico
-from armadico.core.messages import Correction, Cycle, Line, Pose, RobotState, Stop
+from armadico.core.messages import (
+    Correction,
+    Cycle,
+    Line,
+    MissionState,
+    MissionStatus,
+    Pose,
+    RobotState,
+    Stop,
+)
 from armadico.mesh.ports import private_endpoints
 from armadico.mesh.topology import ENDPOINTS_VARIABLE
 from armadico.observe.view import View
@@ -112,6 +121,19 @@ def test_how_well_the_pose_is_known_is_said(variance: float, verdict: str, says:
     found = doctor.pose(posed(variance))
     assert (found.verdict, found.what) == (verdict, says)
     assert "wheels alone" in doctor.pose(replace(posed(1.0), covariance=())).what
+
+
+def test_top_says_why_a_mission_is_not_driven() -> None:
+    view = View()
+    view.learn(WELL, 0.0)
+    view.learn(MissionStatus(1, MissionState.DRIVING, 4.0, 0, "waits: door D is shut"), 0.0)
+    snapshot = top.Snapshots(view, "robot1").at(0.0)
+    assert snapshot["mission"] == {
+        "state": "driving",
+        "to_go": 4.0,
+        "note": "waits: door D is shut",
+    }
+    assert "driving, waits: door D is shut" in top._heading(snapshot)
 
 
 @pytest.mark.parametrize(

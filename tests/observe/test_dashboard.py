@@ -17,7 +17,7 @@ from PIL import Image
 
 from armadico.cli.dashboard import zones
 from armadico.config.grid_map import Cells, message_of
-from armadico.config.scenarios import load_scenario
+from armadico.config.scenarios import ideal, load_scenario
 from armadico.config.worlds import Segment, World, load_world
 from armadico.core import messages as m
 from armadico.core.particles import MOST
@@ -384,7 +384,7 @@ def test_coordinates_can_be_read_off_the_global_map(
 @pytest.fixture(scope="module")
 def run(tmp_path_factory: pytest.TempPathFactory) -> tuple[Path, Rehearsal]:
     path = tmp_path_factory.mktemp("run") / "sc3.rrd"
-    rehearsal = Rehearsal(load_scenario("sc3"), Options())
+    rehearsal = Rehearsal(ideal(load_scenario("sc3")), Options())
     with Rehearsed(rehearsal.mesh, rehearsal.scenario.world, path, zones()):
         assert rehearsal.run().reached
     return path, rehearsal

@@ -68,7 +68,7 @@ def _rows(view: View, holder: str, t: float) -> list[tuple[str, Any]]:
     rows: list[tuple[str, Any]] = [("wheels", f"**{holder}**")]
     if mission is not None:
         rows += [
-            ("mission", mission.state.value),
+            ("mission", ", ".join(filter(None, [mission.state.value, mission.note]))),
             ("to go", f"{mission.to_go:.2f} m, leg {mission.leg + 1}"),
         ]
     if state is not None:

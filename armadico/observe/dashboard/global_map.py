@@ -238,9 +238,11 @@ class GlobalMap:
         self._canvas.fix(f"{ROOT}/numbers", numbers)
 
     def _walls(self, world: World) -> None:
-        walls = [[wall[:2], wall[2:]] for wall in world.walls]
-        lines = rr.LineStrips2D(walls, radii=pixels(1.4), colors=palette.WALL, draw_order=6)
-        self._canvas.fix(f"{ROOT}/walls", lines)
+        for name, lines in (("walls", world.walls), ("forbidden", world.forbidden)):
+            ink = palette.WALL if name == "walls" else palette.FORBIDDEN
+            strips = [[line[:2], line[2:]] for line in lines]
+            drawn = rr.LineStrips2D(strips, radii=pixels(1.4), colors=ink, draw_order=6)
+            self._canvas.fix(f"{ROOT}/{name}", drawn)
         if world.rooms:
             rooms = rr.Points2D(
                 [((room.x1 + room.x2) / 2, (room.y1 + room.y2) / 2) for room in world.rooms],

@@ -15,6 +15,7 @@ NOBODY: Final = "nobody"
 
 BACKGROUND: Final = rgba("#0d1116")
 WALL: Final = rgba("#c9d3da")
+FORBIDDEN: Final = rgba("#e5484d", 170)
 ROOM: Final = rgba("#7d8a94")
 GRID: Final = rgba("#2c353c")
 AXIS: Final = rgba("#56646e")

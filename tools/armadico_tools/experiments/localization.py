@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING, Final
 
-from armadico_tools.experiments.driving import Cell, Sample
+from armadico_tools.experiments.driving import LOCALIZING, Cell, Sample
 from armadico_tools.experiments.real_robot import failures
 from armadico_tools.experiments.tables import RULES, cell, spread_of
 from armadico_tools.markdown import table
@@ -18,7 +18,7 @@ TITLE: Final = "Localization: real sensors, odometry alone and with the map"
 SCENARIOS: Final = (
     *("sc1", "sc2", "sc3", "sc4", "rooms-a", "rooms-b", "house", "offices", "floor"),
 )
-ARMS: Final = {"odometry": (), "localized": ("localization", "relocate")}
+ARMS: Final = {"odometry": (), "localized": LOCALIZING}
 """Who takes part besides the scenario's own."""
 
 NOTE: Final = (
