@@ -10,13 +10,14 @@ from msgspec import Meta
 
 from armadico.agents.methods.grid import Grid
 from armadico.agents.methods.monte_carlo import Estimate, MonteCarlo, Settings
+from armadico.agents.methods.odometry import begun_anew
 from armadico.agents.methods.sonar_model import SonarModel
 from armadico.config.profile import load_profile
 from armadico.config.worlds import load_world
-from armadico.core import agent
+from armadico.core import agent, particles
 from armadico.core.agent import WARNING, Agent
 from armadico.core.geometry import Pose2, compose, relative, wrap
-from armadico.core.messages import Correction, Message, Pose, RobotState, Sonar
+from armadico.core.messages import Correction, Message, Particles, Pose, RobotState, Sonar
 
 Metres = Annotated[float, Meta(gt=0, le=100)]
 Angle = Annotated[float, Meta(gt=0, le=6.2832)]
@@ -25,6 +26,13 @@ Share = Annotated[float, Meta(ge=0, le=1)]
 
 LEAP_M, LEAP_RAD = 0.5, 0.5
 """An estimate that changes by more in a cycle is of another place."""
+
+UNCOUNTED_M, UNCOUNTED_RAD = 0.5, 0.5
+"""Standard deviations of what rolled while nobody counted: two seconds until the controller's
+watchdog, and braking, at half the top speed, or turning."""
+
+PARTICLES_S = 0.5
+"""From one publication of particles to the next: for those who watch."""
 
 
 class Parameters(agent.Parameters, frozen=True, kw_only=True):
@@ -60,7 +68,7 @@ class Localization(Agent):
     name = "localization"
     alone = True
     hears: ClassVar[tuple[type[Message], ...]] = (Sonar, Pose)
-    provides: ClassVar[tuple[type[Message], ...]] = (Correction,)
+    provides: ClassVar[tuple[type[Message], ...]] = (Correction, Particles)
     parameters = Parameters
     launched_with = ("world", "profile")
     p: Parameters
@@ -85,12 +93,14 @@ class Localization(Agent):
         self._lost = self.p.start == "anywhere"
         self._at: Pose2 | None = None  # the estimate a cycle ago
         self._since: float | None = None  # when it began to doubt, or to be sure
+        self._shown_at = float("-inf")
 
     def on_pose(self, pose: Pose) -> None:
         """Where to begin."""
         if self._begun or not self._useful or self._odometry is None:
             return
         self._begun = True
+        self._lost = self._lost or pose.deviation > self.p.lost_m  # and was so before it started
         if self.p.start == "anywhere":
             self._filter.start_anywhere()
         else:
@@ -98,13 +108,22 @@ class Localization(Agent):
             self._filter.start_at((pose.x, pose.y, pose.theta), off, self.p.start_rad)
 
     def on_robot_state(self, state: RobotState) -> None:
-        """Move the particles."""
-        odometry = (state.x, state.y, state.theta)
-        if self._odometry is not None and state.cycle.epoch == self._epoch and self._begun:
-            motion = relative(self._odometry, odometry)
-            self._filter.move(motion)
-            self._at = None if self._at is None else compose(self._at, motion)
+        """Move the particles.
+
+        The controller counts while there is no robot agent. If it has begun anew, nobody knows what
+        the robot rolled meanwhile.
+        """
+        odometry, before = (state.x, state.y, state.theta), self._odometry
+        another = state.cycle.epoch != self._epoch
         self._odometry, self._epoch = odometry, state.cycle.epoch
+        if before is None or not self._begun:
+            return
+        if another and begun_anew(before, odometry):
+            self._filter.start_at(self._filter.estimate(self._at).pose, UNCOUNTED_M, UNCOUNTED_RAD)
+            return
+        motion = relative(before, odometry)
+        self._filter.move(motion)
+        self._at = None if self._at is None else compose(self._at, motion)
 
     def on_sonar(self, sonar: Sonar) -> None:
         """Weigh the particles, and publish where they are."""
@@ -128,6 +147,10 @@ class Localization(Agent):
                 confidence=0.0 if self._lost else min(1.0, found.share),
             )
         )
+        if self.now - self._shown_at >= PARTICLES_S:
+            self._shown_at = self.now
+            drawn = self._filter.drawn(particles.MOST).tolist()
+            self.publish(particles.message_of(sonar.cycle, drawn))
 
     def _judge(self, found: Estimate) -> None:
         """Whether it is lost: if it seems so for a while, and found once it has been sure.

@@ -49,6 +49,7 @@ STARTING: Final = (
     "runs",
     "robot",
     "profile",
+    "sensors",
     "world",
     "together",
 )
@@ -214,6 +215,8 @@ def _scenario(args: argparse.Namespace, chosen: Options, *, somewhere: bool) -> 
         raise UsageError(f"--for {args.limit:g}: expected seconds, more than none")
     if args.runs is not None and args.runs < 1:
         raise UsageError(f"--runs {args.runs}: at least 1")
+    if both := sorted({*args.besides} & {*args.without}):
+        raise UsageError(f"--with {both[0]} --without {both[0]}: does it take part, or not?")
     _check_shown(args)
     if args.robot is not None and args.virtual:
         raise UsageError("--robot drives what is really there; --virtual has its own simulator")
@@ -518,13 +521,14 @@ class _Lines:
 
 
 def remark(watch: RunWatch) -> str:
-    """Distance to go, who holds the wheels, speed, battery."""
+    """Distance to go and what keeps it, who holds the wheels, speed, battery."""
     state, mission = watch.view.state, watch.view.mission
     if mission is None:
         to_go = "no word of the mission"
     else:
         none = mission.state == "none"  # a mission's state, as on the wire
         to_go = "no goal" if none else f"{mission.to_go:.2f} m to go"
+        to_go += f", {options.shown(mission.note)}" if mission.note else ""
     if state is None:
         return f"{to_go}, nothing heard of the robot"
     if state.stop.stopped:

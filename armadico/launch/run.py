@@ -90,8 +90,9 @@ class Run:
         self.begin()
         now = self.client.mesh.now
         begun = now()
-        while not self.watch.done and (elapsed := now() - begun) < self.limit:
-            self.wait(min(self.step_s, self.limit - elapsed))
+        end = begun + self.limit  # and not what is left of it: that may be too little to be added
+        while not self.watch.done and now() < end:
+            self.wait(min(self.step_s, end - now()))
             if progress is not None:
                 progress(self.watch)
             if not self.goes_on(now() - begun):

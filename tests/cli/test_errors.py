@@ -157,6 +157,24 @@ def test_output_that_goes_to_a_full_disk_is_told_of(words: tuple[str, ...]) -> N
     assert done.stderr == "armadico: No space left on device\n"
 
 
+@pytest.mark.parametrize("closed", [">&-", "2>&-", ">&- 2>&- <&-"])
+def test_who_closes_its_streams_hears_nothing_and_it_is_done_all_the_same(
+    tmp_path: Path, closed: str
+) -> None:
+    words = f"run sc1 --virtual --json {closed}"
+    done = subprocess.run(
+        ["sh", "-c", f'"{BIN}/armadico" {words}'],
+        cwd=tmp_path,
+        capture_output=True,
+        text=True,
+        timeout=SOON,
+        check=False,
+    )
+    assert done.returncode == 0, done.stderr
+    assert done.stderr == ""
+    assert bool(done.stdout) == (">&-" not in closed.split())
+
+
 @pytest.mark.skipif(not FULL.exists(), reason="no /dev/full")
 def test_a_file_without_an_end_is_no_configuration(capsys: pytest.CaptureFixture[str]) -> None:
     assert cli.main(["ps", "--hosts", str(FULL)]) == options.USAGE

@@ -101,6 +101,7 @@ SMALL_ROBOT = (*VIRTUAL, "--seed", "1", "--json", "--no-plot")
         (("wall.toml",), ("wall.toml:2:", "start", "wall of 'sc4'")),
         ((*VIRTUAL, "--without", "gotho"), ("no agent 'gotho'", "did you mean 'goto'?")),
         ((*VIRTUAL, "--with", "gotho"), ("no agent 'gotho'", "did you mean 'goto'?")),
+        ((*VIRTUAL, "--with", "goto", "--without", "goto"), ("--with goto --without goto",)),
         ((*VIRTUAL, "--sensors", "rael"), ("no sensors 'rael'", "did you mean 'real'?")),
         ((*VIRTUAL, "--without", "robot"), ("without robot", "encoder, sonar, goto")),
         ((*VIRTUAL, "--controller", "fas"), ("goto: ", '"fas"', "did you mean 'fast'?")),

@@ -81,7 +81,9 @@ def test_who_does_not_come_is_named(
     assert "armadico up" in errors
 
 
-@pytest.mark.parametrize("option", ["--seed=1", "--virtual", "--controller=fast", "--runs=2"])
+@pytest.mark.parametrize(
+    "option", ["--seed=1", "--virtual", "--controller=fast", "--runs=2", "--sensors=real"]
+)
 def test_what_is_for_whoever_starts_the_society_is_refused(option: str) -> None:
     done = call("run", "sc1", "--attach", option)
     assert done.returncode == 2

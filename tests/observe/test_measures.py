@@ -43,6 +43,7 @@ KEYS = [
     "min_clearance_m",
     "limit_s",
     "conditions",
+    "why",
 ]
 
 
@@ -352,3 +353,21 @@ def test_a_robot_of_another_controller_in_mid_run_is_said() -> None:
     assert not run.watch.mixed
     run.show(described("b"))
     assert run.watch.mixed == "b"
+
+
+def test_a_mission_that_failed_ends_the_run_unreached_and_the_row_says_why() -> None:
+    run = Run().begin()
+    run.cycle(0.0)
+    run.show(MissionStatus(MISSION, MissionState.DRIVING, 3.0, 0, "waits: door D is shut"))
+    assert not run.watch.done
+    assert run.watch.result().why == "waits: door D is shut"
+    run.show(MissionStatus(MISSION, MissionState.FAILED, 3.0, 0, "no nearer: door D is shut"))
+    result = run.watch.result()
+    assert run.watch.done
+    assert (result.reached, result.passed, result.why) == (
+        False,
+        False,
+        "no nearer: door D is shut",
+    )
+    assert result.outcome == "NOT reached: no nearer: door D is shut"
+    assert run.watch.astray is None

@@ -158,7 +158,7 @@ class Drive:
         return Sample(
             cell=self.cell.name,
             seed=self.seed,
-            arrived=(self.watch.done or resting) and self._at_goal(),
+            arrived=((self.watch.done and not self.watch.failed) or resting) and self._at_goal(),
             believed_p_percent=self._believed(),
             last_metre_s=last_metre(ticks, self.watch.goal),
             note=self._note(resting),
@@ -180,6 +180,8 @@ class Drive:
     def _note(self, resting: bool) -> str:
         if self.refused:
             return f"refused: {self.refused}"
+        if self.watch.failed:
+            return f"failed: {self.watch.failed}"
         if self.watch.done or resting:
             return ""
         return "stuck" if self.trace.stuck else "time limit"
@@ -236,7 +238,7 @@ SHARES = {"tg_percent": "goto", "ta_percent": "avoid", "tgt_percent": "gothrough
 def columns(result: Result) -> tuple[dict[str, Any], dict[str, float]]:
     """What a sample takes of a run's measures, and the shares by agent."""
     row = structs.asdict(result)
-    del row["scenario"], row["seed"], row["conditions"], row["limit_s"]
+    del row["scenario"], row["seed"], row["conditions"], row["limit_s"], row["why"]
     return row, row.pop("shares")
 
 
