@@ -29,6 +29,7 @@ COMPILED = (
     "armadico/core/swept_path",
     *("armadico/mesh/virtual", "armadico/mesh/virtual_network", "armadico/mesh/virtual_session"),
     *("agents/methods/geometry", "agents/methods/free_heading", "agents/methods/local_map"),
+    *("agents/methods/known_walls", "agents/methods/rows"),
     *("bridge/reflex", "bridge/p2os/packets"),
 )
 """What a virtual second goes into, and `bridge/simulator`. Agents are not: everybody's are Python.

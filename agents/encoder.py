@@ -8,10 +8,19 @@ from typing import Annotated, Any, ClassVar
 from msgspec import Meta
 from msgspec.structs import replace
 
+from armadico.agents.methods.odometry import begun_anew
 from armadico.core import agent
 from armadico.core.agent import WARNING, Agent
 from armadico.core.geometry import Pose2, compose, relative, wrap
-from armadico.core.messages import Correction, Message, Origin, Pose, RobotState, next_count
+from armadico.core.messages import (
+    COVARIANCE,
+    Correction,
+    Message,
+    Origin,
+    Pose,
+    RobotState,
+    next_count,
+)
 
 Metres = Annotated[float, Meta(ge=-1e5, le=1e5)]
 
@@ -24,17 +33,6 @@ YOUNG_CYCLES = 30
 TOLD_CYCLES = 10
 """In an older epoch, cycles without a pose while no origin was received: on a slow network the pose
 would be that of the parameters first, and the right one half a second later."""
-
-ROLLED_M = 3.0
-"""So far may a robot have come between two robot agents: a second of driving until the last status
-packet, two until the controller's watchdog, and braking."""
-
-ZERO_M, ZERO_RAD = 0.05, 0.1
-"""An odometry within this of zero has just begun, unless it was near zero before."""
-
-NEAR_M, NEAR_RAD = 0.3, 0.5
-"""Within this of zero it was near zero before."""
-
 
 SURE = 0.5
 """A correction of less confidence than this moves nothing."""
@@ -49,6 +47,10 @@ LEAP_M, LEAP_RAD = 0.5, 0.5
 GROWS = 0.01
 """The variance of the pose grows by this for each metre that nobody corrects (m^2 and rad^2): a
 Pioneer's wheels, uncalibrated, drift 0.1 m in a metre at worst."""
+
+UNCOUNTED_M = 25.0
+"""A controller that has begun anew has not counted what rolled meanwhile: half a metre and half a
+radian, as if the robot had come so far uncorrected."""
 
 WIDEST = 1e4
 """No variance grows beyond this: m^2, rad^2."""
@@ -93,9 +95,14 @@ class Encoder(Agent):
     def on_origin(self, origin: Origin) -> None:
         """A peer has known it for longer."""
         self._origin = origin
+        if not self._covariance and len(origin.covariance) == COVARIANCE:
+            self._covariance = origin.covariance
 
     def on_correction(self, correction: Correction) -> None:
         """Somebody knows better by a map (thesis 3.4.1)."""
+        xx, _, _, yy, _, tt = correction.covariance
+        if min(xx, yy, tt) < 0.0 or max(abs(correction.x), abs(correction.y)) > NOWHERE_M:
+            return  # no variance is negative, nor is any place there: it is not true
         self._covariance = correction.covariance
         self._correction = correction if correction.confidence >= SURE else None
 
@@ -131,12 +138,10 @@ class Encoder(Agent):
                 return
             place = (self.p.x, self.p.y, self.p.theta)
             known = self._begin(place, odometry, epoch, 1)
-        elif known.epoch != epoch:
+        else:
             known = self._go_on(self._lately(known), odometry, epoch)
-        begins = known is not self._origin
+        begins = self._origin is None or self._origin.epoch != epoch
         self._origin = known = self._corrected(known, odometry)
-        if self._covariance and self._last is not None and self._last[0] == epoch:
-            self._covariance = grown(self._covariance, relative(self._last[1], odometry))
         self._last = (epoch, odometry)
         pose = compose((known.x, known.y, known.theta), odometry)
         self.publish(Pose(state.cycle, *pose, self._covariance))
@@ -164,6 +169,7 @@ class Encoder(Agent):
             origin.y,
             origin.theta,
             *odometry,
+            covariance=self._covariance,
         )
         self.publish(self._origin)
 
@@ -175,23 +181,24 @@ class Encoder(Agent):
         return Origin(counter, self._id, epoch, *origin, *odometry)
 
     def _go_on(self, known: Origin, odometry: Pose2, epoch: int) -> Origin:
-        """Another robot agent: the controller has counted on, or begun anew."""
-        x, y, theta = odometry
-        away = hypot(x - known.at_x, y - known.at_y)
-        turned = abs(wrap(theta - known.at_theta))
-        at_zero = hypot(x, y) < ZERO_M and abs(theta) < ZERO_RAD
-        anew = away > ROLLED_M or (at_zero and (away > NEAR_M or turned > NEAR_RAD))
-        if not anew:
-            return Origin(known.counter, known.by, epoch, known.x, known.y, known.theta, *odometry)
-        # The robot has not jumped. What it rolled meanwhile was not counted.
+        """With another robot agent the controller has counted on, or begun anew."""
         was = (known.at_x, known.at_y, known.at_theta)
+        if known.epoch == epoch or not begun_anew(was, odometry):
+            self._covariance = grown(self._covariance, relative(was, odometry))
+            return replace(
+                known, epoch=epoch, at_x=odometry[0], at_y=odometry[1], at_theta=odometry[2]
+            )
+        self._covariance = grown(self._covariance, (UNCOUNTED_M, 0.0, 0.0))
+        # The robot has not jumped. What it rolled meanwhile was not counted.
         place = compose((known.x, known.y, known.theta), was)
         self.log("the controller's odometry has begun anew: the pose goes on from here", WARNING)
         return self._begin(place, odometry, epoch, known.counter)
 
 
 def grown(covariance: tuple[float, ...], motion: Pose2) -> tuple[float, ...]:
-    """The covariance of a pose after a motion that nobody corrects."""
+    """The covariance of a pose after a motion that nobody corrects; nobody's is nobody's."""
+    if not covariance:
+        return ()
     more = GROWS * hypot(motion[0], motion[1])
     xx, xy, xt, yy, yt, tt = covariance
     return (min(xx + more, WIDEST), xy, xt, min(yy + more, WIDEST), yt, min(tt + more, WIDEST))

@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
-from math import hypot
-from typing import Annotated, Any, ClassVar
+from collections.abc import Sequence
+from itertools import pairwise
+from math import hypot, inf
+from typing import Annotated, Any, ClassVar, Final
 
 from msgspec import Meta
 from msgspec.structs import replace
@@ -11,7 +13,7 @@ from msgspec.structs import replace
 from armadico.core import agent
 from armadico.core.agent import WARNING, Agent, Question
 from armadico.core.behaviour import LOST_M
-from armadico.core.geometry import wrap
+from armadico.core.geometry import relative, wrap
 from armadico.core.messages import (
     WAYPOINTS,
     Message,
@@ -20,6 +22,7 @@ from armadico.core.messages import (
     MissionRequest,
     MissionState,
     MissionStatus,
+    Obstacles,
     Plan,
     PlanRequest,
     Point,
@@ -32,6 +35,18 @@ from armadico.core.messages import (
     next_count,
 )
 from armadico.core.route import Route
+
+WAS_LOST: Final = "the robot was lost"
+ACROSS: Final = "something stands across the way"
+
+LOOK_CYCLES: Final = 3
+"""Whether something stands across the way is looked at in each so many-th cycle."""
+
+PARKING_M: Final = 0.3
+"""Nearer to the goal than this there is no other way to it."""
+
+ELSEWHERE_M: Final = 0.15
+"""A way that leaves the one that is driven by so much is another one."""
 
 
 class Parameters(agent.Parameters, frozen=True, kw_only=True):
@@ -46,6 +61,24 @@ class Parameters(agent.Parameters, frozen=True, kw_only=True):
     reach_m: Annotated[float, Meta(gt=0, le=1e5)] = 200.0
     """A goal or waypoint that no planner has looked at may be so far from the one before."""
 
+    nearer_m: Annotated[float, Meta(gt=0, le=10)] = 0.1
+    nearer_s: Annotated[float, Meta(gt=0, le=600)] = 10.0
+    """No nearer by so much for so long: the way is planned anew. A turn on the spot takes 6 s."""
+
+    across_m: Annotated[float, Meta(ge=0, le=1)] = 0.15
+    across_s: Annotated[float, Meta(gt=0, le=60)] = 1.0
+    look_m: Annotated[float, Meta(gt=0, le=10)] = 1.5
+    """So is it if something is that near to the way, so far ahead, for so long."""
+
+    again_s: Annotated[float, Meta(gt=0, le=600)] = 3.0
+    """At the most so often; and so often is it tried whether a way has become free."""
+
+    give_up_s: Annotated[float, Meta(gt=0, le=1e5)] = 120.0
+    """A mission fails that has been blocked, and come no nearer to its goal, for so long,"""
+
+    give_up_m_s: Annotated[float, Meta(gt=0, le=10)] = 0.1
+    """and for as long as the longest way round takes at this speed."""
+
 
 class Interface(Agent):
     """The link to the people and programs outside the community.
@@ -56,7 +89,7 @@ class Interface(Agent):
 
     name = "interface"
     alone = True
-    hears: ClassVar[tuple[type[Message], ...]] = (Pose,)
+    hears: ClassVar[tuple[type[Message], ...]] = (Pose, Obstacles)
     provides: ClassVar[tuple[type[Message], ...]] = (Trajectory, MissionStatus)
     answers: ClassVar[tuple[type[Message], ...]] = (MissionRequest,)
     asks: ClassVar[tuple[type[Message], ...]] = (PlanRequest,)
@@ -72,6 +105,14 @@ class Interface(Agent):
         self._note = ""
         self._plans = False  # the mission's way is the planner's,
         self._replans = False  # and it is to be asked again
+        self._waits, self._why_waits = False, ""  # no way is free
+        self._blocked_by = ""  # why it was planned anew
+        self._asking = False
+        self._ask_at = -inf  # not before
+        self._nearest, self._nearest_at = inf, 0.0  # m to go on this way
+        self._best, self._best_at = inf, 0.0  # of the whole mission
+        self._longest = 0.0  # of the ways that were planned anew, m
+        self._across_since: float | None = None
 
     def on_start(self) -> None:
         """Begin to publish now and then."""
@@ -88,11 +129,11 @@ class Interface(Agent):
             far = self._too_far(pose, (*request.waypoints, request.goal))
             if far:
                 return self._refuse(far)
-            self._plans = False
-            return self._begin((*request.waypoints, request.goal), 0.0)
+            return self._begin((*request.waypoints, request.goal), 0.0, planned=False)
         if pose.deviation > LOST_M:  # a way from a place where it is not is none
-            self._plans = self._replans = True
-            return self._begin((request.goal,), 0.0)
+            reply = self._begin((request.goal,), 0.0, planned=True)
+            self._replans = True
+            return reply
         if self._state is not MissionState.DRIVING:  # a mission goes on until another is taken on
             self._state = MissionState.PLANNING
         start = Waypoint(pose.x, pose.y, pose.theta)
@@ -105,11 +146,13 @@ class Interface(Agent):
 
     def on_trajectory(self, trajectory: Trajectory) -> None:
         """A mission that a peer remembers, and this one does not know."""
-        reached = self._state is MissionState.REACHED  # the peers remember so, too
-        if trajectory.mission == self._mission and (trajectory.waypoints or reached):
+        ended = self._state in (MissionState.REACHED, MissionState.FAILED)  # so peers remember, too
+        if trajectory.mission == self._mission and (trajectory.waypoints or ended):
             return
         self._mission = trajectory.mission
         self._route = Route.of(trajectory)
+        self._plans, self._waits = trajectory.planned, trajectory.waits
+        self._count_anew()
         if trajectory.waypoints:
             self._state = MissionState.DRIVING
             self.log(f"mission {self._mission} goes on")
@@ -123,12 +166,17 @@ class Interface(Agent):
         if pose.deviation > LOST_M:
             self._replans = self._plans
             self._note = f"lost: +-{pose.deviation:.1f} m"
+            self._count_anew()
         else:
-            self._note = ""
+            self._note = self._why_waits
             self._route.advance(pose.x, pose.y)
             if self._replans:
-                self._plan_anew(pose, "the robot was lost")
+                self._replans = False
+                self._plan_anew(pose, WAS_LOST)
         self._to_go = self._route.to_go(pose.x, pose.y)
+        why = self._blocked()
+        if why:
+            self._plan_anew(pose, why)
         if self._arrived(pose):
             self._state = MissionState.REACHED
             self.log(f"mission {self._mission}: goal reached")
@@ -146,28 +194,119 @@ class Interface(Agent):
         if self._state is not MissionState.DRIVING:
             self._say_status(self._to_go)
 
+    def on_obstacles(self, obstacles: Obstacles) -> None:
+        """Whether something stands across the way ahead."""
+        if obstacles.cycle.number % LOOK_CYCLES:
+            return
+        pose = self.fresh(Pose)
+        watched = self._state is MissionState.DRIVING and self._plans and not self._waits
+        if not watched or pose is None or not self._stands_across(pose, obstacles):
+            self._across_since = None
+        elif self._across_since is None:
+            self._across_since = self.now
+
+    def _stands_across(self, pose: Pose, obstacles: Obstacles) -> bool:
+        """Whether anything is nearer than `across_m` to the way ahead, as far as is looked."""
+        here = (pose.x, pose.y, pose.theta)
+        places = [(0.0, 0.0)]
+        left = self.p.look_m
+        for to in self._route.waypoints[self._route.leg :]:
+            x, y, _ = relative(here, (to.x, to.y, 0.0))
+            from_x, from_y = places[-1]
+            length = hypot(x - from_x, y - from_y)
+            share = min(1.0, left / length) if length else 1.0
+            places.append((from_x + share * (x - from_x), from_y + share * (y - from_y)))
+            left -= length
+            if left <= 0.0:
+                break
+        near = [p for p in obstacles.points if hypot(p.x, p.y) < self.p.look_m]
+        return any(_off(p.x, p.y, places) < self.p.across_m for p in near)
+
+    def _blocked(self) -> str:
+        """Why the way is to be planned anew; "" if it is not, or not yet."""
+        p = self.p
+        if self.stopped is not None:
+            self._count_anew()
+        if self._to_go < self._nearest - p.nearer_m:
+            self._nearest, self._nearest_at = self._to_go, self.now
+        if self._to_go < self._best - p.nearer_m:
+            self._best, self._best_at = self._to_go, self.now
+        if not self._plans or self._replans or self._asking or self.now < self._ask_at:
+            return ""
+        if self._waits:
+            return self._blocked_by or "no way was free"
+        if self.now - self._nearest_at > p.nearer_s and self._to_go > PARKING_M:
+            return f"no nearer for {p.nearer_s:g} s"
+        since = self._across_since
+        if since is not None and self.now - since > p.across_s:
+            return ACROSS
+        return ""
+
+    def _count_anew(self) -> None:
+        """The robot was not to come nearer until now: it had no way, was stopped, or lost."""
+        self._nearest, self._nearest_at, self._best_at = inf, self.now, self.now
+        self._across_since = None
+
     def _plan_anew(self, pose: Pose, why: str) -> None:
         """Have the way to the goal planned from here; the mission is the same."""
         goal = self._route.goal
         assert goal is not None, "it drives somewhere"
-        self._replans = False
         mission = self._mission
+        self._asking, self._blocked_by = True, why
 
         def planned(plan: Plan | None) -> None:
+            self._asking, self._ask_at = False, self.now + self.p.again_s
             if self._mission != mission or self._state is not MissionState.DRIVING:
                 return
-            if plan is None or plan.refusal or not plan.waypoints:
-                self._note = "no way from here: " + ("" if plan is None else plan.refusal)
-                self.log(f"{why}, and there is no plan from here; the old way counts", WARNING)
-                return
             here = self.latest(Pose) or pose
-            self._route = Route(plan.waypoints, Point(here.x, here.y))
-            self.publish(self._next(mission, self._route, plan.waypoints))
-            self.log(f"planned anew, {plan.length:.1f} m: {why}")
+            if plan is None or plan.refusal or not plan.waypoints:
+                self._no_way(why, "nobody plans" if plan is None else plan.refusal)
+            elif why != ACROSS or self._waits or self._leads_elsewhere(plan, here):
+                self._take_way(plan, here, why)
 
-        self.ask(
-            PlanRequest(Waypoint(pose.x, pose.y, pose.theta), goal), planned, self.p.planning_s
-        )
+        start = Waypoint(pose.x, pose.y, pose.theta)
+        self.ask(PlanRequest(start, goal, why), planned, self.p.planning_s)
+
+    def _take_way(self, plan: Plan, here: Pose, why: str) -> None:
+        """Drive another way to the same goal."""
+        self._longest = max(self._longest, plan.length)
+        if self._given_up():
+            self._fail(why)
+            return
+        self._waits, self._why_waits = False, ""
+        self._nearest, self._nearest_at, self._across_since = inf, self.now, None
+        self._route = Route(plan.waypoints, Point(here.x, here.y))
+        self.publish(self._next(self._mission, self._route, plan.waypoints))
+        self.log(f"planned anew, {plan.length:.1f} m: {why}")
+
+    def _no_way(self, why: str, refusal: str) -> None:
+        """Wait for a way to become free."""
+        if self._given_up():
+            self._fail(refusal)
+            return
+        if not self._waits:
+            self.log(line(f"{why}, and there is no plan from here: {refusal}"), WARNING)
+        self._why_waits = line(f"waits: {refusal}")
+        if not self._waits:
+            self._waits = True
+            self.publish(self._next(self._mission, self._route, self._route.waypoints))
+
+    def _given_up(self) -> bool:
+        patience = self.p.give_up_s + self._longest / self.p.give_up_m_s
+        return self.now - self._best_at > patience
+
+    def _fail(self, why: str) -> None:
+        """End the mission where the robot is."""
+        self._state, self._waits, self._why_waits = MissionState.FAILED, False, ""
+        self._note = line(f"no nearer for {self.now - self._best_at:.0f} s: {why}")
+        self.log(line(f"mission {self._mission} failed, {self._note}"), WARNING)
+        self.publish(self._next(self._mission, self._route, ()))
+        self._say_status(self._to_go)
+
+    def _leads_elsewhere(self, plan: Plan, here: Pose) -> bool:
+        """Whether a way leaves the one that is driven, and not by a little."""
+        left = [(w.x, w.y) for w in self._route.waypoints[self._route.leg :]]
+        return any(_off(w.x, w.y, [(here.x, here.y), *left]) > ELSEWHERE_M for w in plan.waypoints)
 
     def _too_far(self, pose: Pose, waypoints: tuple[Waypoint, ...]) -> str:
         """Why waypoints are refused: no planner has checked them against a map."""
@@ -186,10 +325,11 @@ class Interface(Agent):
             return self._refuse("nobody plans: no path planning agent answered path/plan")
         if plan.refusal:
             return self._refuse(plan.refusal)
-        self._plans = True
-        return self._begin(plan.waypoints, plan.length)
+        return self._begin(plan.waypoints, plan.length, planned=True)
 
-    def _begin(self, waypoints: tuple[Waypoint, ...], length: float) -> MissionReply:
+    def _begin(
+        self, waypoints: tuple[Waypoint, ...], length: float, *, planned: bool
+    ) -> MissionReply:
         """Take it on, if it can be published: else no agent would drive it."""
         pose = self.latest(Pose)
         assert pose is not None, "a mission begins somewhere"
@@ -202,7 +342,7 @@ class Interface(Agent):
         mission = self.rng.getrandbits(63)
         route = Route(waypoints, Point(pose.x, pose.y))
         to_go = route.to_go(pose.x, pose.y)
-        begun = self._next(mission, route, waypoints)
+        begun = replace(self._next(mission, route, waypoints), planned=planned, waits=False)
         reply = MissionReply(mission, "", waypoints, length or to_go)
         try:
             for said in (begun, reply, MissionStatus(mission, MissionState.DRIVING, to_go)):
@@ -210,7 +350,10 @@ class Interface(Agent):
         except MessageError as error:
             return self._refuse(f"nobody could be told of it: {error}")
         self._mission, self._route, self._to_go = mission, route, to_go
-        self._state = MissionState.DRIVING
+        self._state, self._plans, self._replans = MissionState.DRIVING, planned, False
+        self._waits, self._why_waits = False, ""
+        self._best, self._longest, self._ask_at = inf, 0.0, -inf
+        self._count_anew()
         self.publish(begun)
         return reply
 
@@ -233,11 +376,24 @@ class Interface(Agent):
         )
 
     def _next(self, mission: int, route: Route, waypoints: tuple[Waypoint, ...]) -> Trajectory:
-        """The trajectory that begins a mission, or ends it."""
+        """The trajectory that begins a mission, changes its way, or ends it."""
         known = self.memory.newest(Trajectory)
         counter = 1 if known is None else next_count(known.counter)
-        return Trajectory(counter, mission, waypoints, route.start, route.leg)
+        planned, waits = (self._plans, self._waits) if waypoints else (False, False)
+        return Trajectory(counter, mission, waypoints, route.start, route.leg, planned, waits)
 
     def _say_status(self, to_go: float) -> None:
         leg = self._route.leg if self._route.waypoints else 0
         self.publish(MissionStatus(self._mission, self._state, to_go, leg, self._note))
+
+
+def _off(x: float, y: float, places: Sequence[tuple[float, float]]) -> float:
+    """How far a point is from a way over some places, m."""
+    least = inf
+    for (ax, ay), (bx, by) in pairwise(places):
+        dx, dy = bx - ax, by - ay
+        square = dx * dx + dy * dy
+        share = ((x - ax) * dx + (y - ay) * dy) / square if square else 0.0
+        share = min(max(share, 0.0), 1.0)
+        least = min(least, hypot(x - ax - share * dx, y - ay - share * dy))
+    return least

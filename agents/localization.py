@@ -13,14 +13,15 @@ from msgspec import Meta
 
 from armadico.agents.methods.grid import Grid
 from armadico.agents.methods.monte_carlo import Estimate, MonteCarlo, Settings
+from armadico.agents.methods.odometry import begun_anew
 from armadico.agents.methods.sonar_model import FORMAT, Fields, SonarModel, fields
 from armadico.config.kept import Arrays, arrays
 from armadico.config.profile import load_profile
 from armadico.config.worlds import load_world
-from armadico.core import agent
+from armadico.core import agent, particles
 from armadico.core.agent import WARNING, Agent
 from armadico.core.geometry import Pose2, compose, relative, wrap
-from armadico.core.messages import Correction, Echo, Message, Pose, RobotState, Sonar
+from armadico.core.messages import Correction, Echo, Message, Particles, Pose, RobotState, Sonar
 
 Metres = Annotated[float, Meta(gt=0, le=100)]
 Angle = Annotated[float, Meta(gt=0, le=6.2832)]
@@ -34,6 +35,13 @@ STOOD: Pose2 = (0.0, 0.0, 0.0)
 
 LEAP_M, LEAP_RAD = 0.5, 0.5
 """An estimate that changes by more in a cycle is of another place."""
+
+UNCOUNTED_M, UNCOUNTED_RAD = 0.5, 0.5
+"""Standard deviations of what rolled while nobody counted: two seconds until the controller's
+watchdog, and braking, at half the top speed, or turning."""
+
+PARTICLES_S = 0.5
+"""From one publication of particles to the next: for those who watch."""
 
 
 class Parameters(agent.Parameters, frozen=True, kw_only=True):
@@ -71,7 +79,7 @@ class Localization(Agent):
     name = "localization"
     alone = True
     hears: ClassVar[tuple[type[Message], ...]] = (Sonar, Pose)
-    provides: ClassVar[tuple[type[Message], ...]] = (Correction,)
+    provides: ClassVar[tuple[type[Message], ...]] = (Correction, Particles)
     parameters = Parameters
     launched_with = ("world", "profile")
     p: Parameters
@@ -99,13 +107,15 @@ class Localization(Agent):
         self._at: Pose2 | None = None  # the estimate a cycle ago
         self._since: float | None = None  # when it began to doubt
         self._alone = 0  # so often no other place has been found that fits
-        self._shown = 0.0  # how much of what is asked for it has been sure since
+        self._sure = 0.0  # how much of what is asked for it has been sure since
+        self._shown_at = float("-inf")
 
     def on_pose(self, pose: Pose) -> None:
         """Where to begin."""
         if self._begun or not self._useful or self._odometry is None:
             return
         self._begun = True
+        self._lost = self._lost or pose.deviation > self.p.lost_m  # and was so before it started
         if self.p.start == "anywhere":
             self._filter.start_anywhere()
         else:
@@ -113,14 +123,23 @@ class Localization(Agent):
             self._filter.start_at((pose.x, pose.y, pose.theta), off, self.p.start_rad)
 
     def on_robot_state(self, state: RobotState) -> None:
-        """Move the particles."""
-        odometry = (state.x, state.y, state.theta)
+        """Move the particles.
+
+        The controller counts while there is no robot agent. If it has begun anew, nobody knows what
+        the robot rolled meanwhile.
+        """
+        odometry, before = (state.x, state.y, state.theta), self._odometry
+        another = state.cycle.epoch != self._epoch
         self._motion = STOOD
-        if self._odometry is not None and state.cycle.epoch == self._epoch and self._begun:
-            self._motion = motion = relative(self._odometry, odometry)
-            self._filter.move(motion)
-            self._at = None if self._at is None else compose(self._at, motion)
         self._odometry, self._epoch = odometry, state.cycle.epoch
+        if before is None or not self._begun:
+            return
+        if another and begun_anew(before, odometry):
+            self._filter.start_at(self._filter.estimate(self._at).pose, UNCOUNTED_M, UNCOUNTED_RAD)
+            return
+        self._motion = motion = relative(before, odometry)
+        self._filter.move(motion)
+        self._at = None if self._at is None else compose(self._at, motion)
 
     def on_sonar(self, sonar: Sonar) -> None:
         """Weigh the particles, and publish where they are."""
@@ -145,6 +164,10 @@ class Localization(Agent):
                 confidence=0.0 if self._lost else min(1.0, found.share),
             )
         )
+        if self.now - self._shown_at >= PARTICLES_S:
+            self._shown_at = self.now
+            drawn = self._filter.drawn(particles.MOST).tolist()
+            self.publish(particles.message_of(sonar.cycle, drawn))
 
     def _judge(self, found: Estimate) -> None:
         """Whether it is lost: if it seems so for a while, and found once it has been sure.
@@ -165,7 +188,7 @@ class Localization(Agent):
             waited = self._since is not None and self.now - self._since >= p.lost_s
             if not (waited or leaps):
                 return
-            self._lost, self._since, self._shown = True, None, 0.0
+            self._lost, self._since, self._sure = True, None, 0.0
             self._alone = 0
             self.log(
                 f"the robot is lost: at best at ({x:.2f}, {y:.2f}), with {100 * share:.0f} % of the"
@@ -176,8 +199,8 @@ class Localization(Agent):
             x_, y_, turn = self._motion
             moved = hypot(x_, y_) / p.found_way_m + abs(turn) / p.found_turn_rad
             sure = share >= p.found and wide <= p.found_m and fit >= p.found_fit and not leaps
-            self._shown = self._shown + moved if sure else 0.0
-            if self._shown >= 1.0 and moved:
+            self._sure = self._sure + moved if sure else 0.0
+            if self._sure >= 1.0 and moved:
                 self._alone = 0 if self._filter.rivalled(found.pose) else self._alone + 1
                 if self._alone < p.found_times:
                     return

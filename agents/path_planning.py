@@ -7,12 +7,25 @@ from typing import Annotated, Any, ClassVar
 from msgspec import Meta
 
 from armadico.agents.methods.energy import energy
-from armadico.agents.methods.planning import PlanError, plan
+from armadico.agents.methods.grid import grid_of
+from armadico.agents.methods.planning import CELL_M, PlanError, plan
+from armadico.agents.methods.seen import Seen
 from armadico.config.profile import load_profile
 from armadico.config.worlds import load_world
 from armadico.core import agent
 from armadico.core.agent import Agent, Question
-from armadico.core.messages import WAYPOINTS, Message, Plan, PlanRequest, Waypoint, line
+from armadico.core.behaviour import UNSURE_M
+from armadico.core.messages import (
+    WAYPOINTS,
+    Message,
+    Plan,
+    PlanRequest,
+    Pose,
+    RobotState,
+    Sonar,
+    Waypoint,
+    line,
+)
 
 
 class Parameters(agent.Parameters, frozen=True, kw_only=True):
@@ -25,10 +38,15 @@ class Parameters(agent.Parameters, frozen=True, kw_only=True):
 
 
 class PathPlanning(Agent):
-    """Knows the world's walls, rooms and doors; answers where to go, and what it costs."""
+    """Knows the world's walls, rooms and doors; answers where to go, and what it costs.
+
+    What the sonars see and the map has not it remembers for a while, and plans round it. Where the
+    pose is unsure nothing is put down: a wall that is seen beside its place would close a door.
+    """
 
     name = "path-planning"
     alone = True
+    hears: ClassVar[tuple[type[Message], ...]] = (Pose, Sonar)
     answers: ClassVar[tuple[type[Message], ...]] = (PlanRequest,)
     parameters = Parameters
     launched_with = ("world", "profile")
@@ -38,6 +56,15 @@ class PathPlanning(Agent):
         super().__init__(identity, parameters)
         self._world = load_world(self.p.world)
         self._profile = load_profile(self.p.profile)
+        self._seen: Seen | None = None
+
+    def on_pose(self, pose: Pose) -> None:
+        """Where the pings of this cycle were, if they have come."""
+        self._match(pose, self.latest(Sonar))
+
+    def on_sonar(self, sonar: Sonar) -> None:
+        """The pings of this cycle, if it is known where they were."""
+        self._match(self.latest(Pose), sonar)
 
     def on_plan_request(self, question: Question) -> Plan:
         """The waypoints, or why there is no way."""
@@ -50,6 +77,8 @@ class PathPlanning(Agent):
                 request.goal,
                 self._profile.body,
                 round_corners=self.p.round_corners,
+                seen=() if self._seen is None else self._seen.points(self.now),
+                under_way=bool(request.why),
             )
         except PlanError as error:
             return Plan((), refusal=line(str(error)))
@@ -58,5 +87,19 @@ class PathPlanning(Agent):
             return Plan((), refusal=f"the way has {len(waypoints):,} turns, at most {WAYPOINTS:,}")
         cost = energy(way.length_m, self._profile, self.p.cruise_m_s)
         doors = f" through {', '.join(way.doors)}" if way.doors else ""
-        self.log(f"planned {way.length_m:.1f} m{doors}, {cost.joules:.0f} J")
+        why = f": {request.why}" if request.why else ""
+        self.log(f"planned {way.length_m:.1f} m{doors}, {cost.joules:.0f} J{why}")
         return Plan(waypoints, way.length_m, cost.joules)
+
+    def _match(self, pose: Pose | None, sonar: Sonar | None) -> None:
+        """Take a cycle's pings once both its messages are there, in whatever order."""
+        if pose is None or sonar is None or pose.cycle != sonar.cycle or pose.deviation > UNSURE_M:
+            return
+        if self._seen is None:
+            self._seen = Seen(grid_of(self._world.barriers, self._world.bounds, CELL_M))
+        self._seen.move(pose)
+        for echo in sonar.echoes:
+            self._seen.take(pose, echo, pose.deviation, self.now)
+        state = self.latest(RobotState)
+        if state is not None and state.touch is not None and state.cycle == pose.cycle:
+            self._seen.touch(pose, state.touch.x, state.touch.y, self.now)

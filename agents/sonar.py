@@ -2,19 +2,22 @@
 
 from __future__ import annotations
 
+from collections import deque
 from collections.abc import Iterable, Iterator
-from math import atan2, copysign, cos, hypot, radians, sin
+from math import atan2, copysign, cos, hypot, inf, radians, sin
 from typing import Annotated, Any, ClassVar
 
 from msgspec import Meta
 
 from armadico.agents.methods import local_map
 from armadico.agents.methods.geometry import Placed
+from armadico.agents.methods.known_walls import KnownWalls
 from armadico.agents.methods.local_map import CELLS, RINGS, SECTORS, Obstacle
-from armadico.agents.methods.settings import MapSettings
+from armadico.agents.methods.settings import MapSettings, WallSettings
+from armadico.config.worlds import load_world
 from armadico.core import agent
 from armadico.core.agent import Agent
-from armadico.core.geometry import Pose2, relative
+from armadico.core.geometry import Pose2, compose, relative
 from armadico.core.messages import (
     Cell,
     Cycle,
@@ -23,6 +26,7 @@ from armadico.core.messages import (
     Message,
     Obstacles,
     Point,
+    Pose,
     RobotState,
     Sonar,
 )
@@ -39,6 +43,9 @@ and whoever starts in the middle of a drive must not publish that it is."""
 MAP_CYCLES = 5
 """Cycles from one publication of the cells to the next."""
 
+LATE_CYCLES = 4
+"""A pose comes so many cycles late at the most, or it is not fresh."""
+
 BUMP_M = 0.04
 """What the robot touched is put so far beyond the edge that touched it."""
 
@@ -49,12 +56,16 @@ BUMP_SHARES = (-0.75, 0.0, 0.75)
 class Parameters(agent.Parameters, frozen=True, kw_only=True):
     """How the map believes and forgets, and how wide an echo in front is taken to be.
 
+    Told of a `world`, it expects the walls of that near a pose whose covariance is known and small.
+
     A sonar measures anything in its cone and the map puts it on the axis: a wall dead ahead becomes
     two points with a gap between them that the robot would fit through. So what is in front and
     near is published as an arc, a point on each side of the axis.
     """
 
+    world: Annotated[str, Meta(min_length=1)] | None = None  # the global map, if anybody knows it
     map: MapSettings = MapSettings()
+    walls: WallSettings = WallSettings()
     arc_rad: Angle = radians(8.0)  # to each side
     arc_within_rad: Angle = radians(45.0)  # of the heading
     arc_from_m: Metres = 0.04  # before the front edge
@@ -66,20 +77,29 @@ class SonarAgent(Agent):
     """Moves its map with the robot, takes the echoes in, and publishes what is near.
 
     The map is local, so the controller's own odometry moves it: a cycle's echoes become obstacles
-    one hop after they came, whoever else is slow. Nothing is published before the robot is
+    one hop after they came, whoever else is slow, and no correction of the pose smears it. What the
+    global map has near is put to it anew in each cycle. Nothing is published before the robot is
     described: what is inside the body is no obstacle.
     """
 
     name = "sonar"
     alone = True
-    hears: ClassVar[tuple[type[Message], ...]] = (Sonar, Description)
+    hears: ClassVar[tuple[type[Message], ...]] = (Sonar, Description, Pose)
     provides: ClassVar[tuple[type[Message], ...]] = (Obstacles, LocalMap)
     parameters = Parameters
+    launched_with = ("world",)
     p: Parameters
 
     def __init__(self, identity: agent.Identity, parameters: Any = None) -> None:
         super().__init__(identity, parameters)
         self._map = local_map.LocalMap(self.p.map)
+        world = None if self.p.world is None else load_world(self.p.world)
+        self._walls = None if world is None else KnownWalls(world.walls, self.p.walls)
+        self._origin: Pose2 | None = None  # of the odometry, by the newest pose that was sure
+        self._covariance: tuple[float, ...] = ()  # of that pose,
+        self._sure_at = -inf  # when that was,
+        self._way = 0.0  # and how far the robot has come since, m
+        self._driven: deque[tuple[Cycle, Pose2]] = deque(maxlen=LATE_CYCLES)
         self._odometry: Pose2 | None = None
         self._epoch: int | None = None
         self._listened = 0
@@ -95,8 +115,12 @@ class SonarAgent(Agent):
         if self._odometry is not None and state.cycle.epoch == self._epoch:
             motion = relative(self._odometry, odometry)
             self._map.move(Placed(*motion))
+            self._way += hypot(motion[0], motion[1])
             self._bumps = list(self._moved(motion))
+        else:
+            self._origin = None
         self._odometry, self._epoch = odometry, state.cycle.epoch
+        self._driven.append((state.cycle, odometry))
         body = self._map.outline
         if state.touch is not None and body is not None:
             x = state.touch.x + copysign(BUMP_M, state.touch.x)
@@ -105,10 +129,29 @@ class SonarAgent(Agent):
                 sides = (share * body.half_width for share in BUMP_SHARES)
                 self._bumps += [(self.now, Point(x, y)) for y in sides]
 
+    def on_pose(self, pose: Pose) -> None:
+        """Where the odometry's origin lies in the world, if that is sure; it stays there a while.
+
+        A robot that is lost has rarely been carried away: mostly it is where its wheels say that it
+        is, and beside it the walls that were there.
+        """
+        if not pose.covariance or pose.deviation > self.p.walls.sure_m:
+            return
+        for cycle, odometry in self._driven:
+            if cycle == pose.cycle:
+                back = relative(odometry, (0.0, 0.0, 0.0))
+                self._origin = compose((pose.x, pose.y, pose.theta), back)
+                self._covariance = pose.covariance
+                self._sure_at, self._way = self.now, 0.0
+
     def on_sonar(self, sonar: Sonar) -> None:
         """Take the echoes in, and publish where the obstacles are."""
         seen = self._map
         seen.update(sonar.echoes)
+        if self._walls is not None:
+            self._walls.look(*self._place())
+            self._walls.hear(sonar.echoes)
+            seen.expect(self._walls.points())
         self._listened += 1
         body = seen.outline
         if self._listened < round(LOOK_S / self.cycles.period) or body is None:
@@ -120,11 +163,24 @@ class SonarAgent(Agent):
                 front=_point(seen.front()),
                 left=_point(seen.left()),
                 right=_point(seen.right()),
-                points=(*self._arcs(seen.points(), body), *(point for _, point in self._bumps)),
+                points=(
+                    *self._arcs(seen.heard(), body),
+                    *(Point(o.x, o.y) for o in (*seen.expected, *seen.onward())),
+                    *(point for _, point in self._bumps),
+                ),
             )
         )
         if sonar.cycle.number % MAP_CYCLES == 0:
             self._say_map(sonar.cycle)
+
+    def _place(self) -> tuple[Pose2 | None, tuple[float, ...]]:
+        """Where the robot is now and how uncertain that is; None if nobody has known for long."""
+        s = self.p.walls
+        if self._origin is None or self._odometry is None or self.now - self._sure_at > s.kept_s:
+            return None, ()
+        xx, xy, xt, yy, yt, tt = self._covariance
+        more = s.grows * self._way
+        return compose(self._origin, self._odometry), (xx + more, xy, xt, yy + more, yt, tt)
 
     def _say_map(self, cycle: Cycle) -> None:
         cells = tuple(
@@ -141,7 +197,7 @@ class SonarAgent(Agent):
                 yield when, Point(x, y)
 
     def _arcs(self, obstacles: Iterable[Obstacle], body: Outline) -> Iterator[Point]:
-        """All points, and both ends of the arc for those in front."""
+        """All points that were heard, and both ends of the arc for those in front."""
         p = self.p
         nearest = body.front + p.arc_from_m
         c, s = cos(p.arc_rad), sin(p.arc_rad)

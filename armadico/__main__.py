@@ -5,11 +5,13 @@ Ctrl-C ends them without a traceback while they are still importing, and when th
 
 from __future__ import annotations
 
+import os
 import signal
 import sys
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from io import TextIOWrapper
+from pathlib import Path
 
 INTERRUPTED = 130
 
@@ -32,6 +34,9 @@ def agent() -> int:
 
 
 def _run(command: Callable[[], int]) -> int:
+    for name in ("stdout", "stderr"):
+        if getattr(sys, name) is None:  # closed by whoever started us: what it says is lost
+            setattr(sys, name, Path(os.devnull).open("w"))  # noqa: SIM115
     if isinstance(sys.stdout, TextIOWrapper):
         sys.stdout.reconfigure(errors=UNPRINTABLE)
     try:

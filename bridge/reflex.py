@@ -138,6 +138,7 @@ class Touch:
     Attributes:
         felt: Whether it touches something now.
         side: Where, by what was ordered when it began: 1 ahead, -1 behind, 0 nobody knows.
+        cut: Whether motors that are off now may have been cut for a stall.
     """
 
     def __init__(self, profile: RobotProfile) -> None:
@@ -152,8 +153,10 @@ class Touch:
         self.felt, self.side = False, 0
         self._least = (0.0, 0.0)  # what the wheels are to have reached by now, m/s and rad/s
         self._at = self._held_since = inf
-        self._held_until = -inf
+        self._held_until = self._cut_until = -inf
+        self.cut = False
         self._stuck: int | None = None  # bumpers that were pressed from the first: of no use
+        self._bumpers = (False, False)  # pressed ahead, behind
 
     def feel(
         self,
@@ -171,24 +174,31 @@ class Touch:
             now: s.
         """
         held = self._held(status, ordered, measured, now)
-        bumpers = self._pressed(status)
-        if held or bumpers or status.left_stall or status.right_stall:
+        ahead, behind = self._bumpers = self._pressed(status)
+        stalls = status.left_stall or status.right_stall
+        if held or ahead or behind or stalls:
             # For a while: a controller cuts what stalls, and then nothing stalls any more.
             self._held_until = now + HELD_S
+        if stalls:
+            self._cut_until = now + HELD_S
+        self.cut = now < self._cut_until
         before = self.felt
         self.felt = now < self._held_until
-        if before or not self.felt:
+        known = ahead - behind  # 0: no bumper, or bumpers on both sides
+        elsewhere = known not in (0, self.side)  # bumpers know where; what was ordered is a guess
+        if not self.felt or (before and not elsewhere):
             return False
         x, y = self._place
-        again = hypot(status.x_m - x, status.y_m - y) < SAME_PLACE_M
+        again = hypot(status.x_m - x, status.y_m - y) < SAME_PLACE_M and not elsewhere
         if not again:
             self._place = (status.x_m, status.y_m)
-            self.side = bumpers or _sign(ordered[0]) or _sign(self._least[0])
+            self.side = known or _sign(ordered[0]) or _sign(self._least[0])
         return not again
 
     def cap(self, v: float) -> float:
         """The speed that is obeyed of a commanded one, m/s: none against what it touches."""
-        return 0.0 if self.felt and self.side * v > 0.0 else v
+        against = self.side * v > 0.0 or self._bumpers[0 if v > 0.0 else 1]
+        return 0.0 if self.felt and against else v
 
     def _held(
         self,
@@ -212,12 +222,12 @@ class Touch:
         self._held_since = min(self._held_since, now) if slow else inf
         return now - self._held_since >= HELD_S
 
-    def _pressed(self, status: Status) -> int:
-        """On which side a bumper has been pressed since the controller was opened; 0: none."""
+    def _pressed(self, status: Status) -> tuple[bool, bool]:
+        """Whether bumpers ahead, and behind, were pressed since the controller was opened."""
         bits = status.front_bumpers | status.rear_bumpers << 8
         self._stuck = bits if self._stuck is None else self._stuck & bits
         bits &= ~self._stuck
-        return bool(bits & 0xFF) - bool(bits >> 8)
+        return bool(bits & 0xFF), bool(bits >> 8)
 
 
 def _follow(least: float, ordered: float, measured: float, step: float) -> float:

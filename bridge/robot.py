@@ -222,8 +222,8 @@ class Robot(DeviceAgent):
         left, right = status.left_m_s, status.right_m_s
         v, w = 0.5 * (left + right), 0.5 * (right - left) / self.profile.body.half_track_m
         self._speeds = (v, w)
-        self._heed_hands(status)
         self._feel(status)
+        self._heed_hands(status)
         self.publish(
             RobotState(
                 cycle=cycle,
@@ -294,10 +294,9 @@ class Robot(DeviceAgent):
         nobody has switched off.
         """
         if self.stopped is None and self._session is not None:
-            stalled = status.left_stall or status.right_stall
             if status.stop_button:
                 self.latch("the STOP button at the robot")
-            elif not (status.motors_enabled or stalled) and self._session.motors_due:
+            elif not (status.motors_enabled or self._touch.cut) and self._session.motors_due:
                 self.latch("the motors being off at the robot")
 
     def _feel(self, status: Status) -> None:

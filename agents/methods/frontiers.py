@@ -15,7 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from armadico.agents.methods.geometry import Placed, distance
-from armadico.agents.methods.grid import Field, Grid, Margins, nearest
+from armadico.agents.methods.grid import EVERYWHERE, Field, Grid, Margins, nearest
 from armadico.agents.methods.path_smoothing import between, nearest_free, shorten, turns_of
 from armadico.config.grid_map import OCCUPIED, UNKNOWN, Cells
 from armadico.config.worlds import Segment
@@ -57,8 +57,8 @@ class Chart(Grid):
             (self.xs >= low[0]) & (self.xs <= high[0])
         )
 
-    def _price(self, margins: Margins) -> Field:
-        return np.where(self.known, super()._price(margins), np.inf)
+    def _price(self, margins: Margins, part: tuple[slice, slice] = EVERYWHERE) -> Field:
+        return np.where(self.known[part], super()._price(margins, part), np.inf)
 
     def frontiers(self, margins: Margins, avoided: Sequence[Placed] = ()) -> Mask:
         """The cells that border on what is unknown and could be driven over, but for some."""

@@ -10,8 +10,11 @@ of the wheel axle; metres and radians.
 It believes by looks, not by cycles. A cell's probability grows when an echo comes from it. It
 shrinks on a ping that had to bring its echo: within the cone, near the axis, and short of the range
 measured. An echo from behind it is strong evidence; a ping without one is weak, for a wall met at
-a slant does not answer either. What no sonar looks at only fades, slowly with time and, as odometry
-goes wrong, with the way: the tail swings into what cannot be seen.
+a slant does not answer either: neither counts that looked from another side than it was heard from.
+What no sonar looks at only fades, slowly with time and, as odometry goes wrong, with the way: the
+tail swings into what cannot be seen.
+
+What is expected, by a global map, is beside that, and new in each cycle.
 """
 
 from __future__ import annotations
@@ -23,6 +26,7 @@ from operator import itemgetter
 from typing import NamedTuple, Protocol
 
 from armadico.agents.methods.geometry import Posed
+from armadico.agents.methods.rows import NEAR_M, Heard, onward
 from armadico.agents.methods.settings import MapSettings
 from armadico.core.swept_path import Outline
 
@@ -74,6 +78,8 @@ class _Cell(NamedTuple):
     x: float
     y: float
     heard: float  # from how far, m: the point lies on that sonar's axis, the thing in its cone
+    ahead: float  # where that sonar looked: a unit vector
+    left: float
 
 
 def cell_at(x: float, y: float, ring_m: float) -> int:
@@ -102,7 +108,17 @@ class LocalMap:
         self._ring_m = self.settings.reach_m / RINGS
         self._cells: dict[int, _Cell] = {}  # by the cell, and CELLS for each point before it
         self._sonars: dict[tuple[float, float, float], Echo] = {}  # each one's last
+        self._expected: tuple[Obstacle, ...] = ()
         self._occupied: tuple[Obstacle, ...] | None = ()
+        self._all: tuple[Obstacle, ...] | None = ()
+
+    def expect(self, places: Iterable[Obstacle]) -> None:
+        """Take what is there whether it was heard or not, until the next cycle's."""
+        front, rear, half = self.outline or NOBODY
+        self._expected = tuple(
+            o for o in places if not (-rear < o.x < front and -half < o.y < half)
+        )
+        self._all = None
 
     def move(self, motion: Posed) -> None:
         """Move what is remembered against the robot's motion, and let it fade by one cycle.
@@ -117,7 +133,7 @@ class LocalMap:
         front, rear, half = self.outline or NOBODY
         by_cycles = s.seen_decay < 1.0
         moved: dict[int, _Cell] = {}
-        for probability, x, y, heard in self._cells.values():
+        for probability, x, y, heard, ahead, left in self._cells.values():
             seen = by_cycles and self._looked_at(x, y)
             probability *= s.seen_decay if seen else memory  # noqa: PLW2901
             dx, dy = x - motion.x, y - motion.y
@@ -129,9 +145,10 @@ class LocalMap:
             new = self._place(moved, x, y)
             other = moved.get(new)
             if other is None or probability > other.probability:
-                moved[new] = _Cell(probability, x, y, heard)
+                turned = cos * ahead + sin * left, cos * left - sin * ahead
+                moved[new] = _Cell(probability, x, y, heard, *turned)
         self._cells = moved
-        self._occupied = None
+        self._occupied = self._all = None
 
     def update(self, echoes: Iterable[Echo]) -> None:
         """Take in the echoes of one cycle: a ping doubts what did not echo, and fills a cell."""
@@ -144,21 +161,66 @@ class LocalMap:
             self._clear(echo)
             if echo.range is not None:
                 self._fill(echo, echo.range)
-        self._occupied = None
+        self._occupied = self._all = None
 
     def points(self) -> tuple[Obstacle, ...]:
+        """All that is there, the nearest first."""
+        if self._all is None:
+            self._all = tuple(sorted((*self.heard(), *self._expected), key=itemgetter(2, 0, 1)))
+        return self._all
+
+    @property
+    def expected(self) -> tuple[Obstacle, ...]:
+        """What is there whether it was heard or not."""
+        return self._expected
+
+    def heard(self) -> tuple[Obstacle, ...]:
         """All occupied cells' points, the nearest first."""
         if self._occupied is None:
             s = self.settings
             by_cycles = s.seen_threshold > s.threshold
             found = [
                 Obstacle(x, y, math.hypot(x, y))
-                for probability, x, y, _ in self._cells.values()
+                for probability, x, y, *_ in self._cells.values()
                 if probability >= s.threshold
                 and (not by_cycles or probability >= s.seen_threshold or not self._looked_at(x, y))
             ]
             self._occupied = tuple(sorted(found, key=itemgetter(2, 0, 1)))
         return self._occupied
+
+    def onward(self) -> tuple[Obstacle, ...]:
+        """Where what was heard goes on, but for what was expected: of that the ends are known."""
+        s, body = self.settings, self.outline or NOBODY
+        if not s.goes_on:
+            return ()
+        front, rear, half = body.grown(NEAR_M)
+        heard = [
+            Heard(x, y, ahead, left)
+            for probability, x, y, _, ahead, left in self._cells.values()
+            if -rear < x < front
+            and -half < y < half
+            and probability >= s.threshold
+            and not self._is_expected(x, y)
+        ]
+        if len(heard) < 2:
+            return ()
+        through = [
+            (
+                e.x,
+                e.y,
+                *_direction(e.bearing),
+                math.inf if e.range is None else e.range - s.margin_m,
+            )
+            for e in self._sonars.values()
+        ]
+        slope = math.tan(s.axis_rad)
+        return tuple(
+            Obstacle(x, y, math.hypot(x, y)) for x, y in onward(heard, body, through, slope)
+        )
+
+    def _is_expected(self, x: float, y: float) -> bool:
+        near = self.settings.apart_m + self.settings.margin_m
+        return any(abs(ex - x) < near and abs(ey - y) < near for ex, ey, _ in self._expected)
 
     def cells(self) -> Mapping[int, _Cell]:
         """What is in each cell that is not empty: its number is `sector * RINGS + ring`.
@@ -209,8 +271,10 @@ class LocalMap:
         cone is narrower than that, and may miss the thing: such a ping counts so much less.
         """
         s = self.settings
-        free, taken = (math.inf, s.silence) if echo.range is None else (echo.range, s.miss)
-        free -= s.margin_m
+        if echo.range is None:
+            free, taken, facing = math.inf, s.silence, s.silence_facing
+        else:
+            free, taken, facing = echo.range - s.margin_m, s.miss, s.miss_facing
         cos, sin = _direction(echo.bearing)
         slope = math.tan(s.axis_rad)
         for key, cell in list(self._cells.items()):
@@ -218,11 +282,13 @@ class LocalMap:
             along = cos * dx + sin * dy
             if not 0.0 < along < free or abs(cos * dy - sin * dx) > slope * along:
                 continue
+            if cos * cell.ahead + sin * cell.left < facing:
+                continue
             probability = cell.probability - taken * min(along / cell.heard, 1.0)
             if probability < s.forget:
                 del self._cells[key]
             else:
-                self._cells[key] = _Cell(probability, cell.x, cell.y, cell.heard)
+                self._cells[key] = cell._replace(probability=probability)
 
     def _fill(self, echo: Echo, distance: float) -> None:
         """Believe more in the cell at the ray's end.
@@ -239,13 +305,13 @@ class LocalMap:
         key = self._place(self._cells, x, y)
         before = self._cells.get(key)
         if before is None or self._apart(key, before, x, y):
-            self._cells[key] = _Cell(s.hit, x, y, distance)
+            self._cells[key] = _Cell(s.hit, x, y, distance, cos, sin)
             return
         probability = min(before.probability + s.hit, 1.0)
         beyond = math.hypot(x, y) - math.hypot(before.x, before.y)
         if 0.0 <= beyond <= s.margin_m:
             x, y = before.x, before.y
-        self._cells[key] = _Cell(probability, x, y, min(distance, before.heard))
+        self._cells[key] = _Cell(probability, x, y, min(distance, before.heard), cos, sin)
 
     def _place(self, cells: Mapping[int, _Cell], x: float, y: float) -> int:
         """Where a point belongs: with what is not apart from it, or else where there is room.

@@ -14,7 +14,15 @@ from math import inf
 import numpy as np
 
 from armadico.agents.methods.geometry import Placed, distance
-from armadico.agents.methods.grid import Cell, Field, Grid, Margins, search
+from armadico.agents.methods.grid import (
+    EXACT_CELLS,
+    Cell,
+    Field,
+    Grid,
+    Margins,
+    search,
+    search_far,
+)
 from armadico.config.worlds import Segment
 
 ESCAPE_M = 0.5
@@ -60,8 +68,9 @@ def between(
         max(area[3], near_a.y, near_b.y) + grid.cell_m,
     )
     (row_a, column_a), (row_b, column_b) = grid.cell(near_a), grid.cell(near_b)
-    found = search(
-        costs[rows, columns],
+    part = costs[rows, columns]
+    found = (search if part.size <= EXACT_CELLS else search_far)(
+        part,
         (row_a - rows.start, column_a - columns.start),
         (row_b - rows.start, column_b - columns.start),
     )
@@ -82,12 +91,14 @@ def shorten(grid: Grid, margins: Margins, costs: Field, places: Sequence[Placed]
     kept, last = [0], len(places) - 1
     while kept[-1] < last:
         here = kept[-1]
+        free = grid.open_ahead(costs, places[here], places[here + 1 :])
         kept.append(
             next(
                 (
                     there
                     for there in range(last, here + 1, -1)
-                    if grid.cost_between(costs, places[here], places[there])
+                    if free[there - here - 1]
+                    and grid.cost_between(costs, places[here], places[there])
                     <= _SLACK * (spent[there] - spent[here]) + _SLACK_M
                     and clear(grid, margins, places[here], places[there])
                 ),

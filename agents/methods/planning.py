@@ -20,7 +20,7 @@ from armadico.agents.methods.grid import Grid, Margins, grid_of
 from armadico.agents.methods.path_smoothing import between, clear, rounded
 from armadico.agents.methods.room_graph import Leg, axis, route
 from armadico.config.profile import Body
-from armadico.config.worlds import World
+from armadico.config.worlds import Segment, World
 from armadico.core.geometry import wrap
 
 CELL_M = 0.05
@@ -55,6 +55,8 @@ def plan(
     margins: Margins | None = None,
     *,
     round_corners: bool = False,
+    seen: Sequence[Segment] = (),
+    under_way: bool = False,
 ) -> Plan:
     """The way from a pose to another.
 
@@ -66,6 +68,9 @@ def plan(
         margins: How far from walls it has to be; if left out, as far as it takes to turn on the
             spot, and less only where there is no way with as much room.
         round_corners: Whether they are cut off where there is room.
+        seen: What stands there besides the walls.
+        under_way: Whether the robot has driven to the start: then it is there, however near to a
+            wall it is by its pose.
 
     Returns:
         Waypoints with headings along the way; the last one is the goal as asked for.
@@ -73,11 +78,15 @@ def plan(
     Raises:
         PlanError: A pose is off the world or inside a wall, or there is no way between them.
     """
-    grid = grid_of(world.barriers, world.bounds, CELL_M)
-    _check(grid, "start", start, body)
-    _check(grid, "goal", goal, body)
+    known = grid_of(world.barriers, world.bounds, CELL_M)
+    _check(known, "start", start, 0.0 if under_way else body.width_m / 2)
+    _check(known, "goal", goal, body.width_m / 2)
+    grid = known.beside(seen)
+    clearance = grid.clearance_at(goal)
+    if clearance < body.width_m / 2:
+        raise PlanError(f"something was seen {clearance:.2f} m from the goal {_at(goal)}")
     tries = [margins] if margins else [Margins(radius) for radius in radii(body)]
-    way = _widest(world, tries, Placed(start.x, start.y), Placed(goal.x, goal.y))
+    way = _widest(world, grid, tries, Placed(start.x, start.y), Placed(goal.x, goal.y))
     if round_corners:
         way = _Way(rounded(grid, tries[-1], way.places), way.doors)
     stretches = list(pairwise(way.places))
@@ -95,12 +104,14 @@ def radii(body: Body) -> tuple[float, float, float]:
     return most, round((most + least) / 2, 3), round(least, 3)
 
 
-def _widest(world: World, tries: Sequence[Margins], start: Placed, goal: Placed) -> _Way:
+def _widest(
+    world: World, grid: Grid, tries: Sequence[Margins], start: Placed, goal: Placed
+) -> _Way:
     """The way by the first margins that leave one; the last ones say why there is none."""
     for margins in tries[:-1]:
         with suppress(PlanError):
-            return _Planner(world, margins).way(start, goal)
-    return _Planner(world, tries[-1]).way(start, goal)
+            return _Planner(world, grid, margins).way(start, goal)
+    return _Planner(world, grid, tries[-1]).way(start, goal)
 
 
 class _Way(NamedTuple):
@@ -136,9 +147,8 @@ class _Mark(NamedTuple):
 class _Planner:
     """One world's grid, and how its doors are passed."""
 
-    def __init__(self, world: World, margins: Margins) -> None:
-        self.world, self.margins = world, margins
-        self.grid = grid_of(world.barriers, world.bounds, CELL_M)
+    def __init__(self, world: World, grid: Grid, margins: Margins) -> None:
+        self.world, self.grid, self.margins = world, grid, margins
         self.areas = {area.name: (area.x1, area.y1, area.x2, area.y2) for area in world.rooms}
         self.doors = {door.name: door for door in world.doors}
         self._middles: dict[str, Placed] = {}
@@ -283,15 +293,15 @@ def _foot(off: Placed, a: Placed, b: Placed) -> Placed | None:
     return Placed(a.x + share * dx, a.y + share * dy) if 0.0 < share < 1.0 else None
 
 
-def _check(grid: Grid, what: str, place: Positioned, body: Body) -> None:
+def _check(grid: Grid, what: str, place: Positioned, room: float) -> None:
     if not grid.inside(place):
         x1, y1, x2, y2 = grid.bounds
         extent = f"({x1:g}, {y1:g}) to ({x2:g}, {y2:g})"
         raise PlanError(f"the {what} {_at(place)} is off the world, which is {extent}")
     clearance = grid.clearance_at(place)
-    if clearance < body.width_m / 2:  # whatever its heading
+    if clearance < room:  # whatever its heading
         raise PlanError(f"the {what} {_at(place)} is inside a wall, or {clearance:.2f} m from one")
 
 
 def _at(place: Positioned) -> str:
-    return f"({place.x:g}, {place.y:g})"
+    return f"({round(place.x, 2):g}, {round(place.y, 2):g})"

@@ -5,7 +5,7 @@ A file of its own for the reason that `armadico.core.parameters` is one.
 
 from __future__ import annotations
 
-from math import radians
+from math import cos, radians, tan
 
 from msgspec import Struct
 
@@ -17,6 +17,8 @@ class MapSettings(Struct, frozen=True):
     hit: float = 0.6  # added where an echo comes from
     miss: float = 0.35  # taken where an echo from farther away went through
     silence: float = 0.15  # taken where a ping brought nothing back at all
+    miss_facing: float = cos(radians(45))  # by a sonar that looks the way it was heard, so nearly,
+    silence_facing: float = cos(radians(20))  # or so: a smooth wall at a slant does not answer
     axis_rad: float = radians(10)  # a point within this of a sonar's axis had to echo
     memory: float = 0.995  # a cycle: what is certain lasts 24 s at rest
     memory_m: float = 1.5  # the way that halves a probability: the same lasts 2.6 m
@@ -26,8 +28,25 @@ class MapSettings(Struct, frozen=True):
     forget: float = 0.05  # a cell below this is dropped
     margin_m: float = 0.1  # an echo clears what lies this much before it
     apart_m: float = 0.06  # points of a near cell farther apart than this are two; 1: one a cell
+    goes_on: bool = True  # points in a row are a wall that goes on
     frontal_rad: float = radians(40)  # in front: within this of the heading
     abeam_rad: float = radians(120)  # beside: between that and this
+
+
+class WallSettings(Struct, frozen=True):
+    """How far the walls of the global map count in the local one, and what makes them doubted."""
+
+    reach_m: float = 1.5  # places of walls within this; 0: the map is not used
+    sure_m: float = 0.3  # a pose no more uncertain than this says where they are,
+    kept_s: float = 30.0  # and the wheels for so long after it,
+    grows: float = 0.01  # m^2 of variance more a metre
+    unknown_m: float = 0.5  # with a pose so uncertain they count for nothing,
+    least: float = 0.3  # and not at all with less than this share of belief
+    axis: float = tan(radians(10))  # a place within this of a sonar's axis,
+    square: float = cos(radians(20))  # of a wall that the axis meets so squarely, had to echo
+    margin_m: float = 0.2  # an echo from so much behind it
+    miss: float = 0.4  # adds so much doubt,
+    memory: float = 0.997  # of which so much is left a cycle: half after 23 s
 
 
 class Brisk(Struct, frozen=True, forbid_unknown_fields=True):

@@ -19,7 +19,7 @@ from armadico.mesh.topology import WELL_KNOWN, MeshError
 
 if TYPE_CHECKING:
     from armadico.config.hosts import Host
-    from armadico.core.messages import RobotState
+    from armadico.core.messages import Pose, RobotState
 
 OK, NOTE, WRONG = "ok", "note", "wrong"
 
@@ -237,6 +237,7 @@ def mesh(args: argparse.Namespace) -> Generator[Finding, None, dict[str, float |
     from armadico.core.messages import (  # noqa: PLC0415 - likewise
         PROTOCOL,
         Description,
+        Pose,
         RobotState,
         Truth,
     )
@@ -251,7 +252,7 @@ def mesh(args: argparse.Namespace) -> Generator[Finding, None, dict[str, float |
         with joined:
             client = Client(joined)
             view = View()
-            client.listen(Description, Truth, then=view.learn)
+            client.listen(Description, Truth, Pose, then=view.learn)
             cards = client.cards()
             client.wait_for(lambda: None, HEAR_S)
             strangers = view.strangers(joined.now())
@@ -273,6 +274,8 @@ def mesh(args: argparse.Namespace) -> Generator[Finding, None, dict[str, float |
     yield Finding("mesh", OK, f"{len(cards)} agents, {links} links")
     if state is not None:
         yield from robot(state)
+    if view.pose is not None:
+        yield pose(view.pose)
     for (name, instance), card in cards.items():
         if card is None:
             todo = "it hangs, or this machine cannot reach it: look at it, restart it"
@@ -304,6 +307,20 @@ def robot(state: RobotState) -> Iterator[Finding]:
         yield Finding("line", NOTE, f"from the controller: {state.line.told}", todo)
     else:
         yield Finding("line", OK, "all that the controller sent was sound")
+
+
+def pose(known: Pose) -> Finding:
+    """How well the robot knows where it is."""
+    from armadico.core.behaviour import LOST_M  # noqa: PLC0415 - not for --help
+
+    if not known.covariance:
+        todo = "with an agent that localizes it on a map it would be known"
+        return Finding("pose", NOTE, "nobody knows how far off it is: by the wheels alone", todo)
+    off = f"+-{known.deviation:.2f} m"
+    if known.deviation > LOST_M:
+        todo = "give it a mission: it looks for itself, then drives; is it on the map at all?"
+        return Finding("pose", NOTE, f"the robot is lost: {off}", todo)
+    return Finding("pose", OK, off)
 
 
 def hosts(args: argparse.Namespace) -> Generator[Finding, None, set[str]]:

@@ -20,6 +20,10 @@ EXAMPLES: Final = """\
 """
 
 
+FARTHEST: Final = 1e6
+"""A place farther away cannot be said on the mesh, m."""
+
+
 def main(argv: Sequence[str]) -> int:
     """Explore; 0 only if all that can be reached is known, and it is back, and touched nothing."""
     args = parser().parse_args(argv)
@@ -56,10 +60,10 @@ def parser() -> argparse.ArgumentParser:
 
 def _check(args: argparse.Namespace) -> None:
     """Raises UsageError, ConfigError or FailedError before anything moves."""
-    if args.within is not None and not (
-        args.within[0] < args.within[2] and args.within[1] < args.within[3]
-    ):
-        raise UsageError("--within: expected X1 < X2 and Y1 < Y2")
+    if args.within is not None:
+        x1, y1, x2, y2 = args.within
+        if not (-FARTHEST <= x1 < x2 <= FARTHEST and -FARTHEST <= y1 < y2 <= FARTHEST):
+            raise UsageError(f"--within: expected X1 < X2 and Y1 < Y2, within {FARTHEST:,.0f} m")
     if args.attach and args.resume is not None:
         raise UsageError("--resume is for whoever starts the mapping agent; --attach starts nobody")
     if args.map is None and args.resume is None:
@@ -75,3 +79,7 @@ def _check(args: argparse.Namespace) -> None:
         grid_map.check_suffix(args.map)
         if not args.map.resolve().parent.is_dir():
             raise FailedError(f"cannot write {args.map}: there is no such folder")
+        try:
+            grid_map.check_writable(args.map)
+        except OSError as error:
+            raise FailedError(f"cannot write {args.map}: {error.strerror}") from None

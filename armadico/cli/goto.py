@@ -14,7 +14,7 @@ from armadico.cli import options
 from armadico.cli.echo import seconds
 
 if TYPE_CHECKING:
-    from armadico.runtime.client import Client
+    from armadico.runtime.client import Client, Mission
 
 LINE_S: Final = 2.0
 """How often a line is printed where there is no terminal."""
@@ -39,9 +39,10 @@ def main(argv: Sequence[str]) -> int:
             heading = math.radians(args.heading)
             mission = client.goto(args.x, args.y, heading, direct=args.direct)
             show = _shower(stack, mission.length)
-            if not mission.wait(args.timeout, lambda m: show(m.to_go or 0.0, _remark(client))):
+            if not mission.wait(args.timeout, lambda m: show(m.to_go or 0.0, _remark(m, client))):
                 late = f"not there after {args.timeout:g} s; the mission goes on"
-                raise options.FailedError(late)
+                failed = mission.failed
+                raise options.FailedError(late if failed is None else f"it failed, {failed}")
     except KeyboardInterrupt:
         if mission is not None:
             print(f"\n{_left_behind(client)}", file=sys.stderr)
@@ -97,15 +98,17 @@ def _left_behind(client: Client) -> str:
     return "the robot drives on; `armadico stop` stops it"
 
 
-def _remark(client: Client) -> str:
+def _remark(mission: Mission, client: Client) -> str:
     from armadico.core.messages import RobotState  # noqa: PLC0415 - not for --help
 
-    state = client.latest(RobotState)
+    state, status = client.latest(RobotState), mission.status
     if state is None or client.age(RobotState) > 1.0:
         return "nothing heard of the robot"
     if state.stop.stopped:
         by = options.shown(state.stop.by) or "somebody"
         return f"stopped by {by}; `armadico resume` releases it"
+    if status is not None and status.note:
+        return options.shown(status.note)
     return "stalled" if state.stalled else f"{state.v:.2f} m/s"
 
 

@@ -45,9 +45,11 @@ STARTING: Final = (
     "controller",
     "parameters",
     "exchange",
+    "redundant",
     "runs",
     "robot",
     "profile",
+    "sensors",
     "world",
     "together",
 )
@@ -69,7 +71,8 @@ EXAMPLES: Final = """\
   armadico run sc1 --robot serial:///dev/ttyUSB0
   armadico run sc4 --together encoder+sonar --together goto+avoid+gothrough
   armadico run sc4 --virtual --profile amigobot
-  armadico run sc4 --sensors real --with localization --with relocate
+  armadico run sc4 --redundant                 two of each behaviour: kill any one
+  armadico run sc4 --sensors ideal             as the thesis's tables: nobody localizes
   armadico run sc4 --attach --hosts lab.toml   the society is up already: armadico up
 """
 
@@ -142,7 +145,14 @@ def add_options(made: argparse.ArgumentParser) -> None:
         help="an agent that takes part, too; may be repeated",
     )
     made.add_argument(
-        "--sensors", metavar="NAME", help="how well the simulated robot senses: ideal, real"
+        "--sensors",
+        metavar="NAME",
+        help="how well the simulated robot senses: real; ideal: without error, nobody localizes",
+    )
+    made.add_argument(
+        "--redundant",
+        action="store_true",
+        help="two of each behaviour: any one may die, and the mission ends all the same",
     )
     made.add_argument(
         "--together",
@@ -205,6 +215,8 @@ def _scenario(args: argparse.Namespace, chosen: Options, *, somewhere: bool) -> 
         raise UsageError(f"--for {args.limit:g}: expected seconds, more than none")
     if args.runs is not None and args.runs < 1:
         raise UsageError(f"--runs {args.runs}: at least 1")
+    if both := sorted({*args.besides} & {*args.without}):
+        raise UsageError(f"--with {both[0]} --without {both[0]}: does it take part, or not?")
     _check_shown(args)
     if args.robot is not None and args.virtual:
         raise UsageError("--robot drives what is really there; --virtual has its own simulator")
@@ -269,6 +281,7 @@ def _options(args: argparse.Namespace) -> Options:
         without=tuple(args.without),
         besides=tuple(args.besides),
         sensors=args.sensors,
+        redundant=args.redundant,
         together=tuple(tuple(group.split("+")) for group in args.together),
         robot=args.robot,
         resume=getattr(args, "resume", None),
@@ -508,13 +521,14 @@ class _Lines:
 
 
 def remark(watch: RunWatch) -> str:
-    """Distance to go, who holds the wheels, speed, battery."""
+    """Distance to go and what keeps it, who holds the wheels, speed, battery."""
     state, mission = watch.view.state, watch.view.mission
     if mission is None:
         to_go = "no word of the mission"
     else:
         none = mission.state == "none"  # a mission's state, as on the wire
         to_go = "no goal" if none else f"{mission.to_go:.2f} m to go"
+        to_go += f", {options.shown(mission.note)}" if mission.note else ""
     if state is None:
         return f"{to_go}, nothing heard of the robot"
     if state.stop.stopped:

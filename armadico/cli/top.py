@@ -99,6 +99,8 @@ class Snapshots:
         return {
             "namespace": self._namespace,
             "robot": self._robot(),
+            "pose": self._pose(now),
+            "mission": self._mission(),
             "resources": [self._resource(name, now) for name in view.resources],
             "agents": [self._agent(agent) for agent in view.agents],
             "services": [self._service(key, now) for key in sorted(view.rates)],
@@ -118,6 +120,29 @@ class Snapshots:
             "stopped_by": stop.by if stop.stopped else None,
             "cycle": state.cycle.number,
         }
+
+    def _pose(self, now: float) -> dict[str, Any] | None:
+        """Where it is by its own word, and how far off that may be; null: nobody knows."""
+        view, pose = self.view, self.view.pose
+        if pose is None:
+            return None
+        known = bool(pose.covariance)
+        return {
+            "x": pose.x,
+            "y": pose.y,
+            "theta": pose.theta,
+            "deviation_m": pose.deviation if known else None,
+            "deviation_rad": pose.heading_deviation if known else None,
+            "confidence": view.confidence(now),
+            "lost_s": None if view.lost_since is None else round(now - view.lost_since, 1),
+            "told": view.whereabouts(now),
+        }
+
+    def _mission(self) -> dict[str, Any] | None:
+        mission = self.view.mission
+        if mission is None:
+            return None
+        return {"state": mission.state.value, "to_go": mission.to_go, "note": mission.note}
 
     def _resource(self, name: str, now: float) -> dict[str, Any]:
         from armadico.observe.view import agent_of  # noqa: PLC0415 - not for --help
@@ -259,9 +284,15 @@ def _heading(snapshot: dict[str, Any]) -> str:
         return f"{where}, nothing heard of a robot"
     turn = math.degrees(robot["w"])
     words = [where, f"{robot['v']:.2f} m/s", f"{turn:.0f} deg/s", f"{robot['battery_v']:.1f} V"]
+    pose = snapshot["pose"]
+    if pose is not None:
+        words.append(f"at ({pose['x']:.2f}, {pose['y']:.2f})")
+        words += filter(None, [pose["told"]])
     if robot["stopped_by"] is not None:
         words.append(f"STOPPED by {robot['stopped_by'] or 'somebody'}")
     words += ["STALLED"] * robot["stalled"] + ["MOTORS OFF"] * (not robot["motors"])
+    if snapshot["mission"] is not None:
+        words += filter(None, [snapshot["mission"]["state"], snapshot["mission"]["note"]])
     return ", ".join([*words, *filter(None, [robot["line"]])])
 
 

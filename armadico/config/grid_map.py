@@ -9,7 +9,11 @@ it, and ARIA's `.map`, which holds the borders of what is occupied.
 from __future__ import annotations
 
 import zlib
+from collections.abc import Mapping
+from contextlib import suppress
 from dataclasses import dataclass
+from errno import EISDIR
+from os import strerror
 from pathlib import Path
 from typing import Final
 
@@ -17,7 +21,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from armadico.config.errors import ConfigError
-from armadico.config.mapwriter import write_map
+from armadico.config.mapwriter import format_map
 from armadico.config.occupancy import Raster, read_raster, world_of
 from armadico.config.worlds import Segment, World
 from armadico.core.messages import OccupancyGrid
@@ -32,6 +36,10 @@ PACKED_MOST: Final = 60_000
 
 CELLS_MOST: Final = 16_000_000
 """What is more than this is not unpacked: 200 m x 200 m in cells of 5 cm."""
+
+CELLS_M: Final = (0.01, 1.0)
+"""Cells in which a map can be gone on with: smaller ones would fill the memory, larger ones hide
+doors."""
 
 PIXELS: Final = np.array([205, 254, 0], dtype=np.uint8)
 """Grey by state, as map_saver writes it."""
@@ -79,7 +87,10 @@ NOTHING: Final = Cells(0.0, 0.0, 0.05, np.zeros((0, 0), dtype=np.uint8))
 
 def message_of(cells: Cells) -> OccupancyGrid:
     """The grid as a message, in larger cells if it does not fit otherwise."""
-    while len(packed := zlib.compress(cells.states.tobytes(), 6)) > PACKED_MOST:
+    while (
+        cells.states.size > CELLS_MOST
+        or len(packed := zlib.compress(cells.states.tobytes(), 6)) > PACKED_MOST
+    ):
         cells = coarser(cells)
     rows, columns = cells.states.shape
     return OccupancyGrid(cells.x, cells.y, cells.cell_m, rows, columns, packed)
@@ -118,22 +129,57 @@ def check_suffix(path: Path) -> None:
 
 
 def save(cells: Cells, path: Path) -> list[Path]:
-    """Write a grid as its file's suffix says; the files written. Raises ConfigError, OSError."""
+    """Write a grid as its file's suffix says; the files written. Raises ConfigError, OSError.
+
+    What was there before stays as it was until all of the new is on the disk.
+    """
     check_suffix(path)
     if path.suffix == ".map":
-        write_map(cells.world(path.stem), path, ("Made by driving; the borders of what echoes.",))
+        comments = ("Made by driving; the borders of what echoes.",)
+        _write({path: format_map(cells.world(path.stem), comments).encode()})
         return [path]
     image = path.with_suffix(".pgm")
     rows, columns = cells.states.shape
     pixels = PIXELS[np.flipud(cells.states)]
-    image.write_bytes(f"P5\n{columns} {rows}\n255\n".encode() + pixels.tobytes())
-    path.write_text(
+    text = (
         f"image: {image.name}\nresolution: {cells.cell_m:.6g}\n"
         f"origin: [{cells.x:.6f}, {cells.y:.6f}, 0.0]\n"
-        "negate: 0\noccupied_thresh: 0.65\nfree_thresh: 0.196\n",
-        encoding="utf-8",
+        "negate: 0\noccupied_thresh: 0.65\nfree_thresh: 0.196\n"
     )
+    head = f"P5\n{columns} {rows}\n255\n"
+    _write({path: text.encode(), image: head.encode() + pixels.tobytes()})
     return [path, image]
+
+
+def check_writable(path: Path) -> None:
+    """Whether `save` could write there now. Raises OSError."""
+    for file in (path,) if path.suffix == ".map" else (path, path.with_suffix(".pgm")):
+        new = _beside(file)
+        new.open("wb").close()
+        new.unlink()
+
+
+def _beside(path: Path) -> Path:
+    """Where it is written before it takes the place of what was there. Raises OSError."""
+    if path.is_dir():
+        raise IsADirectoryError(EISDIR, strerror(EISDIR), str(path))
+    real = path.resolve()
+    return real.with_name(f"{real.name}.new")
+
+
+def _write(files: Mapping[Path, bytes]) -> None:
+    """Write all of them, or none. Raises OSError."""
+    new = {path: _beside(path) for path in files}
+    try:
+        for path, data in files.items():
+            new[path].write_bytes(data)
+        for path, at in new.items():
+            at.replace(path.resolve())
+    except OSError:
+        for at in new.values():
+            with suppress(OSError):
+                at.unlink()
+        raise
 
 
 def read(path: Path | str) -> Cells:
@@ -142,5 +188,9 @@ def read(path: Path | str) -> Cells:
     x, y, turned = raster.origin
     if turned:
         raise ConfigError(f"origin: turned by {turned:g} rad; a grid goes on unturned", Path(path))
+    least, most = CELLS_M
+    if not least <= raster.cell_m <= most:
+        fault = f"resolution: {raster.cell_m:g}: a grid goes on in cells of {least:g} to {most:g} m"
+        raise ConfigError(fault, Path(path))
     states = np.where(raster.occupied, OCCUPIED, np.where(raster.free, FREE, UNKNOWN))
     return Cells(x, y, raster.cell_m, states.astype(np.uint8))

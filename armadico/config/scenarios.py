@@ -41,12 +41,20 @@ class Exploring(Struct, frozen=True, forbid_unknown_fields=True):
     besides: tuple[str, ...]
 
 
+class Ideal(Struct, frozen=True, forbid_unknown_fields=True):
+    """The sensors that have no error, and who is not needed with them."""
+
+    sensors: str
+    without: tuple[str, ...]
+
+
 class Society(Struct, frozen=True, forbid_unknown_fields=True):
     """Who takes part unless a scenario says otherwise, by entry points: the robot, the others."""
 
     robot: str
     simulator: str
     agents: tuple[str, ...]
+    ideal: Ideal
     exploring: Exploring
 
 
@@ -72,8 +80,11 @@ class Scenario(Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):
     within: tuple[Metres, Metres, Metres, Metres] | None = None
     """The rectangle that is explored: x1, y1, x2, y2 in m; none: the world's."""
     agents: tuple[str, ...] = field(default_factory=lambda: society().agents)
+    redundant: bool = False
+    """Two of each behaviour: the mission outlives any one of them."""
     robot: str = "pioneer-2dx"
-    sensors: str = "ideal"
+    sensors: str = "real"
+    """How well the simulated robot senses, of robots/sensors.toml."""
     moving: tuple[Moving, ...] = ()
     """People, doors that shut, boxes put down; in the simulator only."""
     v_max: Annotated[float, Meta(gt=0, le=10)] | None = None
@@ -123,9 +134,23 @@ def beside(file: Path, name: str) -> str:
     return str((file.parent / path.expanduser()).resolve())
 
 
+def ideal(scenario: Scenario, keeping: Sequence[str] = ()) -> Scenario:
+    """The scenario as the thesis ran it: sensors without error, and whom that makes needless gone.
+
+    Those that are named take part all the same.
+    """
+    changes = society().ideal
+    gone = set(changes.without) - set(keeping)
+    agents = tuple(name for name in scenario.agents if name not in gone)
+    return replace(scenario, sensors=changes.sensors, agents=agents)
+
+
 def exploring(scenario: Scenario, within: Sequence[float] | None = None) -> Scenario:
-    """The scenario with a robot that is told nothing of the world, maps it and comes back."""
-    changes = society().exploring
+    """The scenario with a robot that is told nothing of the world, maps it and comes back.
+
+    Nobody localizes on a map in the making, so the map is as good as the odometry: ideal.
+    """
+    changes, scenario = society().exploring, ideal(scenario)
     others = (name for name in scenario.agents if name not in changes.without + changes.besides)
     agents = (*others, *changes.besides)
     title = f"{scenario.name}: explored from here, and back"

@@ -46,6 +46,7 @@ class Behaviour(Agent):
     def __init__(self, identity: agent.Identity, parameters: Any = None) -> None:
         super().__init__(identity, parameters)
         self.route = Route()
+        self._waits = False
         self._known = (0, 0)  # the trajectory that is followed, by its order
         self._body: Body | None = None
         self._speeds: tuple[Speeds, Speeds] = ((0.0, 0.0), (0.0, 0.0))  # a cycle ago, and now
@@ -112,6 +113,7 @@ class Behaviour(Agent):
         if trajectory.order != self._known:
             self._known = trajectory.order
             self.route = Route.of(trajectory)
+            self._waits = trajectory.waits
             self.on_mission()
         else:
             self.route.catch_up(trajectory.leg)
@@ -120,6 +122,9 @@ class Behaviour(Agent):
         """Follow the route, and propose."""
         if self.needs_goal and not self.route.waypoints:
             self.why = "no goal"
+            return None
+        if self._waits and self.needs_goal and not self.seeks:
+            self.why = "the mission waits: no way is free"
             return None
         if self._body is None:
             self.why = "no robot/description"

@@ -57,6 +57,7 @@ SERVICES: tuple[Service, ...] = (
     Service(m.Pose, "encoder/pose", _S, 10, 3, "where the robot is, by its encoders"),
     Service(m.Origin, "encoder/origin", _L, 1, None, "where the odometry's origin lies"),
     Service(m.Correction, "localization/correction", _S, 10, 3, "where it lies by map and sonars"),
+    Service(m.Particles, "localization/particles", _S, 2, 3, "places where the robot may be"),
     Service(m.Obstacles, "sonar/obstacles", _S, 10, 3, "the local map's points, body frame"),
     Service(m.LocalMap, "sonar/map", _S, 2, 3, "the local map's cells, for those who watch"),
     Service(m.OccupancyGrid, "mapping/grid", _S, 1, None, "the map made by driving"),

@@ -126,6 +126,7 @@ def run(
     without: Sequence[str] = (),
     besides: Sequence[str] = (),
     sensors: str | None = None,
+    redundant: bool = False,
     joins: Sequence[type[Agent]] = (),
     controller: str | None = None,
     exchange: str | None = None,
@@ -158,7 +159,9 @@ def run(
         limit: How long it may take, s; by default 5 times the way over 0.3 m/s, at least 60 s.
         without: Agents that take no part.
         besides: Agents that take part, too, by their names; installed.
-        sensors: How well the simulated robot senses, ideal or real; by default the scenario's.
+        sensors: How well the simulated robot senses; by default as the scenario says, real. With
+            ideal ones nobody localizes.
+        redundant: Two of each behaviour, whatever the scenario says.
         joins: Classes of yours that take part too, installed or not; in virtual runs.
         controller: Goto's: fast, precise, collaborative or brisk.
         exchange: How resources change hands: smooth or abrupt.
@@ -197,6 +200,7 @@ def run(
         without=tuple(without),
         besides=tuple(besides),
         sensors=sensors,
+        redundant=redundant,
         robot=robot,
     )
     chosen = prepared(

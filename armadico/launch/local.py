@@ -23,7 +23,6 @@ from armadico.launch.processes import (
     agent_words,
     end_in_order,
     ending,
-    label_of,
     simulator_words,
 )
 from armadico.launch.run import IDLE_S, SILENT_S, LiveRun
@@ -97,8 +96,8 @@ class Launcher(LiveRun):
         self._refuse_company()
         port = self.options.robot or self.start_simulator()
         self.members = members(self.scenario, self.options, port)
-        for group in processes(self.members, self.options.together):
-            self.start_agent(*group)
+        for name, group in processes(self.members, self.options.together).items():
+            self.start_agent(*group, name=name)
         self._wait_for_everybody()
         self._refuse_a_second_run()
         self._wait_for_the_robot(port)
@@ -142,9 +141,9 @@ class Launcher(LiveRun):
         except StartError as error:
             raise RunFailedError(str(error)) from None
 
-    def start_agent(self, *group: Member) -> Process:
-        """Start an agent as a process, or several as one."""
-        return self._process(label_of(group), agent_words(group, self._namespace))
+    def start_agent(self, *group: Member, name: str = "") -> Process:
+        """Start an agent as a process, or several as one; by default it is called as the first."""
+        return self._process(name or group[0].name, agent_words(group, self._namespace))
 
     def _process(self, name: str, words: Sequence[str], *, listen: bool = False) -> Process:
         log = self.logs / f"{name}.log"

@@ -157,11 +157,6 @@ def agent_words(members: Sequence[Member], namespace: str) -> list[str]:
     return ["agent", *(member.name for member in members), "--namespace", namespace, *settings]
 
 
-def label_of(members: Sequence[Member]) -> str:
-    """What a process is called: its agents."""
-    return "+".join(member.name for member in members)
-
-
 def owns_wheels(label: str) -> bool:
     """Whether one of a process's agents owns the wheels."""
     return any(owners(label.split("+"), WHEELS))

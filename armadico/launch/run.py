@@ -7,6 +7,7 @@ It decides nothing: kill it and the society drives on.
 
 from __future__ import annotations
 
+from collections import Counter
 from collections.abc import Callable
 from types import TracebackType
 from typing import Self
@@ -89,8 +90,9 @@ class Run:
         self.begin()
         now = self.client.mesh.now
         begun = now()
-        while not self.watch.done and (elapsed := now() - begun) < self.limit:
-            self.wait(min(self.step_s, self.limit - elapsed))
+        end = begun + self.limit  # and not what is left of it: that may be too little to be added
+        while not self.watch.done and now() < end:
+            self.wait(min(self.step_s, end - now()))
             if progress is not None:
                 progress(self.watch)
             if not self.goes_on(now() - begun):
@@ -210,8 +212,9 @@ class LiveRun(Run):
         return described and not listens and all(self.client.age(kind) < 1.0 for kind in kinds)
 
     def _missing(self) -> list[str]:
-        """Who takes part and has no token."""
-        return sorted({*self.names} - {name for name, _ in self.client.alive})
+        """Who takes part and has no token; twice, if both of two are gone."""
+        alive = Counter(name for name, _ in self.client.alive)
+        return sorted((Counter(self.names) - alive).elements())
 
     def _robots(self) -> list[tuple[str, str]]:
         """The robot agents in the namespace, whoever started them: name and instance."""
@@ -221,7 +224,8 @@ class LiveRun(Run):
     def _nobody_can(self, elapsed: float) -> bool:
         """Whether the wheels are not claimed any more, and an agent that takes part is missing."""
         state = self.watch.view.state
-        if state is None or state.stop.stopped or not (missing := self._missing()):
+        missing = sorted({*self.names} - {name for name, _ in self.client.alive})
+        if state is None or state.stop.stopped or not missing:
             return False
         if min(self.client.age(Claim), elapsed) < self._idle_s:
             return False

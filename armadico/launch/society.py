@@ -6,7 +6,8 @@ The same list is launched as real processes (`armadico.launch.local`) or put on 
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections import Counter
+from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass
 from math import radians
 from pathlib import Path
@@ -24,6 +25,7 @@ from armadico.config.scenarios import (
     PoseDeg,
     Scenario,
     beside,
+    ideal,
     known_sensors,
     planned,
     scenario_from,
@@ -31,7 +33,7 @@ from armadico.config.scenarios import (
 )
 from armadico.config.worlds import load_world
 from armadico.core.messages import ExploreRequest, MissionRequest, Waypoint
-from armadico.core.resources import WHEELS
+from armadico.core.resources import WHEELS, Resource
 from armadico.observe.conditions import Conditions, digest, packages, software
 from armadico.observe.measures import RunWatch
 
@@ -54,6 +56,7 @@ class Options:
     without: tuple[str, ...] = ()
     besides: tuple[str, ...] = ()  # agents that take part, too
     sensors: str | None = None  # how well the simulated robot senses; None: the scenario's
+    redundant: bool = False  # two of each behaviour, whatever the scenario says
     robot: str | None = None  # the URL of something that is already there
     together: tuple[tuple[str, ...], ...] = ()  # agents that share a process
     resume: str | None = None  # a saved map that the mapping agent goes on with
@@ -89,11 +92,14 @@ def prepared(
             profile_of(profile) or scenario.robot,
         )
         scenario = replace(scenario, start=checked.start, goal=checked.goal, robot=checked.robot)
+    if options.sensors == society().ideal.sensors:
+        scenario = ideal(scenario, options.besides)
     more = tuple(name for name in options.besides if name not in scenario.agents)
     scenario = replace(
         scenario,
         agents=(*scenario.agents, *more),
         sensors=known_sensors(options.sensors or scenario.sensors),
+        redundant=options.redundant or scenario.redundant,
     )
     for name in (*scenario.agents, *options.without):
         find(AGENTS, name)
@@ -113,9 +119,19 @@ def profile_of(name: str | None) -> str | None:
 
 
 def names(scenario: Scenario, without: Sequence[str] = ()) -> tuple[str, ...]:
-    """Everybody who takes part, the robot agent first: whoever owns the wheels."""
+    """Everybody who takes part, the robot agent first: whoever owns the wheels.
+
+    In a redundant society whoever competes for them is there twice.
+    """
     robot = next(owners(scenario.agents, WHEELS), society().robot)
-    return (robot, *(name for name in scenario.agents if name not in (robot, *without)))
+    others = [name for name in scenario.agents if name not in (robot, *without)]
+    if scenario.redundant:
+        others = [name for name in others for _ in range(1 + (WHEELS in _competes_for(name)))]
+    return (robot, *others)
+
+
+def _competes_for(name: str) -> Collection[Resource]:
+    return agent_class(name).competes_for
 
 
 def members(scenario: Scenario, options: Options, port: str) -> tuple[Member, ...]:
@@ -130,9 +146,9 @@ def share(
 
     Without a scenario all of the entry take part, with parameters of their own.
     """
-    taking = set(host.agents if scenario is None else names(scenario)) - set(options.without)
+    taking = Counter(host.agents if scenario is None else names(scenario, options.without))
     scenario = scenario or Scenario(world="empty", start=(0, 0, 0))
-    here = (*(name for name in host.agents if name in taking), *more)
+    here = (*(name for name in host.agents for _ in range(taking[name])), *more)
     return _launched(here, facts(scenario, options, host.robot or ""), options)
 
 
@@ -149,7 +165,7 @@ def facts(scenario: Scenario, options: Options, port: str = "") -> dict[str, obj
         "x": x,
         "y": y,
         "theta": radians(degrees),
-        "world": scenario.world,
+        "world": None if scenario.plan == "frontiers" else scenario.world,  # it is to find out
         "v_max": scenario.v_max,
         "resume": options.resume,
         "controller": options.controller,
@@ -188,14 +204,21 @@ def check(members: Sequence[Member]) -> None:
 
 def processes(
     members: Sequence[Member], together: Sequence[Sequence[str]]
-) -> tuple[tuple[Member, ...], ...]:
-    """The members of each process: one alone, or those of a group that take part."""
-    group_of = {name: tuple(group) for group in together for name in group}
-    found: dict[tuple[str, ...], tuple[Member, ...]] = {}
-    for index, member in enumerate(members):
-        group = group_of.get(member.name, (member.name, str(index)))
-        found[group] = (*found.get(group, ()), member)
-    return tuple(found.values())
+) -> dict[str, tuple[Member, ...]]:
+    """The members of each process by its name: one alone, or those of a group that take part.
+
+    Who is there twice has two processes: avoid, and avoid-2.
+    """
+    group_of = {name: "+".join(group) for group in together for name in group}
+    found: dict[str, tuple[Member, ...]] = {}
+    often: Counter[str] = Counter()
+    for member in members:
+        often[member.name] += 1
+        label = group_of.get(member.name, member.name)
+        if often[member.name] > 1:
+            label += f"-{often[member.name]}"
+        found[label] = (*found.get(label, ()), member)
+    return found
 
 
 def errand(scenario: Scenario) -> MissionRequest | ExploreRequest | None:

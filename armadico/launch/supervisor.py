@@ -24,7 +24,6 @@ from armadico.launch.processes import (
     agent_words,
     end_in_order,
     ending,
-    label_of,
     simulator_words,
 )
 from armadico.launch.society import Member, processes
@@ -120,7 +119,7 @@ class Upkeep:
         self.processes: dict[str, Process] = {}
         self._client = Client(mesh)
         self._say = say
-        self._groups = dict(_labelled(plan.members, plan.together))
+        self._groups = processes(plan.members, plan.together)
         self._tails: dict[str, Tail] = {}
         self._port: str | None = None
         self._seen: dict[tuple[str, str], Card] = {}
@@ -264,15 +263,3 @@ class Upkeep:
         self._ask_at.pop(who, None)
         if card is not None:
             self._seen[who] = card
-
-
-def _labelled(
-    members: Sequence[Member], together: Sequence[Sequence[str]]
-) -> list[tuple[str, tuple[Member, ...]]]:
-    """The agents of each process, with a name of its own: a second avoid is avoid-2."""
-    found: list[tuple[str, tuple[Member, ...]]] = []
-    for group in processes(members, together):
-        name = label_of(group)
-        often = 1 + sum(1 for _, other in found if label_of(other) == name)
-        found.append((name if often == 1 else f"{name}-{often}", group))
-    return found

@@ -53,9 +53,10 @@ class Rehearsal(Run):
         self.robot = factory(scenario, self.mesh.stream, self.mesh.publish)
         self._clock = clock
         self._starts: Counter[str] = Counter()
-        self._members = {m.name: m for m in members(scenario, options, "memory:")}
-        for name in self._members:
-            self.enter(name)
+        taking = members(scenario, options, "memory:")
+        self._members = {m.name: m for m in taking}
+        for member in taking:
+            self.enter(member.name)
 
     def enter(self, name: str, *sets: str) -> Node:
         """A member of the society joins, now, or joins again; `sets` are set besides its own."""

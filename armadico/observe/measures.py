@@ -59,9 +59,9 @@ class Result(Struct, frozen=True):
 
     TD m, FO degrees off the goal's heading, TT s, P per cent of the straight distance start to
     goal; without a goal there is no FO, no P, and nothing to be reached. `limit_s` is the time
-    limit, if that ended the run. Shares (the thesis's TG, TA, TGt) by agent: per cent of the cycles
-    in which it was obeyed, of those in which anybody was. Collisions are those of the robot's own
-    motion: nobody's who walked into it.
+    limit, if that ended the run; `why` a mission failed, or was not driven at the end. Shares (the
+    thesis's TG, TA, TGt) by agent: per cent of the cycles in which it was obeyed, of those in which
+    anybody was. Collisions are those of the robot's own motion: nobody's who walked into it.
     """
 
     scenario: str
@@ -77,6 +77,7 @@ class Result(Struct, frozen=True):
     min_clearance_m: float | None
     limit_s: float | None = None
     conditions: Conditions | None = None
+    why: str = ""
 
     @property
     def passed(self) -> bool:
@@ -85,11 +86,12 @@ class Result(Struct, frozen=True):
 
     @property
     def outcome(self) -> str:
-        """Whether it was reached, and if a time limit ended it, which."""
+        """Whether it was reached, and if not, what ended it."""
         if self.reached is None:
             return "no goal"
         limit = "" if self.limit_s is None else f": time limit of {self.limit_s:.0f} s"
-        return "reached" if self.reached else f"NOT reached{limit}"
+        why = f": {self.why}" if self.why else ""
+        return "reached" if self.reached else f"NOT reached{limit}{why}"
 
     @property
     def verdict(self) -> str:
@@ -139,7 +141,8 @@ class RunWatch:
     view: View = field(default_factory=View)
     now: float = 0.0
     done: bool = False
-    failed: str = ""  # why an exploration ended otherwise than asked
+    failed: str = ""  # why a mission or an exploration ended otherwise than asked
+    waits: str = ""  # why a mission is not driven now
     explored: ExploreStatus | None = None
     grid: OccupancyGrid | None = None  # the map made by driving
     begun: bool = False
@@ -204,7 +207,8 @@ class RunWatch:
     def astray(self) -> float | None:
         """How far a pose that says the goal is reached is from the truth, m; None if it is not."""
         pose, truth = self.view.pose, self.view.truth
-        if not self.done or pose is None or truth is None or self.result().reached:
+        ended = self.done and not self.failed
+        if not ended or pose is None or truth is None or self.result().reached:
             return None
         return hypot(pose.x - truth.x, pose.y - truth.y)
 
@@ -229,6 +233,7 @@ class RunWatch:
             min_clearance_m=None if self.clearance is None else round(self.clearance, 3),
             limit_s=self.limit,
             conditions=self.conditions,
+            why=self.failed or self.waits,
         )
 
     def _by_the_goal(self) -> tuple[bool | None, float | None, float | None]:
@@ -286,7 +291,9 @@ class RunWatch:
 
     def _take_missionstatus(self, status: MissionStatus) -> None:
         if status.mission == self.mission:
-            self.done = status.state is MissionState.REACHED
+            self.done = status.state in (MissionState.REACHED, MissionState.FAILED)
+            self.failed = status.note if status.state is MissionState.FAILED else ""
+            self.waits = "" if self.done else status.note
 
     def _take_occupancygrid(self, grid: OccupancyGrid) -> None:
         self.grid = grid

@@ -31,6 +31,9 @@ if TYPE_CHECKING:
 SIZE_PX = (1280, 720)
 DPI = 100
 COLOURS_IN_PNG = 224
+MARGINS_PX = 215
+"""Above and below panels: heading, their titles, axes and legend."""
+
 TALL = 1.6
 """A world this much taller than wide is drawn turned by a quarter."""
 
@@ -45,6 +48,8 @@ NOBODY = "#9a9a9a"
 
 INK, SOFT, FAINT, PAPER, FLOOR = "#22303c", "#6b7883", "#dfe4e8", "#ffffff", "#f4f7f9"
 START, GOAL = "#3b7d23", "#b01e68"
+FORBIDDEN = "#c0392b"
+PARTICLE = "#0b8f88"
 MAPPED_FREE, MAPPED = "#e3ecf3", "#d98c1f"
 MAX_ECHOES = 8000
 
@@ -120,6 +125,38 @@ def draw_run(world: World, run: Run, path_out: Path | str) -> None:
     canvas.save(path_out)
 
 
+@dataclass(frozen=True)
+class Moment:
+    """Where a robot was at t (s), and where it may have been: poses in m, m and rad."""
+
+    t: float
+    robot: Pose
+    particles: Sequence[Pose]
+    found: bool = False
+
+
+def draw_moments(world: World, moments: Sequence[Moment], body: Body, path_out: Path | str) -> None:
+    """A PNG of a robot that finds itself: its particles, moment beside moment."""
+    x1, y1, x2, y2 = world.bounds
+    share = 0.93 / len(moments)
+    high = (share - 0.03) * SIZE_PX[0] * min((y2 - y1) / (x2 - x1), TALL)
+    height = round(high) + MARGINS_PX
+    figure = None
+    for column, moment in enumerate(moments):
+        place = (0.045 + share * column, 85 / height, share - 0.03, high / height)
+        canvas = _Canvas(world, figure, place, height)
+        figure = canvas.figure
+        canvas.particles(moment.particles)
+        canvas.robots([(moment.t, *moment.robot, None)], body)
+        since = moment.t - moments[0].t
+        canvas.axes.set_title(f"after {since:.0f} s" + ", found" * moment.found, color=INK)
+    canvas.heading(
+        f"{world.name}: with no idea of the pose",
+        "Particles of the localization agent, some of them by their weight, and where the robot is",
+    )
+    canvas.save(path_out)
+
+
 def draw_worlds(folder: Path | str) -> list[Path]:
     """The pictures of every shipped world, each with its start and its first goal."""
     drawn: list[Path] = []
@@ -149,7 +186,13 @@ def _size(world: World) -> str:
 class _Canvas:
     """A figure with one world in it, in the world's metres or turned by a quarter."""
 
-    def __init__(self, world: World) -> None:
+    def __init__(
+        self,
+        world: World,
+        figure: Figure | None = None,
+        place: tuple[float, float, float, float] = (0.055, 0.125, 0.925, 0.735),
+        height_px: int = SIZE_PX[1],
+    ) -> None:
         import matplotlib as mpl  # noqa: PLC0415 (an extra, and slow)
 
         mpl.use("Agg")
@@ -159,9 +202,9 @@ class _Canvas:
         self.turned = (y2 - y1) > TALL * (x2 - x1)
         self.size = max(x2 - x1, y2 - y1)
         self.legend: dict[str, Any] = {}
-        size = (SIZE_PX[0] / DPI, SIZE_PX[1] / DPI)
-        self.figure: Figure = plt.figure(figsize=size, dpi=DPI, facecolor=PAPER)
-        self.axes: Axes = self.figure.add_axes((0.055, 0.125, 0.925, 0.735))
+        size = (SIZE_PX[0] / DPI, height_px / DPI)
+        self.figure: Figure = figure or plt.figure(figsize=size, dpi=DPI, facecolor=PAPER)
+        self.axes: Axes = self.figure.add_axes(place)
         self._cycle(world.bounds)
         self._rooms(world)
         self._walls(world)
@@ -175,9 +218,11 @@ class _Canvas:
         return theta - pi / 2 if self.turned else theta
 
     def heading(self, title: str, *lines: str) -> None:
-        self.figure.text(0.055, 0.945, title, fontsize=17, weight="bold", color=INK)
+        height = self.figure.get_figheight() * DPI
+        self.figure.text(0.055, 1 - 39.6 / height, title, fontsize=17, weight="bold", color=INK)
         for row, line in enumerate(lines[:2]):
-            self.figure.text(0.055, 0.908 - 0.034 * row, line, fontsize=10.5, color=SOFT)
+            y = 1 - (66.2 + 24.5 * row) / height
+            self.figure.text(0.055, y, line, fontsize=10.5, color=SOFT)
 
     def echoes(self, echoes: Sequence[tuple[float, float]]) -> None:
         every = max(1, len(echoes) // MAX_ECHOES)
@@ -187,6 +232,25 @@ class _Canvas:
             dots = self.axes.scatter(xs, ys, s=3, color="#8796a3", alpha=0.45, linewidths=0)
             dots.set_zorder(2)
             self.legend["sonar echo"] = self.axes.scatter([], [], s=14, color="#8796a3")
+
+    def particles(self, particles: Sequence[Pose]) -> None:
+        """Places where the robot may be, and where it looks there."""
+        xs, ys = zip(*(self.at(x, y) for x, y, _ in particles), strict=True)
+        headings = [self.direction(theta) for _, _, theta in particles]
+        self.axes.quiver(
+            xs,
+            ys,
+            [cos(heading) for heading in headings],
+            [sin(heading) for heading in headings],
+            color=PARTICLE,
+            alpha=0.6,
+            angles="xy",
+            scale_units="xy",
+            scale=40.0 / self.size,
+            width=0.004,
+            zorder=4,
+        )
+        self.legend["particle"] = self._handle(PARTICLE)
 
     def mapped(self, cells: Cells) -> None:
         """The map made by driving: what is free, and what is occupied."""
@@ -327,9 +391,11 @@ class _Canvas:
     def _walls(self, world: World) -> None:
         from matplotlib.collections import LineCollection  # noqa: PLC0415
 
-        lines = [[self.at(*wall[:2]), self.at(*wall[2:])] for wall in world.walls]
-        walls = LineCollection(lines, colors=INK, linewidths=2.4, capstyle="round", zorder=3)
-        self.axes.add_collection(walls)
+        for walls, ink, dashes in ((world.walls, INK, "-"), (world.forbidden, FORBIDDEN, "--")):
+            lines = [[self.at(*wall[:2]), self.at(*wall[2:])] for wall in walls]
+            drawn = LineCollection(lines, colors=ink, linewidths=2.4, linestyles=dashes, zorder=3)
+            drawn.set_capstyle("round")
+            self.axes.add_collection(drawn)
 
     def _arrow(self, pose: Pose, ink: str) -> None:
         """A disc where the pose is and an arrow where it looks, of the same size in any world."""

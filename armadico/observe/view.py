@@ -11,9 +11,11 @@ from collections import deque
 from collections.abc import Mapping
 from dataclasses import dataclass
 from itertools import pairwise
+from math import degrees
 from statistics import mean, pstdev
 from typing import Final, NamedTuple
 
+from armadico.core.behaviour import LOST_M
 from armadico.core.cycles import PERIOD
 from armadico.core.messages import (
     Ack,
@@ -21,6 +23,7 @@ from armadico.core.messages import (
     BidRecord,
     Card,
     Claim,
+    Correction,
     Description,
     Message,
     MissionStatus,
@@ -76,6 +79,7 @@ class View:
         acks: By resource, its owner's newest word.
         rates: By key, how often something is published on it.
         truth: The newest of the robot's own simulator.
+        lost_since: When its pose became one that nobody drives by; None: it is not.
         simulators: All that speak in the namespace, and when they last did.
     """
 
@@ -87,10 +91,12 @@ class View:
         self.rates: dict[str, Rate] = {}
         self.state: RobotState | None = None
         self.pose: Pose | None = None
+        self.lost_since: float | None = None
         self.truth: Truth | None = None
         self.simulators: dict[str, float] = {}
         self.description: Description | None = None
         self.mission: MissionStatus | None = None
+        self._correction: tuple[Correction, float] | None = None
         self._claims: dict[str, tuple[Claim, float]] = {}
         self._acked: dict[str, tuple[float, float]] = {}  # when, and from ack to ack, s
 
@@ -134,7 +140,9 @@ class View:
             case RobotState():
                 self.state = message
             case Pose():
-                self.pose = message
+                self._take_pose(message, t)
+            case Correction():
+                self._correction = message, t
             case Description():
                 self.description = message
                 if self.truth is not None and self.truth.simulator != self.controller:
@@ -212,6 +220,24 @@ class View:
         """The stop as the robot has it."""
         return Stop() if self.state is None else self.state.stop
 
+    def confidence(self, now: float) -> float | None:
+        """How sure it is of the pose by the map, 0 to 1; None: nobody says so now."""
+        if self._correction is None or now - self._correction[1] > QUIET_S:
+            return None
+        return self._correction[0].confidence
+
+    def whereabouts(self, now: float) -> str:
+        """How well the pose is known, for people; empty: nobody says."""
+        pose = self.pose
+        if pose is None or not pose.covariance:
+            return ""
+        off = f"+-{pose.deviation:.2f} m"
+        if self.lost_since is not None:
+            return f"LOST for {max(0.0, now - self.lost_since):.0f} s, {off}"
+        sure = self.confidence(now)
+        words = [off, f"+-{degrees(pose.heading_deviation):.0f} deg"]
+        return ", ".join([*words, *([] if sure is None else [f"confidence {sure:.2f}"])])
+
     def contenders(self, resource: str) -> list[str]:
         """The agents that are alive and compete for a resource, by name."""
         return [a.name for a in self.agents if a.card and resource in a.card.resources]
@@ -239,6 +265,13 @@ class View:
         return claim
 
     # Inside --------------------------------------------------------------------------------------
+
+    def _take_pose(self, pose: Pose, t: float) -> None:
+        self.pose = pose
+        if pose.deviation <= LOST_M:
+            self.lost_since = None
+        elif self.lost_since is None:
+            self.lost_since = t
 
     def _take_ack(self, ack: Ack, t: float) -> None:
         before, period = self.acks.get(ack.resource), PERIOD

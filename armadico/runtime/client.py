@@ -476,6 +476,12 @@ class Mission:
         return status is not None and status.state is MissionState.REACHED
 
     @property
+    def failed(self) -> str | None:
+        """Why the mission was given up; None if it was not."""
+        status = self.status
+        return status.note if status is not None and status.state is MissionState.FAILED else None
+
+    @property
     def to_go(self) -> float | None:
         """The way that is left along its waypoints, m; None if that is not known."""
         status = self.status
@@ -486,7 +492,8 @@ class Mission:
     ) -> bool:
         """Until the goal is reached, `timeout` s at the most; whether it is.
 
-        The mission goes on if it is not. `progress` is called about ten times a second.
+        The mission goes on if it is not, unless it has `failed`. `progress` is called about ten
+        times a second.
 
         Raises:
             AbsentError: No status of the mission has been received for 5 s.
@@ -500,7 +507,7 @@ class Mission:
                 raise AbsentError("nothing more is heard of the mission", client.mesh.namespace)
             if self.status is None and elapsed > SILENCE_S:
                 raise MissionReplacedError("another mission has taken this one's place")
-            if timeout is not None and elapsed > timeout:
+            if self.failed is not None or (timeout is not None and elapsed > timeout):
                 return False
             if progress is not None and self.status is not None:
                 progress(self)

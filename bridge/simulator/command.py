@@ -121,7 +121,9 @@ def parser() -> argparse.ArgumentParser:
 
 
 def _scenario(args: argparse.Namespace) -> Scenario:
-    """The scenario that the options describe."""
+    """The scenario that the options describe. Raises UsageError or ConfigError."""
+    from armadico.bridge.simulator.microcontroller import WORLD_M  # noqa: PLC0415 - not for --help
+    from armadico.config.profile import load_profile  # noqa: PLC0415 - not for --help
     from armadico.config.scenarios import Scenario  # noqa: PLC0415 - not for --help
     from armadico.config.worlds import load_world  # noqa: PLC0415 - not for --help
 
@@ -132,15 +134,24 @@ def _scenario(args: argparse.Namespace) -> Scenario:
     elif world.start is not None:
         x, y, theta = world.start
         start = (x, y, math.degrees(theta))
-    if not all(map(math.isfinite, start)):
-        raise options.UsageError("--start: expected finite m, m and degrees")
+    x, y, heading = start
+    if not (max(abs(x), abs(y)) <= WORLD_M and abs(heading) <= 360.0):
+        raise options.UsageError(
+            f"--start {x:g} {y:g} {heading:g}: expected m and m within {WORLD_M:g} m, and -360 to"
+            " 360 degrees"
+        )
+    moving = _moving(args.moving)
+    radius = load_profile(args.robot).body.circle_m
+    for each in moving:
+        for _, fault in each.faults(world, (x, y), radius):
+            raise options.UsageError(f"--moving: {fault}")
     return Scenario(
         world=args.world,
         start=start,
         goal=start,
         robot=args.robot,
         sensors=args.sensors,
-        moving=_moving(args.moving),
+        moving=moving,
     )
 
 
@@ -151,7 +162,7 @@ def _moving(text: str) -> tuple[Moving, ...]:
 
     try:
         return msgspec.json.decode(text, type=tuple[Moving, ...])
-    except msgspec.DecodeError as error:
+    except msgspec.MsgspecError as error:
         raise options.UsageError(f"--moving: {error}") from None
 
 

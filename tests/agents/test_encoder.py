@@ -15,12 +15,12 @@ from armadico.agents.encoder import (
     CREEP_M,
     CREEP_RAD,
     LEAP_M,
-    ROLLED_M,
     TOLD_CYCLES,
     YOUNG_CYCLES,
     Encoder,
     Parameters,
 )
+from armadico.agents.methods.odometry import ROLLED_M
 from armadico.core.agent import Identity, Publish
 from armadico.core.geometry import compose, relative
 from armadico.core.messages import (
@@ -283,9 +283,11 @@ def test_of_two_origins_the_one_that_has_been_known_for_longer_is_everybodys() -
 SURE = (0.01, 0.0, 0.0, 0.01, 0.0, 0.001)
 
 
-def correct(robot: Robot, origin: Place, confidence: float = 1.0) -> None:
+def correct(
+    robot: Robot, origin: Place, confidence: float = 1.0, covariance: tuple[float, ...] = SURE
+) -> None:
     cycle = Cycle(robot.epoch, robot.number)
-    robot.encoder.receive(Correction(cycle, *origin, SURE, confidence), robot.now)
+    robot.encoder.receive(Correction(cycle, *origin, covariance, confidence), robot.now)
 
 
 @given(st.floats(-LEAP_M / 2, LEAP_M / 2), st.floats(-LEAP_M / 2, LEAP_M / 2), st.floats(-0.4, 0.4))
@@ -324,6 +326,21 @@ def test_a_guess_without_confidence_moves_nothing_and_is_no_secret() -> None:
     assert found.covariance == SURE
 
 
+@pytest.mark.parametrize(
+    ("origin", "covariance"),
+    [((5.0, 0.0, 0.0), (-1.0, 0.0, 0.0, -1.0, 0.0, -1.0)), ((4e5, 0.0, 0.0), SURE)],
+)
+def test_a_correction_that_cannot_be_true_is_none(
+    origin: Place, covariance: tuple[float, ...]
+) -> None:
+    """A negative variance is no certainty, and 400 km away there is no room to drive in."""
+    robot = Robot()
+    robot.at(0.0, 0.0, 0.0)
+    correct(robot, origin, covariance=covariance)
+    found = robot.at(0.0, 0.0, 0.0)
+    assert (*pose(found), found.covariance) == (0.0, 0.0, 0.0, ())
+
+
 def test_a_correction_of_another_epoch_moves_nothing() -> None:
     robot = Robot()
     robot.at(0.0, 0.0, 0.0)
@@ -350,6 +367,30 @@ def test_what_was_corrected_outlives_the_encoder_agent() -> None:
         robot.at(0.0, 0.0, 0.0)
     robot.restart_encoder()
     assert pose(robot.at(0.0, 0.0, 0.0)) == pytest.approx((5.0, 0.0, 1.0))
+
+
+def test_how_far_off_it_may_be_outlives_the_encoder_agent_and_grows_by_the_way_since() -> None:
+    robot = Robot()
+    robot.at(0.0, 0.0, 0.0)
+    correct(robot, (5.0, 0.0, 1.0), confidence=0.0)
+    for _ in range(AGAIN_CYCLES + 1):
+        found = robot.at(0.0, 0.0, 0.0)
+    robot.restart_encoder()
+    assert robot.at(0.0, 0.0, 0.0).covariance == found.covariance
+    robot.restart_encoder()
+    assert robot.at(1.0, 0.0, 0.0).deviation > found.deviation
+
+
+@pytest.mark.parametrize(("at", "off"), [(0.0, 0.5), (2.0, 0.0)])
+def test_what_a_controller_that_begins_anew_has_not_counted_is_said(at: float, off: float) -> None:
+    robot = Robot()
+    robot.at(2.0, 0.0, 0.0)
+    correct(robot, (0.0, 0.0, 0.0))
+    before = robot.at(2.0, 0.0, 0.0)
+    robot.restart()
+    found = robot.at(at, 0.0, 0.0)
+    assert found.deviation**2 == pytest.approx(before.deviation**2 + 2.0 * off**2)
+    assert found.heading_deviation**2 == pytest.approx(before.heading_deviation**2 + off**2)
 
 
 def test_a_correction_does_not_have_the_origin_published_each_cycle() -> None:

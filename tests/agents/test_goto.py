@@ -41,6 +41,16 @@ def test_without_a_goal_it_says_nothing() -> None:
     assert made.bid().reason == "no goal"
 
 
+def test_a_mission_that_waits_is_not_driven_and_who_holds_lets_go() -> None:
+    made = stage()
+    made.holding()
+    made.hand(replace(ROUND_A_CORNER, counter=ROUND_A_CORNER.counter + 1, waits=True))
+    assert [command.action for command in commands(made.cycle())] == [None]
+    assert made.bid().reason == "the mission waits: no way is free"
+    made.hand(replace(ROUND_A_CORNER, counter=ROUND_A_CORNER.counter + 2))
+    assert made.holding()
+
+
 def test_an_ended_mission_ends_its_bids() -> None:
     made = stage()
     made.holding()

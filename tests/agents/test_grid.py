@@ -2,6 +2,7 @@
 
 import math
 from itertools import pairwise
+from random import Random
 
 import numpy as np
 import pytest
@@ -10,7 +11,16 @@ from hypothesis import strategies as st
 from hypothesis.extra.numpy import arrays
 
 from armadico.agents.methods.geometry import Placed
-from armadico.agents.methods.grid import Cell, Field, Grid, Margins, grid_of, search
+from armadico.agents.methods.grid import (
+    BLOCK,
+    Cell,
+    Field,
+    Grid,
+    Margins,
+    grid_of,
+    search,
+    search_far,
+)
 
 BOX = ((0.0, 0.0, 3.0, 0.0), (3.0, 0.0, 3.0, 2.0), (3.0, 2.0, 0.0, 2.0), (0.0, 2.0, 0.0, 0.0))
 BOUNDS = (0.0, 0.0, 3.0, 2.0)
@@ -75,6 +85,77 @@ def test_there_is_no_way_into_or_through_a_closed_wall() -> None:
 def test_the_same_question_has_the_same_answer() -> None:
     costs = np.ones((20, 30))
     assert search(costs, (0, 0), (19, 29)) == search(costs.copy(), (0, 0), (19, 29))
+
+
+@settings(max_examples=200)
+@given(
+    arrays(
+        np.float64,
+        st.tuples(st.integers(1, 4 * BLOCK), st.integers(1, 4 * BLOCK)),
+        elements=st.sampled_from([1.0, 1.0, 2.5, np.inf]),
+    ),
+    st.data(),
+)
+def test_over_blocks_a_way_is_found_where_there_is_one_however_the_walls_lie(
+    costs: Field, data: st.DataObject
+) -> None:
+    """Walls one cell wide are no walls to blocks: then the exact search is asked."""
+    cell = st.tuples(*(st.integers(0, size - 1) for size in costs.shape))
+    start, goal = data.draw(cell), data.draw(cell)
+    exact, found = search(costs, start, goal), search_far(costs, start, goal)
+    assert (found is None) == (exact is None)
+    if found is None or exact is None:
+        return
+    cells, cost = found
+    assert (cells[0], cells[-1]) == (start, goal)
+    spent = sum(dict(steps(costs, a))[b] for a, b in pairwise(cells))
+    assert cost == pytest.approx(spent)
+    assert cost >= exact[1] - 1e-9
+
+
+@pytest.mark.parametrize("seed", range(6))
+def test_over_blocks_a_way_among_rooms_is_hardly_dearer_than_the_cheapest(seed: int) -> None:
+    rng = Random(seed)
+    size, room = 300, 60
+    walls = []
+    for at in range(room, size, room):
+        for low in range(0, size, room):
+            gap = rng.randrange(5, room - 25)
+            walls += [(at, low, at, low + gap), (at, low + gap + 20, at, low + room)]
+            walls += [(low, at, low + gap, at), (low + gap + 20, at, low + room, at)]
+    metres = [(0.05 * a, 0.05 * b, 0.05 * c, 0.05 * d) for a, b, c, d in walls]
+    costs = Grid(metres, (0.0, 0.0, 0.05 * size, 0.05 * size)).costs(Margins(0.26))
+    ends = (rng.randrange(10, 40), rng.randrange(10, 40)), (size - rng.randrange(10, 40), 270)
+    exact, found = search(costs, *ends), search_far(costs, *ends)
+    assert exact is not None
+    assert found is not None
+    assert found[1] <= 1.1 * exact[1]
+
+
+def test_what_is_put_beside_walls_is_as_if_it_had_been_there_from_the_beginning() -> None:
+    bounds = (0.0, 0.0, 4.0, 3.0)
+    walls, more = [(1.0, 0.0, 1.0, 2.0)], [(2.5, 1.5, 2.5, 1.5), (3.0, 3.0, 4.0, 2.0)]
+    margins = Margins(0.25)
+    grid = Grid(walls, bounds)
+    before = grid.costs(margins).copy()
+    beside, whole = grid.beside(more), Grid(walls + more, bounds)
+    assert (beside.clearance == whole.clearance).all()
+    assert (beside.costs(margins) == whole.costs(margins)).all()
+    assert (beside.costs(Margins(0.3)) == whole.costs(Margins(0.3))).all()
+    a, b = Placed(2.0, 0.5), Placed(3.0, 2.5)
+    assert beside.clearance_between(a, b) == whole.clearance_between(a, b)
+    assert (grid.costs(margins) == before).all(), "the map's own is as it was"
+    assert grid.beside(()) is grid
+
+
+@given(st.data())
+def test_a_way_that_a_few_looks_find_blocked_has_no_finite_cost(data: st.DataObject) -> None:
+    costs = data.draw(arrays(np.float64, (40, 60), elements=st.sampled_from([1.0] * 9 + [np.inf])))
+    grid = Grid((), (0.0, 0.0, 3.0, 2.0))
+    places = data.draw(st.lists(spots, min_size=2, max_size=6))
+    looked = grid.open_ahead(costs, places[0], places[1:])
+    for open_, there in zip(looked, places[1:], strict=True):
+        assert open_ or not math.isfinite(grid.cost_between(costs, places[0], there))
 
 
 @settings(max_examples=50)

@@ -14,11 +14,13 @@ from armadico.core.messages import (
     MissionRequest,
     MissionState,
     MissionStatus,
+    Obstacles,
     Plan,
     PlanRequest,
     Point,
     Pose,
     RobotState,
+    Stop,
     Trajectory,
     Waypoint,
     decode,
@@ -437,7 +439,9 @@ def test_a_planned_mission_of_a_lost_robot_waits_and_is_planned_anew_when_it_is_
     for _ in range(3):
         desk.at(1.5, 0.5)
     assert desk.status().note == ""
-    assert [ask.request for ask in desk.asked[1:]] == [PlanRequest(Waypoint(1.5, 0.5, 0.0), GOAL)]
+    assert [ask.request for ask in desk.asked[1:]] == [
+        PlanRequest(Waypoint(1.5, 0.5, 0.0), GOAL, "the robot was lost")
+    ]
     desk.planned(Plan((GOAL,), 1.6, 20.0))
     found = desk.trajectories()[-1]
     assert (found.mission, found.waypoints, found.start) == (mission, (GOAL,), Point(1.5, 0.5))
@@ -449,7 +453,9 @@ def test_a_lost_robot_takes_a_mission_and_it_is_planned_once_it_is_found(desk: D
     assert desk.replies[asked].refusal == ""
     assert desk.asked == []
     desk.at(1.0, 2.0)
-    assert [ask.request for ask in desk.asked] == [PlanRequest(Waypoint(1.0, 2.0, 0.0), GOAL)]
+    assert [ask.request for ask in desk.asked] == [
+        PlanRequest(Waypoint(1.0, 2.0, 0.0), GOAL, "the robot was lost")
+    ]
 
 
 def test_a_lost_robot_has_not_arrived_wherever_its_pose_is(driving: Desk) -> None:
@@ -465,11 +471,190 @@ def test_given_waypoints_are_not_planned_anew(driving: Desk) -> None:
     assert driving.asked == []
 
 
-def test_without_a_plan_from_here_the_old_way_counts_and_the_status_says_so(desk: Desk) -> None:
+def test_without_a_plan_from_where_it_is_found_it_waits_and_the_status_says_so(
+    desk: Desk,
+) -> None:
     desk.request(MissionRequest(GOAL))
     desk.planned(PLAN)
     before = desk.trajectories()[-1]
     lost(desk)
     desk.at(1.5, 0.5)
-    desk.planned(Plan((), refusal="no way"))
-    assert desk.trajectories()[-1].waypoints == before.waypoints
+    desk.planned(NO_WAY)
+    known = desk.trajectories()[-1]
+    assert (known.waypoints, known.waits) == (before.waypoints, True)
+    stay(desk, 1.0, at=1.5)
+    assert desk.status().note == "waits: door D is shut"
+
+
+# A way that is blocked ----------------------------------------------------------------------------
+
+SOME = Parameters()
+NO_WAY = Plan((), refusal="door D is shut")
+ROUND = Plan((Waypoint(1.0, 2.0, 0.0), GOAL), 5.0, 60.0)
+
+
+@pytest.fixture
+def planned(desk: Desk) -> Desk:
+    """On the planner's way to the goal."""
+    desk.request(MissionRequest(GOAL))
+    desk.planned(PLAN)
+    return desk
+
+
+def stay(desk: Desk, seconds: float, at: float = 0.2, *, off_m: float = 0.0) -> None:
+    """The robot stands there for so long."""
+    for _ in range(round(seconds * 10)):
+        desk.at(at, off_m=off_m)
+
+
+def blocked(desk: Desk) -> None:
+    """It has stood until the way is asked for anew."""
+    before = len(desk.asked)
+    stay(desk, SOME.nearer_s + 0.5)
+    assert len(desk.asked) == before + 1
+
+
+def test_a_robot_that_gets_no_nearer_is_planned_another_way_and_the_planner_is_told_why(
+    planned: Desk,
+) -> None:
+    mission = planned.trajectories()[-1]
+    blocked(planned)
+    assert planned.asked[-1].request == PlanRequest(
+        Waypoint(0.2, 0.0, 0.0), GOAL, "no nearer for 10 s"
+    )
+    planned.planned(ROUND)
+    now = planned.trajectories()[-1]
+    assert (now.mission, now.waypoints) == (mission.mission, ROUND.waypoints)
+    assert now.start == Point(0.2, 0.0)
+    assert (now.planned, now.waits) == (True, False)
+    assert now.counter == mission.counter + 1
+
+
+def test_while_it_gets_nearer_however_slowly_it_drives_on(planned: Desk) -> None:
+    asked = len(planned.asked)
+    for step in range(60):
+        stay(planned, 0.5, at=0.2 + 0.02 * step)
+    assert len(planned.asked) == asked
+
+
+def test_beside_the_goal_there_is_no_other_way(planned: Desk) -> None:
+    """It turns there, or somebody stands in its way."""
+    planned.at(1.1)
+    asked = len(planned.asked)
+    stay(planned, 2 * SOME.nearer_s, at=2.8)
+    assert len(planned.asked) == asked
+
+
+def test_without_another_way_it_waits_says_so_and_asks_again(planned: Desk) -> None:
+    mission = planned.trajectories()[-1]
+    blocked(planned)
+    planned.planned(NO_WAY)
+    waiting = planned.trajectories()[-1]
+    assert (waiting.mission, waiting.waypoints) == (mission.mission, mission.waypoints)
+    assert waiting.waits
+    stay(planned, 1.0)
+    status = planned.status()
+    assert (status.state, status.note) == (MissionState.DRIVING, "waits: door D is shut")
+    asked = len(planned.asked)
+    stay(planned, SOME.again_s + 0.2)
+    assert len(planned.asked) == asked + 1
+    planned.planned(PLAN)
+    assert not planned.trajectories()[-1].waits
+    stay(planned, 1.0)
+    assert planned.status().note == ""
+
+
+def test_where_no_way_becomes_free_the_mission_fails_with_the_reason(planned: Desk) -> None:
+    mission = planned.trajectories()[-1].mission
+    blocked(planned)
+    planned.planned(NO_WAY)
+    for _ in range(round(SOME.give_up_s)):
+        stay(planned, 1.0)
+        if planned.asked[-1].id in planned.agent._asked:
+            planned.planned(NO_WAY)
+    assert planned.status().state is MissionState.FAILED
+    assert planned.status().mission == mission
+    assert "door D is shut" in planned.status().note
+    ended = planned.trajectories()[-1]
+    assert (ended.mission, ended.waypoints, ended.waits) == (mission, (), False)
+    asked = len(planned.asked)
+    planned.agent.receive(ended, planned.now)  # a peer gives back what it remembers
+    stay(planned, 20.0)
+    assert planned.status().state is MissionState.FAILED
+    assert len(planned.asked) == asked
+    planned.request(MissionRequest(DOOR))
+    planned.planned(PLAN)
+    assert planned.trajectories()[-1].waypoints == PLAN.waypoints
+
+
+def test_ways_that_lead_no_nearer_are_not_tried_for_ever(planned: Desk) -> None:
+    """Two doors that are shut, each seen only from before it."""
+    patience = SOME.give_up_s + ROUND.length / SOME.give_up_m_s
+    for _ in range(round(patience) + 20):
+        stay(planned, 1.0)
+        if planned.asked[-1].id in planned.agent._asked:
+            planned.planned(ROUND)
+    assert planned.status().state is MissionState.FAILED
+    assert "no nearer" in planned.status().note
+
+
+@pytest.mark.parametrize("hindrance", ["lost", "stopped", "given"])
+def test_a_robot_that_may_not_get_nearer_is_not_blocked(desk: Desk, hindrance: str) -> None:
+    given = hindrance == "given"
+    desk.request(MissionRequest(GOAL, (DOOR,), planned=not given))
+    if not given:
+        desk.planned(PLAN)
+    if hindrance == "stopped":
+        desk.agent.receive(Stop(1, True, "somebody", 1), desk.now)
+    asked = len(desk.asked)
+    stay(desk, SOME.give_up_s + 60.0, off_m=1.0 if hindrance == "lost" else 0.0)
+    assert len(desk.asked) == asked
+    assert desk.status().state is MissionState.DRIVING
+
+
+def see(desk: Desk, *points: Point, seconds: float = 2.0) -> None:
+    """The robot drives on and there is something, in its body's frame."""
+    for _ in range(round(10 * seconds)):
+        desk.at(0.1 + 0.01 * desk.number)
+        seen = Obstacles(Cycle(1, desk.number), None, None, None, None, points)
+        desk.agent.receive(seen, desk.now)
+        desk.wake()
+
+
+def test_something_across_the_way_is_planned_round_before_the_robot_stands(planned: Desk) -> None:
+    see(planned, Point(1.0, 0.1))
+    request = planned.asked[-1].request
+    assert isinstance(request, PlanRequest)
+    assert request.why == "something stands across the way"
+    planned.planned(ROUND)
+    assert planned.trajectories()[-1].waypoints == ROUND.waypoints
+
+
+@pytest.mark.parametrize("point", [Point(1.0, 0.3), Point(2.0, 0.0), Point(-0.3, 0.0)])
+def test_what_is_beside_the_way_far_ahead_or_behind_is_not_across_it(
+    planned: Desk, point: Point
+) -> None:
+    asked = len(planned.asked)
+    see(planned, point)
+    assert len(planned.asked) == asked
+
+
+def test_a_plan_that_leads_the_same_way_changes_nothing(planned: Desk) -> None:
+    """What was seen is a wall of the map after all, or gone."""
+    before = planned.trajectories()[-1]
+    see(planned, Point(1.0, 0.1))
+    planned.planned(Plan((Waypoint(1.1, 0.02, 0.0), GOAL), 2.9, 38.0))
+    assert planned.trajectories()[-1].counter == before.counter
+
+
+def test_one_that_starts_again_goes_on_waiting_and_asks_for_a_way(planned: Desk) -> None:
+    blocked(planned)
+    planned.planned(NO_WAY)
+    other = restarted(planned)
+    stay(other, SOME.again_s + 0.5)
+    assert other.status().state is MissionState.DRIVING
+    assert [ask.request for ask in other.asked[:1]] == [
+        PlanRequest(Waypoint(0.2, 0.0, 0.0), GOAL, "no way was free")
+    ]
+    other.planned(ROUND)
+    assert not other.trajectories()[-1].waits

@@ -20,6 +20,9 @@ from armadico.agents.methods.local_map import (
     cell_at,
 )
 from armadico.agents.methods.settings import MapSettings
+from armadico.agents.sonar import Parameters, SonarAgent
+from armadico.config.loading import load_parameters
+from armadico.config.parameters import load_set
 from armadico.core.geometry import compose, relative
 from armadico.core.swept_path import Outline
 
@@ -134,6 +137,47 @@ def test_what_is_not_near_the_axis_need_not_be_heard() -> None:
         for _ in range(9):
             local.update([Ping(0.0, 0.0, math.radians(bearing), 2.0)])
     assert any(point[:2] == (1.0, 0.0) for point in local.points())
+
+
+@pytest.mark.parametrize(("slant", "heard", "left"), [(30, None, 1), (30, 2.0, 0), (50, 2.0, 1)])
+def test_a_smooth_wall_at_a_glancing_angle_need_not_answer(
+    slant: float, heard: float | None, left: int
+) -> None:
+    """Silence is nothing beyond 20 degrees, an echo by way of a mirror nothing beyond 45."""
+    local = mapped((1.0, 0.0))
+    off = math.radians(slant)
+    aside = Ping(1.0 - 0.5 * math.cos(off), -0.5 * math.sin(off), off, heard)
+    for _ in range(9):
+        local.update([aside])
+    assert sum(point[:2] == (1.0, 0.0) for point in local.points()) == left
+
+
+def test_by_the_thesis_it_had_to_answer_from_wherever_it_was_looked_at() -> None:
+    (sonar,) = (sets for name, sets in load_set("thesis").items() if name == "sonar")
+    parameters = load_parameters(SonarAgent.parameters, None, sonar)
+    assert isinstance(parameters, Parameters)
+    local = mapped((1.0, 0.0), settings=parameters.map)
+    for _ in range(9):
+        local.update([Ping(1.0, -0.5, math.pi / 2, None)])
+    assert local.points() == ()
+    assert parameters.walls.reach_m == 0.0
+
+
+def test_where_a_point_was_heard_from_turns_with_the_robot() -> None:
+    local = mapped((1.0, 0.0))
+    local.move(Placed(0.0, 0.0, math.pi / 2))
+    for _ in range(9):
+        local.update([Ping(0.0, 0.0, -math.pi / 2, None)])
+    assert local.points() == ()
+
+
+def test_what_is_expected_counts_as_what_is_heard_until_it_no_longer_is() -> None:
+    local = mapped((1.0, 0.0))
+    local.expect([Obstacle(0.5, 0.2, math.hypot(0.5, 0.2)), Obstacle(0.1, 0.1, 0.2)])
+    assert [point[:2] for point in local.points()] == [(0.5, 0.2), (1.0, 0.0)]  # none in the body
+    assert local.front() == local.closest() == Obstacle(0.5, 0.2, math.hypot(0.5, 0.2))
+    local.expect([])
+    assert [point[:2] for point in local.points()] == [(1.0, 0.0)]
 
 
 def test_from_nearer_by_a_ping_may_miss_what_was_heard_in_a_wider_cone() -> None:

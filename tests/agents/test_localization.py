@@ -27,7 +27,18 @@ from armadico.config.profile import SensorProfile, load_profile
 from armadico.config.shipped import find
 from armadico.core.agent import Identity, Publish
 from armadico.core.geometry import Pose2, compose, relative, wrap
-from armadico.core.messages import Correction, Cycle, Echo, Log, Message, Pose, RobotState, Sonar
+from armadico.core.messages import (
+    Correction,
+    Cycle,
+    Echo,
+    Log,
+    Message,
+    Particles,
+    Pose,
+    RobotState,
+    Sonar,
+)
+from armadico.core.particles import MOST, poses_of
 
 RING = load_profile("pioneer-2dx").sonar
 WALLS = [(0, 0, 6, 0), (6, 0, 6, 4), (6, 4, 2.5, 4), (2.5, 4, 2.5, 3), (2.5, 3, 0, 3), (0, 3, 0, 0)]
@@ -249,6 +260,22 @@ def test_no_readings_change_nothing() -> None:
     assert np.array_equal(particles.weights, before)
 
 
+def test_to_look_at_them_draws_by_weight_and_changes_nothing() -> None:
+    looked, alone = filtered(), filtered()
+    for particles in (looked, alone):
+        particles.start_anywhere()
+        particles.weights[:] = 0.0
+        particles.weights[[5, 9]] = 0.75, 0.25
+    drawn = looked.drawn(100)
+    assert drawn.shape == (100, 3)
+    assert (drawn[:, 0] == looked.poses[5, 0]).sum() == 75
+    assert (drawn[:, 0] == looked.poses[9, 0]).sum() == 25
+    for particles in (looked, alone):
+        particles.move((0.1, 0.0, 0.0))
+    assert np.array_equal(looked.poses, alone.poses)
+    assert filtered().drawn(100).shape == (0, 3)
+
+
 # The agent ----------------------------------------------------------------------------------------
 
 
@@ -274,17 +301,28 @@ class Robot:
     def __init__(self, parameters: Parameters) -> None:
         self.agent = Localization(Identity("localization-1", rng=random.Random(3)), parameters)
         self.agent.start(0.0)
-        self.number = 0
+        self.epoch, self.number, self.begun = 1, 0, 0.0
         self.odometry: Pose2 = (0.0, 0.0, 0.0)
         self.said: list[Message] = []
 
-    def at(self, pose: Pose2, motion: Pose2, by_encoder: Pose2) -> list[Correction]:
+    def restart(self, motion: Pose2, *, anew: bool = False) -> None:
+        """Another robot agent; meanwhile the robot rolled on, and was counted, or not."""
+        self.epoch, self.number, self.begun = self.epoch + 1, 0, self.begun + 0.1 * self.number + 2
+        self.odometry = (0.0, 0.0, 0.0) if anew else compose(self.odometry, motion)
+
+    def at(
+        self,
+        pose: Pose2,
+        motion: Pose2,
+        by_encoder: Pose2,
+        covariance: tuple[float, ...] = (),
+    ) -> list[Correction]:
         self.number += 1
-        now, cycle = 0.1 * self.number, Cycle(1, self.number)
+        now, cycle = self.begun + 0.1 * self.number, Cycle(self.epoch, self.number)
         self.odometry = compose(self.odometry, motion)
         state = RobotState(cycle, *self.odometry, 0.0, 0.0, 12.0, True, False)
         pings = tuple(ranged(pose, index) for index in (self.number % 8, (self.number + 3) % 8))
-        for message in (state, Pose(cycle, *by_encoder), Sonar(cycle, 5.0, pings)):
+        for message in (state, Pose(cycle, *by_encoder, covariance), Sonar(cycle, 5.0, pings)):
             self.agent.receive(message, now)
         said = [item.message for item in self.agent.outbox if isinstance(item, Publish)]
         self.agent.outbox.clear()
@@ -328,6 +366,17 @@ def test_one_correction_a_cycle_once_it_has_a_pose(world: str) -> None:
     assert made == [1] * 10
 
 
+def test_twice_a_second_some_particles_are_published_about_where_it_is(world: str) -> None:
+    robot = Robot(Parameters(world=world))
+    for pose, motion in drive(START, 31):
+        robot.at(pose, motion, pose)
+    shown = [message for message in robot.said if isinstance(message, Particles)]
+    assert [message.cycle.number for message in shown] == [1, 6, 11, 16, 21, 26, 31]
+    poses = poses_of(shown[-1])
+    assert len(poses) == MOST
+    assert hypot(poses[0][0] - pose[0], poses[0][1] - pose[1]) < 0.6
+
+
 def test_with_no_idea_it_says_that_it_is_lost_until_it_is_found(world: str) -> None:
     robot = Robot(Parameters(world=world, start="anywhere"))
     confidences = []
@@ -351,6 +400,43 @@ def test_a_robot_that_was_carried_away_is_lost(world: str) -> None:
     ]
     assert 0.0 in confidences
     assert any(isinstance(said, Log) and "is lost" in said.text for said in robot.said)
+
+
+def test_what_rolled_while_there_was_no_robot_agent_moves_the_particles_too(world: str) -> None:
+    robot = Robot(Parameters(world=world))
+    poses = list(drive(START, 200))
+    for pose, motion in poses[:120]:
+        robot.at(pose, motion, pose)
+    rolled = relative(poses[119][0], poses[149][0])
+    assert hypot(*rolled[:2]) > 1.0
+    robot.restart(rolled)
+    for pose, motion in poses[150:155]:
+        (correction,) = robot.at(pose, motion, pose)
+    x, y, _ = placed(correction, robot.odometry)
+    assert hypot(x - pose[0], y - pose[1]) < 0.15
+    assert correction.confidence > 0.9
+
+
+def test_what_a_controller_that_began_anew_did_not_count_makes_it_unsure(world: str) -> None:
+    robot = Robot(Parameters(world=world))
+    poses = list(drive(START, 160))
+    for pose, motion in poses[:150]:
+        (before,) = robot.at(pose, motion, pose)
+    robot.restart((0.0, 0.0, 0.0), anew=True)
+    pose = poses[149][0]
+    (correction,) = robot.at(pose, (0.0, 0.0, 0.0), pose)
+    assert correction.covariance[0] > 4.0 * before.covariance[0]
+    for pose, motion in poses[150:]:
+        (correction,) = robot.at(pose, motion, pose)
+    x, y, _ = placed(correction, robot.odometry)
+    assert hypot(x - pose[0], y - pose[1]) < 0.3
+
+
+def test_a_robot_that_was_lost_before_it_started_is_lost(world: str) -> None:
+    robot = Robot(Parameters(world=world))
+    wide = (1.0, 0.0, 0.0, 1.0, 0.0, 1.0)
+    corrections = [robot.at(pose, motion, pose, wide) for pose, motion in drive(START, 5)]
+    assert [said.confidence for (said,) in corrections] == [0.0] * 5
 
 
 def test_without_walls_there_is_nothing_to_know_it_by() -> None:

@@ -4,12 +4,29 @@ from __future__ import annotations
 
 import re
 from math import pi
+from pathlib import Path
 
 import pytest
 
 from armadico.agents.path_planning import Parameters, PathPlanning
 from armadico.core.agent import Answer, Identity, Publish, Question
-from armadico.core.messages import Log, MissionRequest, Plan, PlanRequest, Waypoint, decode, encode
+from armadico.core.behaviour import UNSURE_M
+from armadico.core.messages import (
+    Cycle,
+    Echo,
+    Log,
+    MissionRequest,
+    Plan,
+    PlanRequest,
+    Point,
+    Pose,
+    RobotState,
+    Sonar,
+    Waypoint,
+    decode,
+    encode,
+)
+from tests.framework.stage import spread
 
 START, GOAL = Waypoint(3.4, 0.6, pi / 2), Waypoint(7.4, 0.7, -pi / 2)
 
@@ -76,3 +93,120 @@ def test_a_way_of_more_turns_than_a_mission_may_have_is_refused(
     plan = ask(planner, START, GOAL)
     assert re.fullmatch(r"the way has \d+ turns, at most 2", plan.refusal)
     assert plan.waypoints == ()
+
+
+# What is seen and not on the map ------------------------------------------------------------------
+
+TWO_DOORS = """2D-Map
+LineMinPos: 0 0
+LineMaxPos: 9000 6000
+NumLines: 7
+Cairn: ArmadicoRoom 0 0 0.000000 "" ICON "A" 0 0 4500 6000
+Cairn: ArmadicoRoom 0 0 0.000000 "" ICON "B" 4500 0 9000 6000
+Cairn: ArmadicoDoor 4500 3000 0.000000 "A B" ICON "near"
+Cairn: ArmadicoDoor 4500 5100 0.000000 "A B" ICON "far"
+LINES
+0 0 9000 0
+9000 0 9000 6000
+9000 6000 0 6000
+0 6000 0 0
+4500 0 4500 2500
+4500 3500 4500 4600
+4500 5600 4500 6000
+DATA
+"""
+BEFORE, BEYOND = Waypoint(3.9, 3.0, 0.0), Waypoint(7.5, 3.0, 0.0)
+DOOR = 0.6 - 0.166  # m from the foremost sonars to the door
+
+
+@pytest.fixture
+def two_doors(tmp_path: Path) -> PathPlanning:
+    """It plans in two rooms with a door ahead and one aside."""
+    path = tmp_path / "two-doors.map"
+    path.write_text(TWO_DOORS)
+    return PathPlanning(Identity("path-planning-1"), Parameters(world=str(path)))
+
+
+def look(
+    planner: PathPlanning, ahead: float, *, cycles: int = 20, off_m: float = 0.0, first: int = 1
+) -> None:
+    """The robot stands before the near door; something answers, or nothing does."""
+    for number in range(first, first + cycles):
+        cycle, now = Cycle(1, number), number / 10
+        echoes = [Echo(0.166, y, bearing, ahead) for y, bearing in ((0.027, 0.17), (-0.027, -0.17))]
+        pose = Pose(cycle, BEFORE.x, BEFORE.y, BEFORE.theta, spread(off_m))
+        state = RobotState(cycle, 0, 0, 0, 0, 0, 12, True, False)
+        for message in (state, pose, Sonar(cycle, 5.0, tuple(echoes))):
+            planner.receive(message, now)
+
+
+def doors(planner: PathPlanning) -> str:
+    planner.asked(Question(5, PlanRequest(BEFORE, BEYOND, "no nearer")), planner.now)
+    out, planner.outbox = planner.outbox, []
+    said = [o.message.text for o in out if isinstance(o, Publish) and isinstance(o.message, Log)]
+    return said[-1] if said else next(o.message.refusal for o in out if isinstance(o, Answer))
+
+
+def test_it_plans_round_a_door_that_is_seen_shut_and_says_why_it_was_asked(
+    two_doors: PathPlanning,
+) -> None:
+    assert "through near" in doors(two_doors)
+    look(two_doors, DOOR)
+    assert re.search("through far, .*: no nearer", doors(two_doors))
+
+
+def test_where_there_is_no_other_way_it_says_which_door_is_shut(
+    two_doors: PathPlanning, tmp_path: Path
+) -> None:
+    lines = [line for line in TWO_DOORS.splitlines() if '"far"' not in line]
+    path = tmp_path / "one-door.map"
+    path.write_text("\n".join(lines).replace("4500 5600 4500 6000", "4500 4600 4500 6000"))
+    planner = PathPlanning(Identity("path-planning-1"), Parameters(world=str(path)))
+    look(planner, DOOR)
+    assert re.search("no way from room A to room B: door near leaves 0.* m", doors(planner))
+
+
+def test_once_the_door_is_seen_open_the_way_leads_through_it_again(two_doors: PathPlanning) -> None:
+    look(two_doors, DOOR)
+    look(two_doors, 4.0, first=21)
+    assert "through near" in doors(two_doors)
+
+
+def test_what_nobody_looks_at_is_forgotten(two_doors: PathPlanning) -> None:
+    look(two_doors, DOOR)
+    two_doors.receive(RobotState(Cycle(1, 400), 0, 0, 0, 0, 0, 12, True, False), 40.0)
+    assert "through near" in doors(two_doors)
+
+
+def test_where_the_pose_is_unsure_nothing_is_put_down(two_doors: PathPlanning) -> None:
+    look(two_doors, DOOR, off_m=1.1 * UNSURE_M)
+    assert "through near" in doors(two_doors)
+
+
+def test_what_the_robot_touched_is_planned_round_though_no_sonar_hears_it(
+    two_doors: PathPlanning,
+) -> None:
+    near_door = Pose(Cycle(1, 1), 4.25, 3.0, 0.0)
+    touch = Point(0.21, 0.0)
+    state = RobotState(Cycle(1, 1), 0, 0, 0, 0, 0, 12, True, True, touch=touch)
+    for message in (state, near_door, Sonar(Cycle(1, 1), 5.0, ())):
+        two_doors.receive(message, 0.1)
+    assert "through far" in doors(two_doors)
+
+
+def test_something_at_the_goal_itself_is_the_reason(two_doors: PathPlanning) -> None:
+    look(two_doors, DOOR)
+    two_doors.asked(Question(5, PlanRequest(BEFORE, Waypoint(4.6, 3.05, 0.0))), 2.0)
+    (refusal,) = (o.message.refusal for o in two_doors.outbox if isinstance(o, Answer))
+    assert "something was seen" in refusal
+
+
+def test_a_robot_that_has_driven_somewhere_is_there_however_near_a_wall_is_by_its_pose(
+    two_doors: PathPlanning,
+) -> None:
+    beside = Waypoint(4.4, 2.0, 0.0)
+    assert "inside a wall" in ask(two_doors, beside, BEYOND).refusal
+    two_doors.asked(Question(5, PlanRequest(beside, BEYOND, "the robot was lost")), 1.0)
+    (plan,) = (o.message for o in two_doors.outbox if isinstance(o, Answer))
+    assert isinstance(plan, Plan)
+    assert plan.waypoints

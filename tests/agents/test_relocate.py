@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from math import tau
+from math import radians, tau
 
 import pytest
 
@@ -12,7 +12,7 @@ from armadico.agents.goto import Goto
 from armadico.agents.relocate import Parameters, Relocate
 from armadico.core.agent import Agent, Identity
 from armadico.core.behaviour import LOST_M, UNSURE_M
-from armadico.core.messages import Log, Point
+from armadico.core.messages import Echo, Log, Point, Sonar
 from armadico.observe.measures import speeds
 from tests.framework.stage import Stage, claims, commands, drive_to, wall
 
@@ -128,3 +128,49 @@ def test_where_it_can_neither_turn_nor_go_on_it_backs_out() -> None:
     v, w = speeds(commands(made.said)[-1])
     assert v < 0.0
     assert w == 0.0
+
+
+def looked_around(*, answers: bool | None) -> Stage:
+    """It has turned once; the sonars that look ahead heard something meanwhile, or nothing."""
+    made = lost()
+    made.holding()
+    made.speed = (0.0, Parameters().w)
+    for _ in range(round(10 * tau / Parameters().w) + 5):
+        ping(made, answers)
+        made.cycle()
+    return made
+
+
+def ping(made: Stage, answers: bool | None) -> None:
+    if answers is not None:
+        heard = (Echo(0.17, 0.03, radians(10), 4.0 if answers else None),)
+        made.hand(Sonar(made.at, 5.0, (*heard, Echo(0.07, 0.14, radians(90), 1.0))))
+
+
+def test_it_drives_to_where_something_answers_and_turns_on_where_nothing_does() -> None:
+    """A wall that answers to nobody may be there."""
+    assert speeds(commands(looked_around(answers=True).said)[-1])[0] > 0.1
+    made = looked_around(answers=False)
+    v, w = speeds(commands(made.said)[-1])
+    assert (v, abs(w)) == (0.0, Parameters().w)
+    for _ in range(3):
+        ping(made, answers=True)
+        made.cycle()
+    assert speeds(commands(made.said)[-1])[0] > 0.1
+
+
+def test_when_it_no_longer_answers_it_looks_elsewhere() -> None:
+    made = looked_around(answers=True)
+    made.speed = (0.25, 0.0)
+    for _ in range(round(10 * Parameters().silent_s) + 3):
+        ping(made, answers=False)
+        made.cycle()
+    assert speeds(commands(made.said)[-1])[0] == 0.0
+
+
+def test_where_nothing_answers_all_around_it_drives_on_all_the_same() -> None:
+    made = looked_around(answers=False)
+    for _ in range(round(10 * tau / Parameters().w) + 5):
+        ping(made, answers=False)
+        made.cycle()
+    assert speeds(commands(made.said)[-1])[0] > 0.1

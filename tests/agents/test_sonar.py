@@ -8,9 +8,14 @@ import pytest
 from msgspec.structs import replace
 
 from armadico.agents.sonar import LOOK_S, Parameters, SonarAgent
+from armadico.config.scenarios import load_scenario
 from armadico.core.agent import Identity, Publish
-from armadico.core.messages import Cycle, Echo, Obstacles, Point, RobotState, Sonar
+from armadico.core.messages import Cycle, Echo, Obstacles, Point, Pose, RobotState, Sonar
+from armadico.launch.society import Options, members
 from tests.framework.robots import described
+
+MAPPED = Parameters(world="sc2")
+"""Its wall lies across the way at x = 5 m, from y = -1.28 m to 1.28 m."""
 
 AHEAD = radians(10.0)  # where a sonar looks; those of a Pioneer look at 10, 30, 50 and 90 degrees
 
@@ -29,6 +34,8 @@ class Ring:
         *echoes: tuple[float, float | None],
         odometry: tuple[float, float, float] = (0.0, 0.0, 0.0),
         touch: float | None = None,
+        pose: tuple[float, float, float] | None = None,
+        deviation: float = 0.02,
     ) -> Obstacles:
         """One cycle: bearings (rad) and ranges (m) from the middle of the robot."""
         self.number += 1
@@ -37,6 +44,10 @@ class Ring:
         at = None if touch is None else Point(touch, 0.0)
         state = RobotState(cycle, *odometry, 0, 0, 12, True, at is not None, touch=at)
         self.agent.receive(state, self.now)
+        if pose is not None:
+            each = deviation * deviation / 2.0
+            covariance = (each, 0.0, 0.0, each, 0.0, 1e-4) if deviation else ()
+            self.agent.receive(Pose(cycle, *pose, covariance), self.now)
         heard = tuple(Echo(0.0, 0.0, bearing, distance) for bearing, distance in echoes)
         self.agent.receive(Sonar(cycle, 5.0, heard), self.now)
         out, self.agent.outbox = self.agent.outbox, []
@@ -185,3 +196,84 @@ def test_what_the_robot_touches_is_an_obstacle_though_nobody_hears_it(ring: Ring
     behind = ring.ping((AHEAD, None), odometry=(-0.5, 0.0, 0.0))
     assert all(p.x > 0.7 for p in behind.points)
     assert behind.points
+
+
+def test_a_wall_of_the_map_is_there_before_it_was_heard_if_the_pose_is_known() -> None:
+    for pose, deviation, known in (
+        ((4.2, 0.0, 0.0), 0.02, True),
+        ((4.2, 0.0, 0.0), 0.6, False),  # lost
+        ((4.2, 0.0, 0.0), 0.0, False),  # nobody knows how uncertain it is
+        (None, 0.0, False),
+    ):
+        ring = Ring(MAPPED)
+        found = ring.ping((AHEAD, None), pose=pose, deviation=deviation)
+        assert (found.front is not None) == known
+        if found.front is not None:
+            assert found.front.x == pytest.approx(0.8, abs=0.03)
+            assert found.closest == found.front
+            assert found.front in found.points
+    assert Ring().ping((AHEAD, None), pose=(4.2, 0.0, 0.0)).points == ()
+
+
+def test_the_walls_are_where_the_robot_is_now_and_not_where_its_last_pose_was() -> None:
+    ring = Ring(MAPPED)
+    ring.ping((AHEAD, None), odometry=(1.0, 0.0, 0.0), pose=(4.2, 0.0, 0.0))
+    found = ring.ping((AHEAD, None), odometry=(1.1, 0.0, 0.0))
+    assert found.front is not None
+    assert found.front.x == pytest.approx(0.72, abs=0.03)
+
+
+@pytest.mark.parametrize("lost", [None, 1.0])
+def test_a_robot_that_gets_lost_is_for_a_while_where_its_wheels_say(lost: float | None) -> None:
+    ring = Ring(MAPPED)
+    ring.ping((AHEAD, None), pose=(4.2, 0.0, 0.0))
+    told = None if lost is None else (-7.0, 3.0, 1.0)
+    front = []
+    for way in (0.0, 0.1, 0.2):
+        found = ring.ping((AHEAD, None), odometry=(way, 0.0, 0.0), pose=told, deviation=lost or 0.0)
+        assert found.front is not None
+        front.append(found.front.x + way)
+    assert front[0] == pytest.approx(0.8, abs=0.03)
+    assert front == sorted(front)  # the wall is taken to be farther off the longer it is so
+    ring.now += Parameters().walls.kept_s
+    assert ring.ping((AHEAD, None), odometry=(0.2, 0.0, 0.0)).points == ()
+
+
+def test_that_lasts_no_longer_than_odometry_can_be_trusted() -> None:
+    ring = Ring(MAPPED)
+    ring.ping((AHEAD, None), pose=(4.2, 0.0, 0.0))
+    for number in range(50):  # to and fro
+        found = ring.ping((AHEAD, None), odometry=(0.2 * (number % 2), 0.0, 0.0))
+    assert found.points == ()
+
+
+def test_a_correction_of_the_pose_moves_the_maps_walls_and_not_what_was_heard() -> None:
+    ring = Ring(MAPPED)
+    for _ in range(2):
+        ring.ping((radians(90), 0.5), pose=(4.2, 0.0, 0.0))
+    found = ring.ping((AHEAD, None), pose=(4.3, 0.0, 0.0))
+    assert found.left is not None
+    assert (found.left.x, found.left.y) == pytest.approx((0.0, 0.5), abs=1e-9)
+    ahead = [p.x for p in found.points if abs(p.y) < 0.1]
+    assert ahead
+    assert all(x == pytest.approx(0.7, abs=0.03) for x in ahead)
+
+
+def test_what_the_map_has_shut_and_the_sonars_hear_through_is_open() -> None:
+    ring = Ring(MAPPED)
+    for _ in range(4):
+        found = ring.ping((0.0, 2.4), pose=(4.2, 0.0, 0.0))
+    assert not [p for p in found.points if abs(p.y) < 0.1 and p.x < 1.0]
+
+
+def test_one_that_restarts_beside_a_wall_that_does_not_answer_knows_of_it_at_once() -> None:
+    ring = Ring(MAPPED)
+    ring.agent._listened = round(LOOK_S / 0.1) - 1
+    assert ring.ping((AHEAD, None), pose=(4.5, 0.0, 1.57)).right is not None
+
+
+def test_it_is_told_of_the_world_unless_that_is_to_be_explored() -> None:
+    for plan, told in (("rooms", True), ("frontiers", False)):
+        scenario = replace(load_scenario("sc4"), plan=plan)
+        (sets,) = (m.sets for m in members(scenario, Options(), "") if m.name == "sonar")
+        assert any(one.startswith("world=") for one in sets) == told

@@ -20,11 +20,11 @@ import sys
 sys.path.insert(0, sys.argv[1])
 from wall_follower import WallFollower
 
-from armadico.config.scenarios import load_scenario
+from armadico.config.scenarios import ideal, load_scenario
 from armadico.launch.virtual import Rehearsal
 from armadico.launch.society import Options
 
-rehearsal = Rehearsal(load_scenario("sc2"), Options(without=("gothrough",)))
+rehearsal = Rehearsal(ideal(load_scenario("sc2")), Options(without=("gothrough",)))
 rehearsal.start()
 rehearsal.begin()
 rehearsal.mesh.run(rehearsal.mesh.now + 2.0)

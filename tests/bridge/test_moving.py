@@ -17,7 +17,7 @@ from armadico.cli.options import UsageError
 from armadico.config.loading import find, load_entry
 from armadico.config.moving import Moving
 from armadico.config.profile import SensorProfile, load_profile
-from armadico.config.scenarios import load_scenario
+from armadico.config.scenarios import ideal, load_scenario
 from armadico.launch.processes import simulator_words
 
 PROFILE = load_profile("pioneer-2dx")
@@ -180,7 +180,7 @@ def test_a_world_in_which_nothing_moves_has_no_movement() -> None:
 
 def test_a_live_simulator_is_told_what_moves() -> None:
     moving = (walker(2.0, 2.0), Moving(kind="door", wall=(3.0, -1.0, 3.0, 1.0), times=(2.0,)))
-    scenario = msgspec.structs.replace(load_scenario("sc1"), moving=moving)
+    scenario = msgspec.structs.replace(ideal(load_scenario("sc1")), moving=moving)
     _, *words = simulator_words(scenario, 7, "")
     assert command._scenario(command.parser().parse_args(words)).moving == moving
     with pytest.raises(UsageError, match="--moving: "):

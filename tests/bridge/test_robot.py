@@ -416,6 +416,15 @@ def test_motors_that_a_stall_has_cut_nobody_has_switched_off(ready: Bench) -> No
     assert not ready.status().stop.stopped
 
 
+def test_nor_those_that_are_off_for_a_while_after_it(ready: Bench) -> None:
+    """What is cut stalls no more. If they stay off, somebody wants them off."""
+    ready.status(left_stall=True)
+    ready.let_pass(0.1)
+    assert not ready.status(motors_enabled=False).stop.stopped
+    ready.let_pass(HELD_S)
+    assert ready.status(motors_enabled=False).stop.stopped
+
+
 def test_a_stop_that_somebody_else_latched_stays_theirs(ready: Bench) -> None:
     ready.hand(Stop(1, True, "somebody", 1))
     assert ready.status(motors_enabled=False).stop == Stop(1, True, "somebody", 1)
@@ -472,6 +481,25 @@ def test_a_bumper_behind_says_so_and_one_that_sticks_says_nothing(bench: Bench) 
     state = bench.status(rear_bumpers=3)
     assert state.touch is not None
     assert state.touch.x == -PROFILE.body.rear_m
+
+
+def test_between_two_things_it_is_driven_against_neither(ready: Bench) -> None:
+    """Both bumpers at once, and what is behind when it has backed off what is ahead."""
+    assert ready.status(front_bumpers=1, rear_bumpers=1).stalled
+    for v in (0.2, -0.2):
+        ready.command(v)
+        assert ready.speeds()[-1] == 0
+    ready.let_pass(2 * HELD_S, statuses=True)
+    ready.status(front_bumpers=1)
+    ready.command(-0.2)
+    assert ready.speeds()[-1] == -200
+    state = ready.status(rear_bumpers=1)
+    assert state.touch is not None
+    assert state.touch.x < 0
+    ready.command(-0.2)
+    assert ready.speeds()[-1] == 0
+    ready.command(0.2)
+    assert ready.speeds()[-1] == 200
 
 
 @pytest.mark.parametrize("share", [0.6, 1.0])

@@ -14,7 +14,7 @@ from armadico.bridge.simulator import pioneer
 from armadico.bridge.simulator.pioneer import Pioneer
 from armadico.bridge.simulator.plant import Streams
 from armadico.bridge.simulator.traps import UNKIND
-from armadico.config.scenarios import Scenario, load_scenario
+from armadico.config.scenarios import Scenario, ideal, load_scenario
 from armadico.core.messages import Description, Message, Pose, Truth
 from armadico.launch.society import Options
 from armadico.launch.virtual import Rehearsal
@@ -47,7 +47,7 @@ def test_a_scenario_reaches_its_goal(monkeypatch: pytest.MonkeyPatch, name: str)
         return robot
 
     monkeypatch.setattr(pioneer, "on_virtual_mesh", unkind)
-    rehearsal, view = Rehearsal(load_scenario(name), Options(seed=7)), View()
+    rehearsal, view = Rehearsal(ideal(load_scenario(name)), Options(seed=7)), View()
     rehearsal.mesh.watch(lambda _, message, now: view.learn(message, now), *SEEN)
     assert rehearsal.run().reached
     assert agree(view.pose, view.truth)

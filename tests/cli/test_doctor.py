@@ -12,7 +12,16 @@ from msgspec.structs import replace
 
 from armadico.cli import doctor, top
 from armadico.cli import main as armadico
-from armadico.core.messages import Cycle, Line, RobotState, Stop
+from armadico.core.messages import (
+    Correction,
+    Cycle,
+    Line,
+    MissionState,
+    MissionStatus,
+    Pose,
+    RobotState,
+    Stop,
+)
 from armadico.mesh.ports import private_endpoints
 from armadico.mesh.topology import ENDPOINTS_VARIABLE
 from armadico.observe.view import View
@@ -79,6 +88,52 @@ def test_top_says_it_in_its_first_line() -> None:
     said = top._heading(top.Snapshots(view, "robot1").at(0.0))
     assert "STOPPED by the STOP button at the robot" in said
     assert said.endswith("STALLED, MOTORS OFF, 3 bad checksums")
+
+
+def posed(variance: float) -> Pose:
+    return Pose(Cycle(1, 1), 1.2, 3.4, 0.5, (variance, 0.0, 0.0, 0.0, 0.0, 0.0012))
+
+
+def test_top_says_where_it_is_how_surely_and_for_how_long_it_has_been_lost() -> None:
+    view = View()
+    snapshots = top.Snapshots(view, "robot1")
+    view.learn(WELL, 0.0)
+    assert snapshots.at(0.0)["pose"] is None
+    view.learn(Pose(Cycle(1, 1), 1.2, 3.4, 0.5), 0.0)
+    assert "at (1.20, 3.40)" in top._heading(snapshots.at(0.0))
+    assert "+-" not in top._heading(snapshots.at(0.0))
+    view.learn(Correction(Cycle(1, 1), 0, 0, 0, (0.0,) * 6, 0.97), 1.0)
+    view.learn(posed(0.0025), 1.0)
+    said = top._heading(snapshots.at(1.0))
+    assert "at (1.20, 3.40), +-0.05 m, +-2 deg, confidence 0.97" in said
+    row = snapshots.at(1.0)["pose"]
+    assert (row["deviation_m"], row["confidence"], row["lost_s"]) == (0.05, 0.97, None)
+    view.learn(posed(1.96), 2.0)
+    assert "at (1.20, 3.40), LOST for 12 s, +-1.40 m" in top._heading(snapshots.at(14.0))
+    assert snapshots.at(14.0)["pose"]["lost_s"] == 12.0
+
+
+@pytest.mark.parametrize(
+    ("variance", "verdict", "says"),
+    [(0.0025, "ok", "+-0.05 m"), (1.96, "note", "the robot is lost: +-1.40 m")],
+)
+def test_how_well_the_pose_is_known_is_said(variance: float, verdict: str, says: str) -> None:
+    found = doctor.pose(posed(variance))
+    assert (found.verdict, found.what) == (verdict, says)
+    assert "wheels alone" in doctor.pose(replace(posed(1.0), covariance=())).what
+
+
+def test_top_says_why_a_mission_is_not_driven() -> None:
+    view = View()
+    view.learn(WELL, 0.0)
+    view.learn(MissionStatus(1, MissionState.DRIVING, 4.0, 0, "waits: door D is shut"), 0.0)
+    snapshot = top.Snapshots(view, "robot1").at(0.0)
+    assert snapshot["mission"] == {
+        "state": "driving",
+        "to_go": 4.0,
+        "note": "waits: door D is shut",
+    }
+    assert "driving, waits: door D is shut" in top._heading(snapshot)
 
 
 @pytest.mark.parametrize(

@@ -140,7 +140,9 @@ def test_nor_does_one_begin_that_cannot(tmp_path: Path) -> None:
 
 
 @pytest.mark.skipif(not FULL.exists(), reason="no /dev/full")
-@pytest.mark.parametrize("words", [("--help",), ("run", "sc1", "--virtual", "--json")])
+@pytest.mark.parametrize(
+    "words", [("--help",), ("run", "sc1", "--virtual", "--sensors", "ideal", "--json")]
+)
 def test_output_that_goes_to_a_full_disk_is_told_of(words: tuple[str, ...]) -> None:
     with FULL.open("w") as full:
         done = subprocess.run(
@@ -153,6 +155,24 @@ def test_output_that_goes_to_a_full_disk_is_told_of(words: tuple[str, ...]) -> N
         )
     assert done.returncode == options.FAILED
     assert done.stderr == "armadico: No space left on device\n"
+
+
+@pytest.mark.parametrize("closed", [">&-", "2>&-", ">&- 2>&- <&-"])
+def test_who_closes_its_streams_hears_nothing_and_it_is_done_all_the_same(
+    tmp_path: Path, closed: str
+) -> None:
+    words = f"run sc1 --virtual --sensors ideal --json {closed}"
+    done = subprocess.run(
+        ["sh", "-c", f'"{BIN}/armadico" {words}'],
+        cwd=tmp_path,
+        capture_output=True,
+        text=True,
+        timeout=SOON,
+        check=False,
+    )
+    assert done.returncode == 0, done.stderr
+    assert done.stderr == ""
+    assert bool(done.stdout) == (">&-" not in closed.split())
 
 
 @pytest.mark.skipif(not FULL.exists(), reason="no /dev/full")

@@ -75,7 +75,7 @@ def run(captured: Captured, *words: str) -> tuple[int, str, str]:
     return code, said.out, said.err
 
 
-VIRTUAL = ("sc1", "--virtual")
+VIRTUAL = ("sc1", "--virtual", "--sensors", "ideal")
 SMALL_ROBOT = (*VIRTUAL, "--seed", "1", "--json", "--no-plot")
 
 
@@ -101,6 +101,7 @@ SMALL_ROBOT = (*VIRTUAL, "--seed", "1", "--json", "--no-plot")
         (("wall.toml",), ("wall.toml:2:", "start", "wall of 'sc4'")),
         ((*VIRTUAL, "--without", "gotho"), ("no agent 'gotho'", "did you mean 'goto'?")),
         ((*VIRTUAL, "--with", "gotho"), ("no agent 'gotho'", "did you mean 'goto'?")),
+        ((*VIRTUAL, "--with", "goto", "--without", "goto"), ("--with goto --without goto",)),
         ((*VIRTUAL, "--sensors", "rael"), ("no sensors 'rael'", "did you mean 'real'?")),
         ((*VIRTUAL, "--without", "robot"), ("without robot", "encoder, sonar, goto")),
         ((*VIRTUAL, "--controller", "fas"), ("goto: ", '"fas"', "did you mean 'fast'?")),
@@ -186,7 +187,7 @@ def test_a_picture_goes_to_a_folder_and_nothing_is_left_of_a_run_that_failed(
 
 def test_the_same_seed_says_the_same_bytes_and_another_one_others(capsys: Captured) -> None:
     first, again, other = (
-        run(capsys, "sc3", "--virtual", "--json", "--seed", seed) for seed in ("7", "7", "8")
+        run(capsys, "sc3", *VIRTUAL[1:], "--json", "--seed", seed) for seed in ("7", "7", "8")
     )
     assert first == again
     assert first[0] == 0
@@ -250,13 +251,13 @@ def test_a_run_that_takes_too_long_says_its_limit_and_ends_with_exit_code_1(
 
 
 def test_a_robot_whose_odometry_drifts_gets_there_by_its_map(capsys: Captured) -> None:
-    words = ("sc4", "--virtual", "--seed", "1000", "--sensors", "real", "--no-plot", "--json")
-    code, out, _ = run(capsys, *words, "--with", "localization", "--with", "relocate")
+    words = ("sc4", "--virtual", "--seed", "1000", "--no-plot", "--json")
+    code, out, _ = run(capsys, *words)
     row = json.loads(out)
     assert (code, row["reached"], row["collisions"]) == (0, True, 0)
     assert "localization" in row["conditions"]["scenario"]["agents"]
     assert row["conditions"]["scenario"]["sensors"] == "real"
-    lost, out, _ = run(capsys, *words)
+    lost, out, _ = run(capsys, *words, "--without", "localization", "--without", "relocate")
     assert (lost, json.loads(out)["reached"]) == (1, False)
 
 

@@ -362,3 +362,22 @@ def test_the_truth_is_heard_where_there_is_nobody_else_and_two_simulators_are_na
         (truth,) = (f for f in found if f["subject"] == "sim/truth")
         assert truth["verdict"] == "wrong"
         assert name in truth["what"]
+
+
+@pytest.mark.parametrize(
+    ("words", "says"),
+    [
+        (("--moving", '[{"kind": "person"}]'), "a person has no place"),
+        (("--moving", '[{"kind": "person", "at": [100, 1]}]'), "outside the world"),
+        (("--moving", '[{"kind": "door"}]'), "a door has no place"),
+        (("--moving", "3"), "--moving: Expected `array`"),
+        (("--start", "1e300", "0", "0"), "within 10000 m"),
+        (("--start", "1", "1", "1e300"), "360 degrees"),
+        (("--start", "nan", "0", "0"), "within 10000 m"),
+    ],
+)
+def test_what_cannot_be_simulated_is_told_beforehand(
+    capsys: pytest.CaptureFixture[str], words: tuple[str, ...], says: str
+) -> None:
+    assert cli.main(["sim", "sc4", "--port", "0", *words]) == 2
+    assert says in capsys.readouterr().err

@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import zlib
+from errno import ENOSPC
+from os import strerror
 from pathlib import Path
 
 import numpy as np
@@ -64,6 +66,11 @@ def test_a_grid_too_large_to_be_read_is_refused_before_it_is_unpacked() -> None:
         cells_of(OccupancyGrid(0.0, 0.0, 0.05, 60_000, 60_000, b""))
 
 
+def test_a_grid_too_large_to_be_read_is_sent_in_larger_cells() -> None:
+    sent = message_of(room(np.ones((4001, 4001), dtype=np.uint8), 0.05))
+    assert cells_of(sent).cell_m == 0.1
+
+
 def test_a_grid_is_recorded_and_read_back_with_its_bytes_as_text() -> None:
     message = message_of(room())
     plain = as_object(message)
@@ -88,6 +95,31 @@ def test_both_kinds_of_file_are_the_same_world(tmp_path: Path) -> None:
     assert load_world(tmp_path / "room.map").clearance(-0.25, 2.75) == pytest.approx(0.25)
 
 
+@pytest.mark.parametrize("name", ["room.yaml", "room.map"])
+def test_a_map_that_does_not_fit_on_the_disk_leaves_the_one_before(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, name: str
+) -> None:
+    before = {file: file.read_bytes() for file in grid_map.save(room(), tmp_path / name)}
+    write = Path.write_bytes
+
+    def full(path: Path, data: bytes) -> int:
+        write(path, data[:20])
+        raise OSError(ENOSPC, strerror(ENOSPC))
+
+    monkeypatch.setattr(Path, "write_bytes", full)
+    with pytest.raises(OSError, match="No space"):
+        grid_map.save(room(cell_m=1.0), tmp_path / name)
+    assert {file: file.read_bytes() for file in tmp_path.iterdir()} == before
+
+
+def test_where_a_folder_is_no_map_is_written_nor_half_of_one(tmp_path: Path) -> None:
+    (tmp_path / "room.yaml").mkdir()
+    for attempt in (lambda file: grid_map.save(room(), file), grid_map.check_writable):
+        with pytest.raises(IsADirectoryError):
+            attempt(tmp_path / "room.yaml")
+    assert [file.name for file in tmp_path.iterdir()] == ["room.yaml"]
+
+
 def test_another_kind_of_file_is_refused(tmp_path: Path) -> None:
     with pytest.raises(ConfigError, match=r"expected \.yaml .* or \.map"):
         grid_map.save(room(), tmp_path / "room.png")
@@ -98,6 +130,13 @@ def test_a_map_that_is_turned_is_not_gone_on_with(tmp_path: Path) -> None:
     file, _ = grid_map.save(room(), tmp_path / "room.yaml")
     file.write_text(file.read_text().replace(", 0.0]", ", 0.5]"))
     with pytest.raises(ConfigError, match=r"turned by 0\.5 rad"):
+        grid_map.read(file)
+
+
+@pytest.mark.parametrize("cell_m", [0.001, 5.0])
+def test_nor_is_one_whose_cells_are_no_grids_to_map_in(tmp_path: Path, cell_m: float) -> None:
+    file, _ = grid_map.save(room(cell_m=cell_m), tmp_path / "room.yaml")
+    with pytest.raises(ConfigError, match=r"in cells of 0\.01 to 1 m"):
         grid_map.read(file)
 
 

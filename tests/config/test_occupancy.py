@@ -127,3 +127,14 @@ def test_no_text_does_worse_than_a_config_error(
     file.write_bytes(text.encode("utf-8", "replace"))
     with pytest.raises(ConfigError):
         load_world(file)
+
+
+@pytest.mark.parametrize("side", [9_500, 20_000])
+def test_a_picture_with_more_pixels_than_fit_is_refused_with_its_line(
+    tmp_path: Path, side: int
+) -> None:
+    """And without Pillow's own words on decompression bombs; the head is all that is read."""
+    file = write(tmp_path)
+    (tmp_path / "room.pgm").write_bytes(f"P5\n{side} {side}\n255\n".encode())
+    with pytest.raises(ConfigError, match=r"room\.yaml:2: image: .*pixels"):
+        load_world(file)

@@ -13,7 +13,7 @@ from pathlib import Path
 import pytest
 
 from armadico.config.discovery import agent_class, find
-from armadico.config.scenarios import load_scenario
+from armadico.config.scenarios import ideal, load_scenario
 from armadico.core.agent import Agent
 from armadico.launch.society import Options
 from armadico.launch.virtual import Rehearsal
@@ -61,7 +61,7 @@ def newcomer(shell: Shell, monkeypatch: pytest.MonkeyPatch) -> Iterator[type[Age
 def test_it_joins_a_run_that_goes_on_and_drives_while_the_others_stay_as_they_were(
     newcomer: type[Agent],
 ) -> None:
-    rehearsal = Rehearsal(load_scenario("sc2"), Options(without=("gothrough",)))
+    rehearsal = Rehearsal(ideal(load_scenario("sc2")), Options(without=("gothrough",)))
     mesh, watch = rehearsal.mesh, rehearsal.watch
     rehearsal.start()
     rehearsal.begin()
@@ -80,7 +80,7 @@ def test_it_joins_a_run_that_goes_on_and_drives_while_the_others_stay_as_they_we
 
 
 def test_without_a_goal_it_does_not_bid(newcomer: type[Agent]) -> None:
-    rehearsal = Rehearsal(load_scenario("sc2"), Options())
+    rehearsal = Rehearsal(ideal(load_scenario("sc2")), Options())
     rehearsal.add(newcomer)
     mesh = rehearsal.mesh
     agent = mesh.node(NEWCOMER).agent

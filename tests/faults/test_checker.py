@@ -37,6 +37,7 @@ from armadico_tools.faults.observations import (
     Passed,
     Said,
 )
+from armadico_tools.faults.world_state import Bounds
 
 A, B = "goto-0123456789abcdef", "avoid-0123456789abcdef"
 
@@ -640,6 +641,61 @@ def test_a_gap_that_no_fault_explains_is_no_excuse(story: Story) -> None:
     assert story.broken() == [Promise.POSE]
 
 
+def says(story: Story, seconds: int, *, off: float, std: float, v: float = 0.2) -> None:
+    """It drives for so long with a pose that is so far off, and says that it may be off by std."""
+    for _ in range(10 * seconds):
+        story.now = round(story.now + 0.1, 3)
+        story.number += 1
+        story.driven += 0.1 * v
+        story.said(Truth(story.now, story.driven, 0, 0, v, 0, 0, 1.0))
+        story.v = v
+        story.rest()
+        story.said(
+            Pose(story.cycle, story.driven + off, 0, 0, (std**2, 0.0, 0.0, 0.0, 0.0, 0.01**2))
+        )
+
+
+def posed(story: Story) -> list[Promise]:
+    return [promise for promise in story.broken() if promise is Promise.POSE]
+
+
+@pytest.mark.parametrize(
+    ("off", "std", "v", "broken"),
+    [
+        (0.5, 0.05, 0.2, 1),  # 3 x 0.05 + 0.15 m, and 0.25 s of 0.2 m/s
+        (0.34, 0.05, 0.2, 0),
+        (0.5, 0.15, 0.2, 0),  # as it says
+        (5.0, 0.6, 0.2, 0),  # it says that it is lost
+        (5.0, 0.05, 0.0, 0),  # who stands does no harm by it, and learns nothing
+    ],
+)
+def test_a_pose_may_be_off_by_what_it_says(
+    story: Story, off: float, std: float, v: float, broken: int
+) -> None:
+    says(story, 20, off=off, std=std, v=v)
+    assert posed(story) == [Promise.POSE] * broken, "once, however long"
+
+
+def test_a_pose_may_be_wrong_and_unsaid_for_five_seconds_of_driving(story: Story) -> None:
+    for _ in range(3):  # each begins anew
+        says(story, 4, off=1.0, std=0.05)
+        says(story, 1, off=1.0, std=0.6)
+        says(story, 4, off=1.0, std=0.05)
+        says(story, 1, off=0.0, std=0.05)
+    assert posed(story) == []
+    assert story.checker.unsaid_s == pytest.approx(4.0, abs=0.2)
+    says(story, 6, off=1.0, std=0.05)
+    assert posed(story) == [Promise.POSE]
+
+
+def test_wheels_that_are_made_to_count_wrong_may_have_a_pose_off_by_that(story: Story) -> None:
+    story.checker = Checker(Bounds(way_error=0.2))
+    drives(story, 1.0, 0.9)
+    assert posed(story) == []
+    drives(story, 1.0, 0.5)
+    assert posed(story) == [Promise.POSE]
+
+
 # Arriving -----------------------------------------------------------------------------------------
 
 
@@ -701,6 +757,12 @@ def test_a_pose_that_comes_late_is_not_wrong(story: Story) -> None:
     assert story.broken() == [Promise.COLLISION]
 
 
+def test_where_there_is_nothing_to_touch_no_time_is_counted(story: Story) -> None:
+    for number in range(10):
+        story.said(Truth(0.1 * number, 0, 0, 0, 0.3, 0, 0, None))
+    assert story.checker.moving_s == {}
+
+
 def test_moving_time_is_counted_by_what_voids_contacts(story: Story) -> None:
     story.cycles(11)
     story.said(Pose(story.cycle, 0.5, 0, 0))
@@ -750,6 +812,22 @@ def test_what_a_fault_has_brought_it_against_it_may_touch_until_it_has_got_clear
     touched(story, 0.08, 1)
     touched(story, 0.0, 2)
     assert story.broken() == [Promise.COLLISION]
+
+
+@pytest.mark.parametrize(
+    ("clearance", "later", "broken"), [(0.3, 0.0, 0), (0.3, 1.4, 1), (0.5, 0.0, 1)]
+)
+def test_what_it_could_have_stopped_for_after_a_fault_is_its_own_doing(
+    story: Story, clearance: float, later: float, broken: int
+) -> None:
+    story.cycles(5)
+    story.see(Faulted(story.now, "hang", ("robot",), began=True))
+    # From 0.3 m/s: 0.24 m until it has listened and braked, 0.08 m of ramp, 0.1 m for its corners.
+    story.said(Truth(story.now, 0, 0, 0, 0.3, 0, 0, clearance))
+    story.see(Faulted(story.now, "hang", ("robot",), began=False))
+    story.now += later
+    touched(story, 0.0, 1)
+    assert story.broken() == [Promise.COLLISION] * broken
 
 
 def test_what_it_came_near_by_itself_it_may_not_touch(story: Story) -> None:

@@ -201,23 +201,25 @@ def first_epoch(spied: Spied) -> int:
     return next(m.cycle.epoch for m in spied.heard["goto"] if isinstance(m, RobotState))
 
 
-def test_robot_and_encoder_agent_go_one_after_the_other() -> None:
-    spied = Spied(Fault("robot-then-encoder", 6.0, 3.0, ("robot", "encoder")))
-    there: list[tuple[int, int]] = []
+def test_those_by_whom_the_pose_is_known_go_one_after_the_other() -> None:
+    order = ("encoder", "robot", "localization")
+    spied = Spied(Fault("in-turn", 6.0, 3.0, order))
+    there: list[tuple[int, ...]] = []
     spied._inflictor.schedule(spied.case.faults)
     for tenth in range(59, 95):
         spied.mesh.run(tenth / 10)
         alive = [node.name for node in spied.mesh.nodes if node.alive]
-        now = (alive.count("robot"), alive.count("encoder"))
+        now = tuple(map(alive.count, order))
         if not there or there[-1] != now:
             there.append(now)
-    assert there == [(1, 1), (0, 1), (1, 1), (1, 0), (1, 1)]
+    all_there = (1, 1, 1)
+    assert there == [all_there, (0, 1, 1), all_there, (1, 0, 1), all_there, (1, 1, 0), all_there]
 
 
 def test_the_workload_mends_nothing_on_the_quiet() -> None:
     """A pose that is lost stays lost, unless the society finds it again: nobody else moves it."""
     lost = Fault("robot-restart", 8.0, 0.8, ("robot",))
-    workload = Workload(Case(3, "sc4", 120.0, (lost,)))
+    workload = Workload(Case(3, "sc4", 120.0, (lost,), sensors="ideal"))
     off: list[float] = []
     truth: list[Truth] = []
     workload.mesh.watch(lambda _key, message, _now: truth.append(message), Truth)  # type: ignore[arg-type]

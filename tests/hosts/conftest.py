@@ -24,8 +24,8 @@ NAMESPACE = "hosts-test"
 AGENTS = {
     "robot": ["robot"],
     "lab1": ["encoder", "sonar"],
-    "lab2": ["goto", "avoid", "gothrough"],
-    "lab3": ["path-planning", "interface"],
+    "lab2": ["goto", "avoid", "gothrough", "relocate"],
+    "lab3": ["localization", "path-planning", "interface"],
 }
 ADDRESSES = {
     "robot": "127.0.0.11",

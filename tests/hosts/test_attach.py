@@ -59,7 +59,7 @@ def test_an_interrupted_run_leaves_the_robot_stopped_and_the_society_up(
     observer.until(lambda: observer.state.stop.stopped, "it is stopped")
     assert observer.state.stop.by == "armadico run"
     observer.until(observer.at_rest, "the wheels rest")
-    assert len(observer.names) == 8
+    assert len(observer.names) == 10
     refused = call("run", name, "--attach", "--no-plot")
     assert refused.returncode == 1
     assert "the robot is stopped by armadico run; `armadico resume` releases it" in refused.stderr
@@ -77,11 +77,13 @@ def test_who_does_not_come_is_named(
     errors = capsys.readouterr().err
     assert code == 1
     assert "not there within" in errors
-    assert "avoid, gothrough, goto, robot" in errors
+    assert "avoid, gothrough, goto, relocate, robot" in errors
     assert "armadico up" in errors
 
 
-@pytest.mark.parametrize("option", ["--seed=1", "--virtual", "--controller=fast", "--runs=2"])
+@pytest.mark.parametrize(
+    "option", ["--seed=1", "--virtual", "--controller=fast", "--runs=2", "--sensors=real"]
+)
 def test_what_is_for_whoever_starts_the_society_is_refused(option: str) -> None:
     done = call("run", "sc1", "--attach", option)
     assert done.returncode == 2

@@ -143,7 +143,7 @@ def test_ps_says_what_each_host_lacks_and_the_exit_code_what_one_does(up: Start)
     assert call("ps", "--host", "lab1").returncode == 0, "it was asked to do without"
     found = {host["name"]: host for host in json.loads(call("ps", "--json").stdout)["hosts"]}
     assert found["lab1"]["state"] == "up"
-    assert found["lab2"]["lacks"] == ["goto", "avoid", "gothrough"]
+    assert found["lab2"]["lacks"] == ["goto", "avoid", "gothrough", "relocate"]
     shown = call("ps")
     assert "lab3: no agent is alive" in shown.stdout
     by_hand = call("ps", "--host", "lab2")
@@ -156,7 +156,7 @@ def test_an_agent_by_hand_counts_as_the_hosts(start: Start, observer: Observer) 
     start("goto", "--host", "lab2", program="armadico-agent")
     observer.until(lambda: observer.names == {"goto"}, "it is there")
     seen = call("ps", "--host", "lab2")
-    assert (seen.returncode, seen.stdout) == (1, "lab2: lacks: avoid, gothrough\n")
+    assert (seen.returncode, seen.stdout) == (1, "lab2: lacks: avoid, gothrough, relocate\n")
 
 
 def test_a_port_that_is_taken_by_our_own_is_left_to_them(start: Start, up: Start) -> None:

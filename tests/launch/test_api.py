@@ -15,7 +15,7 @@ import psutil
 import pytest
 
 import armadico
-from armadico.config.scenarios import Scenario, load_scenario
+from armadico.config.scenarios import Scenario, ideal, load_scenario
 from armadico.launch.api import Holding, Run
 from armadico.launch.society import Options
 from armadico.launch.virtual import Rehearsal
@@ -26,6 +26,7 @@ from armadico.observe.measures import Mark, RunWatch
 SHORT = Scenario(
     name="short",
     world="empty",
+    sensors="ideal",
     start=(0.0, 0.0, 0.0),
     goal=(1.0, 0.0, 0.0),
     agents=("encoder", "sonar", "goto", "interface"),
@@ -34,12 +35,12 @@ SHORT = Scenario(
 
 @pytest.fixture(scope="module")
 def sc4() -> Run:
-    return armadico.run("sc4", virtual=True, seed=7)
+    return armadico.run("sc4", virtual=True, seed=7, sensors="ideal")
 
 
 def test_a_virtual_run_is_the_commands(sc4: Run) -> None:
-    assert sc4.measures == Rehearsal(load_scenario("sc4"), Options(seed=7)).run()
-    assert sc4 == armadico.run("sc4", virtual=True, seed=7)
+    assert sc4.measures == Rehearsal(ideal(load_scenario("sc4")), Options(seed=7)).run()
+    assert sc4 == armadico.run("sc4", virtual=True, seed=7, sensors="ideal")
 
 
 def test_nothing_is_printed(capfd: pytest.CaptureFixture[str]) -> None:

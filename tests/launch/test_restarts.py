@@ -40,6 +40,7 @@ from armadico.runtime.latch import Latching
 LINE = Scenario(
     name="line",
     world="sc1",
+    sensors="ideal",
     start=(-1.5, 0.0, 0.0),
     goal=(4.5, 0.0, 0.0),
     plan="direct",

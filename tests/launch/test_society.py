@@ -8,11 +8,12 @@ import msgspec
 import pytest
 
 from armadico.config.discovery import AGENTS, load
+from armadico.config.hosts import load_hosts
 from armadico.config.loading import load_parameters
 from armadico.config.scenarios import load_scenario
 from armadico.core.agent import Agent
 from armadico.core.messages import Waypoint
-from armadico.launch.society import Member, Options, members, mission, time_limit
+from armadico.launch.society import Member, Options, members, mission, processes, share, time_limit
 
 SC4 = load_scenario("sc4")
 
@@ -35,7 +36,20 @@ def test_each_is_told_what_it_must_know_of_the_scenario() -> None:
     assert sets["robot"] == ("port=tcp://127.0.0.1:1", f"profile={SC4.robot}")
     assert sets["encoder"] == ("x=3.4", "y=0.6", f"theta={pi / 2}")
     assert sets["path-planning"] == ("world=sc4", f"profile={SC4.robot}")
-    assert sets["sonar"] == ()
+    assert sets["sonar"] == ("world=sc4",)
+
+
+def test_a_redundant_society_has_two_of_each_behaviour_in_processes_of_their_own() -> None:
+    twice = msgspec.structs.replace(SC4, redundant=True)
+    found = members(twice, Options(without=("relocate",)), "memory:")
+    labels = processes(found, [["encoder", "sonar"], ["goto", "avoid"]])
+    assert list(labels) == [
+        *("robot", "encoder+sonar", "localization", "goto+avoid", "goto+avoid-2"),
+        *("gothrough", "gothrough-2", "path-planning", "interface"),
+    ]
+    assert [m.name for m in labels["goto+avoid-2"]] == ["goto", "avoid"]
+    (host,) = load_hosts().hosts.values()
+    assert [m.name for m in share(twice, Options(), host)].count("goto") == 2
 
 
 def test_whoever_is_not_wanted_is_left_out() -> None:

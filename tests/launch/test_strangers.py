@@ -66,6 +66,7 @@ LIMIT = 0.3
 RUN = Scenario(
     name="elsewhere",
     world="empty",
+    sensors="ideal",
     start=(0.0, 0.0, 0.0),
     goal=(50.0, 0.0, 0.0),
     agents=("encoder", "sonar", "racer", "interface"),

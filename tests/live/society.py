@@ -9,7 +9,7 @@ from collections.abc import Callable
 from itertools import pairwise
 
 from armadico.bridge.p2os.commands import Cmd
-from armadico.config.scenarios import Scenario
+from armadico.config.scenarios import Scenario, ideal
 from armadico.core.messages import (
     Ack,
     Ask,
@@ -21,6 +21,7 @@ from armadico.core.messages import (
     Description,
     Log,
     Message,
+    Pose,
     RobotState,
     Truth,
     decode,
@@ -39,7 +40,7 @@ from armadico_tools.faults.serial_tap import Tap, moves
 SOON = 40.0
 """s; a deadline, not an expectation."""
 
-LINE = Scenario(name="line", world="sc1", start=(-1.5, 0.0, 0.0), goal=(6.5, 0.0, 0.0))
+LINE = ideal(Scenario(name="line", world="sc1", start=(-1.5, 0.0, 0.0), goal=(6.5, 0.0, 0.0)))
 """8 m straight on, nothing in the way: goto alone has anything to do."""
 
 
@@ -71,7 +72,7 @@ class Observer:
         self.truths: list[Truth] = []
         self.commands: list[Command] = []
         self.logs: list[str] = []
-        kinds = (RobotState, Description, Ack, Truth, Command, Claim, Log)
+        kinds = (RobotState, Description, Ack, Truth, Pose, Command, Claim, Log)
         self.client.listen(*kinds, then=self._keep)
 
     def until(self, condition: Callable[[], object], what: str) -> None:
@@ -115,6 +116,12 @@ class Observer:
         """Let so many cycles of the simulator pass."""
         last = len(self.truths) + count
         self.until(lambda: len(self.truths) >= last, f"{count} cycles")
+
+    def pid_of(self, name: str, instance: str) -> int:
+        """The process of an instance, by its card."""
+        card = self.client.card(name, instance)
+        assert card is not None, "it answers"
+        return card.pid
 
     def drives_on(self, cycles: int = 8) -> None:
         """Somebody is obeyed for cycles that come after this call, and the robot moves."""

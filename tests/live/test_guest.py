@@ -18,6 +18,7 @@ NAMES = {"robot", "encoder", "sonar", "goto", "interface"}
 FEW = Scenario(
     name="few",
     world="sc1",
+    sensors="ideal",
     start=(-1.5, 0.0, 0.0),
     goal=(6.5, 0.0, 0.0),
     agents=("encoder", "sonar", "goto", "interface"),

@@ -7,7 +7,7 @@ from signal import SIGCONT, SIGSTOP
 
 import pytest
 
-from armadico.config.scenarios import load_scenario
+from armadico.config.scenarios import ideal, load_scenario
 from armadico.launch.society import Member
 from tests.live.conftest import Start
 from tests.live.society import Society, ballots_never_go_down
@@ -74,7 +74,7 @@ def test_when_the_holder_hangs_another_drives_on_and_the_old_one_comes_back_in_v
 
 
 def test_when_avoid_is_killed_while_it_holds_nothing_is_touched(start: Start) -> None:
-    society = start(load_scenario("sc3"))
+    society = start(ideal(load_scenario("sc3")))
     society.until(lambda: society.holder.startswith("avoid"), "avoid holds the wheels")
     mark = len(society.tap.packets)
     society.kill("avoid")

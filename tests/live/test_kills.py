@@ -3,10 +3,11 @@
 from __future__ import annotations
 
 import pytest
+from msgspec.structs import replace
 
 from armadico_tools.faults.serial_tap import statuses_until_stop
 from tests.live.conftest import Start
-from tests.live.society import ballots_never_go_down
+from tests.live.society import LINE, ballots_never_go_down
 
 pytestmark = pytest.mark.live
 
@@ -36,6 +37,20 @@ def test_who_is_started_again_takes_its_place(start: Start, name: str) -> None:
     society.stops(mark)
     society.restart(name)
     society.drives_on()
+    ballots_never_go_down(society.acks)
+
+
+def test_the_second_of_each_behaviour_drives_on_when_the_first_is_killed(start: Start) -> None:
+    society = start(replace(LINE, redundant=True))
+    dead = society.holder
+    (process,) = (
+        p for p in society.launcher.processes if p.popen.pid == society.pid_of("goto", dead)
+    )
+    society.kill(process.name)
+    society.until(lambda: society.holder not in ("", dead), "another one is obeyed")
+    society.drives_on()
+    assert society.holder.startswith("goto-")
+    assert [p.name for p in society.launcher.processes if p.ended()] == [process.name]
     ballots_never_go_down(society.acks)
 
 

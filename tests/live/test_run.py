@@ -47,7 +47,9 @@ def all_gone(processes: list[psutil.Process]) -> bool:
 def test_a_run_reaches_its_goal_says_json_and_leaves_nothing(
     run: Start, observer: Observer
 ) -> None:
-    process = run("run", "sc1", "--goal", "1.5", "0", "0", "--no-plot", "--json")
+    process = run(
+        "run", "sc1", "--sensors", "ideal", "--goal", "1.5", "0", "0", "--no-plot", "--json"
+    )
     observer.until(observer.driving, "the robot is on its way")
     everybody = children(process.pid)
     assert len(everybody) == 9

@@ -17,10 +17,12 @@ from PIL import Image
 
 from armadico.cli.dashboard import zones
 from armadico.config.grid_map import Cells, message_of
-from armadico.config.scenarios import load_scenario
+from armadico.config.scenarios import ideal, load_scenario
 from armadico.config.worlds import Segment, World, load_world
 from armadico.core import messages as m
-from armadico.launch.society import Options
+from armadico.core.particles import MOST
+from armadico.core.particles import message_of as particles_of
+from armadico.launch.society import Options, prepared
 from armadico.launch.virtual import Rehearsal
 from armadico.observe.dashboard import palette, shapes, viewer
 from armadico.observe.dashboard.blueprint import VIEWS
@@ -64,6 +66,87 @@ def test_the_map_made_by_driving_lies_where_it_is_in_the_world(tmp_path: Path) -
         assert image.getpixel((0, 0)) == palette.MAPPED[0]
         assert image.getpixel((1, 0)) == palette.MAPPED[1]  # the lowest row comes first
         assert image.getpixel((2, 0)) == palette.MAPPED[2]
+
+
+def pose(number: int, xx: float, yy: float = 0.01, tt: float = 0.01) -> m.Pose:
+    return m.Pose(cycle(number), 2.0, 1.0, 0.5, (xx, 0.0, 0.0, yy, 0.0, tt))
+
+
+def test_what_the_pose_is_unsure_of_is_an_ellipse_and_an_angle(tmp_path: Path) -> None:
+    path = tmp_path / "a.rrd"
+    with drawn(path) as scene:
+        scene.take("encoder/pose", m.Pose(cycle(1), 2.0, 1.0, 0.5), 0.0)  # nobody knows
+        scene.take("encoder/pose", pose(2, 0.09), 1.0)
+    ((t, kept),) = Kept(path).rows["/p/map/world/unsure"]
+    assert t == 1.0
+    ellipse, angle = kept["strips"]
+    xs, ys = zip(*ellipse, strict=True)
+    assert (min(xs), max(xs)) == pytest.approx((1.4, 2.6))  # 2 sigma of 0.3 m
+    assert (min(ys), max(ys)) == pytest.approx((0.8, 1.2), abs=0.001)
+    (left, here, right) = angle
+    assert here == pytest.approx((2.0, 1.0))
+    headings = [math.atan2(y - 1.0, x - 2.0) for x, y in (left, right)]
+    assert headings == pytest.approx([0.7, 0.3], abs=1e-5)
+
+
+def test_an_ellipse_lies_along_the_axes_of_the_covariance() -> None:
+    c, s = math.cos(0.4), math.sin(0.4)
+    xx, yy, xy = 4 * c * c + s * s, 4 * s * s + c * c, 3 * c * s  # 2 m along 0.4 rad, 1 m across
+    strip = shapes.ellipse(xx, xy, yy, 1.0)
+    assert max(strip, key=lambda p: math.hypot(*p)) in (strip[0], strip[-1], strip[36])
+    assert abs(strip[0][0]) == pytest.approx(2 * c)
+    assert abs(strip[0][1]) == pytest.approx(2 * s)
+    assert min(math.hypot(*p) for p in strip) == pytest.approx(1.0, abs=0.01)
+
+
+def test_particles_are_drawn_where_they_are_until_nobody_says_them(tmp_path: Path) -> None:
+    path = tmp_path / "a.rrd"
+    with drawn(path) as scene:
+        said = particles_of(cycle(1), [(1.0, 2.0, 0.0), (3.0, -1.0, math.pi / 2)])
+        scene.take("localization/particles", said, 1.0)
+        scene.take("localization/particles", replace(said, packed=b"no"), 1.5)
+        for number, t in enumerate((2.0, 3.1, 9.0)):
+            scene.take("robot/state", state(number), t)
+    (_, shown), (gone_at, gone) = Kept(path).rows["/p/map/world/particles"]
+    assert np.array(shown["origins"]) == pytest.approx(np.array([[1.0, 2.0], [3.0, -1.0]]))
+    assert shown["vectors"][0] == pytest.approx((0.12, 0.0), abs=1e-5)
+    assert shown["vectors"][1] == pytest.approx((0.0, 0.12), abs=1e-4)
+    assert gone_at == 3.1
+    assert "origins" not in gone
+
+
+def test_the_odometrys_origin_is_a_frame_where_localization_has_it(tmp_path: Path) -> None:
+    path = tmp_path / "a.rrd"
+    said = m.Correction(cycle(1), -1.0, 0.5, 0.2, (0.0,) * 6, 0.9)
+    with drawn(path) as scene:
+        scene.take("localization/correction", replace(said, confidence=0.0, x=7.0), 0.0)
+        scene.take("localization/correction", said, 1.0)
+    kept = Kept(path)
+    ((t, frame),) = kept.rows["/p/map/world/odom"]
+    assert (t, frame["translation"]) == (1.0, [[-1.0, 0.5, 0.0]])
+    assert kept.fixed["/p/map/world/odom/axes"]["strips"] == [
+        [[0.0, 0.0], [0.5, 0.0]],
+        [[0.0, 0.0], [0.0, 0.5]],
+    ]
+
+
+def test_lost_and_found_are_in_the_log_and_on_the_page(tmp_path: Path) -> None:
+    path = tmp_path / "a.rrd"
+    with drawn(path) as scene:
+        for number, xx in enumerate((0.01, 1.0, 1.0, 1.0, 0.01)):
+            t = float(number)
+            scene.take("encoder/pose", pose(number, xx), t)
+            correction = m.Correction(cycle(number), 0, 0, 0, (0.0,) * 6, 0.97 if xx < 1 else 0.0)
+            scene.take("localization/correction", correction, t)
+            scene.take("robot/state", state(number), t)
+    kept = Kept(path)
+    assert kept.texts("/p/log/pose") == [
+        "LOST for 0 s, +-1.00 m",
+        "found after 3.0 s: +-0.14 m, +-6 deg",
+    ]
+    pages = kept.texts("/p/status")
+    assert "| pose | +-0.14 m, +-6 deg, confidence 0.97 |" in pages[0]
+    assert "| pose | **LOST for 2 s, +-1.00 m** |" in pages[3]
 
 
 def test_bids_of_losers_are_drawn_at_the_cycles_that_they_answered(tmp_path: Path) -> None:
@@ -184,9 +267,9 @@ def test_what_is_wrong_with_the_robot_is_on_the_page() -> None:
     view = View()
     state = m.RobotState(m.Cycle(1, 1), 0, 0, 0, 0, 0, 12, motors=True, stalled=False)
     view.learn(state, 0.0)
-    well = dict(_rows(view, "nobody"))
+    well = dict(_rows(view, "nobody", 0.0))
     view.learn(replace(state, motors=False, line=m.Line(dropped=3)), 0.0)
-    rows = dict(_rows(view, "nobody"))
+    rows = dict(_rows(view, "nobody", 0.0))
     assert rows.keys() - well.keys() == {"note", "line"}
     assert (rows["note"], rows["line"]) == ("**motors off**", "3 bytes dropped")
 
@@ -301,7 +384,7 @@ def test_coordinates_can_be_read_off_the_global_map(
 @pytest.fixture(scope="module")
 def run(tmp_path_factory: pytest.TempPathFactory) -> tuple[Path, Rehearsal]:
     path = tmp_path_factory.mktemp("run") / "sc3.rrd"
-    rehearsal = Rehearsal(load_scenario("sc3"), Options())
+    rehearsal = Rehearsal(ideal(load_scenario("sc3")), Options())
     with Rehearsed(rehearsal.mesh, rehearsal.scenario.world, path, zones()):
         assert rehearsal.run().reached
     return path, rehearsal
@@ -327,6 +410,35 @@ def test_a_virtual_run_is_all_there(run: tuple[Path, Rehearsal]) -> None:
     held = {holder for _, holder in kept.values("/robot1/holders/wheels", "state")}
     assert held >= {mark.holder for mark in rehearsal.watch.path if mark.holder}
     assert not kept.texts("/robot1/society/table")[-1].count("not answering")
+
+
+def test_a_run_that_begins_with_no_idea_of_the_pose_is_drawn_until_it_is_found(
+    tmp_path: Path,
+) -> None:
+    anywhere = tmp_path / "anywhere.toml"
+    anywhere.write_text('[localization]\nstart = "anywhere"\n', encoding="utf-8")
+    chosen = Options(
+        seed=1,
+        sensors="real",
+        besides=("localization", "relocate"),
+        parameters=str(anywhere),
+        limit=40.0,
+    )
+    path = tmp_path / "sc4.rrd"
+    rehearsal = Rehearsal(prepared(load_scenario("sc4"), chosen), chosen)
+    with Rehearsed(rehearsal.mesh, rehearsal.scenario.world, path, zones()):
+        rehearsal.run()
+    kept = Kept(path)
+    rows = kept.rows["/robot1/map/world/particles"]
+    counts = [len(row["origins"]) for _, row in rows]
+    assert max(counts) == min(counts) == MOST
+    assert 1.5 < len(rows) / (rows[-1][0] - rows[0][0]) < 2.5  # a second
+    spreads = [np.std(np.array(row["origins"]), axis=0).max() for _, row in rows]
+    assert spreads[0] > 1.0 > 0.2 > min(spreads)
+    assert {"/robot1/map/world/unsure", "/robot1/map/world/odom"} <= kept.rows.keys()
+    lost, *_, found = kept.texts("/robot1/log/pose")
+    assert lost.startswith("LOST")
+    assert found.startswith("found after")
 
 
 def test_losers_are_drawn_in_almost_every_cycle_in_which_they_bid(

@@ -15,7 +15,7 @@ pytest.importorskip("rerun", reason="the dashboard's extra is not installed")
 
 from PIL import Image
 
-from armadico.config.scenarios import load_scenario
+from armadico.config.scenarios import ideal, load_scenario
 from armadico.launch.society import Options
 from armadico.launch.virtual import Rehearsal
 from armadico.observe.dashboard import palette, viewer
@@ -33,7 +33,7 @@ WANTED = {palette.agent(name)[:3] for name in ("goto", "avoid", "gothrough")}
 def recording(tmp_path: Path) -> Path:
     """A short run in few chunks: drawn without a graphics card, a few are taken per image."""
     drawn, packed = tmp_path / "drawn.rrd", tmp_path / "packed.rrd"
-    rehearsal = Rehearsal(load_scenario("sc3"), Options())
+    rehearsal = Rehearsal(ideal(load_scenario("sc3")), Options())
     with Rehearsed(rehearsal.mesh, rehearsal.scenario.world, drawn, {}):
         assert rehearsal.run().reached
     command = [str(viewer.binary()), "rrd", "optimize", str(drawn), "-o", str(packed)]

@@ -323,7 +323,10 @@ def test_a_run_says_which_of_the_two_it_offers(
 
 def test_a_virtual_run_is_kept_for_rerun(tmp_path: Path) -> None:
     path = tmp_path / "new" / "run.rrd"
-    assert armadico(["run", "sc1", "--virtual", "--json", "--rrd", str(path)]) == 0
+    assert (
+        armadico(["run", "sc1", "--virtual", "--sensors", "ideal", "--json", "--rrd", str(path)])
+        == 0
+    )
     assert "/robot1/map/world/path" in Kept(path).rows
 
 

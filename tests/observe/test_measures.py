@@ -15,6 +15,8 @@ from armadico.core.messages import (
     Cycle,
     Description,
     Echo,
+    ExploreState,
+    ExploreStatus,
     Message,
     MissionState,
     MissionStatus,
@@ -43,6 +45,7 @@ KEYS = [
     "min_clearance_m",
     "limit_s",
     "conditions",
+    "why",
 ]
 
 
@@ -162,6 +165,15 @@ def test_a_goal_that_is_reached_by_the_pose_alone_is_told_with_how_far_that_is_o
     assert run.watch.astray is None, "it drives on"
     run.end()
     assert run.watch.astray == pytest.approx(0.5)
+
+
+def test_an_exploration_that_failed_is_not_astray_of_any_pose() -> None:
+    run = Run().begin()
+    run.cycle(0.0)
+    run.show(Pose(Cycle(1, 9), 0.0, 0.0, 0.0))
+    run.show(ExploreStatus(MISSION, ExploreState.FAILED, note="there is no way back"))
+    assert run.watch.done
+    assert run.watch.astray is None
 
 
 @pytest.mark.parametrize("truth", [True, False])
@@ -352,3 +364,21 @@ def test_a_robot_of_another_controller_in_mid_run_is_said() -> None:
     assert not run.watch.mixed
     run.show(described("b"))
     assert run.watch.mixed == "b"
+
+
+def test_a_mission_that_failed_ends_the_run_unreached_and_the_row_says_why() -> None:
+    run = Run().begin()
+    run.cycle(0.0)
+    run.show(MissionStatus(MISSION, MissionState.DRIVING, 3.0, 0, "waits: door D is shut"))
+    assert not run.watch.done
+    assert run.watch.result().why == "waits: door D is shut"
+    run.show(MissionStatus(MISSION, MissionState.FAILED, 3.0, 0, "no nearer: door D is shut"))
+    result = run.watch.result()
+    assert run.watch.done
+    assert (result.reached, result.passed, result.why) == (
+        False,
+        False,
+        "no nearer: door D is shut",
+    )
+    assert result.outcome == "NOT reached: no nearer: door D is shut"
+    assert run.watch.astray is None

@@ -41,6 +41,31 @@ def test_a_state_that_two_publish_is_named_with_both_and_without_a_robot_two_sim
     assert view.truth is None
 
 
+# Where it is --------------------------------------------------------------------------------------
+
+
+def test_it_is_lost_from_when_its_pose_is_one_that_nobody_drives_by() -> None:
+    view = View()
+    assert view.whereabouts(0.0) == ""
+    view.learn(m.Pose(m.Cycle(1, 1), 1.0, 2.0, 0.0), 0.0)
+    assert view.whereabouts(0.0) == "", "by the wheels alone nobody knows how far it is off"
+    for number, wide in ((2, 0.01), (3, 1.0), (4, 2.0)):
+        view.learn(m.Pose(m.Cycle(1, number), 1, 2, 0, (wide, 0, 0, 0, 0, 0.01)), float(number))
+    assert view.lost_since == 3.0
+    assert view.whereabouts(15.2) == "LOST for 12 s, +-1.41 m"
+    view.learn(m.Pose(m.Cycle(1, 5), 1, 2, 0, (0.01, 0, 0, 0, 0, 0.01)), 16.0)
+    assert view.lost_since is None
+    assert view.whereabouts(16.0) == "+-0.10 m, +-6 deg"
+
+
+def test_confidence_is_what_was_said_of_late() -> None:
+    view = View()
+    assert view.confidence(0.0) is None
+    view.learn(m.Correction(m.Cycle(1, 1), 0, 0, 0, (0.0,) * 6, 0.9), 1.0)
+    assert view.confidence(1.0 + QUIET_S) == 0.9
+    assert view.confidence(1.1 + QUIET_S) is None
+
+
 # Who drives ---------------------------------------------------------------------------------------
 
 

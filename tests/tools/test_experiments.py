@@ -24,6 +24,7 @@ from armadico_tools.commands.experiment import main
 from armadico_tools.experiments import (
     EXPERIMENTS,
     base,
+    floors,
     module,
     other_maps,
     published,
@@ -41,6 +42,7 @@ from armadico_tools.experiments.driving import (
     last_metre,
     of_thesis,
     options_of,
+    scenario_of,
 )
 from armadico_tools.experiments.driving_time import (
     ARMS,
@@ -51,7 +53,13 @@ from armadico_tools.experiments.driving_time import (
     shortest,
 )
 from armadico_tools.experiments.driving_time import drive as drive_time
-from armadico_tools.experiments.floor_plans import PASSAGE_M, floor_plan, passable, save
+from armadico_tools.experiments.floor_plans import (
+    PASSAGE_M,
+    floor_plan,
+    passable,
+    people,
+    save,
+)
 from armadico_tools.experiments.histories import History
 from armadico_tools.experiments.table_5_3 import join
 from armadico_tools.experiments.tables import Column, compare, differences
@@ -214,6 +222,25 @@ def test_a_floor_plan_is_the_same_again_can_be_passed_and_loads(seed: int, tmp_p
     scenario = load_scenario(save(plan, tmp_path))
     assert hypot(scenario.start[0] - plan.start[0], scenario.start[1] - plan.start[1]) < 1e-9
     assert scenario.plan == "rooms"
+
+
+@pytest.mark.parametrize("seed", range(5))
+def test_whoever_walks_in_a_floor_plan_is_the_same_again_and_the_scenario_takes_them(
+    seed: int, tmp_path: Path
+) -> None:
+    plan = floor_plan(seed)
+    walking = people(plan, seed, 3)
+    assert walking == people(plan, seed, 3)
+    scenario = load_scenario(save(plan, tmp_path, walking))  # which refuses who stands in a wall
+    assert [one.heeds for one in scenario.moving] == [True, True, False]
+    assert scenario.moving == tuple(walking)
+
+
+def test_the_floors_have_real_sensors_localization_and_people(tmp_path: Path) -> None:
+    scenario = scenario_of(floors.cell_of(floors.make((tmp_path, 3))))
+    assert scenario.sensors == "real"
+    assert {"localization", "relocate"} <= {*scenario.agents}
+    assert len(scenario.moving) == floors.PEOPLE
 
 
 @pytest.mark.parametrize(("gap", "through"), [(0.50, False), (0.70, True)])

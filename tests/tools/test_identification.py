@@ -16,7 +16,7 @@ from armadico.bridge.simulator.pioneer import of_scenario
 from armadico.bridge.simulator.plant import seeded
 from armadico.cli import main
 from armadico.cli.options import FailedError
-from armadico.config.scenarios import load_scenario
+from armadico.config.scenarios import ideal, load_scenario
 from armadico_tools.commands import identify as command
 from armadico_tools.experiments.identify import (
     MENDED,
@@ -297,7 +297,7 @@ class Line:
     """The simulated robot's port as a transport; each reading takes 20 ms of its time."""
 
     def __init__(self) -> None:
-        self.robot = of_scenario(load_scenario("sc1"), seeded(1))
+        self.robot = of_scenario(ideal(load_scenario("sc1")), seeded(1))
         self.now = 0.0
         self.url = "memory:"
 

@@ -38,7 +38,7 @@ class Gauges:
     def draw(self, view: View, holder: str, t: float) -> None:
         """The page."""
         if self._canvas.due("status", t):
-            page = rr.TextDocument(self._page(view, holder), media_type=rr.MediaType.MARKDOWN)
+            page = rr.TextDocument(self._page(view, holder, t), media_type=rr.MediaType.MARKDOWN)
             self._canvas.draw("status", t, page)
 
     def take_command(self, command: Command, t: float) -> None:
@@ -57,18 +57,18 @@ class Gauges:
             if self._canvas.due(f"speed/{axis}/{what}", t):
                 self._canvas.number(f"speed/{axis}/{what}", t, value)
 
-    def _page(self, view: View, holder: str) -> str:
+    def _page(self, view: View, holder: str, t: float) -> str:
         """A table of two columns."""
-        rows = "\n".join(f"| {name} | {value} |" for name, value in _rows(view, holder))
+        rows = "\n".join(f"| {name} | {value} |" for name, value in _rows(view, holder, t))
         return f"|  | **{self._namespace}** |\n|---|---|\n{rows}\n"
 
 
-def _rows(view: View, holder: str) -> list[tuple[str, Any]]:
+def _rows(view: View, holder: str, t: float) -> list[tuple[str, Any]]:
     state, mission, truth = view.state, view.mission, view.truth
     rows: list[tuple[str, Any]] = [("wheels", f"**{holder}**")]
     if mission is not None:
         rows += [
-            ("mission", mission.state.value),
+            ("mission", ", ".join(filter(None, [mission.state.value, mission.note]))),
             ("to go", f"{mission.to_go:.2f} m, leg {mission.leg + 1}"),
         ]
     if state is not None:
@@ -81,6 +81,9 @@ def _rows(view: View, holder: str) -> list[tuple[str, Any]]:
         wrong = [*["motors off"] * (not state.motors), *["stalled"] * state.stalled]
         rows += [("note", f"**{word}**") for word in wrong]
         rows += [("line", state.line.told)] if state.line.told else []
+    known = view.whereabouts(t)
+    if known:
+        rows.append(("pose", known if view.lost_since is None else f"**{known}**"))
     if truth is not None:
         clear = "-" if truth.clearance is None else f"{truth.clearance:.2f} m"
         rows.append(("clearance", f"{clear}, {truth.collisions} collisions"))

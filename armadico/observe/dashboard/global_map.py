@@ -9,7 +9,7 @@ from __future__ import annotations
 import io
 from collections import deque
 from itertools import groupby
-from math import ceil, floor, hypot
+from math import ceil, cos, floor, hypot, pi, sin
 from typing import Final
 
 import numpy as np
@@ -19,15 +19,28 @@ from PIL import Image
 from armadico.config.grid_map import Cells, cells_of
 from armadico.config.worlds import Segment, World
 from armadico.core.geometry import Pose2
-from armadico.core.messages import Description, OccupancyGrid, Pose, Sonar, Trajectory, Truth
+from armadico.core.messages import (
+    Correction,
+    Description,
+    OccupancyGrid,
+    Particles,
+    Pose,
+    Sonar,
+    Trajectory,
+    Truth,
+)
+from armadico.core.particles import poses_of
 from armadico.observe.dashboard import palette
 from armadico.observe.dashboard.canvas import Canvas, pixels
-from armadico.observe.dashboard.shapes import Point, Strip, hit, nose, outline, placed
+from armadico.observe.dashboard.shapes import Point, Strip, ellipse, hit, nose, outline, placed
 
 ROOT: Final = "map/world"
 ROBOT: Final = f"{ROOT}/robot"
 TRUTH: Final = f"{ROOT}/truth"
 MAPPED: Final = f"{ROOT}/mapped"
+PARTICLES: Final = f"{ROOT}/particles"
+UNSURE: Final = f"{ROOT}/unsure"
+ODOM: Final = f"{ROOT}/odom"
 
 STEP_M: Final = 0.04
 """A path is drawn with a point each so many metres."""
@@ -41,6 +54,20 @@ ECHOES: Final = 1500
 ECHO_APART_M: Final = 0.08
 """Echoes nearer to one another than this are drawn as one."""
 
+
+SIGMAS: Final = 2.0
+"""The ellipse and the angle of what the pose is unsure of: 86 % of the places, 95 % of headings."""
+
+HEADING_M: Final = 0.6
+"""How long the sides of that angle are drawn,"""
+
+PARTICLE_M: Final = 0.12
+"""and the heading of a particle."""
+
+AXIS_M: Final = 0.5
+
+SILENT_S: Final = 2.0
+"""Particles are taken away when nobody has said any for so long."""
 
 STEPS_M: Final = (0.5, 1.0, 2.0, 5.0, 10.0, 20.0, 50.0, 100.0, 1000.0)
 LINES: Final = 16
@@ -61,6 +88,8 @@ class GlobalMap:
         self._path: deque[tuple[Point, str]] = deque(maxlen=PATH_POINTS)
         self._echoes: dict[tuple[int, int], Point] = {}
         self._plan: tuple[int, Strip] | None = None
+        self._particles_at: float | None = None  # when they were last said, if they are drawn
+        self._framed = False  # whether the odometry's axes are drawn
         canvas.fix(ROOT, rr.Transform3D(mat3x3=[[1, 0, 0], [0, -1, 0], [0, 0, 1]]))
         self._grid(UNKNOWN if world is None else world.bounds)
         if world is not None:
@@ -78,9 +107,52 @@ class GlobalMap:
         self._fix_body(ROBOT, palette.BODY, 1.5)
         if self._canvas.due(ROBOT, t):
             self._canvas.draw(ROBOT, t, _transform(self._pose))
+        self._draw_unsure(pose, t)
         self._travel((pose.x, pose.y), holder)
         if self._canvas.due(f"{ROOT}/path", t):
             self._draw_path(t)
+
+    def take_particles(self, particles: Particles, t: float) -> None:
+        """Places where the robot may be, and where it looks there; no particles are let pass."""
+        try:
+            poses = poses_of(particles)
+        except ValueError:
+            return
+        self._particles_at = t
+        if self._canvas.due(PARTICLES, t):
+            arrows = rr.Arrows2D(
+                origins=[pose[:2] for pose in poses],
+                vectors=[(PARTICLE_M * cos(a), PARTICLE_M * sin(a)) for _, _, a in poses],
+                radii=pixels(0.7),
+                colors=palette.PARTICLE,
+                draw_order=14,
+            )
+            self._canvas.draw(PARTICLES, t, arrows)
+
+    def take_correction(self, correction: Correction, t: float) -> None:
+        """Where the odometry's origin lies, as tf has it from map to odom, unless it is lost."""
+        if not correction.confidence:
+            return
+        if not self._framed:
+            self._framed = True
+            axes = rr.LineStrips2D(
+                [[(0.0, 0.0), (AXIS_M, 0.0)], [(0.0, 0.0), (0.0, AXIS_M)]],
+                radii=pixels(1.2),
+                colors=palette.FRAME,
+                labels=["odom", ""],
+                show_labels=True,
+                draw_order=9,
+            )
+            self._canvas.fix(f"{ODOM}/axes", axes)
+        if self._canvas.due(ODOM, t):
+            place = (correction.x, correction.y, correction.theta)
+            self._canvas.draw(ODOM, t, _transform(place))
+
+    def forget(self, t: float) -> None:
+        """Take away the particles of a localization agent that has been silent for long."""
+        if self._particles_at is not None and t - self._particles_at > SILENT_S:
+            self._particles_at = None
+            self._canvas.draw(PARTICLES, t, rr.Clear(recursive=False))
 
     def take_truth(self, truth: Truth, t: float) -> None:
         """Where the simulated robot really is."""
@@ -166,9 +238,11 @@ class GlobalMap:
         self._canvas.fix(f"{ROOT}/numbers", numbers)
 
     def _walls(self, world: World) -> None:
-        walls = [[wall[:2], wall[2:]] for wall in world.walls]
-        lines = rr.LineStrips2D(walls, radii=pixels(1.4), colors=palette.WALL, draw_order=6)
-        self._canvas.fix(f"{ROOT}/walls", lines)
+        for name, lines in (("walls", world.walls), ("forbidden", world.forbidden)):
+            ink = palette.WALL if name == "walls" else palette.FORBIDDEN
+            strips = [[line[:2], line[2:]] for line in lines]
+            drawn = rr.LineStrips2D(strips, radii=pixels(1.4), colors=ink, draw_order=6)
+            self._canvas.fix(f"{ROOT}/{name}", drawn)
         if world.rooms:
             rooms = rr.Points2D(
                 [((room.x1 + room.x2) / 2, (room.y1 + room.y2) / 2) for room in world.rooms],
@@ -194,6 +268,24 @@ class GlobalMap:
             if holder == before and hypot(here[0] - x, here[1] - y) < STEP_M:
                 return
         self._path.append((here, holder))
+
+    def _draw_unsure(self, pose: Pose, t: float) -> None:
+        """What the covariance covers: an ellipse of places, and an angle of headings."""
+        if not pose.covariance or not self._canvas.due(UNSURE, t):
+            return
+        xx, xy, _, yy, _, _ = pose.covariance
+        round_it = [(pose.x + x, pose.y + y) for x, y in ellipse(xx, xy, yy, SIGMAS)]
+        half = min(SIGMAS * pose.heading_deviation, pi)
+        ends = (pose.theta + half, pose.theta - half)
+        here = (pose.x, pose.y)
+        sides = [(here[0] + HEADING_M * cos(a), here[1] + HEADING_M * sin(a)) for a in ends]
+        lines = rr.LineStrips2D(
+            [round_it, [sides[0], here, sides[1]]],
+            radii=pixels(1.0),
+            colors=palette.UNSURE,
+            draw_order=24,
+        )
+        self._canvas.draw(UNSURE, t, lines)
 
     def _draw_path(self, t: float) -> None:
         """One strip a tenure; each begins where the one before it ended."""

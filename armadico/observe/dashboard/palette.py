@@ -15,6 +15,7 @@ NOBODY: Final = "nobody"
 
 BACKGROUND: Final = rgba("#0d1116")
 WALL: Final = rgba("#c9d3da")
+FORBIDDEN: Final = rgba("#e5484d", 170)
 ROOM: Final = rgba("#7d8a94")
 GRID: Final = rgba("#2c353c")
 AXIS: Final = rgba("#56646e")
@@ -23,6 +24,13 @@ TRUTH: Final = rgba("#9be15d")
 ECHO: Final = rgba("#8796a3", 150)
 CONE: Final = rgba("#5d6b76", 170)
 POINT: Final = rgba("#f0e442")
+PARTICLE: Final = rgba("#3fd0c9", 150)
+UNSURE: Final = rgba("#ffffff", 170)
+"""What the pose's covariance covers."""
+
+FRAME: Final = (rgba("#e5484d"), rgba("#7bd389"))
+"""The axes of a frame of reference, x and y."""
+
 PLAN: Final = rgba("#b9a7e0")
 GOAL: Final = rgba("#ff5fa8")
 

@@ -31,6 +31,8 @@ SHOWN: Final[tuple[type[Message], ...]] = (
     m.Description,
     m.Ack,
     m.Pose,
+    m.Correction,
+    m.Particles,
     m.Truth,
     m.Sonar,
     m.Obstacles,
@@ -70,6 +72,8 @@ class Scene:
             m.Description: self._described,
             m.Ack: self._ack,
             m.Pose: lambda _key, pose, t: self._map.take_pose(pose, self.holder, t),
+            m.Correction: lambda _key, correction, t: self._map.take_correction(correction, t),
+            m.Particles: lambda _key, particles, t: self._map.take_particles(particles, t),
             m.Truth: self._truth,
             m.Sonar: self._sonar,
             m.Obstacles: lambda _key, obstacles, t: self._local.take_obstacles(obstacles, t),
@@ -92,9 +96,9 @@ class Scene:
 
         Messages that are not shown are let pass.
         """
-        stop, mission = self.view.stop, self.view.mission
+        stop, mission, lost = self.view.stop, self.view.mission, self.view.lost_since
         self.view.learn(message, t)
-        self._news(stop, mission, t)
+        self._news(stop, mission, lost, t)
         taker = self._takers.get(type(message))
         if taker is not None:
             taker(key, message, t)
@@ -110,6 +114,7 @@ class Scene:
     def refresh(self, t: float) -> None:
         """Draw what is drawn by time and not by message: who is there, even when all is silent."""
         self._drives(t)
+        self._map.forget(t)
         self._company.draw(self.view, self._contest.holders, t)
 
     # Inside --------------------------------------------------------------------------------------
@@ -145,8 +150,14 @@ class Scene:
     def _log(self, key: str, log: m.Log, t: float) -> None:
         self._say(agent_of(key.rpartition("/")[2]), log.text, log.level, t)
 
-    def _news(self, stop: m.Stop, before: m.MissionStatus | None, t: float) -> None:
-        """What is otherwise than it was, of the stop and the mission."""
+    def _news(
+        self, stop: m.Stop, before: m.MissionStatus | None, lost: float | None, t: float
+    ) -> None:
+        """What is otherwise than it was, of the stop, the mission and whether it is lost."""
+        if (lost is None) != (self.view.lost_since is None):
+            known = self.view.whereabouts(t)
+            found = "" if lost is None else f"found after {t - lost:.1f} s: "
+            self._say("pose", f"{found}{known}", INFO if found else WARNING, t)
         if stop.stopped != self.view.stop.stopped:
             text = "latched" if self.view.stop.stopped else "released"
             self._say("stop", f"{text} by {self.view.stop.by}", WARNING, t)

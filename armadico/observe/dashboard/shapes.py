@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterable
-from math import cos, pi, radians, sin
+from math import atan2, cos, hypot, pi, radians, sin, sqrt
 from typing import Final
 
 from armadico.core.geometry import Pose2, to_world
@@ -47,6 +47,14 @@ def ring(radius: float) -> Strip:
     """A circle about the origin, m."""
     angles = (2 * pi * step / RING_STEPS for step in range(RING_STEPS + 1))
     return [(radius * cos(angle), radius * sin(angle)) for angle in angles]
+
+
+def ellipse(xx: float, xy: float, yy: float, sigmas: float) -> Strip:
+    """What lies so many standard deviations off by a covariance (m^2), about the origin."""
+    middle, half = (xx + yy) / 2.0, hypot((xx - yy) / 2.0, xy)
+    a, b = (sigmas * sqrt(max(0.0, middle + sign * half)) for sign in (1.0, -1.0))
+    turned = 0.5 * atan2(2.0 * xy, xx - yy)
+    return [to_world((0.0, 0.0, turned), a * x, b * y) for x, y in ring(1.0)]
 
 
 def spokes(sectors: int, radius: float) -> list[Strip]:

@@ -94,6 +94,13 @@ BENCHMARKS: Final = (
         "armadico_tools.bench.localizing:localizing",
     ),
     Benchmark(
+        "plan",
+        "a plan on 1,000 x 1,000 cells, from one of 100 rooms to another, the map known",
+        "the exact search over the cells alone",
+        "100 ms",
+        "armadico_tools.bench.planning:planning",
+    ),
+    Benchmark(
         "start",
         "from starting `armadico-agent goto` to its token seen by another process",
         "bare Python that opens a Zenoh session and declares a token",

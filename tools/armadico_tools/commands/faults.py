@@ -244,6 +244,7 @@ def _report(summary: Summary, ledger: Ledger, commands: list[str], *, as_json: b
     counts = ", ".join(f"{kind} {summary.faults[kind]}" for kind in KINDS if summary.faults[kind])
     console.print(f"faults: {counts or 'none'}", soft_wrap=True)
     console.print(f"longest time from healing to moving again: {summary.longest_s:.2f} s")
+    console.print(f"longest drive with the pose wrong and unsaid: {summary.unsaid_s:.1f} s")
     for line in _contacts(summary):
         console.print(line, soft_wrap=True)
     if summary.again:

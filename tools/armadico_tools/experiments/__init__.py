@@ -22,6 +22,7 @@ EXPERIMENTS: Final = {
     "localization": "localization",
     "parameters": "parameter_sets",
     "random-rooms": "random_rooms",
+    "floors": "floors",
     "time": "driving_time",
     "other-maps": "other_maps",
     "explore": "explore",

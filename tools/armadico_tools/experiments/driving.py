@@ -22,7 +22,7 @@ from msgspec import Struct, structs
 
 from armadico.config.discovery import AGENTS, load
 from armadico.config.loading import load_parameters, read_text
-from armadico.config.scenarios import Scenario, load_scenario
+from armadico.config.scenarios import Scenario, ideal, load_scenario, society
 from armadico.config.shipped import find as find_config
 from armadico.core.agent import Agent
 from armadico.core.geometry import wrap
@@ -36,9 +36,15 @@ from armadico_tools.experiments.traces import Smoothness, Tick, Trace, smoothnes
 
 REST_S = 2.0
 
+LOCALIZING = society().ideal.without
+"""Who is not in a table unless its cell says so: the thesis had no localization."""
+
 
 class Cell(Struct, frozen=True):
-    """One cell of a table: a scenario and what is changed about it."""
+    """One cell of a table: a scenario and what is changed about it.
+
+    The thesis's tables have sensors without error and no localization; other cells say so.
+    """
 
     name: str
     scenario: str  # a shipped one's name, or a file
@@ -47,7 +53,7 @@ class Cell(Struct, frozen=True):
     parameters: str | None = None
     without: tuple[str, ...] = ()
     besides: tuple[str, ...] = ()
-    sensors: str | None = None
+    sensors: str = "ideal"
     robot: str | None = None
     joins: str | None = None  # an agent that joins while the run is going on
     joins_at_s: float = 0.0  # when it joins, from the run's beginning
@@ -152,7 +158,7 @@ class Drive:
         return Sample(
             cell=self.cell.name,
             seed=self.seed,
-            arrived=(self.watch.done or resting) and self._at_goal(),
+            arrived=((self.watch.done and not self.watch.failed) or resting) and self._at_goal(),
             believed_p_percent=self._believed(),
             last_metre_s=last_metre(ticks, self.watch.goal),
             note=self._note(resting),
@@ -174,6 +180,8 @@ class Drive:
     def _note(self, resting: bool) -> str:
         if self.refused:
             return f"refused: {self.refused}"
+        if self.watch.failed:
+            return f"failed: {self.watch.failed}"
         if self.watch.done or resting:
             return ""
         return "stuck" if self.trace.stuck else "time limit"
@@ -230,7 +238,7 @@ SHARES = {"tg_percent": "goto", "ta_percent": "avoid", "tgt_percent": "gothrough
 def columns(result: Result) -> tuple[dict[str, Any], dict[str, float]]:
     """What a sample takes of a run's measures, and the shares by agent."""
     row = structs.asdict(result)
-    del row["scenario"], row["seed"], row["conditions"], row["limit_s"]
+    del row["scenario"], row["seed"], row["conditions"], row["limit_s"], row["why"]
     return row, row.pop("shares")
 
 
@@ -252,11 +260,9 @@ def complete(options: Options) -> Options:
 
 def scenario_of(cell: Cell) -> Scenario:
     """The cell's scenario with what the cell changes about it."""
-    scenario = load_scenario(cell.scenario)
-    if cell.sensors is not None:
-        scenario = structs.replace(scenario, sensors=cell.sensors)
-    if cell.besides:
-        scenario = structs.replace(scenario, agents=(*scenario.agents, *cell.besides))
+    scenario = ideal(load_scenario(cell.scenario))
+    agents = (*scenario.agents, *cell.besides)
+    scenario = structs.replace(scenario, sensors=cell.sensors, agents=agents)
     if cell.robot is not None:
         scenario = structs.replace(scenario, robot=cell.robot)
     return scenario

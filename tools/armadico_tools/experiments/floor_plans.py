@@ -20,6 +20,7 @@ from msgspec import Struct
 from numpy.typing import NDArray
 
 from armadico.config.mapwriter import write_map
+from armadico.config.moving import Moving
 from armadico.config.profile import load_profile
 from armadico.config.worlds import Door, Pose, Room, Segment, World, hull
 
@@ -36,6 +37,8 @@ EXTRA_DOOR: Final = 0.3  # the chance of a door that no way needs
 ITEMS: Final = 3  # of furniture in a room, at the most
 ITEM_M: Final = (0.25, 0.9)
 FREE_M: Final = 0.45  # around start and goal
+WALK_M_S: Final = (0.5, 1.2)
+APART_M: Final = 1.5  # from start and goal, who walks begins
 PLACES: Final = 200
 """How often a place for something is tried before there is none."""
 
@@ -62,7 +65,25 @@ def floor_plan(seed: int) -> FloorPlan:
             return found
 
 
-def save(plan: FloorPlan, folder: Path) -> Path:
+def people(plan: FloorPlan, seed: int, count: int) -> list[Moving]:
+    """So many who walk about in a plan, each from a place with room, away from the start.
+
+    The last of three looks at nothing, and walks into a robot that is in the way.
+    """
+    rng = Random(f"people/{seed}")
+    x1, y1, x2, y2 = plan.world.bounds
+    found: list[Moving] = []
+    while len(found) < count:
+        x, y = round(rng.uniform(x1, x2), 2), round(rng.uniform(y1, y2), 2)
+        speed = round(rng.uniform(*WALK_M_S), 2)
+        apart = all(hypot(x - at[0], y - at[1]) >= APART_M for at in (plan.start, plan.goal))
+        if apart and plan.world.clearance(x, y) >= FREE_M:
+            heeds = len(found) % 3 != 2
+            found.append(Moving(kind="person", at=(x, y), speed=speed, heeds=heeds))
+    return found
+
+
+def save(plan: FloorPlan, folder: Path, walking: Sequence[Moving] = ()) -> Path:
     """Write the plan's map and scenario; returns the scenario's file."""
     name = plan.world.name
     write_map(plan.world, folder / f"{name}.map", ("A generated floor plan.",))
@@ -74,6 +95,11 @@ def save(plan: FloorPlan, folder: Path) -> Path:
         f"goal = {_degrees(plan.goal)}",
         'plan = "rooms"',
     ]
+    for one in walking:
+        assert one.at is not None, "a person has a place"
+        heeds = str(one.heeds).lower()
+        lines += ["[[moving]]", 'kind = "person"', f"at = {[*one.at]}", f"speed = {one.speed}"]
+        lines += [f"heeds = {heeds}"]
     path.write_text("\n".join(lines) + "\n", encoding="utf-8")
     return path
 

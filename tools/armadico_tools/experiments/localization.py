@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Final
 from msgspec import structs
 
 from armadico_tools.experiments import carried
-from armadico_tools.experiments.driving import Cell, Sample
+from armadico_tools.experiments.driving import LOCALIZING, Cell, Sample
 from armadico_tools.experiments.real_robot import failures
 from armadico_tools.experiments.tables import RULES, cell, spread_of
 from armadico_tools.markdown import table
@@ -21,7 +21,7 @@ TITLE: Final = "Localization: real sensors, odometry alone and with the map"
 SCENARIOS: Final = (
     *("sc1", "sc2", "sc3", "sc4", "rooms-a", "rooms-b", "house", "offices", "floor"),
 )
-ARMS: Final = {"odometry": (), "localized": ("localization", "relocate")}
+ARMS: Final = {"odometry": (), "localized": LOCALIZING}
 """Who takes part besides the scenario's own."""
 
 NOTE: Final = (

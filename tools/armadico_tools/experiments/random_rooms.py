@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Final
 
@@ -43,22 +44,24 @@ def run(context: Context) -> None:
     folder = context.out / "plans"
     folder.mkdir(exist_ok=True)
     files = context.map(make, [(folder, seed) for seed in context.seeds], "floor plans")
-    cells = {
-        seed: Cell(path.stem, str(path)) for seed, path in zip(context.seeds, files, strict=True)
-    }
-    samples = context.drive_each([(cell, seed) for seed, cell in cells.items()])
-    found = [samples[cells[seed].name][0] for seed in context.seeds]
+    measure(context, [Cell(path.stem, str(path)) for path in files], f"# {TITLE}\n\n{NOTE}")
+
+
+def measure(context: Context, cells: Sequence[Cell], text: str) -> None:
+    """Each plan with its own seed: the table below a text, and a picture of each failure."""
+    driven = context.drive_each([*zip(cells, context.seeds, strict=True)])
+    found = [driven[one.name][0] for one in cells]
     context.summary = {
         "runs": len(found),
         "reached": sum(one.reached for one in found),
         "collided": sum(bool(one.collisions) for one in found),
         "failed": [one.seed for one in found if failed(one)],
     }
-    for one in found:
+    for of, one in zip(cells, found, strict=True):
         if failed(one) and not one.note.startswith("refused"):
             path = context.out / f"failed-{one.seed:03d}.png"
-            context.files.append(picture(cells[one.seed], one, path))
-    context.table(f"# {TITLE}\n\n{NOTE}\n\n{RULES}\n\n{_summary(found)}\n{_failures(found)}")
+            context.files.append(picture(of, one, path))
+    context.table(f"{text}\n\n{RULES}\n\n{_summary(found)}\n{_failures(found)}")
 
 
 def failed(sample: Sample) -> bool:
@@ -99,16 +102,18 @@ def what_happened(sample: Sample) -> str:
 
 
 def _summary(found: list[Sample]) -> str:
-    reached = sum(one.reached for one in found)
+    reached, touched = sum(o.reached for o in found), sum(bool(o.collisions) for o in found)
     low = 100.0 * at_least(reached, len(found))
+    high = 100.0 * (1.0 - at_least(len(found) - touched, len(found)))
     clear = [one.min_clearance_m for one in found if one.min_clearance_m is not None]
     rows = [
         ("reached", f"{reached} of {len(found)} ({low:.1f} % at least, one-sided 95 %)"),
-        ("collided", sum(bool(one.collisions) for one in found)),
+        ("touched", f"{touched} of {len(found)} ({high:.1f} % at most, likewise)"),
         ("reached and nothing touched", f"{sum(not failed(o) for o in found)} of {len(found)}"),
         ("TT s", cell(spread_of(found, "tt_s"))),
         ("TD m", cell(spread_of(found, "td_m"))),
         ("exchanges", cell(spread_of(found, "exchanges"))),
+        ("pose's error m, median of a run", cell(spread_of(found, "pose_m"))),
         ("least clearance of all, m", number(min(clear))),
     ]
     return table(("measure", "value"), rows) + "\n"

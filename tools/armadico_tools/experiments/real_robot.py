@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Final
 from msgspec.structs import replace
 
 from armadico_tools.experiments import drawing
-from armadico_tools.experiments.driving import Cell, Drive
+from armadico_tools.experiments.driving import LOCALIZING, Cell, Drive
 from armadico_tools.experiments.published import published
 from armadico_tools.experiments.tables import RULES, Column, compare
 from armadico_tools.markdown import table
@@ -20,19 +20,23 @@ SENSORS = {"simulated": "ideal", "real": "real"}
 """The thesis's two columns, and our stand-ins for them."""
 
 
-LOCALIZED: Final = Cell("localized", "", besides=("localization", "relocate"), sensors="real")
+LOCALIZED: Final = Cell("localized", "", besides=LOCALIZING, sensors="real")
 """A column that the thesis has not: the agent of 3.6.3 was designed and not built."""
 
 
-def cells(scenario: str) -> list[Cell]:
+def cells(simulated: str, real: str) -> list[Cell]:
     """All agents take part; both sensors, and the real ones with localization."""
-    arms = [Cell(name, scenario, sensors=sensors) for name, sensors in SENSORS.items()]
-    return [*arms, replace(LOCALIZED, scenario=scenario)]
+    where = {"simulated": simulated, "real": real}
+    arms = [Cell(name, where[name], sensors=sensors) for name, sensors in SENSORS.items()]
+    return [*arms, replace(LOCALIZED, scenario=real)]
 
 
-def measure(context: Context, title: str, scenario: str, of: str, note: str) -> None:
-    """The table beside the thesis's single runs, and the first seed's picture of each."""
-    arms = cells(scenario)
+def measure(context: Context, title: str, of: str, note: str, scenario: str, real: str) -> None:
+    """The table beside the thesis's single runs, and the first seed's picture of each.
+
+    `real` is the scenario with what the real run met, where that is another.
+    """
+    arms = cells(scenario, real)
     samples = context.drive(arms)
     theirs = {name: published(of, name) for name in SENSORS}
     columns = [Column(arm.name, samples[arm.name], theirs.get(arm.name)) for arm in arms]

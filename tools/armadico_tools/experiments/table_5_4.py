@@ -12,12 +12,11 @@ if TYPE_CHECKING:
 TITLE: Final = "Table 5.4: experiment 1, two offices"
 NOTE: Final = (
     "v at most 0.4 m/s, all agents take part. The thesis drove each column once, on a real Pioneer"
-    " for *real*; ours is a simulation with slip (2 % of each wheel), a heading drift of 0.01 rad a"
-    " metre, 1 cm of sonar noise, lost echoes, and a tenth of the walls dead to the sonars. Those"
-    " numbers are chosen, not measured. There is less furniture than in the text."
+    " for *real*; ours is a simulation with the sensors `real` ([worlds](worlds.md#sensors)), and"
+    " *localized* has the agent of 3.6.3 as well. There is less furniture than in the text."
 )
 
 
 def run(context: Context) -> None:
     """Both columns."""
-    real_robot.measure(context, TITLE, "offices", "5.4", NOTE)
+    real_robot.measure(context, TITLE, "5.4", NOTE, "offices", "offices")

@@ -48,11 +48,12 @@ class Checker:
     """
 
     def __init__(self, bounds: Bounds | None = None) -> None:
-        self.situation = Situation()
-        self.violations: list[Violation] = []
         bounds = bounds or Bounds()
+        self.situation = Situation(bounds)
+        self.violations: list[Violation] = []
         self._moves = Moves(bounds)
         self._collision = Collision()
+        self._localized = Localized(bounds)
         self._watches: tuple[Watch, ...] = (
             OneDriver(),
             Fresh(),
@@ -66,7 +67,7 @@ class Checker:
             Stopped(bounds),
             self._collision,
             Heading(),
-            Localized(bounds),
+            self._localized,
             self._moves,
             Arrives(bounds),
         )
@@ -75,6 +76,11 @@ class Checker:
     def longest(self) -> float | None:
         """The longest time from healing to moving again, s; None if it never had to."""
         return self._moves.longest
+
+    @property
+    def unsaid_s(self) -> float:
+        """The longest that it moved with a pose that was wrong by more than it says, s."""
+        return self._localized.longest
 
     @property
     def contacts(self) -> Counter[str]:

@@ -28,7 +28,7 @@ class Promise(StrEnum):
     MOVES = "after healing the robot moves within 2 s (5 s after standing back), or bids say why"
     HANDOVER = "a holder that falls silent is replaced before the stop, if another bids"
     STOP = "once stopped the wheels rest in time, and no agent drives until it is released"
-    POSE = "the pose is off by no more than what rolled while a fault kept it from being counted"
+    POSE = "the pose is not wrong and unsaid: its error is what its covariance says"
     ARRIVES = "a mission that no fault befalls for long is reached"
 
 
@@ -124,7 +124,10 @@ KINDS: Final = {
         Kind("twin", "a second instance of an agent joins, and leaves", breaks=False),
         Kind("stop", "a peer stops the robot, and releases it at the end", breaks=False),
         Kind("interface-restart", "the interface agent is killed in mid-mission, and started"),
-        Kind("robot-then-encoder", "the robot agent is started again, then the encoder agent"),
+        Kind(
+            "in-turn",
+            "robot, encoder and localization agent are started again in turn, in any order",
+        ),
         Kind(
             "stray-state",
             "a robot/state of a cycle that never was, or many that climb, arrives everywhere",
@@ -157,8 +160,8 @@ AWAITED: Final[frozenset[str]] = frozenset()
 DRAWN: Final = tuple(kind for kind in KINDS if kind not in AWAITED)
 """The kinds that a seed draws from unless some are named."""
 
-RESTARTS: Final = frozenset({"crash", "flap", "robot-restart", "robot-then-encoder"})
-"""Kinds after which another process is there."""
+RESTARTS: Final = frozenset({"crash", "flap", "robot-restart"})
+"""Kinds after which another process is there; `in-turn` shows each as a crash of its own."""
 
 DISABLES: Final = RESTARTS | {"hang", "slow"}
 """Kinds that void `ROBOT_VOIDS` if it is the robot agent that they befall."""

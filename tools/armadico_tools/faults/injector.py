@@ -166,16 +166,27 @@ class Inflictor:
 
     _interface_restart = _crash
 
-    def _robot_then_encoder(self, fault: Fault, begins: bool) -> None:
-        """The encoder agent goes when the new robot agent has published its first cycles."""
-        robot, encoder = fault.whom
+    def _in_turn(self, fault: Fault, begins: bool) -> None:
+        """One goes and comes, and then the next goes: it may be all that those knew who went."""
+        each = fault.lasts / (2 * len(fault.whom) - 1)
         if begins:
             now = self._mesh.now
-            self._come_or_go(robot, 1)
-            for at, name, change in ((0.2, robot, -1), (0.85, encoder, 1)):
-                self._mesh.call_at(now + at * fault.lasts, partial(self._come_or_go, name, change))
+            self._go(fault.whom[0])
+            for place, name in enumerate(fault.whom):
+                if place:
+                    self._mesh.call_at(now + 2 * place * each, partial(self._go, name))
+                if name != fault.whom[-1]:
+                    self._mesh.call_at(now + (2 * place + 1) * each, partial(self._come, name))
         else:
-            self._come_or_go(encoder, -1)
+            self._come(fault.whom[-1])
+
+    def _go(self, name: str, _a: Any = None, _b: Any = None) -> None:
+        self._show(Faulted(self._mesh.now, "crash", (name,), began=True))
+        self._come_or_go(name, 1)
+
+    def _come(self, name: str, _a: Any = None, _b: Any = None) -> None:
+        self._come_or_go(name, -1)
+        self._show(Faulted(self._mesh.now, "crash", (name,), began=False))
 
     def _come_or_go(self, name: str, change: int, _a: Any = None, _b: Any = None) -> None:
         self._down[name] += change

@@ -155,8 +155,8 @@ class Smooth:
 class Collision:
     """Nothing is touched, while sensing is honest and the robot agent lives.
 
-    Every contact is counted, and every second in which the robot moves, by what voids the promise
-    then; nothing, by the empty word.
+    Every contact is counted, and every second in which the robot moves where there is something to
+    be touched, by what voids the promise then; nothing, by the empty word.
     """
 
     promise = Promise.COLLISION
@@ -173,8 +173,9 @@ class Collision:
         truth, before, self._truth = seen.message, self._truth, seen.message
         if before is None:
             return
-        why = now.reason(self.promise)
-        if abs(truth.v) >= MOVING_M_S or abs(truth.w) >= MOVING_RAD_S:
+        why = now.contact_reason()
+        moves = abs(truth.v) >= MOVING_M_S or abs(truth.w) >= MOVING_RAD_S
+        if moves and truth.clearance is not None:
             self.moving_s[why] = self.moving_s.get(why, 0.0) + max(truth.t - before.t, 0.0)
         if truth.collisions > before.collisions:
             self.contacts[why] += truth.collisions - before.collisions

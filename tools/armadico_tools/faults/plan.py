@@ -14,16 +14,28 @@ from armadico.mesh.virtual import LEASE
 from armadico_tools.faults.fault_types import DRAWN, KINDS
 
 BEHAVIOURS: Final = ("goto", "avoid", "gothrough")
+DRIVERS: Final = (*BEHAVIOURS, "relocate")
+PLACERS: Final = ("robot", "encoder", "localization")
+"""Those by whom it is known where the robot is."""
+
 EVERYBODY: Final = (
-    *("robot", "encoder", "sonar"),
+    *("robot", "encoder", "sonar", "localization"),
     *BEHAVIOURS,
-    *("path-planning", "interface"),
+    *("relocate", "path-planning", "interface"),
 )
 LAYOUTS: Final[tuple[tuple[tuple[str, ...], ...], ...]] = (
-    (("robot", "encoder"), ("sonar",), BEHAVIOURS, ("path-planning", "interface")),
-    (("robot",), ("encoder", "sonar"), BEHAVIOURS, ("path-planning", "interface")),
-    (("robot", "goto"), ("encoder", "avoid"), ("sonar", "gothrough"), ("interface",)),
-    (("robot", "encoder", "sonar", "avoid"), ("goto", "gothrough", "interface", "path-planning")),
+    (("robot", "encoder"), ("sonar",), DRIVERS, ("path-planning", "interface", "localization")),
+    (("robot",), ("encoder", "sonar", "localization"), DRIVERS, ("path-planning", "interface")),
+    (
+        ("robot", "goto"),
+        ("encoder", "avoid"),
+        ("sonar", "gothrough", "relocate"),
+        ("interface", "localization"),
+    ),
+    (
+        ("robot", "encoder", "sonar", "localization", "avoid"),
+        ("goto", "gothrough", "relocate", "interface", "path-planning"),
+    ),
 )
 """Which agents share a machine: a cut goes between machines, never through one."""
 
@@ -49,7 +61,7 @@ VICTIMS: Final = {
 PACES: Final[tuple[tuple[float, float], ...]] = ((2.5, 4.0), (5.5, 9.0), (5.5, 9.0), (12.0, 25.0))
 """Between most faults, s: on the whole long enough for every promise about afterwards to be due."""
 
-LEAST_S: Final = {"robot-then-encoder": 1.5, "two-robot-agents": 2.5, "stop": 1.0}
+LEAST_S: Final = {"in-turn": 2.5, "two-robot-agents": 2.5, "stop": 1.0}
 """Shorter than this, s, such a fault comes to nothing."""
 
 TOGETHER: Final = (0.0, 0.3, 0.3, 0.7)
@@ -110,7 +122,8 @@ class Variation(Struct, frozen=True, omit_defaults=True):
 class Case(Struct, frozen=True, omit_defaults=True):
     """A run that can be repeated to the byte: the seed, the scenario, how long (s), the faults.
 
-    The seed is that of all noise; `variation` is how the network is.
+    The seed is that of all noise; `variation` is how the network is, `sensors` how well the
+    simulated robot senses.
     """
 
     seed: int
@@ -118,6 +131,7 @@ class Case(Struct, frozen=True, omit_defaults=True):
     lasts: Annotated[float, Meta(gt=0, le=86_400)]
     faults: tuple[Fault, ...]
     variation: Variation = Variation()
+    sensors: str = "real"
 
     def dumps(self) -> str:
         """As one line of JSON."""
@@ -200,8 +214,8 @@ def _whom(rng: Random, kind: str) -> tuple[tuple[str, ...], tuple[str, ...]]:
         return EVERYBODY, EVERYBODY
     if kind in NETWORK or kind in CUTS:
         return _sides(rng)
-    if kind == "robot-then-encoder":
-        return ("robot", "encoder"), ()
+    if kind == "in-turn":
+        return tuple(rng.sample(PLACERS, len(PLACERS))), ()
     if kind in EVERYWHERE:
         return EVERYBODY, ()
     return (rng.choice(VICTIMS.get(kind, EVERYBODY)),), ()

@@ -1,4 +1,8 @@
-"""The promise about the pose: it is off only by what cannot have been counted."""
+"""The promise about the pose: it is not wrong and unsaid.
+
+A pose says by its covariance how far off it may be. One that carries none, where nobody localizes,
+says nothing: it is off only by what cannot have been counted.
+"""
 
 from __future__ import annotations
 
@@ -9,7 +13,18 @@ from armadico.core.geometry import wrap
 from armadico.core.messages import Cycle, Pose, RobotState, Truth
 from armadico_tools.faults.fault_types import Promise
 from armadico_tools.faults.observations import Astray, Observation, Said
-from armadico_tools.faults.world_state import POSES, Bounds, Situation
+from armadico_tools.faults.world_state import (
+    MOVING_M_S,
+    MOVING_RAD_S,
+    POSES,
+    Bounds,
+    Situation,
+    may_be_off,
+)
+
+UNSAID_S = 5.0
+"""So long may a robot move, s, while its pose is wrong and does not say that it is lost: in this
+time it comes about as far as localization looks back to find that its readings do not fit."""
 
 BASE_M, BASE_RAD = 0.02, 0.02
 """A pose may be off by so much without any reason: in 16 drives of 4 minutes without a fault it was
@@ -31,9 +46,10 @@ SPARE = 1.1
 
 
 class Localized:
-    """The pose is off by no more than what rolled while it could not be counted.
+    """The pose is off by no more than it says, or for no longer than a few seconds of driving.
 
-    That is while the line to the controller was broken, as long as no `robot/state` came, and while
+    Without a covariance it is off by no more than what rolled while it could not be counted. That
+    is while the line to the controller was broken, as long as no `robot/state` came, and while
     the robot leant on something. A robot agent that was away is no excuse: the controller counts.
     What the heading lost makes the place worse with every metre that it drives afterwards. By the
     truth, not by the tops of the speeds: what really rolled is the least bound.
@@ -43,6 +59,10 @@ class Localized:
 
     def __init__(self, bounds: Bounds) -> None:
         self._skew_s = bounds.skew_s
+        self._wheels = bounds.way_error, bounds.drift_rad_m, bounds.turn_error
+        self._wrong = False  # by more than it says, without saying that it is lost
+        self._unsaid_s = 0.0  # how long it has moved since it was
+        self.longest = 0.0  # the longest of all
         self._v, self._w = SPARE * bounds.v_max, SPARE * bounds.w_max
         self._off_m, self._off_rad = BASE_M, BASE_RAD  # what it may be off by
         self._rolled = (0.0, 0.0)  # m and rad, since the beginning
@@ -80,7 +100,13 @@ class Localized:
         way = hypot(truth.x - before.x, truth.y - before.y)
         turn = abs(wrap(truth.theta - before.theta))
         self._rolled = self._rolled[0] + way, self._rolled[1] + turn
+        way_error, drift_rad_m, turn_error = self._wheels
         self._off_m += 2.0 * sin(min(self._off_rad - BASE_RAD, pi) / 2.0) * way
+        self._off_m += way_error * way
+        self._off_rad += drift_rad_m * way + turn_error * turn
+        moves = abs(truth.v) >= MOVING_M_S or abs(truth.w) >= MOVING_RAD_S
+        if self._wrong and moves:
+            self._unsaid_s += max(truth.t - before.t, 0.0)
         if min(_clearance(truth), _clearance(before)) < TOUCH_M:
             dt = max(truth.t - before.t, 0.0)  # the wheels may have turned as fast as they can
             self._off_m += self._v * dt
@@ -105,13 +131,32 @@ class Localized:
             self._gap = None
         self._posed = rolled
         truth = now.truth_of(pose.cycle)
-        if truth is None or self._lost or at - self._slow_at < 1.0:
+        if truth is None or at - self._slow_at < 1.0:
             return  # when a status packet was sent that waited is not known
         off = hypot(pose.x - truth.x, pose.y - truth.y)
         turned = abs(wrap(pose.theta - truth.theta))
         skew_s = LATE_S if at - self._spoilt_at < LATE_S else self._skew_s
         off -= skew_s * abs(truth.v)
         turned -= skew_s * abs(truth.w)
+        if pose.covariance:
+            yield from self._judge(pose, off, turned)
+        elif not self._lost:
+            yield from self._explain(off, turned)
+
+    def _judge(self, pose: Pose, off: float, turned: float) -> Iterator[str]:
+        """Whether it is off by more than it says, for how long."""
+        said_m, said_rad = may_be_off(pose)
+        self._wrong = off > said_m or turned > said_rad
+        if not self._wrong:
+            self._unsaid_s = 0.0
+        self.longest = max(self.longest, self._unsaid_s)
+        if self._unsaid_s > UNSAID_S:
+            self._unsaid_s = -inf  # once, until it is right again
+            text = f"wrong and unsaid for {UNSAID_S:.0f} s of driving: off by {off:.2f} m,"
+            yield f"{text} {turned:.2f} rad, and says +-{said_m:.2f} m, +-{said_rad:.2f} rad"
+
+    def _explain(self, off: float, turned: float) -> Iterator[str]:
+        """Whether it is off by more than what cannot have been counted."""
         if off > self._off_m or turned > self._off_rad:
             text = f"off by {off:.2f} m, {turned:.2f} rad, where {self._off_m:.2f} m,"
             text += f" {self._off_rad:.2f} rad can be explained"

@@ -188,7 +188,7 @@ class Arrives:
 
     @staticmethod
     def _excused(now: Situation) -> bool:
-        return now.disturbed() or now.stopped() or now.now - now.astray_at < TURN_S
+        return now.disturbed() or now.stopped() or now.unsure_for() < TURN_S
 
     def _due_for(self, way: float, at: float) -> float:
         bounds = self._bounds

@@ -47,6 +47,7 @@ class Summary:
     missions: int = 0
     driven_m: float = 0.0
     longest_s: float = 0.0
+    unsaid_s: float = 0.0  # the longest that it moved with a pose wrong by more than it says
     faults: Counter[str] = field(default_factory=Counter)
     violations: Counter[str] = field(default_factory=Counter)
     broken: list[Outcome] = field(default_factory=list)
@@ -63,6 +64,7 @@ class Summary:
         self.missions += outcome.missions
         self.driven_m += outcome.driven_m
         self.longest_s = max(self.longest_s, outcome.longest_s or 0.0)
+        self.unsaid_s = max(self.unsaid_s, outcome.unsaid_s)
         self.faults.update(outcome.faults)
         self.violations.update(promise for promise, _, _ in outcome.violations)
         self.contacts.update(outcome.contacts)
@@ -90,6 +92,7 @@ class Summary:
             "missions": self.missions,
             "driven_m": round(self.driven_m, 1),
             "longest_to_move_s": round(self.longest_s, 3),
+            "longest_unsaid_s": round(self.unsaid_s, 2),
             "faults": dict(sorted(self.faults.items())),
             "contacts": self.contacts[""],
             "void_contacts": self.void_contacts(),

@@ -12,7 +12,6 @@ from enum import StrEnum
 from typing import Final
 
 from armadico.core.messages import Ballot, Claim, MissionState, MissionStatus, RobotState, Truth
-from armadico_tools.faults.fault_types import Promise
 from armadico_tools.faults.observations import (
     Bids,
     Denied,
@@ -59,7 +58,7 @@ class Sight(StrEnum):
     STALE_INPUT = "a bid is withheld, for an input is not fresh"
     MISSED = "a live agent is taken for gone"
     TOGETHER = "two faults are on at once"
-    LOST = "the pose is off by more than 0.15 m"
+    LOST = "the pose is wrong and unsaid"
     TOUCHED = "something is touched where that is void"
     REACHED = "a mission is reached though faults befell it"
     SECOND_REFUSED = "admission refuses a second instance"
@@ -181,5 +180,5 @@ class Sightings:
         self.counts[Sight.WATCHDOG] += self._rolling and rests and away
         self._rolling = away and not rests
         touched = truth.collisions > self._touches
-        self.counts[Sight.TOUCHED] += touched and now.void(Promise.COLLISION)
+        self.counts[Sight.TOUCHED] += touched and bool(now.contact_reason())
         self._touches = truth.collisions

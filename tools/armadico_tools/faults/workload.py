@@ -17,8 +17,6 @@ from typing import Any, Final
 from msgspec import Struct, structs
 
 from armadico.bridge.robot import Robot
-from armadico.config.loading import find, load
-from armadico.config.profile import RobotProfile
 from armadico.config.scenarios import load_scenario
 from armadico.core.agent import DeviceAgent
 from armadico.core.coordination import Owner, Verdict
@@ -38,7 +36,7 @@ from armadico.core.messages import (
     Waypoint,
 )
 from armadico.core.resources import WHEELS
-from armadico.launch.society import Options, mission
+from armadico.launch.society import Options, mission, prepared
 from armadico.launch.virtual import Rehearsal
 from armadico.mesh.virtual import Node, VirtualMesh
 from armadico.mesh.virtual_network import Clock
@@ -84,7 +82,8 @@ class Outcome(Struct, frozen=True):
     `faults` counts them by kind, `violations` are (promise, at, text), `longest_s` is the longest
     time from healing to moving again, `missions` how many goals were reached and `again` how often
     a mission was asked for again that had been forgotten. `contacts` and `moving_s` (s) are by what
-    voided COLLISION then, nothing by the empty word; `sights` counts what was seen to happen.
+    voided COLLISION then, nothing by the empty word; `sights` counts what was seen to happen, and
+    `unsaid_s` is the longest that it moved with a pose that was wrong by more than it says.
     """
 
     case: Case
@@ -97,6 +96,7 @@ class Outcome(Struct, frozen=True):
     contacts: dict[str, int] = {}
     moving_s: dict[str, float] = {}
     sights: dict[str, int] = {}
+    unsaid_s: float = 0.0
 
 
 def case_of(seed: int, lasts: float, only: Sequence[str] = (), scenario: str | None = None) -> Case:
@@ -115,15 +115,20 @@ class Workload:
 
     def __init__(self, case: Case, checker: Checker | None = None) -> None:
         self.case = case
-        scenario = load_scenario(case.scenario)
-        profile = load(find("robots", scenario.robot), RobotProfile)
-        self.checker = checker or Checker(replace(bounds_of(profile), skew_s=0.0))
-        self._clocks = Random(f"clocks/{case.seed}")
         varied = case.variation
+        options = Options(
+            seed=case.seed,
+            margin=varied.margin,
+            sensors=case.sensors,
+            besides=("localization", "relocate"),
+        )
+        scenario = prepared(load_scenario(case.scenario), options)
+        self.checker = checker or Checker(replace(bounds_of(scenario), skew_s=0.0))
+        self._clocks = Random(f"clocks/{case.seed}")
         ties = Random(f"ties/{case.seed}") if varied.ties else None
         self.rehearsal = Rehearsal(
             scenario,
-            Options(seed=case.seed, margin=varied.margin),
+            options,
             self._clock,
             mesh=VirtualMesh(case.seed, ties=ties, lease=varied.lease),
         )
@@ -176,6 +181,7 @@ class Workload:
             again=self.again,
             contacts=dict(sorted(self.checker.contacts.items())),
             moving_s={why: round(s, 1) for why, s in sorted(self.checker.moving_s.items())},
+            unsaid_s=round(self.checker.unsaid_s, 2),
             sights={sight.name: self.sightings.counts[sight] for sight in Sight},
         )
 

@@ -7,7 +7,11 @@ from dataclasses import dataclass, field
 from math import hypot, inf
 from typing import NamedTuple
 
-from armadico.config.profile import RobotProfile
+from armadico.config.loading import find, load, load_entry
+from armadico.config.profile import RobotProfile, SensorProfile
+from armadico.config.scenarios import Scenario
+from armadico.core.behaviour import LOST_M
+from armadico.core.geometry import wrap
 from armadico.core.messages import (
     Ack,
     Ballot,
@@ -45,13 +49,26 @@ MOVING_M_S = 0.02
 MOVING_RAD_S = 0.05
 """Faster than this is moving: above the noise of encoders at rest."""
 
-ASTRAY_M = 0.15
+SIGMAS = 3.0
+"""A pose is wrong and unsaid that is off by more than so many of its standard deviations,"""
+
+ALLOWED_M, ALLOWED_RAD = 0.15, 0.15
+"""and this beside: so near a goal counts as reached, and so far off is what lies a metre ahead."""
+
 ASTRAY_S = 5.0
-"""With the pose farther off than this, and for so long after, sensing is not honest; nor for so
-long after the sonar agent was started again, which has forgotten what was behind."""
+"""With the pose wrong and unsaid, and for so long after, sensing is not honest; nor for so long
+after the sonar agent was started again, which has forgotten what was behind."""
 
 OVER_S = 2.0
 """So long after a fault has ended its voids end too, if the robot has not come to rest before."""
+
+JUST_AFTER = "just after: "
+
+SWUNG_M = 0.1
+"""A corner of the body may swing out by so much, m, beside what the robot needs to stop,"""
+
+HEARD_S = 0.4
+"""once its sonars have gone round: they take four cycles."""
 
 FRESH_CYCLES = 3
 """A command may answer a cycle so many older than the newest (docs/architecture.md)."""
@@ -67,6 +84,13 @@ SILENT_S = 0.3
 
 BID_AGE_S = 0.35
 """A bid older than this does not count: three cycles, and the way here."""
+
+
+def may_be_off(pose: Pose) -> tuple[float, float]:
+    """By how much a pose may be off by its own word, m and rad; one that is lost by anything."""
+    if pose.deviation > LOST_M:
+        return inf, inf
+    return SIGMAS * pose.deviation + ALLOWED_M, SIGMAS * pose.heading_deviation + ALLOWED_RAD
 
 
 @dataclass(frozen=True)
@@ -89,19 +113,32 @@ class Bounds:
     v_max: float = 1.6  # m/s
     w_max: float = 5.2  # rad/s
     braking_s: float = 3.0  # from top speed to rest, by the ramp, and for the loops to settle
+    v_decel: float = 0.6  # m/s^2, by the ramp
     v_accel: float = 0.9  # m/s^2: 1.5 times the steepest ramp, for the overshoot of the loops
     w_accel: float = 2.7  # rad/s^2, likewise
+    way_error: float = 0.0  # what the wheels count wrong: of a way, m a metre
+    drift_rad_m: float = 0.0  # and in heading, rad a metre
+    turn_error: float = 0.0  # and of a turn
 
 
-def bounds_of(profile: RobotProfile) -> Bounds:
-    """The bounds for a robot: its ramps and its watchdog."""
-    limits = profile.limits
+def bounds_of(scenario: Scenario) -> Bounds:
+    """The bounds for a scenario's robot: its ramps, its watchdog, and what its wheels count wrong.
+
+    Raises ConfigError if there is no such robot.
+    """
+    profile = load(find("robots", scenario.robot), RobotProfile)
+    sensors = load_entry(find("robots", "sensors"), SensorProfile, scenario.sensors)
+    limits, slip = profile.limits, 3.0 * sensors.slip
     return Bounds(
         watchdog_s=profile.p2os.watchdog_s,
         v_max=limits.v_max,
         w_max=limits.w_max,
+        v_decel=limits.v_decel,
         v_accel=OVERSHOOT * max(limits.v_accel, limits.v_decel),
         w_accel=OVERSHOOT * max(limits.w_accel, limits.w_decel),
+        way_error=sensors.way_error + slip,
+        drift_rad_m=sensors.drift_rad_m + slip,
+        turn_error=sensors.turn_error + slip,
     )
 
 
@@ -122,6 +159,7 @@ class Fault(NamedTuple):
 class Situation:
     """Taken in before the promises are looked at."""
 
+    bounds: Bounds = field(default_factory=Bounds)
     now: float = -inf
     whole_since: float = inf  # inf while a fault breaks the network
     free_since: float = inf  # inf while a fault or a stop excuses that it does not move
@@ -140,7 +178,8 @@ class Situation:
     mad_back_at: float = -inf  # likewise, by one whose bids are nonsense, and no other bid
     truth: Truth | None = None
     truth_at: float = -inf
-    astray_at: float = -inf  # when the pose was last known to be wrong
+    astray_at: float = -inf  # when the pose was last wrong and unsaid
+    lost_at: float = -inf  # when it last said that it was lost
     forgot_at: float = -inf  # when the sonar agent last started with an empty map
     wedged_at: float = -inf  # a fault held it against something last, and it is not clear yet
     driving: bool = False
@@ -150,6 +189,7 @@ class Situation:
     ordered: Ordered | None = None
     active: Counter[Fault] = field(default_factory=Counter)
     ended_at: float = -inf  # when the last fault of any kind ended
+    _left_near_until: float = -inf  # until when a contact may be what a fault has led to
     _ended: dict[Promise, tuple[float, str]] = field(default_factory=dict)  # by faults now over
     _excused: bool = True
     _again_at: float = -inf  # when a robot agent that was refused, and is not there, tries again
@@ -190,6 +230,10 @@ class Situation:
         """Seconds for which nothing has broken the network; negative while something does."""
         return self.now - self.whole_since
 
+    def unsure_for(self) -> float:
+        """Seconds since it last could not know where it is, whether it said so or not."""
+        return self.now - max(self.astray_at, self.lost_at)
+
     def void(self, promise: Promise) -> bool:
         """Whether a fault takes the promise away, now or until the robot is itself again."""
         return bool(self.reason(promise))
@@ -204,6 +248,14 @@ class Situation:
             return self._fault_voids(promise)
         wedged = self.now - self.wedged_at < WEDGED_S
         return self._contact_voids() or ("wedged" if wedged else "")
+
+    def contact_reason(self) -> str:
+        """What takes a contact's guilt away, in a word; empty: nothing does.
+
+        Just after a fault that is what it could not have stopped for when the fault ended.
+        """
+        why = self.reason(Promise.COLLISION)
+        return "" if why.startswith(JUST_AFTER) and self.now > self._left_near_until else why
 
     def _contact_voids(self) -> str:
         fault = self._fault_voids(Promise.COLLISION)
@@ -220,7 +272,7 @@ class Situation:
                 return why
         ended, why = self._ended.get(promise, (-inf, ""))
         rested = ended <= self.rested_at < self.now  # what brought it to rest is over, too
-        return f"just after: {why}" if self.now - ended < OVER_S and not rested else ""
+        return f"{JUST_AFTER}{why}" if self.now - ended < OVER_S and not rested else ""
 
     def befalls(self, who: str, *kinds: str) -> bool:
         """Whether a fault of one of these kinds befalls an agent now."""
@@ -288,9 +340,7 @@ class Situation:
         elif isinstance(message, MissionStatus):
             self.driving = message.state is MissionState.DRIVING
         elif isinstance(message, Pose):
-            truth = self.truth_of(message.cycle) or self.truth
-            if truth is not None and hypot(message.x - truth.x, message.y - truth.y) > ASTRAY_M:
-                self.astray_at = seen.at
+            self._posed(message)
         elif isinstance(message, Truth):
             self.truth, self.truth_at = message, seen.at
             near = message.clearance is not None and message.clearance < WEDGED_M
@@ -300,6 +350,16 @@ class Situation:
                 self.wedged_at = seen.at
             if abs(message.v) < MOVING_M_S and abs(message.w) < MOVING_RAD_S:
                 self.rested_at = seen.at
+
+    def _posed(self, pose: Pose) -> None:
+        most, most_rad = may_be_off(pose)
+        truth = self.truth_of(pose.cycle) or self.truth
+        if most == inf:
+            self.lost_at = self.now
+        elif truth is not None:
+            off = hypot(pose.x - truth.x, pose.y - truth.y)
+            if off > most or abs(wrap(pose.theta - truth.theta)) > most_rad:
+                self.astray_at = self.now
 
     def _cycle(self, state: RobotState) -> None:
         self.before, self.state = self.state, state
@@ -351,6 +411,8 @@ class Situation:
         if not fault.began:
             self.ended_at = self.now
             taken = voided(fault.kind, fault.whom, fault.amount)
+            if Promise.COLLISION in taken:
+                self._left_near_until = self.now + self._stops_in_s()
             self._ended.update({promise: (self.now, why) for promise, why in taken.items()})
             if fault.kind in FORGETS and "sonar" in fault.whom:
                 self.forgot_at = self.now
@@ -360,6 +422,19 @@ class Situation:
         elif self.whole_since == inf:
             self.whole_since = max(self.now, self._again_at)
         self._excuse()
+
+    def _stops_in_s(self) -> float:
+        """How long it needs to stop if something is nearer than that; 0: nothing is.
+
+        That is to listen all round, to react, and to brake.
+        """
+        truth, bounds = self.truth, self.bounds
+        if truth is None:
+            return OVER_S
+        v, waits = abs(truth.v), HEARD_S + bounds.stop_s
+        needs = v * waits + v * v / (2.0 * bounds.v_decel) + SWUNG_M
+        near = truth.clearance is not None and truth.clearance < needs
+        return waits + v / bounds.v_decel if near else 0.0
 
     def _deny(self, denied: Denied) -> None:
         """While a fault breaks the network, another may keep a robot agent from joining."""

@@ -1,0 +1,196 @@
+"""The walls of the global map that are near: what the local map expects before it has heard it.
+
+A smooth wall that is met at a slant does not answer, a dead one never does, and neither does the
+end of one that stands edge-on. Who knows the map and where it is on it knows them all the same.
+Each wall is a row of places. A place is believed less the less sure the pose is; and it is doubted
+where a sonar looked at it squarely and heard something behind: what the map has shut may be open.
+Silence is no doubt, since that is what a dead wall sounds like.
+
+Poses are in the world's frame, what comes out is in the body's: x forward, y left, origin at the
+middle of the wheel axle; metres and radians.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterable, Iterator, Sequence
+from typing import NamedTuple
+
+from armadico.agents.methods.local_map import Echo, Obstacle
+from armadico.agents.methods.settings import WallSettings
+from armadico.core.geometry import Pose2
+from armadico.core.messages import COVARIANCE
+
+STEP_M = 0.06
+"""From one place of a wall to the next: the body's corner comes half of that through, and is kept
+farther off than this."""
+
+FAR_M = 0.8
+"""Beyond, each third place will do: of the three that are doubted together."""
+
+BINS = 48
+"""Of the directions around the robot: in each the nearest place counts, and hides the rest."""
+
+BUCKET_M = 1.0
+AHEAD_M = 0.25
+"""So far the robot comes until it is looked anew which places are within reach."""
+
+FORGOTTEN = 0.1
+"""A doubt below this is none."""
+
+Segment = tuple[float, float, float, float]
+
+
+class _Place(NamedTuple):
+    """Of a wall: where it is, the wall's normal, and whether it stands for those beside it."""
+
+    three: int  # the number of the three that are doubted together
+    x: float
+    y: float
+    nx: float
+    ny: float
+    stands: bool
+
+
+class _Near(NamedTuple):
+    """A place in the body frame, moved away from the robot by what the pose may be off."""
+
+    three: int
+    x: float
+    y: float
+    nx: float
+    ny: float
+    distance: float
+
+
+class KnownWalls:
+    """Places of the map's walls, and how much each of them is believed."""
+
+    def __init__(self, walls: Iterable[Segment], settings: WallSettings | None = None) -> None:
+        """Cut the walls (m) into places; most of them will never be near."""
+        self.settings = settings or WallSettings()
+        self._buckets: dict[tuple[int, int], list[_Place]] = {}
+        for place in _places(walls):
+            key = math.floor(place.x / BUCKET_M), math.floor(place.y / BUCKET_M)
+            self._buckets.setdefault(key, []).append(place)
+        self._anchor = (math.inf, math.inf)
+        self._around: list[_Place] = []  # within reach of the anchor, and a little farther
+        self._near: list[_Near] = []
+        self._weight = 0.0
+        self._doubts: dict[int, float] = {}  # by the number of the three
+
+    def look(self, pose: Pose2 | None, covariance: Sequence[float] = ()) -> None:
+        """Take where the robot is; nothing is near when nobody knows.
+
+        Args:
+            pose: In the world.
+            covariance: Upper triangle of that of x, y and theta; none: nobody knows how far off it
+                is, and then it may be anywhere.
+        """
+        s, self._near, self._weight = self.settings, [], 0.0
+        if pose is None or len(covariance) < COVARIANCE or s.reach_m <= 0.0:
+            return
+        xx, xy, _, yy = covariance[:4]
+        self._weight = 1.0 - math.sqrt(max(0.0, xx + yy)) / s.unknown_m
+        if self._weight < s.least:
+            return
+        x, y, theta = pose
+        cos, sin = math.cos(theta), math.sin(theta)
+        reach = s.reach_m * s.reach_m
+        for three, wx, wy, nx, ny, _ in self._within(x, y):
+            dx, dy = wx - x, wy - y
+            if dx * dx + dy * dy > reach:
+                continue
+            if dx * nx + dy * ny < 0.0:
+                nx, ny = -nx, -ny  # noqa: PLW2901 - away from the robot
+            off = math.sqrt(max(0.0, xx * nx * nx + 2.0 * xy * nx * ny + yy * ny * ny))
+            dx, dy = dx + off * nx, dy + off * ny
+            self._near.append(
+                _Near(
+                    three,
+                    cos * dx + sin * dy,
+                    cos * dy - sin * dx,
+                    cos * nx + sin * ny,
+                    cos * ny - sin * nx,
+                    math.hypot(dx, dy),
+                )
+            )
+
+    def hear(self, echoes: Iterable[Echo]) -> None:
+        """Doubt the places that had to answer a ping and did not, though something behind did."""
+        s = self.settings
+        for three in list(self._doubts):
+            self._doubts[three] *= s.memory
+            if self._doubts[three] < FORGOTTEN:
+                del self._doubts[three]
+        for echo in echoes:
+            if echo.range is None:
+                continue
+            cos, sin = math.cos(echo.bearing), math.sin(echo.bearing)
+            free = echo.range - s.margin_m
+            through, answered = set(), set()
+            for three, x, y, nx, ny, _ in self._near:
+                dx, dy = x - echo.x, y - echo.y
+                along = cos * dx + sin * dy
+                if along <= 0.0 or abs(cos * dy - sin * dx) > s.axis * along:
+                    continue
+                if abs(cos * nx + sin * ny) < s.square:
+                    continue
+                if along < free:
+                    through.add(three)
+                elif along < free + 2.0 * s.margin_m:
+                    answered.add(three)
+            for three in through:
+                self._doubts[three] = min(1.0, self._doubts.get(three, 0.0) + s.miss)
+            for three in answered:
+                self._doubts.pop(three, None)
+
+    def points(self) -> list[Obstacle]:
+        """The nearest place that is believed, in each direction in which there is one."""
+        s = self.settings
+        best: dict[int, _Near] = {}
+        for place in self._near:
+            if self._weight * (1.0 - self._doubts.get(place.three, 0.0)) < s.least:
+                continue
+            at = int(math.atan2(place.y, place.x) / math.tau * BINS + BINS)
+            there = best.get(at)
+            if there is None or place.distance < there.distance:
+                best[at] = place
+        return [Obstacle(place.x, place.y, place.distance) for place in best.values()]
+
+    def _within(self, x: float, y: float) -> list[_Place]:
+        """The places that may be within reach."""
+        if math.hypot(x - self._anchor[0], y - self._anchor[1]) > AHEAD_M:
+            self._anchor = (x, y)
+            reach = self.settings.reach_m + AHEAD_M
+            self._around = [
+                place
+                for column in _buckets(x, reach)
+                for row in _buckets(y, reach)
+                for place in self._buckets.get((column, row), ())
+                if (away := math.hypot(place.x - x, place.y - y)) <= reach
+                and (place.stands or away <= FAR_M + AHEAD_M)
+            ]
+        return self._around
+
+
+def _buckets(middle: float, reach: float) -> range:
+    return range(
+        math.floor((middle - reach) / BUCKET_M), math.floor((middle + reach) / BUCKET_M) + 1
+    )
+
+
+def _places(walls: Iterable[Segment]) -> Iterator[_Place]:
+    """Each wall's both ends and what is between."""
+    three = 0
+    for x1, y1, x2, y2 in walls:
+        length = math.hypot(x2 - x1, y2 - y1)
+        if length == 0.0:
+            continue
+        nx, ny = (y1 - y2) / length, (x2 - x1) / length
+        steps = math.ceil(length / STEP_M)
+        for step in range(steps + 1):
+            share = step / steps
+            stands = step % 3 == 1 or step in (0, steps)
+            three += step % 3 == 0
+            yield _Place(three, x1 + share * (x2 - x1), y1 + share * (y2 - y1), nx, ny, stands)

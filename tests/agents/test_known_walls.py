@@ -1,0 +1,178 @@
+"""The map's walls are expected near a robot that knows where it is, until it hears through them."""
+
+from __future__ import annotations
+
+from math import cos, hypot, pi, radians, sin
+from typing import NamedTuple
+
+import pytest
+
+from armadico.agents.methods.known_walls import STEP_M, KnownWalls, Segment
+from armadico.agents.methods.settings import WallSettings
+from armadico.core.geometry import Pose2, to_world
+
+WALL = (1.0, -2.0, 1.0, 2.0)  # square across the way, a metre ahead
+HERE: Pose2 = (0.0, 0.0, 0.0)
+
+
+class Ping(NamedTuple):
+    x: float
+    y: float
+    bearing: float
+    range: float | None
+
+
+def sure(deviation: float) -> tuple[float, ...]:
+    """The covariance of a position as uncertain as that, m, the same in both directions."""
+    each = deviation * deviation / 2.0
+    return (each, 0.0, 0.0, each, 0.0, 1e-4)
+
+
+def at(
+    pose: Pose2 | None, covariance: tuple[float, ...] = sure(0.0), wall: Segment = WALL
+) -> KnownWalls:
+    known = KnownWalls([wall])
+    known.look(pose, covariance)
+    return known
+
+
+def nearest(known: KnownWalls) -> float:
+    return min(o.distance for o in known.points())
+
+
+def test_nothing_is_expected_where_nobody_knows_the_pose_or_how_uncertain_it_is() -> None:
+    assert not at(None).points()
+    assert not at(HERE, ()).points()
+    assert at(HERE).points()
+
+
+@pytest.mark.parametrize("pose", [HERE, (0.3, 0.8, 2.0), (1.7, -0.4, -1.0)])
+def test_a_wall_is_where_it_is_on_the_map_as_far_as_it_reaches(pose: Pose2) -> None:
+    known = at(pose)
+    for o in known.points():
+        x, y = to_world(pose, o.x, o.y)
+        assert x == pytest.approx(1.0)
+        assert abs(y) <= 2.0
+        assert o.distance == pytest.approx(hypot(o.x, o.y))
+        assert o.distance <= WallSettings().reach_m
+    assert nearest(known) == pytest.approx(abs(pose[0] - 1.0), abs=STEP_M * STEP_M)
+
+
+def test_a_wall_that_is_met_edge_on_ends_where_it_ends() -> None:
+    known = at(HERE, wall=(0.7, 0.0, 3.0, 0.0))
+    assert nearest(known) == pytest.approx(0.7)
+
+
+def test_what_a_nearer_wall_hides_is_left_out() -> None:
+    known = KnownWalls([WALL, (1.1, -2.0, 1.1, 2.0)])
+    known.look((0.6, 0.0, 0.0), sure(0.0))
+    near = [o for o in known.points() if abs(o.y) < 0.6]
+    assert near
+    assert all(o.x == pytest.approx(0.4) for o in near)
+
+
+def test_far_off_fewer_places_will_do_but_no_wall_is_shorter() -> None:
+    near, far = at((0.5, 0.0, 0.0)), at((-0.3, 0.0, 0.0))
+    assert len(far.points()) < len(near.points())
+    post = at(HERE, wall=(1.2, 0.3, 1.2, 0.31))
+    assert sorted(round(o.y, 2) for o in post.points())[0] == 0.3
+
+
+@pytest.mark.parametrize("side", [1.0, -1.0])
+def test_an_uncertain_pose_puts_a_wall_farther_off_by_as_much_as_it_may_be_off(side: float) -> None:
+    # 0.1 m along x, nothing along y: only the distance from the wall ahead is uncertain.
+    known = at((1.0 - 0.5 * side, 0.0, 0.0), (0.01, 0.0, 0.0, 0.0, 0.0, 0.0))
+    assert nearest(known) == pytest.approx(0.6, abs=0.01)
+    beside = at((0.0, 0.5, 0.0), (0.01, 0.0, 0.0, 0.0, 0.0, 0.0), wall=(-2.0, 1.0, 2.0, 1.0))
+    assert nearest(beside) == pytest.approx(0.5, abs=0.01)
+
+
+def test_the_less_sure_the_pose_the_less_doubt_will_do_and_lost_there_is_nothing() -> None:
+    once = WallSettings().miss
+    through = [Ping(0.0, 0.0, 0.0, 3.0)]
+
+    def straight_ahead(deviation: float, pings: int) -> bool:
+        known = at(HERE, sure(deviation))
+        for _ in range(pings):
+            known.hear(through)
+        return any(abs(o.y) < 0.1 for o in known.points())
+
+    assert 1.0 - once > WallSettings().least
+    assert straight_ahead(0.05, 0)
+    assert straight_ahead(0.05, 1)
+    assert not straight_ahead(0.05, 2)
+    assert straight_ahead(0.3, 0)
+    assert not straight_ahead(0.3, 1)
+    assert not straight_ahead(0.5, 0)
+
+
+def test_what_the_map_has_shut_and_a_sonar_hears_through_is_open_there_and_only_there() -> None:
+    known = at(HERE)
+    for _ in range(2):
+        known.hear([Ping(0.0, 0.0, 0.0, 2.5)])
+    left = known.points()
+    assert not any(abs(o.y) < 0.15 for o in left)
+    assert any(0.2 < o.y < 0.5 for o in left)
+
+
+def test_a_wall_that_does_not_answer_is_still_there() -> None:
+    known = at(HERE)
+    before = known.points()
+    for _ in range(100):
+        known.hear([Ping(0.0, 0.0, 0.0, None)])
+    assert known.points() == before
+
+
+def test_a_smooth_wall_at_a_slant_throws_the_sound_elsewhere_and_is_still_there() -> None:
+    slant = radians(40)
+    pose = (0.0, 0.0, slant)
+    known = at(pose)
+    before = known.points()
+    for _ in range(100):
+        known.hear([Ping(0.0, 0.0, 0.0, 4.0)])
+    assert known.points() == before
+
+
+def test_an_echo_from_the_wall_or_about_there_is_no_doubt_and_ends_one() -> None:
+    known = at(HERE)
+    before = known.points()
+    for _ in range(2):
+        known.hear([Ping(0.0, 0.0, 0.0, 1.1)])
+    assert known.points() == before
+    for _ in range(2):
+        known.hear([Ping(0.0, 0.0, 0.0, 2.5)])
+    known.hear([Ping(0.0, 0.0, 0.0, 1.02)])
+    assert known.points() == before
+
+
+def test_a_doubt_stays_with_its_place_while_the_robot_moves_and_is_forgotten_in_the_end() -> None:
+    known = at(HERE)
+    for _ in range(2):
+        known.hear([Ping(0.0, 0.0, 0.0, 2.5)])
+    pose = (0.2, 0.1, radians(20))
+    known.look(pose, sure(0.0))
+    seen = [to_world(pose, o.x, o.y) for o in known.points()]
+    assert not any(abs(y) < 0.1 for _, y in seen)
+    for _ in range(1000):
+        known.hear([])
+    known.look(pose, sure(0.0))
+    assert any(abs(y) < 0.1 for _, y in (to_world(pose, o.x, o.y) for o in known.points()))
+
+
+def test_places_are_found_again_after_a_long_way() -> None:
+    known = KnownWalls([(0.0, 1.0, 50.0, 1.0)])
+    for metre in range(50):
+        known.look((float(metre), 0.0, pi / 2), sure(0.0))
+        assert nearest(known) == pytest.approx(1.0, abs=0.01)
+    known.look((60.0, 0.0, 0.0), sure(0.0))
+    assert not known.points()
+
+
+def test_the_covariance_counts_as_the_wall_stands_to_it() -> None:
+    slant = radians(30)
+    c, s = cos(slant), sin(slant)
+    wall = (c - 2.0 * s, s + 2.0 * c, c + 2.0 * s, s - 2.0 * c)  # a metre off, at 30 degrees
+    across = (0.04 * s * s, -0.04 * s * c, 0.0, 0.04 * c * c, 0.0, 0.0)  # 0.2 m along the wall
+    assert nearest(at(HERE, across, wall)) == pytest.approx(1.0, abs=0.01)
+    toward = (0.04 * c * c, 0.04 * s * c, 0.0, 0.04 * s * s, 0.0, 0.0)
+    assert nearest(at(HERE, toward, wall)) == pytest.approx(1.2, abs=0.01)

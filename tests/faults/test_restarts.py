@@ -1,0 +1,25 @@
+"""Those by whom it is known where the robot is, restarted in any order, twice, while it drives."""
+
+from __future__ import annotations
+
+from itertools import permutations
+
+import pytest
+
+from armadico_tools.faults.fault_types import Promise
+from armadico_tools.faults.plan import PLACERS, Case, Fault
+from armadico_tools.faults.workload import Workload
+from armadico_tools.faults.world_state import MOVING_M_S
+from tests.faults.test_planted import promises
+
+
+@pytest.mark.parametrize("order", [*permutations(PLACERS)], ids=" ".join)
+def test_in_any_order_they_leave_the_pose_right_or_said(order: tuple[str, ...]) -> None:
+    turns = tuple(Fault("in-turn", at, 5.0, order) for at in (6.0, 14.0))
+    workload = Workload(Case(1, "sc4", 30.0, turns))
+    outcome = workload.run()
+    assert Promise.POSE.name not in promises(outcome)
+    assert outcome.unsaid_s < 1.0
+    assert outcome.driven_m > 30.0 * MOVING_M_S
+    again = [node.name for node in workload.mesh.nodes]
+    assert [again.count(name) for name in PLACERS] == [3, 3, 3]
