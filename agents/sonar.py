@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections import deque
 from collections.abc import Iterable, Iterator
-from math import atan2, copysign, cos, hypot, radians, sin
+from math import atan2, copysign, cos, hypot, inf, radians, sin
 from typing import Annotated, Any, ClassVar
 
 from msgspec import Meta
@@ -95,7 +95,10 @@ class SonarAgent(Agent):
         self._map = local_map.LocalMap(self.p.map)
         world = None if self.p.world is None else load_world(self.p.world)
         self._walls = None if world is None else KnownWalls(world.walls, self.p.walls)
-        self._origin: Pose2 | None = None  # of the odometry, by the newest pose
+        self._origin: Pose2 | None = None  # of the odometry, by the newest pose that was sure
+        self._covariance: tuple[float, ...] = ()  # of that pose,
+        self._sure_at = -inf  # when that was,
+        self._way = 0.0  # and how far the robot has come since, m
         self._driven: deque[tuple[Cycle, Pose2]] = deque(maxlen=LATE_CYCLES)
         self._odometry: Pose2 | None = None
         self._epoch: int | None = None
@@ -112,7 +115,10 @@ class SonarAgent(Agent):
         if self._odometry is not None and state.cycle.epoch == self._epoch:
             motion = relative(self._odometry, odometry)
             self._map.move(Placed(*motion))
+            self._way += hypot(motion[0], motion[1])
             self._bumps = list(self._moved(motion))
+        else:
+            self._origin = None
         self._odometry, self._epoch = odometry, state.cycle.epoch
         self._driven.append((state.cycle, odometry))
         body = self._map.outline
@@ -124,11 +130,19 @@ class SonarAgent(Agent):
                 self._bumps += [(self.now, Point(x, y)) for y in sides]
 
     def on_pose(self, pose: Pose) -> None:
-        """Where the odometry's origin lies in the world: it is where the next cycle begins, too."""
+        """Where the odometry's origin lies in the world, if that is sure; it stays there a while.
+
+        A robot that is lost has rarely been carried away: mostly it is where its wheels say that it
+        is, and beside it the walls that were there.
+        """
+        if not pose.covariance or pose.deviation > self.p.walls.sure_m:
+            return
         for cycle, odometry in self._driven:
             if cycle == pose.cycle:
                 back = relative(odometry, (0.0, 0.0, 0.0))
                 self._origin = compose((pose.x, pose.y, pose.theta), back)
+                self._covariance = pose.covariance
+                self._sure_at, self._way = self.now, 0.0
 
     def on_sonar(self, sonar: Sonar) -> None:
         """Take the echoes in, and publish where the obstacles are."""
@@ -160,11 +174,13 @@ class SonarAgent(Agent):
             self._say_map(sonar.cycle)
 
     def _place(self) -> tuple[Pose2 | None, tuple[float, ...]]:
-        """Where the robot is now and how uncertain that is; None if nobody knows."""
-        pose = self.fresh(Pose)
-        if pose is None or self._origin is None or self._odometry is None:
+        """Where the robot is now and how uncertain that is; None if nobody has known for long."""
+        s = self.p.walls
+        if self._origin is None or self._odometry is None or self.now - self._sure_at > s.kept_s:
             return None, ()
-        return compose(self._origin, self._odometry), pose.covariance
+        xx, xy, xt, yy, yt, tt = self._covariance
+        more = s.grows * self._way
+        return compose(self._origin, self._odometry), (xx + more, xy, xt, yy + more, yt, tt)
 
     def _say_map(self, cycle: Cycle) -> None:
         cells = tuple(

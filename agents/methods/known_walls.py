@@ -25,7 +25,10 @@ STEP_M = 0.06
 """From one place of a wall to the next: the body's corner comes half of that through, and is kept
 farther off than this."""
 
-BINS = 72
+FAR_M = 0.8
+"""Beyond, each third place will do: of the three that are doubted together."""
+
+BINS = 48
 """Of the directions around the robot: in each the nearest place counts, and hides the rest."""
 
 BUCKET_M = 1.0
@@ -39,19 +42,20 @@ Segment = tuple[float, float, float, float]
 
 
 class _Place(NamedTuple):
-    """Of a wall: where it is, and the wall's normal."""
+    """Of a wall: where it is, the wall's normal, and whether it stands for those beside it."""
 
-    number: int
+    three: int  # the number of the three that are doubted together
     x: float
     y: float
     nx: float
     ny: float
+    stands: bool
 
 
 class _Near(NamedTuple):
     """A place in the body frame, moved away from the robot by what the pose may be off."""
 
-    number: int
+    three: int
     x: float
     y: float
     nx: float
@@ -66,15 +70,14 @@ class KnownWalls:
         """Cut the walls (m) into places; most of them will never be near."""
         self.settings = settings or WallSettings()
         self._buckets: dict[tuple[int, int], list[_Place]] = {}
-        for number, place in enumerate(_places(walls)):
-            x, y, nx, ny = place
-            key = math.floor(x / BUCKET_M), math.floor(y / BUCKET_M)
-            self._buckets.setdefault(key, []).append(_Place(number, x, y, nx, ny))
+        for place in _places(walls):
+            key = math.floor(place.x / BUCKET_M), math.floor(place.y / BUCKET_M)
+            self._buckets.setdefault(key, []).append(place)
         self._anchor = (math.inf, math.inf)
         self._around: list[_Place] = []  # within reach of the anchor, and a little farther
         self._near: list[_Near] = []
         self._weight = 0.0
-        self._doubts: dict[int, float] = {}  # by the place's number
+        self._doubts: dict[int, float] = {}  # by the number of the three
 
     def look(self, pose: Pose2 | None, covariance: Sequence[float] = ()) -> None:
         """Take where the robot is; nothing is near when nobody knows.
@@ -93,9 +96,10 @@ class KnownWalls:
             return
         x, y, theta = pose
         cos, sin = math.cos(theta), math.sin(theta)
-        for number, wx, wy, nx, ny in self._within(x, y):
+        reach = s.reach_m * s.reach_m
+        for three, wx, wy, nx, ny, _ in self._within(x, y):
             dx, dy = wx - x, wy - y
-            if dx * dx + dy * dy > s.reach_m * s.reach_m:
+            if dx * dx + dy * dy > reach:
                 continue
             if dx * nx + dy * ny < 0.0:
                 nx, ny = -nx, -ny  # noqa: PLW2901 - away from the robot
@@ -103,7 +107,7 @@ class KnownWalls:
             dx, dy = dx + off * nx, dy + off * ny
             self._near.append(
                 _Near(
-                    number,
+                    three,
                     cos * dx + sin * dy,
                     cos * dy - sin * dx,
                     cos * nx + sin * ny,
@@ -115,16 +119,17 @@ class KnownWalls:
     def hear(self, echoes: Iterable[Echo]) -> None:
         """Doubt the places that had to answer a ping and did not, though something behind did."""
         s = self.settings
-        for number in list(self._doubts):
-            self._doubts[number] *= s.memory
-            if self._doubts[number] < FORGOTTEN:
-                del self._doubts[number]
+        for three in list(self._doubts):
+            self._doubts[three] *= s.memory
+            if self._doubts[three] < FORGOTTEN:
+                del self._doubts[three]
         for echo in echoes:
             if echo.range is None:
                 continue
             cos, sin = math.cos(echo.bearing), math.sin(echo.bearing)
             free = echo.range - s.margin_m
-            for number, x, y, nx, ny, _ in self._near:
+            through, answered = set(), set()
+            for three, x, y, nx, ny, _ in self._near:
                 dx, dy = x - echo.x, y - echo.y
                 along = cos * dx + sin * dy
                 if along <= 0.0 or abs(cos * dy - sin * dx) > s.axis * along:
@@ -132,16 +137,20 @@ class KnownWalls:
                 if abs(cos * nx + sin * ny) < s.square:
                     continue
                 if along < free:
-                    self._doubts[number] = min(1.0, self._doubts.get(number, 0.0) + s.miss)
+                    through.add(three)
                 elif along < free + 2.0 * s.margin_m:
-                    self._doubts.pop(number, None)
+                    answered.add(three)
+            for three in through:
+                self._doubts[three] = min(1.0, self._doubts.get(three, 0.0) + s.miss)
+            for three in answered:
+                self._doubts.pop(three, None)
 
     def points(self) -> list[Obstacle]:
         """The nearest place that is believed, in each direction in which there is one."""
         s = self.settings
         best: dict[int, _Near] = {}
         for place in self._near:
-            if self._weight * (1.0 - self._doubts.get(place.number, 0.0)) < s.least:
+            if self._weight * (1.0 - self._doubts.get(place.three, 0.0)) < s.least:
                 continue
             at = int(math.atan2(place.y, place.x) / math.tau * BINS + BINS)
             there = best.get(at)
@@ -159,7 +168,8 @@ class KnownWalls:
                 for column in _buckets(x, reach)
                 for row in _buckets(y, reach)
                 for place in self._buckets.get((column, row), ())
-                if math.hypot(place.x - x, place.y - y) <= reach
+                if (away := math.hypot(place.x - x, place.y - y)) <= reach
+                and (place.stands or away <= FAR_M + AHEAD_M)
             ]
         return self._around
 
@@ -170,8 +180,9 @@ def _buckets(middle: float, reach: float) -> range:
     )
 
 
-def _places(walls: Iterable[Segment]) -> Iterator[tuple[float, float, float, float]]:
-    """Each wall's both ends and what is between, with the wall's normal."""
+def _places(walls: Iterable[Segment]) -> Iterator[_Place]:
+    """Each wall's both ends and what is between."""
+    three = 0
     for x1, y1, x2, y2 in walls:
         length = math.hypot(x2 - x1, y2 - y1)
         if length == 0.0:
@@ -180,4 +191,6 @@ def _places(walls: Iterable[Segment]) -> Iterator[tuple[float, float, float, flo
         steps = math.ceil(length / STEP_M)
         for step in range(steps + 1):
             share = step / steps
-            yield x1 + share * (x2 - x1), y1 + share * (y2 - y1), nx, ny
+            stands = step % 3 == 1 or step in (0, steps)
+            three += step % 3 == 0
+            yield _Place(three, x1 + share * (x2 - x1), y1 + share * (y2 - y1), nx, ny, stands)

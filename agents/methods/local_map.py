@@ -26,7 +26,7 @@ from operator import itemgetter
 from typing import NamedTuple, Protocol
 
 from armadico.agents.methods.geometry import Posed
-from armadico.agents.methods.rows import Heard, onward
+from armadico.agents.methods.rows import NEAR_M, Heard, onward
 from armadico.agents.methods.settings import MapSettings
 from armadico.core.swept_path import Outline
 
@@ -190,14 +190,20 @@ class LocalMap:
 
     def onward(self) -> tuple[Obstacle, ...]:
         """Where what was heard goes on, but for what was expected: of that the ends are known."""
-        s = self.settings
+        s, body = self.settings, self.outline or NOBODY
         if not s.goes_on:
             return ()
+        front, rear, half = body.grown(NEAR_M)
         heard = [
-            Heard(cell.x, cell.y, cell.ahead, cell.left)
-            for cell in self._cells.values()
-            if cell.probability >= s.threshold and not self._is_expected(cell.x, cell.y)
+            Heard(x, y, ahead, left)
+            for probability, x, y, _, ahead, left in self._cells.values()
+            if -rear < x < front
+            and -half < y < half
+            and probability >= s.threshold
+            and not self._is_expected(x, y)
         ]
+        if len(heard) < 2:
+            return ()
         through = [
             (
                 e.x,
@@ -209,13 +215,12 @@ class LocalMap:
         ]
         slope = math.tan(s.axis_rad)
         return tuple(
-            Obstacle(x, y, math.hypot(x, y))
-            for x, y in onward(heard, self.outline or NOBODY, through, slope)
+            Obstacle(x, y, math.hypot(x, y)) for x, y in onward(heard, body, through, slope)
         )
 
     def _is_expected(self, x: float, y: float) -> bool:
         near = self.settings.apart_m + self.settings.margin_m
-        return any(abs(o.x - x) < near and abs(o.y - y) < near for o in self._expected)
+        return any(abs(ex - x) < near and abs(ey - y) < near for ex, ey, _ in self._expected)
 
     def cells(self) -> Mapping[int, _Cell]:
         """What is in each cell that is not empty: its number is `sector * RINGS + ring`.

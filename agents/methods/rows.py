@@ -12,7 +12,7 @@ and radians.
 from __future__ import annotations
 
 import math
-from collections.abc import Iterable, Iterator, Sequence
+from collections.abc import Iterator, Sequence
 from typing import NamedTuple
 
 from armadico.core.swept_path import Outline
@@ -57,20 +57,18 @@ Through = tuple[float, float, float, float, float]
 
 
 def onward(
-    heard: Iterable[Heard], body: Outline, through: Sequence[Through], slope: float
+    heard: Sequence[Heard], body: Outline, through: Sequence[Through], slope: float
 ) -> Iterator[tuple[float, float]]:
     """Where the rows among the points go on.
 
     Args:
-        heard: All points that are believed.
-        body: None is within it, and only what is near it counts.
+        heard: The points near the body (`NEAR_M`) that are believed.
+        body: Nothing goes on into it.
         through: What the sonars looked through lately.
         slope: Off a sonar's axis by so much a metre it still had to answer.
     """
-    front, rear, half = body.front + NEAR_M, body.rear + NEAR_M, body.half_width + NEAR_M
-    near = [p for p in heard if -rear < p.x < front and -half < p.y < half]
-    for p in near:
-        for ux, uy in _ends(p, near):
+    for p in heard:
+        for ux, uy in _ends(p, heard):
             for way in AHEAD_M if ux > AHEAD else END_M:
                 x, y = p.x + way * ux, p.y + way * uy
                 if any(_answers(x, y, ux, uy, ping, slope) for ping in through):

@@ -37,6 +37,9 @@ class WallSettings(Struct, frozen=True):
     """How far the walls of the global map count in the local one, and what makes them doubted."""
 
     reach_m: float = 1.5  # places of walls within this; 0: the map is not used
+    sure_m: float = 0.3  # a pose no more uncertain than this says where they are,
+    kept_s: float = 30.0  # and the wheels for so long after it,
+    grows: float = 0.01  # m^2 of variance more a metre
     unknown_m: float = 0.5  # with a pose so uncertain they count for nothing,
     least: float = 0.3  # and not at all with less than this share of belief
     axis: float = tan(radians(10))  # a place within this of a sonar's axis,

@@ -65,8 +65,17 @@ def test_a_wall_that_is_met_edge_on_ends_where_it_ends() -> None:
 
 def test_what_a_nearer_wall_hides_is_left_out() -> None:
     known = KnownWalls([WALL, (1.1, -2.0, 1.1, 2.0)])
-    known.look(HERE, sure(0.0))
-    assert all(o.x == pytest.approx(1.0) for o in known.points())
+    known.look((0.6, 0.0, 0.0), sure(0.0))
+    near = [o for o in known.points() if abs(o.y) < 0.6]
+    assert near
+    assert all(o.x == pytest.approx(0.4) for o in near)
+
+
+def test_far_off_fewer_places_will_do_but_no_wall_is_shorter() -> None:
+    near, far = at((0.5, 0.0, 0.0)), at((-0.3, 0.0, 0.0))
+    assert len(far.points()) < len(near.points())
+    post = at(HERE, wall=(1.2, 0.3, 1.2, 0.31))
+    assert sorted(round(o.y, 2) for o in post.points())[0] == 0.3
 
 
 @pytest.mark.parametrize("side", [1.0, -1.0])
@@ -103,7 +112,7 @@ def test_what_the_map_has_shut_and_a_sonar_hears_through_is_open_there_and_only_
         known.hear([Ping(0.0, 0.0, 0.0, 2.5)])
     left = known.points()
     assert not any(abs(o.y) < 0.15 for o in left)
-    assert any(0.15 < o.y < 0.35 for o in left)
+    assert any(0.2 < o.y < 0.5 for o in left)
 
 
 def test_a_wall_that_does_not_answer_is_still_there() -> None:

@@ -6,7 +6,7 @@ from math import cos, hypot, inf, radians, sin
 
 import pytest
 
-from armadico.agents.methods.local_map import Echo, LocalMap, Obstacle
+from armadico.agents.methods.local_map import LocalMap, Obstacle
 from armadico.agents.methods.rows import AHEAD_M, END_M, Heard, Through, onward
 from armadico.agents.methods.settings import MapSettings
 from armadico.core.swept_path import Outline
@@ -67,19 +67,16 @@ def test_where_a_ping_went_through_squarely_it_does_not_go_on() -> None:
     assert goes_on(wall, slant) == goes_on(wall)
 
 
-def test_nothing_goes_on_into_the_body_or_far_from_it() -> None:
+def test_nothing_goes_on_into_the_body() -> None:
     inside = [Heard(x, 0.1, 0.0, 1.0) for x in (0.25, 0.35)]
     assert all(x > BODY.front for x, _ in goes_on(inside))
-    assert goes_on(beside(-0.1, 0.0, 0.1, y=-1.0)) == []
 
 
-def mapped(settings: MapSettings | None = None) -> LocalMap:
+def mapped(settings: MapSettings | None = None, away: float = 0.25) -> LocalMap:
     """One that has heard a wall on its right three times, driving along it."""
     local = LocalMap(settings, BODY)
-    for x in (-0.1, 0.0, 0.1):
-        pings: list[Echo] = [Ping(x, -0.1, radians(-90), 0.25)]
-        local.update(pings)
-    local.update([Ping(x, -0.1, radians(-90), 0.25) for x in (-0.1, 0.0, 0.1)])
+    for _ in range(2):
+        local.update([Ping(x, -0.1, radians(-90), away) for x in (-0.1, 0.0, 0.1)])
     return local
 
 
@@ -90,4 +87,5 @@ def test_a_local_map_knows_how_its_walls_go_on_unless_it_knows_them_better() -> 
     assert all(o.distance == pytest.approx(hypot(o.x, o.y)) for o in local.onward())
     local.expect([Obstacle(x, -0.36, hypot(x, 0.36)) for x in (-0.1, 0.0, 0.1)])
     assert local.onward() == ()
+    assert mapped(away=0.7).onward() == ()  # there is time to hear more
     assert mapped(MapSettings(goes_on=False)).onward() == ()

@@ -220,9 +220,30 @@ def test_the_walls_are_where_the_robot_is_now_and_not_where_its_last_pose_was() 
     ring.ping((AHEAD, None), odometry=(1.0, 0.0, 0.0), pose=(4.2, 0.0, 0.0))
     found = ring.ping((AHEAD, None), odometry=(1.1, 0.0, 0.0))
     assert found.front is not None
-    assert found.front.x == pytest.approx(0.7, abs=0.03)
-    for _ in range(5):  # and then that is too old
-        found = ring.ping((AHEAD, None), odometry=(1.1, 0.0, 0.0))
+    assert found.front.x == pytest.approx(0.72, abs=0.03)
+
+
+@pytest.mark.parametrize("lost", [None, 1.0])
+def test_a_robot_that_gets_lost_is_for_a_while_where_its_wheels_say(lost: float | None) -> None:
+    ring = Ring(MAPPED)
+    ring.ping((AHEAD, None), pose=(4.2, 0.0, 0.0))
+    told = None if lost is None else (-7.0, 3.0, 1.0)
+    front = []
+    for way in (0.0, 0.1, 0.2):
+        found = ring.ping((AHEAD, None), odometry=(way, 0.0, 0.0), pose=told, deviation=lost or 0.0)
+        assert found.front is not None
+        front.append(found.front.x + way)
+    assert front[0] == pytest.approx(0.8, abs=0.03)
+    assert front == sorted(front)  # the wall is taken to be farther off the longer it is so
+    ring.now += Parameters().walls.kept_s
+    assert ring.ping((AHEAD, None), odometry=(0.2, 0.0, 0.0)).points == ()
+
+
+def test_that_lasts_no_longer_than_odometry_can_be_trusted() -> None:
+    ring = Ring(MAPPED)
+    ring.ping((AHEAD, None), pose=(4.2, 0.0, 0.0))
+    for number in range(50):  # to and fro
+        found = ring.ping((AHEAD, None), odometry=(0.2 * (number % 2), 0.0, 0.0))
     assert found.points == ()
 
 
