@@ -39,6 +39,9 @@ from armadico.core.route import Route
 WAS_LOST: Final = "the robot was lost"
 ACROSS: Final = "something stands across the way"
 
+LOOK_CYCLES: Final = 3
+"""Whether something stands across the way is looked at in each so many-th cycle."""
+
 PARKING_M: Final = 0.3
 """Nearer to the goal than this there is no other way to it."""
 
@@ -193,6 +196,8 @@ class Interface(Agent):
 
     def on_obstacles(self, obstacles: Obstacles) -> None:
         """Whether something stands across the way ahead."""
+        if obstacles.cycle.number % LOOK_CYCLES:
+            return
         pose = self.fresh(Pose)
         watched = self._state is MissionState.DRIVING and self._plans and not self._waits
         if not watched or pose is None or not self._stands_across(pose, obstacles):

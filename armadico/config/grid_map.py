@@ -37,6 +37,10 @@ PACKED_MOST: Final = 60_000
 CELLS_MOST: Final = 16_000_000
 """What is more than this is not unpacked: 200 m x 200 m in cells of 5 cm."""
 
+CELLS_M: Final = (0.01, 1.0)
+"""Cells in which a map can be gone on with: smaller ones would fill the memory, larger ones hide
+doors."""
+
 PIXELS: Final = np.array([205, 254, 0], dtype=np.uint8)
 """Grey by state, as map_saver writes it."""
 
@@ -184,5 +188,9 @@ def read(path: Path | str) -> Cells:
     x, y, turned = raster.origin
     if turned:
         raise ConfigError(f"origin: turned by {turned:g} rad; a grid goes on unturned", Path(path))
+    least, most = CELLS_M
+    if not least <= raster.cell_m <= most:
+        fault = f"resolution: {raster.cell_m:g}: a grid goes on in cells of {least:g} to {most:g} m"
+        raise ConfigError(fault, Path(path))
     states = np.where(raster.occupied, OCCUPIED, np.where(raster.free, FREE, UNKNOWN))
     return Cells(x, y, raster.cell_m, states.astype(np.uint8))

@@ -161,7 +161,7 @@ def test_output_that_goes_to_a_full_disk_is_told_of(words: tuple[str, ...]) -> N
 def test_who_closes_its_streams_hears_nothing_and_it_is_done_all_the_same(
     tmp_path: Path, closed: str
 ) -> None:
-    words = f"run sc1 --virtual --json {closed}"
+    words = f"run sc1 --virtual --sensors ideal --json {closed}"
     done = subprocess.run(
         ["sh", "-c", f'"{BIN}/armadico" {words}'],
         cwd=tmp_path,

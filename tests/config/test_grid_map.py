@@ -133,6 +133,13 @@ def test_a_map_that_is_turned_is_not_gone_on_with(tmp_path: Path) -> None:
         grid_map.read(file)
 
 
+@pytest.mark.parametrize("cell_m", [0.001, 5.0])
+def test_nor_is_one_whose_cells_are_no_grids_to_map_in(tmp_path: Path, cell_m: float) -> None:
+    file, _ = grid_map.save(room(cell_m=cell_m), tmp_path / "room.yaml")
+    with pytest.raises(ConfigError, match=r"in cells of 0\.01 to 1 m"):
+        grid_map.read(file)
+
+
 def test_what_is_at_a_place() -> None:
     assert room().at(-0.4, 2.6) == FREE
     assert room().at(-0.9, 2.6) == OCCUPIED

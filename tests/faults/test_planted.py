@@ -11,6 +11,7 @@ from msgspec.structs import replace
 
 from armadico.agents.encoder import Encoder
 from armadico.agents.goto import Goto
+from armadico.agents.methods.local_map import LocalMap
 from armadico.agents.sonar import SonarAgent
 from armadico.bridge import robot
 from armadico.bridge.p2os.commands import Cmd, command
@@ -131,6 +132,8 @@ def stops_without_a_ramp(patch: pytest.MonkeyPatch) -> None:
 
 def is_blind(patch: pytest.MonkeyPatch) -> None:
     patch.setattr(SonarAgent, "_arcs", lambda self, obstacles, body: iter(()))
+    patch.setattr(LocalMap, "expect", lambda self, points: None)  # nor by the map,
+    patch.setattr(LocalMap, "onward", lambda self: ())  # nor by memory
     patch.setattr(robot.Reflex, "cap", lambda self, v, w: v)  # which would save it
 
 

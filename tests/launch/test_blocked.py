@@ -6,7 +6,7 @@ from pathlib import Path
 
 import pytest
 
-from armadico.config.scenarios import Scenario, load_scenario
+from armadico.config.scenarios import Scenario, ideal, load_scenario
 from armadico.core.messages import MissionStatus, RobotState, Trajectory
 from armadico.launch.society import Options
 from armadico.launch.virtual import Rehearsal
@@ -37,7 +37,7 @@ class Drive:
         self.notes: list[tuple[float, str]] = []
         self.missions: set[int] = set()
         self.speed = 0.0
-        self.scenario: Scenario = load_scenario(path)
+        self.scenario: Scenario = ideal(load_scenario(path))
         self.rehearsal = Rehearsal(self.scenario, Options(seed=seed, limit=limit))
         mesh = self.rehearsal.mesh
         mesh.watch(lambda _k, m, t: self.notes.append((t, m.note)), MissionStatus)

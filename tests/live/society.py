@@ -21,6 +21,7 @@ from armadico.core.messages import (
     Description,
     Log,
     Message,
+    Pose,
     RobotState,
     Truth,
     decode,
@@ -71,7 +72,7 @@ class Observer:
         self.truths: list[Truth] = []
         self.commands: list[Command] = []
         self.logs: list[str] = []
-        kinds = (RobotState, Description, Ack, Truth, Command, Claim, Log)
+        kinds = (RobotState, Description, Ack, Truth, Pose, Command, Claim, Log)
         self.client.listen(*kinds, then=self._keep)
 
     def until(self, condition: Callable[[], object], what: str) -> None:

@@ -15,6 +15,8 @@ from armadico.core.messages import (
     Cycle,
     Description,
     Echo,
+    ExploreState,
+    ExploreStatus,
     Message,
     MissionState,
     MissionStatus,
@@ -163,6 +165,15 @@ def test_a_goal_that_is_reached_by_the_pose_alone_is_told_with_how_far_that_is_o
     assert run.watch.astray is None, "it drives on"
     run.end()
     assert run.watch.astray == pytest.approx(0.5)
+
+
+def test_an_exploration_that_failed_is_not_astray_of_any_pose() -> None:
+    run = Run().begin()
+    run.cycle(0.0)
+    run.show(Pose(Cycle(1, 9), 0.0, 0.0, 0.0))
+    run.show(ExploreStatus(MISSION, ExploreState.FAILED, note="there is no way back"))
+    assert run.watch.done
+    assert run.watch.astray is None
 
 
 @pytest.mark.parametrize("truth", [True, False])

@@ -138,9 +138,11 @@ def test_every_shipped_world_is_in_the_documentation() -> None:
 def test_moments_lie_beside_one_another_in_a_picture_as_high_as_the_world(
     tmp_path: Path, world: str, height: int
 ) -> None:
-    places = [(1.0 + 0.1 * n, 1.0, 0.2 * n) for n in range(20)]
-    moments = [Moment(t, (1.0, 1.0, 0.5), places, found=t > 1.0) for t in (0.0, 1.0, 2.0)]
-    draw_moments(load_world(world), moments, BODY, tmp_path / "found.png")
+    shown = load_world(world)
+    x, y = shown.bounds[0] + 1.0, shown.bounds[1] + 1.0
+    places = [(x + 0.1 * n, y, 0.2 * n) for n in range(20)]
+    moments = [Moment(t, (x, y, 0.5), places, found=t > 1.0) for t in (0.0, 1.0, 2.0)]
+    draw_moments(shown, moments, BODY, tmp_path / "found.png")
     with Image.open(tmp_path / "found.png") as image:
         assert image.size == (1280, pytest.approx(height, abs=1))
         drawn = image.convert("RGB")

@@ -12,8 +12,6 @@ from typing import Final
 from msgspec import Struct
 
 from armadico.config.hosts import HostTable
-from armadico.config.loading import find, load
-from armadico.config.profile import RobotProfile
 from armadico.config.scenarios import Scenario
 from armadico.observe.conditions import software
 from armadico_tools.faults.checker import Checker, Violation
@@ -153,7 +151,7 @@ def run_series(
     if trial.hosts and table is not None:
         hosts = {agent: name for name, host in table.hosts.items() for agent in host.agents}
     while len(series.rows) < count and len(series.failed) < AGAIN:
-        checker = Checker(bounds_of(load(find("robots", scenario.robot), RobotProfile)))
+        checker = Checker(bounds_of(scenario))
         try:
             with RealSociety(
                 place, scenario=scenario, hosts=hosts, seed=seed, checker=checker

@@ -17,8 +17,6 @@ from typing import Any, Final
 from msgspec import Struct, structs
 
 from armadico.bridge.robot import Robot
-from armadico.config.loading import find, load, load_entry
-from armadico.config.profile import RobotProfile, SensorProfile
 from armadico.config.scenarios import load_scenario
 from armadico.core.agent import DeviceAgent
 from armadico.core.coordination import Owner, Verdict
@@ -125,9 +123,7 @@ class Workload:
             besides=("localization", "relocate"),
         )
         scenario = prepared(load_scenario(case.scenario), options)
-        profile = load(find("robots", scenario.robot), RobotProfile)
-        sensors = load_entry(find("robots", "sensors"), SensorProfile, case.sensors)
-        self.checker = checker or Checker(replace(bounds_of(profile, sensors), skew_s=0.0))
+        self.checker = checker or Checker(replace(bounds_of(scenario), skew_s=0.0))
         self._clocks = Random(f"clocks/{case.seed}")
         ties = Random(f"ties/{case.seed}") if varied.ties else None
         self.rehearsal = Rehearsal(

@@ -7,7 +7,9 @@ from dataclasses import dataclass, field
 from math import hypot, inf
 from typing import NamedTuple
 
+from armadico.config.loading import find, load, load_entry
 from armadico.config.profile import RobotProfile, SensorProfile
+from armadico.config.scenarios import Scenario
 from armadico.core.behaviour import LOST_M
 from armadico.core.geometry import wrap
 from armadico.core.messages import (
@@ -119,10 +121,14 @@ class Bounds:
     turn_error: float = 0.0  # and of a turn
 
 
-def bounds_of(profile: RobotProfile, sensors: SensorProfile | None = None) -> Bounds:
-    """The bounds for a robot: its ramps and its watchdog, and its wheels if they are simulated."""
-    limits = profile.limits
-    slip = 0.0 if sensors is None else 3.0 * sensors.slip
+def bounds_of(scenario: Scenario) -> Bounds:
+    """The bounds for a scenario's robot: its ramps, its watchdog, and what its wheels count wrong.
+
+    Raises ConfigError if there is no such robot.
+    """
+    profile = load(find("robots", scenario.robot), RobotProfile)
+    sensors = load_entry(find("robots", "sensors"), SensorProfile, scenario.sensors)
+    limits, slip = profile.limits, 3.0 * sensors.slip
     return Bounds(
         watchdog_s=profile.p2os.watchdog_s,
         v_max=limits.v_max,
@@ -130,9 +136,9 @@ def bounds_of(profile: RobotProfile, sensors: SensorProfile | None = None) -> Bo
         v_decel=limits.v_decel,
         v_accel=OVERSHOOT * max(limits.v_accel, limits.v_decel),
         w_accel=OVERSHOOT * max(limits.w_accel, limits.w_decel),
-        way_error=0.0 if sensors is None else sensors.way_error + slip,
-        drift_rad_m=0.0 if sensors is None else sensors.drift_rad_m + slip,
-        turn_error=0.0 if sensors is None else sensors.turn_error + slip,
+        way_error=sensors.way_error + slip,
+        drift_rad_m=sensors.drift_rad_m + slip,
+        turn_error=sensors.turn_error + slip,
     )
 
 
