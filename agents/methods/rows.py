@@ -33,8 +33,9 @@ ASIDE_M = 0.08
 END_M = (0.05,)
 """So far any row goes on,"""
 
-AHEAD_M = (0.05, 0.1, 0.2, 0.3)
-"""and so far one that the robot is driven along, or comes nearer to at a slant."""
+AHEAD_M = (0.05, 0.1, 0.15)
+"""and so far one that the robot is driven along, or comes nearer to at a slant. Farther, rows close
+doors: with 0.3 m drives through generated plans take a third longer and touch no less."""
 
 AHEAD = math.cos(math.radians(50))
 """Ahead is what leads so nearly where the robot does; what it meets more squarely it hears."""

@@ -41,7 +41,7 @@ def test_one_that_converges_is_nearer_ahead() -> None:
     points = [Heard(k * 0.1 * cos(slant), -0.4 + k * 0.1 * sin(slant), *normal) for k in range(3)]
     x, y = max(goes_on(points))
     assert y == pytest.approx(-0.4 + (x * sin(slant) / cos(slant)))
-    assert y > -0.3
+    assert y > -0.4 + 0.2 * sin(slant)  # nearer than what was heard of it
 
 
 def test_one_point_is_no_wall_and_neither_are_two_of_different_things() -> None:
