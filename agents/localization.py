@@ -58,10 +58,10 @@ class Parameters(agent.Parameters, frozen=True, kw_only=True):
     lost: Share = 0.15  # with less than this of the weight in one place it is lost,
     lost_m: Metres = 0.5  # or in one so wide,
     lost_fit: Share = 0.55  # or if the readings fit so much worse than they usually do,
-    lost_s: Annotated[float, Meta(gt=0, le=60)] = 1.0  # for so long
+    lost_s: Annotated[float, Meta(gt=0, le=60)] = 0.5  # for so long
     found: Share = 0.95  # and found with this much,
     found_m: Metres = 0.3
-    found_fit: Share = 0.35
+    found_fit: Share = 0.28
     found_way_m: Metres = 1.0  # all along such a way,
     found_turn_rad: Angle = 3.0  # or such a turn, or a part of both,
     found_times: Annotated[int, Meta(ge=1, le=100)] = 2  # and no other place was found that fits

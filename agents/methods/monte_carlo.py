@@ -29,6 +29,12 @@ NEAR_BY: Final = np.array((0.12, 0.12, 0.1), dtype=np.float32)
 """Standard deviations of guesses about one that is worth a closer look: m, m, rad."""
 
 
+COPIES: Final = 5
+"""So often one that is worth it is looked at."""
+
+SIFTED_AFTER: Final = 3
+"""Of places that may be where the robot is a third is left after so many readings."""
+
 DOUBT: Final = 0.35
 """With more doubt than this, places are looked for that fit better."""
 
@@ -53,10 +59,10 @@ class Settings(Struct, frozen=True):
     trust: float = 0.3  # exponent of a ping's likelihood: neighbouring pings are not independent,
     doubtful: float = 0.2  # less while it is lost: what is alike is told apart by much, or never
     slow: float = 0.01  # rates of the two averages, per weighing
-    fast: float = 0.1
+    fast: float = 0.2
     fits: float = 0.45  # what the averages are at the right place, among some things off the map
     bad: float = 0.22  # and below this the robot may have been carried away just now
-    candidates: int = 4_000  # places that are tried when the robot may be elsewhere,
+    candidates: int = 16_000  # places that are tried when the robot may be elsewhere,
     tries: int = 200  # the best of them that become particles,
     known: int = 30  # if they are better than this many that there are,
     better: float = 20.0  # by so much in the logarithm of the likelihood,
@@ -236,12 +242,22 @@ class MonteCarlo:
 
     def _tried(self, back: int) -> tuple[Poses, NDArray[np.float64]]:
         """Places that the newest `back` readings may have come from, and their log-likelihoods."""
-        settings = self.settings
-        poses = self._anywhere(settings.candidates)
-        poses = poses[np.argsort(-self._past(poses, back, coarse=True))[: settings.tries]]
-        poses = np.repeat(poses, settings.candidates // (4 * settings.tries), axis=0)
+        poses = np.repeat(self._sifted(back), COPIES, axis=0)
         poses += self._rng.standard_normal(poses.shape, dtype=np.float32) * NEAR_BY
         return poses, self._past(poses, back)
+
+    def _sifted(self, back: int) -> Poses:
+        """The best of many places: after each few readings the worse ones are dropped."""
+        poses = self._anywhere(self.settings.candidates)
+        logs, to = np.zeros(len(poses)), relative(self._since, (0.0, 0.0, 0.0))
+        for k, (motion, echoes) in enumerate(list(self._kept)[: -back - 1 : -1], start=1):
+            likelihood = self._model.likelihood(_moved(poses, to), echoes, coarse=True)
+            logs += np.log(likelihood).sum(axis=1)
+            to = compose(to, relative(motion, (0.0, 0.0, 0.0)))
+            if k % SIFTED_AFTER == 0:
+                best = np.argsort(-logs)[: max(self.settings.tries, len(logs) // 3)]
+                poses, logs = poses[best], logs[best]
+        return poses[np.argsort(-logs)[: self.settings.tries]]
 
     def rivalled(self, pose: Pose2) -> bool:
         """Whether the readings of late may have come from another place than about a pose."""
@@ -253,12 +269,12 @@ class MonteCarlo:
         best = float(logs[apart].max(initial=-inf))
         return not len(own) or best > float(own.max()) - self.settings.rival
 
-    def _past(self, poses: Poses, back: int, *, coarse: bool = False) -> NDArray[np.float64]:
+    def _past(self, poses: Poses, back: int) -> NDArray[np.float64]:
         """Log-likelihoods of the newest `back` readings, had the drive ended at these poses."""
         logs = np.zeros(len(poses))
         to = relative(self._since, (0.0, 0.0, 0.0))
         for motion, echoes in list(self._kept)[: -back - 1 : -1]:
-            likelihood = self._model.likelihood(_moved(poses, to), echoes, coarse=coarse)
+            likelihood = self._model.likelihood(_moved(poses, to), echoes)
             logs += np.log(likelihood).sum(axis=1)
             to = compose(to, relative(motion, (0.0, 0.0, 0.0)))
         return logs
