@@ -146,7 +146,8 @@ def share(
 
     Without a scenario all of the entry take part, with parameters of their own.
     """
-    taking = Counter(host.agents if scenario is None else names(scenario, options.without))
+    taken = host.agents if scenario is None else names(scenario)
+    taking = Counter(name for name in taken if name not in options.without)
     scenario = scenario or Scenario(world="empty", start=(0, 0, 0))
     here = (*(name for name in host.agents for _ in range(taking[name])), *more)
     return _launched(here, facts(scenario, options, host.robot or ""), options)

@@ -157,6 +157,7 @@ class RunWatch:
     _collisions_before: int = 0
     _controller: str = ""
     _began: float | None = None
+    _true: bool = False  # by the truth
 
     def begin(self, mission: int = 0) -> None:
         """The mission is taken on; 0: there is none."""
@@ -253,6 +254,9 @@ class RunWatch:
     def _take_truth(self, truth: Truth) -> None:
         if truth is not self.view.truth:
             return  # another simulator's
+        if not self._true:  # what was known before is by the encoders, and by another clock
+            self._true, self._began, self.distance = True, None, 0.0
+            self.path.clear()
         self._mark(truth.t, (truth.x, truth.y, truth.theta))
         if truth.clearance is not None:
             least = truth.clearance if self.clearance is None else self.clearance

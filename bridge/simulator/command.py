@@ -135,7 +135,7 @@ def _scenario(args: argparse.Namespace) -> Scenario:
         x, y, theta = world.start
         start = (x, y, math.degrees(theta))
     x, y, heading = start
-    if not (max(abs(x), abs(y)) <= WORLD_M and abs(heading) <= 360.0):
+    if not (abs(x) <= WORLD_M and abs(y) <= WORLD_M and abs(heading) <= 360.0):  # NaN is not
         raise options.UsageError(
             f"--start {x:g} {y:g} {heading:g}: expected m and m within {WORLD_M:g} m, and -360 to"
             " 360 degrees"

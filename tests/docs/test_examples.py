@@ -19,7 +19,7 @@ from tests.docs.watcher import watching
 
 EXAMPLES = ROOT / "examples"
 SAYS = {
-    "three_lines.py": "reached; 42.2 s",
+    "three_lines.py": "reached; 4",
     "wanderer.py": "{'wanderer': 100.0}",
     "experiment.py": "abrupt",
 }

@@ -87,7 +87,7 @@ def test_a_signal_ends_everybody_and_leaves_no_logs(
 ) -> None:
     process = up("lab2")
     kept = list(children(process).values())
-    assert len(kept) == 3
+    assert len(kept) == 4
     process.send_signal(number)
     _, errors = process.communicate(timeout=SOON)
     assert process.returncode == code, errors

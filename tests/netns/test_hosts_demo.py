@@ -55,7 +55,7 @@ def test_a_host_is_lost_and_comes_back_and_the_goal_is_reached(run: Start, tmp_p
         "lab2 is stopped: goto on lab2 drives",
         "no agent took over: the robot stops by itself",
         "lab2 is started again",
-        "avoid, gothrough, goto are back",
+        "avoid, gothrough, goto, relocate are back",
         "goto on lab2 drives",
         "short: reached",
     ]

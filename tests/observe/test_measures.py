@@ -270,6 +270,16 @@ def test_without_truth_the_pose_stands_in_and_what_it_cannot_tell_is_null() -> N
     assert result.min_clearance_m is None
 
 
+def test_what_was_driven_before_the_first_truth_is_by_another_clock_and_does_not_count() -> None:
+    run = Run(truth=False).begin()
+    run.cycle(0.0)
+    for number in range(11):
+        run.show(Truth(3.0 + 0.1 * number, 0.1 * number, 0, 0, 0, 0, 0, 1))
+        run.cycle(0.1 * number)
+    result = run.end()
+    assert (result.td_m, result.tt_s) == pytest.approx((1.0, 1.0))
+
+
 def test_before_anything_was_heard_there_is_a_row_too() -> None:
     result = RunWatch("made-up", GOAL).result()
     assert not result.reached
