@@ -4,12 +4,13 @@ from __future__ import annotations
 
 from collections import deque
 from collections.abc import Iterator
+from math import hypot, inf
 from typing import Final, NamedTuple
 
 from armadico.core.coordination import braked
 from armadico.core.cycles import PERIOD
 from armadico.core.exchange import LONGEST, fuzzy_window
-from armadico.core.messages import Ack, Action, Ballot, Claim
+from armadico.core.messages import Ack, Action, Ballot, Claim, Obstacles
 from armadico.core.resources import WHEELS
 from armadico.observe.view import agent_of
 from armadico_tools.faults.ballots import brief
@@ -36,6 +37,9 @@ with the margins that they keep, so their share lies between the rule's and that
 
 SEEN_M: Final = 0.25
 """What lies nearer by this, m, for who sees it by sonars: margin, noise, and a cycle's way."""
+
+REACHES_M: Final = 0.3
+"""No part of the robot is farther from the middle of its axle."""
 
 DECEL_M_S2, LATENCY_S = 0.4, 0.2
 """What the behaviours count on when they brake: `armadico.core.safety`."""
@@ -81,6 +85,7 @@ class Exchanged:
         self._unseen: set[float] = set()  # utilities of who claimed, and was not seen to
         self._largest: Ballot | None = None
         self._speeds: deque[Numbers] = deque(maxlen=FRESH_CYCLES + 2)
+        self._near = inf  # the nearest thing that was published, m from the robot's edge at least
 
     def look(self, seen: Observation, now: Situation) -> Iterator[str]:
         """At the first claim of each tenure."""
@@ -89,7 +94,10 @@ class Exchanged:
         if not isinstance(seen, Said):
             return
         message = seen.message
-        if isinstance(message, Ack) and message.resource == WHEELS.name:
+        if isinstance(message, Obstacles):
+            points = (hypot(point.x, point.y) for point in message.points)
+            self._near = min(points, default=inf) - REACHES_M
+        elif isinstance(message, Ack) and message.resource == WHEELS.name:
             self._speeds.append(_numbers(message.measured))
             if message.obeyed is not None:
                 self._weights.append((message.obeyed.instance, message.utility))
@@ -97,7 +105,8 @@ class Exchanged:
             if self._largest is None or message.ballot > self._largest:
                 self._largest = message.ballot
                 if message.utility and now.whole_for() > SETTLED_S and self._speeds:
-                    yield from self._begins(seen.at, message, _least_window(message, now))
+                    least = _least_window(message, now, self._near)
+                    yield from self._begins(seen.at, message, least)
             self._claims.append((seen.at, message))
             if message.utility is not None:
                 self._weights.append((message.ballot.instance, message.utility))
@@ -211,8 +220,11 @@ class Replaced:
         )
 
 
-def _least_window(winner: Claim, now: Situation) -> float:
-    """The shortest window that a winner's hurry explains, cycles."""
+def _least_window(winner: Claim, now: Situation, published: float) -> float:
+    """The shortest window that a winner's hurry explains, cycles.
+
+    By what there is, or by what it was told is there, m: an echo may be another sonar's.
+    """
     if winner.critical:
         return 0.0
     if agent_of(winner.ballot.instance) not in HURRIED:
@@ -221,7 +233,8 @@ def _least_window(winner: Claim, now: Situation) -> float:
     if truth is None or truth.clearance is None or now.void(Promise.COLLISION):
         return 0.0  # sensing that is not honest may show it anything
     v = max(truth.v, 0.0)
-    left = truth.clearance - SEEN_M - v * LATENCY_S - v * v / (2.0 * DECEL_M_S2)
+    near = min(truth.clearance, published)
+    left = near - SEEN_M - v * LATENCY_S - v * v / (2.0 * DECEL_M_S2)
     return max(0.5 * left / max(v, 0.05), 0.0) / PERIOD
 
 

@@ -14,6 +14,7 @@ from armadico.core.messages import (
     Cycle,
     MessageError,
     MissionStatus,
+    Obstacles,
     RobotState,
     Truth,
 )
@@ -21,7 +22,7 @@ from armadico.observe.export import HERE, Row, rows
 from armadico_tools.faults.checker import Checker
 from armadico_tools.faults.observations import Bids, Left, Observation, Passed, Said
 
-SHOWN = (RobotState, Ack, Claim, Command, MissionStatus, Truth)
+SHOWN = (RobotState, Ack, Claim, Command, MissionStatus, Truth, Obstacles)
 
 
 def check(path: Path, namespace: str | None, warn: Callable[[str], None]) -> Checker:

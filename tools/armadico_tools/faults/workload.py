@@ -29,6 +29,7 @@ from armadico.core.messages import (
     MissionRequest,
     MissionState,
     MissionStatus,
+    Obstacles,
     Pose,
     RobotState,
     Stop,
@@ -73,7 +74,7 @@ has put wrong, the society mends itself or not at all."""
 BOOTED_S: Final = 1e5
 """Clocks of the processes begin anywhere within this."""
 
-SEEN: Final = (RobotState, Ack, Claim, Command, Stop, MissionStatus, Truth, Pose)
+SEEN: Final = (RobotState, Ack, Claim, Command, Stop, MissionStatus, Truth, Pose, Obstacles)
 
 
 class Outcome(Struct, frozen=True):
