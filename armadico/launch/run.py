@@ -14,9 +14,10 @@ from typing import Self
 
 from armadico.config.discovery import agent_class, owners
 from armadico.config.scenarios import Scenario
+from armadico.config.worlds import load_world
 from armadico.core.agent import WARNING
 from armadico.core.cycles import LISTEN
-from armadico.core.messages import Claim, Log, Message, Pose, RobotState
+from armadico.core.messages import Claim, Correction, Log, Message, Pose, RobotState
 from armadico.core.resources import WHEELS
 from armadico.launch.society import LIVE, Options, errand, names, time_limit, watch
 from armadico.mesh.base import Mesh
@@ -59,6 +60,7 @@ class Run:
         """
         self.scenario = scenario
         self.options = options
+        self.names = names(scenario, options.without)
         self.client = client
         self.watch = watch(scenario, options, self.mode, client.mesh.namespace)
         self.limit = time_limit(0.0, options)
@@ -100,11 +102,19 @@ class Run:
         else:
             self.watch.end(self.limit)
         if self.watch.astray is not None:
+            metres, turned = self.watch.astray
             self._warn(
                 "by its pose the robot is at the goal, and in truth it is not: the pose is"
-                f" {self.watch.astray:.2f} m off"
+                f" {metres:.2f} m and {turned:.1f} degrees off{self._unaided()}"
             )
         return self.watch.result()
+
+    def _unaided(self) -> str:
+        """Why nothing corrects the pose, in a half sentence; empty if somebody might."""
+        if not any(Correction in agent_class(name).provides for name in self.names):
+            return ", since nobody localizes"
+        walls = load_world(self.scenario.world).walls
+        return "" if walls else ", since there is no wall to know the place by"
 
     def wait(self, seconds: float) -> None:
         """Let it drive for so long, or until it is done."""
@@ -149,7 +159,6 @@ class LiveRun(Run):
                 takes part is missing.
         """
         super().__init__(scenario, options, Client(mesh))
-        self.names = names(scenario, options.without)
         self._silent_s = silent_s
         self._idle_s = idle_s
         self._strangers: set[str] = set()

@@ -205,13 +205,14 @@ class RunWatch:
         return now if self._began is not None and now != self._controller else ""  # "": unknown
 
     @property
-    def astray(self) -> float | None:
-        """How far a pose that says the goal is reached is from the truth, m; None if it is not."""
+    def astray(self) -> tuple[float, float] | None:
+        """How far a pose that says the goal is reached is off, m and degrees; None if it is not."""
         pose, truth = self.view.pose, self.view.truth
         ended = self.done and not self.failed
         if not ended or pose is None or truth is None or self.result().reached:
             return None
-        return hypot(pose.x - truth.x, pose.y - truth.y)
+        turned = abs(degrees(wrap(pose.theta - truth.theta)))
+        return hypot(pose.x - truth.x, pose.y - truth.y), turned
 
     def result(self) -> Result:
         """The row, as far as the run has come."""

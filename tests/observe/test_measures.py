@@ -164,7 +164,7 @@ def test_a_goal_that_is_reached_by_the_pose_alone_is_told_with_how_far_that_is_o
     run.show(Pose(Cycle(1, 9), 2.0, 0.0, 0.0))
     assert run.watch.astray is None, "it drives on"
     run.end()
-    assert run.watch.astray == pytest.approx(0.5)
+    assert run.watch.astray == pytest.approx((0.5, 0.0))
 
 
 def test_an_exploration_that_failed_is_not_astray_of_any_pose() -> None:
