@@ -1,4 +1,4 @@
-"""A hundred seeds of half a minute under every kind of fault; more of them by `armadico faults`."""
+"""Eighty seeds of half a minute under every kind of fault; more of them by `armadico faults`."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ from armadico_tools.faults.series import CAMPAIGN, CAMPAIGN_S, Summary, Task, mi
 from armadico_tools.faults.sightings import AWAITED_SIGHTS, Sight
 from armadico_tools.faults.workload import case_of
 
-FIRST, SEEDS, EACH, SECONDS = 200, 100, 10, 30.0
+FIRST, SEEDS, EACH, SECONDS = 200, 80, 10, 30.0
 
 RARE = frozenset({Sight.CRITICAL, Sight.WHILE_STOPPED, Sight.WATCHDOG, Sight.TOUCHED})
 """What so short runs hardly ever show; `armadico faults` asks for these too, of a campaign."""
@@ -27,11 +27,11 @@ def test_every_promise_is_kept_under_the_faults_of_ten_seeds(first: int) -> None
     assert not broken, "armadico faults --repeat CASE shows it again"
 
 
-def test_the_hundred_seeds_have_every_kind_of_fault() -> None:
+def test_the_seeds_have_every_kind_of_fault() -> None:
     seeds = range(FIRST, FIRST + SEEDS)
     drawn = Counter(f.kind for seed in seeds for f in case_of(seed, SECONDS).faults)
     assert set(drawn) == set(DRAWN)
-    assert min(drawn.values()) >= 4  # of thirty kinds, some drawn half as often
+    assert min(drawn.values()) >= 3  # of thirty kinds, some drawn half as often
 
 
 def test_a_case_is_the_same_run_again() -> None:
