@@ -9,7 +9,7 @@ guesses drawn anew when the readings fit worse than they should (augmented MCL, 
 from __future__ import annotations
 
 from collections import deque
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from math import hypot, inf, sqrt
 from typing import Final
 
@@ -249,11 +249,10 @@ class MonteCarlo:
     def _sifted(self, back: int) -> Poses:
         """The best of many places: after each few readings the worse ones are dropped."""
         poses = self._anywhere(self.settings.candidates)
-        logs, to = np.zeros(len(poses)), relative(self._since, (0.0, 0.0, 0.0))
-        for k, (motion, echoes) in enumerate(list(self._kept)[: -back - 1 : -1], start=1):
+        logs = np.zeros(len(poses))
+        for k, (to, echoes) in enumerate(self._back(back), start=1):
             likelihood = self._model.likelihood(_moved(poses, to), echoes, coarse=True)
             logs += np.log(likelihood).sum(axis=1)
-            to = compose(to, relative(motion, (0.0, 0.0, 0.0)))
             if k % SIFTED_AFTER == 0:
                 best = np.argsort(-logs)[: max(self.settings.tries, len(logs) // 3)]
                 poses, logs = poses[best], logs[best]
@@ -272,12 +271,17 @@ class MonteCarlo:
     def _past(self, poses: Poses, back: int) -> NDArray[np.float64]:
         """Log-likelihoods of the newest `back` readings, had the drive ended at these poses."""
         logs = np.zeros(len(poses))
-        to = relative(self._since, (0.0, 0.0, 0.0))
-        for motion, echoes in list(self._kept)[: -back - 1 : -1]:
+        for to, echoes in self._back(back):
             likelihood = self._model.likelihood(_moved(poses, to), echoes)
             logs += np.log(likelihood).sum(axis=1)
-            to = compose(to, relative(motion, (0.0, 0.0, 0.0)))
         return logs
+
+    def _back(self, count: int) -> Iterator[tuple[Pose2, Sequence[Echo]]]:
+        """The newest readings that are kept, backwards, each with the motion to it from now."""
+        to = relative(self._since, (0.0, 0.0, 0.0))
+        for motion, echoes in list(self._kept)[: -count - 1 : -1]:
+            yield to, echoes
+            to = compose(to, relative(motion, (0.0, 0.0, 0.0)))
 
     def _average(self, fit: float) -> None:
         self._slow += self.settings.slow * (fit - self._slow)

@@ -11,6 +11,7 @@ from pathlib import Path
 
 import pytest
 from msgspec import structs
+from msgspec.structs import replace
 
 from armadico.agents.methods.geometry import Placed
 from armadico.cli import pool
@@ -61,6 +62,7 @@ from armadico_tools.experiments.floor_plans import (
     save,
 )
 from armadico_tools.experiments.histories import History
+from armadico_tools.experiments.real_robot import LOCALIZED
 from armadico_tools.experiments.table_5_3 import join
 from armadico_tools.experiments.tables import Column, compare, differences
 from armadico_tools.experiments.traces import Tick, exchanges_of, reigns_of, smoothness
@@ -237,7 +239,7 @@ def test_whoever_walks_in_a_floor_plan_is_the_same_again_and_the_scenario_takes_
 
 
 def test_the_floors_have_real_sensors_localization_and_people(tmp_path: Path) -> None:
-    scenario = scenario_of(floors.cell_of(floors.make((tmp_path, 3))))
+    scenario = scenario_of(replace(LOCALIZED, scenario=str(floors.make((tmp_path, 3)))))
     assert scenario.sensors == "real"
     assert {"localization", "relocate"} <= {*scenario.agents}
     assert len(scenario.moving) == floors.PEOPLE

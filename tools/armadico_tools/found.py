@@ -29,13 +29,7 @@ def moments(scenario: str, seed: int) -> list[Moment]:
     with tempfile.TemporaryDirectory() as folder:
         anywhere = Path(folder) / "anywhere.toml"
         anywhere.write_text('[localization]\nstart = "anywhere"\n', encoding="utf-8")
-        options = Options(
-            seed=seed,
-            sensors="real",
-            besides=("localization", "relocate"),
-            parameters=str(anywhere),
-            limit=LASTS_S,
-        )
+        options = Options(seed=seed, parameters=str(anywhere), limit=LASTS_S)
         rehearsal = Rehearsal(prepared(load_scenario(scenario), options), options)
     robot: list[Pose2] = [(0.0, 0.0, 0.0)]
     confidence = [0.0]

@@ -141,12 +141,8 @@ class Kidnap:
 
 
 def scenario_of(name: str) -> Scenario:
-    """A shipped scenario with real sensors, localized, its ways planned."""
-    made = load_scenario(name)
-    besides = [a for a in ("localization", "relocate") if a not in made.agents]
-    return structs.replace(
-        made, sensors="real", plan="rooms", waypoints=(), agents=(*made.agents, *besides)
-    )
+    """A shipped scenario, its ways planned."""
+    return structs.replace(load_scenario(name), plan="rooms", waypoints=())
 
 
 def drive(task: tuple[str, str, int]) -> Carried:

@@ -2,9 +2,11 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable
 from pathlib import Path
 from typing import TYPE_CHECKING, Final
+
+from msgspec.structs import replace
 
 from armadico.config.profile import load_profile
 from armadico.config.scenarios import load_scenario
@@ -41,14 +43,20 @@ def make(task: tuple[Path, int]) -> Path:
 
 def run(context: Context) -> None:
     """Drive them all; a table of what failed, and a picture of each failure."""
+    measure(context, make, Cell("", ""), f"# {TITLE}\n\n{NOTE}")
+
+
+def measure(
+    context: Context, make: Callable[[tuple[Path, int]], Path], like: Cell, text: str
+) -> None:
+    """Each plan with its own seed: the table below a text, and a picture of each failure.
+
+    `make` writes the scenario of a folder and a seed; `like` is what all the cells share.
+    """
     folder = context.out / "plans"
     folder.mkdir(exist_ok=True)
     files = context.map(make, [(folder, seed) for seed in context.seeds], "floor plans")
-    measure(context, [Cell(path.stem, str(path)) for path in files], f"# {TITLE}\n\n{NOTE}")
-
-
-def measure(context: Context, cells: Sequence[Cell], text: str) -> None:
-    """Each plan with its own seed: the table below a text, and a picture of each failure."""
+    cells = [replace(like, name=path.stem, scenario=str(path)) for path in files]
     driven = context.drive_each([*zip(cells, context.seeds, strict=True)])
     found = [driven[one.name][0] for one in cells]
     context.summary = {

@@ -17,7 +17,7 @@ from typing import Any, Final
 from msgspec import Struct, structs
 
 from armadico.bridge.robot import Robot
-from armadico.config.scenarios import load_scenario
+from armadico.config.scenarios import load_scenario, society
 from armadico.core.agent import DeviceAgent
 from armadico.core.coordination import Owner, Verdict
 from armadico.core.messages import (
@@ -121,7 +121,7 @@ class Workload:
             seed=case.seed,
             margin=varied.margin,
             sensors=case.sensors,
-            besides=("localization", "relocate"),
+            besides=society().ideal.without,
         )
         scenario = prepared(load_scenario(case.scenario), options)
         self.checker = checker or Checker(replace(bounds_of(scenario), skew_s=0.0))
