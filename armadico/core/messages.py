@@ -658,6 +658,24 @@ class ExploreStatus(Message, frozen=True):
     note: Text = ""
 
 
+class Alarm(Message, frozen=True):
+    """An alarm in a room of the world has begun, or is over; anybody may say so."""
+
+    room: Name
+    on: bool = True
+
+
+class Photo(Message, frozen=True):
+    """A photo that a mission had taken: without a camera, where and how sure that is."""
+
+    mission: Bits64
+    room: Label  # empty: in none that has a name
+    x: Real
+    y: Real
+    theta: Real
+    deviation: Annotated[float, Meta(ge=0, le=LARGEST)]  # of the position, m
+
+
 # Who is alive, and what they offer ----------------------------------------------------------------
 
 

@@ -81,6 +81,8 @@ SERVICES: tuple[Service, ...] = (
         m.ExploreRequest, "explore/request", _Q, None, None, "map a place", reply=m.MissionReply
     ),
     Service(m.ExploreStatus, "explore/status", _S, 1, None, "how far the exploration has come"),
+    Service(m.Alarm, "alarm", _E, None, None, "an alarm in a room; anyone may say so"),
+    Service(m.Photo, "mission/photo", _E, None, None, "a photo that a mission had taken"),
     Service(m.Claim, "resource/{resource}/utility", _E, 10, 3, "the holder's bid, made public"),
     Service(m.Ack, "resource/{resource}/ack", _S, 10, 3, "what the owner obeys and refuses by"),
     Service(m.Command, "resource/{resource}/cmd/{instance}", _E, 10, 3, "the holder's action"),
