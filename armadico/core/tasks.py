@@ -4,9 +4,7 @@ A task is asked again and again what it wants now, until it says that it is done
 keeps nothing: what it answers comes from its arguments, from what is believed, and from how far it
 has come, so a mission goes on from its published state in another process.
 
-    class Greet(Task):
-        \"""Goes to a room and says good morning.\"""
-
+    class Greet(Task):  # goes to a room and says good morning
         class Arguments(Task.Arguments, frozen=True):
             room: str
 
