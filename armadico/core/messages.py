@@ -692,6 +692,55 @@ class ExploreStatus(Message, frozen=True):
     note: Text = ""
 
 
+class BatteryLevel(Message, frozen=True):
+    """How much the battery has left, by the battery sensor agent (3.4.3)."""
+
+    cycle: Cycle
+    volts: Real
+    share: Share  # of a full one
+    charging: bool
+    joules: Real  # left
+
+
+class EnergyRequest(Message, frozen=True):
+    """Asks the charger whether a way's energy, J, leaves enough to get to a dock (3.2.2)."""
+
+    goal: Waypoint
+    energy: Real
+
+
+class EnergyReply(Message, frozen=True):
+    """Whether it does."""
+
+    enough: bool
+    left_j: Real = 0.0
+    needed_j: Real = 0.0
+    note: Text = ""
+
+
+class ChargeRequest(Message, frozen=True):
+    """Asks the battery charger to have the battery charged up to a share of a full one."""
+
+    until: Share = 1.0
+
+
+class ChargeState(StrEnum):
+    """What the battery charger has the robot do."""
+
+    NONE = "none"
+    TO_DOCK = "to-dock"
+    DOCKING = "docking"
+    CHARGING = "charging"
+    LEAVING = "leaving"
+
+
+class ChargeStatus(Message, frozen=True):
+    """How far a charge has come, and the pose of a robot at the dock."""
+
+    state: ChargeState
+    dock: Waypoint | None = None
+
+
 class Alarm(Message, frozen=True):
     """An alarm in a room of the world has begun, or is over; anybody may say so."""
 
@@ -801,6 +850,7 @@ class BoardMission(Message, frozen=True):
     room: Label = ""  # and where
     ahead: Annotated[tuple[Text, ...], Meta(max_length=64)] = ()  # steps to come, the first ones
     note: Text = ""
+    way: Bits64 = 0  # on which its task has the robot driven; 0: on none
 
 
 class Board(Latched, frozen=True):
@@ -812,6 +862,8 @@ class Board(Latched, frozen=True):
     counter: Counter
     by: Bits64  # drawn at random by each mission planning agent
     missions: Annotated[tuple[BoardMission, ...], Meta(max_length=32)] = ()
+    alarms: Annotated[tuple[Name, ...], Meta(max_length=32)] = ()  # rooms where one is on,
+    unchecked: Annotated[tuple[Name, ...], Meta(max_length=32)] = ()  # and nobody has been yet
 
     @property
     def order(self) -> tuple[int, int]:

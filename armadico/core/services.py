@@ -82,6 +82,18 @@ SERVICES: tuple[Service, ...] = (
         m.ExploreRequest, "explore/request", _Q, None, None, "map a place", reply=m.MissionReply
     ),
     Service(m.ExploreStatus, "explore/status", _S, 1, None, "how far the exploration has come"),
+    Service(m.BatteryLevel, "battery/level", _S, None, None, "what the battery has left"),
+    Service(
+        m.EnergyRequest,
+        "battery/enough",
+        _Q,
+        None,
+        None,
+        "whether a way leaves enough to get to a dock",
+        reply=m.EnergyReply,
+    ),
+    Service(m.ChargeRequest, "battery/charge", _Q, None, None, "charge it", reply=m.MissionReply),
+    Service(m.ChargeStatus, "battery/charging", _S, 1, None, "how far a charge has come"),
     Service(m.Alarm, "alarm", _E, None, None, "an alarm in a room; anyone may say so"),
     Service(m.MissionOrder, "mission/order", _Q, None, None, "do a mission", reply=m.MissionReply),
     Service(
