@@ -8,11 +8,12 @@ keys come from its declaration (`armadico.core.resources.Resource`).
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from enum import Enum
 from functools import cache
 
 from armadico.core import messages as m
+from armadico.core.resources import declared
 
 
 class Kind(Enum):
@@ -130,9 +131,19 @@ def rows_of(message: type[m.Message]) -> tuple[Service, ...]:
     return rows or (service_of(message),)
 
 
-@cache
 def service_at(key: str) -> Service | None:
-    """The row of the table that a key belongs to; None: of no row."""
+    """The row of the table that a key belongs to, at its resource's own rate; None: of no row."""
+    service = _row_at(key)
+    if service is None or "{resource}" not in service.key:
+        return service
+    resource = declared(key.split("/")[1])
+    if resource is None:  # somebody else's, who alone knows how long its cycles are
+        return replace(service, rate_hz=None)
+    return service if resource.period_s is None else replace(service, rate_hz=1 / resource.period_s)
+
+
+@cache
+def _row_at(key: str) -> Service | None:
     return next((service for service in SERVICES if matches(service.pattern, key)), None)
 
 
