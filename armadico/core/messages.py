@@ -61,6 +61,7 @@ Length = Annotated[float, Meta(gt=0, le=10)]  # m, of a body
 Place = Annotated[float, Meta(ge=-10, le=10)]  # m, on a body
 Period = Annotated[float, Meta(ge=0.001, le=1)]  # s, of a robot's status packets
 Patience = Annotated[float, Meta(gt=0, le=60)]  # s
+Joules = Annotated[float, Meta(ge=0, le=1e12)]
 # What is remembered must never make who remembers it unable to speak: a robot agent that starts
 # near the odometry of an origin can say its own, and any origin with any odometry makes a pose.
 Odometer = Annotated[float, Meta(ge=-2e5, le=2e5)]  # m
@@ -373,6 +374,7 @@ class RobotState(Message, frozen=True):
     stop: Stop = Stop()
     touch: Point | None = None  # in the body frame; None: nowhere, or nobody knows
     line: Line = Line()
+    charging: bool = False  # a charger gives power
 
 
 class Description(Message, frozen=True):
@@ -736,6 +738,8 @@ class Truth(Message, frozen=True):
     clearance: Real | None  # m from the body's outline to the nearest thing, if there is any
     simulator: Label = ""  # as its controller names itself
     bumped: Counter = 0  # of the collisions, those in which somebody walked into the robot
+    charge: Share = 1.0  # of the battery
+    used: Joules = 0.0  # J that motors and electronics have taken since the simulation began
 
 
 def plain(message: Message) -> Any:

@@ -50,6 +50,7 @@ SPEEDS: Final[dict[str, Colour]] = {
 }
 """Of the wheels: what the controller measured, what was sent after blending, what was bid."""
 
+DOCK: Final = rgba("#7bd389")
 BATTERY: Final = rgba("#7bd389")
 
 
