@@ -16,6 +16,9 @@ from msgspec import Struct
 
 from armadico.config.profile import RobotProfile
 
+STANDING_M_S = 0.003
+"""A slower rim rests: it is noise."""
+
 
 class Energy(Struct, frozen=True):
     """What driving some way takes."""
@@ -25,17 +28,25 @@ class Energy(Struct, frozen=True):
     seconds: float
 
 
-def motor_power(profile: RobotProfile, v: float) -> float:
-    """Electrical power of both motors at a steady speed v straight ahead (m/s), W."""
+def motor_power(profile: RobotProfile, v: float, w: float = 0.0) -> float:
+    """Electrical power of both motors at steady speeds v (m/s) and w (rad/s), W."""
+    aside = profile.body.half_track_m * w
+    return sum(_one_motor(profile, abs(rim)) for rim in (v - aside, v + aside))
+
+
+def _one_motor(profile: RobotProfile, rim: float) -> float:
+    """Of a motor whose wheel's rim has this speed (m/s), W; at rest none."""
+    if rim < STANDING_M_S:
+        return 0.0
     motor, inertia = profile.motor, profile.inertia
-    wheel = v / profile.body.wheel_radius_m
+    wheel = rim / profile.body.wheel_radius_m
     geared = motor.gear_ratio * motor.efficiency
     torque = (
         inertia.wheel_coulomb_nm + geared * motor.friction_nm + inertia.wheel_viscous_nms * wheel
     )
     current = torque / (geared * motor.torque_constant_nm_a)
     voltage = motor.resistance_ohm * current + motor.gear_ratio * motor.back_emf_v_s * wheel
-    return 2.0 * voltage * current
+    return voltage * current
 
 
 def energy(length_m: float, profile: RobotProfile, cruise: float) -> Energy:

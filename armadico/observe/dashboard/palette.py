@@ -52,6 +52,7 @@ SPEEDS: Final[dict[str, Colour]] = {
 
 DOCK: Final = rgba("#7bd389")
 BATTERY: Final = rgba("#7bd389")
+RESTED: Final = rgba("#e6c84f")
 
 
 def agent(name: str | None) -> Colour:
