@@ -19,13 +19,16 @@ from armadico.core.messages import (
     WAYPOINTS,
     Message,
     Plan,
+    Planned,
     PlanRequest,
+    PlanTask,
     Pose,
     RobotState,
     Sonar,
     Waypoint,
     line,
 )
+from armadico.core.resources import PLANNER, Resource
 
 
 class Parameters(agent.Parameters, frozen=True, kw_only=True):
@@ -40,6 +43,9 @@ class Parameters(agent.Parameters, frozen=True, kw_only=True):
 class PathPlanning(Agent):
     """Knows the world's walls, rooms and doors; answers where to go, and what it costs.
 
+    It plans for whoever holds it (3.6.2), and for whoever asks in between: people, and the owner of
+    the trajectory, whose way is blocked.
+
     What the sonars see and the map has not it remembers for a while, and plans round it. Where the
     pose is unsure nothing is put down: a wall that is seen beside its place would close a door.
     """
@@ -47,7 +53,9 @@ class PathPlanning(Agent):
     name = "path-planning"
     alone = True
     hears: ClassVar[tuple[type[Message], ...]] = (Pose, Sonar)
+    provides: ClassVar[tuple[type[Message], ...]] = (Planned,)
     answers: ClassVar[tuple[type[Message], ...]] = (PlanRequest,)
+    owns = (PLANNER,)
     parameters = Parameters
     launched_with = ("world", "profile")
     p: Parameters
@@ -57,6 +65,21 @@ class PathPlanning(Agent):
         self._world = load_world(self.p.world)
         self._profile = load_profile(self.p.profile)
         self._seen: Seen | None = None
+        self._task: int | None = None  # the holder's,
+        self._planned: Planned | None = None  # and what came of it, or of one before
+
+    def obey(self, resource: Resource, action: PlanTask) -> None:  # noqa: ARG002
+        """Plan for the holder, and publish it: again each cycle, until it lets go.
+
+        It plans in the second cycle that the holder has it: who wants it more has had its say then.
+        """
+        if self._task != action.id:
+            self._task = action.id
+            return
+        if self._planned is None or self._planned.id != action.id:
+            plan = self._plan(PlanRequest(action.start, action.goal, action.why))
+            self._planned = Planned(action.id, plan)
+        self.publish(self._planned)
 
     def on_pose(self, pose: Pose) -> None:
         """Where the pings of this cycle were, if they have come."""
@@ -70,6 +93,9 @@ class PathPlanning(Agent):
         """The waypoints, or why there is no way."""
         request = question.request
         assert isinstance(request, PlanRequest)
+        return self._plan(request)
+
+    def _plan(self, request: PlanRequest) -> Plan:
         try:
             way = plan(
                 self._world,

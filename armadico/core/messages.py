@@ -593,6 +593,40 @@ class Plan(Message, frozen=True):
     refusal: Text = ""
 
 
+class PlanTask(Message, frozen=True):
+    """What the holder of the planner has planned: the action of that resource (3.6.2).
+
+    `id` is drawn at random by whoever has a way planned; `Planned` says it again.
+    """
+
+    id: Bits64
+    start: Waypoint
+    goal: Waypoint
+    why: Text = ""
+
+
+class Planned(Message, frozen=True):
+    """The plan that a `PlanTask` asked for."""
+
+    id: Bits64
+    plan: Plan
+
+
+class Way(Message, frozen=True):
+    """Where the holder of the trajectory has the robot driven: the action of that resource.
+
+    `id` is drawn at random for each way: the owner publishes it as the mission of `trajectory` and
+    `mission/status`. It begins at `start` (world frame), `leg` is the waypoint that is driven to by
+    now. A `planned` one is planned anew where it is blocked.
+    """
+
+    id: Bits64
+    waypoints: Annotated[tuple[Waypoint, ...], Meta(min_length=1, max_length=WAYPOINTS)]
+    start: Point
+    leg: Counter = 0
+    planned: bool = True
+
+
 class MissionRequest(Message, frozen=True):
     """Go to a goal: straight, over given waypoints, or as the path planning agent says."""
 

@@ -66,6 +66,7 @@ SERVICES: tuple[Service, ...] = (
     ),
     Service(m.Trajectory, "trajectory", _L, 1, None, "the mission's waypoints"),
     Service(m.PlanRequest, "path/plan", _Q, None, None, "a way to a goal", reply=m.Plan),
+    Service(m.Planned, "path/planned", _E, None, None, "what the planner's holder asked for"),
     Service(
         m.MissionRequest, "mission/request", _Q, None, None, "go to a goal", reply=m.MissionReply
     ),
