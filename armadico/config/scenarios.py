@@ -8,7 +8,8 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
 from functools import cache
-from math import degrees
+from itertools import pairwise
+from math import cos, degrees, sin
 from pathlib import Path
 from typing import Annotated, Literal
 
@@ -21,9 +22,10 @@ from armadico.config.errors import ConfigError, advice
 from armadico.config.lines import line_of
 from armadico.config.loading import document, load, parse, read_text
 from armadico.config.moving import Moving
-from armadico.config.profile import load_profile
+from armadico.config.profile import Body, load_profile
 from armadico.config.shipped import find, folder, resource_path
-from armadico.config.worlds import World, load_world
+from armadico.config.worlds import DOCK_LANE_M, World, before, load_world
+from armadico.config.worlds import Pose as WorldPose
 
 Metres = Annotated[float, Meta(ge=-1e4, le=1e4)]
 Degrees = Annotated[float, Meta(ge=-360, le=360)]
@@ -64,6 +66,14 @@ def society() -> Society:
     return load(folder("") / "society.toml", Society)
 
 
+class Battery(Struct, frozen=True, forbid_unknown_fields=True):
+    """How the run begins: what is left of the battery, and how large it is; in the simulator."""
+
+    charge: Annotated[float, Meta(ge=0, le=1)] = 1.0
+    capacity_ah: Annotated[float, Meta(gt=0, le=1e4)] | None = None
+    """None: the profile's."""
+
+
 class Scenario(Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):
     """One run, whatever it runs on."""
 
@@ -87,6 +97,7 @@ class Scenario(Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):
     """How well the simulated robot senses, of robots/sensors.toml."""
     moving: tuple[Moving, ...] = ()
     """People, doors that shut, boxes put down; in the simulator only."""
+    battery: Battery = Battery()
     v_max: Annotated[float, Meta(gt=0, le=10)] | None = None
     """A speed limit of this scenario, m/s; none: the agents' own."""
     seed: Annotated[int, Meta(ge=0, le=2**63 - 1)] = 0
@@ -225,7 +236,12 @@ def _faults(scenario: Scenario, world: World) -> Iterator[tuple[Key, str]]:
     except ConfigError as error:
         yield ("robot",), error.message
         return
-    radius = load_profile(profile).body.circle_m
+    body = load_profile(profile).body
+    radius = body.circle_m
+    for name, dock in world.docks.items():
+        if not _may_dock(world, dock, body):
+            message = f"a {scenario.robot} cannot drive into dock {name!r} of {world.name!r}"
+            yield ("world",), f"{message}: a wall is in its way"
     for key, pose in (("start", scenario.start), ("goal", scenario.goal)):
         if pose is None:
             continue
@@ -245,6 +261,23 @@ def _faults(scenario: Scenario, world: World) -> Iterator[tuple[Key, str]]:
     if scenario.plan == "waypoints" and not scenario.waypoints:
         message = 'plan = "waypoints", but there are none; give waypoints = [[x, y, degrees], ...]'
         yield ("plan",), message
+
+
+def _may_dock(world: World, dock: WorldPose, body: Body) -> bool:
+    """Whether no wall is where a robot stands that is charged, nor where it lines up for it."""
+    (x, y, theta), lane = dock, before(dock)
+    c, s = cos(theta), sin(theta)
+    half = body.width_m / 2
+    corners = [
+        (x + c * ahead - s * aside, y + s * ahead + c * aside)
+        for ahead, aside in (
+            *((body.front_m, half), (body.front_m, -half)),
+            *((-body.rear_m - DOCK_LANE_M, -half), (-body.rear_m - DOCK_LANE_M, half)),
+        )
+    ]
+    sides = pairwise([*corners, corners[0]])
+    free = not any(world.crossed(a, b) for a, b in sides)
+    return free and world.clearance(lane[0], lane[1]) >= body.circle_m
 
 
 def known_sensors(name: str) -> str:

@@ -83,6 +83,12 @@ SERVICES: tuple[Service, ...] = (
         m.ExploreRequest, "explore/request", _Q, None, None, "map a place", reply=m.MissionReply
     ),
     Service(m.ExploreStatus, "explore/status", _S, 1, None, "how far the exploration has come"),
+    Service(m.BatteryLevel, "battery/level", _S, 0.2, None, "the battery; oftener towards 10 V"),
+    Service(m.BatteryAlarm, "battery/alarm", _E, None, None, "it has to be charged soon"),
+    Service(m.EnergyRequest, "battery/enough", _Q, None, None, "will it do?", reply=m.EnergyReply),
+    Service(
+        m.ChargeStatus, "battery/charging", _S, 1, 3, "what the charger does; 10 Hz in the dock"
+    ),
     Service(m.Claim, "resource/{resource}/utility", _E, 10, 3, "the holder's bid, made public"),
     Service(m.Ack, "resource/{resource}/ack", _S, 10, 3, "what the owner obeys and refuses by"),
     Service(m.Command, "resource/{resource}/cmd/{instance}", _E, 10, 3, "the holder's action"),

@@ -16,6 +16,7 @@ from msgspec import Struct
 from armadico.core.geometry import Pose2, to_world, wrap
 from armadico.core.messages import (
     Ack,
+    BatteryLevel,
     Claim,
     Command,
     Description,
@@ -47,6 +48,7 @@ WATCHED: tuple[type[Message], ...] = (
     Sonar,
     Claim,
     MissionStatus,
+    BatteryLevel,
     ExploreStatus,
     OccupancyGrid,
     Trajectory,
