@@ -25,8 +25,6 @@ from armadico.core.messages import (
     BatteryLevel,
     Board,
     ChargeRequest,
-    ChargeState,
-    ChargeStatus,
     EnergyReply,
     EnergyRequest,
     ExploreRequest,
@@ -58,6 +56,9 @@ from armadico.core.tasks import Beliefs, Charge, Drive, Explore, Reach, Request,
 FULL: Final = 0.9
 """A battery with so much left is not charged for the sake of a way that takes even more."""
 
+ASK_S: Final = 10.0
+"""A charge is asked for again so often: the charger forgets, and may be another one by now."""
+
 ALARMS_MOST: Final = 32
 
 
@@ -87,7 +88,7 @@ class MissionPlanning(Agent):
     alone = True
     hears: ClassVar[tuple[type[Message], ...]] = (
         *(Pose, Trajectory, Planned, MissionStatus, ExploreStatus, Board),
-        *(Alarm, Subplan, BatteryLevel, ChargeStatus),
+        *(Alarm, Subplan, BatteryLevel),
     )
     provides: ClassVar[tuple[type[Message], ...]] = (Board, SubplanRequest, Photo)
     answers: ClassVar[tuple[type[Message], ...]] = (MissionProposal, MissionWithdrawal)
@@ -208,18 +209,6 @@ class MissionPlanning(Agent):
         if wanted is not None and isinstance(wanted[2], Charge) and self._reach is Reach.UNDER_WAY:
             charged = level.charging and level.share >= wanted[2].until
             self._reach = Reach.DONE if charged else self._reach
-
-    def on_charge_status(self, status: ChargeStatus) -> None:
-        """The charger's doings: it has left a dock that it was sent to."""
-        wanted = self._wanted
-        if (
-            wanted is None
-            or not isinstance(wanted[2], Charge)
-            or self._reach is not Reach.UNDER_WAY
-        ):
-            return
-        if status.state is ChargeState.LEAVING:
-            self._reach = Reach.DONE
 
     def on_alarm(self, alarm: Alarm) -> None:
         """An alarm begins, or is over."""
@@ -393,10 +382,6 @@ class MissionPlanning(Agent):
             self.ask(
                 ExploreRequest(*within), lambda reply: self._ordered(wanted, reply, "explores")
             )
-        elif isinstance(request, Charge):
-            self.ask(
-                ChargeRequest(request.until), lambda reply: self._ordered(wanted, reply, "charges")
-            )
 
     def _ordered(
         self, wanted: tuple[int, int, Request], reply: MissionReply | None, what: str
@@ -420,6 +405,10 @@ class MissionPlanning(Agent):
             return
         if isinstance(request, Drive):
             self._drive(entry, request, beliefs)
+        elif isinstance(request, Charge) and self.now >= self._again_at:
+            self._again_at = self.now + ASK_S
+            charge = ChargeRequest(request.until)
+            self.ask(charge, lambda reply: self._ordered(wanted, reply, "charges"))
 
     def _drive(self, entry: Entry, request: Drive, beliefs: Beliefs) -> None:
         errand, pose = self._errand, self.fresh(Pose)
@@ -484,7 +473,7 @@ class MissionPlanning(Agent):
     def _not_enough(self, entry: Entry, reply: EnergyReply, beliefs: Beliefs) -> None:
         """The charger warns: charge first, run the risk or give it up, as the mission says."""
         assert entry.mission is not None, "it goes on"
-        note = reply.note or f"{reply.left_j:.0f} J left, {reply.needed_j:.0f} J needed"
+        note = reply.note or f"{reply.left:.0f} J left, {reply.needed:.0f} J needed"
         self.log(line(f"{entry.told.name}: the energy will not do: {note}"), WARNING)
         failed = any(
             result.step == "dock" and result.end is StepEnd.FAILED

@@ -6,7 +6,7 @@ from typing import Annotated, Any, ClassVar
 
 from msgspec import Meta
 
-from armadico.agents.methods.energy import energy
+from armadico.agents.methods.energy import Pace, energy
 from armadico.agents.methods.grid import grid_of
 from armadico.agents.methods.planning import CELL_M, PlanError, plan
 from armadico.agents.methods.seen import Seen
@@ -32,12 +32,13 @@ from armadico.core.resources import PLANNER, Resource
 
 
 class Parameters(agent.Parameters, frozen=True, kw_only=True):
-    """The world it plans in, the robot it plans for, and the speed it counts on."""
+    """The world it plans in, the robot it plans for, and how fast that is driven."""
 
     world: Annotated[str, Meta(min_length=1)] = "empty"
     profile: str = "pioneer-2dx"
     round_corners: bool = False  # for the brisk controller; the thesis's turn at each waypoint
-    cruise_m_s: Annotated[float, Meta(gt=0, le=10)] = 0.4
+    pace: Pace = Pace()
+    v_max: Annotated[float, Meta(gt=0, le=10)] | None = None  # a scenario's limit, m/s
 
 
 class PathPlanning(Agent):
@@ -57,7 +58,7 @@ class PathPlanning(Agent):
     answers: ClassVar[tuple[type[Message], ...]] = (PlanRequest,)
     owns = (PLANNER,)
     parameters = Parameters
-    launched_with = ("world", "profile")
+    launched_with = ("world", "profile", "v_max")
     p: Parameters
 
     def __init__(self, identity: agent.Identity, parameters: Any = None) -> None:
@@ -111,7 +112,14 @@ class PathPlanning(Agent):
         waypoints = tuple(Waypoint(p.x, p.y, p.theta) for p in way.waypoints)
         if len(waypoints) > WAYPOINTS:
             return Plan((), refusal=f"the way has {len(waypoints):,} turns, at most {WAYPOINTS:,}")
-        cost = energy(way.length_m, self._profile, self.p.cruise_m_s)
+        state = self.latest(RobotState)
+        cost = energy(
+            (request.start, *waypoints),
+            self._profile,
+            self.p.pace,
+            self.p.v_max,
+            volts=None if state is None else state.battery_v,
+        )
         doors = f" through {', '.join(way.doors)}" if way.doors else ""
         why = f": {request.why}" if request.why else ""
         self.log(f"planned {way.length_m:.1f} m{doors}, {cost.joules:.0f} J{why}")

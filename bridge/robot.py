@@ -238,6 +238,7 @@ class Robot(DeviceAgent):
                 stop=self.memory.newest(Stop) or Stop(),
                 touch=self._touched(),
                 line=self._line(),
+                charging=status.charging,
             )
         )
         self.acknowledge()

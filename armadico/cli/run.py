@@ -558,7 +558,7 @@ def remark(watch: RunWatch) -> str:
         return f"{to_go}, stopped by {by}; armadico resume releases it"
     holder = options.shown(watch.holder or "nobody")
     speed = "stalled" if state.stalled else f"{state.v:.2f} m/s"
-    return f"{to_go}, {speed}, {holder} drives, {state.battery_v:.1f} V"
+    return f"{to_go}, {speed}, {holder} drives, {watch.view.battery}"
 
 
 # What came of it ----------------------------------------------------------------------------------

@@ -8,7 +8,8 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
 from functools import cache
-from math import degrees
+from itertools import pairwise
+from math import cos, degrees, sin
 from pathlib import Path
 from typing import Annotated, Literal
 
@@ -23,9 +24,10 @@ from armadico.config.loading import document, load, parse, read_text
 from armadico.config.missions import Mission, load_mission
 from armadico.config.moving import Moving
 from armadico.config.places import Places
-from armadico.config.profile import load_profile
+from armadico.config.profile import Body, load_profile
 from armadico.config.shipped import find, folder, resource_path
-from armadico.config.worlds import World, load_world
+from armadico.config.worlds import DOCK_LANE_M, World, before, load_world
+from armadico.config.worlds import Pose as WorldPose
 
 Metres = Annotated[float, Meta(ge=-1e4, le=1e4)]
 Degrees = Annotated[float, Meta(ge=-360, le=360)]
@@ -86,6 +88,14 @@ class AlarmAt(Struct, frozen=True, forbid_unknown_fields=True):
     lasts_s: Annotated[float, Meta(gt=0, le=1e6)] | None = None  # none: for ever
 
 
+class Battery(Struct, frozen=True, forbid_unknown_fields=True):
+    """How the run begins: what is left of the battery, and how large it is; in the simulator."""
+
+    charge: Annotated[float, Meta(ge=0, le=1)] = 1.0
+    capacity_ah: Annotated[float, Meta(gt=0, le=1e4)] | None = None
+    """None: the profile's."""
+
+
 class Scenario(Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):
     """One run, whatever it runs on."""
 
@@ -112,6 +122,7 @@ class Scenario(Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):
     alarms: tuple[AlarmAt, ...] = ()
     moving: tuple[Moving, ...] = ()
     """People, doors that shut, boxes put down; in the simulator only."""
+    battery: Battery = Battery()
     v_max: Annotated[float, Meta(gt=0, le=10)] | None = None
     """A speed limit of this scenario, m/s; none: the agents' own."""
     seed: Annotated[int, Meta(ge=0, le=2**63 - 1)] = 0
@@ -274,7 +285,12 @@ def _faults(scenario: Scenario, world: World) -> Iterator[tuple[Key, str]]:
     except ConfigError as error:
         yield ("robot",), error.message
         return
-    radius = load_profile(profile).body.circle_m
+    body = load_profile(profile).body
+    radius = body.circle_m
+    for name, dock in world.docks.items():
+        if not _may_dock(world, dock, body):
+            message = f"a {scenario.robot} cannot drive into dock {name!r} of {world.name!r}"
+            yield ("world",), f"{message}: a wall is in its way"
     for key, pose in (("start", scenario.start), ("goal", scenario.goal)):
         if pose is None:
             continue
@@ -314,6 +330,23 @@ def _mission_faults(scenario: Scenario, world: World) -> Iterator[tuple[Key, str
             )
         if alarm.within is not None and alarm.during is None:
             yield ("alarms", index, "within"), "within is for an alarm during a task"
+
+
+def _may_dock(world: World, dock: WorldPose, body: Body) -> bool:
+    """Whether no wall is where a robot stands that is charged, nor where it lines up for it."""
+    (x, y, theta), lane = dock, before(dock)
+    c, s = cos(theta), sin(theta)
+    half = body.width_m / 2
+    corners = [
+        (x + c * ahead - s * aside, y + s * ahead + c * aside)
+        for ahead, aside in (
+            *((body.front_m, half), (body.front_m, -half)),
+            *((-body.rear_m - DOCK_LANE_M, -half), (-body.rear_m - DOCK_LANE_M, half)),
+        )
+    ]
+    sides = pairwise([*corners, corners[0]])
+    free = not any(world.crossed(a, b) for a, b in sides)
+    return free and world.clearance(lane[0], lane[1]) >= body.circle_m
 
 
 def known_sensors(name: str) -> str:

@@ -61,6 +61,8 @@ Length = Annotated[float, Meta(gt=0, le=10)]  # m, of a body
 Place = Annotated[float, Meta(ge=-10, le=10)]  # m, on a body
 Period = Annotated[float, Meta(ge=0.001, le=1)]  # s, of a robot's status packets
 Patience = Annotated[float, Meta(gt=0, le=60)]  # s
+Volts = Annotated[float, Meta(ge=0, le=1e4)]
+Joules = Annotated[float, Meta(ge=0, le=1e12)]
 # What is remembered must never make who remembers it unable to speak: a robot agent that starts
 # near the odometry of an origin can say its own, and any origin with any odometry makes a pose.
 Odometer = Annotated[float, Meta(ge=-2e5, le=2e5)]  # m
@@ -373,6 +375,7 @@ class RobotState(Message, frozen=True):
     stop: Stop = Stop()
     touch: Point | None = None  # in the body frame; None: nowhere, or nobody knows
     line: Line = Line()
+    charging: bool = False  # a charger gives power
 
 
 class Description(Message, frozen=True):
@@ -692,40 +695,58 @@ class ExploreStatus(Message, frozen=True):
     note: Text = ""
 
 
+# Energy -------------------------------------------------------------------------------------------
+
+
 class BatteryLevel(Message, frozen=True):
-    """How much the battery has left, by the battery sensor agent (3.4.3)."""
+    """What is left of the battery (thesis 3.4.3).
+
+    `volts` are those at rest: how far it sags under its load, and rises on a charger, is taken off.
+    At `share` 0 it has to be charged, or it is damaged; `joules` are left until then.
+    """
 
     cycle: Cycle
-    volts: Real
-    share: Share  # of a full one
-    charging: bool
-    joules: Real  # left
+    volts: Volts
+    share: Share
+    joules: Joules
+    charging: bool = False
+
+
+class BatteryAlarm(Message, frozen=True):
+    """The battery is nearly where it has to be charged; said anew for each tenth of a volt."""
+
+    cycle: Cycle
+    volts: Volts  # at rest
+    share: Share
 
 
 class EnergyRequest(Message, frozen=True):
-    """Asks the charger whether a way's energy, J, leaves enough to get to a dock (3.2.2)."""
+    """Asks whether the energy will do: for what is planned, and from its end to a dock."""
 
-    goal: Waypoint
-    energy: Real
+    goal: Waypoint  # where it ends
+    energy: Joules = 0.0  # that it takes to there
 
 
 class EnergyReply(Message, frozen=True):
-    """Whether it does."""
+    """Whether it will (thesis 3.2.2, use case 2)."""
 
     enough: bool
-    left_j: Real = 0.0
-    needed_j: Real = 0.0
+    left: Joules = 0.0
+    needed: Joules = 0.0  # to the goal and on to the nearest dock, with a reserve
     note: Text = ""
 
 
 class ChargeRequest(Message, frozen=True):
-    """Asks the battery charger to have the battery charged up to a share of a full one."""
+    """Asks the battery charger to charge up to a share of a full battery; asked again meanwhile.
+
+    Who does not ask again within 30 s does not want it any more.
+    """
 
     until: Share = 1.0
 
 
 class ChargeState(StrEnum):
-    """What the battery charger has the robot do."""
+    """What the battery charger does."""
 
     NONE = "none"
     TO_DOCK = "to-dock"
@@ -735,10 +756,13 @@ class ChargeState(StrEnum):
 
 
 class ChargeStatus(Message, frozen=True):
-    """How far a charge has come, and the pose of a robot at the dock."""
+    """The battery charger's report: of each cycle while the robot is driven into a dock or out."""
 
+    cycle: Cycle
     state: ChargeState
-    dock: Waypoint | None = None
+    dock: Waypoint | None = None  # the pose of the robot in it; None: there is none
+    name: Label = ""
+    note: Text = ""
 
 
 class Alarm(Message, frozen=True):
@@ -1003,6 +1027,8 @@ class Truth(Message, frozen=True):
     clearance: Real | None  # m from the body's outline to the nearest thing, if there is any
     simulator: Label = ""  # as its controller names itself
     bumped: Counter = 0  # of the collisions, those in which somebody walked into the robot
+    charge: Share = 1.0  # of the battery
+    used: Joules = 0.0  # J that motors and electronics have taken since the simulation began
 
 
 def plain(message: Message) -> Any:

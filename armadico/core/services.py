@@ -8,11 +8,12 @@ keys come from its declaration (`armadico.core.resources.Resource`).
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from enum import Enum
 from functools import cache
 
 from armadico.core import messages as m
+from armadico.core.resources import declared
 
 
 class Kind(Enum):
@@ -82,18 +83,13 @@ SERVICES: tuple[Service, ...] = (
         m.ExploreRequest, "explore/request", _Q, None, None, "map a place", reply=m.MissionReply
     ),
     Service(m.ExploreStatus, "explore/status", _S, 1, None, "how far the exploration has come"),
-    Service(m.BatteryLevel, "battery/level", _S, None, None, "what the battery has left"),
-    Service(
-        m.EnergyRequest,
-        "battery/enough",
-        _Q,
-        None,
-        None,
-        "whether a way leaves enough to get to a dock",
-        reply=m.EnergyReply,
-    ),
+    Service(m.BatteryLevel, "battery/level", _S, 0.2, None, "the battery; oftener towards 10 V"),
+    Service(m.BatteryAlarm, "battery/alarm", _E, None, None, "it has to be charged soon"),
+    Service(m.EnergyRequest, "battery/enough", _Q, None, None, "will it do?", reply=m.EnergyReply),
     Service(m.ChargeRequest, "battery/charge", _Q, None, None, "charge it", reply=m.MissionReply),
-    Service(m.ChargeStatus, "battery/charging", _S, 1, None, "how far a charge has come"),
+    Service(
+        m.ChargeStatus, "battery/charging", _S, 1, 3, "what the charger does; 10 Hz in the dock"
+    ),
     Service(m.Alarm, "alarm", _E, None, None, "an alarm in a room; anyone may say so"),
     Service(m.MissionOrder, "mission/order", _Q, None, None, "do a mission", reply=m.MissionReply),
     Service(
@@ -169,9 +165,19 @@ def rows_of(message: type[m.Message]) -> tuple[Service, ...]:
     return rows or (service_of(message),)
 
 
-@cache
 def service_at(key: str) -> Service | None:
-    """The row of the table that a key belongs to; None: of no row."""
+    """The row of the table that a key belongs to, at its resource's own rate; None: of no row."""
+    service = _row_at(key)
+    if service is None or "{resource}" not in service.key:
+        return service
+    resource = declared(key.split("/")[1])
+    if resource is None:  # somebody else's, who alone knows how long its cycles are
+        return replace(service, rate_hz=None)
+    return service if resource.period_s is None else replace(service, rate_hz=1 / resource.period_s)
+
+
+@cache
+def _row_at(key: str) -> Service | None:
     return next((service for service in SERVICES if matches(service.pattern, key)), None)
 
 

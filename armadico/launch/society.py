@@ -177,6 +177,7 @@ def facts(scenario: Scenario, options: Options, port: str = "") -> dict[str, obj
         "theta": radians(degrees),
         "world": None if scenario.plan == "frontiers" else scenario.world,  # it is to find out
         "v_max": scenario.v_max,
+        "capacity_ah": scenario.battery.capacity_ah,
         "resume": options.resume,
         "controller": options.controller,
         "social.exchange": options.exchange,

@@ -17,6 +17,7 @@ from msgspec import Struct
 from armadico.core.geometry import Pose2, to_world, wrap
 from armadico.core.messages import (
     Ack,
+    BatteryLevel,
     Board,
     BoardMission,
     Claim,
@@ -52,6 +53,7 @@ WATCHED: tuple[type[Message], ...] = (
     Sonar,
     Claim,
     MissionStatus,
+    BatteryLevel,
     ExploreStatus,
     Board,
     OccupancyGrid,
