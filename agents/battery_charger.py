@@ -22,11 +22,13 @@ from armadico.core.geometry import compose, relative
 from armadico.core.messages import (
     BatteryAlarm,
     BatteryLevel,
+    ChargeRequest,
     ChargeState,
     ChargeStatus,
     EnergyReply,
     EnergyRequest,
     Message,
+    MissionReply,
     MissionStatus,
     Plan,
     Planned,
@@ -42,6 +44,9 @@ from armadico.core.resources import PLANNER, TRAJECTORY, Resource
 
 Share = Annotated[float, Meta(ge=0, le=1)]
 Seconds = Annotated[float, Meta(gt=0, le=86_400)]
+
+FULL = 0.97
+"""As full as can be told: the sensor's voltage is in tenths."""
 
 IN_LANE_M, IN_LANE_RAD = 0.15, 0.4
 """A robot that is so near beside a dock's line, and turned so little, is in its lane."""
@@ -82,6 +87,7 @@ class Parameters(agent.Parameters, frozen=True, kw_only=True):
     plenty: Annotated[float, Meta(gt=1, le=100)] = 4.0  # so many times what is needed is plenty
     idle_below: Share = 0.5  # with less than this it is charged when nobody else wants to drive
     idle_utility: Share = 0.02
+    ordered_utility: Share = 0.5  # until it is as full as somebody asked for
     urgent: Share = 0.2  # a robot that has no more than this stays in the dock, but for nearly all,
     ready: Share = 0.8  # and with this leaves it for whoever wants to drive
     look_s: Seconds = 60.0  # from one look how far the docks are to the next
@@ -106,7 +112,7 @@ class BatteryCharger(Agent):
         *(Trajectory, Planned, MissionStatus),
     )
     provides: ClassVar[tuple[type[Message], ...]] = (ChargeStatus,)
-    answers: ClassVar[tuple[type[Message], ...]] = (EnergyRequest,)
+    answers: ClassVar[tuple[type[Message], ...]] = (EnergyRequest, ChargeRequest)
     competes_for = (PLANNER, TRAJECTORY)
     parameters = Parameters
     launched_with = ("world", "profile", "capacity_ah")
@@ -137,6 +143,7 @@ class BatteryCharger(Agent):
         self._standing: Way | None = None  # what holds the trajectory while nothing is driven
         self._said_at = -inf
         self._foreign = False  # somebody else has the robot driven somewhere
+        self._ordered = 0.0  # the share that somebody asked for
 
     # What it hears -------------------------------------------------------------------------------
 
@@ -147,9 +154,11 @@ class BatteryCharger(Agent):
             self._note = "no dock on the map"
             self.log(f"{self._note}: nobody will charge the robot", WARNING)
 
-    def on_battery_level(self, level: BatteryLevel) -> None:  # noqa: ARG002
-        """The battery sensor lives."""
+    def on_battery_level(self, level: BatteryLevel) -> None:
+        """The battery sensor lives; what was asked for may be there."""
         self._level_at, self._dead = self.now, False
+        if level.share >= self._ordered:
+            self._ordered = 0.0
 
     def on_battery_alarm(self, alarm: BatteryAlarm) -> None:
         """Say what comes of it."""
@@ -197,6 +206,15 @@ class BatteryCharger(Agent):
         self._questions.append((question, request))
         return None
 
+    def on_charge_request(self, question: Question) -> MissionReply:
+        """Charge it up to there, if there is a dock."""
+        request = question.request
+        assert isinstance(request, ChargeRequest)
+        if not self._docks:
+            return MissionReply(0, "no dock on the map")
+        self._ordered = min(request.until, FULL)
+        return MissionReply(self.rng.getrandbits(BITS))
+
     # What it bids --------------------------------------------------------------------------------
 
     def bid_for(self, resource: Resource, message: Any) -> Bid | None:  # noqa: ARG002
@@ -222,9 +240,10 @@ class BatteryCharger(Agent):
             return 0.0
         if self._critical:
             return 0.95
+        ordered = p.ordered_utility if share < self._ordered else 0.0
         if self._state is ChargeState.CHARGING:
-            return ramp_down(share, p.urgent, p.ready, 0.9, 0.0)
-        worth = p.idle_utility if share < p.idle_below else 0.0
+            return max(ordered, ramp_down(share, p.urgent, p.ready, 0.9, 0.0))
+        worth = max(ordered, p.idle_utility if share < p.idle_below else 0.0)
         if self._needed is not None:
             least = self._needed * p.more + p.reserve * self._full_j
             worth = max(worth, ramp_down(self._left / least, 1.0, p.plenty, 0.9, 0.0))

@@ -19,10 +19,14 @@ from armadico.core.messages import (
     Action,
     Message,
     MessageError,
+    MissionCancel,
+    MissionOrder,
+    MissionProposal,
     MissionReply,
     MissionRequest,
     MissionState,
     MissionStatus,
+    MissionWithdrawal,
     Obstacles,
     Plan,
     PlanRequest,
@@ -101,8 +105,8 @@ class Interface(Agent):
     alone = True
     hears: ClassVar[tuple[type[Message], ...]] = (Pose, Obstacles)
     provides: ClassVar[tuple[type[Message], ...]] = (Trajectory, MissionStatus)
-    answers: ClassVar[tuple[type[Message], ...]] = (MissionRequest,)
-    asks: ClassVar[tuple[type[Message], ...]] = (PlanRequest,)
+    answers: ClassVar[tuple[type[Message], ...]] = (MissionRequest, MissionOrder, MissionCancel)
+    asks: ClassVar[tuple[type[Message], ...]] = (PlanRequest, MissionProposal, MissionWithdrawal)
     owns = (TRAJECTORY,)
     parameters = Parameters
     p: Parameters
@@ -158,6 +162,23 @@ class Interface(Agent):
 
         self.ask(PlanRequest(start, request.goal), planned, self.p.planning_s)
         return None
+
+    def on_mission_order(self, question: Question) -> None:
+        """Propose a mission of several tasks to whoever plans missions (use case 1)."""
+        assert isinstance(question.request, MissionOrder)
+        self._pass_on(question, MissionProposal(question.request))
+
+    def on_mission_cancel(self, question: Question) -> None:
+        """Have one left be."""
+        assert isinstance(question.request, MissionCancel)
+        self._pass_on(question, MissionWithdrawal(question.request))
+
+    def _pass_on(self, question: Question, request: Message) -> None:
+        def answered(reply: MissionReply | None) -> None:
+            nobody = MissionReply(0, "nobody plans missions: no mission planning agent answered")
+            self.answer(question, nobody if reply is None else reply)
+
+        self.ask(request, answered)
 
     def unavailable(self, resource: Resource) -> str:  # noqa: ARG002
         """Nobody's way is driven by a robot of which nobody knows where it is."""
