@@ -238,4 +238,6 @@ def sonar_model(grid: Grid, cone_rad: float, reach_m: float) -> SonarModel:
 
     about = repr((version("armadico"), FORMAT, grid.cell_m, grid.bounds, cone_rad, reach_m))
     key = sha256(about.encode() + grid.walls.tobytes()).hexdigest()[:32]
-    return SonarModel(grid, cone_rad, reach_m, Fields(**arrays(f"sonars-{key}", make)))
+    return SonarModel(
+        grid, cone_rad, reach_m, Fields(**arrays(f"sonars-{key}", Fields._fields, make))
+    )

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 import random
 from collections.abc import Iterator
 from math import cos, hypot, pi, radians, sin
@@ -476,6 +477,35 @@ def test_a_damaged_file_is_made_anew(cache: Path, damaged: bytes | None) -> None
     kept.write_bytes(whole[:5000] + b"?" + whole[5001:] if damaged is None else damaged)
     assert np.array_equal(modelled(), made)
     assert kept.read_bytes() == whole
+
+
+def test_a_file_that_lacks_an_array_is_made_anew(cache: Path) -> None:
+    made = modelled()
+    (kept,) = cache.iterdir()
+    with np.load(kept) as whole:
+        parts = {name: whole[name] for name in whole.files[1:]}
+    np.savez(kept, **parts)
+    assert np.array_equal(modelled(), made)
+
+
+def test_what_a_killed_process_has_left_does_not_stay_for_ever(
+    cache: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def killed(*_: object, **__: object) -> None:
+        raise KeyboardInterrupt
+
+    monkeypatch.setattr("armadico.config.kept.MOST", 2)
+    with monkeypatch.context() as patch:
+        patch.setattr("numpy.savez", killed)
+        patch.setattr(Path, "unlink", killed)
+        with pytest.raises(KeyboardInterrupt):
+            modelled()
+    (left,) = cache.iterdir()
+    os.utime(left, (0, 0))
+    for reach in (3.0, 4.0):
+        sonar_model(GRID, radians(30.0), reach)
+    assert len(list(cache.iterdir())) == 2
+    assert not left.exists()
 
 
 def test_where_nothing_can_be_kept_nothing_is(cache: Path) -> None:
