@@ -241,7 +241,7 @@ def test_a_goal_that_is_not_reached_is_measured_and_ends_with_exit_code_1(
     assert code == 1
     assert row["reached"] is False
     assert row["limit_s"] == 60.0 or row["limit_s"] > row["tt_s"] - 1.0
-    assert "nothing is planned, and a wall is in the way" in errors
+    assert "nothing is planned, and a barrier is in the way" in errors
 
 
 BEHAVIOURS = ("--without", "goto", "--without", "avoid", "--without", "gothrough")
