@@ -235,7 +235,8 @@ def _scenario(args: argparse.Namespace, chosen: Options, *, somewhere: bool) -> 
     scenario = prepared(scenario, chosen, start=start, goal=goal, profile=args.profile)
     _check_together(args, names(scenario))
     if somewhere and blind(scenario):
-        _say(f'{scenario.name}: nothing is planned, and a wall is in the way; plan = "rooms" plans')
+        why = "nothing is planned, and a barrier is in the way"
+        _say(f'{scenario.name}: {why}; plan = "rooms" plans')
     if somewhere and scenario.goal is None:
         sent = "" if args.virtual else "; armadico goto X Y DEG sends the robot to one"
         _say(f"{scenario.name}: no goal{sent}")

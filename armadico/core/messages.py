@@ -1010,8 +1010,8 @@ class Log(Message, frozen=True):
 class Truth(Message, frozen=True):
     """What only the simulator knows. For those who watch: agents are refused it.
 
-    It is the robot's if `Description.controller` has the same name: another simulator that is left
-    in the namespace speaks of another robot.
+    It is the robot's if `Description.controller` has the same name, and it has one: another
+    simulator that is left in the namespace speaks of another robot.
     """
 
     t: Real  # s of simulation
