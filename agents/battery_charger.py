@@ -46,9 +46,6 @@ from armadico.core.resources import PLANNER, TRAJECTORY, Resource
 Share = Annotated[float, Meta(ge=0, le=1)]
 Seconds = Annotated[float, Meta(gt=0, le=86_400)]
 
-FULL = 0.97
-"""As full as can be told: the sensor's voltage is in tenths."""
-
 IN_LANE_M, IN_LANE_RAD = 0.15, 0.4
 """A robot that is so near beside a dock's line, and turned so little, is in its lane."""
 
@@ -65,6 +62,12 @@ PATIENCE_S = 5.0
 IN_DOCK = (ChargeState.DOCKING, ChargeState.CHARGING, ChargeState.LEAVING)
 ASKED = 0.3
 """Utility of a plan that somebody waits for, and"""
+
+SENT = 0.85
+"""Utility of a charge that somebody has asked for: above every mission's, and"""
+
+SENT_S = 30.0
+"""for so long after it was last asked for."""
 
 PEOPLES = 0.1
 """What charging must be worth to interrupt anybody; people's own errands bid nothing."""
@@ -88,7 +91,6 @@ class Parameters(agent.Parameters, frozen=True, kw_only=True):
     plenty: Annotated[float, Meta(gt=1, le=100)] = 4.0  # so many times what is needed is plenty
     idle_below: Share = 0.5  # with less than this it is charged when nobody else wants to drive
     idle_utility: Share = 0.02
-    ordered_utility: Share = 0.5  # until it is as full as somebody asked for
     urgent: Share = 0.2  # a robot that has no more than this stays in the dock, but for nearly all,
     ready: Share = 0.8  # and with this leaves it for whoever wants to drive
     look_s: Seconds = 60.0  # from one look how far the docks are to the next
@@ -144,8 +146,8 @@ class BatteryCharger(Agent):
         self._standing: Way | None = None  # what holds the trajectory while nothing is driven,
         self._stands = False  # once its end is reached: where the robot was
         self._said_at = -inf
+        self._until, self._sent_at = 0.0, -inf  # the share that was asked for, and when
         self._foreign = False  # somebody else has the robot driven somewhere
-        self._ordered = 0.0  # the share that somebody asked for
 
     # What it hears -------------------------------------------------------------------------------
 
@@ -156,11 +158,9 @@ class BatteryCharger(Agent):
             self._note = "no dock on the map"
             self.log(f"{self._note}: nobody will charge the robot", WARNING)
 
-    def on_battery_level(self, level: BatteryLevel) -> None:
-        """The battery sensor lives; what was asked for may be there."""
+    def on_battery_level(self, level: BatteryLevel) -> None:  # noqa: ARG002
+        """The battery sensor lives."""
         self._level_at, self._dead = self.now, False
-        if level.share >= self._ordered:
-            self._ordered = 0.0
 
     def on_battery_alarm(self, alarm: BatteryAlarm) -> None:
         """Say what comes of it."""
@@ -211,13 +211,13 @@ class BatteryCharger(Agent):
         return None
 
     def on_charge_request(self, question: Question) -> MissionReply:
-        """Charge it up to there, if there is a dock."""
+        """Somebody wants it charged, though there may be enough left."""
         request = question.request
         assert isinstance(request, ChargeRequest)
         if not self._docks:
             return MissionReply(0, "no dock on the map")
-        self._ordered = min(request.until, FULL)
-        return MissionReply(self.rng.getrandbits(BITS))
+        self._until, self._sent_at = request.until, self.now
+        return MissionReply(1)
 
     # What it bids --------------------------------------------------------------------------------
 
@@ -244,10 +244,11 @@ class BatteryCharger(Agent):
             return 0.0
         if self._critical:
             return 0.95
-        ordered = p.ordered_utility if share < self._ordered else 0.0
+        sent = share < self._until and self.now - self._sent_at < SENT_S
         if self._state is ChargeState.CHARGING:
-            return max(ordered, ramp_down(share, p.urgent, p.ready, 0.9, 0.0))
-        worth = max(ordered, p.idle_utility if share < p.idle_below else 0.0)
+            return max(ramp_down(share, p.urgent, p.ready, 0.9, 0.0), SENT if sent else 0.0)
+        worth = p.idle_utility if share < p.idle_below else 0.0
+        worth = max(worth, SENT if sent else 0.0)
         if self._needed is not None:
             least = self._needed * p.more + p.reserve * self._full_j
             worth = max(worth, ramp_down(self._left / least, 1.0, p.plenty, 0.9, 0.0))

@@ -25,8 +25,6 @@ from armadico.core.messages import (
     BatteryLevel,
     Board,
     ChargeRequest,
-    ChargeState,
-    ChargeStatus,
     EnergyReply,
     EnergyRequest,
     ExploreRequest,
@@ -58,6 +56,9 @@ from armadico.core.tasks import Beliefs, Charge, Drive, Explore, Reach, Request,
 FULL: Final = 0.9
 """A battery with so much left is not charged for the sake of a way that takes even more."""
 
+ASK_S: Final = 10.0
+"""A charge is asked for again so often: the charger forgets, and may be another one by now."""
+
 ALARMS_MOST: Final = 32
 
 
@@ -87,7 +88,7 @@ class MissionPlanning(Agent):
     alone = True
     hears: ClassVar[tuple[type[Message], ...]] = (
         *(Pose, Trajectory, Planned, MissionStatus, ExploreStatus, Board),
-        *(Alarm, Subplan, BatteryLevel, ChargeStatus),
+        *(Alarm, Subplan, BatteryLevel),
     )
     provides: ClassVar[tuple[type[Message], ...]] = (Board, SubplanRequest, Photo)
     answers: ClassVar[tuple[type[Message], ...]] = (MissionProposal, MissionWithdrawal)
@@ -115,7 +116,6 @@ class MissionPlanning(Agent):
         self._refused_at: float | None = None  # since when no way is planned
         self._again_at = 0.0
         self._battery_at = float("-inf")
-        self._charging = False
         self._looked_at = self._published_at = 0.0
         self._changed = False
 
@@ -209,14 +209,6 @@ class MissionPlanning(Agent):
         if wanted is not None and isinstance(wanted[2], Charge) and self._reach is Reach.UNDER_WAY:
             charged = level.charging and level.share >= min(wanted[2].until, FULL)
             self._reach = Reach.DONE if charged else self._reach
-
-    def on_charge_status(self, status: ChargeStatus) -> None:
-        """The charger's doings: it has charged, and does so no more."""
-        before, self._charging = self._charging, status.state is ChargeState.CHARGING
-        wanted = self._wanted
-        asked = wanted is not None and isinstance(wanted[2], Charge)
-        if asked and before and not self._charging and self._reach is Reach.UNDER_WAY:
-            self._reach = Reach.DONE
 
     def on_alarm(self, alarm: Alarm) -> None:
         """An alarm begins, or is over."""
@@ -390,10 +382,6 @@ class MissionPlanning(Agent):
             self.ask(
                 ExploreRequest(*within), lambda reply: self._ordered(wanted, reply, "explores")
             )
-        elif isinstance(request, Charge):
-            self.ask(
-                ChargeRequest(request.until), lambda reply: self._ordered(wanted, reply, "charges")
-            )
 
     def _ordered(
         self, wanted: tuple[int, int, Request], reply: MissionReply | None, what: str
@@ -417,6 +405,10 @@ class MissionPlanning(Agent):
             return
         if isinstance(request, Drive):
             self._drive(entry, request, beliefs)
+        elif isinstance(request, Charge) and self.now >= self._again_at:
+            self._again_at = self.now + ASK_S
+            charge = ChargeRequest(request.until)
+            self.ask(charge, lambda reply: self._ordered(wanted, reply, "charges"))
 
     def _drive(self, entry: Entry, request: Drive, beliefs: Beliefs) -> None:
         errand, pose = self._errand, self.fresh(Pose)

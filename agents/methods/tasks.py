@@ -124,7 +124,7 @@ class Dock(Task):
     class Arguments(Task.Arguments, frozen=True):
         """The share of a full battery."""
 
-        until: Annotated[float, Meta(gt=0, le=1)] = 0.95
+        until: Annotated[float, Meta(gt=0, le=1)] = 0.9
 
     arguments: Arguments
 

@@ -737,7 +737,10 @@ class EnergyReply(Message, frozen=True):
 
 
 class ChargeRequest(Message, frozen=True):
-    """Asks the battery charger to have the battery charged up to a share of a full one."""
+    """Asks the battery charger to charge up to a share of a full battery; asked again meanwhile.
+
+    Who does not ask again within 30 s does not want it any more.
+    """
 
     until: Share = 1.0
 
