@@ -26,6 +26,8 @@ EXPERIMENTS: Final = {
     "time": "driving_time",
     "other-maps": "other_maps",
     "explore": "explore",
+    "energy": "energy",
+    "docking": "docking",
     "live-vs-virtual": "live_vs_virtual",
 }
 """What an experiment is called, and its module; in this order they are all run."""
