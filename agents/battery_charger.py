@@ -22,11 +22,13 @@ from armadico.core.geometry import compose, relative
 from armadico.core.messages import (
     BatteryAlarm,
     BatteryLevel,
+    ChargeRequest,
     ChargeState,
     ChargeStatus,
     EnergyReply,
     EnergyRequest,
     Message,
+    MissionReply,
     MissionState,
     MissionStatus,
     Plan,
@@ -60,6 +62,12 @@ PATIENCE_S = 5.0
 IN_DOCK = (ChargeState.DOCKING, ChargeState.CHARGING, ChargeState.LEAVING)
 ASKED = 0.3
 """Utility of a plan that somebody waits for, and"""
+
+SENT = 0.85
+"""Utility of a charge that somebody has asked for: above every mission's, and"""
+
+SENT_S = 30.0
+"""for so long after it was last asked for."""
 
 PEOPLES = 0.1
 """What charging must be worth to interrupt anybody; people's own errands bid nothing."""
@@ -107,7 +115,7 @@ class BatteryCharger(Agent):
         *(Trajectory, Planned, MissionStatus),
     )
     provides: ClassVar[tuple[type[Message], ...]] = (ChargeStatus,)
-    answers: ClassVar[tuple[type[Message], ...]] = (EnergyRequest,)
+    answers: ClassVar[tuple[type[Message], ...]] = (EnergyRequest, ChargeRequest)
     competes_for = (PLANNER, TRAJECTORY)
     parameters = Parameters
     launched_with = ("world", "profile", "capacity_ah")
@@ -138,6 +146,7 @@ class BatteryCharger(Agent):
         self._standing: Way | None = None  # what holds the trajectory while nothing is driven,
         self._stands = False  # once its end is reached: where the robot was
         self._said_at = -inf
+        self._until, self._sent_at = 0.0, -inf  # the share that was asked for, and when
         self._foreign = False  # somebody else has the robot driven somewhere
 
     # What it hears -------------------------------------------------------------------------------
@@ -201,6 +210,15 @@ class BatteryCharger(Agent):
         self._questions.append((question, request))
         return None
 
+    def on_charge_request(self, question: Question) -> MissionReply:
+        """Somebody wants it charged, though there may be enough left."""
+        request = question.request
+        assert isinstance(request, ChargeRequest)
+        if not self._docks:
+            return MissionReply(0, "no dock on the map")
+        self._until, self._sent_at = request.until, self.now
+        return MissionReply(1)
+
     # What it bids --------------------------------------------------------------------------------
 
     def bid_for(self, resource: Resource, message: Any) -> Bid | None:  # noqa: ARG002
@@ -226,9 +244,11 @@ class BatteryCharger(Agent):
             return 0.0
         if self._critical:
             return 0.95
+        sent = share < self._until and self.now - self._sent_at < SENT_S
         if self._state is ChargeState.CHARGING:
-            return ramp_down(share, p.urgent, p.ready, 0.9, 0.0)
+            return max(ramp_down(share, p.urgent, p.ready, 0.9, 0.0), SENT if sent else 0.0)
         worth = p.idle_utility if share < p.idle_below else 0.0
+        worth = max(worth, SENT if sent else 0.0)
         if self._needed is not None:
             least = self._needed * p.more + p.reserve * self._full_j
             worth = max(worth, ramp_down(self._left / least, 1.0, p.plenty, 0.9, 0.0))

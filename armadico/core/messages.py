@@ -736,6 +736,15 @@ class EnergyReply(Message, frozen=True):
     note: Text = ""
 
 
+class ChargeRequest(Message, frozen=True):
+    """Asks the battery charger to charge up to a share of a full battery; asked again meanwhile.
+
+    Who does not ask again within 30 s does not want it any more.
+    """
+
+    until: Share = 1.0
+
+
 class ChargeState(StrEnum):
     """What the battery charger does."""
 
@@ -754,6 +763,190 @@ class ChargeStatus(Message, frozen=True):
     dock: Waypoint | None = None  # the pose of the robot in it; None: there is none
     name: Label = ""
     note: Text = ""
+
+
+class Alarm(Message, frozen=True):
+    """An alarm in a room of the world has begun, or is over; anybody may say so."""
+
+    room: Name
+    on: bool = True
+
+
+class Photo(Message, frozen=True):
+    """A photo that a mission had taken: without a camera, where and how sure that is."""
+
+    mission: Bits64
+    room: Label  # empty: in none that has a name
+    x: Real
+    y: Real
+    theta: Real
+    deviation: Annotated[float, Meta(ge=0, le=LARGEST)]  # of the position, m
+
+
+class Told(Message, frozen=True):
+    """What a step of a mission is told, by name."""
+
+    name: Name
+    value: bool | Real | Text | Annotated[tuple[Real, ...], Meta(max_length=16)]
+
+
+class PlanStep(Message, frozen=True):
+    """One step of a plan: a task, and what it is told."""
+
+    do: Name
+    told: Annotated[tuple[Told, ...], Meta(max_length=16)] = ()
+
+    def __str__(self) -> str:
+        """As the thesis writes it: move(R1)."""
+        told = ", ".join(f"{each.value}" for each in self.told)
+        return f"{self.do}({told})" if told else self.do
+
+
+Steps = Annotated[tuple[PlanStep, ...], Meta(max_length=64)]
+
+
+class Frame(Message, frozen=True):
+    """How far a mission is in one list of steps: those of a procedure, or of a detour's plan."""
+
+    procedure: Label = ""  # empty: the mission's own steps,
+    detour: Steps = ()  # or these, if there are any
+    told: Annotated[tuple[Told, ...], Meta(max_length=16)] = ()  # what the procedure was told
+    step: Counter = 0
+    attempt: Counter = 0  # 0: the step itself, else which of its alternatives
+    turn: Counter = 0  # of its repetitions
+    elapsed: Annotated[float, Meta(ge=0, le=LARGEST)] = 0.0  # s that it has been at work on it
+    begun: bool = False
+    stage: Counter = 0  # the task's own
+
+
+class StepEnd(StrEnum):
+    """How a step of a mission ended."""
+
+    DONE = "done"
+    FAILED = "failed"
+    PASSED = "passed over"  # its precondition was not believed
+
+
+class StepResult(Message, frozen=True):
+    """What came of one step."""
+
+    step: Text
+    end: StepEnd
+    said: Text = ""
+    at: Annotated[float, Meta(ge=0, le=LARGEST)] = 0.0  # s that the mission was at work by then
+
+
+class Course(Message, frozen=True):
+    """How far a mission has come: all that is needed to go on with it."""
+
+    frames: Annotated[tuple[Frame, ...], Meta(max_length=32)] = (Frame(),)
+    elapsed: Annotated[float, Meta(ge=0, le=LARGEST)] = 0.0  # s that it was at work
+    tasks: Counter = 0  # begun so far; tells one from the next
+    detour: Steps = ()  # comes before the next step
+    drops: Counter = 0  # so many steps are left out then
+    results: Annotated[tuple[StepResult, ...], Meta(max_length=100)] = ()  # the newest
+
+
+class MissionEnd(StrEnum):
+    """Where a mission of the board stands."""
+
+    QUEUED = "queued"  # not begun
+    ACTIVE = "active"
+    SUSPENDED = "suspended"  # begun, and another one is more urgent
+    DONE = "done"
+    FAILED = "failed"
+    CANCELLED = "cancelled"
+
+
+class BoardMission(Message, frozen=True):
+    """One mission of the board."""
+
+    mission: Bits64
+    name: Name
+    priority: Share
+    state: MissionEnd
+    by: Label = ""  # who ordered it
+    text: Annotated[bytes, Meta(max_length=16_384)] = (
+        b""  # its TOML, deflated; none once it is over
+    )
+    course: Course = Course()
+    doing: Text = ""  # the step that is done now,
+    room: Label = ""  # and where
+    ahead: Annotated[tuple[Text, ...], Meta(max_length=64)] = ()  # steps to come, the first ones
+    note: Text = ""
+    way: Bits64 = 0  # on which its task has the robot driven; 0: on none
+
+
+class Board(Latched, frozen=True):
+    """All that mission planning knows: its missions, those that are over last.
+
+    At most one of them is active.
+    """
+
+    counter: Counter
+    by: Bits64  # drawn at random by each mission planning agent
+    missions: Annotated[tuple[BoardMission, ...], Meta(max_length=32)] = ()
+    alarms: Annotated[tuple[Name, ...], Meta(max_length=32)] = ()  # rooms where one is on,
+    unchecked: Annotated[tuple[Name, ...], Meta(max_length=32)] = ()  # and nobody has been yet
+
+    @property
+    def order(self) -> tuple[int, int]:
+        """Counted each time it is published."""
+        return self.counter, self.by
+
+
+class MissionOrder(Message, frozen=True):
+    """Asks the interface agent to have a mission done; `text` is its TOML, deflated (zlib)."""
+
+    name: Name
+    text: Annotated[bytes, Meta(max_length=16_384)]
+    priority: Share | None = None  # none: its own
+    by: Label = ""
+
+
+class MissionProposal(Message, frozen=True):
+    """The interface agent proposes a mission to mission planning (use case 1 of thesis 3.2)."""
+
+    order: MissionOrder
+
+
+class MissionCancel(Message, frozen=True):
+    """Asks the interface agent to have a mission cancelled; 0: all of them."""
+
+    mission: Bits64
+    by: Label = ""
+
+
+class MissionWithdrawal(Message, frozen=True):
+    """The interface agent passes that on to mission planning."""
+
+    cancel: MissionCancel
+
+
+class SubplanRequest(Message, frozen=True):
+    """The coordinator asks the planner agents: what is to be done `before` a mission goes on?"""
+
+    id: Bits64
+    mission: Bits64
+    why: Text
+    at: Waypoint  # where the robot is,
+    room: Label  # and in which room
+    before: Steps
+    ahead: Steps  # of the mission as it stands
+
+
+class Subplan(Message, frozen=True):
+    """A planner agent's answer: the steps, and what they take until the mission's next objective.
+
+    The last of the steps leads to where one of the mission's own does, which is left out then.
+    """
+
+    id: Bits64
+    planner: Name  # the instance
+    steps: Steps
+    length: Annotated[float, Meta(ge=0, le=LARGEST)] = 0.0  # m
+    energy: Annotated[float, Meta(ge=0, le=1e9)] = 0.0  # J
+    refusal: Text = ""
 
 
 # Who is alive, and what they offer ----------------------------------------------------------------
@@ -820,8 +1013,8 @@ class Log(Message, frozen=True):
 class Truth(Message, frozen=True):
     """What only the simulator knows. For those who watch: agents are refused it.
 
-    It is the robot's if `Description.controller` has the same name: another simulator that is left
-    in the namespace speaks of another robot.
+    It is the robot's if `Description.controller` has the same name, and it has one: another
+    simulator that is left in the namespace speaks of another robot.
     """
 
     t: Real  # s of simulation

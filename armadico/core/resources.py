@@ -163,6 +163,11 @@ def declare(resource: Resource) -> Resource:
     return resource
 
 
+def declared(name: str) -> Resource | None:
+    """The resource of a name, if anybody in this process has declared it."""
+    return _declared.get(name)
+
+
 WHEELS = declare(
     Resource(
         name="wheels",
