@@ -27,6 +27,8 @@ EXPERIMENTS: Final = {
     "other-maps": "other_maps",
     "explore": "explore",
     "surveillance": "surveillance",
+    "energy": "energy",
+    "docking": "docking",
     "live-vs-virtual": "live_vs_virtual",
 }
 """What an experiment is called, and its module; in this order they are all run."""
