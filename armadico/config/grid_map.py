@@ -22,7 +22,14 @@ from numpy.typing import NDArray
 
 from armadico.config.errors import ConfigError
 from armadico.config.mapwriter import format_map
-from armadico.config.occupancy import Raster, quoted, read_raster, world_of
+from armadico.config.occupancy import (
+    MAX_WALLS,
+    Raster,
+    quoted,
+    read_raster,
+    walls_in,
+    world_of,
+)
 from armadico.config.worlds import Segment, World
 from armadico.core.messages import OccupancyGrid
 
@@ -97,10 +104,12 @@ def message_of(cells: Cells) -> OccupancyGrid:
 
 
 def cells_of(message: OccupancyGrid) -> Cells:
-    """The grid in a message. Raises ValueError if its bytes are not so many cells."""
+    """The grid in a message. Raises ValueError if it is none that a map could be made of."""
     count = message.rows * message.columns
     if count > CELLS_MOST:
         raise ValueError(f"{count:,} cells, at most {CELLS_MOST:,} are read")
+    if message.cell < CELLS_M[0]:
+        raise ValueError(f"cells of {message.cell:g} m, at least {CELLS_M[0]:g} m are read")
     inflater = zlib.decompressobj()
     try:
         plain = inflater.decompress(message.packed, count + 1)  # and no more, whatever it holds
@@ -109,7 +118,10 @@ def cells_of(message: OccupancyGrid) -> Cells:
     states = np.frombuffer(plain, dtype=np.uint8)
     if len(states) != count or (count and states.max() > OCCUPIED):
         raise ValueError(f"not {message.rows} x {message.columns} cells")
-    return Cells(message.x, message.y, message.cell, states.reshape(message.rows, message.columns))
+    states = states.reshape(message.rows, message.columns)
+    if (walls := walls_in(states == OCCUPIED)) > MAX_WALLS:
+        raise ValueError(f"cells with {walls:,} borders, at most {MAX_WALLS:,} are read")
+    return Cells(message.x, message.y, message.cell, states)
 
 
 def coarser(cells: Cells) -> Cells:

@@ -66,6 +66,21 @@ def test_a_grid_too_large_to_be_read_is_refused_before_it_is_unpacked() -> None:
         cells_of(OccupancyGrid(0.0, 0.0, 0.05, 60_000, 60_000, b""))
 
 
+@pytest.mark.parametrize("cell_m", [1e-300, 1e-6, 0.009])
+def test_a_grid_of_cells_too_small_for_a_map_is_refused(cell_m: float) -> None:
+    """Whoever planned on it would fill the memory, or divide by nothing."""
+    with pytest.raises(ValueError, match=r"at least 0\.01 m"):
+        cells_of(replace(message_of(room()), cell=cell_m))
+
+
+def test_a_grid_of_nothing_but_borders_is_refused() -> None:
+    """A pattern is deflated to next to nothing, and has more walls than anybody can read."""
+    dots = np.zeros((1000, 1000), dtype=np.uint8)
+    dots[::2, ::2] = OCCUPIED
+    with pytest.raises(ValueError, match="borders, at most 200,000"):
+        cells_of(message_of(room(dots)))
+
+
 def test_a_grid_too_large_to_be_read_is_sent_in_larger_cells() -> None:
     sent = message_of(room(np.ones((4001, 4001), dtype=np.uint8), 0.05))
     assert cells_of(sent).cell_m == 0.1
