@@ -8,11 +8,12 @@ it, and ARIA's `.map`, which holds the borders of what is occupied.
 
 from __future__ import annotations
 
+import os
 import zlib
 from collections.abc import Mapping
 from contextlib import suppress
 from dataclasses import dataclass
-from errno import EISDIR
+from errno import EACCES, EISDIR
 from os import strerror
 from pathlib import Path
 from typing import Final
@@ -180,6 +181,8 @@ def _beside(path: Path) -> Path:
     """Where it is written before it takes the place of what was there. Raises OSError."""
     if path.is_dir():
         raise IsADirectoryError(EISDIR, strerror(EISDIR), str(path))
+    if path.exists() and not os.access(path, os.W_OK):  # its folder would let it be replaced
+        raise PermissionError(EACCES, strerror(EACCES), str(path))
     real = path.resolve()
     return real.with_name(f"{real.name}.new")
 

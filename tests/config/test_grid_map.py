@@ -165,6 +165,21 @@ def test_where_a_folder_is_no_map_is_written_nor_half_of_one(tmp_path: Path) -> 
     assert [file.name for file in tmp_path.iterdir()] == ["room.yaml"]
 
 
+@pytest.mark.parametrize("protected", ["a.yaml", "a.pgm"])
+def test_a_file_that_is_read_only_is_not_replaced(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, protected: str
+) -> None:
+    """To rename another over it takes a right to the folder only."""
+    path = tmp_path / "a.yaml"
+    grid_map.save(room(), path)
+    before = {file.name: file.read_bytes() for file in tmp_path.iterdir()}
+    monkeypatch.setattr("os.access", lambda file, _: Path(file).name != protected)  # as root, too
+    for refuses in (grid_map.check_writable, lambda file: grid_map.save(room(cell_m=1.0), file)):
+        with pytest.raises(PermissionError):
+            refuses(path)
+    assert {file.name: file.read_bytes() for file in tmp_path.iterdir()} == before
+
+
 def test_another_kind_of_file_is_refused(tmp_path: Path) -> None:
     with pytest.raises(ConfigError, match=r"expected \.yaml .* or \.map"):
         grid_map.save(room(), tmp_path / "room.png")
