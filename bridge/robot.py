@@ -241,6 +241,7 @@ class Robot(DeviceAgent):
                 stop=self.memory.newest(Stop) or Stop(),
                 touch=self._touched(),
                 line=self._line(),
+                charging=status.charging,
             )
         )
         self.acknowledge()

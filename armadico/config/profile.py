@@ -121,13 +121,15 @@ class SonarRing(Struct, frozen=True, forbid_unknown_fields=True):
 
 
 class Battery(Struct, frozen=True, forbid_unknown_fields=True):
-    """A lead-acid battery, drained by the motors and the electronics."""
+    """A lead-acid battery, drained by the motors and the electronics, charged in a dock."""
 
     full_v: Positive
     empty_v: Positive
     capacity_ah: Positive
     internal_ohm: NonNegative
     idle_a: NonNegative
+    charge_a: NonNegative  # what the charger gives,
+    taper_from: Share  # and less and less of it from this charge on, to nothing when full
 
 
 class P2osUnits(Struct, frozen=True, forbid_unknown_fields=True):

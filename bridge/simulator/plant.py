@@ -15,7 +15,7 @@ from collections.abc import Callable, Sequence
 from math import cos, hypot, inf, sin
 from random import Random
 
-from armadico.bridge.simulator.battery import Battery
+from armadico.bridge.simulator.battery import Battery, in_contact
 from armadico.bridge.simulator.contact import SKIN_M, Contact, Motion, Outline, box_of
 from armadico.bridge.simulator.dynamics import Dynamics
 from armadico.bridge.simulator.encoders import Odometry
@@ -28,6 +28,7 @@ from armadico.bridge.simulator.walls import TOUCH_M, Wall, Walls
 from armadico.config.errors import ConfigError
 from armadico.config.moving import Moving
 from armadico.config.profile import RobotProfile, SensorProfile
+from armadico.config.worlds import Pose
 
 STEP_S = 0.005
 MOVE_STEPS = round(MOVE_S / STEP_S)
@@ -63,12 +64,15 @@ class Plant:
         start: tuple[float, float, float],
         rng: Streams,
         moving: Sequence[Moving] = (),
+        docks: Sequence[Pose] = (),
+        charge: float = 1.0,
     ) -> None:
         self.step_s = STEP_S
         self.blocked = False
         self.collisions = self.bumps = 0
         self.pose = start
-        self.battery = Battery(profile.battery)
+        self.battery = Battery(profile.battery, charge)
+        self._docks = tuple(docks)
         self._dynamics = Dynamics(profile, STEP_S)
         self._odometry = Odometry(profile, sensors, STEP_S, rng)
         self._walls = Walls()
@@ -158,6 +162,11 @@ class Plant:
         """Voltage at the battery's terminals, under its present load."""
         return self.battery.volts
 
+    @property
+    def charging(self) -> bool:
+        """Whether it stands in a dock, in contact."""
+        return self.battery.charging
+
     def reset_odometry(self) -> None:
         """Call the present pose (0, 0, 0)."""
         self._odometry.reset()
@@ -193,6 +202,8 @@ class Plant:
         pace = abs(v) + corner * abs(w)  # no point of the outline is faster, m/s
         self.blocked = self.blocked and not steps
         moves = self._movement is not None
+        if self._docks:  # looked at as often as the controller does anything: 40 ms at the most
+            battery.charging = in_contact(self.pose, self._docks)
         for _ in range(steps):
             if moves and not self._steps % MOVE_STEPS:
                 self.pose, self._margin = (x, y, theta), margin
