@@ -81,6 +81,17 @@ SERVICES: tuple[Service, ...] = (
         m.ExploreRequest, "explore/request", _Q, None, None, "map a place", reply=m.MissionReply
     ),
     Service(m.ExploreStatus, "explore/status", _S, 1, None, "how far the exploration has come"),
+    Service(m.HostShare, "wakeup/{instance}/share", _S, 1, None, "what a host keeps up, and could"),
+    Service(
+        m.WakeupRequest,
+        "wakeup/{instance}",
+        _Q,
+        None,
+        None,
+        "start, restart or end an agent on a host",
+        reply=m.WakeupReply,
+    ),
+    Service(m.MonitorReport, "monitor/{instance}", _S, 1, None, "who is missing, and who acts"),
     Service(m.Claim, "resource/{resource}/utility", _E, 10, 3, "the holder's bid, made public"),
     Service(m.Ack, "resource/{resource}/ack", _S, 10, 3, "what the owner obeys and refuses by"),
     Service(m.Command, "resource/{resource}/cmd/{instance}", _E, 10, 3, "the holder's action"),
