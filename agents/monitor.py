@@ -13,7 +13,7 @@ acts. Two that both believe so do no harm: a wakeup agent restarts a process onc
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Container, Iterator
 from dataclasses import dataclass
 from math import inf
 from typing import Annotated, Any, ClassVar, Final
@@ -22,6 +22,7 @@ from msgspec import Meta
 
 from armadico.core import agent
 from armadico.core.agent import ERROR, INFO, WARNING, Agent
+from armadico.core.membership import LITTLE
 from armadico.core.messages import (
     LABEL,
     LONGEST_TENURE,
@@ -85,15 +86,18 @@ class Parameters(agent.Parameters, frozen=True, kw_only=True):
 
 @dataclass
 class _Known:
-    """One instance, as far as it is known."""
+    """One instance whose token is there."""
 
     name: str
     instance: str
     since: float  # when its token was first seen,
     answered_at: float  # and when it last said anything
-    gone_at: float | None = None  # since when its token is gone
     card: Card | None = None
     asked: bool = False
+
+
+_Process = tuple[str, str, int]
+"""An agent of a host's process: the wakeup agent's instance, the agent's name, and the pid."""
 
 
 class Monitor(Agent):
@@ -112,8 +116,9 @@ class Monitor(Agent):
         self._shares: dict[str, tuple[HostShare, float]] = {}  # by wakeup agent, and when it came
         self._needs: dict[str, tuple[str, ...]] = {}  # by host, also of those that are gone
         self._dismissed: set[str] = set()  # kept by a host that has left in order
-        self._reports: dict[str, tuple[MonitorReport, float]] = {}
+        self._others: dict[str, tuple[int, float]] = {}  # monitors: longer at work by, heard when
         self._heard: dict[type[Message], float] = {}
+        self._unseen: dict[_Process, float] = {}  # up, and without a token, since when
         self._floor = 0.0  # nothing is late before this: the society has changed, or it has slept
         self._lacking: dict[str, float] = {}  # who is needed and not well, since when
         self._asked_at: dict[tuple[WakeupOrder, str, int], float] = {}
@@ -140,17 +145,13 @@ class Monitor(Agent):
 
     def on_appeared(self, name: str, instance: str) -> None:
         """Somebody has joined, or has come back."""
-        known = self._known.setdefault(instance, _Known(name, instance, self.now, self.now))
-        known.gone_at, known.answered_at = None, self.now
+        self._known[instance] = _Known(name, instance, self.now, self.now)
         self._floor = self.now
 
     def on_disappeared(self, name: str, instance: str) -> None:  # noqa: ARG002
         """A token has gone: it has ended, or it hangs, or cannot be heard."""
-        known = self._known.get(instance)
-        if known is not None:
-            known.gone_at = self.now
-        self._shares.pop(instance, None)
-        self._reports.pop(instance, None)
+        for about in (self._known, self._shares, self._others):
+            about.pop(instance, None)
         self._floor = self.now
 
     def on_met(self, card: Card) -> None:
@@ -177,7 +178,7 @@ class Monitor(Agent):
     def on_monitor_report(self, report: MonitorReport) -> None:
         """Another monitor is at work."""
         self._vouch(report.instance)
-        self._reports[report.instance] = (report, self.now)
+        self._others[report.instance] = (report.tenure - self._tenure, self.now)
 
     def _vouch(self, instance: str) -> None:
         known = self._known.get(instance)
@@ -192,15 +193,18 @@ class Monitor(Agent):
             self._slept()
         self._look_at = self.now + LOOK_S
         self.wake_at(self._look_at)
-        self._forget()
         self._probe()
-        hung = dict(self._hung())
-        self._miss(hung)
+        unwell = {known.instance: why for known, why in self._unwell()}
+        unseen = self._look_for_tokens()
+        self._miss(unwell)
         if self._acts:
-            for instance, why in hung.items():
-                self._restart(self._known[instance], why)
+            for instance, why in unwell.items():
+                self._restart(self._process_of(self._known[instance]), f"{instance}: {why}")
+            for process in unseen:
+                self._restart(process, f"its token has been gone for {self.p.lost_s:g} s")
+            busy: set[str] = set()  # asked at this look; the next one sees what they have by then
             for name, since in self._lacking.items():
-                self._replace(name, self.now - since)
+                self._replace(name, self.now - since, busy)
             self._stop()
         self._report()
 
@@ -209,18 +213,21 @@ class Monitor(Agent):
         self._floor = self.now
         for known in self._known.values():
             known.answered_at = self.now
-            known.gone_at = None if known.gone_at is None else self.now
+        self._unseen.clear()
         self._lacking = dict.fromkeys(self._lacking, self.now)
         self._shares = {of: (share, self.now) for of, (share, _) in self._shares.items()}
-        self._reports = {of: (report, self.now) for of, (report, _) in self._reports.items()}
+        self._others = {of: (longer, self.now) for of, (longer, _) in self._others.items()}
 
     @property
     def _acts(self) -> bool:
-        """Whether no other monitor has been at work for longer."""
-        mine = (self._tenure, self.instance)
+        """Whether no other monitor has been at work for longer.
+
+        Of two that have been for about as long it is the one with the smaller id, as in
+        `membership`: what a report says was true when it was sent.
+        """
         return not any(
-            (report.tenure, mine[1]) > (mine[0], report.instance)
-            for report, at in self._reports.values()
+            longer > LITTLE or (longer >= -LITTLE and instance < self.instance)
+            for instance, (longer, at) in self._others.items()
             if self.now - at <= FEW * REPORT_S
         )
 
@@ -230,24 +237,44 @@ class Monitor(Agent):
 
     # Who is well ---------------------------------------------------------------------------------
 
-    def _forget(self) -> None:
-        """Who is gone, and whose process is not up by the word of its host, has ended."""
-        for known in list(self._known.values()):
-            lost = known.gone_at is not None and self.now - known.gone_at >= self.p.lost_s
-            if lost and self._keeper(known) is None:
-                del self._known[known.instance]
-
-    def _keeper(self, known: _Known) -> HostShare | None:
-        """The host whose wakeup agent has an instance's process."""
+    def _process_of(self, known: _Known) -> _Process | None:
+        """Which process an instance is, by its card; without one, the only one that it can be."""
+        cards = {(k.card.host, k.card.pid) for k in self._known.values() if k.card is not None}
         card = known.card
-        if card is None:
-            return None
-        for share in self._hosts():
-            if share.host == card.host and any(
-                kept.pid == card.pid and known.name in kept.agents for kept in share.kept
-            ):
-                return share
-        return None
+        found = [
+            (share.instance, known.name, kept.pid)
+            for share in self._hosts()
+            for kept in share.kept
+            if known.name in kept.agents and kept.pid
+            if (
+                (share.host, kept.pid) not in cards
+                if card is None
+                else (share.host, kept.pid) == (card.host, card.pid)
+            )
+        ]
+        return found[0] if len(found) == 1 else None
+
+    def _look_for_tokens(self) -> list[_Process]:
+        """The agents whose process is up by the word of its host, and whose token is gone."""
+        gone = [
+            (share.instance, name, kept.pid)
+            for share in self._hosts()
+            for kept in share.kept
+            if kept.state is KeptState.UP
+            for name in kept.agents
+            if not self._sees(name, share.host, kept.pid)
+        ]
+        self._unseen = {process: self._unseen.get(process, self.now) for process in gone}
+        return [of for of, since in self._unseen.items() if self.now - since >= self.p.lost_s]
+
+    def _sees(self, name: str, host: str, pid: int) -> bool:
+        """Whether the token of a process's agent is there, or one that may be it."""
+        if (host, pid) == (self.identity.host, self.identity.pid):
+            return True  # nobody sees one's own
+        return any(
+            k.name == name and (k.card is None or (k.card.host, k.card.pid) == (host, pid))
+            for k in self._known.values()
+        )
 
     def _hosts(self) -> list[HostShare]:
         """The hosts that can be asked, by name."""
@@ -263,7 +290,7 @@ class Monitor(Agent):
                     providers[0].answered_at = self._heard[kind]
         for known in list(self._known.values()):
             silent = self.now - known.answered_at >= PROBE_S or known.card is None
-            if silent and known.gone_at is None and not known.asked:
+            if silent and not known.asked:
                 known.asked = True
                 self.ask_card(known.name, known.instance, _answered(self, known), PROBE_S)
 
@@ -273,20 +300,17 @@ class Monitor(Agent):
         return [
             known
             for known in self._known.values()
-            if known.card is not None and known.gone_at is None and key in known.card.provides
+            if known.card is not None and key in known.card.provides
         ]
 
-    def _hung(self) -> Iterator[tuple[str, str]]:
-        """The instances that hang, and how that shows."""
+    def _unwell(self) -> Iterator[tuple[_Known, str]]:
+        """Whose token is there, and who hangs, and how that shows."""
         for known in self._known.values():
-            if known.gone_at is not None:
-                if self.now - known.gone_at >= self.p.lost_s:  # and its process is up
-                    yield known.instance, "its token has gone, and its process is there"
-            elif self.now - known.answered_at >= self.p.hung_s:
-                yield known.instance, f"it has answered nothing for {self.p.hung_s:g} s"
+            if self.now - known.answered_at >= self.p.hung_s:
+                yield known, f"it has answered nothing for {self.p.hung_s:g} s"
         yield from self._late()
 
-    def _late(self) -> Iterator[tuple[str, str]]:
+    def _late(self) -> Iterator[tuple[_Known, str]]:
         """Who provides what is late; of several that are, who fell silent first.
 
         The others may only lack what that one provides, and get the time to go on with it.
@@ -301,15 +325,11 @@ class Monitor(Agent):
             > self.p.late_s + FEW / (service_of(kind).rate_hz or 1.0)
         ]
         for _, instance, key in sorted(late)[:1]:
-            yield instance, f"{key} has been late for {self.p.late_s:g} s"
+            yield self._known[instance], f"{key} has been late for {self.p.late_s:g} s"
 
-    def _miss(self, hung: dict[str, str]) -> None:
+    def _miss(self, unwell: Container[str]) -> None:
         """Note who is needed, and not there or not well."""
-        well = {
-            known.name
-            for known in self._known.values()
-            if known.gone_at is None and known.instance not in hung
-        }
+        well = {known.name for known in self._known.values() if known.instance not in unwell}
         needed = {name for names in self._needs.values() for name in names} - self._dismissed
         missing = sorted(needed - well)
         self._lacking = {name: self._lacking.get(name, self.now) for name in missing}
@@ -318,15 +338,17 @@ class Monitor(Agent):
 
     # What it asks for ----------------------------------------------------------------------------
 
-    def _restart(self, known: _Known, why: str) -> None:
+    def _restart(self, process: _Process | None, why: str) -> None:
         """Have who hangs killed; it is started again as whoever ends."""
-        share, card = self._keeper(known), known.card
-        if share is None or card is None or self._has_refused(share, known.name):
-            return
-        self._floor = self.now
-        self._request(WakeupOrder.RESTART, known.name, share, f"{known.instance}: {why}", card.pid)
+        if process is None:
+            return  # nobody looks after it
+        keeper, name, pid = process
+        share, _ = self._shares[keeper]
+        if not self._has_refused(share, name):
+            self._floor = self.now
+            self._request(WakeupOrder.RESTART, name, share, why, pid)
 
-    def _replace(self, name: str, missed_s: float) -> None:
+    def _replace(self, name: str, missed_s: float, busy: set[str]) -> None:
         """Have somebody who is needed started where it can be, if nobody looks after it."""
         if missed_s < self.p.gone_s:
             return
@@ -339,10 +361,15 @@ class Monitor(Agent):
         )
         if kept and missed_s < self.p.trust_s:
             return
-        able = [s for s in hosts if name in s.can and not self._has_refused(s, name)]
+        able = [
+            share
+            for share in hosts
+            if name in share.can and share.host not in busy and not self._has_refused(share, name)
+        ]
         if able:
             idle = min(able, key=lambda share: (_load(share.kept), share.host))
             why = f"nobody has had {name} for {missed_s:.0f} s"
+            busy.add(idle.host)
             self._request(WakeupOrder.START, name, idle, why)
 
     def _has_refused(self, share: HostShare, name: str) -> bool:

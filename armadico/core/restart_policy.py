@@ -61,10 +61,6 @@ class Supervision:
         most, within = self.budget.restarts, self.budget.within_s
         return f"the budget of {most} restarts in {within:g} s is spent"
 
-    def starts(self, name: str, now: float) -> None:
-        """A process is started because somebody asked for it: taken from the budget."""
-        self._starts.append((now, name))
-
     def ended(self, name: str, code: int, now: float, *, replaced: bool = False) -> str | None:
         """A process ended with a code (negative: the signal).
 

@@ -88,8 +88,9 @@ class Rehearsal(Run):
         self.hosts: dict[str, VirtualHost] = {}
         for member in taking if hosts is None else ():
             self.enter(member.name)
+        self._table = hosts
         for name in () if hosts is None else hosts.hosts:
-            self.hosts[name] = self._host(name, hosts)
+            self.start_host(name)
 
     def enter(self, name: str, *sets: str, host: str = "virtual") -> Node:
         """A member of the society joins, now, or joins again; `sets` are set besides its own."""
@@ -116,8 +117,9 @@ class Rehearsal(Run):
         line = device or (self.robot if isinstance(agent, DeviceAgent) else None)
         return self.mesh.add(agent, line, clock)
 
-    def _host(self, name: str, table: HostTable | None) -> VirtualHost:
-        """One machine of a table: its share joins, now, and its wakeup agent."""
+    def start_host(self, name: str) -> VirtualHost:
+        """One machine of the host table is switched on: its share joins, and its wakeup agent."""
+        table = self._table
         assert table is not None, "it is one of its hosts"
         entry, scenario, options = table.host(name), self.scenario, self.options
         # The robot's line is in memory, as in every rehearsal.
@@ -133,6 +135,7 @@ class Rehearsal(Run):
         )
         start = self._starts[Wakeup.name]
         machine.wakeup = self.add(Wakeup, parameters, start, host=name, device=machine)
+        self.hosts[name] = machine
         return machine
 
     def start(self) -> None:
@@ -220,6 +223,12 @@ class VirtualHost:
         for node in (*(node for nodes in self._nodes.values() for node in nodes), self.wakeup):
             if node.alive:
                 node.kill()
+
+    def leave(self) -> None:
+        """`armadico down`: it says so, and ends its agents in order."""
+        self.wakeup.leave()
+        for label in self._nodes:
+            self._end(label, Node.leave)
 
     def _begin(self, label: str) -> None:
         names = [member.name for member in self.groups.get(label, ())] or [label]

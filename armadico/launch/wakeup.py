@@ -50,6 +50,9 @@ faster, and whoever was killed in between is another process."""
 SLEPT_S: Final = 0.5
 """Who is woken so much too late has hung itself, and has missed what was said meanwhile."""
 
+HEARD_S: Final = 1.5
+"""So long after it has begun the shares of all other hosts have come, s."""
+
 SHARE_S: Final = 1.0
 """How often the share is published at least, as the table of services has it."""
 
@@ -140,12 +143,14 @@ class Wakeup(DeviceAgent):
         self._reported: dict[int, float] = {}  # when monitors of this host last did, by process
         self._half = b""  # of a line
         self._ready = False
-        self._share_at = self._look_at = 0.0
+        self._share_at = self._look_at = self._heard_at = 0.0
+        self._early: list[Event] = []  # that were in the way of somebody: of whom is to be heard
 
     # Who is there --------------------------------------------------------------------------------
 
     def on_start(self) -> None:
         """Say at once what is kept up here."""
+        self._heard_at = self.now + HEARD_S
         self._tell()
 
     def on_appeared(self, name: str, instance: str) -> None:
@@ -237,6 +242,10 @@ class Wakeup(DeviceAgent):
         label, process = event.label, self._kept.get(event.label)
         if process is None:
             return
+        if event.code == MISUSED and self.now < self._heard_at:
+            self._early.append(event)
+            self._look_again()
+            return
         self._reported.pop(process.pid, None)
         process.pid, process.hangs_at = 0, None
         if process.state is KeptState.ENDED:  # as somebody asked
@@ -303,7 +312,6 @@ class Wakeup(DeviceAgent):
         for label in found or [request.agent]:
             lent = not found
             process = self._kept.setdefault(label, _Process((request.agent,), lent=lent))
-            self.supervision.starts(label, self.now)
             process.state = KeptState.STARTING
             self._order(Do.SAY, text=f"{label} is started: {_asked(request)}")
             self._order(Do.START, label)
@@ -355,6 +363,10 @@ class Wakeup(DeviceAgent):
         """Start who is due; kill who hangs at its start, or has to watch; say what is kept up."""
         if self.now - self._look_at > SLEPT_S:
             self._reported = dict.fromkeys(self._reported, self.now)
+        if self.now >= self._heard_at:
+            early, self._early = self._early, []
+            for event in early:
+                self._ended(event)
         for label in self.supervision.due(self.now):
             replaced = [name for name in self._kept[label].agents if self._replaced(name)]
             if self.supervision.kept_out(label) and replaced:  # it would find out the same
@@ -377,6 +389,8 @@ class Wakeup(DeviceAgent):
         """Be woken for the next start, or the next share; by then who hangs at start is seen."""
         due = self.supervision.wakeup
         self._look_at = self._share_at if due is None else min(due, self._share_at)
+        if self._early:
+            self._look_at = min(self._look_at, self._heard_at)
         self.wake_at(self._look_at)
 
     def _became(self, label: str, state: KeptState, why: str = "") -> None:

@@ -154,12 +154,11 @@ def test_a_newcomer_that_somebody_is_in_the_way_of_is_for_people_to_mend() -> No
     assert supervision.ended("sonar", MISUSED, 10.0 + NEWCOMER_S) is None
 
 
-def test_who_asks_is_told_why_there_is_no_restart_left_and_what_is_asked_for_counts() -> None:
+def test_who_asks_is_told_why_there_is_no_restart_left() -> None:
     supervision = Supervision(Budget(1, 30.0))
     assert supervision.refusal(0.0) is None
-    supervision.starts("goto", 0.0)
+    restart(supervision, "goto", 0.0)
     assert supervision.refusal(1.0) == "the budget of 1 restarts in 30 s is spent"
-    assert supervision.ended("avoid", -9, 1.0) is not None
     assert supervision.refusal(30.0) is None
 
 

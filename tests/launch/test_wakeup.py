@@ -23,6 +23,7 @@ from armadico.core.messages import (
 from armadico.core.restart_policy import IN_THE_WAY_S, MISUSED, NEWCOMER_S
 from armadico.launch.wakeup import (
     CARD_S,
+    HEARD_S,
     MONITOR_S,
     START_S,
     Do,
@@ -231,7 +232,9 @@ def test_who_could_not_begin_at_all_is_given_up() -> None:
     bench = Bench(up=False)
     bench.begins("goto", GOTO)
     bench.ends("goto", MISUSED, "another goto agent is alive already")
-    (order,) = (o for o in bench.take() if o.do is Do.GIVE_UP)
+    bench.take()
+    assert bench.pass_time(HEARD_S) == [(Do.GIVE_UP, "")], "nobody says that it took its place"
+    (order,) = (o for o in bench.orders if o.do is Do.GIVE_UP)
     assert "another goto agent is alive already" in order.text
 
 
@@ -250,8 +253,8 @@ def test_in_the_way_of_one_that_another_host_took_over_is_no_fault_however_early
     """A host that comes back finds that its agents are elsewhere by now."""
     bench = Bench(up=False)
     bench.begins("goto", GOTO)
-    bench.other(Kept(("goto",), KeptState.UP, 5, lent=True))
     bench.ends("goto", MISUSED)
+    bench.other(Kept(("goto",), KeptState.UP, 5, lent=True))
     assert bench.pass_time(60.0) == [], "nobody is started to find out the same again"
     assert bench.state("goto") is KeptState.WAITING
     bench.agent.appeared("wakeup", "wakeup-lab2", bench.now)
