@@ -209,7 +209,15 @@ class Wakeup(DeviceAgent):
                 process.hangs_at = None
                 self._became(label, KeptState.UP)
                 self.supervision.began(label, self.now)
-        if not self._ready and all(p.state is KeptState.UP for p in self._kept.values()):
+        self._say_once()
+
+    def _say_once(self) -> None:
+        """That the share is up: all are on the mesh, here or where somebody took them over."""
+        if not self._ready and all(
+            process.state is KeptState.UP
+            or (process.state is KeptState.WAITING and all(map(self._replaced, process.agents)))
+            for process in self._kept.values()
+        ):
             self._ready = True
             self._order(Do.READY)
 
@@ -251,6 +259,9 @@ class Wakeup(DeviceAgent):
         if process.state is KeptState.ENDED:  # as somebody asked
             self._tell()
             return
+        if process.lent and event.code == MISUSED:  # as after a cut: its own host has one, too
+            self._let_go(label, "somebody is in its way")
+            return
         replaced = any(self._replaced(name) for name in process.agents)
         why = self.supervision.ended(label, event.code, self.now, replaced=replaced)
         if why is not None and process.lent:  # that is no reason to end what is this host's own
@@ -273,7 +284,7 @@ class Wakeup(DeviceAgent):
             said = f"{label} ended with {event.ending}; it is started again"
         self._order(Do.SAY, text=said)
         self._became(label, KeptState.WAITING, f"it ended with {event.ending}: {event.words}")
-        self._look_again()
+        self._say_once()
 
     def _replaced(self, name: str) -> bool:
         """Whether another host has started an agent of this name in place of one that was gone."""

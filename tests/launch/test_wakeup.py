@@ -253,9 +253,11 @@ def test_in_the_way_of_one_that_another_host_took_over_is_no_fault_however_early
     """A host that comes back finds that its agents are elsewhere by now."""
     bench = Bench(up=False)
     bench.begins("goto", GOTO)
+    bench.begins("avoid", AVOID)
+    bench.meet("avoid-1", AVOID)
     bench.ends("goto", MISUSED)
     bench.other(Kept(("goto",), KeptState.UP, 5, lent=True))
-    assert bench.pass_time(60.0) == [], "nobody is started to find out the same again"
+    assert bench.pass_time(60.0) == [(Do.READY, "")], "nobody is started to find out the same again"
     assert bench.state("goto") is KeptState.WAITING
     bench.agent.appeared("wakeup", "wakeup-lab2", bench.now)
     bench.agent.disappeared("wakeup", "wakeup-lab2", bench.now)
@@ -328,6 +330,18 @@ def test_that_what_is_lent_fails_ends_nobody_else() -> None:
     assert bench.done() == [(Do.START, "encoder")]
     assert not bench.agent.gave_up
     assert bench.state("goto") is KeptState.UP
+
+
+def test_what_is_lent_and_finds_its_own_hosts_in_the_way_is_let_go_of() -> None:
+    """Two halves of a network that was cut are one again, and each had started one."""
+    bench = Bench(can=("encoder",))
+    bench.request(WakeupOrder.START, "encoder")
+    bench.begins("encoder", 31)
+    bench.meet("encoder-1", 31)
+    bench.pass_time(10.0)
+    bench.ends("encoder", MISUSED)
+    assert bench.pass_time(60.0) == []
+    assert bench.share().can == ("encoder",)
 
 
 def test_who_is_ended_on_request_stays_so_until_it_is_started_on_request(bench: Bench) -> None:
