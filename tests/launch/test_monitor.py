@@ -24,9 +24,11 @@ from armadico.core.messages import (
     WakeupReply,
     WakeupRequest,
 )
+from armadico.core.restart_policy import Budget
 from armadico.core.services import service_of
 from armadico.launch.society import Options
 from armadico.launch.virtual import Rehearsal
+from armadico.launch.wakeup import Wakeup
 from armadico.mesh.virtual import Node
 
 SC4 = load_scenario("sc4")
@@ -260,6 +262,29 @@ def test_who_dies_on_a_host_whose_wakeup_agent_hangs_is_started_on_another() -> 
     society.let_pass(20.0)
     there = [n.agent.identity.host for n in society.mesh.nodes if n.name == "goto" and n.alive]
     assert there == ["b"], "it was given back"
+
+
+def test_where_the_budget_is_spent_another_host_is_asked() -> None:
+    society = Society(TWO).let_pass(6.0)
+    agent = society.run.hosts["b"].wakeup.agent
+    assert isinstance(agent, Wakeup)
+    agent.supervision.budget = Budget(0, 30.0)
+    society.mesh.node("goto").hang()
+    society.back("goto", 20.0)
+    assert society.host_of("goto") == "a"
+    assert any("b: the budget of 0 restarts" in note for note in society.notes)
+    assert society.run.hosts["b"].wakeup.alive, "a request ends nobody"
+
+
+def test_a_monitor_that_hung_itself_judges_nobody_by_what_it_has_not_heard() -> None:
+    society = Society().let_pass(6.0)
+    node = society.mesh.node("monitor")
+    for seconds in (0.9, 3.0, 8.0):  # within the lease, and beyond it; its host waits for longer
+        node.hang()
+        society.let_pass(seconds)
+        node.resume()
+        society.let_pass(12.0)
+    assert (society.notes, society.more()) == ([], {})
 
 
 # When it cannot be whole --------------------------------------------------------------------------
