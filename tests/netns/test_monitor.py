@@ -68,7 +68,9 @@ class Bed:
     def there(self) -> Counter[tuple[str, str]]:
         """The agents that can be seen by the watcher, and the host of each."""
         found = self.asks(WATCHER, "ps")
-        return Counter((a["name"], a.get("host", "")) for a in found["agents"]) if found else Counter()
+        return (
+            Counter((a["name"], a.get("host", "")) for a in found["agents"]) if found else Counter()
+        )
 
     def until(self, condition: Callable[[Counter[tuple[str, str]]], bool], what: str) -> None:
         end = time.monotonic() + SOON
