@@ -29,6 +29,7 @@ from armadico.core.messages import (
     EnergyRequest,
     Message,
     MissionReply,
+    MissionState,
     MissionStatus,
     Plan,
     Planned,
@@ -142,7 +143,8 @@ class BatteryCharger(Agent):
         self._note = ""
         self._level_at: float | None = None
         self._dead = self._warned = False
-        self._standing: Way | None = None  # what holds the trajectory while nothing is driven
+        self._standing: Way | None = None  # what holds the trajectory while nothing is driven,
+        self._stands = False  # once its end is reached: where the robot was
         self._said_at = -inf
         self._until, self._sent_at = 0.0, -inf  # the share that was asked for, and when
         self._foreign = False  # somebody else has the robot driven somewhere
@@ -179,6 +181,8 @@ class BatteryCharger(Agent):
     def on_mission_status(self, status: MissionStatus) -> None:
         """How far the way has come."""
         self.errand.status(status)
+        if self._standing is not None and status.mission == self._standing.id:
+            self._stands = status.state is MissionState.REACHED
 
     def on_pose(self, pose: Pose) -> None:
         """Follow the way that is driven."""
@@ -293,8 +297,7 @@ class BatteryCharger(Agent):
 
     def _go_on(self, state: RobotState, pose: Pose) -> None:
         """One step of what it does, by what is seen."""
-        lost = pose.deviation > LOST_M
-        lane = None if lost else self._lane(pose)
+        lane = None if pose.deviation > LOST_M else self._lane(pose)
         if self._state is ChargeState.LEAVING:
             self._leave(pose)
         elif self._foreign and lane is not None and (state.charging or self._docked):
@@ -309,7 +312,7 @@ class BatteryCharger(Agent):
         elif self._state is ChargeState.CHARGING:
             self._standing = None
             self._became(ChargeState.NONE)
-        elif self.utility <= 0.0 or lost:
+        elif self.utility <= 0.0:
             self._give_up()
         elif lane is not None and not self.errand.under_way and lane not in self._shunned:
             self._dock = lane  # a charger before this one got so far, or it slipped off
@@ -341,17 +344,25 @@ class BatteryCharger(Agent):
             errand.drop()
             self._became(ChargeState.NONE)
         elif not errand.under_way:
-            if not self._desk.busy and self._needed is None:
+            if pose.deviation > LOST_M:
+                self._dock = self._dock or next(iter(self._docks))
+                self._set_out(pose, state)
+            elif not self._desk.busy and self._needed is None:
                 self._seek(pose)
             elif self._needed is not None and self._dock and self._dock not in self._shunned:
-                self._became(ChargeState.TO_DOCK)
-                lined_up = _waypoint(before(self._docks[self._dock]))
-                errand.go(lined_up, pose, state.v, "to be charged")
+                self._set_out(pose, state)
+
+    def _set_out(self, pose: Pose, state: RobotState) -> None:
+        self._became(ChargeState.TO_DOCK)
+        lined_up = _waypoint(before(self._docks[self._dock]))
+        self.errand.go(lined_up, pose, state.v, "to be charged")
 
     def _begin_docking(self, pose: Pose) -> None:
+        """Drive in, as soon as nothing else is driven."""
         self._stand(pose)
-        self._became(ChargeState.DOCKING)
-        self._still_at = self.now
+        if self._stands:
+            self._became(ChargeState.DOCKING)
+            self._still_at = self.now
 
     def _watch_docking(self, state: RobotState, pose: Pose) -> None:
         """In contact at rest, it is in; at rest without, it is tried again a little aside."""
@@ -387,12 +398,17 @@ class BatteryCharger(Agent):
         self._became(ChargeState.NONE)
 
     def _stand(self, pose: Pose) -> None:
-        """Hold the trajectory, and have the robot driven nowhere."""
-        self.errand.drop()
-        here = Waypoint(pose.x, pose.y, pose.theta)
-        if self._standing is None:
+        """Hold the trajectory, and have the robot driven nowhere: its end is reached already."""
+        if self._standing is not None:
+            return
+        if self.errand.stage is Stage.REACHED and self.errand.driven is not None:
+            self._standing, self._stands = self.errand.driven, True
+        else:
+            here = Waypoint(pose.x, pose.y, pose.theta)
             number = self.rng.getrandbits(BITS)
             self._standing = Way(number, (here,), Point(here.x, here.y), planned=False)
+            self._stands = False
+        self.errand.drop()
 
     def _shun(self, why: str) -> None:
         """Not to this dock for a while."""

@@ -123,6 +123,7 @@ class Interface(Agent):
         self._waits, self._why_waits = False, ""  # no way is free
         self._blocked_by = ""  # why it was planned anew
         self._asking = False
+        self._unanswered = False  # nobody plans, and that was said
         self._ask_at = -inf  # not before
         self._nearest, self._nearest_at = inf, 0.0  # m to go on this way
         self._best, self._best_at = inf, 0.0  # of the whole mission
@@ -339,6 +340,10 @@ class Interface(Agent):
             if self._mission != mission or self._state is not MissionState.DRIVING:
                 return
             here = self.latest(Pose) or pose
+            if plan is None and why != WAS_LOST and not self._waits:
+                self._go_on(why)
+                return
+            self._unanswered = plan is None
             if plan is None or plan.refusal or not plan.waypoints:
                 self._no_way(why, "nobody plans" if plan is None else plan.refusal)
             elif why != ACROSS or self._waits or self._leads_elsewhere(plan, here):
@@ -358,6 +363,14 @@ class Interface(Agent):
         self._route = Route(plan.waypoints, Point(here.x, here.y))
         self.publish(self._next(self._mission, self._route, plan.waypoints))
         self.log(f"planned anew, {plan.length:.1f} m: {why}")
+
+    def _go_on(self, why: str) -> None:
+        """Nobody plans: that is no word on the way there is, and behaviours go round things."""
+        if self._given_up():
+            self._fail(why)
+        elif not self._unanswered:
+            self._unanswered = True
+            self.log(line(f"{why}, and nobody plans: it goes on by the way there is"), WARNING)
 
     def _no_way(self, why: str, refusal: str) -> None:
         """Wait for a way to become free."""

@@ -11,7 +11,7 @@ from typing import Annotated, Any, ClassVar, Literal
 import numpy as np
 from msgspec import Meta
 
-from armadico.agents.methods.grid import Grid
+from armadico.agents.methods.grid import CELL_M, Grid, check_extent
 from armadico.agents.methods.monte_carlo import Estimate, MonteCarlo, Settings
 from armadico.agents.methods.odometry import begun_anew
 from armadico.agents.methods.sonar_model import FORMAT, Fields, SonarModel, fields
@@ -87,6 +87,7 @@ class Localization(Agent):
     def __init__(self, identity: agent.Identity, parameters: Any = None) -> None:
         super().__init__(identity, parameters)
         world, profile = load_world(self.p.world), load_profile(self.p.profile)
+        check_extent(world, CELL_M)
         grid = Grid(world.walls, world.bounds)
         ring = profile.sonar
         rows, columns = np.nonzero(grid.clearance > profile.body.width_m / 2)
@@ -120,7 +121,8 @@ class Localization(Agent):
             self._filter.start_anywhere()
         else:
             off = max(self.p.start_m, pose.deviation)  # of a pose that nobody corrected lately
-            self._filter.start_at((pose.x, pose.y, pose.theta), off, self.p.start_rad)
+            turned = max(self.p.start_rad, pose.heading_deviation)
+            self._filter.start_at((pose.x, pose.y, pose.theta), off, turned)
 
     def on_robot_state(self, state: RobotState) -> None:
         """Move the particles.
@@ -135,7 +137,7 @@ class Localization(Agent):
         if before is None or not self._begun:
             return
         if another and begun_anew(before, odometry):
-            self._filter.start_at(self._filter.estimate(self._at).pose, UNCOUNTED_M, UNCOUNTED_RAD)
+            self._filter.scatter_by(UNCOUNTED_M, UNCOUNTED_RAD)
             return
         self._motion = motion = relative(before, odometry)
         self._filter.move(motion)
@@ -238,4 +240,6 @@ def sonar_model(grid: Grid, cone_rad: float, reach_m: float) -> SonarModel:
 
     about = repr((version("armadico"), FORMAT, grid.cell_m, grid.bounds, cone_rad, reach_m))
     key = sha256(about.encode() + grid.walls.tobytes()).hexdigest()[:32]
-    return SonarModel(grid, cone_rad, reach_m, Fields(**arrays(f"sonars-{key}", make)))
+    return SonarModel(
+        grid, cone_rad, reach_m, Fields(**arrays(f"sonars-{key}", Fields._fields, make))
+    )

@@ -209,7 +209,7 @@ class MissionPlanning(Agent):
         self._battery_at = self.now
         wanted = self._wanted
         if wanted is not None and isinstance(wanted[2], Charge) and self._reach is Reach.UNDER_WAY:
-            charged = level.charging and level.share >= wanted[2].until
+            charged = level.charging and level.share >= min(wanted[2].until, FULL)
             self._reach = Reach.DONE if charged else self._reach
 
     def on_alarm(self, alarm: Alarm) -> None:

@@ -12,6 +12,7 @@ from collections.abc import Callable
 from enum import StrEnum
 from math import cos, sin
 
+from armadico.core.behaviour import LOST_M
 from armadico.core.exchange import Bid
 from armadico.core.messages import (
     MissionState,
@@ -120,6 +121,11 @@ class Errand:
         return 0 if self._way is None else self._way.id
 
     @property
+    def driven(self) -> Way | None:
+        """Its way, as it is bid for; once it is reached, what keeps the trajectory if it is."""
+        return self._way
+
+    @property
     def under_way(self) -> bool:
         """Whether it has begun, and is not over."""
         return self.stage in (Stage.PLANNING, Stage.WAITING, Stage.DRIVING)
@@ -139,6 +145,10 @@ class Errand:
             why: What the planner is told, and logs.
         """
         self.drop()
+        if pose.deviation > LOST_M:  # a way from where it is not is none: found, it is planned anew
+            self._way = Way(self._rng.getrandbits(BITS), (goal,), Point(pose.x, pose.y))
+            self.goal, self.stage = goal, Stage.WAITING
+            return
         self.goal, self.stage = goal, Stage.PLANNING
         place = self._ahead(pose, v)
         start = Waypoint(pose.x, pose.y, pose.theta) if place is None else place

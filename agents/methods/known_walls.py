@@ -4,7 +4,8 @@ A smooth wall that is met at a slant does not answer, a dead one never does, and
 end of one that stands edge-on. Who knows the map and where it is on it knows them all the same.
 Each wall is a row of places. A place is believed less the less sure the pose is; and it is doubted
 where a sonar looked at it squarely and heard something behind: what the map has shut may be open.
-Silence is no doubt, since that is what a dead wall sounds like.
+Silence is no doubt, since that is what a dead wall sounds like. What is forbidden no sonar
+hears, so it is never doubted.
 
 Poses are in the world's frame, what comes out is in the body's: x forward, y left, origin at the
 middle of the wheel axle; metres and radians.
@@ -14,6 +15,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterable, Iterator, Sequence
+from itertools import chain
 from typing import NamedTuple
 
 from armadico.agents.methods.local_map import Echo, Obstacle
@@ -34,6 +36,9 @@ BINS = 48
 BUCKET_M = 1.0
 AHEAD_M = 0.25
 """So far the robot comes until it is looked anew which places are within reach."""
+
+UNDOUBTED = -1
+"""The number of places that no echo speaks of."""
 
 FORGOTTEN = 0.1
 """A doubt below this is none."""
@@ -66,11 +71,17 @@ class _Near(NamedTuple):
 class KnownWalls:
     """Places of the map's walls, and how much each of them is believed."""
 
-    def __init__(self, walls: Iterable[Segment], settings: WallSettings | None = None) -> None:
-        """Cut the walls (m) into places; most of them will never be near."""
+    def __init__(
+        self,
+        walls: Iterable[Segment],
+        settings: WallSettings | None = None,
+        forbidden: Iterable[Segment] = (),
+    ) -> None:
+        """Cut the walls (m) and what is forbidden into places; most of them will never be near."""
         self.settings = settings or WallSettings()
         self._buckets: dict[tuple[int, int], list[_Place]] = {}
-        for place in _places(walls):
+        never = (place._replace(three=UNDOUBTED) for place in _places(forbidden))
+        for place in chain(_places(walls), never):
             key = math.floor(place.x / BUCKET_M), math.floor(place.y / BUCKET_M)
             self._buckets.setdefault(key, []).append(place)
         self._anchor = (math.inf, math.inf)
@@ -130,6 +141,8 @@ class KnownWalls:
             free = echo.range - s.margin_m
             through, answered = set(), set()
             for three, x, y, nx, ny, _ in self._near:
+                if three == UNDOUBTED:
+                    continue
                 dx, dy = x - echo.x, y - echo.y
                 along = cos * dx + sin * dy
                 if along <= 0.0 or abs(cos * dy - sin * dx) > s.axis * along:

@@ -64,6 +64,7 @@ class Society(Struct, frozen=True, forbid_unknown_fields=True):
     robot: str
     simulator: str
     agents: tuple[str, ...]
+    watch: tuple[str, ...]
     ideal: Ideal
     exploring: Exploring
     missions: OnMissions
@@ -108,7 +109,7 @@ class Scenario(Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):
     """On the way to the goal; used with plan = "waypoints" only."""
     plan: Literal["direct", "waypoints", "rooms", "frontiers"] | None = None
     """Straight to the goal, over the waypoints, as the path planning agent says, with rooms or
-    without, or all over the world, which nobody knows; None: planned where there are walls."""
+    without, or all over the world, which nobody knows; None: planned where there are barriers."""
     within: tuple[Metres, Metres, Metres, Metres] | None = None
     """The rectangle that is explored: x1, y1, x2, y2 in m; none: the world's."""
     agents: tuple[str, ...] = field(default_factory=lambda: society().agents)
@@ -153,12 +154,12 @@ def load_scenario(name_or_path: str | Path) -> Scenario:
 def planned(scenario: Scenario) -> bool:
     """Whether the path planning agent is asked for the way."""
     if scenario.plan is None:
-        return bool(load_world(scenario.world).walls)
+        return bool(load_world(scenario.world).barriers)
     return scenario.plan == "rooms"
 
 
 def blind(scenario: Scenario) -> bool:
-    """Whether it is driven straight at a goal that is behind a wall, by nobody's plan."""
+    """Whether it is driven straight at a goal that is behind a barrier, by nobody's plan."""
     if scenario.goal is None or scenario.plan in ("waypoints", "frontiers") or planned(scenario):
         return False
     return load_world(scenario.world).crossed(scenario.start[:2], scenario.goal[:2])
@@ -369,3 +370,6 @@ def _misplaced(world: World, key: Key, pose: PoseDeg, radius: float) -> Iterator
     elif clearance < radius:
         expected = f"expected at least {radius:.2f} m"
         yield key, f"{at} is {clearance:.2f} m from a wall of {world.name!r}; {expected}"
+    elif (away := world.clearance_of_forbidden(x, y)) < radius:
+        expected = f"expected at least {radius:.2f} m"
+        yield key, f"{at} is {away:.2f} m from what is forbidden in {world.name!r}; {expected}"

@@ -87,13 +87,17 @@ class World(Struct, frozen=True):
         """The distance from a point to the nearest wall, m; infinite without walls."""
         return min((_distance(x, y, wall) for wall in self.walls), default=inf)
 
+    def clearance_of_forbidden(self, x: float, y: float) -> float:
+        """The distance from a point to the nearest forbidden line, m; infinite without any."""
+        return min((_distance(x, y, line) for line in self.forbidden), default=inf)
+
     def crossed(self, a: tuple[float, float], b: tuple[float, float]) -> bool:
-        """Whether a wall is across the straight way from one point to another."""
+        """Whether a barrier is across the straight way from one point to another."""
         (ax, ay), (bx, by) = a, b
         return any(
             _side(ax, ay, bx, by, x1, y1) * _side(ax, ay, bx, by, x2, y2) <= 0.0
             and _side(x1, y1, x2, y2, ax, ay) * _side(x1, y1, x2, y2, bx, by) <= 0.0
-            for x1, y1, x2, y2 in self.walls
+            for x1, y1, x2, y2 in self.barriers
         )
 
     def inside(self, x: float, y: float) -> bool:

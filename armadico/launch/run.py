@@ -16,6 +16,7 @@ from armadico.config.discovery import agent_class, owners
 from armadico.config.scenarios import AlarmAt, Scenario, mission_of
 from armadico.config.worlds import load_world
 from armadico.core.agent import WARNING
+from armadico.core.behaviour import Behaviour
 from armadico.core.cycles import LISTEN
 from armadico.core.messages import (
     Alarm,
@@ -45,6 +46,12 @@ SILENT_S = 10.0
 
 IDLE_S = 15.0
 """A run without a claim for the wheels for so long is over, if an agent is missing."""
+
+
+def _drives(name: str) -> bool:
+    """Whether an agent contends for the wheels of a robot that knows where it is."""
+    kind = agent_class(name)
+    return WHEELS in kind.competes_for and not (issubclass(kind, Behaviour) and kind.seeks)
 
 
 class Building:
@@ -126,6 +133,11 @@ class Run:
         """Drive to the goal or the time limit; `warn` is told who is gone and what goes wrong."""
         self._warn = warn or self._warn
         self.start()
+        if not any(map(_drives, self.names)):
+            self._warn(
+                "nobody contends for the wheels: no agent that would drive takes part, so the robot"
+                " will stand"
+            )
         self.begin()
         now = self.client.mesh.now
         begun = now()
@@ -272,7 +284,8 @@ class LiveRun(Run):
     def _nobody_can(self, elapsed: float) -> bool:
         """Whether the wheels are not claimed any more, and an agent that takes part is missing."""
         state = self.watch.view.state
-        missing = sorted({*self.names} - {name for name, _ in self.client.alive})
+        # One of two that is left can, so far as its kind is needed.
+        missing = sorted({*self._missing()} - {name for name, _ in self.client.alive})
         if state is None or state.stop.stopped or not missing:
             return False
         if min(self.client.age(Claim), elapsed) < self._idle_s:

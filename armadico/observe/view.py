@@ -177,11 +177,11 @@ class View:
                 self._correction = message, t
             case Description():
                 self.description = message
-                if self.truth is not None and self.truth.simulator != self.controller:
+                if self.truth is not None and not self._own(self.truth.simulator):
                     self.truth = None
             case Truth():
                 self.simulators[message.simulator] = t
-                if message.simulator == self.controller:
+                if self._own(message.simulator):
                     self.truth = message
             case Ack():
                 self._take_ack(message, t)
@@ -243,13 +243,17 @@ class View:
         """The robot's controller, as it names itself; empty if that is not known."""
         return "" if self.description is None else self.description.controller
 
+    def _own(self, simulator: str) -> bool:
+        """Whether a simulator is the robot's. One without a name is nobody's."""
+        return simulator == self.controller != ""
+
     def strangers(self, now: float) -> list[str]:
         """Simulators that speak in the namespace, and none of which is the robot's.
 
         Where no robot is described, several of them are strangers to one another.
         """
         spoken = [each for each, at in self.simulators.items() if now - at <= WINDOW_S]
-        others = sorted({*spoken} - {self.controller})
+        others = sorted(each for each in spoken if not self._own(each))
         return others if self.description is not None or len(others) > 1 else []
 
     @property

@@ -25,6 +25,7 @@ from armadico.bridge.simulator.moving import Movement
 from armadico.bridge.simulator.sonar import Sonars, Surfaces
 from armadico.bridge.simulator.speed_loops import truncated
 from armadico.bridge.simulator.walls import TOUCH_M, Wall, Walls
+from armadico.config.errors import ConfigError
 from armadico.config.moving import Moving
 from armadico.config.profile import RobotProfile, SensorProfile
 from armadico.config.worlds import Pose
@@ -32,6 +33,7 @@ from armadico.config.worlds import Pose
 STEP_S = 0.005
 MOVE_STEPS = round(MOVE_S / STEP_S)
 APART_S = 0.5  # a contact after less than this apart belongs to the same collision
+FASTEST_M_S = 1e3  # of what is so light or stiff that the steps are too long for it
 STALLED_M_S = 0.02  # rims slower than this, pushing a wall, are stalled
 PUSH_OUT = 0.2  # share of a penetration that is mended in a step
 PUSH_OUT_M = 0.005  # the most that is mended in a step
@@ -92,6 +94,10 @@ class Plant:
         self._touched: float = -inf  # the last step in which the outline touched
         self._touching = False
         self.add_walls(walls)
+        self._runaway = (
+            f"robot {profile.name!r}: its speeds grow without bound in the simulator's steps of"
+            f" {1e3 * STEP_S:g} ms; compare its [body], [inertia] and [motor] with pioneer-2dx's"
+        )
         self._movement = Movement(moving, walls, self._walls, self._box, rng) if moving else None
         self._move_world()
 
@@ -210,6 +216,8 @@ class Plant:
             dynamics.accelerate(left_v, right_v)
             v0, w0, v, w = v, w, dynamics.v, dynamics.w
             pace0, pace = pace, abs(v) + corner * abs(w)
+            if not pace < FASTEST_M_S:  # nor is it NaN
+                raise ConfigError(self._runaway)
             reach = STEP_S * (pace if pace > pace0 else pace0)
             margin -= reach
             mean_v, mean_w = 0.5 * (v0 + v), 0.5 * (w0 + w)

@@ -161,6 +161,16 @@ def test_no_way_leads_over_what_is_forbidden() -> None:
         assert long.clearance_m > 0.2
 
 
+def test_what_is_forbidden_is_called_so_where_it_leaves_no_way() -> None:
+    world = msgspec.structs.replace(OPEN, forbidden=tuple(box(5.0, -9.0, 5.3, 20.0)))
+    with pytest.raises(PlanError, match="clear of walls and of what is forbidden"):
+        plan(world, START, GOAL)
+    with pytest.raises(PlanError, match=r"0\.10 m from what is forbidden"):
+        plan(world, START, Placed(5.4, 2.0))
+    with pytest.raises(PlanError, match=r"clear of walls$"):
+        plan(msgspec.structs.replace(OPEN, walls=world.forbidden), START, GOAL)
+
+
 def test_doors_are_passed_in_order_and_squarely() -> None:
     found = plan(ROOMS, START, GOAL)
     assert found.doors == ("a", "b")

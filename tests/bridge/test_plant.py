@@ -16,6 +16,7 @@ from armadico.bridge.simulator.encoders import TICKS_PER_M
 from armadico.bridge.simulator.plant import Plant, seeded
 from armadico.bridge.simulator.speed_loops import SpeedLoops
 from armadico.bridge.simulator.walls import Wall
+from armadico.config.errors import ConfigError
 from armadico.config.profile import RobotProfile, SensorProfile
 from armadico.core.geometry import Pose2, compose
 
@@ -534,3 +535,21 @@ def _heard(robot: Plant, x: int) -> bool:
     """Whether the wall from x to x + 0.9 answers the left sonar, close to it."""
     robot.set_pose(x + 0.45 - 0.069, 0.6, 0.0)
     return robot.ping(0) is not None
+
+
+@pytest.mark.parametrize(
+    ("table", "key", "value"),
+    [
+        ("body", "caster_trail_m", 1e-6),
+        ("motor", "resistance_ohm", 1e-6),
+        ("inertia", "caster_viscous_nms", 1e6),
+    ],
+)
+def test_a_robot_that_the_steps_are_too_long_for_is_said_to_be_one(
+    table: str, key: str, value: float
+) -> None:
+    part = msgspec.structs.replace(getattr(PROFILE, table), **{key: value})
+    stiff = msgspec.structs.replace(PROFILE, **{table: part})
+    robot = Plant(stiff, IDEAL, [], (0.0, 0.0, 0.0), seeded(0))
+    with pytest.raises(ConfigError, match="grow without bound"):
+        drive(robot, 0.3, 0.5, 3.0)

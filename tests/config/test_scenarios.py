@@ -130,8 +130,9 @@ def test_a_scenario_starts_where_its_world_says(name: str) -> None:
     scenario = load_scenario(name)
     again = scenario_from(scenario.world)
     assert again.start == pytest.approx(scenario.start)
-    if scenario.goal is not None:
-        goals = load_world(scenario.world).goals
+    goals = load_world(scenario.world).goals
+    assert bool(goals) is (scenario.goal is not None)
+    if goals:
         assert scenario_from(scenario.world, goal=next(iter(goals))).goal == scenario.goal
 
 
@@ -255,6 +256,21 @@ def test_a_world_may_lie_beside_the_scenario(tmp_path: Path) -> None:
             '"rooms"\n[[moving]]\nkind = "person"\nat = [2, 2]\npace = 1',
             "own.toml:12: unknown key moving[0].pace",
         ),
+        (
+            '"rooms"',
+            '"rooms"\n[[moving]]\nkind = "door"\nwall = [1, 2, 2, 2]\nradius = 0.3',
+            "own.toml:12: a door has no radius; expected wall, times",
+        ),
+        (
+            '"rooms"',
+            '"rooms"\n[[moving]]\nkind = "person"\nat = [2, 2]\ntimes = [4, 9]',
+            "own.toml:12: a person has no times; expected at, radius, speed, heeds",
+        ),
+        (
+            '"rooms"',
+            '"rooms"\n[[moving]]\nkind = "box"\nat = [2, 2]\nheeds = false',
+            "own.toml:12: a box has no heeds; expected at, size, times",
+        ),
         ("plan =", "v_max = 0\nplan =", "own.toml:8: v_max = 0: expected a number > 0"),
     ],
 )
@@ -339,6 +355,29 @@ def test_a_map_with_walls_is_planned_whoever_made_it(
     assert planned(scenario) == asks
     assert blind(scenario) == into_the_wall
     assert planned(scenario_from(tmp_path / "hall.map", goal=(1.0, 8.0, 0.0)))
+
+
+STAIRS = """\
+2D-Map
+LineMinPos: 0 0
+LineMaxPos: 9000 9000
+Cairn: RobotHome 1000 1000 0 "" ICON "RobotHome"
+Cairn: ForbiddenLine 0 0 0 "" ICON "" 0 5000 8000 5000
+DATA
+"""
+"""Nothing but what no sensor sees."""
+
+
+def test_what_is_forbidden_alone_is_planned_round_and_no_place_to_be_sent_to(
+    tmp_path: Path,
+) -> None:
+    file = tmp_path / "stairs.map"
+    file.write_text(STAIRS)
+    beyond = scenario_from(file, goal=(1.0, 8.0, 0.0))
+    assert planned(beyond)
+    assert blind(msgspec.structs.replace(beyond, plan="direct"))
+    with pytest.raises(ConfigError, match=r"goal \(1, 4.9\) is 0.10 m from what is forbidden in"):
+        scenario_from(file, goal=(1.0, 4.9, 0.0))
 
 
 def test_a_straight_way_that_is_free_is_not_blind(tmp_path: Path) -> None:
