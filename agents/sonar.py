@@ -14,6 +14,7 @@ from armadico.agents.methods.geometry import Placed
 from armadico.agents.methods.known_walls import KnownWalls
 from armadico.agents.methods.local_map import CELLS, RINGS, SECTORS, Obstacle
 from armadico.agents.methods.settings import MapSettings, WallSettings
+from armadico.config.profile import load_profile
 from armadico.config.worlds import load_world
 from armadico.core import agent
 from armadico.core.agent import Agent
@@ -60,10 +61,12 @@ class Parameters(agent.Parameters, frozen=True, kw_only=True):
 
     A sonar measures anything in its cone and the map puts it on the axis: a wall dead ahead becomes
     two points with a gap between them that the robot would fit through. So what is in front and
-    near is published as an arc, a point on each side of the axis.
+    near is published as an arc, a point on each side of the axis. And a door's post becomes
+    something in the door; so an echo that a wall of the world explains is left to that wall.
     """
 
     world: Annotated[str, Meta(min_length=1)] | None = None  # the global map, if anybody knows it
+    profile: str = "pioneer-2dx"  # whose sonars' cone it is
     map: MapSettings = MapSettings()
     walls: WallSettings = WallSettings()
     arc_rad: Angle = radians(8.0)  # to each side
@@ -87,7 +90,7 @@ class SonarAgent(Agent):
     hears: ClassVar[tuple[type[Message], ...]] = (Sonar, Description, Pose)
     provides: ClassVar[tuple[type[Message], ...]] = (Obstacles, LocalMap)
     parameters = Parameters
-    launched_with = ("world",)
+    launched_with = ("world", "profile")
     p: Parameters
 
     def __init__(self, identity: agent.Identity, parameters: Any = None) -> None:
@@ -95,6 +98,7 @@ class SonarAgent(Agent):
         self._map = local_map.LocalMap(self.p.map)
         world = None if self.p.world is None else load_world(self.p.world)
         self._walls = None if world is None else KnownWalls(world.walls, self.p.walls)
+        self._half_cone = 0.5 * radians(load_profile(self.p.profile).sonar.cone_deg)
         self._origin: Pose2 | None = None  # of the odometry, by the newest pose that was sure
         self._covariance: tuple[float, ...] = ()  # of that pose,
         self._sure_at = -inf  # when that was,
@@ -147,10 +151,12 @@ class SonarAgent(Agent):
     def on_sonar(self, sonar: Sonar) -> None:
         """Take the echoes in, and publish where the obstacles are."""
         seen = self._map
-        seen.update(sonar.echoes)
-        if self._walls is not None:
+        if self._walls is None:
+            seen.update(sonar.echoes)
+        else:
             self._walls.look(*self._place())
             self._walls.hear(sonar.echoes)
+            seen.update(sonar.echoes, self._is_known)
             seen.expect(self._walls.points())
         self._listened += 1
         body = seen.outline
@@ -172,6 +178,10 @@ class SonarAgent(Agent):
         )
         if sonar.cycle.number % MAP_CYCLES == 0:
             self._say_map(sonar.cycle)
+
+    def _is_known(self, echo: local_map.Echo) -> bool:
+        """Whether a wall of the global map explains an echo."""
+        return self._walls is not None and self._walls.explains(echo, self._half_cone)
 
     def _place(self) -> tuple[Pose2 | None, tuple[float, ...]]:
         """Where the robot is now and how uncertain that is; None if nobody has known for long."""

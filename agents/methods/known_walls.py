@@ -5,6 +5,7 @@ end of one that stands edge-on. Who knows the map and where it is on it knows th
 Each wall is a row of places. A place is believed less the less sure the pose is; and it is doubted
 where a sonar looked at it squarely and heard something behind: what the map has shut may be open.
 Silence is no doubt, since that is what a dead wall sounds like.
+An echo that a place explains says nothing of anything else.
 
 Poses are in the world's frame, what comes out is in the body's: x forward, y left, origin at the
 middle of the wheel axle; metres and radians.
@@ -144,6 +145,26 @@ class KnownWalls:
                 self._doubts[three] = min(1.0, self._doubts.get(three, 0.0) + s.miss)
             for three in answered:
                 self._doubts.pop(three, None)
+
+    def explains(self, echo: Echo, half_cone: float) -> bool:
+        """Whether a believed place in the sonar's cone is as far off as what answered.
+
+        Nobody can tell by one echo where in the cone it came from; of a place it is known. Only
+        while the pose is about as sure as that.
+        """
+        s = self.settings
+        if echo.range is None or self._weight < s.explains:
+            return False
+        cos, sin, slope = math.cos(echo.bearing), math.sin(echo.bearing), math.tan(half_cone)
+        for three, x, y, *_ in self._near:
+            dx, dy = x - echo.x, y - echo.y
+            along = cos * dx + sin * dy
+            if along <= 0.0 or abs(cos * dy - sin * dx) > slope * along:
+                continue
+            near = abs(math.hypot(dx, dy) - echo.range) <= s.explains_m
+            if near and self._doubts.get(three, 0.0) < FORGOTTEN:
+                return True
+        return False
 
     def points(self) -> list[Obstacle]:
         """The nearest place that is believed, in each direction in which there is one."""

@@ -150,8 +150,13 @@ class LocalMap:
         self._cells = moved
         self._occupied = self._all = None
 
-    def update(self, echoes: Iterable[Echo]) -> None:
-        """Take in the echoes of one cycle: a ping doubts what did not echo, and fills a cell."""
+    def update(
+        self, echoes: Iterable[Echo], explained: Callable[[Echo], bool] = lambda _: False
+    ) -> None:
+        """Take in the echoes of one cycle: a ping doubts what did not echo, and fills a cell.
+
+        Not if what is expected explains the echo: that is there already, in its own place.
+        """
         for echo in echoes:
             sonar = (echo.x, echo.y, echo.bearing)
             self._sonars.pop(sonar, None)
@@ -159,7 +164,7 @@ class LocalMap:
             if len(self._sonars) > _MOST_SONARS:  # the one silent for longest is none
                 del self._sonars[next(iter(self._sonars))]
             self._clear(echo)
-            if echo.range is not None:
+            if echo.range is not None and not explained(echo):
                 self._fill(echo, echo.range)
         self._occupied = self._all = None
 

@@ -46,6 +46,8 @@ class WallSettings(Struct, frozen=True):
     square: float = cos(radians(20))  # of a wall that the axis meets so squarely, had to echo
     margin_m: float = 0.2  # an echo from so much behind it
     miss: float = 0.4  # adds so much doubt,
+    explains_m: float = 0.08  # an echo whose range is no farther off is a place's in the cone,
+    explains: float = 0.75  # if the pose leaves so much belief: no more uncertain than 0.13 m
     memory: float = 0.997  # of which so much is left a cycle: half after 23 s
 
 

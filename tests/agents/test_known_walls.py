@@ -176,3 +176,24 @@ def test_the_covariance_counts_as_the_wall_stands_to_it() -> None:
     assert nearest(at(HERE, across, wall)) == pytest.approx(1.0, abs=0.01)
     toward = (0.04 * c * c, 0.04 * s * c, 0.0, 0.04 * s * s, 0.0, 0.0)
     assert nearest(at(HERE, toward, wall)) == pytest.approx(1.2, abs=0.01)
+
+
+@pytest.mark.parametrize(("range_", "explained"), [(1.0, True), (0.85, False), (1.2, False)])
+def test_an_echo_from_as_far_as_a_wall_in_the_cone_is_explained_by_it(
+    range_: float, explained: bool
+) -> None:
+    post = at(HERE, wall=(cos(0.2), sin(0.2), 1.5, 0.8))
+    assert post.explains(Ping(0.0, 0.0, 0.0, range_), radians(15)) == explained
+    assert not post.explains(Ping(0.0, 0.0, 0.0, range_), radians(10))  # outside of a narrow cone
+    assert not post.explains(Ping(0.0, 0.0, pi, range_), radians(15))
+    assert not post.explains(Ping(0.0, 0.0, 0.0, None), radians(15))
+
+
+def test_nothing_is_explained_by_a_pose_that_is_uncertain_or_a_wall_that_is_doubted() -> None:
+    ping = Ping(0.0, 0.0, 0.0, 1.0)
+    assert at(HERE, sure(0.1)).explains(Ping(0.0, 0.0, 0.0, 1.07), radians(15))
+    assert not at(HERE, sure(0.2)).explains(ping, radians(15))
+    open_now = at(HERE)
+    assert open_now.explains(ping, radians(2))
+    open_now.hear([Ping(0.0, 0.0, 0.0, 2.0)])
+    assert not open_now.explains(ping, radians(2))

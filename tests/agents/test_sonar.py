@@ -277,3 +277,14 @@ def test_it_is_told_of_the_world_unless_that_is_to_be_explored() -> None:
         scenario = replace(load_scenario("sc4"), plan=plan)
         (sets,) = (m.sets for m in members(scenario, Options(), "") if m.name == "sonar")
         assert any(one.startswith("world=") for one in sets) == told
+
+
+def test_a_doors_post_in_the_cone_is_nothing_in_the_door_and_a_box_there_is() -> None:
+    end = (5.0, 1.28)  # of the wall of sc2, 10 degrees off the axis of the sonar that hears it
+    ring = Ring(MAPPED)
+    robot = (4.0, end[1] - 0.18, 0.0)
+    (clear,) = [{round(p.y, 3) for p in ring.ping((AHEAD, None), pose=robot).points}]
+    heard = {round(p.y, 3) for p in ring.ping((radians(20), 1.01), pose=robot).points}
+    assert heard == clear
+    boxed = {round(p.y, 3) for p in ring.ping((radians(20), 0.7), pose=robot).points}
+    assert boxed > clear
