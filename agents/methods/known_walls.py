@@ -153,7 +153,7 @@ class KnownWalls:
         while the pose is about as sure as that.
         """
         s = self.settings
-        if echo.range is None or self._weight < s.explains:
+        if echo.range is None or echo.range < s.explains_from_m or self._weight < s.explains:
             return False
         cos, sin, slope = math.cos(echo.bearing), math.sin(echo.bearing), math.tan(half_cone)
         for three, x, y, *_ in self._near:

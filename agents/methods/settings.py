@@ -48,6 +48,7 @@ class WallSettings(Struct, frozen=True):
     miss: float = 0.4  # adds so much doubt,
     explains_m: float = 0.08  # an echo whose range is no farther off is a place's in the cone,
     explains: float = 0.75  # if the pose leaves so much belief: no more uncertain than 0.13 m
+    explains_from_m: float = 0.6  # and not near by: there a pose that is wrong would cost a contact
     memory: float = 0.997  # of which so much is left a cycle: half after 23 s
 
 

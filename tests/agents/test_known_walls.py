@@ -189,6 +189,13 @@ def test_an_echo_from_as_far_as_a_wall_in_the_cone_is_explained_by_it(
     assert not post.explains(Ping(0.0, 0.0, 0.0, None), radians(15))
 
 
+def test_nothing_near_is_explained() -> None:
+    """A pose may be surely wrong, and whatever answers near by is kept off."""
+    near = at((0.5, 0.0, 0.0))
+    assert nearest(near) == pytest.approx(0.5, abs=0.01)
+    assert not near.explains(Ping(0.0, 0.0, 0.0, 0.5), radians(15))
+
+
 def test_nothing_is_explained_by_a_pose_that_is_uncertain_or_a_wall_that_is_doubted() -> None:
     ping = Ping(0.0, 0.0, 0.0, 1.0)
     assert at(HERE, sure(0.1)).explains(Ping(0.0, 0.0, 0.0, 1.07), radians(15))
