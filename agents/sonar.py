@@ -53,6 +53,10 @@ BUMP_SHARES = (-0.75, 0.0, 0.75)
 """What stalled the robot is put so far to its sides, in shares of half its width."""
 
 
+BUMP_OFF_M = 0.25
+"""Farther from a wall of the map than this, it was not that which was touched."""
+
+
 class Parameters(agent.Parameters, frozen=True, kw_only=True):
     """How the map believes and forgets, and how wide an echo in front is taken to be.
 
@@ -70,7 +74,8 @@ class Parameters(agent.Parameters, frozen=True, kw_only=True):
     arc_within_rad: Angle = radians(45.0)  # of the heading
     arc_from_m: Metres = 0.04  # before the front edge
     arc_to_m: Metres = 1.6
-    bump_s: Seconds = 60.0  # how long something is remembered that the robot touched
+    bump_s: Seconds = 60.0  # how long something is remembered that the robot touched,
+    bump_off_map_s: Seconds = 10.0  # and that is on no map: somebody, who goes on
 
 
 class SonarAgent(Agent):
@@ -114,7 +119,8 @@ class SonarAgent(Agent):
         odometry = (state.x, state.y, state.theta)
         if self._odometry is not None and state.cycle.epoch == self._epoch:
             motion = relative(self._odometry, odometry)
-            self._map.move(Placed(*motion))
+            mapped = self._walls is not None and self._walls.known
+            self._map.move(Placed(*motion), mapped=mapped)
             self._way += hypot(motion[0], motion[1])
             self._bumps = list(self._moved(motion))
         else:
@@ -146,12 +152,14 @@ class SonarAgent(Agent):
 
     def on_sonar(self, sonar: Sonar) -> None:
         """Take the echoes in, and publish where the obstacles are."""
-        seen = self._map
-        seen.update(sonar.echoes)
-        if self._walls is not None:
-            self._walls.look(*self._place())
-            self._walls.hear(sonar.echoes)
-            seen.expect(self._walls.points())
+        seen, walls = self._map, self._walls
+        if walls is None:
+            seen.update(sonar.echoes)
+        else:
+            walls.look(*self._place())
+            walls.hear(sonar.echoes)
+            seen.update(sonar.echoes, walls.explains)
+            seen.expect(walls.points())
         self._listened += 1
         body = seen.outline
         if self._listened < round(LOOK_S / self.cycles.period) or body is None:
@@ -193,8 +201,14 @@ class SonarAgent(Agent):
         """The bumps that are still remembered, where they are after the robot's motion."""
         for when, point in self._bumps:
             x, y, _ = relative(motion, (point.x, point.y, 0.0))
-            if self.now - when < self.p.bump_s and hypot(x, y) < self.p.map.reach_m:
+            lasts = self.p.bump_off_map_s if self._is_off_map(point) else self.p.bump_s
+            if self.now - when < lasts and hypot(x, y) < self.p.map.reach_m:
                 yield when, Point(x, y)
+
+    def _is_off_map(self, point: Point) -> bool:
+        """Whether the global map, and it is known where on it, has nothing there."""
+        walls = self._walls
+        return walls is not None and walls.known and not walls.near(point.x, point.y, BUMP_OFF_M)
 
     def _arcs(self, obstacles: Iterable[Obstacle], body: Outline) -> Iterator[Point]:
         """All points that were heard, and both ends of the arc for those in front."""
