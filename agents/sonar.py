@@ -10,6 +10,7 @@ from typing import Annotated, Any, ClassVar
 from msgspec import Meta
 
 from armadico.agents.methods import local_map
+from armadico.agents.methods.comers import Comers
 from armadico.agents.methods.geometry import Placed
 from armadico.agents.methods.known_walls import KnownWalls
 from armadico.agents.methods.local_map import CELLS, RINGS, SECTORS, Obstacle
@@ -100,6 +101,8 @@ class SonarAgent(Agent):
         self._map = local_map.LocalMap(self.p.map)
         world = None if self.p.world is None else load_world(self.p.world)
         self._walls = None if world is None else KnownWalls(world.walls, self.p.walls)
+        self._comers = Comers()
+        self._pings = 0
         self._origin: Pose2 | None = None  # of the odometry, by the newest pose that was sure
         self._covariance: tuple[float, ...] = ()  # of that pose,
         self._sure_at = -inf  # when that was,
@@ -161,7 +164,11 @@ class SonarAgent(Agent):
             seen.update(sonar.echoes, walls.explains)
             seen.expect(walls.points())
         self._listened += 1
+        self._pings += len(sonar.echoes)
         body = seen.outline
+        if walls is not None and walls.known and body is not None and self._odometry is not None:
+            ping_s = self.cycles.period * self._listened / max(self._pings, 1)
+            self._comers.hear(sonar.echoes, ping_s, self._odometry, walls.explains, body)
         if self._listened < round(LOOK_S / self.cycles.period) or body is None:
             return
         self.publish(
@@ -175,6 +182,7 @@ class SonarAgent(Agent):
                     *self._arcs(seen.heard(), body),
                     *(Point(o.x, o.y) for o in (*seen.expected, *seen.onward())),
                     *(point for _, point in self._bumps),
+                    *(Point(x, y) for x, y in self._comers.points()),
                 ),
             )
         )

@@ -230,7 +230,9 @@ class SonarModel:
         found = np.zeros(len(echoes), dtype=np.bool_)
         for k, echo in enumerate(echoes):
             if echo.range is not None:
-                ear_x, ear_y = x + (c * echo.x - s * echo.y), y + (s * echo.x + c * echo.y)
+                ahead, left = np.float32(echo.x), np.float32(echo.y)
+                ear_x = np.asarray(x + (c * ahead - s * left), dtype=np.float32)
+                ear_y = np.asarray(y + (s * ahead + c * left), dtype=np.float32)
                 where = self._where(ear_x, ear_y, theta + np.float32(echo.bearing))
                 sees_mm = self._heard[where].view(ROW)["sees_mm"].item()
                 found[k] = sees_mm > 1e3 * (echo.range + BEFORE_M)

@@ -35,6 +35,7 @@ SIGHT = cos(radians(100))  # 2 phi is 200 degrees
 UNSEEN = 0.5  # c
 FASTEST = 1.3  # of the speed that is wished
 APART_M = 0.1  # nearer than this a touch that was is not over
+STANDS_M_S = 0.05  # a place of the robot that goes slower than this stands
 NOTICED_M = 1.0  # who has walked into the robot heeds it to here
 TOUCHED_M = 0.02  # a person is this near to what touches it: a sonar's person has corners
 TINY_M = 1e-3
@@ -50,7 +51,8 @@ class Gap(NamedTuple):
     y: float
     away_x: float  # from its middle
     away_y: float
-    comes_m_s: float  # so fast the outline comes nearer
+    comes_m_s: float  # so fast the outline comes nearer,
+    goes_m_s: float  # and so fast it goes there, wherever to
     middle_m: float  # from its middle
     step_x: float  # how far that goes in `AHEAD_S`, m
     step_y: float
@@ -146,7 +148,8 @@ class Person:
         """Whether a touch now is its own doing."""
         there = gap(self.x, self.y)
         comes = -(self._vx * there.x + self._vy * there.y)
-        return self._met or comes > max(0.0, there.comes_m_s)
+        along = there.goes_m_s < STANDS_M_S < hypot(self._vx, self._vy)
+        return self._met or along or comes > max(0.0, there.comes_m_s)
 
     @property
     def outline(self) -> list[Wall]:
@@ -254,7 +257,7 @@ class Movement:
             out_x, out_y = ahead - near_x, left - near_y
             out = hypot(out_x, out_y)
             out_x, out_y = out_x / (out or 1.0), out_y / (out or 1.0)
-            comes = (v - w * near_y) * out_x + w * (near_x + box.ahead) * out_y
+            goes_x, goes_y = v - w * near_y, w * (near_x + box.ahead)
             to_x, to_y = c * out_x - s * out_y, s * out_x + c * out_y
             middle_x, middle_y = dx - c * box.ahead, dy - s * box.ahead
             middle = hypot(middle_x, middle_y) or 1.0
@@ -264,7 +267,8 @@ class Movement:
                 to_y,
                 middle_x / middle,
                 middle_y / middle,
-                comes,
+                goes_x * out_x + goes_y * out_y,
+                hypot(goes_x, goes_y),
                 middle,
                 AHEAD_S * v * c,
                 AHEAD_S * v * s,

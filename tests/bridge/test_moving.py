@@ -137,7 +137,7 @@ def test_who_sees_a_robot_come_goes_out_of_its_way() -> None:
 def test_a_robot_pushes_to_where_it_does_not_go() -> None:
     def gap(x: float, y: float, step: float) -> Gap:
         away = hypot(x, y)
-        return Gap(away, x / away, y / away, x / away, y / away, 0.0, away, step, 0.0)
+        return Gap(away, x / away, y / away, x / away, y / away, 0.0, 0.0, away, step, 0.0)
 
     ahead, aside, behind = pushed(gap(1.5, 0.2, 1.4)), pushed(gap(0.7, 1.0, 1.4)), gap(-1.5, 0.0, 1)
     assert ahead[1] > 1.0
