@@ -7,6 +7,7 @@ from math import cos, hypot, pi, radians, sin
 import pytest
 from msgspec.structs import replace
 
+from armadico.agents.methods.comers import AHEAD_S
 from armadico.agents.sonar import LOOK_S, Parameters, SonarAgent
 from armadico.config.scenarios import load_scenario
 from armadico.core.agent import Identity, Publish
@@ -300,6 +301,17 @@ def test_what_was_touched_and_is_on_no_map_goes_on() -> None:
         ring.now += 11.0
         points = ring.ping((AHEAD, None), pose=(x, 0.0, 0.0)).points
         assert any(p.x == pytest.approx(0.25) and p.y == 0.0 for p in points) == stays
+
+
+def test_who_comes_is_put_where_it_will_be_soon_too() -> None:
+    for speed, comes in ((0.6, True), (0.0, False)):
+        ring = Ring(MAPPED)
+        ring.agent._pings = ring.agent._listened  # one a cycle, as here
+        for k in range(6):
+            far = 1.5 - 0.1 * k * speed
+            found = ring.ping((AHEAD, far), pose=(1.0, 0.0, 0.0))
+        nearest = min(hypot(p.x, p.y) for p in found.points)
+        assert nearest == pytest.approx(far - (AHEAD_S * speed if comes else 0.0), abs=0.02)
 
 
 def test_it_is_told_of_the_world_unless_that_is_to_be_explored() -> None:

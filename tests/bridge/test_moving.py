@@ -134,6 +134,23 @@ def test_who_sees_a_robot_come_goes_out_of_its_way() -> None:
     assert touched == 0
 
 
+@pytest.mark.parametrize(
+    ("comes", "goes", "his"),
+    [(0.0, 0.02, True), (0.02, 0.02, True), (0.1, 0.1, False), (-0.2, 0.2, False)],
+    ids=["it stands", "it hardly turns", "it turns into him", "it goes away along him"],
+)
+def test_who_walks_along_a_robot_that_stands_touches_it(
+    comes: float, goes: float, his: bool
+) -> None:
+    robot = plant(walker(1.0, 0.0, heeds=False))
+    movement = robot._movement
+    assert movement is not None
+    someone = movement._people[0]
+    someone._vx, someone._vy = 0.0, 0.7  # square to the way between them
+    there = Gap(0.25, 1.0, 0.0, 1.0, 0.0, comes, goes, 0.45, 0.0, 0.0)
+    assert someone.walks_into(lambda _x, _y: there) == his
+
+
 def test_a_robot_pushes_to_where_it_does_not_go() -> None:
     def gap(x: float, y: float, step: float) -> Gap:
         away = hypot(x, y)
