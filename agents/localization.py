@@ -125,7 +125,8 @@ class Localization(Agent):
             self._filter.start_anywhere()
         else:
             off = max(self.p.start_m, pose.deviation)  # of a pose that nobody corrected lately
-            self._filter.start_at((pose.x, pose.y, pose.theta), off, self.p.start_rad)
+            turned = max(self.p.start_rad, pose.heading_deviation)
+            self._filter.start_at((pose.x, pose.y, pose.theta), off, turned)
 
     def on_robot_state(self, state: RobotState) -> None:
         """Move the particles.
@@ -140,7 +141,7 @@ class Localization(Agent):
         if before is None or not self._begun:
             return
         if another and begun_anew(before, odometry):
-            self._filter.start_at(self._filter.estimate(self._at).pose, UNCOUNTED_M, UNCOUNTED_RAD)
+            self._filter.scatter_by(UNCOUNTED_M, UNCOUNTED_RAD)
             return
         self._motion = motion = relative(before, odometry)
         self._filter.move(motion)
@@ -252,4 +253,6 @@ def sonar_model(grid: Grid, cone_rad: float, reach_m: float) -> SonarModel:
 
     about = repr((version("armadico"), FORMAT, grid.cell_m, grid.bounds, cone_rad, reach_m))
     key = sha256(about.encode() + grid.walls.tobytes()).hexdigest()[:32]
-    return SonarModel(grid, cone_rad, reach_m, Fields(**arrays(f"sonars-{key}", make)))
+    return SonarModel(
+        grid, cone_rad, reach_m, Fields(**arrays(f"sonars-{key}", Fields._fields, make))
+    )

@@ -100,7 +100,9 @@ class SonarAgent(Agent):
         super().__init__(identity, parameters)
         self._map = local_map.LocalMap(self.p.map)
         world = None if self.p.world is None else load_world(self.p.world)
-        self._walls = None if world is None else KnownWalls(world.walls, self.p.walls)
+        self._walls = None
+        if world is not None:
+            self._walls = KnownWalls(world.walls, self.p.walls, world.forbidden)
         self._comers = Comers()
         self._pings = 0
         self._origin: Pose2 | None = None  # of the odometry, by the newest pose that was sure

@@ -4,7 +4,8 @@ A smooth wall that is met at a slant does not answer, a dead one never does, and
 end of one that stands edge-on. Who knows the map and where it is on it knows them all the same.
 Each wall is a row of places. A place is believed less the less sure the pose is; and it is doubted
 where a sonar looked at it squarely and heard something behind: what the map has shut may be open.
-Silence is no doubt, since that is what a dead wall sounds like.
+Silence is no doubt, since that is what a dead wall sounds like. What is forbidden no sonar
+hears, so it is never doubted.
 
 An echo from as far as a place that is believed, and not far off the axis, is that place's. On the
 axis, where one that nothing explains is put, the posts of a door would stand in the door.
@@ -17,6 +18,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterable, Iterator, Sequence
+from itertools import chain
 from typing import NamedTuple
 
 from armadico.agents.methods.local_map import Echo, Obstacle
@@ -37,6 +39,9 @@ BINS = 48
 BUCKET_M = 1.0
 AHEAD_M = 0.25
 """So far the robot comes until it is looked anew which places are within reach."""
+
+UNDOUBTED = -1
+"""The number of places that no echo speaks of."""
 
 FORGOTTEN = 0.1
 """A doubt below this is none."""
@@ -69,11 +74,17 @@ class _Near(NamedTuple):
 class KnownWalls:
     """Places of the map's walls, and how much each of them is believed."""
 
-    def __init__(self, walls: Iterable[Segment], settings: WallSettings | None = None) -> None:
-        """Cut the walls (m) into places; most of them will never be near."""
+    def __init__(
+        self,
+        walls: Iterable[Segment],
+        settings: WallSettings | None = None,
+        forbidden: Iterable[Segment] = (),
+    ) -> None:
+        """Cut the walls (m) and what is forbidden into places; most of them will never be near."""
         self.settings = settings or WallSettings()
         self._buckets: dict[tuple[int, int], list[_Place]] = {}
-        for place in _places(walls):
+        never = (place._replace(three=UNDOUBTED) for place in _places(forbidden))
+        for place in chain(_places(walls), never):
             key = math.floor(place.x / BUCKET_M), math.floor(place.y / BUCKET_M)
             self._buckets.setdefault(key, []).append(place)
         self._anchor = (math.inf, math.inf)
@@ -135,6 +146,8 @@ class KnownWalls:
             free = echo.range - s.margin_m
             through, answered = set(), set()
             for three, x, y, nx, ny, away in self._near:
+                if three == UNDOUBTED:
+                    continue
                 dx, dy = x - echo.x, y - echo.y
                 along = cos * dx + sin * dy
                 if along <= 0.0 or abs(cos * dy - sin * dx) > s.axis * along:
@@ -171,6 +184,8 @@ class KnownWalls:
         near = s.explains_near_m + self._off
         cos, sin = math.cos(echo.bearing), math.sin(echo.bearing)
         for place in self._near:
+            if place.three == UNDOUBTED:  # and unheard
+                continue
             dx, dy = place.x - echo.x, place.y - echo.y
             away = math.hypot(dx, dy)
             if abs(away - echo.range) > near or cos * dx + sin * dy < s.explains_cone * away:
@@ -185,10 +200,11 @@ class KnownWalls:
         return self._weight >= self.settings.least
 
     def near(self, x: float, y: float, within: float) -> bool:
-        """Whether a place that is believed is so near to one in the body frame, m."""
+        """Whether a wall that is believed is so near to a place in the body frame, m."""
         return any(
             math.hypot(place.x - x, place.y - y) <= within and self._believed(place)
             for place in self._near
+            if place.three != UNDOUBTED
         )
 
     def _believed(self, place: _Near) -> bool:

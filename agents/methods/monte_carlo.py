@@ -139,7 +139,8 @@ class MonteCarlo:
 
     def start_at(self, pose: Pose2, deviation_m: float, deviation_rad: float) -> None:
         """Begin about a pose."""
-        wide = deviation_m > 2.0 * self.settings.bin_m
+        settings = self.settings
+        wide = deviation_m > 2.0 * settings.bin_m or deviation_rad > 2.0 * settings.bin_rad
         n = self.settings.most if wide else self.settings.least
         spread = np.array([deviation_m, deviation_m, deviation_rad])
         guesses = np.asarray(pose) + self._rng.standard_normal((n, 3)) * spread
@@ -149,10 +150,20 @@ class MonteCarlo:
         """Begin with no idea of the pose."""
         self._begin(self._anywhere(self.settings.most))
 
+    def scatter_by(self, deviation_m: float, deviation_rad: float) -> None:
+        """The robot moved, and nobody knows how: each guess may be so far from where it was."""
+        n = self.settings.most
+        guesses = self.poses[self._drawn(n)].astype(np.float64)
+        spread = np.array([deviation_m, deviation_m, deviation_rad])
+        guesses += self._rng.standard_normal((n, 3)) * spread
+        self._begin(guesses.astype(np.float32))
+
     def _begin(self, poses: Poses) -> None:
         self.poses = poses
         self.wheels = self._uncalibrated(len(poses))
         self.weights = np.full(len(poses), 1.0 / len(poses))
+        self._kept.clear()  # no motion is known that leads on from there
+        self._since, self._fresh = (0.0, 0.0, 0.0), False
         self._slow = self._fast = self.settings.fits  # guesses that lie apart fit badly at first
         self._moved = self._turned = inf
 
@@ -320,9 +331,7 @@ class MonteCarlo:
         doubt = self._doubt
         more = self._recall() if doubt > DOUBT and self._fresh else self.poses[:0]
         self._fresh = False
-        total = np.cumsum(self.weights)
-        at = (self._rng.random() + np.arange(n)) * (total[-1] / n)
-        drawn = np.minimum(np.searchsorted(total, at), len(total) - 1)
+        drawn = self._drawn(n)
         self.poses, self.weights = self.poses[drawn], np.full(n, 1.0 / n)
         # Shrunk by as much as the noise widens it, a guess stays as wide as it is (Liu and West).
         keep = np.sqrt(1.0 - forgets**2)
@@ -332,6 +341,13 @@ class MonteCarlo:
             self.wheels = np.concatenate([self.wheels, self._uncalibrated(len(more))])
             lighter = np.full(len(more), 0.1 * doubt / len(more))
             self.weights = np.concatenate([self.weights * (1.0 - 0.1 * doubt), lighter])
+
+    def _drawn(self, n: int) -> NDArray[np.intp]:
+        """So many of them by low variance (table 4.4)."""
+        total = np.cumsum(self.weights)
+        at = (self._rng.random() + np.arange(n)) * (total[-1] / n)
+        drawn: NDArray[np.intp] = np.minimum(np.searchsorted(total, at), len(total) - 1)
+        return drawn
 
     def _needed(self) -> int:
         """How many particles the spread needs: the bins that hold weight, by table 8.4's bound."""

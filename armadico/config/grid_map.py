@@ -22,7 +22,7 @@ from numpy.typing import NDArray
 
 from armadico.config.errors import ConfigError
 from armadico.config.mapwriter import format_map
-from armadico.config.occupancy import Raster, read_raster, world_of
+from armadico.config.occupancy import Raster, quoted, read_raster, world_of
 from armadico.config.worlds import Segment, World
 from armadico.core.messages import OccupancyGrid
 
@@ -126,6 +126,11 @@ def check_suffix(path: Path) -> None:
     if path.suffix not in SUFFIXES:
         expected = "expected .yaml (a ROS map_server's, with a .pgm beside it) or .map (ARIA's)"
         raise ConfigError(f"{path}: {expected}")
+    try:
+        path.name.encode()
+    except UnicodeEncodeError:
+        fault = "a name that is no UTF-8; what names its image could not be written"
+        raise ConfigError(f"{str(path)!r}: {fault}") from None
 
 
 def save(cells: Cells, path: Path) -> list[Path]:
@@ -142,7 +147,7 @@ def save(cells: Cells, path: Path) -> list[Path]:
     rows, columns = cells.states.shape
     pixels = PIXELS[np.flipud(cells.states)]
     text = (
-        f"image: {image.name}\nresolution: {cells.cell_m:.6g}\n"
+        f"image: {quoted(image.name)}\nresolution: {cells.cell_m:.6g}\n"
         f"origin: [{cells.x:.6f}, {cells.y:.6f}, 0.0]\n"
         "negate: 0\noccupied_thresh: 0.65\nfree_thresh: 0.196\n"
     )

@@ -6,6 +6,10 @@ judged as map_server does in its trinary mode; unknown cells are not walls.
 
 from __future__ import annotations
 
+import json
+import re
+from collections.abc import Callable
+from contextlib import suppress
 from dataclasses import dataclass
 from math import cos, isfinite, sin
 from pathlib import Path
@@ -26,6 +30,13 @@ Fields = dict[str, tuple[str, int]]
 REQUIRED = ("image", "resolution", "origin")
 OPTIONAL = {"negate": "0", "occupied_thresh": "0.65", "free_thresh": "0.196", "mode": "trinary"}
 MAX_PIXELS = 89_000_000  # Pillow warns of more, and refuses twice as many
+
+_PLAIN = re.compile(r"[\w.][\w .()+-]*")
+_QUOTED: tuple[tuple[re.Pattern[str], Callable[[str], str]], ...] = (
+    (re.compile(r'("(?:[^"\\]|\\.)*")\s*(?:#.*)?'), json.loads),
+    (re.compile(r"('(?:[^']|'')*')\s*(?:#.*)?"), lambda text: text[1:-1].replace("''", "'")),
+)
+"""A value in quotes, with a comment behind it, if any; and what it says."""
 
 
 @dataclass(frozen=True)
@@ -67,17 +78,35 @@ def world_of(raster: Raster, name: str) -> World:
     return World(name, walls, bounds)
 
 
+def quoted(text: str) -> str:
+    """A string as a YAML value: as it is if YAML takes it for that, else in quotes."""
+    if _PLAIN.fullmatch(text) and text.strip() == text:
+        return text
+    said = json.dumps(text, ensure_ascii=False)
+    return re.sub("[\x7f\x85\u2028\u2029]", lambda found: f"\\u{ord(found[0]):04x}", said)
+
+
+def _unquoted(value: str) -> str:
+    """What a YAML value says."""
+    for pattern, plain in _QUOTED:
+        found = pattern.fullmatch(value)
+        if found is not None:
+            with suppress(ValueError):
+                return plain(found[1])
+    return value.split(" #", maxsplit=1)[0].strip()
+
+
 def _fields(text: str, file: Path) -> Fields:
     fields: Fields = {}
-    for number, line in enumerate(text.splitlines(), start=1):
-        content = line.split(" #")[0].strip()
+    for number, line in enumerate(text.split("\n"), start=1):
+        content = line.strip()
         if not content or content.startswith(("#", "---")):
             continue
         key, colon, value = content.partition(":")
         if not colon:
             raise ConfigError(f"{content!r}: expected `key: value`", file, number)
         if key.strip() in (*REQUIRED, *OPTIONAL):
-            fields[key.strip()] = value.strip().strip("'\""), number
+            fields[key.strip()] = _unquoted(value.strip()), number
     for key in REQUIRED:
         if key not in fields:
             raise ConfigError(f"missing key {key}; a map needs {', '.join(REQUIRED)}", file, 1)

@@ -63,6 +63,19 @@ def test_a_wall_that_is_met_edge_on_ends_where_it_ends() -> None:
     assert nearest(known) == pytest.approx(0.7)
 
 
+def test_what_is_forbidden_is_expected_however_much_is_heard_behind_it() -> None:
+    """Stairs: no sonar hears them, and what is beyond them answers."""
+    known = KnownWalls([], forbidden=[WALL])
+    for _ in range(20):
+        known.look(HERE, sure(0.0))
+        known.hear([Ping(0.2, 0.0, 0.0, 3.0), Ping(0.2, 0.1, 0.2, 3.0)])
+    assert nearest(known) == pytest.approx(1.0, abs=STEP_M)
+    assert not known.explains(Ping(0.0, 0.0, 0.0, 1.0))
+    assert not known.near(1.0, 0.0, 0.2)
+    known.look(None)
+    assert not known.points()
+
+
 def test_what_a_nearer_wall_hides_is_left_out() -> None:
     known = KnownWalls([WALL, (1.1, -2.0, 1.1, 2.0)])
     known.look((0.6, 0.0, 0.0), sure(0.0))

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 import random
 from collections.abc import Iterator
 from math import cos, hypot, pi, radians, sin, sqrt
@@ -460,6 +461,40 @@ def test_what_a_controller_that_began_anew_did_not_count_makes_it_unsure(world: 
     assert hypot(x - pose[0], y - pose[1]) < 0.3
 
 
+def test_what_was_not_counted_makes_a_lost_robot_no_surer_of_one_place(world: str) -> None:
+    robot = Robot(Parameters(world=world, start="anywhere"))
+    for _ in range(5):
+        (before,) = robot.at(START, (0.0, 0.0, 0.0), START)
+    robot.restart((0.0, 0.0, 0.0), anew=True)
+    (after,) = robot.at(START, (0.0, 0.0, 0.0), START)
+    spreads = [said.covariance[0] + said.covariance[3] for said in (before, after)]
+    assert min(spreads) > 2.5, "more than the least that one who is lost says"
+    assert spreads[1] > 0.7 * spreads[0]
+
+
+def test_readings_of_before_what_was_not_counted_are_not_joined_to_those_after_it(
+    world: str,
+) -> None:
+    robot = Robot(Parameters(world=world))
+    for pose, motion in drive(START, 150):
+        robot.at(pose, motion, pose)
+    robot.restart((0.0, 0.0, 0.0), anew=True)
+    robot.at(pose, (0.0, 0.0, 0.0), pose)
+    assert len(robot.agent._filter._kept) <= 1
+
+
+def test_one_that_starts_with_an_unsure_heading_looks_for_it_as_wide(world: str) -> None:
+    """The encoder agent says that half a radian was not counted; so it is for who starts then."""
+    off = 0.5
+    covariance = (0.25, 0.0, 0.0, 0.25, 0.0, off**2)
+    for told, least in ((covariance, 0.5 * off), ((), 0.0)):
+        robot = Robot(Parameters(world=world))
+        robot.at(START, (0.0, 0.0, 0.0), START, told)
+        headings = robot.agent._filter.poses[:, 2] - START[2]
+        assert float(np.std(headings)) > least
+        assert bool(least) == (float(np.std(headings)) > radians(10.0))
+
+
 def test_a_robot_that_was_lost_before_it_started_is_lost(world: str) -> None:
     robot = Robot(Parameters(world=world))
     wide = (1.0, 0.0, 0.0, 1.0, 0.0, 1.0)
@@ -504,6 +539,35 @@ def test_a_damaged_file_is_made_anew(cache: Path, damaged: bytes | None) -> None
     kept.write_bytes(whole[:5000] + b"?" + whole[5001:] if damaged is None else damaged)
     assert np.array_equal(modelled(), made)
     assert kept.read_bytes() == whole
+
+
+def test_a_file_that_lacks_an_array_is_made_anew(cache: Path) -> None:
+    made = modelled()
+    (kept,) = cache.iterdir()
+    with np.load(kept) as whole:
+        parts = {name: whole[name] for name in whole.files[1:]}
+    np.savez(kept, **parts)
+    assert np.array_equal(modelled(), made)
+
+
+def test_what_a_killed_process_has_left_does_not_stay_for_ever(
+    cache: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def killed(*_: object, **__: object) -> None:
+        raise KeyboardInterrupt
+
+    monkeypatch.setattr("armadico.config.kept.MOST", 2)
+    with monkeypatch.context() as patch:
+        patch.setattr("numpy.savez", killed)
+        patch.setattr(Path, "unlink", killed)
+        with pytest.raises(KeyboardInterrupt):
+            modelled()
+    (left,) = cache.iterdir()
+    os.utime(left, (0, 0))
+    for reach in (3.0, 4.0):
+        sonar_model(GRID, radians(30.0), reach)
+    assert len(list(cache.iterdir())) == 2
+    assert not left.exists()
 
 
 def test_where_nothing_can_be_kept_nothing_is(cache: Path) -> None:

@@ -86,6 +86,36 @@ def test_a_map_servers_files_hold_all_of_it(tmp_path: Path) -> None:
     assert same(grid_map.read(tmp_path / "room.yaml"), room())
 
 
+@pytest.mark.parametrize(
+    "name",
+    [
+        "x #1",
+        "#",
+        "'q'",
+        '"q"',
+        "a: b",
+        "- a",
+        "[a]",
+        "  a",
+        'it\'s "a" # b',
+        "a\\b",
+        "a\nb",
+        "a\u2028b",
+        "grün 地図",
+    ],
+)
+def test_whatever_a_map_is_called_its_image_is_found(tmp_path: Path, name: str) -> None:
+    path = tmp_path / f"{name}.yaml"
+    grid_map.save(room(), path)
+    assert same(grid_map.read(path), room())
+
+
+def test_a_name_that_no_text_can_say_is_refused_before_anything_is_written(tmp_path: Path) -> None:
+    with pytest.raises(ConfigError, match="no UTF-8"):
+        grid_map.save(room(), tmp_path / "a\udcff.yaml")
+    assert not list(tmp_path.iterdir())
+
+
 def test_both_kinds_of_file_are_the_same_world(tmp_path: Path) -> None:
     for name in ("room.yaml", "room.map"):
         grid_map.save(room(), tmp_path / name)
