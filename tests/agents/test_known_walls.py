@@ -63,6 +63,28 @@ def test_a_wall_that_is_met_edge_on_ends_where_it_ends() -> None:
     assert nearest(known) == pytest.approx(0.7)
 
 
+def test_what_is_forbidden_is_expected_however_much_is_heard_behind_it() -> None:
+    """Stairs: no sonar hears them, and what is beyond them answers."""
+    known = KnownWalls([], forbidden=[WALL])
+    for _ in range(20):
+        known.look(HERE, sure(0.0))
+        known.hear([Ping(0.2, 0.0, 0.0, 3.0), Ping(0.2, 0.1, 0.2, 3.0)])
+    assert nearest(known) == pytest.approx(1.0, abs=STEP_M)
+    assert not known.explains(Ping(0.0, 0.0, 0.0, 1.0))
+    assert not known.near(1.0, 0.0, 0.2)
+    known.look(None)
+    assert not known.points()
+
+
+def test_what_is_forbidden_is_expected_by_a_robot_that_is_lost_too() -> None:
+    """It is mostly where its wheels say; a wall it would hear, or feel, and stairs it would not."""
+    known = KnownWalls([(-1.0, -2.0, -1.0, 2.0)], forbidden=[WALL])
+    for covariance, old in ((sure(2.0), False), (sure(0.01), True)):
+        known.look(HERE, covariance, old=old)
+        assert {round(o.x) for o in known.points()} == {1}
+        assert nearest(known) == pytest.approx(1.0, abs=STEP_M)
+
+
 def test_what_a_nearer_wall_hides_is_left_out() -> None:
     known = KnownWalls([WALL, (1.1, -2.0, 1.1, 2.0)])
     known.look((0.6, 0.0, 0.0), sure(0.0))
@@ -178,29 +200,38 @@ def test_the_covariance_counts_as_the_wall_stands_to_it() -> None:
     assert nearest(at(HERE, toward, wall)) == pytest.approx(1.2, abs=0.01)
 
 
-@pytest.mark.parametrize(("range_", "explained"), [(1.0, True), (0.85, False), (1.2, False)])
-def test_an_echo_from_as_far_as_a_wall_in_the_cone_is_explained_by_it(
-    range_: float, explained: bool
+@pytest.mark.parametrize(
+    ("bearing", "heard", "explained"),
+    [
+        (0.0, 1.0, True),
+        (radians(30.0), 1.0, True),  # by the wall's foot, outside of the cone
+        (radians(65.0), 1.0, False),
+        (0.0, 0.7, False),  # somebody before it
+        (0.0, 1.3, False),
+        (pi, 1.0, False),
+        (0.0, None, False),
+    ],
+)
+def test_an_echo_is_a_walls_that_is_as_far_in_the_sonars_cone(
+    bearing: float, heard: float | None, explained: bool
 ) -> None:
-    post = at(HERE, wall=(cos(0.2), sin(0.2), 1.5, 0.8))
-    assert post.explains(Ping(0.0, 0.0, 0.0, range_), radians(15)) == explained
-    assert not post.explains(Ping(0.0, 0.0, 0.0, range_), radians(10))  # outside of a narrow cone
-    assert not post.explains(Ping(0.0, 0.0, pi, range_), radians(15))
-    assert not post.explains(Ping(0.0, 0.0, 0.0, None), radians(15))
+    assert at(HERE).explains(Ping(0.0, 0.0, bearing, heard)) == explained
 
 
-def test_nothing_near_is_explained() -> None:
-    """A pose may be surely wrong, and whatever answers near by is kept off."""
-    near = at((0.5, 0.0, 0.0))
-    assert nearest(near) == pytest.approx(0.5, abs=0.01)
-    assert not near.explains(Ping(0.0, 0.0, 0.0, 0.5), radians(15))
+def test_where_the_pose_is_unsure_an_echo_may_be_a_walls_that_is_farther_off() -> None:
+    ping = Ping(0.0, 0.0, 0.0, 0.88)
+    assert not at(HERE).explains(ping)
+    assert at(HERE, sure(0.1)).explains(ping)
 
 
-def test_nothing_is_explained_by_a_pose_that_is_uncertain_or_a_wall_that_is_doubted() -> None:
-    ping = Ping(0.0, 0.0, 0.0, 1.0)
-    assert at(HERE, sure(0.1)).explains(Ping(0.0, 0.0, 0.0, 1.07), radians(15))
-    assert not at(HERE, sure(0.2)).explains(ping, radians(15))
-    open_now = at(HERE)
-    assert open_now.explains(ping, radians(2))
-    open_now.hear([Ping(0.0, 0.0, 0.0, 2.0)])
-    assert not open_now.explains(ping, radians(2))
+def test_a_wall_beyond_what_is_expected_explains_an_echo_too() -> None:
+    far = at((-1.2, 0.0, 0.0))
+    assert not far.points()
+    assert far.explains(Ping(0.0, 0.0, 0.0, 2.2))
+
+
+def test_what_the_sonars_heard_through_explains_nothing() -> None:
+    known = at(HERE)
+    for _ in range(3):
+        known.hear([Ping(0.0, 0.0, radians(bearing), 1.6) for bearing in range(-18, 19, 6)])
+    assert not known.explains(Ping(0.0, 0.0, 0.0, 1.0))

@@ -11,23 +11,29 @@ from armadico.core.geometry import Pose2
 from armadico.core.messages import (
     Ack,
     Ballot,
+    Board,
+    BoardMission,
     Command,
+    Course,
     Cycle,
     Description,
     Echo,
     ExploreState,
     ExploreStatus,
     Message,
+    MissionEnd,
     MissionState,
     MissionStatus,
     Pose,
     RobotState,
     Sonar,
+    StepEnd,
+    StepResult,
     Trajectory,
     Truth,
     Waypoint,
 )
-from armadico.observe.measures import Result, RunWatch, speeds
+from armadico.observe.measures import Result, RunWatch, TaskResult, speeds
 
 GOAL: Pose2 = (2.0, 0.0, 0.0)
 MISSION = 77
@@ -46,7 +52,15 @@ KEYS = [
     "limit_s",
     "conditions",
     "why",
+    "done",
+    "tasks",
 ]
+
+
+def described(controller: str) -> Description:
+    return Description(
+        "slim", 0.1, 0.3, 0.1, 0.08, 1.2, 5.2, 0.3, 0.3, 1.7, 1.7, 0.3, 2.0, controller
+    )
 
 
 class Run:
@@ -57,6 +71,8 @@ class Run:
         self.truth = truth
         self.number = 0
         self.now = 50.0
+        if truth:
+            self.show(described("sim"))
 
     def show(self, *messages: Message) -> None:
         for message in messages:
@@ -88,7 +104,7 @@ class Run:
         ack = Ack("wheels", cycle, ballot, ballot, obeyed)
         if self.truth:
             t = 0.1 * self.number
-            self.show(Truth(t, x, y, theta, 0, 0, collisions, clearance, bumped=bumped))
+            self.show(Truth(t, x, y, theta, 0, 0, collisions, clearance, "sim", bumped))
         self.show(state, ack, Pose(cycle, x, y, theta))
 
     def end(self, state: MissionState = MissionState.REACHED, mission: int = MISSION) -> Result:
@@ -272,9 +288,10 @@ def test_without_truth_the_pose_stands_in_and_what_it_cannot_tell_is_null() -> N
 
 def test_what_was_driven_before_the_first_truth_is_by_another_clock_and_does_not_count() -> None:
     run = Run(truth=False).begin()
+    run.show(described("sim"))
     run.cycle(0.0)
     for number in range(11):
-        run.show(Truth(3.0 + 0.1 * number, 0.1 * number, 0, 0, 0, 0, 0, 1))
+        run.show(Truth(3.0 + 0.1 * number, 0.1 * number, 0, 0, 0, 0, 0, 1, "sim"))
         run.cycle(0.1 * number)
     result = run.end()
     assert (result.td_m, result.tt_s) == pytest.approx((1.0, 1.0))
@@ -340,12 +357,6 @@ def test_a_command_asks_for_speeds_or_for_rest(
     assert speeds(Command(resource, Cycle(1, 10), BALLOT, action)) == asked
 
 
-def described(controller: str) -> Description:
-    return Description(
-        "slim", 0.1, 0.3, 0.1, 0.08, 1.2, 5.2, 0.3, 0.3, 1.7, 1.7, 0.3, 2.0, controller
-    )
-
-
 def test_only_the_robots_own_simulator_is_believed_and_another_is_named() -> None:
     run = Run(truth=False)
     ours, other = (Truth(0.0, x, 0, 0, 0, 0, 0, c, s) for x, c, s in ((0, 1, "a"), (50, 0, "b")))
@@ -392,3 +403,32 @@ def test_a_mission_that_failed_ends_the_run_unreached_and_the_row_says_why() -> 
     )
     assert result.outcome == "NOT reached: no nearer: door D is shut"
     assert run.watch.astray is None
+
+
+def board(state: MissionEnd, note: str = "", mission: int = MISSION) -> Board:
+    results = (StepResult("move(R1)", StepEnd.DONE, "in R1", 3.25),)
+    return Board(
+        1, 1, (BoardMission(mission, "m", 0.5, state, course=Course(results=results), note=note),)
+    )
+
+
+def test_a_mission_of_several_tasks_is_done_or_not_and_its_steps_are_told() -> None:
+    for end, note, outcome in (
+        (MissionEnd.DONE, "", "done"),
+        (MissionEnd.FAILED, "no way", "NOT done: it failed: no way"),
+        (MissionEnd.CANCELLED, "", "NOT done: it was cancelled"),
+    ):
+        run = Run(goal=None).begin()
+        run.cycle(0.0)
+        run.show(board(MissionEnd.ACTIVE, mission=MISSION + 1))
+        assert run.watch.result().done is None
+        run.show(board(MissionEnd.ACTIVE, "waits"))
+        assert not run.watch.done
+        assert run.watch.result().outcome == "NOT done: waits"
+        run.show(board(end, note))
+        result = run.watch.result()
+        assert run.watch.done
+        assert result.outcome == outcome
+        assert result.passed == (end is MissionEnd.DONE)
+        assert result.tasks == (TaskResult("move(R1)", "done", "in R1", 3.25),)
+        assert run.watch.astray is None
