@@ -20,7 +20,8 @@ class MapSettings(Struct, frozen=True):
     miss_facing: float = cos(radians(45))  # by a sonar that looks the way it was heard, so nearly,
     silence_facing: float = cos(radians(20))  # or so: a smooth wall at a slant does not answer
     axis_rad: float = radians(10)  # a point within this of a sonar's axis had to echo
-    memory: float = 0.995  # a cycle: what is certain lasts 24 s at rest
+    memory: float = 0.995  # a cycle: what is certain lasts 24 s at rest,
+    memory_off_map: float = 0.985  # and 8 s where it is not on the map: mostly people, who go on
     memory_m: float = 1.5  # the way that halves a probability: the same lasts 2.6 m
     threshold: float = 0.3  # occupied from here on
     seen_decay: float = 1.0  # a cycle, where a sonar looks: 1, no look is no evidence
@@ -47,6 +48,9 @@ class WallSettings(Struct, frozen=True):
     margin_m: float = 0.2  # an echo from so much behind it
     miss: float = 0.4  # adds so much doubt,
     memory: float = 0.997  # of which so much is left a cycle: half after 23 s
+    explains_m: float = 2.5  # places within this explain echoes: as far as the local map reaches
+    explains_near_m: float = 0.1  # that come from so nearly as far, and the pose's deviation more,
+    explains_cone: float = cos(radians(34))  # off the axis by no more: smooth walls answer there
 
 
 class Brisk(Struct, frozen=True, forbid_unknown_fields=True):
@@ -56,6 +60,7 @@ class Brisk(Struct, frozen=True, forbid_unknown_fields=True):
     v_decel: float = 0.55  # that it counts on
     w: float = radians(90)
     w_decel: float = 1.3
+    park_decel: float = 1.6  # of a turn on the spot at the goal, which need not settle on a line
     w_accel: float = 1.7
     w_jerk: float = 6.0
     settle_s: float = 0.2  # in which the turn rate follows what is wanted, within those
@@ -70,7 +75,7 @@ class Brisk(Struct, frozen=True, forbid_unknown_fields=True):
     corner_m: float = 0.5  # on an arc that begins so far before it
     corner_v: float = 0.2
     on_line_m: float = 0.05  # so near to the last leg's line it keeps its direction to the goal
-    stop_m: float = 0.10  # nearer to the goal than this it turns to the goal's heading,
+    turn_m: float = 0.3  # so near to the goal it turns to the goal's heading while it brakes,
     short_m: float = 0.02  # and comes to rest so far before it
     beside_m: float = 0.10  # or than this with the goal abeam,
     leave_m: float = 0.115  # and drives again only beyond this

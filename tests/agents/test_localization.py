@@ -5,11 +5,12 @@ from __future__ import annotations
 import os
 import random
 from collections.abc import Iterator
-from math import cos, hypot, pi, radians, sin
+from math import cos, hypot, pi, radians, sin, sqrt
 from pathlib import Path
 
 import numpy as np
 import pytest
+from msgspec.structs import replace
 
 from armadico.agents.localization import Localization, Parameters, as_fired, sonar_model
 from armadico.agents.methods.grid import Grid
@@ -29,6 +30,7 @@ from armadico.config.loading import load_entry
 from armadico.config.profile import SensorProfile, load_profile
 from armadico.config.shipped import find
 from armadico.core.agent import Agent, Identity, Publish
+from armadico.core.behaviour import LOST_M, UNSURE_M
 from armadico.core.geometry import Pose2, compose, relative, wrap
 from armadico.core.messages import (
     Correction,
@@ -306,6 +308,7 @@ class Robot:
         self.agent.start(0.0)
         self.epoch, self.number, self.begun = 1, 0, 0.0
         self.odometry: Pose2 = (0.0, 0.0, 0.0)
+        self.stands = False  # somebody half a metre before the sonars that look to the right
         self.said: list[Message] = []
 
     def restart(self, motion: Pose2, *, anew: bool = False) -> None:
@@ -325,6 +328,8 @@ class Robot:
         self.odometry = compose(self.odometry, motion)
         state = RobotState(cycle, *self.odometry, 0.0, 0.0, 12.0, True, False)
         pings = tuple(ranged(pose, index) for index in (self.number % 8, (self.number + 3) % 8))
+        if self.stands:
+            pings = tuple(p if p.bearing > 0.0 else replace(p, range=0.5) for p in pings)
         for message in (state, Pose(cycle, *by_encoder, covariance), Sonar(cycle, 5.0, pings)):
             self.agent.receive(message, now)
         said = [item.message for item in self.agent.outbox if isinstance(item, Publish)]
@@ -403,6 +408,29 @@ def test_a_robot_that_was_carried_away_is_lost(world: str) -> None:
     ]
     assert 0.0 in confidences
     assert any(isinstance(said, Log) and "is lost" in said.text for said in robot.said)
+
+
+def test_who_stands_before_half_of_the_sonars_does_not_lose_it(world: str) -> None:
+    robot = Robot(Parameters(world=world))
+    for number, (pose, motion) in enumerate(drive(START, 300)):
+        robot.stands = number >= 100
+        (correction,) = robot.at(pose, motion, pose)
+        assert correction.confidence > 0.0, number
+
+
+def test_readings_that_fit_badly_slow_the_robot_down_before_it_is_lost(world: str) -> None:
+    robot = Robot(Parameters(world=world))
+    for pose, motion in drive(START, 200):
+        robot.at(pose, motion, pose)
+    deviations = []
+    for pose, motion in drive((1.0, 1.5, 2.0), 100):
+        (correction,) = robot.at(pose, motion, (0.0, 0.0, 0.0))
+        deviations.append(sqrt(correction.covariance[0] + correction.covariance[3]))
+        if correction.confidence == 0.0:
+            break
+    unsure = [off for off in deviations if UNSURE_M < off < LOST_M]
+    assert len(unsure) > 3
+    assert deviations[-1] > LOST_M
 
 
 def test_what_rolled_while_there_was_no_robot_agent_moves_the_particles_too(world: str) -> None:
