@@ -11,7 +11,7 @@ from typing import Annotated, Any, ClassVar, Literal
 import numpy as np
 from msgspec import Meta
 
-from armadico.agents.methods.grid import Grid
+from armadico.agents.methods.grid import CELL_M, Grid, check_extent
 from armadico.agents.methods.monte_carlo import Estimate, MonteCarlo, Settings
 from armadico.agents.methods.odometry import begun_anew
 from armadico.agents.methods.sonar_model import FORMAT, Fields, SonarModel, fields
@@ -90,6 +90,7 @@ class Localization(Agent):
     def __init__(self, identity: agent.Identity, parameters: Any = None) -> None:
         super().__init__(identity, parameters)
         world, profile = load_world(self.p.world), load_profile(self.p.profile)
+        check_extent(world, CELL_M)
         grid = Grid(world.walls, world.bounds)
         ring = profile.sonar
         rows, columns = np.nonzero(grid.clearance > profile.body.width_m / 2)

@@ -120,8 +120,10 @@ def fields(grid: Grid, cone_rad: float, reach_m: float) -> Fields:
     first, square = _looked(clearance, ys[row], xs[column], grid.cell_m, reach_m)
     made = reflectors.of_walls(grid.walls)
     turned = round(0.5 * cone_rad / (tau / HEADINGS))
-    cone = [np.roll(square, by, axis=1) for by in range(-turned, turned + 1)]
-    sees = np.min(cone, axis=0)
+    sees = square.copy()
+    for by in range(1, turned + 1):  # one after another: of a large map each takes 100 MB
+        for side in (-by, by):
+            np.minimum(sees, np.roll(square, side, axis=1), out=sees)
     heard = reflectors.heard(made, first, sees, cell, origin, reach_m)
     return Fields(np.array([x0, y0]), fine, coarse, np.stack(made), cell, heard)
 

@@ -24,10 +24,12 @@ from armadico.agents.methods.sonar_model import (
     UNHEARD,
     SonarModel,
 )
+from armadico.agents.path_planning import PathPlanning
+from armadico.config.errors import ConfigError
 from armadico.config.loading import load_entry
 from armadico.config.profile import SensorProfile, load_profile
 from armadico.config.shipped import find
-from armadico.core.agent import Identity, Publish
+from armadico.core.agent import Agent, Identity, Publish
 from armadico.core.behaviour import LOST_M, UNSURE_M
 from armadico.core.geometry import Pose2, compose, relative, wrap
 from armadico.core.messages import (
@@ -589,6 +591,13 @@ def test_only_so_many_are_kept(cache: Path, monkeypatch: pytest.MonkeyPatch) -> 
     assert len(list(cache.iterdir())) == 2
 
 
+def test_only_so_much_is_kept_but_the_newest(cache: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr("armadico.config.kept.MOST_BYTES", 1)
+    for reach in (3.0, 4.0):
+        sonar_model(GRID, radians(30.0), reach)
+        assert len(list(cache.iterdir())) == 1
+
+
 # Bad input ----------------------------------------------------------------------------------------
 
 
@@ -605,6 +614,16 @@ def test_a_map_without_walls_or_room_is_no_error(walls: list[tuple[float, ...]])
     found = SonarModel(grid).likelihood(np.zeros((3, 3), dtype=np.float32), ring(START))
     assert np.isfinite(found).all()
     assert (found > 0.0).all()
+
+
+@pytest.mark.parametrize("kind", [Localization, PathPlanning])
+def test_a_world_that_nobody_has_memory_for_is_refused(kind: type[Agent], tmp_path: Path) -> None:
+    path = tmp_path / "huge.map"
+    path.write_text(
+        "2D-Map\nLineMinPos: 0 0\nLineMaxPos: 2000000 2000000\nLINES\n0 0 2000000 2000000\n"
+    )
+    with pytest.raises(ConfigError, match=r"1,600,000,000 cells of 0\.05 m; expected"):
+        kind(Identity("x-1"), kind.parameters(world=str(path)))
 
 
 def test_a_start_inside_a_wall_is_weighed_as_any_other() -> None:
