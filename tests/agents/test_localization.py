@@ -449,21 +449,21 @@ def test_it_is_found_where_it_was_carried_to(world: str) -> None:
     robot = Robot(Parameters(world=world))
     for pose, motion in drive(START, 150):
         robot.at(pose, motion, pose)
-    for pose, motion in drive((1.0, 1.5, 2.0), 400):
+    for pose, motion in drive((1.0, 1.5, 2.0), 250):
         (correction,) = robot.at(pose, motion, (0.0, 0.0, 0.0))
     x, y, _ = placed(correction, robot.odometry)
     assert correction.confidence > 0.9
     assert hypot(x - pose[0], y - pose[1]) < 0.15
 
 
-def found(robot: Robot) -> list[float]:
+def found(robot: Robot, cycles: int) -> list[float]:
     """How unsure it is of its place, from when it was found on, m."""
-    said = [robot.at(pose, motion, (0.0, 0.0, 0.0))[0] for pose, motion in drive(START, 500)]
+    said = [robot.at(pose, motion, (0.0, 0.0, 0.0))[0] for pose, motion in drive(START, cycles)]
     return [(one.covariance[0] + one.covariance[3]) ** 0.5 for one in said if one.confidence]
 
 
 def test_nobody_drives_fast_by_a_place_that_has_just_been_found(world: str) -> None:
-    unsure = found(Robot(Parameters(world=world, start="anywhere")))
+    unsure = found(Robot(Parameters(world=world, start="anywhere")), 350)
     assert unsure[0] >= Parameters().unproved_m
     assert max(unsure) < LOST_M
     assert unsure[-1] < UNSURE_M
@@ -480,7 +480,7 @@ def test_who_is_found_and_then_hears_what_fits_better_elsewhere_is_lost(
         return [first if particles.lost else Place((0.5, 0.5, 0.0), 0.9, 0.5), *others]
 
     monkeypatch.setattr(MonteCarlo, "places", elsewhere)
-    unsure = found(robot)
+    unsure = found(robot, 260)
     assert min(unsure) > Parameters().unproved_m  # and never proved
     assert any("fits better at (0.50, 0.50)" in m.text for m in robot.said if isinstance(m, Log))
 
