@@ -7,7 +7,7 @@ from typing import Annotated, Any, ClassVar
 
 from msgspec import Meta
 
-from armadico.agents.methods.grid import Grid
+from armadico.agents.methods.grid import CELL_M, Grid, check_extent
 from armadico.agents.methods.rivals import DIRECTIONS, Rivals, places_of
 from armadico.config.profile import load_profile
 from armadico.config.worlds import load_world
@@ -102,6 +102,7 @@ class Relocate(Behaviour):
         self._rivals: Rivals | None = None
         if self.p.world is not None:
             world, profile = load_world(self.p.world), load_profile(self.p.profile)
+            check_extent(world, CELL_M)
             grid = Grid(world.barriers, world.bounds)
             self._rivals = Rivals(grid, profile.body.circle_m, profile.sonar.max_m)
         self._places: list[tuple[Pose2, float]] = []

@@ -132,6 +132,7 @@ def ending(code: int) -> str:
 def simulator_words(scenario: Scenario, seed: int, namespace: str, port: int = 0) -> list[str]:
     """The command that simulates a scenario's robot; `port` 0: one that is free."""
     x, y, degrees = scenario.start
+    battery = (("charge", scenario.battery.charge), ("capacity", scenario.battery.capacity_ah))
     return [
         "sim",
         scenario.world,
@@ -141,6 +142,7 @@ def simulator_words(scenario: Scenario, seed: int, namespace: str, port: int = 0
         f"--robot={scenario.robot}",
         f"--namespace={namespace}",
         *("--start", str(x), str(y), str(degrees)),
+        *(f"--{name}={value}" for name, value in battery if value is not None),
         *(["--moving", msgspec.json.encode(scenario.moving).decode()] if scenario.moving else []),
     ]
 

@@ -15,7 +15,7 @@ from collections.abc import Callable, Sequence
 from math import cos, hypot, inf, sin
 from random import Random
 
-from armadico.bridge.simulator.battery import Battery
+from armadico.bridge.simulator.battery import Battery, in_contact
 from armadico.bridge.simulator.contact import SKIN_M, Contact, Motion, Outline, box_of
 from armadico.bridge.simulator.dynamics import Dynamics
 from armadico.bridge.simulator.encoders import Odometry
@@ -25,12 +25,15 @@ from armadico.bridge.simulator.moving import Movement
 from armadico.bridge.simulator.sonar import Sonars, Surfaces
 from armadico.bridge.simulator.speed_loops import truncated
 from armadico.bridge.simulator.walls import TOUCH_M, Wall, Walls
+from armadico.config.errors import ConfigError
 from armadico.config.moving import Moving
 from armadico.config.profile import RobotProfile, SensorProfile
+from armadico.config.worlds import Pose
 
 STEP_S = 0.005
 MOVE_STEPS = round(MOVE_S / STEP_S)
 APART_S = 0.5  # a contact after less than this apart belongs to the same collision
+FASTEST_M_S = 1e3  # of what is so light or stiff that the steps are too long for it
 STALLED_M_S = 0.02  # rims slower than this, pushing a wall, are stalled
 PUSH_OUT = 0.2  # share of a penetration that is mended in a step
 PUSH_OUT_M = 0.005  # the most that is mended in a step
@@ -61,12 +64,15 @@ class Plant:
         start: tuple[float, float, float],
         rng: Streams,
         moving: Sequence[Moving] = (),
+        docks: Sequence[Pose] = (),
+        charge: float = 1.0,
     ) -> None:
         self.step_s = STEP_S
         self.blocked = False
         self.collisions = self.bumps = 0
         self.pose = start
-        self.battery = Battery(profile.battery)
+        self.battery = Battery(profile.battery, charge)
+        self._docks = tuple(docks)
         self._dynamics = Dynamics(profile, STEP_S)
         self._odometry = Odometry(profile, sensors, STEP_S, rng)
         self._walls = Walls()
@@ -88,6 +94,10 @@ class Plant:
         self._touched: float = -inf  # the last step in which the outline touched
         self._touching = False
         self.add_walls(walls)
+        self._runaway = (
+            f"robot {profile.name!r}: its speeds grow without bound in the simulator's steps of"
+            f" {1e3 * STEP_S:g} ms; compare its [body], [inertia] and [motor] with pioneer-2dx's"
+        )
         self._movement = Movement(moving, walls, self._walls, self._box, rng) if moving else None
         self._move_world()
 
@@ -152,6 +162,11 @@ class Plant:
         """Voltage at the battery's terminals, under its present load."""
         return self.battery.volts
 
+    @property
+    def charging(self) -> bool:
+        """Whether it stands in a dock, in contact."""
+        return self.battery.charging
+
     def reset_odometry(self) -> None:
         """Call the present pose (0, 0, 0)."""
         self._odometry.reset()
@@ -187,6 +202,8 @@ class Plant:
         pace = abs(v) + corner * abs(w)  # no point of the outline is faster, m/s
         self.blocked = self.blocked and not steps
         moves = self._movement is not None
+        if self._docks:  # looked at as often as the controller does anything: 40 ms at the most
+            battery.charging = in_contact(self.pose, self._docks)
         for _ in range(steps):
             if moves and not self._steps % MOVE_STEPS:
                 self.pose, self._margin = (x, y, theta), margin
@@ -199,6 +216,8 @@ class Plant:
             dynamics.accelerate(left_v, right_v)
             v0, w0, v, w = v, w, dynamics.v, dynamics.w
             pace0, pace = pace, abs(v) + corner * abs(w)
+            if not pace < FASTEST_M_S:  # nor is it NaN
+                raise ConfigError(self._runaway)
             reach = STEP_S * (pace if pace > pace0 else pace0)
             margin -= reach
             mean_v, mean_w = 0.5 * (v0 + v), 0.5 * (w0 + w)
@@ -227,10 +246,10 @@ class Plant:
         """What moves does, and may be nearer for it."""
         if self._movement is None:
             return
-        went, bumped = self._movement.step(self._steps * STEP_S, self.pose)
+        went, met, bumped = self._movement.step(self._steps * STEP_S, self.pose, self.speeds)
         self._margin = max(0.0, self._margin - went)
-        if bumped:
-            self._touch(touching=True, bumped=True)
+        if met:
+            self._touch(touching=True, bumped=bumped)
 
     def _move(self, v: float, u: float, w: float) -> None:
         """The body goes a step ahead, to the left and around."""
@@ -249,10 +268,13 @@ class Plant:
             self._touching = False
             self._move(v, 0.0, w)
             return v, w
-        force = 0.0
+        force, speeds = 0.0, self.speeds
         if reach or self._sideways:
             force = self._collide(contacts)
-        self._touch(force > 0.0 or gap <= TOUCH_M)
+        touching = force > 0.0 or gap <= TOUCH_M
+        moves = self._movement
+        bumped = touching and moves is not None and moves.walked_into(self.pose, speeds)
+        self._touch(touching, bumped)
         self._margin = 0.0
         v, w = self._dynamics.v, self._dynamics.w
         rim = abs(v) + self._half_track * abs(w)
