@@ -231,6 +231,8 @@ class BatteryCharger(Agent):
         if utility <= 0.0:
             self.why = "there is energy enough"
             return None
+        if self.errand.stage is Stage.REACHED and self.errand.driven is not None:
+            return Bid(utility, self.errand.driven, critical, reason="lined up with the dock")
         if self._standing is not None:
             reason = f"{self._state.value}: {100.0 * self._share:.0f} %"
             return Bid(utility, self._standing, critical, reason=reason)

@@ -193,6 +193,16 @@ def test_by_sonars_and_localization_it_docks_within_a_few_centimetres(
     assert abs(society.truth.v) < 0.01
 
 
+def test_lined_up_it_does_not_let_go_of_the_trajectory() -> None:
+    society = Society(0.3, capacity_ah=2.0)
+    charger: Any = next(n.agent for n in society.mesh.nodes if n.agent.name == "battery-charger")
+    society.until(lambda: charger.errand.stage is Stage.REACHED, 60.0)
+    bid = charger.bid_for(TRAJECTORY, None)
+    assert bid is not None
+    society.until(lambda: society.state is ChargeState.DOCKING, 5.0)
+    assert charger.bid_for(TRAJECTORY, None).action == bid.action
+
+
 def test_below_10_4_volts_it_goes_before_every_mission() -> None:
     society = Society(0.12, capacity_ah=5.0, start=E_DEG)
     society.sender.utility = 0.9
