@@ -19,6 +19,7 @@ from typing import TYPE_CHECKING, Any, Final
 from armadico.cli import options
 from armadico.cli.measures import show, statistics
 from armadico.cli.options import FailedError, UsageError
+from armadico.runtime.errors import SocietyError
 
 if TYPE_CHECKING:
     from rich.progress import ProgressColumn
@@ -417,7 +418,11 @@ def _live(args: argparse.Namespace, scenario: Scenario, chosen: Options) -> RunW
             _run_on(mesh, args, scenario, chosen) as run,
             _progress(args, scenario, chosen.seed) as show,
         ):
-            run.run(show, _say)
+            try:
+                run.run(show, _say)
+            except KeyboardInterrupt:
+                _rescue_map(args, run.client)
+                raise
             _keep_map(args, run.client)
             if args.wait:  # what is printed comes after Ctrl-C
                 _say(f"{scenario.name}: {run.watch.result().verdict}")
@@ -436,6 +441,15 @@ def _keep_map(args: argparse.Namespace, client: Client) -> None:
         from armadico.cli.map import save  # noqa: PLC0415 - heavy
 
         _say(save(client, args.map))
+
+
+def _rescue_map(args: argparse.Namespace, client: Client) -> None:
+    """Save what was mapped until somebody interrupted it; the robot stands first."""
+    if getattr(args, "map", None) is None:
+        return
+    with suppress(SocietyError, FailedError):
+        client.stop(by="armadico explore")
+        _keep_map(args, client)
 
 
 def _run_on(

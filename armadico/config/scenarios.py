@@ -64,6 +64,7 @@ class Society(Struct, frozen=True, forbid_unknown_fields=True):
     robot: str
     simulator: str
     agents: tuple[str, ...]
+    watch: tuple[str, ...]
     ideal: Ideal
     exploring: Exploring
     missions: OnMissions

@@ -487,8 +487,8 @@ class Obstacles(Message, frozen=True):
     """What the local map holds: the closest points (thesis 3.4.2), and all of them.
 
     What was heard and is remembered, walls of the global map while the pose is sure enough, how
-    rows of points go on, and what was touched. Which of them a point is nobody is told: all are to
-    be kept off.
+    rows of points go on, what was touched, and where who comes will be. Which of them a point is
+    nobody is told: all are to be kept off.
     """
 
     cycle: Cycle
@@ -1001,6 +1001,80 @@ class BidHistory(Message, frozen=True):
 
 class Ask(Message, frozen=True):
     """An empty question, for a card or the bids: an array of nothing. No payload will do."""
+
+
+# Hosts, and who looks after the society -----------------------------------------------------------
+
+
+class KeptState(StrEnum):
+    """What a process is doing, by the word of the one who started it."""
+
+    STARTING = "starting"
+    UP = "up"
+    WAITING = "waiting"  # it has ended, and is started again by its host
+    ENDED = "ended"  # as somebody asked, and is not started again
+
+
+class Kept(Message, frozen=True):
+    """One process of a host: the agents that live in it, and how it is."""
+
+    agents: tuple[Name, ...]
+    state: KeptState
+    pid: Counter = 0  # 0: there is none now
+    lent: bool = False  # started on request, in place of a host that is gone
+    why: Text = ""  # it waits or has ended
+
+
+class HostShare(Message, frozen=True):
+    """What a host keeps up, and what it could: its wakeup agent's word (thesis 3.8.3).
+
+    `needs` are the agents of the whole society that what was asked for cannot do without, those of
+    other hosts too. A host that leaves in order says so: what it kept up is then missed by nobody.
+    """
+
+    instance: Name  # of the wakeup agent
+    host: Text
+    kept: tuple[Kept, ...]
+    can: tuple[Name, ...] = ()  # agents that it would start besides, if asked to
+    needs: tuple[Name, ...] = ()
+    leaving: bool = False
+
+
+class WakeupOrder(StrEnum):
+    """What a wakeup agent can be asked for."""
+
+    START = "start"
+    RESTART = "restart"
+    END = "end"
+
+
+class WakeupRequest(Message, frozen=True):
+    """Asks a host's wakeup agent to start an agent, to end it, or to kill and start it again.
+
+    `pid` is the process that hangs: if another is there by now, nothing is done, and that is no
+    refusal. So however many ask, it is restarted once.
+    """
+
+    order: WakeupOrder
+    agent: Name
+    pid: Counter = 0  # 0: whichever it is
+    why: Text = ""
+
+
+class WakeupReply(Message, frozen=True):
+    """Whether it is done, or why not."""
+
+    refusal: Text = ""
+
+
+class MonitorReport(Message, frozen=True):
+    """What a monitor sees of the society, and whether it is the one that acts (thesis 3.8.2)."""
+
+    instance: Name
+    tenure: Annotated[int, Meta(ge=0, le=LONGEST_TENURE)]  # as on its card
+    acts: bool
+    missing: tuple[Name, ...] = ()  # essential agents of which no instance is well
+    note: Text = ""  # what it has done last, or what the society lacks
 
 
 class Log(Message, frozen=True):

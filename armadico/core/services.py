@@ -83,6 +83,17 @@ SERVICES: tuple[Service, ...] = (
         m.ExploreRequest, "explore/request", _Q, None, None, "map a place", reply=m.MissionReply
     ),
     Service(m.ExploreStatus, "explore/status", _S, 1, None, "how far the exploration has come"),
+    Service(m.HostShare, "wakeup/{instance}/share", _S, 1, None, "what a host keeps up, and could"),
+    Service(
+        m.WakeupRequest,
+        "wakeup/{instance}",
+        _Q,
+        None,
+        None,
+        "start, restart or end an agent on a host",
+        reply=m.WakeupReply,
+    ),
+    Service(m.MonitorReport, "monitor/{instance}", _S, 1, None, "who is missing, and who acts"),
     Service(m.BatteryLevel, "battery/level", _S, 0.2, None, "the battery; oftener towards 10 V"),
     Service(m.BatteryAlarm, "battery/alarm", _E, None, None, "it has to be charged soon"),
     Service(m.EnergyRequest, "battery/enough", _Q, None, None, "will it do?", reply=m.EnergyReply),

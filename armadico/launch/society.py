@@ -16,11 +16,12 @@ from pathlib import Path
 from msgspec import to_builtins
 from msgspec.structs import replace
 
-from armadico.config.discovery import AGENTS, agent_class, find, owners
+from armadico.config.discovery import AGENTS, agent_class, find, installed, owners
 from armadico.config.errors import ConfigError, advice
-from armadico.config.hosts import Host
+from armadico.config.hosts import Host, HostTable
 from armadico.config.loading import load_parameters
 from armadico.config.missions import Mission
+from armadico.config.needs import needs, tasks
 from armadico.config.parameters import load_set
 from armadico.config.profile import load_profile
 from armadico.config.scenarios import (
@@ -36,6 +37,7 @@ from armadico.config.scenarios import (
     society,
 )
 from armadico.config.worlds import load_world
+from armadico.core.agent import DeviceAgent
 from armadico.core.messages import ExploreRequest, MissionOrder, MissionRequest, Waypoint
 from armadico.core.resources import WHEELS, Resource
 from armadico.observe.conditions import Conditions, digest, packages, software
@@ -153,13 +155,44 @@ def share(
 ) -> tuple[Member, ...]:
     """The agents of one host: those of its entry that take part, and `more` beside them.
 
-    Without a scenario all of the entry take part, with parameters of their own.
+    Without a scenario all of the entry take part, with parameters of their own. So does whoever
+    watches the others.
     """
-    taken = host.agents if scenario is None else names(scenario)
+    taken = host.agents if scenario is None else (*names(scenario), *society().watch)
     taking = Counter(name for name in taken if name not in options.without)
     scenario = scenario or Scenario(world="empty", start=(0, 0, 0))
     here = (*(name for name in host.agents for _ in range(taking[name])), *more)
     return _launched(here, facts(scenario, options, host.robot or ""), options)
+
+
+def spare(
+    scenario: Scenario | None, options: Options, host: Host, table: HostTable
+) -> tuple[Member, ...]:
+    """The agents that one host would start in place of another that is gone.
+
+    Whoever owns a device is where the device is, and nowhere else.
+    """
+    placed = dict.fromkeys(name for other in table.hosts.values() for name in other.agents)
+    taken = placed if scenario is None else (*names(scenario, options.without), *society().watch)
+    here = installed(AGENTS)
+    able = [
+        name
+        for name in dict.fromkeys(taken)
+        if name in placed and name in here and (host.takes is None or name in host.takes)
+        if name not in host.agents and not issubclass(agent_class(name), DeviceAgent)
+    ]
+    scenario = scenario or Scenario(world="empty", start=(0, 0, 0))
+    return _launched(able, facts(scenario, options), options)
+
+
+def needed(scenario: Scenario | None, options: Options, table: HostTable) -> tuple[str, ...]:
+    """The agents of all hosts that a scenario cannot do without, of those that take part."""
+    placed = {name for other in table.hosts.values() for name in other.agents}
+    if scenario is None:
+        return tuple(name for name in needs(tasks(None)) if name in placed)
+    robot, *others = names(scenario, options.without)
+    wanted = (robot, *(name for name in needs(tasks(scenario)) if name in others))
+    return tuple(name for name in wanted if name in placed)
 
 
 def facts(scenario: Scenario, options: Options, port: str = "") -> dict[str, object]:
