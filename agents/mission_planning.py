@@ -134,6 +134,7 @@ class MissionPlanning(Agent):
             self.log(line(f"mission {request.order.name} refused: {error}"), WARNING)
             return MissionReply(0, line(str(error)))
         self.log(f"mission {entry.told.name} taken on, priority {entry.told.priority:g}")
+        self._changed = True
         self._look()
         return MissionReply(number)
 
@@ -149,6 +150,7 @@ class MissionPlanning(Agent):
         for entry in found:
             who = f" by {request.cancel.by}" if request.cancel.by else ""
             self.log(line(f"mission {entry.told.name} cancelled{who}"))
+        self._changed = True
         self._look()
         return MissionReply(found[0].told.mission)
 
@@ -509,9 +511,10 @@ class MissionPlanning(Agent):
         )
 
         def chosen(subplan: Subplan | None) -> None:
-            if room in self._unchecked:
+            over = room not in self._unchecked  # by now
+            if not over:
                 self._unchecked.remove(room)
-            if not entry.goes_on:
+            if over or not entry.goes_on:
                 return
             if subplan is not None:
                 self._merge(entry, subplan.steps)

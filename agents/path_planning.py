@@ -7,8 +7,8 @@ from typing import Annotated, Any, ClassVar
 from msgspec import Meta
 
 from armadico.agents.methods.energy import Pace, energy
-from armadico.agents.methods.grid import grid_of
-from armadico.agents.methods.planning import CELL_M, PlanError, plan
+from armadico.agents.methods.grid import CELL_M, check_extent, grid_of
+from armadico.agents.methods.planning import PlanError, plan
 from armadico.agents.methods.seen import Seen
 from armadico.config.profile import load_profile
 from armadico.config.worlds import load_world
@@ -64,6 +64,7 @@ class PathPlanning(Agent):
     def __init__(self, identity: agent.Identity, parameters: Any = None) -> None:
         super().__init__(identity, parameters)
         self._world = load_world(self.p.world)
+        check_extent(self._world, CELL_M)
         self._profile = load_profile(self.p.profile)
         self._seen: Seen | None = None
         self._task: int | None = None  # the holder's,

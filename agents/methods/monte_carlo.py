@@ -61,6 +61,7 @@ class Settings(Struct, frozen=True):
     slow: float = 0.01  # rates of the two averages, per weighing
     fast: float = 0.2
     fits: float = 0.45  # what the averages are at the right place, among some things off the map
+    people: float = 0.6  # no more short readings than this share are somebody's who stands there
     bad: float = 0.22  # and below this the robot may have been carried away just now
     candidates: int = 16_000  # places that are tried when the robot may be elsewhere,
     tries: int = 200  # the best of them that become particles,
@@ -70,6 +71,13 @@ class Settings(Struct, frozen=True):
     kept: int = 20  # by so many readings of late,
     apart_m: float = 0.15  # each so far from the one before, or turned by so much
     apart_rad: float = 0.2
+
+
+UNEXPLAINED: Final = 0.1
+"""The likelihood of an echo that nothing on the map explains is below this."""
+
+RING: Final = 16
+"""Readings that are looked at for how many are short: two rounds of a Pioneer's front ring."""
 
 
 class Estimate(Struct, frozen=True):
@@ -124,6 +132,7 @@ class MonteCarlo:
         self._moved = inf
         self._turned = inf
         self._slow = self._fast = settings.fits
+        self._short: deque[bool] = deque(maxlen=RING)  # of the newest readings
         self._since: Pose2 = (0.0, 0.0, 0.0)  # the motion since the last reading that is kept
         self._fresh = False  # a reading has been kept since places were recalled
         self._kept: deque[tuple[Pose2, Sequence[Echo]]] = deque(maxlen=settings.kept)
@@ -212,9 +221,7 @@ class MonteCarlo:
         self._moved = self._turned = 0.0
         self._keep(echoes)
         likelihood = self._model.likelihood(self.poses, echoes)
-        each = likelihood.mean(axis=1, dtype=np.float64)
-        fit = float(self.weights @ each)
-        self._average(fit)
+        self._judge(likelihood, echoes)
         trust = self.settings.doubtful if self.lost else self.settings.trust
         logs = trust * np.log(likelihood, dtype=np.float32).sum(axis=1, dtype=np.float64)
         weights = self.weights * np.exp(logs - logs.max())
@@ -293,6 +300,21 @@ class MonteCarlo:
         for motion, echoes in list(self._kept)[: -count - 1 : -1]:
             yield to, echoes
             to = compose(to, relative(motion, (0.0, 0.0, 0.0)))
+
+    def _judge(self, likelihood: NDArray[np.float32], echoes: Sequence[Echo]) -> None:
+        """How well the readings fit, but for what stands before the walls.
+
+        Somebody near answers half of the sonars, and that is no doubt of where the robot is: the
+        others tell. Where most are short, it is the place that is wrong.
+        """
+        best = int(self.weights.argmax())
+        short = self._model.short(self.poses[[best]], echoes)
+        short &= likelihood[best] < UNEXPLAINED
+        self._short.extend(short.tolist())
+        if sum(self._short) <= self.settings.people * len(self._short):
+            likelihood = likelihood[:, ~short]
+        if likelihood.shape[1]:
+            self._average(float(self.weights @ likelihood.mean(axis=1, dtype=np.float64)))
 
     def _average(self, fit: float) -> None:
         self._slow += self.settings.slow * (fit - self._slow)

@@ -16,14 +16,13 @@ from typing import NamedTuple
 from msgspec import Struct
 
 from armadico.agents.methods.geometry import Placed, Posed, Positioned, direction, distance
-from armadico.agents.methods.grid import Grid, Margins, grid_of
+from armadico.agents.methods.grid import CELL_M, Grid, Margins, grid_of
 from armadico.agents.methods.path_smoothing import between, clear, rounded
 from armadico.agents.methods.room_graph import Leg, axis, route
 from armadico.config.profile import Body
 from armadico.config.worlds import Segment, World
 from armadico.core.geometry import wrap
 
-CELL_M = 0.05
 DOOR_M = (0.6, 0.5, 0.4, 0.3)
 """How far before and after a door its waypoints lie: the first distance that has room."""
 

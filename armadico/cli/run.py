@@ -19,12 +19,13 @@ from typing import TYPE_CHECKING, Any, Final
 from armadico.cli import options
 from armadico.cli.measures import show, statistics
 from armadico.cli.options import FailedError, UsageError
+from armadico.runtime.errors import SocietyError
 
 if TYPE_CHECKING:
     from rich.progress import ProgressColumn
 
     from armadico.config.scenarios import PoseDeg, Scenario
-    from armadico.core.messages import BoardMission, ExploreStatus, StepResult
+    from armadico.core.messages import ExploreStatus, StepResult
     from armadico.launch.api import Run
     from armadico.launch.run import LiveRun
     from armadico.launch.society import Options
@@ -417,7 +418,11 @@ def _live(args: argparse.Namespace, scenario: Scenario, chosen: Options) -> RunW
             _run_on(mesh, args, scenario, chosen) as run,
             _progress(args, scenario, chosen.seed) as show,
         ):
-            run.run(show, _say)
+            try:
+                run.run(show, _say)
+            except KeyboardInterrupt:
+                _rescue_map(args, run.client)
+                raise
             _keep_map(args, run.client)
             if args.wait:  # what is printed comes after Ctrl-C
                 _say(f"{scenario.name}: {run.watch.result().verdict}")
@@ -436,6 +441,15 @@ def _keep_map(args: argparse.Namespace, client: Client) -> None:
         from armadico.cli.map import save  # noqa: PLC0415 - heavy
 
         _say(save(client, args.map))
+
+
+def _rescue_map(args: argparse.Namespace, client: Client) -> None:
+    """Save what was mapped until somebody interrupted it; the robot stands first."""
+    if getattr(args, "map", None) is None:
+        return
+    with suppress(SocietyError, FailedError):
+        client.stop(by="armadico explore")
+        _keep_map(args, client)
 
 
 def _run_on(
@@ -543,9 +557,11 @@ class _Lines:
 
 def remark(watch: RunWatch) -> str:
     """Distance to go and what keeps it, who holds the wheels, speed, battery."""
+    from armadico.observe.view import at_work  # noqa: PLC0415 - not for --help
+
     state, mission = watch.view.state, watch.view.mission
     if watch.tasks is not None:
-        to_go = at_work(watch.tasks)
+        to_go = options.shown(at_work(watch.tasks))
     elif mission is None:
         to_go = "no word of the mission"
     else:
@@ -563,15 +579,6 @@ def remark(watch: RunWatch) -> str:
 
 
 # What came of it ----------------------------------------------------------------------------------
-
-
-def at_work(tasks: BoardMission) -> str:
-    """A mission of several tasks in half a line: how many are done, and what it does now."""
-    done = sum(result.end == "done" for result in tasks.course.results)  # as on the wire
-    words = [f"{done} done", tasks.doing or tasks.state.value]
-    words += [f"{len(tasks.ahead)} to come"] if tasks.ahead else []
-    words += [tasks.note] if tasks.note else []
-    return options.shown(", ".join(words))
 
 
 def step_told(result: StepResult) -> str:

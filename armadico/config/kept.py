@@ -17,8 +17,8 @@ Arrays = Mapping[str, NDArray[Any]]
 
 CACHE_VARIABLE = "XDG_CACHE_HOME"
 
-MOST = 32
-"""So many files are kept, those that were used last."""
+MOST, MOST_BYTES = 32, 2 * 10**9
+"""So many files are kept, and bytes in them, those that were used last."""
 
 NEW = ".npz.new"
 """Of a file that is being written; what a killed process has left goes as old files go."""
@@ -67,6 +67,9 @@ def _keep(where: Path, key: str, made: Arrays) -> None:
         except BaseException:
             Path(file.name).unlink(missing_ok=True)
             raise
-    used = sorted(where.glob("*.npz*"), key=lambda path: path.stat().st_mtime)
-    for path in used[:-MOST]:
-        path.unlink(missing_ok=True)
+    found = [(path.stat(), path) for path in where.glob("*.npz*")]
+    taken = 0
+    for place, (stat, path) in enumerate(sorted(found, key=lambda one: -one[0].st_mtime)):
+        taken += stat.st_size
+        if place >= MOST or (place and taken > MOST_BYTES):
+            path.unlink(missing_ok=True)

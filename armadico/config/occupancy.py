@@ -31,6 +31,10 @@ REQUIRED = ("image", "resolution", "origin")
 OPTIONAL = {"negate": "0", "occupied_thresh": "0.65", "free_thresh": "0.196", "mode": "trinary"}
 MAX_PIXELS = 89_000_000  # Pillow warns of more, and refuses twice as many
 
+MAX_WALLS = 200_000
+"""Borders of occupied cells, in runs: a building of 100 m x 100 m that was mapped with noise has a
+tenth of them. Of a picture that is no map there are millions, and every agent would read them."""
+
 _PLAIN = re.compile(r"[\w.][\w .()+-]*")
 _QUOTED: tuple[tuple[re.Pattern[str], Callable[[str], str]], ...] = (
     (re.compile(r'("(?:[^"\\]|\\.)*")\s*(?:#.*)?'), json.loads),
@@ -51,7 +55,11 @@ class Raster:
 
 def read_occupancy(path: Path | str) -> World:
     """The world in a map_server's YAML file and its image. Raises ConfigError with the line."""
-    return world_of(read_raster(path), Path(path).stem)
+    raster = read_raster(path)
+    try:
+        return world_of(raster, Path(path).stem)
+    except ConfigError as error:
+        raise ConfigError(error.message, path) from None
 
 
 def read_raster(path: Path | str) -> Raster:
@@ -69,7 +77,13 @@ def read_raster(path: Path | str) -> Raster:
 
 
 def world_of(raster: Raster, name: str) -> World:
-    """Occupied cells as walls: their borders, in runs as long as they go."""
+    """Occupied cells as walls: their borders, in runs as long as they go. Raises ConfigError."""
+    count = walls_in(raster.occupied)
+    if count > MAX_WALLS:
+        raise ConfigError(
+            f"its occupied cells have {count:,} borders, at most {MAX_WALLS:,} are read: is it a"
+            " map, and is occupied_thresh right?"
+        )
     cell_m, origin = raster.cell_m, raster.origin
     walls = tuple(_place(edge, cell_m, origin) for edge in _edges(raster.occupied))
     rows, columns = raster.occupied.shape
@@ -167,6 +181,15 @@ def _edges(occupied: NDArray[np.bool_]) -> list[tuple[int, int, int, int]]:
     upright = (padded[1:-1, 1:] != padded[1:-1, :-1]).T
     level = [(first, row, last, row) for row, first, last in _runs(across)]
     return level + [(column, first, column, last) for column, first, last in _runs(upright)]
+
+
+def walls_in(occupied: NDArray[np.bool_]) -> int:
+    """How many walls the cells become."""
+    padded = np.pad(occupied, 1)
+    across = padded[1:, :] != padded[:-1, :]
+    upright = padded[:, 1:] != padded[:, :-1]
+    begins = np.count_nonzero(across[:, 1:] & ~across[:, :-1])
+    return int(begins + np.count_nonzero(upright[1:] & ~upright[:-1]))
 
 
 def _runs(edges: NDArray[np.bool_]) -> list[tuple[int, int, int]]:

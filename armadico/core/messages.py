@@ -487,8 +487,8 @@ class Obstacles(Message, frozen=True):
     """What the local map holds: the closest points (thesis 3.4.2), and all of them.
 
     What was heard and is remembered, walls of the global map while the pose is sure enough, how
-    rows of points go on, and what was touched. Which of them a point is nobody is told: all are to
-    be kept off.
+    rows of points go on, what was touched, and where who comes will be. Which of them a point is
+    nobody is told: all are to be kept off.
     """
 
     cycle: Cycle

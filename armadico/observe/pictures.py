@@ -300,7 +300,7 @@ class _Canvas:
                 [px], [py], "x", color=INK, markersize=8, markeredgewidth=1.6, zorder=6
             )
             self.legend["waypoint"] = cross
-        stand = [("dock", dock, DOCK) for dock in docks]
+        stand = [("docks", dock, DOCK) for dock in docks]
         for name, pose, ink in (("start", start, START), ("goal", goal, GOAL), *stand):
             if pose is not None:
                 self._arrow(pose, ink)
@@ -429,7 +429,7 @@ class _Canvas:
 def _rank(name: str) -> tuple[int, str]:
     """The order of a legend: the agents first."""
     order = (
-        *("nobody", "start", "waypoint", "goal", "dock"),
+        *("nobody", "start", "waypoint", "goal", "docks"),
         *("sonar echo", "mapped free", "mapped occupied"),
     )
     return (order.index(name), "") if name in order else (-1, name)

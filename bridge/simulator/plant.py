@@ -246,10 +246,10 @@ class Plant:
         """What moves does, and may be nearer for it."""
         if self._movement is None:
             return
-        went, bumped = self._movement.step(self._steps * STEP_S, self.pose)
+        went, met, bumped = self._movement.step(self._steps * STEP_S, self.pose, self.speeds)
         self._margin = max(0.0, self._margin - went)
-        if bumped:
-            self._touch(touching=True, bumped=True)
+        if met:
+            self._touch(touching=True, bumped=bumped)
 
     def _move(self, v: float, u: float, w: float) -> None:
         """The body goes a step ahead, to the left and around."""
@@ -268,10 +268,13 @@ class Plant:
             self._touching = False
             self._move(v, 0.0, w)
             return v, w
-        force = 0.0
+        force, speeds = 0.0, self.speeds
         if reach or self._sideways:
             force = self._collide(contacts)
-        self._touch(force > 0.0 or gap <= TOUCH_M)
+        touching = force > 0.0 or gap <= TOUCH_M
+        moves = self._movement
+        bumped = touching and moves is not None and moves.walked_into(self.pose, speeds)
+        self._touch(touching, bumped)
         self._margin = 0.0
         v, w = self._dynamics.v, self._dynamics.w
         rim = abs(v) + self._half_track * abs(w)

@@ -26,6 +26,9 @@ EXPERIMENTS: Final = {
     "time": "driving_time",
     "other-maps": "other_maps",
     "explore": "explore",
+    "surveillance": "surveillance",
+    "energy": "energy",
+    "docking": "docking",
     "live-vs-virtual": "live_vs_virtual",
 }
 """What an experiment is called, and its module; in this order they are all run."""
