@@ -32,7 +32,7 @@ DEFAULT_NAMESPACE = "robot1"
 """and which without that."""
 
 FLEET = "fleet"
-"""The first part of keys that several robots share: `fleet/...` lies beside a robot's namespace, and
+"""The first part of keys that several robots share: `fleet/...` lies beside a robot's namespace,
 not in it. Robots `lab/r1` and `lab/r2` share `lab/fleet/...`, and are the fleet `lab`."""
 
 LONGEST_NAMESPACE = 100

@@ -113,9 +113,7 @@ class VirtualMesh:
         """A stream of random numbers of one's own."""
         return random.Random(f"{self.seed}/{name}")
 
-    def identity(
-        self, name: str, start: int = 0, namespace: str = DEFAULT_NAMESPACE
-    ) -> Identity:
+    def identity(self, name: str, start: int = 0, namespace: str = DEFAULT_NAMESPACE) -> Identity:
         """Who the `start`-th instance of an agent is."""
         rng = self.stream(f"agent/{_address(namespace, name)}/{start}")
         return Identity(f"{name}-{rng.getrandbits(64):016x}", "virtual", 0, "virtual", rng)

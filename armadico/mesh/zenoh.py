@@ -193,7 +193,6 @@ class ZenohMesh(Reader, Monotonic):
 
     def subscribe(self, pattern: str, receiver: Receiver) -> None:
         """See `Mesh`."""
-
         where, root = self._placed(pattern)
 
         def arrived(sample: zenoh.Sample) -> None:
@@ -215,7 +214,6 @@ class ZenohMesh(Reader, Monotonic):
         done: Callable[[], None],
     ) -> None:
         """See `Mesh`; both are called on Zenoh's thread."""
-
         where, root = self._placed(key)
 
         def replied(reply: zenoh.Reply) -> None:
@@ -250,7 +248,6 @@ class ZenohMesh(Reader, Monotonic):
 
     def watch_alive(self, changed: Callable[[str, str, bool], None]) -> None:
         """See `Mesh`."""
-
         where, root = self._placed(TOKEN.format(name="*", instance="*"))
 
         def arrived(sample: zenoh.Sample) -> None:
