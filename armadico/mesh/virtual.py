@@ -285,15 +285,24 @@ class VirtualMesh:
     # Queries -------------------------------------------------------------------------------------
 
     def ask(
-        self, request: Message, then: Callable[[Message | None], None], timeout: float = 5.0
+        self,
+        request: Message,
+        then: Callable[[Message | None], None],
+        timeout: float = 5.0,
+        namespace: str = DEFAULT_NAMESPACE,
     ) -> None:
         """Put a query from outside the society; `then` is told its first reply, or None."""
         service = service_of(type(request))
         assert service.reply is not None, f"{service.key} is not a query"
-        self.put_first(None, AskFor(0, service.key, request, service.reply, timeout), then)
+        asking = AskFor(0, service.key, request, service.reply, timeout)
+        self.put_first(None, asking, then, namespace)
 
     def put_first(
-        self, asker: Place | None, ask: AskFor, then: Callable[[Message | None], None]
+        self,
+        asker: Place | None,
+        ask: AskFor,
+        then: Callable[[Message | None], None],
+        namespace: str = DEFAULT_NAMESPACE,
     ) -> None:
         """Put a query of which the first reply counts."""
 
@@ -303,7 +312,7 @@ class VirtualMesh:
             then(message)
             return True
 
-        self.put(asker, ask.key, ask.request, ask.timeout, each, lambda: then(None))
+        self.put(asker, ask.key, ask.request, ask.timeout, each, lambda: then(None), namespace)
 
     def put(
         self,
@@ -313,6 +322,7 @@ class VirtualMesh:
         timeout: float,
         each: Callable[[str, Message], bool],
         over: Callable[[], None],
+        namespace: str = DEFAULT_NAMESPACE,
     ) -> None:
         """Ask everybody who answers on a key, or on the keys of a pattern."""
         self._asked += 1
@@ -322,7 +332,7 @@ class VirtualMesh:
             if asker is not None:
                 asker.unsent(key, shared)
         elif asker is None or not asker.lost:
-            for place in self.others(asker):
+            for place in self.others(asker, namespace):
                 for one in () if place.lost else place.queried(key):
                     waits += 1
                     self.later(name, place.address, place.asked, one, (key, shared, number))
@@ -353,9 +363,9 @@ class VirtualMesh:
         if query is not None:
             query.over()
 
-    def others(self, place: Place | None) -> list[Place]:
-        """All others of a place's namespace who are alive."""
-        namespace = DEFAULT_NAMESPACE if place is None else place.namespace
+    def others(self, place: Place | None, namespace: str = DEFAULT_NAMESPACE) -> list[Place]:
+        """All others of a place's namespace who are alive, or of the one that is named."""
+        namespace = namespace if place is None else place.namespace
         return [
             other
             for other in self.places
