@@ -53,8 +53,8 @@ GIVEN_S: Final = 2.0
 POSE_CYCLES: Final = 2
 """The robot's cycles from one pose for the others to the next."""
 
-PLANS: Final = 3
-"""Ways that are planned in a cycle of the fleet, to know how long they are."""
+PLANS: Final = 1
+"""Ways that are planned in a cycle of the fleet, to know their length: the planner has others."""
 
 NO_LIST: Final = Cycle(0, 0)
 
@@ -289,12 +289,12 @@ class Fleet(Agent):
         """Do what is to be done by what it holds now, and publish it."""
         sharing = self._sharing
         if sharing is not None:
-            mine = sharing.mine
-            if self._doing is not None and self._doing not in mine:
+            if self._doing is not None and self._doing not in sharing.mine:
                 self._drop("another robot does it")
             until = self._looks_until
             if self._doing is not None and until is not None and self.now >= until:
                 self._done(self._doing)
+            mine = sharing.mine
             if self._doing is None and not self._note:
                 order = [task for task in self._order if task in mine and task not in self._barred]
                 rest = [t for t in mine if t not in order and t not in self._barred]

@@ -8,9 +8,9 @@ who hear the same obey the same, and what one knows dies with nobody.
 
 The cycles are nobody's either. Each robot counts on after a period, unless it has heard that
 another one has: who counts first is followed by all, so a fleet's cycles come at the pace of its
-fastest clock, and go on whoever dies. In its turn a robot bids for what it holds and for what it would like
-to, and publishes all that it holds in one message, so that the talk of a cycle does not grow with
-the tasks, nor with those that would like them.
+fastest clock, and go on whoever dies. In its turn a robot bids for what it holds and for what it
+would like to, and publishes all that it holds in one message: the talk of a cycle does not grow
+with the tasks, nor with those that would like them.
 
 What is done is done for ever: a set that only grows, published whole by everybody, each cycle.
 Sans-IO: messages and the time (s) in, messages out.

@@ -87,6 +87,12 @@ class Scenario(Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):
     """How well the simulated robot senses, of robots/sensors.toml."""
     moving: tuple[Moving, ...] = ()
     """People, doors that shut, boxes put down; in the simulator only."""
+    others: tuple[PoseDeg, ...] = ()
+    """Where further robots start: a fleet."""
+    tasks: Annotated[tuple[PoseDeg, ...], Meta(max_length=256)] = ()
+    """Places that a fleet is to look at."""
+    look_s: Annotated[float, Meta(ge=0, le=3600)] = 5.0
+    """How long each is looked at."""
     v_max: Annotated[float, Meta(gt=0, le=10)] | None = None
     """A speed limit of this scenario, m/s; none: the agents' own."""
     seed: Annotated[int, Meta(ge=0, le=2**63 - 1)] = 0
@@ -230,8 +236,11 @@ def _faults(scenario: Scenario, world: World) -> Iterator[tuple[Key, str]]:
         if pose is None:
             continue
         yield from _misplaced(world, (key,), pose, radius)
-    for index, pose in enumerate(scenario.waypoints):
-        yield from _misplaced(world, ("waypoints", index), pose, radius)
+    for name in _ONE_OF:
+        for index, pose in enumerate(getattr(scenario, name)):
+            yield from _misplaced(world, (name, index), pose, radius)
+    if scenario.others and scenario.moving:
+        yield ("moving",), "what moves does in the world of one robot; expected this, or others"
     for index, moving in enumerate(scenario.moving):
         for name, message in moving.faults(world, scenario.start[:2], radius):
             yield ("moving", index, name), message
@@ -255,9 +264,14 @@ def known_sensors(name: str) -> str:
     return name
 
 
+_ONE_OF = {"waypoints": "waypoint", "others": "robot", "tasks": "task"}
+
+
 def _misplaced(world: World, key: Key, pose: PoseDeg, radius: float) -> Iterator[tuple[Key, str]]:
     x, y, _ = pose
-    what = f"waypoint {key[-1] + 1}" if isinstance(key[-1], int) else key[-1]
+    what = str(key[-1])
+    if isinstance(key[-1], int):
+        what = f"{_ONE_OF[str(key[0])]} {key[-1] + 1}"
     at = f"{what} ({x:g}, {y:g})"
     clearance = world.clearance(x, y)
     if not world.inside(x, y):

@@ -34,6 +34,7 @@ from armadico.config.scenarios import (
 from armadico.config.worlds import load_world
 from armadico.core.messages import ExploreRequest, MissionRequest, Waypoint
 from armadico.core.resources import WHEELS, Resource
+from armadico.mesh.topology import DEFAULT_NAMESPACE
 from armadico.observe.conditions import Conditions, digest, packages, software
 from armadico.observe.measures import RunWatch
 
@@ -61,6 +62,7 @@ class Options:
     together: tuple[tuple[str, ...], ...] = ()  # agents that share a process
     resume: str | None = None  # a saved map that the mapping agent goes on with
     limit: float | None = None  # s that the run may take; None: as `time_limit` says
+    namespace: str = DEFAULT_NAMESPACE  # the robot's
     margin: float | None = None  # by how much a bid must be better; None: the resource's own
 
 
@@ -162,6 +164,7 @@ def facts(scenario: Scenario, options: Options, port: str = "") -> dict[str, obj
     x, y, degrees = scenario.start
     return {
         "port": port or None,
+        "namespace": options.namespace,
         "profile": scenario.robot,
         "x": x,
         "y": y,

@@ -4,15 +4,16 @@ from __future__ import annotations
 
 from collections import Counter
 from collections.abc import Callable
+from random import Random
 
 from armadico.config.discovery import SIMULATORS, agent_class, find
 from armadico.config.loading import load_parameters
 from armadico.config.scenarios import Scenario, society
 from armadico.core.agent import Agent, DeviceAgent
-from armadico.core.messages import Log
+from armadico.core.messages import Log, Message
 from armadico.launch.run import Run
 from armadico.launch.society import VIRTUAL, Options, members
-from armadico.mesh.virtual import Node, VirtualMesh
+from armadico.mesh.virtual import Node, VirtualMesh, address
 from armadico.mesh.virtual_network import Clock
 from armadico.mesh.virtual_session import VirtualSession
 from armadico.observe.measures import WATCHED, Result, RunWatch
@@ -45,12 +46,14 @@ class Rehearsal(Run):
             mesh: A network that is otherwise; None: the usual one of the options' seed.
         """
         self.mesh = VirtualMesh(options.seed) if mesh is None else mesh
-        super().__init__(scenario, options, Client(VirtualSession(self.mesh)))
+        self.namespace = options.namespace
+        super().__init__(scenario, options, Client(VirtualSession(self.mesh, self.namespace)))
         # At the moment of publication: what is measured has been nowhere on the way.
-        self.mesh.watch(lambda _key, message, now: self.watch.show(message, now), *WATCHED)
-        self.mesh.watch(lambda key, message, _: self.pass_on(key, message), Log)
+        where = self.namespace
+        self.mesh.watch(self._show, *WATCHED, namespace=where)
+        self.mesh.watch(lambda key, message, _: self.pass_on(key, message), Log, namespace=where)
         factory = find(SIMULATORS, society().simulator).load()
-        self.robot = factory(scenario, self.mesh.stream, self.mesh.publish)
+        self.robot = factory(scenario, self._stream, self._publish)
         self._clock = clock
         self._starts: Counter[str] = Counter()
         taking = members(scenario, options, "memory:")
@@ -68,10 +71,21 @@ class Rehearsal(Run):
     def add(self, kind: type[Agent], parameters: object = None, start: int = 0) -> Node:
         """An agent joins, now, as the `start`-th instance."""
         with blaming(kind):
-            agent = kind(self.mesh.identity(kind.name, start), parameters)
+            agent = kind(self.mesh.identity(kind.name, start, self.namespace), parameters)
         self._starts[kind.name] = max(self._starts[kind.name], start + 1)
         clock = None if self._clock is None else self._clock(kind.name)
-        return self.mesh.add(agent, self.robot if isinstance(agent, DeviceAgent) else None, clock)
+        device = self.robot if isinstance(agent, DeviceAgent) else None
+        return self.mesh.add(agent, device, clock, namespace=self.namespace)
+
+    def _show(self, _key: str, message: Message, now: float) -> None:
+        self.watch.show(message, now)
+
+    def _stream(self, name: str) -> Random:
+        """One of the robot's own."""
+        return self.mesh.stream(address(self.namespace, name))
+
+    def _publish(self, message: Message) -> None:
+        self.mesh.publish(message, namespace=self.namespace)
 
     def start(self) -> None:
         """See `Run`: all have joined, the handshake and the first cycles are left."""

@@ -115,7 +115,7 @@ class VirtualMesh:
 
     def identity(self, name: str, start: int = 0, namespace: str = DEFAULT_NAMESPACE) -> Identity:
         """Who the `start`-th instance of an agent is."""
-        rng = self.stream(f"agent/{_address(namespace, name)}/{start}")
+        rng = self.stream(f"agent/{address(namespace, name)}/{start}")
         return Identity(f"{name}-{rng.getrandbits(64):016x}", "virtual", 0, "virtual", rng)
 
     def add(
@@ -208,7 +208,7 @@ class VirtualMesh:
     ) -> None:
         """Publish something from outside the society, as a command-line tool would."""
         key = key or service_of(type(message)).key
-        self.spread(_address(namespace, sender), key, message, None, namespace)
+        self.spread(address(namespace, sender), key, message, None, namespace)
 
     def publish_bytes(self, data: bytes, key: str, sender: str = CLIENT) -> None:
         """Publish a payload, whatever it is, from outside the society."""
@@ -403,7 +403,7 @@ class VirtualMesh:
 
     def write(self, node: Node, data: bytes) -> None:
         """Bytes for a node's device."""
-        link = self.link(node.address, _address(node.namespace, "device"))
+        link = self.link(node.address, address(node.namespace, "device"))
         at = link.arrival(self.now)
         if at is not None:
             self.call_at(at, self._device_receives, node, link.spoil(data))
@@ -422,7 +422,7 @@ class VirtualMesh:
     def _from_device(self, port: Port, data: bytes) -> None:
         node = port.node
         if data and node.alive:
-            link = self.link(_address(node.namespace, "device"), node.address)
+            link = self.link(address(node.namespace, "device"), node.address)
             at = link.arrival(self.now)
             if at is not None:
                 self.call_at(at, node.received, link.spoil(data))
@@ -454,7 +454,7 @@ class Place:
     def __init__(self, mesh: VirtualMesh, namespace: str, name: str) -> None:
         self.namespace = namespace
         self.name = name
-        self.address = _address(namespace, name)  # by which its links are known
+        self.address = address(namespace, name)  # by which its links are known
         self.alive = True
         self.lost = False  # hung for longer than the lease, and not found again yet
         self.tokens: list[tuple[str, str]] = []  # (name, instance) of those that can be seen
@@ -902,7 +902,7 @@ class Liveliness:
             place.tell(name, instance, False)
 
 
-def _address(namespace: str, name: str) -> str:
+def address(namespace: str, name: str) -> str:
     """What a process is called among all robots': by its name alone where there is one robot."""
     return name if namespace == DEFAULT_NAMESPACE else f"{namespace}/{name}"
 

@@ -11,6 +11,7 @@ from math import isfinite, radians
 
 from msgspec.structs import replace
 
+from armadico.bridge.simulator.arena import Arena
 from armadico.bridge.simulator.microcontroller import Microcontroller
 from armadico.bridge.simulator.plant import Plant, Streams
 from armadico.bridge.simulator.speed_loops import SpeedLoops
@@ -49,7 +50,7 @@ class Pioneer:
         self._answering = False
         self._truth_at = 0.0
         self._said = bytearray()  # for the client
-        self.bring_forward = self.live
+        self.bring_forward: Callable[[float], None] = self.live
         """What lets time pass: for this robot alone, or for all that are in one world with it."""
 
     def watch(self, watcher: Callable[[Truth], None]) -> None:
@@ -86,6 +87,10 @@ class Pioneer:
         if not self.controller.is_open:
             return self._truth_at
         return self.controller.next_status_s
+
+    def meet(self, *others: Pioneer) -> None:
+        """Live in one world with others. Raises ValueError if one stands in something."""
+        Arena((self, *others))
 
     def truth(self) -> Truth:
         """True pose, speeds and clearance, which no agent can measure."""
