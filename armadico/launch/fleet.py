@@ -105,7 +105,6 @@ class FleetRehearsal:
         tasks = tasks_of(scenario)
         short = tuple(name.rpartition("/")[2] for name in self.names)
         self.watch = FleetWatch(scenario.name, short, len(tasks), options.seed)
-        self._warn: Callable[[str], None] = lambda _: None
         for name, one in zip(self.names, ones, strict=True):
             chosen = replace(options, namespace=name)
             self.robots[name] = Rehearsal(one, chosen, mesh=self.mesh)
@@ -119,12 +118,15 @@ class FleetRehearsal:
     def run(
         self,
         progress: Callable[[FleetWatch], None] | None = None,
+        warn: Callable[[str], None] | None = None,
         stop: Callable[[], bool] | None = None,
     ) -> FleetResult:
         """Drive until all tasks are done, or time is up, or `stop` says so.
 
         Raises AgentFailedError if an agent's own code raises.
         """
+        for rehearsal in self.robots.values():
+            rehearsal.tell(warn or (lambda _: None))
         with blaming():
             self.mesh.run(self.mesh.now + SETTLE_S)
             first = self.robots[self.names[0]]

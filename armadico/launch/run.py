@@ -81,13 +81,18 @@ class Run:
         self.limit = time_limit(reply.length, self.options)
         self.watch.begin(reply.mission)
 
+    def tell(self, warn: Callable[[str], None]) -> None:
+        """Have somebody told who is gone and what goes wrong."""
+        self._warn = warn
+
     def run(
         self,
         progress: Callable[[RunWatch], None] | None = None,
         warn: Callable[[str], None] | None = None,
     ) -> Result:
         """Drive to the goal or the time limit; `warn` is told who is gone and what goes wrong."""
-        self._warn = warn or self._warn
+        if warn is not None:
+            self.tell(warn)
         self.start()
         self.begin()
         now = self.client.mesh.now
