@@ -99,7 +99,7 @@ class Fleet(Agent):
         self._battery = load_profile(self.p.profile).battery
         self._list: FleetTasks | None = None
         self._finished: set[int] = set()  # lists that are done
-        self._sharing: TaskSharing | None = None
+        self.sharing: TaskSharing | None = None
         self._tours = Tours((), (), self.p.cruise_m_s)
         self._order: list[int] = []  # of what it holds
         self._doing: int | None = None
@@ -151,8 +151,8 @@ class Fleet(Agent):
         """Take a list on for all of the fleet, unless it works on one."""
         request = question.request
         assert isinstance(request, FleetRequest)
-        if self._list is not None and self._sharing is not None and self._sharing.open:
-            left, all_ = len(self._sharing.open), len(self._list.tasks)
+        if self._list is not None and self.sharing is not None and self.sharing.open:
+            left, all_ = len(self.sharing.open), len(self._list.tasks)
             why = f"the fleet works on a list of {all_}, of which {left} are not done yet"
             return FleetReply(0, why)
         known = 0 if self._list is None else self._list.id
@@ -181,7 +181,7 @@ class Fleet(Agent):
 
     def on_fleet_claims(self, said: FleetClaims) -> None:
         """What another robot holds, and knows to be done."""
-        sharing, known = self._sharing, self._list
+        sharing, known = self.sharing, self._list
         if said.instance == self.instance:
             return
         if sharing is None or known is None or said.cycle.epoch != known.id:
@@ -203,8 +203,8 @@ class Fleet(Agent):
         """What the other agents of this robot remember: this one was started again."""
         if self._list is None and board.tasks:
             self._adopt(FleetTasks(board.list, board.follows, board.tasks))
-        if self._sharing is not None and self._list is not None and board.list == self._list.id:
-            self._sharing.learn(board.done)
+        if self.sharing is not None and self._list is not None and board.list == self._list.id:
+            self.sharing.learn(board.done)
             self._missions.add(board.mission)
             self._look_whether_done()
 
@@ -234,7 +234,7 @@ class Fleet(Agent):
             self._give_at, self._given_at = None, self.now
             if self._list is not None:
                 self.publish(self._list)
-        sharing = self._sharing
+        sharing = self.sharing
         if sharing is not None and self.now >= sharing.wakeup and sharing.wake(self.now):
             self._begin_cycle()
         if self.now >= self._say_at:
@@ -245,13 +245,13 @@ class Fleet(Agent):
     # Its turn ------------------------------------------------------------------------------------
 
     def _begin_cycle(self) -> None:
-        assert self._sharing is not None, "a cycle of a list has begun"
+        assert self.sharing is not None, "a cycle of a list has begun"
         self._plans = PLANS
-        self._sharing.turn(self._bids, self.now)
+        self.sharing.turn(self._bids, self.now)
 
     def _bids(self) -> Mapping[int, Bid]:
         """What the robot would do."""
-        sharing, pose = self._sharing, self.fresh(Pose)
+        sharing, pose = self.sharing, self.fresh(Pose)
         self._note = self._unfit(pose)
         if self._note or sharing is None or pose is None:
             self._order = []
@@ -287,7 +287,7 @@ class Fleet(Agent):
 
     def _go_on(self) -> None:
         """Do what is to be done by what it holds now, and publish it."""
-        sharing = self._sharing
+        sharing = self.sharing
         if sharing is not None:
             if self._doing is not None and self._doing not in sharing.mine:
                 self._drop("another robot does it")
@@ -354,7 +354,7 @@ class Fleet(Agent):
         self.log(f"task {self._doing} is left: {why}")
         drove, self._doing = self._mission, None
         self._mission, self._looks_until = 0, None
-        if drove and not self._elsewhere and self._sharing is not None and not self._sharing.mine:
+        if drove and not self._elsewhere and self.sharing is not None and not self.sharing.mine:
             self._stand()
 
     def _bar(self, task: int, why: str) -> None:
@@ -364,16 +364,16 @@ class Fleet(Agent):
         self._barred[task] = self.now + again
         self.log(line(f"task {task} is given back for {again:g} s: {why}"), WARNING)
         self._drop(why)
-        if self._sharing is not None:
-            self._sharing.let_go([task], self.now)
+        if self.sharing is not None:
+            self.sharing.let_go([task], self.now)
         self._go_on()
 
     def _done(self, task: int) -> None:
-        assert self._sharing is not None, "a task of a list"
+        assert self.sharing is not None, "a task of a list"
         self._doing, self._mission, self._looks_until = None, 0, None
         self._order = [other for other in self._order if other != task]
-        self._sharing.finish(task, self.now)
-        self.log(f"task {task} done; {len(self._sharing.open)} are left")
+        self.sharing.finish(task, self.now)
+        self.log(f"task {task} done; {len(self.sharing.open)} are left")
         self._remember()
 
     def _plan_ahead(self) -> None:
@@ -409,12 +409,12 @@ class Fleet(Agent):
         self._order = []
         self._barred, self._tries = {}, {}
         count = len(said.tasks)
-        self._sharing = TaskSharing(self.robot, self.instance, said.id, count, self.rng, self.now)
+        self.sharing = TaskSharing(self.robot, self.instance, said.id, count, self.rng, self.now)
         self.log(f"a list of {count} tasks")
         self._set_alarm()
 
     def _look_whether_done(self) -> None:
-        known, sharing = self._list, self._sharing
+        known, sharing = self._list, self.sharing
         if known is None or sharing is None or sharing.open or known.id in self._finished:
             return
         self._finished.add(known.id)
@@ -423,7 +423,7 @@ class Fleet(Agent):
     def _remember(self) -> None:
         """Have the robot's other agents remember what is known."""
         self._look_whether_done()
-        known, sharing = self._list, self._sharing
+        known, sharing = self._list, self.sharing
         if known is None or sharing is None:
             return
         before = self.memory.newest(FleetBoard)
@@ -432,7 +432,7 @@ class Fleet(Agent):
         self.publish(FleetBoard(counter, known.id, known.follows, known.tasks, done, mission))
 
     def _report(self) -> None:
-        known, sharing = self._list, self._sharing
+        known, sharing = self._list, self.sharing
         if known is None or sharing is None:
             nothing = FleetClaims(self.robot, self.instance, NO_LIST)
             self.publish(nothing, robot=self.robot)
@@ -452,8 +452,8 @@ class Fleet(Agent):
     def _set_alarm(self) -> None:
         """Have it woken when something is due."""
         due = [self._say_at]
-        if self._sharing is not None:
-            due.append(self._sharing.wakeup)
+        if self.sharing is not None:
+            due.append(self.sharing.wakeup)
         if self._give_at is not None:
             due.append(self._give_at)
         if self._looks_until is not None:

@@ -7,6 +7,7 @@ nobody is in anybody's way. Several live on one virtual mesh, in namespaces `f/r
 
 from __future__ import annotations
 
+from collections import Counter
 from collections.abc import Sequence
 from math import hypot
 from typing import Annotated, Any, ClassVar, Final
@@ -23,6 +24,7 @@ from armadico.core.messages import (
     FleetReply,
     FleetRequest,
     FleetTask,
+    FleetTasks,
     Message,
     MissionReply,
     MissionRequest,
@@ -72,6 +74,7 @@ class Puppet(Agent):
         self._mission, self._state = 0, MissionState.NONE
         self._goal: Waypoint | None = None
         self._to_go = self._turning = 0.0
+        self.unreachable: set[tuple[float, float]] = set()  # places to which it finds no way
 
     def on_start(self) -> None:
         """Begin to number cycles."""
@@ -88,6 +91,8 @@ class Puppet(Agent):
         """Go, at once."""
         request = question.request
         assert isinstance(request, MissionRequest)
+        if (request.goal.x, request.goal.y) in self.unreachable:
+            return MissionReply(0, "there is no way")
         self._goal, self._state = request.goal, MissionState.DRIVING
         self._mission = 1 + self.rng.getrandbits(62)
         self._to_go = hypot(self._goal.x - self.x, self._goal.y - self.y)
@@ -133,75 +138,116 @@ class Band:
         starts: Sequence[tuple[float, float]],
         tasks: Sequence[FleetTask],
         seed: int,
-        *,
         fleet: str = "f",
+        mesh: VirtualMesh | None = None,
     ) -> None:
-        """Everybody starts; the list is given to the first, once that is at work."""
-        self.mesh = VirtualMesh(seed)
+        """Everybody starts; the list is still to be given."""
+        self.mesh = VirtualMesh(seed) if mesh is None else mesh
         self.tasks = tuple(tasks)
-        self.namespaces = [f"{fleet}/r{k + 1}" for k in range(len(starts))]
-        self.published = 0  # on the fleet's keys, poses apart
-        self.nodes: dict[str, list[Node]] = {}
-        for namespace, start in zip(self.namespaces, starts, strict=True):
-            self.enter(namespace, start)
-        self.began: float | None = None
+        self.published = 0  # messages by which tasks are shared: poses apart
+        self.began = 0.0
         self.reply: FleetReply | None = None
+        self._puppets: dict[str, Node] = {}
+        self._agents: dict[str, Node] = {}
+        self._starts: Counter[str] = Counter()
+        for k, start in enumerate(starts):
+            self.enter(f"{fleet}/r{k + 1}", start)
 
-    def enter(self, namespace: str, start: tuple[float, float], again: int = 0) -> None:
+    # Who is there --------------------------------------------------------------------------------
+
+    @property
+    def names(self) -> list[str]:
+        """The namespaces of the robots that are alive."""
+        return list(self._agents)
+
+    def enter(self, name: str, start: tuple[float, float]) -> None:
         """A robot comes."""
-        self.mesh.watch(self._count, FleetClaims, namespace=namespace)
-        puppet = Puppet(
-            self.mesh.identity("puppet", again, namespace),
-            PuppetParameters(x=start[0], y=start[1]),
-        )
-        fleet = Fleet(
-            self.mesh.identity("fleet", again, namespace), Parameters(namespace=namespace)
-        )
-        self.nodes[namespace] = [
-            self.mesh.add(each, namespace=namespace) for each in (puppet, fleet)
-        ]
+        self.mesh.watch(self._count, FleetClaims, FleetTasks, namespace=name)
+        parameters = PuppetParameters(x=start[0], y=start[1])
+        puppet = Puppet(self._identity("puppet", name), parameters)
+        self._puppets[name] = self.mesh.add(puppet, namespace=name)
+        self.start_agent(name)
 
-    def fleet(self, namespace: str) -> Fleet:
+    def start_agent(self, name: str) -> None:
+        """A robot's fleet agent starts, or starts again."""
+        agent_ = Fleet(self._identity("fleet", name), Parameters(namespace=name))
+        self._agents[name] = self.mesh.add(agent_, namespace=name)
+
+    def kill_agent(self, name: str) -> None:
+        """A robot's fleet agent dies, and nobody else."""
+        self._agents.pop(name).kill()
+
+    def kill(self, name: str) -> None:
+        """A robot dies, all of it."""
+        self.kill_agent(name)
+        self._puppets.pop(name).kill()
+
+    def fleet(self, name: str) -> Fleet:
         """A robot's fleet agent."""
-        found = self.nodes[namespace][1].agent
+        found = self._agents[name].agent
         assert isinstance(found, Fleet), "it is"
         return found
 
-    def give(self, namespace: str) -> None:
+    def puppet(self, name: str) -> Puppet:
+        """A robot."""
+        found = self._puppets[name].agent
+        assert isinstance(found, Puppet), "it is"
+        return found
+
+    # What happens --------------------------------------------------------------------------------
+
+    def give(self, name: str) -> None:
         """Give the list to one of them."""
-        node = self.nodes[namespace][1]
         self.began = self.mesh.now
 
         def take(reply: Message | None) -> None:
             self.reply = reply if isinstance(reply, FleetReply) else None
 
-        self.mesh.ask(FleetRequest(self.tasks), take, namespace=node.namespace)
-
-    def kill(self, namespace: str) -> None:
-        """A robot dies, all of it."""
-        for node in self.nodes.pop(namespace):
-            node.kill()
+        self.mesh.ask(FleetRequest(self.tasks), take, namespace=name)
 
     def run(self, seconds: float) -> bool:
         """Let time pass until all that are alive know that all is done; whether they do."""
-        self.mesh.run(self.mesh.now + seconds, self.over)
-        return self.over()
+        self.mesh.run(self.mesh.now + seconds, lambda: self.over)
+        return self.over
 
+    @property
     def over(self) -> bool:
         """Whether all know that all is done."""
-        return bool(self.nodes) and all(
-            fleet._sharing is not None and not fleet._sharing.open
-            for fleet in map(self.fleet, self.nodes)
-        )
+        sharing = [self.fleet(name).sharing for name in self._agents]
+        return bool(sharing) and all(one is not None and not one.open for one in sharing)
 
+    @property
+    def makespan(self) -> float:
+        """Since the list was given, s."""
+        return self.mesh.now - self.began
+
+    @property
     def doers(self) -> dict[int, set[str]]:
         """By task who did it, by all that anybody knows who is alive."""
         found: dict[int, set[str]] = {}
-        for namespace in self.nodes:
-            sharing = self.fleet(namespace)._sharing
+        for name in self._agents:
+            sharing = self.fleet(name).sharing
             for task, by in (sharing.done if sharing is not None else {}).items():
                 found.setdefault(task, set()).update(by)
         return found
+
+    def cut(self, some: Sequence[str], others: Sequence[str]) -> None:
+        """What some robots publish does not reach others, and the other way round."""
+        self.mesh.cut(self._addresses(some), self._addresses(others))
+        self.mesh.cut(self._addresses(others), self._addresses(some))
+
+    def heal(self, some: Sequence[str], others: Sequence[str]) -> None:
+        """Undo a cut."""
+        self.mesh.heal(self._addresses(some), self._addresses(others))
+        self.mesh.heal(self._addresses(others), self._addresses(some))
+
+    def _addresses(self, names: Sequence[str]) -> list[str]:
+        return [each for name in names for each in (f"{name}/fleet", f"{name}/puppet")]
+
+    def _identity(self, agent_name: str, name: str) -> Identity:
+        start = self._starts[f"{name}/{agent_name}"]
+        self._starts[f"{name}/{agent_name}"] += 1
+        return self.mesh.identity(agent_name, start, name)
 
     def _count(self, _key: str, _message: Message, _now: float) -> None:
         self.published += 1
