@@ -143,6 +143,10 @@ class FleetRehearsal:
                 self.watch.limit = limit
         return self.watch.result()
 
+    def alive(self, name: str) -> bool:
+        """Whether anybody of a robot's society is."""
+        return any(node.namespace == name and node.alive for node in self.mesh.nodes)
+
     def kill(self, name: str) -> None:
         """A robot dies: every process of its society; its body stays where it is."""
         for node in self.mesh.nodes:

@@ -26,6 +26,7 @@ EXPERIMENTS: Final = {
     "time": "driving_time",
     "other-maps": "other_maps",
     "explore": "explore",
+    "fleet": "fleet",
     "live-vs-virtual": "live_vs_virtual",
 }
 """What an experiment is called, and its module; in this order they are all run."""
