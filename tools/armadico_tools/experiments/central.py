@@ -18,9 +18,13 @@ from msgspec import Struct
 Tour = list[int]
 Place = tuple[float, float]
 
-COOLING: Final = 0.9995
-HOT_S: Final = 20.0
-"""The search takes what is worse by so much with a probability of 1 / e at first."""
+HOT_S: Final = 10.0
+COLD_S: Final = 0.05
+"""The search takes what is worse by so much with a probability of 1 / e at first, and at last."""
+
+SUM: Final = 0.2
+"""What the mean of all robots' times weighs beside the latest: or nothing is gained by shortening
+any other's tour, which makes room in it."""
 
 
 class Problem(Struct, frozen=True):
@@ -92,23 +96,22 @@ def rounds(problem: Problem) -> list[Tour]:
 def searched(problem: Problem, begin: Sequence[Tour], steps: int, seed: int) -> list[Tour]:
     """The best of a long search: annealing by moving a task, or turning a stretch of a tour round.
 
-    It looks at the latest robot first, and at the sum besides, so that there is something to gain
-    from shortening the others.
+    It may take what is worse, ever less so (simulated annealing).
     """
     rng = Random(seed)
     tours = [list(tour) for tour in begin]
     times = [problem.time(robot, tour) for robot, tour in enumerate(tours)]
 
     def worth(of: Sequence[float]) -> float:
-        return max(of) + 0.05 * sum(of) / len(of)
+        return max(of) + SUM * sum(of) / len(of)
 
     now = worth(times)
     best, least = [list(tour) for tour in tours], problem.makespan(tours)
-    heat = HOT_S
+    heat, cooling = HOT_S, (COLD_S / HOT_S) ** (1.0 / steps)
     for _ in range(steps):
-        heat *= COOLING
-        a = max(range(len(tours)), key=times.__getitem__) if rng.random() < 0.5 else 0
-        a = a if rng.random() < 0.7 else rng.randrange(len(tours))
+        heat *= cooling
+        latest = max(range(len(tours)), key=times.__getitem__)
+        a = latest if rng.random() < 0.3 else rng.randrange(len(tours))
         if not tours[a]:
             continue
         b = rng.randrange(len(tours))
@@ -125,7 +128,7 @@ def searched(problem: Problem, begin: Sequence[Tour], steps: int, seed: int) -> 
         after[a] = problem.time(a, new_a)
         after[b] = problem.time(b, new_b)
         then = worth(after)
-        if then <= now or (heat > 1e-6 and rng.random() < exp((now - then) / heat)):
+        if then <= now or rng.random() < exp((now - then) / heat):
             tours[a], tours[b], times, now = new_a, new_b, after, then
             if max(times) < least - 1e-9:
                 best, least = [list(tour) for tour in tours], max(times)
