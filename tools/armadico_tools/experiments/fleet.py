@@ -49,7 +49,7 @@ WHOLE: Final = 3
 NOTE: Final = (
     f"{TASKS} places drawn in a square of {SIDE_M:g} m, each looked at for {LOOK_S:g} s; robots"
     " start side by side at its edge. *shared*: the fleet agents on the virtual mesh, as they are,"
-    " each with a robot that drives straight at 0.4 m/s and needs 3 s for turns: a stand-in for whole"
+    " each with a robot that drives straight at 0.4 m/s and needs 3 s to turn: a stand-in for whole"
     " societies, in which nobody is in anybody's way. The others are told all at once, and nobody"
     " talks: *greedy auction*, the bid that is done soonest wins its task, then the next one;"
     " *rounds*, the optimal assignment of robots to tasks (scipy's linear_sum_assignment), round by"
