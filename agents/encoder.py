@@ -6,7 +6,6 @@ from math import hypot
 from typing import Annotated, Any, ClassVar
 
 from msgspec import Meta
-from msgspec.structs import replace
 
 from armadico.agents.methods.odometry import begun_anew
 from armadico.core import agent
@@ -55,6 +54,8 @@ radian, as if the robot had come so far uncorrected."""
 WIDEST = 1e4
 """No variance grows beyond this: m^2, rad^2."""
 
+ZERO: Pose2 = (0.0, 0.0, 0.0)
+
 NOWHERE_M = 2e5
 """A place beyond this is no place: what led there was not true, and the parameters count again."""
 
@@ -84,17 +85,23 @@ class Encoder(Agent):
 
     def __init__(self, identity: agent.Identity, parameters: Any = None) -> None:
         super().__init__(identity, parameters)
-        self._origin: Origin | None = None
         self._id = self.rng.getrandbits(63)
+        self._counter, self._by = 0, self._id  # of the origin
+        self._origin: Pose2 | None = None  # where it lies in the world; None: nobody has said
+        self._known = 0, ZERO  # its epoch, and the odometry last known of that
         self._published = 0
         self._waited = 0  # cycles without an origin
-        self._last: tuple[int, Pose2] | None = None  # the epoch, and the odometry last known of it
         self._correction: Correction | None = None
         self._covariance: tuple[float, ...] = ()
 
     def on_origin(self, origin: Origin) -> None:
         """A peer has known it for longer."""
-        self._origin = origin
+        if self._origin is None or self._known[0] != origin.epoch:
+            # Of an epoch of which this agent received odometry itself that is newer: the origin is
+            # published once a second only, and a robot that drove on meanwhile would be set back.
+            self._known = origin.epoch, (origin.at_x, origin.at_y, origin.at_theta)
+        self._origin = origin.x, origin.y, origin.theta
+        self._counter, self._by = origin.counter, origin.by
         if not self._covariance and len(origin.covariance) == COVARIANCE:
             self._covariance = origin.covariance
 
@@ -106,12 +113,31 @@ class Encoder(Agent):
         self._covariance = correction.covariance
         self._correction = correction if correction.confidence >= SURE else None
 
-    def _corrected(self, known: Origin, odometry: Pose2) -> Origin:
+    def on_robot_state(self, state: RobotState) -> None:
+        """One status packet, one pose."""
+        odometry, epoch = (state.x, state.y, state.theta), state.cycle.epoch
+        begins = self._origin is None or self._known[0] != epoch
+        if self._origin is None:
+            self._waited += 1
+            if state.cycle.number > YOUNG_CYCLES and self._waited <= TOLD_CYCLES:
+                return
+            self._counter = 1
+            origin = self._begin((self.p.x, self.p.y, self.p.theta), odometry)
+        else:
+            origin = self._go_on(self._origin, odometry, epoch)
+        self._origin = origin = self._corrected(origin, odometry, epoch)
+        self._known = epoch, odometry
+        self.publish(Pose(state.cycle, *compose(origin, odometry), self._covariance))
+        self._published += 1
+        if begins or self._published % AGAIN_CYCLES == 0:
+            self._keep(origin, odometry, epoch)
+
+    def _corrected(self, origin: Pose2, odometry: Pose2, epoch: int) -> Pose2:
         """The origin, moved towards where the newest correction has it, as far as a cycle may."""
         to = self._correction
-        if to is None or to.cycle.epoch != known.epoch:
-            return known
-        here = compose((known.x, known.y, known.theta), odometry)
+        if to is None or to.cycle.epoch != epoch:
+            return origin
+        here = compose(origin, odometry)
         there = compose((to.x, to.y, to.theta), odometry)
         off, turned = hypot(there[0] - here[0], there[1] - here[1]), wrap(there[2] - here[2])
         if off > LEAP_M or abs(turned) > LEAP_RAD:
@@ -124,75 +150,39 @@ class Encoder(Agent):
             here[1] + share * (there[1] - here[1]),
             here[2] + share * turned,
         )
-        x, y, theta = compose(place, relative(odometry, (0.0, 0.0, 0.0)))
-        return replace(known, x=x, y=y, theta=theta)
+        return compose(place, relative(odometry, ZERO))
 
-    def on_robot_state(self, state: RobotState) -> None:
-        """One status packet, one pose."""
-        odometry = (state.x, state.y, state.theta)
-        known = self._origin
-        epoch = state.cycle.epoch
-        if known is None:
-            self._waited += 1
-            if state.cycle.number > YOUNG_CYCLES and self._waited <= TOLD_CYCLES:
-                return
-            place = (self.p.x, self.p.y, self.p.theta)
-            known = self._begin(place, odometry, epoch, 1)
-        else:
-            known = self._go_on(self._lately(known), odometry, epoch)
-        begins = self._origin is None or self._origin.epoch != epoch
-        self._origin = known = self._corrected(known, odometry)
-        self._last = (epoch, odometry)
-        pose = compose((known.x, known.y, known.theta), odometry)
-        self.publish(Pose(state.cycle, *pose, self._covariance))
-        self._published += 1
-        if begins or self._published % AGAIN_CYCLES == 0:
-            self._keep(known, odometry)
-
-    def _lately(self, known: Origin) -> Origin:
-        """The origin, with the last odometry of its epoch that this agent received itself.
-
-        It is published once a second only: a robot that drove on meanwhile would be set back.
-        """
-        if self._last is None or self._last[0] != known.epoch:
-            return known
-        x, y, theta = self._last[1]
-        return replace(known, at_x=x, at_y=y, at_theta=theta)
-
-    def _keep(self, origin: Origin, odometry: Pose2) -> None:
+    def _keep(self, origin: Pose2, odometry: Pose2, epoch: int) -> None:
         """Publish the origin, with where the odometry is now; the longer it is known the larger."""
-        self._origin = Origin(
-            next_count(origin.counter),
-            origin.by,
-            origin.epoch,
-            origin.x,
-            origin.y,
-            origin.theta,
-            *odometry,
-            covariance=self._covariance,
+        self._counter = next_count(self._counter)
+        self.publish(
+            Origin(
+                self._counter,
+                self._by,
+                epoch,
+                *origin,
+                *odometry,
+                covariance=self._covariance,
+            )
         )
-        self.publish(self._origin)
 
-    def _begin(self, place: Pose2, odometry: Pose2, epoch: int, counter: int) -> Origin:
+    def _begin(self, place: Pose2, odometry: Pose2) -> Pose2:
         """The origin by which the robot is at a place in the world now."""
         if max(map(abs, place[:2])) > NOWHERE_M:
             place = (self.p.x, self.p.y, self.p.theta)
-        origin = compose(place, relative(odometry, (0.0, 0.0, 0.0)))
-        return Origin(counter, self._id, epoch, *origin, *odometry)
+        self._by = self._id
+        return compose(place, relative(odometry, ZERO))
 
-    def _go_on(self, known: Origin, odometry: Pose2, epoch: int) -> Origin:
+    def _go_on(self, origin: Pose2, odometry: Pose2, epoch: int) -> Pose2:
         """With another robot agent the controller has counted on, or begun anew."""
-        was = (known.at_x, known.at_y, known.at_theta)
-        if known.epoch == epoch or not begun_anew(was, odometry):
+        before, was = self._known
+        if before == epoch or not begun_anew(was, odometry):
             self._covariance = grown(self._covariance, relative(was, odometry))
-            return replace(
-                known, epoch=epoch, at_x=odometry[0], at_y=odometry[1], at_theta=odometry[2]
-            )
+            return origin
         self._covariance = grown(self._covariance, (UNCOUNTED_M, 0.0, 0.0))
         # The robot has not jumped. What it rolled meanwhile was not counted.
-        place = compose((known.x, known.y, known.theta), was)
         self.log("the controller's odometry has begun anew: the pose goes on from here", WARNING)
-        return self._begin(place, odometry, epoch, known.counter)
+        return self._begin(compose(origin, was), odometry)
 
 
 def grown(covariance: tuple[float, ...], motion: Pose2) -> tuple[float, ...]:

@@ -119,6 +119,10 @@ class Fleet(Agent):
         self._given_at = -inf
         self._note = ""
 
+    def key_of(self, kind: type[Message], **names: str) -> str:
+        """Of what robots share each has a key of its own."""
+        return super().key_of(kind, robot=self.robot, **names)
+
     def on_start(self) -> None:
         """Begin to publish now and then."""
         self._say_at = self.now
@@ -143,8 +147,7 @@ class Fleet(Agent):
                 front=said.front,
                 rear=said.rear,
                 half_width=said.half_width,
-            ),
-            robot=self.robot,
+            )
         )
 
     def on_fleet_request(self, question: Question) -> FleetReply:
@@ -303,7 +306,7 @@ class Fleet(Agent):
             self._plan_ahead()
             said = sharing.take()
             if said is not None:
-                self.publish(said, robot=self.robot)
+                self.publish(said)
         self._set_alarm()
 
     def _start(self, task: int) -> None:
@@ -435,7 +438,7 @@ class Fleet(Agent):
         known, sharing = self._list, self.sharing
         if known is None or sharing is None:
             nothing = FleetClaims(self.robot, self.instance, NO_LIST)
-            self.publish(nothing, robot=self.robot)
+            self.publish(nothing)
             self.publish(FleetStatus(0, 0, 0, (), note=self._note))
             return
         mine = sharing.mine

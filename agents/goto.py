@@ -102,6 +102,7 @@ class Goto(Behaviour):
             v, w = self._driver.steer(pose, self.measured, before, self.route, cut, period)
             return unhurried(v, w, self.scene(obstacles), self.p.safety), w
         ahead = self._ahead(pose, obstacles)
+        self._controller.exact = bool(pose.covariance)
         v, w = self._controller.steer(pose, ahead, before, period)
         return (v * self._calm(pose, ahead[0]) if self.p.rules == "safe" else v), w
 

@@ -16,12 +16,17 @@ from armadico.core.behaviour import LOST_M
 from armadico.core.geometry import relative, wrap
 from armadico.core.messages import (
     WAYPOINTS,
+    Action,
     Message,
     MessageError,
+    MissionCancel,
+    MissionOrder,
+    MissionProposal,
     MissionReply,
     MissionRequest,
     MissionState,
     MissionStatus,
+    MissionWithdrawal,
     Obstacles,
     Plan,
     PlanRequest,
@@ -29,15 +34,19 @@ from armadico.core.messages import (
     Pose,
     RobotState,
     Trajectory,
+    Way,
     Waypoint,
     encode,
     line,
     next_count,
 )
+from armadico.core.resources import TRAJECTORY, Resource
 from armadico.core.route import Route
 
+NOBODY_KNOWS: Final = "nobody knows where the robot is: no fresh encoder/pose"
 WAS_LOST: Final = "the robot was lost"
 ACROSS: Final = "something stands across the way"
+ELSEWHERE: Final = "the way begins elsewhere"
 
 LOOK_CYCLES: Final = 3
 """Whether something stands across the way is looked at in each so many-th cycle."""
@@ -47,6 +56,9 @@ PARKING_M: Final = 0.3
 
 ELSEWHERE_M: Final = 0.15
 """A way that leaves the one that is driven by so much is another one."""
+
+BESIDE_M: Final = 0.5
+"""A holder's way that is farther from the robot than this is planned anew before it is driven."""
 
 
 class Parameters(agent.Parameters, frozen=True, kw_only=True):
@@ -84,15 +96,18 @@ class Interface(Agent):
     """The link to the people and programs outside the community.
 
     The mission is the trajectory, a latched state: an interface agent that is started
-    again goes on with it.
+    again goes on with it. Agents that want the robot driven somewhere contend for the trajectory
+    (3.6): this one owns it, and has the holder's way driven. While nobody holds it, it takes a goal
+    from people.
     """
 
     name = "interface"
     alone = True
     hears: ClassVar[tuple[type[Message], ...]] = (Pose, Obstacles)
     provides: ClassVar[tuple[type[Message], ...]] = (Trajectory, MissionStatus)
-    answers: ClassVar[tuple[type[Message], ...]] = (MissionRequest,)
-    asks: ClassVar[tuple[type[Message], ...]] = (PlanRequest,)
+    answers: ClassVar[tuple[type[Message], ...]] = (MissionRequest, MissionOrder, MissionCancel)
+    asks: ClassVar[tuple[type[Message], ...]] = (PlanRequest, MissionProposal, MissionWithdrawal)
+    owns = (TRAJECTORY,)
     parameters = Parameters
     p: Parameters
 
@@ -108,11 +123,13 @@ class Interface(Agent):
         self._waits, self._why_waits = False, ""  # no way is free
         self._blocked_by = ""  # why it was planned anew
         self._asking = False
+        self._unanswered = False  # nobody plans, and that was said
         self._ask_at = -inf  # not before
         self._nearest, self._nearest_at = inf, 0.0  # m to go on this way
         self._best, self._best_at = inf, 0.0  # of the whole mission
         self._longest = 0.0  # of the ways that were planned anew, m
         self._across_since: float | None = None
+        self._held = False  # the mission is the way of whoever holds the trajectory
 
     def on_start(self) -> None:
         """Begin to publish now and then."""
@@ -124,7 +141,10 @@ class Interface(Agent):
         assert isinstance(request, MissionRequest)
         pose = self.fresh(Pose)
         if pose is None:
-            return self._refuse("nobody knows where the robot is: no fresh encoder/pose")
+            return self._refuse(NOBODY_KNOWS)
+        if self._held:
+            holder = self.owner(TRAJECTORY).obeyed
+            return self._refuse(f"{holder.instance if holder else 'somebody'} has the robot driven")
         if not request.planned:
             far = self._too_far(pose, (*request.waypoints, request.goal))
             if far:
@@ -143,6 +163,67 @@ class Interface(Agent):
 
         self.ask(PlanRequest(start, request.goal), planned, self.p.planning_s)
         return None
+
+    def on_mission_order(self, question: Question) -> None:
+        """Propose a mission of several tasks to whoever plans missions (use case 1)."""
+        assert isinstance(question.request, MissionOrder)
+        self._pass_on(question, MissionProposal(question.request))
+
+    def on_mission_cancel(self, question: Question) -> None:
+        """Have one left be."""
+        assert isinstance(question.request, MissionCancel)
+        self._pass_on(question, MissionWithdrawal(question.request))
+
+    def _pass_on(self, question: Question, request: Message) -> None:
+        def answered(reply: MissionReply | None) -> None:
+            nobody = MissionReply(0, "nobody plans missions: no mission planning agent answered")
+            self.answer(question, nobody if reply is None else reply)
+
+        self.ask(request, answered)
+
+    def unavailable(self, resource: Resource) -> str:  # noqa: ARG002
+        """Nobody's way is driven by a robot of which nobody knows where it is."""
+        return "" if self.fresh(Pose) is not None or self._held else NOBODY_KNOWS
+
+    def beyond(self, resource: Resource, action: Way) -> str:  # noqa: ARG002
+        """What is wrong with a way that no planner has looked at."""
+        pose = self.latest(Pose)
+        return "" if action.planned or pose is None else self._too_far(pose, action.waypoints)
+
+    def obey(self, resource: Resource, action: Way) -> None:  # noqa: ARG002
+        """Have the holder's way driven, if it is another one than so far."""
+        peoples, self._held = not self._held, True
+        pose = self.latest(Pose)
+        if pose is None or (action.id == self._mission and self._state is not MissionState.NONE):
+            return
+        if self._state is MissionState.DRIVING and action.id != self._mission:
+            # A holder's is interrupted, and may go on; people's has nobody to remember it.
+            self._state = MissionState.FAILED if peoples else MissionState.NONE
+            self._note = "another way is driven instead"
+            self._say_status(self._to_go)
+        route = Route(action.waypoints, action.start, action.leg)
+        self._take_on(action.id, route, pose, planned=action.planned)
+        if action.planned and route.off(pose.x, pose.y) > BESIDE_M:
+            self._waits = True  # until there is a way from here
+            self._plan_anew(pose, ELSEWHERE)
+        self.publish(self._next(action.id, self._route, action.waypoints))
+
+    def rest(self, resource: Resource) -> None:  # noqa: ARG002
+        """End the holder's way where the robot is."""
+        if not self._held:
+            return
+        self._held = False
+        if self._state is MissionState.DRIVING:
+            self._state, self._waits, self._why_waits, self._note = MissionState.NONE, False, "", ""
+            self.publish(self._next(self._mission, self._route, ()))
+            self._say_status(self._to_go)
+
+    def measure(self, resource: Resource) -> Action:
+        """The way that is driven now, and how far it has come: who wants another may join it."""
+        if self._state is not MissionState.DRIVING:
+            return resource.neutral
+        route = self._route
+        return encode(Way(self._mission, route.waypoints, route.start, route.leg, self._plans))
 
     def on_trajectory(self, trajectory: Trajectory) -> None:
         """A mission that a peer remembers, and this one does not know."""
@@ -259,6 +340,10 @@ class Interface(Agent):
             if self._mission != mission or self._state is not MissionState.DRIVING:
                 return
             here = self.latest(Pose) or pose
+            if plan is None and why != WAS_LOST and not self._waits:
+                self._go_on(why)
+                return
+            self._unanswered = plan is None
             if plan is None or plan.refusal or not plan.waypoints:
                 self._no_way(why, "nobody plans" if plan is None else plan.refusal)
             elif why != ACROSS or self._waits or self._leads_elsewhere(plan, here):
@@ -278,6 +363,14 @@ class Interface(Agent):
         self._route = Route(plan.waypoints, Point(here.x, here.y))
         self.publish(self._next(self._mission, self._route, plan.waypoints))
         self.log(f"planned anew, {plan.length:.1f} m: {why}")
+
+    def _go_on(self, why: str) -> None:
+        """Nobody plans: that is no word on the way there is, and behaviours go round things."""
+        if self._given_up():
+            self._fail(why)
+        elif not self._unanswered:
+            self._unanswered = True
+            self.log(line(f"{why}, and nobody plans: it goes on by the way there is"), WARNING)
 
     def _no_way(self, why: str, refusal: str) -> None:
         """Wait for a way to become free."""
@@ -349,13 +442,19 @@ class Interface(Agent):
                 encode(said)
         except MessageError as error:
             return self._refuse(f"nobody could be told of it: {error}")
-        self._mission, self._route, self._to_go = mission, route, to_go
-        self._state, self._plans, self._replans = MissionState.DRIVING, planned, False
-        self._waits, self._why_waits = False, ""
-        self._best, self._longest, self._ask_at = inf, 0.0, -inf
-        self._count_anew()
+        self._take_on(mission, route, pose, planned=planned)
         self.publish(begun)
         return reply
+
+    def _take_on(self, mission: int, route: Route, pose: Pose, *, planned: bool) -> None:
+        """Drive that from now on."""
+        self._mission, self._route = mission, route
+        self._to_go = route.to_go(pose.x, pose.y)
+        self._state, self._plans, self._replans = MissionState.DRIVING, planned, False
+        self._waits, self._why_waits, self._note = False, "", ""
+        self._asking = False
+        self._best, self._longest, self._ask_at = inf, 0.0, -inf
+        self._count_anew()
 
     def _refuse(self, why: str) -> MissionReply:
         if self._state is MissionState.PLANNING:

@@ -11,7 +11,7 @@ from typing import Annotated, Any, ClassVar, Literal
 import numpy as np
 from msgspec import Meta
 
-from armadico.agents.methods.grid import Grid
+from armadico.agents.methods.grid import CELL_M, Grid, check_extent
 from armadico.agents.methods.monte_carlo import Estimate, MonteCarlo, Settings
 from armadico.agents.methods.odometry import begun_anew
 from armadico.agents.methods.sonar_model import FORMAT, Fields, SonarModel, fields
@@ -57,8 +57,11 @@ class Parameters(agent.Parameters, frozen=True, kw_only=True):
     start_rad: Angle = radians(6.0)
     lost: Share = 0.15  # with less than this of the weight in one place it is lost,
     lost_m: Metres = 0.5  # or in one so wide,
-    lost_fit: Share = 0.55  # or if the readings fit so much worse than they usually do,
     lost_s: Annotated[float, Meta(gt=0, le=60)] = 0.5  # for so long
+    lost_fit: Share = 0.55  # or if the readings fit so much worse than they usually do
+    lost_way_m: Metres = 1.0  # all along such a way,
+    lost_turn_rad: Angle = 3.0  # or such a turn, or a part of both:
+    doubt_m: Metres = 0.35  # before that it is no surer than this
     found: Share = 0.95  # and found with this much,
     found_m: Metres = 0.3
     found_fit: Share = 0.28
@@ -87,6 +90,7 @@ class Localization(Agent):
     def __init__(self, identity: agent.Identity, parameters: Any = None) -> None:
         super().__init__(identity, parameters)
         world, profile = load_world(self.p.world), load_profile(self.p.profile)
+        check_extent(world, CELL_M)
         grid = Grid(world.walls, world.bounds)
         ring = profile.sonar
         rows, columns = np.nonzero(grid.clearance > profile.body.width_m / 2)
@@ -105,7 +109,9 @@ class Localization(Agent):
         self._begun = False
         self._lost = self.p.start == "anywhere"
         self._at: Pose2 | None = None  # the estimate a cycle ago
-        self._since: float | None = None  # when it began to doubt
+        self._since: float | None = None  # when it began to seem lost
+        self._doubts = False  # the readings fit badly,
+        self._misfit = 0.0  # and have done so for such a share of the way that it takes to be lost
         self._alone = 0  # so often no other place has been found that fits
         self._sure = 0.0  # how much of what is asked for it has been sure since
         self._shown_at = float("-inf")
@@ -120,7 +126,8 @@ class Localization(Agent):
             self._filter.start_anywhere()
         else:
             off = max(self.p.start_m, pose.deviation)  # of a pose that nobody corrected lately
-            self._filter.start_at((pose.x, pose.y, pose.theta), off, self.p.start_rad)
+            turned = max(self.p.start_rad, pose.heading_deviation)
+            self._filter.start_at((pose.x, pose.y, pose.theta), off, turned)
 
     def on_robot_state(self, state: RobotState) -> None:
         """Move the particles.
@@ -135,7 +142,7 @@ class Localization(Agent):
         if before is None or not self._begun:
             return
         if another and begun_anew(before, odometry):
-            self._filter.start_at(self._filter.estimate(self._at).pose, UNCOUNTED_M, UNCOUNTED_RAD)
+            self._filter.scatter_by(UNCOUNTED_M, UNCOUNTED_RAD)
             return
         self._motion = motion = relative(before, odometry)
         self._filter.move(motion)
@@ -154,6 +161,8 @@ class Localization(Agent):
         self._judge(found)
         self._filter.lost = self._lost
         c = found.covariance
+        if self._doubts and found.deviation_m < self.p.doubt_m:
+            c = c + np.diag([0.5 * self.p.doubt_m**2] * 2 + [0.0])
         if self._lost:  # who fits nowhere is nowhere: at least a metre off
             c = np.maximum(self._filter.scatter(), np.eye(3))
         self.publish(
@@ -173,6 +182,8 @@ class Localization(Agent):
         """Whether it is lost: if it seems so for a while, and found once it has been sure.
 
         An estimate that leaps is of another place: the robot is lost until it has been sure of it.
+        Readings that fit badly, and no better anywhere else, may be people's: it slows down, and
+        only whom no reading fits for a while of driving has been carried away.
         """
         p, x, y = self.p, found.pose[0], found.pose[1]
         wide, share, fit = found.deviation_m, found.share, found.fit
@@ -183,12 +194,17 @@ class Localization(Agent):
         self._at = found.pose
         if not self._lost:
             usual = max(found.usual, p.filter.fits)  # a wrong place is no standard
-            doubtful = share < p.lost or wide > p.lost_m or fit < p.lost_fit * usual
+            self._doubts = fit < p.lost_fit * usual
+            x_, y_, turn = self._motion
+            moved = hypot(x_, y_) / p.lost_way_m + abs(turn) / p.lost_turn_rad
+            self._misfit = self._misfit + moved if self._doubts else 0.0
+            doubtful = share < p.lost or wide > p.lost_m
             self._since = (self._since or self.now) if doubtful else None
             waited = self._since is not None and self.now - self._since >= p.lost_s
-            if not (waited or leaps):
+            if not (waited or leaps or self._misfit >= 1.0):
                 return
             self._lost, self._since, self._sure = True, None, 0.0
+            self._doubts, self._misfit = False, 0.0
             self._alone = 0
             self.log(
                 f"the robot is lost: at best at ({x:.2f}, {y:.2f}), with {100 * share:.0f} % of the"
@@ -238,4 +254,6 @@ def sonar_model(grid: Grid, cone_rad: float, reach_m: float) -> SonarModel:
 
     about = repr((version("armadico"), FORMAT, grid.cell_m, grid.bounds, cone_rad, reach_m))
     key = sha256(about.encode() + grid.walls.tobytes()).hexdigest()[:32]
-    return SonarModel(grid, cone_rad, reach_m, Fields(**arrays(f"sonars-{key}", make)))
+    return SonarModel(
+        grid, cone_rad, reach_m, Fields(**arrays(f"sonars-{key}", Fields._fields, make))
+    )

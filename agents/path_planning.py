@@ -6,9 +6,9 @@ from typing import Annotated, Any, ClassVar
 
 from msgspec import Meta
 
-from armadico.agents.methods.energy import energy
-from armadico.agents.methods.grid import grid_of
-from armadico.agents.methods.planning import CELL_M, PlanError, plan
+from armadico.agents.methods.energy import Pace, energy
+from armadico.agents.methods.grid import CELL_M, check_extent, grid_of
+from armadico.agents.methods.planning import PlanError, plan
 from armadico.agents.methods.seen import Seen
 from armadico.config.profile import load_profile
 from armadico.config.worlds import load_world
@@ -19,26 +19,33 @@ from armadico.core.messages import (
     WAYPOINTS,
     Message,
     Plan,
+    Planned,
     PlanRequest,
+    PlanTask,
     Pose,
     RobotState,
     Sonar,
     Waypoint,
     line,
 )
+from armadico.core.resources import PLANNER, Resource
 
 
 class Parameters(agent.Parameters, frozen=True, kw_only=True):
-    """The world it plans in, the robot it plans for, and the speed it counts on."""
+    """The world it plans in, the robot it plans for, and how fast that is driven."""
 
     world: Annotated[str, Meta(min_length=1)] = "empty"
     profile: str = "pioneer-2dx"
     round_corners: bool = False  # for the brisk controller; the thesis's turn at each waypoint
-    cruise_m_s: Annotated[float, Meta(gt=0, le=10)] = 0.4
+    pace: Pace = Pace()
+    v_max: Annotated[float, Meta(gt=0, le=10)] | None = None  # a scenario's limit, m/s
 
 
 class PathPlanning(Agent):
     """Knows the world's walls, rooms and doors; answers where to go, and what it costs.
+
+    It plans for whoever holds it (3.6.2), and for whoever asks in between: people, and the owner of
+    the trajectory, whose way is blocked.
 
     What the sonars see and the map has not it remembers for a while, and plans round it. Where the
     pose is unsure nothing is put down: a wall that is seen beside its place would close a door.
@@ -47,16 +54,34 @@ class PathPlanning(Agent):
     name = "path-planning"
     alone = True
     hears: ClassVar[tuple[type[Message], ...]] = (Pose, Sonar)
+    provides: ClassVar[tuple[type[Message], ...]] = (Planned,)
     answers: ClassVar[tuple[type[Message], ...]] = (PlanRequest,)
+    owns = (PLANNER,)
     parameters = Parameters
-    launched_with = ("world", "profile")
+    launched_with = ("world", "profile", "v_max")
     p: Parameters
 
     def __init__(self, identity: agent.Identity, parameters: Any = None) -> None:
         super().__init__(identity, parameters)
         self._world = load_world(self.p.world)
+        check_extent(self._world, CELL_M)
         self._profile = load_profile(self.p.profile)
         self._seen: Seen | None = None
+        self._task: int | None = None  # the holder's,
+        self._planned: Planned | None = None  # and what came of it, or of one before
+
+    def obey(self, resource: Resource, action: PlanTask) -> None:  # noqa: ARG002
+        """Plan for the holder, and publish it: again each cycle, until it lets go.
+
+        It plans in the second cycle that the holder has it: who wants it more has had its say then.
+        """
+        if self._task != action.id:
+            self._task = action.id
+            return
+        if self._planned is None or self._planned.id != action.id:
+            plan = self._plan(PlanRequest(action.start, action.goal, action.why))
+            self._planned = Planned(action.id, plan)
+        self.publish(self._planned)
 
     def on_pose(self, pose: Pose) -> None:
         """Where the pings of this cycle were, if they have come."""
@@ -70,6 +95,9 @@ class PathPlanning(Agent):
         """The waypoints, or why there is no way."""
         request = question.request
         assert isinstance(request, PlanRequest)
+        return self._plan(request)
+
+    def _plan(self, request: PlanRequest) -> Plan:
         try:
             way = plan(
                 self._world,
@@ -85,7 +113,14 @@ class PathPlanning(Agent):
         waypoints = tuple(Waypoint(p.x, p.y, p.theta) for p in way.waypoints)
         if len(waypoints) > WAYPOINTS:
             return Plan((), refusal=f"the way has {len(waypoints):,} turns, at most {WAYPOINTS:,}")
-        cost = energy(way.length_m, self._profile, self.p.cruise_m_s)
+        state = self.latest(RobotState)
+        cost = energy(
+            (request.start, *waypoints),
+            self._profile,
+            self.p.pace,
+            self.p.v_max,
+            volts=None if state is None else state.battery_v,
+        )
         doors = f" through {', '.join(way.doors)}" if way.doors else ""
         why = f": {request.why}" if request.why else ""
         self.log(f"planned {way.length_m:.1f} m{doors}, {cost.joules:.0f} J{why}")

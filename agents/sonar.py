@@ -10,6 +10,7 @@ from typing import Annotated, Any, ClassVar
 from msgspec import Meta
 
 from armadico.agents.methods import local_map
+from armadico.agents.methods.comers import Comers
 from armadico.agents.methods.geometry import Placed
 from armadico.agents.methods.known_robots import KnownRobots
 from armadico.agents.methods.known_walls import KnownWalls
@@ -55,6 +56,10 @@ BUMP_SHARES = (-0.75, 0.0, 0.75)
 """What stalled the robot is put so far to its sides, in shares of half its width."""
 
 
+BUMP_OFF_M = 0.25
+"""Farther from a wall of the map than this, it was not that which was touched."""
+
+
 class Parameters(agent.Parameters, frozen=True, kw_only=True):
     """How the map believes and forgets, and how wide an echo in front is taken to be.
 
@@ -73,7 +78,8 @@ class Parameters(agent.Parameters, frozen=True, kw_only=True):
     arc_within_rad: Angle = radians(45.0)  # of the heading
     arc_from_m: Metres = 0.04  # before the front edge
     arc_to_m: Metres = 1.6
-    bump_s: Seconds = 60.0  # how long something is remembered that the robot touched
+    bump_s: Seconds = 60.0  # how long something is remembered that the robot touched,
+    bump_off_map_s: Seconds = 10.0  # and that is on no map: somebody, who goes on
 
 
 class SonarAgent(Agent):
@@ -97,7 +103,11 @@ class SonarAgent(Agent):
         super().__init__(identity, parameters)
         self._map = local_map.LocalMap(self.p.map)
         world = None if self.p.world is None else load_world(self.p.world)
-        self._walls = None if world is None else KnownWalls(world.walls, self.p.walls)
+        self._walls = None
+        if world is not None:
+            self._walls = KnownWalls(world.walls, self.p.walls, world.forbidden)
+        self._comers = Comers()
+        self._pings = 0
         self._origin: Pose2 | None = None  # of the odometry, by the newest pose that was sure
         self._covariance: tuple[float, ...] = ()  # of that pose,
         self._sure_at = -inf  # when that was,
@@ -118,7 +128,8 @@ class SonarAgent(Agent):
         odometry = (state.x, state.y, state.theta)
         if self._odometry is not None and state.cycle.epoch == self._epoch:
             motion = relative(self._odometry, odometry)
-            self._map.move(Placed(*motion))
+            mapped = self._walls is not None and self._walls.known
+            self._map.move(Placed(*motion), mapped=mapped)
             self._way += hypot(motion[0], motion[1])
             self._bumps = list(self._moved(motion))
         else:
@@ -154,17 +165,22 @@ class SonarAgent(Agent):
 
     def on_sonar(self, sonar: Sonar) -> None:
         """Take the echoes in, and publish where the obstacles are."""
-        seen = self._map
-        seen.update(sonar.echoes)
-        if self._walls is not None:
-            self._walls.look(*self._place())
-            self._walls.hear(sonar.echoes)
+        seen, walls = self._map, self._walls
+        if walls is None:
+            seen.update(sonar.echoes)
+        else:
+            walls.look(*self._place())
+            walls.hear(sonar.echoes)
+            seen.update(sonar.echoes, walls.explains)
         robots = self._robots.points(*self._place(), self.now)
-        if robots or self._walls is not None:
-            walls = () if self._walls is None else self._walls.points()
-            seen.expect([*walls, *robots])
+        if robots or walls is not None:
+            seen.expect([*(() if walls is None else walls.points()), *robots])
         self._listened += 1
+        self._pings += len(sonar.echoes)
         body = seen.outline
+        if walls is not None and walls.known and body is not None and self._odometry is not None:
+            ping_s = self.cycles.period * self._listened / max(self._pings, 1)
+            self._comers.hear(sonar.echoes, ping_s, self._odometry, walls.explains, body)
         if self._listened < round(LOOK_S / self.cycles.period) or body is None:
             return
         self.publish(
@@ -178,6 +194,7 @@ class SonarAgent(Agent):
                     *self._arcs(seen.heard(), body),
                     *(Point(o.x, o.y) for o in (*seen.expected, *seen.onward())),
                     *(point for _, point in self._bumps),
+                    *(Point(x, y) for x, y in self._comers.points()),
                 ),
             )
         )
@@ -204,8 +221,14 @@ class SonarAgent(Agent):
         """The bumps that are still remembered, where they are after the robot's motion."""
         for when, point in self._bumps:
             x, y, _ = relative(motion, (point.x, point.y, 0.0))
-            if self.now - when < self.p.bump_s and hypot(x, y) < self.p.map.reach_m:
+            lasts = self.p.bump_off_map_s if self._is_off_map(point) else self.p.bump_s
+            if self.now - when < lasts and hypot(x, y) < self.p.map.reach_m:
                 yield when, Point(x, y)
+
+    def _is_off_map(self, point: Point) -> bool:
+        """Whether the global map, and it is known where on it, has nothing there."""
+        walls = self._walls
+        return walls is not None and walls.known and not walls.near(point.x, point.y, BUMP_OFF_M)
 
     def _arcs(self, obstacles: Iterable[Obstacle], body: Outline) -> Iterator[Point]:
         """All points that were heard, and both ends of the arc for those in front."""

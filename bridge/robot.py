@@ -189,6 +189,9 @@ class Robot(DeviceAgent):
                 self._moving = False
                 self._line()
                 self.log(f"the controller is silent: {event.reason}; trying again", ERROR)
+                if event.reset and self.stopped is None:
+                    # Its motors are off then; opening it again switches them on.
+                    self.latch("the controller having been reset at the robot")
             elif isinstance(event, Unanswered) and event.attempts in TOLD[event.streaming :]:
                 self._line()
                 self.log(
@@ -238,6 +241,7 @@ class Robot(DeviceAgent):
                 stop=self.memory.newest(Stop) or Stop(),
                 touch=self._touched(),
                 line=self._line(),
+                charging=status.charging,
             )
         )
         self.acknowledge()

@@ -36,6 +36,10 @@ from armadico.agents.methods.geometry import (
 from armadico.core.fuzzy import Far, Near, weights
 from armadico.core.geometry import wrap
 
+EXACT_RAD, EXACT_RAD_S = 0.015, 0.06
+"""Whose heading is uncertain does not stop at the edge of what is good: it turns on no slower than
+this, and what it still turns by then, to the middle."""
+
 Speeds = tuple[float, float]
 """(v, w) in m/s and rad/s, of the middle of the wheel axle."""
 
@@ -146,6 +150,7 @@ class Controller:
         """One controller for one trajectory after another: `reset` between them."""
         self.settings = settings
         self.mode = mode
+        self.exact = False  # the heading is uncertain: to the middle of what is good
         self.reset()
 
     def reset(self) -> None:
@@ -192,8 +197,9 @@ class Controller:
         if self._parked:
             return 0.0, 0.0
         if self._turning:
-            law = self.settings.precise
-            return 0.0, clip(law.turn * wrap(target.theta - pose.theta), -law.w, law.w)
+            law, off = self.settings.precise, wrap(target.theta - pose.theta)
+            w = max(law.turn * abs(off), EXACT_RAD_S if self.exact else 0.0)
+            return 0.0, math.copysign(min(w, law.w), off)
         return self._approach(rho, alpha)
 
     def _pass(self, pose: Posed, waypoints: Sequence[Posed], alpha: float) -> Speeds:
@@ -225,4 +231,5 @@ class Controller:
             abeam = rho <= s.beside_m and abs(alpha) > math.pi / 2
             self._turning = rho <= stop or abeam
         error = 0.0 if self.mode is Mode.FAST else abs(wrap(goal.theta - pose.theta))
-        self._parked = self._turning and error <= (s.leave_rad if self._parked else s.stop_rad)
+        good = EXACT_RAD if self.exact else s.stop_rad
+        self._parked = self._turning and error <= (s.leave_rad if self._parked else good)

@@ -4,7 +4,11 @@ A smooth wall that is met at a slant does not answer, a dead one never does, and
 end of one that stands edge-on. Who knows the map and where it is on it knows them all the same.
 Each wall is a row of places. A place is believed less the less sure the pose is; and it is doubted
 where a sonar looked at it squarely and heard something behind: what the map has shut may be open.
-Silence is no doubt, since that is what a dead wall sounds like.
+Silence is no doubt, since that is what a dead wall sounds like. What is forbidden no sonar
+hears, so it is never doubted.
+
+An echo from as far as a place that is believed, and not far off the axis, is that place's. On the
+axis, where one that nothing explains is put, the posts of a door would stand in the door.
 
 Poses are in the world's frame, what comes out is in the body's: x forward, y left, origin at the
 middle of the wheel axle; metres and radians.
@@ -14,6 +18,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterable, Iterator, Sequence
+from itertools import chain
 from typing import NamedTuple
 
 from armadico.agents.methods.local_map import Echo, Obstacle
@@ -34,6 +39,9 @@ BINS = 48
 BUCKET_M = 1.0
 AHEAD_M = 0.25
 """So far the robot comes until it is looked anew which places are within reach."""
+
+UNDOUBTED = -1
+"""The number of places that no echo speaks of."""
 
 FORGOTTEN = 0.1
 """A doubt below this is none."""
@@ -66,17 +74,24 @@ class _Near(NamedTuple):
 class KnownWalls:
     """Places of the map's walls, and how much each of them is believed."""
 
-    def __init__(self, walls: Iterable[Segment], settings: WallSettings | None = None) -> None:
-        """Cut the walls (m) into places; most of them will never be near."""
+    def __init__(
+        self,
+        walls: Iterable[Segment],
+        settings: WallSettings | None = None,
+        forbidden: Iterable[Segment] = (),
+    ) -> None:
+        """Cut the walls (m) and what is forbidden into places; most of them will never be near."""
         self.settings = settings or WallSettings()
         self._buckets: dict[tuple[int, int], list[_Place]] = {}
-        for place in _places(walls):
+        never = (place._replace(three=UNDOUBTED) for place in _places(forbidden))
+        for place in chain(_places(walls), never):
             key = math.floor(place.x / BUCKET_M), math.floor(place.y / BUCKET_M)
             self._buckets.setdefault(key, []).append(place)
         self._anchor = (math.inf, math.inf)
         self._around: list[_Place] = []  # within reach of the anchor, and a little farther
         self._near: list[_Near] = []
         self._weight = 0.0
+        self._off = 0.0  # the pose's standard deviation, m
         self._doubts: dict[int, float] = {}  # by the number of the three
 
     def look(self, pose: Pose2 | None, covariance: Sequence[float] = ()) -> None:
@@ -87,16 +102,17 @@ class KnownWalls:
             covariance: Upper triangle of that of x, y and theta; none: nobody knows how far off it
                 is, and then it may be anywhere.
         """
-        s, self._near, self._weight = self.settings, [], 0.0
+        s, self._near, self._weight, self._off = self.settings, [], 0.0, 0.0
         if pose is None or len(covariance) < COVARIANCE or s.reach_m <= 0.0:
             return
         xx, xy, _, yy = covariance[:4]
-        self._weight = 1.0 - math.sqrt(max(0.0, xx + yy)) / s.unknown_m
+        self._off = math.sqrt(max(0.0, xx + yy))
+        self._weight = 1.0 - self._off / s.unknown_m
         if self._weight < s.least:
             return
         x, y, theta = pose
         cos, sin = math.cos(theta), math.sin(theta)
-        reach = s.reach_m * s.reach_m
+        reach = s.explains_m * s.explains_m
         for three, wx, wy, nx, ny, _ in self._within(x, y):
             dx, dy = wx - x, wy - y
             if dx * dx + dy * dy > reach:
@@ -129,12 +145,14 @@ class KnownWalls:
             cos, sin = math.cos(echo.bearing), math.sin(echo.bearing)
             free = echo.range - s.margin_m
             through, answered = set(), set()
-            for three, x, y, nx, ny, _ in self._near:
+            for three, x, y, nx, ny, away in self._near:
+                if three == UNDOUBTED:
+                    continue
                 dx, dy = x - echo.x, y - echo.y
                 along = cos * dx + sin * dy
                 if along <= 0.0 or abs(cos * dy - sin * dx) > s.axis * along:
                     continue
-                if abs(cos * nx + sin * ny) < s.square:
+                if away > s.reach_m or abs(cos * nx + sin * ny) < s.square:
                     continue
                 if along < free:
                     through.add(three)
@@ -150,7 +168,7 @@ class KnownWalls:
         s = self.settings
         best: dict[int, _Near] = {}
         for place in self._near:
-            if self._weight * (1.0 - self._doubts.get(place.three, 0.0)) < s.least:
+            if place.distance > s.reach_m or not self._believed(place):
                 continue
             at = int(math.atan2(place.y, place.x) / math.tau * BINS + BINS)
             there = best.get(at)
@@ -158,11 +176,46 @@ class KnownWalls:
                 best[at] = place
         return [Obstacle(place.x, place.y, place.distance) for place in best.values()]
 
+    def explains(self, echo: Echo) -> bool:
+        """Whether the map has a wall that the echo comes from, somewhere in the sonar's cone."""
+        if echo.range is None:
+            return False
+        s = self.settings
+        near = s.explains_near_m + self._off
+        cos, sin = math.cos(echo.bearing), math.sin(echo.bearing)
+        for place in self._near:
+            if place.three == UNDOUBTED:  # and unheard
+                continue
+            dx, dy = place.x - echo.x, place.y - echo.y
+            away = math.hypot(dx, dy)
+            if abs(away - echo.range) > near or cos * dx + sin * dy < s.explains_cone * away:
+                continue
+            if self._believed(place):
+                return True
+        return False
+
+    @property
+    def known(self) -> bool:
+        """Whether the walls that are near are known: whoever is unsure of the pose knows none."""
+        return self._weight >= self.settings.least
+
+    def near(self, x: float, y: float, within: float) -> bool:
+        """Whether a wall that is believed is so near to a place in the body frame, m."""
+        return any(
+            math.hypot(place.x - x, place.y - y) <= within and self._believed(place)
+            for place in self._near
+            if place.three != UNDOUBTED
+        )
+
+    def _believed(self, place: _Near) -> bool:
+        doubt = self._doubts.get(place.three, 0.0)
+        return self._weight * (1.0 - doubt) >= self.settings.least
+
     def _within(self, x: float, y: float) -> list[_Place]:
         """The places that may be within reach."""
         if math.hypot(x - self._anchor[0], y - self._anchor[1]) > AHEAD_M:
             self._anchor = (x, y)
-            reach = self.settings.reach_m + AHEAD_M
+            reach = self.settings.explains_m + AHEAD_M
             self._around = [
                 place
                 for column in _buckets(x, reach)

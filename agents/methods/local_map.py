@@ -120,16 +120,18 @@ class LocalMap:
         )
         self._all = None
 
-    def move(self, motion: Posed) -> None:
+    def move(self, motion: Posed, *, mapped: bool = False) -> None:
         """Move what is remembered against the robot's motion, and let it fade by one cycle.
 
         Args:
             motion: The robot's new pose in the frame of its last one, m and rad. Points that end
                 up inside the outline were never there, those beyond the map are let go.
+            mapped: Whether what is on the global map is expected: then the rest fades sooner.
         """
         s = self.settings
         cos, sin = math.cos(motion.theta), math.sin(motion.theta)
-        memory = s.memory * 0.5 ** (math.hypot(motion.x, motion.y) / s.memory_m)
+        memory = s.memory_off_map if mapped else s.memory
+        memory *= 0.5 ** (math.hypot(motion.x, motion.y) / s.memory_m)
         front, rear, half = self.outline or NOBODY
         by_cycles = s.seen_decay < 1.0
         moved: dict[int, _Cell] = {}
@@ -150,8 +152,13 @@ class LocalMap:
         self._cells = moved
         self._occupied = self._all = None
 
-    def update(self, echoes: Iterable[Echo]) -> None:
-        """Take in the echoes of one cycle: a ping doubts what did not echo, and fills a cell."""
+    def update(
+        self, echoes: Iterable[Echo], explained: Callable[[Echo], bool] | None = None
+    ) -> None:
+        """Take in the echoes of one cycle: a ping doubts what did not echo, and fills a cell.
+
+        `explained` says of an echo whether it is of what is expected: that fills none.
+        """
         for echo in echoes:
             sonar = (echo.x, echo.y, echo.bearing)
             self._sonars.pop(sonar, None)
@@ -159,7 +166,7 @@ class LocalMap:
             if len(self._sonars) > _MOST_SONARS:  # the one silent for longest is none
                 del self._sonars[next(iter(self._sonars))]
             self._clear(echo)
-            if echo.range is not None:
+            if echo.range is not None and not (explained is not None and explained(echo)):
                 self._fill(echo, echo.range)
         self._occupied = self._all = None
 

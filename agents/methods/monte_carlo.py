@@ -61,6 +61,7 @@ class Settings(Struct, frozen=True):
     slow: float = 0.01  # rates of the two averages, per weighing
     fast: float = 0.2
     fits: float = 0.45  # what the averages are at the right place, among some things off the map
+    people: float = 0.6  # no more short readings than this share are somebody's who stands there
     bad: float = 0.22  # and below this the robot may have been carried away just now
     candidates: int = 16_000  # places that are tried when the robot may be elsewhere,
     tries: int = 200  # the best of them that become particles,
@@ -70,6 +71,13 @@ class Settings(Struct, frozen=True):
     kept: int = 20  # by so many readings of late,
     apart_m: float = 0.15  # each so far from the one before, or turned by so much
     apart_rad: float = 0.2
+
+
+UNEXPLAINED: Final = 0.1
+"""The likelihood of an echo that nothing on the map explains is below this."""
+
+RING: Final = 16
+"""Readings that are looked at for how many are short: two rounds of a Pioneer's front ring."""
 
 
 class Estimate(Struct, frozen=True):
@@ -124,13 +132,15 @@ class MonteCarlo:
         self._moved = inf
         self._turned = inf
         self._slow = self._fast = settings.fits
+        self._short: deque[bool] = deque(maxlen=RING)  # of the newest readings
         self._since: Pose2 = (0.0, 0.0, 0.0)  # the motion since the last reading that is kept
         self._fresh = False  # a reading has been kept since places were recalled
         self._kept: deque[tuple[Pose2, Sequence[Echo]]] = deque(maxlen=settings.kept)
 
     def start_at(self, pose: Pose2, deviation_m: float, deviation_rad: float) -> None:
         """Begin about a pose."""
-        wide = deviation_m > 2.0 * self.settings.bin_m
+        settings = self.settings
+        wide = deviation_m > 2.0 * settings.bin_m or deviation_rad > 2.0 * settings.bin_rad
         n = self.settings.most if wide else self.settings.least
         spread = np.array([deviation_m, deviation_m, deviation_rad])
         guesses = np.asarray(pose) + self._rng.standard_normal((n, 3)) * spread
@@ -140,10 +150,20 @@ class MonteCarlo:
         """Begin with no idea of the pose."""
         self._begin(self._anywhere(self.settings.most))
 
+    def scatter_by(self, deviation_m: float, deviation_rad: float) -> None:
+        """The robot moved, and nobody knows how: each guess may be so far from where it was."""
+        n = self.settings.most
+        guesses = self.poses[self._drawn(n)].astype(np.float64)
+        spread = np.array([deviation_m, deviation_m, deviation_rad])
+        guesses += self._rng.standard_normal((n, 3)) * spread
+        self._begin(guesses.astype(np.float32))
+
     def _begin(self, poses: Poses) -> None:
         self.poses = poses
         self.wheels = self._uncalibrated(len(poses))
         self.weights = np.full(len(poses), 1.0 / len(poses))
+        self._kept.clear()  # no motion is known that leads on from there
+        self._since, self._fresh = (0.0, 0.0, 0.0), False
         self._slow = self._fast = self.settings.fits  # guesses that lie apart fit badly at first
         self._moved = self._turned = inf
 
@@ -201,9 +221,7 @@ class MonteCarlo:
         self._moved = self._turned = 0.0
         self._keep(echoes)
         likelihood = self._model.likelihood(self.poses, echoes)
-        each = likelihood.mean(axis=1, dtype=np.float64)
-        fit = float(self.weights @ each)
-        self._average(fit)
+        self._judge(likelihood, echoes)
         trust = self.settings.doubtful if self.lost else self.settings.trust
         logs = trust * np.log(likelihood, dtype=np.float32).sum(axis=1, dtype=np.float64)
         weights = self.weights * np.exp(logs - logs.max())
@@ -283,6 +301,21 @@ class MonteCarlo:
             yield to, echoes
             to = compose(to, relative(motion, (0.0, 0.0, 0.0)))
 
+    def _judge(self, likelihood: NDArray[np.float32], echoes: Sequence[Echo]) -> None:
+        """How well the readings fit, but for what stands before the walls.
+
+        Somebody near answers half of the sonars, and that is no doubt of where the robot is: the
+        others tell. Where most are short, it is the place that is wrong.
+        """
+        best = int(self.weights.argmax())
+        short = self._model.short(self.poses[[best]], echoes)
+        short &= likelihood[best] < UNEXPLAINED
+        self._short.extend(short.tolist())
+        if sum(self._short) <= self.settings.people * len(self._short):
+            likelihood = likelihood[:, ~short]
+        if likelihood.shape[1]:
+            self._average(float(self.weights @ likelihood.mean(axis=1, dtype=np.float64)))
+
     def _average(self, fit: float) -> None:
         self._slow += self.settings.slow * (fit - self._slow)
         self._fast += self.settings.fast * (fit - self._fast)
@@ -298,9 +331,7 @@ class MonteCarlo:
         doubt = self._doubt
         more = self._recall() if doubt > DOUBT and self._fresh else self.poses[:0]
         self._fresh = False
-        total = np.cumsum(self.weights)
-        at = (self._rng.random() + np.arange(n)) * (total[-1] / n)
-        drawn = np.minimum(np.searchsorted(total, at), len(total) - 1)
+        drawn = self._drawn(n)
         self.poses, self.weights = self.poses[drawn], np.full(n, 1.0 / n)
         # Shrunk by as much as the noise widens it, a guess stays as wide as it is (Liu and West).
         keep = np.sqrt(1.0 - forgets**2)
@@ -310,6 +341,13 @@ class MonteCarlo:
             self.wheels = np.concatenate([self.wheels, self._uncalibrated(len(more))])
             lighter = np.full(len(more), 0.1 * doubt / len(more))
             self.weights = np.concatenate([self.weights * (1.0 - 0.1 * doubt), lighter])
+
+    def _drawn(self, n: int) -> NDArray[np.intp]:
+        """So many of them by low variance (table 4.4)."""
+        total = np.cumsum(self.weights)
+        at = (self._rng.random() + np.arange(n)) * (total[-1] / n)
+        drawn: NDArray[np.intp] = np.minimum(np.searchsorted(total, at), len(total) - 1)
+        return drawn
 
     def _needed(self) -> int:
         """How many particles the spread needs: the bins that hold weight, by table 8.4's bound."""

@@ -16,14 +16,13 @@ from typing import NamedTuple
 from msgspec import Struct
 
 from armadico.agents.methods.geometry import Placed, Posed, Positioned, direction, distance
-from armadico.agents.methods.grid import Grid, Margins, grid_of
+from armadico.agents.methods.grid import CELL_M, Grid, Margins, grid_of
 from armadico.agents.methods.path_smoothing import between, clear, rounded
 from armadico.agents.methods.room_graph import Leg, axis, route
 from armadico.config.profile import Body
 from armadico.config.worlds import Segment, World
 from armadico.core.geometry import wrap
 
-CELL_M = 0.05
 DOOR_M = (0.6, 0.5, 0.4, 0.3)
 """How far before and after a door its waypoints lie: the first distance that has room."""
 
@@ -79,8 +78,8 @@ def plan(
         PlanError: A pose is off the world or inside a wall, or there is no way between them.
     """
     known = grid_of(world.barriers, world.bounds, CELL_M)
-    _check(known, "start", start, 0.0 if under_way else body.width_m / 2)
-    _check(known, "goal", goal, body.width_m / 2)
+    _check(world, known, "start", start, 0.0 if under_way else body.width_m / 2)
+    _check(world, known, "goal", goal, body.width_m / 2)
     grid = known.beside(seen)
     clearance = grid.clearance_at(goal)
     if clearance < body.width_m / 2:
@@ -158,7 +157,8 @@ class _Planner:
 
         Where the doors leave no room to be passed squarely, the grid alone may still find a way.
         """
-        least = f"that keeps {self.margins.radius_m:g} m clear of walls"
+        also = " and of what is forbidden" if self.world.forbidden else ""
+        least = f"that keeps {self.margins.radius_m:g} m clear of walls{also}"
         why = f"no way from {_at(start)} to {_at(goal)} {least}"
         if self.world.room_at(start.x, start.y) and self.world.room_at(goal.x, goal.y):
             try:
@@ -293,13 +293,15 @@ def _foot(off: Placed, a: Placed, b: Placed) -> Placed | None:
     return Placed(a.x + share * dx, a.y + share * dy) if 0.0 < share < 1.0 else None
 
 
-def _check(grid: Grid, what: str, place: Positioned, room: float) -> None:
+def _check(world: World, grid: Grid, what: str, place: Positioned, room: float) -> None:
     if not grid.inside(place):
         x1, y1, x2, y2 = grid.bounds
         extent = f"({x1:g}, {y1:g}) to ({x2:g}, {y2:g})"
         raise PlanError(f"the {what} {_at(place)} is off the world, which is {extent}")
     clearance = grid.clearance_at(place)
     if clearance < room:  # whatever its heading
+        if world.clearance_of_forbidden(place.x, place.y) <= clearance + 1e-9:
+            raise PlanError(f"the {what} {_at(place)} is {clearance:.2f} m from what is forbidden")
         raise PlanError(f"the {what} {_at(place)} is inside a wall, or {clearance:.2f} m from one")
 
 

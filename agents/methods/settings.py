@@ -20,7 +20,8 @@ class MapSettings(Struct, frozen=True):
     miss_facing: float = cos(radians(45))  # by a sonar that looks the way it was heard, so nearly,
     silence_facing: float = cos(radians(20))  # or so: a smooth wall at a slant does not answer
     axis_rad: float = radians(10)  # a point within this of a sonar's axis had to echo
-    memory: float = 0.995  # a cycle: what is certain lasts 24 s at rest
+    memory: float = 0.995  # a cycle: what is certain lasts 24 s at rest,
+    memory_off_map: float = 0.985  # and 8 s where it is not on the map: mostly people, who go on
     memory_m: float = 1.5  # the way that halves a probability: the same lasts 2.6 m
     threshold: float = 0.3  # occupied from here on
     seen_decay: float = 1.0  # a cycle, where a sonar looks: 1, no look is no evidence
@@ -47,6 +48,9 @@ class WallSettings(Struct, frozen=True):
     margin_m: float = 0.2  # an echo from so much behind it
     miss: float = 0.4  # adds so much doubt,
     memory: float = 0.997  # of which so much is left a cycle: half after 23 s
+    explains_m: float = 2.5  # places within this explain echoes: as far as the local map reaches
+    explains_near_m: float = 0.1  # that come from so nearly as far, and the pose's deviation more,
+    explains_cone: float = cos(radians(34))  # off the axis by no more: smooth walls answer there
 
 
 class Brisk(Struct, frozen=True, forbid_unknown_fields=True):

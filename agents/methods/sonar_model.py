@@ -120,8 +120,10 @@ def fields(grid: Grid, cone_rad: float, reach_m: float) -> Fields:
     first, square = _looked(clearance, ys[row], xs[column], grid.cell_m, reach_m)
     made = reflectors.of_walls(grid.walls)
     turned = round(0.5 * cone_rad / (tau / HEADINGS))
-    cone = [np.roll(square, by, axis=1) for by in range(-turned, turned + 1)]
-    sees = np.min(cone, axis=0)
+    sees = square.copy()
+    for by in range(1, turned + 1):  # one after another: of a large map each takes 100 MB
+        for side in (-by, by):
+            np.minimum(sees, np.roll(square, side, axis=1), out=sees)
     heard = reflectors.heard(made, first, sees, cell, origin, reach_m)
     return Fields(np.array([x0, y0]), fine, coarse, np.stack(made), cell, heard)
 
@@ -221,6 +223,21 @@ class SonarModel:
             likelihood *= np.float32(1.0 - EXACT)
             likelihood += self._exact(ear_x, ear_y, heard, echo.range, coarse)
             found[:, column] = likelihood
+        return found
+
+    def short(self, pose: Poses, echoes: Sequence[Echo]) -> NDArray[np.bool_]:
+        """Which echoes come from before the wall that should answer, at one pose: (1, 3)."""
+        x, y, theta = self._held(pose)
+        c, s = np.cos(theta), np.sin(theta)
+        found = np.zeros(len(echoes), dtype=np.bool_)
+        for k, echo in enumerate(echoes):
+            if echo.range is not None:
+                ahead, left = np.float32(echo.x), np.float32(echo.y)
+                ear_x = np.asarray(x + (c * ahead - s * left), dtype=np.float32)
+                ear_y = np.asarray(y + (s * ahead + c * left), dtype=np.float32)
+                where = self._where(ear_x, ear_y, theta + np.float32(echo.bearing))
+                sees_mm = self._heard[where].view(ROW)["sees_mm"].item()
+                found[k] = sees_mm > 1e3 * (echo.range + BEFORE_M)
         return found
 
     def _where(self, x: Floats, y: Floats, heading: Floats) -> NDArray[np.int32]:

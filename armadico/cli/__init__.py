@@ -65,7 +65,7 @@ def _more() -> list[str]:
 
 def _help() -> str:
     commands = installed(COMMANDS)
-    width = max(map(len, commands), default=0) + 2
+    width = max((len(name) for name in commands), default=0) + 2
     rows = "\n".join(f"  {name:<{width}}{found.summary}" for name, found in commands.items())
     more = "".join(f"\n{line}\n" for line in _more())
     return (

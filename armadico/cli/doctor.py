@@ -19,7 +19,7 @@ from armadico.mesh.topology import WELL_KNOWN, MeshError
 
 if TYPE_CHECKING:
     from armadico.config.hosts import Host
-    from armadico.core.messages import Pose, RobotState
+    from armadico.core.messages import BatteryLevel, Pose, RobotState
 
 OK, NOTE, WRONG = "ok", "note", "wrong"
 
@@ -31,6 +31,9 @@ LONGEST: Final = 60
 
 HEAR_S: Final = 1.2
 """A robot is described, and a simulator heard, within this."""
+
+LOW_SHARE: Final = 0.2
+"""With less than this of the battery left people are told to charge it."""
 
 REACH_S: Final = 0.5
 """A host that does not answer within this is not reached."""
@@ -236,6 +239,7 @@ def mesh(args: argparse.Namespace) -> Generator[Finding, None, dict[str, float |
     joined = options.join_at(args, where)
     from armadico.core.messages import (  # noqa: PLC0415 - likewise
         PROTOCOL,
+        BatteryLevel,
         Description,
         Pose,
         RobotState,
@@ -252,7 +256,7 @@ def mesh(args: argparse.Namespace) -> Generator[Finding, None, dict[str, float |
         with joined:
             client = Client(joined)
             view = View()
-            client.listen(Description, Truth, Pose, then=view.learn)
+            client.listen(Description, Truth, Pose, BatteryLevel, then=view.learn)
             cards = client.cards()
             client.wait_for(lambda: None, HEAR_S)
             strangers = view.strangers(joined.now())
@@ -273,7 +277,7 @@ def mesh(args: argparse.Namespace) -> Generator[Finding, None, dict[str, float |
         return {}
     yield Finding("mesh", OK, f"{len(cards)} agents, {links} links")
     if state is not None:
-        yield from robot(state)
+        yield from robot(state, view.level)
     if view.pose is not None:
         yield pose(view.pose)
     for (name, instance), card in cards.items():
@@ -294,8 +298,15 @@ def mesh(args: argparse.Namespace) -> Generator[Finding, None, dict[str, float |
     return {host.name: host.clock_s for host in census(View.of(cards), {}, client.ahead)}
 
 
-def robot(state: RobotState) -> Iterator[Finding]:
-    """Why the robot stands, and what its controller's line is like."""
+def robot(state: RobotState, level: BatteryLevel | None = None) -> Iterator[Finding]:
+    """Why the robot stands, what its battery has, and what its controller's line is like."""
+    from armadico.observe.view import battery  # noqa: PLC0415 - not for --help
+
+    if level is not None and level.share < LOW_SHARE and not state.charging:
+        todo = "drive it into a dock, or plug a charger in"
+        yield Finding("battery", NOTE, f"nearly empty: {battery(state, level)}", todo)
+    else:
+        yield Finding("battery", OK, battery(state, level))
     if state.stop.stopped:
         what = f"is stopped by {state.stop.by or 'somebody'}"
         yield Finding("stop", NOTE, what, "`armadico resume` releases it")

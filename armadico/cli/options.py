@@ -8,6 +8,7 @@ from __future__ import annotations
 import argparse
 import errno
 import os
+import re
 import sys
 from collections.abc import Callable
 from dataclasses import replace
@@ -43,6 +44,9 @@ INTERRUPTED: Final = 130
 HOSTS_VARIABLE: Final = "ARMADICO_HOSTS"
 """As in `armadico.config.hosts`, which --help does without."""
 
+
+NEGATIVE: Final = re.compile(r"-((\d+\.?\d*|\.\d+)(e[+-]?\d+)?|inf(inity)?|nan)$", re.IGNORECASE)
+"""A negative number, as Python writes them: a value, and no option."""
 
 HOST_HELP: Final = "this machine's name in the host table (default: found by its addresses)"
 
@@ -105,6 +109,8 @@ def parser(program: str, description: str, examples: str) -> argparse.ArgumentPa
         formatter_class=argparse.RawDescriptionHelpFormatter,
         allow_abbrev=False,  # --seed is not --seeds, and a typing error is no other option
     )
+    # argparse takes -1e5 and -inf for options that it does not know.
+    made._negative_number_matcher = NEGATIVE
     made.add_argument("--version", action="version", version=f"armadico {version()}")
     return made
 

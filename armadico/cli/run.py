@@ -19,12 +19,13 @@ from typing import TYPE_CHECKING, Any, Final
 from armadico.cli import options
 from armadico.cli.measures import show, statistics
 from armadico.cli.options import FailedError, UsageError
+from armadico.runtime.errors import SocietyError
 
 if TYPE_CHECKING:
     from rich.progress import ProgressColumn
 
     from armadico.config.scenarios import PoseDeg, Scenario
-    from armadico.core.messages import ExploreStatus
+    from armadico.core.messages import BoardMission, ExploreStatus, StepResult
     from armadico.launch.api import Run
     from armadico.launch.run import LiveRun
     from armadico.launch.society import Options
@@ -206,16 +207,22 @@ def add_options(made: argparse.ArgumentParser) -> None:
     options.add_mesh_options(made)
 
 
-def choose(args: argparse.Namespace, *, somewhere: bool = True) -> tuple[Scenario, Options]:
+def choose(
+    args: argparse.Namespace, *, somewhere: bool = True, mission: str | None = None
+) -> tuple[Scenario, Options]:
     """What the command line names; if it is to lead `somewhere`, it is said what may hinder that.
+
+    A `mission` is done in the scenario instead of whatever that says.
 
     Raises UsageError, ConfigError, UnknownNameError or FailedError.
     """
     chosen = _options(args)
-    return _scenario(args, chosen, somewhere=somewhere), chosen
+    return _scenario(args, chosen, somewhere=somewhere, mission=mission), chosen
 
 
-def _scenario(args: argparse.Namespace, chosen: Options, *, somewhere: bool) -> Scenario:
+def _scenario(
+    args: argparse.Namespace, chosen: Options, *, somewhere: bool, mission: str | None
+) -> Scenario:
     """What the command line names. Raises UsageError, ConfigError or UnknownNameError."""
     from armadico.config.scenarios import blind, load_scenario, scenario_from  # noqa: PLC0415
     from armadico.launch.society import names, prepared, profile_of  # noqa: PLC0415
@@ -243,11 +250,13 @@ def _scenario(args: argparse.Namespace, chosen: Options, *, somewhere: bool) -> 
         start = goal = None
     else:
         scenario = load_scenario(args.scenario)
-    scenario = prepared(scenario, chosen, start=start, goal=goal, profile=args.profile)
+    poses = {"start": start, "goal": goal}
+    scenario = prepared(scenario, chosen, **poses, profile=args.profile, mission=mission)
     _check_together(args, names(scenario))
     if somewhere and blind(scenario):
-        _say(f'{scenario.name}: nothing is planned, and a wall is in the way; plan = "rooms" plans')
-    if somewhere and scenario.goal is None and not scenario.tasks:
+        why = "nothing is planned, and a barrier is in the way"
+        _say(f'{scenario.name}: {why}; plan = "rooms" plans')
+    if somewhere and scenario.goal is None and scenario.mission is None and not scenario.tasks:
         sent = "" if args.virtual else "; armadico goto X Y DEG sends the robot to one"
         _say(f"{scenario.name}: no goal{sent}")
     return scenario
@@ -297,6 +306,7 @@ def _options(args: argparse.Namespace) -> Options:
         robot=args.robot,
         resume=getattr(args, "resume", None),
         limit=args.limit,
+        priority=getattr(args, "priority", None),
     )
 
 
@@ -386,6 +396,9 @@ def _drive(args: argparse.Namespace, scenario: Scenario, chosen: Options, seed: 
     run = Run.of(scenario, watch)
     if watch.explored is not None:
         _say(explored(watch.explored))
+    if watch.tasks is not None and args.runs is None:
+        for result in watch.tasks.course.results:
+            _say(f"{result.at:8.1f} s  {step_told(result)}")
     picture = _picture(args, scenario, seed)
     if picture is not None and run.marks:
         _plot(picture, run)
@@ -416,7 +429,11 @@ def _live(args: argparse.Namespace, scenario: Scenario, chosen: Options) -> RunW
             _run_on(mesh, args, scenario, chosen) as run,
             _progress(args, scenario, chosen.seed) as show,
         ):
-            run.run(show, _say)
+            try:
+                run.run(show, _say)
+            except KeyboardInterrupt:
+                _rescue_map(args, run.client)
+                raise
             _keep_map(args, run.client)
             if args.wait:  # what is printed comes after Ctrl-C
                 _say(f"{scenario.name}: {run.watch.result().verdict}")
@@ -435,6 +452,15 @@ def _keep_map(args: argparse.Namespace, client: Client) -> None:
         from armadico.cli.map import save  # noqa: PLC0415 - heavy
 
         _say(save(client, args.map))
+
+
+def _rescue_map(args: argparse.Namespace, client: Client) -> None:
+    """Save what was mapped until somebody interrupted it; the robot stands first."""
+    if getattr(args, "map", None) is None:
+        return
+    with suppress(SocietyError, FailedError):
+        client.stop(by="armadico explore")
+        _keep_map(args, client)
 
 
 def _run_on(
@@ -500,12 +526,21 @@ def _progress(
         task = progress.add_task("starting", total=None, label=label)
 
         def show(watch: RunWatch) -> None:
-            mission = watch.view.mission
-            to_go = 0.0 if mission is None else mission.to_go
-            whole = max(watch.distance + to_go, 1e-3)
-            progress.update(task, total=whole, completed=whole - to_go, description=remark(watch))
+            completed, whole = come(watch)
+            progress.update(task, total=whole, completed=completed, description=remark(watch))
 
         yield show
+
+
+def come(watch: RunWatch) -> tuple[float, float]:
+    """How far it has come, and of how much: tasks of a mission, else metres."""
+    if watch.tasks is not None:
+        done = float(len(watch.tasks.course.results))
+        return done, done + len(watch.tasks.ahead) + bool(watch.tasks.doing)
+    mission = watch.view.mission
+    to_go = 0.0 if mission is None else mission.to_go
+    whole = max(watch.distance + to_go, 1e-3)
+    return whole - to_go, whole
 
 
 def bar() -> Iterator[ProgressColumn]:
@@ -534,7 +569,9 @@ class _Lines:
 def remark(watch: RunWatch) -> str:
     """Distance to go and what keeps it, who holds the wheels, speed, battery."""
     state, mission = watch.view.state, watch.view.mission
-    if mission is None:
+    if watch.tasks is not None:
+        to_go = at_work(watch.tasks)
+    elif mission is None:
         to_go = "no word of the mission"
     else:
         none = mission.state == "none"  # a mission's state, as on the wire
@@ -547,10 +584,25 @@ def remark(watch: RunWatch) -> str:
         return f"{to_go}, stopped by {by}; armadico resume releases it"
     holder = options.shown(watch.holder or "nobody")
     speed = "stalled" if state.stalled else f"{state.v:.2f} m/s"
-    return f"{to_go}, {speed}, {holder} drives, {state.battery_v:.1f} V"
+    return f"{to_go}, {speed}, {holder} drives, {watch.view.battery}"
 
 
 # What came of it ----------------------------------------------------------------------------------
+
+
+def at_work(tasks: BoardMission) -> str:
+    """A mission of several tasks in half a line: how many are done, and what it does now."""
+    done = sum(result.end == "done" for result in tasks.course.results)  # as on the wire
+    words = [f"{done} done", tasks.doing or tasks.state.value]
+    words += [f"{len(tasks.ahead)} to come"] if tasks.ahead else []
+    words += [tasks.note] if tasks.note else []
+    return options.shown(", ".join(words))
+
+
+def step_told(result: StepResult) -> str:
+    """What came of one step of a mission, in a line."""
+    said = f": {result.said}" if result.said else ""
+    return options.shown(f"{result.step} {result.end.value}{said}")
 
 
 def explored(status: ExploreStatus) -> str:

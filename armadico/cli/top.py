@@ -107,13 +107,16 @@ class Snapshots:
         }
 
     def _robot(self) -> dict[str, Any] | None:
-        state, stop = self.view.state, self.view.stop
+        state, stop, level = self.view.state, self.view.stop, self.view.level
         if state is None:
             return None
         return {
             "v": state.v,
             "w": state.w,
             "battery_v": state.battery_v,
+            "battery_share": None if level is None else level.share,
+            "charging": state.charging,
+            "battery": self.view.battery,
             "stalled": state.stalled,
             "motors": state.motors,
             "line": state.line.told,
@@ -283,7 +286,7 @@ def _heading(snapshot: dict[str, Any]) -> str:
     if robot is None:
         return f"{where}, nothing heard of a robot"
     turn = math.degrees(robot["w"])
-    words = [where, f"{robot['v']:.2f} m/s", f"{turn:.0f} deg/s", f"{robot['battery_v']:.1f} V"]
+    words = [where, f"{robot['v']:.2f} m/s", f"{turn:.0f} deg/s", robot["battery"]]
     pose = snapshot["pose"]
     if pose is not None:
         words.append(f"at ({pose['x']:.2f}, {pose['y']:.2f})")

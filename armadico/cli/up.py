@@ -160,7 +160,7 @@ def _plan(args: argparse.Namespace, where: Place, scenario: Scenario | None) -> 
     from armadico.config.hosts import nobodys, robot_fault, serial_port  # noqa: PLC0415
     from armadico.config.scenarios import Scenario  # noqa: PLC0415
     from armadico.core.resources import WHEELS  # noqa: PLC0415
-    from armadico.launch.society import Options, names, share  # noqa: PLC0415
+    from armadico.launch.society import Options, names, needed, share, spare  # noqa: PLC0415
     from armadico.launch.supervisor import Plan  # noqa: PLC0415
 
     assert where.name is not None, "an agent's place has a name"
@@ -195,6 +195,8 @@ def _plan(args: argparse.Namespace, where: Place, scenario: Scenario | None) -> 
         seed,
         tuple(_joining(args, where)),
         host.together,
+        spare(scenario, chosen, host, where.table),
+        needed(scenario, chosen, where.table),
     )
 
 

@@ -27,6 +27,9 @@ if TYPE_CHECKING:
 AGENTS: Final = "armadico.agents"
 SIMULATORS: Final = "armadico.simulators"
 COMMANDS: Final = "armadico.commands"
+TASKS: Final = "armadico.tasks"
+"""What the steps of missions ask for."""
+
 TRANSPORTS: Final = "armadico.transports"
 """By the scheme of an address: what opens it as a device agent's port."""
 

@@ -8,11 +8,12 @@ it, and ARIA's `.map`, which holds the borders of what is occupied.
 
 from __future__ import annotations
 
+import os
 import zlib
 from collections.abc import Mapping
 from contextlib import suppress
 from dataclasses import dataclass
-from errno import EISDIR
+from errno import EACCES, EISDIR
 from os import strerror
 from pathlib import Path
 from typing import Final
@@ -22,7 +23,14 @@ from numpy.typing import NDArray
 
 from armadico.config.errors import ConfigError
 from armadico.config.mapwriter import format_map
-from armadico.config.occupancy import Raster, read_raster, world_of
+from armadico.config.occupancy import (
+    MAX_WALLS,
+    Raster,
+    quoted,
+    read_raster,
+    walls_in,
+    world_of,
+)
 from armadico.config.worlds import Segment, World
 from armadico.core.messages import OccupancyGrid
 
@@ -97,10 +105,12 @@ def message_of(cells: Cells) -> OccupancyGrid:
 
 
 def cells_of(message: OccupancyGrid) -> Cells:
-    """The grid in a message. Raises ValueError if its bytes are not so many cells."""
+    """The grid in a message. Raises ValueError if it is none that a map could be made of."""
     count = message.rows * message.columns
     if count > CELLS_MOST:
         raise ValueError(f"{count:,} cells, at most {CELLS_MOST:,} are read")
+    if message.cell < CELLS_M[0]:
+        raise ValueError(f"cells of {message.cell:g} m, at least {CELLS_M[0]:g} m are read")
     inflater = zlib.decompressobj()
     try:
         plain = inflater.decompress(message.packed, count + 1)  # and no more, whatever it holds
@@ -109,7 +119,10 @@ def cells_of(message: OccupancyGrid) -> Cells:
     states = np.frombuffer(plain, dtype=np.uint8)
     if len(states) != count or (count and states.max() > OCCUPIED):
         raise ValueError(f"not {message.rows} x {message.columns} cells")
-    return Cells(message.x, message.y, message.cell, states.reshape(message.rows, message.columns))
+    states = states.reshape(message.rows, message.columns)
+    if (walls := walls_in(states == OCCUPIED)) > MAX_WALLS:
+        raise ValueError(f"cells with {walls:,} borders, at most {MAX_WALLS:,} are read")
+    return Cells(message.x, message.y, message.cell, states)
 
 
 def coarser(cells: Cells) -> Cells:
@@ -126,6 +139,11 @@ def check_suffix(path: Path) -> None:
     if path.suffix not in SUFFIXES:
         expected = "expected .yaml (a ROS map_server's, with a .pgm beside it) or .map (ARIA's)"
         raise ConfigError(f"{path}: {expected}")
+    try:
+        path.name.encode()
+    except UnicodeEncodeError:
+        fault = "a name that is no UTF-8; what names its image could not be written"
+        raise ConfigError(f"{str(path)!r}: {fault}") from None
 
 
 def save(cells: Cells, path: Path) -> list[Path]:
@@ -142,7 +160,7 @@ def save(cells: Cells, path: Path) -> list[Path]:
     rows, columns = cells.states.shape
     pixels = PIXELS[np.flipud(cells.states)]
     text = (
-        f"image: {image.name}\nresolution: {cells.cell_m:.6g}\n"
+        f"image: {quoted(image.name)}\nresolution: {cells.cell_m:.6g}\n"
         f"origin: [{cells.x:.6f}, {cells.y:.6f}, 0.0]\n"
         "negate: 0\noccupied_thresh: 0.65\nfree_thresh: 0.196\n"
     )
@@ -163,6 +181,8 @@ def _beside(path: Path) -> Path:
     """Where it is written before it takes the place of what was there. Raises OSError."""
     if path.is_dir():
         raise IsADirectoryError(EISDIR, strerror(EISDIR), str(path))
+    if path.exists() and not os.access(path, os.W_OK):  # its folder would let it be replaced
+        raise PermissionError(EACCES, strerror(EACCES), str(path))
     real = path.resolve()
     return real.with_name(f"{real.name}.new")
 

@@ -53,6 +53,8 @@ class Host(Struct, frozen=True, forbid_unknown_fields=True):
     """Where its robot agent finds the controller, `serial:///dev/ttyUSB0`; none: a simulator."""
     together: tuple[tuple[str, ...], ...] = ()
     """Groups of its agents that share a process each."""
+    takes: tuple[str, ...] | None = None
+    """Agents that it runs, too, when their own host is gone; none: whoever is installed."""
 
     @property
     def addresses(self) -> tuple[str, ...]:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import os
 import tempfile
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Collection, Mapping
 from contextlib import suppress
 from pathlib import Path
 from typing import Any
@@ -17,8 +17,11 @@ Arrays = Mapping[str, NDArray[Any]]
 
 CACHE_VARIABLE = "XDG_CACHE_HOME"
 
-MOST = 32
-"""So many files are kept, those that were used last."""
+MOST, MOST_BYTES = 32, 2 * 10**9
+"""So many files are kept, and bytes in them, those that were used last."""
+
+NEW = ".npz.new"
+"""Of a file that is being written; what a killed process has left goes as old files go."""
 
 
 def folder() -> Path:
@@ -27,13 +30,14 @@ def folder() -> Path:
     return (base if base.is_absolute() else Path.home() / ".cache") / "armadico"
 
 
-def arrays(key: str, make: Callable[[], Arrays]) -> Arrays:
+def arrays(key: str, names: Collection[str], make: Callable[[], Arrays]) -> Arrays:
     """What `make` gives, from the cache if it is there.
 
     A file that is damaged is made anew; where nothing can be read or written nothing is kept.
 
     Args:
         key: Stands for all that `make` depends on, its code included; a file's name.
+        names: Of the arrays.
         make: Makes them.
     """
     found: Arrays = {}
@@ -43,7 +47,7 @@ def arrays(key: str, make: Callable[[], Arrays]) -> Arrays:
         with path.open("rb") as file, np.load(file, allow_pickle=False) as kept:
             found = {name: kept[name] for name in kept.files}
         os.utime(path)
-    if found:
+    if set(found) == set(names):  # its table of contents has no sum, so it may lack some
         return found
     made = make()
     with suppress(OSError, RuntimeError):  # no home, no room, no right to
@@ -54,7 +58,7 @@ def arrays(key: str, make: Callable[[], Arrays]) -> Arrays:
 def _keep(where: Path, key: str, made: Arrays) -> None:
     """Whole or not at all: others may be reading, or writing the same."""
     where.mkdir(mode=0o700, parents=True, exist_ok=True)
-    with tempfile.NamedTemporaryFile(dir=where, prefix=f"{key}.", delete=False) as file:
+    with tempfile.NamedTemporaryFile(dir=where, prefix=f"{key}.", suffix=NEW, delete=False) as file:
         try:
             contents: dict[str, Any] = dict(made)
             np.savez(file, **contents)
@@ -63,6 +67,9 @@ def _keep(where: Path, key: str, made: Arrays) -> None:
         except BaseException:
             Path(file.name).unlink(missing_ok=True)
             raise
-    used = sorted(where.glob("*.npz"), key=lambda path: path.stat().st_mtime)
-    for path in used[:-MOST]:
-        path.unlink(missing_ok=True)
+    found = [(path.stat(), path) for path in where.glob("*.npz*")]
+    taken = 0
+    for place, (stat, path) in enumerate(sorted(found, key=lambda one: -one[0].st_mtime)):
+        taken += stat.st_size
+        if place >= MOST or (place and taken > MOST_BYTES):
+            path.unlink(missing_ok=True)

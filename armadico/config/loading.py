@@ -21,6 +21,7 @@ from armadico.config.shipped import find, names, resource_path
 
 __all__ = [
     "ConfigError",
+    "convert",
     "find",
     "load",
     "load_entry",
@@ -72,7 +73,7 @@ def parse_entries(
 ) -> dict[str, T]:
     """Entries of a file's `text` as `kind`s; one called "" is all of it. Raises ConfigError."""
     return {
-        name: _convert(entry, kind, file, text, (name,) if name else ())
+        name: convert(entry, kind, file, text, (name,) if name else ())
         for name, entry in entries.items()
     }
 
@@ -101,7 +102,7 @@ def read_text(path: Path | str) -> str:
 
 def parse(text: str, kind: type[T], file: Path | str = "<text>") -> T:
     """A TOML text as a `kind`; `file` is what errors call it. Raises ConfigError."""
-    return _convert(document(text, file), kind, file, text)
+    return convert(document(text, file), kind, file, text)
 
 
 def document(text: str, file: Path | str) -> Document:
@@ -118,7 +119,7 @@ def document(text: str, file: Path | str) -> Document:
 def load_parameters(kind: type[T], file: Path | str | None, sets: Sequence[str]) -> T:
     """An agent's parameters: its defaults, then a file's values, then each `key=value`."""
     if file is None:
-        return set_values(_convert({}, kind, "the defaults", ""), sets)
+        return set_values(convert({}, kind, "the defaults", ""), sets)
     return set_values(load(file, kind), sets)
 
 
@@ -143,7 +144,7 @@ def _set_value(value: T, setting: str) -> T:
         changed: Document = msgspec.to_builtins(value)
         _put(changed, keys, candidate)
         try:
-            return _convert(changed, type(value), f"--set {setting}", "")
+            return convert(changed, type(value), f"--set {setting}", "")
         except ConfigError as error:
             first = first or error
     assert first is not None, "a setting has at least one reading"
@@ -169,8 +170,10 @@ def _put(node: Document, keys: Sequence[str], value: Any) -> None:
     node[keys[-1]] = value
 
 
-def _convert(data: Any, kind: type[T], file: Path | str, text: str, at: tuple[str, ...] = ()) -> T:
-    """`data`, which stands at the path `at` of a text, as a `kind`."""
+def convert(
+    data: Any, kind: type[T], file: Path | str, text: str, at: tuple[str | int, ...] = ()
+) -> T:
+    """`data`, which stands at the path `at` of a text, as a `kind`. Raises ConfigError."""
     unknown = unknown_field(data, kind)
     if unknown is not None:
         near = advice(str(unknown[-1]), known_fields(kind, unknown[:-1]))

@@ -9,12 +9,13 @@ lines, which are `Cairn: TYPE X Y DEGREES "DESCRIPTION" ICON "NAME" [X1 Y1 X2 Y2
 | --- | --- |
 | `RobotHome` | where the robot starts |
 | `Goal`, `GoalWithHeading` | a named goal; the heading of the former is 0 |
+| `Dock`, `DockPioneer` | where the robot is charged: the pose of one that stands in it |
 | `ForbiddenArea`, `ForbiddenLine` | where no way leads: a rectangle or a line, turned about 0, 0 |
 | `ArmadicoRoom` | a room: NAME and its rectangle |
 | `ArmadicoDoor` | a door: NAME, its middle, and the DESCRIPTION is its two rooms, `"A corridor"` |
 
 The last two are ours: other programs skip types that they do not know. So do we: everything else
-(docks, laser points after `DATA`) is passed over. ARIA cuts a line at `;` or `#`,
+(laser points after `DATA`, say) is passed over. ARIA cuts a line at `;` or `#`,
 and so these begin a comment here too, from the second line on: the first must be `2D-Map`.
 """
 
@@ -30,7 +31,7 @@ from msgspec import Struct
 
 from armadico.config.errors import ConfigError, advice
 from armadico.config.loading import read_text
-from armadico.config.worlds import Door, Pose, Room, Segment, World, check_door, hull
+from armadico.config.worlds import Door, Pose, Room, Segment, World, check_dock, check_door, hull
 
 LIMIT_M = 1e4
 """No coordinate of a map may be larger."""
@@ -78,6 +79,7 @@ class _Reader:
         self.walls: list[Segment] = []
         self.start: Pose | None = None
         self.goals: dict[str, Pose] = {}
+        self.docks: dict[str, tuple[Pose, int]] = {}
         self.forbidden: list[Segment] = []
         self.rooms: dict[str, Room] = {}
         self.doors: dict[str, tuple[Door, int]] = {}
@@ -121,6 +123,10 @@ class _Reader:
         _refuse_twice(cairn, self.goals)
         self.goals[cairn.name] = (x, y, heading if cairn.kind == "GoalWithHeading" else 0.0)
 
+    def dock(self, cairn: _Cairn) -> None:
+        _refuse_twice(cairn, self.docks)
+        self.docks[cairn.name] = cairn.pose, cairn.line
+
     def forbid(self, cairn: _Cairn) -> None:
         x1, y1, x2, y2 = _metres(_count(cairn.rest, 4, "X1 Y1 X2 Y2 in mm after the name"))
         c, s = cos(cairn.pose[2]), sin(cairn.pose[2])
@@ -160,11 +166,18 @@ class _Reader:
             except ConfigError as error:
                 raise ConfigError(error.message, file, number) from None
         walls = tuple(self.walls)
+        docks = {dock: pose for dock, (pose, _) in self.docks.items()}
         doors = tuple(door for door, _ in self.doors.values())
         rooms = tuple(self.rooms.values())
         forbidden = tuple(self.forbidden)
         bounds = self._bounds(walls + forbidden)
-        return World(name, walls, bounds, self.start, self.goals, rooms, doors, forbidden)
+        world = World(name, walls, bounds, self.start, self.goals, rooms, doors, forbidden, docks)
+        for dock, (pose, number) in self.docks.items():
+            try:
+                check_dock(dock, pose, world)
+            except ConfigError as error:
+                raise ConfigError(error.message, file, number) from None
+        return world
 
     def _bounds(self, walls: tuple[Segment, ...]) -> Segment:
         """The header's corners, and whatever sticks out of them."""
@@ -177,6 +190,8 @@ CAIRNS: dict[str, Callable[[_Reader, _Cairn], None]] = {
     "RobotHome": _Reader.home,
     "Goal": _Reader.goal,
     "GoalWithHeading": _Reader.goal,
+    "Dock": _Reader.dock,
+    "DockPioneer": _Reader.dock,
     "ForbiddenArea": _Reader.forbid,
     "ForbiddenLine": _Reader.forbid,
     "ArmadicoRoom": _Reader.room,

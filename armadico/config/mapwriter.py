@@ -28,6 +28,7 @@ def format_map(world: World, comments: Sequence[str] = ()) -> str:
     if world.start is not None:
         lines.append(_cairn("RobotHome", world.start, "", "RobotHome"))
     lines += [_cairn("GoalWithHeading", pose, "", name) for name, pose in world.goals.items()]
+    lines += [_cairn("Dock", pose, "", name) for name, pose in world.docks.items()]
     for k, line in enumerate(world.forbidden):
         cairn = _cairn("ForbiddenLine", (0.0, 0.0, 0.0), "", f"forbidden-{k}")
         lines.append(" ".join([cairn, *map(str, _millimetres(line))]))

@@ -8,6 +8,7 @@ from math import hypot
 from typing import Annotated, Literal
 
 from msgspec import Meta, Struct
+from msgspec.structs import fields
 
 from armadico.config.worlds import World
 
@@ -15,8 +16,12 @@ Metres = Annotated[float, Meta(ge=-1e4, le=1e4)]
 Seconds = Annotated[float, Meta(ge=0, le=1e6)]
 Length = Annotated[float, Meta(gt=0, le=10)]
 
-NEEDS = {"person": "at", "door": "wall", "box": "at"}
-"""Where each kind says that it is."""
+KEYS = {
+    "person": ("at", "radius", "speed", "heeds"),
+    "door": ("wall", "times"),
+    "box": ("at", "size", "times"),
+}
+"""What each kind has besides; first where it is."""
 
 
 class Moving(Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):
@@ -49,10 +54,13 @@ class Moving(Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):
         self, world: World, start: tuple[float, float], circle: float
     ) -> Iterator[tuple[str, str]]:
         """What is wrong with it, and at which key; the robot starts in a circle of m."""
-        needed = NEEDS[self.kind]
-        if getattr(self, needed) is None:
-            yield "kind", f"a {self.kind} has no place; expected {needed} = [...]"
+        own = KEYS[self.kind]
+        if getattr(self, own[0]) is None:
+            yield "kind", f"a {self.kind} has no place; expected {own[0]} = [...]"
             return
+        for one in fields(self):
+            if one.name not in ("kind", *own) and getattr(self, one.name) != one.default:
+                yield one.name, f"a {self.kind} has no {one.name}; expected {', '.join(own)}"
         if any(later <= earlier for earlier, later in pairwise(self.times)):
             yield "times", f"times = {list(self.times)}: expected each after the one before"
         if self.kind != "person" or self.at is None:

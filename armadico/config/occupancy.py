@@ -6,6 +6,10 @@ judged as map_server does in its trinary mode; unknown cells are not walls.
 
 from __future__ import annotations
 
+import json
+import re
+from collections.abc import Callable
+from contextlib import suppress
 from dataclasses import dataclass
 from math import cos, isfinite, sin
 from pathlib import Path
@@ -27,6 +31,17 @@ REQUIRED = ("image", "resolution", "origin")
 OPTIONAL = {"negate": "0", "occupied_thresh": "0.65", "free_thresh": "0.196", "mode": "trinary"}
 MAX_PIXELS = 89_000_000  # Pillow warns of more, and refuses twice as many
 
+MAX_WALLS = 200_000
+"""Borders of occupied cells, in runs: a building of 100 m x 100 m that was mapped with noise has a
+tenth of them. Of a picture that is no map there are millions, and every agent would read them."""
+
+_PLAIN = re.compile(r"[\w.][\w .()+-]*")
+_QUOTED: tuple[tuple[re.Pattern[str], Callable[[str], str]], ...] = (
+    (re.compile(r'("(?:[^"\\]|\\.)*")\s*(?:#.*)?'), json.loads),
+    (re.compile(r"('(?:[^']|'')*')\s*(?:#.*)?"), lambda text: text[1:-1].replace("''", "'")),
+)
+"""A value in quotes, with a comment behind it, if any; and what it says."""
+
 
 @dataclass(frozen=True)
 class Raster:
@@ -40,7 +55,11 @@ class Raster:
 
 def read_occupancy(path: Path | str) -> World:
     """The world in a map_server's YAML file and its image. Raises ConfigError with the line."""
-    return world_of(read_raster(path), Path(path).stem)
+    raster = read_raster(path)
+    try:
+        return world_of(raster, Path(path).stem)
+    except ConfigError as error:
+        raise ConfigError(error.message, path) from None
 
 
 def read_raster(path: Path | str) -> Raster:
@@ -58,7 +77,13 @@ def read_raster(path: Path | str) -> Raster:
 
 
 def world_of(raster: Raster, name: str) -> World:
-    """Occupied cells as walls: their borders, in runs as long as they go."""
+    """Occupied cells as walls: their borders, in runs as long as they go. Raises ConfigError."""
+    count = walls_in(raster.occupied)
+    if count > MAX_WALLS:
+        raise ConfigError(
+            f"its occupied cells have {count:,} borders, at most {MAX_WALLS:,} are read: is it a"
+            " map, and is occupied_thresh right?"
+        )
     cell_m, origin = raster.cell_m, raster.origin
     walls = tuple(_place(edge, cell_m, origin) for edge in _edges(raster.occupied))
     rows, columns = raster.occupied.shape
@@ -67,17 +92,35 @@ def world_of(raster: Raster, name: str) -> World:
     return World(name, walls, bounds)
 
 
+def quoted(text: str) -> str:
+    """A string as a YAML value: as it is if YAML takes it for that, else in quotes."""
+    if _PLAIN.fullmatch(text) and text.strip() == text:
+        return text
+    said = json.dumps(text, ensure_ascii=False)
+    return re.sub("[\x7f\x85\u2028\u2029]", lambda found: f"\\u{ord(found[0]):04x}", said)
+
+
+def _unquoted(value: str) -> str:
+    """What a YAML value says."""
+    for pattern, plain in _QUOTED:
+        found = pattern.fullmatch(value)
+        if found is not None:
+            with suppress(ValueError):
+                return plain(found[1])
+    return value.split(" #", maxsplit=1)[0].strip()
+
+
 def _fields(text: str, file: Path) -> Fields:
     fields: Fields = {}
-    for number, line in enumerate(text.splitlines(), start=1):
-        content = line.split(" #")[0].strip()
+    for number, line in enumerate(text.split("\n"), start=1):
+        content = line.strip()
         if not content or content.startswith(("#", "---")):
             continue
         key, colon, value = content.partition(":")
         if not colon:
             raise ConfigError(f"{content!r}: expected `key: value`", file, number)
         if key.strip() in (*REQUIRED, *OPTIONAL):
-            fields[key.strip()] = value.strip().strip("'\""), number
+            fields[key.strip()] = _unquoted(value.strip()), number
     for key in REQUIRED:
         if key not in fields:
             raise ConfigError(f"missing key {key}; a map needs {', '.join(REQUIRED)}", file, 1)
@@ -138,6 +181,15 @@ def _edges(occupied: NDArray[np.bool_]) -> list[tuple[int, int, int, int]]:
     upright = (padded[1:-1, 1:] != padded[1:-1, :-1]).T
     level = [(first, row, last, row) for row, first, last in _runs(across)]
     return level + [(column, first, column, last) for column, first, last in _runs(upright)]
+
+
+def walls_in(occupied: NDArray[np.bool_]) -> int:
+    """How many walls the cells become."""
+    padded = np.pad(occupied, 1)
+    across = padded[1:, :] != padded[:-1, :]
+    upright = padded[:, 1:] != padded[:, :-1]
+    begins = np.count_nonzero(across[:, 1:] & ~across[:, :-1])
+    return int(begins + np.count_nonzero(upright[1:] & ~upright[:-1]))
 
 
 def _runs(edges: NDArray[np.bool_]) -> list[tuple[int, int, int]]:

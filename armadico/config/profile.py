@@ -17,7 +17,8 @@ from armadico.config.shipped import find
 from armadico.core.geometry import turning_circle
 from armadico.core.messages import Length, Patience, Period, Place, Ramp, TopSpeed, TopTurn
 
-Positive = Annotated[float, Meta(gt=0, le=1e6)]
+Positive = Annotated[float, Meta(ge=1e-6, le=1e6)]
+"""Smaller ones, divided by or squared, are beyond what a float holds, and no robot has any."""
 NonNegative = Annotated[float, Meta(ge=0, le=1e6)]
 Real = Annotated[float, Meta(ge=-1e6, le=1e6)]
 Share = Annotated[float, Meta(ge=0, le=1)]
@@ -114,19 +115,21 @@ class SonarRing(Struct, frozen=True, forbid_unknown_fields=True):
     min_m: Positive
     max_m: Positive
     cone_deg: Positive
-    period_s: Positive  # from one sonar's ping to the next one's
+    period_s: Period  # from one sonar's ping to the next one's
     sonars: tuple[Sonar, ...]
     firing_order: tuple[int, ...]
 
 
 class Battery(Struct, frozen=True, forbid_unknown_fields=True):
-    """A lead-acid battery, drained by the motors and the electronics."""
+    """A lead-acid battery, drained by the motors and the electronics, charged in a dock."""
 
     full_v: Positive
     empty_v: Positive
     capacity_ah: Positive
     internal_ohm: NonNegative
     idle_a: NonNegative
+    charge_a: NonNegative  # what the charger gives,
+    taper_from: Share  # and less and less of it from this charge on, to nothing when full
 
 
 class P2osUnits(Struct, frozen=True, forbid_unknown_fields=True):

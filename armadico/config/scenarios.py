@@ -8,7 +8,8 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
 from functools import cache
-from math import degrees
+from itertools import pairwise
+from math import cos, degrees, sin
 from pathlib import Path
 from typing import Annotated, Literal
 
@@ -20,10 +21,13 @@ from armadico.config.discovery import find as find_installed
 from armadico.config.errors import ConfigError, advice
 from armadico.config.lines import line_of
 from armadico.config.loading import document, load, parse, read_text
+from armadico.config.missions import Mission, load_mission
 from armadico.config.moving import Moving
-from armadico.config.profile import load_profile
+from armadico.config.places import Places
+from armadico.config.profile import Body, load_profile
 from armadico.config.shipped import find, folder, resource_path
-from armadico.config.worlds import World, load_world
+from armadico.config.worlds import DOCK_LANE_M, World, before, load_world
+from armadico.config.worlds import Pose as WorldPose
 
 Metres = Annotated[float, Meta(ge=-1e4, le=1e4)]
 Degrees = Annotated[float, Meta(ge=-360, le=360)]
@@ -41,6 +45,12 @@ class Exploring(Struct, frozen=True, forbid_unknown_fields=True):
     besides: tuple[str, ...]
 
 
+class OnMissions(Struct, frozen=True, forbid_unknown_fields=True):
+    """Who takes part besides where a mission of several tasks is done."""
+
+    besides: tuple[str, ...]
+
+
 class Ideal(Struct, frozen=True, forbid_unknown_fields=True):
     """The sensors that have no error, and who is not needed with them."""
 
@@ -54,14 +64,37 @@ class Society(Struct, frozen=True, forbid_unknown_fields=True):
     robot: str
     simulator: str
     agents: tuple[str, ...]
+    watch: tuple[str, ...]
     ideal: Ideal
     exploring: Exploring
+    missions: OnMissions
 
 
 @cache
 def society() -> Society:
     """The shipped one, `society.toml`."""
     return load(folder("") / "society.toml", Society)
+
+
+class AlarmAt(Struct, frozen=True, forbid_unknown_fields=True):
+    """An alarm of the building: when it begins, and how long it lasts.
+
+    That is at a time of the run, or while a mission's task is done, perhaps in a certain room.
+    """
+
+    room: str
+    at_s: Annotated[float, Meta(ge=0, le=1e6)] | None = None
+    during: str | None = None  # a task
+    within: str | None = None  # and where the robot is then
+    lasts_s: Annotated[float, Meta(gt=0, le=1e6)] | None = None  # none: for ever
+
+
+class Battery(Struct, frozen=True, forbid_unknown_fields=True):
+    """How the run begins: what is left of the battery, and how large it is; in the simulator."""
+
+    charge: Annotated[float, Meta(ge=0, le=1)] = 1.0
+    capacity_ah: Annotated[float, Meta(gt=0, le=1e4)] | None = None
+    """None: the profile's."""
 
 
 class Scenario(Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):
@@ -76,7 +109,7 @@ class Scenario(Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):
     """On the way to the goal; used with plan = "waypoints" only."""
     plan: Literal["direct", "waypoints", "rooms", "frontiers"] | None = None
     """Straight to the goal, over the waypoints, as the path planning agent says, with rooms or
-    without, or all over the world, which nobody knows; None: planned where there are walls."""
+    without, or all over the world, which nobody knows; None: planned where there are barriers."""
     within: tuple[Metres, Metres, Metres, Metres] | None = None
     """The rectangle that is explored: x1, y1, x2, y2 in m; none: the world's."""
     agents: tuple[str, ...] = field(default_factory=lambda: society().agents)
@@ -85,6 +118,9 @@ class Scenario(Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):
     robot: str = "pioneer-2dx"
     sensors: str = "real"
     """How well the simulated robot senses, of robots/sensors.toml."""
+    mission: str | None = None
+    """What is done there instead of driving to a goal: a shipped mission, or a file."""
+    alarms: tuple[AlarmAt, ...] = ()
     moving: tuple[Moving, ...] = ()
     """People, doors that shut, boxes put down; in the simulator only."""
     others: tuple[PoseDeg, ...] = ()
@@ -93,6 +129,7 @@ class Scenario(Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):
     """Places that a fleet is to look at."""
     look_s: Annotated[float, Meta(ge=0, le=3600)] = 5.0
     """How long each is looked at."""
+    battery: Battery = Battery()
     v_max: Annotated[float, Meta(gt=0, le=10)] | None = None
     """A speed limit of this scenario, m/s; none: the agents' own."""
     seed: Annotated[int, Meta(ge=0, le=2**63 - 1)] = 0
@@ -112,6 +149,8 @@ def load_scenario(name_or_path: str | Path) -> Scenario:
     scenario = replace(
         scenario, world=beside(path, scenario.world), robot=beside(path, scenario.robot)
     )
+    if scenario.mission is not None:
+        scenario = replace(scenario, mission=beside(path, scenario.mission))
     world = _world(scenario, path, text)
     for key, message in (*_strangers(scenario), *_faults(scenario, world)):
         raise ConfigError(message, path, line_of(text, key))
@@ -121,12 +160,12 @@ def load_scenario(name_or_path: str | Path) -> Scenario:
 def planned(scenario: Scenario) -> bool:
     """Whether the path planning agent is asked for the way."""
     if scenario.plan is None:
-        return bool(load_world(scenario.world).walls)
+        return bool(load_world(scenario.world).barriers)
     return scenario.plan == "rooms"
 
 
 def blind(scenario: Scenario) -> bool:
-    """Whether it is driven straight at a goal that is behind a wall, by nobody's plan."""
+    """Whether it is driven straight at a goal that is behind a barrier, by nobody's plan."""
     if scenario.goal is None or scenario.plan in ("waypoints", "frontiers") or planned(scenario):
         return False
     return load_world(scenario.world).crossed(scenario.start[:2], scenario.goal[:2])
@@ -162,6 +201,28 @@ def exploring(scenario: Scenario, within: Sequence[float] | None = None) -> Scen
     title = f"{scenario.name}: explored from here, and back"
     changed = replace(scenario, title=title, goal=scenario.start, plan="frontiers", agents=agents)
     return changed if within is None else replace(changed, within=tuple(within))
+
+
+def on_mission(scenario: Scenario, mission: str | None = None) -> Scenario:
+    """The scenario with those who do missions taking part, and the mission that they do.
+
+    Raises ConfigError if the mission, or the one that is the scenario's, cannot be done there.
+    """
+    if mission is not None:
+        scenario = replace(scenario, mission=mission, goal=None, waypoints=())
+    if scenario.mission is None:
+        return scenario
+    mission_of(scenario)
+    besides = (name for name in society().missions.besides if name not in scenario.agents)
+    return replace(scenario, agents=(*scenario.agents, *besides))
+
+
+def mission_of(scenario: Scenario) -> Mission | None:
+    """The mission that is done in a scenario. Raises ConfigError if it cannot be."""
+    if scenario.mission is None:
+        return None
+    places = Places(load_world(scenario.world), load_profile(scenario.robot).body)
+    return load_mission(scenario.mission, places, scenario.start[:2])
 
 
 def _strangers(scenario: Scenario) -> Iterator[tuple[tuple[str | int, ...], str]]:
@@ -231,16 +292,17 @@ def _faults(scenario: Scenario, world: World) -> Iterator[tuple[Key, str]]:
     except ConfigError as error:
         yield ("robot",), error.message
         return
-    radius = load_profile(profile).body.circle_m
+    body = load_profile(profile).body
+    radius = body.circle_m
+    for name, dock in world.docks.items():
+        if not _may_dock(world, dock, body):
+            message = f"a {scenario.robot} cannot drive into dock {name!r} of {world.name!r}"
+            yield ("world",), f"{message}: a wall is in its way"
     for key, pose in (("start", scenario.start), ("goal", scenario.goal)):
         if pose is None:
             continue
         yield from _misplaced(world, (key,), pose, radius)
-    for name in _ONE_OF:
-        for index, pose in enumerate(getattr(scenario, name)):
-            yield from _misplaced(world, (name, index), pose, radius)
-    if scenario.others and scenario.moving:
-        yield ("moving",), "what moves does in the world of one robot; expected this, or others"
+    yield from _fleet_faults(scenario, world, radius)
     for index, moving in enumerate(scenario.moving):
         for name, message in moving.faults(world, scenario.start[:2], radius):
             yield ("moving", index, name), message
@@ -251,9 +313,55 @@ def _faults(scenario: Scenario, world: World) -> Iterator[tuple[Key, str]]:
     for agent in scenario.agents:
         if scenario.agents.count(agent) > 1:
             yield ("agents",), f"agent {agent!r} is there twice; expected once"
+    yield from _mission_faults(scenario, world)
     if scenario.plan == "waypoints" and not scenario.waypoints:
         message = 'plan = "waypoints", but there are none; give waypoints = [[x, y, degrees], ...]'
         yield ("plan",), message
+
+
+def _fleet_faults(scenario: Scenario, world: World, radius: float) -> Iterator[tuple[Key, str]]:
+    """What is wrong with waypoints, other robots' starts, and what they are to look at."""
+    for name in _ONE_OF:
+        for index, pose in enumerate(getattr(scenario, name)):
+            yield from _misplaced(world, (name, index), pose, radius)
+    if scenario.others and scenario.moving:
+        yield ("moving",), "what moves does in the world of one robot; expected this, or others"
+
+
+def _mission_faults(scenario: Scenario, world: World) -> Iterator[tuple[Key, str]]:
+    """What is wrong with a mission's place in a scenario; the mission has a file of its own."""
+    if scenario.mission is not None and scenario.goal is not None:
+        yield ("goal",), "a mission and a goal: expected one of both"
+    rooms = [room.name for room in world.rooms]
+    for index, alarm in enumerate(scenario.alarms):
+        for name in ("room", "within"):
+            room = getattr(alarm, name)
+            if room is not None and room not in rooms:
+                yield ("alarms", index, name), f"no room {room!r}; {advice(room, rooms)}"
+        if (alarm.at_s is None) == (alarm.during is None):
+            yield (
+                ("alarms", index),
+                "an alarm begins at a time (at_s) or during a task: one of both",
+            )
+        if alarm.within is not None and alarm.during is None:
+            yield ("alarms", index, "within"), "within is for an alarm during a task"
+
+
+def _may_dock(world: World, dock: WorldPose, body: Body) -> bool:
+    """Whether no wall is where a robot stands that is charged, nor where it lines up for it."""
+    (x, y, theta), lane = dock, before(dock)
+    c, s = cos(theta), sin(theta)
+    half = body.width_m / 2
+    corners = [
+        (x + c * ahead - s * aside, y + s * ahead + c * aside)
+        for ahead, aside in (
+            *((body.front_m, half), (body.front_m, -half)),
+            *((-body.rear_m - DOCK_LANE_M, -half), (-body.rear_m - DOCK_LANE_M, half)),
+        )
+    ]
+    sides = pairwise([*corners, corners[0]])
+    free = not any(world.crossed(a, b) for a, b in sides)
+    return free and world.clearance(lane[0], lane[1]) >= body.circle_m
 
 
 def known_sensors(name: str) -> str:
@@ -281,3 +389,6 @@ def _misplaced(world: World, key: Key, pose: PoseDeg, radius: float) -> Iterator
     elif clearance < radius:
         expected = f"expected at least {radius:.2f} m"
         yield key, f"{at} is {clearance:.2f} m from a wall of {world.name!r}; {expected}"
+    elif (away := world.clearance_of_forbidden(x, y)) < radius:
+        expected = f"expected at least {radius:.2f} m"
+        yield key, f"{at} is {away:.2f} m from what is forbidden in {world.name!r}; {expected}"

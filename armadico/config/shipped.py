@@ -12,6 +12,7 @@ SUFFIXES: dict[str, tuple[str, ...]] = {
     "scenarios": (".toml",),
     "robots": (".toml",),
     "parameters": (".toml",),
+    "missions": (".toml",),
 }
 """The kinds of configuration, each a folder of `armadico.configs`, and how its files end."""
 

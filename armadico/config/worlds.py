@@ -7,7 +7,7 @@ image (`armadico.config.occupancy`). Walls are thin: a column is four of them.
 from __future__ import annotations
 
 from importlib import import_module
-from math import hypot, inf
+from math import cos, hypot, inf, sin
 from pathlib import Path
 
 from msgspec import Struct
@@ -24,6 +24,12 @@ Pose = tuple[float, float, float]
 DOOR_REACH_M = 0.3
 """How far from a room its door may be: walls have a thickness in some maps."""
 
+
+DOCK_LANE_M = 0.5
+"""A dock is driven into straight ahead from so far before it, and left straight back to there."""
+
+DOCK_ROOM_M = 0.15
+"""How far from walls the middle of a docked robot's axle is at the least: no robot is narrower."""
 
 READERS = {
     ".map": ("armadico.config.maps", "read_map"),
@@ -70,6 +76,7 @@ class World(Struct, frozen=True):
     rooms: tuple[Room, ...] = ()
     doors: tuple[Door, ...] = ()
     forbidden: tuple[Segment, ...] = ()  # lines not to cross, which no sensor sees: stairs
+    docks: dict[str, Pose] = {}  # poses of a robot that is charged there, by name
 
     @property
     def barriers(self) -> tuple[Segment, ...]:
@@ -80,13 +87,17 @@ class World(Struct, frozen=True):
         """The distance from a point to the nearest wall, m; infinite without walls."""
         return min((_distance(x, y, wall) for wall in self.walls), default=inf)
 
+    def clearance_of_forbidden(self, x: float, y: float) -> float:
+        """The distance from a point to the nearest forbidden line, m; infinite without any."""
+        return min((_distance(x, y, line) for line in self.forbidden), default=inf)
+
     def crossed(self, a: tuple[float, float], b: tuple[float, float]) -> bool:
-        """Whether a wall is across the straight way from one point to another."""
+        """Whether a barrier is across the straight way from one point to another."""
         (ax, ay), (bx, by) = a, b
         return any(
             _side(ax, ay, bx, by, x1, y1) * _side(ax, ay, bx, by, x2, y2) <= 0.0
             and _side(x1, y1, x2, y2, ax, ay) * _side(x1, y1, x2, y2, bx, by) <= 0.0
-            for x1, y1, x2, y2 in self.walls
+            for x1, y1, x2, y2 in self.barriers
         )
 
     def inside(self, x: float, y: float) -> bool:
@@ -97,6 +108,12 @@ class World(Struct, frozen=True):
     def room_at(self, x: float, y: float) -> Room | None:
         """The room that a point is in, the first of them on a border."""
         return next((room for room in self.rooms if room.away(x, y) <= 0.0), None)
+
+
+def before(dock: Pose) -> Pose:
+    """Where a robot is lined up with a dock, `DOCK_LANE_M` before it, as it drives in."""
+    x, y, theta = dock
+    return x - DOCK_LANE_M * cos(theta), y - DOCK_LANE_M * sin(theta), theta
 
 
 def load_world(name_or_path: str | Path) -> World:
@@ -128,6 +145,19 @@ def check_door(door: Door, rooms: dict[str, Room]) -> None:
                 f"door {door.name!r} at {at} is {away:.2f} m from the border of room {name!r}; "
                 f"expected {DOOR_REACH_M} m at the most"
             )
+
+
+def check_dock(name: str, pose: Pose, world: World) -> None:
+    """Refuse a dock in which no robot could stand."""
+    x, y, _ = pose
+    at, clearance = f"dock {name!r} at ({x:g}, {y:g})", world.clearance(x, y)
+    if world.walls and not world.inside(x, y):
+        raise ConfigError(f"{at} is outside the world")
+    if clearance < DOCK_ROOM_M:
+        raise ConfigError(
+            f"{at} is {clearance:.2f} m from a wall; expected at least {DOCK_ROOM_M} m: the pose"
+            " of the robot that stands there"
+        )
 
 
 def _side(x1: float, y1: float, x2: float, y2: float, x: float, y: float) -> float:

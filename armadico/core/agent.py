@@ -32,7 +32,7 @@ from armadico.core.exchange import EXCHANGES, Bid
 from armadico.core.latched import Memory
 from armadico.core.messages import Message
 from armadico.core.resources import Resource, declare
-from armadico.core.services import Kind, latched, service_of
+from armadico.core.services import CARD, Kind, latched, service_of
 
 M = TypeVar("M", bound=Message)
 
@@ -239,16 +239,24 @@ class Agent:
     def on_disappeared(self, name: str, instance: str) -> None:
         """An instance's liveliness token has gone."""
 
+    def on_met(self, card: m.Card) -> None:
+        """An instance that is alive has given its card."""
+
     # What a subclass uses ------------------------------------------------------------------------
 
     why: str = ""
 
+    def key_of(self, kind: type[Message], **names: str) -> str:
+        """The key of a kind's service; braces are filled by `names`, or by who this one is."""
+        key = service_of(kind).key
+        if "{" not in key:
+            return key
+        return key.format(**{"instance": self.instance, "name": self.name, **names})
+
     def publish(self, message: Message, **names: str) -> None:
         """Publish a message on its service's key; `names` fill the key's braces."""
         service = service_of(type(message))
-        key = service.key
-        if "{" in key:
-            key = key.format(instance=self.instance, name=self.name, **names)
+        key = self.key_of(type(message), **names)
         if service.kind is Kind.LATCHED:
             with suppress(m.MessageError):  # what nobody can be told of, nobody remembers
                 self.memory.note(m.checked(cast("m.Latched", message)))
@@ -265,13 +273,39 @@ class Agent:
             return None
         return cast("M", message)
 
-    def ask(self, request: Message, then: Callable[[Any], None], timeout: float = 2.0) -> None:
-        """Put a query; `then` gets the first reply, or None if nobody answered in time."""
+    def ask(
+        self,
+        request: Message,
+        then: Callable[[Any], None],
+        timeout: float = 2.0,
+        **names: str,
+    ) -> None:
+        """Put a query; `then` gets the first reply, or None if nobody answered in time.
+
+        `names` fill the braces of the service's key: whose answer is wanted.
+        """
         service = service_of(type(request))
         assert service.reply is not None, f"{service.key} is not a query"
+        self._put(self.key_of(type(request), **names), request, service.reply, then, timeout)
+
+    def ask_card(
+        self, name: str, instance: str, then: Callable[[Any], None], timeout: float = 1.0
+    ) -> None:
+        """Ask an instance for its card; `then` gets it, or None if it did not answer in time."""
+        key = CARD.key_for(name=name, instance=instance)
+        self._put(key, m.Ask(), m.Card, then, timeout)
+
+    def _put(
+        self,
+        key: str,
+        request: Message,
+        reply: type[Message],
+        then: Callable[[Any], None],
+        timeout: float,
+    ) -> None:
         self._next_id += 1
         self._asked[self._next_id] = then
-        self.outbox.append(AskFor(self._next_id, service.key, request, service.reply, timeout))
+        self.outbox.append(AskFor(self._next_id, key, request, reply, timeout))
 
     def answer(self, question: Question, reply: Message) -> None:
         """Answer a query, now or later."""
@@ -376,6 +410,7 @@ class Agent:
     def met(self, card: m.Card, now: float) -> None:
         """Take an instance's own card: who speaks otherwise is not listened to."""
         self.now = now
+        self.on_met(card)
         if card.instance in self.foreign:
             return
         who = f"{card.instance} (host {card.host}, pid {card.pid})"
@@ -473,7 +508,7 @@ class Agent:
             pid=who.pid,
             version=who.version,
             protocol=m.PROTOCOL,
-            provides=tuple(service_of(k).key for k in (*self.provides, *self.answers)),
+            provides=tuple(self.key_of(k) for k in (*self.provides, *self.answers)),
             requests=tuple(s.pattern for s in self.subscriptions() if self._asks_for(s))
             + tuple(service_of(k).key for k in self.asks),
             resources=tuple(r.name for r in self.competes_for),

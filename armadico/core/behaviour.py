@@ -7,7 +7,16 @@ from typing import Any, ClassVar
 from armadico.core import agent
 from armadico.core.agent import Agent
 from armadico.core.exchange import Bid
-from armadico.core.messages import Description, Message, Obstacles, Pose, RobotState, Trajectory
+from armadico.core.messages import (
+    ChargeState,
+    ChargeStatus,
+    Description,
+    Message,
+    Obstacles,
+    Pose,
+    RobotState,
+    Trajectory,
+)
 from armadico.core.motion import Body, Speeds, ordered
 from armadico.core.parameters import Safety
 from armadico.core.resources import WHEELS
@@ -40,7 +49,7 @@ class Behaviour(Agent):
     """Whether it drives a robot that is lost, and only then: to find out where it is."""
 
     needs: ClassVar[tuple[type[Message], ...]] = (Pose, Obstacles)
-    hears: ClassVar[tuple[type[Message], ...]] = (Trajectory, Description)
+    hears: ClassVar[tuple[type[Message], ...]] = (Trajectory, Description, ChargeStatus)
     competes_for = (WHEELS,)
 
     def __init__(self, identity: agent.Identity, parameters: Any = None) -> None:
@@ -63,6 +72,16 @@ class Behaviour(Agent):
         state = self.latest(RobotState)
         assert state is not None, "nobody bids without robot/state"
         return state.v, state.w
+
+    @property
+    def in_dock(self) -> ChargeStatus | None:
+        """The charger's word, while it has the robot driven into a dock or out of it.
+
+        Nobody else drives then: what leads along a trajectory would turn beside the dock.
+        """
+        said = self.fresh(ChargeStatus)
+        docking = said is not None and said.state in (ChargeState.DOCKING, ChargeState.LEAVING)
+        return said if docking else None
 
     def scene(self, obstacles: Obstacles) -> Scene:
         """What a wish is held against: the body, how it moves, and what is known around it.
@@ -125,6 +144,9 @@ class Behaviour(Agent):
             return None
         if self._waits and self.needs_goal and not self.seeks:
             self.why = "the mission waits: no way is free"
+            return None
+        if self.needs_goal and not self.seeks and self.in_dock is not None:
+            self.why = "the robot is driven into a dock, or out of it"
             return None
         if self._body is None:
             self.why = "no robot/description"

@@ -40,7 +40,7 @@ from armadico.core.messages import (
     MessageError,
     decode,
 )
-from armadico.core.services import BIDS, CARD, service_of
+from armadico.core.services import BIDS, CARD
 
 QUESTIONS: Final = 64
 """Queries that may wait for their answers; the oldest is let go of."""
@@ -226,7 +226,7 @@ class Driver:
         if key in {self._card_key, self._bids_key}:
             return Ask
         for kind in self.agent.answers:
-            if service_of(kind).key == key:
+            if self.agent.key_of(kind) == key:
                 return kind
         return None
 
@@ -234,7 +234,7 @@ class Driver:
     def queries(self) -> dict[str, type[Message]]:
         """The keys on which it answers, and what it is asked there."""
         own: dict[str, type[Message]] = {self._card_key: Ask, self._bids_key: Ask}
-        return {service_of(kind).key: kind for kind in self.agent.answers} | own
+        return {self.agent.key_of(kind): kind for kind in self.agent.answers} | own
 
     def asked(self, key: str, payload: bytes | Message, call: Any, now: float) -> None:
         """Take a query; its `Reply`, with this `call`, comes now or later, or never."""

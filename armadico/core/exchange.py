@@ -1,4 +1,4 @@
-"""How a resource changes hands: at once, or smoothly over a fuzzy time window (thesis 3.10.2).
+"""How a resource changes hands: at once, smoothly over a fuzzy time window, or by merging (3.10.2).
 
 The winner performs the exchange. It starts from a snapshot of the loser, its last commanded action
 and its utility, and mixes in its own action with a weight that grows each cycle until, after t_f
@@ -9,11 +9,14 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass
-from typing import Protocol
+from typing import Any, Protocol
+
+from msgspec.structs import replace
 
 from armadico.core.fuzzy import Gaussian, Linear, Rule, Shoulder, Sugeno
-from armadico.core.messages import Action
+from armadico.core.messages import WAYPOINTS, Action, Way, encode
 from armadico.core.resources import Resource
+from armadico.core.route import Route
 
 NOTHING = 1e-9
 """A utility up to this weighs nothing: the weights of (3.10) are divided by their sum, and the
@@ -33,7 +36,7 @@ class Bid:
     """
 
     utility: float
-    action: Action
+    action: Any  # until it is packed (`Resource.pack`): an `Action` from then on
     critical: bool = False
     within: float | None = None
     reason: str = ""
@@ -57,7 +60,8 @@ class Exchange(Protocol):
 
 class _AtOnce:
     def action(self, t: int, bid: Bid) -> Action:  # noqa: ARG002
-        return bid.action
+        wanted: Action = bid.action
+        return wanted
 
 
 AT_ONCE: Handover = _AtOnce()
@@ -92,14 +96,15 @@ class Blend:
         That is an offer (utility 0) while the exchange goes on, or weights that sum to zero. By
         3.10 an offer would bring the loser's action back, of cycles ago.
         """
-        if t >= self.window or bid.utility <= NOTHING or isinstance(bid.action, bytes):
-            return bid.action
+        wanted: Action = bid.action
+        if t >= self.window or bid.utility <= NOTHING or isinstance(wanted, bytes):
+            return wanted
         delta_l = self.loser_utility * (self.window - t) / self.window
         delta_w = bid.utility * t / self.window
         total = delta_w + delta_l
         return tuple(
             (delta_w * won + delta_l * lost) / total
-            for won, lost in zip(bid.action, self.loser, strict=True)
+            for won, lost in zip(wanted, self.loser, strict=True)
         )
 
 
@@ -135,4 +140,49 @@ class SmoothExchange:
         return Blend(loser, loser_utility, window) if window >= 1.0 else AT_ONCE
 
 
-EXCHANGES: dict[str, Exchange] = {"smooth": SmoothExchange(), "abrupt": AbruptExchange()}
+class MergingExchange:
+    """Trajectory merging (thesis 3.3.2, 3.6.1): the robot drives on to where the new way begins.
+
+    Who wants the trajectory has its way planned from a place on the way that is driven, some metres
+    ahead. Up to there the loser's waypoints are driven, so the robot does not stop.
+    """
+
+    def begin(
+        self,
+        resource: Resource,
+        loser: Action,
+        loser_utility: float,  # noqa: ARG002
+        bid: Bid,
+        period: float,  # noqa: ARG002
+    ) -> Handover:
+        """A way that begins elsewhere than on what is left of the loser's is driven at once."""
+        if not (isinstance(loser, bytes) and loser and isinstance(bid.action, bytes)):
+            return AT_ONCE
+        before, way = resource.unpack(loser), resource.unpack(bid.action)
+        if not (isinstance(before, Way) and isinstance(way, Way)):
+            return AT_ONCE
+        driven = Route(before.waypoints, before.start, before.leg)
+        common = driven.up_to(way.start.x, way.start.y)
+        if not common or len(common) + len(way.waypoints) > WAYPOINTS:
+            return AT_ONCE
+        joined = replace(way, waypoints=(*common, *way.waypoints), start=driven.leg_start, leg=0)
+        return _Merged(bid.action, encode(joined))
+
+
+@dataclass(frozen=True, slots=True)
+class _Merged:
+    """The way that was joined to the loser's, for as long as the winner wants this one."""
+
+    wanted: bytes
+    joined: bytes
+
+    def action(self, t: int, bid: Bid) -> Action:  # noqa: ARG002
+        wanted: Action = bid.action
+        return self.joined if wanted == self.wanted else wanted
+
+
+EXCHANGES: dict[str, Exchange] = {
+    "smooth": SmoothExchange(),
+    "abrupt": AbruptExchange(),
+    "merging": MergingExchange(),
+}

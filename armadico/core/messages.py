@@ -61,6 +61,8 @@ Length = Annotated[float, Meta(gt=0, le=10)]  # m, of a body
 Place = Annotated[float, Meta(ge=-10, le=10)]  # m, on a body
 Period = Annotated[float, Meta(ge=0.001, le=1)]  # s, of a robot's status packets
 Patience = Annotated[float, Meta(gt=0, le=60)]  # s
+Volts = Annotated[float, Meta(ge=0, le=1e4)]
+Joules = Annotated[float, Meta(ge=0, le=1e12)]
 # What is remembered must never make who remembers it unable to speak: a robot agent that starts
 # near the odometry of an origin can say its own, and any origin with any odometry makes a pose.
 Odometer = Annotated[float, Meta(ge=-2e5, le=2e5)]  # m
@@ -373,6 +375,7 @@ class RobotState(Message, frozen=True):
     stop: Stop = Stop()
     touch: Point | None = None  # in the body frame; None: nowhere, or nobody knows
     line: Line = Line()
+    charging: bool = False  # a charger gives power
 
 
 class Description(Message, frozen=True):
@@ -484,8 +487,8 @@ class Obstacles(Message, frozen=True):
     """What the local map holds: the closest points (thesis 3.4.2), and all of them.
 
     What was heard and is remembered, walls of the global map while the pose is sure enough, how
-    rows of points go on, and what was touched. Which of them a point is nobody is told: all are to
-    be kept off.
+    rows of points go on, what was touched, and where who comes will be. Which of them a point is
+    nobody is told: all are to be kept off.
     """
 
     cycle: Cycle
@@ -588,6 +591,40 @@ class Plan(Message, frozen=True):
     length: Real = 0.0  # m
     energy: Real = 0.0  # J
     refusal: Text = ""
+
+
+class PlanTask(Message, frozen=True):
+    """What the holder of the planner has planned: the action of that resource (3.6.2).
+
+    `id` is drawn at random by whoever has a way planned; `Planned` says it again.
+    """
+
+    id: Bits64
+    start: Waypoint
+    goal: Waypoint
+    why: Text = ""
+
+
+class Planned(Message, frozen=True):
+    """The plan that a `PlanTask` asked for."""
+
+    id: Bits64
+    plan: Plan
+
+
+class Way(Message, frozen=True):
+    """Where the holder of the trajectory has the robot driven: the action of that resource.
+
+    `id` is drawn at random for each way: the owner publishes it as the mission of `trajectory` and
+    `mission/status`. It begins at `start` (world frame), `leg` is the waypoint that is driven to by
+    now. A `planned` one is planned anew where it is blocked.
+    """
+
+    id: Bits64
+    waypoints: Annotated[tuple[Waypoint, ...], Meta(min_length=1, max_length=WAYPOINTS)]
+    start: Point
+    leg: Counter = 0
+    planned: bool = True
 
 
 class MissionRequest(Message, frozen=True):
@@ -768,6 +805,260 @@ class FleetStatus(Message, frozen=True):
     note: Text = ""
 
 
+# Energy -------------------------------------------------------------------------------------------
+
+
+class BatteryLevel(Message, frozen=True):
+    """What is left of the battery (thesis 3.4.3).
+
+    `volts` are those at rest: how far it sags under its load, and rises on a charger, is taken off.
+    At `share` 0 it has to be charged, or it is damaged; `joules` are left until then.
+    """
+
+    cycle: Cycle
+    volts: Volts
+    share: Share
+    joules: Joules
+    charging: bool = False
+
+
+class BatteryAlarm(Message, frozen=True):
+    """The battery is nearly where it has to be charged; said anew for each tenth of a volt."""
+
+    cycle: Cycle
+    volts: Volts  # at rest
+    share: Share
+
+
+class EnergyRequest(Message, frozen=True):
+    """Asks whether the energy will do: for what is planned, and from its end to a dock."""
+
+    goal: Waypoint  # where it ends
+    energy: Joules = 0.0  # that it takes to there
+
+
+class EnergyReply(Message, frozen=True):
+    """Whether it will (thesis 3.2.2, use case 2)."""
+
+    enough: bool
+    left: Joules = 0.0
+    needed: Joules = 0.0  # to the goal and on to the nearest dock, with a reserve
+    note: Text = ""
+
+
+class ChargeRequest(Message, frozen=True):
+    """Asks the battery charger to charge up to a share of a full battery; asked again meanwhile.
+
+    Who does not ask again within 30 s does not want it any more.
+    """
+
+    until: Share = 1.0
+
+
+class ChargeState(StrEnum):
+    """What the battery charger does."""
+
+    NONE = "none"
+    TO_DOCK = "to-dock"
+    DOCKING = "docking"
+    CHARGING = "charging"
+    LEAVING = "leaving"
+
+
+class ChargeStatus(Message, frozen=True):
+    """The battery charger's report: of each cycle while the robot is driven into a dock or out."""
+
+    cycle: Cycle
+    state: ChargeState
+    dock: Waypoint | None = None  # the pose of the robot in it; None: there is none
+    name: Label = ""
+    note: Text = ""
+
+
+class Alarm(Message, frozen=True):
+    """An alarm in a room of the world has begun, or is over; anybody may say so."""
+
+    room: Name
+    on: bool = True
+
+
+class Photo(Message, frozen=True):
+    """A photo that a mission had taken: without a camera, where and how sure that is."""
+
+    mission: Bits64
+    room: Label  # empty: in none that has a name
+    x: Real
+    y: Real
+    theta: Real
+    deviation: Annotated[float, Meta(ge=0, le=LARGEST)]  # of the position, m
+
+
+class Told(Message, frozen=True):
+    """What a step of a mission is told, by name."""
+
+    name: Name
+    value: bool | Real | Text | Annotated[tuple[Real, ...], Meta(max_length=16)]
+
+
+class PlanStep(Message, frozen=True):
+    """One step of a plan: a task, and what it is told."""
+
+    do: Name
+    told: Annotated[tuple[Told, ...], Meta(max_length=16)] = ()
+
+    def __str__(self) -> str:
+        """As the thesis writes it: move(R1)."""
+        told = ", ".join(f"{each.value}" for each in self.told)
+        return f"{self.do}({told})" if told else self.do
+
+
+Steps = Annotated[tuple[PlanStep, ...], Meta(max_length=64)]
+
+
+class Frame(Message, frozen=True):
+    """How far a mission is in one list of steps: those of a procedure, or of a detour's plan."""
+
+    procedure: Label = ""  # empty: the mission's own steps,
+    detour: Steps = ()  # or these, if there are any
+    told: Annotated[tuple[Told, ...], Meta(max_length=16)] = ()  # what the procedure was told
+    step: Counter = 0
+    attempt: Counter = 0  # 0: the step itself, else which of its alternatives
+    turn: Counter = 0  # of its repetitions
+    elapsed: Annotated[float, Meta(ge=0, le=LARGEST)] = 0.0  # s that it has been at work on it
+    begun: bool = False
+    stage: Counter = 0  # the task's own
+
+
+class StepEnd(StrEnum):
+    """How a step of a mission ended."""
+
+    DONE = "done"
+    FAILED = "failed"
+    PASSED = "passed over"  # its precondition was not believed
+
+
+class StepResult(Message, frozen=True):
+    """What came of one step."""
+
+    step: Text
+    end: StepEnd
+    said: Text = ""
+    at: Annotated[float, Meta(ge=0, le=LARGEST)] = 0.0  # s that the mission was at work by then
+
+
+class Course(Message, frozen=True):
+    """How far a mission has come: all that is needed to go on with it."""
+
+    frames: Annotated[tuple[Frame, ...], Meta(max_length=32)] = (Frame(),)
+    elapsed: Annotated[float, Meta(ge=0, le=LARGEST)] = 0.0  # s that it was at work
+    tasks: Counter = 0  # begun so far; tells one from the next
+    detour: Steps = ()  # comes before the next step
+    drops: Counter = 0  # so many steps are left out then
+    results: Annotated[tuple[StepResult, ...], Meta(max_length=100)] = ()  # the newest
+
+
+class MissionEnd(StrEnum):
+    """Where a mission of the board stands."""
+
+    QUEUED = "queued"  # not begun
+    ACTIVE = "active"
+    SUSPENDED = "suspended"  # begun, and another one is more urgent
+    DONE = "done"
+    FAILED = "failed"
+    CANCELLED = "cancelled"
+
+
+class BoardMission(Message, frozen=True):
+    """One mission of the board."""
+
+    mission: Bits64
+    name: Name
+    priority: Share
+    state: MissionEnd
+    by: Label = ""  # who ordered it
+    text: Annotated[bytes, Meta(max_length=16_384)] = (
+        b""  # its TOML, deflated; none once it is over
+    )
+    course: Course = Course()
+    doing: Text = ""  # the step that is done now,
+    room: Label = ""  # and where
+    ahead: Annotated[tuple[Text, ...], Meta(max_length=64)] = ()  # steps to come, the first ones
+    note: Text = ""
+    way: Bits64 = 0  # on which its task has the robot driven; 0: on none
+
+
+class Board(Latched, frozen=True):
+    """All that mission planning knows: its missions, those that are over last.
+
+    At most one of them is active.
+    """
+
+    counter: Counter
+    by: Bits64  # drawn at random by each mission planning agent
+    missions: Annotated[tuple[BoardMission, ...], Meta(max_length=32)] = ()
+    alarms: Annotated[tuple[Name, ...], Meta(max_length=32)] = ()  # rooms where one is on,
+    unchecked: Annotated[tuple[Name, ...], Meta(max_length=32)] = ()  # and nobody has been yet
+
+    @property
+    def order(self) -> tuple[int, int]:
+        """Counted each time it is published."""
+        return self.counter, self.by
+
+
+class MissionOrder(Message, frozen=True):
+    """Asks the interface agent to have a mission done; `text` is its TOML, deflated (zlib)."""
+
+    name: Name
+    text: Annotated[bytes, Meta(max_length=16_384)]
+    priority: Share | None = None  # none: its own
+    by: Label = ""
+
+
+class MissionProposal(Message, frozen=True):
+    """The interface agent proposes a mission to mission planning (use case 1 of thesis 3.2)."""
+
+    order: MissionOrder
+
+
+class MissionCancel(Message, frozen=True):
+    """Asks the interface agent to have a mission cancelled; 0: all of them."""
+
+    mission: Bits64
+    by: Label = ""
+
+
+class MissionWithdrawal(Message, frozen=True):
+    """The interface agent passes that on to mission planning."""
+
+    cancel: MissionCancel
+
+
+class SubplanRequest(Message, frozen=True):
+    """The coordinator asks the planner agents: what is to be done `before` a mission goes on?"""
+
+    id: Bits64
+    mission: Bits64
+    why: Text
+    at: Waypoint  # where the robot is,
+    room: Label  # and in which room
+    before: Steps
+    ahead: Steps  # of the mission as it stands
+
+
+class Subplan(Message, frozen=True):
+    """A planner agent's answer: the steps, and what they take until the mission's next objective.
+
+    The last of the steps leads to where one of the mission's own does, which is left out then.
+    """
+
+    id: Bits64
+    planner: Name  # the instance
+    steps: Steps
+    length: Annotated[float, Meta(ge=0, le=LARGEST)] = 0.0  # m
+    energy: Annotated[float, Meta(ge=0, le=1e9)] = 0.0  # J
+    refusal: Text = ""
+
+
 # Who is alive, and what they offer ----------------------------------------------------------------
 
 
@@ -822,6 +1113,80 @@ class Ask(Message, frozen=True):
     """An empty question, for a card or the bids: an array of nothing. No payload will do."""
 
 
+# Hosts, and who looks after the society -----------------------------------------------------------
+
+
+class KeptState(StrEnum):
+    """What a process is doing, by the word of the one who started it."""
+
+    STARTING = "starting"
+    UP = "up"
+    WAITING = "waiting"  # it has ended, and is started again by its host
+    ENDED = "ended"  # as somebody asked, and is not started again
+
+
+class Kept(Message, frozen=True):
+    """One process of a host: the agents that live in it, and how it is."""
+
+    agents: tuple[Name, ...]
+    state: KeptState
+    pid: Counter = 0  # 0: there is none now
+    lent: bool = False  # started on request, in place of a host that is gone
+    why: Text = ""  # it waits or has ended
+
+
+class HostShare(Message, frozen=True):
+    """What a host keeps up, and what it could: its wakeup agent's word (thesis 3.8.3).
+
+    `needs` are the agents of the whole society that what was asked for cannot do without, those of
+    other hosts too. A host that leaves in order says so: what it kept up is then missed by nobody.
+    """
+
+    instance: Name  # of the wakeup agent
+    host: Text
+    kept: tuple[Kept, ...]
+    can: tuple[Name, ...] = ()  # agents that it would start besides, if asked to
+    needs: tuple[Name, ...] = ()
+    leaving: bool = False
+
+
+class WakeupOrder(StrEnum):
+    """What a wakeup agent can be asked for."""
+
+    START = "start"
+    RESTART = "restart"
+    END = "end"
+
+
+class WakeupRequest(Message, frozen=True):
+    """Asks a host's wakeup agent to start an agent, to end it, or to kill and start it again.
+
+    `pid` is the process that hangs: if another is there by now, nothing is done, and that is no
+    refusal. So however many ask, it is restarted once.
+    """
+
+    order: WakeupOrder
+    agent: Name
+    pid: Counter = 0  # 0: whichever it is
+    why: Text = ""
+
+
+class WakeupReply(Message, frozen=True):
+    """Whether it is done, or why not."""
+
+    refusal: Text = ""
+
+
+class MonitorReport(Message, frozen=True):
+    """What a monitor sees of the society, and whether it is the one that acts (thesis 3.8.2)."""
+
+    instance: Name
+    tenure: Annotated[int, Meta(ge=0, le=LONGEST_TENURE)]  # as on its card
+    acts: bool
+    missing: tuple[Name, ...] = ()  # essential agents of which no instance is well
+    note: Text = ""  # what it has done last, or what the society lacks
+
+
 class Log(Message, frozen=True):
     """A line for people."""
 
@@ -832,8 +1197,8 @@ class Log(Message, frozen=True):
 class Truth(Message, frozen=True):
     """What only the simulator knows. For those who watch: agents are refused it.
 
-    It is the robot's if `Description.controller` has the same name: another simulator that is left
-    in the namespace speaks of another robot.
+    It is the robot's if `Description.controller` has the same name, and it has one: another
+    simulator that is left in the namespace speaks of another robot.
     """
 
     t: Real  # s of simulation
@@ -846,6 +1211,8 @@ class Truth(Message, frozen=True):
     clearance: Real | None  # m from the body's outline to the nearest thing, if there is any
     simulator: Label = ""  # as its controller names itself
     bumped: Counter = 0  # of the collisions, those in which somebody walked into the robot
+    charge: Share = 1.0  # of the battery
+    used: Joules = 0.0  # J that motors and electronics have taken since the simulation began
 
 
 def plain(message: Message) -> Any:

@@ -49,13 +49,34 @@ class Supervision:
         self._since.setdefault(name, now)
         self._kept_out.pop(name, None)
 
-    def ended(self, name: str, code: int, now: float) -> str | None:
-        """A process ended with a code (negative: the signal).
+    def refusal(self, now: float) -> str | None:
+        """Why one more restart is not to be had at this time; None if it is.
 
-        Returns why to give up; None if it will be due again.
+        For who is asked to restart or start somebody: a request must not be what ends a host.
         """
         self._forget(now)
-        if code == MISUSED and now - self._since.get(name, now) >= NEWCOMER_S:
+        planned = len(self._starts) + len(self._due.keys() - self._kept_out.keys())
+        if planned < self.budget.restarts:
+            return None
+        most, within = self.budget.restarts, self.budget.within_s
+        return f"the budget of {most} restarts in {within:g} s is spent"
+
+    def ended(self, name: str, code: int, now: float, *, replaced: bool = False) -> str | None:
+        """A process ended with a code (negative: the signal).
+
+        Args:
+            name: Which.
+            code: How.
+            now: When, s.
+            replaced: Another host has started one in its place, so that somebody in its way is no
+                fault, however soon it found that out.
+
+        Returns:
+            Why to give up; None if it will be due again.
+        """
+        self._forget(now)
+        newcomer = not replaced and now - self._since.get(name, now) < NEWCOMER_S
+        if code == MISUSED and not newcomer:
             often = self._kept_out.get(name, 0)
             self._kept_out[name] = often + 1
             self._due[name] = now + IN_THE_WAY_S[min(often, len(IN_THE_WAY_S) - 1)]
@@ -63,10 +84,8 @@ class Supervision:
         if code == MISUSED:
             return "it says that it was configured wrongly or is in the way, and would say so again"
         self._kept_out.pop(name, None)
-        planned = len(self._starts) + len(self._due.keys() - self._kept_out.keys())
-        if planned >= self.budget.restarts:
-            most, within = self.budget.restarts, self.budget.within_s
-            return f"the budget of {most} restarts in {within:g} s is spent"
+        if why := self.refusal(now):
+            return why
         often = sum(1 for _, who in self._starts if who == name)
         self._due[name] = now + PAUSES_S[min(often, len(PAUSES_S) - 1)]
         return None
@@ -79,6 +98,11 @@ class Supervision:
             if name not in self._kept_out:
                 self._starts.append((now, name))
         return names
+
+    def let_go(self, name: str) -> None:
+        """A process is not looked after any more."""
+        for about in (self._due, self._since, self._kept_out):
+            about.pop(name, None)
 
     def kept_out(self, name: str) -> bool:
         """Whether it waits for somebody to go who is in its way."""

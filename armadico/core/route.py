@@ -30,6 +30,9 @@ ASIDE = 3.0
 NEARER = 0.85
 """A point that cuts a corner is brought nearer by this share, until it does not."""
 
+ON_M = 0.02
+"""A place so near to the way lies on it."""
+
 ORIGIN = Point(0.0, 0.0)
 
 
@@ -125,6 +128,24 @@ class Route:
             x, y = waypoint.x, waypoint.y
         return total
 
+    def off(self, x: float, y: float) -> float:
+        """How far a place is from what is left of the way, m; infinite if nothing is."""
+        return min(
+            (self._off(leg, x, y)[0] for leg in range(self.leg, len(self.waypoints))), default=inf
+        )
+
+    def up_to(self, x: float, y: float) -> tuple[Waypoint, ...]:
+        """What is left of the way up to a place on it, that place the last; () if it is off it.
+
+        The heading there is the leg's, so that who goes on from it need not turn.
+        """
+        for leg in range(self.leg, len(self.waypoints)):
+            if self._off(leg, x, y)[0] <= ON_M:
+                (from_x, from_y), to = self._start_of(leg), self.waypoints[leg]
+                heading = atan2(to.y - from_y, to.x - from_x)
+                return (*self.waypoints[self.leg : leg], Waypoint(x, y, heading))
+        return ()
+
     def ahead(self, x: float, y: float, distance: float, cut: float = inf) -> list[Waypoint]:
         """Where to steer to keep to the line: a point on it, then the waypoints after that point.
 
@@ -184,6 +205,11 @@ class Route:
         if length == 0.0:
             return 0.0
         return abs((x - from_x) * dy - (y - from_y) * dx) / length
+
+    @property
+    def leg_start(self) -> Point:
+        """Where the leg that is driven begins."""
+        return Point(*self._leg_start())
 
     def _leg_start(self) -> tuple[float, float]:
         return self._start_of(self.leg)

@@ -8,11 +8,12 @@ keys come from its declaration (`armadico.core.resources.Resource`).
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from enum import Enum
 from functools import cache
 
 from armadico.core import messages as m
+from armadico.core.resources import declared
 
 
 class Kind(Enum):
@@ -66,6 +67,7 @@ SERVICES: tuple[Service, ...] = (
     ),
     Service(m.Trajectory, "trajectory", _L, 1, None, "the mission's waypoints"),
     Service(m.PlanRequest, "path/plan", _Q, None, None, "a way to a goal", reply=m.Plan),
+    Service(m.Planned, "path/planned", _E, None, None, "what the planner's holder asked for"),
     Service(
         m.MissionRequest, "mission/request", _Q, None, None, "go to a goal", reply=m.MissionReply
     ),
@@ -87,6 +89,51 @@ SERVICES: tuple[Service, ...] = (
     Service(m.FleetRequest, "tasks/request", _Q, None, None, "do these tasks", reply=m.FleetReply),
     Service(m.FleetBoard, "tasks/board", _L, None, None, "the list, and what of it is done"),
     Service(m.FleetStatus, "tasks/status", _S, 1, None, "how far it is, and what the robot holds"),
+    Service(m.HostShare, "wakeup/{instance}/share", _S, 1, None, "what a host keeps up, and could"),
+    Service(
+        m.WakeupRequest,
+        "wakeup/{instance}",
+        _Q,
+        None,
+        None,
+        "start, restart or end an agent on a host",
+        reply=m.WakeupReply,
+    ),
+    Service(m.MonitorReport, "monitor/{instance}", _S, 1, None, "who is missing, and who acts"),
+    Service(m.BatteryLevel, "battery/level", _S, 0.2, None, "the battery; oftener towards 10 V"),
+    Service(m.BatteryAlarm, "battery/alarm", _E, None, None, "it has to be charged soon"),
+    Service(m.EnergyRequest, "battery/enough", _Q, None, None, "will it do?", reply=m.EnergyReply),
+    Service(
+        m.ChargeStatus, "battery/charging", _S, 1, 3, "what the charger does; 10 Hz in the dock"
+    ),
+    Service(m.ChargeRequest, "battery/charge", _Q, None, None, "charge it", reply=m.MissionReply),
+    Service(m.Alarm, "alarm", _E, None, None, "an alarm in a room; anyone may say so"),
+    Service(m.MissionOrder, "mission/order", _Q, None, None, "do a mission", reply=m.MissionReply),
+    Service(
+        m.MissionCancel, "mission/cancel", _Q, None, None, "leave one be", reply=m.MissionReply
+    ),
+    Service(
+        m.MissionProposal,
+        "mission/proposal",
+        _Q,
+        None,
+        None,
+        "the interface agent passes an order on",
+        reply=m.MissionReply,
+    ),
+    Service(
+        m.MissionWithdrawal,
+        "mission/withdrawal",
+        _Q,
+        None,
+        None,
+        "and a cancellation",
+        reply=m.MissionReply,
+    ),
+    Service(m.Board, "mission/board", _L, 1, None, "the missions, and how far they have come"),
+    Service(m.SubplanRequest, "mission/subplan", _E, None, None, "asks the planner agents"),
+    Service(m.Subplan, "mission/subplan/answer", _E, None, None, "what a planner agent would do"),
+    Service(m.Photo, "mission/photo", _E, None, None, "a photo that a mission had taken"),
     Service(m.Claim, "resource/{resource}/utility", _E, 10, 3, "the holder's bid, made public"),
     Service(m.Ack, "resource/{resource}/ack", _S, 10, 3, "what the owner obeys and refuses by"),
     Service(m.Command, "resource/{resource}/cmd/{instance}", _E, 10, 3, "the holder's action"),
@@ -135,9 +182,19 @@ def rows_of(message: type[m.Message]) -> tuple[Service, ...]:
     return rows or (service_of(message),)
 
 
-@cache
 def service_at(key: str) -> Service | None:
-    """The row of the table that a key belongs to; None: of no row."""
+    """The row of the table that a key belongs to, at its resource's own rate; None: of no row."""
+    service = _row_at(key)
+    if service is None or "{resource}" not in service.key:
+        return service
+    resource = declared(key.split("/")[1])
+    if resource is None:  # somebody else's, who alone knows how long its cycles are
+        return replace(service, rate_hz=None)
+    return service if resource.period_s is None else replace(service, rate_hz=1 / resource.period_s)
+
+
+@cache
+def _row_at(key: str) -> Service | None:
     return next((service for service in SERVICES if matches(service.pattern, key)), None)
 
 

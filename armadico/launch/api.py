@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
+from contextlib import suppress
 from dataclasses import dataclass, field
 from functools import cached_property
 from math import degrees, inf, radians
@@ -97,6 +98,10 @@ class Run:
         from armadico.observe.pictures import Run as Picture  # noqa: PLC0415 - heavy
         from armadico.observe.pictures import draw_run  # noqa: PLC0415 - heavy
 
+        mapped = None
+        if self.grid is not None:
+            with suppress(ValueError):  # what came on the mesh may be no map
+                mapped = cells_of(self.grid)
         goal = self.scenario.goal
         first = self.marks[0] if self.marks else None
         x, y, heading = self.scenario.start
@@ -109,7 +114,7 @@ class Run:
             echoes=self.echoes,
             title=f"{self.scenario.title or self.scenario.name} (seed {self.measures.seed})",
             caption=(self.measures.verdict,),
-            mapped=None if self.grid is None else cells_of(self.grid),
+            mapped=mapped,
         )
         draw_run(load_world(self.scenario.world), picture, file)
         return Path(file)

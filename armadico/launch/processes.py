@@ -142,6 +142,7 @@ def simulator_words(
         for word in ("--also", name, *pose)
     ]
     x, y, degrees = scenario.start
+    battery = (("charge", scenario.battery.charge), ("capacity", scenario.battery.capacity_ah))
     return [
         "sim",
         scenario.world,
@@ -152,6 +153,7 @@ def simulator_words(
         f"--namespace={namespace}",
         *("--start", str(x), str(y), str(degrees)),
         *others,
+        *(f"--{name}={value}" for name, value in battery if value is not None),
         *(["--moving", msgspec.json.encode(scenario.moving).decode()] if scenario.moving else []),
     ]
 

@@ -8,16 +8,26 @@ It decides nothing: kill it and the society drives on.
 from __future__ import annotations
 
 from collections import Counter
-from collections.abc import Callable
+from collections.abc import Callable, Iterator, Sequence
 from types import TracebackType
 from typing import Self
 
 from armadico.config.discovery import agent_class, owners
-from armadico.config.scenarios import Scenario
+from armadico.config.scenarios import AlarmAt, Scenario, mission_of
 from armadico.config.worlds import load_world
 from armadico.core.agent import WARNING
+from armadico.core.behaviour import Behaviour
 from armadico.core.cycles import LISTEN
-from armadico.core.messages import Claim, Correction, Log, Message, Pose, RobotState
+from armadico.core.messages import (
+    Alarm,
+    BoardMission,
+    Claim,
+    Correction,
+    Log,
+    Message,
+    Pose,
+    RobotState,
+)
 from armadico.core.resources import WHEELS
 from armadico.launch.society import LIVE, Options, errand, names, time_limit, watch
 from armadico.mesh.base import Mesh
@@ -36,6 +46,39 @@ SILENT_S = 10.0
 
 IDLE_S = 15.0
 """A run without a claim for the wheels for so long is over, if an agent is missing."""
+
+
+def _drives(name: str) -> bool:
+    """Whether an agent contends for the wheels of a robot that knows where it is."""
+    kind = agent_class(name)
+    return WHEELS in kind.competes_for and not (issubclass(kind, Behaviour) and kind.seeks)
+
+
+class Building:
+    """The alarms of a scenario's building: a guest of the society, that rings when it is time."""
+
+    def __init__(self, alarms: Sequence[AlarmAt]) -> None:
+        self._to_come = list(alarms)
+        self._to_end: list[tuple[float, str]] = []
+
+    def due(self, elapsed: float, mission: BoardMission | None) -> Iterator[Alarm]:
+        """Those that begin or end by now, s since the run began, each once."""
+        for alarm in [alarm for alarm in self._to_come if _begins(alarm, elapsed, mission)]:
+            self._to_come.remove(alarm)
+            if alarm.lasts_s is not None:
+                self._to_end.append((elapsed + alarm.lasts_s, alarm.room))
+            yield Alarm(alarm.room)
+        for end in [end for end in self._to_end if end[0] <= elapsed]:
+            self._to_end.remove(end)
+            yield Alarm(end[1], on=False)
+
+
+def _begins(alarm: AlarmAt, elapsed: float, mission: BoardMission | None) -> bool:
+    if alarm.at_s is not None:
+        return elapsed >= alarm.at_s
+    if mission is None or mission.doing.partition("(")[0] != alarm.during:
+        return False
+    return alarm.within in (None, mission.room)
 
 
 class Run:
@@ -66,6 +109,7 @@ class Run:
         self.limit = time_limit(0.0, options)
         self._warn: Callable[[str], None] = lambda _: None
         self._warned = ""
+        self._alarms = Building(scenario.alarms)
 
     def start(self) -> None:
         """See that all agents are alive. Raises RunFailedError if one is not."""
@@ -73,12 +117,12 @@ class Run:
 
     def begin(self) -> None:
         """Hand over the mission, if there is one. Raises MissionRefusedError or AbsentError."""
-        request = errand(self.scenario)
+        request = errand(self.scenario, self.options)
         if request is None:
             self.watch.begin()
             return
         reply = self.client.hand_over(request, find=HEAR_S, again=self.again_s)
-        self.limit = time_limit(reply.length, self.options)
+        self.limit = time_limit(reply.length, self.options, mission_of(self.scenario))
         self.watch.begin(reply.mission)
 
     def tell(self, warn: Callable[[str], None]) -> None:
@@ -94,12 +138,19 @@ class Run:
         if warn is not None:
             self.tell(warn)
         self.start()
+        if not any(map(_drives, self.names)):
+            self._warn(
+                "nobody contends for the wheels: no agent that would drive takes part, so the robot"
+                " will stand"
+            )
         self.begin()
         now = self.client.mesh.now
         begun = now()
         end = begun + self.limit  # and not what is left of it: that may be too little to be added
         while not self.watch.done and now() < end:
             self.wait(min(self.step_s, end - now()))
+            for alarm in self._alarms.due(now() - begun, self.watch.tasks):
+                self.client.publish(alarm)
             if progress is not None:
                 progress(self.watch)
             if not self.goes_on(now() - begun):
@@ -238,7 +289,8 @@ class LiveRun(Run):
     def _nobody_can(self, elapsed: float) -> bool:
         """Whether the wheels are not claimed any more, and an agent that takes part is missing."""
         state = self.watch.view.state
-        missing = sorted({*self.names} - {name for name, _ in self.client.alive})
+        # One of two that is left can, so far as its kind is needed.
+        missing = sorted({*self._missing()} - {name for name, _ in self.client.alive})
         if state is None or state.stop.stopped or not missing:
             return False
         if min(self.client.age(Claim), elapsed) < self._idle_s:

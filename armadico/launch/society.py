@@ -6,6 +6,7 @@ The same list is launched as real processes (`armadico.launch.local`) or put on 
 
 from __future__ import annotations
 
+import zlib
 from collections import Counter
 from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass
@@ -15,10 +16,12 @@ from pathlib import Path
 from msgspec import to_builtins
 from msgspec.structs import replace
 
-from armadico.config.discovery import AGENTS, agent_class, find, owners
+from armadico.config.discovery import AGENTS, agent_class, find, installed, owners
 from armadico.config.errors import ConfigError, advice
-from armadico.config.hosts import Host
+from armadico.config.hosts import Host, HostTable
 from armadico.config.loading import load_parameters
+from armadico.config.missions import Mission
+from armadico.config.needs import needs, tasks
 from armadico.config.parameters import load_set
 from armadico.config.profile import load_profile
 from armadico.config.scenarios import (
@@ -27,12 +30,15 @@ from armadico.config.scenarios import (
     beside,
     ideal,
     known_sensors,
+    mission_of,
+    on_mission,
     planned,
     scenario_from,
     society,
 )
 from armadico.config.worlds import load_world
-from armadico.core.messages import ExploreRequest, MissionRequest, Waypoint
+from armadico.core.agent import DeviceAgent
+from armadico.core.messages import ExploreRequest, MissionOrder, MissionRequest, Waypoint
 from armadico.core.resources import WHEELS, Resource
 from armadico.mesh.topology import DEFAULT_NAMESPACE
 from armadico.observe.conditions import Conditions, digest, packages, software
@@ -44,6 +50,8 @@ VIRTUAL, LIVE, ATTACHED = "virtual", "live", "attached"
 LIMIT_SPEED = 0.3
 LIMIT_FACTOR = 5.0
 LIMIT_LEAST = 60.0
+MISSION_S = 3600.0
+"""What a mission of several tasks may take that says nothing of it."""
 
 
 @dataclass(frozen=True)
@@ -63,6 +71,7 @@ class Options:
     resume: str | None = None  # a saved map that the mapping agent goes on with
     limit: float | None = None  # s that the run may take; None: as `time_limit` says
     namespace: str = DEFAULT_NAMESPACE  # the robot's
+    priority: float | None = None  # of a mission of several tasks; None: its own
     margin: float | None = None  # by how much a bid must be better; None: the resource's own
 
 
@@ -81,6 +90,7 @@ def prepared(
     start: PoseDeg | None = None,
     goal: PoseDeg | None = None,
     profile: str | None = None,
+    mission: str | None = None,
 ) -> Scenario:
     """The scenario with what was chosen for it: poses, and the make of robot.
 
@@ -96,6 +106,7 @@ def prepared(
         scenario = replace(scenario, start=checked.start, goal=checked.goal, robot=checked.robot)
     if options.sensors == society().ideal.sensors:
         scenario = ideal(scenario, options.besides)
+    scenario = on_mission(scenario, mission)
     more = tuple(name for name in options.besides if name not in scenario.agents)
     scenario = replace(
         scenario,
@@ -146,13 +157,44 @@ def share(
 ) -> tuple[Member, ...]:
     """The agents of one host: those of its entry that take part, and `more` beside them.
 
-    Without a scenario all of the entry take part, with parameters of their own.
+    Without a scenario all of the entry take part, with parameters of their own. So does whoever
+    watches the others.
     """
-    taken = host.agents if scenario is None else names(scenario)
+    taken = host.agents if scenario is None else (*names(scenario), *society().watch)
     taking = Counter(name for name in taken if name not in options.without)
     scenario = scenario or Scenario(world="empty", start=(0, 0, 0))
     here = (*(name for name in host.agents for _ in range(taking[name])), *more)
     return _launched(here, facts(scenario, options, host.robot or ""), options)
+
+
+def spare(
+    scenario: Scenario | None, options: Options, host: Host, table: HostTable
+) -> tuple[Member, ...]:
+    """The agents that one host would start in place of another that is gone.
+
+    Whoever owns a device is where the device is, and nowhere else.
+    """
+    placed = dict.fromkeys(name for other in table.hosts.values() for name in other.agents)
+    taken = placed if scenario is None else (*names(scenario, options.without), *society().watch)
+    here = installed(AGENTS)
+    able = [
+        name
+        for name in dict.fromkeys(taken)
+        if name in placed and name in here and (host.takes is None or name in host.takes)
+        if name not in host.agents and not issubclass(agent_class(name), DeviceAgent)
+    ]
+    scenario = scenario or Scenario(world="empty", start=(0, 0, 0))
+    return _launched(able, facts(scenario, options), options)
+
+
+def needed(scenario: Scenario | None, options: Options, table: HostTable) -> tuple[str, ...]:
+    """The agents of all hosts that a scenario cannot do without, of those that take part."""
+    placed = {name for other in table.hosts.values() for name in other.agents}
+    if scenario is None:
+        return tuple(name for name in needs(tasks(None)) if name in placed)
+    robot, *others = names(scenario, options.without)
+    wanted = (robot, *(name for name in needs(tasks(scenario)) if name in others))
+    return tuple(name for name in wanted if name in placed)
 
 
 def facts(scenario: Scenario, options: Options, port: str = "") -> dict[str, object]:
@@ -171,6 +213,7 @@ def facts(scenario: Scenario, options: Options, port: str = "") -> dict[str, obj
         "theta": radians(degrees),
         "world": None if scenario.plan == "frontiers" else scenario.world,  # it is to find out
         "v_max": scenario.v_max,
+        "capacity_ah": scenario.battery.capacity_ah,
         "resume": options.resume,
         "controller": options.controller,
         "social.exchange": options.exchange,
@@ -225,8 +268,14 @@ def processes(
     return found
 
 
-def errand(scenario: Scenario) -> MissionRequest | ExploreRequest | None:
+def errand(
+    scenario: Scenario, options: Options
+) -> MissionRequest | MissionOrder | ExploreRequest | None:
     """What the interface agent is asked for, or the explore agent; None: nobody is sent off."""
+    tasks = mission_of(scenario)
+    if tasks is not None:
+        packed = zlib.compress(tasks.text.encode())
+        return MissionOrder(tasks.name, packed, options.priority, "armadico mission run")
     if scenario.plan == "frontiers" and scenario.goal is not None:
         within = scenario.within or load_world(scenario.world).bounds
         return ExploreRequest(*within, _waypoint(scenario.goal))  # and nothing that is in it
@@ -259,14 +308,17 @@ def conditions(
     """What the run's result depends on besides its seed."""
     taking = names(scenario, options.without)
     driven = {**to_builtins(scenario), "agents": taking}
-    unnamed = replace(scenario, name="", title="", seed=0, world="", robot="", agents=())
+    unnamed = replace(
+        scenario, name="", title="", seed=0, world="", robot="", mission="", agents=()
+    )
+    tasks = mission_of(scenario)
     brought = packages(find(AGENTS, name).package for name in taking)
     return Conditions(
         mode=mode,
         namespace=None if mode == VIRTUAL else namespace,
         robot=options.robot,
         scenario=driven,
-        scenario_hash=digest((unnamed, taking)),
+        scenario_hash=digest((unnamed, taking, *(() if tasks is None else (tasks.text,)))),
         world_hash=digest(replace(load_world(scenario.world), name="")),
         profile_hash=digest(load_profile(scenario.robot)),
         agents={} if mode == ATTACHED else {m.name: m.sets for m in members(scenario, options, "")},
@@ -274,8 +326,13 @@ def conditions(
     )
 
 
-def time_limit(length: float, options: Options) -> float:
-    """Seconds that a run may take: as asked, or 5 times the way over 0.3 m/s, at least 60 s."""
+def time_limit(length: float, options: Options, tasks: Mission | None = None) -> float:
+    """Seconds that a run may take: as asked, or 5 times the way over 0.3 m/s, at least 60 s.
+
+    A mission of several tasks may take as long as it says itself.
+    """
+    if options.limit is None and tasks is not None:
+        return MISSION_S if tasks.timeout_s is None else tasks.timeout_s + LIMIT_LEAST
     return options.limit or max(LIMIT_FACTOR * length / LIMIT_SPEED, LIMIT_LEAST)
 
 

@@ -1,23 +1,27 @@
 """One host's share of a society as processes: started, watched, started again, taken down.
 
-The thesis's wakeup agent, and for now its monitor. It decides nothing about who drives.
+The machine of the wakeup agent (`armadico.launch.wakeup`), which decides who is started when. That
+one lives in a thread of this process, on the mesh; processes are the main thread's alone, which
+they are tied to.
 """
 
 from __future__ import annotations
 
+import queue
 import re
 import shutil
 import tempfile
+import threading
 import time
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
-from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Final
 
 from armadico.config.discovery import agent_class
-from armadico.core.restart_policy import Budget, Supervision
+from armadico.core.restart_policy import Budget
 from armadico.launch.processes import (
+    LEAVE_S,
     SIMULATOR,
     Process,
     StartError,
@@ -27,18 +31,15 @@ from armadico.launch.processes import (
     simulator_words,
 )
 from armadico.launch.society import Member, processes
-from armadico.runtime.client import Client
+from armadico.launch.wakeup import Do, Event, Order, Parameters, Wakeup, lines, orders
+from armadico.runtime.process import AgentHost, identity
 
 if TYPE_CHECKING:
     from armadico.config.scenarios import Scenario
-    from armadico.core.messages import Card
-    from armadico.mesh.zenoh import ZenohMesh
+    from armadico.mesh.base import Mesh
 
 LOOK_S: Final = 0.05
 """How often ended processes and new log lines are looked for."""
-
-CARD_S: Final = 0.5
-"""What an agent may take to answer the query for its card, before it is queried again."""
 
 LOG_BYTES: Final = 4_000_000
 """A log that is longer is kept as NAME.log.1, and begun anew."""
@@ -64,6 +65,10 @@ class Plan:
     """Options by which the processes find the mesh."""
     together: tuple[tuple[str, ...], ...] = ()
     """Agents that share a process."""
+    can: tuple[Member, ...] = ()
+    """Agents that it would start besides, if their own host is gone."""
+    needs: tuple[str, ...] = ()
+    """Agents of the whole society that what is asked for cannot do without."""
 
 
 @dataclass
@@ -106,31 +111,73 @@ class Tail:
         return f"{self.name}: {found['level']} {line[found.end() :]}" if self._loud else ""
 
 
+class Machine:
+    """The wakeup agent's port: orders go to the thread that has the processes, events come back."""
+
+    def __init__(self) -> None:
+        self.orders: queue.SimpleQueue[Order] = queue.SimpleQueue()
+        self._events: queue.SimpleQueue[Event] = queue.SimpleQueue()
+
+    def tell(self, event: Event) -> None:
+        """What became of a process."""
+        self._events.put(event)
+
+    def read(self, timeout_s: float) -> bytes:
+        """See `Port`."""
+        try:
+            return lines(self._events.get(timeout=timeout_s))
+        except queue.Empty:
+            return b""
+
+    def write(self, data: bytes) -> None:
+        """See `Port`."""
+        for order in orders(data):
+            self.orders.put(order)
+
+    def close(self) -> None:
+        """See `Port`."""
+
+
 class Upkeep:
     """Keeps a share up; a context manager that leaves nothing running."""
 
     def __init__(
-        self, plan: Plan, mesh: ZenohMesh, say: Callable[[str], None], budget: Budget | None = None
+        self, plan: Plan, mesh: Mesh, say: Callable[[str], None], budget: Budget | None = None
     ) -> None:
         """`say` is told what goes wrong, a line at a time."""
         self.plan = plan
-        self.supervision = Supervision(budget)
         self.logs = Path(tempfile.mkdtemp(prefix="armadico-"))
         self.processes: dict[str, Process] = {}
-        self._client = Client(mesh)
+        self.machine = Machine()
         self._say = say
         self._groups = processes(plan.members, plan.together)
+        self._lent = {member.name: (member,) for member in plan.can}
         self._tails: dict[str, Tail] = {}
+        self._ending: dict[str, float] = {}  # who is to leave, and when it is killed if it has not
         self._port: str | None = None
-        self._seen: dict[tuple[str, str], Card] = {}
-        self._ask_at: dict[tuple[str, str], float] = {}  # when who has not answered is asked anew
-        self._waiting: dict[str, float] = {}  # who has not been seen since, s
         self._well = True
+        budget = budget or Budget()
+        labels = {label: tuple(m.name for m in group) for label, group in self._groups.items()}
+        simulator: dict[str, tuple[str, ...]] = {SIMULATOR: ()} if plan.simulated else {}
+        parameters = Parameters(
+            host=plan.host,
+            processes=simulator | labels,
+            can=tuple(self._lent),
+            needs=plan.needs,
+            restarts=budget.restarts,
+            within_s=budget.within_s,
+        )
+        self.wakeup = Wakeup(identity(Wakeup.name, plan.host), parameters)
+        self._agents = AgentHost([self.wakeup], mesh, {self.wakeup.instance: lambda: self.machine})
+        self._thread = threading.Thread(target=self._live, name="wakeup", daemon=True)
 
     def __enter__(self) -> Upkeep:
         return self
 
     def __exit__(self, kind: type[BaseException] | None, *_: object) -> None:
+        if self._thread.is_alive():
+            self._agents.request_stop()
+            self._thread.join(LEAVE_S)
         end_in_order(list(self.processes.values()))
         self._relay()
         if self._well and (kind is None or issubclass(kind, KeyboardInterrupt)):
@@ -138,8 +185,9 @@ class Upkeep:
 
     def start(self) -> None:
         """Start everything. Raises GaveUpError if the simulator does not come up."""
+        self._thread.start()
         if self.plan.simulated is not None:
-            self._start_simulator(self.plan.simulated)
+            self._start(SIMULATOR)
         for label in self._groups:
             self._start(label)
 
@@ -148,23 +196,75 @@ class Upkeep:
 
         `ready` is told, once, how long it took (s) until everybody could be seen on the mesh.
         """
-        begun, told = time.monotonic(), False
+        begun = time.monotonic()
         while True:
-            self._client.wait_for(self._anybody_ended, LOOK_S)
-            self._mourn()
-            for label in self.supervision.due(time.monotonic()):
-                self._start_again(label)
-            self._relay()
-            self._greet()
-            if not (told or self._waiting):
-                told = True
+            order = self._ordered()
+            if order is not None and order.do is Do.READY:
                 ready(time.monotonic() - begun)
+            elif order is not None:
+                self._obey(order)
+            self._mourn()
+            self._relay()
+
+    # The wakeup agent ----------------------------------------------------------------------------
+
+    def _live(self) -> None:
+        """Be the wakeup agent's thread; what ends it early ends the share."""
+        try:
+            self._agents.live()
+            why = self._agents.refusal
+        except Exception as error:  # whatever it is: without it nobody would start anybody again
+            why = f"{type(error).__name__}: {error}"
+        if why:
+            self.machine.orders.put(Order(Do.GIVE_UP, text=f"the wakeup agent is gone: {why}"))
+        self._agents.leave()
+
+    def _ordered(self) -> Order | None:
+        """The next order; None if there is none for a while."""
+        try:
+            return self.machine.orders.get(timeout=LOOK_S)
+        except queue.Empty:
+            return None
+
+    def _obey(self, order: Order) -> None:
+        process = self.processes.get(order.label)
+        match order.do:
+            case Do.START if process is None:
+                self._start(order.label)
+            case Do.KILL if process is not None:
+                process.popen.kill()
+            case Do.END if process is not None:
+                process.popen.terminate()
+                self._ending[order.label] = time.monotonic() + LEAVE_S
+            case Do.SAY:
+                self._relay()  # what the process says itself comes first
+                self._say(order.text)
+            case Do.GIVE_UP:
+                self._relay()
+                raise GaveUpError(order.text)
 
     # Starting ------------------------------------------------------------------------------------
 
-    def _start_simulator(self, scenario: Scenario) -> None:
+    def _start(self, label: str) -> None:
+        if label == SIMULATOR:
+            process = self._simulator()
+        else:
+            process = self._run(label, agent_words(self._members(label), self.plan.namespace))
+        self.machine.tell(Event(label, process.popen.pid))
+
+    def _members(self, label: str) -> list[Member]:
+        """The agents of a process, told where the simulator is if they have its port."""
+        return [
+            Member(member.name, (*member.sets, f"port={self._port}"))
+            if self._port is not None and "port" in agent_class(member.name).launched_with
+            else member
+            for member in self._groups.get(label) or self._lent[label]
+        ]
+
+    def _simulator(self) -> Process:
+        assert self.plan.simulated is not None, "there was one"
         port = 0 if self._port is None else int(self._port.rpartition(":")[2])
-        words = simulator_words(scenario, self.plan.seed, self.plan.namespace, port)
+        words = simulator_words(self.plan.simulated, self.plan.seed, self.plan.namespace, port)
         process = self._run(SIMULATOR, words, listen=True)
         if self._port is None:  # later ones take the same port, and the robot agent finds them
             try:
@@ -172,29 +272,10 @@ class Upkeep:
             except StartError as error:
                 self._well = False
                 raise GaveUpError(str(error)) from None
-
-    def _start(self, label: str) -> None:
-        group = [
-            Member(member.name, (*member.sets, f"port={self._port}"))
-            if self._port is not None and "port" in agent_class(member.name).launched_with
-            else member
-            for member in self._groups[label]
-        ]
-        self._run(label, agent_words(group, self.plan.namespace))
-        self._waiting[label] = time.monotonic()
-
-    def _start_again(self, label: str) -> None:
-        if label == SIMULATOR:
-            assert self.plan.simulated is not None, "there was one"
-            self._start_simulator(self.plan.simulated)
-        else:
-            self._start(label)
+        return process
 
     def _run(self, label: str, words: Sequence[str], *, listen: bool = False) -> Process:
         log = self.logs / f"{label}.log"
-        before = self.processes.get(label)
-        if before is not None and before.popen.stdout is not None:
-            before.popen.stdout.close()
         process = Process(label, [*words, *self.plan.joining], log, listen=listen, tied=True)
         self.processes[label] = process
         self._tails.setdefault(label, Tail(label, log))
@@ -202,32 +283,22 @@ class Upkeep:
 
     # Watching ------------------------------------------------------------------------------------
 
-    def _anybody_ended(self) -> bool:
-        return any(process.ended() for process in self.processes.values())
-
     def _mourn(self) -> None:
+        """Tell the wakeup agent who has ended, and kill who should have."""
+        now = time.monotonic()
         for label, process in list(self.processes.items()):
             if not process.ended():
+                if now >= self._ending.get(label, now + 1.0):
+                    process.popen.kill()
                 continue
             del self.processes[label]
-            self._waiting.setdefault(label, time.monotonic())
-            self._well = False
+            asked = self._ending.pop(label, None) is not None
+            self._well = self._well and asked
+            if process.popen.stdout is not None:
+                process.popen.stdout.close()
             code = process.popen.returncode
-            why = self.supervision.ended(label, code, time.monotonic())
-            if why is not None:
-                self._relay()
-                raise GaveUpError(
-                    f"{label} ended with {ending(code)}, and is not started again: {why}."
-                    f" Its last words:\n{process.last_words()}"
-                )
-            if self.supervision.kept_out(label):
-                self._relay()  # it says itself who
-                self._say(
-                    f"{label} left: somebody is in its way; the others go on, and it is tried"
-                    " again now and then"
-                )
-            else:
-                self._say(f"{label} ended with {ending(code)}; it is started again")
+            words = process.last_words()
+            self.machine.tell(Event(label, 0, ending(code), code, words))
 
     def _relay(self) -> None:
         """Pass on what the processes log of faults."""
@@ -235,31 +306,3 @@ class Upkeep:
             for line in tail.loud():
                 self._say(line)
             tail.turn()
-
-    def _greet(self) -> None:
-        """See who is on the mesh by now; the simulator is no agent, and is not waited for.
-
-        Cards are asked for all at once, and come while the loop waits: one that hangs, here or on
-        another host, delays nobody.
-        """
-        self._waiting.pop(SIMULATOR, None)
-        if not self._waiting:
-            return
-        awaited = {m.name for label in self._waiting for m in self._groups.get(label, ())}
-        now = time.monotonic()
-        for who in sorted(self._client.alive):
-            asked = who in self._seen or self._ask_at.get(who, now) > now
-            if who[0] in awaited and not asked:
-                self._ask_at[who] = now + CARD_S
-                self._client.request_card(*who, CARD_S, partial(self._answered, who))
-        here = {(c.name, c.pid) for c in self._seen.values() if c.host == self.plan.host}
-        for label, process in self.processes.items():
-            group = self._groups.get(label, ())
-            up = all((member.name, process.popen.pid) in here for member in group)
-            if up and self._waiting.pop(label, None) is not None:
-                self.supervision.began(label, now)
-
-    def _answered(self, who: tuple[str, str], card: Card | None) -> None:
-        self._ask_at.pop(who, None)
-        if card is not None:
-            self._seen[who] = card

@@ -10,24 +10,30 @@ from __future__ import annotations
 
 from dataclasses import dataclass, field
 from math import degrees, hypot, radians
+from typing import Final
 
 from msgspec import Struct
 
 from armadico.core.geometry import Pose2, to_world, wrap
 from armadico.core.messages import (
     Ack,
+    BatteryLevel,
+    Board,
+    BoardMission,
     Claim,
     Command,
     Description,
     ExploreState,
     ExploreStatus,
     Message,
+    MissionEnd,
     MissionState,
     MissionStatus,
     OccupancyGrid,
     Pose,
     RobotState,
     Sonar,
+    StepResult,
     Trajectory,
     Truth,
 )
@@ -47,21 +53,42 @@ WATCHED: tuple[type[Message], ...] = (
     Sonar,
     Claim,
     MissionStatus,
+    BatteryLevel,
     ExploreStatus,
+    Board,
     OccupancyGrid,
     Trajectory,
 )
 """What a `RunWatch` wants to be shown."""
 
 
+ENDS: Final = {
+    MissionEnd.DONE: "",
+    MissionEnd.FAILED: "it failed",
+    MissionEnd.CANCELLED: "it was cancelled",
+}
+"""How a mission of several tasks ends, and why it is not done."""
+
+
+class TaskResult(Struct, frozen=True):
+    """What came of one step of a mission; `at_s` is how long the mission was at work by then."""
+
+    step: str
+    end: str
+    said: str
+    at_s: float
+
+
 class Result(Struct, frozen=True):
     """One run. Without truth (a real robot) the pose stands in, and what it cannot tell is null.
 
     TD m, FO degrees off the goal's heading, TT s, P per cent of the straight distance start to
-    goal; without a goal there is no FO, no P, and nothing to be reached. `limit_s` is the time
-    limit, if that ended the run; `why` a mission failed, or was not driven at the end. Shares (the
-    thesis's TG, TA, TGt) by agent: per cent of the cycles in which it was obeyed, of those in which
-    anybody was. Collisions are those of the robot's own motion: nobody's who walked into it.
+    goal; without a goal there is no FO, no P, and nothing to be reached. `done` is whether a
+    mission of several tasks ended as asked, `tasks` what came of each; null: it was none. `limit_s`
+    is the time limit, if that ended the run; `why` a mission failed, or was not driven at the end.
+    Shares (the thesis's TG, TA, TGt) by agent: per cent of the cycles in which it was obeyed, of
+    those in which anybody was. Collisions are those of the robot's own motion: nobody's who walked
+    into it.
     """
 
     scenario: str
@@ -78,19 +105,23 @@ class Result(Struct, frozen=True):
     limit_s: float | None = None
     conditions: Conditions | None = None
     why: str = ""
+    done: bool | None = None
+    tasks: tuple[TaskResult, ...] | None = None
 
     @property
     def passed(self) -> bool:
-        """Reached, if there was a goal, and nothing touched."""
-        return self.reached is not False and not self.collisions
+        """Reached, if there was a goal, and done, if a mission; and nothing touched."""
+        return self.reached is not False and self.done is not False and not self.collisions
 
     @property
     def outcome(self) -> str:
         """Whether it was reached, and if not, what ended it."""
-        if self.reached is None:
+        if self.reached is None and self.done is None:
             return "no goal"
         limit = "" if self.limit_s is None else f": time limit of {self.limit_s:.0f} s"
         why = f": {self.why}" if self.why else ""
+        if self.done is not None:
+            return "done" if self.done else f"NOT done{limit}{why}"
         return "reached" if self.reached else f"NOT reached{limit}{why}"
 
     @property
@@ -102,6 +133,10 @@ class Result(Struct, frozen=True):
             f"{self.outcome}; {self.tt_s:.1f} s over {self.td_m:.2f} m;"
             f" {self.exchanges} exchanges, {self.collisions or 0} collisions{clear}"
         )
+
+
+def _told(result: StepResult) -> TaskResult:
+    return TaskResult(result.step, result.end.value, result.said, round(result.at, 3))
 
 
 def _own(truth: Truth) -> int:
@@ -144,6 +179,7 @@ class RunWatch:
     failed: str = ""  # why a mission or an exploration ended otherwise than asked
     waits: str = ""  # why a mission is not driven now
     explored: ExploreStatus | None = None
+    tasks: BoardMission | None = None  # a mission of several tasks
     grid: OccupancyGrid | None = None  # the map made by driving
     begun: bool = False
     mission: int = 0
@@ -208,7 +244,7 @@ class RunWatch:
     def astray(self) -> tuple[float, float] | None:
         """How far a pose that says the goal is reached is off, m and degrees; None if it is not."""
         pose, truth = self.view.pose, self.view.truth
-        ended = self.done and not self.failed
+        ended = self.done and not self.failed and self.goal is not None
         if not ended or pose is None or truth is None or self.result().reached:
             return None
         turned = abs(degrees(wrap(pose.theta - truth.theta)))
@@ -236,6 +272,8 @@ class RunWatch:
             limit_s=self.limit,
             conditions=self.conditions,
             why=self.failed or self.waits,
+            done=None if self.tasks is None else self.tasks.state is MissionEnd.DONE,
+            tasks=None if self.tasks is None else tuple(map(_told, self.tasks.course.results)),
         )
 
     def _by_the_goal(self) -> tuple[bool | None, float | None, float | None]:
@@ -299,6 +337,15 @@ class RunWatch:
             self.done = status.state in (MissionState.REACHED, MissionState.FAILED)
             self.failed = status.note if status.state is MissionState.FAILED else ""
             self.waits = "" if self.done else status.note
+
+    def _take_board(self, board: Board) -> None:
+        for tasks in board.missions:
+            if tasks.mission == self.mission:
+                self.tasks = tasks
+                self.done = tasks.state in ENDS
+                why = ENDS.get(tasks.state, "")
+                self.failed = ": ".join(filter(None, [why, tasks.note])) if why else ""
+                self.waits = "" if self.done else tasks.note
 
     def _take_occupancygrid(self, grid: OccupancyGrid) -> None:
         self.grid = grid

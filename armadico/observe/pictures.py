@@ -11,7 +11,7 @@ from __future__ import annotations
 
 import io
 import sys
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass, field
 from itertools import cycle, groupby, pairwise
 from math import cos, hypot, pi, sin
@@ -47,7 +47,7 @@ LINES = ("solid", "dashed", "dotted", "dashdot")
 NOBODY = "#9a9a9a"
 
 INK, SOFT, FAINT, PAPER, FLOOR = "#22303c", "#6b7883", "#dfe4e8", "#ffffff", "#f4f7f9"
-START, GOAL = "#3b7d23", "#b01e68"
+START, GOAL, DOCK = "#3b7d23", "#b01e68", "#2b6cb0"
 FORBIDDEN = "#c0392b"
 PARTICLE = "#0b8f88"
 MAPPED_FREE, MAPPED = "#e3ecf3", "#d98c1f"
@@ -107,7 +107,7 @@ def draw_world(
     """A PNG of a world: walls, rooms by their names, doors, a start and a goal."""
     canvas = _Canvas(world)
     canvas.heading(world.name, _size(world))
-    canvas.poses(start, goal, ())
+    canvas.poses(start, goal, (), world.docks.values())
     canvas.save(path_out)
 
 
@@ -120,7 +120,7 @@ def draw_run(world: World, run: Run, path_out: Path | str) -> None:
     else:
         canvas.mapped(run.mapped)
     canvas.path(run.steps)
-    canvas.poses(run.start, run.goal, run.waypoints)
+    canvas.poses(run.start, run.goal, run.waypoints, world.docks.values())
     canvas.robots(run.steps, run.body)
     canvas.save(path_out)
 
@@ -287,14 +287,21 @@ class _Canvas:
             )
             self.legend.setdefault(holder or "nobody", line)
 
-    def poses(self, start: Pose | None, goal: Pose | None, waypoints: Sequence[Pose]) -> None:
+    def poses(
+        self,
+        start: Pose | None,
+        goal: Pose | None,
+        waypoints: Sequence[Pose],
+        docks: Iterable[Pose] = (),
+    ) -> None:
         for x, y, _ in waypoints:
             px, py = self.at(x, y)
             (cross,) = self.axes.plot(
                 [px], [py], "x", color=INK, markersize=8, markeredgewidth=1.6, zorder=6
             )
             self.legend["waypoint"] = cross
-        for name, pose, ink in (("start", start, START), ("goal", goal, GOAL)):
+        stand = [("docks", dock, DOCK) for dock in docks]
+        for name, pose, ink in (("start", start, START), ("goal", goal, GOAL), *stand):
             if pose is not None:
                 self._arrow(pose, ink)
                 self.legend[name] = self._handle(ink)
@@ -421,7 +428,10 @@ class _Canvas:
 
 def _rank(name: str) -> tuple[int, str]:
     """The order of a legend: the agents first."""
-    order = ("nobody", "start", "waypoint", "goal", "sonar echo", "mapped free", "mapped occupied")
+    order = (
+        *("nobody", "start", "waypoint", "goal", "docks"),
+        *("sonar echo", "mapped free", "mapped occupied"),
+    )
     return (order.index(name), "") if name in order else (-1, name)
 
 

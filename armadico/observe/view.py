@@ -19,6 +19,7 @@ from armadico.core.behaviour import LOST_M
 from armadico.core.cycles import PERIOD
 from armadico.core.messages import (
     Ack,
+    BatteryLevel,
     BidHistory,
     BidRecord,
     Card,
@@ -61,12 +62,27 @@ def driver(ack: Ack) -> str | None:
     return ack.obeyed.instance if ack.cycle.number - at.number <= FRESH_CYCLES else None
 
 
+def battery(state: RobotState, level: BatteryLevel | None) -> str:
+    """The voltage, what is left if anybody says so, and whether it is charged, for people."""
+    words = [f"{state.battery_v:.1f} V"]
+    words += [] if level is None else [f"{100.0 * level.share:.0f} %"]
+    return ", ".join([*words, *["charging"] * state.charging])
+
+
 class Seen(NamedTuple):
     """An instance that is alive, and its card; None: not shown yet."""
 
     name: str
     instance: str
     card: Card | None
+
+
+_NEWEST: Final[dict[type[Message], str]] = {
+    RobotState: "state",
+    MissionStatus: "mission",
+    BatteryLevel: "level",
+}
+"""What is known of a society just as it was last said."""
 
 
 class View:
@@ -78,6 +94,7 @@ class View:
         bids: By instance, the newest record of a bid, or of why there was none, and when it came.
         acks: By resource, its owner's newest word.
         rates: By key, how often something is published on it.
+        level: What the battery sensor agent last said.
         truth: The newest of the robot's own simulator.
         lost_since: When its pose became one that nobody drives by; None: it is not.
         simulators: All that speak in the namespace, and when they last did.
@@ -96,6 +113,7 @@ class View:
         self.simulators: dict[str, float] = {}
         self.description: Description | None = None
         self.mission: MissionStatus | None = None
+        self.level: BatteryLevel | None = None
         self._correction: tuple[Correction, float] | None = None
         self._claims: dict[str, tuple[Claim, float]] = {}
         self._acked: dict[str, tuple[float, float]] = {}  # when, and from ack to ack, s
@@ -137,26 +155,24 @@ class View:
     def learn(self, message: Message, t: float) -> None:
         """Take a message, published or given in answer."""
         match message:
-            case RobotState():
-                self.state = message
+            case RobotState() | MissionStatus() | BatteryLevel():
+                setattr(self, _NEWEST[type(message)], message)
             case Pose():
                 self._take_pose(message, t)
             case Correction():
                 self._correction = message, t
             case Description():
                 self.description = message
-                if self.truth is not None and self.truth.simulator != self.controller:
+                if self.truth is not None and not self._own(self.truth.simulator):
                     self.truth = None
             case Truth():
                 self.simulators[message.simulator] = t
-                if message.simulator == self.controller:
+                if self._own(message.simulator):
                     self.truth = message
             case Ack():
                 self._take_ack(message, t)
             case Claim():
                 self._take_claim(message, t)
-            case MissionStatus():
-                self.mission = message
             case Card():
                 self.cards[message.instance] = message
             case BidHistory() if message.bids:
@@ -206,19 +222,28 @@ class View:
         """The robot's controller, as it names itself; empty if that is not known."""
         return "" if self.description is None else self.description.controller
 
+    def _own(self, simulator: str) -> bool:
+        """Whether a simulator is the robot's. One without a name is nobody's."""
+        return simulator == self.controller != ""
+
     def strangers(self, now: float) -> list[str]:
         """Simulators that speak in the namespace, and none of which is the robot's.
 
         Where no robot is described, several of them are strangers to one another.
         """
         spoken = [each for each, at in self.simulators.items() if now - at <= WINDOW_S]
-        others = sorted({*spoken} - {self.controller})
+        others = sorted(each for each in spoken if not self._own(each))
         return others if self.description is not None or len(others) > 1 else []
 
     @property
     def stop(self) -> Stop:
         """The stop as the robot has it."""
         return Stop() if self.state is None else self.state.stop
+
+    @property
+    def battery(self) -> str:
+        """The robot's, for people; empty: nobody says."""
+        return "" if self.state is None else battery(self.state, self.level)
 
     def confidence(self, now: float) -> float | None:
         """How sure it is of the pose by the map, 0 to 1; None: nobody says so now."""

@@ -21,6 +21,7 @@ from armadico.core.messages import (
     Card,
     ExploreRequest,
     Message,
+    MissionOrder,
     MissionReply,
     MissionRequest,
     MissionState,
@@ -234,7 +235,7 @@ class Client:
 
     def hand_over(
         self,
-        request: MissionRequest | ExploreRequest,
+        request: MissionRequest | MissionOrder | ExploreRequest,
         *,
         find: float = FIND_S,
         again: float = 0.0,

@@ -66,9 +66,13 @@ class Reported(Struct, frozen=True):
 
 
 class LinkLost(Struct, frozen=True):
-    """An open link ended; the session tries to open it again."""
+    """An open link ended; the session tries to open it again.
+
+    `reset` says that the controller was: it told so, as when somebody presses its button.
+    """
 
     reason: str
+    reset: bool = False
 
 
 class Unanswered(Struct, frozen=True):
@@ -307,7 +311,7 @@ class Session:
         elif action is Action.SET_UP:
             self._open()
         elif action is Action.LOSE:
-            self._events.append(LinkLost(_REASONS[signal]))
+            self._events.append(LinkLost(_REASONS[signal], signal is Signal.RESET))
         elif action in {Action.UNANSWERED, Action.UNHEARD}:
             self._attempts += 1
             streaming = action is Action.UNHEARD

@@ -20,6 +20,7 @@ STATUS_TYPES = (STOPPED, MOVING)
 MOTORS_ENABLED = 0x0001
 SONAR_ARRAYS = 0x001E  # a bit for each of the four arrays
 STOP_BUTTON = 0x0020
+CHARGING = 0x0400  # the charger's power is good
 
 POSITION_COUNTS = 32768  # XPOS and YPOS have fifteen bits
 TURN_UNITS = 4096  # THPOS and CONTROL, one turn
@@ -47,6 +48,7 @@ class Status(Struct, frozen=True, kw_only=True):
     motors_enabled: bool = False
     sonar_arrays: int = 0  # bits 0 to 3: array 1 to 4 is on
     stop_button: bool = False
+    charging: bool = False
     flags: int = 0  # as sent, the flags named here included
     front_bumpers: int = 0  # a bit each
     rear_bumpers: int = 0
@@ -115,6 +117,7 @@ def decode_status(payload: bytes, units: P2osUnits) -> Status:
         motors_enabled=bool(flags & MOTORS_ENABLED),
         sonar_arrays=(flags & SONAR_ARRAYS) >> 1,
         stop_button=bool(flags & STOP_BUTTON),
+        charging=bool(flags & CHARGING),
         flags=flags,
         front_bumpers=(front & _BUMPERS) >> 1,
         rear_bumpers=(rear & _BUMPERS) >> 1,
@@ -127,12 +130,13 @@ def decode_status(payload: bytes, units: P2osUnits) -> Status:
 
 
 def _flags(status: Status) -> int:
-    named = MOTORS_ENABLED | SONAR_ARRAYS | STOP_BUTTON
+    named = MOTORS_ENABLED | SONAR_ARRAYS | STOP_BUTTON | CHARGING
     return (
         status.flags & ~named & 0xFFFF
         | status.motors_enabled * MOTORS_ENABLED
         | status.sonar_arrays << 1 & SONAR_ARRAYS
         | status.stop_button * STOP_BUTTON
+        | status.charging * CHARGING
     )
 
 

@@ -1,10 +1,18 @@
-"""A lead-acid battery: its voltage falls as it empties, and sags under load."""
+"""A lead-acid battery: its voltage falls as it empties, and sags under load; docks charge it."""
 
 from __future__ import annotations
 
+from collections.abc import Iterable
+from math import cos, hypot, radians, remainder, sin, tau
+
 from armadico.config.profile import Battery as Parameters
+from armadico.config.worlds import Pose
 
 SECONDS_PER_HOUR = 3600.0
+
+
+CONTACT_M, CONTACT_RAD = 0.05, radians(8)
+"""Chosen: so far off the dock's pose, and turned so much, its contacts still meet the robot's."""
 
 
 class Battery:
@@ -13,9 +21,17 @@ class Battery:
     Linear is what lead-acid is between full and empty, to about 0.1 V; the profile's `empty_v` is
     where the robot has to be charged, not where the chemistry ends. The motors are chopped, so they
     draw power rather than their own current: I = idle + P / U, and braking gives nothing back.
+    A charger gives a constant current, and from some charge on less and less, which is what its
+    constant voltage comes to.
+
+    Attributes:
+        charge: 1 full, 0 empty.
+        volts: At the terminals, under the present load.
+        charging: Whether it is on a charger.
+        used_j: What motors and electronics have taken so far, J.
     """
 
-    __slots__ = ("_capacity_as", "_parameters", "charge", "volts")
+    __slots__ = ("_capacity_as", "_charger", "_parameters", "charge", "charging", "used_j", "volts")
 
     def __init__(self, parameters: Parameters, charge: float = 1.0) -> None:
         self._parameters = (
@@ -23,7 +39,10 @@ class Battery:
             *(parameters.internal_ohm, parameters.idle_a),
         )
         self._capacity_as = parameters.capacity_ah * SECONDS_PER_HOUR
-        self.charge = charge  # 1 full, 0 empty
+        self._charger = parameters.charge_a, max(1.0 - parameters.taper_from, 1e-3)
+        self.charge = charge
+        self.charging = False
+        self.used_j = 0.0
         self.volts = parameters.full_v
         self.drain(0.0, 0.0)
 
@@ -31,6 +50,29 @@ class Battery:
         """`dt` seconds in which the motors take `motors_w` watts."""
         empty, span, internal, idle = self._parameters
         amperes = idle + motors_w / self.volts if motors_w > 0.0 else idle
+        self.used_j += self.volts * amperes * dt
+        if self.charging:
+            amperes -= self._given()
         charge = self.charge - amperes * dt / self._capacity_as
-        self.charge = charge = charge if charge > 0.0 else 0.0
+        self.charge = charge = min(charge, 1.0) if charge > 0.0 else 0.0
         self.volts = empty + span * charge - internal * amperes
+
+    def _given(self) -> float:
+        """What the charger gives now, A."""
+        most, taper = self._charger
+        return most * min(1.0, (1.0 - self.charge) / taper)
+
+
+def in_contact(pose: Pose, docks: Iterable[Pose]) -> bool:
+    """Whether a robot stands in one of the docks, so well that it is charged; m, m, rad."""
+    x, y, theta = pose
+    for at_x, at_y, heading in docks:
+        dx, dy = x - at_x, y - at_y
+        if hypot(dx, dy) > 2.0 * CONTACT_M:
+            continue
+        c, s = cos(heading), sin(heading)
+        ahead, aside = c * dx + s * dy, c * dy - s * dx
+        turned = remainder(theta - heading, tau)
+        if max(abs(ahead), abs(aside)) <= CONTACT_M and abs(turned) <= CONTACT_RAD:
+            return True
+    return False

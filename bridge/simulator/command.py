@@ -20,7 +20,7 @@ if TYPE_CHECKING:
     from armadico.bridge.simulator.pioneer import Pioneer
     from armadico.bridge.simulator.server import Line
     from armadico.config.moving import Moving
-    from armadico.config.scenarios import Scenario
+    from armadico.config.scenarios import Battery, Scenario
     from armadico.mesh.zenoh import ZenohMesh
 
 PORT: Final = 8101
@@ -142,6 +142,19 @@ def parser() -> argparse.ArgumentParser:
         help="a scenario's [[moving]], as a list",
     )
     made.add_argument(
+        "--charge",
+        type=float,
+        default=1.0,
+        metavar="SHARE",
+        help="of the battery that is left (default 1, full)",
+    )
+    made.add_argument(
+        "--capacity",
+        type=float,
+        metavar="AH",
+        help="of the battery, Ah (default: the robot profile's)",
+    )
+    made.add_argument(
         "--unkind",
         nargs="*",
         choices=[trap.value for trap in Trap],
@@ -187,6 +200,7 @@ def _scenario(args: argparse.Namespace) -> Scenario:
         robot=args.robot,
         sensors=args.sensors,
         moving=moving,
+        battery=_battery(args.charge, args.capacity),
     )
 
 
@@ -212,6 +226,18 @@ def _others(args: argparse.Namespace) -> tuple[tuple[float, float, float], ...]:
     if found and args.moving != "[]":
         raise options.UsageError("--moving is for the world of one robot, without --also")
     return tuple(found)
+
+
+def _battery(charge: float, capacity: float | None) -> Battery:
+    import msgspec  # noqa: PLC0415 - not for --help
+
+    from armadico.config.scenarios import Battery  # noqa: PLC0415 - not for --help
+
+    given = {"charge": charge, "capacity_ah": capacity}
+    try:
+        return msgspec.convert(given, Battery)
+    except msgspec.ValidationError as error:
+        raise options.UsageError(f"--charge {charge:g}, --capacity {capacity}: {error}") from None
 
 
 def _moving(text: str) -> tuple[Moving, ...]:

@@ -248,6 +248,7 @@ class Microcontroller:
             left_stall=motion.stalled,
             right_stall=motion.stalled,
             motors_enabled=motion.enabled,
+            charging=plant.charging,
             sonar_arrays=self._firing.arrays,
             control_rad=motion.heading_set,
             echoes=self._firing.take(),

@@ -62,6 +62,10 @@ class Plant(Protocol):
     def battery_v(self) -> float:
         """Voltage of the battery."""
 
+    @property
+    def charging(self) -> bool:
+        """Whether it is being charged."""
+
     def run(self, steps: int, driver: Driver) -> None:
         """Let steps pass; before each the driver turns v and w into the motors' voltages."""
 

@@ -10,8 +10,9 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from itertools import pairwise
-from math import cos, exp, hypot, pi, sin, tau
+from math import cos, exp, hypot, pi, radians, sin, sqrt, tau
 from random import Random
+from typing import NamedTuple
 
 import pymunk
 
@@ -28,8 +29,53 @@ STROLL_M = (1.0, 6.0)  # how far it is
 DRAWS = 20  # places are looked at at a time; if none will do, it waits
 WAIT_S = 1.0
 APPEAR_M = 0.05  # a door or a box comes if the robot is farther than this
+PUSH_M2_S2, PUSH_M = 2.1, 0.3  # the potential's height and length: V0 and sigma
+AHEAD_S = 2.0  # delta t, the time of a step
+SIGHT = cos(radians(100))  # 2 phi is 200 degrees
+UNSEEN = 0.5  # c
+FASTEST = 1.3  # of the speed that is wished
+APART_M = 0.1  # nearer than this a touch that was is not over
+STANDS_M_S = 0.05  # a place of the robot that goes slower than this stands
+NOTICED_M = 1.0  # who has walked into the robot heeds it to here
+TOUCHED_M = 0.02  # a person is this near to what touches it: a sonar's person has corners
+TINY_M = 1e-3
 SIDES = 8  # of a person, to a sonar
 CLOTHES = Surface(cos(pi / 3), 0.0)  # they scatter, whoever stands in front of the sonar
+
+
+class Gap(NamedTuple):
+    """The way from the robot to a place, as unit vectors in the world's frame."""
+
+    m: float  # from the outline
+    x: float
+    y: float
+    away_x: float  # from its middle
+    away_y: float
+    comes_m_s: float  # so fast the outline comes nearer,
+    goes_m_s: float  # and so fast it goes there, wherever to
+    middle_m: float  # from its middle
+    step_x: float  # how far that goes in `AHEAD_S`, m
+    step_y: float
+
+
+Gaps = Callable[[float, float], Gap]
+
+
+def pushed(gap: Gap) -> tuple[float, float]:
+    """The acceleration by which a robot that drives is kept clear of, m/s^2.
+
+    Minus the gradient of V0 exp(-b / sigma), whose equipotential lines are ellipses about the way
+    that the robot goes next; b is the semi-minor axis of that through the place.
+    """
+    step = hypot(gap.step_x, gap.step_y)
+    if step == 0.0:
+        return 0.0, 0.0
+    x, y = gap.middle_m * gap.away_x, gap.middle_m * gap.away_y
+    later_x, later_y = x - gap.step_x, y - gap.step_y
+    now, later = max(gap.middle_m, TINY_M), max(hypot(later_x, later_y), TINY_M)
+    b = 0.5 * sqrt(max((now + later) ** 2 - step * step, TINY_M))
+    force = PUSH_M2_S2 / PUSH_M * exp(-b / PUSH_M) * (now + later) / (4.0 * b)
+    return force * (x / now + later_x / later), force * (y / now + later_y / later)
 
 
 class Person:
@@ -40,19 +86,16 @@ class Person:
         self.x, self.y = moving.at
         self._moving, self._walls, self._bounds, self._rng = moving, walls, bounds, rng
         self._vx = self._vy = 0.0
+        self._met = False  # has walked into the robot, which is near still
+        self._noticed = moving.heeds
         self._goal: tuple[float, float] | None = None
         self._waits_until = 0.0
         self._body = pymunk.Body(body_type=pymunk.Body.KINEMATIC)
         walls.space.add(self._body, pymunk.Circle(self._body, moving.radius))
         self._place()
 
-    def step(
-        self, now: float, gap: Callable[[float, float], tuple[float, float, float]]
-    ) -> tuple[float, bool]:
-        """One step; how far it went, m, and whether it walked into the robot.
-
-        `gap` is the way from a place to the robot's outline, and the direction away from it.
-        """
+    def step(self, now: float, gap: Gaps) -> tuple[float, bool]:
+        """One step; how far it went, m, and whether it met the robot."""
         moving = self._moving
         if self._goal is None and now >= self._waits_until:
             self._goal = self._somewhere()
@@ -64,27 +107,49 @@ class Person:
             wish_x, wish_y = moving.speed * ahead_x / left, moving.speed * ahead_y / left
             if left < moving.speed * RELAX_S:
                 self._goal = None
-        near, away_x, away_y = gap(self.x, self.y)
-        near -= moving.radius
-        if moving.heeds:
+        there = gap(self.x, self.y)
+        near = there.m - moving.radius
+        self._met = self._met and near < APART_M
+        self._noticed = moving.heeds or (self._noticed and near < NOTICED_M)
+        if self._noticed:
+            force_x, force_y = pushed(there)
+            meets = -(wish_x * force_x + wish_y * force_y)
+            seen = meets >= SIGHT * hypot(wish_x, wish_y) * hypot(force_x, force_y)
+            weight = RELAX_S * (1.0 if seen else UNSEEN)
             push = moving.speed * exp((HEED_M - near) / SWERVE_M)
-            wish_x, wish_y = wish_x + push * away_x, wish_y + push * away_y
+            wish_x += push * there.away_x + weight * force_x
+            wish_y += push * there.away_y + weight * force_y
         share = STEP_S / RELAX_S
         self._vx += share * (wish_x - self._vx)
         self._vy += share * (wish_y - self._vy)
         speed = hypot(self._vx, self._vy)
-        slower = min(1.0, moving.speed / speed) if speed else 0.0
+        slower = min(1.0, FASTEST * moving.speed / speed) if speed else 0.0
         x, y = self.x + STEP_S * slower * self._vx, self.y + STEP_S * slower * self._vy
-        after = gap(x, y)[0] - moving.radius
-        met = after < near and after < (HEED_M if moving.heeds else 0.0)
+        after = gap(x, y).m - moving.radius
+        touches = after < near and after < 0.0
+        met = touches or (after < near and after < HEED_M and self._noticed)
+        if touches:
+            self._met = self._met or self.walks_into(gap)
+            self._noticed = True
         if met or self._walls.distance(x, y) < moving.radius:
             self._vx = self._vy = 0.0
             self._goal = None
-            return 0.0, met and not moving.heeds
+            return 0.0, touches
         went = hypot(x - self.x, y - self.y)
         self.x, self.y = x, y
         self._place()
         return went, False
+
+    def touched(self, gap: Gaps) -> bool:
+        """Whether it is what the robot touches."""
+        return gap(self.x, self.y).m - self._moving.radius < TOUCHED_M
+
+    def walks_into(self, gap: Gaps) -> bool:
+        """Whether a touch now is its own doing."""
+        there = gap(self.x, self.y)
+        comes = -(self._vx * there.x + self._vy * there.y)
+        along = there.goes_m_s < STANDS_M_S < hypot(self._vx, self._vy)
+        return self._met or along or comes > max(0.0, there.comes_m_s)
 
     @property
     def outline(self) -> list[Wall]:
@@ -157,27 +222,59 @@ class Movement:
         self._things = [Thing(m, walls) for m in moving if m.kind != "person"]
         self._show()
 
-    def step(self, now: float, pose: tuple[float, float, float]) -> tuple[float, bool]:
-        """Everybody moves, with the robot at a pose; how far at most, m, and who walked into it."""
-        c, s = cos(pose[2]), sin(pose[2])
-        box = self._box
+    def step(
+        self, now: float, pose: tuple[float, float, float], speeds: tuple[float, float]
+    ) -> tuple[float, bool, bool]:
+        """Everybody moves, with the robot at a pose and its speeds (m/s, rad/s).
 
-        def gap(x: float, y: float) -> tuple[float, float, float]:
-            dx, dy = x - pose[0], y - pose[1]
-            ahead, left = dx * c + dy * s - box.ahead, dy * c - dx * s
-            away = hypot(dx, dy) or 1.0
-            out = hypot(
-                max(abs(ahead) - box.half_length, 0.0), max(abs(left) - box.half_width, 0.0)
-            )
-            return out, dx / away, dy / away
-
-        farthest, bumped = 0.0, False
+        Returns how far anybody went, m; whether somebody met the robot, and walked into it.
+        """
+        gap = self._gaps(pose, speeds)
+        farthest, met, bumped = 0.0, False, True
         for person in self._people:
-            went, into = person.step(now, gap)
-            farthest, bumped = max(farthest, went), bumped or into
+            went, touches = person.step(now, gap)
+            farthest, met = max(farthest, went), met or touches
+            bumped = bumped and (not touches or person.walks_into(gap))
         moved = [thing.step(now, lambda walls: self._free(walls, pose)) for thing in self._things]
         self._show()
-        return 1e9 if any(moved) else farthest, bumped
+        return 1e9 if any(moved) else farthest, met, met and bumped
+
+    def walked_into(self, pose: tuple[float, float, float], speeds: tuple[float, float]) -> bool:
+        """Whether what the robot touches at a pose is somebody who walked into it."""
+        gap = self._gaps(pose, speeds)
+        touched = [person for person in self._people if person.touched(gap)]
+        return bool(touched) and all(person.walks_into(gap) for person in touched)
+
+    def _gaps(self, pose: tuple[float, float, float], speeds: tuple[float, float]) -> Gaps:
+        c, s = cos(pose[2]), sin(pose[2])
+        box, (v, w) = self._box, speeds
+
+        def gap(x: float, y: float) -> Gap:
+            dx, dy = x - pose[0], y - pose[1]
+            ahead, left = dx * c + dy * s - box.ahead, dy * c - dx * s
+            near_x = max(-box.half_length, min(ahead, box.half_length))
+            near_y = max(-box.half_width, min(left, box.half_width))
+            out_x, out_y = ahead - near_x, left - near_y
+            out = hypot(out_x, out_y)
+            out_x, out_y = out_x / (out or 1.0), out_y / (out or 1.0)
+            goes_x, goes_y = v - w * near_y, w * (near_x + box.ahead)
+            to_x, to_y = c * out_x - s * out_y, s * out_x + c * out_y
+            middle_x, middle_y = dx - c * box.ahead, dy - s * box.ahead
+            middle = hypot(middle_x, middle_y) or 1.0
+            return Gap(
+                out,
+                to_x,
+                to_y,
+                middle_x / middle,
+                middle_y / middle,
+                goes_x * out_x + goes_y * out_y,
+                hypot(goes_x, goes_y),
+                middle,
+                AHEAD_S * v * c,
+                AHEAD_S * v * s,
+            )
+
+        return gap
 
     def _free(self, outline: Sequence[Wall], pose: tuple[float, float, float]) -> bool:
         xs, ys = [w[0] for w in outline], [w[1] for w in outline]

@@ -20,7 +20,7 @@ from armadico.config.loading import find, load_entry
 from armadico.config.moving import Moving
 from armadico.config.profile import RobotProfile, SensorProfile, load_profile
 from armadico.config.scenarios import Scenario
-from armadico.config.worlds import load_world
+from armadico.config.worlds import Pose, load_world
 from armadico.core.messages import Message, Truth
 
 Wall = tuple[float, float, float, float]
@@ -38,11 +38,16 @@ class Pioneer:
         streams: Streams,
         traps: frozenset[Trap] = KIND,
         moving: Sequence[Moving] = (),
+        docks: Sequence[Pose] = (),
+        charge: float = 1.0,
     ) -> None:
-        """Stand at `start` (m, m, rad) among walls (m) and what moves."""
+        """Stand at `start` (m, m, rad) among walls (m), what moves, and docks (poses).
+
+        `charge` is the share of its battery that is left.
+        """
         if Trap.RAYS in traps:
             profile = replace(profile, sonar=replace(profile.sonar, cone_deg=0.0))
-        self.plant = Plant(profile, sensors, walls, start, streams, moving)
+        self.plant = Plant(profile, sensors, walls, start, streams, moving, docks, charge)
         loops = SpeedLoops(profile.speed_loop, profile.motor.supply_v)
         self.controller = Microcontroller(profile, self.plant, loops, traps)
         self._watchers: list[Callable[[Truth], None]] = []
@@ -109,6 +114,8 @@ class Pioneer:
             clearance=clearance if isfinite(clearance) else None,
             simulator=self._name,
             bumped=plant.bumps,
+            charge=plant.battery.charge,
+            used=plant.battery.used_j,
         )
 
     def _tell(self) -> None:
@@ -126,15 +133,24 @@ def of_scenario(
     Its controller has a name of its own where other simulators may be about.
     """
     x, y, degrees = scenario.start
-    profile = load_profile(scenario.robot)
+    profile, world = load_profile(scenario.robot), load_world(scenario.world)
+    battery = profile.battery
     return Pioneer(
-        replace(profile, p2os=replace(profile.p2os, name=name or profile.p2os.name)),
+        replace(
+            profile,
+            p2os=replace(profile.p2os, name=name or profile.p2os.name),
+            battery=replace(
+                battery, capacity_ah=scenario.battery.capacity_ah or battery.capacity_ah
+            ),
+        ),
         load_entry(find("robots", "sensors"), SensorProfile, scenario.sensors),
-        load_world(scenario.world).walls,
+        world.walls,
         (x, y, radians(degrees)),
         streams,
         traps,
         scenario.moving,
+        tuple(world.docks.values()),
+        scenario.battery.charge,
     )
 
 

@@ -15,7 +15,7 @@ from collections.abc import Callable, Sequence
 from math import cos, hypot, inf, sin
 from random import Random
 
-from armadico.bridge.simulator.battery import Battery
+from armadico.bridge.simulator.battery import Battery, in_contact
 from armadico.bridge.simulator.company import Body, Company
 from armadico.bridge.simulator.contact import SKIN_M, Contact, Motion, Outline, box_of
 from armadico.bridge.simulator.dynamics import Dynamics
@@ -26,12 +26,15 @@ from armadico.bridge.simulator.moving import Movement
 from armadico.bridge.simulator.sonar import Sonars, Surfaces
 from armadico.bridge.simulator.speed_loops import truncated
 from armadico.bridge.simulator.walls import TOUCH_M, Wall, Walls
+from armadico.config.errors import ConfigError
 from armadico.config.moving import Moving
 from armadico.config.profile import RobotProfile, SensorProfile
+from armadico.config.worlds import Pose
 
 STEP_S = 0.005
 MOVE_STEPS = round(MOVE_S / STEP_S)
 APART_S = 0.5  # a contact after less than this apart belongs to the same collision
+FASTEST_M_S = 1e3  # of what is so light or stiff that the steps are too long for it
 STALLED_M_S = 0.02  # rims slower than this, pushing a wall, are stalled
 PUSH_OUT = 0.2  # share of a penetration that is mended in a step
 PUSH_OUT_M = 0.005  # the most that is mended in a step
@@ -63,12 +66,15 @@ class Plant:
         start: tuple[float, float, float],
         rng: Streams,
         moving: Sequence[Moving] = (),
+        docks: Sequence[Pose] = (),
+        charge: float = 1.0,
     ) -> None:
         self.step_s = STEP_S
         self.blocked = False
         self.collisions = self.bumps = 0
         self.pose = start
-        self.battery = Battery(profile.battery)
+        self.battery = Battery(profile.battery, charge)
+        self._docks = tuple(docks)
         self._dynamics = Dynamics(profile, STEP_S)
         self._odometry = Odometry(profile, sensors, STEP_S, rng)
         self._walls = Walls()
@@ -92,6 +98,10 @@ class Plant:
         self.add_walls(walls)
         self.body = Body(self._box, self._outline.mass_kg, STEP_S)  # as other robots meet it
         self._company: Company | None = None
+        self._runaway = (
+            f"robot {profile.name!r}: its speeds grow without bound in the simulator's steps of"
+            f" {1e3 * STEP_S:g} ms; compare its [body], [inertia] and [motor] with pioneer-2dx's"
+        )
         self._movement = Movement(moving, walls, self._walls, self._box, rng) if moving else None
         self._move_world()
 
@@ -166,6 +176,11 @@ class Plant:
         """Voltage at the battery's terminals, under its present load."""
         return self.battery.volts
 
+    @property
+    def charging(self) -> bool:
+        """Whether it stands in a dock, in contact."""
+        return self.battery.charging
+
     def reset_odometry(self) -> None:
         """Call the present pose (0, 0, 0)."""
         self._odometry.reset()
@@ -195,14 +210,15 @@ class Plant:
         dynamics, odometry, battery = self._dynamics, self._odometry, self.battery
         corner, half_track = self._corner_m, self._half_track
         emf, conductance = self._back_emf, self._conductance
-        if self._company is not None:
-            self._take_push()
+        self._take_push()
         x, y, theta = self.pose
         margin, walls_push = self._margin, self._touching or self._sideways != 0.0
         v, w = dynamics.v, dynamics.w
         pace = abs(v) + corner * abs(w)  # no point of the outline is faster, m/s
         self.blocked = self.blocked and not steps
         moves = self._movement is not None
+        if self._docks:  # looked at as often as the controller does anything: 40 ms at the most
+            battery.charging = in_contact(self.pose, self._docks)
         for _ in range(steps):
             if moves and not self._steps % MOVE_STEPS:
                 self.pose, self._margin = (x, y, theta), margin
@@ -215,6 +231,8 @@ class Plant:
             dynamics.accelerate(left_v, right_v)
             v0, w0, v, w = v, w, dynamics.v, dynamics.w
             pace0, pace = pace, abs(v) + corner * abs(w)
+            if not pace < FASTEST_M_S:  # nor is it NaN
+                raise ConfigError(self._runaway)
             reach = STEP_S * (pace if pace > pace0 else pace0)
             margin -= reach
             mean_v, mean_w = 0.5 * (v0 + v), 0.5 * (w0 + w)
@@ -238,12 +256,13 @@ class Plant:
             watts = left_v * (left_v - emf * left) + right_v * (right_v - emf * right)
             battery.drain(watts * conductance, STEP_S)
         self.pose, self._margin = (x, y, theta), margin
-        if self._company is not None:
-            self.show_body()
+        self.show_body()
 
     def _take_push(self) -> None:
         """What others have done to its speeds since its last step."""
         dynamics, body = self._dynamics, self.body
+        if self._company is None:
+            return
         if (body.v, body.u, body.w) != (dynamics.v, self._sideways, dynamics.w):
             dynamics.v, self._sideways, dynamics.w = body.v, body.u, body.w
             self._margin = 0.0
@@ -259,10 +278,10 @@ class Plant:
         """What moves does, and may be nearer for it."""
         if self._movement is None:
             return
-        went, bumped = self._movement.step(self._steps * STEP_S, self.pose)
+        went, met, bumped = self._movement.step(self._steps * STEP_S, self.pose, self.speeds)
         self._margin = max(0.0, self._margin - went)
-        if bumped:
-            self._touch(touching=True, bumped=True)
+        if met:
+            self._touch(touching=True, bumped=bumped)
 
     def _move(self, v: float, u: float, w: float) -> None:
         """The body goes a step ahead, to the left and around."""
@@ -281,10 +300,13 @@ class Plant:
             self._touching = False
             self._move(v, 0.0, w)
             return v, w
-        force, bumped = 0.0, self._is_met(contacts)
+        force, speeds, met = 0.0, self.speeds, self._is_met(contacts)
         if reach or self._sideways:
             force = self._collide(contacts)
-        self._touch(force > 0.0 or gap <= TOUCH_M, bumped)
+        touching = force > 0.0 or gap <= TOUCH_M
+        moves = self._movement
+        into = moves is not None and moves.walked_into(self.pose, speeds)
+        self._touch(touching, touching and (met or into))
         self._margin = 0.0
         v, w = self._dynamics.v, self._dynamics.w
         rim = abs(v) + self._half_track * abs(w)

@@ -222,3 +222,15 @@ def test_what_lies_ahead_counts_by_the_turn_into_it() -> None:
     assert ahead_of(ORIGIN, [Placed(1, 0), Placed(1, 2)], 9.0) == pytest.approx(1.0)
     assert ahead_of(ORIGIN, [Placed(1, 0), Placed(2, 1)], 9.0) == pytest.approx(2.0)
     assert ahead_of(ORIGIN, [Placed(1, 0), Placed(0, 0), Placed(-9, 0)], 9.0) == pytest.approx(1)
+
+
+@settings(max_examples=40)
+@given(start=poses, goal=poses)
+def test_where_the_heading_is_uncertain_it_turns_to_the_middle_of_what_is_good(
+    start: Placed, goal: Placed
+) -> None:
+    controller = Controller(CHAPTER_5, Mode.COLLABORATIVE)
+    controller.exact = True
+    *_, (end, (_, w)) = drive(controller, start, [goal])
+    assert controller.parked
+    assert abs(wrap(end.theta + 0.2 * w - goal.theta)) <= math.radians(1.1)

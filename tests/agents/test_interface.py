@@ -5,11 +5,12 @@ from __future__ import annotations
 import pytest
 
 from armadico.agents.interface import Interface, Parameters
-from armadico.core.agent import Answer, AskFor, Identity, Publish, Question
+from armadico.core.agent import WARNING, Answer, AskFor, Identity, Publish, Question
 from armadico.core.messages import (
     LARGEST_COUNT,
     WAYPOINTS,
     Cycle,
+    Log,
     MissionReply,
     MissionRequest,
     MissionState,
@@ -562,6 +563,39 @@ def test_without_another_way_it_waits_says_so_and_asks_again(planned: Desk) -> N
     assert not planned.trajectories()[-1].waits
     stay(planned, 1.0)
     assert planned.status().note == ""
+
+
+def test_without_a_planner_it_goes_on_by_the_way_there_is(planned: Desk) -> None:
+    """Losing the planner is no word on the way: behaviours go round what stands there."""
+    before = planned.trajectories()[-1]
+    see(planned, Point(1.0, 0.1))
+    planned.planned(None)
+    known = planned.trajectories()[-1]
+    assert (known.waypoints, known.waits, known.counter) == (before.waypoints, False, 1)
+    warned = "something stands across the way, and nobody plans: it goes on by the way there is"
+    stay(planned, SOME.again_s + SOME.nearer_s)
+    planned.planned(None)
+    assert [m.text for m in planned.said if isinstance(m, Log) and m.level >= WARNING] == [warned]
+    planned.at(1.0)
+    assert planned.status().note == ""
+
+
+def test_without_a_planner_too_a_mission_fails_that_comes_no_nearer(planned: Desk) -> None:
+    blocked(planned)
+    planned.planned(None)
+    for _ in range(round(SOME.give_up_s) + 5):
+        stay(planned, 1.0)
+        if planned.asked[-1].id in planned.agent._asked:
+            planned.planned(None)
+    assert planned.status().state is MissionState.FAILED
+
+
+def test_one_that_waits_goes_on_waiting_while_nobody_plans(planned: Desk) -> None:
+    blocked(planned)
+    planned.planned(NO_WAY)
+    stay(planned, SOME.again_s + 0.2)
+    planned.planned(None)
+    assert planned.trajectories()[-1].waits
 
 
 def test_where_no_way_becomes_free_the_mission_fails_with_the_reason(planned: Desk) -> None:

@@ -63,6 +63,19 @@ def test_a_wall_that_is_met_edge_on_ends_where_it_ends() -> None:
     assert nearest(known) == pytest.approx(0.7)
 
 
+def test_what_is_forbidden_is_expected_however_much_is_heard_behind_it() -> None:
+    """Stairs: no sonar hears them, and what is beyond them answers."""
+    known = KnownWalls([], forbidden=[WALL])
+    for _ in range(20):
+        known.look(HERE, sure(0.0))
+        known.hear([Ping(0.2, 0.0, 0.0, 3.0), Ping(0.2, 0.1, 0.2, 3.0)])
+    assert nearest(known) == pytest.approx(1.0, abs=STEP_M)
+    assert not known.explains(Ping(0.0, 0.0, 0.0, 1.0))
+    assert not known.near(1.0, 0.0, 0.2)
+    known.look(None)
+    assert not known.points()
+
+
 def test_what_a_nearer_wall_hides_is_left_out() -> None:
     known = KnownWalls([WALL, (1.1, -2.0, 1.1, 2.0)])
     known.look((0.6, 0.0, 0.0), sure(0.0))
@@ -176,3 +189,40 @@ def test_the_covariance_counts_as_the_wall_stands_to_it() -> None:
     assert nearest(at(HERE, across, wall)) == pytest.approx(1.0, abs=0.01)
     toward = (0.04 * c * c, 0.04 * s * c, 0.0, 0.04 * s * s, 0.0, 0.0)
     assert nearest(at(HERE, toward, wall)) == pytest.approx(1.2, abs=0.01)
+
+
+@pytest.mark.parametrize(
+    ("bearing", "heard", "explained"),
+    [
+        (0.0, 1.0, True),
+        (radians(30.0), 1.0, True),  # by the wall's foot, outside of the cone
+        (radians(65.0), 1.0, False),
+        (0.0, 0.7, False),  # somebody before it
+        (0.0, 1.3, False),
+        (pi, 1.0, False),
+        (0.0, None, False),
+    ],
+)
+def test_an_echo_is_a_walls_that_is_as_far_in_the_sonars_cone(
+    bearing: float, heard: float | None, explained: bool
+) -> None:
+    assert at(HERE).explains(Ping(0.0, 0.0, bearing, heard)) == explained
+
+
+def test_where_the_pose_is_unsure_an_echo_may_be_a_walls_that_is_farther_off() -> None:
+    ping = Ping(0.0, 0.0, 0.0, 0.88)
+    assert not at(HERE).explains(ping)
+    assert at(HERE, sure(0.1)).explains(ping)
+
+
+def test_a_wall_beyond_what_is_expected_explains_an_echo_too() -> None:
+    far = at((-1.2, 0.0, 0.0))
+    assert not far.points()
+    assert far.explains(Ping(0.0, 0.0, 0.0, 2.2))
+
+
+def test_what_the_sonars_heard_through_explains_nothing() -> None:
+    known = at(HERE)
+    for _ in range(3):
+        known.hear([Ping(0.0, 0.0, radians(bearing), 1.6) for bearing in range(-18, 19, 6)])
+    assert not known.explains(Ping(0.0, 0.0, 0.0, 1.0))

@@ -2,13 +2,15 @@
 
 from __future__ import annotations
 
+import os
 import random
 from collections.abc import Iterator
-from math import cos, hypot, pi, radians, sin
+from math import cos, hypot, pi, radians, sin, sqrt
 from pathlib import Path
 
 import numpy as np
 import pytest
+from msgspec.structs import replace
 
 from armadico.agents.localization import Localization, Parameters, as_fired, sonar_model
 from armadico.agents.methods.grid import Grid
@@ -22,10 +24,13 @@ from armadico.agents.methods.sonar_model import (
     UNHEARD,
     SonarModel,
 )
+from armadico.agents.path_planning import PathPlanning
+from armadico.config.errors import ConfigError
 from armadico.config.loading import load_entry
 from armadico.config.profile import SensorProfile, load_profile
 from armadico.config.shipped import find
-from armadico.core.agent import Identity, Publish
+from armadico.core.agent import Agent, Identity, Publish
+from armadico.core.behaviour import LOST_M, UNSURE_M
 from armadico.core.geometry import Pose2, compose, relative, wrap
 from armadico.core.messages import (
     Correction,
@@ -303,6 +308,7 @@ class Robot:
         self.agent.start(0.0)
         self.epoch, self.number, self.begun = 1, 0, 0.0
         self.odometry: Pose2 = (0.0, 0.0, 0.0)
+        self.stands = False  # somebody half a metre before the sonars that look to the right
         self.said: list[Message] = []
 
     def restart(self, motion: Pose2, *, anew: bool = False) -> None:
@@ -322,6 +328,8 @@ class Robot:
         self.odometry = compose(self.odometry, motion)
         state = RobotState(cycle, *self.odometry, 0.0, 0.0, 12.0, True, False)
         pings = tuple(ranged(pose, index) for index in (self.number % 8, (self.number + 3) % 8))
+        if self.stands:
+            pings = tuple(p if p.bearing > 0.0 else replace(p, range=0.5) for p in pings)
         for message in (state, Pose(cycle, *by_encoder, covariance), Sonar(cycle, 5.0, pings)):
             self.agent.receive(message, now)
         said = [item.message for item in self.agent.outbox if isinstance(item, Publish)]
@@ -402,6 +410,29 @@ def test_a_robot_that_was_carried_away_is_lost(world: str) -> None:
     assert any(isinstance(said, Log) and "is lost" in said.text for said in robot.said)
 
 
+def test_who_stands_before_half_of_the_sonars_does_not_lose_it(world: str) -> None:
+    robot = Robot(Parameters(world=world))
+    for number, (pose, motion) in enumerate(drive(START, 300)):
+        robot.stands = number >= 100
+        (correction,) = robot.at(pose, motion, pose)
+        assert correction.confidence > 0.0, number
+
+
+def test_readings_that_fit_badly_slow_the_robot_down_before_it_is_lost(world: str) -> None:
+    robot = Robot(Parameters(world=world))
+    for pose, motion in drive(START, 200):
+        robot.at(pose, motion, pose)
+    deviations = []
+    for pose, motion in drive((1.0, 1.5, 2.0), 100):
+        (correction,) = robot.at(pose, motion, (0.0, 0.0, 0.0))
+        deviations.append(sqrt(correction.covariance[0] + correction.covariance[3]))
+        if correction.confidence == 0.0:
+            break
+    unsure = [off for off in deviations if UNSURE_M < off < LOST_M]
+    assert len(unsure) > 3
+    assert deviations[-1] > LOST_M
+
+
 def test_what_rolled_while_there_was_no_robot_agent_moves_the_particles_too(world: str) -> None:
     robot = Robot(Parameters(world=world))
     poses = list(drive(START, 200))
@@ -430,6 +461,40 @@ def test_what_a_controller_that_began_anew_did_not_count_makes_it_unsure(world: 
         (correction,) = robot.at(pose, motion, pose)
     x, y, _ = placed(correction, robot.odometry)
     assert hypot(x - pose[0], y - pose[1]) < 0.3
+
+
+def test_what_was_not_counted_makes_a_lost_robot_no_surer_of_one_place(world: str) -> None:
+    robot = Robot(Parameters(world=world, start="anywhere"))
+    for _ in range(5):
+        (before,) = robot.at(START, (0.0, 0.0, 0.0), START)
+    robot.restart((0.0, 0.0, 0.0), anew=True)
+    (after,) = robot.at(START, (0.0, 0.0, 0.0), START)
+    spreads = [said.covariance[0] + said.covariance[3] for said in (before, after)]
+    assert min(spreads) > 2.5, "more than the least that one who is lost says"
+    assert spreads[1] > 0.7 * spreads[0]
+
+
+def test_readings_of_before_what_was_not_counted_are_not_joined_to_those_after_it(
+    world: str,
+) -> None:
+    robot = Robot(Parameters(world=world))
+    for pose, motion in drive(START, 150):
+        robot.at(pose, motion, pose)
+    robot.restart((0.0, 0.0, 0.0), anew=True)
+    robot.at(pose, (0.0, 0.0, 0.0), pose)
+    assert len(robot.agent._filter._kept) <= 1
+
+
+def test_one_that_starts_with_an_unsure_heading_looks_for_it_as_wide(world: str) -> None:
+    """The encoder agent says that half a radian was not counted; so it is for who starts then."""
+    off = 0.5
+    covariance = (0.25, 0.0, 0.0, 0.25, 0.0, off**2)
+    for told, least in ((covariance, 0.5 * off), ((), 0.0)):
+        robot = Robot(Parameters(world=world))
+        robot.at(START, (0.0, 0.0, 0.0), START, told)
+        headings = robot.agent._filter.poses[:, 2] - START[2]
+        assert float(np.std(headings)) > least
+        assert bool(least) == (float(np.std(headings)) > radians(10.0))
 
 
 def test_a_robot_that_was_lost_before_it_started_is_lost(world: str) -> None:
@@ -478,6 +543,35 @@ def test_a_damaged_file_is_made_anew(cache: Path, damaged: bytes | None) -> None
     assert kept.read_bytes() == whole
 
 
+def test_a_file_that_lacks_an_array_is_made_anew(cache: Path) -> None:
+    made = modelled()
+    (kept,) = cache.iterdir()
+    with np.load(kept) as whole:
+        parts = {name: whole[name] for name in whole.files[1:]}
+    np.savez(kept, **parts)
+    assert np.array_equal(modelled(), made)
+
+
+def test_what_a_killed_process_has_left_does_not_stay_for_ever(
+    cache: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def killed(*_: object, **__: object) -> None:
+        raise KeyboardInterrupt
+
+    monkeypatch.setattr("armadico.config.kept.MOST", 2)
+    with monkeypatch.context() as patch:
+        patch.setattr("numpy.savez", killed)
+        patch.setattr(Path, "unlink", killed)
+        with pytest.raises(KeyboardInterrupt):
+            modelled()
+    (left,) = cache.iterdir()
+    os.utime(left, (0, 0))
+    for reach in (3.0, 4.0):
+        sonar_model(GRID, radians(30.0), reach)
+    assert len(list(cache.iterdir())) == 2
+    assert not left.exists()
+
+
 def test_where_nothing_can_be_kept_nothing_is(cache: Path) -> None:
     cache.write_bytes(b"a file where the folder should be")
     assert np.array_equal(modelled(), modelled())
@@ -497,6 +591,13 @@ def test_only_so_many_are_kept(cache: Path, monkeypatch: pytest.MonkeyPatch) -> 
     assert len(list(cache.iterdir())) == 2
 
 
+def test_only_so_much_is_kept_but_the_newest(cache: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr("armadico.config.kept.MOST_BYTES", 1)
+    for reach in (3.0, 4.0):
+        sonar_model(GRID, radians(30.0), reach)
+        assert len(list(cache.iterdir())) == 1
+
+
 # Bad input ----------------------------------------------------------------------------------------
 
 
@@ -513,6 +614,16 @@ def test_a_map_without_walls_or_room_is_no_error(walls: list[tuple[float, ...]])
     found = SonarModel(grid).likelihood(np.zeros((3, 3), dtype=np.float32), ring(START))
     assert np.isfinite(found).all()
     assert (found > 0.0).all()
+
+
+@pytest.mark.parametrize("kind", [Localization, PathPlanning])
+def test_a_world_that_nobody_has_memory_for_is_refused(kind: type[Agent], tmp_path: Path) -> None:
+    path = tmp_path / "huge.map"
+    path.write_text(
+        "2D-Map\nLineMinPos: 0 0\nLineMaxPos: 2000000 2000000\nLINES\n0 0 2000000 2000000\n"
+    )
+    with pytest.raises(ConfigError, match=r"1,600,000,000 cells of 0\.05 m; expected"):
+        kind(Identity("x-1"), kind.parameters(world=str(path)))
 
 
 def test_a_start_inside_a_wall_is_weighed_as_any_other() -> None:

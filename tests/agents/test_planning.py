@@ -11,7 +11,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from armadico.agents.methods import planning
-from armadico.agents.methods.energy import energy, motor_power
+from armadico.agents.methods.energy import Pace, energy, motor_power
 from armadico.agents.methods.geometry import Placed, direction, distance
 from armadico.agents.methods.grid import Grid, Margins
 from armadico.agents.methods.path_smoothing import ROUND_M, rounded
@@ -159,6 +159,16 @@ def test_no_way_leads_over_what_is_forbidden() -> None:
         assert max(w.y for w in short.waypoints) < 2.5
         assert max(w.y for w in long.waypoints) > 3.0
         assert long.clearance_m > 0.2
+
+
+def test_what_is_forbidden_is_called_so_where_it_leaves_no_way() -> None:
+    world = msgspec.structs.replace(OPEN, forbidden=tuple(box(5.0, -9.0, 5.3, 20.0)))
+    with pytest.raises(PlanError, match="clear of walls and of what is forbidden"):
+        plan(world, START, GOAL)
+    with pytest.raises(PlanError, match=r"0\.10 m from what is forbidden"):
+        plan(world, START, Placed(5.4, 2.0))
+    with pytest.raises(PlanError, match=r"clear of walls$"):
+        plan(msgspec.structs.replace(OPEN, walls=world.forbidden), START, GOAL)
 
 
 def test_doors_are_passed_in_order_and_squarely() -> None:
@@ -400,25 +410,48 @@ def test_at_top_speed_both_motors_take_their_whole_supply(pioneer: RobotProfile)
     assert motor_power(pioneer, speed) == pytest.approx(2 * 12 * (12 - back_emf) / 0.71, rel=0.01)
 
 
+PACE = Pace(v_m_s=0.5, turn_s=0.0, ends_s=0.0)
+
+
+def straight(length: float) -> list[Placed]:
+    return [Placed(0.0, 0.0, 0.0), Placed(length, 0.0, 0.0)]
+
+
 def test_energy_grows_with_the_way_and_empties_the_battery_in_its_time(
     pioneer: RobotProfile,
 ) -> None:
-    one, two = energy(6.0, pioneer, 0.6), energy(12.0, pioneer, 0.6)
-    assert two.joules == pytest.approx(2 * one.joules)
-    assert two.seconds == pytest.approx(20.0)
+    one, two = (energy(straight(length), pioneer, PACE) for length in (6.0, 12.0))
+    start = 0.5 * pioneer.body.mass_kg * 0.5**2
+    assert two.joules - start == pytest.approx(2 * (one.joules - start))
+    assert two.seconds == pytest.approx(24.0)
     assert two.battery_share == pytest.approx(two.joules / (21 * 3600 * 11.45))
     assert 0.0 < one.battery_share < 0.01
+    watts = motor_power(pioneer, 0.5) + pioneer.battery.idle_a * 11.45
+    assert one.joules == pytest.approx(12.0 * watts + start)
 
 
 def test_creeping_takes_more_than_cruising_because_of_the_electronics(
     pioneer: RobotProfile,
 ) -> None:
-    assert energy(12.0, pioneer, 0.1).joules > energy(12.0, pioneer, 0.4).joules
+    way = straight(12.0)
+    assert energy(way, pioneer, PACE, 0.1).joules > energy(way, pioneer, PACE, 0.4).joules
+    full, low = (energy(way, pioneer, PACE, volts=volts).joules for volts in (12.9, 10.0))
+    assert full - low == pytest.approx(24.0 * pioneer.battery.idle_a * 2.9)
 
 
-@pytest.mark.parametrize(("length", "cruise"), [(-1.0, 0.5), (1.0, 0.0)])
-def test_a_way_that_cannot_be_is_refused(
-    pioneer: RobotProfile, length: float, cruise: float
-) -> None:
+def test_turning_costs_its_time_and_the_motors_on_the_spot(pioneer: RobotProfile) -> None:
+    pace = Pace(v_m_s=0.5, turn_s=2.0, ends_s=5.0, turn_rad_s=0.5)
+    corner = [*straight(6.0), Placed(6.0, 6.0, 0.0)]  # there to the left, and back at the end
+    bent, even = energy(corner, pioneer, pace), energy(straight(12.0), pioneer, pace)
+    assert even.seconds == pytest.approx(24.0 + 5.0)
+    assert bent.seconds == pytest.approx(24.0 + 5.0 + 2.0 * math.pi)
+    on_the_spot = motor_power(pioneer, 0.0, 0.5)
+    assert 0.0 < on_the_spot < motor_power(pioneer, 0.2)
+    idle = 2.0 * math.pi * pioneer.battery.idle_a * 11.45
+    assert bent.joules - even.joules == pytest.approx(idle + math.pi / 0.5 * on_the_spot)
+
+
+def test_standing_costs_the_motors_nothing_and_a_way_has_an_end(pioneer: RobotProfile) -> None:
+    assert motor_power(pioneer, 0.0) == 0.0
     with pytest.raises(ValueError, match="no energy"):
-        energy(length, pioneer, cruise)
+        energy(straight(1.0)[:1], pioneer, PACE)

@@ -7,6 +7,7 @@ from math import cos, hypot, pi, radians, sin
 import pytest
 from msgspec.structs import replace
 
+from armadico.agents.methods.comers import AHEAD_S
 from armadico.agents.sonar import LOOK_S, Parameters, SonarAgent
 from armadico.config.scenarios import load_scenario
 from armadico.core.agent import Identity, Publish
@@ -270,6 +271,47 @@ def test_one_that_restarts_beside_a_wall_that_does_not_answer_knows_of_it_at_onc
     ring = Ring(MAPPED)
     ring.agent._listened = round(LOOK_S / 0.1) - 1
     assert ring.ping((AHEAD, None), pose=(4.5, 0.0, 1.57)).right is not None
+
+
+def test_the_end_of_a_wall_does_not_stand_in_the_way_beside_it() -> None:
+    here, post = (4.4, 1.6, 0.0), hypot(0.6, 0.32)  # the wall ends to the right of the way
+    echoes = ((-AHEAD, post), (radians(-30.0), post))
+    mapped, without = Ring(MAPPED), Ring()
+    for _ in range(3):
+        found, bare = mapped.ping(*echoes, pose=here), without.ping(*echoes, pose=here)
+    assert any(abs(p.y) < 0.2 and p.x > 0.0 for p in bare.points)
+    assert not any(abs(p.y) < 0.2 and p.x > 0.0 for p in found.points)
+    assert any(hypot(p.x - 0.6, p.y + 0.32) < 0.05 for p in found.points)
+
+
+def test_what_no_map_has_is_forgotten_sooner() -> None:
+    def lasts(ring: Ring, pose: tuple[float, float, float] | None) -> int:
+        for _ in range(3):
+            ring.ping((radians(90.0), 0.5), pose=pose)
+        return next(k for k in range(1000) if not ring.ping((AHEAD, None), pose=pose).points)
+
+    nowhere = (1.0, 0.0, 0.0)
+    assert 50 < lasts(Ring(MAPPED), nowhere) < 100 < lasts(Ring(), nowhere)
+
+
+def test_what_was_touched_and_is_on_no_map_goes_on() -> None:
+    for x, stays in ((1.0, False), (5.0 - 0.21, True)):
+        ring = Ring(MAPPED)
+        ring.ping((AHEAD, None), touch=0.21, pose=(x, 0.0, 0.0))
+        ring.now += 11.0
+        points = ring.ping((AHEAD, None), pose=(x, 0.0, 0.0)).points
+        assert any(p.x == pytest.approx(0.25) and p.y == 0.0 for p in points) == stays
+
+
+def test_who_comes_is_put_where_it_will_be_soon_too() -> None:
+    for speed, comes in ((0.6, True), (0.0, False)):
+        ring = Ring(MAPPED)
+        ring.agent._pings = ring.agent._listened  # one a cycle, as here
+        for k in range(6):
+            far = 1.5 - 0.1 * k * speed
+            found = ring.ping((AHEAD, far), pose=(1.0, 0.0, 0.0))
+        nearest = min(hypot(p.x, p.y) for p in found.points)
+        assert nearest == pytest.approx(far - (AHEAD_S * speed if comes else 0.0), abs=0.02)
 
 
 def test_it_is_told_of_the_world_unless_that_is_to_be_explored() -> None:

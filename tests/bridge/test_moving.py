@@ -2,14 +2,15 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from itertools import pairwise
-from math import dist, inf, pi
+from math import dist, hypot, inf, pi
 
 import msgspec
 import pytest
 
 from armadico.bridge.simulator import command
-from armadico.bridge.simulator.moving import APPEAR_M, HEED_M, Movement
+from armadico.bridge.simulator.moving import APPEAR_M, HEED_M, Gap, Movement, pushed
 from armadico.bridge.simulator.pioneer import Pioneer
 from armadico.bridge.simulator.plant import Plant, seeded
 from armadico.bridge.simulator.walls import Wall
@@ -23,6 +24,7 @@ from armadico.launch.processes import simulator_words
 PROFILE = load_profile("pioneer-2dx")
 IDEAL, REAL = (load_entry(find("robots", "sensors"), SensorProfile, n) for n in ("ideal", "real"))
 FRONT = PROFILE.body.front_m
+Moves = Callable[[float, float], tuple[float, float]]
 ROOM: list[Wall] = [(-3, -3, 4, -3), (4, -3, 4, 3), (4, 3, -3, 3), (-3, 3, -3, -3)]
 PEN: list[Wall] = [(-1, -1, 2, -1), (2, -1, 2, 1), (2, 1, -1, 1), (-1, 1, -1, -1)]
 AHEAD = 3
@@ -91,6 +93,74 @@ def test_a_robot_that_drives_into_somebody_is_to_blame_itself() -> None:
     assert robot.bumps == 0
     assert robot.blocked
     assert robot.pose[0] + FRONT == pytest.approx(x - 0.25, abs=0.02)
+
+
+def spin(w: float) -> Moves:
+    """Voltages by which a robot turns at about so many rad/s."""
+    return lambda _v, turn: (-4.0 * (w - turn) - 6.0 * w, 4.0 * (w - turn) + 6.0 * w)
+
+
+def test_who_walks_faster_into_a_robot_that_turns_is_to_blame() -> None:
+    for seed in range(1, 6):
+        robot = plant(walker(1.0, 0.2, heeds=False, speed=1.2), walls=PEN, seed=seed)
+        robot.run(round(20.0 / robot.step_s), spin(0.3))
+        assert robot.bumps > 0
+        assert robot.collisions == 0
+
+
+def test_a_robot_that_is_faster_than_who_comes_is_to_blame() -> None:
+    aisle: list[Wall] = [(-1, -0.4, 6, -0.4), (6, -0.4, 6, 0.4), (6, 0.4, -1, 0.4)]
+    robot = plant(walker(5.0, 0.0, heeds=False, speed=0.2), walls=aisle)
+    wait(robot, 10.0, 8.0)
+    assert robot.collisions > 0
+
+
+def test_who_has_walked_into_the_robot_steps_out_of_its_way() -> None:
+    robot = plant(walker(1.0, 0.0, heeds=False), walls=ROOM)
+    while not robot.bumps:
+        wait(robot, 0.05)
+    wait(robot, 2.0)
+    assert robot.clearance() > HEED_M
+    assert robot.bumps == 1
+
+
+def test_who_sees_a_robot_come_goes_out_of_its_way() -> None:
+    touched = 0
+    for seed in range(1, 11):
+        robot = plant(walker(2.5, 0.1), walls=[], seed=seed)
+        wait(robot, 8.0, 6.0)
+        assert robot.pose[0] > 3.0 or robot.collisions
+        touched += robot.collisions
+    assert touched == 0
+
+
+@pytest.mark.parametrize(
+    ("comes", "goes", "his"),
+    [(0.0, 0.02, True), (0.02, 0.02, True), (0.1, 0.1, False), (-0.2, 0.2, False)],
+    ids=["it stands", "it hardly turns", "it turns into him", "it goes away along him"],
+)
+def test_who_walks_along_a_robot_that_stands_touches_it(
+    comes: float, goes: float, his: bool
+) -> None:
+    robot = plant(walker(1.0, 0.0, heeds=False))
+    movement = robot._movement
+    assert movement is not None
+    someone = movement._people[0]
+    someone._vx, someone._vy = 0.0, 0.7  # square to the way between them
+    there = Gap(0.25, 1.0, 0.0, 1.0, 0.0, comes, goes, 0.45, 0.0, 0.0)
+    assert someone.walks_into(lambda _x, _y: there) == his
+
+
+def test_a_robot_pushes_to_where_it_does_not_go() -> None:
+    def gap(x: float, y: float, step: float) -> Gap:
+        away = hypot(x, y)
+        return Gap(away, x / away, y / away, x / away, y / away, 0.0, 0.0, away, step, 0.0)
+
+    ahead, aside, behind = pushed(gap(1.5, 0.2, 1.4)), pushed(gap(0.7, 1.0, 1.4)), gap(-1.5, 0.0, 1)
+    assert ahead[1] > 1.0
+    assert 0.0 < aside[1] < ahead[1]
+    assert hypot(*pushed(behind)) < 0.1
+    assert pushed(gap(0.5, 0.0, 0.0)) == (0.0, 0.0)
 
 
 def test_the_truth_tells_whose_fault_it_was() -> None:

@@ -5,7 +5,7 @@ from __future__ import annotations
 import tomllib
 from collections.abc import Callable
 from importlib.resources import files
-from math import cos, degrees, hypot, inf, pi, sin
+from math import cos, degrees, hypot, inf, pi, radians, sin
 from random import Random
 
 import msgspec
@@ -16,8 +16,9 @@ from armadico.bridge.simulator.encoders import TICKS_PER_M
 from armadico.bridge.simulator.plant import Plant, seeded
 from armadico.bridge.simulator.speed_loops import SpeedLoops
 from armadico.bridge.simulator.walls import Wall
+from armadico.config.errors import ConfigError
 from armadico.config.profile import RobotProfile, SensorProfile
-from armadico.core.geometry import Pose2
+from armadico.core.geometry import Pose2, compose
 
 
 def config(name: str) -> dict[str, object]:
@@ -31,6 +32,7 @@ FRONT, REAR, SIDE = PROFILE.body.front_m, PROFILE.body.rear_m, PROFILE.body.widt
 PENETRATION_M = 0.001  # no corner is ever farther behind a wall
 HOME = (0.0, 0.0, 0.0)
 AHEAD = 3  # the sonar
+DOCK = (2.0, -1.0, pi / 2)
 ROOM = [
     (-2.0, -2.0, 4.0, -2.0),
     (4.0, -2.0, 4.0, 2.0),
@@ -423,6 +425,64 @@ def test_the_battery_drains_with_the_motors_and_sags_under_load() -> None:
     assert driving.battery.charge < resting.battery.charge
 
 
+def docked(at: Pose2, charge: float = 0.5) -> Plant:
+    return Plant(PROFILE, IDEAL, [], at, seeded(1), docks=[DOCK], charge=charge)
+
+
+def test_a_battery_begins_with_the_charge_that_it_is_given() -> None:
+    full, half = docked((9.0, 9.0, 0.0), 1.0), docked((9.0, 9.0, 0.0))
+    span = PROFILE.battery.full_v - PROFILE.battery.empty_v
+    assert full.battery_v - half.battery_v == pytest.approx(0.5 * span)
+
+
+def test_it_is_charged_while_its_contacts_meet_those_of_a_dock() -> None:
+    x, y, theta = DOCK
+    robot = docked(DOCK)
+    before = robot.battery_v
+    robot.run(1, lambda _v, _w: (0.0, 0.0))
+    assert robot.charging
+    assert robot.battery_v > before  # a charger lifts the voltage
+    robot.run(round(360.0 / robot.step_s), lambda _v, _w: (0.0, 0.0))
+    battery = PROFILE.battery
+    gained = 0.1 * (battery.charge_a - battery.idle_a) / battery.capacity_ah
+    assert robot.battery.charge == pytest.approx(0.5 + gained, rel=1e-3)
+    robot.set_pose(x + 0.2, y, theta)
+    robot.run(1, lambda _v, _w: (0.0, 0.0))
+    assert not robot.charging
+
+
+@pytest.mark.parametrize(
+    ("off", "charged"),
+    [
+        ((0.0, 0.0, 0.0), True),
+        ((0.045, -0.045, radians(7)), True),
+        ((0.06, 0.0, 0.0), False),
+        ((0.0, 0.06, 0.0), False),
+        ((0.0, 0.0, radians(9)), False),
+        ((0.0, 0.0, 2 * pi), True),
+    ],
+)
+def test_a_few_centimetres_and_degrees_off_is_no_contact(off: Pose2, charged: bool) -> None:
+    robot = docked(compose(DOCK, off))
+    robot.run(1, lambda _v, _w: (0.0, 0.0))
+    assert robot.charging is charged
+
+
+def test_the_charger_gives_less_and_less_and_fills_no_more_than_the_battery_holds() -> None:
+    robot = docked(DOCK, 0.97)
+    robot.run(round(600.0 / robot.step_s), lambda _v, _w: (0.0, 0.0))
+    most = PROFILE.battery
+    rest = (1.0 - most.taper_from) * most.idle_a / most.charge_a  # it gives what the robot takes
+    assert 0.97 < robot.battery.charge < 1.0 - rest
+
+
+def test_what_is_used_is_counted_in_joules() -> None:
+    robot = plant()
+    robot.run(round(10.0 / robot.step_s), lambda _v, _w: (0.0, 0.0))
+    watts = PROFILE.battery.idle_a * PROFILE.battery.full_v
+    assert robot.battery.used_j == pytest.approx(10.0 * watts, rel=0.01)
+
+
 def test_no_motor_gets_more_than_the_battery_has() -> None:
     one, other = plant(), plant()
     for _ in range(200):
@@ -475,3 +535,21 @@ def _heard(robot: Plant, x: int) -> bool:
     """Whether the wall from x to x + 0.9 answers the left sonar, close to it."""
     robot.set_pose(x + 0.45 - 0.069, 0.6, 0.0)
     return robot.ping(0) is not None
+
+
+@pytest.mark.parametrize(
+    ("table", "key", "value"),
+    [
+        ("body", "caster_trail_m", 1e-6),
+        ("motor", "resistance_ohm", 1e-6),
+        ("inertia", "caster_viscous_nms", 1e6),
+    ],
+)
+def test_a_robot_that_the_steps_are_too_long_for_is_said_to_be_one(
+    table: str, key: str, value: float
+) -> None:
+    part = msgspec.structs.replace(getattr(PROFILE, table), **{key: value})
+    stiff = msgspec.structs.replace(PROFILE, **{table: part})
+    robot = Plant(stiff, IDEAL, [], (0.0, 0.0, 0.0), seeded(0))
+    with pytest.raises(ConfigError, match="grow without bound"):
+        drive(robot, 0.3, 0.5, 3.0)

@@ -9,7 +9,7 @@ from math import degrees, inf, nan
 import pytest
 from msgspec.structs import replace
 
-from armadico.bridge.p2os.commands import SYNC0, Cmd, command
+from armadico.bridge.p2os.commands import SYNC0, SYNC1, Cmd, command
 from armadico.bridge.p2os.packets import encode
 from armadico.bridge.p2os.status import Status, encode_status
 from armadico.bridge.reflex import HELD_S
@@ -34,7 +34,7 @@ from armadico.core.messages import (
     checked,
 )
 from armadico.core.resources import WHEELS
-from tests.bridge.robot_bench import BALLOT, PROFILE, TICK, Bench
+from tests.bridge.robot_bench import BALLOT, NAMES, PROFILE, TICK, Bench
 
 CLOSE = command(Cmd.CLOSE)
 AT_REST = Status(
@@ -399,6 +399,32 @@ def test_a_release_while_the_hand_is_at_the_button_does_not_hold(
     assert again.press != first.press
     ready.command(0.3)
     assert not any(ready.speeds())
+
+
+@pytest.mark.parametrize("kind", [0xFE, 0xFF])
+def test_a_controller_that_was_reset_at_the_robot_takes_a_release_to_drive_on(
+    ready: Bench, kind: int
+) -> None:
+    """Opening it again switches the motors on, and whoever pressed the button stands there."""
+    ready.command(0.3)
+    ready.answer(encode(bytes([kind])))
+    ready.let_pass(2.0)
+    ready.answer(SYNC0, SYNC1, NAMES)
+    began = ready.now
+    stop = ready.status().stop
+    assert (stop.stopped, stop.by) == (True, "the controller having been reset at the robot")
+    ready.command(0.3)
+    assert not any(ready.speeds(began))
+    ready.hand(Stop(stop.counter + 1, False, "somebody", stop.press))
+    ready.command(0.3)
+    assert ready.speeds()[-1] == 300
+
+
+def test_a_line_that_was_silent_takes_none(ready: Bench) -> None:
+    ready.command(0.3)
+    ready.let_pass(3.0)
+    ready.answer(SYNC0, SYNC1, NAMES)
+    assert not ready.status().stop.stopped
 
 
 def test_motors_that_are_held_off_from_the_first_latch_it_too(bench: Bench) -> None:

@@ -13,6 +13,7 @@ from msgspec.structs import replace
 from armadico.cli import doctor, top
 from armadico.cli import main as armadico
 from armadico.core.messages import (
+    BatteryLevel,
     Correction,
     Cycle,
     Line,
@@ -70,15 +71,28 @@ WELL = RobotState(Cycle(1, 1), 0, 0, 0, 0, 0, 12, motors=True, stalled=False)
 
 
 def test_why_the_robot_stands_and_what_its_line_is_like_is_said() -> None:
-    (line,) = doctor.robot(WELL)
+    battery, line = doctor.robot(WELL)
+    assert (battery.verdict, battery.what) == (doctor.OK, "12.0 V")
     assert (line.subject, line.verdict) == ("line", "ok")
     stop = Stop(1, stopped=True, by="the motors being off at the robot")
     counts = Line(dropped=7, resets=2)
-    found = list(doctor.robot(replace(WELL, motors=False, stop=stop, line=counts)))
-    assert [f.subject for f in found] == ["stop", "motors", "line"]
+    low = BatteryLevel(Cycle(1, 1), 10.2, 0.07, 5e4)
+    found = list(doctor.robot(replace(WELL, motors=False, stop=stop, line=counts), low))
+    assert [f.subject for f in found] == ["battery", "stop", "motors", "line"]
     assert {f.verdict for f in found} == {"note"}
-    assert "motors being off" in found[0].what
-    assert "7 bytes dropped, 2 odometry resets" in found[2].what
+    assert "nearly empty: 12.0 V, 7 %" in found[0].what
+    assert "motors being off" in found[1].what
+    assert "7 bytes dropped, 2 odometry resets" in found[3].what
+    charging = next(iter(doctor.robot(replace(WELL, charging=True), low)))
+    assert (charging.verdict, charging.what) == (doctor.OK, "12.0 V, 7 %, charging")
+
+
+def test_top_says_what_is_left_of_the_battery() -> None:
+    view = View()
+    view.learn(replace(WELL, charging=True), 0.0)
+    assert "12.0 V, charging" in top._heading(top.Snapshots(view, "robot1").at(0.0))
+    view.learn(BatteryLevel(Cycle(1, 1), 11.7, 0.59, 4e5), 0.0)
+    assert "12.0 V, 59 %, charging" in top._heading(top.Snapshots(view, "robot1").at(0.0))
 
 
 def test_top_says_it_in_its_first_line() -> None:

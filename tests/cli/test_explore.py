@@ -46,6 +46,8 @@ def test_an_exploration_ends_with_a_map_that_can_be_gone_on_with(tmp_path: Path)
         (("explore", "sc3", "--goal", "1", "1", "0"), 2, "--goal"),
         (("explore", "sc3", "--virtual", "--within", "2", "0", "1", "1"), 2, "X1 < X2"),
         (("explore", "sc3", "--virtual", "--within", "0", "0", "1e7", "1"), 2, "1,000,000 m"),
+        (("explore", "sc3", "--virtual", "--within", "-1e7", "0", "1", "1"), 2, "1,000,000 m"),
+        (("explore", "sc3", "--virtual", "--within", "-1e5"), 2, "expected 4 arguments"),
         (("explore", "sc3", "--virtual", "--within", "0", "0", "1", "inf"), 2, "1,000,000 m"),
         (("explore", "sc3", "--virtual", "--map", "a.png"), 2, "expected .yaml"),
         (("explore", "sc3", "--virtual", "--map", "/proc/a.map"), 1, "cannot write /proc/a.map"),

@@ -115,6 +115,8 @@ SMALL_ROBOT = (*VIRTUAL, "--seed", "1", "--json", "--no-plot")
         ((*VIRTUAL, "--goal", "1", "1", "1e9"), ("--goal 1 1 1e+09", "360 degrees")),
         ((*VIRTUAL, "--goal", "1", "1"), ("--goal", "3 arguments")),
         ((*VIRTUAL, "--start", "inf", "1", "0"), ("--start inf 1 0", "finite")),
+        ((*VIRTUAL, "--start", "-inf", "1", "0"), ("--start -inf 1 0", "finite")),
+        ((*VIRTUAL, "--start", "-1e3", "1", "-0E0"), ("start (-1000, 1)", "x -2 to 7")),
         ((*VIRTUAL, "--goal", "99", "1", "0"), ("goal (99, 1)", "outside the world", "x -2 to 7")),
         (("sc4", "--goal", "4.6", "1", "0"), ("goal (4.6, 1)", "0.00 m from a wall", "0.30 m")),
         (("sc4", "--start", "0.1", "1", "0"), ("start (0.1, 1)", "0.10 m from a wall")),
@@ -239,7 +241,22 @@ def test_a_goal_that_is_not_reached_is_measured_and_ends_with_exit_code_1(
     assert code == 1
     assert row["reached"] is False
     assert row["limit_s"] == 60.0 or row["limit_s"] > row["tt_s"] - 1.0
-    assert "nothing is planned, and a wall is in the way" in errors
+    assert "nothing is planned, and a barrier is in the way" in errors
+
+
+BEHAVIOURS = ("--without", "goto", "--without", "avoid", "--without", "gothrough")
+
+
+@pytest.mark.parametrize("more", [(), ("--sensors", "real")], ids=["nobody", "relocate"])
+def test_where_nobody_contends_for_the_wheels_it_is_said(
+    capsys: Captured, more: tuple[str, ...]
+) -> None:
+    """The relocate agent drives only who is lost."""
+    code, _, errors = run(capsys, *VIRTUAL, *more, "--for", "1", *BEHAVIOURS)
+    assert code == 1
+    assert "nobody contends for the wheels" in errors
+    _, _, errors = run(capsys, *VIRTUAL, *more, "--for", "1", *BEHAVIOURS[2:])
+    assert "contends" not in errors
 
 
 def test_a_run_that_takes_too_long_says_its_limit_and_ends_with_exit_code_1(

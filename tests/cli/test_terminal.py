@@ -247,6 +247,7 @@ def test_top_knows_agents_holder_and_rates(run: Run, society: Society) -> None:
     assert agent["memory_mb"] > 0
     assert {row["key"] for row in found["services"]} >= {"robot/state", "encoder/pose"}
     assert found["robot"]["battery_v"] == 12.5
+    assert (found["robot"]["battery_share"], found["robot"]["charging"]) == (None, False)
 
 
 def test_top_into_a_pipe_measures_once_and_ends(run: Run, society: Society) -> None:

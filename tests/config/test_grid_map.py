@@ -66,6 +66,21 @@ def test_a_grid_too_large_to_be_read_is_refused_before_it_is_unpacked() -> None:
         cells_of(OccupancyGrid(0.0, 0.0, 0.05, 60_000, 60_000, b""))
 
 
+@pytest.mark.parametrize("cell_m", [1e-300, 1e-6, 0.009])
+def test_a_grid_of_cells_too_small_for_a_map_is_refused(cell_m: float) -> None:
+    """Whoever planned on it would fill the memory, or divide by nothing."""
+    with pytest.raises(ValueError, match=r"at least 0\.01 m"):
+        cells_of(replace(message_of(room()), cell=cell_m))
+
+
+def test_a_grid_of_nothing_but_borders_is_refused() -> None:
+    """A pattern is deflated to next to nothing, and has more walls than anybody can read."""
+    dots = np.zeros((1000, 1000), dtype=np.uint8)
+    dots[::2, ::2] = OCCUPIED
+    with pytest.raises(ValueError, match="borders, at most 200,000"):
+        cells_of(message_of(room(dots)))
+
+
 def test_a_grid_too_large_to_be_read_is_sent_in_larger_cells() -> None:
     sent = message_of(room(np.ones((4001, 4001), dtype=np.uint8), 0.05))
     assert cells_of(sent).cell_m == 0.1
@@ -84,6 +99,36 @@ def test_a_map_servers_files_hold_all_of_it(tmp_path: Path) -> None:
     files = grid_map.save(room(), tmp_path / "room.yaml")
     assert [file.name for file in files] == ["room.yaml", "room.pgm"]
     assert same(grid_map.read(tmp_path / "room.yaml"), room())
+
+
+@pytest.mark.parametrize(
+    "name",
+    [
+        "x #1",
+        "#",
+        "'q'",
+        '"q"',
+        "a: b",
+        "- a",
+        "[a]",
+        "  a",
+        'it\'s "a" # b',
+        "a\\b",
+        "a\nb",
+        "a\u2028b",
+        "grün 地図",
+    ],
+)
+def test_whatever_a_map_is_called_its_image_is_found(tmp_path: Path, name: str) -> None:
+    path = tmp_path / f"{name}.yaml"
+    grid_map.save(room(), path)
+    assert same(grid_map.read(path), room())
+
+
+def test_a_name_that_no_text_can_say_is_refused_before_anything_is_written(tmp_path: Path) -> None:
+    with pytest.raises(ConfigError, match="no UTF-8"):
+        grid_map.save(room(), tmp_path / "a\udcff.yaml")
+    assert not list(tmp_path.iterdir())
 
 
 def test_both_kinds_of_file_are_the_same_world(tmp_path: Path) -> None:
@@ -118,6 +163,21 @@ def test_where_a_folder_is_no_map_is_written_nor_half_of_one(tmp_path: Path) -> 
         with pytest.raises(IsADirectoryError):
             attempt(tmp_path / "room.yaml")
     assert [file.name for file in tmp_path.iterdir()] == ["room.yaml"]
+
+
+@pytest.mark.parametrize("protected", ["a.yaml", "a.pgm"])
+def test_a_file_that_is_read_only_is_not_replaced(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, protected: str
+) -> None:
+    """To rename another over it takes a right to the folder only."""
+    path = tmp_path / "a.yaml"
+    grid_map.save(room(), path)
+    before = {file.name: file.read_bytes() for file in tmp_path.iterdir()}
+    monkeypatch.setattr("os.access", lambda file, _: Path(file).name != protected)  # as root, too
+    for refuses in (grid_map.check_writable, lambda file: grid_map.save(room(cell_m=1.0), file)):
+        with pytest.raises(PermissionError):
+            refuses(path)
+    assert {file.name: file.read_bytes() for file in tmp_path.iterdir()} == before
 
 
 def test_another_kind_of_file_is_refused(tmp_path: Path) -> None:

@@ -39,7 +39,8 @@ def lab(folder: Path, text: str = LAB) -> Path:
 
 def test_what_is_shipped_stays_on_loopback_and_runs_everybody() -> None:
     table = load_hosts()
-    assert table.hosts == {"localhost": Host(LOOPBACK, (society().robot, *society().agents))}
+    everybody = (society().robot, *society().agents, *society().watch)
+    assert table.hosts == {"localhost": Host(LOOPBACK, everybody)}
     assert not table.multicast
     assert table.router is None
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from pathlib import Path
 from typing import Annotated, Literal
 
@@ -202,6 +203,17 @@ def test_parameters_are_defaults_then_a_file_then_settings(tmp_path: Path) -> No
 def test_every_shipped_robot_loads() -> None:
     assert names("robots") == ["amigobot", "pioneer-2dx"]
     assert load(find("robots", "pioneer-2dx"), RobotProfile).name == "pioneer-2dx"
+
+
+@pytest.mark.parametrize(
+    "key", ["wheel_radius_m", "caster_radius_m", "resistance_ohm", "period_s", "diff_conv"]
+)
+def test_what_is_divided_by_is_not_too_small_for_that(tmp_path: Path, key: str) -> None:
+    text = find("robots", "pioneer-2dx").read_text()
+    path = tmp_path / "own.toml"
+    path.write_text(re.sub(rf"^{key} *=.*", f"{key} = 1e-300", text, flags=re.MULTILINE))
+    with pytest.raises(ConfigError, match=rf"{key} = 1e-300: expected a number >= "):
+        load(path, RobotProfile)
 
 
 def test_sensors_are_entries_of_one_file_and_no_robots() -> None:

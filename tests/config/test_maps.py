@@ -29,7 +29,7 @@ Cairn: RobotHome 1 2 3 "" ICON "RobotHome 2"
 Cairn: Goal 1000 2000 45.000000 "" ICON "over there"
 Cairn: GoalWithHeading 1000 2000 -90.000000 "" ICON "table"   # and on
 Cairn: ForbiddenLine 0 0 0.000000 "" ICON "" 0 0 1 1
-Cairn: Dock 0 0
+Cairn: Dock 1000 1000 180.000000 "" ICON "by the wall"
 Cairn: ArmadicoRoom 0 0 0.000000 "" ICON "A" 0 0 2000 3000
 Cairn: ArmadicoRoom 0 0 0.000000 "" ICON "B" 2000 0 4000 3000
 Cairn: ArmadicoDoor 2000 1500 0.000000 "A B" ICON "the door"
@@ -51,6 +51,7 @@ def test_lines_cairns_and_corners_become_a_world_in_si() -> None:
         rooms=(Room("A", 0.0, 0.0, 2.0, 3.0), Room("B", 2.0, 0.0, 4.0, 3.0)),
         doors=(Door("the door", "A", "B", 2.0, 1.5),),
         forbidden=((0.0, 0.0, 0.001, 0.001),),
+        docks={"by the wall": (1.0, 1.0, pi)},
     )
 
 
@@ -108,6 +109,22 @@ def test_bounds_hold_walls_that_a_stale_header_does_not() -> None:
             '"table"',
             '"over there"',
             "my.map:10: GoalWithHeading 'over there' is there twice; expected another name",
+        ),
+        (
+            'Dock 1000 1000 180.000000 "" ICON "by the wall"',
+            "Dock 1000 1000",
+            'my.map:12: expected Cairn: Dock X Y DEGREES "" ICON "NAME"',
+        ),
+        (
+            "Dock 1000 1000",
+            "Dock 1000 100",
+            "my.map:12: dock 'by the wall' at (1, 0.1) is 0.10 m from a wall; expected at least"
+            " 0.15 m: the pose of the robot that stands there",
+        ),
+        (
+            "Dock 1000 1000",
+            "Dock 5000 1000",
+            "my.map:12: dock 'by the wall' at (5, 1) is outside the world",
         ),
         (
             "ArmadicoRoom 0 0 0.000000",

@@ -13,7 +13,7 @@ from hypothesis.extra import numpy as hnp
 from PIL import Image
 
 from armadico.config.errors import ConfigError
-from armadico.config.occupancy import _edges
+from armadico.config.occupancy import _edges, walls_in
 from armadico.config.worlds import load_world
 
 YAML = """\
@@ -110,6 +110,7 @@ def test_walls_are_as_long_as_the_border_and_stand_between_unlike_cells(
     padded = np.pad(cells, 1)
     border = np.sum(padded[1:] != padded[:-1]) + np.sum(padded[:, 1:] != padded[:, :-1])
     edges = _edges(cells)
+    assert walls_in(cells) == len(edges)
     assert sum(hypot(x2 - x1, y2 - y1) for x1, y1, x2, y2 in edges) == border
     for x1, y1, x2, y2 in edges:
         for column in range(x1, x2):
@@ -137,4 +138,15 @@ def test_a_picture_with_more_pixels_than_fit_is_refused_with_its_line(
     file = write(tmp_path)
     (tmp_path / "room.pgm").write_bytes(f"P5\n{side} {side}\n255\n".encode())
     with pytest.raises(ConfigError, match=r"room\.yaml:2: image: .*pixels"):
+        load_world(file)
+
+
+def test_a_picture_of_noise_is_no_map(tmp_path: Path) -> None:
+    """It would fill the memory of every agent that is told the world."""
+    file = write(tmp_path)
+    noise = np.random.default_rng(1).integers(0, 255, (1000, 1000), dtype=np.uint8)
+    Image.fromarray(noise).save(tmp_path / "room.pgm")
+    with pytest.raises(
+        ConfigError, match=r"room\.yaml: its occupied cells have .* borders, at most"
+    ):
         load_world(file)

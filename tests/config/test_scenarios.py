@@ -3,16 +3,19 @@
 from __future__ import annotations
 
 from itertools import pairwise
-from math import hypot
+from math import degrees, hypot
 from pathlib import Path
 
 import msgspec
 import pytest
+from msgspec.structs import replace
 
 from armadico.config.errors import ConfigError
 from armadico.config.loading import names, resource_path
+from armadico.config.mapwriter import write_map
 from armadico.config.profile import load_profile
 from armadico.config.scenarios import (
+    Battery,
     Scenario,
     blind,
     load_scenario,
@@ -25,6 +28,7 @@ from armadico.config.worlds import load_world
 from .free_space import FreeSpace
 
 SHIPPED = names("scenarios")
+WITH_DOCKS = ["floor", "house", "offices"]
 WITH_ROOMS = ["floor", "house", "offices", "rooms-a", "rooms-b", "sc4"]
 
 
@@ -45,8 +49,8 @@ def leg_clearance(world: str, a: tuple[float, float], b: tuple[float, float]) ->
 
 def test_the_thesis_experiments_are_all_there() -> None:
     every = ["floor", "house", "offices", "rooms-a", "rooms-b", "sc1", "sc2", "sc3", "sc4"]
-    assert sorted([*every, "floor-people"]) == SHIPPED
-    assert names("worlds") == sorted(["empty", *every])
+    assert sorted([*every, "fleet", "floor-people", "surveillance"]) == SHIPPED
+    assert names("worlds") == sorted(["empty", "hall", "surveillance", *every])
 
 
 @pytest.mark.parametrize("name", SHIPPED)
@@ -126,7 +130,9 @@ def test_a_scenario_starts_where_its_world_says(name: str) -> None:
     again = scenario_from(scenario.world)
     assert again.start == pytest.approx(scenario.start)
     goals = load_world(scenario.world).goals
-    assert scenario_from(scenario.world, goal=next(iter(goals))).goal == scenario.goal
+    assert bool(goals) is (scenario.goal is not None)
+    if goals:
+        assert scenario_from(scenario.world, goal=next(iter(goals))).goal == scenario.goal
 
 
 def test_files_need_only_say_what_is_special() -> None:
@@ -249,6 +255,21 @@ def test_a_world_may_lie_beside_the_scenario(tmp_path: Path) -> None:
             '"rooms"\n[[moving]]\nkind = "person"\nat = [2, 2]\npace = 1',
             "own.toml:12: unknown key moving[0].pace",
         ),
+        (
+            '"rooms"',
+            '"rooms"\n[[moving]]\nkind = "door"\nwall = [1, 2, 2, 2]\nradius = 0.3',
+            "own.toml:12: a door has no radius; expected wall, times",
+        ),
+        (
+            '"rooms"',
+            '"rooms"\n[[moving]]\nkind = "person"\nat = [2, 2]\ntimes = [4, 9]',
+            "own.toml:12: a person has no times; expected at, radius, speed, heeds",
+        ),
+        (
+            '"rooms"',
+            '"rooms"\n[[moving]]\nkind = "box"\nat = [2, 2]\nheeds = false',
+            "own.toml:12: a box has no heeds; expected at, size, times",
+        ),
         ("plan =", "v_max = 0\nplan =", "own.toml:8: v_max = 0: expected a number > 0"),
     ],
 )
@@ -292,7 +313,7 @@ def test_a_fault_in_the_world_is_named_in_the_worlds_file(tmp_path: Path) -> Non
 
 
 def test_an_unknown_scenario_lists_what_there_is() -> None:
-    with pytest.raises(ConfigError, match=r"no scenario 'sc5'; did you mean 'sc\d'\? \(known: flo"):
+    with pytest.raises(ConfigError, match=r"no scenario 'sc5'; did you mean 'sc\d'\? \(known: fle"):
         load_scenario("sc5")
 
 
@@ -335,6 +356,29 @@ def test_a_map_with_walls_is_planned_whoever_made_it(
     assert planned(scenario_from(tmp_path / "hall.map", goal=(1.0, 8.0, 0.0)))
 
 
+STAIRS = """\
+2D-Map
+LineMinPos: 0 0
+LineMaxPos: 9000 9000
+Cairn: RobotHome 1000 1000 0 "" ICON "RobotHome"
+Cairn: ForbiddenLine 0 0 0 "" ICON "" 0 5000 8000 5000
+DATA
+"""
+"""Nothing but what no sensor sees."""
+
+
+def test_what_is_forbidden_alone_is_planned_round_and_no_place_to_be_sent_to(
+    tmp_path: Path,
+) -> None:
+    file = tmp_path / "stairs.map"
+    file.write_text(STAIRS)
+    beyond = scenario_from(file, goal=(1.0, 8.0, 0.0))
+    assert planned(beyond)
+    assert blind(msgspec.structs.replace(beyond, plan="direct"))
+    with pytest.raises(ConfigError, match=r"goal \(1, 4.9\) is 0.10 m from what is forbidden in"):
+        scenario_from(file, goal=(1.0, 4.9, 0.0))
+
+
 def test_a_straight_way_that_is_free_is_not_blind(tmp_path: Path) -> None:
     (tmp_path / "hall.map").write_text(HALL)
     along = scenario_from(tmp_path / "hall.map", goal=(7.0, 4.0, 0.0))
@@ -374,3 +418,45 @@ def test_a_world_without_a_start_wants_one(tmp_path: Path) -> None:
     with pytest.raises(ConfigError, match="world 'hall' has no start: --start X Y DEG says where"):
         scenario_from(hall)
     assert scenario_from(hall, (1.0, 1.0, 0.0)).goal is None
+
+
+# --- batteries and docks
+
+
+def test_a_scenario_says_what_is_left_of_the_battery_and_how_large_it_is(tmp_path: Path) -> None:
+    assert load_scenario("sc1").battery == Battery(1.0, None)
+    file = own(tmp_path, OWN + "[battery]\ncharge = 0.25\ncapacity_ah = 3.5\n")
+    assert load_scenario(file).battery == Battery(0.25, 3.5)
+
+
+@pytest.mark.parametrize(
+    ("line", "message"),
+    [
+        ("charge = 1.2", r"own\.toml:10: battery\.charge.*<= 1"),
+        ("capacity_ah = 0", r"own\.toml:10: battery\.capacity_ah.*> 0"),
+        ("charg = 0.5", r"own\.toml:10: .*did you mean 'charge'"),
+    ],
+)
+def test_a_battery_that_cannot_be_is_refused(tmp_path: Path, line: str, message: str) -> None:
+    file = own(tmp_path, OWN + f"[battery]\n{line}\n")
+    with pytest.raises(ConfigError, match=message):
+        load_scenario(file)
+
+
+@pytest.mark.parametrize("name", WITH_DOCKS)
+def test_every_robot_can_drive_into_every_dock(name: str) -> None:
+    world = load_world(name)
+    assert world.start is not None
+    x, y, theta = world.start
+    for robot in ("pioneer-2dx", "amigobot"):
+        scenario_from(name, (x, y, degrees(theta)), robot=robot)
+
+
+def test_a_dock_that_a_wall_is_in_the_way_of_is_refused(tmp_path: Path) -> None:
+    world = load_world("sc4")
+    for dock in ((4.40, 1.0, 0.0), (0.3, 1.0, 0.0)):  # its front, and before it, in a wall
+        file = tmp_path / "docked.map"
+        write_map(replace(world, docks={"one": dock}), file)
+        text = OWN.replace('"sc4"', f'"{file}"')
+        with pytest.raises(ConfigError, match=r"own\.toml:1: .*cannot drive into dock 'one'"):
+            load_scenario(own(tmp_path, text))

@@ -152,3 +152,25 @@ def test_a_newcomer_that_somebody_is_in_the_way_of_is_for_people_to_mend() -> No
     assert supervision.ended("encoder", MISUSED, 10.0 + 0.9 * NEWCOMER_S) is not None
     supervision.began("sonar", 10.0)
     assert supervision.ended("sonar", MISUSED, 10.0 + NEWCOMER_S) is None
+
+
+def test_who_asks_is_told_why_there_is_no_restart_left() -> None:
+    supervision = Supervision(Budget(1, 30.0))
+    assert supervision.refusal(0.0) is None
+    restart(supervision, "goto", 0.0)
+    assert supervision.refusal(1.0) == "the budget of 1 restarts in 30 s is spent"
+    assert supervision.refusal(30.0) is None
+
+
+def test_a_newcomer_whom_another_host_has_replaced_waits_for_it_to_go() -> None:
+    supervision = Supervision()
+    assert supervision.ended("goto", MISUSED, 0.0, replaced=True) is None
+    assert supervision.kept_out("goto")
+    assert supervision.due(IN_THE_WAY_S[0]) == ["goto"]
+
+
+def test_who_is_let_go_of_is_not_due() -> None:
+    supervision = Supervision()
+    supervision.ended("goto", -9, 0.0)
+    supervision.let_go("goto")
+    assert supervision.wakeup is None

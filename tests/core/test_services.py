@@ -6,7 +6,17 @@ import pytest
 
 from armadico.core import messages as m
 from armadico.core import services
-from armadico.core.services import BIDS, CARD, SERVICES, Kind, Service, register, service_of
+from armadico.core.resources import TRAJECTORY
+from armadico.core.services import (
+    BIDS,
+    CARD,
+    SERVICES,
+    Kind,
+    Service,
+    register,
+    service_at,
+    service_of,
+)
 
 
 class Whistle(m.Message, frozen=True):
@@ -80,3 +90,15 @@ def test_an_agent_may_bring_a_message_of_its_own() -> None:
 def test_a_message_cannot_be_given_a_second_key() -> None:
     with pytest.raises(ValueError, match="Pose already travels on encoder/pose"):
         register(Service(m.Pose, "my/pose", Kind.STATE, 10, 3, "another"))
+
+
+def test_a_resource_is_spoken_of_at_its_own_rate() -> None:
+    assert promised("resource/wheels/ack") == 10
+    assert promised("resource/trajectory/ack") == 1 / (TRAJECTORY.period_s or 0.1)
+    assert promised("resource/nobody-knows-it/ack") is None
+
+
+def promised(key: str) -> float | None:
+    service = service_at(key)
+    assert service is not None
+    return service.rate_hz

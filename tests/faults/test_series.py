@@ -39,6 +39,7 @@ def test_a_case_is_the_same_run_again() -> None:
     assert Task(7, SECONDS).run() != Task(8, SECONDS).run()
 
 
+@pytest.mark.timeout(600)  # as many seeds as it takes
 def test_what_should_happen_sometimes_does() -> None:
     awaited = {*Sight} - RARE - AWAITED_SIGHTS
     for seed in range(FIRST, FIRST + SEEDS):

@@ -48,12 +48,12 @@ def test_down_without_a_host_is_for_all_shares_of_the_namespace(up: Start) -> No
 
 def test_an_agent_that_dies_comes_back_as_a_new_instance(up: Start, observer: Observer) -> None:
     process = up("lab1")
-    observer.until(lambda: observer.names == {"encoder", "sonar"}, "both are there")
+    observer.until(lambda: observer.names == {"encoder", "sonar", "wakeup"}, "both are there")
     before = set(observer.client.alive)
     children(process)["sonar"].kill()
-    observer.until(lambda: len(observer.client.alive) == 1, "the sonar agent is gone")
-    observer.until(lambda: observer.names == {"encoder", "sonar"}, "it is back")
-    assert len(before & observer.client.alive) == 1, "the encoder agent stayed"
+    observer.until(lambda: len(observer.client.alive) == 2, "the sonar agent is gone")
+    observer.until(lambda: observer.names == {"encoder", "sonar", "wakeup"}, "it is back")
+    assert len(before & observer.client.alive) == 2, "the encoder agent and its host stayed"
     process.terminate()
     _, errors = process.communicate(timeout=SOON)
     assert "sonar ended with signal SIGKILL; it is started again" in errors
@@ -123,8 +123,13 @@ def test_the_scenario_says_who_takes_part_and_the_command_line_says_more(
         'world = "empty"\nstart = [0, 0, 0]\ngoal = [1, 0, 0]\nagents = ["encoder", "goto"]\n'
     )
     up("lab1", str(scenario), "--with", "avoid", "--with", "avoid", "--set", "avoid.v_max=0.2")
-    observer.until(lambda: len(observer.client.alive) == 3, "three are there")
-    assert sorted(name for name, _ in observer.client.alive) == ["avoid", "avoid", "encoder"]
+    observer.until(lambda: len(observer.client.alive) == 4, "three are there, and their host")
+    assert sorted(name for name, _ in observer.client.alive) == [
+        "avoid",
+        "avoid",
+        "encoder",
+        "wakeup",
+    ]
 
 
 def test_systemd_is_told_when_it_is_up(

@@ -72,7 +72,7 @@ SANS_IO = (
         "mesh.virtual",
         "launch.virtual",
     ),
-    *("core.membership", "observe.hosts", "observe.view", "core.restart_policy"),
+    *("core.membership", "observe.hosts", "observe.view", "core.restart_policy", "launch.wakeup"),
 )
 """Of the framework: bytes or messages and the time in, bytes or messages out."""
 

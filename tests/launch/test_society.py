@@ -8,12 +8,22 @@ import msgspec
 import pytest
 
 from armadico.config.discovery import AGENTS, load
-from armadico.config.hosts import load_hosts
+from armadico.config.hosts import Host, HostTable, load_hosts
 from armadico.config.loading import load_parameters
 from armadico.config.scenarios import load_scenario
 from armadico.core.agent import Agent
 from armadico.core.messages import Waypoint
-from armadico.launch.society import Member, Options, members, mission, processes, share, time_limit
+from armadico.launch.society import (
+    Member,
+    Options,
+    members,
+    mission,
+    needed,
+    processes,
+    share,
+    spare,
+    time_limit,
+)
 
 SC4 = load_scenario("sc4")
 
@@ -50,6 +60,38 @@ def test_a_redundant_society_has_two_of_each_behaviour_in_processes_of_their_own
     assert [m.name for m in labels["goto+avoid-2"]] == ["goto", "avoid"]
     (host,) = load_hosts().hosts.values()
     assert [m.name for m in share(twice, Options(), host)].count("goto") == 2
+
+
+LAB = HostTable(
+    {
+        "robot": Host(agents=("robot", "encoder", "sonar", "monitor")),
+        "lab": Host(agents=("goto", "avoid", "path-planning", "interface", "relocate")),
+    }
+)
+
+
+def test_a_host_has_the_watchers_of_its_entry_whatever_the_scenario_says() -> None:
+    found = share(SC4, Options(), LAB.host("robot"))
+    assert [member.name for member in found] == ["robot", "encoder", "sonar", "monitor"]
+
+
+def test_a_host_could_start_what_another_has_but_for_who_owns_a_device() -> None:
+    found = {m.name: m.sets for m in spare(SC4, Options(), LAB.host("lab"), LAB)}
+    assert list(found) == ["encoder", "sonar", "monitor"]
+    assert found["encoder"] == by_name()["encoder"], "as its own host would have"
+    no = Host(agents=("goto",), takes=("sonar", "gothrough"))
+    assert [m.name for m in spare(SC4, Options(), no, LAB)] == ["sonar"], "who is placed"
+    assert [m.name for m in spare(None, Options(), LAB.host("robot"), LAB)] == [
+        *LAB.host("lab").agents
+    ]
+
+
+def test_what_is_needed_is_what_takes_part_and_has_a_place() -> None:
+    needed_here = needed(SC4, Options(without=("avoid",)), LAB)
+    assert needed_here == ("robot", "encoder", "sonar", "goto", "interface", "path-planning")
+    assert needed(None, Options(), LAB) == (
+        *("robot", "encoder", "sonar", "goto", "avoid", "interface", "path-planning"),
+    )
 
 
 def test_whoever_is_not_wanted_is_left_out() -> None:

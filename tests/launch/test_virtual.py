@@ -24,6 +24,7 @@ from armadico.config.scenarios import Scenario, ideal, load_scenario
 from armadico.config.shipped import resource_path
 from armadico.core.agent import Agent
 from armadico.core.messages import Ack, Ballot, Log, Message, RobotState, Stop, Truth, encode
+from armadico.core.resources import WHEELS
 from armadico.core.services import SERVICES
 from armadico.launch.attached import AttachedRun
 from armadico.launch.society import Options, members
@@ -224,7 +225,7 @@ class Faulty:
                 assert _rank(after.obeyed) >= _rank(before.obeyed)
 
     def _keep(self, _key: str, message: Message, _now: float) -> None:
-        if isinstance(message, Ack):
+        if isinstance(message, Ack) and message.resource == WHEELS.name:
             self.acks.append(message)
         elif isinstance(message, Truth):
             self.truths.append(message)

@@ -13,6 +13,7 @@ import pytest
 from msgspec.structs import replace
 
 from armadico.bridge.p2os.commands import Cmd
+from armadico.config import grid_map
 from armadico.config.errors import ConfigError
 from armadico.launch.local import Launcher
 from armadico.launch.processes import simulator_words
@@ -87,6 +88,22 @@ def test_a_run_that_is_interrupted_leaves_the_robot_at_rest_and_nothing_running(
         assert not any(map(moves, last))
     finally:
         tap.close()
+
+
+def test_an_exploration_that_is_interrupted_keeps_the_map_so_far(
+    run: Start, observer: Observer, tmp_path: Path
+) -> None:
+    saved = tmp_path / "so #far.yaml"
+    process = run("explore", "sc3", "--no-plot", "--map", str(saved))
+    observer.until(observer.obeyed_lately, "somebody drives")
+    observer.until(lambda: abs(observer.state.v) > 0.05, "to a frontier, since there is a map")
+    everybody = children(process.pid)
+    process.send_signal(SIGINT)
+    _, errors = process.communicate(timeout=SOON)
+    assert process.returncode == 130, errors
+    assert "m^2 of it free" in errors
+    assert grid_map.read(saved).area(grid_map.FREE) > 0.0
+    assert all_gone(everybody)
 
 
 def test_when_the_launcher_is_killed_the_society_drives_on_and_down_ends_it(

@@ -49,6 +49,12 @@ KEYS = [
 ]
 
 
+def described(controller: str) -> Description:
+    return Description(
+        "slim", 0.1, 0.3, 0.1, 0.08, 1.2, 5.2, 0.3, 0.3, 1.7, 1.7, 0.3, 2.0, controller
+    )
+
+
 class Run:
     """A run made up cycle by cycle."""
 
@@ -57,6 +63,8 @@ class Run:
         self.truth = truth
         self.number = 0
         self.now = 50.0
+        if truth:
+            self.show(described("sim"))
 
     def show(self, *messages: Message) -> None:
         for message in messages:
@@ -88,7 +96,7 @@ class Run:
         ack = Ack("wheels", cycle, ballot, ballot, obeyed)
         if self.truth:
             t = 0.1 * self.number
-            self.show(Truth(t, x, y, theta, 0, 0, collisions, clearance, bumped=bumped))
+            self.show(Truth(t, x, y, theta, 0, 0, collisions, clearance, "sim", bumped))
         self.show(state, ack, Pose(cycle, x, y, theta))
 
     def end(self, state: MissionState = MissionState.REACHED, mission: int = MISSION) -> Result:
@@ -272,9 +280,10 @@ def test_without_truth_the_pose_stands_in_and_what_it_cannot_tell_is_null() -> N
 
 def test_what_was_driven_before_the_first_truth_is_by_another_clock_and_does_not_count() -> None:
     run = Run(truth=False).begin()
+    run.show(described("sim"))
     run.cycle(0.0)
     for number in range(11):
-        run.show(Truth(3.0 + 0.1 * number, 0.1 * number, 0, 0, 0, 0, 0, 1))
+        run.show(Truth(3.0 + 0.1 * number, 0.1 * number, 0, 0, 0, 0, 0, 1, "sim"))
         run.cycle(0.1 * number)
     result = run.end()
     assert (result.td_m, result.tt_s) == pytest.approx((1.0, 1.0))
@@ -338,12 +347,6 @@ def test_a_command_asks_for_speeds_or_for_rest(
     resource: str, action: tuple[float, ...] | bytes | None, asked: tuple[float, float]
 ) -> None:
     assert speeds(Command(resource, Cycle(1, 10), BALLOT, action)) == asked
-
-
-def described(controller: str) -> Description:
-    return Description(
-        "slim", 0.1, 0.3, 0.1, 0.08, 1.2, 5.2, 0.3, 0.3, 1.7, 1.7, 0.3, 2.0, controller
-    )
 
 
 def test_only_the_robots_own_simulator_is_believed_and_another_is_named() -> None:

@@ -23,6 +23,12 @@ def ack(number: int, by: str | None, resource: str = "wheels") -> m.Ack:
     return m.Ack(resource, cycle, ballot, ballot, None if by is None else cycle)
 
 
+def described(controller: str) -> m.Description:
+    return m.Description(
+        "slim", 0.1, 0.3, 0.1, 0.08, 1.2, 5.2, 0.3, 0.3, 1.7, 1.7, 0.3, 2.0, controller
+    )
+
+
 def claim(by: str, term: int = 1, utility: float | None = 0.6) -> m.Claim:
     return m.Claim("wheels", m.Ballot(term, 0.6, False, by), m.Cycle(1, 1), utility)
 
@@ -39,6 +45,18 @@ def test_a_state_that_two_publish_is_named_with_both_and_without_a_robot_two_sim
     assert view.doubled == {"encoder/pose": ["encoder-" + "1" * 16, "encoder-" + "2" * 16]}
     assert view.strangers(0.0) == ["sim-1", "sim-2"]
     assert view.truth is None
+
+
+@pytest.mark.parametrize("told", [False, True], ids=["unknown", "nameless"])
+def test_a_truth_without_a_name_is_nobodys(told: bool) -> None:
+    """Else a simulator that is left in the namespace spoke for any robot that has no name."""
+    view = View()
+    for _ in range(2):
+        if told:
+            view.learn(described(""), 0.0)
+        view.learn(m.Truth(0, 50.0, 0, 0, 0, 0, 0, None), 0.0)
+        assert view.truth is None
+    assert view.strangers(0.0) == ([""] if told else [])
 
 
 # Where it is --------------------------------------------------------------------------------------
@@ -175,9 +193,10 @@ def test_the_newest_of_each_is_known() -> None:
     assert not view.stop.stopped
     cycle = m.Cycle(1, 1)
     state = m.RobotState(cycle, 0, 0, 0, 0.2, 0.1, 12.5, True, False, stop=m.Stop(1, True, "me"))
-    pose, truth = m.Pose(cycle, 1.0, 0.0, 0.0), m.Truth(0.1, 1, 0, 0, 0, 0, 0, None)
+    pose, truth = m.Pose(cycle, 1.0, 0.0, 0.0), m.Truth(0.1, 1, 0, 0, 0, 0, 0, None, "sim")
     mission = m.MissionStatus(7, m.MissionState.DRIVING, 3.5, 0)
     for message in (
+        described("sim"),
         state,
         pose,
         truth,

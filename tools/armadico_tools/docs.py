@@ -39,6 +39,7 @@ from armadico.core.messages import (
     encode,
 )
 from armadico.core.services import SERVICES, TOKEN, Service, matches
+from armadico.launch.wakeup import Wakeup
 from armadico_tools.docs_fields import fields_of, messages
 from armadico_tools.markdown import table
 from armadico_tools.transcripts.scenes import SCENES
@@ -128,6 +129,11 @@ def agents() -> dict[str, type[Agent]]:
     return found
 
 
+def peers() -> dict[str, type[Agent]]:
+    """All who are on the mesh: the agents, and the wakeup agent of `armadico up`."""
+    return agents() | {Wakeup.name: Wakeup}
+
+
 def _names(names: Iterator[str]) -> str:
     return ", ".join(names)
 
@@ -158,13 +164,13 @@ def providers(service: Service) -> str:
         return "any peer"
     if service.message is Truth:
         return "the simulator"
-    found = _names(name for name, kind in agents().items() if _provides(kind, service))
+    found = _names(name for name, kind in peers().items() if _provides(kind, service))
     return found or "the holder"
 
 
 def requesters(service: Service) -> str:
     """Which agents receive it, or query it."""
-    every = agents()
+    every = peers()
     asking = [name for name, kind in every.items() if _requests(kind, service)]
     others = "its owner" if service.message is Command else "people and tools"
     return ALL if len(asking) == len(every) else ", ".join(asking) or others

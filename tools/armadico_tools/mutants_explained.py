@@ -16,18 +16,18 @@ _UNREAD: Final = "written before it is read"
 _BY_PLACE: Final[dict[str, tuple[tuple[str, str, str], ...]]] = {
     "exchange.Blend.action": (
         (
-            "if t >= self.window or bid.utility <= NOTHING or isinstance(bid.action, bytes):",
-            "if t > self.window or bid.utility <= NOTHING or isinstance(bid.action, bytes):",
+            "if t >= self.window or bid.utility <= NOTHING or isinstance(wanted, bytes):",
+            "if t > self.window or bid.utility <= NOTHING or isinstance(wanted, bytes):",
             "at t_f equation 3.10 gives the winner's action, too",
         ),
         (
-            "if t >= self.window or bid.utility <= NOTHING or isinstance(bid.action, bytes):",
-            "if t >= self.window or bid.utility == 0.0 or isinstance(bid.action, bytes):",
+            "if t >= self.window or bid.utility <= NOTHING or isinstance(wanted, bytes):",
+            "if t >= self.window or bid.utility == 0.0 or isinstance(wanted, bytes):",
             _SHARE,
         ),
         (
-            "for won, lost in zip(bid.action, self.loser, strict=True)",
-            "for won, lost in zip(bid.action, self.loser, strict=False)",
+            "for won, lost in zip(wanted, self.loser, strict=True)",
+            "for won, lost in zip(wanted, self.loser, strict=False)",
             _CHECKED,
         ),
     ),

@@ -135,7 +135,7 @@ class Namespaces(Place):
 
     def joining(self, host: str) -> tuple[str, ...]:
         """The host's name and the table."""
-        return ("--host", host, "--hosts", TABLE)
+        return ("--host", host, "--hosts", self._table.file)
 
     def mesh(self) -> ZenohMesh:
         """A session on the watcher's host.

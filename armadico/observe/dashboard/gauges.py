@@ -7,7 +7,7 @@ from typing import Any, Final
 
 import rerun as rr
 
-from armadico.core.messages import Claim, Command, RobotState
+from armadico.core.messages import BatteryLevel, Claim, Command, RobotState
 from armadico.core.resources import WHEELS
 from armadico.observe.dashboard import palette
 from armadico.observe.dashboard.canvas import Canvas
@@ -28,12 +28,17 @@ class Gauges:
             for what, colour in palette.SPEEDS.items():
                 canvas.curve(f"speed/{axis}/{what}", what, colour)
         canvas.curve("battery/volts", "battery", palette.BATTERY)
+        canvas.curve("battery/rest", "at rest", palette.RESTED)
 
     def take_state(self, state: RobotState, t: float) -> None:
         """What the controller measured."""
         self._speeds("measured", state.v, state.w, t)
         if self._canvas.due("battery", t):
             self._canvas.number("battery/volts", t, state.battery_v)
+
+    def take_level(self, level: BatteryLevel, t: float) -> None:
+        """The battery without its load, as the battery sensor agent has it."""
+        self._canvas.number("battery/rest", t, level.volts)
 
     def draw(self, view: View, holder: str, t: float) -> None:
         """The page."""
@@ -75,7 +80,7 @@ def _rows(view: View, holder: str, t: float) -> list[tuple[str, Any]]:
         turning = f"{degrees(state.w):+.0f} deg/s"
         rows += [
             ("speed", f"{state.v:.2f} m/s, {turning}"),
-            ("battery", f"{state.battery_v:.1f} V"),
+            ("battery", view.battery),
             ("stop", f"**by {state.stop.by}**" if state.stop.stopped else "not set"),
         ]
         wrong = [*["motors off"] * (not state.motors), *["stalled"] * state.stalled]

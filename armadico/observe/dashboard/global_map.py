@@ -65,6 +65,7 @@ PARTICLE_M: Final = 0.12
 """and the heading of a particle."""
 
 AXIS_M: Final = 0.5
+DOCK_M: Final = 0.3
 
 SILENT_S: Final = 2.0
 """Particles are taken away when nobody has said any for so long."""
@@ -243,6 +244,17 @@ class GlobalMap:
             strips = [[line[:2], line[2:]] for line in lines]
             drawn = rr.LineStrips2D(strips, radii=pixels(1.4), colors=ink, draw_order=6)
             self._canvas.fix(f"{ROOT}/{name}", drawn)
+        if world.docks:
+            poses = world.docks.values()
+            docks = rr.Arrows2D(
+                origins=[pose[:2] for pose in poses],
+                vectors=[(DOCK_M * cos(a), DOCK_M * sin(a)) for _, _, a in poses],
+                labels=list(world.docks),
+                colors=palette.DOCK,
+                radii=pixels(1.6),
+                draw_order=7,
+            )
+            self._canvas.fix(f"{ROOT}/docks", docks)
         if world.rooms:
             rooms = rr.Points2D(
                 [((room.x1 + room.x2) / 2, (room.y1 + room.y2) / 2) for room in world.rooms],

@@ -50,7 +50,9 @@ SPEEDS: Final[dict[str, Colour]] = {
 }
 """Of the wheels: what the controller measured, what was sent after blending, what was bid."""
 
+DOCK: Final = rgba("#7bd389")
 BATTERY: Final = rgba("#7bd389")
+RESTED: Final = rgba("#e6c84f")
 
 
 def agent(name: str | None) -> Colour:

@@ -80,6 +80,7 @@ class Scene:
             m.LocalMap: lambda _key, cells, t: self._local.take_map(cells, t),
             m.OccupancyGrid: lambda _key, grid, t: self._map.take_grid(grid, t),
             m.Trajectory: lambda _key, trajectory, t: self._map.take_trajectory(trajectory, t),
+            m.BatteryLevel: lambda _key, level, t: self._gauges.take_level(level, t),
             m.Claim: self._claim,
             m.Command: lambda _key, command, t: self._gauges.take_command(command, t),
             m.Log: self._log,

@@ -35,6 +35,7 @@ class Lagging:
         self.odometry = (0.0, 0.0, 0.0)
         self.encoder_counts = (12, -34)
         self.battery_v = 12.7
+        self.charging = False
         self.blocked = False
         self.pings: list[int] = []
         self.echo: float | None = 1.5

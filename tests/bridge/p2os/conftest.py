@@ -19,6 +19,7 @@ class Kinematic:
 
     step_s = 0.005
     battery_v = 12.7
+    charging = False
     encoder_counts = (0, 0)
     half_track = 0.1689
 

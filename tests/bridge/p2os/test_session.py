@@ -238,7 +238,9 @@ def test_silence_loses_the_link_and_begins_again(session: Session, profile: Robo
 @pytest.mark.parametrize("kind", [0xFE, 0xFF])
 def test_a_controller_that_was_reset_loses_the_link_at_once(session: Session, kind: int) -> None:
     opened(session)
-    assert session.receive(encode(bytes([kind])), 0.5) == [LinkLost("the controller was reset")]
+    assert session.receive(encode(bytes([kind])), 0.5) == [
+        LinkLost("the controller was reset", reset=True)
+    ]
 
 
 def test_after_a_hang_zero_speeds_go_first_and_the_link_is_not_lost(

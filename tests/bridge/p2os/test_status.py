@@ -51,6 +51,7 @@ statuses = st.builds(
     motors_enabled=st.booleans(),
     sonar_arrays=st.integers(0, 15),
     stop_button=st.booleans(),
+    charging=st.booleans(),
     front_bumpers=st.integers(0, 31),
     rear_bumpers=st.integers(0, 31),
     control_rad=st.floats(-10, 10),
@@ -76,7 +77,7 @@ def test_a_status_crosses_the_wire_within_its_resolution(sent: Status) -> None:
     assert [index for index, _ in got.echoes] == [index for index, _ in sent.echoes]
     for (_, got_m), (_, sent_m) in zip(got.echoes, sent.echoes, strict=True):
         assert got_m == pytest.approx(sent_m, abs=0.14e-3)
-    for field in ("moving", "left_stall", "right_stall", "motors_enabled", "sonar_arrays"):
+    for field in ("moving", "left_stall", "right_stall", "motors_enabled", "charging"):
         assert getattr(got, field) == getattr(sent, field)
     for field in ("stop_button", "front_bumpers", "rear_bumpers", "digital_in", "digital_out"):
         assert getattr(got, field) == getattr(sent, field)

@@ -7,8 +7,8 @@ from random import Random
 from typing import Final
 
 from armadico.agents.methods.geometry import Placed
-from armadico.agents.methods.grid import Margins, grid_of, search
-from armadico.agents.methods.planning import CELL_M, plan, radii
+from armadico.agents.methods.grid import CELL_M, Margins, grid_of, search
+from armadico.agents.methods.planning import plan, radii
 from armadico.config.profile import load_profile
 from armadico.config.worlds import Segment, World, hull
 from armadico_tools.bench.figures import Figure, Tell, figure

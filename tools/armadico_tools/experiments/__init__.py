@@ -27,6 +27,9 @@ EXPERIMENTS: Final = {
     "other-maps": "other_maps",
     "explore": "explore",
     "fleet": "fleet",
+    "surveillance": "surveillance",
+    "energy": "energy",
+    "docking": "docking",
     "live-vs-virtual": "live_vs_virtual",
 }
 """What an experiment is called, and its module; in this order they are all run."""

@@ -16,8 +16,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from armadico.agents.methods.geometry import Posed, Positioned, clip, distance
-from armadico.agents.methods.grid import Grid, grid_of
-from armadico.agents.methods.planning import CELL_M
+from armadico.agents.methods.grid import CELL_M, Grid, grid_of
 from armadico.config.worlds import World
 from armadico.core import agent
 from armadico.core.behaviour import Behaviour

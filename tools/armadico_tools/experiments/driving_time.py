@@ -16,9 +16,8 @@ from typing import TYPE_CHECKING, Final
 from msgspec import structs
 
 from armadico.agents.methods.geometry import Placed, distance
-from armadico.agents.methods.grid import Margins, grid_of
+from armadico.agents.methods.grid import CELL_M, Margins, grid_of
 from armadico.agents.methods.path_smoothing import between
-from armadico.agents.methods.planning import CELL_M
 from armadico.config.worlds import World, load_world
 from armadico.core.agent import Agent
 from armadico_tools import markdown

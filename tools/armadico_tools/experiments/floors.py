@@ -19,7 +19,7 @@ PEOPLE: Final = 3
 NOTE: Final = (
     "The floor plans of `random-rooms`; sensors `real`, the agents localization and relocate take"
     " part, default parameters. Three people walk about, straight to one place in sight after"
-    " another, with 0.5 to 1.2 m/s; two of them keep clear of the robot, the third walks into it."
+    " another, with 0.5 to 1.2 m/s; two of them heed the robot, the third walks into it."
     " They are not on the map. The seed is the plan's, the people's and the run's: plans, starts,"
     " goals, sensors and people are all samples. *Touched*: by the robot's own motion; who walks"
     " into it does not count. Aim: 99 % reached, nothing touched."

@@ -13,6 +13,7 @@ from math import inf
 from msgspec import Struct
 
 from armadico.core.messages import Ballot, BidRecord, Cycle, Message
+from armadico.core.resources import WHEELS
 
 
 class Observation(Struct, frozen=True):
@@ -25,6 +26,11 @@ class Said(Observation, frozen=True):
     """A message of the robot agent, a contender, a person or the simulator."""
 
     message: Message
+
+
+def of_the_wheels(message: Message) -> bool:
+    """Whether a message is not about another resource: what is promised is promised of these."""
+    return getattr(message, "resource", WHEELS.name) == WHEELS.name
 
 
 class Ordered(Observation, frozen=True):

@@ -20,7 +20,14 @@ from armadico.core.messages import (
 )
 from armadico.observe.export import HERE, Row, rows
 from armadico_tools.faults.checker import Checker
-from armadico_tools.faults.observations import Bids, Left, Observation, Passed, Said
+from armadico_tools.faults.observations import (
+    Bids,
+    Left,
+    Observation,
+    Passed,
+    Said,
+    of_the_wheels,
+)
 
 SHOWN = (RobotState, Ack, Claim, Command, MissionStatus, Truth, Obstacles)
 
@@ -57,7 +64,7 @@ def observations(recorded: Iterable[Row]) -> Iterator[Observation]:
         if isinstance(message, BidRecord):
             instance = row.key.split("/")[2]  # agent/NAME/INSTANCE/bids
             yield Bids(at, instance, message, _age(message.cycle, newest))
-        elif isinstance(message, SHOWN):
+        elif isinstance(message, SHOWN) and of_the_wheels(message):
             yield Said(at, message)
         else:
             yield Passed(at)

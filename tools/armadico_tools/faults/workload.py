@@ -55,6 +55,7 @@ from armadico_tools.faults.observations import (
     Passed,
     Refused,
     Said,
+    of_the_wheels,
 )
 from armadico_tools.faults.plan import Case, draw, vary
 from armadico_tools.faults.recovery import FORGOTTEN_S
@@ -195,6 +196,8 @@ class Workload:
         return found
 
     def _said(self, _key: str, message: Message, now: float) -> None:
+        if not of_the_wheels(message):
+            return
         cycle = getattr(message, "cycle", None)
         if cycle is not None and cycle.epoch in self._elsewhere:
             if isinstance(message, Pose):

@@ -1,0 +1,540 @@
+"""The mission planning agent: does missions task by task, the most urgent first (thesis 3.6.1)."""
+
+from __future__ import annotations
+
+from math import atan2
+from typing import Annotated, Any, ClassVar, Final
+
+from msgspec import Meta
+from msgspec.structs import replace
+
+from armadico.agents.methods.board import Entry, Missions, RefusedError
+from armadico.agents.methods.errands import Errand, Stage
+from armadico.agents.methods.procedures import advance, ahead, broken_off, merged
+from armadico.agents.methods.subplans import Coordinator, move
+from armadico.config.errors import ConfigError
+from armadico.config.places import Places
+from armadico.config.profile import load_profile
+from armadico.config.worlds import load_world
+from armadico.core import agent
+from armadico.core.agent import WARNING, Agent, Question
+from armadico.core.behaviour import LOST_M
+from armadico.core.exchange import Bid
+from armadico.core.messages import (
+    Alarm,
+    BatteryLevel,
+    Board,
+    ChargeRequest,
+    EnergyReply,
+    EnergyRequest,
+    ExploreRequest,
+    ExploreState,
+    ExploreStatus,
+    Message,
+    MissionEnd,
+    MissionProposal,
+    MissionReply,
+    MissionStatus,
+    MissionWithdrawal,
+    Photo,
+    Planned,
+    PlanStep,
+    Pose,
+    RobotState,
+    StepEnd,
+    Subplan,
+    SubplanRequest,
+    Told,
+    Trajectory,
+    Waypoint,
+    line,
+    next_count,
+)
+from armadico.core.resources import PLANNER, TRAJECTORY, Resource
+from armadico.core.tasks import Beliefs, Charge, Drive, Explore, Reach, Request, Stand
+
+FULL: Final = 0.9
+"""A battery with so much left is not charged for the sake of a way that takes even more."""
+
+ASK_S: Final = 10.0
+"""A charge is asked for again so often: the charger forgets, and may be another one by now."""
+
+ALARMS_MOST: Final = 32
+
+
+class Parameters(agent.Parameters, frozen=True, kw_only=True):
+    """The world whose places it knows, the robot, and how patient it is."""
+
+    world: str = "empty"
+    profile: str = "pioneer-2dx"
+    look_s: Annotated[float, Meta(ge=0.05, le=1)] = 0.2  # from one look at the mission to the next
+    repeat_s: Annotated[float, Meta(gt=0, le=10)] = 1.0  # so often the board is published
+    again_s: Annotated[float, Meta(gt=0, le=60)] = 3.0  # a plan that was refused is asked for again
+    patience_s: Annotated[float, Meta(ge=0, le=600)] = 30.0  # for so long,
+    battery_s: Annotated[float, Meta(gt=0, le=3600)] = 120.0  # what is older is not known
+    lowest: Annotated[float, Meta(ge=0, le=1)] = 0.1  # utility of a mission of priority 0,
+    highest: Annotated[float, Meta(ge=0, le=1)] = 0.8  # and of 1
+
+
+class MissionPlanning(Agent):
+    """Has its missions' tasks carried out, and coordinates the planner agents (figure 3.19).
+
+    All that it knows is on the board, a latched state: who starts again goes on. It contends for
+    the planner and the trajectory with the battery charger, by the mission's priority, and asks
+    that one before each way whether the energy will do (use case 2).
+    """
+
+    name = "mission-planning"
+    alone = True
+    hears: ClassVar[tuple[type[Message], ...]] = (
+        *(Pose, Trajectory, Planned, MissionStatus, ExploreStatus, Board),
+        *(Alarm, Subplan, BatteryLevel),
+    )
+    provides: ClassVar[tuple[type[Message], ...]] = (Board, SubplanRequest, Photo)
+    answers: ClassVar[tuple[type[Message], ...]] = (MissionProposal, MissionWithdrawal)
+    asks: ClassVar[tuple[type[Message], ...]] = (EnergyRequest, ChargeRequest, ExploreRequest)
+    competes_for = (PLANNER, TRAJECTORY)
+    parameters = Parameters
+    launched_with = ("world", "profile")
+    p: Parameters
+
+    def __init__(self, identity: agent.Identity, parameters: Any = None) -> None:
+        super().__init__(identity, parameters)
+        self._places = Places(load_world(self.p.world), load_profile(self.p.profile).body)
+        self._missions = Missions(self._places)
+        self._coordinator = Coordinator()
+        self._errand = Errand(self.rng)
+        self._by = self.rng.getrandbits(63)
+        self._alarms: list[str] = []
+        self._unchecked: list[str] = []
+        self._wanted: tuple[int, int, Request] | None = None  # by which mission, in which task
+        self._reach, self._note = Reach.NONE, ""
+        self._order = 0  # the exploration that was asked for
+        self._cleared = False  # the energy of its way was looked at,
+        self._weighs = False  # or is being looked at
+        self._left = 0  # the way that an earlier mission planning agent has left
+        self._refused_at: float | None = None  # since when no way is planned
+        self._again_at = 0.0
+        self._battery_at = float("-inf")
+        self._looked_at = self._published_at = 0.0
+        self._changed = False
+
+    # People ---------------------------------------------------------------------------------------
+
+    def on_mission_proposal(self, question: Question) -> MissionReply:
+        """Take a mission on; it is begun at once if none that is as urgent is done (use case 1)."""
+        request = question.request
+        assert isinstance(request, MissionProposal)
+        number = self.rng.getrandbits(63) or 1
+        at = self._beliefs().at
+        start = None if at is None else (at.x, at.y)
+        try:
+            entry = self._missions.propose(number, request.order, start)
+        except RefusedError as error:
+            self.log(line(f"mission {request.order.name} refused: {error}"), WARNING)
+            return MissionReply(0, line(str(error)))
+        self.log(f"mission {entry.told.name} taken on, priority {entry.told.priority:g}")
+        self._changed = True
+        self._look()
+        return MissionReply(number)
+
+    def on_mission_withdrawal(self, question: Question) -> MissionReply:
+        """Cancel one, or all."""
+        request = question.request
+        assert isinstance(request, MissionWithdrawal)
+        number = request.cancel.mission
+        found = self._missions.cancel(number)
+        if not found:
+            what = "no mission is under way" if number == 0 else f"no mission {number} is under way"
+            return MissionReply(0, what)
+        for entry in found:
+            who = f" by {request.cancel.by}" if request.cancel.by else ""
+            self.log(line(f"mission {entry.told.name} cancelled{who}"))
+        self._changed = True
+        self._look()
+        return MissionReply(found[0].told.mission)
+
+    # What it hears --------------------------------------------------------------------------------
+
+    def on_start(self) -> None:
+        """Begin to look."""
+        self._looked_at = self.now
+        self.wake_at(self.now + self.p.look_s)
+
+    def on_wakeup(self) -> None:
+        """Look at the mission; publish the board now and then."""
+        self.wake_at(self.now + self.p.look_s)
+        self._look()
+
+    def on_board(self, board: Board) -> None:
+        """What others remember of an earlier mission planning agent."""
+        if board.by == self._by:
+            return
+        self._missions.learn(board)
+        self._alarms = [*dict.fromkeys((*board.alarms, *self._alarms))][:ALARMS_MOST]
+        self._unchecked = [*dict.fromkeys((*board.unchecked, *self._unchecked))][:ALARMS_MOST]
+        self._want(None)
+        active = self._missions.active
+        if active is not None:
+            self._left = active.told.way
+            self.log(f"mission {active.told.name} goes on")
+
+    def on_pose(self, pose: Pose) -> None:
+        """Where the robot is on the way that is driven."""
+        self._errand.pose(pose)
+
+    def on_trajectory(self, trajectory: Trajectory) -> None:
+        """Which way is driven."""
+        self._errand.trajectory(trajectory)
+
+    def on_planned(self, planned: Planned) -> None:
+        """A plan, of whomever."""
+        self._errand.planned(planned)
+
+    def on_mission_status(self, status: MissionStatus) -> None:
+        """How far whoever's way has come."""
+        self._errand.status(status)
+
+    def on_explore_status(self, status: ExploreStatus) -> None:
+        """How far an exploration has come."""
+        if not self._order or status.exploration != self._order:
+            return
+        if status.state is ExploreState.DONE:
+            self._reach = Reach.DONE
+        elif status.state is ExploreState.FAILED:
+            self._reach, self._note = Reach.FAILED, status.note
+
+    def on_battery_level(self, level: BatteryLevel) -> None:
+        """The battery."""
+        self._battery_at = self.now
+        wanted = self._wanted
+        if wanted is not None and isinstance(wanted[2], Charge) and self._reach is Reach.UNDER_WAY:
+            charged = level.charging and level.share >= min(wanted[2].until, FULL)
+            self._reach = Reach.DONE if charged else self._reach
+
+    def on_alarm(self, alarm: Alarm) -> None:
+        """An alarm begins, or is over."""
+        if alarm.on and alarm.room not in self._alarms and len(self._alarms) < ALARMS_MOST:
+            self._alarms.append(alarm.room)
+            self._unchecked.append(alarm.room)
+            self.log(line(f"alarm in {alarm.room}"), WARNING)
+        elif not alarm.on and alarm.room in self._alarms:
+            self._alarms.remove(alarm.room)
+            if alarm.room in self._unchecked:
+                self._unchecked.remove(alarm.room)
+        else:
+            return
+        self._changed = True
+        self._look()
+
+    def on_subplan(self, subplan: Subplan) -> None:
+        """A planner agent's answer."""
+        self._coordinator.take(subplan, self.now)
+
+    def on_appeared(self, name: str, instance: str) -> None:
+        """Perhaps a planner agent."""
+        self._coordinator.appeared(name, instance)
+
+    def on_disappeared(self, name: str, instance: str) -> None:  # noqa: ARG002
+        """Perhaps a planner agent: it is not waited for any more."""
+        self._coordinator.gone(instance, self.now)
+
+    # What it bids ---------------------------------------------------------------------------------
+
+    def bid_for(self, resource: Resource, message: Any) -> Bid | None:  # noqa: ARG002
+        """By the mission's priority; for the trajectory once the energy was looked at."""
+        active = self._missions.active
+        if active is None:
+            self.why = "no mission"
+            return None
+        if resource is TRAJECTORY and not self._cleared:
+            self.why = "no way yet"
+            return None
+        span = self.p.highest - self.p.lowest
+        return self._errand.bid_for(resource, self.p.lowest + span * active.told.priority)
+
+    # The missions ---------------------------------------------------------------------------------
+
+    def _beliefs(self) -> Beliefs:
+        pose, level = self.fresh(Pose), self.latest(BatteryLevel)
+        known = pose is not None and pose.deviation <= LOST_M
+        room = self._places.world.room_at(pose.x, pose.y) if pose is not None and known else None
+        recent = level is not None and self.now - self._battery_at <= self.p.battery_s
+        return Beliefs(
+            at=Waypoint(pose.x, pose.y, pose.theta) if pose is not None and known else None,
+            deviation=0.0 if pose is None else pose.deviation,
+            room="" if room is None else room.name,
+            battery=level.share if level is not None and recent else None,
+            charging=level is not None and recent and level.charging,
+            alarms=frozenset(self._alarms),
+        )
+
+    def _look(self) -> None:
+        """Look at the missions: go on with the most urgent one."""
+        seconds, self._looked_at = max(self.now - self._looked_at, 0.0), self.now
+        if self.stopped is not None:
+            seconds = 0.0
+        self._coordinator.look(self.now)
+        before, entry = self._missions.active, self._missions.choose()
+        if entry is not before:
+            self._switch(before, entry)
+        if entry is None:
+            self._want(None)
+        else:
+            beliefs = self._beliefs()
+            self._carry_out(entry, beliefs)
+            self._go_on(entry, beliefs, seconds if entry is before else 0.0)
+            self._heed_alarms(entry, beliefs)
+        self._publish_board()
+
+    def _switch(self, before: Entry | None, entry: Entry | None) -> None:
+        """Another mission is the most urgent one now."""
+        self._changed = True
+        self._coordinator.drop()
+        if before is not None:
+            before.told = replace(before.told, state=MissionEnd.SUSPENDED, doing="", way=0)
+            self.log(f"mission {before.told.name} suspended")
+        if entry is not None:
+            begun = entry.told.state is MissionEnd.SUSPENDED
+            entry.told = replace(entry.told, state=MissionEnd.ACTIVE)
+            self.log(f"mission {entry.told.name} {'goes on' if begun else 'begins'}")
+
+    def _go_on(self, entry: Entry, beliefs: Beliefs, seconds: float) -> None:
+        """Let a mission's procedures go on, and have done what its task wants."""
+        assert entry.mission is not None, "it goes on"
+        course = entry.told.course
+        number = entry.told.mission
+        mine = self._wanted is not None and self._wanted[:2] == (number, course.tasks)
+        state, note = (self._reach, self._note) if mine else (Reach.NONE, "")
+        out = advance(entry.mission, course, beliefs, seconds, state, note)
+        old = (
+            len(course.results)
+            if out.course.results[: len(course.results)] == course.results
+            else 0
+        )
+        for result in out.course.results[old:]:
+            said = f": {result.said}" if result.said else ""
+            self.log(line(f"{entry.told.name}: {result.step} {result.end}{said}"))
+        for event in out.events:
+            self._tell(event, number)
+        self._changed |= out.course.tasks != course.tasks or out.course.results != course.results
+        entry.told = replace(entry.told, course=out.course)
+        if out.request is None:
+            self._over(entry, out.failed)
+            return
+        wanted = (number, out.course.tasks, out.request)
+        if wanted != self._wanted:
+            self._want(wanted, entry)
+            self._carry_out(entry, beliefs)
+        way, note = self._errand.way, self._doings()
+        entry.told = replace(entry.told, way=way, note=note)
+        self._missions.show(entry, beliefs.room)
+
+    def _over(self, entry: Entry, failed: str | None) -> None:
+        end = MissionEnd.DONE if failed is None else MissionEnd.FAILED
+        self._missions.end(entry, end, failed or "")
+        self._want(None)
+        why = "" if failed is None else f": {failed}"
+        level = agent.INFO if failed is None else WARNING
+        self.log(line(f"mission {entry.told.name} {end}{why}"), level)
+        self._changed = True
+
+    def _tell(self, event: Message, mission: int) -> None:
+        if type(event) not in self.provides:
+            self.log(f"{type(event).__name__} is no event of missions: not published", WARNING)
+            return
+        if isinstance(event, Photo):
+            event = replace(event, mission=mission)
+        self.publish(event)
+
+    def _doings(self) -> str:
+        """What keeps what is wanted, for people."""
+        if self._errand.interrupted:
+            return "somebody more urgent has the robot driven"
+        return line(self._errand.note) if self._errand.under_way else self._note
+
+    def _publish_board(self) -> None:
+        due = self.now - self._published_at >= self.p.repeat_s
+        known = self.memory.newest(Board)
+        if not (self._changed or due) or (known is None and not self._missions.entries):
+            return
+        counter = 1 if known is None else next_count(known.counter)
+        board = self._missions.board(counter, self._by)
+        self.publish(replace(board, alarms=(*self._alarms,), unchecked=(*self._unchecked,)))
+        self._published_at, self._changed = self.now, False
+
+    # What a task wants ----------------------------------------------------------------------------
+
+    def _want(self, wanted: tuple[int, int, Request] | None, entry: Entry | None = None) -> None:
+        """Want something else, or nothing: what was wanted is let be."""
+        self._errand.drop()
+        self._wanted, self._reach, self._note = wanted, Reach.NONE, ""
+        self._order, self._cleared, self._weighs, self._refused_at = 0, False, False, None
+        self._again_at = 0.0
+        if wanted is None or entry is None:
+            return
+        request = wanted[2]
+        self._reach = Reach.UNDER_WAY
+        left, self._left = self._left, 0
+        if isinstance(request, Drive) and left:
+            goal = self._goal(request, self._beliefs().at)
+            self._cleared = goal is not None and self._errand.resume(goal, left)
+        elif isinstance(request, Explore):
+            within = request.within or self._places.world.bounds
+            self.ask(
+                ExploreRequest(*within), lambda reply: self._ordered(wanted, reply, "explores")
+            )
+
+    def _ordered(
+        self, wanted: tuple[int, int, Request], reply: MissionReply | None, what: str
+    ) -> None:
+        """Whether an exploration, or a charge, was taken on."""
+        if wanted != self._wanted:
+            return
+        if reply is None or reply.refusal:
+            self._reach = Reach.FAILED
+            self._note = f"nobody {what}" if reply is None else reply.refusal
+        else:
+            self._order = reply.mission
+
+    def _carry_out(self, entry: Entry, beliefs: Beliefs) -> None:
+        """See to what the task wants; most of it is seen to by others."""
+        wanted = self._wanted
+        if wanted is None or wanted[0] != entry.told.mission or self._reach is not Reach.UNDER_WAY:
+            return
+        request = wanted[2]
+        if isinstance(request, Stand):
+            return
+        if isinstance(request, Drive):
+            self._drive(entry, request, beliefs)
+        elif isinstance(request, Charge) and self.now >= self._again_at:
+            self._again_at = self.now + ASK_S
+            charge = ChargeRequest(request.until)
+            self.ask(charge, lambda reply: self._ordered(wanted, reply, "charges"))
+
+    def _drive(self, entry: Entry, request: Drive, beliefs: Beliefs) -> None:
+        errand, pose = self._errand, self.fresh(Pose)
+        if errand.stage is Stage.REACHED:
+            self._reach = Reach.DONE
+            errand.drop()
+        elif errand.stage is Stage.FAILED:
+            self._not_planned(errand.note)
+        elif errand.stage is Stage.NONE:
+            if pose is None or beliefs.at is None or self.now < self._again_at:
+                return
+            goal = self._goal(request, beliefs.at)
+            if goal is None:
+                self._reach, self._note = Reach.FAILED, f"no place {request.to!r}"
+                return
+            state = self.latest(RobotState)
+            errand.go(goal, pose, state.v if state is not None else 0.0, entry.told.name)
+        elif errand.plan is not None and not self._cleared and not self._weighs:
+            self._weighs = True
+            self._look_at_energy(entry, beliefs)
+
+    def _goal(self, request: Drive, at: Waypoint | None) -> Waypoint | None:
+        """The pose to drive to; at a place that says no heading, that of the way there."""
+        if not isinstance(request.to, str):
+            return Waypoint(*request.to)
+        try:
+            x, y, theta = self._places.of(request.to)
+        except ConfigError:
+            return None
+        if theta is None:
+            theta = 0.0 if at is None else atan2(y - at.y, x - at.x)
+        return Waypoint(x, y, theta)
+
+    def _not_planned(self, why: str) -> None:
+        """No way, or one that was given up: try again for a while, for people walk on."""
+        planned = self._errand.plan is not None and not self._errand.plan.refusal
+        self._errand.drop()
+        self._weighs = self._cleared = False
+        if self._refused_at is None:
+            self._refused_at = self.now
+        if planned or self.now - self._refused_at >= self.p.patience_s:
+            self._reach, self._note = Reach.FAILED, line(why)
+        else:
+            self._note, self._again_at = line(f"waits: {why}"), self.now + self.p.again_s
+
+    def _look_at_energy(self, entry: Entry, beliefs: Beliefs) -> None:
+        """Ask the battery charger whether there is enough for the way, and to a dock (3.2.2)."""
+        errand, wanted = self._errand, self._wanted
+        assert errand.goal is not None, "it has a plan"
+        assert errand.plan is not None, "it has a plan"
+
+        def told(reply: EnergyReply | None) -> None:
+            if self._wanted != wanted or errand.plan is None:
+                return
+            if reply is None or reply.enough:
+                self._cleared = True
+            else:
+                self._not_enough(entry, reply, beliefs)
+
+        self.ask(EnergyRequest(errand.goal, errand.plan.energy), told)
+
+    def _not_enough(self, entry: Entry, reply: EnergyReply, beliefs: Beliefs) -> None:
+        """The charger warns: charge first, run the risk or give it up, as the mission says."""
+        assert entry.mission is not None, "it goes on"
+        note = reply.note or f"{reply.left:.0f} J left, {reply.needed:.0f} J needed"
+        self.log(line(f"{entry.told.name}: the energy will not do: {note}"), WARNING)
+        failed = any(
+            result.step == "dock" and result.end is StepEnd.FAILED
+            for result in entry.told.course.results[-2:]
+        )
+        full = beliefs.battery is not None and beliefs.battery >= FULL
+        if entry.mission.energy == "fail":
+            self._reach, self._note = Reach.FAILED, line(f"the energy will not do: {note}")
+        elif entry.mission.energy == "risk" or failed or full:
+            self._cleared = True
+        else:
+            self._merge(entry, (PlanStep("dock"),))
+
+    # What is unexpected ---------------------------------------------------------------------------
+
+    def _heed_alarms(self, entry: Entry, beliefs: Beliefs) -> None:
+        """Ask the planner agents what to do about an alarm (3.6.1)."""
+        mission, course = entry.mission, entry.told.course
+        if not self._unchecked or mission is None or not course.frames or beliefs.at is None:
+            return
+        if not mission.on_alarm or self._coordinator.busy or course.detour:
+            return
+        room = self._unchecked[0]
+        before = (move(room), PlanStep(mission.on_alarm, (Told("room", room),)))
+        ask = SubplanRequest(
+            self.rng.getrandbits(63),
+            entry.told.mission,
+            f"alarm in {room}",
+            beliefs.at,
+            beliefs.room,
+            before,
+            ahead(mission, broken_off(mission, course)),
+        )
+
+        def chosen(subplan: Subplan | None) -> None:
+            over = room not in self._unchecked  # by now
+            if not over:
+                self._unchecked.remove(room)
+            if over or not entry.goes_on:
+                return
+            if subplan is not None:
+                self._merge(entry, subplan.steps)
+                who = subplan.planner
+                self.log(line(f"alarm in {room}: {_words(subplan.steps)}, by {who}"))
+            elif not self._coordinator.planners:  # nobody to ask: straight there and on
+                self._merge(entry, before)
+            else:
+                self.log(line(f"alarm in {room}: no planner agent knows a way"), WARNING)
+
+        self.publish(ask)
+        self._coordinator.ask(ask, self.now, chosen)
+
+    def _merge(self, entry: Entry, steps: tuple[PlanStep, ...]) -> None:
+        """Put steps before the next one of a mission."""
+        assert entry.mission is not None, "it goes on"
+        course = broken_off(entry.mission, entry.told.course)
+        entry.told = replace(entry.told, course=merged(entry.mission, course, steps))
+        self._changed = True
+
+
+def _words(steps: tuple[PlanStep, ...]) -> str:
+    return ", ".join(map(str, steps))

@@ -1,0 +1,462 @@
+"""The monitor agent (thesis 3.8.2): has who hangs restarted, who is gone started elsewhere.
+
+It watches three things: liveliness tokens; the cards of those who say nothing else; and what each
+agent promises by the table of services, for a process that hangs keeps its token for a while, and
+one whose agent hangs keeps it for good. It starts nobody: it asks the wakeup agents of hosts
+(`armadico.launch.wakeup`), which restart who has ended without being asked. So what one of them
+looks after is left to it, and a monitor has nothing to do but with who hangs, and whose host is
+gone. It decides nothing about who drives; when the society cannot be whole it latches the stop.
+
+Several monitors watch each other as they watch everybody. The one that has been at work for longest
+acts. Two that both believe so do no harm: a wakeup agent restarts a process once, whoever asks.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Container, Iterator
+from dataclasses import dataclass
+from math import inf
+from typing import Annotated, Any, ClassVar, Final
+
+from msgspec import Meta
+
+from armadico.core import agent
+from armadico.core.agent import ERROR, INFO, WARNING, Agent
+from armadico.core.membership import LITTLE
+from armadico.core.messages import (
+    LABEL,
+    LONGEST_TENURE,
+    Card,
+    HostShare,
+    Kept,
+    KeptState,
+    Message,
+    MonitorReport,
+    RobotState,
+    Trajectory,
+    WakeupOrder,
+    WakeupReply,
+    WakeupRequest,
+    line,
+)
+from armadico.core.services import SERVICES, Kind, service_of
+
+Seconds = Annotated[float, Meta(gt=0, le=3600)]
+
+LOOK_S: Final = 0.25
+"""How often it looks."""
+
+REPORT_S: Final = 1.0
+"""How often it publishes what it sees, as the table of services has it."""
+
+PROBE_S: Final = 1.0
+"""Who has said nothing for so long is asked for its card."""
+
+FEW: Final = 5
+"""So many publications are missed before a service is late, and `late_s` besides."""
+
+SLEPT_S: Final = 0.5
+"""Who is woken so much too late has hung itself, and judges nobody by what it has not heard."""
+
+MOVES: Final = 0.01
+"""m/s or rad/s: a robot that is faster is not at rest."""
+
+WATCHED: Final = tuple(
+    service.message
+    for service in SERVICES
+    if service.kind is Kind.STATE and service.rate_hz and not service.watchers_only
+    if "{" not in service.key
+)
+"""What is promised so many times a second, on a key of its own."""
+
+
+class Parameters(agent.Parameters, frozen=True, kw_only=True):
+    """How long is waited for what."""
+
+    lost_s: Seconds = 2.0  # its token is gone and its process is not: it hangs
+    hung_s: Seconds = 5.0  # it has answered nothing for so long
+    late_s: Seconds = 3.0  # a service it provides is late by this
+    gone_s: Seconds = 3.0  # nobody looks after an agent that is needed: another host is asked
+    trust_s: Seconds = 10.0  # somebody does, and it is not back: another host is asked, too
+    again_s: Seconds = 5.0  # until the same is asked for again
+    refused_s: Seconds = 30.0  # until a host that has refused is asked again
+    host_s: Seconds = 5.0  # a host's wakeup agent has said nothing: nothing is asked of it
+    whole_s: Seconds = 20.0  # then the robot is stopped
+
+
+@dataclass
+class _Known:
+    """One instance whose token is there."""
+
+    name: str
+    instance: str
+    since: float  # when its token was first seen,
+    answered_at: float  # and when it last said anything
+    card: Card | None = None
+    asked: bool = False
+
+
+_Process = tuple[str, str, int]
+"""An agent of a host's process: the wakeup agent's instance, the agent's name, and the pid."""
+
+
+class Monitor(Agent):
+    """Looks after the society; sans-IO, as everybody."""
+
+    name = "monitor"
+    hears: ClassVar[tuple[type[Message], ...]] = (*WATCHED, HostShare, MonitorReport, Trajectory)
+    provides: ClassVar[tuple[type[Message], ...]] = (MonitorReport,)
+    asks: ClassVar[tuple[type[Message], ...]] = (WakeupRequest,)
+    parameters = Parameters
+    p: Parameters
+
+    def __init__(self, identity: agent.Identity, parameters: Any = None) -> None:
+        super().__init__(identity, parameters)
+        self._known: dict[str, _Known] = {}
+        self._shares: dict[str, tuple[HostShare, float]] = {}  # by wakeup agent, and when it came
+        self._needs: dict[str, tuple[str, ...]] = {}  # by host, also of those that are gone
+        self._dismissed: set[str] = set()  # kept by a host that has left in order
+        self._others: dict[str, tuple[int, float]] = {}  # monitors: longer at work by, heard when
+        self._heard: dict[type[Message], float] = {}
+        self._unseen: dict[_Process, float] = {}  # up, and without a token, since when
+        self._floor = 0.0  # nothing is late before this: the society has changed, or it has slept
+        self._lacking: dict[str, float] = {}  # who is needed and not well, since when
+        self._asked_at: dict[tuple[WakeupOrder, str, int], float] = {}
+        self._refused: dict[tuple[str, str], tuple[float, str]] = {}  # by host and agent
+        self._stopped_for: set[str] = set()
+        self._look_at = self._report_at = 0.0
+        self._note = ""
+        self._said: tuple[bool, tuple[str, ...], str] | None = None
+
+    # What it hears -------------------------------------------------------------------------------
+
+    def on_start(self) -> None:
+        """Begin to look."""
+        self._floor = self.now
+        self._look_at = self.now + LOOK_S
+        self.wake_at(self._look_at)
+
+    def receive(self, message: Message, now: float) -> None:
+        """Take one, and note when it came if it may be acted upon."""
+        super().receive(message, now)
+        kind = type(message)
+        if self._latest.get(kind) is message:
+            self._heard[kind] = now
+
+    def on_appeared(self, name: str, instance: str) -> None:
+        """Somebody has joined, or has come back."""
+        self._known[instance] = _Known(name, instance, self.now, self.now)
+        self._floor = self.now
+
+    def on_disappeared(self, name: str, instance: str) -> None:  # noqa: ARG002
+        """A token has gone: it has ended, or it hangs, or cannot be heard."""
+        for about in (self._known, self._shares, self._others):
+            about.pop(instance, None)
+        self._floor = self.now
+
+    def on_met(self, card: Card) -> None:
+        """Somebody has given its card."""
+        known = self._known.get(card.instance)
+        if known is not None:
+            known.card, known.answered_at = card, self.now
+
+    def on_host_share(self, share: HostShare) -> None:
+        """What a host keeps up: who is looked after there need not be missed, or is no more."""
+        self._vouch(share.instance)
+        agents = {name for kept in share.kept for name in kept.agents}
+        if share.leaving:
+            self._shares.pop(share.instance, None)
+            self._needs.pop(share.host, None)
+            self._dismissed |= agents
+            return
+        self._shares[share.instance] = (share, self.now)
+        self._needs[share.host] = share.needs
+        ended = {n for kept in share.kept if kept.state is KeptState.ENDED for n in kept.agents}
+        self._dismissed -= agents - ended
+        self._dismissed |= ended
+
+    def on_monitor_report(self, report: MonitorReport) -> None:
+        """Another monitor is at work."""
+        self._vouch(report.instance)
+        self._others[report.instance] = (report.tenure - self._tenure, self.now)
+
+    def _vouch(self, instance: str) -> None:
+        known = self._known.get(instance)
+        if known is not None:
+            known.answered_at = self.now
+
+    # What it does --------------------------------------------------------------------------------
+
+    def on_wakeup(self) -> None:
+        """Look at everybody, and do something about it if it is the one that acts."""
+        if self.now - self._look_at > SLEPT_S:
+            self._slept()
+        self._look_at = self.now + LOOK_S
+        self.wake_at(self._look_at)
+        self._probe()
+        unwell = {known.instance: why for known, why in self._unwell()}
+        unseen = self._look_for_tokens()
+        self._miss(unwell)
+        if self._acts:
+            for instance, why in unwell.items():
+                self._restart(self._process_of(self._known[instance]), f"{instance}: {why}")
+            for process in unseen:
+                self._restart(process, f"its token has been gone for {self.p.lost_s:g} s")
+            busy: set[str] = set()  # asked at this look; the next one sees what they have by then
+            for name, since in self._lacking.items():
+                self._replace(name, self.now - since, busy)
+            self._stop()
+        self._report()
+
+    def _slept(self) -> None:
+        """Whatever was not heard meanwhile is no fault of the others."""
+        self._floor = self.now
+        for known in self._known.values():
+            known.answered_at = self.now
+        self._unseen.clear()
+        self._lacking = dict.fromkeys(self._lacking, self.now)
+        self._shares = {of: (share, self.now) for of, (share, _) in self._shares.items()}
+        self._others = {of: (longer, self.now) for of, (longer, _) in self._others.items()}
+
+    @property
+    def _acts(self) -> bool:
+        """Whether no other monitor has been at work for longer.
+
+        Of two that have been for about as long it is the one with the smaller id, as in
+        `membership`: what a report says was true when it was sent.
+        """
+        return not any(
+            longer > LITTLE or (longer >= -LITTLE and instance < self.instance)
+            for instance, (longer, at) in self._others.items()
+            if self.now - at <= FEW * REPORT_S
+        )
+
+    @property
+    def _tenure(self) -> int:
+        return min(self.tenure, LONGEST_TENURE)
+
+    # Who is well ---------------------------------------------------------------------------------
+
+    def _process_of(self, known: _Known) -> _Process | None:
+        """Which process an instance is, by its card; without one, the only one that it can be."""
+        cards = {(k.card.host, k.card.pid) for k in self._known.values() if k.card is not None}
+        card = known.card
+        found = [
+            (share.instance, known.name, kept.pid)
+            for share in self._hosts()
+            for kept in share.kept
+            if known.name in kept.agents and kept.pid
+            if (
+                (share.host, kept.pid) not in cards
+                if card is None
+                else (share.host, kept.pid) == (card.host, card.pid)
+            )
+        ]
+        return found[0] if len(found) == 1 else None
+
+    def _look_for_tokens(self) -> list[_Process]:
+        """The agents whose process is up by the word of its host, and whose token is gone."""
+        gone = [
+            (share.instance, name, kept.pid)
+            for share in self._hosts()
+            for kept in share.kept
+            if kept.state is KeptState.UP
+            for name in kept.agents
+            if not self._sees(name, share.host, kept.pid)
+        ]
+        self._unseen = {process: self._unseen.get(process, self.now) for process in gone}
+        return [of for of, since in self._unseen.items() if self.now - since >= self.p.lost_s]
+
+    def _sees(self, name: str, host: str, pid: int) -> bool:
+        """Whether the token of a process's agent is there, or one that may be it."""
+        if (host, pid) == (self.identity.host, self.identity.pid):
+            return True  # nobody sees one's own
+        return any(
+            k.name == name and (k.card is None or (k.card.host, k.card.pid) == (host, pid))
+            for k in self._known.values()
+        )
+
+    def _hosts(self) -> list[HostShare]:
+        """The hosts that can be asked, by name."""
+        heard = (s for s, at in self._shares.values() if self.now - at <= self.p.host_s)
+        return sorted(heard, key=lambda share: (share.host, share.instance))
+
+    def _probe(self) -> None:
+        """Ask those for their cards who have said nothing for a while."""
+        for kind in WATCHED:
+            if self.now - self._heard.get(kind, -inf) < PROBE_S:
+                providers = self._providers(kind)
+                if len(providers) == 1:
+                    providers[0].answered_at = self._heard[kind]
+        for known in list(self._known.values()):
+            silent = self.now - known.answered_at >= PROBE_S or known.card is None
+            if silent and not known.asked:
+                known.asked = True
+                self.ask_card(known.name, known.instance, _answered(self, known), PROBE_S)
+
+    def _providers(self, kind: type[Message]) -> list[_Known]:
+        """Who says that it provides something, of those that are alive."""
+        key = service_of(kind).key
+        return [
+            known
+            for known in self._known.values()
+            if known.card is not None and key in known.card.provides
+        ]
+
+    def _unwell(self) -> Iterator[tuple[_Known, str]]:
+        """Whose token is there, and who hangs, and how that shows."""
+        for known in self._known.values():
+            if self.now - known.answered_at >= self.p.hung_s:
+                yield known, f"it has answered nothing for {self.p.hung_s:g} s"
+        yield from self._late()
+
+    def _late(self) -> Iterator[tuple[_Known, str]]:
+        """Who provides what is late; of several that are, who fell silent first.
+
+        The others may only lack what that one provides, and get the time to go on with it.
+        """
+        if not self.cycles.alive(self.now):
+            return  # then nobody has anything to say
+        late = [
+            (self._heard.get(kind, -inf), known.instance, service_of(kind).key)
+            for kind in WATCHED
+            for known in self._providers(kind)
+            if self.now - max(self._heard.get(kind, -inf), known.since, self._floor)
+            > self.p.late_s + FEW / (service_of(kind).rate_hz or 1.0)
+        ]
+        for _, instance, key in sorted(late)[:1]:
+            yield self._known[instance], f"{key} has been late for {self.p.late_s:g} s"
+
+    def _miss(self, unwell: Container[str]) -> None:
+        """Note who is needed, and not there or not well."""
+        well = {known.name for known in self._known.values() if known.instance not in unwell}
+        needed = {name for names in self._needs.values() for name in names} - self._dismissed
+        missing = sorted(needed - well)
+        self._lacking = {name: self._lacking.get(name, self.now) for name in missing}
+        if not missing:
+            self._stopped_for.clear()
+
+    # What it asks for ----------------------------------------------------------------------------
+
+    def _restart(self, process: _Process | None, why: str) -> None:
+        """Have who hangs killed; it is started again as whoever ends."""
+        if process is None:
+            return  # nobody looks after it
+        keeper, name, pid = process
+        share, _ = self._shares[keeper]
+        if not self._has_refused(share, name):
+            self._floor = self.now
+            self._request(WakeupOrder.RESTART, name, share, why, pid)
+
+    def _replace(self, name: str, missed_s: float, busy: set[str]) -> None:
+        """Have somebody who is needed started where it can be, if nobody looks after it."""
+        if missed_s < self.p.gone_s:
+            return
+        hosts = self._hosts()
+        kept = any(
+            name in kept.agents and kept.state is not KeptState.ENDED
+            for share in hosts
+            for kept in share.kept
+            if not self._has_refused(share, name)
+        )
+        if kept and missed_s < self.p.trust_s:
+            return
+        able = [
+            share
+            for share in hosts
+            if name in share.can and share.host not in busy and not self._has_refused(share, name)
+        ]
+        if able:
+            idle = min(able, key=lambda share: (_load(share.kept), share.host))
+            why = f"nobody has had {name} for {missed_s:.0f} s"
+            busy.add(idle.host)
+            self._request(WakeupOrder.START, name, idle, why)
+
+    def _has_refused(self, share: HostShare, name: str) -> bool:
+        at, _ = self._refused.get((share.host, name), (-inf, ""))
+        return self.now - at < self.p.refused_s
+
+    def _request(
+        self, order: WakeupOrder, name: str, share: HostShare, why: str, pid: int = 0
+    ) -> None:
+        asked = (order, name, pid)
+        if self.now - self._asked_at.get(asked, -inf) < self.p.again_s:
+            return
+        self._asked_at = {
+            key: at for key, at in self._asked_at.items() if self.now - at < self.p.again_s
+        }
+        self._asked_at[asked] = self.now
+        self._note = line(f"{share.host} is asked to {order} {name}: {why}")
+        self.log(self._note, WARNING)
+
+        def answered(reply: WakeupReply | None) -> None:
+            refusal = f"{share.host} does not answer" if reply is None else reply.refusal
+            if refusal:
+                self._refused[share.host, name] = (self.now, refusal)
+                self._note = line(refusal)
+                self.log(self._note, WARNING)
+
+        request = WakeupRequest(order, name, pid, line(why))
+        self.ask(request, answered, instance=share.instance)
+
+    # When it cannot be whole ---------------------------------------------------------------------
+
+    def _stop(self) -> None:
+        """Latch the stop, once, if somebody is missed for too long while the robot is at it."""
+        missed = [n for n, since in self._lacking.items() if self.now - since >= self.p.whole_s]
+        if not missed or not self._at_it or self.stopped is not None:
+            return
+        if self._stopped_for.issuperset(missed):
+            return  # people have released it, and know
+        self._stopped_for.update(missed)
+        text = f"monitor: no {', '.join(missed)} for {self.p.whole_s:g} s"
+        reasons = [why for name in missed if (why := self._why(name))]
+        self._note = line("; ".join([text, *reasons]))
+        self.log(self._note, ERROR)
+        self.latch(line(text)[:LABEL])
+
+    @property
+    def _at_it(self) -> bool:
+        """Whether the robot moves, or is to."""
+        state, way = self.latest(RobotState), self.memory.newest(Trajectory)
+        if state is None or not self.cycles.alive(self.now):
+            return False  # nothing is heard of it: it may be this one that is cut off
+        return max(abs(state.v), abs(state.w)) > MOVES or bool(way is not None and way.waypoints)
+
+    def _why(self, name: str) -> str:
+        """Why it is not there, by the word of hosts."""
+        for share in self._hosts():
+            for kept in share.kept:
+                if name in kept.agents and kept.why:
+                    return f"{share.host}: {kept.why}"
+        told = [why for (_, who), (_, why) in self._refused.items() if who == name]
+        return told[-1] if told else "" if self._hosts() else "no host can be asked"
+
+    # Telling -------------------------------------------------------------------------------------
+
+    def _report(self) -> None:
+        """Publish what it sees, now and then and when that changes."""
+        said = (self._acts, tuple(self._lacking), self._note)
+        if self.now < self._report_at and said == self._said:
+            return
+        if self._said is not None and not self._lacking and self._said[1]:
+            self.log(f"the society is whole again: {', '.join(self._said[1])}", INFO)
+        self._said, self._report_at = said, self.now + REPORT_S
+        acts, missing, note = said
+        self.publish(MonitorReport(self.instance, self._tenure, acts, missing, note))
+
+
+def _answered(monitor: Monitor, known: _Known) -> Any:
+    """What takes the answer to a query for a card."""
+
+    def answered(card: Card | None) -> None:
+        known.asked = False
+        if card is not None and card.instance == known.instance:
+            monitor.on_met(card)
+
+    return answered
+
+
+def _load(kept: tuple[Kept, ...]) -> int:
+    """How many agents a host has."""
+    return sum(len(process.agents) for process in kept)

@@ -1,0 +1,16 @@
+"""A planner agent: does what has come up and leaves for the next objective (planner 2 of 3.6.1)."""
+
+from __future__ import annotations
+
+from armadico.agents.methods.subplans import Planner, leading, move
+from armadico.core.messages import PlanStep, SubplanRequest
+
+
+class PlannerOnward(Planner):
+    """Leaves by the way to what the mission is about next, and goes back nowhere."""
+
+    name = "planner-onward"
+
+    def steps(self, request: SubplanRequest) -> list[PlanStep] | str:
+        """{move(R1, R21), check-alarm, move(R21, Hall)}."""
+        return [*request.before, *map(move, leading(request.ahead)[:-1][:1])]

@@ -1,0 +1,161 @@
+"""Places of a world by their names: where in a room a robot stands, and what it can get to."""
+
+from __future__ import annotations
+
+from collections import deque
+from collections.abc import Iterable
+from functools import cached_property
+from math import ceil, inf, isfinite
+from typing import Final
+
+import numpy as np
+from numpy.typing import NDArray
+
+from armadico.config.errors import ConfigError, advice
+from armadico.config.profile import Body
+from armadico.config.worlds import Room, Segment, World
+
+CELL_M: Final = 0.05
+"""Of the grid on which it is looked what can be got to."""
+
+STEP_M: Final = 0.1
+"""Of the places in a room that are looked at, its middle first."""
+
+ROOMY_M: Final = 0.2
+"""So much more than its turning circle a robot is given in a room, where there is as much."""
+
+Place = tuple[float, float, float | None]
+"""x, y in m and a heading in rad; None: any."""
+
+Points = NDArray[np.float64]
+
+
+class Places:
+    """The rooms and goals of one world, for one robot."""
+
+    def __init__(self, world: World, body: Body) -> None:
+        self.world = world
+        self._body = body
+        self._rooms = {room.name: room for room in world.rooms}
+        self._found: dict[str, Place] = {}
+        self._regions: dict[tuple[float, float], NDArray[np.bool_] | None] = {}
+
+    @property
+    def names(self) -> list[str]:
+        """All that can be named, sorted."""
+        return sorted({*self._rooms, *self.world.goals})
+
+    @property
+    def rooms(self) -> list[str]:
+        """The rooms, sorted."""
+        return sorted(self._rooms)
+
+    def of(self, name: str) -> Place:
+        """Where a robot that is sent to a goal or a room stands.
+
+        In a room that is its middle, or the place nearest to it where the robot has room to turn.
+        Raises ConfigError for a name that the world has not, and a room without such a place.
+        """
+        if name not in self._found:
+            goal, room = self.world.goals.get(name), self._rooms.get(name)
+            if goal is None and room is None:
+                raise ConfigError(
+                    f"no place {name!r} in {self.world.name!r}; {advice(name, self.names)}"
+                )
+            self._found[name] = goal if goal is not None else self._within(self._rooms[name])
+        return self._found[name]
+
+    def unreachable(self, start: tuple[float, float], names: Iterable[str]) -> Iterable[str]:
+        """Those of some places to which no way from a start is as wide as the robot."""
+        if start not in self._regions:
+            self._regions[start] = self._region(start)
+        region = self._regions[start]
+        for name in names:
+            x, y, _ = self.of(name)
+            if region is not None and not region[self._cell(x, y)]:
+                yield name
+
+    # Inside --------------------------------------------------------------------------------------
+
+    def _within(self, room: Room) -> Place:
+        middle_x, middle_y = (room.x1 + room.x2) / 2, (room.y1 + room.y2) / 2
+        xs, ys = (
+            middle + STEP_M * np.arange(-ceil(half / STEP_M), ceil(half / STEP_M) + 1)
+            for middle, half in (
+                (middle_x, (room.x2 - room.x1) / 2),
+                (middle_y, (room.y2 - room.y1) / 2),
+            )
+        )
+        grid_x, grid_y = (axis.ravel() for axis in np.meshgrid(xs, ys))
+        inside = (room.x1 < grid_x) & (grid_x < room.x2) & (room.y1 < grid_y) & (grid_y < room.y2)
+        grid_x, grid_y = grid_x[inside], grid_y[inside]
+        clearance = np.full(grid_x.shape, inf)
+        for wall in self.world.barriers:
+            np.minimum(clearance, _distances(grid_x, grid_y, wall), out=clearance)
+        away = np.round(np.hypot(grid_x - middle_x, grid_y - middle_y), 6)
+        for radius in (self._body.circle_m + ROOMY_M, self._body.circle_m):
+            free = clearance >= radius
+            if free.any():
+                nearest = int(np.argmin(np.where(free, away, inf)))
+                return round(float(grid_x[nearest]), 3), round(float(grid_y[nearest]), 3), None
+        raise ConfigError(
+            f"in room {room.name!r} of {self.world.name!r} the robot can turn nowhere: it takes"
+            f" {self._body.circle_m:.2f} m to every wall"
+        )
+
+    @cached_property
+    def _free(self) -> NDArray[np.bool_]:
+        """By column and row, where the robot's middle can be, if only it is turned well."""
+        x1, y1, x2, y2 = self.world.bounds
+        radius = self._body.width_m / 2
+        xs, ys = np.arange(x1, x2 + CELL_M, CELL_M), np.arange(y1, y2 + CELL_M, CELL_M)
+        free = np.ones((len(xs), len(ys)), dtype=np.bool_)
+        for wall in self.world.barriers:
+            left, right = (np.searchsorted(xs, at) for at in _span(wall[0], wall[2], radius))
+            low, high = (np.searchsorted(ys, at) for at in _span(wall[1], wall[3], radius))
+            near_x, near_y = np.meshgrid(xs[left:right], ys[low:high], indexing="ij")
+            free[left:right, low:high] &= _distances(near_x, near_y, wall) >= radius
+        return free
+
+    def _cell(self, x: float, y: float) -> tuple[int, int]:
+        x1, y1, _, _ = self.world.bounds
+        columns, rows = self._free.shape
+        column, row = round((x - x1) / CELL_M), round((y - y1) / CELL_M)
+        return min(max(column, 0), columns - 1), min(max(row, 0), rows - 1)
+
+    def _region(self, start: tuple[float, float]) -> NDArray[np.bool_] | None:
+        """The cells that can be got to; None: nothing is in the way of anything."""
+        if not self.world.barriers or not all(map(isfinite, start)):
+            return None
+        free = self._free
+        found = np.zeros_like(free)
+        queue = deque([self._cell(*start)])
+        found[queue[0]] = True
+        while queue:
+            column, row = queue.popleft()
+            for cell in (
+                (column + 1, row),
+                (column - 1, row),
+                (column, row + 1),
+                (column, row - 1),
+            ):
+                inside = 0 <= cell[0] < free.shape[0] and 0 <= cell[1] < free.shape[1]
+                if inside and free[cell] and not found[cell]:
+                    found[cell] = True
+                    queue.append(cell)
+        return found
+
+
+def _span(a: float, b: float, radius: float) -> tuple[float, float]:
+    return min(a, b) - radius, max(a, b) + radius
+
+
+def _distances(x: Points, y: Points, wall: Segment) -> Points:
+    """From some points to a wall, m."""
+    x1, y1, x2, y2 = wall
+    dx, dy = x2 - x1, y2 - y1
+    square = dx * dx + dy * dy
+    along = (
+        np.clip(((x - x1) * dx + (y - y1) * dy) / square, 0.0, 1.0) if square else np.zeros_like(x)
+    )
+    return np.asarray(np.hypot(x - x1 - along * dx, y - y1 - along * dy))

@@ -1,0 +1,69 @@
+"""Who comes towards the robot is where it will be soon; what stands is not."""
+
+from __future__ import annotations
+
+from math import hypot, inf, radians
+from typing import NamedTuple
+
+import pytest
+
+from armadico.agents.methods.comers import AHEAD_S, Comers
+from armadico.core.swept_path import Outline
+
+BODY = Outline(0.21, 0.23, 0.165)
+PING_S = 0.04
+AHEAD = 0.15  # where the sonar sits
+
+
+class Ping(NamedTuple):
+    x: float
+    y: float
+    bearing: float
+    range: float | None
+
+
+def watched(
+    speed: float, v: float = 0.0, bearing: float = 0.0, *, mapped: bool = False, start: float = 2.0
+) -> Comers:
+    """Somebody comes along a sonar's axis while the robot drives ahead; it looks each 0.32 s."""
+    comers = Comers()
+    for look in range(3):
+        at = 8 * PING_S * look
+        far = start - speed * at - (v * at if bearing == 0.0 else 0.0)
+        others = [Ping(0.0, 0.0, 3.0 + k, None) for k in range(7)]
+        echoes = [*others, Ping(AHEAD, 0.0, bearing, far)]
+        comers.hear(echoes, PING_S, (v * at, 0.0, 0.0), lambda _: mapped, BODY)
+    return comers
+
+
+@pytest.mark.parametrize("v", [0.0, 0.4, 0.7])
+@pytest.mark.parametrize("speed", [0.5, 1.0])
+def test_who_comes_is_where_it_will_be_soon(speed: float, v: float) -> None:
+    ((x, y),) = watched(speed, v).points()
+    heard = AHEAD + 2.0 - 0.64 * (speed + v)
+    assert x == pytest.approx(heard - AHEAD_S * speed)
+    assert y == 0.0
+
+
+@pytest.mark.parametrize("v", [0.0, 0.4, 0.7])
+def test_what_stands_does_not_come_nor_who_goes_away(v: float) -> None:
+    assert not watched(0.0, v).points()
+    assert not watched(-0.5, v).points()
+
+
+def test_what_the_map_has_does_not_come() -> None:
+    assert not watched(0.6, mapped=True).points()
+
+
+def test_nobody_is_put_inside_of_the_body() -> None:
+    ((x, y),) = watched(1.0, start=0.9, bearing=radians(-10.0)).points()
+    assert BODY.beside(x, y) >= 0.0
+    assert hypot(x, y) < inf
+
+
+def test_an_echo_that_was_lost_in_between_tells_nothing() -> None:
+    comers = Comers()
+    comers.hear([Ping(AHEAD, 0.0, 0.0, 2.0)], PING_S, (0.0, 0.0, 0.0), lambda _: False, BODY)
+    comers.hear([Ping(AHEAD, 0.0, 0.0, None)], PING_S, (0.0, 0.0, 0.0), lambda _: False, BODY)
+    comers.hear([Ping(AHEAD, 0.0, 0.0, 1.9)], PING_S, (0.0, 0.0, 0.0), lambda _: False, BODY)
+    assert not comers.points()

@@ -1,0 +1,201 @@
+"""Missions: what is read, and what is said of what is wrong, with file and line."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import pytest
+
+from armadico.config.errors import ConfigError
+from armadico.config.missions import Mission, Step, load_mission, read_mission
+from armadico.config.places import Places
+from armadico.config.profile import load_profile
+from armadico.config.shipped import names
+from armadico.config.worlds import Room, World, load_world
+
+HOME = (1.5, 2.0)
+
+
+@pytest.fixture(scope="module")
+def building() -> Places:
+    return Places(load_world("surveillance"), load_profile("pioneer-2dx").body)
+
+
+def fault(text: str, places: Places | None = None, start: tuple[float, float] | None = None) -> str:
+    with pytest.raises(ConfigError) as caught:
+        read_mission(text, "m", places, start, "m.toml")
+    return str(caught.value)
+
+
+def steps(*rows: str, more: str = "") -> str:
+    return "\n".join(["steps = [", *(f"  {{ {row} }}," for row in rows), "]", more])
+
+
+@pytest.mark.parametrize("name", names("missions"))
+def test_what_is_shipped_can_be_driven_in_its_building(name: str, building: Places) -> None:
+    mission = load_mission(name, building, HOME)
+    assert mission.scenario == "surveillance"
+    assert mission.procedures[""].steps
+
+
+def test_a_mission_is_its_steps_and_what_they_are_told(building: Places) -> None:
+    mission = load_mission("surveillance", building, HOME)
+    told = [str(step) for step in mission.procedures[""].steps]
+    assert told == [
+        *("move(hall)", "move(R1)", "take-photo"),
+        *("move(hall)", "move(R11)", "take-photo", "move(hall)"),
+    ]
+    assert (mission.priority, mission.on_alarm, mission.energy) == (0.5, "check-alarm", "charge")
+
+
+def test_a_step_says_when_how_often_how_long_and_what_if_not() -> None:
+    text = steps(
+        'do = "wait", seconds = 2, when = { battery_above = 0.5 }, repeat = 3, timeout_s = 9.0,'
+        ' else = [{ do = "take-photo" }, { do = "wait", seconds = 1 }]'
+    )
+    (step,) = read_mission(text, "m").procedures[""].steps
+    assert isinstance(step, Step)
+    assert (step.do, step.arguments) == ("wait", (("seconds", 2.0),))
+    assert step.when is not None
+    assert step.when.battery_above == 0.5
+    assert (step.repeat, step.timeout_s) == (3, 9.0)
+    assert [other.do for other in step.otherwise] == ["take-photo", "wait"]
+
+
+PHOTO = 'steps = [{ do = "take-photo" }]'
+CALLS = """
+[procedures.photo-of]
+takes = ["room"]
+steps = [
+  { do = "move", to = "$room" },
+]
+"""
+
+
+CIRCLE = """
+[procedures.a]
+steps = [
+  { do = "b" },
+]
+[procedures.b]
+steps = [
+  { do = "a" },
+]
+"""
+OWN_CIRCLE = """
+[procedures.a]
+steps = [
+  { do = "take-photo", else = [{ do = "a" }] },
+]
+"""
+TASK = """
+[procedures.move]
+steps = [{ do = "take-photo" }]
+"""
+TWICE_ELSE = (
+    'do = "move", to = "R1", else = [{ do = "wait", seconds = 1, else = [{ do = "wait" }] }]'
+)
+
+WRONG_STEPS = [
+    ('do = "mve", to = "R1"', "2: no task or procedure 'mve'; did you mean 'move'?"),
+    ('do = "move", to = "R111"', "2: no place 'R111' in 'surveillance'; did you mean 'R11'?"),
+    ('do = "move", too = "R1"', "2: unknown key too of 'move'; did you mean 'to'?"),
+    ('do = "move"', "2: missing key to in steps[0]"),
+    ('du = "move"', "2: a step says what it does, do = ...; did you mean 'do'?"),
+    ('do = "wait", seconds = "l"', '2: steps[0].seconds = "l": expected a number, not a string'),
+    ('do = "wait", seconds = -1', "2: steps[0].seconds = -1.0: expected a number >= 0.0"),
+    (
+        'do = "take-photo", when = { batery_above = 0.2 }',
+        "2: unknown key steps[0].when.batery_above; did you mean 'battery_above'?",
+    ),
+    (
+        'do = "take-photo", when = { room = "R3" }',
+        "2: no room 'R3' in 'surveillance'; did you mean",
+    ),
+    ('do = "take-photo", when = {}', "2: when says nothing"),
+    ('do = "photo-of", rom = "R1"', "2: unknown key rom of 'photo-of'; did you mean 'room'?"),
+    ('do = "photo-of"', "2: 'photo-of' is not told its room: room = ..."),
+    ('do = "photo-of", room = "R4"', "8: no place 'R4' in 'surveillance'"),
+    ('do = "move", to = "$room"', "2: to = '$room': the procedure takes no 'room'"),
+    (TWICE_ELSE, "2: else within else"),
+]
+
+WRONG = [
+    (steps('do = "a"', more=CIRCLE), "11: procedure 'a' calls itself: a -> b -> a"),
+    (steps('do = "a"', more=OWN_CIRCLE), "7: procedure 'a' calls itself: a -> a"),
+    (steps('do = "take-photo"', more=TASK), "5: procedure 'move': a task is called so"),
+    ('on_alarm = "chek"', "missing key steps"),
+    (f'on_alarm = "chek-alarm"\n{PHOTO}', "1: no task or procedure 'chek-alarm'; did you mean"),
+    (f'on_alarm = "wait"\n{PHOTO}', "1: wait takes no room: it could not be told where"),
+    (f"priority = 2.0\n{PHOTO}", "1: priority = 2.0: expected a number <= 1.0"),
+    (f'energy = "chrge"\n{PHOTO}', "1: energy = \"chrge\": did you mean 'charge'?"),
+    ("steps = []", "1: steps = []: expected "),
+    ('title = "x"', "missing key steps"),
+    ("steps = [", "1: not TOML"),
+]
+
+
+@pytest.mark.parametrize(
+    ("text", "said"),
+    [*((steps(row, more=CALLS), said) for row, said in WRONG_STEPS), *WRONG],
+)
+def test_what_is_wrong_is_said_with_its_line_and_the_nearest_name(
+    text: str, said: str, building: Places
+) -> None:
+    place = "m.toml:" if said[0].isdigit() else "m.toml: "
+    assert fault(text, building, HOME).startswith(place + said)
+
+
+def test_a_room_without_a_way_in_cannot_be_reached_and_one_that_is_full_not_stood_in() -> None:
+    shut = ((3.0, 0.0, 3.0, 3.0),)
+    box = ((0.0, 0.0, 6.0, 0.0), (6.0, 0.0, 6.0, 3.0), (6.0, 3.0, 0.0, 3.0), (0.0, 3.0, 0.0, 0.0))
+    rooms = (
+        Room("A", 0.0, 0.0, 3.0, 3.0),
+        Room("B", 3.0, 0.0, 6.0, 3.0),
+        Room("C", 0.0, 0.0, 0.2, 3.0),
+    )
+    world = World("w", box + shut, (0.0, 0.0, 6.0, 3.0), rooms=rooms)
+    places = Places(world, load_profile("pioneer-2dx").body)
+    there = 'steps = [\n  { do = "move", to = "%s" },\n]'
+    read_mission(there % "A", "m", places, (1.0, 1.0))
+    read_mission(there % "B", "m", places)
+    assert fault(there % "B", places, (1.0, 1.0)).startswith(
+        "m.toml:2: 'B' cannot be reached from (1, 1)"
+    )
+    assert fault(there % "C", places).startswith(
+        "m.toml:2: in room 'C' of 'w' the robot can turn nowhere"
+    )
+
+
+def test_in_a_room_it_stands_in_the_middle_or_as_near_to_it_as_there_is_room() -> None:
+    house = Places(load_world("house"), load_profile("pioneer-2dx").body)
+    assert house.of("A") == (2.3, 2.0, None)
+    x, y, _ = Places(load_world("rooms-a"), house._body).of("A")
+    assert house.world.clearance(2.3, 1.5) > 0
+    assert load_world("rooms-a").clearance(x, y) > 0.5
+    assert abs(x - 2.3) + abs(y - 1.5) < 1.0
+
+
+def test_a_text_that_is_too_long_to_be_sent_or_a_name_that_is_none_is_refused() -> None:
+    assert "at most 16,000" in fault("#" * 16_001)
+    with pytest.raises(ConfigError, match="a mission's name is of letters"):
+        read_mission(steps('do = "take-photo"'), "a b")
+
+
+def test_procedures_within_procedures_have_an_end() -> None:
+    chain = [f'[procedures.p{n}]\nsteps = [{{ do = "p{n + 1}" }}]' for n in range(9)]
+    last = '[procedures.p9]\nsteps = [{ do = "take-photo" }]'
+    assert "at most 8 within each other" in fault("\n".join([steps('do = "p0"'), *chain, last]))
+
+
+def test_a_mission_is_compared_by_value() -> None:
+    text = steps('do = "move", to = "R1"')
+    assert read_mission(text, "m") == read_mission(text, "m")
+    assert isinstance(read_mission(text, "m"), Mission)
+
+
+def test_an_unknown_mission_is_said_with_the_nearest(tmp_path: Path) -> None:
+    with pytest.raises(ConfigError, match="no mission 'surveilance'; did you mean 'surveillance'"):
+        load_mission("surveilance")
+    with pytest.raises(ConfigError, match="no file"):
+        load_mission(tmp_path / "none.toml")

@@ -1,0 +1,113 @@
+"""Real processes under a monitor: whoever dies or hangs is back, and a host's agents move."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+from signal import SIGKILL, SIGSTOP
+
+import pytest
+
+from armadico.core.messages import MissionRequest, Waypoint
+from armadico.launch.processes import kill_trees
+from armadico.mesh.ports import private_endpoints
+from tests.hosts.conftest import SOON, children
+from tests.live.society import Observer
+from tests.programs import Start
+
+pytestmark = pytest.mark.live
+
+AGENTS = ("encoder", "sonar", "goto", "avoid", "interface")
+
+SCENARIO = """\
+world = "empty"
+start = [0, 0, 0]
+plan = "direct"
+sensors = "ideal"
+agents = ["encoder", "sonar", "goto", "avoid", "interface"]
+"""
+
+
+@pytest.fixture
+def far(tmp_path: Path) -> str:
+    """A scenario whose goal is a long way off."""
+    file = tmp_path / "far.toml"
+    file.write_text(SCENARIO)
+    return str(file)
+
+
+ALONE = {"robot": ("robot", *AGENTS, "monitor"), "lab3": ()}
+PAIR = {
+    "robot": ("robot", "encoder", "sonar", "monitor"),
+    "lab": ("goto", "avoid", "interface", "monitor"),
+    "lab3": (),
+}
+
+
+@pytest.fixture(autouse=True)
+def table(table: Path, request: pytest.FixtureRequest) -> Path:
+    """Another host table, before anybody reads it."""
+    entries = []
+    for number, (host, agents) in enumerate(request.param.items()):
+        endpoints = private_endpoints(2, f"127.0.0.2{number}").split(",")
+        entries.append(f"[{host}]\nendpoints = {json.dumps(endpoints)}\n")
+        entries.append(f"agents = {json.dumps(agents)}\n")
+    table.write_text("".join(entries))
+    return table
+
+
+def sent_off(observer: Observer) -> None:
+    request = MissionRequest(Waypoint(60.0, 0.0, 0.0), planned=False)
+    observer.client.hand_over(request, again=SOON)  # as soon as there is a pose
+    observer.until(observer.driving, "the robot is on its way")
+
+
+def instances(observer: Observer, name: str) -> set[str]:
+    return {instance for other, instance in observer.client.alive if other == name}
+
+
+@pytest.mark.parametrize("table", [pytest.param(ALONE, id="one host")], indirect=True)
+def test_each_agent_that_is_killed_or_hangs_is_back_once_and_the_mission_goes_on(
+    up: Start, far: str, observer: Observer
+) -> None:
+    process = up("robot", far, "--restarts", "50")
+    sent_off(observer)
+    faults = [(number, name) for number in (SIGKILL, SIGSTOP) for name in (*AGENTS, "monitor")]
+    for number, name in faults:
+        (before,) = instances(observer, name)
+        children(process)[name].send_signal(number)
+
+        def back(name: str = name, before: str = before) -> bool:
+            return bool(instances(observer, name) - {before})
+
+        observer.until(back, f"{name} is back after {number.name}")
+        observer.until(observer.driving, f"somebody drives on after {number.name} of {name}")
+    process.terminate()
+    _, errors = process.communicate(timeout=SOON)
+    assert process.returncode == 0, errors
+    restarts = [line for line in errors.splitlines() if "it is started again" in line]
+    assert len(restarts) == len(faults), errors
+    assert sum("is killed: " in line for line in errors.splitlines()) == len(faults) / 2, errors
+
+
+@pytest.mark.parametrize("table", [pytest.param(PAIR, id="two hosts")], indirect=True)
+def test_what_a_host_had_that_is_gone_is_started_on_another_and_it_may_come_back(
+    up: Start, far: str, observer: Observer
+) -> None:
+    up("robot", far)
+    lab = up("lab", far)
+    sent_off(observer)
+    before = {name: instances(observer, name) for name in ("goto", "avoid", "interface")}
+    kill_trees(lab)
+    for name, gone in before.items():
+        observer.until(lambda n=name, g=gone: instances(observer, n) - g, f"{name} is elsewhere")
+    observer.until(observer.driving, "somebody drives on")
+    (interface,) = instances(observer, "interface")
+    card = observer.client.card("interface", interface)
+    assert card is not None
+    assert card.host == "robot"
+    again = up("lab", far)
+    observer.until(lambda: len(instances(observer, "monitor")) == 2, "its monitor is back")
+    observer.drives_on(30)
+    assert instances(observer, "interface") == {interface}
+    assert again.poll() is None, "that its agents are elsewhere is no reason to give up"

@@ -1,0 +1,340 @@
+"""The monitor and the wakeup agents of hosts, under the virtual clock: whole societies that drive.
+
+Agents die, hang, hang with their token shown, or say nothing more; hosts go and come back.
+"""
+
+from __future__ import annotations
+
+from collections import Counter
+from typing import Any
+
+import pytest
+from msgspec.structs import replace
+
+from armadico.config.hosts import Host, HostTable
+from armadico.config.scenarios import Scenario, exploring, ideal, load_scenario
+from armadico.core.messages import (
+    HostShare,
+    KeptState,
+    Message,
+    MonitorReport,
+    RobotState,
+    Stop,
+    WakeupOrder,
+    WakeupReply,
+    WakeupRequest,
+)
+from armadico.core.restart_policy import Budget
+from armadico.core.services import service_of
+from armadico.launch.society import Options
+from armadico.launch.virtual import Rehearsal
+from armadico.launch.wakeup import Wakeup
+from armadico.mesh.virtual import Node
+
+SC4 = load_scenario("sc4")
+EVERYBODY = (*SC4.agents, "monitor")
+ONE = HostTable({"here": Host(agents=("robot", *EVERYBODY))})
+TWO = HostTable(
+    {
+        "a": Host(agents=("robot", "encoder", "sonar", "localization", "monitor")),
+        "b": Host(agents=(*SC4.agents[3:], "monitor")),
+    }
+)
+NONE_TAKES = HostTable({name: replace(host, takes=()) for name, host in TWO.hosts.items()})
+
+FAULTS = {
+    "killed": Node.kill,
+    "hung": Node.hang,
+    "deaf": lambda node: node.slow_down(1e9),  # its token stays, for its mesh is well
+}
+
+BACK_S = {"killed": 1.5, "hung": 5.0, "deaf": 7.0}
+"""s until another instance is at work, as docs/reliability.md has it."""
+
+
+class Society:
+    """A scenario on hosts, and what monitors and hosts do in it."""
+
+    def __init__(self, table: HostTable = ONE, scenario: Scenario = SC4, seed: int = 1) -> None:
+        self.run = Rehearsal(scenario, Options(seed=seed, limit=150.0), hosts=table)
+        self.mesh = self.run.mesh
+        self.notes: list[str] = []
+        self.stops: list[Stop] = []
+        self.reports: dict[str, MonitorReport] = {}
+        self.mesh.watch(self._keep, MonitorReport, Stop)
+        self.begun = Counter(node.name for node in self.mesh.nodes)
+        self.run.start()
+        self.run.begin()
+
+    def _keep(self, _key: str, message: Message, _now: float) -> None:
+        if isinstance(message, Stop):
+            self.stops.append(message)
+        elif isinstance(message, MonitorReport):
+            self.reports[message.instance] = message
+            if message.note and message.note not in self.notes:
+                self.notes.append(message.note)
+
+    def let_pass(self, seconds: float) -> Society:
+        self.mesh.run(self.mesh.now + seconds)
+        return self
+
+    def back(self, name: str, within: float) -> None:
+        """A new instance of an agent is at work within so long."""
+        before = self.mesh.node(name)
+        end = self.mesh.now + within
+
+        def there() -> bool:
+            node = self.mesh.node(name)
+            return node is not before and node.driver.started
+
+        self.mesh.run(end, there)
+        assert there(), f"{name} is not back after {within} s: {self.notes} {self.said()}"
+
+    def more(self) -> dict[str, int]:
+        """How many instances of whom were started besides the first ones."""
+        return dict(Counter(node.name for node in self.mesh.nodes) - self.begun)
+
+    def said(self) -> list[str]:
+        return [text for host in self.run.hosts.values() for text in host.said]
+
+    def arrives(self) -> bool:
+        end = self.mesh.now + 120.0
+        while not self.run.watch.done and self.mesh.now < end:
+            self.mesh.run(min(self.mesh.now + 1.0, end), lambda: self.run.watch.done)
+        return bool(self.run.watch.result().reached)
+
+    def host_of(self, name: str) -> str:
+        return self.mesh.node(name).agent.identity.host
+
+    def acting(self) -> list[str]:
+        """The hosts of the monitors that are alive and act."""
+        alive = {n.agent.instance: n for n in self.mesh.nodes if n.alive and n.name == "monitor"}
+        found = [alive[i] for i, r in self.reports.items() if i in alive and r.acts]
+        return sorted(node.agent.identity.host for node in found)
+
+
+# Nothing is wrong ---------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize(
+    "scenario",
+    [
+        pytest.param(SC4, id="real sensors"),
+        pytest.param(ideal(SC4), id="ideal"),
+        pytest.param(exploring(load_scenario("sc2")), id="exploring"),
+    ],
+)
+def test_where_nothing_is_wrong_nobody_is_asked_for_anything(scenario: Scenario) -> None:
+    table = HostTable({"here": Host(agents=("robot", *scenario.agents, "monitor"))})
+    society = Society(table, scenario)
+    society.let_pass(60.0)
+    assert (society.notes, society.more(), society.said()) == ([], {}, [])
+    assert [report.missing for report in society.reports.values()] == [()]
+
+
+# Who restarts what, exactly once ------------------------------------------------------------------
+
+
+@pytest.mark.parametrize(
+    ("fault", "name"),
+    [
+        *(("killed", name) for name in ("robot", "interface")),
+        *(("hung", name) for name in ("goto", "encoder", "monitor")),
+        *(("deaf", name) for name in ("path-planning", "localization")),
+    ],
+)  # `python -m armadico_tools.losses` has everybody
+def test_whoever_dies_or_hangs_is_back_once_and_the_mission_goes_on(name: str, fault: str) -> None:
+    society = Society(TWO, seed=2).let_pass(6.0)
+    FAULTS[fault](society.mesh.node(name))
+    society.back(name, BACK_S[fault])
+    society.let_pass(12.0)
+    assert society.more() == {name: 1}
+    asked = [note for note in society.notes if "is asked to" in note]
+    assert len(asked) == (fault != "killed"), "who ends is its own host's business"
+    assert society.arrives()
+
+
+def test_who_answers_and_no_longer_says_what_it_provides_is_restarted_and_nobody_else() -> None:
+    society = Society().let_pass(6.0)
+    society.mesh.node("encoder").agent._handlers[RobotState] = lambda _: None
+    society.back("encoder", 7.0)
+    assert "encoder/pose has been late" in society.notes[0]
+    society.let_pass(15.0)
+    assert society.more() == {"encoder": 1}, "the others only lacked the pose"
+    assert society.arrives()
+
+
+def test_a_lone_monitor_that_hangs_is_killed_by_its_host() -> None:
+    society = Society().let_pass(6.0)
+    society.mesh.node("monitor").hang()
+    society.back("monitor", 12.0)
+    assert "monitor is killed: it watches" in society.said()[0]
+    society.mesh.node("goto").hang()
+    society.back("goto", 6.0)
+
+
+def test_one_that_dies_at_start_again_and_again_ends_its_host_with_its_last_words(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    society = Society(TWO).let_pass(6.0)
+
+    def dies(*_: Any, **__: Any) -> Node:
+        node = enter("goto", host="b")
+        society.mesh.call_at(society.mesh.now + 0.3, lambda *_: node.kill())
+        return node
+
+    enter = society.run.enter
+    monkeypatch.setattr(
+        society.run, "enter", lambda name, **k: dies() if name == "goto" else enter(name, **k)
+    )
+    society.mesh.node("goto").kill()
+    society.let_pass(15.0)
+    (said,) = (text for text in society.said() if "is not started again" in text)
+    assert "goto ended with signal SIGKILL" in said
+    assert not society.run.hosts["b"].wakeup.alive
+
+
+# Hosts --------------------------------------------------------------------------------------------
+
+
+def test_what_is_needed_of_a_host_that_is_gone_is_started_on_another_and_the_mission_goes_on() -> (
+    None
+):
+    society = Society(TWO).let_pass(6.0)
+    society.run.hosts["b"].lose()
+    society.back("goto", 8.0)
+    society.let_pass(5.0)
+    needed = {"goto", "avoid", "gothrough", "path-planning", "interface"}
+    assert society.more() == dict.fromkeys(needed, 1), "relocate is not needed"
+    assert {society.host_of(name) for name in needed} == {"a"}
+    assert society.arrives()
+    assert society.stops == []
+
+
+def test_a_host_that_comes_back_does_not_drive_out_who_took_its_agents_over() -> None:
+    society = Society(TWO).let_pass(6.0)
+    society.run.hosts["b"].lose()
+    society.let_pass(12.0)
+    society.run.start_host("b")
+    society.let_pass(30.0)
+    assert society.run.hosts["b"].wakeup.alive, "that they are elsewhere is no fault of its own"
+    assert society.host_of("relocate") == "b"
+    there = Counter(node.name for node in society.mesh.nodes if node.alive)
+    assert {name: there[name] for name in ("interface", "path-planning", "goto", "avoid")} == {
+        "interface": 1,
+        "path-planning": 1,
+        "goto": 1,
+        "avoid": 1,
+    }, "one of each: what need not be alone was given back"
+    assert society.arrives()
+
+
+def test_a_host_that_leaves_in_order_is_not_made_up_for() -> None:
+    society = Society(TWO).let_pass(6.0)
+    society.run.hosts["b"].leave()
+    society.let_pass(30.0)
+    assert society.more() == {}
+    assert society.stops == []
+
+
+def test_of_two_monitors_one_acts_and_the_other_takes_over() -> None:
+    society = Society(TWO).let_pass(6.0)
+    (first,) = society.acting()
+    (other,) = {"a", "b"} - {first}
+    if first == "a":  # the robot is there: the monitor alone is lost
+        monitor = next(n for n in society.mesh.nodes if n.name == "monitor" and n.alive)
+        assert monitor.agent.identity.host == first
+        monitor.kill()
+    else:
+        society.run.hosts[first].lose()
+    society.let_pass(6.0)
+    assert society.acting() == [other]
+
+
+def test_who_dies_on_a_host_whose_wakeup_agent_hangs_is_started_on_another() -> None:
+    society = Society(TWO).let_pass(6.0)
+    society.run.hosts["b"].wakeup.hang()
+    society.let_pass(3.0)
+    society.mesh.node("goto").kill()
+    society.back("goto", 8.0)
+    assert society.host_of("goto") == "a"
+    society.run.hosts["b"].wakeup.resume()
+    society.let_pass(20.0)
+    there = [n.agent.identity.host for n in society.mesh.nodes if n.name == "goto" and n.alive]
+    assert there == ["b"], "it was given back"
+
+
+def test_where_the_budget_is_spent_another_host_is_asked() -> None:
+    society = Society(TWO).let_pass(6.0)
+    agent = society.run.hosts["b"].wakeup.agent
+    assert isinstance(agent, Wakeup)
+    agent.supervision.budget = Budget(0, 30.0)
+    society.mesh.node("goto").hang()
+    society.back("goto", 20.0)
+    assert society.host_of("goto") == "a"
+    assert any("b: the budget of 0 restarts" in note for note in society.notes)
+    assert society.run.hosts["b"].wakeup.alive, "a request ends nobody"
+
+
+def test_a_monitor_that_hung_itself_judges_nobody_by_what_it_has_not_heard() -> None:
+    society = Society().let_pass(6.0)
+    node = society.mesh.node("monitor")
+    for seconds in (0.9, 3.0, 8.0):  # within the lease, and beyond it; its host waits for longer
+        node.hang()
+        society.let_pass(seconds)
+        node.resume()
+        society.let_pass(12.0)
+    assert (society.notes, society.more()) == ([], {})
+
+
+# When it cannot be whole --------------------------------------------------------------------------
+
+
+def test_if_it_cannot_be_whole_the_robot_is_stopped_and_it_says_why() -> None:
+    society = Society(NONE_TAKES).let_pass(6.0)
+    society.run.hosts["b"].lose()
+    society.let_pass(19.0)
+    assert society.stops == []
+    society.let_pass(3.0)
+    (stop,) = {stop.press: stop for stop in society.stops}.values()
+    assert stop.stopped
+    assert stop.by.startswith("monitor: no avoid, gothrough, goto, interface, path-planning for")
+    society.run.start_host("b")
+    society.let_pass(10.0)
+    assert [report.missing for report in society.reports.values() if report.acts][-1] == ()
+
+
+def test_a_robot_that_stands_and_is_to_go_nowhere_is_not_stopped() -> None:
+    society = Society(NONE_TAKES, replace(SC4, goal=None)).let_pass(6.0)
+    society.run.hosts["b"].lose()
+    society.let_pass(40.0)
+    assert society.stops == []
+
+
+def test_who_releases_the_stop_is_not_overruled() -> None:
+    society = Society(NONE_TAKES).let_pass(6.0)
+    society.run.hosts["b"].lose()
+    society.let_pass(25.0)
+    stop = society.stops[-1]
+    society.mesh.publish(Stop(stop.counter + 1, stopped=False, by="somebody", press=stop.press))
+    society.let_pass(30.0)
+    assert {s.press for s in society.stops if s.stopped} == {stop.press}
+
+
+# Requests over the mesh ---------------------------------------------------------------------------
+
+
+def test_anybody_may_ask_the_wakeup_agent_of_a_host() -> None:
+    society = Society().let_pass(6.0)
+    shares: list[HostShare] = []
+    society.mesh.watch(lambda _k, m, _n: shares.append(m), HostShare)  # type: ignore[arg-type]
+    host = society.run.hosts["here"].wakeup.agent
+    request = WakeupRequest(WakeupOrder.END, "relocate", why="a test")
+    key = service_of(WakeupRequest).key_for(instance=host.instance)
+    replies: list[Message] = []
+    society.mesh.put(None, key, request, 2.0, lambda _, m: bool(replies.append(m)), lambda: None)
+    society.let_pass(2.0)
+    assert replies == [WakeupReply()]
+    (kept,) = (k for k in shares[-1].kept if "relocate" in k.agents)
+    assert kept.state is KeptState.ENDED
+    assert society.let_pass(20.0).more() == {}

@@ -1,0 +1,394 @@
+"""The wakeup agent: who is started when, who asks for it, and what it says of itself."""
+
+from __future__ import annotations
+
+from random import Random
+from typing import Any
+
+import pytest
+
+from armadico.core.agent import Answer, AskFor, Identity, Publish, Question, Write
+from armadico.core.messages import (
+    PROTOCOL,
+    Card,
+    HostShare,
+    Kept,
+    KeptState,
+    Message,
+    MonitorReport,
+    WakeupOrder,
+    WakeupReply,
+    WakeupRequest,
+)
+from armadico.core.restart_policy import IN_THE_WAY_S, MISUSED, NEWCOMER_S
+from armadico.launch.wakeup import (
+    CARD_S,
+    HEARD_S,
+    MONITOR_S,
+    START_S,
+    Do,
+    Event,
+    Order,
+    Parameters,
+    Wakeup,
+    lines,
+    orders,
+)
+
+GOTO = 11
+AVOID = 12
+
+
+class Bench:
+    """A wakeup agent of lab1; the test plays the machine and the mesh."""
+
+    def __init__(self, *, up: bool = True, **more: Any) -> None:
+        processes = more.pop("processes", {"goto": ("goto",), "avoid": ("avoid",)})
+        parameters = Parameters(host="lab1", processes=processes, **more)
+        self.agent = Wakeup(Identity("wakeup-1", "lab1", 1, rng=Random(1)), parameters)
+        self.now = 100.0
+        self.said: list[Message] = []
+        self.orders: list[Order] = []
+        self.asked: list[AskFor] = []
+        self.answers: list[WakeupReply] = []
+        self.agent.start(self.now)
+        if up:
+            self.begins("goto", GOTO)
+            self.begins("avoid", AVOID)
+            self.meet("goto-1", GOTO)
+            self.meet("avoid-1", AVOID)
+        self.take()
+
+    def take(self) -> list[Order]:
+        """The orders since the last time."""
+        found: list[Order] = []
+        out, self.agent.outbox = self.agent.outbox, []
+        for item in out:
+            match item:
+                case Write():
+                    found += orders(item.data)
+                case Publish():
+                    self.said.append(item.message)
+                case AskFor():
+                    self.asked.append(item)
+                case Answer(_, WakeupReply() as reply):
+                    self.answers.append(reply)
+        self.orders += found
+        return found
+
+    def done(self) -> list[tuple[Do, str]]:
+        """What the machine was told since the last time, without what is for people."""
+        return [(order.do, order.label) for order in self.take() if order.do is not Do.SAY]
+
+    def begins(self, label: str, pid: int) -> None:
+        self.agent.take_bytes(lines(Event(label, pid)), self.now)
+
+    def ends(self, label: str, code: int = -9, words: str = "") -> None:
+        how = f"status {code}" if code >= 0 else "signal SIGKILL"
+        self.agent.take_bytes(lines(Event(label, 0, how, code, words)), self.now)
+
+    def appear(self, instance: str) -> None:
+        self.agent.appeared(instance.rpartition("-")[0], instance, self.now)
+
+    def card(self, instance: str, pid: int, host: str = "lab1") -> Card:
+        name = instance.rpartition("-")[0]
+        return Card(name, instance, host, pid, "1", PROTOCOL, (), (), ())
+
+    def meet(self, instance: str, pid: int, host: str = "lab1") -> None:
+        self.appear(instance)
+        self.agent.met(self.card(instance, pid, host), self.now)
+
+    def hear(self, message: Message) -> None:
+        self.agent.receive(message, self.now)
+
+    def other(self, *kept: Kept, host: str = "lab2") -> None:
+        """Another host's wakeup agent says what it keeps up."""
+        self.hear(HostShare(f"wakeup-{host}", host, kept))
+
+    def request(self, order: WakeupOrder, agent: str, pid: int = 0) -> str:
+        """Ask; its refusal, or nothing."""
+        self.agent.asked(Question(1, WakeupRequest(order, agent, pid, "a test")), self.now)
+        out = self.agent.outbox
+        (answer,) = (item.message for item in out if isinstance(item, Answer))
+        assert isinstance(answer, WakeupReply)
+        return answer.refusal
+
+    def pass_time(self, seconds: float) -> list[tuple[Do, str]]:
+        """Wake it whenever it wants to be, for so long; what the machine was told."""
+        end, told = self.now + seconds, []
+        while (due := self.agent.wakeup) is not None and due <= end:
+            self.now = max(self.now, due)
+            self.agent.wake(self.now)
+            told += self.done()
+        self.now = end
+        return told
+
+    def share(self) -> HostShare:
+        self.take()
+        return next(m for m in reversed(self.said) if isinstance(m, HostShare))
+
+    def state(self, name: str) -> KeptState:
+        return next(kept.state for kept in self.share().kept if name in kept.agents)
+
+    def queried(self) -> list[str]:
+        """The instances whose cards were asked for since the last time."""
+        self.take()
+        found, self.asked = self.asked, []
+        return [item.key.split("/")[2] for item in found]
+
+
+@pytest.fixture
+def bench() -> Bench:
+    return Bench()
+
+
+# Coming up ----------------------------------------------------------------------------------------
+
+
+def test_the_share_is_up_once_the_cards_of_its_own_processes_have_come() -> None:
+    bench = Bench(up=False)
+    bench.begins("goto", GOTO)
+    bench.begins("avoid", AVOID)
+    bench.meet("goto-1", GOTO)
+    assert (bench.state("goto"), bench.state("avoid")) == (KeptState.UP, KeptState.STARTING)
+    bench.meet("avoid-7", AVOID, host="lab2")
+    bench.meet("avoid-8", 99)
+    assert bench.done() == [], "the card of another host, or of another process, is not its own"
+    bench.meet("avoid-1", AVOID)
+    assert bench.done() == [(Do.READY, "")]
+    bench.meet("goto-2", 13)
+    assert bench.done() == [], "it is said once"
+
+
+def test_a_simulator_is_not_waited_for() -> None:
+    bench = Bench(up=False, processes={"simulator": (), "goto": ("goto",)})
+    bench.begins("simulator", 10)
+    bench.begins("goto", GOTO)
+    bench.meet("goto-1", GOTO)
+    assert bench.done() == [(Do.READY, "")]
+
+
+def test_who_does_not_answer_for_its_card_is_asked_again_and_delays_nobody() -> None:
+    bench = Bench(up=False)
+    bench.begins("goto", GOTO)
+    bench.begins("avoid", AVOID)
+    for instance in ("avoid-dead", "avoid-1", "goto-1", "sonar-1"):
+        bench.appear(instance)
+    bench.take()
+    (dead,) = (item for item in bench.asked if "avoid-dead" in item.key)
+    assert dead.timeout == CARD_S
+    assert sorted(bench.queried()) == ["avoid-1", "avoid-dead", "goto-1"], "and whom it waits for"
+    bench.agent.replied(dead.id, None, bench.now)
+    assert bench.queried() == ["avoid-dead"]
+    bench.agent.met(bench.card("goto-1", GOTO), bench.now)
+    bench.agent.met(bench.card("avoid-1", AVOID), bench.now)
+    assert (Do.READY, "") in bench.done()
+
+
+def test_who_cannot_be_seen_for_long_hangs_and_is_killed() -> None:
+    bench = Bench(up=False)
+    bench.begins("goto", GOTO)
+    bench.begins("avoid", AVOID)
+    bench.meet("goto-1", GOTO)
+    assert bench.pass_time(START_S - 1.0) == []
+    assert bench.pass_time(2.0) == [(Do.KILL, "avoid")]
+    bench.ends("avoid")
+    assert bench.pass_time(1.0) == [(Do.START, "avoid")]
+
+
+# Ending -------------------------------------------------------------------------------------------
+
+
+def test_who_ends_is_started_again_and_the_share_says_so(bench: Bench) -> None:
+    bench.ends("goto", 1, "no such thing")
+    assert bench.state("goto") is KeptState.WAITING
+    (why,) = (kept.why for kept in bench.share().kept if kept.why)
+    assert "status 1" in why
+    assert "no such thing" in why
+    assert bench.pass_time(0.0) == [(Do.START, "goto")]
+    bench.begins("goto", 21)
+    assert bench.state("goto") is KeptState.STARTING
+    bench.meet("goto-2", 21)
+    assert bench.state("goto") is KeptState.UP
+    assert bench.pass_time(60.0) == []
+
+
+def test_one_that_dies_again_and_again_is_given_up_with_its_last_words() -> None:
+    bench = Bench(restarts=2)
+    for pid in (21, 22):
+        bench.ends("goto", 1, "Traceback")
+        assert bench.pass_time(1.0) == [(Do.START, "goto")]
+        bench.begins("goto", pid)
+    bench.ends("goto", 1, "ValueError: no goal")
+    (order,) = (o for o in bench.take() if o.do is Do.GIVE_UP)
+    assert "goto ended with status 1, and is not started again" in order.text
+    assert "the budget of 2 restarts in 30 s is spent" in order.text
+    assert "ValueError: no goal" in order.text
+    bench.agent.stop(bench.now)
+    assert not bench.share().leaving, "somebody is to miss them"
+
+
+def test_who_could_not_begin_at_all_is_given_up() -> None:
+    bench = Bench(up=False)
+    bench.begins("goto", GOTO)
+    bench.ends("goto", MISUSED, "another goto agent is alive already")
+    bench.take()
+    assert bench.pass_time(HEARD_S) == [(Do.GIVE_UP, "")], "nobody says that it took its place"
+    (order,) = (o for o in bench.orders if o.do is Do.GIVE_UP)
+    assert "another goto agent is alive already" in order.text
+
+
+def test_whom_somebody_gets_in_the_way_of_is_tried_again_and_the_others_go_on(
+    bench: Bench,
+) -> None:
+    bench.pass_time(NEWCOMER_S)
+    bench.ends("goto", MISUSED)
+    said = [order.text.partition(";")[0] for order in bench.take() if order.do is Do.SAY]
+    assert said == ["goto left: somebody is in its way"]
+    assert bench.pass_time(IN_THE_WAY_S[0] - 0.01) == []
+    assert bench.pass_time(0.02) == [(Do.START, "goto")]
+
+
+def test_in_the_way_of_one_that_another_host_took_over_is_no_fault_however_early() -> None:
+    """A host that comes back finds that its agents are elsewhere by now."""
+    bench = Bench(up=False)
+    bench.begins("goto", GOTO)
+    bench.begins("avoid", AVOID)
+    bench.meet("avoid-1", AVOID)
+    bench.ends("goto", MISUSED)
+    bench.other(Kept(("goto",), KeptState.UP, 5, lent=True))
+    assert bench.pass_time(60.0) == [(Do.READY, "")], "nobody is started to find out the same again"
+    assert bench.state("goto") is KeptState.WAITING
+    bench.agent.appeared("wakeup", "wakeup-lab2", bench.now)
+    bench.agent.disappeared("wakeup", "wakeup-lab2", bench.now)
+    assert bench.pass_time(IN_THE_WAY_S[-1]) == [(Do.START, "goto")]
+
+
+# Requests -----------------------------------------------------------------------------------------
+
+
+def test_who_hangs_is_killed_once_however_many_ask(bench: Bench) -> None:
+    assert bench.request(WakeupOrder.RESTART, "goto", GOTO) == ""
+    assert bench.done() == [(Do.KILL, "goto")]
+    bench.ends("goto")
+    assert bench.request(WakeupOrder.RESTART, "goto", GOTO) == ""
+    assert bench.pass_time(1.0) == [(Do.START, "goto")]
+    bench.begins("goto", 21)
+    bench.take()
+    assert bench.request(WakeupOrder.RESTART, "goto", GOTO) == ""
+    assert bench.done() == [], "that one is gone"
+
+
+def test_a_request_is_refused_where_the_budget_is_spent_and_ends_nobody() -> None:
+    bench = Bench(restarts=1, can=("encoder",))
+    bench.ends("goto")
+    bench.pass_time(1.0)
+    for order, name in ((WakeupOrder.RESTART, "avoid"), (WakeupOrder.START, "encoder")):
+        refusal = bench.request(order, name)
+        assert refusal == "lab1: the budget of 1 restarts in 30 s is spent"
+        assert bench.done() == []
+    bench.pass_time(30.0)
+    assert bench.request(WakeupOrder.RESTART, "avoid") == ""
+
+
+def test_it_starts_besides_what_it_can_and_says_what_that_is() -> None:
+    bench = Bench(can=("encoder",))
+    assert bench.share().can == ("encoder",)
+    refusal = bench.request(WakeupOrder.START, "sonar")
+    assert refusal == "lab1: it cannot start sonar; it could start encoder"
+    bench.take()
+    assert bench.request(WakeupOrder.START, "encoder") == ""
+    assert bench.done() == [(Do.START, "encoder")]
+    assert bench.request(WakeupOrder.START, "encoder") == ""
+    assert bench.done() == [], "it is looked after already"
+    assert bench.share().can == ()
+    bench.begins("encoder", 31)
+    bench.meet("encoder-1", 31)
+    (lent,) = (kept for kept in bench.share().kept if kept.lent)
+    assert (lent.agents, lent.state, lent.pid) == (("encoder",), KeptState.UP, 31)
+
+
+def test_what_is_lent_is_given_back_once_its_own_host_has_it_again() -> None:
+    bench = Bench(can=("encoder",))
+    bench.request(WakeupOrder.START, "encoder")
+    bench.begins("encoder", 31)
+    bench.take()
+    bench.other(Kept(("encoder",), KeptState.STARTING, 7))
+    assert bench.done() == []
+    bench.other(Kept(("encoder",), KeptState.UP, 7))
+    assert bench.done() == [(Do.END, "encoder")]
+    assert bench.share().can == ("encoder",)
+    bench.ends("encoder", 0)
+    assert bench.pass_time(60.0) == []
+
+
+def test_that_what_is_lent_fails_ends_nobody_else() -> None:
+    bench = Bench(can=("encoder",), restarts=1)
+    bench.request(WakeupOrder.START, "encoder")
+    bench.begins("encoder", 31)
+    bench.ends("encoder", 1)
+    assert bench.done() == [(Do.START, "encoder")]
+    assert not bench.agent.gave_up
+    assert bench.state("goto") is KeptState.UP
+
+
+def test_what_is_lent_and_finds_its_own_hosts_in_the_way_is_let_go_of() -> None:
+    """Two halves of a network that was cut are one again, and each had started one."""
+    bench = Bench(can=("encoder",))
+    bench.request(WakeupOrder.START, "encoder")
+    bench.begins("encoder", 31)
+    bench.meet("encoder-1", 31)
+    bench.pass_time(10.0)
+    bench.ends("encoder", MISUSED)
+    assert bench.pass_time(60.0) == []
+    assert bench.share().can == ("encoder",)
+
+
+def test_who_is_ended_on_request_stays_so_until_it_is_started_on_request(bench: Bench) -> None:
+    assert bench.request(WakeupOrder.END, "goto") == ""
+    assert bench.done() == [(Do.END, "goto")]
+    bench.ends("goto", 0)
+    assert bench.pass_time(60.0) == []
+    assert bench.state("goto") is KeptState.ENDED
+    assert bench.request(WakeupOrder.START, "goto") == ""
+    assert bench.done() == [(Do.START, "goto")]
+    assert bench.request(WakeupOrder.END, "sonar") == "lab1: sonar is none of its agents"
+
+
+# Telling ------------------------------------------------------------------------------------------
+
+
+def test_the_share_comes_each_second_and_says_what_is_needed_and_when_it_leaves() -> None:
+    bench = Bench(needs=("robot", "goto"))
+    before = len(bench.said)
+    bench.pass_time(5.0)
+    assert len(bench.said) - before == 5
+    assert bench.share().needs == ("robot", "goto")
+    bench.agent.stop(bench.now)
+    assert bench.share().leaving
+    assert bench.share().needs == ()
+
+
+def test_a_monitor_of_its_own_that_says_nothing_more_is_killed() -> None:
+    bench = Bench(processes={"monitor": ("monitor",)}, up=False)
+    bench.begins("monitor", 41)
+    bench.meet("monitor-1", 41)
+    bench.hear(MonitorReport("monitor-2", 5, acts=True))
+    bench.take()
+    assert bench.pass_time(60.0) == [], "it has never said anything, nor has another"
+    bench.hear(MonitorReport("monitor-1", 5, acts=True))
+    assert bench.pass_time(MONITOR_S - 1.0) == []
+    assert bench.pass_time(2.0) == [(Do.KILL, "monitor")]
+    bench.ends("monitor")
+    assert bench.pass_time(1.0) == [(Do.START, "monitor")]
+
+
+def test_who_has_hung_itself_blames_no_monitor() -> None:
+    bench = Bench(processes={"monitor": ("monitor",)}, up=False)
+    bench.begins("monitor", 41)
+    bench.meet("monitor-1", 41)
+    bench.hear(MonitorReport("monitor-1", 5, acts=True))
+    bench.take()
+    bench.now += 60.0
+    bench.agent.wake(bench.now)
+    assert bench.done() == []

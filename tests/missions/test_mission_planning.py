@@ -1,0 +1,250 @@
+"""Mission planning: its queue and its board, and that a mission outlives whoever dies."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import pytest
+
+from armadico.agents.methods import procedures
+from armadico.core.agent import Agent, Question
+from armadico.core.messages import (
+    LARGEST_PAYLOAD,
+    Board,
+    Cycle,
+    ExploreRequest,
+    ExploreState,
+    ExploreStatus,
+    Message,
+    MissionEnd,
+    MissionReply,
+    MissionRequest,
+    Photo,
+    Waypoint,
+    encode,
+)
+from armadico.core.tasks import Beliefs, Done, Task
+from armadico.runtime.errors import MissionRefusedError
+from tests.missions.building import SURVEY, Building, text
+
+NEAR = 'do = "move", to = "R2"'
+
+
+def test_what_cannot_be_done_is_refused_with_line_and_nearest_name() -> None:
+    building = Building()
+    refused = building.order(text('do = "move", to = "R111"')).refusal
+    assert refused == (
+        "m:3: no place 'R111' in 'surveillance'; did you mean 'R11'?"
+        " (known: R1, R11, R2, R21, hall)"
+    )
+    assert building.order("steps = [").refusal.startswith("m:1: not TOML")
+    assert building.board is None
+    assert building.cancel(0) == "no mission is under way"
+
+
+def test_without_mission_planning_people_are_told_so() -> None:
+    building = Building(without=("mission-planning",))
+    assert building.order().refusal == ("nobody plans missions: no mission planning agent answered")
+
+
+def test_a_mission_is_cancelled_by_number_and_the_robot_stands() -> None:
+    building = Building()
+    number, other = building.taken(), building.taken(text(NEAR), 0.1)
+    building.run(5.0)
+    assert building.cancel(number) == ""
+    assert building.mission(number).state is MissionEnd.CANCELLED
+    assert building.cancel(number) == f"no mission {number} is under way"
+    building.run(0.5)
+    assert building.mission(other).state is MissionEnd.ACTIVE
+    assert building.cancel(0) == ""
+    building.run(3.0)
+    before = building.pose()
+    building.run(3.0)
+    after = building.pose()
+    assert (after.x, after.y) == pytest.approx((before.x, before.y), abs=0.02)
+
+
+def test_while_a_mission_is_driven_a_goal_of_people_s_is_refused() -> None:
+    building = Building()
+    building.taken()
+    building.run(6.0)
+    with pytest.raises(MissionRefusedError, match=r"mission-planning-.* has the robot driven"):
+        building.rehearsal.client.hand_over(MissionRequest(Waypoint(6.0, 2.0, 0.0)))
+
+
+def test_too_many_missions_are_refused_and_the_board_always_fits_into_a_message() -> None:
+    building = Building()
+    long = text('do = "wait", seconds = 1', more="# " + "".join(map(str, range(3000))))
+    replies = [building.order(long, name=f"m{n}") for n in range(14)]
+    refused = [reply.refusal for reply in replies if reply.refusal]
+    assert refused
+    assert {"cancel one" in why or "board is full" in why for why in refused} == {True}
+    building.until(
+        lambda: building.board and all(m.state is MissionEnd.DONE for m in building.board.missions),
+        60.0,
+    )
+    assert building.board is not None
+    assert len(building.board.missions) == 8
+    assert all(len(encode(board)) <= LARGEST_PAYLOAD for board in building.heard(Board))
+    assert all(m.text == b"" for m in building.board.missions)
+
+
+class Raises(Task):
+    """Somebody's task, with a fault."""
+
+    def look(self, beliefs: Beliefs, progress: Any) -> Any:
+        return {}["nothing"]
+
+
+class Odd(Task):
+    """Wants an event published that is none of missions."""
+
+    def look(self, beliefs: Beliefs, progress: Any) -> Any:
+        return Done("odd", Cycle(1, 2))
+
+
+@pytest.mark.parametrize(
+    ("kind", "end", "said"),
+    [
+        (Raises, MissionEnd.FAILED, f"task 'wait' raised KeyError: 'nothing' ({__file__}, line "),
+        (Odd, MissionEnd.DONE, "Cycle is no event of missions: not published"),
+    ],
+)
+def test_a_task_whose_code_is_wrong_fails_its_step_and_ends_nobody(
+    kind: type[Task], end: MissionEnd, said: str, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    building = Building()
+    monkeypatch.setattr(procedures, "task_class", lambda _: kind)
+    number = building.taken(text('do = "wait", seconds = 1'))
+    building.until(lambda: building.ended(number), 5.0)
+    monkeypatch.undo()
+    assert building.mission(number).state is end
+    assert any(said in line for line in building.logs)
+    after = building.taken(text('do = "wait", seconds = 1'))
+    building.until(lambda: building.mission(after).state is MissionEnd.DONE, 5.0)
+
+
+def test_a_way_that_is_shut_is_waited_for_and_then_the_step_fails() -> None:
+    building = Building(without=("path-planning",))
+    number = building.taken(text('do = "move", to = "R2", timeout_s = 20.0'))
+    building.until(lambda: building.ended(number), 60.0)
+    assert building.mission(number).note == "move(R2): not done within 20 s"
+
+
+def test_a_stop_holds_the_mission_and_its_time_up() -> None:
+    building = Building()
+    number = building.taken(text('do = "wait", seconds = 5'))
+    building.run(1.0)
+    building.rehearsal.client.stop(by="a test")
+    building.run(20.0)
+    assert not building.ended(number)
+    building.rehearsal.client.resume(by="a test")
+    building.until(lambda: building.ended(number), 10.0)
+    assert building.mission(number).state is MissionEnd.DONE
+
+
+class ToyExplorer(Agent):
+    """Explores for two seconds."""
+
+    name = "explore"
+    alone = True
+    provides = (ExploreStatus,)
+    answers = (ExploreRequest,)
+    refuses = ""
+
+    def on_explore_request(self, question: Question) -> Message:
+        self.asked_for = question.request
+        self.wake_at(self.now + 2.0)
+        return MissionReply(0, self.refuses) if self.refuses else MissionReply(77)
+
+    def on_wakeup(self) -> None:
+        self.publish(ExploreStatus(77, ExploreState.DONE))
+
+
+def test_an_exploration_is_asked_for_and_waited_for() -> None:
+    building = Building()
+    explorer: Any = building.joins(ToyExplorer).agent
+    building.run(1.0)
+    number = building.taken(text('do = "explore", within = [0, 0, 4, 4]'))
+    building.until(lambda: building.ended(number), 10.0)
+    assert building.mission(number).state is MissionEnd.DONE
+    assert explorer.asked_for == ExploreRequest(0.0, 0.0, 4.0, 4.0)
+    explorer.refuses = "nobody makes a map"
+    number = building.taken(text('do = "explore"'))
+    building.until(lambda: building.ended(number), 10.0)
+    assert building.mission(number).note == "explore: nobody makes a map"
+
+
+def test_without_a_dock_or_a_charger_a_dock_task_fails_and_says_so() -> None:
+    building = Building(without=("battery-charger",))
+    number = building.taken(text('do = "dock"'))
+    building.until(lambda: building.ended(number), 10.0)
+    assert building.mission(number).note == "dock: nobody charges"
+
+
+# It outlives whoever dies -------------------------------------------------------------------------
+
+SHORT = text(
+    'do = "move", to = "R2"',
+    'do = "take-photo"',
+    'do = "move", to = "hall"',
+    above='on_alarm = "check-alarm"',
+)
+
+
+@pytest.mark.parametrize("when", [1.0, 16.5, 24.0])
+def test_a_mission_goes_on_where_it_was_when_mission_planning_is_started_again(
+    when: float,
+) -> None:
+    building = Building()
+    number = building.taken(SHORT)
+    building.run(when)
+    before = building.mission(number)
+    building.node("mission-planning").kill()
+    building.run(2.0)
+    building.rehearsal.enter("mission-planning")
+    building.until(lambda: building.ended(number), 200.0)
+    after = building.mission(number)
+    assert after.state is MissionEnd.DONE
+    assert building.steps(number) == ["move(R2)", "take-photo", "move(hall)"]
+    known = before.course.results
+    assert after.course.results[: len(known)] == known
+    assert len(building.heard(Photo)) in (1, 2)  # at least once
+
+
+@pytest.mark.parametrize("name", ["interface", "path-planning", "encoder"])
+def test_a_mission_outlives_the_death_and_restart_of_any_agent(name: str) -> None:
+    building = Building()
+    number = building.taken(SHORT)
+    building.run(10.0)
+    building.node(name).kill()
+    building.run(2.0)
+    building.rehearsal.enter(name)
+    building.until(lambda: building.ended(number), 300.0)
+    assert building.mission(number).state is MissionEnd.DONE
+    assert building.steps(number) == ["move(R2)", "take-photo", "move(hall)"]
+
+
+def test_queue_suspended_missions_and_alarms_outlive_it_too() -> None:
+    building = Building(without=("planner-onward", "planner-returning"))
+    first = building.taken(SHORT, 0.5, "first")
+    building.run(3.0)
+    queued = building.taken(text('do = "wait", seconds = 1'), 0.2, "queued")
+    urgent = building.taken(text('do = "wait", seconds = 30'), 0.9, "urgent")
+    building.rings("R1")
+    building.run(2.0)
+    building.node("mission-planning").kill()
+    building.run(2.0)
+    building.rehearsal.enter("mission-planning")
+    building.run(3.0)
+    states = [building.mission(n).state for n in (first, queued, urgent)]
+    assert states == [MissionEnd.SUSPENDED, MissionEnd.QUEUED, MissionEnd.ACTIVE]
+    building.until(lambda: building.ended(queued), 400.0)
+    assert building.steps(first) == [
+        *("move(R1)", "check-alarm(R1)"),
+        *("move(R2)", "take-photo", "move(hall)"),
+    ]
+
+
+def test_the_shipped_survey_is_what_the_tests_order() -> None:
+    assert "check-alarm" in SURVEY

@@ -1,0 +1,181 @@
+"""The example of thesis 3.6.1, told as the thesis tells it; and planners that come and go."""
+
+from __future__ import annotations
+
+import pytest
+
+from armadico.agents.methods.subplans import Planner, move
+from armadico.config.scenarios import load_scenario
+from armadico.core.messages import (
+    MissionEnd,
+    Photo,
+    PlanStep,
+    Subplan,
+    SubplanRequest,
+)
+from armadico.launch.society import Options, prepared
+from armadico.launch.virtual import Rehearsal
+from tests.missions.building import Building, text
+
+ORIGINAL = [
+    *("move(hall)", "move(R1)", "take-photo", "move(hall)"),
+    *("move(R11)", "take-photo", "move(hall)"),
+]
+FINAL = [
+    *("move(R21)", "check-alarm(R21)", "move(hall)"),
+    *("move(R11)", "take-photo", "move(hall)"),
+]
+"""{move(R1, R21), check-alarm, move(R21, Hall), move(Hall, R11), take-photo, move(R11, Hall)}."""
+
+RETURNING = ["move(R21)", "check-alarm(R21)", "move(R1)", "move(hall)"]
+ONWARD = ["move(R21)", "check-alarm(R21)", "move(hall)"]
+
+
+def words(steps: tuple[PlanStep, ...]) -> list[str]:
+    return [str(step) for step in steps]
+
+
+@pytest.mark.parametrize("sensors", ["ideal", "real"])
+def test_the_alarm_in_r21_while_a_photo_is_taken_in_r1_ends_with_the_thesis_s_final_plan(
+    sensors: str,
+) -> None:
+    options = Options(seed=1004, sensors=sensors)
+    rehearsal = Rehearsal(prepared(load_scenario("surveillance"), options), options)
+    heard: list[Photo | Subplan | SubplanRequest] = []
+    rehearsal.mesh.watch(
+        lambda _k, m, _t: heard.append(m),  # type: ignore[arg-type]
+        *(Photo, Subplan, SubplanRequest),
+    )
+    result = rehearsal.run()
+    assert result.passed
+    assert result.done
+    assert result.tasks is not None
+    assert [task.step for task in result.tasks] == [*ORIGINAL[:3], *FINAL]
+    assert {task.end for task in result.tasks} == {"done"}
+    (request,) = (m for m in heard if isinstance(m, SubplanRequest))
+    assert request.room == "R1"
+    assert words(request.ahead) == ORIGINAL[3:]
+    plans = {m.planner.rpartition("-")[0]: m for m in heard if isinstance(m, Subplan)}
+    assert words(plans["planner-returning"].steps) == RETURNING
+    assert words(plans["planner-onward"].steps) == ONWARD
+    assert plans["planner-onward"].energy < plans["planner-returning"].energy
+    assert [m.room for m in heard if isinstance(m, Photo)] == ["R1", "R11"]
+
+
+def in_r1(building: Building) -> int:
+    """The photo in R1 is being taken."""
+    number = building.taken()
+    building.until(lambda: building.doing(number) == "take-photo", 200.0)
+    assert building.mission(number).room == "R1"
+    return number
+
+
+def test_without_the_better_planner_the_other_one_s_plan_is_merged() -> None:
+    building = Building(without=("planner-onward",))
+    number = in_r1(building)
+    building.rings("R21")
+    assert building.mission(number).ahead == (*RETURNING, *FINAL[3:])
+
+
+def test_without_any_planner_it_goes_straight_there_and_on() -> None:
+    building = Building(without=("planner-onward", "planner-returning"))
+    number = in_r1(building)
+    building.rings("R21")
+    assert building.mission(number).ahead == (*FINAL[:2], *ORIGINAL[3:])
+
+
+class Direct(Planner):
+    """Skips the hall."""
+
+    name = "planner-direct"
+
+    def steps(self, request: SubplanRequest) -> list[PlanStep] | str:
+        return [*request.before, move("R11")]
+
+
+class Broken(Planner):
+    """Never answers."""
+
+    name = "planner-mute"
+
+    def on_subplan_request(self, request: SubplanRequest) -> None:
+        """Say nothing."""
+
+
+class Useless(Planner):
+    """Knows of nothing."""
+
+    name = "planner-useless"
+
+    def steps(self, request: SubplanRequest) -> list[PlanStep] | str:
+        return "no idea"
+
+
+def test_planners_come_and_go_while_it_runs() -> None:
+    building = Building()
+    number = in_r1(building)
+    building.node("planner-onward").kill()
+    for kind in (Broken, Useless):
+        building.joins(kind)
+    building.run(1.0)
+    building.rings("R21")
+    building.run(6.0)  # the mute one is not waited for for ever
+    answers = {m.planner.rpartition("-")[0]: m.refusal for m in building.heard(Subplan)}
+    assert answers == {"planner-returning": "", "planner-useless": "no idea"}
+    ahead = building.mission(number).ahead
+    assert [*ahead][-3:] == FINAL[3:]
+    assert "move(R1)" in ahead
+
+
+def test_a_planner_that_dies_while_it_is_waited_for_holds_nobody_up() -> None:
+    building = Building(without=("planner-onward",))
+    mute = building.joins(Broken)
+    building.run(1.0)
+    number = in_r1(building)
+    building.rings("R21")
+    assert building.mission(number).ahead == tuple(ORIGINAL[3:])
+    mute.kill()
+    building.run(0.5)
+    building.until(lambda: building.mission(number).ahead == (*RETURNING, *FINAL[3:]), 2.0)
+
+
+def test_an_alarm_on_the_way_breaks_the_way_off_and_one_in_no_room_is_let_be() -> None:
+    building = Building()
+    number = building.taken()
+    building.until(lambda: building.doing(number) == "move(R1)", 60.0)
+    building.rings("R2")
+    building.rings("R99")
+    building.until(lambda: building.doing(number) == "move(R2)", 10.0)
+    assert any("R99" in line and "no planner agent knows a way" in line for line in building.logs)
+    building.until(lambda: building.ended(number), 300.0)
+    assert building.mission(number).state is MissionEnd.DONE
+    assert building.steps(number)[:4] == [
+        *("move(hall)", "move(R2)"),
+        "check-alarm(R2)",
+        "move(R1)",
+    ]
+
+
+def test_an_alarm_that_is_over_before_anybody_has_gone_is_let_be() -> None:
+    building = Building()
+    number = building.taken(text('do = "wait", seconds = 20', above='on_alarm = "check-alarm"'))
+    building.node("planner-onward").kill()
+    building.node("planner-returning").kill()
+    building.joins(Broken)
+    building.run(1.0)
+    building.rings("R21")
+    building.rings("R21", on=False)
+    building.until(lambda: building.ended(number), 60.0)
+    assert building.steps(number) == ["wait(20.0)"]
+    assert building.board is not None
+    assert building.board.alarms == ()
+
+
+def test_a_mission_that_does_not_heed_alarms_goes_on() -> None:
+    building = Building()
+    number = building.taken(text('do = "wait", seconds = 5'))
+    building.rings("R21")
+    building.until(lambda: building.ended(number), 60.0)
+    assert building.heard(SubplanRequest) == []
+    assert building.board is not None
+    assert building.board.alarms == ("R21",)
