@@ -169,7 +169,8 @@ class SonarAgent(Agent):
         if walls is None:
             seen.update(sonar.echoes)
         else:
-            walls.look(*self._place())
+            old = self.now - self._sure_at > self.p.walls.kept_s
+            walls.look(*self._place(), old=old)
             walls.hear(sonar.echoes)
             seen.update(sonar.echoes, walls.explains)
         robots = self._robots.points(*self._place(), self.now)
@@ -202,9 +203,9 @@ class SonarAgent(Agent):
             self._say_map(sonar.cycle)
 
     def _place(self) -> tuple[Pose2 | None, tuple[float, ...]]:
-        """Where the robot is now and how uncertain that is; None if nobody has known for long."""
+        """Where the robot is now and how uncertain that is; None if nobody has ever known."""
         s = self.p.walls
-        if self._origin is None or self._odometry is None or self.now - self._sure_at > s.kept_s:
+        if self._origin is None or self._odometry is None:
             return None, ()
         xx, xy, xt, yy, yt, tt = self._covariance
         more = s.grows * self._way

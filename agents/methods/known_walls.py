@@ -83,7 +83,8 @@ class KnownWalls:
         """Cut the walls (m) and what is forbidden into places; most of them will never be near."""
         self.settings = settings or WallSettings()
         self._buckets: dict[tuple[int, int], list[_Place]] = {}
-        never = (place._replace(three=UNDOUBTED) for place in _places(forbidden))
+        never = [place._replace(three=UNDOUBTED) for place in _places(forbidden)]
+        self._forbids = bool(never)
         for place in chain(_places(walls), never):
             key = math.floor(place.x / BUCKET_M), math.floor(place.y / BUCKET_M)
             self._buckets.setdefault(key, []).append(place)
@@ -94,32 +95,42 @@ class KnownWalls:
         self._off = 0.0  # the pose's standard deviation, m
         self._doubts: dict[int, float] = {}  # by the number of the three
 
-    def look(self, pose: Pose2 | None, covariance: Sequence[float] = ()) -> None:
+    def look(
+        self, pose: Pose2 | None, covariance: Sequence[float] = (), *, old: bool = False
+    ) -> None:
         """Take where the robot is; nothing is near when nobody knows.
+
+        What is forbidden is, however unsure the pose: a robot that is lost is mostly where its
+        wheels say, and what it would fall down it neither hears nor feels before.
 
         Args:
             pose: In the world.
             covariance: Upper triangle of that of x, y and theta; none: nobody knows how far off it
                 is, and then it may be anywhere.
+            old: Whether nobody has been sure of it for long: no wall is believed by it.
         """
         s, self._near, self._weight, self._off = self.settings, [], 0.0, 0.0
         if pose is None or len(covariance) < COVARIANCE or s.reach_m <= 0.0:
             return
         xx, xy, _, yy = covariance[:4]
         self._off = math.sqrt(max(0.0, xx + yy))
-        self._weight = 1.0 - self._off / s.unknown_m
-        if self._weight < s.least:
+        self._weight = 0.0 if old else 1.0 - self._off / s.unknown_m
+        believed = self.known
+        if not (believed or self._forbids):
             return
         x, y, theta = pose
         cos, sin = math.cos(theta), math.sin(theta)
         reach = s.explains_m * s.explains_m
         for three, wx, wy, nx, ny, _ in self._within(x, y):
             dx, dy = wx - x, wy - y
-            if dx * dx + dy * dy > reach:
+            forbidden = three == UNDOUBTED
+            if dx * dx + dy * dy > reach or not (believed or forbidden):
                 continue
             if dx * nx + dy * ny < 0.0:
                 nx, ny = -nx, -ny  # noqa: PLW2901 - away from the robot
-            off = math.sqrt(max(0.0, xx * nx * nx + 2.0 * xy * nx * ny + yy * ny * ny))
+            off = 0.0
+            if not forbidden:
+                off = math.sqrt(max(0.0, xx * nx * nx + 2.0 * xy * nx * ny + yy * ny * ny))
             dx, dy = dx + off * nx, dy + off * ny
             self._near.append(
                 _Near(
@@ -168,7 +179,8 @@ class KnownWalls:
         s = self.settings
         best: dict[int, _Near] = {}
         for place in self._near:
-            if place.distance > s.reach_m or not self._believed(place):
+            believed = place.three == UNDOUBTED or self._believed(place)
+            if place.distance > s.reach_m or not believed:
                 continue
             at = int(math.atan2(place.y, place.x) / math.tau * BINS + BINS)
             there = best.get(at)

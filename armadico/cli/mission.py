@@ -218,12 +218,14 @@ def _board(client: Client) -> Board | None:
 
     Raises AbsentError if nobody who plans missions is alive.
     """
-    from armadico.core.messages import Board  # noqa: PLC0415 - not for --help
+    from armadico.core.messages import Board, MissionProposal  # noqa: PLC0415 - not for --help
+    from armadico.core.services import service_of  # noqa: PLC0415
     from armadico.runtime.errors import AbsentError  # noqa: PLC0415 - not for --help
 
     client.listen(Board)
     board = client.wait_for(lambda: client.latest(Board), FIND_S)
-    if board is None and not any(name == "mission-planning" for name, _ in client.agents()):
+    key = service_of(MissionProposal).key
+    if board is None and not any(card and key in card.provides for card in client.cards().values()):
         raise AbsentError("no agent that plans missions is alive", client.mesh.namespace)
     return board
 
@@ -245,8 +247,10 @@ def _over(mission: BoardMission) -> bool:
 
 def words(mission: BoardMission) -> str:
     """A mission of the board in a line."""
+    from armadico.observe.view import at_work  # noqa: PLC0415 - not for --help
+
     line = f"{mission.name:16} {mission.priority:.1f}  {mission.state.value:10} {mission.mission}"
-    doing = "" if _over(mission) else f"  {run.at_work(mission)}"
+    doing = "" if _over(mission) else f"  {at_work(mission)}"
     note = f"  {mission.note}" if mission.note and _over(mission) else ""
     return options.shown(f"{line}{doing}{note}")
 

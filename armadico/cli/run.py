@@ -25,7 +25,7 @@ if TYPE_CHECKING:
     from rich.progress import ProgressColumn
 
     from armadico.config.scenarios import PoseDeg, Scenario
-    from armadico.core.messages import BoardMission, ExploreStatus, StepResult
+    from armadico.core.messages import ExploreStatus, StepResult
     from armadico.launch.api import Run
     from armadico.launch.run import LiveRun
     from armadico.launch.society import Options
@@ -568,9 +568,11 @@ class _Lines:
 
 def remark(watch: RunWatch) -> str:
     """Distance to go and what keeps it, who holds the wheels, speed, battery."""
+    from armadico.observe.view import at_work  # noqa: PLC0415 - not for --help
+
     state, mission = watch.view.state, watch.view.mission
     if watch.tasks is not None:
-        to_go = at_work(watch.tasks)
+        to_go = options.shown(at_work(watch.tasks))
     elif mission is None:
         to_go = "no word of the mission"
     else:
@@ -588,15 +590,6 @@ def remark(watch: RunWatch) -> str:
 
 
 # What came of it ----------------------------------------------------------------------------------
-
-
-def at_work(tasks: BoardMission) -> str:
-    """A mission of several tasks in half a line: how many are done, and what it does now."""
-    done = sum(result.end == "done" for result in tasks.course.results)  # as on the wire
-    words = [f"{done} done", tasks.doing or tasks.state.value]
-    words += [f"{len(tasks.ahead)} to come"] if tasks.ahead else []
-    words += [tasks.note] if tasks.note else []
-    return options.shown(", ".join(words))
 
 
 def step_told(result: StepResult) -> str:

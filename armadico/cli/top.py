@@ -101,6 +101,7 @@ class Snapshots:
             "robot": self._robot(),
             "pose": self._pose(now),
             "mission": self._mission(),
+            "tasks": self.view.tasks,
             "resources": [self._resource(name, now) for name in view.resources],
             "agents": [self._agent(agent) for agent in view.agents],
             "services": [self._service(key, now) for key in sorted(view.rates)],
@@ -296,6 +297,7 @@ def _heading(snapshot: dict[str, Any]) -> str:
     words += ["STALLED"] * robot["stalled"] + ["MOTORS OFF"] * (not robot["motors"])
     if snapshot["mission"] is not None:
         words += filter(None, [snapshot["mission"]["state"], snapshot["mission"]["note"]])
+    words += filter(None, [snapshot["tasks"]])
     return ", ".join([*words, *filter(None, [robot["line"]])])
 
 

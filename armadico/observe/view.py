@@ -22,14 +22,18 @@ from armadico.core.messages import (
     BatteryLevel,
     BidHistory,
     BidRecord,
+    Board,
+    BoardMission,
     Card,
     Claim,
     Correction,
     Description,
     Message,
+    MissionEnd,
     MissionStatus,
     Pose,
     RobotState,
+    StepEnd,
     Stop,
     Truth,
 )
@@ -69,6 +73,14 @@ def battery(state: RobotState, level: BatteryLevel | None) -> str:
     return ", ".join([*words, *["charging"] * state.charging])
 
 
+def at_work(mission: BoardMission) -> str:
+    """A mission of several tasks in half a line: how many are done, and what it does now."""
+    done = sum(result.end is StepEnd.DONE for result in mission.course.results)
+    words = [f"{done} done", mission.doing or mission.state.value]
+    words += [f"{len(mission.ahead)} to come"] if mission.ahead else []
+    return ", ".join([*words, *filter(None, [mission.note])])
+
+
 class Seen(NamedTuple):
     """An instance that is alive, and its card; None: not shown yet."""
 
@@ -81,6 +93,7 @@ _NEWEST: Final[dict[type[Message], str]] = {
     RobotState: "state",
     MissionStatus: "mission",
     BatteryLevel: "level",
+    Board: "board",
 }
 """What is known of a society just as it was last said."""
 
@@ -113,6 +126,7 @@ class View:
         self.simulators: dict[str, float] = {}
         self.description: Description | None = None
         self.mission: MissionStatus | None = None
+        self.board: Board | None = None
         self.level: BatteryLevel | None = None
         self._correction: tuple[Correction, float] | None = None
         self._claims: dict[str, tuple[Claim, float]] = {}
@@ -155,7 +169,7 @@ class View:
     def learn(self, message: Message, t: float) -> None:
         """Take a message, published or given in answer."""
         match message:
-            case RobotState() | MissionStatus() | BatteryLevel():
+            case RobotState() | MissionStatus() | BatteryLevel() | Board():
                 setattr(self, _NEWEST[type(message)], message)
             case Pose():
                 self._take_pose(message, t)
@@ -179,6 +193,13 @@ class View:
                 self.bids[message.instance] = (message.bids[-1], t)
 
     # How things stand ----------------------------------------------------------------------------
+
+    @property
+    def tasks(self) -> str:
+        """The mission of several tasks that is done now, and how far it is; empty: none is."""
+        missions = () if self.board is None else self.board.missions
+        active = next((m for m in missions if m.state is MissionEnd.ACTIVE), None)
+        return "" if active is None else f"{active.name}: {at_work(active)}"
 
     @property
     def names(self) -> set[str]:

@@ -76,6 +76,15 @@ def test_what_is_forbidden_is_expected_however_much_is_heard_behind_it() -> None
     assert not known.points()
 
 
+def test_what_is_forbidden_is_expected_by_a_robot_that_is_lost_too() -> None:
+    """It is mostly where its wheels say; a wall it would hear, or feel, and stairs it would not."""
+    known = KnownWalls([(-1.0, -2.0, -1.0, 2.0)], forbidden=[WALL])
+    for covariance, old in ((sure(2.0), False), (sure(0.01), True)):
+        known.look(HERE, covariance, old=old)
+        assert {round(o.x) for o in known.points()} == {1}
+        assert nearest(known) == pytest.approx(1.0, abs=STEP_M)
+
+
 def test_what_a_nearer_wall_hides_is_left_out() -> None:
     known = KnownWalls([WALL, (1.1, -2.0, 1.1, 2.0)])
     known.look((0.6, 0.0, 0.0), sure(0.0))

@@ -19,6 +19,7 @@ from armadico.config.scenarios import (
     Scenario,
     blind,
     load_scenario,
+    on_mission,
     planned,
     scenario_from,
     society,
@@ -28,8 +29,8 @@ from armadico.config.worlds import load_world
 from .free_space import FreeSpace
 
 SHIPPED = names("scenarios")
-WITH_DOCKS = ["floor", "house", "offices"]
-WITH_ROOMS = ["floor", "house", "offices", "rooms-a", "rooms-b", "sc4"]
+WITH_DOCKS = ["floor", "house", "offices", "surveillance"]
+WITH_ROOMS = ["floor", "house", "offices", "rooms-a", "rooms-b", "sc4", "surveillance"]
 
 
 def stops(scenario: Scenario) -> list[tuple[float, float]]:
@@ -63,7 +64,7 @@ def test_a_robot_can_get_from_start_over_the_waypoints_to_the_goal(name: str) ->
         assert space.cell(x, y) in reached
 
 
-@pytest.mark.parametrize("name", WITH_ROOMS)
+@pytest.mark.parametrize("name", [n for n in WITH_ROOMS if n != "surveillance"])
 def test_legs_between_waypoints_are_straight_and_nearly_a_metre_wide(name: str) -> None:
     scenario = load_scenario(name)
     points = stops(scenario)
@@ -460,3 +461,39 @@ def test_a_dock_that_a_wall_is_in_the_way_of_is_refused(tmp_path: Path) -> None:
         text = OWN.replace('"sc4"', f'"{file}"')
         with pytest.raises(ConfigError, match=r"own\.toml:1: .*cannot drive into dock 'one'"):
             load_scenario(own(tmp_path, text))
+
+
+def on_a_mission(folder: Path, *lines: str) -> Path:
+    file = folder / "s.toml"
+    given = ['world = "surveillance"', "start = [1.5, 2.0, 90.0]", *lines]
+    file.write_text("\n".join(given), encoding="utf-8")
+    return file
+
+
+def test_where_a_mission_is_done_those_take_part_who_do_it(tmp_path: Path) -> None:
+    scenario = load_scenario(on_a_mission(tmp_path, 'mission = "surveillance"'))
+    assert "mission-planning" not in scenario.agents
+    doing = on_mission(scenario)
+    assert set(doing.agents) == {*scenario.agents, *society().missions.besides}
+    assert on_mission(doing) == doing
+    assert on_mission(load_scenario("house")) == load_scenario("house")
+    other = on_mission(load_scenario("surveillance"), "rounds")
+    assert (other.mission, other.goal) == ("rounds", None)
+
+
+@pytest.mark.parametrize(
+    ("lines", "says"),
+    [
+        (('mission = "surveillance"', "goal = [2.0, 5.0, 0.0]"), ":4: a mission and a goal"),
+        (("[[alarms]]", 'room = "R3"', "at_s = 5.0"), ":4: no room 'R3'; did you mean"),
+        (("[[alarms]]", 'room = "R1"'), ":3: an alarm begins at a time (at_s) or during a task"),
+        (("[[alarms]]", 'room = "R1"', "at_s = 5.0", 'within = "R2"'), ":6: within is for"),
+        (("[[alarms]]", 'rom = "R1"'), ":4: unknown key alarms[0].rom; did you mean 'room'?"),
+    ],
+)
+def test_a_mission_or_an_alarm_that_cannot_be_is_refused(
+    tmp_path: Path, lines: tuple[str, ...], says: str
+) -> None:
+    with pytest.raises(ConfigError) as caught:
+        load_scenario(on_a_mission(tmp_path, *lines))
+    assert says in str(caught.value)

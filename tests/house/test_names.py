@@ -16,7 +16,6 @@ EXCEPTIONS = {
     ("armadico.config.scenarios", "robot"): "a key of a scenario's file: its robot's profile",
     ("armadico.config.hosts", "robot"): "a key of a host's entry: its robot's address",
     ("armadico.cli.run", "robot"): "an option, --robot",
-    ("armadico.observe.pictures", "dock"): "a mark on the map: where a robot is charged",
     ("armadico.cli.top", "robot"): "a part of a snapshot: what the robot does",
 }
 """What is spelt like an agent and is none. Each is there, and no other is."""

@@ -11,23 +11,29 @@ from armadico.core.geometry import Pose2
 from armadico.core.messages import (
     Ack,
     Ballot,
+    Board,
+    BoardMission,
     Command,
+    Course,
     Cycle,
     Description,
     Echo,
     ExploreState,
     ExploreStatus,
     Message,
+    MissionEnd,
     MissionState,
     MissionStatus,
     Pose,
     RobotState,
     Sonar,
+    StepEnd,
+    StepResult,
     Trajectory,
     Truth,
     Waypoint,
 )
-from armadico.observe.measures import Result, RunWatch, speeds
+from armadico.observe.measures import Result, RunWatch, TaskResult, speeds
 
 GOAL: Pose2 = (2.0, 0.0, 0.0)
 MISSION = 77
@@ -46,6 +52,8 @@ KEYS = [
     "limit_s",
     "conditions",
     "why",
+    "done",
+    "tasks",
 ]
 
 
@@ -395,3 +403,32 @@ def test_a_mission_that_failed_ends_the_run_unreached_and_the_row_says_why() -> 
     )
     assert result.outcome == "NOT reached: no nearer: door D is shut"
     assert run.watch.astray is None
+
+
+def board(state: MissionEnd, note: str = "", mission: int = MISSION) -> Board:
+    results = (StepResult("move(R1)", StepEnd.DONE, "in R1", 3.25),)
+    return Board(
+        1, 1, (BoardMission(mission, "m", 0.5, state, course=Course(results=results), note=note),)
+    )
+
+
+def test_a_mission_of_several_tasks_is_done_or_not_and_its_steps_are_told() -> None:
+    for end, note, outcome in (
+        (MissionEnd.DONE, "", "done"),
+        (MissionEnd.FAILED, "no way", "NOT done: it failed: no way"),
+        (MissionEnd.CANCELLED, "", "NOT done: it was cancelled"),
+    ):
+        run = Run(goal=None).begin()
+        run.cycle(0.0)
+        run.show(board(MissionEnd.ACTIVE, mission=MISSION + 1))
+        assert run.watch.result().done is None
+        run.show(board(MissionEnd.ACTIVE, "waits"))
+        assert not run.watch.done
+        assert run.watch.result().outcome == "NOT done: waits"
+        run.show(board(end, note))
+        result = run.watch.result()
+        assert run.watch.done
+        assert result.outcome == outcome
+        assert result.passed == (end is MissionEnd.DONE)
+        assert result.tasks == (TaskResult("move(R1)", "done", "in R1", 3.25),)
+        assert run.watch.astray is None

@@ -240,3 +240,25 @@ def test_only_what_is_said_all_the_time_has_a_deadline() -> None:
     assert found["sonar/map"] == pytest.approx(1.0)
     assert found["resource/{resource}/utility"] is None
     assert found["log/{instance}"] is None
+
+
+def test_of_a_board_the_active_mission_is_told() -> None:
+    view = View()
+    assert view.tasks == ""
+    done = m.StepResult("move(hall)", m.StepEnd.DONE)
+    course = m.Course(results=(done, m.StepResult("dock", m.StepEnd.FAILED)))
+    active = m.BoardMission(
+        7,
+        "survey",
+        0.5,
+        m.MissionEnd.ACTIVE,
+        course=course,
+        doing="take-photo",
+        ahead=("wait(5.0)",),
+        note="slow",
+    )
+    waits = m.BoardMission(8, "later", 0.2, m.MissionEnd.QUEUED)
+    view.learn(m.Board(3, 1, (waits, active)), 1.0)
+    assert view.tasks == "survey: 1 done, take-photo, 1 to come, slow"
+    view.learn(m.Board(4, 1, (waits,)), 2.0)
+    assert view.tasks == ""

@@ -76,6 +76,8 @@ def _rows(view: View, holder: str, t: float) -> list[tuple[str, Any]]:
             ("mission", ", ".join(filter(None, [mission.state.value, mission.note]))),
             ("to go", f"{mission.to_go:.2f} m, leg {mission.leg + 1}"),
         ]
+    if view.tasks:
+        rows.append(("tasks", view.tasks))
     if state is not None:
         turning = f"{degrees(state.w):+.0f} deg/s"
         rows += [

@@ -40,6 +40,7 @@ SHOWN: Final[tuple[type[Message], ...]] = (
     m.OccupancyGrid,
     m.Trajectory,
     m.MissionStatus,
+    m.Board,
     m.Claim,
     m.Command,
     m.Log,

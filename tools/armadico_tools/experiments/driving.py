@@ -238,7 +238,8 @@ SHARES = {"tg_percent": "goto", "ta_percent": "avoid", "tgt_percent": "gothrough
 def columns(result: Result) -> tuple[dict[str, Any], dict[str, float]]:
     """What a sample takes of a run's measures, and the shares by agent."""
     row = structs.asdict(result)
-    del row["scenario"], row["seed"], row["conditions"], row["limit_s"], row["why"]
+    for field in ("scenario", "seed", "conditions", "limit_s", "why", "done", "tasks"):
+        del row[field]
     return row, row.pop("shares")
 
 
