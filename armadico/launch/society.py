@@ -21,7 +21,7 @@ from armadico.config.errors import ConfigError, advice
 from armadico.config.hosts import Host, HostTable
 from armadico.config.loading import load_parameters
 from armadico.config.missions import Mission
-from armadico.config.needs import needs, tasks
+from armadico.config.needs import minimum, needs, tasks
 from armadico.config.parameters import load_set
 from armadico.config.profile import load_profile
 from armadico.config.scenarios import (
@@ -40,6 +40,7 @@ from armadico.config.worlds import load_world
 from armadico.core.agent import DeviceAgent
 from armadico.core.messages import ExploreRequest, MissionOrder, MissionRequest, Waypoint
 from armadico.core.resources import WHEELS, Resource
+from armadico.mesh.topology import DEFAULT_NAMESPACE
 from armadico.observe.conditions import Conditions, digest, packages, software
 from armadico.observe.measures import RunWatch
 
@@ -69,6 +70,7 @@ class Options:
     together: tuple[tuple[str, ...], ...] = ()  # agents that share a process
     resume: str | None = None  # a saved map that the mapping agent goes on with
     limit: float | None = None  # s that the run may take; None: as `time_limit` says
+    namespace: str = DEFAULT_NAMESPACE  # the robot's
     priority: float | None = None  # of a mission of several tasks; None: its own
     margin: float | None = None  # by how much a bid must be better; None: the resource's own
 
@@ -195,6 +197,13 @@ def needed(scenario: Scenario | None, options: Options, table: HostTable) -> tup
     return tuple(name for name in wanted if name in placed)
 
 
+def least(scenario: Scenario) -> Scenario:
+    """The scenario with nobody taking part but those whom its tasks need, and who helps them."""
+    robot, *_ = names(scenario)
+    taking = minimum(tasks(scenario))[1:]
+    return replace(scenario, agents=(robot, *(name for name in taking if name != robot)))
+
+
 def facts(scenario: Scenario, options: Options, port: str = "") -> dict[str, object]:
     """What an agent may be launched with, by the names of parameters; None: nothing is said.
 
@@ -204,6 +213,7 @@ def facts(scenario: Scenario, options: Options, port: str = "") -> dict[str, obj
     x, y, degrees = scenario.start
     return {
         "port": port or None,
+        "namespace": options.namespace,
         "profile": scenario.robot,
         "x": x,
         "y": y,
