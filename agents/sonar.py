@@ -12,6 +12,7 @@ from msgspec import Meta
 from armadico.agents.methods import local_map
 from armadico.agents.methods.comers import Comers
 from armadico.agents.methods.geometry import Placed
+from armadico.agents.methods.known_robots import KnownRobots
 from armadico.agents.methods.known_walls import KnownWalls
 from armadico.agents.methods.local_map import CELLS, RINGS, SECTORS, Obstacle
 from armadico.agents.methods.settings import MapSettings, WallSettings
@@ -23,6 +24,7 @@ from armadico.core.messages import (
     Cell,
     Cycle,
     Description,
+    FleetPose,
     LocalMap,
     Message,
     Obstacles,
@@ -69,6 +71,7 @@ class Parameters(agent.Parameters, frozen=True, kw_only=True):
     """
 
     world: Annotated[str, Meta(min_length=1)] | None = None  # the global map, if anybody knows it
+    namespace: Annotated[str, Meta(min_length=1)] = "robot1"  # whose other robots are not itself
     map: MapSettings = MapSettings()
     walls: WallSettings = WallSettings()
     arc_rad: Angle = radians(8.0)  # to each side
@@ -90,10 +93,10 @@ class SonarAgent(Agent):
 
     name = "sonar"
     alone = True
-    hears: ClassVar[tuple[type[Message], ...]] = (Sonar, Description, Pose)
+    hears: ClassVar[tuple[type[Message], ...]] = (Sonar, Description, Pose, FleetPose)
     provides: ClassVar[tuple[type[Message], ...]] = (Obstacles, LocalMap)
     parameters = Parameters
-    launched_with = ("world",)
+    launched_with = ("world", "namespace")
     p: Parameters
 
     def __init__(self, identity: agent.Identity, parameters: Any = None) -> None:
@@ -114,6 +117,7 @@ class SonarAgent(Agent):
         self._epoch: int | None = None
         self._listened = 0
         self._bumps: list[tuple[float, Point]] = []  # when, and where in the body frame
+        self._robots = KnownRobots(self.p.namespace.rpartition("/")[2])
 
     def on_description(self, said: Description) -> None:
         """Take the robot's outline."""
@@ -155,6 +159,10 @@ class SonarAgent(Agent):
                 self._covariance = pose.covariance
                 self._sure_at, self._way = self.now, 0.0
 
+    def on_fleet_pose(self, said: FleetPose) -> None:
+        """Where another robot is, by its own word."""
+        self._robots.hear(said, self.now)
+
     def on_sonar(self, sonar: Sonar) -> None:
         """Take the echoes in, and publish where the obstacles are."""
         seen, walls = self._map, self._walls
@@ -165,7 +173,9 @@ class SonarAgent(Agent):
             walls.look(*self._place(), old=old)
             walls.hear(sonar.echoes)
             seen.update(sonar.echoes, walls.explains)
-            seen.expect(walls.points())
+        robots = self._robots.points(*self._place(), self.now)
+        if robots or walls is not None:
+            seen.expect([*(() if walls is None else walls.points()), *robots])
         self._listened += 1
         self._pings += len(sonar.echoes)
         body = seen.outline

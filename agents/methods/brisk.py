@@ -5,7 +5,7 @@ five. This one asks from which speed the robot can still come to rest, turn into
 stop turning: `braking`. It steers from where it will be when the wheels follow (`late_s`), and its
 turn rate has a bounded acceleration and jerk: so it turns fast, and smoothly.
 
-At the goal it turns on the spot to the goal's heading, as `precise` does.
+Near the goal it turns to the goal's heading, and brakes meanwhile.
 """
 
 from __future__ import annotations
@@ -23,6 +23,9 @@ from armadico.core.route import Route
 SAME_M = 0.02
 """Waypoints nearer than this are one."""
 
+RESTS_M_S = 0.03
+"""Slower than this it comes no nearer to the goal."""
+
 
 def slowed(settings: Brisk, body: Body, v_max: float | None) -> Brisk:
     """The settings within a robot's limits, and a scenario's (m/s)."""
@@ -35,6 +38,7 @@ def slowed(settings: Brisk, body: Body, v_max: float | None) -> Brisk:
         v_decel=v_decel,
         w_accel=w_accel,
         w_decel=min(settings.w_decel, body.w_decel),
+        park_decel=min(settings.park_decel, body.w_decel),
     )
 
 
@@ -63,13 +67,9 @@ class Driver:
         there = self.soon(pose, measured, before)
         goal = route.goal
         assert goal is not None, "there is a goal"
-        self._settle(pose, goal, route)
+        self._settle(pose, measured, goal, route)
         if self._turning:
-            off = wrap(goal.theta - there.theta)
-            w = 0.0 if abs(off) <= s.stop_rad else self._turn(off)
-            left = distance(there, goal) * cos(direction(there, goal) - there.theta)
-            v = braking(left - s.short_m, s.v_decel, s.late_s)
-            return v, self._smooth(before[1], w, period)
+            return self._park(there, goal, before, period)
         ahead = self._ahead(there, route, s.look_m + s.look_s * max(measured[0], 0.0), cut)
         off = wrap(direction(there, ahead) - there.theta)
         return self.toward(off, there, route, before, period)
@@ -79,7 +79,16 @@ class Driver:
     ) -> Speeds:
         """Speeds to turn by `off` from where it will be, and to go on along the route."""
         v = min(self.settings.v, self._calm(off), self._corners(there, route))
-        return v, self._smooth(before[1], self._turn(off), period)
+        return v, self._smooth(before[1], self._turn(off, self.settings.w_decel), period)
+
+    def _park(self, there: Placed, goal: Posed, before: Speeds, period: float) -> Speeds:
+        """Speeds to come to rest beside the goal, and turn to its heading meanwhile."""
+        s = self.settings
+        left = distance(there, goal) * cos(direction(there, goal) - there.theta)
+        v = braking(left - s.short_m, s.v_decel, s.late_s)
+        off = wrap(goal.theta - there.theta)
+        w = 0.0 if abs(off) <= s.stop_rad else self._turn(off, s.park_decel)
+        return v, self._smooth(before[1], w, period)
 
     def soon(self, pose: Posed, measured: Speeds, before: Speeds) -> Placed:
         """Where it is when the wheels follow."""
@@ -90,13 +99,13 @@ class Driver:
         x, y = pose.x + way * cos(middle), pose.y + way * sin(middle)
         return Placed(x, y, pose.theta + late * w)
 
-    def _settle(self, pose: Posed, goal: Posed, route: Route) -> None:
+    def _settle(self, pose: Posed, measured: Speeds, goal: Posed, route: Route) -> None:
         s, rho = self.settings, distance(pose, goal)
-        if self._turning:
-            self._turning = rho <= s.leave_m
+        if self._turning:  # it rests no farther off than it may, or drives there anew
+            self._turning = rho <= s.leave_m or (rho <= s.turn_m and measured[0] > RESTS_M_S)
         elif route.last_leg:
             abeam = cos(direction(pose, goal) - pose.theta) <= 0.0
-            self._turning = rho <= s.stop_m or (rho <= s.beside_m and abeam)
+            self._turning = rho <= (s.beside_m if abeam else s.turn_m)
 
     def _ahead(self, at: Placed, route: Route, look: float, cut: float) -> Posed:
         """The point to steer to; beyond the goal the last leg goes on."""
@@ -112,9 +121,9 @@ class Driver:
         more = look - along
         return Placed(goal.x + more * cos(leg), goal.y + more * sin(leg))
 
-    def _turn(self, off: float) -> float:
+    def _turn(self, off: float, decel: float) -> float:
         s = self.settings
-        w = min(s.w, braking(abs(off), s.w_decel, s.turn_s))
+        w = min(s.w, braking(abs(off), decel, s.turn_s))
         return w if off > 0.0 else -w
 
     def _calm(self, off: float) -> float:

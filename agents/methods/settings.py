@@ -60,6 +60,7 @@ class Brisk(Struct, frozen=True, forbid_unknown_fields=True):
     v_decel: float = 0.55  # that it counts on
     w: float = radians(90)
     w_decel: float = 1.3
+    park_decel: float = 1.6  # of a turn on the spot at the goal, which need not settle on a line
     w_accel: float = 1.7
     w_jerk: float = 6.0
     settle_s: float = 0.2  # in which the turn rate follows what is wanted, within those
@@ -74,7 +75,7 @@ class Brisk(Struct, frozen=True, forbid_unknown_fields=True):
     corner_m: float = 0.5  # on an arc that begins so far before it
     corner_v: float = 0.2
     on_line_m: float = 0.05  # so near to the last leg's line it keeps its direction to the goal
-    stop_m: float = 0.10  # nearer to the goal than this it turns to the goal's heading,
+    turn_m: float = 0.3  # so near to the goal it turns to the goal's heading while it brakes,
     short_m: float = 0.02  # and comes to rest so far before it
     beside_m: float = 0.10  # or than this with the goal abeam,
     leave_m: float = 0.115  # and drives again only beyond this

@@ -75,13 +75,21 @@ EXAMPLES: Final = """\
   armadico run sc4 --redundant                 two of each behaviour: kill any one
   armadico run sc4 --sensors ideal             as the thesis's tables: nobody localizes
   armadico run sc4 --attach --hosts lab.toml   the society is up already: armadico up
+  armadico run fleet --robots 3                three robots share a list of tasks; or --virtual
 """
 
 
 def main(argv: Sequence[str]) -> int:
     """Drive; 0 only if the goal, if any, was reached without a collision, in every run."""
     args = parser().parse_args(argv)
-    return drive(args, *choose(args))
+    scenario, chosen = choose(args)
+    if scenario.tasks:
+        from armadico.cli import fleet  # noqa: PLC0415 - not for --help
+
+        return fleet.drive(args, scenario, chosen)
+    if args.robots is not None:
+        raise UsageError(f"--robots {args.robots}: {scenario.name} has no tasks for a fleet")
+    return drive(args, scenario, chosen)
 
 
 def drive(args: argparse.Namespace, scenario: Scenario, chosen: Options) -> int:
@@ -109,6 +117,9 @@ def parser() -> argparse.ArgumentParser:
         EXAMPLES,
     )
     made.add_argument("--goal", **POSE, help="where it is to go: m, m, degrees")
+    made.add_argument(
+        "--robots", type=int, metavar="N", help="of a scenario with tasks for several: so many"
+    )
     add_options(made)
     return made
 
@@ -245,7 +256,7 @@ def _scenario(
     if somewhere and blind(scenario):
         why = "nothing is planned, and a barrier is in the way"
         _say(f'{scenario.name}: {why}; plan = "rooms" plans')
-    if somewhere and scenario.goal is None and scenario.mission is None:
+    if somewhere and scenario.goal is None and scenario.mission is None and not scenario.tasks:
         sent = "" if args.virtual else "; armadico goto X Y DEG sends the robot to one"
         _say(f"{scenario.name}: no goal{sent}")
     return scenario

@@ -123,6 +123,12 @@ class Scenario(Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):
     alarms: tuple[AlarmAt, ...] = ()
     moving: tuple[Moving, ...] = ()
     """People, doors that shut, boxes put down; in the simulator only."""
+    others: tuple[PoseDeg, ...] = ()
+    """Where further robots start: a fleet."""
+    tasks: Annotated[tuple[PoseDeg, ...], Meta(max_length=256)] = ()
+    """Places that a fleet is to look at."""
+    look_s: Annotated[float, Meta(ge=0, le=3600)] = 5.0
+    """How long each is looked at."""
     battery: Battery = Battery()
     v_max: Annotated[float, Meta(gt=0, le=10)] | None = None
     """A speed limit of this scenario, m/s; none: the agents' own."""
@@ -296,8 +302,7 @@ def _faults(scenario: Scenario, world: World) -> Iterator[tuple[Key, str]]:
         if pose is None:
             continue
         yield from _misplaced(world, (key,), pose, radius)
-    for index, pose in enumerate(scenario.waypoints):
-        yield from _misplaced(world, ("waypoints", index), pose, radius)
+    yield from _fleet_faults(scenario, world, radius)
     for index, moving in enumerate(scenario.moving):
         for name, message in moving.faults(world, scenario.start[:2], radius):
             yield ("moving", index, name), message
@@ -312,6 +317,15 @@ def _faults(scenario: Scenario, world: World) -> Iterator[tuple[Key, str]]:
     if scenario.plan == "waypoints" and not scenario.waypoints:
         message = 'plan = "waypoints", but there are none; give waypoints = [[x, y, degrees], ...]'
         yield ("plan",), message
+
+
+def _fleet_faults(scenario: Scenario, world: World, radius: float) -> Iterator[tuple[Key, str]]:
+    """What is wrong with waypoints, other robots' starts, and what they are to look at."""
+    for name in _ONE_OF:
+        for index, pose in enumerate(getattr(scenario, name)):
+            yield from _misplaced(world, (name, index), pose, radius)
+    if scenario.others and scenario.moving:
+        yield ("moving",), "what moves does in the world of one robot; expected this, or others"
 
 
 def _mission_faults(scenario: Scenario, world: World) -> Iterator[tuple[Key, str]]:
@@ -358,9 +372,14 @@ def known_sensors(name: str) -> str:
     return name
 
 
+_ONE_OF = {"waypoints": "waypoint", "others": "robot", "tasks": "task"}
+
+
 def _misplaced(world: World, key: Key, pose: PoseDeg, radius: float) -> Iterator[tuple[Key, str]]:
     x, y, _ = pose
-    what = f"waypoint {key[-1] + 1}" if isinstance(key[-1], int) else key[-1]
+    what = str(key[-1])
+    if isinstance(key[-1], int):
+        what = f"{_ONE_OF[str(key[0])]} {key[-1] + 1}"
     at = f"{what} ({x:g}, {y:g})"
     clearance = world.clearance(x, y)
     if not world.inside(x, y):

@@ -695,6 +695,116 @@ class ExploreStatus(Message, frozen=True):
     note: Text = ""
 
 
+# Several robots -----------------------------------------------------------------------------------
+
+TASKS: Final = 256
+"""Tasks of a list, at the most."""
+
+TaskNumber = Annotated[int, Meta(ge=0, lt=TASKS)]
+
+
+class FleetPose(Message, frozen=True):
+    """Where a robot of the fleet is, for the others to keep clear of: outline, pose, speeds.
+
+    In the world that all have a map of; the outline and the covariance as in `Description` and
+    `Pose`. It goes by the namespaces' names that robots are told apart.
+    """
+
+    robot: Name
+    x: Real
+    y: Real
+    theta: Real
+    covariance: Covariance
+    v: Speed
+    w: Turn
+    front: Length
+    rear: Length
+    half_width: Length
+
+
+class FleetTask(Message, frozen=True):
+    """One task of a list: go there, and look for so long."""
+
+    goal: Waypoint
+    look_s: Annotated[float, Meta(ge=0, le=3600)] = 5.0
+    name: Label = ""  # for people
+
+
+class FleetTasks(Message, frozen=True):
+    """A list that a fleet works on; tasks are numbered from 0.
+
+    Who knows it gives it to who does not. `follows` is the list that it takes the place of; 0: none
+    """
+
+    id: Bits64
+    follows: Bits64
+    tasks: Annotated[tuple[FleetTask, ...], Meta(max_length=TASKS)]
+
+
+class FleetDone(Message, frozen=True):
+    """A task that is done, and by which robot."""
+
+    task: TaskNumber
+    by: Name
+
+
+Done = Annotated[tuple[FleetDone, ...], Meta(max_length=4 * TASKS)]
+
+
+class FleetClaims(Message, frozen=True):
+    """What a robot's fleet agent holds in a cycle of the fleet, and all that it knows to be done.
+
+    The claims are those of the resources `task-0`, `task-1` and so on. The cycle's epoch is the
+    list's id, 0: it knows of no list. Nobody owns the cycles: who counts on first is followed.
+    """
+
+    robot: Name
+    instance: Name
+    cycle: Cycle
+    claims: Annotated[tuple[Claim, ...], Meta(max_length=TASKS)] = ()
+    done: Done = ()
+
+
+class FleetRequest(Message, frozen=True):
+    """Asks a fleet, by any one of its robots, to do a list of tasks."""
+
+    tasks: Annotated[tuple[FleetTask, ...], Meta(min_length=1, max_length=TASKS)]
+
+
+class FleetReply(Message, frozen=True):
+    """Whether the list was taken on."""
+
+    list: Bits64
+    refusal: Text = ""
+
+
+class FleetBoard(Latched, frozen=True):
+    """What a robot's fleet agent knows, remembered by all agents of that robot."""
+
+    counter: Counter
+    list: Bits64
+    follows: Bits64
+    tasks: Annotated[tuple[FleetTask, ...], Meta(max_length=TASKS)]
+    done: Done = ()
+    mission: Bits64 = 0  # the last one that was asked for
+
+    @property
+    def order(self) -> tuple[int, int]:
+        """Counted with each change; it has one author a robot."""
+        return self.counter, self.list
+
+
+class FleetStatus(Message, frozen=True):
+    """A robot's fleet agent's report: the tasks that it holds, the next one first."""
+
+    list: Bits64
+    tasks: Counter
+    done: Counter
+    holds: Annotated[tuple[TaskNumber, ...], Meta(max_length=TASKS)]
+    finish_s: Annotated[float, Meta(ge=0, le=1e9)] = 0.0  # until it is done with them, as it thinks
+    note: Text = ""
+
+
 # Energy -------------------------------------------------------------------------------------------
 
 

@@ -83,6 +83,12 @@ SERVICES: tuple[Service, ...] = (
         m.ExploreRequest, "explore/request", _Q, None, None, "map a place", reply=m.MissionReply
     ),
     Service(m.ExploreStatus, "explore/status", _S, 1, None, "how far the exploration has come"),
+    Service(m.FleetPose, "fleet/{robot}/pose", _S, 5, None, "a robot, for the others to keep off"),
+    Service(m.FleetTasks, "fleet/tasks", _E, None, None, "the list that a fleet works on"),
+    Service(m.FleetClaims, "fleet/{robot}/claims", _E, 1, None, "tasks that a robot holds; done"),
+    Service(m.FleetRequest, "tasks/request", _Q, None, None, "do these tasks", reply=m.FleetReply),
+    Service(m.FleetBoard, "tasks/board", _L, None, None, "the list, and what of it is done"),
+    Service(m.FleetStatus, "tasks/status", _S, 1, None, "how far it is, and what the robot holds"),
     Service(m.HostShare, "wakeup/{instance}/share", _S, 1, None, "what a host keeps up, and could"),
     Service(
         m.WakeupRequest,

@@ -137,7 +137,7 @@ class Launcher(LiveRun):
         words = simulator_words(self.scenario, self.options.seed, self._namespace, port)
         process = self._process(SIMULATOR, words, listen=True)
         try:
-            return process.announced()
+            return process.announced()[0]
         except StartError as error:
             raise RunFailedError(str(error)) from None
 

@@ -40,7 +40,7 @@ LAUNCHER: Final = "ARMADICO_LAUNCHER"
 TIED: Final = "armadico.child"
 """The program of a process that is to leave when its launcher is gone."""
 
-_ANNOUNCED = re.compile(r" at (tcp://[^;\s]+)")
+_ANNOUNCED = re.compile(r" at (tcp://[^;,\s]+)")
 """Where the simulator's first line on standard output says that it listens."""
 
 
@@ -98,13 +98,13 @@ class Process:
             text = file.read().decode(errors="replace").strip().splitlines()
         return "\n".join(f"    {line}" for line in text[-lines:]) or "    nothing"
 
-    def announced(self) -> str:
-        """The address that the simulator says first. Raises StartError."""
+    def announced(self) -> list[str]:
+        """The addresses of its robots, which the simulator says first. Raises StartError."""
         assert self.popen.stdout is not None, "it was asked for"
-        found = _ANNOUNCED.search(_line(self.popen.stdout, START_S))
-        if found is None:
+        found: list[str] = _ANNOUNCED.findall(_line(self.popen.stdout, START_S))
+        if not found:
             raise StartError(f"the {self.name} did not start:\n{self.last_words()}")
-        return found.group(1)
+        return found
 
 
 def command_line(words: Sequence[str], *, tied: bool = False) -> list[str]:
@@ -129,8 +129,18 @@ def ending(code: int) -> str:
     return f"signal {-code}"
 
 
-def simulator_words(scenario: Scenario, seed: int, namespace: str, port: int = 0) -> list[str]:
-    """The command that simulates a scenario's robot; `port` 0: one that is free."""
+def simulator_words(
+    scenario: Scenario, seed: int, namespace: str, port: int = 0, also: Sequence[str] = ()
+) -> list[str]:
+    """The command that simulates a scenario's robot; `port` 0: one that is free.
+
+    `also` are the namespaces of the scenario's other robots, those that take part.
+    """
+    others = [
+        str(word)
+        for name, pose in zip(also, scenario.others, strict=False)
+        for word in ("--also", name, *pose)
+    ]
     x, y, degrees = scenario.start
     battery = (("charge", scenario.battery.charge), ("capacity", scenario.battery.capacity_ah))
     return [
@@ -142,6 +152,7 @@ def simulator_words(scenario: Scenario, seed: int, namespace: str, port: int = 0
         f"--robot={scenario.robot}",
         f"--namespace={namespace}",
         *("--start", str(x), str(y), str(degrees)),
+        *others,
         *(f"--{name}={value}" for name, value in battery if value is not None),
         *(["--moving", msgspec.json.encode(scenario.moving).decode()] if scenario.moving else []),
     ]

@@ -125,13 +125,18 @@ class Run:
         self.limit = time_limit(reply.length, self.options, mission_of(self.scenario))
         self.watch.begin(reply.mission)
 
+    def tell(self, warn: Callable[[str], None]) -> None:
+        """Have somebody told who is gone and what goes wrong."""
+        self._warn = warn
+
     def run(
         self,
         progress: Callable[[RunWatch], None] | None = None,
         warn: Callable[[str], None] | None = None,
     ) -> Result:
         """Drive to the goal or the time limit; `warn` is told who is gone and what goes wrong."""
-        self._warn = warn or self._warn
+        if warn is not None:
+            self.tell(warn)
         self.start()
         if not any(map(_drives, self.names)):
             self._warn(

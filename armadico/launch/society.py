@@ -40,6 +40,7 @@ from armadico.config.worlds import load_world
 from armadico.core.agent import DeviceAgent
 from armadico.core.messages import ExploreRequest, MissionOrder, MissionRequest, Waypoint
 from armadico.core.resources import WHEELS, Resource
+from armadico.mesh.topology import DEFAULT_NAMESPACE
 from armadico.observe.conditions import Conditions, digest, packages, software
 from armadico.observe.measures import RunWatch
 
@@ -69,6 +70,7 @@ class Options:
     together: tuple[tuple[str, ...], ...] = ()  # agents that share a process
     resume: str | None = None  # a saved map that the mapping agent goes on with
     limit: float | None = None  # s that the run may take; None: as `time_limit` says
+    namespace: str = DEFAULT_NAMESPACE  # the robot's
     priority: float | None = None  # of a mission of several tasks; None: its own
     margin: float | None = None  # by how much a bid must be better; None: the resource's own
 
@@ -211,6 +213,7 @@ def facts(scenario: Scenario, options: Options, port: str = "") -> dict[str, obj
     x, y, degrees = scenario.start
     return {
         "port": port or None,
+        "namespace": options.namespace,
         "profile": scenario.robot,
         "x": x,
         "y": y,

@@ -268,7 +268,7 @@ class Upkeep:
         process = self._run(SIMULATOR, words, listen=True)
         if self._port is None:  # later ones take the same port, and the robot agent finds them
             try:
-                self._port = process.announced()
+                self._port = process.announced()[0]
             except StartError as error:
                 self._well = False
                 raise GaveUpError(str(error)) from None

@@ -6,6 +6,7 @@ from collections import Counter
 from collections.abc import Callable
 from dataclasses import replace as alike
 from itertools import count
+from random import Random
 
 from msgspec.structs import replace
 
@@ -14,7 +15,7 @@ from armadico.config.hosts import HostTable
 from armadico.config.loading import load_parameters
 from armadico.config.scenarios import Scenario, society
 from armadico.core.agent import Agent, DeviceAgent
-from armadico.core.messages import Log
+from armadico.core.messages import Log, Message
 from armadico.core.restart_policy import MISUSED
 from armadico.launch.run import Run
 from armadico.launch.society import (
@@ -28,7 +29,7 @@ from armadico.launch.society import (
     spare,
 )
 from armadico.launch.wakeup import Do, Event, Parameters, Wakeup, lines, orders
-from armadico.mesh.virtual import Device, Node, VirtualMesh
+from armadico.mesh.virtual import Device, Node, VirtualMesh, address
 from armadico.mesh.virtual_network import Clock
 from armadico.mesh.virtual_session import VirtualSession
 from armadico.observe.measures import WATCHED, Result, RunWatch
@@ -74,12 +75,14 @@ class Rehearsal(Run):
                 `armadico up` does; None: nobody starts anybody again.
         """
         self.mesh = VirtualMesh(options.seed) if mesh is None else mesh
-        super().__init__(scenario, options, Client(VirtualSession(self.mesh)))
+        self.namespace = options.namespace
+        super().__init__(scenario, options, Client(VirtualSession(self.mesh, self.namespace)))
         # At the moment of publication: what is measured has been nowhere on the way.
-        self.mesh.watch(lambda _key, message, now: self.watch.show(message, now), *WATCHED)
-        self.mesh.watch(lambda key, message, _: self.pass_on(key, message), Log)
+        where = self.namespace
+        self.mesh.watch(self._show, *WATCHED, namespace=where)
+        self.mesh.watch(lambda key, message, _: self.pass_on(key, message), Log, namespace=where)
         factory = find(SIMULATORS, society().simulator).load()
-        self.robot = factory(scenario, self.mesh.stream, self.mesh.publish)
+        self.robot = factory(scenario, self._stream, self._publish)
         self._clock = clock
         self._starts: Counter[str] = Counter()
         taking = members(scenario, options, "memory:")
@@ -109,13 +112,24 @@ class Rehearsal(Run):
         device: Device | None = None,
     ) -> Node:
         """An agent joins, now, as the `start`-th instance; a device agent's is the robot's line."""
-        who = alike(self.mesh.identity(kind.name, start), host=host, pid=next(self._pids))
+        identity = self.mesh.identity(kind.name, start, self.namespace)
+        who = alike(identity, host=host, pid=next(self._pids))
         with blaming(kind):
             agent = kind(who, parameters)
         self._starts[kind.name] = max(self._starts[kind.name], start + 1)
         clock = None if self._clock is None else self._clock(kind.name)
         line = device or (self.robot if isinstance(agent, DeviceAgent) else None)
-        return self.mesh.add(agent, line, clock)
+        return self.mesh.add(agent, line, clock, namespace=self.namespace)
+
+    def _show(self, _key: str, message: Message, now: float) -> None:
+        self.watch.show(message, now)
+
+    def _stream(self, name: str) -> Random:
+        """One of the robot's own."""
+        return self.mesh.stream(address(self.namespace, name))
+
+    def _publish(self, message: Message) -> None:
+        self.mesh.publish(message, namespace=self.namespace)
 
     def start_host(self, name: str) -> VirtualHost:
         """One machine of the host table is switched on: its share joins, and its wakeup agent."""

@@ -31,6 +31,10 @@ NAMESPACE_VARIABLE = "ARMADICO_NAMESPACE"
 DEFAULT_NAMESPACE = "robot1"
 """and which without that."""
 
+FLEET = "fleet"
+"""The first part of keys that several robots share: `fleet/...` lies beside a robot's namespace,
+not in it. Robots `lab/r1` and `lab/r2` share `lab/fleet/...`, and are the fleet `lab`."""
+
 LONGEST_NAMESPACE = 100
 """Characters: files are named by it."""
 
@@ -137,7 +141,17 @@ def checked_namespace(name: str) -> str:
             f"{shown!r} cannot be a namespace: letters, digits, '-', '_', '.' and '/', at most"
             f" {LONGEST_NAMESPACE} of them"
         )
+    if name.rpartition("/")[2] == FLEET:
+        raise TopologyError(f"{name!r} cannot be a namespace: its robots share {name}/...")
     return name
+
+
+def rooted(namespace: str, key: str) -> str:
+    """A key, or a pattern, of one robot's as the network has it."""
+    if key.startswith(FLEET + "/"):
+        beside = namespace.rpartition("/")[0]
+        return f"{beside}/{key}" if beside else key
+    return f"{namespace}/{key}"
 
 
 def any_port(endpoint: str) -> str:

@@ -26,7 +26,7 @@ from armadico.core.driver import Announce, Driver, OpenPort, Output, Reply
 from armadico.core.mailbox import BURST_S, EVENTS, Mailbox
 from armadico.core.messages import Message, MessageError, checked
 from armadico.core.services import Kind, matches, service_of
-from armadico.mesh.topology import DEFAULT_NAMESPACE
+from armadico.mesh.topology import DEFAULT_NAMESPACE, rooted
 from armadico.mesh.virtual_network import Clock, Link
 
 LIVELINESS = 0.003
@@ -53,7 +53,7 @@ Step = Callable[[Any, Any], None]
 """What happens at a time."""
 
 Way = tuple[str, str]
-"""From one agent's name to another's."""
+"""From one agent's address to another's."""
 
 
 class Device(Protocol):
@@ -102,7 +102,7 @@ class VirtualMesh:
         self._sequence = 0
         self._links: dict[Way, Link] = {}
         self._routes: dict[Way, list[Route]] = {}  # by namespace and key; made when needed
-        self._watchers: dict[type[Message], list[Watcher]] = {}
+        self._watchers: dict[tuple[str, type[Message]], list[Watcher]] = {}
         self._ports: list[Port] = []
         self._queries: dict[int, Query] = {}  # that wait for replies
         self._asked = 0
@@ -113,9 +113,9 @@ class VirtualMesh:
         """A stream of random numbers of one's own."""
         return random.Random(f"{self.seed}/{name}")
 
-    def identity(self, name: str, start: int = 0) -> Identity:
+    def identity(self, name: str, start: int = 0, namespace: str = DEFAULT_NAMESPACE) -> Identity:
         """Who the `start`-th instance of an agent is."""
-        rng = self.stream(f"agent/{name}/{start}")
+        rng = self.stream(f"agent/{address(namespace, name)}/{start}")
         return Identity(f"{name}-{rng.getrandbits(64):016x}", "virtual", 0, "virtual", rng)
 
     def add(
@@ -125,12 +125,13 @@ class VirtualMesh:
         clock: Clock | None = None,
         *,
         admit: bool = True,
+        namespace: str = DEFAULT_NAMESPACE,
     ) -> Node:
         """A process starts, now; a device that another had open is its own once it has joined.
 
         Without `admit` it joins at once, whoever is alive.
         """
-        node = Node(agent, self, device, clock, admit)
+        node = Node(agent, self, device, clock, admit, namespace)
         self.nodes.append(node)
         self.take_in(node)
         self.call_at(self.now, self._start, node)
@@ -148,15 +149,20 @@ class VirtualMesh:
             self.liveliness.look(node)
             node.begin()
 
-    def watch(self, watcher: Watcher, *kinds: type[Message]) -> None:
-        """Watch every message of these kinds the moment it is published, without taking part."""
-        for kind in kinds:
-            self._watchers.setdefault(kind, []).append(watcher)
+    def watch(
+        self, watcher: Watcher, *kinds: type[Message], namespace: str = DEFAULT_NAMESPACE
+    ) -> None:
+        """Watch every message of these kinds that one robot's agents publish, at that moment.
 
-    def node(self, name: str) -> Node:
+        Whoever watches does not take part.
+        """
+        for kind in kinds:
+            self._watchers.setdefault((namespace, kind), []).append(watcher)
+
+    def node(self, name: str, namespace: str = DEFAULT_NAMESPACE) -> Node:
         """The newest node of an agent's name. Raises KeyError if there is none."""
         for node in reversed(self.nodes):
-            if node.name == name:
+            if node.name == name and node.namespace == namespace:
                 return node
         raise KeyError(name)
 
@@ -193,14 +199,21 @@ class VirtualMesh:
 
     # Publications --------------------------------------------------------------------------------
 
-    def publish(self, message: Message, sender: str = CLIENT, key: str | None = None) -> None:
+    def publish(
+        self,
+        message: Message,
+        sender: str = CLIENT,
+        key: str | None = None,
+        namespace: str = DEFAULT_NAMESPACE,
+    ) -> None:
         """Publish something from outside the society, as a command-line tool would."""
-        self.spread(sender, key or service_of(type(message)).key, message, None)
+        key = key or service_of(type(message)).key
+        self.spread(address(namespace, sender), key, message, None, namespace)
 
     def publish_bytes(self, data: bytes, key: str, sender: str = CLIENT) -> None:
         """Publish a payload, whatever it is, from outside the society."""
         for place, deliver, to in self.routes(DEFAULT_NAMESPACE, key):
-            self.later(sender, place.name, deliver, to, (key, data))
+            self.later(sender, place.address, deliver, to, (key, data))
 
     def arrive(self, message: Message, name: str, key: str) -> None:
         """Have something arrive, now, that was published on a key for an agent long ago."""
@@ -212,12 +225,13 @@ class VirtualMesh:
         """Who receives what is published on a key, in the order in which they were added."""
         routes = self._routes.get((namespace, key))
         if routes is None:
+            where = rooted(namespace, key)
             routes = self._routes[namespace, key] = [
                 (place, place.refuse if "*" in key else deliver, to)
                 for place in self.places
-                if place.alive and place.namespace == namespace
+                if place.alive
                 for pattern, deliver, to in place.listeners()
-                if matches(pattern, key)
+                if matches(rooted(place.namespace, pattern), where)
             ]
         return routes
 
@@ -225,20 +239,28 @@ class VirtualMesh:
         """Subscriptions have changed."""
         self._routes.clear()
 
-    def spread(self, sender: str, key: str, message: Message, speaker: Place | None) -> str:
+    def spread(
+        self,
+        sender: str,
+        key: str,
+        message: Message,
+        speaker: Place | None,
+        namespace: str = DEFAULT_NAMESPACE,
+    ) -> str:
         """Send to everybody but the speaker, to another instance of the same agent too.
 
         Args:
             sender: Whose links it takes.
             key: What it is published on.
             message: What is published.
-            speaker: Who publishes it; None: somebody outside the society.
+            speaker: Who publishes it; None: somebody outside the society,
+            namespace: of this robot.
 
         Returns:
             Why it could not be received, or an empty text.
         """
-        namespace = DEFAULT_NAMESPACE if speaker is None else speaker.namespace
-        watchers = self._watchers.get(type(message), ())
+        namespace = namespace if speaker is None else speaker.namespace
+        watchers = self._watchers.get((namespace, type(message)), ())
         routes = self.routes(namespace, key)
         if not watchers and not routes:
             return ""
@@ -253,7 +275,7 @@ class VirtualMesh:
         for place, deliver, to in routes:
             if place is speaker or place.lost:
                 continue
-            link = links.get((sender, place.name)) or self.link(sender, place.name)
+            link = links.get((sender, place.address)) or self.link(sender, place.address)
             at = link.arrival(now)
             while at is not None:
                 heapq.heappush(heap, (at, self._next(), deliver, to, what))
@@ -263,15 +285,24 @@ class VirtualMesh:
     # Queries -------------------------------------------------------------------------------------
 
     def ask(
-        self, request: Message, then: Callable[[Message | None], None], timeout: float = 5.0
+        self,
+        request: Message,
+        then: Callable[[Message | None], None],
+        timeout: float = 5.0,
+        namespace: str = DEFAULT_NAMESPACE,
     ) -> None:
         """Put a query from outside the society; `then` is told its first reply, or None."""
         service = service_of(type(request))
         assert service.reply is not None, f"{service.key} is not a query"
-        self.put_first(None, AskFor(0, service.key, request, service.reply, timeout), then)
+        asking = AskFor(0, service.key, request, service.reply, timeout)
+        self.put_first(None, asking, then, namespace)
 
     def put_first(
-        self, asker: Place | None, ask: AskFor, then: Callable[[Message | None], None]
+        self,
+        asker: Place | None,
+        ask: AskFor,
+        then: Callable[[Message | None], None],
+        namespace: str = DEFAULT_NAMESPACE,
     ) -> None:
         """Put a query of which the first reply counts."""
 
@@ -281,7 +312,7 @@ class VirtualMesh:
             then(message)
             return True
 
-        self.put(asker, ask.key, ask.request, ask.timeout, each, lambda: then(None))
+        self.put(asker, ask.key, ask.request, ask.timeout, each, lambda: then(None), namespace)
 
     def put(
         self,
@@ -291,19 +322,20 @@ class VirtualMesh:
         timeout: float,
         each: Callable[[str, Message], bool],
         over: Callable[[], None],
+        namespace: str = DEFAULT_NAMESPACE,
     ) -> None:
         """Ask everybody who answers on a key, or on the keys of a pattern."""
         self._asked += 1
-        number, name, waits = self._asked, CLIENT if asker is None else asker.name, 0
+        number, name, waits = self._asked, CLIENT if asker is None else asker.address, 0
         shared = sendable(request)
         if isinstance(shared, str):
             if asker is not None:
                 asker.unsent(key, shared)
         elif asker is None or not asker.lost:
-            for place in self.others(asker):
+            for place in self.others(asker, namespace):
                 for one in () if place.lost else place.queried(key):
                     waits += 1
-                    self.later(name, place.name, place.asked, one, (key, shared, number))
+                    self.later(name, place.address, place.asked, one, (key, shared, number))
         self._queries[number] = Query(name, waits, each, over)
         self.call_at(self.now + (timeout if waits else 0.0), self._over, number)
 
@@ -314,7 +346,7 @@ class VirtualMesh:
         if isinstance(shared, str):
             place.unsent(key, shared)
         elif query is not None and not place.lost:
-            self.later(place.name, query.asker, self._replied, number, (key, shared))
+            self.later(place.address, query.asker, self._replied, number, (key, shared))
 
     def _replied(self, number: int, what: tuple[str, Message]) -> None:
         query = self._queries.get(number)
@@ -331,9 +363,9 @@ class VirtualMesh:
         if query is not None:
             query.over()
 
-    def others(self, place: Place | None) -> list[Place]:
-        """All others of a place's namespace who are alive."""
-        namespace = DEFAULT_NAMESPACE if place is None else place.namespace
+    def others(self, place: Place | None, namespace: str = DEFAULT_NAMESPACE) -> list[Place]:
+        """All others of a place's namespace who are alive, or of the one that is named."""
+        namespace = namespace if place is None else place.namespace
         return [
             other
             for other in self.places
@@ -371,7 +403,7 @@ class VirtualMesh:
 
     def write(self, node: Node, data: bytes) -> None:
         """Bytes for a node's device."""
-        link = self.link(node.name, "device")
+        link = self.link(node.address, address(node.namespace, "device"))
         at = link.arrival(self.now)
         if at is not None:
             self.call_at(at, self._device_receives, node, link.spoil(data))
@@ -390,7 +422,7 @@ class VirtualMesh:
     def _from_device(self, port: Port, data: bytes) -> None:
         node = port.node
         if data and node.alive:
-            link = self.link("device", node.name)
+            link = self.link(address(node.namespace, "device"), node.address)
             at = link.arrival(self.now)
             if at is not None:
                 self.call_at(at, node.received, link.spoil(data))
@@ -422,6 +454,7 @@ class Place:
     def __init__(self, mesh: VirtualMesh, namespace: str, name: str) -> None:
         self.namespace = namespace
         self.name = name
+        self.address = address(namespace, name)  # by which its links are known
         self.alive = True
         self.lost = False  # hung for longer than the lease, and not found again yet
         self.tokens: list[tuple[str, str]] = []  # (name, instance) of those that can be seen
@@ -478,8 +511,9 @@ class Node(Place):
         device: Device | None,
         clock: Clock | None,
         admit: bool,
+        namespace: str,
     ) -> None:
-        super().__init__(mesh, DEFAULT_NAMESPACE, agent.name)
+        super().__init__(mesh, namespace, agent.name)
         self.agent = agent
         self.device = device
         self.clock = clock
@@ -667,7 +701,7 @@ class Node(Place):
     def _send(self, out: list[Output]) -> None:
         for item in out:
             if type(item) is Publish:
-                why = self.mesh.spread(self.name, item.key, item.message, self)
+                why = self.mesh.spread(self.address, item.key, item.message, self)
                 if why:
                     self.unsent(item.key, why)
             elif isinstance(item, Write):
@@ -755,7 +789,7 @@ class Liveliness:
     def killed(self, place: Place) -> None:
         """A process is gone: who reached it sees its socket close, the others its lease end."""
         for other in self._mesh.others(place):
-            reached = self._mesh.link(place.name, other.name).up and not place.lost
+            reached = self._mesh.link(place.address, other.address).up and not place.lost
             at = self._mesh.now + (LIVELINESS if reached else self._lease)
             self._mesh.call_at(at, self._gone, other, place)
 
@@ -824,7 +858,7 @@ class Liveliness:
         self._both_ways(way, up=False)
         for place in self._mesh.places:
             for other in self._mesh.places:
-                if place.alive and place is not other and {place.name, other.name} == pair:
+                if place.alive and place is not other and {place.address, other.address} == pair:
                     self._gone(place, other)
 
     def _reconnect(self, way: Way, _: Any) -> None:
@@ -836,7 +870,7 @@ class Liveliness:
         for place in self._mesh.places:
             for other in self._mesh.places:
                 here = place.alive and other.alive and not (place.lost or other.lost)
-                if here and (place.name, other.name) == way:
+                if here and (place.address, other.address) == way:
                     self._show(place, other)
                     self._show(other, place)
 
@@ -846,13 +880,15 @@ class Liveliness:
     # Telling -------------------------------------------------------------------------------------
 
     def _show(self, place: Place, other: Place) -> None:
-        """One's tokens come to another."""
+        """One's tokens come to another; those of another robot's nobody looks for."""
+        if place.namespace != other.namespace:
+            return
         for name, instance in place.tokens:
             self._tell_of(place, other, name, instance)
 
     def _tell_of(self, place: Place, other: Place, name: str, instance: str) -> None:
         what = (place, name, instance)
-        self._mesh.later(place.name, other.name, self._appear, other, what)
+        self._mesh.later(place.address, other.address, self._appear, other, what)
 
     def _appear(self, place: Place, what: tuple[Place, str, str]) -> None:
         other, name, instance = what
@@ -860,8 +896,15 @@ class Liveliness:
             place.tell(name, instance, True)
 
     def _gone(self, place: Place, other: Place) -> None:
+        if place.namespace != other.namespace:
+            return
         for name, instance in other.tokens:
             place.tell(name, instance, False)
+
+
+def address(namespace: str, name: str) -> str:
+    """What a process is called among all robots': by its name alone where there is one robot."""
+    return name if namespace == DEFAULT_NAMESPACE else f"{namespace}/{name}"
 
 
 def _ways(sources: Iterable[str], targets: Iterable[str]) -> list[Way]:

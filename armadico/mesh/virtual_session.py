@@ -48,7 +48,7 @@ class VirtualSession(Place):
         """See `Mesh`."""
         self._joined()
         encode(message)
-        self.mesh.spread(self.name, key, message, self)
+        self.mesh.spread(self.address, key, message, self)
 
     def has_said(self, key: str) -> bool:  # noqa: ARG002
         """See `Mesh`: nothing has to be declared."""

@@ -31,7 +31,7 @@ from armadico.core.messages import Message, encode
 from armadico.core.services import TOKEN
 from armadico.mesh.base import Monotonic, Reader, Receiver
 from armadico.mesh.linger import release_links
-from armadico.mesh.topology import MeshError, Topology, one_way
+from armadico.mesh.topology import MeshError, Topology, one_way, rooted
 
 logger = logging.getLogger("armadico.mesh")
 
@@ -71,21 +71,25 @@ SETTINGS: Final[dict[str, Any]] = {
 class Call:
     """A query that waits for its answer; one that is let go of unanswered is simply over."""
 
-    __slots__ = ("_query", "key", "payload")
+    __slots__ = ("_namespace", "_query", "key", "payload")
 
-    def __init__(self, query: zenoh.Query) -> None:
+    def __init__(self, query: zenoh.Query, namespace: str, key: str) -> None:
         self._query = query
-        self.key = str(query.key_expr)
+        self._namespace = namespace
+        self.key = key
         self.payload = b"" if query.payload is None else query.payload.to_bytes()
 
     def reply(self, key: str, message: Message) -> None:
         """Answer, from a key that the query's covers, and be done with it."""
-        self._query.reply(key, encode(message))
+        self._query.reply(rooted(self._namespace, key), encode(message))
         self._query.drop()  # type: ignore[no-untyped-call]
 
 
 class ZenohMesh(Reader, Monotonic):
-    """One process's session, within one robot's namespace: a `Mesh`."""
+    """One process's session, within one robot's namespace: a `Mesh`.
+
+    Zenoh's own namespace would hold what robots share, too (`rooted`): keys are placed here.
+    """
 
     def __init__(self, namespace: str, where: Topology) -> None:
         super().__init__()
@@ -177,7 +181,7 @@ class ZenohMesh(Reader, Monotonic):
         publisher = self._publishers.get(key)
         if publisher is None:
             publisher = self._publishers[key] = self._open.declare_publisher(
-                key,
+                self._rooted(key),
                 congestion_control=zenoh.CongestionControl.DROP,
                 allowed_destination=zenoh.Locality.REMOTE,
             )
@@ -189,15 +193,17 @@ class ZenohMesh(Reader, Monotonic):
 
     def subscribe(self, pattern: str, receiver: Receiver) -> None:
         """See `Mesh`."""
+        where, root = self._placed(pattern)
 
         def arrived(sample: zenoh.Sample) -> None:
             key = str(sample.key_expr)
             if "*" in key:
-                self.refuse(key, "published by wildcard")
+                own = key.startswith(where[:root])
+                self.refuse(key[root:] if own else key, "published by wildcard")
             else:
-                receiver(key, sample.payload.to_bytes())
+                receiver(key[root:], sample.payload.to_bytes())
 
-        self._keep(self._open.declare_subscriber(pattern, _direct(arrived)))
+        self._keep(self._open.declare_subscriber(where, _direct(arrived)))
 
     def ask(
         self,
@@ -208,13 +214,14 @@ class ZenohMesh(Reader, Monotonic):
         done: Callable[[], None],
     ) -> None:
         """See `Mesh`; both are called on Zenoh's thread."""
+        where, root = self._placed(key)
 
         def replied(reply: zenoh.Reply) -> None:
             if reply.ok is not None:
-                each(str(reply.ok.key_expr), reply.ok.payload.to_bytes())
+                each(str(reply.ok.key_expr)[root:], reply.ok.payload.to_bytes())
 
         self._open.get(
-            key,
+            where,
             zenoh.handlers.Callback(replied, done, indirect=False),
             payload=encode(request),
             timeout=timeout,
@@ -225,26 +232,31 @@ class ZenohMesh(Reader, Monotonic):
 
     def answer(self, key: str, receiver: Callable[[Call], None]) -> None:
         """See `Mesh`."""
-        self._keep(self._open.declare_queryable(key, _direct(lambda query: receiver(Call(query)))))
+        where, root = self._placed(key)
+
+        def asked(query: zenoh.Query) -> None:
+            receiver(Call(query, self.namespace, str(query.key_expr)[root:]))
+
+        self._keep(self._open.declare_queryable(where, _direct(asked)))
 
     # Liveliness ----------------------------------------------------------------------------------
 
     def declare_alive(self, name: str, instance: str) -> None:
         """See `Mesh`."""
         key = TOKEN.format(name=name, instance=instance)
-        self._tokens[key] = self._open.liveliness().declare_token(key)
+        self._tokens[key] = self._open.liveliness().declare_token(self._rooted(key))
 
     def watch_alive(self, changed: Callable[[str, str, bool], None]) -> None:
         """See `Mesh`."""
+        where, root = self._placed(TOKEN.format(name="*", instance="*"))
 
         def arrived(sample: zenoh.Sample) -> None:
-            chunks = str(sample.key_expr).split("/")
+            chunks = str(sample.key_expr)[root:].split("/")
             if len(chunks) == 3 and "*" not in chunks:
                 changed(chunks[1], chunks[2], sample.kind == zenoh.SampleKind.PUT)
 
-        pattern = TOKEN.format(name="*", instance="*")
         self._keep(
-            self._open.liveliness().declare_subscriber(pattern, _direct(arrived), history=True)
+            self._open.liveliness().declare_subscriber(where, _direct(arrived), history=True)
         )
 
     # Inside --------------------------------------------------------------------------------------
@@ -255,6 +267,14 @@ class ZenohMesh(Reader, Monotonic):
             raise MeshError("the mesh has not been joined, or has been left")
         return self._session
 
+    def _rooted(self, key: str) -> str:
+        return rooted(self.namespace, key)
+
+    def _placed(self, key: str) -> tuple[str, int]:
+        """A key or pattern as the network has it, and how much longer that is: cut off again."""
+        where = self._rooted(key)
+        return where, len(where) - len(key)
+
     def _keep(self, declaration: Any) -> None:
         self._kept.append(declaration)
 
@@ -263,7 +283,6 @@ class ZenohMesh(Reader, Monotonic):
         connect, rank = one_way(listen, self._where.connect)
         own: dict[str, Any] = {
             "id": _session_id(rank),
-            "namespace": self.namespace,
             "listen/endpoints": list(listen),
             "connect/endpoints": list(connect),
         }

@@ -40,15 +40,40 @@ def main(argv: Sequence[str]) -> int:
     """Simulate until interrupted."""
     args = parser().parse_args(argv)
     mesh = options.join(args, passing=False)  # who looks for the truth alone finds it there
-    robot = _robot(_scenario(args), args)
+    scenario = _scenario(args)
+    robots = [_robot(scenario, args, k) for k in range(1 + len(scenario.others))]
+    _meet(robots)
     with ExitStack() as stack:
         line, where = _line(args, stack)
-        stack.enter_context(mesh)
-        robot.watch(lambda truth: mesh.publish(KEY, truth))
-        _remark(mesh)
-        print(f"a simulated Pioneer in {args.world} at {where}; Ctrl-C ends it", flush=True)
-        _run(robot, line)
+        served, places = [(robots[0], line)], [where]
+        _show(robots[0], mesh, stack)
+        for other, (namespace, *_) in zip(robots[1:], args.also, strict=True):
+            theirs = argparse.Namespace(**{**vars(args), "namespace": namespace, "port": 0})
+            line, where = _line(theirs, stack)
+            served.append((other, line))
+            places.append(where)
+            _show(other, options.join(theirs, passing=True), stack)
+        several = "a simulated Pioneer" if not args.also else f"{len(robots)} simulated Pioneers"
+        at = ", at ".join(places)
+        print(f"{several} in {args.world} at {at}; Ctrl-C ends it", flush=True)
+        _run(served)
     return 0
+
+
+def _meet(robots: Sequence[Pioneer]) -> None:
+    """Have them live in one world. Raises UsageError if two would stand in each other."""
+    if len(robots) > 1:
+        try:
+            robots[0].meet(*robots[1:])
+        except ValueError as error:
+            raise options.UsageError(f"--also: {error}") from None
+
+
+def _show(robot: Pioneer, mesh: ZenohMesh, stack: ExitStack) -> None:
+    """Publish the truth of a robot in its namespace."""
+    stack.enter_context(mesh)
+    robot.watch(lambda truth: mesh.publish(KEY, truth))
+    _remark(mesh)
 
 
 def _remark(mesh: ZenohMesh) -> None:
@@ -96,6 +121,15 @@ def parser() -> argparse.ArgumentParser:
         type=float,
         metavar=("X", "Y", "DEG"),
         help="where it stands, m, m, degrees (default: the world's own start, or 0 0 0)",
+    )
+    made.add_argument(
+        "--also",
+        nargs=4,
+        action="append",
+        default=[],
+        metavar=("NS", "X", "Y", "DEG"),
+        help="another robot in the same world: its namespace, and where it stands; at a port that"
+        " is free; may be repeated",
     )
     made.add_argument("--robot", default="pioneer-2dx", help="robot profile (default %(default)s)")
     made.add_argument(
@@ -162,11 +196,36 @@ def _scenario(args: argparse.Namespace) -> Scenario:
         world=args.world,
         start=start,
         goal=start,
+        others=_others(args),
         robot=args.robot,
         sensors=args.sensors,
         moving=moving,
         battery=_battery(args.charge, args.capacity),
     )
+
+
+def _others(args: argparse.Namespace) -> tuple[tuple[float, float, float], ...]:
+    """Where the other robots stand. Raises UsageError."""
+    from armadico.bridge.simulator.microcontroller import WORLD_M  # noqa: PLC0415 - not for --help
+
+    found = []
+    for namespace, *numbers in args.also:
+        try:
+            x, y, heading = map(float, numbers)
+        except ValueError:
+            x = math.inf
+        if not (abs(x) <= WORLD_M and abs(y) <= WORLD_M and abs(heading) <= 360.0):  # NaN is not
+            said = " ".join(numbers)
+            raise options.UsageError(
+                f"--also {namespace} {said}: expected m and m within {WORLD_M:g} m, and degrees"
+            )
+        found.append((x, y, heading))
+    names = [args.namespace, *(also[0] for also in args.also)]
+    if len(set(names)) < len(names):
+        raise options.UsageError(f"--also: two robots in one namespace, of {', '.join(names)}")
+    if found and args.moving != "[]":
+        raise options.UsageError("--moving is for the world of one robot, without --also")
+    return tuple(found)
 
 
 def _battery(charge: float, capacity: float | None) -> Battery:
@@ -192,14 +251,20 @@ def _moving(text: str) -> tuple[Moving, ...]:
         raise options.UsageError(f"--moving: {error}") from None
 
 
-def _robot(scenario: Scenario, args: argparse.Namespace) -> Pioneer:
-    """The robot; it does not start in a wall."""
-    from armadico.bridge.simulator.pioneer import of_scenario  # noqa: PLC0415 - not for --help
+def _robot(scenario: Scenario, args: argparse.Namespace, index: int = 0) -> Pioneer:
+    """The robot, or one of the others; it does not start in a wall."""
+    from msgspec.structs import replace  # noqa: PLC0415 - not for --help
+
+    from armadico.bridge.simulator.pioneer import of_scenario  # noqa: PLC0415
     from armadico.bridge.simulator.plant import seeded  # noqa: PLC0415 - not for --help
 
     # By the name the robot agent tells whose truth is its robot's, and people which process it is.
     name = f"sim-{os.getpid()}-{secrets.token_hex(3)}"
-    robot = of_scenario(scenario, seeded(args.seed), name, _traps(args.unkind))
+    streams = seeded(args.seed)
+    if index:
+        scenario = replace(scenario, start=scenario.others[index - 1])
+        first, streams = streams, lambda name: first(f"{index}/{name}")
+    robot = of_scenario(scenario, streams, name, _traps(args.unkind))
     if robot.plant.clearance() <= 0.0:
         x, y, _ = scenario.start
         raise options.UsageError(
@@ -246,10 +311,21 @@ def _line(args: argparse.Namespace, stack: ExitStack) -> tuple[Line, str]:
     return tcp, f"tcp://{args.bind}:{tcp.port}"
 
 
-def _run(robot: Pioneer, line: Line) -> None:
-    from armadico.bridge.simulator.server import Simulation  # noqa: PLC0415 - not for --help
+def _run(served: Sequence[tuple[Pioneer, Line]]) -> None:
+    """Serve until interrupted: the first robot here, each of the others on a thread."""
+    from armadico.bridge.simulator.server import Pace, Simulation  # noqa: PLC0415 - not for --help
 
     ended = threading.Event()
     for number in (signal.SIGINT, signal.SIGTERM):
         signal.signal(number, lambda *_: ended.set())
-    Simulation(robot, line).run(ended.is_set)
+    pace, turn = Pace(), threading.Lock() if len(served) > 1 else None
+    first, *others = (Simulation(robot, line, pace=pace, turn=turn) for robot, line in served)
+    threads = [threading.Thread(target=other.run, args=(ended.is_set,)) for other in others]
+    for thread in threads:
+        thread.start()
+    try:
+        first.run(ended.is_set)
+    finally:
+        ended.set()
+        for thread in threads:
+            thread.join()

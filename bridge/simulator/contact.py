@@ -16,7 +16,7 @@ from typing import NamedTuple
 
 import pymunk
 
-from armadico.bridge.simulator.walls import Box, Walls
+from armadico.bridge.simulator.walls import Arm, Box, Other, Walls
 from armadico.config.profile import RobotProfile
 
 SKIN_M = 0.05  # contacts are seen from here on; no step at less than 10 m/s passes it unseen
@@ -29,13 +29,16 @@ SETTLED_N = 1e-4  # forces that change by less are solved
 class Contact(NamedTuple):
     """A place where outline and wall are close, as the speed that closes its gap.
 
-    The gap shrinks at `v` * v + `u` * u + `w` * w (u: m/s to the left).
+    The gap shrinks at `v` * v + `u` * u + `w` * w (u: m/s to the left); less what another robot,
+    if that is what is there, goes the same way at its end of the contact.
     """
 
     v: float
     u: float
     w: float  # m
     gap: float  # m, negative inside the wall
+    other: Other | None = None
+    arm: Arm | None = None  # of the other's
 
 
 class Motion(NamedTuple):
@@ -60,7 +63,7 @@ class Outline:
         body = profile.body
         front, rear, side = body.front_m, -body.rear_m, 0.5 * body.width_m
         corners = [(rear, -side), (front, -side), (front, side), (rear, side)]
-        self._space = walls.space
+        self._walls, self._space = walls, walls.space
         self._body = pymunk.Body(body_type=pymunk.Body.KINEMATIC)
         self._shape = pymunk.Poly(self._body, corners, radius=SKIN_M)
         self.mass_kg = body.mass_kg + 2.0 * body.wheel_mass_kg + body.caster_mass_kg
@@ -74,14 +77,17 @@ class Outline:
         self._body.angle = theta
         ahead_x, ahead_y = self._body.rotation_vector
         found = []
+        others = self._walls.others
         for hit in self._space.shape_query(self._shape):
             nx, ny = hit.contact_point_set.normal  # from the robot to the wall
+            other = others.get(hit.shape) if others else None
             for point in hit.contact_point_set.points:
                 (ax, ay), (bx, by) = point.point_a, point.point_b
                 gap = SKIN_M - (nx * (ax - bx) + ny * (ay - by))
                 lever = (bx - x) * ny - (by - y) * nx
                 along, aside = nx * ahead_x + ny * ahead_y, ny * ahead_x - nx * ahead_y
-                found.append(Contact(along, aside, lever, gap))
+                arm = None if other is None else other.arm(bx, by, nx, ny)
+                found.append(Contact(along, aside, lever, gap, other, arm))
         return found
 
     def resolve(
@@ -104,9 +110,14 @@ class Outline:
             change, grip = abs(held - grip), held
             for k, (nv, nu, nw, most_speed, compliance) in enumerate(rows):
                 excess = nv * v + nu * u + nw * w - most_speed
+                other, arm = contacts[k].other, contacts[k].arm
+                if other is not None and arm is not None:
+                    excess -= other.speed_of(arm)
                 force = max(0.0, forces[k] + excess / compliance)
                 step = force - forces[k]
                 forces[k] = force
+                if other is not None and arm is not None:
+                    other.push(arm, step)
                 v -= step * (i00 * nv + i01 * nw)
                 u -= step * iu * nu
                 w -= step * (i01 * nv + i11 * nw)
@@ -120,7 +131,9 @@ def _row(
     contact: Contact, mobility: tuple[float, float, float], iu: float, dt: float
 ) -> tuple[float, float, float, float, float]:
     """The contact's direction, the speed that would just close its gap, and its compliance."""
-    v, u, w, gap = contact
+    v, u, w, gap, other, arm = contact
     i00, i01, i11 = mobility
     compliance = i00 * v * v + 2.0 * i01 * v * w + i11 * w * w + iu * u * u
+    if other is not None and arm is not None:
+        compliance += other.compliance_of(arm)
     return v, u, w, max(0.0, gap) / dt, compliance

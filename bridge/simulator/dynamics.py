@@ -115,7 +115,9 @@ class Dynamics:
         _, _, loss, loss_w, _ = self._forces
         self._drag = (0.5 * dt * loss, 0.5 * dt * loss_w)
         self._hold_v = breakaway_v(profile)
-        self.mobility = (0.0, 0.0, 0.0)
+        j00, j01, j11 = self.inertia()
+        share = dt / (j00 * j11 - j01 * j01)
+        self.mobility = (share * j11, -share * j01, share * j00)
         self._caster = (0.0, 0.0)
 
     def inertia(self) -> tuple[float, float, float]:

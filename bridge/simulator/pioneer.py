@@ -11,6 +11,7 @@ from math import isfinite, radians
 
 from msgspec.structs import replace
 
+from armadico.bridge.simulator.arena import Arena
 from armadico.bridge.simulator.microcontroller import Microcontroller
 from armadico.bridge.simulator.plant import Plant, Streams
 from armadico.bridge.simulator.speed_loops import SpeedLoops
@@ -53,6 +54,9 @@ class Pioneer:
         self._name, self._cycle = profile.p2os.name, profile.p2os.cycle_s
         self._answering = False
         self._truth_at = 0.0
+        self._said = bytearray()  # for the client
+        self.bring_forward: Callable[[float], None] = self.live
+        """What lets time pass: for this robot alone, or for all that are in one world with it."""
 
     def watch(self, watcher: Callable[[Truth], None]) -> None:
         """Call `watcher` with the truth at every status packet."""
@@ -62,12 +66,18 @@ class Pioneer:
         """Take the client's bytes at a time, s of simulation."""
         self._answering = True
         if now > self.controller.time_s:
-            self.advance(now)
+            self.bring_forward(now)
         self.controller.receive(data)
+
+    def live(self, now: float) -> None:
+        """Live up to a time, s of simulation, whoever else is in its world."""
+        self._said += self.controller.advance(now)
 
     def advance(self, now: float) -> bytes:
         """Live up to a time, s of simulation; the bytes for the client."""
-        data = self.controller.advance(now)
+        self.bring_forward(now)
+        data = bytes(self._said)
+        self._said.clear()
         self._answering = False
         if now + 1e-9 >= self._truth_at:
             self._truth_at += self._cycle
@@ -82,6 +92,10 @@ class Pioneer:
         if not self.controller.is_open:
             return self._truth_at
         return self.controller.next_status_s
+
+    def meet(self, *others: Pioneer) -> None:
+        """Live in one world with others. Raises ValueError if one stands in something."""
+        Arena((self, *others))
 
     def truth(self) -> Truth:
         """True pose, speeds and clearance, which no agent can measure."""

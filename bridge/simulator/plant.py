@@ -16,6 +16,7 @@ from math import cos, hypot, inf, sin
 from random import Random
 
 from armadico.bridge.simulator.battery import Battery, in_contact
+from armadico.bridge.simulator.company import Body, Company
 from armadico.bridge.simulator.contact import SKIN_M, Contact, Motion, Outline, box_of
 from armadico.bridge.simulator.dynamics import Dynamics
 from armadico.bridge.simulator.encoders import Odometry
@@ -37,6 +38,7 @@ FASTEST_M_S = 1e3  # of what is so light or stiff that the steps are too long fo
 STALLED_M_S = 0.02  # rims slower than this, pushing a wall, are stalled
 PUSH_OUT = 0.2  # share of a penetration that is mended in a step
 PUSH_OUT_M = 0.005  # the most that is mended in a step
+PUSHING_M_S = 0.02  # who goes slower into another robot is run into, and runs into nobody
 
 Streams = Callable[[str], Random]
 """A random stream of one's own for a name; the same name gives the same numbers."""
@@ -94,6 +96,8 @@ class Plant:
         self._touched: float = -inf  # the last step in which the outline touched
         self._touching = False
         self.add_walls(walls)
+        self.body = Body(self._box, self._outline.mass_kg, STEP_S)  # as other robots meet it
+        self._company: Company | None = None
         self._runaway = (
             f"robot {profile.name!r}: its speeds grow without bound in the simulator's steps of"
             f" {1e3 * STEP_S:g} ms; compare its [body], [inertia] and [motor] with pioneer-2dx's"
@@ -111,6 +115,16 @@ class Plant:
     def add_segment(self, x1: float, y1: float, x2: float, y2: float) -> None:
         """One more wall, m."""
         self.add_walls([(x1, y1, x2, y2)])
+
+    def meet(self, others: Sequence[Body]) -> None:
+        """Be in one world with other robots; whoever brings them all forward says `look_around`."""
+        self._company = Company(self._walls, others)
+        self._margin = 0.0
+
+    def look_around(self) -> None:
+        """The others are now where they are."""
+        if self._company is not None:
+            self._margin = max(0.0, self._margin - self._company.look())
 
     def set_pose(self, x: float, y: float, theta: float) -> None:
         """Lift the robot and put it down elsewhere, at rest; its odometry does not notice."""
@@ -196,6 +210,7 @@ class Plant:
         dynamics, odometry, battery = self._dynamics, self._odometry, self.battery
         corner, half_track = self._corner_m, self._half_track
         emf, conductance = self._back_emf, self._conductance
+        self._take_push()
         x, y, theta = self.pose
         margin, walls_push = self._margin, self._touching or self._sideways != 0.0
         v, w = dynamics.v, dynamics.w
@@ -241,6 +256,23 @@ class Plant:
             watts = left_v * (left_v - emf * left) + right_v * (right_v - emf * right)
             battery.drain(watts * conductance, STEP_S)
         self.pose, self._margin = (x, y, theta), margin
+        self.show_body()
+
+    def _take_push(self) -> None:
+        """What others have done to its speeds since its last step."""
+        dynamics, body = self._dynamics, self.body
+        if self._company is None:
+            return
+        if (body.v, body.u, body.w) != (dynamics.v, self._sideways, dynamics.w):
+            dynamics.v, self._sideways, dynamics.w = body.v, body.u, body.w
+            self._margin = 0.0
+
+    def show_body(self) -> None:
+        """Be met as it is now."""
+        dynamics, body = self._dynamics, self.body
+        body.pose = self.pose
+        body.v, body.u, body.w = dynamics.v, self._sideways, dynamics.w
+        body.mobility = dynamics.mobility
 
     def _move_world(self) -> None:
         """What moves does, and may be nearer for it."""
@@ -268,18 +300,27 @@ class Plant:
             self._touching = False
             self._move(v, 0.0, w)
             return v, w
-        force, speeds = 0.0, self.speeds
+        force, speeds, met = 0.0, self.speeds, self._is_met(contacts)
         if reach or self._sideways:
             force = self._collide(contacts)
         touching = force > 0.0 or gap <= TOUCH_M
         moves = self._movement
-        bumped = touching and moves is not None and moves.walked_into(self.pose, speeds)
-        self._touch(touching, bumped)
+        into = moves is not None and moves.walked_into(self.pose, speeds)
+        self._touch(touching, touching and (met or into))
         self._margin = 0.0
         v, w = self._dynamics.v, self._dynamics.w
         rim = abs(v) + self._half_track * abs(w)
         self.blocked = force > 0.0 and rim < STALLED_M_S
         return v, w
+
+    def _is_met(self, contacts: list[Contact]) -> bool:
+        """Whether what it may touch is another robot, and it does not go there."""
+        met = min(contacts, key=lambda contact: contact.gap, default=None)
+        if met is None or met.other is None:
+            return False
+        dynamics = self._dynamics
+        speed = met.v * dynamics.v + met.u * self._sideways + met.w * dynamics.w
+        return speed < PUSHING_M_S
 
     def _collide(self, contacts: list[Contact]) -> float:
         """Move as the walls allow; the greatest force of a contact, N."""

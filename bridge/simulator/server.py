@@ -11,6 +11,7 @@ import select
 import socket
 import time
 from collections.abc import Callable
+from contextlib import AbstractContextManager
 from typing import Final, Protocol
 
 from armadico.bridge.simulator.pioneer import Pioneer
@@ -115,16 +116,42 @@ class TcpLine:
         self._client = client
 
 
+class Pace:
+    """Simulation time, s, of all robots of one world; what was missed is left out."""
+
+    def __init__(self, clock: Callable[[], float] = time.monotonic) -> None:
+        self._clock = clock
+        self._origin = clock()
+
+    def now(self, reached: float) -> float:
+        """What it is, if the simulation has reached a time: no more than a little later."""
+        now = self._clock() - self._origin
+        behind = now - reached
+        if behind > BEHIND_S:
+            self._origin += behind - POLL_S
+            now -= behind - POLL_S
+        return now
+
+
 class Simulation:
-    """Keeps a robot in step with the clock, and its port served."""
+    """Keeps a robot in step with the clock, and its port served.
+
+    Several of one world each have a thread, one pace, and a lock: one at a time lives.
+    """
 
     def __init__(
-        self, robot: Pioneer, line: Line, clock: Callable[[], float] = time.monotonic
+        self,
+        robot: Pioneer,
+        line: Line,
+        clock: Callable[[], float] = time.monotonic,
+        *,
+        pace: Pace | None = None,
+        turn: AbstractContextManager[object] | None = None,
     ) -> None:
         self._robot = robot
         self._line = line
-        self._clock = clock
-        self._origin = clock()
+        self._pace = pace or Pace(clock)
+        self._turn = turn or contextlib.nullcontext()
 
     def run(self, stop: Callable[[], bool]) -> None:
         """Serve until `stop` is true."""
@@ -133,24 +160,22 @@ class Simulation:
 
     def step(self) -> None:
         """Wait for the next thing to happen, and let it."""
-        wait = min(max(self._robot.due - self._now(), 0.0), POLL_S)
+        with self._turn:
+            wait = min(max(self._robot.due - self._now(), 0.0), POLL_S)
         data = self._line.read(wait)
-        now = self._now()
-        said = self._robot.advance(now)
+        with self._turn:
+            now = self._now()
+            said = self._robot.advance(now)
         if said:
             self._line.write(said)
         controller = self._robot.controller
         # Here and not behind `receive`: what came before CLOSE has been answered by now.
-        if data is None or (controller.hangs_up and self._line.hang_up()):
-            controller.disconnect()
-        elif data:
-            self._robot.receive(data, now)
+        hangs_up = controller.hangs_up and self._line.hang_up()
+        with self._turn:
+            if data is None or hangs_up:
+                controller.disconnect()
+            elif data:
+                self._robot.receive(data, now)
 
     def _now(self) -> float:
-        """Simulation time, s; what was missed while held up is left out."""
-        now = self._clock() - self._origin
-        behind = now - self._robot.controller.time_s
-        if behind > BEHIND_S:
-            self._origin += behind - POLL_S
-            now -= behind - POLL_S
-        return now
+        return self._pace.now(self._robot.controller.time_s)

@@ -9,7 +9,7 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Iterator, Sequence
 from math import atan2, hypot, inf, radians, tau
-from typing import NamedTuple
+from typing import NamedTuple, Protocol
 
 import numpy as np
 import numpy.typing as npt
@@ -69,6 +69,30 @@ class Corner(NamedTuple):
         return self.width < OUTER
 
 
+class Arm(NamedTuple):
+    """A direction at a place of a body, by its speeds ahead and to the left and its turn rate."""
+
+    v: float
+    u: float
+    w: float  # m
+
+
+class Other(Protocol):
+    """Another robot that may be met, and be pushed."""
+
+    def arm(self, x: float, y: float, nx: float, ny: float) -> Arm:
+        """How a force at a place (m) along a direction, in the world, works on it."""
+
+    def speed_of(self, arm: Arm) -> float:
+        """How fast the place moves that way, m/s."""
+
+    def compliance_of(self, arm: Arm) -> float:
+        """How much faster it is after a step with a newton, m/s."""
+
+    def push(self, arm: Arm, force: float) -> None:
+        """Take a force for a step, N."""
+
+
 class Segments(NamedTuple):
     """Some walls, as arrays of one length."""
 
@@ -118,8 +142,9 @@ class Walls:
     def __init__(self) -> None:
         self.space = pymunk.Space()
         none, points = np.empty(0), np.empty(0, complex)
-        self._all = self._moving = Segments(points, points, none, none, none)
+        self._all = self._moving = self._robots = Segments(points, points, none, none, none)
         self._shown: list[Segment] = []
+        self.others: dict[pymunk.Shape, Other] = {}  # robots in the space, by their outlines
         self._things = 0  # the first of what moves, people after them
         self._near = self._all
         self._plain: list[Segment] = []
@@ -144,7 +169,12 @@ class Walls:
         outlines = [*things, *people]
         self._things = len(things)
         self._moving = _segments(outlines, [surface] * len(outlines))[1]
-        self._shown = self._moving.plain()
+        self._shown = self._moving.plain() + self._robots.plain()
+
+    def show_robots(self, outlines: Sequence[Wall], surface: Surface) -> None:
+        """Other robots are now here, and answer so."""
+        self._robots = _segments(outlines, [surface] * len(outlines))[1]
+        self._shown = self._moving.plain() + self._robots.plain()
 
     def near(self, x: float, y: float) -> Segments:
         """Every wall within `NEAR_M` of a point, and perhaps some more."""
@@ -173,7 +203,8 @@ class Walls:
         if nearest > NEAR_M - box.half_length - box.half_width - abs(box.ahead):
             nearest = _clearance(self._all, pose, box)
         if self._shown:
-            nearest = min(nearest, _clearance(self._moving, pose, box))
+            moving = (_clearance(each, pose, box) for each in (self._moving, self._robots))
+            nearest = min(nearest, *moving)
         return nearest if nearest > TOUCH_M else 0.0
 
     def between(self, walls: Sequence[Wall], pose: tuple[float, float, float], box: Box) -> float:
@@ -182,7 +213,7 @@ class Walls:
 
     def distance(self, x: float, y: float) -> float:
         """From a point to the nearest wall, door or box, m; inf if none is."""
-        things = self._moving.chosen(np.arange(len(self._shown)) < self._things)
+        things = self._moving.chosen(np.arange(len(self._moving.length)) < self._things)
         ways = (_distance(walls, x, y) for walls in (self._all, things) if len(walls.length))
         return min((float(way.min()) for way in ways), default=inf)
 

@@ -50,8 +50,8 @@ def leg_clearance(world: str, a: tuple[float, float], b: tuple[float, float]) ->
 
 def test_the_thesis_experiments_are_all_there() -> None:
     every = ["floor", "house", "offices", "rooms-a", "rooms-b", "sc1", "sc2", "sc3", "sc4"]
-    assert sorted([*every, "floor-people", "surveillance"]) == SHIPPED
-    assert names("worlds") == sorted(["empty", "surveillance", *every])
+    assert sorted([*every, "fleet", "floor-people", "surveillance"]) == SHIPPED
+    assert names("worlds") == sorted(["empty", "hall", "surveillance", *every])
 
 
 @pytest.mark.parametrize("name", SHIPPED)
@@ -314,7 +314,7 @@ def test_a_fault_in_the_world_is_named_in_the_worlds_file(tmp_path: Path) -> Non
 
 
 def test_an_unknown_scenario_lists_what_there_is() -> None:
-    with pytest.raises(ConfigError, match=r"no scenario 'sc5'; did you mean 'sc\d'\? \(known: flo"):
+    with pytest.raises(ConfigError, match=r"no scenario 'sc5'; did you mean 'sc\d'\? \(known: fle"):
         load_scenario("sc5")
 
 

@@ -11,6 +11,8 @@ from .tree import ROOT, modules
 ROOMS = ("core", "config", "mesh", "runtime", "observe", "launch", "cli")
 
 EXCEPTIONS = {
+    ("armadico.mesh.topology", "fleet"): "the first part of keys that robots share",
+    ("armadico.cli.fleet", "robot"): "an option, --robot, and a column",
     ("armadico.config.scenarios", "robot"): "a key of a scenario's file: its robot's profile",
     ("armadico.config.hosts", "robot"): "a key of a host's entry: its robot's address",
     ("armadico.cli.run", "robot"): "an option, --robot",

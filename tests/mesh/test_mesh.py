@@ -26,7 +26,7 @@ from armadico.core.messages import (
     encode,
 )
 from armadico.mesh.base import Call, Mesh
-from armadico.mesh.topology import MeshError
+from armadico.mesh.topology import MeshError, TopologyError, checked_namespace
 from armadico.runtime.client import Client
 from armadico.runtime.inbox import Inbox
 
@@ -73,16 +73,16 @@ def asked(mesh: Mesh, key: str, request: Any) -> Box:
     return box
 
 
-def linked(*meshes: Mesh) -> None:
+def linked(*meshes: Mesh, by: str = "") -> None:
     """Wait until every one of them knows the others, subscriptions included."""
     for speaker in meshes:
         for listener in meshes:
             if speaker is not listener:
-                _greet(speaker, listener)
+                _greet(speaker, listener, by)
 
 
-def _greet(speaker: Mesh, listener: Mesh) -> None:
-    key = f"greeting/{id(speaker)}/{id(listener)}"
+def _greet(speaker: Mesh, listener: Mesh, by: str) -> None:
+    key = f"{by}greeting/{id(speaker)}/{id(listener)}"
     greetings = heard(listener, key)
     for _ in range(200):
         speaker.publish(key, Stop())
@@ -362,3 +362,40 @@ def test_what_a_client_publishes_goes_by_its_services_key(enter: Enter) -> None:
     linked(client.mesh, listener)
     client.publish(Stop(1, True, "tester", 1))
     assert listener.read(Stop, *box.get()) == Stop(1, True, "tester", 1)
+
+
+# Several robots -----------------------------------------------------------------------------------
+
+
+def test_what_lies_beside_the_robots_namespaces_reaches_every_robot_of_the_fleet(
+    enter: Enter,
+) -> None:
+    one, two, other = enter("lab/r1"), enter("lab/r2"), enter("yard/r1")
+    mine, theirs = heard(two, "fleet/*"), heard(other, "fleet/*")
+    private = heard(two, "encoder/pose")
+    linked(one, two, by="fleet/")
+    other.publish("fleet/pose", POSE)
+    one.publish("encoder/pose", POSE)
+    one.publish("fleet/pose", POSE)
+    key, data = mine.get()
+    assert key == "fleet/pose"
+    assert two.read(Pose, key, data) == POSE
+    assert mine.empty()
+    assert private.empty()
+    assert theirs.empty()
+
+
+def test_everything_of_one_robots_is_not_what_robots_share(enter: Enter) -> None:
+    one, two = enter("r1"), enter("r2")
+    everything, shared = heard(two, "**"), heard(two, "fleet/**")
+    linked(one, two, by="fleet/")
+    one.publish("fleet/r1/pose", POSE)
+    while shared.get()[0] != "fleet/r1/pose":
+        pass
+    assert everything.empty()
+
+
+def test_no_robot_is_called_as_what_robots_share_is() -> None:
+    for name in ("fleet", "lab/fleet"):
+        with pytest.raises(TopologyError, match="cannot be a namespace: its robots share"):
+            checked_namespace(name)

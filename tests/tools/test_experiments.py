@@ -6,7 +6,7 @@ import ast
 import json
 from importlib.util import find_spec
 from itertools import pairwise
-from math import hypot
+from math import hypot, pi
 from pathlib import Path
 
 import pytest
@@ -19,6 +19,8 @@ from armadico.cli.options import FailedError, UsageError
 from armadico.config.profile import load_profile
 from armadico.config.scenarios import load_scenario
 from armadico.config.worlds import World, load_world
+from armadico.core.agent import Identity, Publish
+from armadico.core.messages import Correction, Cycle, Pose, RobotState
 from armadico.observe.conditions import software
 from armadico.observe.measures import Result
 from armadico_tools.commands.experiment import main
@@ -48,6 +50,8 @@ from armadico_tools.experiments.driving import (
 from armadico_tools.experiments.driving_time import (
     ARMS,
     BASELINES,
+    EXACT,
+    Surveyor,
     cells_of,
     make,
     ratios,
@@ -409,6 +413,22 @@ def test_its_runs_are_virtual_and_say_so(tmp_path: Path) -> None:
     assert len(conditions) == len(ARMS)
     assert {found["mode"] for found in conditions.values()} == {"virtual"}
     assert ARMS["brisk"] in (tmp_path / "time" / "table.md").read_text(encoding="utf-8")
+
+
+def test_ours_are_told_again_and_again_that_the_pose_is_exact() -> None:
+    """Else no wall of the map is expected, and a few metres on nobody dares to drive."""
+    surveyor = Surveyor(Identity("surveyor-1"))
+    for number, covariance, told in ((1, (), 1), (2, EXACT, 0), (3, (0.01, *EXACT[1:]), 1)):
+        cycle = Cycle(1, number)
+        surveyor.receive(RobotState(cycle, 1.0, 0.0, 0.5 * pi, 0, 0, 12, True, False), 0.1 * number)
+        surveyor.receive(Pose(cycle, 2.0, 3.0, 0.5 * pi, covariance), 0.1 * number)
+        out, surveyor.outbox = surveyor.outbox, []
+        said = [o.message for o in out if isinstance(o, Publish)]
+        assert len(said) == told
+        for correction in said:
+            assert isinstance(correction, Correction)
+            assert (correction.x, correction.y, correction.theta) == pytest.approx((1.0, 3.0, 0.0))
+            assert correction.covariance == EXACT
 
 
 @pytest.mark.parametrize("arm", BASELINES)

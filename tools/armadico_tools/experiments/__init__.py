@@ -26,6 +26,7 @@ EXPERIMENTS: Final = {
     "time": "driving_time",
     "other-maps": "other_maps",
     "explore": "explore",
+    "fleet": "fleet",
     "surveillance": "surveillance",
     "energy": "energy",
     "docking": "docking",

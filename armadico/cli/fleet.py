@@ -1,0 +1,127 @@
+"""Several robots in one world, and a list of tasks that they share: `armadico run fleet`."""
+
+from __future__ import annotations
+
+import argparse
+import json
+import signal
+import sys
+from collections.abc import Callable
+from typing import TYPE_CHECKING, Final
+
+from armadico.cli import options
+from armadico.cli.options import UsageError
+from armadico.mesh.topology import DEFAULT_NAMESPACE
+
+if TYPE_CHECKING:
+    from armadico.config.scenarios import Scenario
+    from armadico.launch.society import Options
+    from armadico.mesh.base import Mesh
+    from armadico.observe.fleet import FleetResult, FleetWatch
+
+LINE_S: Final = 5.0
+"""How often a line is printed, s of the run."""
+
+ALONE: Final = ("attach", "runs", "plot", "rrd", "dashboard", "wait", "robot", "goal", "start")
+"""Options that are for the run of one robot."""
+
+
+def drive(args: argparse.Namespace, scenario: Scenario, chosen: Options) -> int:
+    """Have the tasks done; 0 only if all were, none twice, and nothing was touched."""
+    from dataclasses import replace  # noqa: PLC0415 - not for --help
+
+    for option in ALONE:
+        if getattr(args, option) not in (None, False):
+            raise UsageError(
+                f"--{option} is for the run of one robot, and {scenario.name} is a fleet's"
+            )
+    seed = scenario.seed if args.seed is None else args.seed
+    chosen = replace(chosen, seed=seed)
+    say = _Lines(f"{scenario.name} seed {seed}")
+    result = (_virtual if args.virtual else _live)(args, scenario, chosen, say.show)
+    if args.json:
+        import msgspec  # noqa: PLC0415 - not for --help
+
+        print(json.dumps(msgspec.to_builtins(result)))
+    else:
+        _table(result)
+    return 0 if result.passed else options.FAILED
+
+
+def fleet_of(args: argparse.Namespace) -> str:
+    """The fleet's name: the robots' namespaces are in it."""
+    from armadico.launch.fleet import FLEET  # noqa: PLC0415 - not for --help
+
+    name: str = args.namespace
+    return FLEET if name == DEFAULT_NAMESPACE else name
+
+
+def _virtual(
+    args: argparse.Namespace,
+    scenario: Scenario,
+    chosen: Options,
+    progress: Callable[[FleetWatch], None],
+) -> FleetResult:
+    from armadico.launch.fleet import FleetRehearsal  # noqa: PLC0415 - not for --help
+
+    rehearsal = FleetRehearsal(scenario, chosen, args.robots, fleet_of(args))
+    return rehearsal.run(progress if sys.stderr.isatty() else None, _say)
+
+
+def _live(
+    args: argparse.Namespace,
+    scenario: Scenario,
+    chosen: Options,
+    progress: Callable[[FleetWatch], None],
+) -> FleetResult:
+    from armadico.launch.local_fleet import LocalFleet  # noqa: PLC0415 - not for --help
+
+    def join(namespace: str) -> Mesh:
+        mesh = options.join(argparse.Namespace(**{**vars(args), "namespace": namespace}))
+        mesh.open()
+        return mesh
+
+    for number in (signal.SIGTERM, signal.SIGHUP):  # as Ctrl-C: everything is taken down
+        if signal.getsignal(number) is signal.SIG_DFL:
+            signal.signal(number, signal.default_int_handler)
+    fleet, joining = fleet_of(args), options.joining(args)
+    try:
+        with LocalFleet(scenario, chosen, args.robots, fleet, join, joining, _say) as run:
+            _say(f"{scenario.name}: starting {len(run.names)} robots: {', '.join(run.names)}")
+            return run.run(progress)
+    except KeyboardInterrupt:
+        _say(f"{scenario.name}: interrupted; all that it started has ended, nothing is measured")
+        raise
+
+
+class _Lines:
+    def __init__(self, label: str) -> None:
+        self._label = label
+        self._said_at = float("-inf")
+
+    def show(self, watch: FleetWatch) -> None:
+        """Now and then a line on stderr."""
+        if watch.began is not None and watch.now - self._said_at >= LINE_S:
+            self._said_at = watch.now
+            _say(f"{self._label} {watch.now - watch.began:6.1f} s  {watch.remark}")
+
+
+def _table(result: FleetResult) -> None:
+    from rich.console import Console  # noqa: PLC0415 - not for --help
+    from rich.table import Table  # noqa: PLC0415
+
+    table = Table(title=f"{result.scenario}, seed {result.seed}")
+    for column in ("robot", "tasks", "way m", "collisions", "run into", "clearance m"):
+        table.add_column(column, justify="left" if column in {"robot", "tasks"} else "right")
+    for row in result.robots:
+        least = "" if row.min_clearance_m is None else f"{row.min_clearance_m:.2f}"
+        did = " ".join(map(str, row.tasks))
+        table.add_row(
+            row.robot, did, f"{row.way_m:.1f}", str(row.collisions), str(row.bumped), least
+        )
+    Console().print(table)
+    print(result.verdict)
+
+
+def _say(text: str) -> None:
+    print(text, file=sys.stderr, flush=True)

@@ -1,0 +1,167 @@
+"""The measures of a fleet's run: messages of all its robots in, one row out (sans-IO)."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+from math import hypot
+
+from msgspec import Struct
+
+from armadico.core.messages import FleetClaims, FleetStatus, Message, Truth
+
+
+class RobotRow(Struct, frozen=True):
+    """One robot's share."""
+
+    robot: str
+    tasks: tuple[int, ...]  # that it did, in its order
+    way_m: float  # by the truth; 0 without
+    collisions: int  # of its own motion
+    bumped: int  # somebody ran into it
+    min_clearance_m: float | None
+
+
+class FleetResult(Struct, frozen=True):
+    """One run of a fleet.
+
+    `makespan_s` is from the moment that the list was taken on until the last task was done; null if
+    some were not. `twice` has those that two robots did. `messages` are those by which the tasks
+    were shared, poses apart, for one task.
+    """
+
+    scenario: str
+    seed: int
+    robots: tuple[RobotRow, ...]
+    tasks: int
+    done: int
+    twice: tuple[int, ...]
+    makespan_s: float | None
+    messages: float
+    limit_s: float | None = None
+    note: str = ""
+
+    @property
+    def passed(self) -> bool:
+        """All done, none twice, nothing touched."""
+        touched = sum(row.collisions + row.bumped for row in self.robots)
+        return self.done == self.tasks and not self.twice and not touched
+
+    @property
+    def verdict(self) -> str:
+        """One line on it."""
+        took = "" if self.makespan_s is None else f" in {self.makespan_s:.1f} s"
+        limit = "" if self.limit_s is None else f"; time limit of {self.limit_s:.0f} s"
+        touched = sum(row.collisions for row in self.robots)
+        return (
+            f"{self.done} of {self.tasks} tasks done{took} by {len(self.robots)} robots,"
+            f" {len(self.twice)} twice; {self.messages:.0f} messages a task,"
+            f" {touched} collisions{limit}"
+        )
+
+
+@dataclass
+class _Robot:
+    tasks: list[int] = field(default_factory=list)
+    way: float = 0.0
+    truth: Truth | None = None
+    first: Truth | None = None
+    clearance: float | None = None
+
+
+@dataclass
+class FleetWatch:
+    """Watches one run: say `begin` when the list is taken on, then show it every message."""
+
+    scenario: str
+    names: tuple[str, ...]
+    tasks: int
+    seed: int = 0
+    now: float = 0.0
+    began: float | None = None
+    list: int = 0
+    ended: float | None = None
+    messages: int = 0
+    limit: float | None = None
+    note: str = ""
+    status: dict[str, FleetStatus] = field(default_factory=dict)
+    _robots: dict[str, _Robot] = field(default_factory=dict)
+
+    def begin(self, list_id: int, now: float) -> None:
+        """The list is taken on."""
+        self.list, self.began = list_id, now
+
+    def show(self, robot: str, message: Message, now: float) -> None:
+        """Take one message that a robot's agents or simulator published."""
+        self.now = now
+        one = self._robots.setdefault(robot, _Robot())
+        if isinstance(message, FleetStatus):
+            self.status[robot] = message
+        elif isinstance(message, FleetClaims):
+            self._take(message)
+        elif isinstance(message, Truth):
+            if one.truth is not None and self.began is not None and self.ended is None:
+                one.way += hypot(message.x - one.truth.x, message.y - one.truth.y)
+            one.truth, one.first = message, one.first or message
+            if message.clearance is not None:
+                known = message.clearance if one.clearance is None else one.clearance
+                one.clearance = min(known, message.clearance)
+
+    def _take(self, said: FleetClaims) -> None:
+        if self.began is None or said.cycle.epoch != self.list:
+            return
+        self.messages += self.ended is None
+        for each in said.done:
+            did = self._robots.setdefault(each.by, _Robot()).tasks
+            if each.task not in did:
+                did.append(each.task)
+        if self.ended is None and len(self.done) == self.tasks:
+            self.ended = self.now
+
+    @property
+    def done(self) -> set[int]:
+        """Tasks that anybody says are done."""
+        return {task for one in self._robots.values() for task in one.tasks}
+
+    @property
+    def over(self) -> bool:
+        """Whether all is done."""
+        return self.ended is not None
+
+    @property
+    def remark(self) -> str:
+        """How far it is, for people."""
+        holds = ", ".join(f"{name} {len(s.holds)}" for name, s in sorted(self.status.items()))
+        return f"{len(self.done)} of {self.tasks} done; held: {holds or 'none'}"
+
+    def result(self) -> FleetResult:
+        """The row, as far as it has come."""
+        did = [task for one in self._robots.values() for task in one.tasks]
+        took = None
+        if self.ended is not None and self.began is not None:
+            took = round(self.ended - self.began, 2)
+        return FleetResult(
+            scenario=self.scenario,
+            seed=self.seed,
+            robots=tuple(self._row(name) for name in self.names),
+            tasks=self.tasks,
+            done=len(self.done),
+            twice=tuple(sorted({task for task in did if did.count(task) > 1})),
+            makespan_s=took,
+            messages=round(self.messages / max(self.tasks, 1), 1),
+            limit_s=None if self.over else self.limit,
+            note=self.note,
+        )
+
+    def _row(self, name: str) -> RobotRow:
+        one = self._robots.get(name, _Robot())
+        truth, first = one.truth, one.first
+        touched = bumped = 0
+        if truth is not None and first is not None:
+            bumped = truth.bumped - first.bumped
+            touched = truth.collisions - first.collisions - bumped
+        clearance = None if one.clearance is None else round(one.clearance, 3)
+        return RobotRow(name, tuple(one.tasks), round(one.way, 2), touched, bumped, clearance)
+
+
+FLEET_WATCHED: tuple[type[Message], ...] = (FleetStatus, FleetClaims, Truth)
+"""What a `FleetWatch` wants to be shown."""

@@ -1,0 +1,219 @@
+"""The fleet agent among others: a list is shared, done once, and outlives whoever dies."""
+
+from __future__ import annotations
+
+from random import Random
+
+import pytest
+
+from armadico.core.messages import FleetTask, Log, Message, MissionRequest, Stop, Waypoint
+from armadico.mesh.link_faults import LinkFaults
+from armadico.mesh.virtual import VirtualMesh
+from armadico_tools.experiments.kinematic import Band
+
+HERE = ((1.0, 0.0), (3.0, 0.0), (5.0, 0.0))
+JOINED_S = 2.0
+
+
+def tasks(count: int, seed: int = 1) -> list[FleetTask]:
+    rng = Random(seed)
+    places = (Waypoint(rng.uniform(0, 12), rng.uniform(0, 12), 0.0) for _ in range(count))
+    return [FleetTask(place, 3.0) for place in places]
+
+
+def at_work(robots: int = 3, count: int = 9, seed: int = 1) -> Band:
+    """Robots that have joined, and the first has been given the list."""
+    band = Band(HERE[:robots], tasks(count), seed)
+    band.mesh.run(JOINED_S)
+    band.give("f/r1")
+    band.mesh.run(JOINED_S + 0.1)
+    assert band.reply is not None
+    assert not band.reply.refusal
+    return band
+
+
+def lines(band: Band, name: str) -> list[str]:
+    found: list[str] = []
+
+    def take(_key: str, message: Message, _now: float) -> None:
+        assert isinstance(message, Log)
+        found.append(message.text)
+
+    band.mesh.watch(take, Log, namespace=name)
+    return found
+
+
+def once(band: Band, count: int) -> bool:
+    """Whether each task was done, and by one."""
+    doers = band.doers
+    return len(doers) == count and all(len(by) == 1 for by in doers.values())
+
+
+@pytest.mark.parametrize("robots", [1, 2, 3])
+def test_who_is_given_a_list_tells_the_others_and_each_task_is_done_once(robots: int) -> None:
+    band = at_work(robots)
+    assert band.run(400.0)
+    assert once(band, 9)
+    assert len({name for by in band.doers.values() for name in by}) == robots, "by all of them"
+
+
+def test_more_robots_are_sooner_done() -> None:
+    took = []
+    for robots in (1, 2, 3):
+        band = at_work(robots, 12)
+        assert band.run(600.0)
+        took.append(band.makespan)
+    assert took[0] > 1.5 * took[1] > 1.5 * took[2]
+
+
+def test_a_robot_that_dies_gives_its_tasks_back() -> None:
+    band = at_work()
+    band.mesh.run(30.0)
+    sharing = band.fleet("f/r2").sharing
+    assert sharing is not None
+    held = set(sharing.mine)
+    assert held
+    band.kill("f/r2")
+    assert band.run(400.0)
+    assert once(band, 9)
+    assert all(not held & {t} or by != {"r2"} for t, by in band.doers.items())
+
+
+def test_who_comes_late_is_told_and_takes_its_share() -> None:
+    band = at_work(1)
+    band.mesh.run(25.0)
+    band.enter("f/r2", (6.0, 6.0))
+    assert band.run(400.0)
+    assert once(band, 9)
+    assert {"r2"} in band.doers.values()
+
+
+def test_a_fleet_agent_that_was_started_again_alone_knows_what_is_done() -> None:
+    """Of one robot: its other agents remember the board."""
+    band = at_work(1)
+    band.mesh.run(50.0)
+    before = set(band.doers)
+    assert before
+    band.kill_agent("f/r1")
+    band.mesh.run(51.0)
+    band.start_agent("f/r1")
+    band.mesh.run(54.0)
+    assert set(band.doers) >= before
+    assert band.run(400.0)
+    assert once(band, 9)
+
+
+def test_a_second_list_has_to_wait_and_then_takes_the_first_ones_place() -> None:
+    band = at_work()
+    band.give("f/r2")
+    band.mesh.run(band.mesh.now + 1.0)
+    assert band.reply is not None
+    assert "works on a list of 9, of which 9 are not done" in band.reply.refusal
+    assert band.run(400.0)
+    band.give("f/r3")
+    band.mesh.run(band.mesh.now + 3.0)
+    assert not band.reply.refusal
+    assert not band.over
+    assert band.run(400.0)
+    assert once(band, 9)
+
+
+def test_two_fleets_with_one_name_are_told_apart() -> None:
+    """Each was given a list of its own before they heard of each other."""
+    mesh = VirtualMesh(3)
+    one = Band(HERE[:2], tasks(8), 3, mesh=mesh)
+    other = Band((), tasks(5, seed=2), 3, mesh=mesh)
+    for k, start in enumerate(HERE[:2]):
+        other.enter(f"f/r{k + 5}", start)
+    sides = ["f/r1", "f/r2"], ["f/r5", "f/r6"]
+    one.cut(*sides)
+    mesh.run(JOINED_S)
+    one.give("f/r1")
+    other.give("f/r5")
+    mesh.run(20.0)
+    said = lines(one, "f/r1") + lines(other, "f/r5")
+    heard = [lines(one, name) for name in (*sides[0], *sides[1])]
+    one.heal(*sides)
+    mesh.run(30.0)
+    assert not said
+    assert any("two fleets are named 'f'" in text for texts in heard for text in texts)
+    for name in sides[0]:
+        sharing = one.fleet(name).sharing
+        assert sharing is None or sharing.tasks == 8
+    assert one.run(600.0)
+    assert other.run(600.0)
+    lists = {one.fleet(name)._list.id for name in sides[0]}  # type: ignore[union-attr]
+    assert one.reply is not None
+    assert other.reply is not None
+    finished = {*one.fleet("f/r1")._finished, *other.fleet("f/r5")._finished}
+    assert lists <= {one.reply.list, other.reply.list}
+    assert {one.reply.list, other.reply.list} <= finished, "nothing of either is lost"
+
+
+def test_fleets_of_different_names_hear_nothing_of_each_other() -> None:
+    mesh = VirtualMesh(4)
+    one = Band(HERE[:2], tasks(6), 4, "lab", mesh)
+    other = Band(HERE[:2], tasks(6), 4, "yard", mesh)
+    mesh.run(JOINED_S)
+    one.give("lab/r1")
+    assert one.run(300.0)
+    assert other.fleet("yard/r1").sharing is None
+
+
+def test_a_task_to_which_one_robot_has_no_way_is_anothers() -> None:
+    band = Band(HERE[:2], tasks(6), 5)
+    far = band.tasks[2].goal
+    band.mesh.run(JOINED_S)
+    band.puppet("f/r1").unreachable.add((far.x, far.y))
+    band.give("f/r1")
+    assert band.run(400.0)
+    assert band.doers[2] == {"r2"}
+
+
+def test_a_robot_that_is_stopped_gives_its_tasks_back_and_takes_some_again() -> None:
+    band = at_work(2)
+    band.mesh.run(20.0)
+    band.mesh.publish(Stop(1, True, "tester", 1), namespace="f/r1")
+    band.mesh.run(24.0)
+    sharing = band.fleet("f/r1").sharing
+    assert sharing is not None
+    assert not sharing.mine
+    band.mesh.publish(Stop(2, False, "tester", 1), namespace="f/r1")
+    band.mesh.run(27.0)
+    assert sharing.mine
+
+
+def test_a_robot_that_somebody_sends_elsewhere_gives_its_tasks_back() -> None:
+    band = at_work(2)
+    band.mesh.run(20.0)
+    sharing = band.fleet("f/r1").sharing
+    assert sharing is not None
+    away = MissionRequest(Waypoint(30.0, 30.0, 0.0))
+    band.mesh.ask(away, lambda _: None, namespace="f/r1")
+    band.mesh.run(24.0)
+    assert not sharing.mine
+    assert band.run(600.0)
+    assert once(band, 9)
+
+
+def test_talk_does_not_grow_with_the_tasks() -> None:
+    def said(count: int) -> int:
+        band = at_work(3, count)
+        band.mesh.run(band.mesh.now + 20.0)  # by then all are held
+        band.published = 0
+        band.mesh.run(band.mesh.now + 20.0)
+        return band.published
+
+    assert said(40) <= said(12) + 10
+
+
+@pytest.mark.parametrize("seed", range(3))
+def test_nothing_is_done_twice_or_lost_where_a_third_of_all_messages_are(seed: int) -> None:
+    band = at_work(3, 9, seed)
+    names = [f"{name}/fleet" for name in band.names]
+    for a in names:
+        for b in names:
+            if a != b:
+                band.mesh.link(a, b).faults = LinkFaults(loss=0.3)
+    assert band.run(600.0)
+    assert once(band, 9)

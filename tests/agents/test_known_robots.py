@@ -1,0 +1,81 @@
+"""Other robots by their own word: where they are, how wide, and for how long."""
+
+from __future__ import annotations
+
+from math import pi
+
+import pytest
+
+from armadico.agents.methods.known_robots import OLD_S, REACH_M, WIDEST_M, KnownRobots, moved
+from armadico.agents.sonar import Parameters
+from armadico.core.messages import FleetPose
+
+from .test_sonar import Ring
+
+SURE = (1e-8, 0.0, 0.0, 1e-8, 0.0, 0.0)
+HERE = (0.0, 0.0, 0.0)
+
+
+def said(
+    x: float, y: float = 0.0, theta: float = 0.0, v: float = 0.0, w: float = 0.0, off: float = 0.0
+) -> FleetPose:
+    covariance = (off * off, 0.0, 0.0, 0.0, 0.0, 0.0)
+    return FleetPose("r2", x, y, theta, covariance, v, w, 0.21, 0.23, 0.165)
+
+
+def known(one: FleetPose) -> KnownRobots:
+    robots = KnownRobots("r1")
+    robots.hear(one, 0.0)
+    return robots
+
+
+def test_a_robot_is_expected_where_it_says() -> None:
+    points = known(said(1.0)).points(HERE, SURE, 0.0)
+    assert min(p.x for p in points) == pytest.approx(1.0 - 0.23, abs=1e-3)
+    assert max(p.x for p in points) == pytest.approx(1.0 + 0.21, abs=1e-3)
+    assert max(p.y for p in points) == pytest.approx(0.165, abs=1e-3)
+
+
+def test_it_is_seen_from_where_this_robot_stands() -> None:
+    points = known(said(1.0)).points((1.0, 2.0, -pi / 2), SURE, 0.0)
+    assert min(p.x for p in points) == pytest.approx(2.0 - 0.165, abs=1e-3)
+
+
+def test_it_is_moved_on_by_its_speeds() -> None:
+    points = known(said(1.0, v=0.5)).points(HERE, SURE, 1.0)
+    assert min(p.x for p in points) == pytest.approx(1.5 - 0.23, abs=1e-3)
+    assert moved(said(0.0, v=0.5, w=pi / 2), 2.0)[2] == pytest.approx(pi)
+
+
+def test_it_is_wider_by_what_both_poses_may_be_off() -> None:
+    theirs = known(said(1.0, off=0.1)).points(HERE, (0.01, 0.0, 0.0, 0.0, 0.0, 0.0), 0.0)
+    assert max(p.y for p in theirs) == pytest.approx(0.165 + 0.2, abs=1e-3)
+    lost = known(said(1.0, off=5.0)).points(HERE, SURE, 0.0)
+    assert max(p.y for p in lost) == pytest.approx(0.165 + WIDEST_M, abs=1e-3)
+
+
+def test_who_is_far_or_has_said_nothing_for_long_is_not_expected() -> None:
+    assert not known(said(REACH_M + 1.0)).points(HERE, SURE, 0.0)
+    robots = known(said(1.0))
+    assert robots.points(HERE, SURE, OLD_S - 0.1)
+    assert not robots.points(HERE, SURE, OLD_S + 0.1)
+    assert not known(said(1.0)).points(None, SURE, 0.0)
+
+
+def test_one_is_not_in_ones_own_way() -> None:
+    robots = KnownRobots("r2")
+    robots.hear(said(0.1), 0.0)
+    assert not robots.points(HERE, SURE, 0.0)
+
+
+def test_behaviours_are_shown_another_robot_that_no_sonar_has_heard() -> None:
+    ring = Ring(Parameters(namespace="lab/r1"))
+    ring.ping(pose=HERE)
+    ring.agent.receive(said(1.0), ring.now)
+    found = ring.ping(pose=HERE)
+    assert found.closest is not None
+    assert found.closest.x == pytest.approx(1.0 - 0.23, abs=0.03)
+    own = Ring(Parameters(namespace="lab/r2"))
+    own.ping(pose=HERE)
+    own.agent.receive(said(1.0), own.now)
+    assert own.ping(pose=HERE).closest is None

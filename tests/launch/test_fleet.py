@@ -1,0 +1,81 @@
+"""Several whole societies on one virtual mesh, their robots in one world."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import pytest
+from msgspec.structs import replace
+
+from armadico.config.errors import ConfigError
+from armadico.config.scenarios import Scenario, load_scenario
+from armadico.launch.fleet import FleetRehearsal, robots_of
+from armadico.launch.society import Options
+from armadico.observe.fleet import FleetResult
+
+FLEET = load_scenario("fleet")
+SHORT = replace(FLEET, tasks=FLEET.tasks[:1] + FLEET.tasks[9:11], look_s=2.0)
+
+
+def run(scenario: Scenario, robots: int, seed: int, **options: Any) -> FleetResult:
+    return FleetRehearsal(scenario, Options(seed=seed, **options), robots).run()
+
+
+def test_two_robots_share_the_tasks_and_touch_nothing() -> None:
+    result = run(SHORT, 2, 1)
+    assert result.passed, result.verdict
+    assert all(row.tasks for row in result.robots)
+    assert all(row.way_m > 3.0 for row in result.robots)
+
+
+def test_the_same_seed_is_the_same_run() -> None:
+    one, other = run(SHORT, 2, 5), run(SHORT, 2, 5)
+    assert one == other
+    assert run(SHORT, 2, 6) != one
+
+
+def test_a_robot_that_dies_on_the_way_stands_there_and_the_others_do_its_tasks() -> None:
+    fleet = FleetRehearsal(SHORT, Options(seed=2), 2)
+    dies, lives = fleet.names
+
+    def kill() -> bool:
+        holds = fleet.watch.status.get("r1")
+        if holds is not None and holds.holds and fleet.mesh.now > 12.0:
+            fleet.kill(dies)
+        return False
+
+    result = fleet.run(stop=kill)
+    assert result.done == result.tasks, result.verdict
+    assert not result.twice
+    assert not any(node.alive for node in fleet.mesh.nodes if node.namespace == dies)
+    assert any(node.alive for node in fleet.mesh.nodes if node.namespace == lives)
+
+
+def test_a_robot_hears_nothing_of_anothers_own() -> None:
+    fleet = FleetRehearsal(SHORT, Options(seed=3), 2)
+    fleet.mesh.run(5.0)
+    one, other = (fleet.mesh.node("goto", name).agent for name in fleet.names)
+    assert one.cycles.newest is not None
+    assert other.cycles.newest is not None
+    assert one.cycles.newest.epoch != other.cycles.newest.epoch
+
+
+@pytest.mark.parametrize("count", [0, 9])
+def test_as_many_robots_as_there_are_starts(count: int) -> None:
+    with pytest.raises(ConfigError, match=f"{count} robots: fleet has starts for 1 to 8"):
+        robots_of(FLEET, count)
+
+
+def test_a_fleet_needs_tasks_and_robots_stand_beside_each_other() -> None:
+    with pytest.raises(ConfigError, match="has no tasks"):
+        robots_of(load_scenario("sc1"), 1)
+    crowded = replace(FLEET, others=((1.6, 1.5, 0.0),))
+    with pytest.raises(ConfigError, match=r"cannot start at 1\.\d, 1\.5"):
+        FleetRehearsal(crowded, Options(), 2)
+
+
+def test_a_time_limit_ends_it() -> None:
+    result = run(SHORT, 1, 1, limit=5.0)
+    assert result.done < result.tasks
+    assert result.limit_s == 5.0
+    assert not result.passed

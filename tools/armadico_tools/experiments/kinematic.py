@@ -1,0 +1,253 @@
+"""A robot that drives in straight lines at one speed, instead of a whole society and a simulator.
+
+To its fleet agent it is a society: it numbers the cycles, knows where it is, plans, takes missions
+and reports. So what is measured with it is the fleet agent's, message by message, and nothing else:
+nobody is in anybody's way. Several live on one virtual mesh, in namespaces `f/r1`, `f/r2`, ...
+"""
+
+from __future__ import annotations
+
+from collections import Counter
+from collections.abc import Sequence
+from math import hypot
+from typing import Annotated, Any, ClassVar, Final
+
+from msgspec import Meta
+
+from armadico.agents.fleet import Fleet, Parameters
+from armadico.core import agent
+from armadico.core.agent import Agent, Identity, Question
+from armadico.core.cycles import CycleCounter
+from armadico.core.messages import (
+    Description,
+    FleetClaims,
+    FleetReply,
+    FleetRequest,
+    FleetTask,
+    FleetTasks,
+    Message,
+    MissionReply,
+    MissionRequest,
+    MissionState,
+    MissionStatus,
+    Plan,
+    PlanRequest,
+    Pose,
+    RobotState,
+    Waypoint,
+)
+from armadico.core.resources import WHEELS
+from armadico.mesh.virtual import Node, VirtualMesh
+
+CYCLE_S: Final = 0.2
+SURE: Final = (1e-4, 0.0, 0.0, 1e-4, 0.0, 1e-4)
+CRUISE_M_S: Final = 0.4
+TURN_S: Final = 3.0
+"""What each way takes besides its length, as the fleet agent counts on."""
+
+JOULES_A_M: Final = 60.0
+
+
+class PuppetParameters(agent.Parameters, frozen=True, kw_only=True):
+    """Where it begins, m."""
+
+    x: float = 0.0
+    y: float = 0.0
+    cruise_m_s: Annotated[float, Meta(gt=0, le=10)] = CRUISE_M_S
+
+
+class Puppet(Agent):
+    """Owns the wheels, plans straight ways, and is where its missions take it."""
+
+    name = "puppet"
+    alone = True
+    owns = (WHEELS,)
+    provides: ClassVar[tuple[type[Message], ...]] = (RobotState, Description, Pose, MissionStatus)
+    answers: ClassVar[tuple[type[Message], ...]] = (MissionRequest, PlanRequest)
+    parameters = PuppetParameters
+    p: PuppetParameters
+
+    def __init__(self, identity: Identity, parameters: Any = None) -> None:
+        super().__init__(identity, parameters)
+        self.x, self.y = self.p.x, self.p.y
+        self._counter = CycleCounter(self.rng.getrandbits(63), CYCLE_S)
+        self._mission, self._state = 0, MissionState.NONE
+        self._goal: Waypoint | None = None
+        self._to_go = self._turning = 0.0
+        self.unreachable: set[tuple[float, float]] = set()  # places to which it finds no way
+
+    def on_start(self) -> None:
+        """Begin to number cycles."""
+        self.wake_at(self.now + CYCLE_S)
+
+    def on_plan_request(self, question: Question) -> Plan:
+        """Straight."""
+        request = question.request
+        assert isinstance(request, PlanRequest)
+        length = hypot(request.goal.x - request.start.x, request.goal.y - request.start.y)
+        return Plan((request.goal,), length, length * JOULES_A_M)
+
+    def on_mission_request(self, question: Question) -> MissionReply:
+        """Go, at once."""
+        request = question.request
+        assert isinstance(request, MissionRequest)
+        if (request.goal.x, request.goal.y) in self.unreachable:
+            return MissionReply(0, "there is no way")
+        self._goal, self._state = request.goal, MissionState.DRIVING
+        self._mission = 1 + self.rng.getrandbits(62)
+        self._to_go = hypot(self._goal.x - self.x, self._goal.y - self.y)
+        self._turning = TURN_S
+        return MissionReply(self._mission, "", (self._goal,), self._to_go)
+
+    def on_wakeup(self) -> None:
+        """One cycle."""
+        self.wake_at(self.now + CYCLE_S)
+        self._move()
+        cycle = self._counter.next(self.now)
+        if cycle.number % 5 == 1:
+            said = Description("puppet", CYCLE_S, 0.2, 0.2, 0.2, 1, 1, 1, 1, 1, 1, 0.6, 2)
+            self.publish(said)
+        state = RobotState(cycle, self.x, self.y, 0.0, 0.0, 0.0, 12.9, True, False)
+        self.publish(state)
+        self.publish(Pose(cycle, self.x, self.y, 0.0, SURE))
+        if cycle.number % 2 == 0 or self._state is MissionState.REACHED:
+            self.publish(MissionStatus(self._mission, self._state, self._to_go))
+
+    def _move(self) -> None:
+        if self._state is not MissionState.DRIVING or self._goal is None:
+            return
+        if self._turning > 0.0:
+            self._turning -= CYCLE_S
+            return
+        step = self.p.cruise_m_s * CYCLE_S
+        if self._to_go <= step:
+            self.x, self.y, self._to_go = self._goal.x, self._goal.y, 0.0
+            self._state = MissionState.REACHED
+            return
+        share = step / self._to_go
+        self.x += share * (self._goal.x - self.x)
+        self.y += share * (self._goal.y - self.y)
+        self._to_go -= step
+
+
+class Band:
+    """Some such robots on one virtual mesh, with a list."""
+
+    def __init__(
+        self,
+        starts: Sequence[tuple[float, float]],
+        tasks: Sequence[FleetTask],
+        seed: int,
+        fleet: str = "f",
+        mesh: VirtualMesh | None = None,
+    ) -> None:
+        """Everybody starts; the list is still to be given."""
+        self.mesh = VirtualMesh(seed) if mesh is None else mesh
+        self.tasks = tuple(tasks)
+        self.published = 0  # messages by which tasks are shared: poses apart
+        self.began = 0.0
+        self.reply: FleetReply | None = None
+        self._puppets: dict[str, Node] = {}
+        self._agents: dict[str, Node] = {}
+        self._starts: Counter[str] = Counter()
+        for k, start in enumerate(starts):
+            self.enter(f"{fleet}/r{k + 1}", start)
+
+    # Who is there --------------------------------------------------------------------------------
+
+    @property
+    def names(self) -> list[str]:
+        """The namespaces of the robots that are alive."""
+        return list(self._agents)
+
+    def enter(self, name: str, start: tuple[float, float]) -> None:
+        """A robot comes."""
+        self.mesh.watch(self._count, FleetClaims, FleetTasks, namespace=name)
+        parameters = PuppetParameters(x=start[0], y=start[1])
+        puppet = Puppet(self._identity("puppet", name), parameters)
+        self._puppets[name] = self.mesh.add(puppet, namespace=name)
+        self.start_agent(name)
+
+    def start_agent(self, name: str) -> None:
+        """A robot's fleet agent starts, or starts again."""
+        agent_ = Fleet(self._identity("fleet", name), Parameters(namespace=name))
+        self._agents[name] = self.mesh.add(agent_, namespace=name)
+
+    def kill_agent(self, name: str) -> None:
+        """A robot's fleet agent dies, and nobody else."""
+        self._agents.pop(name).kill()
+
+    def kill(self, name: str) -> None:
+        """A robot dies, all of it."""
+        self.kill_agent(name)
+        self._puppets.pop(name).kill()
+
+    def fleet(self, name: str) -> Fleet:
+        """A robot's fleet agent."""
+        found = self._agents[name].agent
+        assert isinstance(found, Fleet), "it is"
+        return found
+
+    def puppet(self, name: str) -> Puppet:
+        """A robot."""
+        found = self._puppets[name].agent
+        assert isinstance(found, Puppet), "it is"
+        return found
+
+    # What happens --------------------------------------------------------------------------------
+
+    def give(self, name: str) -> None:
+        """Give the list to one of them."""
+        self.began = self.mesh.now
+
+        def take(reply: Message | None) -> None:
+            self.reply = reply if isinstance(reply, FleetReply) else None
+
+        self.mesh.ask(FleetRequest(self.tasks), take, namespace=name)
+
+    def run(self, seconds: float) -> bool:
+        """Let time pass until all that are alive know that all is done; whether they do."""
+        self.mesh.run(self.mesh.now + seconds, lambda: self.over)
+        return self.over
+
+    @property
+    def over(self) -> bool:
+        """Whether all know that all is done."""
+        sharing = [self.fleet(name).sharing for name in self._agents]
+        return bool(sharing) and all(one is not None and not one.open for one in sharing)
+
+    @property
+    def makespan(self) -> float:
+        """Since the list was given, s."""
+        return self.mesh.now - self.began
+
+    @property
+    def doers(self) -> dict[int, set[str]]:
+        """By task who did it, by all that anybody knows who is alive."""
+        found: dict[int, set[str]] = {}
+        for name in self._agents:
+            sharing = self.fleet(name).sharing
+            for task, by in (sharing.done if sharing is not None else {}).items():
+                found.setdefault(task, set()).update(by)
+        return found
+
+    def cut(self, some: Sequence[str], others: Sequence[str]) -> None:
+        """What some robots publish does not reach others, and the other way round."""
+        self.mesh.cut(self._addresses(some), self._addresses(others))
+        self.mesh.cut(self._addresses(others), self._addresses(some))
+
+    def heal(self, some: Sequence[str], others: Sequence[str]) -> None:
+        """Undo a cut."""
+        self.mesh.heal(self._addresses(some), self._addresses(others))
+        self.mesh.heal(self._addresses(others), self._addresses(some))
+
+    def _addresses(self, names: Sequence[str]) -> list[str]:
+        return [each for name in names for each in (f"{name}/fleet", f"{name}/puppet")]
+
+    def _identity(self, agent_name: str, name: str) -> Identity:
+        start = self._starts[f"{name}/{agent_name}"]
+        self._starts[f"{name}/{agent_name}"] += 1
+        return self.mesh.identity(agent_name, start, name)
+
+    def _count(self, _key: str, _message: Message, _now: float) -> None:
+        self.published += 1
