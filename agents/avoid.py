@@ -178,7 +178,7 @@ class Avoid(Behaviour):
         if zone == "stop" or abs(heading) > p.turn_first:
             speed = 0.0 if abs(heading) > p.aligned else min(speed, p.v_danger)
         w = max(-p.w_max, min(p.w_max, p.turn_gain * heading))
-        speed, w, _ = limit(speed, w, scene, p.safety)
+        speed, w, _ = limit(self.as_sure(speed), w, scene, p.safety)
         degrees = heading * 180 / pi
         if speed < 0.02 and abs(w) < 0.05:
             return self._turn_on_the_spot(scene, heading), f"{zone}: turn out to {degrees:.0f} deg"
@@ -305,7 +305,7 @@ class Avoid(Behaviour):
     def _onward(self, scene: Scene, wanted: float, v: float) -> tuple[float, float]:
         """What to command in the cycle or two until another agent takes over."""
         w = max(-self.p.w_max, min(self.p.w_max, self.p.turn_gain * wanted))
-        return limit(v, w, scene, self.p.safety)[:2]
+        return limit(self.as_sure(v), w, scene, self.p.safety)[:2]
 
     def _way(self, pose: Pose, obstacles: Obstacles) -> Way:
         """Where the trajectory leads; it bends or ends if the point ahead is nearer than asked."""

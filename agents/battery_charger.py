@@ -22,12 +22,14 @@ from armadico.core.geometry import compose, relative
 from armadico.core.messages import (
     BatteryAlarm,
     BatteryLevel,
+    Board,
     ChargeRequest,
     ChargeState,
     ChargeStatus,
     EnergyReply,
     EnergyRequest,
     Message,
+    MissionEnd,
     MissionReply,
     MissionState,
     MissionStatus,
@@ -79,7 +81,8 @@ LOOKING = 0.02
 class Parameters(agent.Parameters, frozen=True, kw_only=True):
     """What counts as enough, and how much charging is worth.
 
-    A mission's utility is from 0.1 to 0.8 by its priority.
+    A mission's utility is from 0.1 to 0.8 by its priority. It may not bid while it takes a photo or
+    has a way planned; what is worth less does not take the robot from it even then.
     """
 
     world: Annotated[str, Meta(min_length=1)] = "empty"
@@ -91,6 +94,8 @@ class Parameters(agent.Parameters, frozen=True, kw_only=True):
     plenty: Annotated[float, Meta(gt=1, le=100)] = 4.0  # so many times what is needed is plenty
     idle_below: Share = 0.5  # with less than this it is charged when nobody else wants to drive
     idle_utility: Share = 0.02
+    mission_lowest: Share = 0.1  # utility of a mission without priority,
+    mission_highest: Share = 0.8  # and with all of it
     urgent: Share = 0.2  # a robot that has no more than this stays in the dock, but for nearly all,
     ready: Share = 0.8  # and with this leaves it for whoever wants to drive
     look_s: Seconds = 60.0  # from one look how far the docks are to the next
@@ -231,6 +236,8 @@ class BatteryCharger(Agent):
         if utility <= 0.0:
             self.why = "there is energy enough"
             return None
+        if self.errand.stage is Stage.REACHED and self.errand.driven is not None:
+            return Bid(utility, self.errand.driven, critical, reason="lined up with the dock")
         if self._standing is not None:
             reason = f"{self._state.value}: {100.0 * self._share:.0f} %"
             return Bid(utility, self._standing, critical, reason=reason)
@@ -246,13 +253,23 @@ class BatteryCharger(Agent):
             return 0.95
         sent = share < self._until and self.now - self._sent_at < SENT_S
         if self._state is ChargeState.CHARGING:
-            return max(ramp_down(share, p.urgent, p.ready, 0.9, 0.0), SENT if sent else 0.0)
-        worth = p.idle_utility if share < p.idle_below else 0.0
+            worth = ramp_down(share, p.urgent, p.ready, 0.9, 0.0)
+        else:
+            worth = p.idle_utility if share < p.idle_below else 0.0
+            if self._needed is not None:
+                least = self._needed * p.more + p.reserve * self._full_j
+                worth = max(worth, ramp_down(self._left / least, 1.0, p.plenty, 0.9, 0.0))
         worth = max(worth, SENT if sent else 0.0)
-        if self._needed is not None:
-            least = self._needed * p.more + p.reserve * self._full_j
-            worth = max(worth, ramp_down(self._left / least, 1.0, p.plenty, 0.9, 0.0))
-        return 0.0 if self._foreign and worth < PEOPLES else worth
+        return 0.0 if worth < self._others else worth
+
+    @property
+    def _others(self) -> float:
+        """What charging must be worth at least, by what the robot is wanted for now."""
+        board = self.memory.newest(Board)
+        missions = () if board is None else board.missions
+        low, span = self.p.mission_lowest, self.p.mission_highest - self.p.mission_lowest
+        under_way = [low + span * m.priority for m in missions if m.state is MissionEnd.ACTIVE]
+        return max(under_way, default=PEOPLES if self._foreign else 0.0)
 
     @property
     def _critical(self) -> bool:

@@ -147,7 +147,7 @@ class Gothrough(Behaviour):
         else:
             v, w = self._proportional(alpha, pose)
         if p.rules == "safe":
-            v, w, free = limit(v, w, self.scene(obstacles), p.safety)
+            v, w, free = limit(self.as_sure(v), w, self.scene(obstacles), p.safety)
             if free < p.clear_m:
                 return self._none(f"only {free:.2f} m of free way")
         self._commanded = (v, w)

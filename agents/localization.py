@@ -62,12 +62,12 @@ class Parameters(agent.Parameters, frozen=True, kw_only=True):
     lost_way_m: Metres = 1.0  # all along such a way,
     lost_turn_rad: Angle = 3.0  # or such a turn, or a part of both:
     doubt_m: Metres = 0.35  # before that it is no surer than this
-    found: Share = 0.95  # and found with this much,
-    found_m: Metres = 0.3
-    found_fit: Share = 0.28
-    found_way_m: Metres = 1.0  # all along such a way,
-    found_turn_rad: Angle = 3.0  # or such a turn, or a part of both,
-    found_times: Annotated[int, Meta(ge=1, le=100)] = 2  # and no other place was found that fits
+    looks_after: Annotated[int, Meta(ge=1, le=100)] = 5  # new readings, on the whole map
+    found: Share = 0.95  # and found with this much in one of all the places that fit,
+    found_fit: Share = 0.28  # where the readings fit so well, by their geometric mean,
+    found_times: Annotated[int, Meta(ge=1, le=100)] = 3  # so often in a row;
+    proved_times: Annotated[int, Meta(ge=0, le=100)] = 4  # sure of it, once it has so often been
+    unproved_m: Metres = 0.4  # the best one since: until then nobody drives fast by it
     filter: Settings = Settings()
 
 
@@ -112,8 +112,9 @@ class Localization(Agent):
         self._since: float | None = None  # when it began to seem lost
         self._doubts = False  # the readings fit badly,
         self._misfit = 0.0  # and have done so for such a share of the way that it takes to be lost
-        self._alone = 0  # so often no other place has been found that fits
-        self._sure = 0.0  # how much of what is asked for it has been sure since
+        self._sure = 0  # so often in a row one place has been much better than all others,
+        self._best: Pose2 = STOOD  # this one,
+        self._unproved = 0  # and so often it has to be that yet
         self._shown_at = float("-inf")
 
     def on_pose(self, pose: Pose) -> None:
@@ -147,6 +148,7 @@ class Localization(Agent):
         self._motion = motion = relative(before, odometry)
         self._filter.move(motion)
         self._at = None if self._at is None else compose(self._at, motion)
+        self._best = compose(self._best, motion)
 
     def on_sonar(self, sonar: Sonar) -> None:
         """Weigh the particles, and publish where they are."""
@@ -155,16 +157,20 @@ class Localization(Agent):
         if self._filter.due:
             ago = self._ping_s / self.cycles.period
             self._filter.weigh(as_fired(sonar.echoes, self._motion, ago))
+        if (self._lost or self._unproved) and self._filter.news >= self.p.looks_after:
+            self._look()
         # While it knows where it is it stays with that place: another one that fits as well, the
         # room next door, is no reason to leave it before it no longer fits.
         found = self._filter.estimate(None if self._lost else self._at)
         self._judge(found)
         self._filter.lost = self._lost
         c = found.covariance
-        if self._doubts and found.deviation_m < self.p.doubt_m:
-            c = c + np.diag([0.5 * self.p.doubt_m**2] * 2 + [0.0])
         if self._lost:  # who fits nowhere is nowhere: at least a metre off
             c = np.maximum(self._filter.scatter(), np.eye(3))
+        elif self._unproved:
+            c = c + np.diag([0.5 * self.p.unproved_m**2] * 2 + [0.0])
+        elif self._doubts and found.deviation_m < self.p.doubt_m:
+            c = c + np.diag([0.5 * self.p.doubt_m**2] * 2 + [0.0])
         self.publish(
             Correction(
                 sonar.cycle,
@@ -181,20 +187,19 @@ class Localization(Agent):
     def _judge(self, found: Estimate) -> None:
         """Whether it is lost: if it seems so for a while, and found once it has been sure.
 
-        An estimate that leaps is of another place: the robot is lost until it has been sure of it.
+        An estimate that leaps is of another place: the robot is lost until it is found there.
         Readings that fit badly, and no better anywhere else, may be people's: it slows down, and
         only whom no reading fits for a while of driving has been carried away.
         """
         p, x, y = self.p, found.pose[0], found.pose[1]
         wide, share, fit = found.deviation_m, found.share, found.fit
-        leaps = self._at is not None and (
-            hypot(x - self._at[0], y - self._at[1]) > LEAP_M
-            or abs(wrap(found.pose[2] - self._at[2])) > LEAP_RAD
-        )
+        leaps = self._at is not None and apart(found.pose, self._at)
         self._at = found.pose
         if not self._lost:
             usual = max(found.usual, p.filter.fits)  # a wrong place is no standard
-            self._doubts = fit < p.lost_fit * usual
+            doubted, self._doubts = self._doubts, fit < p.lost_fit * usual
+            if self._doubts and not doubted:
+                self._filter.news = 0
             x_, y_, turn = self._motion
             moved = hypot(x_, y_) / p.lost_way_m + abs(turn) / p.lost_turn_rad
             self._misfit = self._misfit + moved if self._doubts else 0.0
@@ -203,25 +208,44 @@ class Localization(Agent):
             waited = self._since is not None and self.now - self._since >= p.lost_s
             if not (waited or leaps or self._misfit >= 1.0):
                 return
-            self._lost, self._since, self._sure = True, None, 0.0
-            self._doubts, self._misfit = False, 0.0
-            self._alone = 0
-            self.log(
-                f"the robot is lost: at best at ({x:.2f}, {y:.2f}), with {100 * share:.0f} % of the"
-                f" weight, +-{wide:.2f} m; the readings fit by {fit:.2f}",
-                WARNING,
+            if not self._unproved:  # it may have been carried here when it began to doubt
+                self._filter.forget(self._filter.news if self._doubts else 0)
+            self._lose(
+                f"at best at ({x:.2f}, {y:.2f}), with {100 * share:.0f} % of the"
+                f" weight, +-{wide:.2f} m; the readings fit by {fit:.2f}"
             )
-        else:
-            x_, y_, turn = self._motion
-            moved = hypot(x_, y_) / p.found_way_m + abs(turn) / p.found_turn_rad
-            sure = share >= p.found and wide <= p.found_m and fit >= p.found_fit and not leaps
-            self._sure = self._sure + moved if sure else 0.0
-            if self._sure >= 1.0 and moved:
-                self._alone = 0 if self._filter.rivalled(found.pose) else self._alone + 1
-                if self._alone < p.found_times:
-                    return
-                self._lost, self._since = False, None
-                self.log(f"the robot is found: at ({x:.2f}, {y:.2f})")
+        elif self._sure >= p.found_times:
+            self._lost, self._since, self._unproved = False, None, p.proved_times
+            self.log(f"the robot is found: at ({x:.2f}, {y:.2f})")
+
+    def _lose(self, why: str) -> None:
+        self._lost, self._since, self._sure, self._unproved = True, None, 0, 0
+        self._doubts, self._misfit = False, 0.0
+        self.log(f"the robot is lost: {why}", WARNING)
+
+    def _look(self) -> None:
+        """Look for it on the whole map, by all that it has heard of late.
+
+        One place has to be much better than all others, again and again while the robot goes on:
+        to be found wrongly is worse than to be found late.
+        """
+        best, *_ = self._filter.places()
+        x, y, _ = best.pose
+        if not self._lost and self._at is not None:
+            if apart(best.pose, self._at):
+                self._lose(f"what it heard since it was found fits better at ({x:.2f}, {y:.2f})")
+            elif best.share >= self.p.found:
+                self._unproved -= 1
+            return
+        sure = best.share >= self.p.found and best.fit >= self.p.found_fit
+        again = self._sure if not apart(best.pose, self._best) else 0
+        self._sure, self._best = (again + 1 if sure else 0), best.pose
+
+
+def apart(one: Pose2, other: Pose2) -> bool:
+    """Whether these are two places."""
+    far = hypot(one[0] - other[0], one[1] - other[1]) > LEAP_M
+    return far or abs(wrap(one[2] - other[2])) > LEAP_RAD
 
 
 def as_fired(echoes: Sequence[Echo], motion: Pose2, share: float) -> list[Echo]:

@@ -225,7 +225,6 @@ class MissionPlanning(Agent):
         else:
             return
         self._changed = True
-        self._look()
 
     def on_subplan(self, subplan: Subplan) -> None:
         """A planner agent's answer."""
@@ -359,8 +358,8 @@ class MissionPlanning(Agent):
         if not (self._changed or due) or (known is None and not self._missions.entries):
             return
         counter = 1 if known is None else next_count(known.counter)
-        board = self._missions.board(counter, self._by)
-        self.publish(replace(board, alarms=(*self._alarms,), unchecked=(*self._unchecked,)))
+        board = Board(counter, self._by, (), (*self._alarms,), (*self._unchecked,))
+        self.publish(self._missions.board(board))
         self._published_at, self._changed = self.now, False
 
     # What a task wants ----------------------------------------------------------------------------

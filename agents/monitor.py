@@ -77,6 +77,7 @@ class Parameters(agent.Parameters, frozen=True, kw_only=True):
     hung_s: Seconds = 5.0  # it has answered nothing for so long
     late_s: Seconds = 3.0  # a service it provides is late by this
     gone_s: Seconds = 3.0  # nobody looks after an agent that is needed: another host is asked
+    first_s: Seconds = 60.0  # the same, and nobody ever has: its host may yet be switched on
     trust_s: Seconds = 10.0  # somebody does, and it is not back: another host is asked, too
     again_s: Seconds = 5.0  # until the same is asked for again
     refused_s: Seconds = 30.0  # until a host that has refused is asked again
@@ -115,6 +116,7 @@ class Monitor(Agent):
         self._known: dict[str, _Known] = {}
         self._shares: dict[str, tuple[HostShare, float]] = {}  # by wakeup agent, and when it came
         self._needs: dict[str, tuple[str, ...]] = {}  # by host, also of those that are gone
+        self._had: set[str] = set()  # who was well once, or looked after
         self._dismissed: set[str] = set()  # kept by a host that has left in order
         self._others: dict[str, tuple[int, float]] = {}  # monitors: longer at work by, heard when
         self._heard: dict[type[Message], float] = {}
@@ -171,6 +173,7 @@ class Monitor(Agent):
             return
         self._shares[share.instance] = (share, self.now)
         self._needs[share.host] = share.needs
+        self._had |= agents
         ended = {n for kept in share.kept if kept.state is KeptState.ENDED for n in kept.agents}
         self._dismissed -= agents - ended
         self._dismissed |= ended
@@ -330,6 +333,7 @@ class Monitor(Agent):
     def _miss(self, unwell: Container[str]) -> None:
         """Note who is needed, and not there or not well."""
         well = {known.name for known in self._known.values() if known.instance not in unwell}
+        self._had |= well
         needed = {name for names in self._needs.values() for name in names} - self._dismissed
         missing = sorted(needed - well)
         self._lacking = {name: self._lacking.get(name, self.now) for name in missing}
@@ -350,7 +354,7 @@ class Monitor(Agent):
 
     def _replace(self, name: str, missed_s: float, busy: set[str]) -> None:
         """Have somebody who is needed started where it can be, if nobody looks after it."""
-        if missed_s < self.p.gone_s:
+        if missed_s < (self.p.gone_s if name in self._had else self.p.first_s):
             return
         hosts = self._hosts()
         kept = any(

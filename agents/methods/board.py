@@ -7,6 +7,7 @@ Whoever proposes one that is more urgent than the active one suspends that; it g
 from __future__ import annotations
 
 import zlib
+from contextlib import suppress
 from dataclasses import dataclass
 from typing import Final
 
@@ -35,7 +36,22 @@ FINISHED_MOST: Final = 8
 AHEAD_TOLD: Final = 16
 """Steps to come that are told of."""
 
+TEXTS_MOST: Final = 24_000
+"""Bytes of the texts of all missions that go on, deflated: results and frames fit beside them."""
+
+RESULTS_TOLD: Final = ((100, 100), (10, 100), (0, 50), (0, 10), (0, 0))
+"""So many results of each mission that is over, and of each that goes on: the first that fit."""
+
 GOING_ON: Final = frozenset({MissionEnd.QUEUED, MissionEnd.ACTIVE, MissionEnd.SUSPENDED})
+
+
+def _cut(told: BoardMission, most: int) -> BoardMission:
+    """A mission with its newest results only."""
+    results = told.course.results
+    if len(results) <= most:
+        return told
+    newest = results[len(results) - most :]
+    return replace(told, course=replace(told.course, results=newest))
 
 
 class RefusedError(ValueError):
@@ -86,12 +102,10 @@ class Missions:
         told = BoardMission(
             number, order.name, priority, MissionEnd.QUEUED, order.by, text=order.text
         )
+        going_on = [entry.told.text for entry in self.entries.values() if entry.goes_on]
+        if sum(map(len, [*going_on, order.text])) > TEXTS_MOST:
+            raise RefusedError("the board is full: nobody could be told of it; cancel one")
         entry = self.entries[number] = Entry(told, mission)
-        try:
-            encode(self.board(0, 0))
-        except MessageError:
-            del self.entries[number]
-            raise RefusedError("the board is full: nobody could be told of it") from None
         return entry
 
     def cancel(self, number: int) -> list[Entry]:
@@ -125,10 +139,20 @@ class Missions:
         begun = [entry for entry in urgent if entry.told.state is not MissionEnd.QUEUED]
         return next(iter(begun or urgent), None)
 
-    def board(self, counter: int, by: int) -> Board:
-        """All of it, as it is told: those that go on first."""
+    def board(self, board: Board) -> Board:
+        """All of it, as it is told: those that go on first.
+
+        What would not fit into a message is left out: of results the oldest, of those first that
+        are over.
+        """
         told = sorted(self.entries.values(), key=lambda entry: not entry.goes_on)
-        return Board(counter, by, tuple(entry.told for entry in told))
+        for over, others in RESULTS_TOLD:
+            missions = tuple(_cut(e.told, others if e.goes_on else over) for e in told)
+            found = replace(board, missions=missions)
+            with suppress(MessageError):
+                encode(found)
+                break
+        return found
 
     def show(self, entry: Entry, room: str) -> None:
         """Bring up to date what is told of a mission for people."""

@@ -10,8 +10,9 @@ from __future__ import annotations
 
 from collections import deque
 from collections.abc import Iterator, Sequence
-from math import hypot, inf, sqrt
-from typing import Final
+from itertools import islice
+from math import exp, hypot, inf, sqrt
+from typing import Final, NamedTuple
 
 import numpy as np
 from msgspec import Struct
@@ -31,6 +32,23 @@ NEAR_BY: Final = np.array((0.12, 0.12, 0.1), dtype=np.float32)
 
 COPIES: Final = 5
 """So often one that is worth it is looked at."""
+
+APART_M, APART_RAD = 0.4, 0.4
+"""What is nearer to each other is one place."""
+
+GHOST: Final = np.float32(0.1)
+"""Least likelihood of an echo in a stretch of the drive: one off several walls is heard again and
+again from there, and would outweigh all others."""
+
+LEAST_SHARE: Final = 0.005
+"""Of the best place's: where less is believed no guess is put."""
+
+FINER: Final = ((1.0, 60, 5), (0.4, 20, 8), (0.25, 12, 24), (0.12, 12, 40))
+"""Rounds in which what fits best is looked for about each place: how far about it, in shares of
+`NEAR_BY`, how many places are left then, and how many guesses there are about each."""
+
+FIRST: Final = (4, 8, 16)
+"""After so many readings, of all in a random order, the worse two thirds of places are dropped."""
 
 SIFTED_AFTER: Final = 3
 """Of places that may be where the robot is a third is left after so many readings."""
@@ -65,10 +83,13 @@ class Settings(Struct, frozen=True):
     bad: float = 0.22  # and below this the robot may have been carried away just now
     candidates: int = 16_000  # places that are tried when the robot may be elsewhere,
     tries: int = 200  # the best of them that become particles,
+    a_cell: float = 0.3  # and at least so many for each free cell of the map,
+    most_candidates: int = 64_000  # but not more than this;
     known: int = 30  # if they are better than this many that there are,
     better: float = 20.0  # by so much in the logarithm of the likelihood,
-    rival: float = 12.0  # and by how much the one where the robot is must be better than others;
+    rival: float = 10.0  # a place that fits worse by this has a share that is e times smaller
     kept: int = 20  # by so many readings of late,
+    remembered: int = 40  # or, if the robot is lost, by so many, and all that was heard with them;
     apart_m: float = 0.15  # each so far from the one before, or turned by so much
     apart_rad: float = 0.2
 
@@ -78,6 +99,37 @@ UNEXPLAINED: Final = 0.1
 
 RING: Final = 16
 """Readings that are looked at for how many are short: two rounds of a Pioneer's front ring."""
+
+
+class Reading(NamedTuple):
+    """What was heard while the robot came as far as one reading is from the next."""
+
+    motion: Pose2  # to where it was taken, from where the one before was
+    echoes: Sequence[Echo]  # of its cycle,
+    more: list[Echo]  # and of those after it, their sonars in the same frame
+
+
+class Behind(NamedTuple):
+    """A reading that was taken on the way here."""
+
+    to: Pose2  # where, from here, by the odometry,
+    way: float  # m and
+    turn: float  # rad on the way back there
+    reading: Reading
+
+
+class Place(Struct, frozen=True):
+    """Where the robot may be, by all that it has heard of late.
+
+    Attributes:
+        pose: m, m, rad.
+        share: Of all the places that there are, 0 to 1.
+        fit: The geometric mean of the echoes' likelihoods there.
+    """
+
+    pose: Pose2
+    share: float
+    fit: float
 
 
 class Estimate(Struct, frozen=True):
@@ -135,7 +187,8 @@ class MonteCarlo:
         self._short: deque[bool] = deque(maxlen=RING)  # of the newest readings
         self._since: Pose2 = (0.0, 0.0, 0.0)  # the motion since the last reading that is kept
         self._fresh = False  # a reading has been kept since places were recalled
-        self._kept: deque[tuple[Pose2, Sequence[Echo]]] = deque(maxlen=settings.kept)
+        self.news = 0  # readings that have been kept since places were looked for
+        self._kept: deque[Reading] = deque(maxlen=max(settings.kept, settings.remembered))
 
     def start_at(self, pose: Pose2, deviation_m: float, deviation_rad: float) -> None:
         """Begin about a pose."""
@@ -162,7 +215,7 @@ class MonteCarlo:
         self.poses = poses
         self.wheels = self._uncalibrated(len(poses))
         self.weights = np.full(len(poses), 1.0 / len(poses))
-        self._kept.clear()  # no motion is known that leads on from there
+        self.forget()  # no motion is known that leads on from there
         self._since, self._fresh = (0.0, 0.0, 0.0), False
         self._slow = self._fast = self.settings.fits  # guesses that lie apart fit badly at first
         self._moved = self._turned = inf
@@ -227,17 +280,28 @@ class MonteCarlo:
         weights = self.weights * np.exp(logs - logs.max())
         self.weights = weights / weights.sum()
         few = 1.0 / float(self.weights @ self.weights) < 0.5 * len(self.poses)
-        if few or (self._doubt > DOUBT and self._fresh):
+        if few or self._recalls:
             self._resample()
 
     def _keep(self, echoes: Sequence[Echo]) -> None:
-        """Keep a reading for `_recall`, with the motion that led to it from the one before."""
+        """Keep a reading, with the motion that led to it from the one before."""
         x, y, turn = self._since
         far = hypot(x, y) > self.settings.apart_m or abs(turn) > self.settings.apart_rad
         if far or not self._kept:
-            self._kept.append((self._since, echoes))
+            self._kept.append(Reading(self._since, echoes, []))
             self._since = (0.0, 0.0, 0.0)
             self._fresh = True
+            self.news += 1
+            return
+        self._kept[-1].more.extend(
+            Echo(*compose(self._since, (e.x, e.y, e.bearing)), e.range) for e in echoes
+        )
+
+    def forget(self, but: int = 0) -> None:
+        """What was heard before the newest so many readings was heard elsewhere."""
+        while len(self._kept) > but:
+            self._kept.popleft()
+        self.news = but
 
     def _recall(self) -> Poses:
         """Places that the readings of late speak for, wherever the particles are.
@@ -248,21 +312,17 @@ class MonteCarlo:
         by far than where the particles are counts: readings are bad where the map is, too.
         """
         settings = self.settings
-        kept = len(self._kept)
+        kept = min(len(self._kept), settings.kept)
         back = (
             int(self._rng.integers(min(5, kept), kept + 1)) if self._fast < settings.bad else kept
         )
-        poses, logs = self._tried(back)
+        poses = np.repeat(self._sifted(back), COPIES, axis=0)
+        poses += self._rng.standard_normal(poses.shape, dtype=np.float32) * NEAR_BY
+        logs = self._past(poses, back)
         known = self.poses[np.argsort(-self.weights)[: settings.known]]
         least = float(self._past(known, back).max()) + settings.better
         best = np.argsort(-logs)[: settings.tries]
         return poses[best[logs[best] > least]]
-
-    def _tried(self, back: int) -> tuple[Poses, NDArray[np.float64]]:
-        """Places that the newest `back` readings may have come from, and their log-likelihoods."""
-        poses = np.repeat(self._sifted(back), COPIES, axis=0)
-        poses += self._rng.standard_normal(poses.shape, dtype=np.float32) * NEAR_BY
-        return poses, self._past(poses, back)
 
     def _sifted(self, back: int) -> Poses:
         """The best of many places: after each few readings the worse ones are dropped."""
@@ -276,15 +336,96 @@ class MonteCarlo:
                 poses, logs = poses[best], logs[best]
         return poses[np.argsort(-logs)[: self.settings.tries]]
 
-    def rivalled(self, pose: Pose2) -> bool:
-        """Whether the readings of late may have come from another place than about a pose."""
-        back = len(self._kept)
-        poses, logs = self._tried(back)
-        own = self._past(self.poses[self._near(pose)], back)
-        apart = np.hypot(poses[:, 0] - pose[0], poses[:, 1] - pose[1]) > 0.6
-        apart |= np.abs(_turned(poses[:, 2], pose[2])) > 0.5
-        best = float(logs[apart].max(initial=-inf))
-        return not len(own) or best > float(own.max()) - self.settings.rival
+    def places(self) -> list[Place]:
+        """Where the robot may be by all that is kept, best first; the particles go there.
+
+        For a robot that is lost. A particle filter that has no idea soon loses the right place
+        among the many. Here each place is weighed by the whole stretch of the drive: of many a few
+        echoes drop the most, and what is left is told apart by all. The wheels' drift and turning
+        error are looked for with each place, or they bend the stretch and the right one fits badly.
+        """
+        settings, self.news = self.settings, 0
+        stretch = list(self._readings())
+        if not stretch:
+            return []
+        drawn = self._drawn(settings.tries)
+        guesses = np.concatenate(
+            [
+                np.pad(self._coarsely(stretch), ((0, 0), (0, 2))),
+                np.column_stack([self.poses[drawn], self.wheels[drawn, :2]]),
+            ]
+        )
+        logs = np.zeros(len(guesses))
+        for share, most, copies in FINER:
+            guesses, logs = self._nearer(guesses, share, most, copies, stretch)
+        shares = np.exp((logs - logs.max()) / settings.rival)
+        shares /= shares.sum()
+        heard = sum(len(at.reading.echoes) + len(at.reading.more) for at in stretch)
+        self._gather(guesses, shares)
+        return [
+            Place((float(x), float(y), wrap(float(theta))), float(share), exp(log / heard))
+            for (x, y, theta, *_), share, log in zip(guesses, shares, logs, strict=True)
+        ]
+
+    def _coarsely(self, stretch: Sequence[Behind]) -> Poses:
+        """The best of many places, by readings from all along the way."""
+        settings, free = self.settings, len(self._free)
+        least = int(settings.a_cell * free)
+        poses = self._anywhere(min(max(settings.candidates, least), settings.most_candidates))
+        logs = np.zeros(len(poses))
+        for k, one in enumerate(self._rng.permutation(len(stretch)), start=1):
+            to, echoes = stretch[one].to, stretch[one].reading.echoes
+            likelihood = self._model.likelihood(_moved(poses, to), echoes, coarse=True)
+            logs += np.log(likelihood).sum(axis=1)
+            if k in FIRST:
+                best = np.argsort(-logs)[: max(settings.tries, len(logs) // 3)]
+                poses, logs = poses[best], logs[best]
+        return poses[np.argsort(-logs)[: settings.tries]]
+
+    def _nearer(
+        self, guesses: Poses, share: float, most: int, copies: int, stretch: Sequence[Behind]
+    ) -> tuple[Poses, NDArray[np.float64]]:
+        """The best guess about each place, best first, of places that lie apart; and their logs.
+
+        A guess has a pose, the wheels' drift and their turning error. The first round, the one with
+        most guesses, takes the echoes of one cycle of each reading.
+        """
+        settings, whole = self.settings, share < 1.0
+        wheels = np.array((settings.drift_rad_m, settings.turn_error), dtype=np.float32)
+        noise = self._rng.standard_normal((copies * len(guesses), 5), dtype=np.float32)
+        noise *= np.concatenate([NEAR_BY, wheels]) * np.float32(share)
+        guesses = np.concatenate([guesses, np.repeat(guesses, copies, axis=0) + noise])
+        logs = -0.5 * ((guesses[:, 3:] / wheels) ** 2).sum(axis=1, dtype=np.float64)
+        for to, way, turn, reading in stretch:
+            bent = guesses[:, 3] * np.float32(way) + guesses[:, 4] * np.float32(turn)
+            at = guesses[:, :3].copy()
+            at[:, 2] += np.float32(0.5) * bent  # an arc's chord has turned by half
+            at = _moved(at, to)
+            at[:, 2] += np.float32(0.5) * bent
+            echoes = [*reading.echoes, *reading.more] if whole else reading.echoes
+            likelihood = self._model.likelihood(at, echoes)
+            logs += np.log(GHOST + (1.0 - GHOST) * likelihood).sum(axis=1)
+        left, best = np.argsort(-logs), list[int]()
+        while len(left) and len(best) < most:
+            best.append(int(left[0]))
+            x, y, theta = guesses[left[0], :3]
+            away = np.hypot(guesses[left, 0] - x, guesses[left, 1] - y) > APART_M
+            away |= np.abs(_turned(guesses[left, 2], float(theta))) > APART_RAD
+            left = left[away]
+        return guesses[best], logs[best]
+
+    def _gather(self, guesses: Poses, shares: NDArray[np.float64]) -> None:
+        """Put the particles where the robot may be, as many to each place that counts."""
+        counts = shares > LEAST_SHARE * shares.max()
+        guesses, shares = guesses[counts], shares[counts]
+        each = max(1, min(self.settings.most // len(guesses), self.settings.least))
+        guesses = np.repeat(guesses, each, axis=0)
+        noise = self._rng.standard_normal((len(guesses), 3), dtype=np.float32)
+        self.poses = guesses[:, :3] + noise * (np.float32(0.3) * NEAR_BY)
+        self.wheels = self._uncalibrated(len(guesses), 0.5)
+        self.wheels[:, :2] += guesses[:, 3:]
+        self.weights = np.repeat(shares / (each * shares.sum()), each)
+        self._slow = self._fast = self.settings.fits
 
     def _past(self, poses: Poses, back: int) -> NDArray[np.float64]:
         """Log-likelihoods of the newest `back` readings, had the drive ended at these poses."""
@@ -295,11 +436,18 @@ class MonteCarlo:
         return logs
 
     def _back(self, count: int) -> Iterator[tuple[Pose2, Sequence[Echo]]]:
-        """The newest readings that are kept, backwards, each with the motion to it from now."""
+        """What was heard in the cycles of the newest readings, and the motion there from now."""
+        for at in islice(self._readings(), count):
+            yield at.to, at.reading.echoes
+
+    def _readings(self) -> Iterator[Behind]:
+        """The readings that are kept, backwards."""
         to = relative(self._since, (0.0, 0.0, 0.0))
-        for motion, echoes in list(self._kept)[: -count - 1 : -1]:
-            yield to, echoes
-            to = compose(to, relative(motion, (0.0, 0.0, 0.0)))
+        way, _, turn = self._since
+        for reading in reversed(self._kept):
+            yield Behind(to, -way, -turn, reading)
+            to = compose(to, relative(reading.motion, (0.0, 0.0, 0.0)))
+            way, turn = way + reading.motion[0], turn + reading.motion[2]
 
     def _judge(self, likelihood: NDArray[np.float32], echoes: Sequence[Echo]) -> None:
         """How well the readings fit, but for what stands before the walls.
@@ -325,11 +473,16 @@ class MonteCarlo:
         """By what share the readings of late fit worse than they used to, or than they should."""
         return max(0.0, 1.0 - self._fast / max(self._slow, self.settings.fits))
 
+    @property
+    def _recalls(self) -> bool:
+        """Whether to look for places that fit better; for one that is lost `places` does."""
+        return self._doubt > DOUBT and self._fresh and not self.lost
+
     def _resample(self) -> None:
         """Low variance, as many as KLD sampling asks for, and some anywhere if it fits badly."""
         n, forgets = self._needed(), np.float32(self.settings.forgets)
         doubt = self._doubt
-        more = self._recall() if doubt > DOUBT and self._fresh else self.poses[:0]
+        more = self._recall() if self._recalls else self.poses[:0]
         self._fresh = False
         drawn = self._drawn(n)
         self.poses, self.weights = self.poses[drawn], np.full(n, 1.0 / n)

@@ -105,7 +105,10 @@ def ahead(mission: Mission, course: Course) -> tuple[PlanStep, ...]:
 def broken_off(mission: Mission, course: Course) -> Course:
     """The course with the task that is under way to be begun anew, if it may be broken off."""
     step = doing(mission, course)
-    if step is None or not task_class(step.do).breaks_off:
+    try:
+        if step is None or not task_class(step.do).breaks_off:
+            return course
+    except (LookupError, ImportError):  # of somebody's plan: it fails when it is looked at
         return course
     return _with_top(course, replace(course.frames[-1], begun=False, elapsed=0.0, stage=0))
 
@@ -368,8 +371,8 @@ def _step(mission: Mission, frame: Frame) -> Step | None:
     own = _whole(mission, frame)
     if own is None:
         return None
-    at = frame.attempt - 1
-    step = own if at < 0 else own.otherwise[min(at, len(own.otherwise) - 1)]
+    which = min(frame.attempt, len(own.otherwise))
+    step = own.otherwise[which - 1] if which else own
     return bound(step, _values(frame.told))
 
 

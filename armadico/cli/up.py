@@ -31,6 +31,7 @@ EXAMPLES: Final = """\
   armadico up sc4 --host lab1 --hosts lab.toml     lab1's share of scenario 4
   armadico up --host lab1 --hosts lab.toml         all agents of lab1's entry
   armadico up sc4                                  everybody on this machine
+  armadico up rounds                               as few as that mission needs
   armadico up sc4 --host lab1 --hosts demo --with avoid --set avoid.v_max=0.3
   armadico down                                    end it
 """
@@ -39,8 +40,8 @@ EXAMPLES: Final = """\
 def main(argv: Sequence[str]) -> int:
     """Keep the share up until interrupted; 0 after SIGTERM, as `armadico down` sends it."""
     args = parser().parse_args(argv)
-    where = _place(args)
     scenario = _scenario(args)
+    where = _place(args, scenario)
     with _signals() as received:
         try:
             _keep(args, where, scenario)
@@ -61,7 +62,11 @@ def parser() -> argparse.ArgumentParser:
         EXAMPLES,
     )
     made.add_argument(
-        "scenario", nargs="?", help="only its agents, set as it says (default: the host's, as is)"
+        "scenario",
+        nargs="?",
+        metavar="MISSION",
+        help="a mission, or a scenario: only its agents, set as it says (default: the host's, as"
+        " is)",
     )
     made.add_argument("--seed", type=int, metavar="N", help="of the simulator, if it starts one")
     made.add_argument("--parameters", metavar="SET", help="a set of agents' parameters, or a file")
@@ -94,30 +99,63 @@ def parser() -> argparse.ArgumentParser:
     return made
 
 
-def _place(args: argparse.Namespace) -> Place:
-    """Which host this is; of the shipped table if nothing else is said."""
+def _place(args: argparse.Namespace, scenario: Scenario | None) -> Place:
+    """Which host this is; if nothing else is said, one that runs everybody."""
     if args.restarts < 0 or not args.within > 0:
         raise UsageError(
             f"--restarts {args.restarts} --within {args.within:g}: at least 0, and more than 0 s"
         )
     where = options.placed(args, passing=False)
     if where is None:
-        from armadico.cli.places import Place  # noqa: PLC0415 - not for --help
+        from msgspec.structs import replace  # noqa: PLC0415 - not for --help
+
+        from armadico.cli.places import Place  # noqa: PLC0415
         from armadico.config.hosts import HostTable, load_hosts  # noqa: PLC0415
+        from armadico.launch.society import names  # noqa: PLC0415
 
         if args.connect or args.listen:
             raise UsageError("--connect and --listen say nothing of who runs here; name --hosts")
         name = socket.gethostname()  # as its agents call it, to whom no table is given either
-        where = Place(HostTable({name: load_hosts().host("localhost")}), name)
+        host = load_hosts().host("localhost")
+        taking = () if scenario is None else names(scenario)
+        host = replace(host, agents=tuple(dict.fromkeys((*taking, *host.agents))))
+        where = Place(HostTable({name: host}), name)
     return where
 
 
 def _scenario(args: argparse.Namespace) -> Scenario | None:
+    """What is to be done: a mission in its own scenario, by the least society, or a scenario."""
     if args.scenario is None:
         return None
-    from armadico.config.scenarios import load_scenario  # noqa: PLC0415 - not for --help
+    from armadico.config.scenarios import load_scenario, on_mission  # noqa: PLC0415 - for --help
+    from armadico.launch.society import least  # noqa: PLC0415
 
-    return load_scenario(args.scenario)
+    if not _is_mission(args.scenario):
+        return on_mission(load_scenario(args.scenario))
+    from armadico.config.missions import load_mission  # noqa: PLC0415
+    from armadico.config.scenarios import beside  # noqa: PLC0415
+
+    mission = load_mission(args.scenario)
+    if mission.scenario is None:
+        raise UsageError(
+            f"{mission.name} names no scenario, so nobody knows where it is done: say one in its"
+            ' file (scenario = "house")'
+        )
+    path = beside(Path.cwd() / "command line", args.scenario)
+    return least(on_mission(load_scenario(mission.scenario), path))
+
+
+def _is_mission(name: str) -> bool:
+    """Whether something is a mission's name or file: it has steps, and a scenario has none."""
+    from armadico.config.loading import document, read_text  # noqa: PLC0415 - not for --help
+    from armadico.config.shipped import find, names  # noqa: PLC0415
+
+    if name in names("missions"):
+        return True
+    if name in names("scenarios"):
+        return False
+    path = find("scenarios", name)
+    return "steps" in document(read_text(path), path)
 
 
 def _keep(args: argparse.Namespace, where: Place, scenario: Scenario | None) -> None:

@@ -97,10 +97,13 @@ class Behaviour(Agent):
 
     def limited(self, v: float, w: float, obstacles: Obstacles, safety: Safety = MARGINS) -> Speeds:
         """The wish (m/s, rad/s), as fast as the obstacles and a pose that is unsure admit."""
+        return limit(self.as_sure(v), w, self.scene(obstacles), safety)[:2]
+
+    def as_sure(self, v: float) -> float:
+        """The speed, less for a pose that is unsure, m/s."""
         pose = self.latest(Pose)
         off = 0.0 if pose is None or self.seeks else pose.deviation
-        share = min(max((LOST_M - off) / (LOST_M - UNSURE_M), SLOWEST), 1.0)
-        return limit(v * share, w, self.scene(obstacles), safety)[:2]
+        return v * min(max((LOST_M - off) / (LOST_M - UNSURE_M), SLOWEST), 1.0)
 
     def propose(self, pose: Pose, obstacles: Obstacles) -> Bid | None:
         """What it would do now, and how much that helps; None, and `why`, if nothing."""

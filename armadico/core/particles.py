@@ -17,6 +17,9 @@ from armadico.core.messages import Cycle, Particles
 MOST: Final = 300
 """Particles in one message, drawn by their weight."""
 
+EACH: Final = 6
+"""Bytes of one."""
+
 FINEST_M: Final = 0.001
 TURN: Final = 65536
 """Steps of a whole turn, and one more than a place may be away from the corner in steps."""
@@ -38,7 +41,7 @@ def message_of(cycle: Cycle, poses: Sequence[Sequence[float]]) -> Particles:
 
 def poses_of(message: Particles) -> list[Pose2]:
     """The poses in a message. Raises ValueError if its bytes are not six for each."""
-    if len(message.packed) % 6:
+    if len(message.packed) % EACH:
         raise ValueError(f"{len(message.packed)} bytes are no particles of six")
     counts = array("H")
     counts.frombytes(message.packed)

@@ -21,7 +21,7 @@ from armadico.config.errors import ConfigError, advice
 from armadico.config.hosts import Host, HostTable
 from armadico.config.loading import load_parameters
 from armadico.config.missions import Mission
-from armadico.config.needs import needs, tasks
+from armadico.config.needs import minimum, needs, tasks
 from armadico.config.parameters import load_set
 from armadico.config.profile import load_profile
 from armadico.config.scenarios import (
@@ -195,6 +195,13 @@ def needed(scenario: Scenario | None, options: Options, table: HostTable) -> tup
     robot, *others = names(scenario, options.without)
     wanted = (robot, *(name for name in needs(tasks(scenario)) if name in others))
     return tuple(name for name in wanted if name in placed)
+
+
+def least(scenario: Scenario) -> Scenario:
+    """The scenario with nobody taking part but those whom its tasks need, and who helps them."""
+    robot, *_ = names(scenario)
+    taking = minimum(tasks(scenario))[1:]
+    return replace(scenario, agents=(robot, *(name for name in taking if name != robot)))
 
 
 def facts(scenario: Scenario, options: Options, port: str = "") -> dict[str, object]:

@@ -20,12 +20,15 @@ from armadico.core.exchange import Bid
 from armadico.core.geometry import relative
 from armadico.core.messages import (
     BatteryLevel,
+    Board,
+    BoardMission,
     ChargeState,
     ChargeStatus,
     EnergyReply,
     EnergyRequest,
     Log,
     Message,
+    MissionEnd,
     MissionStatus,
     Planned,
     Pose,
@@ -191,6 +194,34 @@ def test_by_sonars_and_localization_it_docks_within_a_few_centimetres(
     assert abs(turned) < 5.0
     assert society.truth.collisions == 0
     assert abs(society.truth.v) < 0.01
+
+
+def board(society: Society, state: MissionEnd, counter: int = 1) -> None:
+    """A mission of middling priority, as mission planning would have it on the board."""
+    told = BoardMission(1, "photos", 0.5, state)
+    society.sender.publish(Board(counter, 1, (told,)))
+
+
+def test_a_mission_that_takes_a_photo_is_not_driven_away_from() -> None:
+    society = Society(0.9, capacity_ah=5.0)
+    society.until(lambda: society.mesh.now > 3.0, 5.0)
+    board(society, MissionEnd.ACTIVE)
+    society.rehearsal.robot.plant.battery.charge = 0.4
+    society.restart("battery-sensor")  # it knows at once
+    society.run(20.0)
+    assert {state for _, state in society.states} == {ChargeState.NONE}
+    board(society, MissionEnd.DONE, 2)
+    society.until(lambda: society.state is ChargeState.TO_DOCK, 5.0)
+
+
+def test_lined_up_it_does_not_let_go_of_the_trajectory() -> None:
+    society = Society(0.3, capacity_ah=2.0)
+    charger: Any = next(n.agent for n in society.mesh.nodes if n.agent.name == "battery-charger")
+    society.until(lambda: charger.errand.stage is Stage.REACHED, 60.0)
+    bid = charger.bid_for(TRAJECTORY, None)
+    assert bid is not None
+    society.until(lambda: society.state is ChargeState.DOCKING, 5.0)
+    assert charger.bid_for(TRAJECTORY, None).action == bid.action
 
 
 def test_below_10_4_volts_it_goes_before_every_mission() -> None:

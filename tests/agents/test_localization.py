@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import os
 import random
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from math import cos, hypot, pi, radians, sin, sqrt
 from pathlib import Path
 
@@ -14,7 +14,7 @@ from msgspec.structs import replace
 
 from armadico.agents.localization import Localization, Parameters, as_fired, sonar_model
 from armadico.agents.methods.grid import Grid
-from armadico.agents.methods.monte_carlo import Estimate, MonteCarlo, Settings
+from armadico.agents.methods.monte_carlo import Estimate, MonteCarlo, Place, Settings
 from armadico.agents.methods.reflectors import WALL
 from armadico.agents.methods.sonar_model import (
     EXACT,
@@ -25,6 +25,7 @@ from armadico.agents.methods.sonar_model import (
     SonarModel,
 )
 from armadico.agents.path_planning import PathPlanning
+from armadico.agents.relocate import Relocate
 from armadico.config.errors import ConfigError
 from armadico.config.loading import load_entry
 from armadico.config.profile import SensorProfile, load_profile
@@ -281,6 +282,48 @@ def test_to_look_at_them_draws_by_weight_and_changes_nothing() -> None:
     assert filtered().drawn(100).shape == (0, 3)
 
 
+def lost(walls: Sequence[tuple[float, ...]], cycles: int, turn_error: float = 0.0) -> MonteCarlo:
+    """It has no idea, and drives where the walls are; its wheels tell turns that are too long."""
+    grid = Grid([tuple(wall) for wall in walls], (0.0, 0.0, 16.0, 4.0))  # type: ignore[misc]
+    rows, columns = np.nonzero(grid.clearance > 0.2)
+    places = np.column_stack([grid.xs[columns], grid.ys[rows]])
+    particles = MonteCarlo(SonarModel(grid), places, np.random.default_rng(1))
+    particles.lost = True
+    particles.start_anywhere()
+    noise = random.Random(1)
+    for number, (pose, (x, y, turn)) in enumerate(drive(START, cycles)):
+        particles.move((x, y, (1.0 + turn_error) * turn))
+        pings = [ranged(pose, index, noise) for index in ((2 * number) % 8, (2 * number + 5) % 8)]
+        particles.weigh(pings)
+    return particles
+
+
+@pytest.mark.parametrize("turn_error", [0.0, 0.04, -0.04])
+def test_one_look_at_all_that_it_heard_finds_it_on_the_whole_map(turn_error: float) -> None:
+    particles = lost(WALLS, 130, turn_error)
+    best, *others = particles.places()
+    *_, (pose, _) = drive(START, 130)
+    assert hypot(best.pose[0] - pose[0], best.pose[1] - pose[1]) < 0.15
+    assert abs(wrap(best.pose[2] - pose[2])) < 0.1
+    assert best.share > 0.95
+    assert best.share + sum(other.share for other in others) == pytest.approx(1.0)
+    assert off(pose, particles.estimate())[0] < 0.15  # and there the particles are
+
+
+def test_rooms_that_are_alike_share_what_is_believed() -> None:
+    particles = lost([*WALLS, *((x1 + 8, y1, x2 + 8, y2) for x1, y1, x2, y2 in WALLS)], 130)
+    first, second, *_ = particles.places()
+    assert abs(abs(first.pose[0] - second.pose[0]) - 8.0) < 0.3
+    assert 0.2 < second.share <= first.share < 0.8
+
+
+def test_what_is_forgotten_speaks_for_no_place() -> None:
+    particles = lost(WALLS, 60)
+    assert particles.news > 5
+    particles.forget()
+    assert (particles.news, particles.places()) == (0, [])
+
+
 # The agent ----------------------------------------------------------------------------------------
 
 
@@ -408,6 +451,46 @@ def test_a_robot_that_was_carried_away_is_lost(world: str) -> None:
     ]
     assert 0.0 in confidences
     assert any(isinstance(said, Log) and "is lost" in said.text for said in robot.said)
+
+
+def test_it_is_found_where_it_was_carried_to(world: str) -> None:
+    robot = Robot(Parameters(world=world))
+    for pose, motion in drive(START, 150):
+        robot.at(pose, motion, pose)
+    for pose, motion in drive((1.0, 1.5, 2.0), 250):
+        (correction,) = robot.at(pose, motion, (0.0, 0.0, 0.0))
+    x, y, _ = placed(correction, robot.odometry)
+    assert correction.confidence > 0.9
+    assert hypot(x - pose[0], y - pose[1]) < 0.15
+
+
+def found(robot: Robot, cycles: int) -> list[float]:
+    """How unsure it is of its place, from when it was found on, m."""
+    said = [robot.at(pose, motion, (0.0, 0.0, 0.0))[0] for pose, motion in drive(START, cycles)]
+    return [(one.covariance[0] + one.covariance[3]) ** 0.5 for one in said if one.confidence]
+
+
+def test_nobody_drives_fast_by_a_place_that_has_just_been_found(world: str) -> None:
+    unsure = found(Robot(Parameters(world=world, start="anywhere")), 350)
+    assert unsure[0] >= Parameters().unproved_m
+    assert max(unsure) < LOST_M
+    assert unsure[-1] < UNSURE_M
+
+
+def test_who_is_found_and_then_hears_what_fits_better_elsewhere_is_lost(
+    world: str, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    robot = Robot(Parameters(world=world, start="anywhere"))
+    places = MonteCarlo.places
+
+    def elsewhere(particles: MonteCarlo) -> list[Place]:
+        first, *others = places(particles)
+        return [first if particles.lost else Place((0.5, 0.5, 0.0), 0.9, 0.5), *others]
+
+    monkeypatch.setattr(MonteCarlo, "places", elsewhere)
+    unsure = found(robot, 260)
+    assert min(unsure) > Parameters().unproved_m  # and never proved
+    assert any("fits better at (0.50, 0.50)" in m.text for m in robot.said if isinstance(m, Log))
 
 
 def test_who_stands_before_half_of_the_sonars_does_not_lose_it(world: str) -> None:
@@ -616,7 +699,7 @@ def test_a_map_without_walls_or_room_is_no_error(walls: list[tuple[float, ...]])
     assert (found > 0.0).all()
 
 
-@pytest.mark.parametrize("kind", [Localization, PathPlanning])
+@pytest.mark.parametrize("kind", [Localization, PathPlanning, Relocate])
 def test_a_world_that_nobody_has_memory_for_is_refused(kind: type[Agent], tmp_path: Path) -> None:
     path = tmp_path / "huge.map"
     path.write_text(

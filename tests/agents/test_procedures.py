@@ -20,7 +20,17 @@ from armadico.agents.methods.procedures import (
 )
 from armadico.config import missions
 from armadico.config.missions import Mission, read_mission
-from armadico.core.messages import Course, Photo, PlanStep, StepEnd, Told, Waypoint, decode, encode
+from armadico.core.messages import (
+    Course,
+    Frame,
+    Photo,
+    PlanStep,
+    StepEnd,
+    Told,
+    Waypoint,
+    decode,
+    encode,
+)
 from armadico.core.tasks import Beliefs, Drive, Going, Reach, Stand, Task
 
 IN_R1 = Beliefs(Waypoint(6.0, 2.0, 0.0), 0.02, "R1", 0.8)
@@ -413,3 +423,45 @@ def test_who_goes_on_from_the_published_state_goes_the_same_way(all_of_them: lis
     assert not any(ended[:-1])
     assert ended[-1] == (not course.frames)
     assert {result.end for result in course.results} <= {*StepEnd}
+
+
+# Whatever is said to be its state -----------------------------------------------------------------
+
+COUNT = st.integers(0, 5) | st.integers(0, 2**52)
+TOLD = st.builds(Told, st.sampled_from(["to", "room", "x"]), st.sampled_from(["R1", 2.0, True, ()]))
+STEP = st.builds(
+    PlanStep,
+    st.sampled_from(["move", "wait", "photo-of", "no-such-task", "dock"]),
+    st.lists(TOLD, max_size=2).map(tuple),
+)
+STEPS = st.lists(STEP, max_size=3).map(tuple)
+FRAME = st.builds(
+    Frame,
+    st.sampled_from(["", "photo-of", "no-such-procedure"]),
+    STEPS,
+    st.lists(TOLD, max_size=2).map(tuple),
+    COUNT,
+    COUNT,
+    COUNT,
+    st.floats(0, 1e6),
+    st.booleans(),
+    COUNT,
+)
+COURSE = st.builds(
+    Course, st.lists(FRAME, max_size=32).map(tuple), st.floats(0, 1e6), COUNT, STEPS, COUNT
+)
+
+
+@settings(max_examples=200, deadline=None)
+@given(COURSE, st.sampled_from(list(Reach)), STEPS)
+def test_no_state_that_anybody_can_say_raises(
+    course: Course, state: Reach, detour: tuple[PlanStep, ...]
+) -> None:
+    for _ in range(4):
+        course = decode(encode(course), Course)
+        if not course.frames:
+            break
+        ahead(WORLD, course)
+        doing(WORLD, course)
+        course = merged(WORLD, broken_off(WORLD, course), detour)
+        course = advance(WORLD, course, IN_R1, 1.0, state, "so it is").course

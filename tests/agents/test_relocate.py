@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from math import radians, tau
+from math import pi, radians, tau
+from pathlib import Path
 
 import pytest
 
@@ -12,7 +13,9 @@ from armadico.agents.goto import Goto
 from armadico.agents.relocate import Parameters, Relocate
 from armadico.core.agent import Agent, Identity
 from armadico.core.behaviour import LOST_M, UNSURE_M
-from armadico.core.messages import Echo, Log, Point, Sonar
+from armadico.core.geometry import Pose2
+from armadico.core.messages import Echo, Log, Particles, Point, Sonar
+from armadico.core.particles import message_of
 from armadico.observe.measures import speeds
 from tests.framework.stage import Stage, claims, commands, drive_to, wall
 
@@ -49,6 +52,17 @@ def test_the_less_sure_the_pose_is_the_slower_it_drives() -> None:
     assert tops == sorted(tops, reverse=True)
     assert tops[0] == tops[1] > tops[2]
     assert tops[-1] < 0.4 * tops[0]
+
+
+def test_whoever_goes_round_something_slows_down_too() -> None:
+    tops = []
+    for off_m in (0.0, 0.9 * LOST_M):
+        made = stage(Avoid(Identity("avoid-1")), off_m)
+        made.speed = (0.2, 0.0)
+        for _ in range(3):
+            made.cycle(points=wall(0.8, -0.1, 0.5))
+        tops.append(made.bid().wanted[0])
+    assert 0.0 < tops[1] < 0.5 * tops[0]
 
 
 def test_who_holds_lets_go_when_the_robot_is_lost() -> None:
@@ -174,3 +188,73 @@ def test_where_nothing_answers_all_around_it_drives_on_all_the_same() -> None:
         ping(made, answers=False)
         made.cycle()
     assert speeds(commands(made.said)[-1])[0] > 0.1
+
+
+def test_where_it_neither_turns_to_what_is_open_nor_gets_on_it_goes_where_there_is_room() -> None:
+    """Something always stands ahead, as the corner does that it cannot turn past."""
+    made = lost()
+    made.holding()
+    made.speed = (0.0, 0.3)
+    for _ in range(round(10 * (tau / Parameters().w + Parameters().patience_s)) + 20):
+        made.cycle(points=wall(0.35, -0.6, 0.6))
+    assert speeds(commands(made.said)[-1])[0] < 0.0
+
+
+CORRIDOR = """\
+2D-Map
+LineMinPos: 0 0
+LineMaxPos: 12000 3000
+LINES
+0 0 12000 0
+12000 0 12000 2000
+12000 2000 9000 2000
+9000 2000 9000 3000
+9000 3000 8000 3000
+8000 3000 8000 2000
+8000 2000 0 2000
+0 2000 0 0
+"""
+
+
+@pytest.fixture
+def world(tmp_path: Path) -> str:
+    path = tmp_path / "niche.map"
+    path.write_text(CORRIDOR, encoding="utf-8")
+    return str(path)
+
+
+def told(made: Stage, *places: Pose2) -> None:
+    """Once it has looked round it hears where it may be."""
+    made.holding()
+    made.speed = (0.0, Parameters().w)
+    for _ in range(round(10 * tau / Parameters().w) + 5):
+        made.cycle()
+    made.hand(message_of(made.at, [place for place in places for _ in range(50)]))
+    for _ in range(round(10 * Parameters().wait_s) + 2):
+        made.cycle()
+
+
+def test_it_drives_by_the_places_where_the_robot_may_be(world: str) -> None:
+    """A niche is 3.5 m ahead, or 1.5 m behind."""
+    made = stage(Relocate(Identity("relocate-1"), Parameters(world=world)), 2.0 * LOST_M)
+    told(made, (5.0, 1.0, 0.0), (7.0, 1.0, pi))
+    assert made.bid().reason == "lost: to where places differ"
+    v, w = speeds(commands(made.said)[-1])
+    assert (v, abs(w)) == (0.0, Parameters().w)
+
+
+def test_with_one_place_or_no_map_it_drives_on_as_without(world: str) -> None:
+    made = stage(Relocate(Identity("relocate-1"), Parameters(world=world)), 2.0 * LOST_M)
+    told(made, (5.0, 1.0, 0.0))
+    assert made.bid().reason == "lost: drive on"
+    made = lost()
+    told(made, (5.0, 1.0, 0.0), (7.0, 1.0, pi))
+    assert made.bid().reason == "lost: drive on"
+
+
+def test_particles_that_are_none_change_nothing(world: str) -> None:
+    made = stage(Relocate(Identity("relocate-1"), Parameters(world=world)), 2.0 * LOST_M)
+    told(made, (5.0, 1.0, 0.0))
+    made.hand(Particles(made.at, 0.0, 0.0, 0.1, b"12345"))
+    made.cycle()
+    assert made.bid().reason == "lost: drive on"

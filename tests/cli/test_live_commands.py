@@ -7,6 +7,7 @@ import os
 import signal
 import subprocess
 import threading
+import zlib
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from functools import partial
@@ -14,7 +15,17 @@ from typing import Any
 
 import pytest
 
-from armadico.core.messages import Cycle, Message, RobotState, Stop, Trajectory, Truth, decode
+from armadico.core.messages import (
+    Cycle,
+    Message,
+    MissionOrder,
+    MissionReply,
+    RobotState,
+    Stop,
+    Trajectory,
+    Truth,
+    decode,
+)
 from armadico.mesh.ports import private_endpoints
 from armadico.mesh.topology import ENDPOINTS_VARIABLE, topology
 from armadico.mesh.zenoh import ZenohMesh
@@ -246,3 +257,35 @@ def test_a_mission_that_is_refused_says_why(run: Run, start: Start) -> None:
     assert "refused" in done.stderr
     assert "encoder/pose" in done.stderr
     assert "Traceback" not in done.stderr
+
+
+def test_missions_of_a_society_that_is_up_are_shown_and_cancelled(
+    run: Run, start: Start, environment: dict[str, str]
+) -> None:
+    start("interface", program="armadico-agent")
+    start("mission-planning", "--set", "world=surveillance", program="armadico-agent")
+    who(run, "interface", "mission-planning")
+    assert run("mission", "status").stdout == "no missions\n"
+    rows = 'steps = [{ do = "take-photo", else = [{ do = "wait", seconds = 600 }] }]'
+    with guest(environment) as mesh:
+        order = MissionOrder("long", zlib.compress(rows.encode()), 0.7, "a test")
+        reply = Client(mesh).ask(order, SOON)
+    assert isinstance(reply, MissionReply)
+    assert reply.refusal == ""
+    done = run("mission", "status")
+    assert done.returncode == 0, done.stderr
+    assert f"long             0.7  active     {reply.mission}  0 done, wait(600.0)" in done.stdout
+    (row,) = json.loads(run("mission", "status", "--json").stdout)
+    assert (row["name"], row["doing"], row["by"]) == ("long", "wait(600.0)", "a test")
+    told = run("mission", "log", "long").stdout
+    assert "take-photo failed: nobody knows where the robot is" in told
+    for words, code, says in (
+        (("log", "lung"), 1, "no mission 'lung' on the board; did you mean 'long'?"),
+        (("cancel", "long"), 0, "cancelled"),
+        (("cancel", "long"), 1, "it is over already"),
+        (("cancel", "--all"), 1, "no mission is under way"),
+        (("status",), 0, "cancelled"),
+    ):
+        done = run("mission", *words)
+        assert done.returncode == code, done.stderr
+        assert says in done.stdout + done.stderr

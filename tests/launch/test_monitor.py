@@ -229,6 +229,24 @@ def test_a_host_that_comes_back_does_not_drive_out_who_took_its_agents_over() ->
     assert society.arrives()
 
 
+def test_a_host_that_was_never_there_is_waited_for() -> None:
+    """Hosts come up in any order, minutes apart."""
+    run = Rehearsal(replace(SC4, goal=None), Options(seed=1), hosts=TWO)
+    run.hosts["b"].lose()
+    run.mesh.run(40.0)
+    late = run.start_host("b")
+    run.mesh.run(50.0)
+    assert [node.agent.identity.host for node in run.mesh.nodes if node.name == "goto"] == ["b"] * 2
+    assert late.wakeup.alive
+
+
+def test_a_host_that_never_comes_is_made_up_for_in_the_end() -> None:
+    run = Rehearsal(replace(SC4, goal=None), Options(seed=1), hosts=TWO)
+    run.hosts["b"].lose()
+    run.mesh.run(70.0)
+    assert run.mesh.node("goto").agent.identity.host == "a"
+
+
 def test_a_host_that_leaves_in_order_is_not_made_up_for() -> None:
     society = Society(TWO).let_pass(6.0)
     society.run.hosts["b"].leave()

@@ -74,7 +74,7 @@ def test_while_a_mission_is_driven_a_goal_of_people_s_is_refused() -> None:
 
 def test_too_many_missions_are_refused_and_the_board_always_fits_into_a_message() -> None:
     building = Building()
-    long = text('do = "wait", seconds = 1', more="# " + "".join(map(str, range(3000))))
+    long = text('do = "wait", seconds = 1', more="# " + "".join(map(str, range(400))))
     replies = [building.order(long, name=f"m{n}") for n in range(14)]
     refused = [reply.refusal for reply in replies if reply.refusal]
     assert refused

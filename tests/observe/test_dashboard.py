@@ -378,6 +378,17 @@ def test_coordinates_can_be_read_off_the_global_map(
     assert [x for x, _ in numbers["positions"][: len([*xs])]] == pytest.approx([*xs])
 
 
+def test_docks_and_the_battery_at_rest_are_drawn(tmp_path: Path) -> None:
+    path = tmp_path / "a.rrd"
+    world = World("w", (), (0.0, 0.0, 5.0, 5.0), docks={"one": (1.0, 2.0, 0.0)})
+    with drawn(path, world) as scene:
+        scene.take("battery/level", m.BatteryLevel(cycle(1), 11.2, 0.4, 1e5), 0.1)
+    kept = Kept(path)
+    docks = kept.fixed["/p/map/world/docks"]
+    assert docks["labels"] == ["one"]
+    assert kept.values("/p/battery/rest", "scalars")[-1][1] == pytest.approx(11.2)
+
+
 # A run --------------------------------------------------------------------------------------------
 
 

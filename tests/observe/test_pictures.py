@@ -121,6 +121,15 @@ def test_holders_are_told_apart_by_their_lines_too_be_their_colours_the_same() -
     assert len({looks[name][1] for name in ("goto", "avoid", "wander")}) == 3
 
 
+def test_docks_are_drawn_where_a_world_has_them() -> None:
+    world = load_world("floor")
+    canvas = _Canvas(world)
+    before = len(canvas.axes.lines)
+    canvas.poses(None, None, (), world.docks.values())
+    assert len(canvas.axes.lines) == before + len(world.docks) == before + 2
+    assert set(canvas.legend) == {"docks"}
+
+
 def test_matplotlib_is_not_imported_until_something_is_drawn() -> None:
     code = "import sys, armadico.observe.pictures; sys.exit('matplotlib' in sys.modules)"
     assert subprocess.run([sys.executable, "-c", code], check=False).returncode == 0

@@ -22,11 +22,23 @@ def test_the_truth_jumps_and_the_odometry_does_not() -> None:
 
 def test_the_table_has_a_row_for_each_scenario_and_one_for_all() -> None:
     runs = [
-        Carried(arm, name, seed, inf if seed else 12.0, 3.0, 0.2 + 0.2 * seed, 0)
+        Carried(arm, name, seed, inf if seed else 12.0, 3.0, 0.2 + 0.2 * seed, 0.1, 0)
         for arm in ARMS
         for name in SCENARIOS
         for seed in range(2)
     ]
     rows = [line for line in section(runs).splitlines() if line.startswith(("| kidn", "| any"))]
     assert len(rows) == 2 * (len(SCENARIOS) + 1)
-    assert rows[5] == "| kidnapped | all | 5 of 10 | 12.0 | 3.0 | 0.40 | 5 of 10 |"
+    assert rows[5] == "| kidnapped | all | 5 of 10 | 12.0 | 3.0 | 0.40 | 5 of 10 | 0 of 10 |"
+
+
+def test_it_is_put_down_where_it_could_drive_to() -> None:
+    """Between the walls of `floor` most of the room is outside of the building."""
+    run = Kidnap("anywhere", "floor", 9001)
+    robot = run.rehearsal.robot
+    assert isinstance(robot, Pioneer)
+    for _ in range(50):
+        run.put_down()
+        x, y, _ = robot.plant.pose
+        assert y < 7.2 or x > 11.9 or y > 36.9
+        assert x > 6.0 or y < 2.3 or y > 36.9

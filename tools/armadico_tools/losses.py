@@ -1,6 +1,6 @@
 """Agents that die or hang while a scenario is driven, under monitors: who is back, when, how often.
 
-`python -m armadico_tools.losses SCENARIO [--seeds FROM TO] [--jobs N]`
+`python -m armadico_tools.losses SCENARIO [--seeds FROM TO] [--last S] [--jobs N]`
 
 Each seed draws an agent, a moment and how it fails. The society is on two hosts, with a wakeup
 agent and a monitor each, on the virtual mesh. It counts what must not be: a mission that does not
@@ -21,7 +21,7 @@ from typing import Final
 
 from armadico.cli import pool
 from armadico.config.hosts import Host, HostTable
-from armadico.config.scenarios import load_scenario, society
+from armadico.config.scenarios import load_scenario, on_mission, society
 from armadico.core.messages import Message, Stop
 from armadico.launch.society import Options, names
 from armadico.launch.virtual import Rehearsal
@@ -35,13 +35,11 @@ FAULTS: Final[dict[str, Callable[[Node], None]]] = {
 
 FIRST_S: Final = 2.0
 LAST_S: Final = 20.0
-"""When it happens, drawn evenly."""
+"""When it happens, drawn evenly; the latter unless something else is said."""
 
 LOOK_S: Final = 0.05
 AFTER_S: Final = 15.0
 """So long after it the society is looked at, if it arrives sooner."""
-
-LIMIT_S: Final = 180.0
 
 
 @dataclass(frozen=True)
@@ -53,7 +51,7 @@ class Loss:
     fault: str
     at_s: float
     back_s: float | None  # until another instance was at work
-    reached: bool
+    ended: bool  # as asked, and nothing touched
     more: dict[str, int]  # starts besides the first, by name
     stopped: bool
     said: tuple[str, ...]
@@ -61,7 +59,7 @@ class Loss:
     @property
     def wrong(self) -> bool:
         """Whether anything is not as it must be."""
-        return not self.reached or self.stopped or self.more != {self.agent: 1}
+        return not self.ended or self.stopped or self.more != {self.agent: 1}
 
 
 def hosts(agents: Sequence[str]) -> HostTable:
@@ -72,13 +70,13 @@ def hosts(agents: Sequence[str]) -> HostTable:
     return HostTable({"a": Host(agents=(robot, *first, *watch)), "b": Host(agents=(*rest, *watch))})
 
 
-def lose(scenario: str, seed: int) -> Loss:
+def lose(scenario: str, last_s: float, seed: int) -> Loss:
     """Drive a scenario in which one agent fails."""
-    known = load_scenario(scenario)
+    known = on_mission(load_scenario(scenario))
     rng = random.Random(f"losses/{seed}")
     agent = rng.choice((*names(known), *society().watch))
-    fault, at = rng.choice(sorted(FAULTS)), rng.uniform(FIRST_S, LAST_S)
-    options = Options(seed=seed, limit=LIMIT_S)
+    fault, at = rng.choice(sorted(FAULTS)), rng.uniform(FIRST_S, last_s)
+    options = Options(seed=seed)
     run = Rehearsal(known, options, hosts=hosts(names(known)))
     mesh = run.mesh
     begun = Counter(node.name for node in mesh.nodes)
@@ -99,7 +97,7 @@ def lose(scenario: str, seed: int) -> Loss:
         look(node, None)
 
     mesh.call_at(at, fail)
-    reached = run.run().reached
+    ended = run.run().passed
     mesh.run(max(mesh.now, at + AFTER_S))
     more = Counter(node.name for node in mesh.nodes) - begun
     said = tuple(text for host in run.hosts.values() for text in host.said)
@@ -109,7 +107,7 @@ def lose(scenario: str, seed: int) -> Loss:
         fault,
         at,
         back[0] if back else None,
-        bool(reached),
+        ended,
         dict(more),
         bool(stops),
         said,
@@ -121,10 +119,13 @@ def main(arguments: Sequence[str]) -> int:
     made = argparse.ArgumentParser(prog="python -m armadico_tools.losses")
     made.add_argument("scenario")
     made.add_argument("--seeds", nargs=2, type=int, default=(0, 20), metavar=("FROM", "TO"))
+    made.add_argument("--last", type=float, default=LAST_S, metavar="S")
     made.add_argument("--jobs", type=int, default=1)
     args = made.parse_args(arguments)
     seeds = range(args.seeds[0], args.seeds[1] + 1)
-    found = pool.over(partial(lose, args.scenario), seeds, args.jobs, "losses", _complain)
+    found = pool.over(
+        partial(lose, args.scenario, args.last), seeds, args.jobs, "losses", _complain
+    )
     for fault in FAULTS:
         losses = [loss for loss in found if loss.fault == fault]
         times = [loss.back_s for loss in losses if loss.back_s is not None]

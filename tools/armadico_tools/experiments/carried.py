@@ -38,6 +38,10 @@ RIGHT_M: Final = 0.5
 SLOW_M_S: Final = 0.3
 """Faster than this is at speed; relocate drives at 0.25 m/s."""
 
+NOTICED_S: Final = 5.0
+"""A robot that is carried off cannot know it at once: so long it is granted in the second figure,
+what its readings need to fit badly for a while, and its brakes."""
+
 CYCLE_S: Final = 0.1
 
 FROM_S, TO_S = 5.0, 20.0
@@ -45,16 +49,18 @@ FROM_S, TO_S = 5.0, 20.0
 
 NOTE: Final = (
     f"*Kidnapped*: in mid-run, {FROM_S:g} to {TO_S:g} s after the mission began, the simulator puts"
-    " the robot down somewhere else, at least 1 m away: place, heading and time are the seed's, the"
-    " odometry notices nothing. *Anywhere*: it is put down so before it starts, the pose says the"
+    " the robot down somewhere else that it could drive to, at least 1 m away: place, heading and"
+    " time are the seed's, the odometry notices nothing. *Anywhere*: it is put down so before it"
+    " starts, the pose says the"
     ' scenario\'s start, and the localization agent begins with no idea (`start = "anywhere"`).'
     " Ways are planned by the grid or the rooms in all five. It is *found* when the published pose"
     f" is within {RIGHT_M:g} m of the true one and is said to be known (standard deviation up to"
     f" {LOST_M:g} m), from then on for good: until {WITHIN_S:g} s after it was put down are over or"
     " the goal is reached. The time is to the last moment in which that was not so. *Wrong and"
     f" sure*: more than {RIGHT_M:g} m off with the pose said to be known; how long in all, the"
-    f" highest true speed meanwhile, and runs with more than {SLOW_M_S:g} m/s at any such moment,"
-    " the moments before anybody can notice included."
+    f" highest true speed meanwhile, and runs with more than {SLOW_M_S:g} m/s (nobody lost drives"
+    " as fast) at any such moment: from the first on, in which nobody can know yet that the robot"
+    f" was carried off, and from {NOTICED_S:g} s after it was put down on."
 )
 
 
@@ -66,7 +72,8 @@ class Carried(Struct, frozen=True):
     seed: int
     found_s: float  # inf: not found
     wrong_s: float  # wrong and sure for so long,
-    wrong_m_s: float  # so fast at most
+    wrong_m_s: float  # so fast at most,
+    late_m_s: float  # and so fast once there was time to notice
     collisions: int
 
 
@@ -76,8 +83,9 @@ class Kidnap:
     def __init__(self, arm: str, name: str, seed: int) -> None:
         self.arm, self.seed = arm, seed
         self._rng = Random(f"{arm}/{name}/{seed}")
-        self._places = places(load_world(load_scenario(name).world))
         self.scenario = scenario_of(name)
+        x, y, _ = self.scenario.start
+        self._places = places(load_world(self.scenario.world), (x, y))
         without = ("localization",) if arm == "anywhere" else ()
         self.rehearsal = Rehearsal(self.scenario, Options(seed=seed, without=without))
         if without:
@@ -85,7 +93,7 @@ class Kidnap:
         self.rehearsal.mesh.watch(lambda _k, message, now: self._see(message, now), Pose)
         self._down_at = inf
         self._bad_until = 0.0
-        self._wrong_s = self._wrong_m_s = 0.0
+        self._wrong_s = self._wrong_m_s = self._late_m_s = 0.0
 
     def go(self) -> Carried:
         """Drive until it is found or not."""
@@ -107,6 +115,7 @@ class Kidnap:
             round(self._bad_until - self._down_at, 1) if found else inf,
             round(self._wrong_s, 1),
             round(self._wrong_m_s, 3),
+            round(self._late_m_s, 3),
             run.watch.result().collisions or 0,
         )
 
@@ -138,6 +147,8 @@ class Kidnap:
         if off > RIGHT_M and sure and self.rehearsal.watch.mission:
             self._wrong_s += CYCLE_S
             self._wrong_m_s = max(self._wrong_m_s, abs(truth.v))
+            if now - self._down_at > NOTICED_S:
+                self._late_m_s = max(self._late_m_s, abs(truth.v))
 
 
 def scenario_of(name: str) -> Scenario:
@@ -154,7 +165,7 @@ def section(runs: Sequence[Carried]) -> str:
     """The table."""
     header = (
         *("arm", "scenario", f"found in {WITHIN_S:g} s", "median s", "wrong and sure s, median"),
-        *("fastest so, m/s", "at speed so"),
+        *("fastest so, m/s", "at speed so", f"after {NOTICED_S:g} s"),
     )
     rows = [
         (arm, name or "all", *_row([r for r in runs if r.arm == arm and name in ("", r.scenario)]))
@@ -171,5 +182,8 @@ def _row(runs: Sequence[Carried]) -> tuple[str, ...]:
         f"{median(found):.1f}" if found else "-",
         f"{median(one.wrong_s for one in runs):.1f}",
         f"{max(one.wrong_m_s for one in runs):.2f}",
-        f"{sum(one.wrong_m_s > SLOW_M_S for one in runs)} of {len(runs)}",
+        *(
+            f"{sum(speed > SLOW_M_S for speed in speeds)} of {len(runs)}"
+            for speeds in ([one.wrong_m_s for one in runs], [one.late_m_s for one in runs])
+        ),
     )

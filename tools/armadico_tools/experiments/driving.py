@@ -237,10 +237,12 @@ SHARES = {"tg_percent": "goto", "ta_percent": "avoid", "tgt_percent": "gothrough
 
 def columns(result: Result) -> tuple[dict[str, Any], dict[str, float]]:
     """What a sample takes of a run's measures, and the shares by agent."""
-    row = structs.asdict(result)
-    for field in ("scenario", "seed", "conditions", "limit_s", "why", "done", "tasks"):
-        del row[field]
-    return row, row.pop("shares")
+    row = {
+        field: value
+        for field, value in structs.asdict(result).items()
+        if field in Sample.__struct_fields__ and field != "seed"
+    }
+    return row, dict(result.shares)
 
 
 def of_thesis(shares: Mapping[str, float], taking: Collection[str]) -> dict[str, float]:

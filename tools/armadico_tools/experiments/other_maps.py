@@ -86,15 +86,27 @@ def scenarios(task: tuple[str, list[int], Path]) -> list[Cell]:
     return made
 
 
-def places(world: World) -> list[tuple[float, float]]:
-    """Where the robot can turn, in the largest part of the world that it can drive through."""
+def places(
+    world: World, reached_from: tuple[float, float] | None = None
+) -> list[tuple[float, float]]:
+    """Where the robot can turn, in one part of the world that it can drive through.
+
+    Args:
+        world: The world.
+        reached_from: A place in that part; None: the largest one.
+    """
     from scipy.ndimage import label  # noqa: PLC0415 - slow
 
-    wide, xs, ys = free_cells(world.walls, 0.5 * PASSAGE_M + 0.5 * CELL_M)
+    wide, xs, ys = free_cells(world.barriers, 0.5 * PASSAGE_M + 0.5 * CELL_M)
     parts, _ = label(wide)
-    largest = 1 + int(np.argmax(np.bincount(parts.ravel())[1:]))
+    if reached_from is None:
+        part = 1 + int(np.argmax(np.bincount(parts.ravel())[1:]))
+    else:
+        at = np.argwhere(wide)
+        away = np.hypot(xs[at[:, 0]] - reached_from[0], ys[at[:, 1]] - reached_from[1])
+        part = parts[tuple(at[np.argmin(away)])]
     turns = load_profile("pioneer-2dx").body.circle_m + ROOM_M
-    free = free_cells(world.walls, turns)[0] & (parts == largest)
+    free = free_cells(world.barriers, turns)[0] & (parts == part)
     return [(float(xs[i]), float(ys[j])) for i, j in np.argwhere(free)]
 
 
