@@ -701,7 +701,7 @@ class ExploreStatus(Message, frozen=True):
 TASKS: Final = 256
 """Tasks of a list, at the most."""
 
-TaskNumber = Annotated[int, Meta(ge=0, lt=TASKS)]
+TaskNumber = Annotated[int, Meta(ge=0, le=TASKS - 1)]
 
 
 class FleetPose(Message, frozen=True):
