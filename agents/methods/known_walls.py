@@ -69,10 +69,13 @@ class _Near(NamedTuple):
     nx: float
     ny: float
     distance: float
+    side: int = 1  # of the wall's own normal, on which the robot is not
+    off: float = 0.0  # m that it may be farther off, by the pose,
+    by: float = 0.0  # and m that it was moved away
 
 
-NEARER_CYCLES = 10
-"""So long is a wall as near as it was heard: the ring of sonars goes round in four."""
+HEARD_CYCLES = 100
+"""So long is a wall as near as it was heard: the pose is not so soon off otherwise."""
 
 BESIDE_M = 0.05
 """A place no farther than this beyond the nearest in a cone may be the one that was heard."""
@@ -101,7 +104,7 @@ class KnownWalls:
         self._weight = 0.0
         self._off = 0.0  # the pose's standard deviation, m
         self._doubts: dict[int, float] = {}  # by the number of the three
-        self._nearer: dict[int, tuple[float, int]] = {}  # heard so much nearer, m, cycles ago
+        self._heard: dict[int, tuple[float, int]] = {}  # moved so along its normal, m, cycles ago
 
     def look(
         self, pose: Pose2 | None, covariance: Sequence[float] = (), *, old: bool = False
@@ -134,12 +137,15 @@ class KnownWalls:
             forbidden = three == UNDOUBTED
             if dx * dx + dy * dy > reach or not (believed or forbidden):
                 continue
+            side = 1
             if dx * nx + dy * ny < 0.0:
-                nx, ny = -nx, -ny  # noqa: PLW2901 - away from the robot
+                side, nx, ny = -1, -nx, -ny  # noqa: PLW2901 - away from the robot
             off = 0.0
             if not forbidden:
                 off = math.sqrt(max(0.0, xx * nx * nx + 2.0 * xy * nx * ny + yy * ny * ny))
-            dx, dy = dx + off * nx, dy + off * ny
+            heard = self._heard.get(three)
+            by = off if heard is None else min(off, side * heard[0])
+            dx, dy = dx + by * nx, dy + by * ny
             self._near.append(
                 _Near(
                     three,
@@ -148,6 +154,9 @@ class KnownWalls:
                     cos * nx + sin * ny,
                     cos * ny - sin * nx,
                     math.hypot(dx, dy),
+                    side,
+                    off,
+                    by,
                 )
             )
 
@@ -158,8 +167,8 @@ class KnownWalls:
             self._doubts[three] *= s.memory
             if self._doubts[three] < FORGOTTEN:
                 del self._doubts[three]
-        self._nearer = {
-            three: (by, ago + 1) for three, (by, ago) in self._nearer.items() if ago < NEARER_CYCLES
+        self._heard = {
+            three: (by, ago + 1) for three, (by, ago) in self._heard.items() if ago < HEARD_CYCLES
         }
         for echo in echoes:
             if echo.range is None:
@@ -167,7 +176,7 @@ class KnownWalls:
             cos, sin = math.cos(echo.bearing), math.sin(echo.bearing)
             free = echo.range - s.margin_m
             through, answered = set(), set()
-            for three, x, y, nx, ny, away in self._near:
+            for three, x, y, nx, ny, away, *_ in self._near:
                 if three == UNDOUBTED:
                     continue
                 dx, dy = x - echo.x, y - echo.y
@@ -197,25 +206,19 @@ class KnownWalls:
             there = best.get(at)
             if there is None or place.distance < there.distance:
                 best[at] = place
-        return [self._as_heard(place) for place in best.values()]
-
-    def _as_heard(self, place: _Near) -> Obstacle:
-        """A wall no farther than it was heard: the pose may be off, a range hardly is."""
-        by, _ = self._nearer.get(place.three, (0.0, 0))
-        share = max(place.distance - by, 0.0) / place.distance if place.distance else 1.0
-        return Obstacle(share * place.x, share * place.y, share * place.distance)
+        return [Obstacle(place.x, place.y, place.distance) for place in best.values()]
 
     def explains(self, echo: Echo) -> bool:
         """Whether the map has a wall that the echo comes from, somewhere in the sonar's cone.
 
-        That wall is no farther then than it was heard.
+        That wall is no farther then than it was heard: the pose may be off, a range hardly is.
         """
         if echo.range is None:
             return False
         s = self.settings
         near = s.explains_near_m + self._off
         cos, sin = math.cos(echo.bearing), math.sin(echo.bearing)
-        may: list[tuple[float, int]] = []
+        may: list[tuple[float, _Near]] = []
         for place in self._near:
             if place.three == UNDOUBTED:  # and unheard
                 continue
@@ -224,12 +227,13 @@ class KnownWalls:
             if abs(away - echo.range) > near or cos * dx + sin * dy < s.explains_cone * away:
                 continue
             if self._believed(place):
-                may.append((away, place.three))
-        nearest = min(may, default=(0.0, 0))[0]  # an echo comes from what is nearest in the cone
-        by = nearest - echo.range
-        for away, three in may:
-            if by > 0.0 and away - nearest < BESIDE_M:
-                self._nearer[three] = max(self._nearer.get(three, (0.0, 0))[0], by), 0
+                may.append((away, place))
+        nearest = min((away for away, _ in may), default=0.0)  # an echo comes from what is nearest
+        for away, place in may:
+            if away - nearest < BESIDE_M:
+                by = min(place.off, place.by - (nearest - echo.range))
+                if by < place.off or place.three in self._heard:
+                    self._heard[place.three] = place.side * by, 0
         return bool(may)
 
     @property
