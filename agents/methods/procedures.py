@@ -37,6 +37,7 @@ from armadico.core.messages import (
     StepResult,
     Told,
     line,
+    next_count,
 )
 from armadico.core.tasks import Beliefs, Done, Failed, Going, Progress, Reach, Request, Stand
 
@@ -217,7 +218,7 @@ class _Look:
         procedure = self._mission.procedures.get(step.do)
         self._set(begun=True, elapsed=0.0, stage=0)
         if procedure is None:
-            self._course = replace(self._course, tasks=self._course.tasks + 1)
+            self._course = replace(self._course, tasks=next_count(self._course.tasks))
             return
         told = _told(step)
         if procedure.when is not None and not self._believed(
@@ -256,7 +257,7 @@ class _Look:
         if isinstance(verdict, Going):
             if verdict.stage != frame.stage:
                 self._set(stage=verdict.stage)
-                self._course = replace(self._course, tasks=self._course.tasks + 1)
+                self._course = replace(self._course, tasks=next_count(self._course.tasks))
             return verdict.request
         if isinstance(verdict, Failed):
             self._step_failed(verdict.why)
@@ -347,7 +348,7 @@ def _values(told: tuple[Told, ...]) -> Mapping[str, Value]:
 
 
 def _told(step: Step) -> tuple[Told, ...]:
-    return tuple(Told(name, value) for name, value in step.arguments)
+    return tuple(Told.of(name, value) for name, value in step.arguments)
 
 
 def _steps(mission: Mission, frame: Frame) -> tuple[Step, ...]:
