@@ -61,7 +61,10 @@ class Parameters(agent.Parameters, frozen=True, kw_only=True):
     lost_fit: Share = 0.55  # or if the readings fit so much worse than they usually do
     lost_way_m: Metres = 1.0  # all along such a way,
     lost_turn_rad: Angle = 3.0  # or such a turn, or a part of both:
-    doubt_m: Metres = 0.35  # before that it is no surer than this
+    carried_fit: Share = 0.55  # or if what it has heard meanwhile fits so well elsewhere,
+    carried_pings: Annotated[int, Meta(ge=1, le=1000)] = 15  # looked for after so many more:
+    doubt_m: Metres = 0.35  # before that it is no surer than this,
+    fits_again: Share = 0.8  # nor until the readings fit so well again
     looks_after: Annotated[int, Meta(ge=1, le=100)] = 5  # new readings, on the whole map
     found: Share = 0.95  # and found with this much in one of all the places that fit,
     found_fit: Share = 0.28  # where the readings fit so well, by their geometric mean,
@@ -112,6 +115,7 @@ class Localization(Agent):
         self._since: float | None = None  # when it began to seem lost
         self._doubts = False  # the readings fit badly,
         self._misfit = 0.0  # and have done so for such a share of the way that it takes to be lost
+        self._looked = 0  # and so many pings of them have been looked for elsewhere
         self._sure = 0  # so often in a row one place has been much better than all others,
         self._best: Pose2 = STOOD  # this one,
         self._unproved = 0  # and so often it has to be that yet
@@ -188,35 +192,51 @@ class Localization(Agent):
         """Whether it is lost: if it seems so for a while, and found once it has been sure.
 
         An estimate that leaps is of another place: the robot is lost until it is found there.
-        Readings that fit badly, and no better anywhere else, may be people's: it slows down, and
-        only whom no reading fits for a while of driving has been carried away.
+        Readings that fit badly may be people's: it slows down. What people let it hear fits nowhere
+        on the map; what a robot that was carried away hears fits where it is now.
         """
         p, x, y = self.p, found.pose[0], found.pose[1]
-        wide, share, fit = found.deviation_m, found.share, found.fit
+        wide, share = found.deviation_m, found.share
         leaps = self._at is not None and apart(found.pose, self._at)
         self._at = found.pose
         if not self._lost:
-            usual = max(found.usual, p.filter.fits)  # a wrong place is no standard
-            doubted, self._doubts = self._doubts, fit < p.lost_fit * usual
-            if self._doubts and not doubted:
-                self._filter.news = 0
-            x_, y_, turn = self._motion
-            moved = hypot(x_, y_) / p.lost_way_m + abs(turn) / p.lost_turn_rad
-            self._misfit = self._misfit + moved if self._doubts else 0.0
+            carried = self._doubt(found)
             doubtful = share < p.lost or wide > p.lost_m
             self._since = (self._since or self.now) if doubtful else None
             waited = self._since is not None and self.now - self._since >= p.lost_s
-            if not (waited or leaps or self._misfit >= 1.0):
+            if not (waited or leaps or carried):
                 return
             if not self._unproved:  # it may have been carried here when it began to doubt
                 self._filter.forget(self._filter.news if self._doubts else 0)
             self._lose(
                 f"at best at ({x:.2f}, {y:.2f}), with {100 * share:.0f} % of the"
-                f" weight, +-{wide:.2f} m; the readings fit by {fit:.2f}"
+                f" weight, +-{wide:.2f} m; the readings fit by {found.fit:.2f}"
             )
         elif self._sure >= p.found_times:
             self._lost, self._since, self._unproved = False, None, p.proved_times
             self.log(f"the robot is found: at ({x:.2f}, {y:.2f})")
+
+    def _doubt(self, found: Estimate) -> bool:
+        """Take how well the readings fit; whether it must have been carried away."""
+        p, usual = self.p, max(found.usual, self.p.filter.fits)  # a wrong place is no standard
+        badly = found.fit < p.lost_fit * usual
+        doubted = self._doubts
+        self._doubts = badly or (doubted and found.fit < p.fits_again * usual)
+        x, y, turn = self._motion
+        moved = hypot(x, y) / p.lost_way_m + abs(turn) / p.lost_turn_rad
+        self._misfit = self._misfit + moved if badly else 0.0
+        if not self._doubts:
+            return False
+        if not doubted:
+            self._filter.mark()
+            self._looked = 0
+        heard = self._filter.echoes_of_news
+        if heard - self._looked < p.carried_pings:
+            return self._misfit >= 1.0
+        self._looked = heard
+        best, *_ = self._filter.rivals()
+        elsewhere = best.fit >= p.carried_fit and apart(best.pose, found.pose)
+        return elsewhere or self._misfit >= 1.0
 
     def _lose(self, why: str) -> None:
         self._lost, self._since, self._sure, self._unproved = True, None, 0, 0

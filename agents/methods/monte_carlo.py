@@ -188,6 +188,7 @@ class MonteCarlo:
         self._since: Pose2 = (0.0, 0.0, 0.0)  # the motion since the last reading that is kept
         self._fresh = False  # a reading has been kept since places were recalled
         self.news = 0  # readings that have been kept since places were looked for
+        self._parts = False  # the next reading is kept however near it is
         self._kept: deque[Reading] = deque(maxlen=max(settings.kept, settings.remembered))
 
     def start_at(self, pose: Pose2, deviation_m: float, deviation_rad: float) -> None:
@@ -287,9 +288,9 @@ class MonteCarlo:
         """Keep a reading, with the motion that led to it from the one before."""
         x, y, turn = self._since
         far = hypot(x, y) > self.settings.apart_m or abs(turn) > self.settings.apart_rad
-        if far or not self._kept:
+        if far or not self._kept or self._parts:
             self._kept.append(Reading(self._since, echoes, []))
-            self._since = (0.0, 0.0, 0.0)
+            self._since, self._parts = (0.0, 0.0, 0.0), False
             self._fresh = True
             self.news += 1
             return
@@ -302,6 +303,16 @@ class MonteCarlo:
         while len(self._kept) > but:
             self._kept.popleft()
         self.news = but
+
+    def mark(self) -> None:
+        """What is heard from now on counts as news, and is no part of a reading of before."""
+        self.news, self._parts = 0, True
+
+    @property
+    def echoes_of_news(self) -> int:
+        """How many pings there are in the news."""
+        news = islice(reversed(self._kept), self.news)
+        return sum(len(reading.echoes) + len(reading.more) for reading in news)
 
     def _recall(self) -> Poses:
         """Places that the readings of late speak for, wherever the particles are.
@@ -339,15 +350,29 @@ class MonteCarlo:
     def places(self) -> list[Place]:
         """Where the robot may be by all that is kept, best first; the particles go there.
 
-        For a robot that is lost. A particle filter that has no idea soon loses the right place
+        For a robot that is lost.
+        """
+        self.news = 0
+        guesses, places = self._search(list(self._readings()))
+        if places:
+            self._gather(guesses, np.array([place.share for place in places]))
+        return places
+
+    def rivals(self) -> list[Place]:
+        """Where it may be by the readings since `mark`, best first; the particles stay."""
+        return self._search(list(islice(self._readings(), self.news)))[1]
+
+    def _search(self, stretch: Sequence[Behind]) -> tuple[Poses, list[Place]]:
+        """Places on the whole map by a stretch of the drive, best first, and guesses there.
+
+        A particle filter that has no idea soon loses the right place
         among the many. Here each place is weighed by the whole stretch of the drive: of many a few
         echoes drop the most, and what is left is told apart by all. The wheels' drift and turning
         error are looked for with each place, or they bend the stretch and the right one fits badly.
         """
-        settings, self.news = self.settings, 0
-        stretch = list(self._readings())
+        settings = self.settings
         if not stretch:
-            return []
+            return self._anywhere(0), []
         drawn = self._drawn(settings.tries)
         guesses = np.concatenate(
             [
@@ -361,8 +386,7 @@ class MonteCarlo:
         shares = np.exp((logs - logs.max()) / settings.rival)
         shares /= shares.sum()
         heard = sum(len(at.reading.echoes) + len(at.reading.more) for at in stretch)
-        self._gather(guesses, shares)
-        return [
+        return guesses, [
             Place((float(x), float(y), wrap(float(theta))), float(share), exp(log / heard))
             for (x, y, theta, *_), share, log in zip(guesses, shares, logs, strict=True)
         ]

@@ -317,6 +317,21 @@ def test_rooms_that_are_alike_share_what_is_believed() -> None:
     assert 0.2 < second.share <= first.share < 0.8
 
 
+def test_what_is_heard_since_a_mark_speaks_for_a_place_and_moves_no_particle() -> None:
+    particles = filtered()
+    particles.start_at(START, 0.1, 0.1)
+    follow(particles, START, 150)
+    particles.mark()
+    assert particles.echoes_of_news == 0
+    assert particles.rivals() == []
+    pose, _ = follow(particles, START, 150)[-1]  # carried back
+    assert 200 < particles.echoes_of_news <= 300
+    before = particles.poses.copy()
+    best, *_ = particles.rivals()
+    assert hypot(best.pose[0] - pose[0], best.pose[1] - pose[1]) < 0.3
+    assert np.array_equal(particles.poses, before)
+
+
 def test_what_is_forgotten_speaks_for_no_place() -> None:
     particles = lost(WALLS, 60)
     assert particles.news > 5
@@ -514,6 +529,40 @@ def test_readings_that_fit_badly_slow_the_robot_down_before_it_is_lost(world: st
     unsure = [off for off in deviations if UNSURE_M < off < LOST_M]
     assert len(unsure) > 3
     assert deviations[-1] > LOST_M
+
+
+@pytest.mark.parametrize(("fit", "lost"), [(0.6, True), (0.5, False)])
+def test_who_doubts_is_lost_once_what_it_hears_fits_well_elsewhere(
+    world: str, monkeypatch: pytest.MonkeyPatch, fit: float, lost: bool
+) -> None:
+    """It has not come far then; what people let it hear fits well nowhere."""
+    monkeypatch.setattr(MonteCarlo, "rivals", lambda _: [Place((1.0, 1.5, 2.0), 0.9, fit)])
+    robot = Robot(Parameters(world=world))
+    for pose, motion in drive(START, 200):
+        robot.at(pose, motion, pose)
+    pose, motion = (1.0, 1.5, 2.0), (0.01, 0.0, 0.0)
+    confidences = []
+    for _ in range(round(0.6 * Parameters().lost_way_m / motion[0])):
+        pose = compose(pose, motion)
+        confidences.append(robot.at(pose, motion, (0.0, 0.0, 0.0))[0].confidence)
+    assert (0.0 in confidences) == lost
+
+
+def test_who_doubts_is_slow_until_the_readings_fit_again(
+    world: str, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    robot, estimate = Robot(Parameters(world=world)), MonteCarlo.estimate
+    fits = iter((0.5, 0.35, 0.25, 0.35, 0.45))
+
+    def fits_so(particles: MonteCarlo, about: Pose2 | None = None) -> Estimate:
+        return replace(estimate(particles, about), fit=next(fits), usual=0.5)
+
+    monkeypatch.setattr(MonteCarlo, "estimate", fits_so)
+    unsure = []
+    for pose, motion in drive(START, 5):
+        (correction,) = robot.at(pose, motion, pose)
+        unsure.append(sqrt(correction.covariance[0] + correction.covariance[3]) > 0.3)
+    assert unsure == [False, False, True, True, False]
 
 
 def test_what_rolled_while_there_was_no_robot_agent_moves_the_particles_too(world: str) -> None:
