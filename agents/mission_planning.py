@@ -25,6 +25,8 @@ from armadico.core.messages import (
     BatteryLevel,
     Board,
     ChargeRequest,
+    ChargeState,
+    ChargeStatus,
     EnergyReply,
     EnergyRequest,
     ExploreRequest,
@@ -88,7 +90,7 @@ class MissionPlanning(Agent):
     alone = True
     hears: ClassVar[tuple[type[Message], ...]] = (
         *(Pose, Trajectory, Planned, MissionStatus, ExploreStatus, Board),
-        *(Alarm, Subplan, BatteryLevel),
+        *(Alarm, Subplan, BatteryLevel, ChargeStatus),
     )
     provides: ClassVar[tuple[type[Message], ...]] = (Board, SubplanRequest, Photo)
     answers: ClassVar[tuple[type[Message], ...]] = (MissionProposal, MissionWithdrawal)
@@ -116,6 +118,9 @@ class MissionPlanning(Agent):
         self._refused_at: float | None = None  # since when no way is planned
         self._again_at = 0.0
         self._battery_at = float("-inf")
+        self._no_dock_at: float | None = None  # since when the charger knows of no way to a dock
+        self._no_dock = ""  # and its word on that
+        self._wanted_at = 0.0  # when what is wanted was first
         self._looked_at = self._published_at = 0.0
         self._changed = False
 
@@ -171,13 +176,18 @@ class MissionPlanning(Agent):
         if board.by == self._by:
             return
         self._missions.learn(board)
-        self._alarms = [*dict.fromkeys((*board.alarms, *self._alarms))][:ALARMS_MOST]
-        self._unchecked = [*dict.fromkeys((*board.unchecked, *self._unchecked))][:ALARMS_MOST]
+        self._alarms = self._in_rooms((*board.alarms, *self._alarms))
+        self._unchecked = self._in_rooms((*board.unchecked, *self._unchecked))
         self._want(None)
         active = self._missions.active
         if active is not None:
             self._left = active.told.way
             self.log(f"mission {active.told.name} goes on")
+
+    def _in_rooms(self, alarms: tuple[str, ...]) -> list[str]:
+        """Each alarm once, and none of those that nobody could go to."""
+        known = [room for room in dict.fromkeys(alarms) if room in self._places.rooms]
+        return known[:ALARMS_MOST]
 
     def on_pose(self, pose: Pose) -> None:
         """Where the robot is on the way that is driven."""
@@ -209,11 +219,24 @@ class MissionPlanning(Agent):
         self._battery_at = self.now
         wanted = self._wanted
         if wanted is not None and isinstance(wanted[2], Charge) and self._reach is Reach.UNDER_WAY:
-            charged = level.charging and level.share >= min(wanted[2].until, FULL)
+            charged = level.share >= min(wanted[2].until, FULL)  # in the dock, or already
             self._reach = Reach.DONE if charged else self._reach
+
+    def on_charge_status(self, status: ChargeStatus) -> None:
+        """What the charger is at; without a way to a dock it never is."""
+        nowhere = status.state is ChargeState.NONE and bool(status.note)
+        if not nowhere:
+            self._no_dock_at, self._no_dock = None, ""
+            return
+        self._no_dock = status.note
+        if self._no_dock_at is None:
+            self._no_dock_at = self.now
 
     def on_alarm(self, alarm: Alarm) -> None:
         """An alarm begins, or is over."""
+        if alarm.room not in self._places.rooms:
+            self.log(line(f"an alarm in {alarm.room!r}, which is no room: ignored"), WARNING)
+            return
         if alarm.on and alarm.room not in self._alarms and len(self._alarms) < ALARMS_MOST:
             self._alarms.append(alarm.room)
             self._unchecked.append(alarm.room)
@@ -271,7 +294,7 @@ class MissionPlanning(Agent):
     def _look(self) -> None:
         """Look at the missions: go on with the most urgent one."""
         seconds, self._looked_at = max(self.now - self._looked_at, 0.0), self.now
-        if self.stopped is not None:
+        if self.stopped is not None or self._is_moved:
             seconds = 0.0
         self._coordinator.look(self.now)
         before, entry = self._missions.active, self._missions.choose()
@@ -285,6 +308,13 @@ class MissionPlanning(Agent):
             self._go_on(entry, beliefs, seconds if entry is before else 0.0)
             self._heed_alarms(entry, beliefs)
         self._publish_board()
+
+    @property
+    def _is_moved(self) -> bool:
+        """Whether the robot is to stand for a task, and somebody has it driven meanwhile."""
+        stands = self._wanted is not None and isinstance(self._wanted[2], Stand)
+        trajectory = self.memory.newest(Trajectory)
+        return stands and trajectory is not None and bool(trajectory.waypoints)
 
     def _switch(self, before: Entry | None, entry: Entry | None) -> None:
         """Another mission is the most urgent one now."""
@@ -369,6 +399,7 @@ class MissionPlanning(Agent):
         self._errand.drop()
         self._wanted, self._reach, self._note = wanted, Reach.NONE, ""
         self._order, self._cleared, self._weighs, self._refused_at = 0, False, False, None
+        self._wanted_at = self.now
         self._again_at = 0.0
         if wanted is None or entry is None:
             return
@@ -406,7 +437,20 @@ class MissionPlanning(Agent):
             return
         if isinstance(request, Drive):
             self._drive(entry, request, beliefs)
-        elif isinstance(request, Charge) and self.now >= self._again_at:
+        elif isinstance(request, Charge):
+            self._charge(wanted, request)
+
+    def _charge(self, wanted: tuple[int, int, Request], request: Charge) -> None:
+        """Have it charged; it fails where nobody can say when it is, or no dock can be got to."""
+        if self.now - max(self._battery_at, self._wanted_at) > self.p.battery_s:
+            self._reach = Reach.FAILED
+            self._note = "nobody says what is left of the battery: no fresh battery/level"
+            return
+        since = self._no_dock_at
+        if since is not None and self.now - max(since, self._wanted_at) > self.p.patience_s:
+            self._reach, self._note = Reach.FAILED, self._no_dock
+            return
+        if self.now >= self._again_at:
             self._again_at = self.now + ASK_S
             charge = ChargeRequest(request.until)
             self.ask(charge, lambda reply: self._ordered(wanted, reply, "charges"))
