@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from math import atan2
+from math import atan2, hypot
 from typing import Annotated, Any, ClassVar, Final
 
 from msgspec import Meta
@@ -63,6 +63,11 @@ ASK_S: Final = 10.0
 
 ALARMS_MOST: Final = 32
 
+AWAY_M: Final = 0.5
+"""Who is to stand, and is farther from there, was driven away by somebody."""
+
+AWAY: Final = "the robot is not where it is to stand: somebody has it driven, or had"
+
 
 class Parameters(agent.Parameters, frozen=True, kw_only=True):
     """The world whose places it knows, the robot, and how patient it is."""
@@ -118,6 +123,7 @@ class MissionPlanning(Agent):
         self._refused_at: float | None = None  # since when no way is planned
         self._again_at = 0.0
         self._battery_at = float("-inf")
+        self._stood: Waypoint | None = None  # where the robot is to stand for its task
         self._no_dock_at: float | None = None  # since when the charger knows of no way to a dock
         self._no_dock = ""  # and its word on that
         self._wanted_at = 0.0  # when what is wanted was first
@@ -294,7 +300,7 @@ class MissionPlanning(Agent):
     def _look(self) -> None:
         """Look at the missions: go on with the most urgent one."""
         seconds, self._looked_at = max(self.now - self._looked_at, 0.0), self.now
-        if self.stopped is not None or self._is_moved:
+        if self.stopped is not None:
             seconds = 0.0
         self._coordinator.look(self.now)
         before, entry = self._missions.active, self._missions.choose()
@@ -305,16 +311,30 @@ class MissionPlanning(Agent):
         else:
             beliefs = self._beliefs()
             self._carry_out(entry, beliefs)
-            self._go_on(entry, beliefs, seconds if entry is before else 0.0)
+            if entry is before and self._is_away:
+                entry.told = replace(entry.told, way=self._errand.way, note=AWAY)
+            else:
+                self._go_on(entry, beliefs, seconds if entry is before else 0.0)
             self._heed_alarms(entry, beliefs)
         self._publish_board()
 
     @property
-    def _is_moved(self) -> bool:
-        """Whether the robot is to stand for a task, and somebody has it driven meanwhile."""
-        stands = self._wanted is not None and isinstance(self._wanted[2], Stand)
+    def _is_driven(self) -> bool:
+        """Whether anybody has the robot driven."""
         trajectory = self.memory.newest(Trajectory)
-        return stands and trajectory is not None and bool(trajectory.waypoints)
+        return trajectory is not None and bool(trajectory.waypoints)
+
+    @property
+    def _is_away(self) -> bool:
+        """Whether it is to stand for a task, and somebody has it driven, or has left it elsewhere.
+
+        The task waits then, and the robot comes back.
+        """
+        if self._wanted is None or not isinstance(self._wanted[2], Stand):
+            return False
+        at, stood = self._beliefs().at, self._stood
+        away = stood and at and hypot(at.x - stood.x, at.y - stood.y) > AWAY_M
+        return self._is_driven or bool(away)
 
     def _switch(self, before: Entry | None, entry: Entry | None) -> None:
         """Another mission is the most urgent one now."""
@@ -399,7 +419,7 @@ class MissionPlanning(Agent):
         self._errand.drop()
         self._wanted, self._reach, self._note = wanted, Reach.NONE, ""
         self._order, self._cleared, self._weighs, self._refused_at = 0, False, False, None
-        self._wanted_at = self.now
+        self._wanted_at, self._stood = self.now, None
         self._again_at = 0.0
         if wanted is None or entry is None:
             return
@@ -434,11 +454,36 @@ class MissionPlanning(Agent):
             return
         request = wanted[2]
         if isinstance(request, Stand):
+            self._come_back(entry, beliefs)
             return
         if isinstance(request, Drive):
             self._drive(entry, request, beliefs)
         elif isinstance(request, Charge):
             self._charge(wanted, request)
+
+    def _come_back(self, entry: Entry, beliefs: Beliefs) -> None:
+        """Drive to where it is to stand, once whoever had it driven elsewhere is done with it.
+
+        Without a way back for a while the task stands where it is, and may fail for that.
+        """
+        errand, pose, stood = self._errand, self.fresh(Pose), self._stood
+        if stood is None:
+            self._stood = None if self._is_driven else beliefs.at
+        elif errand.stage is Stage.REACHED:
+            errand.drop()
+        elif errand.stage is Stage.FAILED:
+            errand.drop()
+            if self._refused_at is None:
+                self._refused_at = self.now
+            self._again_at = self.now + self.p.again_s
+            if self.now - self._refused_at >= self.p.patience_s:
+                self._stood = self._refused_at = None
+        elif errand.stage is Stage.NONE and self.now >= self._again_at:
+            known = pose is not None and beliefs.at is not None
+            if known and self._is_away and not self._is_driven:
+                assert pose is not None, "it is known"
+                self._cleared = True
+                errand.go(stood, pose, 0.0, f"{entry.told.name}: back to where it stood")
 
     def _charge(self, wanted: tuple[int, int, Request], request: Charge) -> None:
         """Have it charged; it fails where nobody can say when it is, or no dock can be got to."""

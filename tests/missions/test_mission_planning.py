@@ -199,14 +199,17 @@ def test_an_alarm_in_no_room_is_ignored_however_many_there_are() -> None:
     assert building.board.alarms == ("R21",)
 
 
-def test_a_photo_is_no_photo_while_somebody_has_the_robot_driven() -> None:
+def test_who_is_driven_away_while_it_stands_for_a_task_comes_back_to_it() -> None:
     building = Building()
     number = building.taken(text('do = "take-photo", room = "hall", seconds = 3'))
     building.run(1.0)
-    building.rehearsal.client.hand_over(MissionRequest(Waypoint(4.5, 5.0, 0.0)))
-    building.until(lambda: building.ended(number), 60.0)
+    building.rehearsal.client.hand_over(MissionRequest(Waypoint(2.0, 2.0, 0.0)))  # in R2
+    building.until(lambda: building.pose().y < 3.0, 60.0)
+    assert "not where it is to stand" in building.mission(number).note
+    building.until(lambda: building.ended(number), 120.0)
     (photo,) = building.heard(Photo)
-    assert photo.x == pytest.approx(4.5, abs=0.15)
+    assert (photo.x, photo.y) == pytest.approx((2.0, 5.0), abs=0.2)
+    assert building.mission(number).course.elapsed < 10.0
 
 
 # It outlives whoever dies -------------------------------------------------------------------------
