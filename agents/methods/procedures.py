@@ -29,6 +29,7 @@ from armadico.config.missions import (
 )
 from armadico.core.messages import (
     LARGEST,
+    LARGEST_COUNT,
     Course,
     Frame,
     Message,
@@ -37,6 +38,7 @@ from armadico.core.messages import (
     StepResult,
     Told,
     line,
+    next_count,
 )
 from armadico.core.tasks import Beliefs, Done, Failed, Going, Progress, Reach, Request, Stand
 
@@ -201,7 +203,7 @@ class _Look:
 
     def _begin_detour(self) -> None:
         detour, drops = self._course.detour, self._course.drops
-        self._set(step=self._frame.step + drops, attempt=0, turn=0)
+        self._set(step=min(self._frame.step + drops, LARGEST_COUNT), attempt=0, turn=0)
         self._course = replace(self._course, detour=(), drops=0)
         if len(self._course.frames) < FRAMES_MOST:
             self._push(Frame(detour=detour))
@@ -217,7 +219,7 @@ class _Look:
         procedure = self._mission.procedures.get(step.do)
         self._set(begun=True, elapsed=0.0, stage=0)
         if procedure is None:
-            self._course = replace(self._course, tasks=self._course.tasks + 1)
+            self._course = replace(self._course, tasks=next_count(self._course.tasks))
             return
         told = _told(step)
         if procedure.when is not None and not self._believed(
@@ -256,7 +258,7 @@ class _Look:
         if isinstance(verdict, Going):
             if verdict.stage != frame.stage:
                 self._set(stage=verdict.stage)
-                self._course = replace(self._course, tasks=self._course.tasks + 1)
+                self._course = replace(self._course, tasks=next_count(self._course.tasks))
             return verdict.request
         if isinstance(verdict, Failed):
             self._step_failed(verdict.why)
@@ -277,7 +279,7 @@ class _Look:
             self._next()
 
     def _next(self) -> None:
-        step = self._frame.step + 1
+        step = min(self._frame.step + 1, LARGEST_COUNT)  # whatever somebody has put on the board
         self._set(step=step, attempt=0, turn=0, begun=False, elapsed=0.0, stage=0)
 
     def _frame_done(self) -> None:
