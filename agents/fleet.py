@@ -10,12 +10,12 @@ from msgspec import Meta
 
 from armadico.agents.methods.task_sharing import TaskSharing, done_of
 from armadico.agents.methods.tours import TURN_S, Tours
-from armadico.config.profile import load_profile
 from armadico.core import agent
 from armadico.core.agent import WARNING, Agent, Question, Refused
 from armadico.core.behaviour import LOST_M
 from armadico.core.exchange import Bid
 from armadico.core.messages import (
+    BatteryLevel,
     Cycle,
     Description,
     FleetBoard,
@@ -63,7 +63,6 @@ class Parameters(agent.Parameters, frozen=True, kw_only=True):
     """Which robot this is, the speed that it counts on, and what it does with what goes wrong."""
 
     namespace: Annotated[str, Meta(min_length=1)] = "robot1"
-    profile: str = "pioneer-2dx"
     cruise_m_s: Annotated[float, Meta(gt=0, le=10)] = 0.4
     planning_s: Annotated[float, Meta(gt=0, le=120)] = 25.0
     stuck_s: Annotated[float, Meta(gt=0, le=3600)] = 30.0
@@ -77,26 +76,27 @@ class Fleet(Agent):
     """Bids for tasks against the other robots' fleet agents, and drives by missions of its own.
 
     It bids while its robot can: the pose is known, it is not stopped, and nobody has sent it
-    elsewhere. What cannot be done is given back, and so is everything when the agent or the robot
-    dies: nobody hears its claims.
+    elsewhere. Who has less energy left bids less (`methods/tours.py`). What cannot be done is given
+    back, and so is everything when the agent or the robot dies: nobody hears its claims.
     """
 
     name = "fleet"
     alone = True
-    hears: ClassVar[tuple[type[Message], ...]] = (Pose, MissionStatus, FleetTasks, FleetClaims)
+    hears: ClassVar[tuple[type[Message], ...]] = (
+        *(Pose, BatteryLevel, MissionStatus, FleetTasks, FleetClaims),
+    )
     provides: ClassVar[tuple[type[Message], ...]] = (
         *(FleetPose, FleetTasks, FleetClaims, FleetBoard, FleetStatus),
     )
     answers: ClassVar[tuple[type[Message], ...]] = (FleetRequest,)
     asks: ClassVar[tuple[type[Message], ...]] = (MissionRequest, PlanRequest)
     parameters = Parameters
-    launched_with = ("namespace", "profile")
+    launched_with = ("namespace",)
     p: Parameters
 
     def __init__(self, identity: agent.Identity, parameters: Any = None) -> None:
         super().__init__(identity, parameters)
         self.robot = self.p.namespace.rpartition("/")[2]
-        self._battery = load_profile(self.p.profile).battery
         self._list: FleetTasks | None = None
         self._finished: set[int] = set()  # lists that are done
         self.sharing: TaskSharing | None = None
@@ -260,11 +260,9 @@ class Fleet(Agent):
             self._order = []
             return {}
         self._barred = {task: until for task, until in self._barred.items() if until > self.now}
-        state, battery = self.latest(RobotState), self._battery
-        if state is not None:
-            share = (state.battery_v - battery.empty_v) / (battery.full_v - battery.empty_v)
-            full = 3600.0 * battery.capacity_ah * 0.5 * (battery.full_v + battery.empty_v)
-            self._tours.left_j = max(share, 0.0) * full
+        level = self.fresh(BatteryLevel)
+        if level is not None:
+            self._tours.left_j = max(level.joules, 1.0)
         held = [task for task in sharing.mine if task not in self._barred]
         pinned = self._doing if self._doing in held else None
         self._order = self._tours.ordered(pose, held, pinned)

@@ -587,7 +587,7 @@ class MissionPlanning(Agent):
         if not mission.on_alarm or self._coordinator.busy or course.detour:
             return
         room = self._unchecked[0]
-        before = (move(room), PlanStep(mission.on_alarm, (Told("room", room),)))
+        before = (move(room), PlanStep(mission.on_alarm, (Told.of("room", room),)))
         ask = SubplanRequest(
             self.rng.getrandbits(63),
             entry.told.mission,

@@ -71,6 +71,13 @@ class _Near(NamedTuple):
     distance: float
 
 
+NEARER_CYCLES = 10
+"""So long is a wall as near as it was heard: the ring of sonars goes round in four."""
+
+BESIDE_M = 0.05
+"""A place no farther than this beyond the nearest in a cone may be the one that was heard."""
+
+
 class KnownWalls:
     """Places of the map's walls, and how much each of them is believed."""
 
@@ -94,6 +101,7 @@ class KnownWalls:
         self._weight = 0.0
         self._off = 0.0  # the pose's standard deviation, m
         self._doubts: dict[int, float] = {}  # by the number of the three
+        self._nearer: dict[int, tuple[float, int]] = {}  # heard so much nearer, m, cycles ago
 
     def look(
         self, pose: Pose2 | None, covariance: Sequence[float] = (), *, old: bool = False
@@ -150,6 +158,9 @@ class KnownWalls:
             self._doubts[three] *= s.memory
             if self._doubts[three] < FORGOTTEN:
                 del self._doubts[three]
+        self._nearer = {
+            three: (by, ago + 1) for three, (by, ago) in self._nearer.items() if ago < NEARER_CYCLES
+        }
         for echo in echoes:
             if echo.range is None:
                 continue
@@ -186,15 +197,25 @@ class KnownWalls:
             there = best.get(at)
             if there is None or place.distance < there.distance:
                 best[at] = place
-        return [Obstacle(place.x, place.y, place.distance) for place in best.values()]
+        return [self._as_heard(place) for place in best.values()]
+
+    def _as_heard(self, place: _Near) -> Obstacle:
+        """A wall no farther than it was heard: the pose may be off, a range hardly is."""
+        by, _ = self._nearer.get(place.three, (0.0, 0))
+        share = max(place.distance - by, 0.0) / place.distance if place.distance else 1.0
+        return Obstacle(share * place.x, share * place.y, share * place.distance)
 
     def explains(self, echo: Echo) -> bool:
-        """Whether the map has a wall that the echo comes from, somewhere in the sonar's cone."""
+        """Whether the map has a wall that the echo comes from, somewhere in the sonar's cone.
+
+        That wall is no farther then than it was heard.
+        """
         if echo.range is None:
             return False
         s = self.settings
         near = s.explains_near_m + self._off
         cos, sin = math.cos(echo.bearing), math.sin(echo.bearing)
+        may: list[tuple[float, int]] = []
         for place in self._near:
             if place.three == UNDOUBTED:  # and unheard
                 continue
@@ -203,8 +224,13 @@ class KnownWalls:
             if abs(away - echo.range) > near or cos * dx + sin * dy < s.explains_cone * away:
                 continue
             if self._believed(place):
-                return True
-        return False
+                may.append((away, place.three))
+        nearest = min(may, default=(0.0, 0))[0]  # an echo comes from what is nearest in the cone
+        by = nearest - echo.range
+        for away, three in may:
+            if by > 0.0 and away - nearest < BESIDE_M:
+                self._nearer[three] = max(self._nearer.get(three, (0.0, 0))[0], by), 0
+        return bool(may)
 
     @property
     def known(self) -> bool:

@@ -349,7 +349,7 @@ def _values(told: tuple[Told, ...]) -> Mapping[str, Value]:
 
 
 def _told(step: Step) -> tuple[Told, ...]:
-    return tuple(Told(name, value) for name, value in step.arguments)
+    return tuple(Told.of(name, value) for name, value in step.arguments)
 
 
 def _steps(mission: Mission, frame: Frame) -> tuple[Step, ...]:

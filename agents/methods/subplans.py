@@ -48,7 +48,7 @@ def place_of(step: PlanStep) -> str | None:
 
 def move(to: str) -> PlanStep:
     """A step that moves to a place."""
-    return PlanStep("move", (Told("to", to),))
+    return PlanStep("move", (Told.of("to", to),))
 
 
 def leading(steps: Sequence[PlanStep]) -> list[str]:

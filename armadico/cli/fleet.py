@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Final
 
 from armadico.cli import options
 from armadico.cli.options import UsageError
-from armadico.mesh.topology import DEFAULT_NAMESPACE
+from armadico.mesh.topology import DEFAULT_NAMESPACE, checked_namespace
 
 if TYPE_CHECKING:
     from armadico.config.scenarios import Scenario
@@ -53,7 +53,7 @@ def fleet_of(args: argparse.Namespace) -> str:
     from armadico.launch.fleet import FLEET  # noqa: PLC0415 - not for --help
 
     name: str = args.namespace
-    return FLEET if name == DEFAULT_NAMESPACE else name
+    return FLEET if name == DEFAULT_NAMESPACE else checked_namespace(name)
 
 
 def _virtual(

@@ -209,7 +209,12 @@ def _plan(args: argparse.Namespace, where: Place, scenario: Scenario | None) -> 
         host = replace(host, robot=args.robot)
     _check_names(args, where, host)
     seed = args.seed if args.seed is not None else (scenario.seed if scenario else 0)
-    chosen = Options(seed=seed, parameters=args.parameters, without=tuple(args.without))
+    chosen = Options(
+        seed=seed,
+        parameters=args.parameters,
+        without=tuple(args.without),
+        namespace=args.namespace,
+    )
     members = share(scenario, chosen, host, args.more)
     if not members:
         raise UsageError(f"nothing of {args.scenario or 'the table'} is {where.name}'s to start")

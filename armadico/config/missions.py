@@ -23,7 +23,7 @@ from armadico.config.lines import line_of
 from armadico.config.loading import convert, document, read_text
 from armadico.config.places import Places
 from armadico.config.shipped import find
-from armadico.core.messages import LARGEST, MessageError, PlanStep, Told, encode
+from armadico.core.messages import Told
 from armadico.core.tasks import Task
 
 Share = Annotated[float, Meta(ge=0, le=1)]
@@ -41,8 +41,8 @@ LONGEST: Final = 16_000
 STEPS_MOST: Final = 1000
 """Steps that are looked at, those of each call of a procedure anew."""
 
-TOLD_MOST, TOLD_BYTES = 16, 256
-"""What a step is told: so many values, so many bytes together, for the board has them all."""
+TOLD_MOST, TOLD_CHARACTERS = 16, 256
+"""What a step is told: so many values, so many characters together, for the board has them all."""
 
 DEEPEST: Final = 8
 """Procedures within procedures."""
@@ -304,26 +304,16 @@ class _Reader:
         )
 
     def _argument(self, key: str, value: Any, at: Key) -> tuple[str, Value]:
-        """What a step is told: any value that travels, for the board has it."""
-        found: Value
+        if isinstance(value, bool | str):
+            return key, value
         try:
             if isinstance(value, list) and all(isinstance(n, int | float) for n in value):
-                found = tuple(map(float, value))
-            elif isinstance(value, bool | str):
-                found = value
-            elif isinstance(value, int | float):
-                found = float(value)
-            else:
-                what = "a string, a number or a list of numbers"
-                raise self._wrong((*at, key), f"{key}: expected {what}")
-            encode(Told(key, found))
-        except (MessageError, OverflowError):
-            raise self._wrong(
-                (*at, key),
-                f"{key}: nobody could be told of it: texts of one line, at most 16 numbers up to"
-                f" {LARGEST:g} in size",
-            ) from None
-        return key, found
+                return key, tuple(map(float, value))
+            if isinstance(value, int | float):
+                return key, float(value)
+        except OverflowError:
+            raise self._wrong((*at, key), f"{key}: no number is so large") from None
+        raise self._wrong((*at, key), f"{key}: expected a string, a number or a list of numbers")
 
     def _check_circles(self, procedures: Mapping[str, Procedure]) -> None:
         """Raises ConfigError for procedures that call themselves, or too many others in a row."""
@@ -391,10 +381,10 @@ class _Reader:
                 self._look_task(plain, key, places, start)
 
     def _look_left(self, step: Step, key: Key) -> None:
-        told = tuple(Told(name, value) for name, value in step.arguments)
-        much = len(told) > TOLD_MOST or len(encode(PlanStep(step.do, told))) > TOLD_BYTES
+        told = [Told.of(name, value) for name, value in step.arguments]
+        much = len(told) > TOLD_MOST or sum(len(each.json) for each in told) > TOLD_CHARACTERS
         if much:
-            most = f"at most {TOLD_MOST} values, {TOLD_BYTES} bytes together"
+            most = f"at most {TOLD_MOST} values, {TOLD_CHARACTERS} characters together"
             raise self._wrong(key, f"{step.do!r} is told too much: {most}")
         for name, value in step.arguments:
             if isinstance(value, str) and value[:1] == "$":

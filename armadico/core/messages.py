@@ -81,6 +81,7 @@ COVARIANCE: Final = 6
 Covariance = Annotated[tuple[Real, ...], Meta(max_length=COVARIANCE)]
 Numbers = Annotated[tuple[Real, ...], Meta(max_length=64)]
 Encoded = Annotated[bytes, Meta(max_length=LARGEST_PAYLOAD)]
+TomlValue = bool | float | str | tuple[float, ...]
 Action = Numbers | Encoded
 """What a resource is to do: the numbers of its parameters, or a message of its own, encoded."""
 
@@ -700,7 +701,7 @@ class ExploreStatus(Message, frozen=True):
 TASKS: Final = 256
 """Tasks of a list, at the most."""
 
-TaskNumber = Annotated[int, Meta(ge=0, lt=TASKS)]
+TaskNumber = Annotated[int, Meta(ge=0, le=TASKS - 1)]
 
 
 class FleetPose(Message, frozen=True):
@@ -894,10 +895,27 @@ class Photo(Message, frozen=True):
 
 
 class Told(Message, frozen=True):
-    """What a step of a mission is told, by name."""
+    """What a step of a mission is told, by name: a value of TOML, as JSON."""
 
     name: Name
-    value: bool | Real | Text | Annotated[tuple[Real, ...], Meta(max_length=16)]
+    json: Text
+
+    @classmethod
+    def of(cls, name: str, value: TomlValue) -> Told:
+        """A value by its name."""
+        return cls(name, msgspec.json.encode(value).decode())
+
+    @property
+    def value(self) -> TomlValue:
+        """The value; what is no JSON of one is a text."""
+        try:
+            value: TomlValue = _VALUE.decode(self.json)
+        except (msgspec.DecodeError, RecursionError):
+            return self.json
+        return value
+
+
+_VALUE: Final = msgspec.json.Decoder(TomlValue)
 
 
 class PlanStep(Message, frozen=True):

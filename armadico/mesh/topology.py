@@ -141,8 +141,10 @@ def checked_namespace(name: str) -> str:
             f"{shown!r} cannot be a namespace: letters, digits, '-', '_', '.' and '/', at most"
             f" {LONGEST_NAMESPACE} of them"
         )
-    if name.rpartition("/")[2] == FLEET:
-        raise TopologyError(f"{name!r} cannot be a namespace: its robots share {name}/...")
+    if FLEET in name.split("/"):
+        raise TopologyError(
+            f"{name!r} cannot be a namespace: what robots share is called {FLEET!r}"
+        )
     return name
 
 

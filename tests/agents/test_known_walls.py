@@ -7,7 +7,7 @@ from typing import NamedTuple
 
 import pytest
 
-from armadico.agents.methods.known_walls import STEP_M, KnownWalls, Segment
+from armadico.agents.methods.known_walls import NEARER_CYCLES, STEP_M, KnownWalls, Segment
 from armadico.agents.methods.settings import WallSettings
 from armadico.core.geometry import Pose2, to_world
 
@@ -235,3 +235,19 @@ def test_what_the_sonars_heard_through_explains_nothing() -> None:
     for _ in range(3):
         known.hear([Ping(0.0, 0.0, radians(bearing), 1.6) for bearing in range(-18, 19, 6)])
     assert not known.explains(Ping(0.0, 0.0, 0.0, 1.0))
+
+
+def test_a_wall_is_no_farther_than_it_was_heard_for_a_second() -> None:
+    known = at(HERE, sure(0.1))
+
+    def ahead() -> float:
+        return min(o.x for o in known.points() if abs(o.y) < 0.05)
+
+    far = ahead()
+    known.hear([])
+    assert known.explains(Ping(0.0, 0.0, 0.0, 0.9))
+    assert ahead() == pytest.approx(0.9, abs=0.02)
+    assert far > 1.0
+    for _ in range(NEARER_CYCLES + 1):
+        known.hear([])
+    assert ahead() == pytest.approx(far)

@@ -282,10 +282,10 @@ def test_a_task_may_want_one_thing_after_another(others: Callable[[type[Task]], 
 
 
 def to(place: str) -> PlanStep:
-    return PlanStep("move", (Told("to", place),))
+    return PlanStep("move", (Told.of("to", place),))
 
 
-CHECK = PlanStep("check-alarm", (Told("room", "R21"),))
+CHECK = PlanStep("check-alarm", (Told.of("room", "R21"),))
 MOVE, SHOOT = 'do = "move", to = "{}"', 'do = "take-photo"'
 HALL, R11 = MOVE.format("hall"), MOVE.format("R11")
 SURVEY = (MOVE.format("R1"), SHOOT, HALL, R11, SHOOT, HALL)

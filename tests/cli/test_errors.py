@@ -263,3 +263,36 @@ def test_whoever_stops_waiting_is_told_what_the_robot_does(stop: Stop | None, sa
         state = RobotState(Cycle(1, 1), 0, 0, 0, 0, 0, 12, True, False, stop)
     client: Any = SimpleNamespace(latest=lambda _: state)
     assert goto._left_behind(client).startswith(says)
+
+
+@pytest.mark.parametrize(
+    ("words", "says"),
+    [
+        (("fleet", "--robots", "9"), "9 robots: fleet has starts for 1 to 8"),
+        (("sc1", "--robots", "2"), "--robots 2: sc1 has no tasks for a fleet"),
+        (("fleet", "--runs", "3"), "--runs is for the run of one robot, and fleet is a fleet's"),
+        (("fleet", "--namespace", "fleet"), "'fleet' cannot be a namespace"),
+    ],
+)
+def test_a_fleet_that_cannot_be_is_refused_before_anybody_starts(
+    capsys: pytest.CaptureFixture[str], words: tuple[str, ...], says: str
+) -> None:
+    assert cli.main(["run", *words, "--virtual"]) == options.USAGE
+    assert says in capsys.readouterr().err
+
+
+@pytest.mark.parametrize(
+    ("words", "says"),
+    [
+        (("--also", "lab/r2", "x", "1", "0"), "--also lab/r2 x 1 0: expected m and m within"),
+        (("--also", "lab/r1", "3", "3", "0"), "--also: two robots in one namespace, of lab/r1"),
+        (("--also", "lab/r2", "1.5", "1.6", "0"), "--also: a robot cannot start at 1.5, 1.5"),
+    ],
+)
+def test_robots_that_cannot_be_in_one_world_are_refused(
+    capsys: pytest.CaptureFixture[str], words: tuple[str, ...], says: str
+) -> None:
+    assert (
+        cli.main(["sim", "hall", "--namespace", "lab/r1", "--port", "0", *words]) == options.USAGE
+    )
+    assert says in capsys.readouterr().err

@@ -278,10 +278,10 @@ def jumps_in_a_new_epoch(patch: pytest.MonkeyPatch) -> None:
     hears_nobody_who_knows_better(patch)
     went_on = Encoder._go_on
 
-    def goes_on(self: Encoder, known: Origin, odometry: Pose2, epoch: int) -> Origin:
-        if known.epoch == epoch:
-            return went_on(self, known, odometry, epoch)
-        return self._begin((self.p.x, self.p.y, self.p.theta), odometry, epoch, known.counter)
+    def goes_on(self: Encoder, origin: Pose2, odometry: Pose2, epoch: int) -> Pose2:
+        if self._known[0] == epoch:
+            return went_on(self, origin, odometry, epoch)
+        return self._begin((self.p.x, self.p.y, self.p.theta), odometry)
 
     patch.setattr(Encoder, "_go_on", goes_on)
 

@@ -46,7 +46,7 @@ def test_each_is_told_what_it_must_know_of_the_scenario() -> None:
     assert sets["robot"] == ("port=tcp://127.0.0.1:1", f"profile={SC4.robot}")
     assert sets["encoder"] == ("x=3.4", "y=0.6", f"theta={pi / 2}")
     assert sets["path-planning"] == ("world=sc4", f"profile={SC4.robot}")
-    assert sets["sonar"] == ("world=sc4",)
+    assert sets["sonar"] == ("world=sc4", "namespace=robot1")
 
 
 def test_a_redundant_society_has_two_of_each_behaviour_in_processes_of_their_own() -> None:

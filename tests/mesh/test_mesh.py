@@ -396,6 +396,6 @@ def test_everything_of_one_robots_is_not_what_robots_share(enter: Enter) -> None
 
 
 def test_no_robot_is_called_as_what_robots_share_is() -> None:
-    for name in ("fleet", "lab/fleet"):
-        with pytest.raises(TopologyError, match="cannot be a namespace: its robots share"):
+    for name in ("fleet", "lab/fleet", "fleet/r1"):
+        with pytest.raises(TopologyError, match="cannot be a namespace: what robots share"):
             checked_namespace(name)

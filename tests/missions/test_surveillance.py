@@ -7,7 +7,6 @@ import pytest
 from armadico.agents.methods.subplans import Planner, move
 from armadico.config.scenarios import load_scenario
 from armadico.core.messages import (
-    MissionEnd,
     Photo,
     PlanStep,
     Subplan,
@@ -147,13 +146,8 @@ def test_an_alarm_on_the_way_breaks_the_way_off_and_one_in_no_room_is_let_be() -
     building.rings("R99")
     building.until(lambda: building.doing(number) == "move(R2)", 10.0)
     assert any("R99" in line and "which is no room" in line for line in building.logs)
-    building.until(lambda: building.ended(number), 300.0)
-    assert building.mission(number).state is MissionEnd.DONE
-    assert building.steps(number)[:4] == [
-        *("move(hall)", "move(R2)"),
-        "check-alarm(R2)",
-        "move(R1)",
-    ]
+    building.until(lambda: "move(R1)" in building.steps(number), 200.0)
+    assert building.steps(number) == ["move(hall)", "move(R2)", "check-alarm(R2)", "move(R1)"]
 
 
 def test_an_alarm_that_is_over_before_anybody_has_gone_is_let_be() -> None:

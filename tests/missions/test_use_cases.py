@@ -77,7 +77,7 @@ def test_use_case_3_moving_the_robot() -> None:
     """Goto, gothrough and avoid share the wheels; the charger takes the trajectory on the way."""
     building = Building(battery=Battery(charge=0.8, capacity_ah=0.1))
     number = building.taken(
-        text('do = "move", to = "R11"', 'do = "move", to = "R2"', above='energy = "risk"'), 0.6
+        text('do = "move", to = "R11"', 'do = "move", to = "R2"', above='energy = "risk"'), 0.2
     )
     building.until(lambda: building.ended(number), 1800.0)
     assert building.mission(number).state is MissionEnd.DONE
