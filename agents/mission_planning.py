@@ -41,6 +41,7 @@ from armadico.core.messages import (
     Photo,
     Planned,
     PlanStep,
+    Point,
     Pose,
     RobotState,
     StepEnd,
@@ -48,6 +49,7 @@ from armadico.core.messages import (
     SubplanRequest,
     Told,
     Trajectory,
+    Way,
     Waypoint,
     line,
     next_count,
@@ -60,6 +62,9 @@ FULL: Final = 0.9
 
 ASK_S: Final = 10.0
 """A charge is asked for again so often: the charger forgets, and may be another one by now."""
+
+HALT_S: Final = 10.0
+"""An explore agent that is to end, and says nothing for so long, is not there."""
 
 ALARMS_MOST: Final = 32
 
@@ -117,6 +122,8 @@ class MissionPlanning(Agent):
         self._wanted: tuple[int, int, Request] | None = None  # by which mission, in which task
         self._reach, self._note = Reach.NONE, ""
         self._order = 0  # the exploration that was asked for
+        self._halts: Way | None = None  # what takes the robot from an exploration,
+        self._halts_until = 0.0  # at the longest
         self._cleared = False  # the energy of its way was looked at,
         self._weighs = False  # or is being looked at
         self._left = 0  # the way that an earlier mission planning agent has left
@@ -213,6 +220,8 @@ class MissionPlanning(Agent):
 
     def on_explore_status(self, status: ExploreStatus) -> None:
         """How far an exploration has come."""
+        if status.state not in (ExploreState.EXPLORING, ExploreState.RETURNING):
+            self._halts = None
         if not self._order or status.exploration != self._order:
             return
         if status.state is ExploreState.DONE:
@@ -272,6 +281,8 @@ class MissionPlanning(Agent):
     def bid_for(self, resource: Resource, message: Any) -> Bid | None:  # noqa: ARG002
         """By the mission's priority; for the trajectory once the energy was looked at."""
         active = self._missions.active
+        if resource is TRAJECTORY and self._halts is not None and not self._errand.under_way:
+            return Bid(self.p.highest, self._halts, reason="nobody wants it explored any more")
         if active is None:
             self.why = "no mission"
             return None
@@ -303,6 +314,8 @@ class MissionPlanning(Agent):
         if self.stopped is not None:
             seconds = 0.0
         self._coordinator.look(self.now)
+        if self.now > self._halts_until:
+            self._halts = None
         before, entry = self._missions.active, self._missions.choose()
         if entry is not before:
             self._switch(before, entry)
@@ -416,6 +429,14 @@ class MissionPlanning(Agent):
 
     def _want(self, wanted: tuple[int, int, Request] | None, entry: Entry | None = None) -> None:
         """Want something else, or nothing: what was wanted is let be."""
+        at = self._beliefs().at
+        before = None if self._wanted is None else self._wanted[2]
+        explores = isinstance(before, Explore) and self._order and self._reach is Reach.UNDER_WAY
+        if explores and at is not None:
+            # The explore agent ends what it does when somebody else has the robot driven.
+            here = Point(at.x, at.y)
+            self._halts = Way(self.rng.getrandbits(63), (at,), here, planned=False)
+            self._halts_until = self.now + HALT_S
         self._errand.drop()
         self._wanted, self._reach, self._note = wanted, Reach.NONE, ""
         self._order, self._cleared, self._weighs, self._refused_at = 0, False, False, None

@@ -22,6 +22,7 @@ from armadico.core.messages import (
     MissionEnd,
     MissionReply,
     MissionRequest,
+    MissionStatus,
     Photo,
     Plan,
     Planned,
@@ -179,6 +180,54 @@ def test_an_exploration_is_asked_for_and_waited_for() -> None:
     number = building.taken(text('do = "explore"'))
     building.until(lambda: building.ended(number), 10.0)
     assert building.mission(number).note == "explore: nobody makes a map"
+
+
+class SlowExplorer(Agent):
+    """Has the robot driven to and fro until somebody else has."""
+
+    name = "explore"
+    alone = True
+    hears = (MissionStatus,)
+    provides = (ExploreStatus,)
+    answers = (ExploreRequest,)
+    asks = (MissionRequest,)
+    state = ExploreState.NONE
+    mission = 0
+
+    def on_explore_request(self, question: Question) -> Message:
+        self.state = ExploreState.EXPLORING
+        self.wake_at(self.now + 0.5)
+
+        def taken(reply: MissionReply | None) -> None:
+            assert reply is not None
+            self.mission = reply.mission
+
+        self.ask(MissionRequest(Waypoint(9.0, 5.0, 0.0), planned=False), taken)
+        return MissionReply(77)
+
+    def on_mission_status(self, status: MissionStatus) -> None:
+        if self.mission and status.mission != self.mission:
+            self.state = ExploreState.FAILED
+
+    def on_wakeup(self) -> None:
+        self.wake_at(self.now + 0.5)
+        self.publish(ExploreStatus(77, self.state))
+
+
+def test_an_exploration_ends_with_the_mission_that_is_cancelled() -> None:
+    building = Building()
+    explorer: Any = building.joins(SlowExplorer).agent
+    building.run(1.0)
+    number = building.taken(text('do = "explore"'))
+    building.run(5.0)
+    assert explorer.state is ExploreState.EXPLORING
+    building.cancel(number)
+    building.run(6.0)
+    assert explorer.state is ExploreState.FAILED
+    there = building.pose()
+    building.run(3.0)
+    assert building.pose().x == pytest.approx(there.x, abs=0.02)
+    building.rehearsal.client.hand_over(MissionRequest(Waypoint(6.0, 5.0, 0.0)))  # it is free
 
 
 def test_without_a_dock_or_a_charger_a_dock_task_fails_and_says_so() -> None:
