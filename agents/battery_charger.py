@@ -365,7 +365,9 @@ class BatteryCharger(Agent):
                 self._dock = self._dock or next(iter(self._docks))
                 self._set_out(pose, state)
             elif not self._desk.busy and self._needed is None:
-                self._seek(pose)
+                # Nobody else gets the planner while it asks: a way that was not there may take long
+                if self.now - self._needed_at > self.p.again_s:
+                    self._seek(pose)
             elif self._needed is not None and self._dock and self._dock not in self._shunned:
                 self._set_out(pose, state)
 

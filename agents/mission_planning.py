@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from math import atan2
+from math import atan2, hypot
 from typing import Annotated, Any, ClassVar, Final
 
 from msgspec import Meta
@@ -25,6 +25,8 @@ from armadico.core.messages import (
     BatteryLevel,
     Board,
     ChargeRequest,
+    ChargeState,
+    ChargeStatus,
     EnergyReply,
     EnergyRequest,
     ExploreRequest,
@@ -39,6 +41,7 @@ from armadico.core.messages import (
     Photo,
     Planned,
     PlanStep,
+    Point,
     Pose,
     RobotState,
     StepEnd,
@@ -46,6 +49,7 @@ from armadico.core.messages import (
     SubplanRequest,
     Told,
     Trajectory,
+    Way,
     Waypoint,
     line,
     next_count,
@@ -59,7 +63,15 @@ FULL: Final = 0.9
 ASK_S: Final = 10.0
 """A charge is asked for again so often: the charger forgets, and may be another one by now."""
 
+HALT_S: Final = 10.0
+"""An explore agent that is to end, and says nothing for so long, is not there."""
+
 ALARMS_MOST: Final = 32
+
+AWAY_M: Final = 0.5
+"""Who is to stand, and is farther from there, was driven away by somebody."""
+
+AWAY: Final = "the robot is not where it is to stand: somebody has it driven, or had"
 
 
 class Parameters(agent.Parameters, frozen=True, kw_only=True):
@@ -88,7 +100,7 @@ class MissionPlanning(Agent):
     alone = True
     hears: ClassVar[tuple[type[Message], ...]] = (
         *(Pose, Trajectory, Planned, MissionStatus, ExploreStatus, Board),
-        *(Alarm, Subplan, BatteryLevel),
+        *(Alarm, Subplan, BatteryLevel, ChargeStatus),
     )
     provides: ClassVar[tuple[type[Message], ...]] = (Board, SubplanRequest, Photo)
     answers: ClassVar[tuple[type[Message], ...]] = (MissionProposal, MissionWithdrawal)
@@ -110,12 +122,18 @@ class MissionPlanning(Agent):
         self._wanted: tuple[int, int, Request] | None = None  # by which mission, in which task
         self._reach, self._note = Reach.NONE, ""
         self._order = 0  # the exploration that was asked for
+        self._halts: Way | None = None  # what takes the robot from an exploration,
+        self._halts_until = 0.0  # at the longest
         self._cleared = False  # the energy of its way was looked at,
         self._weighs = False  # or is being looked at
         self._left = 0  # the way that an earlier mission planning agent has left
         self._refused_at: float | None = None  # since when no way is planned
         self._again_at = 0.0
         self._battery_at = float("-inf")
+        self._stood: Waypoint | None = None  # where the robot is to stand for its task
+        self._no_dock_at: float | None = None  # since when the charger knows of no way to a dock
+        self._no_dock = ""  # and its word on that
+        self._wanted_at = 0.0  # when what is wanted was first
         self._looked_at = self._published_at = 0.0
         self._changed = False
 
@@ -171,13 +189,18 @@ class MissionPlanning(Agent):
         if board.by == self._by:
             return
         self._missions.learn(board)
-        self._alarms = [*dict.fromkeys((*board.alarms, *self._alarms))][:ALARMS_MOST]
-        self._unchecked = [*dict.fromkeys((*board.unchecked, *self._unchecked))][:ALARMS_MOST]
+        self._alarms = self._in_rooms((*board.alarms, *self._alarms))
+        self._unchecked = self._in_rooms((*board.unchecked, *self._unchecked))
         self._want(None)
         active = self._missions.active
         if active is not None:
             self._left = active.told.way
             self.log(f"mission {active.told.name} goes on")
+
+    def _in_rooms(self, alarms: tuple[str, ...]) -> list[str]:
+        """Each alarm once, and none of those that nobody could go to."""
+        known = [room for room in dict.fromkeys(alarms) if room in self._places.rooms]
+        return known[:ALARMS_MOST]
 
     def on_pose(self, pose: Pose) -> None:
         """Where the robot is on the way that is driven."""
@@ -197,6 +220,8 @@ class MissionPlanning(Agent):
 
     def on_explore_status(self, status: ExploreStatus) -> None:
         """How far an exploration has come."""
+        if status.state not in (ExploreState.EXPLORING, ExploreState.RETURNING):
+            self._halts = None
         if not self._order or status.exploration != self._order:
             return
         if status.state is ExploreState.DONE:
@@ -209,11 +234,24 @@ class MissionPlanning(Agent):
         self._battery_at = self.now
         wanted = self._wanted
         if wanted is not None and isinstance(wanted[2], Charge) and self._reach is Reach.UNDER_WAY:
-            charged = level.charging and level.share >= min(wanted[2].until, FULL)
+            charged = level.share >= min(wanted[2].until, FULL)  # in the dock, or already
             self._reach = Reach.DONE if charged else self._reach
+
+    def on_charge_status(self, status: ChargeStatus) -> None:
+        """What the charger is at; without a way to a dock it never is."""
+        nowhere = status.state is ChargeState.NONE and bool(status.note)
+        if not nowhere:
+            self._no_dock_at, self._no_dock = None, ""
+            return
+        self._no_dock = status.note
+        if self._no_dock_at is None:
+            self._no_dock_at = self.now
 
     def on_alarm(self, alarm: Alarm) -> None:
         """An alarm begins, or is over."""
+        if alarm.room not in self._places.rooms:
+            self.log(line(f"an alarm in {alarm.room!r}, which is no room: ignored"), WARNING)
+            return
         if alarm.on and alarm.room not in self._alarms and len(self._alarms) < ALARMS_MOST:
             self._alarms.append(alarm.room)
             self._unchecked.append(alarm.room)
@@ -243,6 +281,8 @@ class MissionPlanning(Agent):
     def bid_for(self, resource: Resource, message: Any) -> Bid | None:  # noqa: ARG002
         """By the mission's priority; for the trajectory once the energy was looked at."""
         active = self._missions.active
+        if resource is TRAJECTORY and self._halts is not None and not self._errand.under_way:
+            return Bid(self.p.highest, self._halts, reason="nobody wants it explored any more")
         if active is None:
             self.why = "no mission"
             return None
@@ -274,6 +314,8 @@ class MissionPlanning(Agent):
         if self.stopped is not None:
             seconds = 0.0
         self._coordinator.look(self.now)
+        if self.now > self._halts_until:
+            self._halts = None
         before, entry = self._missions.active, self._missions.choose()
         if entry is not before:
             self._switch(before, entry)
@@ -282,9 +324,30 @@ class MissionPlanning(Agent):
         else:
             beliefs = self._beliefs()
             self._carry_out(entry, beliefs)
-            self._go_on(entry, beliefs, seconds if entry is before else 0.0)
+            if entry is before and self._is_away:
+                entry.told = replace(entry.told, way=self._errand.way, note=AWAY)
+            else:
+                self._go_on(entry, beliefs, seconds if entry is before else 0.0)
             self._heed_alarms(entry, beliefs)
         self._publish_board()
+
+    @property
+    def _is_driven(self) -> bool:
+        """Whether anybody has the robot driven."""
+        trajectory = self.memory.newest(Trajectory)
+        return trajectory is not None and bool(trajectory.waypoints)
+
+    @property
+    def _is_away(self) -> bool:
+        """Whether it is to stand for a task, and somebody has it driven, or has left it elsewhere.
+
+        The task waits then, and the robot comes back.
+        """
+        if self._wanted is None or not isinstance(self._wanted[2], Stand):
+            return False
+        at, stood = self._beliefs().at, self._stood
+        away = stood and at and hypot(at.x - stood.x, at.y - stood.y) > AWAY_M
+        return self._is_driven or bool(away)
 
     def _switch(self, before: Entry | None, entry: Entry | None) -> None:
         """Another mission is the most urgent one now."""
@@ -366,9 +429,18 @@ class MissionPlanning(Agent):
 
     def _want(self, wanted: tuple[int, int, Request] | None, entry: Entry | None = None) -> None:
         """Want something else, or nothing: what was wanted is let be."""
+        at = self._beliefs().at
+        before = None if self._wanted is None else self._wanted[2]
+        explores = isinstance(before, Explore) and self._order and self._reach is Reach.UNDER_WAY
+        if explores and at is not None:
+            # The explore agent ends what it does when somebody else has the robot driven.
+            here = Point(at.x, at.y)
+            self._halts = Way(self.rng.getrandbits(63), (at,), here, planned=False)
+            self._halts_until = self.now + HALT_S
         self._errand.drop()
         self._wanted, self._reach, self._note = wanted, Reach.NONE, ""
         self._order, self._cleared, self._weighs, self._refused_at = 0, False, False, None
+        self._wanted_at, self._stood = self.now, None
         self._again_at = 0.0
         if wanted is None or entry is None:
             return
@@ -403,10 +475,48 @@ class MissionPlanning(Agent):
             return
         request = wanted[2]
         if isinstance(request, Stand):
+            self._come_back(entry, beliefs)
             return
         if isinstance(request, Drive):
             self._drive(entry, request, beliefs)
-        elif isinstance(request, Charge) and self.now >= self._again_at:
+        elif isinstance(request, Charge):
+            self._charge(wanted, request)
+
+    def _come_back(self, entry: Entry, beliefs: Beliefs) -> None:
+        """Drive to where it is to stand, once whoever had it driven elsewhere is done with it.
+
+        Without a way back for a while the task stands where it is, and may fail for that.
+        """
+        errand, pose, stood = self._errand, self.fresh(Pose), self._stood
+        if stood is None:
+            self._stood = None if self._is_driven else beliefs.at
+        elif errand.stage is Stage.REACHED:
+            errand.drop()
+        elif errand.stage is Stage.FAILED:
+            errand.drop()
+            if self._refused_at is None:
+                self._refused_at = self.now
+            self._again_at = self.now + self.p.again_s
+            if self.now - self._refused_at >= self.p.patience_s:
+                self._stood = self._refused_at = None
+        elif errand.stage is Stage.NONE and self.now >= self._again_at:
+            known = pose is not None and beliefs.at is not None
+            if known and self._is_away and not self._is_driven:
+                assert pose is not None, "it is known"
+                self._cleared = True
+                errand.go(stood, pose, 0.0, f"{entry.told.name}: back to where it stood")
+
+    def _charge(self, wanted: tuple[int, int, Request], request: Charge) -> None:
+        """Have it charged; it fails where nobody can say when it is, or no dock can be got to."""
+        if self.now - max(self._battery_at, self._wanted_at) > self.p.battery_s:
+            self._reach = Reach.FAILED
+            self._note = "nobody says what is left of the battery: no fresh battery/level"
+            return
+        since = self._no_dock_at
+        if since is not None and self.now - max(since, self._wanted_at) > self.p.patience_s:
+            self._reach, self._note = Reach.FAILED, self._no_dock
+            return
+        if self.now >= self._again_at:
             self._again_at = self.now + ASK_S
             charge = ChargeRequest(request.until)
             self.ask(charge, lambda reply: self._ordered(wanted, reply, "charges"))

@@ -42,6 +42,9 @@ TEXTS_MOST: Final = 24_000
 RESULTS_TOLD: Final = ((100, 100), (10, 100), (0, 50), (0, 10), (0, 0))
 """So many results of each mission that is over, and of each that goes on: the first that fit."""
 
+NOTE_MOST: Final = 200
+"""Characters that are kept of why a mission ended."""
+
 GOING_ON: Final = frozenset({MissionEnd.QUEUED, MissionEnd.ACTIVE, MissionEnd.SUSPENDED})
 
 
@@ -119,7 +122,13 @@ class Missions:
     def end(self, entry: Entry, state: MissionEnd, note: str) -> None:
         """A mission is over; the oldest of those that are is forgotten."""
         entry.told = replace(
-            entry.told, state=state, note=line(note), text=b"", doing="", room="", ahead=()
+            entry.told,
+            state=state,
+            note=line(note)[:NOTE_MOST],
+            text=b"",
+            doing="",
+            room="",
+            ahead=(),
         )
         entry.mission = None
         over = [number for number, each in self.entries.items() if not each.goes_on]
@@ -143,7 +152,7 @@ class Missions:
         """All of it, as it is told: those that go on first.
 
         What would not fit into a message is left out: of results the oldest, of those first that
-        are over.
+        are over, and at last the steps to come, which are for people.
         """
         told = sorted(self.entries.values(), key=lambda entry: not entry.goes_on)
         for over, others in RESULTS_TOLD:
@@ -151,8 +160,8 @@ class Missions:
             found = replace(board, missions=missions)
             with suppress(MessageError):
                 encode(found)
-                break
-        return found
+                return found
+        return replace(found, missions=tuple(replace(m, ahead=()) for m in found.missions))
 
     def show(self, entry: Entry, room: str) -> None:
         """Bring up to date what is told of a mission for people."""

@@ -29,6 +29,7 @@ from armadico.config.missions import (
 )
 from armadico.core.messages import (
     LARGEST,
+    LARGEST_COUNT,
     Course,
     Frame,
     Message,
@@ -202,7 +203,7 @@ class _Look:
 
     def _begin_detour(self) -> None:
         detour, drops = self._course.detour, self._course.drops
-        self._set(step=self._frame.step + drops, attempt=0, turn=0)
+        self._set(step=min(self._frame.step + drops, LARGEST_COUNT), attempt=0, turn=0)
         self._course = replace(self._course, detour=(), drops=0)
         if len(self._course.frames) < FRAMES_MOST:
             self._push(Frame(detour=detour))
@@ -278,7 +279,7 @@ class _Look:
             self._next()
 
     def _next(self) -> None:
-        step = self._frame.step + 1
+        step = min(self._frame.step + 1, LARGEST_COUNT)  # whatever somebody has put on the board
         self._set(step=step, attempt=0, turn=0, begun=False, elapsed=0.0, stage=0)
 
     def _frame_done(self) -> None:

@@ -114,6 +114,10 @@ def document(text: str, file: Path | str) -> Document:
         what, line = (found["what"], found["line"]) if found else (str(error), None)
         last = max(len(text.splitlines()), 1)
         raise ConfigError(f"not TOML: {what}", file, int(line) if line else last) from None
+    except RecursionError:
+        raise ConfigError("not TOML: lists and tables too deep within each other", file) from None
+    except ValueError as error:  # a number with thousands of digits
+        raise ConfigError(f"not TOML: {error}", file) from None
 
 
 def load_parameters(kind: type[T], file: Path | str | None, sets: Sequence[str]) -> T:

@@ -23,6 +23,7 @@ from armadico.config.lines import line_of
 from armadico.config.loading import convert, document, read_text
 from armadico.config.places import Places
 from armadico.config.shipped import find
+from armadico.core.messages import Told
 from armadico.core.tasks import Task
 
 Share = Annotated[float, Meta(ge=0, le=1)]
@@ -39,6 +40,9 @@ LONGEST: Final = 16_000
 
 STEPS_MOST: Final = 1000
 """Steps that are looked at, those of each call of a procedure anew."""
+
+TOLD_MOST, TOLD_CHARACTERS = 16, 256
+"""What a step is told: so many values, so many characters together, for the board has them all."""
 
 DEEPEST: Final = 8
 """Procedures within procedures."""
@@ -162,7 +166,10 @@ def read_mission(
     file: Path | str | None = None,
 ) -> Mission:
     """The mission in a text; see `load_mission`."""
-    return _Reader(text, file or name, name).read(places, start)
+    try:
+        return _Reader(text, file or name, name).read(places, start)
+    except RecursionError:  # it comes from anybody, and is to end nobody
+        raise ConfigError("lists and tables too deep within each other", file or name) from None
 
 
 @cache
@@ -284,11 +291,12 @@ class _Reader:
         if read.otherwise and not within:
             raise self._wrong((*at, "else"), "else within else: name a procedure that has it")
         others = enumerate(read.otherwise)
+        arguments = tuple(
+            self._argument(key, value, at) for key, value in given.items() if key not in HEAD
+        )
         return Step(
             read.do,
-            tuple(
-                self._argument(key, value, at) for key, value in given.items() if key not in HEAD
-            ),
+            arguments,
             read.when,
             tuple(self._step(step, (*at, "else", n), within=False) for n, step in others),
             read.timeout_s,
@@ -296,12 +304,15 @@ class _Reader:
         )
 
     def _argument(self, key: str, value: Any, at: Key) -> tuple[str, Value]:
-        if isinstance(value, list) and all(isinstance(n, int | float) for n in value):
-            return key, tuple(map(float, value))
         if isinstance(value, bool | str):
             return key, value
-        if isinstance(value, int | float):
-            return key, float(value)
+        try:
+            if isinstance(value, list) and all(isinstance(n, int | float) for n in value):
+                return key, tuple(map(float, value))
+            if isinstance(value, int | float):
+                return key, float(value)
+        except OverflowError:
+            raise self._wrong((*at, key), f"{key}: no number is so large") from None
         raise self._wrong((*at, key), f"{key}: expected a string, a number or a list of numbers")
 
     def _check_circles(self, procedures: Mapping[str, Procedure]) -> None:
@@ -370,6 +381,11 @@ class _Reader:
                 self._look_task(plain, key, places, start)
 
     def _look_left(self, step: Step, key: Key) -> None:
+        told = [Told.of(name, value) for name, value in step.arguments]
+        much = len(told) > TOLD_MOST or sum(len(each.json) for each in told) > TOLD_CHARACTERS
+        if much:
+            most = f"at most {TOLD_MOST} values, {TOLD_CHARACTERS} characters together"
+            raise self._wrong(key, f"{step.do!r} is told too much: {most}")
         for name, value in step.arguments:
             if isinstance(value, str) and value[:1] == "$":
                 raise self._wrong(

@@ -133,3 +133,14 @@ def test_a_text_that_swells_or_is_none_is_refused() -> None:
     ):
         with pytest.raises(ConfigError, match=why):
             text_of(packed)
+
+
+def test_steps_to_come_are_left_out_before_it_cannot_be_told_at_all(missions: Missions) -> None:
+    for number in range(1, 4):
+        missions.propose(number, order(), None)
+    for entry in missions.entries.values():
+        entry.told = replace(entry.told, ahead=("x" * 2000,) * 16)
+    told = missions.board(Board(1, 1))
+    encode(told)
+    assert len(told.missions) == 3
+    assert not any(mission.ahead for mission in told.missions)

@@ -428,7 +428,9 @@ def test_who_goes_on_from_the_published_state_goes_the_same_way(all_of_them: lis
 # Whatever is said to be its state -----------------------------------------------------------------
 
 COUNT = st.integers(0, 5) | st.integers(0, 2**52)
-TOLD = st.builds(Told, st.sampled_from(["to", "room", "x"]), st.sampled_from(["R1", 2.0, True, ()]))
+TOLD = st.builds(
+    Told.of, st.sampled_from(["to", "room", "x"]), st.sampled_from(["R1", 2.0, True, ()])
+)
 STEP = st.builds(
     PlanStep,
     st.sampled_from(["move", "wait", "photo-of", "no-such-task", "dock"]),

@@ -199,3 +199,34 @@ def test_an_unknown_mission_is_said_with_the_nearest(tmp_path: Path) -> None:
         load_mission("surveilance")
     with pytest.raises(ConfigError, match="no file"):
         load_mission(tmp_path / "none.toml")
+
+
+@pytest.mark.parametrize(
+    ("text", "says"),
+    [
+        ("a = " + "[" * 5000 + "]" * 5000, "too deep"),
+        (
+            'steps = [{ do = "wait", seconds = 1'
+            + ', else = [{ do = "wait", seconds = 1' * 300
+            + " }]" * 300
+            + " }]",
+            "too deep",
+        ),
+        (f"priority = {'9' * 5000}\n" + steps('do = "wait", seconds = 1'), "not TOML"),
+        (steps(f'do = "wait", seconds = {"9" * 400}'), "seconds: no number is so large"),
+    ],
+)
+def test_a_text_that_is_made_to_break_its_reader_is_refused_like_any_other(
+    text: str, says: str
+) -> None:
+    assert says in fault(text)
+
+
+def test_what_a_procedure_is_told_fits_on_the_board() -> None:
+    many = ", ".join(f"a{n} = 1" for n in range(17))
+    takes = ", ".join(f'"a{n}"' for n in range(17))
+    called = f'[procedures.p]\ntakes = [{takes}]\nsteps = [{{ do = "wait", seconds = 1 }}]'
+    assert "told too much" in fault(steps(f'do = "p", {many}', more=called))
+    called = '[procedures.p]\ntakes = ["a"]\nsteps = [{ do = "wait", seconds = 1 }]'
+    assert "told too much" in fault(steps(f'do = "p", a = "{"x" * 300}"', more=called))
+    assert "told too much" in fault(steps(f'do = "p", a = {[1] * 100}', more=called))

@@ -7,9 +7,12 @@ from typing import Any
 import pytest
 
 from armadico.agents.methods import procedures
+from armadico.agents.path_planning import PathPlanning
+from armadico.config.scenarios import Battery
 from armadico.core.agent import Agent, Question
 from armadico.core.messages import (
     LARGEST_PAYLOAD,
+    Alarm,
     Board,
     Cycle,
     ExploreRequest,
@@ -19,7 +22,11 @@ from armadico.core.messages import (
     MissionEnd,
     MissionReply,
     MissionRequest,
+    MissionStatus,
     Photo,
+    Plan,
+    Planned,
+    PlanRequest,
     Waypoint,
     encode,
 )
@@ -175,11 +182,83 @@ def test_an_exploration_is_asked_for_and_waited_for() -> None:
     assert building.mission(number).note == "explore: nobody makes a map"
 
 
+class SlowExplorer(Agent):
+    """Has the robot driven to and fro until somebody else has."""
+
+    name = "explore"
+    alone = True
+    hears = (MissionStatus,)
+    provides = (ExploreStatus,)
+    answers = (ExploreRequest,)
+    asks = (MissionRequest,)
+    state = ExploreState.NONE
+    mission = 0
+
+    def on_explore_request(self, question: Question) -> Message:
+        self.state = ExploreState.EXPLORING
+        self.wake_at(self.now + 0.5)
+
+        def taken(reply: MissionReply | None) -> None:
+            assert reply is not None
+            self.mission = reply.mission
+
+        self.ask(MissionRequest(Waypoint(9.0, 5.0, 0.0), planned=False), taken)
+        return MissionReply(77)
+
+    def on_mission_status(self, status: MissionStatus) -> None:
+        if self.mission and status.mission != self.mission:
+            self.state = ExploreState.FAILED
+
+    def on_wakeup(self) -> None:
+        self.wake_at(self.now + 0.5)
+        self.publish(ExploreStatus(77, self.state))
+
+
+def test_an_exploration_ends_with_the_mission_that_is_cancelled() -> None:
+    building = Building()
+    explorer: Any = building.joins(SlowExplorer).agent
+    building.run(1.0)
+    number = building.taken(text('do = "explore"'))
+    building.run(5.0)
+    assert explorer.state is ExploreState.EXPLORING
+    building.cancel(number)
+    building.run(6.0)
+    assert explorer.state is ExploreState.FAILED
+    there = building.pose()
+    building.run(3.0)
+    assert building.pose().x == pytest.approx(there.x, abs=0.02)
+    building.rehearsal.client.hand_over(MissionRequest(Waypoint(6.0, 5.0, 0.0)))  # it is free
+
+
 def test_without_a_dock_or_a_charger_a_dock_task_fails_and_says_so() -> None:
     building = Building(without=("battery-charger",))
     number = building.taken(text('do = "dock"'))
     building.until(lambda: building.ended(number), 10.0)
     assert building.mission(number).note == "dock: nobody charges"
+
+
+def test_an_alarm_in_no_room_is_ignored_however_many_there_are() -> None:
+    building = Building()
+    for number in range(40):
+        building.rehearsal.client.publish(Alarm(f"nowhere {number}"))
+    building.rings("R21")
+    building.taken(text('do = "wait", seconds = 9'))
+    building.run(2.0)
+    assert building.board is not None
+    assert building.board.alarms == ("R21",)
+
+
+def test_who_is_driven_away_while_it_stands_for_a_task_comes_back_to_it() -> None:
+    building = Building()
+    number = building.taken(text('do = "take-photo", room = "hall", seconds = 3'))
+    building.run(1.0)
+    building.rehearsal.client.hand_over(MissionRequest(Waypoint(2.0, 2.0, 0.0)))  # in R2
+    building.until(lambda: building.pose().y < 3.0, 60.0)
+    assert "not where it is to stand" in building.mission(number).note
+    building.until(lambda: building.ended(number), 120.0)
+    (photo,) = building.heard(Photo)
+    assert (photo.x, photo.y) == pytest.approx((2.0, 5.0), abs=0.2)
+    assert building.mission(number).course.elapsed < 10.0
 
 
 # It outlives whoever dies -------------------------------------------------------------------------
@@ -248,3 +327,49 @@ def test_queue_suspended_missions_and_alarms_outlive_it_too() -> None:
 
 def test_the_shipped_survey_is_what_the_tests_order() -> None:
     assert "check-alarm" in SURVEY
+
+
+def test_who_has_enough_already_is_charged_by_the_word() -> None:
+    building = Building(battery=Battery(charge=0.95))
+    number = building.taken(text('do = "dock", until = 0.5'))
+    building.until(lambda: building.ended(number), 30.0)
+    assert building.steps(number) == ["dock(0.5)"]
+
+
+def test_a_charge_of_which_nobody_can_say_how_far_it_is_fails() -> None:
+    building = Building(without=("battery-sensor",))
+    number = building.taken(text('do = "dock", else = [{ do = "wait", seconds = 1 }]'))
+    building.until(lambda: building.ended(number), 200.0)
+    (failed, _) = building.mission(number).course.results
+    assert "nobody says what is left of the battery" in failed.said
+    assert building.steps(number) == ["wait(1.0)"]
+
+
+@pytest.fixture
+def shut_in(monkeypatch: pytest.MonkeyPatch) -> None:
+    """The dock is where no way leads to."""
+    plans = PathPlanning._plan
+
+    def planned(self: PathPlanning, request: PlanRequest) -> Plan:
+        to_dock = request.goal.x < 1.5
+        return Plan((), refusal="shut") if to_dock else plans(self, request)
+
+    monkeypatch.setattr(PathPlanning, "_plan", planned)
+
+
+@pytest.mark.usefixtures("shut_in")
+def test_a_charge_fails_where_no_way_leads_to_a_dock() -> None:
+    building = Building(battery=Battery(charge=0.4))
+    number = building.taken(text('do = "dock"'))
+    building.until(lambda: building.ended(number), 100.0)
+    assert building.mission(number).note == "dock: no way to any dock"
+
+
+@pytest.mark.usefixtures("shut_in")
+def test_a_charger_that_knows_no_way_leaves_the_planner_to_others() -> None:
+    building = Building(battery=Battery(charge=0.02))
+    number = building.taken(text(NEAR, above='energy = "risk"'), 0.1)
+    asked = len(building.heard(Planned))
+    building.until(lambda: building.ended(number), 100.0)
+    assert building.mission(number).state is MissionEnd.DONE
+    assert len(building.heard(Planned)) - asked < building.mesh.now
