@@ -60,6 +60,11 @@ BUMP_OFF_M = 0.25
 """Farther from a wall of the map than this, it was not that which was touched."""
 
 
+CLOSE_M = 0.3
+"""An echo from so near is put where it was heard, whatever wall it comes from: 10 degrees off the
+axis are 5 cm there, and what is beyond may touch."""
+
+
 class Parameters(agent.Parameters, frozen=True, kw_only=True):
     """How the map believes and forgets, and how wide an echo in front is taken to be.
 
@@ -172,7 +177,7 @@ class SonarAgent(Agent):
             old = self.now - self._sure_at > self.p.walls.kept_s
             walls.look(*self._place(), old=old)
             walls.hear(sonar.echoes)
-            seen.update(sonar.echoes, walls.explains)
+            seen.update(sonar.echoes, lambda echo: walls.explains(echo) and not _close(echo))
         robots = self._robots.points(*self._place(), self.now)
         if robots or walls is not None:
             seen.expect([*(() if walls is None else walls.points()), *robots])
@@ -242,6 +247,11 @@ class SonarAgent(Agent):
             if near and abs(atan2(o.y, o.x)) < p.arc_within_rad:
                 yield Point(c * o.x - s * o.y, s * o.x + c * o.y)
                 yield Point(c * o.x + s * o.y, c * o.y - s * o.x)
+
+
+def _close(echo: local_map.Echo) -> bool:
+    """Whether an echo is of something so near that its place on the axis is hardly wrong."""
+    return echo.range is not None and echo.range < CLOSE_M
 
 
 def _point(obstacle: Obstacle | None) -> Point | None:

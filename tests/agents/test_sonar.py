@@ -284,6 +284,16 @@ def test_the_end_of_a_wall_does_not_stand_in_the_way_beside_it() -> None:
     assert any(hypot(p.x - 0.6, p.y + 0.32) < 0.05 for p in found.points)
 
 
+@pytest.mark.parametrize(("away", "put"), [(0.28, True), (1.0, False)])
+def test_an_echo_from_close_by_is_put_where_it_was_heard_whatever_wall_it_is_of(
+    away: float, put: bool
+) -> None:
+    ring = Ring(MAPPED)
+    for _ in range(3):
+        ring.ping((0.0, away), pose=(5.0 - away, 0.0, 0.0))
+    assert bool([o for o in ring.agent._map.heard() if abs(o.x - away) < 0.02]) is put
+
+
 def test_what_no_map_has_is_forgotten_sooner() -> None:
     def lasts(ring: Ring, pose: tuple[float, float, float] | None) -> int:
         for _ in range(3):
