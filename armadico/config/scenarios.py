@@ -294,7 +294,8 @@ def _faults(scenario: Scenario, world: World) -> Iterator[tuple[Key, str]]:
         return
     body = load_profile(profile).body
     radius = body.circle_m
-    for name, dock in world.docks.items():
+    charged = set(society().missions.besides) & set(scenario.agents)
+    for name, dock in world.docks.items() if charged else ():
         if not _may_dock(world, dock, body):
             message = f"a {scenario.robot} cannot drive into dock {name!r} of {world.name!r}"
             yield ("world",), f"{message}: a wall is in its way"

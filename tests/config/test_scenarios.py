@@ -459,6 +459,8 @@ def test_a_dock_that_a_wall_is_in_the_way_of_is_refused(tmp_path: Path) -> None:
         file = tmp_path / "docked.map"
         write_map(replace(world, docks={"one": dock}), file)
         text = OWN.replace('"sc4"', f'"{file}"')
+        load_scenario(own(tmp_path, text))  # nobody is to be charged
+        text += 'agents = ["encoder", "battery-charger", "dock"]\n'
         with pytest.raises(ConfigError, match=r"own\.toml:1: .*cannot drive into dock 'one'"):
             load_scenario(own(tmp_path, text))
 

@@ -59,7 +59,7 @@ def test_an_interrupted_run_leaves_the_robot_stopped_and_the_society_up(
     observer.until(lambda: observer.state.stop.stopped, "it is stopped")
     assert observer.state.stop.by == "armadico run"
     observer.until(observer.at_rest, "the wheels rest")
-    assert len(observer.names) == 10
+    assert len(observer.names) == 11, "ten, and the wakeup agent"
     refused = call("run", name, "--attach", "--no-plot")
     assert refused.returncode == 1
     assert "the robot is stopped by armadico run; `armadico resume` releases it" in refused.stderr

@@ -31,6 +31,7 @@ from armadico.core.messages import (
     Trajectory,
     Truth,
 )
+from armadico.core.resources import WHEELS
 from armadico.core.services import service_of
 from armadico.launch.society import Options
 from armadico.launch.virtual import Rehearsal
@@ -67,7 +68,9 @@ class Drive:
         self.said.append((now, message))
 
     def of(self, kind: type[Message], since: float = 0.0) -> list[Any]:
-        return [m for at, m in self.said if type(m) is kind and at > since]
+        """What was said of a kind; of the wheels, where it is of a resource."""
+        of = [m for at, m in self.said if type(m) is kind and at > since]
+        return [m for m in of if getattr(m, "resource", WHEELS.name) == WHEELS.name]
 
     def truth(self) -> Truth:
         return next(m for _, m in reversed(self.said) if isinstance(m, Truth))

@@ -93,4 +93,4 @@ def test_what_cannot_be_a_namespace_is_refused(name: str) -> None:
 
 
 def test_a_namespace_may_have_parts() -> None:
-    assert checked_namespace("fleet/r-1") == "fleet/r-1"
+    assert checked_namespace("lab/r-1") == "lab/r-1"
