@@ -170,15 +170,15 @@ class SonarAgent(Agent):
 
     def on_sonar(self, sonar: Sonar) -> None:
         """Take the echoes in, and publish where the obstacles are."""
-        seen, walls = self._map, self._walls
+        seen, walls, place = self._map, self._walls, self._place()
         if walls is None:
             seen.update(sonar.echoes)
         else:
             old = self.now - self._sure_at > self.p.walls.kept_s
-            walls.look(*self._place(), old=old)
+            walls.look(*place, old=old)
             walls.hear(sonar.echoes)
             seen.update(sonar.echoes, lambda echo: walls.explains(echo) and not _close(echo))
-        robots = self._robots.points(*self._place(), self.now)
+        robots = self._robots.points(*place, self.now)
         if robots or walls is not None:
             seen.expect([*(() if walls is None else walls.points()), *robots])
         self._listened += 1

@@ -71,7 +71,7 @@ class Route:
     @property
     def direction(self) -> float:
         """Where the leg leads, rad."""
-        (x, y), to = self._leg_start(), self.waypoints[self.leg]
+        (x, y), to = self._start_of(self.leg), self.waypoints[self.leg]
         return atan2(to.y - y, to.x - x)
 
     def advance(self, x: float, y: float) -> None:
@@ -155,7 +155,7 @@ class Route:
         the point pass a waypoint farther than `cut` m aside. It is the goal itself where the goal
         is nearer.
         """
-        from_x, from_y = self._leg_start()
+        from_x, from_y = self._start_of(self.leg)
         to = self.waypoints[self.leg]
         dx, dy = to.x - from_x, to.y - from_y
         length = hypot(dx, dy)
@@ -198,7 +198,7 @@ class Route:
 
     def _aside(self, x: float, y: float) -> float:
         """How far the robot is off the leg's line, m."""
-        from_x, from_y = self._leg_start()
+        from_x, from_y = self._start_of(self.leg)
         to = self.waypoints[self.leg]
         dx, dy = to.x - from_x, to.y - from_y
         length = hypot(dx, dy)
@@ -209,10 +209,7 @@ class Route:
     @property
     def leg_start(self) -> Point:
         """Where the leg that is driven begins."""
-        return Point(*self._leg_start())
-
-    def _leg_start(self) -> tuple[float, float]:
-        return self._start_of(self.leg)
+        return Point(*self._start_of(self.leg))
 
     def _start_of(self, leg: int) -> tuple[float, float]:
         before = self.waypoints[leg - 1] if leg > 0 else self.start
@@ -223,7 +220,7 @@ class Route:
         away = hypot(to.x - x, to.y - y)
         if away <= PASSED_M:
             return True
-        from_x, from_y = self._leg_start()
+        from_x, from_y = self._start_of(self.leg)
         dx, dy = to.x - from_x, to.y - from_y
         beyond = hypot(dx, dy) == 0.0 or (x - to.x) * dx + (y - to.y) * dy >= 0.0
         return beyond and away <= BESIDE_M
