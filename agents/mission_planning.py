@@ -119,6 +119,7 @@ class MissionPlanning(Agent):
         self._by = self.rng.getrandbits(63)
         self._alarms: list[str] = []
         self._unchecked: list[str] = []
+        self._no_way: dict[str, tuple[float, float]] = {}  # to an alarm: since when, ask again when
         self._wanted: tuple[int, int, Request] | None = None  # by which mission, in which task
         self._reach, self._note = Reach.NONE, ""
         self._order = 0  # the exploration that was asked for
@@ -258,6 +259,7 @@ class MissionPlanning(Agent):
             self.log(line(f"alarm in {alarm.room}"), WARNING)
         elif not alarm.on and alarm.room in self._alarms:
             self._alarms.remove(alarm.room)
+            self._no_way.pop(alarm.room, None)
             if alarm.room in self._unchecked:
                 self._unchecked.remove(alarm.room)
         else:
@@ -607,7 +609,11 @@ class MissionPlanning(Agent):
             return
         if not mission.on_alarm or self._coordinator.busy or course.detour:
             return
-        room = self._unchecked[0]
+        nowhere = self._no_way
+        asked = (r for r in self._unchecked if self.now >= nowhere.get(r, (0.0, 0.0))[1])
+        room = next(asked, None)
+        if room is None:
+            return
         before = (move(room), PlanStep(mission.on_alarm, (Told.of("room", room),)))
         ask = SubplanRequest(
             self.rng.getrandbits(63),
@@ -620,22 +626,36 @@ class MissionPlanning(Agent):
         )
 
         def chosen(subplan: Subplan | None) -> None:
-            over = room not in self._unchecked  # by now
-            if not over:
-                self._unchecked.remove(room)
-            if over or not entry.goes_on:
+            if room not in self._unchecked or not entry.goes_on:
+                return  # over by now; or another mission's
+            if subplan is None and self._waits_for_a_way(room):
                 return
+            self._unchecked.remove(room)
+            nowhere.pop(room, None)
             if subplan is not None:
                 self._merge(entry, subplan.steps)
                 who = subplan.planner
                 self.log(line(f"alarm in {room}: {_words(subplan.steps)}, by {who}"))
-            elif not self._coordinator.planners:  # nobody to ask: straight there and on
+            else:  # nobody to ask, or nobody who knows: straight there and on, as far as it goes
                 self._merge(entry, before)
-            else:
-                self.log(line(f"alarm in {room}: no planner agent knows a way"), WARNING)
 
         self.publish(ask)
         self._coordinator.ask(ask, self.now, chosen)
+
+    def _waits_for_a_way(self, room: str) -> bool:
+        """Whether the planner agents, who know no way to an alarm, are asked again.
+
+        The path planner may be dead for now, and people in the way walk on.
+        """
+        if not self._coordinator.planners:
+            return False
+        since, _ = self._no_way.setdefault(room, (self.now, 0.0))
+        if self.now - since >= self.p.patience_s:
+            return False
+        if since == self.now:
+            self.log(line(f"alarm in {room}: no planner agent knows a way: asked again"), WARNING)
+        self._no_way[room] = since, self.now + self.p.again_s
+        return True
 
     def _merge(self, entry: Entry, steps: tuple[PlanStep, ...]) -> None:
         """Put steps before the next one of a mission."""

@@ -96,6 +96,22 @@ TWICE_ELSE = (
     'do = "move", to = "R1", else = [{ do = "wait", seconds = 1, else = [{ do = "wait" }] }]'
 )
 
+IN = """
+[procedures.in]
+takes = ["room"]
+when = { room = "$room" }
+steps = [{ do = "take-photo" }]
+"""
+
+
+def look(row: str, *takes: str) -> str:
+    """A mission with a procedure for alarms, of one step."""
+    return (
+        f'on_alarm = "look"\n{PHOTO}\n[procedures.look]\ntakes = {["room", *takes]}\n'
+        f"steps = [\n  {{ {row} }},\n]"
+    )
+
+
 WRONG_STEPS = [
     ('do = "mve", to = "R1"', "2: no task or procedure 'mve'; did you mean 'move'?"),
     ('do = "move", to = "R111"', "2: no place 'R111' in 'surveillance'; did you mean 'R11'?"),
@@ -121,6 +137,15 @@ WRONG_STEPS = [
 ]
 
 WRONG = [
+    (steps('do = "move", to = ""'), "2: no place '' in 'surveillance'"),
+    (steps('do = "in", room = 3', more=IN), "7: room = 3.0: expected a room's name"),
+    (steps('do = "in", room = [1, 2]', more=IN), "7: room = (1.0, 2.0): expected a room's name"),
+    (f"{PHOTO}\n[procedures.a]\n{PHOTO}\n[procedures.b]\nsteps = []", "5: procedures.b.steps = []"),
+    (f"{PHOTO}\n[procedures.a]\n{PHOTO}\ngoal = 3", "4: procedures.a.goal = 3: expected a string"),
+    (f'{PHOTO}\n[procedures."a.b"]\ngoal = 3', "3: procedures.a.b.goal = 3: expected a string"),
+    (look('do = "move", to = "R111"'), "6: no place 'R111' in 'surveillance'; did you mean 'R11'?"),
+    (look('do = "move", to = "$rom"'), "6: to = '$rom': the procedure takes no 'rom'"),
+    (look('do = "wait", seconds = "$s"', "s"), "1: 'look' is not told its s: s = ..."),
     (steps('do = "a"', more=CIRCLE), "11: procedure 'a' calls itself: a -> b -> a"),
     (steps('do = "a"', more=OWN_CIRCLE), "7: procedure 'a' calls itself: a -> a"),
     (steps('do = "take-photo"', more=TASK), "5: procedure 'move': a task is called so"),
