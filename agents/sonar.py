@@ -110,7 +110,7 @@ class SonarAgent(Agent):
         world = None if self.p.world is None else load_world(self.p.world)
         self._walls = None
         if world is not None:
-            self._walls = KnownWalls(world.walls, self.p.walls, world.forbidden)
+            self._walls = KnownWalls(world.outlines, self.p.walls, world.forbidden)
         self._comers = Comers()
         self._pings = 0
         self._origin: Pose2 | None = None  # of the odometry, by the newest pose that was sure

@@ -20,7 +20,7 @@ from armadico.config.loading import find, load_entry
 from armadico.config.moving import Moving
 from armadico.config.profile import RobotProfile, SensorProfile, load_profile
 from armadico.config.scenarios import Scenario
-from armadico.config.worlds import Pose, load_world
+from armadico.config.worlds import Column, Pose, load_world
 from armadico.core.messages import Message, Truth
 
 Wall = tuple[float, float, float, float]
@@ -40,14 +40,17 @@ class Pioneer:
         moving: Sequence[Moving] = (),
         docks: Sequence[Pose] = (),
         charge: float = 1.0,
+        columns: Sequence[Column] = (),
     ) -> None:
-        """Stand at `start` (m, m, rad) among walls (m), what moves, and docks (poses).
+        """Stand at `start` (m, m, rad) among walls and columns (m), what moves, and docks (poses).
 
         `charge` is the share of its battery that is left.
         """
         if Trap.RAYS in traps:
             profile = replace(profile, sonar=replace(profile.sonar, cone_deg=0.0))
-        self.plant = Plant(profile, sensors, walls, start, streams, moving, docks, charge)
+        self.plant = Plant(
+            *(profile, sensors, walls, start, streams, moving, docks, charge, columns)
+        )
         loops = SpeedLoops(profile.speed_loop, profile.motor.supply_v)
         self.controller = Microcontroller(profile, self.plant, loops, traps)
         self._watchers: list[Callable[[Truth], None]] = []
@@ -151,6 +154,7 @@ def of_scenario(
         scenario.moving,
         tuple(world.docks.values()),
         scenario.battery.charge,
+        world.columns,
     )
 
 

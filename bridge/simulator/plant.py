@@ -25,7 +25,7 @@ from armadico.bridge.simulator.moving import STEP_S as MOVE_S
 from armadico.bridge.simulator.moving import Movement
 from armadico.bridge.simulator.sonar import Sonars, Surfaces
 from armadico.bridge.simulator.speed_loops import truncated
-from armadico.bridge.simulator.walls import TOUCH_M, Wall, Walls
+from armadico.bridge.simulator.walls import TOUCH_M, Column, Wall, Walls
 from armadico.config.errors import ConfigError
 from armadico.config.moving import Moving
 from armadico.config.profile import RobotProfile, SensorProfile
@@ -68,6 +68,7 @@ class Plant:
         moving: Sequence[Moving] = (),
         docks: Sequence[Pose] = (),
         charge: float = 1.0,
+        columns: Sequence[Column] = (),
     ) -> None:
         self.step_s = STEP_S
         self.blocked = False
@@ -96,6 +97,7 @@ class Plant:
         self._touched: float = -inf  # the last step in which the outline touched
         self._touching = False
         self.add_walls(walls)
+        self.add_columns(columns)
         self.body = Body(self._box, self._outline.mass_kg, STEP_S)  # as other robots meet it
         self._company: Company | None = None
         self._runaway = (
@@ -110,6 +112,11 @@ class Plant:
     def add_walls(self, walls: Sequence[Wall]) -> None:
         """More walls; how each answers the sonars depends on the seed and their order."""
         self._walls.add(walls, [self._surfaces.draw() for _ in walls])
+        self._margin = 0.0
+
+    def add_columns(self, columns: Sequence[Column]) -> None:
+        """Something round, and more of it; their surfaces are drawn as those of walls."""
+        self._walls.add_columns(columns, [self._surfaces.draw() for _ in columns])
         self._margin = 0.0
 
     def add_segment(self, x1: float, y1: float, x2: float, y2: float) -> None:
