@@ -20,7 +20,7 @@ from armadico.bridge.simulator.plant import Plant, Streams
 from armadico.bridge.simulator.simulated import SimulatedRobot
 from armadico.config.moving import Moving
 from armadico.config.profile import Ros2Robot, SensorProfile, Topic
-from armadico.config.worlds import Pose
+from armadico.config.worlds import Column, Pose
 
 Wall = tuple[float, float, float, float]
 
@@ -235,11 +235,12 @@ class Ros2SimulatedRobot(SimulatedRobot):
         moving: Sequence[Moving] = (),
         docks: Sequence[Pose] = (),
         charge: float = 1.0,
+        columns: Sequence[Column] = (),
     ) -> None:
-        """Stand at `start` (m, m, rad) among walls (m), what moves, and docks (poses).
+        """Stand at `start` (m, m, rad) among walls and columns (m), what moves, and docks (poses).
 
         `name` is the node that it says it is; `charge` the share of its battery that is left.
         """
-        plant = Plant(profile, sensors, walls, start, streams, moving, docks, charge)
+        plant = Plant(*(profile, sensors, walls, start, streams, moving, docks, charge, columns))
         base = Base(profile, plant, name or profile.name)
         super().__init__(plant, base, name or profile.name, profile.cycle_s)
