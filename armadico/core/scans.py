@@ -85,8 +85,10 @@ def packed(ranges: Floats, least: float, most: float) -> bytes:
 def ranges_of(scan: Scan) -> Floats:
     """m, one a ray: NaN where nothing is valid, inf where nothing is within reach.
 
-    Raises ValueError if its bytes are not two for each.
+    Raises ValueError if its bytes are not two for each, or all go the same way.
     """
+    if scan.step == 0.0:
+        raise ValueError("rays that all go the same way")
     mm = np.frombuffer(scan.packed, dtype="<u2")
     ranges: Floats = mm.astype(np.float64) / MM
     ranges[mm == INVALID] = np.nan
