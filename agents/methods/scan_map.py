@@ -117,18 +117,20 @@ class ScanMap(Near):
         """The same, as numbers."""
         found = np.full(len(points), Look.NONE.value, dtype=np.intp)
         rays = self._rays
-        if rays is None or not len(points) or len(rays.ranges) < 2:
+        if rays is None or not len(points) or not len(rays.ranges):
             return found
         dx, dy = points[:, 0] - rays.x, points[:, 1] - rays.y
         away = np.hypot(dx, dy)
         turned = np.remainder((np.arctan2(dy, dx) - rays.first) * np.sign(rays.step), math.tau)
-        at = turned / abs(rays.step)
+        at, count = turned / abs(rays.step), len(rays.ranges)
+        whole = round(math.tau / abs(rays.step))
+        beside = np.rint(at).astype(np.intp) % whole  # the nearest ray
+        inside = beside < count
         low = np.floor(at).astype(np.intp)
         high = low + 1
-        whole = round(math.tau / abs(rays.step))
-        closes = len(rays.ranges) == whole  # the first ray is the last one's neighbour
-        high = np.where(closes & (high == whole), 0, high)
-        inside = (low < len(rays.ranges)) & (high < len(rays.ranges))
+        if count == whole:  # the first ray is the last one's neighbour
+            low, high = low % whole, high % whole
+        low, high = np.where(low < count, low, beside), np.where(high < count, high, beside)
         low, high = np.where(inside, low, 0), np.where(inside, high, 0)
         one, other = rays.ranges[low], rays.ranges[high]
         near, far = np.fmin(one, other), np.fmax(one, other)

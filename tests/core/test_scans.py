@@ -86,6 +86,6 @@ def test_of_more_rays_than_a_message_carries_the_nearest_stand_for_their_neighbo
 
 def test_bytes_that_are_not_two_a_ray_and_rays_without_a_step_are_refused() -> None:
     with pytest.raises(ValueError, match="all go the same way"):
-        ranges_of(Scan(AT, 0, 0, 0, 0.0, 30.0, b"abcd"))
+        ranges_of(Scan(AT, 0, 0, 0, 1e-300, 30.0, b"abcd"))
     with pytest.raises(ValueError, match="buffer size"):
         ranges_of(Scan(AT, 0, 0, 0, 0.1, 30.0, b"abc"))
