@@ -281,8 +281,8 @@ def _traps(names: Sequence[str] | None) -> frozenset[Trap]:
 
 def _line(args: argparse.Namespace, stack: ExitStack) -> tuple[Line, str]:
     """The line that the options name, and how a robot agent calls it."""
-    from armadico.bridge.p2os.transports import PtyTransport  # noqa: PLC0415 - not for --help
     from armadico.bridge.simulator.server import TcpLine  # noqa: PLC0415 - not for --help
+    from armadico.bridge.transports import PtyTransport  # noqa: PLC0415 - not for --help
     from armadico.cli.doctor import listener  # noqa: PLC0415 - not for --help
 
     if args.pty is not None:
