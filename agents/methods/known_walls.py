@@ -21,7 +21,8 @@ from collections.abc import Iterable, Iterator, Sequence
 from itertools import chain
 from typing import NamedTuple
 
-from armadico.agents.methods.local_map import Echo, Obstacle
+from armadico.agents.methods.local_map import Echo
+from armadico.agents.methods.near import Obstacle
 from armadico.agents.methods.settings import WallSettings
 from armadico.core.geometry import Pose2
 from armadico.core.messages import COVARIANCE

@@ -15,7 +15,17 @@ from msgspec import Meta, Struct
 from armadico.config.loading import load
 from armadico.config.shipped import find
 from armadico.core.geometry import turning_circle
-from armadico.core.messages import Length, Patience, Period, Place, Ramp, TopSpeed, TopTurn
+from armadico.core.messages import (
+    RAYS,
+    REACH_M,
+    Length,
+    Patience,
+    Period,
+    Place,
+    Ramp,
+    TopSpeed,
+    TopTurn,
+)
 
 Positive = Annotated[float, Meta(ge=1e-6, le=1e6)]
 """Smaller ones, divided by or squared, are beyond what a float holds, and no robot has any."""
@@ -23,6 +33,8 @@ NonNegative = Annotated[float, Meta(ge=0, le=1e6)]
 Real = Annotated[float, Meta(ge=-1e6, le=1e6)]
 Share = Annotated[float, Meta(ge=0, le=1)]
 Angle = Annotated[float, Meta(ge=0, le=90)]
+Bearing = Annotated[float, Meta(ge=-180, le=180)]
+Turned = Annotated[float, Meta(ge=-360, le=360)]
 
 
 class Body(Struct, frozen=True, forbid_unknown_fields=True):
@@ -106,7 +118,7 @@ class Sonar(Struct, frozen=True, forbid_unknown_fields=True):
 
     x_m: Place
     y_m: Place
-    bearing_deg: Annotated[float, Meta(ge=-180, le=180)]
+    bearing_deg: Bearing
 
 
 class SonarRing(Struct, frozen=True, forbid_unknown_fields=True):
@@ -118,6 +130,39 @@ class SonarRing(Struct, frozen=True, forbid_unknown_fields=True):
     period_s: Period  # from one sonar's ping to the next one's
     sonars: tuple[Sonar, ...]
     firing_order: tuple[int, ...]
+
+
+class Laser(Struct, frozen=True, forbid_unknown_fields=True):
+    """A scanning laser range finder: where it sits and looks, in the body frame, and its rays.
+
+    `angle_min_deg` is the first ray's, about the laser's own axis; the others follow evenly up to
+    `angle_max_deg`, the last one's, counter-clockwise as the laser sees it: one that is mounted
+    upside down sees its left on the robot's right. Of a laser that looks all around the last ray
+    lies a step before the first.
+    """
+
+    x_m: Place
+    y_m: Place
+    bearing_deg: Bearing
+    min_m: Positive  # what is nearer has no valid range
+    max_m: Annotated[float, Meta(gt=0, le=REACH_M)]
+    angle_min_deg: Turned
+    angle_max_deg: Turned
+    rays: Annotated[int, Meta(ge=2, le=RAYS)]
+    rate_hz: Annotated[float, Meta(gt=0, le=200)]
+    noise_m: NonNegative  # standard deviation of a range
+    upside_down: bool = False
+
+    def __post_init__(self) -> None:
+        if not self.min_m < self.max_m:
+            raise ValueError(f"min_m = {self.min_m} is not less than max_m = {self.max_m}")
+        if not 0.0 < self.angle_max_deg - self.angle_min_deg <= 360.0:
+            raise ValueError("angle_max_deg is to be up to 360 more than angle_min_deg")
+
+    @property
+    def step_deg(self) -> float:
+        """From one ray to the next."""
+        return (self.angle_max_deg - self.angle_min_deg) / (self.rays - 1)
 
 
 class Battery(Struct, frozen=True, forbid_unknown_fields=True):
@@ -160,6 +205,7 @@ class RobotProfile(Struct, frozen=True, forbid_unknown_fields=True):
     sonar: SonarRing
     battery: Battery
     p2os: P2osUnits
+    laser: Laser | None = None
 
 
 def load_profile(name_or_path: str | Path) -> RobotProfile:
@@ -184,6 +230,11 @@ class SensorProfile(Struct, frozen=True, forbid_unknown_fields=True):
     edge_m: NonNegative  # an edge is always heard up to here, beyond it by the inverse of the range
     multipath: Share  # how often what a mirror threw off is heard if it comes back
     crosstalk: Share  # how often what came back to nobody is heard by the next sonar
+    laser_dropout: Share  # of a laser's rays that come back to nobody by chance
+    black_walls: Share  # share of walls that a laser sees from `black_m` only,
+    black_m: NonNegative
+    glass_walls: Share  # and that it looks through, but for where they are square to it
+    glass_deg: Angle  # within this
     slip: Share  # standard deviation of each wheel's relative slip
     drift_rad_m: NonNegative  # heading error that grows with distance: drawn
     turn_error: Share  # of the wheel base, so of all turning: drawn

@@ -229,6 +229,11 @@ class Walls:
             self._corners = None
         return self._near
 
+    def all(self) -> tuple[Segments, Segments, Columns]:
+        """Every wall, in the order in which they came; what moves; and every column."""
+        moving = self._moving.joined(self._robots) if self._shown else self._moving
+        return self._all, moving, self._columns
+
     def near_columns(self, x: float, y: float) -> Columns:
         """Every column within `NEAR_M` of a point, and perhaps some more."""
         self.near(x, y)
