@@ -4,11 +4,14 @@ A layer of points over the planner's map. An echo that a wall of the map explain
 arc that it may have come from, adds nothing. What is left is believed once it was heard again in
 the same place, doubted by each ping that goes past it, and fades: somebody who walks by is heard
 once or twice in each place, and a door that is shut as long as the robot looks at it.
+
+Without a map nothing explains an echo, and what was seen is the map: it is kept until something
+looks through it, so that no dead end is driven into twice.
 """
 
 from __future__ import annotations
 
-from math import cos, exp, hypot, sin, tan
+from math import cos, exp, hypot, inf, sin, tan
 from typing import Final
 
 import numpy as np
@@ -40,6 +43,9 @@ class Settings(Struct, frozen=True):
     jump_m: float = 0.5  # a pose that jumps so far was wrong before
 
 
+WITHOUT_A_MAP: Final = Settings(reach_m=2.0, fade_s=600.0)
+
+
 class _Cell(Struct):
     x: float
     y: float
@@ -50,9 +56,9 @@ class _Cell(Struct):
 class Seen:
     """The layer over one map's grid. World frame, m; times in s of whoever asks."""
 
-    def __init__(self, known: Grid, settings: Settings | None = None) -> None:
-        """Nothing is seen yet."""
-        self.p = settings or Settings()
+    def __init__(self, known: Grid | None, settings: Settings | None = None) -> None:
+        """Nothing is seen yet; `known` is the map's grid, if there is a map."""
+        self.p = settings or (WITHOUT_A_MAP if known is None else Settings())
         self._known = known
         self._cells: dict[tuple[int, int], _Cell] = {}
         self._last: Posed | None = None
@@ -76,6 +82,10 @@ class Seen:
         if heard <= p.reach_m and not self._explained(x, y, bearing, heard, p.near_m + off_m):
             self._add(x + heard * cos(bearing), y + heard * sin(bearing), 1.0, now)
 
+    def forget(self, now: float, recent_s: float) -> None:
+        """Keep only what was seen a moment ago."""
+        self._cells = {k: c for k, c in self._cells.items() if now - c.at <= recent_s}
+
     def touch(self, pose: Posed, x: float, y: float, now: float) -> None:
         """Something touched the robot there (body frame): that is sure, unless it is a wall."""
         at = Placed(*to_world((pose.x, pose.y, pose.theta), x, y))
@@ -95,7 +105,7 @@ class Seen:
 
     def _add(self, x: float, y: float, evidence: float, now: float) -> None:
         p = self.p
-        if not self._known.inside(Placed(x, y)):
+        if self._known is not None and not self._known.inside(Placed(x, y)):
             return
         key = int(x // p.cell_m), int(y // p.cell_m)
         cell = self._cells.get(key)
@@ -120,6 +130,8 @@ class Seen:
 
     def _explained(self, x: float, y: float, bearing: float, heard: float, near: float) -> bool:
         """Whether the map has a wall where the echo may come from, or one that hides the place."""
+        if self._known is None:
+            return False
         for angle in bearing + self.p.arc_rad * _ARC:
             if self._clearance(x + heard * cos(angle), y + heard * sin(angle)) <= near:
                 return True
@@ -127,4 +139,6 @@ class Seen:
         return self._known.clearance_between(Placed(x, y), there) == 0.0
 
     def _clearance(self, x: float, y: float) -> float:
+        if self._known is None:
+            return inf
         return float(self._known.clearance[self._known.cell(Placed(x, y))])
