@@ -110,13 +110,14 @@ def _record(
     args: argparse.Namespace, namespaces: Sequence[str], meshes: Sequence[ZenohMesh]
 ) -> None:
     from armadico.observe.recorder import Recording, record  # noqa: PLC0415 - not for --help
+    from armadico.observe.translators import translators  # noqa: PLC0415 - not for --help
     from armadico.observe.watching import Watcher  # noqa: PLC0415 - not for --help
 
     limit = None if args.max_size is None else int(args.max_size * MEGABYTE)
     about = {"version": options.version(), "namespaces": " ".join(namespaces)}
     if args.force:
         args.file.unlink(missing_ok=True)
-    recording = Recording(args.file, about, limit)
+    recording = Recording(args.file, about, limit, translators(list(dict.fromkeys(namespaces))))
     watcher = Watcher(meshes)
     begun = time.monotonic()
     try:
