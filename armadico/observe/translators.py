@@ -29,6 +29,7 @@ class Channel:
     definition: str  # the type's own and those within
     latched: bool = False  # who comes late is to have the last sample
     depth: int = 10  # samples that are kept for a reader who lags
+    own: bool = False  # a robot that is spoken to in the same words says this by itself
     metadata: Mapping[str, str] = field(default_factory=dict, hash=False)
 
 
@@ -41,6 +42,9 @@ class Sample(NamedTuple):
 
 class Translator(Protocol):
     """Translates for one robot."""
+
+    kinds: Sequence[type[Message]]
+    """What it makes something of."""
 
     channels: Sequence[Channel]
     """All that it may give samples of."""

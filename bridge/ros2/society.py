@@ -76,20 +76,25 @@ _UNFIT: Final = re.compile(r"[^A-Za-z0-9_/]")
 _DIGIT: Final = re.compile(r"(?<![^/])(?=[0-9])")
 _TURN: Final = 0.1  # how far a quaternion's norm may be from 1
 
-_NAMES: Final[dict[str, tuple[type[IdlStruct], bool, int]]] = {
-    # the topic: its type, whether it is latched, how many samples are kept
-    "/tf": (types.TFMessage, False, 100),
-    "/tf_static": (types.TFMessage, True, 1),
-    "/diagnostics": (types.DiagnosticArray, False, 10),
-    "odom": (types.Odometry, False, 10),
-    "pose": (types.PoseWithCovarianceStamped, False, 10),
-    "scan": (types.LaserScan, False, 10),
-    "sonar": (types.Range, False, 50),
-    "obstacles": (types.PointCloud2, False, 10),
-    "local_map": (types.OccupancyGrid, True, 1),
-    "map": (types.OccupancyGrid, True, 1),
-    "path": (types.Path, True, 1),
-    "battery_state": (types.BatteryState, False, 10),
+LATCHED, OWN = "latched", "own"
+
+_TF, _OWN_TF = "/tf", "/tf " + OWN
+
+_NAMES: Final[dict[str, tuple[type[IdlStruct], int, str]]] = {
+    # the topic: its type, how many samples are kept, and what is said of it
+    _TF: (types.TFMessage, 100, ""),
+    _OWN_TF: (types.TFMessage, 100, OWN),
+    "/tf_static": (types.TFMessage, 1, f"{LATCHED} {OWN}"),
+    "/diagnostics": (types.DiagnosticArray, 10, ""),
+    "odom": (types.Odometry, 10, OWN),
+    "pose": (types.PoseWithCovarianceStamped, 10, ""),
+    "scan": (types.LaserScan, 10, OWN),
+    "sonar": (types.Range, 50, OWN),
+    "obstacles": (types.PointCloud2, 10, ""),
+    "local_map": (types.OccupancyGrid, 1, LATCHED),
+    "map": (types.OccupancyGrid, 1, LATCHED),
+    "path": (types.Path, 1, LATCHED),
+    "battery_state": (types.BatteryState, 10, OWN),
 }
 
 _GOAL: Final = "goal_pose"
@@ -129,7 +134,7 @@ class Society:
         self._world = world
         self._channels = {name: self._channel(name, *_NAMES[name]) for name in _NAMES}
         self.channels: Sequence[Channel] = tuple(self._channels.values())
-        self.goals = self._channel(_GOAL, types.PoseStamped, False, 1)
+        self.goals = self._channel(_GOAL, types.PoseStamped, 1, "")
         self.profile = "ros2"
         # rosbag2 reads quality of service as numbers where no version is told, as Iron wrote it.
         self.about = {"rosbag2": {"ROS_DISTRO": "iron"}}
@@ -162,6 +167,7 @@ class Society:
             m.BatteryLevel: self._keep,
             m.MissionStatus: self._keep,
         }
+        self.kinds: Sequence[type[m.Message]] = tuple(self._takers)
 
     # Messages in, samples out ---------------------------------------------------------------------
 
@@ -184,7 +190,7 @@ class Society:
         here = (state.x, state.y, state.theta)
         self._states.append(_State(state.cycle, at, here))
         self._state = state
-        yield "/tf", types.TFMessage([self._transform(at, self._prefix + ODOM, BASE, here)])
+        yield _OWN_TF, types.TFMessage([self._transform(at, self._prefix + ODOM, BASE, here)])
         speeds = types.Twist(types.Vector3(state.v), types.Vector3(z=state.w))
         yield (
             "odom",
@@ -205,7 +211,7 @@ class Society:
         stamp = at if state is None else state.at
         if state is not None:
             self._odom = compose(self._base, relative(state.odometry, (0.0, 0.0, 0.0)))
-            yield "/tf", types.TFMessage([self._transform(stamp, MAP, ODOM, self._odom)])
+            yield _TF, types.TFMessage([self._transform(stamp, MAP, ODOM, self._odom)])
         header = types.Header(_time(stamp), MAP)
         known = types.PoseWithCovariance(_pose(self._base), _covariance(pose.covariance))
         yield "pose", types.PoseWithCovarianceStamped(header, known)
@@ -424,7 +430,9 @@ class Society:
         same = sum(frame.partition(".")[0] == name for frame in self._sonars.values())
         return f"{name}.{same + 1}" if same else name
 
-    def _channel(self, name: str, kind: type[IdlStruct], latched: bool, depth: int) -> Channel:
+    def _channel(self, named: str, kind: type[IdlStruct], depth: int, words: str) -> Channel:
+        name = named.partition(" ")[0]
+        latched = LATCHED in words
         topic = name if name.startswith("/") else f"/{self._prefix}{name}"
         return Channel(
             topic,
@@ -434,6 +442,7 @@ class Society:
             cdr.definition(kind),
             latched,
             depth,
+            OWN in words,
             {"offered_qos_profiles": _qos(latched, depth), "topic_type_hash": cdr.type_hash(kind)},
         )
 

@@ -316,6 +316,19 @@ def test_late_comers_get_maps_paths_and_static_transforms() -> None:
     assert latched == {"/tf_static", "/map", "/local_map", "/path"}
 
 
+def test_what_a_robot_of_ros2_says_by_itself_is_told_from_the_rest() -> None:
+    own = {c.topic for c in Society().channels if c.own}
+    assert own == {"/tf", "/tf_static", "/odom", "/scan", "/sonar", "/battery_state"}
+    (corrected,) = [
+        {t.child_frame_id for t in cdr.decode(types.TFMessage, data).transforms}
+        for message in (state(), m.Pose(cycle(), 0, 0, 0))
+        for society in [ready()]
+        for channel, data in society.take("", message, NOW)
+        if channel.topic == "/tf" and not channel.own
+    ]
+    assert corrected == {"odom"}
+
+
 # Goals --------------------------------------------------------------------------------------------
 
 
