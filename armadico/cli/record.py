@@ -73,6 +73,12 @@ def parser() -> argparse.ArgumentParser:
     made.add_argument("--force", action="store_true", help="replace a file that exists")
     made.add_argument("--quiet", action="store_true", help="no progress")
     options.add_mesh_options(made)
+    add_namespaces(made)
+    return made
+
+
+def add_namespaces(made: argparse.ArgumentParser) -> None:
+    """In place of the option of the mesh that takes one namespace, one that takes several."""
     default = made.get_default("namespace")
     several = made.add_argument_group("several robots", conflict_handler="resolve")
     several.add_argument(
@@ -83,7 +89,6 @@ def parser() -> argparse.ArgumentParser:
         help=f"which robot; may be repeated (default: {default})",
     )
     made.set_defaults(namespace=default)
-    return made
 
 
 def _check(args: argparse.Namespace) -> None:

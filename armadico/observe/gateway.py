@@ -10,7 +10,8 @@ import math
 import threading
 import time
 from collections.abc import Callable, Iterable, Sequence
-from typing import Final, Protocol
+from contextlib import suppress
+from typing import Final, NamedTuple, Protocol
 
 from armadico.core.messages import Message, MissionRequest, MissionState, MissionStatus, RobotState
 from armadico.mesh.base import Mesh
@@ -27,7 +28,18 @@ GOAL_S: Final = 0.5
 AGAIN_S: Final = 5.0
 """What has been said is not repeated within this."""
 
+LEAVE_S: Final = 1.0
+
 Say = Callable[[str], None]
+
+
+class Asked(NamedTuple):
+    """A goal, as it came from outside."""
+
+    topic: str
+    data: bytes
+    encoding: str
+    schema: str = ""  # the type's name, as whoever sent it has it; empty: that of the topic
 
 
 class Outside(Protocol):
@@ -36,8 +48,8 @@ class Outside(Protocol):
     def publish(self, sample: Sample, at: int) -> None:
         """Send a sample; `at` is when the message that it comes from was received, ns."""
 
-    def asked(self) -> Iterable[tuple[str, bytes]]:
-        """Samples that have come since this was last asked, by their topics."""
+    def asked(self) -> Iterable[Asked]:
+        """What has come since this was last asked."""
 
 
 class Gateway:
@@ -65,8 +77,8 @@ class Gateway:
     def turn(self, timeout: float = TURN_S) -> None:
         """Pass on what comes within `timeout` (s), and then goals, if any. Raises OSError."""
         self._client.wait_for(lambda: None, timeout)
-        for topic, data in self._outside.asked():
-            self._take(topic, data)
+        for asked in self._outside.asked():
+            self._take(asked)
         now = self._mesh.now()
         if self._goal is not None and now >= self._goal_at:
             (topic, request), self._goal, self._goal_at = self._goal, None, now + GOAL_S
@@ -82,14 +94,14 @@ class Gateway:
 
         return take
 
-    def _take(self, topic: str, data: bytes) -> None:
-        by = self._goals.get(topic)
+    def _take(self, asked: Asked) -> None:
+        by = self._goals.get(asked.topic)
         if by is None:
             return
         try:
-            self._goal = topic, by.goal(data)
+            self._goal = asked.topic, by.goal(asked.data, asked.encoding, asked.schema)
         except ValueError as error:
-            self._say(f"{topic} refused: {error}")
+            self._say(f"{asked.topic} refused: {error}")
 
     def _drive(self, topic: str, request: MissionRequest) -> None:
         """Samples are passed on meanwhile."""
@@ -127,19 +139,19 @@ class Gateway:
 
 
 def serve(gateways: Sequence[Gateway], ended: Callable[[], bool] = lambda: False) -> None:
-    """Pass on until an exception, KeyboardInterrupt say, or until `ended`; a thread for each robot.
+    """Pass on until Ctrl-C, or until `ended`; a thread for each robot.
 
     Asking one robot's society for a mission takes time, in which the others are shown, too.
     Raises OSError if an outside breaks.
     """
     stopping = threading.Event()
-    broken: list[OSError] = []
+    broken: list[Exception] = []
 
     def work(gateway: Gateway) -> None:
         try:
             while not stopping.is_set():
                 gateway.turn()
-        except OSError as error:
+        except Exception as error:  # raised again where somebody sees it
             broken.append(error)
             stopping.set()
 
@@ -147,11 +159,12 @@ def serve(gateways: Sequence[Gateway], ended: Callable[[], bool] = lambda: False
     for thread in threads:
         thread.start()
     try:
-        while not stopping.wait(TURN_S) and not ended():
-            pass
+        with suppress(KeyboardInterrupt):
+            while not stopping.wait(TURN_S) and not ended():
+                pass
     finally:
         stopping.set()
         for thread in threads:
-            thread.join()
+            thread.join(LEAVE_S)  # who waits for a mission's answer is left behind
     if broken:
         raise broken[0]

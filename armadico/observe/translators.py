@@ -61,8 +61,11 @@ class Translator(Protocol):
     def take(self, key: str, message: Message, at: int) -> Iterable[Sample]:
         """What a message comes to; it was received at `at`, ns since 1970."""
 
-    def goal(self, data: bytes) -> MissionRequest:
-        """Where a sample of `goals` sends the robot. Raises ValueError, saying why nowhere."""
+    def goal(self, data: bytes, encoding: str = "", schema: str = "") -> MissionRequest:
+        """Where a sample for `goals` sends the robot; by default encoded and of the type as there.
+
+        Raises ValueError, saying why nowhere.
+        """
 
 
 class Makes(Protocol):

@@ -17,6 +17,7 @@ from collections import deque
 from collections.abc import Callable, Iterator, Sequence
 from typing import Any, Final, NamedTuple, TypeVar
 
+import msgspec
 import numpy as np
 from numpy.typing import NDArray
 from pycdr2 import IdlStruct
@@ -99,6 +100,9 @@ _NAMES: Final[dict[str, tuple[type[IdlStruct], int, str]]] = {
 
 _GOAL: Final = "goal_pose"
 
+JSON: Final = "json"
+"""Viewers that know no CDR send goals so."""
+
 
 _KEPT: Final[dict[type[m.Message], str]] = {
     m.Description: "_description",
@@ -122,6 +126,45 @@ class _State(NamedTuple):
 def ros_namespace(namespace: str) -> str:
     """A namespace as ROS 2 can have it: letters, digits and `_`, no digit first."""
     return _DIGIT.sub("_", _UNFIT.sub("_", namespace))
+
+
+class _Place(msgspec.Struct):
+    """A geometry_msgs/Point as JSON."""
+
+    x: float
+    y: float
+
+
+class _Turned(msgspec.Struct):
+    """A geometry_msgs/Quaternion."""
+
+    x: float
+    y: float
+    z: float
+    w: float
+
+
+class _Posed(msgspec.Struct):
+    """A geometry_msgs/Pose."""
+
+    position: _Place
+    orientation: _Turned
+
+
+class _Framed(msgspec.Struct):
+    """What is read of a std_msgs/Header."""
+
+    frame_id: str
+
+
+class _Goal(msgspec.Struct):
+    """A geometry_msgs/PoseStamped."""
+
+    header: _Framed
+    pose: _Posed
+
+
+_GOALS: Final = msgspec.json.Decoder(_Goal)
 
 
 class Society:
@@ -378,9 +421,21 @@ class Society:
 
     # Goals ----------------------------------------------------------------------------------------
 
-    def goal(self, data: bytes) -> m.MissionRequest:
-        """See `Translator`: a geometry_msgs/PoseStamped, in a frame that is known."""
-        asked = cdr.decode(types.PoseStamped, data)
+    def goal(self, data: bytes, encoding: str = "", schema: str = "") -> m.MissionRequest:
+        """See `Translator`: a geometry_msgs/PoseStamped, CDR or JSON, in a frame that is known."""
+        wanted = self.goals.schema
+        if schema and schema.replace("/msg/", "/") != wanted.replace("/msg/", "/"):
+            raise ValueError(f"it is a {schema}, and a goal is a {wanted}")
+        asked: types.PoseStamped | _Goal
+        if encoding in ("", self.goals.encoding):
+            asked = cdr.decode(types.PoseStamped, data)
+        elif encoding == JSON:
+            try:
+                asked = _GOALS.decode(data)
+            except (msgspec.DecodeError, RecursionError) as error:
+                raise ValueError(f"it is no {wanted} as JSON: {error}") from None
+        else:
+            raise ValueError(f"its encoding is {encoding!r}, and it must be cdr or {JSON}")
         at, turned = asked.pose.position, asked.pose.orientation
         norm = math.hypot(turned.x, turned.y, turned.z, turned.w)
         if not all(map(math.isfinite, (at.x, at.y, norm))):
@@ -468,7 +523,7 @@ def _rotation(theta: float) -> types.Quaternion:
     return types.Quaternion(z=math.sin(half), w=math.cos(half))
 
 
-def _yaw(q: types.Quaternion) -> float:
+def _yaw(q: types.Quaternion | _Turned) -> float:
     """The heading of a rotation, rad; how it rolls and pitches is not asked."""
     return math.atan2(2.0 * (q.w * q.z + q.x * q.y), 1.0 - 2.0 * (q.y * q.y + q.z * q.z))
 

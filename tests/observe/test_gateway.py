@@ -13,19 +13,19 @@ from armadico.config.scenarios import load_scenario
 from armadico.launch.society import Options
 from armadico.launch.virtual import Rehearsal
 from armadico.mesh.virtual_session import VirtualSession
-from armadico.observe.gateway import Gateway, serve
+from armadico.observe.gateway import Asked, Gateway, serve
 from armadico.observe.translators import Sample, translators
 
 
 class Outside:
     def __init__(self) -> None:
         self.got: list[tuple[Sample, int]] = []
-        self.goals: list[tuple[str, bytes]] = []
+        self.goals: list[Asked] = []
 
     def publish(self, sample: Sample, at: int) -> None:
         self.got.append((sample, at))
 
-    def asked(self) -> list[tuple[str, bytes]]:
+    def asked(self) -> list[Asked]:
         goals, self.goals = self.goals, []
         return goals
 
@@ -33,10 +33,10 @@ class Outside:
         return {sample.channel.topic for sample, _ in self.got}
 
 
-def goal(x: float, y: float, theta: float = 0.0, frame: str = "map") -> tuple[str, bytes]:
+def goal(x: float, y: float, theta: float = 0.0, frame: str = "map") -> Asked:
     turned = types.Quaternion(z=math.sin(theta / 2), w=math.cos(theta / 2))
     asked = types.PoseStamped(types.Header(frame_id=frame), types.Pose(types.Point(x, y), turned))
-    return "/goal_pose", cdr.encode(asked)
+    return Asked("/goal_pose", cdr.encode(asked), "cdr")
 
 
 class Scene:
@@ -94,12 +94,12 @@ def test_samples_come_out_while_a_way_is_planned(scene: Scene) -> None:
     ("asked", "why"),
     [
         (goal(1.0, 1.0, frame="camera"), "its frame is 'camera'"),
-        (("/goal_pose", b"\0\1\0\0"), "geometry_msgs/msg/PoseStamped"),
+        (Asked("/goal_pose", b"\0\1\0\0", "cdr"), "geometry_msgs/msg/PoseStamped"),
         (goal(1e5, 0.0), "refused"),
     ],
 )
 def test_a_goal_that_is_refused_is_said_with_the_reason(
-    scene: Scene, asked: tuple[str, bytes], why: str
+    scene: Scene, asked: Asked, why: str
 ) -> None:
     scene.outside.goals = [asked]
     scene.until(lambda: bool(scene.said))
@@ -117,13 +117,13 @@ def test_a_goal_while_the_robot_is_stopped_waits_and_says_for_what(scene: Scene)
 
 def test_what_is_said_again_and_again_is_said_once(scene: Scene) -> None:
     for _ in range(20):
-        scene.outside.goals = [("/goal_pose", b"")]
+        scene.outside.goals = [Asked("/goal_pose", b"", "cdr")]
         scene.gateway.turn()
     assert len(scene.said) == 1
 
 
 def test_what_nobody_takes_is_nothing(scene: Scene) -> None:
-    scene.outside.goals = [("/elsewhere", b"")]
+    scene.outside.goals = [Asked("/elsewhere", b"", "cdr")]
     scene.gateway.turn()
     assert not scene.said
 

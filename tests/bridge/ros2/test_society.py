@@ -378,6 +378,36 @@ def test_a_goal_that_is_none_is_refused_with_the_reason(data: bytes, why: str) -
         ready().goal(data)
 
 
+JSON = (
+    b'{"header":{"frame_id":"map","stamp":{"sec":1,"nsec":2}},"pose":{"position":'
+    b'{"x":1,"y":2,"z":0},"orientation":{"x":0,"y":0,"z":0,"w":1}}}'
+)
+
+
+def test_a_goal_may_be_json_as_viewers_write_it() -> None:
+    for schema in ("geometry_msgs/PoseStamped", "geometry_msgs/msg/PoseStamped", ""):
+        assert ready().goal(JSON, "json", schema).goal == m.Waypoint(1.0, 2.0, 0.0)
+
+
+@pytest.mark.parametrize(
+    ("data", "encoding", "schema", "why"),
+    [
+        (JSON, "json", "geometry_msgs/msg/Twist", "it is a geometry_msgs/msg/Twist"),
+        (JSON, "ros1", "", "encoding is 'ros1'"),
+        (b"{", "json", "", "as JSON"),
+        (b"[" * 100_000, "json", "", "as JSON"),
+        (JSON.replace(b'"x":1,', b""), "json", "", "missing required field `x`"),
+        (JSON.replace(b"1,", b'"1",'), "json", "", "as JSON"),
+        (b"\xff", "json", "", "as JSON"),
+    ],
+)
+def test_what_is_no_goal_as_json_is_refused(
+    data: bytes, encoding: str, schema: str, why: str
+) -> None:
+    with pytest.raises(ValueError, match=why):
+        ready().goal(data, encoding, schema)
+
+
 def test_a_goal_in_a_frame_that_nobody_has_placed_is_refused() -> None:
     with pytest.raises(ValueError, match="nobody has said yet where odom lies"):
         Society().goal(goal(frame="odom"))
