@@ -37,6 +37,12 @@ society counts in its whole life: at ten exchanges a second this is thirteen yea
 owner may insist, of latched states whoever remembers them.
 """
 
+RAYS: Final = 2048
+"""Of a laser's scan at the most."""
+
+REACH_M: Final = 65.534
+"""The farthest that a scan's two bytes a ray can tell, in mm."""
+
 WAYPOINTS: Final = 1024
 """Points of a mission, its goal among them."""
 

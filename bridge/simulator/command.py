@@ -17,8 +17,8 @@ from armadico.bridge.simulator.traps import KIND, UNKIND, Trap
 from armadico.cli import options
 
 if TYPE_CHECKING:
-    from armadico.bridge.simulator.pioneer import Pioneer
     from armadico.bridge.simulator.server import Line
+    from armadico.bridge.simulator.simulated import SimulatedRobot
     from armadico.config.moving import Moving
     from armadico.config.scenarios import Battery, Scenario
     from armadico.mesh.zenoh import ZenohMesh
@@ -60,7 +60,7 @@ def main(argv: Sequence[str]) -> int:
     return 0
 
 
-def _meet(robots: Sequence[Pioneer]) -> None:
+def _meet(robots: Sequence[SimulatedRobot]) -> None:
     """Have them live in one world. Raises UsageError if two would stand in each other."""
     if len(robots) > 1:
         try:
@@ -69,7 +69,7 @@ def _meet(robots: Sequence[Pioneer]) -> None:
             raise options.UsageError(f"--also: {error}") from None
 
 
-def _show(robot: Pioneer, mesh: ZenohMesh, stack: ExitStack) -> None:
+def _show(robot: SimulatedRobot, mesh: ZenohMesh, stack: ExitStack) -> None:
     """Publish the truth of a robot in its namespace."""
     stack.enter_context(mesh)
     robot.watch(lambda truth: mesh.publish(KEY, truth))
@@ -251,12 +251,12 @@ def _moving(text: str) -> tuple[Moving, ...]:
         raise options.UsageError(f"--moving: {error}") from None
 
 
-def _robot(scenario: Scenario, args: argparse.Namespace, index: int = 0) -> Pioneer:
+def _robot(scenario: Scenario, args: argparse.Namespace, index: int = 0) -> SimulatedRobot:
     """The robot, or one of the others; it does not start in a wall."""
     from msgspec.structs import replace  # noqa: PLC0415 - not for --help
 
-    from armadico.bridge.simulator.pioneer import of_scenario  # noqa: PLC0415
     from armadico.bridge.simulator.plant import seeded  # noqa: PLC0415 - not for --help
+    from armadico.bridge.simulator.robots import of_scenario  # noqa: PLC0415
 
     # By the name the robot agent tells whose truth is its robot's, and people which process it is.
     name = f"sim-{os.getpid()}-{secrets.token_hex(3)}"
@@ -281,8 +281,8 @@ def _traps(names: Sequence[str] | None) -> frozenset[Trap]:
 
 def _line(args: argparse.Namespace, stack: ExitStack) -> tuple[Line, str]:
     """The line that the options name, and how a robot agent calls it."""
-    from armadico.bridge.p2os.transports import PtyTransport  # noqa: PLC0415 - not for --help
     from armadico.bridge.simulator.server import TcpLine  # noqa: PLC0415 - not for --help
+    from armadico.bridge.transports import PtyTransport  # noqa: PLC0415 - not for --help
     from armadico.cli.doctor import listener  # noqa: PLC0415 - not for --help
 
     if args.pty is not None:
@@ -311,7 +311,7 @@ def _line(args: argparse.Namespace, stack: ExitStack) -> tuple[Line, str]:
     return tcp, f"tcp://{args.bind}:{tcp.port}"
 
 
-def _run(served: Sequence[tuple[Pioneer, Line]]) -> None:
+def _run(served: Sequence[tuple[SimulatedRobot, Line]]) -> None:
     """Serve until interrupted: the first robot here, each of the others on a thread."""
     from armadico.bridge.simulator.server import Pace, Simulation  # noqa: PLC0415 - not for --help
 
