@@ -165,15 +165,14 @@ class Admission:
         woken at once, again and again.
         """
         waits: list[float] = []
+        answered = [at + CARD_S for at in self._asked.values()]
         if self._grace_until is not None:
-            waits.append(self._grace_until)
+            waits += [max(at, self._grace_until) for at in (*answered, self._grace_until)]
         if self.stage in (Stage.LOOKING, Stage.CLAIMING):
-            waits.append(self._settled_at)
+            waits += [self._settled_at, *answered]
             if self._foreign() is not None:
                 waits.append(self._since + GRACE_S)
             waits += [self._alive[rival][1] + GOING_S for rival in self._rivals()]
-        if waits:
-            waits += [at + CARD_S for at in self._asked.values()]
         due = [at for at in waits if at > self._looked_at]
         return min([*due, *self._ask_at.values()], default=None)
 
