@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections import deque
 from collections.abc import Iterable, Iterator
 from math import atan2, copysign, cos, hypot, inf, radians, sin
+from operator import and_
 from typing import Annotated, Any, ClassVar
 
 from msgspec import Meta
@@ -171,13 +172,13 @@ class SonarAgent(Agent):
     def on_sonar(self, sonar: Sonar) -> None:
         """Take the echoes in, and publish where the obstacles are."""
         seen, walls, place = self._map, self._walls, self._place()
-        if walls is None:
-            seen.update(sonar.echoes)
-        else:
+        explained = [False] * len(sonar.echoes)
+        if walls is not None:
             old = self.now - self._sure_at > self.p.walls.kept_s
             walls.look(*place, old=old)
-            walls.hear(sonar.echoes)
-            seen.update(sonar.echoes, lambda echo: walls.explains(echo) and not _close(echo))
+            explained = walls.hear(sonar.echoes)
+        far = [not _close(echo) for echo in sonar.echoes]
+        seen.update(sonar.echoes, list(map(and_, explained, far)))
         robots = self._robots.points(*place, self.now)
         if robots or walls is not None:
             seen.expect([*(() if walls is None else walls.points()), *robots])
@@ -186,7 +187,7 @@ class SonarAgent(Agent):
         body = seen.outline
         if walls is not None and walls.known and body is not None and self._odometry is not None:
             ping_s = self.cycles.period * self._listened / max(self._pings, 1)
-            self._comers.hear(sonar.echoes, ping_s, self._odometry, walls.explains, body)
+            self._comers.hear(sonar.echoes, ping_s, self._odometry, explained, body)
         if self._listened < round(LOOK_S / self.cycles.period) or body is None:
             return
         self.publish(
