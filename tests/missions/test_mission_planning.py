@@ -31,6 +31,10 @@ from armadico.core.messages import (
     encode,
 )
 from armadico.core.tasks import Beliefs, Done, Task
+from armadico.launch.attached import AttachedRun
+from armadico.launch.society import Options
+from armadico.mesh.virtual_session import VirtualSession
+from armadico.observe.measures import RunWatch
 from armadico.runtime.errors import MissionRefusedError
 from tests.missions.building import SURVEY, Building, text
 
@@ -69,6 +73,21 @@ def test_a_mission_is_cancelled_by_number_and_the_robot_stands() -> None:
     building.run(3.0)
     after = building.pose()
     assert (after.x, after.y) == pytest.approx((before.x, before.y), abs=0.02)
+
+
+def test_who_watches_a_mission_that_is_cancelled_leaves_the_robot_to_the_next_one() -> None:
+    building = Building()
+    other = building.taken(text(NEAR), 0.1)
+    session = VirtualSession(building.mesh)
+
+    def cancel(watch: RunWatch) -> None:
+        if not watch.done and watch.elapsed > 3.0:
+            building.cancel(watch.mission)
+
+    with AttachedRun(building.rehearsal.scenario, Options(), session) as run:
+        assert run.run(cancel).done is False
+    building.until(lambda: building.ended(other), 60.0)
+    assert building.mission(other).state is MissionEnd.DONE
 
 
 def test_while_a_mission_is_driven_a_goal_of_people_s_is_refused() -> None:
