@@ -197,7 +197,7 @@ def test_an_exploration_is_asked_for_and_waited_for() -> None:
     assert explorer.asked_for == ExploreRequest(0.0, 0.0, 4.0, 4.0)
     explorer.refuses = "nobody makes a map"
     number = building.taken(text('do = "explore"'))
-    building.until(lambda: building.ended(number), 10.0)
+    building.until(lambda: building.ended(number), 45.0)  # it is asked again for 30 s
     assert building.mission(number).note == "explore: nobody makes a map"
 
 
@@ -222,7 +222,11 @@ class SlowExplorer(Agent):
             self.mission = reply.mission
 
         self.ask(MissionRequest(Waypoint(9.0, 5.0, 0.0), planned=False), taken)
-        return MissionReply(77)
+        self.number = self.rng.getrandbits(63)
+        return MissionReply(self.number)
+
+    def on_start(self) -> None:
+        self.wake_at(self.now + 0.5)
 
     def on_mission_status(self, status: MissionStatus) -> None:
         if self.mission and status.mission != self.mission:
@@ -230,7 +234,72 @@ class SlowExplorer(Agent):
 
     def on_wakeup(self) -> None:
         self.wake_at(self.now + 0.5)
-        self.publish(ExploreStatus(77, self.state))
+        exploration = 0 if self.state is ExploreState.NONE else self.number
+        self.publish(ExploreStatus(exploration, self.state))
+
+
+def test_an_exploration_whose_agent_is_started_again_is_asked_for_anew() -> None:
+    building = Building()
+    first = building.joins(SlowExplorer)
+    building.run(1.0)
+    number = building.taken(text('do = "explore"'))
+    building.run(5.0)
+    first.kill()
+    building.run(5.0)
+    second: Any = building.joins(SlowExplorer).agent
+    building.until(lambda: second.state is ExploreState.EXPLORING, 10.0)
+    second.state = ExploreState.DONE
+    building.until(lambda: building.ended(number), 5.0)
+    assert building.mission(number).state is MissionEnd.DONE
+
+
+def test_an_exploration_whose_agent_is_gone_for_good_fails() -> None:
+    building = Building()
+    explorer = building.joins(SlowExplorer)
+    building.run(1.0)
+    number = building.taken(text('do = "explore"'))
+    building.run(5.0)
+    explorer.kill()
+    building.until(lambda: building.ended(number), 60.0)
+    assert building.mission(number).note == "explore: the explore agent says nothing"
+
+
+class LateExplorer(SlowExplorer):
+    """Thinks for a while before it begins."""
+
+    question: Question | None = None
+
+    def on_explore_request(self, question: Question) -> Any:
+        self.question = question
+
+    def on_wakeup(self) -> None:
+        super().on_wakeup()
+        if self.question is not None:
+            self.answer(self.question, super().on_explore_request(self.question))
+            self.question = None
+
+
+def test_an_exploration_that_is_cancelled_as_it_begins_ends() -> None:
+    building = Building()
+    explorer: Any = building.joins(LateExplorer).agent
+    building.run(1.0)
+    number = building.taken(text('do = "explore"'))
+    building.run(0.1)
+    assert explorer.question is not None
+    building.cancel(number)
+    building.run(8.0)
+    assert explorer.state is ExploreState.FAILED
+
+
+def test_a_charger_that_dies_and_is_back_costs_no_charge() -> None:
+    building = Building(battery=Battery(charge=0.3, capacity_ah=0.1))
+    building.node("battery-charger").kill()
+    number = building.taken(text('do = "dock"'))
+    building.run(8.0)  # nobody has answered
+    assert not building.ended(number)
+    building.rehearsal.enter("battery-charger")
+    building.until(lambda: building.ended(number), 900.0)
+    assert building.mission(number).state is MissionEnd.DONE
 
 
 def test_an_exploration_ends_with_the_mission_that_is_cancelled() -> None:
@@ -250,9 +319,9 @@ def test_an_exploration_ends_with_the_mission_that_is_cancelled() -> None:
 
 
 def test_without_a_dock_or_a_charger_a_dock_task_fails_and_says_so() -> None:
-    building = Building(without=("battery-charger",))
+    building = Building(battery=Battery(charge=0.5), without=("battery-charger",))
     number = building.taken(text('do = "dock"'))
-    building.until(lambda: building.ended(number), 10.0)
+    building.until(lambda: building.ended(number), 45.0)  # it is asked again for 30 s
     assert building.mission(number).note == "dock: nobody charges"
 
 
