@@ -66,6 +66,9 @@ ASK_S: Final = 10.0
 HALT_S: Final = 10.0
 """An explore agent that is to end, and says nothing for so long, is not there."""
 
+AFRESH_S: Final = 2.0
+"""What is heard of an exploration so soon after it was asked for may be older than that."""
+
 ALARMS_MOST: Final = 32
 
 AWAY_M: Final = 0.5
@@ -122,7 +125,9 @@ class MissionPlanning(Agent):
         self._no_way: dict[str, tuple[float, float]] = {}  # to an alarm: since when, ask again when
         self._wanted: tuple[int, int, Request] | None = None  # by which mission, in which task
         self._reach, self._note = Reach.NONE, ""
-        self._order = 0  # the exploration that was asked for
+        self._order = 0  # the exploration that was asked for, or the charge,
+        self._ordered_at = 0.0  # and when that was taken on
+        self._explored_at = 0.0  # when the explore agent last said anything
         self._halts: Way | None = None  # what takes the robot from an exploration,
         self._halts_until = 0.0  # at the longest
         self._cleared = False  # the energy of its way was looked at,
@@ -223,9 +228,18 @@ class MissionPlanning(Agent):
         """How far an exploration has come."""
         if status.state not in (ExploreState.EXPLORING, ExploreState.RETURNING):
             self._halts = None
-        if not self._order or status.exploration != self._order:
+        self._explored_at = self.now
+        wanted = self._wanted
+        if wanted is None or not isinstance(wanted[2], Explore) or not self._order:
             return
-        if status.state is ExploreState.DONE:
+        if status.exploration != self._order:
+            if self.now - self._ordered_at < AFRESH_S:
+                return  # it was said before
+            if status.state in (ExploreState.EXPLORING, ExploreState.RETURNING):
+                self._reach, self._note = Reach.FAILED, "somebody else has it explore"
+            else:
+                self._order, self._again_at = 0, self.now  # it was started again: asked anew
+        elif status.state is ExploreState.DONE:
             self._reach = Reach.DONE
         elif status.state is ExploreState.FAILED:
             self._reach, self._note = Reach.FAILED, status.note
@@ -431,14 +445,9 @@ class MissionPlanning(Agent):
 
     def _want(self, wanted: tuple[int, int, Request] | None, entry: Entry | None = None) -> None:
         """Want something else, or nothing: what was wanted is let be."""
-        at = self._beliefs().at
         before = None if self._wanted is None else self._wanted[2]
-        explores = isinstance(before, Explore) and self._order and self._reach is Reach.UNDER_WAY
-        if explores and at is not None:
-            # The explore agent ends what it does when somebody else has the robot driven.
-            here = Point(at.x, at.y)
-            self._halts = Way(self.rng.getrandbits(63), (at,), here, planned=False)
-            self._halts_until = self.now + HALT_S
+        if isinstance(before, Explore) and self._order and self._reach is Reach.UNDER_WAY:
+            self._halt()
         self._errand.drop()
         self._wanted, self._reach, self._note = wanted, Reach.NONE, ""
         self._order, self._cleared, self._weighs, self._refused_at = 0, False, False, None
@@ -452,23 +461,35 @@ class MissionPlanning(Agent):
         if isinstance(request, Drive) and left:
             goal = self._goal(request, self._beliefs().at)
             self._cleared = goal is not None and self._errand.resume(goal, left)
-        elif isinstance(request, Explore):
-            within = request.within or self._places.world.bounds
-            self.ask(
-                ExploreRequest(*within), lambda reply: self._ordered(wanted, reply, "explores")
-            )
 
     def _ordered(
         self, wanted: tuple[int, int, Request], reply: MissionReply | None, what: str
     ) -> None:
-        """Whether an exploration, or a charge, was taken on."""
+        """Whether an exploration, or a charge, was taken on; who would may be back soon."""
+        taken = reply is not None and not reply.refusal
         if wanted != self._wanted:
+            if taken and isinstance(wanted[2], Explore):
+                self._halt()  # it was cancelled in the moment in which it began
             return
-        if reply is None or reply.refusal:
-            self._reach = Reach.FAILED
-            self._note = f"nobody {what}" if reply is None else reply.refusal
+        if reply is not None and taken:
+            self._order, self._ordered_at = reply.mission, self.now
+            self._note, self._refused_at = "", None
+            return
+        why = f"nobody {what}" if reply is None else reply.refusal
+        if self._refused_at is None:
+            self._refused_at = self.now
+        if self.now - self._refused_at >= self.p.patience_s:
+            self._reach, self._note = Reach.FAILED, line(why)
         else:
-            self._order = reply.mission
+            self._note, self._again_at = line(f"waits: {why}"), self.now + self.p.again_s
+
+    def _halt(self) -> None:
+        """Have an exploration ended: the explore agent does when somebody else drives the robot."""
+        at = self._beliefs().at
+        if at is not None:
+            here = Point(at.x, at.y)
+            self._halts = Way(self.rng.getrandbits(63), (at,), here, planned=False)
+            self._halts_until = self.now + HALT_S
 
     def _carry_out(self, entry: Entry, beliefs: Beliefs) -> None:
         """See to what the task wants; most of it is seen to by others."""
@@ -483,6 +504,8 @@ class MissionPlanning(Agent):
             self._drive(entry, request, beliefs)
         elif isinstance(request, Charge):
             self._charge(wanted, request)
+        elif isinstance(request, Explore):
+            self._explore(wanted, request)
 
     def _come_back(self, entry: Entry, beliefs: Beliefs) -> None:
         """Drive to where it is to stand, once whoever had it driven elsewhere is done with it.
@@ -522,6 +545,16 @@ class MissionPlanning(Agent):
             self._again_at = self.now + ASK_S
             charge = ChargeRequest(request.until)
             self.ask(charge, lambda reply: self._ordered(wanted, reply, "charges"))
+
+    def _explore(self, wanted: tuple[int, int, Request], request: Explore) -> None:
+        """Have it explored; anew if the explore agent does not know of it any more."""
+        if self._order:
+            if self.now - max(self._explored_at, self._ordered_at) > self.p.patience_s:
+                self._reach, self._note = Reach.FAILED, "the explore agent says nothing"
+        elif self.now >= self._again_at:
+            self._again_at = self.now + ASK_S
+            asked = ExploreRequest(*(request.within or self._places.world.bounds))
+            self.ask(asked, lambda reply: self._ordered(wanted, reply, "explores"))
 
     def _drive(self, entry: Entry, request: Drive, beliefs: Beliefs) -> None:
         errand, pose = self._errand, self.fresh(Pose)

@@ -5,7 +5,6 @@ from __future__ import annotations
 import pytest
 
 from armadico.agents.methods.subplans import Planner, move
-from armadico.agents.path_planning import PathPlanning
 from armadico.config.scenarios import load_scenario
 from armadico.core.messages import (
     Photo,
@@ -146,7 +145,7 @@ def test_an_alarm_while_nobody_plans_ways_is_asked_for_again() -> None:
     building.rings("R21")
     building.run(3.0)  # planner agents are told that nobody plans, and refuse
     assert any("no planner agent knows a way" in line for line in building.logs)
-    building.joins(PathPlanning)
+    building.rehearsal.enter("path-planning")
     building.until(lambda: building.doing(number) == "move(R21)", 12.0)
     assert building.mission(number).ahead == tuple(FINAL[1:])
 
