@@ -328,7 +328,7 @@ class RobotProfile(Struct, frozen=True, forbid_unknown_fields=True, kw_only=True
 
     @property
     def watchdog_s(self) -> float:
-        """Without a command for so long the controller stops by itself, s; `NEVER_S`: it may not."""
+        """Without a command for so long the controller stops by itself, s; `NEVER_S`: or never."""
         return self._line.watchdog_s or NEVER_S
 
     @property

@@ -18,7 +18,7 @@ from armadico.core.messages import REACH_M
 
 
 def swept(scan: types.LaserScan, laser: Laser, number: int) -> Swept:
-    """A scan, the `number`-th. Raises ValueError, with why, if it tells nothing.
+    """A scan, the `number`-th.
 
     Its own range counts where that makes sense, and the profile's where it does not.
     """
@@ -28,8 +28,4 @@ def swept(scan: types.LaserScan, laser: Laser, number: int) -> Swept:
     least, most = max(least, 0.001), min(most, REACH_M)
     ranges = np.asarray(scan.ranges, dtype=float)
     ranges[ranges == -inf] = least
-    with np.errstate(invalid="ignore"):  # NaN compares as False
-        valid = int(np.count_nonzero(ranges >= least))
-    if not valid:
-        raise ValueError(f"none of its {len(ranges)} ranges is valid: they are NaN, 0 or too near")
     return Swept(ranges, scan.angle_min, scan.angle_increment, least, most, number)
