@@ -94,11 +94,11 @@ class Localization(Agent):
         super().__init__(identity, parameters)
         world, profile = load_world(self.p.world), load_profile(self.p.profile)
         check_extent(world, CELL_M)
-        grid = Grid(world.walls, world.bounds)
+        grid = Grid(world.outlines, world.bounds)
         ring = profile.ring
         rows, columns = np.nonzero(grid.clearance > profile.body.width_m / 2)
         free = np.column_stack([grid.xs[columns], grid.ys[rows]])
-        self._useful = bool(world.walls) and len(free) > 0
+        self._useful = bool(world.outlines) and len(free) > 0
         self._filter = MonteCarlo(
             sonar_model(grid, radians(ring.cone_deg), ring.max_m),
             free,
