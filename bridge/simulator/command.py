@@ -27,12 +27,10 @@ if TYPE_CHECKING:
 PORT: Final = 8101
 """Where simulators of Pioneers listen."""
 
-
 LOOPBACK: Final = "ros2://?interface=lo"
 """Where a simulated ROS 2 robot is, unless told otherwise: nobody's network is meant."""
 
 DEFAULT_ROBOT: Final = "pioneer-2dx"
-
 
 KEY: Final = "sim/truth"
 
@@ -41,11 +39,8 @@ EXAMPLES: Final = """\
   armadico sim floor --start 2 3 90 --sensors real --seed 7
   armadico sim my.map --pty /tmp/pioneer     clients open /tmp/pioneer as their serial port
   armadico sim sc1 --unkind                  with the traps of other people's controllers
-
-  armadico sim sc4 --robot jackal --ros2     among ROS 2's nodes on this machine, by DDS
-
   armadico sim jackal sc4                    a robot that speaks ROS 2, in frames over TCP
-
+  armadico sim jackal sc4 --ros2             the same among ROS 2's nodes of this machine, by DDS
 """
 
 
@@ -380,7 +375,7 @@ def _ros2(args: argparse.Namespace, stack: ExitStack) -> tuple[Line, str]:
 
     profile = load_profile(args.robot)
     if not isinstance(profile, Ros2Robot):
-        raise options.UsageError(f"--ros2: {args.robot} speaks P2OS; --robot jackal, say")
+        raise options.UsageError(f"--ros2: {args.robot} speaks P2OS; armadico sim jackal --ros2, say")
     try:
         transport = addresses.robot_transport(args.ros2, profile.name)
     except ValueError as error:
