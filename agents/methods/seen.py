@@ -33,8 +33,10 @@ class Settings(Struct, frozen=True):
     reach_m: float = 1.5  # what is farther is left for a nearer ping, as when a map is made
     near_m: float = 0.15  # a wall of the map so near, and as far as the pose is off, explains it
     arc_rad: float = 0.45  # off the axis: smooth walls answer by the side lobes
+    doubt_m: float = 1.5  # no farther does a ping doubt
     axis_rad: float = 0.15  # a ping doubts what is so near to its axis
     margin_m: float = 0.15  # and so far short of its echo
+    miss: float = 1.0  # so much is taken by one
     silent_m: float = 1.0  # no echo doubts so far, and only a little: a slanting wall is silent
     silence: float = 0.3
     believed: float = 1.5  # echoes: one alone may be anybody's
@@ -43,7 +45,9 @@ class Settings(Struct, frozen=True):
     jump_m: float = 0.5  # a pose that jumps so far was wrong before
 
 
-WITHOUT_A_MAP: Final = Settings(reach_m=2.0, fade_s=600.0)
+WITHOUT_A_MAP: Final = Settings(
+    reach_m=1.1, doubt_m=1.6, axis_rad=0.2, most=4.0, miss=2.0, fade_s=600.0
+)
 
 
 class _Cell(Struct):
@@ -78,7 +82,7 @@ class Seen:
         if heard is None:
             self._doubt(x, y, bearing, p.silent_m, p.silence, now)
             return
-        self._doubt(x, y, bearing, min(heard, p.reach_m) - p.margin_m, 1.0, now)
+        self._doubt(x, y, bearing, min(heard, p.doubt_m) - p.margin_m, p.miss, now)
         if heard <= p.reach_m and not self._explained(x, y, bearing, heard, p.near_m + off_m):
             self._add(x + heard * cos(bearing), y + heard * sin(bearing), 1.0, now)
 
