@@ -64,7 +64,7 @@ demo-down:  ## what a demo left that was killed
 
 lock: $(VENV)/.dev  ## write the locks again from pyproject.toml
 	for lock in agents: run:--extra=plot "tools:--extra=plot requirements/tools.in" \
-	    "dev:--extra=plot,record,dashboard,dev requirements/tools.in"; do \
+	    "dev:--extra=plot,record,dashboard,ros2,dev requirements/tools.in"; do \
 	  $(BIN)/pip-compile --quiet --generate-hashes --no-emit-options --allow-unsafe \
 	    --strip-extras --no-annotate --no-header \
 	    $${lock#*:} -o requirements/$${lock%%:*}.txt pyproject.toml requirements/build.in; done

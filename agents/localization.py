@@ -95,7 +95,7 @@ class Localization(Agent):
         world, profile = load_world(self.p.world), load_profile(self.p.profile)
         check_extent(world, CELL_M)
         grid = Grid(world.outlines, world.bounds)
-        ring = profile.sonar
+        ring = profile.ring
         rows, columns = np.nonzero(grid.clearance > profile.body.width_m / 2)
         free = np.column_stack([grid.xs[columns], grid.ys[rows]])
         self._useful = bool(world.outlines) and len(free) > 0

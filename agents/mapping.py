@@ -40,7 +40,7 @@ class Mapping(Agent):
 
     def __init__(self, identity: agent.Identity, parameters: Any = None) -> None:
         super().__init__(identity, parameters)
-        ring = load_profile(self.p.profile).sonar
+        ring = load_profile(self.p.profile).ring
         self._map = Mapper(radians(ring.cone_deg) / 2.0)
         if self.p.resume:
             self._map.resume(grid_map.read(self.p.resume))

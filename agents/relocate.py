@@ -104,7 +104,7 @@ class Relocate(Behaviour):
             world, profile = load_world(self.p.world), load_profile(self.p.profile)
             check_extent(world, CELL_M)
             grid = Grid(world.barriers, world.bounds)
-            self._rivals = Rivals(grid, profile.body.circle_m, profile.sonar.max_m)
+            self._rivals = Rivals(grid, profile.body.circle_m, profile.reach_m)
         self._places: list[tuple[Pose2, float]] = []
         self._placed_at: Pose2 = STOOD  # the odometry then
         self._been: list[Pose2] = []  # since it is lost, by the odometry

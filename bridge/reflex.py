@@ -14,7 +14,7 @@ from __future__ import annotations
 from collections.abc import Iterable
 from math import copysign, cos, hypot, inf, sin, sqrt
 
-from armadico.bridge.p2os.status import Status
+from armadico.bridge.session import Reported
 from armadico.config.profile import RobotProfile
 from armadico.core.geometry import Pose2, relative, to_world
 from armadico.core.messages import Echo
@@ -58,7 +58,7 @@ class Reflex:
         self._front = profile.body.front_m
         self._half = profile.body.width_m / 2
         self._decel = profile.limits.v_decel
-        self._reaction = max(REACTION_CYCLES * profile.p2os.cycle_s, REACTION_S)
+        self._reaction = max(REACTION_CYCLES * profile.cycle_s, REACTION_S)
         self._heard: dict[tuple[float, float, float], tuple[float, float, float]] = {}
         self._points: tuple[tuple[float, float], ...] = ()
         self._nearest = inf  # of them all, m ahead of the front edge
@@ -144,7 +144,7 @@ class Touch:
     def __init__(self, profile: RobotProfile) -> None:
         limits = profile.limits
         self._ramps = (EAGER * limits.v_accel, EAGER * limits.w_accel)
-        self._patience = 3 * profile.p2os.cycle_s
+        self._patience = 3 * profile.cycle_s
         self._place = (inf, inf)  # odometry, m
         self.begin()
 
@@ -160,26 +160,23 @@ class Touch:
 
     def feel(
         self,
-        status: Status,
+        report: Reported,
         ordered: tuple[float, float],
-        measured: tuple[float, float],
         now: float,
     ) -> bool:
-        """Take a status packet; whether something new is touched.
+        """Take what the robot says in a cycle; whether something new is touched.
 
         Args:
-            status: By the controller; its odometry tells one place from another.
+            report: By the robot; its odometry tells one place from another.
             ordered: (v, w) that was ordered since the last one, m/s and rad/s.
-            measured: (v, w) by the wheels.
             now: s.
         """
-        held = self._held(status, ordered, measured, now)
-        ahead, behind = self._bumpers = self._pressed(status)
-        stalls = status.left_stall or status.right_stall
-        if held or ahead or behind or stalls:
+        held = self._held(report, ordered, now)
+        ahead, behind = self._bumpers = self._pressed(report)
+        if held or ahead or behind or report.stalled:
             # For a while: a controller cuts what stalls, and then nothing stalls any more.
             self._held_until = now + HELD_S
-        if stalls:
+        if report.stalled:
             self._cut_until = now + HELD_S
         self.cut = now < self._cut_until
         before = self.felt
@@ -189,9 +186,10 @@ class Touch:
         if not self.felt or (before and not elsewhere):
             return False
         x, y = self._place
-        again = hypot(status.x_m - x, status.y_m - y) < SAME_PLACE_M and not elsewhere
+        pose = report.pose
+        again = hypot(pose.x - x, pose.y - y) < SAME_PLACE_M and not elsewhere
         if not again:
-            self._place = (status.x_m, status.y_m)
+            self._place = (pose.x, pose.y)
             self.side = known or _sign(ordered[0]) or _sign(self._least[0])
         return not again
 
@@ -200,19 +198,14 @@ class Touch:
         against = self.side * v > 0.0 or self._bumpers[0 if v > 0.0 else 1]
         return 0.0 if self.felt and against else v
 
-    def _held(
-        self,
-        status: Status,
-        ordered: tuple[float, float],
-        measured: tuple[float, float],
-        now: float,
-    ) -> bool:
+    def _held(self, report: Reported, ordered: tuple[float, float], now: float) -> bool:
         """Whether the wheels have turned much too slowly for too long."""
         passed, self._at = now - self._at, now
-        if not 0.0 <= passed <= self._patience or not status.motors_enabled:
+        if not 0.0 <= passed <= self._patience or not report.motors:
             self._least, self._held_since = (0.0, 0.0), inf
             return False
         steps = (ramp * passed for ramp in self._ramps)
+        measured = (report.v, report.w)
         v, w = map(_follow, self._least, ordered, measured, steps)
         self._least = v, w
         slow = any(
@@ -222,9 +215,9 @@ class Touch:
         self._held_since = min(self._held_since, now) if slow else inf
         return now - self._held_since >= HELD_S
 
-    def _pressed(self, status: Status) -> tuple[bool, bool]:
+    def _pressed(self, report: Reported) -> tuple[bool, bool]:
         """Whether bumpers ahead, and behind, were pressed since the controller was opened."""
-        bits = status.front_bumpers | status.rear_bumpers << 8
+        bits = report.front_bumpers | report.rear_bumpers << 8
         self._stuck = bits if self._stuck is None else self._stuck & bits
         bits &= ~self._stuck
         return bool(bits & 0xFF), bool(bits >> 8)

@@ -9,6 +9,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Iterable
+from enum import Enum
 from operator import itemgetter
 from typing import NamedTuple
 
@@ -24,6 +25,15 @@ class Obstacle(NamedTuple):
     x: float
     y: float
     distance: float
+
+
+class Look(Enum):
+    """What came of looking where something is thought to be."""
+
+    NONE = 0  # nobody looked, or something before it hides it
+    SEEN = 1
+    THROUGH = 2  # something behind it was seen
+    NOTHING = 3  # nothing was: it may be dark, or glass
 
 
 class Near:

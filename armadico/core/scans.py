@@ -23,6 +23,8 @@ FREE: Final = 65535
 """Of a ray's two bytes: nothing valid, and nothing within reach."""
 
 MM: Final = 1000.0
+FINEST_RAD: Final = 1e-4
+"""From one ray to the next at the least: 62,800 a turn."""
 
 
 def message_of(
@@ -52,7 +54,7 @@ def message_of(
     """
     first, step = angles
     seen: Floats = np.asarray(ranges, dtype=np.float64).ravel()
-    if not (isfinite(first) and isfinite(step)) or step == 0.0 or abs(step) > 1.0:
+    if not (isfinite(first) and isfinite(step)) or not FINEST_RAD <= abs(step) <= 1.0:
         raise ValueError(f"rays from {first:g} rad on, each {step:g} rad from the one before")
     if not len(seen):
         raise ValueError("no rays")
@@ -85,8 +87,10 @@ def packed(ranges: Floats, least: float, most: float) -> bytes:
 def ranges_of(scan: Scan) -> Floats:
     """m, one a ray: NaN where nothing is valid, inf where nothing is within reach.
 
-    Raises ValueError if its bytes are not two for each.
+    Raises ValueError if its bytes are not two for each, or all go the same way.
     """
+    if abs(scan.step) < FINEST_RAD:
+        raise ValueError("rays that all go the same way")
     mm = np.frombuffer(scan.packed, dtype="<u2")
     ranges: Floats = mm.astype(np.float64) / MM
     ranges[mm == INVALID] = np.nan

@@ -20,8 +20,8 @@ from armadico.bridge.p2os.commands import SYNC0, SYNC1, SYNC2, Cmd, command
 from armadico.bridge.p2os.configuration import CONFIG
 from armadico.bridge.p2os.packets import Decoder
 from armadico.bridge.simulator.microcontroller import IDLE_S
-from armadico.bridge.simulator.pioneer import of_scenario
 from armadico.bridge.simulator.plant import seeded
+from armadico.bridge.simulator.robots import of_scenario
 from armadico.bridge.simulator.server import BEHIND_S, Simulation, TcpLine
 from armadico.bridge.simulator.traps import KIND, Trap
 from armadico.config.scenarios import load_scenario

@@ -206,7 +206,7 @@ def test_every_shipped_robot_loads() -> None:
 
 
 @pytest.mark.parametrize(
-    "key", ["wheel_radius_m", "caster_radius_m", "resistance_ohm", "period_s", "diff_conv"]
+    "key", ["wheel_radius_m", "trail_m", "resistance_ohm", "period_s", "diff_conv"]
 )
 def test_what_is_divided_by_is_not_too_small_for_that(tmp_path: Path, key: str) -> None:
     text = find("robots", "pioneer-2dx").read_text()

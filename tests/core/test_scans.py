@@ -84,6 +84,8 @@ def test_of_more_rays_than_a_message_carries_the_nearest_stand_for_their_neighbo
     assert bearings_of(said)[1000] == pytest.approx(0.0, abs=2 * pi / 2000)
 
 
-def test_bytes_that_are_not_two_a_ray_are_refused() -> None:
+def test_bytes_that_are_not_two_a_ray_and_rays_without_a_step_are_refused() -> None:
+    with pytest.raises(ValueError, match="all go the same way"):
+        ranges_of(Scan(AT, 0, 0, 0, 1e-300, 30.0, b"abcd"))
     with pytest.raises(ValueError, match="buffer size"):
         ranges_of(Scan(AT, 0, 0, 0, 0.1, 30.0, b"abc"))

@@ -12,8 +12,8 @@ import numpy as np
 import pytest
 
 from armadico.bridge.p2os.transports import TransportError
-from armadico.bridge.simulator.pioneer import of_scenario
 from armadico.bridge.simulator.plant import seeded
+from armadico.bridge.simulator.robots import of_scenario
 from armadico.cli import main
 from armadico.cli.options import FailedError
 from armadico.config.scenarios import ideal, load_scenario

@@ -22,7 +22,7 @@ from armadico.bridge.simulator.pioneer import Pioneer
 from armadico.bridge.simulator.plant import seeded
 from armadico.bridge.simulator.server import Simulation, TcpLine
 from armadico.config.loading import find, load, load_entry
-from armadico.config.profile import RobotProfile, SensorProfile
+from armadico.config.profile import P2osRobot, SensorProfile
 from armadico.config.scenarios import Scenario
 from armadico.core.messages import (
     Ack,
@@ -193,7 +193,7 @@ def _await(taken: Sequence[Sequence[float]], wanted: int, tell: Tell) -> None:
 def _simulation(watch: Stopwatch) -> Iterator[None]:
     """A Pioneer in the corridor, in real time, on a thread."""
     robot = Pioneer(
-        load(find("robots", "pioneer-2dx"), RobotProfile),
+        load(find("robots", "pioneer-2dx"), P2osRobot),
         load_entry(find("robots", "sensors"), SensorProfile, "ideal"),
         CORRIDOR,
         (0.0, 0.0, 0.0),
