@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from contextlib import suppress
 from typing import Annotated, Any, ClassVar
 
 from msgspec import Meta
@@ -25,6 +26,7 @@ from armadico.core.messages import (
     PlanTask,
     Pose,
     RobotState,
+    Scan,
     Sonar,
     Waypoint,
     line,
@@ -52,7 +54,7 @@ class PathPlanning(Agent):
     It plans for whoever holds it (3.6.2), and for whoever asks in between: people, and the owner of
     the trajectory, whose way is blocked.
 
-    What the sonars see and the map has not it remembers for a while, and plans round it. Where the
+    What the sensors see and the map has not it remembers for a while, and plans round it. Where the
     pose is unsure nothing is put down: a wall that is seen beside its place would close a door.
 
     Without a map it remembers all that is seen. If that leaves no way, some of it was not so: then
@@ -61,7 +63,7 @@ class PathPlanning(Agent):
 
     name = "path-planning"
     alone = True
-    hears: ClassVar[tuple[type[Message], ...]] = (Pose, Sonar)
+    hears: ClassVar[tuple[type[Message], ...]] = (Pose, Sonar, Scan)
     provides: ClassVar[tuple[type[Message], ...]] = (Planned,)
     answers: ClassVar[tuple[type[Message], ...]] = (PlanRequest,)
     owns = (PLANNER,)
@@ -93,12 +95,17 @@ class PathPlanning(Agent):
         self.publish(self._planned)
 
     def on_pose(self, pose: Pose) -> None:
-        """Where the pings of this cycle were, if they have come."""
+        """Where the pings and the scan of this cycle were, if they have come."""
         self._match(pose, self.latest(Sonar))
+        self._match(pose, self.latest(Scan))
 
     def on_sonar(self, sonar: Sonar) -> None:
         """The pings of this cycle, if it is known where they were."""
         self._match(self.latest(Pose), sonar)
+
+    def on_scan(self, scan: Scan) -> None:
+        """The scan of this cycle, if it is known where it was."""
+        self._match(self.latest(Pose), scan)
 
     def on_plan_request(self, question: Question) -> Plan:
         """The waypoints, or why there is no way."""
@@ -149,17 +156,21 @@ class PathPlanning(Agent):
             under_way=bool(request.why) or self._world is None,
         )
 
-    def _match(self, pose: Pose | None, sonar: Sonar | None) -> None:
-        """Take a cycle's pings once both its messages are there, in whatever order."""
-        if pose is None or sonar is None or pose.cycle != sonar.cycle or pose.deviation > UNSURE_M:
+    def _match(self, pose: Pose | None, said: Sonar | Scan | None) -> None:
+        """Take a cycle's pings or scan once both its messages are there, in whatever order."""
+        if pose is None or said is None or pose.cycle != said.cycle or pose.deviation > UNSURE_M:
             return
         if self._seen is None:
             world = self._world
             known = None if world is None else grid_of(world.barriers, world.bounds, CELL_M)
             self._seen = Seen(known)
         self._seen.move(pose)
-        for echo in sonar.echoes:
-            self._seen.take(pose, echo, pose.deviation, self.now)
+        if isinstance(said, Scan):
+            with suppress(ValueError):  # the laser agent says that it is blind
+                self._seen.take_scan(pose, said, pose.deviation, self.now)
+        else:
+            for echo in said.echoes:
+                self._seen.take(pose, echo, pose.deviation, self.now)
         state = self.latest(RobotState)
         if state is not None and state.touch is not None and state.cycle == pose.cycle:
             self._seen.touch(pose, state.touch.x, state.touch.y, self.now)
