@@ -192,6 +192,6 @@ _SCHEMES: dict[str, Callable[[SplitResult], Transport]] = {
     "serial": _serial,
     "tcp": _tcp,
     "pty": lambda parts: PtyTransport(parts.path),
-    "ros2": lambda parts: addresses.dds_transport(parts.geturl()),
-    "ros2+zenoh": lambda parts: addresses.zenoh_transport(parts.geturl()),
+    "ros2": lambda parts: addresses.client_transport(parts.geturl()),
+    "ros2+zenoh": lambda parts: addresses.client_transport(parts.geturl()),
 }

@@ -14,10 +14,10 @@ import os
 import re
 from urllib.parse import SplitResult, parse_qs, urlsplit
 
-from msgspec import Struct
-
 from armadico.bridge.lines import TransportError
-from armadico.bridge.ros2.samples import SampleTransport, Wire
+from armadico.bridge.ros2.samples import Address, SampleTransport, Wire
+
+SCHEMES = ("ros2", "ros2+zenoh")
 
 DOMAINS = 233
 """How many there are: ports of higher ones do not exist."""
@@ -25,25 +25,13 @@ DOMAINS = 233
 PORT = 7447
 """Where a router of rmw_zenoh's listens."""
 
+NODE = "armadico"
+"""What `ros2 node list` calls us."""
+
 EXTRA = "ros2:// needs Cyclone DDS, which is not installed: pip install 'armadico[ros2]'"
 
 _NAMESPACE = re.compile(r"([A-Za-z_][A-Za-z0-9_]*(/[A-Za-z_][A-Za-z0-9_]*)*)?")
 _INTERFACE = re.compile(r"[A-Za-z0-9_.:@-]{1,64}")
-
-
-class Address(Struct, frozen=True):
-    """Where a robot is."""
-
-    namespace: str
-    domain: int
-    interface: str = ""  # DDS: by which network interface; "": as Cyclone's configuration says
-    endpoint: str = ""  # Zenoh: the router's
-
-    @property
-    def where(self) -> str:
-        """In words."""
-        at = f" at {self.endpoint}" if self.endpoint else ""
-        return f"domain {self.domain}{at}"
 
 
 def read_address(url: str) -> Address:
@@ -61,6 +49,8 @@ def read_address(url: str) -> Address:
     domain = options.get("domain", [os.environ.get("ROS_DOMAIN_ID") or "0"])[0]
     if not (domain.isascii() and domain.isdigit() and int(domain) < DOMAINS):
         raise ValueError(f"{url!r}: domain {domain!r} is no number from 0 to {DOMAINS - 1}")
+    if parts.scheme not in SCHEMES:
+        raise ValueError(f"{url!r} begins with none of {', '.join(SCHEMES)}")
     if parts.scheme != "ros2":
         return Address(namespace, int(domain), endpoint=_endpoint(url, parts))
     interface = options.get("interface", [""])[0]
@@ -69,29 +59,30 @@ def read_address(url: str) -> Address:
     return Address(namespace, int(domain), interface)
 
 
-def dds_transport(url: str) -> SampleTransport:
-    """The transport of `ros2://`, not yet open. Raises ValueError."""
+def client_transport(url: str) -> SampleTransport:
+    """The transport to a robot's network, not yet open. Raises ValueError."""
+    return _transport(url, NODE, listens=False)
+
+
+def robot_transport(url: str, name: str) -> SampleTransport:
+    """The same for a simulated robot; of rmw_zenoh's it is the router. Raises ValueError."""
+    return _transport(url, name.replace("-", "_"), listens=True)
+
+
+def _transport(url: str, node: str, listens: bool) -> SampleTransport:
     address = read_address(url)
 
     def connect() -> Wire:
+        # Loading them takes long, or is not possible.
+        if address.endpoint:
+            from armadico.bridge.ros2.rmw_zenoh import ZenohWire  # noqa: PLC0415
+
+            return ZenohWire(address, node, listens)
         try:
-            from armadico.bridge.ros2.dds import DdsWire  # noqa: PLC0415 - an extra
+            from armadico.bridge.ros2.dds import DdsWire  # noqa: PLC0415
         except ImportError as error:
             raise TransportError(EXTRA) from error
-        return DdsWire(address.domain, address.namespace, address.interface)
-
-    return SampleTransport(url, address.namespace, address.where, connect)
-
-
-def zenoh_transport(url: str, listens: bool = False) -> SampleTransport:
-    """The transport of `ros2+zenoh://`, not yet open; by a router, or as one. Raises ValueError."""
-    address = read_address(url)
-
-    def connect() -> Wire:
-        # Loading Zenoh takes a tenth of a second, which other addresses need not wait for.
-        from armadico.bridge.ros2.rmw_zenoh import ZenohWire  # noqa: PLC0415
-
-        return ZenohWire(address.domain, address.namespace, address.endpoint, listens)
+        return DdsWire(address, node)
 
     return SampleTransport(url, address.namespace, address.where, connect)
 

@@ -43,10 +43,11 @@ from armadico.bridge.lines import TransportError
 from armadico.bridge.ros2 import cdr
 from armadico.bridge.ros2.frames import Frame, Wanted
 from armadico.bridge.ros2.graph import Endpoint, resolve
+from armadico.bridge.ros2.samples import Address
 from armadico.bridge.ros2.types import Gid, NodeEntitiesInfo, ParticipantEntitiesInfo
 
-NODE = "armadico"
-"""What `ros2 node list` calls it."""
+NAMELESS_S = 3.0
+"""So long whose an endpoint is may take to come; what has no name then is no node of ROS 2's."""
 
 BATCH = 100
 """Samples that are taken at once."""
@@ -64,11 +65,12 @@ _domains: dict[int, tuple[str, Domain]] = {}
 class DdsWire:
     """One participant of a domain."""
 
-    def __init__(self, domain: int, namespace: str, interface: str = "") -> None:
-        """Join; by one network interface, or by those of Cyclone's own configuration."""
+    def __init__(self, address: Address, node: str) -> None:
+        """Join, as a node of that name."""
+        domain = address.domain
         try:
-            if interface:
-                _bind(domain, interface)
+            if address.interface:
+                _bind(domain, address.interface)
             # Without an enclave a program is no ROS 2 node to rmw_fastrtps and rmw_cyclonedds.
             self._participant = DomainParticipant(domain, qos=Qos(Policy.Userdata(b"enclave=/;")))
             self._publications = BuiltinDataReader(self._participant, BuiltinTopicDcpsPublication)
@@ -78,11 +80,11 @@ class DdsWire:
             self._nodes_out = self._writer(_DISCOVERY, ParticipantEntitiesInfo, _LATCHED)
         except DDSException as error:
             raise TransportError(f"cannot join DDS domain {domain}: {_why(error)}") from error
-        self._namespace = namespace
+        self._namespace, self._node = address.namespace, node
         self._readers: dict[str, Any] = {}
         self._writers: dict[str, Any] = {}
         self._conditions: list[ReadCondition] = []
-        self._remote: dict[UUID, tuple[bool, Any]] = {}
+        self._remote: dict[UUID, tuple[float, bool, Any]] = {}
         self._owners: dict[bytes, dict[bytes, str]] = {}  # of endpoints, by participant
 
     # What is read and written ---------------------------------------------------------------------
@@ -148,14 +150,17 @@ class DdsWire:
         """Endpoints of other participants."""
         self._look()
         owners = {gid: node for nodes in self._owners.values() for gid, node in nodes.items()}
-        for key, (writes, found) in self._remote.items():
+        for key, (since, writes, found) in self._remote.items():
             if not found.topic_name.startswith(f"{_PREFIX}/"):
                 continue  # services, and what is no ROS 2 at all
+            node = owners.get(key.bytes)
+            if node is None and time.monotonic() - since < NAMELESS_S:
+                continue
             reliability, durability = found.qos[Policy.Reliability], found.qos[Policy.Durability]
             yield Endpoint(
                 topic=found.topic_name[len(_PREFIX) :],
                 type=cdr.from_dds_name(found.type_name),
-                node=owners.get(key.bytes) or f"a program without a name ({_short(found)})",
+                node=node or f"a program without a name ({_short(found)})",
                 writes=writes,
                 reliable=isinstance(reliability, Policy.Reliability.Reliable),
                 latched=durability != Policy.Durability.Volatile,
@@ -184,7 +189,7 @@ class DdsWire:
                 if found.sample_info.instance_state != InstanceState.Alive:
                     self._remote.pop(found.key, None)
                 elif found.participant_key != own:
-                    self._remote[found.key] = writes, found
+                    self._remote.setdefault(found.key, (time.monotonic(), writes, found))
         for sample in self._nodes_in.take(BATCH):
             if sample.sample_info.valid_data:
                 self._named(sample.payload)
@@ -204,7 +209,7 @@ class DdsWire:
         """Say which node reads and writes what is read and written here."""
         node = NodeEntitiesInfo(
             node_namespace=resolve("", f"/{self._namespace.strip('/')}"),
-            node_name=NODE,
+            node_name=self._node,
             reader_gid_seq=[_gid(each.guid) for each in self._readers.values()],
             writer_gid_seq=[_gid(each.guid) for each in self._writers.values()],
         )

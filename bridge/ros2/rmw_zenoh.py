@@ -22,10 +22,7 @@ from armadico.bridge.ros2 import cdr
 from armadico.bridge.ros2 import zenoh_names as names
 from armadico.bridge.ros2.frames import Frame, Wanted
 from armadico.bridge.ros2.graph import Endpoint, resolve
-
-NODE: Final = "armadico"
-PORT: Final = 7447
-"""Where rmw_zenoh's router listens."""
+from armadico.bridge.ros2.samples import Address
 
 CONNECT_MS: Final = 2000
 
@@ -43,23 +40,19 @@ _SETTINGS: Final[dict[str, Any]] = {
 class ZenohWire:
     """One session, with a router or as one."""
 
-    def __init__(self, domain: int, namespace: str, endpoint: str, listens: bool = False) -> None:
-        """Join by a router at a Zenoh endpoint, or be the router that listens there."""
-        config = zenoh.Config()
-        role = {"mode": "router", "listen/endpoints": [endpoint]}
-        if not listens:
-            role = {"mode": "client", "connect/endpoints": [endpoint]}
-        for setting, value in (_SETTINGS | role).items():
-            config.insert_json5(setting, json.dumps(value))
-        try:
-            self._session = zenoh.open(config)
-        except zenoh.ZError as error:
-            if listens:
-                text = f"cannot listen on {endpoint}: {str(error).partition(' at ')[0]}"
-            else:
-                text = f"no Zenoh router answers at {endpoint}; is rmw_zenohd running there?"
-            raise TransportError(text) from error
-        self._domain, self._namespace = domain, namespace
+    def __init__(self, address: Address, node: str, listens: bool) -> None:
+        """Join by the router, or be it if nobody is, as a node of that name."""
+        session = (_joined(address.endpoint, "router") if listens else None) or _joined(
+            address.endpoint, "client"
+        )
+        if session is None:
+            raise TransportError(
+                f"no Zenoh router answers at {address.endpoint}; does `ros2 run rmw_zenoh_cpp"
+                " rmw_zenohd` run there?"
+            )
+        self._session = session
+        domain = address.domain
+        self._domain, self._namespace, self._node = domain, address.namespace, node
         self._own = str(self._session.info.zid())
         self._samples: queue.Queue[Frame] = queue.Queue(WAITING)
         self._lock = threading.Lock()  # tokens come on Zenoh's thread
@@ -81,7 +74,7 @@ class ZenohWire:
         for declared in self._declared:
             declared.undeclare()
         self._declared, self._publishers, self._said = [], {}, {}
-        member = names.Member(self._domain, self._own, self._namespace.strip("/"), NODE)
+        member = names.Member(self._domain, self._own, self._namespace.strip("/"), self._node)
         alive = self._session.liveliness()
         self._declared.append(alive.declare_token(member.token()))
         for number, want in enumerate(topics, 1):
@@ -178,3 +171,15 @@ class ZenohWire:
                 self._samples.get_nowait()
         with contextlib.suppress(queue.Full):
             self._samples.put_nowait(frame)
+
+
+def _joined(endpoint: str, mode: str) -> zenoh.Session | None:
+    """A session at an endpoint, in a mode; None if that cannot be."""
+    config = zenoh.Config()
+    where = "listen/endpoints" if mode == "router" else "connect/endpoints"
+    for setting, value in (_SETTINGS | {"mode": mode, where: [endpoint]}).items():
+        config.insert_json5(setting, json.dumps(value))
+    try:
+        return zenoh.open(config)
+    except zenoh.ZError:
+        return None

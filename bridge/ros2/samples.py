@@ -11,6 +11,8 @@ import time
 from collections.abc import Callable, Iterable, Sequence
 from typing import Protocol
 
+from msgspec import Struct
+
 from armadico.bridge.lines import TransportError, not_open
 from armadico.bridge.ros2.frames import (
     LARGEST,
@@ -31,6 +33,21 @@ LOOK_S = 0.5
 
 SETTLE_S = 3.0
 """Who is there is found within this; Fast DDS and Cyclone DDS need about one second."""
+
+
+class Address(Struct, frozen=True):
+    """Where a robot is."""
+
+    namespace: str
+    domain: int
+    interface: str = ""  # DDS: by which network interface; "": as Cyclone's configuration says
+    endpoint: str = ""  # Zenoh: the router's
+
+    @property
+    def where(self) -> str:
+        """In words."""
+        at = f" at {self.endpoint}" if self.endpoint else ""
+        return f"domain {self.domain}{at}"
 
 
 class Wire(Protocol):
