@@ -244,6 +244,8 @@ class Society:
                 types.TwistWithCovariance(speeds),
             ),
         )
+        if self._pose is not None and self._pose.cycle == state.cycle:
+            yield self._corrected(self._pose, self._states[-1])  # it has overtaken the state
         if at >= self._battery_at:
             self._battery_at = at + int(EACH_S * 1e9)
             yield "battery_state", self._battery(state, at)
@@ -253,11 +255,16 @@ class Society:
         state = self._at(pose.cycle)
         stamp = at if state is None else state.at
         if state is not None:
-            self._odom = compose(self._base, relative(state.odometry, (0.0, 0.0, 0.0)))
-            yield _TF, types.TFMessage([self._transform(stamp, MAP, ODOM, self._odom)])
+            yield self._corrected(pose, state)
         header = types.Header(_time(stamp), MAP)
         known = types.PoseWithCovariance(_pose(self._base), _covariance(pose.covariance))
         yield "pose", types.PoseWithCovarianceStamped(header, known)
+
+    def _corrected(self, pose: m.Pose, state: _State) -> _Said:
+        """Where the odometry's origin lies, by the pose and the odometry of one cycle."""
+        origin = relative(state.odometry, (0.0, 0.0, 0.0))
+        self._odom = compose((pose.x, pose.y, pose.theta), origin)
+        return _TF, types.TFMessage([self._transform(state.at, MAP, ODOM, self._odom)])
 
     def _take_sonar(self, _: str, sonar: m.Sonar, at: int) -> Iterator[_Said]:
         mounted = {(echo.x, echo.y, echo.bearing) for echo in sonar.echoes}

@@ -88,8 +88,18 @@ def test_map_to_base_link_is_the_pose_whoever_corrected_it() -> None:
 def test_a_pose_of_an_unknown_cycle_moves_no_frame() -> None:
     society = Society()
     assert "/tf" not in said(society, m.Pose(cycle(9), 4.0, -3.0, 2.0))
-    late = said(society, state(9), state(10), m.Pose(cycle(9), 4.0, -3.0, 2.0), at=NOW)
-    assert "odom" in transforms(late["/tf"])
+
+
+def test_a_pose_may_come_before_the_state_that_it_answers_and_after() -> None:
+    early, late = Society(), Society()
+    pose = m.Pose(cycle(9), 4.0, -3.0, 2.0)
+    said(early, pose, at=NOW - 1000)
+    moved = transforms(said(early, state(9))["/tf"])
+    assert moved == transforms(said(late, state(9), state(10), pose)["/tf"]) | {
+        "base_link": moved["base_link"]
+    }
+    assert moved["odom"].header.stamp == moved["base_link"].header.stamp
+    assert "odom" not in transforms(said(early, state(10))["/tf"])
 
 
 def test_what_is_measured_in_a_cycle_has_one_stamp() -> None:
@@ -319,13 +329,16 @@ def test_late_comers_get_maps_paths_and_static_transforms() -> None:
 def test_what_a_robot_of_ros2_says_by_itself_is_told_from_the_rest() -> None:
     own = {c.topic for c in Society().channels if c.own}
     assert own == {"/tf", "/tf_static", "/odom", "/scan", "/sonar", "/battery_state"}
-    (corrected,) = [
-        {t.child_frame_id for t in cdr.decode(types.TFMessage, data).transforms}
-        for message in (state(), m.Pose(cycle(), 0, 0, 0))
-        for society in [ready()]
-        for channel, data in society.take("", message, NOW)
-        if channel.topic == "/tf" and not channel.own
+    society = Society()
+    samples = [
+        s for said in (state(), m.Pose(cycle(), 0, 0, 0)) for s in society.take("", said, NOW)
     ]
+    corrected = {
+        transform.child_frame_id
+        for channel, data in samples
+        if channel.topic == "/tf" and not channel.own
+        for transform in cdr.decode(types.TFMessage, data).transforms
+    }
     assert corrected == {"odom"}
 
 
