@@ -74,6 +74,8 @@ ALARMS_MOST: Final = 32
 AWAY_M: Final = 0.5
 """Who is to stand, and is farther from there, was driven away by somebody."""
 
+UNKNOWN: Final = "nobody knows where the robot is"
+
 AWAY: Final = "the robot is not where it is to stand: somebody has it driven, or had"
 
 
@@ -87,6 +89,7 @@ class Parameters(agent.Parameters, frozen=True, kw_only=True):
     again_s: Annotated[float, Meta(gt=0, le=60)] = 3.0  # a plan that was refused is asked for again
     patience_s: Annotated[float, Meta(ge=0, le=600)] = 30.0  # for so long,
     battery_s: Annotated[float, Meta(gt=0, le=3600)] = 120.0  # what is older is not known
+    lost_s: Annotated[float, Meta(ge=0, le=3600)] = 150.0  # relocate looks for 120 s where it is
     lowest: Annotated[float, Meta(ge=0, le=1)] = 0.1  # utility of a mission of priority 0,
     highest: Annotated[float, Meta(ge=0, le=1)] = 0.8  # and of 1
 
@@ -136,6 +139,7 @@ class MissionPlanning(Agent):
         self._refused_at: float | None = None  # since when no way is planned
         self._again_at = 0.0
         self._battery_at = float("-inf")
+        self._unknown_at: float | None = None  # since when nobody knows where the robot is
         self._stood: Waypoint | None = None  # where the robot is to stand for its task
         self._no_dock_at: float | None = None  # since when the charger knows of no way to a dock
         self._no_dock = ""  # and its word on that
@@ -340,12 +344,28 @@ class MissionPlanning(Agent):
         else:
             beliefs = self._beliefs()
             self._carry_out(entry, beliefs)
-            if entry is before and self._is_away:
+            if self._waits_for_pose(beliefs):
+                entry.told = replace(entry.told, note=UNKNOWN)
+            elif entry is before and self._is_away:
                 entry.told = replace(entry.told, way=self._errand.way, note=AWAY)
             else:
                 self._go_on(entry, beliefs, seconds if entry is before else 0.0)
             self._heed_alarms(entry, beliefs)
         self._publish_board()
+
+    def _waits_for_pose(self, beliefs: Beliefs) -> bool:
+        """Whether the next step, or one that stands, waits until it is known where the robot is.
+
+        It may be lost, or its encoder agent dead for now. A way that is driven is interface's.
+        """
+        if beliefs.at is not None:
+            self._unknown_at = None
+            return False
+        if self._unknown_at is None:
+            self._unknown_at = self.now
+        stands = self._wanted is None or isinstance(self._wanted[2], Stand)
+        ended = self._reach is not Reach.UNDER_WAY
+        return (stands or ended) and self.now - self._unknown_at < self.p.lost_s
 
     @property
     def _is_driven(self) -> bool:

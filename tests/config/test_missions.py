@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import random
 from pathlib import Path
 
 import pytest
@@ -190,6 +191,28 @@ def test_a_room_without_a_way_in_cannot_be_reached_and_one_that_is_full_not_stoo
     assert fault(there % "C", places).startswith(
         "m.toml:2: in room 'C' of 'w' the robot can turn nowhere"
     )
+
+
+def test_what_can_be_got_to_is_what_a_flood_from_there_reaches() -> None:
+    body = load_profile("pioneer-2dx").body
+    box = ((0.0, 0.0, 6.0, 0.0), (6.0, 0.0, 6.0, 6.0), (6.0, 6.0, 0.0, 6.0), (0.0, 6.0, 0.0, 0.0))
+    for seed in range(5):
+        rng = random.Random(seed)
+        ends = ([rng.uniform(0.0, 6.0) for _ in range(4)] for _ in range(9))
+        walls = tuple((x, y, x + 0.4 * (a - 3.0), y + 0.4 * (b - 3.0)) for x, y, a, b in ends)
+        goals = {f"g{n}": (rng.uniform(0, 6), rng.uniform(0, 6), 0.0) for n in range(40)}
+        world = World("w", box + walls, (0.0, 0.0, 6.0, 6.0), goals=goals)
+        places = Places(world, body)
+        start = next(goal[:2] for goal in goals.values() if places._free[places._cell(*goal[:2])])
+        reached, edge = set[tuple[int, int]](), [places._cell(*start)]
+        while edge:
+            column, row = cell = edge.pop()
+            inside = 0 <= column < places._free.shape[0] and 0 <= row < places._free.shape[1]
+            if cell not in reached and inside and places._free[cell]:
+                reached.add(cell)
+                edge += [(column + 1, row), (column - 1, row), (column, row + 1), (column, row - 1)]
+        cut_off = {n for n, goal in goals.items() if places._cell(*goal[:2]) not in reached}
+        assert {*places.unreachable(start, goals)} == cut_off
 
 
 def test_in_a_room_it_stands_in_the_middle_or_as_near_to_it_as_there_is_room() -> None:

@@ -110,7 +110,7 @@ def test_too_many_missions_are_refused_and_the_board_always_fits_into_a_message(
         60.0,
     )
     assert building.board is not None
-    assert len(building.board.missions) == 8
+    assert len(building.board.missions) == 14 - len(refused)
     assert all(len(encode(board)) <= LARGEST_PAYLOAD for board in building.heard(Board))
     assert all(m.text == b"" for m in building.board.missions)
 
@@ -390,6 +390,35 @@ def test_a_mission_outlives_the_death_and_restart_of_any_agent(name: str) -> Non
     building.until(lambda: building.ended(number), 300.0)
     assert building.mission(number).state is MissionEnd.DONE
     assert building.steps(number) == ["move(R2)", "take-photo", "move(hall)"]
+
+
+@pytest.mark.parametrize(
+    "rows",
+    [
+        ('do = "take-photo", room = "hall", seconds = 6',),
+        ('do = "check-alarm", room = "hall", seconds = 6',),
+        ('do = "wait", seconds = 4', 'do = "take-photo", room = "hall"'),
+    ],
+)
+def test_what_stands_waits_while_nobody_knows_where_the_robot_is(rows: tuple[str, ...]) -> None:
+    building = Building()
+    number = building.taken(text(*rows))
+    building.run(2.0)
+    building.node("encoder").kill()
+    building.run(5.0)
+    assert building.mission(number).note == "nobody knows where the robot is"
+    building.rehearsal.enter("encoder")
+    building.until(lambda: building.ended(number), 30.0)
+    assert building.mission(number).state is MissionEnd.DONE
+
+
+def test_a_photo_where_nobody_knows_where_the_robot_is_fails_in_the_end() -> None:
+    building = Building()
+    number = building.taken(text('do = "take-photo", room = "hall", seconds = 6'))
+    building.run(2.0)
+    building.node("encoder").kill()
+    building.until(lambda: building.ended(number), 200.0)
+    assert building.mission(number).note.endswith("nobody knows where the robot is")
 
 
 def test_queue_suspended_missions_and_alarms_outlive_it_too() -> None:
