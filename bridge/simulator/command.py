@@ -375,7 +375,9 @@ def _ros2(args: argparse.Namespace, stack: ExitStack) -> tuple[Line, str]:
 
     profile = load_profile(args.robot)
     if not isinstance(profile, Ros2Robot):
-        raise options.UsageError(f"--ros2: {args.robot} speaks P2OS; armadico sim jackal --ros2, say")
+        raise options.UsageError(
+            f"--ros2: {args.robot} speaks P2OS; armadico sim jackal --ros2, say"
+        )
     try:
         transport = addresses.robot_transport(args.ros2, profile.name)
     except ValueError as error:
