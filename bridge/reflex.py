@@ -107,9 +107,9 @@ class Reflex:
         self._measured = measured
         heard = np.array([(x, y) for x, y, _ in self._heard.values()]).reshape(-1, 2)
         points = _turned(np.concatenate([heard, self._seen]) - pose[:2], -pose[2])
-        x, y = points[:, 0], points[:, 1]
-        within = (-self._rear < x) & (x < self._front) & (np.abs(y) < self._half)
-        self._points = points[(x > 0.0) & ~within]  # of a laser that sees its own robot
+        ahead, aside = points[:, 0], np.abs(points[:, 1])
+        within = (-self._rear < ahead) & (ahead < self._front) & (aside < self._half)
+        self._points = points[(ahead > 0.0) & ~within]  # of a laser that sees its own robot
         self._nearest = float(self._points[:, 0].min(initial=inf)) - self._front
 
     def cap(self, v: float, w: float) -> float:
