@@ -165,7 +165,7 @@ class Session:
         self._wrong = ""  # and what is wrong with the odometry that comes
         self._seen = Seen()
         self._ration = float(BURST)
-        self._stamp = self._cycle_due = 0.0  # by the robot's clock, s
+        self._stamp, self._cycle_due = -1.0, 0.0  # by the robot's clock, s
         self._stamp_at: float | None = None  # by ours; None: it has none yet
         self._battery = (0.0, False)
         self._scan: bytes | None = None  # the newest since the cycle before
@@ -271,8 +271,7 @@ class Session:
             passed = self._now - self._said_at
             if passed > SILENT_S:  # it may have stopped by itself, or somebody else drives it
                 self._said = self._measured
-            dt = RAMP_S if passed > self._ros2.cycle_s else passed
-            self._said = self._ramps.step(self._said, self._asked, dt)
+            self._said = self._ramps.step(self._said, self._asked, min(passed, RAMP_S))
             self._said_at = self._now
             self._fresh = False
             self._ramp_at = None if self._said == self._asked else self._now + RAMP_S
@@ -358,15 +357,14 @@ class Session:
     def _hear_odometry(self, payload: bytes) -> None:
         """By its stamp: whether it makes a cycle."""
         stamp = _stamp(payload)
-        if self._stamp_at is not None:
-            if stamp == self._stamp:  # said twice, or its clock stands still
-                self._wrong = "the odometry's stamp stands still"
-                return
-            if stamp < self._stamp:
-                self.absurd += 1
-                back = self._stamp - stamp
-                self._wrong = f"the odometry runs backwards in time, by {back:.3g} s"
-                return
+        if stamp == self._stamp:  # said twice, or its clock stands still
+            self._wrong = "the odometry's stamp stands still"
+            return
+        if self._stamp_at is not None and stamp < self._stamp:
+            self.absurd += 1
+            back = self._stamp - stamp
+            self._wrong = f"the odometry runs backwards in time, by {back:.3g} s"
+            return
         slack = 0.5 / self._ros2.odom_hz
         if self._stamp_at is not None and stamp < self._cycle_due - slack:
             self._note(stamp)
