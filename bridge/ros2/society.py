@@ -14,7 +14,7 @@ from __future__ import annotations
 import math
 import re
 from collections import deque
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from typing import Any, Final, NamedTuple, TypeVar
 
 import msgspec
@@ -172,15 +172,15 @@ class Society:
 
     def __init__(self, namespace: str = "", world: World | None = None) -> None:
         """See `Makes`. A namespace begins topics (`/robot1/odom`) and frames (`robot1/odom`)."""
-        self._prefix = f"{ros_namespace(namespace)}/" if namespace else ""
-        self._namespace = namespace
+        self.namespace = ros_namespace(namespace)
+        self._prefix = f"{self.namespace}/" if namespace else ""
         self._world = world
         self._channels = {name: self._channel(name, *_NAMES[name]) for name in _NAMES}
         self.channels: Sequence[Channel] = tuple(self._channels.values())
         self.goals = self._channel(_GOAL, types.PoseStamped, 1, "")
         self.profile = "ros2"
         # rosbag2 reads quality of service as numbers where no version is told, as Iron wrote it.
-        self.about = {"rosbag2": {"ROS_DISTRO": "iron"}}
+        self.about: Mapping[str, Mapping[str, str]] = {"rosbag2": {"ROS_DISTRO": "iron"}}
         self._states: deque[_State] = deque(maxlen=STATES)
         self._base: Pose2 | None = None  # of the robot in the map, as it was last said
         self._odom: Pose2 | None = None  # where the odometry's origin lies in it
