@@ -8,7 +8,7 @@ and its watchdog is fed only while all of this works. Which protocol it speaks t
 from __future__ import annotations
 
 from collections.abc import Iterable
-from math import copysign, inf, radians
+from math import copysign, cos, inf, radians, sin
 from typing import Annotated, Any, ClassVar
 
 from msgspec import Meta
@@ -28,7 +28,7 @@ from armadico.config.profile import P2osRobot, Ros2Robot, load_profile
 from armadico.core import agent
 from armadico.core.agent import ERROR, WARNING, DeviceAgent
 from armadico.core.cycles import CycleCounter
-from armadico.core.geometry import wrap
+from armadico.core.geometry import Pose2, wrap
 from armadico.core.messages import (
     LABEL,
     Cycle,
@@ -39,11 +39,13 @@ from armadico.core.messages import (
     Origin,
     Point,
     RobotState,
+    Scan,
     Sonar,
     Stop,
     TopSpeed,
 )
 from armadico.core.resources import WHEELS, Resource
+from armadico.core.scans import message_of
 
 PULSE_S = 0.5
 """How often the watchdog is fed when there is nothing else to say."""
@@ -58,7 +60,7 @@ AT_REST_M_S = 0.02
 """Rims slower than this rest."""
 
 SONARS_SILENT = 4
-"""Without a reading for so many cycles the sonars are said to be silent."""
+"""Without a reading for so many cycles the sonars, or the laser, are said to be silent."""
 
 TOLD = tuple(2**n for n in range(20))
 """Which attempts without a status packet are told; if they come, not the first: it was open."""
@@ -99,13 +101,19 @@ def session_of(
     return P2osSession(profile.p2os, now, profile.limits, near, half_track)
 
 
+def _before(report: Reported, age_s: float) -> Pose2:
+    """Where the body was so long ago, in its frame now: m, m, rad."""
+    turned, way = -report.w * age_s, -report.v * age_s
+    return way * cos(0.5 * turned), way * sin(0.5 * turned), turned
+
+
 class Robot(DeviceAgent):
     """The robot, as the society knows it."""
 
     name = "robot"
     alone = True
     owns = (WHEELS,)
-    provides: ClassVar[tuple[type[Message], ...]] = (RobotState, Description, Sonar)
+    provides: ClassVar[tuple[type[Message], ...]] = (RobotState, Description, Sonar, Scan)
     parameters = Parameters
     launched_with = ("port", "profile", "v_max")
     p: Parameters
@@ -128,9 +136,14 @@ class Robot(DeviceAgent):
         self._controller = ""  # as it names itself
         self._ordered = (0.0, 0.0)  # what was last obeyed, m/s and rad/s
         self._driven = (0.0, 0.0)  # what came of it by the reflexes
+        self._sensors = tuple(
+            name
+            for name, sensor in (("sonar", self.profile.sonar), ("laser", self.profile.laser))
+            if sensor is not None
+        )
         self._reflex = Reflex(self.profile)
         self._touch = Touch(self.profile)
-        self._unheard = 0  # cycles since a sonar fired
+        self._unheard = self._unseen = 0  # cycles since a sonar fired, and a scan came
         self._told, self._told_at = Line(), -inf  # of the line
 
     @classmethod
@@ -273,6 +286,7 @@ class Robot(DeviceAgent):
         self._described += 1
         echoes = self._echoes(report)
         self._say_sonar(cycle, echoes)
+        self._say_scan(cycle, report)
         self._heed(report, echoes)
         self._insist(v, w)
 
@@ -304,6 +318,7 @@ class Robot(DeviceAgent):
             silence_s=WHEELS.silence(cycle_s),
             watchdog_s=self.profile.watchdog_s,
             controller=self._controller,
+            sensors=self._sensors,
         )
 
     def _heed_hands(self, report: Reported) -> None:
@@ -378,6 +393,34 @@ class Robot(DeviceAgent):
         self._unheard += 1
         if self._unheard == SONARS_SILENT:
             self.log(f"no sonar has fired for {SONARS_SILENT} cycles: nobody drives blind", ERROR)
+
+    def _say_scan(self, cycle: Cycle, report: Reported) -> None:
+        """Pass the newest scan on, if it is new enough; else there is none, as of sonars."""
+        laser, scan = self.profile.laser, report.scan
+        if laser is None:
+            return
+        wrong = f"no scan for {SONARS_SILENT} cycles"
+        if scan is not None:
+            try:
+                self.publish(
+                    message_of(
+                        cycle,
+                        scan.ranges,
+                        (scan.first, scan.step),
+                        (scan.least, scan.most),
+                        (laser.x_m, laser.y_m, radians(laser.bearing_deg)),
+                        upside_down=laser.upside_down,
+                        since=_before(report, scan.age_s),
+                        number=scan.number,
+                    )
+                )
+                self._unseen = 0
+                return
+            except ValueError as error:
+                wrong = str(error)
+        self._unseen += 1
+        if self._unseen == SONARS_SILENT:
+            self.log(f"the laser tells nothing, {wrong}: nobody drives blind", ERROR)
 
     def _echoes(self, report: Reported) -> tuple[Echo, ...]:
         ring = self.profile.sonar

@@ -13,7 +13,9 @@ from __future__ import annotations
 from collections.abc import Sequence
 from typing import Protocol
 
+import numpy as np
 from msgspec import Struct
+from numpy.typing import NDArray
 
 from armadico.core.messages import Line
 
@@ -27,16 +29,17 @@ class Pose(Struct, frozen=True):
 
 
 class Swept(Struct, frozen=True):
-    """One scan of a laser, as the robot agent passes it on.
+    """A laser's newest scan, as its driver said it; `armadico.core.scans` knows what to make of it.
 
-    Rays follow evenly, counter-clockwise as the robot sees it. Without a valid range a ray is 0; a
-    ray that came back from nothing within `max_m` is infinite.
+    Angles are about the laser's own axis, as it is mounted.
     """
 
-    angle_min: float  # of the first ray, about the laser's axis, rad
-    angle_step: float  # to the next one, rad, more than 0
-    max_m: float
-    ranges: tuple[float, ...]  # m
+    ranges: NDArray[np.float64]  # m, one a ray; NaN, 0: none; inf: nothing within reach
+    first: float  # of the first ray, rad
+    step: float  # to the next one, rad; below 0: clockwise
+    least: float  # m
+    most: float
+    number: int  # counts scans
     age_s: float = 0.0  # from the scan to the odometry that it comes with, by the robot's clock
 
 
@@ -54,7 +57,7 @@ class Reported(Struct, frozen=True, kw_only=True):
     front_bumpers: int = 0  # a bit each
     rear_bumpers: int = 0
     echoes: tuple[tuple[int, float], ...] = ()  # sonar, range in m; no echo is the maximum
-    scan: Swept | None = None  # the newest since the cycle before
+    scan: Swept | None = None  # the newest, for as long as it is new enough
 
 
 class Connected(Struct, frozen=True):

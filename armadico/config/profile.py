@@ -28,6 +28,9 @@ from armadico.core.messages import (
     TopTurn,
 )
 
+NEVER_S = 60.0
+"""The longest that the mesh can tell of a watchdog: of a robot that has none."""
+
 Positive = Annotated[float, Meta(ge=1e-6, le=1e6)]
 """Smaller ones, divided by or squared, are beyond what a float holds, and no robot has any."""
 NonNegative = Annotated[float, Meta(ge=0, le=1e6)]
@@ -239,7 +242,6 @@ class Ros2(Struct, frozen=True, forbid_unknown_fields=True):
     """
 
     cycle_s: Period
-    watchdog_s: Patience  # without a command for so long the base stops by itself
     latency_s: Annotated[float, Meta(ge=0, le=1)]  # from a command until the base begins to follow
     stamped: bool  # cmd_vel is a TwistStamped, not a Twist
     odom_hz: Annotated[float, Meta(ge=5, le=1000)]
@@ -247,6 +249,9 @@ class Ros2(Struct, frozen=True, forbid_unknown_fields=True):
     base_frame: FrameName
     odom: Topic
     cmd_vel: Topic
+    watchdog_s: Patience | None = None  # without a command for so long it stops by itself; or never
+    v_step: NonNegative = 0.0  # m/s: the base obeys whole ones of these, and less than one is none
+    w_step: NonNegative = 0.0  # rad/s
     laser_frame: FrameName = "laser"
     scan: Topic | None = None
     battery: Topic | None = None
@@ -323,8 +328,8 @@ class RobotProfile(Struct, frozen=True, forbid_unknown_fields=True, kw_only=True
 
     @property
     def watchdog_s(self) -> float:
-        """The controller stops by itself after so long without a command, s."""
-        return self._line.watchdog_s
+        """Without a command for so long the controller stops by itself, s; `NEVER_S`: or never."""
+        return self._line.watchdog_s or NEVER_S
 
     @property
     def _line(self) -> P2osUnits | Ros2:

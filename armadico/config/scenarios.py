@@ -58,6 +58,13 @@ class Ideal(Struct, frozen=True, forbid_unknown_fields=True):
     without: tuple[str, ...]
 
 
+class Senses(Struct, frozen=True, forbid_unknown_fields=True):
+    """Who tells where obstacles are, by each sensor that a robot may have."""
+
+    sonar: str
+    laser: str
+
+
 class Society(Struct, frozen=True, forbid_unknown_fields=True):
     """Who takes part unless a scenario says otherwise, by entry points: the robot, the others."""
 
@@ -65,6 +72,7 @@ class Society(Struct, frozen=True, forbid_unknown_fields=True):
     simulator: str
     agents: tuple[str, ...]
     watch: tuple[str, ...]
+    senses: Senses
     ideal: Ideal
     exploring: Exploring
     missions: OnMissions
@@ -177,6 +185,20 @@ def beside(file: Path, name: str) -> str:
     if not path.suffix and path.name == name:
         return name  # of something that is shipped
     return str((file.parent / path.expanduser()).resolve())
+
+
+def sensing(agents: Sequence[str], robot: str) -> tuple[str, ...]:
+    """The agents, with those for the sensors that a robot has where one for any sensor stood."""
+    senses, profile = society().senses, load_profile(robot)
+    by_sensor = ((profile.sonar, senses.sonar), (profile.laser, senses.laser))
+    mine = [name for sensor, name in by_sensor if sensor is not None]
+    found: list[str] = []
+    for name in agents:
+        if name not in (senses.sonar, senses.laser):
+            found.append(name)
+        else:
+            found += [one for one in mine if one not in found]
+    return tuple(found)
 
 
 def ideal(scenario: Scenario, keeping: Sequence[str] = ()) -> Scenario:

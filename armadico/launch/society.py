@@ -34,6 +34,7 @@ from armadico.config.scenarios import (
     on_mission,
     planned,
     scenario_from,
+    sensing,
     society,
 )
 from armadico.config.worlds import load_world
@@ -137,7 +138,8 @@ def names(scenario: Scenario, without: Sequence[str] = ()) -> tuple[str, ...]:
     In a redundant society whoever competes for them is there twice.
     """
     robot = next(owners(scenario.agents, WHEELS), society().robot)
-    others = [name for name in scenario.agents if name not in (robot, *without)]
+    agents = sensing(scenario.agents, scenario.robot)
+    others = [name for name in agents if name not in (robot, *without)]
     if scenario.redundant:
         others = [name for name in others for _ in range(1 + (WHEELS in _competes_for(name)))]
     return (robot, *others)
@@ -193,14 +195,15 @@ def needed(scenario: Scenario | None, options: Options, table: HostTable) -> tup
     if scenario is None:
         return tuple(name for name in needs(tasks(None)) if name in placed)
     robot, *others = names(scenario, options.without)
-    wanted = (robot, *(name for name in needs(tasks(scenario)) if name in others))
+    needed = sensing(needs(tasks(scenario)), scenario.robot)
+    wanted = (robot, *(name for name in needed if name in others))
     return tuple(name for name in wanted if name in placed)
 
 
 def least(scenario: Scenario) -> Scenario:
     """The scenario with nobody taking part but those whom its tasks need, and who helps them."""
     robot, *_ = names(scenario)
-    taking = minimum(tasks(scenario))[1:]
+    taking = sensing(minimum(tasks(scenario))[1:], scenario.robot)
     return replace(scenario, agents=(robot, *(name for name in taking if name != robot)))
 
 

@@ -398,7 +398,7 @@ class _Canvas:
     def _walls(self, world: World) -> None:
         from matplotlib.collections import LineCollection  # noqa: PLC0415
 
-        for walls, ink, dashes in ((world.walls, INK, "-"), (world.forbidden, FORBIDDEN, "--")):
+        for walls, ink, dashes in ((world.outlines, INK, "-"), (world.forbidden, FORBIDDEN, "--")):
             lines = [[self.at(*wall[:2]), self.at(*wall[2:])] for wall in walls]
             drawn = LineCollection(lines, colors=ink, linewidths=2.4, linestyles=dashes, zorder=3)
             drawn.set_capstyle("round")

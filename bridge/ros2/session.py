@@ -15,6 +15,7 @@ import struct
 from math import atan2, copysign, cos, hypot, isfinite, remainder, sin, tau
 
 from msgspec import Struct
+from msgspec.structs import replace
 
 from armadico.bridge.ros2 import types
 from armadico.bridge.ros2.cdr import decode, encode, ros_name
@@ -38,11 +39,14 @@ LINK_TIMEOUT_S = 1.0
 
 LOOK_S = LINK_TIMEOUT_S / 2  # from a call to the next, with an open link
 LATE_S = 0.1  # an owner that calls so much later than that hung
+SILENT_S = 0.5
+"""What was said before such a silence says nothing of what the wheels do now."""
+
 RAMP_S = 0.04  # from one step of a ramp to the next
 ABSURD, ABSURD_M_S, ABSURD_RAD_S = 2.0, 0.5, 1.0  # times the tops, and more: no wheel turns so fast
 BURST = 50  # odometry that is looked at at once, after a hang
 OFTEN = 3  # times its rate is looked at, on average
-OLD_S = 0.5  # a scan that is so much older than the odometry, or newer, does not belong to it
+OLD_TURNS, OLD_CYCLES = 2.0, 2.0  # a scan older than both is none any more; nor one so much newer
 
 # A step is believed up to what the reported speeds explain over the time since the last one and
 # this many cycles more, plus what rounding and braking may add; over a silence for no longer than
@@ -51,6 +55,9 @@ SPARE_CYCLES, SPARE_M, SPARE_RAD, LONGEST_S = 2, 0.05, 0.15, 4.0
 
 _STAMP = {0: struct.Struct(">iI"), 1: struct.Struct("<iI")}  # by CDR's second byte
 _STAMP_AT = 4
+COMPLAINT = 20
+"""Letters by which one complaint of the laser is told from another."""
+
 CHARGING = 1  # of BatteryState's power_supply_status
 
 
@@ -158,11 +165,15 @@ class Session:
         self._wrong = ""  # and what is wrong with the odometry that comes
         self._seen = Seen()
         self._ration = float(BURST)
-        self._stamp = self._cycle_due = 0.0  # by the robot's clock, s
+        self._stamp, self._cycle_due = -1.0, 0.0  # by the robot's clock, s
         self._stamp_at: float | None = None  # by ours; None: it has none yet
         self._battery = (0.0, False)
         self._scan: bytes | None = None  # the newest since the cycle before
-        self._scan_stamp = 0.0
+        self._scan_stamp, self._scans = 0.0, 0
+        self._swept: Swept | None = None
+        self._laser = profile.laser
+        turn_s = 0.0 if profile.laser is None else 1.0 / profile.laser.rate_hz
+        self._old_s = max(OLD_TURNS * turn_s, OLD_CYCLES * self._ros2.cycle_s)
         self._complained = ""  # of the laser, until it is well again
         self._measured = (0.0, 0.0)
         self._asked = self._said = (0.0, 0.0)
@@ -258,10 +269,9 @@ class Session:
         due = self._fresh or (self._ramp_at is not None and self._now >= self._ramp_at)
         if self.is_open and due:
             passed = self._now - self._said_at
-            if passed > self._ros2.watchdog_s:  # it has stopped by itself, or somebody else drives
+            if passed > SILENT_S:  # it may have stopped by itself, or somebody else drives it
                 self._said = self._measured
-            dt = RAMP_S if passed > self._ros2.cycle_s else passed
-            self._said = self._ramps.step(self._said, self._asked, dt)
+            self._said = self._ramps.step(self._said, self._asked, min(passed, RAMP_S))
             self._said_at = self._now
             self._fresh = False
             self._ramp_at = None if self._said == self._asked else self._now + RAMP_S
@@ -279,7 +289,7 @@ class Session:
         self._out += said(wants(self._ros2)) + self._command(0.0, 0.0)
         self._fresh, self._ramp_at = False, None
         self._asked = self._said = (0.0, 0.0)
-        self._stamp_at = self._scan = None
+        self._stamp_at = self._scan = self._swept = None
         self._heard = self._wrong = ""
         self._attempts = 0
         self._deadline = self._now + LINK_TIMEOUT_S
@@ -315,7 +325,7 @@ class Session:
         if topic == ros2.odom.name:
             self._ration -= 1.0
             self._hear_odometry(payload)
-        elif ros2.scan is not None and topic == ros2.scan.name:
+        elif self._laser is not None and ros2.scan is not None and topic == ros2.scan.name:
             self._scan = payload
         elif ros2.battery is not None and topic == ros2.battery.name:
             state = decode(types.BatteryState, payload)
@@ -341,15 +351,14 @@ class Session:
     def _hear_odometry(self, payload: bytes) -> None:
         """By its stamp: whether it makes a cycle."""
         stamp = _stamp(payload)
-        if self._stamp_at is not None:
-            if stamp == self._stamp:  # said twice, or its clock stands still
-                self._wrong = "the odometry's stamp stands still"
-                return
-            if stamp < self._stamp:
-                self.absurd += 1
-                back = self._stamp - stamp
-                self._wrong = f"the odometry runs backwards in time, by {back:.3g} s"
-                return
+        if stamp == self._stamp:  # said twice, or its clock stands still
+            self._wrong = "the odometry's stamp stands still"
+            return
+        if self._stamp_at is not None and stamp < self._stamp:
+            self.absurd += 1
+            back = self._stamp - stamp
+            self._wrong = f"the odometry runs backwards in time, by {back:.3g} s"
+            return
         slack = 0.5 / self._ros2.odom_hz
         if self._stamp_at is not None and stamp < self._cycle_due - slack:
             self._note(stamp)
@@ -403,33 +412,45 @@ class Session:
         return Measured(place.x, place.y, yaw, v, w)
 
     def _sweep(self) -> Swept | None:
-        """The newest scan since the cycle before, if it is any good; it is said why it is not."""
+        """The newest scan, if it is any good and new enough; it is said why it is not."""
         payload, self._scan = self._scan, None
-        if payload is None:
+        if payload is not None:
+            wrong = self._look(payload)
+            if wrong and wrong[:COMPLAINT] != self._complained[:COMPLAINT]:
+                self._events.append(Noted(f"the laser is not heeded: {wrong}"))
+            self._complained = wrong
+        if self._swept is None:
             return None
-        wrong, found = "", None
+        age = self._stamp - self._scan_stamp
+        return replace(self._swept, age_s=age) if abs(age) <= self._old_s else None
+
+    def _look(self, payload: bytes) -> str:
+        """Take in a scan; what is wrong with it."""
+        before = self._scan_stamp
         try:
-            stamp = _stamp(payload)
+            self._scan_stamp = stamp = _stamp(payload)
             age = self._stamp - stamp
-            if stamp == self._scan_stamp:
-                wrong = "it says the same scan again and again"
-            elif abs(age) > OLD_S:
-                wrong = f"its scans are {age:.3g} s older than the odometry: do their clocks agree?"
-            else:
-                found = swept(decode(types.LaserScan, payload), age)
-            self._scan_stamp = stamp
+            if stamp == before:
+                return "it says the same scan again and again"
+            if abs(age) > self._old_s:
+                self._swept = None
+                return (
+                    f"its scans are older than the odometry, by {age:.3g} s: do the clocks agree?"
+                )
+            self._scans += 1
+            assert self._laser is not None, "it has one"
+            self._swept = swept(decode(types.LaserScan, payload), self._laser, self._scans)
         except ValueError as error:
             self.malformed += 1
-            wrong = str(error)
-        if wrong and wrong[:20] != self._complained[:20]:
-            self._events.append(Noted(f"the laser is not heeded: {wrong}"))
-        self._complained = wrong
-        return found
+            self._swept = None
+            return str(error)
+        return ""
 
     # What goes ------------------------------------------------------------------------------------
 
     def _command(self, v: float, w: float) -> bytes:
-        """The frame of a command."""
+        """The frame of a command, to the nearest speeds that the base can obey."""
+        v, w = _rounded(v, self._ros2.v_step), _rounded(w, self._ros2.w_step)
         twist = types.Twist(linear=types.Vector3(x=v), angular=types.Vector3(z=w))
         if not self._ros2.stamped:
             return frame(self._ros2.cmd_vel.name, encode(twist))
@@ -448,6 +469,10 @@ class Session:
     def _drain_events(self) -> list[Event]:
         events, self._events = self._events, []
         return events
+
+
+def _rounded(speed: float, step: float) -> float:
+    return step * round(speed / step) if step else speed
 
 
 def _stamp(payload: bytes) -> float:

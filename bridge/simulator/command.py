@@ -1,4 +1,4 @@
-"""Simulate a Pioneer behind a TCP port or a pseudo-terminal."""
+"""Simulate a robot behind a TCP port or a pseudo-terminal."""
 
 from __future__ import annotations
 
@@ -9,6 +9,7 @@ import secrets
 import signal
 import sys
 import threading
+import time
 from collections.abc import Sequence
 from contextlib import ExitStack
 from typing import TYPE_CHECKING, Final
@@ -29,6 +30,8 @@ PORT: Final = 8101
 LOOPBACK: Final = "ros2://?interface=lo"
 """Where a simulated ROS 2 robot is, unless told otherwise: nobody's network is meant."""
 
+DEFAULT_ROBOT: Final = "pioneer-2dx"
+
 KEY: Final = "sim/truth"
 
 EXAMPLES: Final = """\
@@ -36,13 +39,15 @@ EXAMPLES: Final = """\
   armadico sim floor --start 2 3 90 --sensors real --seed 7
   armadico sim my.map --pty /tmp/pioneer     clients open /tmp/pioneer as their serial port
   armadico sim sc1 --unkind                  with the traps of other people's controllers
-  armadico sim sc4 --robot jackal --ros2     among ROS 2's nodes on this machine, by DDS
+  armadico sim jackal sc4                    a robot that speaks ROS 2, in frames over TCP
+  armadico sim jackal sc4 --ros2             the same among ROS 2's nodes of this machine, by DDS
 """
 
 
 def main(argv: Sequence[str]) -> int:
     """Simulate until interrupted."""
     args = parser().parse_args(argv)
+    _name(args)
     mesh = options.join(args, passing=False)  # who looks for the truth alone finds it there
     scenario = _scenario(args)
     robots = [_robot(scenario, args, k) for k in range(1 + len(scenario.others))]
@@ -59,11 +64,26 @@ def main(argv: Sequence[str]) -> int:
             served.append((other, line))
             places.append(where)
             _show(other, options.join(theirs, passing=True), stack)
-        several = "a simulated Pioneer" if not args.also else f"{len(robots)} simulated Pioneers"
+        several = f"a simulated {args.robot}"
+        if args.also:
+            several = f"{len(robots)} simulated robots ({args.robot})"
         at = ", at ".join(places)
         print(f"{several} in {args.world} at {at}; Ctrl-C ends it", flush=True)
         _run(served)
     return 0
+
+
+def _name(args: argparse.Namespace) -> None:
+    """Tell the robot from the world, of the names that are given. Raises UsageError."""
+    from armadico.config.loading import names  # noqa: PLC0415 - not for --help
+
+    *robots, args.world = args.named
+    if not robots and args.world in names("robots"):
+        robots, args.world = [args.world], "empty"
+    if len(robots) > 1 or (robots and args.robot is not None):
+        named = " ".join(args.named)
+        raise options.UsageError(f"{named}: expected one world, and a robot before it at the most")
+    args.robot = args.robot or "".join(robots) or DEFAULT_ROBOT
 
 
 def _meet(robots: Sequence[SimulatedRobot]) -> None:
@@ -106,11 +126,17 @@ def parser() -> argparse.ArgumentParser:
     """The command's options."""
     made = options.parser(
         "armadico sim",
-        "A simulated Pioneer in real time. It speaks P2OS, and tells watchers the truth on"
-        " sim/truth.",
+        "A simulated robot in real time. It speaks P2OS as a Pioneer does, or ROS 2, and tells"
+        " watchers the truth on sim/truth.",
         EXAMPLES,
     )
-    made.add_argument("world", metavar="WORLD", help="a shipped world, or a .map or .yaml file")
+    made.add_argument(
+        "named",
+        nargs="+",
+        metavar=("WORLD|ROBOT", "WORLD"),
+        help="a shipped world, or a .map or .yaml file; before it a robot's profile (default"
+        f" {DEFAULT_ROBOT}); of a shipped robot alone, the empty world",
+    )
     line = made.add_mutually_exclusive_group()
     line.add_argument(
         "--port", type=int, default=PORT, help=f"TCP port (default {PORT}; 0: one that is free)"
@@ -146,7 +172,7 @@ def parser() -> argparse.ArgumentParser:
         help="another robot in the same world: its namespace, and where it stands; at a port that"
         " is free; may be repeated",
     )
-    made.add_argument("--robot", default="pioneer-2dx", help="robot profile (default %(default)s)")
+    made.add_argument("--robot", metavar="PROFILE", help="the robot, if it is not named before")
     made.add_argument(
         "--sensors", choices=("ideal", "real"), default="ideal", help="default %(default)s"
     )
@@ -272,6 +298,7 @@ def _robot(scenario: Scenario, args: argparse.Namespace, index: int = 0) -> Simu
 
     from armadico.bridge.simulator.plant import seeded  # noqa: PLC0415 - not for --help
     from armadico.bridge.simulator.robots import of_scenario  # noqa: PLC0415
+    from armadico.bridge.simulator.ros2_robot import Base  # noqa: PLC0415
 
     # By the name the robot agent tells whose truth is its robot's, and people which process it is.
     name = f"sim-{os.getpid()}-{secrets.token_hex(3)}"
@@ -280,6 +307,8 @@ def _robot(scenario: Scenario, args: argparse.Namespace, index: int = 0) -> Simu
         scenario = replace(scenario, start=scenario.others[index - 1])
         first, streams = streams, lambda name: first(f"{index}/{name}")
     robot = of_scenario(scenario, streams, name, _traps(args.unkind))
+    if isinstance(robot.controller, Base):
+        robot.controller.clock_s = time.time()
     if robot.plant.clearance() <= 0.0:
         x, y, _ = scenario.start
         raise options.UsageError(
@@ -346,7 +375,7 @@ def _ros2(args: argparse.Namespace, stack: ExitStack) -> tuple[Line, str]:
 
     profile = load_profile(args.robot)
     if not isinstance(profile, Ros2Robot):
-        raise options.UsageError(f"--ros2: {args.robot} speaks P2OS; --robot jackal, say")
+        raise options.UsageError(f"--ros2: {args.robot} speaks P2OS; armadico sim jackal --ros2, say")
     try:
         transport = addresses.robot_transport(args.ros2, profile.name)
     except ValueError as error:

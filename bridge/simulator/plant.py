@@ -22,12 +22,13 @@ from armadico.bridge.simulator.contact import SKIN_M, Contact, Motion, Outline, 
 from armadico.bridge.simulator.dynamics import Dynamics
 from armadico.bridge.simulator.encoders import Odometry
 from armadico.bridge.simulator.kinematics import Kinematics
+from armadico.bridge.simulator.laser import Lasers
 from armadico.bridge.simulator.motion import Driver
 from armadico.bridge.simulator.moving import STEP_S as MOVE_S
 from armadico.bridge.simulator.moving import Movement
 from armadico.bridge.simulator.sonar import Sonars, Surfaces
 from armadico.bridge.simulator.speed_loops import truncated
-from armadico.bridge.simulator.walls import TOUCH_M, Wall, Walls
+from armadico.bridge.simulator.walls import TOUCH_M, Column, Floats, Wall, Walls
 from armadico.config.errors import ConfigError
 from armadico.config.moving import Moving
 from armadico.config.profile import P2osRobot, Ros2Robot, SensorProfile
@@ -98,6 +99,7 @@ class Plant:
         moving: Sequence[Moving] = (),
         docks: Sequence[Pose] = (),
         charge: float = 1.0,
+        columns: Sequence[Column] = (),
     ) -> None:
         self.step_s = STEP_S
         self.blocked = False
@@ -116,6 +118,9 @@ class Plant:
         self._sonars = (
             None if profile.sonar is None else Sonars(profile.sonar, sensors, self._walls, rng)
         )
+        self._laser = (
+            None if profile.laser is None else Lasers(profile.laser, sensors, self._walls, rng)
+        )
         self._box = box_of(profile)
         self._corner_m = hypot(
             abs(self._box.ahead) + self._box.half_length, self._box.half_width
@@ -128,6 +133,7 @@ class Plant:
         self._touched: float = -inf  # the last step in which the outline touched
         self._touching = False
         self.add_walls(walls)
+        self.add_columns(columns)
         self.body = Body(self._box, self._outline.mass_kg, STEP_S)  # as other robots meet it
         self._company: Company | None = None
         self._runaway = (
@@ -142,6 +148,11 @@ class Plant:
     def add_walls(self, walls: Sequence[Wall]) -> None:
         """More walls; how each answers the sonars depends on the seed and their order."""
         self._walls.add(walls, [self._surfaces.draw() for _ in walls])
+        self._margin = 0.0
+
+    def add_columns(self, columns: Sequence[Column]) -> None:
+        """Something round, and more of it; their surfaces are drawn as those of walls."""
+        self._walls.add_columns(columns, [self._surfaces.draw() for _ in columns])
         self._margin = 0.0
 
     def add_segment(self, x1: float, y1: float, x2: float, y2: float) -> None:
@@ -220,6 +231,11 @@ class Plant:
     def ping(self, index: int) -> float | None:
         """Range that sonar `index` measures now, m; None without an echo."""
         return None if self._sonars is None else self._sonars.ping(index, self.pose)
+
+    def scan(self) -> Floats:
+        """What its laser says now: see `Lasers.scan`."""
+        assert self._laser is not None, "it has one"
+        return self._laser.scan(self.pose)
 
     def clearance(self) -> float:
         """True way from the outline to the nearest wall, m; 0 when touching, inf without walls."""

@@ -34,7 +34,7 @@ def of_scenario(
     profile = replace(profile, battery=replace(profile.battery, capacity_ah=capacity_ah))
     sensors = load_entry(find("robots", "sensors"), SensorProfile, scenario.sensors)
     docks, charge = tuple(world.docks.values()), scenario.battery.charge
-    there = (scenario.moving, docks, charge)
+    there = (scenario.moving, docks, charge, world.columns)
     if isinstance(profile, Ros2Robot):
         return Ros2SimulatedRobot(profile, sensors, world.walls, start, streams, name, *there)
     profile = replace(profile, p2os=replace(profile.p2os, name=name or profile.p2os.name))

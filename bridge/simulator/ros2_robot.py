@@ -9,7 +9,7 @@ from __future__ import annotations
 
 from collections import deque
 from collections.abc import Callable, Sequence
-from math import cos, inf, isfinite, nan, sin
+from math import copysign, cos, inf, isfinite, nan, radians, sin, trunc
 
 from pycdr2 import IdlStruct
 
@@ -20,7 +20,7 @@ from armadico.bridge.simulator.plant import Plant, Streams
 from armadico.bridge.simulator.simulated import SimulatedRobot
 from armadico.config.moving import Moving
 from armadico.config.profile import Ros2Robot, SensorProfile, Topic
-from armadico.config.worlds import Pose
+from armadico.config.worlds import Column, Pose
 
 Wall = tuple[float, float, float, float]
 
@@ -30,6 +30,8 @@ CHARGING, DISCHARGING = 1, 2  # of BatteryState's power_supply_status
 
 class Base:
     """The base on its simulated robot; nothing happens between two steps of the plant.
+
+    A laser's scan is taken in one instant, which is its stamp.
 
     Attributes:
         decoder: Of what the client says.
@@ -47,7 +49,8 @@ class Base:
         self._out = bytearray()
         self._now = 0  # this and all times below in steps of the plant
         self._latency = round(profile.ros2.latency_s / plant.step_s)
-        self._patience = round(profile.ros2.watchdog_s / plant.step_s)
+        watchdog_s = profile.ros2.watchdog_s
+        self._patience = inf if watchdog_s is None else round(watchdog_s / plant.step_s)
         self._commands: deque[tuple[int, float, float]] = deque()  # when each is obeyed
         self._set = (0.0, 0.0)
         self._trips: float = inf  # the watchdog, at this step
@@ -57,6 +60,9 @@ class Base:
             (profile.ros2.tf, profile.ros2.odom_hz, self._transforms),
             (profile.ros2.battery, BATTERY_HZ, self._battery),
         ]
+        self._laser = profile.laser
+        if profile.laser is not None:
+            rates.append((profile.ros2.scan, profile.laser.rate_hz, self._scan))
         self._topics = [
             (topic.name, rate_hz * plant.step_s, say) for topic, rate_hz, say in rates if topic
         ]
@@ -135,6 +141,7 @@ class Base:
         if isfinite(v) and isfinite(w):
             most, most_w = self._limits.v_max, self._limits.w_max
             v, w = min(max(v, -most), most), min(max(w, -most_w), most_w)
+            v, w = _whole(v, self._ros2.v_step), _whole(w, self._ros2.w_step)
             self._commands.append((self._now + self._latency, v, w))
 
     def _next_said(self) -> int:
@@ -203,6 +210,21 @@ class Base:
             ]
         )
 
+    def _scan(self) -> types.LaserScan:
+        laser = self._laser
+        assert laser is not None, "or nothing would say so"
+        first, step = radians(laser.angle_min_deg), radians(laser.step_deg)
+        return types.LaserScan(
+            header=types.Header(stamp=self._stamp(), frame_id=self._ros2.laser_frame),
+            angle_min=first,
+            angle_max=first + step * (laser.rays - 1),
+            angle_increment=step,
+            scan_time=1.0 / laser.rate_hz,
+            range_min=laser.min_m,
+            range_max=laser.max_m,
+            ranges=self._plant.scan().tolist(),
+        )
+
     def _battery(self) -> types.BatteryState:
         battery = self._plant.battery
         return types.BatteryState(
@@ -217,6 +239,11 @@ class Base:
             power_supply_status=CHARGING if battery.charging else DISCHARGING,
             present=True,
         )
+
+
+def _whole(speed: float, step: float) -> float:
+    """What a base that counts in whole steps makes of a speed: towards zero."""
+    return speed if step == 0.0 else step * trunc(speed / step + copysign(1e-6, speed))
 
 
 class Ros2SimulatedRobot(SimulatedRobot):
@@ -235,11 +262,12 @@ class Ros2SimulatedRobot(SimulatedRobot):
         moving: Sequence[Moving] = (),
         docks: Sequence[Pose] = (),
         charge: float = 1.0,
+        columns: Sequence[Column] = (),
     ) -> None:
-        """Stand at `start` (m, m, rad) among walls (m), what moves, and docks (poses).
+        """Stand at `start` (m, m, rad) among walls and columns (m), what moves, and docks (poses).
 
         `name` is the node that it says it is; `charge` the share of its battery that is left.
         """
-        plant = Plant(profile, sensors, walls, start, streams, moving, docks, charge)
+        plant = Plant(*(profile, sensors, walls, start, streams, moving, docks, charge, columns))
         base = Base(profile, plant, name or profile.name)
         super().__init__(plant, base, name or profile.name, profile.cycle_s)

@@ -239,7 +239,7 @@ class GlobalMap:
         self._canvas.fix(f"{ROOT}/numbers", numbers)
 
     def _walls(self, world: World) -> None:
-        for name, lines in (("walls", world.walls), ("forbidden", world.forbidden)):
+        for name, lines in (("walls", world.outlines), ("forbidden", world.forbidden)):
             ink = palette.WALL if name == "walls" else palette.FORBIDDEN
             strips = [[line[:2], line[2:]] for line in lines]
             drawn = rr.LineStrips2D(strips, radii=pixels(1.4), colors=ink, draw_order=6)
