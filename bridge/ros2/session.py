@@ -346,7 +346,13 @@ class Session:
         for note in seen.notes:
             if note not in self._seen.notes:
                 self._events.append(Noted(note))
+        named = seen.robot not in ("", self._seen.robot)
         self._seen = seen
+        if named and self.is_open:  # it drove before anybody told its name
+            self._events.append(self._connected())
+
+    def _connected(self) -> Connected:
+        return Connected(self._seen.robot, "ROS 2", "")
 
     def _hear_odometry(self, payload: bytes) -> None:
         """By its stamp: whether it makes a cycle."""
@@ -373,7 +379,7 @@ class Session:
         if not self.is_open:
             self.is_open = True
             self._attempts = 0
-            self._events.append(Connected(self._seen.robot, "ROS 2", ""))
+            self._events.append(self._connected())
         self._measured = (here.v, here.w)
         volts, charging = self._battery
         self._events.append(
