@@ -87,8 +87,8 @@ class ScanMap(Near):
         """
         ranges, bearings = ranges_of(scan), bearings_of(scan)
         hits = np.flatnonzero(np.isfinite(ranges))
-        away, looks = ranges[hits], bearings[hits]
-        own = self._within(scan.x + away * np.cos(looks), scan.y + away * np.sin(looks))
+        away, along = ranges[hits], bearings[hits]
+        own = self._within(scan.x + away * np.cos(along), scan.y + away * np.sin(along))
         ranges[hits[own]] = np.nan
         tells = int(np.count_nonzero(~np.isnan(ranges)))
         self._rays = _Rays(scan.x, scan.y, scan.bearing, scan.step, ranges)

@@ -69,6 +69,7 @@ class Gateway:
         self._goal: tuple[str, MissionRequest] | None = None
         self._goal_at = -math.inf
         self._mission: Mission | None = None
+        self._request: MissionRequest | None = None  # that it came of
         self._offset = time.time_ns() - round(1e9 * mesh.now())  # from the mesh's time, ns
         for each in translators:
             self._client.listen(*each.kinds, then=self._taker(each))
@@ -82,7 +83,8 @@ class Gateway:
         now = self._mesh.now()
         if self._goal is not None and now >= self._goal_at:
             (topic, request), self._goal, self._goal_at = self._goal, None, now + GOAL_S
-            self._drive(topic, request)
+            if not self._under_way(request):
+                self._drive(topic, request)
         self._follow()
 
     def _taker(self, translator: Translator) -> Callable[[Message, float], None]:
@@ -103,6 +105,12 @@ class Gateway:
         except ValueError as error:
             self._say(f"{asked.topic} refused: {error}")
 
+    def _under_way(self, request: MissionRequest) -> bool:
+        """Whether the robot drives there already: some say the same goal again and again."""
+        if self._mission is None or request != self._request:
+            return False
+        return self._mission.status is not None
+
     def _drive(self, topic: str, request: MissionRequest) -> None:
         """Samples are passed on meanwhile."""
         goal = request.goal
@@ -112,7 +120,7 @@ class Gateway:
         except SocietyError as error:
             self._say(f"{topic} {where} refused: {error}")
             return
-        self._mission = Mission(self._client, reply)
+        self._mission, self._request = Mission(self._client, reply), request
         state = self._client.latest(RobotState)
         stopped = state is not None and state.stop.stopped
         until = ", once the stop is released: `armadico resume`" if stopped else ""

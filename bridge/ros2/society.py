@@ -14,7 +14,7 @@ from __future__ import annotations
 import math
 import re
 from collections import deque
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from typing import Any, Final, NamedTuple, TypeVar
 
 import msgspec
@@ -28,6 +28,7 @@ from armadico.config.worlds import World
 from armadico.core import messages as m
 from armadico.core.behaviour import LOST_M
 from armadico.core.geometry import Pose2, compose, relative, wrap
+from armadico.core.scans import ranges_of
 from armadico.observe.translators import Channel, Sample
 from armadico.observe.view import FRESH_CYCLES, agent_of, driver
 
@@ -172,20 +173,20 @@ class Society:
 
     def __init__(self, namespace: str = "", world: World | None = None) -> None:
         """See `Makes`. A namespace begins topics (`/robot1/odom`) and frames (`robot1/odom`)."""
-        self._prefix = f"{ros_namespace(namespace)}/" if namespace else ""
-        self._namespace = namespace
+        self.namespace = ros_namespace(namespace)
+        self._prefix = f"{self.namespace}/" if namespace else ""
         self._world = world
         self._channels = {name: self._channel(name, *_NAMES[name]) for name in _NAMES}
         self.channels: Sequence[Channel] = tuple(self._channels.values())
         self.goals = self._channel(_GOAL, types.PoseStamped, 1, "")
         self.profile = "ros2"
         # rosbag2 reads quality of service as numbers where no version is told, as Iron wrote it.
-        self.about = {"rosbag2": {"ROS_DISTRO": "iron"}}
+        self.about: Mapping[str, Mapping[str, str]] = {"rosbag2": {"ROS_DISTRO": "iron"}}
         self._states: deque[_State] = deque(maxlen=STATES)
         self._base: Pose2 | None = None  # of the robot in the map, as it was last said
         self._odom: Pose2 | None = None  # where the odometry's origin lies in it
         self._sonars: dict[tuple[float, float, float], str] = {}
-        self._scan: tuple[int, int] | None = None  # the epoch and number of the last one
+        self._scan: tuple[int, int] | None = None  # the epoch and number of the newest
         self._near: dict[str, m.Obstacles] = {}  # by key: of each sensor
         self._local: dict[str, m.LocalMap] = {}
         self._grid: m.OccupancyGrid | None = None
@@ -201,6 +202,7 @@ class Society:
             m.RobotState: self._take_state,
             m.Pose: self._take_pose,
             m.Sonar: self._take_sonar,
+            m.Scan: self._take_scan,
             m.Obstacles: self._take_obstacles,
             m.LocalMap: self._take_local_map,
             m.OccupancyGrid: self._take_grid,
@@ -329,6 +331,31 @@ class Society:
     def _keep(self, _: str, message: m.Message, _at: int) -> Iterator[_Said]:
         setattr(self, _KEPT[type(message)], message)
         yield from ()
+
+    def _take_scan(self, _: str, scan: m.Scan, at: int) -> Iterator[_Said]:
+        """Once each, in a frame that lies where the laser was, so that nothing is turned."""
+        which = (scan.cycle.epoch, scan.number)
+        if which == self._scan:
+            return  # a laser that is slower than the cycles
+        self._scan = which
+        try:
+            found = ranges_of(scan)  # NaN: nothing valid, infinite: nothing there, by REP-117
+        except ValueError:  # anybody may say anything
+            return
+        stamp = self._stamp(scan.cycle, at)
+        place = (scan.x, scan.y, 0.0)
+        yield _OWN_TF, types.TFMessage([self._transform(stamp, self._prefix + BASE, SCAN, place)])
+        yield (
+            "scan",
+            types.LaserScan(
+                self._header(stamp, SCAN),
+                angle_min=scan.bearing,
+                angle_max=scan.bearing + scan.step * max(len(found) - 1, 0),
+                angle_increment=scan.step,
+                range_max=scan.reach,
+                ranges=found.tolist(),
+            ),
+        )
 
     def _take_obstacles(self, key: str, obstacles: m.Obstacles, at: int) -> Iterator[_Said]:
         """The points of all sensors that have spoken within the freshest cycles."""

@@ -83,6 +83,16 @@ def test_the_newest_of_several_goals_is_asked_for(scene: Scene) -> None:
     assert [line.split(" accepted")[0] for line in scene.said] == ["/goal_pose 0.50 0.00 0"]
 
 
+def test_a_goal_that_is_said_again_and_again_is_one_mission(scene: Scene) -> None:
+    for _ in range(40):
+        scene.outside.goals = [goal(2.0, 0.0)]
+        scene.gateway.turn()
+    assert len(scene.said) == 1
+    scene.outside.goals = [goal(1.0, 0.0)]
+    scene.until(lambda: len(scene.said) > 1)
+    assert scene.said[1].startswith("/goal_pose 1.00 0.00 0 accepted")
+
+
 def test_samples_come_out_while_a_way_is_planned(scene: Scene) -> None:
     scene.outside.goals = [goal(0.5, 0.0)]
     before = len(scene.outside.got)

@@ -15,6 +15,7 @@ from armadico.config.grid_map import Cells, message_of
 from armadico.config.worlds import World
 from armadico.core import messages as m
 from armadico.core.geometry import compose
+from armadico.core.scans import message_of as message_of_scan
 
 SECOND = 1_000_000_000
 NOW = 1_700_000_000 * SECOND + 5
@@ -155,6 +156,62 @@ def test_who_makes_up_sonars_and_resources_without_end_is_not_heard() -> None:
     assert len(found["/sonar"]) == 1
     (told,) = said(society, state(), at=NOW + 9 * SECOND)["/diagnostics"]
     assert len(told.status) == MOST + 1
+
+
+def test_a_scan_is_a_laser_scan_where_the_laser_was_then() -> None:
+    ranges = [1.0, math.inf, math.nan, 2.5]
+    scan = message_of_scan(cycle(), ranges, (-0.3, 0.2), (0.1, 5.0), (0.12, 0.05, 0.0), number=4)
+    society = Society()
+    found = said(society, state(), scan)
+    (laser,) = found["/scan"]
+    assert laser.header.frame_id == "base_scan"
+    assert laser.angle_min == pytest.approx(-0.3)
+    assert laser.angle_max == pytest.approx(0.3)
+    assert laser.angle_increment == pytest.approx(0.2)
+    assert laser.range_max == pytest.approx(5.0)
+    assert laser.ranges[0] == pytest.approx(1.0)
+    assert laser.ranges[1] == math.inf
+    assert math.isnan(laser.ranges[2])
+    moved = transforms(found["/tf"])["base_scan"]
+    assert (moved.header.frame_id, moved.header.stamp) == ("base_link", laser.header.stamp)
+    assert where(moved) == pytest.approx((0.12, 0.05, 0.0))
+    assert "/scan" not in said(society, scan), "a laser that is slower than the cycles"
+
+
+def test_a_scan_that_turns_the_other_way_keeps_its_angles() -> None:
+    scan = message_of_scan(cycle(), [1.0, 2.0], (0.3, -0.2), (0.1, 5.0), (0.0, 0.0, 0.0))
+    (laser,) = said(Society(), scan)["/scan"]
+    assert (laser.angle_min, laser.angle_max) == (pytest.approx(0.3), pytest.approx(0.1))
+    assert laser.angle_increment == pytest.approx(-0.2)
+
+
+def test_a_scan_without_a_ray_is_a_scan_without_a_range() -> None:
+    (laser,) = said(Society(), m.Scan(cycle(), 0, 0, 0, 0.1, 5.0, b""))["/scan"]
+    assert not laser.ranges
+
+
+@pytest.mark.parametrize(
+    "absurd",
+    [
+        m.Scan(cycle(), 0, 0, 0, 0.1, 5.0, b"odd"),
+        m.Scan(cycle(), 0, 0, 0, 0.0, 5.0, b"even"),
+        m.Scan(cycle(), 10, -10, 1e6, -1.0, 100, bytes(4096)),
+        m.RobotState(cycle(), 2e5, -2e5, 1e6, 100, -1000, 1e4, False, True),
+        m.Pose(cycle(), 1e6, -1e6, -1e6, (1e6,) * 6),
+        m.Sonar(cycle(), 100, (m.Echo(10, 10, -1e6, 100),)),
+        m.Obstacles(cycle(), None, None, None, None, (m.Point(1e6, -1e6),) * 2048),
+        m.LocalMap(cycle(), 1, 1, 1e-9, (m.Cell(359, 999, 1, 1e6, -1e6),)),
+        m.Trajectory(0, 0, (m.Waypoint(1e6, -1e6, 1e6),) * 1024, m.Point(-1e6, 1e6)),
+        m.Ack("é" * 100, cycle(), None, BALLOT, cycle()),
+        m.MissionStatus(0, m.MissionState.FAILED, 1e6, 2**52, "\u2764" * 100),
+        m.BatteryLevel(cycle(), 1e4, 1, 1e12),
+    ],
+    ids=lambda message: type(message).__name__,
+)
+def test_whatever_a_message_may_hold_ends_nobody(absurd: m.Message) -> None:
+    society = ready()
+    said(society, absurd)
+    assert "/odom" in said(society, state(2))
 
 
 def test_obstacles_are_points_in_the_body_frame() -> None:
