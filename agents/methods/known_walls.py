@@ -5,7 +5,7 @@ end of one that stands edge-on. Who knows the map and where it is on it knows th
 Each wall is a row of places. A place is believed less the less sure the pose is; and it is doubted
 where a sonar looked at it squarely and heard something behind: what the map has shut may be open.
 Silence is no doubt, since that is what a dead wall sounds like. What is forbidden no sonar
-hears, so it is never doubted.
+hears, so it is never doubted. A laser tells by the place whether it saw it or looked through it.
 
 An echo from as far as a place that is believed, and not far off the axis, is that place's. On the
 axis, where one that nothing explains is put, the posts of a door would stand in the door.
@@ -17,11 +17,12 @@ middle of the wheel axle; metres and radians.
 from __future__ import annotations
 
 import math
-from collections.abc import Iterable, Iterator, Sequence
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from itertools import chain
 from typing import NamedTuple
 
-from armadico.agents.methods.local_map import Echo, Obstacle
+from armadico.agents.methods.local_map import Echo
+from armadico.agents.methods.near import Look, Obstacle
 from armadico.agents.methods.settings import WallSettings
 from armadico.core.geometry import Pose2
 from armadico.core.messages import COVARIANCE
@@ -58,6 +59,18 @@ class _Place(NamedTuple):
     nx: float
     ny: float
     stands: bool
+
+
+class _Bare(NamedTuple):
+    """A place from where the robot is, in the world's directions, as the map has it."""
+
+    three: int
+    dx: float
+    dy: float
+    nx: float  # of the wall's normal that points away from the robot
+    ny: float
+    side: int
+    off: float
 
 
 class _Near(NamedTuple):
@@ -100,7 +113,10 @@ class KnownWalls:
             self._buckets.setdefault(key, []).append(place)
         self._anchor = (math.inf, math.inf)
         self._around: list[_Place] = []  # within reach of the anchor, and a little farther
+        self._looked: tuple[Pose2, tuple[float, ...], bool] | None = None  # from where, how surely
+        self._bare: list[_Bare] = []  # what was there,
         self._near: list[_Near] = []
+        self._moved: dict[int, float] = {}  # and by what it had been heard then
         self._weight = 0.0
         self._off = 0.0  # the pose's standard deviation, m
         self._doubts: dict[int, float] = {}  # by the number of the three
@@ -120,18 +136,40 @@ class KnownWalls:
                 is, and then it may be anywhere.
             old: Whether nobody has been sure of it for long: no wall is believed by it.
         """
-        s, self._near, self._weight, self._off = self.settings, [], 0.0, 0.0
+        s, self._weight, self._off = self.settings, 0.0, 0.0
         if pose is None or len(covariance) < COVARIANCE or s.reach_m <= 0.0:
+            self._looked, self._near = None, []
             return
         xx, xy, _, yy = covariance[:4]
         self._off = math.sqrt(max(0.0, xx + yy))
         self._weight = 0.0 if old else 1.0 - self._off / s.unknown_m
         believed = self.known
         if not (believed or self._forbids):
+            self._looked, self._near = None, []
             return
-        x, y, theta = pose
-        cos, sin = math.cos(theta), math.sin(theta)
-        reach = s.explains_m * s.explains_m
+        moved = {three: heard[0] for three, heard in self._heard.items()}
+        looked = pose, (xx, xy, yy), believed
+        cos, sin = math.cos(pose[2]), math.sin(pose[2])
+        if looked != self._looked:
+            self._bare = list(self._seen_from(pose, (xx, xy, yy), believed))
+            self._near = [_put(bare, moved.get(bare.three), cos, sin) for bare in self._bare]
+        elif moved != self._moved:  # it stands: only what it has heard is elsewhere
+            before = self._moved
+            self._near = [
+                near
+                if (by := moved.get(bare.three)) == before.get(bare.three)
+                else _put(bare, by, cos, sin)
+                for bare, near in zip(self._bare, self._near, strict=True)
+            ]
+        self._looked, self._moved = looked, moved
+
+    def _seen_from(
+        self, pose: Pose2, covariance: tuple[float, float, float], believed: bool
+    ) -> Iterator[_Bare]:
+        """The places within reach of a pose, whose position has this covariance: xx, xy, yy."""
+        x, y, _ = pose
+        xx, xy, yy = covariance
+        reach = self.settings.explains_m * self.settings.explains_m
         for three, wx, wy, nx, ny, _ in self._within(x, y):
             dx, dy = wx - x, wy - y
             forbidden = three == UNDOUBTED
@@ -143,30 +181,16 @@ class KnownWalls:
             off = 0.0
             if not forbidden:
                 off = math.sqrt(max(0.0, xx * nx * nx + 2.0 * xy * nx * ny + yy * ny * ny))
-            heard = self._heard.get(three)
-            by = off if heard is None else min(off, side * heard[0])
-            dx, dy = dx + by * nx, dy + by * ny
-            self._near.append(
-                _Near(
-                    three,
-                    cos * dx + sin * dy,
-                    cos * dy - sin * dx,
-                    cos * nx + sin * ny,
-                    cos * ny - sin * nx,
-                    math.hypot(dx, dy),
-                    side,
-                    off,
-                    by,
-                )
-            )
+            yield _Bare(three, dx, dy, nx, ny, side, off)
 
-    def hear(self, echoes: Iterable[Echo]) -> None:
-        """Doubt the places that had to answer a ping and did not, though something behind did."""
+    def hear(self, echoes: Sequence[Echo]) -> list[bool]:
+        """Doubt the places that had to answer a ping and did not, though something behind did.
+
+        Returns of each echo whether the map has a wall that it comes from, somewhere in the sonar's
+        cone. That wall is no farther then than it was heard: the pose may be off, a range hardly.
+        """
         s = self.settings
-        for three in list(self._doubts):
-            self._doubts[three] *= s.memory
-            if self._doubts[three] < FORGOTTEN:
-                del self._doubts[three]
+        self._fade()
         self._heard = {
             three: (by, ago + 1) for three, (by, ago) in self._heard.items() if ago < HEARD_CYCLES
         }
@@ -189,10 +213,39 @@ class KnownWalls:
                     through.add(three)
                 elif along < free + 2.0 * s.margin_m:
                     answered.add(three)
-            for three in through:
-                self._doubts[three] = min(1.0, self._doubts.get(three, 0.0) + s.miss)
-            for three in answered:
-                self._doubts.pop(three, None)
+            self._judge(through, answered)
+        return [self._explains(echo) for echo in echoes]
+
+    def see(self, looked: Callable[[list[tuple[float, float]]], Sequence[Look]]) -> None:
+        """Doubt the places that a laser looked through, and no more those that it sees.
+
+        `looked` says of places in the body frame what came of looking there.
+        """
+        self._fade()
+        places = [
+            p for p in self._near if p.three != UNDOUBTED and p.distance <= self.settings.reach_m
+        ]
+        looks = looked([(place.x, place.y) for place in places])
+        through, answered = set(), set()
+        for place, look in zip(places, looks, strict=True):
+            if look is Look.THROUGH:
+                through.add(place.three)
+            elif look is Look.SEEN:
+                answered.add(place.three)
+        self._judge(through - answered, answered)
+
+    def _fade(self) -> None:
+        """Doubts are forgotten."""
+        for three in list(self._doubts):
+            self._doubts[three] *= self.settings.memory
+            if self._doubts[three] < FORGOTTEN:
+                del self._doubts[three]
+
+    def _judge(self, through: Iterable[int], answered: Iterable[int]) -> None:
+        for three in through:
+            self._doubts[three] = min(1.0, self._doubts.get(three, 0.0) + self.settings.miss)
+        for three in answered:
+            self._doubts.pop(three, None)
 
     def points(self) -> list[Obstacle]:
         """The nearest place that is believed, in each direction in which there is one."""
@@ -208,11 +261,7 @@ class KnownWalls:
                 best[at] = place
         return [Obstacle(place.x, place.y, place.distance) for place in best.values()]
 
-    def explains(self, echo: Echo) -> bool:
-        """Whether the map has a wall that the echo comes from, somewhere in the sonar's cone.
-
-        That wall is no farther then than it was heard: the pose may be off, a range hardly is.
-        """
+    def _explains(self, echo: Echo) -> bool:
         if echo.range is None:
             return False
         s = self.settings
@@ -223,8 +272,11 @@ class KnownWalls:
             if place.three == UNDOUBTED:  # and unheard
                 continue
             dx, dy = place.x - echo.x, place.y - echo.y
+            ahead = cos * dx + sin * dy
+            if ahead < 0.0:
+                continue
             away = math.hypot(dx, dy)
-            if abs(away - echo.range) > near or cos * dx + sin * dy < s.explains_cone * away:
+            if abs(away - echo.range) > near or ahead < s.explains_cone * away:
                 continue
             if self._believed(place):
                 may.append((away, place))
@@ -267,6 +319,24 @@ class KnownWalls:
                 and (place.stands or away <= FAR_M + AHEAD_M)
             ]
         return self._around
+
+
+def _put(bare: _Bare, heard: float | None, cos: float, sin: float) -> _Near:
+    """A place in the body's frame, by what the pose may be off or it has been heard."""
+    three, dx, dy, nx, ny, side, off = bare
+    by = off if heard is None else min(off, side * heard)
+    dx, dy = dx + by * nx, dy + by * ny
+    return _Near(
+        three,
+        cos * dx + sin * dy,
+        cos * dy - sin * dx,
+        cos * nx + sin * ny,
+        cos * ny - sin * nx,
+        math.hypot(dx, dy),
+        side,
+        off,
+        by,
+    )
 
 
 def _buckets(middle: float, reach: float) -> range:

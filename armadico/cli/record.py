@@ -73,6 +73,12 @@ def parser() -> argparse.ArgumentParser:
     made.add_argument("--force", action="store_true", help="replace a file that exists")
     made.add_argument("--quiet", action="store_true", help="no progress")
     options.add_mesh_options(made)
+    add_namespaces(made)
+    return made
+
+
+def add_namespaces(made: argparse.ArgumentParser) -> None:
+    """In place of the option of the mesh that takes one namespace, one that takes several."""
     default = made.get_default("namespace")
     several = made.add_argument_group("several robots", conflict_handler="resolve")
     several.add_argument(
@@ -83,7 +89,6 @@ def parser() -> argparse.ArgumentParser:
         help=f"which robot; may be repeated (default: {default})",
     )
     made.set_defaults(namespace=default)
-    return made
 
 
 def _check(args: argparse.Namespace) -> None:
@@ -110,13 +115,14 @@ def _record(
     args: argparse.Namespace, namespaces: Sequence[str], meshes: Sequence[ZenohMesh]
 ) -> None:
     from armadico.observe.recorder import Recording, record  # noqa: PLC0415 - not for --help
+    from armadico.observe.translators import translators  # noqa: PLC0415 - not for --help
     from armadico.observe.watching import Watcher  # noqa: PLC0415 - not for --help
 
     limit = None if args.max_size is None else int(args.max_size * MEGABYTE)
     about = {"version": options.version(), "namespaces": " ".join(namespaces)}
     if args.force:
         args.file.unlink(missing_ok=True)
-    recording = Recording(args.file, about, limit)
+    recording = Recording(args.file, about, limit, translators(list(dict.fromkeys(namespaces))))
     watcher = Watcher(meshes)
     begun = time.monotonic()
     try:

@@ -313,8 +313,14 @@ def _options(args: argparse.Namespace) -> Options:
 def _check_robot(url: str) -> None:
     """Raises UsageError for what is no address, FailedError if there is no such serial port."""
     from armadico.config.hosts import robot_fault, serial_port  # noqa: PLC0415 - not for --help
+    from armadico.config.loading import names  # noqa: PLC0415 - not for --help
 
     fault = robot_fault(url)
+    if url in names("robots"):
+        raise UsageError(
+            f"--robot {url}: it is the address of a robot that is there; --profile {url} simulates"
+            " one of that make"
+        )
     if fault is not None:
         raise UsageError(f"--robot {url!r}: {fault}")
     port = serial_port(url)
@@ -642,7 +648,7 @@ def _check_picture(path: Path | None) -> None:
 
 
 def _plot(path: Path, run: Run) -> None:
-    """World, path coloured by holder, sonar echoes; a warning if nothing can draw."""
+    """World, path coloured by holder, what was heard or seen; a warning if nothing can draw."""
     try:
         run.plot(path)
     except ImportError:

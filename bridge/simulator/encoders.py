@@ -68,9 +68,12 @@ class Odometry:
         streams: Callable[[str], Random],
     ) -> None:
         track, rng = profile.body.half_track_m, streams("odometry")
+        turn_error = sensors.turn_error
+        if turn_error and profile.drive is not None:  # which floor it is on, too
+            turn_error += profile.drive.scrub
         skew, turn, way = (
             rng.uniform(-most, most)
-            for most in (sensors.drift_rad_m * track, sensors.turn_error, sensors.way_error)
+            for most in (sensors.drift_rad_m * track, turn_error, sensors.way_error)
         )
         ticks = TICKS_PER_M * (1.0 + way)
         self._dt = dt

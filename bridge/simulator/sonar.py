@@ -8,8 +8,10 @@ dead one, nor what is behind them. The echo is the nearest of what comes back. W
 To smooth walls the sound is light to a mirror. They are heard where they are square to the sensor,
 ever more seldom the farther that is from its axis. An inner corner throws the sound back whence it
 came, an edge scatters a little of it. What meets a mirror at a slant goes on, may meet another wall
-squarely and come back by the same way: an echo from too far. And what has come back to nobody is
-still in the air when the next sonar listens. `docs/worlds.md` has the sources.
+squarely and come back by the same way: an echo from too far. A smooth column is heard where it is
+nearest: there it is always square to the sensor; as a mirror it throws nothing on to others. And
+what has come back to nobody is still in the air when the next sonar listens. `docs/worlds.md` has
+the sources.
 
 Noise, loss and surfaces come from streams of their own, and each ping draws the same number of
 times whatever it meets: one wall more does not change another one's noise. Rays start at the
@@ -23,10 +25,10 @@ processor can.
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Sequence
-from math import atan2, cos, hypot, inf, radians, sin, tan, tau
+from math import atan2, cos, hypot, inf, radians, sin, sqrt, tan, tau
 from random import Random
 
-from armadico.bridge.simulator.walls import DEAD, Corner, Segment, Surface, Walls
+from armadico.bridge.simulator.walls import DEAD, Corner, Round, Segment, Surface, Walls
 from armadico.config.profile import SensorProfile, SonarRing
 
 RAYS = 11  # 3 degrees apart in a cone of 30: nothing wider than 0.26 m at 5 m slips through
@@ -94,7 +96,7 @@ class Sonars:
         elif luck < sensors.dropout:
             return None
         else:
-            nearest = echo(in_cone(walls, sensor, self._edge, most), self._fan)
+            nearest = echo(in_cone(walls, sensor, self._edge, most), self._fan, self._round(sensor))
         if nearest > most:
             return None
         noise *= max(sensors.sonar_noise_m, sensors.sonar_noise * nearest)
@@ -106,9 +108,9 @@ class Sonars:
         """The range that comes back of smooth walls and rough ones, m; inf if none does."""
         strength, bounce, direction, crossed, stray = (self._rng.random() for _ in range(5))
         sensors, (least, most) = self._sensors, self._range
-        seen = in_cone(walls, sensor, self._edge, most)
-        nearest = inf if lost else self._direct(seen, sensor, strength)
-        straying, self._stray = self._stray, nearest > most and bool(seen)
+        seen, columns = in_cone(walls, sensor, self._edge, most), self._round(sensor)
+        nearest = inf if lost else self._direct(seen, columns, sensor, strength)
+        straying, self._stray = self._stray, nearest > most and bool(seen or columns)
         if nearest > most and bounce < sensors.multipath and not lost:
             aim = self._half * (2.0 * direction - 1.0)
             nearest = by_a_mirror(walls, sensor, (cos(aim), sin(aim)), strength, self._half)
@@ -116,18 +118,27 @@ class Sonars:
             nearest = min(nearest, least + stray * (most - least))
         return nearest
 
+    def _round(self, sensor: tuple[float, float, float]) -> list[Round]:
+        """The columns in the cone, in the sensor's frame."""
+        columns = self._walls.plain_columns(sensor[0], sensor[1])
+        return round_in_cone(columns, sensor, self._edge, self._range[1]) if columns else columns
+
     def _direct(
-        self, seen: Sequence[Segment], sensor: tuple[float, float, float], strength: float
+        self,
+        seen: Sequence[Segment],
+        columns: Sequence[Round],
+        sensor: tuple[float, float, float],
+        strength: float,
     ) -> float:
         """The nearest place that answers by itself and is not hidden, m."""
         nearest = inf
-        if any(wall[5] <= 1.0 for wall in seen):
-            nearest = echo(seen, self._fan)
-        heard = [*self._feet(seen), *self._ends(seen, sensor)]
+        if any(wall[5] <= 1.0 for wall in seen) or any(column[3] <= 1.0 for column in columns):
+            nearest = echo(seen, self._fan, columns)
+        heard = [*self._feet(seen), *self._fronts(columns), *self._ends(seen, sensor)]
         for way, chance, x, y in sorted(heard):
             if way >= nearest:
                 break
-            if strength < chance and visible(seen, x, y):
+            if strength < chance and visible(seen, x, y, columns):
                 return way
         return nearest
 
@@ -140,6 +151,14 @@ class Sonars:
                 if ahead > 0.0:
                     chance = fade(ahead, left, self._half, gone)
                     yield hypot(ahead, left), chance, ahead, left
+
+    def _fronts(self, columns: Sequence[Round]) -> Iterator[Heard]:
+        """Where smooth columns are nearest."""
+        for x, y, radius, _, gone in columns:
+            away = hypot(x, y)
+            if gone and away > radius and x > 0.0:
+                share = (away - radius) / away
+                yield away - radius, fade(x, y, self._half, gone), share * x, share * y
 
     def _ends(self, seen: Sequence[Segment], sensor: tuple[float, float, float]) -> Iterator[Heard]:
         """Corners and edges."""
@@ -192,10 +211,27 @@ def in_cone(
     return seen
 
 
-def echo(walls: Sequence[Segment], rays: Sequence[Ray]) -> float:
-    """Way to the nearest wall that scatters, m; inf if none does. All in the sensor's frame."""
+def round_in_cone(
+    columns: Sequence[Round], sensor: tuple[float, float, float], edge: Ray, most: float
+) -> list[Round]:
+    """Columns that a ray may meet within `most` (m), in the sensor's frame."""
+    sensor_x, sensor_y, heading = sensor
+    c, s = cos(heading), sin(heading)
+    edge_x, edge_y = edge[0], abs(edge[1])
+    seen = []
+    for column_x, column_y, radius, scatters, gone in columns:
+        away_x, away_y = column_x - sensor_x, column_y - sensor_y
+        x, y = away_x * c + away_y * s, away_y * c - away_x * s
+        beside = abs(y) * edge_x - x * edge_y  # of the cone's edge
+        if beside <= radius and -radius <= x and x * x + y * y <= (most + radius) ** 2:
+            seen.append((x, y, radius, scatters, gone))
+    return seen
+
+
+def echo(walls: Sequence[Segment], rays: Sequence[Ray], columns: Sequence[Round] = ()) -> float:
+    """Way to the nearest that scatters, m; inf if nothing does. All in the sensor's frame."""
     nearest = inf
-    for ray_x, ray_y in rays if walls else ():
+    for ray_x, ray_y in rays if walls or columns else ():
         first, heard = nearest, False  # an echo already found hides what is farther
         for x, y, along_x, along_y, length, scatters, _ in walls:
             cosine = ray_x * along_y - ray_y * along_x  # of the angle to the normal, signed
@@ -206,6 +242,13 @@ def echo(walls: Sequence[Segment], rays: Sequence[Ray]) -> float:
                 seam = (x * ray_y - y * ray_x) / cosine  # along the wall, from its start
                 if -SEAM_M <= seam <= length + SEAM_M:
                     first, heard = way, abs(cosine) >= scatters
+        for x, y, radius, scatters, _ in columns:
+            aside = x * ray_y - y * ray_x
+            if abs(aside) < radius:
+                cosine = sqrt(1.0 - (aside / radius) ** 2)
+                way = x * ray_x + y * ray_y - radius * cosine
+                if 0.0 <= way < first:
+                    first, heard = way, cosine >= scatters
         if heard:
             nearest = first
     return nearest
@@ -220,8 +263,14 @@ def fade(x: float, y: float, within: float, gone: float) -> float:
     return 1.0 - share * share * (3.0 - 2.0 * share)
 
 
-def visible(walls: Sequence[Segment], x: float, y: float) -> bool:
-    """Whether no wall stands between the sensor and a place (which may lie on one)."""
+def visible(walls: Sequence[Segment], x: float, y: float, columns: Sequence[Round] = ()) -> bool:
+    """Whether nothing stands between the sensor and a place (which may lie on what does)."""
+    square = x * x + y * y
+    for column_x, column_y, radius, *_ in columns:
+        along = (column_x * x + column_y * y) / square if square else 1.0
+        along = min(max(along, 0.0), 1.0)
+        if hypot(column_x - along * x, column_y - along * y) < radius - SLACK_M:
+            return False
     for wall_x, wall_y, along_x, along_y, length, *_ in walls:
         across = x * along_y - y * along_x
         if across != 0.0:

@@ -30,9 +30,10 @@ def test_two_robots_share_the_tasks_and_touch_nothing() -> None:
 
 
 def test_the_same_seed_is_the_same_run() -> None:
-    one, other = run(SHORT, 2, 5), run(SHORT, 2, 5)
+    one, other = (run(SHORT, 2, 5, limit=20.0) for _ in range(2))
+    assert all(row.way_m > 1.0 for row in one.robots), "both are on their way"
     assert one == other
-    assert run(SHORT, 2, 6) != one
+    assert run(SHORT, 2, 6, limit=20.0) != one
 
 
 def test_a_robot_that_has_fallen_silent_is_not_said_to_hold_anything() -> None:
