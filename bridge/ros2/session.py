@@ -59,6 +59,10 @@ _STAMP_AT = 4
 COMPLAINT = 20
 """Letters by which one complaint of the laser is told from another."""
 
+UNWATCHED = (
+    "this make of robot has no watchdog for commands: if the robot agent is killed, it drives on"
+)
+
 CHARGING = 1  # of BatteryState's power_supply_status
 
 
@@ -375,6 +379,8 @@ class Session:
             self.is_open = True
             self._attempts = 0
             self._events.append(Connected(self._seen.robot, "ROS 2", ""))
+            if self._ros2.watchdog_s is None:
+                self._events.append(Noted(UNWATCHED))
         self._measured = (here.v, here.w)
         volts, charging = self._battery
         self._events.append(
