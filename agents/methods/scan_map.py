@@ -86,16 +86,16 @@ class ScanMap(Near):
         there. Raises ValueError if its bytes are no ranges.
         """
         ranges, bearings = ranges_of(scan), bearings_of(scan)
-        hits = np.flatnonzero(np.isfinite(ranges))
-        away, looks = ranges[hits], bearings[hits]
+        met = np.flatnonzero(np.isfinite(ranges))
+        away, looks = ranges[met], bearings[met]
         own = self._within(scan.x + away * np.cos(looks), scan.y + away * np.sin(looks))
-        ranges[hits[own]] = np.nan
+        ranges[met[own]] = np.nan
         tells = int(np.count_nonzero(~np.isnan(ranges)))
         self._rays = _Rays(scan.x, scan.y, scan.bearing, scan.step, ranges)
         known = self._points
-        looks = self._looks(known)
-        known[looks == Look.NOTHING.value, 2] -= self.settings.silence
-        known = known[(looks != Look.SEEN.value) & (looks != Look.THROUGH.value)]
+        came = self._looks(known)
+        known[came == Look.NOTHING.value, 2] -= self.settings.silence
+        known = known[(came != Look.SEEN.value) & (came != Look.THROUGH.value)]
         self._keep(np.concatenate([self._thinned(ranges, bearings), known]))
         return tells
 
