@@ -12,6 +12,7 @@ from math import copysign, cos, inf, radians, sin
 from typing import Annotated, Any, ClassVar
 
 from msgspec import Meta
+from msgspec.structs import replace
 
 from armadico.bridge.p2os.session import Session as P2osSession
 from armadico.bridge.reflex import Reflex, Touch
@@ -31,6 +32,7 @@ from armadico.core.cycles import CycleCounter
 from armadico.core.geometry import Pose2, wrap
 from armadico.core.messages import (
     LABEL,
+    Card,
     Cycle,
     Description,
     Echo,
@@ -45,7 +47,7 @@ from armadico.core.messages import (
     TopSpeed,
 )
 from armadico.core.resources import WHEELS, Resource
-from armadico.core.scans import message_of
+from armadico.core.scans import message_of, points_of
 
 PULSE_S = 0.5
 """How often the watchdog is fed when there is nothing else to say."""
@@ -85,7 +87,7 @@ class Parameters(agent.Parameters, frozen=True, kw_only=True):
     port: Annotated[str, Meta(min_length=1)] = "tcp://127.0.0.1:8101"
     profile: str = "pioneer-2dx"
     v_max: TopSpeed | None = None  # m/s: a limit below the profile's, of a scenario say
-    reflex: bool = True  # slow down for what the front sonars hear, whatever is commanded
+    reflex: bool = True  # slow down for what is heard and seen ahead, whatever is commanded
 
 
 def session_of(
@@ -286,8 +288,8 @@ class Robot(DeviceAgent):
         self._described += 1
         echoes = self._echoes(report)
         self._say_sonar(cycle, echoes)
-        self._say_scan(cycle, report)
-        self._heed(report, echoes)
+        scan = self._say_scan(cycle, report)
+        self._heed(report, echoes, scan)
         self._insist(v, w)
 
     def _line(self) -> Line:
@@ -299,6 +301,14 @@ class Robot(DeviceAgent):
             self._told, self._told_at = line, self.now
             self.log(f"from the controller so far: {line.told}", WARNING)
         return line
+
+    def card(self) -> Card:
+        """Without the readings of sensors that this robot has not got: nobody has to miss them."""
+        has: dict[type[Message], object]
+        has = {Sonar: self.profile.sonar, Scan: self.profile.laser}
+        none = {self.key_of(kind) for kind, sensor in has.items() if sensor is None}
+        said = super().card()
+        return replace(said, provides=tuple(key for key in said.provides if key not in none))
 
     def description(self) -> Description:
         """The robot's body and limits, by its profile."""
@@ -359,10 +369,16 @@ class Robot(DeviceAgent):
         if not self._moving and rim > AT_REST_M_S:
             self.rest(WHEELS)
 
-    def _heed(self, report: Reported, echoes: tuple[Echo, ...]) -> None:
-        """Slow down for what the front sonars have just heard, whoever is obeyed."""
+    def _heed(self, report: Reported, echoes: tuple[Echo, ...], scan: Scan | None) -> None:
+        """Slow down for what has just been heard or seen ahead, whoever is obeyed."""
         pose = report.pose
-        self._reflex.hear(echoes, (pose.x, pose.y, pose.theta), self._speeds, self.now)
+        self._reflex.hear(
+            echoes,
+            (pose.x, pose.y, pose.theta),
+            self._speeds,
+            self.now,
+            None if scan is None else points_of(scan),
+        )
         if self._moving and self.p.reflex and self._session is not None:
             v, w = self._ordered
             if self._reflex.cap(v, w) < v:
@@ -394,33 +410,33 @@ class Robot(DeviceAgent):
         if self._unheard == SONARS_SILENT:
             self.log(f"no sonar has fired for {SONARS_SILENT} cycles: nobody drives blind", ERROR)
 
-    def _say_scan(self, cycle: Cycle, report: Reported) -> None:
+    def _say_scan(self, cycle: Cycle, report: Reported) -> Scan | None:
         """Pass the newest scan on, if it is new enough; else there is none, as of sonars."""
         laser, scan = self.profile.laser, report.scan
         if laser is None:
-            return
+            return None
         wrong = f"no scan for {SONARS_SILENT} cycles"
         if scan is not None:
             try:
-                self.publish(
-                    message_of(
-                        cycle,
-                        scan.ranges,
-                        (scan.first, scan.step),
-                        (scan.least, scan.most),
-                        (laser.x_m, laser.y_m, radians(laser.bearing_deg)),
-                        upside_down=laser.upside_down,
-                        since=_before(report, scan.age_s),
-                        number=scan.number,
-                    )
+                said = message_of(
+                    cycle,
+                    scan.ranges,
+                    (scan.first, scan.step),
+                    (scan.least, scan.most),
+                    (laser.x_m, laser.y_m, radians(laser.bearing_deg)),
+                    upside_down=laser.upside_down,
+                    since=_before(report, scan.age_s),
+                    number=scan.number,
                 )
+                self.publish(said)
                 self._unseen = 0
-                return
+                return said
             except ValueError as error:
                 wrong = str(error)
         self._unseen += 1
         if self._unseen == SONARS_SILENT:
             self.log(f"the laser tells nothing, {wrong}: nobody drives blind", ERROR)
+        return None
 
     def _echoes(self, report: Reported) -> tuple[Echo, ...]:
         ring = self.profile.sonar
