@@ -51,7 +51,11 @@ UNCOUNTED_M, UNCOUNTED_RAD = 0.5, 0.5
 """Standard deviations of what rolled while nobody counted: two seconds until the controller's
 watchdog, and braking, at half the top speed, or turning."""
 
-PINGS_A_SCAN = 3
+HEARD, SEEN = (5, 0.28), (3, 0.6)
+"""New readings after which a lost robot is looked for, and how well they have to fit where it is
+found: by sonars, of which many hear what is on no map, and by a laser."""
+
+PINGS_A_SCAN = 5
 """A scan tells as much as a cycle's pings do, and more."""
 
 PARTICLES_S = 0.5
@@ -62,6 +66,7 @@ class Parameters(agent.Parameters, frozen=True, kw_only=True):
     """The map, the robot, and what is believed at the start.
 
     `start` "pose" begins about the pose that the encoder agent publishes, "anywhere" with no idea.
+    What is none is as is good for the sensor.
     """
 
     world: Annotated[str, Meta(min_length=1)] = "empty"
@@ -79,13 +84,13 @@ class Parameters(agent.Parameters, frozen=True, kw_only=True):
     carried_pings: Annotated[int, Meta(ge=1, le=1000)] = 15  # looked for after so many more:
     doubt_m: Metres = 0.35  # before that it is no surer than this,
     fits_again: Share = 0.8  # nor until the readings fit so well again
-    looks_after: Annotated[int, Meta(ge=1, le=100)] = 5  # new readings, on the whole map
+    looks_after: Annotated[int, Meta(ge=1, le=100)] | None = None  # new readings, on all the map
     found: Share = 0.95  # and found with this much in one of all the places that fit,
-    found_fit: Share = 0.28  # where the readings fit so well, by their geometric mean,
+    found_fit: Share | None = None  # where the readings fit so well, by their geometric mean,
     found_times: Annotated[int, Meta(ge=1, le=100)] = 3  # so often in a row;
     proved_times: Annotated[int, Meta(ge=0, le=100)] = 4  # sure of it, once it has so often been
     unproved_m: Metres = 0.4  # the best one since: until then nobody drives fast by it
-    filter: Settings | None = None  # as is good for the sensor
+    filter: Settings | None = None
 
 
 class Localization(Agent):
@@ -123,6 +128,9 @@ class Localization(Agent):
         )
         self._ping_s = 0.0 if self._sees else profile.ring.period_s
         self._scan: int | None = None  # the last one's number
+        by_sensor = SEEN if self._sees else HEARD
+        self._looks_after = self.p.looks_after or by_sensor[0]
+        self._found_fit = by_sensor[1] if self.p.found_fit is None else self.p.found_fit
         # Readings that tell as much as a ping does: of a scan's rays, which are many and alike.
         self._doubted_after = self.p.carried_pings * (BEAMS // PINGS_A_SCAN if self._sees else 1)
         self._odometry: Pose2 | None = None
@@ -196,7 +204,7 @@ class Localization(Agent):
             return
         if self._filter.due:
             self._filter.weigh(readings())
-        if (self._lost or self._unproved) and self._filter.news >= self.p.looks_after:
+        if (self._lost or self._unproved) and self._filter.news >= self._looks_after:
             self._look()
         # While it knows where it is it stays with that place: another one that fits as well, the
         # room next door, is no reason to leave it before it no longer fits.
@@ -295,7 +303,7 @@ class Localization(Agent):
             elif best.share >= self.p.found:
                 self._unproved -= 1
             return
-        sure = best.share >= self.p.found and best.fit >= self.p.found_fit
+        sure = best.share >= self.p.found and best.fit >= self._found_fit
         again = self._sure if not apart(best.pose, self._best) else 0
         self._sure, self._best = (again + 1 if sure else 0), best.pose
 

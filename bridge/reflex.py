@@ -1,7 +1,7 @@
 """The robot agent's reflexes: no faster than its newest readings allow, nor against a touch.
 
 The behaviours see to it that they can stop, by what they know. What they know may be late: between
-a reading and the wheels lie the mesh and other processes. Sonars and wheels are one process here,
+a reading and the wheels lie the mesh and other processes. Sensors and wheels are one process here,
 so it caps the forward speed of what it obeys, by the readings that it has just had.
 It refuses, it does not choose: it never makes anything faster, nor turns it another way; and it
 counts on less time and less room than any behaviour does, so where they drive well it says nothing.
@@ -14,10 +14,15 @@ from __future__ import annotations
 from collections.abc import Iterable
 from math import copysign, cos, hypot, inf, sin, sqrt
 
+import numpy as np
+from numpy.typing import NDArray
+
 from armadico.bridge.session import Reported
 from armadico.config.profile import RobotProfile
-from armadico.core.geometry import Pose2, relative, to_world
+from armadico.core.geometry import Pose2, to_world
 from armadico.core.messages import Echo
+
+Floats = NDArray[np.float64]
 
 KEPT_S = 0.5
 """A sonar's reading counts until its next one, and no longer than this: the ring of a Pioneer goes
@@ -60,7 +65,10 @@ class Reflex:
         self._decel = profile.limits.v_decel
         self._reaction = max(REACTION_CYCLES * profile.cycle_s, REACTION_S)
         self._heard: dict[tuple[float, float, float], tuple[float, float, float]] = {}
-        self._points: tuple[tuple[float, float], ...] = ()
+        self._seen: Floats = np.empty((0, 2))  # of the newest scan, in the odometry's frame,
+        self._seen_at = -inf
+        self._rear = profile.body.rear_m
+        self._points: Floats = np.empty((0, 2))  # of all, ahead
         self._nearest = inf  # of them all, m ahead of the front edge
         self._measured = (0.0, 0.0)
         self._capped: tuple[float, float] | None = None  # what was asked for, and what was given
@@ -68,7 +76,12 @@ class Reflex:
         self._said_at = -inf
 
     def hear(
-        self, echoes: Iterable[Echo], pose: Pose2, measured: tuple[float, float], now: float
+        self,
+        echoes: Iterable[Echo],
+        pose: Pose2,
+        measured: tuple[float, float],
+        now: float,
+        seen: Floats | None = None,
     ) -> None:
         """Take one cycle's readings.
 
@@ -77,7 +90,12 @@ class Reflex:
             pose: Odometry (m, m, rad), continuous.
             measured: (v, w) by the wheels, m/s and rad/s.
             now: s.
+            seen: What a laser saw, (n, 2), in the body frame, m; None: no scan came.
         """
+        if seen is not None:
+            self._seen, self._seen_at = _turned(seen, pose[2]) + pose[:2], now
+        elif now - self._seen_at > KEPT_S:
+            self._seen = np.empty((0, 2))
         for echo in echoes:
             sonar = (echo.x, echo.y, echo.bearing)
             self._heard.pop(sonar, None)
@@ -87,9 +105,12 @@ class Reflex:
                 self._heard[sonar] = (*to_world(pose, x, y), now)
         self._heard = {s: p for s, p in self._heard.items() if now - p[2] <= KEPT_S}
         self._measured = measured
-        moved = (relative(pose, (x, y, 0.0)) for x, y, _ in self._heard.values())
-        self._points = tuple((x, y) for x, y, _ in moved if x > 0.0)
-        self._nearest = min((x for x, _ in self._points), default=inf) - self._front
+        heard = np.array([(x, y) for x, y, _ in self._heard.values()]).reshape(-1, 2)
+        points = _turned(np.concatenate([heard, self._seen]) - pose[:2], -pose[2])
+        ahead, aside = points[:, 0], np.abs(points[:, 1])
+        within = (-self._rear < ahead) & (ahead < self._front) & (aside < self._half)
+        self._points = points[(ahead > 0.0) & ~within]  # of a laser that sees its own robot
+        self._nearest = float(self._points[:, 0].min(initial=inf)) - self._front
 
     def cap(self, v: float, w: float) -> float:
         """The forward speed that is obeyed of a command, m/s: `v`, or less.
@@ -114,7 +135,7 @@ class Reflex:
         self._said_at = now
         (asked, given), count = self._capped, self._count
         self._capped, self._count = None, 0
-        return f"{count} x slowed by the front sonars, last from {asked:.2f} to {given:.2f} m/s"
+        return f"{count} x slowed for what is ahead, last from {asked:.2f} to {given:.2f} m/s"
 
     def _stopping(self, v: float) -> float:
         """Metres to rest from a speed, m/s."""
@@ -123,11 +144,16 @@ class Reflex:
     def _free(self, v: float, w: float) -> float:
         """Metres ahead of the front edge to what the body would drive into on an arc; inf: none."""
         bend = 0.5 * w / v if v > 0.0 else 0.0
-        free = inf
-        for x, y in self._points:
-            if abs(y - bend * x * x) < self._half:
-                free = min(free, x - self._front)
-        return free
+        x, y = self._points[:, 0], self._points[:, 1]
+        met = np.abs(y - bend * x * x) < self._half
+        return float(x[met].min(initial=inf)) - self._front
+
+
+def _turned(points: Floats, angle: float) -> Floats:
+    """Points about the origin, (n, 2)."""
+    c, s = cos(angle), sin(angle)
+    x, y = points[:, 0], points[:, 1]
+    return np.column_stack([c * x - s * y, s * x + c * y])
 
 
 class Touch:

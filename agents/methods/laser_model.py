@@ -9,7 +9,6 @@ are weighed. A ray that found nothing tells little: it is left out.
 from __future__ import annotations
 
 from collections.abc import Sequence
-from math import isfinite
 from typing import Final
 
 import numpy as np
@@ -29,6 +28,15 @@ HIT_M: Final = 0.06
 """Standard deviation of a ray's end about the map: the cells' size, the range's noise, the map's
 own errors."""
 
+CELL_M: Final = 0.025
+"""Of the field: its steps are what a pose is off by."""
+
+LARGE: Final = 1_000_000
+"""Cells of a map from which on its own will do: four times as many would take 100 MB and more."""
+
+RIM_M: Final = 0.5
+"""So far the field goes on beyond the map: half of the ends at a wall on its edge lie outside."""
+
 COARSE_M: Final = 0.3
 """The same for guesses that are that far apart."""
 
@@ -43,17 +51,17 @@ WIDE: Final = 400_000
 
 
 def beams_of(scan: Scan, most: int = BEAMS) -> list[Echo]:
-    """Some of a scan's rays that met something, evenly spread; each scan others.
+    """Some of a scan's rays that met something, evenly spread among those; each scan others.
 
     Raises ValueError if its bytes are no ranges.
     """
     ranges = ranges_of(scan)
-    step = max(1, len(ranges) // most)
+    met = np.flatnonzero(np.isfinite(ranges))
+    step = max(1, -(-len(met) // most))
     first = scan.number * 7 % step  # which of each few; 7: neighbours in time are none in space
     return [
         Echo(scan.x, scan.y, scan.bearing + scan.step * ray, float(ranges[ray]))
-        for ray in range(first, len(ranges), step)
-        if isfinite(ranges[ray]) and ranges[ray] > 0.0
+        for ray in met[first::step].tolist()
     ]
 
 
@@ -67,7 +75,12 @@ class LaserModel:
             grid: The map: the clearance of each of its cells.
             reach_m: The longest range that the laser sees.
         """
-        clearance = np.pad(grid.clearance.astype(np.float32), 1, constant_values=np.inf)
+        west, south, east, north = grid.bounds
+        beyond = west - RIM_M, south - RIM_M, east + RIM_M, north + RIM_M
+        fine = grid.clearance.size <= LARGE
+        walls = [(x1, y1, x2, y2) for x1, y1, x2, y2 in grid.walls.tolist()]
+        grid = Grid(walls, beyond, min(CELL_M, grid.cell_m) if fine else grid.cell_m)
+        clearance = grid.clearance.astype(np.float32)
         self._fine, self._coarse = (
             (HIT * np.exp(-0.5 * (clearance / np.float32(width)) ** 2) + RANDOM)
             .astype(np.float32)
@@ -76,7 +89,7 @@ class LaserModel:
         )
         self._clearance = np.minimum(clearance, np.float32(grid.horizon_m))
         self._rows, self._columns = clearance.shape
-        self._west, self._south = (np.float32(low - grid.cell_m) for low in grid.bounds[:2])
+        self._west, self._south = (np.float32(low) for low in grid.bounds[:2])
         self._inverse, self._cell_m = np.float32(1.0 / grid.cell_m), grid.cell_m
         self._reach = reach_m
 

@@ -648,7 +648,7 @@ def _check_picture(path: Path | None) -> None:
 
 
 def _plot(path: Path, run: Run) -> None:
-    """World, path coloured by holder, sonar echoes; a warning if nothing can draw."""
+    """World, path coloured by holder, what was heard or seen; a warning if nothing can draw."""
     try:
         run.plot(path)
     except ImportError:

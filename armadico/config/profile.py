@@ -127,9 +127,8 @@ class Drive(Struct, frozen=True, forbid_unknown_fields=True):
     lag_s: Positive  # time constant of its speed loops
     v_accel: Ramp  # m/s^2, up and down
     w_accel: Ramp  # rad/s^2
-    scrub: (
-        Share  # tyres dragged sideways in turns: what the floor adds to a turn error that is drawn
-    )
+    scrub: Share  # of tyres dragged sideways: what the floor adds to the turn error drawn,
+    heading: Share  # and what a gyroscope leaves of its odometry's errors in turning; 1: all
     rolling_n: NonNegative  # what it takes to roll,
     turning_nm: NonNegative  # and to turn,
     efficiency: Annotated[float, Meta(ge=0.01, le=1)]  # of battery to wheel
@@ -252,7 +251,7 @@ class Ros2(Struct, frozen=True, forbid_unknown_fields=True):
     watchdog_s: Patience | None = None  # without a command for so long it stops by itself; or never
     v_step: NonNegative = 0.0  # m/s: the base obeys whole ones of these, and less than one is none
     w_step: NonNegative = 0.0  # rad/s
-    laser_frame: FrameName = "laser"
+    laser_frame: FrameName = "base_scan"
     scan: Topic | None = None
     battery: Topic | None = None
     tf: Topic | None = None
@@ -290,6 +289,8 @@ class RobotProfile(Struct, frozen=True, forbid_unknown_fields=True, kw_only=True
             raise ValueError("a robot has a table [p2os] or a table [ros2], and not both")
         if self.sonar is None and self.laser is None:
             raise ValueError("neither [sonar] nor [laser]: nobody drives blind")
+        if self.laser is not None and self.ros2 is not None and self.ros2.scan is None:
+            raise ValueError("a laser and no [ros2.scan]: where it is heard")
         masses = {
             "[caster]": self.caster,
             "[inertia]": self.inertia,

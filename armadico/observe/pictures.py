@@ -231,7 +231,7 @@ class _Canvas:
             xs, ys = zip(*points, strict=True)
             dots = self.axes.scatter(xs, ys, s=3, color="#8796a3", alpha=0.45, linewidths=0)
             dots.set_zorder(2)
-            self.legend["sonar echo"] = self.axes.scatter([], [], s=14, color="#8796a3")
+            self.legend["heard or seen"] = self.axes.scatter([], [], s=14, color="#8796a3")
 
     def particles(self, particles: Sequence[Pose]) -> None:
         """Places where the robot may be, and where it looks there."""
@@ -430,7 +430,7 @@ def _rank(name: str) -> tuple[int, str]:
     """The order of a legend: the agents first."""
     order = (
         *("nobody", "start", "waypoint", "goal", "docks"),
-        *("sonar echo", "mapped free", "mapped occupied"),
+        *("heard or seen", "mapped free", "mapped occupied"),
     )
     return (order.index(name), "") if name in order else (-1, name)
 

@@ -16,6 +16,7 @@ from math import atan2, copysign, cos, hypot, isfinite, remainder, sin, tau
 
 from msgspec import Struct
 from msgspec.structs import replace
+from pycdr2 import IdlStruct
 
 from armadico.bridge.ros2 import types
 from armadico.bridge.ros2.cdr import decode, encode, ros_name
@@ -57,6 +58,10 @@ _STAMP = {0: struct.Struct(">iI"), 1: struct.Struct("<iI")}  # by CDR's second b
 _STAMP_AT = 4
 COMPLAINT = 20
 """Letters by which one complaint of the laser is told from another."""
+
+UNWATCHED = (
+    "this make of robot has no watchdog for commands: if the robot agent is killed, it drives on"
+)
 
 CHARGING = 1  # of BatteryState's power_supply_status
 
@@ -165,7 +170,7 @@ class Session:
         self._wrong = ""  # and what is wrong with the odometry that comes
         self._seen = Seen()
         self._ration = float(BURST)
-        self._stamp = self._cycle_due = 0.0  # by the robot's clock, s
+        self._stamp, self._cycle_due = -1.0, 0.0  # by the robot's clock, s
         self._stamp_at: float | None = None  # by ours; None: it has none yet
         self._battery = (0.0, False)
         self._scan: bytes | None = None  # the newest since the cycle before
@@ -271,8 +276,7 @@ class Session:
             passed = self._now - self._said_at
             if passed > SILENT_S:  # it may have stopped by itself, or somebody else drives it
                 self._said = self._measured
-            dt = RAMP_S if passed > self._ros2.cycle_s else passed
-            self._said = self._ramps.step(self._said, self._asked, dt)
+            self._said = self._ramps.step(self._said, self._asked, min(passed, RAMP_S))
             self._said_at = self._now
             self._fresh = False
             self._ramp_at = None if self._said == self._asked else self._now + RAMP_S
@@ -352,15 +356,14 @@ class Session:
     def _hear_odometry(self, payload: bytes) -> None:
         """By its stamp: whether it makes a cycle."""
         stamp = _stamp(payload)
-        if self._stamp_at is not None:
-            if stamp == self._stamp:  # said twice, or its clock stands still
-                self._wrong = "the odometry's stamp stands still"
-                return
-            if stamp < self._stamp:
-                self.absurd += 1
-                back = self._stamp - stamp
-                self._wrong = f"the odometry runs backwards in time, by {back:.3g} s"
-                return
+        if stamp == self._stamp:  # said twice, or its clock stands still
+            self._wrong = "the odometry's stamp stands still"
+            return
+        if self._stamp_at is not None and stamp < self._stamp:
+            self.absurd += 1
+            back = self._stamp - stamp
+            self._wrong = f"the odometry runs backwards in time, by {back:.3g} s"
+            return
         slack = 0.5 / self._ros2.odom_hz
         if self._stamp_at is not None and stamp < self._cycle_due - slack:
             self._note(stamp)
@@ -376,6 +379,8 @@ class Session:
             self.is_open = True
             self._attempts = 0
             self._events.append(Connected(self._seen.robot, "ROS 2", ""))
+            if self._ros2.watchdog_s is None:
+                self._events.append(Noted(UNWATCHED))
         self._measured = (here.v, here.w)
         volts, charging = self._battery
         self._events.append(
@@ -486,25 +491,17 @@ def _stamp(payload: bytes) -> float:
     return float(sec) + 1e-9 * float(nanosec)
 
 
-KINDS: dict[str, str] = {
-    "odom": ros_name(types.Odometry),
-    "scan": ros_name(types.LaserScan),
-    "battery": ros_name(types.BatteryState),
-    "tf": ros_name(types.TFMessage),
-}
-"""What comes on a topic, by its name in the profile."""
-
-
 def wants(ros2: Ros2) -> Wants:
-    """What is read of a robot and written to it."""
-    found = [
-        _wanted(topic, kind)
-        for name, kind in KINDS.items()
-        if name != "tf" and (topic := getattr(ros2, name)) is not None
-    ]
+    """What is read of a robot and written to it. Its tf says what its odometry says."""
+    heard = (
+        (ros2.odom, types.Odometry),
+        (ros2.scan, types.LaserScan),
+        (ros2.battery, types.BatteryState),
+    )
+    found = [_wanted(topic, kind) for topic, kind in heard if topic is not None]
     command = types.TwistStamped if ros2.stamped else types.Twist
-    return Wants((*found, _wanted(ros2.cmd_vel, ros_name(command), writes=True)))
+    return Wants((*found, _wanted(ros2.cmd_vel, command, writes=True)))
 
 
-def _wanted(topic: Topic, kind: str, *, writes: bool = False) -> Wanted:
-    return Wanted(topic.name, kind, writes, topic.reliable, topic.latched, topic.depth)
+def _wanted(topic: Topic, kind: type[IdlStruct], *, writes: bool = False) -> Wanted:
+    return Wanted(topic.name, ros_name(kind), writes, topic.reliable, topic.latched, topic.depth)

@@ -27,6 +27,9 @@ if TYPE_CHECKING:
 PORT: Final = 8101
 """Where simulators of Pioneers listen."""
 
+LOOPBACK: Final = "ros2://?interface=lo"
+"""Where a simulated ROS 2 robot is, unless told otherwise: nobody's network is meant."""
+
 DEFAULT_ROBOT: Final = "pioneer-2dx"
 
 KEY: Final = "sim/truth"
@@ -37,6 +40,7 @@ EXAMPLES: Final = """\
   armadico sim my.map --pty /tmp/pioneer     clients open /tmp/pioneer as their serial port
   armadico sim sc1 --unkind                  with the traps of other people's controllers
   armadico sim jackal sc4                    a robot that speaks ROS 2, in frames over TCP
+  armadico sim jackal sc4 --ros2             the same among ROS 2's nodes of this machine, by DDS
 """
 
 
@@ -54,6 +58,8 @@ def main(argv: Sequence[str]) -> int:
         _show(robots[0], mesh, stack)
         for other, (namespace, *_) in zip(robots[1:], args.also, strict=True):
             theirs = argparse.Namespace(**{**vars(args), "namespace": namespace, "port": 0})
+            if args.ros2 is not None:
+                theirs.ros2 = _beside(args.ros2, namespace)
             line, where = _line(theirs, stack)
             served.append((other, line))
             places.append(where)
@@ -70,14 +76,19 @@ def main(argv: Sequence[str]) -> int:
 def _name(args: argparse.Namespace) -> None:
     """Tell the robot from the world, of the names that are given. Raises UsageError."""
     from armadico.config.loading import names  # noqa: PLC0415 - not for --help
+    from armadico.config.profile import load_profile  # noqa: PLC0415 - not for --help
 
     *robots, args.world = args.named
     if not robots and args.world in names("robots"):
         robots, args.world = [args.world], "empty"
-    if len(robots) > 1 or (robots and args.robot is not None):
+    if len(robots) > 1:
         named = " ".join(args.named)
         raise options.UsageError(f"{named}: expected one world, and a robot before it at the most")
+    if robots and args.robot is not None:
+        raise options.UsageError(f"--robot {args.robot}: {robots[0]} is named already")
     args.robot = args.robot or "".join(robots) or DEFAULT_ROBOT
+    if args.unkind is not None and load_profile(args.robot).p2os is None:
+        raise options.UsageError(f"--unkind is of controllers that speak P2OS, not of {args.robot}")
 
 
 def _meet(robots: Sequence[SimulatedRobot]) -> None:
@@ -137,6 +148,15 @@ def parser() -> argparse.ArgumentParser:
     )
     line.add_argument(
         "--pty", metavar="LINK", nargs="?", const="", help="a pseudo-terminal instead"
+    )
+    line.add_argument(
+        "--ros2",
+        metavar="ADDRESS",
+        nargs="?",
+        const=LOOPBACK,
+        help="as a ROS 2 robot, which any ROS 2 program can drive: ros2://NAMESPACE?domain=0 for"
+        " DDS, ros2+zenoh://HOST:PORT/NAMESPACE to be the router of rmw_zenoh's nodes (default"
+        f" {LOOPBACK}: DDS within this machine)",
     )
     made.add_argument(
         "--bind", metavar="ADDRESS", default="127.0.0.1", help="where to listen (default: loopback)"
@@ -310,8 +330,10 @@ def _traps(names: Sequence[str] | None) -> frozenset[Trap]:
 
 def _line(args: argparse.Namespace, stack: ExitStack) -> tuple[Line, str]:
     """The line that the options name, and how a robot agent calls it."""
-    from armadico.bridge.p2os.transports import PtyTransport  # noqa: PLC0415 - not for --help
+    if args.ros2 is not None:
+        return _ros2(args, stack)
     from armadico.bridge.simulator.server import TcpLine  # noqa: PLC0415 - not for --help
+    from armadico.bridge.transports import PtyTransport  # noqa: PLC0415 - not for --help
     from armadico.cli.doctor import listener  # noqa: PLC0415 - not for --help
 
     if args.pty is not None:
@@ -338,6 +360,39 @@ def _line(args: argparse.Namespace, stack: ExitStack) -> tuple[Line, str]:
         ) from None
     stack.callback(tcp.close)
     return tcp, f"tcp://{args.bind}:{tcp.port}"
+
+
+def _beside(address: str, namespace: str) -> str:
+    """The address of another robot in the same network of ROS 2's."""
+    from urllib.parse import urlsplit  # noqa: PLC0415 - not for --help
+
+    parts = urlsplit(address)
+    if parts.scheme == "ros2":
+        return parts._replace(netloc=namespace, path="").geturl()
+    return parts._replace(path=f"/{namespace}").geturl()
+
+
+def _ros2(args: argparse.Namespace, stack: ExitStack) -> tuple[Line, str]:
+    """The robot as one of ROS 2's, at the address that the options name."""
+    from armadico.bridge.ros2 import addresses  # noqa: PLC0415 - not for --help
+    from armadico.bridge.simulator.ros2_line import Ros2Line  # noqa: PLC0415 - not for --help
+    from armadico.config.profile import Ros2Robot, load_profile  # noqa: PLC0415 - not for --help
+
+    profile = load_profile(args.robot)
+    if not isinstance(profile, Ros2Robot):
+        raise options.UsageError(
+            f"--ros2: {args.robot} speaks P2OS; armadico sim jackal --ros2, say"
+        )
+    try:
+        transport = addresses.robot_transport(args.ros2, profile.name)
+    except ValueError as error:
+        raise options.UsageError(f"--ros2: {error}") from None
+    try:
+        line = Ros2Line(transport, profile.ros2)
+    except OSError as error:
+        raise options.FailedError(f"--ros2: {error}") from None
+    stack.callback(line.close)
+    return line, args.ros2
 
 
 def _run(served: Sequence[tuple[SimulatedRobot, Line]]) -> None:

@@ -2,11 +2,18 @@
 
 from __future__ import annotations
 
+import json
 import random
+import subprocess
+from dataclasses import asdict
+from pathlib import Path
+from typing import Any, get_args, get_type_hints
 
 import pytest
+from pycdr2._support import Buffer
 
 from armadico.bridge.ros2 import cdr, types
+from tests import real_ros
 
 TYPES = sorted(cdr.known().items())
 
@@ -88,3 +95,85 @@ def test_a_definition_has_its_nested_types() -> None:
     assert text.startswith("std_msgs/Header header\ngeometry_msgs/PoseStamped[] poses\n")
     assert f"{'=' * 80}\nMSG: geometry_msgs/PoseStamped\n" in text
     assert "float64[36] covariance" in cdr.definition(types.PoseWithCovariance)
+
+
+# Real ROS 2's bytes ------------------------------------------------------------------------------
+
+HERE = Path(__file__).parent
+SAMPLES = json.loads((HERE / "samples.json").read_text())
+GOLDEN = json.loads((HERE / "golden.json").read_text())
+DOMAIN = "78"
+
+
+def fill(message: Any, values: dict[str, Any]) -> Any:
+    """Set the fields that are given, as `rclpy_bytes` does."""
+    for name, value in values.items():
+        slot = getattr(message, name)
+        if isinstance(value, dict):
+            fill(slot, value)
+        elif isinstance(value, list) and value and isinstance(value[0], dict):
+            hint = get_type_hints(type(message), include_extras=True)[name]
+            element = get_args(hint)[1].subtype
+            setattr(message, name, [fill(element(), each) for each in value])
+        else:
+            setattr(message, name, value)
+    return message
+
+
+def plain(value: Any) -> Any:
+    """Lists for whatever is one: pycdr2 reads `uint8` as bytes."""
+    if isinstance(value, dict):
+        return {name: plain(each) for name, each in value.items()}
+    return [plain(each) for each in value] if isinstance(value, (list, bytes)) else value
+
+
+class Gaps(Buffer):
+    """Notes which bytes nobody writes: Fast CDR leaves there what the memory held before."""
+
+    def __init__(self) -> None:
+        super().__init__()
+        self.skipped: set[int] = set()
+
+    def align(self, alignment: int) -> Buffer:
+        before = self._pos
+        super().align(alignment)
+        self.skipped |= {*range(before, self._pos)}
+        return self
+
+
+def unpadded(name: str, hexadecimal: str) -> list[int]:
+    """The bytes of the sample that say something."""
+    gaps = Gaps()
+    fill(cdr.known()[name](), SAMPLES[name]).serialize(buffer=gaps)
+    return [b for at, b in enumerate(bytes.fromhex(hexadecimal)) if at not in gaps.skipped]
+
+
+@pytest.mark.parametrize("name", SAMPLES)
+def test_bytes_and_hash_are_those_of_ros_2(name: str) -> None:
+    kind, golden = cdr.known()[name], GOLDEN[name]
+    message = fill(kind(), SAMPLES[name])
+    ours = cdr.encode(message).hex()
+    assert len(ours) == len(golden["bytes"])
+    assert unpadded(name, ours) == unpadded(name, golden["bytes"])
+    assert plain(asdict(cdr.decode(kind, bytes.fromhex(golden["bytes"])))) == plain(asdict(message))
+    assert cdr.type_hash(kind) == golden["hash"]
+
+
+def test_the_golden_bytes_are_what_rclpy_says_today() -> None:
+    said = subprocess.run(
+        [real_ros.interpreter(), HERE / "rclpy_bytes.py"],
+        env=real_ros.environment(DOMAIN),
+        stdout=subprocess.PIPE,
+        check=True,
+    )
+    today = json.loads(said.stdout)
+    assert len(today) >= 10
+    for name, now in today.items():
+        assert unpadded(name, now["bytes"]) == unpadded(name, GOLDEN[name]["bytes"])
+        assert now["hash"] == GOLDEN[name]["hash"]
+
+
+def test_the_types_that_rmw_says_of_nodes_have_its_hash() -> None:
+    # As read from a node's endpoint on `ros_discovery_info`.
+    said = "RIHS01_91a0593bacdcc50ea9bdcf849a938b128412cc1ea821245c663bcd26f83c295e"
+    assert cdr.type_hash(types.ParticipantEntitiesInfo) == said

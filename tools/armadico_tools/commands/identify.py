@@ -15,7 +15,7 @@ from armadico.cli.options import FailedError, UsageError
 from armadico_tools.command_options import at_least, say
 
 if TYPE_CHECKING:
-    from armadico.bridge.p2os.transports import Transport
+    from armadico.bridge.transports import Transport
     from armadico.config.profile import P2osRobot
     from armadico_tools.identification import Estimate, Interval
     from armadico_tools.speed_log import Log, Recorder
@@ -233,7 +233,7 @@ def _simulate(args: argparse.Namespace) -> int:
 
 
 def _record(args: argparse.Namespace) -> int:
-    from armadico.bridge.p2os.transports import TransportError, open_transport  # noqa: PLC0415
+    from armadico.bridge.transports import TransportError, open_transport  # noqa: PLC0415
     from armadico_tools.speed_log import Recorder  # noqa: PLC0415 - not for --help
 
     robot = _profile(args)
