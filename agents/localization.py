@@ -55,7 +55,7 @@ HEARD, SEEN = (5, 0.28), (3, 0.6)
 """New readings after which a lost robot is looked for, and how well they have to fit where it is
 found: by sonars, of which many hear what is on no map, and by a laser."""
 
-PINGS_A_SCAN = 3
+PINGS_A_SCAN = 5
 """A scan tells as much as a cycle's pings do, and more."""
 
 PARTICLES_S = 0.5

@@ -82,16 +82,21 @@ class ScanMap(Near):
     def update(self, scan: Scan) -> int:
         """Take a scan in; how many of its rays tell anything.
 
-        Raises ValueError if its bytes are no ranges.
+        One that ends within the body met the robot itself, or what covers the laser: it is blind
+        there. Raises ValueError if its bytes are no ranges.
         """
-        ranges = ranges_of(scan)
+        ranges, bearings = ranges_of(scan), bearings_of(scan)
+        hits = np.flatnonzero(np.isfinite(ranges))
+        away, along = ranges[hits], bearings[hits]
+        own = self._within(scan.x + away * np.cos(along), scan.y + away * np.sin(along))
+        ranges[hits[own]] = np.nan
         tells = int(np.count_nonzero(~np.isnan(ranges)))
         self._rays = _Rays(scan.x, scan.y, scan.bearing, scan.step, ranges)
         known = self._points
         looks = self._looks(known)
         known[looks == Look.NOTHING.value, 2] -= self.settings.silence
         known = known[(looks != Look.SEEN.value) & (looks != Look.THROUGH.value)]
-        self._keep(np.concatenate([self._thinned(ranges, bearings_of(scan)), known]))
+        self._keep(np.concatenate([self._thinned(ranges, bearings), known]))
         return tells
 
     def heard(self) -> tuple[Obstacle, ...]:
@@ -149,7 +154,7 @@ class ScanMap(Near):
         hits = np.isfinite(ranges)
         away = np.where(hits, ranges, FAR_M)
         x, y = rays.x + away * np.cos(bearings), rays.y + away * np.sin(bearings)
-        near = hits & (np.hypot(x, y) < s.reach_m) & ~self._within(x, y)
+        near = hits & (np.hypot(x, y) < s.reach_m)
         away = np.where(near, away, FAR_M)
         each = round(min(max(s.sector_rad / abs(rays.step), 1.0), max(len(away), 1)))
         least = np.minimum.reduceat(away, np.arange(0, len(away), each))

@@ -252,7 +252,7 @@ class Ros2(Struct, frozen=True, forbid_unknown_fields=True):
     watchdog_s: Patience | None = None  # without a command for so long it stops by itself; or never
     v_step: NonNegative = 0.0  # m/s: the base obeys whole ones of these, and less than one is none
     w_step: NonNegative = 0.0  # rad/s
-    laser_frame: FrameName = "laser"
+    laser_frame: FrameName = "base_scan"
     scan: Topic | None = None
     battery: Topic | None = None
     tf: Topic | None = None
@@ -290,6 +290,8 @@ class RobotProfile(Struct, frozen=True, forbid_unknown_fields=True, kw_only=True
             raise ValueError("a robot has a table [p2os] or a table [ros2], and not both")
         if self.sonar is None and self.laser is None:
             raise ValueError("neither [sonar] nor [laser]: nobody drives blind")
+        if self.laser is not None and self.ros2 is not None and self.ros2.scan is None:
+            raise ValueError("a laser and no [ros2.scan]: where it is heard")
         masses = {
             "[caster]": self.caster,
             "[inertia]": self.inertia,

@@ -16,6 +16,7 @@ from math import atan2, copysign, cos, hypot, isfinite, remainder, sin, tau
 
 from msgspec import Struct
 from msgspec.structs import replace
+from pycdr2 import IdlStruct
 
 from armadico.bridge.ros2 import types
 from armadico.bridge.ros2.cdr import decode, encode, ros_name
@@ -57,6 +58,10 @@ _STAMP = {0: struct.Struct(">iI"), 1: struct.Struct("<iI")}  # by CDR's second b
 _STAMP_AT = 4
 COMPLAINT = 20
 """Letters by which one complaint of the laser is told from another."""
+
+UNWATCHED = (
+    "this make of robot has no watchdog for commands: if the robot agent is killed, it drives on"
+)
 
 CHARGING = 1  # of BatteryState's power_supply_status
 
@@ -380,6 +385,8 @@ class Session:
             self.is_open = True
             self._attempts = 0
             self._events.append(self._connected())
+            if self._ros2.watchdog_s is None:
+                self._events.append(Noted(UNWATCHED))
         self._measured = (here.v, here.w)
         volts, charging = self._battery
         self._events.append(
@@ -490,25 +497,17 @@ def _stamp(payload: bytes) -> float:
     return float(sec) + 1e-9 * float(nanosec)
 
 
-KINDS: dict[str, str] = {
-    "odom": ros_name(types.Odometry),
-    "scan": ros_name(types.LaserScan),
-    "battery": ros_name(types.BatteryState),
-    "tf": ros_name(types.TFMessage),
-}
-"""What comes on a topic, by its name in the profile."""
-
-
 def wants(ros2: Ros2) -> Wants:
-    """What is read of a robot and written to it."""
-    found = [
-        _wanted(topic, kind)
-        for name, kind in KINDS.items()
-        if name != "tf" and (topic := getattr(ros2, name)) is not None
-    ]
+    """What is read of a robot and written to it. Its tf says what its odometry says."""
+    heard = (
+        (ros2.odom, types.Odometry),
+        (ros2.scan, types.LaserScan),
+        (ros2.battery, types.BatteryState),
+    )
+    found = [_wanted(topic, kind) for topic, kind in heard if topic is not None]
     command = types.TwistStamped if ros2.stamped else types.Twist
-    return Wants((*found, _wanted(ros2.cmd_vel, ros_name(command), writes=True)))
+    return Wants((*found, _wanted(ros2.cmd_vel, command, writes=True)))
 
 
-def _wanted(topic: Topic, kind: str, *, writes: bool = False) -> Wanted:
-    return Wanted(topic.name, kind, writes, topic.reliable, topic.latched, topic.depth)
+def _wanted(topic: Topic, kind: type[IdlStruct], *, writes: bool = False) -> Wanted:
+    return Wanted(topic.name, ros_name(kind), writes, topic.reliable, topic.latched, topic.depth)

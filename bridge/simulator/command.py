@@ -76,14 +76,19 @@ def main(argv: Sequence[str]) -> int:
 def _name(args: argparse.Namespace) -> None:
     """Tell the robot from the world, of the names that are given. Raises UsageError."""
     from armadico.config.loading import names  # noqa: PLC0415 - not for --help
+    from armadico.config.profile import load_profile  # noqa: PLC0415 - not for --help
 
     *robots, args.world = args.named
     if not robots and args.world in names("robots"):
         robots, args.world = [args.world], "empty"
-    if len(robots) > 1 or (robots and args.robot is not None):
+    if len(robots) > 1:
         named = " ".join(args.named)
         raise options.UsageError(f"{named}: expected one world, and a robot before it at the most")
+    if robots and args.robot is not None:
+        raise options.UsageError(f"--robot {args.robot}: {robots[0]} is named already")
     args.robot = args.robot or "".join(robots) or DEFAULT_ROBOT
+    if args.unkind is not None and load_profile(args.robot).p2os is None:
+        raise options.UsageError(f"--unkind is of controllers that speak P2OS, not of {args.robot}")
 
 
 def _meet(robots: Sequence[SimulatedRobot]) -> None:
@@ -393,7 +398,9 @@ def _ros2(args: argparse.Namespace, name: str, stack: ExitStack) -> tuple[Line, 
 
     profile = load_profile(args.robot)
     if not isinstance(profile, Ros2Robot):
-        raise options.UsageError(f"--ros2: {args.robot} speaks P2OS; a jackal, say, does not")
+        raise options.UsageError(
+            f"--ros2: {args.robot} speaks P2OS; say armadico sim jackal --ros2"
+        )
     try:
         transport = addresses.robot_transport(args.ros2, name.rpartition("/")[2])
     except ValueError as error:

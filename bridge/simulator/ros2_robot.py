@@ -24,6 +24,9 @@ from armadico.config.worlds import Column, Pose
 
 Wall = tuple[float, float, float, float]
 
+IDLE_S = 10.0
+"""A client that wants nothing for so long is not one."""
+
 BATTERY_HZ = 1.0
 CHARGING, DISCHARGING = 1, 2  # of BatteryState's power_supply_status
 
@@ -47,7 +50,8 @@ class Base:
         )
         self._wanted: frozenset[str] = frozenset()
         self._out = bytearray()
-        self._now = 0  # this and all times below in steps of the plant
+        self._now = self._heard_at = 0  # these and all times below in steps of the plant
+        self._idle = round(IDLE_S / plant.step_s)
         self._latency = round(profile.ros2.latency_s / plant.step_s)
         watchdog_s = profile.ros2.watchdog_s
         self._patience = inf if watchdog_s is None else round(watchdog_s / plant.step_s)
@@ -75,8 +79,8 @@ class Base:
 
     @property
     def hangs_up(self) -> bool:
-        """A client may stay as long as it likes."""
-        return False
+        """A client that wants something may stay as long as it likes, and no other."""
+        return not self._wanted and self._now - self._heard_at >= self._idle
 
     @property
     def time_s(self) -> float:
@@ -91,6 +95,7 @@ class Base:
     def receive(self, data: bytes) -> None:
         """Take in what the client wrote, at the time reached; what is none of it is passed over."""
         for topic, payload in self.decoder.feed(data, self.time_s):
+            self._heard_at = self._now
             try:
                 if topic == WANTS:
                     self._want(read(payload, Wants))
@@ -122,6 +127,7 @@ class Base:
         """The client is gone, or is a new one: nobody wants anything. The watchdog stops it."""
         self.decoder = Decoder()
         self._wanted = frozenset()
+        self._heard_at = self._now
         self._out.clear()
 
     def _want(self, wants: Wants) -> None:

@@ -202,7 +202,7 @@ def test_rays_that_find_nothing_doubt_slowly_and_those_without_a_range_not_at_al
     assert not once.points
 
 
-@pytest.mark.parametrize("bad", [nan, 0.0, -1.0])
+@pytest.mark.parametrize("bad", [nan, 0.0, -1.0, 0.1])
 def test_a_laser_that_is_blind_publishes_nothing_and_says_so_once(bad: float) -> None:
     robot = Robot(ROOM)
     assert robot.cycle() is not None
@@ -220,6 +220,17 @@ def test_a_laser_that_is_blind_publishes_nothing_and_says_so_once(bad: float) ->
     assert [log.level for log in logs] == [ERROR]
     assert "of 541 rays 0 tell anything: nobody drives blind" in logs[0].text
     assert robot.cycle() is not None
+
+
+def test_where_it_sees_its_own_robot_it_is_blind_and_nowhere_else() -> None:
+    robot = Robot(BOX)
+    robot.cycle()
+    ranges = robot.sees.scan(HERE)
+    ranges[200:341] = 0.1  # a post of its own hides what is ahead
+    found = robot.cycle(ranges=ranges)
+    assert found is not None
+    assert found.closest is not None
+    assert found.closest.x == pytest.approx(1.0, abs=0.02), "as it was remembered"
 
 
 def test_bytes_that_are_no_scan_are_a_blind_laser() -> None:

@@ -30,6 +30,7 @@ from armadico.config.errors import ConfigError
 from armadico.config.loading import load_entry
 from armadico.config.profile import SensorProfile, load_profile
 from armadico.config.shipped import find
+from armadico.config.worlds import load_world
 from armadico.core.agent import Agent, Identity, Publish
 from armadico.core.behaviour import LOST_M, UNSURE_M
 from armadico.core.geometry import Pose2, compose, relative, wrap
@@ -135,6 +136,20 @@ def test_a_corner_is_heard_where_it_is(range_m: float, heard: bool) -> None:
     """That of (6, 0), by who looks along the diagonal: both walls are 45 degrees off."""
     away = range_m / 2**0.5
     assert (one((6.0 - away, away, radians(-45.0)), 1.0) > 0.5) == heard
+
+
+@pytest.mark.parametrize("y", [3.85, 3.7, 3.6])
+@pytest.mark.parametrize("side", [-1.0, 1.0])
+def test_who_comes_through_a_door_hears_the_rooms_far_corners(y: float, side: float) -> None:
+    """They are the last of all that is in sight there, and all there is if the wall ahead is dead.
+
+    Robots were lost in that door: nothing that they heard was on the map.
+    """
+    world = load_world("surveillance")  # its room R1, from 4 to 8 and from 0 to 4 m
+    model = SonarModel(Grid(world.walls, world.bounds))
+    pose = np.array([(6.0, y, radians(-90.0 + 28.0 * side))], dtype=np.float32)
+    echo = Echo(0.0, 0.0, 0.0, hypot(2.0, y))
+    assert model.likelihood(pose, [echo])[0, 0] > 0.4
 
 
 def test_what_a_nearer_wall_hides_is_not_heard() -> None:

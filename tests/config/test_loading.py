@@ -201,7 +201,9 @@ def test_parameters_are_defaults_then_a_file_then_settings(tmp_path: Path) -> No
 
 
 def test_every_shipped_robot_loads() -> None:
-    assert names("robots") == ["amigobot", "pioneer-2dx"]
+    assert names("robots") == [
+        *("amigobot", "create3", "jackal", "pioneer-2dx", "turtlebot3-burger", "turtlebot4")
+    ]
     assert load(find("robots", "pioneer-2dx"), RobotProfile).name == "pioneer-2dx"
 
 
@@ -281,10 +283,13 @@ def test_an_entry_of_a_table_is_named_with_its_line(tmp_path: Path) -> None:
         load_table(file, Zones)
 
 
+KNOWN = "amigobot, create3, jackal, pioneer-2dx, turtlebot3-burger, turtlebot4"
+
+
 def test_an_unknown_name_lists_what_there_is() -> None:
     with pytest.raises(ConfigError) as caught:
         find("robots", "pioneer2dx")
-    message = "no robot 'pioneer2dx'; did you mean 'pioneer-2dx'? (known: amigobot, pioneer-2dx)"
+    message = f"no robot 'pioneer2dx'; did you mean 'pioneer-2dx'? (known: {KNOWN})"
     assert str(caught.value) == message
 
 
@@ -294,7 +299,9 @@ def test_a_slash_or_a_suffix_is_a_file(tmp_path: Path) -> None:
     assert find("robots", str(file)) == file
     with pytest.raises(ConfigError, match=r"no file .*mind.toml'; did you mean 'mine.toml'\?"):
         find("robots", str(tmp_path / "mind.toml"))
-    with pytest.raises(ConfigError, match=r"no file .*; shipped robots: amigobot, pioneer-2dx"):
+    with pytest.raises(
+        ConfigError, match=r"no file .*; shipped robots: amigobot, create3, jackal, "
+    ):
         find("robots", str(tmp_path / "nowhere" / "x.toml"))
 
 

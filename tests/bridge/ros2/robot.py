@@ -7,8 +7,8 @@ from math import cos, sin
 from armadico.bridge.ros2 import types
 from armadico.bridge.ros2.cdr import decode, encode
 from armadico.bridge.ros2.frames import WANTS, Decoder, Wants, frame, read
-from armadico.bridge.ros2.session import Session
-from armadico.bridge.session import Reported
+from armadico.bridge.ros2.session import UNWATCHED, Session
+from armadico.bridge.session import Noted, Reported
 from armadico.config.profile import Ros2Robot, load_profile
 
 BURGER = load_profile("turtlebot3-burger")
@@ -138,6 +138,11 @@ class Line:
 
     def of(self, kind: type) -> list:
         return [event for event in self.events if isinstance(event, kind)]
+
+    @property
+    def notes(self) -> list[Noted]:
+        """But for what is said of each robot without a watchdog."""
+        return [noted for noted in self.of(Noted) if noted.text != UNWATCHED]
 
     @property
     def report(self) -> Reported:

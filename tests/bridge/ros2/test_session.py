@@ -42,6 +42,14 @@ def test_it_is_open_with_the_first_odometry_by_the_name_of_who_says_it() -> None
     assert line.report.pose == Pose(1.0, 0.0, pytest.approx(0.5))
 
 
+def test_a_name_that_comes_after_the_odometry_is_taken_once() -> None:
+    line = Line()
+    line.odometry(x=1.0)
+    line.raw(said(Seen(robot="/base")))
+    line.raw(said(Seen(robot="/base", drivers=("/nav2",))))
+    assert line.of(Connected) == [Connected("", "ROS 2", ""), Connected("/base", "ROS 2", "")]
+
+
 def test_without_odometry_it_says_so_and_what_comes_instead() -> None:
     line = Line()
     line.raw(said(Seen(notes=("odom is a geometry_msgs/msg/Pose",))))
@@ -50,7 +58,7 @@ def test_without_odometry_it_says_so_and_what_comes_instead() -> None:
     assert (first.awaited, first.attempts, second.attempts) == ("odometry on odom", 1, 2)
     assert "geometry_msgs/msg/Pose" in first.hint
     assert len(line.wants) == 3
-    assert line.of(Noted) == [Noted("odom is a geometry_msgs/msg/Pose")]
+    assert line.notes == [Noted("odom is a geometry_msgs/msg/Pose")]
 
 
 def test_speeds_asked_of_a_robot_that_is_not_there_are_forgotten() -> None:
@@ -223,12 +231,12 @@ def test_others_that_drive_are_named_once() -> None:
     line = Line().open()
     for _ in range(3):
         line.raw(said(Seen(robot="/base", drivers=("/teleop", "/nav2"))))
-    (noted,) = line.of(Noted)
+    (noted,) = line.notes
     assert "cmd_vel" in noted.text
     assert "/teleop, /nav2" in noted.text
     line.raw(said(Seen()))
     line.raw(said(Seen(drivers=("/nav2",))))
-    assert len(line.of(Noted)) == 2
+    assert len(line.notes) == 2
 
 
 def test_what_the_line_says_badly_ends_nothing() -> None:
@@ -311,7 +319,7 @@ def test_a_laser_that_says_the_same_again_and_again_is_no_laser() -> None:
         line.scan([1.0, 2.0], at=0.3)
         line.go(0.1)
     assert line.report.scan is None
-    (noted,) = line.of(Noted)
+    (noted,) = line.notes
     assert "again and again" in noted.text
 
 
@@ -321,7 +329,7 @@ def test_a_laser_with_another_clock_is_named() -> None:
         line.scan([1.0, 2.0], at=line.now - 5.0)
         line.go(0.1)
     assert line.report.scan is None
-    (noted,) = line.of(Noted)
+    (noted,) = line.notes
     assert "do the clocks agree" in noted.text
 
 
