@@ -17,7 +17,6 @@ EXCEPTIONS = {
     ("armadico.config.scenarios", "robot"): "a key of a scenario's file: its robot's profile",
     ("armadico.config.hosts", "robot"): "a key of a host's entry: its robot's address",
     ("armadico.cli.run", "robot"): "an option, --robot",
-    ("armadico.config.profile", "laser"): "a frame of tf, by REP-105's customs",
     ("armadico.cli.top", "robot"): "a part of a snapshot: what the robot does",
 }
 """What is spelt like an agent and is none. Each is there, and no other is."""
