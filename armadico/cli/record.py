@@ -16,9 +16,13 @@ from armadico.cli import options
 from armadico.cli.options import FailedError, UsageError
 
 if TYPE_CHECKING:
+    from armadico.launch.virtual import Rehearsal
     from armadico.mesh.zenoh import ZenohMesh
     from armadico.observe.recorder import Recording
+    from armadico.observe.virtual_recording import Recorded
     from armadico.observe.watching import Watcher
+
+NEEDED: Final = "mcap is not installed: pip install 'armadico[record]'"
 
 MEGABYTE: Final = 1_000_000
 
@@ -40,7 +44,7 @@ def main(argv: Sequence[str]) -> int:
     namespaces = args.namespaces or [args.namespace]
     meshes = join_each(args, namespaces)
     if find_spec("mcap") is None:
-        raise FailedError("mcap is not installed: pip install 'armadico[record]'")
+        raise FailedError(NEEDED)
     signal.signal(signal.SIGTERM, signal.default_int_handler)  # it closes the file, too
     with ExitStack() as stack:
         for mesh in meshes:
@@ -54,6 +58,20 @@ def main(argv: Sequence[str]) -> int:
         except OSError as error:
             raise FailedError(f"cannot write {args.file}: {error.strerror or error}") from None
     return 0
+
+
+def recorded(rehearsal: Rehearsal, path: Path) -> Recorded:
+    """What is said in a virtual run, kept in a file while this is entered. Raises FailedError."""
+    if find_spec("mcap") is None:
+        raise FailedError(NEEDED)
+    from armadico.observe.virtual_recording import Recorded  # noqa: PLC0415 - not for --help
+
+    try:
+        return Recorded(rehearsal.mesh, path, rehearsal.namespace)
+    except FileExistsError:
+        raise FailedError(f"{path} exists already; name another file") from None
+    except OSError as error:
+        raise FailedError(f"cannot write {path}: {error.strerror or error}") from None
 
 
 def parser() -> argparse.ArgumentParser:
