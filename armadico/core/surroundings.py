@@ -44,7 +44,7 @@ class Surroundings:
 
     def lacking(self, fresh: Callable[[Cycle], bool]) -> str:
         """The first sensor of which there is nothing fresh; "" if there is of all."""
-        sensors = self._sensors or tuple(self._newest) or ("sonar",)
+        sensors = self._sensors or tuple(self._newest) or ("*",)
         for sensor in sensors:
             newest = self._newest.get(sensor)
             if newest is None or not fresh(newest.cycle):
