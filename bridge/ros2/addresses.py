@@ -66,7 +66,7 @@ def client_transport(url: str) -> SampleTransport:
 
 def robot_transport(url: str, name: str) -> SampleTransport:
     """The same for a simulated robot; of rmw_zenoh's it is the router. Raises ValueError."""
-    return _transport(url, name.replace("-", "_"), listens=True)
+    return _transport(url, name, listens=True)
 
 
 def _transport(url: str, node: str, listens: bool) -> SampleTransport:
