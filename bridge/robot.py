@@ -8,13 +8,14 @@ and its watchdog is fed only while all of this works. Which protocol it speaks t
 from __future__ import annotations
 
 from collections.abc import Iterable
-from math import copysign, cos, inf, radians, sin
+from math import copysign, inf
 from typing import Annotated, Any, ClassVar
 
 from msgspec import Meta
 from msgspec.structs import replace
 
 from armadico.bridge.p2os.session import Session as P2osSession
+from armadico.bridge.readings import Readings
 from armadico.bridge.reflex import Reflex, Touch
 from armadico.bridge.ros2.session import Session as Ros2Session
 from armadico.bridge.session import (
@@ -29,13 +30,12 @@ from armadico.config.profile import P2osRobot, Ros2Robot, load_profile
 from armadico.core import agent
 from armadico.core.agent import ERROR, WARNING, DeviceAgent
 from armadico.core.cycles import CycleCounter
-from armadico.core.geometry import Pose2, wrap
+from armadico.core.geometry import wrap
 from armadico.core.messages import (
     LABEL,
     Card,
     Cycle,
     Description,
-    Echo,
     Line,
     Message,
     Origin,
@@ -47,7 +47,7 @@ from armadico.core.messages import (
     TopSpeed,
 )
 from armadico.core.resources import WHEELS, Resource
-from armadico.core.scans import message_of, points_of
+from armadico.core.scans import points_of
 
 PULSE_S = 0.5
 """How often the watchdog is fed when there is nothing else to say."""
@@ -60,9 +60,6 @@ PATIENCE_S = 10.0
 
 AT_REST_M_S = 0.02
 """Rims slower than this rest."""
-
-SONARS_SILENT = 4
-"""Without a reading for so many cycles the sonars, or the laser, are said to be silent."""
 
 TOLD = tuple(2**n for n in range(20))
 """Which attempts without a status packet are told; if they come, not the first: it was open."""
@@ -103,12 +100,6 @@ def session_of(
     return P2osSession(profile.p2os, now, profile.limits, near, half_track)
 
 
-def _before(report: Reported, age_s: float) -> Pose2:
-    """Where the body was so long ago, in its frame now: m, m, rad."""
-    turned, way = -report.w * age_s, -report.v * age_s
-    return way * cos(0.5 * turned), way * sin(0.5 * turned), turned
-
-
 class Robot(DeviceAgent):
     """The robot, as the society knows it."""
 
@@ -138,14 +129,9 @@ class Robot(DeviceAgent):
         self._controller = ""  # as it names itself
         self._ordered = (0.0, 0.0)  # what was last obeyed, m/s and rad/s
         self._driven = (0.0, 0.0)  # what came of it by the reflexes
-        self._sensors = tuple(
-            name
-            for name, sensor in (("sonar", self.profile.sonar), ("laser", self.profile.laser))
-            if sensor is not None
-        )
+        self._readings = Readings(self.profile)
         self._reflex = Reflex(self.profile)
         self._touch = Touch(self.profile)
-        self._unheard = self._unseen = 0  # cycles since a sonar fired, and a scan came
         self._told, self._told_at = Line(), -inf  # of the line
 
     @classmethod
@@ -232,9 +218,10 @@ class Robot(DeviceAgent):
                     self.latch("the controller having been reset at the robot")
             elif isinstance(event, Unanswered) and event.attempts in TOLD[event.streaming :]:
                 self._line()
+                hint = event.hint or f"{_HINTS[event.streaming]}?"
                 self.log(
                     f"no answer on {self.p.port} (waiting for {event.awaited},"
-                    f" attempt {event.attempts}); {event.hint or _HINTS[event.streaming]}?",
+                    f" attempt {event.attempts}); {hint}",
                     WARNING,
                 )
             elif isinstance(event, Noted):
@@ -286,10 +273,8 @@ class Robot(DeviceAgent):
         if self._described % DESCRIBE_CYCLES == 0:
             self.publish(self.description())
         self._described += 1
-        echoes = self._echoes(report)
-        self._say_sonar(cycle, echoes)
-        scan = self._say_scan(cycle, report)
-        self._heed(report, echoes, scan)
+        self._perceive(cycle, report)
+        self._heed(report)
         self._insist(v, w)
 
     def _line(self) -> Line:
@@ -304,9 +289,7 @@ class Robot(DeviceAgent):
 
     def card(self) -> Card:
         """Without the readings of sensors that this robot has not got: nobody has to miss them."""
-        has: dict[type[Message], object]
-        has = {Sonar: self.profile.sonar, Scan: self.profile.laser}
-        none = {self.key_of(kind) for kind, sensor in has.items() if sensor is None}
+        none = {self.key_of(kind) for kind in (Sonar, Scan) if kind not in self._readings.provides}
         said = super().card()
         return replace(said, provides=tuple(key for key in said.provides if key not in none))
 
@@ -328,7 +311,7 @@ class Robot(DeviceAgent):
             silence_s=WHEELS.silence(cycle_s),
             watchdog_s=self.profile.watchdog_s,
             controller=self._controller,
-            sensors=self._sensors,
+            sensors=self._readings.sensors,
         )
 
     def _heed_hands(self, report: Reported) -> None:
@@ -369,11 +352,21 @@ class Robot(DeviceAgent):
         if not self._moving and rim > AT_REST_M_S:
             self.rest(WHEELS)
 
-    def _heed(self, report: Reported, echoes: tuple[Echo, ...], scan: Scan | None) -> None:
+    def _perceive(self, cycle: Cycle, report: Reported) -> None:
+        """Pass on what the sensors say."""
+        readings = self._readings
+        readings.take(cycle, report)
+        for message in (readings.sonar, readings.scan):
+            if message is not None:
+                self.publish(message)
+        for complaint in readings.complaints:
+            self.log(complaint, ERROR)
+
+    def _heed(self, report: Reported) -> None:
         """Slow down for what has just been heard or seen ahead, whoever is obeyed."""
-        pose = report.pose
+        pose, sonar, scan = report.pose, self._readings.sonar, self._readings.scan
         self._reflex.hear(
-            echoes,
+            () if sonar is None else sonar.echoes,
             (pose.x, pose.y, pose.theta),
             self._speeds,
             self.now,
@@ -393,69 +386,6 @@ class Robot(DeviceAgent):
         v = self._touch.cap(v)
         self._driven = (self._reflex.cap(v, w) if self.p.reflex else v, w)
         self._session.drive(*self._driven)
-
-    def _say_sonar(self, cycle: Cycle, echoes: tuple[Echo, ...]) -> None:
-        """Pass the readings on; a cycle in which no sonar fired has none.
-
-        So sonars that have fallen silent are stale obstacles three cycles later, not a free way.
-        """
-        ring = self.profile.sonar
-        if ring is None:
-            return
-        if echoes:
-            self._unheard = 0
-            self.publish(Sonar(cycle, ring.max_m, echoes))
-            return
-        self._unheard += 1
-        if self._unheard == SONARS_SILENT:
-            self.log(f"no sonar has fired for {SONARS_SILENT} cycles: nobody drives blind", ERROR)
-
-    def _say_scan(self, cycle: Cycle, report: Reported) -> Scan | None:
-        """Pass the newest scan on, if it is new enough; else there is none, as of sonars."""
-        laser, scan = self.profile.laser, report.scan
-        if laser is None:
-            return None
-        wrong = f"no scan for {SONARS_SILENT} cycles"
-        if scan is not None:
-            try:
-                said = message_of(
-                    cycle,
-                    scan.ranges,
-                    (scan.first, scan.step),
-                    (scan.least, scan.most),
-                    (laser.x_m, laser.y_m, radians(laser.bearing_deg)),
-                    upside_down=laser.upside_down,
-                    since=_before(report, scan.age_s),
-                    number=scan.number,
-                )
-                self.publish(said)
-                self._unseen = 0
-                return said
-            except ValueError as error:
-                wrong = str(error)
-        self._unseen += 1
-        if self._unseen == SONARS_SILENT:
-            self.log(f"the laser tells nothing, {wrong}: nobody drives blind", ERROR)
-        return None
-
-    def _echoes(self, report: Reported) -> tuple[Echo, ...]:
-        ring = self.profile.sonar
-        if ring is None:
-            return ()
-        echoes = []
-        for index, distance in report.echoes:
-            if index < len(ring.sonars):
-                sonar = ring.sonars[index]
-                heard = 0.0 < distance < ring.max_m * 0.999
-                echoes.append(
-                    Echo(
-                        sonar.x_m,
-                        sonar.y_m,
-                        radians(sonar.bearing_deg),
-                        distance if heard else None,
-                    )
-                )
-        return tuple(echoes)
 
     # The wheels ----------------------------------------------------------------------------------
 

@@ -93,9 +93,9 @@ class ScanMap(Near):
         tells = int(np.count_nonzero(~np.isnan(ranges)))
         self._rays = _Rays(scan.x, scan.y, scan.bearing, scan.step, ranges)
         known = self._points
-        looks = self._looks(known)
-        known[looks == Look.NOTHING.value, 2] -= self.settings.silence
-        known = known[(looks != Look.SEEN.value) & (looks != Look.THROUGH.value)]
+        came = self._looks(known)
+        known[came == Look.NOTHING.value, 2] -= self.settings.silence
+        known = known[(came != Look.SEEN.value) & (came != Look.THROUGH.value)]
         self._keep(np.concatenate([self._thinned(ranges, bearings), known]))
         return tells
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterable
+from contextlib import suppress
 from functools import cached_property
 from math import ceil, inf, isfinite
 from typing import Final
@@ -71,6 +72,31 @@ class Places:
             x, y, _ = self.of(name)
             if known and self._regions[self._cell(x, y)] not in regions:
                 yield name
+
+    def inhabited(self, points: Points) -> NDArray[np.bool_]:
+        """Which points, (n, 2) in m, can be got to from a place that has a name.
+
+        What a map has around a building, or shut up in it, has none: no robot is there. All can,
+        where nothing has a name.
+        """
+        found = set[int]()
+        for name in self.names:
+            with suppress(ConfigError):  # a room that is too full to turn in
+                found |= self._around(*self._cell(*self.of(name)[:2]))
+        for x, y, _ in self.world.docks.values():
+            found |= self._around(*self._cell(x, y))
+        if not found:
+            return np.ones(len(points), dtype=np.bool_)
+        there = np.isin(self._regions, [*found])
+        near = np.pad(there, 1)  # a point of another grid may be beside the cell that is free
+        near[1:] |= near[:-1].copy()
+        near[:-1] |= near[1:].copy()
+        near[:, 1:] |= near[:, :-1].copy()
+        near[:, :-1] |= near[:, 1:].copy()
+        cells = np.rint((points - np.array(self.world.bounds[:2])) / CELL_M).astype(np.intp)
+        columns, rows = np.clip(cells, 0, np.array(there.shape) - 1).T
+        found_at: NDArray[np.bool_] = near[columns + 1, rows + 1]
+        return found_at
 
     # Inside --------------------------------------------------------------------------------------
 

@@ -127,9 +127,8 @@ class Drive(Struct, frozen=True, forbid_unknown_fields=True):
     lag_s: Positive  # time constant of its speed loops
     v_accel: Ramp  # m/s^2, up and down
     w_accel: Ramp  # rad/s^2
-    scrub: (
-        Share  # tyres dragged sideways in turns: what the floor adds to a turn error that is drawn
-    )
+    scrub: Share  # of tyres dragged sideways: what the floor adds to the turn error drawn,
+    heading: Share  # and what a gyroscope leaves of its odometry's errors in turning; 1: all
     rolling_n: NonNegative  # what it takes to roll,
     turning_nm: NonNegative  # and to turn,
     efficiency: Annotated[float, Meta(ge=0.01, le=1)]  # of battery to wheel

@@ -5,6 +5,7 @@ from __future__ import annotations
 import random
 from pathlib import Path
 
+import numpy as np
 import pytest
 
 from armadico.config.errors import ConfigError
@@ -191,6 +192,15 @@ def test_a_room_without_a_way_in_cannot_be_reached_and_one_that_is_full_not_stoo
     assert fault(there % "C", places).startswith(
         "m.toml:2: in room 'C' of 'w' the robot can turn nowhere"
     )
+
+
+def test_around_a_building_nobody_is_and_where_nothing_has_a_name_anywhere(
+    building: Places,
+) -> None:
+    points = np.array([[2.0, 2.0], [2.0, 8.0], [10.0, 5.0], [6.0, 8.0], [10.0, 2.0], [0.33, 5.0]])
+    assert building.inhabited(points).tolist() == [True, True, True, False, False, True]
+    nameless = World("w", building.world.walls, building.world.bounds)
+    assert Places(nameless, load_profile("pioneer-2dx").body).inhabited(points).all()
 
 
 def test_what_can_be_got_to_is_what_a_flood_from_there_reaches() -> None:

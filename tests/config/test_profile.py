@@ -80,6 +80,7 @@ lag_s = 0.1
 v_accel = 1.0
 w_accel = 1.0
 scrub = 0.0
+heading = 1.0
 rolling_n = 1.0
 turning_nm = 1.0
 efficiency = 0.5

@@ -162,7 +162,7 @@ POSE = m.Pose(m.Cycle(7, 3), 1.0, -2.0, 0.5)
 
 
 @pytest.mark.parametrize("kind", KINDS, ids=lambda kind: kind.__name__)
-@settings(max_examples=30)
+@settings(max_examples=15)  # of each kind, and kinds share their parts
 @given(data=st.data())
 def test_every_message_comes_back_as_it_was(kind: type[Message], data: st.DataObject) -> None:
     message = data.draw(of(kind))
@@ -170,7 +170,7 @@ def test_every_message_comes_back_as_it_was(kind: type[Message], data: st.DataOb
 
 
 @pytest.mark.parametrize("kind", KINDS, ids=lambda kind: kind.__name__)
-@settings(max_examples=20)
+@settings(max_examples=10)
 @given(data=st.data())
 def test_on_the_wire_a_message_is_at_most_twice_as_long_as_in_message_pack(
     kind: type[Message], data: st.DataObject

@@ -17,6 +17,7 @@ import pytest
 
 from armadico.bridge.ros2 import cdr, types
 from armadico.bridge.ros2.frames import SEEN, Decoder, Frame, Seen, Wanted, Wants, frame, read, said
+from armadico.bridge.ros2.samples import Address
 from armadico.bridge.ros2.session import Session
 from armadico.bridge.session import Connected, Event, LinkLost, Reported
 from armadico.bridge.transports import Transport, open_transport
@@ -24,6 +25,8 @@ from armadico.config.profile import Ros2Robot, load_profile
 from tests import real_ros
 
 pytest.importorskip("cyclonedds", reason="armadico[ros2] is not installed")
+from armadico.bridge.ros2.dds import DdsWire
+
 pytestmark = [pytest.mark.live, pytest.mark.timeout(180)]
 
 PEER = Path(__file__).with_name("rclpy_peer.py")
@@ -232,6 +235,21 @@ def test_an_empty_domain_and_a_robot_in_another_namespace(domain, peer, line) ->
     peer("--namespace", "tb7")
     seen = ours.until(lambda seen: "tb7" in "".join(seen.notes))
     assert "there is odometry on /tb7/odom: is that its namespace?" in seen.notes[0]
+
+
+def test_nodes_of_an_older_ros_are_not_told_what_they_cannot_read(domain, line) -> None:
+    """Humble's gids have 24 bytes; its nodes end their discovery on hearing of 16."""
+    humble = DdsWire(Address("", domain, "lo"), "humble")
+    writer, reader = humble._nodes_out, humble._nodes_in
+    gid = humble._participant.guid.bytes + bytes(8)
+    info = b"\0\1\0\0" + gid + (1).to_bytes(4, "little")
+    info += b"\2\0\0\0/\0\0\0" + b"\2\0\0\0n\0\0\0" + bytes(8)
+    writer.write(writer.topic.data_type.of(info))
+    ours = line("", ODOM)
+    ours.until(lambda seen: bool(seen.notes))  # who is there is known by then
+    said = [sample.payload for sample in reader.take(100) if sample.payload != info]
+    humble.close()
+    assert said == []
 
 
 # The robot agent's session over it ----------------------------------------------------------------

@@ -35,7 +35,7 @@ if TYPE_CHECKING:
 
 TITLE: Final = "The BARN challenge: fields of cylinders, no map"
 RUNS: Final = 1
-ROBOTS: Final = ("pioneer-2dx",)
+ROBOTS: Final = ("jackal", "pioneer-2dx", "pioneer-16")
 PARAMETERS: Final = "swift"
 
 TUNED: Final = (1, 2, 3)
