@@ -17,6 +17,7 @@ from armadico.agents.methods.monte_carlo import LASER, Estimate, Model, MonteCar
 from armadico.agents.methods.odometry import begun_anew
 from armadico.agents.methods.sonar_model import FORMAT, Fields, SonarModel, fields
 from armadico.config.kept import Arrays, arrays
+from armadico.config.places import Places
 from armadico.config.profile import RobotProfile, load_profile
 from armadico.config.worlds import load_world
 from armadico.core import agent, particles
@@ -118,11 +119,13 @@ class Localization(Agent):
         grid = Grid(world.outlines, world.bounds)
         rows, columns = np.nonzero(grid.clearance > profile.body.width_m / 2)
         free = np.column_stack([grid.xs[columns], grid.ys[rows]])
+        self._places = Places(world, profile.body)
+        self._free, inhabited = free, free[self._places.inhabited(free)]
         self._useful = bool(world.outlines) and len(free) > 0
         self._sees = profile.laser is not None
         self._filter = MonteCarlo(
             model_of(grid, profile),
-            free,
+            inhabited if len(inhabited) else free,
             np.random.default_rng(self.rng.getrandbits(63)),
             self.p.filter or (LASER if self._sees else Settings()),
         )
@@ -157,6 +160,9 @@ class Localization(Agent):
         if self.p.start == "anywhere":
             self._filter.start_anywhere()
         else:
+            here = np.array([[pose.x, pose.y]])
+            if not self._lost and not self._places.inhabited(here).all():
+                self._filter.may_be_at(self._free)  # names tell nothing of where this one drives
             off = max(self.p.start_m, pose.deviation)  # of a pose that nobody corrected lately
             turned = max(self.p.start_rad, pose.heading_deviation)
             self._filter.start_at((pose.x, pose.y, pose.theta), off, turned)

@@ -214,6 +214,10 @@ class MonteCarlo:
         self._parts = False  # the next reading is kept however near it is
         self._kept: deque[Reading] = deque(maxlen=max(settings.kept, settings.remembered))
 
+    def may_be_at(self, free: NDArray[np.float64]) -> None:
+        """Places where the robot may be, (n, 2), m, from now on."""
+        self._free = free.astype(np.float32)
+
     def start_at(self, pose: Pose2, deviation_m: float, deviation_rad: float) -> None:
         """Begin about a pose."""
         settings = self.settings

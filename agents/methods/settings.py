@@ -99,3 +99,4 @@ class Brisk(Struct, frozen=True, forbid_unknown_fields=True):
     beside_m: float = 0.10  # or than this with the goal abeam,
     leave_m: float = 0.115  # and drives again only beyond this
     stop_rad: float = radians(1.5)
+    sight_m: float | None = None  # so far it sees, and stops within what it sees of its way

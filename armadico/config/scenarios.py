@@ -115,9 +115,10 @@ class Scenario(Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):
     """None: nobody is sent anywhere, as where an agent wanders."""
     waypoints: tuple[PoseDeg, ...] = ()
     """On the way to the goal; used with plan = "waypoints" only."""
-    plan: Literal["direct", "waypoints", "rooms", "frontiers"] | None = None
+    plan: Literal["direct", "waypoints", "rooms", "seen", "frontiers"] | None = None
     """Straight to the goal, over the waypoints, as the path planning agent says, with rooms or
-    without, or all over the world, which nobody knows; None: planned where there are barriers."""
+    without, as it says that is told of no world and goes by what was seen, or all over the world,
+    which nobody knows; None: planned where there are barriers."""
     within: tuple[Metres, Metres, Metres, Metres] | None = None
     """The rectangle that is explored: x1, y1, x2, y2 in m; none: the world's."""
     agents: tuple[str, ...] = field(default_factory=lambda: society().agents)
@@ -169,7 +170,12 @@ def planned(scenario: Scenario) -> bool:
     """Whether the path planning agent is asked for the way."""
     if scenario.plan is None:
         return bool(load_world(scenario.world).barriers)
-    return scenario.plan == "rooms"
+    return scenario.plan in ("rooms", "seen")
+
+
+def unmapped(scenario: Scenario) -> bool:
+    """Whether nobody is told of the world."""
+    return scenario.plan in ("seen", "frontiers")
 
 
 def blind(scenario: Scenario) -> bool:

@@ -43,7 +43,7 @@ class Surroundings:
         return together(first, *more) if more else first
 
     def lacking(self, fresh: Callable[[Cycle], bool]) -> str:
-        """The first sensor of which there is nothing fresh; "" if there is of all."""
+        """The first sensor of which nothing is fresh, * while any would do; "" if none lacks."""
         sensors = self._sensors or tuple(self._newest) or ("*",)
         for sensor in sensors:
             newest = self._newest.get(sensor)

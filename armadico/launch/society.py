@@ -36,6 +36,7 @@ from armadico.config.scenarios import (
     scenario_from,
     sensing,
     society,
+    unmapped,
 )
 from armadico.config.worlds import load_world
 from armadico.core.agent import DeviceAgent
@@ -47,6 +48,9 @@ from armadico.observe.measures import RunWatch
 
 VIRTUAL, LIVE, ATTACHED = "virtual", "live", "attached"
 """How a run is driven."""
+
+NOWHERE = Scenario(world="empty", start=(0, 0, 0), plan="seen")
+"""Where no scenario is named, nobody knows the world."""
 
 LIMIT_SPEED = 0.3
 LIMIT_FACTOR = 5.0
@@ -164,7 +168,7 @@ def share(
     """
     taken = host.agents if scenario is None else (*names(scenario), *society().watch)
     taking = Counter(name for name in taken if name not in options.without)
-    scenario = scenario or Scenario(world="empty", start=(0, 0, 0))
+    scenario = scenario or NOWHERE
     here = (*(name for name in host.agents for _ in range(taking[name])), *more)
     return _launched(here, facts(scenario, options, host.robot or ""), options)
 
@@ -185,7 +189,7 @@ def spare(
         if name in placed and name in here and (host.takes is None or name in host.takes)
         if name not in host.agents and not issubclass(agent_class(name), DeviceAgent)
     ]
-    scenario = scenario or Scenario(world="empty", start=(0, 0, 0))
+    scenario = scenario or NOWHERE
     return _launched(able, facts(scenario, options), options)
 
 
@@ -221,7 +225,7 @@ def facts(scenario: Scenario, options: Options, port: str = "") -> dict[str, obj
         "x": x,
         "y": y,
         "theta": radians(degrees),
-        "world": None if scenario.plan == "frontiers" else scenario.world,  # it is to find out
+        "world": None if unmapped(scenario) else scenario.world,  # they are to find out
         "v_max": scenario.v_max,
         "capacity_ah": scenario.battery.capacity_ah,
         "resume": options.resume,

@@ -33,6 +33,7 @@ WAITING: Final = 1000
 _SETTINGS: Final[dict[str, Any]] = {
     "scouting/multicast/enabled": False,
     "transport/shared_memory/enabled": False,
+    "timestamping/enabled": True,  # or nothing can be kept for those who come late
     "connect/timeout_ms": CONNECT_MS,
     "connect/exit_on_failure": True,
 }

@@ -399,7 +399,7 @@ def _ros2(args: argparse.Namespace, name: str, stack: ExitStack) -> tuple[Line, 
     profile = load_profile(args.robot)
     if not isinstance(profile, Ros2Robot):
         raise options.UsageError(
-            f"--ros2: {args.robot} speaks P2OS; armadico sim jackal --ros2, say"
+            f"--ros2: {args.robot} speaks P2OS; say armadico sim jackal --ros2"
         )
     try:
         transport = addresses.robot_transport(args.ros2, name.rpartition("/")[2])

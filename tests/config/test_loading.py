@@ -202,7 +202,15 @@ def test_parameters_are_defaults_then_a_file_then_settings(tmp_path: Path) -> No
 
 def test_every_shipped_robot_loads() -> None:
     assert names("robots") == [
-        *("amigobot", "create3", "jackal", "pioneer-2dx", "turtlebot3-burger", "turtlebot4")
+        *(
+            "amigobot",
+            "create3",
+            "jackal",
+            "pioneer-16",
+            "pioneer-2dx",
+            "turtlebot3-burger",
+            "turtlebot4",
+        )
     ]
     assert load(find("robots", "pioneer-2dx"), RobotProfile).name == "pioneer-2dx"
 
@@ -283,7 +291,7 @@ def test_an_entry_of_a_table_is_named_with_its_line(tmp_path: Path) -> None:
         load_table(file, Zones)
 
 
-KNOWN = "amigobot, create3, jackal, pioneer-2dx, turtlebot3-burger, turtlebot4"
+KNOWN = "amigobot, create3, jackal, pioneer-16, pioneer-2dx, turtlebot3-burger, turtlebot4"
 
 
 def test_an_unknown_name_lists_what_there_is() -> None:

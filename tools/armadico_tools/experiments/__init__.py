@@ -30,6 +30,7 @@ EXPERIMENTS: Final = {
     "surveillance": "surveillance",
     "energy": "energy",
     "docking": "docking",
+    "barn": "barn",
     "live-vs-virtual": "live_vs_virtual",
 }
 """What an experiment is called, and its module; in this order they are all run."""
