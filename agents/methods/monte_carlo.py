@@ -509,8 +509,10 @@ class MonteCarlo:
         others tell. Where most are short, it is the place that is wrong.
         """
         best = int(self.weights.argmax())
-        short = self._model.short(self.poses[[best]], echoes)
-        short &= likelihood[best] < UNEXPLAINED
+        short = likelihood[best] < UNEXPLAINED
+        if short.any():
+            unexplained = [echo for echo, bad in zip(echoes, short, strict=True) if bad]
+            short[short] = self._model.short(self.poses[[best]], unexplained)
         self._short.extend(short.tolist())
         if sum(self._short) <= self.settings.people * len(self._short):
             likelihood = likelihood[:, ~short]

@@ -58,10 +58,8 @@ class Server(ServerListener):
                 context=self._context,
             )
         except (RuntimeError, OverflowError, ValueError) as error:
-            raise ServerError(
-                f"cannot listen on {address}, port {port}: {error}; is it taken? --port 0 takes one"
-                " that is free"
-            ) from None
+            hint = "; --port 0 takes one that is free" if "in use" in str(error) else ""
+            raise ServerError(f"cannot listen on {address}, port {port}: {error}{hint}") from None
 
     @property
     def port(self) -> int:

@@ -28,7 +28,11 @@ GOAL_S: Final = 0.5
 AGAIN_S: Final = 5.0
 """What has been said is not repeated within this."""
 
+ALONE_S: Final = 10.0
+"""Without anything to pass on for so long, that is said."""
+
 LEAVE_S: Final = 1.0
+"""What threads have for their last turn."""
 
 Say = Callable[[str], None]
 
@@ -68,6 +72,7 @@ class Gateway:
         self._told: dict[str, float] = {}
         self._goal: tuple[str, MissionRequest] | None = None
         self._goal_at = -math.inf
+        self._heard_at = mesh.now()
         self._mission: Mission | None = None
         self._request: MissionRequest | None = None  # that it came of
         self._offset = time.time_ns() - round(1e9 * mesh.now())  # from the mesh's time, ns
@@ -86,10 +91,17 @@ class Gateway:
             if not self._under_way(request):
                 self._drive(topic, request)
         self._follow()
+        if now - self._heard_at >= ALONE_S:
+            self._heard_at = math.inf
+            self._say(
+                f"nothing is heard in the namespace {self._mesh.namespace!r}; waiting"
+                " (`armadico ps` shows who is there, --namespace and --connect say where to look)"
+            )
 
     def _taker(self, translator: Translator) -> Callable[[Message, float], None]:
         def take(message: Message, at: float) -> None:
             stamp = round(1e9 * at) + self._offset
+            self._heard_at = at
             for sample in translator.take(self._client.key, message, stamp):
                 self._outside.publish(sample, stamp)
                 self.samples += 1

@@ -138,7 +138,7 @@ def parser() -> argparse.ArgumentParser:
     made.add_argument(
         "named",
         nargs="+",
-        metavar=("WORLD|ROBOT", "WORLD"),
+        metavar="NAME",
         help="a shipped world, or a .map or .yaml file; before it a robot's profile (default"
         f" {DEFAULT_ROBOT}); of a shipped robot alone, the empty world",
     )

@@ -132,6 +132,21 @@ def test_what_is_said_again_and_again_is_said_once(scene: Scene) -> None:
     assert len(scene.said) == 1
 
 
+def test_silence_is_remarked_upon_once_each_time(scene: Scene) -> None:
+    for node in scene.run.mesh.nodes:
+        node.hang()
+    scene.until(lambda: bool(scene.said))
+    assert scene.said[0].startswith("nothing is heard in the namespace 'robot1'; waiting")
+    end = scene.run.mesh.now + 30.0
+    while scene.run.mesh.now < end:
+        scene.gateway.turn()
+    assert len(scene.said) == 1
+    for node in scene.run.mesh.nodes:
+        node.resume()
+    before = scene.gateway.samples
+    scene.until(lambda: scene.gateway.samples > before)
+
+
 def test_what_nobody_takes_is_nothing(scene: Scene) -> None:
     scene.outside.goals = [Asked("/elsewhere", b"", "cdr")]
     scene.gateway.turn()

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import math
+import subprocess
 from collections import Counter
 from pathlib import Path
 from typing import Any
@@ -19,6 +20,7 @@ from mcap_ros2.decoder import DecoderFactory
 from rosbags.rosbag2 import Reader
 from rosbags.typesys import Stores, get_typestore
 
+from armadico.bridge.ros2 import cdr
 from armadico.cli import export as command
 from armadico.cli.options import FailedError, UsageError
 from armadico.core import messages as m
@@ -26,6 +28,11 @@ from armadico.observe.export import Tables, rows, to_rrd
 from armadico.observe.recorder import Recording
 from armadico.observe.translators import translators
 from armadico.observe.watching import Heard
+from tests import real_ros
+
+READS = Path(__file__).parents[1] / "bridge" / "ros2" / "rclpy_reads.py"
+WITHOUT = {"diagnostic_msgs/msg/DiagnosticArray"}
+"""Its package is not to be had, as that of tf2_msgs is not."""
 
 SECOND = 1_000_000_000
 BEGUN = 1_700_000_000 * SECOND
@@ -266,3 +273,34 @@ def test_metadata_is_in_our_own_files_as_it_was(tmp_path: Path) -> None:
         assert reader.get_header().library == "armadico 7"
     assert (about.name, about.metadata["version"]) == ("armadico", "7")
     assert json.loads(about.metadata["protocol"]) == m.PROTOCOL
+
+
+# Real ROS 2 ---------------------------------------------------------------------------------------
+
+
+@pytest.mark.live
+def test_real_ros2_reads_the_samples_and_writes_the_same(tmp_path: Path) -> None:
+    path = tmp_path / "run.mcap"
+    recorded(path, "robot1")
+    with path.open("rb") as stream:
+        samples = [
+            (schema.name, message.data)
+            for schema, channel, message in make_reader(stream).iter_messages()
+            if schema is not None and channel.message_encoding == "cdr"
+        ]
+    done = subprocess.run(
+        [real_ros.interpreter(), READS],
+        input="\n".join(json.dumps([name, data.hex()]) for name, data in samples),
+        capture_output=True,
+        text=True,
+        check=True,
+        timeout=100,
+    )
+    said = [json.loads(line) for line in done.stdout.splitlines()]
+    assert len(said) == len(samples)
+    read = {name for (name, _), found in zip(samples, said, strict=True) if found}
+    assert read == {*TOPICS.values()} - {"tf2_msgs/msg/TFMessage"} - WITHOUT
+    for (name, data), found in zip(samples, said, strict=True):
+        if found:
+            kind = cdr.known()[name]  # what it fills gaps with is anything
+            assert cdr.encode(cdr.decode(kind, bytes.fromhex(found["again"]))) == data, name
