@@ -10,6 +10,7 @@ from typing import Annotated, Any, ClassVar, Literal
 
 import numpy as np
 from msgspec import Meta
+from msgspec.structs import replace
 
 from armadico.agents.methods.grid import CELL_M, Grid, check_extent
 from armadico.agents.methods.monte_carlo import Estimate, MonteCarlo, Settings
@@ -21,7 +22,16 @@ from armadico.config.worlds import load_world
 from armadico.core import agent, particles
 from armadico.core.agent import WARNING, Agent
 from armadico.core.geometry import Pose2, compose, relative, wrap
-from armadico.core.messages import Correction, Echo, Message, Particles, Pose, RobotState, Sonar
+from armadico.core.messages import (
+    Correction,
+    Cycle,
+    Echo,
+    Message,
+    Particles,
+    Pose,
+    RobotState,
+    Sonar,
+)
 
 Metres = Annotated[float, Meta(gt=0, le=100)]
 Angle = Annotated[float, Meta(gt=0, le=6.2832)]
@@ -120,6 +130,7 @@ class Localization(Agent):
         self._best: Pose2 = STOOD  # this one,
         self._unproved = 0  # and so often it has to be that yet
         self._shown_at = float("-inf")
+        self._shown: tuple[int, Particles] | None = None  # of which change of the particles
 
     def on_pose(self, pose: Pose) -> None:
         """Where to begin."""
@@ -185,8 +196,17 @@ class Localization(Agent):
         )
         if self.now - self._shown_at >= PARTICLES_S:
             self._shown_at = self.now
-            drawn = self._filter.drawn(particles.MOST).tolist()
-            self.publish(particles.message_of(sonar.cycle, drawn))
+            self._show(sonar.cycle)
+
+    def _show(self, cycle: Cycle) -> None:
+        """Publish some particles: the same again while the robot stands."""
+        changes = self._filter.changes
+        if self._shown is not None and self._shown[0] == changes:
+            said = replace(self._shown[1], cycle=cycle)
+        else:
+            said = particles.message_of(cycle, self._filter.drawn(particles.MOST).tolist())
+        self._shown = changes, said
+        self.publish(said)
 
     def _judge(self, found: Estimate) -> None:
         """Whether it is lost: if it seems so for a while, and found once it has been sure.

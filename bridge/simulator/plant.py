@@ -201,7 +201,7 @@ class Plant:
         """`step_s` seconds with these motor voltages, V."""
         self.run(1, lambda _v, _w: (left_v, right_v))
 
-    def run(self, steps: int, driver: Driver) -> None:
+    def run(self, steps: int, driver: Driver) -> None:  # noqa: PLR0915 - calls would cost
         """Steps of `step_s` seconds; the motors get the driver's voltages, cut at the battery's.
 
         All the robot does in a simulation happens here, 200 times a simulated second: what does
@@ -219,12 +219,17 @@ class Plant:
         moves = self._movement is not None
         if self._docks:  # looked at as often as the controller does anything: 40 ms at the most
             battery.charging = in_contact(self.pose, self._docks)
+        rests = False  # whether the step before changed nothing but the battery's charge
         for _ in range(steps):
             if moves and not self._steps % MOVE_STEPS:
                 self.pose, self._margin = (x, y, theta), margin
                 self._move_world()
                 margin = self._margin
             left_v, right_v = driver(odometry.v, odometry.w)
+            if rests and left_v == 0.0 == right_v and margin > 0.0:
+                self._steps += 1
+                battery.drain(0.0, STEP_S)
+                continue
             most = battery.volts
             if not (-most <= left_v <= most and -most <= right_v <= most):
                 left_v, right_v = truncated(left_v, right_v, most)
@@ -255,6 +260,8 @@ class Plant:
             odometry.move(STEP_S * left, STEP_S * right)
             watts = left_v * (left_v - emf * left) + right_v * (right_v - emf * right)
             battery.drain(watts * conductance, STEP_S)
+            rests = pace0 == 0.0 == pace == watts == left_v == right_v and margin > 0.0
+            rests = rests and not walls_push and odometry.v == 0.0 == odometry.w
         self.pose, self._margin = (x, y, theta), margin
         self.show_body()
 

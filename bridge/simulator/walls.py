@@ -142,10 +142,13 @@ class Walls:
     def __init__(self) -> None:
         self.space = pymunk.Space()
         none, points = np.empty(0), np.empty(0, complex)
-        self._all = self._moving = self._robots = Segments(points, points, none, none, none)
-        self._shown: list[Segment] = []
+        self._all = self._things = Segments(points, points, none, none, none)
+        self.changes = 0  # of what people may run into: walls, doors and boxes
+        self._moving, self._robots = _Outlines(), _Outlines()
+        self._doors: list[Wall] = []  # and boxes, the things of what moves
+        self.shown: list[Segment] = []  # what moves, one by one
         self.others: dict[pymunk.Shape, Other] = {}  # robots in the space, by their outlines
-        self._things = 0  # the first of what moves, people after them
+        self._clear: tuple[tuple[float, float, float], Segments, float] | None = None
         self._near = self._all
         self._plain: list[Segment] = []
         self._corners: list[Corner] | None = None
@@ -158,6 +161,7 @@ class Walls:
         """More walls, and how each answers a sonar; one without length is left out."""
         rows, added = _segments(walls, surfaces)
         self._all = self._all.joined(added)
+        self.changes += 1
         self._anchor = (inf, inf)
         static = self.space.static_body
         self.space.add(
@@ -166,15 +170,17 @@ class Walls:
 
     def show(self, things: Sequence[Wall], people: Sequence[Wall], surface: Surface) -> None:
         """What moves is now here, and answers so; who moves it sees to what it touches."""
-        outlines = [*things, *people]
-        self._things = len(things)
-        self._moving = _segments(outlines, [surface] * len(outlines))[1]
-        self._shown = self._moving.plain() + self._robots.plain()
+        if things != self._doors:
+            self._doors = list(things)
+            self._things = _segments(things, [surface] * len(things))[1]
+            self.changes += 1
+        self._moving = _Outlines([*things, *people], surface)
+        self.shown = self._moving.plain + self._robots.plain
 
     def show_robots(self, outlines: Sequence[Wall], surface: Surface) -> None:
         """Other robots are now here, and answer so."""
-        self._robots = _segments(outlines, [surface] * len(outlines))[1]
-        self._shown = self._moving.plain() + self._robots.plain()
+        self._robots = _Outlines(outlines, surface)
+        self.shown = self._moving.plain + self._robots.plain
 
     def near(self, x: float, y: float) -> Segments:
         """Every wall within `NEAR_M` of a point, and perhaps some more."""
@@ -186,9 +192,9 @@ class Walls:
         return self._near
 
     def plain(self, x: float, y: float) -> list[Segment]:
-        """The same walls as `near`, one by one."""
+        """The same walls as `near`, one by one; the same list until they are others."""
         self.near(x, y)
-        return self._plain + self._shown if self._shown else self._plain
+        return self._plain
 
     def corners(self, x: float, y: float) -> list[Corner]:
         """Corners and edges near a point."""
@@ -199,12 +205,17 @@ class Walls:
 
     def clearance(self, pose: tuple[float, float, float], box: Box) -> float:
         """From a rectangle at a pose to the nearest wall, m; 0 when touching, inf if none is."""
-        nearest = _clearance(self.near(pose[0], pose[1]), pose, box)
-        if nearest > NEAR_M - box.half_length - box.half_width - abs(box.ahead):
-            nearest = _clearance(self._all, pose, box)
-        if self._shown:
-            moving = (_clearance(each, pose, box) for each in (self._moving, self._robots))
-            nearest = min(nearest, *moving)
+        near = self.near(pose[0], pose[1])
+        if self._clear is None or self._clear[0] != pose or self._clear[1] is not near:
+            nearest = _clearance(near, pose, box)
+            if nearest > NEAR_M - box.half_length - box.half_width - abs(box.ahead):
+                nearest = _clearance(self._all, pose, box)
+            self._clear = pose, near, nearest
+        nearest = self._clear[2]
+        round_m = hypot(box.half_length + abs(box.ahead), box.half_width)
+        for each in (self._moving, self._robots):
+            if each.reach(pose[0], pose[1]) - round_m < nearest:
+                nearest = min(nearest, _clearance(each.segments, pose, box))
         return nearest if nearest > TOUCH_M else 0.0
 
     def between(self, walls: Sequence[Wall], pose: tuple[float, float, float], box: Box) -> float:
@@ -213,9 +224,36 @@ class Walls:
 
     def distance(self, x: float, y: float) -> float:
         """From a point to the nearest wall, door or box, m; inf if none is."""
-        things = self._moving.chosen(np.arange(len(self._moving.length)) < self._things)
-        ways = (_distance(walls, x, y) for walls in (self._all, things) if len(walls.length))
+        both = (self._all, self._things)
+        ways = (_distance(walls, x, y) for walls in both if len(walls.length))
         return min((float(way.min()) for way in ways), default=inf)
+
+
+class _Outlines:
+    """What moves, where it is now: one by one, and as arrays if anybody asks."""
+
+    def __init__(self, walls: Sequence[Wall] = (), surface: Surface = DEAD) -> None:
+        self._walls, self._surface = walls, surface
+        self._segments: Segments | None = None
+        self.plain: list[Segment] = []
+        for x1, y1, x2, y2 in walls:
+            x, y = x2 - x1, y2 - y1
+            length = abs(complex(x, y))
+            if length > 0.0:
+                each = 1.0 / length
+                self.plain.append((x1, y1, each * x, each * y, length, *surface))
+
+    def reach(self, x: float, y: float) -> float:
+        """None of them is nearer to a place than this, m."""
+        ways = (hypot(each[0] - x, each[1] - y) - each[4] for each in self.plain)
+        return min(ways, default=inf)
+
+    @property
+    def segments(self) -> Segments:
+        """The same as arrays."""
+        if self._segments is None:
+            self._segments = _segments(self._walls, [self._surface] * len(self._walls))[1]
+        return self._segments
 
 
 def _segments(
