@@ -32,7 +32,7 @@ from armadico.core.messages import (
 )
 from armadico.core.tasks import Beliefs, Done, Task
 from armadico.runtime.errors import MissionRefusedError
-from tests.missions.building import SURVEY, Building, text
+from armadico_tools.building import SURVEY, Building, text
 
 NEAR = 'do = "move", to = "R2"'
 
