@@ -121,7 +121,8 @@ class MissionPlanning(Agent):
         self._unchecked: list[str] = []
         self._wanted: tuple[int, int, Request] | None = None  # by which mission, in which task
         self._reach, self._note = Reach.NONE, ""
-        self._order = 0  # the exploration that was asked for
+        self._order = 0  # the exploration that was asked for,
+        self._unwanted = 0  # and the last one that is wanted no more
         self._halts: Way | None = None  # what takes the robot from an exploration,
         self._halts_until = 0.0  # at the longest
         self._cleared = False  # the energy of its way was looked at,
@@ -222,6 +223,8 @@ class MissionPlanning(Agent):
         """How far an exploration has come."""
         if status.state not in (ExploreState.EXPLORING, ExploreState.RETURNING):
             self._halts = None
+        elif self._unwanted and status.exploration == self._unwanted:
+            self._halt()  # it was paused while the robot was charged
         if not self._order or status.exploration != self._order:
             return
         if status.state is ExploreState.DONE:
@@ -429,14 +432,10 @@ class MissionPlanning(Agent):
 
     def _want(self, wanted: tuple[int, int, Request] | None, entry: Entry | None = None) -> None:
         """Want something else, or nothing: what was wanted is let be."""
-        at = self._beliefs().at
         before = None if self._wanted is None else self._wanted[2]
-        explores = isinstance(before, Explore) and self._order and self._reach is Reach.UNDER_WAY
-        if explores and at is not None:
-            # The explore agent ends what it does when somebody else has the robot driven.
-            here = Point(at.x, at.y)
-            self._halts = Way(self.rng.getrandbits(63), (at,), here, planned=False)
-            self._halts_until = self.now + HALT_S
+        if isinstance(before, Explore) and self._order and self._reach is Reach.UNDER_WAY:
+            self._unwanted = self._order
+            self._halt()
         self._errand.drop()
         self._wanted, self._reach, self._note = wanted, Reach.NONE, ""
         self._order, self._cleared, self._weighs, self._refused_at = 0, False, False, None
@@ -455,6 +454,14 @@ class MissionPlanning(Agent):
             self.ask(
                 ExploreRequest(*within), lambda reply: self._ordered(wanted, reply, "explores")
             )
+
+    def _halt(self) -> None:
+        """The explore agent ends what it does when somebody else has the robot driven."""
+        at = self._beliefs().at
+        if at is not None and self._halts is None:
+            here = Point(at.x, at.y)
+            self._halts = Way(self.rng.getrandbits(63), (at,), here, planned=False)
+            self._halts_until = self.now + HALT_S
 
     def _ordered(
         self, wanted: tuple[int, int, Request], reply: MissionReply | None, what: str
