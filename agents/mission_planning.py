@@ -12,6 +12,7 @@ from armadico.agents.methods.board import Entry, Missions, RefusedError
 from armadico.agents.methods.errands import Errand, Stage
 from armadico.agents.methods.procedures import advance, ahead, broken_off, merged
 from armadico.agents.methods.subplans import Coordinator, move
+from armadico.agents.methods.utility import of_mission
 from armadico.config.errors import ConfigError
 from armadico.config.places import Places
 from armadico.config.profile import load_profile
@@ -84,8 +85,6 @@ class Parameters(agent.Parameters, frozen=True, kw_only=True):
     again_s: Annotated[float, Meta(gt=0, le=60)] = 3.0  # a plan that was refused is asked for again
     patience_s: Annotated[float, Meta(ge=0, le=600)] = 30.0  # for so long,
     battery_s: Annotated[float, Meta(gt=0, le=3600)] = 120.0  # what is older is not known
-    lowest: Annotated[float, Meta(ge=0, le=1)] = 0.1  # utility of a mission of priority 0,
-    highest: Annotated[float, Meta(ge=0, le=1)] = 0.8  # and of 1
 
 
 class MissionPlanning(Agent):
@@ -285,15 +284,14 @@ class MissionPlanning(Agent):
         """By the mission's priority; for the trajectory once the energy was looked at."""
         active = self._missions.active
         if resource is TRAJECTORY and self._halts is not None and not self._errand.under_way:
-            return Bid(self.p.highest, self._halts, reason="nobody wants it explored any more")
+            return Bid(of_mission(1.0), self._halts, reason="nobody wants it explored any more")
         if active is None:
             self.why = "no mission"
             return None
         if resource is TRAJECTORY and not self._cleared:
             self.why = "no way yet"
             return None
-        span = self.p.highest - self.p.lowest
-        return self._errand.bid_for(resource, self.p.lowest + span * active.told.priority)
+        return self._errand.bid_for(resource, of_mission(active.told.priority))
 
     # The missions ---------------------------------------------------------------------------------
 
