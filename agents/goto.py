@@ -8,19 +8,24 @@ from typing import Annotated, Any, Literal
 from msgspec import Meta
 from msgspec.structs import replace
 
-from armadico.agents.methods.brisk import Driver, slowed
+from armadico.agents.methods.brisk import Driver, braking, slowed
 from armadico.agents.methods.controllers import SETTINGS, Controller, Law, Mode, Settings
 from armadico.agents.methods.settings import Brisk
+from armadico.agents.methods.sight import in_sight
 from armadico.agents.methods.utility import ramp_down
 from armadico.core import agent
 from armadico.core.behaviour import Behaviour
 from armadico.core.exchange import Bid
-from armadico.core.geometry import wrap
+from armadico.core.geometry import relative, wrap
 from armadico.core.messages import Obstacles, Pose, Waypoint
 from armadico.core.motion import Body, Speeds
 from armadico.core.parameters import Safety
 from armadico.core.resources import WHEELS
 from armadico.core.safety import corner_cut, unhurried
+
+CREEP_M = 0.15
+"""With less of its way in sight than this it goes on as if it saw so much, or it would never see
+more: slowly enough that what is near is known by its points."""
 
 Speed = Annotated[float, Meta(gt=0, le=10)]
 Metres = Annotated[float, Meta(gt=0, le=10)]
@@ -100,11 +105,24 @@ class Goto(Behaviour):
         if self._driver is not None:
             cut = corner_cut(obstacles, self.body, self.p.brisk.cut_m)
             v, w = self._driver.steer(pose, self.measured, before, self.route, cut, period)
+            v = min(v, self._by_sight(pose, obstacles))
             return unhurried(v, w, self.scene(obstacles), self.p.safety), w
         ahead = self._ahead(pose, obstacles)
         self._controller.exact = bool(pose.covariance)
         v, w = self._controller.steer(pose, ahead, before, period)
         return (v * self._calm(pose, ahead[0]) if self.p.rules == "safe" else v), w
+
+    def _by_sight(self, pose: Pose, obstacles: Obstacles) -> float:
+        """From which speed it stops within what it sees of its way, m/s, if nobody drives on."""
+        reach, body = self.p.brisk.sight_m, self.body
+        if reach is None:
+            return inf
+        here = (pose.x, pose.y, pose.theta)
+        left = self.route.waypoints[self.route.leg :]
+        places = [(0.0, 0.0), *(relative(here, (to.x, to.y, 0.0))[:2] for to in left)]
+        seen = in_sight(obstacles.points, places, reach)
+        free = seen - body.outline.front - self.p.safety.margin_m
+        return braking(max(free, CREEP_M), body.v_decel, body.dead_s + body.silence_s)
 
     def _calm(self, pose: Pose, target: Waypoint) -> float:
         """The share of the speed that is left while the robot turns towards where it steers.

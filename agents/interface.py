@@ -17,6 +17,7 @@ from armadico.core.geometry import relative, wrap
 from armadico.core.messages import (
     WAYPOINTS,
     Action,
+    Description,
     Message,
     MessageError,
     MissionCancel,
@@ -78,7 +79,10 @@ class Parameters(agent.Parameters, frozen=True, kw_only=True):
     """No nearer by so much for so long: the way is planned anew. A turn on the spot takes 6 s."""
 
     across_m: Annotated[float, Meta(ge=0, le=1)] = 0.15
-    across_s: Annotated[float, Meta(gt=0, le=60)] = 1.0
+    flank_m: Annotated[float, Meta(ge=0, le=1)] | None = None
+    """None, or so far beside the body, instead of `across_m` to the way: for who drives fast."""
+
+    across_s: Annotated[float, Meta(ge=0, le=60)] = 1.0
     look_m: Annotated[float, Meta(gt=0, le=10)] = 1.5
     """So is it if something is that near to the way, so far ahead, for so long."""
 
@@ -103,7 +107,7 @@ class Interface(Agent):
 
     name = "interface"
     alone = True
-    hears: ClassVar[tuple[type[Message], ...]] = (Pose, Obstacles)
+    hears: ClassVar[tuple[type[Message], ...]] = (Pose, Obstacles, Description)
     provides: ClassVar[tuple[type[Message], ...]] = (Trajectory, MissionStatus)
     answers: ClassVar[tuple[type[Message], ...]] = (MissionRequest, MissionOrder, MissionCancel)
     asks: ClassVar[tuple[type[Message], ...]] = (PlanRequest, MissionProposal, MissionWithdrawal)
@@ -129,6 +133,7 @@ class Interface(Agent):
         self._best, self._best_at = inf, 0.0  # of the whole mission
         self._longest = 0.0  # of the ways that were planned anew, m
         self._across_since: float | None = None
+        self._across_m = self.p.across_m
         self._held = False  # the mission is the way of whoever holds the trajectory
 
     def on_start(self) -> None:
@@ -275,6 +280,11 @@ class Interface(Agent):
         if self._state is not MissionState.DRIVING:
             self._say_status(self._to_go)
 
+    def on_description(self, said: Description) -> None:
+        """How wide the robot is, and so its way."""
+        if self.p.flank_m is not None:
+            self._across_m = said.half_width + self.p.flank_m
+
     def on_obstacles(self, obstacles: Obstacles) -> None:
         """Whether something stands across the way ahead."""
         if obstacles.cycle.number % LOOK_CYCLES:
@@ -301,7 +311,7 @@ class Interface(Agent):
             if left <= 0.0:
                 break
         near = [p for p in obstacles.points if hypot(p.x, p.y) < self.p.look_m]
-        return any(_off(p.x, p.y, places) < self.p.across_m for p in near)
+        return any(_off(p.x, p.y, places) < self._across_m for p in near)
 
     def _blocked(self) -> str:
         """Why the way is to be planned anew; "" if it is not, or not yet."""
@@ -319,7 +329,7 @@ class Interface(Agent):
         if self.now - self._nearest_at > p.nearer_s and self._to_go > PARKING_M:
             return f"no nearer for {p.nearer_s:g} s"
         since = self._across_since
-        if since is not None and self.now - since > p.across_s:
+        if since is not None and self.now - since >= p.across_s:
             return ACROSS
         return ""
 

@@ -1,8 +1,8 @@
-"""The localization agent: where the robot is on the map, by its sonars (thesis 3.6.3)."""
+"""The localization agent: where the robot is on the map, by its sensors (thesis 3.6.3)."""
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from hashlib import sha256
 from importlib.metadata import version
 from math import hypot, radians
@@ -13,11 +13,13 @@ from msgspec import Meta
 from msgspec.structs import replace
 
 from armadico.agents.methods.grid import CELL_M, Grid, check_extent
-from armadico.agents.methods.monte_carlo import Estimate, MonteCarlo, Settings
+from armadico.agents.methods.laser_model import BEAMS, LaserModel, beams_of
+from armadico.agents.methods.monte_carlo import LASER, Estimate, Model, MonteCarlo, Settings
 from armadico.agents.methods.odometry import begun_anew
 from armadico.agents.methods.sonar_model import FORMAT, Fields, SonarModel, fields
 from armadico.config.kept import Arrays, arrays
-from armadico.config.profile import load_profile
+from armadico.config.places import Places
+from armadico.config.profile import RobotProfile, load_profile
 from armadico.config.worlds import load_world
 from armadico.core import agent, particles
 from armadico.core.agent import WARNING, Agent
@@ -30,6 +32,7 @@ from armadico.core.messages import (
     Particles,
     Pose,
     RobotState,
+    Scan,
     Sonar,
 )
 
@@ -50,6 +53,13 @@ UNCOUNTED_M, UNCOUNTED_RAD = 0.5, 0.5
 """Standard deviations of what rolled while nobody counted: two seconds until the controller's
 watchdog, and braking, at half the top speed, or turning."""
 
+HEARD, SEEN = (5, 0.28), (3, 0.6)
+"""New readings after which a lost robot is looked for, and how well they have to fit where it is
+found: by sonars, of which many hear what is on no map, and by a laser."""
+
+PINGS_A_SCAN = 5
+"""A scan tells as much as a cycle's pings do, and more."""
+
 PARTICLES_S = 0.5
 """From one publication of particles to the next: for those who watch."""
 
@@ -58,6 +68,7 @@ class Parameters(agent.Parameters, frozen=True, kw_only=True):
     """The map, the robot, and what is believed at the start.
 
     `start` "pose" begins about the pose that the encoder agent publishes, "anywhere" with no idea.
+    What is none is as is good for the sensor.
     """
 
     world: Annotated[str, Meta(min_length=1)] = "empty"
@@ -75,17 +86,19 @@ class Parameters(agent.Parameters, frozen=True, kw_only=True):
     carried_pings: Annotated[int, Meta(ge=1, le=1000)] = 15  # looked for after so many more:
     doubt_m: Metres = 0.35  # before that it is no surer than this,
     fits_again: Share = 0.8  # nor until the readings fit so well again
-    looks_after: Annotated[int, Meta(ge=1, le=100)] = 5  # new readings, on the whole map
+    looks_after: Annotated[int, Meta(ge=1, le=100)] | None = None  # new readings, on all the map
     found: Share = 0.95  # and found with this much in one of all the places that fit,
-    found_fit: Share = 0.28  # where the readings fit so well, by their geometric mean,
+    found_fit: Share | None = None  # where the readings fit so well, by their geometric mean,
     found_times: Annotated[int, Meta(ge=1, le=100)] = 3  # so often in a row;
     proved_times: Annotated[int, Meta(ge=0, le=100)] = 4  # sure of it, once it has so often been
     unproved_m: Metres = 0.4  # the best one since: until then nobody drives fast by it
-    filter: Settings = Settings()
+    filter: Settings | None = None
 
 
 class Localization(Agent):
-    """Moves its particles with the odometry, weighs them by the sonars, and says where that is.
+    """Moves its particles with the odometry, weighs them by what is heard or seen, and says where.
+
+    By the laser, if the robot has one, else by the sonars: what a laser sees is sure, and narrow.
 
     It works on the odometry as the controller counts it, so what it publishes does not come back to
     it by the pose: a correction is where the odometry's origin lies in the world, as tf's
@@ -94,7 +107,7 @@ class Localization(Agent):
 
     name = "localization"
     alone = True
-    hears: ClassVar[tuple[type[Message], ...]] = (Sonar, Pose)
+    hears: ClassVar[tuple[type[Message], ...]] = (Sonar, Scan, Pose)
     provides: ClassVar[tuple[type[Message], ...]] = (Correction, Particles)
     parameters = Parameters
     launched_with = ("world", "profile")
@@ -104,18 +117,26 @@ class Localization(Agent):
         super().__init__(identity, parameters)
         world, profile = load_world(self.p.world), load_profile(self.p.profile)
         check_extent(world, CELL_M)
-        grid = Grid(world.walls, world.bounds)
-        ring = profile.sonar
+        grid = Grid(world.outlines, world.bounds)
         rows, columns = np.nonzero(grid.clearance > profile.body.width_m / 2)
         free = np.column_stack([grid.xs[columns], grid.ys[rows]])
-        self._useful = bool(world.walls) and len(free) > 0
+        self._places = Places(world, profile.body)
+        self._free, inhabited = free, free[self._places.inhabited(free)]
+        self._useful = bool(world.outlines) and len(free) > 0
+        self._sees = profile.laser is not None
         self._filter = MonteCarlo(
-            sonar_model(grid, radians(ring.cone_deg), ring.max_m),
-            free,
+            model_of(grid, profile),
+            inhabited if len(inhabited) else free,
             np.random.default_rng(self.rng.getrandbits(63)),
-            self.p.filter,
+            self.p.filter or (LASER if self._sees else Settings()),
         )
-        self._ping_s = ring.period_s
+        self._ping_s = 0.0 if self._sees else profile.ring.period_s
+        self._scan: int | None = None  # the last one's number
+        by_sensor = SEEN if self._sees else HEARD
+        self._looks_after = self.p.looks_after or by_sensor[0]
+        self._found_fit = by_sensor[1] if self.p.found_fit is None else self.p.found_fit
+        # Readings that tell as much as a ping does: of a scan's rays, which are many and alike.
+        self._doubted_after = self.p.carried_pings * (BEAMS // PINGS_A_SCAN if self._sees else 1)
         self._odometry: Pose2 | None = None
         self._motion: Pose2 = STOOD  # in the last cycle
         self._epoch: int | None = None
@@ -141,6 +162,9 @@ class Localization(Agent):
         if self.p.start == "anywhere":
             self._filter.start_anywhere()
         else:
+            here = np.array([[pose.x, pose.y]])
+            if not self._lost and not self._places.inhabited(here).all():
+                self._filter.may_be_at(self._free)  # names tell nothing of where this one drives
             off = max(self.p.start_m, pose.deviation)  # of a pose that nobody corrected lately
             turned = max(self.p.start_rad, pose.heading_deviation)
             self._filter.start_at((pose.x, pose.y, pose.theta), off, turned)
@@ -166,13 +190,29 @@ class Localization(Agent):
         self._best = compose(self._best, motion)
 
     def on_sonar(self, sonar: Sonar) -> None:
+        """Weigh the particles by what was heard."""
+        if not self._sees:
+            ago = self._ping_s / self.cycles.period
+            self._weigh(sonar.cycle, lambda: as_fired(sonar.echoes, self._motion, ago))
+
+    def on_scan(self, scan: Scan) -> None:
+        """Weigh the particles by what was seen; a scan that is said again tells nothing new."""
+        if not self._sees:
+            return
+        again, self._scan = scan.number == self._scan, scan.number
+        try:
+            beams = [] if again else beams_of(scan)
+        except ValueError:
+            return
+        self._weigh(scan.cycle, lambda: beams)
+
+    def _weigh(self, cycle: Cycle, readings: Callable[[], Sequence[Echo]]) -> None:
         """Weigh the particles, and publish where they are."""
         if not self._begun or self._odometry is None:
             return
         if self._filter.due:
-            ago = self._ping_s / self.cycles.period
-            self._filter.weigh(as_fired(sonar.echoes, self._motion, ago))
-        if (self._lost or self._unproved) and self._filter.news >= self.p.looks_after:
+            self._filter.weigh(readings())
+        if (self._lost or self._unproved) and self._filter.news >= self._looks_after:
             self._look()
         # While it knows where it is it stays with that place: another one that fits as well, the
         # room next door, is no reason to leave it before it no longer fits.
@@ -188,7 +228,7 @@ class Localization(Agent):
             c = c + np.diag([0.5 * self.p.doubt_m**2] * 2 + [0.0])
         self.publish(
             Correction(
-                sonar.cycle,
+                cycle,
                 *compose(found.pose, relative(self._odometry, (0.0, 0.0, 0.0))),
                 covariance=tuple(float(c[i, j]) for i in range(3) for j in range(i, 3)),
                 confidence=0.0 if self._lost else min(1.0, found.share),
@@ -196,7 +236,7 @@ class Localization(Agent):
         )
         if self.now - self._shown_at >= PARTICLES_S:
             self._shown_at = self.now
-            self._show(sonar.cycle)
+            self._show(cycle)
 
     def _show(self, cycle: Cycle) -> None:
         """Publish some particles: the same again while the robot stands."""
@@ -238,7 +278,10 @@ class Localization(Agent):
 
     def _doubt(self, found: Estimate) -> bool:
         """Take how well the readings fit; whether it must have been carried away."""
-        p, usual = self.p, max(found.usual, self.p.filter.fits)  # a wrong place is no standard
+        p, usual = (
+            self.p,
+            max(found.usual, self._filter.settings.fits),
+        )  # a wrong place is no standard
         badly = found.fit < p.lost_fit * usual
         doubted = self._doubts
         self._doubts = badly or (doubted and found.fit < p.fits_again * usual)
@@ -251,7 +294,7 @@ class Localization(Agent):
             self._filter.mark()
             self._looked = 0
         heard = self._filter.echoes_of_news
-        if heard - self._looked < p.carried_pings:
+        if heard - self._looked < self._doubted_after:
             return self._misfit >= 1.0
         self._looked = heard
         best, *_ = self._filter.rivals()
@@ -277,7 +320,7 @@ class Localization(Agent):
             elif best.share >= self.p.found:
                 self._unproved -= 1
             return
-        sure = best.share >= self.p.found and best.fit >= self.p.found_fit
+        sure = best.share >= self.p.found and best.fit >= self._found_fit
         again = self._sure if not apart(best.pose, self._best) else 0
         self._sure, self._best = (again + 1 if sure else 0), best.pose
 
@@ -306,6 +349,14 @@ def as_fired(echoes: Sequence[Echo], motion: Pose2, share: float) -> list[Echo]:
         mount = compose((ago * x, ago * y, ago * turn), (echo.x, echo.y, echo.bearing))
         shifted.append(Echo(*mount, echo.range))
     return shifted[::-1]
+
+
+def model_of(grid: Grid, profile: RobotProfile) -> Model:
+    """The model of a map for the sensor that tells most."""
+    if profile.laser is not None:
+        return LaserModel(grid, profile.laser.max_m)
+    ring = profile.ring
+    return sonar_model(grid, radians(ring.cone_deg), ring.max_m)
 
 
 def sonar_model(grid: Grid, cone_rad: float, reach_m: float) -> SonarModel:

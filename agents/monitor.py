@@ -32,6 +32,7 @@ from armadico.core.messages import (
     KeptState,
     Message,
     MonitorReport,
+    Obstacles,
     RobotState,
     Trajectory,
     WakeupOrder,
@@ -39,7 +40,7 @@ from armadico.core.messages import (
     WakeupRequest,
     line,
 )
-from armadico.core.services import SERVICES, Kind, service_of
+from armadico.core.services import SERVICES, Kind, matches, service_of
 
 Seconds = Annotated[float, Meta(gt=0, le=3600)]
 
@@ -65,9 +66,9 @@ WATCHED: Final = tuple(
     service.message
     for service in SERVICES
     if service.kind is Kind.STATE and service.rate_hz and not service.watchers_only
-    if "{" not in service.key
+    if "{" not in service.key.replace("{name}", "")
 )
-"""What is promised so many times a second, on a key of its own."""
+"""What is promised so many times a second, by one agent on a key."""
 
 
 class Parameters(agent.Parameters, frozen=True, kw_only=True):
@@ -119,7 +120,7 @@ class Monitor(Agent):
         self._had: set[str] = set()  # who was well once, or looked after
         self._dismissed: set[str] = set()  # kept by a host that has left in order
         self._others: dict[str, tuple[int, float]] = {}  # monitors: longer at work by, heard when
-        self._heard: dict[type[Message], float] = {}
+        self._heard: dict[str, float] = {}  # by key
         self._unseen: dict[_Process, float] = {}  # up, and without a token, since when
         self._floor = 0.0  # nothing is late before this: the society has changed, or it has slept
         self._lacking: dict[str, float] = {}  # who is needed and not well, since when
@@ -141,9 +142,13 @@ class Monitor(Agent):
     def receive(self, message: Message, now: float) -> None:
         """Take one, and note when it came if it may be acted upon."""
         super().receive(message, now)
-        kind = type(message)
-        if self._latest.get(kind) is message:
-            self._heard[kind] = now
+        kind, name = type(message), ""
+        taken = self._latest.get(kind)
+        if isinstance(message, Obstacles):
+            name = message.sensor
+            taken = self._surroundings.newest(name)
+        if kind in WATCHED and taken is message:
+            self._heard[self.key_of(kind, name=name)] = now
 
     def on_appeared(self, name: str, instance: str) -> None:
         """Somebody has joined, or has come back."""
@@ -286,25 +291,25 @@ class Monitor(Agent):
 
     def _probe(self) -> None:
         """Ask those for their cards who have said nothing for a while."""
-        for kind in WATCHED:
-            if self.now - self._heard.get(kind, -inf) < PROBE_S:
-                providers = self._providers(kind)
-                if len(providers) == 1:
-                    providers[0].answered_at = self._heard[kind]
+        for key, _, providers in self._promised():
+            if len(providers) == 1 and self.now - self._heard.get(key, -inf) < PROBE_S:
+                providers[0].answered_at = self._heard[key]
         for known in list(self._known.values()):
             silent = self.now - known.answered_at >= PROBE_S or known.card is None
             if silent and not known.asked:
                 known.asked = True
                 self.ask_card(known.name, known.instance, _answered(self, known), PROBE_S)
 
-    def _providers(self, kind: type[Message]) -> list[_Known]:
-        """Who says that it provides something, of those that are alive."""
-        key = service_of(kind).key
-        return [
-            known
-            for known in self._known.values()
-            if known.card is not None and key in known.card.provides
-        ]
+    def _promised(self) -> Iterator[tuple[str, float, list[_Known]]]:
+        """The keys on which something is promised, how often, and who of those alive does so."""
+        for service in map(service_of, WATCHED):
+            providers: dict[str, list[_Known]] = {}
+            for known in self._known.values():
+                for key in () if known.card is None else known.card.provides:
+                    if matches(service.pattern, key):
+                        providers.setdefault(key, []).append(known)
+            for key, those in providers.items():
+                yield key, service.rate_hz or 1.0, those
 
     def _unwell(self) -> Iterator[tuple[_Known, str]]:
         """Whose token is there, and who hangs, and how that shows."""
@@ -321,11 +326,11 @@ class Monitor(Agent):
         if not self.cycles.alive(self.now):
             return  # then nobody has anything to say
         late = [
-            (self._heard.get(kind, -inf), known.instance, service_of(kind).key)
-            for kind in WATCHED
-            for known in self._providers(kind)
-            if self.now - max(self._heard.get(kind, -inf), known.since, self._floor)
-            > self.p.late_s + FEW / (service_of(kind).rate_hz or 1.0)
+            (self._heard.get(key, -inf), known.instance, key)
+            for key, rate_hz, providers in self._promised()
+            for known in providers
+            if self.now - max(self._heard.get(key, -inf), known.since, self._floor)
+            > self.p.late_s + FEW / rate_hz
         ]
         for _, instance, key in sorted(late)[:1]:
             yield self._known[instance], f"{key} has been late for {self.p.late_s:g} s"

@@ -2,13 +2,15 @@
 
 from __future__ import annotations
 
+from contextlib import suppress
 from typing import Annotated, Any, ClassVar
 
 from msgspec import Meta
 
 from armadico.agents.methods.energy import Pace, energy
 from armadico.agents.methods.grid import CELL_M, check_extent, grid_of
-from armadico.agents.methods.planning import PlanError, plan
+from armadico.agents.methods.planning import Plan as Way
+from armadico.agents.methods.planning import PlanError, plan, unknown
 from armadico.agents.methods.seen import Seen
 from armadico.config.profile import load_profile
 from armadico.config.worlds import load_world
@@ -24,6 +26,7 @@ from armadico.core.messages import (
     PlanTask,
     Pose,
     RobotState,
+    Scan,
     Sonar,
     Waypoint,
     line,
@@ -32,10 +35,14 @@ from armadico.core.resources import PLANNER, Resource
 
 
 class Parameters(agent.Parameters, frozen=True, kw_only=True):
-    """The world it plans in, the robot it plans for, and how fast that is driven."""
+    """The world it plans in, the robot it plans for, and how fast that is driven.
 
-    world: Annotated[str, Meta(min_length=1)] = "empty"
+    Without a world it plans over what was seen, and what was not seen is free.
+    """
+
+    world: Annotated[str, Meta(min_length=1)] | None = None
     profile: str = "pioneer-2dx"
+    recent_s: Annotated[float, Meta(ge=0, le=60)] = 3.0  # without a map: the latest that was seen
     round_corners: bool = False  # for the brisk controller; the thesis's turn at each waypoint
     pace: Pace = Pace()
     v_max: Annotated[float, Meta(gt=0, le=10)] | None = None  # a scenario's limit, m/s
@@ -47,13 +54,16 @@ class PathPlanning(Agent):
     It plans for whoever holds it (3.6.2), and for whoever asks in between: people, and the owner of
     the trajectory, whose way is blocked.
 
-    What the sonars see and the map has not it remembers for a while, and plans round it. Where the
+    What the sensors see and the map has not it remembers for a while, and plans round it. Where the
     pose is unsure nothing is put down: a wall that is seen beside its place would close a door.
+
+    Without a map it remembers all that is seen. If that leaves no way, some of it was not so: then
+    it forgets all but the latest.
     """
 
     name = "path-planning"
     alone = True
-    hears: ClassVar[tuple[type[Message], ...]] = (Pose, Sonar)
+    hears: ClassVar[tuple[type[Message], ...]] = (Pose, Sonar, Scan)
     provides: ClassVar[tuple[type[Message], ...]] = (Planned,)
     answers: ClassVar[tuple[type[Message], ...]] = (PlanRequest,)
     owns = (PLANNER,)
@@ -63,8 +73,9 @@ class PathPlanning(Agent):
 
     def __init__(self, identity: agent.Identity, parameters: Any = None) -> None:
         super().__init__(identity, parameters)
-        self._world = load_world(self.p.world)
-        check_extent(self._world, CELL_M)
+        self._world = None if self.p.world is None else load_world(self.p.world)
+        if self._world is not None:
+            check_extent(self._world, CELL_M)
         self._profile = load_profile(self.p.profile)
         self._seen: Seen | None = None
         self._task: int | None = None  # the holder's,
@@ -84,12 +95,17 @@ class PathPlanning(Agent):
         self.publish(self._planned)
 
     def on_pose(self, pose: Pose) -> None:
-        """Where the pings of this cycle were, if they have come."""
+        """Where the pings and the scan of this cycle were, if they have come."""
         self._match(pose, self.latest(Sonar))
+        self._match(pose, self.latest(Scan))
 
     def on_sonar(self, sonar: Sonar) -> None:
         """The pings of this cycle, if it is known where they were."""
         self._match(self.latest(Pose), sonar)
+
+    def on_scan(self, scan: Scan) -> None:
+        """The scan of this cycle, if it is known where it was."""
+        self._match(self.latest(Pose), scan)
 
     def on_plan_request(self, question: Question) -> Plan:
         """The waypoints, or why there is no way."""
@@ -99,17 +115,15 @@ class PathPlanning(Agent):
 
     def _plan(self, request: PlanRequest) -> Plan:
         try:
-            way = plan(
-                self._world,
-                request.start,
-                request.goal,
-                self._profile.body,
-                round_corners=self.p.round_corners,
-                seen=() if self._seen is None else self._seen.points(self.now),
-                under_way=bool(request.why),
-            )
+            way = self._way(request)
         except PlanError as error:
-            return Plan((), refusal=line(str(error)))
+            if self._world is not None or self._seen is None:
+                return Plan((), refusal=line(str(error)))
+            self._seen.forget(self.now, self.p.recent_s)
+            try:
+                way = self._way(request)
+            except PlanError as again:
+                return Plan((), refusal=line(str(again)))
         waypoints = tuple(Waypoint(p.x, p.y, p.theta) for p in way.waypoints)
         if len(waypoints) > WAYPOINTS:
             return Plan((), refusal=f"the way has {len(waypoints):,} turns, at most {WAYPOINTS:,}")
@@ -126,15 +140,37 @@ class PathPlanning(Agent):
         self.log(f"planned {way.length_m:.1f} m{doors}, {cost.joules:.0f} J{why}")
         return Plan(waypoints, way.length_m, cost.joules)
 
-    def _match(self, pose: Pose | None, sonar: Sonar | None) -> None:
-        """Take a cycle's pings once both its messages are there, in whatever order."""
-        if pose is None or sonar is None or pose.cycle != sonar.cycle or pose.deviation > UNSURE_M:
+    def _way(self, request: PlanRequest) -> Way:
+        """By the map and what was seen. Raises PlanError."""
+        seen = () if self._seen is None else self._seen.points(self.now)
+        world = self._world
+        if world is None:
+            world = unknown(request.start, request.goal, seen)
+        return plan(
+            world,
+            request.start,
+            request.goal,
+            self._profile.body,
+            round_corners=self.p.round_corners,
+            seen=seen,
+            under_way=bool(request.why) or self._world is None,
+        )
+
+    def _match(self, pose: Pose | None, said: Sonar | Scan | None) -> None:
+        """Take a cycle's pings or scan once both its messages are there, in whatever order."""
+        if pose is None or said is None or pose.cycle != said.cycle or pose.deviation > UNSURE_M:
             return
         if self._seen is None:
-            self._seen = Seen(grid_of(self._world.barriers, self._world.bounds, CELL_M))
+            world = self._world
+            known = None if world is None else grid_of(world.barriers, world.bounds, CELL_M)
+            self._seen = Seen(known)
         self._seen.move(pose)
-        for echo in sonar.echoes:
-            self._seen.take(pose, echo, pose.deviation, self.now)
+        if isinstance(said, Scan):
+            with suppress(ValueError):  # the laser agent says that it is blind
+                self._seen.take_scan(pose, said, pose.deviation, self.now)
+        else:
+            for echo in said.echoes:
+                self._seen.take(pose, echo, pose.deviation, self.now)
         state = self.latest(RobotState)
         if state is not None and state.touch is not None and state.cycle == pose.cycle:
             self._seen.touch(pose, state.touch.x, state.touch.y, self.now)

@@ -34,6 +34,9 @@ MOST_BEEN = 60
 NEAR_M = 0.1
 """So near to the end of a way is there."""
 
+TELLS_M = 6.0
+"""What differs farther away than this tells it too late to look for: a sonar hears no farther."""
+
 AHEAD_RAD = radians(20)
 """A sonar that looks within this of the heading looks ahead."""
 
@@ -104,7 +107,7 @@ class Relocate(Behaviour):
             world, profile = load_world(self.p.world), load_profile(self.p.profile)
             check_extent(world, CELL_M)
             grid = Grid(world.barriers, world.bounds)
-            self._rivals = Rivals(grid, profile.body.circle_m, profile.sonar.max_m)
+            self._rivals = Rivals(grid, profile.body.circle_m, min(profile.reach_m, TELLS_M))
         self._particles: Particles | None = None  # what may be is worked out when it matters
         self._placed_at: Pose2 = STOOD  # the odometry then
         self._been: list[Pose2] = []  # since it is lost, by the odometry

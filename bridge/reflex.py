@@ -1,7 +1,7 @@
 """The robot agent's reflexes: no faster than its newest readings allow, nor against a touch.
 
 The behaviours see to it that they can stop, by what they know. What they know may be late: between
-a reading and the wheels lie the mesh and other processes. Sonars and wheels are one process here,
+a reading and the wheels lie the mesh and other processes. Sensors and wheels are one process here,
 so it caps the forward speed of what it obeys, by the readings that it has just had.
 It refuses, it does not choose: it never makes anything faster, nor turns it another way; and it
 counts on less time and less room than any behaviour does, so where they drive well it says nothing.
@@ -14,10 +14,15 @@ from __future__ import annotations
 from collections.abc import Iterable
 from math import copysign, cos, hypot, inf, sin, sqrt
 
-from armadico.bridge.p2os.status import Status
+import numpy as np
+from numpy.typing import NDArray
+
+from armadico.bridge.session import Reported
 from armadico.config.profile import RobotProfile
-from armadico.core.geometry import Pose2, relative, to_world
+from armadico.core.geometry import Pose2, to_world
 from armadico.core.messages import Echo
+
+Floats = NDArray[np.float64]
 
 KEPT_S = 0.5
 """A sonar's reading counts until its next one, and no longer than this: the ring of a Pioneer goes
@@ -58,9 +63,12 @@ class Reflex:
         self._front = profile.body.front_m
         self._half = profile.body.width_m / 2
         self._decel = profile.limits.v_decel
-        self._reaction = max(REACTION_CYCLES * profile.p2os.cycle_s, REACTION_S)
+        self._reaction = max(REACTION_CYCLES * profile.cycle_s, REACTION_S)
         self._heard: dict[tuple[float, float, float], tuple[float, float, float]] = {}
-        self._points: tuple[tuple[float, float], ...] = ()
+        self._seen: Floats = np.empty((0, 2))  # of the newest scan, in the odometry's frame,
+        self._seen_at = -inf
+        self._rear = profile.body.rear_m
+        self._points: Floats = np.empty((0, 2))  # of all, ahead
         self._nearest = inf  # of them all, m ahead of the front edge
         self._measured = (0.0, 0.0)
         self._capped: tuple[float, float] | None = None  # what was asked for, and what was given
@@ -68,7 +76,12 @@ class Reflex:
         self._said_at = -inf
 
     def hear(
-        self, echoes: Iterable[Echo], pose: Pose2, measured: tuple[float, float], now: float
+        self,
+        echoes: Iterable[Echo],
+        pose: Pose2,
+        measured: tuple[float, float],
+        now: float,
+        seen: Floats | None = None,
     ) -> None:
         """Take one cycle's readings.
 
@@ -77,7 +90,12 @@ class Reflex:
             pose: Odometry (m, m, rad), continuous.
             measured: (v, w) by the wheels, m/s and rad/s.
             now: s.
+            seen: What a laser saw, (n, 2), in the body frame, m; None: no scan came.
         """
+        if seen is not None:
+            self._seen, self._seen_at = _turned(seen, pose[2]) + pose[:2], now
+        elif now - self._seen_at > KEPT_S:
+            self._seen = np.empty((0, 2))
         for echo in echoes:
             sonar = (echo.x, echo.y, echo.bearing)
             self._heard.pop(sonar, None)
@@ -87,9 +105,12 @@ class Reflex:
                 self._heard[sonar] = (*to_world(pose, x, y), now)
         self._heard = {s: p for s, p in self._heard.items() if now - p[2] <= KEPT_S}
         self._measured = measured
-        moved = (relative(pose, (x, y, 0.0)) for x, y, _ in self._heard.values())
-        self._points = tuple((x, y) for x, y, _ in moved if x > 0.0)
-        self._nearest = min((x for x, _ in self._points), default=inf) - self._front
+        heard = np.array([(x, y) for x, y, _ in self._heard.values()]).reshape(-1, 2)
+        points = _turned(np.concatenate([heard, self._seen]) - pose[:2], -pose[2])
+        ahead, aside = points[:, 0], np.abs(points[:, 1])
+        within = (-self._rear < ahead) & (ahead < self._front) & (aside < self._half)
+        self._points = points[(ahead > 0.0) & ~within]  # of a laser that sees its own robot
+        self._nearest = float(self._points[:, 0].min(initial=inf)) - self._front
 
     def cap(self, v: float, w: float) -> float:
         """The forward speed that is obeyed of a command, m/s: `v`, or less.
@@ -114,7 +135,7 @@ class Reflex:
         self._said_at = now
         (asked, given), count = self._capped, self._count
         self._capped, self._count = None, 0
-        return f"{count} x slowed by the front sonars, last from {asked:.2f} to {given:.2f} m/s"
+        return f"{count} x slowed for what is ahead, last from {asked:.2f} to {given:.2f} m/s"
 
     def _stopping(self, v: float) -> float:
         """Metres to rest from a speed, m/s."""
@@ -123,11 +144,16 @@ class Reflex:
     def _free(self, v: float, w: float) -> float:
         """Metres ahead of the front edge to what the body would drive into on an arc; inf: none."""
         bend = 0.5 * w / v if v > 0.0 else 0.0
-        free = inf
-        for x, y in self._points:
-            if abs(y - bend * x * x) < self._half:
-                free = min(free, x - self._front)
-        return free
+        x, y = self._points[:, 0], self._points[:, 1]
+        met = np.abs(y - bend * x * x) < self._half
+        return float(x[met].min(initial=inf)) - self._front
+
+
+def _turned(points: Floats, angle: float) -> Floats:
+    """Points about the origin, (n, 2)."""
+    c, s = cos(angle), sin(angle)
+    x, y = points[:, 0], points[:, 1]
+    return np.column_stack([c * x - s * y, s * x + c * y])
 
 
 class Touch:
@@ -144,7 +170,7 @@ class Touch:
     def __init__(self, profile: RobotProfile) -> None:
         limits = profile.limits
         self._ramps = (EAGER * limits.v_accel, EAGER * limits.w_accel)
-        self._patience = 3 * profile.p2os.cycle_s
+        self._patience = 3 * profile.cycle_s
         self._place = (inf, inf)  # odometry, m
         self.begin()
 
@@ -160,26 +186,23 @@ class Touch:
 
     def feel(
         self,
-        status: Status,
+        report: Reported,
         ordered: tuple[float, float],
-        measured: tuple[float, float],
         now: float,
     ) -> bool:
-        """Take a status packet; whether something new is touched.
+        """Take what the robot says in a cycle; whether something new is touched.
 
         Args:
-            status: By the controller; its odometry tells one place from another.
+            report: By the robot; its odometry tells one place from another.
             ordered: (v, w) that was ordered since the last one, m/s and rad/s.
-            measured: (v, w) by the wheels.
             now: s.
         """
-        held = self._held(status, ordered, measured, now)
-        ahead, behind = self._bumpers = self._pressed(status)
-        stalls = status.left_stall or status.right_stall
-        if held or ahead or behind or stalls:
+        held = self._held(report, ordered, now)
+        ahead, behind = self._bumpers = self._pressed(report)
+        if held or ahead or behind or report.stalled:
             # For a while: a controller cuts what stalls, and then nothing stalls any more.
             self._held_until = now + HELD_S
-        if stalls:
+        if report.stalled:
             self._cut_until = now + HELD_S
         self.cut = now < self._cut_until
         before = self.felt
@@ -189,9 +212,10 @@ class Touch:
         if not self.felt or (before and not elsewhere):
             return False
         x, y = self._place
-        again = hypot(status.x_m - x, status.y_m - y) < SAME_PLACE_M and not elsewhere
+        pose = report.pose
+        again = hypot(pose.x - x, pose.y - y) < SAME_PLACE_M and not elsewhere
         if not again:
-            self._place = (status.x_m, status.y_m)
+            self._place = (pose.x, pose.y)
             self.side = known or _sign(ordered[0]) or _sign(self._least[0])
         return not again
 
@@ -200,19 +224,14 @@ class Touch:
         against = self.side * v > 0.0 or self._bumpers[0 if v > 0.0 else 1]
         return 0.0 if self.felt and against else v
 
-    def _held(
-        self,
-        status: Status,
-        ordered: tuple[float, float],
-        measured: tuple[float, float],
-        now: float,
-    ) -> bool:
+    def _held(self, report: Reported, ordered: tuple[float, float], now: float) -> bool:
         """Whether the wheels have turned much too slowly for too long."""
         passed, self._at = now - self._at, now
-        if not 0.0 <= passed <= self._patience or not status.motors_enabled:
+        if not 0.0 <= passed <= self._patience or not report.motors:
             self._least, self._held_since = (0.0, 0.0), inf
             return False
         steps = (ramp * passed for ramp in self._ramps)
+        measured = (report.v, report.w)
         v, w = map(_follow, self._least, ordered, measured, steps)
         self._least = v, w
         slow = any(
@@ -222,9 +241,9 @@ class Touch:
         self._held_since = min(self._held_since, now) if slow else inf
         return now - self._held_since >= HELD_S
 
-    def _pressed(self, status: Status) -> tuple[bool, bool]:
+    def _pressed(self, report: Reported) -> tuple[bool, bool]:
         """Whether bumpers ahead, and behind, were pressed since the controller was opened."""
-        bits = status.front_bumpers | status.rear_bumpers << 8
+        bits = report.front_bumpers | report.rear_bumpers << 8
         self._stuck = bits if self._stuck is None else self._stuck & bits
         bits &= ~self._stuck
         return bool(bits & 0xFF), bool(bits >> 8)

@@ -1,40 +1,53 @@
 """The robot agent: sole owner of the controller's port (thesis 3.7.1).
 
 It owns the wheels: the base class judges, acknowledges, and stops on silence and on `robot/stop`.
-Here is what is the robot's: its status packets make the cycles, speeds go out as P2OS, and the
-controller's watchdog is fed only while all of this works.
+Here is what is the robot's: what it reports makes the cycles, speeds go out through its session,
+and its watchdog is fed only while all of this works. Which protocol it speaks the session knows.
 """
 
 from __future__ import annotations
 
-from math import copysign, inf, radians
+from collections.abc import Iterable
+from math import copysign, inf
 from typing import Annotated, Any, ClassVar
 
 from msgspec import Meta
+from msgspec.structs import replace
 
-from armadico.bridge.p2os.session import Connected, Event, LinkLost, Reported, Session, Unanswered
-from armadico.bridge.p2os.status import Status
+from armadico.bridge.p2os.session import Session as P2osSession
+from armadico.bridge.readings import Readings
 from armadico.bridge.reflex import Reflex, Touch
-from armadico.config.profile import load_profile
+from armadico.bridge.ros2.session import Session as Ros2Session
+from armadico.bridge.session import (
+    Connected,
+    LinkLost,
+    Noted,
+    Reported,
+    Session,
+    Unanswered,
+)
+from armadico.config.profile import P2osRobot, Ros2Robot, load_profile
 from armadico.core import agent
 from armadico.core.agent import ERROR, WARNING, DeviceAgent
 from armadico.core.cycles import CycleCounter
 from armadico.core.geometry import wrap
 from armadico.core.messages import (
     LABEL,
+    Card,
     Cycle,
     Description,
-    Echo,
     Line,
     Message,
     Origin,
     Point,
     RobotState,
+    Scan,
     Sonar,
     Stop,
     TopSpeed,
 )
 from armadico.core.resources import WHEELS, Resource
+from armadico.core.scans import points_of
 
 PULSE_S = 0.5
 """How often the watchdog is fed when there is nothing else to say."""
@@ -47,9 +60,6 @@ PATIENCE_S = 10.0
 
 AT_REST_M_S = 0.02
 """Rims slower than this rest."""
-
-SONARS_SILENT = 4
-"""Without a reading for so many cycles the sonars are said to be silent."""
 
 TOLD = tuple(2**n for n in range(20))
 """Which attempts without a status packet are told; if they come, not the first: it was open."""
@@ -74,7 +84,20 @@ class Parameters(agent.Parameters, frozen=True, kw_only=True):
     port: Annotated[str, Meta(min_length=1)] = "tcp://127.0.0.1:8101"
     profile: str = "pioneer-2dx"
     v_max: TopSpeed | None = None  # m/s: a limit below the profile's, of a scenario say
-    reflex: bool = True  # slow down for what the front sonars hear, whatever is commanded
+    reflex: bool = True  # slow down for what is heard and seen ahead, whatever is commanded
+
+
+def session_of(
+    profile: P2osRobot | Ros2Robot, now: float, near: tuple[float, float] = (0.0, 0.0)
+) -> Session:
+    """A session with a robot, in the protocol that it speaks.
+
+    `near` is about where its odometry was last known to be, m.
+    """
+    if isinstance(profile, Ros2Robot):
+        return Ros2Session(profile, now)
+    half_track = profile.body.half_track_m
+    return P2osSession(profile.p2os, now, profile.limits, near, half_track)
 
 
 class Robot(DeviceAgent):
@@ -83,7 +106,7 @@ class Robot(DeviceAgent):
     name = "robot"
     alone = True
     owns = (WHEELS,)
-    provides: ClassVar[tuple[type[Message], ...]] = (RobotState, Description, Sonar)
+    provides: ClassVar[tuple[type[Message], ...]] = (RobotState, Description, Sonar, Scan)
     parameters = Parameters
     launched_with = ("port", "profile", "v_max")
     p: Parameters
@@ -93,7 +116,7 @@ class Robot(DeviceAgent):
         self.address = self.p.port
         self.profile = load_profile(self.p.profile)
         self._v_max = min(self.p.v_max or inf, self.profile.limits.v_max)
-        self.cycles.period = self.profile.p2os.cycle_s
+        self.cycles.period = self.profile.cycle_s
         self._counter = CycleCounter(self.rng.getrandbits(63), self.cycles.period)
         self._session: Session | None = None
         self._awaited = ""  # before the port was ever open: why it is not
@@ -106,9 +129,9 @@ class Robot(DeviceAgent):
         self._controller = ""  # as it names itself
         self._ordered = (0.0, 0.0)  # what was last obeyed, m/s and rad/s
         self._driven = (0.0, 0.0)  # what came of it by the reflexes
+        self._readings = Readings(self.profile)
         self._reflex = Reflex(self.profile)
         self._touch = Touch(self.profile)
-        self._unheard = 0  # cycles since a sonar fired
         self._told, self._told_at = Line(), -inf  # of the line
 
     @classmethod
@@ -142,7 +165,7 @@ class Robot(DeviceAgent):
         if self._session is None:
             origin = self.memory.newest(Origin)  # as others remember it
             near = (0.0, 0.0) if origin is None else (origin.at_x, origin.at_y)
-            self._session = Session(self.profile.p2os, self.now, self.profile.limits, near)
+            self._session = session_of(self.profile, self.now, near)
         else:
             self._take(self._session.restart(self.now))
         self._send()
@@ -161,6 +184,7 @@ class Robot(DeviceAgent):
         self._take(self._session.tick(self.now))
         if self._healthy and self.now - self._pulsed_at >= PULSE_S:
             self._session.pulse()
+            self._pulsed_at = self.now
         self._send()
 
     @property
@@ -174,7 +198,7 @@ class Robot(DeviceAgent):
             self._session.close()
             self._send()
 
-    def _take(self, events: list[Event]) -> None:
+    def _take(self, events: Iterable[object]) -> None:
         for event in events:
             if isinstance(event, Reported):
                 self._report(event)
@@ -194,11 +218,14 @@ class Robot(DeviceAgent):
                     self.latch("the controller having been reset at the robot")
             elif isinstance(event, Unanswered) and event.attempts in TOLD[event.streaming :]:
                 self._line()
+                hint = event.hint or f"{_HINTS[event.streaming]}?"
                 self.log(
                     f"no answer on {self.p.port} (waiting for {event.awaited},"
-                    f" attempt {event.attempts}); {_HINTS[event.streaming]}?",
+                    f" attempt {event.attempts}); {hint}",
                     WARNING,
                 )
+            elif isinstance(event, Noted):
+                self.log(event.text, WARNING)
 
     def _send(self) -> None:
         """Write what the session has to say, and wake for what it waits for."""
@@ -217,16 +244,14 @@ class Robot(DeviceAgent):
     # One status packet, one cycle ----------------------------------------------------------------
 
     def _report(self, report: Reported) -> None:
-        status, pose = report.status, report.pose
+        pose = report.pose
         self._reported_at, self._openings = self.now, 0
         cycle = self._counter.next(self.now)
         self.cycles.advance(cycle, self.now)
         self.tenure += 1
-        left, right = status.left_m_s, status.right_m_s
-        v, w = 0.5 * (left + right), 0.5 * (right - left) / self.profile.body.half_track_m
-        self._speeds = (v, w)
-        self._feel(status)
-        self._heed_hands(status)
+        v, w = self._speeds = report.v, report.w
+        self._feel(report)
+        self._heed_hands(report)
         self.publish(
             RobotState(
                 cycle=cycle,
@@ -235,47 +260,45 @@ class Robot(DeviceAgent):
                 theta=wrap(pose.theta),
                 v=v,
                 w=w,
-                battery_v=status.battery_v,
-                motors=status.motors_enabled,
+                battery_v=report.battery_v,
+                motors=report.motors,
                 stalled=self._touch.felt,
                 stop=self.memory.newest(Stop) or Stop(),
                 touch=self._touched(),
                 line=self._line(),
-                charging=status.charging,
+                charging=report.charging,
             )
         )
         self.acknowledge()
         if self._described % DESCRIBE_CYCLES == 0:
             self.publish(self.description())
         self._described += 1
-        echoes = self._echoes(report)
-        self._say_sonar(cycle, echoes)
-        self._heed(report, echoes)
-        self._insist(left, right)
+        self._perceive(cycle, report)
+        self._heed(report)
+        self._insist(v, w)
 
     def _line(self) -> Line:
         """What was wrong on the line; told now and then, if something new was."""
         session = self._session
         assert session is not None, "it has a line"
-        line = Line(
-            session.decoder.dropped,
-            session.decoder.mangled,
-            session.malformed,
-            session.absurd,
-            session.surplus,
-            session.odometry.resets,
-        )
+        line = session.line
         if line != self._told and self.now - self._told_at >= LINE_SAY_S:
             self._told, self._told_at = line, self.now
             self.log(f"from the controller so far: {line.told}", WARNING)
         return line
 
+    def card(self) -> Card:
+        """Without the readings of sensors that this robot has not got: nobody has to miss them."""
+        none = {self.key_of(kind) for kind in (Sonar, Scan) if kind not in self._readings.provides}
+        said = super().card()
+        return replace(said, provides=tuple(key for key in said.provides if key not in none))
+
     def description(self) -> Description:
         """The robot's body and limits, by its profile."""
-        body, limits, p2os = self.profile.body, self.profile.limits, self.profile.p2os
+        body, limits, cycle_s = self.profile.body, self.profile.limits, self.profile.cycle_s
         return Description(
             robot=self.profile.name,
-            cycle_s=p2os.cycle_s,
+            cycle_s=cycle_s,
             front=body.front_m,
             rear=body.rear_m,
             half_width=body.width_m / 2,
@@ -285,12 +308,13 @@ class Robot(DeviceAgent):
             v_decel=limits.v_decel,
             w_accel=limits.w_accel,
             w_decel=limits.w_decel,
-            silence_s=WHEELS.silence(p2os.cycle_s),
-            watchdog_s=p2os.watchdog_s,
+            silence_s=WHEELS.silence(cycle_s),
+            watchdog_s=self.profile.watchdog_s,
             controller=self._controller,
+            sensors=self._readings.sensors,
         )
 
-    def _heed_hands(self, status: Status) -> None:
+    def _heed_hands(self, report: Reported) -> None:
         """Latch the stop when somebody at the robot wants it to stand.
 
         Motors that come back must not drive off at once, so that takes a release, on purpose; and
@@ -298,15 +322,15 @@ class Robot(DeviceAgent):
         nobody has switched off.
         """
         if self.stopped is None and self._session is not None:
-            if status.stop_button:
+            if report.stop_button:
                 self.latch("the STOP button at the robot")
-            elif not (status.motors_enabled or self._touch.cut) and self._session.motors_due:
+            elif not (report.motors or self._touch.cut) and self._session.motors_due:
                 self.latch("the motors being off at the robot")
 
-    def _feel(self, status: Status) -> None:
+    def _feel(self, report: Reported) -> None:
         """Rest on touching something; whose turn it is next, goes on as it sees fit."""
         v, w = self._driven
-        if self._touch.feel(status, self._driven, self._speeds, self.now):
+        if self._touch.feel(report, self._driven, self.now):
             self.rest(WHEELS)
             where = _SIDES[self._touch.side]
             text = f"touched something {where}: {v:.2f} m/s, {w:.2f} rad/s ordered,"
@@ -319,18 +343,35 @@ class Robot(DeviceAgent):
             return None
         return Point(body.front_m if touch.side > 0 else -body.rear_m, 0.0)
 
-    def _insist(self, left: float, right: float) -> None:
+    def _insist(self, v: float, w: float) -> None:
         """Order the stop again while the wheels still turn: it may have been lost on the line.
 
         A pulse would only feed the watchdog of a controller that goes on as it was told before.
         """
-        if not self._moving and max(abs(left), abs(right)) > AT_REST_M_S:
+        rim = abs(v) + abs(w) * self.profile.body.half_track_m  # the faster one's
+        if not self._moving and rim > AT_REST_M_S:
             self.rest(WHEELS)
 
-    def _heed(self, report: Reported, echoes: tuple[Echo, ...]) -> None:
-        """Slow down for what the front sonars have just heard, whoever is obeyed."""
-        pose = report.pose
-        self._reflex.hear(echoes, (pose.x, pose.y, pose.theta), self._speeds, self.now)
+    def _perceive(self, cycle: Cycle, report: Reported) -> None:
+        """Pass on what the sensors say."""
+        readings = self._readings
+        readings.take(cycle, report)
+        for message in (readings.sonar, readings.scan):
+            if message is not None:
+                self.publish(message)
+        for complaint in readings.complaints:
+            self.log(complaint, ERROR)
+
+    def _heed(self, report: Reported) -> None:
+        """Slow down for what has just been heard or seen ahead, whoever is obeyed."""
+        pose, sonar, scan = report.pose, self._readings.sonar, self._readings.scan
+        self._reflex.hear(
+            () if sonar is None else sonar.echoes,
+            (pose.x, pose.y, pose.theta),
+            self._speeds,
+            self.now,
+            None if scan is None else points_of(scan),
+        )
         if self._moving and self.p.reflex and self._session is not None:
             v, w = self._ordered
             if self._reflex.cap(v, w) < v:
@@ -345,36 +386,6 @@ class Robot(DeviceAgent):
         v = self._touch.cap(v)
         self._driven = (self._reflex.cap(v, w) if self.p.reflex else v, w)
         self._session.drive(*self._driven)
-
-    def _say_sonar(self, cycle: Cycle, echoes: tuple[Echo, ...]) -> None:
-        """Pass the readings on; a cycle in which no sonar fired has none.
-
-        So sonars that have fallen silent are stale obstacles three cycles later, not a free way.
-        """
-        if echoes:
-            self._unheard = 0
-            self.publish(Sonar(cycle, self.profile.sonar.max_m, echoes))
-            return
-        self._unheard += 1
-        if self._unheard == SONARS_SILENT:
-            self.log(f"no sonar has fired for {SONARS_SILENT} cycles: nobody drives blind", ERROR)
-
-    def _echoes(self, report: Reported) -> tuple[Echo, ...]:
-        ring = self.profile.sonar
-        echoes = []
-        for index, distance in report.status.echoes:
-            if index < len(ring.sonars):
-                sonar = ring.sonars[index]
-                heard = 0.0 < distance < ring.max_m * 0.999
-                echoes.append(
-                    Echo(
-                        sonar.x_m,
-                        sonar.y_m,
-                        radians(sonar.bearing_deg),
-                        distance if heard else None,
-                    )
-                )
-        return tuple(echoes)
 
     # The wheels ----------------------------------------------------------------------------------
 

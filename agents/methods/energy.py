@@ -36,7 +36,10 @@ class Energy(Struct, frozen=True):
 
 
 def motor_power(profile: RobotProfile, v: float, w: float = 0.0) -> float:
-    """Electrical power of both motors at steady speeds v (m/s) and w (rad/s), W."""
+    """Electrical power of all motors at steady speeds v (m/s) and w (rad/s), W."""
+    drive = profile.drive
+    if drive is not None:
+        return (drive.rolling_n * abs(v) + drive.turning_nm * abs(w)) / drive.efficiency
     aside = profile.body.half_track_m * w
     return sum(_one_motor(profile, abs(rim)) for rim in (v - aside, v + aside))
 
@@ -46,6 +49,8 @@ def _one_motor(profile: RobotProfile, rim: float) -> float:
     if rim < STANDING_M_S:
         return 0.0
     motor, inertia = profile.motor, profile.inertia
+    assert motor is not None, "a robot without a drive has one"
+    assert inertia is not None, "and it is known"
     wheel = rim / profile.body.wheel_radius_m
     geared = motor.gear_ratio * motor.efficiency
     torque = (

@@ -35,6 +35,9 @@ CELLS_MOST = 16_000_000
 """Of a world that is worked on in cells: 200 m x 200 m of them with sides of 5 cm. To localize in
 those takes 3.6 GB and 90 s at the start."""
 
+MANY = 50
+"""Walls among known ones; after more than these all cells are priced anew."""
+
 EVERYWHERE = (slice(None), slice(None))
 
 EXACT_CELLS = 250_000
@@ -95,6 +98,9 @@ class Grid:
         grid.walls = np.concatenate((self.walls, walls))
         grid.clearance = self.clearance.copy()
         changed = [grid._raise(wall) for wall in walls]
+        if len(changed) > MANY:
+            grid._priced = {}
+            return grid
         grid._priced = {margins: costs.copy() for margins, costs in self._priced.items()}
         for margins, costs in grid._priced.items():
             for around in changed:

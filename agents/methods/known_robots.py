@@ -14,7 +14,7 @@ from collections.abc import Iterator, Sequence
 from math import ceil, hypot, sqrt
 from typing import Final
 
-from armadico.agents.methods.local_map import Obstacle
+from armadico.agents.methods.near import Obstacle
 from armadico.core.geometry import Pose2, compose, relative
 from armadico.core.messages import COVARIANCE, FleetPose
 

@@ -5,7 +5,7 @@ end of one that stands edge-on. Who knows the map and where it is on it knows th
 Each wall is a row of places. A place is believed less the less sure the pose is; and it is doubted
 where a sonar looked at it squarely and heard something behind: what the map has shut may be open.
 Silence is no doubt, since that is what a dead wall sounds like. What is forbidden no sonar
-hears, so it is never doubted.
+hears, so it is never doubted. A laser tells by the place whether it saw it or looked through it.
 
 An echo from as far as a place that is believed, and not far off the axis, is that place's. On the
 axis, where one that nothing explains is put, the posts of a door would stand in the door.
@@ -17,11 +17,12 @@ middle of the wheel axle; metres and radians.
 from __future__ import annotations
 
 import math
-from collections.abc import Iterable, Iterator, Sequence
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from itertools import chain
 from typing import NamedTuple
 
-from armadico.agents.methods.local_map import Echo, Obstacle
+from armadico.agents.methods.local_map import Echo
+from armadico.agents.methods.near import Look, Obstacle
 from armadico.agents.methods.settings import WallSettings
 from armadico.core.geometry import Pose2
 from armadico.core.messages import COVARIANCE
@@ -189,10 +190,7 @@ class KnownWalls:
         cone. That wall is no farther then than it was heard: the pose may be off, a range hardly.
         """
         s = self.settings
-        for three in list(self._doubts):
-            self._doubts[three] *= s.memory
-            if self._doubts[three] < FORGOTTEN:
-                del self._doubts[three]
+        self._fade()
         self._heard = {
             three: (by, ago + 1) for three, (by, ago) in self._heard.items() if ago < HEARD_CYCLES
         }
@@ -215,11 +213,39 @@ class KnownWalls:
                     through.add(three)
                 elif along < free + 2.0 * s.margin_m:
                     answered.add(three)
-            for three in through:
-                self._doubts[three] = min(1.0, self._doubts.get(three, 0.0) + s.miss)
-            for three in answered:
-                self._doubts.pop(three, None)
+            self._judge(through, answered)
         return [self._explains(echo) for echo in echoes]
+
+    def see(self, looked: Callable[[list[tuple[float, float]]], Sequence[Look]]) -> None:
+        """Doubt the places that a laser looked through, and no more those that it sees.
+
+        `looked` says of places in the body frame what came of looking there.
+        """
+        self._fade()
+        places = [
+            p for p in self._near if p.three != UNDOUBTED and p.distance <= self.settings.reach_m
+        ]
+        looks = looked([(place.x, place.y) for place in places])
+        through, answered = set(), set()
+        for place, look in zip(places, looks, strict=True):
+            if look is Look.THROUGH:
+                through.add(place.three)
+            elif look is Look.SEEN:
+                answered.add(place.three)
+        self._judge(through - answered, answered)
+
+    def _fade(self) -> None:
+        """Doubts are forgotten."""
+        for three in list(self._doubts):
+            self._doubts[three] *= self.settings.memory
+            if self._doubts[three] < FORGOTTEN:
+                del self._doubts[three]
+
+    def _judge(self, through: Iterable[int], answered: Iterable[int]) -> None:
+        for three in through:
+            self._doubts[three] = min(1.0, self._doubts.get(three, 0.0) + self.settings.miss)
+        for three in answered:
+            self._doubts.pop(three, None)
 
     def points(self) -> list[Obstacle]:
         """The nearest place that is believed, in each direction in which there is one."""

@@ -20,13 +20,14 @@ What is expected, by a global map, is beside that, and new in each cycle.
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Iterable, Mapping
+from collections.abc import Iterable, Mapping
 from functools import lru_cache
 from itertools import chain, repeat
 from operator import itemgetter
 from typing import NamedTuple, Protocol
 
 from armadico.agents.methods.geometry import Posed
+from armadico.agents.methods.near import NOBODY, Near, Obstacle
 from armadico.agents.methods.rows import NEAR_M, Heard, onward
 from armadico.agents.methods.settings import MapSettings
 from armadico.core.swept_path import Outline
@@ -42,7 +43,6 @@ NEAR_RINGS = 3
 POINTS = 4
 """Points of one such cell at the most."""
 
-NOBODY = Outline(0.0, 0.0, 0.0)  # before the robot is described
 _MOST_SONARS = 64  # that are remembered, as many as one message has: no robot has more
 
 
@@ -66,14 +66,6 @@ class Echo(Protocol):
         """Metres; None if nothing answered within its reach."""
 
 
-class Obstacle(NamedTuple):
-    """An occupied cell's point, and how far it is from the middle of the axle, m."""
-
-    x: float
-    y: float
-    distance: float
-
-
 class _Cell(NamedTuple):
     probability: float
     x: float
@@ -95,31 +87,21 @@ def _direction(bearing: float) -> tuple[float, float]:
     return math.cos(bearing), math.sin(bearing)
 
 
-class LocalMap:
+class LocalMap(Near):
     """Moves with the robot, takes echoes in, and holds what is near.
 
-    A cycle is `move`, then `update`, then the queries. `outline` is the body's: nothing can be
-    inside it.
+    A cycle is `move`, then `update`, then the queries.
     """
 
     def __init__(self, settings: MapSettings | None = None, outline: Outline | None = None) -> None:
         """An empty map."""
         self.settings = settings or MapSettings()
-        self.outline = outline
+        s = self.settings
+        super().__init__(s.reach_m, s.frontal_rad, s.abeam_rad, outline)
         self._ring_m = self.settings.reach_m / RINGS
         self._cells: dict[int, _Cell] = {}  # by the cell, and CELLS for each point before it
         self._sonars: dict[tuple[float, float, float], Echo] = {}  # each one's last
-        self._expected: tuple[Obstacle, ...] = ()
         self._occupied: tuple[Obstacle, ...] | None = ()
-        self._all: tuple[Obstacle, ...] | None = ()
-
-    def expect(self, places: Iterable[Obstacle]) -> None:
-        """Take what is there whether it was heard or not, until the next cycle's."""
-        front, rear, half = self.outline or NOBODY
-        self._expected = tuple(
-            o for o in places if not (-rear < o.x < front and -half < o.y < half)
-        )
-        self._all = None
 
     def move(self, motion: Posed, *, mapped: bool = False) -> None:
         """Move what is remembered against the robot's motion, and let it fade by one cycle.
@@ -151,7 +133,8 @@ class LocalMap:
                 turned = cos * ahead + sin * left, cos * left - sin * ahead
                 moved[new] = _Cell(probability, x, y, heard, *turned)
         self._cells = moved
-        self._occupied = self._all = None
+        self._occupied = None
+        self._changed()
 
     def update(self, echoes: Iterable[Echo], explained: Iterable[bool] = ()) -> None:
         """Take in the echoes of one cycle: a ping doubts what did not echo, and fills a cell.
@@ -168,18 +151,8 @@ class LocalMap:
             self._clear(echo)
             if echo.range is not None and not known:
                 self._fill(echo, echo.range)
-        self._occupied = self._all = None
-
-    def points(self) -> tuple[Obstacle, ...]:
-        """All that is there, the nearest first."""
-        if self._all is None:
-            self._all = tuple(sorted((*self.heard(), *self._expected), key=itemgetter(2, 0, 1)))
-        return self._all
-
-    @property
-    def expected(self) -> tuple[Obstacle, ...]:
-        """What is there whether it was heard or not."""
-        return self._expected
+        self._occupied = None
+        self._changed()
 
     def heard(self) -> tuple[Obstacle, ...]:
         """All occupied cells' points, the nearest first."""
@@ -235,30 +208,6 @@ class LocalMap:
         A near cell's second point has the number and `CELLS`, its third twice that, and so on.
         """
         return self._cells
-
-    def closest(self) -> Obstacle | None:
-        """The nearest point of all."""
-        return next(iter(self.points()), None)
-
-    def front(self) -> Obstacle | None:
-        """The nearest point within `frontal_rad` of the heading."""
-        return self._first(lambda bearing: abs(bearing) < self.settings.frontal_rad)
-
-    def left(self) -> Obstacle | None:
-        """The nearest point on the left, between `frontal_rad` and `abeam_rad`."""
-        s = self.settings
-        return self._first(lambda bearing: s.frontal_rad <= bearing <= s.abeam_rad)
-
-    def right(self) -> Obstacle | None:
-        """The nearest point on the right, between `frontal_rad` and `abeam_rad`."""
-        s = self.settings
-        return self._first(lambda bearing: s.frontal_rad <= -bearing <= s.abeam_rad)
-
-    def _first(self, wanted: Callable[[float], bool]) -> Obstacle | None:
-        for point in self.points():
-            if wanted(math.atan2(point.y, point.x)):
-                return point
-        return None
 
     def _looked_at(self, x: float, y: float) -> bool:
         """Whether a point is near the axis of a sonar."""

@@ -1,4 +1,6 @@
-"""An occupancy grid from sonars: log-odds, with a model of the cone (Moravec and Elfes, 1985).
+"""An occupancy grid from sonars and lasers: log-odds (Moravec and Elfes, 1985).
+
+A laser's ray is a line: what it went through is free, what it met is occupied.
 
 A sonar answers for a cone and says one range. So all cells before the echo are free, the more the
 nearer to the axis; one cell or a few on the arc are occupied, and nobody knows which. Three rules
@@ -25,7 +27,8 @@ from numpy.typing import NDArray
 from armadico.agents.methods.geometry import Posed
 from armadico.config.grid_map import FREE, NOTHING, OCCUPIED, Cells
 from armadico.core.geometry import compose, to_world
-from armadico.core.messages import Echo
+from armadico.core.messages import Echo, Scan
+from armadico.core.scans import bearings_of, ranges_of
 
 BINS: Final = 15
 """Slices of a cone, in each of which what is believed occupied hides what is behind it."""
@@ -49,13 +52,17 @@ class Settings(Struct, frozen=True):
     occupied: float = 1.2  # from here on: 0.77
     far: float = 0.3  # share of the evidence that is left at the reach
     size_m: float = 200.0  # of the grid, at the most, each way
+    seen_m: float = 8.0  # a laser's rays count so far: farther out gaps are wider than cells,
+    unseen_m: float = 3.0  # and one that found nothing this far: it may have met what is dark
+    seen: float = 1.2  # evidence of what a ray met,
+    through: float = 0.4  # and of each cell that it went through
 
 
 class Mapper:
     """Log-odds over a part of the world that grows with what is seen."""
 
-    def __init__(self, half_cone: float, settings: Settings | None = None) -> None:
-        """Half the angle of a sonar's cone, rad."""
+    def __init__(self, half_cone: float = 0.0, settings: Settings | None = None) -> None:
+        """Half the angle of a sonar's cone, rad; a robot without sonars has none."""
         self.p = settings or Settings()
         self._half = half_cone
         self._row = self._column = 0  # of the corner, in cells from where their lines begin
@@ -121,6 +128,49 @@ class Mapper:
         for (x1, y1), (x2, y2) in zip(outline, np.roll(outline, -1, axis=0), strict=True):
             inside &= (x2 - x1) * (ys - y1) - (y2 - y1) * (xs - x1) >= 0.0
         odds[inside] = -self.p.most
+
+    def see(self, pose: Posed, scan: Scan) -> None:
+        """Take a laser's scan of a robot at a pose in the world.
+
+        Raises ValueError if its bytes are no ranges.
+        """
+        p, size = self.p, self.p.cell_m
+        ranges, looks = ranges_of(scan), bearings_of(scan) + pose.theta
+        x, y = to_world((pose.x, pose.y, pose.theta), scan.x, scan.y)
+        met = ranges <= p.seen_m  # NaN is not
+        far = np.where(met, ranges, np.where(np.isinf(ranges), p.unseen_m, p.seen_m))
+        tells = ~np.isnan(ranges)
+        looks, far, met = looks[tells], far[tells], met[tells]
+        if not len(far):
+            return
+        ahead, left = np.cos(looks), np.sin(looks)
+        to_x, to_y = x + far * ahead, y + far * left
+        window = self._window(
+            *(min(x, float(to_x.min())) - size, min(y, float(to_y.min())) - size),
+            *(max(x, float(to_x.max())) + size, max(y, float(to_y.max())) + size),
+        )
+        if window is None:
+            return
+        odds, xs, ys = window
+        west, south, across = float(xs[0, 0]), float(ys[0, 0]), odds.shape[1]
+
+        def at(some_x: NDArray[Any], some_y: NDArray[Any]) -> NDArray[np.intp]:
+            column = np.floor((some_x - west) / size + 0.5).astype(np.intp)
+            cell: NDArray[np.intp] = np.floor((some_y - south) / size + 0.5).astype(np.intp)
+            cell *= across
+            cell += column
+            return cell
+
+        steps = np.arange(0.0, far.max(), 0.5 * size)
+        ray, step = np.nonzero(steps < far[:, None] - np.where(met, size, 0.0)[:, None])
+        on_way = steps[step]
+        through = np.zeros(odds.size, dtype=np.bool_)
+        through[at(x + on_way * ahead[ray], y + on_way * left[ray])] = True
+        there = np.zeros(odds.size, dtype=np.bool_)
+        there[at(to_x[met], to_y[met])] = True
+        through &= ~there
+        odds += (p.seen * there - p.through * through).reshape(odds.shape).astype(np.float32)
+        np.clip(odds, -p.most, p.most, out=odds)
 
     def cells(self) -> Cells:
         """What is known, cropped to it."""

@@ -12,13 +12,13 @@ from collections import deque
 from collections.abc import Iterator, Sequence
 from itertools import islice
 from math import exp, hypot, inf, sqrt
-from typing import Final, NamedTuple
+from typing import Final, NamedTuple, Protocol
 
 import numpy as np
 from msgspec import Struct
 from numpy.typing import NDArray
 
-from armadico.agents.methods.sonar_model import Poses, SonarModel
+from armadico.agents.methods.sonar_model import Poses
 from armadico.core.geometry import Pose2, compose, relative, wrap
 from armadico.core.messages import Echo
 
@@ -95,13 +95,36 @@ class Settings(Struct, frozen=True):
     remembered: int = 40  # or, if the robot is lost, by so many, and all that was heard with them;
     apart_m: float = 0.15  # each so far from the one before, or turned by so much
     apart_rad: float = 0.2
+    whole: bool = False  # a reading tells all around: what is between two that are kept is left out
+    looks_at: int = 16  # so many of the newest are asked how many are short: twice around
 
 
 UNEXPLAINED: Final = 0.1
 """The likelihood of an echo that nothing on the map explains is below this."""
 
-RING: Final = 16
-"""Readings that are looked at for how many are short: two rounds of a Pioneer's front ring."""
+LASER: Final = Settings(
+    trust=0.08,
+    doubtful=0.05,
+    better=120.0,
+    rival=20.0,
+    kept=12,
+    remembered=24,
+    whole=True,
+    looks_at=72,
+)
+"""Of a laser's, whose scan is some dozens of rays at once: each of them counts for less."""
+
+
+class Model(Protocol):
+    """How likely readings are, by a sensor and a map."""
+
+    def likelihood(
+        self, poses: Poses, echoes: Sequence[Echo], *, coarse: bool = False
+    ) -> NDArray[np.float32]:
+        """The likelihood of each reading at each pose, (poses, echoes); 1 is the best there is."""
+
+    def short(self, pose: Poses, echoes: Sequence[Echo]) -> NDArray[np.bool_]:
+        """Which come from before the wall that should answer, at one pose: (1, 3)."""
 
 
 class Reading(NamedTuple):
@@ -163,7 +186,7 @@ class MonteCarlo:
 
     def __init__(
         self,
-        model: SonarModel,
+        model: Model,
         free: NDArray[np.float64],
         rng: np.random.Generator,
         settings: Settings = Settings(),  # noqa: B008 - frozen
@@ -189,12 +212,16 @@ class MonteCarlo:
         self._moved = inf
         self._turned = inf
         self._slow = self._fast = settings.fits
-        self._short: deque[bool] = deque(maxlen=RING)  # of the newest readings
+        self._short: deque[bool] = deque(maxlen=settings.looks_at)  # of the newest readings
         self._since: Pose2 = (0.0, 0.0, 0.0)  # the motion since the last reading that is kept
         self._fresh = False  # a reading has been kept since places were recalled
         self.news = 0  # readings that have been kept since places were looked for
         self._parts = False  # the next reading is kept however near it is
         self._kept: deque[Reading] = deque(maxlen=max(settings.kept, settings.remembered))
+
+    def may_be_at(self, free: NDArray[np.float64]) -> None:
+        """Places where the robot may be, (n, 2), m, from now on."""
+        self._free = free.astype(np.float32)
 
     def start_at(self, pose: Pose2, deviation_m: float, deviation_rad: float) -> None:
         """Begin about a pose."""
@@ -301,6 +328,8 @@ class MonteCarlo:
             self._since, self._parts = (0.0, 0.0, 0.0), False
             self._fresh = True
             self.news += 1
+            return
+        if self.settings.whole:
             return
         self._kept[-1].more.extend(
             Echo(*compose(self._since, (e.x, e.y, e.bearing)), e.range) for e in echoes
@@ -489,8 +518,10 @@ class MonteCarlo:
         others tell. Where most are short, it is the place that is wrong.
         """
         best = int(self.weights.argmax())
-        short = self._model.short(self.poses[[best]], echoes)
-        short &= likelihood[best] < UNEXPLAINED
+        short = likelihood[best] < UNEXPLAINED
+        if short.any():
+            unexplained = [echo for echo, bad in zip(echoes, short, strict=True) if bad]
+            short[short] = self._model.short(self.poses[[best]], unexplained)
         self._short.extend(short.tolist())
         if sum(self._short) <= self.settings.people * len(self._short):
             likelihood = likelihood[:, ~short]

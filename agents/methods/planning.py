@@ -11,14 +11,16 @@ from collections import deque
 from collections.abc import Collection, Mapping, Sequence
 from contextlib import suppress
 from itertools import pairwise
+from math import ceil, floor
 from typing import NamedTuple
 
 from msgspec import Struct
 
 from armadico.agents.methods.geometry import Placed, Posed, Positioned, direction, distance
-from armadico.agents.methods.grid import CELL_M, Grid, Margins, grid_of
+from armadico.agents.methods.grid import CELL_M, Grid, Margins, check_extent, grid_of
 from armadico.agents.methods.path_smoothing import between, clear, rounded
 from armadico.agents.methods.room_graph import Leg, axis, route
+from armadico.config.errors import ConfigError
 from armadico.config.profile import Body
 from armadico.config.worlds import Segment, World
 from armadico.core.geometry import wrap
@@ -31,6 +33,10 @@ FLANK_M = 0.075
 
 _OFF_MIDDLE = range(-12, 13)  # how far a door's mark may lie from its opening's middle
 _OFF_MIDDLE_M = 0.025  # m, a step of `_OFF_MIDDLE`
+
+
+AROUND_M = 3.0
+"""Where nobody knows the world, a way leads no farther than this around all that is known."""
 
 
 class PlanError(ValueError):
@@ -95,6 +101,24 @@ def plan(
         clearance_m=min(grid.clearance_between(a, b) for a, b in stretches),
         doors=way.doors,
     )
+
+
+def unknown(start: Posed, goal: Posed, seen: Sequence[Segment]) -> World:
+    """A world of which nothing is known: free, as far as there is reason to go.
+
+    Raises PlanError for a goal that is too far to be planned for in cells.
+    """
+    xs = [start.x, goal.x, *(x for wall in seen for x in wall[::2])]
+    ys = [start.y, goal.y, *(y for wall in seen for y in wall[1::2])]
+    # by whole metres: the same world for a while
+    low_x, low_y = floor(min(xs) - AROUND_M), floor(min(ys) - AROUND_M)
+    high_x, high_y = ceil(max(xs) + AROUND_M), ceil(max(ys) + AROUND_M)
+    world = World("unknown", (), (low_x, low_y, high_x, high_y))
+    try:
+        check_extent(world, CELL_M)
+    except ConfigError as error:
+        raise PlanError(f"the goal {_at(goal)} is too far to plan for: {error.message}") from None
+    return world
 
 
 def radii(body: Body) -> tuple[float, float, float]:

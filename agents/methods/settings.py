@@ -34,6 +34,25 @@ class MapSettings(Struct, frozen=True):
     abeam_rad: float = radians(120)  # beside: between that and this
 
 
+class ScanSettings(Struct, frozen=True):
+    """What a laser's local map keeps of a scan, and for how long of what is out of sight."""
+
+    reach_m: float = 4.0  # what is farther nobody brakes for yet
+    sector_rad: float = radians(2.0)  # of the rays in each the nearest is kept,
+    jump_m: float = 0.12  # and the nearer of two neighbours whose ranges differ so much,
+    jump: float = 0.08  # and by this share of the range more: an edge
+    apart_m: float = 0.04  # of what is nearer to each other one will do
+    margin_m: float = 0.08  # a ray that went so much farther than a point went through it
+    silence: float = 0.1  # of belief that a ray takes which found nothing: dark things, and glass
+    memory: float = 0.995  # a cycle, out of sight: what was seen last lasts 24 s at rest,
+    memory_off_map: float = 0.985  # and 8 s where it is not on the map: mostly people, who go on
+    memory_m: float = 1.5  # the way that halves a belief: the same lasts 2.6 m
+    forget: float = 0.3  # what is believed less is no more
+    most: int = 400  # points, of those remembered the nearest
+    frontal_rad: float = radians(40)  # in front: within this of the heading
+    abeam_rad: float = radians(120)  # beside: between that and this
+
+
 class WallSettings(Struct, frozen=True):
     """How far the walls of the global map count in the local one, and what makes them doubted."""
 
@@ -80,3 +99,4 @@ class Brisk(Struct, frozen=True, forbid_unknown_fields=True):
     beside_m: float = 0.10  # or than this with the goal abeam,
     leave_m: float = 0.115  # and drives again only beyond this
     stop_rad: float = radians(1.5)
+    sight_m: float | None = None  # so far it sees, and stops within what it sees of its way

@@ -117,6 +117,14 @@ def versions() -> Iterator[Finding]:
     yield from _packages(required)
 
 
+_EXTRAS: Final = (
+    ("mcap", "record"),
+    ("rerun-sdk", "dashboard"),
+    ("matplotlib", "plot"),
+    ("cyclonedds", "ros2"),
+)
+
+
 def _packages(required: Iterable[str]) -> Iterator[Finding]:
     missing, found = [], []
     for line in required:
@@ -134,7 +142,7 @@ def _packages(required: Iterable[str]) -> Iterator[Finding]:
     else:
         zenoh = next((has for name, has, _ in found if name == "eclipse-zenoh"), "unknown")
         yield Finding("packages", OK, f"all there; eclipse-zenoh {zenoh}, the same on every host")
-    for name, extra in (("mcap", "record"), ("rerun-sdk", "dashboard"), ("matplotlib", "plot")):
+    for name, extra in _EXTRAS:
         if name not in {there for there, _, _ in found}:
             todo = f"pip install 'armadico[{extra}]' if it is wanted"
             yield Finding(name, NOTE, f"is not installed ({extra})", todo)

@@ -13,8 +13,9 @@ lines, which are `Cairn: TYPE X Y DEGREES "DESCRIPTION" ICON "NAME" [X1 Y1 X2 Y2
 | `ForbiddenArea`, `ForbiddenLine` | where no way leads: a rectangle or a line, turned about 0, 0 |
 | `ArmadicoRoom` | a room: NAME and its rectangle |
 | `ArmadicoDoor` | a door: NAME, its middle, and the DESCRIPTION is its two rooms, `"A corridor"` |
+| `ArmadicoColumn` | something round: its middle, and the DESCRIPTION is its radius in mm |
 
-The last two are ours: other programs skip types that they do not know. So do we: everything else
+The last three are ours: other programs skip types that they do not know. So do we: everything else
 (laser points after `DATA`, say) is passed over. ARIA cuts a line at `;` or `#`,
 and so these begin a comment here too, from the second line on: the first must be `2D-Map`.
 """
@@ -31,7 +32,17 @@ from msgspec import Struct
 
 from armadico.config.errors import ConfigError, advice
 from armadico.config.loading import read_text
-from armadico.config.worlds import Door, Pose, Room, Segment, World, check_dock, check_door, hull
+from armadico.config.worlds import (
+    Column,
+    Door,
+    Pose,
+    Room,
+    Segment,
+    World,
+    check_dock,
+    check_door,
+    hull,
+)
 
 LIMIT_M = 1e4
 """No coordinate of a map may be larger."""
@@ -83,6 +94,7 @@ class _Reader:
         self.forbidden: list[Segment] = []
         self.rooms: dict[str, Room] = {}
         self.doors: dict[str, tuple[Door, int]] = {}
+        self.columns: list[Column] = []
 
     def line(self, line: str, number: int) -> None:
         words = [quoted or plain for quoted, plain in _WORD.findall(line)]
@@ -156,6 +168,12 @@ class _Reader:
         door = Door(cairn.name, rooms[0], rooms[1], cairn.pose[0], cairn.pose[1])
         self.doors[cairn.name] = door, cairn.line
 
+    def column(self, cairn: _Cairn) -> None:
+        (radius,) = _metres([cairn.description])
+        if radius <= 0.0:
+            raise ConfigError(f"{cairn.description!r} mm: expected a radius, more than none")
+        self.columns.append((*cairn.pose[:2], radius))
+
     def finish(self, name: str, file: Path | str) -> World:
         if self.announced is not None and self.announced[0] != len(self.walls):
             message = f"NumLines: {self.announced[0]}, but there are {len(self.walls)} LINES"
@@ -170,8 +188,12 @@ class _Reader:
         doors = tuple(door for door, _ in self.doors.values())
         rooms = tuple(self.rooms.values())
         forbidden = tuple(self.forbidden)
-        bounds = self._bounds(walls + forbidden)
-        world = World(name, walls, bounds, self.start, self.goals, rooms, doors, forbidden, docks)
+        columns = tuple(self.columns)
+        around = tuple((x - r, y - r, x + r, y + r) for x, y, r in columns)
+        bounds = self._bounds(walls + forbidden + around)
+        world = World(
+            *(name, walls, bounds, self.start, self.goals, rooms, doors, forbidden, docks, columns)
+        )
         for dock, (pose, number) in self.docks.items():
             try:
                 check_dock(dock, pose, world)
@@ -196,6 +218,7 @@ CAIRNS: dict[str, Callable[[_Reader, _Cairn], None]] = {
     "ForbiddenLine": _Reader.forbid,
     "ArmadicoRoom": _Reader.room,
     "ArmadicoDoor": _Reader.door,
+    "ArmadicoColumn": _Reader.column,
 }
 """The types of cairn that are read, and by what."""
 

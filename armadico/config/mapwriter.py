@@ -39,6 +39,9 @@ def format_map(world: World, comments: Sequence[str] = ()) -> str:
     for door in world.doors:
         rooms = f"{_one_word(door.room_a)} {_one_word(door.room_b)}"
         lines.append(_cairn("ArmadicoDoor", (door.x, door.y, 0.0), rooms, door.name))
+    for k, (x, y, radius) in enumerate(world.columns):
+        mm = str(*_millimetres([radius]))
+        lines.append(_cairn("ArmadicoColumn", (x, y, 0.0), mm, f"column-{k}"))
     lines += ["LINES", *(" ".join(map(str, _millimetres(wall))) for wall in world.walls), "DATA"]
     return "\n".join(lines) + "\n"
 

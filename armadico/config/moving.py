@@ -67,7 +67,7 @@ class Moving(Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):
             return
         x, y = self.at
         at, clearance = f"a person at ({x:g}, {y:g})", world.clearance(x, y)
-        if world.walls and not world.inside(x, y):
+        if world.outlines and not world.inside(x, y):
             yield "at", f"{at} is outside the world {world.name!r}"
         elif clearance < self.radius:
             expected = f"expected at least the radius, {self.radius:g} m"

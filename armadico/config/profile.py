@@ -12,10 +12,24 @@ from typing import Annotated
 
 from msgspec import Meta, Struct
 
+from armadico.config.errors import ConfigError
 from armadico.config.loading import load
 from armadico.config.shipped import find
 from armadico.core.geometry import turning_circle
-from armadico.core.messages import Length, Patience, Period, Place, Ramp, TopSpeed, TopTurn
+from armadico.core.messages import (
+    RAYS,
+    REACH_M,
+    Length,
+    Patience,
+    Period,
+    Place,
+    Ramp,
+    TopSpeed,
+    TopTurn,
+)
+
+NEVER_S = 60.0
+"""The longest that the mesh can tell of a watchdog: of a robot that has none."""
 
 Positive = Annotated[float, Meta(ge=1e-6, le=1e6)]
 """Smaller ones, divided by or squared, are beyond what a float holds, and no robot has any."""
@@ -23,24 +37,25 @@ NonNegative = Annotated[float, Meta(ge=0, le=1e6)]
 Real = Annotated[float, Meta(ge=-1e6, le=1e6)]
 Share = Annotated[float, Meta(ge=0, le=1)]
 Angle = Annotated[float, Meta(ge=0, le=90)]
+Bearing = Annotated[float, Meta(ge=-180, le=180)]
+Turned = Annotated[float, Meta(ge=-360, le=360)]
+_WORD = r"[A-Za-z][A-Za-z0-9_]*"
+TopicName = Annotated[str, Meta(max_length=255, pattern=rf"^/?{_WORD}(/{_WORD})*\Z")]
+FrameName = Annotated[str, Meta(min_length=1, max_length=64)]
 
 
 class Body(Struct, frozen=True, forbid_unknown_fields=True):
-    """Outline and masses (table 4.3), in the REP-103 frame at the middle of the wheel axle."""
+    """Outline, wheels and mass (table 4.3), in the REP-103 frame at the middle of the wheel axle.
+
+    The middle of four wheels is where they would have one axle: between both.
+    """
 
     front_m: Length  # from the axle to the front edge
     rear_m: Length  # from the axle to the rear edge
     width_m: Length
     wheel_radius_m: Positive  # R
-    caster_radius_m: Positive  # R_1
     half_track_m: Positive  # L
-    caster_arm_m: Positive  # l_1, axle to the caster's pivot
-    caster_trail_m: Positive  # d
-    mass_centre_x_m: Real  # the thesis's y_m: negative is behind the axle
-    mass_centre_y_m: Real  # the thesis's x_m
-    mass_kg: Positive  # M
-    wheel_mass_kg: Positive  # m
-    caster_mass_kg: Positive  # m_1
+    mass_kg: Positive  # M, without what [inertia] and [caster] have for themselves
 
     @property
     def corners(self) -> tuple[tuple[float, float], ...]:
@@ -54,9 +69,21 @@ class Body(Struct, frozen=True, forbid_unknown_fields=True):
         return turning_circle(self.front_m, self.rear_m, self.width_m / 2)
 
 
-class Inertia(Struct, frozen=True, forbid_unknown_fields=True):
-    """Identified inertias and friction (table 4.6)."""
+class Caster(Struct, frozen=True, forbid_unknown_fields=True):
+    """The wheel that follows (table 4.3)."""
 
+    radius_m: Positive  # R_1
+    arm_m: Positive  # l_1, axle to its pivot
+    trail_m: Positive  # d
+    mass_kg: Positive  # m_1
+
+
+class Inertia(Struct, frozen=True, forbid_unknown_fields=True):
+    """Where the mass lies (table 4.3), and the identified inertias and friction (table 4.6)."""
+
+    mass_centre_x_m: Real  # the thesis's y_m: negative is behind the axle
+    mass_centre_y_m: Real  # the thesis's x_m
+    wheel_mass_kg: Positive  # m
     body_kg_m2: Positive  # I_0
     caster_roll_kg_m2: Positive  # I_r1
     wheel_roll_kg_m2: Positive  # I_r
@@ -90,6 +117,23 @@ class SpeedLoop(Struct, frozen=True, forbid_unknown_fields=True):
     antiwindup: NonNegative
 
 
+class Drive(Struct, frozen=True, forbid_unknown_fields=True):
+    """A drive of which is known how it moves, not why: of a robot whose motors nobody identified.
+
+    The base follows what it is told to a moment later, as fast as its own limits allow; those of
+    the table of limits are what it is told at the most, and lie below.
+    """
+
+    lag_s: Positive  # time constant of its speed loops
+    v_accel: Ramp  # m/s^2, up and down
+    w_accel: Ramp  # rad/s^2
+    scrub: Share  # of tyres dragged sideways: what the floor adds to the turn error drawn,
+    heading: Share  # and what a gyroscope leaves of its odometry's errors in turning; 1: all
+    rolling_n: NonNegative  # what it takes to roll,
+    turning_nm: NonNegative  # and to turn,
+    efficiency: Annotated[float, Meta(ge=0.01, le=1)]  # of battery to wheel
+
+
 class Limits(Struct, frozen=True, forbid_unknown_fields=True):
     """What the controller obeys at the most, and its ramps."""
 
@@ -106,7 +150,7 @@ class Sonar(Struct, frozen=True, forbid_unknown_fields=True):
 
     x_m: Place
     y_m: Place
-    bearing_deg: Annotated[float, Meta(ge=-180, le=180)]
+    bearing_deg: Bearing
 
 
 class SonarRing(Struct, frozen=True, forbid_unknown_fields=True):
@@ -120,8 +164,41 @@ class SonarRing(Struct, frozen=True, forbid_unknown_fields=True):
     firing_order: tuple[int, ...]
 
 
+class Laser(Struct, frozen=True, forbid_unknown_fields=True):
+    """A scanning laser range finder: where it sits and looks, in the body frame, and its rays.
+
+    `angle_min_deg` is the first ray's, about the laser's own axis; the others follow evenly up to
+    `angle_max_deg`, the last one's, counter-clockwise as the laser sees it: one that is mounted
+    upside down sees its left on the robot's right. Of a laser that looks all around the last ray
+    lies a step before the first.
+    """
+
+    x_m: Place
+    y_m: Place
+    bearing_deg: Bearing
+    min_m: Positive  # what is nearer has no valid range
+    max_m: Annotated[float, Meta(gt=0, le=REACH_M)]
+    angle_min_deg: Turned
+    angle_max_deg: Turned
+    rays: Annotated[int, Meta(ge=2, le=RAYS)]
+    rate_hz: Annotated[float, Meta(gt=0, le=200)]
+    noise_m: NonNegative  # standard deviation of a range
+    upside_down: bool = False
+
+    def __post_init__(self) -> None:
+        if not self.min_m < self.max_m:
+            raise ValueError(f"min_m = {self.min_m} is not less than max_m = {self.max_m}")
+        if not 0.0 < self.angle_max_deg - self.angle_min_deg <= 360.0:
+            raise ValueError("angle_max_deg is to be up to 360 more than angle_min_deg")
+
+    @property
+    def step_deg(self) -> float:
+        """From one ray to the next."""
+        return (self.angle_max_deg - self.angle_min_deg) / (self.rays - 1)
+
+
 class Battery(Struct, frozen=True, forbid_unknown_fields=True):
-    """A lead-acid battery, drained by the motors and the electronics, charged in a dock."""
+    """A battery, drained by the motors and the electronics, charged in a dock."""
 
     full_v: Positive
     empty_v: Positive
@@ -148,23 +225,143 @@ class P2osUnits(Struct, frozen=True, forbid_unknown_fields=True):
     watchdog_s: Patience
 
 
-class RobotProfile(Struct, frozen=True, forbid_unknown_fields=True):
-    """A differential-drive robot, whole."""
+class Topic(Struct, frozen=True, forbid_unknown_fields=True):
+    """A ROS 2 topic, and the quality of service that is asked for, or offered, on our side."""
+
+    name: TopicName  # below the robot's namespace; with a slash in front it is not
+    reliable: bool = True
+    latched: bool = False  # transient local: who joins late is given the last ones
+    depth: Annotated[int, Meta(ge=1, le=1000)] = 10
+
+
+class Ros2(Struct, frozen=True, forbid_unknown_fields=True):
+    """What a robot that speaks ROS 2 publishes and obeys.
+
+    A cycle is an odometry message whose stamp is `cycle_s` or more after the last cycle's.
+    """
+
+    cycle_s: Period
+    latency_s: Annotated[float, Meta(ge=0, le=1)]  # from a command until the base begins to follow
+    stamped: bool  # cmd_vel is a TwistStamped, not a Twist
+    odom_hz: Annotated[float, Meta(ge=5, le=1000)]
+    odom_frame: FrameName
+    base_frame: FrameName
+    odom: Topic
+    cmd_vel: Topic
+    watchdog_s: Patience | None = None  # without a command for so long it stops by itself; or never
+    v_step: NonNegative = 0.0  # m/s: the base obeys whole ones of these, and less than one is none
+    w_step: NonNegative = 0.0  # rad/s
+    laser_frame: FrameName = "base_scan"
+    scan: Topic | None = None
+    battery: Topic | None = None
+    tf: Topic | None = None
+
+    @property
+    def topics(self) -> tuple[Topic, ...]:
+        """All that there are, the command's last."""
+        heard = (self.odom, self.scan, self.battery, self.tf)
+        return (*(topic for topic in heard if topic is not None), self.cmd_vel)
+
+
+class RobotProfile(Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):
+    """A robot on two wheels, or that turns as if it were, whole: a `P2osRobot` or a `Ros2Robot`.
+
+    It speaks one of P2OS and ROS 2, and has sonars, a laser, or both. Of its drive the masses and
+    motors are known, or how it moves.
+    """
 
     name: str
     body: Body
+    limits: Limits
+    battery: Battery
+    caster: Caster | None = None
+    inertia: Inertia | None = None
+    motor: Motor | None = None
+    speed_loop: SpeedLoop | None = None
+    drive: Drive | None = None
+    sonar: SonarRing | None = None
+    laser: Laser | None = None
+    p2os: P2osUnits | None = None
+    ros2: Ros2 | None = None
+
+    def __post_init__(self) -> None:
+        if (self.p2os is None) == (self.ros2 is None):
+            raise ValueError("a robot has a table [p2os] or a table [ros2], and not both")
+        if self.sonar is None and self.laser is None:
+            raise ValueError("neither [sonar] nor [laser]: nobody drives blind")
+        if self.laser is not None and self.ros2 is not None and self.ros2.scan is None:
+            raise ValueError("a laser and no [ros2.scan]: where it is heard")
+        masses = {
+            "[caster]": self.caster,
+            "[inertia]": self.inertia,
+            "[motor]": self.motor,
+            "[speed_loop]": self.speed_loop,
+        }
+        drive = {"[drive]": self.drive}
+        speaks, needs, useless = (
+            ("[ros2]", drive, masses)
+            if self.p2os is None
+            else ("[p2os]", masses | {"[sonar]": self.sonar}, drive)
+        )
+        for table, value in needs.items():
+            if value is None:
+                raise ValueError(f"a robot with a table {speaks} needs {table}, too")
+        for table, value in useless.items():
+            if value is not None:
+                raise ValueError(f"a robot with a table {speaks} has no use for {table}")
+
+    @property
+    def ring(self) -> SonarRing:
+        """Its sonars. Raises ConfigError if it has none."""
+        if self.sonar is None:
+            raise ConfigError(f"{self.name} has no sonars")
+        return self.sonar
+
+    @property
+    def reach_m(self) -> float:
+        """The farthest that any of its sensors tells."""
+        return max(sensor.max_m for sensor in (self.sonar, self.laser) if sensor is not None)
+
+    @property
+    def cycle_s(self) -> float:
+        """From one cycle to the next, s."""
+        return self._line.cycle_s
+
+    @property
+    def watchdog_s(self) -> float:
+        """Without a command for so long the controller stops by itself, s; `NEVER_S`: or never."""
+        return self._line.watchdog_s or NEVER_S
+
+    @property
+    def _line(self) -> P2osUnits | Ros2:
+        line = self.p2os or self.ros2
+        assert line is not None, "it speaks one of them"
+        return line
+
+
+class P2osRobot(RobotProfile, frozen=True, forbid_unknown_fields=True, kw_only=True):
+    """A robot with a controller that speaks P2OS, whose masses and motors are known."""
+
+    caster: Caster
     inertia: Inertia
     motor: Motor
     speed_loop: SpeedLoop
-    limits: Limits
     sonar: SonarRing
-    battery: Battery
     p2os: P2osUnits
 
 
-def load_profile(name_or_path: str | Path) -> RobotProfile:
+class Ros2Robot(RobotProfile, frozen=True, forbid_unknown_fields=True, kw_only=True):
+    """A robot that speaks ROS 2, of which is known how it moves."""
+
+    drive: Drive
+    ros2: Ros2
+
+
+def load_profile(name_or_path: str | Path) -> P2osRobot | Ros2Robot:
     """A shipped profile by its name, or a TOML file. Raises ConfigError."""
-    return load(find("robots", name_or_path), RobotProfile)
+    path = find("robots", name_or_path)
+    speaks_p2os = load(path, RobotProfile).p2os is not None
+    return load(path, P2osRobot) if speaks_p2os else load(path, Ros2Robot)
 
 
 class SensorProfile(Struct, frozen=True, forbid_unknown_fields=True):
@@ -184,6 +381,11 @@ class SensorProfile(Struct, frozen=True, forbid_unknown_fields=True):
     edge_m: NonNegative  # an edge is always heard up to here, beyond it by the inverse of the range
     multipath: Share  # how often what a mirror threw off is heard if it comes back
     crosstalk: Share  # how often what came back to nobody is heard by the next sonar
+    laser_dropout: Share  # of a laser's rays that come back to nobody by chance
+    black_walls: Share  # share of walls that a laser sees from `black_m` only,
+    black_m: NonNegative
+    glass_walls: Share  # and that it looks through, but for where they are square to it
+    glass_deg: Angle  # within this
     slip: Share  # standard deviation of each wheel's relative slip
     drift_rad_m: NonNegative  # heading error that grows with distance: drawn
     turn_error: Share  # of the wheel base, so of all turning: drawn

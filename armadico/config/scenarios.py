@@ -58,6 +58,13 @@ class Ideal(Struct, frozen=True, forbid_unknown_fields=True):
     without: tuple[str, ...]
 
 
+class Senses(Struct, frozen=True, forbid_unknown_fields=True):
+    """Who tells where obstacles are, by each sensor that a robot may have."""
+
+    sonar: str
+    laser: str
+
+
 class Society(Struct, frozen=True, forbid_unknown_fields=True):
     """Who takes part unless a scenario says otherwise, by entry points: the robot, the others."""
 
@@ -65,6 +72,7 @@ class Society(Struct, frozen=True, forbid_unknown_fields=True):
     simulator: str
     agents: tuple[str, ...]
     watch: tuple[str, ...]
+    senses: Senses
     ideal: Ideal
     exploring: Exploring
     missions: OnMissions
@@ -107,9 +115,10 @@ class Scenario(Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):
     """None: nobody is sent anywhere, as where an agent wanders."""
     waypoints: tuple[PoseDeg, ...] = ()
     """On the way to the goal; used with plan = "waypoints" only."""
-    plan: Literal["direct", "waypoints", "rooms", "frontiers"] | None = None
+    plan: Literal["direct", "waypoints", "rooms", "seen", "frontiers"] | None = None
     """Straight to the goal, over the waypoints, as the path planning agent says, with rooms or
-    without, or all over the world, which nobody knows; None: planned where there are barriers."""
+    without, as it says that is told of no world and goes by what was seen, or all over the world,
+    which nobody knows; None: planned where there are barriers."""
     within: tuple[Metres, Metres, Metres, Metres] | None = None
     """The rectangle that is explored: x1, y1, x2, y2 in m; none: the world's."""
     agents: tuple[str, ...] = field(default_factory=lambda: society().agents)
@@ -161,7 +170,12 @@ def planned(scenario: Scenario) -> bool:
     """Whether the path planning agent is asked for the way."""
     if scenario.plan is None:
         return bool(load_world(scenario.world).barriers)
-    return scenario.plan == "rooms"
+    return scenario.plan in ("rooms", "seen")
+
+
+def unmapped(scenario: Scenario) -> bool:
+    """Whether nobody is told of the world."""
+    return scenario.plan in ("seen", "frontiers")
 
 
 def blind(scenario: Scenario) -> bool:
@@ -177,6 +191,20 @@ def beside(file: Path, name: str) -> str:
     if not path.suffix and path.name == name:
         return name  # of something that is shipped
     return str((file.parent / path.expanduser()).resolve())
+
+
+def sensing(agents: Sequence[str], robot: str) -> tuple[str, ...]:
+    """The agents, with those for the sensors that a robot has where one for any sensor stood."""
+    senses, profile = society().senses, load_profile(robot)
+    by_sensor = ((profile.sonar, senses.sonar), (profile.laser, senses.laser))
+    mine = [name for sensor, name in by_sensor if sensor is not None]
+    found: list[str] = []
+    for name in agents:
+        if name not in (senses.sonar, senses.laser):
+            found.append(name)
+        else:
+            found += [one for one in mine if one not in found]
+    return tuple(found)
 
 
 def ideal(scenario: Scenario, keeping: Sequence[str] = ()) -> Scenario:

@@ -1,13 +1,14 @@
 """Worlds: walls, rooms and doors, where a robot starts and where it may go. SI units, REP-103.
 
 A world is read from an ARIA `.map` (`armadico.config.maps`) or from a ROS map_server's `.yaml` and
-image (`armadico.config.occupancy`). Walls are thin: a column is four of them.
+image (`armadico.config.occupancy`). Walls are thin: a box is four of them. What is round is a
+column; who plans or localizes takes it as its `outlines` have it.
 """
 
 from __future__ import annotations
 
 from importlib import import_module
-from math import cos, hypot, inf, sin
+from math import cos, hypot, inf, pi, sin
 from pathlib import Path
 
 from msgspec import Struct
@@ -20,6 +21,12 @@ Segment = tuple[float, float, float, float]
 
 Pose = tuple[float, float, float]
 """x, y in m and a heading in rad."""
+
+Column = tuple[float, float, float]
+"""x, y and radius of something round that stands there, m."""
+
+SIDES = 12
+"""Of a column's outline, which is drawn around it: no farther out than 4 % of its radius."""
 
 DOOR_REACH_M = 0.3
 """How far from a room its door may be: walls have a thickness in some maps."""
@@ -77,15 +84,22 @@ class World(Struct, frozen=True):
     doors: tuple[Door, ...] = ()
     forbidden: tuple[Segment, ...] = ()  # lines not to cross, which no sensor sees: stairs
     docks: dict[str, Pose] = {}  # poses of a robot that is charged there, by name
+    columns: tuple[Column, ...] = ()
+
+    @property
+    def outlines(self) -> tuple[Segment, ...]:
+        """All that stands there, as lines: the walls, and polygons around the columns."""
+        return self.walls + tuple(side for column in self.columns for side in sides(column))
 
     @property
     def barriers(self) -> tuple[Segment, ...]:
-        """What a way keeps clear of: walls and forbidden lines."""
-        return self.walls + self.forbidden
+        """What a way keeps clear of: what stands there, and forbidden lines."""
+        return self.outlines + self.forbidden
 
     def clearance(self, x: float, y: float) -> float:
-        """The distance from a point to the nearest wall, m; infinite without walls."""
-        return min((_distance(x, y, wall) for wall in self.walls), default=inf)
+        """The distance from a point to the nearest wall or column, m; infinite without any."""
+        walls = min((_distance(x, y, wall) for wall in self.walls), default=inf)
+        return min([walls, *(hypot(x - cx, y - cy) - r for cx, cy, r in self.columns)])
 
     def clearance_of_forbidden(self, x: float, y: float) -> float:
         """The distance from a point to the nearest forbidden line, m; infinite without any."""
@@ -133,6 +147,15 @@ def hull(walls: tuple[Segment, ...]) -> Segment:
     return (min(xs), min(ys), max(xs), max(ys)) if walls else (0.0, 0.0, 0.0, 0.0)
 
 
+def sides(column: Column) -> tuple[Segment, ...]:
+    """A polygon around a column, none of it within."""
+    x, y, radius = column
+    out = radius / cos(pi / SIDES)
+    angles = [2.0 * pi * k / SIDES for k in range(SIDES)]
+    corners = [(x + out * cos(angle), y + out * sin(angle)) for angle in angles]
+    return tuple((*a, *b) for a, b in zip(corners, [*corners[1:], corners[0]], strict=True))
+
+
 def check_door(door: Door, rooms: dict[str, Room]) -> None:
     """Refuse a door to a room that is not there, or one that leads somewhere else."""
     for name in (door.room_a, door.room_b):
@@ -151,7 +174,7 @@ def check_dock(name: str, pose: Pose, world: World) -> None:
     """Refuse a dock in which no robot could stand."""
     x, y, _ = pose
     at, clearance = f"dock {name!r} at ({x:g}, {y:g})", world.clearance(x, y)
-    if world.walls and not world.inside(x, y):
+    if world.outlines and not world.inside(x, y):
         raise ConfigError(f"{at} is outside the world")
     if clearance < DOCK_ROOM_M:
         raise ConfigError(

@@ -33,6 +33,7 @@ from armadico.core.latched import Memory
 from armadico.core.messages import Message
 from armadico.core.resources import Resource, declare
 from armadico.core.services import CARD, Kind, latched, service_of
+from armadico.core.surroundings import Surroundings
 
 M = TypeVar("M", bound=Message)
 
@@ -176,13 +177,15 @@ class Agent:
         self.foreign: set[str] = set()  # instances that speak otherwise
         self.bids: deque[m.BidRecord] = deque(maxlen=BIDS_REMEMBERED)
         self._latest: dict[type[Message], Message] = {}
-        self._inputs = tuple(service_of(kind).key for kind in self.needs)
+        self._surroundings = Surroundings()  # by all sensors that the robot has
+        self._inputs = tuple(service_of(kind).pattern for kind in self.needs)
         self._takers: dict[type[Message], Callable[[Any], bool]] = {
             m.RobotState: self._take_state,
             m.Description: self._take_description,
             m.Claim: self._take_claim,
             m.Command: self._take_command,
             m.Ack: self._take_ack,
+            m.Obstacles: self._take_obstacles,
             **{service.message: self._take_latched for service in latched()},
         }
         listened = {subscription.message for subscription in self.subscriptions()}
@@ -370,8 +373,13 @@ class Agent:
         self.now = now
         kind = type(message)
         take = self._takers.get(kind)
-        if not (self._newer(message) if take is None else take(message)):
+        if not (self._newer(message, self._latest.get(kind)) if take is None else take(message)):
             return
+        if kind is m.Obstacles:
+            around = self._surroundings.take(cast("m.Obstacles", message))
+            if around is None:
+                return
+            message = around
         self._latest[kind] = message
         handler = self._handlers.get(kind)
         if handler is not None:
@@ -543,7 +551,12 @@ class Agent:
 
     def _take_description(self, description: m.Description) -> bool:
         self.cycles.period = description.cycle_s
+        self._surroundings.describe(description.sensors)
         return True
+
+    def _take_obstacles(self, obstacles: m.Obstacles) -> bool:
+        before = self._surroundings.newest(obstacles.sensor)
+        return self._surroundings.counts(obstacles.sensor) and self._newer(obstacles, before)
 
     def _take_claim(self, claim: m.Claim) -> bool:
         if claim.ballot.instance in self.foreign:
@@ -657,7 +670,7 @@ class Agent:
             stop = self.memory.newest(m.Stop) or m.Stop()
             self.log(f"{'stopped' if stop.stopped else 'released'} by {stop.by}", WARNING)
 
-    def _newer(self, message: Any) -> bool:
+    def _newer(self, message: Any, before: Any) -> bool:
         """Refuse what answers a cycle that is long past, not yet there, or before the latest."""
         kind = type(message)
         within = service_of(kind).fresh_cycles
@@ -666,10 +679,21 @@ class Agent:
         cycle = message.cycle
         if not self.cycles.fresh(cycle, within):
             return False
-        before: Any = self._latest.get(kind)
         age = None if before is None else self.cycles.age(before.cycle)
         # One that answers a number which was never true is no newer than any.
         return age is None or age < -AHEAD or before.cycle.number <= cycle.number
+
+    def _lacks(self, kind: type[Message]) -> str:
+        """The key on which something fresh should have come."""
+        key = service_of(kind).key
+        return (
+            key
+            if kind is not m.Obstacles
+            else key.format(name=self._surroundings.lacking(self._usable))
+        )
+
+    def _usable(self, cycle: m.Cycle) -> bool:
+        return self.cycles.fresh(cycle, service_of(m.Obstacles).fresh_cycles)
 
     def _in_time(self, message: Any) -> bool:
         """Whether it may be acted upon, by the table of services."""
@@ -721,7 +745,7 @@ class Agent:
         elif resource.stops and (stop := self.stopped) is not None:
             self.why = f"stopped by {stop.by}"
         elif stale is not None:
-            self.why = f"no fresh {service_of(stale).key}"
+            self.why = f"no fresh {self._lacks(stale)}"
         else:
             bid = self._sound(resource, self.bid_for(resource, message))
         self._record(resource, message.cycle, bid)

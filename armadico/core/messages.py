@@ -37,6 +37,12 @@ society counts in its whole life: at ten exchanges a second this is thirteen yea
 owner may insist, of latched states whoever remembers them.
 """
 
+RAYS: Final = 2048
+"""Of a laser's scan at the most."""
+
+REACH_M: Final = 65.534
+"""The farthest that a scan's two bytes a ray can tell, in mm."""
+
 WAYPOINTS: Final = 1024
 """Points of a mission, its goal among them."""
 
@@ -401,6 +407,8 @@ class Description(Message, frozen=True):
     silence_s: Patience
     watchdog_s: Patience
     controller: Label = ""  # as the controller names itself; a simulator's `Truth` has the same
+    sensors: Annotated[tuple[Name, ...], Meta(min_length=1, max_length=8)] = ("sonar",)
+    """By which obstacles are known, each by an agent of that name: all have to be fresh."""
 
 
 class Echo(Message, frozen=True):
@@ -418,6 +426,26 @@ class Sonar(Message, frozen=True):
     cycle: Cycle
     reach: Annotated[float, Meta(gt=0, le=100)]  # the longest range it hears, m
     echoes: Annotated[tuple[Echo, ...], Meta(max_length=64)]
+
+
+class Scan(Message, frozen=True):
+    """A laser's newest scan, said in each cycle for as long as it is new enough.
+
+    `x`, `y` and `bearing` are where the laser was when it was taken, and where its first ray went,
+    in the frame of the body as it is in this cycle: what the robot moved since is in them. A `step`
+    below 0 goes clockwise. `packed` has two bytes for each ray, an unsigned integer, the lower one
+    first: its range in mm; 0: nothing valid; 65535: nothing within `reach`. Of one `number` it is
+    the same scan again, of a laser slower than the cycles.
+    """
+
+    cycle: Cycle
+    x: Place
+    y: Place
+    bearing: Real  # rad
+    step: Annotated[float, Meta(ge=-1, le=1)]  # rad from one ray to the next
+    reach: Annotated[float, Meta(gt=0, le=REACH_M)]  # the longest range it sees, m
+    packed: Annotated[bytes, Meta(max_length=2 * RAYS)]
+    number: Counter = 0  # counts scans, since the robot agent started
 
 
 # Perception ---------------------------------------------------------------------------------------
@@ -487,9 +515,10 @@ class Point(Message, frozen=True):
 class Obstacles(Message, frozen=True):
     """What the local map holds: the closest points (thesis 3.4.2), and all of them.
 
-    What was heard and is remembered, walls of the global map while the pose is sure enough, how
-    rows of points go on, what was touched, and where who comes will be. Which of them a point is
-    nobody is told: all are to be kept off.
+    What was heard or seen and is remembered, walls of the global map while the pose is sure enough,
+    how rows of points go on, what was touched, and where who comes will be. Which of them a point
+    is nobody is told: all are to be kept off. A robot with several sensors has several of these:
+    what is acted upon is all of them, as old as the oldest (`armadico.core.surroundings`).
     """
 
     cycle: Cycle
@@ -498,6 +527,7 @@ class Obstacles(Message, frozen=True):
     left: Point | None
     right: Point | None
     points: Annotated[tuple[Point, ...], Meta(max_length=2048)] = ()
+    sensor: Name = "sonar"  # by which they are known; of all that a robot has (`Description`)
 
 
 class Cell(Message, frozen=True):

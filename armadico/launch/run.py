@@ -169,7 +169,7 @@ class Run:
         """Why nothing corrects the pose, in a half sentence; empty if somebody might."""
         if not any(Correction in agent_class(name).provides for name in self.names):
             return ", since nobody localizes"
-        walls = load_world(self.scenario.world).walls
+        walls = load_world(self.scenario.world).outlines
         return "" if walls else ", since there is no wall to know the place by"
 
     def wait(self, seconds: float) -> None:

@@ -34,7 +34,9 @@ from armadico.config.scenarios import (
     on_mission,
     planned,
     scenario_from,
+    sensing,
     society,
+    unmapped,
 )
 from armadico.config.worlds import load_world
 from armadico.core.agent import DeviceAgent
@@ -46,6 +48,9 @@ from armadico.observe.measures import RunWatch
 
 VIRTUAL, LIVE, ATTACHED = "virtual", "live", "attached"
 """How a run is driven."""
+
+NOWHERE = Scenario(world="empty", start=(0, 0, 0), plan="seen")
+"""Where no scenario is named, nobody knows the world."""
 
 LIMIT_SPEED = 0.3
 LIMIT_FACTOR = 5.0
@@ -137,7 +142,8 @@ def names(scenario: Scenario, without: Sequence[str] = ()) -> tuple[str, ...]:
     In a redundant society whoever competes for them is there twice.
     """
     robot = next(owners(scenario.agents, WHEELS), society().robot)
-    others = [name for name in scenario.agents if name not in (robot, *without)]
+    agents = sensing(scenario.agents, scenario.robot)
+    others = [name for name in agents if name not in (robot, *without)]
     if scenario.redundant:
         others = [name for name in others for _ in range(1 + (WHEELS in _competes_for(name)))]
     return (robot, *others)
@@ -162,7 +168,7 @@ def share(
     """
     taken = host.agents if scenario is None else (*names(scenario), *society().watch)
     taking = Counter(name for name in taken if name not in options.without)
-    scenario = scenario or Scenario(world="empty", start=(0, 0, 0))
+    scenario = scenario or NOWHERE
     here = (*(name for name in host.agents for _ in range(taking[name])), *more)
     return _launched(here, facts(scenario, options, host.robot or ""), options)
 
@@ -183,7 +189,7 @@ def spare(
         if name in placed and name in here and (host.takes is None or name in host.takes)
         if name not in host.agents and not issubclass(agent_class(name), DeviceAgent)
     ]
-    scenario = scenario or Scenario(world="empty", start=(0, 0, 0))
+    scenario = scenario or NOWHERE
     return _launched(able, facts(scenario, options), options)
 
 
@@ -193,14 +199,15 @@ def needed(scenario: Scenario | None, options: Options, table: HostTable) -> tup
     if scenario is None:
         return tuple(name for name in needs(tasks(None)) if name in placed)
     robot, *others = names(scenario, options.without)
-    wanted = (robot, *(name for name in needs(tasks(scenario)) if name in others))
+    needed = sensing(needs(tasks(scenario)), scenario.robot)
+    wanted = (robot, *(name for name in needed if name in others))
     return tuple(name for name in wanted if name in placed)
 
 
 def least(scenario: Scenario) -> Scenario:
     """The scenario with nobody taking part but those whom its tasks need, and who helps them."""
     robot, *_ = names(scenario)
-    taking = minimum(tasks(scenario))[1:]
+    taking = sensing(minimum(tasks(scenario))[1:], scenario.robot)
     return replace(scenario, agents=(robot, *(name for name in taking if name != robot)))
 
 
@@ -218,7 +225,7 @@ def facts(scenario: Scenario, options: Options, port: str = "") -> dict[str, obj
         "x": x,
         "y": y,
         "theta": radians(degrees),
-        "world": None if scenario.plan == "frontiers" else scenario.world,  # it is to find out
+        "world": None if unmapped(scenario) else scenario.world,  # they are to find out
         "v_max": scenario.v_max,
         "capacity_ah": scenario.battery.capacity_ah,
         "resume": options.resume,

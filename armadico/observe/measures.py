@@ -8,6 +8,7 @@ FO and P depend on this rule; it belongs beside every table.
 
 from __future__ import annotations
 
+from contextlib import suppress
 from dataclasses import dataclass, field
 from math import degrees, hypot, radians
 from typing import Final
@@ -32,17 +33,22 @@ from armadico.core.messages import (
     OccupancyGrid,
     Pose,
     RobotState,
+    Scan,
     Sonar,
     StepResult,
     Trajectory,
     Truth,
 )
 from armadico.core.resources import WHEELS
+from armadico.core.scans import points_of
 from armadico.observe.conditions import Conditions
 from armadico.observe.view import View, agent_of
 
 REACHED_M = 0.15
 REACHED_RAD = radians(5.0)
+
+SHOWN_RAYS = 40
+"""Of a scan, in a picture."""
 
 WATCHED: tuple[type[Message], ...] = (
     Description,
@@ -51,6 +57,7 @@ WATCHED: tuple[type[Message], ...] = (
     Ack,
     Pose,
     Sonar,
+    Scan,
     Claim,
     MissionStatus,
     BatteryLevel,
@@ -332,6 +339,14 @@ class RunWatch:
                 x, y = to_world((echo.x, echo.y, echo.bearing), echo.range, 0.0)
                 self.echoes.append(to_world(at, x, y))
 
+    def _take_scan(self, scan: Scan) -> None:
+        here = self.here
+        if here is None:
+            return
+        with suppress(ValueError):
+            points = points_of(scan)[:: max(1, len(scan.packed) // 2 // SHOWN_RAYS)].tolist()
+            self.echoes += [to_world((here[0], here[1], here[2]), x, y) for x, y in points]
+
     def _take_missionstatus(self, status: MissionStatus) -> None:
         if status.mission == self.mission:
             self.done = status.state in (MissionState.REACHED, MissionState.FAILED)
@@ -339,6 +354,8 @@ class RunWatch:
             self.waits = "" if self.done else status.note
 
     def _take_board(self, board: Board) -> None:
+        if self.tasks is not None and all(m.mission != self.mission for m in board.missions):
+            self.done, self.failed = True, "it is not on the board any more"
         for tasks in board.missions:
             if tasks.mission == self.mission:
                 self.tasks = tasks

@@ -231,7 +231,7 @@ class _Canvas:
             xs, ys = zip(*points, strict=True)
             dots = self.axes.scatter(xs, ys, s=3, color="#8796a3", alpha=0.45, linewidths=0)
             dots.set_zorder(2)
-            self.legend["sonar echo"] = self.axes.scatter([], [], s=14, color="#8796a3")
+            self.legend["heard or seen"] = self.axes.scatter([], [], s=14, color="#8796a3")
 
     def particles(self, particles: Sequence[Pose]) -> None:
         """Places where the robot may be, and where it looks there."""
@@ -398,7 +398,7 @@ class _Canvas:
     def _walls(self, world: World) -> None:
         from matplotlib.collections import LineCollection  # noqa: PLC0415
 
-        for walls, ink, dashes in ((world.walls, INK, "-"), (world.forbidden, FORBIDDEN, "--")):
+        for walls, ink, dashes in ((world.outlines, INK, "-"), (world.forbidden, FORBIDDEN, "--")):
             lines = [[self.at(*wall[:2]), self.at(*wall[2:])] for wall in walls]
             drawn = LineCollection(lines, colors=ink, linewidths=2.4, linestyles=dashes, zorder=3)
             drawn.set_capstyle("round")
@@ -430,7 +430,7 @@ def _rank(name: str) -> tuple[int, str]:
     """The order of a legend: the agents first."""
     order = (
         *("nobody", "start", "waypoint", "goal", "docks"),
-        *("sonar echo", "mapped free", "mapped occupied"),
+        *("heard or seen", "mapped free", "mapped occupied"),
     )
     return (order.index(name), "") if name in order else (-1, name)
 

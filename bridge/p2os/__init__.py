@@ -1,1 +1,1 @@
-"""P2OS, the protocol of the Pioneers: framing, commands, packets, session and transports."""
+"""P2OS, the protocol of the Pioneers: framing, commands, packets, session."""

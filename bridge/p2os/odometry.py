@@ -4,9 +4,8 @@ from __future__ import annotations
 
 import math
 
-from msgspec import Struct
-
 from armadico.bridge.p2os.status import POSITION_COUNTS, Status
+from armadico.bridge.session import Pose
 from armadico.config.profile import P2osUnits
 
 # A step is believed up to what the reported speeds explain over the time since the last status
@@ -18,14 +17,6 @@ SPARE_RAD = 0.15
 # Over a silence it is believed for no longer than the wheels may have turned meanwhile: the
 # controller's watchdog, 2 s, and braking.
 LONGEST_S = 4.0
-
-
-class Pose(Struct, frozen=True):
-    """Where the robot is in its odometry frame: m, m and rad, theta not wrapped."""
-
-    x: float = 0.0
-    y: float = 0.0
-    theta: float = 0.0
 
 
 class Odometry:

@@ -13,8 +13,6 @@ from __future__ import annotations
 from collections.abc import Iterator
 from math import inf
 
-from msgspec import Struct
-
 from armadico.bridge.p2os.commands import SYNC0, SYNC1, SYNC2, Cmd, command, quantity
 from armadico.bridge.p2os.configuration import (
     CONFIG,
@@ -33,10 +31,13 @@ from armadico.bridge.p2os.handshake import (
     Signal,
     State,
 )
-from armadico.bridge.p2os.odometry import Odometry, Pose
+from armadico.bridge.p2os.odometry import Odometry
 from armadico.bridge.p2os.packets import Decoder
 from armadico.bridge.p2os.status import STATUS_TYPES, Status, decode_status
+from armadico.bridge.session import Connected, LinkLost, Unanswered
+from armadico.bridge.session import Reported as Neutral
 from armadico.config.profile import Limits, P2osUnits
+from armadico.core.messages import Line
 
 ASK_AGAIN_S = 0.2  # CONFIG and ENABLE are repeated this often
 ASK_TIMES = 5  # at most so often: packets get lost, and some robots never send a good CONFIGpac
@@ -50,37 +51,10 @@ ABSURD = 2.0  # times the profile's top speeds: no wheel turns so fast
 ZERO = command(Cmd.VEL, 0) + command(Cmd.RVEL, 0)
 
 
-class Connected(Struct, frozen=True):
-    """The controller is open and has sent its names."""
-
-    name: str
-    class_name: str
-    subclass: str
-
-
-class Reported(Struct, frozen=True):
+class Reported(Neutral, frozen=True, kw_only=True):
     """A status packet came; `pose` is the continuous odometry."""
 
     status: Status
-    pose: Pose
-
-
-class LinkLost(Struct, frozen=True):
-    """An open link ended; the session tries to open it again.
-
-    `reset` says that the controller was: it told so, as when somebody presses its button.
-    """
-
-    reason: str
-    reset: bool = False
-
-
-class Unanswered(Struct, frozen=True):
-    """The controller did not answer in the handshake; the session goes on trying."""
-
-    awaited: str
-    attempts: int  # since the last answer to a whole handshake
-    streaming: bool = False  # it sends status packets, so it is not off: it does not hear us
 
 
 Event = Connected | Configuration | Reported | Encoders | LinkLost | Unanswered
@@ -117,10 +91,12 @@ class Session:
         now: float,
         limits: Limits | None = None,
         near: tuple[float, float] = (0.0, 0.0),
+        half_track_m: float | None = None,
     ) -> None:
         """Begin at time `now` (s, any clock); without `limits` the controller's own stand.
 
-        `near` is about where the odometry was last known to be, m: it wraps every 27.5 m.
+        `near` is about where the odometry was last known to be, m: it wraps every 27.5 m. Without
+        `half_track_m` the controller's conversion factor stands for it.
         """
         self.state = State.CLOSED
         self.malformed = self.absurd = self.surplus = 0
@@ -128,6 +104,7 @@ class Session:
         self.decoder = Decoder()
         self.odometry = Odometry(units, near)
         self._units = units
+        self._half_track = half_track_m or 1e-3 / units.diff_conv
         self._set_up = _set_up(limits)
         self._fastest = inf if limits is None else ABSURD * _top_rim(units, limits)
         self._out = bytearray()
@@ -145,6 +122,18 @@ class Session:
     def is_open(self) -> bool:
         """Whether speeds that are asked for reach the robot."""
         return self.state is State.OPEN
+
+    @property
+    def line(self) -> Line:
+        """What was wrong on the line so far."""
+        return Line(
+            self.decoder.dropped,
+            self.decoder.mangled,
+            self.malformed,
+            self.absurd,
+            self.surplus,
+            self.odometry.resets,
+        )
 
     @property
     def motors_due(self) -> bool:
@@ -283,12 +272,29 @@ class Session:
                 return
             self._enabled = self._enabled or status.motors_enabled
             self._deadline = self._now + LINK_TIMEOUT_S
-            self._events.append(Reported(status, self.odometry.update(status, self._now)))
+            self._events.append(self._reported(status))
         elif kind == CONFIG:
             self._configured = True
             self._events.append(decode_configuration(payload))
         elif kind == ENCODER:
             self._events.append(decode_encoders(payload))
+
+    def _reported(self, status: Status) -> Reported:
+        left, right = status.left_m_s, status.right_m_s
+        return Reported(
+            pose=self.odometry.update(status, self._now),
+            v=0.5 * (left + right),
+            w=0.5 * (right - left) / self._half_track,
+            battery_v=status.battery_v,
+            charging=status.charging,
+            motors=status.motors_enabled,
+            stalled=status.left_stall or status.right_stall,
+            stop_button=status.stop_button,
+            front_bumpers=status.front_bumpers,
+            rear_bumpers=status.rear_bumpers,
+            echoes=status.echoes,
+            status=status,
+        )
 
     def _go(self, signal: Signal) -> None:
         """Follow the table."""

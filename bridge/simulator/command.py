@@ -1,4 +1,4 @@
-"""Simulate a Pioneer behind a TCP port or a pseudo-terminal."""
+"""Simulate a robot behind a TCP port or a pseudo-terminal."""
 
 from __future__ import annotations
 
@@ -9,6 +9,7 @@ import secrets
 import signal
 import sys
 import threading
+import time
 from collections.abc import Sequence
 from contextlib import ExitStack
 from typing import TYPE_CHECKING, Final
@@ -17,14 +18,19 @@ from armadico.bridge.simulator.traps import KIND, UNKIND, Trap
 from armadico.cli import options
 
 if TYPE_CHECKING:
-    from armadico.bridge.simulator.pioneer import Pioneer
     from armadico.bridge.simulator.server import Line
+    from armadico.bridge.simulator.simulated import SimulatedRobot
     from armadico.config.moving import Moving
     from armadico.config.scenarios import Battery, Scenario
     from armadico.mesh.zenoh import ZenohMesh
 
 PORT: Final = 8101
 """Where simulators of Pioneers listen."""
+
+LOOPBACK: Final = "ros2://?interface=lo"
+"""Where a simulated ROS 2 robot is, unless told otherwise: nobody's network is meant."""
+
+DEFAULT_ROBOT: Final = "pioneer-2dx"
 
 KEY: Final = "sim/truth"
 
@@ -33,34 +39,59 @@ EXAMPLES: Final = """\
   armadico sim floor --start 2 3 90 --sensors real --seed 7
   armadico sim my.map --pty /tmp/pioneer     clients open /tmp/pioneer as their serial port
   armadico sim sc1 --unkind                  with the traps of other people's controllers
+  armadico sim jackal sc4                    a robot that speaks ROS 2, in frames over TCP
+  armadico sim jackal sc4 --ros2             the same among ROS 2's nodes of this machine, by DDS
 """
 
 
 def main(argv: Sequence[str]) -> int:
     """Simulate until interrupted."""
     args = parser().parse_args(argv)
+    _name(args)
     mesh = options.join(args, passing=False)  # who looks for the truth alone finds it there
     scenario = _scenario(args)
     robots = [_robot(scenario, args, k) for k in range(1 + len(scenario.others))]
     _meet(robots)
     with ExitStack() as stack:
-        line, where = _line(args, stack)
+        line, where = _line(args, robots[0].truth().simulator, stack)
         served, places = [(robots[0], line)], [where]
         _show(robots[0], mesh, stack)
         for other, (namespace, *_) in zip(robots[1:], args.also, strict=True):
             theirs = argparse.Namespace(**{**vars(args), "namespace": namespace, "port": 0})
-            line, where = _line(theirs, stack)
+            if args.ros2 is not None:
+                theirs.ros2 = _beside(args.ros2, namespace)
+            line, where = _line(theirs, other.truth().simulator, stack)
             served.append((other, line))
             places.append(where)
             _show(other, options.join(theirs, passing=True), stack)
-        several = "a simulated Pioneer" if not args.also else f"{len(robots)} simulated Pioneers"
+        several = f"a simulated {args.robot}"
+        if args.also:
+            several = f"{len(robots)} simulated robots ({args.robot})"
         at = ", at ".join(places)
         print(f"{several} in {args.world} at {at}; Ctrl-C ends it", flush=True)
         _run(served)
     return 0
 
 
-def _meet(robots: Sequence[Pioneer]) -> None:
+def _name(args: argparse.Namespace) -> None:
+    """Tell the robot from the world, of the names that are given. Raises UsageError."""
+    from armadico.config.loading import names  # noqa: PLC0415 - not for --help
+    from armadico.config.profile import load_profile  # noqa: PLC0415 - not for --help
+
+    *robots, args.world = args.named
+    if not robots and args.world in names("robots"):
+        robots, args.world = [args.world], "empty"
+    if len(robots) > 1:
+        named = " ".join(args.named)
+        raise options.UsageError(f"{named}: expected one world, and a robot before it at the most")
+    if robots and args.robot is not None:
+        raise options.UsageError(f"--robot {args.robot}: {robots[0]} is named already")
+    args.robot = args.robot or "".join(robots) or DEFAULT_ROBOT
+    if args.unkind is not None and load_profile(args.robot).p2os is None:
+        raise options.UsageError(f"--unkind is of controllers that speak P2OS, not of {args.robot}")
+
+
+def _meet(robots: Sequence[SimulatedRobot]) -> None:
     """Have them live in one world. Raises UsageError if two would stand in each other."""
     if len(robots) > 1:
         try:
@@ -69,7 +100,7 @@ def _meet(robots: Sequence[Pioneer]) -> None:
             raise options.UsageError(f"--also: {error}") from None
 
 
-def _show(robot: Pioneer, mesh: ZenohMesh, stack: ExitStack) -> None:
+def _show(robot: SimulatedRobot, mesh: ZenohMesh, stack: ExitStack) -> None:
     """Publish the truth of a robot in its namespace."""
     stack.enter_context(mesh)
     robot.watch(lambda truth: mesh.publish(KEY, truth))
@@ -100,17 +131,32 @@ def parser() -> argparse.ArgumentParser:
     """The command's options."""
     made = options.parser(
         "armadico sim",
-        "A simulated Pioneer in real time. It speaks P2OS, and tells watchers the truth on"
-        " sim/truth.",
+        "A simulated robot in real time. It speaks P2OS as a Pioneer does, or ROS 2, and tells"
+        " watchers the truth on sim/truth.",
         EXAMPLES,
     )
-    made.add_argument("world", metavar="WORLD", help="a shipped world, or a .map or .yaml file")
+    made.add_argument(
+        "named",
+        nargs="+",
+        metavar="NAME",
+        help="a shipped world, or a .map or .yaml file; before it a robot's profile (default"
+        f" {DEFAULT_ROBOT}); of a shipped robot alone, the empty world",
+    )
     line = made.add_mutually_exclusive_group()
     line.add_argument(
         "--port", type=int, default=PORT, help=f"TCP port (default {PORT}; 0: one that is free)"
     )
     line.add_argument(
         "--pty", metavar="LINK", nargs="?", const="", help="a pseudo-terminal instead"
+    )
+    line.add_argument(
+        "--ros2",
+        metavar="ADDRESS",
+        nargs="?",
+        const=LOOPBACK,
+        help="as a ROS 2 robot, which any ROS 2 program can drive: ros2://NAMESPACE?domain=0 for"
+        " DDS, ros2+zenoh://HOST:PORT/NAMESPACE to be the router of rmw_zenoh's nodes (default"
+        f" {LOOPBACK}: DDS within this machine)",
     )
     made.add_argument(
         "--bind", metavar="ADDRESS", default="127.0.0.1", help="where to listen (default: loopback)"
@@ -131,7 +177,7 @@ def parser() -> argparse.ArgumentParser:
         help="another robot in the same world: its namespace, and where it stands; at a port that"
         " is free; may be repeated",
     )
-    made.add_argument("--robot", default="pioneer-2dx", help="robot profile (default %(default)s)")
+    made.add_argument("--robot", metavar="PROFILE", help="the robot, if it is not named before")
     made.add_argument(
         "--sensors", choices=("ideal", "real"), default="ideal", help="default %(default)s"
     )
@@ -251,20 +297,25 @@ def _moving(text: str) -> tuple[Moving, ...]:
         raise options.UsageError(f"--moving: {error}") from None
 
 
-def _robot(scenario: Scenario, args: argparse.Namespace, index: int = 0) -> Pioneer:
+def _robot(scenario: Scenario, args: argparse.Namespace, index: int = 0) -> SimulatedRobot:
     """The robot, or one of the others; it does not start in a wall."""
     from msgspec.structs import replace  # noqa: PLC0415 - not for --help
 
-    from armadico.bridge.simulator.pioneer import of_scenario  # noqa: PLC0415
     from armadico.bridge.simulator.plant import seeded  # noqa: PLC0415 - not for --help
+    from armadico.bridge.simulator.robots import of_scenario  # noqa: PLC0415
+    from armadico.bridge.simulator.ros2_robot import Base  # noqa: PLC0415
 
     # By the name the robot agent tells whose truth is its robot's, and people which process it is.
     name = f"sim-{os.getpid()}-{secrets.token_hex(3)}"
+    if args.ros2 is not None:
+        name = _node(args, args.also[index - 1][0] if index else None)
     streams = seeded(args.seed)
     if index:
         scenario = replace(scenario, start=scenario.others[index - 1])
         first, streams = streams, lambda name: first(f"{index}/{name}")
     robot = of_scenario(scenario, streams, name, _traps(args.unkind))
+    if isinstance(robot.controller, Base):
+        robot.controller.clock_s = time.time()
     if robot.plant.clearance() <= 0.0:
         x, y, _ = scenario.start
         raise options.UsageError(
@@ -279,10 +330,12 @@ def _traps(names: Sequence[str] | None) -> frozenset[Trap]:
     return KIND if names is None else frozenset(map(Trap, names)) or UNKIND
 
 
-def _line(args: argparse.Namespace, stack: ExitStack) -> tuple[Line, str]:
+def _line(args: argparse.Namespace, name: str, stack: ExitStack) -> tuple[Line, str]:
     """The line that the options name, and how a robot agent calls it."""
-    from armadico.bridge.p2os.transports import PtyTransport  # noqa: PLC0415 - not for --help
+    if args.ros2 is not None:
+        return _ros2(args, name, stack)
     from armadico.bridge.simulator.server import TcpLine  # noqa: PLC0415 - not for --help
+    from armadico.bridge.transports import PtyTransport  # noqa: PLC0415 - not for --help
     from armadico.cli.doctor import listener  # noqa: PLC0415 - not for --help
 
     if args.pty is not None:
@@ -311,7 +364,56 @@ def _line(args: argparse.Namespace, stack: ExitStack) -> tuple[Line, str]:
     return tcp, f"tcp://{args.bind}:{tcp.port}"
 
 
-def _run(served: Sequence[tuple[Pioneer, Line]]) -> None:
+def _node(args: argparse.Namespace, namespace: str | None) -> str:
+    """The whole name of a simulated robot's node; of another one than the first by its namespace.
+
+    Raises UsageError.
+    """
+    from armadico.bridge.ros2.addresses import read_address  # noqa: PLC0415 - not for --help
+    from armadico.bridge.ros2.graph import resolve  # noqa: PLC0415 - not for --help
+
+    try:
+        within = read_address(args.ros2).namespace if namespace is None else namespace
+    except ValueError as error:
+        raise options.UsageError(f"--ros2: {error}") from None
+    kind = "".join(c if c.isascii() and c.isalnum() else "_" for c in args.robot)
+    return resolve(within, f"sim_{kind}_{secrets.token_hex(3)}")
+
+
+def _beside(address: str, namespace: str) -> str:
+    """The address of another robot in the same network of ROS 2's."""
+    from urllib.parse import urlsplit  # noqa: PLC0415 - not for --help
+
+    parts = urlsplit(address)
+    if parts.scheme == "ros2":
+        return parts._replace(netloc=namespace, path="").geturl()
+    return parts._replace(path=f"/{namespace}").geturl()
+
+
+def _ros2(args: argparse.Namespace, name: str, stack: ExitStack) -> tuple[Line, str]:
+    """The robot as one of ROS 2's, at the address that the options name."""
+    from armadico.bridge.ros2 import addresses  # noqa: PLC0415 - not for --help
+    from armadico.bridge.simulator.ros2_line import Ros2Line  # noqa: PLC0415 - not for --help
+    from armadico.config.profile import Ros2Robot, load_profile  # noqa: PLC0415 - not for --help
+
+    profile = load_profile(args.robot)
+    if not isinstance(profile, Ros2Robot):
+        raise options.UsageError(
+            f"--ros2: {args.robot} speaks P2OS; say armadico sim jackal --ros2"
+        )
+    try:
+        transport = addresses.robot_transport(args.ros2, name.rpartition("/")[2])
+    except ValueError as error:
+        raise options.UsageError(f"--ros2: {error}") from None
+    try:
+        line = Ros2Line(transport, profile.ros2)
+    except OSError as error:
+        raise options.FailedError(f"--ros2: {error}") from None
+    stack.callback(line.close)
+    return line, args.ros2
+
+
+def _run(served: Sequence[tuple[SimulatedRobot, Line]]) -> None:
     """Serve until interrupted: the first robot here, each of the others on a thread."""
     from armadico.bridge.simulator.server import Pace, Simulation  # noqa: PLC0415 - not for --help
 

@@ -66,9 +66,13 @@ class Outline:
         self._walls, self._space = walls, walls.space
         self._body = pymunk.Body(body_type=pymunk.Body.KINEMATIC)
         self._shape = pymunk.Poly(self._body, corners, radius=SKIN_M)
-        self.mass_kg = body.mass_kg + 2.0 * body.wheel_mass_kg + body.caster_mass_kg
-        behind = max(0.0, -body.mass_centre_x_m) / (body.caster_arm_m + body.caster_trail_m)
-        self._grip_n = GRIP * GRAVITY * (self.mass_kg - behind * body.mass_kg)
+        inertia, caster = profile.inertia, profile.caster
+        self.mass_kg, carried = body.mass_kg, 0.0  # by a caster, which rolls aside
+        if inertia is not None and caster is not None:
+            self.mass_kg += 2.0 * inertia.wheel_mass_kg + caster.mass_kg
+            behind = max(0.0, -inertia.mass_centre_x_m) / (caster.arm_m + caster.trail_m)
+            carried = behind * body.mass_kg
+        self._grip_n = GRIP * GRAVITY * (self.mass_kg - carried)
 
     def contacts(self, pose: tuple[float, float, float]) -> list[Contact]:
         """Every wall within `SKIN_M` of the outline at a pose."""

@@ -25,7 +25,7 @@ from math import copysign, cos, sin
 
 from msgspec import Struct
 
-from armadico.config.profile import RobotProfile
+from armadico.config.profile import P2osRobot
 
 
 class Wheels(Struct, frozen=True):
@@ -36,7 +36,7 @@ class Wheels(Struct, frozen=True):
     coulomb_nm: float  # C_s and the motor's tau_fr together
 
     @classmethod
-    def of(cls, profile: RobotProfile) -> Wheels:
+    def of(cls, profile: P2osRobot) -> Wheels:
         """The wheels of a robot."""
         motor = profile.motor
         geared = motor.gear_ratio * motor.efficiency
@@ -49,11 +49,11 @@ class Wheels(Struct, frozen=True):
         )
 
 
-def _masses(profile: RobotProfile) -> tuple[float, ...]:
+def _masses(profile: P2osRobot) -> tuple[float, ...]:
     """mA, IA, -M cy, mc, Ip1, -l1, 1/d and M cx: J and the centrifugal terms without the caster."""
-    body, inertia = profile.body, profile.inertia
-    x, y, track = body.mass_centre_x_m, body.mass_centre_y_m, body.half_track_m
-    rolling = body.wheel_mass_kg + inertia.wheel_roll_kg_m2 / body.wheel_radius_m**2
+    body, inertia, caster = profile.body, profile.inertia, profile.caster
+    x, y, track = inertia.mass_centre_x_m, inertia.mass_centre_y_m, body.half_track_m
+    rolling = inertia.wheel_mass_kg + inertia.wheel_roll_kg_m2 / body.wheel_radius_m**2
     return (
         body.mass_kg + 2.0 * rolling,
         body.mass_kg * (x * x + y * y)
@@ -61,15 +61,15 @@ def _masses(profile: RobotProfile) -> tuple[float, ...]:
         + 2.0 * inertia.wheel_yaw_kg_m2
         + 2.0 * track**2 * rolling,
         -body.mass_kg * y,
-        body.caster_mass_kg + inertia.caster_roll_kg_m2 / body.caster_radius_m**2,
+        caster.mass_kg + inertia.caster_roll_kg_m2 / caster.radius_m**2,
         inertia.caster_yaw_kg_m2,
-        -body.caster_arm_m,
-        1.0 / body.caster_trail_m,
+        -caster.arm_m,
+        1.0 / caster.trail_m,
         body.mass_kg * x,
     )
 
 
-def _forces(profile: RobotProfile) -> tuple[float, ...]:
+def _forces(profile: P2osRobot) -> tuple[float, ...]:
     """N and Nm for a volt, N for a m/s and Nm for a rad/s lost (a15, a26), and C_v1."""
     radius, track, wheels = (
         profile.body.wheel_radius_m,
@@ -81,7 +81,7 @@ def _forces(profile: RobotProfile) -> tuple[float, ...]:
     return (per_volt, track * per_volt, loss, loss * track**2, viscous)
 
 
-def _coulomb(profile: RobotProfile, dt: float) -> tuple[float, ...]:
+def _coulomb(profile: P2osRobot, dt: float) -> tuple[float, ...]:
     """N at a rim, Nm at the caster's pivot, the half track, and the speed that is far from rest.
 
     Far is four times what friction takes from a rim in a step: sliding on is then certain.
@@ -102,11 +102,13 @@ class Dynamics:
     """
 
     __slots__ = (
-        *("_caster", "_coulomb", "_drag", "_forces", "_hold_v", "_masses"),
+        *("_caster", "_conductance", "_coulomb", "_drag", "_emf", "_forces", "_hold_v", "_masses"),
         *("beta", "dt", "mobility", "v", "w"),
     )
 
-    def __init__(self, profile: RobotProfile, dt: float) -> None:
+    by_volts = True
+
+    def __init__(self, profile: P2osRobot, dt: float) -> None:
         self.v = self.w = self.beta = 0.0
         self.dt = dt
         self._masses = _masses(profile)
@@ -119,6 +121,11 @@ class Dynamics:
         share = dt / (j00 * j11 - j01 * j01)
         self.mobility = (share * j11, -share * j01, share * j00)
         self._caster = (0.0, 0.0)
+        motor = profile.motor
+        self._conductance = 1.0 / motor.resistance_ohm
+        self._emf = (  # V for a m/s of a rim
+            motor.back_emf_v_s * motor.gear_ratio / profile.body.wheel_radius_m
+        )
 
     def inertia(self) -> tuple[float, float, float]:
         """Elements 00 (kg), 01 (kg m) and 11 (kg m2) of J at the caster's angle (equation 4.9)."""
@@ -146,6 +153,14 @@ class Dynamics:
         """Turn the caster as the body moves at these mean speeds for `dt` (row 4 of S, 4.12)."""
         b0, b1 = self._caster
         self.beta += self.dt * (b0 * v + b1 * w)
+
+    def watts(
+        self, left_v: float, right_v: float, left: float, right: float, _half_track: float
+    ) -> float:
+        """What the motors take at these voltages and speeds of the rims, m/s."""
+        emf = self._emf
+        watts = left_v * (left_v - emf * left) + right_v * (right_v - emf * right)
+        return watts * self._conductance
 
     def accelerate(self, left_v: float, right_v: float) -> None:
         """New speeds after `dt` at these motor voltages; the caster stays where it is.
@@ -224,7 +239,7 @@ def _clamped(
     return v + d0 * force, w + d1 * force
 
 
-def breakaway_v(profile: RobotProfile) -> float:
+def breakaway_v(profile: P2osRobot) -> float:
     """The voltage on both motors below which a robot at rest stays at rest, V."""
     wheels = Wheels.of(profile)
     return wheels.coulomb_nm / wheels.gain_nm_v

@@ -56,7 +56,7 @@ class Odometry:
     """
 
     __slots__ = (
-        *("_dt", "_left", "_right", "_track"),
+        *("_dt", "_gyro", "_left", "_right", "_track", "_wide"),
         *("left_m_s", "right_m_s", "theta", "v", "w", "x", "y"),
     )
 
@@ -68,11 +68,16 @@ class Odometry:
         streams: Callable[[str], Random],
     ) -> None:
         track, rng = profile.body.half_track_m, streams("odometry")
+        turn_error = sensors.turn_error
+        if turn_error and profile.drive is not None:  # which floor it is on, too
+            turn_error += profile.drive.scrub
         skew, turn, way = (
             rng.uniform(-most, most)
-            for most in (sensors.drift_rad_m * track, sensors.turn_error, sensors.way_error)
+            for most in (sensors.drift_rad_m * track, turn_error, sensors.way_error)
         )
         ticks = TICKS_PER_M * (1.0 + way)
+        self._gyro = 0.0 if profile.drive is None else 1.0 - profile.drive.heading
+        self._wide = 2.0 * track
         self._dt = dt
         self._track = 2.0 * track * (1.0 - turn)
         self._left = Encoder(sensors.slip, ticks * (1.0 - skew), streams("slip/left"))
@@ -101,6 +106,8 @@ class Odometry:
         left, right = (ticks - one.ticks) / TICKS_PER_M, (others - other.ticks) / TICKS_PER_M
         one.ticks, other.ticks = ticks, others
         along, turned, dt = 0.5 * (left + right), (right - left) / self._track, self._dt
+        if self._gyro:  # how the body turns, and not the wheels
+            turned += self._gyro * ((right_m - left_m) / self._wide - turned)
         self.left_m_s, self.right_m_s = left / dt, right / dt
         self.v, self.w = along / dt, turned / dt
         heading = self.theta + 0.5 * turned

@@ -34,7 +34,7 @@ from armadico.bridge.simulator.motion import (
 )
 from armadico.bridge.simulator.sonar_schedule import ALL, Broken, Firing
 from armadico.bridge.simulator.traps import KIND, Trap
-from armadico.config.profile import RobotProfile
+from armadico.config.profile import P2osRobot
 
 SERIAL_NUMBER = "SIM"  # by this ARIA knows a simulator and looks for no further hardware
 IDLE_S = 10.0  # MobileSim gives a handshake so long
@@ -52,7 +52,7 @@ class Microcontroller:
 
     def __init__(
         self,
-        profile: RobotProfile,
+        profile: P2osRobot,
         plant: Plant,
         loops: SpeedLoops,
         traps: frozenset[Trap] = KIND,
@@ -273,7 +273,7 @@ _COMMANDS: dict[int, Callable[[Microcontroller, Command], None]] = {
 }
 
 
-def _configuration(profile: RobotProfile, motion: Motion) -> Configuration:
+def _configuration(profile: P2osRobot, motion: Motion) -> Configuration:
     """The CONFIGpac's contents; auto_baud stays 0, which keeps clients from HOSTBAUD."""
     limits, units = profile.limits, profile.p2os
     linear, angular = motion.linear, motion.angular

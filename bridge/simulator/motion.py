@@ -8,7 +8,7 @@ from typing import Protocol
 
 from armadico.bridge.p2os.commands import Cmd, Command
 from armadico.bridge.simulator.motion_profile import Axis
-from armadico.config.profile import RobotProfile
+from armadico.config.profile import P2osRobot
 
 TOLERANCE_M = 0.005  # a position servo this near leaves the wheels in peace
 TOLERANCE_RAD = 0.5 * pi / 180
@@ -100,7 +100,7 @@ class Motion:
         heading_set: Heading last asked for (rad, odometry).
     """
 
-    def __init__(self, profile: RobotProfile, plant: Plant, loops: SpeedLoops) -> None:
+    def __init__(self, profile: P2osRobot, plant: Plant, loops: SpeedLoops) -> None:
         self._profile, self._plant, self._loops = profile, plant, loops
         self.enabled = self.stalled = False
         self.heading_set = 0.0

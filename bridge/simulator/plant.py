@@ -14,21 +14,24 @@ from __future__ import annotations
 from collections.abc import Callable, Sequence
 from math import cos, hypot, inf, sin
 from random import Random
+from typing import Protocol
 
 from armadico.bridge.simulator.battery import Battery, in_contact
 from armadico.bridge.simulator.company import Body, Company
 from armadico.bridge.simulator.contact import SKIN_M, Contact, Motion, Outline, box_of
 from armadico.bridge.simulator.dynamics import Dynamics
 from armadico.bridge.simulator.encoders import Odometry
+from armadico.bridge.simulator.kinematics import Kinematics
+from armadico.bridge.simulator.laser import Lasers
 from armadico.bridge.simulator.motion import Driver
 from armadico.bridge.simulator.moving import STEP_S as MOVE_S
 from armadico.bridge.simulator.moving import Movement
 from armadico.bridge.simulator.sonar import Sonars, Surfaces
 from armadico.bridge.simulator.speed_loops import truncated
-from armadico.bridge.simulator.walls import TOUCH_M, Wall, Walls
+from armadico.bridge.simulator.walls import TOUCH_M, Column, Floats, Wall, Walls
 from armadico.config.errors import ConfigError
 from armadico.config.moving import Moving
-from armadico.config.profile import RobotProfile, SensorProfile
+from armadico.config.profile import P2osRobot, Ros2Robot, SensorProfile
 from armadico.config.worlds import Pose
 
 STEP_S = 0.005
@@ -49,8 +52,36 @@ def seeded(seed: int) -> Streams:
     return lambda name: Random(f"{seed}/{name}")
 
 
+class Drive(Protocol):
+    """What makes the robot move: motors with their voltages, or a base that is told speeds.
+
+    Attributes:
+        by_volts: It is driven by voltages of the left and the right motor, which the battery
+            limits; else by the speed ahead and the turn rate.
+        v: Speed ahead, m/s.
+        w: Turn rate, rad/s.
+        mobility: Elements 00, 01 and 11 of the speeds that a force gains in a step.
+    """
+
+    by_volts: bool
+    v: float
+    w: float
+    mobility: tuple[float, float, float]
+
+    def accelerate(self, one: float, other: float) -> None:
+        """New speeds after a step, driven by these."""
+
+    def roll(self, v: float, w: float) -> None:
+        """Move at these mean speeds for a step."""
+
+    def watts(
+        self, one: float, other: float, left: float, right: float, half_track: float
+    ) -> float:
+        """What it takes, driven by these, at these speeds of the rims, m/s."""
+
+
 class Plant:
-    """A Pioneer among walls. Left is the thesis's motor 3, right its motor 2; SI and REP-103.
+    """A robot among walls. Left is the thesis's motor 3, right its motor 2; SI and REP-103.
 
     `collisions` counts episodes in which the outline touches anything; contacts less than
     `APART_S` apart are one episode. Those in which somebody walked into the robot are `bumps`, and
@@ -60,7 +91,7 @@ class Plant:
 
     def __init__(
         self,
-        profile: RobotProfile,
+        profile: P2osRobot | Ros2Robot,
         sensors: SensorProfile,
         walls: Sequence[Wall],
         start: tuple[float, float, float],
@@ -68,6 +99,7 @@ class Plant:
         moving: Sequence[Moving] = (),
         docks: Sequence[Pose] = (),
         charge: float = 1.0,
+        columns: Sequence[Column] = (),
     ) -> None:
         self.step_s = STEP_S
         self.blocked = False
@@ -75,20 +107,25 @@ class Plant:
         self.pose = start
         self.battery = Battery(profile.battery, charge)
         self._docks = tuple(docks)
-        self._dynamics = Dynamics(profile, STEP_S)
+        self._dynamics: Drive = (
+            Kinematics(profile, STEP_S)
+            if isinstance(profile, Ros2Robot)
+            else Dynamics(profile, STEP_S)
+        )
         self._odometry = Odometry(profile, sensors, STEP_S, rng)
         self._walls = Walls()
         self._outline = Outline(profile, self._walls)
-        self._sonars = Sonars(profile.sonar, sensors, self._walls, rng)
+        self._sonars = (
+            None if profile.sonar is None else Sonars(profile.sonar, sensors, self._walls, rng)
+        )
+        self._laser = (
+            None if profile.laser is None else Lasers(profile.laser, sensors, self._walls, rng)
+        )
         self._box = box_of(profile)
         self._corner_m = hypot(
             abs(self._box.ahead) + self._box.half_length, self._box.half_width
         )  # the outline's farthest point from the axle's middle
         self._half_track = profile.body.half_track_m
-        self._conductance = 1.0 / profile.motor.resistance_ohm
-        self._back_emf = (  # V for a m/s of a rim
-            profile.motor.back_emf_v_s * profile.motor.gear_ratio / profile.body.wheel_radius_m
-        )
         self._surfaces = Surfaces(sensors, rng)
         self._sideways = 0.0  # m/s to the left, only while a wall pushes
         self._margin = 0.0  # no wall is nearer to the outline, m; 0 is unknown
@@ -96,6 +133,7 @@ class Plant:
         self._touched: float = -inf  # the last step in which the outline touched
         self._touching = False
         self.add_walls(walls)
+        self.add_columns(columns)
         self.body = Body(self._box, self._outline.mass_kg, STEP_S)  # as other robots meet it
         self._company: Company | None = None
         self._runaway = (
@@ -110,6 +148,11 @@ class Plant:
     def add_walls(self, walls: Sequence[Wall]) -> None:
         """More walls; how each answers the sonars depends on the seed and their order."""
         self._walls.add(walls, [self._surfaces.draw() for _ in walls])
+        self._margin = 0.0
+
+    def add_columns(self, columns: Sequence[Column]) -> None:
+        """Something round, and more of it; their surfaces are drawn as those of walls."""
+        self._walls.add_columns(columns, [self._surfaces.draw() for _ in columns])
         self._margin = 0.0
 
     def add_segment(self, x1: float, y1: float, x2: float, y2: float) -> None:
@@ -187,7 +230,12 @@ class Plant:
 
     def ping(self, index: int) -> float | None:
         """Range that sonar `index` measures now, m; None without an echo."""
-        return self._sonars.ping(index, self.pose)
+        return None if self._sonars is None else self._sonars.ping(index, self.pose)
+
+    def scan(self) -> Floats:
+        """What its laser says now: see `Lasers.scan`."""
+        assert self._laser is not None, "it has one"
+        return self._laser.scan(self.pose)
 
     def clearance(self) -> float:
         """True way from the outline to the nearest wall, m; 0 when touching, inf without walls."""
@@ -198,18 +246,20 @@ class Plant:
     # Motion --------------------------------------------------------------------------------------
 
     def step(self, left_v: float, right_v: float) -> None:
-        """`step_s` seconds with these motor voltages, V."""
+        """`step_s` seconds with these motor voltages, V (or speeds: see `Drive`)."""
         self.run(1, lambda _v, _w: (left_v, right_v))
 
     def run(self, steps: int, driver: Driver) -> None:  # noqa: PLR0915 - calls would cost
-        """Steps of `step_s` seconds; the motors get the driver's voltages, cut at the battery's.
+        """Steps of `step_s` seconds; the drive gets what the driver says, see `Drive`.
+
+        Voltages are cut at the battery's.
 
         All the robot does in a simulation happens here, 200 times a simulated second: what does
         not change is looked up before, and the pose stays in locals while no wall is near.
         """
         dynamics, odometry, battery = self._dynamics, self._odometry, self.battery
         corner, half_track = self._corner_m, self._half_track
-        emf, conductance = self._back_emf, self._conductance
+        by_volts, watts = dynamics.by_volts, dynamics.watts
         self._take_push()
         x, y, theta = self.pose
         margin, walls_push = self._margin, self._touching or self._sideways != 0.0
@@ -225,15 +275,16 @@ class Plant:
                 self.pose, self._margin = (x, y, theta), margin
                 self._move_world()
                 margin = self._margin
-            left_v, right_v = driver(odometry.v, odometry.w)
-            if rests and left_v == 0.0 == right_v and margin > 0.0:
+            one, other = driver(odometry.v, odometry.w)
+            if rests and one == 0.0 == other and margin > 0.0:
                 self._steps += 1
                 battery.drain(0.0, STEP_S)
                 continue
-            most = battery.volts
-            if not (-most <= left_v <= most and -most <= right_v <= most):
-                left_v, right_v = truncated(left_v, right_v, most)
-            dynamics.accelerate(left_v, right_v)
+            if by_volts:
+                most = battery.volts
+                if not (-most <= one <= most and -most <= other <= most):
+                    one, other = truncated(one, other, most)
+            dynamics.accelerate(one, other)
             v0, w0, v, w = v, w, dynamics.v, dynamics.w
             pace0, pace = pace, abs(v) + corner * abs(w)
             if not pace < FASTEST_M_S:  # nor is it NaN
@@ -258,9 +309,9 @@ class Plant:
             aside = mean_w * half_track
             left, right = mean_v - aside, mean_v + aside
             odometry.move(STEP_S * left, STEP_S * right)
-            watts = left_v * (left_v - emf * left) + right_v * (right_v - emf * right)
-            battery.drain(watts * conductance, STEP_S)
-            rests = pace0 == 0.0 == pace == watts == left_v == right_v and margin > 0.0
+            used = watts(one, other, left, right, half_track)
+            battery.drain(used, STEP_S)
+            rests = by_volts and pace0 == 0.0 == pace == used == one == other and margin > 0.0
             rests = rests and not walls_push and odometry.v == 0.0 == odometry.w
         self.pose, self._margin = (x, y, theta), margin
         self.show_body()

@@ -14,7 +14,7 @@ from collections.abc import Callable
 from contextlib import AbstractContextManager
 from typing import Final, Protocol
 
-from armadico.bridge.simulator.pioneer import Pioneer
+from armadico.bridge.simulator.simulated import SimulatedRobot
 
 CHUNK: Final = 4096
 POLL_S: Final = 0.1
@@ -141,7 +141,7 @@ class Simulation:
 
     def __init__(
         self,
-        robot: Pioneer,
+        robot: SimulatedRobot,
         line: Line,
         clock: Callable[[], float] = time.monotonic,
         *,

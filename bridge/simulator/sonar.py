@@ -8,8 +8,10 @@ dead one, nor what is behind them. The echo is the nearest of what comes back. W
 To smooth walls the sound is light to a mirror. They are heard where they are square to the sensor,
 ever more seldom the farther that is from its axis. An inner corner throws the sound back whence it
 came, an edge scatters a little of it. What meets a mirror at a slant goes on, may meet another wall
-squarely and come back by the same way: an echo from too far. And what has come back to nobody is
-still in the air when the next sonar listens. `docs/worlds.md` has the sources.
+squarely and come back by the same way: an echo from too far. A smooth column is heard where it is
+nearest: there it is always square to the sensor; as a mirror it throws nothing on to others. And
+what has come back to nobody is still in the air when the next sonar listens. `docs/worlds.md` has
+the sources.
 
 Noise, loss and surfaces come from streams of their own, and each ping draws the same number of
 times whatever it meets: one wall more does not change another one's noise. Rays start at the
@@ -23,11 +25,11 @@ processor can.
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Sequence
-from math import atan2, cos, hypot, inf, radians, sin, tan, tau
+from math import atan2, cos, hypot, inf, radians, sin, sqrt, tan, tau
 from random import Random
 from typing import NamedTuple
 
-from armadico.bridge.simulator.walls import DEAD, Corner, Segment, Surface, Walls
+from armadico.bridge.simulator.walls import DEAD, Corner, Round, Segment, Surface, Walls
 from armadico.config.profile import SensorProfile, SonarRing
 
 RAYS = 11  # 3 degrees apart in a cone of 30: nothing wider than 0.26 m at 5 m slips through
@@ -47,6 +49,7 @@ class View(NamedTuple):
     sensor: tuple[float, float, float]  # where it was
     walls: list[Segment]  # of these
     seen: list[Segment]
+    columns: list[Round]
     nearest: float  # that scatters, m
     heard: list[Heard]  # the nearest first
 
@@ -117,25 +120,35 @@ class Sonars:
         view = self._views.get(index)
         if view is None or view.sensor != sensor or view.walls is not walls:
             seen = in_cone(walls, sensor, self._edge, self._range[1])
-            view = self._views[index] = self._looked(sensor, walls, seen)
+            columns = self._walls.plain_columns(sensor[0], sensor[1])
+            if columns:
+                columns = round_in_cone(columns, sensor, self._edge, self._range[1])
+            view = self._views[index] = self._looked(sensor, walls, seen, columns)
         moving = in_cone(self._walls.shown, sensor, self._edge, self._range[1])
-        return self._looked(sensor, walls, view.seen + moving) if moving else view
+        return self._looked(sensor, walls, view.seen + moving, view.columns) if moving else view
 
     def _looked(
-        self, sensor: tuple[float, float, float], walls: list[Segment], seen: list[Segment]
+        self,
+        sensor: tuple[float, float, float],
+        walls: list[Segment],
+        seen: list[Segment],
+        columns: list[Round],
     ) -> View:
-        nearest = inf
-        if not self._smooth or any(wall[5] <= 1.0 for wall in seen):
-            nearest = echo(seen, self._fan)
-        heard = sorted([*self._feet(seen), *self._ends(seen, sensor)]) if self._smooth else []
-        return View(sensor, walls, seen, nearest, heard)
+        nearest, heard = inf, list[Heard]()
+        scatters = any(wall[5] <= 1.0 for wall in seen)
+        if not self._smooth or scatters or any(column[3] <= 1.0 for column in columns):
+            nearest = echo(seen, self._fan, columns)
+        if self._smooth:
+            heard = [*self._feet(seen), *self._fronts(columns), *self._ends(seen, sensor)]
+        return View(sensor, walls, seen, columns, nearest, sorted(heard))
 
     def _by_mirrors(self, view: View, lost: bool) -> float:
         """The range that comes back of smooth walls and rough ones, m; inf if none does."""
         strength, bounce, direction, crossed, stray = (self._rng.random() for _ in range(5))
         sensors, (least, most) = self._sensors, self._range
         nearest = inf if lost else self._direct(view, strength)
-        straying, self._stray = self._stray, nearest > most and bool(view.seen)
+        straying = self._stray
+        self._stray = nearest > most and bool(view.seen or view.columns)
         if nearest > most and bounce < sensors.multipath and not lost:
             aim = self._half * (2.0 * direction - 1.0)
             walls = view.walls + self._walls.shown
@@ -150,7 +163,7 @@ class Sonars:
         for way, chance, x, y in view.heard:
             if way >= view.nearest:
                 break
-            if strength < chance and visible(view.seen, x, y):
+            if strength < chance and visible(view.seen, x, y, view.columns):
                 return way
         return view.nearest
 
@@ -163,6 +176,14 @@ class Sonars:
                 if ahead > 0.0:
                     chance = fade(ahead, left, self._half, gone)
                     yield hypot(ahead, left), chance, ahead, left
+
+    def _fronts(self, columns: Sequence[Round]) -> Iterator[Heard]:
+        """Where smooth columns are nearest."""
+        for x, y, radius, _, gone in columns:
+            away = hypot(x, y)
+            if gone and away > radius and x > 0.0:
+                share = (away - radius) / away
+                yield away - radius, fade(x, y, self._half, gone), share * x, share * y
 
     def _ends(self, seen: Sequence[Segment], sensor: tuple[float, float, float]) -> Iterator[Heard]:
         """Corners and edges."""
@@ -215,10 +236,27 @@ def in_cone(
     return seen
 
 
-def echo(walls: Sequence[Segment], rays: Sequence[Ray]) -> float:
-    """Way to the nearest wall that scatters, m; inf if none does. All in the sensor's frame."""
+def round_in_cone(
+    columns: Sequence[Round], sensor: tuple[float, float, float], edge: Ray, most: float
+) -> list[Round]:
+    """Columns that a ray may meet within `most` (m), in the sensor's frame."""
+    sensor_x, sensor_y, heading = sensor
+    c, s = cos(heading), sin(heading)
+    edge_x, edge_y = edge[0], abs(edge[1])
+    seen = []
+    for column_x, column_y, radius, scatters, gone in columns:
+        away_x, away_y = column_x - sensor_x, column_y - sensor_y
+        x, y = away_x * c + away_y * s, away_y * c - away_x * s
+        beside = abs(y) * edge_x - x * edge_y  # of the cone's edge
+        if beside <= radius and -radius <= x and x * x + y * y <= (most + radius) ** 2:
+            seen.append((x, y, radius, scatters, gone))
+    return seen
+
+
+def echo(walls: Sequence[Segment], rays: Sequence[Ray], columns: Sequence[Round] = ()) -> float:
+    """Way to the nearest that scatters, m; inf if nothing does. All in the sensor's frame."""
     nearest = inf
-    for ray_x, ray_y in rays if walls else ():
+    for ray_x, ray_y in rays if walls or columns else ():
         first, heard = nearest, False  # an echo already found hides what is farther
         for x, y, along_x, along_y, length, scatters, _ in walls:
             cosine = ray_x * along_y - ray_y * along_x  # of the angle to the normal, signed
@@ -229,6 +267,13 @@ def echo(walls: Sequence[Segment], rays: Sequence[Ray]) -> float:
                 seam = (x * ray_y - y * ray_x) / cosine  # along the wall, from its start
                 if -SEAM_M <= seam <= length + SEAM_M:
                     first, heard = way, abs(cosine) >= scatters
+        for x, y, radius, scatters, _ in columns:
+            aside = x * ray_y - y * ray_x
+            if abs(aside) < radius:
+                cosine = sqrt(1.0 - (aside / radius) ** 2)
+                way = x * ray_x + y * ray_y - radius * cosine
+                if 0.0 <= way < first:
+                    first, heard = way, cosine >= scatters
         if heard:
             nearest = first
     return nearest
@@ -243,8 +288,14 @@ def fade(x: float, y: float, within: float, gone: float) -> float:
     return 1.0 - share * share * (3.0 - 2.0 * share)
 
 
-def visible(walls: Sequence[Segment], x: float, y: float) -> bool:
-    """Whether no wall stands between the sensor and a place (which may lie on one)."""
+def visible(walls: Sequence[Segment], x: float, y: float, columns: Sequence[Round] = ()) -> bool:
+    """Whether nothing stands between the sensor and a place (which may lie on what does)."""
+    square = x * x + y * y
+    for column_x, column_y, radius, *_ in columns:
+        along = (column_x * x + column_y * y) / square if square else 1.0
+        along = min(max(along, 0.0), 1.0)
+        if hypot(column_x - along * x, column_y - along * y) < radius - SLACK_M:
+            return False
     for wall_x, wall_y, along_x, along_y, length, *_ in walls:
         across = x * along_y - y * along_x
         if across != 0.0:

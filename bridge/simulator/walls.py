@@ -1,4 +1,4 @@
-"""The walls of the simulated world: line segments, and what is near.
+"""The walls of the simulated world, line segments and round columns, and what is near.
 
 Segments live as numpy arrays of complex numbers (x + i y; turning by theta is a product with
 exp(i theta)) for what looks at many at once, in a pymunk space for contacts, and those near the
@@ -22,6 +22,12 @@ Wall = tuple[float, float, float, float]
 
 Segment = tuple[float, float, float, float, float, float, float]
 """x and y of a wall's start (m), of the unit vector along it, its length (m), and its `Surface`."""
+
+Column = tuple[float, float, float]
+"""x, y and radius of something round, m."""
+
+Round = tuple[float, float, float, float, float]
+"""x, y and radius of a column (m), and its `Surface`."""
 
 NEAR_M = 7.0  # how far `near` reaches at least: the sonar's 5 m, and the robot
 ROAM_M = 1.0  # how far the robot may go before what is near is looked up again
@@ -136,14 +142,36 @@ class Segments(NamedTuple):
         return [corner for corners in found.values() for corner in corners]
 
 
+class Columns(NamedTuple):
+    """Some columns, as arrays of one length."""
+
+    middle: Points
+    radius: Floats
+    scatters: Floats
+    gone: Floats
+
+    def chosen(self, mask: npt.NDArray[np.bool_]) -> Columns:
+        """The columns of a mask."""
+        middle, *others = self
+        return Columns(middle[mask], *(column[mask] for column in others))
+
+    def plain(self) -> list[Round]:
+        """The columns one by one."""
+        middle, *others = self
+        parts = middle.real, middle.imag, *others
+        return list(zip(*(part.tolist() for part in parts), strict=True))
+
+
 class Walls:
-    """All walls, and what moves. More walls may be added at any time."""
+    """All walls and columns, and what moves. More may be added at any time."""
 
     def __init__(self) -> None:
         self.space = pymunk.Space()
         none, points = np.empty(0), np.empty(0, complex)
         self._all = self._things = Segments(points, points, none, none, none)
-        self.changes = 0  # of what people may run into: walls, doors and boxes
+        self._columns = self._near_columns = Columns(points, none, none, none)
+        self._plain_columns: list[Round] = []
+        self.changes = 0  # of what people may run into: walls, columns, doors and boxes
         self._moving, self._robots = _Outlines(), _Outlines()
         self._doors: list[Wall] = []  # and boxes, the things of what moves
         self.shown: list[Segment] = []  # what moves, one by one
@@ -168,6 +196,20 @@ class Walls:
             *(pymunk.Segment(static, (a, b), (c, d), 0.0) for a, b, c, d in rows.tolist())
         )
 
+    def add_columns(self, columns: Iterable[Column], surfaces: Iterable[Surface]) -> None:
+        """More columns, and how each answers a sonar."""
+        rows = np.array(list(columns), float).reshape(-1, 3)
+        answers = np.array(list(surfaces), float).reshape(len(rows), 2)
+        more = Columns(rows[:, 0] + 1j * rows[:, 1], rows[:, 2], answers[:, 0], answers[:, 1])
+        middle, radius, *others = (
+            np.concatenate(pair) for pair in zip(self._columns, more, strict=True)
+        )
+        self._columns = Columns(middle, radius, *others)
+        self.changes += 1
+        self._anchor = (inf, inf)
+        static = self.space.static_body
+        self.space.add(*(pymunk.Circle(static, r, (x, y)) for x, y, r in rows.tolist()))
+
     def show(self, things: Sequence[Wall], people: Sequence[Wall], surface: Surface) -> None:
         """What moves is now here, and answers so; who moves it sees to what it touches."""
         if things != self._doors:
@@ -188,8 +230,28 @@ class Walls:
             self._anchor = (x, y)
             self._near = self._all.chosen(_distance(self._all, x, y) <= NEAR_M + ROAM_M)
             self._plain = self._near.plain()
+            away = np.abs(self._columns.middle - complex(x, y)) - self._columns.radius
+            self._near_columns = self._columns.chosen(away <= NEAR_M + ROAM_M)
+            self._plain_columns = self._near_columns.plain()
             self._corners = None
         return self._near
+
+    def all(self) -> tuple[Segments, Segments, Columns]:
+        """Every wall, in the order in which they came; what moves; and every column."""
+        moving = self._moving.segments
+        if self._robots.plain:
+            moving = moving.joined(self._robots.segments)
+        return self._all, moving, self._columns
+
+    def near_columns(self, x: float, y: float) -> Columns:
+        """Every column within `NEAR_M` of a point, and perhaps some more."""
+        self.near(x, y)
+        return self._near_columns
+
+    def plain_columns(self, x: float, y: float) -> list[Round]:
+        """The same columns, one by one."""
+        self.near(x, y)
+        return self._plain_columns
 
     def plain(self, x: float, y: float) -> list[Segment]:
         """The same walls as `near`, one by one; the same list until they are others."""
@@ -208,8 +270,10 @@ class Walls:
         near = self.near(pose[0], pose[1])
         if self._clear is None or self._clear[0] != pose or self._clear[1] is not near:
             nearest = _clearance(near, pose, box)
+            nearest = min(nearest, _clearance_of(self._near_columns, pose, box))
             if nearest > NEAR_M - box.half_length - box.half_width - abs(box.ahead):
                 nearest = _clearance(self._all, pose, box)
+                nearest = min(nearest, _clearance_of(self._columns, pose, box))
             self._clear = pose, near, nearest
         nearest = self._clear[2]
         round_m = hypot(box.half_length + abs(box.ahead), box.half_width)
@@ -223,10 +287,11 @@ class Walls:
         return _clearance(_segments(walls, [DEAD] * len(walls))[1], pose, box)
 
     def distance(self, x: float, y: float) -> float:
-        """From a point to the nearest wall, door or box, m; inf if none is."""
-        both = (self._all, self._things)
-        ways = (_distance(walls, x, y) for walls in both if len(walls.length))
-        return min((float(way.min()) for way in ways), default=inf)
+        """From a point to the nearest wall, column, door or box, m; inf if none is."""
+        ways = [_distance(walls, x, y) for walls in (self._all, self._things)]
+        columns = self._columns
+        ways.append(np.maximum(np.abs(columns.middle - complex(x, y)) - columns.radius, 0.0))
+        return min((float(way.min()) for way in ways if len(way)), default=inf)
 
 
 class _Outlines:
@@ -310,6 +375,16 @@ def _clearance(walls: Segments, pose: tuple[float, float, float], box: Box) -> f
     if nearest < size.real + size.imag and _crosses(start, along * walls.length, size):
         return 0.0
     return nearest
+
+
+def _clearance_of(columns: Columns, pose: tuple[float, float, float], box: Box) -> float:
+    """From the rectangle to the nearest column, m; inf if there is none."""
+    if not len(columns.radius):
+        return inf
+    middle = (columns.middle - complex(pose[0], pose[1])) * np.exp(-1j * pose[2]) - box.ahead
+    outside_x = np.maximum(np.abs(middle.real) - box.half_length, 0.0)
+    outside_y = np.maximum(np.abs(middle.imag) - box.half_width, 0.0)
+    return max(float((np.hypot(outside_x, outside_y) - columns.radius).min()), 0.0)
 
 
 def _crosses(start: Points, reach: Points, size: complex) -> bool:

@@ -11,6 +11,8 @@ from hypothesis import strategies as st
 from msgspec.structs import replace
 
 from armadico.agents.goto import Goto, Parameters
+from armadico.agents.methods.settings import Brisk
+from armadico.agents.methods.sight import in_sight
 from armadico.core.agent import Identity
 from armadico.core.messages import Description, Point, Trajectory
 from armadico.core.motion import touches_at
@@ -105,6 +107,21 @@ def test_a_scenarios_speed_limit_holds(mode: str) -> None:
     for _ in range(40):
         made.cycle()
     assert max(speeds(c)[0] for c in commands(made.said)) == pytest.approx(0.4)
+
+
+def test_by_sight_it_can_stop_within_what_it_sees_of_its_way() -> None:
+    """The way bends round a row of things 0.6 m ahead: nobody knows what is behind them."""
+    row = tuple(Point(0.9, 0.45 + 0.05 * k) for k in range(20))
+    fastest = {}
+    for sight in (None, 2.5):
+        brisk = Brisk(v=1.5, calm_from=3.0, corner_w=10.0, sight_m=sight)
+        made = stage(drive_to((1.0, 0.0, 0.0), (1.0, 6.0, 1.57)), controller="brisk", brisk=brisk)
+        for _ in range(40):
+            made.cycle(points=row)
+        fastest[sight] = max(speeds(c)[0] for c in commands(made.said))
+    seen = in_sight(row, [(0.0, 0.0), (1.0, 0.0), (1.0, 6.0)], 2.5)
+    assert body().stopping_distance(fastest[2.5]) <= seen - body().outline.front
+    assert fastest[2.5] < fastest[None]
 
 
 @pytest.mark.parametrize("mode", ["brisk", "fast", "precise", "collaborative"])

@@ -28,6 +28,7 @@ from armadico.core.messages import (
     encode,
 )
 from armadico.core.services import service_of
+from tests.framework.robots import described
 from tests.framework.stage import spread
 
 GOAL = Waypoint(3.0, 0.0, 0.0)
@@ -39,8 +40,8 @@ AT_REST, ROLLING = (0.0, 0.0), (0.1, 0.0)
 class Desk:
     """An interface agent, and whoever asks it for something."""
 
-    def __init__(self, *, begun: bool = True) -> None:
-        self.agent = Interface(Identity("interface-1"))
+    def __init__(self, *, begun: bool = True, parameters: Parameters | None = None) -> None:
+        self.agent = Interface(Identity("interface-1"), parameters)
         if begun:
             self.agent.start(0.0)
         self.number = 0
@@ -671,6 +672,21 @@ def test_what_is_beside_the_way_far_ahead_or_behind_is_not_across_it(
     asked = len(planned.asked)
     see(planned, point)
     assert len(planned.asked) == asked
+
+
+@pytest.mark.parametrize(("aside", "across"), [(0.2, True), (0.23, False)])
+def test_for_who_drives_fast_what_is_beside_the_body_s_way_is_across_it(
+    aside: float, across: bool
+) -> None:
+    """As wide as the robot is, whichever it is, and the next look decides."""
+    desk = Desk(parameters=Parameters(flank_m=0.05, across_s=0.0))
+    desk.agent.receive(described(), 0.0)
+    desk.at(0.0)
+    desk.request(MissionRequest(GOAL))
+    desk.planned(PLAN)
+    asked = len(desk.asked)
+    see(desk, Point(0.9, aside), seconds=0.4)
+    assert (len(desk.asked) > asked) is across
 
 
 def test_a_plan_that_leads_the_same_way_changes_nothing(planned: Desk) -> None:

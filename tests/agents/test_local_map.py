@@ -16,9 +16,9 @@ from armadico.agents.methods.local_map import (
     RINGS,
     SECTORS,
     LocalMap,
-    Obstacle,
     cell_at,
 )
+from armadico.agents.methods.near import Obstacle
 from armadico.agents.methods.settings import MapSettings
 from armadico.agents.sonar import Parameters, SonarAgent
 from armadico.config.loading import load_parameters

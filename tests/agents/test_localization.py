@@ -487,6 +487,18 @@ def test_with_no_idea_it_says_that_it_is_lost_until_it_is_found(world: str) -> N
     assert any(isinstance(said, Log) and "is found" in said.text for said in robot.said)
 
 
+def test_it_is_looked_for_where_names_are_and_elsewhere_only_if_it_began_there() -> None:
+    robot = Robot(Parameters(world="surveillance", start="anywhere"))
+    void = (6.0, 8.0, 0.0)  # between two wings of the building
+    robot.at((1.5, 2.0, 0.0), (0.0, 0.0, 0.0), (1.5, 2.0, 0.0))
+    guesses = robot.agent._filter._anywhere(5000)
+    assert not ((guesses[:, 1] > 6.3) & (abs(guesses[:, 0] - 6.0) < 1.7)).any()
+    robot = Robot(Parameters(world="surveillance"))
+    robot.at(void, (0.0, 0.0, 0.0), void)
+    guesses = robot.agent._filter._anywhere(5000)
+    assert ((guesses[:, 1] > 6.3) & (abs(guesses[:, 0] - 6.0) < 1.7)).any()
+
+
 def test_a_robot_that_was_carried_away_is_lost(world: str) -> None:
     robot = Robot(Parameters(world=world))
     for pose, motion in drive(START, 200):

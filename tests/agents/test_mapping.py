@@ -2,11 +2,12 @@
 
 from __future__ import annotations
 
-from math import cos, pi, radians, sin
+from math import cos, inf, nan, pi, radians, sin
 from pathlib import Path
 
 import numpy as np
 import pytest
+from msgspec.structs import replace
 
 from armadico.agents.mapping import Mapping, Parameters
 from armadico.agents.methods.geometry import Placed
@@ -15,7 +16,17 @@ from armadico.config import grid_map
 from armadico.config.errors import ConfigError
 from armadico.config.grid_map import FREE, OCCUPIED, UNKNOWN, Cells, cells_of
 from armadico.core.agent import Answer, Identity, Publish, Question
-from armadico.core.messages import Cycle, Echo, MapRequest, OccupancyGrid, Pose, Sonar
+from armadico.core.messages import (
+    Cycle,
+    Echo,
+    MapRequest,
+    OccupancyGrid,
+    Pose,
+    RobotState,
+    Scan,
+    Sonar,
+)
+from armadico.core.scans import message_of
 from tests.framework.robots import described
 
 HALF = radians(15.0)
@@ -206,3 +217,76 @@ def test_it_goes_on_with_a_saved_map_or_says_why_not(tmp_path: Path) -> None:
     image.unlink()
     with pytest.raises(ConfigError, match="expected an image"):
         Mapping(Identity("mapping-2"), Parameters(resume=str(file)))
+
+
+# A laser ------------------------------------------------------------------------------------------
+
+
+MIDDLE = Placed(0.02, 0.02, 0.0)
+"""Not on the line between two cells."""
+
+
+def scanned(*rays: tuple[float, float], at: Placed = HERE, times: int = 3) -> Mapper:
+    """What is known after a scan with these ranges at these bearings, and no others valid."""
+    mapper = Mapper()
+    for _ in range(times):
+        mapper.see(at, scan(*rays))
+    return mapper
+
+
+def scan(*rays: tuple[float, float], cycle: Cycle = Cycle(1, 1)) -> Scan:  # noqa: B008 - frozen
+    ranges = np.full(360, nan)
+    for bearing, distance in rays:
+        ranges[round(bearing / radians(1.0)) % 360] = distance
+    return message_of(cycle, ranges, (0.0, radians(1.0)), (0.1, 30.0), (0.0, 0.0, 0.0))
+
+
+@pytest.mark.parametrize("bearing", [0.0, 1.0, pi, -2.5])
+def test_a_ray_is_a_line_that_is_free_up_to_what_it_met(bearing: float) -> None:
+    bearing = radians(round(bearing / radians(1.0)))
+    cells = scanned((bearing, 2.01), at=MIDDLE).cells()
+    c, s = cos(bearing), sin(bearing)
+    for way in (0.1, 1.0, 1.9):
+        assert cells.at(0.02 + way * c, 0.02 + way * s) == FREE
+    assert cells.at(0.02 + 2.01 * c, 0.02 + 2.01 * s) == OCCUPIED
+    assert cells.at(0.02 + 2.2 * c, 0.02 + 2.2 * s) == UNKNOWN
+    assert cells.at(0.02 + c - 0.1 * s, 0.02 + s + 0.1 * c) == UNKNOWN, "no cone"
+
+
+def test_a_ray_that_found_nothing_is_free_where_it_may_be_believed_and_one_without_tells_none() -> (
+    None
+):
+    cells = scanned((0.0, inf), (radians(90), 0.0), (radians(180), 12.0), at=MIDDLE).cells()
+    p = Settings()
+    assert cells.at(p.unseen_m - 0.2, 0.02) == FREE
+    assert cells.at(p.unseen_m + 0.2, 0.02) == UNKNOWN
+    assert cells.at(0.02, 0.5) == UNKNOWN
+    assert cells.at(0.2 - p.seen_m, 0.02) == FREE
+    assert cells.at(-11.98, 0.02) == UNKNOWN, "too far: left for a nearer scan"
+    assert not (cells.states == OCCUPIED).any()
+    assert not Mapper().cells().states.size
+
+
+def test_what_a_ray_met_is_not_free_for_the_one_beside_it_and_may_be_unlearnt() -> None:
+    ahead, beside = (0.0, 4.0), (radians(1.0), 4.2)
+    mapper = scanned(ahead, beside, at=MIDDLE, times=6)
+    assert mapper.cells().at(4.02, 0.02) == OCCUPIED
+    for _ in range(20):
+        mapper.see(MIDDLE, scan((0.0, 6.0)))
+    assert mapper.cells().at(4.02, 0.02) == FREE
+    assert mapper.cells().at(6.02, 0.02) == OCCUPIED
+
+
+def test_with_a_laser_its_scans_make_the_map_and_sonars_none() -> None:
+    agent = Mapping(Identity("mapping-1"), Parameters(profile="jackal"))
+    agent.receive(described("jackal"), 0.0)
+    for number in range(1, 6):
+        cycle = Cycle(1, number)
+        agent.receive(RobotState(cycle, 0, 0, 0, 0, 0, 12, True, False), 0.1 * number)
+        agent.receive(Pose(cycle, 1.02, 0.02, 0.0), 0.1 * number)
+        agent.receive(Sonar(cycle, 5.0, (Echo(0.0, 0.0, 1.57, 1.0),)), 0.1 * number)
+        agent.receive(scan((0.0, 2.0), cycle=cycle), 0.1 * number)
+    agent.receive(replace(scan(cycle=cycle), packed=b"abc"), 0.6)
+    cells = cells_of(agent.on_map_request(Question(1, MapRequest())))
+    assert cells.at(3.02, 0.02) == OCCUPIED
+    assert cells.at(1.0, 1.0) == UNKNOWN

@@ -210,3 +210,64 @@ def test_a_robot_that_has_driven_somewhere_is_there_however_near_a_wall_is_by_it
     (plan,) = (o.message for o in two_doors.outbox if isinstance(o, Answer))
     assert isinstance(plan, Plan)
     assert plan.waypoints
+
+
+# Without a map ------------------------------------------------------------------------------------
+
+
+@pytest.fixture
+def without_a_map() -> PathPlanning:
+    return PathPlanning(Identity("path-planning-1"), Parameters())
+
+
+def looks(planner: PathPlanning, ranges: list[tuple[float, float]], *, first: int = 1) -> None:
+    """It stands at (0, 0) and hears echoes from bearings (rad) and ranges (m) for a second."""
+    for number in range(first, first + 10):
+        cycle = Cycle(1, number)
+        echoes = tuple(Echo(0.0, 0.0, bearing, away) for bearing, away in ranges)
+        pose = Pose(cycle, 0.0, 0.0, 0.0, spread(0.01))
+        state = RobotState(cycle, 0, 0, 0, 0, 0, 12, True, False)
+        for message in (state, pose, Sonar(cycle, 5.0, echoes)):
+            planner.receive(message, number / 10)
+
+
+def test_without_a_map_what_was_not_seen_is_free_wherever_the_goal_is(
+    without_a_map: PathPlanning,
+) -> None:
+    for x in (3.0, 30.0, -60.0):
+        plan = ask(without_a_map, Waypoint(0.0, 0.0, 0.0), Waypoint(x, 0.0, 0.0))
+        assert plan.length == pytest.approx(abs(x))
+
+
+def test_without_a_map_it_plans_round_what_it_saw_long_ago_until_it_sees_through_it(
+    without_a_map: PathPlanning,
+) -> None:
+    ahead = [k / 10 for k in range(-8, 9)]
+    looks(without_a_map, [(bearing, 1.0) for bearing in ahead])
+    assert length(without_a_map, 201.0) > 3.3
+    looks(without_a_map, [(bearing, 4.0) for bearing in ahead], first=2011)
+    assert length(without_a_map, 203.0) == pytest.approx(3.0, abs=0.2)
+
+
+def test_without_a_map_a_goal_that_is_too_far_for_a_plan_is_refused(
+    without_a_map: PathPlanning,
+) -> None:
+    plan = ask(without_a_map, Waypoint(0.0, 0.0, 0.0), Waypoint(9e3, 9e3, 0.0))
+    assert re.search("too far to plan for", plan.refusal)
+
+
+def test_without_a_map_it_forgets_what_would_shut_it_in(without_a_map: PathPlanning) -> None:
+    """Something stood all round it once: that cannot be, it has driven in."""
+    looks(without_a_map, [(k / 10, 0.8) for k in range(63)])
+    assert length(without_a_map, 2.0) is None
+    assert length(without_a_map, 60.0) == pytest.approx(3.0)
+
+
+def length(planner: PathPlanning, now: float) -> float | None:
+    """Of the way that it says to a place 3 m ahead, m; None if it knows none."""
+    request = PlanRequest(Waypoint(0.0, 0.0, 0.0), Waypoint(3.0, 0.0, 0.0))
+    planner.asked(Question(5, request), now)
+    (plan,) = (o.message for o in planner.outbox if isinstance(o, Answer))
+    planner.outbox = []
+    assert isinstance(plan, Plan)
+    return plan.length if plan.waypoints else None

@@ -6,7 +6,8 @@ from math import cos, hypot, inf, radians, sin
 
 import pytest
 
-from armadico.agents.methods.local_map import LocalMap, Obstacle
+from armadico.agents.methods.local_map import LocalMap
+from armadico.agents.methods.near import Obstacle
 from armadico.agents.methods.rows import AHEAD_M, END_M, Heard, Through, onward
 from armadico.agents.methods.settings import MapSettings
 from armadico.core.swept_path import Outline

@@ -2,14 +2,16 @@
 
 from __future__ import annotations
 
-from math import pi
+from math import atan2, pi
 
 import pytest
+from msgspec import structs
 
 from armadico.agents.methods.geometry import Placed
 from armadico.agents.methods.grid import Grid
 from armadico.agents.methods.seen import Seen, Settings
-from armadico.core.messages import Echo
+from armadico.core.messages import Cycle, Echo, Scan
+from armadico.core.scans import message_of
 
 ROOM = [(0.0, 0.0, 6.0, 0.0), (6.0, 0.0, 6.0, 4.0), (6.0, 4.0, 0.0, 4.0), (0.0, 4.0, 0.0, 0.0)]
 KNOWN = Grid(ROOM, (0.0, 0.0, 6.0, 4.0))
@@ -98,3 +100,75 @@ def test_after_the_pose_has_jumped_nothing_is_known_of_what_was_seen() -> None:
     assert seen.points(0.0)
     seen.move(Placed(2.7, 2.0))
     assert not seen.points(0.0)
+
+
+# A laser's scans ----------------------------------------------------------------------------------
+
+NOWHERE = (float("inf"),) * 9
+
+
+def scan(*ranges: float, bearing: float = -0.4, step: float = 0.1) -> Scan:
+    return message_of(Cycle(1, 1), ranges, (bearing, step), (0.1, 10.0), (0.0, 0.0, 0.0))
+
+
+def scanned(*ranges: float, seen: Seen | None = None, at: Placed = HERE) -> Seen:
+    seen = seen or Seen(None)
+    seen.take_scan(at, scan(*ranges), 0.0, 0.0)
+    return seen
+
+
+def test_what_one_ray_meets_is_there_for_long_and_where_it_was_met() -> None:
+    seen = scanned(*NOWHERE[:4], 1.0, *NOWHERE[:4])
+    ((x, y, *_),) = seen.points(500.0)
+    assert (x, y) == pytest.approx((3.0, 2.0), abs=0.01)
+
+
+def test_rays_that_go_through_a_place_on_both_sides_take_it_away() -> None:
+    seen = scanned(*NOWHERE[:4], 1.0, *NOWHERE[:4])
+    for _ in range(5):
+        scanned(*NOWHERE[:3], 0.9, 0.9, 0.9, *NOWHERE[:3], seen=seen)
+    assert any(x == pytest.approx(3.0) for x, *_ in seen.points(0.0))
+    for _ in range(5):
+        scanned(*NOWHERE, seen=seen)
+    assert seen.points(0.0) == ()
+
+
+def test_what_is_hidden_or_behind_the_laser_is_remembered() -> None:
+    seen = scanned(*NOWHERE[:4], 2.0, *NOWHERE[:4])
+    for _ in range(10):
+        scanned(*[0.5] * 9, seen=seen, at=HERE)
+        scanned(*NOWHERE, seen=seen, at=Placed(5.0, 2.0))
+    assert any(abs(x - 4.0) < 0.01 for x, *_ in seen.points(0.0))
+
+
+def test_a_ray_without_a_valid_range_says_nothing() -> None:
+    seen = scanned(*NOWHERE[:4], 1.0, *NOWHERE[:4])
+    for _ in range(10):
+        scanned(*[float("nan")] * 9, seen=seen)
+    assert len(seen.points(0.0)) == 1
+
+
+def test_of_a_scan_too_a_wall_of_the_map_is_nothing_new_and_a_box_is() -> None:
+    seen = Seen(KNOWN)
+    seen.take_scan(Placed(5.0, 2.0), scan(*[1.0] * 9), 0.0, 0.0)
+    assert seen.points(0.0) == ()
+    seen.take_scan(Placed(3.0, 2.0), scan(*NOWHERE[:4], 1.0, *NOWHERE[:4]), 0.0, 0.0)
+    assert len(seen.points(0.0)) == 1
+
+
+@pytest.mark.parametrize("step", [0.1, -0.1])
+def test_a_laser_may_turn_either_way(step: float) -> None:
+    seen = Seen(None)
+    turns = scan(*NOWHERE[:2], 1.0, *NOWHERE[:6], bearing=-4 * step, step=step)
+    seen.take_scan(HERE, turns, 0.0, 0.0)
+    ((x, y, *_),) = seen.points(0.0)
+    assert atan2(y - 2.0, x - 2.0) == pytest.approx(-2 * step, abs=0.01)
+    for _ in range(3):
+        seen.take_scan(HERE, scan(*NOWHERE, bearing=-4 * step, step=step), 0.0, 0.0)
+    assert seen.points(0.0) == ()
+
+
+def test_a_scan_of_bytes_that_are_no_ranges_is_refused() -> None:
+    broken = structs.replace(scan(1.0), packed=b"\x01")
+    with pytest.raises(ValueError, match="buffer size"):
+        Seen(None).take_scan(HERE, broken, 0.0, 0.0)

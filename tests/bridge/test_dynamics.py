@@ -44,19 +44,19 @@ def test_mass_and_moment_of_inertia_are_those_of_tables_4_4_and_4_5() -> None:
 @pytest.mark.parametrize(("v", "w"), [(1.0, 0.0), (0.0, 1.0), (0.7, -1.3)])
 def test_kinetic_energy_is_the_sum_over_the_bodies(v: float, w: float, beta: float) -> None:
     """Each body by itself: no matrix of the thesis is used."""
-    body, inertia = PROFILE.body, PROFILE.inertia
-    half_track, arm, trail = body.half_track_m, body.caster_arm_m, body.caster_trail_m
-    x, y = body.mass_centre_x_m, body.mass_centre_y_m
+    body, inertia, caster = PROFILE.body, PROFILE.inertia, PROFILE.caster
+    half_track, arm, trail = body.half_track_m, caster.arm_m, caster.trail_m
+    x, y = inertia.mass_centre_x_m, inertia.mass_centre_y_m
     twice = body.mass_kg * ((v - w * y) ** 2 + (w * x) ** 2) + inertia.body_kg_m2 * w**2
     for side in (half_track, -half_track):
         rim = v + w * side
-        twice += body.wheel_mass_kg * rim**2 + inertia.wheel_yaw_kg_m2 * w**2
+        twice += inertia.wheel_mass_kg * rim**2 + inertia.wheel_yaw_kg_m2 * w**2
         twice += inertia.wheel_roll_kg_m2 * (rim / body.wheel_radius_m) ** 2
     # the caster's pivot moves at (v, -w arm); the wheel rolls along (cos b, sin b) only
     rolling = v * cos(beta) - w * arm * sin(beta)
     yaw = (-v * sin(beta) - w * arm * cos(beta)) / trail
-    twice += body.caster_mass_kg * rolling**2 + inertia.caster_yaw_kg_m2 * yaw**2
-    twice += inertia.caster_roll_kg_m2 * (rolling / body.caster_radius_m) ** 2
+    twice += caster.mass_kg * rolling**2 + inertia.caster_yaw_kg_m2 * yaw**2
+    twice += inertia.caster_roll_kg_m2 * (rolling / caster.radius_m) ** 2
     assert at(v, w, beta).energy() == pytest.approx(twice / 2, rel=1e-12)
 
 
@@ -78,7 +78,7 @@ def test_a_pure_rotation_holds_the_caster_at_its_own_angle() -> None:
         dynamics.roll(0.0, 1.0)
         dynamics.v, dynamics.w = 0.0, 1.0
         dynamics.accelerate(0.0, 0.0)
-    expected = acos(-PROFILE.body.caster_trail_m / PROFILE.body.caster_arm_m)
+    expected = acos(-PROFILE.caster.trail_m / PROFILE.caster.arm_m)
     assert abs(dynamics.beta) == pytest.approx(expected, abs=1e-6)
 
 

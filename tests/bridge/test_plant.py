@@ -540,7 +540,7 @@ def _heard(robot: Plant, x: int) -> bool:
 @pytest.mark.parametrize(
     ("table", "key", "value"),
     [
-        ("body", "caster_trail_m", 1e-6),
+        ("caster", "trail_m", 1e-6),
         ("motor", "resistance_ohm", 1e-6),
         ("inertia", "caster_viscous_nms", 1e6),
     ],

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from math import cos, inf, radians, sin
 
+import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
@@ -106,7 +107,7 @@ def test_it_says_what_it_did_but_seldom() -> None:
     reflex = hears(echo(0.3))
     assert reflex.complaint(0.0) is None
     reflex.cap(0.9, 0.0)
-    assert reflex.complaint(0.0) == "1 x slowed by the front sonars, last from 0.90 to 0.42 m/s"
+    assert reflex.complaint(0.0) == "1 x slowed for what is ahead, last from 0.90 to 0.42 m/s"
     reflex.cap(0.9, 0.0)
     assert reflex.complaint(0.5 * SAY_S) is None
     assert reflex.complaint(SAY_S) is not None
@@ -131,3 +132,41 @@ def test_what_is_obeyed_is_slowed_when_a_reading_comes_though_no_command_does() 
     bench.status(echoes=((3, 0.3),))
     assert 0 < bench.speeds()[-1] < 450
     assert bench.sent(Cmd.RVEL)
+
+
+# With a laser -------------------------------------------------------------------------------------
+
+
+def sees(*points: tuple[float, float], measured: tuple[float, float] = (0.0, 0.0)) -> Reflex:
+    reflex = Reflex(PROFILE)
+    reflex.hear((), ORIGIN, measured, 0.0, np.array(points).reshape(-1, 2))
+    return reflex
+
+
+def test_what_a_laser_sees_ahead_slows_as_an_echo_does() -> None:
+    away = FRONT + 0.3
+    capped = sees((away, 0.1)).cap(0.9, 0.0)
+    assert 0.0 < capped < 0.9
+    assert 0.2 * capped + capped**2 / (2 * DECEL) <= 0.3 - TOUCH_M + 1e-9
+    assert sees((away, 0.17)).cap(0.9, 0.0) == 0.9, "beside the body"
+    assert sees((-away, 0.0)).cap(0.9, 0.0) == 0.9, "behind"
+
+
+def test_a_laser_that_sees_its_own_robot_does_not_hold_it() -> None:
+    assert sees((0.1, 0.0), (0.2, 0.1), (0.0, -0.1)).cap(0.9, 0.0) == 0.9
+
+
+def test_a_scan_counts_where_it_was_taken_until_the_next_one_or_for_a_while() -> None:
+    reflex = sees((FRONT + 1.0, 0.0))
+    assert reflex.cap(0.5, 0.0) == 0.5
+    reflex.hear((), (0.9, 0.0, 0.0), (0.5, 0.0), 0.1)
+    near = reflex.cap(0.5, 0.0)
+    assert near < 0.3
+    reflex.hear((), (0.9, 0.0, radians(90)), (0.5, 0.0), 0.2)
+    assert reflex.cap(0.5, 0.0) == 0.5, "it has turned away"
+    reflex.hear((), (0.9, 0.0, 0.0), (0.5, 0.0), KEPT_S + 0.01)
+    assert reflex.cap(0.5, 0.0) == 0.5, "too old"
+    reflex.hear((), (0.9, 0.0, 0.0), (0.5, 0.0), 0.7, np.array([(FRONT + 0.05, 0.0)]))
+    assert reflex.cap(0.5, 0.0) < near
+    reflex.hear((), (0.9, 0.0, 0.0), (0.5, 0.0), 0.8, np.empty((0, 2)))
+    assert reflex.cap(0.5, 0.0) == 0.5, "the next one has nothing"

@@ -809,3 +809,12 @@ def test_a_command_for_another_resource_or_of_another_shape_moves_nothing(ready:
     ready.cycles(1)
     told = [text for text in ready.logs() if "commands refused" in text]
     assert any(BALLOT.instance in text and "wheels takes 2 numbers" in text for text in told)
+
+
+def test_its_card_promises_no_readings_of_sensors_that_it_has_not_got() -> None:
+    cards = {
+        profile: Robot(Identity("r"), Parameters(port="memory:", profile=profile)).card().provides
+        for profile in ("pioneer-2dx", "jackal")
+    }
+    assert cards["pioneer-2dx"] == ("robot/state", "robot/description", "robot/sonar")
+    assert cards["jackal"] == ("robot/state", "robot/description", "robot/scan")

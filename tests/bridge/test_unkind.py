@@ -10,9 +10,9 @@ from pathlib import Path
 
 import pytest
 
-from armadico.bridge.simulator import pioneer
-from armadico.bridge.simulator.pioneer import Pioneer
+from armadico.bridge.simulator import robots
 from armadico.bridge.simulator.plant import Streams
+from armadico.bridge.simulator.simulated import SimulatedRobot
 from armadico.bridge.simulator.traps import UNKIND
 from armadico.config.scenarios import Scenario, ideal, load_scenario
 from armadico.core.messages import Description, Message, Pose, Truth
@@ -41,12 +41,14 @@ SEEN = (Description, Pose, Truth)  # the truth counts by the description of its 
 def test_a_scenario_reaches_its_goal(monkeypatch: pytest.MonkeyPatch, name: str) -> None:
     """Three of nine; live, all were driven by hand (docs/controller.md)."""
 
-    def unkind(scenario: Scenario, streams: Streams, publish: Callable[[Message], None]) -> Pioneer:
-        robot = pioneer.of_scenario(scenario, streams, traps=UNKIND)
+    def unkind(
+        scenario: Scenario, streams: Streams, publish: Callable[[Message], None]
+    ) -> SimulatedRobot:
+        robot = robots.of_scenario(scenario, streams, traps=UNKIND)
         robot.watch(publish)
         return robot
 
-    monkeypatch.setattr(pioneer, "on_virtual_mesh", unkind)
+    monkeypatch.setattr(robots, "on_virtual_mesh", unkind)
     rehearsal, view = Rehearsal(ideal(load_scenario(name)), Options(seed=7)), View()
     rehearsal.mesh.watch(lambda _, message, now: view.learn(message, now), *SEEN)
     assert rehearsal.run().reached

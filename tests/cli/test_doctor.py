@@ -5,6 +5,8 @@ from __future__ import annotations
 import argparse
 import json
 from collections.abc import Generator
+from importlib import metadata
+from importlib.metadata import PackageNotFoundError
 from pathlib import Path
 
 import pytest
@@ -212,3 +214,16 @@ def test_a_long_command_line_is_cut_at_its_end() -> None:
     long = ["python", "/x/armadico-agent", "encoder", *("--set", "x=3.4") * 20]
     assert doctor.called(long).startswith("armadico-agent encoder --set x=3.4")
     assert doctor.called(long).endswith("...")
+
+
+def test_an_extra_that_is_not_there_is_named_with_what_brings_it(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    def version(name: str) -> str:
+        if name == "cyclonedds":
+            raise PackageNotFoundError(name)
+        return metadata.version(name)
+
+    monkeypatch.setattr(doctor, "version", version)
+    (found,) = [each for each in doctor.versions() if each.subject == "cyclonedds"]
+    assert "pip install 'armadico[ros2]'" in found.todo

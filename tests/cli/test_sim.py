@@ -14,19 +14,25 @@ from pathlib import Path
 from typing import Any, cast
 
 import pytest
+from msgspec.structs import replace
 
 from armadico import cli
 from armadico.bridge.p2os.commands import SYNC0, SYNC1, SYNC2, Cmd, command
 from armadico.bridge.p2os.configuration import CONFIG
 from armadico.bridge.p2os.packets import Decoder
+from armadico.bridge.ros2.frames import frame
+from armadico.bridge.ros2.session import Session
+from armadico.bridge.session import Reported
 from armadico.bridge.simulator.microcontroller import IDLE_S
-from armadico.bridge.simulator.pioneer import of_scenario
 from armadico.bridge.simulator.plant import seeded
+from armadico.bridge.simulator.robots import of_scenario
+from armadico.bridge.simulator.ros2_robot import IDLE_S as WANTS_NOTHING_S
 from armadico.bridge.simulator.server import BEHIND_S, Simulation, TcpLine
 from armadico.bridge.simulator.traps import KIND, Trap
 from armadico.config.scenarios import load_scenario
 from armadico.mesh.ports import private_endpoints
 from armadico.mesh.topology import ENDPOINTS_VARIABLE
+from tests.bridge.ros2.robot import JACKAL
 from tests.programs import call, starter
 
 SOON = 10.0
@@ -215,9 +221,12 @@ class Hasty:
 class Served:
     """A simulated Pioneer behind a TCP line, and time by hand."""
 
-    def __init__(self, line: TcpLine, traps: frozenset[Trap] = KIND) -> None:
+    def __init__(
+        self, line: TcpLine, traps: frozenset[Trap] = KIND, robot: str = "pioneer-2dx"
+    ) -> None:
         self.line, self.clock = line, Clock()
-        robot = of_scenario(load_scenario("sc1"), seeded(1), traps=traps)
+        scenario = replace(load_scenario("sc1"), robot=robot)
+        self.robot = robot = of_scenario(scenario, seeded(1), traps=traps)
         self.simulation = Simulation(robot, Hasty(line), self.clock)
 
     def client(self) -> socket.socket:
@@ -309,6 +318,43 @@ def test_a_client_that_has_status_packets_sent_may_listen_as_long_as_it_likes(
         assert line.connected
 
 
+def test_a_ros2_robot_is_driven_over_it_and_waits_for_the_next_client(line: TcpLine) -> None:
+    served = Served(line, robot="jackal")
+    for _ in range(2):
+        with served.client() as client:
+            session, events = Session(JACKAL, served.clock.now), list[object]()
+
+            def drives(
+                client: socket.socket = client,
+                session: Session = session,
+                events: list[object] = events,
+            ) -> bool:
+                client.sendall(session.outgoing())
+                if select.select([client], [], [], 0)[0]:
+                    events += session.receive(client.recv(65536), served.clock.now)
+                events += session.tick(served.clock.now)
+                session.drive(0.5, 0.0)
+                return any(isinstance(e, Reported) and e.v > 0.4 for e in events)
+
+            served.until(drives)
+            assert session.line.told == ""
+        served.until(lambda: not line.connected)
+        served.until(lambda: abs(served.robot.plant.speeds[0]) < 0.01)  # its own watchdog
+
+
+@pytest.mark.parametrize("said", [b"", b"GET / HTTP/1.1", frame("cmd_vel", b"")])
+def test_a_client_that_wants_nothing_of_a_ros2_robot_does_not_hold_the_port(
+    line: TcpLine, said: bytes
+) -> None:
+    served = Served(line, robot="jackal")
+    with served.client() as silent:
+        silent.sendall(said)
+        served.let_pass(WANTS_NOTHING_S - 1.0)
+        assert line.connected
+        served.let_pass(2.0)
+        assert not line.connected
+
+
 # The command --------------------------------------------------------------------------------------
 
 
@@ -320,6 +366,23 @@ def test_a_port_that_is_taken_is_named() -> None:
     assert done.returncode == 1
     assert port in done.stderr
     assert "Traceback" not in done.stderr
+
+
+@pytest.mark.parametrize(
+    ("words", "message"),
+    [
+        (["sc1", "jackal"], "no world 'jackal'"),
+        (["jackal", "sc1", "sc2"], "expected one world, and a robot before it at the most"),
+        (["jackal", "sc1", "--robot", "create3"], "--robot create3: jackal is named already"),
+        (["jakal", "sc1"], "no robot 'jakal'; did you mean 'jackal'"),
+        (["jackal", "--unkind"], "--unkind is of controllers that speak P2OS"),
+    ],
+)
+def test_a_robot_and_a_world_are_told_apart(
+    words: list[str], message: str, capsys: pytest.CaptureFixture[str]
+) -> None:
+    assert cli.main(["sim", *words, "--port=0"]) == 2
+    assert message in capsys.readouterr().err
 
 
 @pytest.mark.parametrize("port", ["-1", "65536"])

@@ -201,18 +201,78 @@ def test_parameters_are_defaults_then_a_file_then_settings(tmp_path: Path) -> No
 
 
 def test_every_shipped_robot_loads() -> None:
-    assert names("robots") == ["amigobot", "pioneer-2dx"]
+    assert names("robots") == [
+        *(
+            "amigobot",
+            "create3",
+            "jackal",
+            "pioneer-16",
+            "pioneer-2dx",
+            "turtlebot3-burger",
+            "turtlebot4",
+        )
+    ]
     assert load(find("robots", "pioneer-2dx"), RobotProfile).name == "pioneer-2dx"
 
 
 @pytest.mark.parametrize(
-    "key", ["wheel_radius_m", "caster_radius_m", "resistance_ohm", "period_s", "diff_conv"]
+    "key", ["wheel_radius_m", "trail_m", "resistance_ohm", "period_s", "diff_conv"]
 )
 def test_what_is_divided_by_is_not_too_small_for_that(tmp_path: Path, key: str) -> None:
     text = find("robots", "pioneer-2dx").read_text()
     path = tmp_path / "own.toml"
     path.write_text(re.sub(rf"^{key} *=.*", f"{key} = 1e-300", text, flags=re.MULTILINE))
     with pytest.raises(ConfigError, match=rf"{key} = 1e-300: expected a number >= "):
+        load(path, RobotProfile)
+
+
+LASER = """
+[laser]
+x_m = 0.12
+y_m = 0.0
+bearing_deg = 0.0
+min_m = 0.1
+max_m = 30.0
+angle_min_deg = -135.0
+angle_max_deg = 135.0
+rays = 720
+rate_hz = 40.0
+noise_m = 0.01
+"""
+
+
+def test_a_robot_may_have_a_laser(tmp_path: Path) -> None:
+    path = tmp_path / "own.toml"
+    path.write_text(find("robots", "pioneer-2dx").read_text() + LASER)
+    laser = load(path, RobotProfile).laser
+    assert laser is not None
+    assert laser.step_deg == pytest.approx(270.0 / 719)
+    assert not laser.upside_down
+
+
+@pytest.mark.parametrize(
+    ("written", "instead", "message"),
+    [
+        ("max_m = 30.0", "max_m = 0.1", "min_m = 0.1 is not less than max_m = 0.1"),
+        ("max_m = 30.0", "max_m = 66.0", "max_m = 66.0: expected a number <= 65.534"),
+        ("rays = 720", "rays = 2049", "rays = 2049: expected"),
+        ("rays = 720", "rays = 1", "rays = 1: expected"),
+        (
+            "angle_max_deg = 135.0",
+            "angle_max_deg = -135.0",
+            "angle_max_deg is to be up to 360 more",
+        ),
+        ("angle_max_deg = 135.0", "angle_max_deg = 230.0", "angle_max_deg is to be up to 360 more"),
+        ("rate_hz = 40.0", "rate_hz = 0.0", "rate_hz = 0.0: expected a number > 0"),
+    ],
+)
+def test_a_laser_that_no_one_has_is_refused(
+    tmp_path: Path, written: str, instead: str, message: str
+) -> None:
+    path = tmp_path / "own.toml"
+    laser = LASER.replace(written, instead)
+    path.write_text(find("robots", "pioneer-2dx").read_text() + laser)
+    with pytest.raises(ConfigError, match=message):
         load(path, RobotProfile)
 
 
@@ -231,10 +291,13 @@ def test_an_entry_of_a_table_is_named_with_its_line(tmp_path: Path) -> None:
         load_table(file, Zones)
 
 
+KNOWN = "amigobot, create3, jackal, pioneer-16, pioneer-2dx, turtlebot3-burger, turtlebot4"
+
+
 def test_an_unknown_name_lists_what_there_is() -> None:
     with pytest.raises(ConfigError) as caught:
         find("robots", "pioneer2dx")
-    message = "no robot 'pioneer2dx'; did you mean 'pioneer-2dx'? (known: amigobot, pioneer-2dx)"
+    message = f"no robot 'pioneer2dx'; did you mean 'pioneer-2dx'? (known: {KNOWN})"
     assert str(caught.value) == message
 
 
@@ -244,7 +307,9 @@ def test_a_slash_or_a_suffix_is_a_file(tmp_path: Path) -> None:
     assert find("robots", str(file)) == file
     with pytest.raises(ConfigError, match=r"no file .*mind.toml'; did you mean 'mine.toml'\?"):
         find("robots", str(tmp_path / "mind.toml"))
-    with pytest.raises(ConfigError, match=r"no file .*; shipped robots: amigobot, pioneer-2dx"):
+    with pytest.raises(
+        ConfigError, match=r"no file .*; shipped robots: amigobot, create3, jackal, "
+    ):
         find("robots", str(tmp_path / "nowhere" / "x.toml"))
 
 

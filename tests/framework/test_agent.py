@@ -135,6 +135,33 @@ def test_nobody_bids_on_what_is_stale_and_it_says_what_that_was(
     assert [c.action for c in commands(said)] == [None]
 
 
+BODY = m.Description(
+    *("r", 0.1, 0.2, 0.2, 0.2, 1.0, 5.0, 0.3, 0.6, 1.7, 1.7, 0.3, 2.0),
+    sensors=("sonar", "laser"),
+)
+
+
+def test_of_two_sensors_one_that_falls_silent_makes_the_obstacles_stale(
+    stage: Stage, driver: Driver
+) -> None:
+    stage.cycle()
+    stage.hand(BODY)
+    for _ in range(6):
+        stage.state()
+        laser = Obstacles(stage.at, None, None, None, None, (m.Point(1, 0),), "laser")
+        sonar = Obstacles(stage.at, *NOTHING)
+        stage.hand(laser, *([sonar] if stage.number < 5 else []))
+        stage.hand(Pose(stage.at, 0, 0, 0))
+    around = driver.latest(Obstacles)
+    assert around is not None
+    assert (around.cycle.number, len(around.points)) == (4, 1)
+    assert driver.bids[-2].utility is not None, "good for three cycles"
+    stage.state()
+    stage.hand(Obstacles(stage.at, None, None, None, None, (), "laser"))
+    stage.hand(Pose(stage.at, 0, 0, 0))
+    assert driver.bids[-1].reason == "no fresh sonar/obstacles"
+
+
 def test_nobody_bids_when_the_robot_agent_is_silent(stage: Stage, driver: Driver) -> None:
     stage.cycle()
     stage.now += 0.31
@@ -222,7 +249,7 @@ def test_why_there_was_no_bid_is_remembered_for_that_frame_only(
     stage.cycle()
     record = driver.bids[-1]
     assert (record.utility, record.wanted, record.reason) == (0.5, ACTION, "because")
-    assert record.inputs == ("encoder/pose", "sonar/obstacles")
+    assert record.inputs == ("encoder/pose", "*/obstacles")
     assert driver.why == ""
 
 
@@ -322,7 +349,7 @@ def test_the_card_says_who_it_is_and_what_it_offers(stage: Stage, driver: Driver
         "resource/wheels/utility",
         "resource/wheels/ack",
         "encoder/pose",
-        "sonar/obstacles",
+        "*/obstacles",
         "trajectory",
         "path/plan",
     }

@@ -22,6 +22,7 @@ from armadico.config.worlds import Segment, World, load_world
 from armadico.core import messages as m
 from armadico.core.particles import MOST
 from armadico.core.particles import message_of as particles_of
+from armadico.core.scans import message_of as scan_of
 from armadico.launch.society import Options, prepared
 from armadico.launch.virtual import Rehearsal
 from armadico.observe.dashboard import palette, shapes, viewer
@@ -272,6 +273,30 @@ def test_what_is_wrong_with_the_robot_is_on_the_page() -> None:
     rows = dict(_rows(view, "nobody", 0.0))
     assert rows.keys() - well.keys() == {"note", "line"}
     assert (rows["note"], rows["line"]) == ("**motors off**", "3 bytes dropped")
+
+
+def test_a_scan_is_points_and_obstacles_are_those_of_all_sensors(tmp_path: Path) -> None:
+    body = ("r", 0.1, 0.2, 0.2, 0.2, 1.0, 5.0, 0.3, 0.6, 1.7, 1.7, 0.3, 2.0)
+    ranges = [1.0, 2.0, math.nan, math.inf, 9.0]
+    scan = scan_of(cycle(1), ranges, (-0.2, 0.1), (0.1, 30.0), (0.1, 0.0, 0.0))
+    laser = m.Obstacles(cycle(1), None, None, None, None, (m.Point(1, 0),), "laser")
+    sonar = m.Obstacles(cycle(1), None, None, None, None, (m.Point(0, 1),))
+    path = tmp_path / "a.rrd"
+    with drawn(path) as scene:
+        scene.take("robot/description", m.Description(*body, sensors=("laser", "sonar")), 0.0)
+        scene.take("encoder/pose", m.Pose(cycle(1), 5.0, 0.0, 0.0), 0.0)
+        scene.take("robot/scan", scan, 0.1)
+        scene.take("robot/scan", replace(scan, packed=b"abc"), 0.5)
+        scene.take("laser/obstacles", laser, 0.2)
+        scene.take("sonar/obstacles", sonar, 0.2)
+        scene.take("camera/obstacles", replace(sonar, sensor="camera"), 0.9)
+    kept = Kept(path)
+    (seen,) = (parts["positions"] for _, parts in kept.rows["/p/local/robot/scan"])
+    assert len(seen) == 2, "those within sight of the local map"
+    (echoes,) = (parts["positions"] for _, parts in kept.rows["/p/map/world/echoes"])
+    assert len(echoes) == 3
+    (points,) = (parts["positions"] for _, parts in kept.rows["/p/local/robot/points"])
+    assert len(points) == 2
 
 
 def test_floods_are_thinned_and_what_is_kept_is_bounded(tmp_path: Path) -> None:

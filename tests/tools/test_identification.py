@@ -11,9 +11,9 @@ from statistics import fmean
 import numpy as np
 import pytest
 
-from armadico.bridge.p2os.transports import TransportError
-from armadico.bridge.simulator.pioneer import of_scenario
 from armadico.bridge.simulator.plant import seeded
+from armadico.bridge.simulator.robots import of_scenario
+from armadico.bridge.transports import TransportError
 from armadico.cli import main
 from armadico.cli.options import FailedError
 from armadico.config.scenarios import ideal, load_scenario
@@ -356,7 +356,7 @@ def test_a_line_that_breaks_is_a_failure_and_not_a_trace(
     def broken(url: str) -> Line:
         raise TransportError(f"cannot reach {url}")
 
-    monkeypatch.setattr("armadico.bridge.p2os.transports.open_transport", broken)
+    monkeypatch.setattr("armadico.bridge.transports.open_transport", broken)
     path = str(tmp_path / "a.csv")
     assert main(["identify", "--record", path, "--robot", "tcp://nowhere:1"]) == 1
     assert "cannot reach tcp://nowhere:1" in capsys.readouterr().err

@@ -31,7 +31,7 @@ from msgspec import Struct
 from numpy.typing import NDArray
 
 from armadico.bridge.simulator.dynamics import Wheels
-from armadico.config.profile import RobotProfile
+from armadico.config.profile import P2osRobot
 from armadico_tools.speed_log import Floats, Log
 
 WINDOW_S: Final = 0.4
@@ -114,20 +114,20 @@ class Estimate(Struct, frozen=True, eq=False):
 # Estimation ---------------------------------------------------------------------------------------
 
 
-def force(log: Log, profile: RobotProfile, motion: Motion, *, coupled: bool) -> Floats:
+def force(log: Log, profile: P2osRobot, motion: Motion, *, coupled: bool) -> Floats:
     """F of (4.34), N, or Gamma of (4.35), Nm; with the centrifugal couple if `coupled`."""
     per_volt = Wheels.of(profile).gain_nm_v / profile.body.wheel_radius_m
     if motion == LINEAR:
         return per_volt * (log.right_v + log.left_v)
     couple = profile.body.half_track_m * per_volt * (log.right_v - log.left_v)
     if coupled:
-        couple = couple - profile.body.mass_kg * profile.body.mass_centre_x_m * log.v * log.w
+        couple = couple - profile.body.mass_kg * profile.inertia.mass_centre_x_m * log.v * log.w
     return couple
 
 
 def least_squares(
     log: Log,
-    profile: RobotProfile,
+    profile: P2osRobot,
     motion: Motion,
     *,
     coupled: bool = False,
@@ -141,7 +141,7 @@ def least_squares(
 
 def instrumental(
     log: Log,
-    profile: RobotProfile,
+    profile: P2osRobot,
     motion: Motion,
     *,
     coupled: bool = False,
@@ -159,14 +159,12 @@ def instrumental(
     return problem.estimate(problem.regressors(quiet), problem.choose(quiet, still))
 
 
-def response(log: Log, profile: RobotProfile, estimate: Estimate) -> Floats:
+def response(log: Log, profile: P2osRobot, estimate: Estimate) -> Floats:
     """What an estimate predicts for the log's voltages, from rest or the first measured speed."""
     return _respond(log, profile, estimate.motion, estimate.theta, estimate.coupled)
 
 
-def _respond(
-    log: Log, profile: RobotProfile, motion: Motion, theta: Floats, coupled: bool
-) -> Floats:
+def _respond(log: Log, profile: P2osRobot, motion: Motion, theta: Floats, coupled: bool) -> Floats:
     a, b, c = (float(x) for x in theta)
     push = a * force(log, profile, motion, coupled=coupled)
     first = float(_speed(log, motion)[0])
@@ -196,7 +194,7 @@ def _speed(log: Log, motion: Motion) -> Floats:
     return log.v if motion == LINEAR else log.w
 
 
-def _slow(profile: RobotProfile, motion: Motion, rim_m_s: float) -> float:
+def _slow(profile: P2osRobot, motion: Motion, rim_m_s: float) -> float:
     return rim_m_s if motion == LINEAR else rim_m_s / profile.body.half_track_m
 
 
@@ -204,7 +202,7 @@ class _Problem:
     """The windows of a log and the sums over them: eta(t_k) - eta(t_(k-1)) = integral theta."""
 
     def __init__(
-        self, log: Log, profile: RobotProfile, motion: Motion, coupled: bool, window_s: float
+        self, log: Log, profile: P2osRobot, motion: Motion, coupled: bool, window_s: float
     ) -> None:
         self.motion, self.coupled, self._profile, self._log = motion, coupled, profile, log
         steps = np.diff(log.t)
@@ -324,7 +322,7 @@ class Friction(Struct, frozen=True):
     coulomb: Interval
 
     @classmethod
-    def known(cls, profile: RobotProfile) -> Friction:
+    def known(cls, profile: P2osRobot) -> Friction:
         """Those of the profile, taken for certain."""
         inertia = profile.inertia
         return cls(
@@ -333,7 +331,7 @@ class Friction(Struct, frozen=True):
 
 
 def physical(
-    estimate: Estimate, profile: RobotProfile, friction: Friction | None = None
+    estimate: Estimate, profile: P2osRobot, friction: Friction | None = None
 ) -> dict[str, Interval]:
     """1/a11, C_v and C_s, or 1/a22, C_v1 and C_s1, by the formulas under (4.34) and (4.35).
 
@@ -366,18 +364,18 @@ def physical(
     }
 
 
-def truth(profile: RobotProfile) -> dict[str, float]:
+def truth(profile: P2osRobot) -> dict[str, float]:
     """What `physical` should find in a log of the simulated robot of a profile."""
-    body, inertia = profile.body, profile.inertia
-    roll = body.wheel_mass_kg + inertia.wheel_roll_kg_m2 / body.wheel_radius_m**2
-    caster = body.caster_mass_kg + inertia.caster_roll_kg_m2 / body.caster_radius_m**2
-    centre = body.mass_centre_x_m**2 + body.mass_centre_y_m**2
+    body, inertia, wheel = profile.body, profile.inertia, profile.caster
+    roll = inertia.wheel_mass_kg + inertia.wheel_roll_kg_m2 / body.wheel_radius_m**2
+    caster = wheel.mass_kg + inertia.caster_roll_kg_m2 / wheel.radius_m**2
+    centre = inertia.mass_centre_x_m**2 + inertia.mass_centre_y_m**2
     moment = body.mass_kg * centre + inertia.body_kg_m2 + 2.0 * inertia.wheel_yaw_kg_m2
     return {
         "1/a11": body.mass_kg + 2.0 * roll + caster,
         "C_v": inertia.wheel_viscous_nms,
         "C_s": inertia.wheel_coulomb_nm,
-        "1/a22": moment + 2.0 * body.half_track_m**2 * roll + caster * body.caster_arm_m**2,
+        "1/a22": moment + 2.0 * body.half_track_m**2 * roll + caster * wheel.arm_m**2,
         "C_v1": inertia.caster_viscous_nms,
         "C_s1": inertia.caster_coulomb_nm,
     }

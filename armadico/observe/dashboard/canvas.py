@@ -25,6 +25,7 @@ RATES_HZ: Final[dict[str, float]] = {
     "map/world/unsure": 5.0,
     "map/world/odom": 5.0,
     "local/robot/sonar": 5.0,
+    "local/robot/scan": 5.0,
     "local/cells": 4.0,
     "local/robot/zones": 5.0,
     "battery": 1.0,

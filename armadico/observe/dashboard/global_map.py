@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import io
 from collections import deque
+from collections.abc import Iterable
 from itertools import groupby
 from math import ceil, cos, floor, hypot, pi, sin
 from typing import Final
@@ -163,10 +164,13 @@ class GlobalMap:
 
     def take_sonar(self, sonar: Sonar, t: float) -> None:
         """What the sonars heard, put into the world by where the robot believes to be."""
+        self.take_seen([point for point in map(hit, sonar.echoes) if point is not None], t)
+
+    def take_seen(self, points: Iterable[tuple[float, float]], t: float) -> None:
+        """What was heard or seen in the body frame, m, put into the world likewise."""
         if self._pose is None:
             return
-        heard = [point for point in map(hit, sonar.echoes) if point is not None]
-        for x, y in placed(self._pose, heard):
+        for x, y in placed(self._pose, points):
             cell = round(x / ECHO_APART_M), round(y / ECHO_APART_M)
             self._echoes.pop(cell, None)  # heard again, it is among the newest
             self._echoes[cell] = (x, y)
@@ -239,7 +243,7 @@ class GlobalMap:
         self._canvas.fix(f"{ROOT}/numbers", numbers)
 
     def _walls(self, world: World) -> None:
-        for name, lines in (("walls", world.walls), ("forbidden", world.forbidden)):
+        for name, lines in (("walls", world.outlines), ("forbidden", world.forbidden)):
             ink = palette.WALL if name == "walls" else palette.FORBIDDEN
             strips = [[line[:2], line[2:]] for line in lines]
             drawn = rr.LineStrips2D(strips, radii=pixels(1.4), colors=ink, draw_order=6)

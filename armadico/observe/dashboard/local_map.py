@@ -39,6 +39,9 @@ PIXELS: Final = 200
 REMEMBERED_S: Final = 0.5
 """A sonar that has not fired for so long has nothing to show; each fires four times a second."""
 
+SEEN_M: Final = 6.0
+"""What a laser sees farther away is on the global map, and here it would make the rest small."""
+
 NEAR_M: Final = 0.35
 """A closest point of one side that is so near to the closest of all is not named, too."""
 
@@ -127,6 +130,13 @@ class LocalView:
             wedges = rr.LineStrips2D(cones, radii=pixels(0.6), colors=palette.CONE, draw_order=8)
             self._canvas.draw(f"{ROOT}/sonar", t, wedges)
         return cones
+
+    def take_seen(self, points: NDArray[np.float64], t: float) -> None:
+        """What a laser saw, (n, 2), body frame, m."""
+        if self._canvas.due(f"{ROOT}/scan", t):
+            near = points[np.hypot(points[:, 0], points[:, 1]) < SEEN_M]
+            dots = rr.Points2D(near, radii=pixels(1.0), colors=palette.ECHO, draw_order=18)
+            self._canvas.draw(f"{ROOT}/scan", t, dots)
 
     def _fix_grid(self, cells: LocalMap) -> None:
         """Rings and sectors, once; the picture of the cells is laid over the same square."""

@@ -7,6 +7,7 @@ in; the table `Scene._takers` says who draws which message.
 from __future__ import annotations
 
 from collections.abc import Callable
+from contextlib import suppress
 from types import MappingProxyType
 from typing import Any, Final
 
@@ -17,6 +18,8 @@ from armadico.core import messages as m
 from armadico.core.agent import INFO, WARNING
 from armadico.core.messages import Message
 from armadico.core.resources import WHEELS
+from armadico.core.scans import points_of
+from armadico.core.surroundings import Surroundings
 from armadico.observe.dashboard.agents_panel import Company
 from armadico.observe.dashboard.canvas import Canvas
 from armadico.observe.dashboard.gauges import Gauges
@@ -35,6 +38,7 @@ SHOWN: Final[tuple[type[Message], ...]] = (
     m.Particles,
     m.Truth,
     m.Sonar,
+    m.Scan,
     m.Obstacles,
     m.LocalMap,
     m.OccupancyGrid,
@@ -48,6 +52,10 @@ SHOWN: Final[tuple[type[Message], ...]] = (
 """What is listened for. Cards and bids are asked for: `Card` and `BidHistory` are taken too."""
 
 LEVELS: Final = {10: "DEBUG", 20: "INFO", 30: "WARN", 40: "ERROR", 50: "CRITICAL"}
+
+
+SHOWN_RAYS: Final = 40
+"""Of a scan, on the global map."""
 
 
 class Scene:
@@ -66,6 +74,7 @@ class Scene:
         self._company = Company(self.canvas)
         self._map = GlobalMap(self.canvas, world)
         self._local = LocalView(self.canvas, zones)
+        self._surroundings = Surroundings()
         self._contest = Contest(self.canvas)
         self._gauges = Gauges(self.canvas, namespace)
         self._takers: dict[type[Message], Callable[[str, Any, float], None]] = {
@@ -77,7 +86,8 @@ class Scene:
             m.Particles: lambda _key, particles, t: self._map.take_particles(particles, t),
             m.Truth: self._truth,
             m.Sonar: self._sonar,
-            m.Obstacles: lambda _key, obstacles, t: self._local.take_obstacles(obstacles, t),
+            m.Scan: self._scan,
+            m.Obstacles: self._near,
             m.LocalMap: lambda _key, cells, t: self._local.take_map(cells, t),
             m.OccupancyGrid: lambda _key, grid, t: self._map.take_grid(grid, t),
             m.Trajectory: lambda _key, trajectory, t: self._map.take_trajectory(trajectory, t),
@@ -135,6 +145,7 @@ class Scene:
     def _described(self, _key: str, robot: m.Description, _t: float) -> None:
         self._map.take_description(robot)
         self._local.take_description(robot)
+        self._surroundings.describe(robot.sensors)
 
     def _ack(self, _key: str, ack: m.Ack, t: float) -> None:
         self._contest.take_cycle(ack.cycle, t)
@@ -148,6 +159,18 @@ class Scene:
     def _sonar(self, _key: str, sonar: m.Sonar, t: float) -> None:
         self._map.take_cones(self._local.take_sonar(sonar, t), t)
         self._map.take_sonar(sonar, t)
+
+    def _scan(self, _key: str, scan: m.Scan, t: float) -> None:
+        with suppress(ValueError):  # what is no scan is let pass
+            points = points_of(scan)
+            self._local.take_seen(points, t)
+            self._map.take_seen(points[:: max(1, len(points) // SHOWN_RAYS)].tolist(), t)
+
+    def _near(self, _key: str, obstacles: m.Obstacles, t: float) -> None:
+        if self._surroundings.counts(obstacles.sensor):
+            around = self._surroundings.take(obstacles)
+            if around is not None:
+                self._local.take_obstacles(around, t)
 
     def _log(self, key: str, log: m.Log, t: float) -> None:
         self._say(agent_of(key.rpartition("/")[2]), log.text, log.level, t)

@@ -35,7 +35,7 @@ def localizing(quick: bool, tell: Tell) -> list[Figure]:
     rows, columns = np.nonzero(grid.clearance > 0.2)
     free = np.column_stack([grid.xs[columns], grid.ys[rows]])
     particles = MonteCarlo(model, free, np.random.default_rng(1))
-    ring = load_profile("pioneer-2dx").sonar
+    ring = load_profile("pioneer-2dx").ring
     rng = Random(1)
 
     def pings(count: int) -> list[Echo]:

@@ -8,8 +8,8 @@ from functools import partial
 from typing import Final, NamedTuple
 
 from armadico.bridge.p2os.commands import Cmd, command, quantity
-from armadico.bridge.simulator.pioneer import of_scenario
 from armadico.bridge.simulator.plant import seeded
+from armadico.bridge.simulator.robots import of_scenario
 from armadico.config.scenarios import Scenario, load_scenario
 from armadico.launch.society import Options
 from armadico.launch.virtual import Rehearsal

@@ -6,8 +6,9 @@ import argparse
 import json
 import os
 import time
-from collections.abc import Sequence
+from collections.abc import Collection, Sequence
 from importlib import import_module
+from pathlib import Path
 from typing import TYPE_CHECKING, Final
 
 from armadico.cli import options
@@ -17,14 +18,17 @@ from armadico_tools.command_options import add_jobs, add_json, add_out, at_least
 from armadico_tools.experiments import EXPERIMENTS, FIRST_SEED, ON_REQUEST, RUNS, module
 
 if TYPE_CHECKING:
-    from armadico_tools.experiments.base import Context
+    from armadico_tools.experiments.base import Barn, Context
 
 ALL: Final = "all"
+BARN: Final = ("worlds", "robot", "v_max", "data")
+FASTEST_M_S: Final = 10.0
 
 EXAMPLES: Final = """\
   armadico experiment --list
   armadico experiment table-5.1                30 seeds a cell, into results/table-5.1
   armadico experiment table-5.2 --runs 100 --jobs 8 --json
+  armadico experiment barn --worlds 1 --worlds 2 --robot pioneer-2dx --v-max 1
   armadico experiment all                      all but those in real time (--live: those too)
 """
 
@@ -54,6 +58,15 @@ def parser() -> argparse.ArgumentParser:
     made.add_argument("experiment", nargs="?", metavar="NAME", help="one of --list, or all")
     made.add_argument("--list", action="store_true", help="what there is")
     made.add_argument("--runs", type=int, metavar="N", help=f"seeds a cell (default: {RUNS})")
+    barn = made.add_argument_group("of barn only")
+    barn.add_argument(
+        "--worlds", type=int, action="append", metavar="N", help="these (default: all)"
+    )
+    barn.add_argument("--robot", action="append", metavar="PROFILE", help="these, a row each")
+    barn.add_argument("--v-max", type=float, metavar="M/S", help="a speed limit")
+    barn.add_argument(
+        "--data", type=Path, metavar="FILE", help="worlds of your own; barn.txt or JSON"
+    )
     add_jobs(made)
     add_out(made, "results", "folders of results are kept")
     made.add_argument("--live", action="store_true", help="with all: real processes, real time too")
@@ -74,6 +87,11 @@ def _list(*, as_json: bool) -> int:
 def _check(args: argparse.Namespace) -> None:
     """Raises UsageError for a number that makes no sense."""
     at_least(args, runs=1, jobs=1)
+    given = [name for name in BARN if getattr(args, name) is not None]
+    if given and args.experiment != "barn":
+        raise UsageError(f"--{given[0].replace('_', '-')} goes with barn")
+    if args.v_max is not None and not 0.0 < args.v_max <= FASTEST_M_S:
+        raise UsageError(f"--v-max {args.v_max:g}: more than none, at most {FASTEST_M_S:g} m/s")
     if args.live and args.experiment != ALL:
         raise UsageError("--live goes with all; live-vs-virtual is live anyway")
 
@@ -125,6 +143,29 @@ def _run(name: str, args: argparse.Namespace) -> dict[str, object]:
     }
 
 
+def _barn(args: argparse.Namespace) -> Barn:
+    """What was chosen of the BARN challenge. Raises ConfigError or UsageError."""
+    from armadico.config.profile import load_profile  # noqa: PLC0415 - not for --help
+    from armadico.launch.society import profile_of  # noqa: PLC0415 - not for --help
+    from armadico_tools.experiments.barn_worlds import SHIPPED, read_worlds  # noqa: PLC0415
+    from armadico_tools.experiments.base import Barn  # noqa: PLC0415 - not for --help
+
+    worlds, robots = tuple(args.worlds or ()), tuple(args.robot or ())
+    robots = tuple(profile_of(name) or name for name in robots)
+    for name in robots:
+        load_profile(name)
+    if worlds or args.data is not None:
+        known = read_worlds(args.data or SHIPPED)
+        for number in worlds:
+            if number not in known:
+                raise UsageError(f"--worlds {number}: there are {_ranges(known)}")
+    return Barn(tuple(dict.fromkeys(worlds)), tuple(dict.fromkeys(robots)), args.v_max, args.data)
+
+
+def _ranges(known: Collection[int]) -> str:
+    return f"{len(known)} from {min(known)} to {max(known)}"
+
+
 def _context(name: str, args: argparse.Namespace, runs: int, first_seed: int) -> Context:
     """Its folder made its own. Raises FailedError if that cannot be."""
     from armadico_tools.experiments import store  # noqa: PLC0415 - not for --help
@@ -132,7 +173,11 @@ def _context(name: str, args: argparse.Namespace, runs: int, first_seed: int) ->
 
     out = args.out / name
     context = Context(
-        out=out, runs=runs, jobs=args.jobs or os.cpu_count() or 1, first_seed=first_seed
+        out=out,
+        runs=runs,
+        jobs=args.jobs or os.cpu_count() or 1,
+        first_seed=first_seed,
+        barn=_barn(args),
     )
     about = store.About(
         experiment=name,

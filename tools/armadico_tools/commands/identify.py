@@ -15,8 +15,8 @@ from armadico.cli.options import FailedError, UsageError
 from armadico_tools.command_options import at_least, say
 
 if TYPE_CHECKING:
-    from armadico.bridge.p2os.transports import Transport
-    from armadico.config.profile import RobotProfile
+    from armadico.bridge.transports import Transport
+    from armadico.config.profile import P2osRobot
     from armadico_tools.identification import Estimate, Interval
     from armadico_tools.speed_log import Log, Recorder
 
@@ -108,11 +108,11 @@ def _checked(args: argparse.Namespace) -> argparse.Namespace:
     return args
 
 
-def _profile(args: argparse.Namespace) -> RobotProfile:
+def _profile(args: argparse.Namespace) -> P2osRobot:
     from armadico.config.loading import find, load  # noqa: PLC0415 - not for --help
-    from armadico.config.profile import RobotProfile  # noqa: PLC0415
+    from armadico.config.profile import P2osRobot  # noqa: PLC0415
 
-    return load(find("robots", args.profile), RobotProfile)
+    return load(find("robots", args.profile), P2osRobot)
 
 
 # Identification -----------------------------------------------------------------------------------
@@ -167,7 +167,7 @@ def _read(path: Path) -> Log:
 
 
 def _entry(
-    path: Path, estimate: Estimate, found: dict[str, Interval], robot: RobotProfile
+    path: Path, estimate: Estimate, found: dict[str, Interval], robot: P2osRobot
 ) -> dict[str, Any]:
     from armadico_tools.identification import truth  # noqa: PLC0415 - not for --help
 
@@ -233,7 +233,7 @@ def _simulate(args: argparse.Namespace) -> int:
 
 
 def _record(args: argparse.Namespace) -> int:
-    from armadico.bridge.p2os.transports import TransportError, open_transport  # noqa: PLC0415
+    from armadico.bridge.transports import TransportError, open_transport  # noqa: PLC0415
     from armadico_tools.speed_log import Recorder  # noqa: PLC0415 - not for --help
 
     robot = _profile(args)
@@ -255,16 +255,12 @@ def _record(args: argparse.Namespace) -> int:
 def _drive(
     transport: Transport,
     recorder: Recorder,
-    robot: RobotProfile,
+    robot: P2osRobot,
     clock: Callable[[], float] = time.monotonic,
 ) -> None:
     """Drive at the recorder's speeds until it is done. Raises FailedError without an answer."""
-    from armadico.bridge.p2os.session import (  # noqa: PLC0415 - not for --help
-        LinkLost,
-        Reported,
-        Session,
-        Unanswered,
-    )
+    from armadico.bridge.p2os.session import Reported, Session  # noqa: PLC0415 - not for --help
+    from armadico.bridge.session import LinkLost, Unanswered  # noqa: PLC0415
 
     session = Session(robot.p2os, clock(), robot.limits)
     try:

@@ -31,6 +31,7 @@ EXPERIMENTS: Final = {
     "use-cases": "use_cases",
     "energy": "energy",
     "docking": "docking",
+    "barn": "barn",
     "live-vs-virtual": "live_vs_virtual",
 }
 """What an experiment is called, and its module; in this order they are all run."""

@@ -24,6 +24,16 @@ Samples = dict[str, list[Sample]]
 """Runs by the name of their cell, in the order of their seeds."""
 
 
+@dataclass(frozen=True)
+class Barn:
+    """What the command line may choose of the BARN challenge; nothing: all of it."""
+
+    worlds: tuple[int, ...] = ()
+    robots: tuple[str, ...] = ()
+    v_max: float | None = None  # m/s
+    data: Path | None = None  # a file of worlds
+
+
 @dataclass
 class Context:
     """One experiment under way."""
@@ -32,6 +42,7 @@ class Context:
     runs: int = RUNS  # seeds for each cell
     jobs: int = 1
     first_seed: int = FIRST_SEED
+    barn: Barn = Barn()
     source: str = field(default_factory=lambda: source_hash(*BESIDES))
     software: Software = field(default_factory=software)
     conditions: dict[str, Conditions] = field(default_factory=dict)

@@ -135,7 +135,7 @@ class DynamicWindow(Baseline):
 
     def __init__(self, identity: agent.Identity, world: World) -> None:
         super().__init__(identity)
-        self._grid: Grid = grid_of(world.walls, world.bounds, CELL_M)
+        self._grid: Grid = grid_of(world.outlines, world.bounds, CELL_M)
 
     def drive(self, pose: Pose, left: float) -> Speeds:
         """The speeds that come nearest to the way ahead, keep off walls, and are fast."""

@@ -11,14 +11,14 @@ from typing import TYPE_CHECKING, Final
 from msgspec import Struct, structs
 
 from armadico.agents.localization import Localization
-from armadico.bridge.simulator.pioneer import Pioneer
+from armadico.bridge.simulator.simulated import SimulatedRobot
 from armadico.config.loading import load_parameters
 from armadico.config.scenarios import Scenario, load_scenario
 from armadico.config.worlds import load_world
 from armadico.core.behaviour import LOST_M
 from armadico.core.geometry import wrap
 from armadico.core.messages import Pose
-from armadico.launch.society import Options, members
+from armadico.launch.society import Options, members, prepared
 from armadico.launch.virtual import Rehearsal
 from armadico_tools.experiments.other_maps import places
 from armadico_tools.markdown import table
@@ -28,6 +28,8 @@ if TYPE_CHECKING:
 
 SCENARIOS: Final = ("sc4", "rooms-a", "house", "offices", "floor")
 ARMS: Final = ("kidnapped", "anywhere")
+ROBOTS: Final = {"pioneer-2dx": "8 sonars", "jackal": "laser, 270 degrees"}
+"""The robots that are carried, and by what they know where they are."""
 
 WITHIN_S: Final = 60.0
 """So long it has to be found."""
@@ -69,6 +71,7 @@ class Carried(Struct, frozen=True):
 
     arm: str
     scenario: str
+    robot: str
     seed: int
     found_s: float  # inf: not found
     wrong_s: float  # wrong and sure for so long,
@@ -80,10 +83,10 @@ class Carried(Struct, frozen=True):
 class Kidnap:
     """One run under way on the virtual mesh."""
 
-    def __init__(self, arm: str, name: str, seed: int) -> None:
-        self.arm, self.seed = arm, seed
+    def __init__(self, arm: str, name: str, robot: str, seed: int) -> None:
+        self.arm, self.robot, self.seed = arm, robot, seed
         self._rng = Random(f"{arm}/{name}/{seed}")
-        self.scenario = scenario_of(name)
+        self.scenario = scenario_of(name, robot)
         x, y, _ = self.scenario.start
         self._places = places(load_world(self.scenario.world), (x, y))
         without = ("localization",) if arm == "anywhere" else ()
@@ -111,6 +114,7 @@ class Kidnap:
         return Carried(
             self.arm,
             self.scenario.name,
+            self.robot,
             self.seed,
             round(self._bad_until - self._down_at, 1) if found else inf,
             round(self._wrong_s, 1),
@@ -122,7 +126,7 @@ class Kidnap:
     def put_down(self) -> None:
         """Somewhere else; the robot is lifted, so that its odometry does not notice."""
         robot = self.rehearsal.robot
-        assert isinstance(robot, Pioneer), "the simulator is ours"
+        assert isinstance(robot, SimulatedRobot), "the simulator is ours"
         x, y, _ = robot.plant.pose
         far = [place for place in self._places if hypot(place[0] - x, place[1] - y) >= 1.0]
         to = self._rng.choice(far)
@@ -151,12 +155,13 @@ class Kidnap:
                 self._late_m_s = max(self._late_m_s, abs(truth.v))
 
 
-def scenario_of(name: str) -> Scenario:
-    """A shipped scenario, its ways planned."""
-    return structs.replace(load_scenario(name), plan="rooms", waypoints=())
+def scenario_of(name: str, robot: str) -> Scenario:
+    """A shipped scenario for a make of robot, its ways planned."""
+    scenario = structs.replace(load_scenario(name), plan="rooms", waypoints=())
+    return prepared(scenario, Options(), profile=robot)
 
 
-def drive(task: tuple[str, str, int]) -> Carried:
+def drive(task: tuple[str, str, str, int]) -> Carried:
     """One run, whole: what the workers do."""
     return Kidnap(*task).go()
 
@@ -164,13 +169,26 @@ def drive(task: tuple[str, str, int]) -> Carried:
 def section(runs: Sequence[Carried]) -> str:
     """The table."""
     header = (
-        *("arm", "scenario", f"found in {WITHIN_S:g} s", "median s", "wrong and sure s, median"),
+        *(
+            "arm",
+            "robot",
+            "scenario",
+            f"found in {WITHIN_S:g} s",
+            "median s",
+            "wrong and sure s, median",
+        ),
         *("fastest so, m/s", "at speed so", f"after {NOTICED_S:g} s"),
     )
     rows = [
-        (arm, name or "all", *_row([r for r in runs if r.arm == arm and name in ("", r.scenario)]))
+        (arm, f"{robot}: {by}", name or "all", *_row(some))
         for arm in ARMS
+        for robot, by in ROBOTS.items()
         for name in (*SCENARIOS, "")
+        if (
+            some := [
+                r for r in runs if (r.arm, r.robot) == (arm, robot) and name in ("", r.scenario)
+            ]
+        )
     ]
     return f"{NOTE}\n\n{table(header, rows)}"
 

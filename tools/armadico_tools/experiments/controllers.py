@@ -39,7 +39,7 @@ from armadico.agents.methods.controllers import (
 )
 from armadico.agents.methods.geometry import clip, direction, distance
 from armadico.config.loading import find, load
-from armadico.config.profile import RobotProfile
+from armadico.config.profile import P2osRobot
 from armadico.core.geometry import wrap
 from armadico.core.messages import Waypoint
 from armadico_tools.experiments.speed import ROBOT, STEP_S, Rig
@@ -145,7 +145,7 @@ def polar(kap: float, kbp: float, *, collaborative: bool) -> Steer:
 
 def drive(case: Case, name: str, steer: Steer) -> Drive:
     """Drive until it has parked and rests, or `LIMIT_S` are over."""
-    rig = Rig(load(find("robots", ROBOT), RobotProfile), case.start)
+    rig = Rig(load(find("robots", ROBOT), P2osRobot), case.start)
     goal, path, ended = Waypoint(*case.goal), [], False
     for cycle in range(round(LIMIT_S / PERIOD_S) + 1):
         v, w = rig.dynamics.v, rig.dynamics.w

@@ -89,11 +89,11 @@ def floor(axes: Axes, world: World) -> None:
     """Walls, at one scale for both directions."""
     from matplotlib.collections import LineCollection  # noqa: PLC0415
 
-    lines = [[wall[:2], wall[2:]] for wall in world.walls]
+    lines = [[wall[:2], wall[2:]] for wall in world.outlines]
     axes.add_collection(LineCollection(lines, colors=INK, linewidths=1.4))
-    axes.set_aspect("equal", "datalim" if not world.walls else "box")
+    axes.set_aspect("equal", "datalim" if not world.outlines else "box")
     x1, y1, x2, y2 = world.bounds
-    if world.walls:
+    if world.outlines:
         axes.set_xlim(x1 - HEADROOM, x2 + HEADROOM)
         axes.set_ylim(y1 - HEADROOM, y2 + HEADROOM)
     axes.set_xlabel("x (m)", fontsize=8, color=SOFT)

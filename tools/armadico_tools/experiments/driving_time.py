@@ -73,7 +73,7 @@ def make(task: tuple[Path, int]) -> tuple[Path, float]:
 
 def shortest(world: World, start: Placed, goal: Placed) -> float:
     """The shortest way of the disc, m."""
-    grid = grid_of(world.walls, world.bounds, CELL_M)
+    grid = grid_of(world.outlines, world.bounds, CELL_M)
     way = between(grid, Margins(DISC_M, dislike=0.0), start, goal, world.bounds)
     assert way is not None, "a plan is passable"
     return sum(distance(a, b) for a, b in pairwise(way))

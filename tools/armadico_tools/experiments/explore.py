@@ -76,7 +76,7 @@ class Truth:
 
         x1, y1, x2, y2 = world.bounds
         wider = (x1 - AROUND_M, y1 - AROUND_M, x2 + AROUND_M, y2 + AROUND_M)
-        self.grid = Grid(world.walls, wider, CELL_M)
+        self.grid = Grid(world.outlines, wider, CELL_M)
         within = np.zeros(self.grid.clearance.shape, dtype=np.bool_)
         within[self.grid.window(*world.bounds)] = True
         x, y, _ = start
@@ -192,7 +192,7 @@ def greedy(world: World, start: PoseDeg | Pose, radius: float, reach: float) -> 
     It takes the cheapest frontier again and again, as the explore agent does, and goes back. No
     turning, no braking, no doubt: an explorer of this kind is not expected to be shorter.
     """
-    grid = Grid(world.walls, world.bounds, COARSE_M)
+    grid = Grid(world.outlines, world.bounds, COARSE_M)
     costs, here = grid.costs(Margins(radius)), grid.cell(_At(start[0], start[1]))
     solid, open_ = grid.clearance < COARSE_M, np.isfinite(costs)
     known: Mask = np.zeros(costs.shape, dtype=np.bool_)

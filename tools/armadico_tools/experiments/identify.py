@@ -18,7 +18,7 @@ from msgspec import Struct
 from armadico.bridge.simulator.dynamics import Dynamics, Wheels
 from armadico.bridge.simulator.speed_loops import SpeedLoops
 from armadico.config.loading import find, load
-from armadico.config.profile import RobotProfile
+from armadico.config.profile import P2osRobot
 from armadico_tools.identification import (
     ANGULAR,
     LINEAR,
@@ -95,9 +95,9 @@ THESIS: Final[dict[str, dict[str, float]]] = {
 }  # fmt: skip
 
 
-def profile() -> RobotProfile:
+def profile() -> P2osRobot:
     """The robot that is identified."""
-    return load(find("robots", ROBOT), RobotProfile)
+    return load(find("robots", ROBOT), P2osRobot)
 
 
 # Trials -------------------------------------------------------------------------------------------
@@ -125,7 +125,7 @@ def signal(trial: Trial, seed: int, rows: int) -> Floats:
 def record(
     trial: Trial,
     seed: int,
-    robot: RobotProfile,
+    robot: P2osRobot,
     seconds: float = DURATION_S,
     noise_m_s: float = NOISE_M_S,
 ) -> Log:
@@ -241,7 +241,7 @@ def pooled(found: Sequence[Found], trials: Sequence[Trial], seed: int) -> dict[s
     }
 
 
-def together(found: Sequence[Found], seed: int, robot: RobotProfile) -> dict[str, Interval]:
+def together(found: Sequence[Found], seed: int, robot: P2osRobot) -> dict[str, Interval]:
     """Table 4.6 of one seed: the caster's friction is what the wheels' friction leaves over."""
     straight, turning = pooled(found, STRAIGHT, seed), pooled(found, MENDED, seed)
     known = Friction.known(robot)
@@ -259,7 +259,7 @@ def together(found: Sequence[Found], seed: int, robot: RobotProfile) -> dict[str
     return straight | turning
 
 
-def conclusion(found: Sequence[Found], seeds: Sequence[int], robot: RobotProfile) -> str:
+def conclusion(found: Sequence[Found], seeds: Sequence[int], robot: P2osRobot) -> str:
     """Table 4.6, and how often an interval excludes zero."""
     true = truth(robot) | {"I_0": robot.inertia.body_kg_m2}
     printed = THESIS["4.6"] | {"I_0": 0.3}
@@ -284,7 +284,7 @@ def conclusion(found: Sequence[Found], seeds: Sequence[int], robot: RobotProfile
 # Figures ------------------------------------------------------------------------------------------
 
 
-def validation(seed: int, robot: RobotProfile) -> tuple[Log, Floats]:
+def validation(seed: int, robot: P2osRobot) -> tuple[Log, Floats]:
     """A step forward and backward that no estimate has seen, and what the first trial predicts."""
     first = record(STRAIGHT[0], seed, robot)
     model = instrumental(first, robot, LINEAR)
@@ -292,7 +292,7 @@ def validation(seed: int, robot: RobotProfile) -> tuple[Log, Floats]:
     return log, response(log, robot, model)
 
 
-def figures(log: Log, model: Floats, robot: RobotProfile) -> dict[str, Any]:
+def figures(log: Log, model: Floats, robot: P2osRobot) -> dict[str, Any]:
     """Figures 4.8 to 4.10."""
     from matplotlib.figure import Figure  # noqa: PLC0415 - an extra, and slow
 
@@ -326,7 +326,7 @@ def _residuals(figure: Any, log: Log, model: Floats) -> None:
     related.set(xlabel="lag [s]", ylabel="autocorrelation")
 
 
-def remarks(log: Log, model: Floats, robot: RobotProfile) -> str:
+def remarks(log: Log, model: Floats, robot: P2osRobot) -> str:
     """The numbers of figure 4.10, and what 4.5 cannot give."""
     residuals = log.v - model
     inside = np.abs(autocorrelation(residuals, 50)[1:]) < 1.96 / sqrt(len(residuals))

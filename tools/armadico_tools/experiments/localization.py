@@ -61,8 +61,9 @@ def run(context: Context) -> None:
         for arm in ARMS
     }
     tasks = [
-        (arm, name, seed)
+        (arm, name, robot, seed)
         for arm in carried.ARMS
+        for robot in carried.ROBOTS
         for name in carried.SCENARIOS
         for seed in context.seeds
     ]

@@ -29,7 +29,7 @@ from armadico.bridge.simulator.speed_loops import (
     truncated,
 )
 from armadico.config.loading import find, load
-from armadico.config.profile import RobotProfile
+from armadico.config.profile import P2osRobot
 
 if TYPE_CHECKING:
     from armadico_tools.experiments.base import Context
@@ -66,7 +66,7 @@ class Rig:
 
     def __init__(
         self,
-        robot: RobotProfile,
+        robot: P2osRobot,
         pose: tuple[float, float, float] = (0.0, 0.0, 0.0),
         approximation: Approximation = "S",
     ) -> None:
@@ -145,7 +145,7 @@ def _settling(t: Sequence[float], series: Sequence[float], asked: float) -> floa
 def respond(case: tuple[float, float, Approximation]) -> Response:
     """From rest to a set-point."""
     v_set, w_set, approximation = case
-    robot = load(find("robots", ROBOT), RobotProfile)
+    robot = load(find("robots", ROBOT), P2osRobot)
     rig = Rig(robot, approximation=approximation)
     t, v, w, ways, theta, way, saturated = [0.0], [0.0], [0.0], [0.0], [0.0], 0.0, 0
     for step in range(round(SECONDS / STEP_S)):
@@ -162,7 +162,7 @@ def respond(case: tuple[float, float, Approximation]) -> Response:
 
 def random_setpoints(first_seed: int, runs: int) -> list[Speeds]:
     """Coupled set-points, one a seed, whose outer rim would have to do 1.8 to 2.4 m/s."""
-    track = load(find("robots", ROBOT), RobotProfile).body.half_track_m
+    track = load(find("robots", ROBOT), P2osRobot).body.half_track_m
     chosen = []
     for seed in range(first_seed, first_seed + runs):
         rng = np.random.default_rng(seed)
@@ -192,7 +192,7 @@ def compare(case: tuple[float, float, str]) -> Pair:
     if place == "voltages":
         s, t = respond((v_set, w_set, "S")), respond((v_set, w_set, "T"))
         return Pair(v_set, w_set, place, s, t)
-    robot = load(find("robots", ROBOT), RobotProfile)
+    robot = load(find("robots", ROBOT), P2osRobot)
     track, most = robot.body.half_track_m, robot.limits.v_max
     rims = v_set - track * w_set, v_set + track * w_set
     answers = []

@@ -214,7 +214,7 @@ class Stranger:
         """0: the largest that is read; 1: far beyond that; 2: tags that take long to decode."""
         if not begins or self._state is None:
             return
-        cycle, key = self._state.cycle, service_of(Obstacles).key
+        cycle, key = self._state.cycle, service_of(Obstacles).key_for(name="sonar")
         if fault.amount == 0.0:
             data = encode(Obstacles(cycle, None, None, None, None, _ring(MOST_POINTS)))
         elif fault.amount == 1.0:

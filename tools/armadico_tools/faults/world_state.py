@@ -130,7 +130,7 @@ def bounds_of(scenario: Scenario) -> Bounds:
     sensors = load_entry(find("robots", "sensors"), SensorProfile, scenario.sensors)
     limits, slip = profile.limits, 3.0 * sensors.slip
     return Bounds(
-        watchdog_s=profile.p2os.watchdog_s,
+        watchdog_s=profile.watchdog_s,
         v_max=limits.v_max,
         w_max=limits.w_max,
         v_decel=limits.v_decel,

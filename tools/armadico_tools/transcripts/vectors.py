@@ -24,6 +24,7 @@ from armadico.core.messages import (
     Point,
     Pose,
     RobotState,
+    Scan,
     Stop,
     decode,
     encode,
@@ -85,6 +86,9 @@ BODY: Final = [0.25, 0.25, 0.125, 1.5, 5, 0.25, 0.5, 1.75, 1.75, 0.25, 2]
 DOUBLE: Final = "fb 3ff8 0000 0000 0000"
 """1.5."""
 
+RAYS_OF_FOUR: Final = _hex("e803 0000 ffff 3075")
+"""1 m, nothing valid, nothing within reach, and 30 m."""
+
 READ: Final = (
     ("a pose of doubles", Pose, POSE + _hex(DOUBLE * 3)),
     ("a pose of singles", Pose, POSE + _hex("fa 3fc00000 fa c0000000 fa 3f000000")),
@@ -108,6 +112,9 @@ READ: Final = (
     ("an ack before any command", Ack, _plain("wheels", [7, 42])),
     ("an ack", Ack, encode(Ack("wheels", AT, MINE, MINE, Cycle(7, 41), 0.75, False, (0.4, 0.1)))),
     ("nothing near, and one point", Obstacles, encode(Obstacles(AT, *(None,) * 4, (Point(1, 2),)))),
+    ("obstacles by a laser", Obstacles, encode(Obstacles(AT, *(None,) * 4, sensor="laser"))),
+    ("a scan of four rays", Scan, encode(Scan(AT, 0.25, 0, -0.5, 0.25, 30, RAYS_OF_FOUR, 9))),
+    ("a scan that goes clockwise", Scan, encode(Scan(AT, 0, 0, 0.5, -0.25, 8, RAYS_OF_FOUR))),
     (
         "a card",
         Card,
@@ -154,6 +161,8 @@ REFUSED: Final = (
     ("a text that turns the direction of writing", Log, _plain(20, "one\u202etwo")),
     ("bytes for a text", Log, _plain(20, b"one")),
     ("text that is not UTF-8", Log, _hex("82 14 62 ffff")),
+    ("a scan of 2,049 rays", Scan, _plain([7, 42], 0.25, 0, -0.5, 0.001, 30, bytes(4098))),
+    ("a scan of 2 rad from ray to ray", Scan, _plain([7, 42], 0, 0, 0, 2, 30, b"")),
     ("a tag around it: 55799, this is CBOR", Pose, _hex("d9d9f7") + POSE + _hex("01 02 03")),
     ("a bignum", Pose, POSE + _hex("c2 41 01 02 03")),
     ("a decimal fraction", Pose, POSE + _hex("c4 82 20 0f 02 03")),

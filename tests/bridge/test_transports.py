@@ -10,8 +10,8 @@ from pathlib import Path
 import pytest
 import serial
 
-from armadico.bridge.p2os.serial_lines import PtyTransport, SerialTransport
-from armadico.bridge.p2os.transports import (
+from armadico.bridge.serial_lines import PtyTransport, SerialTransport
+from armadico.bridge.transports import (
     TcpTransport,
     Transport,
     TransportError,

@@ -10,7 +10,7 @@ from pathlib import Path
 
 import serial
 
-from armadico.bridge.p2os.lines import (
+from armadico.bridge.lines import (
     CHUNK,
     LINE_ERRORS,
     TransportError,

@@ -1,13 +1,16 @@
-"""What carries P2OS's bytes: a serial line, a pseudo-terminal, TCP, or memory.
+"""What carries a robot's bytes: a serial line, a pseudo-terminal, TCP, memory, or ROS 2.
 
 A transport is read by one thread, which waits in `read` and passes on what it gets; another thread
-may write. Bytes cross unchanged and unframed on all of them.
+may write. Bytes cross unchanged and unframed on all of them; those of ROS 2 are frames
+(`ros2.frames`), of which each is a sample out there.
 
 | address | end |
 | --- | --- |
 | `serial:///dev/ttyUSB0?baud=9600` | a client's: a robot, or a simulator's pseudo-terminal |
 | `tcp://localhost:8101` | a client's: a simulator, or a serial server |
 | `pty:` or `pty:///tmp/robot` | a simulator's: clients open its `path` as a serial port |
+| `ros2://[NAMESPACE]?domain=0` | a ROS 2 robot, by DDS (`ros2.addresses`) |
+| `ros2+zenoh://[HOST[:PORT]][/NAMESPACE]?domain=0` | a ROS 2 robot, by rmw_zenoh |
 
 `memory_pair` makes both ends of a line within one process.
 """
@@ -21,7 +24,7 @@ import socket
 from collections.abc import Callable
 from urllib.parse import SplitResult, parse_qs, urlsplit
 
-from armadico.bridge.p2os.lines import (
+from armadico.bridge.lines import (
     CHUNK,
     Transport,
     TransportError,
@@ -30,7 +33,8 @@ from armadico.bridge.p2os.lines import (
     ended,
     not_open,
 )
-from armadico.bridge.p2os.serial_lines import BAUD, WRITE_S, PtyTransport, SerialTransport
+from armadico.bridge.ros2 import addresses
+from armadico.bridge.serial_lines import BAUD, WRITE_S, PtyTransport, SerialTransport
 
 __all__ = [
     "MemoryTransport",
@@ -188,4 +192,6 @@ _SCHEMES: dict[str, Callable[[SplitResult], Transport]] = {
     "serial": _serial,
     "tcp": _tcp,
     "pty": lambda parts: PtyTransport(parts.path),
+    "ros2": lambda parts: addresses.client_transport(parts.geturl()),
+    "ros2+zenoh": lambda parts: addresses.client_transport(parts.geturl()),
 }

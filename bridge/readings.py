@@ -1,0 +1,99 @@
+"""What the robot's sensors say in a cycle, as messages: the echoes of its sonars, its laser's scan.
+
+Sensors that have fallen silent say nothing at all: stale obstacles three cycles later are no free
+way. It is complained of once each time.
+"""
+
+from __future__ import annotations
+
+from math import cos, radians, sin
+
+from armadico.bridge.session import Reported, Swept
+from armadico.config.profile import Laser, RobotProfile, SonarRing
+from armadico.core.geometry import Pose2
+from armadico.core.messages import Cycle, Echo, Message, Scan, Sonar
+from armadico.core.scans import message_of
+
+SILENT = 4
+"""Without a reading for so many cycles a sensor is said to be silent."""
+
+SONAR, LASER = "sonar", "laser"
+
+
+class Readings:
+    """A robot's sensors.
+
+    Attributes:
+        sensors: Which it has, as `Description` says it, and what each `provides`.
+        sonar: This cycle's echoes; None: no sonar fired, or it has none.
+        scan: This cycle's newest scan; None: there is none that is new enough.
+        complaints: What is wrong since the last cycle.
+    """
+
+    def __init__(self, profile: RobotProfile) -> None:
+        self._ring, self._laser = profile.sonar, profile.laser
+        said: dict[str, type[Message]] = {}
+        if profile.sonar is not None:
+            said[SONAR] = Sonar
+        if profile.laser is not None:
+            said[LASER] = Scan
+        self.sensors, self.provides = tuple(said), tuple(said.values())
+        self.sonar: Sonar | None = None
+        self.scan: Scan | None = None
+        self.complaints: tuple[str, ...] = ()
+        self._unheard = self._unseen = 0  # cycles since a sonar fired, and a scan came
+
+    def take(self, cycle: Cycle, report: Reported) -> None:
+        """What the robot reported in a cycle."""
+        self.complaints = ()
+        if self._ring is not None:
+            echoes = _echoes(self._ring, report)
+            self.sonar = Sonar(cycle, self._ring.max_m, echoes) if echoes else None
+            self._unheard = 0 if echoes else self._unheard + 1
+            if self._unheard == SILENT:
+                self._complain(f"no sonar has fired for {SILENT} cycles")
+        if self._laser is not None:
+            wrong = f"no scan for {SILENT} cycles"
+            try:
+                self.scan = _scan(self._laser, cycle, report, report.scan)
+            except ValueError as error:
+                self.scan, wrong = None, str(error)
+            self._unseen = 0 if self.scan is not None else self._unseen + 1
+            if self._unseen == SILENT:
+                self._complain(f"the laser tells nothing, {wrong}")
+
+    def _complain(self, what: str) -> None:
+        self.complaints += (f"{what}: nobody drives blind",)
+
+
+def _scan(laser: Laser, cycle: Cycle, report: Reported, swept: Swept | None) -> Scan | None:
+    """Raises ValueError if it is no scan."""
+    if swept is None:
+        return None
+    return message_of(
+        cycle,
+        swept.ranges,
+        (swept.first, swept.step),
+        (swept.least, swept.most),
+        (laser.x_m, laser.y_m, radians(laser.bearing_deg)),
+        upside_down=laser.upside_down,
+        since=_before(report, swept.age_s),
+        number=swept.number,
+    )
+
+
+def _before(report: Reported, age_s: float) -> Pose2:
+    """Where the body was so long ago, in its frame now: m, m, rad."""
+    turned, way = -report.w * age_s, -report.v * age_s
+    return way * cos(0.5 * turned), way * sin(0.5 * turned), turned
+
+
+def _echoes(ring: SonarRing, report: Reported) -> tuple[Echo, ...]:
+    echoes = []
+    for index, distance in report.echoes:
+        if index < len(ring.sonars):
+            sonar = ring.sonars[index]
+            heard = 0.0 < distance < ring.max_m * 0.999
+            bearing, told = radians(sonar.bearing_deg), distance if heard else None
+            echoes.append(Echo(sonar.x_m, sonar.y_m, bearing, told))
+    return tuple(echoes)

@@ -1,0 +1,31 @@
+"""What a `LaserScan` says, as far as it can be believed; the rest is `armadico.core.scans`' work.
+
+REP-117 and sensor_msgs/LaserScan: NaN is no measurement, +inf nothing within reach, -inf something
+nearer than can be measured. Many a driver says 0 for a ray that it has no measurement of. Rays may
+follow clockwise, and turn more than once around.
+"""
+
+from __future__ import annotations
+
+from math import inf
+
+import numpy as np
+
+from armadico.bridge.ros2 import types
+from armadico.bridge.session import Swept
+from armadico.config.profile import Laser
+from armadico.core.messages import REACH_M
+
+
+def swept(scan: types.LaserScan, laser: Laser, number: int) -> Swept:
+    """A scan, the `number`-th.
+
+    Its own range counts where that makes sense, and the profile's where it does not.
+    """
+    least, most = float(scan.range_min), float(scan.range_max)
+    if not 0.0 <= least < most < inf:
+        least, most = laser.min_m, laser.max_m
+    least, most = max(least, 0.001), min(most, REACH_M)
+    ranges = np.asarray(scan.ranges, dtype=float)
+    ranges[ranges == -inf] = least
+    return Swept(ranges, scan.angle_min, scan.angle_increment, least, most, number)

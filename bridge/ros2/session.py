@@ -1,0 +1,513 @@
+"""A session with a robot that speaks ROS 2, sans-IO: frames and time in, events and frames out.
+
+It says first what it reads and writes (`Wants`), and is open once odometry comes. The odometry's
+stamps make the cycles: of what comes between two of them only the stamp is read. Everything else is
+as old as the odometry that it comes with.
+
+What it is told to drive goes out up and down the ramps of the profile's limits, step by step: many
+a base obeys as hard as its motors can. It says nothing of its own accord, so a base that hears no
+more of the society stops by its own watchdog, and others may drive a robot that nobody here wants.
+"""
+
+from __future__ import annotations
+
+import struct
+from math import atan2, copysign, cos, hypot, isfinite, remainder, sin, tau
+
+from msgspec import Struct
+from msgspec.structs import replace
+from pycdr2 import IdlStruct
+
+from armadico.bridge.ros2 import types
+from armadico.bridge.ros2.cdr import decode, encode, ros_name
+from armadico.bridge.ros2.frames import SEEN, Decoder, Seen, Wanted, Wants, frame, read, said
+from armadico.bridge.ros2.scans import swept
+from armadico.bridge.session import (
+    Connected,
+    Event,
+    LinkLost,
+    Noted,
+    Pose,
+    Reported,
+    Swept,
+    Unanswered,
+)
+from armadico.config.profile import Limits, Ros2, Ros2Robot, Topic
+from armadico.core.messages import Line
+
+LINK_TIMEOUT_S = 1.0
+"""Without odometry for so long the link is lost; so long is waited for it before that is said."""
+
+LOOK_S = LINK_TIMEOUT_S / 2  # from a call to the next, with an open link
+LATE_S = 0.1  # an owner that calls so much later than that hung
+SILENT_S = 0.5
+"""What was said before such a silence says nothing of what the wheels do now."""
+
+RAMP_S = 0.04  # from one step of a ramp to the next
+ABSURD, ABSURD_M_S, ABSURD_RAD_S = 2.0, 0.5, 1.0  # times the tops, and more: no wheel turns so fast
+BURST = 50  # odometry that is looked at at once, after a hang
+OFTEN = 3  # times its rate is looked at, on average
+OLD_TURNS, OLD_CYCLES = 2.0, 2.0  # a scan older than both is none any more; nor one so much newer
+
+# A step is believed up to what the reported speeds explain over the time since the last one and
+# this many cycles more, plus what rounding and braking may add; over a silence for no longer than
+# the wheels may have turned meanwhile.
+SPARE_CYCLES, SPARE_M, SPARE_RAD, LONGEST_S = 2, 0.05, 0.15, 4.0
+
+_STAMP = {0: struct.Struct(">iI"), 1: struct.Struct("<iI")}  # by CDR's second byte
+_STAMP_AT = 4
+COMPLAINT = 20
+"""Letters by which one complaint of the laser is told from another."""
+
+UNWATCHED = (
+    "this make of robot has no watchdog for commands: if the robot agent is killed, it drives on"
+)
+
+CHARGING = 1  # of BatteryState's power_supply_status
+
+
+class Measured(Struct, frozen=True):
+    """One odometry: m, m, rad (wrapped), m/s and rad/s."""
+
+    x: float
+    y: float
+    theta: float
+    v: float
+    w: float
+
+
+class Odometry:
+    """The robot's own odometry, continuous: steps that the speeds do not explain are left out.
+
+    It begins where the robot's is, which may have counted on without us. After a jump the robot's
+    axes may lie otherwise than the pose's, so its steps are turned into the pose's.
+    """
+
+    def __init__(self, cycle_s: float) -> None:
+        self.pose = Pose()
+        self.resets = 0  # steps not believed so far
+        self._reach_s = SPARE_CYCLES * cycle_s
+        self._last: Measured | None = None
+        self._at = 0.0
+        self._axes = (1.0, 0.0)  # cosine and sine of the pose's heading less the robot's
+
+    def update(self, here: Measured, now: float) -> Pose:
+        """Take what came at `now` (s) and return the continuous pose."""
+        last, elapsed = self._last, now - self._at
+        self._last, self._at = here, now
+        if last is None:
+            self.pose = Pose(here.x, here.y, here.theta)
+            return self.pose
+        dx, dy = here.x - last.x, here.y - last.y
+        turn = remainder(here.theta - last.theta, tau)
+        time_s = min(elapsed, LONGEST_S) + self._reach_s
+        way = SPARE_M + max(abs(last.v), abs(here.v)) * time_s
+        spin = SPARE_RAD + max(abs(last.w), abs(here.w)) * time_s
+        pose = self.pose
+        if hypot(dx, dy) <= way and abs(turn) <= spin:
+            c, s = self._axes
+            self.pose = Pose(pose.x + c * dx - s * dy, pose.y + s * dx + c * dy, pose.theta + turn)
+        else:
+            self.resets += 1
+            off = remainder(pose.theta - here.theta, tau)
+            self._axes = (cos(off), sin(off))
+        return self.pose
+
+
+class Ramps:
+    """Speeds on their way to what was asked for, no steeper than the profile's limits."""
+
+    def __init__(self, limits: Limits) -> None:
+        self._v = (limits.v_accel, limits.v_decel)
+        self._w = (limits.w_accel, limits.w_decel)
+
+    def step(
+        self, now: tuple[float, float], asked: tuple[float, float], dt: float
+    ) -> tuple[float, float]:
+        """The speeds `dt` (s) later, m/s and rad/s."""
+        return _towards(now[0], asked[0], self._v, dt), _towards(now[1], asked[1], self._w, dt)
+
+
+def _towards(now: float, asked: float, ramps: tuple[float, float], dt: float) -> float:
+    accel, decel = ramps
+    if now * asked < 0.0:  # through rest
+        slower = abs(now) - decel * dt
+        return copysign(slower, now) if slower > 0.0 else 0.0
+    most = (accel if abs(asked) > abs(now) else decel) * dt
+    change = asked - now
+    return asked if abs(change) <= most else now + copysign(most, change)
+
+
+class Session:
+    """One agent's dealings with one ROS 2 robot.
+
+    Attributes:
+        is_open: Whether odometry comes, so that speeds that are asked for reach the robot.
+        decoder: Counts what was dropped.
+        malformed: Messages so far that were none of their type, or said NaN.
+        absurd: Odometry so far of wheels faster than any, or that ran backwards in time.
+        surplus: Odometry so far that was too much to be looked at.
+    """
+
+    def __init__(self, profile: Ros2Robot, now: float) -> None:
+        """Begin at time `now`, s of any clock."""
+        self._ros2, limits = profile.ros2, profile.limits
+        self.is_open = False
+        self.decoder = Decoder()
+        self.malformed = self.absurd = self.surplus = 0
+        self.odometry = Odometry(self._ros2.cycle_s)
+        self._fastest = (
+            ABSURD * limits.v_max + ABSURD_M_S,
+            ABSURD * limits.w_max + ABSURD_RAD_S,
+        )
+        self._ramps = Ramps(limits)
+        self._out = bytearray()
+        self._events: list[Event] = []
+        self._now = now
+        self._deadline: float | None = None
+        self._attempts = 0
+        self._heard = ""  # what comes while odometry is waited for
+        self._wrong = ""  # and what is wrong with the odometry that comes
+        self._seen = Seen()
+        self._ration = float(BURST)
+        self._stamp, self._cycle_due = -1.0, 0.0  # by the robot's clock, s
+        self._stamp_at: float | None = None  # by ours; None: it has none yet
+        self._battery = (0.0, False)
+        self._scan: bytes | None = None  # the newest since the cycle before
+        self._scan_stamp, self._scans = 0.0, 0
+        self._swept: Swept | None = None
+        self._laser = profile.laser
+        turn_s = 0.0 if profile.laser is None else 1.0 / profile.laser.rate_hz
+        self._old_s = max(OLD_TURNS * turn_s, OLD_CYCLES * self._ros2.cycle_s)
+        self._complained = ""  # of the laser, until it is well again
+        self._measured = (0.0, 0.0)
+        self._asked = self._said = (0.0, 0.0)
+        self._said_at = float("-inf")
+        self._fresh = False  # `drive` was called since
+        self._ramp_at: float | None = None
+        self._begin()
+
+    @property
+    def motors_due(self) -> bool:
+        """See `bridge.session`: nobody says whether they are on."""
+        return self.is_open
+
+    @property
+    def line(self) -> Line:
+        """See `bridge.session`."""
+        return Line(
+            self.decoder.dropped,
+            self.decoder.mangled,
+            self.malformed,
+            self.absurd,
+            self.surplus,
+            self.odometry.resets,
+        )
+
+    @property
+    def next_wakeup(self) -> float | None:
+        """See `bridge.session`."""
+        times = [time for time in (self._deadline, self._ramp_at) if time is not None]
+        if self.is_open:
+            times.append(self._now + LOOK_S)
+        return min(times, default=None)
+
+    def receive(self, data: bytes, now: float) -> list[Event]:
+        """See `bridge.session`."""
+        self._ration += (now - self._now) * OFTEN * self._ros2.odom_hz
+        self._ration = min(self._ration, BURST)
+        self._advance(now)
+        frames = self.decoder.feed(data, now)
+        surplus = sum(topic == self._ros2.odom.name for topic, _ in frames) - int(self._ration)
+        for topic, payload in frames if self._deadline is not None else ():
+            if topic == self._ros2.odom.name and surplus > 0:  # the newest count
+                surplus -= 1
+                self.surplus += 1
+                continue
+            try:
+                self._take(topic, payload)
+            except ValueError as error:
+                self.malformed += 1
+                self._heard = str(error)
+        return self._drain_events()
+
+    def tick(self, now: float) -> list[Event]:
+        """See `bridge.session`."""
+        self._advance(now)
+        if self._deadline is not None and now >= self._deadline:
+            self._silence()
+        return self._drain_events()
+
+    def restart(self, now: float) -> list[Event]:
+        """See `bridge.session`."""
+        self._advance(now)
+        self.decoder.begin()
+        self._seen = Seen()
+        if self.is_open:
+            self._events.append(LinkLost("the transport was opened again"))
+        self._begin()
+        return self._drain_events()
+
+    def drive(self, v: float, w: float) -> None:
+        """See `bridge.session`. Raises ValueError if they are not finite."""
+        if not (isfinite(v) and isfinite(w)):
+            raise ValueError(f"{v} m/s, {w} rad/s: not speeds")
+        if self.is_open:
+            self._asked, self._fresh = (v, w), True
+
+    def stop(self) -> None:
+        """See `bridge.session`."""
+        self.drive(0.0, 0.0)
+
+    def pulse(self) -> None:
+        """See `bridge.session`: a base at rest has no use for it."""
+
+    def close(self) -> None:
+        """See `bridge.session`: zero speeds at once, for nobody will go on with a ramp."""
+        self._out += self._command(0.0, 0.0)
+        self.is_open = False
+        self._deadline = self._ramp_at = None
+        self._fresh = False
+
+    def outgoing(self) -> bytes:
+        """See `bridge.session`."""
+        due = self._fresh or (self._ramp_at is not None and self._now >= self._ramp_at)
+        if self.is_open and due:
+            passed = self._now - self._said_at
+            if passed > SILENT_S:  # it may have stopped by itself, or somebody else drives it
+                self._said = self._measured
+            self._said = self._ramps.step(self._said, self._asked, min(passed, RAMP_S))
+            self._said_at = self._now
+            self._fresh = False
+            self._ramp_at = None if self._said == self._asked else self._now + RAMP_S
+            self._out += self._command(*self._said)
+        data = bytes(self._out)
+        self._out.clear()
+        return data
+
+    # Open, lost, and waited for -------------------------------------------------------------------
+
+    def _begin(self) -> None:
+        """Wait for odometry; a robot that a dead agent left going is told to stand."""
+        self.is_open = False
+        self._out.clear()
+        self._out += said(wants(self._ros2)) + self._command(0.0, 0.0)
+        self._fresh, self._ramp_at = False, None
+        self._asked = self._said = (0.0, 0.0)
+        self._stamp_at = self._scan = self._swept = None
+        self._heard = self._wrong = ""
+        self._attempts = 0
+        self._deadline = self._now + LINK_TIMEOUT_S
+
+    def _advance(self, now: float) -> None:
+        """Note the time. After a hang the time-out begins anew, and what was asked is forgotten."""
+        if self._deadline is not None and self.is_open and now - self._now > LOOK_S + LATE_S:
+            self._asked, self._fresh = (0.0, 0.0), True
+            self._said_at = float("-inf")
+            self._deadline = now + LINK_TIMEOUT_S
+        self._now = now
+
+    def _silence(self) -> None:
+        """There is no odometry, or none any more."""
+        if self.is_open:
+            reason = self._wrong or f"no odometry for {LINK_TIMEOUT_S} s"
+            self._begin()
+            self._events.append(LinkLost(reason))
+            return
+        self._attempts += 1
+        self._out += said(wants(self._ros2))  # who is at the other end may have come since
+        heard = self._wrong or self._heard
+        hint = "; ".join((*self._seen.notes, *((heard,) if heard else ())))
+        awaited = f"odometry on {self._ros2.odom.name}"
+        self._events.append(Unanswered(awaited, self._attempts, bool(heard), hint))
+        self._deadline = self._now + LINK_TIMEOUT_S
+
+    # What comes -----------------------------------------------------------------------------------
+
+    def _take(self, topic: str, payload: bytes) -> None:
+        """One frame. Raises ValueError for what is none of its type."""
+        ros2 = self._ros2
+        if topic == ros2.odom.name:
+            self._ration -= 1.0
+            self._hear_odometry(payload)
+        elif self._laser is not None and ros2.scan is not None and topic == ros2.scan.name:
+            self._scan = payload
+        elif ros2.battery is not None and topic == ros2.battery.name:
+            state = decode(types.BatteryState, payload)
+            volts = float(state.voltage)
+            charging = state.power_supply_status == CHARGING
+            self._battery = (volts if 0.0 <= volts <= 1e4 else 0.0, charging)
+        elif topic == SEEN:
+            self._see(read(payload, Seen))
+        elif not self.is_open:
+            self._heard = f"{topic} comes"
+
+    def _see(self, seen: Seen) -> None:
+        """Say what is new of who is there."""
+        drivers = tuple(name for name in seen.drivers if name not in self._seen.drivers)
+        if drivers:
+            who, what = ", ".join(drivers), self._ros2.cmd_vel.name
+            self._events.append(Noted(f"others publish on {what}, too, and may drive it: {who}"))
+        for note in seen.notes:
+            if note not in self._seen.notes:
+                self._events.append(Noted(note))
+        named = seen.robot not in ("", self._seen.robot)
+        self._seen = seen
+        if named and self.is_open:  # it drove before anybody told its name
+            self._events.append(self._connected())
+
+    def _connected(self) -> Connected:
+        return Connected(self._seen.robot, "ROS 2", "")
+
+    def _hear_odometry(self, payload: bytes) -> None:
+        """By its stamp: whether it makes a cycle."""
+        stamp = _stamp(payload)
+        if stamp == self._stamp:  # said twice, or its clock stands still
+            self._wrong = "the odometry's stamp stands still"
+            return
+        if self._stamp_at is not None and stamp < self._stamp:
+            self.absurd += 1
+            back = self._stamp - stamp
+            self._wrong = f"the odometry runs backwards in time, by {back:.3g} s"
+            return
+        slack = 0.5 / self._ros2.odom_hz
+        if self._stamp_at is not None and stamp < self._cycle_due - slack:
+            self._note(stamp)
+            return
+        here = self._measure(payload)
+        if here is None:
+            return
+        cycle_s = self._ros2.cycle_s
+        late = self._stamp_at is None or stamp - self._cycle_due >= cycle_s
+        self._cycle_due = (stamp if late else self._cycle_due) + cycle_s
+        self._note(stamp)
+        if not self.is_open:
+            self.is_open = True
+            self._attempts = 0
+            self._events.append(self._connected())
+            if self._ros2.watchdog_s is None:
+                self._events.append(Noted(UNWATCHED))
+        self._measured = (here.v, here.w)
+        volts, charging = self._battery
+        self._events.append(
+            Reported(
+                pose=self.odometry.update(here, self._now),
+                v=here.v,
+                w=here.w,
+                battery_v=volts,
+                charging=charging,
+                scan=self._sweep(),
+            )
+        )
+
+    def _note(self, stamp: float) -> None:
+        """An odometry that is good as far as anybody has looked."""
+        self._stamp, self._stamp_at = stamp, self._now
+        self._deadline = self._now + LINK_TIMEOUT_S
+        self._wrong = ""
+
+    def _measure(self, payload: bytes) -> Measured | None:
+        """What an odometry says; None: no robot is, or does, that. Raises ValueError."""
+        odometry = decode(types.Odometry, payload)
+        place, q = odometry.pose.pose.position, odometry.pose.pose.orientation
+        v, w = odometry.twist.twist.linear.x, odometry.twist.twist.angular.z
+        norm = q.w * q.w + q.x * q.x + q.y * q.y + q.z * q.z
+        if not all(map(isfinite, (place.x, place.y, norm, v, w))) or not 0.5 < norm < 2.0:
+            self.malformed += 1
+            self._wrong = "the odometry says what is no pose"
+            return None
+        most, most_w = self._fastest
+        if abs(v) > most or abs(w) > most_w or max(abs(place.x), abs(place.y)) > 1e5:
+            self.absurd += 1
+            self._wrong = f"the odometry says {v:.3g} m/s, {w:.3g} rad/s"
+            return None
+        yaw = atan2(2.0 * (q.w * q.z + q.x * q.y), norm - 2.0 * (q.y * q.y + q.z * q.z))
+        return Measured(place.x, place.y, yaw, v, w)
+
+    def _sweep(self) -> Swept | None:
+        """The newest scan, if it is any good and new enough; it is said why it is not."""
+        payload, self._scan = self._scan, None
+        if payload is not None:
+            wrong = self._look(payload)
+            if wrong and wrong[:COMPLAINT] != self._complained[:COMPLAINT]:
+                self._events.append(Noted(f"the laser is not heeded: {wrong}"))
+            self._complained = wrong
+        if self._swept is None:
+            return None
+        age = self._stamp - self._scan_stamp
+        return replace(self._swept, age_s=age) if abs(age) <= self._old_s else None
+
+    def _look(self, payload: bytes) -> str:
+        """Take in a scan; what is wrong with it."""
+        before = self._scan_stamp
+        try:
+            self._scan_stamp = stamp = _stamp(payload)
+            age = self._stamp - stamp
+            if stamp == before:
+                return "it says the same scan again and again"
+            if abs(age) > self._old_s:
+                self._swept = None
+                return (
+                    f"its scans are older than the odometry, by {age:.3g} s: do the clocks agree?"
+                )
+            self._scans += 1
+            assert self._laser is not None, "it has one"
+            self._swept = swept(decode(types.LaserScan, payload), self._laser, self._scans)
+        except ValueError as error:
+            self.malformed += 1
+            self._swept = None
+            return str(error)
+        return ""
+
+    # What goes ------------------------------------------------------------------------------------
+
+    def _command(self, v: float, w: float) -> bytes:
+        """The frame of a command, to the nearest speeds that the base can obey."""
+        v, w = _rounded(v, self._ros2.v_step), _rounded(w, self._ros2.w_step)
+        twist = types.Twist(linear=types.Vector3(x=v), angular=types.Vector3(z=w))
+        if not self._ros2.stamped:
+            return frame(self._ros2.cmd_vel.name, encode(twist))
+        header = types.Header(stamp=self._robots_time(), frame_id=self._ros2.base_frame)
+        return frame(
+            self._ros2.cmd_vel.name, encode(types.TwistStamped(header=header, twist=twist))
+        )
+
+    def _robots_time(self) -> types.Time:
+        """By the robot's clock, as its odometry tells it: a base may refuse what seems old."""
+        if self._stamp_at is None:
+            return types.Time()  # many take 0 for now
+        sec, rest = divmod(max(self._stamp + self._now - self._stamp_at, 0.0), 1.0)
+        return types.Time(sec=int(sec) & 0x7FFFFFFF, nanosec=min(int(rest * 1e9), 999_999_999))
+
+    def _drain_events(self) -> list[Event]:
+        events, self._events = self._events, []
+        return events
+
+
+def _rounded(speed: float, step: float) -> float:
+    return step * round(speed / step) if step else speed
+
+
+def _stamp(payload: bytes) -> float:
+    """When a message with a header was measured, s of the robot's clock. Raises ValueError."""
+    order = _STAMP.get(payload[1] if len(payload) >= _STAMP_AT + 8 else -1)
+    if order is None:
+        raise ValueError(f"{len(payload)} bytes have no stamp")
+    sec, nanosec = order.unpack_from(payload, _STAMP_AT)
+    return float(sec) + 1e-9 * float(nanosec)
+
+
+def wants(ros2: Ros2) -> Wants:
+    """What is read of a robot and written to it. Its tf says what its odometry says."""
+    heard = (
+        (ros2.odom, types.Odometry),
+        (ros2.scan, types.LaserScan),
+        (ros2.battery, types.BatteryState),
+    )
+    found = [_wanted(topic, kind) for topic, kind in heard if topic is not None]
+    command = types.TwistStamped if ros2.stamped else types.Twist
+    return Wants((*found, _wanted(ros2.cmd_vel, command, writes=True)))
+
+
+def _wanted(topic: Topic, kind: type[IdlStruct], *, writes: bool = False) -> Wanted:
+    return Wanted(topic.name, ros_name(kind), writes, topic.reliable, topic.latched, topic.depth)

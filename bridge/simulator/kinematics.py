@@ -1,0 +1,55 @@
+"""How a base moves that is told its speeds, and whose motors nobody has identified.
+
+Its speed loops follow what it is told with a lag, no faster than its own acceleration allows (the
+profile's table of the drive). It weighs what its profile says and turns as a plate of its outline
+would, which is what walls, and others that it pushes, have to know; a wheel that is held stands.
+"""
+
+from __future__ import annotations
+
+from math import exp
+
+from armadico.config.profile import Ros2Robot
+
+
+class Kinematics:
+    """Speeds of a base that is told speeds, `dt` seconds at a time: a `plant.Drive`."""
+
+    __slots__ = ("_drive", "_gained", "_mass_kg", "_share", "_steps", "dt", "mobility", "v", "w")
+
+    by_volts = False
+
+    def __init__(self, profile: Ros2Robot, dt: float) -> None:
+        body, drive = profile.body, profile.drive
+        self.v = self.w = 0.0
+        self.dt = dt
+        length, middle = body.front_m + body.rear_m, 0.5 * (body.front_m - body.rear_m)
+        moment = body.mass_kg * ((length**2 + body.width_m**2) / 12.0 + middle**2)
+        self.mobility = (dt / body.mass_kg, 0.0, dt / moment)
+        self._mass_kg = body.mass_kg
+        self._drive = (drive.rolling_n, drive.turning_nm, 1.0 / drive.efficiency)
+        self._share = 1.0 - exp(-dt / drive.lag_s)
+        self._steps = (drive.v_accel * dt, drive.w_accel * dt)
+        self._gained = 0.0  # J, of speed ahead, in the last step
+
+    def accelerate(self, v: float, w: float) -> None:
+        """New speeds after `dt`, told these, m/s and rad/s."""
+        most, most_w = self._steps
+        change, change_w = self._share * (v - self.v), self._share * (w - self.w)
+        change = most if change > most else -most if change < -most else change
+        change_w = most_w if change_w > most_w else -most_w if change_w < -most_w else change_w
+        before = self.v
+        self.v += change
+        self.w += change_w
+        self._gained = 0.5 * self._mass_kg * (self.v * self.v - before * before)
+
+    def roll(self, v: float, w: float) -> None:
+        """No caster is known to turn."""
+
+    def watts(self, _v: float, _w: float, left: float, right: float, half_track: float) -> float:
+        """What it takes to roll and turn, and to gain speed; braking gives nothing back."""
+        rolling, turning, per_watt = self._drive
+        watts = rolling * abs(0.5 * (left + right)) + turning * abs(right - left) * 0.5 / half_track
+        if self._gained > 0.0:
+            watts += self._gained / self.dt
+        return watts * per_watt

@@ -1,0 +1,58 @@
+"""A simulated robot among ROS 2's nodes: everybody may read what it publishes, and drive it."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+from msgspec.structs import replace
+
+from armadico.bridge.ros2 import types
+from armadico.bridge.ros2.cdr import ros_name
+from armadico.bridge.ros2.frames import Wanted, Wants, said
+from armadico.bridge.ros2.samples import SampleTransport
+from armadico.bridge.ros2.session import wants
+from armadico.config.profile import Ros2
+
+
+def published(ros2: Ros2) -> Sequence[Wanted]:
+    """All that a client may want of the robot: also what ours does without, for others look."""
+    topics = list(wants(ros2).topics)
+    if ros2.tf is not None:
+        tf = ros2.tf
+        topics.append(
+            Wanted(tf.name, ros_name(types.TFMessage), False, tf.reliable, tf.latched, tf.depth)
+        )
+    return topics
+
+
+class Ros2Line:
+    """The robot's end of a network of samples, for as long as it lives: a `Line`.
+
+    To the robot it is one client, there from the start, who wants everything: whoever reads it out
+    there, the robot publishes, as real ones do.
+    """
+
+    def __init__(self, transport: SampleTransport, ros2: Ros2) -> None:
+        """Join. Raises OSError if that cannot be."""
+        topics = published(ros2)
+        self._transport = transport
+        self._transport.open()
+        self._transport.want([replace(topic, writes=not topic.writes) for topic in topics])
+        self._begins = said(Wants(tuple(topics)))
+
+    def read(self, timeout_s: float) -> bytes:
+        """Wait for commands."""
+        begins, self._begins = self._begins, b""
+        return begins or self._transport.read(timeout_s)
+
+    def write(self, data: bytes) -> None:
+        """Publish."""
+        self._transport.write(data)
+
+    def hang_up(self) -> bool:
+        """Nobody can be hung up on."""
+        return False
+
+    def close(self) -> None:
+        """Leave."""
+        self._transport.close()

@@ -1,0 +1,279 @@
+"""A simulated robot that speaks ROS 2: what its base publishes, and how it obeys; sans-IO.
+
+It publishes what the client wants of its topics (`frames.Wants`), each at its rate, as real ones do
+whether anybody drives or not. It obeys a command some time after it came, until it has come no more
+for as long as its watchdog waits.
+"""
+
+from __future__ import annotations
+
+from collections import deque
+from collections.abc import Callable, Sequence
+from math import copysign, cos, inf, isfinite, nan, radians, sin, trunc
+
+from pycdr2 import IdlStruct
+
+from armadico.bridge.ros2 import types
+from armadico.bridge.ros2.cdr import decode, encode
+from armadico.bridge.ros2.frames import WANTS, Decoder, Seen, Wants, frame, read, said
+from armadico.bridge.simulator.plant import Plant, Streams
+from armadico.bridge.simulator.simulated import SimulatedRobot
+from armadico.config.moving import Moving
+from armadico.config.profile import Ros2Robot, SensorProfile, Topic
+from armadico.config.worlds import Column, Pose
+
+Wall = tuple[float, float, float, float]
+
+IDLE_S = 10.0
+"""A client that wants nothing for so long is not one."""
+
+BATTERY_HZ = 1.0
+CHARGING, DISCHARGING = 1, 2  # of BatteryState's power_supply_status
+
+
+class Base:
+    """The base on its simulated robot; nothing happens between two steps of the plant.
+
+    A laser's scan is taken in one instant, which is its stamp.
+
+    Attributes:
+        decoder: Of what the client says.
+        clock_s: What its clock showed when the simulation began: stamps count from there.
+    """
+
+    def __init__(self, profile: Ros2Robot, plant: Plant, name: str, clock_s: float = 0.0) -> None:
+        self.decoder = Decoder()
+        self.clock_s = clock_s
+        self._ros2, self._limits, self._plant, self._name = (
+            *(profile.ros2, profile.limits),
+            *(plant, name),
+        )
+        self._wanted: frozenset[str] = frozenset()
+        self._out = bytearray()
+        self._now = self._heard_at = 0  # these and all times below in steps of the plant
+        self._idle = round(IDLE_S / plant.step_s)
+        self._latency = round(profile.ros2.latency_s / plant.step_s)
+        watchdog_s = profile.ros2.watchdog_s
+        self._patience = inf if watchdog_s is None else round(watchdog_s / plant.step_s)
+        self._commands: deque[tuple[int, float, float]] = deque()  # when each is obeyed
+        self._set = (0.0, 0.0)
+        self._trips: float = inf  # the watchdog, at this step
+        self._odom: deque[tuple[float, ...]] = deque()
+        rates: list[tuple[Topic | None, float, Callable[[], IdlStruct | None]]] = [
+            (profile.ros2.odom, profile.ros2.odom_hz, self._odometry),
+            (profile.ros2.tf, profile.ros2.odom_hz, self._transforms),
+            (profile.ros2.battery, BATTERY_HZ, self._battery),
+        ]
+        self._laser = profile.laser
+        if profile.laser is not None:
+            rates.append((profile.ros2.scan, profile.laser.rate_hz, self._scan))
+        self._topics = [
+            (topic.name, rate_hz * plant.step_s, say) for topic, rate_hz, say in rates if topic
+        ]
+        self._counts = [0] * len(self._topics)  # how often each was said
+
+    @property
+    def is_open(self) -> bool:
+        """Whether anybody wants to hear anything."""
+        return bool(self._wanted)
+
+    @property
+    def hangs_up(self) -> bool:
+        """A client that wants something may stay as long as it likes, and no other."""
+        return not self._wanted and self._now - self._heard_at >= self._idle
+
+    @property
+    def time_s(self) -> float:
+        """Simulation time reached, s."""
+        return self._now * self._plant.step_s
+
+    @property
+    def next_status_s(self) -> float:
+        """When it next says something, s of simulation."""
+        return self._next_said() * self._plant.step_s if self._wanted else inf
+
+    def receive(self, data: bytes) -> None:
+        """Take in what the client wrote, at the time reached; what is none of it is passed over."""
+        for topic, payload in self.decoder.feed(data, self.time_s):
+            self._heard_at = self._now
+            try:
+                if topic == WANTS:
+                    self._want(read(payload, Wants))
+                elif topic == self._ros2.cmd_vel.name:
+                    self._command(payload)
+            except ValueError:
+                continue
+
+    def advance(self, now_s: float) -> bytes:
+        """Let the simulation run on to `now_s`, and return what is to be sent to the client."""
+        until = int(now_s / self._plant.step_s + 1e-6)
+        while self._now < until:
+            stop = self._next_event(until)
+            if self._trips <= self._now:
+                self._set, self._trips = (0.0, 0.0), inf
+            v, w = self._set
+            self._plant.run(stop - self._now, lambda _v, _w, v=v, w=w: (v, w))  # type: ignore[misc]
+            self._now = stop
+            while self._commands and self._commands[0][0] <= stop:
+                _, *speeds = self._commands.popleft()
+                self._set = (speeds[0], speeds[1])
+                self._trips = stop + self._patience
+            self._publish()
+        data = bytes(self._out)
+        self._out.clear()
+        return data
+
+    def disconnect(self) -> None:
+        """The client is gone, or is a new one: nobody wants anything. The watchdog stops it."""
+        self.decoder = Decoder()
+        self._wanted = frozenset()
+        self._heard_at = self._now
+        self._out.clear()
+
+    def _want(self, wants: Wants) -> None:
+        mine = [name for name, _, _ in self._topics]
+        self._wanted = frozenset(
+            wanted.topic for wanted in wants.topics if not wanted.writes and wanted.topic in mine
+        )
+        self._counts = [int(self._now * per_step) for _, per_step, _ in self._topics]
+        self._out += said(Seen(robot=self._name))
+
+    def _command(self, payload: bytes) -> None:
+        if self._ros2.stamped:
+            twist = decode(types.TwistStamped, payload).twist
+        else:
+            twist = decode(types.Twist, payload)
+        v, w = twist.linear.x, twist.angular.z
+        if isfinite(v) and isfinite(w):
+            most, most_w = self._limits.v_max, self._limits.w_max
+            v, w = min(max(v, -most), most), min(max(w, -most_w), most_w)
+            v, w = _whole(v, self._ros2.v_step), _whole(w, self._ros2.w_step)
+            self._commands.append((self._now + self._latency, v, w))
+
+    def _next_said(self) -> int:
+        """The step in which it next says something that is wanted."""
+        return min(
+            (
+                -int(-(count + 1) // per_step)
+                for (name, per_step, _), count in zip(self._topics, self._counts, strict=True)
+                if name in self._wanted
+            ),
+            default=self._now + 1,
+        )
+
+    def _next_event(self, until: int) -> int:
+        """The step up to which nothing but motion happens."""
+        if self._wanted:
+            until = min(until, max(self._next_said(), self._now + 1))
+        if self._commands:
+            until = min(until, max(self._commands[0][0], self._now + 1))
+        if self._now < self._trips < until:
+            until = int(self._trips)
+        return until
+
+    def _publish(self) -> None:
+        """All that is due by now, once."""
+        for index, (name, per_step, say) in enumerate(self._topics):
+            due = int(self._now * per_step + 1e-9)
+            if due > self._counts[index]:
+                self._counts[index] = due
+                if name in self._wanted and (message := say()) is not None:
+                    self._out += frame(name, encode(message))
+
+    def _stamp(self, steps: float = 0.0) -> types.Time:
+        sec, rest = divmod(self.clock_s + (self._now + steps) * self._plant.step_s, 1.0)
+        return types.Time(sec=int(sec), nanosec=min(int(rest * 1e9 + 0.5), 999_999_999))
+
+    def _odometry(self) -> types.Odometry:
+        plant, ros2 = self._plant, self._ros2
+        x, y, theta = plant.odometry
+        return types.Odometry(
+            header=types.Header(stamp=self._stamp(), frame_id=ros2.odom_frame),
+            child_frame_id=ros2.base_frame,
+            pose=types.PoseWithCovariance(
+                pose=types.Pose(
+                    position=types.Point(x=x, y=y),
+                    orientation=types.Quaternion(z=sin(0.5 * theta), w=cos(0.5 * theta)),
+                )
+            ),
+            twist=types.TwistWithCovariance(
+                twist=types.Twist(linear=types.Vector3(x=plant.v), angular=types.Vector3(z=plant.w))
+            ),
+        )
+
+    def _transforms(self) -> types.TFMessage:
+        x, y, theta = self._plant.odometry
+        return types.TFMessage(
+            transforms=[
+                types.TransformStamped(
+                    header=types.Header(stamp=self._stamp(), frame_id=self._ros2.odom_frame),
+                    child_frame_id=self._ros2.base_frame,
+                    transform=types.Transform(
+                        translation=types.Vector3(x=x, y=y),
+                        rotation=types.Quaternion(z=sin(0.5 * theta), w=cos(0.5 * theta)),
+                    ),
+                )
+            ]
+        )
+
+    def _scan(self) -> types.LaserScan:
+        laser = self._laser
+        assert laser is not None, "or nothing would say so"
+        first, step = radians(laser.angle_min_deg), radians(laser.step_deg)
+        return types.LaserScan(
+            header=types.Header(stamp=self._stamp(), frame_id=self._ros2.laser_frame),
+            angle_min=first,
+            angle_max=first + step * (laser.rays - 1),
+            angle_increment=step,
+            scan_time=1.0 / laser.rate_hz,
+            range_min=laser.min_m,
+            range_max=laser.max_m,
+            ranges=self._plant.scan().tolist(),
+        )
+
+    def _battery(self) -> types.BatteryState:
+        battery = self._plant.battery
+        return types.BatteryState(
+            header=types.Header(stamp=self._stamp()),
+            voltage=battery.volts,
+            temperature=nan,
+            current=nan,
+            charge=nan,
+            capacity=nan,
+            design_capacity=nan,
+            percentage=battery.charge,
+            power_supply_status=CHARGING if battery.charging else DISCHARGING,
+            present=True,
+        )
+
+
+def _whole(speed: float, step: float) -> float:
+    """What a base that counts in whole steps makes of a speed: towards zero."""
+    return speed if step == 0.0 else step * trunc(speed / step + copysign(1e-6, speed))
+
+
+class Ros2SimulatedRobot(SimulatedRobot):
+    """A robot that speaks ROS 2."""
+
+    controller: Base
+
+    def __init__(
+        self,
+        profile: Ros2Robot,
+        sensors: SensorProfile,
+        walls: Sequence[Wall],
+        start: tuple[float, float, float],
+        streams: Streams,
+        name: str = "",
+        moving: Sequence[Moving] = (),
+        docks: Sequence[Pose] = (),
+        charge: float = 1.0,
+        columns: Sequence[Column] = (),
+    ) -> None:
+        """Stand at `start` (m, m, rad) among walls and columns (m), what moves, and docks (poses).
+
+        `name` is the node that it says it is; `charge` the share of its battery that is left.
+        """
+        plant = Plant(*(profile, sensors, walls, start, streams, moving, docks, charge, columns))
+        base = Base(profile, plant, name or profile.name)
+        super().__init__(plant, base, name or profile.name, profile.cycle_s)

@@ -1,0 +1,200 @@
+"""Localization by a laser: the model, and the agent that weighs its scans."""
+
+from __future__ import annotations
+
+from math import hypot, inf, nan, pi, radians
+from random import Random
+
+import numpy as np
+import pytest
+from msgspec.structs import replace
+
+from armadico.agents.localization import Localization, Parameters
+from armadico.agents.methods.grid import Grid
+from armadico.agents.methods.laser_model import BEAMS, RANDOM, LaserModel, beams_of
+from armadico.bridge.simulator.laser import Lasers
+from armadico.bridge.simulator.plant import seeded
+from armadico.bridge.simulator.walls import DEAD, Walls
+from armadico.config.loading import load_entry
+from armadico.config.profile import SensorProfile, load_profile
+from armadico.config.shipped import find
+from armadico.config.worlds import load_world
+from armadico.core.agent import Identity, Publish
+from armadico.core.behaviour import LOST_M
+from armadico.core.geometry import Pose2, compose, relative
+from armadico.core.messages import Correction, Cycle, Echo, Pose, RobotState, Scan, Sonar
+from armadico.core.scans import message_of
+
+WORLD = load_world("house")
+GRID = Grid(WORLD.outlines, WORLD.bounds)
+REAL = load_entry(find("robots", "sensors"), SensorProfile, "real")
+LASER = load_profile("jackal").laser
+START: Pose2 = (2.2, 4.4, 0.3)
+
+
+def lasers() -> Lasers:
+    assert LASER is not None
+    world = Walls()
+    world.add(WORLD.walls, [DEAD] * len(WORLD.walls))
+    return Lasers(LASER, REAL, world, seeded(1))
+
+
+def scan_at(sees: Lasers, pose: Pose2, number: int = 0, cycle: Cycle = Cycle(1, 1)) -> Scan:  # noqa: B008
+    assert LASER is not None
+    angles = radians(LASER.angle_min_deg), radians(LASER.step_deg)
+    mount = LASER.x_m, LASER.y_m, radians(LASER.bearing_deg)
+    limits = LASER.min_m, LASER.max_m
+    return message_of(cycle, sees.scan(pose), angles, limits, mount, number=number)
+
+
+# The model ----------------------------------------------------------------------------------------
+
+
+def fits(model: LaserModel, poses: list[Pose2], beams: list[Echo]) -> np.ndarray:
+    found = model.likelihood(np.array(poses, dtype=np.float32), beams)
+    assert found.shape == (len(poses), len(beams))
+    return np.log(found).mean(axis=1)
+
+
+def test_a_scan_fits_best_where_it_was_taken_and_walls_on_the_maps_edge_count() -> None:
+    sees, model, rng = lasers(), LaserModel(GRID, 30.0), Random(1)
+    rows, columns = np.nonzero(GRID.clearance > 0.4)
+    for number in range(5):
+        at = rng.randrange(len(rows))
+        pose = (GRID.xs[columns[at]], GRID.ys[rows[at]], rng.uniform(-pi, pi))
+        beams = beams_of(scan_at(sees, pose, number))
+        assert len(beams) == BEAMS
+        offs = [(0, 0, 0), (0.15, 0, 0), (-0.15, 0, 0), (0, 0.15, 0), (0, -0.15, 0), (0, 0, 0.1)]
+        poses = [(pose[0] + x, pose[1] + y, pose[2] + t) for x, y, t in offs]
+        here, *others = fits(model, poses, beams)
+        assert here > np.log(0.9)
+        assert max(others) < here - 0.05
+
+
+def test_beyond_the_map_nothing_fits_and_guesses_may_lie_anywhere() -> None:
+    model = LaserModel(GRID, 30.0)
+    beams = [Echo(0.1, 0.0, 0.0, 2.0)]
+    far = np.array([(-500.0, 3.0, 0.0), (1e6, -1e6, 1.0)], dtype=np.float32)
+    assert model.likelihood(far, beams) == pytest.approx(RANDOM, abs=1e-6)
+
+
+def test_who_stands_before_a_wall_is_told_from_the_wall() -> None:
+    model, sees = LaserModel(GRID, 30.0), lasers()
+    beams = beams_of(scan_at(sees, START))
+    pose = np.array([START], dtype=np.float32)
+    assert not model.short(pose, beams).any()
+    stands = [replace(b, range=0.4 * (b.range or 1.0)) for b in beams if (b.range or 0) > 1.5]
+    assert model.short(pose, stands).mean() > 0.9, "but for rays that graze a corner"
+
+
+def test_rays_without_a_hit_are_left_out_and_the_others_evenly_drawn() -> None:
+    ranges = np.full(700, inf)
+    ranges[100:300], ranges[300:310] = 2.0, nan
+    said = message_of(Cycle(1, 1), ranges, (-1.0, 0.003), (0.1, 30.0), (0, 0, 0), number=1)
+    beams = beams_of(said)
+    assert 30 <= len(beams) <= BEAMS
+    assert all(b.range == 2.0 for b in beams)
+    assert beams[-1].bearing - beams[0].bearing > 0.55
+    other = beams_of(replace(said, number=2))
+    assert {b.bearing for b in other}.isdisjoint({b.bearing for b in beams})
+    assert beams_of(replace(said, packed=b"")) == []
+
+
+# The agent ----------------------------------------------------------------------------------------
+
+
+class Society:
+    """A localization agent, and a robot with a laser whose odometry is off by a little."""
+
+    def __init__(self, parameters: Parameters) -> None:
+        self.agent = Localization(Identity("localization-1", rng=Random(1)), parameters)
+        self.sees, self.pose, self.now, self.number = lasers(), START, 0.0, 0
+        self.odometry: Pose2 = (0.0, 0.0, 0.0)
+
+    def cycle(self, motion: Pose2 = (0.04, 0.0, 0.02), *, scans: bool = True) -> Correction | None:
+        self.now += 0.1
+        self.number += 1
+        self.pose = compose(self.pose, motion)
+        self.odometry = compose(self.odometry, (1.03 * motion[0], 0.0, 0.97 * motion[2]))
+        cycle = Cycle(1, self.number)
+        take = self.agent.receive
+        take(RobotState(cycle, *self.odometry, 0.4, 0, 12, True, False), self.now)
+        each = (0.01, 0.0, 0.0, 0.01, 0.0, 0.01)
+        take(Pose(cycle, *compose(START, self.odometry), each), self.now)
+        if scans:
+            take(scan_at(self.sees, self.pose, self.number, cycle), self.now)
+        out, self.agent.outbox = self.agent.outbox, []
+        said = [o.message for o in out if isinstance(o, Publish)]
+        found = [message for message in said if isinstance(message, Correction)]
+        return found[-1] if found else None
+
+    def off(self, said: Correction) -> float:
+        x, y, _ = compose((said.x, said.y, said.theta), self.odometry)
+        return hypot(x - self.pose[0], y - self.pose[1])
+
+
+JACKAL = Parameters(world="house", profile="jackal")
+
+
+def test_a_robot_with_a_laser_knows_where_it_is_to_centimetres() -> None:
+    society = Society(JACKAL)
+    for _ in range(60):
+        said = society.cycle()
+    assert said is not None
+    assert society.off(said) < 0.03
+    assert said.confidence > 0.9
+    assert said.covariance[0] + said.covariance[3] < 0.05**2
+
+
+def test_one_that_is_put_down_elsewhere_is_found_there() -> None:
+    society = Society(JACKAL)
+    for _ in range(20):
+        society.cycle()
+    society.pose = (9.0, 4.6, 2.0)
+    lost = found = False
+    for step in range(300):
+        said = society.cycle((0.03 if step % 80 < 30 else 0.0, 0.0, 0.08))
+        assert said is not None
+        unsure = said.covariance[0] + said.covariance[3] > LOST_M**2
+        lost = lost or unsure
+        found = lost and not unsure and society.off(said) < 0.1
+        if found:
+            break
+    assert found, f"after {step} cycles"
+
+
+def test_sonars_do_not_count_beside_a_laser_and_a_scan_counts_once() -> None:
+    society = Society(JACKAL)
+    for _ in range(5):
+        society.cycle()
+    weighed = []
+    weigh = society.agent._filter.weigh
+    society.agent._filter.weigh = lambda echoes: (weighed.append(len(echoes)), weigh(echoes))[1]  # type: ignore[method-assign]
+    assert society.cycle(scans=False) is None
+    cycle = Cycle(1, society.number)
+    society.agent.receive(Sonar(cycle, 5.0, (Echo(0, 0, 0, 1.0),)), society.now)
+    assert weighed == []
+    said = scan_at(society.sees, society.pose, 77, cycle)
+    society.agent.receive(said, society.now)
+    assert len(weighed) == 1
+    assert weighed[0] > 0.9 * BEAMS
+    society.cycle(scans=False)
+    again = replace(said, cycle=Cycle(1, society.number))
+    society.agent.receive(again, society.now)
+    assert weighed[1:] == [0], "the same scan, said again"
+    society.agent.receive(replace(again, packed=b"abc", number=78), society.now)
+    assert weighed[1:] == [0]
+
+
+def test_a_large_map_takes_cells_of_its_own_size(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr("armadico.agents.methods.laser_model.LARGE", 10)
+    sees, model = lasers(), LaserModel(GRID, 30.0)
+    assert model._cell_m == GRID.cell_m
+    assert fits(model, [START], beams_of(scan_at(sees, START)))[0] > np.log(0.8)
+
+
+def test_the_pose_that_it_says_is_the_odometrys_origin() -> None:
+    society = Society(JACKAL)
+    said = society.cycle()
+    assert said is not None
+    assert relative(START, compose((said.x, said.y, said.theta), society.odometry))[0] < 0.3

@@ -1,0 +1,153 @@
+"""What a ROS 2 robot says, by hand, and what it was told."""
+
+from __future__ import annotations
+
+from math import cos, sin
+
+from armadico.bridge.ros2 import types
+from armadico.bridge.ros2.cdr import decode, encode
+from armadico.bridge.ros2.frames import WANTS, Decoder, Wants, frame, read
+from armadico.bridge.ros2.session import UNWATCHED, Session
+from armadico.bridge.session import Noted, Reported
+from armadico.config.profile import Ros2Robot, load_profile
+
+BURGER = load_profile("turtlebot3-burger")
+JACKAL = load_profile("jackal")
+assert isinstance(BURGER, Ros2Robot)
+assert isinstance(JACKAL, Ros2Robot)
+CLOCK_S = 1_700_000_000.0
+"""The robot's clock when ours is at 0."""
+
+
+def time(stamp: float) -> types.Time:
+    """In whole microseconds, as far as a float of some 1e9 goes."""
+    micros = round(stamp * 1e6)
+    return types.Time(sec=micros // 1_000_000, nanosec=micros % 1_000_000 * 1000)
+
+
+def odometry(
+    stamp: float,
+    x: float = 0.0,
+    y: float = 0.0,
+    theta: float = 0.0,
+    v: float = 0.0,
+    w: float = 0.0,
+    quaternion: types.Quaternion | None = None,
+) -> bytes:
+    turned = quaternion or types.Quaternion(z=sin(theta / 2), w=cos(theta / 2))
+    message = types.Odometry(
+        header=types.Header(stamp=time(stamp), frame_id="odom"),
+        child_frame_id="base_link",
+        pose=types.PoseWithCovariance(
+            pose=types.Pose(position=types.Point(x=x, y=y), orientation=turned)
+        ),
+        twist=types.TwistWithCovariance(
+            twist=types.Twist(linear=types.Vector3(x=v), angular=types.Vector3(z=w))
+        ),
+    )
+    return encode(message)
+
+
+def scan(
+    stamp: float, ranges: list[float], first: float = -1.0, step: float = 0.1, most: float = 8.0
+) -> bytes:
+    message = types.LaserScan(
+        header=types.Header(stamp=time(stamp), frame_id="laser"),
+        angle_min=first,
+        angle_max=first + step * (len(ranges) - 1),
+        angle_increment=step,
+        range_min=0.16,
+        range_max=most,
+        ranges=ranges,
+    )
+    return encode(message)
+
+
+def battery(volts: float, status: int = 2) -> bytes:
+    return encode(types.BatteryState(voltage=volts, power_supply_status=status, present=True))
+
+
+class Line:
+    """A session with a robot, and the time, by hand."""
+
+    def __init__(self, profile: Ros2Robot = BURGER) -> None:
+        self.profile, self.ros2, self.now = profile, profile.ros2, 0.0
+        self.session = Session(profile, self.now)
+        self.decoder = Decoder()
+        self.events: list[object] = []
+        self.wants: list[Wants] = []
+        self.told: list[tuple[float, float, float]] = []  # when, m/s, rad/s
+        self.stamps: list[float] = []  # of what it was told, by the robot's clock
+        self.flush()
+
+    def flush(self) -> None:
+        for topic, payload in self.decoder.feed(self.session.outgoing(), self.now):
+            if topic == WANTS:
+                self.wants.append(read(payload, Wants))
+                continue
+            assert topic == self.ros2.cmd_vel.name
+            if self.ros2.stamped:
+                stamped = decode(types.TwistStamped, payload)
+                stamp, twist = stamped.header.stamp, stamped.twist
+                self.stamps.append(stamp.sec + 1e-9 * stamp.nanosec)
+            else:
+                twist = decode(types.Twist, payload)
+            self.told.append((self.now, twist.linear.x, twist.angular.z))
+
+    def say(self, topic: str, payload: bytes) -> list[object]:
+        return self.raw(frame(topic, payload))
+
+    def raw(self, data: bytes) -> list[object]:
+        found: list[object] = list(self.session.receive(data, self.now))
+        self.events += found
+        self.flush()
+        return found
+
+    def odometry(self, at: float | None = None, **fields: float) -> list[object]:
+        stamp = CLOCK_S + (self.now if at is None else at)
+        return self.say(self.ros2.odom.name, odometry(stamp, **fields))
+
+    def scan(self, ranges: list[float], at: float | None = None, **fields: float) -> list[object]:
+        stamp = CLOCK_S + (self.now if at is None else at)
+        assert self.ros2.scan is not None
+        return self.say(self.ros2.scan.name, scan(stamp, ranges, **fields))
+
+    def drive(self, v: float, w: float = 0.0) -> None:
+        self.session.drive(v, w)
+        self.flush()
+
+    def tick(self) -> None:
+        self.events += self.session.tick(self.now)
+        self.flush()
+
+    def go(self, seconds: float, *, odometry: bool = True, **fields: float) -> None:
+        """Let time pass in steps of 10 ms; odometry comes at its rate."""
+        every = round(100 / self.ros2.odom_hz)
+        for _ in range(round(seconds * 100)):
+            self.now = round(self.now + 0.01, 6)
+            if odometry and round(self.now * 100) % every == 0:
+                self.odometry(**fields)
+            due = self.session.next_wakeup
+            if due is not None and self.now >= due:
+                self.tick()
+
+    def open(self) -> Line:
+        self.go(0.3)
+        assert self.session.is_open
+        return self
+
+    def of(self, kind: type) -> list:
+        return [event for event in self.events if isinstance(event, kind)]
+
+    @property
+    def notes(self) -> list[Noted]:
+        """But for what is said of each robot without a watchdog."""
+        return [noted for noted in self.of(Noted) if noted.text != UNWATCHED]
+
+    @property
+    def report(self) -> Reported:
+        report: Reported = self.of(Reported)[-1]
+        return report
+
+    def speeds(self, since: float = 0.0) -> list[tuple[float, float]]:
+        return [(v, w) for at, v, w in self.told if at >= since]

@@ -1,0 +1,316 @@
+"""`ros2://` against a real rclpy node, on this machine's loopback."""
+
+from __future__ import annotations
+
+import itertools
+import json
+import os
+import subprocess
+import threading
+import time
+from collections.abc import Callable, Iterator
+from contextlib import ExitStack
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+from armadico.bridge.ros2 import cdr, types
+from armadico.bridge.ros2.frames import SEEN, Decoder, Frame, Seen, Wanted, Wants, frame, read, said
+from armadico.bridge.ros2.samples import Address
+from armadico.bridge.ros2.session import Session
+from armadico.bridge.session import Connected, Event, LinkLost, Reported
+from armadico.bridge.transports import Transport, open_transport
+from armadico.config.profile import Ros2Robot, load_profile
+from tests import real_ros
+
+pytest.importorskip("cyclonedds", reason="armadico[ros2] is not installed")
+from armadico.bridge.ros2.dds import DdsWire
+
+pytestmark = [pytest.mark.live, pytest.mark.timeout(180)]
+
+PEER = Path(__file__).with_name("rclpy_peer.py")
+DOMAINS = 100  # higher ones take ports that the system gives to others
+_domains = itertools.count(os.getpid() * 17)
+
+
+@pytest.fixture
+def domain() -> int:
+    """One of the test's own: a node that was killed is there for twenty seconds more."""
+    return 1 + next(_domains) % DOMAINS
+
+
+ODOM = Wanted("odom", "nav_msgs/msg/Odometry")
+SCAN = Wanted("scan", "sensor_msgs/msg/LaserScan", reliable=False)
+CMD = Wanted("cmd_vel", "geometry_msgs/msg/TwistStamped", writes=True)
+
+
+class Peer:
+    """A real node, as a process."""
+
+    def __init__(self, domain: int, *args: str) -> None:
+        self.process = subprocess.Popen(
+            [real_ros.interpreter(), PEER, *args],
+            env=real_ros.environment(str(domain)),
+            stdin=subprocess.PIPE,
+            stdout=subprocess.PIPE,
+            stderr=subprocess.DEVNULL,
+            text=True,
+        )
+        assert self.event() == {"ready": True}
+
+    def event(self) -> dict[str, object]:
+        assert self.process.stdout is not None
+        line = self.process.stdout.readline()
+        assert line, "it ended"
+        event: dict[str, object] = json.loads(line)
+        return event
+
+    def tell(self, what: str) -> None:
+        assert self.process.stdin is not None
+        self.process.stdin.write(f"{what}\n")
+        self.process.stdin.flush()
+
+    def until(self, v: float, w: float) -> None:
+        """Wait until it is told to drive so."""
+        while self.event() != {"v": v, "w": w}:
+            pass
+
+    def kill(self) -> None:
+        with self.process:
+            self.process.kill()
+
+    def end(self) -> list[str]:
+        """Have it end; the nodes that it knew."""
+        out, _ = self.process.communicate("\n")
+        nodes: list[str] = json.loads(out.splitlines()[-1])["nodes"]
+        return nodes
+
+
+class Line:
+    """A client's end of the transport."""
+
+    def __init__(self, domain: int, namespace: str, *wanted: Wanted) -> None:
+        url = f"ros2://{namespace}?domain={domain}&interface=lo"
+        self.transport: Transport = open_transport(url)
+        self.wanted = wanted
+        self.begin()
+
+    def begin(self) -> None:
+        self.decoder, self.seen = Decoder(), Seen()
+        self.transport.write(said(Wants(self.wanted)))
+
+    def frames(self) -> list[Frame]:
+        """What comes next."""
+        found = self.decoder.feed(self.transport.read(0.1))
+        for topic, payload in found:
+            if topic == SEEN:
+                self.seen = read(payload, Seen)
+        return [each for each in found if each[0] != SEEN]
+
+    def next(self, topic: str) -> bytes:
+        """The next sample of a topic; the test's time-out ends the wait for it."""
+        while True:
+            for name, payload in self.frames():
+                if name == topic:
+                    return payload
+
+    def until(self, holds: Callable[[Seen], bool]) -> Seen:
+        """Who is there, once that holds."""
+        while not holds(self.seen):
+            self.frames()
+        return self.seen
+
+    def drive(self, v: float, w: float) -> None:
+        twist = types.Twist(linear=types.Vector3(x=v), angular=types.Vector3(z=w))
+        self.transport.write(frame("cmd_vel", cdr.encode(types.TwistStamped(twist=twist))))
+
+
+@pytest.fixture
+def peer(domain: int) -> Iterator[Callable[..., Peer]]:
+    with ExitStack() as stack:
+
+        def start(*args: str) -> Peer:
+            made = Peer(domain, *args)
+            stack.callback(made.kill)
+            return made
+
+        yield start
+
+
+@pytest.fixture
+def line(domain: int) -> Iterator[Callable[..., Line]]:
+    with ExitStack() as stack:
+
+        def start(namespace: str = "", *wanted: Wanted) -> Line:
+            made = Line(domain, namespace, *(wanted or (ODOM, SCAN, CMD)))
+            stack.callback(made.transport.close)
+            return made
+
+        yield start
+
+
+def obeys(line: Line, peer: Peer, v: float, w: float) -> None:
+    """Command until it says so: what is said before anybody is found goes nowhere."""
+    line.until(lambda seen: bool(seen.robot) and not seen.notes)
+    line.drive(v, w)
+    peer.until(v, w)
+
+
+def test_odometry_and_scans_come_and_commands_go(peer, line) -> None:
+    robot, ours = peer("--x", "1.5"), line()
+    odometry = cdr.decode(types.Odometry, ours.next("odom"))
+    assert odometry.pose.pose.position.x == 1.5
+    assert odometry.twist.twist.linear.x == 0.125
+    assert list(cdr.decode(types.LaserScan, ours.next("scan")).ranges) == [1.0, 2.5]
+    assert ours.until(lambda seen: seen.robot == "/robot").drivers == ()
+    obeys(ours, robot, 0.25, -0.5)
+    obeys(ours, robot, 0.0, 0.0)
+    assert robot.end() == ["/armadico", "/robot"]
+
+
+def test_a_robot_that_comes_again_is_found_again(peer, line) -> None:
+    ours = line()
+    first = peer("--x", "1")
+    ours.next("odom")
+    first.kill()
+    second = peer("--x", "2")
+    while cdr.decode(types.Odometry, ours.next("odom")).pose.pose.position.x != 2.0:
+        pass
+    # The first is forgotten when its lease is over: until then two are there.
+    obeys(ours, second, 0.5, 0.0)
+
+
+def test_a_client_that_comes_again_goes_on(peer, line) -> None:
+    robot, ours = peer(), line()
+    obeys(ours, robot, 0.5, 0.0)
+    ours.transport.close()
+    ours.transport.open()
+    ours.begin()
+    obeys(ours, robot, 0.75, 0.0)
+    assert robot.end().count("/armadico") >= 1
+
+
+def test_two_robots_are_two(peer, line) -> None:
+    one, two = peer("--namespace", "tb1", "--x", "1"), peer("--namespace", "tb2", "--x", "2")
+    first, second = line("tb1"), line("tb2")
+    assert cdr.decode(types.Odometry, first.next("odom")).pose.pose.position.x == 1.0
+    assert cdr.decode(types.Odometry, second.next("odom")).pose.pose.position.x == 2.0
+    obeys(first, one, 0.25, 0.0)
+    obeys(second, two, -0.25, 0.0)
+    assert first.seen.robot == "/tb1/robot"
+    assert second.seen.robot == "/tb2/robot"
+
+
+def test_quality_that_does_not_match_is_named_and_nothing_comes(peer, line) -> None:
+    peer("--best-effort", "--latched")
+    ours = line("", ODOM, CMD)
+    seen = ours.until(lambda seen: len(seen.notes) == 2)
+    assert seen.notes == (
+        "QoS of /odom: /robot offers best effort, reliable is asked for here",
+        "QoS of /cmd_vel: /robot asks for transient local, volatile is offered here",
+    )
+    assert all(topic != "odom" for topic, _ in ours.frames())
+
+
+def test_another_type_is_named(peer, line) -> None:
+    peer("--plain")
+    seen = line().until(lambda seen: "/robot reads" in "".join(seen.notes))
+    assert seen.notes == (
+        "/robot reads /cmd_vel as geometry_msgs/msg/Twist;"
+        " here it is published as geometry_msgs/msg/TwistStamped",
+    )
+
+
+def test_who_else_drives_is_named(peer, line) -> None:
+    peer("--also-drives", "--name", "joystick")
+    assert line().until(lambda seen: "/joystick" in seen.drivers).drivers == ("/joystick",)
+
+
+def test_an_empty_domain_and_a_robot_in_another_namespace(domain, peer, line) -> None:
+    ours = line("", ODOM)
+    (note,) = ours.until(lambda seen: bool(seen.notes)).notes
+    assert f"no robot publishes /odom (nav_msgs/msg/Odometry) in domain {domain}" in note
+    assert "nobody else is there" in note
+    peer("--namespace", "tb7")
+    seen = ours.until(lambda seen: "tb7" in "".join(seen.notes))
+    assert "there is odometry on /tb7/odom: is that its namespace?" in seen.notes[0]
+
+
+def test_nodes_of_an_older_ros_are_not_told_what_they_cannot_read(domain, line) -> None:
+    """Humble's gids have 24 bytes; its nodes end their discovery on hearing of 16."""
+    humble = DdsWire(Address("", domain, "lo"), "humble")
+    writer, reader = humble._nodes_out, humble._nodes_in
+    gid = humble._participant.guid.bytes + bytes(8)
+    info = b"\0\1\0\0" + gid + (1).to_bytes(4, "little")
+    info += b"\2\0\0\0/\0\0\0" + b"\2\0\0\0n\0\0\0" + bytes(8)
+    writer.write(writer.topic.data_type.of(info))
+    ours = line("", ODOM)
+    ours.until(lambda seen: bool(seen.notes))  # who is there is known by then
+    said = [sample.payload for sample in reader.take(100) if sample.payload != info]
+    humble.close()
+    assert said == []
+
+
+# The robot agent's session over it ----------------------------------------------------------------
+
+
+class Owner:
+    """What the robot agent does with its session, and no more."""
+
+    def __init__(self, transport: Transport) -> None:
+        profile = load_profile("turtlebot3-burger")
+        assert isinstance(profile, Ros2Robot)
+        self.transport, self.session = transport, Session(profile, time.monotonic())
+
+    def step(self) -> list[Event]:
+        """Read once, and write what is to be written."""
+        data = self.transport.read(0.02)
+        events = self.session.receive(data, time.monotonic()) if data else []
+        events += self.session.tick(time.monotonic())
+        self.transport.write(self.session.outgoing())
+        return events
+
+    def until(self, kind: type[Event]) -> Any:
+        """Go on until such an event."""
+        while True:
+            for event in self.step():
+                if isinstance(event, kind):
+                    return event
+
+
+def test_a_session_drives_stops_and_notices_silence(peer, line) -> None:
+    robot, ours = peer("--x", "1.5"), line()
+    owner = Owner(ours.transport)
+    report = owner.until(Reported)
+    assert (report.v, report.battery_v) == (0.125, 0.0)
+    while (report := owner.until(Reported)).battery_v != 12.5 or report.scan is None:
+        pass
+    ours.until(lambda seen: not seen.notes)
+
+    owner.session.drive(0.1, 0.0)
+    driving = threading.Thread(target=robot.until, args=(0.1, 0.0))
+    driving.start()
+    while driving.is_alive():
+        owner.step()
+    owner.session.stop()
+    stopping = threading.Thread(target=robot.until, args=(0.0, 0.0))
+    stopping.start()
+    while stopping.is_alive():
+        owner.step()
+
+    robot.tell("quiet")
+    assert "no odometry" in owner.until(LinkLost).reason
+    assert not owner.session.is_open
+    robot.tell("speak")
+    owner.until(Connected)
+
+    owner.session.drive(0.1, 0.0)
+    driving = threading.Thread(target=robot.until, args=(0.1, 0.0))
+    driving.start()
+    while driving.is_alive():
+        owner.step()
+    owner.session.close()
+    ours.transport.write(owner.session.outgoing())
+    ours.transport.close()  # at once, as an agent that ends does
+    robot.until(0.0, 0.0)

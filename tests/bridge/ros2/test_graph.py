@@ -1,0 +1,132 @@
+"""Who is around a ROS 2 robot, in words."""
+
+from __future__ import annotations
+
+import pytest
+
+from armadico.bridge.ros2.frames import Seen, Wanted
+from armadico.bridge.ros2.graph import ODOMETRY, Endpoint, judge, resolve
+
+TWIST, STAMPED = "geometry_msgs/msg/Twist", "geometry_msgs/msg/TwistStamped"
+SCAN = "sensor_msgs/msg/LaserScan"
+ODOM = Wanted("odom", ODOMETRY)
+CMD = Wanted("cmd_vel", STAMPED, writes=True)
+ROBOT = Endpoint("/odom", ODOMETRY, "/base", True)
+WHEELS = Endpoint("/cmd_vel", STAMPED, "/base", False)
+
+
+def seen(wanted, others, namespace: str = "", settled: bool = True) -> Seen:
+    return judge(wanted, namespace, "domain 0", others, settled)
+
+
+def test_names_lie_below_the_namespace() -> None:
+    assert resolve("", "odom") == "/odom"
+    assert resolve("/a/b/", "odom") == "/a/b/odom"
+    assert resolve("a", "/tf") == "/tf"
+
+
+def test_a_robot_that_fits_is_named_and_that_is_all() -> None:
+    assert seen([ODOM, CMD], [ROBOT, WHEELS]) == Seen("/base")
+
+
+def test_who_else_drives_is_named() -> None:
+    others = [ROBOT, WHEELS, Endpoint("/cmd_vel", TWIST, "/teleop", True)]
+    assert seen([ODOM, CMD], [*others, Endpoint("/cmd_vel", STAMPED, "/nav", True)]) == Seen(
+        "/base", ("/nav", "/teleop")
+    )
+
+
+def test_nobody_is_missed_before_they_can_have_been_found() -> None:
+    assert seen([ODOM, CMD], [], settled=False) == Seen()
+
+
+def test_an_empty_domain() -> None:
+    notes = seen([ODOM], []).notes
+    assert notes == (
+        "no robot publishes /odom (nav_msgs/msg/Odometry) in domain 0; nobody else is there: is it"
+        " on, in this network, and in this domain?",
+    )
+
+
+def test_where_there_is_no_robot_nothing_else_is_missed() -> None:
+    assert len(seen([ODOM, Wanted("scan", SCAN), CMD], []).notes) == 1
+
+
+def test_what_is_there_instead() -> None:
+    talker = Endpoint("/chatter", "std_msgs/msg/String", "/talker", True)
+    log = Endpoint("/rosout", "rcl_interfaces/msg/Log", "/talker", True)
+    (note,) = seen([ODOM], [talker, log]).notes
+    assert note.endswith("there is /talker with /chatter (std_msgs/msg/String)")
+    (note,) = seen([ODOM], [log]).notes
+    assert note.endswith("there is /talker with no topics")
+
+
+def test_a_robot_in_another_namespace() -> None:
+    (note,) = seen([ODOM], [Endpoint("/tb1/odom", ODOMETRY, "/tb1/base", True)]).notes
+    assert note.endswith("there is odometry on /tb1/odom: is that its namespace?")
+
+
+def test_much_else_is_cut_short() -> None:
+    others = [Endpoint(f"/t{n:02}", SCAN, f"/n{n}", True) for n in range(50)]
+    (note,) = seen([ODOM], others).notes
+    assert "and 42 more" in note
+    assert len(note) <= 500
+
+
+def test_another_type_is_named_both_ways() -> None:
+    odd = Endpoint("/odom", TWIST, "/odd", True)
+    plain = Endpoint("/cmd_vel", TWIST, "/base", False)
+    assert seen([ODOM, CMD], [odd, plain]).notes == (
+        f"/odd publishes /odom as {TWIST}; here it is read as {ODOMETRY}",
+        f"/base reads /cmd_vel as {TWIST}; here it is published as {STAMPED}",
+    )
+
+
+@pytest.mark.parametrize(
+    ("want", "other", "told"),
+    [
+        (
+            Wanted("scan", SCAN),
+            Endpoint("/scan", SCAN, "/lidar", True, reliable=False),
+            "QoS of /scan: /lidar offers best effort, reliable is asked for here",
+        ),
+        (
+            Wanted("scan", SCAN, latched=True),
+            Endpoint("/scan", SCAN, "/lidar", True),
+            "QoS of /scan: /lidar offers volatile, transient local is asked for here",
+        ),
+        (
+            Wanted("cmd_vel", TWIST, writes=True, reliable=False),
+            Endpoint("/cmd_vel", TWIST, "/base", False),
+            "QoS of /cmd_vel: /base asks for reliable, best effort is offered here",
+        ),
+    ],
+)
+def test_quality_that_does_not_match_is_named(want, other, told) -> None:
+    assert seen([want], [other]).notes == (told,)
+
+
+def test_quality_that_does_match() -> None:
+    want = Wanted("scan", SCAN, reliable=False)
+    assert seen([want], [Endpoint("/scan", SCAN, "/lidar", True, True, True)]).notes == ()
+
+
+def test_two_robots_in_one_place() -> None:
+    twin = Endpoint("/odom", ODOMETRY, "/twin", True)
+    assert seen([ODOM], [ROBOT, twin]).notes == (
+        "more than one robot publishes odometry here: /base, /twin",
+    )
+
+
+def test_topics_that_nobody_has() -> None:
+    assert seen([ODOM, Wanted("scan", SCAN), CMD], [ROBOT]).notes == (
+        "nobody publishes /scan in domain 0",
+        "nobody reads /cmd_vel in domain 0",
+    )
+
+
+def test_names_that_are_no_names_do_not_reach_a_terminal() -> None:
+    evil = Endpoint("/odom", TWIST, "/\x1b[2J" + "x" * 1000, True)
+    (note, *_) = seen([ODOM], [evil]).notes
+    assert note.isprintable()
+    assert len(note) == 500

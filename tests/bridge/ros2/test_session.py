@@ -1,0 +1,464 @@
+"""A session with a ROS 2 robot: cycles by its odometry's stamps, and nothing bad believed."""
+
+from __future__ import annotations
+
+from itertools import combinations, pairwise
+from math import inf, nan, pi
+
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from armadico.bridge.ros2 import types
+from armadico.bridge.ros2.frames import Seen, frame, said
+from armadico.bridge.ros2.session import LINK_TIMEOUT_S, RAMP_S
+from armadico.bridge.session import Connected, LinkLost, Noted, Pose, Reported, Unanswered
+from tests.bridge.ros2.robot import BURGER, CLOCK_S, JACKAL, Line, battery, odometry
+
+STEP = 1e-6
+
+
+# --- opening
+
+
+def test_it_says_first_what_it_wants_and_tells_the_robot_to_stand() -> None:
+    line = Line()
+    (wants,) = line.wants
+    assert [(w.topic, w.type, w.writes) for w in wants.topics] == [
+        ("odom", "nav_msgs/msg/Odometry", False),
+        ("scan", "sensor_msgs/msg/LaserScan", False),
+        ("battery_state", "sensor_msgs/msg/BatteryState", False),
+        ("cmd_vel", "geometry_msgs/msg/TwistStamped", True),
+    ]
+    assert line.speeds() == [(0.0, 0.0)]
+
+
+def test_it_is_open_with_the_first_odometry_by_the_name_of_who_says_it() -> None:
+    line = Line()
+    line.raw(said(Seen(robot="/base")))
+    line.odometry(x=1.0, theta=0.5)
+    assert line.session.is_open
+    assert line.of(Connected) == [Connected("/base", "ROS 2", "")]
+    assert line.report.pose == Pose(1.0, 0.0, pytest.approx(0.5))
+
+
+def test_a_name_that_comes_after_the_odometry_is_taken_once() -> None:
+    line = Line()
+    line.odometry(x=1.0)
+    line.raw(said(Seen(robot="/base")))
+    line.raw(said(Seen(robot="/base", drivers=("/nav2",))))
+    assert line.of(Connected) == [Connected("", "ROS 2", ""), Connected("/base", "ROS 2", "")]
+
+
+def test_without_odometry_it_says_so_and_what_comes_instead() -> None:
+    line = Line()
+    line.raw(said(Seen(notes=("odom is a geometry_msgs/msg/Pose",))))
+    line.go(2.5, odometry=False)
+    first, second = line.of(Unanswered)
+    assert (first.awaited, first.attempts, second.attempts) == ("odometry on odom", 1, 2)
+    assert "geometry_msgs/msg/Pose" in first.hint
+    assert len(line.wants) == 3
+    assert line.notes == [Noted("odom is a geometry_msgs/msg/Pose")]
+
+
+def test_speeds_asked_of_a_robot_that_is_not_there_are_forgotten() -> None:
+    line = Line()
+    line.drive(0.2)
+    line.open()
+    assert set(line.speeds()) == {(0.0, 0.0)}
+
+
+# --- cycles
+
+
+@pytest.mark.parametrize("profile", [BURGER, JACKAL])
+def test_the_stamps_make_the_cycles(profile: object) -> None:
+    line = Line(profile)  # type: ignore[arg-type]
+    line.go(10.0)
+    assert len(line.of(Reported)) == pytest.approx(100, abs=1)
+
+
+def test_odometry_that_bunches_makes_as_many_cycles() -> None:
+    """By its stamps: a burst after a hold-up is what it was."""
+    line = Line(JACKAL)
+    for burst in range(10):
+        line.now = burst * 0.5
+        for k in range(25):
+            line.odometry(at=burst * 0.5 + k * 0.02)
+    assert len(line.of(Reported)) == pytest.approx(50, abs=2)
+
+
+def test_a_flood_costs_no_more_than_its_newest() -> None:
+    line = Line(JACKAL).open()
+    data = b"".join(
+        frame(line.ros2.odom.name, odometry(CLOCK_S + 1.0 + k * 1e-3)) for k in range(1000)
+    )
+    before = line.session.line.surplus
+    line.raw(data)
+    assert line.session.line.surplus - before >= 900
+    assert line.session._stamp == pytest.approx(CLOCK_S + 1.999)
+
+
+# --- odometry
+
+
+def test_a_jump_moves_nobody_and_the_way_goes_on_from_there() -> None:
+    line = Line().open()
+    line.go(0.5, x=1.0)  # from 0 to 1 m at rest: a jump
+    assert line.report.pose == Pose(0.0, 0.0, 0.0)
+    assert line.session.line.resets == 1
+    line.go(0.2, x=1.02, v=0.2)
+    assert line.report.pose.x == pytest.approx(0.02)
+
+
+def test_after_a_jump_its_axes_are_turned_into_the_poses() -> None:
+    line = Line().open()
+    line.go(0.2, x=5.0, theta=pi / 2)
+    line.go(0.2, x=5.0, y=0.02, theta=pi / 2, v=0.2)
+    assert line.report.pose.x == pytest.approx(0.02)
+    assert line.report.pose.y == pytest.approx(0.0, abs=STEP)
+
+
+def test_the_heading_is_not_wrapped() -> None:
+    line = Line()
+    for k in range(200):
+        line.now = k * 0.1
+        line.odometry(theta=0.1 * k, w=1.0)
+    assert line.report.pose.theta == pytest.approx(19.9)
+
+
+def test_odometry_that_runs_backwards_in_time_is_not_believed_and_then_begun_anew() -> None:
+    line = Line().open()
+    at = line.now
+    while not line.of(LinkLost):
+        line.go(0.05, odometry=False)
+        line.odometry(at=line.now - at - 100.0, x=3.0)
+    assert "backwards in time, by 99" in line.of(LinkLost)[0].reason
+    assert line.session.line.absurd > 10
+    line.go(0.05, odometry=False)
+    line.odometry(at=line.now - at - 100.0, x=3.0)
+    assert line.session.is_open
+    assert line.report.pose.x == 0.0  # a step that nothing explains
+    assert len(line.of(Connected)) == 2
+
+
+def test_odometry_that_stands_still_in_time_makes_no_cycles() -> None:
+    line = Line().open()
+    count = len(line.of(Reported))
+    for _ in range(30):
+        line.go(0.05, odometry=False)
+        line.odometry(at=0.3, v=0.1)
+    assert len(line.of(Reported)) == count
+    assert "stands still" in line.of(LinkLost)[0].reason
+
+
+@pytest.mark.parametrize("bad", [nan, inf, -inf])
+@pytest.mark.parametrize("field", ["x", "y", "theta", "v", "w"])
+def test_no_number_that_is_none_gets_through(field: str, bad: float) -> None:
+    line = Line().open()
+    count = len(line.of(Reported))
+    quaternion = types.Quaternion(z=bad, w=1.0)
+    line.now += 0.2
+    fields = {} if field == "theta" else {field: bad}
+    data = odometry(
+        CLOCK_S + line.now, quaternion=quaternion if field == "theta" else None, **fields
+    )
+    line.say(line.ros2.odom.name, data)
+    assert len(line.of(Reported)) == count
+    assert line.session.line.malformed == 1
+
+
+def test_wheels_faster_than_any_are_not_believed() -> None:
+    line = Line().open()
+    count = len(line.of(Reported))
+    for fields in ({"v": 3.0}, {"w": -20.0}, {"x": 1e7}):
+        line.now += 0.2
+        line.odometry(**fields)
+    assert len(line.of(Reported)) == count
+    assert line.session.line.absurd == 3
+
+
+# --- losing and finding it again
+
+
+def test_silence_loses_the_link_and_odometry_opens_it_again() -> None:
+    line = Line().open()
+    line.go(LINK_TIMEOUT_S + 0.1, odometry=False)
+    assert line.of(LinkLost) == [LinkLost("no odometry for 1.0 s")]
+    assert not line.session.is_open
+    line.go(0.2)
+    assert line.session.is_open
+
+
+def test_a_robot_that_starts_again_at_zero_goes_on_from_where_it_was() -> None:
+    line = Line()
+    for k in range(20):
+        line.go(0.05, odometry=False)
+        line.odometry(x=2.0 + 0.01 * k, v=0.2)
+    before = line.report.pose
+    assert before.x > 2.15
+    line.go(3.0, odometry=False)
+    line.go(1.0)
+    assert line.report.pose.x == pytest.approx(before.x)
+
+
+def test_the_line_that_is_opened_again_begins_with_what_it_wants() -> None:
+    line = Line().open()
+    line.events += line.session.restart(line.now)
+    line.flush()
+    assert len(line.wants) == 2
+    assert line.told[-1][1:] == (0.0, 0.0)
+    assert line.of(LinkLost)
+    line.go(0.2)
+    assert line.session.is_open
+
+
+def test_who_hung_comes_back_to_a_robot_that_is_told_to_stand() -> None:
+    line = Line().open()
+    line.drive(0.2)
+    line.go(0.5, v=0.2)
+    line.now += 2.0
+    line.odometry(v=0.2)
+    line.go(0.6, v=0.1)
+    assert line.told[-1][1:] == (0.0, 0.0)
+    assert line.session.is_open
+
+
+# --- who else is there
+
+
+def test_others_that_drive_are_named_once() -> None:
+    line = Line().open()
+    for _ in range(3):
+        line.raw(said(Seen(robot="/base", drivers=("/teleop", "/nav2"))))
+    (noted,) = line.notes
+    assert "cmd_vel" in noted.text
+    assert "/teleop, /nav2" in noted.text
+    line.raw(said(Seen()))
+    line.raw(said(Seen(drivers=("/nav2",))))
+    assert len(line.notes) == 2
+
+
+def test_what_the_line_says_badly_ends_nothing() -> None:
+    line = Line().open()
+    line.say("@seen", b'{"drivers": "all"}')
+    line.say("odom", b"\x00\x01\x00\x00")
+    line.say("battery_state", b"nonsense")
+    line.say("elsewhere", b"whatever")
+    assert line.session.line.malformed == 3
+    line.go(0.2)
+    assert line.session.is_open
+
+
+@settings(max_examples=100, deadline=None)
+@given(st.lists(st.binary(max_size=60), max_size=20), st.integers(0, 2**32))
+def test_nothing_on_the_line_raises_and_what_is_good_is_understood(
+    noise: list[bytes], turn: int
+) -> None:
+    line = Line()
+    good = [frame("odom", odometry(CLOCK_S + 0.1 * k, x=0.001 * k)) for k in range(1, 10)]
+    for k, piece in enumerate(noise):
+        which = good[k % len(good)]
+        cut = (turn + k) % len(which)
+        line.now += 0.05
+        line.raw(piece + which[:cut] + piece + which[cut + 1 :])
+        line.tick()
+    line.now += 1.0
+    line.odometry()
+    line.now += 0.2
+    line.odometry()
+    assert line.session.is_open
+
+
+@settings(max_examples=100, deadline=None)
+@given(
+    st.binary(min_size=1, max_size=300), st.sampled_from(["odom", "scan", "battery_state", "@seen"])
+)
+def test_no_payload_ends_it(payload: bytes, topic: str) -> None:
+    line = Line().open()
+    line.say(topic, b"\x00\x01\x00\x00" + payload)
+    line.say(topic, payload)
+    line.go(1.5)
+    line.go(0.2)
+    assert line.session.is_open
+
+
+# --- battery and scan
+
+
+def test_the_battery_and_the_charger_are_told_with_each_cycle() -> None:
+    line = Line().open()
+    line.say("battery_state", battery(12.25, status=1))
+    line.go(0.2)
+    assert (line.report.battery_v, line.report.charging) == (12.25, True)
+    line.say("battery_state", battery(nan))
+    line.go(0.2)
+    assert (line.report.battery_v, line.report.charging) == (0.0, False)
+
+
+def test_the_newest_scan_comes_with_each_cycle_until_it_is_too_old() -> None:
+    line = Line().open()
+    line.scan([1.0, 2.0, inf])
+    line.go(0.1)
+    found = line.report.scan
+    assert found is not None
+    assert list(found.ranges) == [1.0, 2.0, inf]
+    assert (found.first, found.step) == (pytest.approx(-1.0), pytest.approx(0.1))
+    assert found.age_s == pytest.approx(0.1, abs=0.051)
+    line.go(0.2)
+    assert line.report.scan is not None
+    assert line.report.scan.number == found.number
+    assert line.report.scan.age_s > found.age_s
+    line.go(0.5)  # a laser that has stopped
+    assert line.report.scan is None
+
+
+def test_a_laser_that_says_the_same_again_and_again_is_no_laser() -> None:
+    line = Line().open()
+    for _ in range(20):
+        line.scan([1.0, 2.0], at=0.3)
+        line.go(0.1)
+    assert line.report.scan is None
+    (noted,) = line.notes
+    assert "again and again" in noted.text
+
+
+def test_a_laser_with_another_clock_is_named() -> None:
+    line = Line().open()
+    for _ in range(10):
+        line.scan([1.0, 2.0], at=line.now - 5.0)
+        line.go(0.1)
+    assert line.report.scan is None
+    (noted,) = line.notes
+    assert "do the clocks agree" in noted.text
+
+
+def test_what_is_nearer_than_can_be_measured_is_as_near_as_can_be() -> None:
+    """REP-117: -inf. NaN and 0 are for `core.scans` to leave out."""
+    line = Line().open()
+    line.scan([-inf, nan, 0.0, 3.0])
+    line.go(0.1)
+    assert line.report.scan is not None
+    ranges = list(line.report.scan.ranges)
+    assert ranges[0] == pytest.approx(0.16)
+    assert ranges[1] != ranges[1]
+    assert ranges[2:] == [0.0, 3.0]
+
+
+def test_a_range_that_makes_no_sense_is_the_profiles() -> None:
+    line = Line().open()
+    line.scan([1.0], most=0.0)
+    line.go(0.1)
+    assert line.report.scan is not None
+    assert (line.report.scan.least, line.report.scan.most) == (0.16, 8.0)
+
+
+# --- driving
+
+
+def test_speeds_go_up_the_ramps_and_down_them() -> None:
+    line = Line(JACKAL).open()
+    since = line.now
+    line.drive(1.0, -1.0)
+    line.go(1.0, v=0.5)
+    up = line.speeds(since)
+    assert up[-1] == (1.0, -1.0)
+    assert [v for v, _ in up] == sorted(v for v, _ in up)
+    since = line.now
+    line.session.stop()
+    line.flush()
+    line.go(1.0)
+    down = line.speeds(since)
+    assert down[-1] == (0.0, 0.0)
+    assert [v for v, _ in down] == sorted((v for v, _ in down), reverse=True)
+
+
+speeds = st.tuples(st.floats(-2.0, 2.0), st.floats(-4.0, 4.0))
+
+
+@settings(max_examples=60, deadline=None)
+@given(st.lists(st.tuples(speeds, st.integers(1, 40)), min_size=1, max_size=12))
+def test_no_order_is_steeper_than_the_ramps(orders: list[tuple[tuple[float, float], int]]) -> None:
+    """The wheels follow at once here; what is ordered may never jump by more than a ramp allows."""
+    line, limits = Line(JACKAL).open(), JACKAL.limits
+    v = w = 0.0
+    for (ask_v, ask_w), steps in orders:
+        line.drive(ask_v, ask_w)
+        for _ in range(steps):
+            v, w = line.told[-1][1:]
+            line.go(0.01, v=v, w=w)
+    steep, steep_w = max(limits.v_accel, limits.v_decel), max(limits.w_accel, limits.w_decel)
+    for (_, v0, w0), (_, v1, w1) in pairwise(line.told):
+        assert abs(v1 - v0) <= steep * RAMP_S + STEP
+        assert abs(w1 - w0) <= steep_w * RAMP_S + STEP
+    for (t0, v0, w0), (t1, v1, w1) in combinations(line.told[:200], 2):
+        assert abs(v1 - v0) <= steep * (t1 - t0 + 2 * RAMP_S) + STEP
+        assert abs(w1 - w0) <= steep_w * (t1 - t0 + 2 * RAMP_S) + STEP
+
+
+def test_through_rest_it_brakes_first() -> None:
+    line = Line(JACKAL).open()
+    line.drive(1.0)
+    line.go(1.0, v=1.0)
+    line.drive(-1.0)
+    line.go(2.0, v=0.0)
+    signs = [v for v, _ in line.speeds(line.now - 2.0)]
+    assert 0.0 in signs
+    assert signs[-1] == -1.0
+
+
+def test_it_says_nothing_of_its_own_accord() -> None:
+    """Once the speeds are what was asked for: a base that hears no more stops by its watchdog."""
+    line = Line().open()
+    line.drive(0.1)
+    line.go(0.5, v=0.1)
+    count = len(line.told)
+    line.go(3.0, v=0.1)
+    assert len(line.told) == count
+
+
+def test_after_a_silence_it_starts_from_the_speeds_that_the_robot_has() -> None:
+    """It has stopped by itself, or somebody else has driven it."""
+    line = Line(JACKAL).open()
+    line.go(1.0, v=1.0)
+    line.drive(1.0)
+    assert line.told[-1][1] == 1.0
+
+
+def test_the_end_is_zero_at_once() -> None:
+    line = Line(JACKAL).open()
+    line.drive(2.0)
+    line.go(1.0, v=2.0)
+    line.session.close()
+    line.flush()
+    assert line.told[-1][1:] == (0.0, 0.0)
+    assert not line.session.is_open
+    assert line.session.next_wakeup is None
+    line.go(0.3)
+    assert not line.session.is_open
+
+
+def test_a_stamped_order_has_the_robots_time() -> None:
+    line = Line().open()
+    line.go(0.3)
+    line.drive(0.1)
+    assert line.stamps[-1] == pytest.approx(CLOCK_S + line.now, abs=1e-3)
+
+
+def test_what_a_base_cuts_off_is_rounded_instead() -> None:
+    line = Line().open()
+    line.drive(0.0, 0.006)
+    line.go(0.3)
+    assert line.told[-1][2] == pytest.approx(0.01)
+    line.drive(0.004, 0.0)
+    line.go(0.3)
+    assert line.told[-1][1:] == (0.0, 0.0)
+
+
+@pytest.mark.parametrize("bad", [nan, inf])
+def test_no_speed_that_is_no_number_is_sent(bad: float) -> None:
+    line = Line().open()
+    with pytest.raises(ValueError, match="not speeds"):
+        line.drive(bad)
+    with pytest.raises(ValueError, match="not speeds"):
+        line.drive(0.0, bad)

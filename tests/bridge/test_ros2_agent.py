@@ -1,0 +1,259 @@
+"""The robot agent with a robot that speaks ROS 2: the same promises, over another line."""
+
+from __future__ import annotations
+
+import random
+from itertools import pairwise
+from math import nan
+
+import numpy as np
+import pytest
+
+from armadico.bridge.robot import Parameters, Robot
+from armadico.bridge.ros2 import types
+from armadico.bridge.ros2.cdr import decode
+from armadico.bridge.ros2.frames import Decoder, Seen, frame, said
+from armadico.bridge.ros2.session import RAMP_S
+from armadico.core.agent import Identity, Publish, Write
+from armadico.core.cycles import LISTEN
+from armadico.core.messages import (
+    Ack,
+    Ballot,
+    Command,
+    Description,
+    Log,
+    Message,
+    RobotState,
+    Scan,
+    Sonar,
+    Stop,
+)
+from armadico.core.scans import bearings_of, points_of, ranges_of
+from tests.bridge.ros2.robot import CLOCK_S, JACKAL, odometry, scan
+
+BALLOT = Ballot(5, 0.6, False, "goto-1")
+
+
+class Bench:
+    """The agent, what the robot says each 20 ms, and the time."""
+
+    def __init__(self, profile: str = "jackal", seed: int = 1) -> None:
+        identity = Identity("robot-1", rng=random.Random(seed))
+        self.agent = Robot(identity, Parameters(port="memory:", profile=profile))
+        self.now = 0.0
+        self.speeds = (0.0, 0.0)
+        self.x = 0.0
+        self.said: list[Message] = []
+        self.told: list[tuple[float, float, float]] = []
+        self.decoder = Decoder()
+        self.ranges: list[float] | None = [2.0] * 21
+        self.agent.start(0.0)
+        self.agent.take_link(True, "", 0.0)
+        self.take()
+
+    def take(self) -> None:
+        for item in self.agent.outbox:
+            if isinstance(item, Publish):
+                self.said.append(item.message)
+            elif isinstance(item, Write):
+                for topic, payload in self.decoder.feed(item.data, self.now):
+                    if topic == "cmd_vel":
+                        twist = decode(types.TwistStamped, payload).twist
+                        self.told.append((self.now, twist.linear.x, twist.angular.z))
+        self.agent.outbox.clear()
+
+    def raw(self, data: bytes) -> None:
+        self.agent.take_bytes(data, self.now)
+        self.take()
+
+    def go(
+        self, seconds: float, *, silent: bool = False, command: tuple[float, float] = ()
+    ) -> None:
+        """Let time pass; a holder commands in each cycle, if there is a command.
+
+        The wheels do then as they are told.
+        """
+        for _ in range(round(seconds * 100)):
+            self.now = round(self.now + 0.01, 6)
+            if round(self.now * 100) % 2 == 0 and not silent:
+                self.x += 0.02 * self.speeds[0]
+                if self.ranges is not None and round(self.now * 100) % 4 == 0:
+                    data = scan(CLOCK_S + self.now, self.ranges, most=30.0)
+                    self.raw(frame("sensors/lidar2d_0/scan", data))
+                v, w = self.speeds
+                if command and self.told:
+                    v, w = self.speeds = self.told[-1][1:]
+                data = odometry(CLOCK_S + self.now, x=self.x, v=v, w=w)
+                cycles = len(self.all(RobotState))
+                self.raw(frame("platform/odom/filtered", data))
+                if command and len(self.all(RobotState)) > cycles:
+                    self.command(*command)
+            due = self.agent.wakeup
+            if due is not None and self.now >= due:
+                self.agent.wake(self.now)
+                self.take()
+
+    def command(self, v: float, w: float = 0.0, ballot: Ballot = BALLOT) -> None:
+        self.hand(Command("wheels", self.all(RobotState)[-1].cycle, ballot, (v, w)))
+
+    def hand(self, message: Message) -> None:
+        self.agent.receive(message, self.now)
+        self.take()
+
+    def all(self, kind: type) -> list:
+        return [m for m in self.said if isinstance(m, kind)]
+
+    def logs(self) -> str:
+        return "\n".join(m.text for m in self.all(Log))
+
+
+@pytest.fixture
+def ready() -> Bench:
+    bench = Bench()
+    bench.go(0.1 * (LISTEN + 3))
+    return bench
+
+
+def test_its_cycles_come_ten_times_a_second_and_say_where_it_is(ready: Bench) -> None:
+    count = len(ready.all(RobotState))
+    ready.speeds = (0.5, 0.1)
+    ready.go(2.0)
+    states = ready.all(RobotState)
+    assert len(states) - count == pytest.approx(20, abs=1)
+    assert states[-1].x == pytest.approx(1.0, abs=0.06)
+    assert (states[-1].v, states[-1].w) == (0.5, 0.1)
+    assert "connected to" in ready.logs()
+
+
+def test_it_says_what_robot_it_is_and_what_it_sees_by(ready: Bench) -> None:
+    (said, *_) = ready.all(Description)
+    assert (said.robot, said.sensors) == ("jackal", ("laser",))
+    assert (said.half_width, said.v_max, said.watchdog_s) == (0.215, 2.0, 0.5)
+    assert ready.all(Sonar) == []
+
+
+def test_its_scans_are_where_the_laser_was(ready: Bench) -> None:
+    scan = ready.all(Scan)[-1]
+    assert scan.cycle == ready.all(RobotState)[-1].cycle
+    assert np.allclose(ranges_of(scan), 2.0, atol=1e-3)
+    assert bearings_of(scan)[0] == pytest.approx(-1.0)
+    assert points_of(scan)[10] == pytest.approx((2.12, 0.0), abs=0.01)
+
+
+def test_a_scan_is_moved_by_what_the_robot_has_driven_since(ready: Bench) -> None:
+    ready.speeds = (1.0, 0.0)
+    ready.ranges = None
+    ready.go(0.04)
+    ready.raw(frame("sensors/lidar2d_0/scan", scan(CLOCK_S + ready.now, [2.0] * 21, most=30.0)))
+    ready.go(0.16)
+    last = ready.all(Scan)[-1]
+    late = ready.all(RobotState)[-1]
+    assert 0.12 - 0.2 <= last.x < 0.12
+    assert late.v == 1.0
+
+
+def test_commands_go_out_up_the_ramps(ready: Bench) -> None:
+    ready.go(1.0, command=(0.6, 0.0))
+    assert ready.told[-1][1:] == (0.6, 0.0)
+    climb = [v for at, v, _ in ready.told if at > 0.7]
+    assert climb == sorted(climb)
+    assert max(b - a for a, b in pairwise(climb)) <= JACKAL.limits.v_accel * RAMP_S + 1e-6
+    assert ready.all(Ack)[-1].obeyed == BALLOT
+
+
+def test_silence_of_the_holder_is_zero_after_300_ms(ready: Bench) -> None:
+    ready.go(1.0, command=(0.6, 0.0))
+    ready.speeds = (0.6, 0.0)
+    begun = ready.now
+    ready.go(1.0)
+    slower = next(at for at, v, _ in ready.told if at > begun and v < 0.6)
+    assert slower - begun <= 0.3 + 0.02
+    assert ready.told[-1][1:] == (0.0, 0.0)
+
+
+def test_a_stop_is_zero_and_nobody_is_obeyed_until_it_is_released(ready: Bench) -> None:
+    ready.go(1.0, command=(0.6, 0.0))
+    ready.hand(Stop(1, stopped=True, by="somebody", press=7))
+    ready.go(1.0, command=(0.6, 0.0))
+    assert ready.told[-1][1:] == (0.0, 0.0)
+    assert ready.all(RobotState)[-1].stop.stopped
+    ready.hand(Stop(2, stopped=False, by="somebody", press=7))
+    ready.go(1.0, command=(0.6, 0.0))
+    assert ready.told[-1][1] == 0.6
+
+
+def test_the_end_of_the_agent_is_zero_at_once(ready: Bench) -> None:
+    ready.go(1.0, command=(0.6, 0.0))
+    ready.agent.stop(ready.now)
+    ready.take()
+    assert ready.told[-1][1:] == (0.0, 0.0)
+
+
+def test_wheels_that_turn_though_nobody_drives_are_told_to_stand(ready: Bench) -> None:
+    ready.speeds = (0.3, 0.0)
+    begun = ready.now
+    ready.go(0.5)
+    told = [(v, w) for at, v, w in ready.told if at > begun]
+    assert told
+    assert told[-1] == (0.0, 0.0)
+
+
+def test_a_beaten_holders_command_is_refused(ready: Bench) -> None:
+    ready.go(0.5, command=(0.6, 0.0))
+    ready.hand(
+        Command("wheels", ready.all(RobotState)[-1].cycle, Ballot(4, 0.9, True, "x-1"), (-0.6, 0.0))
+    )
+    ready.go(0.2, command=(0.6, 0.0))
+    assert min(v for _, v, _ in ready.told) >= 0.0
+
+
+def test_a_robot_that_falls_silent_is_obeyed_by_nobody_and_found_again(ready: Bench) -> None:
+    ready.go(1.5, silent=True)
+    assert "no odometry for 1.0 s" in ready.logs()
+    told = len(ready.told)
+    ready.command(0.6)
+    assert [v for _, v, _ in ready.told[told:]] == []
+    ready.go(0.6)
+    assert ready.logs().count("connected to") == 2
+    ready.go(1.0, command=(0.6, 0.0))
+    assert ready.told[-1][1] == 0.6
+
+
+def test_a_laser_that_stops_is_stale_and_said(ready: Bench) -> None:
+    count = len(ready.all(Scan))
+    ready.ranges = None
+    ready.go(1.5)
+    assert len(ready.all(Scan)) - count <= 2
+    assert "the laser tells nothing, no scan for 4 cycles: nobody drives blind" in ready.logs()
+
+
+def test_a_laser_of_nan_and_zero_says_nothing_valid(ready: Bench) -> None:
+    ready.ranges = [nan, 0.0] * 10
+    ready.go(0.3)
+    assert np.isnan(ranges_of(ready.all(Scan)[-1])).all()
+
+
+def test_who_else_drives_is_named(ready: Bench) -> None:
+    ready.raw(said(Seen(drivers=("/teleop_twist_keyboard",))))
+    assert (
+        "others publish on cmd_vel, too, and may drive it: /teleop_twist_keyboard" in ready.logs()
+    )
+
+
+def test_without_a_robot_it_is_said_what_is_there_instead() -> None:
+    bench = Bench()
+    bench.raw(said(Seen(notes=("there are /tb3 and /tb4 in domain 0",))))
+    bench.go(1.5, silent=True)
+    assert "waiting for odometry on platform/odom/filtered" in bench.logs()
+    assert "there are /tb3 and /tb4 in domain 0" in bench.logs()
+
+
+def test_a_robot_without_a_watchdog_is_said_to_have_none() -> None:
+    bench = Bench("turtlebot3-burger")
+    bench.raw(frame("odom", odometry(CLOCK_S)))
+    assert "has no watchdog" in bench.logs()
+
+
+def test_a_new_agent_begins_with_zero() -> None:
+    """Another one may have died in full speed, of a base without a watchdog."""
+    assert Bench().told == [(0.0, 0.0, 0.0)]

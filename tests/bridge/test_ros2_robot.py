@@ -1,0 +1,264 @@
+"""The simulated ROS 2 robot says what is wanted at its rates, obeys as a base does, and stops."""
+
+from __future__ import annotations
+
+from math import hypot, inf, nan
+
+import pytest
+from msgspec.structs import replace
+
+from armadico.bridge.ros2 import types
+from armadico.bridge.ros2.cdr import decode, encode
+from armadico.bridge.ros2.frames import Decoder, Wants, frame, said
+from armadico.bridge.ros2.session import Session, wants
+from armadico.bridge.session import Connected, Reported
+from armadico.bridge.simulator.plant import seeded
+from armadico.bridge.simulator.ros2_line import published
+from armadico.bridge.simulator.ros2_robot import Ros2SimulatedRobot
+from armadico.config.loading import find, load_entry
+from armadico.config.profile import Ros2Robot, SensorProfile, load_profile
+
+IDEAL = load_entry(find("robots", "sensors"), SensorProfile, "ideal")
+REAL = load_entry(find("robots", "sensors"), SensorProfile, "real")
+HALL = [
+    (-3.0, -3.0, 3.0, -3.0),
+    (3.0, -3.0, 3.0, 3.0),
+    (3.0, 3.0, -3.0, 3.0),
+    (-3.0, 3.0, -3.0, -3.0),
+]
+
+
+def profile_of(name: str) -> Ros2Robot:
+    profile = load_profile(name)
+    assert isinstance(profile, Ros2Robot)
+    return profile
+
+
+JACKAL, BURGER = profile_of("jackal"), profile_of("turtlebot3-burger")
+
+
+class Bench:
+    """The robot, and a client that reads its frames, in steps of 10 ms."""
+
+    def __init__(
+        self,
+        profile: Ros2Robot = JACKAL,
+        walls: list = HALL,
+        sensors: SensorProfile = IDEAL,
+        seed: int = 1,
+    ) -> None:
+        self.profile = profile
+        self.robot = Ros2SimulatedRobot(
+            profile, sensors, walls, (0.0, 0.0, 0.0), seeded(seed), "/sim"
+        )
+        self.now = 0.0
+        self.heard: list[tuple[float, str, bytes]] = []
+        self.decoder = Decoder()
+
+    def want(self, everything: bool = True) -> Bench:
+        topics = published(self.profile.ros2) if everything else wants(self.profile.ros2).topics
+        self.robot.receive(said(Wants(tuple(topics))), self.now)
+        return self
+
+    def tell(self, v: float, w: float = 0.0) -> None:
+        ros2 = self.profile.ros2
+        twist = types.Twist(linear=types.Vector3(x=v), angular=types.Vector3(z=w))
+        payload = encode(types.TwistStamped(twist=twist) if ros2.stamped else twist)
+        self.robot.receive(frame(ros2.cmd_vel.name, payload), self.now)
+
+    def go(self, seconds: float) -> None:
+        for _ in range(round(seconds * 100)):
+            self.now = round(self.now + 0.01, 6)
+            for topic, payload in self.decoder.feed(self.robot.advance(self.now), self.now):
+                self.heard.append((self.now, topic, payload))
+
+    def drive(self, v: float, w: float, seconds: float) -> None:
+        for _ in range(round(seconds * 10)):
+            self.tell(v, w)
+            self.go(0.1)
+
+    def count(self, topic: str) -> int:
+        return sum(name == topic for _, name, _ in self.heard)
+
+    def odometry(self) -> types.Odometry:
+        payload = next(p for _, t, p in reversed(self.heard) if t == self.profile.ros2.odom.name)
+        return decode(types.Odometry, payload)
+
+
+# --- what it says
+
+
+def test_nobody_who_wants_nothing_is_told_anything() -> None:
+    bench = Bench()
+    bench.go(1.0)
+    assert bench.heard == []
+
+
+@pytest.mark.parametrize("profile", [JACKAL, BURGER])
+def test_each_topic_comes_at_its_rate(profile: Ros2Robot) -> None:
+    bench, ros2 = Bench(profile).want(), profile.ros2
+    bench.go(4.0)
+    assert profile.laser is not None
+    rates = {ros2.odom: ros2.odom_hz, ros2.tf: ros2.odom_hz, ros2.scan: profile.laser.rate_hz}
+    for topic, rate_hz in (rates | {ros2.battery: 1.0}).items():
+        assert topic is not None
+        assert bench.count(topic.name) == pytest.approx(4.0 * rate_hz, abs=1)
+
+
+def test_what_is_not_wanted_is_not_said() -> None:
+    bench = Bench().want(everything=False)
+    bench.go(1.0)
+    assert bench.count("tf") == 0
+    bench.robot.controller.disconnect()
+    before = len(bench.heard)
+    bench.go(1.0)
+    assert len(bench.heard) == before
+
+
+def test_its_scan_says_where_the_walls_are() -> None:
+    bench = Bench().want()
+    bench.go(0.2)
+    payload = next(p for _, t, p in bench.heard if t == "sensors/lidar2d_0/scan")
+    scan = decode(types.LaserScan, payload)
+    assert len(scan.ranges) == 720
+    assert scan.angle_min == pytest.approx(-2.356, abs=0.001)
+    ahead = scan.ranges[round(-scan.angle_min / scan.angle_increment)]
+    assert ahead == pytest.approx(3.0 - 0.12, abs=0.05)
+
+
+def test_its_stamps_are_of_its_own_clock() -> None:
+    bench = Bench().want()
+    bench.robot.controller.clock_s = 1e9
+    bench.go(1.0)
+    stamp = bench.odometry().header.stamp
+    assert stamp.sec + 1e-9 * stamp.nanosec == pytest.approx(1e9 + 1.0, abs=0.021)
+
+
+def test_the_session_understands_it() -> None:
+    bench = Bench()
+    session, events = Session(JACKAL, 0.0), []
+    for step in range(150):
+        now = 0.01 * (step + 1)
+        if step >= 40 and step % 10 == 0:
+            session.drive(0.5, 0.0)
+        if out := session.outgoing():
+            bench.robot.receive(out, now)
+        events += session.receive(bench.robot.advance(now), now)
+        events += session.tick(now)
+    assert next(e for e in events if isinstance(e, Connected)).name == "/sim"
+    reports = [e for e in events if isinstance(e, Reported)]
+    assert len(reports) == pytest.approx(15, abs=1)
+    assert reports[-1].v == pytest.approx(0.5, abs=0.1)
+    assert reports[-1].battery_v == pytest.approx(29.0, abs=0.5)
+    assert reports[-1].scan is not None
+    assert session.line.told == ""
+
+
+# --- how it obeys
+
+
+@pytest.mark.parametrize("profile", [JACKAL, BURGER])
+def test_it_drives_as_it_is_told_no_harder_than_it_can(profile: Ros2Robot) -> None:
+    bench, drive = Bench(profile, walls=[]).want(), profile.drive
+    most, before = 0.0, 0.0
+    for _ in range(20):
+        bench.tell(0.2, 0.5)
+        for _ in range(10):
+            bench.go(0.01)
+            most = max(most, abs(bench.robot.plant.speeds[0] - before))
+            before = bench.robot.plant.speeds[0]
+    assert bench.robot.plant.speeds == (pytest.approx(0.2, abs=1e-3), pytest.approx(0.5, abs=1e-3))
+    assert most <= drive.v_accel * 0.01 + 1e-9
+    twist = bench.odometry().twist.twist
+    assert (twist.linear.x, twist.angular.z) == (
+        pytest.approx(0.2, abs=0.01),
+        pytest.approx(0.5, abs=0.02),
+    )
+
+
+def test_it_begins_to_follow_after_its_latency() -> None:
+    slow = replace(JACKAL, ros2=replace(JACKAL.ros2, latency_s=0.3))
+    bench = Bench(slow).want()
+    bench.tell(0.5)
+    bench.go(0.29)
+    assert bench.robot.plant.speeds == (0.0, 0.0)
+    bench.go(0.1)
+    assert bench.robot.plant.speeds[0] > 0.05
+
+
+def test_silence_of_commands_stops_it() -> None:
+    bench = Bench(walls=[]).want()
+    bench.drive(1.0, 0.0, 2.0)
+    bench.go(0.4)
+    assert bench.robot.plant.speeds[0] == pytest.approx(1.0, abs=0.01)
+    bench.go(1.2)
+    assert bench.robot.plant.speeds[0] == pytest.approx(0.0, abs=0.01)
+
+
+def test_one_without_a_watchdog_drives_on_for_ever() -> None:
+    """As a TurtleBot3 does while its own node lives: docs/robots.md."""
+    bench = Bench(BURGER, walls=[]).want()
+    bench.tell(0.2)
+    bench.go(20.0)
+    assert bench.robot.plant.speeds[0] == pytest.approx(0.2, abs=0.01)
+
+
+def test_what_it_cannot_do_it_does_as_far_as_it_can() -> None:
+    bench = Bench(BURGER, walls=[])
+    bench.drive(5.0, 0.0, 1.0)
+    assert bench.robot.plant.speeds[0] == pytest.approx(0.22, abs=0.01)
+    bench.drive(0.009, 0.0, 1.0)  # below a whole cm/s
+    assert bench.robot.plant.speeds[0] == pytest.approx(0.0, abs=1e-3)
+
+
+@pytest.mark.parametrize("bad", [nan, inf])
+def test_speeds_that_are_no_numbers_are_passed_over(bad: float) -> None:
+    bench = Bench(walls=[])
+    bench.tell(bad)
+    bench.tell(0.0, bad)
+    bench.robot.receive(frame("cmd_vel", b"\x00\x01\x00\x00"), bench.now)
+    bench.robot.receive(b"garbage" * 10, bench.now)
+    bench.go(1.0)
+    assert bench.robot.plant.speeds == (0.0, 0.0)
+
+
+# --- in its world
+
+
+def test_a_wall_stops_it_and_is_counted() -> None:
+    bench = Bench().want()
+    bench.drive(0.5, 0.0, 8.0)
+    plant = bench.robot.plant
+    assert plant.collisions == 1
+    assert plant.pose[0] == pytest.approx(3.0 - JACKAL.body.front_m, abs=0.02)
+    assert abs(plant.speeds[0]) < 0.05
+    bench.drive(-0.5, 0.0, 2.0)
+    assert plant.pose[0] < 2.5
+
+
+def test_its_odometry_is_the_truth_where_sensors_are_ideal_and_not_where_they_are_real() -> None:
+    far = []
+    for sensors in (IDEAL, REAL):
+        bench = Bench(walls=[], sensors=sensors).want()
+        bench.drive(0.5, 0.4, 10.0)
+        x, y, _ = bench.robot.plant.pose
+        place = bench.odometry().pose.pose.position
+        far.append(hypot(place.x - x, place.y - y))
+    assert far[0] < 0.02
+    assert far[1] > 0.03
+
+
+def test_driving_drains_its_battery() -> None:
+    still, driven = Bench(walls=[]), Bench(walls=[])
+    still.go(10.0)
+    driven.drive(1.5, 0.0, 10.0)
+    assert driven.robot.plant.battery.charge < still.robot.plant.battery.charge < 1.0
+
+
+def test_the_same_seed_gives_the_same_bytes() -> None:
+    def run() -> list[tuple[float, str, bytes]]:
+        bench = Bench(sensors=REAL, seed=7).want()
+        bench.drive(0.5, 0.3, 2.0)
+        return bench.heard
+
+    assert run() == run()

@@ -1,0 +1,103 @@
+"""A robot's profile says what it speaks, what it sees by, and how it moves; or an error says which
+table is missing."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import pytest
+
+from armadico.config.errors import ConfigError
+from armadico.config.loading import find, names
+from armadico.config.profile import NEVER_S, P2osRobot, Ros2Robot, load_profile
+
+
+def without(text: str, table: str) -> str:
+    """A profile's text without one of its tables."""
+    begin = text.index(f"[{table}]")
+    end = text.find("\n[", begin)
+    return text[:begin] + (text[end + 1 :] if end >= 0 else "")
+
+
+def written(folder: Path, text: str) -> Path:
+    path = folder / "own.toml"
+    path.write_text(text)
+    return path
+
+
+@pytest.mark.parametrize("name", names("robots"))
+def test_each_shipped_robot_is_one_of_two_kinds(name: str) -> None:
+    profile = load_profile(name)
+    assert profile.name == name
+    assert isinstance(profile, Ros2Robot if profile.p2os is None else P2osRobot)
+    assert profile.reach_m > 1.0
+    assert profile.body.circle_m < 1.0
+
+
+@pytest.mark.parametrize("name", names("robots"))
+def test_the_numbers_of_a_robot_have_a_source_or_are_said_to_be_chosen(name: str) -> None:
+    text = find("robots", name).read_text()
+    assert "hosen" in text or "able" in text
+
+
+def test_a_base_is_told_no_more_than_it_can_do() -> None:
+    for name in names("robots"):
+        profile = load_profile(name)
+        if isinstance(profile, Ros2Robot):
+            limits, drive = profile.limits, profile.drive
+            assert max(limits.v_accel, limits.v_decel) <= drive.v_accel
+            assert max(limits.w_accel, limits.w_decel) <= drive.w_accel
+
+
+def test_a_robot_without_a_watchdog_says_the_longest_there_is() -> None:
+    assert load_profile("turtlebot3-burger").watchdog_s == NEVER_S
+    assert load_profile("jackal").watchdog_s == 0.5
+
+
+@pytest.mark.parametrize(
+    ("robot", "table", "message"),
+    [
+        ("jackal", "drive", r"\[ros2\] needs \[drive\], too"),
+        ("jackal", "laser", r"neither \[sonar\] nor \[laser\]"),
+        ("pioneer-2dx", "motor", r"\[p2os\] needs \[motor\], too"),
+        ("pioneer-2dx", "caster", r"\[p2os\] needs \[caster\], too"),
+        ("pioneer-2dx", "p2os", r"a table \[p2os\] or a table \[ros2\], and not both"),
+        ("jackal", "ros2.odom", "odom"),
+    ],
+)
+def test_a_table_that_is_missing_is_named(
+    tmp_path: Path, robot: str, table: str, message: str
+) -> None:
+    path = written(tmp_path, without(find("robots", robot).read_text(), table))
+    with pytest.raises(ConfigError, match=message):
+        load_profile(path)
+
+
+def test_a_table_that_is_of_no_use_is_named(tmp_path: Path) -> None:
+    drive = """
+[drive]
+lag_s = 0.1
+v_accel = 1.0
+w_accel = 1.0
+scrub = 0.0
+heading = 1.0
+rolling_n = 1.0
+turning_nm = 1.0
+efficiency = 0.5
+"""
+    path = written(tmp_path, find("robots", "pioneer-2dx").read_text() + drive)
+    with pytest.raises(ConfigError, match=r"\[p2os\] has no use for \[drive\]"):
+        load_profile(path)
+
+
+def test_a_laser_needs_a_topic(tmp_path: Path) -> None:
+    path = written(tmp_path, without(find("robots", "jackal").read_text(), "ros2.scan"))
+    with pytest.raises(ConfigError, match=r"a laser and no \[ros2.scan\]"):
+        load_profile(path)
+
+
+@pytest.mark.parametrize("name", ["", "1odom", "odom/", "a b", "~odom", "/", "odom//x", "@seen"])
+def test_what_is_no_topic_is_refused(tmp_path: Path, name: str) -> None:
+    text = find("robots", "jackal").read_text().replace('name = "tf"', f'name = "{name}"')
+    with pytest.raises(ConfigError, match=r"ros2\.tf\.name"):
+        load_profile(written(tmp_path, text))

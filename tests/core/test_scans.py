@@ -1,0 +1,91 @@
+"""A laser's scan as a message: what drivers say, and what of it the others are told."""
+
+from __future__ import annotations
+
+from math import inf, nan, pi, radians
+
+import numpy as np
+import pytest
+
+from armadico.core.messages import RAYS, Cycle, Scan, decode, encode
+from armadico.core.scans import bearings_of, message_of, points_of, ranges_of
+
+AT = Cycle(7, 42)
+LIMITS = (0.1, 30.0)
+MOUNT = (0.2, 0.0, 0.0)
+
+
+def scan(ranges: list[float], first: float = -0.1, step: float = 0.1, **more: object) -> Scan:
+    return message_of(AT, ranges, (first, step), LIMITS, MOUNT, **more)  # type: ignore[arg-type]
+
+
+def test_a_scan_comes_back_to_a_millimetre_and_is_small() -> None:
+    ranges = np.random.default_rng(1).uniform(0.1, 30.0, 720)
+    said = message_of(AT, ranges, (radians(-135), radians(270) / 719), LIMITS, MOUNT, number=3)
+    data = encode(said)
+    assert len(data) < 1500
+    back = decode(data, Scan)
+    assert back == said
+    assert np.abs(ranges_of(back) - ranges).max() <= 0.0005
+    assert bearings_of(back)[[0, -1]] == pytest.approx([radians(-135), radians(135)])
+
+
+def test_what_is_no_range_is_told_from_what_is_free() -> None:
+    said = scan([nan, 0.0, -1.0, -inf, 0.05, inf, 31.0, 30.0, 0.1])
+    found = ranges_of(said)
+    assert np.isnan(found[:5]).all(), "nothing valid: nobody takes it for free"
+    assert np.isinf(found[5:7]).all()
+    assert found[7:].tolist() == [30.0, 0.1]
+    assert len(points_of(said)) == 2
+
+
+def test_where_the_laser_sits_and_how_the_robot_moved_since_are_in_it() -> None:
+    ahead = scan([1.0, 2.0, 1.0])
+    assert points_of(ahead)[1] == pytest.approx([2.2, 0.0])
+    moved = scan([1.0, 2.0, 1.0], since=(-0.5, 0.0, 0.0))  # taken half a metre farther back
+    assert points_of(moved)[1] == pytest.approx([1.7, 0.0])
+    turned = scan([1.0, 2.0, 1.0], since=(0.0, 0.0, -pi / 2))
+    assert points_of(turned)[1] == pytest.approx([0.0, -2.2])
+
+
+def test_one_that_spins_backwards_or_hangs_upside_down_sees_the_same() -> None:
+    straight = scan([1.0, 2.0, 3.0])
+    backwards = scan([3.0, 2.0, 1.0], first=0.1, step=-0.1)
+    hanging = scan([3.0, 2.0, 1.0], upside_down=True)
+    for other in (backwards, hanging):
+        assert points_of(other)[::-1] == pytest.approx(points_of(straight))
+
+
+@pytest.mark.parametrize(
+    ("first", "step"), [(nan, 0.1), (inf, 0.1), (0.0, 0.0), (0.0, nan), (0.0, -inf), (0.0, 2.0)]
+)
+def test_angles_that_no_laser_has_are_refused(first: float, step: float) -> None:
+    with pytest.raises(ValueError, match=r"rays from .* rad on"):
+        scan([1.0, 2.0], first=first, step=step)
+
+
+def test_no_rays_are_no_scan() -> None:
+    with pytest.raises(ValueError, match="no rays"):
+        scan([])
+
+
+def test_what_goes_on_beyond_a_turn_is_left_out() -> None:
+    assert len(ranges_of(scan([1.0] * 500, step=2 * pi / 360))) == 360
+
+
+def test_of_more_rays_than_a_message_carries_the_nearest_stand_for_their_neighbours() -> None:
+    ranges = [5.0] * 8000
+    ranges[4001], ranges[4002], ranges[0:4] = 1.0, 0.0, [nan] * 4
+    said = message_of(AT, ranges, (-pi, 2 * pi / 8000), LIMITS, MOUNT)
+    found = ranges_of(said)
+    assert len(found) == 2000 <= RAYS
+    assert np.isnan(found[0])
+    assert found[1000] == 1.0, "the one that has no valid range does not hide it"
+    assert bearings_of(said)[1000] == pytest.approx(0.0, abs=2 * pi / 2000)
+
+
+def test_bytes_that_are_not_two_a_ray_and_rays_without_a_step_are_refused() -> None:
+    with pytest.raises(ValueError, match="all go the same way"):
+        ranges_of(Scan(AT, 0, 0, 0, 1e-300, 30.0, b"abcd"))
+    with pytest.raises(ValueError, match="buffer size"):
+        ranges_of(Scan(AT, 0, 0, 0, 0.1, 30.0, b"abc"))

@@ -1,0 +1,232 @@
+"""The BARN challenge: through fields of cylinders without a map, by its own rule and score."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from math import hypot
+from pathlib import Path
+from statistics import fmean
+from typing import TYPE_CHECKING, Final
+
+from msgspec.structs import replace as changed
+
+from armadico.config.mapwriter import write_map
+from armadico.config.profile import load_profile
+from armadico.config.scenarios import load_scenario
+from armadico.config.worlds import load_world
+from armadico.core.messages import Message, Truth
+from armadico.launch.society import Options
+from armadico.observe.pictures import Run, draw_run
+from armadico_tools.experiments.barn_worlds import (
+    CLIPS,
+    GOAL,
+    LIMIT_S,
+    REACHED_M,
+    START,
+    STARTED_M,
+    BarnWorld,
+    read_worlds,
+)
+from armadico_tools.experiments.driving import Cell, Drive, Sample
+from armadico_tools.markdown import table
+
+if TYPE_CHECKING:
+    from armadico_tools.experiments.base import Context
+
+TITLE: Final = "The BARN challenge: fields of cylinders, no map"
+RUNS: Final = 1
+ROBOTS: Final = ("jackal", "pioneer-2dx", "pioneer-16")
+PARAMETERS: Final = "swift"
+
+TUNED: Final = (1, 2, 3)
+"""Worlds with these remainders by 6 chose parameters; the others, with 4 and 5, are reported."""
+
+WAIT_S: Final = 30.0
+"""Who has not moved for so long after it was sent off is late; the challenge waits for ever."""
+
+WORST: Final = 10
+
+NOTE: Final = (
+    "Each world by the challenge's rule: the clock starts when the robot has moved 0.1 m and stops"
+    " within 1 m of the goal, 10 m ahead; any contact ends the run, and so do 100 s. Score: optimal"
+    " time over the time, which counts as 2 (until 2023: 4) optimal times at the least, 8 at the"
+    " most; 0 for who does not get there. Nobody is told of the world. Sensors without error. *All"
+    " others' figures are of a Jackal in Gazebo; these are of this project's simulator, and of the"
+    " public worlds.*"
+)
+
+
+class BarnDrive(Drive):
+    """One run by the challenge's rule."""
+
+    def __init__(self, cell: Cell, seed: int) -> None:
+        super().__init__(cell, seed)
+        self.began: float | None = None  # when it had moved
+        self.ended: float | None = None
+        self.touched = False
+        self.rehearsal.mesh.watch(lambda _k, message, _t: self._look(message), Truth)
+
+    @property
+    def seconds(self) -> float:
+        """By the challenge's clock."""
+        if self.began is None:
+            return 0.0
+        return (self.rehearsal.mesh.now if self.ended is None else self.ended) - self.began
+
+    def sample(self) -> Sample:
+        """The row of this run, judged by the challenge."""
+        reached = self.ended is not None and not self.touched and self.seconds < LIMIT_S
+        note = "" if reached else "touched" if self.touched else "too late"
+        return changed(
+            super().sample(),
+            reached=reached,
+            arrived=reached,
+            collisions=int(self.touched),
+            tt_s=round(self.seconds, 3),
+            note=f"refused: {self.refused}" if self.refused else note,
+        )
+
+    def _options(self) -> Options:
+        options = super()._options()
+        return Options(**{**options.__dict__, "limit": LIMIT_S + WAIT_S})
+
+    def _over(self) -> bool:
+        return self.ended is not None or self.seconds >= LIMIT_S
+
+    def _look(self, truth: Message) -> None:
+        """One look at where the robot is."""
+        assert isinstance(truth, Truth)
+        now = self.rehearsal.mesh.now
+        if self.began is None:
+            if hypot(truth.x - START[0], truth.y - START[1]) < STARTED_M:
+                return
+            self.began = now
+        if self.ended is None:
+            self.touched = truth.collisions > 0
+            if self.touched or hypot(truth.x - GOAL[0], truth.y - GOAL[1]) <= REACHED_M:
+                self.ended = now
+
+
+def drive(task: tuple[Cell, int]) -> Sample:
+    """One run, whole: what the workers do."""
+    cell, seed = task
+    return BarnDrive(cell, seed).go().sample()
+
+
+def write(world: BarnWorld, folder: Path, v_max: float | None) -> Path:
+    """Write a world and its scenario; the scenario's file."""
+    name = f"barn-{world.number:03d}"
+    write_map(world.world(), folder / f"{name}.map")
+    limit = "" if v_max is None else f"v_max = {v_max}\n"
+    path = folder / f"{name}.toml"
+    path.write_text(
+        f'title = "BARN {world.number}"\nworld = "{name}.map"\n'
+        f'start = {list(START)}\ngoal = {list(GOAL)}\nplan = "seen"\nsensors = "ideal"\n{limit}',
+        encoding="utf-8",
+    )
+    return path
+
+
+def run(context: Context) -> None:
+    """Every world by every robot; tables of all, and pictures of the worst."""
+    chosen = context.barn
+    worlds = read_worlds() if chosen.data is None else read_worlds(chosen.data)
+    wanted = chosen.worlds or tuple(worlds)
+    folder = context.out / "worlds"
+    folder.mkdir(exist_ok=True)
+    files = {n: write(worlds[n], folder, chosen.v_max) for n in wanted}
+    cells = {
+        (robot, n): Cell(f"{robot}-{n}", str(path), parameters=PARAMETERS, robot=robot)
+        for robot in chosen.robots or ROBOTS
+        for n, path in files.items()
+    }
+    found = context.drive_each(
+        [(cell, seed) for cell in cells.values() for seed in context.seeds], drive
+    )
+    context.summary = {}
+    rows = []
+    for robot in chosen.robots or ROBOTS:
+        for part, numbers in parts(wanted).items():
+            runs = [(worlds[n], one) for n in numbers for one in found[cells[robot, n].name]]
+            summary = summarized(runs)
+            context.summary[f"{robot}, {part}"] = summary
+            rows.append((robot, part, *(f"{value:.3f}" for value in summary.values())))
+    header = ("robot", "worlds", "runs", "reached", "touched", "too late", "s", "score", "of 0.25")
+    everything = [
+        (score_of(worlds[n], one), robot, n, one)
+        for (robot, n), cell in cells.items()
+        for one in found[cell.name]
+    ]
+    everything.sort(key=lambda row: row[:3])
+    worst = [row for row in everything if row[0] < CLIP_SCORE][:WORST]
+    for _, robot, n, one in worst:
+        path = context.out / f"{robot}-{n}-{one.seed}.png"
+        context.files.append(picture(cells[robot, n], one, path))
+    listed = [
+        (robot, n, one.seed, f"{score:.3f}", one.note or f"{one.tt_s:.1f} s, {one.td_m:.1f} m")
+        for score, robot, n, one in worst
+    ]
+    of_worst = table(("robot", "world", "seed", "score", "what happened"), listed)
+    context.rows(
+        "scores",
+        ("robot", "world", "seed", "score", "touched", "seconds"),
+        [(r, n, s.seed, f"{score:.4f}", s.collisions, s.tt_s) for score, r, n, s in everything],
+    )
+    limit = "" if chosen.v_max is None else f" No faster than {chosen.v_max:g} m/s."
+    context.table(
+        f"# {TITLE}\n\n{NOTE}{limit}\n\n{table(header, rows)}\n\n## The worst\n\n{of_worst}"
+    )
+
+
+CLIP_SCORE: Final = 1.0 / CLIPS[0]
+"""What nobody gets more than."""
+
+
+def parts(numbers: Sequence[int]) -> dict[str, list[int]]:
+    """The worlds: all, those that parameters were chosen on, and the others."""
+    found = {
+        "all": list(numbers),
+        "tuned on": [n for n in numbers if n % 6 in TUNED],
+        "not tuned on": [n for n in numbers if n % 6 not in TUNED],
+    }
+    return {name: some for name, some in found.items() if some}
+
+
+def score_of(world: BarnWorld, one: Sample, clip: float = CLIPS[0]) -> float:
+    """The challenge's score of a run."""
+    return world.score(one.tt_s if one.reached else None, clip)
+
+
+def summarized(runs: Sequence[tuple[BarnWorld, Sample]]) -> dict[str, float]:
+    """Runs in a few numbers: shares, the mean time of those that got there, scores."""
+    times = [one.tt_s for _, one in runs if one.reached]
+    new, old = (fmean(score_of(world, one, clip) for world, one in runs) for clip in CLIPS)
+    return {
+        "runs": len(runs),
+        "reached": fmean(one.reached for _, one in runs),
+        "touched": fmean(bool(one.collisions) for _, one in runs),
+        "too_late": fmean(not one.reached and not one.collisions for _, one in runs),
+        "seconds": fmean(times) if times else 0.0,
+        "score": new,
+        "score_until_2023": old,
+    }
+
+
+def picture(of: Cell, sample: Sample, path: Path) -> Path:
+    """A picture of a run."""
+    drive = BarnDrive(of, sample.seed)
+    drive.go()
+    watch, scenario = drive.watch, load_scenario(of.scenario)
+    start = watch.start or watch.goal
+    assert start is not None, "a world of the challenge has one"
+    run = Run(
+        path=watch.path,
+        start=start,
+        goal=watch.goal,
+        body=load_profile(of.robot or scenario.robot).body,
+        waypoints=watch.waypoints[:-1],
+        title=f"{of.name}, seed {sample.seed}",
+        caption=(sample.note or f"{sample.tt_s:.1f} s, {sample.td_m:.1f} m",),
+    )
+    draw_run(load_world(scenario.world), run, path)
+    return path

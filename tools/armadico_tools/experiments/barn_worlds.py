@@ -1,0 +1,150 @@
+"""The worlds of the BARN challenge, and its rule of scoring.
+
+`maps/barn.txt` has 250 of its 300: all but every sixth, 0, 6, ... 294, which its public test has.
+A world is a line: its number, the length of the challenge's reference path (m), and which cells
+of the field are taken, 30 rows of 30 from the lower left corner on, as bits in base64. A file of
+worlds may also be JSON: a list of `{"world": 1, "cylinders": [[x, y], ...], "path_length": 11.9}`.
+
+Frame: the challenge's (Gazebo's); m. Sources: Perille, Truong, Xiao and Stone, "Benchmarking Metric
+Ground Navigation", SSRR 2020; the rule is `run.py` of github Daffan/the-barn-challenge (MIT).
+"""
+
+from __future__ import annotations
+
+from base64 import b64decode, b64encode
+from binascii import Error as Base64Error
+from collections.abc import Iterable
+from math import isfinite
+from pathlib import Path
+from typing import Annotated, Final
+
+import msgspec
+from msgspec import Meta, Struct
+
+from armadico.config.errors import ConfigError
+from armadico.config.loading import read_text
+from armadico.config.worlds import Column, World
+
+SHIPPED: Final = Path(__file__).with_name("maps") / "barn.txt"
+
+RADIUS_M: Final = 0.075
+CELL_M: Final = 0.15
+ROWS: Final = 30
+CORNER: Final = (-4.425, 5.175)
+"""The middle of the lower left cell."""
+
+BELOW: Final = 34
+"""Rows of the fence below the cells: the lane that the robot starts in."""
+
+START: Final = (-2.25, 3.0, 90.0)
+GOAL: Final = (-2.25, 13.0, 90.0)
+REACHED_M: Final = 1.0
+STARTED_M: Final = 0.1
+LIMIT_S: Final = 100.0
+TOP_M_S: Final = 2.0
+"""The optimal time is that of the reference path at this speed."""
+
+CLIPS: Final = (2.0, 4.0)
+"""No run counts as faster than so many times the optimal time: since 2024, and until then."""
+
+
+class BarnWorld(Struct, frozen=True):
+    """One world: where its cylinders stand, and how long its reference path is, m."""
+
+    number: int
+    cylinders: tuple[tuple[float, float], ...]
+    path_m: float
+
+    def score(self, seconds: float | None, clip: float = CLIPS[0]) -> float:
+        """What a run gets that took so long, s; None: it did not get there."""
+        if seconds is None:
+            return 0.0
+        optimal = self.path_m / TOP_M_S
+        return optimal / min(max(seconds, clip * optimal), 8.0 * optimal)
+
+    def world(self) -> World:
+        """The world as a robot meets it."""
+        columns: tuple[Column, ...] = tuple((x, y, RADIUS_M) for x, y in self.cylinders)
+        bounds = (-4.5, 0.0, 0.0, 14.0)
+        return World(f"barn-{self.number}", (), bounds, columns=columns)
+
+
+class _Listed(Struct):
+    """A world in JSON."""
+
+    world: Annotated[int, Meta(ge=0)]
+    cylinders: list[tuple[float, float]]
+    path_length: Annotated[float, Meta(gt=0, le=1e4)]
+
+
+def read_worlds(path: Path = SHIPPED) -> dict[int, BarnWorld]:
+    """The worlds of a file by their numbers. Raises ConfigError."""
+    text = read_text(path)
+    found = _of_json(text, path) if text.lstrip().startswith("[") else _of_lines(text, path)
+    worlds: dict[int, BarnWorld] = {}
+    for world in found:
+        if world.number in worlds:
+            raise ConfigError(f"world {world.number} is there twice; expected once", path)
+        if not all(isfinite(x) and isfinite(y) for x, y in world.cylinders):
+            raise ConfigError(f"world {world.number}: a cylinder is nowhere", path)
+        worlds[world.number] = world
+    if not worlds:
+        raise ConfigError("no world in it", path)
+    return dict(sorted(worlds.items()))
+
+
+def packed(worlds: Iterable[BarnWorld]) -> str:
+    """The worlds as lines. Raises ValueError for one that is not of the field's cells."""
+    lines = []
+    for world in worlds:
+        bits = 0
+        for x, y in sorted(set(world.cylinders) - set(FENCE)):
+            column, row = (round((v - at) / CELL_M) for v, at in zip((x, y), CORNER, strict=True))
+            if not (0 <= column < ROWS and 0 <= row < ROWS) or _cell(row, column) != (x, y):
+                raise ValueError(f"world {world.number}: ({x:g}, {y:g}) is no cell of the field")
+            bits |= 1 << (row * ROWS + column)
+        data = b64encode(bits.to_bytes(_BYTES, "little")).decode()
+        lines.append(f"{world.number} {world.path_m:g} {data}")
+    return "\n".join(lines) + "\n"
+
+
+def _cell(row: int, column: int) -> tuple[float, float]:
+    x, y = CORNER
+    return round(x + column * CELL_M, 3), round(y + row * CELL_M, 3)
+
+
+FENCE: Final = (
+    *(_cell(row, column) for row in range(-BELOW, 0) for column in (0, ROWS - 1)),
+    *(_cell(-BELOW, column) for column in range(1, ROWS - 1)),
+)
+"""What stands below the cells in every world: the lane's sides, and its end."""
+
+_BYTES: Final = -(-ROWS * ROWS // 8)
+
+
+def _of_lines(text: str, path: Path) -> list[BarnWorld]:
+    worlds = []
+    for number, line in enumerate(text.splitlines(), start=1):
+        if not line.strip() or line.startswith("#"):
+            continue
+        try:
+            name, length, data = line.split()
+            bits = int.from_bytes(b64decode(data, validate=True), "little")
+            path_m = float(length)
+            if bits >> ROWS * ROWS or not 0.0 < path_m <= 1e4:
+                raise ValueError
+            cells = [_cell(*divmod(k, ROWS)) for k in range(ROWS * ROWS) if bits >> k & 1]
+            worlds.append(BarnWorld(int(name), (*FENCE, *cells), path_m))
+        except (ValueError, Base64Error):
+            raise ConfigError(
+                "expected NUMBER METRES CELLS, the cells in base64", path, number
+            ) from None
+    return worlds
+
+
+def _of_json(text: str, path: Path) -> list[BarnWorld]:
+    try:
+        listed = msgspec.json.decode(text, type=list[_Listed])
+    except msgspec.DecodeError as error:
+        raise ConfigError(f"not a list of worlds: {error}", path) from None
+    return [BarnWorld(one.world, tuple(one.cylinders), one.path_length) for one in listed]
