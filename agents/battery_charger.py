@@ -88,7 +88,8 @@ class Parameters(agent.Parameters, frozen=True, kw_only=True):
     world: Annotated[str, Meta(min_length=1)] = "empty"
     profile: str = "pioneer-2dx"
     capacity_ah: Annotated[float, Meta(gt=0, le=1e4)] | None = None  # None: the profile's
-    low_v: Annotated[float, Meta(gt=0, le=1e4)] = 10.4  # below this charging goes before all else
+    low_v: Annotated[float, Meta(gt=0, le=1e4)] | None = None
+    """Below this charging goes before all else; None: the profile's."""
     reserve: Share = 0.05  # of the battery: is to be left when the dock is reached
     more: Annotated[float, Meta(ge=1, le=10)] = 1.3  # a way may take so many times what is planned
     plenty: Annotated[float, Meta(gt=1, le=100)] = 4.0  # so many times what is needed is plenty
@@ -272,7 +273,7 @@ class BatteryCharger(Agent):
     @property
     def _critical(self) -> bool:
         """Whether the voltage is where charging goes before everything."""
-        return self._known and self._volts < self.p.low_v
+        return self._known and self._volts < (self.p.low_v or self._battery.low_v)
 
     @property
     def _full_j(self) -> float:

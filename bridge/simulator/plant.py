@@ -14,7 +14,6 @@ from __future__ import annotations
 from collections.abc import Callable, Sequence
 from math import cos, hypot, inf, sin
 from random import Random
-from typing import Protocol
 
 from armadico.bridge.simulator.battery import Battery, in_contact
 from armadico.bridge.simulator.company import Body, Company
@@ -52,32 +51,12 @@ def seeded(seed: int) -> Streams:
     return lambda name: Random(f"{seed}/{name}")
 
 
-class Drive(Protocol):
-    """What makes the robot move: motors with their voltages, or a base that is told speeds.
+Drive = Dynamics | Kinematics
+"""What makes the robot move: motors with their voltages, or a base that is told speeds.
 
-    Attributes:
-        by_volts: It is driven by voltages of the left and the right motor, which the battery
-            limits; else by the speed ahead and the turn rate.
-        v: Speed ahead, m/s.
-        w: Turn rate, rad/s.
-        mobility: Elements 00, 01 and 11 of the speeds that a force gains in a step.
-    """
-
-    by_volts: bool
-    v: float
-    w: float
-    mobility: tuple[float, float, float]
-
-    def accelerate(self, one: float, other: float) -> None:
-        """New speeds after a step, driven by these."""
-
-    def roll(self, v: float, w: float) -> None:
-        """Move at these mean speeds for a step."""
-
-    def watts(
-        self, one: float, other: float, left: float, right: float, half_track: float
-    ) -> float:
-        """What it takes, driven by these, at these speeds of the rims, m/s."""
+It is driven `by_volts` of the left and the right motor, which the battery limits, or else by the
+speed ahead and the turn rate. `mobility` is what a force gains in a step.
+"""
 
 
 class Plant:
