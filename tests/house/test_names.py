@@ -17,6 +17,7 @@ EXCEPTIONS = {
     ("armadico.config.scenarios", "robot"): "a key of a scenario's file: its robot's profile",
     ("armadico.config.hosts", "robot"): "a key of a host's entry: its robot's address",
     ("armadico.cli.run", "robot"): "an option, --robot",
+    ("armadico.cli.doctor", "monitor"): "what is checked: a row of the table",
     ("armadico.cli.top", "robot"): "a part of a snapshot: what the robot does",
 }
 """What is spelt like an agent and is none. Each is there, and no other is."""
