@@ -10,6 +10,7 @@ from typing import Annotated, Any, ClassVar, Literal
 
 import numpy as np
 from msgspec import Meta
+from msgspec.structs import replace
 
 from armadico.agents.methods.grid import CELL_M, Grid, check_extent
 from armadico.agents.methods.laser_model import BEAMS, LaserModel, beams_of
@@ -154,6 +155,7 @@ class Localization(Agent):
         self._best: Pose2 = STOOD  # this one,
         self._unproved = 0  # and so often it has to be that yet
         self._shown_at = float("-inf")
+        self._shown: tuple[int, Particles] | None = None  # of which change of the particles
 
     def on_pose(self, pose: Pose) -> None:
         """Where to begin."""
@@ -238,8 +240,17 @@ class Localization(Agent):
         )
         if self.now - self._shown_at >= PARTICLES_S:
             self._shown_at = self.now
-            drawn = self._filter.drawn(particles.MOST).tolist()
-            self.publish(particles.message_of(cycle, drawn))
+            self._show(cycle)
+
+    def _show(self, cycle: Cycle) -> None:
+        """Publish some particles: the same again while the robot stands."""
+        changes = self._filter.changes
+        if self._shown is not None and self._shown[0] == changes:
+            said = replace(self._shown[1], cycle=cycle)
+        else:
+            said = particles.message_of(cycle, self._filter.drawn(particles.MOST).tolist())
+        self._shown = changes, said
+        self.publish(said)
 
     def _judge(self, found: Estimate) -> None:
         """Whether it is lost: if it seems so for a while, and found once it has been sure.
