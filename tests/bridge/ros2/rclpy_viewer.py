@@ -62,11 +62,6 @@ def main() -> None:
         goal = PoseStamped()
         goal.header.frame_id = "map"
         goal.pose.position.x, goal.pose.position.y = map(float, line.split())
-    nodes = [
-        f"{namespace.rstrip('/')}/{name}"
-        for name, namespace in node.get_node_names_and_namespaces()
-    ]
-    say(nodes=sorted(nodes))
     node.destroy_node()
     rclpy.shutdown()
 

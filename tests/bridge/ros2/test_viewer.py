@@ -6,6 +6,7 @@ import itertools
 import json
 import math
 import os
+import select
 import subprocess
 from collections.abc import Iterator
 from contextlib import ExitStack
@@ -15,8 +16,7 @@ from typing import Any
 import pytest
 
 from armadico.bridge.ros2.addresses import join, read_address
-from armadico.bridge.ros2.command import NODE
-from armadico.bridge.ros2.outside import Ros2
+from armadico.bridge.ros2.outside import NODE, Ros2
 from armadico.bridge.ros2.society import Society
 from armadico.config.worlds import World
 from armadico.core import messages as m
@@ -88,14 +88,13 @@ class Viewer:
         os.set_blocking(self.process.stdout.fileno(), False)
         self._begun = b""
         self.heard: dict[str, dict[str, Any]] = {}
-        self.events: list[dict[str, Any]] = []
 
     def look(self) -> None:
-        """What it has read by now."""
+        """What it has read by now; a society has cycles, and does not flood it meanwhile."""
         assert self.process.stdout is not None
+        select.select([self.process.stdout], [], [], 0.02)
         *lines, self._begun = (self._begun + (self.process.stdout.read() or b"")).split(b"\n")
         for event in map(json.loads, lines):
-            self.events.append(event)
             if "topic" in event:
                 self.heard[event["topic"]] = event
 
@@ -103,15 +102,6 @@ class Viewer:
         assert self.process.stdin is not None
         self.process.stdin.write(f"{x} {y}\n".encode())
         self.process.stdin.flush()
-
-    def end(self) -> list[str]:
-        """The nodes that it knew."""
-        assert self.process.stdin is not None
-        self.process.stdin.close()
-        while not any("nodes" in event for event in self.events):
-            self.look()
-        nodes: list[str] = self.events[-1]["nodes"]
-        return nodes
 
 
 @pytest.fixture
@@ -147,7 +137,6 @@ def test_a_viewer_reads_everything_though_it_comes_late(stack: ExitStack, domain
         viewer.look()
     assert {t: (e["frame"], e["value"]) for t, e in viewer.heard.items()} == EXPECTED
     assert {tuple(e["at"]) for e in viewer.heard.values()} == {(1_700_000_000, 7)}
-    assert f"/{NODE}" in viewer.end()
     assert not stage.said
 
 
@@ -165,7 +154,6 @@ def test_a_goal_of_a_viewer_is_a_mission(stack: ExitStack, domain: int) -> None:
         stage.turn()
         viewer.look()
     assert viewer.heard["odom"]["frame"] == "robot1/odom"
-    assert f"/robot1/{NODE}" in viewer.end()
 
 
 def test_a_robot_that_publishes_its_odometry_itself_is_told_of(
@@ -182,5 +170,5 @@ def test_a_robot_that_publishes_its_odometry_itself_is_told_of(
     )
     stack.enter_context(made)
     stack.callback(made.kill)
-    while not any("/robot publishes /odom, too" in line for line in stage.said):
+    while not any("/robot publishes /odom, the odometry of a robot" in line for line in stage.said):
         stage.outside.asked()
