@@ -12,6 +12,7 @@ from armadico.agents.methods.board import Entry, Missions, RefusedError
 from armadico.agents.methods.errands import Errand, Stage
 from armadico.agents.methods.procedures import advance, ahead, broken_off, merged
 from armadico.agents.methods.subplans import Coordinator, move
+from armadico.agents.methods.utility import of_mission
 from armadico.config.errors import ConfigError
 from armadico.config.places import Places
 from armadico.config.profile import load_profile
@@ -90,8 +91,6 @@ class Parameters(agent.Parameters, frozen=True, kw_only=True):
     patience_s: Annotated[float, Meta(ge=0, le=600)] = 30.0  # for so long,
     battery_s: Annotated[float, Meta(gt=0, le=3600)] = 120.0  # what is older is not known
     lost_s: Annotated[float, Meta(ge=0, le=3600)] = 150.0  # relocate looks for 120 s where it is
-    lowest: Annotated[float, Meta(ge=0, le=1)] = 0.1  # utility of a mission of priority 0,
-    highest: Annotated[float, Meta(ge=0, le=1)] = 0.8  # and of 1
 
 
 class MissionPlanning(Agent):
@@ -130,6 +129,7 @@ class MissionPlanning(Agent):
         self._reach, self._note = Reach.NONE, ""
         self._order = 0  # the exploration that was asked for, or the charge,
         self._ordered_at = 0.0  # and when that was taken on
+        self._unwanted = 0  # the last exploration that is wanted no more
         self._explored_at = 0.0  # when the explore agent last said anything
         self._halts: Way | None = None  # what takes the robot from an exploration,
         self._halts_until = 0.0  # at the longest
@@ -232,6 +232,8 @@ class MissionPlanning(Agent):
         """How far an exploration has come."""
         if status.state not in (ExploreState.EXPLORING, ExploreState.RETURNING):
             self._halts = None
+        elif self._unwanted and status.exploration == self._unwanted:
+            self._halt()  # it was paused while the robot was charged
         self._explored_at = self.now
         wanted = self._wanted
         if wanted is None or not isinstance(wanted[2], Explore) or not self._order:
@@ -302,15 +304,14 @@ class MissionPlanning(Agent):
         """By the mission's priority; for the trajectory once the energy was looked at."""
         active = self._missions.active
         if resource is TRAJECTORY and self._halts is not None and not self._errand.under_way:
-            return Bid(self.p.highest, self._halts, reason="nobody wants it explored any more")
+            return Bid(of_mission(1.0), self._halts, reason="nobody wants it explored any more")
         if active is None:
             self.why = "no mission"
             return None
         if resource is TRAJECTORY and not self._cleared:
             self.why = "no way yet"
             return None
-        span = self.p.highest - self.p.lowest
-        return self._errand.bid_for(resource, self.p.lowest + span * active.told.priority)
+        return self._errand.bid_for(resource, of_mission(active.told.priority))
 
     # The missions ---------------------------------------------------------------------------------
 
@@ -467,6 +468,7 @@ class MissionPlanning(Agent):
         """Want something else, or nothing: what was wanted is let be."""
         before = None if self._wanted is None else self._wanted[2]
         if isinstance(before, Explore) and self._order and self._reach is Reach.UNDER_WAY:
+            self._unwanted = self._order
             self._halt()
         self._errand.drop()
         self._wanted, self._reach, self._note = wanted, Reach.NONE, ""
@@ -489,6 +491,8 @@ class MissionPlanning(Agent):
         taken = reply is not None and not reply.refusal
         if wanted != self._wanted:
             if taken and isinstance(wanted[2], Explore):
+                assert reply is not None, "it was taken on"
+                self._unwanted = reply.mission
                 self._halt()  # it was cancelled in the moment in which it began
             return
         if reply is not None and taken:
@@ -506,7 +510,7 @@ class MissionPlanning(Agent):
     def _halt(self) -> None:
         """Have an exploration ended: the explore agent does when somebody else drives the robot."""
         at = self._beliefs().at
-        if at is not None:
+        if at is not None and self._halts is None:
             here = Point(at.x, at.y)
             self._halts = Way(self.rng.getrandbits(63), (at,), here, planned=False)
             self._halts_until = self.now + HALT_S

@@ -135,6 +135,8 @@ class DdsWire:
             return
         try:
             writer.write(writer.topic.data_type.of(payload))
+            if not self._announced:  # who only publishes may look at nobody
+                self._hear_nodes()
         except DDSException as error:
             if error.code != DDSException.DDS_RETCODE_TIMEOUT:  # of a reader that is slow
                 raise TransportError(f"DDS does not send {topic}: {_why(error)}") from error
@@ -146,6 +148,7 @@ class DdsWire:
                 time.sleep(timeout_s)
                 return []
             self._waitset.wait(int(timeout_s * 1e9))
+            self._hear_nodes()
             return [
                 (topic, sample.payload)
                 for topic, reader in self._readers.items()
@@ -206,6 +209,10 @@ class DdsWire:
                     self._remote.pop(found.key, None)
                 elif found.participant_key != own:
                     self._remote.setdefault(found.key, (time.monotonic(), writes, found))
+        self._hear_nodes()
+
+    def _hear_nodes(self) -> None:
+        """Whose endpoints are whose; ours are told when nobody is about who cannot read it."""
         for sample in self._nodes_in.take(BATCH):
             if sample.sample_info.valid_data:
                 self._named(sample.payload)

@@ -69,6 +69,9 @@ def main(argv: Sequence[str]) -> int:
             several = f"{len(robots)} simulated robots ({args.robot})"
         at = ", at ".join(places)
         print(f"{several} in {args.world} at {at}; Ctrl-C ends it", flush=True)
+        if args.ros2 is not None:
+            drive = f"armadico run SCENARIO --robot '{places[0]}' --profile {args.robot}"
+            print(f"drive it as it is: {drive}", flush=True)
         _run(served)
     return 0
 

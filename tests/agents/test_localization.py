@@ -447,6 +447,22 @@ def test_one_correction_a_cycle_once_it_has_a_pose(world: str) -> None:
     assert made == [1] * 10
 
 
+def test_a_robot_that_stands_is_said_to_be_where_it_was(world: str) -> None:
+    """Word for word, so that whoever works on it has nothing new; once the estimate has settled."""
+    robot = Robot(Parameters(world=world))
+    for pose, motion in drive(START, 20):
+        robot.at(pose, motion, pose)
+    robot.said.clear()
+    for _ in range(12):
+        robot.at(pose, (0.0, 0.0, 0.0), pose)
+    said = [replace(m, cycle=Cycle(0, 0)) for m in robot.said if isinstance(m, Correction)]
+    assert len(said) == 12
+    assert all(one == said[3] for one in said[3:])
+    shown = [m.packed for m in robot.said if isinstance(m, Particles)]
+    assert len(shown) > 1
+    assert len(set(shown)) == 1
+
+
 def test_twice_a_second_some_particles_are_published_about_where_it_is(world: str) -> None:
     robot = Robot(Parameters(world=world))
     for pose, motion in drive(START, 31):

@@ -273,7 +273,9 @@ def test_missions_of_a_society_that_is_up_are_shown_and_cancelled(
     run: Run, start: Start, environment: dict[str, str]
 ) -> None:
     start("interface", program="armadico-agent")
-    start("mission-planning", "--set", "world=surveillance", program="armadico-agent")
+    # Nobody will ever say where the robot is; that is not waited for.
+    settings = ("--set", "world=surveillance", "--set", "lost_s=0")
+    start("mission-planning", *settings, program="armadico-agent")
     who(run, "interface", "mission-planning")
     assert run("mission", "status").stdout == "no missions\n"
     rows = 'steps = [{ do = "take-photo", else = [{ do = "wait", seconds = 600 }] }]'

@@ -36,7 +36,7 @@ from armadico.launch.society import Options
 from armadico.mesh.virtual_session import VirtualSession
 from armadico.observe.measures import RunWatch
 from armadico.runtime.errors import MissionRefusedError
-from tests.missions.building import SURVEY, Building, text
+from armadico_tools.building import SURVEY, Building, text
 
 NEAR = 'do = "move", to = "R2"'
 
@@ -316,6 +316,30 @@ def test_an_exploration_ends_with_the_mission_that_is_cancelled() -> None:
     building.run(3.0)
     assert building.pose().x == pytest.approx(there.x, abs=0.02)
     building.rehearsal.client.hand_over(MissionRequest(Waypoint(6.0, 5.0, 0.0)))  # it is free
+
+
+class Deaf(SlowExplorer):
+    """Goes on as if nothing had happened, once: the robot was being charged."""
+
+    heard = 0
+
+    def on_mission_status(self, status: MissionStatus) -> None:
+        if self.mission and status.mission != self.mission:
+            self.heard += 1
+            self.mission = status.mission
+            self.state = ExploreState.EXPLORING if self.heard == 1 else ExploreState.FAILED
+
+
+def test_an_exploration_that_nobody_wants_is_ended_as_often_as_it_goes_on() -> None:
+    building = Building()
+    explorer: Any = building.joins(Deaf).agent
+    building.run(1.0)
+    number = building.taken(text('do = "explore"'))
+    building.run(5.0)
+    building.cancel(number)
+    building.run(30.0)
+    assert explorer.heard > 1
+    assert explorer.state is ExploreState.FAILED
 
 
 def test_without_a_dock_or_a_charger_a_dock_task_fails_and_says_so() -> None:

@@ -14,7 +14,7 @@ from armadico.core.messages import (
 )
 from armadico.launch.society import Options, prepared
 from armadico.launch.virtual import Rehearsal
-from tests.missions.building import Building, text
+from armadico_tools.building import Building, text
 
 ORIGINAL = [
     *("move(hall)", "move(R1)", "take-photo", "move(hall)"),

@@ -62,6 +62,13 @@ def main() -> None:
         goal = PoseStamped()
         goal.header.frame_id = "map"
         goal.pose.position.x, goal.pose.position.y = map(float, line.split())
+    while len(node.get_node_names()) < 2:  # whose topics these are comes a little later
+        rclpy.spin_once(node, timeout_sec=0.02)
+    nodes = [
+        f"{namespace.rstrip('/')}/{name}"
+        for name, namespace in node.get_node_names_and_namespaces()
+    ]
+    say(nodes=sorted(nodes))
     node.destroy_node()
     rclpy.shutdown()
 

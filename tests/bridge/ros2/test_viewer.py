@@ -8,7 +8,7 @@ import math
 import os
 import select
 import subprocess
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from contextlib import ExitStack
 from pathlib import Path
 from typing import Any
@@ -88,13 +88,15 @@ class Viewer:
         os.set_blocking(self.process.stdout.fileno(), False)
         self._begun = b""
         self.heard: dict[str, dict[str, Any]] = {}
+        self.events: list[dict[str, Any]] = []
 
     def look(self) -> None:
-        """What it has read by now; a society has cycles, and does not flood it meanwhile."""
+        """What it has read by now."""
         assert self.process.stdout is not None
-        select.select([self.process.stdout], [], [], 0.02)
+        select.select([self.process.stdout], [], [], 0.02)  # cycles, and no flood
         *lines, self._begun = (self._begun + (self.process.stdout.read() or b"")).split(b"\n")
         for event in map(json.loads, lines):
+            self.events.append(event)
             if "topic" in event:
                 self.heard[event["topic"]] = event
 
@@ -102,6 +104,16 @@ class Viewer:
         assert self.process.stdin is not None
         self.process.stdin.write(f"{x} {y}\n".encode())
         self.process.stdin.flush()
+
+    def end(self, meanwhile: Callable[[], None]) -> list[str]:
+        """The nodes that it knew, once there was another one than itself."""
+        assert self.process.stdin is not None
+        self.process.stdin.close()
+        while not any("nodes" in event for event in self.events):
+            meanwhile()
+            self.look()
+        nodes: list[str] = self.events[-1]["nodes"]
+        return nodes
 
 
 @pytest.fixture
@@ -137,6 +149,7 @@ def test_a_viewer_reads_everything_though_it_comes_late(stack: ExitStack, domain
         viewer.look()
     assert {t: (e["frame"], e["value"]) for t, e in viewer.heard.items()} == EXPECTED
     assert {tuple(e["at"]) for e in viewer.heard.values()} == {(1_700_000_000, 7)}
+    assert f"/{NODE}" in viewer.end(stage.turn)
     assert not stage.said
 
 
@@ -154,6 +167,7 @@ def test_a_goal_of_a_viewer_is_a_mission(stack: ExitStack, domain: int) -> None:
         stage.turn()
         viewer.look()
     assert viewer.heard["odom"]["frame"] == "robot1/odom"
+    assert f"/robot1/{NODE}" in viewer.end(stage.turn)
 
 
 def test_a_robot_that_publishes_its_odometry_itself_is_told_of(

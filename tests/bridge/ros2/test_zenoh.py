@@ -145,3 +145,19 @@ def test_what_is_latched_is_given_to_who_comes_late(url: str, ends: ExitStack) -
 def test_where_no_router_is_that_is_said(url: str) -> None:
     with pytest.raises(TransportError, match="no Zenoh router answers at tcp/127"):
         client_transport(url).open()
+
+
+def test_a_router_that_comes_again_is_found_again(url: str, ends: ExitStack) -> None:
+    talks = Wanted("talk", STRING, writes=True)
+    first = Line(robot_transport(url, "robot"), talks)
+    client = Line(client_transport(url), TALK)
+    ends.callback(client.transport.close)
+    client.until(lambda _: any(other.writes for other in around(client)))
+    first.transport.close()
+    client.until(lambda _: not around(client))
+    second = Line(robot_transport(url, "robot"), talks)
+    ends.callback(second.transport.close)
+    client.until(lambda _: any(other.writes for other in around(client)))
+    while not (found := client.frames()):
+        second.transport.write(frame("talk", cdr.encode(types.String(data="again"))))
+    assert cdr.decode(types.String, found[0][1]).data == "again"
