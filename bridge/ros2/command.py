@@ -21,9 +21,6 @@ if TYPE_CHECKING:
     from armadico.mesh.zenoh import ZenohMesh
     from armadico.observe.gateway import Gateway
 
-NODE: Final = "armadico_society"
-"""What `ros2 node list` calls it; the robot agent of a ROS 2 robot is another node."""
-
 EXAMPLES: Final = """\
   armadico ros2 --world sc4                  by DDS, in domain $ROS_DOMAIN_ID or 0
   armadico ros2 'ros2://lab?domain=7'        its topics below /lab, in domain 7
@@ -116,7 +113,7 @@ def _gateway(
 ) -> Gateway:
     """A robot's, in the mesh and in ROS 2. Raises OSError."""
     from armadico.bridge.ros2.addresses import join  # noqa: PLC0415 - not for --help
-    from armadico.bridge.ros2.outside import Ros2  # noqa: PLC0415
+    from armadico.bridge.ros2.outside import NODE, Ros2  # noqa: PLC0415
     from armadico.observe.gateway import Gateway  # noqa: PLC0415
 
     say = options.teller("armadico ros2")

@@ -7,10 +7,13 @@ from collections.abc import Callable, Iterable, Sequence
 from typing import Final
 
 from armadico.bridge.ros2.frames import Wanted
-from armadico.bridge.ros2.graph import Endpoint
+from armadico.bridge.ros2.graph import ODOMETRY, Endpoint
 from armadico.bridge.ros2.samples import LOOK_S, Wire
 from armadico.observe.gateway import Asked
 from armadico.observe.translators import Channel, Sample
+
+NODE: Final = "armadico_society"
+"""What `ros2 node list` calls it; the robot agent of a ROS 2 robot is another node."""
 
 BACKLOG: Final = 64
 """Goals of one turn; only the newest counts."""
@@ -79,19 +82,27 @@ class Ros2:
 def unfit(wanted: Sequence[Wanted], others: Iterable[Endpoint]) -> list[str]:
     """What of others does not fit what is said and read here, in words."""
     by_topic = {want.topic: want for want in wanted}
+    robot = any(want.writes and want.type == ODOMETRY for want in wanted)
     found = []
     for other in others:
         want = by_topic.get(other.topic)
-        if want is None:
+        if (
+            other.writes
+            and other.type == ODOMETRY
+            and robot
+            and not other.node.endswith(f"/{NODE}")
+        ):
+            found.append(
+                f"{other.node} publishes {other.topic}, the odometry of a robot that speaks ROS 2"
+                " itself? Then --beside leaves out what it says"
+            )
+        elif want is None:
             continue
-        does = "publishes" if other.writes else "reads"
-        if other.type != want.type:
+        elif other.type != want.type:
+            does = "publishes" if other.writes else "reads"
             found.append(f"{other.node} {does} {other.topic} as {other.type}, and not {want.type}")
         elif other.writes and want.writes and want.topic not in SHARED:
-            found.append(
-                f"{other.node} publishes {other.topic}, too; a robot that speaks ROS 2 itself?"
-                " Then --beside leaves out what it says"
-            )
+            found.append(f"{other.node} publishes {other.topic}, too")
         elif not other.writes and want.writes and other.latched and not want.latched:
             found.append(
                 f"{other.node} reads {other.topic} as transient local, and it is volatile: nothing"

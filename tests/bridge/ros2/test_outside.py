@@ -113,7 +113,18 @@ def there(topic: str, kind: str, *, writes: bool = False, **quality: bool) -> En
             there(GOAL, "std_msgs/msg/String", writes=True),
             "publishes /goal_pose as std_msgs/msg/String",
         ),
-        (there("/odom", "nav_msgs/msg/Odometry", writes=True), "publishes /odom, too; .* --beside"),
+        (
+            there("/odom", "nav_msgs/msg/Odometry", writes=True),
+            "publishes /odom, the odometry of a robot .* --beside",
+        ),
+        (
+            there("/platform/odom", "nav_msgs/msg/Odometry", writes=True),
+            "publishes /platform/odom, the odometry of a robot .* --beside",
+        ),
+        (
+            there("/map", "nav_msgs/msg/OccupancyGrid", writes=True),
+            "^/somebody publishes /map, too$",
+        ),
         (
             there("/odom", "nav_msgs/msg/Odometry", latched=True),
             "as transient local, and it is vol",
@@ -140,8 +151,14 @@ def test_what_does_not_fit_is_said_once(other: Endpoint, why: str) -> None:
         there("/map", "nav_msgs/msg/OccupancyGrid", latched=True),
         there("/tf", "tf2_msgs/msg/TFMessage", writes=True),
         there("/cmd_vel", "geometry_msgs/msg/Twist", writes=True),
+        Endpoint("/robot2/odom", "nav_msgs/msg/Odometry", "/robot2/armadico_society", writes=True),
         there(GOAL, "geometry_msgs/msg/PoseStamped", writes=True),
     ],
 )
 def test_what_fits_is_not_spoken_of(other: Endpoint) -> None:
     assert not unfit(tuple(Stage().wire.wanted.values()), [other])
+
+
+def test_beside_a_robot_its_odometry_is_expected() -> None:
+    wanted = tuple(Stage(beside=True).wire.wanted.values())
+    assert not unfit(wanted, [there("/platform/odom", "nav_msgs/msg/Odometry", writes=True)])

@@ -6,6 +6,7 @@ import itertools
 import json
 import math
 import os
+import select
 import subprocess
 from collections.abc import Callable, Iterator
 from contextlib import ExitStack
@@ -15,8 +16,7 @@ from typing import Any
 import pytest
 
 from armadico.bridge.ros2.addresses import join, read_address
-from armadico.bridge.ros2.command import NODE
-from armadico.bridge.ros2.outside import Ros2
+from armadico.bridge.ros2.outside import NODE, Ros2
 from armadico.bridge.ros2.society import Society
 from armadico.config.worlds import World
 from armadico.core import messages as m
@@ -93,6 +93,7 @@ class Viewer:
     def look(self) -> None:
         """What it has read by now."""
         assert self.process.stdout is not None
+        select.select([self.process.stdout], [], [], 0.02)  # cycles, and no flood
         *lines, self._begun = (self._begun + (self.process.stdout.read() or b"")).split(b"\n")
         for event in map(json.loads, lines):
             self.events.append(event)
@@ -183,5 +184,5 @@ def test_a_robot_that_publishes_its_odometry_itself_is_told_of(
     )
     stack.enter_context(made)
     stack.callback(made.kill)
-    while not any("/robot publishes /odom, too" in line for line in stage.said):
+    while not any("/robot publishes /odom, the odometry of a robot" in line for line in stage.said):
         stage.outside.asked()

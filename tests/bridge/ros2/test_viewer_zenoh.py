@@ -10,9 +10,8 @@ import pytest
 
 from armadico.bridge.ros2 import cdr, types
 from armadico.bridge.ros2.addresses import join, read_address
-from armadico.bridge.ros2.command import NODE
 from armadico.bridge.ros2.frames import Wanted
-from armadico.bridge.ros2.outside import Ros2
+from armadico.bridge.ros2.outside import NODE, Ros2
 from armadico.bridge.ros2.samples import Wire
 from armadico.bridge.ros2.society import Society
 from armadico.config.worlds import World
