@@ -12,7 +12,7 @@ more of the society stops by its own watchdog, and others may drive a robot that
 from __future__ import annotations
 
 import struct
-from math import atan2, isfinite
+from math import isfinite
 
 from msgspec.structs import replace
 from pycdr2 import IdlStruct
@@ -22,6 +22,7 @@ from armadico.bridge.ros2.cdr import decode, encode, ros_name
 from armadico.bridge.ros2.frames import SEEN, Decoder, Seen, Wanted, Wants, frame, read, said
 from armadico.bridge.ros2.odometry import Measured, Odometry
 from armadico.bridge.ros2.ramps import Ramps
+from armadico.bridge.ros2.rotations import norm2, yaw
 from armadico.bridge.ros2.scans import swept
 from armadico.bridge.session import (
     Connected,
@@ -57,8 +58,6 @@ COMPLAINT = 20
 UNWATCHED = (
     "this make of robot has no watchdog for commands: if the robot agent is killed, it drives on"
 )
-
-CHARGING = 1  # of BatteryState's power_supply_status
 
 
 class Session:
@@ -258,7 +257,7 @@ class Session:
         elif ros2.battery is not None and topic == ros2.battery.name:
             state = decode(types.BatteryState, payload)
             volts = float(state.voltage)
-            charging = state.power_supply_status == CHARGING
+            charging = state.power_supply_status == types.CHARGING
             self._battery = (volts if 0.0 <= volts <= 1e4 else 0.0, charging)
         elif topic == SEEN:
             self._see(read(payload, Seen))
@@ -334,7 +333,7 @@ class Session:
         odometry = decode(types.Odometry, payload)
         place, q = odometry.pose.pose.position, odometry.pose.pose.orientation
         v, w = odometry.twist.twist.linear.x, odometry.twist.twist.angular.z
-        norm = q.w * q.w + q.x * q.x + q.y * q.y + q.z * q.z
+        norm = norm2(q)
         if not all(map(isfinite, (place.x, place.y, norm, v, w))) or not 0.5 < norm < 2.0:
             self.malformed += 1
             self._wrong = "the odometry says what is no pose"
@@ -344,8 +343,7 @@ class Session:
             self.absurd += 1
             self._wrong = f"the odometry says {v:.3g} m/s, {w:.3g} rad/s"
             return None
-        yaw = atan2(2.0 * (q.w * q.z + q.x * q.y), norm - 2.0 * (q.y * q.y + q.z * q.z))
-        return Measured(place.x, place.y, yaw, v, w)
+        return Measured(place.x, place.y, yaw(q), v, w)
 
     def _sweep(self) -> Swept | None:
         """The newest scan, if it is any good and new enough; it is said why it is not."""
@@ -427,10 +425,11 @@ def wants(ros2: Ros2) -> Wants:
         (ros2.scan, types.LaserScan),
         (ros2.battery, types.BatteryState),
     )
-    found = [_wanted(topic, kind) for topic, kind in heard if topic is not None]
+    found = [wanted(topic, kind) for topic, kind in heard if topic is not None]
     command = types.TwistStamped if ros2.stamped else types.Twist
-    return Wants((*found, _wanted(ros2.cmd_vel, command, writes=True)))
+    return Wants((*found, wanted(ros2.cmd_vel, command, writes=True)))
 
 
-def _wanted(topic: Topic, kind: type[IdlStruct], *, writes: bool = False) -> Wanted:
+def wanted(topic: Topic, kind: type[IdlStruct], *, writes: bool = False) -> Wanted:
+    """A topic of a profile, as the robot agent reads or writes it."""
     return Wanted(topic.name, ros_name(kind), writes, topic.reliable, topic.latched, topic.depth)
