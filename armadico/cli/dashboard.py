@@ -60,7 +60,7 @@ def main(argv: Sequence[str]) -> int:
     namespaces = _namespaces(args)
     _check_installed()
     _quiet()
-    worlds = dict.fromkeys(namespaces, _world(args))
+    worlds = dict.fromkeys(namespaces, options.world(args))
     _check_record("--record", args.record)
     from armadico.observe.dashboard.viewer import ViewerError  # noqa: PLC0415 - not for --help
 
@@ -208,14 +208,6 @@ def _check_installed() -> None:
 def _quiet() -> None:
     """Rerun's library warns of itself where nobody can do anything; before it is imported."""
     os.environ.setdefault("RUST_LOG", "error")
-
-
-def _world(args: argparse.Namespace) -> World | None:
-    if args.world is None:
-        return None
-    from armadico.config.worlds import load_world  # noqa: PLC0415 - not for --help
-
-    return load_world(args.world)
 
 
 def _check_record(option: str, path: Path | None) -> None:
