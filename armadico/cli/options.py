@@ -185,8 +185,9 @@ def world(args: argparse.Namespace) -> World | None:
 
 
 def namespaces(args: argparse.Namespace) -> list[str]:
-    """Which robots the options of a command for several say, each once."""
-    return list(dict.fromkeys(args.namespaces or [default_namespace()]))
+    """Which robots the options of a command for several say, each once. Raises TopologyError."""
+    named = args.namespaces or [default_namespace()]
+    return [checked_namespace(name) for name in dict.fromkeys(named)]
 
 
 def join_each(args: argparse.Namespace, namespaces: Sequence[str]) -> list[ZenohMesh]:
