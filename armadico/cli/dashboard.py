@@ -100,8 +100,8 @@ def beside(args: argparse.Namespace, world: str, *, wait: bool = False) -> Itera
                     raise FailedError("the dashboard has ended, so no run")
             yield
             if wait:
-                _say("the run is over; Ctrl-C ends the dashboard")
-                with suppress(KeyboardInterrupt):
+                with suppress(KeyboardInterrupt):  # which may come as soon as it is offered
+                    _say("the run is over; Ctrl-C ends the dashboard")
                     process.wait()
         finally:
             _end(process)
