@@ -14,7 +14,6 @@ from armadico.cli import options
 from armadico.cli.options import FailedError, UsageError
 
 if TYPE_CHECKING:
-    from armadico.bridge.ros2.outside import Ros2
     from armadico.bridge.ros2.samples import Address
     from armadico.bridge.ros2.society import Society
     from armadico.mesh.zenoh import ZenohMesh
@@ -110,12 +109,12 @@ def _gateway(
 ) -> Gateway:
     """A robot's, in the mesh and in ROS 2. Raises OSError."""
     from armadico.bridge.ros2.addresses import join  # noqa: PLC0415 - not for --help
-    from armadico.bridge.ros2.outside import NODE, Ros2  # noqa: PLC0415
+    from armadico.bridge.ros2.outside import NODE, SocietyNode  # noqa: PLC0415
     from armadico.observe.gateway import Gateway  # noqa: PLC0415
 
     say = options.teller("armadico ros2")
     wire = join(replace(address, namespace=society.namespace), NODE)
     stack.callback(wire.close)
     goals = None if args.no_goals else society.goals
-    outside: Ros2 = Ros2(wire, society.channels, goals, say, beside=args.beside)
+    outside = SocietyNode(wire, society.channels, goals, say, beside=args.beside)
     return Gateway(stack.enter_context(mesh), [society], outside, say)
