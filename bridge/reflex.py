@@ -15,14 +15,12 @@ from collections.abc import Iterable
 from math import copysign, cos, hypot, inf, sin, sqrt
 
 import numpy as np
-from numpy.typing import NDArray
 
 from armadico.bridge.session import Reported
 from armadico.config.profile import RobotProfile
 from armadico.core.geometry import Pose2, to_world
 from armadico.core.messages import Echo
-
-Floats = NDArray[np.float64]
+from armadico.core.scans import Floats
 
 KEPT_S = 0.5
 """A sonar's reading counts until its next one, and no longer than this: the ring of a Pioneer goes

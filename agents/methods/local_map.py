@@ -77,8 +77,7 @@ class LocalMap(Near):
     def __init__(self, settings: MapSettings | None = None, outline: Outline | None = None) -> None:
         """An empty map."""
         self.settings = settings or MapSettings()
-        s = self.settings
-        super().__init__(s.reach_m, s.frontal_rad, s.abeam_rad, outline)
+        super().__init__(self.settings, outline)
         self._ring_m = self.settings.reach_m / RINGS
         self._cells: dict[int, _Cell] = {}  # by the cell, and CELLS for each point before it
         self._sonars: dict[tuple[float, float, float], Echo] = {}  # each one's last
@@ -94,8 +93,7 @@ class LocalMap(Near):
         """
         s = self.settings
         cos, sin = math.cos(motion.theta), math.sin(motion.theta)
-        memory = s.memory_off_map if mapped else s.memory
-        memory *= 0.5 ** (math.hypot(motion.x, motion.y) / s.memory_m)
+        memory = self._fades(motion, mapped)
         front, rear, half = self.outline or NOBODY
         by_cycles = s.seen_decay < 1.0
         moved: dict[int, _Cell] = {}

@@ -14,6 +14,7 @@ from operator import itemgetter
 from typing import NamedTuple
 
 from armadico.agents.methods.geometry import Posed
+from armadico.agents.methods.settings import NearSettings
 from armadico.core.swept_path import Outline
 
 NOBODY = Outline(0.0, 0.0, 0.0)  # before the robot is described
@@ -43,20 +44,11 @@ class Near:
     perceived, and calls `_changed` when that has changed.
     """
 
-    def __init__(
-        self, reach_m: float, frontal_rad: float, abeam_rad: float, outline: Outline | None
-    ) -> None:
-        """Nothing is near yet.
-
-        Args:
-            reach_m: What is farther is not near.
-            frontal_rad: In front is within this of the heading,
-            abeam_rad: and beside between that and this.
-            outline: The body's, if it is known yet.
-        """
-        self.reach_m = reach_m
+    def __init__(self, settings: NearSettings, outline: Outline | None) -> None:
+        """Nothing is near yet; `outline` is the body's, if it is known."""
+        self.reach_m = settings.reach_m
         self.outline = outline
-        self._frontal, self._abeam = frontal_rad, abeam_rad
+        self._near = settings
         self._expected: tuple[Obstacle, ...] = ()
         self._all: tuple[Obstacle, ...] | None = ()
 
@@ -98,15 +90,24 @@ class Near:
 
     def front(self) -> Obstacle | None:
         """The nearest point in front."""
-        return self._first(lambda bearing: abs(bearing) < self._frontal)
+        return self._first(lambda bearing: abs(bearing) < self._near.frontal_rad)
 
     def left(self) -> Obstacle | None:
         """The nearest point on the left."""
-        return self._first(lambda bearing: self._frontal <= bearing <= self._abeam)
+        return self._first(self._is_left)
 
     def right(self) -> Obstacle | None:
         """The nearest point on the right."""
-        return self._first(lambda bearing: self._frontal <= -bearing <= self._abeam)
+        return self._first(lambda bearing: self._is_left(-bearing))
+
+    def _fades(self, motion: Posed, mapped: bool) -> float:
+        """The share of a belief that is left after one cycle and the way in it; see `move`."""
+        s = self._near
+        memory = s.memory_off_map if mapped else s.memory
+        return float(memory * 0.5 ** (math.hypot(motion.x, motion.y) / s.memory_m))
+
+    def _is_left(self, bearing: float) -> bool:
+        return self._near.frontal_rad <= bearing <= self._near.abeam_rad
 
     def _changed(self) -> None:
         self._all = None

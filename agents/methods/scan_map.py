@@ -24,10 +24,9 @@ from armadico.agents.methods.geometry import Posed
 from armadico.agents.methods.near import NOBODY, Look, Near, Obstacle
 from armadico.agents.methods.settings import ScanSettings
 from armadico.core.messages import Scan
-from armadico.core.scans import bearings_of, ranges_of
+from armadico.core.scans import Floats, bearings_of, ranges_of
 from armadico.core.swept_path import Outline
 
-Floats = NDArray[np.float64]
 Flags = NDArray[np.bool_]
 
 FAR_M = 1e6
@@ -56,18 +55,16 @@ class ScanMap(Near):
         self, settings: ScanSettings | None = None, outline: Outline | None = None
     ) -> None:
         """An empty map."""
-        self.settings = s = settings or ScanSettings()
-        super().__init__(s.reach_m, s.frontal_rad, s.abeam_rad, outline)
+        self.settings = settings or ScanSettings()
+        super().__init__(self.settings, outline)
         self._points: Floats = np.empty((0, 3))  # x, y, and how much is believed: seen now is 1
         self._rays: _Rays | None = None
         self._heard: tuple[Obstacle, ...] | None = ()
 
     def move(self, motion: Posed, *, mapped: bool = False) -> None:
         """Move what is known against the robot's motion, and let it fade by one cycle."""
-        s = self.settings
         c, sn = math.cos(motion.theta), math.sin(motion.theta)
-        memory = s.memory_off_map if mapped else s.memory
-        memory *= 0.5 ** (math.hypot(motion.x, motion.y) / s.memory_m)
+        memory = self._fades(motion, mapped)
         dx, dy = self._points[:, 0] - motion.x, self._points[:, 1] - motion.y
         self._points = np.column_stack(
             [c * dx + sn * dy, c * dy - sn * dx, memory * self._points[:, 2]]

@@ -10,7 +10,18 @@ from math import cos, radians, tan
 from msgspec import Struct
 
 
-class MapSettings(Struct, frozen=True):
+class NearSettings(Struct, frozen=True):
+    """What a local map remembers and what is asked of it, whatever the sensor."""
+
+    reach_m: float  # what is farther is not near
+    memory: float = 0.995  # a cycle: what is certain lasts 24 s at rest,
+    memory_off_map: float = 0.985  # and 8 s where it is not on the map: mostly people, who go on
+    memory_m: float = 1.5  # the way that halves a belief: the same lasts 2.6 m
+    frontal_rad: float = radians(40)  # in front: within this of the heading
+    abeam_rad: float = radians(120)  # beside: between that and this
+
+
+class MapSettings(NearSettings, frozen=True):
     """How the sonars' local map believes and forgets. Probabilities are shares, not calibrated."""
 
     reach_m: float = 2.5  # of the outermost ring
@@ -20,9 +31,6 @@ class MapSettings(Struct, frozen=True):
     miss_facing: float = cos(radians(45))  # by a sonar that looks the way it was heard, so nearly,
     silence_facing: float = cos(radians(20))  # or so: a smooth wall at a slant does not answer
     axis_rad: float = radians(10)  # a point within this of a sonar's axis had to echo
-    memory: float = 0.995  # a cycle: what is certain lasts 24 s at rest,
-    memory_off_map: float = 0.985  # and 8 s where it is not on the map: mostly people, who go on
-    memory_m: float = 1.5  # the way that halves a probability: the same lasts 2.6 m
     threshold: float = 0.3  # occupied from here on
     seen_decay: float = 1.0  # a cycle, where a sonar looks: 1, no look is no evidence
     seen_threshold: float = 0.3  # and occupied there; the set `thesis` believes by cycles
@@ -30,11 +38,9 @@ class MapSettings(Struct, frozen=True):
     margin_m: float = 0.1  # an echo clears what lies this much before it
     apart_m: float = 0.06  # points of a near cell farther apart than this are two; 1: one a cell
     goes_on: bool = True  # points in a row are a wall that goes on
-    frontal_rad: float = radians(40)  # in front: within this of the heading
-    abeam_rad: float = radians(120)  # beside: between that and this
 
 
-class ScanSettings(Struct, frozen=True):
+class ScanSettings(NearSettings, frozen=True):
     """What a laser's local map keeps of a scan, and for how long of what is out of sight."""
 
     reach_m: float = 4.0  # what is farther nobody brakes for yet
@@ -44,13 +50,8 @@ class ScanSettings(Struct, frozen=True):
     apart_m: float = 0.04  # of what is nearer to each other one will do
     margin_m: float = 0.08  # a ray that went so much farther than a point went through it
     silence: float = 0.1  # of belief that a ray takes which found nothing: dark things, and glass
-    memory: float = 0.995  # a cycle, out of sight: what was seen last lasts 24 s at rest,
-    memory_off_map: float = 0.985  # and 8 s where it is not on the map: mostly people, who go on
-    memory_m: float = 1.5  # the way that halves a belief: the same lasts 2.6 m
     forget: float = 0.3  # what is believed less is no more
     most: int = 400  # points, of those remembered the nearest
-    frontal_rad: float = radians(40)  # in front: within this of the heading
-    abeam_rad: float = radians(120)  # beside: between that and this
 
 
 class WallSettings(Struct, frozen=True):

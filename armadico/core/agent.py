@@ -501,11 +501,6 @@ class Agent:
         found += [Subscription(m.Command, r.command_pattern, Kind.EVENT) for r in cls.owns]
         return tuple(found)
 
-    @classmethod
-    def listens_to(cls, kind: type[Message]) -> bool:
-        """Whether messages of a type are handed to it."""
-        return any(subscription.message is kind for subscription in cls.subscriptions())
-
     def card(self) -> m.Card:
         """Who it is and what it offers (thesis table 3.1)."""
         who = self.identity

@@ -46,7 +46,7 @@ class Stage:
         self.speed = (0.0, 0.0)
         self.stalled = False
         self.said: list[Message] = []
-        if robot is not None and agent.listens_to(Description):
+        if robot is not None and any(s.message is Description for s in agent.subscriptions()):
             self.hand(described(robot))
 
     @property

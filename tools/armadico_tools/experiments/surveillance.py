@@ -62,9 +62,6 @@ BATTERY_H: Final = 2.0
 CRUISE_M_S: Final = 0.4
 """at this speed."""
 
-LOWEST_V: Final = 10.0
-"""Below this the thesis's batteries are damaged (3.4.3)."""
-
 GRACE_S: Final = 1800.0
 """Missions that are under way after the last hour may be finished in so long."""
 
