@@ -20,9 +20,9 @@ from pycdr2 import IdlStruct
 from armadico.bridge.ros2 import types
 from armadico.bridge.ros2.cdr import decode, encode, ros_name
 from armadico.bridge.ros2.frames import SEEN, Decoder, Seen, Wanted, Wants, frame, read, said
+from armadico.bridge.ros2.geometry import norm2, yaw
 from armadico.bridge.ros2.odometry import Measured, Odometry
 from armadico.bridge.ros2.ramps import Ramps
-from armadico.bridge.ros2.rotations import norm2, yaw
 from armadico.bridge.ros2.scans import swept
 from armadico.bridge.session import (
     Connected,

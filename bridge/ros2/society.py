@@ -17,14 +17,14 @@ from collections import deque
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from typing import Any, Final, NamedTuple, TypeVar
 
-import msgspec
 import numpy as np
-from numpy.typing import NDArray
 from pycdr2 import IdlStruct
 
 from armadico.bridge.ros2 import cdr, types
-from armadico.bridge.ros2.rotations import rotation, yaw
-from armadico.config.grid_map import FREE, OCCUPIED, UNKNOWN, Cells, cells_of, coarser
+from armadico.bridge.ros2.geometry import pose_of, rotation, stamp_of
+from armadico.bridge.ros2.goals import CDR, read_goal
+from armadico.bridge.ros2.grids import drawn, occupancy
+from armadico.config.grid_map import cells_of
 from armadico.config.worlds import World
 from armadico.core import messages as m
 from armadico.core.behaviour import LOST_M
@@ -53,21 +53,11 @@ LOCAL_M: Final = 0.1
 LOCAL_CELLS: Final = 256
 """and how many it has a side at the most: what reaches further comes in larger cells."""
 
-WORLD_M: Final = 0.05
-"""A cell of a world's map,"""
-
-MAP_CELLS: Final = 1_000_000
-"""and how many a map has at the most: a larger one comes in larger cells."""
-
 CONE: Final = math.radians(30.0)
 """What a sonar hears, rad, and"""
 
 NEAREST: Final = 0.1
 """the shortest range that it does, m: those of the Pioneers' (thesis 4.4). Nobody says them."""
-
-CELLS: Final[NDArray[np.int8]] = np.zeros(3, dtype=np.int8)
-CELLS[[UNKNOWN, FREE, OCCUPIED]] = -1, 0, 100
-"""nav_msgs/OccupancyGrid's words for a cell."""
 
 OK, WARN, ERROR = 0, 1, 2
 """diagnostic_msgs/DiagnosticStatus's levels."""
@@ -76,8 +66,6 @@ ULTRASOUND: Final = 0
 
 _UNFIT: Final = re.compile(r"[^A-Za-z0-9_/]")
 _DIGIT: Final = re.compile(r"(?<![^/])(?=[0-9])")
-_TURN: Final = 0.1  # how far a quaternion's norm may be from 1
-
 LATCHED, OWN = "latched", "own"
 
 _TF, _OWN_TF = "/tf", "/tf " + OWN
@@ -101,10 +89,6 @@ _NAMES: Final[dict[str, tuple[type[IdlStruct], int, str]]] = {
 
 _GOAL: Final = "goal_pose"
 
-JSON: Final = "json"
-"""Viewers that know no CDR send goals so."""
-
-
 _KEPT: Final[dict[type[m.Message], str]] = {
     m.Description: "_description",
     m.BatteryLevel: "_level",
@@ -127,45 +111,6 @@ class _State(NamedTuple):
 def ros_namespace(namespace: str) -> str:
     """A namespace as ROS 2 can have it: letters, digits and `_`, no digit first."""
     return _DIGIT.sub("_", _UNFIT.sub("_", namespace))
-
-
-class _Place(msgspec.Struct):
-    """A geometry_msgs/Point as JSON."""
-
-    x: float
-    y: float
-
-
-class _Turned(msgspec.Struct):
-    """A geometry_msgs/Quaternion."""
-
-    x: float
-    y: float
-    z: float
-    w: float
-
-
-class _Posed(msgspec.Struct):
-    """A geometry_msgs/Pose."""
-
-    position: _Place
-    orientation: _Turned
-
-
-class _Framed(msgspec.Struct):
-    """What is read of a std_msgs/Header."""
-
-    frame_id: str
-
-
-class _Goal(msgspec.Struct):
-    """A geometry_msgs/PoseStamped."""
-
-    header: _Framed
-    pose: _Posed
-
-
-_GOALS: Final = msgspec.json.Decoder(_Goal)
 
 
 class Society:
@@ -223,7 +168,7 @@ class Society:
 
     def _said(self, key: str, message: m.Message, at: int) -> Iterator[_Said]:
         if self._world is not None:
-            yield "map", _grid(_drawn(self._world), at)
+            yield "map", occupancy(drawn(self._world), self._on_map(at))
             self._world = None
         taker = self._takers.get(type(message))
         if taker is not None:
@@ -242,7 +187,7 @@ class Society:
             types.Odometry(
                 self._header(at, ODOM),
                 self._prefix + BASE,
-                types.PoseWithCovariance(_pose(here)),
+                types.PoseWithCovariance(pose_of(here)),
                 types.TwistWithCovariance(speeds),
             ),
         )
@@ -258,8 +203,8 @@ class Society:
         stamp = at if state is None else state.at
         if state is not None:
             yield self._corrected(pose, state)
-        header = types.Header(_time(stamp), MAP)
-        known = types.PoseWithCovariance(_pose(self._base), _covariance(pose.covariance))
+        header = self._on_map(stamp)
+        known = types.PoseWithCovariance(pose_of(self._base), _covariance(pose.covariance))
         yield "pose", types.PoseWithCovarianceStamped(header, known)
 
     def _corrected(self, pose: m.Pose, state: _State) -> _Said:
@@ -305,19 +250,19 @@ class Society:
         except ValueError:  # anybody may say anything
             return
         if cells.states.size:
-            yield "map", _grid(cells, at)
+            yield "map", occupancy(cells, self._on_map(at))
 
     def _take_trajectory(self, _: str, trajectory: m.Trajectory, at: int) -> Iterator[_Said]:
         said = (trajectory.mission, trajectory.start, trajectory.waypoints)
         if said == self._path:
             return  # it is said each second
         self._path = said
-        header = types.Header(_time(at), MAP)
+        header = self._on_map(at)
         places = [(w.x, w.y, w.theta) for w in trajectory.waypoints]
         if places:
             x, y = trajectory.start.x, trajectory.start.y
             places = [(x, y, math.atan2(places[0][1] - y, places[0][0] - x)), *places]
-        yield "path", types.Path(header, [types.PoseStamped(header, _pose(at)) for at in places])
+        yield "path", types.Path(header, [types.PoseStamped(header, pose_of(at)) for at in places])
 
     def _take_ack(self, _: str, ack: m.Ack, _at: int) -> Iterator[_Said]:
         before = self._acks.get(ack.resource)
@@ -384,7 +329,7 @@ class Society:
         corner = -half * side
         stamp = self._stamp(local.cycle, at)
         size = types.MapMetaData(
-            _time(stamp), side, 2 * half, 2 * half, _pose((corner, corner, 0.0))
+            stamp_of(stamp), side, 2 * half, 2 * half, pose_of((corner, corner, 0.0))
         )
         known: list[int] = cells.ravel().tolist()
         yield "local_map", types.OccupancyGrid(self._header(stamp, BASE), size, known)
@@ -412,7 +357,7 @@ class Society:
         known = [self._holder(ack) for _, ack in sorted(self._acks.items())]
         if self._state is not None:
             known.append(self._health(self._state))
-        return types.DiagnosticArray(types.Header(_time(at)), known)
+        return types.DiagnosticArray(types.Header(stamp_of(at)), known)
 
     def _holder(self, ack: m.Ack) -> types.DiagnosticStatus:
         holder = driver(ack)
@@ -456,27 +401,9 @@ class Society:
     # Goals ----------------------------------------------------------------------------------------
 
     def goal(self, data: bytes, encoding: str = "", schema: str = "") -> m.MissionRequest:
-        """See `Translator`: a geometry_msgs/PoseStamped, CDR or JSON, in a frame that is known."""
-        wanted = self.goals.schema
-        if schema and schema.replace("/msg/", "/") != wanted.replace("/msg/", "/"):
-            raise ValueError(f"it is a {schema}, and a goal is a {wanted}")
-        asked: types.PoseStamped | _Goal
-        if encoding in ("", self.goals.encoding):
-            asked = cdr.decode(types.PoseStamped, data)
-        elif encoding == JSON:
-            try:
-                asked = _GOALS.decode(data)
-            except (msgspec.DecodeError, RecursionError) as error:
-                raise ValueError(f"it is no {wanted} as JSON: {error}") from None
-        else:
-            raise ValueError(f"its encoding is {encoding!r}, and it must be cdr or {JSON}")
-        at, turned = asked.pose.position, asked.pose.orientation
-        norm = math.hypot(turned.x, turned.y, turned.z, turned.w)
-        if not all(map(math.isfinite, (at.x, at.y, norm))):
-            raise ValueError("its pose is not finite")
-        if abs(norm - 1.0) > _TURN:
-            raise ValueError(f"its orientation is no rotation: a quaternion of norm {norm:.3g}")
-        x, y, theta = compose(self._frame(asked.header.frame_id), (at.x, at.y, yaw(turned)))
+        """See `Translator` and `goals`: in a frame that is known."""
+        frame, place = read_goal(data, encoding, schema)
+        x, y, theta = compose(self._frame(frame), place)
         if max(abs(x), abs(y)) > m.LARGEST:
             raise ValueError(f"it is {math.hypot(x, y):.3g} m away, which is no place")
         return m.MissionRequest(m.Waypoint(x, y, theta))
@@ -506,11 +433,16 @@ class Society:
         return at if state is None else state.at
 
     def _header(self, at: int, frame: str) -> types.Header:
-        return types.Header(_time(at), self._prefix + frame)
+        return types.Header(stamp_of(at), self._prefix + frame)
+
+    def _on_map(self, at: int) -> types.Header:
+        return types.Header(stamp_of(at), MAP)
 
     def _transform(self, at: int, parent: str, child: str, where: Pose2) -> types.TransformStamped:
         moved = types.Transform(types.Vector3(where[0], where[1]), rotation(wrap(where[2])))
-        return types.TransformStamped(types.Header(_time(at), parent), self._prefix + child, moved)
+        return types.TransformStamped(
+            types.Header(stamp_of(at), parent), self._prefix + child, moved
+        )
 
     def _sonar_frame(self, where: tuple[float, float, float]) -> str:
         """By where it looks: a ring has one a bearing, a robot with two has a rear one."""
@@ -525,7 +457,7 @@ class Society:
         topic = name if name.startswith("/") else f"/{self._prefix}{name}"
         return Channel(
             topic,
-            "cdr",
+            CDR,
             cdr.ros_name(kind),
             "ros2msg",
             cdr.definition(kind),
@@ -548,14 +480,6 @@ def _fresh(known: dict[str, _M], cycle: m.Cycle) -> list[_M]:
     ]
 
 
-def _time(at: int) -> types.Time:
-    return types.Time(*divmod(at, 1_000_000_000))
-
-
-def _pose(where: Pose2) -> types.Pose:
-    return types.Pose(types.Point(where[0], where[1]), rotation(wrap(where[2])))
-
-
 def _covariance(known: Sequence[float]) -> list[float]:
     """Of x, y, z, roll, pitch and yaw, by rows, from the upper triangle of that of x, y, yaw."""
     whole = [0.0] * 36
@@ -564,32 +488,6 @@ def _covariance(known: Sequence[float]) -> list[float]:
         for (row, column), value in zip(pairs, known, strict=True):
             whole[6 * row + column] = whole[6 * column + row] = value
     return whole
-
-
-def _grid(cells: Cells, at: int) -> types.OccupancyGrid:
-    while cells.states.size > MAP_CELLS:
-        cells = coarser(cells)
-    rows, columns = cells.states.shape
-    size = types.MapMetaData(_time(at), cells.cell_m, columns, rows, _pose((cells.x, cells.y, 0.0)))
-    known: list[int] = CELLS[cells.states].ravel().tolist()
-    return types.OccupancyGrid(types.Header(_time(at), MAP), size, known)
-
-
-def _drawn(world: World) -> Cells:
-    """A world as a grid: its walls are occupied, the rest of its rectangle is free."""
-    x1, y1, x2, y2 = world.bounds
-    cell = WORLD_M
-    while (x2 - x1 + cell) * (y2 - y1 + cell) > MAP_CELLS * cell * cell:
-        cell *= 2.0
-    states = np.full(
-        (math.ceil((y2 - y1) / cell) + 1, math.ceil((x2 - x1) / cell) + 1), FREE, dtype=np.uint8
-    )
-    for ax, ay, bx, by in world.walls:
-        steps = np.linspace(0.0, 1.0, 2 + math.ceil(2.0 * math.hypot(bx - ax, by - ay) / cell))
-        rows = ((ay + steps * (by - ay) - y1) / cell).astype(int)
-        columns = ((ax + steps * (bx - ax) - x1) / cell).astype(int)
-        states[rows, columns] = OCCUPIED
-    return Cells(x1, y1, cell, states)
 
 
 _INFINITE: Final = "sec: 9223372036\n    nsec: 854775807"

@@ -16,7 +16,7 @@ from pycdr2 import IdlStruct
 from armadico.bridge.ros2 import types
 from armadico.bridge.ros2.cdr import decode, encode
 from armadico.bridge.ros2.frames import WANTS, Decoder, Seen, Wants, frame, read, said
-from armadico.bridge.ros2.rotations import rotation
+from armadico.bridge.ros2.geometry import rotation
 from armadico.bridge.simulator.plant import Plant, Streams
 from armadico.bridge.simulator.simulated import SimulatedRobot
 from armadico.config.moving import Moving

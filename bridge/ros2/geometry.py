@@ -1,11 +1,12 @@
-"""Headings as ROS 2 has them: rotations in three dimensions, as quaternions."""
+"""Poses and times as ROS 2 has them: a heading is a rotation in three dimensions, a quaternion."""
 
 from __future__ import annotations
 
 from math import atan2, cos, sin
 from typing import Protocol
 
-from armadico.bridge.ros2.types import Quaternion
+from armadico.bridge.ros2.types import Point, Pose, Quaternion, Time
+from armadico.core.geometry import Pose2, wrap
 
 
 class Rotation(Protocol):
@@ -41,3 +42,13 @@ def norm2(q: Rotation) -> float:
 def yaw(q: Rotation) -> float:
     """The heading of a rotation, rad; how it rolls and pitches is not asked, nor its norm."""
     return atan2(2.0 * (q.w * q.z + q.x * q.y), norm2(q) - 2.0 * (q.y * q.y + q.z * q.z))
+
+
+def pose_of(where: Pose2) -> Pose:
+    """A pose on the floor, m, m, rad."""
+    return Pose(Point(where[0], where[1]), rotation(wrap(where[2])))
+
+
+def stamp_of(at: int) -> Time:
+    """A time, ns."""
+    return Time(*divmod(at, 1_000_000_000))
