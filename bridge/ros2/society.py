@@ -66,28 +66,38 @@ ULTRASOUND: Final = 0
 
 _UNFIT: Final = re.compile(r"[^A-Za-z0-9_/]")
 _DIGIT: Final = re.compile(r"(?<![^/])(?=[0-9])")
-LATCHED, OWN = "latched", "own"
 
-_TF, _OWN_TF = "/tf", "/tf " + OWN
 
-_NAMES: Final[dict[str, tuple[type[IdlStruct], int, str]]] = {
-    # the topic: its type, how many samples are kept, and what is said of it
-    _TF: (types.TFMessage, 100, ""),
-    _OWN_TF: (types.TFMessage, 100, OWN),
-    "/tf_static": (types.TFMessage, 1, f"{LATCHED} {OWN}"),
-    "/diagnostics": (types.DiagnosticArray, 10, ""),
-    "odom": (types.Odometry, 10, OWN),
-    "pose": (types.PoseWithCovarianceStamped, 10, ""),
-    "scan": (types.LaserScan, 10, OWN),
-    "sonar": (types.Range, 50, OWN),
-    "obstacles": (types.PointCloud2, 10, ""),
-    "local_map": (types.OccupancyGrid, 1, LATCHED),
-    "map": (types.OccupancyGrid, 1, LATCHED),
-    "path": (types.Path, 1, LATCHED),
-    "battery_state": (types.BatteryState, 10, OWN),
-}
+class _Topic(NamedTuple):
+    """A topic; its fields are those of `Channel`. Without a slash it is below the namespace."""
 
-_GOAL: Final = "goal_pose"
+    name: str
+    kind: type[IdlStruct]
+    depth: int = 10
+    latched: bool = False
+    own: bool = False
+
+
+_TF: Final = _Topic("/tf", types.TFMessage, 100)
+_OWN_TF: Final = _TF._replace(own=True)
+_TF_STATIC: Final = _Topic("/tf_static", types.TFMessage, 1, latched=True, own=True)
+_DIAGNOSTICS: Final = _Topic("/diagnostics", types.DiagnosticArray)
+_ODOM: Final = _Topic("odom", types.Odometry, own=True)
+_POSE: Final = _Topic("pose", types.PoseWithCovarianceStamped)
+_SCAN: Final = _Topic("scan", types.LaserScan, own=True)
+_SONAR: Final = _Topic("sonar", types.Range, 50, own=True)
+_OBSTACLES: Final = _Topic("obstacles", types.PointCloud2)
+_LOCAL_MAP: Final = _Topic("local_map", types.OccupancyGrid, 1, latched=True)
+_MAP: Final = _Topic("map", types.OccupancyGrid, 1, latched=True)
+_PATH: Final = _Topic("path", types.Path, 1, latched=True)
+_BATTERY: Final = _Topic("battery_state", types.BatteryState, own=True)
+_GOAL: Final = _Topic("goal_pose", types.PoseStamped, 1)
+
+_SAID: Final = (
+    *(_TF, _OWN_TF, _TF_STATIC, _DIAGNOSTICS, _ODOM, _POSE, _SCAN, _SONAR, _OBSTACLES),
+    *(_LOCAL_MAP, _MAP, _PATH, _BATTERY),
+)
+"""All that samples are given on."""
 
 _KEPT: Final[dict[type[m.Message], str]] = {
     m.Description: "_description",
@@ -96,7 +106,7 @@ _KEPT: Final[dict[type[m.Message], str]] = {
 }
 """What is known just as it was last said."""
 
-_Said = tuple[str, IdlStruct]
+_Said = tuple[_Topic, IdlStruct]
 """A topic and a sample."""
 
 
@@ -121,9 +131,9 @@ class Society:
         self.namespace = ros_namespace(namespace)
         self._prefix = f"{self.namespace}/" if namespace else ""
         self._world = world
-        self._channels = {name: self._channel(name, *_NAMES[name]) for name in _NAMES}
+        self._channels = {topic: self._channel(topic) for topic in _SAID}
         self.channels: Sequence[Channel] = tuple(self._channels.values())
-        self.goals = self._channel(_GOAL, types.PoseStamped, 1, "")
+        self.goals = self._channel(_GOAL)
         self.profile = "ros2"
         # rosbag2 reads quality of service as numbers where no version is told, as Iron wrote it.
         self.about: Mapping[str, Mapping[str, str]] = {"rosbag2": {"ROS_DISTRO": "iron"}}
@@ -163,18 +173,18 @@ class Society:
 
     def take(self, key: str, message: m.Message, at: int) -> Iterator[Sample]:
         """See `Translator`."""
-        for name, sample in self._said(key, message, at):
-            yield Sample(self._channels[name], cdr.encode(sample))
+        for topic, sample in self._said(key, message, at):
+            yield Sample(self._channels[topic], cdr.encode(sample))
 
     def _said(self, key: str, message: m.Message, at: int) -> Iterator[_Said]:
         if self._world is not None:
-            yield "map", occupancy(drawn(self._world), self._on_map(at))
+            yield _MAP, occupancy(drawn(self._world), self._on_map(at))
             self._world = None
         taker = self._takers.get(type(message))
         if taker is not None:
             yield from taker(key, message, at)
         if at >= self._told_at and (self._state is not None or self._acks):
-            yield "/diagnostics", self._diagnostics(at)
+            yield _DIAGNOSTICS, self._diagnostics(at)
 
     def _take_state(self, _: str, state: m.RobotState, at: int) -> Iterator[_Said]:
         here = (state.x, state.y, state.theta)
@@ -183,7 +193,7 @@ class Society:
         yield _OWN_TF, types.TFMessage([self._transform(at, self._prefix + ODOM, BASE, here)])
         speeds = types.Twist(types.Vector3(state.v), types.Vector3(z=state.w))
         yield (
-            "odom",
+            _ODOM,
             types.Odometry(
                 self._header(at, ODOM),
                 self._prefix + BASE,
@@ -195,7 +205,7 @@ class Society:
             yield self._corrected(self._pose, self._states[-1])  # it has overtaken the state
         if at >= self._battery_at:
             self._battery_at = at + int(EACH_S * 1e9)
-            yield "battery_state", self._battery(state, at)
+            yield _BATTERY, self._battery(state, at)
 
     def _take_pose(self, _: str, pose: m.Pose, at: int) -> Iterator[_Said]:
         self._pose, self._base = pose, (pose.x, pose.y, pose.theta)
@@ -205,7 +215,7 @@ class Society:
             yield self._corrected(pose, state)
         header = self._on_map(stamp)
         known = types.PoseWithCovariance(pose_of(self._base), _covariance(pose.covariance))
-        yield "pose", types.PoseWithCovarianceStamped(header, known)
+        yield _POSE, types.PoseWithCovarianceStamped(header, known)
 
     def _corrected(self, pose: m.Pose, state: _State) -> _Said:
         """Where the odometry's origin lies, by the pose and the odometry of one cycle."""
@@ -220,7 +230,7 @@ class Society:
             for where in new:
                 self._sonars[where] = self._sonar_frame(where)
             yield (
-                "/tf_static",
+                _TF_STATIC,
                 types.TFMessage(
                     [
                         self._transform(at, self._prefix + BASE, frame, where)
@@ -235,7 +245,7 @@ class Society:
                 continue
             heard = math.inf if echo.range is None else echo.range
             yield (
-                "sonar",
+                _SONAR,
                 types.Range(
                     self._header(stamp, frame), ULTRASOUND, CONE, NEAREST, sonar.reach, heard
                 ),
@@ -250,7 +260,7 @@ class Society:
         except ValueError:  # anybody may say anything
             return
         if cells.states.size:
-            yield "map", occupancy(cells, self._on_map(at))
+            yield _MAP, occupancy(cells, self._on_map(at))
 
     def _take_trajectory(self, _: str, trajectory: m.Trajectory, at: int) -> Iterator[_Said]:
         said = (trajectory.mission, trajectory.start, trajectory.waypoints)
@@ -262,7 +272,7 @@ class Society:
         if places:
             x, y = trajectory.start.x, trajectory.start.y
             places = [(x, y, math.atan2(places[0][1] - y, places[0][0] - x)), *places]
-        yield "path", types.Path(header, [types.PoseStamped(header, pose_of(at)) for at in places])
+        yield _PATH, types.Path(header, [types.PoseStamped(header, pose_of(at)) for at in places])
 
     def _take_ack(self, _: str, ack: m.Ack, _at: int) -> Iterator[_Said]:
         before = self._acks.get(ack.resource)
@@ -291,7 +301,7 @@ class Society:
         place = (scan.x, scan.y, 0.0)
         yield _OWN_TF, types.TFMessage([self._transform(stamp, self._prefix + BASE, SCAN, place)])
         yield (
-            "scan",
+            _SCAN,
             types.LaserScan(
                 self._header(stamp, SCAN),
                 angle_min=scan.bearing,
@@ -311,7 +321,7 @@ class Society:
         fields = [types.PointField(name, 4 * k, 7, 1) for k, name in enumerate("xyz")]
         header = self._header(self._stamp(obstacles.cycle, at), BASE)
         size = (1, len(found), fields, False, 12, 12 * len(found))
-        yield "obstacles", types.PointCloud2(header, *size, points.tobytes(), is_dense=True)
+        yield _OBSTACLES, types.PointCloud2(header, *size, points.tobytes(), is_dense=True)
 
     def _take_local_map(self, key: str, local: m.LocalMap, at: int) -> Iterator[_Said]:
         """A square around the robot; what has no cell in the local map is unknown."""
@@ -332,7 +342,7 @@ class Society:
             stamp_of(stamp), side, 2 * half, 2 * half, pose_of((corner, corner, 0.0))
         )
         known: list[int] = cells.ravel().tolist()
-        yield "local_map", types.OccupancyGrid(self._header(stamp, BASE), size, known)
+        yield _LOCAL_MAP, types.OccupancyGrid(self._header(stamp, BASE), size, known)
 
     # Samples --------------------------------------------------------------------------------------
 
@@ -451,19 +461,17 @@ class Society:
         same = sum(frame.partition(".")[0] == name for frame in self._sonars.values())
         return f"{name}.{same + 1}" if same else name
 
-    def _channel(self, named: str, kind: type[IdlStruct], depth: int, words: str) -> Channel:
-        name = named.partition(" ")[0]
-        latched = LATCHED in words
-        topic = name if name.startswith("/") else f"/{self._prefix}{name}"
+    def _channel(self, topic: _Topic) -> Channel:
+        name, kind, depth, latched, own = topic
         return Channel(
-            topic,
+            name if name.startswith("/") else f"/{self._prefix}{name}",
             CDR,
             cdr.ros_name(kind),
             "ros2msg",
             cdr.definition(kind),
             latched,
             depth,
-            OWN in words,
+            own,
             {"offered_qos_profiles": _qos(latched, depth), "topic_type_hash": cdr.type_hash(kind)},
         )
 
