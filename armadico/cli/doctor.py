@@ -122,6 +122,7 @@ _EXTRAS: Final = (
     ("rerun-sdk", "dashboard"),
     ("matplotlib", "plot"),
     ("cyclonedds", "ros2"),
+    ("foxglove-sdk", "foxglove"),
 )
 
 

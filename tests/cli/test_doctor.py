@@ -216,14 +216,17 @@ def test_a_long_command_line_is_cut_at_its_end() -> None:
     assert doctor.called(long).endswith("...")
 
 
+@pytest.mark.parametrize(
+    ("package", "extra"), [("cyclonedds", "ros2"), ("foxglove-sdk", "foxglove")]
+)
 def test_an_extra_that_is_not_there_is_named_with_what_brings_it(
-    monkeypatch: pytest.MonkeyPatch,
+    package: str, extra: str, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     def version(name: str) -> str:
-        if name == "cyclonedds":
+        if name == package:
             raise PackageNotFoundError(name)
         return metadata.version(name)
 
     monkeypatch.setattr(doctor, "version", version)
-    (found,) = [each for each in doctor.versions() if each.subject == "cyclonedds"]
-    assert "pip install 'armadico[ros2]'" in found.todo
+    (found,) = [each for each in doctor.versions() if each.subject == package]
+    assert f"pip install 'armadico[{extra}]'" in found.todo
