@@ -23,6 +23,7 @@ from typing import NamedTuple
 
 from armadico.agents.methods.near import Look, Obstacle
 from armadico.agents.methods.settings import WallSettings
+from armadico.config.worlds import Segment
 from armadico.core.geometry import Pose2
 from armadico.core.messages import COVARIANCE, Echo
 
@@ -45,8 +46,6 @@ UNDOUBTED = -1
 
 FORGOTTEN = 0.1
 """A doubt below this is none."""
-
-Segment = tuple[float, float, float, float]
 
 
 class _Place(NamedTuple):

@@ -11,11 +11,10 @@ from armadico.bridge.simulator.plant import Plant, Streams
 from armadico.bridge.simulator.simulated import SimulatedRobot
 from armadico.bridge.simulator.speed_loops import SpeedLoops
 from armadico.bridge.simulator.traps import KIND, Trap
+from armadico.bridge.simulator.walls import Wall
 from armadico.config.moving import Moving
 from armadico.config.profile import P2osRobot, SensorProfile
 from armadico.config.worlds import Column, Pose
-
-Wall = tuple[float, float, float, float]
 
 
 class Pioneer(SimulatedRobot):

@@ -27,11 +27,11 @@ from armadico.bridge.simulator.moving import STEP_S as MOVE_S
 from armadico.bridge.simulator.moving import Movement
 from armadico.bridge.simulator.sonar import Sonars, Surfaces
 from armadico.bridge.simulator.speed_loops import truncated
-from armadico.bridge.simulator.walls import TOUCH_M, Column, Floats, Wall, Walls
+from armadico.bridge.simulator.walls import TOUCH_M, Floats, Wall, Walls
 from armadico.config.errors import ConfigError
 from armadico.config.moving import Moving
 from armadico.config.profile import P2osRobot, Ros2Robot, SensorProfile
-from armadico.config.worlds import Pose
+from armadico.config.worlds import Column, Pose
 
 STEP_S = 0.005
 MOVE_STEPS = round(MOVE_S / STEP_S)

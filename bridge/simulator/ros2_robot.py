@@ -19,11 +19,10 @@ from armadico.bridge.ros2.frames import WANTS, Decoder, Seen, Wants, frame, read
 from armadico.bridge.ros2.geometry import rotation
 from armadico.bridge.simulator.plant import Plant, Streams
 from armadico.bridge.simulator.simulated import SimulatedRobot
+from armadico.bridge.simulator.walls import Wall
 from armadico.config.moving import Moving
 from armadico.config.profile import Ros2Robot, SensorProfile, Topic
 from armadico.config.worlds import Column, Pose
-
-Wall = tuple[float, float, float, float]
 
 IDLE_S = 10.0
 """A client that wants nothing for so long is not one."""

@@ -15,6 +15,8 @@ import numpy as np
 import numpy.typing as npt
 import pymunk
 
+from armadico.config.worlds import Column
+
 Points = npt.NDArray[np.complex128]
 Floats = npt.NDArray[np.float64]
 Wall = tuple[float, float, float, float]
@@ -22,9 +24,6 @@ Wall = tuple[float, float, float, float]
 
 Segment = tuple[float, float, float, float, float, float, float]
 """x and y of a wall's start (m), of the unit vector along it, its length (m), and its `Surface`."""
-
-Column = tuple[float, float, float]
-"""x, y and radius of something round, m."""
 
 Round = tuple[float, float, float, float, float]
 """x, y and radius of a column (m), and its `Surface`."""
