@@ -6,6 +6,7 @@ BIN    := $(VENV)/bin
 COMPILE = $(BIN)/pip-compile --quiet --generate-hashes --no-emit-options --allow-unsafe \
 	  --strip-extras --no-annotate --no-header
 PIP    := $(BIN)/python -m pip --disable-pip-version-check
+WORKERS ?= 4
 
 .PHONY: run next tools test mutants lint compiled demo demo-down lock clean
 .DEFAULT_GOAL := run
@@ -39,9 +40,10 @@ next:  ## what to type after `make run`
 
 tools: $(VENV)/.tools  ## the laboratory too: experiments, faults, trials, benchmarks, demos
 
+# Two for each core of the smallest machine: half of its time a test waits for its processes.
 test: $(VENV)/.dev  ## set up and run the tests
 	@$(BIN)/python -m tests.real_ros
-	$(BIN)/python -m pytest -n 2 --dist worksteal
+	$(BIN)/python -m pytest -n $(WORKERS) --dist worksteal
 
 mutants: $(VENV)/.dev  ## change what decides in one place at a time: the tests must notice
 	$(PIP) install --quiet cosmic-ray==8.7.0
@@ -67,7 +69,7 @@ demo-down:  ## what a demo left that was killed
 
 lock: $(VENV)/.dev  ## write the locks again from pyproject.toml
 	for lock in agents: run:--extra=plot "tools:--extra=plot requirements/tools.in" \
-	    "dev:--extra=plot,record,dashboard,ros2,dev requirements/tools.in"; do \
+	    "dev:--extra=plot,record,dashboard,foxglove,ros2,dev requirements/tools.in"; do \
 	  $(COMPILE) $${lock#*:} -o requirements/$${lock%%:*}.txt pyproject.toml requirements/build.in; \
 	done
 	$(COMPILE) -o requirements/rclpy.txt requirements/rclpy.in

@@ -35,7 +35,7 @@ COMPILED = (
 """What a virtual second goes into, and `bridge/simulator`. Agents are not: everybody's are Python.
 Nor is what declares types for msgspec: it reads them as they are written, and mypyc drops that."""
 
-APART = ("__init__", "command", "server")
+APART = ("__init__", "command", "ros2_line", "server")
 """Of `bridge/simulator`: nothing to compile, and what waits rather than computes."""
 
 

@@ -10,7 +10,7 @@ from typing import Annotated, Any, ClassVar
 from msgspec import Meta
 
 from armadico.agents.methods.errands import BITS, Errand, PlanDesk, Stage
-from armadico.agents.methods.utility import ramp_down
+from armadico.agents.methods.utility import of_mission, ramp_down
 from armadico.config.profile import load_profile
 from armadico.config.worlds import DOCK_LANE_M, before, load_world
 from armadico.config.worlds import Pose as Place
@@ -81,21 +81,20 @@ LOOKING = 0.02
 class Parameters(agent.Parameters, frozen=True, kw_only=True):
     """What counts as enough, and how much charging is worth.
 
-    A mission's utility is from 0.1 to 0.8 by its priority. It may not bid while it takes a photo or
-    has a way planned; what is worth less does not take the robot from it even then.
+    A mission may not bid while it takes a photo or has a way planned; what is worth less than it
+    does not take the robot from it even then.
     """
 
     world: Annotated[str, Meta(min_length=1)] = "empty"
     profile: str = "pioneer-2dx"
     capacity_ah: Annotated[float, Meta(gt=0, le=1e4)] | None = None  # None: the profile's
-    low_v: Annotated[float, Meta(gt=0, le=1e4)] = 10.4  # below this charging goes before all else
+    low_v: Annotated[float, Meta(gt=0, le=1e4)] | None = None
+    """Below this charging goes before all else; None: the profile's."""
     reserve: Share = 0.05  # of the battery: is to be left when the dock is reached
     more: Annotated[float, Meta(ge=1, le=10)] = 1.3  # a way may take so many times what is planned
     plenty: Annotated[float, Meta(gt=1, le=100)] = 4.0  # so many times what is needed is plenty
     idle_below: Share = 0.5  # with less than this it is charged when nobody else wants to drive
     idle_utility: Share = 0.02
-    mission_lowest: Share = 0.1  # utility of a mission without priority,
-    mission_highest: Share = 0.8  # and with all of it
     urgent: Share = 0.2  # a robot that has no more than this stays in the dock, but for nearly all,
     ready: Share = 0.8  # and with this leaves it for whoever wants to drive
     look_s: Seconds = 60.0  # from one look how far the docks are to the next
@@ -267,14 +266,14 @@ class BatteryCharger(Agent):
         """What charging must be worth at least, by what the robot is wanted for now."""
         board = self.memory.newest(Board)
         missions = () if board is None else board.missions
-        low, span = self.p.mission_lowest, self.p.mission_highest - self.p.mission_lowest
-        under_way = [low + span * m.priority for m in missions if m.state is MissionEnd.ACTIVE]
+        active = [m for m in missions if m.state is MissionEnd.ACTIVE]
+        under_way = [of_mission(mission.priority) for mission in active]
         return max(under_way, default=PEOPLES if self._foreign else 0.0)
 
     @property
     def _critical(self) -> bool:
         """Whether the voltage is where charging goes before everything."""
-        return self._known and self._volts < self.p.low_v
+        return self._known and self._volts < (self.p.low_v or self._battery.low_v)
 
     @property
     def _full_j(self) -> float:

@@ -28,7 +28,7 @@ class Parameters(agent.Parameters, frozen=True, kw_only=True):
     capacity_ah: Annotated[float, Meta(gt=0, le=1e4)] | None = None  # None: the profile's
     slow_s: Seconds = 5.0  # from one check to the next when it is full,
     quick_s: Seconds = 0.5  # and where it has to be charged
-    alarm_v: Annotated[float, Meta(gt=0, le=1e4)] = 10.4
+    alarm_v: Annotated[float, Meta(gt=0, le=1e4)] | None = None  # None: the profile's `low_v`
     lag_s: Seconds = 60.0  # in which the charge that is counted follows the voltage
     unread_s: Seconds = 5.0  # a controller that says no voltage for so long is told of
 
@@ -81,7 +81,7 @@ class BatterySensor(Agent):
         gauge = self._gauge
         volts, share = gauge.volts, gauge.share
         self.publish(BatteryLevel(cycle, volts, share, gauge.joules, self._charging))
-        if self._charging or volts > self.p.alarm_v:
+        if self._charging or volts > (self.p.alarm_v or self._battery.low_v):
             self._alarmed = inf
             return
         tenths = floor(volts / ALARM_STEP_V)

@@ -16,6 +16,9 @@ from armadico.config.profile import load_profile
 from armadico.core import agent
 from armadico.core.agent import WARNING, Agent, Question
 from armadico.core.messages import (
+    BatteryLevel,
+    ChargeState,
+    ChargeStatus,
     ExploreRequest,
     ExploreState,
     ExploreStatus,
@@ -38,6 +41,7 @@ class Parameters(agent.Parameters, frozen=True, kw_only=True):
     stuck_s: Annotated[float, Meta(ge=1, le=600)] = 15.0  # without coming nearer
     map_s: Annotated[float, Meta(ge=1, le=600)] = 15.0  # without a map
     tries: Annotated[int, Meta(ge=1, le=100)] = 5  # to have a mission taken on, or to get home
+    charged: Annotated[float, Meta(gt=0, le=1)] = 0.8  # with this it goes on from the dock
 
 
 PROGRESS_M = 0.1
@@ -58,7 +62,10 @@ class Explore(Agent):
 
     name = "explore"
     alone = True
-    hears: ClassVar[tuple[type[Message], ...]] = (Pose, OccupancyGrid, MissionStatus)
+    hears: ClassVar[tuple[type[Message], ...]] = (
+        *(Pose, OccupancyGrid, MissionStatus),
+        *(ChargeStatus, BatteryLevel),
+    )
     provides: ClassVar[tuple[type[Message], ...]] = (ExploreStatus,)
     answers: ClassVar[tuple[type[Message], ...]] = (ExploreRequest,)
     asks: ClassVar[tuple[type[Message], ...]] = (MissionRequest,)
@@ -85,6 +92,7 @@ class Explore(Agent):
         self._way: list[Placed] = []
         self._mission = self._leg = 0  # the one that is driven
         self._pending = False  # one was asked for, and not answered yet
+        self._paused = False  # while the robot is charged
         self._to_go = 0.0
         self._nearer_at = self._map_at = 0.0
 
@@ -112,6 +120,7 @@ class Explore(Agent):
         self._avoided = []
         self._second_look = False
         self._missions.clear()
+        self._paused = False
         self._became(ExploreState.EXPLORING)
         self._drop()
         return MissionReply(self._exploration, length=min(width * height / LANE_M, 1e6))
@@ -125,7 +134,7 @@ class Explore(Agent):
             return
         self._map_at = self.now
         self._known = self._cells.area(FREE)
-        if not self._at_work or self._pending:
+        if not self._at_work or self._pending or self._paused:
             return
         chart = Chart(self._cells, self._within)
         if self._target is None or not self._worth(chart, self._target):
@@ -136,7 +145,10 @@ class Explore(Agent):
         if not self._at_work or self._pending or not self._mission:
             return
         if status.mission not in self._missions:
-            self._fail("somebody has sent the robot elsewhere")
+            if self._charges:
+                self._pause()
+            else:
+                self._fail("somebody has sent the robot elsewhere")
         elif status.mission == self._mission:
             self._leg = status.leg
             if status.to_go < self._to_go - PROGRESS_M:
@@ -147,7 +159,12 @@ class Explore(Agent):
     def on_wakeup(self) -> None:
         """Publish how far it is; give up what is not reached."""
         self.wake_at(self.now + 1.0)
-        if self._at_work:
+        if self._at_work and self._paused:
+            self._nearer_at = self._map_at = self.now
+            if not self._charges or self._is_charged:
+                self._paused = False
+                self.log("goes on exploring")
+        elif self._at_work:
             if self.stopped is not None:
                 self._nearer_at = self.now
             if self.now - self._map_at > self.p.map_s:
@@ -161,6 +178,25 @@ class Explore(Agent):
     @property
     def _at_work(self) -> bool:
         return self._state in (ExploreState.EXPLORING, ExploreState.RETURNING)
+
+    @property
+    def _charges(self) -> bool:
+        """Whether the charger has the robot driven, or holds it in a dock."""
+        status = self.latest(ChargeStatus)
+        return status is not None and status.state is not ChargeState.NONE
+
+    @property
+    def _is_charged(self) -> bool:
+        """Whether it stands in a dock with enough to go on: who drives on is let out."""
+        status, level = self.latest(ChargeStatus), self.latest(BatteryLevel)
+        docked = status is not None and status.state is ChargeState.CHARGING
+        return docked and level is not None and level.share >= self.p.charged
+
+    def _pause(self) -> None:
+        """The charger needs the robot: what was driven to is chosen anew afterwards."""
+        self.log("the robot is charged first")
+        self._drop()
+        self._paused = True
 
     def _in(self, within: tuple[float, float, float, float], at: Pose) -> bool:
         return within[0] <= at.x <= within[2] and within[1] <= at.y <= within[3]

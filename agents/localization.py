@@ -10,6 +10,7 @@ from typing import Annotated, Any, ClassVar, Literal
 
 import numpy as np
 from msgspec import Meta
+from msgspec.structs import replace
 
 from armadico.agents.methods.grid import CELL_M, Grid, check_extent
 from armadico.agents.methods.laser_model import BEAMS, LaserModel, beams_of
@@ -17,6 +18,7 @@ from armadico.agents.methods.monte_carlo import LASER, Estimate, Model, MonteCar
 from armadico.agents.methods.odometry import begun_anew
 from armadico.agents.methods.sonar_model import FORMAT, Fields, SonarModel, fields
 from armadico.config.kept import Arrays, arrays
+from armadico.config.places import Places
 from armadico.config.profile import RobotProfile, load_profile
 from armadico.config.worlds import load_world
 from armadico.core import agent, particles
@@ -57,6 +59,9 @@ found: by sonars, of which many hear what is on no map, and by a laser."""
 
 PINGS_A_SCAN = 5
 """A scan tells as much as a cycle's pings do, and more."""
+
+STANDS_S = 3.0
+"""Who has doubted for so long is looked for by what was seen, few scans as that may be."""
 
 PARTICLES_S = 0.5
 """From one publication of particles to the next: for those who watch."""
@@ -118,11 +123,13 @@ class Localization(Agent):
         grid = Grid(world.outlines, world.bounds)
         rows, columns = np.nonzero(grid.clearance > profile.body.width_m / 2)
         free = np.column_stack([grid.xs[columns], grid.ys[rows]])
+        self._places = Places(world, profile.body)
+        self._free, inhabited = free, free[self._places.inhabited(free)]
         self._useful = bool(world.outlines) and len(free) > 0
         self._sees = profile.laser is not None
         self._filter = MonteCarlo(
             model_of(grid, profile),
-            free,
+            inhabited if len(inhabited) else free,
             np.random.default_rng(self.rng.getrandbits(63)),
             self.p.filter or (LASER if self._sees else Settings()),
         )
@@ -142,11 +149,13 @@ class Localization(Agent):
         self._since: float | None = None  # when it began to seem lost
         self._doubts = False  # the readings fit badly,
         self._misfit = 0.0  # and have done so for such a share of the way that it takes to be lost
+        self._doubts_since = 0.0
         self._looked = 0  # and so many pings of them have been looked for elsewhere
         self._sure = 0  # so often in a row one place has been much better than all others,
         self._best: Pose2 = STOOD  # this one,
         self._unproved = 0  # and so often it has to be that yet
         self._shown_at = float("-inf")
+        self._shown: tuple[int, Particles] | None = None  # of which change of the particles
 
     def on_pose(self, pose: Pose) -> None:
         """Where to begin."""
@@ -157,6 +166,9 @@ class Localization(Agent):
         if self.p.start == "anywhere":
             self._filter.start_anywhere()
         else:
+            here = np.array([[pose.x, pose.y]])
+            if not self._lost and not self._places.inhabited(here).all():
+                self._filter.may_be_at(self._free)  # names tell nothing of where this one drives
             off = max(self.p.start_m, pose.deviation)  # of a pose that nobody corrected lately
             turned = max(self.p.start_rad, pose.heading_deviation)
             self._filter.start_at((pose.x, pose.y, pose.theta), off, turned)
@@ -228,8 +240,17 @@ class Localization(Agent):
         )
         if self.now - self._shown_at >= PARTICLES_S:
             self._shown_at = self.now
-            drawn = self._filter.drawn(particles.MOST).tolist()
-            self.publish(particles.message_of(cycle, drawn))
+            self._show(cycle)
+
+    def _show(self, cycle: Cycle) -> None:
+        """Publish some particles: the same again while the robot stands."""
+        changes = self._filter.changes
+        if self._shown is not None and self._shown[0] == changes:
+            said = replace(self._shown[1], cycle=cycle)
+        else:
+            said = particles.message_of(cycle, self._filter.drawn(particles.MOST).tolist())
+        self._shown = changes, said
+        self.publish(said)
 
     def _judge(self, found: Estimate) -> None:
         """Whether it is lost: if it seems so for a while, and found once it has been sure.
@@ -275,9 +296,11 @@ class Localization(Agent):
             return False
         if not doubted:
             self._filter.mark()
-            self._looked = 0
+            self._looked, self._doubts_since = 0, self.now
         heard = self._filter.echoes_of_news
-        if heard - self._looked < self._doubted_after:
+        # Who stands, because no way is free where it believes to be, sees no more than it has.
+        stands = self._sees and heard > self._looked and self.now - self._doubts_since >= STANDS_S
+        if heard - self._looked < self._doubted_after and not stands:
             return self._misfit >= 1.0
         self._looked = heard
         best, *_ = self._filter.rivals()

@@ -12,6 +12,7 @@ from armadico.agents.methods.board import Entry, Missions, RefusedError
 from armadico.agents.methods.errands import Errand, Stage
 from armadico.agents.methods.procedures import advance, ahead, broken_off, merged
 from armadico.agents.methods.subplans import Coordinator, move
+from armadico.agents.methods.utility import of_mission
 from armadico.config.errors import ConfigError
 from armadico.config.places import Places
 from armadico.config.profile import load_profile
@@ -66,10 +67,15 @@ ASK_S: Final = 10.0
 HALT_S: Final = 10.0
 """An explore agent that is to end, and says nothing for so long, is not there."""
 
+AFRESH_S: Final = 2.0
+"""What is heard of an exploration so soon after it was asked for may be older than that."""
+
 ALARMS_MOST: Final = 32
 
 AWAY_M: Final = 0.5
 """Who is to stand, and is farther from there, was driven away by somebody."""
+
+UNKNOWN: Final = "nobody knows where the robot is"
 
 AWAY: Final = "the robot is not where it is to stand: somebody has it driven, or had"
 
@@ -84,8 +90,7 @@ class Parameters(agent.Parameters, frozen=True, kw_only=True):
     again_s: Annotated[float, Meta(gt=0, le=60)] = 3.0  # a plan that was refused is asked for again
     patience_s: Annotated[float, Meta(ge=0, le=600)] = 30.0  # for so long,
     battery_s: Annotated[float, Meta(gt=0, le=3600)] = 120.0  # what is older is not known
-    lowest: Annotated[float, Meta(ge=0, le=1)] = 0.1  # utility of a mission of priority 0,
-    highest: Annotated[float, Meta(ge=0, le=1)] = 0.8  # and of 1
+    lost_s: Annotated[float, Meta(ge=0, le=3600)] = 150.0  # relocate looks for 120 s where it is
 
 
 class MissionPlanning(Agent):
@@ -119,9 +124,13 @@ class MissionPlanning(Agent):
         self._by = self.rng.getrandbits(63)
         self._alarms: list[str] = []
         self._unchecked: list[str] = []
+        self._no_way: dict[str, tuple[float, float]] = {}  # to an alarm: since when, ask again when
         self._wanted: tuple[int, int, Request] | None = None  # by which mission, in which task
         self._reach, self._note = Reach.NONE, ""
-        self._order = 0  # the exploration that was asked for
+        self._order = 0  # the exploration that was asked for, or the charge,
+        self._ordered_at = 0.0  # and when that was taken on
+        self._unwanted = 0  # the last exploration that is wanted no more
+        self._explored_at = 0.0  # when the explore agent last said anything
         self._halts: Way | None = None  # what takes the robot from an exploration,
         self._halts_until = 0.0  # at the longest
         self._cleared = False  # the energy of its way was looked at,
@@ -130,6 +139,7 @@ class MissionPlanning(Agent):
         self._refused_at: float | None = None  # since when no way is planned
         self._again_at = 0.0
         self._battery_at = float("-inf")
+        self._unknown_at: float | None = None  # since when nobody knows where the robot is
         self._stood: Waypoint | None = None  # where the robot is to stand for its task
         self._no_dock_at: float | None = None  # since when the charger knows of no way to a dock
         self._no_dock = ""  # and its word on that
@@ -222,9 +232,20 @@ class MissionPlanning(Agent):
         """How far an exploration has come."""
         if status.state not in (ExploreState.EXPLORING, ExploreState.RETURNING):
             self._halts = None
-        if not self._order or status.exploration != self._order:
+        elif self._unwanted and status.exploration == self._unwanted:
+            self._halt()  # it was paused while the robot was charged
+        self._explored_at = self.now
+        wanted = self._wanted
+        if wanted is None or not isinstance(wanted[2], Explore) or not self._order:
             return
-        if status.state is ExploreState.DONE:
+        if status.exploration != self._order:
+            if self.now - self._ordered_at < AFRESH_S:
+                return  # it was said before
+            if status.state in (ExploreState.EXPLORING, ExploreState.RETURNING):
+                self._reach, self._note = Reach.FAILED, "somebody else has it explore"
+            else:
+                self._order, self._again_at = 0, self.now  # it was started again: asked anew
+        elif status.state is ExploreState.DONE:
             self._reach = Reach.DONE
         elif status.state is ExploreState.FAILED:
             self._reach, self._note = Reach.FAILED, status.note
@@ -258,6 +279,7 @@ class MissionPlanning(Agent):
             self.log(line(f"alarm in {alarm.room}"), WARNING)
         elif not alarm.on and alarm.room in self._alarms:
             self._alarms.remove(alarm.room)
+            self._no_way.pop(alarm.room, None)
             if alarm.room in self._unchecked:
                 self._unchecked.remove(alarm.room)
         else:
@@ -282,15 +304,14 @@ class MissionPlanning(Agent):
         """By the mission's priority; for the trajectory once the energy was looked at."""
         active = self._missions.active
         if resource is TRAJECTORY and self._halts is not None and not self._errand.under_way:
-            return Bid(self.p.highest, self._halts, reason="nobody wants it explored any more")
+            return Bid(of_mission(1.0), self._halts, reason="nobody wants it explored any more")
         if active is None:
             self.why = "no mission"
             return None
         if resource is TRAJECTORY and not self._cleared:
             self.why = "no way yet"
             return None
-        span = self.p.highest - self.p.lowest
-        return self._errand.bid_for(resource, self.p.lowest + span * active.told.priority)
+        return self._errand.bid_for(resource, of_mission(active.told.priority))
 
     # The missions ---------------------------------------------------------------------------------
 
@@ -324,12 +345,28 @@ class MissionPlanning(Agent):
         else:
             beliefs = self._beliefs()
             self._carry_out(entry, beliefs)
-            if entry is before and self._is_away:
+            if self._waits_for_pose(beliefs):
+                entry.told = replace(entry.told, note=UNKNOWN)
+            elif entry is before and self._is_away:
                 entry.told = replace(entry.told, way=self._errand.way, note=AWAY)
             else:
                 self._go_on(entry, beliefs, seconds if entry is before else 0.0)
             self._heed_alarms(entry, beliefs)
         self._publish_board()
+
+    def _waits_for_pose(self, beliefs: Beliefs) -> bool:
+        """Whether the next step, or one that stands, waits until it is known where the robot is.
+
+        It may be lost, or its encoder agent dead for now. A way that is driven is interface's.
+        """
+        if beliefs.at is not None:
+            self._unknown_at = None
+            return False
+        if self._unknown_at is None:
+            self._unknown_at = self.now
+        stands = self._wanted is None or isinstance(self._wanted[2], Stand)
+        ended = self._reach is not Reach.UNDER_WAY
+        return (stands or ended) and self.now - self._unknown_at < self.p.lost_s
 
     @property
     def _is_driven(self) -> bool:
@@ -429,14 +466,10 @@ class MissionPlanning(Agent):
 
     def _want(self, wanted: tuple[int, int, Request] | None, entry: Entry | None = None) -> None:
         """Want something else, or nothing: what was wanted is let be."""
-        at = self._beliefs().at
         before = None if self._wanted is None else self._wanted[2]
-        explores = isinstance(before, Explore) and self._order and self._reach is Reach.UNDER_WAY
-        if explores and at is not None:
-            # The explore agent ends what it does when somebody else has the robot driven.
-            here = Point(at.x, at.y)
-            self._halts = Way(self.rng.getrandbits(63), (at,), here, planned=False)
-            self._halts_until = self.now + HALT_S
+        if isinstance(before, Explore) and self._order and self._reach is Reach.UNDER_WAY:
+            self._unwanted = self._order
+            self._halt()
         self._errand.drop()
         self._wanted, self._reach, self._note = wanted, Reach.NONE, ""
         self._order, self._cleared, self._weighs, self._refused_at = 0, False, False, None
@@ -450,23 +483,37 @@ class MissionPlanning(Agent):
         if isinstance(request, Drive) and left:
             goal = self._goal(request, self._beliefs().at)
             self._cleared = goal is not None and self._errand.resume(goal, left)
-        elif isinstance(request, Explore):
-            within = request.within or self._places.world.bounds
-            self.ask(
-                ExploreRequest(*within), lambda reply: self._ordered(wanted, reply, "explores")
-            )
 
     def _ordered(
         self, wanted: tuple[int, int, Request], reply: MissionReply | None, what: str
     ) -> None:
-        """Whether an exploration, or a charge, was taken on."""
+        """Whether an exploration, or a charge, was taken on; who would may be back soon."""
+        taken = reply is not None and not reply.refusal
         if wanted != self._wanted:
+            if taken and isinstance(wanted[2], Explore):
+                assert reply is not None, "it was taken on"
+                self._unwanted = reply.mission
+                self._halt()  # it was cancelled in the moment in which it began
             return
-        if reply is None or reply.refusal:
-            self._reach = Reach.FAILED
-            self._note = f"nobody {what}" if reply is None else reply.refusal
+        if reply is not None and taken:
+            self._order, self._ordered_at = reply.mission, self.now
+            self._note, self._refused_at = "", None
+            return
+        why = f"nobody {what}" if reply is None else reply.refusal
+        if self._refused_at is None:
+            self._refused_at = self.now
+        if self.now - self._refused_at >= self.p.patience_s:
+            self._reach, self._note = Reach.FAILED, line(why)
         else:
-            self._order = reply.mission
+            self._note, self._again_at = line(f"waits: {why}"), self.now + self.p.again_s
+
+    def _halt(self) -> None:
+        """Have an exploration ended: the explore agent does when somebody else drives the robot."""
+        at = self._beliefs().at
+        if at is not None and self._halts is None:
+            here = Point(at.x, at.y)
+            self._halts = Way(self.rng.getrandbits(63), (at,), here, planned=False)
+            self._halts_until = self.now + HALT_S
 
     def _carry_out(self, entry: Entry, beliefs: Beliefs) -> None:
         """See to what the task wants; most of it is seen to by others."""
@@ -481,6 +528,8 @@ class MissionPlanning(Agent):
             self._drive(entry, request, beliefs)
         elif isinstance(request, Charge):
             self._charge(wanted, request)
+        elif isinstance(request, Explore):
+            self._explore(wanted, request)
 
     def _come_back(self, entry: Entry, beliefs: Beliefs) -> None:
         """Drive to where it is to stand, once whoever had it driven elsewhere is done with it.
@@ -520,6 +569,16 @@ class MissionPlanning(Agent):
             self._again_at = self.now + ASK_S
             charge = ChargeRequest(request.until)
             self.ask(charge, lambda reply: self._ordered(wanted, reply, "charges"))
+
+    def _explore(self, wanted: tuple[int, int, Request], request: Explore) -> None:
+        """Have it explored; anew if the explore agent does not know of it any more."""
+        if self._order:
+            if self.now - max(self._explored_at, self._ordered_at) > self.p.patience_s:
+                self._reach, self._note = Reach.FAILED, "the explore agent says nothing"
+        elif self.now >= self._again_at:
+            self._again_at = self.now + ASK_S
+            asked = ExploreRequest(*(request.within or self._places.world.bounds))
+            self.ask(asked, lambda reply: self._ordered(wanted, reply, "explores"))
 
     def _drive(self, entry: Entry, request: Drive, beliefs: Beliefs) -> None:
         errand, pose = self._errand, self.fresh(Pose)
@@ -607,7 +666,11 @@ class MissionPlanning(Agent):
             return
         if not mission.on_alarm or self._coordinator.busy or course.detour:
             return
-        room = self._unchecked[0]
+        nowhere = self._no_way
+        asked = (r for r in self._unchecked if self.now >= nowhere.get(r, (0.0, 0.0))[1])
+        room = next(asked, None)
+        if room is None:
+            return
         before = (move(room), PlanStep(mission.on_alarm, (Told.of("room", room),)))
         ask = SubplanRequest(
             self.rng.getrandbits(63),
@@ -620,22 +683,36 @@ class MissionPlanning(Agent):
         )
 
         def chosen(subplan: Subplan | None) -> None:
-            over = room not in self._unchecked  # by now
-            if not over:
-                self._unchecked.remove(room)
-            if over or not entry.goes_on:
+            if room not in self._unchecked or not entry.goes_on:
+                return  # over by now; or another mission's
+            if subplan is None and self._waits_for_a_way(room):
                 return
+            self._unchecked.remove(room)
+            nowhere.pop(room, None)
             if subplan is not None:
                 self._merge(entry, subplan.steps)
                 who = subplan.planner
                 self.log(line(f"alarm in {room}: {_words(subplan.steps)}, by {who}"))
-            elif not self._coordinator.planners:  # nobody to ask: straight there and on
+            else:  # nobody to ask, or nobody who knows: straight there and on, as far as it goes
                 self._merge(entry, before)
-            else:
-                self.log(line(f"alarm in {room}: no planner agent knows a way"), WARNING)
 
         self.publish(ask)
         self._coordinator.ask(ask, self.now, chosen)
+
+    def _waits_for_a_way(self, room: str) -> bool:
+        """Whether the planner agents, who know no way to an alarm, are asked again.
+
+        The path planner may be dead for now, and people in the way walk on.
+        """
+        if not self._coordinator.planners:
+            return False
+        since, _ = self._no_way.setdefault(room, (self.now, 0.0))
+        if self.now - since >= self.p.patience_s:
+            return False
+        if since == self.now:
+            self.log(line(f"alarm in {room}: no planner agent knows a way: asked again"), WARNING)
+        self._no_way[room] = since, self.now + self.p.again_s
+        return True
 
     def _merge(self, entry: Entry, steps: tuple[PlanStep, ...]) -> None:
         """Put steps before the next one of a mission."""

@@ -108,7 +108,7 @@ class Relocate(Behaviour):
             check_extent(world, CELL_M)
             grid = Grid(world.barriers, world.bounds)
             self._rivals = Rivals(grid, profile.body.circle_m, min(profile.reach_m, TELLS_M))
-        self._places: list[tuple[Pose2, float]] = []
+        self._particles: Particles | None = None  # what may be is worked out when it matters
         self._placed_at: Pose2 = STOOD  # the odometry then
         self._been: list[Pose2] = []  # since it is lost, by the odometry
         self._to: Pose2 | None = None  # the end of the way that tells places apart, by it
@@ -126,8 +126,7 @@ class Relocate(Behaviour):
     def on_particles(self, said: Particles) -> None:
         """Places where the robot may be."""
         if len(said.packed) % particles.EACH == 0:
-            self._places = places_of(particles.poses_of(said))
-            self._placed_at = self._odometry
+            self._particles, self._placed_at = said, self._odometry
 
     @property
     def _odometry(self) -> Pose2:
@@ -243,8 +242,9 @@ class Relocate(Behaviour):
                 return None
             self._thought_at = self.now
             since = relative(self._placed_at, here)
+            drawn = [] if self._particles is None else particles.poses_of(self._particles)
             leg = self._rivals.leg(
-                [(compose(pose, since), share) for pose, share in self._places],
+                [(compose(pose, since), share) for pose, share in places_of(drawn)],
                 [self._room(obstacles, turn * tau / DIRECTIONS) for turn in range(DIRECTIONS)],
                 [relative(here, was)[:2] for was in self._been],
                 v,

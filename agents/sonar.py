@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Iterator
 from math import atan2, cos, radians, sin
+from operator import and_
 from typing import Annotated, Any, ClassVar
 
 from msgspec import Meta
@@ -68,18 +69,16 @@ class SonarAgent(Perception):
     def on_sonar(self, sonar: Sonar) -> None:
         """Take the echoes in, and publish where the obstacles are."""
         seen, walls = self._map, self._look()
-        if walls is None:
-            seen.update(sonar.echoes)
-        else:
-            walls.hear(sonar.echoes)
-            seen.update(sonar.echoes, lambda echo: walls.explains(echo) and not _close(echo))
+        explained = [False] * len(sonar.echoes) if walls is None else walls.hear(sonar.echoes)
+        far = [not _close(echo) for echo in sonar.echoes]
+        seen.update(sonar.echoes, list(map(and_, explained, far)))
         self._expect(() if walls is None else walls.points())
         self._listened += 1
         self._pings += len(sonar.echoes)
         body = seen.outline
         if walls is not None and walls.known and body is not None and self._odometry is not None:
             ping_s = self.cycles.period * self._listened / max(self._pings, 1)
-            self._comers.hear(sonar.echoes, ping_s, self._odometry, walls.explains, body)
+            self._comers.hear(sonar.echoes, ping_s, self._odometry, explained, body)
         if self._listened < round(LOOK_S / self.cycles.period) or body is None:
             return
         self._publish_near(

@@ -55,6 +55,19 @@ if TYPE_CHECKING:
     from armadico.core.parameters import Parameters, Safety
     from armadico.core.resources import WHEELS, Resource
     from armadico.core.route import Route
+    from armadico.core.tasks import (
+        Beliefs,
+        Charge,
+        Done,
+        Drive,
+        Explore,
+        Failed,
+        Going,
+        Progress,
+        Reach,
+        Stand,
+        Task,
+    )
     from armadico.launch.api import Holding, Run, run
     from armadico.mesh.topology import MeshError, TopologyError
     from armadico.observe.measures import Mark, Result
@@ -78,11 +91,13 @@ __all__ = [
     "Ask",
     "Ballot",
     "Behaviour",
+    "Beliefs",
     "Bid",
     "BidHistory",
     "BidRecord",
     "Card",
     "Cell",
+    "Charge",
     "Claim",
     "Client",
     "Command",
@@ -90,7 +105,12 @@ __all__ = [
     "Cycle",
     "Description",
     "DeviceAgent",
+    "Done",
+    "Drive",
     "Echo",
+    "Explore",
+    "Failed",
+    "Going",
     "Holding",
     "Identity",
     "Latched",
@@ -114,7 +134,9 @@ __all__ = [
     "PlanRequest",
     "Point",
     "Pose",
+    "Progress",
     "Question",
+    "Reach",
     "Resource",
     "Result",
     "RobotState",
@@ -125,8 +147,10 @@ __all__ = [
     "Scenario",
     "SocietyError",
     "Sonar",
+    "Stand",
     "Stop",
     "StopError",
+    "Task",
     "TopologyError",
     "Trajectory",
     "Truth",
@@ -146,6 +170,10 @@ _MODULES = {
     "core.parameters": ("Parameters", "Safety"),
     "core.resources": ("WHEELS", "Resource"),
     "core.route": ("Route",),
+    "core.tasks": (
+        *("Beliefs", "Charge", "Done", "Drive", "Explore", "Failed", "Going", "Progress"),
+        *("Reach", "Stand", "Task"),
+    ),
     "launch.api": ("Holding", "Run", "run"),
     "mesh.topology": ("MeshError", "TopologyError"),
     "observe.measures": ("Mark", "Result"),

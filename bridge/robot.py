@@ -218,9 +218,10 @@ class Robot(DeviceAgent):
                     self.latch("the controller having been reset at the robot")
             elif isinstance(event, Unanswered) and event.attempts in TOLD[event.streaming :]:
                 self._line()
+                hint = event.hint or f"{_HINTS[event.streaming]}?"
                 self.log(
                     f"no answer on {self.p.port} (waiting for {event.awaited},"
-                    f" attempt {event.attempts}); {event.hint or _HINTS[event.streaming]}?",
+                    f" attempt {event.attempts}); {hint}",
                     WARNING,
                 )
             elif isinstance(event, Noted):

@@ -30,8 +30,9 @@ from armadico.core.messages import (
 UNFINISHED_MOST: Final = 12
 """Missions that wait or are done; one more is refused."""
 
-FINISHED_MOST: Final = 8
-"""Missions that are over and still told of."""
+FINISHED_MOST: Final = UNFINISHED_MOST
+"""Missions that are over and still told of, those that ended last: each one's end is told at least
+once, though all that wait are cancelled together."""
 
 AHEAD_TOLD: Final = 16
 """Steps to come that are told of."""
@@ -131,6 +132,8 @@ class Missions:
             ahead=(),
         )
         entry.mission = None
+        if self.entries.pop(entry.told.mission, None) is entry:
+            self.entries[entry.told.mission] = entry  # in the order in which they ended
         over = [number for number, each in self.entries.items() if not each.goes_on]
         for number in over[:-FINISHED_MOST]:
             del self.entries[number]

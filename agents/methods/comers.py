@@ -11,7 +11,7 @@ and radians.
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Iterable
+from collections.abc import Sequence
 from typing import NamedTuple
 
 from armadico.agents.methods.local_map import Echo
@@ -48,18 +48,21 @@ class Comers:
 
     def hear(
         self,
-        echoes: Iterable[Echo],
+        echoes: Sequence[Echo],
         ping_s: float,
         odometry: Pose2,
-        explained: Callable[[Echo], bool],
+        explained: Sequence[bool],
         body: Outline,
     ) -> None:
-        """Take a cycle's echoes, `ping_s` after each other, of a robot whose odometry is that."""
-        for echo in echoes:
+        """Take a cycle's echoes, `ping_s` after each other, of a robot whose odometry is that.
+
+        `explained` says of each whether a wall of the map explains it.
+        """
+        for echo, known in zip(echoes, explained, strict=True):
             self._clock += ping_s
             before = self._heard.pop(echo.bearing, None)
             self._comes.pop(echo.bearing, None)
-            if echo.range is None or echo.range > REACH_M or explained(echo):
+            if echo.range is None or echo.range > REACH_M or known:
                 continue
             self._heard[echo.bearing] = _Heard(self._clock, echo.range, odometry)
             if before is None or self._clock - before.at > OLD_S:

@@ -61,6 +61,18 @@ class _Place(NamedTuple):
     stands: bool
 
 
+class _Bare(NamedTuple):
+    """A place from where the robot is, in the world's directions, as the map has it."""
+
+    three: int
+    dx: float
+    dy: float
+    nx: float  # of the wall's normal that points away from the robot
+    ny: float
+    side: int
+    off: float
+
+
 class _Near(NamedTuple):
     """A place in the body frame, moved away from the robot by what the pose may be off."""
 
@@ -101,7 +113,10 @@ class KnownWalls:
             self._buckets.setdefault(key, []).append(place)
         self._anchor = (math.inf, math.inf)
         self._around: list[_Place] = []  # within reach of the anchor, and a little farther
+        self._looked: tuple[Pose2, tuple[float, ...], bool] | None = None  # from where, how surely
+        self._bare: list[_Bare] = []  # what was there,
         self._near: list[_Near] = []
+        self._moved: dict[int, float] = {}  # and by what it had been heard then
         self._weight = 0.0
         self._off = 0.0  # the pose's standard deviation, m
         self._doubts: dict[int, float] = {}  # by the number of the three
@@ -121,18 +136,40 @@ class KnownWalls:
                 is, and then it may be anywhere.
             old: Whether nobody has been sure of it for long: no wall is believed by it.
         """
-        s, self._near, self._weight, self._off = self.settings, [], 0.0, 0.0
+        s, self._weight, self._off = self.settings, 0.0, 0.0
         if pose is None or len(covariance) < COVARIANCE or s.reach_m <= 0.0:
+            self._looked, self._near = None, []
             return
         xx, xy, _, yy = covariance[:4]
         self._off = math.sqrt(max(0.0, xx + yy))
         self._weight = 0.0 if old else 1.0 - self._off / s.unknown_m
         believed = self.known
         if not (believed or self._forbids):
+            self._looked, self._near = None, []
             return
-        x, y, theta = pose
-        cos, sin = math.cos(theta), math.sin(theta)
-        reach = s.explains_m * s.explains_m
+        moved = {three: heard[0] for three, heard in self._heard.items()}
+        looked = pose, (xx, xy, yy), believed
+        cos, sin = math.cos(pose[2]), math.sin(pose[2])
+        if looked != self._looked:
+            self._bare = list(self._seen_from(pose, (xx, xy, yy), believed))
+            self._near = [_put(bare, moved.get(bare.three), cos, sin) for bare in self._bare]
+        elif moved != self._moved:  # it stands: only what it has heard is elsewhere
+            before = self._moved
+            self._near = [
+                near
+                if (by := moved.get(bare.three)) == before.get(bare.three)
+                else _put(bare, by, cos, sin)
+                for bare, near in zip(self._bare, self._near, strict=True)
+            ]
+        self._looked, self._moved = looked, moved
+
+    def _seen_from(
+        self, pose: Pose2, covariance: tuple[float, float, float], believed: bool
+    ) -> Iterator[_Bare]:
+        """The places within reach of a pose, whose position has this covariance: xx, xy, yy."""
+        x, y, _ = pose
+        xx, xy, yy = covariance
+        reach = self.settings.explains_m * self.settings.explains_m
         for three, wx, wy, nx, ny, _ in self._within(x, y):
             dx, dy = wx - x, wy - y
             forbidden = three == UNDOUBTED
@@ -144,25 +181,14 @@ class KnownWalls:
             off = 0.0
             if not forbidden:
                 off = math.sqrt(max(0.0, xx * nx * nx + 2.0 * xy * nx * ny + yy * ny * ny))
-            heard = self._heard.get(three)
-            by = off if heard is None else min(off, side * heard[0])
-            dx, dy = dx + by * nx, dy + by * ny
-            self._near.append(
-                _Near(
-                    three,
-                    cos * dx + sin * dy,
-                    cos * dy - sin * dx,
-                    cos * nx + sin * ny,
-                    cos * ny - sin * nx,
-                    math.hypot(dx, dy),
-                    side,
-                    off,
-                    by,
-                )
-            )
+            yield _Bare(three, dx, dy, nx, ny, side, off)
 
-    def hear(self, echoes: Iterable[Echo]) -> None:
-        """Doubt the places that had to answer a ping and did not, though something behind did."""
+    def hear(self, echoes: Sequence[Echo]) -> list[bool]:
+        """Doubt the places that had to answer a ping and did not, though something behind did.
+
+        Returns of each echo whether the map has a wall that it comes from, somewhere in the sonar's
+        cone. That wall is no farther then than it was heard: the pose may be off, a range hardly.
+        """
         s = self.settings
         self._fade()
         self._heard = {
@@ -188,6 +214,7 @@ class KnownWalls:
                 elif along < free + 2.0 * s.margin_m:
                     answered.add(three)
             self._judge(through, answered)
+        return [self._explains(echo) for echo in echoes]
 
     def see(self, looked: Callable[[list[tuple[float, float]]], Sequence[Look]]) -> None:
         """Doubt the places that a laser looked through, and no more those that it sees.
@@ -234,11 +261,7 @@ class KnownWalls:
                 best[at] = place
         return [Obstacle(place.x, place.y, place.distance) for place in best.values()]
 
-    def explains(self, echo: Echo) -> bool:
-        """Whether the map has a wall that the echo comes from, somewhere in the sonar's cone.
-
-        That wall is no farther then than it was heard: the pose may be off, a range hardly is.
-        """
+    def _explains(self, echo: Echo) -> bool:
         if echo.range is None:
             return False
         s = self.settings
@@ -249,8 +272,11 @@ class KnownWalls:
             if place.three == UNDOUBTED:  # and unheard
                 continue
             dx, dy = place.x - echo.x, place.y - echo.y
+            ahead = cos * dx + sin * dy
+            if ahead < 0.0:
+                continue
             away = math.hypot(dx, dy)
-            if abs(away - echo.range) > near or cos * dx + sin * dy < s.explains_cone * away:
+            if abs(away - echo.range) > near or ahead < s.explains_cone * away:
                 continue
             if self._believed(place):
                 may.append((away, place))
@@ -293,6 +319,24 @@ class KnownWalls:
                 and (place.stands or away <= FAR_M + AHEAD_M)
             ]
         return self._around
+
+
+def _put(bare: _Bare, heard: float | None, cos: float, sin: float) -> _Near:
+    """A place in the body's frame, by what the pose may be off or it has been heard."""
+    three, dx, dy, nx, ny, side, off = bare
+    by = off if heard is None else min(off, side * heard)
+    dx, dy = dx + by * nx, dy + by * ny
+    return _Near(
+        three,
+        cos * dx + sin * dy,
+        cos * dy - sin * dx,
+        cos * nx + sin * ny,
+        cos * ny - sin * nx,
+        math.hypot(dx, dy),
+        side,
+        off,
+        by,
+    )
 
 
 def _buckets(middle: float, reach: float) -> range:

@@ -20,8 +20,9 @@ What is expected, by a global map, is beside that, and new in each cycle.
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Iterable, Mapping
+from collections.abc import Iterable, Mapping
 from functools import lru_cache
+from itertools import chain, repeat
 from operator import itemgetter
 from typing import NamedTuple, Protocol
 
@@ -135,21 +136,20 @@ class LocalMap(Near):
         self._occupied = None
         self._changed()
 
-    def update(
-        self, echoes: Iterable[Echo], explained: Callable[[Echo], bool] | None = None
-    ) -> None:
+    def update(self, echoes: Iterable[Echo], explained: Iterable[bool] = ()) -> None:
         """Take in the echoes of one cycle: a ping doubts what did not echo, and fills a cell.
 
-        `explained` says of an echo whether it is of what is expected: that fills none.
+        `explained` says of each echo whether it is of what is expected, False of those beyond its
+        end: what is fills none.
         """
-        for echo in echoes:
+        for echo, known in zip(echoes, chain(explained, repeat(False))):  # noqa: B905 - endless
             sonar = (echo.x, echo.y, echo.bearing)
             self._sonars.pop(sonar, None)
             self._sonars[sonar] = echo
             if len(self._sonars) > _MOST_SONARS:  # the one silent for longest is none
                 del self._sonars[next(iter(self._sonars))]
             self._clear(echo)
-            if echo.range is not None and not (explained is not None and explained(echo)):
+            if echo.range is not None and not known:
                 self._fill(echo, echo.range)
         self._occupied = None
         self._changed()

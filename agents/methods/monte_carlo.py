@@ -53,6 +53,9 @@ FIRST: Final = (4, 8, 16)
 SIFTED_AFTER: Final = 3
 """Of places that may be where the robot is a third is left after so many readings."""
 
+SETTLED: Final = 1e-5
+"""A cluster about a place so near to the one before, m and rad, is that one: a float32's noise."""
+
 DOUBT: Final = 0.35
 """With more doubt than this, places are looked for that fit better."""
 
@@ -203,6 +206,8 @@ class MonteCarlo:
         self.poses: Poses = np.zeros((0, 3), dtype=np.float32)
         self.wheels: Poses = np.zeros((0, 3), dtype=np.float32)  # each guess's drift and errors
         self.weights: NDArray[np.float64] = np.zeros(0)
+        self.changes = 0  # of the particles: while it stays, so does all that they say
+        self._estimated: tuple[int, Pose2, Estimate] | None = None  # after which, about what
         self.lost = False  # whoever judges that says so
         self._moved = inf
         self._turned = inf
@@ -213,6 +218,10 @@ class MonteCarlo:
         self.news = 0  # readings that have been kept since places were looked for
         self._parts = False  # the next reading is kept however near it is
         self._kept: deque[Reading] = deque(maxlen=max(settings.kept, settings.remembered))
+
+    def may_be_at(self, free: NDArray[np.float64]) -> None:
+        """Places where the robot may be, (n, 2), m, from now on."""
+        self._free = free.astype(np.float32)
 
     def start_at(self, pose: Pose2, deviation_m: float, deviation_rad: float) -> None:
         """Begin about a pose."""
@@ -236,6 +245,7 @@ class MonteCarlo:
         self._begin(guesses.astype(np.float32))
 
     def _begin(self, poses: Poses) -> None:
+        self.changes += 1
         self.poses = poses
         self.wheels = self._uncalibrated(len(poses))
         self.weights = np.full(len(poses), 1.0 / len(poses))
@@ -271,6 +281,7 @@ class MonteCarlo:
         self._since = compose(self._since, motion)
         if not way and not turn:
             return
+        self.changes += 1
         n, settings = len(self.poses), self.settings
         noise = self._rng.standard_normal((3, n), dtype=np.float32)
         wander = hypot(settings.turn_per_root_m * sqrt(way), settings.turn_per_rad * abs(turn))
@@ -296,6 +307,7 @@ class MonteCarlo:
         if not echoes or not len(self.poses):
             return
         self._moved = self._turned = 0.0
+        self.changes += 1
         self._keep(echoes)
         likelihood = self._model.likelihood(self.poses, echoes)
         self._judge(likelihood, echoes)
@@ -465,6 +477,7 @@ class MonteCarlo:
 
     def _gather(self, guesses: Poses, shares: NDArray[np.float64]) -> None:
         """Put the particles where the robot may be, as many to each place that counts."""
+        self.changes += 1
         counts = shares > LEAST_SHARE * shares.max()
         guesses, shares = guesses[counts], shares[counts]
         each = max(1, min(self.settings.most // len(guesses), self.settings.least))
@@ -505,8 +518,10 @@ class MonteCarlo:
         others tell. Where most are short, it is the place that is wrong.
         """
         best = int(self.weights.argmax())
-        short = self._model.short(self.poses[[best]], echoes)
-        short &= likelihood[best] < UNEXPLAINED
+        short = likelihood[best] < UNEXPLAINED
+        if short.any():
+            unexplained = [echo for echo, bad in zip(echoes, short, strict=True) if bad]
+            short[short] = self._model.short(self.poses[[best]], unexplained)
         self._short.extend(short.tolist())
         if sum(self._short) <= self.settings.people * len(self._short):
             likelihood = likelihood[:, ~short]
@@ -606,8 +621,13 @@ class MonteCarlo:
     def estimate(self, about: Pose2 | None = None) -> Estimate:
         """The mean of a cluster: the particles within 0.6 m and 0.5 rad of a pose.
 
-        By default of the heaviest bin's. Whoever follows one place gives the one before.
+        By default of the heaviest bin's. Whoever follows one place gives the one before; while the
+        robot stands that is the same again, once it has settled.
         """
+        if about is not None and self._estimated is not None:
+            changes, before, found = self._estimated
+            if changes == self.changes and max(map(abs, relative(before, about))) < SETTLED:
+                return found
         x, y, theta = self._heaviest() if about is None else about
         near, turned = self._near((x, y, theta)), _turned(self.poses[:, 2], theta)
         w = self.weights[near]
@@ -620,7 +640,9 @@ class MonteCarlo:
         off -= mean
         covariance = (off * w[:, None]).T @ off
         pose = (float(x + mean[0]), float(y + mean[1]), wrap(theta + float(mean[2])))
-        return Estimate(pose, covariance, share, self._fast, self._slow)
+        found = Estimate(pose, covariance, share, self._fast, self._slow)
+        self._estimated = None if about is None else (self.changes, about, found)
+        return found
 
 
 def _moved(poses: Poses, motion: Pose2) -> Poses:

@@ -27,8 +27,9 @@ FULL: Final = 255
 LIKELY: Final = 3
 """So many of what may answer are kept for each cell and heading: the likeliest."""
 
-NEAREST: Final = 10
-"""So many of what is in sight of a cell are considered, the nearest ones."""
+NEAREST: Final = 16
+"""So many of what is in sight of a cell are considered, the nearest ones. In a doorway between a
+hall and a room there are a dozen, and the far corners of the room are the last."""
 
 TILE_CELLS: Final = 8
 """Cells are looked at by squares with sides of so many."""
@@ -55,7 +56,11 @@ OUTER: Final = radians(200.0)
 """Corners between these angles throw the sound back, wider ones than this are edges."""
 
 SEEN_M: Final = 0.2
-"""What is not farther behind the first thing in its direction is in sight: cells are coarse."""
+"""What is not farther behind the first thing in its direction is in sight: cells are coarse;"""
+
+SEEN_SHARE: Final = pi / HEADINGS
+"""nor is what is not farther behind than this share of its way: so much nearer are the walls of a
+right-angled corner in the two directions beside it, at the most."""
 
 
 class Reflectors(NamedTuple):
@@ -214,7 +219,7 @@ def _seen(
     bin_ = np.rint(angle * np.float32(HEADINGS / tau)).astype(np.int32)
     rows = np.arange(len(first))[:, None]
     sight = np.max([first[rows, (bin_ + by) % HEADINGS] for by in (-1, 0, 1)], axis=0)
-    there &= way < sight + np.float32(SEEN_M)
+    there &= way < sight + np.maximum(np.float32(SEEN_M), np.float32(SEEN_SHARE) * way)
     return np.where(there, way, np.float32(np.inf)), angle
 
 

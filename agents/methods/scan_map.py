@@ -86,10 +86,10 @@ class ScanMap(Near):
         there. Raises ValueError if its bytes are no ranges.
         """
         ranges, bearings = ranges_of(scan), bearings_of(scan)
-        met = np.flatnonzero(np.isfinite(ranges))
-        away, looks = ranges[met], bearings[met]
-        own = self._within(scan.x + away * np.cos(looks), scan.y + away * np.sin(looks))
-        ranges[met[own]] = np.nan
+        hits = np.flatnonzero(np.isfinite(ranges))
+        away, along = ranges[hits], bearings[hits]
+        own = self._within(scan.x + away * np.cos(along), scan.y + away * np.sin(along))
+        ranges[hits[own]] = np.nan
         tells = int(np.count_nonzero(~np.isnan(ranges)))
         self._rays = _Rays(scan.x, scan.y, scan.bearing, scan.step, ranges)
         known = self._points

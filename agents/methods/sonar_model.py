@@ -31,7 +31,7 @@ from armadico.agents.methods.reflectors import (
 )
 from armadico.core.messages import Echo
 
-FORMAT: Final = 1
+FORMAT: Final = 2
 """Of `Fields`, and of how they are worked out: what was kept of another one is of no use."""
 
 Poses = NDArray[np.float32]

@@ -36,6 +36,13 @@ def _carried_out(request: Request, progress: Progress, said: str) -> Verdict:
     return Going(request)
 
 
+def _elsewhere(room: str, beliefs: Beliefs) -> Failed | None:
+    """That the robot is in another room than the one that is meant; "" means any."""
+    if room in ("", beliefs.room):
+        return None
+    return Failed(f"the robot is in {beliefs.room or 'no room'}, not in {room}")
+
+
 class Move(Task):
     """Has the robot driven to a room, a goal or a dock of the world."""
 
@@ -70,8 +77,8 @@ class TakePhoto(Task):
         at, asked = beliefs.at, self.arguments
         if at is None:
             return Failed("nobody knows where the robot is")
-        if asked.room not in ("", beliefs.room):
-            return Failed(f"the robot is in {beliefs.room or 'no room'}, not in {asked.room}")
+        if elsewhere := _elsewhere(asked.room, beliefs):
+            return elsewhere
         if progress.elapsed < asked.seconds:
             return Going(Stand())
         photo = Photo(0, beliefs.room, at.x, at.y, at.theta, beliefs.deviation)
@@ -93,9 +100,9 @@ class CheckAlarm(Task):
 
     def look(self, beliefs: Beliefs, progress: Progress) -> Verdict:
         """Stand still, then say what was seen."""
-        room = self.arguments.room or beliefs.room
-        if room != beliefs.room:
-            return Failed(f"the robot is in {beliefs.room or 'no room'}, not in {room}")
+        if elsewhere := _elsewhere(self.arguments.room, beliefs):
+            return elsewhere
+        room = beliefs.room
         if progress.elapsed < self.arguments.seconds:
             return Going(Stand())
         return Done(

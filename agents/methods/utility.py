@@ -2,6 +2,17 @@
 
 from __future__ import annotations
 
+from typing import Final
+
+MISSION: Final = (0.1, 0.8)
+"""Utility of a mission of priority 0, and of 1: what it bids, and what others count it as worth."""
+
+
+def of_mission(priority: float) -> float:
+    """What a mission of a priority (0 to 1) is worth, while it has something to do."""
+    lowest, highest = MISSION
+    return lowest + (highest - lowest) * priority
+
 
 def ramp_down(x: float, low: float, high: float, p_max: float = 1.0, p_min: float = 0.0) -> float:
     """p_max below `low`, p_min above `high`, a straight line between."""

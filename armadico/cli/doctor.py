@@ -12,14 +12,14 @@ from ctypes.util import find_library
 from dataclasses import asdict, dataclass
 from importlib.metadata import PackageNotFoundError, requires, version
 from pathlib import Path
-from typing import TYPE_CHECKING, Final
+from typing import TYPE_CHECKING, Final, cast
 
 from armadico.cli import options
 from armadico.mesh.topology import WELL_KNOWN, MeshError
 
 if TYPE_CHECKING:
     from armadico.config.hosts import Host
-    from armadico.core.messages import BatteryLevel, Pose, RobotState
+    from armadico.core.messages import BatteryLevel, Message, MonitorReport, Pose, RobotState
 
 OK, NOTE, WRONG = "ok", "note", "wrong"
 
@@ -117,6 +117,14 @@ def versions() -> Iterator[Finding]:
     yield from _packages(required)
 
 
+_EXTRAS: Final = (
+    ("mcap", "record"),
+    ("rerun-sdk", "dashboard"),
+    ("matplotlib", "plot"),
+    ("cyclonedds", "ros2"),
+)
+
+
 def _packages(required: Iterable[str]) -> Iterator[Finding]:
     missing, found = [], []
     for line in required:
@@ -134,7 +142,7 @@ def _packages(required: Iterable[str]) -> Iterator[Finding]:
     else:
         zenoh = next((has for name, has, _ in found if name == "eclipse-zenoh"), "unknown")
         yield Finding("packages", OK, f"all there; eclipse-zenoh {zenoh}, the same on every host")
-    for name, extra in (("mcap", "record"), ("rerun-sdk", "dashboard"), ("matplotlib", "plot")):
+    for name, extra in _EXTRAS:
         if name not in {there for there, _, _ in found}:
             todo = f"pip install 'armadico[{extra}]' if it is wanted"
             yield Finding(name, NOTE, f"is not installed ({extra})", todo)
@@ -241,6 +249,7 @@ def mesh(args: argparse.Namespace) -> Generator[Finding, None, dict[str, float |
         PROTOCOL,
         BatteryLevel,
         Description,
+        MonitorReport,
         Pose,
         RobotState,
         Truth,
@@ -255,7 +264,8 @@ def mesh(args: argparse.Namespace) -> Generator[Finding, None, dict[str, float |
     try:
         with joined:
             client = Client(joined)
-            view = View()
+            view, reports = View(), dict[str, MonitorReport]()
+            client.listen(MonitorReport, then=lambda said, _: _keep(reports, said))
             client.listen(Description, Truth, Pose, BatteryLevel, then=view.learn)
             cards = client.cards()
             client.wait_for(lambda: None, HEAR_S)
@@ -276,10 +286,9 @@ def mesh(args: argparse.Namespace) -> Generator[Finding, None, dict[str, float |
         yield Finding("mesh", NOTE, f"no agent is alive in namespace {args.namespace!r}", todo)
         return {}
     yield Finding("mesh", OK, f"{len(cards)} agents, {links} links")
-    if state is not None:
-        yield from robot(state, view.level)
-    if view.pose is not None:
-        yield pose(view.pose)
+    yield from () if state is None else robot(state, view.level)
+    yield from () if view.pose is None else (pose(view.pose),)
+    yield from monitors(reports.values())
     for (name, instance), card in cards.items():
         if card is None:
             todo = "it hangs, or this machine cannot reach it: look at it, restart it"
@@ -318,6 +327,32 @@ def robot(state: RobotState, level: BatteryLevel | None = None) -> Iterator[Find
         yield Finding("line", NOTE, f"from the controller: {state.line.told}", todo)
     else:
         yield Finding("line", OK, "all that the controller sent was sound")
+
+
+def _keep(reports: dict[str, MonitorReport], said: Message) -> None:
+    report = cast("MonitorReport", said)
+    reports[report.instance] = report
+
+
+def monitors(reports: Iterable[MonitorReport]) -> Iterator[Finding]:
+    """What the monitor that acts misses in the society; the others stand by. Without one, nothing.
+
+    Who acts says what it did last, too.
+    """
+    said = list(reports)
+    acting = [report for report in said if report.acts]
+    if said and not acting:
+        what = f"{len(said)} stand by, and none acts: nobody is restarted"
+        yield Finding("monitor", NOTE, what, "give them a second; then look at their logs")
+    for report in acting:
+        note = f" ({report.note})" if report.note else ""
+        if report.missing:
+            todo = f"`armadico logs {report.missing[0]}` has its last words"
+            what = f"the society lacks {', '.join(report.missing)}{note}"
+            yield Finding("monitor", WRONG, what, todo)
+        else:
+            others = f", {len(said) - len(acting)} stand by" if len(said) > len(acting) else ""
+            yield Finding("monitor", OK, f"{report.instance}: all are well{note}{others}")
 
 
 def pose(known: Pose) -> Finding:

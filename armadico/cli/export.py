@@ -1,4 +1,4 @@
-"""Turn a recording into tables (CSV) or a Rerun recording (rrd)."""
+"""Turn a recording into tables (CSV), a Rerun recording (rrd) or a bag of ROS 2 (ros2)."""
 
 from __future__ import annotations
 
@@ -10,11 +10,13 @@ from pathlib import Path
 
 from armadico.cli import options
 from armadico.cli.options import FailedError, UsageError
+from armadico.config.discovery import TRANSLATORS, installed
 
 EXAMPLES = """\
   armadico export run.mcap --to csv                   one table a topic, in the folder run-csv
   armadico export run.mcap --to csv --out tables
   armadico export run.mcap --to rrd && rerun run.rrd
+  armadico export run.mcap --to ros2 && ros2 bag play -s mcap run-ros2.mcap
 """
 
 
@@ -28,7 +30,7 @@ def main(argv: Sequence[str]) -> int:
     from armadico.observe.export import RecordingError  # noqa: PLC0415 - not for --help
 
     try:
-        said = _to_csv(args) if args.to == "csv" else _to_rrd(args)
+        said = {"csv": _to_csv, "rrd": _to_rrd}.get(args.to, _to_others)(args)
     except RecordingError as error:
         raise UsageError(str(error)) from None
     except OSError as error:
@@ -47,9 +49,11 @@ def parser() -> argparse.ArgumentParser:
         EXAMPLES,
     )
     made.add_argument("file", metavar="FILE.mcap", type=Path, help="the recording")
-    made.add_argument("--to", choices=("csv", "rrd"), required=True, help="into what")
     made.add_argument(
-        "--out", type=Path, metavar="PATH", help="the folder (csv) or file (rrd) to write"
+        "--to", choices=("csv", "rrd", *installed(TRANSLATORS)), required=True, help="into what"
+    )
+    made.add_argument(
+        "--out", type=Path, metavar="PATH", help="the folder (csv) or file (others) to write"
     )
     made.add_argument("--namespace", metavar="NS", help="only this robot (default: all)")
     made.add_argument("--world", metavar="MAP", help="with rrd: the walls to draw under it")
@@ -84,9 +88,27 @@ def _to_rrd(args: argparse.Namespace) -> str:
     return f"{count} messages in {out}"
 
 
+def _to_others(args: argparse.Namespace) -> str:
+    from armadico.observe.export import translated  # noqa: PLC0415 - not for --help
+
+    out = _out(args)
+    if out.suffix != ".mcap":
+        raise UsageError(f"--out {out}: the name of a recording ends with .mcap")
+    try:
+        count = translated(args.file, out, args.to, args.namespace, _warn)
+    except FileExistsError:
+        raise FailedError(f"{out} exists already; name another file with --out") from None
+    if not count:
+        out.unlink(missing_ok=True)
+        raise FailedError(f"{args.file} holds nothing that {args.to} has words for" + _of(args))
+    return f"{count} samples in {out}"
+
+
 def _out(args: argparse.Namespace) -> Path:
     """What is written, as asked for or beside the recording."""
-    beside = f"{args.file.stem}-csv" if args.to == "csv" else f"{args.file.stem}.rrd"
+    beside = {"csv": f"{args.file.stem}-csv", "rrd": f"{args.file.stem}.rrd"}.get(
+        args.to, f"{args.file.stem}-{args.to}.mcap"
+    )
     chosen: Path | None = args.out
     return args.file.with_name(beside) if chosen is None else chosen
 

@@ -22,7 +22,18 @@ if TYPE_CHECKING:
 LINE_S: Final = 5.0
 """How often a line is printed, s of the run."""
 
-ALONE: Final = ("attach", "runs", "plot", "rrd", "dashboard", "wait", "robot", "goal", "start")
+ALONE: Final = (
+    "attach",
+    "runs",
+    "plot",
+    "rrd",
+    "mcap",
+    "dashboard",
+    "wait",
+    "robot",
+    "goal",
+    "start",
+)
 """Options that are for the run of one robot."""
 
 

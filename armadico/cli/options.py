@@ -215,6 +215,15 @@ def _say(program: str, error: Exception, code: int) -> int:
     return code
 
 
+def teller(program: str) -> Callable[[str], None]:
+    """Says something on stderr, a line at a time, for programs that go on."""
+
+    def tell(text: str) -> None:
+        print(f"{program}: {shown(text)}", file=sys.stderr, flush=True)
+
+    return tell
+
+
 def fits(table: Table, console: Console) -> bool:
     """Whether a table has room on a terminal with nothing folded or cut off."""
     anywhere = console.options.update(width=sys.maxsize)

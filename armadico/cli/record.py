@@ -16,9 +16,13 @@ from armadico.cli import options
 from armadico.cli.options import FailedError, UsageError
 
 if TYPE_CHECKING:
+    from armadico.launch.virtual import Rehearsal
     from armadico.mesh.zenoh import ZenohMesh
     from armadico.observe.recorder import Recording
+    from armadico.observe.virtual_recording import Recorded
     from armadico.observe.watching import Watcher
+
+NEEDED: Final = "mcap is not installed: pip install 'armadico[record]'"
 
 MEGABYTE: Final = 1_000_000
 
@@ -40,7 +44,7 @@ def main(argv: Sequence[str]) -> int:
     namespaces = args.namespaces or [args.namespace]
     meshes = join_each(args, namespaces)
     if find_spec("mcap") is None:
-        raise FailedError("mcap is not installed: pip install 'armadico[record]'")
+        raise FailedError(NEEDED)
     signal.signal(signal.SIGTERM, signal.default_int_handler)  # it closes the file, too
     with ExitStack() as stack:
         for mesh in meshes:
@@ -54,6 +58,20 @@ def main(argv: Sequence[str]) -> int:
         except OSError as error:
             raise FailedError(f"cannot write {args.file}: {error.strerror or error}") from None
     return 0
+
+
+def recorded(rehearsal: Rehearsal, path: Path) -> Recorded:
+    """What is said in a virtual run, kept in a file while this is entered. Raises FailedError."""
+    if find_spec("mcap") is None:
+        raise FailedError(NEEDED)
+    from armadico.observe.virtual_recording import Recorded  # noqa: PLC0415 - not for --help
+
+    try:
+        return Recorded(rehearsal.mesh, path, rehearsal.namespace)
+    except FileExistsError:
+        raise FailedError(f"{path} exists already; name another file") from None
+    except OSError as error:
+        raise FailedError(f"cannot write {path}: {error.strerror or error}") from None
 
 
 def parser() -> argparse.ArgumentParser:
@@ -73,6 +91,12 @@ def parser() -> argparse.ArgumentParser:
     made.add_argument("--force", action="store_true", help="replace a file that exists")
     made.add_argument("--quiet", action="store_true", help="no progress")
     options.add_mesh_options(made)
+    add_namespaces(made)
+    return made
+
+
+def add_namespaces(made: argparse.ArgumentParser) -> None:
+    """In place of the option of the mesh that takes one namespace, one that takes several."""
     default = made.get_default("namespace")
     several = made.add_argument_group("several robots", conflict_handler="resolve")
     several.add_argument(
@@ -83,7 +107,6 @@ def parser() -> argparse.ArgumentParser:
         help=f"which robot; may be repeated (default: {default})",
     )
     made.set_defaults(namespace=default)
-    return made
 
 
 def _check(args: argparse.Namespace) -> None:
@@ -110,13 +133,14 @@ def _record(
     args: argparse.Namespace, namespaces: Sequence[str], meshes: Sequence[ZenohMesh]
 ) -> None:
     from armadico.observe.recorder import Recording, record  # noqa: PLC0415 - not for --help
+    from armadico.observe.translators import translators  # noqa: PLC0415 - not for --help
     from armadico.observe.watching import Watcher  # noqa: PLC0415 - not for --help
 
     limit = None if args.max_size is None else int(args.max_size * MEGABYTE)
     about = {"version": options.version(), "namespaces": " ".join(namespaces)}
     if args.force:
         args.file.unlink(missing_ok=True)
-    recording = Recording(args.file, about, limit)
+    recording = Recording(args.file, about, limit, translators(list(dict.fromkeys(namespaces))))
     watcher = Watcher(meshes)
     begun = time.monotonic()
     try:

@@ -8,7 +8,7 @@ import os
 import signal
 import sys
 from collections.abc import Callable, Iterator, Sequence
-from contextlib import AbstractContextManager, contextmanager, nullcontext, suppress
+from contextlib import AbstractContextManager, ExitStack, contextmanager, nullcontext, suppress
 from dataclasses import replace
 from functools import partial
 from importlib.util import find_spec
@@ -195,6 +195,9 @@ def add_options(made: argparse.ArgumentParser) -> None:
         help="a dashboard: begin when somebody looks, stay till Ctrl-C",
     )
     made.add_argument("--rrd", metavar="FILE", type=Path, help="keep a virtual run for rerun")
+    made.add_argument(
+        "--mcap", metavar="FILE", type=Path, help="keep a virtual run as armadico record does"
+    )
     made.add_argument("--robot", metavar="URL", help="drive something that is already there")
     made.add_argument(
         "--profile", metavar="NAME", help="the make of robot: a shipped profile's name, or a file"
@@ -285,6 +288,10 @@ def _check_shown(args: argparse.Namespace) -> None:
         raise UsageError("--wait is for one run, without --runs")
     if (args.dashboard or args.wait) and args.virtual:
         raise UsageError("--dashboard shows live runs; --rrd FILE keeps a virtual one")
+    if args.mcap is not None and not args.virtual:
+        raise UsageError("--mcap is for --virtual; armadico record FILE keeps a live run")
+    if args.mcap is not None and args.mcap.suffix != ".mcap":
+        raise UsageError(f"--mcap {args.mcap}: the name of a recording ends with .mcap")
     if args.rrd is not None and not args.virtual:
         raise UsageError(
             "--rrd is for --virtual; armadico dashboard --record FILE keeps a live run"
@@ -486,15 +493,24 @@ def _run_on(
     return launcher
 
 
-def _recording(args: argparse.Namespace, rehearsal: Rehearsal) -> AbstractContextManager[object]:
-    """What the dashboard would show of a virtual run, kept in a file, if it is asked for."""
-    if args.rrd is None:
-        return nullcontext()
-    from armadico.cli.dashboard import kept  # noqa: PLC0415 - not for --help
+@contextmanager
+def _recording(args: argparse.Namespace, rehearsal: Rehearsal) -> Iterator[None]:
+    """A virtual run is kept in files, if they are asked for. Raises FailedError."""
 
-    seed = rehearsal.mesh.seed
-    path = args.rrd.with_stem(f"{args.rrd.stem}-{seed}") if args.runs is not None else args.rrd
-    return kept(rehearsal, path)
+    def own(path: Path) -> Path:
+        """Each run's."""
+        return path if args.runs is None else path.with_stem(f"{path.stem}-{rehearsal.mesh.seed}")
+
+    with ExitStack() as stack:
+        if args.rrd is not None:
+            from armadico.cli.dashboard import kept  # noqa: PLC0415 - not for --help
+
+            stack.enter_context(kept(rehearsal, own(args.rrd)))
+        if args.mcap is not None:
+            from armadico.cli.record import recorded  # noqa: PLC0415 - not for --help
+
+            stack.enter_context(recorded(rehearsal, own(args.mcap)))
+        yield
 
 
 def _dashboard(args: argparse.Namespace, scenario: Scenario) -> AbstractContextManager[None]:

@@ -147,13 +147,18 @@ def _scenario(args: argparse.Namespace) -> Scenario | None:
 
 def _is_mission(name: str) -> bool:
     """Whether something is a mission's name or file: it has steps, and a scenario has none."""
-    from armadico.config.loading import document, read_text  # noqa: PLC0415 - not for --help
+    from armadico.config.errors import advice  # noqa: PLC0415 - not for --help
+    from armadico.config.loading import document, read_text  # noqa: PLC0415
     from armadico.config.shipped import find, names  # noqa: PLC0415
 
-    if name in names("missions"):
+    missions, scenarios = names("missions"), names("scenarios")
+    if name in missions:
         return True
-    if name in names("scenarios"):
+    if name in scenarios:
         return False
+    if Path(name).name == name and not Path(name).suffix:
+        known = {*missions, *scenarios}
+        raise ConfigError(f"no mission and no scenario {name!r}; {advice(name, known)}")
     path = find("scenarios", name)
     return "steps" in document(read_text(path), path)
 

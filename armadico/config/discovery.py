@@ -33,6 +33,9 @@ TASKS: Final = "armadico.tasks"
 TRANSPORTS: Final = "armadico.transports"
 """By the scheme of an address: what opens it as a device agent's port."""
 
+TRANSLATORS: Final = "armadico.translators"
+"""What says the society's messages in the words of other people's tools."""
+
 T = TypeVar("T")
 
 

@@ -52,7 +52,7 @@ WORDS = {
 """What people who write TOML call the types that msgspec names."""
 
 _PATH = re.compile(r"^(?P<what>.*?)(?: - at `\$?(?P<path>.*)`)?$", re.DOTALL)
-_STEP = re.compile(r"\.([^.\[\]]+)|\[(\d+)\]")
+_STEP = re.compile(r"\.(?P<key>[^.\[\]]+)|\[(?:(?P<index>\d+)|\.\.\.)\]")
 _LINE = re.compile(r"^(?P<what>.*) \(at (?:line (?P<line>\d+), column \d+|end of document)\)$")
 _RANGE = re.compile(r"Expected `(\w+)` (>|>=|<|<=) (.+)")
 
@@ -188,15 +188,46 @@ def convert(
     except msgspec.ValidationError as error:
         found = _PATH.match(str(error))
         assert found is not None, "the pattern matches anything"
-        inner = _steps(found["path"] or "")
+        inner = _steps(data, kind, found["path"] or "")
         known = choices(kind, inner)
         message = _explain(_value(data, inner), at + inner, found["what"], known)
         raise ConfigError(message, file, line_of(text, at + inner)) from None
 
 
-def _steps(path: str) -> tuple[str | int, ...]:
-    """`.a.b[3]`, as msgspec says where it was, as keys and indices."""
-    return tuple(key or int(index) for key, index in _STEP.findall(path))
+def _steps(data: Any, kind: type, path: str) -> tuple[str | int, ...]:
+    """`.a.b[3]`, as msgspec says where it was, as keys and indices.
+
+    Of a table that may have any keys it says `[...]`: which one it is has to be found.
+    """
+    steps: tuple[str | int, ...] = ()
+    for step in _STEP.finditer(path):
+        if step["index"] is not None:
+            steps = (*steps, int(step["index"]))
+        else:
+            steps = (*steps, step["key"] or _wrong_key(data, kind, steps, path))
+    return steps
+
+
+def _wrong_key(data: Any, kind: type, at: tuple[str | int, ...], path: str) -> str:
+    """The first key of the table at a path whose value, alone there, is wrong at `path`, too."""
+    table = _value(data, at)
+    for key, value in table.items():
+        try:
+            msgspec.convert(_with(data, at, {key: value}), kind)
+        except msgspec.ValidationError as error:
+            found = _PATH.match(str(error))
+            if found is not None and found["path"] == path:
+                return str(key)
+    return str(next(iter(table)))
+
+
+def _with(data: Any, at: Sequence[str | int], value: Any) -> Any:
+    """The same data with another value at a path."""
+    if not at:
+        return value
+    items: Any = dict(data) if isinstance(data, dict) else list(data)
+    items[at[0]] = _with(items[at[0]], at[1:], value)
+    return items
 
 
 def _explain(value: Any, path: Sequence[str | int], what: str, known: Sequence[str]) -> str:

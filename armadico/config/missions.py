@@ -10,6 +10,7 @@ from __future__ import annotations
 
 import re
 from collections.abc import Iterator, Mapping, Sequence
+from contextlib import suppress
 from functools import cache
 from pathlib import Path
 from typing import Annotated, Any, Final, Literal
@@ -350,6 +351,13 @@ class _Reader:
             raise self._wrong(key, f"{do} takes no room: it could not be told where the alarm is")
         if places is not None and not places.rooms:
             raise self._wrong(key, f"the world {places.world.name!r} has no rooms for an alarm")
+        # It is called as a step would, with whichever room has the alarm: one stands for all.
+        call = Step(do, (("room", _roomy(places)),))
+        if procedure is None:
+            self._look_task(call, key, places, None)
+        else:
+            self._look_call(procedure, call, key)
+            self._look(mission, do, call.arguments, places, None, 0)
 
     def _look(
         self,
@@ -415,7 +423,12 @@ class _Reader:
                 known = advice(name, (*names, *HEAD))
                 raise self._wrong((*key, name), f"unknown key {name} of {step.do!r}; {known}")
         told = convert(dict(step.arguments), kind.Arguments, self._file, self._text, key)
-        named = [name for name in kind.places if getattr(told, name)] if places is not None else []
+        given = dict(step.arguments)
+        named = [
+            name
+            for name in (kind.places if places is not None else ())
+            if isinstance(place := getattr(told, name), str) and (place or name in given)
+        ]
         for name in named:
             assert places is not None, "else nothing is looked up"
             place = getattr(told, name)
@@ -435,12 +448,24 @@ class _Reader:
         if not any(getattr(when, name) is not None for name in when.__struct_fields__):
             raise self._wrong(key, f"when says nothing; {advice('', when.__struct_fields__)}")
         for name in ("alarm", "no_alarm", "room", "not_room"):
-            room = getattr(when, name)
+            room = getattr(when, name)  # what a `$name` stands for may be anything
+            if room is not None and not isinstance(room, str):
+                raise self._wrong((*key, name), f"{name} = {room!r}: expected a room's name")
             if room is not None and places is not None and room not in places.rooms:
                 known = advice(room, places.rooms)
                 raise self._wrong(
                     (*key, name), f"no room {room!r} in {places.world.name!r}; {known}"
                 )
+
+
+def _roomy(places: Places | None) -> str:
+    """A room of the world in which the robot can turn; without a world, a name."""
+    if places is not None:
+        for room in places.rooms:
+            with suppress(ConfigError):
+                places.of(room)
+                return room
+    return "room"
 
 
 def _every(steps: Sequence[Step], at: Key) -> Iterator[tuple[Key, Step]]:

@@ -84,6 +84,11 @@ def world_of(raster: Raster, name: str) -> World:
             f"its occupied cells have {count:,} borders, at most {MAX_WALLS:,} are read: is it a"
             " map, and is occupied_thresh right?"
         )
+    if raster.occupied.all():
+        raise ConfigError(
+            "all of its cells are occupied, a robot can be nowhere: are occupied_thresh and negate"
+            " right?"
+        )
     cell_m, origin = raster.cell_m, raster.origin
     walls = tuple(_place(edge, cell_m, origin) for edge in _edges(raster.occupied))
     rows, columns = raster.occupied.shape

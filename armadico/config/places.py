@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
-from collections import deque
 from collections.abc import Iterable
+from contextlib import suppress
 from functools import cached_property
 from math import ceil, inf, isfinite
 from typing import Final
@@ -38,7 +38,6 @@ class Places:
         self._body = body
         self._rooms = {room.name: room for room in world.rooms}
         self._found: dict[str, Place] = {}
-        self._regions: dict[tuple[float, float], NDArray[np.bool_] | None] = {}
 
     @property
     def names(self) -> list[str]:
@@ -67,13 +66,37 @@ class Places:
 
     def unreachable(self, start: tuple[float, float], names: Iterable[str]) -> Iterable[str]:
         """Those of some places to which no way from a start is as wide as the robot."""
-        if start not in self._regions:
-            self._regions[start] = self._region(start)
-        region = self._regions[start]
+        known = self.world.barriers and all(map(isfinite, start))
+        regions = self._around(*self._cell(*start)) if known else set()
         for name in names:
             x, y, _ = self.of(name)
-            if region is not None and not region[self._cell(x, y)]:
+            if known and self._regions[self._cell(x, y)] not in regions:
                 yield name
+
+    def inhabited(self, points: Points) -> NDArray[np.bool_]:
+        """Which points, (n, 2) in m, can be got to from a place that has a name.
+
+        What a map has around a building, or shut up in it, has none: no robot is there. All can,
+        where nothing has a name.
+        """
+        found = set[int]()
+        for name in self.names:
+            with suppress(ConfigError):  # a room that is too full to turn in
+                found |= self._around(*self._cell(*self.of(name)[:2]))
+        for x, y, _ in self.world.docks.values():
+            found |= self._around(*self._cell(x, y))
+        if not found:
+            return np.ones(len(points), dtype=np.bool_)
+        there = np.isin(self._regions, [*found])
+        near = np.pad(there, 1)  # a point of another grid may be beside the cell that is free
+        near[1:] |= near[:-1].copy()
+        near[:-1] |= near[1:].copy()
+        near[:, 1:] |= near[:, :-1].copy()
+        near[:, :-1] |= near[:, 1:].copy()
+        cells = np.rint((points - np.array(self.world.bounds[:2])) / CELL_M).astype(np.intp)
+        columns, rows = np.clip(cells, 0, np.array(there.shape) - 1).T
+        found_at: NDArray[np.bool_] = near[columns + 1, rows + 1]
+        return found_at
 
     # Inside --------------------------------------------------------------------------------------
 
@@ -123,26 +146,47 @@ class Places:
         column, row = round((x - x1) / CELL_M), round((y - y1) / CELL_M)
         return min(max(column, 0), columns - 1), min(max(row, 0), rows - 1)
 
-    def _region(self, start: tuple[float, float]) -> NDArray[np.bool_] | None:
-        """The cells that can be got to; None: nothing is in the way of anything."""
-        if not self.world.barriers or not all(map(isfinite, start)):
-            return None
+    def _around(self, column: int, row: int) -> set[int]:
+        """The regions of a cell: its own, or those beside it where the robot stands too near."""
+        found = self._regions[column, row]
+        if found:
+            return {int(found)}
+        beside = self._regions[max(column - 1, 0) : column + 2, max(row - 1, 0) : row + 2]
+        return {int(region) for region in np.unique(beside) if region}
+
+    @cached_property
+    def _regions(self) -> NDArray[np.int64]:
+        """By column and row, the number of the region of a free cell; 0: it is not free.
+
+        Runs of free cells in a column are joined to those of the next one that they touch: a world
+        of 100 m x 100 m has four million cells, and orders of missions wait for this.
+        """
         free = self._free
-        found = np.zeros_like(free)
-        queue = deque([self._cell(*start)])
-        found[queue[0]] = True
-        while queue:
-            column, row = queue.popleft()
-            for cell in (
-                (column + 1, row),
-                (column - 1, row),
-                (column, row + 1),
-                (column, row - 1),
+        steps = np.diff(np.pad(free, ((0, 0), (1, 1))).astype(np.int8), axis=1)
+        columns, begins = np.nonzero(steps == 1)
+        ends = np.nonzero(steps == -1)[1]
+        runs = [*zip(columns.tolist(), begins.tolist(), ends.tolist(), strict=True)]
+        parents = list(range(len(runs)))
+
+        def root(run: int) -> int:
+            while parents[run] != run:
+                parents[run] = parents[parents[run]]
+                run = parents[run]
+            return run
+
+        before = 0
+        for run, (column, begin, end) in enumerate(runs):
+            while runs[before][0] < column - 1 or (
+                runs[before][0] == column - 1 and runs[before][2] <= begin
             ):
-                inside = 0 <= cell[0] < free.shape[0] and 0 <= cell[1] < free.shape[1]
-                if inside and free[cell] and not found[cell]:
-                    found[cell] = True
-                    queue.append(cell)
+                before += 1
+            other = before
+            while runs[other][0] == column - 1 and runs[other][1] < end:
+                parents[root(other)] = root(run)
+                other += 1
+        found = np.zeros(free.shape, dtype=np.int64)
+        roots = np.array([root(run) + 1 for run in range(len(runs))], dtype=np.int64)
+        found[free] = np.repeat(roots, ends - begins)
         return found
 
 

@@ -201,7 +201,8 @@ class Battery(Struct, frozen=True, forbid_unknown_fields=True):
     """A battery, drained by the motors and the electronics, charged in a dock."""
 
     full_v: Positive
-    empty_v: Positive
+    low_v: Positive  # below this it has to be charged soon,
+    empty_v: Positive  # and here at once
     capacity_ah: Positive
     internal_ohm: NonNegative
     idle_a: NonNegative

@@ -281,15 +281,16 @@ class Agent:
         request: Message,
         then: Callable[[Any], None],
         timeout: float = 2.0,
-        **names: str,
+        instance: str = "",
     ) -> None:
         """Put a query; `then` gets the first reply, or None if nobody answered in time.
 
-        `names` fill the braces of the service's key: whose answer is wanted.
+        `instance` says whose answer is wanted, where a service's key has a place for that.
         """
         service = service_of(type(request))
         assert service.reply is not None, f"{service.key} is not a query"
-        self._put(self.key_of(type(request), **names), request, service.reply, then, timeout)
+        key = self.key_of(type(request), instance=instance or self.instance)
+        self._put(key, request, service.reply, then, timeout)
 
     def ask_card(
         self, name: str, instance: str, then: Callable[[Any], None], timeout: float = 1.0

@@ -9,7 +9,8 @@ newcomers that begin in the same instant the one with the smaller id stays. Of t
 work, because a network was cut, the one that has been for longer; about the same, the one with the
 smaller id. Who does not give its card keeps a newcomer out, and drives nobody out.
 
-Among agents of two protocols those stay who speak the owner's; without one, the newcomers go.
+Among agents of two protocols those stay who speak the owner's; without one, the newcomers go. The
+owner's token may come last of all, so a newcomer waits for it before it goes.
 """
 
 from __future__ import annotations
@@ -39,7 +40,8 @@ AGAIN_S: Final = 5.0
 """Who does not give its card, or is in the way, is asked again after this."""
 
 GRACE_S: Final = 2.0
-"""For so long after it has joined it is the newcomer: links that are slow come up meanwhile."""
+"""For so long after it has joined it is the newcomer: links that are slow come up meanwhile. Before
+it goes for others of another protocol it looks for an owner of its own for as long."""
 
 LEASE_S: Final = 1.0
 """After so long is an instance taken for gone whose machine fell silent."""
@@ -148,10 +150,11 @@ class Admission:
             self._claim(now)
         elif self.stage is Stage.JOINED:
             self._stay()
-            if self._grace_until is not None and now >= self._grace_until:
+            if self._grace_until is not None and now >= self._grace_until and not self._waits(now):
                 self._grace_until = None  # whoever comes later is the newcomer
-                if not self._owns:  # the others are, where it is the owner itself
-                    self._misplaced()
+                foreign = self._foreign()
+                if foreign is not None and not self._owns:  # the others go, where it is the owner
+                    self._refuse_among(foreign)
         return self.stage
 
     @property
@@ -161,20 +164,27 @@ class Admission:
         What was over at the last look is not waited for: who waits for more than one thing would be
         woken at once, again and again.
         """
-        due = list(self._ask_at.values())
+        waits: list[float] = []
+        answered = [at + CARD_S for at in self._asked.values()]
         if self._grace_until is not None:
-            due.append(self._grace_until)
+            waits += [max(at, self._grace_until) for at in (*answered, self._grace_until)]
         if self.stage in (Stage.LOOKING, Stage.CLAIMING):
-            waits = [self._settled_at]
-            waits += [at + CARD_S for at in self._asked.values()]
+            waits += [self._settled_at, *answered]
+            if self._foreign() is not None:
+                waits.append(self._since + GRACE_S)
             waits += [self._alive[rival][1] + GOING_S for rival in self._rivals()]
-            due += [at for at in waits if at > self._looked_at]
-        return min(due, default=None)
+        due = [at for at in waits if at > self._looked_at]
+        return min([*due, *self._ask_at.values()], default=None)
 
     # The rules -----------------------------------------------------------------------------------
 
     def _look(self, now: float) -> None:
-        if self._waits(now) or self._misplaced() or self._in_place(now):
+        if self._waits(now) or self._in_place(now):
+            return
+        foreign = self._foreign()
+        if foreign is not None:
+            if now >= self._since + GRACE_S:
+                self._refuse_among(foreign)
             return
         silent = [rival for rival in self._rivals() if rival not in self._cards]
         if silent or now < self._settled_at:
@@ -250,19 +260,18 @@ class Admission:
             return []
         return [instance for instance in sorted(self._alive) if self._is_rival(instance)]
 
-    def _misplaced(self) -> bool:
-        """Refuse, if the others speak another protocol and no owner of a resource speaks this."""
+    def _foreign(self) -> Card | None:
+        """Somebody who speaks another protocol, where no owner of a resource speaks this."""
         cards = self._cards.values()
         if any(card.owns and card.protocol == PROTOCOL for card in cards):
-            return False
-        foreign = next((card for card in cards if card.protocol != PROTOCOL), None)
-        if foreign is None:
-            return False
+            return None
+        return next((card for card in cards if card.protocol != PROTOCOL), None)
+
+    def _refuse_among(self, foreign: Card) -> None:
         self._refuse(
             f"{_who(foreign)} speaks protocol {foreign.protocol}, this one {PROTOCOL}; install"
             " the same armadico on every machine, or name another namespace: --namespace"
         )
-        return True
 
     def _refuse_for(self, rival: str) -> None:
         card = self._cards.get(rival)

@@ -31,11 +31,12 @@ def message_of(cycle: Cycle, poses: Sequence[Sequence[float]]) -> Particles:
     y = min((pose[1] for pose in poses), default=0.0)
     far = max((max(pose[0] - x, pose[1] - y) for pose in poses), default=0.0)
     step = max(FINEST_M, far / (TURN - 1))
+    most, turn = TURN - 1, 2.0 * pi
     counts = array("H")
-    for pose in poses:
-        at = (pose[0] - x) / step, (pose[1] - y) / step
-        counts.extend(min(round(place), TURN - 1) for place in at)
-        counts.append(round(pose[2] / (2.0 * pi) * TURN) % TURN)
+    for px, py, heading in poses:
+        counts.append(min(round((px - x) / step), most))
+        counts.append(min(round((py - y) / step), most))
+        counts.append(round(heading / turn * TURN) % TURN)
     return Particles(cycle, x, y, step, _little(counts).tobytes())
 
 

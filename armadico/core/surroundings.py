@@ -43,8 +43,8 @@ class Surroundings:
         return together(first, *more) if more else first
 
     def lacking(self, fresh: Callable[[Cycle], bool]) -> str:
-        """The first sensor of which there is nothing fresh; "" if there is of all."""
-        sensors = self._sensors or tuple(self._newest) or ("sonar",)
+        """The first sensor of which nothing is fresh, * while any would do; "" if none lacks."""
+        sensors = self._sensors or tuple(self._newest) or ("*",)
         for sensor in sensors:
             newest = self._newest.get(sensor)
             if newest is None or not fresh(newest.cycle):

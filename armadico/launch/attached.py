@@ -28,7 +28,10 @@ AWAY_M: Final = 0.5
 
 
 class AttachedRun(LiveRun):
-    """Watches a society that is up. Unless the goal is reached, it leaves the robot stopped."""
+    """Watches a society that is up. Unless the goal is reached, it leaves the robot stopped.
+
+    A mission of several tasks that is over, cancelled say, leaves the robot to those after it.
+    """
 
     mode = ATTACHED
     come_s: float = COME_S
@@ -40,7 +43,8 @@ class AttachedRun(LiveRun):
         trace: TracebackType | None,
     ) -> None:
         """Stop the robot, by the latch, if its mission was begun and not ended."""
-        if not self.watch.mission or (self.watch.done and not self.watch.failed):
+        watch = self.watch
+        if not watch.mission or (watch.done and (not watch.failed or watch.tasks is not None)):
             return
         with undisturbed(), suppress(MeshError):
             try:

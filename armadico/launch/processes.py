@@ -13,7 +13,7 @@ import time
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager, suppress
 from pathlib import Path
-from typing import IO, TYPE_CHECKING, Any, Final
+from typing import IO, TYPE_CHECKING, Any, BinaryIO, Final
 
 import msgspec
 
@@ -71,7 +71,7 @@ class Process:
         """
         self.name = name
         self.log = log
-        with log.open("ab") as errors:
+        with _appended(log) as errors:
             self._begun_at = errors.tell()
             self.popen: subprocess.Popen[bytes] = subprocess.Popen(
                 command_line(command, tied=tied),
@@ -93,9 +93,12 @@ class Process:
 
     def last_words(self, lines: int = 5) -> str:
         """The end of what it wrote."""
-        with self.log.open("rb") as file:
-            file.seek(min(self._begun_at, self.log.stat().st_size))
-            text = file.read().decode(errors="replace").strip().splitlines()
+        try:
+            with self.log.open("rb") as file:
+                file.seek(min(self._begun_at, self.log.stat().st_size))
+                text = file.read().decode(errors="replace").strip().splitlines()
+        except OSError as error:
+            return f"    its log cannot be read: {error.strerror}"
         return "\n".join(f"    {line}" for line in text[-lines:]) or "    nothing"
 
     def announced(self) -> list[str]:
@@ -105,6 +108,18 @@ class Process:
         if not found:
             raise StartError(f"the {self.name} did not start:\n{self.last_words()}")
         return found
+
+
+def _appended(log: Path) -> BinaryIO:
+    """A log, to be written on; nowhere if it cannot be: who drives needs none.
+
+    Its folder may have been cleaned up meanwhile, or the disk be full.
+    """
+    try:
+        log.parent.mkdir(parents=True, exist_ok=True)
+        return log.open("ab")
+    except OSError:
+        return Path(os.devnull).open("ab")
 
 
 def command_line(words: Sequence[str], *, tied: bool = False) -> list[str]:

@@ -14,6 +14,7 @@ import tempfile
 import threading
 import time
 from collections.abc import Callable, Sequence
+from contextlib import suppress
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import TYPE_CHECKING, Final
@@ -84,21 +85,26 @@ class Tail:
 
     def loud(self) -> list[str]:
         """New lines at WARNING and worse, and what belongs to them, with the agent's name."""
-        size = self.log.stat().st_size
-        if size > self._read:
+        try:
+            if self.log.stat().st_size < self._read:
+                self._read, self._rest = 0, ""  # another file by now
             with self.log.open("rb") as file:
                 file.seek(self._read)
                 data = file.read()
+        except OSError:  # whoever cleans up temporary files, say: no reason to end a society
+            return []
+        if data:
             self._read += len(data)
             *lines, self._rest = (self._rest + data.decode(errors="replace")).split("\n")
             return [said for line in lines if (said := self._said(line))]
         return []
 
     def turn(self) -> None:
-        """Begin the file anew once it is long; what it held stays beside it."""
+        """Begin the file anew once it is long; what it held stays beside it, if there is room."""
         if self._read > LOG_BYTES:
-            shutil.copyfile(self.log, self.log.with_suffix(".log.1"))
-            with self.log.open("r+b") as file:
+            with suppress(OSError):
+                shutil.copyfile(self.log, self.log.with_suffix(".log.1"))
+            with suppress(OSError), self.log.open("r+b") as file:
                 file.truncate()
             self._read = 0
 
@@ -230,7 +236,10 @@ class Upkeep:
         process = self.processes.get(order.label)
         match order.do:
             case Do.START if process is None:
-                self._start(order.label)
+                try:
+                    self._start(order.label)
+                except OSError as error:  # no memory, no process left: as if it had ended at once
+                    self.machine.tell(Event(order.label, 0, "no start", 1, str(error)))
             case Do.KILL if process is not None:
                 process.popen.kill()
             case Do.END if process is not None:

@@ -1,4 +1,4 @@
-"""Recordings read back: as messages, as tables, as a Rerun recording.
+"""Recordings read back: as messages, as tables, as a Rerun recording, in the words of others.
 
 A file that was cut short, by a kill or a full disk, is read as far as it goes.
 """
@@ -18,7 +18,8 @@ from msgspec import Struct
 
 from armadico.core import messages
 from armadico.core.messages import BidHistory, BidRecord, Message, MessageError
-from armadico.observe.recorder import REFUSED, SCHEMA_PREFIX, Here
+from armadico.observe.recorder import REFUSED, SCHEMA_PREFIX, Here, McapFile
+from armadico.observe.translators import Translator, translator
 from armadico.observe.watching import from_object, json_schema
 
 if TYPE_CHECKING:
@@ -116,7 +117,9 @@ def _decoded(data: mmap.mmap) -> Iterator[Row]:
         elif isinstance(record, Message):
             read += 1
             channel = channels[record.channel_id]
-            yield _row(channel, schemas.get(channel.schema_id), record.log_time, record.data)
+            schema = schemas.get(channel.schema_id)
+            if schema is None or schema.name.startswith(SCHEMA_PREFIX):  # no translator's
+                yield _row(channel, schema, record.log_time, record.data)
 
 
 def _row(channel: Channel, schema: Schema | None, t: int, data: bytes) -> Row:
@@ -198,6 +201,42 @@ def _flat(fields: dict[str, Any], before: str = "") -> Iterator[tuple[str, Any]]
             yield from _flat(value, f"{before}{name}.")
         else:
             yield before + name, json.dumps(value) if isinstance(value, list) else value
+
+
+# In the words of others ---------------------------------------------------------------------------
+
+
+def translated(path: Path, out: Path, name: str, namespace: str | None, warn: Warn) -> int:
+    """Write what a translator makes of a recording, and nothing else; returns how many samples.
+
+    So tools that refuse a file of several encodings read it, and recordings that were made without
+    the translator. Raises RecordingError, UnknownNameError, ImportError and OSError.
+    """
+    found = sorted({row.namespace for row in rows(path, lambda _: None)})
+    chosen = found if namespace is None else [namespace]
+    made = translator(name, chosen)
+    others = [each for several in made.values() for each in several]
+    if not others:
+        return 0
+    file, count = McapFile(out, others[0].about, others[0].profile), 0
+    try:
+        for row in rows(path, warn):
+            for each in made.get(row.namespace, ()):
+                count += _translate(file, each, row)
+    finally:
+        file.close()
+    return count
+
+
+def _translate(file: McapFile, by: Translator, row: Row) -> int:
+    try:
+        message = None if row.key.endswith(REFUSED) else row.message
+    except MessageError:
+        return 0
+    samples = () if message is None else tuple(by.take(row.key, message, row.t))
+    for sample in samples:
+        file.add_sample(sample, row.t)
+    return len(samples)
 
 
 # Rerun --------------------------------------------------------------------------------------------

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass, field
 from math import hypot
+from typing import Final
 
 from msgspec import Struct
 
@@ -59,6 +60,10 @@ class FleetResult(Struct, frozen=True):
         )
 
 
+SILENT_S: Final = 5.0
+"""Whose fleet agent has said nothing for so long holds nothing that the others would leave it."""
+
+
 @dataclass
 class _Robot:
     tasks: list[int] = field(default_factory=list)
@@ -84,6 +89,7 @@ class FleetWatch:
     limit: float | None = None
     note: str = ""
     status: dict[str, FleetStatus] = field(default_factory=dict)
+    _said: dict[str, float] = field(default_factory=dict)  # when each robot's last status came
     _robots: dict[str, _Robot] = field(default_factory=dict)
 
     def begin(self, list_id: int, now: float) -> None:
@@ -95,7 +101,7 @@ class FleetWatch:
         self.now = now
         one = self._robots.setdefault(robot, _Robot())
         if isinstance(message, FleetStatus):
-            self.status[robot] = message
+            self.status[robot], self._said[robot] = message, now
         elif isinstance(message, FleetClaims):
             self._take(message)
         elif isinstance(message, Truth):
@@ -130,7 +136,10 @@ class FleetWatch:
     @property
     def remark(self) -> str:
         """How far it is, for people."""
-        holds = ", ".join(f"{name} {len(s.holds)}" for name, s in sorted(self.status.items()))
+        holds = ", ".join(
+            f"{name} {len(status.holds) if self.now - self._said[name] < SILENT_S else 'silent'}"
+            for name, status in sorted(self.status.items())
+        )
         return f"{len(self.done)} of {self.tasks} done; held: {holds or 'none'}"
 
     def result(self) -> FleetResult:

@@ -354,6 +354,8 @@ class RunWatch:
             self.waits = "" if self.done else status.note
 
     def _take_board(self, board: Board) -> None:
+        if self.tasks is not None and all(m.mission != self.mission for m in board.missions):
+            self.done, self.failed = True, "it is not on the board any more"
         for tasks in board.missions:
             if tasks.mission == self.mission:
                 self.tasks = tasks

@@ -5,6 +5,9 @@ as the CBOR array that travels: viewers read JSON, and an array without names te
 nothing. A payload that is no known message is kept raw, so nothing that was said is lost: on a
 channel of its own, as CBOR without a schema.
 
+Beside them are samples of whatever translators are given (`armadico.observe.translators`): the same
+in the words of other people's tools, on channels of their own, for viewers that know no others.
+
 A topic is `/<namespace>/<key>`; the time of a message is when it was received. Besides what is said
 there are `Presence` on the key of a liveliness token, `Card` and `BidRecord` on the keys that they
 are asked on. What has been received is with the operating system within `FLUSH_S`: killed at any
@@ -14,7 +17,7 @@ moment, a recording is readable up to then. (A power cut may cost what the disk 
 from __future__ import annotations
 
 import time
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
 from typing import IO, TYPE_CHECKING, Final
 
@@ -31,6 +34,7 @@ from armadico.core.messages import (
     Name,
 )
 from armadico.core.services import TOKEN
+from armadico.observe.translators import Sample, Translator
 from armadico.observe.watching import Heard, Presence, as_object, json_schema, read
 
 if TYPE_CHECKING:
@@ -65,8 +69,10 @@ class Here(Struct, frozen=True):
 class McapFile:
     """One file that is being written. Raises OSError."""
 
-    def __init__(self, path: Path, about: Mapping[str, str]) -> None:
-        """Begin a file that is not there yet; `about` is kept in it."""
+    def __init__(
+        self, path: Path, about: Mapping[str, Mapping[str, str]], profile: str = PROFILE
+    ) -> None:
+        """Begin a file that is not there yet; `about` is kept in it, as metadata by its names."""
         from mcap.writer import Writer  # noqa: PLC0415 - an extra
 
         self.path = path
@@ -74,8 +80,11 @@ class McapFile:
         self._writer: Writer = Writer(self._stream)
         self._schemas: dict[type[Struct], int] = {}
         self._channels: dict[tuple[str, type[Struct] | None], tuple[int, int]] = {}
-        self._writer.start(PROFILE, f"armadico {about.get('version', '')}")
-        self._writer.add_metadata("armadico", dict(about))
+        self._samples: dict[str, tuple[int, int]] = {}
+        self._theirs: dict[tuple[str, str], int] = {}
+        self._writer.start(profile, f"armadico {about.get(PROFILE, {}).get('version', '')}".strip())
+        for name, words in about.items():
+            self._writer.add_metadata(name, dict(words))
         self._writer.flush()  # type: ignore[no-untyped-call]
 
     @property
@@ -98,6 +107,22 @@ class McapFile:
             )
         self._channels[topic, kind] = (channel, sequence + 1)
         self._writer.add_message(channel, at, data, at, sequence)
+
+    def add_sample(self, sample: Sample, at: int) -> None:
+        """Write one sample of a translator's; `at` in ns since 1970."""
+        what = sample.channel
+        channel, sequence = self._samples.get(what.topic, (0, 0))
+        if channel == 0:
+            named = (what.schema_encoding, what.schema)
+            if named not in self._theirs:
+                self._theirs[named] = self._writer.register_schema(
+                    what.schema, what.schema_encoding, what.definition.encode()
+                )
+            channel = self._writer.register_channel(
+                what.topic, what.encoding, self._theirs[named], dict(what.metadata)
+            )
+        self._samples[what.topic] = (channel, sequence + 1)
+        self._writer.add_message(channel, at, sample.data, at, sequence)
 
     def flush(self) -> None:
         """Hand everything to the operating system."""
@@ -122,19 +147,29 @@ class Recording:
     """What is heard goes in, files come out; the clock is the caller's.
 
     A file that has grown to `max_bytes` is closed and the next begun: `run.mcap`, `run-001.mcap`
-    and so on. Each begins with who is there and their cards, so that each can be read alone.
+    and so on. Each begins with who is there, their cards and the latched samples, so that each can
+    be read alone.
     """
 
     def __init__(
-        self, path: Path, about: Mapping[str, str] | None = None, max_bytes: int | None = None
+        self,
+        path: Path,
+        about: Mapping[str, str] | None = None,
+        max_bytes: int | None = None,
+        translators: Mapping[str, Sequence[Translator]] | None = None,
     ) -> None:
-        """Begin the first file. Raises OSError, FileExistsError among them."""
+        """Begin the first file. Raises OSError, FileExistsError among them.
+
+        `translators` are those of each namespace.
+        """
         self.messages = 0
         self.refused = 0
         self.there: dict[tuple[str, str, str], Presence] = {}
         self._cards: dict[tuple[str, str, str], tuple[Heard, Card]] = {}
         self._bids: dict[tuple[str, str], frozenset[BidRecord]] = {}
-        self._about = {"protocol": str(PROTOCOL), **(about or {})}
+        self._translators = translators or {}
+        self._kept: dict[str, Sample] = {}  # latched ones, by their topics
+        self._about = {PROFILE: {"protocol": str(PROTOCOL), **(about or {})}}
         self._first, self._max_bytes = path, max_bytes
         self.files = 1
         self._earlier = 0
@@ -169,6 +204,7 @@ class Recording:
             self._take_card(item, message)
         else:
             self._say(item, message)
+            self._translate(item, message)
 
     def misses_cards(self) -> bool:
         """Whether somebody is there who has not shown a card."""
@@ -220,6 +256,13 @@ class Recording:
     def _say(self, item: Heard, message: Message) -> None:
         self._add(item, type(message), msgspec.json.encode(as_object(message)))
 
+    def _translate(self, item: Heard, message: Message) -> None:
+        for translator in self._translators.get(item.namespace, ()):
+            for sample in translator.take(item.key, message, item.at):
+                self._file.add_sample(sample, item.at)
+                if sample.channel.latched:
+                    self._kept[sample.channel.topic] = sample
+
     def _add(
         self, item: Heard, kind: type[Struct] | None, data: bytes, key: str | None = None
     ) -> None:
@@ -237,6 +280,8 @@ class Recording:
         for heard, card in self._cards.values():
             data = msgspec.json.encode(as_object(card))
             self._file.add(heard.namespace, heard.key, Card, data, now)
+        for sample in self._kept.values():
+            self._file.add_sample(sample, now)
 
 
 def part(path: Path, number: int) -> Path:

@@ -12,6 +12,7 @@ from __future__ import annotations
 
 import os
 import re
+from functools import partial
 from urllib.parse import SplitResult, parse_qs, urlsplit
 
 from armadico.bridge.lines import TransportError
@@ -66,25 +67,27 @@ def client_transport(url: str) -> SampleTransport:
 
 def robot_transport(url: str, name: str) -> SampleTransport:
     """The same for a simulated robot; of rmw_zenoh's it is the router. Raises ValueError."""
-    return _transport(url, name.replace("-", "_"), listens=True)
+    return _transport(url, name, listens=True)
 
 
 def _transport(url: str, node: str, listens: bool) -> SampleTransport:
     address = read_address(url)
-
-    def connect() -> Wire:
-        # Loading them takes long, or is not possible.
-        if address.endpoint:
-            from armadico.bridge.ros2.rmw_zenoh import ZenohWire  # noqa: PLC0415
-
-            return ZenohWire(address, node, listens)
-        try:
-            from armadico.bridge.ros2.dds import DdsWire  # noqa: PLC0415
-        except ImportError as error:
-            raise TransportError(EXTRA) from error
-        return DdsWire(address, node)
-
+    connect = partial(join, address, node, listens=listens)
     return SampleTransport(url, address.namespace, address.where, connect)
+
+
+def join(address: Address, node: str, *, listens: bool = False) -> Wire:
+    """Join a network as a node; if it `listens`, be the router that is there. Raises OSError."""
+    # Loading them takes long, or is not possible.
+    if address.endpoint:
+        from armadico.bridge.ros2.rmw_zenoh import ZenohWire  # noqa: PLC0415
+
+        return ZenohWire(address, node, listens)
+    try:
+        from armadico.bridge.ros2.dds import DdsWire  # noqa: PLC0415
+    except ImportError as error:
+        raise TransportError(EXTRA) from error
+    return DdsWire(address, node)
 
 
 def _endpoint(url: str, parts: SplitResult) -> str:

@@ -30,6 +30,7 @@ _PRIMITIVES = {
     "float32": 10,
     "float64": 11,
     "bool": 15,
+    "byte": 16,
     "string": 17,
 }
 _NESTED, _BOUNDED_STRING = 1, 21
@@ -136,10 +137,16 @@ def _first(error: Exception) -> str:
 
 
 def _fields(kind: type[IdlStruct]) -> list[tuple[str, Any, int, int]]:
-    """Name, element (a word of `.msg` or a type), what is added to its number, and capacity."""
+    """Name, element (a word of `.msg` or a type), what is added to its number, and capacity.
+
+    A field whose metadata has a word for `msg` is called so there: CDR knows no `byte`.
+    """
     hints = get_type_hints(kind, include_extras=True)
-    names = [f.name for f in dataclasses.fields(cast("Any", kind))]
-    return [(name, *_shape(hints[name])) for name in names]
+    found = []
+    for each in dataclasses.fields(cast("Any", kind)):
+        element, shape, capacity = _shape(hints[each.name])
+        found.append((each.name, each.metadata.get("msg", element), shape, capacity))
+    return found
 
 
 def _shape(hint: Any) -> tuple[Any, int, int]:

@@ -12,6 +12,7 @@ from __future__ import annotations
 import functools
 import time
 from collections.abc import Iterable, Sequence
+from enum import Enum
 from typing import Annotated, Any, get_args, get_origin, get_type_hints
 from uuid import UUID
 from xml.sax.saxutils import quoteattr
@@ -49,17 +50,29 @@ from armadico.bridge.ros2.types import Gid, NodeEntitiesInfo, ParticipantEntitie
 NAMELESS_S = 3.0
 """So long whose an endpoint is may take to come; what has no name then is no node of ROS 2's."""
 
+OLDER_S = 2.0
+"""So long nodes of an older ROS 2 have to tell that they are there, before our own is told."""
+
 BATCH = 100
 """Samples that are taken at once."""
 
 _PREFIX = "rt"
 _DISCOVERY = "ros_discovery_info"
 _EVERYTHING = ViewState.Any | SampleState.Any | InstanceState.Any
+_PADDING = 4  # a payload may have less at its end
 _BLOCK_NS = 100_000_000  # for a reliable reader that is slow; what it cannot take is lost
 _POLICIES = {2: "durability", 4: "deadline", 6: "ownership", 8: "liveliness", 11: "reliability"}
 
 _marks: Any = idl.types  # classes that are subscripted
 _domains: dict[int, tuple[str, Domain]] = {}
+
+
+class Form(Enum):
+    """How the nodes around say which endpoints are theirs."""
+
+    UNKNOWN = 0
+    PRESENT = 1  # Iron's and later
+    OLDER = 2  # Humble's: its nodes stop discovering when they hear the present one
 
 
 class DdsWire:
@@ -86,6 +99,9 @@ class DdsWire:
         self._conditions: list[ReadCondition] = []
         self._remote: dict[UUID, tuple[float, bool, Any]] = {}
         self._owners: dict[bytes, dict[bytes, str]] = {}  # of endpoints, by participant
+        self._announced = True
+        self._form = Form.UNKNOWN
+        self._joined_at = time.monotonic()
 
     # What is read and written ---------------------------------------------------------------------
 
@@ -108,7 +124,7 @@ class DdsWire:
                 condition = ReadCondition(reader, _EVERYTHING)
                 self._conditions.append(condition)
                 self._waitset.attach(condition)
-            self._announce()
+            self._announced = False
         except DDSException as error:
             raise TransportError(f"DDS refuses: {_why(error)}") from error
 
@@ -119,6 +135,8 @@ class DdsWire:
             return
         try:
             writer.write(writer.topic.data_type.of(payload))
+            if not self._announced:  # who only publishes may look at nobody
+                self._hear_nodes()
         except DDSException as error:
             if error.code != DDSException.DDS_RETCODE_TIMEOUT:  # of a reader that is slow
                 raise TransportError(f"DDS does not send {topic}: {_why(error)}") from error
@@ -130,6 +148,7 @@ class DdsWire:
                 time.sleep(timeout_s)
                 return []
             self._waitset.wait(int(timeout_s * 1e9))
+            self._hear_nodes()
             return [
                 (topic, sample.payload)
                 for topic, reader in self._readers.items()
@@ -190,15 +209,29 @@ class DdsWire:
                     self._remote.pop(found.key, None)
                 elif found.participant_key != own:
                     self._remote.setdefault(found.key, (time.monotonic(), writes, found))
+        self._hear_nodes()
+
+    def _hear_nodes(self) -> None:
+        """Whose endpoints are whose; ours are told when nobody is about who cannot read it."""
         for sample in self._nodes_in.take(BATCH):
             if sample.sample_info.valid_data:
                 self._named(sample.payload)
+        if self._form is Form.UNKNOWN and time.monotonic() - self._joined_at >= OLDER_S:
+            self._form = Form.PRESENT
+        if self._form is Form.PRESENT and not self._announced:
+            self._announced = True
+            self._announce()
 
     def _named(self, payload: bytes) -> None:
         try:
             info = cdr.decode(ParticipantEntitiesInfo, payload)
         except ValueError:
             return  # nobody has names by that
+        if len(payload) - len(cdr.encode(info)) >= _PADDING:  # more bytes than it has fields
+            self._form = Form.OLDER
+            return
+        if self._form is Form.UNKNOWN:
+            self._form = Form.PRESENT
         self._owners[bytes(info.gid.data)] = {
             bytes(gid.data): f"{node.node_namespace.rstrip('/')}/{node.node_name}"
             for node in info.node_entities_info_seq

@@ -58,6 +58,8 @@ def judge(
     robots: set[str] = set()
     drivers: set[str] = set()
     notes: list[str] = []
+    absent: list[str] = []  # the robot
+    missed: list[str] = []
     for want in wanted:
         name = resolve(namespace, want.topic)
         there = [other for other in others if other.topic == name]
@@ -71,7 +73,13 @@ def judge(
         for other in fitting:
             notes += _quality(want, name, other)
         if settled and not opposite:
-            notes.append(_missed(want, name, where, others))
+            if want.type == ODOMETRY and not want.writes:
+                absent = [f"no robot publishes {name} ({want.type}) in {where}; {_instead(others)}"]
+            else:
+                does = "reads" if want.writes else "publishes"
+                missed.append(f"nobody {does} {name} in {where}")
+    # Where there is no robot, what else there is not is no news.
+    notes += absent or missed
     if len(robots) > 1:
         notes.append(f"more than one robot publishes odometry here: {', '.join(sorted(robots))}")
     robot = min(robots, default="")
@@ -101,15 +109,6 @@ def _quality(want: Wanted, name: str, other: Endpoint) -> list[str]:
     if want.writes:
         return [f"QoS of {name}: {who[0]} {b}, {a} is {who[1]}" for a, b in words]
     return [f"QoS of {name}: {other.node} offers {a}, {b} is {who[0]}" for a, b in words]
-
-
-def _missed(want: Wanted, name: str, where: str, others: Sequence[Endpoint]) -> str:
-    """That nobody is there, and what is instead."""
-    if want.writes:
-        return f"nobody reads {name} in {where}"
-    if want.type != ODOMETRY:
-        return f"nobody publishes {name} in {where}"
-    return f"no robot publishes {name} ({want.type}) in {where}; {_instead(others)}"
 
 
 def _instead(others: Sequence[Endpoint]) -> str:

@@ -24,6 +24,7 @@ from armadico.bridge.ros2.frames import Frame, Wanted
 from armadico.bridge.ros2.graph import Endpoint, resolve
 from armadico.bridge.ros2.samples import Address
 
+CLOSE_S: Final = 1.0
 CONNECT_MS: Final = 2000
 
 WAITING: Final = 1000
@@ -32,6 +33,7 @@ WAITING: Final = 1000
 _SETTINGS: Final[dict[str, Any]] = {
     "scouting/multicast/enabled": False,
     "transport/shared_memory/enabled": False,
+    "timestamping/enabled": True,  # or nothing can be kept for those who come late
     "connect/timeout_ms": CONNECT_MS,
     "connect/exit_on_failure": True,
 }
@@ -112,8 +114,10 @@ class ZenohWire:
             return found
 
     def close(self) -> None:
-        """Leave; closing may block for long, and nobody waits for it."""
-        threading.Thread(target=self._session.close, name="closing", daemon=True).start()
+        """Leave. Closing may block for long: the end of the program waits for it, nobody else."""
+        closing = threading.Thread(target=self._session.close, name="closing")
+        closing.start()
+        closing.join(CLOSE_S)
 
     def others(self) -> Iterable[Endpoint]:
         """Endpoints of other sessions."""

@@ -351,7 +351,13 @@ class Session:
         for note in seen.notes:
             if note not in self._seen.notes:
                 self._events.append(Noted(note))
+        named = seen.robot not in ("", self._seen.robot)
         self._seen = seen
+        if named and self.is_open:  # it drove before anybody told its name
+            self._events.append(self._connected())
+
+    def _connected(self) -> Connected:
+        return Connected(self._seen.robot, "ROS 2", "")
 
     def _hear_odometry(self, payload: bytes) -> None:
         """By its stamp: whether it makes a cycle."""
@@ -378,7 +384,7 @@ class Session:
         if not self.is_open:
             self.is_open = True
             self._attempts = 0
-            self._events.append(Connected(self._seen.robot, "ROS 2", ""))
+            self._events.append(self._connected())
             if self._ros2.watchdog_s is None:
                 self._events.append(Noted(UNWATCHED))
         self._measured = (here.v, here.w)

@@ -296,6 +296,35 @@ class PointCloud2(IdlStruct, typename="sensor_msgs/msg/PointCloud2"):
 
 
 @dataclass
+class KeyValue(IdlStruct, typename="diagnostic_msgs/msg/KeyValue"):
+    """A value by its name."""
+
+    key: str = ""
+    value: str = ""
+
+
+@dataclass
+class DiagnosticStatus(IdlStruct, typename="diagnostic_msgs/msg/DiagnosticStatus"):
+    """How one thing is: `level` 0 well, 1 to be warned of, 2 in error, 3 stale."""
+
+    level: uint8 = field(default=0, metadata={"msg": "byte"})
+    name: str = ""
+    message: str = ""
+    hardware_id: str = ""
+    values: Annotated[Sequence[KeyValue], sequence(KeyValue)] = field(default_factory=list)
+
+
+@dataclass
+class DiagnosticArray(IdlStruct, typename="diagnostic_msgs/msg/DiagnosticArray"):
+    """How several things are."""
+
+    header: Header = field(default_factory=Header)
+    status: Annotated[Sequence[DiagnosticStatus], sequence(DiagnosticStatus)] = field(
+        default_factory=list
+    )
+
+
+@dataclass
 class Gid(IdlStruct, typename="rmw_dds_common/msg/Gid"):
     """Whose endpoint: 12 bytes of participant, 4 of entity."""
 

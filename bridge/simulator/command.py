@@ -53,14 +53,14 @@ def main(argv: Sequence[str]) -> int:
     robots = [_robot(scenario, args, k) for k in range(1 + len(scenario.others))]
     _meet(robots)
     with ExitStack() as stack:
-        line, where = _line(args, stack)
+        line, where = _line(args, robots[0].truth().simulator, stack)
         served, places = [(robots[0], line)], [where]
         _show(robots[0], mesh, stack)
         for other, (namespace, *_) in zip(robots[1:], args.also, strict=True):
             theirs = argparse.Namespace(**{**vars(args), "namespace": namespace, "port": 0})
             if args.ros2 is not None:
                 theirs.ros2 = _beside(args.ros2, namespace)
-            line, where = _line(theirs, stack)
+            line, where = _line(theirs, other.truth().simulator, stack)
             served.append((other, line))
             places.append(where)
             _show(other, options.join(theirs, passing=True), stack)
@@ -69,6 +69,9 @@ def main(argv: Sequence[str]) -> int:
             several = f"{len(robots)} simulated robots ({args.robot})"
         at = ", at ".join(places)
         print(f"{several} in {args.world} at {at}; Ctrl-C ends it", flush=True)
+        if args.ros2 is not None:
+            drive = f"armadico run SCENARIO --robot '{places[0]}' --profile {args.robot}"
+            print(f"drive it as it is: {drive}", flush=True)
         _run(served)
     return 0
 
@@ -138,7 +141,7 @@ def parser() -> argparse.ArgumentParser:
     made.add_argument(
         "named",
         nargs="+",
-        metavar=("WORLD|ROBOT", "WORLD"),
+        metavar="NAME",
         help="a shipped world, or a .map or .yaml file; before it a robot's profile (default"
         f" {DEFAULT_ROBOT}); of a shipped robot alone, the empty world",
     )
@@ -307,6 +310,8 @@ def _robot(scenario: Scenario, args: argparse.Namespace, index: int = 0) -> Simu
 
     # By the name the robot agent tells whose truth is its robot's, and people which process it is.
     name = f"sim-{os.getpid()}-{secrets.token_hex(3)}"
+    if args.ros2 is not None:
+        name = _node(args, args.also[index - 1][0] if index else None)
     streams = seeded(args.seed)
     if index:
         scenario = replace(scenario, start=scenario.others[index - 1])
@@ -328,10 +333,10 @@ def _traps(names: Sequence[str] | None) -> frozenset[Trap]:
     return KIND if names is None else frozenset(map(Trap, names)) or UNKIND
 
 
-def _line(args: argparse.Namespace, stack: ExitStack) -> tuple[Line, str]:
+def _line(args: argparse.Namespace, name: str, stack: ExitStack) -> tuple[Line, str]:
     """The line that the options name, and how a robot agent calls it."""
     if args.ros2 is not None:
-        return _ros2(args, stack)
+        return _ros2(args, name, stack)
     from armadico.bridge.simulator.server import TcpLine  # noqa: PLC0415 - not for --help
     from armadico.bridge.transports import PtyTransport  # noqa: PLC0415 - not for --help
     from armadico.cli.doctor import listener  # noqa: PLC0415 - not for --help
@@ -362,6 +367,22 @@ def _line(args: argparse.Namespace, stack: ExitStack) -> tuple[Line, str]:
     return tcp, f"tcp://{args.bind}:{tcp.port}"
 
 
+def _node(args: argparse.Namespace, namespace: str | None) -> str:
+    """The whole name of a simulated robot's node; of another one than the first by its namespace.
+
+    Raises UsageError.
+    """
+    from armadico.bridge.ros2.addresses import read_address  # noqa: PLC0415 - not for --help
+    from armadico.bridge.ros2.graph import resolve  # noqa: PLC0415 - not for --help
+
+    try:
+        within = read_address(args.ros2).namespace if namespace is None else namespace
+    except ValueError as error:
+        raise options.UsageError(f"--ros2: {error}") from None
+    kind = "".join(c if c.isascii() and c.isalnum() else "_" for c in args.robot)
+    return resolve(within, f"sim_{kind}_{secrets.token_hex(3)}")
+
+
 def _beside(address: str, namespace: str) -> str:
     """The address of another robot in the same network of ROS 2's."""
     from urllib.parse import urlsplit  # noqa: PLC0415 - not for --help
@@ -372,7 +393,7 @@ def _beside(address: str, namespace: str) -> str:
     return parts._replace(path=f"/{namespace}").geturl()
 
 
-def _ros2(args: argparse.Namespace, stack: ExitStack) -> tuple[Line, str]:
+def _ros2(args: argparse.Namespace, name: str, stack: ExitStack) -> tuple[Line, str]:
     """The robot as one of ROS 2's, at the address that the options name."""
     from armadico.bridge.ros2 import addresses  # noqa: PLC0415 - not for --help
     from armadico.bridge.simulator.ros2_line import Ros2Line  # noqa: PLC0415 - not for --help
@@ -381,10 +402,10 @@ def _ros2(args: argparse.Namespace, stack: ExitStack) -> tuple[Line, str]:
     profile = load_profile(args.robot)
     if not isinstance(profile, Ros2Robot):
         raise options.UsageError(
-            f"--ros2: {args.robot} speaks P2OS; armadico sim jackal --ros2, say"
+            f"--ros2: {args.robot} speaks P2OS; say armadico sim jackal --ros2"
         )
     try:
-        transport = addresses.robot_transport(args.ros2, profile.name)
+        transport = addresses.robot_transport(args.ros2, name.rpartition("/")[2])
     except ValueError as error:
         raise options.UsageError(f"--ros2: {error}") from None
     try:

@@ -22,6 +22,7 @@ so a robot at rest under too little voltage is exactly at rest.
 from __future__ import annotations
 
 from math import copysign, cos, sin
+from typing import ClassVar
 
 from msgspec import Struct
 
@@ -106,7 +107,7 @@ class Dynamics:
         *("beta", "dt", "mobility", "v", "w"),
     )
 
-    by_volts = True
+    by_volts: ClassVar[bool] = True
 
     def __init__(self, profile: P2osRobot, dt: float) -> None:
         self.v = self.w = self.beta = 0.0

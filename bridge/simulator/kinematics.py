@@ -8,6 +8,7 @@ would, which is what walls, and others that it pushes, have to know; a wheel tha
 from __future__ import annotations
 
 from math import exp
+from typing import ClassVar
 
 from armadico.config.profile import Ros2Robot
 
@@ -17,7 +18,7 @@ class Kinematics:
 
     __slots__ = ("_drive", "_gained", "_mass_kg", "_share", "_steps", "dt", "mobility", "v", "w")
 
-    by_volts = False
+    by_volts: ClassVar[bool] = False
 
     def __init__(self, profile: Ros2Robot, dt: float) -> None:
         body, drive = profile.body, profile.drive

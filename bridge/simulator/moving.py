@@ -10,7 +10,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from itertools import pairwise
-from math import cos, exp, hypot, pi, radians, sin, sqrt, tau
+from math import cos, exp, hypot, inf, pi, radians, sin, sqrt, tau
 from random import Random
 from typing import NamedTuple
 
@@ -85,11 +85,13 @@ class Person:
         assert moving.at is not None, "the scenario was checked"
         self.x, self.y = moving.at
         self._moving, self._walls, self._bounds, self._rng = moving, walls, bounds, rng
+        self._near = moving.radius + TINY_M
         self._vx = self._vy = 0.0
         self._met = False  # has walked into the robot, which is near still
         self._noticed = moving.heeds
         self._goal: tuple[float, float] | None = None
         self._waits_until = 0.0
+        self._room = (inf, inf, 0.0, -1)  # so far it was from a wall, there, after so many changes
         self._body = pymunk.Body(body_type=pymunk.Body.KINEMATIC)
         walls.space.add(self._body, pymunk.Circle(self._body, moving.radius))
         self._place()
@@ -131,7 +133,7 @@ class Person:
         if touches:
             self._met = self._met or self.walks_into(gap)
             self._noticed = True
-        if met or self._walls.distance(x, y) < moving.radius:
+        if met or self._runs_into(x, y):
             self._vx = self._vy = 0.0
             self._goal = None
             return 0.0, touches
@@ -139,6 +141,15 @@ class Person:
         self.x, self.y = x, y
         self._place()
         return went, False
+
+    def _runs_into(self, x: float, y: float) -> bool:
+        """Whether a wall is nearer to a place than it is wide; asked only where one may be."""
+        at_x, at_y, room, changes = self._room
+        if changes != self._walls.changes or room - hypot(x - at_x, y - at_y) < self._near:
+            room = self._walls.distance(x, y)
+            self._room = x, y, room, self._walls.changes
+            return room < self._moving.radius
+        return False
 
     def touched(self, gap: Gaps) -> bool:
         """Whether it is what the robot touches."""

@@ -21,8 +21,6 @@ Wall = tuple[float, float, float, float]
 class Pioneer(SimulatedRobot):
     """A robot with a controller that speaks P2OS."""
 
-    controller: Microcontroller
-
     def __init__(
         self,
         profile: P2osRobot,

@@ -14,7 +14,6 @@ from __future__ import annotations
 from collections.abc import Callable, Sequence
 from math import cos, hypot, inf, sin
 from random import Random
-from typing import Protocol
 
 from armadico.bridge.simulator.battery import Battery, in_contact
 from armadico.bridge.simulator.company import Body, Company
@@ -52,32 +51,12 @@ def seeded(seed: int) -> Streams:
     return lambda name: Random(f"{seed}/{name}")
 
 
-class Drive(Protocol):
-    """What makes the robot move: motors with their voltages, or a base that is told speeds.
+Drive = Dynamics | Kinematics
+"""What makes the robot move: motors with their voltages, or a base that is told speeds.
 
-    Attributes:
-        by_volts: It is driven by voltages of the left and the right motor, which the battery
-            limits; else by the speed ahead and the turn rate.
-        v: Speed ahead, m/s.
-        w: Turn rate, rad/s.
-        mobility: Elements 00, 01 and 11 of the speeds that a force gains in a step.
-    """
-
-    by_volts: bool
-    v: float
-    w: float
-    mobility: tuple[float, float, float]
-
-    def accelerate(self, one: float, other: float) -> None:
-        """New speeds after a step, driven by these."""
-
-    def roll(self, v: float, w: float) -> None:
-        """Move at these mean speeds for a step."""
-
-    def watts(
-        self, one: float, other: float, left: float, right: float, half_track: float
-    ) -> float:
-        """What it takes, driven by these, at these speeds of the rims, m/s."""
+It is driven `by_volts` of the left and the right motor, which the battery limits, or else by the
+speed ahead and the turn rate. `mobility` is what a force gains in a step.
+"""
 
 
 class Plant:
@@ -249,7 +228,7 @@ class Plant:
         """`step_s` seconds with these motor voltages, V (or speeds: see `Drive`)."""
         self.run(1, lambda _v, _w: (left_v, right_v))
 
-    def run(self, steps: int, driver: Driver) -> None:
+    def run(self, steps: int, driver: Driver) -> None:  # noqa: PLR0915 - calls would cost
         """Steps of `step_s` seconds; the drive gets what the driver says, see `Drive`.
 
         Voltages are cut at the battery's.
@@ -269,12 +248,17 @@ class Plant:
         moves = self._movement is not None
         if self._docks:  # looked at as often as the controller does anything: 40 ms at the most
             battery.charging = in_contact(self.pose, self._docks)
+        rests = False  # whether the step before changed nothing but the battery's charge
         for _ in range(steps):
             if moves and not self._steps % MOVE_STEPS:
                 self.pose, self._margin = (x, y, theta), margin
                 self._move_world()
                 margin = self._margin
             one, other = driver(odometry.v, odometry.w)
+            if rests and one == 0.0 == other and margin > 0.0:
+                self._steps += 1
+                battery.drain(0.0, STEP_S)
+                continue
             if by_volts:
                 most = battery.volts
                 if not (-most <= one <= most and -most <= other <= most):
@@ -304,7 +288,10 @@ class Plant:
             aside = mean_w * half_track
             left, right = mean_v - aside, mean_v + aside
             odometry.move(STEP_S * left, STEP_S * right)
-            battery.drain(watts(one, other, left, right, half_track), STEP_S)
+            used = watts(one, other, left, right, half_track)
+            battery.drain(used, STEP_S)
+            rests = by_volts and pace0 == 0.0 == pace == used == one == other and margin > 0.0
+            rests = rests and not walls_push and odometry.v == 0.0 == odometry.w
         self.pose, self._margin = (x, y, theta), margin
         self.show_body()
 

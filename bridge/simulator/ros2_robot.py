@@ -255,8 +255,6 @@ def _whole(speed: float, step: float) -> float:
 class Ros2SimulatedRobot(SimulatedRobot):
     """A robot that speaks ROS 2."""
 
-    controller: Base
-
     def __init__(
         self,
         profile: Ros2Robot,

@@ -27,6 +27,7 @@ from __future__ import annotations
 from collections.abc import Callable, Iterator, Sequence
 from math import atan2, cos, hypot, inf, radians, sin, sqrt, tan, tau
 from random import Random
+from typing import NamedTuple
 
 from armadico.bridge.simulator.walls import DEAD, Corner, Round, Segment, Surface, Walls
 from armadico.config.profile import SensorProfile, SonarRing
@@ -40,6 +41,17 @@ Ray = tuple[float, float]
 
 Heard = tuple[float, float, float, float]
 """A place that may answer: its range, how probably, and where it is in the sensor's frame."""
+
+
+class View(NamedTuple):
+    """What a sonar has before it of the walls that stand, and who of them answers by itself."""
+
+    sensor: tuple[float, float, float]  # where it was
+    walls: list[Segment]  # of these
+    seen: list[Segment]
+    columns: list[Round]
+    nearest: float  # that scatters, m
+    heard: list[Heard]  # the nearest first
 
 
 class Surfaces:
@@ -80,6 +92,7 @@ class Sonars:
         self._gone = radians(max(sensors.gone_deg))
         self._edge = (cos(self._gone), sin(self._gone)) if self._smooth else self._fan[0]
         self._mounts = [(s.x_m, s.y_m, radians(s.bearing_deg)) for s in ring.sonars]
+        self._views: dict[int, View] = {}  # each one's last
         self._stray = False  # sound of the ping before is in the air
 
     def ping(self, index: int, pose: tuple[float, float, float]) -> float | None:
@@ -90,57 +103,69 @@ class Sonars:
         ahead, left, bearing = self._mounts[index]
         c, s = cos(theta), sin(theta)
         sensor = (x + ahead * c - left * s, y + ahead * s + left * c, theta + bearing)
-        walls = self._walls.plain(x, y)
         if self._smooth:
-            nearest = self._by_mirrors(walls, sensor, luck < sensors.dropout)
+            nearest = self._by_mirrors(self._view(index, sensor), luck < sensors.dropout)
         elif luck < sensors.dropout:
             return None
         else:
-            nearest = echo(in_cone(walls, sensor, self._edge, most), self._fan, self._round(sensor))
+            nearest = self._view(index, sensor).nearest
         if nearest > most:
             return None
         noise *= max(sensors.sonar_noise_m, sensors.sonar_noise * nearest)
         return min(most, max(least, nearest + noise))
 
-    def _by_mirrors(
-        self, walls: Sequence[Segment], sensor: tuple[float, float, float], lost: bool
-    ) -> float:
+    def _view(self, index: int, sensor: tuple[float, float, float]) -> View:
+        """What it has before it: the same again while the robot stands, but for what moves."""
+        walls = self._walls.plain(sensor[0], sensor[1])
+        view = self._views.get(index)
+        if view is None or view.sensor != sensor or view.walls is not walls:
+            seen = in_cone(walls, sensor, self._edge, self._range[1])
+            columns = self._walls.plain_columns(sensor[0], sensor[1])
+            if columns:
+                columns = round_in_cone(columns, sensor, self._edge, self._range[1])
+            view = self._views[index] = self._looked(sensor, walls, seen, columns)
+        moving = in_cone(self._walls.shown, sensor, self._edge, self._range[1])
+        return self._looked(sensor, walls, view.seen + moving, view.columns) if moving else view
+
+    def _looked(
+        self,
+        sensor: tuple[float, float, float],
+        walls: list[Segment],
+        seen: list[Segment],
+        columns: list[Round],
+    ) -> View:
+        nearest, heard = inf, list[Heard]()
+        scatters = any(wall[5] <= 1.0 for wall in seen)
+        if not self._smooth or scatters or any(column[3] <= 1.0 for column in columns):
+            nearest = echo(seen, self._fan, columns)
+        if self._smooth:
+            heard = [*self._feet(seen), *self._fronts(columns), *self._ends(seen, sensor)]
+        return View(sensor, walls, seen, columns, nearest, sorted(heard))
+
+    def _by_mirrors(self, view: View, lost: bool) -> float:
         """The range that comes back of smooth walls and rough ones, m; inf if none does."""
         strength, bounce, direction, crossed, stray = (self._rng.random() for _ in range(5))
         sensors, (least, most) = self._sensors, self._range
-        seen, columns = in_cone(walls, sensor, self._edge, most), self._round(sensor)
-        nearest = inf if lost else self._direct(seen, columns, sensor, strength)
-        straying, self._stray = self._stray, nearest > most and bool(seen or columns)
+        nearest = inf if lost else self._direct(view, strength)
+        straying = self._stray
+        self._stray = nearest > most and bool(view.seen or view.columns)
         if nearest > most and bounce < sensors.multipath and not lost:
             aim = self._half * (2.0 * direction - 1.0)
-            nearest = by_a_mirror(walls, sensor, (cos(aim), sin(aim)), strength, self._half)
+            walls = view.walls + self._walls.shown
+            ray = cos(aim), sin(aim)
+            nearest = by_a_mirror(walls, view.sensor, ray, strength, self._half)
         if straying and crossed < sensors.crosstalk:
             nearest = min(nearest, least + stray * (most - least))
         return nearest
 
-    def _round(self, sensor: tuple[float, float, float]) -> list[Round]:
-        """The columns in the cone, in the sensor's frame."""
-        columns = self._walls.plain_columns(sensor[0], sensor[1])
-        return round_in_cone(columns, sensor, self._edge, self._range[1]) if columns else columns
-
-    def _direct(
-        self,
-        seen: Sequence[Segment],
-        columns: Sequence[Round],
-        sensor: tuple[float, float, float],
-        strength: float,
-    ) -> float:
+    def _direct(self, view: View, strength: float) -> float:
         """The nearest place that answers by itself and is not hidden, m."""
-        nearest = inf
-        if any(wall[5] <= 1.0 for wall in seen) or any(column[3] <= 1.0 for column in columns):
-            nearest = echo(seen, self._fan, columns)
-        heard = [*self._feet(seen), *self._fronts(columns), *self._ends(seen, sensor)]
-        for way, chance, x, y in sorted(heard):
-            if way >= nearest:
+        for way, chance, x, y in view.heard:
+            if way >= view.nearest:
                 break
-            if strength < chance and visible(seen, x, y, columns):
+            if strength < chance and visible(view.seen, x, y, view.columns):
                 return way
-        return nearest
+        return view.nearest
 
     def _feet(self, seen: Sequence[Segment]) -> Iterator[Heard]:
         """Where smooth walls are square to the sensor."""

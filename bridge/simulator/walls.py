@@ -168,12 +168,15 @@ class Walls:
     def __init__(self) -> None:
         self.space = pymunk.Space()
         none, points = np.empty(0), np.empty(0, complex)
-        self._all = self._moving = self._robots = Segments(points, points, none, none, none)
+        self._all = self._things = Segments(points, points, none, none, none)
         self._columns = self._near_columns = Columns(points, none, none, none)
         self._plain_columns: list[Round] = []
-        self._shown: list[Segment] = []
+        self.changes = 0  # of what people may run into: walls, columns, doors and boxes
+        self._moving, self._robots = _Outlines(), _Outlines()
+        self._doors: list[Wall] = []  # and boxes, the things of what moves
+        self.shown: list[Segment] = []  # what moves, one by one
         self.others: dict[pymunk.Shape, Other] = {}  # robots in the space, by their outlines
-        self._things = 0  # the first of what moves, people after them
+        self._clear: tuple[tuple[float, float, float], Segments, float] | None = None
         self._near = self._all
         self._plain: list[Segment] = []
         self._corners: list[Corner] | None = None
@@ -186,6 +189,7 @@ class Walls:
         """More walls, and how each answers a sonar; one without length is left out."""
         rows, added = _segments(walls, surfaces)
         self._all = self._all.joined(added)
+        self.changes += 1
         self._anchor = (inf, inf)
         static = self.space.static_body
         self.space.add(
@@ -201,21 +205,24 @@ class Walls:
             np.concatenate(pair) for pair in zip(self._columns, more, strict=True)
         )
         self._columns = Columns(middle, radius, *others)
+        self.changes += 1
         self._anchor = (inf, inf)
         static = self.space.static_body
         self.space.add(*(pymunk.Circle(static, r, (x, y)) for x, y, r in rows.tolist()))
 
     def show(self, things: Sequence[Wall], people: Sequence[Wall], surface: Surface) -> None:
         """What moves is now here, and answers so; who moves it sees to what it touches."""
-        outlines = [*things, *people]
-        self._things = len(things)
-        self._moving = _segments(outlines, [surface] * len(outlines))[1]
-        self._shown = self._moving.plain() + self._robots.plain()
+        if things != self._doors:
+            self._doors = list(things)
+            self._things = _segments(things, [surface] * len(things))[1]
+            self.changes += 1
+        self._moving = _Outlines([*things, *people], surface)
+        self.shown = self._moving.plain + self._robots.plain
 
     def show_robots(self, outlines: Sequence[Wall], surface: Surface) -> None:
         """Other robots are now here, and answer so."""
-        self._robots = _segments(outlines, [surface] * len(outlines))[1]
-        self._shown = self._moving.plain() + self._robots.plain()
+        self._robots = _Outlines(outlines, surface)
+        self.shown = self._moving.plain + self._robots.plain
 
     def near(self, x: float, y: float) -> Segments:
         """Every wall within `NEAR_M` of a point, and perhaps some more."""
@@ -231,7 +238,9 @@ class Walls:
 
     def all(self) -> tuple[Segments, Segments, Columns]:
         """Every wall, in the order in which they came; what moves; and every column."""
-        moving = self._moving.joined(self._robots) if self._shown else self._moving
+        moving = self._moving.segments
+        if self._robots.plain:
+            moving = moving.joined(self._robots.segments)
         return self._all, moving, self._columns
 
     def near_columns(self, x: float, y: float) -> Columns:
@@ -245,9 +254,9 @@ class Walls:
         return self._plain_columns
 
     def plain(self, x: float, y: float) -> list[Segment]:
-        """The same walls as `near`, one by one."""
+        """The same walls as `near`, one by one; the same list until they are others."""
         self.near(x, y)
-        return self._plain + self._shown if self._shown else self._plain
+        return self._plain
 
     def corners(self, x: float, y: float) -> list[Corner]:
         """Corners and edges near a point."""
@@ -258,14 +267,19 @@ class Walls:
 
     def clearance(self, pose: tuple[float, float, float], box: Box) -> float:
         """From a rectangle at a pose to the nearest wall, m; 0 when touching, inf if none is."""
-        nearest = _clearance(self.near(pose[0], pose[1]), pose, box)
-        nearest = min(nearest, _clearance_of(self._near_columns, pose, box))
-        if nearest > NEAR_M - box.half_length - box.half_width - abs(box.ahead):
-            nearest = _clearance(self._all, pose, box)
-            nearest = min(nearest, _clearance_of(self._columns, pose, box))
-        if self._shown:
-            moving = (_clearance(each, pose, box) for each in (self._moving, self._robots))
-            nearest = min(nearest, *moving)
+        near = self.near(pose[0], pose[1])
+        if self._clear is None or self._clear[0] != pose or self._clear[1] is not near:
+            nearest = _clearance(near, pose, box)
+            nearest = min(nearest, _clearance_of(self._near_columns, pose, box))
+            if nearest > NEAR_M - box.half_length - box.half_width - abs(box.ahead):
+                nearest = _clearance(self._all, pose, box)
+                nearest = min(nearest, _clearance_of(self._columns, pose, box))
+            self._clear = pose, near, nearest
+        nearest = self._clear[2]
+        round_m = hypot(box.half_length + abs(box.ahead), box.half_width)
+        for each in (self._moving, self._robots):
+            if each.reach(pose[0], pose[1]) - round_m < nearest:
+                nearest = min(nearest, _clearance(each.segments, pose, box))
         return nearest if nearest > TOUCH_M else 0.0
 
     def between(self, walls: Sequence[Wall], pose: tuple[float, float, float], box: Box) -> float:
@@ -274,11 +288,37 @@ class Walls:
 
     def distance(self, x: float, y: float) -> float:
         """From a point to the nearest wall, column, door or box, m; inf if none is."""
-        things = self._moving.chosen(np.arange(len(self._moving.length)) < self._things)
-        ways = [_distance(walls, x, y) for walls in (self._all, things)]
+        ways = [_distance(walls, x, y) for walls in (self._all, self._things)]
         columns = self._columns
         ways.append(np.maximum(np.abs(columns.middle - complex(x, y)) - columns.radius, 0.0))
         return min((float(way.min()) for way in ways if len(way)), default=inf)
+
+
+class _Outlines:
+    """What moves, where it is now: one by one, and as arrays if anybody asks."""
+
+    def __init__(self, walls: Sequence[Wall] = (), surface: Surface = DEAD) -> None:
+        self._walls, self._surface = walls, surface
+        self._segments: Segments | None = None
+        self.plain: list[Segment] = []
+        for x1, y1, x2, y2 in walls:
+            x, y = x2 - x1, y2 - y1
+            length = abs(complex(x, y))
+            if length > 0.0:
+                each = 1.0 / length
+                self.plain.append((x1, y1, each * x, each * y, length, *surface))
+
+    def reach(self, x: float, y: float) -> float:
+        """None of them is nearer to a place than this, m."""
+        ways = (hypot(each[0] - x, each[1] - y) - each[4] for each in self.plain)
+        return min(ways, default=inf)
+
+    @property
+    def segments(self) -> Segments:
+        """The same as arrays."""
+        if self._segments is None:
+            self._segments = _segments(self._walls, [self._surface] * len(self._walls))[1]
+        return self._segments
 
 
 def _segments(

@@ -288,6 +288,18 @@ def test_a_dock_without_power_is_tried_beside_and_then_left() -> None:
     assert society.truth.collisions == 0
 
 
+def test_a_dock_that_will_not_do_is_left_for_another_one() -> None:
+    society = Society(0.3, "floor")
+    heard: list[ChargeStatus] = []
+    society.mesh.watch(lambda _k, status, _t: heard.append(status), ChargeStatus)
+    society.until(lambda: society.state is ChargeState.TO_DOCK, 30.0)
+    first = heard[-1].name
+    charger = next(node for node in society.mesh.nodes if node.name == "battery-charger").agent
+    charger.errand.stage, charger.errand.note = Stage.FAILED, "somebody stands before it"
+    society.until(lambda: heard[-1].name not in ("", first), 15.0)
+    assert society.state is ChargeState.TO_DOCK
+
+
 def test_without_a_dock_on_the_map_people_are_told() -> None:
     society = Society(0.1, "sc4")
     society.run(10.0)

@@ -152,3 +152,15 @@ def test_a_dead_sensor_says_no_level_and_is_told_of_once() -> None:
     logs = [log for _, log in robot.of(Log)]
     assert len(logs) == 1
     assert "no battery's voltage" in logs[0].text  # type: ignore[attr-defined]
+
+
+def test_the_alarm_is_by_the_robots_own_battery() -> None:
+    """A Jackal's pack of 29 V is empty long before a Pioneer's 10.4 V."""
+    jackal = BatterySensor(Identity("battery-sensor-1"), Parameters(profile="jackal"))
+    assert jackal._battery.low_v > jackal._battery.empty_v > 20.0
+    jackal._gauge.share = 0.01
+    jackal._tell(Cycle(1, 1))
+    assert any(
+        isinstance(item, Publish) and isinstance(item.message, BatteryAlarm)
+        for item in jackal.outbox
+    )

@@ -69,7 +69,24 @@ def test_the_most_urgent_is_done_and_of_equals_the_one_that_was_begun_first(
 def test_those_that_are_over_are_forgotten_the_oldest_first(missions: Missions) -> None:
     for number in range(1, 20):
         missions.end(missions.propose(number, order(), None), MissionEnd.DONE, "")
-    assert list(missions.entries) == list(range(12, 20))
+    assert list(missions.entries) == list(range(8, 20))
+
+
+def test_who_waited_long_is_told_of_when_it_ends(missions: Missions) -> None:
+    missions.propose(1, order(priority=0.1), None)
+    for number in range(2, 16):
+        missions.propose(number, order(priority=0.9), None)
+        missions.end(missions.entries[number], MissionEnd.DONE, "")
+    missions.end(missions.entries[1], MissionEnd.DONE, "")
+    told = missions.board(Board(1, 1, ())).missions
+    assert {each.mission: each.state for each in told}[1] is MissionEnd.DONE
+
+
+def test_the_end_of_each_is_told_when_all_are_cancelled(missions: Missions) -> None:
+    for number in range(1, 13):
+        missions.propose(number, order(), None)
+    missions.cancel(0)
+    assert len(missions.board(Board(1, 1, ())).missions) == 12
 
 
 def test_whatever_has_happened_it_fits_into_a_message_and_what_goes_on_keeps_the_most(

@@ -13,6 +13,9 @@ from armadico.config.grid_map import FREE, OCCUPIED, UNKNOWN, Cells, message_of
 from armadico.config.scenarios import exploring, load_scenario
 from armadico.core.agent import Answer, AskFor, Identity, Publish, Question
 from armadico.core.messages import (
+    BatteryLevel,
+    ChargeState,
+    ChargeStatus,
     Cycle,
     ExploreRequest,
     ExploreState,
@@ -147,6 +150,12 @@ class Desk:
         self.agent.on_wakeup()
         self.take()
 
+    def charge(self, state: ChargeState, share: float = 0.5) -> None:
+        cycle = Cycle(1, self.number)
+        self.agent.receive(BatteryLevel(cycle, 12.0, share, 1e5), self.now)
+        self.agent.receive(ChargeStatus(cycle, state), self.now)
+        self.take()
+
     def begin(self, **more: object) -> MissionReply:
         self.agent.asked(Question(1, ExploreRequest(-1.0, -1.0, 9.0, 3.0, **more)), self.now)
         self.take()
@@ -266,6 +275,45 @@ def test_whoever_sends_the_robot_elsewhere_ends_it() -> None:
     desk.status(MissionState.DRIVING, mission=77)
     assert desk.state is ExploreState.FAILED
     assert "elsewhere" in desk.said[-1].note
+
+
+def test_it_goes_on_once_the_robot_is_charged() -> None:
+    desk = Desk(hall())
+    desk.begin()
+    desk.map(hall())
+    desk.charge(ChargeState.TO_DOCK)
+    for state in (ChargeState.TO_DOCK, ChargeState.DOCKING, ChargeState.CHARGING):
+        desk.charge(state)
+        desk.status(MissionState.DRIVING, mission=77)
+        for _ in range(3):
+            desk.at(1.0, 1.0, 10.0)  # no nearer, for long
+            desk.wake()
+            desk.map(hall())
+    assert desk.state is ExploreState.EXPLORING
+    assert len(desk.asked) == 1
+    desk.at(1.0, 1.0)
+    desk.charge(ChargeState.CHARGING, share=0.85)
+    desk.wake()
+    desk.map(hall())
+    assert len(desk.asked) == 2
+    desk.status(MissionState.DRIVING, mission=1)  # late, of its own first
+    desk.charge(ChargeState.NONE)
+    desk.status(MissionState.DRIVING, mission=78)  # and this is nobody's charging
+    assert desk.state is ExploreState.FAILED
+
+
+def test_a_charger_that_gives_up_leaves_it_the_robot() -> None:
+    desk = Desk(hall())
+    desk.begin()
+    desk.map(hall())
+    desk.charge(ChargeState.TO_DOCK)
+    desk.status(MissionState.DRIVING, mission=77)
+    desk.map(hall())
+    assert len(desk.asked) == 1
+    desk.charge(ChargeState.NONE)
+    desk.wake()
+    desk.map(hall())
+    assert len(desk.asked) == 2
 
 
 def test_missions_that_are_refused_and_a_map_that_ends_are_told() -> None:

@@ -30,6 +30,7 @@ from armadico.config.errors import ConfigError
 from armadico.config.loading import load_entry
 from armadico.config.profile import SensorProfile, load_profile
 from armadico.config.shipped import find
+from armadico.config.worlds import load_world
 from armadico.core.agent import Agent, Identity, Publish
 from armadico.core.behaviour import LOST_M, UNSURE_M
 from armadico.core.geometry import Pose2, compose, relative, wrap
@@ -135,6 +136,20 @@ def test_a_corner_is_heard_where_it_is(range_m: float, heard: bool) -> None:
     """That of (6, 0), by who looks along the diagonal: both walls are 45 degrees off."""
     away = range_m / 2**0.5
     assert (one((6.0 - away, away, radians(-45.0)), 1.0) > 0.5) == heard
+
+
+@pytest.mark.parametrize("y", [3.85, 3.7, 3.6])
+@pytest.mark.parametrize("side", [-1.0, 1.0])
+def test_who_comes_through_a_door_hears_the_rooms_far_corners(y: float, side: float) -> None:
+    """They are the last of all that is in sight there, and all there is if the wall ahead is dead.
+
+    Robots were lost in that door: nothing that they heard was on the map.
+    """
+    world = load_world("surveillance")  # its room R1, from 4 to 8 and from 0 to 4 m
+    model = SonarModel(Grid(world.walls, world.bounds))
+    pose = np.array([(6.0, y, radians(-90.0 + 28.0 * side))], dtype=np.float32)
+    echo = Echo(0.0, 0.0, 0.0, hypot(2.0, y))
+    assert model.likelihood(pose, [echo])[0, 0] > 0.4
 
 
 def test_what_a_nearer_wall_hides_is_not_heard() -> None:
@@ -432,6 +447,22 @@ def test_one_correction_a_cycle_once_it_has_a_pose(world: str) -> None:
     assert made == [1] * 10
 
 
+def test_a_robot_that_stands_is_said_to_be_where_it_was(world: str) -> None:
+    """Word for word, so that whoever works on it has nothing new; once the estimate has settled."""
+    robot = Robot(Parameters(world=world))
+    for pose, motion in drive(START, 20):
+        robot.at(pose, motion, pose)
+    robot.said.clear()
+    for _ in range(12):
+        robot.at(pose, (0.0, 0.0, 0.0), pose)
+    said = [replace(m, cycle=Cycle(0, 0)) for m in robot.said if isinstance(m, Correction)]
+    assert len(said) == 12
+    assert all(one == said[3] for one in said[3:])
+    shown = [m.packed for m in robot.said if isinstance(m, Particles)]
+    assert len(shown) > 1
+    assert len(set(shown)) == 1
+
+
 def test_twice_a_second_some_particles_are_published_about_where_it_is(world: str) -> None:
     robot = Robot(Parameters(world=world))
     for pose, motion in drive(START, 31):
@@ -454,6 +485,18 @@ def test_with_no_idea_it_says_that_it_is_lost_until_it_is_found(world: str) -> N
     assert confidences[0] == 0.0
     assert confidences[-1] > 0.9
     assert any(isinstance(said, Log) and "is found" in said.text for said in robot.said)
+
+
+def test_it_is_looked_for_where_names_are_and_elsewhere_only_if_it_began_there() -> None:
+    robot = Robot(Parameters(world="surveillance", start="anywhere"))
+    void = (6.0, 8.0, 0.0)  # between two wings of the building
+    robot.at((1.5, 2.0, 0.0), (0.0, 0.0, 0.0), (1.5, 2.0, 0.0))
+    guesses = robot.agent._filter._anywhere(5000)
+    assert not ((guesses[:, 1] > 6.3) & (abs(guesses[:, 0] - 6.0) < 1.7)).any()
+    robot = Robot(Parameters(world="surveillance"))
+    robot.at(void, (0.0, 0.0, 0.0), void)
+    guesses = robot.agent._filter._anywhere(5000)
+    assert ((guesses[:, 1] > 6.3) & (abs(guesses[:, 0] - 6.0) < 1.7)).any()
 
 
 def test_a_robot_that_was_carried_away_is_lost(world: str) -> None:

@@ -163,6 +163,18 @@ def test_one_that_is_put_down_elsewhere_is_found_there() -> None:
     assert found, f"after {step} cycles"
 
 
+def test_one_that_stands_where_it_was_put_down_doubts_it_too() -> None:
+    society = Society(JACKAL)
+    for _ in range(20):
+        society.cycle()
+    society.pose = (9.0, 4.6, 2.0)
+    for _ in range(10):
+        society.cycle((0.0, 0.0, 0.04))  # it turns a little, and stands
+    said = [society.cycle((0.0, 0.0, 0.0)) for _ in range(50)]
+    assert said[-1] is not None
+    assert said[-1].covariance[0] + said[-1].covariance[3] > LOST_M**2
+
+
 def test_sonars_do_not_count_beside_a_laser_and_a_scan_counts_once() -> None:
     society = Society(JACKAL)
     for _ in range(5):

@@ -6,7 +6,8 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from armadico.agents.methods.utility import ramp_down
+from armadico.agents import battery_charger, mission_planning
+from armadico.agents.methods.utility import MISSION, of_mission, ramp_down
 
 metres = st.floats(0.0, 5.0)
 
@@ -35,3 +36,11 @@ def test_it_falls_and_stays_within_its_bounds(a: float, b: float, c: float, d: f
     low, high = sorted((a, b))
     near, far = (ramp_down(x, low, high, 0.9, 0.2) for x in sorted((c, d)))
     assert 0.9 >= near >= far >= 0.2 - 1e-12
+
+
+def test_what_a_mission_bids_is_what_the_charger_counts_it_as_worth() -> None:
+    """One function, and no parameter of either: they could be set apart."""
+    assert (of_mission(0.0), of_mission(1.0)) == MISSION
+    assert of_mission(0.5) == pytest.approx(sum(MISSION) / 2)
+    for parameters in (battery_charger.Parameters, mission_planning.Parameters):
+        assert not {name for name in parameters.__struct_fields__ if "highest" in name}

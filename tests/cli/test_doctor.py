@@ -5,6 +5,8 @@ from __future__ import annotations
 import argparse
 import json
 from collections.abc import Generator
+from importlib import metadata
+from importlib.metadata import PackageNotFoundError
 from pathlib import Path
 
 import pytest
@@ -19,6 +21,7 @@ from armadico.core.messages import (
     Line,
     MissionState,
     MissionStatus,
+    MonitorReport,
     Pose,
     RobotState,
     Stop,
@@ -85,6 +88,21 @@ def test_why_the_robot_stands_and_what_its_line_is_like_is_said() -> None:
     assert "7 bytes dropped, 2 odometry resets" in found[3].what
     charging = next(iter(doctor.robot(replace(WELL, charging=True), low)))
     assert (charging.verdict, charging.what) == (doctor.OK, "12.0 V, 7 %, charging")
+
+
+def test_what_the_monitor_that_acts_misses_is_wrong() -> None:
+    def told(*reports: MonitorReport) -> list[tuple[str, str]]:
+        return [(found.verdict, found.what) for found in doctor.monitors(reports)]
+
+    acts, waits = MonitorReport("monitor-1", 90, True), MonitorReport("monitor-2", 20, False)
+    assert told() == []
+    assert told(waits, acts) == [(doctor.OK, "monitor-1: all are well, 1 stand by")]
+    assert told(waits) == [(doctor.NOTE, "1 stand by, and none acts: nobody is restarted")]
+    lacks = replace(acts, missing=("encoder", "sonar"), note="b is asked to start encoder")
+    (found,) = doctor.monitors([lacks, waits])
+    assert found.verdict == doctor.WRONG
+    assert found.what == "the society lacks encoder, sonar (b is asked to start encoder)"
+    assert found.todo == "`armadico logs encoder` has its last words"
 
 
 def test_top_says_what_is_left_of_the_battery() -> None:
@@ -196,3 +214,16 @@ def test_a_long_command_line_is_cut_at_its_end() -> None:
     long = ["python", "/x/armadico-agent", "encoder", *("--set", "x=3.4") * 20]
     assert doctor.called(long).startswith("armadico-agent encoder --set x=3.4")
     assert doctor.called(long).endswith("...")
+
+
+def test_an_extra_that_is_not_there_is_named_with_what_brings_it(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    def version(name: str) -> str:
+        if name == "cyclonedds":
+            raise PackageNotFoundError(name)
+        return metadata.version(name)
+
+    monkeypatch.setattr(doctor, "version", version)
+    (found,) = [each for each in doctor.versions() if each.subject == "cyclonedds"]
+    assert "pip install 'armadico[ros2]'" in found.todo

@@ -39,10 +39,15 @@ SOON = 30.0
 Run = Callable[..., Done]
 
 
+def apart() -> dict[str, str]:
+    """An environment with endpoints that nobody else has."""
+    return os.environ | {ENDPOINTS_VARIABLE: private_endpoints(2), "ARMADICO_NAMESPACE": "cli-test"}
+
+
 @pytest.fixture
 def environment() -> dict[str, str]:
     """Endpoints and a namespace of this test's own."""
-    return os.environ | {ENDPOINTS_VARIABLE: private_endpoints(2), "ARMADICO_NAMESPACE": "cli-test"}
+    return apart()
 
 
 @pytest.fixture
@@ -74,6 +79,10 @@ def who(run: Run, *names: str) -> dict[str, Any]:
 @pytest.fixture
 def robot(start: Start) -> None:
     """A simulated robot and its agent."""
+    simulated(start)
+
+
+def simulated(start: Start) -> None:
     simulator = start("sim", "empty", "--port", "0", "--start", "0", "0", "0")
     assert simulator.stdout is not None
     where = "tcp://" + simulator.stdout.readline().partition("tcp://")[2].partition(";")[0]
@@ -132,6 +141,19 @@ def guest(environment: dict[str, str]) -> Iterator[ZenohMesh]:
     where = topology(environ={ENDPOINTS_VARIABLE: environment[ENDPOINTS_VARIABLE]})
     with ZenohMesh("cli-test", where) as mesh:
         yield mesh
+
+
+@pytest.fixture(scope="module")
+def whole() -> Iterator[dict[str, str]]:
+    """A society that is up for the tests of this file that leave it as it was: its environment."""
+    environment = apart()
+    with starter(env=environment, stderr=subprocess.DEVNULL) as begin:
+        simulated(begin)
+        for name in ("encoder", "sonar", "goto", "interface"):
+            begin(name, program="armadico-agent")
+        run = partial(call, env=environment)
+        who(run, "robot", "encoder", "sonar", "goto", "interface")
+        yield environment
 
 
 def say_states(mesh: ZenohMesh, stop: Callable[[int], Stop], over: threading.Event) -> None:
@@ -200,18 +222,9 @@ def test_stopped_is_said_if_the_robot_agent_goes_on_saying_so(
     ],
 )
 def test_a_goal_that_is_no_place_is_refused_in_one_line_and_nothing_moves(
-    run: Run,
-    start: Start,
-    environment: dict[str, str],
-    robot: None,
-    words: tuple[str, ...],
-    code: int,
-    told: str,
+    whole: dict[str, str], words: tuple[str, ...], code: int, told: str
 ) -> None:
-    for name in ("encoder", "sonar", "goto", "interface"):
-        start(name, program="armadico-agent")
-    who(run, "robot", "encoder", "sonar", "goto", "interface")
-    with guest(environment) as mesh:
+    with guest(whole) as mesh:
         client = Client(mesh)
         moved: list[Truth] = []
 
@@ -223,7 +236,7 @@ def test_a_goal_that_is_no_place_is_refused_in_one_line_and_nothing_moves(
         client.listen(Truth, then=keep)
         client.listen(Trajectory)
         assert client.wait_for(lambda: client.latest(Truth), SOON)
-        done = run("goto", *words)
+        done = call("goto", *words, env=whole)
         client.wait_for(lambda: None, 1.0)
         driven = client.latest(Trajectory)
     assert done.returncode == code, done.stdout + done.stderr
@@ -234,11 +247,8 @@ def test_a_goal_that_is_no_place_is_refused_in_one_line_and_nothing_moves(
     assert driven is None or not driven.waypoints
 
 
-def test_a_goal_is_reached(run: Run, start: Start, robot: None) -> None:
-    for name in ("encoder", "sonar", "goto", "interface"):
-        start(name, program="armadico-agent")
-    who(run, "robot", "encoder", "sonar", "goto", "interface")
-    done = run("goto", "0.5", "0", "0", "--direct")
+def test_a_goal_is_reached(whole: dict[str, str]) -> None:
+    done = call("goto", "0.5", "0", "0", "--direct", env=whole)
     assert done.returncode == 0, done.stdout + done.stderr
     assert "the goal is reached" in done.stdout
 
@@ -263,7 +273,9 @@ def test_missions_of_a_society_that_is_up_are_shown_and_cancelled(
     run: Run, start: Start, environment: dict[str, str]
 ) -> None:
     start("interface", program="armadico-agent")
-    start("mission-planning", "--set", "world=surveillance", program="armadico-agent")
+    # Nobody will ever say where the robot is; that is not waited for.
+    settings = ("--set", "world=surveillance", "--set", "lost_s=0")
+    start("mission-planning", *settings, program="armadico-agent")
     who(run, "interface", "mission-planning")
     assert run("mission", "status").stdout == "no missions\n"
     rows = 'steps = [{ do = "take-photo", else = [{ do = "wait", seconds = 600 }] }]'

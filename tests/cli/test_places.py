@@ -183,7 +183,8 @@ def test_a_name_that_nobody_knows_is_no_address_of_this_machine(table: Path) -> 
         (("--with", "gotoo"), "no agent 'gotoo'; did you mean 'goto'?"),
         (("--robot", "ttyUSB0"), "--robot 'ttyUSB0': expected serial:///dev/ttyUSB0 or tcp://"),
         (("--without", "goto"), "nothing of the table is lab1's to start"),
-        (("sc44",), "no scenario 'sc44'; did you mean"),
+        (("sc44",), "no mission and no scenario 'sc44'; did you mean 'sc4'?"),
+        (("rouns",), "no mission and no scenario 'rouns'; did you mean 'rounds'?"),
     ],
 )
 def test_a_wrong_use_of_up_is_told_before_anybody_is_started(

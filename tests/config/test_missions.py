@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
+import random
 from pathlib import Path
 
+import numpy as np
 import pytest
 
 from armadico.config.errors import ConfigError
@@ -96,6 +98,22 @@ TWICE_ELSE = (
     'do = "move", to = "R1", else = [{ do = "wait", seconds = 1, else = [{ do = "wait" }] }]'
 )
 
+IN = """
+[procedures.in]
+takes = ["room"]
+when = { room = "$room" }
+steps = [{ do = "take-photo" }]
+"""
+
+
+def look(row: str, *takes: str) -> str:
+    """A mission with a procedure for alarms, of one step."""
+    return (
+        f'on_alarm = "look"\n{PHOTO}\n[procedures.look]\ntakes = {["room", *takes]}\n'
+        f"steps = [\n  {{ {row} }},\n]"
+    )
+
+
 WRONG_STEPS = [
     ('do = "mve", to = "R1"', "2: no task or procedure 'mve'; did you mean 'move'?"),
     ('do = "move", to = "R111"', "2: no place 'R111' in 'surveillance'; did you mean 'R11'?"),
@@ -121,6 +139,15 @@ WRONG_STEPS = [
 ]
 
 WRONG = [
+    (steps('do = "move", to = ""'), "2: no place '' in 'surveillance'"),
+    (steps('do = "in", room = 3', more=IN), "7: room = 3.0: expected a room's name"),
+    (steps('do = "in", room = [1, 2]', more=IN), "7: room = (1.0, 2.0): expected a room's name"),
+    (f"{PHOTO}\n[procedures.a]\n{PHOTO}\n[procedures.b]\nsteps = []", "5: procedures.b.steps = []"),
+    (f"{PHOTO}\n[procedures.a]\n{PHOTO}\ngoal = 3", "4: procedures.a.goal = 3: expected a string"),
+    (f'{PHOTO}\n[procedures."a.b"]\ngoal = 3', "3: procedures.a.b.goal = 3: expected a string"),
+    (look('do = "move", to = "R111"'), "6: no place 'R111' in 'surveillance'; did you mean 'R11'?"),
+    (look('do = "move", to = "$rom"'), "6: to = '$rom': the procedure takes no 'rom'"),
+    (look('do = "wait", seconds = "$s"', "s"), "1: 'look' is not told its s: s = ..."),
     (steps('do = "a"', more=CIRCLE), "11: procedure 'a' calls itself: a -> b -> a"),
     (steps('do = "a"', more=OWN_CIRCLE), "7: procedure 'a' calls itself: a -> a"),
     (steps('do = "take-photo"', more=TASK), "5: procedure 'move': a task is called so"),
@@ -165,6 +192,37 @@ def test_a_room_without_a_way_in_cannot_be_reached_and_one_that_is_full_not_stoo
     assert fault(there % "C", places).startswith(
         "m.toml:2: in room 'C' of 'w' the robot can turn nowhere"
     )
+
+
+def test_around_a_building_nobody_is_and_where_nothing_has_a_name_anywhere(
+    building: Places,
+) -> None:
+    points = np.array([[2.0, 2.0], [2.0, 8.0], [10.0, 5.0], [6.0, 8.0], [10.0, 2.0], [0.33, 5.0]])
+    assert building.inhabited(points).tolist() == [True, True, True, False, False, True]
+    nameless = World("w", building.world.walls, building.world.bounds)
+    assert Places(nameless, load_profile("pioneer-2dx").body).inhabited(points).all()
+
+
+def test_what_can_be_got_to_is_what_a_flood_from_there_reaches() -> None:
+    body = load_profile("pioneer-2dx").body
+    box = ((0.0, 0.0, 6.0, 0.0), (6.0, 0.0, 6.0, 6.0), (6.0, 6.0, 0.0, 6.0), (0.0, 6.0, 0.0, 0.0))
+    for seed in range(5):
+        rng = random.Random(seed)
+        ends = ([rng.uniform(0.0, 6.0) for _ in range(4)] for _ in range(9))
+        walls = tuple((x, y, x + 0.4 * (a - 3.0), y + 0.4 * (b - 3.0)) for x, y, a, b in ends)
+        goals = {f"g{n}": (rng.uniform(0, 6), rng.uniform(0, 6), 0.0) for n in range(40)}
+        world = World("w", box + walls, (0.0, 0.0, 6.0, 6.0), goals=goals)
+        places = Places(world, body)
+        start = next(goal[:2] for goal in goals.values() if places._free[places._cell(*goal[:2])])
+        reached, edge = set[tuple[int, int]](), [places._cell(*start)]
+        while edge:
+            column, row = cell = edge.pop()
+            inside = 0 <= column < places._free.shape[0] and 0 <= row < places._free.shape[1]
+            if cell not in reached and inside and places._free[cell]:
+                reached.add(cell)
+                edge += [(column + 1, row), (column - 1, row), (column, row + 1), (column, row - 1)]
+        cut_off = {n for n, goal in goals.items() if places._cell(*goal[:2]) not in reached}
+        assert {*places.unreachable(start, goals)} == cut_off
 
 
 def test_in_a_room_it_stands_in_the_middle_or_as_near_to_it_as_there_is_room() -> None:

@@ -6,7 +6,7 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 
 import pytest
-from hypothesis import given, settings
+from hypothesis import example, given, settings
 from hypothesis import strategies as st
 from msgspec.structs import replace
 
@@ -124,7 +124,7 @@ def meet(
 def test_among_agents_of_another_protocol_it_names_one_and_does_not_join() -> None:
     admission = Admission("goto", "goto-1", 0.0)
     meet(admission, "avoid-2", 0.0)
-    settle(admission, 0.0)
+    assert settle(admission, 0.0) == pytest.approx(GRACE_S), "an owner may come yet"
     assert admission.stage is Stage.REFUSED
     for part in ("avoid-2", "lab3", "42", f"protocol {PROTOCOL + 1}", f"this one {PROTOCOL}"):
         assert part in admission.refusal
@@ -158,6 +158,69 @@ def test_whoever_speaks_an_owners_protocol_stays(protocol: int, stays: bool) -> 
     meet(admission, "robot-3", 0.0, protocol, owns=("wheels",))
     settle(admission, 0.0)
     assert admission.look(100.0) is (Stage.JOINED if stays else Stage.REFUSED)
+
+
+def replay(
+    admission: Admission, news: dict[str, Card], comes: dict[str, tuple[float, float]]
+) -> None:
+    """Whose tokens come when, and how long their cards take after they were asked for."""
+    coming: list[tuple[float, str, str]] = [(at, who, "token") for who, (at, _) in comes.items()]
+    now = 0.0
+    while True:
+        for _, who in admission.questions(now):
+            coming.append((now + comes[who][1], who, "card"))
+        admission.look(now)
+        due = admission.wakeup
+        if admission.stage is Stage.REFUSED or (due is None and not coming):
+            return
+        now = min([at for at, *_ in coming] + ([due] if due is not None else []))
+        for item in [item for item in coming if item[0] <= now]:
+            coming.remove(item)
+            _, who, what = item
+            if what == "token":
+                admission.appeared(news[who].name, who, now)
+            else:
+                admission.answered(who, news[who], now)
+
+
+LATE = st.tuples(st.floats(0.001, GRACE_S - CARD_S), st.floats(0.001, 0.99 * CARD_S))
+
+
+@given(owner=LATE, stranger=LATE, alone=st.booleans())
+@example(owner=(0.03, 0.002), stranger=(0.01, 0.002), alone=False)
+def test_whichever_token_comes_first_it_joins_the_owner_who_speaks_its_protocol(
+    owner: tuple[float, float], stranger: tuple[float, float], alone: bool
+) -> None:
+    """Links come up one after another: the stranger's card came first, and it went at once."""
+    admission = Admission("goto", "goto-1", 0.0, alone=alone)
+    news = {
+        "robot-3": card("robot-3", owns=("wheels",), tenure=30),
+        "avoid-2": card("avoid-2", PROTOCOL + 1, tenure=30),
+    }
+    replay(admission, news, {"robot-3": owner, "avoid-2": stranger})
+    assert admission.stage is Stage.JOINED
+
+
+def test_it_joins_once_the_strangers_have_gone() -> None:
+    """As where one protocol's agents are taken down while the next's come up."""
+    admission = Admission("goto", "goto-1", 0.0)
+    meet(admission, "avoid-2", 0.0)
+    assert admission.look(1.0) is Stage.LOOKING
+    admission.disappeared("avoid-2", 1.0)
+    assert settle(admission, 1.0) < GRACE_S
+    assert admission.stage is Stage.JOINED
+
+
+def test_an_owners_card_that_is_on_its_way_is_waited_for_at_the_end_of_the_grace() -> None:
+    admission = Admission("goto", "goto-1", 0.0)
+    end = settle(admission, 0.0) + GRACE_S
+    meet(admission, "avoid-2", end - 0.2)
+    admission.appeared("robot", "robot-3", end - 0.1)
+    assert admission.questions(end - 0.1)
+    assert admission.look(end) is Stage.JOINED
+    assert admission.wakeup == pytest.approx(end - 0.1 + CARD_S)
+    admission.answered("robot-3", card("robot-3", owns=("wheels",)), end + 0.1)
+    assert admission.look(100.0) is Stage.JOINED
 
 
 def test_a_robot_agent_that_has_joined_does_not_leave_for_a_stranger_that_comes_later() -> None:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Iterator
 from typing import Any
 
 import cbor2
@@ -118,11 +119,50 @@ def of(kind: type[Message]) -> st.SearchStrategy[Any]:
     return values(shape.type_info(kind))
 
 
+def inside(kind: shape.Type) -> Iterator[shape.Type]:
+    """A type, and those that it is made of."""
+    yield kind
+    if isinstance(kind, shape.StructType):
+        for field in kind.fields:
+            yield from inside(field.type)
+    elif isinstance(kind, shape.UnionType):
+        for part in kind.types:
+            yield from inside(part)
+    elif isinstance(kind, shape.VarTupleType):
+        yield from inside(kind.item_type)
+
+
+def torn(kind: shape.Type) -> list[shape.Type]:
+    """Unions that msgspec cannot free: of a text with a pattern, and of what has items.
+
+    It takes the pattern for the type of the items, and frees it too: to drop a
+    `Decoder(Annotated[str, Meta(pattern="a")] | list[int])` corrupts the memory (0.22.0, to be seen
+    with PYTHONMALLOC=debug), so an interpreter with such a message could end with an abort.
+    """
+    return [
+        union
+        for union in inside(kind)
+        if isinstance(union, shape.UnionType)
+        and any(isinstance(part, shape.StrType) and part.pattern for part in union.types)
+        and any(isinstance(part, shape.CollectionType | shape.DictType) for part in union.types)
+    ]
+
+
+# Put together by hand: to ask msgspec about such a type is to make it, and to free it.
+TORN = shape.UnionType((shape.StrType(pattern="a"), shape.VarTupleType(shape.FloatType())))
+
+
+@pytest.mark.parametrize("kind", KINDS, ids=lambda kind: kind.__name__)
+def test_no_message_is_of_a_type_that_msgspec_cannot_free(kind: type[Message]) -> None:
+    assert torn(shape.VarTupleType(TORN)) == [TORN], "it would be found"
+    assert not torn(shape.type_info(kind))
+
+
 POSE = m.Pose(m.Cycle(7, 3), 1.0, -2.0, 0.5)
 
 
 @pytest.mark.parametrize("kind", KINDS, ids=lambda kind: kind.__name__)
-@settings(max_examples=30)
+@settings(max_examples=15)  # of each kind, and kinds share their parts
 @given(data=st.data())
 def test_every_message_comes_back_as_it_was(kind: type[Message], data: st.DataObject) -> None:
     message = data.draw(of(kind))
@@ -130,7 +170,7 @@ def test_every_message_comes_back_as_it_was(kind: type[Message], data: st.DataOb
 
 
 @pytest.mark.parametrize("kind", KINDS, ids=lambda kind: kind.__name__)
-@settings(max_examples=20)
+@settings(max_examples=10)
 @given(data=st.data())
 def test_on_the_wire_a_message_is_at_most_twice_as_long_as_in_message_pack(
     kind: type[Message], data: st.DataObject

@@ -37,6 +37,17 @@ def far(tmp_path: Path) -> str:
 
 
 ALONE = {"robot": ("robot", *AGENTS, "monitor"), "lab3": ()}
+FAULTS = (
+    (SIGKILL, "encoder"),
+    (SIGSTOP, "sonar"),
+    (SIGKILL, "goto"),
+    (SIGSTOP, "avoid"),
+    (SIGKILL, "interface"),
+    (SIGSTOP, "monitor"),
+    (SIGKILL, "monitor"),
+)
+"""Either end of a process, and everybody; tests/launch/test_monitor.py has others hang."""
+
 PAIR = {
     "robot": ("robot", "encoder", "sonar", "monitor"),
     "lab": ("goto", "avoid", "interface", "monitor"),
@@ -67,13 +78,12 @@ def instances(observer: Observer, name: str) -> set[str]:
 
 
 @pytest.mark.parametrize("table", [pytest.param(ALONE, id="one host")], indirect=True)
-def test_each_agent_that_is_killed_or_hangs_is_back_once_and_the_mission_goes_on(
+def test_agents_that_are_killed_or_hang_are_back_once_and_the_mission_goes_on(
     up: Start, far: str, observer: Observer
 ) -> None:
     process = up("robot", far, "--restarts", "50")
     sent_off(observer)
-    faults = [(number, name) for number in (SIGKILL, SIGSTOP) for name in (*AGENTS, "monitor")]
-    for number, name in faults:
+    for number, name in FAULTS:
         (before,) = instances(observer, name)
         children(process)[name].send_signal(number)
 
@@ -86,8 +96,9 @@ def test_each_agent_that_is_killed_or_hangs_is_back_once_and_the_mission_goes_on
     _, errors = process.communicate(timeout=SOON)
     assert process.returncode == 0, errors
     restarts = [line for line in errors.splitlines() if "it is started again" in line]
-    assert len(restarts) == len(faults), errors
-    assert sum("is killed: " in line for line in errors.splitlines()) == len(faults) / 2, errors
+    assert len(restarts) == len(FAULTS), errors
+    hung = [name for number, name in FAULTS if number == SIGSTOP]
+    assert sum("is killed: " in line for line in errors.splitlines()) == len(hung), errors
 
 
 @pytest.mark.parametrize("table", [pytest.param(PAIR, id="two hosts")], indirect=True)

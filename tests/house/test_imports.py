@@ -49,9 +49,9 @@ RULES: tuple[tuple[str, str, tuple[str, ...]], ...] = (
 )
 
 APART: dict[str, tuple[str, ...]] = {
-    "armadico.bridge": ("armadico.bridge.simulator.command",),
+    "armadico.bridge": ("armadico.bridge.simulator.command", "armadico.bridge.ros2.command"),
 }
-"""A command, which is a command as anybody's."""
+"""Commands, which are commands as anybody's."""
 
 SANS_IO = (
     *(

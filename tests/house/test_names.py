@@ -12,10 +12,12 @@ ROOMS = ("core", "config", "mesh", "runtime", "observe", "launch", "cli")
 
 EXCEPTIONS = {
     ("armadico.mesh.topology", "fleet"): "the first part of keys that robots share",
+    ("armadico.core.messages", "sonar"): "the sensor of whoever names none: others came later",
     ("armadico.cli.fleet", "robot"): "an option, --robot, and a column",
     ("armadico.config.scenarios", "robot"): "a key of a scenario's file: its robot's profile",
     ("armadico.config.hosts", "robot"): "a key of a host's entry: its robot's address",
     ("armadico.cli.run", "robot"): "an option, --robot",
+    ("armadico.cli.doctor", "monitor"): "what is checked: a row of the table",
     ("armadico.cli.top", "robot"): "a part of a snapshot: what the robot does",
 }
 """What is spelt like an agent and is none. Each is there, and no other is."""

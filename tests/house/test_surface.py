@@ -18,6 +18,9 @@ SURFACE = {
     # what an agent of one's own is made of
     *("Agent", "Behaviour", "Bid", "DeviceAgent", "Identity", "Parameters", "Question"),
     *("Resource", "Route", "Safety", "WHEELS"),
+    # steps of missions of one's own
+    *("Beliefs", "Charge", "Done", "Drive", "Explore", "Failed", "Going", "Progress", "Reach"),
+    *("Stand", "Task"),
     # messages
     *("Ack", "Ask", "Ballot", "BidHistory", "BidRecord", "Card", "Cell", "Claim", "Command"),
     *("Cycle", "Description", "Echo", "Latched", "LocalMap", "Log", "Message"),

@@ -26,7 +26,13 @@ class Drive:
     """A run between the rooms, watched."""
 
     def __init__(
-        self, folder: Path, world: str, moving: str, seed: int, limit: float = 400
+        self,
+        folder: Path,
+        world: str,
+        moving: str,
+        seed: int,
+        limit: float = 400,
+        parameters: str = "",
     ) -> None:
         (folder / "doors.map").write_text(world + "\n")
         path = folder / "doors.toml"
@@ -34,11 +40,15 @@ class Drive:
             'world = "doors.map"\nstart = [1.5, 3.0, 0.0]\ngoal = [7.5, 3.0, 0.0]\n'
             f'plan = "rooms"\n{moving}'
         )
+        chosen = folder / "parameters.toml"
+        chosen.write_text(parameters)
         self.notes: list[tuple[float, str]] = []
         self.missions: set[int] = set()
         self.speed = 0.0
         self.scenario: Scenario = ideal(load_scenario(path))
-        self.rehearsal = Rehearsal(self.scenario, Options(seed=seed, limit=limit))
+        self.rehearsal = Rehearsal(
+            self.scenario, Options(seed=seed, limit=limit, parameters=str(chosen))
+        )
         mesh = self.rehearsal.mesh
         mesh.watch(lambda _k, m, t: self.notes.append((t, m.note)), MissionStatus)
         mesh.watch(lambda _k, m, _t: self.missions.add(m.mission), Trajectory)
@@ -56,6 +66,9 @@ class Drive:
         """For how long no way was free, s."""
         times = [t for t, note in self.notes if note.startswith("waits")]
         return times[-1] - times[0] if times else 0.0
+
+
+IMPATIENT = "[interface]\ngive_up_s = 20.0\n"
 
 
 def door(*times: float) -> str:
@@ -86,7 +99,7 @@ def test_where_the_only_door_shuts_for_a_minute_it_waits_and_goes_on(
 def test_where_it_never_opens_the_mission_fails_with_the_reason_and_the_robot_stands(
     tmp_path: Path,
 ) -> None:
-    drive = Drive(tmp_path, ONE_DOOR, door(2.0), seed=1)
+    drive = Drive(tmp_path, ONE_DOOR, door(2.0), seed=1, parameters=IMPATIENT)
     result = drive.run()
     assert not result.reached
     assert not result.passed

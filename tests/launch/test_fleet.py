@@ -9,9 +9,10 @@ from msgspec.structs import replace
 
 from armadico.config.errors import ConfigError
 from armadico.config.scenarios import Scenario, load_scenario
+from armadico.core.messages import FleetStatus
 from armadico.launch.fleet import FleetRehearsal, robots_of
 from armadico.launch.society import Options
-from armadico.observe.fleet import FleetResult
+from armadico.observe.fleet import FleetResult, FleetWatch
 
 FLEET = load_scenario("fleet")
 SHORT = replace(FLEET, tasks=FLEET.tasks[:1] + FLEET.tasks[9:11], look_s=2.0)
@@ -29,9 +30,19 @@ def test_two_robots_share_the_tasks_and_touch_nothing() -> None:
 
 
 def test_the_same_seed_is_the_same_run() -> None:
-    one, other = run(SHORT, 2, 5), run(SHORT, 2, 5)
+    one, other = (run(SHORT, 2, 5, limit=20.0) for _ in range(2))
+    assert all(row.way_m > 1.0 for row in one.robots), "both are on their way"
     assert one == other
-    assert run(SHORT, 2, 6) != one
+    assert run(SHORT, 2, 6, limit=20.0) != one
+
+
+def test_a_robot_that_has_fallen_silent_is_not_said_to_hold_anything() -> None:
+    watch = FleetWatch("fleet", ("r1", "r2"), 3)
+    watch.show("r1", FleetStatus(1, 3, 0, (0,)), 1.0)
+    watch.show("r2", FleetStatus(1, 3, 0, (1, 2)), 1.0)
+    assert watch.remark == "0 of 3 done; held: r1 1, r2 2"
+    watch.show("r1", FleetStatus(1, 3, 0, (0,)), 7.0)
+    assert watch.remark == "0 of 3 done; held: r1 1, r2 silent"
 
 
 def test_a_robot_that_dies_on_the_way_stands_there_and_the_others_do_its_tasks() -> None:

@@ -3,15 +3,21 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from math import inf, nan
+from math import inf, nan, radians
+from pathlib import Path
+from typing import ClassVar
 
 import numpy as np
 import pytest
 from msgspec.structs import replace
 
+from armadico.bridge.simulator.plant import Plant
 from armadico.bridge.simulator.simulated import SimulatedRobot
 from armadico.config.scenarios import Scenario, ideal, load_scenario
-from armadico.core.messages import Log, Message, Obstacles, Scan, Truth
+from armadico.config.shipped import find
+from armadico.core.agent import Agent
+from armadico.core.messages import Log, Message, Obstacles, RobotState, Scan, Truth
+from armadico.core.scans import message_of
 from armadico.launch.society import Options, prepared
 from armadico.launch.virtual import Rehearsal
 from armadico.observe.measures import Result
@@ -65,6 +71,74 @@ class Drive:
         truth = self.run.watch.view.truth
         assert isinstance(truth, Truth)
         return truth.v
+
+
+# Sonars and a laser -------------------------------------------------------------------------------
+
+LASER = """
+[laser]
+x_m = 0.1
+y_m = 0.0
+bearing_deg = 0.0
+min_m = 0.1
+max_m = 8.0
+angle_min_deg = -90.0
+angle_max_deg = 90.0
+rays = 181
+rate_hz = 10.0
+noise_m = 0.01
+"""
+
+
+class Sick(Agent):
+    """A laser with a line of its own, on a robot whose controller knows nothing of it."""
+
+    name = "sick"
+    provides = (Scan,)
+    hears = (RobotState,)
+    plant: ClassVar[Plant]
+
+    def on_robot_state(self, state: RobotState) -> None:
+        angles = radians(-90.0), radians(1.0)
+        ranges = self.plant.scan()
+        number = state.cycle.number
+        self.publish(
+            message_of(state.cycle, ranges, angles, (0.1, 8.0), (0.1, 0.0, 0.0), number=number)
+        )
+
+
+@pytest.mark.parametrize("silent", ["sonar", "laser"])
+def test_with_sonars_and_a_laser_both_count_and_without_one_of_them_nobody_drives(
+    silent: str, tmp_path: Path
+) -> None:
+    profile = tmp_path / "both.toml"
+    profile.write_text(find("robots", "pioneer-2dx").read_text() + LASER)
+    run = rehearsal("rooms-a", str(profile))
+    robot = run.robot
+    assert isinstance(robot, SimulatedRobot)
+    Sick.plant = robot.plant
+    run.add(Sick)
+    by: set[str] = set()
+    run.mesh.watch(lambda _k, m, _t: by.add(m.sensor), Obstacles)  # type: ignore[attr-defined]
+    run.start()
+    run.begin()
+    run.mesh.run(run.mesh.now + 5.0, lambda: run.watch.done)
+    assert by == {"sonar", "laser"}
+    truth = run.watch.view.truth
+    assert isinstance(truth, Truth)
+    assert truth.v > 0.1
+    run.mesh.node(silent).kill()
+    run.mesh.run(run.mesh.now + 2.0, lambda: run.watch.done)
+    truth = run.watch.view.truth
+    assert isinstance(truth, Truth)
+    assert abs(truth.v) < 0.01
+    found = run.mesh.node("goto").agent.bids[-1].reason
+    assert found == f"no fresh {silent}/obstacles"
+    run.enter(silent)
+    run.mesh.run(run.mesh.now + 90.0, lambda: run.watch.done)
+    result = run.watch.result()
+    assert result.reached
+    assert result.collisions == 0
 
 
 ALL_BAD: dict[str, Callable[[Ranges], Ranges]] = {

@@ -11,7 +11,7 @@ from pathlib import Path
 import psutil
 import pytest
 
-from armadico.launch.processes import orphans
+from armadico.launch.processes import Process, orphans
 
 SOON = 20.0
 NAMESPACE = f"orphans-{os.getpid()}"
@@ -39,3 +39,13 @@ def test_one_that_hangs_when_its_launcher_is_killed_is_found(tmp_path: Path, tie
     finally:
         orphan.kill()
         psutil.wait_procs([orphan], timeout=SOON)
+
+
+def test_a_process_is_started_whatever_has_become_of_its_log(tmp_path: Path) -> None:
+    cleaned, taken = tmp_path / "gone" / "goto.log", tmp_path / "folder.log"
+    taken.mkdir()
+    for log in (cleaned, taken):
+        process = Process("goto", ["--version"], log)
+        assert process.popen.wait(SOON) == 0
+        assert process.last_words()
+    assert "armadico" in cleaned.read_text()

@@ -8,12 +8,15 @@ from pathlib import Path
 import pytest
 
 from armadico.config.loading import names as shipped
+from armadico.config.profile import NEVER_S, load_profile
 from armadico.config.scenarios import load_scenario, sensing
 from armadico.launch.society import Options, names, prepared
 from armadico.launch.virtual import Rehearsal
 from tests.house.tree import modules
 
 ROBOTS = ("jackal", "turtlebot3-burger", "turtlebot4", "create3")
+WATCHED_AND_NOT = ROBOTS[:2]
+"""One with a watchdog of its own, and one without."""
 
 
 @pytest.mark.parametrize("robot", ROBOTS)
@@ -44,3 +47,66 @@ def test_no_behaviour_knows_which_robot_it_drives(agent: str) -> None:
     words = {node.value for node in ast.walk(ast.parse(text)) if isinstance(node, ast.Constant)}
     assert not words & {*shipped("robots"), "sonar", "laser"}
     assert "load_profile" not in text
+
+
+class Watched:
+    """A run of one robot, and what its base was doing."""
+
+    def __init__(self, robot: str, name: str = "sc4", seed: int = 12) -> None:
+        options = Options(seed=seed)
+        scenario = prepared(load_scenario(name), options, profile=robot)
+        self.run = Rehearsal(scenario, options)
+        self.run.start()
+        self.run.begin()
+        self.mesh, self.plant = self.run.mesh, self.run.robot.plant
+
+    def drive(self, at_least: float = 0.15) -> None:
+        """Until it is under way."""
+        self.mesh.run(self.mesh.now + 30.0, lambda: self.plant.speeds[0] > at_least)
+        assert self.plant.speeds[0] > at_least
+
+    def pass_s(self, seconds: float) -> None:
+        self.mesh.run(self.mesh.now + seconds)
+
+
+@pytest.mark.parametrize("robot", WATCHED_AND_NOT)
+def test_a_robot_agent_that_is_killed_and_started_again_goes_on(robot: str) -> None:
+    watched = Watched(robot)
+    watched.drive()
+    watched.mesh.node("robot").kill()
+    watched.pass_s(1.5)
+    stopped = abs(watched.plant.speeds[0]) < 0.01
+    assert stopped == (load_profile(robot).watchdog_s < NEVER_S)  # its own, if it has one
+    watched.run.enter("robot")
+    watched.pass_s(2.0)
+    result = watched.run.run()
+    assert result.reached, result.why
+    assert result.collisions == 0
+
+
+@pytest.mark.parametrize("robot", WATCHED_AND_NOT)
+def test_who_hangs_stops_it_by_its_watchdog_and_comes_back_with_zero(robot: str) -> None:
+    watched = Watched(robot)
+    watched.drive()
+    node = watched.mesh.node("robot")
+    node.hang()
+    watched.pass_s(1.5)
+    node.resume()
+    watched.pass_s(0.3)
+    slowed = abs(watched.plant.speeds[0])
+    assert slowed < 0.1
+    result = watched.run.run()
+    assert result.reached, result.why
+
+
+@pytest.mark.parametrize("robot", WATCHED_AND_NOT)
+def test_without_whoever_sees_it_rests(robot: str) -> None:
+    """Nobody drives blind: fresh or silent."""
+    watched = Watched(robot)
+    watched.drive()
+    watched.mesh.node("laser").kill()
+    watched.pass_s(2.0)
+    assert abs(watched.plant.speeds[0]) < 0.01
+    watched.run.enter("laser")
+    watched.pass_s(2.0)
+    watched.drive(0.1)

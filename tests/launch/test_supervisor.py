@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import errno
 from pathlib import Path
 
 import pytest
@@ -71,3 +72,29 @@ def test_a_long_log_is_begun_anew_while_it_is_written_to(
         assert tail.loud() == ["goto: ERROR short"]
         tail.turn()
     assert log.stat().st_size == len(f"{STAMP} ERROR short\n")
+
+
+def test_a_log_that_somebody_has_deleted_ends_nobody(log: Path) -> None:
+    tail = Tail("goto", log)
+    write(log, f"{STAMP} ERROR first")
+    assert tail.loud() == ["goto: ERROR first"]
+    log.unlink()
+    assert tail.loud() == []
+    tail.turn()
+    write(log, f"{STAMP} ERROR two")
+    assert tail.loud() == ["goto: ERROR two"]
+
+
+def test_a_long_log_is_begun_anew_where_there_is_no_room_for_the_old_one(
+    log: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def full(*_: object) -> None:
+        raise OSError(errno.ENOSPC, "No space left on device")
+
+    monkeypatch.setattr("armadico.launch.supervisor.LOG_BYTES", 100)
+    monkeypatch.setattr("armadico.launch.supervisor.shutil.copyfile", full)
+    tail = Tail("goto", log)
+    write(log, f"{STAMP} INFO {'long ' * 30}")
+    tail.loud()
+    tail.turn()
+    assert log.stat().st_size == 0

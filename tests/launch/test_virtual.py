@@ -48,7 +48,7 @@ BRAKING_S = 3.0
 LINE = ideal(Scenario(name="line", world="sc1", start=(-1.5, 0.0, 0.0), goal=(6.5, 0.0, 0.0)))
 
 
-@pytest.mark.parametrize("seed", range(3))
+@pytest.mark.parametrize("seed", range(2))
 @pytest.mark.parametrize("name", SCENARIOS)
 def test_every_scenario_reaches_its_goal_and_touches_nothing(name: str, seed: int) -> None:
     result = Rehearsal(ideal(load_scenario(name)), Options(seed=seed)).run()
@@ -141,18 +141,16 @@ def digest(name: str, seed: int) -> str:
 
 def test_the_same_seed_is_the_same_run_byte_for_byte_in_any_process() -> None:
     call = f"from {__name__} import digest; print(digest('sc3', 3))"
-    digests = {
-        subprocess.run(
-            [sys.executable, "-c", call],
-            capture_output=True,
-            text=True,
-            check=True,
-            env=os.environ | {"PYTHONHASHSEED": hash_seed},
-        ).stdout.strip()
-        for hash_seed in ("1", "2")
-    }
-    assert digests == {digest("sc3", 3)}
-    assert digest("sc3", 4) not in digests
+    hash_seed = "1" if os.environ.get("PYTHONHASHSEED") != "1" else "2"  # another than here
+    other = subprocess.run(
+        [sys.executable, "-c", call],
+        capture_output=True,
+        text=True,
+        check=True,
+        env=os.environ | {"PYTHONHASHSEED": hash_seed},
+    ).stdout.strip()
+    assert other == digest("sc3", 3)
+    assert other != digest("sc3", 4)
 
 
 def test_an_agent_more_leaves_the_others_noise_as_it_was() -> None:

@@ -31,8 +31,12 @@ from armadico.core.messages import (
     encode,
 )
 from armadico.core.tasks import Beliefs, Done, Task
+from armadico.launch.attached import AttachedRun
+from armadico.launch.society import Options
+from armadico.mesh.virtual_session import VirtualSession
+from armadico.observe.measures import RunWatch
 from armadico.runtime.errors import MissionRefusedError
-from tests.missions.building import SURVEY, Building, text
+from armadico_tools.building import SURVEY, Building, text
 
 NEAR = 'do = "move", to = "R2"'
 
@@ -71,6 +75,21 @@ def test_a_mission_is_cancelled_by_number_and_the_robot_stands() -> None:
     assert (after.x, after.y) == pytest.approx((before.x, before.y), abs=0.02)
 
 
+def test_who_watches_a_mission_that_is_cancelled_leaves_the_robot_to_the_next_one() -> None:
+    building = Building()
+    other = building.taken(text(NEAR), 0.1)
+    session = VirtualSession(building.mesh)
+
+    def cancel(watch: RunWatch) -> None:
+        if not watch.done and watch.elapsed > 3.0:
+            building.cancel(watch.mission)
+
+    with AttachedRun(building.rehearsal.scenario, Options(), session) as run:
+        assert run.run(cancel).done is False
+    building.until(lambda: building.ended(other), 60.0)
+    assert building.mission(other).state is MissionEnd.DONE
+
+
 def test_while_a_mission_is_driven_a_goal_of_people_s_is_refused() -> None:
     building = Building()
     building.taken()
@@ -91,7 +110,7 @@ def test_too_many_missions_are_refused_and_the_board_always_fits_into_a_message(
         60.0,
     )
     assert building.board is not None
-    assert len(building.board.missions) == 8
+    assert len(building.board.missions) == 14 - len(refused)
     assert all(len(encode(board)) <= LARGEST_PAYLOAD for board in building.heard(Board))
     assert all(m.text == b"" for m in building.board.missions)
 
@@ -178,7 +197,7 @@ def test_an_exploration_is_asked_for_and_waited_for() -> None:
     assert explorer.asked_for == ExploreRequest(0.0, 0.0, 4.0, 4.0)
     explorer.refuses = "nobody makes a map"
     number = building.taken(text('do = "explore"'))
-    building.until(lambda: building.ended(number), 10.0)
+    building.until(lambda: building.ended(number), 45.0)  # it is asked again for 30 s
     assert building.mission(number).note == "explore: nobody makes a map"
 
 
@@ -203,7 +222,11 @@ class SlowExplorer(Agent):
             self.mission = reply.mission
 
         self.ask(MissionRequest(Waypoint(9.0, 5.0, 0.0), planned=False), taken)
-        return MissionReply(77)
+        self.number = self.rng.getrandbits(63)
+        return MissionReply(self.number)
+
+    def on_start(self) -> None:
+        self.wake_at(self.now + 0.5)
 
     def on_mission_status(self, status: MissionStatus) -> None:
         if self.mission and status.mission != self.mission:
@@ -211,7 +234,72 @@ class SlowExplorer(Agent):
 
     def on_wakeup(self) -> None:
         self.wake_at(self.now + 0.5)
-        self.publish(ExploreStatus(77, self.state))
+        exploration = 0 if self.state is ExploreState.NONE else self.number
+        self.publish(ExploreStatus(exploration, self.state))
+
+
+def test_an_exploration_whose_agent_is_started_again_is_asked_for_anew() -> None:
+    building = Building()
+    first = building.joins(SlowExplorer)
+    building.run(1.0)
+    number = building.taken(text('do = "explore"'))
+    building.run(5.0)
+    first.kill()
+    building.run(5.0)
+    second: Any = building.joins(SlowExplorer).agent
+    building.until(lambda: second.state is ExploreState.EXPLORING, 10.0)
+    second.state = ExploreState.DONE
+    building.until(lambda: building.ended(number), 5.0)
+    assert building.mission(number).state is MissionEnd.DONE
+
+
+def test_an_exploration_whose_agent_is_gone_for_good_fails() -> None:
+    building = Building()
+    explorer = building.joins(SlowExplorer)
+    building.run(1.0)
+    number = building.taken(text('do = "explore"'))
+    building.run(5.0)
+    explorer.kill()
+    building.until(lambda: building.ended(number), 60.0)
+    assert building.mission(number).note == "explore: the explore agent says nothing"
+
+
+class LateExplorer(SlowExplorer):
+    """Thinks for a while before it begins."""
+
+    question: Question | None = None
+
+    def on_explore_request(self, question: Question) -> Any:
+        self.question = question
+
+    def on_wakeup(self) -> None:
+        super().on_wakeup()
+        if self.question is not None:
+            self.answer(self.question, super().on_explore_request(self.question))
+            self.question = None
+
+
+def test_an_exploration_that_is_cancelled_as_it_begins_ends() -> None:
+    building = Building()
+    explorer: Any = building.joins(LateExplorer).agent
+    building.run(1.0)
+    number = building.taken(text('do = "explore"'))
+    building.run(0.1)
+    assert explorer.question is not None
+    building.cancel(number)
+    building.run(8.0)
+    assert explorer.state is ExploreState.FAILED
+
+
+def test_a_charger_that_dies_and_is_back_costs_no_charge() -> None:
+    building = Building(battery=Battery(charge=0.3, capacity_ah=0.1))
+    building.node("battery-charger").kill()
+    number = building.taken(text('do = "dock"'))
+    building.run(8.0)  # nobody has answered
+    assert not building.ended(number)
+    building.rehearsal.enter("battery-charger")
+    building.until(lambda: building.ended(number), 900.0)
+    assert building.mission(number).state is MissionEnd.DONE
 
 
 def test_an_exploration_ends_with_the_mission_that_is_cancelled() -> None:
@@ -230,10 +318,34 @@ def test_an_exploration_ends_with_the_mission_that_is_cancelled() -> None:
     building.rehearsal.client.hand_over(MissionRequest(Waypoint(6.0, 5.0, 0.0)))  # it is free
 
 
+class Deaf(SlowExplorer):
+    """Goes on as if nothing had happened, once: the robot was being charged."""
+
+    heard = 0
+
+    def on_mission_status(self, status: MissionStatus) -> None:
+        if self.mission and status.mission != self.mission:
+            self.heard += 1
+            self.mission = status.mission
+            self.state = ExploreState.EXPLORING if self.heard == 1 else ExploreState.FAILED
+
+
+def test_an_exploration_that_nobody_wants_is_ended_as_often_as_it_goes_on() -> None:
+    building = Building()
+    explorer: Any = building.joins(Deaf).agent
+    building.run(1.0)
+    number = building.taken(text('do = "explore"'))
+    building.run(5.0)
+    building.cancel(number)
+    building.run(30.0)
+    assert explorer.heard > 1
+    assert explorer.state is ExploreState.FAILED
+
+
 def test_without_a_dock_or_a_charger_a_dock_task_fails_and_says_so() -> None:
-    building = Building(without=("battery-charger",))
+    building = Building(battery=Battery(charge=0.5), without=("battery-charger",))
     number = building.taken(text('do = "dock"'))
-    building.until(lambda: building.ended(number), 10.0)
+    building.until(lambda: building.ended(number), 45.0)  # it is asked again for 30 s
     assert building.mission(number).note == "dock: nobody charges"
 
 
@@ -302,6 +414,35 @@ def test_a_mission_outlives_the_death_and_restart_of_any_agent(name: str) -> Non
     building.until(lambda: building.ended(number), 300.0)
     assert building.mission(number).state is MissionEnd.DONE
     assert building.steps(number) == ["move(R2)", "take-photo", "move(hall)"]
+
+
+@pytest.mark.parametrize(
+    "rows",
+    [
+        ('do = "take-photo", room = "hall", seconds = 6',),
+        ('do = "check-alarm", room = "hall", seconds = 6',),
+        ('do = "wait", seconds = 4', 'do = "take-photo", room = "hall"'),
+    ],
+)
+def test_what_stands_waits_while_nobody_knows_where_the_robot_is(rows: tuple[str, ...]) -> None:
+    building = Building()
+    number = building.taken(text(*rows))
+    building.run(2.0)
+    building.node("encoder").kill()
+    building.run(5.0)
+    assert building.mission(number).note == "nobody knows where the robot is"
+    building.rehearsal.enter("encoder")
+    building.until(lambda: building.ended(number), 30.0)
+    assert building.mission(number).state is MissionEnd.DONE
+
+
+def test_a_photo_where_nobody_knows_where_the_robot_is_fails_in_the_end() -> None:
+    building = Building()
+    number = building.taken(text('do = "take-photo", room = "hall", seconds = 6'))
+    building.run(2.0)
+    building.node("encoder").kill()
+    building.until(lambda: building.ended(number), 200.0)
+    assert building.mission(number).note.endswith("nobody knows where the robot is")
 
 
 def test_queue_suspended_missions_and_alarms_outlive_it_too() -> None:

@@ -14,7 +14,7 @@ from armadico.core.messages import (
 )
 from armadico.launch.society import Options, prepared
 from armadico.launch.virtual import Rehearsal
-from tests.missions.building import Building, text
+from armadico_tools.building import Building, text
 
 ORIGINAL = [
     *("move(hall)", "move(R1)", "take-photo", "move(hall)"),
@@ -136,6 +136,44 @@ def test_a_planner_that_dies_while_it_is_waited_for_holds_nobody_up() -> None:
     mute.kill()
     building.run(0.5)
     building.until(lambda: building.mission(number).ahead == (*RETURNING, *FINAL[3:]), 2.0)
+
+
+def test_an_alarm_while_nobody_plans_ways_is_asked_for_again() -> None:
+    building = Building()
+    number = in_r1(building)
+    building.node("path-planning").kill()
+    building.rings("R21")
+    building.run(3.0)  # planner agents are told that nobody plans, and refuse
+    assert any("no planner agent knows a way" in line for line in building.logs)
+    building.rehearsal.enter("path-planning")
+    building.until(lambda: building.doing(number) == "move(R21)", 12.0)
+    assert building.mission(number).ahead == tuple(FINAL[1:])
+
+
+def test_an_alarm_to_which_no_planner_agent_knows_a_way_is_gone_to_straight() -> None:
+    building = Building(without=("planner-onward", "planner-returning"))
+    number = in_r1(building)
+    building.joins(Useless)
+    building.run(1.0)
+    building.rings("R21")
+    building.run(5.0)
+    assert any("no planner agent knows a way" in line for line in building.logs)
+    building.until(lambda: "check-alarm(R21)" in building.steps(number), 200.0)
+
+
+def test_an_alarm_that_is_planned_for_while_the_mission_ends_is_the_next_one_s() -> None:
+    building = Building(without=("planner-onward",))
+    mute = building.joins(Broken)
+    building.run(1.0)
+    above = 'on_alarm = "check-alarm"'
+    first = building.taken(text('do = "wait", seconds = 2', above=above))
+    building.rings("R21")
+    building.until(lambda: building.ended(first), 10.0)
+    mute.kill()
+    building.run(1.0)
+    second = building.taken(text('do = "wait", seconds = 1', above=above))
+    building.until(lambda: building.ended(second), 200.0)
+    assert "check-alarm(R21)" in building.steps(second)
 
 
 def test_an_alarm_on_the_way_breaks_the_way_off_and_one_in_no_room_is_let_be() -> None:

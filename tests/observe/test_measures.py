@@ -412,6 +412,17 @@ def board(state: MissionEnd, note: str = "", mission: int = MISSION) -> Board:
     )
 
 
+def test_a_mission_that_is_not_on_the_board_any_more_is_over() -> None:
+    run = Run(goal=None).begin()
+    run.cycle(0.0)
+    run.show(Board(1, 1, ()))  # published before it was taken on
+    assert not run.watch.done
+    run.show(board(MissionEnd.ACTIVE))
+    run.show(board(MissionEnd.ACTIVE, mission=MISSION + 1))
+    assert run.watch.done
+    assert run.watch.result().outcome == "NOT done: it is not on the board any more"
+
+
 def test_a_mission_of_several_tasks_is_done_or_not_and_its_steps_are_told() -> None:
     for end, note, outcome in (
         (MissionEnd.DONE, "", "done"),

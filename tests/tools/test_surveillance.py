@@ -5,12 +5,20 @@ from __future__ import annotations
 import zlib
 
 import pytest
+from msgspec.structs import replace
 
 from armadico.config.missions import read_mission
 from armadico.config.places import Places
 from armadico.config.profile import load_profile
 from armadico.config.worlds import load_world
-from armadico.core.messages import Board, BoardMission, MissionEnd
+from armadico.core.messages import (
+    Board,
+    BoardMission,
+    Course,
+    MissionEnd,
+    StepEnd,
+    StepResult,
+)
 from armadico_tools.experiments import surveillance
 from armadico_tools.experiments.surveillance import Day, Watchman, as_table, scenario, text_of
 
@@ -38,12 +46,16 @@ def test_what_becomes_of_each_mission_is_counted_once(monkeypatch: pytest.Monkey
         *(MissionEnd.QUEUED, MissionEnd.ACTIVE, MissionEnd.ACTIVE, MissionEnd.SUSPENDED),
         *(MissionEnd.ACTIVE, MissionEnd.DONE, MissionEnd.DONE),
     ):
-        mission = BoardMission(7, "photos", 0.5, state, text=zlib.compress(b""))
+        looked = StepResult("check-alarm(R1)", StepEnd.DONE, "", 1.0)
+        course = Course(results=(looked, replace(looked, end=StepEnd.FAILED)))
+        text = zlib.compress(b"")
+        mission = BoardMission(7, "photos", 0.5, state, text=text, course=course)
         watchman._board(Board(1, 1, (mission,)))
     assert watchman.ordered == {7: MissionEnd.DONE}
+    assert watchman.counts["checked"] == 1
     assert watchman.counts["suspended"] == watchman.counts["resumed"] == 1
 
 
 def test_a_mission_of_which_nothing_more_is_said_is_lost() -> None:
-    lost = Day(1, 8.0, 3, 0, 2, 0, 1, 0, 0, 4, 1, 2, 11.5, 0.3, 0, ())
-    assert "| 1 | 3 | 2 | 0 | 1 |" in as_table([lost])
+    lost = Day(1, 8.0, 3, 0, 2, 0, 1, 0, 0, 4, 1, 1, 2, 11.5, 0.3, 0, ())
+    assert "| 1 | 3 | 0 | 2 | 0 | 1 |" in as_table([lost])

@@ -1,7 +1,7 @@
 """A robot of real ROS 2: publishes odometry and a scan, and says what it is told to drive.
 
-To be run by an interpreter that has rclpy. Events are JSON lines on the standard output; the end of
-the standard input ends it.
+To be run by an interpreter that has rclpy. Events are JSON lines on the standard output. What comes
+on the standard input: a line `quiet` has it publish no more, `speak` again, any other ends it.
 """
 
 from __future__ import annotations
@@ -57,11 +57,14 @@ def main() -> None:
     node.create_subscription(kind, "cmd_vel", told, read)
     if args.also_drives:
         node.create_publisher(kind, "cmd_vel", 1)
-    count = 0
+
+    count, quiet = 0, False
 
     def tick() -> None:
         nonlocal count
         count += 1
+        if quiet:
+            return
         message = Odometry()
         message.header.stamp = node.get_clock().now().to_msg()
         message.header.frame_id, message.child_frame_id = "odom", "base_link"
@@ -69,13 +72,20 @@ def main() -> None:
         message.twist.twist.linear.x = 0.125
         odom.publish(message)
         if count % 10 == 0:
-            scan.publish(LaserScan(ranges=[1.0, 2.5], range_max=30.0))
+            rays = {"angle_min": -1.0, "angle_max": 1.0, "angle_increment": 2.0}
+            message = LaserScan(header=message.header, range_max=30.0, ranges=[1.0, 2.5], **rays)
+            scan.publish(message)
             battery.publish(BatteryState(voltage=12.5))
 
     node.create_timer(PERIOD_S, tick)
     say(ready=True)
-    while not select.select([sys.stdin], [], [], 0)[0]:
+    while True:
         rclpy.spin_once(node, timeout_sec=0.1)
+        if select.select([sys.stdin], [], [], 0)[0]:
+            heard = sys.stdin.readline().strip()
+            if heard not in {"quiet", "speak"}:
+                break
+            quiet = heard == "quiet"
     say(
         nodes=sorted(
             f"{ns.rstrip('/')}/{name}" for name, ns in node.get_node_names_and_namespaces()

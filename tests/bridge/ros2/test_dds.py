@@ -6,18 +6,27 @@ import itertools
 import json
 import os
 import subprocess
+import threading
+import time
 from collections.abc import Callable, Iterator
 from contextlib import ExitStack
 from pathlib import Path
+from typing import Any
 
 import pytest
 
 from armadico.bridge.ros2 import cdr, types
 from armadico.bridge.ros2.frames import SEEN, Decoder, Frame, Seen, Wanted, Wants, frame, read, said
+from armadico.bridge.ros2.samples import Address
+from armadico.bridge.ros2.session import Session
+from armadico.bridge.session import Connected, Event, LinkLost, Reported
 from armadico.bridge.transports import Transport, open_transport
+from armadico.config.profile import Ros2Robot, load_profile
 from tests import real_ros
 
 pytest.importorskip("cyclonedds", reason="armadico[ros2] is not installed")
+from armadico.bridge.ros2.dds import DdsWire
+
 pytestmark = [pytest.mark.live, pytest.mark.timeout(180)]
 
 PEER = Path(__file__).with_name("rclpy_peer.py")
@@ -56,6 +65,16 @@ class Peer:
         assert line, "it ended"
         event: dict[str, object] = json.loads(line)
         return event
+
+    def tell(self, what: str) -> None:
+        assert self.process.stdin is not None
+        self.process.stdin.write(f"{what}\n")
+        self.process.stdin.flush()
+
+    def until(self, v: float, w: float) -> None:
+        """Wait until it is told to drive so."""
+        while self.event() != {"v": v, "w": w}:
+            pass
 
     def kill(self) -> None:
         with self.process:
@@ -135,8 +154,7 @@ def obeys(line: Line, peer: Peer, v: float, w: float) -> None:
     """Command until it says so: what is said before anybody is found goes nowhere."""
     line.until(lambda seen: bool(seen.robot) and not seen.notes)
     line.drive(v, w)
-    while (event := peer.event()) != {"v": v, "w": w}:
-        assert "v" in event
+    peer.until(v, w)
 
 
 def test_odometry_and_scans_come_and_commands_go(peer, line) -> None:
@@ -217,3 +235,82 @@ def test_an_empty_domain_and_a_robot_in_another_namespace(domain, peer, line) ->
     peer("--namespace", "tb7")
     seen = ours.until(lambda seen: "tb7" in "".join(seen.notes))
     assert "there is odometry on /tb7/odom: is that its namespace?" in seen.notes[0]
+
+
+def test_nodes_of_an_older_ros_are_not_told_what_they_cannot_read(domain, line) -> None:
+    """Humble's gids have 24 bytes; its nodes end their discovery on hearing of 16."""
+    humble = DdsWire(Address("", domain, "lo"), "humble")
+    writer, reader = humble._nodes_out, humble._nodes_in
+    gid = humble._participant.guid.bytes + bytes(8)
+    info = b"\0\1\0\0" + gid + (1).to_bytes(4, "little")
+    info += b"\2\0\0\0/\0\0\0" + b"\2\0\0\0n\0\0\0" + bytes(8)
+    writer.write(writer.topic.data_type.of(info))
+    ours = line("", ODOM)
+    ours.until(lambda seen: bool(seen.notes))  # who is there is known by then
+    said = [sample.payload for sample in reader.take(100) if sample.payload != info]
+    humble.close()
+    assert said == []
+
+
+# The robot agent's session over it ----------------------------------------------------------------
+
+
+class Owner:
+    """What the robot agent does with its session, and no more."""
+
+    def __init__(self, transport: Transport) -> None:
+        profile = load_profile("turtlebot3-burger")
+        assert isinstance(profile, Ros2Robot)
+        self.transport, self.session = transport, Session(profile, time.monotonic())
+
+    def step(self) -> list[Event]:
+        """Read once, and write what is to be written."""
+        data = self.transport.read(0.02)
+        events = self.session.receive(data, time.monotonic()) if data else []
+        events += self.session.tick(time.monotonic())
+        self.transport.write(self.session.outgoing())
+        return events
+
+    def until(self, kind: type[Event]) -> Any:
+        """Go on until such an event."""
+        while True:
+            for event in self.step():
+                if isinstance(event, kind):
+                    return event
+
+
+def test_a_session_drives_stops_and_notices_silence(peer, line) -> None:
+    robot, ours = peer("--x", "1.5"), line()
+    owner = Owner(ours.transport)
+    report = owner.until(Reported)
+    assert (report.v, report.battery_v) == (0.125, 0.0)
+    while (report := owner.until(Reported)).battery_v != 12.5 or report.scan is None:
+        pass
+    ours.until(lambda seen: not seen.notes)
+
+    owner.session.drive(0.1, 0.0)
+    driving = threading.Thread(target=robot.until, args=(0.1, 0.0))
+    driving.start()
+    while driving.is_alive():
+        owner.step()
+    owner.session.stop()
+    stopping = threading.Thread(target=robot.until, args=(0.0, 0.0))
+    stopping.start()
+    while stopping.is_alive():
+        owner.step()
+
+    robot.tell("quiet")
+    assert "no odometry" in owner.until(LinkLost).reason
+    assert not owner.session.is_open
+    robot.tell("speak")
+    owner.until(Connected)
+
+    owner.session.drive(0.1, 0.0)
+    driving = threading.Thread(target=robot.until, args=(0.1, 0.0))
+    driving.start()
+    while driving.is_alive():
+        owner.step()
+    owner.session.close()
+    ours.transport.write(owner.session.outgoing())
+    ours.transport.close()  # at once, as an agent that ends does
+    robot.until(0.0, 0.0)

@@ -48,6 +48,10 @@ def test_an_empty_domain() -> None:
     )
 
 
+def test_where_there_is_no_robot_nothing_else_is_missed() -> None:
+    assert len(seen([ODOM, Wanted("scan", SCAN), CMD], []).notes) == 1
+
+
 def test_what_is_there_instead() -> None:
     talker = Endpoint("/chatter", "std_msgs/msg/String", "/talker", True)
     log = Endpoint("/rosout", "rcl_interfaces/msg/Log", "/talker", True)

@@ -42,6 +42,14 @@ def test_it_is_open_with_the_first_odometry_by_the_name_of_who_says_it() -> None
     assert line.report.pose == Pose(1.0, 0.0, pytest.approx(0.5))
 
 
+def test_a_name_that_comes_after_the_odometry_is_taken_once() -> None:
+    line = Line()
+    line.odometry(x=1.0)
+    line.raw(said(Seen(robot="/base")))
+    line.raw(said(Seen(robot="/base", drivers=("/nav2",))))
+    assert line.of(Connected) == [Connected("", "ROS 2", ""), Connected("/base", "ROS 2", "")]
+
+
 def test_without_odometry_it_says_so_and_what_comes_instead() -> None:
     line = Line()
     line.raw(said(Seen(notes=("odom is a geometry_msgs/msg/Pose",))))

@@ -65,6 +65,14 @@ BENCHMARKS: Final = (
         "armadico_tools.bench.latency:sip_to_command_together",
     ),
     Benchmark(
+        "odom-to-command",
+        "of a ROS 2 robot, by DDS: from the odometry that makes a cycle to the command that it"
+        " caused, through robot, encoder and goto as processes",
+        "the same robot's odometry, answered by one process that does nothing else",
+        "",
+        "armadico_tools.bench.ros2:odom_to_command",
+    ),
+    Benchmark(
         "messages-per-cycle",
         "claims and commands for a resource in a cycle, by the number of contenders",
         "a lone contender",

@@ -168,15 +168,15 @@ def _measured(
         stack.callback(line.close)
         watch = Stopwatch(line, [bare.turn for bare in floors])
         stack.enter_context(_simulation(watch))
-        stack.enter_context(_society(f"tcp://127.0.0.1:{line.port}", together))
+        stack.enter_context(society(f"tcp://127.0.0.1:{line.port}", together))
         taken = [watch.latencies, *(bare.latencies for bare in floors)]
-        _await(taken, wanted, tell)
+        await_all(taken, wanted, tell)
         whole, *bare_ms = [[1e3 * s for s in values[WARM_UP:wanted]] for values in taken]
     names = (name, f"{name}-path")
     return [figure(each, "ms", whole, bare) for each, bare in zip(names, bare_ms, strict=True)]
 
 
-def _await(taken: Sequence[Sequence[float]], wanted: int, tell: Tell) -> None:
+def await_all(taken: Sequence[Sequence[float]], wanted: int, tell: Tell) -> None:
     """Until all have so many. Raises TimeoutError if one of them gets no farther."""
     have, since = 0, time.monotonic()
     while have < wanted:
@@ -210,15 +210,21 @@ def _simulation(watch: Stopwatch) -> Iterator[None]:
 
 
 @contextmanager
-def _society(port: str, together: tuple[tuple[str, ...], ...]) -> Iterator[None]:
-    """Robot agent, encoder, sonar, goto and interface, with a mission; no guest listens in."""
+def society(
+    port: str,
+    together: tuple[tuple[str, ...], ...] = (),
+    robot: str = "pioneer-2dx",
+    agents: tuple[str, ...] = AGENTS,
+) -> Iterator[None]:
+    """Robot agent and agents, with a mission down a corridor; no guest listens in."""
     scenario = Scenario(
         name="corridor",
         world="empty",
         start=(0.0, 0.0, 0.0),
         goal=GOAL,
         plan="direct",
-        agents=AGENTS,
+        robot=robot,
+        agents=agents,
     )
     options = Options(robot=port, together=together)
     with (

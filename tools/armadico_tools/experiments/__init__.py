@@ -28,6 +28,7 @@ EXPERIMENTS: Final = {
     "explore": "explore",
     "fleet": "fleet",
     "surveillance": "surveillance",
+    "use-cases": "use_cases",
     "energy": "energy",
     "docking": "docking",
     "barn": "barn",

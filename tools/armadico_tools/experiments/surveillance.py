@@ -26,6 +26,7 @@ from armadico.core.messages import (
     MissionOrder,
     Photo,
     RobotState,
+    StepEnd,
     Truth,
 )
 from armadico.launch.society import Options
@@ -74,9 +75,12 @@ NOTE: Final = (
     f" hours, sensors *real*. Missions (photos of one to {PHOTOS} rooms, priority"
     f" {', '.join(map(str, PRIORITIES))}) arrive at random, one in {MISSION_EVERY_S / 60:g} minutes"
     f" on average; alarms, one in {ALARM_EVERY_S / 3600:g} h. The battery lasts {BATTERY_H:g} h"
-    f" where half of the time is driven. *Lost*: of an ordered mission that was taken on nothing is"
+    f" where half of the time is driven. *Refused*: not taken on, with the reason said."
+    " *Lost*: of an ordered mission that was taken on nothing is"
     f" said at the end, {GRACE_S / 60:g} minutes after the last hour. *Failed*: ended with the"
-    " reason said. *Suspended*, *resumed*: a more urgent one came in between; the board says so."
+    " reason said. *Checked*: alarms that were looked at; one that is over, or begins while no"
+    " mission is under way, need not be. *Suspended*, *resumed*: a more urgent one came in between;"
+    " the board says so."
     " *Least V*: at rest, as the battery sensor has it. *Contacts*: the body touched something,"
     " people who walked into it not counted."
 )
@@ -96,6 +100,7 @@ class Day(Struct, frozen=True):
     resumed: int
     photos: int
     alarms: int
+    checked: int
     charges: int
     least_v: float
     km: float
@@ -181,6 +186,7 @@ class Watchman:
             resumed=self.counts["resumed"],
             photos=self.counts["photos"],
             alarms=self.counts["alarms"],
+            checked=self.counts["checked"],
             charges=self.counts["charges"],
             least_v=round(self.least_v, 2),
             km=round(self._odometer / 1e3, 2),
@@ -250,6 +256,9 @@ class Watchman:
             self._became(mission, before)
 
     def _became(self, mission: BoardMission, before: MissionEnd | None) -> None:
+        if mission.state in OVER:
+            looks = (r for r in mission.course.results if r.step.startswith("check-alarm"))
+            self.counts["checked"] += sum(look.end is StepEnd.DONE for look in looks)
         if mission.state is MissionEnd.SUSPENDED:
             self.counts["suspended"] += 1
         elif mission.state is MissionEnd.ACTIVE and before is MissionEnd.SUSPENDED:
@@ -281,14 +290,14 @@ def run(context: Context) -> None:
 def as_table(days: Sequence[Day]) -> str:
     """One row a day, and all together."""
     head = (
-        *("seed", "ordered", "done", "failed", "lost", "suspended / resumed", "photos"),
-        *("alarms", "charges", "least V", "km", "contacts"),
+        *("seed", "ordered", "refused", "done", "failed", "lost", "suspended / resumed", "photos"),
+        *("alarms", "checked", "charges", "least V", "km", "contacts"),
     )
     rows = [
         (
-            *(str(d.seed), str(d.ordered), str(d.done), str(d.failed), str(d.lost)),
+            *(str(d.seed), str(d.ordered), str(d.refused), str(d.done), str(d.failed), str(d.lost)),
             f"{d.suspended} / {d.resumed}",
-            *(str(d.photos), str(d.alarms), str(d.charges)),
+            *(str(d.photos), str(d.alarms), str(d.checked), str(d.charges)),
             *(f"{d.least_v:.2f}", f"{d.km:.2f}", str(d.contacts)),
         )
         for d in days

@@ -37,6 +37,7 @@ SURVEY = find("missions", "surveillance").read_text()
 
 
 def text(*rows: str, more: str = "", above: str = "") -> str:
+    """A mission of these steps, as TOML; `above` and `more` stand before and after them."""
     return "\n".join([above, "steps = [", *(f"  {{ {row} }}," for row in rows), "]", more])
 
 
@@ -51,6 +52,7 @@ class Building:
         without: tuple[str, ...] = (),
         sensors: str = "ideal",
     ) -> None:
+        """Everybody has joined, and the robot stands in the hall."""
         options = Options(seed=seed, sensors=sensors, without=without)
         scenario = replace(
             load_scenario("surveillance"), battery=battery or Battery(), start=(2.0, 5.0, 0.0)
@@ -64,10 +66,13 @@ class Building:
             lambda _k, m, t: self.said.append((t, m)),
             *(Photo, Subplan, SubplanRequest, Board, ChargeStatus, Planned),
         )
-        self.mesh.watch(lambda _k, m, _t: self.logs.append(m.text), Log)
+        self.mesh.watch(self._logged, Log)
         self.mesh.watch(self._claimed, Claim)
         self.rehearsal.start()
         self.run(2.0)
+
+    def _logged(self, _key: str, line: Any, _now: float) -> None:
+        self.logs.append(line.text)
 
     def _claimed(self, _key: str, claim: Any, _now: float) -> None:
         who = claim.resource, claim.ballot.instance.rpartition("-")[0]
@@ -77,54 +82,65 @@ class Building:
             self.holders.append(who)
 
     def run(self, seconds: float) -> None:
+        """Let time pass."""
         self.mesh.run(self.mesh.now + seconds)
 
     def until(self, done: Callable[[], object], seconds: float = 120.0) -> None:
+        """Let time pass until something is so; it must be, in so many seconds."""
         self.mesh.run(self.mesh.now + seconds, lambda: bool(done()))
         assert done(), (self.board, self.logs[-12:])
 
     # What is asked for ----------------------------------------------------------------------------
 
     def order(
-        self, what: str = SURVEY, priority: float | None = None, name: str = "m", room: str = ""
+        self, what: str = SURVEY, priority: float | None = None, name: str = "m"
     ) -> MissionReply:
+        """Order a mission."""
         packed = zlib.compress(what.encode())
         reply = self.rehearsal.client.ask(MissionOrder(name, packed, priority, "a test"), 20.0)
         assert isinstance(reply, MissionReply)
         return reply
 
     def taken(self, what: str = SURVEY, priority: float | None = None, name: str = "m") -> int:
+        """Order a mission that is taken on; its number."""
         reply = self.order(what, priority, name)
         assert reply.refusal == ""
         return reply.mission
 
     def cancel(self, number: int) -> str:
+        """Cancel a mission; why that is refused."""
         reply = self.rehearsal.client.ask(MissionCancel(number, "a test"), 20.0)
         assert isinstance(reply, MissionReply)
         return reply.refusal
 
     def rings(self, room: str, *, on: bool = True) -> None:
+        """An alarm begins in a room, or ends."""
         self.rehearsal.client.publish(Alarm(room, on))
         self.run(1.0)
 
     # What is seen ---------------------------------------------------------------------------------
 
     def heard(self, kind: type[Any]) -> list[Any]:
+        """All messages of a kind so far."""
         return [message for _, message in self.said if type(message) is kind]
 
     @property
     def board(self) -> Board | None:
+        """The newest board."""
         found = self.heard(Board)
         return found[-1] if found else None
 
     def mission(self, number: int) -> BoardMission:
+        """Where a mission stands."""
         assert self.board is not None
         return next(m for m in self.board.missions if m.mission == number)
 
     def doing(self, number: int) -> str:
+        """What step a mission is in."""
         return self.mission(number).doing
 
     def ended(self, number: int) -> bool:
+        """Whether a mission is over."""
         over = (MissionEnd.DONE, MissionEnd.FAILED, MissionEnd.CANCELLED)
         return self.mission(number).state in over
 
@@ -134,20 +150,25 @@ class Building:
         return [r.step for r in results if r.end.value == "done"]
 
     def who_had(self, resource: str) -> list[str]:
+        """Who held a resource, in order."""
         return [name for held, name in self.holders if held == resource]
 
     def agent(self, name: str) -> Any:
+        """The newest agent of a name."""
         return self.node(name).agent
 
     def node(self, name: str) -> Node:
+        """The process that it runs in."""
         return next(node for node in self.mesh.nodes[::-1] if node.name == name)
 
     def pose(self) -> Pose:
+        """Where the robot believes to be."""
         pose = self.agent("mission-planning").latest(Pose)
         assert isinstance(pose, Pose)
         return pose
 
     def joins(self, kind: type[Agent]) -> Node:
+        """Another agent joins."""
         return self.rehearsal.add(kind)
 
 

@@ -1,0 +1,107 @@
+"""Serve a society live to Foxglove, with ROS 2's types and nothing of ROS installed."""
+
+from __future__ import annotations
+
+import argparse
+import signal
+import sys
+from collections.abc import Sequence
+from contextlib import ExitStack
+from importlib.util import find_spec
+from typing import TYPE_CHECKING, Final
+
+from armadico.cli import options
+from armadico.cli.options import FailedError
+from armadico.cli.record import add_namespaces, join_each
+
+if TYPE_CHECKING:
+    from armadico.config.worlds import World
+
+PORT: Final = 8765
+"""Where Foxglove looks by default."""
+
+LOOPBACK: Final = "127.0.0.1"
+
+INSTALL: Final = f"{sys.executable} -m pip install 'armadico[foxglove]'"
+
+EXAMPLES: Final = """\
+  armadico foxglove --world sc4              then, in Foxglove: open ws://localhost:8765
+  armadico foxglove --goals                  and take goals from its 3D panel
+  armadico foxglove --port 0                 a port that is free; it is printed
+  armadico foxglove --namespace robot1 --namespace robot2
+"""
+
+
+def main(argv: Sequence[str]) -> int:
+    """Serve until Ctrl-C."""
+    args = parser().parse_args(argv)
+    namespaces = list(dict.fromkeys(args.namespaces or [args.namespace]))
+    meshes = join_each(args, namespaces)
+    world = _world(args)
+    if find_spec("foxglove") is None:
+        raise FailedError(f"this needs Foxglove's SDK, which is an extra: {INSTALL}")
+    signal.signal(signal.SIGTERM, signal.default_int_handler)
+    from armadico.observe.foxglove import Served, Server, ServerError  # noqa: PLC0415 - an extra
+    from armadico.observe.gateway import Gateway, serve  # noqa: PLC0415 - not for --help
+    from armadico.observe.translators import translators  # noqa: PLC0415 - not for --help
+
+    made = translators(namespaces, dict.fromkeys(namespaces, world))
+    goals = {ns: [each.goals.topic for each in made[ns]] if args.goals else [] for ns in namespaces}
+    with ExitStack() as stack:
+        try:
+            topics = [topic for several in goals.values() for topic in several]
+            server = Server(" ".join(namespaces), args.bind, args.port, topics)
+        except ServerError as error:
+            raise FailedError(str(error)) from None
+        stack.callback(server.close)
+        gateways = []
+        for mesh in meshes:
+            stack.enter_context(mesh)
+            ns = mesh.namespace
+            offered = [channel for each in made[ns] for channel in each.channels]
+            outside = Served(server, offered, goals[ns])
+            gateways.append(Gateway(mesh, made[ns], outside, options.teller("armadico foxglove")))
+        print(f"foxglove: ws://{args.bind}:{server.port}", flush=True)
+        serve(gateways)
+    return 0
+
+
+def parser() -> argparse.ArgumentParser:
+    """The command's options."""
+    made = options.parser(
+        "armadico foxglove",
+        "Serve a society live to Foxglove: maps, pose, path, sensors and who holds what, with ROS"
+        " 2's types. Ctrl-C ends it.",
+        EXAMPLES,
+    )
+    made.add_argument(
+        "--port",
+        type=int,
+        default=PORT,
+        metavar="P",
+        help=f"where to listen, 0: a port that is free (default: {PORT})",
+    )
+    made.add_argument(
+        "--bind",
+        default=LOOPBACK,
+        metavar="ADDRESS",
+        help=f"for whom: {LOOPBACK} for this machine only, 0.0.0.0 for everybody"
+        f" (default: {LOOPBACK})",
+    )
+    made.add_argument(
+        "--goals",
+        action="store_true",
+        help="take goals, too; from any program that reaches the port, a page in a browser as well",
+    )
+    made.add_argument("--world", metavar="MAP", help="show the walls of this world as the map")
+    options.add_mesh_options(made)
+    add_namespaces(made)
+    return made
+
+
+def _world(args: argparse.Namespace) -> World | None:
+    if args.world is None:
+        return None
+    from armadico.config.worlds import load_world  # noqa: PLC0415 - not for --help
+
+    return load_world(args.world)

@@ -1,0 +1,61 @@
+"""A run on the virtual mesh, kept in an MCAP file as `armadico record` keeps a live one."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Final
+
+from armadico.core.messages import Ask, Message, encode
+from armadico.core.services import BIDS, CARD, SERVICES
+from armadico.mesh.virtual import VirtualMesh
+from armadico.observe.recorder import ASK_S, Recording
+from armadico.observe.translators import translators
+from armadico.observe.watching import Heard, Presence
+
+BEGUN: Final = 1_000_000_000
+"""The virtual clock's 0, s since 1970 (in September 2001): in ROS a stamp of 0 is no time."""
+
+
+class Recorded:
+    """Keeps what is said on a virtual mesh; use as a context manager around its run."""
+
+    def __init__(self, mesh: VirtualMesh, path: Path, namespace: str) -> None:
+        """Begin a file that is not there yet. Raises OSError."""
+        self._mesh, self._namespace = mesh, namespace
+        about = {"namespaces": namespace, "seed": str(mesh.seed)}
+        self.recording = Recording(path, about, translators=translators([namespace]))
+        kinds = dict.fromkeys(each.message for each in SERVICES if each.message is not Ask)
+        mesh.watch(self._take, *kinds, namespace=namespace)
+        self._ask()
+
+    def __enter__(self) -> Recorded:
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        self.recording.close()
+
+    def _take(self, key: str, message: Message, now: float) -> None:
+        self._keep(key, message, now)
+
+    def _ask(self) -> None:
+        """Who is there, with cards and bids, once a second, without being heard."""
+        now = self._mesh.now
+        for node in self._mesh.nodes:
+            if node.namespace != self._namespace:
+                continue
+            agent = node.agent
+            here = Presence(self._namespace, agent.name, agent.instance, node.alive, _ns(now))
+            self.recording.take(here)
+            if node.alive and not node.hung:
+                names = {"name": agent.name, "instance": agent.instance}
+                self._keep(CARD.key_for(**names), agent.card(), now, asked=True)
+                self._keep(BIDS.key_for(**names), agent.history(), now, asked=True)
+        self._mesh.call_at(now + ASK_S, lambda _a, _b: self._ask())
+
+    def _keep(self, key: str, message: Message, now: float, *, asked: bool = False) -> None:
+        data = encode(message)
+        self.recording.take(Heard(self._namespace, key, data, _ns(now), asked))
+
+
+def _ns(now: float) -> int:
+    return BEGUN * 1_000_000_000 + round(1e9 * now)

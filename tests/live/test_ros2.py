@@ -1,0 +1,89 @@
+"""The society drives a robot that it reaches by ROS 2 alone, over either wire."""
+
+from __future__ import annotations
+
+import json
+import os
+import subprocess
+from collections.abc import Iterator
+from pathlib import Path
+
+import pytest
+
+from armadico.bridge.ros2 import cdr, types
+from armadico.mesh.ports import free_port
+from tests import real_ros
+from tests.live.conftest import NAMESPACE
+from tests.programs import Start, call, starter
+
+pytestmark = [pytest.mark.live, pytest.mark.timeout(240)]
+
+DRIVER = Path(__file__).parents[1] / "bridge" / "ros2" / "rclpy_driver.py"
+DOMAIN = 1 + os.getpid() % 100
+
+
+@pytest.fixture
+def start(apart: None) -> Iterator[Start]:
+    with starter() as start:
+        yield start
+
+
+def address(wire: str) -> str:
+    if wire == "ros2":
+        pytest.importorskip("cyclonedds", reason="armadico[ros2] is not installed")
+        return f"ros2://tb1?domain={DOMAIN}&interface=lo"
+    return f"ros2+zenoh://127.0.0.1:{free_port()}/tb1?domain={DOMAIN}"
+
+
+@pytest.mark.parametrize("wire", ["ros2", "ros2+zenoh"])
+def test_it_is_driven_to_its_goal_and_the_truth_counts(start: Start, wire: str) -> None:
+    where = address(wire)
+    robot = start("sim", "jackal", "sc1", "--ros2", where, "--namespace", NAMESPACE)
+    assert robot.stdout is not None
+    assert where in robot.stdout.readline()
+    done = call(
+        *("run", "sc1", "--goal", "1.2", "0", "0", "--sensors", "ideal", "--json", "--no-plot"),
+        *("--profile", "jackal", "--robot", where, "--namespace", NAMESPACE),
+        within=180,
+    )
+    assert done.returncode == 0, done.stderr
+    result = json.loads(done.stdout)
+    assert result["reached"]
+    assert result["collisions"] == 0  # None: of a robot whose truth nobody tells
+
+
+def test_somebody_elses_program_drives_a_simulated_robot(start: Start) -> None:
+    python, where = real_ros.interpreter(), address("ros2")
+    robot = start("sim", "turtlebot3-burger", "sc1", "--ros2", where, "--namespace", NAMESPACE)
+    assert robot.stdout is not None
+    assert where in robot.stdout.readline()
+    done = subprocess.run(
+        [python, DRIVER, "/tb1"],
+        env=real_ros.environment(str(DOMAIN)),
+        capture_output=True,
+        text=True,
+        check=True,
+        timeout=120,
+    )
+    report = json.loads(done.stdout)
+    assert any(name.startswith("/tb1/sim_turtlebot3_burger_") for name in report["nodes"])
+    assert 0.2 <= report["x"] < 1.0
+    assert report["rays"] == 360
+    assert report["volts"] > 10.0
+    assert report["hash"] == cdr.type_hash(types.Odometry)
+
+
+def test_a_robot_that_speaks_p2os_is_none_of_ros_2s() -> None:
+    done = call("sim", "sc1", "--ros2")
+    assert done.returncode == 2
+    assert "--ros2: pioneer-2dx speaks P2OS" in done.stderr
+
+
+@pytest.mark.parametrize(
+    ("address", "why"),
+    [("ros2://?domain=999", "domain '999'"), ("tcp://localhost:1", "begins with none of ros2")],
+)
+def test_an_address_that_is_none(address: str, why: str) -> None:
+    done = call("sim", "jackal", "--ros2", address)
+    assert done.returncode == 2
+    assert why in done.stderr

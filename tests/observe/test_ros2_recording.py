@@ -1,0 +1,306 @@
+"""Recordings as ROS 2's tools read them: by readers that others wrote, and not by ours."""
+
+from __future__ import annotations
+
+import json
+import math
+import subprocess
+from collections import Counter
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+pytest.importorskip("mcap")
+pytest.importorskip("mcap_ros2")
+pytest.importorskip("rosbags")
+
+from mcap.reader import make_reader
+from mcap_ros2.decoder import DecoderFactory
+from rosbags.rosbag2 import Reader
+from rosbags.typesys import Stores, get_typestore
+
+from armadico.bridge.ros2 import cdr
+from armadico.cli import export as command
+from armadico.cli.options import FailedError, UsageError
+from armadico.core import messages as m
+from armadico.observe.export import Tables, rows, to_rrd
+from armadico.observe.recorder import Recording
+from armadico.observe.translators import translators
+from armadico.observe.watching import Heard
+from tests import real_ros
+
+READS = Path(__file__).parents[1] / "bridge" / "ros2" / "rclpy_reads.py"
+WITHOUT = {"diagnostic_msgs/msg/DiagnosticArray"}
+"""Its package is not to be had, as that of tf2_msgs is not."""
+
+SECOND = 1_000_000_000
+BEGUN = 1_700_000_000 * SECOND
+BALLOT = m.Ballot(3, 0.6, False, "goto-00ff")
+
+
+def society(cycles: int = 5) -> list[tuple[str, m.Message]]:
+    """What a sonar-only robot and its agents say in so many cycles."""
+    said: list[tuple[str, m.Message]] = [
+        ("trajectory", m.Trajectory(1, 5, (m.Waypoint(2, 1, 1.5),), m.Point(0, 0)))
+    ]
+    for number in range(cycles):
+        cycle = m.Cycle(7, number)
+        echo = m.Echo(0.07, 0.136, math.pi / 2, 1.5)
+        points = (m.Point(0.5, 0.25),)
+        said += [
+            ("robot/state", m.RobotState(cycle, 0.1 * number, 0, 0.1, 0.4, 0, 12.5, True, False)),
+            ("robot/sonar", m.Sonar(cycle, 5.0, (echo,))),
+            ("encoder/pose", m.Pose(cycle, 1 + 0.1 * number, 2, 0.1, (1, 0, 0, 1, 0, 1))),
+            ("sonar/obstacles", m.Obstacles(cycle, None, None, None, None, points)),
+            ("sonar/map", m.LocalMap(cycle, 18, 10, 2.0, (m.Cell(0, 1, 0.9, 1.0, 0.0),))),
+            ("resource/wheels/ack", m.Ack("wheels", cycle, BALLOT, BALLOT, cycle, 0.6)),
+        ]
+    return said
+
+
+def recorded(path: Path, *namespaces: str, **options: Any) -> Recording:
+    recording = Recording(path, translators=translators(namespaces), **options)
+    for number, (key, message) in enumerate(society()):
+        for namespace in namespaces:
+            at = BEGUN + number * SECOND // 60
+            recording.take(Heard(namespace, key, m.encode(message), at))
+            recording.flush()
+    recording.take(Heard(namespaces[0], "somebody/else", b"\x01", BEGUN + SECOND))
+    recording.take(Heard(namespaces[0], "encoder/pose", b"\xff", BEGUN + SECOND))
+    recording.close()
+    return recording
+
+
+def mcap_support(path: Path) -> dict[str, list[Any]]:
+    """Foxglove's own reader for Python, which decodes by the schemas in the file."""
+    found: dict[str, list[Any]] = {}
+    with path.open("rb") as stream:
+        reader = make_reader(stream, decoder_factories=[DecoderFactory()])
+        summary = reader.get_summary()
+        assert summary is not None
+        theirs = [c.topic for c in summary.channels.values() if c.message_encoding == "cdr"]
+        for _, channel, _, sample in reader.iter_decoded_messages(theirs):
+            found.setdefault(channel.topic, []).append(sample)
+    return found
+
+
+def rosbags_reader(path: Path) -> dict[str, list[Any]]:
+    """Ternaris's, which decodes by ROS 2's definitions, and refuses what is no bag of ROS 2."""
+    store = get_typestore(Stores.ROS2_JAZZY)
+    found: dict[str, list[Any]] = {}
+    with Reader(path) as reader:
+        for connection, _, data in reader.messages():
+            found.setdefault(connection.topic, []).append(
+                store.deserialize_cdr(data, connection.msgtype)
+            )
+    return found
+
+
+TOPICS = {
+    "/tf": "tf2_msgs/msg/TFMessage",
+    "/tf_static": "tf2_msgs/msg/TFMessage",
+    "/diagnostics": "diagnostic_msgs/msg/DiagnosticArray",
+    "/odom": "nav_msgs/msg/Odometry",
+    "/pose": "geometry_msgs/msg/PoseWithCovarianceStamped",
+    "/sonar": "sensor_msgs/msg/Range",
+    "/obstacles": "sensor_msgs/msg/PointCloud2",
+    "/local_map": "nav_msgs/msg/OccupancyGrid",
+    "/path": "nav_msgs/msg/Path",
+    "/battery_state": "sensor_msgs/msg/BatteryState",
+}
+
+
+def check(found: dict[str, list[Any]]) -> None:
+    assert found.keys() == TOPICS.keys()
+    assert [o.pose.pose.position.x for o in found["/odom"]] == pytest.approx(
+        [0, 0.1, 0.2, 0.3, 0.4]
+    )
+    first = found["/odom"][0]
+    assert (first.header.frame_id, first.header.stamp.sec) == ("odom", 1_700_000_000)
+    frames = {(t.header.frame_id, t.child_frame_id) for s in found["/tf"] for t in s.transforms}
+    assert frames == {("odom", "base_link"), ("map", "odom")}
+    assert found["/sonar"][0].range == pytest.approx(1.5)
+    (path,) = found["/path"]
+    assert [p.pose.position.x for p in path.poses] == [0.0, 2.0]
+    grid = found["/local_map"][0]
+    assert len(grid.data) == grid.info.width * grid.info.height
+    assert max(grid.data) == 90
+    assert found["/obstacles"][0].width == 1
+    assert found["/diagnostics"][-1].status[0].message == "goto"
+
+
+def test_a_recording_is_read_without_an_extension(tmp_path: Path) -> None:
+    path = tmp_path / "run.mcap"
+    recorded(path, "robot1")
+    check(mcap_support(path))
+
+
+def test_a_type_has_one_schema_and_says_what_rosbag2_asks_for(tmp_path: Path) -> None:
+    path = tmp_path / "run.mcap"
+    recorded(path, "robot1")
+    with path.open("rb") as stream:
+        summary = make_reader(stream).get_summary()
+    theirs = {c.topic: c for c in summary.channels.values() if c.message_encoding == "cdr"}
+    schemas = {topic: summary.schemas[channel.schema_id] for topic, channel in theirs.items()}
+    assert {topic: schema.name for topic, schema in schemas.items()} == TOPICS
+    assert {schema.encoding for schema in schemas.values()} == {"ros2msg"}
+    counts = Counter(s.name for s in summary.schemas.values() if s.encoding == "ros2msg")
+    assert set(counts.values()) == {1}
+    assert "durability: 1" in theirs["/path"].metadata["offered_qos_profiles"]
+    assert "durability: 2" in theirs["/odom"].metadata["offered_qos_profiles"]
+
+
+def test_our_own_readers_see_our_own_messages_only(tmp_path: Path) -> None:
+    path = tmp_path / "run.mcap"
+    recording = recorded(path, "robot1")
+    warnings: list[str] = []
+    found = list(rows(path, warnings.append))
+    assert not warnings
+    assert len(found) == recording.messages == len(society()) + 2
+    assert {row.schema for row in found} >= {"armadico.Pose", ""}
+    assert not {row.topic for row in found} & TOPICS.keys()
+    with Tables(tmp_path / "csv") as tables:
+        for row in found:
+            tables.take(row)
+    assert tables.rows == len(society())
+
+
+def test_the_rerun_export_is_the_same_with_and_without(tmp_path: Path) -> None:
+    pytest.importorskip("rerun")
+    path = tmp_path / "run.mcap"
+    recorded(path, "robot1")
+    drawn = to_rrd(path, tmp_path / "run.rrd", None, None, {}, pytest.fail)
+    assert drawn == len(society())
+
+
+def test_each_file_of_several_has_what_is_latched(tmp_path: Path) -> None:
+    recording = recorded(tmp_path / "run.mcap", "robot1", max_bytes=3000)
+    assert recording.files > 2
+    last = mcap_support(recording.path)
+    assert {"/path", "/tf_static", "/local_map"} <= last.keys()
+
+
+def test_of_several_robots_each_has_its_topics(tmp_path: Path) -> None:
+    path = tmp_path / "run.mcap"
+    recorded(path, "robot1", "robot2")
+    found = mcap_support(path)
+    assert {"/robot1/odom", "/robot2/odom", "/tf"} <= found.keys()
+    assert "/odom" not in found
+    children = {t.child_frame_id for s in found["/tf"] for t in s.transforms}
+    assert children == {f"robot{k}/{frame}" for k in (1, 2) for frame in ("odom", "base_link")}
+
+
+# For rosbag2, which refuses a file of several encodings -------------------------------------------
+
+
+def exported(path: Path, *options: str) -> Path:
+    assert command.main([str(path), "--to", "ros2", *options]) == 0
+    return path.with_name(f"{path.stem}-ros2.mcap")
+
+
+def test_a_bag_of_ros2_is_read_by_two_readers(tmp_path: Path) -> None:
+    path = tmp_path / "run.mcap"
+    recorded(path, "robot1")
+    bag = exported(path)
+    check(mcap_support(bag))
+    check(rosbags_reader(bag))
+
+
+def test_a_bag_holds_nothing_but_ros2(tmp_path: Path) -> None:
+    path = tmp_path / "run.mcap"
+    recorded(path, "robot1")
+    with exported(path).open("rb") as stream:
+        reader = make_reader(stream)
+        summary, header = reader.get_summary(), reader.get_header()
+        about = {each.name: each.metadata for each in reader.iter_metadata()}
+    assert header.profile == "ros2"
+    assert {c.message_encoding for c in summary.channels.values()} == {"cdr"}
+    assert all(c.schema_id for c in summary.channels.values())
+    assert about == {"rosbag2": {"ROS_DISTRO": "iron"}}
+
+
+def test_a_bag_has_the_samples_that_were_recorded(tmp_path: Path) -> None:
+    path = tmp_path / "run.mcap"
+    recorded(path, "robot1")
+
+    def samples(file: Path) -> list[tuple[str, int, bytes]]:
+        with file.open("rb") as stream:
+            return [
+                (channel.topic, message.log_time, message.data)
+                for _, channel, message in make_reader(stream).iter_messages()
+                if channel.message_encoding == "cdr"
+            ]
+
+    assert samples(exported(path)) == samples(path)
+
+
+def test_a_recording_that_was_made_without_becomes_a_bag(tmp_path: Path) -> None:
+    path = tmp_path / "old.mcap"
+    recording = Recording(path)
+    for number, (key, message) in enumerate(society()):
+        recording.take(Heard("robot1", key, m.encode(message), BEGUN + number * SECOND // 60))
+    recording.close()
+    check(rosbags_reader(exported(path)))
+
+
+def test_one_robot_of_several_becomes_a_bag(tmp_path: Path) -> None:
+    path = tmp_path / "run.mcap"
+    recorded(path, "robot1", "robot2")
+    check(rosbags_reader(exported(path, "--namespace", "robot2")))
+
+
+def test_what_cannot_be_a_bag_is_said(tmp_path: Path) -> None:
+    path = tmp_path / "run.mcap"
+    recorded(path, "robot1")
+    bag = exported(path)
+    with pytest.raises(FailedError, match="exists already"):
+        exported(path)
+    bag.unlink()
+    with pytest.raises(FailedError, match="nothing that ros2 has words for of 'nobody'"):
+        exported(path, "--namespace", "nobody")
+    assert not bag.exists()
+    with pytest.raises(UsageError, match=r"ends with \.mcap"):
+        exported(path, "--out", str(tmp_path / "bag"))
+
+
+def test_metadata_is_in_our_own_files_as_it_was(tmp_path: Path) -> None:
+    path = tmp_path / "run.mcap"
+    recorded(path, "robot1", about={"version": "7"})
+    with path.open("rb") as stream:
+        reader = make_reader(stream)
+        (about,) = reader.iter_metadata()
+        assert reader.get_header().library == "armadico 7"
+    assert (about.name, about.metadata["version"]) == ("armadico", "7")
+    assert json.loads(about.metadata["protocol"]) == m.PROTOCOL
+
+
+# Real ROS 2 ---------------------------------------------------------------------------------------
+
+
+@pytest.mark.live
+def test_real_ros2_reads_the_samples_and_writes_the_same(tmp_path: Path) -> None:
+    path = tmp_path / "run.mcap"
+    recorded(path, "robot1")
+    with path.open("rb") as stream:
+        samples = [
+            (schema.name, message.data)
+            for schema, channel, message in make_reader(stream).iter_messages()
+            if schema is not None and channel.message_encoding == "cdr"
+        ]
+    done = subprocess.run(
+        [real_ros.interpreter(), READS],
+        input="\n".join(json.dumps([name, data.hex()]) for name, data in samples),
+        capture_output=True,
+        text=True,
+        check=True,
+        timeout=100,
+    )
+    said = [json.loads(line) for line in done.stdout.splitlines()]
+    assert len(said) == len(samples)
+    read = {name for (name, _), found in zip(samples, said, strict=True) if found}
+    assert read == {*TOPICS.values()} - {"tf2_msgs/msg/TFMessage"} - WITHOUT
+    for (name, data), found in zip(samples, said, strict=True):
+        if found:
+            kind = cdr.known()[name]  # what it fills gaps with is anything
+            assert cdr.encode(cdr.decode(kind, bytes.fromhex(found["again"]))) == data, name
