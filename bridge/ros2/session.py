@@ -62,8 +62,9 @@ JUMPING = "the odometry jumps again and again: is it that of one robot?"
 
 _STAMP = {0: struct.Struct(">iI"), 1: struct.Struct("<iI")}  # by CDR's second byte
 _STAMP_AT = 4
-COMPLAINT = 20
-"""Letters by which one complaint of the laser is told from another."""
+COMPLAINT, COMPLAIN_S = 20, 10.0
+"""Letters by which one complaint of the laser is told from another; it is made at most so often,
+for one that is well every other time says nothing new."""
 
 UNWATCHED = (
     "this make of robot has no watchdog for commands: if the robot agent is killed, it drives on"
@@ -186,7 +187,8 @@ class Session:
         self._laser = profile.laser
         turn_s = 0.0 if profile.laser is None else 1.0 / profile.laser.rate_hz
         self._old_s = max(OLD_TURNS * turn_s, OLD_CYCLES * self._ros2.cycle_s)
-        self._complained = ""  # of the laser, until it is well again
+        self._complained = ""  # of the laser, until it is well again,
+        self._complained_at = float("-inf")  # and when
         self._measured = (0.0, 0.0)
         self._asked = self._said = (0.0, 0.0)
         self._said_at = float("-inf")
@@ -469,9 +471,14 @@ class Session:
         payload, self._scan = self._scan, None
         if payload is not None:
             wrong = self._look(payload)
-            if wrong and wrong[:COMPLAINT] != self._complained[:COMPLAINT]:
+            if not wrong:
+                self._complained = ""
+            elif (
+                wrong[:COMPLAINT] != self._complained[:COMPLAINT]
+                and self._now - self._complained_at >= COMPLAIN_S
+            ):
                 self._events.append(Noted(f"the laser is not heeded: {wrong}"))
-            self._complained = wrong
+                self._complained, self._complained_at = wrong, self._now
         if self._swept is None:
             return None
         age = self._stamp - self._scan_stamp

@@ -361,6 +361,19 @@ def test_a_laser_that_says_the_same_again_and_again_is_no_laser() -> None:
     assert "again and again" in noted.text
 
 
+def test_a_laser_that_is_well_every_other_time_is_not_complained_of_each_time() -> None:
+    line = Line().open()
+    assert line.ros2.scan is not None
+    for k in range(100):
+        line.go(0.1, odometry=False)
+        if k % 2:
+            line.scan([1.0] * 20)
+        else:
+            line.say(line.ros2.scan.name, bytes(k))
+        line.odometry()
+    assert len(line.notes) in (1, 2)
+
+
 def test_a_laser_with_another_clock_is_named() -> None:
     line = Line().open()
     for _ in range(10):
