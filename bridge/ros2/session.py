@@ -12,7 +12,7 @@ more of the society stops by its own watchdog.
 from __future__ import annotations
 
 import struct
-from math import isfinite
+from math import copysign, isfinite
 
 from msgspec.structs import replace
 from pycdr2 import IdlStruct
