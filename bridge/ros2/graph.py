@@ -55,7 +55,7 @@ def judge(
         settled: Whether they have had time to be found: until then nobody is missed.
     """
     others = tuple(others)
-    robots: set[str] = set()
+    robots: list[str] = []  # one for each publisher: two of one make have the same name
     drivers: set[str] = set()
     notes: list[str] = []
     absent: list[str] = []  # the robot
@@ -68,7 +68,7 @@ def judge(
         if want.writes:
             drivers |= {other.node for other in there if other.writes}
         elif want.type == ODOMETRY:
-            robots |= {other.node for other in fitting}
+            robots += sorted(other.node for other in fitting)
         notes += _types(want, name, opposite)
         for other in fitting:
             notes += _quality(want, name, other)
@@ -81,7 +81,7 @@ def judge(
     # Where there is no robot, what else there is not is no news.
     notes += absent or missed
     if len(robots) > 1:
-        notes.append(f"more than one robot publishes odometry here: {', '.join(sorted(robots))}")
+        notes.append(f"more than one robot publishes odometry here: {', '.join(robots)}")
     robot = min(robots, default="")
     return Seen(_cut(robot), tuple(map(_cut, sorted(drivers)))[:100], tuple(map(_cut, notes))[:100])
 

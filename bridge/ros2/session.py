@@ -6,13 +6,13 @@ as old as the odometry that it comes with.
 
 What it is told to drive goes out up and down the ramps of the profile's limits, step by step: many
 a base obeys as hard as its motors can. It says nothing of its own accord, so a base that hears no
-more of the society stops by its own watchdog, and others may drive a robot that nobody here wants.
+more of the society stops by its own watchdog.
 """
 
 from __future__ import annotations
 
 import struct
-from math import isfinite
+from math import copysign, isfinite
 
 from msgspec.structs import replace
 from pycdr2 import IdlStruct
@@ -36,8 +36,9 @@ from armadico.bridge.session import (
 from armadico.config.profile import Ros2, Ros2Robot, Topic
 from armadico.core.messages import Line
 
-LINK_TIMEOUT_S = 1.0
-"""Without odometry for so long the link is lost; so long is waited for it before that is said."""
+LINK_TIMEOUT_S, LINK_CYCLES = 1.0, 3
+"""Without a cycle for so long, or so many that were due, the link is lost; so long is waited for
+odometry before that is said."""
 
 LOOK_S = LINK_TIMEOUT_S / 2  # from a call to the next, with an open link
 LATE_S = 0.1  # an owner that calls so much later than that hung
@@ -50,10 +51,16 @@ BURST = 50  # odometry that is looked at at once, after a hang
 OFTEN = 3  # times its rate is looked at, on average
 OLD_TURNS, OLD_CYCLES = 2.0, 2.0  # a scan older than both is none any more; nor one so much newer
 
+# Odometry is begun anew at a jump now and then. Who jumps again and again is two robots, or tells
+# nothing of its speeds: then nobody knows where it is.
+JUMPS, JUMP_FADES = 3.0, 0.2  # so many, less this for each cycle without one
+JUMPING = "the odometry jumps again and again: is it that of one robot?"
+
 _STAMP = {0: struct.Struct(">iI"), 1: struct.Struct("<iI")}  # by CDR's second byte
 _STAMP_AT = 4
-COMPLAINT = 20
-"""Letters by which one complaint of the laser is told from another."""
+COMPLAINT, COMPLAIN_S = 20, 10.0
+"""Letters by which one complaint of the laser is told from another; it is made at most so often,
+for one that is well every other time says nothing new."""
 
 UNWATCHED = (
     "this make of robot has no watchdog for commands: if the robot agent is killed, it drives on"
@@ -87,6 +94,7 @@ class Session:
         self._events: list[Event] = []
         self._now = now
         self._deadline: float | None = None
+        self._patience = max(LINK_TIMEOUT_S, LINK_CYCLES * self._ros2.cycle_s)
         self._attempts = 0
         self._heard = ""  # what comes while odometry is waited for
         self._wrong = ""  # and what is wrong with the odometry that comes
@@ -101,10 +109,13 @@ class Session:
         self._laser = profile.laser
         turn_s = 0.0 if profile.laser is None else 1.0 / profile.laser.rate_hz
         self._old_s = max(OLD_TURNS * turn_s, OLD_CYCLES * self._ros2.cycle_s)
-        self._complained = ""  # of the laser, until it is well again
+        self._complained = ""  # of the laser, until it is well again,
+        self._complained_at = float("-inf")  # and when
         self._measured = (0.0, 0.0)
         self._asked = self._said = (0.0, 0.0)
         self._said_at = float("-inf")
+        self._doubted = False  # it was lost before
+        self._resets, self._jumps = 0, 0.0  # steps not believed: told of, and lately
         self._fresh = False  # `drive` was called since
         self._ramp_at: float | None = None
         self._begin()
@@ -197,7 +208,8 @@ class Session:
         if self.is_open and due:
             passed = self._now - self._said_at
             if passed > SILENT_S:  # it may have stopped by itself, or somebody else drives it
-                self._said = self._measured
+                # What is measured may be old, or not so: nobody gets more for it than he asks for.
+                self._said = _within(self._measured, self._asked)
             self._said = self._ramps.step(self._said, self._asked, min(passed, RAMP_S))
             self._said_at = self._now
             self._fresh = False
@@ -219,22 +231,24 @@ class Session:
         self._stamp_at = self._scan = self._swept = None
         self._heard = self._wrong = ""
         self._attempts = 0
-        self._deadline = self._now + LINK_TIMEOUT_S
+        self._deadline = self._now + self._patience
 
     def _advance(self, now: float) -> None:
         """Note the time. After a hang the time-out begins anew, and what was asked is forgotten."""
         if self._deadline is not None and self.is_open and now - self._now > LOOK_S + LATE_S:
             self._asked, self._fresh = (0.0, 0.0), True
             self._said_at = float("-inf")
-            self._deadline = now + LINK_TIMEOUT_S
+            self._deadline = now + self._patience
         self._now = now
 
     def _silence(self) -> None:
         """There is no odometry, or none any more."""
         if self.is_open:
-            reason = self._wrong or f"no odometry for {LINK_TIMEOUT_S} s"
-            self._begin()
-            self._events.append(LinkLost(reason))
+            reason = self._wrong or f"no odometry for {self._patience} s"
+            comes = self._stamp_at is not None and self._now - self._stamp_at < self._patience / 2
+            if comes and not self._wrong:
+                reason = f"the odometry's clock hardly goes on: no cycle in {self._patience} s"
+            self._lose(reason)
             return
         self._attempts += 1
         self._out += said(wants(self._ros2))  # who is at the other end may have come since
@@ -242,7 +256,17 @@ class Session:
         hint = "; ".join((*self._seen.notes, *((heard,) if heard else ())))
         awaited = f"odometry on {self._ros2.odom.name}"
         self._events.append(Unanswered(awaited, self._attempts, bool(heard), hint))
-        self._deadline = self._now + LINK_TIMEOUT_S
+        self._deadline = self._now + self._patience
+
+    def _lose(self, reason: str) -> None:
+        """Begin anew; odometry has to go on for a whole cycle before it is believed again.
+
+        With the first one already, what stands still or runs backwards in time would be a cycle and
+        a command each time that it is lost and found again.
+        """
+        self._doubted = True
+        self._begin()
+        self._events.append(LinkLost(reason))
 
     # What comes -----------------------------------------------------------------------------------
 
@@ -290,6 +314,8 @@ class Session:
         if self._stamp_at is not None and stamp < self._stamp:
             self.absurd += 1
             back = self._stamp - stamp
+            if not self.is_open:  # from here on it is to go forwards
+                self._stamp, self._cycle_due = stamp, stamp + self._ros2.cycle_s
             self._wrong = f"the odometry runs backwards in time, by {back:.3g} s"
             return
         slack = 0.5 / self._ros2.odom_hz
@@ -300,9 +326,14 @@ class Session:
         if here is None:
             return
         cycle_s = self._ros2.cycle_s
-        late = self._stamp_at is None or stamp - self._cycle_due >= cycle_s
+        first = self._stamp_at is None
+        late = first or stamp - self._cycle_due >= cycle_s
         self._cycle_due = (stamp if late else self._cycle_due) + cycle_s
         self._note(stamp)
+        pose = self.odometry.update(here, self._now)
+        if not self._settled(first):
+            return
+        self._deadline = self._now + self._patience
         if not self.is_open:
             self.is_open = True
             self._attempts = 0
@@ -313,7 +344,7 @@ class Session:
         volts, charging = self._battery
         self._events.append(
             Reported(
-                pose=self.odometry.update(here, self._now),
+                pose=pose,
                 v=here.v,
                 w=here.w,
                 battery_v=volts,
@@ -325,8 +356,19 @@ class Session:
     def _note(self, stamp: float) -> None:
         """An odometry that is good as far as anybody has looked."""
         self._stamp, self._stamp_at = stamp, self._now
-        self._deadline = self._now + LINK_TIMEOUT_S
         self._wrong = ""
+
+    def _settled(self, first: bool) -> bool:
+        """Whether to believe the odometry that is due: see `JUMPS`, `_lose`."""
+        jumped, self._resets = self.odometry.resets > self._resets, self.odometry.resets
+        more = self._jumps + (1.0 if jumped else -JUMP_FADES)
+        self._jumps = min(max(more, 0.0), JUMPS)
+        if self._jumps >= JUMPS if self.is_open else self._jumps >= 1.0:
+            self._wrong = JUMPING
+            if self.is_open:
+                self._lose(JUMPING)
+            return False
+        return self.is_open or not (self._doubted and first)
 
     def _measure(self, payload: bytes) -> Measured | None:
         """What an odometry says; None: no robot is, or does, that. Raises ValueError."""
@@ -350,9 +392,14 @@ class Session:
         payload, self._scan = self._scan, None
         if payload is not None:
             wrong = self._look(payload)
-            if wrong and wrong[:COMPLAINT] != self._complained[:COMPLAINT]:
+            if not wrong:
+                self._complained = ""
+            elif (
+                wrong[:COMPLAINT] != self._complained[:COMPLAINT]
+                and self._now - self._complained_at >= COMPLAIN_S
+            ):
                 self._events.append(Noted(f"the laser is not heeded: {wrong}"))
-            self._complained = wrong
+                self._complained, self._complained_at = wrong, self._now
         if self._swept is None:
             return None
         age = self._stamp - self._scan_stamp
@@ -403,6 +450,15 @@ class Session:
     def _drain_events(self) -> list[Event]:
         events, self._events = self._events, []
         return events
+
+
+def _within(measured: tuple[float, float], asked: tuple[float, float]) -> tuple[float, float]:
+    """As much of what is measured as lies between rest and what is asked for."""
+    v, w = (
+        copysign(min(abs(one), abs(want)), want) if one * want > 0.0 else 0.0
+        for one, want in zip(measured, asked, strict=True)
+    )
+    return v, w
 
 
 def _rounded(speed: float, step: float) -> float:

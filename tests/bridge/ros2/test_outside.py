@@ -12,6 +12,7 @@ from armadico.bridge.ros2.graph import Endpoint
 from armadico.bridge.ros2.outside import SocietyNode, unfit
 from armadico.bridge.ros2.society import Society
 from armadico.core import messages as m
+from armadico.observe.translators import Sample
 
 GOAL = "/goal_pose"
 STATE = m.RobotState(m.Cycle(7, 1), 1, 2, 0.5, 0.4, -0.2, 12.5, True, False)
@@ -48,12 +49,18 @@ class Wire:
 
 
 class Stage:
-    def __init__(self, *, goals: bool = True, beside: bool = False) -> None:
+    def __init__(self, *, goals: bool = True, beside: bool = False, settle_s: float = 0.0) -> None:
         self.wire, self.said, self.society = Wire(), [], Society()
         taken = self.society.goals if goals else None
         self.outside = SocietyNode(
-            self.wire, self.society.channels, taken, self.said.append, beside=beside
+            *(self.wire, self.society.channels, taken, self.said.append),
+            beside=beside,
+            settle_s=settle_s,
         )
+
+    def look(self) -> None:
+        self.outside._looked_at = 0.0
+        self.outside.asked()
 
     def say(self, *messages: m.Message) -> None:
         for message in messages:
@@ -98,6 +105,34 @@ def test_beside_a_robot_of_ros2_its_own_words_are_left_to_it() -> None:
     assert "/odom" not in stage.wire.sent
 
 
+def test_a_robot_that_is_there_is_left_its_own_words_unasked() -> None:
+    """Or its robot agent reads two robots' odometry."""
+    stage = Stage(settle_s=60.0)
+    stage.say(STATE, POSE)
+    assert "/odom" not in stage.wire.wanted, "it may not have been found yet"
+    stage.wire.there = [there("/odom", "nav_msgs/msg/Odometry", writes=True)]
+    stage.look()
+    stage.outside._own_at = 0.0
+    stage.look()
+    stage.wire.there = []
+    stage.look()
+    assert not {"/odom", "/battery_state", "/scan"} & stage.wire.wanted.keys()
+    stage.say(STATE)
+    assert "/odom" not in stage.wire.sent
+
+
+def test_a_robot_that_comes_later_is_left_its_own_words_too() -> None:
+    stage = Stage()
+    walls = next(channel for channel in stage.society.channels if channel.topic == "/map")
+    stage.outside.publish(Sample(walls, b"\0\1map"), 1)
+    assert "/odom" in stage.wire.wanted
+    stage.wire.there = [there("/odom", "nav_msgs/msg/Odometry", writes=True)]
+    stage.wire.sent.clear()
+    stage.look()
+    assert "/odom" not in stage.wire.wanted
+    assert stage.wire.sent == ["/map"], "said again, for the writers are others"
+
+
 def there(topic: str, kind: str, *, writes: bool = False, **quality: bool) -> Endpoint:
     return Endpoint(topic, kind, "/somebody", writes, **quality)
 
@@ -115,7 +150,7 @@ def there(topic: str, kind: str, *, writes: bool = False, **quality: bool) -> En
         ),
         (
             there("/odom", "nav_msgs/msg/Odometry", writes=True),
-            "publishes /odom, the odometry of a robot .* --beside",
+            "publishes /odom, the odometry of a robot .* are left to it",
         ),
         (
             there("/platform/odom", "nav_msgs/msg/Odometry", writes=True),
@@ -135,8 +170,7 @@ def test_what_does_not_fit_is_said_once(other: Endpoint, why: str) -> None:
     stage = Stage()
     stage.wire.there = [other]
     for _ in range(3):
-        stage.outside._looked_at = 0.0
-        stage.outside.asked()
+        stage.look()
     notes = [note for note in stage.said if "deadline" not in note]
     assert len(notes) == 1
     assert len(stage.said) == 2

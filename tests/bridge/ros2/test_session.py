@@ -8,6 +8,7 @@ from math import inf, nan, pi
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
+from msgspec.structs import replace
 
 from armadico.bridge.ros2 import types
 from armadico.bridge.ros2.frames import Seen, frame, said
@@ -135,11 +136,48 @@ def test_odometry_that_runs_backwards_in_time_is_not_believed_and_then_begun_ane
         line.odometry(at=line.now - at - 100.0, x=3.0)
     assert "backwards in time, by 99" in line.of(LinkLost)[0].reason
     assert line.session.line.absurd > 10
-    line.go(0.05, odometry=False)
-    line.odometry(at=line.now - at - 100.0, x=3.0)
+    for _ in range(5):  # it is to go on for a cycle, and the place has jumped
+        line.go(0.05, odometry=False)
+        line.odometry(at=line.now - at - 100.0, x=3.0)
     assert line.session.is_open
     assert line.report.pose.x == 0.0  # a step that nothing explains
     assert len(line.of(Connected)) == 2
+
+
+@pytest.mark.parametrize("pace", [-1.0, 1e-4])
+def test_a_clock_that_goes_wrong_all_the_time_loses_the_link_for_good(pace: float) -> None:
+    """And not one cycle, and one command, each second."""
+    line = Line(JACKAL).open()
+    cycles = len(line.of(Reported))
+    for k in range(300):
+        line.go(0.02, odometry=False)
+        line.odometry(at=100.0 + pace * 0.02 * k)
+    (lost,) = line.of(LinkLost)
+    assert ("backwards" if pace < 0.0 else "hardly goes on") in lost.reason
+    assert not line.session.is_open
+    assert len(line.of(Reported)) == cycles + 1
+    line.go(0.5)
+    assert line.session.is_open
+
+
+def test_who_jumps_again_and_again_is_lost_until_he_does_not() -> None:
+    """Two robots that publish on one topic."""
+    line = Line(JACKAL).open()
+    for k in range(100):
+        line.go(0.1, odometry=False)
+        line.odometry(x=5.0 * (k % 2))
+    (lost,) = line.of(LinkLost)
+    assert "jumps again and again" in lost.reason
+    assert not line.session.is_open
+    line.go(3.0)
+    assert line.session.is_open
+
+
+def test_a_slow_cycle_is_waited_for() -> None:
+    slow = replace(JACKAL, ros2=replace(JACKAL.ros2, cycle_s=1.0))
+    line = Line(slow)
+    line.go(10.0)
+    assert line.of(LinkLost) == []
 
 
 def test_odometry_that_stands_still_in_time_makes_no_cycles() -> None:
@@ -323,6 +361,19 @@ def test_a_laser_that_says_the_same_again_and_again_is_no_laser() -> None:
     assert "again and again" in noted.text
 
 
+def test_a_laser_that_is_well_every_other_time_is_not_complained_of_each_time() -> None:
+    line = Line().open()
+    assert line.ros2.scan is not None
+    for k in range(100):
+        line.go(0.1, odometry=False)
+        if k % 2:
+            line.scan([1.0] * 20)
+        else:
+            line.say(line.ros2.scan.name, bytes(k))
+        line.odometry()
+    assert len(line.notes) in (1, 2)
+
+
 def test_a_laser_with_another_clock_is_named() -> None:
     line = Line().open()
     for _ in range(10):
@@ -423,6 +474,32 @@ def test_after_a_silence_it_starts_from_the_speeds_that_the_robot_has() -> None:
     line.go(1.0, v=1.0)
     line.drive(1.0)
     assert line.told[-1][1] == 1.0
+
+
+@pytest.mark.parametrize("lie", [4.0, -4.0, 1.0])
+def test_nobody_gets_more_than_he_asks_for_whatever_the_odometry_says(lie: float) -> None:
+    line = Line(JACKAL).open()
+    line.go(1.0, v=lie, w=lie)
+    begun = len(line.told)
+    line.session.stop()  # nobody drives, and the wheels are said to turn
+    line.flush()
+    assert {told[1:] for told in line.told[begun:]} == {(0.0, 0.0)}
+    line.go(1.0, v=lie, w=lie)
+    begun = len(line.told)
+    line.drive(0.5, -0.5)
+    line.go(1.0, v=lie, w=lie)
+    assert all(0.0 <= v <= 0.5 and -0.5 <= w <= 0.0 for _, v, w in line.told[begun:])
+
+
+def test_who_hung_is_told_to_stand_and_not_to_go_on_as_it_did() -> None:
+    """Its watchdog has stopped it meanwhile: it must not drive off anew, not even to brake."""
+    line = Line(JACKAL).open()
+    line.drive(2.0)
+    line.go(1.5, v=2.0)
+    begun = len(line.told)
+    line.now += 3.0
+    line.tick()
+    assert [told[1:] for told in line.told[begun:]] == [(0.0, 0.0)]
 
 
 def test_the_end_is_zero_at_once() -> None:

@@ -60,9 +60,8 @@ class Stage:
         stack.callback(wire.close)
         self.said: list[str] = []
         self.society = Society(namespace, WORLD)
-        self.outside = SocietyNode(
-            wire, self.society.channels, self.society.goals, self.said.append
-        )
+        taken, said = self.society.goals, self.said.append
+        self.outside = SocietyNode(wire, self.society.channels, taken, said, settle_s=0.0)
         self._cycles = cycles()
         self.say(*ONCE)
 

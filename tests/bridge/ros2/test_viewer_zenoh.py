@@ -40,7 +40,7 @@ def test_samples_go_out_late_comers_get_the_map_and_goals_come_in(wires: list[Wi
     _, ours, viewer = wires
     said: list[str] = []
     society = Society(world=WORLD)
-    outside = SocietyNode(ours, society.channels, society.goals, said.append)
+    outside = SocietyNode(ours, society.channels, society.goals, said.append, settle_s=0.0)
     read: Counter[str] = Counter()
     asked: list[m.MissionRequest] = []
     goal = types.PoseStamped(types.Header(frame_id="map"), types.Pose(types.Point(1.0, 2.0)))
