@@ -60,6 +60,8 @@ SPARE_CYCLES, SPARE_M, SPARE_RAD, LONGEST_S = 2, 0.05, 0.15, 4.0
 JUMPS, JUMP_FADES = 3.0, 0.2  # so many, less this for each cycle without one
 JUMPING = "the odometry jumps again and again: is it that of one robot?"
 
+SEVERAL = "more than one robot publishes odometry here, and would obey"
+
 _STAMP = {0: struct.Struct(">iI"), 1: struct.Struct("<iI")}  # by CDR's second byte
 _STAMP_AT = 4
 COMPLAINT, COMPLAIN_S = 20, 10.0
@@ -377,6 +379,8 @@ class Session:
                 self._events.append(Noted(note))
         named = seen.robot not in ("", self._seen.robot)
         self._seen = seen
+        if seen.several and self.is_open:
+            self._lose(SEVERAL)
         if named and self.is_open:  # it drove before anybody told its name
             self._events.append(self._connected())
 
@@ -445,6 +449,9 @@ class Session:
             self._wrong = JUMPING
             if self.is_open:
                 self._lose(JUMPING)
+            return False
+        if self._seen.several:  # their odometry may come in turns that are never seen to jump
+            self._wrong = SEVERAL
             return False
         return self.is_open or not (self._doubted and first)
 

@@ -173,6 +173,22 @@ def test_who_jumps_again_and_again_is_lost_until_he_does_not() -> None:
     assert line.session.is_open
 
 
+def test_nobody_drives_two_robots_at_once() -> None:
+    line = Line(JACKAL).open()
+    line.drive(0.5)
+    line.go(0.3, v=0.5)
+    line.raw(said(Seen("/base", notes=("more than one robot here",), several=True)))
+    assert line.told[-1][1:] == (0.0, 0.0)
+    line.go(3.0)
+    assert not line.session.is_open
+    (lost,) = line.of(LinkLost)
+    assert "more than one robot" in lost.reason
+    assert "more than one robot" in line.of(Unanswered)[-1].hint
+    line.raw(said(Seen("/base")))
+    line.go(0.5)
+    assert line.session.is_open
+
+
 def test_a_slow_cycle_is_waited_for() -> None:
     slow = replace(JACKAL, ros2=replace(JACKAL.ros2, cycle_s=1.0))
     line = Line(slow)
