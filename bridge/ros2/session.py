@@ -64,6 +64,7 @@ SEVERAL = "more than one robot publishes odometry here, and would obey"
 
 _STAMP = {0: struct.Struct(">iI"), 1: struct.Struct("<iI")}  # by CDR's second byte
 _STAMP_AT = 4
+TINY = 1e-9  # m/s or rad/s: a top speed is so much more than the whole steps that it is
 COMPLAINT, COMPLAIN_S = 20, 10.0
 """Letters by which one complaint of the laser is told from another; it is made at most so often,
 for one that is well every other time says nothing new."""
@@ -169,6 +170,7 @@ class Session:
             ABSURD * limits.v_max + ABSURD_M_S,
             ABSURD * limits.w_max + ABSURD_RAD_S,
         )
+        self._tops = limits.v_max, limits.w_max
         self._ramps = Ramps(limits)
         self._out = bytearray()
         self._events: list[Event] = []
@@ -517,7 +519,8 @@ class Session:
 
     def _command(self, v: float, w: float) -> bytes:
         """The frame of a command, to the nearest speeds that the base can obey."""
-        v, w = _rounded(v, self._ros2.v_step), _rounded(w, self._ros2.w_step)
+        v = _rounded(v, self._ros2.v_step, self._tops[0])
+        w = _rounded(w, self._ros2.w_step, self._tops[1])
         twist = types.Twist(linear=types.Vector3(x=v), angular=types.Vector3(z=w))
         if not self._ros2.stamped:
             return frame(self._ros2.cmd_vel.name, encode(twist))
@@ -547,8 +550,12 @@ def _within(measured: tuple[float, float], asked: tuple[float, float]) -> tuple[
     return v, w
 
 
-def _rounded(speed: float, step: float) -> float:
-    return step * round(speed / step) if step else speed
+def _rounded(speed: float, step: float, top: float) -> float:
+    """To whole steps, but not beyond the top speed."""
+    if not step:
+        return speed
+    steps = round(abs(speed) / step)
+    return copysign(step * (steps if step * steps <= top + TINY else steps - 1), speed)
 
 
 def _stamp(payload: bytes) -> float:

@@ -548,6 +548,14 @@ def test_what_a_base_cuts_off_is_rounded_instead() -> None:
     assert line.told[-1][1:] == (0.0, 0.0)
 
 
+def test_rounding_takes_nobody_beyond_the_top_speed() -> None:
+    coarse = replace(BURGER, ros2=replace(BURGER.ros2, v_step=0.04))
+    line = Line(coarse).open()
+    line.drive(coarse.limits.v_max)
+    line.go(1.0, v=0.2)
+    assert line.told[-1][1] == pytest.approx(0.2)
+
+
 @pytest.mark.parametrize("bad", [nan, inf])
 def test_no_speed_that_is_no_number_is_sent(bad: float) -> None:
     line = Line().open()
