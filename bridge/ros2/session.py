@@ -60,6 +60,7 @@ SPARE_CYCLES, SPARE_M, SPARE_RAD, LONGEST_S = 2, 0.05, 0.15, 4.0
 JUMPS, JUMP_FADES = 3.0, 0.2  # so many, less this for each cycle without one
 JUMPING = "the odometry jumps again and again: is it that of one robot?"
 
+RESTARTED = "its odometry begins elsewhere, as that of a robot that was started again"
 SEVERAL = "more than one robot publishes odometry here, and would obey"
 
 _STAMP = {0: struct.Struct(">iI"), 1: struct.Struct("<iI")}  # by CDR's second byte
@@ -445,6 +446,10 @@ class Session:
     def _settled(self, first: bool) -> bool:
         """Whether to believe the odometry that is due: see `JUMPS`, `_lose`."""
         jumped, self._resets = self.odometry.resets > self._resets, self.odometry.resets
+        if (
+            first and jumped and self._jumps < 1.0
+        ):  # whoever has it in hands does not want it to drive off
+            self._events.append(LinkLost(RESTARTED, reset=True))
         more = self._jumps + (1.0 if jumped else -JUMP_FADES)
         self._jumps = min(max(more, 0.0), JUMPS)
         if self._jumps >= JUMPS if self.is_open else self._jumps >= 1.0:
