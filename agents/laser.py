@@ -21,7 +21,7 @@ SAY_S = 10.0
 
 
 class Parameters(perception.Parameters, frozen=True, kw_only=True):
-    """What the map keeps; a laser's walls are doubted sooner than a sonar's, for it sees them."""
+    """What the map keeps, and for how long."""
 
     map: ScanSettings = ScanSettings()
 

@@ -1,4 +1,4 @@
-"""The relocate agent: drives a robot that is lost until its sonars have found out where it is."""
+"""The relocate agent: drives a robot that is lost until its sensors have found out where it is."""
 
 from __future__ import annotations
 
@@ -73,7 +73,7 @@ class Relocate(Behaviour):
 
     Of the places where the robot may be it hears from the localization agent. Where these are
     several, and the map is known, it takes a straight way that is free at all of them and along
-    which the sonars should hear most different things. With no places to tell apart, or no map, it
+    which the sensors should tell most different things. With no places to tell apart, or no map, it
     drives to where it is free, and turns again: a place is told from others like it by what comes
     after it. It needs no pose, and keeps off what is near as everybody does.
 

@@ -16,7 +16,7 @@ from armadico.agents.methods.near import Obstacle
 from armadico.agents.methods.perception import Perception
 from armadico.agents.methods.settings import MapSettings
 from armadico.core import agent
-from armadico.core.messages import Cell, Cycle, LocalMap, Message, Obstacles, Point, Sonar
+from armadico.core.messages import Cell, Cycle, Echo, LocalMap, Message, Obstacles, Point, Sonar
 from armadico.core.swept_path import Outline
 
 Angle = Annotated[float, Meta(ge=0, le=3.1416)]
@@ -112,6 +112,6 @@ class SonarAgent(Perception):
                 yield Point(c * o.x + s * o.y, c * o.y - s * o.x)
 
 
-def _close(echo: local_map.Echo) -> bool:
+def _close(echo: Echo) -> bool:
     """Whether an echo is of something so near that its place on the axis is hardly wrong."""
     return echo.range is not None and echo.range < CLOSE_M

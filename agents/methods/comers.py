@@ -14,8 +14,8 @@ import math
 from collections.abc import Sequence
 from typing import NamedTuple
 
-from armadico.agents.methods.local_map import Echo
 from armadico.core.geometry import Pose2, relative
+from armadico.core.messages import Echo
 from armadico.core.swept_path import Outline
 
 AHEAD_S = 0.6

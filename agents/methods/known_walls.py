@@ -21,11 +21,10 @@ from collections.abc import Callable, Iterable, Iterator, Sequence
 from itertools import chain
 from typing import NamedTuple
 
-from armadico.agents.methods.local_map import Echo
 from armadico.agents.methods.near import Look, Obstacle
 from armadico.agents.methods.settings import WallSettings
 from armadico.core.geometry import Pose2
-from armadico.core.messages import COVARIANCE
+from armadico.core.messages import COVARIANCE, Echo
 
 STEP_M = 0.06
 """From one place of a wall to the next: the body's corner comes half of that through, and is kept

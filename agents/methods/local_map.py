@@ -4,8 +4,8 @@ The circle around the robot is cut into 18 sectors and ten rings (figure 3.8). A
 point that was hit in it, not its centre: with centres the robot keeps up to 18 cm more or less
 distance than there is. Near the robot it holds several that are apart: of one alone, the end of a
 wall would be as far back as its first echo, and a corner of the body turns into the rest.
-Everything is in the body frame: x forward, y left, origin at the middle
-of the wheel axle; metres and radians.
+Everything is in the body frame: x forward, y left, origin at the middle of the wheel axle; metres
+and radians.
 
 It believes by looks, not by cycles. A cell's probability grows when an echo comes from it. It
 shrinks on a ping that had to bring its echo: within the cone, near the axis, and short of the range
@@ -24,12 +24,13 @@ from collections.abc import Iterable, Mapping
 from functools import lru_cache
 from itertools import chain, repeat
 from operator import itemgetter
-from typing import NamedTuple, Protocol
+from typing import NamedTuple
 
 from armadico.agents.methods.geometry import Posed
 from armadico.agents.methods.near import NOBODY, Near, Obstacle
 from armadico.agents.methods.rows import NEAR_M, Heard, onward
 from armadico.agents.methods.settings import MapSettings
+from armadico.core.messages import Echo
 from armadico.core.swept_path import Outline
 
 SECTORS = 18
@@ -44,26 +45,6 @@ POINTS = 4
 """Points of one such cell at the most."""
 
 _MOST_SONARS = 64  # that are remembered, as many as one message has: no robot has more
-
-
-class Echo(Protocol):
-    """One sonar's reading; the message of that name is one."""
-
-    @property
-    def x(self) -> float:
-        """Where the sonar sits, m."""
-
-    @property
-    def y(self) -> float:
-        """Where the sonar sits, m."""
-
-    @property
-    def bearing(self) -> float:
-        """Where it looks, rad."""
-
-    @property
-    def range(self) -> float | None:
-        """Metres; None if nothing answered within its reach."""
 
 
 class _Cell(NamedTuple):

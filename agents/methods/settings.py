@@ -1,4 +1,4 @@
-"""What of the local map a file or ``--set KEY=VALUE`` may change, within the agent's parameters.
+"""What of the methods a file or ``--set KEY=VALUE`` may change, within the agents' parameters.
 
 A file of its own for the reason that `armadico.core.parameters` is one.
 """
@@ -11,7 +11,7 @@ from msgspec import Struct
 
 
 class MapSettings(Struct, frozen=True):
-    """How the local map believes and forgets. Probabilities are shares, not calibrated."""
+    """How the sonars' local map believes and forgets. Probabilities are shares, not calibrated."""
 
     reach_m: float = 2.5  # of the outermost ring
     hit: float = 0.6  # added where an echo comes from
@@ -73,7 +73,7 @@ class WallSettings(Struct, frozen=True):
 
 
 class Brisk(Struct, frozen=True, forbid_unknown_fields=True):
-    """Its settings; SI."""
+    """Goto's controller `brisk`; SI."""
 
     v: float = 0.75  # at most
     v_decel: float = 0.55  # that it counts on

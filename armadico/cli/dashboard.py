@@ -20,12 +20,6 @@ from typing import TYPE_CHECKING, Final
 
 from armadico.cli import options
 from armadico.cli.options import FailedError, UsageError
-from armadico.mesh.topology import (
-    DEFAULT_NAMESPACE,
-    NAMESPACE_VARIABLE,
-    checked_namespace,
-    default_namespace,
-)
 
 if TYPE_CHECKING:
     from armadico.config.worlds import World
@@ -57,10 +51,10 @@ EXAMPLES: Final = """\
 def main(argv: Sequence[str]) -> int:
     """Show what happens until Ctrl-C."""
     args = parser().parse_args(argv)
-    namespaces = _namespaces(args)
+    namespaces = options.namespaces(args)
     _check_installed()
     _quiet()
-    worlds = dict.fromkeys(namespaces, _world(args))
+    worlds = dict.fromkeys(namespaces, options.world(args))
     _check_record("--record", args.record)
     from armadico.observe.dashboard.viewer import ViewerError  # noqa: PLC0415 - not for --help
 
@@ -106,8 +100,8 @@ def beside(args: argparse.Namespace, world: str, *, wait: bool = False) -> Itera
                     raise FailedError("the dashboard has ended, so no run")
             yield
             if wait:
-                _say("the run is over; Ctrl-C ends the dashboard")
-                with suppress(KeyboardInterrupt):
+                with suppress(KeyboardInterrupt):  # which may come as soon as it is offered
+                    _say("the run is over; Ctrl-C ends the dashboard")
                     process.wait()
         finally:
             _end(process)
@@ -175,22 +169,8 @@ def parser() -> argparse.ArgumentParser:
         help=f"of the page, 0: one that is free (default: {WEB_PORT})",
     )
     made.add_argument("--no-open", action="store_true", help="do not open a browser")
-    options.add_mesh_options(made)
-    # In place of the option that takes one: here several may be named.
-    robots = made.add_argument_group("the robots", conflict_handler="resolve")
-    robots.add_argument(
-        "--namespace",
-        metavar="NS",
-        action="append",
-        help=f"which robot; may be repeated (default: ${NAMESPACE_VARIABLE},"
-        f" or {DEFAULT_NAMESPACE})",
-    )
+    options.add_mesh_options(made, several=True)
     return made
-
-
-def _namespaces(args: argparse.Namespace) -> list[str]:
-    named = args.namespace or [default_namespace()]
-    return [checked_namespace(name) for name in dict.fromkeys(named)]
 
 
 def _check_installed() -> None:
@@ -208,14 +188,6 @@ def _check_installed() -> None:
 def _quiet() -> None:
     """Rerun's library warns of itself where nobody can do anything; before it is imported."""
     os.environ.setdefault("RUST_LOG", "error")
-
-
-def _world(args: argparse.Namespace) -> World | None:
-    if args.world is None:
-        return None
-    from armadico.config.worlds import load_world  # noqa: PLC0415 - not for --help
-
-    return load_world(args.world)
 
 
 def _check_record(option: str, path: Path | None) -> None:
@@ -246,10 +218,10 @@ def _show(args: argparse.Namespace, worlds: Mapping[str, World | None]) -> int:
     with ExitStack() as stack:
         recording, uri = serve(worlds, port, args.record)
         stack.callback(close, recording)
-        for namespace, world in worlds.items():
-            one = argparse.Namespace(**{**vars(args), "namespace": namespace})
-            mesh = stack.enter_context(options.join(one, passing=True))
-            live.add(mesh, Scene(recording, world, namespace, zones()))
+        for mesh in options.join_each(args, list(worlds)):
+            stack.enter_context(mesh)
+            scene = Scene(recording, worlds[mesh.namespace], mesh.namespace, zones())
+            live.add(mesh, scene)
         window = _open(args, uri)
         if window is not None:
             stack.enter_context(window)

@@ -75,14 +75,12 @@ def _to_csv(args: argparse.Namespace) -> str:
 
 def _to_rrd(args: argparse.Namespace) -> str:
     from armadico.cli.dashboard import zones  # noqa: PLC0415 - not for --help
-    from armadico.config.worlds import load_world  # noqa: PLC0415 - not for --help
     from armadico.observe.export import to_rrd  # noqa: PLC0415 - not for --help
 
     out = _out(args)
     if find_spec("rerun") is None:
         raise FailedError("rerun is not installed: pip install 'armadico[dashboard]'")
-    world = None if args.world is None else load_world(args.world)
-    count = to_rrd(args.file, out, args.namespace, world, zones(), _warn)
+    count = to_rrd(args.file, out, args.namespace, options.world(args), zones(), _warn)
     if not count:
         raise FailedError(f"{args.file} holds no messages" + _of(args))
     return f"{count} messages in {out}"

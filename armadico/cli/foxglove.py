@@ -8,14 +8,10 @@ import sys
 from collections.abc import Sequence
 from contextlib import ExitStack
 from importlib.util import find_spec
-from typing import TYPE_CHECKING, Final
+from typing import Final
 
 from armadico.cli import options
 from armadico.cli.options import FailedError
-from armadico.cli.record import add_namespaces, join_each
-
-if TYPE_CHECKING:
-    from armadico.config.worlds import World
 
 PORT: Final = 8765
 """Where Foxglove looks by default."""
@@ -35,9 +31,9 @@ EXAMPLES: Final = """\
 def main(argv: Sequence[str]) -> int:
     """Serve until Ctrl-C."""
     args = parser().parse_args(argv)
-    namespaces = list(dict.fromkeys(args.namespaces or [args.namespace]))
-    meshes = join_each(args, namespaces)
-    world = _world(args)
+    namespaces = options.namespaces(args)
+    meshes = options.join_each(args, namespaces)
+    world = options.world(args)
     if find_spec("foxglove") is None:
         raise FailedError(f"this needs Foxglove's SDK, which is an extra: {INSTALL}")
     signal.signal(signal.SIGTERM, signal.default_int_handler)
@@ -94,14 +90,5 @@ def parser() -> argparse.ArgumentParser:
         help="take goals, too; from any program that reaches the port, a page in a browser as well",
     )
     made.add_argument("--world", metavar="MAP", help="show the walls of this world as the map")
-    options.add_mesh_options(made)
-    add_namespaces(made)
+    options.add_mesh_options(made, several=True)
     return made
-
-
-def _world(args: argparse.Namespace) -> World | None:
-    if args.world is None:
-        return None
-    from armadico.config.worlds import load_world  # noqa: PLC0415 - not for --help
-
-    return load_world(args.world)

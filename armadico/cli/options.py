@@ -10,7 +10,7 @@ import errno
 import os
 import re
 import sys
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import replace
 from importlib.metadata import PackageNotFoundError
 from importlib.metadata import version as installed
@@ -35,6 +35,7 @@ if TYPE_CHECKING:
     from rich.table import Table
 
     from armadico.cli.places import Place
+    from armadico.config.worlds import World
     from armadico.mesh.zenoh import ZenohMesh
 
 FAILED: Final = 1
@@ -115,10 +116,18 @@ def parser(program: str, description: str, examples: str) -> argparse.ArgumentPa
     return made
 
 
-def add_mesh_options(made: argparse.ArgumentParser, *, host: str = HOST_HELP) -> None:
-    """The options that say which robot, and how to reach it; `host` is what --host is for."""
+def add_mesh_options(
+    made: argparse.ArgumentParser, *, host: str = HOST_HELP, several: bool = False
+) -> None:
+    """The options that say which robot, or `several`, and how to reach it.
+
+    `host` is what --host is for.
+    """
     mesh = made.add_argument_group("the mesh")
-    add_namespace_option(mesh)
+    if several:
+        _add_namespaces_option(mesh)
+    else:
+        add_namespace_option(mesh)
     mesh.add_argument("--host", metavar="H", help=host)
     mesh.add_argument(
         "--hosts",
@@ -152,6 +161,43 @@ def add_namespace_option(made: argparse._ActionsContainer) -> None:
         default=default_namespace(),
         help=f"which robot (default: ${NAMESPACE_VARIABLE}, or {DEFAULT_NAMESPACE})",
     )
+
+
+def _add_namespaces_option(made: argparse._ActionsContainer) -> None:
+    """The option that says which robots."""
+    made.add_argument(
+        "--namespace",
+        dest="namespaces",
+        action="append",
+        metavar="NS",
+        help=f"which robot; may be repeated (default: ${NAMESPACE_VARIABLE}, or"
+        f" {DEFAULT_NAMESPACE})",
+    )
+
+
+def world(args: argparse.Namespace) -> World | None:
+    """The world that --world names, if it does. Raises ConfigError."""
+    if args.world is None:
+        return None
+    from armadico.config.worlds import load_world  # noqa: PLC0415 - not for --help
+
+    return load_world(args.world)
+
+
+def namespaces(args: argparse.Namespace) -> list[str]:
+    """Which robots the options of a command for several say, each once. Raises TopologyError."""
+    named = args.namespaces or [default_namespace()]
+    return [checked_namespace(name) for name in dict.fromkeys(named)]
+
+
+def join_each(args: argparse.Namespace, namespaces: Sequence[str]) -> list[ZenohMesh]:
+    """A mesh for each namespace, not opened yet; what is asked to listen, the first does."""
+    found = []
+    for number, namespace in enumerate(namespaces):
+        listen = args.listen if number == 0 else []
+        one = argparse.Namespace(**{**vars(args), "namespace": namespace, "listen": listen})
+        found.append(join(one))
+    return found
 
 
 def join(args: argparse.Namespace, *, passing: bool = True) -> ZenohMesh:

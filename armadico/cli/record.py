@@ -41,8 +41,8 @@ def main(argv: Sequence[str]) -> int:
     """Record until Ctrl-C."""
     args = parser().parse_args(argv)
     _check(args)
-    namespaces = args.namespaces or [args.namespace]
-    meshes = join_each(args, namespaces)
+    namespaces = options.namespaces(args)
+    meshes = options.join_each(args, namespaces)
     if find_spec("mcap") is None:
         raise FailedError(NEEDED)
     signal.signal(signal.SIGTERM, signal.default_int_handler)  # it closes the file, too
@@ -90,23 +90,8 @@ def parser() -> argparse.ArgumentParser:
     made.add_argument("--duration", type=float, metavar="S", help="stop after so long")
     made.add_argument("--force", action="store_true", help="replace a file that exists")
     made.add_argument("--quiet", action="store_true", help="no progress")
-    options.add_mesh_options(made)
-    add_namespaces(made)
+    options.add_mesh_options(made, several=True)
     return made
-
-
-def add_namespaces(made: argparse.ArgumentParser) -> None:
-    """In place of the option of the mesh that takes one namespace, one that takes several."""
-    default = made.get_default("namespace")
-    several = made.add_argument_group("several robots", conflict_handler="resolve")
-    several.add_argument(
-        "--namespace",
-        dest="namespaces",
-        action="append",
-        metavar="NS",
-        help=f"which robot; may be repeated (default: {default})",
-    )
-    made.set_defaults(namespace=default)
 
 
 def _check(args: argparse.Namespace) -> None:
@@ -117,16 +102,6 @@ def _check(args: argparse.Namespace) -> None:
             raise UsageError(f"--{flag.replace('_', '-')} {value:g}: more than 0")
     if args.file.suffix != ".mcap":
         raise UsageError(f"{args.file}: the name of a recording ends with .mcap")
-
-
-def join_each(args: argparse.Namespace, namespaces: Sequence[str]) -> list[ZenohMesh]:
-    """A mesh for each namespace, not opened yet; what is asked to listen, the first does."""
-    found = []
-    for number, namespace in enumerate(dict.fromkeys(namespaces)):
-        listen = args.listen if number == 0 else []
-        one = argparse.Namespace(**{**vars(args), "namespace": namespace, "listen": listen})
-        found.append(options.join(one))
-    return found
 
 
 def _record(
@@ -140,7 +115,7 @@ def _record(
     about = {"version": options.version(), "namespaces": " ".join(namespaces)}
     if args.force:
         args.file.unlink(missing_ok=True)
-    recording = Recording(args.file, about, limit, translators(list(dict.fromkeys(namespaces))))
+    recording = Recording(args.file, about, limit, translators(namespaces))
     watcher = Watcher(meshes)
     begun = time.monotonic()
     try:

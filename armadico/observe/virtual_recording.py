@@ -25,7 +25,7 @@ class Recorded:
         about = {"namespaces": namespace, "seed": str(mesh.seed)}
         self.recording = Recording(path, about, translators=translators([namespace]))
         kinds = dict.fromkeys(each.message for each in SERVICES if each.message is not Ask)
-        mesh.watch(self._take, *kinds, namespace=namespace)
+        mesh.watch(self._keep, *kinds, namespace=namespace)
         self._ask()
 
     def __enter__(self) -> Recorded:
@@ -33,9 +33,6 @@ class Recorded:
 
     def __exit__(self, *_: object) -> None:
         self.recording.close()
-
-    def _take(self, key: str, message: Message, now: float) -> None:
-        self._keep(key, message, now)
 
     def _ask(self) -> None:
         """Who is there, with cards and bids, once a second, without being heard."""

@@ -12,10 +12,8 @@ from msgspec.structs import replace
 
 from armadico.cli import options
 from armadico.cli.options import FailedError, UsageError
-from armadico.cli.record import add_namespaces, join_each
 
 if TYPE_CHECKING:
-    from armadico.bridge.ros2.outside import Ros2
     from armadico.bridge.ros2.samples import Address
     from armadico.bridge.ros2.society import Society
     from armadico.mesh.zenoh import ZenohMesh
@@ -33,14 +31,14 @@ EXAMPLES: Final = """\
 def main(argv: Sequence[str]) -> int:
     """Publish until Ctrl-C."""
     args = parser().parse_args(argv)
-    namespaces = list(dict.fromkeys(args.namespaces or [args.namespace]))
+    namespaces = options.namespaces(args)
     from armadico.bridge.ros2.addresses import read_address  # noqa: PLC0415 - not for --help
 
     try:
         address = read_address(args.address)
     except ValueError as error:
         raise UsageError(str(error)) from None
-    meshes = join_each(args, namespaces)
+    meshes = options.join_each(args, namespaces)
     societies = _societies(args, namespaces, address.namespace)
     signal.signal(signal.SIGTERM, signal.default_int_handler)
     from armadico.observe.gateway import serve  # noqa: PLC0415 - not for --help
@@ -82,8 +80,7 @@ def parser() -> argparse.ArgumentParser:
         help="the robot publishes its odometry, tf, scan and battery itself: leave them out",
     )
     made.add_argument("--world", metavar="MAP", help="publish the walls of this world as the map")
-    options.add_mesh_options(made)
-    add_namespaces(made)
+    options.add_mesh_options(made, several=True)
     return made
 
 
@@ -92,9 +89,8 @@ def _societies(
 ) -> dict[str, Society]:
     """A translator for each robot. Raises UsageError, ConfigError."""
     from armadico.bridge.ros2.society import Society, ros_namespace  # noqa: PLC0415
-    from armadico.config.worlds import load_world  # noqa: PLC0415 - not for --help
 
-    world = None if args.world is None else load_world(args.world)
+    world = options.world(args)
     own = {ns: "" if len(namespaces) == 1 else ns for ns in namespaces}
     places = {ns: "/".join(filter(None, (below, name))) for ns, name in own.items()}
     named: dict[str, str] = {}
@@ -113,12 +109,12 @@ def _gateway(
 ) -> Gateway:
     """A robot's, in the mesh and in ROS 2. Raises OSError."""
     from armadico.bridge.ros2.addresses import join  # noqa: PLC0415 - not for --help
-    from armadico.bridge.ros2.outside import NODE, Ros2  # noqa: PLC0415
+    from armadico.bridge.ros2.outside import NODE, SocietyNode  # noqa: PLC0415
     from armadico.observe.gateway import Gateway  # noqa: PLC0415
 
     say = options.teller("armadico ros2")
     wire = join(replace(address, namespace=society.namespace), NODE)
     stack.callback(wire.close)
     goals = None if args.no_goals else society.goals
-    outside: Ros2 = Ros2(wire, society.channels, goals, say, beside=args.beside)
+    outside = SocietyNode(wire, society.channels, goals, say, beside=args.beside)
     return Gateway(stack.enter_context(mesh), [society], outside, say)

@@ -22,7 +22,7 @@ SHARED: Final = ("/tf", "/tf_static", "/diagnostics")
 """Topics on which many publish."""
 
 
-class Ros2:
+class SocietyNode:
     """One robot's society as a node."""
 
     def __init__(

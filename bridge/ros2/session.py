@@ -12,27 +12,28 @@ more of the society stops by its own watchdog.
 from __future__ import annotations
 
 import struct
-from math import atan2, copysign, cos, hypot, isfinite, remainder, sin, tau
+from math import copysign, isfinite
 
-from msgspec import Struct
 from msgspec.structs import replace
 from pycdr2 import IdlStruct
 
 from armadico.bridge.ros2 import types
 from armadico.bridge.ros2.cdr import decode, encode, ros_name
 from armadico.bridge.ros2.frames import SEEN, Decoder, Seen, Wanted, Wants, frame, read, said
+from armadico.bridge.ros2.odometry import Measured, Odometry
+from armadico.bridge.ros2.ramps import Ramps
+from armadico.bridge.ros2.rotations import norm2, yaw
 from armadico.bridge.ros2.scans import swept
 from armadico.bridge.session import (
     Connected,
     Event,
     LinkLost,
     Noted,
-    Pose,
     Reported,
     Swept,
     Unanswered,
 )
-from armadico.config.profile import Limits, Ros2, Ros2Robot, Topic
+from armadico.config.profile import Ros2, Ros2Robot, Topic
 from armadico.core.messages import Line
 
 LINK_TIMEOUT_S, LINK_CYCLES = 1.0, 3
@@ -49,11 +50,6 @@ ABSURD, ABSURD_M_S, ABSURD_RAD_S = 2.0, 0.5, 1.0  # times the tops, and more: no
 BURST = 50  # odometry that is looked at at once, after a hang
 OFTEN = 3  # times its rate is looked at, on average
 OLD_TURNS, OLD_CYCLES = 2.0, 2.0  # a scan older than both is none any more; nor one so much newer
-
-# A step is believed up to what the reported speeds explain over the time since the last one and
-# this many cycles more, plus what rounding and braking may add; over a silence for no longer than
-# the wheels may have turned meanwhile.
-SPARE_CYCLES, SPARE_M, SPARE_RAD, LONGEST_S = 2, 0.05, 0.15, 4.0
 
 # Odometry is begun anew at a jump now and then. Who jumps again and again is two robots, or tells
 # nothing of its speeds: then nobody knows where it is.
@@ -73,80 +69,6 @@ for one that is well every other time says nothing new."""
 UNWATCHED = (
     "this make of robot has no watchdog for commands: if the robot agent is killed, it drives on"
 )
-
-CHARGING = 1  # of BatteryState's power_supply_status
-
-
-class Measured(Struct, frozen=True):
-    """One odometry: m, m, rad (wrapped), m/s and rad/s."""
-
-    x: float
-    y: float
-    theta: float
-    v: float
-    w: float
-
-
-class Odometry:
-    """The robot's own odometry, continuous: steps that the speeds do not explain are left out.
-
-    It begins where the robot's is, which may have counted on without us. After a jump the robot's
-    axes may lie otherwise than the pose's, so its steps are turned into the pose's.
-    """
-
-    def __init__(self, cycle_s: float) -> None:
-        self.pose = Pose()
-        self.resets = 0  # steps not believed so far
-        self._reach_s = SPARE_CYCLES * cycle_s
-        self._last: Measured | None = None
-        self._at = 0.0
-        self._axes = (1.0, 0.0)  # cosine and sine of the pose's heading less the robot's
-
-    def update(self, here: Measured, now: float) -> Pose:
-        """Take what came at `now` (s) and return the continuous pose."""
-        last, elapsed = self._last, now - self._at
-        self._last, self._at = here, now
-        if last is None:
-            self.pose = Pose(here.x, here.y, here.theta)
-            return self.pose
-        dx, dy = here.x - last.x, here.y - last.y
-        turn = remainder(here.theta - last.theta, tau)
-        time_s = min(elapsed, LONGEST_S) + self._reach_s
-        way = SPARE_M + max(abs(last.v), abs(here.v)) * time_s
-        spin = SPARE_RAD + max(abs(last.w), abs(here.w)) * time_s
-        pose = self.pose
-        if hypot(dx, dy) <= way and abs(turn) <= spin:
-            c, s = self._axes
-            self.pose = Pose(pose.x + c * dx - s * dy, pose.y + s * dx + c * dy, pose.theta + turn)
-        else:
-            self.resets += 1
-            off = remainder(pose.theta - here.theta, tau)
-            self._axes = (cos(off), sin(off))
-        return self.pose
-
-
-class Ramps:
-    """Speeds on their way to what was asked for, no steeper than the profile's limits."""
-
-    def __init__(self, limits: Limits) -> None:
-        self._v = (limits.v_accel, limits.v_decel)
-        self._w = (limits.w_accel, limits.w_decel)
-
-    def step(
-        self, now: tuple[float, float], asked: tuple[float, float], dt: float
-    ) -> tuple[float, float]:
-        """The speeds `dt` (s) later, m/s and rad/s."""
-        return _towards(now[0], asked[0], self._v, dt), _towards(now[1], asked[1], self._w, dt)
-
-
-def _towards(now: float, asked: float, ramps: tuple[float, float], dt: float) -> float:
-    accel, decel = ramps
-    if now * asked < 0.0:  # through rest
-        slower = abs(now) - decel * dt
-        return copysign(slower, now) if slower > 0.0 else 0.0
-    most = (accel if abs(asked) > abs(now) else decel) * dt
-    change = asked - now
-    return asked if abs(change) <= most else now + copysign(most, change)
 
 
 class Session:
@@ -364,7 +286,7 @@ class Session:
         elif ros2.battery is not None and topic == ros2.battery.name:
             state = decode(types.BatteryState, payload)
             volts = float(state.voltage)
-            charging = state.power_supply_status == CHARGING
+            charging = state.power_supply_status == types.CHARGING
             self._battery = (volts if 0.0 <= volts <= 1e4 else 0.0, charging)
         elif topic == SEEN:
             self._see(read(payload, Seen))
@@ -467,7 +389,7 @@ class Session:
         odometry = decode(types.Odometry, payload)
         place, q = odometry.pose.pose.position, odometry.pose.pose.orientation
         v, w = odometry.twist.twist.linear.x, odometry.twist.twist.angular.z
-        norm = q.w * q.w + q.x * q.x + q.y * q.y + q.z * q.z
+        norm = norm2(q)
         if not all(map(isfinite, (place.x, place.y, norm, v, w))) or not 0.5 < norm < 2.0:
             self.malformed += 1
             self._wrong = "the odometry says what is no pose"
@@ -477,8 +399,7 @@ class Session:
             self.absurd += 1
             self._wrong = f"the odometry says {v:.3g} m/s, {w:.3g} rad/s"
             return None
-        yaw = atan2(2.0 * (q.w * q.z + q.x * q.y), norm - 2.0 * (q.y * q.y + q.z * q.z))
-        return Measured(place.x, place.y, yaw, v, w)
+        return Measured(place.x, place.y, yaw(q), v, w)
 
     def _sweep(self) -> Swept | None:
         """The newest scan, if it is any good and new enough; it is said why it is not."""
@@ -579,10 +500,11 @@ def wants(ros2: Ros2) -> Wants:
         (ros2.scan, types.LaserScan),
         (ros2.battery, types.BatteryState),
     )
-    found = [_wanted(topic, kind) for topic, kind in heard if topic is not None]
+    found = [wanted(topic, kind) for topic, kind in heard if topic is not None]
     command = types.TwistStamped if ros2.stamped else types.Twist
-    return Wants((*found, _wanted(ros2.cmd_vel, command, writes=True)))
+    return Wants((*found, wanted(ros2.cmd_vel, command, writes=True)))
 
 
-def _wanted(topic: Topic, kind: type[IdlStruct], *, writes: bool = False) -> Wanted:
+def wanted(topic: Topic, kind: type[IdlStruct], *, writes: bool = False) -> Wanted:
+    """A topic of a profile, as the robot agent reads or writes it."""
     return Wanted(topic.name, ros_name(kind), writes, topic.reliable, topic.latched, topic.depth)

@@ -23,6 +23,7 @@ from numpy.typing import NDArray
 from pycdr2 import IdlStruct
 
 from armadico.bridge.ros2 import cdr, types
+from armadico.bridge.ros2.rotations import rotation, yaw
 from armadico.config.grid_map import FREE, OCCUPIED, UNKNOWN, Cells, cells_of, coarser
 from armadico.config.worlds import World
 from armadico.core import messages as m
@@ -72,7 +73,6 @@ OK, WARN, ERROR = 0, 1, 2
 """diagnostic_msgs/DiagnosticStatus's levels."""
 
 ULTRASOUND: Final = 0
-CHARGING, DISCHARGING = 1, 2
 
 _UNFIT: Final = re.compile(r"[^A-Za-z0-9_/]")
 _DIGIT: Final = re.compile(r"(?<![^/])(?=[0-9])")
@@ -402,7 +402,7 @@ class Society:
             capacity=math.nan,
             design_capacity=math.nan,
             percentage=share,
-            power_supply_status=CHARGING if state.charging else DISCHARGING,
+            power_supply_status=types.CHARGING if state.charging else types.DISCHARGING,
             present=True,
         )
 
@@ -476,7 +476,7 @@ class Society:
             raise ValueError("its pose is not finite")
         if abs(norm - 1.0) > _TURN:
             raise ValueError(f"its orientation is no rotation: a quaternion of norm {norm:.3g}")
-        x, y, theta = compose(self._frame(asked.header.frame_id), (at.x, at.y, _yaw(turned)))
+        x, y, theta = compose(self._frame(asked.header.frame_id), (at.x, at.y, yaw(turned)))
         if max(abs(x), abs(y)) > m.LARGEST:
             raise ValueError(f"it is {math.hypot(x, y):.3g} m away, which is no place")
         return m.MissionRequest(m.Waypoint(x, y, theta))
@@ -509,7 +509,7 @@ class Society:
         return types.Header(_time(at), self._prefix + frame)
 
     def _transform(self, at: int, parent: str, child: str, where: Pose2) -> types.TransformStamped:
-        moved = types.Transform(types.Vector3(where[0], where[1]), _rotation(where[2]))
+        moved = types.Transform(types.Vector3(where[0], where[1]), rotation(wrap(where[2])))
         return types.TransformStamped(types.Header(_time(at), parent), self._prefix + child, moved)
 
     def _sonar_frame(self, where: tuple[float, float, float]) -> str:
@@ -552,18 +552,8 @@ def _time(at: int) -> types.Time:
     return types.Time(*divmod(at, 1_000_000_000))
 
 
-def _rotation(theta: float) -> types.Quaternion:
-    half = wrap(theta) / 2.0
-    return types.Quaternion(z=math.sin(half), w=math.cos(half))
-
-
-def _yaw(q: types.Quaternion | _Turned) -> float:
-    """The heading of a rotation, rad; how it rolls and pitches is not asked."""
-    return math.atan2(2.0 * (q.w * q.z + q.x * q.y), 1.0 - 2.0 * (q.y * q.y + q.z * q.z))
-
-
 def _pose(where: Pose2) -> types.Pose:
-    return types.Pose(types.Point(where[0], where[1]), _rotation(where[2]))
+    return types.Pose(types.Point(where[0], where[1]), rotation(wrap(where[2])))
 
 
 def _covariance(known: Sequence[float]) -> list[float]:

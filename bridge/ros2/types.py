@@ -237,7 +237,7 @@ class Range(IdlStruct, typename="sensor_msgs/msg/Range"):
 
 @dataclass
 class BatteryState(IdlStruct, typename="sensor_msgs/msg/BatteryState"):
-    """V, A, Ah, deg C; NaN is not measured. `power_supply_status` 1 charging, 2 discharging."""
+    """V, A, Ah, deg C; NaN is not measured."""
 
     header: Header = field(default_factory=Header)
     voltage: f32 = 0.0
@@ -255,6 +255,10 @@ class BatteryState(IdlStruct, typename="sensor_msgs/msg/BatteryState"):
     cell_temperature: Floats = field(default_factory=list)
     location: str = ""
     serial_number: str = ""
+
+
+CHARGING, DISCHARGING = 1, 2
+"""A battery's `power_supply_status`."""
 
 
 @dataclass

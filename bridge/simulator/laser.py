@@ -38,7 +38,7 @@ class _Pairs(NamedTuple):
     thing: Indices
 
 
-class Lasers:
+class LaserScanner:
     """One laser on a robot, among the walls. What it says is a LaserScan's `ranges`."""
 
     def __init__(

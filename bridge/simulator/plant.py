@@ -21,7 +21,7 @@ from armadico.bridge.simulator.contact import SKIN_M, Contact, Motion, Outline, 
 from armadico.bridge.simulator.dynamics import Dynamics
 from armadico.bridge.simulator.encoders import Odometry
 from armadico.bridge.simulator.kinematics import Kinematics
-from armadico.bridge.simulator.laser import Lasers
+from armadico.bridge.simulator.laser import LaserScanner
 from armadico.bridge.simulator.motion import Driver
 from armadico.bridge.simulator.moving import STEP_S as MOVE_S
 from armadico.bridge.simulator.moving import Movement
@@ -98,7 +98,9 @@ class Plant:
             None if profile.sonar is None else Sonars(profile.sonar, sensors, self._walls, rng)
         )
         self._laser = (
-            None if profile.laser is None else Lasers(profile.laser, sensors, self._walls, rng)
+            None
+            if profile.laser is None
+            else LaserScanner(profile.laser, sensors, self._walls, rng)
         )
         self._box = box_of(profile)
         self._corner_m = hypot(
@@ -212,7 +214,7 @@ class Plant:
         return None if self._sonars is None else self._sonars.ping(index, self.pose)
 
     def scan(self) -> Floats:
-        """What its laser says now: see `Lasers.scan`."""
+        """What its laser says now: see `LaserScanner.scan`."""
         assert self._laser is not None, "it has one"
         return self._laser.scan(self.pose)
 

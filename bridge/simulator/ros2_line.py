@@ -2,27 +2,19 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-
 from msgspec.structs import replace
 
 from armadico.bridge.ros2 import types
-from armadico.bridge.ros2.cdr import ros_name
 from armadico.bridge.ros2.frames import Wanted, Wants, said
 from armadico.bridge.ros2.samples import SampleTransport
-from armadico.bridge.ros2.session import wants
+from armadico.bridge.ros2.session import wanted, wants
 from armadico.config.profile import Ros2
 
 
-def published(ros2: Ros2) -> Sequence[Wanted]:
+def published(ros2: Ros2) -> tuple[Wanted, ...]:
     """All that a client may want of the robot: also what ours does without, for others look."""
-    topics = list(wants(ros2).topics)
-    if ros2.tf is not None:
-        tf = ros2.tf
-        topics.append(
-            Wanted(tf.name, ros_name(types.TFMessage), False, tf.reliable, tf.latched, tf.depth)
-        )
-    return topics
+    others = () if ros2.tf is None else (wanted(ros2.tf, types.TFMessage),)
+    return (*wants(ros2).topics, *others)
 
 
 class Ros2Line:
@@ -38,7 +30,7 @@ class Ros2Line:
         self._transport = transport
         self._transport.open()
         self._transport.want([replace(topic, writes=not topic.writes) for topic in topics])
-        self._begins = said(Wants(tuple(topics)))
+        self._begins = said(Wants(topics))
 
     def read(self, timeout_s: float) -> bytes:
         """Wait for commands."""

@@ -9,13 +9,14 @@ from __future__ import annotations
 
 from collections import deque
 from collections.abc import Callable, Sequence
-from math import copysign, cos, inf, isfinite, nan, radians, sin, trunc
+from math import copysign, inf, isfinite, nan, radians, trunc
 
 from pycdr2 import IdlStruct
 
 from armadico.bridge.ros2 import types
 from armadico.bridge.ros2.cdr import decode, encode
 from armadico.bridge.ros2.frames import WANTS, Decoder, Seen, Wants, frame, read, said
+from armadico.bridge.ros2.rotations import rotation
 from armadico.bridge.simulator.plant import Plant, Streams
 from armadico.bridge.simulator.simulated import SimulatedRobot
 from armadico.config.moving import Moving
@@ -28,7 +29,6 @@ IDLE_S = 10.0
 """A client that wants nothing for so long is not one."""
 
 BATTERY_HZ = 1.0
-CHARGING, DISCHARGING = 1, 2  # of BatteryState's power_supply_status
 
 
 class Base:
@@ -44,10 +44,8 @@ class Base:
     def __init__(self, profile: Ros2Robot, plant: Plant, name: str, clock_s: float = 0.0) -> None:
         self.decoder = Decoder()
         self.clock_s = clock_s
-        self._ros2, self._limits, self._plant, self._name = (
-            *(profile.ros2, profile.limits),
-            *(plant, name),
-        )
+        self._ros2, self._limits = profile.ros2, profile.limits
+        self._plant, self._name = plant, name
         self._wanted: frozenset[str] = frozenset()
         self._out = bytearray()
         self._now = self._heard_at = 0  # these and all times below in steps of the plant
@@ -193,7 +191,7 @@ class Base:
             pose=types.PoseWithCovariance(
                 pose=types.Pose(
                     position=types.Point(x=x, y=y),
-                    orientation=types.Quaternion(z=sin(0.5 * theta), w=cos(0.5 * theta)),
+                    orientation=rotation(theta),
                 )
             ),
             twist=types.TwistWithCovariance(
@@ -210,7 +208,7 @@ class Base:
                     child_frame_id=self._ros2.base_frame,
                     transform=types.Transform(
                         translation=types.Vector3(x=x, y=y),
-                        rotation=types.Quaternion(z=sin(0.5 * theta), w=cos(0.5 * theta)),
+                        rotation=rotation(theta),
                     ),
                 )
             ]
@@ -242,7 +240,7 @@ class Base:
             capacity=nan,
             design_capacity=nan,
             percentage=battery.charge,
-            power_supply_status=CHARGING if battery.charging else DISCHARGING,
+            power_supply_status=types.CHARGING if battery.charging else types.DISCHARGING,
             present=True,
         )
 

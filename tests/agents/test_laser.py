@@ -12,7 +12,7 @@ from armadico.agents.laser import LaserAgent, Parameters
 from armadico.agents.methods.near import Look
 from armadico.agents.methods.scan_map import ScanMap
 from armadico.agents.methods.settings import ScanSettings
-from armadico.bridge.simulator.laser import Lasers
+from armadico.bridge.simulator.laser import LaserScanner
 from armadico.bridge.simulator.plant import seeded
 from armadico.bridge.simulator.walls import DEAD, Wall, Walls
 from armadico.config.loading import load_entry
@@ -53,7 +53,7 @@ class Robot:
         """Another world from now on."""
         world = Walls()
         world.add(walls, [DEAD] * len(walls))
-        self.sees = Lasers(self.laser, sensors, world, seeded(1))
+        self.sees = LaserScanner(self.laser, sensors, world, seeded(1))
 
     def scan(self, ranges: np.ndarray | None = None) -> Scan:
         laser = self.laser

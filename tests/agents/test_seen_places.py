@@ -12,7 +12,7 @@ from msgspec.structs import replace
 from armadico.agents.localization import Localization, Parameters
 from armadico.agents.methods.grid import Grid
 from armadico.agents.methods.laser_model import BEAMS, RANDOM, LaserModel, beams_of
-from armadico.bridge.simulator.laser import Lasers
+from armadico.bridge.simulator.laser import LaserScanner
 from armadico.bridge.simulator.plant import seeded
 from armadico.bridge.simulator.walls import DEAD, Walls
 from armadico.config.loading import load_entry
@@ -32,14 +32,14 @@ LASER = load_profile("jackal").laser
 START: Pose2 = (2.2, 4.4, 0.3)
 
 
-def lasers() -> Lasers:
+def scanner() -> LaserScanner:
     assert LASER is not None
     world = Walls()
     world.add(WORLD.walls, [DEAD] * len(WORLD.walls))
-    return Lasers(LASER, REAL, world, seeded(1))
+    return LaserScanner(LASER, REAL, world, seeded(1))
 
 
-def scan_at(sees: Lasers, pose: Pose2, number: int = 0, cycle: Cycle = Cycle(1, 1)) -> Scan:  # noqa: B008
+def scan_at(sees: LaserScanner, pose: Pose2, number: int = 0, cycle: Cycle = Cycle(1, 1)) -> Scan:  # noqa: B008
     assert LASER is not None
     angles = radians(LASER.angle_min_deg), radians(LASER.step_deg)
     mount = LASER.x_m, LASER.y_m, radians(LASER.bearing_deg)
@@ -57,7 +57,7 @@ def fits(model: LaserModel, poses: list[Pose2], beams: list[Echo]) -> np.ndarray
 
 
 def test_a_scan_fits_best_where_it_was_taken_and_walls_on_the_maps_edge_count() -> None:
-    sees, model, rng = lasers(), LaserModel(GRID, 30.0), Random(1)
+    sees, model, rng = scanner(), LaserModel(GRID, 30.0), Random(1)
     rows, columns = np.nonzero(GRID.clearance > 0.4)
     for number in range(5):
         at = rng.randrange(len(rows))
@@ -79,7 +79,7 @@ def test_beyond_the_map_nothing_fits_and_guesses_may_lie_anywhere() -> None:
 
 
 def test_who_stands_before_a_wall_is_told_from_the_wall() -> None:
-    model, sees = LaserModel(GRID, 30.0), lasers()
+    model, sees = LaserModel(GRID, 30.0), scanner()
     beams = beams_of(scan_at(sees, START))
     pose = np.array([START], dtype=np.float32)
     assert not model.short(pose, beams).any()
@@ -108,7 +108,7 @@ class Society:
 
     def __init__(self, parameters: Parameters) -> None:
         self.agent = Localization(Identity("localization-1", rng=Random(1)), parameters)
-        self.sees, self.pose, self.now, self.number = lasers(), START, 0.0, 0
+        self.sees, self.pose, self.now, self.number = scanner(), START, 0.0, 0
         self.odometry: Pose2 = (0.0, 0.0, 0.0)
 
     def cycle(self, motion: Pose2 = (0.04, 0.0, 0.02), *, scans: bool = True) -> Correction | None:
@@ -200,7 +200,7 @@ def test_sonars_do_not_count_beside_a_laser_and_a_scan_counts_once() -> None:
 
 def test_a_large_map_takes_cells_of_its_own_size(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr("armadico.agents.methods.laser_model.LARGE", 10)
-    sees, model = lasers(), LaserModel(GRID, 30.0)
+    sees, model = scanner(), LaserModel(GRID, 30.0)
     assert model._cell_m == GRID.cell_m
     assert fits(model, [START], beams_of(scan_at(sees, START)))[0] > np.log(0.8)
 

@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 from msgspec.structs import replace
 
-from armadico.bridge.simulator.laser import Lasers
+from armadico.bridge.simulator.laser import LaserScanner
 from armadico.bridge.simulator.moving import CLOTHES
 from armadico.bridge.simulator.plant import seeded
 from armadico.bridge.simulator.walls import DEAD, Column, Wall, Walls
@@ -32,11 +32,11 @@ def lasers(
     columns: list[Column] | None = None,
     sensors: SensorProfile = IDEAL,
     seed: int = 1,
-) -> tuple[Lasers, Walls]:
+) -> tuple[LaserScanner, Walls]:
     world = Walls()
     world.add(walls, [DEAD] * len(walls))
     world.add_columns(columns or [], [DEAD] * len(columns or []))
-    return Lasers(laser, sensors, world, seeded(seed)), world
+    return LaserScanner(laser, sensors, world, seeded(seed)), world
 
 
 def one_by_one(walls: list[Wall], columns: list[Column], eye: Pose, bearing: float) -> float:

@@ -33,7 +33,7 @@ SUBSTITUTIONS: tuple[tuple[str, str, str], ...] = (
         "python -m pip install --quiet --no-deps --no-build-isolation --no-index --target site ",
         "into a folder of the test's own, and not from the network",
     ),
-    (r"armadico sim (\w+)", r"armadico sim \1 --port {port}", "8101 is everybody's"),
+    (r"armadico sim ", "armadico sim --port {port} ", "8101 is everybody's"),
     (r"armadico-agent robot &", "armadico-agent robot --set port=tcp://127.0.0.1:{port} &", "so"),
 )
 """The only differences between what is printed and what is run."""

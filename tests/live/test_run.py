@@ -229,7 +229,7 @@ def test_a_robot_that_does_not_answer_is_named_with_what_its_agent_says(
     with (
         mesh_of(NAMESPACE) as mesh,
         Launcher(LINE, nowhere, mesh, NAMESPACE) as launcher,
-        pytest.raises(RunFailedError, match=r"(?s)did not answer.*begins with none of serial"),
+        pytest.raises(RunFailedError, match=r"(?s)did not answer.*begins with none of ros2"),
     ):
         launcher.start()
 

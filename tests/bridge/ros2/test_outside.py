@@ -9,7 +9,7 @@ import pytest
 
 from armadico.bridge.ros2.frames import Frame, Wanted
 from armadico.bridge.ros2.graph import Endpoint
-from armadico.bridge.ros2.outside import Ros2, unfit
+from armadico.bridge.ros2.outside import SocietyNode, unfit
 from armadico.bridge.ros2.society import Society
 from armadico.core import messages as m
 from armadico.observe.translators import Sample
@@ -52,7 +52,7 @@ class Stage:
     def __init__(self, *, goals: bool = True, beside: bool = False, settle_s: float = 0.0) -> None:
         self.wire, self.said, self.society = Wire(), [], Society()
         taken = self.society.goals if goals else None
-        self.outside = Ros2(
+        self.outside = SocietyNode(
             *(self.wire, self.society.channels, taken, self.said.append),
             beside=beside,
             settle_s=settle_s,

@@ -421,6 +421,11 @@ def test_a_goal_is_a_mission() -> None:
     assert asked.planned
 
 
+def test_a_heading_does_not_depend_on_the_quaternions_norm() -> None:
+    asked = ready().goal(goal(z=1.05 * math.sin(0.6), w=1.05 * math.cos(0.6)))
+    assert asked.goal.theta == pytest.approx(1.2)
+
+
 def test_a_goal_in_another_frame_is_where_that_lies() -> None:
     ahead = ready().goal(goal(1.0, 0.0, 0.0, "base_link")).goal
     assert (ahead.x, ahead.y, ahead.theta) == pytest.approx((4.0, -2.0, math.pi / 2))

@@ -16,7 +16,7 @@ from typing import Any
 import pytest
 
 from armadico.bridge.ros2.addresses import join, read_address
-from armadico.bridge.ros2.outside import NODE, Ros2
+from armadico.bridge.ros2.outside import NODE, SocietyNode
 from armadico.bridge.ros2.society import Society
 from armadico.config.worlds import World
 from armadico.core import messages as m
@@ -61,7 +61,7 @@ class Stage:
         self.said: list[str] = []
         self.society = Society(namespace, WORLD)
         taken, said = self.society.goals, self.said.append
-        self.outside = Ros2(wire, self.society.channels, taken, said, settle_s=0.0)
+        self.outside = SocietyNode(wire, self.society.channels, taken, said, settle_s=0.0)
         self._cycles = cycles()
         self.say(*ONCE)
 

@@ -11,7 +11,7 @@ import pytest
 from armadico.bridge.ros2 import cdr, types
 from armadico.bridge.ros2.addresses import join, read_address
 from armadico.bridge.ros2.frames import Wanted
-from armadico.bridge.ros2.outside import NODE, Ros2
+from armadico.bridge.ros2.outside import NODE, SocietyNode
 from armadico.bridge.ros2.samples import Wire
 from armadico.bridge.ros2.society import Society
 from armadico.config.worlds import World
@@ -40,7 +40,7 @@ def test_samples_go_out_late_comers_get_the_map_and_goals_come_in(wires: list[Wi
     _, ours, viewer = wires
     said: list[str] = []
     society = Society(world=WORLD)
-    outside = Ros2(ours, society.channels, society.goals, said.append, settle_s=0.0)
+    outside = SocietyNode(ours, society.channels, society.goals, said.append, settle_s=0.0)
     read: Counter[str] = Counter()
     asked: list[m.MissionRequest] = []
     goal = types.PoseStamped(types.Header(frame_id="map"), types.Pose(types.Point(1.0, 2.0)))

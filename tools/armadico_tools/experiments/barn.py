@@ -150,7 +150,8 @@ def run(context: Context) -> None:
             runs = [(worlds[n], one) for n in numbers for one in found[cells[robot, n].name]]
             summary = summarized(runs)
             context.summary[f"{robot}, {part}"] = summary
-            rows.append((robot, part, *(f"{value:.3f}" for value in summary.values())))
+            runs_of, *shares = summary.values()
+            rows.append((robot, part, runs_of, *(f"{share:.3f}" for share in shares)))
     header = ("robot", "worlds", "runs", "reached", "touched", "too late", "s", "score", "of 0.25")
     everything = [
         (score_of(worlds[n], one), robot, n, one)
