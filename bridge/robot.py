@@ -17,6 +17,7 @@ from msgspec.structs import replace
 from armadico.bridge.p2os.session import Session as P2osSession
 from armadico.bridge.readings import Readings
 from armadico.bridge.reflex import Reflex, Touch
+from armadico.bridge.ros2.addresses import SCHEMES
 from armadico.bridge.ros2.session import Session as Ros2Session
 from armadico.bridge.session import (
     Connected,
@@ -26,6 +27,7 @@ from armadico.bridge.session import (
     Session,
     Unanswered,
 )
+from armadico.config.errors import ConfigError
 from armadico.config.profile import P2osRobot, Ros2Robot, load_profile
 from armadico.core import agent
 from armadico.core.agent import ERROR, WARNING, DeviceAgent
@@ -115,6 +117,12 @@ class Robot(DeviceAgent):
         super().__init__(identity, parameters)
         self.address = self.p.port
         self.profile = load_profile(self.p.profile)
+        scheme = self.p.port.partition(":")[0]
+        if scheme in SCHEMES and not isinstance(self.profile, Ros2Robot):
+            raise ConfigError(
+                f"{self.profile.name} speaks P2OS, and who is at {self.p.port} ROS 2: its profile,"
+                " --profile turtlebot4 say"
+            )
         self._v_max = min(self.p.v_max or inf, self.profile.limits.v_max)
         self.cycles.period = self.profile.cycle_s
         self._counter = CycleCounter(self.rng.getrandbits(63), self.cycles.period)

@@ -20,6 +20,7 @@ from armadico.core.messages import (
     RAYS,
     REACH_M,
     Length,
+    Name,
     Patience,
     Period,
     Place,
@@ -181,7 +182,7 @@ class Laser(Struct, frozen=True, forbid_unknown_fields=True):
     angle_min_deg: Turned
     angle_max_deg: Turned
     rays: Annotated[int, Meta(ge=2, le=RAYS)]
-    rate_hz: Annotated[float, Meta(gt=0, le=200)]
+    rate_hz: Annotated[float, Meta(ge=1, le=200)]  # scans are believed for two turns
     noise_m: NonNegative  # standard deviation of a range
     upside_down: bool = False
 
@@ -208,6 +209,10 @@ class Battery(Struct, frozen=True, forbid_unknown_fields=True):
     idle_a: NonNegative
     charge_a: NonNegative  # what the charger gives,
     taper_from: Share  # and less and less of it from this charge on, to nothing when full
+
+    def __post_init__(self) -> None:
+        if not self.empty_v < self.low_v < self.full_v:
+            raise ValueError("empty_v is to be less than low_v, and that less than full_v")
 
 
 class P2osUnits(Struct, frozen=True, forbid_unknown_fields=True):
@@ -257,6 +262,11 @@ class Ros2(Struct, frozen=True, forbid_unknown_fields=True):
     battery: Topic | None = None
     tf: Topic | None = None
 
+    def __post_init__(self) -> None:
+        names = [topic.name.removeprefix("/") for topic in self.topics]
+        if len(set(names)) < len(names):
+            raise ValueError("two of its topics have one name")
+
     @property
     def topics(self) -> tuple[Topic, ...]:
         """All that there are, the command's last."""
@@ -271,7 +281,7 @@ class RobotProfile(Struct, frozen=True, forbid_unknown_fields=True, kw_only=True
     motors are known, or how it moves.
     """
 
-    name: str
+    name: Name
     body: Body
     limits: Limits
     battery: Battery

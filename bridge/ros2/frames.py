@@ -147,6 +147,7 @@ class Seen(Struct, frozen=True):
     robot: _Name = ""  # who publishes the odometry
     drivers: _Names = ()  # who else publishes commands
     notes: _Names = ()  # what does not match, and what is there instead
+    several: bool = False  # more than one publishes the odometry, and would obey
 
 
 _T = TypeVar("_T")

@@ -80,10 +80,12 @@ def judge(
                 missed.append(f"nobody {does} {name} in {where}")
     # Where there is no robot, what else there is not is no news.
     notes += absent or missed
-    if len(robots) > 1:
+    several = len(robots) > 1
+    if several:
         notes.append(f"more than one robot publishes odometry here: {', '.join(robots)}")
     robot = min(robots, default="")
-    return Seen(_cut(robot), tuple(map(_cut, sorted(drivers)))[:100], tuple(map(_cut, notes))[:100])
+    who = tuple(map(_cut, sorted(drivers)))[:100]
+    return Seen(_cut(robot), who, tuple(map(_cut, notes))[:100], several)
 
 
 def _types(want: Wanted, name: str, opposite: Iterable[Endpoint]) -> list[str]:

@@ -154,7 +154,7 @@ class SampleTransport:
             for topic, size in self._large.items()
         ]
         notes = (*seen.notes, *wire.complaints(), *more)[:100]
-        return Seen(seen.robot, seen.drivers, notes)
+        return Seen(seen.robot, seen.drivers, notes, seen.several)
 
     def _opened(self) -> Wire:
         if self._wire is None:

@@ -56,8 +56,12 @@ OLD_TURNS, OLD_CYCLES = 2.0, 2.0  # a scan older than both is none any more; nor
 JUMPS, JUMP_FADES = 3.0, 0.2  # so many, less this for each cycle without one
 JUMPING = "the odometry jumps again and again: is it that of one robot?"
 
+RESTARTED = "its odometry begins elsewhere, as that of a robot that was started again"
+SEVERAL = "more than one robot publishes odometry here, and would obey"
+
 _STAMP = {0: struct.Struct(">iI"), 1: struct.Struct("<iI")}  # by CDR's second byte
 _STAMP_AT = 4
+TINY = 1e-9  # m/s or rad/s: a top speed is so much more than the whole steps that it is
 COMPLAINT, COMPLAIN_S = 20, 10.0
 """Letters by which one complaint of the laser is told from another; it is made at most so often,
 for one that is well every other time says nothing new."""
@@ -89,6 +93,7 @@ class Session:
             ABSURD * limits.v_max + ABSURD_M_S,
             ABSURD * limits.w_max + ABSURD_RAD_S,
         )
+        self._tops = limits.v_max, limits.w_max
         self._ramps = Ramps(limits)
         self._out = bytearray()
         self._events: list[Event] = []
@@ -299,6 +304,8 @@ class Session:
                 self._events.append(Noted(note))
         named = seen.robot not in ("", self._seen.robot)
         self._seen = seen
+        if seen.several and self.is_open:
+            self._lose(SEVERAL)
         if named and self.is_open:  # it drove before anybody told its name
             self._events.append(self._connected())
 
@@ -361,12 +368,19 @@ class Session:
     def _settled(self, first: bool) -> bool:
         """Whether to believe the odometry that is due: see `JUMPS`, `_lose`."""
         jumped, self._resets = self.odometry.resets > self._resets, self.odometry.resets
+        if (
+            first and jumped and self._jumps < 1.0
+        ):  # whoever has it in hands does not want it to drive off
+            self._events.append(LinkLost(RESTARTED, reset=True))
         more = self._jumps + (1.0 if jumped else -JUMP_FADES)
         self._jumps = min(max(more, 0.0), JUMPS)
         if self._jumps >= JUMPS if self.is_open else self._jumps >= 1.0:
             self._wrong = JUMPING
             if self.is_open:
                 self._lose(JUMPING)
+            return False
+        if self._seen.several:  # their odometry may come in turns that are never seen to jump
+            self._wrong = SEVERAL
             return False
         return self.is_open or not (self._doubted and first)
 
@@ -431,7 +445,8 @@ class Session:
 
     def _command(self, v: float, w: float) -> bytes:
         """The frame of a command, to the nearest speeds that the base can obey."""
-        v, w = _rounded(v, self._ros2.v_step), _rounded(w, self._ros2.w_step)
+        v = _rounded(v, self._ros2.v_step, self._tops[0])
+        w = _rounded(w, self._ros2.w_step, self._tops[1])
         twist = types.Twist(linear=types.Vector3(x=v), angular=types.Vector3(z=w))
         if not self._ros2.stamped:
             return frame(self._ros2.cmd_vel.name, encode(twist))
@@ -461,8 +476,12 @@ def _within(measured: tuple[float, float], asked: tuple[float, float]) -> tuple[
     return v, w
 
 
-def _rounded(speed: float, step: float) -> float:
-    return step * round(speed / step) if step else speed
+def _rounded(speed: float, step: float, top: float) -> float:
+    """To whole steps, but not beyond the top speed."""
+    if not step:
+        return speed
+    steps = round(abs(speed) / step)
+    return copysign(step * (steps if step * steps <= top + TINY else steps - 1), speed)
 
 
 def _stamp(payload: bytes) -> float:

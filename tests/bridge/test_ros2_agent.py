@@ -14,6 +14,7 @@ from armadico.bridge.ros2 import types
 from armadico.bridge.ros2.cdr import decode
 from armadico.bridge.ros2.frames import Decoder, Seen, frame, said
 from armadico.bridge.ros2.session import RAMP_S
+from armadico.config.errors import ConfigError
 from armadico.core.agent import Identity, Publish, Write
 from armadico.core.cycles import LISTEN
 from armadico.core.messages import (
@@ -257,3 +258,26 @@ def test_a_robot_without_a_watchdog_is_said_to_have_none() -> None:
 def test_a_new_agent_begins_with_zero() -> None:
     """Another one may have died in full speed, of a base without a watchdog."""
     assert Bench().told == [(0.0, 0.0, 0.0)]
+
+
+@pytest.mark.parametrize("port", ["ros2://", "ros2+zenoh://10.0.0.7"])
+def test_a_robot_of_p2os_is_not_looked_for_among_ros_2s(port: str) -> None:
+    with pytest.raises(ConfigError, match="pioneer-2dx speaks P2OS"):
+        Robot(Identity("robot-1", rng=random.Random(1)), Parameters(port=port))
+
+
+def test_a_robot_that_was_started_again_does_not_drive_off(ready: Bench) -> None:
+    ready.go(3.0, command=(0.6, 0.0))
+    assert ready.x > 0.5
+    ready.go(2.0, silent=True)
+    ready.x, ready.speeds, begun = 0.0, (0.0, 0.0), ready.now
+    ready.go(2.0, command=(0.6, 0.0))
+    assert {told[1:] for told in ready.told if told[0] > begun} <= {(0.0, 0.0)}
+    assert ready.all(RobotState)[-1].stop.stopped
+
+
+def test_a_robot_that_was_out_of_reach_goes_on(ready: Bench) -> None:
+    ready.go(3.0, command=(0.6, 0.0))
+    ready.go(2.0, silent=True)
+    ready.go(2.0, command=(0.6, 0.0))
+    assert ready.told[-1][1] == 0.6

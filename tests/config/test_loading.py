@@ -263,7 +263,7 @@ def test_a_robot_may_have_a_laser(tmp_path: Path) -> None:
             "angle_max_deg is to be up to 360 more",
         ),
         ("angle_max_deg = 135.0", "angle_max_deg = 230.0", "angle_max_deg is to be up to 360 more"),
-        ("rate_hz = 40.0", "rate_hz = 0.0", "rate_hz = 0.0: expected a number > 0"),
+        ("rate_hz = 40.0", "rate_hz = 0.0", "rate_hz = 0.0: expected a number >= 1"),
     ],
 )
 def test_a_laser_that_no_one_has_is_refused(

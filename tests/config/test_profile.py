@@ -101,3 +101,20 @@ def test_what_is_no_topic_is_refused(tmp_path: Path, name: str) -> None:
     text = find("robots", "jackal").read_text().replace('name = "tf"', f'name = "{name}"')
     with pytest.raises(ConfigError, match=r"ros2\.tf\.name"):
         load_profile(written(tmp_path, text))
+
+
+@pytest.mark.parametrize(
+    ("old", "new", "message"),
+    [
+        ("rate_hz = 40.0", "rate_hz = 1e-9", "rate_hz"),  # scans would be believed for ever
+        ('name = "tf"', 'name = "/cmd_vel"', "two of its topics have one name"),
+        ("low_v = 23.4", "low_v = 40.0", "empty_v is to be less than low_v"),
+        ('name = "jackal"', 'name = "a\\u001b[2J"', "name"),
+        ('name = "jackal"', 'name = ""', "name"),
+    ],
+)
+def test_what_makes_no_sense_is_refused(tmp_path: Path, old: str, new: str, message: str) -> None:
+    text = find("robots", "jackal").read_text()
+    assert old in text
+    with pytest.raises(ConfigError, match=message):
+        load_profile(written(tmp_path, text.replace(old, new)))

@@ -121,7 +121,7 @@ def test_two_robots_in_one_place() -> None:
 def test_two_robots_of_one_make_have_one_name() -> None:
     """As they come: both nodes are called so, and both would obey."""
     assert seen([ODOM], [ROBOT, ROBOT]) == Seen(
-        "/base", (), ("more than one robot publishes odometry here: /base, /base",)
+        "/base", (), ("more than one robot publishes odometry here: /base, /base",), several=True
     )
 
 

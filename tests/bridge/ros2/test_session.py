@@ -173,6 +173,22 @@ def test_who_jumps_again_and_again_is_lost_until_he_does_not() -> None:
     assert line.session.is_open
 
 
+def test_nobody_drives_two_robots_at_once() -> None:
+    line = Line(JACKAL).open()
+    line.drive(0.5)
+    line.go(0.3, v=0.5)
+    line.raw(said(Seen("/base", notes=("more than one robot here",), several=True)))
+    assert line.told[-1][1:] == (0.0, 0.0)
+    line.go(3.0)
+    assert not line.session.is_open
+    (lost,) = line.of(LinkLost)
+    assert "more than one robot" in lost.reason
+    assert "more than one robot" in line.of(Unanswered)[-1].hint
+    line.raw(said(Seen("/base")))
+    line.go(0.5)
+    assert line.session.is_open
+
+
 def test_a_slow_cycle_is_waited_for() -> None:
     slow = replace(JACKAL, ros2=replace(JACKAL.ros2, cycle_s=1.0))
     line = Line(slow)
@@ -530,6 +546,14 @@ def test_what_a_base_cuts_off_is_rounded_instead() -> None:
     line.drive(0.004, 0.0)
     line.go(0.3)
     assert line.told[-1][1:] == (0.0, 0.0)
+
+
+def test_rounding_takes_nobody_beyond_the_top_speed() -> None:
+    coarse = replace(BURGER, ros2=replace(BURGER.ros2, v_step=0.04))
+    line = Line(coarse).open()
+    line.drive(coarse.limits.v_max)
+    line.go(1.0, v=0.2)
+    assert line.told[-1][1] == pytest.approx(0.2)
 
 
 @pytest.mark.parametrize("bad", [nan, inf])
