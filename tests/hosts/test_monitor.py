@@ -117,6 +117,7 @@ def test_what_a_host_had_that_is_gone_is_started_on_another_and_it_may_come_back
     card = observer.client.card("interface", interface)
     assert card is not None
     assert card.host == "robot"
+    observer.drives_on(30)  # past its grace: of two newcomers either may stay
     again = up("lab", far)
     observer.until(lambda: len(instances(observer, "monitor")) == 2, "its monitor is back")
     observer.drives_on(30)
