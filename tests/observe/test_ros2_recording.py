@@ -16,7 +16,6 @@ pytest.importorskip("mcap_ros2")
 pytest.importorskip("rosbags")
 
 from mcap.reader import make_reader
-from mcap_ros2.decoder import DecoderFactory
 from rosbags.rosbag2 import Reader
 from rosbags.typesys import Stores, get_typestore
 
@@ -29,6 +28,8 @@ from armadico.observe.recorder import Recording
 from armadico.observe.translators import translators
 from armadico.observe.watching import Heard
 from tests import real_ros
+
+from .ros2_reader import mcap_support
 
 READS = Path(__file__).parents[1] / "bridge" / "ros2" / "rclpy_reads.py"
 WITHOUT = {"diagnostic_msgs/msg/DiagnosticArray"}
@@ -70,19 +71,6 @@ def recorded(path: Path, *namespaces: str, **options: Any) -> Recording:
     recording.take(Heard(namespaces[0], "encoder/pose", b"\xff", BEGUN + SECOND))
     recording.close()
     return recording
-
-
-def mcap_support(path: Path) -> dict[str, list[Any]]:
-    """Foxglove's own reader for Python, which decodes by the schemas in the file."""
-    found: dict[str, list[Any]] = {}
-    with path.open("rb") as stream:
-        reader = make_reader(stream, decoder_factories=[DecoderFactory()])
-        summary = reader.get_summary()
-        assert summary is not None
-        theirs = [c.topic for c in summary.channels.values() if c.message_encoding == "cdr"]
-        for _, channel, _, sample in reader.iter_decoded_messages(theirs):
-            found.setdefault(channel.topic, []).append(sample)
-    return found
 
 
 def rosbags_reader(path: Path) -> dict[str, list[Any]]:

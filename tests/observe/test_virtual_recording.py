@@ -12,8 +12,6 @@ import pytest
 pytest.importorskip("mcap")
 pytest.importorskip("mcap_ros2")
 
-from mcap.reader import make_reader
-from mcap_ros2.decoder import DecoderFactory
 
 from armadico import cli
 from armadico.config.scenarios import load_scenario
@@ -25,6 +23,8 @@ from armadico.launch.virtual import Rehearsal
 from armadico.observe.export import rows
 from armadico.observe.virtual_recording import BEGUN, Recorded
 
+from .ros2_reader import mcap_support
+
 
 def run(path: Path | None, profile: str = "pioneer-2dx", limit: float = 6.0) -> Rehearsal:
     options = Options(seed=11, limit=limit, sensors="ideal")
@@ -35,18 +35,6 @@ def run(path: Path | None, profile: str = "pioneer-2dx", limit: float = 6.0) -> 
         with Recorded(made.mesh, path, made.namespace):
             made.run()
     return made
-
-
-def samples(path: Path) -> dict[str, list[Any]]:
-    found: dict[str, list[Any]] = {}
-    with path.open("rb") as stream:
-        reader = make_reader(stream, decoder_factories=[DecoderFactory()])
-        summary = reader.get_summary()
-        assert summary is not None
-        theirs = [c.topic for c in summary.channels.values() if c.message_encoding == "cdr"]
-        for _, channel, _, sample in reader.iter_decoded_messages(theirs):
-            found.setdefault(channel.topic, []).append(sample)
-    return found
 
 
 def stamp(header: Any) -> tuple[int, int]:
@@ -83,7 +71,7 @@ def test_who_is_there_cards_and_bids_are_in_it(tmp_path: Path) -> None:
 def test_the_frames_put_the_robot_where_its_pose_is(tmp_path: Path) -> None:
     path = tmp_path / "run.mcap"
     run(path)
-    found = samples(path)
+    found = mcap_support(path)
     known = frames(found)
     poses = {stamp(p.header): p.pose.pose.position for p in found["/pose"]}
     both = poses.keys() & known["odom"].keys() & known["base_link"].keys()
@@ -96,7 +84,7 @@ def test_the_frames_put_the_robot_where_its_pose_is(tmp_path: Path) -> None:
 def test_a_scan_lies_on_the_walls(tmp_path: Path) -> None:
     path = tmp_path / "run.mcap"
     run(path, "jackal", limit=4.0)
-    found = samples(path)
+    found = mcap_support(path)
     known = frames(found)
     walls = np.array(load_world("sc4").walls)
     off = []

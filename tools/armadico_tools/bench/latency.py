@@ -20,7 +20,8 @@ from armadico.bridge.p2os.commands import Cmd, quantity
 from armadico.bridge.p2os.packets import Decoder
 from armadico.bridge.simulator.pioneer import Pioneer
 from armadico.bridge.simulator.plant import seeded
-from armadico.bridge.simulator.server import Simulation, TcpLine
+from armadico.bridge.simulator.server import Line, Simulation, TcpLine
+from armadico.bridge.simulator.simulated import SimulatedRobot
 from armadico.config.loading import find, load, load_entry
 from armadico.config.profile import P2osRobot, SensorProfile
 from armadico.config.scenarios import Scenario
@@ -167,7 +168,7 @@ def _measured(
         line = TcpLine("127.0.0.1", 0)
         stack.callback(line.close)
         watch = Stopwatch(line, [bare.turn for bare in floors])
-        stack.enter_context(_simulation(watch))
+        stack.enter_context(simulated(_pioneer(), watch))
         stack.enter_context(society(f"tcp://127.0.0.1:{line.port}", together))
         taken = [watch.latencies, *(bare.latencies for bare in floors)]
         await_all(taken, wanted, tell)
@@ -189,17 +190,20 @@ def await_all(taken: Sequence[Sequence[float]], wanted: int, tell: Tell) -> None
         time.sleep(0.2)
 
 
-@contextmanager
-def _simulation(watch: Stopwatch) -> Iterator[None]:
-    """A Pioneer in the corridor, in real time, on a thread."""
-    robot = Pioneer(
+def _pioneer() -> Pioneer:
+    return Pioneer(
         load(find("robots", "pioneer-2dx"), P2osRobot),
         load_entry(find("robots", "sensors"), SensorProfile, "ideal"),
         CORRIDOR,
         (0.0, 0.0, 0.0),
         seeded(1),
     )
-    simulation, over = Simulation(robot, watch), threading.Event()
+
+
+@contextmanager
+def simulated(robot: SimulatedRobot, line: Line) -> Iterator[None]:
+    """A robot behind a line, in real time, on a thread."""
+    simulation, over = Simulation(robot, line), threading.Event()
     thread = threading.Thread(target=simulation.run, args=(over.is_set,), name="robot", daemon=True)
     thread.start()
     try:

@@ -12,8 +12,7 @@ import queue
 import sys
 import threading
 import time
-from collections.abc import Iterator
-from contextlib import ExitStack, contextmanager
+from contextlib import ExitStack
 from importlib.util import find_spec
 from typing import Final
 
@@ -27,11 +26,10 @@ from armadico.bridge.ros2.session import wants
 from armadico.bridge.simulator.plant import seeded
 from armadico.bridge.simulator.ros2_line import Ros2Line
 from armadico.bridge.simulator.ros2_robot import Ros2SimulatedRobot
-from armadico.bridge.simulator.server import Simulation
 from armadico.config.loading import find, load, load_entry
 from armadico.config.profile import Ros2Robot, SensorProfile
 from armadico_tools.bench.figures import Figure, Tell, figure
-from armadico_tools.bench.latency import CORRIDOR, LOST_S, WARM_UP, await_all, society
+from armadico_tools.bench.latency import CORRIDOR, LOST_S, WARM_UP, await_all, simulated, society
 from armadico_tools.bench.processes import started
 
 ROBOT: Final = "jackal"
@@ -149,7 +147,7 @@ def odom_to_command(quick: bool, tell: Tell) -> list[Figure]:
         line = Ros2Line(robot_transport(ADDRESS, "bench"), robot.ros2)
         stack.callback(line.close)
         watch = Stopwatch(line, robot, bare)
-        stack.enter_context(_simulation(robot, watch))
+        stack.enter_context(simulated(_robot(robot), watch))
         stack.enter_context(society(ADDRESS, (), ROBOT, AGENTS))
         taken = [watch.latencies, bare.latencies]
         await_all(taken, wanted, tell)
@@ -157,19 +155,9 @@ def odom_to_command(quick: bool, tell: Tell) -> list[Figure]:
     return [figure("odom-to-command", "ms", whole, bare_ms)]
 
 
-@contextmanager
-def _simulation(robot: Ros2Robot, watch: Stopwatch) -> Iterator[None]:
-    """The robot in the corridor, in real time, on a thread."""
+def _robot(robot: Ros2Robot) -> Ros2SimulatedRobot:
     sensors = load_entry(find("robots", "sensors"), SensorProfile, "ideal")
-    simulated = Ros2SimulatedRobot(robot, sensors, CORRIDOR, (0.0, 0.0, 0.0), seeded(1), "/bench")
-    simulation, over = Simulation(simulated, watch), threading.Event()
-    thread = threading.Thread(target=simulation.run, args=(over.is_set,), name="robot", daemon=True)
-    thread.start()
-    try:
-        yield
-    finally:
-        over.set()
-        thread.join()
+    return Ros2SimulatedRobot(robot, sensors, CORRIDOR, (0.0, 0.0, 0.0), seeded(1), "/bench")
 
 
 def _ends(robot: Ros2Robot) -> list[Wanted]:
