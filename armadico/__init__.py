@@ -42,7 +42,9 @@ if TYPE_CHECKING:
         Obstacles,
         Origin,
         Plan,
+        Planned,
         PlanRequest,
+        PlanTask,
         Point,
         Pose,
         RobotState,
@@ -53,8 +55,9 @@ if TYPE_CHECKING:
         Waypoint,
     )
     from armadico.core.parameters import Parameters, Safety
-    from armadico.core.resources import WHEELS, Resource
+    from armadico.core.resources import PLANNER, WHEELS, Resource
     from armadico.core.route import Route
+    from armadico.core.services import Kind, Service, register
     from armadico.core.tasks import (
         Beliefs,
         Charge,
@@ -83,6 +86,7 @@ if TYPE_CHECKING:
     )
 
 __all__ = [
+    "PLANNER",
     "WHEELS",
     "AbsentError",
     "Ack",
@@ -113,6 +117,7 @@ __all__ = [
     "Going",
     "Holding",
     "Identity",
+    "Kind",
     "Latched",
     "LocalMap",
     "Log",
@@ -132,6 +137,8 @@ __all__ = [
     "Parameters",
     "Plan",
     "PlanRequest",
+    "PlanTask",
+    "Planned",
     "Point",
     "Pose",
     "Progress",
@@ -145,6 +152,7 @@ __all__ = [
     "RunFailedError",
     "Safety",
     "Scenario",
+    "Service",
     "SocietyError",
     "Sonar",
     "Stand",
@@ -157,6 +165,7 @@ __all__ = [
     "UnknownNameError",
     "Waypoint",
     "connect",
+    "register",
     "run",
 ]
 
@@ -168,8 +177,9 @@ _MODULES = {
     "core.behaviour": ("Behaviour",),
     "core.exchange": ("Bid",),
     "core.parameters": ("Parameters", "Safety"),
-    "core.resources": ("WHEELS", "Resource"),
+    "core.resources": ("PLANNER", "WHEELS", "Resource"),
     "core.route": ("Route",),
+    "core.services": ("Kind", "Service", "register"),
     "core.tasks": (
         *("Beliefs", "Charge", "Done", "Drive", "Explore", "Failed", "Going", "Progress"),
         *("Reach", "Stand", "Task"),
