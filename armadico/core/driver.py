@@ -144,6 +144,9 @@ class Driver:
     @property
     def wakeup(self) -> float | None:
         """When `wake` should be called, s, if nothing comes before."""
+        return self._due()
+
+    def _due(self) -> float | None:
         mine = self._look_at
         if self.stage is not Stage.JOINED:
             return mine
@@ -183,7 +186,7 @@ class Driver:
                 elif isinstance(item, Answer):
                     self._answer(item)
                 elif isinstance(item, Refused):
-                    self.refuse(item.key, item.why, agent.now)
+                    self._refuse(item.key, item.why, agent.now)
                 else:
                     self._out.append(item)
         sent, self._out = self._out, []
@@ -200,7 +203,7 @@ class Driver:
             if message is None:
                 return
         if self.refused:
-            self.report({}, now)  # what came too soon after the last report
+            self._report(now)  # what came too soon after the last report
         if self.stage is Stage.JOINED:
             self.agent.receive(message, now)
         elif isinstance(message, Latched) and self.stage is not Stage.REFUSED:
@@ -300,23 +303,29 @@ class Driver:
 
     def refuse(self, key: str, why: object, now: float) -> None:
         """Count what was refused, or could not be sent, on a key; and now and then say so."""
-        counted = f"on {key}: {why}"
-        if len(self.refused) < QUESTIONS or counted in self.refused:
-            self.refused[counted] += 1
-        self.report({}, now)
+        self._refuse(key, why, now)
 
     def report(self, dropped: dict[str, int], now: float) -> None:
         """Say now and then what was dropped or refused."""
         for key, count in dropped.items():
             self.refused[f"too busy: dropped on {key}"] += count
+        self._report(now)
+
+    # Inside: nothing here calls what is called from outside, which may be overridden -------------
+
+    def _refuse(self, key: str, why: object, now: float) -> None:
+        counted = f"on {key}: {why}"
+        if len(self.refused) < QUESTIONS or counted in self.refused:
+            self.refused[counted] += 1
+        self._report(now)
+
+    def _report(self, now: float) -> None:
         if not self.refused or now - self._reported_at < REPORT_S:
             return
         self._reported_at = now
         text = "; ".join(f"{count} x {why}" for why, count in self.refused.most_common(3))
         self.agent.log(f"{self.agent.instance}: refused or dropped: {text}", WARNING)
         self.refused.clear()
-
-    # Inside --------------------------------------------------------------------------------------
 
     def _progress(self, now: float) -> None:
         """Ask for cards, show the token, begin, or leave, as it may by now."""
@@ -390,7 +399,7 @@ class Driver:
             fault = misaddressed(key, message)
             if not fault:
                 return message
-        self.refuse(key, fault, now)
+        self._refuse(key, fault, now)
         return None
 
     def _may_log(self) -> bool:

@@ -29,6 +29,7 @@ from armadico.core.messages import (
     BidHistory,
     BidRecord,
     Card,
+    JournalPiece,
     Message,
     MessageError,
     Name,
@@ -196,7 +197,7 @@ class Recording:
             self.refused += 1
             self._add(item, None, item.data, item.key + REFUSED)
             return
-        if message is None:
+        if message is None or isinstance(message, JournalPiece):  # which is packed as it is
             self._add(item, None, item.data)
         elif isinstance(message, BidHistory) and item.asked:
             self._take_bids(item, message)

@@ -17,8 +17,9 @@ from mcap.reader import make_reader
 
 from armadico.core import messages as m
 from armadico.core.services import SERVICES
-from armadico.observe.export import RecordingError, Row, Tables, rows, to_rrd
+from armadico.observe.export import Tables, to_rrd
 from armadico.observe.recorder import Recording
+from armadico.observe.recordings import RecordingError, Row, rows
 from armadico.observe.watching import (
     Heard,
     Presence,

@@ -20,7 +20,7 @@ from armadico.core import messages as m
 from armadico.core.geometry import Pose2, compose, to_world
 from armadico.launch.society import Options, prepared
 from armadico.launch.virtual import Rehearsal
-from armadico.observe.export import rows
+from armadico.observe.recordings import rows
 from armadico.observe.virtual_recording import BEGUN, Recorded
 
 from .ros2_reader import mcap_support
