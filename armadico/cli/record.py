@@ -49,7 +49,6 @@ def main(argv: Sequence[str]) -> int:
     meshes = options.join_each(args, namespaces)
     if find_spec("mcap") is None:
         raise FailedError(NEEDED)
-    signal.signal(signal.SIGTERM, signal.default_int_handler)  # it closes the file, too
     with ExitStack() as stack:
         for mesh in meshes:
             stack.enter_context(mesh)
@@ -151,10 +150,13 @@ def _record(
     recording = Recording(args.file, about, limit, translators(namespaces))
     watcher = Watcher(meshes)
     begun = time.monotonic()
+    asked: list[int] = []
+    for number in (signal.SIGINT, signal.SIGTERM):  # not in the middle of writing a message
+        signal.signal(number, lambda number, _: asked.append(number))
     try:
-        record(watcher, recording, _shower(args, watcher, begun), args.duration)
-    except KeyboardInterrupt:
-        pass  # how a recording ends
+        record(
+            watcher, recording, _shower(args, watcher, begun), args.duration, lambda: bool(asked)
+        )
     finally:
         while (item := watcher.take(0)) is not None:
             recording.take(item)

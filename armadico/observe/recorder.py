@@ -341,16 +341,18 @@ def record(
     recording: Recording,
     show: Callable[[Recording], None],
     duration: float | None = None,
+    over: Callable[[], bool] = lambda: False,
 ) -> None:
-    """Record until `duration` (s) is over, or for ever: until an exception, KeyboardInterrupt say.
+    """Record until `duration` (s) is over, or until it is `over`, which is asked now and then.
 
-    The watcher's meshes are open; the recording is left open.
+    The watcher's meshes are open; the recording is left open. Nothing else should end it: an
+    exception within what writes, KeyboardInterrupt say, leaves a file that is not whole.
     """
     watcher.watch_alive()
     watcher.hear()
     end = float("inf") if duration is None else time.monotonic() + duration
     flush_at = ask_at = show_at = time.monotonic()
-    while (now := time.monotonic()) < end:
+    while (now := time.monotonic()) < end and not over():
         if now >= ask_at:
             ask_at = now + ASK_S
             _ask(watcher, recording)

@@ -18,7 +18,7 @@ from mcap.reader import make_reader
 from armadico.core import messages as m
 from armadico.core.services import SERVICES
 from armadico.observe.export import Tables, to_rrd
-from armadico.observe.recorder import TRIES, Gaps, Recording
+from armadico.observe.recorder import TRIES, Gaps, Recording, record
 from armadico.observe.recordings import RecordingError, Row, rows
 from armadico.observe.watching import (
     Heard,
@@ -185,6 +185,30 @@ def test_each_file_of_a_recording_can_be_read_alone(tmp_path: Path) -> None:
         assert {row.key for row in read(file)} >= {"agent/goto/goto-1", "agent/goto/goto-1/card"}
     kept = [row.t for file in files for row in read(file) if row.key == "encoder/pose"]
     assert kept == list(range(80))
+
+
+class Crowd:
+    """A watcher to whom somebody speaks all the time."""
+
+    def __init__(self) -> None:
+        self.taken = 0
+
+    def take(self, _: float) -> Heard:
+        self.taken += 1
+        return heard("encoder/pose", POSE, self.taken)
+
+    def hear(self) -> None:
+        """Everything."""
+
+    watch_alive = hear
+
+
+def test_it_is_over_between_two_messages_and_never_within_one(tmp_path: Path) -> None:
+    crowd: Any = Crowd()
+    recording = Recording(tmp_path / "run.mcap")
+    record(crowd, recording, lambda _: None, over=lambda: crowd.taken == 7)
+    recording.close()
+    assert len(read(recording.path)) == 7
 
 
 def test_a_recording_is_not_written_over(tmp_path: Path) -> None:
