@@ -227,11 +227,14 @@ def _show(past: Past, outcomes: Sequence[Outcome], took: float) -> None:
     """A line for each agent, then the differences."""
     several = len({outcome.namespace for outcome in outcomes}) > 1
     twice = Counter((outcome.namespace, outcome.name) for outcome in outcomes)
+    called = []
     for outcome in outcomes:
         alone = twice[outcome.namespace, outcome.name] == 1
         who = outcome.name if alone else outcome.instance
-        who = f"{outcome.namespace}/{who}" if several else who
-        print(options.shown(f"{who:<16} {_verdict(past, outcome)}"))
+        called.append(f"{outcome.namespace}/{who}" if several else who)
+    wide = max(map(len, called))
+    for who, outcome in zip(called, outcomes, strict=True):
+        print(options.shown(f"{who:<{wide}} {_verdict(past, outcome)}"))
     for note in dict.fromkeys(note for outcome in outcomes for note in outcome.notes):
         print(options.shown(f"note: {note}"))
     for outcome in outcomes:

@@ -55,6 +55,9 @@ SHOW_S: Final = 1.0
 LATE: Final = 5000
 """A recorder that comes late asks for so many of the pieces before the first that it hears,"""
 
+COMPLETE_S: Final = 1.0
+"""How long a recorder that is to end waits for pieces that are missing."""
+
 TRIES: Final = 10
 """for each so often,"""
 
@@ -363,6 +366,19 @@ def record(
             show_at = now + SHOW_S
             show(recording)
         item = watcher.take(min(flush_at, end) - now)
+        if item is not None:
+            recording.take(item)
+    _complete(watcher, recording)
+
+
+def _complete(watcher: Watcher, recording: Recording) -> None:
+    """Ask once more for the pieces that are missing, and wait for them a moment."""
+    missing = recording.gaps.ask()
+    for lost in missing:
+        watcher.ask_for_piece(*lost, COMPLETE_S)
+    end = time.monotonic() + COMPLETE_S
+    while missing and recording.gaps.lost and (left := end - time.monotonic()) > 0:
+        item = watcher.take(left)
         if item is not None:
             recording.take(item)
 

@@ -356,6 +356,33 @@ def test_pieces_that_were_missed_are_asked_for_until_they_come() -> None:
     assert gaps.ask() == [("robot1", "goto-1", 3)]
 
 
+class Forgetful:
+    """A watcher that hears of a piece too many; who is asked for the one before has it."""
+
+    def __init__(self) -> None:
+        self._waiting = [piece(0), piece(2)]
+
+    def take(self, _: float) -> Heard | None:
+        return heard("journal/goto-1", self._waiting.pop(0)) if self._waiting else None
+
+    def hear(self) -> None:
+        """Everything."""
+
+    watch_alive = hear
+
+    def ask_for_piece(self, _n: str, _i: str, number: int, _t: float) -> None:
+        self._waiting.append(piece(number))
+
+
+def test_who_ends_a_recording_asks_for_what_is_missing_first(tmp_path: Path) -> None:
+    watcher: Any = Forgetful()
+    recording = Recording(tmp_path / "run.mcap")
+    record(watcher, recording, lambda _: None, over=lambda: recording.gaps.lost > 0)
+    recording.close()
+    assert not recording.gaps.lost
+    assert len(read(recording.path)) == 3
+
+
 def test_pieces_that_nobody_has_are_not_asked_for_for_ever() -> None:
     gaps = Gaps()
     gaps.take("robot1", piece(3, "avoid-1"))
