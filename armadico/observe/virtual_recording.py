@@ -57,6 +57,7 @@ class Recorded:
                 self._keep(where, CARD.key_for(**names), agent.card(), now, asked=True)
                 self._keep(where, BIDS.key_for(**names), agent.history(), now, asked=True)
         self._keep_journals()
+        self.recording.flush()
         self._mesh.call_at(now + ASK_S, lambda _a, _b: self._ask())
 
     def _keep_journals(self) -> None:
