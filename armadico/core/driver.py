@@ -227,6 +227,9 @@ class Driver:
 
     def answers(self, key: str) -> type[Message] | None:
         """The kind of query that it answers on a key, if it does."""
+        return self._answers(key)
+
+    def _answers(self, key: str) -> type[Message] | None:
         if key in {self._card_key, self._bids_key}:
             return Ask
         if key == self._parameters_key:
@@ -239,6 +242,9 @@ class Driver:
     @property
     def queries(self) -> dict[str, type[Message]]:
         """The keys on which it answers, and what it is asked there."""
+        return self._queries()
+
+    def _queries(self) -> dict[str, type[Message]]:
         own: dict[str, type[Message]] = {
             self._card_key: Ask,
             self._bids_key: Ask,
@@ -253,7 +259,7 @@ class Driver:
                 self._out.append(Reply(call, key, self._card()))
         elif key == self._bids_key:
             self._out.append(Reply(call, key, self._history()))
-        elif (kind := self.answers(key)) is not None and self.stage is Stage.JOINED:
+        elif (kind := self._answers(key)) is not None and self.stage is Stage.JOINED:
             request = self._read(kind, key, payload, now)
             if request is None:
                 return

@@ -30,6 +30,7 @@ Entries are gathered for a while and become a *frame*: their array in MessagePac
 from __future__ import annotations
 
 import zlib
+from collections import deque
 from collections.abc import Callable
 from typing import Any, Final
 
@@ -37,7 +38,7 @@ from msgspec import msgpack
 
 from armadico.core.agent import Agent, AskFor, Publish, Subscription, Write
 from armadico.core.driver import Announce, Driver, Output, Reply
-from armadico.core.messages import JournalPiece, Message
+from armadico.core.messages import JournalPiece, JournalRequest, Message, MessageError, decode
 from armadico.core.services import service_of
 
 FORMAT: Final = 1
@@ -70,6 +71,9 @@ WRITE: Final = 2
 ANNOUNCE: Final = 3
 OPEN_PORT: Final = 4
 REPLY: Final = 5
+
+KEPT: Final = 4_000_000
+"""Bytes of the newest pieces that an agent keeps for a recorder which missed one: some minutes."""
 
 NOTHING: Final = b"\x90"
 """No outputs, encoded."""
@@ -146,6 +150,10 @@ class Journalled(Driver):
         self._calls_asked = 0
         self._ended = False
         self._ready: list[JournalPiece] = []
+        self._kept: deque[JournalPiece] = deque()  # those that may be asked for,
+        self._kept_bytes = 0
+        self._again: list[Output] = []  # and those that were
+        self._again_key = service_of(JournalRequest).key_for(instance=agent.instance)
         self._piece_key = service_of(JournalPiece).key_for(instance=agent.instance)
 
     def pieces(self) -> list[JournalPiece]:
@@ -153,6 +161,11 @@ class Journalled(Driver):
         self._close()
         ready, self._ready = self._ready, []
         return ready
+
+    @property
+    def queries(self) -> dict[str, type[Message]]:
+        """See `Driver`; and a piece again."""
+        return self._queries() | {self._again_key: JournalRequest}
 
     # What enters ---------------------------------------------------------------------------------
 
@@ -196,7 +209,10 @@ class Journalled(Driver):
         super().token(name, instance, alive, now)
 
     def asked(self, key: str, payload: bytes | Message, call: Any, now: float) -> None:
-        """See `Driver`."""
+        """See `Driver`; a piece that is asked for enters nobody, and is in no journal."""
+        if key == self._again_key:
+            self._give_again(key, payload, call)
+            return
         self._clock = 0.0 if self._machine is None else self._machine()
         self._calls_asked += 1
         self._note((ASKED, now, key, payload, self._calls_asked, self._clock))
@@ -248,7 +264,11 @@ class Journalled(Driver):
                 self._close()
             if self._ready:
                 given += [Publish(self._piece_key, piece) for piece in self._ready]
+                self._keep(self._ready)
                 self._ready = []
+            if self._again:
+                given += self._again
+                self._again = []
         return given
 
     # Inside --------------------------------------------------------------------------------------
@@ -256,6 +276,24 @@ class Journalled(Driver):
     def _note(self, entry: tuple[Any, ...]) -> None:
         self._entries.append(entry)
         self._taken = False
+
+    def _keep(self, pieces: list[JournalPiece]) -> None:
+        for piece in pieces:
+            self._kept.append(piece)
+            self._kept_bytes += len(piece.data)
+        while self._kept_bytes > KEPT:
+            self._kept_bytes -= len(self._kept.popleft().data)
+
+    def _give_again(self, key: str, payload: bytes | Message, call: Any) -> None:
+        try:
+            request = decode(payload, JournalRequest) if isinstance(payload, bytes) else payload
+        except MessageError:
+            return
+        if not (self._kept and isinstance(request, JournalRequest)):
+            return
+        place = request.number - self._kept[0].number
+        if 0 <= place < len(self._kept):
+            self._again.append(Reply(call, key, self._kept[place]))
 
     def _shown(self) -> float:
         return self._clock

@@ -1342,6 +1342,12 @@ class JournalPiece(Message, frozen=True):
     data: Encoded
 
 
+class JournalRequest(Message, frozen=True):
+    """Asks an agent for a piece of its journal that was lost on the way to the recorder."""
+
+    number: Counter
+
+
 class Truth(Message, frozen=True):
     """What only the simulator knows. For those who watch: agents are refused it.
 

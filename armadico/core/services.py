@@ -164,6 +164,15 @@ SERVICES: tuple[Service, ...] = (
         watchers_only=True,
     ),
     Service(
+        m.JournalRequest,
+        "journal/{instance}/piece",
+        _Q,
+        None,
+        None,
+        "a piece of it again, while it is kept",
+        reply=m.JournalPiece,
+    ),
+    Service(
         m.Truth, "sim/truth", _S, 10, None, "the simulated robot's true pose", watchers_only=True
     ),
 )
