@@ -113,7 +113,7 @@ class Moment(Struct, frozen=True):
 
 
 class Exchange(Struct, frozen=True):
-    """Another agent was obeyed than before; counted from 1."""
+    """Another agent was obeyed than before; counted from 1 for each resource."""
 
     number: int
     t: float
@@ -206,7 +206,7 @@ class Chronicle:
         self._pending: deque[_Snapshot | _Taken | tuple[_Snapshot, Cause, str]] = deque()
         self._struck = (0, 0)  # collisions, and of those bumps
         self._felt = False
-        self._count = 0
+        self._counts: dict[str, int] = {}
 
     # What comes in -------------------------------------------------------------------------------
 
@@ -246,8 +246,9 @@ class Chronicle:
                 if bid not in kept:
                     kept.append(bid)
 
-    def mark(self) -> None:
-        """Explain this moment, once its bids are known; it comes into `moments`."""
+    def mark(self, t: float) -> None:
+        """Explain a moment, now, once its bids are known; it comes into `moments`."""
+        self.now = t
         self._pending.append(self._snapshot())
 
     def finish(self) -> None:
@@ -504,7 +505,7 @@ class Chronicle:
         said += [_bid(each) for each in bids]
         if of.blended:
             said.append(f"Its action was blended with {loser}'s for {of.blended} cycles.")
-        number = self._count = self._count + 1
+        number = self._counts[resource] = self._counts.get(resource, 0) + 1
         return Exchange(
             number,
             of.t,
@@ -638,9 +639,13 @@ def _told(of: Contest) -> Iterator[str]:
         yield f"Its owner refuses commands of {refusal}."
     for each in of.bids:
         yield _bid(each)
+    by_inputs: dict[tuple[Input, ...], list[str]] = {}
+    for each in of.bids:
         if each.inputs:
-            made = "; ".join(f"{i.key} {i.what}{_old(i.age)}" for i in each.inputs)
-            yield f"  made of {made}."
+            by_inputs.setdefault(each.inputs, []).append(each.agent)
+    for inputs, agents in by_inputs.items():
+        made = "; ".join(f"{i.key} {i.what}{_old(i.age)}" for i in inputs)
+        yield f"{' and '.join(agents)}: by {made}."
 
 
 def _bid(of: Bidding) -> str:
