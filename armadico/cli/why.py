@@ -20,7 +20,7 @@ from armadico.mesh.topology import default_namespace
 from armadico.runtime.errors import AbsentError
 
 if TYPE_CHECKING:
-    from armadico.observe.export import Row
+    from armadico.observe.recordings import Row
     from armadico.observe.standing import Standing
     from armadico.observe.why import Chronicle, Collision, Exchange, Moment, Press
 
@@ -155,7 +155,7 @@ def _recorded(args: argparse.Namespace) -> Told:
         raise UsageError(f"{args.file}: no such file")
     if find_spec("mcap") is None:
         raise FailedError("mcap is not installed: pip install 'armadico[record]'")
-    from armadico.observe.export import RecordingError  # noqa: PLC0415 - not for --help
+    from armadico.observe.recordings import RecordingError  # noqa: PLC0415 - not for --help
 
     try:
         return _answer(args)
@@ -164,14 +164,16 @@ def _recorded(args: argparse.Namespace) -> Told:
 
 
 def _answer(args: argparse.Namespace) -> Told:
-    from armadico.observe.export import rows  # noqa: PLC0415 - not for --help
+    from armadico.observe.recordings import Past  # noqa: PLC0415 - not for --help
     from armadico.observe.standing import standing  # noqa: PLC0415
     from armadico.observe.why import LATER_S, Chronicle  # noqa: PLC0415
 
     chronicle, at = Chronicle(), args.at
     namespace, first, t, found = args.namespace, None, 0.0, None
     others: set[str] = set()
-    for row in rows(args.file, _warn):
+    past = Past(args.file, _warn)
+    past.check()
+    for row in past.rows():
         first = row.t if first is None else first
         namespace = namespace or row.namespace
         if row.namespace != namespace:
@@ -219,8 +221,8 @@ def _take(chronicle: Chronicle, row: Row, t: float) -> None:
         Card,
         MessageError,
     )
-    from armadico.observe.export import HERE  # noqa: PLC0415
     from armadico.observe.recorder import REFUSED  # noqa: PLC0415
+    from armadico.observe.recordings import HERE  # noqa: PLC0415
 
     if row.schema == HERE:
         here = row.fields
@@ -268,7 +270,11 @@ def _all(chronicle: Chronicle, ends: float) -> Told:
 
     last = standing(chronicle.view, ends)
     exchanges, presses, collisions = chronicle.exchanges, chronicle.presses, chronicle.collisions
-    counted = {"exchange": exchanges, "stop": presses, "collision": collisions}
+    counted: dict[str, Sequence[object]] = {
+        "exchange": exchanges,
+        "stop": presses,
+        "collision": collisions,
+    }
     told = [f"{len(each)} {what}{'s' * (len(each) != 1)}" for what, each in counted.items()]
     said = [f"{ends:.1f} s, {', '.join(told)}."]
     counts: dict[str, int] = {}

@@ -171,6 +171,7 @@ class Agent:
         self.identity = identity
         self.instance = identity.instance
         self.rng = identity.rng
+        self.drawn = self.rng.getstate()  # before anything is: a life that is replayed begins here
         self.p: Parameters = self.parameters() if parameters is None else parameters
         self.now = 0.0
         self.cycles = CycleClock()  # the robot's

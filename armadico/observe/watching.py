@@ -17,8 +17,8 @@ from typing import TYPE_CHECKING, Any, Final, TypeVar
 import msgspec
 from msgspec import inspect
 
-from armadico.core.messages import Ask, Message, MessageError, decode
-from armadico.core.services import BIDS, CARD, Kind, service_at
+from armadico.core.messages import Ask, JournalRequest, Message, MessageError, decode
+from armadico.core.services import BIDS, CARD, Kind, service_at, service_of
 
 if TYPE_CHECKING:
     from armadico.mesh.zenoh import ZenohMesh
@@ -99,6 +99,14 @@ class Watcher:
             mesh.ask(
                 pattern, Ask(), timeout, self._receiver(mesh.namespace, asked=True), lambda: None
             )
+
+    def ask_for_piece(self, namespace: str, instance: str, number: int, timeout: float) -> None:
+        """Ask an instance for a piece of its journal again."""
+        key = service_of(JournalRequest).key_for(instance=instance)
+        for mesh in self.meshes:
+            if mesh.namespace == namespace:
+                taken = self._receiver(namespace, asked=True)
+                mesh.ask(key, JournalRequest(number), timeout, taken, lambda: None)
 
     def ask_for_cards(self, timeout: float = 1.0) -> None:
         """Query everybody's card."""
