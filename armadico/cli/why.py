@@ -20,9 +20,13 @@ from armadico.mesh.topology import default_namespace
 from armadico.runtime.errors import AbsentError
 
 if TYPE_CHECKING:
-    from armadico.observe.recordings import Row
+    from armadico.core.messages import BidRecord
+    from armadico.observe.recordings import Past, Row
     from armadico.observe.standing import Standing
     from armadico.observe.why import Chronicle, Collision, Exchange, Moment, Press
+
+Bids = dict[tuple[str, str], list["BidRecord"]]
+"""By instance and resource."""
 
 MOST_TOLD: Final = 30
 """Of the exchanges of a recording, at the most, where all that happened is told."""
@@ -164,15 +168,44 @@ def _recorded(args: argparse.Namespace) -> Told:
 
 
 def _answer(args: argparse.Namespace) -> Told:
+    """By what was recorded; of who was not asked in time, by what its journal comes to again."""
     from armadico.observe.recordings import Past  # noqa: PLC0415 - not for --help
-    from armadico.observe.standing import standing  # noqa: PLC0415
-    from armadico.observe.why import LATER_S, Chronicle  # noqa: PLC0415
+    from armadico.observe.why import Collision, Exchange, Moment, unasked  # noqa: PLC0415
 
-    chronicle, at = Chronicle(), args.at
-    namespace, first, t, found = args.namespace, None, 0.0, None
-    others: set[str] = set()
     past = Past(args.file, _warn)
     past.check()
+    told = _read(args, past, {})
+    if isinstance(told.found, Collision | Exchange | Moment) and (silent := unasked(told.found)):
+        again = _gone_through(past, silent)
+        return _read(args, past, again) if again else told
+    return told
+
+
+def _gone_through(past: Past, instances: set[str]) -> Bids:
+    """The bids of some by their journals, as far as these come to the same again."""
+    from armadico.observe.replay import Moment, replayed  # noqa: PLC0415 - not for --help
+
+    found: Bids = {}
+    for journal in past.journals():
+        if journal.instance in instances:
+            bids: list[BidRecord] = []
+
+            def keep(moment: Moment, to: list[BidRecord] = bids) -> None:
+                to.extend(moment.bids)
+
+            if replayed(journal, watch=keep).equal:
+                for bid in bids:
+                    found.setdefault((journal.instance, bid.resource), []).append(bid)
+    return found
+
+
+def _read(args: argparse.Namespace, past: Past, again: Bids) -> Told:
+    from armadico.observe.standing import standing  # noqa: PLC0415 - not for --help
+    from armadico.observe.why import LATER_S, Chronicle  # noqa: PLC0415
+
+    chronicle, at = Chronicle(again), args.at
+    namespace, first, t, found = args.namespace, None, 0.0, None
+    others: set[str] = set()
     for row in past.rows():
         first = row.t if first is None else first
         namespace = namespace or row.namespace

@@ -9,7 +9,7 @@ sentences and the cause where the reasons end (`armadico.observe.standing`).
 from __future__ import annotations
 
 from collections import deque
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from math import degrees, hypot
 from typing import Final
@@ -190,9 +190,16 @@ class _Taken:
 class Chronicle:
     """Takes what a watcher hears, in order; times are s by one clock."""
 
-    def __init__(self) -> None:
+    def __init__(self, recomputed: Mapping[tuple[str, str], Sequence[BidRecord]] | None = None):
+        """Nothing was heard yet.
+
+        Args:
+            recomputed: Bids that nobody was asked for in time, by instance and resource, oldest
+                first, if journals were gone through again for them.
+        """
         self.view = View()
         self.now = 0.0
+        self._recomputed = recomputed or {}
         self.exchanges: list[Exchange] = []
         self.collisions: list[Collision] = []
         self.moments: list[Moment] = []
@@ -479,11 +486,9 @@ class Chronicle:
             cycle = None if ack is None else Cycle(ack.cycle.epoch, max(0, ack.cycle.number - back))
         if cycle is None:
             return None
-        fit = [
-            bid
-            for bid in kept
-            if bid.cycle.epoch == cycle.epoch and 0 <= cycle.number - bid.cycle.number <= AGO
-        ]
+        fit = _answering(kept, cycle) or _answering(
+            self._recomputed.get((instance, name), ()), cycle
+        )
         return max(fit, key=lambda bid: bid.cycle.number, default=None)
 
     # An exchange ---------------------------------------------------------------------------------
@@ -646,6 +651,22 @@ def _told(of: Contest) -> Iterator[str]:
     for inputs, agents in by_inputs.items():
         made = "; ".join(f"{i.key} {i.what}{_old(i.age)}" for i in inputs)
         yield f"{' and '.join(agents)}: by {made}."
+
+
+def _answering(bids: Iterable[BidRecord], cycle: Cycle) -> list[BidRecord]:
+    """Those that answer a cycle, or one shortly before."""
+    return [
+        bid
+        for bid in bids
+        if bid.cycle.epoch == cycle.epoch and 0 <= cycle.number - bid.cycle.number <= AGO
+    ]
+
+
+def unasked(answer: Moment | Exchange | Collision) -> set[str]:
+    """The instances whose bids are missing in an answer: nobody asked them in time."""
+    moment = answer.moment if isinstance(answer, Collision) else answer
+    contests = moment.contests if isinstance(moment, Moment) else (moment,)
+    return {bid.instance for each in contests for bid in each.bids if bid.cycle is None}
 
 
 def _bid(of: Bidding) -> str:

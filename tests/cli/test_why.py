@@ -76,6 +76,24 @@ def test_a_moment_has_each_contenders_bid_with_the_inputs_that_made_it(ask: Ask)
     assert all(each["age"] <= 1 for each in bids["goto"]["inputs"])
 
 
+def test_a_bid_that_nobody_asked_for_in_time_is_recomputed_from_the_journal(
+    tmp_path: Path, ask: Ask
+) -> None:
+    """Avoid dies between two askings: what it thought of the last moment nobody was told."""
+    path = tmp_path / "dies.mcap"
+    run = Rehearsal(LINE, Options(seed=4))
+    with Recorded(run.mesh, path, run.namespace):
+        run.start()
+        run.begin()
+        run.mesh.run(4.95)
+        run.mesh.node("avoid").kill()
+        run.mesh.run(8.0)
+    (wheels,) = [c for c in ask("--at", "4.9", path=path)["contests"] if c["resource"] == "wheels"]
+    (avoid,) = [each for each in wheels["bids"] if each["agent"] == "avoid"]
+    assert avoid["cycle"] is not None
+    assert avoid["reason"] == "nothing in the way"
+
+
 def test_why_it_stood_is_told_of_its_end_and_of_any_moment(ask: Ask) -> None:
     assert ask("--standing")["cause"]["who"] == "sonar"
     assert ask("--standing", "--at", "6.5")["cause"]["who"] == "anna"
