@@ -22,6 +22,7 @@ from armadico.runtime.errors import AbsentError
 if TYPE_CHECKING:
     from armadico.core.messages import BidRecord
     from armadico.observe.recordings import Past, Row
+    from armadico.observe.replay import Moment as Entered
     from armadico.observe.standing import Standing
     from armadico.observe.why import Chronicle, Collision, Exchange, Moment, Press
 
@@ -183,14 +184,14 @@ def _answer(args: argparse.Namespace) -> Told:
 
 def _gone_through(past: Past, instances: set[str]) -> Bids:
     """The bids of some by their journals, as far as these come to the same again."""
-    from armadico.observe.replay import Moment, replayed  # noqa: PLC0415 - not for --help
+    from armadico.observe.replay import replayed  # noqa: PLC0415 - not for --help
 
     found: Bids = {}
     for journal in past.journals():
         if journal.instance in instances:
             bids: list[BidRecord] = []
 
-            def keep(moment: Moment, to: list[BidRecord] = bids) -> None:
+            def keep(moment: Entered, to: list[BidRecord] = bids) -> None:
                 to.extend(moment.bids)
 
             if replayed(journal, watch=keep).equal:

@@ -49,8 +49,8 @@ LATER_S: Final = 1.6
 KEPT_CYCLES: Final = 60
 """Bids, claims and commands of so many cycles are kept: of more than `LATER_S`."""
 
-AGO: Final = 10
-"""A contender whose newest bid is so many cycles older than a moment had no turn then."""
+AGO: Final = FRESH_CYCLES
+"""A contender whose newest bid is more cycles older than a moment had no turn then."""
 
 NEAR_M: Final = 0.1
 """What is known so near to the outline was known to be in the way."""
