@@ -41,6 +41,7 @@ class Overheard:
         for node in self.mesh.nodes:
             object.__setattr__(node.agent.identity, "host", hosts(node.name))
         self.chronicle = Chronicle()
+        self.planted = 0.0  # when something was done to it, s
         kinds = dict.fromkeys(each.message for each in SERVICES if each.message is not Ask)
         self.mesh.watch(self.chronicle.take, *kinds)
         self._ask()
