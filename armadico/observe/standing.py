@@ -1,0 +1,417 @@
+"""Why the robot stands: the chain of reasons, down to the person, agent, host or device (sans-IO).
+
+One for everybody: `armadico why`, doctor, top, the page, programs. It goes by what a `View` has
+been shown, so whoever asks shows it what is published, tokens, cards and bids, and asks for the
+last two about once a second. It begins with what holds whatever anybody bids (the stop, motors, no
+goal), goes on with who drives, and if nobody does, with why each contender does not: a behaviour
+says itself which input it lacks. From there it follows who provides that, and what that one lacks,
+until somebody is found who has all and publishes nothing, or is not there.
+"""
+
+from __future__ import annotations
+
+from enum import StrEnum
+from typing import Final
+
+from msgspec import Struct
+
+from armadico.core.agent import NOT_FRESH, NOT_SOUND, WARNING
+from armadico.core.behaviour import LOST_M
+from armadico.core.messages import BidRecord, Cycle, MissionState, RobotState
+from armadico.core.resources import WHEELS
+from armadico.core.services import matches, service_of
+from armadico.observe.view import FRESH_CYCLES, QUIET_S, View, agent_of
+
+RESTS: Final = 0.01
+"""m/s and rad/s: a robot that is slower stands."""
+
+MISSED: Final = 15
+"""Cycles: bids are asked for once a second, so an older one is not the newest that there is."""
+
+LATELY_S: Final = 5.0
+"""A log line that explains what is now came within this."""
+
+
+class Sort(StrEnum):
+    """What sort of cause it is."""
+
+    STOP = "stop"  # somebody latched it
+    MOTORS = "motors"  # are off
+    STALLED = "stalled"  # something holds the wheels
+    CHARGING = "charging"
+    NO_GOAL = "no goal"
+    REFUSED_GOAL = "refused goal"  # the last one that was asked for
+    PLANNING = "planning"
+    REACHED = "reached"
+    FAILED = "failed"  # the mission was given up
+    NO_WAY = "no way"  # it waits for one to become free
+    LOST = "lost"  # nobody drives by such a pose
+    BLOCKED = "blocked"  # who drives sees no free way
+    ABSENT = "absent"  # an agent is not alive
+    SILENT = "silent"  # an agent is alive, has what it needs, and publishes nothing
+    HOST = "host"  # all agents of a host are gone, or it is cut off
+    LINK = "link"  # what is published does not arrive
+    STALE = "stale"  # an agent publishes what answers old cycles
+    DEVICE = "device"  # the controller, its line or its port
+    UNSOUND = "unsound"  # an agent bids what is no bid
+    REFUSED = "refused"  # the owner refuses the holder's commands
+    FOREIGN = "foreign"  # it speaks another protocol, or means something else by a resource
+    UNKNOWN = "unknown"  # as far as anybody was heard
+
+
+class Cause(Struct, frozen=True):
+    """Where a chain of reasons ends: of what sort, who or what it is, in words, and what to do.
+
+    `who` is an agent's name, a host, a key that nobody provides, a link (`a -> b`), or by whom it
+    was stopped; empty where it is nobody.
+    """
+
+    sort: Sort
+    who: str
+    what: str
+    todo: str = ""
+
+
+class Standing(Struct, frozen=True):
+    """Whether the robot stands, and why: from what is seen down to the cause."""
+
+    stands: bool
+    sentences: tuple[str, ...]
+    cause: Cause | None = None  # none: it moves
+
+
+def standing(view: View, now: float) -> Standing:
+    """Why the robot of a view stands; `now` is by the clock of whoever showed it things, s."""
+    chain = _Chain(view, now)
+    cause = chain.begin()
+    return Standing(cause is not None, tuple(chain.said), cause)
+
+
+class _Chain:
+    """One chain of reasons, as it is followed."""
+
+    def __init__(self, view: View, now: float) -> None:
+        self.view = view
+        self.now = now
+        self.said: list[str] = []
+        self._asked: set[str] = set()  # keys that were followed
+
+    def begin(self) -> Cause | None:
+        """From what is seen of the robot."""
+        view, state = self.view, self.view.state
+        key = service_of(RobotState).key
+        if state is None or self.silent(key):
+            since = "" if state is None else f" for {self.silence(key):.1f} s"
+            self.said.append(f"Nothing is heard of the robot{since}: no {key}.")
+            return self.lacking(key, "")
+        if max(abs(state.v), abs(state.w)) > RESTS:
+            who = view.driver(WHEELS.name, self.now)
+            by = "nobody is obeyed, and it rolls out" if who is None else f"{agent_of(who)} drives"
+            self.said.append(f"The robot moves at {state.v:.2f} m/s, {state.w:.2f} rad/s: {by}.")
+            return None
+        self.said.append("The robot stands.")
+        return self._hands(state) or self._mission() or self._wheels()
+
+    # What holds whatever anybody bids ------------------------------------------------------------
+
+    def _hands(self, state: RobotState) -> Cause | None:
+        """Somebody's word, or hand."""
+        if state.stop.stopped:
+            by = state.stop.by or "somebody"
+            return self.end(
+                Sort.STOP, by, f"It is stopped by {by}.", "`armadico resume` releases it"
+            )
+        if not state.motors:
+            todo = "switch them on at the robot, then `armadico resume`"
+            return self.end(Sort.MOTORS, "", "Its motors are off.", todo)
+        return None
+
+    def _mission(self) -> Cause | None:
+        """Whether there is somewhere to drive to."""
+        way, mission = self.view.trajectory, self.view.mission
+        if way is not None and way.waypoints:
+            if not way.waits:
+                return None
+            note = mission.note if mission is not None else ""
+            what = f"No way to the goal is free{f': {note}' if note else ''}."
+            return self.end(Sort.NO_WAY, "", what, "clear the way, or give it another goal")
+        if mission is None or mission.state in (MissionState.NONE, MissionState.DRIVING):
+            refused = self.line("mission refused: ", within=None)
+            if refused is not None:
+                what = f"It has no goal: the last one was refused, {refused}."
+                return self.end(Sort.REFUSED_GOAL, "", what, "give it a goal that it can reach")
+            todo = "give it one: `armadico goto X Y`"
+            return self.end(Sort.NO_GOAL, "", "It has no goal.", todo)
+        if mission.state is MissionState.PLANNING:
+            return self.end(Sort.PLANNING, "", "Its way is being planned.")
+        if mission.state is MissionState.REACHED:
+            return self.end(Sort.REACHED, "", "It has reached its goal.")
+        what = f"The mission was given up: {mission.note or 'nobody said why'}."
+        return self.end(Sort.FAILED, "", what, "give it another goal")
+
+    # Who drives ----------------------------------------------------------------------------------
+
+    def _wheels(self) -> Cause:
+        """Who is obeyed and does not move it, or why nobody is."""
+        view = self.view
+        driver = view.driver(WHEELS.name, self.now)
+        if driver is not None:
+            return self._driven(driver)
+        self.said.append(f"No agent is obeyed on {WHEELS.name}.")
+        contenders = [a for a in view.agents if a.card and WHEELS.name in a.card.resources]
+        if not contenders:
+            return self._nobody()
+        found = [self._contender(each.instance) for each in contenders]
+        causes = [each for each in found if each is not None]
+        if not causes:
+            return self.end(Sort.UNKNOWN, "", "None of them has said why.")
+        return min(causes, key=lambda cause: _ORDER.index(cause.sort))
+
+    def _driven(self, driver: str) -> Cause:
+        view, name = self.view, agent_of(driver)
+        claim, state = view.claim(WHEELS.name, self.now), view.state
+        wanted = () if claim is None or isinstance(claim.wanted, bytes) else claim.wanted
+        reason = self._reason(driver)
+        if any(abs(each) > RESTS for each in wanted):
+            if state is not None and state.stalled:
+                what = f"{name} drives, and something holds the wheels."
+                return self.end(Sort.STALLED, name, what, "look what it stands against")
+            what = f"{name} drives, and the wheels do not turn (yet)."
+            return self.end(Sort.UNKNOWN, name, what)
+        if view.pose is not None and view.pose.deviation > LOST_M:
+            return self._lost()
+        what = f"{name} drives and sees no free way: {reason or 'it does not say why'}."
+        return self.end(Sort.BLOCKED, name, what, "clear what is near it")
+
+    def _reason(self, instance: str) -> str:
+        bid = self.view.bid(instance, WHEELS.name)
+        return "" if bid is None else bid.reason
+
+    def _nobody(self) -> Cause:
+        """Nobody competes for the wheels: who did?"""
+        gone = [i for i in self.view.gone if WHEELS.name in self._competed(i)]
+        if gone:
+            return self.absent(gone)
+        what = f"No agent that competes for {WHEELS.name} is alive."
+        return self.end(Sort.ABSENT, WHEELS.name, what, "`armadico up` starts a whole society")
+
+    def _competed(self, instance: str) -> tuple[str, ...]:
+        card = self.view.cards.get(instance)
+        return () if card is None else card.resources
+
+    def _contender(self, instance: str) -> Cause | None:
+        """Why one contender does not drive; None: it has nothing to do, and need not."""
+        view, name = self.view, agent_of(instance)
+        bid = view.bid(instance, WHEELS.name)
+        if bid is None:
+            return None
+        if self._is_old(bid):
+            return self._turns_no_more(instance, bid)
+        if bid.utility is not None:
+            return None if bid.utility <= 0.0 else self._unobeyed(instance, bid)
+        self.said.append(f"{name} has no bid: {bid.reason or 'it does not say why'}.")
+        if bid.reason.startswith(NOT_FRESH):
+            return self.lacking(bid.reason.removeprefix(NOT_FRESH), instance)
+        if bid.reason.startswith(NOT_SOUND):
+            todo = f"mend {name}; `armadico logs {name}` has its last words"
+            return Cause(Sort.UNSOUND, name, f"{name}: {bid.reason}", todo)
+        if self._is_lost() and "lost" in bid.reason:
+            return self._lost()
+        return None
+
+    def _is_old(self, bid: BidRecord) -> bool:
+        state = self.view.state
+        return state is not None and not _within(bid.cycle, state.cycle, MISSED)
+
+    def _turns_no_more(self, instance: str, bid: BidRecord) -> Cause:
+        """Its newest bid is old: what starts its turns does not come, or it hangs."""
+        name = agent_of(instance)
+        self.said.append(f"{name} has had no turn since cycle {bid.cycle.number}.")
+        for key in self._inputs(instance):
+            if self.silent(key) or self.stale(key):
+                return self.lacking(key, instance)
+        return self.quiet(instance)
+
+    def _unobeyed(self, instance: str, bid: BidRecord) -> Cause:
+        """It bids, and is not obeyed."""
+        name = agent_of(instance)
+        self.said.append(f"{name} bids {bid.utility:.2f} and is not obeyed.")
+        refused = self.line("commands refused: ")
+        if refused is not None:
+            what = f"{name}'s commands are refused: {refused}."
+            return self.end(Sort.REFUSED, name, what)
+        owners = [a.name for a in self.view.agents if a.card and WHEELS.name in a.card.owns]
+        to = owners[0] if owners else WHEELS.name
+        what = f"What {name} commands does not reach {to}."
+        return self.end(Sort.LINK, f"{name} -> {to}", what, "look at the network between them")
+
+    def _is_lost(self) -> bool:
+        pose = self.view.pose
+        return pose is not None and pose.deviation > LOST_M
+
+    def _lost(self) -> Cause:
+        where = self.view.whereabouts(self.now)
+        todo = "an agent that looks for where it is drives it meanwhile; is it on the map at all?"
+        return self.end(Sort.LOST, "", f"It does not know where it is: {where}.", todo)
+
+    # Down to who is missing ----------------------------------------------------------------------
+
+    def lacking(self, key: str, instance: str) -> Cause:
+        """Why something that an instance needs is not fresh there; "" for whoever watches."""
+        self._asked.add(key)
+        alive = [a.instance for a in self.view.agents if a.card and key in a.card.provides]
+        alive = alive or self._owners(key)
+        if not self.silent(key):
+            return self._not_arriving(key, instance, alive)
+        if not alive:
+            return self._unprovided(key)
+        since = f"for {self.silence(key):.1f} s" if key in self.view.rates else "so far"
+        names = " and ".join(map(agent_of, alive))
+        self.said.append(f"{names} provides {key}, is alive, and has published none {since}.")
+        for needed in self._inputs(alive[0]):
+            before = self._last(needed) <= self._last(key)
+            if needed not in self._asked and self.silent(needed) and before:
+                return self.lacking(needed, alive[0])
+        return self.quiet(alive[0])
+
+    def _owners(self, key: str) -> list[str]:
+        """Who owns the resource whose ack a key is, or nobody."""
+        agents = [a for a in self.view.agents if a.card]
+        return [
+            a.instance
+            for a in agents
+            for owned in (a.card.owns if a.card else ())
+            if key == f"resource/{owned}/ack"
+        ]
+
+    def _inputs(self, instance: str) -> list[str]:
+        """The states that it listens to and that were heard once, the robot's own first."""
+        card, known = self.view.cards.get(instance), self.view.newest
+        found = [key for key in known if card and any(matches(r, key) for r in card.requests)]
+        own = card.provides if card else ()
+        return sorted((k for k in found if k not in own), key=lambda k: (self._last(k), k))
+
+    def _not_arriving(self, key: str, instance: str, alive: list[str]) -> Cause:
+        """It is published: stale already, or it does not arrive."""
+        name = agent_of(instance)
+        if (late := self.stale(key)) and alive:
+            who = agent_of(alive[0])
+            what = f"{who} publishes {key} that answers cycles {late} too old."
+            return self.end(Sort.STALE, who, what, f"{who} is slow, or hears the robot late")
+        by = alive[0] if alive else key
+        there, here = self.host(by), self.host(instance)
+        who = f"{agent_of(by)} -> {name}"
+        todo = "look at the network between them"
+        if there and here and there != here:
+            what = f"{key} is published on {there} and does not arrive at {name} on {here}."
+            return self.end(Sort.HOST, there, what, todo)
+        return self.end(Sort.LINK, who, f"{key} is published and does not arrive at {name}.", todo)
+
+    def _unprovided(self, key: str) -> Cause:
+        gone = [i for i in self.view.gone if self._provided(i, key)]
+        if gone:
+            return self.absent(gone)
+        missing = [n for r in self.view.reports.values() if r.acts for n in r.missing]
+        who = next((name for name in missing if key.startswith(f"{name}/")), key)
+        what = f"No agent that provides {key} is alive."
+        return self.end(Sort.ABSENT, who, what, f"start one that provides {key}")
+
+    def _provided(self, instance: str, key: str) -> bool:
+        card = self.view.cards.get(instance)
+        owned = () if card is None else tuple(f"resource/{each}/ack" for each in card.owns)
+        return card is not None and key in (*card.provides, *owned)
+
+    def absent(self, gone: list[str]) -> Cause:
+        """Instances that were there and are not: one of them, or a whole host."""
+        last = max(gone, key=lambda instance: self.view.gone[instance])
+        name, host = agent_of(last), self.host(last)
+        ago = self.now - self.view.gone[last]
+        there = [i for i in self.view.alive if host and self.host(i) == host]
+        away = sorted({agent_of(i) for i in self.view.gone if host and self.host(i) == host})
+        if host and not there and len(away) > 1 and self._hosts() > 1:
+            what = f"All of {host} is gone, for {ago:.1f} s: {', '.join(away)}."
+            return self.end(Sort.HOST, host, what, f"is {host} switched on, and its network up?")
+        names = " and ".join(sorted({agent_of(i) for i in gone}))
+        at = f" (host {host})" if host else ""
+        what = f"{names}{at} is not alive; it was until {ago:.1f} s ago."
+        what += self._last_words(last)
+        return self.end(Sort.ABSENT, name, what, f"start it again: `armadico-agent {name}`")
+
+    def quiet(self, instance: str) -> Cause:
+        """It is there, has what it needs, and publishes nothing."""
+        name, host = agent_of(instance), self.host(instance)
+        told = self._device(instance)
+        if told:
+            return self.end(Sort.DEVICE, name, f"{name}: {told}.", "look at the robot and its line")
+        card = self.view.cards.get(instance)
+        pid = f" (host {host}, pid {card.pid})" if card is not None else ""
+        what = f"{name}{pid} hangs, or is cut off: what it needs is there."
+        what += self._last_words(instance)
+        return self.end(Sort.SILENT, name, what, f"restart it; `armadico logs {name}` says more")
+
+    def _device(self, instance: str) -> str:
+        """What an agent said of its device last; empty: it owns none, or has said nothing of it."""
+        card = self.view.cards.get(instance)
+        if card is None or not card.owns:
+            return ""
+        lines = [said.log for said in self.view.logs if said.instance == instance]
+        bad = [log for log in lines if log.level >= WARNING]
+        return bad[-1].text if bad else ""
+
+    def _last_words(self, instance: str) -> str:
+        said = [s.log for s in self.view.logs if s.instance == instance and s.log.level > WARNING]
+        return f" Its last words: {said[-1].text}." if said else ""
+
+    # What is known -------------------------------------------------------------------------------
+
+    def end(self, sort: Sort, who: str, what: str, todo: str = "") -> Cause:
+        """The last link of the chain."""
+        self.said.append(what)
+        return Cause(sort, who, what, todo)
+
+    def host(self, instance: str) -> str:
+        """The machine of an instance; empty if nobody knows."""
+        card = self.view.cards.get(instance)
+        return "" if card is None else card.host
+
+    def _hosts(self) -> int:
+        return len({card.host for card in self.view.cards.values()})
+
+    def _last(self, key: str) -> float:
+        rate = self.view.rates.get(key)
+        return float("-inf") if rate is None or rate.last is None else rate.last
+
+    def silence(self, key: str) -> float:
+        """For how long nothing was published on a key, s; infinite if nothing ever was."""
+        return self.now - self._last(key)
+
+    def silent(self, key: str) -> bool:
+        """Whether nothing was published on a key for longer than it should be."""
+        rate = self.view.rates.get(key)
+        allowed = QUIET_S if rate is None else max(rate.deadline_s or 0.0, QUIET_S)
+        return self.silence(key) > allowed
+
+    def stale(self, key: str) -> int:
+        """By how many cycles too old the newest on a key is; 0: it is not."""
+        state, newest = self.view.state, self.view.newest.get(key)
+        cycle = getattr(newest, "cycle", None)
+        if state is None or not isinstance(cycle, Cycle) or cycle.epoch != state.cycle.epoch:
+            return 0
+        late = state.cycle.number - cycle.number
+        return late if late > FRESH_CYCLES else 0
+
+    def line(self, begins: str, within: float | None = LATELY_S) -> str | None:
+        """The rest of the newest log line that begins so; None if there was none of late."""
+        for said in reversed(self.view.logs):
+            if within is not None and self.now - said.at > within:
+                return None
+            if said.log.text.startswith(begins):
+                return said.log.text.removeprefix(begins)
+        return None
+
+
+_ORDER: Final = tuple(Sort)
+
+
+def _within(cycle: Cycle, newest: Cycle, cycles: int) -> bool:
+    return cycle.epoch == newest.epoch and newest.number - cycle.number <= cycles
