@@ -15,61 +15,61 @@ from dataclasses import dataclass, field
 from math import atan2, isfinite, remainder, tau
 from typing import Any, Final
 
+from msgspec.structs import replace
+
 from armadico.config.worlds import World
 from armadico.core.messages import (
     Ack,
-    BatteryLevel,
-    Board,
     BoardMission,
-    Claim,
-    Correction,
-    Description,
+    Cycle,
     HostShare,
     KeptState,
-    Log,
     Message,
     MissionCancel,
     MissionEnd,
     MissionOrder,
     MissionReply,
     MissionRequest,
-    MissionStatus,
     Obstacles,
     OccupancyGrid,
+    Parameter,
+    ParameterChange,
+    ParametersReply,
+    ParametersRequest,
     Pose,
     RobotState,
+    Setting,
     StepEnd,
+    Stick,
     Stop,
-    Trajectory,
-    Truth,
+    TeleopStatus,
     WakeupOrder,
     WakeupReply,
     WakeupRequest,
     Waypoint,
+    plain,
 )
 from armadico.core.resources import WHEELS
-from armadico.core.services import rows_of, service_of
+from armadico.core.services import service_of
 from armadico.observe.page.requests import (
     Cancel,
     Goto,
     Halt,
+    Hold,
     Order,
     Request,
     RequestError,
     Restart,
     Resume,
+    Start,
+    Tune,
     bits,
 )
 from armadico.observe.pictures import colour
+from armadico.observe.standing import standing
 from armadico.observe.view import QUIET_S, View, agent_of, at_work
 from armadico.runtime.client import PLANNING_S, PRESS_S, STOP_S
 from armadico.runtime.latch import Latching
-
-LISTENS: Final[tuple[type[Message], ...]] = (
-    *(RobotState, Description, Ack, Claim, Pose, Correction, Truth, Obstacles, OccupancyGrid),
-    *(Trajectory, MissionStatus, Board, BatteryLevel, HostShare, Log),
-)
-"""What is listened for. Cards and bids are asked for."""
 
 ANSWER_S: Final = 10.0
 """What an answer to all but a goal may take."""
@@ -84,6 +84,9 @@ TRAIL: Final = 3000
 TRAIL_M: Final = 0.04
 """What is shown at the most: exchanges, lines of the log, points that are near, and points of the
 path, so far apart."""
+
+HAND_S: Final = 2.5
+"""Whose hand drives is said each second at least; a report older than this says nothing."""
 
 SHARE_S: Final = 5.0
 """A host that has said nothing for so long keeps nobody up."""
@@ -180,20 +183,27 @@ class Robot:
         self._number = 0
         self._waiting: dict[int, _Waiting] = {}
         self._pressed: _Pressed | None = None
-        self._trajectory: Trajectory | None = None
         self._near: dict[str, tuple[list[list[float]], float]] = {}
         self._grid: dict[str, Any] | None = None
         self._shares: dict[str, tuple[HostShare, float]] = {}
         self._driver: str | None = None
         self._exchanges: deque[dict[str, Any]] = deque(maxlen=EXCHANGES)
-        self._lines: deque[dict[str, Any]] = deque(maxlen=LINES)
+        self._hand: tuple[TeleopStatus, float] | None = None
+        self._sticks: dict[str, int] = {}  # by hand, how often it has moved
+        self._parameters: dict[str, tuple[Parameter, ...]] = {}
         self._trail: deque[list[Any]] = deque(maxlen=TRAIL)
 
     # What comes in -------------------------------------------------------------------------------
 
-    def heard(self, key: str, message: Message, t: float) -> None:
-        """Take what was published on a key, or an answer to what everybody was asked, at t (s)."""
-        self.view.learn(message, t)
+    def heard(self, key: str, message: Message | None, t: float, *, asked: bool = False) -> None:
+        """Take what was published on a key, or an answer to what everybody was `asked`, at t (s).
+
+        None: it cannot be read.
+        """
+        if not asked:
+            self.view.take(key, message, t)
+        elif message is not None:
+            self.view.learn(message, t)
         match message:
             case RobotState():
                 self._state(message, t)
@@ -201,18 +211,18 @@ class Robot:
                 self._drives(t)
             case Pose():
                 self._step(message)
-            case Trajectory():
-                self._trajectory = message
             case Obstacles():
                 self._near[message.sensor] = (_points(message), t)
             case OccupancyGrid():
                 self._grid = _grid(message)
             case HostShare():
                 self._shares[message.instance] = (message, t)
-            case Log():
-                name = agent_of(key.rpartition("/")[2])
-                line = {"t": t, "name": name, "level": message.level, "text": message.text}
-                self._lines.append(line)
+            case TeleopStatus():
+                self._hand = (message, t)
+            case ParametersReply():
+                self._parameters[message.instance] = message.parameters
+            case ParameterChange():
+                self._changed(message)
 
     def token(self, instance: str, *, there: bool, t: float) -> None:
         """A liveliness token came or went."""
@@ -234,6 +244,19 @@ class Robot:
                 self._put(browser, request.id, cancel, lambda _: "cancelled")
             case Restart():
                 self._restart(browser, request, t)
+            case Start():
+                self._start(browser, request, t)
+            case Tune():
+                self._tune(browser, request)
+            case Hold():
+                self._hold(browser, request)
+
+    def gone(self, browser: str) -> None:
+        """A browser has gone: whatever its hand held it lets go of."""
+        state = self.view.state
+        if browser in self._sticks and state is not None:
+            self._publish_stick(browser, Stick(state.cycle, browser, 0, 0.0, 0.0, held=False))
+        self._sticks.pop(browser, None)
 
     def answered(self, number: int, message: Message | None) -> None:
         """What a question was answered; None: nothing, and nothing more will come."""
@@ -282,7 +305,11 @@ class Robot:
             "board": self._board(),
             "near": [p for points, at in self._near.values() if t - at <= QUIET_S for p in points],
             "grid": self._grid,
-            "log": list(self._lines),
+            "log": self._log(),
+            "could": sorted(self._could(t)),
+            "standing": self._standing(t),
+            "hand": self._stick(t),
+            "parameters": self._tunable(),
         }
 
     @property
@@ -342,7 +369,7 @@ class Robot:
         }
 
     def _mission(self) -> dict[str, Any]:
-        status, trajectory = self.view.mission, self._trajectory
+        status, trajectory = self.view.mission, self.view.trajectory
         found: dict[str, Any] = {"tasks": self.view.tasks}
         if status is not None:
             found |= {"state": status.state.value, "note": status.note}
@@ -414,6 +441,64 @@ class Robot:
                             process.state.value,
                             process.why,
                         )
+
+    def _could(self, t: float) -> dict[str, str]:
+        """Agents that a host would start, and its wakeup agent's instance."""
+        found: dict[str, str] = {}
+        for instance, (share, at) in self._shares.items():
+            if t - at <= SHARE_S and not share.leaving:
+                found |= dict.fromkeys(share.can, instance)
+        return {name: who for name, who in found.items() if name not in self.view.names}
+
+    def _log(self) -> list[dict[str, Any]]:
+        lines = list(self.view.logs)[-LINES:]
+        return [
+            {
+                "t": round(said.at, 1),
+                "name": agent_of(said.instance),
+                "level": said.log.level,
+                "text": said.log.text,
+            }
+            for said in lines
+        ]
+
+    def _standing(self, t: float) -> dict[str, Any]:
+        found = standing(self.view, t)
+        cause = found.cause
+        told: dict[str, Any] = {"stands": found.stands, "sentences": list(found.sentences)}
+        if cause is not None:
+            told |= {"sort": cause.sort.value, "who": cause.who, "todo": cause.todo}
+        return told
+
+    def _stick(self, t: float) -> dict[str, Any]:
+        """Whose hand drives; `there`: somebody would take the stick."""
+        key = service_of(Stick).key
+        there = any(a.card and key in a.card.requests for a in self.view.agents)
+        found: dict[str, Any] = {"there": there, "hand": "", "holds": False}
+        if self._hand is None or t - self._hand[1] > HAND_S:
+            return found
+        status = self._hand[0]
+        return found | {
+            "hand": status.hand,
+            "holds": status.holds,
+            "v": _short(status.v),
+            "w": _short(status.w),
+            "v_max": status.v_max,
+            "w_max": status.w_max,
+            "note": status.note,
+        }
+
+    def _tunable(self) -> list[dict[str, Any]]:
+        """What may be changed, by agent."""
+        return [
+            {
+                "agent": agent.name,
+                "instance": agent.instance,
+                "rows": [plain(each) for each in self._parameters[agent.instance]],
+            }
+            for agent in self.view.agents
+            if self._parameters.get(agent.instance)
+        ]
 
     def _board(self) -> list[dict[str, Any]]:
         board = self.view.board
@@ -502,6 +587,54 @@ class Robot:
         done = f"{request.agent} is restarted"
         self._put(browser, request.id, order, lambda _: done, key=key)
 
+    def _start(self, browser: str, request: Start, t: float) -> None:
+        wakeup = self._could(t).get(request.agent)
+        if wakeup is None:
+            raise RequestError(
+                f"no host says that it could start {request.agent}; `armadico-agent"
+                f" {request.agent}` does so by hand"
+            )
+        order = WakeupRequest(WakeupOrder.START, request.agent, 0, f"asked by {browser}")
+        key = service_of(WakeupRequest).key_for(instance=wakeup)
+        done = f"{request.agent} is started"
+        self._put(browser, request.id, order, lambda _: done, key=key)
+
+    def _tune(self, browser: str, request: Tune) -> None:
+        """Whether it is in its range the agent says, and why not."""
+        instance = request.instance
+        if instance not in self.view.alive:
+            raise RequestError(f"{instance} is not alive")
+        names = {"name": agent_of(instance), "instance": instance}
+        key = service_of(ParametersRequest).key_for(**names)
+        change = ParametersRequest((Setting(request.name, request.json),), browser)
+
+        def said(reply: ParametersReply) -> str:
+            self._parameters[instance] = reply.parameters
+            return f"{agent_of(instance)}: {request.name} = {request.json}"
+
+        self._put(browser, request.id, change, said, key=key)
+
+    def _changed(self, change: ParameterChange) -> None:
+        """Somebody, here or elsewhere, has changed a parameter."""
+        rows = self._parameters.get(change.instance, ())
+        self._parameters[change.instance] = tuple(
+            replace(row, json=change.json) if row.name == change.name else row for row in rows
+        )
+
+    def _hold(self, browser: str, request: Hold) -> None:
+        """Pass on where a stick is, with the cycle that its hand saw."""
+        state = self.view.state
+        if state is None:
+            raise RequestError("nothing is heard of the robot")
+        cycle = Cycle(state.cycle.epoch, min(request.cycle, state.cycle.number))
+        stick = Stick(cycle, browser, 0, request.v, request.w, request.held)
+        self._publish_stick(browser, stick)
+
+    def _publish_stick(self, browser: str, stick: Stick) -> None:
+        number = self._sticks.get(browser, 0) + 1
+        self._sticks[browser] = number
+        self._out.append(Publish(replace(stick, number=number)))
+
     def _put(
         self,
         browser: str,
@@ -517,7 +650,7 @@ class Robot:
         assert service.reply is not None, "it is a question"
 
         def done(reply: Message) -> tuple[bool, str]:
-            assert isinstance(reply, MissionReply | WakeupReply)
+            assert isinstance(reply, MissionReply | WakeupReply | ParametersReply)
             return (False, reply.refusal) if reply.refusal else (True, said(reply))
 
         self._number += 1
@@ -581,11 +714,6 @@ class _KeptAgent:
     wakeup: str
     state: str
     why: str
-
-
-def keys_of(kind: type[Message]) -> tuple[str, ...]:
-    """The key expressions that a message travels on."""
-    return tuple(row.pattern for row in rows_of(kind))
 
 
 def drawn(world: World) -> dict[str, Any]:

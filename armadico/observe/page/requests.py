@@ -11,7 +11,7 @@ from typing import Annotated, Final
 import msgspec
 from msgspec import Meta, Struct
 
-from armadico.core.messages import Bits64, Name, Real
+from armadico.core.messages import Bits64, Deflection, Name, Real, Text
 
 LONGEST: Final = 4096
 """Bytes; no request is nearly as long."""
@@ -64,7 +64,33 @@ class Restart(Asked, frozen=True, tag="restart"):
     pid: Annotated[int, Meta(ge=0, le=2**52)] = 0
 
 
-Request = Goto | Halt | Resume | Order | Cancel | Restart
+class Start(Asked, frozen=True, tag="start"):
+    """Start an agent on a host that could."""
+
+    agent: Name
+
+
+class Tune(Asked, frozen=True, tag="set"):
+    """Give a parameter of an instance another value, as JSON."""
+
+    instance: Name
+    name: Name
+    json: Text
+
+
+class Hold(Asked, frozen=True, tag="stick"):
+    """Where the stick is, in shares; not `held`: the hand lets go.
+
+    `cycle` is the number of the newest that the page has shown: a stick that comes late is stale.
+    """
+
+    v: Deflection
+    w: Deflection
+    cycle: Annotated[int, Meta(ge=0, le=2**52)]
+    held: bool = True
+
+
+Request = Goto | Halt | Resume | Order | Cancel | Restart | Start | Tune | Hold
 
 
 class RequestError(ValueError):

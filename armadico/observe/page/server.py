@@ -267,8 +267,10 @@ def _one(headers: Headers, name: str) -> str | None:
 def _response(connection: ServerConnection, status: int, data: bytes, kind: str) -> Response:
     made = connection.respond(HTTPStatus(status), "")
     made.body = data
-    for name, value in {**HEADERS, "Content-Type": kind, "Content-Length": str(len(data))}.items():
-        del made.headers[name]
+    wanted = {**HEADERS, "Content-Type": kind, "Content-Length": str(len(data))}
+    for name, value in wanted.items():
+        if name in made.headers:
+            del made.headers[name]
         made.headers[name] = value
     return made
 

@@ -13,18 +13,25 @@ from typing import Any, Final, Protocol
 import msgspec
 
 from armadico.core.mailbox import EVENTS
-from armadico.core.messages import Ask, BidHistory, Card, Message
-from armadico.core.services import BIDS, CARD, Kind, Service, service_of
-from armadico.mesh.base import Mesh
-from armadico.observe.page.model import LISTENS, Publish, Put, Robot, Tell, keys_of
+from armadico.core.messages import Ask, Message, ParametersRequest
+from armadico.core.services import BIDS, CARD, Kind, Service, service_at, service_of
+from armadico.mesh.base import Mesh, Receiver
+from armadico.observe.page.model import Publish, Put, Robot, Tell
 from armadico.observe.page.requests import Request, RequestError, read
+from armadico.observe.watching import EVERYTHING, Heard, read_or_none
 from armadico.runtime.inbox import Inbox
 
 TURN_S: Final = 0.05
 """What is shown is looked at anew so often, s."""
 
+TICK_S: Final = 0.5
+"""And though nothing is otherwise, so often."""
+
 ASK_S: Final = 1.0
 """Everybody is asked for their bids and cards so often, s, while somebody looks."""
+
+TUNED_S: Final = 5.0
+"""And for their parameters so often; changes are published besides."""
 
 CARDS_S: Final = 0.8
 """What their answers may take."""
@@ -54,7 +61,7 @@ class Session:
         self._time = meshes[0]
         self._inbox = Inbox(meshes[0])
         self._shown: dict[str, dict[tuple[str, str], bytes]] = {}
-        self._show_at = self._ask_at = self._time.now()
+        self._show_at = self._ask_at = self._tuned_at = self._tick_at = self._time.now()
         for namespace, mesh in self._meshes.items():
             self._listen(self.robots[namespace], mesh)
 
@@ -95,7 +102,9 @@ class Session:
         if now >= self._ask_at:
             self._ask_at = now + ASK_S
             for robot in self.robots.values():
-                self._ask_everybody(robot)
+                self._ask_everybody(robot, now)
+            if now >= self._tuned_at:
+                self._tuned_at = now + TUNED_S
         if now >= self._show_at:
             self._show_at = now + TURN_S
             self._show(now)
@@ -103,12 +112,15 @@ class Session:
     def _came(self, browser: str) -> None:
         """It is shown at once what does not change, and the way that was driven."""
         self._shown[browser] = {}
+        self._tuned_at = self._time.now()
         still = {ns: robot.still | {"trail": robot.trail} for ns, robot in self.robots.items()}
         hello = {"type": "hello", "you": browser, "robots": still, "t": self._time.now()}
         self._tell(browser, hello)
 
     def _left(self, browser: str) -> None:
         self._shown.pop(browser, None)
+        for robot in self.robots.values():
+            robot.gone(browser)
 
     def _said(self, browser: str, data: str | bytes) -> None:
         """Do what a browser asks for, or say why not."""
@@ -151,9 +163,11 @@ class Session:
             if not self.browsers.ready(browser):
                 continue
             changed = {key: data for key, data in encoded.items() if shown.get(key) != data}
-            if changed:
+            if changed or now >= self._tick_at:  # a page that hears nothing says so
                 shown.update(changed)
                 self.browsers.show(browser, _state(changed, now))
+        if now >= self._tick_at:
+            self._tick_at = now + TICK_S
 
     def _tell(self, browser: str, what: Mapping[str, Any]) -> None:
         if self.browsers is not None and browser in self._shown:
@@ -162,11 +176,8 @@ class Session:
     # The mesh ------------------------------------------------------------------------------------
 
     def _listen(self, robot: Robot, mesh: Mesh) -> None:
-        for kind in LISTENS:
-            keep = 1 if service_of(kind).kind is Kind.STATE else EVENTS
-            receiver = self._receiver(robot, mesh, kind, keep)
-            for key in keys_of(kind):
-                mesh.subscribe(key, receiver)
+        """To everything: why the robot stands hangs on who has fallen silent, too."""
+        mesh.subscribe(EVERYTHING, self._receiver(robot, asked=False))
 
         def changed(_name: str, instance: str, there: bool) -> None:
             at = self._time.now()
@@ -175,28 +186,30 @@ class Session:
 
         mesh.watch_alive(changed)
 
-    def _receiver(self, robot: Robot, mesh: Mesh, kind: type[Message], keep: int) -> Any:
+    def _receiver(self, robot: Robot, *, asked: bool) -> Receiver:
         def arrived(key: str, data: bytes) -> None:
             at = self._time.now()
 
             def deliver() -> None:
-                message = mesh.read(kind, key, data)
-                if message is not None:
-                    robot.heard(key, message, at)
+                message = read_or_none(Heard(robot.namespace, key, data, 0))
+                robot.heard(key, message, at, asked=asked)
 
-            self._inbox.put(f"{robot.namespace} {key}", deliver, keep=keep)
+            service = service_at(key)
+            events = service is not None and service.kind is Kind.EVENT
+            self._inbox.put(f"{robot.namespace} {key}", deliver, keep=EVENTS if events else 1)
 
         return arrived
 
-    def _ask_everybody(self, robot: Robot) -> None:
-        """For cards and bids; nobody is asked while nobody looks."""
+    def _ask_everybody(self, robot: Robot, now: float) -> None:
+        """For cards, bids and parameters; nobody is asked while nobody looks."""
         if not self._shown:
             return
-        mesh = self._meshes[robot.namespace]
-        questions: tuple[tuple[Service, type[Message]], ...] = ((CARD, Card), (BIDS, BidHistory))
-        for service, kind in questions:
-            receiver = self._receiver(robot, mesh, kind, 1)
-            mesh.ask(service.pattern, Ask(), CARDS_S, receiver, lambda: None)
+        mesh, receiver = self._meshes[robot.namespace], self._receiver(robot, asked=True)
+        questions: list[tuple[Service, Message]] = [(CARD, Ask()), (BIDS, Ask())]
+        if now >= self._tuned_at:
+            questions.append((service_of(ParametersRequest), ParametersRequest()))
+        for service, question in questions:
+            mesh.ask(service.pattern, question, CARDS_S, receiver, lambda: None)
 
     def _put(self, robot: Robot, mesh: Mesh, put: Put) -> None:
         lane = f"{robot.namespace} answer {put.number}"
