@@ -38,6 +38,7 @@ from armadico.core.messages import (
     Log,
     Message,
     MessageError,
+    ParametersRequest,
     decode,
 )
 from armadico.core.services import BIDS, CARD
@@ -225,6 +226,8 @@ class Driver:
         """The kind of query that it answers on a key, if it does."""
         if key in {self._card_key, self._bids_key}:
             return Ask
+        if key == self._parameters_key:
+            return ParametersRequest
         for kind in self.agent.answers:
             if self.agent.key_of(kind) == key:
                 return kind
@@ -233,7 +236,11 @@ class Driver:
     @property
     def queries(self) -> dict[str, type[Message]]:
         """The keys on which it answers, and what it is asked there."""
-        own: dict[str, type[Message]] = {self._card_key: Ask, self._bids_key: Ask}
+        own: dict[str, type[Message]] = {
+            self._card_key: Ask,
+            self._bids_key: Ask,
+            self._parameters_key: ParametersRequest,
+        }
         return {self.agent.key_of(kind): kind for kind in self.agent.answers} | own
 
     def asked(self, key: str, payload: bytes | Message, call: Any, now: float) -> None:
@@ -246,6 +253,9 @@ class Driver:
         elif (kind := self.answers(key)) is not None and self.stage is Stage.JOINED:
             request = self._read(kind, key, payload, now)
             if request is None:
+                return
+            if type(request) is ParametersRequest:
+                self._out.append(Reply(call, key, self.agent.tune(request, now)))
                 return
             self._call_ids += 1
             self._calls[self._call_ids] = (call, key)
@@ -351,6 +361,10 @@ class Driver:
     @property
     def _bids_key(self) -> str:
         return BIDS.key_for(name=self.agent.name, instance=self.agent.instance)
+
+    @property
+    def _parameters_key(self) -> str:
+        return self.agent.key_of(ParametersRequest)
 
     def _card(self) -> Card:
         card = self.agent.card()

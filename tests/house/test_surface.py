@@ -25,15 +25,15 @@ SURFACE = {
     *("Ack", "Ask", "Ballot", "BidHistory", "BidRecord", "Card", "Cell", "Claim", "Command"),
     *("Cycle", "Description", "Echo", "Latched", "LocalMap", "Log", "Message"),
     *("MissionReply", "MissionRequest", "MissionState", "MissionStatus", "Obstacles", "Origin"),
-    *("Plan", "PlanRequest", "Point", "Pose", "RobotState", "Sonar", "Stop", "Trajectory"),
-    *("Truth", "Waypoint"),
+    *("Parameter", "ParametersReply", "Plan", "PlanRequest", "Point", "Pose", "RobotState"),
+    *("Sonar", "Stick", "Stop", "TeleopStatus", "Trajectory", "Truth", "Waypoint"),
     # runs, and a guest in a society
     *("run", "Run", "Holding", "Mark", "Result", "Scenario"),
     *("connect", "Client", "Mission"),
     # what goes wrong
     *("SocietyError", "AbsentError", "MissionRefusedError", "MissionReplacedError"),
-    *("AgentFailedError", "RunFailedError", "StopError", "ConfigError", "MeshError"),
-    *("MessageError", "TopologyError", "UnknownNameError"),
+    *("AgentFailedError", "ParameterError", "RunFailedError", "StopError", "ConfigError"),
+    *("MeshError", "MessageError", "TopologyError", "UnknownNameError"),
 }
 """What others build on. Whoever takes one away, or means something else by it, breaks their code;
 whoever adds one promises to keep it."""
