@@ -17,7 +17,8 @@ from msgspec import Struct
 
 from armadico.core.agent import NOT_FRESH, NOT_SOUND, WARNING
 from armadico.core.behaviour import LOST_M
-from armadico.core.messages import BidRecord, Cycle, MissionState, RobotState
+from armadico.core.cycles import PERIOD
+from armadico.core.messages import PROTOCOL, BidRecord, Cycle, MissionState, RobotState
 from armadico.core.resources import WHEELS
 from armadico.core.services import matches, service_of
 from armadico.observe.view import FRESH_CYCLES, QUIET_S, View, agent_of
@@ -56,6 +57,11 @@ class Sort(StrEnum):
     UNSOUND = "unsound"  # an agent bids what is no bid
     REFUSED = "refused"  # the owner refuses the holder's commands
     FOREIGN = "foreign"  # it speaks another protocol, or means something else by a resource
+    OUTBID = "outbid"  # another one's bid is better
+    RELEASED = "released"  # whoever held it let go
+    BUMPED = "bumped"  # somebody walked into the robot
+    UNSEEN = "unseen"  # no sensor knew of what it touched
+    DRIVEN = "driven"  # one did, and it was driven there all the same
     UNKNOWN = "unknown"  # as far as anybody was heard
 
 
@@ -95,6 +101,7 @@ class _Chain:
         self.now = now
         self.said: list[str] = []
         self._asked: set[str] = set()  # keys that were followed
+        self._complaints: set[str] = set()  # keys that contenders lack
 
     def begin(self) -> Cause | None:
         """From what is seen of the robot."""
@@ -102,15 +109,20 @@ class _Chain:
         key = service_of(RobotState).key
         if state is None or self.silent(key):
             since = "" if state is None else f" for {self.silence(key):.1f} s"
-            self.said.append(f"Nothing is heard of the robot{since}: no {key}.")
+            self.say(f"Nothing is heard of the robot{since}: no {key}.")
             return self.lacking(key, "")
         if max(abs(state.v), abs(state.w)) > RESTS:
             who = view.driver(WHEELS.name, self.now)
             by = "nobody is obeyed, and it rolls out" if who is None else f"{agent_of(who)} drives"
-            self.said.append(f"The robot moves at {state.v:.2f} m/s, {state.w:.2f} rad/s: {by}.")
+            self.say(f"The robot moves at {state.v:.2f} m/s, {state.w:.2f} rad/s: {by}.")
             return None
-        self.said.append("The robot stands.")
+        self.say("The robot stands.")
         return self._hands(state) or self._mission() or self._wheels()
+
+    def say(self, text: str) -> None:
+        """One more link; what several lack in common is said once."""
+        if text not in self.said:
+            self.said.append(text)
 
     # What holds whatever anybody bids ------------------------------------------------------------
 
@@ -157,15 +169,24 @@ class _Chain:
         driver = view.driver(WHEELS.name, self.now)
         if driver is not None:
             return self._driven(driver)
-        self.said.append(f"No agent is obeyed on {WHEELS.name}.")
+        self.say(f"No agent is obeyed on {WHEELS.name}.")
         contenders = [a for a in view.agents if a.card and WHEELS.name in a.card.resources]
         if not contenders:
             return self._nobody()
+        self._complaints = {
+            bid.reason.removeprefix(NOT_FRESH)
+            for each in contenders
+            if (bid := view.bid(each.instance, WHEELS.name))
+            and not self._is_old(bid)
+            and bid.reason.startswith(NOT_FRESH)
+        }
         found = [self._contender(each.instance) for each in contenders]
         causes = [each for each in found if each is not None]
-        if not causes:
-            return self.end(Sort.UNKNOWN, "", "None of them has said why.")
-        return min(causes, key=lambda cause: _ORDER.index(cause.sort))
+        if causes:
+            return min(causes, key=lambda cause: _ORDER.index(cause.sort))
+        if gone := self._lost_contenders():
+            return self.absent(gone)
+        return self.end(Sort.UNKNOWN, "", "None of them has said what it lacks.")
 
     def _driven(self, driver: str) -> Cause:
         view, name = self.view, agent_of(driver)
@@ -189,15 +210,21 @@ class _Chain:
 
     def _nobody(self) -> Cause:
         """Nobody competes for the wheels: who did?"""
-        gone = [i for i in self.view.gone if WHEELS.name in self._competed(i)]
-        if gone:
+        if gone := self._lost_contenders():
             return self.absent(gone)
         what = f"No agent that competes for {WHEELS.name} is alive."
         return self.end(Sort.ABSENT, WHEELS.name, what, "`armadico up` starts a whole society")
 
-    def _competed(self, instance: str) -> tuple[str, ...]:
-        card = self.view.cards.get(instance)
-        return () if card is None else card.resources
+    def _lost_contenders(self) -> list[str]:
+        """Instances that competed for the wheels and are gone, with no successor."""
+        names, cards = self.view.names, self.view.cards
+        return [
+            instance
+            for instance in self.view.gone
+            if agent_of(instance) not in names
+            and instance in cards
+            and WHEELS.name in cards[instance].resources
+        ]
 
     def _contender(self, instance: str) -> Cause | None:
         """Why one contender does not drive; None: it has nothing to do, and need not."""
@@ -209,7 +236,7 @@ class _Chain:
             return self._turns_no_more(instance, bid)
         if bid.utility is not None:
             return None if bid.utility <= 0.0 else self._unobeyed(instance, bid)
-        self.said.append(f"{name} has no bid: {bid.reason or 'it does not say why'}.")
+        self.say(f"{name} has no bid: {bid.reason or 'it does not say why'}.")
         if bid.reason.startswith(NOT_FRESH):
             return self.lacking(bid.reason.removeprefix(NOT_FRESH), instance)
         if bid.reason.startswith(NOT_SOUND):
@@ -225,17 +252,36 @@ class _Chain:
 
     def _turns_no_more(self, instance: str, bid: BidRecord) -> Cause:
         """Its newest bid is old: what starts its turns does not come, or it hangs."""
-        name = agent_of(instance)
-        self.said.append(f"{name} has had no turn since cycle {bid.cycle.number}.")
-        for key in self._inputs(instance):
+        view, name = self.view, agent_of(instance)
+        self.say(f"{name} has had no turn since cycle {bid.cycle.number}.")
+        inputs = self._inputs(instance)
+        for key in inputs:
             if self.silent(key) or self.stale(key):
                 return self.lacking(key, instance)
-        return self.quiet(instance)
+        period = PERIOD if view.description is None else view.description.cycle_s
+        newest = bid.cycle.number if view.state is None else view.state.cycle.number
+        if not self._lives(instance, self.now - period * (newest - bid.cycle.number)):
+            return self.quiet(instance)
+        needed = sorted(self._complaints.intersection(inputs)) or self._needs(bid, inputs)
+        return self.lacking(needed[0], instance) if needed else self.quiet(instance)
+
+    def _needs(self, bid: BidRecord, inputs: list[str]) -> list[str]:
+        """Of the states that it listens to, those that its bids are made of."""
+        return [key for key in inputs if any(matches(each, key) for each in bid.inputs)]
+
+    def _lives(self, instance: str, since: float) -> bool:
+        """Whether an instance answered, or said a word, after something that it does no more."""
+        heard = [self.view.answered.get(instance, float("-inf"))]
+        heard += [said.at for said in self.view.logs if said.instance == instance]
+        return max(heard) > since + QUIET_S
 
     def _unobeyed(self, instance: str, bid: BidRecord) -> Cause:
         """It bids, and is not obeyed."""
         name = agent_of(instance)
-        self.said.append(f"{name} bids {bid.utility:.2f} and is not obeyed.")
+        self.say(f"{name} bids {bid.utility:.2f} and is not obeyed.")
+        foreign = self._foreign(instance)
+        if foreign:
+            return self.end(Sort.FOREIGN, name, foreign, f"install the same armadico for {name}")
         refused = self.line("commands refused: ")
         if refused is not None:
             what = f"{name}'s commands are refused: {refused}."
@@ -244,6 +290,14 @@ class _Chain:
         to = owners[0] if owners else WHEELS.name
         what = f"What {name} commands does not reach {to}."
         return self.end(Sort.LINK, f"{name} -> {to}", what, "look at the network between them")
+
+    def _foreign(self, instance: str) -> str:
+        """Why others do not listen to an instance, by its card or their word; empty: they do."""
+        card = self.view.cards.get(instance)
+        if card is not None and card.protocol != PROTOCOL:
+            return f"{card.name} speaks protocol {card.protocol}, the others {PROTOCOL}."
+        said = [s.log.text for s in self.view.logs if s.log.text.startswith(f"{instance} (")]
+        return f"{said[-1]}." if said else ""
 
     def _is_lost(self) -> bool:
         pose = self.view.pose
@@ -267,12 +321,12 @@ class _Chain:
             return self._unprovided(key)
         since = f"for {self.silence(key):.1f} s" if key in self.view.rates else "so far"
         names = " and ".join(map(agent_of, alive))
-        self.said.append(f"{names} provides {key}, is alive, and has published none {since}.")
+        self.say(f"{names} provides {key}, is alive, and has published none {since}.")
         for needed in self._inputs(alive[0]):
             before = self._last(needed) <= self._last(key)
             if needed not in self._asked and self.silent(needed) and before:
                 return self.lacking(needed, alive[0])
-        return self.quiet(alive[0])
+        return self.quiet(alive[0], key)
 
     def _owners(self, key: str) -> list[str]:
         """Who owns the resource whose ack a key is, or nobody."""
@@ -337,36 +391,39 @@ class _Chain:
         what += self._last_words(last)
         return self.end(Sort.ABSENT, name, what, f"start it again: `armadico-agent {name}`")
 
-    def quiet(self, instance: str) -> Cause:
-        """It is there, has what it needs, and publishes nothing."""
-        name, host = agent_of(instance), self.host(instance)
-        told = self._device(instance)
-        if told:
-            return self.end(Sort.DEVICE, name, f"{name}: {told}.", "look at the robot and its line")
-        card = self.view.cards.get(instance)
+    def quiet(self, instance: str, key: str = "") -> Cause:
+        """It is there, has what it needs, and publishes nothing on a key, or does nothing."""
+        name, host, card = agent_of(instance), self.host(instance), self.view.cards.get(instance)
+        since = self._last(key)
+        if key and self._lives(instance, since):
+            words = self._words(instance, since)
+            if card is not None and card.owns:
+                what = f"The device of {name} gives nothing{words}."
+                return self.end(Sort.DEVICE, name, what, "look at the robot, its port and its line")
+            what = f"{name} answers, and publishes no {key}{words}."
+            return self.end(Sort.SILENT, name, what, f"`armadico logs {name}` may say more")
         pid = f" (host {host}, pid {card.pid})" if card is not None else ""
-        what = f"{name}{pid} hangs, or is cut off: what it needs is there."
-        what += self._last_words(instance)
+        what = f"{name}{pid} hangs, or is cut off: what it needs is there, and it does not answer."
         return self.end(Sort.SILENT, name, what, f"restart it; `armadico logs {name}` says more")
 
-    def _device(self, instance: str) -> str:
-        """What an agent said of its device last; empty: it owns none, or has said nothing of it."""
-        card = self.view.cards.get(instance)
-        if card is None or not card.owns:
-            return ""
-        lines = [said.log for said in self.view.logs if said.instance == instance]
-        bad = [log for log in lines if log.level >= WARNING]
-        return bad[-1].text if bad else ""
+    def _words(self, instance: str, since: float) -> str:
+        """What an instance complained of since."""
+        said = [
+            each.log.text
+            for each in self.view.logs
+            if each.instance == instance and each.at >= since and each.log.level >= WARNING
+        ]
+        return f": {said[-1]}" if said else ""
 
     def _last_words(self, instance: str) -> str:
         said = [s.log for s in self.view.logs if s.instance == instance and s.log.level > WARNING]
-        return f" Its last words: {said[-1].text}." if said else ""
+        return f" Its last words: {said[-1].text}" if said else ""
 
     # What is known -------------------------------------------------------------------------------
 
     def end(self, sort: Sort, who: str, what: str, todo: str = "") -> Cause:
         """The last link of the chain."""
-        self.said.append(what)
+        self.say(what)
         return Cause(sort, who, what, todo)
 
     def host(self, instance: str) -> str:

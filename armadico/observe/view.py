@@ -124,6 +124,7 @@ class View:
         acks: By resource, its owner's newest word.
         rates: By key, how often something is published on it.
         newest: By key, the newest state that was published on it.
+        answered: When an instance last did, asked for its card or bids.
         logs: The newest log lines, the last one last.
         reports: By monitor, what it last said.
         level: What the battery sensor agent last said.
@@ -140,6 +141,7 @@ class View:
         self.acks: dict[str, Ack] = {}
         self.rates: dict[str, Rate] = {}
         self.newest: dict[str, Message] = {}
+        self.answered: dict[str, float] = {}
         self.logs: deque[Said] = deque(maxlen=LINES)
         self.reports: dict[str, MonitorReport] = {}
         self.state: RobotState | None = None
@@ -179,7 +181,7 @@ class View:
             return True
         del self.alive[instance]
         self.gone[instance] = t
-        for known in (self.cards, self.bids):
+        for known in (self.cards, self.bids, self.answered):
             for gone in [each for each in known if each not in self.alive][:-GONE]:
                 del known[gone]
         for gone in list(self.gone)[:-GONE]:
@@ -222,9 +224,11 @@ class View:
                 self._take_claim(message, t)
             case Card():
                 self.cards[message.instance] = message
+                self.answered[message.instance] = t
             case MonitorReport():
                 self.reports[message.instance] = message
             case BidHistory():
+                self.answered[message.instance] = t
                 for bid in message.bids:
                     self.bids[message.instance] = (bid, t)
                     self._bids[message.instance, bid.resource] = bid

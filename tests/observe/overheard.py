@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from typing import Any
 
 from armadico.config.scenarios import Scenario
 from armadico.core.messages import Ask, Message
@@ -12,6 +13,7 @@ from armadico.launch.virtual import Rehearsal
 from armadico.observe.recorder import ASK_S
 from armadico.observe.standing import Standing, standing
 from armadico.observe.view import View
+from armadico.observe.why import Chronicle
 
 LINE = Scenario(
     name="line",
@@ -38,9 +40,9 @@ class Overheard:
         self.mesh = self.run.mesh
         for node in self.mesh.nodes:
             object.__setattr__(node.agent.identity, "host", hosts(node.name))
-        self.view = View()
+        self.chronicle = Chronicle()
         kinds = dict.fromkeys(each.message for each in SERVICES if each.message is not Ask)
-        self.mesh.watch(self.view.take, *kinds)
+        self.mesh.watch(self.chronicle.take, *kinds)
         self._ask()
         self.run.start()
 
@@ -53,6 +55,15 @@ class Overheard:
         self.mesh.run(self.mesh.now + seconds)
         return self
 
+    def agent(self, name: str) -> Any:
+        """One of them, to be meddled with."""
+        return self.mesh.node(name).agent
+
+    @property
+    def view(self) -> View:
+        """As it is now."""
+        return self.chronicle.view
+
     @property
     def standing(self) -> Standing:
         """Why it stands now."""
@@ -62,7 +73,7 @@ class Overheard:
         now = self.mesh.now
         for node in self.mesh.nodes:
             agent = node.agent
-            self.view.token(agent.instance, there=node.alive, t=now)
+            self.chronicle.token(agent.instance, there=node.alive, t=now)
             if node.alive and not node.hung:
                 names = {"name": agent.name, "instance": agent.instance}
                 answers: tuple[tuple[str, Message], ...] = (
@@ -70,5 +81,5 @@ class Overheard:
                     (BIDS.key_for(**names), agent.history()),
                 )
                 for _, message in answers:
-                    self.view.learn(message, now)
+                    self.chronicle.learn(message, now)
         self.mesh.call_at(now + ASK_S, lambda _a, _b: self._ask())
