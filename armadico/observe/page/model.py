@@ -294,7 +294,7 @@ class Robot:
     def parts(self, t: float) -> dict[str, Any]:
         """All that is shown at t (s), by parts that change each at their own pace."""
         return {
-            "robot": self._body(),
+            "body": self._body(),
             "motion": self._motion(t),
             "stop": self._latch(t),
             "mission": self._mission(),

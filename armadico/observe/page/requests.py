@@ -27,7 +27,7 @@ class Asked(Struct, frozen=True, forbid_unknown_fields=True, tag_field="do"):
     robot: Name
 
 
-class Goto(Asked, frozen=True, tag="goto"):
+class Goto(Asked, frozen=True, tag="go"):
     """Drive to a place, m; without a heading (rad) it is that from the robot to there."""
 
     x: Real

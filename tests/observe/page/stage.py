@@ -23,8 +23,8 @@ from armadico.observe.page.session import TURN_S, Session
 from armadico.runtime.client import Client
 
 HOME = "robot1"
-PACE_S = 0.02
-"""A turn of 0.05 s of the society takes at least so long, so that browsers keep up."""
+PACE_S = 0.006
+"""A turn of 0.05 s of the society takes at least so long, so that browsers see it go."""
 
 
 class Shown:
@@ -113,8 +113,9 @@ class Stage:
 class Served(Stage):
     """The same, served, and turned by a thread. `did` does something on that thread."""
 
-    def __init__(self, *words: Any, **more: Any) -> None:
+    def __init__(self, *words: Any, pace: float = PACE_S, **more: Any) -> None:
         super().__init__(*words, **more)
+        self._pace = pace
         self.server: Server | None = None
         self._stopping = threading.Event()
         self._todo: list[tuple[Callable[[], Any], threading.Event, list[Any]]] = []
@@ -131,7 +132,7 @@ class Served(Stage):
         return found[0]
 
     def work(self) -> None:
-        while not self._stopping.wait(PACE_S):
+        while not self._stopping.wait(self._pace):
             self.session.turn(TURN_S)
             while self._todo:
                 what, done, found = self._todo.pop(0)

@@ -17,7 +17,7 @@ from armadico.observe.page.requests import (
     read,
 )
 
-GOTO = {"do": "goto", "id": 1, "robot": "robot1", "x": 1.5, "y": -2}
+GOTO = {"do": "go", "id": 1, "robot": "robot1", "x": 1.5, "y": -2}
 
 
 @pytest.mark.parametrize(
@@ -48,7 +48,7 @@ def test_what_may_be_said(said: dict[str, object], request_: Request) -> None:
             "null",
             "{",
             "5",
-            '{"do":"goto"}',
+            '{"do":"go"}',
             '"' + "x" * LONGEST,
             b"\xff\xfe",
             "[" * 4000,

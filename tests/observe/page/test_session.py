@@ -40,7 +40,7 @@ def reached(stage: Stage) -> bool:
 
 def driving(stage: Stage, speed: float = 0.2) -> None:
     """Under way, and fast."""
-    goal = stage.say("page 1", "goto", x=6.0, y=0.0)
+    goal = stage.say("page 1", "go", x=6.0, y=0.0)
     assert stage.answer(goal)["ok"]
     stage.until(lambda: stage.parts["motion"]["v"] > speed)
 
@@ -49,7 +49,7 @@ def driving(stage: Stage, speed: float = 0.2) -> None:
 
 
 def test_a_click_is_a_mission_as_anybodys_and_the_robot_arrives(stage: Stage) -> None:
-    answer = stage.answer(stage.say("page 1", "goto", x=GOAL[0], y=GOAL[1]))
+    answer = stage.answer(stage.say("page 1", "go", x=GOAL[0], y=GOAL[1]))
     assert answer["ok"]
     assert answer["text"].startswith("on its way: ")
     stage.until(lambda: reached(stage))
@@ -57,14 +57,14 @@ def test_a_click_is_a_mission_as_anybodys_and_the_robot_arrives(stage: Stage) ->
 
 
 def test_without_a_heading_it_arrives_as_one_walks_there(stage: Stage) -> None:
-    stage.answer(stage.say("page 1", "goto", x=1.0, y=1.0))
+    stage.answer(stage.say("page 1", "go", x=1.0, y=1.0))
     x, y = (stage.parts["motion"][name] for name in "xy")
     (goal,) = stage.parts["mission"]["way"][-1:]
     assert abs(goal[2] - pi / 4) < 0.3, (x, y)
 
 
 def test_a_drag_says_how_it_looks_there(stage: Stage) -> None:
-    stage.answer(stage.say("page 1", "goto", x=1.0, y=0.0, theta=-pi / 2))
+    stage.answer(stage.say("page 1", "go", x=1.0, y=0.0, theta=-pi / 2))
     stage.until(lambda: reached(stage))
     assert abs(stage.parts["motion"]["theta"] + pi / 2) < 0.1
 
@@ -72,7 +72,7 @@ def test_a_drag_says_how_it_looks_there(stage: Stage) -> None:
 def test_a_click_into_a_wall_is_refused_by_the_planner_and_the_page_says_so() -> None:
     stage = Stage("sc4")
     stage.ready()
-    answer = stage.answer(stage.say("page 1", "goto", x=4.6, y=1.5))
+    answer = stage.answer(stage.say("page 1", "go", x=4.6, y=1.5))
     assert not answer["ok"]
     assert "wall" in answer["text"]
     assert stage.parts["motion"]["v"] == 0.0
@@ -80,13 +80,13 @@ def test_a_click_into_a_wall_is_refused_by_the_planner_and_the_page_says_so() ->
 
 def test_a_goal_that_waits_for_the_release_says_so(stage: Stage) -> None:
     stage.answer(stage.say("page 1", "stop"))
-    answer = stage.answer(stage.say("page 1", "goto", x=1.0, y=0.0))
+    answer = stage.answer(stage.say("page 1", "go", x=1.0, y=0.0))
     assert answer["text"].startswith("on its way, once the stop is released: ")
 
 
 def test_without_an_interface_agent_nobody_answers_and_that_is_said(stage: Stage) -> None:
     stage.mesh.node("interface").kill()
-    answer = stage.answer(stage.say("page 1", "goto", x=1.0, y=0.0))
+    answer = stage.answer(stage.say("page 1", "go", x=1.0, y=0.0))
     assert (answer["ok"], answer["text"]) == (False, "nobody answered")
 
 
@@ -113,7 +113,7 @@ def test_it_stays_stopped_whoever_else_wants_it_elsewhere(stage: Stage) -> None:
     driving(stage)
     stage.answer(stage.say("page 1", "stop"))
     there = (stage.parts["motion"]["x"], stage.parts["motion"]["y"])
-    stage.answer(stage.say("page 2", "goto", x=1.0, y=1.0))
+    stage.answer(stage.say("page 2", "go", x=1.0, y=1.0))
     stage.pass_(10.0)
     assert stage.parts["stop"]["held"]
     assert off(stage, *there) < 0.01
@@ -222,7 +222,7 @@ def test_looked_at_and_killed_or_not_the_robot_drives_the_same_way_to_the_last_d
 
 
 def test_two_browsers_see_the_same_and_each_is_answered_its_own(stage: Stage) -> None:
-    stage.say("page 1", "goto", x=1.0, y=0.0)
+    stage.say("page 1", "go", x=1.0, y=0.0)
     second = stage.say("page 2", "resume", press="0")
     assert stage.answer(second)["browser"] == "page 2"
     hello = [told for told in stage.shown.told if told["type"] == "hello"]
@@ -277,7 +277,7 @@ def test_what_is_no_request_is_said_and_changes_nothing(stage: Stage, said: str,
 
 def test_a_flood_is_bounded_and_the_stop_of_another_comes_through(stage: Stage) -> None:
     driving(stage)
-    goal = json.dumps({"do": "goto", "id": 1, "robot": HOME, "x": 1.0, "y": 1.0})
+    goal = json.dumps({"do": "go", "id": 1, "robot": HOME, "x": 1.0, "y": 1.0})
     for _ in range(5000):
         stage.session.said("flood", goal)
     stage.say("page 1", "stop")

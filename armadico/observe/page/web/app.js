@@ -75,7 +75,7 @@ function choose(name) {
   draw({ ...empty, ...here().parts });
 }
 
-const empty = { robot: null, motion: {}, stop: {}, mission: {}, wheels: { contenders: [] }, resources: [], exchanges: [], agents: [], board: [], log: [], could: [], standing: null, hand: {}, parameters: [] };
+const empty = { body: null, motion: {}, stop: {}, mission: {}, wheels: { contenders: [] }, resources: [], exchanges: [], agents: [], board: [], log: [], could: [], standing: null, hand: {}, parameters: [] };
 
 function tabs() {
   $("robots").hidden = robots.size < 2;
@@ -348,7 +348,7 @@ addEventListener("keyup", (event) => event.code === "Space" && !$("door").open &
 async function goto(goal) {
   const aimed = { ...goal, state: "asked" };
   plan.aim(aimed);
-  const reply = await ask({ do: "goto", ...goal });
+  const reply = await ask({ do: "go", ...goal });
   if (plan.target !== aimed) return;
   plan.aim({ ...goal, state: reply.ok ? "taken" : "refused" });
 }
@@ -416,6 +416,9 @@ $("theme").addEventListener("click", () => {
   localStorage.setItem("theme", document.documentElement.dataset.theme === "dark" ? "light" : "dark");
   theme();
 });
+
+// For tests and the console: where things are.
+globalThis.armadico = { plan, robots, stick, link };
 
 theme();
 connection();

@@ -396,7 +396,7 @@ export class Plan extends EventTarget {
 
   #robot(name, { parts }) {
     const { ctx, c } = this;
-    const m = parts.motion, body = parts.robot;
+    const m = parts.motion, body = parts.body;
     if (m?.x === undefined) return;
     const front = body?.front ?? 0.2, rear = body?.rear ?? 0.2, half = body?.half_width ?? 0.18;
     const chosen = name === this.chosen;
