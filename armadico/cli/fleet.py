@@ -28,7 +28,7 @@ ALONE: Final = (
     "runs",
     "plot",
     "rrd",
-    "mcap",
+    "record",
     "dashboard",
     "wait",
     "robot",

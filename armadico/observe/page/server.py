@@ -14,6 +14,7 @@ from functools import cache
 from http import HTTPStatus
 from importlib.resources import files
 from itertools import count
+from secrets import token_hex
 from typing import Any, Final, TypeVar
 
 from websockets.asyncio.server import Server as Listening
@@ -98,6 +99,7 @@ class Server:
         self._guard = guard
         self._browsers: dict[str, _Browser] = {}
         self._numbers = count(1)
+        self._own = token_hex(3)
         self._loop = asyncio.new_event_loop()
         self._thread = threading.Thread(target=self._loop.run_forever, daemon=True)
         self._thread.start()
@@ -195,7 +197,8 @@ class Server:
     async def _talk(self, connection: ServerConnection) -> None:
         """One browser, until it goes."""
         peer = connection.remote_address
-        name = f"page {next(self._numbers)} at {peer[0] if peer else 'nowhere'}"
+        # Of two pages of one robot, or one that was started again, no hand is another's.
+        name = f"page {next(self._numbers)}-{self._own} at {peer[0] if peer else 'nowhere'}"
         browser = self._browsers[name] = _Browser(connection)
         writing = asyncio.create_task(self._write(browser))
         self._session.came(name)

@@ -14,6 +14,11 @@ let stopping = false; // pressed while there was no connection
 
 const here = () => robots.get(chosen) ?? { still: { missions: [] }, parts: {} };
 const degrees = (a) => Math.round((a * 180) / Math.PI);
+// A fleet's robots have the fleet's name in theirs.
+const short = (name) => {
+  const last = name.split("/").pop();
+  return [...robots.keys()].filter((each) => each.split("/").pop() === last).length > 1 ? name : last;
+};
 const number = (text) => (text.trim() === "" ? NaN : Number(text.replace(",", ".")));
 
 // What comes in ----------------------------------------------------------------------------------
@@ -81,7 +86,7 @@ function tabs() {
   $("robots").hidden = robots.size < 2;
   const found = [...robots].map(([name, { parts }]) => ({ name, held: Boolean(parts.stop?.held), on: name === chosen }));
   rows($("robots"), found, (r) => r.name, (child, r) => {
-    const button = node("button", { textContent: r.held ? `${r.name} ■` : r.name, ariaLabel: r.held ? `${r.name}, stopped` : r.name, onclick: () => choose(r.name) });
+    const button = node("button", { textContent: short(r.name) + (r.held ? " ■" : ""), ariaLabel: r.held ? `${r.name}, stopped` : r.name, onclick: () => choose(r.name) });
     button.setAttribute("aria-current", r.on);
     child.replaceChildren(button);
   });
@@ -112,7 +117,7 @@ function latch() {
   const many = robots.size > 1;
   $("latch").classList.toggle("many", many);
   $("stopall").hidden = !many;
-  put($("stopkey"), many ? `${chosen} · space bar stops all` : "space bar");
+  put($("stopkey"), many ? `${short(chosen)} · space: all` : "space bar");
   const asked = s.asked || stopping;
   $("stop").className = s.held && !cut ? "held" : asked ? "asked" : "";
   put($("stop").querySelector("b"), s.held && !cut ? "STOPPED" : "STOP");
@@ -146,6 +151,7 @@ const colourOf = (name) => {
   const w = here().parts.wheels;
   return w?.contenders?.find((c) => c.name === name)?.colour ?? here().parts.agents?.find((a) => a.name === name)?.colour ?? null;
 };
+plan.label = short;
 plan.colour = (robot, name) => {
   const parts = robots.get(robot)?.parts;
   return name ? parts?.wheels?.contenders?.find((c) => c.name === name)?.colour ?? null : null;
@@ -264,7 +270,12 @@ function parameters() {
   }
 }
 
-const plainly = (json) => (json === "null" ? "" : json.replace(/^"(.*)"$/, "$1"));
+// As many digits as anybody types; the label's title has what it was begun with.
+const plainly = (json) => {
+  if (json === "null") return "";
+  const value = Number(json);
+  return Number.isFinite(value) ? String(Number(value.toPrecision(5))) : json.replace(/^"(.*)"$/, "$1");
+};
 
 function tunable(p, name) {
   const row = here().parts.parameters.find((x) => x.instance === p.instance).rows.find((r) => r.name === name);

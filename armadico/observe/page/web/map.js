@@ -398,7 +398,9 @@ export class Plan extends EventTarget {
     const { ctx, c } = this;
     const m = parts.motion, body = parts.body;
     if (m?.x === undefined) return;
-    const front = body?.front ?? 0.2, rear = body?.rear ?? 0.2, half = body?.half_width ?? 0.18;
+    // On a small map a robot is drawn larger than it is, or nobody would see it.
+    const size = Math.max(1, 15 / (((body?.front ?? 0.2) + (body?.rear ?? 0.2)) * this.view.k));
+    const [front, rear, half] = [body?.front ?? 0.2, body?.rear ?? 0.2, body?.half_width ?? 0.18].map((m) => m * size);
     const chosen = name === this.chosen;
     if (chosen && parts.near && m.heard) {
       const [co, si] = [Math.cos(m.theta), Math.sin(m.theta)];
@@ -449,7 +451,7 @@ export class Plan extends EventTarget {
       ctx.fillStyle = c.ink;
       ctx.textBaseline = "bottom";
       const [px, py] = this.screen(m.x, m.y);
-      ctx.fillText(name, px + 12, py - 10);
+      ctx.fillText(this.label?.(name) ?? name, px + 12, py - 10);
     }
   }
 
