@@ -116,7 +116,7 @@ def test_for_people_it_is_sentences(recording: Path, capsys: pytest.CaptureFixtu
     assert cli.main(["why", str(recording), "--standing"]) == 0
     said = capsys.readouterr().out.splitlines()
     assert said[0] == "The robot stands."
-    assert "goto has no bid: no fresh sonar/obstacles." in said
+    assert "goto: no bid (no fresh sonar/obstacles)." in said
     assert said[-1].startswith("-> start it again")
 
 
