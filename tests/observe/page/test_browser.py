@@ -11,9 +11,11 @@ from typing import Any
 
 import pytest
 
+from armadico.agents.teleop import Teleop
 from armadico.core import messages as m
 from armadico.observe.page.guard import LOOPBACK, Guard
 from armadico.observe.page.server import Server
+from armadico.observe.page.session import TURN_S
 from tests.observe.browser import Browser, executable
 from tests.observe.page.stage import HOME, Served, served
 
@@ -137,7 +139,7 @@ def test_two_browsers_one_stops_the_other_resumes(
         other.until(f"{PARTS}.mission.state === 'driving' && {PARTS}.motion.v > 0.1")
         other.key(" ", "Space")
         page.until(HELD)
-        assert "page 2" in page.evaluate("document.getElementById('latched').innerText")
+        assert "page 2-" in page.evaluate("document.getElementById('latched').innerText")
         page.evaluate("document.getElementById('resume').click()")
         other.until(f"!{PARTS}.stop.stopped && {PARTS}.motion.v > 0.1")
         assert other.said("Runtime.exceptionThrown") == []
@@ -198,6 +200,25 @@ def test_a_key_a_finger_and_a_gamepad_hold_the_stick_and_all_let_go(
         stage.did(lambda: None)
     assert not heard[-1].held
     page.key("w", "KeyW", "keyUp")
+
+
+def test_a_key_drives_and_the_robot_rests_when_it_is_let_go(chromium: Browser) -> None:
+    stage = Served("sc4", pace=TURN_S)  # a stick that comes late is stale
+    stage.run.add(Teleop)
+    chromium.size(*SIZE)
+    with served(stage):
+        look(chromium, stage.address)
+        chromium.evaluate("document.getElementById('tab-hand').click()")
+        chromium.evaluate("document.getElementById('pad').focus()")
+        chromium.until(f"{PARTS}.hand.there")
+        chromium.key("w", "KeyW", "keyDown")
+        chromium.until("document.getElementById('handsaid').innerText.startsWith('You drive')")
+        chromium.until(f"{PARTS}.wheels.driver === 'teleop' && {PARTS}.motion.v > 0.2")
+        chromium.key("w", "KeyW", "keyUp")
+        chromium.until(f"{PARTS}.hand.hand === '' && {PARTS}.motion.v === 0")
+        assert chromium.evaluate("document.getElementById('handsaid').innerText") == "Free."
+    assert chromium.said("Runtime.exceptionThrown") == []
+    chromium.open("about:blank")
 
 
 def test_without_its_server_it_says_so_and_a_stop_is_sent_as_soon_as_it_can_be(

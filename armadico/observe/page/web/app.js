@@ -11,6 +11,7 @@ const robots = new Map(); // by namespace: {still, parts}
 let chosen = "";
 let me = "";
 let stopping = false; // pressed while there was no connection
+let pressed = 0; // stops that were sent and are not answered
 
 const here = () => robots.get(chosen) ?? { still: { missions: [] }, parts: {} };
 const degrees = (a) => Math.round((a * 180) / Math.PI);
@@ -118,20 +119,21 @@ function latch() {
   $("latch").classList.toggle("many", many);
   $("stopall").hidden = !many;
   put($("stopkey"), many ? `${short(chosen)} · space: all` : "space bar");
-  const asked = s.asked || stopping;
+  const asked = s.asked || stopping || pressed > 0;
   $("stop").className = s.held && !cut ? "held" : asked ? "asked" : "";
   put($("stop").querySelector("b"), s.held && !cut ? "STOPPED" : "STOP");
   $("resume").disabled = cut || !(s.stopped || s.asked);
   const moving = Math.max(Math.abs(m.v ?? 0), Math.abs(m.w ?? 0)) > 0.02;
   let text = "";
   if (stopping) text = "NOT SENT: no connection. It is sent as soon as there is one.";
+  else if (cut && pressed) text = "Sent, and nobody knows whether it came: no connection. Stop it at the robot.";
   else if (cut) text = robots.size ? "No connection: what is shown is old. Stop it at the robot." : "";
   else if (s.held) text = `Held, by the robot's own word${s.by ? `; pressed by ${s.by}` : ""}${moving ? "; it still brakes" : ""}.`;
-  else if (s.asked) text = "Sent, and not yet acknowledged by the robot.";
+  else if (asked) text = "Sent, and not yet acknowledged by the robot.";
   else if (s.stopped) text = `Nothing is heard of the robot; it last said that it is stopped by ${s.by || "somebody"}.`;
   else if (s.known && !m.heard) text = `Nothing is heard of the robot for ${Math.round(m.silent_s)} s.`;
   put($("latched"), text);
-  $("latched").className = stopping || cut || (s.asked && !s.held) || (s.known && !m.heard) ? "alarm" : "";
+  $("latched").className = stopping || cut || (asked && !s.held) || (s.known && !m.heard) ? "alarm" : "";
 }
 
 function why() {
@@ -143,7 +145,8 @@ function why() {
   put($("whyhead"), (first ?? "").replace(/ at ([\d.-]+) m\/s, [\d.-]+ rad\/s/, " at $1 m/s") + going);
   if (mission.tasks) rest.push(mission.tasks);
   rows($("whylines"), rest.map((text, i) => ({ text, i })), (r) => r.i, (child, r) => put(child, r.text));
-  put($("whytodo"), found.stands && found.todo ? `To do: ${found.todo.replaceAll("`", "")}.` : "");
+  const todo = found.sort === "stop" ? "Resume releases it" : (found.todo ?? "").replaceAll("`", "");
+  put($("whytodo"), found.stands && todo ? `${todo[0].toUpperCase()}${todo.slice(1)}.` : "");
   card.className = `card ${!parts.motion?.heard ? "dead" : found.stands ? "stands" : ""}`;
 }
 
@@ -333,10 +336,12 @@ async function stop(names) {
   stick.drop();
   const replies = names.map((robot) => link.ask({ do: "stop", robot }));
   stopping = !link.up;
+  if (link.up) pressed += 1;
   latch();
-  for (const reply of await Promise.all(replies)) {
-    if (!reply.unsent && !reply.ok) remark(reply.text, false);
-  }
+  const answers = await Promise.all(replies);
+  if (!answers.some((reply) => reply.unsent)) pressed -= 1;
+  for (const reply of answers) if (!reply.unsent && !reply.ok) remark(reply.text, false);
+  latch();
 }
 
 $("stop").addEventListener("click", () => stop([chosen]));
