@@ -75,6 +75,7 @@ EXAMPLES: Final = """\
   armadico run sc4 --redundant                 two of each behaviour: kill any one
   armadico run sc4 --sensors ideal             as the thesis's tables: nobody localizes
   armadico run sc4 --attach --hosts lab.toml   the society is up already: armadico up
+  armadico run --world house --start 1 1.5 0 --for 600 --page    sent by clicks on a map
   armadico run fleet --robots 3                three robots share a list of tasks; or --virtual
 """
 
@@ -190,6 +191,11 @@ def add_options(made: argparse.ArgumentParser) -> None:
         "--dashboard", action="store_true", help="show a live run; the link is printed"
     )
     made.add_argument(
+        "--page",
+        action="store_true",
+        help="a page to click on beside a live run, with stop; the link is printed",
+    )
+    made.add_argument(
         "--wait",
         action="store_true",
         help="a dashboard: begin when somebody looks, stay till Ctrl-C",
@@ -291,6 +297,8 @@ def _check_shown(args: argparse.Namespace) -> None:
         raise UsageError("--wait is for one run, without --runs")
     if (args.dashboard or args.wait) and args.virtual:
         raise UsageError("--dashboard shows live runs; --rrd FILE keeps a virtual one")
+    if args.page and (args.virtual or args.runs is not None):
+        raise UsageError("--page is for one live run, without --virtual and --runs")
     if args.record is not None and args.record.suffix != ".mcap":
         raise UsageError(f"--record {args.record}: the name of a recording ends with .mcap")
     if args.rrd is not None and not args.virtual:
@@ -439,7 +447,7 @@ def _live(args: argparse.Namespace, scenario: Scenario, chosen: Options) -> RunW
             signal.signal(number, signal.default_int_handler)
     try:
         with (
-            _dashboard(args, scenario),
+            _beside(args, scenario),
             mesh,
             _recorder(args, chosen.seed),
             _run_on(mesh, args, scenario, chosen) as run,
@@ -526,13 +534,17 @@ def _recording(args: argparse.Namespace, rehearsal: Rehearsal) -> Iterator[None]
         yield
 
 
-def _dashboard(args: argparse.Namespace, scenario: Scenario) -> AbstractContextManager[None]:
-    """A dashboard beside a live run, if it is asked for."""
-    if not (args.dashboard or args.wait):
-        return nullcontext()
-    from armadico.cli.dashboard import beside  # noqa: PLC0415 - not for --help
+@contextmanager
+def _beside(args: argparse.Namespace, scenario: Scenario) -> Iterator[None]:
+    """A dashboard and a page beside a live run, as far as they are asked for."""
+    from armadico.cli.beside import beside  # noqa: PLC0415 - not for --help
 
-    return beside(args, scenario.world, wait=args.wait)
+    with ExitStack() as stack:
+        if args.page:
+            stack.enter_context(beside(args, "page", scenario.world))
+        if args.dashboard or args.wait:
+            stack.enter_context(beside(args, "dashboard", scenario.world, wait=args.wait))
+        yield
 
 
 def _say(text: str) -> None:
