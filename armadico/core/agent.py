@@ -49,6 +49,9 @@ REPORT_S = 2.0
 REASONS_TOLD = 3
 """So many different reasons are; a speed beyond what the robot can is another one each time."""
 
+NOT_FRESH, NOT_SOUND = "no fresh ", "its bid is not sound: "
+"""How the reasons for no bid begin that people follow up: the first is followed by a key."""
+
 AT_WORK = frozenset({Verdict.STALE_BALLOT, Verdict.OVER, Verdict.LISTENING})
 """Refusals that come of every exchange and every start: the protocol at work, and no fault."""
 
@@ -172,6 +175,7 @@ class Agent:
         self.identity = identity
         self.instance = identity.instance
         self.rng = identity.rng
+        self.drawn = self.rng.getstate()  # before anything is: a life that is replayed begins here
         self.p: Parameters = self.parameters() if parameters is None else parameters
         self._begun = self.p  # as it was started
         changeable.allowed(type(self.p), self.changeable)  # a name that is none is told of at once
@@ -774,11 +778,11 @@ class Agent:
         stale = next((kind for kind in self.needs if self.fresh(kind) is None), None)
         bid, self.why = None, ""
         if not contender.clock.alive(self.now) or not contender.owned:
-            self.why = f"no fresh {resource.ack_key}"
+            self.why = f"{NOT_FRESH}{resource.ack_key}"
         elif resource.stops and (stop := self.stopped) is not None:
             self.why = f"stopped by {stop.by}"
         elif stale is not None:
-            self.why = f"no fresh {self._lacks(stale)}"
+            self.why = f"{NOT_FRESH}{self._lacks(stale)}"
         else:
             bid = self._sound(resource, self.bid_for(resource, message))
         self._record(resource, message.cycle, bid)
@@ -804,7 +808,7 @@ class Agent:
             reason = m.line(str(bid.reason))[:LONGEST_REASON]
             return Bid(utility, resource.pack(bid.action), bool(bid.critical), within, reason)
         except (TypeError, ValueError) as error:
-            self.why = m.line(f"its bid is not sound: {error}")[:LONGEST_REASON]
+            self.why = m.line(f"{NOT_SOUND}{error}")[:LONGEST_REASON]
         self.log(f"{self.instance}: {self.why}", ERROR)
         return None
 
