@@ -448,6 +448,11 @@ class Scan(Message, frozen=True):
     packed: Annotated[bytes, Meta(max_length=2 * RAYS)]
     number: Counter = 0  # counts scans, since the robot agent started
 
+    @property
+    def rays(self) -> int:
+        """How many there are."""
+        return len(self.packed) // 2
+
 
 # Perception ---------------------------------------------------------------------------------------
 
