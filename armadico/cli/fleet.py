@@ -27,7 +27,7 @@ ALONE: Final = (
     "runs",
     "plot",
     "rrd",
-    "mcap",
+    "record",
     "dashboard",
     "wait",
     "robot",

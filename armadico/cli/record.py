@@ -6,10 +6,11 @@ import argparse
 import signal
 import sys
 import time
-from collections.abc import Callable, Sequence
-from contextlib import ExitStack
+from collections.abc import Callable, Iterator, Sequence
+from contextlib import ExitStack, contextmanager
 from importlib.util import find_spec
 from pathlib import Path
+from tempfile import TemporaryDirectory
 from typing import TYPE_CHECKING, Final
 
 from armadico.cli import options
@@ -25,6 +26,9 @@ if TYPE_CHECKING:
 NEEDED: Final = "mcap is not installed: pip install 'armadico[record]'"
 
 MEGABYTE: Final = 1_000_000
+
+LOOK_S: Final = 0.05
+"""How often it is looked whether a recorder has begun."""
 
 LINE_S: Final = 5.0
 """How often a line is printed where there is no terminal."""
@@ -58,6 +62,35 @@ def main(argv: Sequence[str]) -> int:
         except OSError as error:
             raise FailedError(f"cannot write {args.file}: {error.strerror or error}") from None
     return 0
+
+
+@contextmanager
+def beside(args: argparse.Namespace, path: Path) -> Iterator[None]:
+    """A recorder beside a live run, as a process of its own, from before anybody starts.
+
+    Raises FailedError, UsageError.
+    """
+    from armadico.launch.processes import START_S, Process, end  # noqa: PLC0415 - not for --help
+
+    if find_spec("mcap") is None:
+        raise FailedError(NEEDED)
+    if path.exists():
+        raise FailedError(f"{path} exists already; name another file")
+    words = ["record", str(path), "--quiet", "--namespace", args.namespace]
+    with TemporaryDirectory(prefix="armadico-") as folder:
+        log = Path(folder) / "record.log"
+        recorder = Process("recorder", [*words, *options.joining(args)], log, tied=True)
+        try:
+            deadline = time.monotonic() + START_S
+            while not (path.exists() and path.stat().st_size):
+                if recorder.ended() or time.monotonic() >= deadline:
+                    raise FailedError(f"nothing is recorded:\n{recorder.last_words()}")
+                time.sleep(LOOK_S)
+            yield
+        finally:
+            end(recorder.popen)
+            said = recorder.last_words(1).strip()
+    _say(said)
 
 
 def recorded(rehearsal: Rehearsal, path: Path) -> Recorded:
@@ -161,6 +194,8 @@ def _remark(recording: Recording, watcher: Watcher, begun: float) -> str:
         parts.insert(1, f"{recording.files} files")
     if recording.refused:
         parts.append(f"{recording.refused} refused")
+    if recording.gaps.lost:
+        parts.append(f"{recording.gaps.lost} pieces of journals missing")
     if watcher.dropped:
         parts.append(f"{watcher.dropped} LOST, too busy")
     return ", ".join(parts)

@@ -196,7 +196,10 @@ def add_options(made: argparse.ArgumentParser) -> None:
     )
     made.add_argument("--rrd", metavar="FILE", type=Path, help="keep a virtual run for rerun")
     made.add_argument(
-        "--mcap", metavar="FILE", type=Path, help="keep a virtual run as armadico record does"
+        "--record",
+        metavar="FILE.mcap",
+        type=Path,
+        help="keep all that is said as armadico record does, and what armadico replay needs",
     )
     made.add_argument("--robot", metavar="URL", help="drive something that is already there")
     made.add_argument(
@@ -288,10 +291,8 @@ def _check_shown(args: argparse.Namespace) -> None:
         raise UsageError("--wait is for one run, without --runs")
     if (args.dashboard or args.wait) and args.virtual:
         raise UsageError("--dashboard shows live runs; --rrd FILE keeps a virtual one")
-    if args.mcap is not None and not args.virtual:
-        raise UsageError("--mcap is for --virtual; armadico record FILE keeps a live run")
-    if args.mcap is not None and args.mcap.suffix != ".mcap":
-        raise UsageError(f"--mcap {args.mcap}: the name of a recording ends with .mcap")
+    if args.record is not None and args.record.suffix != ".mcap":
+        raise UsageError(f"--record {args.record}: the name of a recording ends with .mcap")
     if args.rrd is not None and not args.virtual:
         raise UsageError(
             "--rrd is for --virtual; armadico dashboard --record FILE keeps a live run"
@@ -314,6 +315,7 @@ def _options(args: argparse.Namespace) -> Options:
         resume=getattr(args, "resume", None),
         limit=args.limit,
         priority=getattr(args, "priority", None),
+        journal=args.record is not None and not args.virtual,
     )
 
 
@@ -439,6 +441,7 @@ def _live(args: argparse.Namespace, scenario: Scenario, chosen: Options) -> RunW
         with (
             _dashboard(args, scenario),
             mesh,
+            _recorder(args, chosen.seed),
             _run_on(mesh, args, scenario, chosen) as run,
             _progress(args, scenario, chosen.seed) as show,
         ):
@@ -493,23 +496,32 @@ def _run_on(
     return launcher
 
 
+def _own(args: argparse.Namespace, path: Path, seed: int) -> Path:
+    """Each run's file."""
+    return path if args.runs is None else path.with_stem(f"{path.stem}-{seed}")
+
+
+def _recorder(args: argparse.Namespace, seed: int) -> AbstractContextManager[None]:
+    """A recorder beside a live run, if it is asked for."""
+    if args.record is None:
+        return nullcontext()
+    from armadico.cli.record import beside  # noqa: PLC0415 - not for --help
+
+    return beside(args, _own(args, args.record, seed))
+
+
 @contextmanager
 def _recording(args: argparse.Namespace, rehearsal: Rehearsal) -> Iterator[None]:
     """A virtual run is kept in files, if they are asked for. Raises FailedError."""
-
-    def own(path: Path) -> Path:
-        """Each run's."""
-        return path if args.runs is None else path.with_stem(f"{path.stem}-{rehearsal.mesh.seed}")
-
     with ExitStack() as stack:
         if args.rrd is not None:
             from armadico.cli.dashboard import kept  # noqa: PLC0415 - not for --help
 
-            stack.enter_context(kept(rehearsal, own(args.rrd)))
-        if args.mcap is not None:
+            stack.enter_context(kept(rehearsal, _own(args, args.rrd, rehearsal.mesh.seed)))
+        if args.record is not None:
             from armadico.cli.record import recorded  # noqa: PLC0415 - not for --help
 
-            stack.enter_context(recorded(rehearsal, own(args.mcap)))
+            stack.enter_context(recorded(rehearsal, _own(args, args.record, rehearsal.mesh.seed)))
         yield
 
 

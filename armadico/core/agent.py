@@ -175,6 +175,7 @@ class Agent:
         self.identity = identity
         self.instance = identity.instance
         self.rng = identity.rng
+        self.drawn = self.rng.getstate()  # before anything is: a life that is replayed begins here
         self.p: Parameters = self.parameters() if parameters is None else parameters
         self._begun = self.p  # as it was started
         changeable.allowed(type(self.p), self.changeable)  # a name that is none is told of at once

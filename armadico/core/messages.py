@@ -1372,6 +1372,24 @@ class Log(Message, frozen=True):
     text: Text
 
 
+class JournalPiece(Message, frozen=True):
+    """A piece of an agent's journal: what entered and left it, in order (`core.journal`).
+
+    For recorders. The pieces of an instance, in the order of their numbers, are one stream of
+    bytes; a number that is missing is a gap, beyond which the stream cannot be read.
+    """
+
+    instance: Name
+    number: Counter  # from 0
+    data: Encoded
+
+
+class JournalRequest(Message, frozen=True):
+    """Asks an agent for a piece of its journal that was lost on the way to the recorder."""
+
+    number: Counter
+
+
 class Truth(Message, frozen=True):
     """What only the simulator knows. For those who watch: agents are refused it.
 

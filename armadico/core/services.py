@@ -165,6 +165,24 @@ SERVICES: tuple[Service, ...] = (
     Service(m.AssistantRecord, "assistant/record", _E, None, None, "what a program asked for"),
     Service(m.Log, "log/{instance}", _E, None, None, "lines for people"),
     Service(
+        m.JournalPiece,
+        "journal/{instance}",
+        _E,
+        None,
+        None,
+        "what enters and leaves an agent, if it was asked to keep it",
+        watchers_only=True,
+    ),
+    Service(
+        m.JournalRequest,
+        "journal/{instance}/piece",
+        _Q,
+        None,
+        None,
+        "a piece of it again, while it is kept",
+        reply=m.JournalPiece,
+    ),
+    Service(
         m.Truth, "sim/truth", _S, 10, None, "the simulated robot's true pose", watchers_only=True
     ),
 )

@@ -29,13 +29,14 @@ from armadico.core.messages import (
     BidHistory,
     BidRecord,
     Card,
+    JournalPiece,
     Message,
     MessageError,
     Name,
 )
 from armadico.core.services import TOKEN
 from armadico.observe.translators import Sample, Translator
-from armadico.observe.watching import Heard, Presence, as_object, json_schema, read
+from armadico.observe.watching import ASK_S, Heard, Presence, as_object, json_schema, read
 
 if TYPE_CHECKING:
     from mcap.writer import Writer
@@ -45,11 +46,17 @@ if TYPE_CHECKING:
 FLUSH_S: Final = 0.5
 """How often what has been received is handed to the operating system."""
 
-ASK_S: Final = 1.0
-"""How often everybody is asked for their bids, and for a card that is missing."""
-
 SHOW_S: Final = 1.0
 """How often whoever watches the recorder is told how it goes."""
+
+LATE: Final = 5000
+"""A recorder that comes late asks for so many of the pieces before the first that it hears,"""
+
+TRIES: Final = 10
+"""for each so often,"""
+
+AT_ONCE: Final = 20
+"""and of one agent for so many at once."""
 
 PROFILE: Final = "armadico"
 SCHEMA_PREFIX: Final = "armadico."
@@ -143,6 +150,39 @@ class McapFile:
         return self._schemas[kind]
 
 
+class Gaps:
+    """Which pieces of journals are missing: they can be asked for again while they are kept."""
+
+    def __init__(self) -> None:
+        self._next: dict[tuple[str, str], int] = {}  # after the newest piece, by instance
+        self._missing: dict[tuple[str, str], dict[int, int]] = {}  # and how often it was asked for
+
+    def take(self, namespace: str, piece: JournalPiece) -> bool:
+        """Know of a piece that came; whether it is there for the first time."""
+        who, number = (namespace, piece.instance), piece.number
+        missing, after = self._missing.setdefault(who, {}), self._next.get(who, 0)
+        if number < after:
+            return missing.pop(number, None) is not None
+        for lost in range(max(after, number - LATE), number):
+            missing[lost] = 0
+        self._next[who] = number + 1
+        return True
+
+    def ask(self) -> list[tuple[str, str, int]]:
+        """Which are to be asked for now: namespace, instance, number; each a few times."""
+        found = []
+        for who, missing in self._missing.items():
+            for number in [n for n, often in missing.items() if often < TRIES][:AT_ONCE]:
+                missing[number] += 1
+                found.append((*who, number))
+        return found
+
+    @property
+    def lost(self) -> int:
+        """How many are missing."""
+        return sum(map(len, self._missing.values()))
+
+
 class Recording:
     """What is heard goes in, files come out; the clock is the caller's.
 
@@ -164,6 +204,7 @@ class Recording:
         """
         self.messages = 0
         self.refused = 0
+        self.gaps = Gaps()
         self.there: dict[tuple[str, str, str], Presence] = {}
         self._cards: dict[tuple[str, str, str], tuple[Heard, Card]] = {}
         self._bids: dict[tuple[str, str], frozenset[BidRecord]] = {}
@@ -198,6 +239,9 @@ class Recording:
             return
         if message is None:
             self._add(item, None, item.data)
+        elif isinstance(message, JournalPiece):
+            if self.gaps.take(item.namespace, message):
+                self._add(item, None, item.data)  # which is packed as it is
         elif isinstance(message, BidHistory) and item.asked:
             self._take_bids(item, message)
         elif isinstance(message, Card) and item.asked:
@@ -321,5 +365,7 @@ def record(
 def _ask(watcher: Watcher, recording: Recording) -> None:
     if recording.there:
         watcher.ask_for_bids(ASK_S)
+    for lost in recording.gaps.ask():
+        watcher.ask_for_piece(*lost, ASK_S)
     if recording.misses_cards():
         watcher.ask_for_cards(ASK_S)

@@ -65,6 +65,20 @@ class Sort(StrEnum):
     UNKNOWN = "unknown"  # as far as anybody was heard
 
 
+AS_ASKED: Final = frozenset(
+    {Sort.NO_GOAL, Sort.PLANNING, Sort.REACHED, Sort.CHARGING, Sort.OUTBID, Sort.RELEASED}
+)
+"""Nothing is amiss."""
+
+AT_FAULT: Final = frozenset(
+    {
+        *(Sort.ABSENT, Sort.SILENT, Sort.HOST, Sort.LINK, Sort.STALE, Sort.DEVICE),
+        *(Sort.UNSOUND, Sort.REFUSED, Sort.FOREIGN, Sort.DRIVEN, Sort.UNSEEN),
+    }
+)
+"""Something of the society, its machines or its robot has to be mended."""
+
+
 class Cause(Struct, frozen=True):
     """Where a chain of reasons ends: of what sort, who or what it is, in words, and what to do.
 
@@ -340,7 +354,8 @@ class _Chain:
 
     def _inputs(self, instance: str) -> list[str]:
         """The states that it listens to and that were heard once, the robot's own first."""
-        card, known = self.view.cards.get(instance), self.view.newest
+        card, rates = self.view.cards.get(instance), self.view.rates
+        known = [key for key, rate in rates.items() if rate.deadline_s is not None]
         found = [key for key in known if card and any(matches(r, key) for r in card.requests)]
         own = card.provides if card else ()
         return sorted((k for k in found if k not in own), key=lambda k: (self._last(k), k))

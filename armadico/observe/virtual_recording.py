@@ -1,16 +1,20 @@
-"""A run on the virtual mesh, kept in an MCAP file as `armadico record` keeps a live one."""
+"""A run on the virtual mesh, kept in an MCAP file as `armadico record` keeps a live one.
+
+The agents' journals go past the mesh, so that a run is the same whether it is recorded or not.
+"""
 
 from __future__ import annotations
 
 from pathlib import Path
 from typing import Final
 
-from armadico.core.messages import Ask, Message, encode
-from armadico.core.services import BIDS, CARD, SERVICES
+from armadico.core.messages import Ask, JournalPiece, Message, encode
+from armadico.core.services import BIDS, CARD, SERVICES, service_of
 from armadico.mesh.virtual import VirtualMesh
-from armadico.observe.recorder import ASK_S, Recording
+from armadico.observe.journals import head
+from armadico.observe.recorder import Recording
 from armadico.observe.translators import translators
-from armadico.observe.watching import Heard, Presence
+from armadico.observe.watching import ASK_S, Heard, Presence
 
 BEGUN: Final = 1_000_000_000
 """The virtual clock's 0, s since 1970 (in September 2001): in ROS a stamp of 0 is no time."""
@@ -26,12 +30,14 @@ class Recorded:
         self.recording = Recording(path, about, translators=translators([namespace]))
         kinds = dict.fromkeys(each.message for each in SERVICES if each.message is not Ask)
         mesh.watch(self._keep, *kinds, namespace=namespace)
+        mesh.keep_journals(head)
         self._ask()
 
     def __enter__(self) -> Recorded:
         return self
 
     def __exit__(self, *_: object) -> None:
+        self._keep_journals()
         self.recording.close()
 
     def _ask(self) -> None:
@@ -47,7 +53,14 @@ class Recorded:
                 names = {"name": agent.name, "instance": agent.instance}
                 self._keep(CARD.key_for(**names), agent.card(), now, asked=True)
                 self._keep(BIDS.key_for(**names), agent.history(), now, asked=True)
+        self._keep_journals()
         self._mesh.call_at(now + ASK_S, lambda _a, _b: self._ask())
+
+    def _keep_journals(self) -> None:
+        for node in self._mesh.nodes:
+            for piece in node.pieces() if node.namespace == self._namespace else ():
+                key = service_of(JournalPiece).key_for(instance=piece.instance)
+                self._keep(key, piece, self._mesh.now)
 
     def _keep(self, key: str, message: Message, now: float, *, asked: bool = False) -> None:
         data = encode(message)

@@ -9,7 +9,7 @@ sentences and the cause where the reasons end (`armadico.observe.standing`).
 from __future__ import annotations
 
 from collections import deque
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from math import degrees, hypot
 from typing import Final
@@ -49,8 +49,8 @@ LATER_S: Final = 1.6
 KEPT_CYCLES: Final = 60
 """Bids, claims and commands of so many cycles are kept: of more than `LATER_S`."""
 
-AGO: Final = 10
-"""A contender whose newest bid is so many cycles older than a moment had no turn then."""
+AGO: Final = FRESH_CYCLES
+"""A contender whose newest bid is more cycles older than a moment had no turn then."""
 
 NEAR_M: Final = 0.1
 """What is known so near to the outline was known to be in the way."""
@@ -113,7 +113,7 @@ class Moment(Struct, frozen=True):
 
 
 class Exchange(Struct, frozen=True):
-    """Another agent was obeyed than before; counted from 1."""
+    """Another agent was obeyed than before; counted from 1 for each resource."""
 
     number: int
     t: float
@@ -190,9 +190,16 @@ class _Taken:
 class Chronicle:
     """Takes what a watcher hears, in order; times are s by one clock."""
 
-    def __init__(self) -> None:
+    def __init__(self, recomputed: Mapping[tuple[str, str], Sequence[BidRecord]] | None = None):
+        """Nothing was heard yet.
+
+        Args:
+            recomputed: Bids that nobody was asked for in time, by instance and resource, oldest
+                first, if journals were gone through again for them.
+        """
         self.view = View()
         self.now = 0.0
+        self._recomputed = recomputed or {}
         self.exchanges: list[Exchange] = []
         self.collisions: list[Collision] = []
         self.moments: list[Moment] = []
@@ -206,7 +213,7 @@ class Chronicle:
         self._pending: deque[_Snapshot | _Taken | tuple[_Snapshot, Cause, str]] = deque()
         self._struck = (0, 0)  # collisions, and of those bumps
         self._felt = False
-        self._count = 0
+        self._counts: dict[str, int] = {}
 
     # What comes in -------------------------------------------------------------------------------
 
@@ -246,8 +253,9 @@ class Chronicle:
                 if bid not in kept:
                     kept.append(bid)
 
-    def mark(self) -> None:
-        """Explain this moment, once its bids are known; it comes into `moments`."""
+    def mark(self, t: float) -> None:
+        """Explain a moment, now, once its bids are known; it comes into `moments`."""
+        self.now = t
         self._pending.append(self._snapshot())
 
     def finish(self) -> None:
@@ -478,11 +486,9 @@ class Chronicle:
             cycle = None if ack is None else Cycle(ack.cycle.epoch, max(0, ack.cycle.number - back))
         if cycle is None:
             return None
-        fit = [
-            bid
-            for bid in kept
-            if bid.cycle.epoch == cycle.epoch and 0 <= cycle.number - bid.cycle.number <= AGO
-        ]
+        fit = _answering(kept, cycle) or _answering(
+            self._recomputed.get((instance, name), ()), cycle
+        )
         return max(fit, key=lambda bid: bid.cycle.number, default=None)
 
     # An exchange ---------------------------------------------------------------------------------
@@ -504,7 +510,7 @@ class Chronicle:
         said += [_bid(each) for each in bids]
         if of.blended:
             said.append(f"Its action was blended with {loser}'s for {of.blended} cycles.")
-        number = self._count = self._count + 1
+        number = self._counts[resource] = self._counts.get(resource, 0) + 1
         return Exchange(
             number,
             of.t,
@@ -638,9 +644,29 @@ def _told(of: Contest) -> Iterator[str]:
         yield f"Its owner refuses commands of {refusal}."
     for each in of.bids:
         yield _bid(each)
+    by_inputs: dict[tuple[Input, ...], list[str]] = {}
+    for each in of.bids:
         if each.inputs:
-            made = "; ".join(f"{i.key} {i.what}{_old(i.age)}" for i in each.inputs)
-            yield f"  made of {made}."
+            by_inputs.setdefault(each.inputs, []).append(each.agent)
+    for inputs, agents in by_inputs.items():
+        made = "; ".join(f"{i.key} {i.what}{_old(i.age)}" for i in inputs)
+        yield f"{' and '.join(agents)}: by {made}."
+
+
+def _answering(bids: Iterable[BidRecord], cycle: Cycle) -> list[BidRecord]:
+    """Those that answer a cycle, or one shortly before."""
+    return [
+        bid
+        for bid in bids
+        if bid.cycle.epoch == cycle.epoch and 0 <= cycle.number - bid.cycle.number <= AGO
+    ]
+
+
+def unasked(answer: Moment | Exchange | Collision) -> set[str]:
+    """The instances whose bids are missing in an answer: nobody asked them in time."""
+    moment = answer.moment if isinstance(answer, Collision) else answer
+    contests = moment.contests if isinstance(moment, Moment) else (moment,)
+    return {bid.instance for each in contests for bid in each.bids if bid.cycle is None}
 
 
 def _bid(of: Bidding) -> str:

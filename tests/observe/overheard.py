@@ -10,9 +10,9 @@ from armadico.core.messages import Ask, Message
 from armadico.core.services import BIDS, CARD, SERVICES
 from armadico.launch.society import Options
 from armadico.launch.virtual import Rehearsal
-from armadico.observe.recorder import ASK_S
 from armadico.observe.standing import Standing, standing
 from armadico.observe.view import View
+from armadico.observe.watching import ASK_S
 from armadico.observe.why import Chronicle
 
 LINE = Scenario(

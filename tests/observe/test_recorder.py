@@ -17,8 +17,9 @@ from mcap.reader import make_reader
 
 from armadico.core import messages as m
 from armadico.core.services import SERVICES
-from armadico.observe.export import RecordingError, Row, Tables, rows, to_rrd
-from armadico.observe.recorder import Recording
+from armadico.observe.export import Tables, to_rrd
+from armadico.observe.recorder import TRIES, Gaps, Recording
+from armadico.observe.recordings import RecordingError, Row, rows
 from armadico.observe.watching import (
     Heard,
     Presence,
@@ -311,3 +312,31 @@ def test_of_several_robots_one_is_drawn(tmp_path: Path) -> None:
 )
 def test_a_key_tells_its_message(key: str, kind: type[m.Message] | None) -> None:
     assert kind_at(key) is kind
+
+
+# Journals -----------------------------------------------------------------------------------------
+
+
+def piece(number: int, instance: str = "goto-1") -> m.JournalPiece:
+    return m.JournalPiece(instance, number, b"")
+
+
+def test_pieces_that_were_missed_are_asked_for_until_they_come() -> None:
+    gaps = Gaps()
+    assert all(gaps.take("robot1", piece(n)) for n in (0, 1, 4))
+    assert gaps.lost == 2
+    assert gaps.ask() == gaps.ask() == [("robot1", "goto-1", 2), ("robot1", "goto-1", 3)]
+    assert gaps.take("robot1", piece(2))
+    assert not gaps.take("robot1", piece(2))  # it is kept once
+    assert not gaps.take("robot1", piece(1))
+    assert gaps.ask() == [("robot1", "goto-1", 3)]
+
+
+def test_pieces_that_nobody_has_are_not_asked_for_for_ever() -> None:
+    gaps = Gaps()
+    gaps.take("robot1", piece(3, "avoid-1"))
+    gaps.take("robot2", piece(0))
+    asked = [gaps.ask() for _ in range(TRIES + 1)]
+    assert asked[0] == [("robot1", "avoid-1", n) for n in range(3)]
+    assert asked[-1] == []
+    assert gaps.lost == 3

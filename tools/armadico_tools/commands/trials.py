@@ -214,7 +214,7 @@ def _recording(args: argparse.Namespace) -> int:
     """Check what was recorded."""
     if find_spec("mcap") is None:
         raise FailedError("mcap is not installed: pip install 'armadico[record]'")
-    from armadico.observe.export import RecordingError  # noqa: PLC0415 - an extra
+    from armadico.observe.recordings import RecordingError  # noqa: PLC0415 - an extra
     from armadico_tools.faults.real_recording import check  # noqa: PLC0415
 
     try:
