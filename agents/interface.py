@@ -113,6 +113,12 @@ class Interface(Agent):
     asks: ClassVar[tuple[type[Message], ...]] = (PlanRequest, MissionProposal, MissionWithdrawal)
     owns = (TRAJECTORY,)
     parameters = Parameters
+    changeable: ClassVar = {
+        "nearer_s": "s",
+        "again_s": "s",
+        "give_up_s": "s",
+        "give_up_m_s": "m/s",
+    }
     p: Parameters
 
     def __init__(self, identity: agent.Identity, parameters: Any = None) -> None:

@@ -23,8 +23,8 @@ from math import isfinite
 from types import MappingProxyType
 from typing import Any, ClassVar, TypeVar, cast
 
+from armadico.core import changeable, parameters
 from armadico.core import messages as m
-from armadico.core import parameters
 from armadico.core.compiled import mypyc_attr
 from armadico.core.coordination import COMPARISONS, Contender, Owner, Verdict
 from armadico.core.cycles import AHEAD, CycleClock, CycleCounter
@@ -164,6 +164,10 @@ class Agent:
     """Facts of a scenario that its launcher sets: the parameters of these names (see
     `armadico.launch.society.facts`)."""
 
+    changeable: ClassVar[Mapping[str, str]] = MappingProxyType({})
+    """Units, by name, of those parameters that may be changed while it is at work; those in tables
+    with dots. They are read from `p` where they are used, or anew in `on_parameters`."""
+
     borders: ClassVar[Mapping[str, Callable[[float], float]]] = MappingProxyType({})
     """What a picture shows around the robot: distances from its outline, m, by its speed, m/s."""
 
@@ -173,6 +177,8 @@ class Agent:
         self.rng = identity.rng
         self.drawn = self.rng.getstate()  # before anything is: a life that is replayed begins here
         self.p: Parameters = self.parameters() if parameters is None else parameters
+        self._begun = self.p  # as it was started
+        changeable.allowed(type(self.p), self.changeable)  # a name that is none is told of at once
         self.now = 0.0
         self.cycles = CycleClock()  # the robot's
         self.tenure = 0  # cycles for which it has been at work
@@ -239,6 +245,13 @@ class Agent:
 
     def on_wakeup(self) -> None:
         """Called at the time given to `wake_at`."""
+
+    def on_parameters(self, before: Any) -> None:
+        """Some of `changeable` were changed: `p` has the new ones, `before` is what it was.
+
+        What was worked out from them is worked out again. ValueError, raised before that, refuses
+        them.
+        """
 
     def on_appeared(self, name: str, instance: str) -> None:
         """An instance of an agent has joined."""
@@ -530,6 +543,31 @@ class Agent:
         """Whether it listens by its own wish, and not because everybody does."""
         everybodys = to.kind is Kind.LATCHED or to.message is m.Description
         return not everybodys or to.message in self.hears or to.message in self.needs
+
+    def tune(self, request: m.ParametersRequest, now: float) -> m.ParametersReply:
+        """Change what is asked for, all or none, and tell what may be changed, as it is then."""
+        self.now, refusal = now, ""
+        if request.change:
+            try:
+                self._change(request)
+            except ValueError as error:
+                refusal = m.line(str(error))
+        rows = changeable.told(self.p, self._begun, self.changeable)
+        return m.ParametersReply(self.instance, rows, refusal)
+
+    def _change(self, request: m.ParametersRequest) -> None:
+        """Raises ValueError saying what is wrong, and nothing is changed."""
+        before = self.p
+        self.p = changeable.changed(before, self.changeable, request.change)
+        try:
+            self.on_parameters(before)
+        except ValueError:
+            self.p = before
+            raise
+        for name, old, new in changeable.differences(before, self.p, tuple(self.changeable)):
+            change = m.ParameterChange(self.name, self.instance, name, old, new, request.by)
+            self.publish(change)
+            self.log(f"{name} = {new}, before {old}: changed by {request.by or 'somebody'}")
 
     def history(self) -> m.BidHistory:
         """Its recent bids."""

@@ -113,7 +113,12 @@ class Behaviour(Agent):
         """A new mission has begun, or the old one has ended."""
 
     def on_body(self) -> None:
-        """The robot was described for the first time, or differently."""
+        """The robot was described for the first time, or differently; or parameters changed."""
+
+    def on_parameters(self, before: Any) -> None:  # noqa: ARG002
+        """What is worked out from the body and the parameters is worked out again."""
+        if self._body is not None:
+            self.on_body()
 
     def on_robot_state(self, state: RobotState) -> None:
         """How the wheels turn, and how they did."""

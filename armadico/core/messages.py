@@ -55,6 +55,7 @@ COUNTS: Final = LARGEST_COUNT + 1
 
 Real = Annotated[float, Meta(ge=-LARGEST, le=LARGEST)]  # also refuses NaN and the infinities
 Share = Annotated[float, Meta(ge=0, le=1)]
+Deflection = Annotated[float, Meta(ge=-1, le=1)]
 
 # What no robot on wheels is or does, whoever says so. Others work by these numbers, each cycle: so
 # much ahead, so often, for so long. All that a P2OS packet can say lies within.
@@ -726,6 +727,43 @@ class ExploreStatus(Message, frozen=True):
     note: Text = ""
 
 
+# By hand ------------------------------------------------------------------------------------------
+
+
+class Stick(Message, frozen=True):
+    """Where a hand has the stick: shares of the most that the teleop agent may drive.
+
+    Said about ten times a second for as long as the hand is on it, and once more with `held` false
+    when it lets go. The cycle is the newest that the hand has heard of the robot: who does not hear
+    where the robot is does not drive it, and a stick that comes late is stale like anything else.
+    """
+
+    cycle: Cycle
+    hand: Name  # one a terminal, page or gamepad, new with each start: `ann@lab-3f9c2a10`
+    number: Counter  # grows with each of this hand's
+    v: Deflection  # forward positive,
+    w: Deflection  # and left
+    held: bool = True
+
+
+class TeleopStatus(Message, frozen=True):
+    """The teleop agent's report: of each cycle while a hand is on the stick, else each second.
+
+    Of two hands the first has it until it lets go, or is silent for 0.5 s: who reads another's name
+    here is not obeyed.
+    """
+
+    cycle: Cycle
+    hand: Label = ""  # whose; empty: nobody's
+    holds: bool = False  # the wheels
+    v: Speed = 0.0  # what it would have the robot do now, m/s
+    w: Turn = 0.0  # and rad/s
+    v_max: Speed = 0.0  # what a whole deflection stands for
+    w_max: Turn = 0.0
+    waits: Annotated[tuple[Name, ...], Meta(max_length=8)] = ()  # hands that want it, too
+    note: Text = ""  # why the robot does less than the stick says
+
+
 # Several robots -----------------------------------------------------------------------------------
 
 TASKS: Final = 256
@@ -1155,6 +1193,56 @@ class BidHistory(Message, frozen=True):
 
     instance: Name
     bids: tuple[BidRecord, ...]
+
+
+class Setting(Message, frozen=True):
+    """A parameter and what it is to be: a value of JSON; `null` clears an optional one."""
+
+    name: Name  # with dots into tables, as in a file: `safety.margin_m`
+    json: Text
+
+
+class Parameter(Message, frozen=True):
+    """A parameter that may be changed while its agent is at work."""
+
+    name: Name
+    json: Text  # its value now,
+    begun: Text  # and the one that the agent was started with
+    unit: Label  # empty: it has none
+    wanted: Text  # what it may be, for people: `a number above 0, at most 10, or none`
+    least: Real | None = None  # None: no bound, or no number
+    most: Real | None = None
+    words: Annotated[tuple[Label, ...], Meta(max_length=32)] = ()  # those that it may be, if so
+    optional: bool = False  # it may be null
+
+
+class ParametersRequest(Message, frozen=True):
+    """Asks an agent for its parameters, and to change some before: all of them, or none."""
+
+    change: Annotated[tuple[Setting, ...], Meta(max_length=64)] = ()
+    by: Label = ""
+
+
+class ParametersReply(Message, frozen=True):
+    """Those of an agent's parameters that may be changed, as they are now.
+
+    With a refusal nothing was changed: it says which value is wrong, and what is right.
+    """
+
+    instance: Name
+    parameters: Annotated[tuple[Parameter, ...], Meta(max_length=64)]
+    refusal: Text = ""
+
+
+class ParameterChange(Message, frozen=True):
+    """An agent's parameter was changed."""
+
+    agent: Name
+    instance: Name
+    name: Name
+    before: Text  # as JSON,
+    json: Text  # and what it is now
+    by: Label = ""
 
 
 class Ask(Message, frozen=True):

@@ -84,6 +84,8 @@ SERVICES: tuple[Service, ...] = (
         m.ExploreRequest, "explore/request", _Q, None, None, "map a place", reply=m.MissionReply
     ),
     Service(m.ExploreStatus, "explore/status", _S, 1, None, "how far the exploration has come"),
+    Service(m.Stick, "teleop/stick", _E, 10, 3, "where a hand has the stick"),
+    Service(m.TeleopStatus, "teleop/status", _S, 1, 3, "whose hand drives; 10 Hz while one does"),
     Service(m.FleetPose, "fleet/{robot}/pose", _S, 5, None, "a robot, for the others to keep off"),
     Service(m.FleetTasks, "fleet/tasks", _E, None, None, "the list that a fleet works on"),
     Service(m.FleetClaims, "fleet/{robot}/claims", _E, 1, None, "tasks that a robot holds; done"),
@@ -141,6 +143,16 @@ SERVICES: tuple[Service, ...] = (
     Service(m.Command, "robot/cmd/{instance}", _E, 10, 3, "the same, for the wheels"),
     Service(m.Ask, "agent/{name}/{instance}/card", _Q, None, None, "who, where, what", m.Card),
     Service(m.Ask, "agent/{name}/{instance}/bids", _Q, None, None, "recent bids", m.BidHistory),
+    Service(
+        m.ParametersRequest,
+        "agent/{name}/{instance}/parameters",
+        _Q,
+        None,
+        None,
+        "what may be changed live; change it",
+        reply=m.ParametersReply,
+    ),
+    Service(m.ParameterChange, "agent/{name}/{instance}/changed", _E, None, None, "it was changed"),
     Service(m.Log, "log/{instance}", _E, None, None, "lines for people"),
     Service(
         m.JournalPiece,
