@@ -44,7 +44,9 @@ if TYPE_CHECKING:
         Parameter,
         ParametersReply,
         Plan,
+        Planned,
         PlanRequest,
+        PlanTask,
         Point,
         Pose,
         RobotState,
@@ -57,8 +59,9 @@ if TYPE_CHECKING:
         Waypoint,
     )
     from armadico.core.parameters import Parameters, Safety
-    from armadico.core.resources import WHEELS, Resource
+    from armadico.core.resources import PLANNER, WHEELS, Resource
     from armadico.core.route import Route
+    from armadico.core.services import Kind, Service, register
     from armadico.core.tasks import (
         Beliefs,
         Charge,
@@ -88,6 +91,7 @@ if TYPE_CHECKING:
     )
 
 __all__ = [
+    "PLANNER",
     "WHEELS",
     "AbsentError",
     "Ack",
@@ -118,6 +122,7 @@ __all__ = [
     "Going",
     "Holding",
     "Identity",
+    "Kind",
     "Latched",
     "LocalMap",
     "Log",
@@ -140,6 +145,8 @@ __all__ = [
     "ParametersReply",
     "Plan",
     "PlanRequest",
+    "PlanTask",
+    "Planned",
     "Point",
     "Pose",
     "Progress",
@@ -153,6 +160,7 @@ __all__ = [
     "RunFailedError",
     "Safety",
     "Scenario",
+    "Service",
     "SocietyError",
     "Sonar",
     "Stand",
@@ -167,6 +175,7 @@ __all__ = [
     "UnknownNameError",
     "Waypoint",
     "connect",
+    "register",
     "run",
 ]
 
@@ -178,8 +187,9 @@ _MODULES = {
     "core.behaviour": ("Behaviour",),
     "core.exchange": ("Bid",),
     "core.parameters": ("Parameters", "Safety"),
-    "core.resources": ("WHEELS", "Resource"),
+    "core.resources": ("PLANNER", "WHEELS", "Resource"),
     "core.route": ("Route",),
+    "core.services": ("Kind", "Service", "register"),
     "core.tasks": (
         *("Beliefs", "Charge", "Done", "Drive", "Explore", "Failed", "Going", "Progress"),
         *("Reach", "Stand", "Task"),

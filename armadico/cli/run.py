@@ -529,7 +529,8 @@ def _recording(args: argparse.Namespace, rehearsal: Rehearsal) -> Iterator[None]
         if args.record is not None:
             from armadico.cli.record import recorded  # noqa: PLC0415 - not for --help
 
-            stack.enter_context(recorded(rehearsal, _own(args, args.record, rehearsal.mesh.seed)))
+            path = _own(args, args.record, rehearsal.mesh.seed)
+            stack.enter_context(recorded(rehearsal.mesh, path, rehearsal.namespace))
         yield
 
 

@@ -72,6 +72,7 @@ class Society(Struct, frozen=True, forbid_unknown_fields=True):
     simulator: str
     agents: tuple[str, ...]
     watch: tuple[str, ...]
+    hand: str
     senses: Senses
     ideal: Ideal
     exploring: Exploring

@@ -30,6 +30,9 @@ RESTS: Final = 0.01
 MISSED: Final = 15
 """Cycles: bids are asked for once a second, so an older one is not the newest that there is."""
 
+DEAF_S: Final = 2.5
+"""Who hears nobody at all for so long has itself to blame: some say something each second."""
+
 LATELY_S: Final = 5.0
 """A log line that explains what is now came within this."""
 
@@ -133,6 +136,8 @@ class _Chain:
         """From what is seen of the robot."""
         view, state = self.view, self.view.state
         key = service_of(RobotState).key
+        if (nobody := self._nobody_is_heard()) is not None:
+            return nobody
         if state is None or self.silent(key):
             since = "" if state is None else f" for {self.silence(key):.1f} s"
             self.say(f"Nothing is heard of the robot{since}: no {key}.")
@@ -163,6 +168,21 @@ class _Chain:
         text = self._ends.get(cause)
         if text is not None:
             self._said[text] = self._said.pop(text)
+
+    def _nobody_is_heard(self) -> Cause | None:
+        """Of a society that has ended, or where whoever listens is cut off, nothing is known."""
+        view = self.view
+        if view.gone and not view.alive:
+            what = "No agent is alive any more."
+            return self.end(Sort.ABSENT, "", what, "`armadico up` starts a whole society")
+        last = max((rate.last or 0.0 for rate in view.rates.values()), default=self.now)
+        owners = [i for i, card in view.cards.items() if WHEELS.name in card.owns]
+        if self.now - last <= DEAF_S or any(owner in view.gone for owner in owners[-1:]):
+            return None
+        what = (
+            f"Nothing is heard of anybody for {self.now - last:.1f} s: whoever listens is cut off,"
+        )
+        return self.end(Sort.UNKNOWN, "", f"{what} or a recording has a gap.")
 
     # What holds whatever anybody bids ------------------------------------------------------------
 
@@ -367,7 +387,7 @@ class _Chain:
         if not alive:
             return self._unprovided(key)
         since = f"for {self.silence(key):.1f} s" if key in self.view.rates else "so far"
-        names = " and ".join(map(agent_of, alive))
+        names = ", ".join(map(agent_of, alive))
         self.say(f"{names} provides {key}, is alive, and has published none {since}.")
         for needed in self._inputs(alive[0]):
             before = self._last(needed) <= self._last(key)
@@ -438,7 +458,7 @@ class _Chain:
         if host and not there and len(away) > 1 and self._hosts() > 1:
             what = f"All of {host} is gone, for {ago:.1f} s: {', '.join(away)}."
             return self.end(Sort.HOST, host, what, f"is {host} switched on, and its network up?")
-        names = " and ".join(sorted({agent_of(i) for i in gone}))
+        names = ", ".join(sorted({agent_of(i) for i in gone}))
         at = f" (host {host})" if host else ""
         what = f"{names}{at} is not alive; it was until {ago:.1f} s ago."
         what += self._last_words(last)

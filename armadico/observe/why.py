@@ -46,8 +46,9 @@ from armadico.observe.view import FRESH_CYCLES, View, agent_of
 LATER_S: Final = 1.6
 """Bids of a moment are known so much later: everybody is asked once a second."""
 
-KEPT_CYCLES: Final = 60
-"""Bids, claims and commands of so many cycles are kept: of more than `LATER_S`."""
+KEPT_CYCLES: Final = 200
+"""Bids, claims and commands of so many cycles are kept: of more than `LATER_S`, and of a holder
+that let go and that nobody took over from for a while."""
 
 AGO: Final = FRESH_CYCLES
 """A contender whose newest bid is more cycles older than a moment had no turn then."""
@@ -554,8 +555,10 @@ class Chronicle:
             return Cause(Sort.UNKNOWN, loser, f"Nothing was heard of {loser}.")
         if last.utility is None:
             record = self._record(of.lost, of.ack.resource, last.cycle, of.t)
-            why = "it was done" if record is None or not record.reason else record.reason
-            return Cause(Sort.RELEASED, loser, f"{loser} had released it: {why}.")
+            why = f": {record.reason}" if record is not None and record.reason else ""
+            ago = of.t + self._begun - of.heard
+            what = f"{loser} had released it {ago:.1f} s before{why}."
+            return Cause(Sort.RELEASED, loser, what)
         theirs = self._first(of)
         if theirs is not None and theirs[0] - of.heard > SILENCE * self._clock.period:
             what = f"{loser} had been silent for {theirs[0] - of.heard:.2f} s."

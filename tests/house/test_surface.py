@@ -17,7 +17,9 @@ from tests.house.tree import imports, modules, tree
 SURFACE = {
     # what an agent of one's own is made of
     *("Agent", "Behaviour", "Bid", "DeviceAgent", "Identity", "Parameters", "Question"),
-    *("Resource", "Route", "Safety", "WHEELS"),
+    *("Resource", "Route", "Safety", "WHEELS", "PLANNER"),
+    # a message of one's own
+    *("Kind", "Service", "register"),
     # steps of missions of one's own
     *("Beliefs", "Charge", "Done", "Drive", "Explore", "Failed", "Going", "Progress", "Reach"),
     *("Stand", "Task"),
@@ -25,8 +27,9 @@ SURFACE = {
     *("Ack", "Ask", "Ballot", "BidHistory", "BidRecord", "Card", "Cell", "Claim", "Command"),
     *("Cycle", "Description", "Echo", "Latched", "LocalMap", "Log", "Message"),
     *("MissionReply", "MissionRequest", "MissionState", "MissionStatus", "Obstacles", "Origin"),
-    *("Parameter", "ParametersReply", "Plan", "PlanRequest", "Point", "Pose", "RobotState"),
-    *("Sonar", "Stick", "Stop", "TeleopStatus", "Trajectory", "Truth", "Waypoint"),
+    *("Parameter", "ParametersReply", "Plan", "PlanRequest", "PlanTask", "Planned", "Point"),
+    *("Pose", "RobotState", "Sonar", "Stick", "Stop", "TeleopStatus", "Trajectory", "Truth"),
+    *("Waypoint",),
     # runs, and a guest in a society
     *("run", "Run", "Holding", "Mark", "Result", "Scenario"),
     *("connect", "Client", "Mission"),

@@ -58,3 +58,15 @@ def test_an_agent_that_is_installed_is_found_by_what_it_publishes() -> None:
     assert providers("sonar/obstacles") == ("sonar",)
     assert providers("resource/wheels/ack") == ("robot",)
     assert providers("no/such/key") == ()
+
+
+def test_a_society_that_has_ended_or_that_is_not_heard_is_blamed_on_nobody() -> None:
+    heard = Overheard().drive()
+    gap = standing(heard.view, heard.mesh.now + 10.0).cause
+    assert gap is not None
+    assert (gap.sort, gap.who) == (Sort.UNKNOWN, "")
+    assert "for 10.0 s" in gap.what
+    for node in heard.mesh.nodes:
+        node.leave()
+    ended = heard.let_pass(3.0).standing
+    assert ended.sentences == ("No agent is alive any more.",)
