@@ -48,6 +48,7 @@ from armadico.core.route import Route
 NOBODY_KNOWS: Final = "nobody knows where the robot is: no fresh encoder/pose"
 WAS_LOST: Final = "the robot was lost"
 BY_HAND: Final = "the robot was driven by hand"
+UNDER_WAY: Final = "the robot is under way for somebody else"
 ACROSS: Final = "something stands across the way"
 ELSEWHERE: Final = "the way begins elsewhere"
 
@@ -158,6 +159,8 @@ class Interface(Agent):
         if self._held:
             holder = self.owner(TRAJECTORY).obeyed
             return self._refuse(f"{holder.instance if holder else 'somebody'} has the robot driven")
+        if self._may_not_replace(request):
+            return self._refuse(UNDER_WAY)
         if not request.planned:
             far = self._too_far(pose, (*request.waypoints, request.goal))
             if far:
@@ -172,10 +175,16 @@ class Interface(Agent):
         start = Waypoint(pose.x, pose.y, pose.theta)
 
         def planned(plan: Plan | None) -> None:
-            self.answer(question, self._planned(plan))
+            late = self._may_not_replace(request)
+            self.answer(question, self._refuse(UNDER_WAY) if late else self._planned(plan))
 
         self.ask(PlanRequest(start, request.goal), planned, self.p.planning_s)
         return None
+
+    def _may_not_replace(self, request: MissionRequest) -> bool:
+        """Whether the mission that is under way is another than the one that it may replace."""
+        only = request.replaces
+        return only not in (None, self._mission) and self._state is MissionState.DRIVING
 
     def on_mission_order(self, question: Question) -> None:
         """Propose a mission of several tasks to whoever plans missions (use case 1)."""

@@ -76,6 +76,7 @@ EXAMPLES: Final = """\
   armadico run sc4 --sensors ideal             as the thesis's tables: nobody localizes
   armadico run sc4 --attach --hosts lab.toml   the society is up already: armadico up
   armadico run --world house --start 1 1.5 0 --for 600 --page    sent by clicks on a map
+  armadico run my.toml --virtual --watch       again whenever a file changes: what moved
   armadico run fleet --robots 3                three robots share a list of tasks; or --virtual
 """
 
@@ -83,6 +84,11 @@ EXAMPLES: Final = """\
 def main(argv: Sequence[str]) -> int:
     """Drive; 0 only if the goal, if any, was reached without a collision, in every run."""
     args = parser().parse_args(argv)
+    if args.watch:
+        _check_watched(args)
+        from armadico.cli import watch  # noqa: PLC0415 - not for --help
+
+        return watch.main([word for word in argv if word != "--watch"])
     scenario, chosen = choose(args)
     if scenario.tasks:
         from armadico.cli import fleet  # noqa: PLC0415 - not for --help
@@ -120,6 +126,11 @@ def parser() -> argparse.ArgumentParser:
     made.add_argument("--goal", **POSE, help="where it is to go: m, m, degrees")
     made.add_argument(
         "--robots", type=int, metavar="N", help="of a scenario with tasks for several: so many"
+    )
+    made.add_argument(
+        "--watch",
+        action="store_true",
+        help="a virtual run again, whenever a file that it has read changes, and what moved",
     )
     add_options(made)
     return made
@@ -346,6 +357,19 @@ def _check_robot(url: str) -> None:
             f"--robot {url}: there is no such port; is the adapter plugged in?"
             " `armadico doctor` shows the ports that there are"
         )
+
+
+def _check_watched(args: argparse.Namespace) -> None:
+    """Raises UsageError or ConfigError."""
+    from armadico.config.scenarios import load_scenario  # noqa: PLC0415 - not for --help
+
+    if not args.virtual:
+        raise UsageError("--watch runs under a virtual clock again and again: --virtual")
+    for option in ("runs", "json", "robots"):
+        if getattr(args, option):
+            raise UsageError(f"--{option}: --watch compares one run with the one before it")
+    if _world(args) is None and load_scenario(args.scenario).tasks:
+        raise UsageError(f"{args.scenario}: --watch compares runs of one robot")
 
 
 def _check_attach(args: argparse.Namespace) -> None:

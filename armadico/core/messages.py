@@ -289,6 +289,10 @@ def counts_beyond(counter: int, other: int) -> bool:
     return 0 < ahead <= JUMP or (counter > other and ahead < COUNTS - JUMP)
 
 
+_SPELT: Final = "0123456789ABCDEFGHJKMNPQRSTVWXYZ"
+"""Digits of codes (Crockford's): none that are taken for one another."""
+
+
 class Stop(Latched, frozen=True):
     """The latch that stops the robot. A stop always latches; a release needs a larger counter.
 
@@ -305,6 +309,11 @@ class Stop(Latched, frozen=True):
     def order(self) -> tuple[int, int]:
         """At equal counters the stop stands."""
         return self.counter, int(self.stopped)
+
+    @property
+    def code(self) -> str:
+        """What people type to release this stop and no other: six letters and digits."""
+        return "".join(_SPELT[self.press >> 5 * place & 31] for place in range(6))
 
 
 class Origin(Latched, frozen=True):
@@ -665,6 +674,7 @@ class MissionRequest(Message, frozen=True):
     goal: Waypoint
     waypoints: Annotated[tuple[Waypoint, ...], Meta(max_length=WAYPOINTS)] = ()
     planned: bool = True
+    replaces: Bits64 | None = None  # the only mission that it may take the place of; None: any
 
 
 class MissionReply(Message, frozen=True):
@@ -1321,6 +1331,38 @@ class MonitorReport(Message, frozen=True):
     acts: bool
     missing: tuple[Name, ...] = ()  # essential agents of which no instance is well
     note: Text = ""  # what it has done last, or what the society lacks
+
+
+# Programs and language models ---------------------------------------------------------------------
+
+
+class AssistantRequest(Message, frozen=True):
+    """A program asks the assistant agent for something; `text` has its arguments, as JSON."""
+
+    tool: Name
+    text: Text = "{}"
+    by: Label = ""  # as the program names itself
+
+
+class AssistantReply(Message, frozen=True):
+    """What is done about it, or why nothing is."""
+
+    said: Text = ""
+    refusal: Text = ""
+    mission: Bits64 = 0  # that it has led to; 0: to none
+
+
+class AssistantRecord(Message, frozen=True):
+    """A request to the assistant agent and what came of it, for whoever looks or records.
+
+    Requests beyond the rate are refused and counted: `left_out` is how many came since the last
+    record and have none.
+    """
+
+    number: Counter
+    request: AssistantRequest
+    reply: AssistantReply
+    left_out: Counter = 0
 
 
 class Log(Message, frozen=True):

@@ -730,3 +730,33 @@ def test_one_that_starts_again_goes_on_waiting_and_asks_for_a_way(planned: Desk)
     ]
     other.planned(ROUND)
     assert not other.trajectories()[-1].waits
+
+
+@pytest.mark.parametrize(("replaces", "taken"), [(None, True), (0, False)])
+@pytest.mark.parametrize("planned", [False, True])
+def test_a_request_may_say_that_it_takes_nobody_elses_place(
+    replaces: int | None, taken: bool, planned: bool
+) -> None:
+    desk = Desk()
+    desk.at(0.0)
+    desk.request(MissionRequest(GOAL, planned=False))
+    mission = desk.replies[1].mission
+    number = desk.request(MissionRequest(DOOR, planned=planned, replaces=replaces))
+    if planned and taken:
+        desk.planned(PLAN)
+    assert (desk.replies[number].refusal == "") == taken
+    assert len({trajectory.mission for trajectory in desk.trajectories()}) == 1 + taken
+    if not taken:
+        assert "under way for somebody else" in desk.replies[number].refusal
+        again = desk.request(MissionRequest(DOOR, planned=False, replaces=mission))
+        assert not desk.replies[again].refusal
+
+
+def test_nor_does_it_once_somebody_else_was_faster_than_its_plan() -> None:
+    desk = Desk()
+    desk.at(0.0)
+    number = desk.request(MissionRequest(GOAL, replaces=0))
+    desk.request(MissionRequest(DOOR, planned=False))
+    desk.planned(PLAN)
+    assert "under way for somebody else" in desk.replies[number].refusal
+    assert len(desk.trajectories()) == 1
