@@ -364,6 +364,7 @@ class Robot:
             "stopped": stop.stopped,
             "by": stop.by,
             "press": str(stop.press),
+            "code": stop.code if stop.stopped else "",  # programs are told it, to be confirmed
             "asked": pressed is not None and pressed.stopped,
             "rolling": "" if pressed is None else pressed.latching.rolling,
         }
