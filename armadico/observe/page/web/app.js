@@ -344,8 +344,12 @@ async function stop(names) {
   latch();
 }
 
-$("stop").addEventListener("click", () => stop([chosen]));
-$("stopall").addEventListener("click", () => stop([...robots.keys()]));
+// When it is touched, and not when the finger has left it again; by Enter it is a click of none.
+const stops = { stop: () => stop([chosen]), stopall: () => stop([...robots.keys()]) };
+for (const [id, act] of Object.entries(stops)) {
+  $(id).addEventListener("pointerdown", act);
+  $(id).addEventListener("click", (event) => event.detail === 0 && act());
+}
 $("resume").addEventListener("click", () => {
   stopping = false;
   ask({ do: "resume", press: here().parts.stop?.press ?? "0" });
