@@ -138,7 +138,8 @@ def test_two_browsers_one_stops_the_other_resumes(
         page.drag(at(page, 3.4, 2.4))
         other.until(f"{PARTS}.mission.state === 'driving' && {PARTS}.motion.v > 0.1")
         button = other.evaluate(
-            "(({x, y}) => [x + 20, y + 20])(document.getElementById('stop').getBoundingClientRect())"
+            "(({x, y}) => [x + 20, y + 20])"
+            "(document.getElementById('stop').getBoundingClientRect())"
         )
         other.mouse("mousePressed", *button)  # and the finger is still on it
         page.until(HELD)
