@@ -15,6 +15,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Final
 
 from armadico.cli import options
+from armadico.config.discovery import providers
 from armadico.mesh.topology import WELL_KNOWN, MeshError
 
 if TYPE_CHECKING:
@@ -280,7 +281,7 @@ def mesh(args: argparse.Namespace) -> Generator[Finding, None, dict[str, float |
         return {}
     yield Finding("mesh", OK, f"{len(cards)} agents, {links} links")
     if any(card and WHEELS.name in card.owns for card in cards.values()):
-        yield stands(standing(view, now))
+        yield stands(standing(view, now, providers))
     yield from () if view.state is None else robot(view.state, view.level)
     yield from () if view.pose is None else (pose(view.pose),)
     yield from monitors(view.reports.values())

@@ -13,6 +13,7 @@ from typing import TYPE_CHECKING, Any, Final
 
 from armadico.cli import options
 from armadico.cli.echo import seconds
+from armadico.config.discovery import providers
 from armadico.runtime.errors import AbsentError
 
 if TYPE_CHECKING:
@@ -157,7 +158,7 @@ class Snapshots:
 
         if self.view.state is None:
             return None
-        found: dict[str, Any] = msgspec.to_builtins(standing(self.view, now))
+        found: dict[str, Any] = msgspec.to_builtins(standing(self.view, now, providers))
         return found
 
     def _resource(self, name: str, now: float) -> dict[str, Any]:

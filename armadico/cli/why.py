@@ -16,13 +16,13 @@ from typing import TYPE_CHECKING, Any, Final, NamedTuple
 from armadico.cli import options
 from armadico.cli.echo import seconds
 from armadico.cli.options import FailedError, UsageError
+from armadico.config.discovery import providers
 from armadico.mesh.topology import default_namespace
 from armadico.runtime.errors import AbsentError
 
 if TYPE_CHECKING:
     from armadico.core.messages import BidRecord
     from armadico.observe.recordings import Past, Row
-    from armadico.observe.replay import Moment as Entered
     from armadico.observe.standing import Standing
     from armadico.observe.why import Chronicle, Collision, Exchange, Moment, Press
 
@@ -135,7 +135,8 @@ def _live(args: argparse.Namespace) -> Told:
     from armadico.observe.why import LATER_S, Chronicle  # noqa: PLC0415 - not for --help
 
     with mesh:
-        watcher, chronicle = Watcher([mesh]), Chronicle()
+        watcher = Watcher([mesh])
+        chronicle = Chronicle(installed=providers, begun=watcher.clock() / 1e9)
         watcher.watch_alive()
         watcher.hear()
         listen(watcher, chronicle, args.for_s)
@@ -143,7 +144,7 @@ def _live(args: argparse.Namespace) -> Told:
         if not chronicle.view.alive:
             raise AbsentError("no agent is alive", args.namespace)
         if args.standing:
-            return _standing(standing(chronicle.view, now))
+            return _standing(standing(chronicle.view, now, providers))
         if args.stop is not None:
             return _one("stop", args.stop, chronicle.presses)
         chronicle.mark(now)
@@ -184,17 +185,14 @@ def _answer(args: argparse.Namespace) -> Told:
 
 def _gone_through(past: Past, instances: set[str]) -> Bids:
     """The bids of some by their journals, as far as these come to the same again."""
-    from armadico.observe.replay import replayed  # noqa: PLC0415 - not for --help
+    from armadico.observe.replay import Replay  # noqa: PLC0415 - not for --help
 
     found: Bids = {}
     for journal in past.journals():
         if journal.instance in instances:
-            bids: list[BidRecord] = []
-
-            def keep(moment: Entered, to: list[BidRecord] = bids) -> None:
-                to.extend(moment.bids)
-
-            if replayed(journal, watch=keep).equal:
+            replay = Replay(journal)
+            bids = [bid for moment in replay.moments() for bid in moment.bids]
+            if replay.outcome().equal:
                 for bid in bids:
                     found.setdefault((journal.instance, bid.resource), []).append(bid)
     return found
@@ -204,7 +202,7 @@ def _read(args: argparse.Namespace, past: Past, again: Bids) -> Told:
     from armadico.observe.standing import standing  # noqa: PLC0415 - not for --help
     from armadico.observe.why import LATER_S, Chronicle  # noqa: PLC0415
 
-    chronicle, at = Chronicle(again), args.at
+    chronicle, at = Chronicle(again, installed=providers), args.at
     namespace, first, t, found = args.namespace, None, 0.0, None
     others: set[str] = set()
     for row in past.rows():
@@ -215,7 +213,7 @@ def _read(args: argparse.Namespace, past: Past, again: Bids) -> Told:
             continue
         t = (row.t - first) / 1e9
         if at is not None and found is None and t > at:
-            found = standing(chronicle.view, at)
+            found = standing(chronicle.view, at, providers)
             chronicle.mark(at)
         if at is not None and t > at + LATER_S:
             break
@@ -230,7 +228,7 @@ def _read(args: argparse.Namespace, past: Past, again: Bids) -> Told:
         raise UsageError(f"--at {at:g}: {args.file} is from 0 to {t:.1f} s")
     chronicle.finish()
     if args.standing:
-        return _standing(found or standing(chronicle.view, t))
+        return _standing(found or standing(chronicle.view, t, providers))
     if at is not None:
         return _moment(chronicle.moments[0])
     return _event(args, chronicle, t)
@@ -302,7 +300,7 @@ def _all(chronicle: Chronicle, ends: float) -> Told:
     from armadico.observe.standing import standing  # noqa: PLC0415 - not for --help
     from armadico.observe.view import agent_of  # noqa: PLC0415
 
-    last = standing(chronicle.view, ends)
+    last = standing(chronicle.view, ends, providers)
     exchanges, presses, collisions = chronicle.exchanges, chronicle.presses, chronicle.collisions
     counted: dict[str, Sequence[object]] = {
         "exchange": exchanges,

@@ -153,6 +153,16 @@ class Journal:
                 yield at, entry
 
     @property
+    def size(self) -> int:
+        """Bytes of its frames."""
+        return sum(len(frame) for _, frame in self.frames)
+
+    @property
+    def began(self) -> float:
+        """When the agent began, s since 1970 by the recorder's clock."""
+        return self.offset + next((float(entry[1]) for _, entry in self.entries()), 0.0)
+
+    @property
     def offset(self) -> float:
         """What the recorder's clock showed when the agent's showed 0, s: at most so much later.
 
@@ -180,6 +190,12 @@ class Pieces:
         """All journals, by the times at which they began."""
         found = [_journal(*who, pieces) for who, pieces in self._pieces.items()]
         return sorted(found, key=lambda j: (j.frames[0][0] if j.frames else 0, j.instance))
+
+
+def without(namespace: str, instance: str) -> Journal:
+    """An agent that was there, and of whose journal nothing was recorded."""
+    why = "it kept no journal: agents that are started with --journal do, or by run --record"
+    return Journal(namespace, instance.rpartition("-")[0], instance, None, why, ())
 
 
 def _journal(namespace: str, instance: str, pieces: Mapping[int, tuple[int, bytes]]) -> Journal:

@@ -10,6 +10,7 @@ until somebody is found who has all and publishes nothing, or is not there.
 
 from __future__ import annotations
 
+from collections.abc import Callable, Iterable
 from enum import StrEnum
 from typing import Final
 
@@ -18,7 +19,7 @@ from msgspec import Struct
 from armadico.core.agent import NOT_FRESH, NOT_SOUND, WARNING
 from armadico.core.behaviour import LOST_M
 from armadico.core.cycles import PERIOD
-from armadico.core.messages import PROTOCOL, BidRecord, Cycle, MissionState, RobotState
+from armadico.core.messages import PROTOCOL, BidRecord, Cycle, MissionState, Obstacles, RobotState
 from armadico.core.resources import WHEELS
 from armadico.core.services import matches, service_of
 from armadico.observe.view import FRESH_CYCLES, QUIET_S, View, agent_of
@@ -28,6 +29,9 @@ RESTS: Final = 0.01
 
 MISSED: Final = 15
 """Cycles: bids are asked for once a second, so an older one is not the newest that there is."""
+
+DEAF_S: Final = 2.5
+"""Who hears nobody at all for so long has itself to blame: some say something each second."""
 
 LATELY_S: Final = 5.0
 """A log line that explains what is now came within this."""
@@ -100,20 +104,31 @@ class Standing(Struct, frozen=True):
     cause: Cause | None = None  # none: it moves
 
 
-def standing(view: View, now: float) -> Standing:
-    """Why the robot of a view stands; `now` is by the clock of whoever showed it things, s."""
-    chain = _Chain(view, now)
+Installed = Callable[[str], Iterable[str]]
+"""The names of installed agents that provide what is published on a key."""
+
+
+def standing(view: View, now: float, installed: Installed = lambda _: ()) -> Standing:
+    """Why the robot of a view stands; `now` is by the clock of whoever showed it things, s.
+
+    Who watches since lately knows nobody who was gone before: `installed` names who it may be.
+    """
+    chain = _Chain(view, now, installed)
     cause = chain.begin()
-    return Standing(cause is not None, tuple(chain.said), cause)
+    if cause is not None:
+        chain.close(cause)
+    return Standing(cause is not None, chain.sentences, cause)
 
 
 class _Chain:
     """One chain of reasons, as it is followed."""
 
-    def __init__(self, view: View, now: float) -> None:
+    def __init__(self, view: View, now: float, installed: Installed) -> None:
         self.view = view
+        self._installed = installed
         self.now = now
-        self.said: list[str] = []
+        self._said: dict[str, list[str]] = {}
+        self._ends: dict[Cause, str] = {}  # and what was said of it
         self._asked: set[str] = set()  # keys that were followed
         self._complaints: set[str] = set()  # keys that contenders lack
 
@@ -121,6 +136,8 @@ class _Chain:
         """From what is seen of the robot."""
         view, state = self.view, self.view.state
         key = service_of(RobotState).key
+        if (nobody := self._nobody_is_heard()) is not None:
+            return nobody
         if state is None or self.silent(key):
             since = "" if state is None else f" for {self.silence(key):.1f} s"
             self.say(f"Nothing is heard of the robot{since}: no {key}.")
@@ -133,10 +150,39 @@ class _Chain:
         self.say("The robot stands.")
         return self._hands(state) or self._mission() or self._wheels()
 
-    def say(self, text: str) -> None:
-        """One more link; what several lack in common is said once."""
-        if text not in self.said:
-            self.said.append(text)
+    @property
+    def sentences(self) -> tuple[str, ...]:
+        """What was said; what several agents have in common once, with all of them."""
+        return tuple(
+            f"{', '.join(who)}: {text}" if who else text for text, who in self._said.items()
+        )
+
+    def say(self, text: str, who: str = "") -> None:
+        """One more link of the chain; `who` is the contender that it is said of."""
+        known = self._said.setdefault(text, [])
+        if who and who not in known:
+            known.append(who)
+
+    def close(self, cause: Cause) -> None:
+        """The cause comes last, whatever else was followed."""
+        text = self._ends.get(cause)
+        if text is not None:
+            self._said[text] = self._said.pop(text)
+
+    def _nobody_is_heard(self) -> Cause | None:
+        """Of a society that has ended, or where whoever listens is cut off, nothing is known."""
+        view = self.view
+        if view.gone and not view.alive:
+            what = "No agent is alive any more."
+            return self.end(Sort.ABSENT, "", what, "`armadico up` starts a whole society")
+        last = max((rate.last or 0.0 for rate in view.rates.values()), default=self.now)
+        owners = [i for i, card in view.cards.items() if WHEELS.name in card.owns]
+        if self.now - last <= DEAF_S or any(owner in view.gone for owner in owners[-1:]):
+            return None
+        what = (
+            f"Nothing is heard of anybody for {self.now - last:.1f} s: whoever listens is cut off,"
+        )
+        return self.end(Sort.UNKNOWN, "", f"{what} or a recording has a gap.")
 
     # What holds whatever anybody bids ------------------------------------------------------------
 
@@ -250,7 +296,7 @@ class _Chain:
             return self._turns_no_more(instance, bid)
         if bid.utility is not None:
             return None if bid.utility <= 0.0 else self._unobeyed(instance, bid)
-        self.say(f"{name} has no bid: {bid.reason or 'it does not say why'}.")
+        self.say(f"no bid ({bid.reason or 'it does not say why'}).", name)
         if bid.reason.startswith(NOT_FRESH):
             return self.lacking(bid.reason.removeprefix(NOT_FRESH), instance)
         if bid.reason.startswith(NOT_SOUND):
@@ -267,21 +313,28 @@ class _Chain:
     def _turns_no_more(self, instance: str, bid: BidRecord) -> Cause:
         """Its newest bid is old: what starts its turns does not come, or it hangs."""
         view, name = self.view, agent_of(instance)
-        self.say(f"{name} has had no turn since cycle {bid.cycle.number}.")
-        inputs = self._inputs(instance)
-        for key in inputs:
+        self.say(f"no turn since cycle {bid.cycle.number}.", name)
+        needed = self._needed(instance, bid)
+        for key in needed:
             if self.silent(key) or self.stale(key):
                 return self.lacking(key, instance)
         period = PERIOD if view.description is None else view.description.cycle_s
         newest = bid.cycle.number if view.state is None else view.state.cycle.number
         if not self._lives(instance, self.now - period * (newest - bid.cycle.number)):
             return self.quiet(instance)
-        needed = sorted(self._complaints.intersection(inputs)) or self._needs(bid, inputs)
-        return self.lacking(needed[0], instance) if needed else self.quiet(instance)
+        lacked = [key for key in needed if key in self._complaints] or needed
+        return self.lacking(lacked[0], instance) if lacked else self.quiet(instance)
 
-    def _needs(self, bid: BidRecord, inputs: list[str]) -> list[str]:
-        """Of the states that it listens to, those that its bids are made of."""
-        return [key for key in inputs if any(matches(each, key) for each in bid.inputs)]
+    def _needed(self, instance: str, bid: BidRecord) -> list[str]:
+        """The keys of what its bids are made of, or of all that it listens to."""
+        known = {*self.view.rates, *self._complaints, *self._obstacles()}
+        found = sorted(k for k in known if any(matches(each, k) for each in bid.inputs))
+        return found or self._inputs(instance)
+
+    def _obstacles(self) -> list[str]:
+        """The keys of obstacles by the sensors that the robot has."""
+        said, key = self.view.description, service_of(Obstacles).key
+        return [] if said is None else [key.format(name=sensor) for sensor in said.sensors]
 
     def _lives(self, instance: str, since: float) -> bool:
         """Whether an instance answered, or said a word, after something that it does no more."""
@@ -292,7 +345,7 @@ class _Chain:
     def _unobeyed(self, instance: str, bid: BidRecord) -> Cause:
         """It bids, and is not obeyed."""
         name = agent_of(instance)
-        self.say(f"{name} bids {bid.utility:.2f} and is not obeyed.")
+        self.say(f"bids {bid.utility:.2f}, and is not obeyed.", name)
         foreign = self._foreign(instance)
         if foreign:
             return self.end(Sort.FOREIGN, name, foreign, f"install the same armadico for {name}")
@@ -334,7 +387,7 @@ class _Chain:
         if not alive:
             return self._unprovided(key)
         since = f"for {self.silence(key):.1f} s" if key in self.view.rates else "so far"
-        names = " and ".join(map(agent_of, alive))
+        names = ", ".join(map(agent_of, alive))
         self.say(f"{names} provides {key}, is alive, and has published none {since}.")
         for needed in self._inputs(alive[0]):
             before = self._last(needed) <= self._last(key)
@@ -372,18 +425,23 @@ class _Chain:
         who = f"{agent_of(by)} -> {name}"
         todo = "look at the network between them"
         if there and here and there != here:
-            what = f"{key} is published on {there} and does not arrive at {name} on {here}."
-            return self.end(Sort.HOST, there, what, todo)
-        return self.end(Sort.LINK, who, f"{key} is published and does not arrive at {name}.", todo)
+            what = f"{key} is published on {there}, and does not arrive on {here}."
+            return self.end(Sort.HOST, there, what, todo, name)
+        what = f"{key} is published, and does not arrive."
+        return self.end(Sort.LINK, who, what, todo, name)
 
     def _unprovided(self, key: str) -> Cause:
         gone = [i for i in self.view.gone if self._provided(i, key)]
         if gone:
             return self.absent(gone)
-        missing = [n for r in self.view.reports.values() if r.acts for n in r.missing]
-        who = next((name for name in missing if key.startswith(f"{name}/")), key)
+        missing = {n for r in self.view.reports.values() if r.acts for n in r.missing}
+        able = tuple(self._installed(key))
+        named = [n for n in able if n in missing] or [n for n in able if n not in self.view.names]
         what = f"No agent that provides {key} is alive."
-        return self.end(Sort.ABSENT, who, what, f"start one that provides {key}")
+        if not named:
+            return self.end(Sort.ABSENT, key, what, f"start one that provides {key}")
+        what = f"No agent that provides {key} is alive: {' or '.join(named)} would."
+        return self.end(Sort.ABSENT, named[0], what, f"`armadico-agent {named[0]}` starts it")
 
     def _provided(self, instance: str, key: str) -> bool:
         card = self.view.cards.get(instance)
@@ -400,7 +458,7 @@ class _Chain:
         if host and not there and len(away) > 1 and self._hosts() > 1:
             what = f"All of {host} is gone, for {ago:.1f} s: {', '.join(away)}."
             return self.end(Sort.HOST, host, what, f"is {host} switched on, and its network up?")
-        names = " and ".join(sorted({agent_of(i) for i in gone}))
+        names = ", ".join(sorted({agent_of(i) for i in gone}))
         at = f" (host {host})" if host else ""
         what = f"{names}{at} is not alive; it was until {ago:.1f} s ago."
         what += self._last_words(last)
@@ -436,10 +494,12 @@ class _Chain:
 
     # What is known -------------------------------------------------------------------------------
 
-    def end(self, sort: Sort, who: str, what: str, todo: str = "") -> Cause:
-        """The last link of the chain."""
-        self.say(what)
-        return Cause(sort, who, what, todo)
+    def end(self, sort: Sort, who: str, what: str, todo: str = "", of: str = "") -> Cause:
+        """The last link of the chain; `of` is the contender that it is said of."""
+        self.say(what, of)
+        cause = Cause(sort, who, f"{of}: {what}" if of else what, todo)
+        self._ends[cause] = what
+        return cause
 
     def host(self, instance: str) -> str:
         """The machine of an instance; empty if nobody knows."""
@@ -470,7 +530,11 @@ class _Chain:
         if state is None or not isinstance(cycle, Cycle) or cycle.epoch != state.cycle.epoch:
             return 0
         late = state.cycle.number - cycle.number
-        return late if late > FRESH_CYCLES else 0
+        said = self.view.description
+        allowed = (self.view.rates[key].deadline_s or 0.0) / (
+            PERIOD if said is None else said.cycle_s
+        )
+        return late if late > max(FRESH_CYCLES, round(allowed)) else 0
 
     def line(self, begins: str, within: float | None = LATELY_S) -> str | None:
         """The rest of the newest log line that begins so; None if there was none of late."""

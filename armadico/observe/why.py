@@ -40,14 +40,15 @@ from armadico.core.messages import (
 from armadico.core.motion import Body
 from armadico.core.resources import WHEELS, declared
 from armadico.core.services import matches
-from armadico.observe.standing import Cause, Sort, standing
+from armadico.observe.standing import Cause, Installed, Sort, standing
 from armadico.observe.view import FRESH_CYCLES, View, agent_of
 
 LATER_S: Final = 1.6
 """Bids of a moment are known so much later: everybody is asked once a second."""
 
-KEPT_CYCLES: Final = 60
-"""Bids, claims and commands of so many cycles are kept: of more than `LATER_S`."""
+KEPT_CYCLES: Final = 200
+"""Bids, claims and commands of so many cycles are kept: of more than `LATER_S`, and of a holder
+that let go and that nobody took over from for a while."""
 
 AGO: Final = FRESH_CYCLES
 """A contender whose newest bid is more cycles older than a moment had no turn then."""
@@ -154,6 +155,7 @@ class Collision(Struct, frozen=True):
 class _Pressed:
     t: float
     stop: Stop
+    before: bool  # anything was heard
     stood: float | None = None
     released: float | None = None
     released_by: str = ""
@@ -190,13 +192,22 @@ class _Taken:
 class Chronicle:
     """Takes what a watcher hears, in order; times are s by one clock."""
 
-    def __init__(self, recomputed: Mapping[tuple[str, str], Sequence[BidRecord]] | None = None):
+    def __init__(
+        self,
+        recomputed: Mapping[tuple[str, str], Sequence[BidRecord]] | None = None,
+        *,
+        installed: Installed = lambda _: (),
+        begun: float = 0.0,
+    ) -> None:
         """Nothing was heard yet.
 
         Args:
             recomputed: Bids that nobody was asked for in time, by instance and resource, oldest
                 first, if journals were gone through again for them.
+            installed: As `standing` takes it.
+            begun: When it is shown the first, s: what is told of times counts from then.
         """
+        self._installed, self._begun = installed, begun
         self.view = View()
         self.now = 0.0
         self._recomputed = recomputed or {}
@@ -272,7 +283,7 @@ class Chronicle:
 
     def _pass(self, t: float) -> None:
         self.now = t
-        while self._pending and self._at(self._pending[0]) + LATER_S <= t:
+        while self._pending and self._at(self._pending[0]) + LATER_S <= t - self._begun:
             self._explain(self._pending.popleft())
 
     @staticmethod
@@ -303,7 +314,7 @@ class Chronicle:
             self._take_stop(state.stop, t)
         for pressed in self._pressed[-1:]:
             if pressed.stood is None and _stands(state) and state.stop.stopped:
-                pressed.stood = t - pressed.t
+                pressed.stood = t - self._begun - pressed.t
         felt = state.touch is not None or state.stalled
         if felt and not self._felt and self.view.truth is None:
             self._collide("It touches something, by its own word.", bumped=False)
@@ -320,11 +331,11 @@ class Chronicle:
     def _take_stop(self, stop: Stop, t: float) -> None:
         last = self._pressed[-1] if self._pressed else None
         if stop.stopped and (last is None or last.stop.press != stop.press):
-            self._pressed.append(_Pressed(t, stop))
+            self._pressed.append(_Pressed(t - self._begun, stop, before=self.view.state is None))
             return
         over = last is not None and not stop.stopped and last.stop.press == stop.press
         if over and last is not None and last.released is None:
-            last.released, last.released_by = t, stop.by
+            last.released, last.released_by = t - self._begun, stop.by
 
     def _take_claim(self, claim: Claim, t: float) -> None:
         self._claims.setdefault(claim.resource, deque(maxlen=KEPT_CYCLES)).append((t, claim))
@@ -367,7 +378,8 @@ class Chronicle:
         theirs = [(at, c) for at, c in claims if c.ballot.instance == before]
         at, last = theirs[-1] if theirs else (float("-inf"), None)
         blended = sum(c.ballot == ack.obeyed and c.commanded != c.wanted for _, c in claims)
-        taken = _Taken(t, ack, last, before or "", driver, at, self._snapshot(), blended)
+        since = t - self._begun
+        taken = _Taken(since, ack, last, before or "", driver, at, self._snapshot(), blended)
         self._pending.append(taken)
 
     def _collide(self, what: str, *, bumped: bool) -> None:
@@ -377,7 +389,7 @@ class Chronicle:
 
     def _snapshot(self) -> _Snapshot:
         view, now = self.view, self.now
-        found = standing(view, now)
+        found = standing(view, now, self._installed)
         names = [WHEELS.name, *(name for name in view.claimed if name != WHEELS.name)]
         contenders = {
             name: [
@@ -388,7 +400,7 @@ class Chronicle:
             for name in names
         }
         return _Snapshot(
-            now,
+            now - self._begun,
             view.state,
             (*found.sentences, *self._mission()),
             found.stands,
@@ -482,7 +494,7 @@ class Chronicle:
         resource = declared(name)
         if resource is not None and resource.period_s is not None:
             ack = self.view.acks.get(name)  # a resource with cycles of its own: those of then
-            back = 0 if ack is None else int((self.now - t) / resource.period_s)
+            back = 0 if ack is None else int((self.now - self._begun - t) / resource.period_s)
             cycle = None if ack is None else Cycle(ack.cycle.epoch, max(0, ack.cycle.number - back))
         if cycle is None:
             return None
@@ -534,15 +546,19 @@ class Chronicle:
         )
         assert ballot is not None, "somebody is obeyed"
         gone = self.view.gone.get(of.lost)
-        if gone is not None and gone - of.t <= GONE_S:  # tokens may be looked at once a second
+        if (
+            gone is not None and gone - self._begun - of.t <= GONE_S
+        ):  # tokens may be looked at once a second
             what = f"{loser} was gone: killed, crashed, or with its host."
             return Cause(Sort.ABSENT, loser, what, f"`armadico logs {loser}` has its last words")
         if last is None:
             return Cause(Sort.UNKNOWN, loser, f"Nothing was heard of {loser}.")
         if last.utility is None:
             record = self._record(of.lost, of.ack.resource, last.cycle, of.t)
-            why = "it was done" if record is None or not record.reason else record.reason
-            return Cause(Sort.RELEASED, loser, f"{loser} had released it: {why}.")
+            why = f": {record.reason}" if record is not None and record.reason else ""
+            ago = of.t + self._begun - of.heard
+            what = f"{loser} had released it {ago:.1f} s before{why}."
+            return Cause(Sort.RELEASED, loser, what)
         theirs = self._first(of)
         if theirs is not None and theirs[0] - of.heard > SILENCE * self._clock.period:
             what = f"{loser} had been silent for {theirs[0] - of.heard:.2f} s."
@@ -568,8 +584,11 @@ class Chronicle:
 
     def _press(self, number: int, of: _Pressed) -> Press:
         by = of.stop.by or "somebody"
-        said = [f"At {of.t:.2f} s {by} latched the stop."]
-        if of.stood is None:
+        when = "Before it was listened" if of.before else f"At {of.t:.2f} s"
+        said = [f"{when} {by} latched the stop."]
+        if of.before:
+            said.append("How soon the robot stood then nobody heard.")
+        elif of.stood is None:
             said.append("The robot is not known to have stood.")
         else:
             said.append(f"The robot stood {of.stood:.1f} s later.")
@@ -650,7 +669,7 @@ def _told(of: Contest) -> Iterator[str]:
             by_inputs.setdefault(each.inputs, []).append(each.agent)
     for inputs, agents in by_inputs.items():
         made = "; ".join(f"{i.key} {i.what}{_old(i.age)}" for i in inputs)
-        yield f"{' and '.join(agents)}: by {made}."
+        yield f"{', '.join(agents)}: by {made}."
 
 
 def _answering(bids: Iterable[BidRecord], cycle: Cycle) -> list[BidRecord]:

@@ -106,9 +106,9 @@ def test_why_the_robot_stands_is_said(changed: dict[str, Any], verdict: str, say
     found = doctor.stands(standing(view, 0.1))
     assert (found.subject, found.verdict) == ("standing", verdict)
     assert says in found.what
-    late = doctor.stands(standing(view, 9.0))
+    late = doctor.stands(standing(view, 2.0))
     assert late.verdict == doctor.WRONG
-    assert late.what.startswith("Nothing is heard of the robot for 9.0 s: no robot/state.")
+    assert late.what.startswith("Nothing is heard of the robot for 2.0 s: no robot/state.")
 
 
 def test_top_says_why_the_robot_stands() -> None:

@@ -12,10 +12,13 @@ import pytest
 pytest.importorskip("mcap")
 
 from armadico import cli
-from armadico.core.messages import Stop
+from armadico.core.messages import PROTOCOL, BidHistory, BidRecord, Card, Stop, encode
 from armadico.launch.society import Options
 from armadico.launch.virtual import Rehearsal
-from armadico.observe.virtual_recording import Recorded
+from armadico.observe.recorder import Recording
+from armadico.observe.recordings import rows
+from armadico.observe.virtual_recording import BEGUN, Recorded
+from armadico.observe.watching import Heard, Presence
 from tests.observe.overheard import LINE
 
 Ask = Callable[..., Any]
@@ -116,7 +119,7 @@ def test_for_people_it_is_sentences(recording: Path, capsys: pytest.CaptureFixtu
     assert cli.main(["why", str(recording), "--standing"]) == 0
     said = capsys.readouterr().out.splitlines()
     assert said[0] == "The robot stands."
-    assert "goto has no bid: no fresh sonar/obstacles." in said
+    assert "goto: no bid (no fresh sonar/obstacles)." in said
     assert said[-1].startswith("-> start it again")
 
 
@@ -150,6 +153,41 @@ def test_a_question_that_has_no_answer_is_told_why(
 ) -> None:
     assert (got := ask(*words))[0] == code
     assert says in got[1]
+
+
+def test_a_recording_of_another_protocol_or_of_several_robots_is_refused(
+    ask: Ask, tmp_path: Path
+) -> None:
+    newer = tmp_path / "newer.mcap"
+    Recording(newer, {"protocol": str(PROTOCOL + 1), "version": "9.9"}).close()
+    code, said = ask(path=newer)
+    assert code == 2
+    assert f"recorded with protocol {PROTOCOL + 1}" in said
+    both = tmp_path / "both.mcap"
+    kept = Recording(both)
+    for name in ("robot1", "robot2"):
+        kept.take(Presence(name, "goto", f"goto-{name}", True, 10**9))
+    kept.close()
+    code, said = ask(path=both)
+    assert code == 2
+    assert "holds robot1, robot2; name one robot" in said
+
+
+def test_a_gap_is_not_blamed_on_the_robot(recording: Path, ask: Ask, tmp_path: Path) -> None:
+    """Between two seconds nothing was kept."""
+    gap = tmp_path / "gap.mcap"
+    kept = Recording(gap)
+    for row in rows(recording, pytest.fail):
+        if 5e9 < row.t - BEGUN * 10**9 < 11e9 or not row.schema or row.message is None:
+            continue
+        message = row.message
+        asked = isinstance(message, Card | BidHistory)
+        if not isinstance(message, BidRecord):
+            kept.take(Heard(row.namespace, row.key, encode(message), row.t, asked))
+    kept.close()
+    found = ask("--standing", "--at", "9.0", path=gap)
+    assert (found["cause"]["sort"], found["cause"]["who"]) == ("unknown", "")
+    assert "a recording has a gap" in found["cause"]["what"]
 
 
 def test_a_file_that_is_none_and_questions_of_the_past_live_are_refused(

@@ -42,8 +42,9 @@ class Overheard:
         for node in self.mesh.nodes:
             object.__setattr__(node.agent.identity, "host", hosts(node.name))
         self.chronicle = chronicle or Chronicle()
+        self.planted = 0.0  # when something was done to it, s
         kinds = dict.fromkeys(each.message for each in SERVICES if each.message is not Ask)
-        self.mesh.watch(self.chronicle.take, *kinds)
+        self.mesh.watch(self._keep, *kinds)
         self._ask()
         self.run.start()
 
@@ -69,6 +70,9 @@ class Overheard:
     def standing(self) -> Standing:
         """Why it stands now."""
         return standing(self.view, self.mesh.now)
+
+    def _keep(self, key: str, message: Message, now: float) -> None:
+        self.chronicle.take(key, message, now)
 
     def _ask(self) -> None:
         now = self.mesh.now

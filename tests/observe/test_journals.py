@@ -169,7 +169,8 @@ def test_a_recording_cut_short_has_the_journals_up_to_there(
     cut.write_bytes(data[: len(data) * 2 // 3])
     found = Past(cut, warnings.append).journals()
     assert any("was cut short" in text for text in warnings)
-    assert all(not journal.fault and journal.frames for journal in found)
+    assert len(found) >= 7
+    assert all(journal.frames and not journal.fault for journal in found)
 
 
 def test_a_recording_of_several_files_is_read_as_one(tmp_path: Path) -> None:

@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
-from armadico.observe.standing import Sort
+from armadico.config.discovery import providers
+from armadico.observe.standing import Sort, standing
+from armadico.observe.why import Chronicle
 from tests.observe.overheard import Overheard
 
 
@@ -24,4 +26,47 @@ def test_the_chain_ends_at_the_agent_that_is_not_alive() -> None:
     found = heard.let_pass(3.0).standing
     assert found.cause is not None
     assert (found.cause.sort, found.cause.who) == (Sort.ABSENT, "sonar")
-    assert "goto has no bid: no fresh sonar/obstacles." in found.sentences
+    assert "goto: no bid (no fresh sonar/obstacles)." in found.sentences
+
+
+def test_who_listens_since_lately_is_told_who_would_provide_what_is_lacking() -> None:
+    """Whoever was gone before has left no card; the agents that are installed are known."""
+    heard = Overheard().drive()
+    heard.mesh.node("sonar").kill()
+    heard.let_pass(3.0)
+    heard.chronicle = Chronicle()
+    heard.let_pass(2.0)
+    unknown = heard.standing.cause
+    known = standing(heard.view, heard.mesh.now, providers).cause
+    assert unknown is not None
+    assert known is not None
+    assert (unknown.sort, unknown.who) == (Sort.ABSENT, "sonar/obstacles")
+    assert (known.sort, known.who) == (Sort.ABSENT, "sonar")
+
+
+def test_what_several_have_in_common_is_said_once_and_the_cause_comes_last() -> None:
+    heard = Overheard().drive()
+    heard.mesh.node("sonar").hang()
+    found = heard.let_pass(3.0).standing
+    assert found.cause is not None
+    assert found.sentences[-1] == found.cause.what
+    assert len(set(found.sentences)) == len(found.sentences)
+
+
+def test_an_agent_that_is_installed_is_found_by_what_it_publishes() -> None:
+    assert providers("encoder/pose") == ("encoder",)
+    assert providers("sonar/obstacles") == ("sonar",)
+    assert providers("resource/wheels/ack") == ("robot",)
+    assert providers("no/such/key") == ()
+
+
+def test_a_society_that_has_ended_or_that_is_not_heard_is_blamed_on_nobody() -> None:
+    heard = Overheard().drive()
+    gap = standing(heard.view, heard.mesh.now + 10.0).cause
+    assert gap is not None
+    assert (gap.sort, gap.who) == (Sort.UNKNOWN, "")
+    assert "for 10.0 s" in gap.what
+    for node in heard.mesh.nodes:
+        node.leave()
+    ended = heard.let_pass(3.0).standing
+    assert ended.sentences == ("No agent is alive any more.",)

@@ -16,7 +16,7 @@ import pytest
 from msgspec.structs import replace
 
 from armadico.bridge.p2os.commands import Cmd, command
-from armadico.config.scenarios import ideal, load_scenario
+from armadico.config.scenarios import Scenario, ideal, load_scenario
 from armadico.core.exchange import Bid
 from armadico.core.messages import (
     PROTOCOL,
@@ -29,7 +29,7 @@ from armadico.core.messages import (
 from armadico.mesh.link_faults import WHOLE
 from armadico.observe.standing import Cause, Sort
 from tests.launch.test_blocked import ONE_DOOR, door
-from tests.observe.overheard import Overheard
+from tests.observe.overheard import LINE, Overheard
 
 BASE = ("robot", "encoder", "sonar")
 LAB = ("goto", "avoid", "interface", "path-planning")
@@ -40,19 +40,23 @@ def two_hosts(name: str) -> str:
 
 
 def standing(heard: Overheard) -> Cause | None:
+    """Why it stands, once it does."""
+    while not heard.standing.stands and heard.mesh.now < 60.0:
+        heard.let_pass(1.0)
     return heard.standing.cause
 
 
 def exchange(heard: Overheard) -> Cause | None:
-    """Why the wheels changed hands last."""
+    """Why the wheels changed hands first since the fault was planted."""
     heard.chronicle.finish()
     found = [each for each in heard.chronicle.exchanges if each.resource == "wheels"]
-    return found[-1].cause if found else None
+    return next((each.cause for each in found if each.t > heard.planted), None)
 
 
 def collision(heard: Overheard) -> Cause | None:
-    """Why it touched something first."""
-    heard.chronicle.finish()
+    """Why it touched something first, once it has."""
+    while not heard.chronicle.collisions and heard.mesh.now < 60.0:
+        heard.let_pass(1.0)
     return heard.chronicle.collisions[0].cause if heard.chronicle.collisions else None
 
 
@@ -142,8 +146,14 @@ def into_the_wall(heard: Overheard) -> None:
     heard.mesh.ask(MissionRequest(Waypoint(0.0, 0.0, 0.0)), lambda _: None)
 
 
-def shipped(name: str, seconds: float) -> Callable[[Path], Overheard]:
-    return lambda _: Overheard(scenario=load_scenario(name)).drive(seconds)
+def shipped(name: str, seconds: float, *agents: str) -> Callable[[Path], Overheard]:
+    return lambda _: Overheard(scenario=scenario(name, *agents)).drive(seconds)
+
+
+def scenario(name: str, *agents: str) -> Scenario:
+    """A shipped one with ideal sensors, and with these agents, if any are named."""
+    found = ideal(load_scenario(name))
+    return replace(found, agents=agents) if agents else found
 
 
 def behind_a_door(folder: Path) -> Overheard:
@@ -198,18 +208,21 @@ INCIDENTS: dict[str, Incident] = {
         begin=lambda _: Overheard(scenario=load_scenario("rooms-a")),
     ),
     "shut door": Incident(nothing, Sort.NO_WAY, "", seconds=25.0, begin=behind_a_door),
-    "outbid": Incident(nothing, Sort.OUTBID, "avoid", exchange, 6.0, shipped("sc3", 0.1)),
+    "outbid": Incident(
+        nothing, Sort.OUTBID, "avoid", exchange, 9.0, shipped("sc3", 0.1, *LINE.agents)
+    ),
     "killed as it drives": Incident(
         kill("gothrough"), Sort.ABSENT, "gothrough", exchange, 3.0, shipped("sc4", 9.0)
     ),
-    "blind sonar": Incident(blind, Sort.UNSEEN, "sonar", collision, 13.0, shipped("sc2", 1.0)),
-    "heedless goto": Incident(heedless, Sort.DRIVEN, "goto", collision, 13.0, shipped("sc2", 1.0)),
+    "blind sonar": Incident(blind, Sort.UNSEEN, "sonar", collision, 1.0, shipped("sc2", 1.0)),
+    "heedless goto": Incident(heedless, Sort.DRIVEN, "goto", collision, 1.0, shipped("sc2", 1.0)),
 }
 
 
 def found(name: str, folder: Path) -> Cause | None:
     incident = INCIDENTS[name]
     heard = incident.begin(folder)
+    heard.planted = heard.mesh.now
     incident.plant(heard)
     heard.let_pass(incident.seconds)
     return incident.ask(heard)
