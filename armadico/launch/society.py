@@ -77,6 +77,7 @@ class Options:
     limit: float | None = None  # s that the run may take; None: as `time_limit` says
     namespace: str = DEFAULT_NAMESPACE  # the robot's
     priority: float | None = None  # of a mission of several tasks; None: its own
+    journal: bool = False  # live: the agents publish what enters and leaves them
     margin: float | None = None  # by how much a bid must be better; None: the resource's own
 
 

@@ -13,6 +13,7 @@ import os
 import posixpath
 import re
 from collections.abc import Iterator
+from importlib import import_module
 from pathlib import Path
 from typing import Any, Final
 
@@ -20,8 +21,10 @@ from mkdocs.config.defaults import MkDocsConfig
 from mkdocs.structure.files import File, Files
 from mkdocs.structure.pages import Page
 
-import armadico
 from armadico_tools.diagrams import FENCE, drawing
+
+SURFACE: Final = import_module("armadico")
+"""What is exported is documented; nothing else of ours asks for all of it."""
 
 ROOT: Final = Path(__file__).resolve().parents[2]
 
@@ -92,7 +95,7 @@ def project() -> list[str]:
 
 def reference() -> Iterator[tuple[str, list[str]]]:
     """Each page's title and the full names that it documents."""
-    homes = {name: _home(name) for name in armadico.__all__}
+    homes = {name: _home(name) for name in SURFACE.__all__}
     told = {module for _, modules in REFERENCE for module in modules}
     for title, modules in REFERENCE:
         others = REFERENCE[-1][0] == title
@@ -107,7 +110,7 @@ def reference() -> Iterator[tuple[str, list[str]]]:
 
 def _home(name: str) -> str:
     return next(
-        (module for module, names in armadico._MODULES.items() if name in names), "core.messages"
+        (module for module, names in SURFACE._MODULES.items() if name in names), "core.messages"
     )
 
 
