@@ -48,11 +48,19 @@ def do(shell: Shell, name: str) -> str:
     return done.stdout
 
 
+@pytest.fixture(scope="module")
+def installed(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Shell]:
+    """Where the tutorial's agent has been installed, as it says."""
+    with Shell(tmp_path_factory.mktemp("installed"), NAMESPACE) as made:
+        made.write(files(TUTORIAL))
+        do(made, "install")
+        yield made
+
+
 @pytest.fixture
-def newcomer(shell: Shell, monkeypatch: pytest.MonkeyPatch) -> Iterator[type[Agent]]:
-    """The class of the agent that the tutorial writes, installed as it says."""
-    do(shell, "install")
-    monkeypatch.syspath_prepend(shell.folder / "site")
+def newcomer(installed: Shell, monkeypatch: pytest.MonkeyPatch) -> Iterator[type[Agent]]:
+    """The class of the agent that the tutorial writes."""
+    monkeypatch.syspath_prepend(installed.folder / "site")
     importlib.invalidate_caches()
     yield agent_class(NEWCOMER)
     sys.modules.pop("wall_follower", None)
@@ -98,9 +106,8 @@ def test_it_is_found_by_the_name_of_its_entry_point(newcomer: type[Agent]) -> No
     assert newcomer.name == NEWCOMER
 
 
-@pytest.mark.usefixtures("newcomer")
-def test_the_test_that_the_tutorial_prints_passes(shell: Shell) -> None:
-    assert "1 passed" in do(shell, "test")
+def test_the_test_that_the_tutorial_prints_passes(installed: Shell) -> None:
+    assert "1 passed" in do(installed, "test")
 
 
 @pytest.mark.live
