@@ -189,7 +189,7 @@ def draw_otherwise(
         words: A title, and a line below it.
         path_out: The file.
     """
-    canvas = _Canvas(world, place=(0.045, 0.125, 0.5, 0.735))
+    canvas = Canvas(world, place=(0.045, 0.125, 0.5, 0.735))
     canvas.heading(*words)
     for number, (label, poses) in enumerate(zip(("as it was", "otherwise"), paths, strict=True)):
         if poses:
