@@ -143,7 +143,7 @@ def _requests(kind: type[Agent], service: Service) -> bool:
 
 def providers(service: Service) -> str:
     """Who publishes it, or answers it."""
-    if service.message is Log or service.key.startswith("agent/"):
+    if service.message is Log or service.key.startswith(("agent/", "journal/")):
         return ALL
     if service.message is Stop:
         return "any peer"
