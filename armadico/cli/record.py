@@ -17,7 +17,7 @@ from armadico.cli import options
 from armadico.cli.options import FailedError, UsageError
 
 if TYPE_CHECKING:
-    from armadico.launch.virtual import Rehearsal
+    from armadico.mesh.virtual import VirtualMesh
     from armadico.mesh.zenoh import ZenohMesh
     from armadico.observe.recorder import Recording
     from armadico.observe.virtual_recording import Recorded
@@ -49,7 +49,6 @@ def main(argv: Sequence[str]) -> int:
     meshes = options.join_each(args, namespaces)
     if find_spec("mcap") is None:
         raise FailedError(NEEDED)
-    signal.signal(signal.SIGTERM, signal.default_int_handler)  # it closes the file, too
     with ExitStack() as stack:
         for mesh in meshes:
             stack.enter_context(mesh)
@@ -65,8 +64,10 @@ def main(argv: Sequence[str]) -> int:
 
 
 @contextmanager
-def beside(args: argparse.Namespace, path: Path) -> Iterator[None]:
+def beside(args: argparse.Namespace, path: Path, *namespaces: str) -> Iterator[None]:
     """A recorder beside a live run, as a process of its own, from before anybody starts.
+
+    Without namespaces it is of the one that the options name.
 
     Raises FailedError, UsageError.
     """
@@ -76,7 +77,8 @@ def beside(args: argparse.Namespace, path: Path) -> Iterator[None]:
         raise FailedError(NEEDED)
     if path.exists():
         raise FailedError(f"{path} exists already; name another file")
-    words = ["record", str(path), "--quiet", "--namespace", args.namespace]
+    words = ["record", str(path), "--quiet"]
+    words += [word for name in namespaces or [args.namespace] for word in ("--namespace", name)]
     with TemporaryDirectory(prefix="armadico-") as folder:
         log = Path(folder) / "record.log"
         recorder = Process("recorder", [*words, *options.joining(args)], log, tied=True)
@@ -93,14 +95,14 @@ def beside(args: argparse.Namespace, path: Path) -> Iterator[None]:
     _say(said)
 
 
-def recorded(rehearsal: Rehearsal, path: Path) -> Recorded:
-    """What is said in a virtual run, kept in a file while this is entered. Raises FailedError."""
+def recorded(mesh: VirtualMesh, path: Path, *namespaces: str) -> Recorded:
+    """What is said on a virtual mesh, kept in a file while this is entered. Raises FailedError."""
     if find_spec("mcap") is None:
         raise FailedError(NEEDED)
     from armadico.observe.virtual_recording import Recorded  # noqa: PLC0415 - not for --help
 
     try:
-        return Recorded(rehearsal.mesh, path, rehearsal.namespace)
+        return Recorded(mesh, path, *namespaces)
     except FileExistsError:
         raise FailedError(f"{path} exists already; name another file") from None
     except OSError as error:
@@ -151,10 +153,13 @@ def _record(
     recording = Recording(args.file, about, limit, translators(namespaces))
     watcher = Watcher(meshes)
     begun = time.monotonic()
+    asked: list[int] = []
+    for number in (signal.SIGINT, signal.SIGTERM):  # not in the middle of writing a message
+        signal.signal(number, lambda number, _: asked.append(number))
     try:
-        record(watcher, recording, _shower(args, watcher, begun), args.duration)
-    except KeyboardInterrupt:
-        pass  # how a recording ends
+        record(
+            watcher, recording, _shower(args, watcher, begun), args.duration, lambda: bool(asked)
+        )
     finally:
         while (item := watcher.take(0)) is not None:
             recording.take(item)

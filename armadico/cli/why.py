@@ -23,7 +23,6 @@ from armadico.runtime.errors import AbsentError
 if TYPE_CHECKING:
     from armadico.core.messages import BidRecord
     from armadico.observe.recordings import Past, Row
-    from armadico.observe.replay import Moment as Entered
     from armadico.observe.standing import Standing
     from armadico.observe.why import Chronicle, Collision, Exchange, Moment, Press
 
@@ -186,17 +185,14 @@ def _answer(args: argparse.Namespace) -> Told:
 
 def _gone_through(past: Past, instances: set[str]) -> Bids:
     """The bids of some by their journals, as far as these come to the same again."""
-    from armadico.observe.replay import replayed  # noqa: PLC0415 - not for --help
+    from armadico.observe.replay import Replay  # noqa: PLC0415 - not for --help
 
     found: Bids = {}
     for journal in past.journals():
         if journal.instance in instances:
-            bids: list[BidRecord] = []
-
-            def keep(moment: Entered, to: list[BidRecord] = bids) -> None:
-                to.extend(moment.bids)
-
-            if replayed(journal, watch=keep).equal:
+            replay = Replay(journal)
+            bids = [bid for moment in replay.moments() for bid in moment.bids]
+            if replay.outcome().equal:
                 for bid in bids:
                     found.setdefault((journal.instance, bid.resource), []).append(bid)
     return found

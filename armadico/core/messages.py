@@ -150,19 +150,26 @@ def _both(message: M) -> tuple[Any, M]:
 
 def decode(data: bytes, kind: type[M]) -> M:
     """Read one message of a kind. Raises `MessageError` saying what is wrong with it."""
-    if len(data) > LARGEST_PAYLOAD:
-        raise MessageError(f"not a {kind.__name__}: {len(data)} bytes, at most {LARGEST_PAYLOAD}")
     try:
-        plain = cbor2.loads(
+        return msgspec.convert(plain_of(data), kind)
+    except (msgspec.ValidationError, MessageError) as error:
+        raise MessageError(f"not a {kind.__name__}: {error}") from None
+
+
+def plain_of(data: bytes) -> Any:
+    """The plain values in a payload, of whatever message. Raises `MessageError`."""
+    if len(data) > LARGEST_PAYLOAD:
+        raise MessageError(f"{len(data)} bytes, at most {LARGEST_PAYLOAD}")
+    try:
+        return cbor2.loads(
             data,
             tag_hook=_no_tags,
             semantic_decoders=_TAGS,
             max_depth=_DEEPEST,
             allow_indefinite=False,
         )
-        return msgspec.convert(plain, kind)
-    except (msgspec.ValidationError, cbor2.CBORDecodeError, ValueError, RecursionError) as error:
-        raise MessageError(f"not a {kind.__name__}: {error}") from None
+    except (cbor2.CBORDecodeError, ValueError, RecursionError) as error:
+        raise MessageError(str(error)) from None
 
 
 def line(text: str) -> str:
@@ -289,6 +296,10 @@ def counts_beyond(counter: int, other: int) -> bool:
     return 0 < ahead <= JUMP or (counter > other and ahead < COUNTS - JUMP)
 
 
+_SPELT: Final = "0123456789ABCDEFGHJKMNPQRSTVWXYZ"
+"""Digits of codes (Crockford's): none that are taken for one another."""
+
+
 class Stop(Latched, frozen=True):
     """The latch that stops the robot. A stop always latches; a release needs a larger counter.
 
@@ -305,6 +316,11 @@ class Stop(Latched, frozen=True):
     def order(self) -> tuple[int, int]:
         """At equal counters the stop stands."""
         return self.counter, int(self.stopped)
+
+    @property
+    def code(self) -> str:
+        """What people type to release this stop and no other: six letters and digits."""
+        return "".join(_SPELT[self.press >> 5 * place & 31] for place in range(6))
 
 
 class Origin(Latched, frozen=True):
@@ -447,6 +463,11 @@ class Scan(Message, frozen=True):
     reach: Annotated[float, Meta(gt=0, le=REACH_M)]  # the longest range it sees, m
     packed: Annotated[bytes, Meta(max_length=2 * RAYS)]
     number: Counter = 0  # counts scans, since the robot agent started
+
+    @property
+    def rays(self) -> int:
+        """How many there are."""
+        return len(self.packed) // 2
 
 
 # Perception ---------------------------------------------------------------------------------------
@@ -665,6 +686,7 @@ class MissionRequest(Message, frozen=True):
     goal: Waypoint
     waypoints: Annotated[tuple[Waypoint, ...], Meta(max_length=WAYPOINTS)] = ()
     planned: bool = True
+    replaces: Bits64 | None = None  # the only mission that it may take the place of; None: any
 
 
 class MissionReply(Message, frozen=True):
@@ -1321,6 +1343,38 @@ class MonitorReport(Message, frozen=True):
     acts: bool
     missing: tuple[Name, ...] = ()  # essential agents of which no instance is well
     note: Text = ""  # what it has done last, or what the society lacks
+
+
+# Programs and language models ---------------------------------------------------------------------
+
+
+class AssistantRequest(Message, frozen=True):
+    """A program asks the assistant agent for something; `text` has its arguments, as JSON."""
+
+    tool: Name
+    text: Text = "{}"
+    by: Label = ""  # as the program names itself
+
+
+class AssistantReply(Message, frozen=True):
+    """What is done about it, or why nothing is."""
+
+    said: Text = ""
+    refusal: Text = ""
+    mission: Bits64 = 0  # that it has led to; 0: to none
+
+
+class AssistantRecord(Message, frozen=True):
+    """A request to the assistant agent and what came of it, for whoever looks or records.
+
+    Requests beyond the rate are refused and counted: `left_out` is how many came since the last
+    record and have none.
+    """
+
+    number: Counter
+    request: AssistantRequest
+    reply: AssistantReply
+    left_out: Counter = 0
 
 
 class Log(Message, frozen=True):

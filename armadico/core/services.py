@@ -153,6 +153,16 @@ SERVICES: tuple[Service, ...] = (
         reply=m.ParametersReply,
     ),
     Service(m.ParameterChange, "agent/{name}/{instance}/changed", _E, None, None, "it was changed"),
+    Service(
+        m.AssistantRequest,
+        "assistant/request",
+        _Q,
+        None,
+        None,
+        "a program asks for something",
+        reply=m.AssistantReply,
+    ),
+    Service(m.AssistantRecord, "assistant/record", _E, None, None, "what a program asked for"),
     Service(m.Log, "log/{instance}", _E, None, None, "lines for people"),
     Service(
         m.JournalPiece,

@@ -52,6 +52,9 @@ SHOW_S: Final = 1.0
 LATE: Final = 5000
 """A recorder that comes late asks for so many of the pieces before the first that it hears,"""
 
+COMPLETE_S: Final = 1.0
+"""How long a recorder that is to end waits for pieces that are missing."""
+
 TRIES: Final = 10
 """for each so often,"""
 
@@ -338,16 +341,18 @@ def record(
     recording: Recording,
     show: Callable[[Recording], None],
     duration: float | None = None,
+    over: Callable[[], bool] = lambda: False,
 ) -> None:
-    """Record until `duration` (s) is over, or for ever: until an exception, KeyboardInterrupt say.
+    """Record until `duration` (s) is over, or until it is `over`, which is asked now and then.
 
-    The watcher's meshes are open; the recording is left open.
+    The watcher's meshes are open; the recording is left open. Nothing else should end it: an
+    exception within what writes, KeyboardInterrupt say, leaves a file that is not whole.
     """
     watcher.watch_alive()
     watcher.hear()
     end = float("inf") if duration is None else time.monotonic() + duration
     flush_at = ask_at = show_at = time.monotonic()
-    while (now := time.monotonic()) < end:
+    while (now := time.monotonic()) < end and not over():
         if now >= ask_at:
             ask_at = now + ASK_S
             _ask(watcher, recording)
@@ -358,6 +363,19 @@ def record(
             show_at = now + SHOW_S
             show(recording)
         item = watcher.take(min(flush_at, end) - now)
+        if item is not None:
+            recording.take(item)
+    _complete(watcher, recording)
+
+
+def _complete(watcher: Watcher, recording: Recording) -> None:
+    """Ask once more for the pieces that are missing, and wait for them a moment."""
+    missing = recording.gaps.ask()
+    for lost in missing:
+        watcher.ask_for_piece(*lost, COMPLETE_S)
+    end = time.monotonic() + COMPLETE_S
+    while missing and recording.gaps.lost and (left := end - time.monotonic()) > 0:
+        item = watcher.take(left)
         if item is not None:
             recording.take(item)
 

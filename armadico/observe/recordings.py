@@ -18,7 +18,7 @@ from msgspec import Struct
 
 from armadico.core import messages
 from armadico.core.messages import PROTOCOL, Message
-from armadico.observe.journals import JOURNAL, Journal, Pieces
+from armadico.observe.journals import JOURNAL, Journal, Pieces, without
 from armadico.observe.recorder import PROFILE, SCHEMA_PREFIX, Here, part
 from armadico.observe.watching import from_object
 
@@ -151,7 +151,8 @@ class Past:
         self.path = path
         self.about: dict[str, str] = {}
         self._warn = warn
-        next(rows(path, lambda _: None, self.about), None)
+        first = next(rows(path, lambda _: None, self.about), None)
+        self.began = 0.0 if first is None else first.t / 1e9  # s since 1970
 
     @property
     def paths(self) -> list[Path]:
@@ -180,9 +181,16 @@ class Past:
             yield from rows(path, self._warn)
 
     def journals(self) -> list[Journal]:
-        """The journals of all agents that kept one, as far as the recording has them."""
-        pieces = Pieces()
+        """The journals of all agents that were there, as far as the recording has them.
+
+        Of who was there and kept none the journal is empty, and its fault says so.
+        """
+        pieces, there = Pieces(), set()
         for row in self.rows():
             if row.key.startswith(JOURNAL) and not row.schema:
                 pieces.take(row.namespace, row.data, row.t)
-        return pieces.journals()
+            elif row.schema == HERE:
+                there.add((row.namespace, row.fields["instance"]))
+        found = pieces.journals()
+        kept = {(journal.namespace, journal.instance) for journal in found}
+        return found + [without(*who) for who in sorted(there - kept)]

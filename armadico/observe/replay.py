@@ -17,7 +17,6 @@ from typing import Any, Final
 
 import msgspec
 from msgspec import Struct, msgpack
-from msgspec.structs import replace
 
 from armadico.config.discovery import UnknownNameError, agent_class
 from armadico.config.errors import ConfigError
@@ -25,7 +24,7 @@ from armadico.config.loading import convert, set_values
 from armadico.core import journal as j
 from armadico.core.agent import Agent, AskFor, DeviceAgent, Identity
 from armadico.core.driver import Driver
-from armadico.core.messages import BidRecord, Message, line, plain
+from armadico.core.messages import BidRecord, Message, MessageError, decode, line, plain
 from armadico.observe.conditions import software
 from armadico.observe.journals import Entry, Head, Journal, files, stream
 from armadico.observe.watching import kind_at
@@ -57,6 +56,7 @@ class Outcome(Struct, frozen=True, kw_only=True):
     namespace: str
     name: str
     instance: str
+    began: float = 0.0  # s since 1970, by the recorder's clock
     seconds: float = 0.0  # of its life that were gone through
     inputs: int = 0
     outputs: int = 0  # what it gave then; compared one by one up to the first difference
@@ -146,8 +146,7 @@ class Life:
 
     def _entries(self) -> Iterator[Entry]:
         try:
-            for _, entry in self.journal.entries():
-                yield entry
+            yield from self.journal.entries()
         except ValueError as error:
             self.end = f"its journal is damaged: {error}"
 
@@ -164,47 +163,79 @@ class Life:
             self.raised = f"{type(error).__name__}: {error}"
 
 
-def replayed(
-    journal: Journal,
-    sets: Sequence[str] = (),
-    kind: type[Agent] | None = None,
-    watch: Callable[[Moment], None] | None = None,
-) -> Outcome:
-    """Go through an agent's life again, and compare; `watch` sees every moment.
+class Replay:
+    """One agent's life gone through again, and compared moment by moment."""
 
-    Raises ConfigError for a setting that it refuses.
-    """
-    who = Outcome(namespace=journal.namespace, name=journal.name, instance=journal.instance)
-    try:
-        life = Life(journal, sets, kind)
-    except ReplayError as error:
-        return replace(who, refusal=str(error))
-    inputs = outputs = different = 0
-    at, first = 0.0, None
-    recent: list[Entry] = []
-    for moment in life.moments():
-        inputs, at = inputs + 1, moment.at
-        recent.append(moment.entry)
-        given = 0 if moment.then is None else _count(moment.then)
-        if moment.then != moment.now or life.raised:
-            different += 1
-            if first is None:
-                first = _difference(life, moment, recent, outputs)
-        outputs += given
-        if moment.then is not None:
-            del recent[:-INPUTS]
-        if watch is not None:
-            watch(moment)
-    return replace(
-        who,
-        seconds=at,
-        inputs=inputs,
-        outputs=outputs,
-        different=different,
-        difference=first,
-        end=life.end,
-        notes=life.notes,
-    )
+    def __init__(
+        self, journal: Journal, sets: Sequence[str] = (), kind: type[Agent] | None = None
+    ) -> None:
+        """Build the agent.
+
+        Args:
+            journal: Its life.
+            sets: Parameters that are otherwise, each KEY=VALUE.
+            kind: Its class; none: the one that is installed by its name.
+
+        Raises ConfigError for a setting that it refuses. What else is in the way is `refusal`.
+        """
+        self.journal = journal
+        self.refusal = ""
+        self.began = journal.began if journal.frames else 0.0  # s since 1970
+        self._life: Life | None = None
+        self._inputs = self._outputs = self._different = 0
+        self._at = 0.0
+        self._first: Difference | None = None
+        try:
+            self._life = Life(journal, sets, kind)
+        except ReplayError as error:
+            self.refusal = str(error)
+
+    def moments(self) -> Iterator[Moment]:
+        """All moments, each compared by the time that it comes out. To be gone through once."""
+        life = self._life
+        if life is None:
+            return
+        recent: list[Entry] = []
+        for moment in life.moments():
+            self._inputs += 1
+            self._at = moment.at
+            recent.append(moment.entry)
+            if moment.then != moment.now or life.raised:
+                self._different += 1
+                if self._first is None:
+                    self._first = _difference(life, moment, recent, self._outputs)
+            if moment.then is not None:
+                self._outputs += _count(moment.then)
+                del recent[:-INPUTS]
+            yield moment
+
+    def outcome(self) -> Outcome:
+        """What came of it so far."""
+        journal, life = self.journal, self._life
+        return Outcome(
+            namespace=journal.namespace,
+            name=journal.name,
+            instance=journal.instance,
+            began=self.began,
+            seconds=self._at,
+            inputs=self._inputs,
+            outputs=self._outputs,
+            different=self._different,
+            difference=self._first,
+            refusal=self.refusal,
+            end="" if life is None else life.end,
+            notes=() if life is None else life.notes,
+        )
+
+
+def replayed(
+    journal: Journal, sets: Sequence[str] = (), kind: type[Agent] | None = None
+) -> Outcome:
+    """Go through an agent's life again, and compare: see `Replay`. Raises ConfigError."""
+    replay = Replay(journal, sets, kind)
+    for _ in replay.moments():
+        pass
+    return replay.outcome()
 
 
 # Building it --------------------------------------------------------------------------------------
@@ -350,7 +381,7 @@ def message_told(kind: type[Message] | None, payload: Any) -> str:
     """A message that was read back, by field names, in one line."""
     try:
         if kind is not None:
-            return msgspec.json.encode(plain(msgspec.convert(payload, kind)), enc_hook=str).decode()
+            return told(msgspec.convert(payload, kind))
     except msgspec.ValidationError:
         pass  # what could not be sent
     return str(payload)
@@ -361,39 +392,53 @@ def output_told(item: Sequence[Any]) -> str:
     what, *rest = item
     match what:
         case j.PUBLISH:
-            told = f"publish {rest[0]} {message_told(kind_at(rest[0]), rest[1])}"
+            said = f"publish {rest[0]} {message_told(kind_at(rest[0]), rest[1])}"
         case j.WRITE:
-            told = f"write {rest[0].hex(' ')}"
+            said = f"write {rest[0].hex(' ')}"
         case j.ASK_FOR:
-            told = f"ask {rest[1]} {rest[2]}"
+            said = f"ask {rest[1]} {rest[2]}"
         case j.REPLY:
-            told = f"reply {rest[1]} {message_told(kind_at(rest[1]), rest[2])}"
+            said = f"reply {rest[1]} {message_told(kind_at(rest[1]), rest[2])}"
         case _:
-            told = {j.ANNOUNCE: "announce itself", j.OPEN_PORT: "open its port"}.get(
+            said = {j.ANNOUNCE: "announce itself", j.OPEN_PORT: "open its port"}.get(
                 what, f"{item}"
             )
-    return _short(told)
+    return _short(said)
 
 
 def input_told(entry: Entry) -> str:
     """One input of a journal, in one line."""
     match entry[0]:
         case j.DELIVER:
-            payload = entry[4].hex() if isinstance(entry[4], bytes) else entry[4]
-            kind = None if isinstance(entry[4], bytes) else kind_at(entry[3])
-            told = f"{entry[3]} {message_told(kind, payload)}"
+            said = f"{entry[3]} {_delivered(entry[3], entry[4])}"
         case j.TOKEN:
-            told = f"{entry[3]} {'appears' if entry[4] else 'is gone'}"
+            said = f"{entry[3]} {'appears' if entry[4] else 'is gone'}"
         case j.ASKED:
-            told = f"query {entry[2]}"
+            said = f"query {entry[2]}"
         case j.REPLIED:
-            told = "no reply" if entry[3] is None else f"reply {entry[3]}"
+            said = "no reply" if entry[3] is None else f"reply {entry[3]}"
         case j.RECEIVED:
-            told = f"bytes {entry[2].hex(' ')}"
+            said = f"bytes {entry[2].hex(' ')}"
         case number:
             words = {j.BEGIN: "begin", j.WAKE: "wake up", j.LEAVE: "leave"}
-            told = words.get(number, f"{entry}")
-    return _short(told)
+            said = words.get(number, f"{entry}")
+    return _short(said)
+
+
+def _delivered(key: str, payload: Any) -> str:
+    """A payload that was delivered, read if it can be."""
+    kind = kind_at(key)
+    if not isinstance(payload, bytes):
+        return message_told(kind, payload)
+    try:
+        return payload.hex() if kind is None else told(decode(payload, kind))
+    except MessageError:
+        return payload.hex()
+
+
+def told(message: Message) -> str:
+    """A message by field names, in one line."""
+    return msgspec.json.encode(plain(message), enc_hook=str).decode()
 
 
 def _short(text: str) -> str:

@@ -287,14 +287,21 @@ class Client:
         """
         self._latch(stopped=True, by=by, timeout=timeout)
 
-    def resume(self, timeout: float = STOP_S, *, by: str = "a guest") -> None:
+    def resume(
+        self, timeout: float = STOP_S, *, by: str = "a guest", code: str | None = None
+    ) -> None:
         """Release the stop, whoever pressed it; returns once the robot agent acknowledges it.
+
+        Args:
+            timeout: What finding the robot agent may take, s.
+            by: Who releases it, for people.
+            code: Of the only stop that is to be released (`Stop.code`).
 
         Raises:
             AbsentError: No robot answers.
             StopError: It was not acknowledged, or somebody has stopped the robot again meanwhile.
         """
-        self._latch(stopped=False, by=by, timeout=timeout)
+        self._latch(stopped=False, by=by, timeout=timeout, code=code)
 
     # Who is alive ---------------------------------------------------------------------------------
 
@@ -454,10 +461,10 @@ class Client:
         finally:
             self._handing_on -= 1
 
-    def _latch(self, *, stopped: bool, by: str, timeout: float) -> None:
+    def _latch(self, *, stopped: bool, by: str, timeout: float, code: str | None = None) -> None:
         """Stop or release the robot. Raises AbsentError or StopError."""
         press = random.SystemRandom().getrandbits(63)
-        latching = Latching(stopped=stopped, by=by, press=press)
+        latching = Latching(stopped=stopped, by=by, press=press, code=code)
         self.listen(RobotState)
 
         def over() -> bool:
