@@ -58,7 +58,7 @@ def main(argv: Sequence[str]) -> int:
     with ExitStack() as stack:
         for mesh in meshes:
             stack.enter_context(mesh)
-        helpers = stack.enter_context(_Helpers(args))
+        helpers = stack.enter_context(Helpers(args))
         session = made(meshes, world, helpers.start)
         try:
             server = stack.enter_context(Server(session, guard, args.bind, args.port))
@@ -86,34 +86,38 @@ def made(meshes: Sequence[Mesh], world: World | None, start: Spawns) -> Session:
     return Session(robots, meshes, start)
 
 
-class _Helpers:
-    """Agents that are started beside the page, and end with it, however that ends."""
+class Helpers:
+    """Agents that are started beside the page, and end with it, however that ends.
+
+    Attributes:
+        processes: The newest of each, by namespace and name.
+    """
 
     def __init__(self, args: argparse.Namespace) -> None:
         self._joining = options.joining(args)
         self._folder = tempfile.TemporaryDirectory(prefix="armadico-page-")
-        self._processes: dict[tuple[str, str], Process] = {}
+        self.processes: dict[tuple[str, str], Process] = {}
 
-    def __enter__(self) -> _Helpers:
+    def __enter__(self) -> Helpers:
         return self
 
     def __exit__(self, *_: object) -> None:
         from armadico.launch.processes import end_in_order  # noqa: PLC0415 - not for --help
 
         with suppress(KeyboardInterrupt):
-            end_in_order([*self._processes.values()])
+            end_in_order([*self.processes.values()])
         self._folder.cleanup()
 
     def start(self, namespace: str, name: str) -> str:
         """Start one, if it is not there yet; returns why it ended the last time, or nothing."""
         from armadico.launch.processes import Process  # noqa: PLC0415 - not for --help
 
-        known = self._processes.get((namespace, name))
+        known = self.processes.get((namespace, name))
         if known is not None and not known.ended():
             return ""
         words = ["agent", name, "--namespace", namespace, *self._joining]
         log = Path(self._folder.name) / f"{namespace.replace('/', '-')}-{name}.log"
-        self._processes[namespace, name] = Process(name, words, log, tied=True)
+        self.processes[namespace, name] = Process(name, words, log, tied=True)
         return "" if known is None else f"it had ended: {known.last_words(1).strip()}"
 
 
