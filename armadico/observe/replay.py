@@ -146,8 +146,7 @@ class Life:
 
     def _entries(self) -> Iterator[Entry]:
         try:
-            for _, entry in self.journal.entries():
-                yield entry
+            yield from self.journal.entries()
         except ValueError as error:
             self.end = f"its journal is damaged: {error}"
 

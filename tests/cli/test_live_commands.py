@@ -136,6 +136,40 @@ def test_stop_stays_until_resume(run: Run, start: Start, robot: None) -> None:
         assert says in done.stdout
 
 
+def test_a_program_looks_stops_the_robot_and_a_person_releases_it(
+    run: Run, start: Start, robot: None
+) -> None:
+    """With no assistant agent about: one is started, and leaves with the server."""
+    who(run, "robot")
+
+    def call(tool: str, **told: object) -> dict[str, Any]:
+        return {"method": "tools/call", "params": {"name": tool, "arguments": told}}
+
+    client = {"clientInfo": {"name": "model", "version": "1"}, "protocolVersion": "2025-06-18"}
+    said = [
+        {"method": "initialize", "params": client | {"capabilities": {}}},
+        *(call("where"), call("drive"), call("stop", reason="a cat"), call("resume")),
+        *(call("history"), call("history", lines="x" * 3000)),
+    ]
+    lines = [json.dumps({"jsonrpc": "2.0", "id": n} | one) for n, one in enumerate(said)]
+    done = run("mcp", input="\n".join([*lines, "no JSON", "x" * 200_000, ""]))
+    assert done.returncode == 0, done.stderr
+    answers = [json.loads(line) for line in done.stdout.splitlines()]
+    assert [answer["id"] for answer in answers] == [*range(7), None, None]
+    where, drive, stop, resume, history, long = (
+        answer["result"]["structuredContent"] for answer in answers[1:7]
+    )
+    assert where["heard"]
+    assert drive == {"refused": "no tool 'drive'"}
+    assert stop["stopped"]
+    assert any('model asked: stop {"reason":"a cat"}' in e["what"] for e in history["events"])
+    assert "too long" in long["refused"]
+    code = resume["said"].partition("--confirm ")[2].strip("`")
+    assert "another stop's" in run("resume", "--confirm", "000000").stderr
+    assert "free to move" in run("resume", "--confirm", code.lower()).stdout
+    assert [row["name"] for row in agents(run("ps", "--json"))] == ["robot"], "it has left"
+
+
 @contextmanager
 def guest(environment: dict[str, str]) -> Iterator[ZenohMesh]:
     """Somebody on the same mesh."""
