@@ -3,11 +3,17 @@
 from __future__ import annotations
 
 import os
+import sys
 
 import pytest
 from hypothesis import HealthCheck, settings
 
 from tests.once import Once
+
+# Hundreds of processes are started, and each would compile all that it imports, where the
+# environment says that nothing compiled is to be kept.
+sys.dont_write_bytecode = False
+os.environ.pop("PYTHONDONTWRITEBYTECODE", None)
 
 # Machines are shared: how long an example takes says nothing, and no assertion rests on it.
 settings.register_profile("shared", deadline=None, suppress_health_check=[HealthCheck.too_slow])

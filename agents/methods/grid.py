@@ -119,6 +119,14 @@ class Grid:
         rows, columns = self.clearance.shape
         return min(max(row, 0), rows - 1), min(max(column, 0), columns - 1)
 
+    def clearances(self, xs: Field, ys: Field) -> Field:
+        """The clearance of each place's cell, as `cell` has it, m."""
+        rows, columns = self.clearance.shape
+        return self.clearance[
+            _indices(ys - self.bounds[1], self.cell_m, rows),
+            _indices(xs - self.bounds[0], self.cell_m, columns),
+        ]
+
     def centre(self, cell: Cell) -> Placed:
         """The middle of a cell."""
         return Placed(float(self.xs[cell[1]]), float(self.ys[cell[0]]))

@@ -89,7 +89,9 @@ def _live(
     chosen: Options,
     progress: Callable[[FleetWatch], None],
 ) -> FleetResult:
-    from armadico.launch.local_fleet import LocalFleet  # noqa: PLC0415 - not for --help
+    from armadico.cli.beside import beside  # noqa: PLC0415 - not for --help
+    from armadico.launch.fleet import names_of, robots_of  # noqa: PLC0415
+    from armadico.launch.local_fleet import LocalFleet  # noqa: PLC0415
 
     def join(namespace: str) -> Mesh:
         mesh = options.join(argparse.Namespace(**{**vars(args), "namespace": namespace}))
@@ -100,9 +102,11 @@ def _live(
         if signal.getsignal(number) is signal.SIG_DFL:
             signal.signal(number, signal.default_int_handler)
     fleet, joining = fleet_of(args), options.joining(args)
+    robots = names_of(fleet, len(robots_of(scenario, args.robots)))
+    page = beside(args, "page", scenario.world, robots) if args.page else nullcontext()
     try:
         run = LocalFleet(scenario, chosen, args.robots, fleet, join, joining, _say)
-        with _recorder(args, run.names), run:
+        with page, _recorder(args, run.names), run:
             _say(f"{scenario.name}: starting {len(run.names)} robots: {', '.join(run.names)}")
             return run.run(progress)
     except KeyboardInterrupt:

@@ -13,7 +13,7 @@ from typing import Annotated
 from msgspec import Meta, Struct
 
 from armadico.config.errors import ConfigError
-from armadico.config.loading import load
+from armadico.config.loading import convert, document, read_text
 from armadico.config.shipped import find
 from armadico.core.geometry import turning_circle
 from armadico.core.messages import (
@@ -371,8 +371,14 @@ class Ros2Robot(RobotProfile, frozen=True, forbid_unknown_fields=True, kw_only=T
 def load_profile(name_or_path: str | Path) -> P2osRobot | Ros2Robot:
     """A shipped profile by its name, or a TOML file. Raises ConfigError."""
     path = find("robots", name_or_path)
-    speaks_p2os = load(path, RobotProfile).p2os is not None
-    return load(path, P2osRobot) if speaks_p2os else load(path, Ros2Robot)
+    text = read_text(path)
+    table = document(text, path)
+    speaks_p2os = convert(table, RobotProfile, path, text).p2os is not None
+    return (
+        convert(table, P2osRobot, path, text)
+        if speaks_p2os
+        else convert(table, Ros2Robot, path, text)
+    )
 
 
 class SensorProfile(Struct, frozen=True, forbid_unknown_fields=True):

@@ -70,6 +70,9 @@ class Society(Struct, frozen=True, forbid_unknown_fields=True):
 
     robot: str
     simulator: str
+    assistant: str
+    """Of whom programs ask what they want done."""
+
     agents: tuple[str, ...]
     watch: tuple[str, ...]
     senses: Senses

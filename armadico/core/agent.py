@@ -23,8 +23,8 @@ from math import isfinite
 from types import MappingProxyType
 from typing import Any, ClassVar, TypeVar, cast
 
+from armadico.core import changeable, parameters
 from armadico.core import messages as m
-from armadico.core import parameters
 from armadico.core.compiled import mypyc_attr
 from armadico.core.coordination import COMPARISONS, Contender, Owner, Verdict
 from armadico.core.cycles import AHEAD, CycleClock, CycleCounter
@@ -48,6 +48,9 @@ REPORT_S = 2.0
 
 REASONS_TOLD = 3
 """So many different reasons are; a speed beyond what the robot can is another one each time."""
+
+NOT_FRESH, NOT_SOUND = "no fresh ", "its bid is not sound: "
+"""How the reasons for no bid begin that people follow up: the first is followed by a key."""
 
 AT_WORK = frozenset({Verdict.STALE_BALLOT, Verdict.OVER, Verdict.LISTENING})
 """Refusals that come of every exchange and every start: the protocol at work, and no fault."""
@@ -161,6 +164,10 @@ class Agent:
     """Facts of a scenario that its launcher sets: the parameters of these names (see
     `armadico.launch.society.facts`)."""
 
+    changeable: ClassVar[Mapping[str, str]] = MappingProxyType({})
+    """Units, by name, of those parameters that may be changed while it is at work; those in tables
+    with dots. They are read from `p` where they are used, or anew in `on_parameters`."""
+
     borders: ClassVar[Mapping[str, Callable[[float], float]]] = MappingProxyType({})
     """What a picture shows around the robot: distances from its outline, m, by its speed, m/s."""
 
@@ -170,6 +177,8 @@ class Agent:
         self.rng = identity.rng
         self.drawn = self.rng.getstate()  # before anything is: a life that is replayed begins here
         self.p: Parameters = self.parameters() if parameters is None else parameters
+        self._begun = self.p  # as it was started
+        changeable.allowed(type(self.p), self.changeable)  # a name that is none is told of at once
         self.now = 0.0
         self.cycles = CycleClock()  # the robot's
         self.tenure = 0  # cycles for which it has been at work
@@ -236,6 +245,13 @@ class Agent:
 
     def on_wakeup(self) -> None:
         """Called at the time given to `wake_at`."""
+
+    def on_parameters(self, before: Any) -> None:
+        """Some of `changeable` were changed: `p` has the new ones, `before` is what it was.
+
+        What was worked out from them is worked out again. ValueError, raised before that, refuses
+        them.
+        """
 
     def on_appeared(self, name: str, instance: str) -> None:
         """An instance of an agent has joined."""
@@ -528,6 +544,31 @@ class Agent:
         everybodys = to.kind is Kind.LATCHED or to.message is m.Description
         return not everybodys or to.message in self.hears or to.message in self.needs
 
+    def tune(self, request: m.ParametersRequest, now: float) -> m.ParametersReply:
+        """Change what is asked for, all or none, and tell what may be changed, as it is then."""
+        self.now, refusal = now, ""
+        if request.change:
+            try:
+                self._change(request)
+            except ValueError as error:
+                refusal = m.line(str(error))
+        rows = changeable.told(self.p, self._begun, self.changeable)
+        return m.ParametersReply(self.instance, rows, refusal)
+
+    def _change(self, request: m.ParametersRequest) -> None:
+        """Raises ValueError saying what is wrong, and nothing is changed."""
+        before = self.p
+        self.p = changeable.changed(before, self.changeable, request.change)
+        try:
+            self.on_parameters(before)
+        except ValueError:
+            self.p = before
+            raise
+        for name, old, new in changeable.differences(before, self.p, tuple(self.changeable)):
+            change = m.ParameterChange(self.name, self.instance, name, old, new, request.by)
+            self.publish(change)
+            self.log(f"{name} = {new}, before {old}: changed by {request.by or 'somebody'}")
+
     def history(self) -> m.BidHistory:
         """Its recent bids."""
         return m.BidHistory(self.instance, tuple(self.bids))
@@ -737,11 +778,11 @@ class Agent:
         stale = next((kind for kind in self.needs if self.fresh(kind) is None), None)
         bid, self.why = None, ""
         if not contender.clock.alive(self.now) or not contender.owned:
-            self.why = f"no fresh {resource.ack_key}"
+            self.why = f"{NOT_FRESH}{resource.ack_key}"
         elif resource.stops and (stop := self.stopped) is not None:
             self.why = f"stopped by {stop.by}"
         elif stale is not None:
-            self.why = f"no fresh {self._lacks(stale)}"
+            self.why = f"{NOT_FRESH}{self._lacks(stale)}"
         else:
             bid = self._sound(resource, self.bid_for(resource, message))
         self._record(resource, message.cycle, bid)
@@ -767,7 +808,7 @@ class Agent:
             reason = m.line(str(bid.reason))[:LONGEST_REASON]
             return Bid(utility, resource.pack(bid.action), bool(bid.critical), within, reason)
         except (TypeError, ValueError) as error:
-            self.why = m.line(f"its bid is not sound: {error}")[:LONGEST_REASON]
+            self.why = m.line(f"{NOT_SOUND}{error}")[:LONGEST_REASON]
         self.log(f"{self.instance}: {self.why}", ERROR)
         return None
 

@@ -38,6 +38,7 @@ from armadico.core.messages import (
     Log,
     Message,
     MessageError,
+    ParametersRequest,
     decode,
 )
 from armadico.core.services import BIDS, CARD
@@ -231,6 +232,8 @@ class Driver:
     def _answers(self, key: str) -> type[Message] | None:
         if key in {self._card_key, self._bids_key}:
             return Ask
+        if key == self._parameters_key:
+            return ParametersRequest
         for kind in self.agent.answers:
             if self.agent.key_of(kind) == key:
                 return kind
@@ -242,7 +245,11 @@ class Driver:
         return self._queries()
 
     def _queries(self) -> dict[str, type[Message]]:
-        own: dict[str, type[Message]] = {self._card_key: Ask, self._bids_key: Ask}
+        own: dict[str, type[Message]] = {
+            self._card_key: Ask,
+            self._bids_key: Ask,
+            self._parameters_key: ParametersRequest,
+        }
         return {self.agent.key_of(kind): kind for kind in self.agent.answers} | own
 
     def asked(self, key: str, payload: bytes | Message, call: Any, now: float) -> None:
@@ -255,6 +262,9 @@ class Driver:
         elif (kind := self._answers(key)) is not None and self.stage is Stage.JOINED:
             request = self._read(kind, key, payload, now)
             if request is None:
+                return
+            if type(request) is ParametersRequest:
+                self._out.append(Reply(call, key, self.agent.tune(request, now)))
                 return
             self._call_ids += 1
             self._calls[self._call_ids] = (call, key)
@@ -366,6 +376,10 @@ class Driver:
     @property
     def _bids_key(self) -> str:
         return BIDS.key_for(name=self.agent.name, instance=self.agent.instance)
+
+    @property
+    def _parameters_key(self) -> str:
+        return self.agent.key_of(ParametersRequest)
 
     def _card(self) -> Card:
         card = self.agent.card()

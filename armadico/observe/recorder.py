@@ -36,7 +36,7 @@ from armadico.core.messages import (
 )
 from armadico.core.services import TOKEN
 from armadico.observe.translators import Sample, Translator
-from armadico.observe.watching import Heard, Presence, as_object, json_schema, read
+from armadico.observe.watching import ASK_S, Heard, Presence, as_object, json_schema, read
 
 if TYPE_CHECKING:
     from mcap.writer import Writer
@@ -45,9 +45,6 @@ if TYPE_CHECKING:
 
 FLUSH_S: Final = 0.5
 """How often what has been received is handed to the operating system."""
-
-ASK_S: Final = 1.0
-"""How often everybody is asked for their bids, and for a card that is missing."""
 
 SHOW_S: Final = 1.0
 """How often whoever watches the recorder is told how it goes."""

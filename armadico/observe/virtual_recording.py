@@ -13,9 +13,9 @@ from armadico.core.messages import Ask, JournalPiece, Message, encode
 from armadico.core.services import BIDS, CARD, SERVICES, service_of
 from armadico.mesh.virtual import VirtualMesh
 from armadico.observe.journals import head
-from armadico.observe.recorder import ASK_S, Recording
+from armadico.observe.recorder import Recording
 from armadico.observe.translators import translators
-from armadico.observe.watching import Heard, Presence
+from armadico.observe.watching import ASK_S, Heard, Presence
 
 BEGUN: Final = 1_000_000_000
 """The virtual clock's 0, s since 1970 (in September 2001): in ROS a stamp of 0 is no time."""

@@ -23,11 +23,15 @@ from armadico.core.services import BIDS, CARD, Kind, service_at, service_of
 if TYPE_CHECKING:
     from armadico.mesh.zenoh import ZenohMesh
     from armadico.observe.view import View
+    from armadico.observe.why import Chronicle
 
 M = TypeVar("M", bound=Message)
 
 WAITING: Final = 20_000
 """What may wait for a watcher that is busy: at 20 agents, half a minute's talk."""
+
+ASK_S: Final = 1.0
+"""How often everybody is asked for their bids, and their cards."""
 
 EVERYTHING: Final = "**"
 
@@ -164,8 +168,8 @@ def read_or_none(heard: Heard) -> Message | None:
         return None
 
 
-def show(view: View, item: Heard | Presence) -> None:
-    """Have a view know of one thing that came."""
+def show(view: View | Chronicle, item: Heard | Presence) -> None:
+    """Have a view, or a chronicle, know of one thing that came."""
     if isinstance(item, Presence):
         view.token(item.instance, there=item.there, t=item.at / 1e9)
         return
@@ -174,6 +178,16 @@ def show(view: View, item: Heard | Presence) -> None:
         view.take(item.key, message, item.at / 1e9)
     elif message is not None:
         view.learn(message, item.at / 1e9)
+
+
+def listen(watcher: Watcher, to: View | Chronicle, for_s: float) -> None:
+    """Show a view what comes for so long (s), and have everybody asked for cards and bids."""
+    end = time.monotonic() + for_s
+    while (now := time.monotonic()) < end:
+        watcher.ask_for_cards()
+        watcher.ask_for_bids()
+        for item in watcher.until(min(end, now + ASK_S)):
+            show(to, item)
 
 
 def as_object(value: Any) -> Any:

@@ -190,6 +190,13 @@ def test_a_cell_knows_the_exact_clearance_of_its_centre_up_to_a_metre(
     assert math.dist(grid.centre(cell)[:2], place[:2]) <= 0.05 / math.sqrt(2) + 1e-9
 
 
+def test_the_cells_of_many_places_are_those_of_each_also_beyond_the_bounds() -> None:
+    grid = Grid(BOX, BOUNDS)
+    xs, ys = np.random.default_rng(1).uniform(-3.0, 9.0, (2, 500))
+    each = [grid.clearance[grid.cell(Placed(x, y))] for x, y in zip(xs, ys, strict=True)]
+    assert grid.clearances(xs, ys).tolist() == each
+
+
 def test_a_way_that_crosses_a_wall_has_no_clearance() -> None:
     grid = Grid([(1.5, 0.0, 1.5, 2.0)], BOUNDS)
     assert grid.clearance_between(Placed(1.0, 1.0), Placed(2.0, 1.0)) == 0.0

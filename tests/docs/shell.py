@@ -25,9 +25,14 @@ SUBSTITUTIONS: tuple[tuple[str, str, str], ...] = (
         "live, it takes as long as it takes",
     ),
     (r"--runs \d+", "--runs 2", "as good as thirty, to see that it works"),
+    # Whole ways, by each make of robot, are driven by the tests of `launch` and `missions`.
+    (r"armadico run sc4\b", "armadico run sc4 --goal 3.4 1.4 90", "the goal is a metre ahead"),
+    (r"armadico run house\b", "armadico run house --goal 1 2 90", "likewise"),
+    (r"explore --world house\b", "explore --world house --within 0 0 4.4 4.4", "one room of it"),
     (r"armadico bench\b.*", "armadico bench --list", "it measures for minutes"),
     (r"armadico experiment\b.*", "armadico experiment --list", "thirty seeds a cell take hours"),
     (r"armadico identify LOG\.csv.*", "armadico identify --help", "a log of the reader's own"),
+    (r"pip install -e '(\S+)\[test\]'", r"pip install \1", "pytest is here"),
     (
         r"pip install ",
         "python -m pip install --quiet --no-deps --no-build-isolation --no-index --target site ",

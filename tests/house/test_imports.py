@@ -77,7 +77,14 @@ SANS_IO = (
         "mesh.virtual",
         "launch.virtual",
     ),
-    *("core.membership", "observe.hosts", "observe.view", "core.restart_policy", "launch.wakeup"),
+    *(
+        "core.membership",
+        "observe.hosts",
+        "observe.standing",
+        "observe.view",
+        "core.restart_policy",
+        "launch.wakeup",
+    ),
 )
 """Of the framework: bytes or messages and the time in, bytes or messages out."""
 

@@ -5,6 +5,7 @@ from __future__ import annotations
 import json
 import random
 import re
+from functools import cache
 from pathlib import Path
 from typing import Any
 
@@ -38,6 +39,7 @@ NAMES = [scene.name for scene in SCENES]
 SIDES = [(scene.name, part.label) for scene in SCENES for part in scene.parts]
 
 
+@cache
 def transcript(name: str) -> Transcript:
     return read((FOLDER / f"{name}.jsonl").read_text(encoding="utf-8"))
 
@@ -127,15 +129,16 @@ def test_another_bid_is_found_at_the_message_that_differs() -> None:
 # Somebody else's agent is compared ----------------------------------------------------------------
 
 
-def published(name: str, label: str) -> list[Line]:
+@cache
+def published(name: str, label: str) -> tuple[Line, ...]:
     """What a program would write that does as ours does."""
     lines = replayed(transcript(name), label)
-    return [{k: x[k] for k in ("t", "key", "cbor")} for x in lines if x["what"] == "publishes"]
+    return tuple({k: x[k] for k in ("t", "key", "cbor")} for x in lines if x["what"] == "publishes")
 
 
 @pytest.mark.parametrize(("name", "label"), SIDES)
 def test_another_program_that_does_as_ours_is_content(name: str, label: str) -> None:
-    assert difference_of(transcript(name), label, published(name, label)) == ""
+    assert difference_of(transcript(name), label, list(published(name, label))) == ""
 
 
 def test_floats_may_be_as_short_as_they_like_and_the_draw_its_own() -> None:
@@ -165,7 +168,7 @@ def test_floats_may_be_as_short_as_they_like_and_the_draw_its_own() -> None:
     ],
 )
 def test_whatever_is_otherwise_is_told(change: Any, why: str) -> None:
-    lines = change(published("hand-over", "a"))
+    lines = change(list(published("hand-over", "a")))
     assert why in difference_of(transcript("hand-over"), "a", lines)
 
 

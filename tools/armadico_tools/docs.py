@@ -34,6 +34,7 @@ from armadico.core.messages import (
     Cycle,
     Log,
     Message,
+    Stick,
     Stop,
     Truth,
     encode,
@@ -162,6 +163,8 @@ def providers(service: Service) -> str:
         return ALL
     if service.message is Stop:
         return "any peer"
+    if service.message is Stick:
+        return "any hand"
     if service.message is Truth:
         return "the simulator"
     found = _names(name for name, kind in peers().items() if _provides(kind, service))

@@ -14,7 +14,7 @@ from armadico_tools.faults.fault_types import Promise
 from armadico_tools.faults.plan import Case
 from armadico_tools.faults.shrink import Shrinker
 from armadico_tools.faults.sightings import AWAITED_SIGHTS, Sight
-from armadico_tools.faults.workload import Outcome, case_of, run
+from armadico_tools.faults.workload import Outcome, case_of, run, when_broken
 from armadico_tools.results import Rows
 
 SEEDS: Final = "seeds.csv"
@@ -184,12 +184,9 @@ def smallest(
 
     It costs at most so many tries, and `step` is called after each.
     """
-    promise = outcome.violations[0][0]
-
-    def broken(case: Case) -> float | None:
-        return next((at for name, at, _ in run(case).violations if name == promise), None)
-
-    return Shrinker(broken, tries, step=step).shrink(outcome.case), promise
+    promise = Promise[outcome.violations[0][0]]
+    shrinker = Shrinker(lambda case: when_broken(case, promise), tries, step=step)
+    return shrinker.shrink(outcome.case), promise.name
 
 
 def missing(summary: Summary) -> list[Sight]:

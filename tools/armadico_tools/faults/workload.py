@@ -154,13 +154,14 @@ class Workload:
         self.sightings = Sightings()
         self.missions = self.again = 0
         self.error: tuple[float, str] | None = None
+        self._broken: set[Promise] = set()
 
-    def run(self) -> Outcome:
-        """Drive to the end of the case."""
+    def run(self, until: Promise | None = None) -> Outcome:
+        """Drive to the end of the case, or until a promise is broken."""
         self._inflictor.schedule(self.case.faults)
         self.mesh.call_at(1.0, self._look)
         try:
-            self.mesh.run(self.case.lasts)
+            self.mesh.run(self.case.lasts, None if until is None else lambda: until in self._broken)
         except Exception:  # an agent that raises dies; here the run ends, and shows where
             lines = traceback.format_exc().strip().splitlines()
             where = next((x.strip() for x in reversed(lines) if x.startswith("  File")), "")
@@ -192,6 +193,7 @@ class Workload:
     def show(self, seen: Observation) -> list[Violation]:
         """Show the checker, and whoever counts what happens, one thing."""
         found = self.checker.take(seen)
+        self._broken.update(violation.promise for violation in found)
         self.sightings.take(seen, self.checker.situation)
         return found
 
@@ -340,3 +342,9 @@ def _tap_epochs(agent: Robot, epochs: set[int]) -> None:
 def run(case: Case) -> Outcome:
     """Run a case."""
     return Workload(case).run()
+
+
+def when_broken(case: Case, promise: Promise) -> float | None:
+    """When a case breaks a promise (s), or None. It is run no farther."""
+    found = Workload(case).run(until=promise).violations
+    return next((at for name, at, _ in found if name == promise.name), None)

@@ -12,6 +12,7 @@ import argparse
 import json
 import sys
 from collections.abc import Sequence
+from functools import cache
 from pathlib import Path
 from typing import Final
 
@@ -25,8 +26,9 @@ from armadico_tools.transcripts.vectors import VECTORS
 FOLDER: Final = "docs/transcripts"
 
 
+@cache
 def files() -> dict[str, str]:
-    """Every file that is written, by its path in the checkout."""
+    """Every file that is written, by its path in the checkout. The scenes are played once."""
     found = {f"{FOLDER}/{scene.name}.jsonl": transcribed(scene).text() for scene in SCENES}
     vectors = "".join(json.dumps(vector.line()) + "\n" for vector in VECTORS)
     return found | {f"{FOLDER}/vectors.jsonl": vectors, "docs/protocol.cddl": schema()}
