@@ -115,8 +115,8 @@ def _beginning(name: str) -> str:
 def _taken(filled: dict[str, str], texts: Iterable[str]) -> str:
     """Whose name it is already, where it could not be told from another's."""
     name, module, kind = filled["name"], filled["module"], filled["kind"]
-    if name in installed(AGENTS):
-        return "an agent of that name is installed"
+    if known := installed(AGENTS).get(name):
+        return f"an agent of that name is installed, by {known.package or 'a package of its own'}"
     if keyword.iskeyword(module):
         return "Python means something by it"
     if module in sys.stdlib_module_names or find_spec(module) is not None:

@@ -134,7 +134,7 @@ def _guard(args: argparse.Namespace) -> Guard:
         token = secrets.token_urlsafe(24)
     name = socket.gethostname()
     try:
-        return Guard.of(args.bind, token, (name, f"{name}.local"))
+        return Guard.of(args.bind, token, (name, f"{name}.local", args.bind))
     except GuardError as error:
         raise UsageError(str(error)) from None
 

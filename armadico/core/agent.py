@@ -46,6 +46,9 @@ LONGEST_REASON = 200
 REPORT_S = 2.0
 """Refused commands are reported at most so often."""
 
+COMMANDS_REFUSED = "commands refused: "
+"""How the report begins."""
+
 REASONS_TOLD = 3
 """So many different reasons are; a speed beyond what the robot can is another one each time."""
 
@@ -866,7 +869,7 @@ class Agent:
                 told[REASONS_TOLD:] = [f"{sum(refusals.values())} in all"]
             text = "; ".join(told)
             level = INFO if set(refusals) <= AT_WORK else WARNING
-            self.log(f"commands refused: {text}", level)
+            self.log(f"{COMMANDS_REFUSED}{text}", level)
             refusals.clear()
 
     def _mind(self, owned: _Owned) -> None:

@@ -150,19 +150,26 @@ def _both(message: M) -> tuple[Any, M]:
 
 def decode(data: bytes, kind: type[M]) -> M:
     """Read one message of a kind. Raises `MessageError` saying what is wrong with it."""
-    if len(data) > LARGEST_PAYLOAD:
-        raise MessageError(f"not a {kind.__name__}: {len(data)} bytes, at most {LARGEST_PAYLOAD}")
     try:
-        plain = cbor2.loads(
+        return msgspec.convert(plain_of(data), kind)
+    except (msgspec.ValidationError, MessageError) as error:
+        raise MessageError(f"not a {kind.__name__}: {error}") from None
+
+
+def plain_of(data: bytes) -> Any:
+    """The plain values in a payload, of whatever message. Raises `MessageError`."""
+    if len(data) > LARGEST_PAYLOAD:
+        raise MessageError(f"{len(data)} bytes, at most {LARGEST_PAYLOAD}")
+    try:
+        return cbor2.loads(
             data,
             tag_hook=_no_tags,
             semantic_decoders=_TAGS,
             max_depth=_DEEPEST,
             allow_indefinite=False,
         )
-        return msgspec.convert(plain, kind)
-    except (msgspec.ValidationError, cbor2.CBORDecodeError, ValueError, RecursionError) as error:
-        raise MessageError(f"not a {kind.__name__}: {error}") from None
+    except (cbor2.CBORDecodeError, ValueError, RecursionError) as error:
+        raise MessageError(str(error)) from None
 
 
 def line(text: str) -> str:
@@ -456,6 +463,11 @@ class Scan(Message, frozen=True):
     reach: Annotated[float, Meta(gt=0, le=REACH_M)]  # the longest range it sees, m
     packed: Annotated[bytes, Meta(max_length=2 * RAYS)]
     number: Counter = 0  # counts scans, since the robot agent started
+
+    @property
+    def rays(self) -> int:
+        """How many there are."""
+        return len(self.packed) // 2
 
 
 # Perception ---------------------------------------------------------------------------------------

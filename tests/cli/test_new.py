@@ -79,7 +79,7 @@ def test_what_is_to_be_typed_next_is_said_and_a_planner_takes_the_others_place(
         ("", "single hyphens, a letter first, at most 40 in all"),
         ("straße", "'stra-e' would"),
         ("a" * 41, f"'{'a' * 40}' would"),
-        ("goto", "an agent of that name is installed"),
+        ("goto", "an agent of that name is installed, by armadico"),
         ("while", "Python means something by it"),
         ("random", "the module 'random' that is there already"),
         ("numpy", "the module 'numpy' that is there already"),

@@ -2,14 +2,17 @@
 
 from __future__ import annotations
 
+import argparse
 import re
 import signal
 import socket
+import urllib.error
 import urllib.request
 
 import pytest
 
 from armadico.cli import main as armadico
+from armadico.cli.beside import beside
 from armadico.cli.page import TOKEN_VARIABLE
 from armadico.mesh.ports import private_endpoints
 from armadico.mesh.topology import ENDPOINTS_VARIABLE
@@ -94,6 +97,20 @@ def test_a_token_of_ones_own_is_not_seen_among_the_processes(
         found = LINK.fullmatch(process.stdout.readline())
         assert found is not None, process.communicate()
         assert found[3] == "0123456789abcdef"
+
+
+@pytest.mark.live
+def test_beside_a_run_it_prints_its_link_and_ends_with_it(
+    capsys: pytest.CaptureFixture[str],
+) -> None:
+    args = argparse.Namespace(namespace="p", connect=[], host=None, hosts=None)
+    with beside(args, "page", "sc1", ["p/r1", "p/r2"]):
+        found = LINK.fullmatch(capsys.readouterr().err)
+        assert found is not None
+        with urllib.request.urlopen(found[1], timeout=20) as answer:
+            assert answer.status == 200
+    with pytest.raises(urllib.error.URLError):
+        urllib.request.urlopen(found[1], timeout=20)
 
 
 def test_help_imports_nothing_heavy() -> None:

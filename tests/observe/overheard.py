@@ -34,13 +34,14 @@ class Overheard:
         seed: int = 1,
         scenario: Scenario = LINE,
         hosts: Callable[[str], str] = lambda _: "virtual",
+        chronicle: Chronicle | None = None,
     ) -> None:
         """Everybody starts, and nothing is driven yet; `hosts` says where an agent runs."""
         self.run = Rehearsal(scenario, Options(seed=seed))
         self.mesh = self.run.mesh
         for node in self.mesh.nodes:
             object.__setattr__(node.agent.identity, "host", hosts(node.name))
-        self.chronicle = Chronicle()
+        self.chronicle = chronicle or Chronicle()
         self.planted = 0.0  # when something was done to it, s
         kinds = dict.fromkeys(each.message for each in SERVICES if each.message is not Ask)
         self.mesh.watch(self._keep, *kinds)

@@ -32,7 +32,6 @@ from armadico.core.messages import (
     MissionRequest,
     Obstacles,
     OccupancyGrid,
-    Parameter,
     ParameterChange,
     ParametersReply,
     ParametersRequest,
@@ -190,7 +189,7 @@ class Robot:
         self._exchanges: deque[dict[str, Any]] = deque(maxlen=EXCHANGES)
         self._hand: tuple[TeleopStatus, float] | None = None
         self._sticks: dict[str, int] = {}  # by hand, how often it has moved
-        self._parameters: dict[str, tuple[Parameter, ...]] = {}
+        self._parameters: dict[str, list[dict[str, Any]]] = {}
         self._trail: deque[list[Any]] = deque(maxlen=TRAIL)
 
     # What comes in -------------------------------------------------------------------------------
@@ -212,6 +211,7 @@ class Robot:
             case Pose():
                 self._step(message)
             case Obstacles():
+                self._near = {s: near for s, near in self._near.items() if t - near[1] <= QUIET_S}
                 self._near[message.sensor] = (_points(message), t)
             case OccupancyGrid():
                 self._grid = _grid(message)
@@ -220,13 +220,16 @@ class Robot:
             case TeleopStatus():
                 self._hand = (message, t)
             case ParametersReply():
-                self._parameters[message.instance] = message.parameters
+                self._parameters[message.instance] = [*map(plain, message.parameters)]
             case ParameterChange():
                 self._changed(message)
 
     def token(self, instance: str, *, there: bool, t: float) -> None:
         """A liveliness token came or went."""
         self.view.token(instance, there=there, t=t)
+        if not there:
+            self._parameters.pop(instance, None)
+            self._shares.pop(instance, None)
 
     def ask(self, browser: str, request: Request, t: float) -> None:
         """A person asks for something. Raises RequestError if that cannot be asked for."""
@@ -364,6 +367,7 @@ class Robot:
             "stopped": stop.stopped,
             "by": stop.by,
             "press": str(stop.press),
+            "code": stop.code if stop.stopped else "",  # programs are told it, to be confirmed
             "asked": pressed is not None and pressed.stopped,
             "rolling": "" if pressed is None else pressed.latching.rolling,
         }
@@ -494,7 +498,7 @@ class Robot:
             {
                 "agent": agent.name,
                 "instance": agent.instance,
-                "rows": [plain(each) for each in self._parameters[agent.instance]],
+                "rows": self._parameters[agent.instance],
             }
             for agent in self.view.agents
             if self._parameters.get(agent.instance)
@@ -609,17 +613,16 @@ class Robot:
         change = ParametersRequest((Setting(request.name, request.json),), browser)
 
         def said(reply: ParametersReply) -> str:
-            self._parameters[instance] = reply.parameters
+            self._parameters[instance] = [*map(plain, reply.parameters)]
             return f"{agent_of(instance)}: {request.name} = {request.json}"
 
         self._put(browser, request.id, change, said, key=key)
 
     def _changed(self, change: ParameterChange) -> None:
         """Somebody, here or elsewhere, has changed a parameter."""
-        rows = self._parameters.get(change.instance, ())
-        self._parameters[change.instance] = tuple(
-            replace(row, json=change.json) if row.name == change.name else row for row in rows
-        )
+        for row in self._parameters.get(change.instance, ()):
+            if row["name"] == change.name:
+                row["json"] = change.json
 
     def _hold(self, browser: str, request: Hold) -> None:
         """Pass on where a stick is, with the cycle that its hand saw."""
