@@ -492,7 +492,10 @@ class Interface(Agent):
     def _refuse(self, why: str) -> MissionReply:
         if self._state is MissionState.PLANNING:
             self._state = MissionState.NONE
-        self.log(f"mission refused: {why}", WARNING)
+        told = line(f"mission refused: {why}")
+        if self._state is MissionState.NONE:
+            self._note = told  # for who comes late
+        self.log(told, WARNING)
         return MissionReply(0, line(why))
 
     def _arrived(self, pose: Pose) -> bool:

@@ -75,6 +75,7 @@ class Society(Struct, frozen=True, forbid_unknown_fields=True):
 
     agents: tuple[str, ...]
     watch: tuple[str, ...]
+    hand: str
     senses: Senses
     ideal: Ideal
     exploring: Exploring

@@ -27,7 +27,13 @@ if TYPE_CHECKING:
 
 
 class Holding(NamedTuple):
-    """For how long one agent was obeyed without a break, in s since the run began."""
+    """For how long one agent was obeyed without a break, in s since the run began.
+
+    Attributes:
+        agent: Who drove.
+        start: When it began to.
+        end: When another took over, or nobody drove.
+    """
 
     agent: str
     start: float

@@ -15,10 +15,10 @@ from dataclasses import dataclass
 from hashlib import sha256
 from pathlib import Path
 from random import Random
-from typing import Any, Final
+from typing import Annotated, Any, Final
 
 import msgspec
-from msgspec import Struct, msgpack
+from msgspec import Meta, Struct, msgpack
 from msgspec.structs import replace
 
 from armadico.config.profile import load_profile
@@ -40,6 +40,8 @@ SAMPLES: Final = 20
 
 Entry = list[Any]
 """See `core.journal`."""
+
+_ENTRIES: Final = msgpack.Decoder(list[Annotated[Entry, Meta(min_length=2)]])
 
 
 class Head(Struct, frozen=True, kw_only=True):
@@ -143,14 +145,10 @@ class Journal:
     fault: str  # what is wrong with it, or missing; empty if it is whole
     frames: tuple[tuple[int, bytes], ...]  # when it was received, ns since 1970, and the frame
 
-    def entries(self) -> Iterator[tuple[int, Entry]]:
-        """Its entries in order, each with the time at which its frame was received.
-
-        Raises ValueError where it is damaged.
-        """
-        for at, frame in self.frames:
-            for entry in _unpacked(frame):
-                yield at, entry
+    def entries(self) -> Iterator[Entry]:
+        """Its entries in order. Raises ValueError where it is damaged."""
+        for _, frame in self.frames:
+            yield from _unpacked(frame)
 
     @property
     def size(self) -> int:
@@ -160,7 +158,7 @@ class Journal:
     @property
     def began(self) -> float:
         """When the agent began, s since 1970 by the recorder's clock."""
-        return self.offset + next((float(entry[1]) for _, entry in self.entries()), 0.0)
+        return self.offset + next((float(entry[1]) for entry in self.entries()), 0.0)
 
     @property
     def offset(self) -> float:
@@ -245,14 +243,9 @@ def _unpacked(frame: bytes) -> list[Entry]:
         data = unpacker.decompress(frame, LARGEST_FRAME)
         if not unpacker.eof:
             raise ValueError("too long, or cut short")
-        entries = msgpack.decode(data)
+        return _ENTRIES.decode(data)
     except (zlib.error, msgspec.DecodeError) as error:
         raise ValueError(str(error)) from None
-    if not isinstance(entries, list) or not all(
-        isinstance(entry, list) and len(entry) > 1 for entry in entries
-    ):
-        raise ValueError("no entries")
-    return entries
 
 
 def _last(frame: bytes) -> float:

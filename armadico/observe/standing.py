@@ -16,19 +16,25 @@ from typing import Final
 
 from msgspec import Struct
 
-from armadico.core.agent import NOT_FRESH, NOT_SOUND, WARNING
+from armadico.core.agent import COMMANDS_REFUSED, NOT_FRESH, NOT_SOUND, WARNING
 from armadico.core.behaviour import LOST_M
 from armadico.core.cycles import PERIOD
 from armadico.core.messages import PROTOCOL, BidRecord, Cycle, MissionState, Obstacles, RobotState
 from armadico.core.resources import WHEELS
 from armadico.core.services import matches, service_of
-from armadico.observe.view import FRESH_CYCLES, QUIET_S, View, agent_of
-
-RESTS: Final = 0.01
-"""m/s and rad/s: a robot that is slower stands."""
+from armadico.observe.view import FRESH_CYCLES, QUIET_S, RESTS, View, agent_of
 
 MISSED: Final = 15
 """Cycles: bids are asked for once a second, so an older one is not the newest that there is."""
+
+MISSION, REFUSED = "mission ", "mission refused: "
+"""How log lines of missions begin, and those of goals that were refused."""
+
+SLOWED: Final = "slowed for what is ahead"
+"""What a robot agent logs that caps a speed by what its own sensors hear."""
+
+STARTS_S: Final = 1.0
+"""From rest to motion it takes no longer, cycles and ramps included."""
 
 DEAF_S: Final = 2.5
 """Who hears nobody at all for so long has itself to blame: some say something each second."""
@@ -42,7 +48,8 @@ class Sort(StrEnum):
 
     STOP = "stop"  # somebody latched it
     MOTORS = "motors"  # are off
-    STALLED = "stalled"  # something holds the wheels
+    STARTING = "starting"  # who drives has just begun
+    STALLED = "stalled"  # something holds the wheels, or they are not driven
     CHARGING = "charging"
     NO_GOAL = "no goal"
     REFUSED_GOAL = "refused goal"  # the last one that was asked for
@@ -70,7 +77,15 @@ class Sort(StrEnum):
 
 
 AS_ASKED: Final = frozenset(
-    {Sort.NO_GOAL, Sort.PLANNING, Sort.REACHED, Sort.CHARGING, Sort.OUTBID, Sort.RELEASED}
+    {
+        Sort.NO_GOAL,
+        Sort.STARTING,
+        Sort.PLANNING,
+        Sort.REACHED,
+        Sort.CHARGING,
+        Sort.OUTBID,
+        Sort.RELEASED,
+    }
 )
 """Nothing is amiss."""
 
@@ -189,6 +204,9 @@ class _Chain:
     def _hands(self, state: RobotState) -> Cause | None:
         """Somebody's word, or hand."""
         if state.stop.stopped:
+            missing = [n for r in self.view.reports.values() if r.acts for n in r.missing]
+            if missing:
+                self.say(f"The society lacks {', '.join(missing)}.")
             by = state.stop.by or "somebody"
             return self.end(
                 Sort.STOP, by, f"It is stopped by {by}.", "`armadico resume` releases it"
@@ -207,19 +225,32 @@ class _Chain:
             note = mission.note if mission is not None else ""
             what = f"No way to the goal is free{f': {note}' if note else ''}."
             return self.end(Sort.NO_WAY, "", what, "clear the way, or give it another goal")
-        if mission is None or mission.state in (MissionState.NONE, MissionState.DRIVING):
-            refused = self.line("mission refused: ", within=None)
-            if refused is not None:
-                what = f"It has no goal: the last one was refused, {refused}."
-                return self.end(Sort.REFUSED_GOAL, "", what, "give it a goal that it can reach")
+        if self.view.state is not None and self.view.state.charging:
+            return self.end(Sort.CHARGING, "", "It stands in its dock and charges, with no goal.")
+        state = MissionState.NONE if mission is None else mission.state
+        if state is MissionState.PLANNING:
+            return self.end(Sort.PLANNING, "", "Its way is being planned.")
+        refused = self._refused_goal()
+        if refused:
+            what = f"It has no goal: the last one was refused, {refused}."
+            return self.end(Sort.REFUSED_GOAL, "", what, "give it a goal that it can reach")
+        if mission is None or state in (MissionState.NONE, MissionState.DRIVING):
             todo = "give it one: `armadico goto X Y`"
             return self.end(Sort.NO_GOAL, "", "It has no goal.", todo)
-        if mission.state is MissionState.PLANNING:
-            return self.end(Sort.PLANNING, "", "Its way is being planned.")
-        if mission.state is MissionState.REACHED:
+        if state is MissionState.REACHED:
             return self.end(Sort.REACHED, "", "It has reached its goal.")
         what = f"The mission was given up: {mission.note or 'nobody said why'}."
         return self.end(Sort.FAILED, "", what, "give it another goal")
+
+    def _refused_goal(self) -> str:
+        """Why the last goal was refused; empty: it was not, as far as it was heard or is told."""
+        lines = [s.log.text for s in self.view.logs if s.log.text.startswith(MISSION)]
+        if lines:
+            return lines[-1].removeprefix(REFUSED) if lines[-1].startswith(REFUSED) else ""
+        mission = self.view.mission
+        none = mission is not None and mission.state is MissionState.NONE
+        note = mission.note if mission is not None and none else ""
+        return note.removeprefix(REFUSED) if note.startswith(REFUSED) else ""
 
     # Who drives ----------------------------------------------------------------------------------
 
@@ -250,19 +281,35 @@ class _Chain:
 
     def _driven(self, driver: str) -> Cause:
         view, name = self.view, agent_of(driver)
-        claim, state = view.claim(WHEELS.name, self.now), view.state
+        claim = view.claim(WHEELS.name, self.now)
         wanted = () if claim is None or isinstance(claim.wanted, bytes) else claim.wanted
         reason = self._reason(driver)
         if any(abs(each) > RESTS for each in wanted):
-            if state is not None and state.stalled:
-                what = f"{name} drives, and something holds the wheels."
-                return self.end(Sort.STALLED, name, what, "look what it stands against")
-            what = f"{name} drives, and the wheels do not turn (yet)."
-            return self.end(Sort.UNKNOWN, name, what)
+            return self._held_up(name)
         if view.pose is not None and view.pose.deviation > LOST_M:
             return self._lost()
         what = f"{name} drives and sees no free way: {reason or 'it does not say why'}."
         return self.end(Sort.BLOCKED, name, what, "clear what is near it")
+
+    def _held_up(self, name: str) -> Cause:
+        """It is commanded to move, and does not."""
+        view, begun = self.view, self.view.held_since(WHEELS.name)
+        since = min(self.now - begun, self.now - (view.rests_since or self.now))
+        if since < STARTS_S:
+            return self.end(Sort.STARTING, name, f"{name} has just begun to drive.")
+        slowed = next((s for s in reversed(view.logs) if SLOWED in s.log.text), None)
+        if slowed is not None and self.now - slowed.at < LATELY_S:
+            what = f"{name} drives, and the robot heeds what is ahead: {slowed.log.text}."
+            return self.end(Sort.BLOCKED, name, what, "clear what is near it")
+        what = f"{name} drives, and the wheels do not turn: something holds them,"
+        what += " or the controller does not do as it is told."
+        todo = "look what it stands against, and at its line"
+        return self.end(Sort.STALLED, self._owner(), what, todo)
+
+    def _owner(self) -> str:
+        """The agent that owns the wheels, or those."""
+        owners = [a.name for a in self.view.agents if a.card and WHEELS.name in a.card.owns]
+        return owners[0] if owners else WHEELS.name
 
     def _reason(self, instance: str) -> str:
         bid = self.view.bid(instance, WHEELS.name)
@@ -349,12 +396,11 @@ class _Chain:
         foreign = self._foreign(instance)
         if foreign:
             return self.end(Sort.FOREIGN, name, foreign, f"install the same armadico for {name}")
-        refused = self.line("commands refused: ")
+        refused = self.line(COMMANDS_REFUSED)
         if refused is not None:
             what = f"{name}'s commands are refused: {refused}."
             return self.end(Sort.REFUSED, name, what)
-        owners = [a.name for a in self.view.agents if a.card and WHEELS.name in a.card.owns]
-        to = owners[0] if owners else WHEELS.name
+        to = self._owner()
         what = f"What {name} commands does not reach {to}."
         return self.end(Sort.LINK, f"{name} -> {to}", what, "look at the network between them")
 
@@ -536,10 +582,10 @@ class _Chain:
         )
         return late if late > max(FRESH_CYCLES, round(allowed)) else 0
 
-    def line(self, begins: str, within: float | None = LATELY_S) -> str | None:
+    def line(self, begins: str) -> str | None:
         """The rest of the newest log line that begins so; None if there was none of late."""
         for said in reversed(self.view.logs):
-            if within is not None and self.now - said.at > within:
+            if self.now - said.at > LATELY_S:
                 return None
             if said.log.text.startswith(begins):
                 return said.log.text.removeprefix(begins)

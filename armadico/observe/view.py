@@ -52,6 +52,9 @@ QUIET_S: Final = 0.5
 GONE: Final = 100
 """Instances that are gone and whose cards are still known, the last ones."""
 
+RESTS: Final = 0.01
+"""m/s and rad/s: a robot that is slower stands."""
+
 LINES: Final = 200
 """Log lines that are still known, the last ones."""
 
@@ -96,7 +99,6 @@ class Seen(NamedTuple):
 
 
 _NEWEST: Final[dict[type[Message], str]] = {
-    RobotState: "state",
     MissionStatus: "mission",
     BatteryLevel: "level",
     Board: "board",
@@ -129,6 +131,7 @@ class View:
         reports: By monitor, what it last said.
         level: What the battery sensor agent last said.
         truth: The newest of the robot's own simulator.
+        rests_since: When the robot came to rest; None: it moves.
         lost_since: When its pose became one that nobody drives by; None: it is not.
         simulators: All that speak in the namespace, and when they last did.
     """
@@ -156,7 +159,8 @@ class View:
         self.trajectory: Trajectory | None = None
         self._bids: dict[tuple[str, str], BidRecord] = {}
         self._correction: tuple[Correction, float] | None = None
-        self._claims: dict[str, tuple[Claim, float]] = {}
+        self._claims: dict[str, tuple[Claim, float, float]] = {}  # when, and its tenure's first
+        self.rests_since: float | None = None
         self._acked: dict[str, tuple[float, float]] = {}  # when, and from ack to ack, s
 
     @classmethod
@@ -206,10 +210,10 @@ class View:
     def learn(self, message: Message, t: float) -> None:
         """Take a message, published or given in answer."""
         match message:
-            case RobotState() | MissionStatus() | BatteryLevel() | Board() | Trajectory():
+            case MissionStatus() | BatteryLevel() | Board() | Trajectory():
                 setattr(self, _NEWEST[type(message)], message)
-            case Pose():
-                self._take_pose(message, t)
+            case RobotState() | Pose():
+                self._take_place(message, t)
             case Correction():
                 self._correction = message, t
             case Description():
@@ -350,19 +354,25 @@ class View:
 
     def claim(self, resource: str, now: float) -> Claim | None:
         """The claim that stands: of the largest ballot, until it is silent or released."""
-        claim, at = self._claims.get(resource, (None, 0.0))
+        claim, at, _ = self._claims.get(resource, (None, 0.0, 0.0))
         if claim is None or claim.utility is None or now - at > self._quiet_s(resource):
             return None
         return claim
 
+    def held_since(self, resource: str) -> float:
+        """When the newest tenure was first claimed, s; infinite if nobody has claimed it."""
+        return self._claims[resource][2] if resource in self._claims else float("inf")
+
     # Inside --------------------------------------------------------------------------------------
 
-    def _take_pose(self, pose: Pose, t: float) -> None:
-        self.pose = pose
-        if pose.deviation <= LOST_M:
-            self.lost_since = None
-        elif self.lost_since is None:
-            self.lost_since = t
+    def _take_place(self, said: RobotState | Pose, t: float) -> None:
+        """Since when it rests, and since when it is lost."""
+        if isinstance(said, RobotState):
+            self.state, rests = said, max(abs(said.v), abs(said.w)) <= RESTS
+            self.rests_since = _since(self.rests_since, t) if rests else None
+        else:
+            self.pose, lost = said, said.deviation > LOST_M
+            self.lost_since = _since(self.lost_since, t) if lost else None
 
     def _take_truth(self, truth: Truth, t: float) -> None:
         self.simulators[truth.simulator] = t
@@ -378,15 +388,20 @@ class View:
         self.acks[ack.resource], self._acked[ack.resource] = ack, (t, period)
 
     def _take_claim(self, claim: Claim, t: float) -> None:
-        known, at = self._claims.get(claim.resource, (None, t))
+        known, at, first = self._claims.get(claim.resource, (None, t, t))
         silent = t - at > self._quiet_s(claim.resource)
         if known is None or silent or claim.ballot >= known.ballot:
-            self._claims[claim.resource] = (claim, t)
+            same = known is not None and claim.ballot == known.ballot
+            self._claims[claim.resource] = (claim, t, first if same else t)
 
     def _quiet_s(self, resource: str) -> float:
         """A resource whose cycles are long is spoken of seldom."""
         _, period = self._acked.get(resource, (0.0, PERIOD))
         return max(QUIET_S, FRESH_CYCLES * period)
+
+
+def _since(known: float | None, t: float) -> float:
+    return t if known is None else known
 
 
 # How often ----------------------------------------------------------------------------------------

@@ -17,7 +17,7 @@ from typing import Final
 from msgspec import Struct
 from msgspec.structs import replace
 
-from armadico.core.agent import AT_WORK
+from armadico.core.agent import AT_WORK, COMMANDS_REFUSED, REPORT_S
 from armadico.core.coordination import SILENCE, Owner, Verdict, beats
 from armadico.core.cycles import CycleClock
 from armadico.core.exchange import Bid
@@ -41,7 +41,7 @@ from armadico.core.motion import Body
 from armadico.core.resources import WHEELS, declared
 from armadico.core.services import matches
 from armadico.observe.standing import Cause, Installed, Sort, standing
-from armadico.observe.view import FRESH_CYCLES, View, agent_of
+from armadico.observe.view import FRESH_CYCLES, RESTS, View, agent_of
 
 LATER_S: Final = 1.6
 """Bids of a moment are known so much later: everybody is asked once a second."""
@@ -313,7 +313,11 @@ class Chronicle:
         if state.stop.stopped:
             self._take_stop(state.stop, t)
         for pressed in self._pressed[-1:]:
-            if pressed.stood is None and _stands(state) and state.stop.stopped:
+            if (
+                pressed.stood is None
+                and max(abs(state.v), abs(state.w)) <= RESTS
+                and state.stop.stopped
+            ):
                 pressed.stood = t - self._begun - pressed.t
         felt = state.touch is not None or state.stalled
         if felt and not self._felt and self.view.truth is None:
@@ -441,7 +445,13 @@ class Chronicle:
         return others[-1].instance if others else ""
 
     def _refused(self, name: str) -> Iterator[str]:
-        """Which commands were refused of late, and why; of each agent its last reason."""
+        """Which commands were refused of late, and why; of each agent its last reason.
+
+        By a judge as its owner's, and by the owner's own word, which is told now and then.
+        """
+        for said in self.view.logs:
+            if self.now - said.at <= REPORT_S and said.log.text.startswith(COMMANDS_REFUSED):
+                yield said.log.text.removeprefix(COMMANDS_REFUSED)
         told = {}
         for at, command, verdict in self._commands:
             if command.resource == name and self.now - at <= REFUSED_S:
@@ -660,7 +670,7 @@ def _told(of: Contest) -> Iterator[str]:
     elif of.holder and not of.obeyed:
         yield "Its owner obeys nobody."
     for refusal in of.refused:
-        yield f"Its owner refuses commands of {refusal}."
+        yield f"Its owner refuses commands: {refusal}."
     for each in of.bids:
         yield _bid(each)
     by_inputs: dict[tuple[Input, ...], list[str]] = {}
@@ -751,7 +761,3 @@ def _numbers(action: Action) -> tuple[float, ...]:
 
 def _pair(action: tuple[float, ...]) -> str:
     return f"({', '.join(f'{each:.2f}' for each in action)})"
-
-
-def _stands(state: RobotState) -> bool:
-    return max(abs(state.v), abs(state.w)) < 0.01

@@ -250,7 +250,7 @@ def test_whoever_dies_on_the_way_into_the_dock_it_is_charged(name: str, when: Ch
     society.until(lambda: bool(society.states) and society.state is when, 60.0)
     society.run(2.0)
     society.restart(name)
-    society.until(lambda: society.truth.charge > 0.45, 240.0)
+    society.until(lambda: society.truth.charge > 0.35, 120.0)
     assert society.state is ChargeState.CHARGING
     assert society.truth.collisions == 0
 

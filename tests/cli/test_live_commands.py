@@ -4,12 +4,13 @@ from __future__ import annotations
 
 import json
 import os
+import pty
 import signal
 import subprocess
 import threading
 import zlib
 from collections.abc import Callable, Iterator
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from functools import partial
 from typing import Any
 
@@ -343,3 +344,49 @@ def test_missions_of_a_society_that_is_up_are_shown_and_cancelled(
         done = run("mission", *words)
         assert done.returncode == code, done.stderr
         assert says in done.stdout + done.stderr
+
+
+# By hand ------------------------------------------------------------------------------------------
+
+
+def test_a_terminal_that_is_killed_leaves_a_robot_that_stands(
+    environment: dict[str, str], start: Start, robot: None
+) -> None:
+    """With it goes the agent that it has started, which takes its stick."""
+    start("sonar", program="armadico-agent")
+    keyboard, terminal = pty.openpty()
+    os.set_blocking(keyboard, False)
+    command = [str(BIN / "armadico"), "teleop"]
+    where = topology(environ={ENDPOINTS_VARIABLE: environment[ENDPOINTS_VARIABLE]})
+    mesh = ZenohMesh("cli-test", where)
+    with (
+        mesh,
+        subprocess.Popen(
+            command, env=environment, stdin=terminal, stdout=terminal, stderr=subprocess.PIPE
+        ) as process,
+    ):
+        client = Client(mesh)
+        try:
+
+            def driven() -> bool:
+                with suppress(BlockingIOError):
+                    os.read(keyboard, 4096)  # what it shows
+                os.write(keyboard, b"w")
+                state = client.latest(RobotState)
+                return state is not None and state.v > 0.15
+
+            client.listen(RobotState)
+            assert client.wait_for(driven, SOON)
+            assert any(name == "teleop" for name, _ in client.alive)
+            process.kill()
+
+            def stands() -> bool:
+                state = client.latest(RobotState)
+                gone = all(name != "teleop" for name, _ in client.alive)
+                return gone and state is not None and abs(state.v) < 0.01
+
+            assert client.wait_for(stands, SOON)
+        finally:
+            process.kill()
+            os.close(keyboard)
+            os.close(terminal)

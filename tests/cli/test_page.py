@@ -2,15 +2,18 @@
 
 from __future__ import annotations
 
+import argparse
 import re
 import signal
 import socket
+import urllib.error
 import urllib.request
 
 import pytest
 
 from armadico.cli import main as armadico
-from armadico.cli.page import TOKEN_VARIABLE
+from armadico.cli.beside import beside
+from armadico.cli.page import TOKEN_VARIABLE, Helpers
 from armadico.mesh.ports import private_endpoints
 from armadico.mesh.topology import ENDPOINTS_VARIABLE
 from tests.programs import heavy, imports_nothing, starter
@@ -96,6 +99,33 @@ def test_a_token_of_ones_own_is_not_seen_among_the_processes(
         assert found[3] == "0123456789abcdef"
 
 
+@pytest.mark.live
+def test_beside_a_run_it_prints_its_link_and_ends_with_it(
+    capsys: pytest.CaptureFixture[str],
+) -> None:
+    args = argparse.Namespace(namespace="p", connect=[], host=None, hosts=None)
+    with beside(args, "page", "sc1", ["p/r1", "p/r2"]):
+        found = LINK.fullmatch(capsys.readouterr().err)
+        assert found is not None
+        with urllib.request.urlopen(found[1], timeout=20) as answer:
+            assert answer.status == 200
+    with pytest.raises(urllib.error.URLError):
+        urllib.request.urlopen(found[1], timeout=20)
+
+
 def test_help_imports_nothing_heavy() -> None:
     among = ("numpy", "zenoh", "websockets", "msgspec", "asyncio")
     assert imports_nothing(heavy("armadico.cli", ["page", "--help"], among))
+
+
+@pytest.mark.live
+def test_who_takes_the_stick_is_started_beside_the_page_once_and_ends_with_it() -> None:
+    args = argparse.Namespace(connect=[], host=None, hosts=None)
+    with Helpers(args) as helpers:
+        assert helpers.start("p", "nobody") == ""
+        (first,) = helpers.processes.values()
+        assert first.popen.wait(60) == 2
+        assert "nobody" in helpers.start("p", "nobody")  # what it said when it ended
+        (second,) = helpers.processes.values()
+        assert second is not first
+    assert second.ended()

@@ -1,4 +1,4 @@
-"""The scripts in `examples/`, run as they stand, but for the number of seeds."""
+"""The scripts in `examples/`, run as they stand, but for how many seeds and how long."""
 
 from __future__ import annotations
 
@@ -25,11 +25,15 @@ SAYS = {
 }
 """What each of those under a virtual clock prints."""
 
+LESS = {"range(10)": "range(2)", "limit=60.0": "limit=20.0"}
+
 GUEST = "watch_and_stop.py"
 
 
 def run(name: str, folder: Path, **more: str) -> str:
-    text = (EXAMPLES / name).read_text(encoding="utf-8").replace("range(10)", "range(2)")
+    text = (EXAMPLES / name).read_text(encoding="utf-8")
+    for there, less in LESS.items():
+        text = text.replace(there, less)
     done = subprocess.run(
         [sys.executable, "-c", text],
         cwd=folder,

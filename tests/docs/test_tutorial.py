@@ -48,11 +48,19 @@ def do(shell: Shell, name: str) -> str:
     return done.stdout
 
 
+@pytest.fixture(scope="module")
+def installed(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Shell]:
+    """Where the tutorial's agent has been installed, as it says."""
+    with Shell(tmp_path_factory.mktemp("installed"), NAMESPACE) as made:
+        made.write(files(TUTORIAL))
+        do(made, "install")
+        yield made
+
+
 @pytest.fixture
-def newcomer(shell: Shell, monkeypatch: pytest.MonkeyPatch) -> Iterator[type[Agent]]:
-    """The class of the agent that the tutorial writes, installed as it says."""
-    do(shell, "install")
-    monkeypatch.syspath_prepend(shell.folder / "site")
+def newcomer(installed: Shell, monkeypatch: pytest.MonkeyPatch) -> Iterator[type[Agent]]:
+    """The class of the agent that the tutorial writes."""
+    monkeypatch.syspath_prepend(installed.folder / "site")
     importlib.invalidate_caches()
     yield agent_class(NEWCOMER)
     sys.modules.pop("wall_follower", None)
@@ -114,9 +122,8 @@ def test_an_agent_from_nothing_drives_and_so_it_does_when_it_is_changed(shell: S
     assert driven[0] != driven[1]
 
 
-@pytest.mark.usefixtures("newcomer")
-def test_the_test_that_the_tutorial_prints_passes(shell: Shell) -> None:
-    assert "1 passed" in do(shell, "test")
+def test_the_test_that_the_tutorial_prints_passes(installed: Shell) -> None:
+    assert "1 passed" in do(installed, "test")
 
 
 @pytest.mark.live

@@ -20,16 +20,22 @@ from tests.docs.test_tutorial import NAMESPACE, TUTORIAL, do
 HEAD = "camera-head"
 
 
-@pytest.fixture
-def scenario(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[Scenario]:
-    """The scenario that the tutorial writes, its agents installed as it says."""
-    with Shell(tmp_path, NAMESPACE) as shell:
+@pytest.fixture(scope="module")
+def installed(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """The folder where the tutorial's agents have been installed, as it says."""
+    with Shell(tmp_path_factory.mktemp("installed"), NAMESPACE) as shell:
         shell.write(files(TUTORIAL))
         do(shell, "head-install")
-        monkeypatch.syspath_prepend(shell.folder / "site")
-        importlib.invalidate_caches()
-        yield load_scenario(shell.folder / "looking.toml")
-        sys.modules.pop("camera_head", None)
+    return shell.folder
+
+
+@pytest.fixture
+def scenario(installed: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[Scenario]:
+    """The scenario that the tutorial writes, with its agents."""
+    monkeypatch.syspath_prepend(installed / "site")
+    importlib.invalidate_caches()
+    yield load_scenario(installed / "looking.toml")
+    sys.modules.pop("camera_head", None)
 
 
 class Seen:

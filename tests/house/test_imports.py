@@ -88,6 +88,8 @@ SANS_IO = (
 )
 """Of the framework: bytes or messages and the time in, bytes or messages out."""
 
+PAGE_SANS_IO = ("model", "requests", "guard")
+
 P2OS_SANS_IO = ("session", "packets", "commands", "status", "configuration", "handshake")
 
 ROS2_SANS_IO = ("cdr", "graph", "types", "zenoh_names")
@@ -148,6 +150,7 @@ def test_who_knows_zenoh_and_the_floors_that_it_is_measured_against() -> None:
 @pytest.mark.parametrize(
     "module",
     [f"armadico.{n}" for n in SANS_IO]
+    + [f"armadico.observe.page.{n}" for n in PAGE_SANS_IO]
     + [f"armadico.bridge.p2os.{n}" for n in P2OS_SANS_IO]
     + [f"armadico.bridge.ros2.{n}" for n in ROS2_SANS_IO],
 )

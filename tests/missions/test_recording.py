@@ -31,6 +31,7 @@ from armadico.observe.recorder import Recording
 from armadico.observe.recordings import rows
 from armadico.observe.watching import Heard
 from armadico_tools.faults.real_recording import check
+from tests.missions.test_surveillance import FINAL, ORIGINAL
 
 M = TypeVar("M", bound=Message)
 
@@ -68,8 +69,7 @@ def test_a_mission_is_read_back_as_it_was(tmp_path: Path) -> None:
     (mission,) = heard(Board)[-1].missions
     assert mission.state is MissionEnd.DONE
     steps = [result.step for result in mission.course.results]
-    assert steps[:4] == ["move(hall)", "move(R1)", "take-photo", "move(R21)"]
-    assert steps[-1] == "move(hall)"
+    assert steps == [*ORIGINAL[:3], *FINAL]
     assert [alarm.room for alarm in heard(Alarm) if alarm.on] == ["R21"]
     assert [photo.room for photo in heard(Photo)] == ["R1", "R11"]
     assert len(heard(Subplan)) == 2

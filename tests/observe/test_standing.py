@@ -2,8 +2,25 @@
 
 from __future__ import annotations
 
+from msgspec.structs import replace
+
 from armadico.config.discovery import providers
-from armadico.observe.standing import Sort, standing
+from armadico.config.scenarios import load_scenario
+from armadico.core.messages import (
+    Cycle,
+    Message,
+    MissionRequest,
+    MissionState,
+    MissionStatus,
+    MonitorReport,
+    RobotState,
+    Stop,
+    Trajectory,
+    Waypoint,
+)
+from armadico.core.services import service_of
+from armadico.observe.standing import Cause, Sort, standing
+from armadico.observe.view import View
 from armadico.observe.why import Chronicle
 from tests.observe.overheard import Overheard
 
@@ -70,3 +87,59 @@ def test_a_society_that_has_ended_or_that_is_not_heard_is_blamed_on_nobody() -> 
         node.leave()
     ended = heard.let_pass(3.0).standing
     assert ended.sentences == ("No agent is alive any more.",)
+
+
+WELL = RobotState(Cycle(1, 1), 0, 0, 0, 0, 0, 12, motors=True, stalled=False)
+
+
+def told(*said: Message, t: float = 0.0) -> Cause | None:
+    """Of a robot that has said this, and stands."""
+    view = View()
+    for message in (WELL, *said):
+        view.take(service_of(type(message)).key, message, t)
+    return standing(view, t + 0.1).cause
+
+
+def test_a_goal_that_was_refused_is_told_to_who_comes_late_too() -> None:
+    """By the mission's note; whoever was there has heard it logged."""
+    heard = Overheard(scenario=load_scenario("rooms-a"))
+    heard.mesh.ask(MissionRequest(Waypoint(0.0, 0.0, 0.0)), lambda _: None)
+    heard.let_pass(1.0)
+    before = heard.standing.cause
+    heard.chronicle = Chronicle()
+    after = heard.let_pass(2.0).standing.cause
+    assert before == after
+    assert before is not None
+    assert before.sort is Sort.REFUSED_GOAL
+    assert "inside a wall" in before.what
+
+
+def test_what_a_mission_says_of_itself() -> None:
+    def status(state: MissionState, note: str = "") -> MissionStatus:
+        return MissionStatus(1, state, 2.0, 0, note)
+
+    waits = Trajectory(1, 1, (Waypoint(1, 1, 0),), waits=True)
+    causes = {
+        Sort.NO_GOAL: told(status(MissionState.NONE)),
+        Sort.REACHED: told(status(MissionState.REACHED)),
+        Sort.PLANNING: told(status(MissionState.PLANNING)),
+        Sort.FAILED: told(status(MissionState.FAILED, "no nearer for 140 s")),
+        Sort.NO_WAY: told(waits, status(MissionState.DRIVING, "waits: door D is shut")),
+        Sort.CHARGING: told(replace(WELL, charging=True)),
+        Sort.MOTORS: told(replace(WELL, motors=False)),
+    }
+    assert all(cause is not None and cause.sort is sort for sort, cause in causes.items())
+    assert "140 s" in causes[Sort.FAILED].what  # type: ignore[union-attr]
+    assert "door D is shut" in causes[Sort.NO_WAY].what  # type: ignore[union-attr]
+
+
+def test_what_the_monitor_misses_is_told_with_its_stop() -> None:
+    stop = Stop(1, stopped=True, by="monitor: no sonar for 20 s")
+    view = View()
+    view.take("robot/state", replace(WELL, stop=stop), 0.0)
+    view.take("monitor/m-1", MonitorReport("m-1", 90, True, ("sonar",)), 0.0)
+    found = standing(view, 0.1)
+    assert found.sentences[1:] == (
+        "The society lacks sonar.",
+        "It is stopped by monitor: no sonar for 20 s.",
+    )

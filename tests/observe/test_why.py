@@ -104,6 +104,10 @@ def foreign(heard: Overheard) -> None:
     goto.card = lambda: replace(said(), protocol=PROTOCOL + 1)  # type: ignore[method-assign]
 
 
+def sees_no_way(heard: Overheard) -> None:
+    heard.agent("goto").propose = lambda *_: Bid(0.9, (0.0, 0.0), reason="shut in")
+
+
 def lost(heard: Overheard) -> None:
     """Whoever localizes has no idea."""
 
@@ -148,6 +152,10 @@ def into_the_wall(heard: Overheard) -> None:
 
 def shipped(name: str, seconds: float, *agents: str) -> Callable[[Path], Overheard]:
     return lambda _: Overheard(scenario=scenario(name, *agents)).drive(seconds)
+
+
+def without(name: str) -> Scenario:
+    return replace(LINE, agents=tuple(agent for agent in LINE.agents if agent != name))
 
 
 def scenario(name: str, *agents: str) -> Scenario:
@@ -201,6 +209,13 @@ INCIDENTS: dict[str, Incident] = {
     ),
     "motors off": Incident(motors_off, Sort.STOP, "the motors being off at the robot"),
     "lost": Incident(lost, Sort.LOST, ""),
+    "no way for who drives": Incident(
+        sees_no_way,
+        Sort.BLOCKED,
+        "goto",
+        begin=lambda _: Overheard(scenario=without("avoid")).drive(),
+    ),
+    "deaf controller": Incident(cut(("robot",), ("device",)), Sort.STALLED, "robot", seconds=6.0),
     "goal in a wall": Incident(
         into_the_wall,
         Sort.REFUSED_GOAL,

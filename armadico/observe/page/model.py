@@ -10,7 +10,7 @@ from __future__ import annotations
 import zlib
 from base64 import b64encode
 from collections import deque
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Collection, Iterator, Mapping
 from dataclasses import dataclass, field
 from math import atan2, isfinite, remainder, tau
 from typing import Any, Final
@@ -32,7 +32,6 @@ from armadico.core.messages import (
     MissionRequest,
     Obstacles,
     OccupancyGrid,
-    Parameter,
     ParameterChange,
     ParametersReply,
     ParametersRequest,
@@ -122,7 +121,16 @@ class Tell:
     """False: there is more to come of it."""
 
 
-Out = Publish | Put | Tell
+@dataclass(frozen=True)
+class Spawn:
+    """An agent is to be started here, beside the page."""
+
+    browser: str
+    id: int
+    agent: str
+
+
+Out = Publish | Put | Tell | Spawn
 
 
 @dataclass(frozen=True)
@@ -164,6 +172,7 @@ class Robot:
         world: World | None = None,
         missions: Mapping[str, Shipped] | None = None,
         bits64: Callable[[], int] = lambda: 1,
+        helpers: Collection[str] = (),
     ) -> None:
         """Nothing is known yet.
 
@@ -172,6 +181,7 @@ class Robot:
             world: Whose walls are shown.
             missions: Those that can be ordered, by name.
             bits64: Draws the number that tells one stop from another.
+            helpers: Agents that can be started beside the page, where no host would.
         """
         self.namespace = namespace
         self.view = View()
@@ -179,6 +189,7 @@ class Robot:
         self.missions = missions or {}
         self.heard_at: float | None = None  # the robot agent's newest state
         self._draw = bits64
+        self._helpers = tuple(helpers)
         self._out: list[Out] = []
         self._number = 0
         self._waiting: dict[int, _Waiting] = {}
@@ -190,7 +201,7 @@ class Robot:
         self._exchanges: deque[dict[str, Any]] = deque(maxlen=EXCHANGES)
         self._hand: tuple[TeleopStatus, float] | None = None
         self._sticks: dict[str, int] = {}  # by hand, how often it has moved
-        self._parameters: dict[str, tuple[Parameter, ...]] = {}
+        self._parameters: dict[str, list[dict[str, Any]]] = {}
         self._trail: deque[list[Any]] = deque(maxlen=TRAIL)
 
     # What comes in -------------------------------------------------------------------------------
@@ -212,6 +223,7 @@ class Robot:
             case Pose():
                 self._step(message)
             case Obstacles():
+                self._near = {s: near for s, near in self._near.items() if t - near[1] <= QUIET_S}
                 self._near[message.sensor] = (_points(message), t)
             case OccupancyGrid():
                 self._grid = _grid(message)
@@ -220,13 +232,16 @@ class Robot:
             case TeleopStatus():
                 self._hand = (message, t)
             case ParametersReply():
-                self._parameters[message.instance] = message.parameters
+                self._parameters[message.instance] = [*map(plain, message.parameters)]
             case ParameterChange():
                 self._changed(message)
 
     def token(self, instance: str, *, there: bool, t: float) -> None:
         """A liveliness token came or went."""
         self.view.token(instance, there=there, t=t)
+        if not there:
+            self._parameters.pop(instance, None)
+            self._shares.pop(instance, None)
 
     def ask(self, browser: str, request: Request, t: float) -> None:
         """A person asks for something. Raises RequestError if that cannot be asked for."""
@@ -364,6 +379,7 @@ class Robot:
             "stopped": stop.stopped,
             "by": stop.by,
             "press": str(stop.press),
+            "code": stop.code if stop.stopped else "",  # programs are told it, to be confirmed
             "asked": pressed is not None and pressed.stopped,
             "rolling": "" if pressed is None else pressed.latching.rolling,
         }
@@ -443,8 +459,8 @@ class Robot:
                         )
 
     def _could(self, t: float) -> dict[str, str]:
-        """Agents that a host would start, and its wakeup agent's instance."""
-        found: dict[str, str] = {}
+        """Agents that a host would start, and its wakeup agent's instance; empty: the page."""
+        found = dict.fromkeys(self._helpers, "")
         for instance, (share, at) in self._shares.items():
             if t - at <= SHARE_S and not share.leaving:
                 found |= dict.fromkeys(share.can, instance)
@@ -494,7 +510,7 @@ class Robot:
             {
                 "agent": agent.name,
                 "instance": agent.instance,
-                "rows": [plain(each) for each in self._parameters[agent.instance]],
+                "rows": self._parameters[agent.instance],
             }
             for agent in self.view.agents
             if self._parameters.get(agent.instance)
@@ -594,6 +610,9 @@ class Robot:
                 f"no host says that it could start {request.agent}; `armadico-agent"
                 f" {request.agent}` does so by hand"
             )
+        if not wakeup:
+            self._out.append(Spawn(browser, request.id, request.agent))
+            return
         order = WakeupRequest(WakeupOrder.START, request.agent, 0, f"asked by {browser}")
         key = service_of(WakeupRequest).key_for(instance=wakeup)
         done = f"{request.agent} is started"
@@ -609,17 +628,16 @@ class Robot:
         change = ParametersRequest((Setting(request.name, request.json),), browser)
 
         def said(reply: ParametersReply) -> str:
-            self._parameters[instance] = reply.parameters
+            self._parameters[instance] = [*map(plain, reply.parameters)]
             return f"{agent_of(instance)}: {request.name} = {request.json}"
 
         self._put(browser, request.id, change, said, key=key)
 
     def _changed(self, change: ParameterChange) -> None:
         """Somebody, here or elsewhere, has changed a parameter."""
-        rows = self._parameters.get(change.instance, ())
-        self._parameters[change.instance] = tuple(
-            replace(row, json=change.json) if row.name == change.name else row for row in rows
-        )
+        for row in self._parameters.get(change.instance, ()):
+            if row["name"] == change.name:
+                row["json"] = change.json
 
     def _hold(self, browser: str, request: Hold) -> None:
         """Pass on where a stick is, with the cycle that its hand saw."""

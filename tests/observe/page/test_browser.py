@@ -137,7 +137,11 @@ def test_two_browsers_one_stops_the_other_resumes(
         look(other, stage.address)
         page.drag(at(page, 3.4, 2.4))
         other.until(f"{PARTS}.mission.state === 'driving' && {PARTS}.motion.v > 0.1")
-        other.key(" ", "Space")
+        button = other.evaluate(
+            "(({x, y}) => [x + 20, y + 20])"
+            "(document.getElementById('stop').getBoundingClientRect())"
+        )
+        other.mouse("mousePressed", *button)  # and the finger is still on it
         page.until(HELD)
         assert "page 2-" in page.evaluate("document.getElementById('latched').innerText")
         page.evaluate("document.getElementById('resume').click()")

@@ -7,18 +7,21 @@ from math import hypot, pi
 from typing import Any
 
 import pytest
+from msgspec.structs import replace
 
+from armadico.config.hosts import Host, HostTable
 from armadico.config.scenarios import load_scenario
 from armadico.core import messages as m
 from armadico.launch.fleet import FleetRehearsal
 from armadico.launch.society import Options
+from armadico.launch.virtual import Rehearsal
 from armadico.mesh.virtual_session import VirtualSession
 from armadico.observe.page.model import Robot
 from armadico.observe.page.session import Session
 from armadico.runtime.latch import REST_M_S, REST_RAD_S
 from tests.observe.page.stage import HOME, Shown, Stage
 
-GOAL = (2.0, 0.0)
+GOAL = (1.2, 0.0)
 
 
 @pytest.fixture
@@ -64,7 +67,7 @@ def test_without_a_heading_it_arrives_as_one_walks_there(stage: Stage) -> None:
 
 
 def test_a_drag_says_how_it_looks_there(stage: Stage) -> None:
-    stage.answer(stage.say("page 1", "go", x=1.0, y=0.0, theta=-pi / 2))
+    stage.answer(stage.say("page 1", "go", x=0.4, y=0.0, theta=-pi / 2))
     stage.until(lambda: reached(stage))
     assert abs(stage.parts["motion"]["theta"] + pi / 2) < 0.1
 
@@ -114,7 +117,7 @@ def test_it_stays_stopped_whoever_else_wants_it_elsewhere(stage: Stage) -> None:
     stage.answer(stage.say("page 1", "stop"))
     there = (stage.parts["motion"]["x"], stage.parts["motion"]["y"])
     stage.answer(stage.say("page 2", "go", x=1.0, y=1.0))
-    stage.pass_(10.0)
+    stage.pass_(5.0)
     assert stage.parts["stop"]["held"]
     assert off(stage, *there) < 0.01
 
@@ -136,7 +139,7 @@ def test_a_resume_releases_the_stop_that_was_seen_and_it_drives_on(stage: Stage)
     press = stage.parts["stop"]["press"]
     answer = stage.answer(stage.say("page 2", "resume", press=press))
     assert (answer["ok"], answer["text"]) == (True, "released")
-    stage.until(lambda: reached(stage))
+    stage.until(lambda: stage.parts["motion"]["v"] > 0.2)
 
 
 def test_a_resume_of_another_stop_than_the_one_that_holds_is_refused(stage: Stage) -> None:
@@ -210,7 +213,7 @@ def path(*, looked_at: bool) -> list[tuple[float, float, float, float]]:
     stage.client.goto(*GOAL)
     stage.pass_(4.0)
     stage.place.kill()
-    stage.mesh.run(20.0)
+    stage.mesh.run(14.0)
     return steps
 
 
@@ -316,6 +319,23 @@ def test_agents_that_nobody_keeps_up_are_not_restarted_and_it_says_why(stage: St
     answer = stage.answer(stage.say("page 1", "restart", agent="goto"))
     assert not answer["ok"]
     assert "nobody keeps goto up" in answer["text"]
+
+
+def test_an_agent_that_a_host_keeps_up_is_restarted_by_its_wakeup_agent() -> None:
+    scenario = replace(load_scenario("sc1"), goal=None)
+    table = HostTable({"here": Host(agents=("robot", *scenario.agents))})
+    stage = Stage(run=Rehearsal(scenario, Options(seed=2), hosts=table))
+    stage.ready()
+
+    def goto() -> dict[str, Any]:
+        rows = [row for row in stage.parts["agents"] if row["name"] == "goto"]
+        return rows[0] if rows else {"kept": False, "alive": False, "pid": 0}
+
+    stage.until(lambda: goto()["kept"])
+    before = goto()["pid"]
+    answer = stage.answer(stage.say("page 1", "restart", agent="goto", pid=before))
+    assert (answer["ok"], answer["text"]) == (True, "goto is restarted")
+    stage.until(lambda: goto()["alive"] and goto()["pid"] not in (0, before))
 
 
 def test_missions_are_ordered_by_name_and_one_that_is_none_is_said(stage: Stage) -> None:
