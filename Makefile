@@ -8,7 +8,7 @@ COMPILE = $(BIN)/pip-compile --quiet --generate-hashes --no-emit-options --allow
 PIP    := $(BIN)/python -m pip --disable-pip-version-check
 WORKERS ?= 4
 
-.PHONY: run next tools test mutants lint compiled demo demo-down lock clean
+.PHONY: run next tools test mutants lint docs compiled demo demo-down lock clean
 .DEFAULT_GOAL := run
 
 $(VENV)/.run: requirements/run.txt pyproject.toml
@@ -54,6 +54,10 @@ lint: $(VENV)/.dev  ## ruff, and mypy strict over every package
 	$(BIN)/ruff format --check .
 	$(BIN)/mypy
 
+docs: $(VENV)/.dev  ## the documentation as a site: build/site/index.html, from the disk too
+	NO_MKDOCS_2_WARNING=1 $(BIN)/mkdocs build --strict --quiet
+	@echo "file://$(abspath build/site/index.html)"
+
 compiled:  ## a second environment, .venv-compiled, where what agents stand on is compiled
 	@$(MAKE) --no-print-directory VENV=.venv-compiled .venv-compiled/.compiled
 
@@ -69,7 +73,7 @@ demo-down:  ## what a demo left that was killed
 
 lock: $(VENV)/.dev  ## write the locks again from pyproject.toml
 	for lock in agents: run:--extra=plot "tools:--extra=plot requirements/tools.in" \
-	    "dev:--extra=plot,record,dashboard,foxglove,ros2,dev requirements/tools.in"; do \
+	    "dev:--extra=plot,record,dashboard,foxglove,ros2,docs,dev requirements/tools.in"; do \
 	  $(COMPILE) $${lock#*:} -o requirements/$${lock%%:*}.txt pyproject.toml requirements/build.in; \
 	done
 	$(COMPILE) -o requirements/rclpy.txt requirements/rclpy.in

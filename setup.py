@@ -20,6 +20,7 @@ COMPILED = (
     *(
         "armadico/core/agent",
         "armadico/core/driver",
+        "armadico/core/journal",
         "armadico/core/mailbox",
         "armadico/core/latched",
     ),

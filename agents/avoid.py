@@ -89,6 +89,15 @@ class Avoid(Behaviour):
     reacts_to = Obstacles
     parameters = Parameters
     launched_with = ("v_max",)
+    changeable: ClassVar = {
+        "v_max": "m/s",
+        "v_top": "m/s",
+        "v_caution": "m/s",
+        "v_danger": "m/s",
+        "w_max": "rad/s",
+        "flank_m": "m",
+        "safety.margin_m": "m",
+    }
     borders: ClassVar = {
         "stop": Parameters().stop.border,
         "danger": Parameters().danger.border,

@@ -123,6 +123,7 @@ class BatteryCharger(Agent):
     competes_for = (PLANNER, TRAJECTORY)
     parameters = Parameters
     launched_with = ("world", "profile", "capacity_ah")
+    changeable: ClassVar = {"reserve": "", "idle_below": "", "urgent": "", "ready": ""}
     p: Parameters
 
     def __init__(self, identity: agent.Identity, parameters: Any = None) -> None:

@@ -48,6 +48,10 @@ class Dock(Behaviour):
     reacts_to = Pose
     parameters = Parameters
     launched_with = ("v_max",)
+    changeable: ClassVar = {
+        "v_max": "m/s",
+        "v": "m/s",
+    }
     needs_goal: ClassVar[bool] = False
     p: Parameters
 

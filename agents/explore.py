@@ -71,6 +71,7 @@ class Explore(Agent):
     asks: ClassVar[tuple[type[Message], ...]] = (MissionRequest,)
     parameters = Parameters
     launched_with = ("profile",)
+    changeable: ClassVar = {"stuck_s": "s", "tries": "", "charged": ""}
     p: Parameters
 
     def __init__(self, identity: agent.Identity, parameters: Any = None) -> None:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from math import atan2, cos, hypot, radians, sin
-from typing import Annotated, Any, Literal
+from typing import Annotated, Any, ClassVar, Literal
 
 from msgspec import Meta
 
@@ -64,6 +64,13 @@ class Gothrough(Behaviour):
     reacts_to = Obstacles
     parameters = Parameters
     launched_with = ("v_max",)
+    changeable: ClassVar = {
+        "v_max": "m/s",
+        "v": "m/s",
+        "v_corner": "m/s",
+        "w_max": "rad/s",
+        "safety.margin_m": "m",
+    }
     p: Parameters
 
     def __init__(self, identity: agent.Identity, parameters: Any = None) -> None:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from math import atan2, hypot, inf, radians
-from typing import Annotated, Any, Literal
+from typing import Annotated, Any, ClassVar, Literal
 
 from msgspec import Meta
 from msgspec.structs import replace
@@ -69,6 +69,14 @@ class Goto(Behaviour):
     reacts_to = Pose
     parameters = Parameters
     launched_with = ("controller", "v_max")
+    changeable: ClassVar = {
+        "v_max": "m/s",
+        "ahead_m": "m",
+        "park_m": "m",
+        "calm_least": "",
+        "safety.margin_m": "m",
+        "safety.slow": "m/s",
+    }
     p: Parameters
 
     def __init__(self, identity: agent.Identity, parameters: Any = None) -> None:

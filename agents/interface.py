@@ -34,6 +34,7 @@ from armadico.core.messages import (
     Point,
     Pose,
     RobotState,
+    TeleopStatus,
     Trajectory,
     Way,
     Waypoint,
@@ -46,6 +47,8 @@ from armadico.core.route import Route
 
 NOBODY_KNOWS: Final = "nobody knows where the robot is: no fresh encoder/pose"
 WAS_LOST: Final = "the robot was lost"
+BY_HAND: Final = "the robot was driven by hand"
+UNDER_WAY: Final = "the robot is under way for somebody else"
 ACROSS: Final = "something stands across the way"
 ELSEWHERE: Final = "the way begins elsewhere"
 
@@ -107,12 +110,18 @@ class Interface(Agent):
 
     name = "interface"
     alone = True
-    hears: ClassVar[tuple[type[Message], ...]] = (Pose, Obstacles, Description)
+    hears: ClassVar[tuple[type[Message], ...]] = (Pose, Obstacles, Description, TeleopStatus)
     provides: ClassVar[tuple[type[Message], ...]] = (Trajectory, MissionStatus)
     answers: ClassVar[tuple[type[Message], ...]] = (MissionRequest, MissionOrder, MissionCancel)
     asks: ClassVar[tuple[type[Message], ...]] = (PlanRequest, MissionProposal, MissionWithdrawal)
     owns = (TRAJECTORY,)
     parameters = Parameters
+    changeable: ClassVar = {
+        "nearer_s": "s",
+        "again_s": "s",
+        "give_up_s": "s",
+        "give_up_m_s": "m/s",
+    }
     p: Parameters
 
     def __init__(self, identity: agent.Identity, parameters: Any = None) -> None:
@@ -123,7 +132,7 @@ class Interface(Agent):
         self._to_go = 0.0
         self._note = ""
         self._plans = False  # the mission's way is the planner's,
-        self._replans = False  # and it is to be asked again
+        self._replans = ""  # and it is to be asked again, for this reason
         self._waits, self._why_waits = False, ""  # no way is free
         self._blocked_by = ""  # why it was planned anew
         self._asking = False
@@ -150,6 +159,8 @@ class Interface(Agent):
         if self._held:
             holder = self.owner(TRAJECTORY).obeyed
             return self._refuse(f"{holder.instance if holder else 'somebody'} has the robot driven")
+        if self._may_not_replace(request):
+            return self._refuse(UNDER_WAY)
         if not request.planned:
             far = self._too_far(pose, (*request.waypoints, request.goal))
             if far:
@@ -157,17 +168,23 @@ class Interface(Agent):
             return self._begin((*request.waypoints, request.goal), 0.0, planned=False)
         if pose.deviation > LOST_M:  # a way from a place where it is not is none
             reply = self._begin((request.goal,), 0.0, planned=True)
-            self._replans = True
+            self._replans = WAS_LOST
             return reply
         if self._state is not MissionState.DRIVING:  # a mission goes on until another is taken on
             self._state = MissionState.PLANNING
         start = Waypoint(pose.x, pose.y, pose.theta)
 
         def planned(plan: Plan | None) -> None:
-            self.answer(question, self._planned(plan))
+            late = self._may_not_replace(request)
+            self.answer(question, self._refuse(UNDER_WAY) if late else self._planned(plan))
 
         self.ask(PlanRequest(start, request.goal), planned, self.p.planning_s)
         return None
+
+    def _may_not_replace(self, request: MissionRequest) -> bool:
+        """Whether the mission that is under way is another than the one that it may replace."""
+        only = request.replaces
+        return only not in (None, self._mission) and self._state is MissionState.DRIVING
 
     def on_mission_order(self, question: Question) -> None:
         """Propose a mission of several tasks to whoever plans missions (use case 1)."""
@@ -249,16 +266,22 @@ class Interface(Agent):
         """Follow the trajectory; publish how far it is, and the arrival."""
         if self._state is not MissionState.DRIVING:
             return
+        teleop = self.fresh(TeleopStatus)
         if pose.deviation > LOST_M:
-            self._replans = self._plans
+            self._replans = WAS_LOST if self._plans else ""
             self._note = f"lost: +-{pose.deviation:.1f} m"
             self._count_anew()
+        elif teleop is not None and teleop.hand:
+            self._replans = self._replans or (BY_HAND if self._plans else "")
+            self._note = line(f"{teleop.hand} drives by hand")
+            self._count_anew()
+            self._route.advance(pose.x, pose.y)
         else:
             self._note = self._why_waits
             self._route.advance(pose.x, pose.y)
             if self._replans:
-                self._replans = False
-                self._plan_anew(pose, WAS_LOST)
+                why, self._replans = self._replans, ""
+                self._plan_anew(pose, why)
         self._to_go = self._route.to_go(pose.x, pose.y)
         why = self._blocked()
         if why:
@@ -460,7 +483,7 @@ class Interface(Agent):
         """Drive that from now on."""
         self._mission, self._route = mission, route
         self._to_go = route.to_go(pose.x, pose.y)
-        self._state, self._plans, self._replans = MissionState.DRIVING, planned, False
+        self._state, self._plans, self._replans = MissionState.DRIVING, planned, ""
         self._waits, self._why_waits, self._note = False, "", ""
         self._asking = False
         self._best, self._longest, self._ask_at = inf, 0.0, -inf
@@ -469,7 +492,10 @@ class Interface(Agent):
     def _refuse(self, why: str) -> MissionReply:
         if self._state is MissionState.PLANNING:
             self._state = MissionState.NONE
-        self.log(f"mission refused: {why}", WARNING)
+        told = line(f"mission refused: {why}")
+        if self._state is MissionState.NONE:
+            self._note = told  # for who comes late
+        self.log(told, WARNING)
         return MissionReply(0, line(why))
 
     def _arrived(self, pose: Pose) -> bool:

@@ -49,7 +49,7 @@ class LaserAgent(Perception):
     def on_scan(self, scan: Scan) -> None:
         """Take the scan in, and publish where the obstacles are."""
         seen, walls = self._map, self._look()
-        rays = len(scan.packed) // 2
+        rays = scan.rays
         try:
             tell = seen.update(scan)
         except ValueError:

@@ -47,6 +47,7 @@ class Mapping(Agent):
     answers: ClassVar[tuple[type[Message], ...]] = (MapRequest,)
     parameters = Parameters
     launched_with = ("profile", "resume")
+    changeable: ClassVar = {"every_s": "s"}
     p: Parameters
 
     def __init__(self, identity: agent.Identity, parameters: Any = None) -> None:

@@ -86,6 +86,13 @@ class Relocate(Behaviour):
     hears: ClassVar[tuple[type[Message], ...]] = (*Behaviour.hears, Sonar, Particles)
     parameters = Parameters
     launched_with = ("v_max", "world", "profile")
+    changeable: ClassVar = {
+        "v_max": "m/s",
+        "v": "m/s",
+        "w": "rad/s",
+        "give_up_s": "s",
+        "safety.margin_m": "m",
+    }
     seeks = True
     p: Parameters
 

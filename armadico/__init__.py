@@ -41,20 +41,27 @@ if TYPE_CHECKING:
         MissionStatus,
         Obstacles,
         Origin,
+        Parameter,
+        ParametersReply,
         Plan,
+        Planned,
         PlanRequest,
+        PlanTask,
         Point,
         Pose,
         RobotState,
         Sonar,
+        Stick,
         Stop,
+        TeleopStatus,
         Trajectory,
         Truth,
         Waypoint,
     )
     from armadico.core.parameters import Parameters, Safety
-    from armadico.core.resources import WHEELS, Resource
+    from armadico.core.resources import PLANNER, WHEELS, Resource
     from armadico.core.route import Route
+    from armadico.core.services import Kind, Service, register
     from armadico.core.tasks import (
         Beliefs,
         Charge,
@@ -77,12 +84,14 @@ if TYPE_CHECKING:
         AgentFailedError,
         MissionRefusedError,
         MissionReplacedError,
+        ParameterError,
         RunFailedError,
         SocietyError,
         StopError,
     )
 
 __all__ = [
+    "PLANNER",
     "WHEELS",
     "AbsentError",
     "Ack",
@@ -113,6 +122,7 @@ __all__ = [
     "Going",
     "Holding",
     "Identity",
+    "Kind",
     "Latched",
     "LocalMap",
     "Log",
@@ -129,9 +139,14 @@ __all__ = [
     "MissionStatus",
     "Obstacles",
     "Origin",
+    "Parameter",
+    "ParameterError",
     "Parameters",
+    "ParametersReply",
     "Plan",
     "PlanRequest",
+    "PlanTask",
+    "Planned",
     "Point",
     "Pose",
     "Progress",
@@ -145,18 +160,22 @@ __all__ = [
     "RunFailedError",
     "Safety",
     "Scenario",
+    "Service",
     "SocietyError",
     "Sonar",
     "Stand",
+    "Stick",
     "Stop",
     "StopError",
     "Task",
+    "TeleopStatus",
     "TopologyError",
     "Trajectory",
     "Truth",
     "UnknownNameError",
     "Waypoint",
     "connect",
+    "register",
     "run",
 ]
 
@@ -168,8 +187,9 @@ _MODULES = {
     "core.behaviour": ("Behaviour",),
     "core.exchange": ("Bid",),
     "core.parameters": ("Parameters", "Safety"),
-    "core.resources": ("WHEELS", "Resource"),
+    "core.resources": ("PLANNER", "WHEELS", "Resource"),
     "core.route": ("Route",),
+    "core.services": ("Kind", "Service", "register"),
     "core.tasks": (
         *("Beliefs", "Charge", "Done", "Drive", "Explore", "Failed", "Going", "Progress"),
         *("Reach", "Stand", "Task"),
@@ -180,7 +200,7 @@ _MODULES = {
     "runtime.client": ("Client", "Mission", "connect"),
     "runtime.errors": (
         *("SocietyError", "AbsentError", "MissionRefusedError", "MissionReplacedError"),
-        *("AgentFailedError", "RunFailedError", "StopError"),
+        *("AgentFailedError", "ParameterError", "RunFailedError", "StopError"),
     ),
 }
 """Where names are defined; all others are in `core.messages`."""

@@ -48,7 +48,7 @@ class Near:
         """Nothing is near yet; `outline` is the body's, if it is known."""
         self.reach_m = settings.reach_m
         self.outline = outline
-        self._near = settings
+        self._settings = settings
         self._expected: tuple[Obstacle, ...] = ()
         self._all: tuple[Obstacle, ...] | None = ()
 
@@ -90,7 +90,7 @@ class Near:
 
     def front(self) -> Obstacle | None:
         """The nearest point in front."""
-        return self._first(lambda bearing: abs(bearing) < self._near.frontal_rad)
+        return self._first(lambda bearing: abs(bearing) < self._settings.frontal_rad)
 
     def left(self) -> Obstacle | None:
         """The nearest point on the left."""
@@ -102,12 +102,12 @@ class Near:
 
     def _fades(self, motion: Posed, mapped: bool) -> float:
         """The share of a belief that is left after one cycle and the way in it; see `move`."""
-        s = self._near
+        s = self._settings
         memory = s.memory_off_map if mapped else s.memory
         return float(memory * 0.5 ** (math.hypot(motion.x, motion.y) / s.memory_m))
 
     def _is_left(self, bearing: float) -> bool:
-        return self._near.frontal_rad <= bearing <= self._near.abeam_rad
+        return self._settings.frontal_rad <= bearing <= self._settings.abeam_rad
 
     def _changed(self) -> None:
         self._all = None

@@ -7,7 +7,7 @@ import json
 import logging
 import signal
 import sys
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
 from functools import partial
 from typing import TYPE_CHECKING, Any, Final
@@ -70,6 +70,11 @@ def parser() -> argparse.ArgumentParser:
         default=[],
         help="one parameter, over the file's; AGENT.KEY=VALUE of several; may be repeated",
     )
+    made.add_argument(
+        "--journal",
+        action="store_true",
+        help="publish what enters and leaves it, so that a recording can be replayed",
+    )
     options.add_mesh_options(made)
     return made
 
@@ -124,7 +129,14 @@ def _serve(args: argparse.Namespace) -> int:
             agents.append(kind(identity(kind.name, host), values))
     devices = (a for a in agents if isinstance(a, DeviceAgent) and a.address)
     connect = {device.instance: partial(open_port, device.address) for device in devices}
-    serve(agents, mesh, connect)
+    serve(agents, mesh, connect, head=_head() if args.journal else None)
+
+
+def _head() -> Callable[[Agent], bytes]:
+    """What begins a journal."""
+    from armadico.observe.journals import head  # noqa: PLC0415 - only who keeps one needs it
+
+    return head
 
 
 def _parameters(kind: type[Agent], args: argparse.Namespace) -> Any:

@@ -8,11 +8,10 @@ from __future__ import annotations
 import argparse
 import os
 import signal
-import subprocess
 import sys
 import webbrowser
-from collections.abc import Callable, Iterator, Mapping, Sequence
-from contextlib import ExitStack, contextmanager, suppress
+from collections.abc import Callable, Mapping, Sequence
+from contextlib import ExitStack, suppress
 from importlib.metadata import PackageNotFoundError
 from importlib.metadata import version as installed
 from pathlib import Path
@@ -32,9 +31,6 @@ RERUN: Final = "0.41"
 """The version that this is written for; the viewer's interfaces change from one to the next."""
 
 INSTALL: Final = f"{sys.executable} -m pip install 'armadico[dashboard]'"
-
-LEAVE_S: Final = 10.0
-"""What a dashboard may take to leave before it is killed: it closes a file and a viewer."""
 
 PORT: Final = 9876
 WEB_PORT: Final = 9090
@@ -64,49 +60,6 @@ def main(argv: Sequence[str]) -> int:
         raise FailedError(str(error)) from None
 
 
-@contextmanager
-def beside(args: argparse.Namespace, world: str, *, wait: bool = False) -> Iterator[None]:
-    """A dashboard for a run, as a process of its own that ends with it; its link is printed.
-
-    Args:
-        args: The run's: with the options of the mesh.
-        world: The run's world, by name or path.
-        wait: Until somebody looks; and afterwards it stays until Ctrl-C.
-
-    Raises:
-        FailedError: It did not start, and has said why on stderr.
-    """
-    command = [sys.executable, "-P", "-m", "armadico", "dashboard", "--port=0", "--web-port=0"]
-    command += [f"--world={world}", f"--namespace={args.namespace}"]
-    command += [f"--connect={endpoint}" for endpoint in args.connect]
-    command += [f"--{name}={v}" for name in ("host", "hosts") if (v := getattr(args, name))]
-    process = subprocess.Popen(
-        command,
-        stdin=subprocess.DEVNULL,
-        stdout=subprocess.PIPE,
-        text=True,
-        start_new_session=True,  # Ctrl-C is the run's; it ends the dashboard
-    )
-    assert process.stdout is not None, "it was asked for"
-    with process, process.stdout:
-        try:
-            said = process.stdout.readline()  # ends with the process, if that fails
-            if not said:
-                raise FailedError("no dashboard, so no run; without --dashboard it drives")
-            print(said, end="", file=sys.stderr, flush=True)
-            if wait:
-                _say("open the link: the run begins when somebody looks")
-                if not process.stdout.readline():
-                    raise FailedError("the dashboard has ended, so no run")
-            yield
-            if wait:
-                with suppress(KeyboardInterrupt):  # which may come as soon as it is offered
-                    _say("the run is over; Ctrl-C ends the dashboard")
-                    process.wait()
-        finally:
-            _end(process)
-
-
 def kept(rehearsal: Rehearsal, path: Path) -> Rehearsed:
     """What the dashboard would show of a virtual run, kept in a file while this is entered.
 
@@ -129,15 +82,6 @@ def zones() -> Zones:
         with suppress(ImportError):  # somebody else's, and broken: not ours to mend
             found |= agent_class(name).borders
     return found
-
-
-def _end(process: subprocess.Popen[str]) -> None:
-    """In order, or else by force."""
-    process.send_signal(signal.SIGINT)
-    try:
-        process.wait(LEAVE_S)
-    except subprocess.TimeoutExpired:
-        process.kill()
 
 
 def parser() -> argparse.ArgumentParser:

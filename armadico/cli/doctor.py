@@ -12,14 +12,16 @@ from ctypes.util import find_library
 from dataclasses import asdict, dataclass
 from importlib.metadata import PackageNotFoundError, requires, version
 from pathlib import Path
-from typing import TYPE_CHECKING, Final, cast
+from typing import TYPE_CHECKING, Final
 
 from armadico.cli import options
+from armadico.config.discovery import providers
 from armadico.mesh.topology import WELL_KNOWN, MeshError
 
 if TYPE_CHECKING:
     from armadico.config.hosts import Host
-    from armadico.core.messages import BatteryLevel, Message, MonitorReport, Pose, RobotState
+    from armadico.core.messages import BatteryLevel, Card, MonitorReport, Pose, RobotState
+    from armadico.observe.standing import Standing
 
 OK, NOTE, WRONG = "ok", "note", "wrong"
 
@@ -30,7 +32,7 @@ LONGEST: Final = 60
 """Characters of a command line that are shown; who it is stands at its beginning."""
 
 HEAR_S: Final = 1.2
-"""A robot is described, and a simulator heard, within this."""
+"""A robot is described, a simulator heard, a mission told of and everybody asked within this."""
 
 LOW_SHARE: Final = 0.2
 """With less than this of the battery left people are told to charge it."""
@@ -246,34 +248,25 @@ def mesh(args: argparse.Namespace) -> Generator[Finding, None, dict[str, float |
     """
     where = options.placed(args)
     joined = options.join_at(args, where)
-    from armadico.core.messages import (  # noqa: PLC0415 - likewise
-        PROTOCOL,
-        BatteryLevel,
-        Description,
-        MonitorReport,
-        Pose,
-        RobotState,
-        Truth,
-    )
     from armadico.core.resources import WHEELS  # noqa: PLC0415 - not for --help
     from armadico.observe.hosts import census  # noqa: PLC0415 - not for --help
+    from armadico.observe.standing import standing  # noqa: PLC0415
     from armadico.observe.view import View  # noqa: PLC0415
+    from armadico.observe.watching import Watcher, listen  # noqa: PLC0415
     from armadico.runtime.client import Client  # noqa: PLC0415 - not for --help
 
     wanted = where is not None and where.table.multicast
     yield Finding("multicast", OK, "on: the table says so" if wanted else "off: hosts are named")
     try:
         with joined:
-            client = Client(joined)
-            view, reports = View(), dict[str, MonitorReport]()
-            client.listen(MonitorReport, then=lambda said, _: _keep(reports, said))
-            client.listen(Description, Truth, Pose, BatteryLevel, then=view.learn)
+            client, watcher, view = Client(joined), Watcher([joined]), View()
+            watcher.watch_alive()
+            watcher.hear()
             cards = client.cards()
-            client.wait_for(lambda: None, HEAR_S)
-            strangers = view.strangers(joined.now())
+            listen(watcher, view, HEAR_S)
+            now = watcher.clock() / 1e9
+            strangers = view.strangers(now)
             links = joined.neighbours
-            driven = any(card and WHEELS.name in card.owns for card in cards.values())
-            state = client.latest(RobotState, 1.0) if driven else None
     except MeshError as error:
         routed = where is not None and where.table.router is not None
         todo = "does zenohd run there?" if routed else "name another endpoint: --listen"
@@ -287,16 +280,12 @@ def mesh(args: argparse.Namespace) -> Generator[Finding, None, dict[str, float |
         yield Finding("mesh", NOTE, f"no agent is alive in namespace {args.namespace!r}", todo)
         return {}
     yield Finding("mesh", OK, f"{len(cards)} agents, {links} links")
-    yield from () if state is None else robot(state, view.level)
+    if any(card and WHEELS.name in card.owns for card in cards.values()):
+        yield stands(standing(view, now, providers))
+    yield from () if view.state is None else robot(view.state, view.level)
     yield from () if view.pose is None else (pose(view.pose),)
-    yield from monitors(reports.values())
-    for (name, instance), card in cards.items():
-        if card is None:
-            todo = "it hangs, or this machine cannot reach it: look at it, restart it"
-            yield Finding(name, WRONG, f"{instance} is alive and does not answer", todo)
-        elif card.protocol != PROTOCOL:
-            what = f"speaks protocol {card.protocol}, we speak {PROTOCOL}"
-            yield Finding(name, WRONG, what, f"install the same armadico on {card.host}")
+    yield from monitors(view.reports.values())
+    yield from _unheard(cards)
     answered = [card for card in cards.values() if card is not None]
     robots = [card.instance for card in answered if WHEELS.name in card.owns]
     if len(robots) > 1:
@@ -308,8 +297,31 @@ def mesh(args: argparse.Namespace) -> Generator[Finding, None, dict[str, float |
     return {host.name: host.clock_s for host in census(View.of(cards), {}, client.ahead)}
 
 
+def _unheard(cards: Mapping[tuple[str, str], Card | None]) -> Iterator[Finding]:
+    """Who is alive and does not answer, or speaks another protocol."""
+    from armadico.core.messages import PROTOCOL  # noqa: PLC0415 - not for --help
+
+    for (name, instance), card in cards.items():
+        if card is None:
+            todo = "it hangs, or this machine cannot reach it: look at it, restart it"
+            yield Finding(name, WRONG, f"{instance} is alive and does not answer", todo)
+        elif card.protocol != PROTOCOL:
+            what = f"speaks protocol {card.protocol}, we speak {PROTOCOL}"
+            yield Finding(name, WRONG, what, f"install the same armadico on {card.host}")
+
+
+def stands(found: Standing) -> Finding:
+    """Whether the robot stands, and why: of what is wrong, down to who is missing."""
+    from armadico.observe.standing import AS_ASKED, AT_FAULT  # noqa: PLC0415 - not for --help
+
+    cause, what = found.cause, " ".join(found.sentences)
+    if cause is None or cause.sort in AS_ASKED:
+        return Finding("standing", OK, what)
+    return Finding("standing", WRONG if cause.sort in AT_FAULT else NOTE, what, cause.todo)
+
+
 def robot(state: RobotState, level: BatteryLevel | None = None) -> Iterator[Finding]:
-    """Why the robot stands, what its battery has, and what its controller's line is like."""
+    """What the robot's battery has, and what its controller's line is like."""
     from armadico.observe.view import battery  # noqa: PLC0415 - not for --help
 
     if level is not None and level.share < LOW_SHARE and not state.charging:
@@ -317,22 +329,11 @@ def robot(state: RobotState, level: BatteryLevel | None = None) -> Iterator[Find
         yield Finding("battery", NOTE, f"nearly empty: {battery(state, level)}", todo)
     else:
         yield Finding("battery", OK, battery(state, level))
-    if state.stop.stopped:
-        what = f"is stopped by {state.stop.by or 'somebody'}"
-        yield Finding("stop", NOTE, what, "`armadico resume` releases it")
-    if not state.motors:
-        todo = "switch them on at the robot, then `armadico resume`"
-        yield Finding("motors", NOTE, "are off", todo)
     if state.line.told:
         todo = "look at cable, plugs, baud rate and batteries"
         yield Finding("line", NOTE, f"from the controller: {state.line.told}", todo)
     else:
         yield Finding("line", OK, "all that the controller sent was sound")
-
-
-def _keep(reports: dict[str, MonitorReport], said: Message) -> None:
-    report = cast("MonitorReport", said)
-    reports[report.instance] = report
 
 
 def monitors(reports: Iterable[MonitorReport]) -> Iterator[Finding]:

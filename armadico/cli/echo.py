@@ -42,7 +42,7 @@ def main(argv: Sequence[str]) -> int:
         for _ in range(args.count) if args.count else iter(int, 1):
             item = take(watcher, args)
             assert isinstance(item, Heard), "only messages were asked for"
-            print(options.shown(_line(item, as_json=args.json)), flush=True)
+            print(options.shown(told(item, as_json=args.json)), flush=True)
     return 0
 
 
@@ -118,7 +118,8 @@ def take(watcher: Watcher, args: argparse.Namespace) -> Heard | Any:
     return item
 
 
-def _line(item: Heard, *, as_json: bool) -> str:
+def told(item: Heard, *, as_json: bool) -> str:
+    """What was heard, as a line; `as_json` for programs."""
     from armadico.core.messages import MessageError  # noqa: PLC0415 - not for --help
     from armadico.observe.watching import as_object, read  # noqa: PLC0415 - not for --help
 
@@ -133,9 +134,22 @@ def _line(item: Heard, *, as_json: bool) -> str:
         return json.dumps(found | ({"refused": refused} if refused else {}))
     clock = time.strftime("%H:%M:%S", time.localtime(item.at / 1e9))
     stamp = f"{clock}.{item.at // 1_000_000 % 1000:03d} {item.key}"
+    if refused:
+        return f"{stamp}  {refused}: {item.data.hex()}"
     if message is None:
-        return f"{stamp}  {refused or 'not in the table of services'}: {item.data.hex()}"
+        return f"{stamp}  {_unknown(item.data)}"
     return f"{stamp}  {type(message).__name__} {words(as_object(message))}"
+
+
+def _unknown(data: bytes) -> str:
+    """A message that is not in the table of services: another package's, whose fields it knows."""
+    from armadico.core.messages import MessageError, plain_of  # noqa: PLC0415 - not for --help
+
+    try:
+        found = words(plain_of(data))
+    except MessageError:
+        found = data.hex()
+    return f"not in the table of services: {found}"
 
 
 def words(value: Any) -> str:

@@ -27,7 +27,7 @@ def main(argv: Sequence[str]) -> int:
         raise UsageError(f"{args.file}: no such file")
     if find_spec("mcap") is None:
         raise FailedError("mcap is not installed: pip install 'armadico[record]'")
-    from armadico.observe.export import RecordingError  # noqa: PLC0415 - not for --help
+    from armadico.observe.recordings import RecordingError  # noqa: PLC0415 - not for --help
 
     try:
         said = {"csv": _to_csv, "rrd": _to_rrd}.get(args.to, _to_others)(args)
@@ -61,7 +61,8 @@ def parser() -> argparse.ArgumentParser:
 
 
 def _to_csv(args: argparse.Namespace) -> str:
-    from armadico.observe.export import Tables, rows  # noqa: PLC0415 - not for --help
+    from armadico.observe.export import Tables  # noqa: PLC0415 - not for --help
+    from armadico.observe.recordings import rows  # noqa: PLC0415
 
     folder = _out(args)
     with Tables(folder) as tables:

@@ -6,7 +6,9 @@ import argparse
 import json
 import signal
 import sys
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
+from contextlib import AbstractContextManager, nullcontext
+from pathlib import Path
 from typing import TYPE_CHECKING, Final
 
 from armadico.cli import options
@@ -15,9 +17,11 @@ from armadico.mesh.topology import DEFAULT_NAMESPACE, checked_namespace
 
 if TYPE_CHECKING:
     from armadico.config.scenarios import Scenario
+    from armadico.launch.fleet import FleetRehearsal
     from armadico.launch.society import Options
     from armadico.mesh.base import Mesh
     from armadico.observe.fleet import FleetResult, FleetWatch
+    from armadico.observe.virtual_recording import Recorded
 
 LINE_S: Final = 5.0
 """How often a line is printed, s of the run."""
@@ -27,7 +31,6 @@ ALONE: Final = (
     "runs",
     "plot",
     "rrd",
-    "mcap",
     "dashboard",
     "wait",
     "robot",
@@ -76,7 +79,8 @@ def _virtual(
     from armadico.launch.fleet import FleetRehearsal  # noqa: PLC0415 - not for --help
 
     rehearsal = FleetRehearsal(scenario, chosen, args.robots, fleet_of(args))
-    return rehearsal.run(progress if sys.stderr.isatty() else None, _say)
+    with nullcontext() if args.record is None else _recorded(rehearsal, args.record):
+        return rehearsal.run(progress if sys.stderr.isatty() else None, _say)
 
 
 def _live(
@@ -85,7 +89,9 @@ def _live(
     chosen: Options,
     progress: Callable[[FleetWatch], None],
 ) -> FleetResult:
-    from armadico.launch.local_fleet import LocalFleet  # noqa: PLC0415 - not for --help
+    from armadico.cli.beside import beside  # noqa: PLC0415 - not for --help
+    from armadico.launch.fleet import names_of, robots_of  # noqa: PLC0415
+    from armadico.launch.local_fleet import LocalFleet  # noqa: PLC0415
 
     def join(namespace: str) -> Mesh:
         mesh = options.join(argparse.Namespace(**{**vars(args), "namespace": namespace}))
@@ -96,13 +102,32 @@ def _live(
         if signal.getsignal(number) is signal.SIG_DFL:
             signal.signal(number, signal.default_int_handler)
     fleet, joining = fleet_of(args), options.joining(args)
+    robots = names_of(fleet, len(robots_of(scenario, args.robots)))
+    page = beside(args, "page", scenario.world, robots) if args.page else nullcontext()
     try:
-        with LocalFleet(scenario, chosen, args.robots, fleet, join, joining, _say) as run:
+        run = LocalFleet(scenario, chosen, args.robots, fleet, join, joining, _say)
+        with page, _recorder(args, run.names), run:
             _say(f"{scenario.name}: starting {len(run.names)} robots: {', '.join(run.names)}")
             return run.run(progress)
     except KeyboardInterrupt:
         _say(f"{scenario.name}: interrupted; all that it started has ended, nothing is measured")
         raise
+
+
+def _recorded(rehearsal: FleetRehearsal, path: Path) -> Recorded:
+    """What is said in a virtual run, of all robots."""
+    from armadico.cli.record import recorded  # noqa: PLC0415 - not for --help
+
+    return recorded(rehearsal.mesh, path, *rehearsal.names)
+
+
+def _recorder(args: argparse.Namespace, names: Sequence[str]) -> AbstractContextManager[None]:
+    """A recorder beside a live run, of all robots."""
+    if args.record is None:
+        return nullcontext()
+    from armadico.cli.record import beside  # noqa: PLC0415 - not for --help
+
+    return beside(args, args.record, *names)
 
 
 class _Lines:

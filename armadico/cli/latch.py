@@ -26,7 +26,7 @@ def parser(program: str, description: str, examples: str) -> argparse.ArgumentPa
     return made
 
 
-def latch(args: argparse.Namespace, *, stopped: bool) -> int:
+def latch(args: argparse.Namespace, *, stopped: bool, code: str | None = None) -> int:
     """Publish it until the robot agent acknowledges it; returns the exit code."""
     mesh = options.join(args)
     from armadico.runtime.client import Client  # noqa: PLC0415 - not for --help
@@ -36,7 +36,7 @@ def latch(args: argparse.Namespace, *, stopped: bool) -> int:
         if stopped:
             client.stop(args.timeout, by="armadico stop")
         else:
-            client.resume(args.timeout, by="armadico resume")
+            client.resume(args.timeout, by="armadico resume", code=code)
         # Before leaving, which may take a while where a host does not answer.
         print(f"the robot is {'stopped' if stopped else 'free to move'}", flush=True)
     return 0

@@ -6,17 +6,18 @@ import argparse
 import signal
 import sys
 import time
-from collections.abc import Callable, Sequence
-from contextlib import ExitStack
+from collections.abc import Callable, Iterator, Sequence
+from contextlib import ExitStack, contextmanager
 from importlib.util import find_spec
 from pathlib import Path
+from tempfile import TemporaryDirectory
 from typing import TYPE_CHECKING, Final
 
 from armadico.cli import options
 from armadico.cli.options import FailedError, UsageError
 
 if TYPE_CHECKING:
-    from armadico.launch.virtual import Rehearsal
+    from armadico.mesh.virtual import VirtualMesh
     from armadico.mesh.zenoh import ZenohMesh
     from armadico.observe.recorder import Recording
     from armadico.observe.virtual_recording import Recorded
@@ -25,6 +26,9 @@ if TYPE_CHECKING:
 NEEDED: Final = "mcap is not installed: pip install 'armadico[record]'"
 
 MEGABYTE: Final = 1_000_000
+
+LOOK_S: Final = 0.05
+"""How often it is looked whether a recorder has begun."""
 
 LINE_S: Final = 5.0
 """How often a line is printed where there is no terminal."""
@@ -45,7 +49,6 @@ def main(argv: Sequence[str]) -> int:
     meshes = options.join_each(args, namespaces)
     if find_spec("mcap") is None:
         raise FailedError(NEEDED)
-    signal.signal(signal.SIGTERM, signal.default_int_handler)  # it closes the file, too
     with ExitStack() as stack:
         for mesh in meshes:
             stack.enter_context(mesh)
@@ -60,14 +63,46 @@ def main(argv: Sequence[str]) -> int:
     return 0
 
 
-def recorded(rehearsal: Rehearsal, path: Path) -> Recorded:
-    """What is said in a virtual run, kept in a file while this is entered. Raises FailedError."""
+@contextmanager
+def beside(args: argparse.Namespace, path: Path, *namespaces: str) -> Iterator[None]:
+    """A recorder beside a live run, as a process of its own, from before anybody starts.
+
+    Without namespaces it is of the one that the options name.
+
+    Raises FailedError, UsageError.
+    """
+    from armadico.launch.processes import START_S, Process, end  # noqa: PLC0415 - not for --help
+
+    if find_spec("mcap") is None:
+        raise FailedError(NEEDED)
+    if path.exists():
+        raise FailedError(f"{path} exists already; name another file")
+    words = ["record", str(path), "--quiet"]
+    words += [word for name in namespaces or [args.namespace] for word in ("--namespace", name)]
+    with TemporaryDirectory(prefix="armadico-") as folder:
+        log = Path(folder) / "record.log"
+        recorder = Process("recorder", [*words, *options.joining(args)], log, tied=True)
+        try:
+            deadline = time.monotonic() + START_S
+            while not (path.exists() and path.stat().st_size):
+                if recorder.ended() or time.monotonic() >= deadline:
+                    raise FailedError(f"nothing is recorded:\n{recorder.last_words()}")
+                time.sleep(LOOK_S)
+            yield
+        finally:
+            end(recorder.popen)
+            said = recorder.last_words(1).strip()
+    _say(said)
+
+
+def recorded(mesh: VirtualMesh, path: Path, *namespaces: str) -> Recorded:
+    """What is said on a virtual mesh, kept in a file while this is entered. Raises FailedError."""
     if find_spec("mcap") is None:
         raise FailedError(NEEDED)
     from armadico.observe.virtual_recording import Recorded  # noqa: PLC0415 - not for --help
 
     try:
-        return Recorded(rehearsal.mesh, path, rehearsal.namespace)
+        return Recorded(mesh, path, *namespaces)
     except FileExistsError:
         raise FailedError(f"{path} exists already; name another file") from None
     except OSError as error:
@@ -118,10 +153,13 @@ def _record(
     recording = Recording(args.file, about, limit, translators(namespaces))
     watcher = Watcher(meshes)
     begun = time.monotonic()
+    asked: list[int] = []
+    for number in (signal.SIGINT, signal.SIGTERM):  # not in the middle of writing a message
+        signal.signal(number, lambda number, _: asked.append(number))
     try:
-        record(watcher, recording, _shower(args, watcher, begun), args.duration)
-    except KeyboardInterrupt:
-        pass  # how a recording ends
+        record(
+            watcher, recording, _shower(args, watcher, begun), args.duration, lambda: bool(asked)
+        )
     finally:
         while (item := watcher.take(0)) is not None:
             recording.take(item)
@@ -161,6 +199,8 @@ def _remark(recording: Recording, watcher: Watcher, begun: float) -> str:
         parts.insert(1, f"{recording.files} files")
     if recording.refused:
         parts.append(f"{recording.refused} refused")
+    if recording.gaps.lost:
+        parts.append(f"{recording.gaps.lost} pieces of journals missing")
     if watcher.dropped:
         parts.append(f"{watcher.dropped} LOST, too busy")
     return ", ".join(parts)

@@ -75,6 +75,8 @@ EXAMPLES: Final = """\
   armadico run sc4 --redundant                 two of each behaviour: kill any one
   armadico run sc4 --sensors ideal             as the thesis's tables: nobody localizes
   armadico run sc4 --attach --hosts lab.toml   the society is up already: armadico up
+  armadico run --world house --start 1 1.5 0 --for 600 --page    sent by clicks on a map
+  armadico run my.toml --virtual --watch       again whenever a file changes: what moved
   armadico run fleet --robots 3                three robots share a list of tasks; or --virtual
 """
 
@@ -82,6 +84,11 @@ EXAMPLES: Final = """\
 def main(argv: Sequence[str]) -> int:
     """Drive; 0 only if the goal, if any, was reached without a collision, in every run."""
     args = parser().parse_args(argv)
+    if args.watch:
+        _check_watched(args)
+        from armadico.cli import watch  # noqa: PLC0415 - not for --help
+
+        return watch.main([word for word in argv if word != "--watch"])
     scenario, chosen = choose(args)
     if scenario.tasks:
         from armadico.cli import fleet  # noqa: PLC0415 - not for --help
@@ -119,6 +126,11 @@ def parser() -> argparse.ArgumentParser:
     made.add_argument("--goal", **POSE, help="where it is to go: m, m, degrees")
     made.add_argument(
         "--robots", type=int, metavar="N", help="of a scenario with tasks for several: so many"
+    )
+    made.add_argument(
+        "--watch",
+        action="store_true",
+        help="a virtual run again, whenever a file that it has read changes, and what moved",
     )
     add_options(made)
     return made
@@ -190,13 +202,21 @@ def add_options(made: argparse.ArgumentParser) -> None:
         "--dashboard", action="store_true", help="show a live run; the link is printed"
     )
     made.add_argument(
+        "--page",
+        action="store_true",
+        help="a page to click on beside a live run, with stop; the link is printed",
+    )
+    made.add_argument(
         "--wait",
         action="store_true",
         help="a dashboard: begin when somebody looks, stay till Ctrl-C",
     )
     made.add_argument("--rrd", metavar="FILE", type=Path, help="keep a virtual run for rerun")
     made.add_argument(
-        "--mcap", metavar="FILE", type=Path, help="keep a virtual run as armadico record does"
+        "--record",
+        metavar="FILE.mcap",
+        type=Path,
+        help="keep all that is said as armadico record does, and what armadico replay needs",
     )
     made.add_argument("--robot", metavar="URL", help="drive something that is already there")
     made.add_argument(
@@ -288,10 +308,10 @@ def _check_shown(args: argparse.Namespace) -> None:
         raise UsageError("--wait is for one run, without --runs")
     if (args.dashboard or args.wait) and args.virtual:
         raise UsageError("--dashboard shows live runs; --rrd FILE keeps a virtual one")
-    if args.mcap is not None and not args.virtual:
-        raise UsageError("--mcap is for --virtual; armadico record FILE keeps a live run")
-    if args.mcap is not None and args.mcap.suffix != ".mcap":
-        raise UsageError(f"--mcap {args.mcap}: the name of a recording ends with .mcap")
+    if args.page and (args.virtual or args.runs is not None):
+        raise UsageError("--page is for one live run, without --virtual and --runs")
+    if args.record is not None and args.record.suffix != ".mcap":
+        raise UsageError(f"--record {args.record}: the name of a recording ends with .mcap")
     if args.rrd is not None and not args.virtual:
         raise UsageError(
             "--rrd is for --virtual; armadico dashboard --record FILE keeps a live run"
@@ -314,6 +334,7 @@ def _options(args: argparse.Namespace) -> Options:
         resume=getattr(args, "resume", None),
         limit=args.limit,
         priority=getattr(args, "priority", None),
+        journal=args.record is not None and not args.virtual,
     )
 
 
@@ -336,6 +357,19 @@ def _check_robot(url: str) -> None:
             f"--robot {url}: there is no such port; is the adapter plugged in?"
             " `armadico doctor` shows the ports that there are"
         )
+
+
+def _check_watched(args: argparse.Namespace) -> None:
+    """Raises UsageError or ConfigError."""
+    from armadico.config.scenarios import load_scenario  # noqa: PLC0415 - not for --help
+
+    if not args.virtual:
+        raise UsageError("--watch runs under a virtual clock again and again: --virtual")
+    for option in ("runs", "json", "robots"):
+        if getattr(args, option):
+            raise UsageError(f"--{option}: --watch compares one run with the one before it")
+    if _world(args) is None and load_scenario(args.scenario).tasks:
+        raise UsageError(f"{args.scenario}: --watch compares runs of one robot")
 
 
 def _check_attach(args: argparse.Namespace) -> None:
@@ -437,8 +471,9 @@ def _live(args: argparse.Namespace, scenario: Scenario, chosen: Options) -> RunW
             signal.signal(number, signal.default_int_handler)
     try:
         with (
-            _dashboard(args, scenario),
+            _beside(args, scenario),
             mesh,
+            _recorder(args, chosen.seed),
             _run_on(mesh, args, scenario, chosen) as run,
             _progress(args, scenario, chosen.seed) as show,
         ):
@@ -493,33 +528,47 @@ def _run_on(
     return launcher
 
 
+def _own(args: argparse.Namespace, path: Path, seed: int) -> Path:
+    """Each run's file."""
+    return path if args.runs is None else path.with_stem(f"{path.stem}-{seed}")
+
+
+def _recorder(args: argparse.Namespace, seed: int) -> AbstractContextManager[None]:
+    """A recorder beside a live run, if it is asked for."""
+    if args.record is None:
+        return nullcontext()
+    from armadico.cli.record import beside  # noqa: PLC0415 - not for --help
+
+    return beside(args, _own(args, args.record, seed))
+
+
 @contextmanager
 def _recording(args: argparse.Namespace, rehearsal: Rehearsal) -> Iterator[None]:
     """A virtual run is kept in files, if they are asked for. Raises FailedError."""
-
-    def own(path: Path) -> Path:
-        """Each run's."""
-        return path if args.runs is None else path.with_stem(f"{path.stem}-{rehearsal.mesh.seed}")
-
     with ExitStack() as stack:
         if args.rrd is not None:
             from armadico.cli.dashboard import kept  # noqa: PLC0415 - not for --help
 
-            stack.enter_context(kept(rehearsal, own(args.rrd)))
-        if args.mcap is not None:
+            stack.enter_context(kept(rehearsal, _own(args, args.rrd, rehearsal.mesh.seed)))
+        if args.record is not None:
             from armadico.cli.record import recorded  # noqa: PLC0415 - not for --help
 
-            stack.enter_context(recorded(rehearsal, own(args.mcap)))
+            path = _own(args, args.record, rehearsal.mesh.seed)
+            stack.enter_context(recorded(rehearsal.mesh, path, rehearsal.namespace))
         yield
 
 
-def _dashboard(args: argparse.Namespace, scenario: Scenario) -> AbstractContextManager[None]:
-    """A dashboard beside a live run, if it is asked for."""
-    if not (args.dashboard or args.wait):
-        return nullcontext()
-    from armadico.cli.dashboard import beside  # noqa: PLC0415 - not for --help
+@contextmanager
+def _beside(args: argparse.Namespace, scenario: Scenario) -> Iterator[None]:
+    """A dashboard and a page beside a live run, as far as they are asked for."""
+    from armadico.cli.beside import beside  # noqa: PLC0415 - not for --help
 
-    return beside(args, scenario.world, wait=args.wait)
+    with ExitStack() as stack:
+        if args.page:
+            stack.enter_context(beside(args, "page", scenario.world))
+        if args.dashboard or args.wait:
+            stack.enter_context(beside(args, "dashboard", scenario.world, wait=args.wait))
+        yield
 
 
 def _say(text: str) -> None:

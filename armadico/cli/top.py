@@ -13,6 +13,7 @@ from typing import TYPE_CHECKING, Any, Final
 
 from armadico.cli import options
 from armadico.cli.echo import seconds
+from armadico.config.discovery import providers
 from armadico.runtime.errors import AbsentError
 
 if TYPE_CHECKING:
@@ -101,6 +102,7 @@ class Snapshots:
             "robot": self._robot(),
             "pose": self._pose(now),
             "mission": self._mission(),
+            "standing": self._standing(now),
             "tasks": self.view.tasks,
             "resources": [self._resource(name, now) for name in view.resources],
             "agents": [self._agent(agent) for agent in view.agents],
@@ -147,6 +149,17 @@ class Snapshots:
         if mission is None:
             return None
         return {"state": mission.state.value, "to_go": mission.to_go, "note": mission.note}
+
+    def _standing(self, now: float) -> dict[str, Any] | None:
+        """Whether it stands, and why; null: nothing was heard of it."""
+        import msgspec  # noqa: PLC0415 - not for --help
+
+        from armadico.observe.standing import standing  # noqa: PLC0415 - not for --help
+
+        if self.view.state is None:
+            return None
+        found: dict[str, Any] = msgspec.to_builtins(standing(self.view, now, providers))
+        return found
 
     def _resource(self, name: str, now: float) -> dict[str, Any]:
         from armadico.observe.view import agent_of  # noqa: PLC0415 - not for --help
@@ -207,6 +220,7 @@ def _measure(snapshots: Snapshots, watcher: Watcher, for_s: float) -> None:
         if now >= ask_at:
             ask_at = now + (ASK_S if snapshots.view.complete else SHOW_S / 2)
             watcher.ask_for_cards()
+            watcher.ask_for_bids()
             snapshots.at(watcher.clock() / 1e9)  # CPU is measured from here on
         item = watcher.take(min(ask_at, end) - now)
         if item is not None:
@@ -225,6 +239,7 @@ def _live(snapshots: Snapshots, watcher: Watcher) -> int:
         try:
             while True:
                 watcher.ask_for_cards()
+                watcher.ask_for_bids()
                 for _ in range(round(ASK_S / SHOW_S)):
                     for item in watcher.until(time.monotonic() + SHOW_S):
                         show(snapshots.view, item)
@@ -274,8 +289,11 @@ def tables(snapshot: dict[str, Any]) -> Group:
         )
         for row in snapshot["services"]
     ]
+    standing = snapshot["standing"]
+    why = [] if standing is None or not standing["stands"] else standing["sentences"]
     return Group(
         heading,
+        *(Text(options.shown(sentence)) for sentence in why),
         _table(("RESOURCE", "HOLDER", "UTILITY", "TERM", "OBEYED", "CONTENDERS"), resources),
         _table(("AGENT", "INSTANCE", "HOST", "PID", "CPU %", "MB"), agents),
         _table(("KEY", "HZ", "PROMISED", "MISSED", "AGE s"), services, late=3),

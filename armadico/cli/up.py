@@ -95,6 +95,11 @@ def parser() -> argparse.ArgumentParser:
     made.add_argument(
         "--within", type=float, default=30.0, metavar="S", help="in so many s (default %(default)s)"
     )
+    made.add_argument(
+        "--journal",
+        action="store_true",
+        help="the agents publish what enters and leaves them, so that a recording can be replayed",
+    )
     options.add_mesh_options(made)
     return made
 
@@ -245,6 +250,7 @@ def _plan(args: argparse.Namespace, where: Place, scenario: Scenario | None) -> 
         host.together,
         spare(scenario, chosen, host, where.table),
         needed(scenario, chosen, where.table),
+        args.journal,
     )
 
 

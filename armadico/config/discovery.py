@@ -138,6 +138,24 @@ def owners(names: Iterable[str], resource: Resource) -> Iterator[str]:
     return (name for name in names if name in here and resource in agent_class(name).owns)
 
 
+@cache
+def providers(key: str) -> tuple[str, ...]:
+    """The installed agents that publish on a key; who cannot be loaded here is not known to."""
+    from armadico.core.services import rows_of  # noqa: PLC0415 - a list of agents needs none
+
+    found = []
+    for name in installed(AGENTS):
+        try:
+            kind = agent_class(name)
+        except ImportError:
+            continue
+        rows = [row for message in kind.provides for row in rows_of(message)]
+        keys = [row.key.replace("{name}", name) for row in rows]
+        if key in (*keys, *(resource.ack_key for resource in kind.owns)):
+            found.append(name)
+    return tuple(found)
+
+
 def unknown(kind: str, name: str, names: Iterable[str]) -> str:
     """What to say when a name is not among those that exist."""
     known = sorted(names)

@@ -6,9 +6,10 @@
 from __future__ import annotations
 
 import json
-from collections.abc import Iterator
+import re
+from collections.abc import Iterator, Mapping
 from pathlib import Path
-from typing import Any
+from typing import Any, Final
 
 from armadico.config.discovery import UnknownNameError, agent_class
 from armadico.config.errors import ConfigError
@@ -32,6 +33,60 @@ def load_set(name_or_path: str | Path) -> dict[str, tuple[str, ...]]:
         found[agent] = tuple(setting for _, setting in _settings(table))
         _check(agent, table, path, text)
     return found
+
+
+SAVED: Final = "parameters.toml"
+"""Where live changes are saved, unless another file is named."""
+
+_TABLE: Final = re.compile(r"^\s*\[")
+"""A line that begins a table."""
+
+
+def save(path: Path, agent: str, values: Mapping[str, bool | float | str | None]) -> None:
+    """Write some of an agent's parameters into a set, which need not be there; the rest stays.
+
+    None takes one out. Raises ConfigError if there is no place for them in what is there.
+    """
+    text = read_text(path) if path.exists() else ""
+    lines = text.splitlines()
+    for name, value in values.items():
+        _write(lines, agent, name, value)
+    made = "\n".join(lines).strip("\n") + "\n"
+    wanted = _flat(document(text, path)) | {f"{agent}.{k}": v for k, v in values.items()}
+    try:
+        written = _flat(document(made, path))
+    except ConfigError:
+        written = {}
+    if written != {name: value for name, value in wanted.items() if value is not None}:
+        names = ", ".join(f"{agent}.{name}" for name in values)
+        raise ConfigError(f"{names}: no place beside what is written there; write it there", path)
+    new = path.with_name(f"{path.name}.new")
+    new.write_text(made, encoding="utf-8")
+    new.replace(path)
+
+
+def _flat(table: dict[str, Any], at: str = "") -> dict[str, Any]:
+    """All values, by their names with dots."""
+    found: dict[str, Any] = {}
+    for key, value in table.items():
+        found |= _flat(value, f"{at}{key}.") if isinstance(value, dict) else {f"{at}{key}": value}
+    return found
+
+
+def _write(lines: list[str], agent: str, name: str, value: bool | float | str | None) -> None:
+    """One line of a table, in place of the one that was there; None: no line."""
+    header = f"[{agent}]"
+    at = next((n for n, line in enumerate(lines) if line.split("#")[0].strip() == header), None)
+    if at is None:
+        lines += ["", header]
+        at = len(lines) - 1
+    end = next((n for n in range(at + 1, len(lines)) if _TABLE.match(lines[n])), len(lines))
+    old = [n for n in range(at + 1, end) if lines[n].partition("=")[0].strip() == name]
+    new = [] if value is None else [f"{name} = {json.dumps(value)}"]
+    if old:
+        lines[old[0] : old[0] + 1] = new
+    else:
+        lines[at + 1 : at + 1] = new
 
 
 def _check(agent: str, table: dict[str, Any], path: Path, text: str) -> None:

@@ -70,8 +70,12 @@ class Society(Struct, frozen=True, forbid_unknown_fields=True):
 
     robot: str
     simulator: str
+    assistant: str
+    """Of whom programs ask what they want done."""
+
     agents: tuple[str, ...]
     watch: tuple[str, ...]
+    hand: str
     senses: Senses
     ideal: Ideal
     exploring: Exploring

@@ -23,8 +23,8 @@ from math import isfinite
 from types import MappingProxyType
 from typing import Any, ClassVar, TypeVar, cast
 
+from armadico.core import changeable, parameters
 from armadico.core import messages as m
-from armadico.core import parameters
 from armadico.core.compiled import mypyc_attr
 from armadico.core.coordination import COMPARISONS, Contender, Owner, Verdict
 from armadico.core.cycles import AHEAD, CycleClock, CycleCounter
@@ -40,14 +40,26 @@ M = TypeVar("M", bound=Message)
 BIDS_REMEMBERED = 50
 DEBUG, INFO, WARNING, ERROR = 10, 20, 30, 40
 
+MOST_SETTINGS = 256
+"""That are remembered of all agents."""
+
+REMEMBERED = "those who remember"
+"""By whom a parameter is changed that was set before its instance was started."""
+
 LONGEST_REASON = 200
 """Characters of a bid's reason that are kept."""
 
 REPORT_S = 2.0
 """Refused commands are reported at most so often."""
 
+COMMANDS_REFUSED = "commands refused: "
+"""How the report begins."""
+
 REASONS_TOLD = 3
 """So many different reasons are; a speed beyond what the robot can is another one each time."""
+
+NOT_FRESH, NOT_SOUND = "no fresh ", "its bid is not sound: "
+"""How the reasons for no bid begin that people follow up: the first is followed by a key."""
 
 AT_WORK = frozenset({Verdict.STALE_BALLOT, Verdict.OVER, Verdict.LISTENING})
 """Refusals that come of every exchange and every start: the protocol at work, and no fault."""
@@ -161,6 +173,10 @@ class Agent:
     """Facts of a scenario that its launcher sets: the parameters of these names (see
     `armadico.launch.society.facts`)."""
 
+    changeable: ClassVar[Mapping[str, str]] = MappingProxyType({})
+    """Units, by name, of those parameters that may be changed while it is at work; those in tables
+    with dots. They are read from `p` where they are used, or anew in `on_parameters`."""
+
     borders: ClassVar[Mapping[str, Callable[[float], float]]] = MappingProxyType({})
     """What a picture shows around the robot: distances from its outline, m, by its speed, m/s."""
 
@@ -168,7 +184,11 @@ class Agent:
         self.identity = identity
         self.instance = identity.instance
         self.rng = identity.rng
+        self.drawn = self.rng.getstate()  # before anything is: a life that is replayed begins here
         self.p: Parameters = self.parameters() if parameters is None else parameters
+        self._begun = self.p  # as it was started
+        self._set: dict[str, str] = {}  # live since, by this instance or one before it: JSON
+        changeable.allowed(type(self.p), self.changeable)  # a name that is none is told of at once
         self.now = 0.0
         self.cycles = CycleClock()  # the robot's
         self.tenure = 0  # cycles for which it has been at work
@@ -235,6 +255,13 @@ class Agent:
 
     def on_wakeup(self) -> None:
         """Called at the time given to `wake_at`."""
+
+    def on_parameters(self, before: Any) -> None:
+        """Some of `changeable` were changed: `p` has the new ones, `before` is what it was.
+
+        What was worked out from them is worked out again. ValueError, raised before that, refuses
+        them.
+        """
 
     def on_appeared(self, name: str, instance: str) -> None:
         """An instance of an agent has joined."""
@@ -364,6 +391,8 @@ class Agent:
                 owned.due = now
         self.on_start()
         for message in self.memory.all():  # of what it was told before
+            if type(message) is m.Tuning:
+                self._take_over_settings(message)
             handler = self._handlers.get(type(message))
             if handler is not None:
                 handler(message)
@@ -527,6 +556,60 @@ class Agent:
         everybodys = to.kind is Kind.LATCHED or to.message is m.Description
         return not everybodys or to.message in self.hears or to.message in self.needs
 
+    def tune(self, request: m.ParametersRequest, now: float) -> m.ParametersReply:
+        """Change what is asked for, all or none, and tell what may be changed, as it is then."""
+        self.now, refusal = now, ""
+        if request.change:
+            try:
+                self._change(request)
+            except ValueError as error:
+                refusal = m.line(str(error))
+        rows = changeable.told(self.p, self._begun, self.changeable)
+        return m.ParametersReply(self.instance, rows, refusal)
+
+    def _change(self, request: m.ParametersRequest) -> None:
+        """Raises ValueError saying what is wrong, and nothing is changed."""
+        self._put_settings(request.change, request.by or "somebody")
+        self._set |= {setting.name: setting.json for setting in request.change}
+        self._remember_settings()
+
+    def _put_settings(self, change: tuple[m.Setting, ...], by: str) -> None:
+        """Change parameters, and tell of it. Raises ValueError, and nothing is changed."""
+        before = self.p
+        self.p = changeable.changed(before, self.changeable, change)
+        try:
+            self.on_parameters(before)
+        except ValueError:
+            self.p = before
+            raise
+        for name, old, new in changeable.differences(before, self.p, tuple(self.changeable)):
+            self.publish(m.ParameterChange(self.name, self.instance, name, old, new, by))
+            self.log(f"{name} = {new}, before {old}: changed by {by}")
+
+    def _remember_settings(self) -> None:
+        """Have everybody remember what was set, beside what was of others."""
+        known = self.memory.newest(m.Tuning) or m.Tuning(0, 0)
+        others = [each for each in known.settings if each.agent != self.name]
+        mine = [m.AgentSetting(self.name, m.Setting(*each)) for each in self._set.items()]
+        if known.settings == (settings := (*others, *mine)):
+            return
+        by = self.rng.getrandbits(63)
+        self.publish(m.Tuning(m.next_count(known.counter), by, settings[-MOST_SETTINGS:]))
+
+    def _take_over_settings(self, said: m.Tuning) -> None:
+        """Be set as the agent was before this instance, or as another instance of it is."""
+        mine = {e.setting.name: e.setting.json for e in said.settings if e.agent == self.name}
+        for name, value in mine.items():
+            if self._set.get(name) == value:
+                continue
+            self._set[name] = value
+            try:
+                self._put_settings((m.Setting(name, value),), REMEMBERED)
+            except ValueError as error:  # by one of another version, say
+                self.log(f"not set as before: {error}", WARNING)
+        if set(self._set) - set(mine):  # whoever said this did not know of them
+            self._remember_settings()
+
     def history(self) -> m.BidHistory:
         """Its recent bids."""
         return m.BidHistory(self.instance, tuple(self.bids))
@@ -609,6 +692,8 @@ class Agent:
         news = self._hear(message)
         if news and type(message) is m.Stop:
             self._stop_changed()
+        if news and type(message) is m.Tuning:
+            self._take_over_settings(message)
         return news
 
     def _advance(self, clock: CycleClock, cycle: m.Cycle, key: str) -> bool:
@@ -736,11 +821,11 @@ class Agent:
         stale = next((kind for kind in self.needs if self.fresh(kind) is None), None)
         bid, self.why = None, ""
         if not contender.clock.alive(self.now) or not contender.owned:
-            self.why = f"no fresh {resource.ack_key}"
+            self.why = f"{NOT_FRESH}{resource.ack_key}"
         elif resource.stops and (stop := self.stopped) is not None:
             self.why = f"stopped by {stop.by}"
         elif stale is not None:
-            self.why = f"no fresh {self._lacks(stale)}"
+            self.why = f"{NOT_FRESH}{self._lacks(stale)}"
         else:
             bid = self._sound(resource, self.bid_for(resource, message))
         self._record(resource, message.cycle, bid)
@@ -766,7 +851,7 @@ class Agent:
             reason = m.line(str(bid.reason))[:LONGEST_REASON]
             return Bid(utility, resource.pack(bid.action), bool(bid.critical), within, reason)
         except (TypeError, ValueError) as error:
-            self.why = m.line(f"its bid is not sound: {error}")[:LONGEST_REASON]
+            self.why = m.line(f"{NOT_SOUND}{error}")[:LONGEST_REASON]
         self.log(f"{self.instance}: {self.why}", ERROR)
         return None
 
@@ -824,7 +909,7 @@ class Agent:
                 told[REASONS_TOLD:] = [f"{sum(refusals.values())} in all"]
             text = "; ".join(told)
             level = INFO if set(refusals) <= AT_WORK else WARNING
-            self.log(f"commands refused: {text}", level)
+            self.log(f"{COMMANDS_REFUSED}{text}", level)
             refusals.clear()
 
     def _mind(self, owned: _Owned) -> None:

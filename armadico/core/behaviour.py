@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from typing import Any, ClassVar
+from dataclasses import replace
+from typing import Any, ClassVar, Final
 
 from armadico.core import agent
 from armadico.core.agent import Agent
@@ -15,6 +16,7 @@ from armadico.core.messages import (
     Obstacles,
     Pose,
     RobotState,
+    TeleopStatus,
     Trajectory,
 )
 from armadico.core.motion import Body, Speeds, ordered
@@ -30,6 +32,10 @@ MARGINS = Safety()
 UNSURE_M, LOST_M = 0.15, 0.5
 """Standard deviations of the pose, m: beyond the first a behaviour slows down, beyond the second
 the robot is lost and no mission is driven."""
+
+BY_HAND: Final = 0.9
+"""What a behaviour bids at the most while a hand is on the stick, unless it is critical. With 1.0,
+which many reach, the hand would get the wheels from nobody who has them: it can bid no more."""
 
 SLOWEST = 0.3
 """The share of its speed that is left just before that."""
@@ -49,7 +55,12 @@ class Behaviour(Agent):
     """Whether it drives a robot that is lost, and only then: to find out where it is."""
 
     needs: ClassVar[tuple[type[Message], ...]] = (Pose, Obstacles)
-    hears: ClassVar[tuple[type[Message], ...]] = (Trajectory, Description, ChargeStatus)
+    hears: ClassVar[tuple[type[Message], ...]] = (
+        Trajectory,
+        Description,
+        ChargeStatus,
+        TeleopStatus,
+    )
     competes_for = (WHEELS,)
 
     def __init__(self, identity: agent.Identity, parameters: Any = None) -> None:
@@ -113,7 +124,12 @@ class Behaviour(Agent):
         """A new mission has begun, or the old one has ended."""
 
     def on_body(self) -> None:
-        """The robot was described for the first time, or differently."""
+        """The robot was described for the first time, or differently; or parameters changed."""
+
+    def on_parameters(self, before: Any) -> None:  # noqa: ARG002
+        """What is worked out from the body and the parameters is worked out again."""
+        if self._body is not None:
+            self.on_body()
 
     def on_robot_state(self, state: RobotState) -> None:
         """How the wheels turn, and how they did."""
@@ -141,7 +157,13 @@ class Behaviour(Agent):
             self.route.catch_up(trajectory.leg)
 
     def bid(self, message: Any) -> Bid | None:  # noqa: ARG002 - either starts the turn
-        """Follow the route, and propose."""
+        """Follow the route, and propose; a hand on the stick goes first, if nothing is critical."""
+        bid, said = self._proposed(), self.fresh(TeleopStatus)
+        if said is None or not said.hand or bid is None or bid.critical or bid.utility <= BY_HAND:
+            return bid
+        return replace(bid, utility=BY_HAND)
+
+    def _proposed(self) -> Bid | None:
         if self.needs_goal and not self.route.waypoints:
             self.why = "no goal"
             return None

@@ -50,7 +50,7 @@ UNOBEYED: Final = 6
 of 0.1 s lock up. With 6 for all, who is deposed just before it would let go does not stand back,
 and takes over again at once."""
 
-STAND_BACK: Final = (1.0, 2.0, 4.0)
+STAND_BACK: Final[tuple[float, ...]] = (1.0, 2.0, 4.0)
 """Seconds that a holder who was not obeyed stays away, the first time, the second, ever after:
 longer each time, or two networks that cannot hear each other fight for ever."""
 

@@ -38,6 +38,7 @@ from armadico.core.messages import (
     Log,
     Message,
     MessageError,
+    ParametersRequest,
     decode,
 )
 from armadico.core.services import BIDS, CARD
@@ -143,6 +144,9 @@ class Driver:
     @property
     def wakeup(self) -> float | None:
         """When `wake` should be called, s, if nothing comes before."""
+        return self._due()
+
+    def _due(self) -> float | None:
         mine = self._look_at
         if self.stage is not Stage.JOINED:
             return mine
@@ -182,7 +186,7 @@ class Driver:
                 elif isinstance(item, Answer):
                     self._answer(item)
                 elif isinstance(item, Refused):
-                    self.refuse(item.key, item.why, agent.now)
+                    self._refuse(item.key, item.why, agent.now)
                 else:
                     self._out.append(item)
         sent, self._out = self._out, []
@@ -199,7 +203,7 @@ class Driver:
             if message is None:
                 return
         if self.refused:
-            self.report({}, now)  # what came too soon after the last report
+            self._report(now)  # what came too soon after the last report
         if self.stage is Stage.JOINED:
             self.agent.receive(message, now)
         elif isinstance(message, Latched) and self.stage is not Stage.REFUSED:
@@ -223,8 +227,13 @@ class Driver:
 
     def answers(self, key: str) -> type[Message] | None:
         """The kind of query that it answers on a key, if it does."""
+        return self._answers(key)
+
+    def _answers(self, key: str) -> type[Message] | None:
         if key in {self._card_key, self._bids_key}:
             return Ask
+        if key == self._parameters_key:
+            return ParametersRequest
         for kind in self.agent.answers:
             if self.agent.key_of(kind) == key:
                 return kind
@@ -233,7 +242,14 @@ class Driver:
     @property
     def queries(self) -> dict[str, type[Message]]:
         """The keys on which it answers, and what it is asked there."""
-        own: dict[str, type[Message]] = {self._card_key: Ask, self._bids_key: Ask}
+        return self._queries()
+
+    def _queries(self) -> dict[str, type[Message]]:
+        own: dict[str, type[Message]] = {
+            self._card_key: Ask,
+            self._bids_key: Ask,
+            self._parameters_key: ParametersRequest,
+        }
         return {self.agent.key_of(kind): kind for kind in self.agent.answers} | own
 
     def asked(self, key: str, payload: bytes | Message, call: Any, now: float) -> None:
@@ -243,9 +259,12 @@ class Driver:
                 self._out.append(Reply(call, key, self._card()))
         elif key == self._bids_key:
             self._out.append(Reply(call, key, self._history()))
-        elif (kind := self.answers(key)) is not None and self.stage is Stage.JOINED:
+        elif (kind := self._answers(key)) is not None and self.stage is Stage.JOINED:
             request = self._read(kind, key, payload, now)
             if request is None:
+                return
+            if type(request) is ParametersRequest:
+                self._out.append(Reply(call, key, self.agent.tune(request, now)))
                 return
             self._call_ids += 1
             self._calls[self._call_ids] = (call, key)
@@ -290,23 +309,29 @@ class Driver:
 
     def refuse(self, key: str, why: object, now: float) -> None:
         """Count what was refused, or could not be sent, on a key; and now and then say so."""
-        counted = f"on {key}: {why}"
-        if len(self.refused) < QUESTIONS or counted in self.refused:
-            self.refused[counted] += 1
-        self.report({}, now)
+        self._refuse(key, why, now)
 
     def report(self, dropped: dict[str, int], now: float) -> None:
         """Say now and then what was dropped or refused."""
         for key, count in dropped.items():
             self.refused[f"too busy: dropped on {key}"] += count
+        self._report(now)
+
+    # Inside: nothing here calls what is called from outside, which may be overridden -------------
+
+    def _refuse(self, key: str, why: object, now: float) -> None:
+        counted = f"on {key}: {why}"
+        if len(self.refused) < QUESTIONS or counted in self.refused:
+            self.refused[counted] += 1
+        self._report(now)
+
+    def _report(self, now: float) -> None:
         if not self.refused or now - self._reported_at < REPORT_S:
             return
         self._reported_at = now
         text = "; ".join(f"{count} x {why}" for why, count in self.refused.most_common(3))
         self.agent.log(f"{self.agent.instance}: refused or dropped: {text}", WARNING)
         self.refused.clear()
-
-    # Inside --------------------------------------------------------------------------------------
 
     def _progress(self, now: float) -> None:
         """Ask for cards, show the token, begin, or leave, as it may by now."""
@@ -352,6 +377,10 @@ class Driver:
     def _bids_key(self) -> str:
         return BIDS.key_for(name=self.agent.name, instance=self.agent.instance)
 
+    @property
+    def _parameters_key(self) -> str:
+        return self.agent.key_of(ParametersRequest)
+
     def _card(self) -> Card:
         card = self.agent.card()
         return card if self._wall is None else replace(card, clock=self._wall())
@@ -376,7 +405,7 @@ class Driver:
             fault = misaddressed(key, message)
             if not fault:
                 return message
-        self.refuse(key, fault, now)
+        self._refuse(key, fault, now)
         return None
 
     def _may_log(self) -> bool:

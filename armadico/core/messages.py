@@ -55,6 +55,7 @@ COUNTS: Final = LARGEST_COUNT + 1
 
 Real = Annotated[float, Meta(ge=-LARGEST, le=LARGEST)]  # also refuses NaN and the infinities
 Share = Annotated[float, Meta(ge=0, le=1)]
+Deflection = Annotated[float, Meta(ge=-1, le=1)]
 
 # What no robot on wheels is or does, whoever says so. Others work by these numbers, each cycle: so
 # much ahead, so often, for so long. All that a P2OS packet can say lies within.
@@ -149,19 +150,26 @@ def _both(message: M) -> tuple[Any, M]:
 
 def decode(data: bytes, kind: type[M]) -> M:
     """Read one message of a kind. Raises `MessageError` saying what is wrong with it."""
-    if len(data) > LARGEST_PAYLOAD:
-        raise MessageError(f"not a {kind.__name__}: {len(data)} bytes, at most {LARGEST_PAYLOAD}")
     try:
-        plain = cbor2.loads(
+        return msgspec.convert(plain_of(data), kind)
+    except (msgspec.ValidationError, MessageError) as error:
+        raise MessageError(f"not a {kind.__name__}: {error}") from None
+
+
+def plain_of(data: bytes) -> Any:
+    """The plain values in a payload, of whatever message. Raises `MessageError`."""
+    if len(data) > LARGEST_PAYLOAD:
+        raise MessageError(f"{len(data)} bytes, at most {LARGEST_PAYLOAD}")
+    try:
+        return cbor2.loads(
             data,
             tag_hook=_no_tags,
             semantic_decoders=_TAGS,
             max_depth=_DEEPEST,
             allow_indefinite=False,
         )
-        return msgspec.convert(plain, kind)
-    except (msgspec.ValidationError, cbor2.CBORDecodeError, ValueError, RecursionError) as error:
-        raise MessageError(f"not a {kind.__name__}: {error}") from None
+    except (cbor2.CBORDecodeError, ValueError, RecursionError) as error:
+        raise MessageError(str(error)) from None
 
 
 def line(text: str) -> str:
@@ -288,6 +296,10 @@ def counts_beyond(counter: int, other: int) -> bool:
     return 0 < ahead <= JUMP or (counter > other and ahead < COUNTS - JUMP)
 
 
+_SPELT: Final = "0123456789ABCDEFGHJKMNPQRSTVWXYZ"
+"""Digits of codes (Crockford's): none that are taken for one another."""
+
+
 class Stop(Latched, frozen=True):
     """The latch that stops the robot. A stop always latches; a release needs a larger counter.
 
@@ -304,6 +316,11 @@ class Stop(Latched, frozen=True):
     def order(self) -> tuple[int, int]:
         """At equal counters the stop stands."""
         return self.counter, int(self.stopped)
+
+    @property
+    def code(self) -> str:
+        """What people type to release this stop and no other: six letters and digits."""
+        return "".join(_SPELT[self.press >> 5 * place & 31] for place in range(6))
 
 
 class Origin(Latched, frozen=True):
@@ -328,6 +345,37 @@ class Origin(Latched, frozen=True):
     @property
     def order(self) -> tuple[int, int]:
         """Counted each time it is published: who has known it for longer is right."""
+        return self.counter, self.by
+
+
+class Setting(Message, frozen=True):
+    """A parameter and what it is to be: a value of JSON; `null` clears an optional one."""
+
+    name: Name  # with dots into tables, as in a file: `safety.margin_m`
+    json: Text
+
+
+class AgentSetting(Message, frozen=True):
+    """What a parameter of an agent was set to while it was at work."""
+
+    agent: Name
+    setting: Setting
+
+
+class Tuning(Latched, frozen=True):
+    """All that was set live, remembered by everybody: who is started again is told.
+
+    It is the agent's, not the instance's: all instances of one follow. Each agent looks after its
+    own, and says again what somebody has left out who did not know of it.
+    """
+
+    counter: Counter
+    by: Bits64  # drawn at random each time
+    settings: Annotated[tuple[AgentSetting, ...], Meta(max_length=256)] = ()
+
+    @property
+    def order(self) -> tuple[int, int]:
+        """Counted with each change."""
         return self.counter, self.by
 
 
@@ -446,6 +494,11 @@ class Scan(Message, frozen=True):
     reach: Annotated[float, Meta(gt=0, le=REACH_M)]  # the longest range it sees, m
     packed: Annotated[bytes, Meta(max_length=2 * RAYS)]
     number: Counter = 0  # counts scans, since the robot agent started
+
+    @property
+    def rays(self) -> int:
+        """How many there are."""
+        return len(self.packed) // 2
 
 
 # Perception ---------------------------------------------------------------------------------------
@@ -664,6 +717,7 @@ class MissionRequest(Message, frozen=True):
     goal: Waypoint
     waypoints: Annotated[tuple[Waypoint, ...], Meta(max_length=WAYPOINTS)] = ()
     planned: bool = True
+    replaces: Bits64 | None = None  # the only mission that it may take the place of; None: any
 
 
 class MissionReply(Message, frozen=True):
@@ -724,6 +778,43 @@ class ExploreStatus(Message, frozen=True):
     places: Counter = 0  # that it has set out for
     given_up: Counter = 0  # of those, not reached
     note: Text = ""
+
+
+# By hand ------------------------------------------------------------------------------------------
+
+
+class Stick(Message, frozen=True):
+    """Where a hand has the stick: shares of the most that the teleop agent may drive.
+
+    Said about ten times a second for as long as the hand is on it, and once more with `held` false
+    when it lets go. The cycle is the newest that the hand has heard of the robot: who does not hear
+    where the robot is does not drive it, and a stick that comes late is stale like anything else.
+    """
+
+    cycle: Cycle
+    hand: Name  # one a terminal, page or gamepad, new with each start: `ann@lab-3f9c2a10`
+    number: Counter  # grows with each of this hand's
+    v: Deflection  # forward positive,
+    w: Deflection  # and left
+    held: bool = True
+
+
+class TeleopStatus(Message, frozen=True):
+    """The teleop agent's report: of each cycle while a hand is on the stick, else each second.
+
+    Of two hands the first has it until it lets go, or is silent for 0.5 s: who reads another's name
+    here is not obeyed.
+    """
+
+    cycle: Cycle
+    hand: Label = ""  # whose; empty: nobody's
+    holds: bool = False  # the wheels
+    v: Speed = 0.0  # what it would have the robot do now, m/s
+    w: Turn = 0.0  # and rad/s
+    v_max: Speed = 0.0  # what a whole deflection stands for
+    w_max: Turn = 0.0
+    waits: Annotated[tuple[Name, ...], Meta(max_length=8)] = ()  # hands that want it, too
+    note: Text = ""  # why the robot does less than the stick says
 
 
 # Several robots -----------------------------------------------------------------------------------
@@ -1157,6 +1248,49 @@ class BidHistory(Message, frozen=True):
     bids: tuple[BidRecord, ...]
 
 
+class Parameter(Message, frozen=True):
+    """A parameter that may be changed while its agent is at work."""
+
+    name: Name
+    json: Text  # its value now,
+    begun: Text  # and the one that the agent was started with
+    unit: Label  # empty: it has none
+    wanted: Text  # what it may be, for people: `a number above 0, at most 10, or none`
+    least: Real | None = None  # None: no bound, or no number
+    most: Real | None = None
+    words: Annotated[tuple[Label, ...], Meta(max_length=32)] = ()  # those that it may be, if so
+    optional: bool = False  # it may be null
+
+
+class ParametersRequest(Message, frozen=True):
+    """Asks an agent for its parameters, and to change some before: all of them, or none."""
+
+    change: Annotated[tuple[Setting, ...], Meta(max_length=64)] = ()
+    by: Label = ""
+
+
+class ParametersReply(Message, frozen=True):
+    """Those of an agent's parameters that may be changed, as they are now.
+
+    With a refusal nothing was changed: it says which value is wrong, and what is right.
+    """
+
+    instance: Name
+    parameters: Annotated[tuple[Parameter, ...], Meta(max_length=64)]
+    refusal: Text = ""
+
+
+class ParameterChange(Message, frozen=True):
+    """An agent's parameter was changed."""
+
+    agent: Name
+    instance: Name
+    name: Name
+    before: Text  # as JSON,
+    json: Text  # and what it is now
+    by: Label = ""
+
+
 class Ask(Message, frozen=True):
     """An empty question, for a card or the bids: an array of nothing. No payload will do."""
 
@@ -1235,11 +1369,61 @@ class MonitorReport(Message, frozen=True):
     note: Text = ""  # what it has done last, or what the society lacks
 
 
+# Programs and language models ---------------------------------------------------------------------
+
+
+class AssistantRequest(Message, frozen=True):
+    """A program asks the assistant agent for something; `text` has its arguments, as JSON."""
+
+    tool: Name
+    text: Text = "{}"
+    by: Label = ""  # as the program names itself
+
+
+class AssistantReply(Message, frozen=True):
+    """What is done about it, or why nothing is."""
+
+    said: Text = ""
+    refusal: Text = ""
+    mission: Bits64 = 0  # that it has led to; 0: to none
+
+
+class AssistantRecord(Message, frozen=True):
+    """A request to the assistant agent and what came of it, for whoever looks or records.
+
+    Requests beyond the rate are refused and counted: `left_out` is how many came since the last
+    record and have none.
+    """
+
+    number: Counter
+    request: AssistantRequest
+    reply: AssistantReply
+    left_out: Counter = 0
+
+
 class Log(Message, frozen=True):
     """A line for people."""
 
     level: Annotated[int, Meta(ge=0, le=50)]
     text: Text
+
+
+class JournalPiece(Message, frozen=True):
+    """A piece of an agent's journal: what entered and left it, in order (`core.journal`).
+
+    For recorders. The pieces of an instance, in the order of their numbers, are one stream of
+    bytes; a number that is missing is a gap, beyond which the stream cannot be read.
+    """
+
+    instance: Name
+    number: Counter  # from 0
+    data: Encoded
+
+
+class JournalRequest(Message, frozen=True):
+    """Asks an agent for a piece of its journal that was lost on the way to the recorder."""
+
+    number: Counter
 
 
 class Truth(Message, frozen=True):

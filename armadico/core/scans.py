@@ -102,7 +102,7 @@ def ranges_of(scan: Scan) -> Floats:
 
 def bearings_of(scan: Scan) -> Floats:
     """Where each ray goes, in the body frame, rad; not wrapped."""
-    bearings: Floats = scan.bearing + scan.step * np.arange(len(scan.packed) // 2, dtype=np.float64)
+    bearings: Floats = scan.bearing + scan.step * np.arange(scan.rays, dtype=np.float64)
     return bearings
 
 

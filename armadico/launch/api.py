@@ -2,13 +2,15 @@
 
 from __future__ import annotations
 
+import sys
 from collections.abc import Callable, Sequence
 from contextlib import suppress
 from dataclasses import dataclass, field
 from functools import cached_property
+from io import BytesIO
 from math import degrees, inf, radians
 from pathlib import Path
-from typing import TYPE_CHECKING, NamedTuple
+from typing import TYPE_CHECKING, Any, BinaryIO, NamedTuple
 
 from armadico.config.scenarios import Scenario, load_scenario
 from armadico.core.geometry import Pose2
@@ -21,10 +23,17 @@ if TYPE_CHECKING:
     from numpy.typing import NDArray
 
     from armadico.core.agent import Agent
+    from armadico.observe.pictures import Run as Picture
 
 
 class Holding(NamedTuple):
-    """For how long one agent was obeyed without a break, in s since the run began."""
+    """For how long one agent was obeyed without a break, in s since the run began.
+
+    Attributes:
+        agent: Who drove.
+        start: When it began to.
+        end: When another took over, or nobody drove.
+    """
 
     agent: str
     start: float
@@ -92,11 +101,37 @@ class Run:
 
         Raises ImportError without matplotlib (`pip install 'armadico[plot]'`), and OSError.
         """
+        self._draw(file)
+        return Path(file)
+
+    def animate(self, file: str | Path, *, speed: float | None = None) -> Path:
+        """Film the run: the robot drives again, and leaves its path behind it; returns its path.
+
+        Args:
+            file: A .gif, or an .mp4 where ffmpeg is on the path.
+            speed: How many times as fast as it happened; by default a film takes 12 s.
+
+        Raises:
+            ValueError: A file of another kind, or a speed that is none.
+            OSError: The file cannot be written; of an .mp4, there is no ffmpeg.
+            ImportError: There is no matplotlib (`pip install 'armadico[plot]'`).
+        """
+        from armadico.config.worlds import load_world  # noqa: PLC0415 - heavy
+        from armadico.observe.films import film_run  # noqa: PLC0415 - heavy
+
+        film_run(load_world(self.scenario.world), self._picture(), file, speed)
+        return Path(file)
+
+    def _draw(self, out: str | Path | BinaryIO) -> None:
+        from armadico.config.worlds import load_world  # noqa: PLC0415 - heavy
+        from armadico.observe.pictures import draw_run  # noqa: PLC0415 - heavy
+
+        draw_run(load_world(self.scenario.world), self._picture(), out)
+
+    def _picture(self) -> Picture:
         from armadico.config.grid_map import cells_of  # noqa: PLC0415 - heavy
         from armadico.config.profile import load_profile  # noqa: PLC0415 - heavy
-        from armadico.config.worlds import load_world  # noqa: PLC0415 - heavy
         from armadico.observe.pictures import Run as Picture  # noqa: PLC0415 - heavy
-        from armadico.observe.pictures import draw_run  # noqa: PLC0415 - heavy
 
         mapped = None
         if self.grid is not None:
@@ -105,7 +140,7 @@ class Run:
         goal = self.scenario.goal
         first = self.marks[0] if self.marks else None
         x, y, heading = self.scenario.start
-        picture = Picture(
+        return Picture(
             path=self.marks,
             start=(x, y, radians(heading)) if first is None else (first.x, first.y, first.theta),
             goal=None if goal is None else (goal[0], goal[1], radians(goal[2])),
@@ -116,8 +151,6 @@ class Run:
             caption=(self.measures.verdict,),
             mapped=mapped,
         )
-        draw_run(load_world(self.scenario.world), picture, file)
-        return Path(file)
 
 
 def run(
@@ -141,6 +174,7 @@ def run(
     namespace: str | None = None,
     connect: Sequence[str] = (),
     progress: Callable[[RunWatch], None] | None = None,
+    show: bool = False,
 ) -> Run:
     """Drive one scenario from start to goal; what `armadico run` does, without a word.
 
@@ -176,6 +210,7 @@ def run(
         namespace: The robot's subtree of keys; by default $ARMADICO_NAMESPACE, or robot1.
         connect: Endpoints by which the processes find one another; by default this machine's own.
         progress: Called now and then with what has been seen so far.
+        show: Draw it below the cell of a notebook, when it is over.
 
     Raises:
         ConfigError: The scenario, or something in it, cannot be used; the text has file and line.
@@ -187,7 +222,9 @@ def run(
         MeshError: The mesh cannot be joined.
         TopologyError: A namespace or an endpoint that cannot be one.
         ValueError: A limit that is none; `robot`, `namespace` or `connect` for a virtual run;
-            `joins` for another, where an agent is a process, found by its entry point.
+            `joins` for another, where an agent is a process, found by its entry point; `show`
+            elsewhere than in a notebook.
+        ImportError: `show` without matplotlib (`pip install 'armadico[plot]'`).
     """
     if virtual and (robot or namespace or connect):
         raise ValueError("robot, namespace and connect are for what is really there, not virtual")
@@ -195,6 +232,7 @@ def run(
         raise ValueError("joins is for virtual runs; processes are found by their entry points")
     if limit is not None and not 0.0 < limit < inf:
         raise ValueError(f"limit {limit:g}: expected seconds, more than none")
+    display = _display() if show else None
     given = scenario if isinstance(scenario, Scenario) else load_scenario(scenario)
     options = Options(
         seed=given.seed if seed is None else seed,
@@ -223,7 +261,7 @@ def run(
         for kind in joins:
             rehearsal.add(kind)
         rehearsal.run(progress, warnings.append)
-        return Run.of(chosen, rehearsal.watch, warnings)
+        return _shown(Run.of(chosen, rehearsal.watch, warnings), display)
     from armadico.launch.local import Launcher  # noqa: PLC0415 - and this one Zenoh
     from armadico.runtime.client import connect as joined  # noqa: PLC0415
 
@@ -233,4 +271,27 @@ def run(
         Launcher(chosen, options, guest.mesh, guest.mesh.namespace, joining=joining) as live,
     ):
         live.run(progress, warnings.append)
-    return Run.of(chosen, live.watch, warnings)
+    return _shown(Run.of(chosen, live.watch, warnings), display)
+
+
+def _display() -> Callable[..., Any]:
+    """What draws below a notebook's cell; it is asked for before the robot moves.
+
+    Raises ValueError where there is no notebook, and ImportError where nothing can draw.
+    """
+    # A terminal's IPython has no kernel, and shows no pictures.
+    shell = getattr(sys.modules.get("IPython"), "get_ipython", lambda: None)()
+    if not hasattr(shell, "kernel"):
+        raise ValueError("show draws in a notebook; elsewhere: plot('run.png') of what run returns")
+    import matplotlib as _  # noqa: F401, PLC0415 - an extra
+    from IPython.display import display  # noqa: PLC0415 - a notebook has it
+
+    return display
+
+
+def _shown(run: Run, display: Callable[..., Any] | None) -> Run:
+    if display is not None:
+        drawn = BytesIO()
+        run._draw(drawn)
+        display({"image/png": drawn.getvalue()}, raw=True)
+    return run

@@ -143,7 +143,8 @@ class Launcher(LiveRun):
 
     def start_agent(self, *group: Member, name: str = "") -> Process:
         """Start an agent as a process, or several as one; by default it is called as the first."""
-        return self._process(name or group[0].name, agent_words(group, self._namespace))
+        words = agent_words(group, self._namespace, journal=self.options.journal)
+        return self._process(name or group[0].name, words)
 
     def _process(self, name: str, words: Sequence[str], *, listen: bool = False) -> Process:
         log = self.logs / f"{name}.log"

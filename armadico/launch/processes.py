@@ -173,8 +173,8 @@ def simulator_words(
     ]
 
 
-def agent_words(members: Sequence[Member], namespace: str) -> list[str]:
-    """The command that runs the agents of one process."""
+def agent_words(members: Sequence[Member], namespace: str, *, journal: bool = False) -> list[str]:
+    """The command that runs the agents of one process; `journal`: they keep one."""
     whose = [f"{member.name}." if len(members) > 1 else "" for member in members]
     settings = [
         word
@@ -182,7 +182,8 @@ def agent_words(members: Sequence[Member], namespace: str) -> list[str]:
         for value in member.sets
         for word in ("--set", f"{of}{value}")
     ]
-    return ["agent", *(member.name for member in members), "--namespace", namespace, *settings]
+    kept = ["--journal"] if journal else []
+    return ["agent", *(m.name for m in members), "--namespace", namespace, *kept, *settings]
 
 
 def owns_wheels(label: str) -> bool:

@@ -77,6 +77,7 @@ class Options:
     limit: float | None = None  # s that the run may take; None: as `time_limit` says
     namespace: str = DEFAULT_NAMESPACE  # the robot's
     priority: float | None = None  # of a mission of several tasks; None: its own
+    journal: bool = False  # live: the agents publish what enters and leaves them
     margin: float | None = None  # by how much a bid must be better; None: the resource's own
 
 
@@ -176,17 +177,18 @@ def share(
 def spare(
     scenario: Scenario | None, options: Options, host: Host, table: HostTable
 ) -> tuple[Member, ...]:
-    """The agents that one host would start in place of another that is gone.
+    """The agents that one host would start in place of another that is gone, or for a hand.
 
     Whoever owns a device is where the device is, and nowhere else.
     """
+    hand = society().hand
     placed = dict.fromkeys(name for other in table.hosts.values() for name in other.agents)
     taken = placed if scenario is None else (*names(scenario, options.without), *society().watch)
     here = installed(AGENTS)
     able = [
         name
-        for name in dict.fromkeys(taken)
-        if name in placed and name in here and (host.takes is None or name in host.takes)
+        for name in dict.fromkeys((*taken, hand))
+        if name in (*placed, hand) and name in here and (host.takes is None or name in host.takes)
         if name not in host.agents and not issubclass(agent_class(name), DeviceAgent)
     ]
     scenario = scenario or NOWHERE

@@ -33,6 +33,7 @@ from armadico.launch.processes import (
 )
 from armadico.launch.society import Member, processes
 from armadico.launch.wakeup import Do, Event, Order, Parameters, Wakeup, lines, orders
+from armadico.observe.journals import head
 from armadico.runtime.process import AgentHost, identity
 
 if TYPE_CHECKING:
@@ -70,6 +71,8 @@ class Plan:
     """Agents that it would start besides, if their own host is gone."""
     needs: tuple[str, ...] = ()
     """Agents of the whole society that what is asked for cannot do without."""
+    journal: bool = False
+    """Whether the agents publish what enters and leaves them."""
 
 
 @dataclass
@@ -174,7 +177,12 @@ class Upkeep:
             within_s=budget.within_s,
         )
         self.wakeup = Wakeup(identity(Wakeup.name, plan.host), parameters)
-        self._agents = AgentHost([self.wakeup], mesh, {self.wakeup.instance: lambda: self.machine})
+        self._agents = AgentHost(
+            [self.wakeup],
+            mesh,
+            {self.wakeup.instance: lambda: self.machine},
+            head=head if plan.journal else None,
+        )
         self._thread = threading.Thread(target=self._live, name="wakeup", daemon=True)
 
     def __enter__(self) -> Upkeep:
@@ -258,7 +266,10 @@ class Upkeep:
         if label == SIMULATOR:
             process = self._simulator()
         else:
-            process = self._run(label, agent_words(self._members(label), self.plan.namespace))
+            words = agent_words(
+                self._members(label), self.plan.namespace, journal=self.plan.journal
+            )
+            process = self._run(label, words)
         self.machine.tell(Event(label, process.popen.pid))
 
     def _members(self, label: str) -> list[Member]:

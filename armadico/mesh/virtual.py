@@ -23,8 +23,9 @@ from typing import Any, Protocol
 
 from armadico.core.agent import Agent, AskFor, Identity, Publish, Subscription, Write
 from armadico.core.driver import Announce, Driver, OpenPort, Output, Reply
+from armadico.core.journal import Journalled
 from armadico.core.mailbox import BURST_S, EVENTS, Mailbox
-from armadico.core.messages import Message, MessageError, checked
+from armadico.core.messages import JournalPiece, Message, MessageError, checked
 from armadico.core.services import Kind, matches, service_of
 from armadico.mesh.topology import DEFAULT_NAMESPACE, rooted
 from armadico.mesh.virtual_network import Clock, Link
@@ -93,6 +94,7 @@ class VirtualMesh:
         self.now = 0.0
         self.refused: Callable[[Node], None] | None = None  # told of who may not join, or stay
         self.joined: Callable[[Node], None] | None = None  # told of each node that is added
+        self.head: Callable[[Agent], bytes] | None = None  # begins the journals, if any are kept
         self.nodes: list[Node] = []  # the processes of agents,
         self.places: list[Place] = []  # and the guests' too
         self.events = 0
@@ -148,6 +150,12 @@ class VirtualMesh:
         if node.alive:
             self.liveliness.look(node)
             node.begin()
+
+    def keep_journals(self, head: Callable[[Agent], bytes]) -> None:
+        """Whoever has not begun yet, and whoever joins later, keeps a journal: `Node.pieces`."""
+        self.head = head
+        for node in self.nodes:
+            node.keep_journal()
 
     def watch(
         self, watcher: Watcher, *kinds: type[Message], namespace: str = DEFAULT_NAMESPACE
@@ -524,7 +532,23 @@ class Node(Place):
         self._busy = False
         self._worked = 0  # deliveries since its last wake-up, or since nothing waited
         self._wake_due: float | None = None
+        self._admit = admit
+        self._begun = False
         self.driver = Driver(agent, self.time, admit=admit)
+        self.keep_journal()
+
+    def keep_journal(self) -> None:
+        """From its beginning, if it has not begun and the mesh has somebody read it."""
+        head = self.mesh.head
+        if head is not None and not self._begun:
+            told = head(self.agent)
+            self.driver = Journalled(
+                self.agent, self.time, told, admit=self._admit, publishes=False
+            )
+
+    def pieces(self) -> list[JournalPiece]:
+        """What its journal has come to since this was last asked; nothing if it keeps none."""
+        return self.driver.pieces() if isinstance(self.driver, Journalled) else []
 
     @property
     def time(self) -> float:
@@ -534,6 +558,7 @@ class Node(Place):
 
     def begin(self) -> None:
         """Start the agent."""
+        self._begun = True
         self.driver.begin(self.time)
         self._drain()
 

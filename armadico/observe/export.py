@@ -1,134 +1,24 @@
-"""Recordings read back: as messages, as tables, as a Rerun recording, in the words of others.
-
-A file that was cut short, by a kill or a full disk, is read as far as it goes.
-"""
+"""Recordings turned into something else: tables, a Rerun recording, the words of others."""
 
 from __future__ import annotations
 
 import csv
 import json
-import mmap
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 from contextlib import ExitStack
-from dataclasses import dataclass
 from pathlib import Path
-from typing import IO, TYPE_CHECKING, Any, Final, TextIO, cast
+from typing import TYPE_CHECKING, Any, TextIO
 
-from msgspec import Struct
-
-from armadico.core import messages
-from armadico.core.messages import BidHistory, BidRecord, Message, MessageError
-from armadico.observe.recorder import REFUSED, SCHEMA_PREFIX, Here, McapFile
+from armadico.core.messages import BidHistory, BidRecord, MessageError
+from armadico.observe.recorder import REFUSED, McapFile
+from armadico.observe.recordings import HERE, KINDS, RecordingError, Row, Warn, rows
 from armadico.observe.translators import Translator, translator
-from armadico.observe.watching import from_object, json_schema
+from armadico.observe.watching import json_schema
 
 if TYPE_CHECKING:
-    from mcap.records import Channel, Schema
-
     from armadico.config.worlds import World
     from armadico.observe.dashboard.local_map import Zones
     from armadico.observe.dashboard.scene import Scene
-
-KINDS: Final[dict[str, type[Struct]]] = {
-    SCHEMA_PREFIX + kind.__name__: kind
-    for kind in (*vars(messages).values(), Here)
-    if isinstance(kind, type) and (issubclass(kind, Message) or kind is Here)
-}
-"""The types that a schema's name stands for."""
-
-HERE: Final = SCHEMA_PREFIX + Here.__name__
-
-Warn = Callable[[str], None]
-
-
-class RecordingError(ValueError):
-    """A file that is no recording."""
-
-
-@dataclass(frozen=True, slots=True)
-class Row:
-    """One message of a recording; `t` is when it was received, ns since 1970."""
-
-    t: int
-    namespace: str
-    key: str
-    schema: str  # such as "armadico.Pose"; empty for a payload that is no known message
-    data: bytes  # JSON if there is a schema, else as it was sent
-
-    @property
-    def topic(self) -> str:
-        """The topic in the file."""
-        return f"/{self.namespace}/{self.key}"
-
-    @property
-    def fields(self) -> dict[str, Any]:
-        """The message by field names; empty if it is no known message."""
-        found: dict[str, Any] = json.loads(self.data) if self.schema else {}
-        return found
-
-    @property
-    def message(self) -> Message | None:
-        """The message; None for what is none. Raises MessageError if it does not fit its type."""
-        kind = KINDS.get(self.schema)
-        if kind is None or not issubclass(kind, Message):
-            return None
-        return from_object(kind, self.fields)
-
-
-def rows(path: Path, warn: Warn) -> Iterator[Row]:
-    """The messages of a file in the order they were received; `warn` is told if it is cut short.
-
-    Raises RecordingError if the file is no recording, and OSError.
-    """
-    from mcap.exceptions import InvalidMagic  # noqa: PLC0415 - an extra
-
-    read = 0
-    with path.open("rb") as stream:
-        if path.stat().st_size == 0:
-            raise RecordingError(f"{path} is empty")
-        # Mapped, a length that is damaged asks for no more memory than there is file.
-        with mmap.mmap(stream.fileno(), 0, access=mmap.ACCESS_READ) as data:
-            try:
-                for row in _decoded(data):
-                    read += 1
-                    yield row
-            except InvalidMagic:
-                if read == 0:
-                    raise RecordingError(f"{path} is no MCAP file") from None
-                warn(f"{path} was cut short: {read} messages could be read")
-            except Exception:  # whatever the decoders make of damaged bytes
-                warn(f"{path} was cut short: {read} messages could be read")
-
-
-def _decoded(data: mmap.mmap) -> Iterator[Row]:
-    from mcap.records import Channel, Message, Schema, Statistics  # noqa: PLC0415 - an extra
-    from mcap.stream_reader import StreamReader  # noqa: PLC0415 - an extra
-
-    schemas: dict[int, Schema] = {}
-    channels: dict[int, Channel] = {}
-    read = 0
-    for record in StreamReader(cast("IO[bytes]", data), validate_crcs=True).records:
-        if isinstance(record, Schema):
-            schemas[record.id] = record
-        elif isinstance(record, Channel):
-            channels[record.id] = record
-        elif isinstance(record, Statistics) and record.message_count != read:
-            raise RecordingError("a chunk is missing")
-        elif isinstance(record, Message):
-            read += 1
-            channel = channels[record.channel_id]
-            schema = schemas.get(channel.schema_id)
-            if schema is None or schema.name.startswith(SCHEMA_PREFIX):  # no translator's
-                yield _row(channel, schema, record.log_time, record.data)
-
-
-def _row(channel: Channel, schema: Schema | None, t: int, data: bytes) -> Row:
-    topic = channel.topic.strip("/")
-    namespace = channel.metadata.get("namespace", topic.partition("/")[0])
-    key = channel.metadata.get("key", topic.partition("/")[2])
-    name = schema.name if schema is not None and channel.message_encoding == "json" else ""
-    return Row(t, namespace, key, name, data)
-
 
 # Tables -------------------------------------------------------------------------------------------
 

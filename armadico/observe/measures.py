@@ -344,7 +344,7 @@ class RunWatch:
         if here is None:
             return
         with suppress(ValueError):
-            points = points_of(scan)[:: max(1, len(scan.packed) // 2 // SHOWN_RAYS)].tolist()
+            points = points_of(scan)[:: max(1, scan.rays // SHOWN_RAYS)].tolist()
             self.echoes += [to_world((here[0], here[1], here[2]), x, y) for x, y in points]
 
     def _take_missionstatus(self, status: MissionStatus) -> None:

@@ -16,7 +16,7 @@ from dataclasses import dataclass, field
 from itertools import cycle, groupby, pairwise
 from math import cos, hypot, pi, sin
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, Protocol
+from typing import TYPE_CHECKING, Any, BinaryIO, Protocol
 from zlib import crc32
 
 from armadico.config.grid_map import Cells
@@ -27,6 +27,8 @@ from armadico.config.worlds import Pose, World, load_world
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure
+    from matplotlib.lines import Line2D
+    from matplotlib.text import Text
 
 SIZE_PX = (1280, 720)
 DPI = 100
@@ -52,6 +54,9 @@ FORBIDDEN = "#c0392b"
 PARTICLE = "#0b8f88"
 MAPPED_FREE, MAPPED = "#e3ecf3", "#d98c1f"
 MAX_ECHOES = 8000
+
+NOSE = ((0.06, 0.09), (0.17, 0.0), (0.06, -0.09))
+"""What is drawn on the robot to show where it looks: m, in its own frame."""
 
 
 class Mark(Protocol):
@@ -105,15 +110,15 @@ def draw_world(
     world: World, path_out: Path | str, start: Pose | None = None, goal: Pose | None = None
 ) -> None:
     """A PNG of a world: walls, rooms by their names, doors, a start and a goal."""
-    canvas = _Canvas(world)
+    canvas = Canvas(world)
     canvas.heading(world.name, _size(world))
     canvas.poses(start, goal, (), world.docks.values())
     canvas.save(path_out)
 
 
-def draw_run(world: World, run: Run, path_out: Path | str) -> None:
+def draw_run(world: World, run: Run, out: Path | str | BinaryIO) -> None:
     """A PNG of a run: who drove where, what the sonars saw, and the robot now and then."""
-    canvas = _Canvas(world)
+    canvas = Canvas(world)
     canvas.heading(run.title or world.name, *run.caption)
     if run.mapped is None:
         canvas.echoes(run.echoes)
@@ -122,7 +127,7 @@ def draw_run(world: World, run: Run, path_out: Path | str) -> None:
     canvas.path(run.steps)
     canvas.poses(run.start, run.goal, run.waypoints, world.docks.values())
     canvas.robots(run.steps, run.body)
-    canvas.save(path_out)
+    canvas.save(out)
 
 
 @dataclass(frozen=True)
@@ -144,7 +149,7 @@ def draw_moments(world: World, moments: Sequence[Moment], body: Body, path_out: 
     figure = None
     for column, moment in enumerate(moments):
         place = (0.045 + share * column, 85 / height, share - 0.03, high / height)
-        canvas = _Canvas(world, figure, place, height)
+        canvas = Canvas(world, figure, place, height)
         figure = canvas.figure
         canvas.particles(moment.particles)
         canvas.robots([(moment.t, *moment.robot, None)], body)
@@ -154,6 +159,60 @@ def draw_moments(world: World, moments: Sequence[Moment], body: Body, path_out: 
         f"{world.name}: with no idea of the pose",
         "Particles of the localization agent, some of them by their weight, and where the robot is",
     )
+    canvas.save(path_out)
+
+
+@dataclass(frozen=True)
+class Trace:
+    """Something of one agent's over time, then and now: (s, value), NaN where there is none."""
+
+    name: str
+    then: Sequence[tuple[float, float]]
+    now: Sequence[tuple[float, float]]
+
+
+def draw_otherwise(
+    world: World,
+    paths: tuple[Sequence[Pose], Sequence[Pose]],
+    utilities: Sequence[Trace],
+    speeds: Sequence[Trace],
+    words: tuple[str, str],
+    path_out: Path | str,
+) -> None:
+    """A PNG of what was decided, and what would have been: both paths, utilities and speeds.
+
+    Args:
+        world: What is drawn under the paths.
+        paths: The one that was driven, and the other.
+        utilities: Of each agent.
+        speeds: That each agent wanted, m/s.
+        words: A title, and a line below it.
+        path_out: The file.
+    """
+    canvas = Canvas(world, place=(0.045, 0.125, 0.5, 0.735))
+    canvas.heading(*words)
+    for number, (label, poses) in enumerate(zip(("as it was", "otherwise"), paths, strict=True)):
+        if poses:
+            xs, ys = zip(*(canvas.at(x, y) for x, y, _ in poses), strict=True)
+            look: dict[str, Any] = {"color": (INK, PARTICLE)[number], "linestyle": LINES[number]}
+            (line,) = canvas.axes.plot(xs, ys, linewidth=2.2, zorder=4 + number, **look)
+            canvas.legend[label] = line
+    if paths[0]:
+        canvas.poses(paths[0][0], None, ())
+    rows = (("utility", utilities), ("wanted speed, m/s", speeds))
+    for row, (what, traces) in enumerate(rows):
+        axes = canvas.figure.add_axes((0.61, 0.525 - 0.4 * row, 0.37, 0.335))
+        axes.set_title(what, loc="left", fontsize=11, color=INK)
+        axes.grid(color=FAINT)
+        axes.tick_params(labelsize=9, colors=SOFT)
+        for trace in traces:
+            for style, points in zip(LINES, (trace.then, trace.now), strict=False):
+                if points:
+                    look = {"color": colour(trace.name), "linestyle": style, "linewidth": 1.6}
+                    (line,) = axes.plot(*zip(*points, strict=True), **look)
+                    canvas.legend.setdefault(trace.name, line)
+        if row == len(rows) - 1:
+            axes.set_xlabel("s of the recording", fontsize=9, color=SOFT)
     canvas.save(path_out)
 
 
@@ -183,7 +242,7 @@ def _size(world: World) -> str:
     return f"{x2 - x1:g} m x {y2 - y1:g} m"
 
 
-class _Canvas:
+class Canvas:
     """A figure with one world in it, in the world's metres or turned by a quarter."""
 
     def __init__(
@@ -193,17 +252,18 @@ class _Canvas:
         place: tuple[float, float, float, float] = (0.055, 0.125, 0.925, 0.735),
         height_px: int = SIZE_PX[1],
     ) -> None:
-        import matplotlib as mpl  # noqa: PLC0415 (an extra, and slow)
-
-        mpl.use("Agg")
-        import matplotlib.pyplot as plt  # noqa: PLC0415
+        # Not pyplot's: a notebook's own backend, and its open figures, are left alone.
+        from matplotlib.backends.backend_agg import FigureCanvasAgg  # noqa: PLC0415 (an extra)
+        from matplotlib.figure import Figure  # noqa: PLC0415 (and slow)
 
         x1, y1, x2, y2 = world.bounds
         self.turned = (y2 - y1) > TALL * (x2 - x1)
         self.size = max(x2 - x1, y2 - y1)
         self.legend: dict[str, Any] = {}
         size = (SIZE_PX[0] / DPI, height_px / DPI)
-        self.figure: Figure = figure or plt.figure(figsize=size, dpi=DPI, facecolor=PAPER)
+        self.figure = figure or Figure(figsize=size, dpi=DPI, facecolor=PAPER)
+        if figure is None:
+            FigureCanvasAgg(self.figure)
         self.axes: Axes = self.figure.add_axes(place)
         self._cycle(world.bounds)
         self._rooms(world)
@@ -217,14 +277,19 @@ class _Canvas:
         """A heading of the world on the paper."""
         return theta - pi / 2 if self.turned else theta
 
-    def heading(self, title: str, *lines: str) -> None:
+    def heading(self, title: str, *lines: str) -> list[Text]:
+        """Write a title and up to two lines below it; returns those lines."""
         height = self.figure.get_figheight() * DPI
         self.figure.text(0.055, 1 - 39.6 / height, title, fontsize=17, weight="bold", color=INK)
-        for row, line in enumerate(lines[:2]):
-            y = 1 - (66.2 + 24.5 * row) / height
-            self.figure.text(0.055, y, line, fontsize=10.5, color=SOFT)
+        return [
+            self.figure.text(
+                0.055, 1 - (66.2 + 24.5 * row) / height, line, fontsize=10.5, color=SOFT
+            )
+            for row, line in enumerate(lines[:2])
+        ]
 
     def echoes(self, echoes: Sequence[tuple[float, float]]) -> None:
+        """Points where sensors heard or saw something."""
         every = max(1, len(echoes) // MAX_ECHOES)
         points = [self.at(x, y) for x, y in echoes[::every]]
         if points:
@@ -274,7 +339,9 @@ class _Canvas:
         for name, ink in (("mapped free", MAPPED_FREE), ("mapped occupied", MAPPED)):
             self.legend[name] = self.axes.scatter([], [], s=40, marker="s", color=ink)
 
-    def path(self, steps: Sequence[Step]) -> None:
+    def path(self, steps: Sequence[Step]) -> list[Line2D]:
+        """The path, a line for each tenure; they begin where the one before them ended."""
+        drawn: list[Line2D] = []
         styles = cycle(LINES)
         style_of: dict[str | None, str] = {None: "solid"}
         for holder, points in _reigns(steps):
@@ -286,6 +353,8 @@ class _Canvas:
                 xs, ys, **look, linewidth=2.6, solid_capstyle="round", zorder=4
             )
             self.legend.setdefault(holder or "nobody", line)
+            drawn.append(line)
+        return drawn
 
     def poses(
         self,
@@ -294,6 +363,7 @@ class _Canvas:
         waypoints: Sequence[Pose],
         docks: Iterable[Pose] = (),
     ) -> None:
+        """Where it starts, where it is to go and by which waypoints, and where docks are."""
         for x, y, _ in waypoints:
             px, py = self.at(x, y)
             (cross,) = self.axes.plot(
@@ -311,21 +381,18 @@ class _Canvas:
         from matplotlib.patches import Polygon  # noqa: PLC0415
 
         for step, last in _spaced(steps, max(0.8, self.size / 16.0)):
-            outline = [self.at(*point) for point in _outline(step, body)]
+            corners = [self.at(*point) for point in outline(step, body)]
             ink = INK if last else SOFT
             alpha = 1.0 if last else 0.55
             self.axes.add_patch(
-                Polygon(outline, fill=False, edgecolor=ink, linewidth=1.1, alpha=alpha, zorder=5)
+                Polygon(corners, fill=False, edgecolor=ink, linewidth=1.1, alpha=alpha, zorder=5)
             )
-            nose = [self.at(*_point(step, *p)) for p in ((0.06, 0.09), (0.17, 0.0), (0.06, -0.09))]
+            nose = [self.at(*point_of(step, *point)) for point in NOSE]
             xs, ys = zip(*nose, strict=True)
             self.axes.plot(xs, ys, color=ink, linewidth=1.1, alpha=alpha, zorder=5)
 
-    def save(self, path: Path | str) -> None:
-        """Write the PNG, with a palette: a third of the bytes and nothing to be seen of it."""
-        import matplotlib.pyplot as plt  # noqa: PLC0415
-        from PIL import Image  # noqa: PLC0415
-
+    def explain(self) -> None:
+        """Write the legend of what has been drawn."""
         if self.legend:
             entries = sorted(self.legend.items(), key=lambda entry: _rank(entry[0]))
             self.figure.legend(
@@ -340,12 +407,18 @@ class _Canvas:
                 handletextpad=0.5,
                 columnspacing=1.4,
             )
+
+    def save(self, out: Path | str | BinaryIO) -> None:
+        """Write the PNG, with a palette: a third of the bytes and nothing to be seen of it."""
+        from PIL import Image  # noqa: PLC0415
+
+        self.explain()
         raw = io.BytesIO()
         self.figure.savefig(raw, dpi=DPI, facecolor=PAPER)
-        plt.close(self.figure)
         with Image.open(raw) as image:
-            Path(path).parent.mkdir(parents=True, exist_ok=True)
-            image.convert("RGB").quantize(COLOURS_IN_PNG).save(path, format="PNG", optimize=True)
+            if isinstance(out, Path | str):
+                Path(out).parent.mkdir(parents=True, exist_ok=True)
+            image.convert("RGB").quantize(COLOURS_IN_PNG).save(out, format="PNG", optimize=True)
 
     def _cycle(self, bounds: tuple[float, float, float, float]) -> None:
         from matplotlib.ticker import FuncFormatter, MaxNLocator  # noqa: PLC0415
@@ -456,11 +529,12 @@ def _spaced(steps: Sequence[Step], metres: float) -> Iterator[tuple[Step, bool]]
         yield steps[-1], True
 
 
-def _outline(step: Step, body: Body) -> list[tuple[float, float]]:
-    return [_point(step, *corner) for corner in body.corners]
+def outline(step: Step, body: Body) -> list[tuple[float, float]]:
+    """The robot's corners, in the world."""
+    return [point_of(step, *corner) for corner in body.corners]
 
 
-def _point(step: Step, x: float, y: float) -> tuple[float, float]:
+def point_of(step: Step, x: float, y: float) -> tuple[float, float]:
     """A point of the robot, in the world."""
     c, s = cos(step[3]), sin(step[3])
     return step[1] + c * x - s * y, step[2] + s * x + c * y

@@ -29,13 +29,14 @@ from armadico.core.messages import (
     BidHistory,
     BidRecord,
     Card,
+    JournalPiece,
     Message,
     MessageError,
     Name,
 )
 from armadico.core.services import TOKEN
 from armadico.observe.translators import Sample, Translator
-from armadico.observe.watching import Heard, Presence, as_object, json_schema, read
+from armadico.observe.watching import ASK_S, Heard, Presence, as_object, json_schema, read
 
 if TYPE_CHECKING:
     from mcap.writer import Writer
@@ -45,11 +46,20 @@ if TYPE_CHECKING:
 FLUSH_S: Final = 0.5
 """How often what has been received is handed to the operating system."""
 
-ASK_S: Final = 1.0
-"""How often everybody is asked for their bids, and for a card that is missing."""
-
 SHOW_S: Final = 1.0
 """How often whoever watches the recorder is told how it goes."""
+
+LATE: Final = 5000
+"""A recorder that comes late asks for so many of the pieces before the first that it hears,"""
+
+COMPLETE_S: Final = 1.0
+"""How long a recorder that is to end waits for pieces that are missing."""
+
+TRIES: Final = 10
+"""for each so often,"""
+
+AT_ONCE: Final = 20
+"""and of one agent for so many at once."""
 
 PROFILE: Final = "armadico"
 SCHEMA_PREFIX: Final = "armadico."
@@ -143,6 +153,39 @@ class McapFile:
         return self._schemas[kind]
 
 
+class Gaps:
+    """Which pieces of journals are missing: they can be asked for again while they are kept."""
+
+    def __init__(self) -> None:
+        self._next: dict[tuple[str, str], int] = {}  # after the newest piece, by instance
+        self._missing: dict[tuple[str, str], dict[int, int]] = {}  # and how often it was asked for
+
+    def take(self, namespace: str, piece: JournalPiece) -> bool:
+        """Know of a piece that came; whether it is there for the first time."""
+        who, number = (namespace, piece.instance), piece.number
+        missing, after = self._missing.setdefault(who, {}), self._next.get(who, 0)
+        if number < after:
+            return missing.pop(number, None) is not None
+        for lost in range(max(after, number - LATE), number):
+            missing[lost] = 0
+        self._next[who] = number + 1
+        return True
+
+    def ask(self) -> list[tuple[str, str, int]]:
+        """Which are to be asked for now: namespace, instance, number; each a few times."""
+        found = []
+        for who, missing in self._missing.items():
+            for number in [n for n, often in missing.items() if often < TRIES][:AT_ONCE]:
+                missing[number] += 1
+                found.append((*who, number))
+        return found
+
+    @property
+    def lost(self) -> int:
+        """How many are missing."""
+        return sum(map(len, self._missing.values()))
+
+
 class Recording:
     """What is heard goes in, files come out; the clock is the caller's.
 
@@ -164,6 +207,7 @@ class Recording:
         """
         self.messages = 0
         self.refused = 0
+        self.gaps = Gaps()
         self.there: dict[tuple[str, str, str], Presence] = {}
         self._cards: dict[tuple[str, str, str], tuple[Heard, Card]] = {}
         self._bids: dict[tuple[str, str], frozenset[BidRecord]] = {}
@@ -198,6 +242,9 @@ class Recording:
             return
         if message is None:
             self._add(item, None, item.data)
+        elif isinstance(message, JournalPiece):
+            if self.gaps.take(item.namespace, message):
+                self._add(item, None, item.data)  # which is packed as it is
         elif isinstance(message, BidHistory) and item.asked:
             self._take_bids(item, message)
         elif isinstance(message, Card) and item.asked:
@@ -294,16 +341,18 @@ def record(
     recording: Recording,
     show: Callable[[Recording], None],
     duration: float | None = None,
+    over: Callable[[], bool] = lambda: False,
 ) -> None:
-    """Record until `duration` (s) is over, or for ever: until an exception, KeyboardInterrupt say.
+    """Record until `duration` (s) is over, or until it is `over`, which is asked now and then.
 
-    The watcher's meshes are open; the recording is left open.
+    The watcher's meshes are open; the recording is left open. Nothing else should end it: an
+    exception within what writes, KeyboardInterrupt say, leaves a file that is not whole.
     """
     watcher.watch_alive()
     watcher.hear()
     end = float("inf") if duration is None else time.monotonic() + duration
     flush_at = ask_at = show_at = time.monotonic()
-    while (now := time.monotonic()) < end:
+    while (now := time.monotonic()) < end and not over():
         if now >= ask_at:
             ask_at = now + ASK_S
             _ask(watcher, recording)
@@ -316,10 +365,25 @@ def record(
         item = watcher.take(min(flush_at, end) - now)
         if item is not None:
             recording.take(item)
+    _complete(watcher, recording)
+
+
+def _complete(watcher: Watcher, recording: Recording) -> None:
+    """Ask once more for the pieces that are missing, and wait for them a moment."""
+    missing = recording.gaps.ask()
+    for lost in missing:
+        watcher.ask_for_piece(*lost, COMPLETE_S)
+    end = time.monotonic() + COMPLETE_S
+    while missing and recording.gaps.lost and (left := end - time.monotonic()) > 0:
+        item = watcher.take(left)
+        if item is not None:
+            recording.take(item)
 
 
 def _ask(watcher: Watcher, recording: Recording) -> None:
     if recording.there:
         watcher.ask_for_bids(ASK_S)
+    for lost in recording.gaps.ask():
+        watcher.ask_for_piece(*lost, ASK_S)
     if recording.misses_cards():
         watcher.ask_for_cards(ASK_S)

@@ -28,13 +28,16 @@ from armadico.core.messages import (
     Claim,
     Correction,
     Description,
+    Log,
     Message,
     MissionEnd,
     MissionStatus,
+    MonitorReport,
     Pose,
     RobotState,
     StepEnd,
     Stop,
+    Trajectory,
     Truth,
 )
 from armadico.core.services import Kind, Service, service_at
@@ -48,6 +51,12 @@ QUIET_S: Final = 0.5
 
 GONE: Final = 100
 """Instances that are gone and whose cards are still known, the last ones."""
+
+RESTS: Final = 0.01
+"""m/s and rad/s: a robot that is slower stands."""
+
+LINES: Final = 200
+"""Log lines that are still known, the last ones."""
 
 WINDOW_S: Final = 5.0
 """Rates are those of so long."""
@@ -90,12 +99,20 @@ class Seen(NamedTuple):
 
 
 _NEWEST: Final[dict[type[Message], str]] = {
-    RobotState: "state",
     MissionStatus: "mission",
     BatteryLevel: "level",
     Board: "board",
+    Trajectory: "trajectory",
 }
 """What is known of a society just as it was last said."""
+
+
+class Said(NamedTuple):
+    """A log line: when it came (s), and which instance's it is."""
+
+    at: float
+    instance: str
+    log: Log
 
 
 class View:
@@ -103,22 +120,33 @@ class View:
 
     Attributes:
         alive: The instances whose tokens are there, and since when.
+        gone: Those whose tokens went, and when.
         cards: By instance, of those that are gone too.
         bids: By instance, the newest record of a bid, or of why there was none, and when it came.
         acks: By resource, its owner's newest word.
         rates: By key, how often something is published on it.
+        newest: By key, the newest state that was published on it.
+        answered: When an instance last did, asked for its card or bids.
+        logs: The newest log lines, the last one last.
+        reports: By monitor, what it last said.
         level: What the battery sensor agent last said.
         truth: The newest of the robot's own simulator.
+        rests_since: When the robot came to rest; None: it moves.
         lost_since: When its pose became one that nobody drives by; None: it is not.
         simulators: All that speak in the namespace, and when they last did.
     """
 
     def __init__(self) -> None:
         self.alive: dict[str, float] = {}
+        self.gone: dict[str, float] = {}
         self.cards: dict[str, Card] = {}
         self.bids: dict[str, tuple[BidRecord, float]] = {}
         self.acks: dict[str, Ack] = {}
         self.rates: dict[str, Rate] = {}
+        self.newest: dict[str, Message] = {}
+        self.answered: dict[str, float] = {}
+        self.logs: deque[Said] = deque(maxlen=LINES)
+        self.reports: dict[str, MonitorReport] = {}
         self.state: RobotState | None = None
         self.pose: Pose | None = None
         self.lost_since: float | None = None
@@ -128,8 +156,11 @@ class View:
         self.mission: MissionStatus | None = None
         self.board: Board | None = None
         self.level: BatteryLevel | None = None
+        self.trajectory: Trajectory | None = None
+        self._bids: dict[tuple[str, str], BidRecord] = {}
         self._correction: tuple[Correction, float] | None = None
-        self._claims: dict[str, tuple[Claim, float]] = {}
+        self._claims: dict[str, tuple[Claim, float, float]] = {}  # when, and its tenure's first
+        self.rests_since: float | None = None
         self._acked: dict[str, tuple[float, float]] = {}  # when, and from ack to ack, s
 
     @classmethod
@@ -150,11 +181,16 @@ class View:
             return False
         if there:
             self.alive[instance] = t
+            self.gone.pop(instance, None)
             return True
         del self.alive[instance]
-        for known in (self.cards, self.bids):
+        self.gone[instance] = t
+        for known in (self.cards, self.bids, self.answered):
             for gone in [each for each in known if each not in self.alive][:-GONE]:
                 del known[gone]
+        for gone in list(self.gone)[:-GONE]:
+            del self.gone[gone]
+            self._bids = {who: bid for who, bid in self._bids.items() if who[0] != gone}
         return True
 
     def take(self, key: str, message: Message | None, t: float) -> None:
@@ -163,16 +199,21 @@ class View:
         if rate is None:
             rate = self.rates[key] = Rate(deadline_s(service_at(key)))
         rate.add(t)
-        if message is not None:
-            self.learn(message, t)
+        if message is None:
+            return
+        if hasattr(message, "cycle") and rate.deadline_s is not None:
+            self.newest[key] = message
+        if isinstance(message, Log):
+            self.logs.append(Said(t, key.rpartition("/")[2], message))
+        self.learn(message, t)
 
     def learn(self, message: Message, t: float) -> None:
         """Take a message, published or given in answer."""
         match message:
-            case RobotState() | MissionStatus() | BatteryLevel() | Board():
+            case MissionStatus() | BatteryLevel() | Board() | Trajectory():
                 setattr(self, _NEWEST[type(message)], message)
-            case Pose():
-                self._take_pose(message, t)
+            case RobotState() | Pose():
+                self._take_place(message, t)
             case Correction():
                 self._correction = message, t
             case Description():
@@ -180,17 +221,21 @@ class View:
                 if self.truth is not None and not self._own(self.truth.simulator):
                     self.truth = None
             case Truth():
-                self.simulators[message.simulator] = t
-                if self._own(message.simulator):
-                    self.truth = message
+                self._take_truth(message, t)
             case Ack():
                 self._take_ack(message, t)
             case Claim():
                 self._take_claim(message, t)
             case Card():
                 self.cards[message.instance] = message
-            case BidHistory() if message.bids:
-                self.bids[message.instance] = (message.bids[-1], t)
+                self.answered[message.instance] = t
+            case MonitorReport():
+                self.reports[message.instance] = message
+            case BidHistory():
+                self.answered[message.instance] = t
+                for bid in message.bids:
+                    self.bids[message.instance] = (bid, t)
+                    self._bids[message.instance, bid.resource] = bid
 
     # How things stand ----------------------------------------------------------------------------
 
@@ -288,6 +333,10 @@ class View:
         """The agents that are alive and compete for a resource, by name."""
         return [a.name for a in self.agents if a.card and resource in a.card.resources]
 
+    def bid(self, instance: str, resource: str) -> BidRecord | None:
+        """An instance's newest bid for one resource, or its reason for none, as far as asked."""
+        return self._bids.get((instance, resource))
+
     def driver(self, resource: str, now: float) -> str | None:
         """The instance that a resource obeys now, as far as its owner's acks tell; None: nobody.
 
@@ -305,19 +354,30 @@ class View:
 
     def claim(self, resource: str, now: float) -> Claim | None:
         """The claim that stands: of the largest ballot, until it is silent or released."""
-        claim, at = self._claims.get(resource, (None, 0.0))
+        claim, at, _ = self._claims.get(resource, (None, 0.0, 0.0))
         if claim is None or claim.utility is None or now - at > self._quiet_s(resource):
             return None
         return claim
 
+    def held_since(self, resource: str) -> float:
+        """When the newest tenure was first claimed, s; infinite if nobody has claimed it."""
+        return self._claims[resource][2] if resource in self._claims else float("inf")
+
     # Inside --------------------------------------------------------------------------------------
 
-    def _take_pose(self, pose: Pose, t: float) -> None:
-        self.pose = pose
-        if pose.deviation <= LOST_M:
-            self.lost_since = None
-        elif self.lost_since is None:
-            self.lost_since = t
+    def _take_place(self, said: RobotState | Pose, t: float) -> None:
+        """Since when it rests, and since when it is lost."""
+        if isinstance(said, RobotState):
+            self.state, rests = said, max(abs(said.v), abs(said.w)) <= RESTS
+            self.rests_since = _since(self.rests_since, t) if rests else None
+        else:
+            self.pose, lost = said, said.deviation > LOST_M
+            self.lost_since = _since(self.lost_since, t) if lost else None
+
+    def _take_truth(self, truth: Truth, t: float) -> None:
+        self.simulators[truth.simulator] = t
+        if self._own(truth.simulator):
+            self.truth = truth
 
     def _take_ack(self, ack: Ack, t: float) -> None:
         before, period = self.acks.get(ack.resource), PERIOD
@@ -328,15 +388,20 @@ class View:
         self.acks[ack.resource], self._acked[ack.resource] = ack, (t, period)
 
     def _take_claim(self, claim: Claim, t: float) -> None:
-        known, at = self._claims.get(claim.resource, (None, t))
+        known, at, first = self._claims.get(claim.resource, (None, t, t))
         silent = t - at > self._quiet_s(claim.resource)
         if known is None or silent or claim.ballot >= known.ballot:
-            self._claims[claim.resource] = (claim, t)
+            same = known is not None and claim.ballot == known.ballot
+            self._claims[claim.resource] = (claim, t, first if same else t)
 
     def _quiet_s(self, resource: str) -> float:
         """A resource whose cycles are long is spoken of seldom."""
         _, period = self._acked.get(resource, (0.0, PERIOD))
         return max(QUIET_S, FRESH_CYCLES * period)
+
+
+def _since(known: float | None, t: float) -> float:
+    return t if known is None else known
 
 
 # How often ----------------------------------------------------------------------------------------
@@ -360,7 +425,7 @@ class Rate:
         self.count = 0
         self.missed = 0
         self.last: float | None = None
-        self._deadline_s = deadline_s
+        self.deadline_s = deadline_s
         self._late = False  # the gap that is still open has been counted
         self._arrivals: deque[float] = deque()
 
@@ -375,9 +440,9 @@ class Rate:
         """Forget what is past, and notice a deadline that has been missed."""
         while self._arrivals and now - self._arrivals[0] > WINDOW_S:
             self._arrivals.popleft()
-        if self._deadline_s is None or self.last is None or self._late:
+        if self.deadline_s is None or self.last is None or self._late:
             return
-        if now - self.last > self._deadline_s:
+        if now - self.last > self.deadline_s:
             self._late = True
             self.missed += 1
 

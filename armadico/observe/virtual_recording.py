@@ -1,16 +1,21 @@
-"""A run on the virtual mesh, kept in an MCAP file as `armadico record` keeps a live one."""
+"""A run on the virtual mesh, kept in an MCAP file as `armadico record` keeps a live one.
+
+The agents' journals go past the mesh, so that a run is the same whether it is recorded or not.
+"""
 
 from __future__ import annotations
 
+from functools import partial
 from pathlib import Path
 from typing import Final
 
-from armadico.core.messages import Ask, Message, encode
-from armadico.core.services import BIDS, CARD, SERVICES
+from armadico.core.messages import Ask, JournalPiece, Message, encode
+from armadico.core.services import BIDS, CARD, SERVICES, service_of
 from armadico.mesh.virtual import VirtualMesh
-from armadico.observe.recorder import ASK_S, Recording
+from armadico.observe.journals import head
+from armadico.observe.recorder import Recording
 from armadico.observe.translators import translators
-from armadico.observe.watching import Heard, Presence
+from armadico.observe.watching import ASK_S, Heard, Presence
 
 BEGUN: Final = 1_000_000_000
 """The virtual clock's 0, s since 1970 (in September 2001): in ROS a stamp of 0 is no time."""
@@ -19,39 +24,53 @@ BEGUN: Final = 1_000_000_000
 class Recorded:
     """Keeps what is said on a virtual mesh; use as a context manager around its run."""
 
-    def __init__(self, mesh: VirtualMesh, path: Path, namespace: str) -> None:
-        """Begin a file that is not there yet. Raises OSError."""
-        self._mesh, self._namespace = mesh, namespace
-        about = {"namespaces": namespace, "seed": str(mesh.seed)}
-        self.recording = Recording(path, about, translators=translators([namespace]))
+    def __init__(self, mesh: VirtualMesh, path: Path, *namespaces: str) -> None:
+        """Begin a file that is not there yet, of these robots. Raises OSError."""
+        self._mesh, self._namespaces = mesh, namespaces
+        about = {"namespaces": " ".join(namespaces), "seed": str(mesh.seed)}
+        self.recording = Recording(path, about, translators=translators(namespaces))
         kinds = dict.fromkeys(each.message for each in SERVICES if each.message is not Ask)
-        mesh.watch(self._keep, *kinds, namespace=namespace)
+        for name in namespaces:
+            mesh.watch(partial(self._keep, name), *kinds, namespace=name)
+        mesh.keep_journals(head)
         self._ask()
 
     def __enter__(self) -> Recorded:
         return self
 
     def __exit__(self, *_: object) -> None:
+        self._keep_journals()
         self.recording.close()
 
     def _ask(self) -> None:
         """Who is there, with cards and bids, once a second, without being heard."""
         now = self._mesh.now
         for node in self._mesh.nodes:
-            if node.namespace != self._namespace:
+            where = node.namespace
+            if where not in self._namespaces:
                 continue
             agent = node.agent
-            here = Presence(self._namespace, agent.name, agent.instance, node.alive, _ns(now))
+            here = Presence(where, agent.name, agent.instance, node.alive, _ns(now))
             self.recording.take(here)
             if node.alive and not node.hung:
                 names = {"name": agent.name, "instance": agent.instance}
-                self._keep(CARD.key_for(**names), agent.card(), now, asked=True)
-                self._keep(BIDS.key_for(**names), agent.history(), now, asked=True)
+                self._keep(where, CARD.key_for(**names), agent.card(), now, asked=True)
+                self._keep(where, BIDS.key_for(**names), agent.history(), now, asked=True)
+        self._keep_journals()
+        self.recording.flush()
         self._mesh.call_at(now + ASK_S, lambda _a, _b: self._ask())
 
-    def _keep(self, key: str, message: Message, now: float, *, asked: bool = False) -> None:
+    def _keep_journals(self) -> None:
+        for node in self._mesh.nodes:
+            for piece in node.pieces() if node.namespace in self._namespaces else ():
+                key = service_of(JournalPiece).key_for(instance=piece.instance)
+                self._keep(node.namespace, key, piece, self._mesh.now)
+
+    def _keep(
+        self, namespace: str, key: str, message: Message, now: float, *, asked: bool = False
+    ) -> None:
         data = encode(message)
-        self.recording.take(Heard(self._namespace, key, data, _ns(now), asked))
+        self.recording.take(Heard(namespace, key, data, _ns(now), asked))
 
 
 def _ns(now: float) -> int:

@@ -17,17 +17,21 @@ from typing import TYPE_CHECKING, Any, Final, TypeVar
 import msgspec
 from msgspec import inspect
 
-from armadico.core.messages import Ask, Message, MessageError, decode
-from armadico.core.services import BIDS, CARD, Kind, service_at
+from armadico.core.messages import Ask, JournalRequest, Message, MessageError, decode
+from armadico.core.services import BIDS, CARD, Kind, service_at, service_of
 
 if TYPE_CHECKING:
     from armadico.mesh.zenoh import ZenohMesh
     from armadico.observe.view import View
+    from armadico.observe.why import Chronicle
 
 M = TypeVar("M", bound=Message)
 
 WAITING: Final = 20_000
 """What may wait for a watcher that is busy: at 20 agents, half a minute's talk."""
+
+ASK_S: Final = 1.0
+"""How often everybody is asked for their bids, and their cards."""
 
 EVERYTHING: Final = "**"
 
@@ -96,6 +100,14 @@ class Watcher:
                 pattern, Ask(), timeout, self._receiver(mesh.namespace, asked=True), lambda: None
             )
 
+    def ask_for_piece(self, namespace: str, instance: str, number: int, timeout: float) -> None:
+        """Ask an instance for a piece of its journal again."""
+        key = service_of(JournalRequest).key_for(instance=instance)
+        for mesh in self.meshes:
+            if mesh.namespace == namespace:
+                taken = self._receiver(namespace, asked=True)
+                mesh.ask(key, JournalRequest(number), timeout, taken, lambda: None)
+
     def ask_for_cards(self, timeout: float = 1.0) -> None:
         """Query everybody's card."""
         self.ask(CARD.key_for(name="*", instance="*"), timeout)
@@ -156,8 +168,8 @@ def read_or_none(heard: Heard) -> Message | None:
         return None
 
 
-def show(view: View, item: Heard | Presence) -> None:
-    """Have a view know of one thing that came."""
+def show(view: View | Chronicle, item: Heard | Presence) -> None:
+    """Have a view, or a chronicle, know of one thing that came."""
     if isinstance(item, Presence):
         view.token(item.instance, there=item.there, t=item.at / 1e9)
         return
@@ -166,6 +178,16 @@ def show(view: View, item: Heard | Presence) -> None:
         view.take(item.key, message, item.at / 1e9)
     elif message is not None:
         view.learn(message, item.at / 1e9)
+
+
+def listen(watcher: Watcher, to: View | Chronicle, for_s: float) -> None:
+    """Show a view what comes for so long (s), and have everybody asked for cards and bids."""
+    end = time.monotonic() + for_s
+    while (now := time.monotonic()) < end:
+        watcher.ask_for_cards()
+        watcher.ask_for_bids()
+        for item in watcher.until(min(end, now + ASK_S)):
+            show(to, item)
 
 
 def as_object(value: Any) -> Any:

@@ -6,11 +6,13 @@ waits for it, and it decides nothing. `connect` is how a program of one's own co
 
 from __future__ import annotations
 
+import difflib
+import json
 import math
 import os
 import random
 import time
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from pathlib import Path
 from typing import Final, TypeVar, cast
@@ -21,13 +23,18 @@ from armadico.core.messages import (
     Card,
     ExploreRequest,
     Message,
+    MessageError,
     MissionOrder,
     MissionReply,
     MissionRequest,
     MissionState,
     MissionStatus,
+    ParametersReply,
+    ParametersRequest,
     RobotState,
+    Setting,
     Waypoint,
+    checked,
 )
 from armadico.core.services import CARD, Kind, rows_of, service_of
 from armadico.mesh.base import Mesh
@@ -36,6 +43,7 @@ from armadico.runtime.errors import (
     AbsentError,
     MissionRefusedError,
     MissionReplacedError,
+    ParameterError,
     StopError,
 )
 from armadico.runtime.inbox import Inbox
@@ -279,14 +287,21 @@ class Client:
         """
         self._latch(stopped=True, by=by, timeout=timeout)
 
-    def resume(self, timeout: float = STOP_S, *, by: str = "a guest") -> None:
+    def resume(
+        self, timeout: float = STOP_S, *, by: str = "a guest", code: str | None = None
+    ) -> None:
         """Release the stop, whoever pressed it; returns once the robot agent acknowledges it.
+
+        Args:
+            timeout: What finding the robot agent may take, s.
+            by: Who releases it, for people.
+            code: Of the only stop that is to be released (`Stop.code`).
 
         Raises:
             AbsentError: No robot answers.
             StopError: It was not acknowledged, or somebody has stopped the robot again meanwhile.
         """
-        self._latch(stopped=False, by=by, timeout=timeout)
+        self._latch(stopped=False, by=by, timeout=timeout, code=code)
 
     # Who is alive ---------------------------------------------------------------------------------
 
@@ -326,6 +341,98 @@ class Client:
 
         self._put(key, Ask(), Card, timeout, each, over)
 
+    # Parameters -----------------------------------------------------------------------------------
+
+    def parameters(
+        self, agent: str = "", timeout: float = 1.0
+    ) -> dict[tuple[str, str], ParametersReply]:
+        """What may be changed of agents while they are at work, and how it is set.
+
+            guest.parameters("goto")
+
+        Args:
+            agent: Its name, or an instance's id or the beginning of one; empty: all that there are.
+            timeout: How long they may take to answer, s.
+
+        Returns:
+            By (name, instance), of those that answer.
+
+        Raises:
+            AbsentError: There is no such agent.
+        """
+        asked = self._named(agent)
+        return self._put_settings(ParametersRequest(), asked, timeout)
+
+    def change(
+        self,
+        agent: str,
+        values: Mapping[str, bool | float | str | None],
+        *,
+        by: str = "a guest",
+        timeout: float = 2.0,
+    ) -> ParametersReply:
+        """Change parameters of an agent that is at work: all of them, or none.
+
+            guest.change("goto", {"v_max": 0.4, "safety.margin_m": 0.1})
+
+        Args:
+            agent: As in `parameters`. What is set is the agent's: if there are several instances
+                one is asked, and the others follow.
+            values: By the parameters' names; None clears an optional one.
+            by: Who changes them, for people.
+            timeout: How long the agent may take to answer, s.
+
+        Returns:
+            All of its parameters that may be changed, as they are then.
+
+        Raises:
+            AbsentError: There is no such agent, or it does not answer.
+            ParameterError: It refuses, and says what is right; or several agents are meant.
+        """
+        asked = self._named(agent)
+        if len({name for name, _ in asked}) > 1:
+            raise ParameterError(f"{agent!r} is the beginning of several: name one agent")
+        asked = asked[:1]
+        change = tuple(Setting(name, json.dumps(value)) for name, value in values.items())
+        try:
+            request = checked(ParametersRequest(change, by))
+        except MessageError as error:
+            raise ParameterError(f"{agent}: {error}") from None
+        replies = self._put_settings(request, asked, timeout)
+        if not replies:
+            raise AbsentError(f"{asked[0][1]} does not answer", self.mesh.namespace)
+        (reply,) = replies.values()
+        if reply.refusal:
+            raise ParameterError(f"{asked[0][0]}: {reply.refusal}")
+        return reply
+
+    def _named(self, agent: str) -> list[tuple[str, str]]:
+        """Those alive that a name stands for. Raises AbsentError if it is nobody's."""
+        self.settle()
+        alive = sorted(self.alive)
+        found = [who for who in alive if agent in ("", who[0])]
+        found = found or [who for who in alive if who[1].startswith(agent)]
+        if not found:
+            names = sorted({name for name, _ in alive})
+            near = difflib.get_close_matches(agent, names, n=1)
+            hint = f"did you mean {near[0]!r}? " if near else ""
+            there = ", ".join(names) or "none"
+            raise AbsentError(f"no agent {agent!r} is alive; {hint}there are: {there}")
+        return found
+
+    def _put_settings(
+        self, request: ParametersRequest, to: Sequence[tuple[str, str]], timeout: float
+    ) -> dict[tuple[str, str], ParametersReply]:
+        service = service_of(ParametersRequest)
+        keys = {service.key_for(name=name, instance=one): (name, one) for name, one in to}
+        key = next(iter(keys)) if len(keys) == 1 else service.pattern
+        replies = self._ask(key, request, ParametersReply, timeout, enough=len(keys))
+        return {
+            who: replies[key]
+            for key, who in keys.items()
+            if key in replies and replies[key].instance == who[1]
+        }
+
     def settle(self, timeout: float = 2.0) -> None:
         """Wait until the links are up and no token has come or gone for a while."""
 
@@ -355,10 +462,10 @@ class Client:
         finally:
             self._handing_on -= 1
 
-    def _latch(self, *, stopped: bool, by: str, timeout: float) -> None:
+    def _latch(self, *, stopped: bool, by: str, timeout: float, code: str | None = None) -> None:
         """Stop or release the robot. Raises AbsentError or StopError."""
         press = random.SystemRandom().getrandbits(63)
-        latching = Latching(stopped=stopped, by=by, press=press)
+        latching = Latching(stopped=stopped, by=by, press=press, code=code)
         self.listen(RobotState)
 
         def over() -> bool:

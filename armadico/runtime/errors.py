@@ -46,6 +46,10 @@ class StopError(SocietyError):
     """The robot is not stopped, or not released, as far as is known."""
 
 
+class ParameterError(SocietyError):
+    """A parameter was not changed: there is no such one, or it may not be that."""
+
+
 class AgentFailedError(SocietyError):
     """An agent's own code raised; the message ends as its traceback does."""
 

@@ -35,19 +35,20 @@ class Latching:
         refusal: Why it cannot be done.
     """
 
-    def __init__(self, *, stopped: bool, by: str, press: int) -> None:
+    def __init__(self, *, stopped: bool, by: str, press: int, code: str | None = None) -> None:
         """Begin.
 
         Args:
             stopped: To stop the robot, or to release it.
             by: Who does, for people.
             press: What tells this stop from all others; a release has that of what it releases.
+            code: Of the only stop that is to be released; None: whichever there is.
         """
         self.known: Stop | None = None
         self.latched = False
         self.done = False
         self.refusal = ""
-        self._stopped, self._by, self._press = stopped, by, press
+        self._stopped, self._by, self._press, self._code = stopped, by, press, code
         self._release: Stop | None = None
         self._cycle: Cycle | None = None
         self._speeds = (0.0, 0.0)  # measured, m/s and rad/s
@@ -97,6 +98,9 @@ class Latching:
         late = release is not None and counts_beyond(release.counter, stop.counter)
         if not stop.stopped:
             self.done = not late
+        elif release is None and self._code not in (None, stop.code):
+            self.refusal = f"it is stopped by {stop.by or 'somebody'}, and the code of that is"
+            self.refusal += f" {stop.code}: {self._code} was another stop's"
         elif release is None or (not late and stop.press == release.press):
             self._release = Stop(next_count(stop.counter), False, self._by, stop.press)
         elif not late:

@@ -32,6 +32,7 @@ from typing import TYPE_CHECKING, Any, Final, NoReturn
 
 from armadico.core.agent import Agent, AskFor, DeviceAgent, Identity, Publish, Subscription, Write
 from armadico.core.driver import Announce, Driver, OpenPort, Output, Reply
+from armadico.core.journal import Journalled
 from armadico.core.mailbox import BURST_S, EVENTS
 from armadico.core.messages import Command, Log, Message, MessageError, decode, encoded
 from armadico.core.restart_policy import MISUSED
@@ -86,6 +87,7 @@ class AgentHost:
         wall: Callable[[], float] = time.time,
         *,
         admit: bool = True,
+        head: Callable[[Agent], bytes] | None = None,
     ) -> None:
         """Prepare.
 
@@ -95,6 +97,7 @@ class AgentHost:
             connect: What opens the port of a device agent, by its instance.
             wall: s since 1970, shown to people only.
             admit: Without, they join whoever is alive.
+            head: They keep journals, and this says how each begins; none: they keep none.
         """
         self.inbox = Inbox(mesh)
         self.refusal = ""  # why one of them may not join, or stay
@@ -105,7 +108,12 @@ class AgentHost:
         self._until: float | None = None  # when the agents' thread wakes by itself
         self._calm_at = float("-inf")  # not before is anything done on the reception thread
         now = self._clock()
-        self.drivers = [Driver(agent, now, admit=admit, wall=wall) for agent in agents]
+        self.drivers = [
+            Driver(agent, now, admit=admit, wall=wall)
+            if head is None
+            else Journalled(agent, now, head(agent), admit=admit, wall=wall)
+            for agent in agents
+        ]
         self._listeners: dict[str, list[tuple[Subscription, Driver]]] = {}  # by pattern
         self._inside: dict[str, list[tuple[Subscription, Driver]]] = {}  # by key, in this process
         self._local: deque[tuple[Driver, Subscription, str, Message]] = deque()
@@ -438,6 +446,8 @@ def serve(
     mesh: ZenohMesh,
     connect: Mapping[str, Callable[[], Port]] | None = None,
     wall: Callable[[], float] = time.time,
+    *,
+    head: Callable[[Agent], bytes] | None = None,
 ) -> NoReturn:
     """Run agents as this process, from joining the mesh to the end of the process.
 
@@ -445,7 +455,7 @@ def serve(
     ends it with 1, somebody who is in its way with 2. Either way it is over within `LEAVE_S`, if
     need be by SIGALRM: neither Zenoh's threads nor an agent that hangs can keep it.
     """
-    host = AgentHost(agents, mesh, connect, wall=wall)
+    host = AgentHost(agents, mesh, connect, wall=wall, head=head)
     _await_signal(host.request_stop)
     _log_from_a_thread()
     code = 0

@@ -12,6 +12,7 @@ virtual mesh's `stream`): one stream a purpose, so that another purpose shifts n
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
+from dataclasses import dataclass
 from math import cos, hypot, inf, sin
 from random import Random
 
@@ -51,6 +52,18 @@ def seeded(seed: int) -> Streams:
     return lambda name: Random(f"{seed}/{name}")
 
 
+@dataclass(frozen=True)
+class Site:
+    """Where a robot begins, and what is about it: m and rad, in the world frame."""
+
+    walls: Sequence[Wall] = ()
+    start: tuple[float, float, float] = (0.0, 0.0, 0.0)
+    columns: Sequence[Column] = ()
+    moving: Sequence[Moving] = ()
+    docks: Sequence[Pose] = ()  # poses of a robot that stands in one
+    charge: float = 1.0  # the share of its battery that is left
+
+
 Drive = Dynamics | Kinematics
 """What makes the robot move: motors with their voltages, or a base that is told speeds.
 
@@ -72,20 +85,15 @@ class Plant:
         self,
         profile: P2osRobot | Ros2Robot,
         sensors: SensorProfile,
-        walls: Sequence[Wall],
-        start: tuple[float, float, float],
+        site: Site,
         rng: Streams,
-        moving: Sequence[Moving] = (),
-        docks: Sequence[Pose] = (),
-        charge: float = 1.0,
-        columns: Sequence[Column] = (),
     ) -> None:
         self.step_s = STEP_S
         self.blocked = False
         self.collisions = self.bumps = 0
-        self.pose = start
-        self.battery = Battery(profile.battery, charge)
-        self._docks = tuple(docks)
+        self.pose = site.start
+        self.battery = Battery(profile.battery, site.charge)
+        self._docks = tuple(site.docks)
         self._dynamics: Drive = (
             Kinematics(profile, STEP_S)
             if isinstance(profile, Ros2Robot)
@@ -113,15 +121,17 @@ class Plant:
         self._steps = 0
         self._touched: float = -inf  # the last step in which the outline touched
         self._touching = False
-        self.add_walls(walls)
-        self.add_columns(columns)
+        self.add_walls(site.walls)
+        self.add_columns(site.columns)
         self.body = Body(self._box, self._outline.mass_kg, STEP_S)  # as other robots meet it
         self._company: Company | None = None
         self._runaway = (
             f"robot {profile.name!r}: its speeds grow without bound in the simulator's steps of"
             f" {1e3 * STEP_S:g} ms; compare its [body], [inertia] and [motor] with pioneer-2dx's"
         )
-        self._movement = Movement(moving, walls, self._walls, self._box, rng) if moving else None
+        self._movement = (
+            Movement(site.moving, site.walls, self._walls, self._box, rng) if site.moving else None
+        )
         self._move_world()
 
     # The world -----------------------------------------------------------------------------------

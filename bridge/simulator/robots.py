@@ -8,7 +8,7 @@ from math import radians
 from msgspec.structs import replace
 
 from armadico.bridge.simulator.pioneer import Pioneer
-from armadico.bridge.simulator.plant import Streams
+from armadico.bridge.simulator.plant import Site, Streams
 from armadico.bridge.simulator.ros2_robot import Ros2SimulatedRobot
 from armadico.bridge.simulator.simulated import SimulatedRobot
 from armadico.bridge.simulator.traps import KIND, Trap
@@ -34,11 +34,11 @@ def of_scenario(
     profile = replace(profile, battery=replace(profile.battery, capacity_ah=capacity_ah))
     sensors = load_entry(find("robots", "sensors"), SensorProfile, scenario.sensors)
     docks, charge = tuple(world.docks.values()), scenario.battery.charge
-    there = (scenario.moving, docks, charge, world.columns)
+    site = Site(world.walls, start, world.columns, scenario.moving, docks, charge)
     if isinstance(profile, Ros2Robot):
-        return Ros2SimulatedRobot(profile, sensors, world.walls, start, streams, name, *there)
+        return Ros2SimulatedRobot(profile, sensors, site, streams, name)
     profile = replace(profile, p2os=replace(profile.p2os, name=name or profile.p2os.name))
-    return Pioneer(profile, sensors, world.walls, start, streams, traps, *there)
+    return Pioneer(profile, sensors, site, streams, traps)
 
 
 def on_virtual_mesh(

@@ -8,7 +8,7 @@ for as long as its watchdog waits.
 from __future__ import annotations
 
 from collections import deque
-from collections.abc import Callable, Sequence
+from collections.abc import Callable
 from math import copysign, inf, isfinite, nan, radians, trunc
 
 from pycdr2 import IdlStruct
@@ -17,12 +17,9 @@ from armadico.bridge.ros2 import types
 from armadico.bridge.ros2.cdr import decode, encode
 from armadico.bridge.ros2.frames import WANTS, Decoder, Seen, Wants, frame, read, said
 from armadico.bridge.ros2.geometry import rotation
-from armadico.bridge.simulator.plant import Plant, Streams
+from armadico.bridge.simulator.plant import Plant, Site, Streams
 from armadico.bridge.simulator.simulated import SimulatedRobot
-from armadico.bridge.simulator.walls import Wall
-from armadico.config.moving import Moving
 from armadico.config.profile import Ros2Robot, SensorProfile, Topic
-from armadico.config.worlds import Column, Pose
 
 IDLE_S = 10.0
 """A client that wants nothing for so long is not one."""
@@ -256,19 +253,11 @@ class Ros2SimulatedRobot(SimulatedRobot):
         self,
         profile: Ros2Robot,
         sensors: SensorProfile,
-        walls: Sequence[Wall],
-        start: tuple[float, float, float],
+        site: Site,
         streams: Streams,
         name: str = "",
-        moving: Sequence[Moving] = (),
-        docks: Sequence[Pose] = (),
-        charge: float = 1.0,
-        columns: Sequence[Column] = (),
     ) -> None:
-        """Stand at `start` (m, m, rad) among walls and columns (m), what moves, and docks (poses).
-
-        `name` is the node that it says it is; `charge` the share of its battery that is left.
-        """
-        plant = Plant(*(profile, sensors, walls, start, streams, moving, docks, charge, columns))
+        """Stand where the site has it begin; `name` is the node that it says it is."""
+        plant = Plant(profile, sensors, site, streams)
         base = Base(profile, plant, name or profile.name)
         super().__init__(plant, base, name or profile.name, profile.cycle_s)

@@ -22,6 +22,7 @@ from armadico.core.messages import (
     Pose,
     RobotState,
     Stop,
+    TeleopStatus,
     Trajectory,
     Waypoint,
     decode,
@@ -45,6 +46,7 @@ class Desk:
         if begun:
             self.agent.start(0.0)
         self.number = 0
+        self.hand = ""  # on the stick
         self.questions = 0
         self.said: list[object] = []
         self.asked: list[AskFor] = []
@@ -77,6 +79,7 @@ class Desk:
         self.number += 1
         now, cycle = self.now + 0.1, Cycle(1, self.number)
         self.agent.receive(RobotState(cycle, 0, 0, 0, *speed, 12, True, False), now)
+        self.agent.receive(TeleopStatus(cycle, self.hand), now)
         self.agent.receive(Pose(cycle, x, y, theta, spread(off_m)), now)
         self.wake()
 
@@ -467,6 +470,24 @@ def test_a_lost_robot_has_not_arrived_wherever_its_pose_is(driving: Desk) -> Non
     assert driving.status().state is MissionState.DRIVING
 
 
+def test_a_robot_that_was_driven_by_hand_has_its_way_planned_anew_when_the_hand_is_off(
+    desk: Desk,
+) -> None:
+    desk.request(MissionRequest(GOAL))
+    desk.planned(PLAN)
+    desk.hand = "ann"
+    desk.at(0.5, 1.0)
+    assert desk.status().note == "ann drives by hand"
+    assert len(desk.asked) == 1
+    desk.hand = ""
+    desk.at(1.5, 1.5)
+    assert [ask.request for ask in desk.asked[1:]] == [
+        PlanRequest(Waypoint(1.5, 1.5, 0.0), GOAL, "the robot was driven by hand")
+    ]
+    desk.planned(None)  # nobody plans: the way that there is is gone on with
+    assert not desk.trajectories()[-1].waits
+
+
 def test_given_waypoints_are_not_planned_anew(driving: Desk) -> None:
     lost(driving)
     driving.at(0.5)
@@ -633,7 +654,7 @@ def test_ways_that_lead_no_nearer_are_not_tried_for_ever(planned: Desk) -> None:
     assert "no nearer" in planned.status().note
 
 
-@pytest.mark.parametrize("hindrance", ["lost", "stopped", "given"])
+@pytest.mark.parametrize("hindrance", ["lost", "stopped", "given", "by hand"])
 def test_a_robot_that_may_not_get_nearer_is_not_blocked(desk: Desk, hindrance: str) -> None:
     given = hindrance == "given"
     desk.request(MissionRequest(GOAL, (DOOR,), planned=not given))
@@ -641,6 +662,7 @@ def test_a_robot_that_may_not_get_nearer_is_not_blocked(desk: Desk, hindrance: s
         desk.planned(PLAN)
     if hindrance == "stopped":
         desk.agent.receive(Stop(1, True, "somebody", 1), desk.now)
+    desk.hand = "ann" if hindrance == "by hand" else ""
     asked = len(desk.asked)
     stay(desk, SOME.give_up_s + 60.0, off_m=1.0 if hindrance == "lost" else 0.0)
     assert len(desk.asked) == asked
@@ -708,3 +730,33 @@ def test_one_that_starts_again_goes_on_waiting_and_asks_for_a_way(planned: Desk)
     ]
     other.planned(ROUND)
     assert not other.trajectories()[-1].waits
+
+
+@pytest.mark.parametrize(("replaces", "taken"), [(None, True), (0, False)])
+@pytest.mark.parametrize("planned", [False, True])
+def test_a_request_may_say_that_it_takes_nobody_elses_place(
+    replaces: int | None, taken: bool, planned: bool
+) -> None:
+    desk = Desk()
+    desk.at(0.0)
+    desk.request(MissionRequest(GOAL, planned=False))
+    mission = desk.replies[1].mission
+    number = desk.request(MissionRequest(DOOR, planned=planned, replaces=replaces))
+    if planned and taken:
+        desk.planned(PLAN)
+    assert (desk.replies[number].refusal == "") == taken
+    assert len({trajectory.mission for trajectory in desk.trajectories()}) == 1 + taken
+    if not taken:
+        assert "under way for somebody else" in desk.replies[number].refusal
+        again = desk.request(MissionRequest(DOOR, planned=False, replaces=mission))
+        assert not desk.replies[again].refusal
+
+
+def test_nor_does_it_once_somebody_else_was_faster_than_its_plan() -> None:
+    desk = Desk()
+    desk.at(0.0)
+    number = desk.request(MissionRequest(GOAL, replaces=0))
+    desk.request(MissionRequest(DOOR, planned=False))
+    desk.planned(PLAN)
+    assert "under way for somebody else" in desk.replies[number].refusal
+    assert len(desk.trajectories()) == 1

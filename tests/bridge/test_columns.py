@@ -9,7 +9,7 @@ import pytest
 from msgspec.structs import replace
 
 from armadico.bridge.simulator.contact import box_of
-from armadico.bridge.simulator.plant import Plant, seeded
+from armadico.bridge.simulator.plant import Plant, Site, seeded
 from armadico.bridge.simulator.walls import Box, Column, Surface, Walls
 from armadico.config.errors import ConfigError
 from armadico.config.loading import find, load_entry
@@ -28,7 +28,7 @@ AHEAD = 3  # the sonar: at 0.166, 0.027 m, 10 degrees to the left
 
 
 def among(columns: list[Column], sensors: SensorProfile = NOISELESS) -> Plant:
-    return Plant(PROFILE, sensors, [], (0.0, 0.0, 0.0), seeded(1), columns=columns)
+    return Plant(PROFILE, sensors, Site(columns=columns), seeded(1))
 
 
 def walls_of(columns: list[Column]) -> Walls:

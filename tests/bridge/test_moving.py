@@ -12,7 +12,7 @@ import pytest
 from armadico.bridge.simulator import command
 from armadico.bridge.simulator.moving import APPEAR_M, HEED_M, Gap, Movement, pushed
 from armadico.bridge.simulator.pioneer import Pioneer
-from armadico.bridge.simulator.plant import Plant, seeded
+from armadico.bridge.simulator.plant import Plant, Site, seeded
 from armadico.bridge.simulator.walls import Wall
 from armadico.cli.options import UsageError
 from armadico.config.loading import find, load_entry
@@ -33,7 +33,7 @@ AHEAD = 3
 def plant(*moving: Moving, walls: list[Wall] | None = None, seed: int = 1) -> Plant:
     sensors = msgspec.structs.replace(IDEAL, dropout=0.0)
     walls = ROOM if walls is None else walls
-    return Plant(PROFILE, sensors, walls, (0.0, 0.0, 0.0), seeded(seed), moving)
+    return Plant(PROFILE, sensors, Site(walls, moving=moving), seeded(seed))
 
 
 def person(robot: Plant, index: int = 0) -> tuple[float, float]:
@@ -165,7 +165,7 @@ def test_a_robot_pushes_to_where_it_does_not_go() -> None:
 
 def test_the_truth_tells_whose_fault_it_was() -> None:
     someone = walker(1.0, 0.0, heeds=False)
-    pioneer = Pioneer(PROFILE, IDEAL, PEN, (0.0, 0.0, 0.0), seeded(1), moving=[someone])
+    pioneer = Pioneer(PROFILE, IDEAL, Site(PEN, moving=[someone]), seeded(1))
     wait(pioneer.plant, 60.0)
     truth = pioneer.truth()
     assert truth.collisions == truth.bumped == pioneer.plant.bumps > 0
@@ -175,7 +175,7 @@ def test_a_sonar_hears_people_with_either_sensors() -> None:
     for sensors in (IDEAL, REAL):
         exact = msgspec.structs.replace(sensors, dropout=0.0, sonar_noise_m=0.0, sonar_noise=0.0)
         someone = walker(1.5, 0.1)
-        robot = Plant(PROFILE, exact, [], (0.0, 0.0, 0.0), seeded(1), [someone])
+        robot = Plant(PROFILE, exact, Site(moving=[someone]), seeded(1))
         assert robot.ping(AHEAD) == pytest.approx(1.5 - 0.166 - 0.25, abs=0.05)
 
 

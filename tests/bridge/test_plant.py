@@ -13,7 +13,7 @@ import pytest
 
 from armadico.bridge.simulator.contact import Contact
 from armadico.bridge.simulator.encoders import TICKS_PER_M
-from armadico.bridge.simulator.plant import Plant, seeded
+from armadico.bridge.simulator.plant import Plant, Site, seeded
 from armadico.bridge.simulator.speed_loops import SpeedLoops
 from armadico.bridge.simulator.walls import Wall
 from armadico.config.errors import ConfigError
@@ -47,7 +47,7 @@ def plant(
     sensors: SensorProfile = IDEAL,
     seed: int = 1,
 ) -> Plant:
-    return Plant(PROFILE, sensors, walls or [], start, seeded(seed))
+    return Plant(PROFILE, sensors, Site(walls or [], start), seeded(seed))
 
 
 def drive(
@@ -426,7 +426,7 @@ def test_the_battery_drains_with_the_motors_and_sags_under_load() -> None:
 
 
 def docked(at: Pose2, charge: float = 0.5) -> Plant:
-    return Plant(PROFILE, IDEAL, [], at, seeded(1), docks=[DOCK], charge=charge)
+    return Plant(PROFILE, IDEAL, Site(start=at, docks=[DOCK], charge=charge), seeded(1))
 
 
 def test_a_battery_begins_with_the_charge_that_it_is_given() -> None:
@@ -550,6 +550,6 @@ def test_a_robot_that_the_steps_are_too_long_for_is_said_to_be_one(
 ) -> None:
     part = msgspec.structs.replace(getattr(PROFILE, table), **{key: value})
     stiff = msgspec.structs.replace(PROFILE, **{table: part})
-    robot = Plant(stiff, IDEAL, [], (0.0, 0.0, 0.0), seeded(0))
+    robot = Plant(stiff, IDEAL, Site(), seeded(0))
     with pytest.raises(ConfigError, match="grow without bound"):
         drive(robot, 0.3, 0.5, 3.0)

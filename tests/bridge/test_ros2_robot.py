@@ -12,7 +12,7 @@ from armadico.bridge.ros2.cdr import decode, encode
 from armadico.bridge.ros2.frames import Decoder, Wants, frame, said
 from armadico.bridge.ros2.session import Session, wants
 from armadico.bridge.session import Connected, Reported
-from armadico.bridge.simulator.plant import seeded
+from armadico.bridge.simulator.plant import Site, seeded
 from armadico.bridge.simulator.ros2_line import published
 from armadico.bridge.simulator.ros2_robot import Ros2SimulatedRobot
 from armadico.config.loading import find, load_entry
@@ -48,9 +48,7 @@ class Bench:
         seed: int = 1,
     ) -> None:
         self.profile = profile
-        self.robot = Ros2SimulatedRobot(
-            profile, sensors, walls, (0.0, 0.0, 0.0), seeded(seed), "/sim"
-        )
+        self.robot = Ros2SimulatedRobot(profile, sensors, Site(walls), seeded(seed), "/sim")
         self.now = 0.0
         self.heard: list[tuple[float, str, bytes]] = []
         self.decoder = Decoder()

@@ -8,9 +8,11 @@ from collections.abc import Generator
 from importlib import metadata
 from importlib.metadata import PackageNotFoundError
 from pathlib import Path
+from typing import Any
 
 import pytest
 from msgspec.structs import replace
+from rich.console import Console
 
 from armadico.cli import doctor, top
 from armadico.cli import main as armadico
@@ -28,6 +30,7 @@ from armadico.core.messages import (
 )
 from armadico.mesh.ports import private_endpoints
 from armadico.mesh.topology import ENDPOINTS_VARIABLE
+from armadico.observe.standing import standing
 from armadico.observe.view import View
 
 
@@ -73,21 +76,51 @@ def test_the_machines_are_those_of_the_host_table(tmp_path: Path) -> None:
 WELL = RobotState(Cycle(1, 1), 0, 0, 0, 0, 0, 12, motors=True, stalled=False)
 
 
-def test_why_the_robot_stands_and_what_its_line_is_like_is_said() -> None:
+def test_what_its_battery_and_its_line_are_like_is_said() -> None:
     battery, line = doctor.robot(WELL)
     assert (battery.verdict, battery.what) == (doctor.OK, "12.0 V")
     assert (line.subject, line.verdict) == ("line", "ok")
-    stop = Stop(1, stopped=True, by="the motors being off at the robot")
     counts = Line(dropped=7, resets=2)
     low = BatteryLevel(Cycle(1, 1), 10.2, 0.07, 5e4)
-    found = list(doctor.robot(replace(WELL, motors=False, stop=stop, line=counts), low))
-    assert [f.subject for f in found] == ["battery", "stop", "motors", "line"]
+    found = list(doctor.robot(replace(WELL, line=counts), low))
+    assert [f.subject for f in found] == ["battery", "line"]
     assert {f.verdict for f in found} == {"note"}
     assert "nearly empty: 12.0 V, 7 %" in found[0].what
-    assert "motors being off" in found[1].what
-    assert "7 bytes dropped, 2 odometry resets" in found[3].what
+    assert "7 bytes dropped, 2 odometry resets" in found[1].what
     charging = next(iter(doctor.robot(replace(WELL, charging=True), low)))
     assert (charging.verdict, charging.what) == (doctor.OK, "12.0 V, 7 %, charging")
+
+
+@pytest.mark.parametrize(
+    ("changed", "verdict", "says"),
+    [
+        ({"v": 0.4}, doctor.OK, "moves at 0.40 m/s"),
+        ({}, doctor.OK, "It has no goal."),
+        ({"stop": Stop(1, stopped=True, by="anna")}, doctor.NOTE, "It is stopped by anna."),
+        ({"motors": False}, doctor.NOTE, "Its motors are off."),
+    ],
+)
+def test_why_the_robot_stands_is_said(changed: dict[str, Any], verdict: str, says: str) -> None:
+    view = View()
+    view.take("robot/state", replace(WELL, **changed), 0.0)
+    found = doctor.stands(standing(view, 0.1))
+    assert (found.subject, found.verdict) == ("standing", verdict)
+    assert says in found.what
+    late = doctor.stands(standing(view, 2.0))
+    assert late.verdict == doctor.WRONG
+    assert late.what.startswith("Nothing is heard of the robot for 2.0 s: no robot/state.")
+
+
+def test_top_says_why_the_robot_stands() -> None:
+    view = View()
+    stop = Stop(1, stopped=True, by="anna")
+    view.take("robot/state", replace(WELL, stop=stop), 0.0)
+    snapshot = top.Snapshots(view, "robot1").at(0.1)
+    assert snapshot["standing"]["cause"]["who"] == "anna"
+    console = Console(width=120)
+    with console.capture() as shown:
+        console.print(top.tables(snapshot))
+    assert "It is stopped by anna." in shown.get()
 
 
 def test_what_the_monitor_that_acts_misses_is_wrong() -> None:

@@ -189,7 +189,7 @@ def test_tables_on_a_full_disk_are_named_and_not_what_they_are_made_of(
     def full(*_: object) -> None:
         raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC))
 
-    monkeypatch.setattr("armadico.observe.export.rows", full)
+    monkeypatch.setattr("armadico.observe.recordings.rows", full)
     recording = tmp_path / "run.mcap"
     recording.touch()
     assert cli.main(["export", str(recording), "--to", "csv"]) == options.FAILED

@@ -4,12 +4,13 @@ from __future__ import annotations
 
 import json
 import os
+import pty
 import signal
 import subprocess
 import threading
 import zlib
 from collections.abc import Callable, Iterator
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from functools import partial
 from typing import Any
 
@@ -30,7 +31,7 @@ from armadico.mesh.ports import private_endpoints
 from armadico.mesh.topology import ENDPOINTS_VARIABLE, topology
 from armadico.mesh.zenoh import ZenohMesh
 from armadico.runtime.client import Client
-from tests.programs import Done, Start, call, starter
+from tests.programs import BIN, Done, Start, call, starter
 
 pytestmark = pytest.mark.live
 
@@ -133,6 +134,40 @@ def test_stop_stays_until_resume(run: Run, start: Start, robot: None) -> None:
         done = run(command, "--timeout", "10")
         assert done.returncode == 0, done.stderr
         assert says in done.stdout
+
+
+def test_a_program_looks_stops_the_robot_and_a_person_releases_it(
+    run: Run, start: Start, robot: None
+) -> None:
+    """With no assistant agent about: one is started, and leaves with the server."""
+    who(run, "robot")
+
+    def call(tool: str, **told: object) -> dict[str, Any]:
+        return {"method": "tools/call", "params": {"name": tool, "arguments": told}}
+
+    client = {"clientInfo": {"name": "model", "version": "1"}, "protocolVersion": "2025-06-18"}
+    said = [
+        {"method": "initialize", "params": client | {"capabilities": {}}},
+        *(call("where"), call("drive"), call("stop", reason="a cat"), call("resume")),
+        *(call("history"), call("history", lines="x" * 3000)),
+    ]
+    lines = [json.dumps({"jsonrpc": "2.0", "id": n} | one) for n, one in enumerate(said)]
+    done = run("mcp", input="\n".join([*lines, "no JSON", "x" * 200_000, ""]))
+    assert done.returncode == 0, done.stderr
+    answers = [json.loads(line) for line in done.stdout.splitlines()]
+    assert [answer["id"] for answer in answers] == [*range(7), None, None]
+    where, drive, stop, resume, history, long = (
+        answer["result"]["structuredContent"] for answer in answers[1:7]
+    )
+    assert where["heard"]
+    assert drive == {"refused": "no tool 'drive'"}
+    assert stop["stopped"]
+    assert any('model asked: stop {"reason":"a cat"}' in e["what"] for e in history["events"])
+    assert "too long" in long["refused"]
+    code = resume["said"].partition("--confirm ")[2].strip("`")
+    assert "another stop's" in run("resume", "--confirm", "000000").stderr
+    assert "free to move" in run("resume", "--confirm", code.lower()).stdout
+    assert [row["name"] for row in agents(run("ps", "--json"))] == ["robot"], "it has left"
 
 
 @contextmanager
@@ -301,3 +336,49 @@ def test_missions_of_a_society_that_is_up_are_shown_and_cancelled(
         done = run("mission", *words)
         assert done.returncode == code, done.stderr
         assert says in done.stdout + done.stderr
+
+
+# By hand ------------------------------------------------------------------------------------------
+
+
+def test_a_terminal_that_is_killed_leaves_a_robot_that_stands(
+    environment: dict[str, str], start: Start, robot: None
+) -> None:
+    """With it goes the agent that it has started, which takes its stick."""
+    start("sonar", program="armadico-agent")
+    keyboard, terminal = pty.openpty()
+    os.set_blocking(keyboard, False)
+    command = [str(BIN / "armadico"), "teleop"]
+    where = topology(environ={ENDPOINTS_VARIABLE: environment[ENDPOINTS_VARIABLE]})
+    mesh = ZenohMesh("cli-test", where)
+    with (
+        mesh,
+        subprocess.Popen(
+            command, env=environment, stdin=terminal, stdout=terminal, stderr=subprocess.PIPE
+        ) as process,
+    ):
+        client = Client(mesh)
+        try:
+
+            def driven() -> bool:
+                with suppress(BlockingIOError):
+                    os.read(keyboard, 4096)  # what it shows
+                os.write(keyboard, b"w")
+                state = client.latest(RobotState)
+                return state is not None and state.v > 0.15
+
+            client.listen(RobotState)
+            assert client.wait_for(driven, SOON)
+            assert any(name == "teleop" for name, _ in client.alive)
+            process.kill()
+
+            def stands() -> bool:
+                state = client.latest(RobotState)
+                gone = all(name != "teleop" for name, _ in client.alive)
+                return gone and state is not None and abs(state.v) < 0.01
+
+            assert client.wait_for(stands, SOON)
+        finally:
+            process.kill()
+            os.close(keyboard)
+            os.close(terminal)

@@ -256,6 +256,15 @@ def test_top_into_a_pipe_measures_once_and_ends(run: Run, society: Society) -> N
     assert "\x1b" not in said
 
 
+def test_why_live_tells_the_moment_and_whether_it_stands(run: Run, society: Society) -> None:
+    found = json.loads(run("why", "--live", "--for", "1.5", "--json").stdout)
+    (wheels,) = found["contests"]
+    assert wheels["holder"] == wheels["obeyed"] == WHO["instance"]
+    assert [each["agent"] for each in wheels["bids"]] == ["goto"]
+    said = run("why", "--live", "--standing", "--for", "1.5").stdout
+    assert said.startswith(found["sentences"][1])
+
+
 def test_what_comes_while_top_looks_is_no_silence(monkeypatch: pytest.MonkeyPatch) -> None:
     now, watcher, view = [0.0], Watcher([]), View()
 
@@ -515,6 +524,7 @@ def test_a_hostile_name_does_not_end_the_live_view(environment: dict[str, str]) 
         (("hz", "robot/state", "--json"), 2, "-n N"),
         (("top", "--once", "--for", "0.5"), 1, "no agent is alive"),
         (("graph",), 1, "no agent is alive"),
+        (("why", "--live", "--for", "0.5"), 1, "no agent is alive"),
         (("logs", "-f", "--folder", "x"), 2, "--folder"),
         (("logs", "--folder", "/no/such"), 2, "no such folder"),
         (("record", "run.bag"), 2, ".mcap"),
@@ -535,7 +545,8 @@ def test_a_wrong_use_is_told_clearly(
 
 
 @pytest.mark.parametrize(
-    "name", ["record", "export", "top", "echo", "hz", "graph", "logs", "doctor", "completion"]
+    "name",
+    ["record", "export", "top", "echo", "hz", "graph", "logs", "doctor", "why", "completion"],
 )
 def test_help_imports_nothing_heavy_and_has_examples(name: str) -> None:
     among = ("numpy", "zenoh", "cbor2", "msgspec", "rich", "rerun", "mcap", "psutil")

@@ -61,8 +61,9 @@ def test_claims_and_commands_are_events_so_that_none_overwrites_another() -> Non
     assert {service_of(kind).kind for kind in latched} == {Kind.LATCHED}
 
 
-def test_only_the_truth_is_for_watchers_alone() -> None:
-    assert [service.message for service in SERVICES if service.watchers_only] == [m.Truth]
+def test_the_truth_and_journals_are_for_watchers_alone() -> None:
+    alone = {service.message for service in SERVICES if service.watchers_only}
+    assert alone == {m.JournalPiece, m.Truth}
 
 
 def test_keys_are_filled_with_names_and_patterns_catch_them_all() -> None:

@@ -106,6 +106,22 @@ def test_it_is_found_by_the_name_of_its_entry_point(newcomer: type[Agent]) -> No
     assert newcomer.name == NEWCOMER
 
 
+def test_an_agent_from_nothing_drives_and_so_it_does_when_it_is_changed(shell: Shell) -> None:
+    do(shell, "begin")
+    assert "1 passed" in do(shell, "begin-test")
+    installed, own = shell.folder / "site" / "weaver.py", shell.folder / "weaver" / "weaver.py"
+    installed.unlink()
+    installed.symlink_to(own)  # as `pip install -e` has it, which installs into no other folder
+    driven = [do(shell, "begin-drive")]
+    before = own.read_text()
+    driven.append(do(shell, "begin-change"))
+    assert own.read_text() != before
+    for said in driven:
+        assert "weaver" in said
+        assert "reached" in said
+    assert driven[0] != driven[1]
+
+
 def test_the_test_that_the_tutorial_prints_passes(installed: Shell) -> None:
     assert "1 passed" in do(installed, "test")
 
@@ -132,5 +148,6 @@ def test_the_tutorial_from_a_society_by_hand_to_an_agent_that_joins_it(shell: Sh
 
 
 def test_every_block_of_the_session_is_run_above() -> None:
-    names = "society look drive stop install rehearse test join beyond head-install head-rehearse"
+    names = "begin begin-test begin-drive begin-change "
+    names += "society look drive stop install rehearse test join beyond head-install head-rehearse"
     assert list(SESSION) == names.split()

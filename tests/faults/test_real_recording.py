@@ -18,8 +18,8 @@ from armadico.core.messages import (
     RobotState,
     encode,
 )
-from armadico.observe.export import rows
 from armadico.observe.recorder import Recording
+from armadico.observe.recordings import rows
 from armadico.observe.watching import Heard, Presence
 from armadico_tools.faults.fault_types import Promise
 from armadico_tools.faults.observations import Bids, Left, Passed, Said

@@ -26,3 +26,22 @@ def test_names_of_any_kind_follow_no_default() -> None:
         if isinstance(node, ast.FunctionDef) and node.args.kwarg and node.args.defaults
     ]
     assert not both
+
+
+def test_no_constant_is_a_tuple_that_begins_with_a_number_and_has_no_type() -> None:
+    """mypyc 2.4 looks at the first number of such a tuple, and finds that it "was not set".
+
+    `Final[tuple[float, ...]]` is an object like others.
+    """
+    bare = [
+        f"{path.name}: {ast.unparse(node.target)}"
+        for path in compiled()
+        for node in ast.walk(ast.parse(path.read_text()))
+        if isinstance(node, ast.AnnAssign)
+        and ast.unparse(node.annotation) == "Final"
+        and isinstance(node.value, ast.Tuple)
+        and node.value.elts
+        and isinstance(first := node.value.elts[0], ast.Constant)
+        and isinstance(first.value, (int, float))
+    ]
+    assert not bare

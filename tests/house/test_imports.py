@@ -77,9 +77,18 @@ SANS_IO = (
         "mesh.virtual",
         "launch.virtual",
     ),
-    *("core.membership", "observe.hosts", "observe.view", "core.restart_policy", "launch.wakeup"),
+    *(
+        "core.membership",
+        "observe.hosts",
+        "observe.standing",
+        "observe.view",
+        "core.restart_policy",
+        "launch.wakeup",
+    ),
 )
 """Of the framework: bytes or messages and the time in, bytes or messages out."""
+
+PAGE_SANS_IO = ("model", "requests", "guard")
 
 P2OS_SANS_IO = ("session", "packets", "commands", "status", "configuration", "handshake")
 
@@ -141,6 +150,7 @@ def test_who_knows_zenoh_and_the_floors_that_it_is_measured_against() -> None:
 @pytest.mark.parametrize(
     "module",
     [f"armadico.{n}" for n in SANS_IO]
+    + [f"armadico.observe.page.{n}" for n in PAGE_SANS_IO]
     + [f"armadico.bridge.p2os.{n}" for n in P2OS_SANS_IO]
     + [f"armadico.bridge.ros2.{n}" for n in ROS2_SANS_IO],
 )

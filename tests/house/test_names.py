@@ -13,6 +13,7 @@ ROOMS = ("core", "config", "mesh", "runtime", "observe", "launch", "cli")
 EXCEPTIONS = {
     ("armadico.mesh.topology", "fleet"): "the first part of keys that robots share",
     ("armadico.core.messages", "sonar"): "the sensor of whoever names none: others came later",
+    ("armadico.core.tools", "goto"): "a tool: what programs ask for, and the command's name",
     ("armadico.cli.fleet", "robot"): "an option, --robot, and a column",
     ("armadico.config.scenarios", "robot"): "a key of a scenario's file: its robot's profile",
     ("armadico.config.hosts", "robot"): "a key of a host's entry: its robot's address",

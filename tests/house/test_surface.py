@@ -17,7 +17,9 @@ from tests.house.tree import imports, modules, tree
 SURFACE = {
     # what an agent of one's own is made of
     *("Agent", "Behaviour", "Bid", "DeviceAgent", "Identity", "Parameters", "Question"),
-    *("Resource", "Route", "Safety", "WHEELS"),
+    *("Resource", "Route", "Safety", "WHEELS", "PLANNER"),
+    # a message of one's own
+    *("Kind", "Service", "register"),
     # steps of missions of one's own
     *("Beliefs", "Charge", "Done", "Drive", "Explore", "Failed", "Going", "Progress", "Reach"),
     *("Stand", "Task"),
@@ -25,15 +27,16 @@ SURFACE = {
     *("Ack", "Ask", "Ballot", "BidHistory", "BidRecord", "Card", "Cell", "Claim", "Command"),
     *("Cycle", "Description", "Echo", "Latched", "LocalMap", "Log", "Message"),
     *("MissionReply", "MissionRequest", "MissionState", "MissionStatus", "Obstacles", "Origin"),
-    *("Plan", "PlanRequest", "Point", "Pose", "RobotState", "Sonar", "Stop", "Trajectory"),
-    *("Truth", "Waypoint"),
+    *("Parameter", "ParametersReply", "Plan", "PlanRequest", "PlanTask", "Planned", "Point"),
+    *("Pose", "RobotState", "Sonar", "Stick", "Stop", "TeleopStatus", "Trajectory", "Truth"),
+    *("Waypoint",),
     # runs, and a guest in a society
     *("run", "Run", "Holding", "Mark", "Result", "Scenario"),
     *("connect", "Client", "Mission"),
     # what goes wrong
     *("SocietyError", "AbsentError", "MissionRefusedError", "MissionReplacedError"),
-    *("AgentFailedError", "RunFailedError", "StopError", "ConfigError", "MeshError"),
-    *("MessageError", "TopologyError", "UnknownNameError"),
+    *("AgentFailedError", "ParameterError", "RunFailedError", "StopError", "ConfigError"),
+    *("MeshError", "MessageError", "TopologyError", "UnknownNameError"),
 }
 """What others build on. Whoever takes one away, or means something else by it, breaks their code;
 whoever adds one promises to keep it."""

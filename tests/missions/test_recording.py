@@ -27,8 +27,8 @@ from armadico.core.messages import (
 from armadico.core.services import SERVICES, Kind
 from armadico.launch.society import Options, prepared
 from armadico.launch.virtual import Rehearsal
-from armadico.observe.export import rows
 from armadico.observe.recorder import Recording
+from armadico.observe.recordings import rows
 from armadico.observe.watching import Heard
 from armadico_tools.faults.real_recording import check
 from tests.missions.test_surveillance import FINAL, ORIGINAL

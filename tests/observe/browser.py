@@ -65,10 +65,60 @@ class Browser:
 
     def open(self, address: str) -> None:
         """Go to a page, and return when it is loaded; its scripts may still be at work."""
+        self.events.clear()
         self.call("Page.navigate", url=address)
         deadline = time.monotonic() + ANSWER_S
         while not self.said("Page.loadEventFired"):
             self._keep(self._take(deadline))
+
+    def evaluate(self, script: str) -> Any:
+        """What a script comes to in the page, waited for if it is a promise."""
+        asked = {"expression": script, "awaitPromise": True, "returnByValue": True}
+        found = self.call("Runtime.evaluate", **asked)
+        assert "exceptionDetails" not in found, found["exceptionDetails"]
+        return found["result"].get("value")
+
+    def until(self, condition: str, seconds: float = ANSWER_S / 2) -> Any:
+        """The value of an expression, as soon as it is one; the page looks again and again."""
+        script = f"""new Promise((done, late) => {{
+            const end = performance.now() + {1000 * seconds};
+            const look = () => {{
+                let value = null;
+                try {{ value = ({condition}); }} catch {{ }}
+                if (value) done(value);
+                else if (performance.now() > end) late(new Error(document.body.innerText));
+                else setTimeout(look, 20);
+            }};
+            look();
+        }})"""
+        return self.evaluate(script)
+
+    def key(self, key: str, code: str, *kinds: str) -> None:
+        """Press a key and let it go, or one of both: `keyDown`, `keyUp`."""
+        number = {"Space": 32, "Enter": 13, "Tab": 9, "Escape": 27}.get(code, ord(key[0].upper()))
+        known = {"key": key, "code": code, "windowsVirtualKeyCode": number}
+        for kind in kinds or ("keyDown", "keyUp"):
+            text = {"text": "\r"} if (code, kind) == ("Enter", "keyDown") else {}
+            self.call("Input.dispatchKeyEvent", type=kind, **known, **text)
+
+    def mouse(self, kind: str, x: float, y: float) -> None:
+        """Press, move or let go, at a place of the page: `mousePressed` and so on."""
+        held = {"button": "left", "buttons": 0 if kind == "mouseReleased" else 1, "clickCount": 1}
+        self.call("Input.dispatchMouseEvent", type=kind, x=x, y=y, **held)
+
+    def drag(self, *points: tuple[float, float]) -> None:
+        """Press at the first place, let go at the last; with one of them it is a click."""
+        self.mouse("mousePressed", *points[0])
+        for point in points[1:]:
+            self.mouse("mouseMoved", *point)
+        self.mouse("mouseReleased", *points[-1])
+
+    def size(self, width: int, height: int, *, mobile: bool = False, dark: bool = False) -> None:
+        """How large the page is, and whether the machine is set to dark."""
+        view = {"width": width, "height": height, "deviceScaleFactor": 1, "mobile": mobile}
+        self.call("Emulation.setDeviceMetricsOverride", **view)
+        scheme = [{"name": "prefers-color-scheme", "value": "dark" if dark else "light"}]
+        self.call("Emulation.setEmulatedMedia", features=scheme)
 
     def screenshot(self) -> bytes:
         """The page as it is now, a PNG; drawing it takes as long as it takes."""
@@ -76,7 +126,7 @@ class Browser:
         return base64.b64decode(png)
 
     def said(self, method: str) -> list[Event]:
-        """What the page has said of one kind."""
+        """What the page has said of one kind since it was opened."""
         return [event["params"] for event in self.events if event.get("method") == method]
 
     def call(self, method: str, **parameters: Any) -> Any:

@@ -21,6 +21,7 @@ rr = pytest.importorskip("rerun", reason="the dashboard's extra is not installed
 
 from armadico.cli import dashboard as command  # noqa: E402
 from armadico.cli import main as armadico  # noqa: E402
+from armadico.cli.beside import beside  # noqa: E402
 from armadico.cli.options import FailedError  # noqa: E402
 from armadico.core import messages as m  # noqa: E402
 from armadico.mesh.ports import private_endpoints  # noqa: E402
@@ -165,7 +166,7 @@ def test_beside_a_run_it_prints_its_link_and_ends_with_it(
     apart: Callable[[], ZenohMesh], capsys: pytest.CaptureFixture[str]
 ) -> None:
     args = argparse.Namespace(namespace=NAMESPACE, connect=[], host=None, hosts=None)
-    with command.beside(args, "sc1"):
+    with beside(args, "dashboard", "sc1"):
         page = capsys.readouterr().err.removeprefix(LINK).strip()
         with urllib.request.urlopen(page, timeout=20) as answer:
             assert answer.status == 200
@@ -196,7 +197,7 @@ def test_a_run_waits_until_somebody_looks_and_its_dashboard_stays_until_ctrl_c(
     with os.fdopen(write, "w", buffering=1) as told:
         monkeypatch.setattr("sys.stderr", told)
         looker.start()
-        with command.beside(args, "sc1", wait=True):
+        with beside(args, "dashboard", "sc1", wait=True):
             happened.append("runs")
         looker.join()
     assert happened == ["looks", "runs", "leaves"]
@@ -214,7 +215,7 @@ def test_beside_a_run_a_world_that_is_not_there_is_no_run(
     apart: Callable[[], ZenohMesh],
 ) -> None:
     args = argparse.Namespace(namespace=NAMESPACE, connect=[], host=None, hosts=None)
-    with pytest.raises(FailedError, match="no dashboard"), command.beside(args, "nowhere"):
+    with pytest.raises(FailedError, match="no dashboard"), beside(args, "dashboard", "nowhere"):
         pytest.fail("it has not started")
 
 

@@ -21,10 +21,10 @@ from armadico.observe.pictures import (
     COLOURS,
     NOBODY,
     PARTICLE,
+    Canvas,
     Moment,
     Run,
     Step,
-    _Canvas,
     _reigns,
     _spaced,
     colour,
@@ -113,7 +113,7 @@ def test_colours_are_fixed_by_name_and_no_two_agents_of_ours_share_one() -> None
 
 def test_holders_are_told_apart_by_their_lines_too_be_their_colours_the_same() -> None:
     assert colour("wander") == colour("avoid")
-    canvas = _Canvas(load_world("empty"))
+    canvas = Canvas(load_world("empty"))
     who = ["goto", "avoid", "goto", "wander", None]
     canvas.path([(i, float(i), 0.0, 0.0, holder) for i, holder in enumerate(who)])
     looks = {name: (line.get_color(), line.get_linestyle()) for name, line in canvas.legend.items()}
@@ -123,7 +123,7 @@ def test_holders_are_told_apart_by_their_lines_too_be_their_colours_the_same() -
 
 def test_docks_are_drawn_where_a_world_has_them() -> None:
     world = load_world("floor")
-    canvas = _Canvas(world)
+    canvas = Canvas(world)
     before = len(canvas.axes.lines)
     canvas.poses(None, None, (), world.docks.values())
     assert len(canvas.axes.lines) == before + len(world.docks) == before + 2

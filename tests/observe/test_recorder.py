@@ -17,8 +17,9 @@ from mcap.reader import make_reader
 
 from armadico.core import messages as m
 from armadico.core.services import SERVICES
-from armadico.observe.export import RecordingError, Row, Tables, rows, to_rrd
-from armadico.observe.recorder import Recording
+from armadico.observe.export import Tables, to_rrd
+from armadico.observe.recorder import TRIES, Gaps, Recording, record
+from armadico.observe.recordings import RecordingError, Row, rows
 from armadico.observe.watching import (
     Heard,
     Presence,
@@ -186,6 +187,30 @@ def test_each_file_of_a_recording_can_be_read_alone(tmp_path: Path) -> None:
     assert kept == list(range(80))
 
 
+class Crowd:
+    """A watcher to whom somebody speaks all the time."""
+
+    def __init__(self) -> None:
+        self.taken = 0
+
+    def take(self, _: float) -> Heard:
+        self.taken += 1
+        return heard("encoder/pose", POSE, self.taken)
+
+    def hear(self) -> None:
+        """Everything."""
+
+    watch_alive = hear
+
+
+def test_it_is_over_between_two_messages_and_never_within_one(tmp_path: Path) -> None:
+    crowd: Any = Crowd()
+    recording = Recording(tmp_path / "run.mcap")
+    record(crowd, recording, lambda _: None, over=lambda: crowd.taken == 7)
+    recording.close()
+    assert len(read(recording.path)) == 7
+
+
 def test_a_recording_is_not_written_over(tmp_path: Path) -> None:
     path = tmp_path / "run.mcap"
     recorded(path, heard("encoder/pose", POSE))
@@ -311,3 +336,58 @@ def test_of_several_robots_one_is_drawn(tmp_path: Path) -> None:
 )
 def test_a_key_tells_its_message(key: str, kind: type[m.Message] | None) -> None:
     assert kind_at(key) is kind
+
+
+# Journals -----------------------------------------------------------------------------------------
+
+
+def piece(number: int, instance: str = "goto-1") -> m.JournalPiece:
+    return m.JournalPiece(instance, number, b"")
+
+
+def test_pieces_that_were_missed_are_asked_for_until_they_come() -> None:
+    gaps = Gaps()
+    assert all(gaps.take("robot1", piece(n)) for n in (0, 1, 4))
+    assert gaps.lost == 2
+    assert gaps.ask() == gaps.ask() == [("robot1", "goto-1", 2), ("robot1", "goto-1", 3)]
+    assert gaps.take("robot1", piece(2))
+    assert not gaps.take("robot1", piece(2))  # it is kept once
+    assert not gaps.take("robot1", piece(1))
+    assert gaps.ask() == [("robot1", "goto-1", 3)]
+
+
+class Forgetful:
+    """A watcher that hears of a piece too many; who is asked for the one before has it."""
+
+    def __init__(self) -> None:
+        self._waiting = [piece(0), piece(2)]
+
+    def take(self, _: float) -> Heard | None:
+        return heard("journal/goto-1", self._waiting.pop(0)) if self._waiting else None
+
+    def hear(self) -> None:
+        """Everything."""
+
+    watch_alive = hear
+
+    def ask_for_piece(self, _n: str, _i: str, number: int, _t: float) -> None:
+        self._waiting.append(piece(number))
+
+
+def test_who_ends_a_recording_asks_for_what_is_missing_first(tmp_path: Path) -> None:
+    watcher: Any = Forgetful()
+    recording = Recording(tmp_path / "run.mcap")
+    record(watcher, recording, lambda _: None, over=lambda: recording.gaps.lost > 0)
+    recording.close()
+    assert not recording.gaps.lost
+    assert len(read(recording.path)) == 3
+
+
+def test_pieces_that_nobody_has_are_not_asked_for_for_ever() -> None:
+    gaps = Gaps()
+    gaps.take("robot1", piece(3, "avoid-1"))
+    gaps.take("robot2", piece(0))
+    asked = [gaps.ask() for _ in range(TRIES + 1)]
+    assert asked[0] == [("robot1", "avoid-1", n) for n in range(3)]
+    assert asked[-1] == []
+    assert gaps.lost == 3

@@ -23,8 +23,9 @@ from armadico.bridge.ros2 import cdr
 from armadico.cli import export as command
 from armadico.cli.options import FailedError, UsageError
 from armadico.core import messages as m
-from armadico.observe.export import Tables, rows, to_rrd
+from armadico.observe.export import Tables, to_rrd
 from armadico.observe.recorder import Recording
+from armadico.observe.recordings import rows
 from armadico.observe.translators import translators
 from armadico.observe.watching import Heard
 from tests import real_ros

@@ -20,7 +20,7 @@ from armadico.core import messages as m
 from armadico.core.geometry import Pose2, compose, to_world
 from armadico.launch.society import Options, prepared
 from armadico.launch.virtual import Rehearsal
-from armadico.observe.export import rows
+from armadico.observe.recordings import rows
 from armadico.observe.virtual_recording import BEGUN, Recorded
 
 from .ros2_reader import mcap_support
@@ -114,7 +114,7 @@ def distance(walls: np.ndarray, point: tuple[float, float]) -> float:
 
 def test_a_command_line_keeps_a_run(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     path = tmp_path / "run.mcap"
-    words = ["run", "sc1", "--virtual", "--for", "1", "--mcap", str(path)]
+    words = ["run", "sc1", "--virtual", "--for", "1", "--record", str(path)]
     cli.main(words)
     assert {type(row.message) for row in rows(path, pytest.fail)} >= {m.RobotState}
     assert cli.main(words) == 1
@@ -126,8 +126,8 @@ def test_a_command_line_keeps_a_run(tmp_path: Path, capsys: pytest.CaptureFixtur
 @pytest.mark.parametrize(
     ("words", "why"),
     [
-        (["--mcap", "run.mcap"], "armadico record FILE keeps a live run"),
-        (["--virtual", "--mcap", "run.bag"], "ends with .mcap"),
+        (["--record", "run.bag"], "ends with .mcap"),
+        (["--virtual", "--record", "run.bag"], "ends with .mcap"),
     ],
 )
 def test_a_file_that_cannot_be_meant_is_said(

@@ -20,11 +20,13 @@ PRESS = 77
 class Robot:
     """A robot agent's latch, and somebody who presses against it ten times a second."""
 
-    def __init__(self, stop: Stop | None = None, *, stopped: bool = True) -> None:
+    def __init__(
+        self, stop: Stop | None = None, *, stopped: bool = True, code: str | None = None
+    ) -> None:
         self.memory = Memory(random.Random(1))
         if stop is not None:
             self.memory.note(stop)
-        self.press = Latching(stopped=stopped, by=BY, press=PRESS)
+        self.press = Latching(stopped=stopped, by=BY, press=PRESS, code=code)
         self.now = 0.0
         self.number = 0
         self.said: list[Stop] = []
@@ -204,3 +206,15 @@ def test_the_same_stop_counted_on_by_others_is_released() -> None:
     robot.turns(30)
     assert robot.press.done
     assert robot.stop == Stop(10, False, BY, 5)
+
+
+def test_a_release_by_code_is_of_that_stop_and_of_no_other() -> None:
+    asked, other = Stop(3, True, "ann", 1234), Stop(3, True, "bob", 98765)
+    robot = Robot(asked, stopped=False, code=asked.code)
+    robot.turns(3)
+    assert robot.press.done
+    robot = Robot(other, stopped=False, code=asked.code)
+    robot.turns(3)
+    assert not robot.said
+    assert not robot.press.done
+    assert f"stopped by bob, and the code of that is {other.code}" in robot.press.refusal

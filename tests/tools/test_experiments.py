@@ -10,7 +10,7 @@ from math import hypot, pi
 from pathlib import Path
 
 import pytest
-from msgspec import structs
+from msgspec import Struct, structs
 from msgspec.structs import replace
 
 from armadico.agents.methods.geometry import Placed
@@ -122,6 +122,39 @@ def test_interrupted_runs_are_kept_and_not_driven_again(
     context(tmp_path / "whole", runs=3).drive([SC1])
     cut, whole = ((tmp_path / name / "runs.csv").read_bytes() for name in ("cut", "whole"))
     assert cut == whole
+
+
+class Square(Struct, frozen=True):
+    of: int
+    square: float
+
+
+def square(of: int) -> Square:
+    """What takes long, and ends in the middle of the third."""
+    SQUARED.append(of)
+    if len(SQUARED) == 3:
+        raise KeyboardInterrupt
+    return Square(of, float("nan") if of == 1 else of**2)
+
+
+SQUARED: list[int] = []
+
+
+def test_interrupted_what_was_found_is_kept_and_not_made_again(tmp_path: Path) -> None:
+    SQUARED.clear()
+    with pytest.raises(KeyboardInterrupt):
+        context(tmp_path).map(square, [0, 2, 1, 3], "squares")
+    with (tmp_path / "found.jsonl").open("ab") as file:
+        file.write(b'{"key": "cut sh')
+    for _ in range(2):
+        found = context(tmp_path).map(square, [3, 1, 2, 0], "squares")
+        assert [each.of for each in found] == [3, 1, 2, 0]
+        assert [each.square for each in found if each.of != 1] == [9.0, 4.0, 0.0]
+    # NaN does not read back as it is, so it is found again each time.
+    assert SQUARED == [0, 2, 1, 3, 1, 1]
+    other = Context(out=tmp_path, source="of other code")
+    other.map(square, [3], "squares")
+    assert SQUARED[6:] == [3]
 
 
 def test_a_run_depends_on_its_cell_and_on_the_code() -> None:

@@ -34,6 +34,7 @@ from armadico.core.messages import (
     Cycle,
     Log,
     Message,
+    Stick,
     Stop,
     Truth,
     encode,
@@ -46,22 +47,6 @@ from armadico_tools.transcripts.scenes import SCENES
 
 ROOT: Final = Path(__file__).resolve().parents[2]
 """The checkout: the documentation is not installed."""
-
-FIRST: Final = (
-    "run",
-    "up",
-    "down",
-    "ps",
-    "goto",
-    "stop",
-    "resume",
-    "top",
-    "echo",
-    "doctor",
-    "dashboard",
-    "record",
-)
-"""The commands that the README shows."""
 
 PART: Final = re.compile(r"(<!-- generated: ([\w -]+?) -->\n).*?(<!-- end: \2 -->)", re.DOTALL)
 
@@ -158,10 +143,12 @@ def _requests(kind: type[Agent], service: Service) -> bool:
 
 def providers(service: Service) -> str:
     """Who publishes it, or answers it."""
-    if service.message is Log or service.key.startswith("agent/"):
+    if service.message is Log or service.key.startswith(("agent/", "journal/")):
         return ALL
     if service.message is Stop:
         return "any peer"
+    if service.message is Stick:
+        return "any hand"
     if service.message is Truth:
         return "the simulator"
     found = _names(name for name, kind in peers().items() if _provides(kind, service))
@@ -251,13 +238,13 @@ def example() -> str:
     return "\n\n".join(parts)
 
 
-def commands(chosen: Callable[[str, str], bool]) -> str:
-    """Commands, each with the first line of its module; `chosen` by name and module."""
+def commands(package: str) -> str:
+    """Commands of a package, each with the first line of its module."""
 
     def rows() -> Iterator[Sequence[str]]:
         for name, value in entries("armadico.commands").items():
             module = value.partition(":")[0]
-            if chosen(name, module):
+            if module.startswith(package):
                 yield f"`armadico {name}`", summary(module)
 
     return table(("command", "what it does"), rows())
@@ -286,9 +273,8 @@ PARTS: Final[dict[str, Callable[[], str]]] = {
     "transitions": transitions,
     "diagram": diagram,
     "example": example,
-    "first commands": lambda: commands(lambda name, _: name in FIRST),
-    "commands": lambda: commands(lambda _, module: module.startswith("armadico.")),
-    "laboratory": lambda: commands(lambda _, module: module.startswith("armadico_tools.")),
+    "commands": lambda: commands("armadico."),
+    "laboratory": lambda: commands("armadico_tools."),
     "scenes": scenes,
     "agents": agent_list,
     "more agents": partial(agent_list, asked_for=True),

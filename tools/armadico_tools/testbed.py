@@ -91,6 +91,11 @@ class Place:
         mesh.open()
         return mesh
 
+    @property
+    def watching(self) -> tuple[str, tuple[str, ...]]:
+        """The host of a process that watches, and the options by which it joins there."""
+        return self.hosts[0], ()
+
     def kill(self) -> None:
         """End every process that was started here."""
         kill_trees(*self._processes)
@@ -149,6 +154,12 @@ class Namespaces(Place):
         mesh = ZenohMesh(self.namespace, where)
         self.inside(WATCHER, mesh.open)
         return mesh
+
+    @property
+    def watching(self) -> tuple[str, tuple[str, ...]]:
+        """The watcher's host, which is in no table."""
+        ends = self._table.endpoints()
+        return WATCHER, tuple(word for end in ends for word in ("--connect", end))
 
     def kill(self) -> None:
         """End every process, and mend every link."""

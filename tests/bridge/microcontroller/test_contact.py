@@ -10,7 +10,7 @@ import pytest
 from armadico.bridge.p2os.commands import Cmd, set_pose
 from armadico.bridge.p2os.configuration import decode_configuration
 from armadico.bridge.simulator.microcontroller import Microcontroller
-from armadico.bridge.simulator.plant import Plant, seeded
+from armadico.bridge.simulator.plant import Plant, Site, seeded
 from armadico.bridge.simulator.speed_loops import SpeedLoops
 from armadico.config.loading import find, load_entry
 from armadico.config.profile import RobotProfile, SensorProfile
@@ -44,7 +44,7 @@ def walled(make: Callable[..., Bench], profile: RobotProfile) -> tuple[Bench, Me
     """A robot that has pushed a wall ahead of it for two seconds, at 0.3 m/s."""
     ideal = load_entry(find("robots", "sensors"), SensorProfile, "ideal")
     wall = (WALL_X, -3.0, WALL_X, 3.0)
-    plant = Metered(profile, ideal, [wall], (0.3, 0.0, 0.0), seeded(1))
+    plant = Metered(profile, ideal, Site([wall], (0.3, 0.0, 0.0)), seeded(1))
     bench = make(profile)
     loops = SpeedLoops(profile.speed_loop, profile.motor.supply_v)
     bench.controller = Microcontroller(profile, plant, loops)

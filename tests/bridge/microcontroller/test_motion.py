@@ -20,7 +20,7 @@ from armadico.bridge.p2os.configuration import (
     decode_configuration,
 )
 from armadico.bridge.simulator.microcontroller import Microcontroller
-from armadico.bridge.simulator.plant import Plant, seeded
+from armadico.bridge.simulator.plant import Plant, Site, seeded
 from armadico.bridge.simulator.speed_loops import SpeedLoops
 from armadico.config.profile import RobotProfile, SensorProfile
 
@@ -91,7 +91,7 @@ def test_the_servos_bring_the_real_robot_to_its_goal_without_overshoot(
 ) -> None:
     ideal = tomllib.loads((files("armadico.configs") / "robots" / "sensors.toml").read_text())
     sensors = msgspec.convert(ideal["ideal"], SensorProfile)
-    plant = Plant(profile, sensors, [], (0.0, 0.0, 0.0), seeded(1))
+    plant = Plant(profile, sensors, Site(), seeded(1))
     bench = make(profile)
     loops = SpeedLoops(profile.speed_loop, profile.motor.supply_v)
     bench.controller = Microcontroller(profile, plant, loops)

@@ -9,7 +9,7 @@ import pytest
 
 from armadico.bridge.p2os.commands import SYNC0, SYNC1, SYNC2, Cmd, command
 from armadico.bridge.simulator.pioneer import Pioneer
-from armadico.bridge.simulator.plant import seeded
+from armadico.bridge.simulator.plant import Site, seeded
 from armadico.bridge.simulator.traps import KIND, Trap
 from armadico.config.loading import find, load_entry
 from armadico.config.profile import SensorProfile
@@ -84,7 +84,7 @@ def test_a_sonar_may_be_a_single_ray(profile: RobotProfile) -> None:
     x, y = mount.x_m + 2 * math.cos(heading), mount.y_m + 2 * math.sin(heading)
     post = (x, y - 0.05, x, y + 0.05)
     kind, unkind = (
-        Pioneer(profile, ideal, [post], (0.0, 0.0, 0.0), seeded(1), traps).plant.ping(3)
+        Pioneer(profile, ideal, Site([post]), seeded(1), traps).plant.ping(3)
         for traps in (KIND, frozenset({Trap.RAYS}))
     )
     assert kind == pytest.approx(2.0, abs=0.1)

@@ -19,7 +19,7 @@ from typing import Final
 from armadico.bridge.p2os.commands import Cmd, quantity
 from armadico.bridge.p2os.packets import Decoder
 from armadico.bridge.simulator.pioneer import Pioneer
-from armadico.bridge.simulator.plant import seeded
+from armadico.bridge.simulator.plant import Site, seeded
 from armadico.bridge.simulator.server import Line, Simulation, TcpLine
 from armadico.bridge.simulator.simulated import SimulatedRobot
 from armadico.config.loading import find, load, load_entry
@@ -194,8 +194,7 @@ def _pioneer() -> Pioneer:
     return Pioneer(
         load(find("robots", "pioneer-2dx"), P2osRobot),
         load_entry(find("robots", "sensors"), SensorProfile, "ideal"),
-        CORRIDOR,
-        (0.0, 0.0, 0.0),
+        Site(CORRIDOR),
         seeded(1),
     )
 

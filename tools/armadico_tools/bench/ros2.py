@@ -23,7 +23,7 @@ from armadico.bridge.ros2.addresses import EXTRA, client_transport, robot_transp
 from armadico.bridge.ros2.cdr import decode, encode
 from armadico.bridge.ros2.frames import Decoder, Wanted, frame
 from armadico.bridge.ros2.session import wants
-from armadico.bridge.simulator.plant import seeded
+from armadico.bridge.simulator.plant import Site, seeded
 from armadico.bridge.simulator.ros2_line import Ros2Line
 from armadico.bridge.simulator.ros2_robot import Ros2SimulatedRobot
 from armadico.config.loading import find, load, load_entry
@@ -157,7 +157,7 @@ def odom_to_command(quick: bool, tell: Tell) -> list[Figure]:
 
 def _robot(robot: Ros2Robot) -> Ros2SimulatedRobot:
     sensors = load_entry(find("robots", "sensors"), SensorProfile, "ideal")
-    return Ros2SimulatedRobot(robot, sensors, CORRIDOR, (0.0, 0.0, 0.0), seeded(1), "/bench")
+    return Ros2SimulatedRobot(robot, sensors, Site(CORRIDOR), seeded(1), "/bench")
 
 
 def _ends(robot: Ros2Robot) -> list[Wanted]:

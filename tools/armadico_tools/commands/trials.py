@@ -46,6 +46,10 @@ def main(argv: Sequence[str]) -> int:
         return _recording(args)
     if args.scenario is not None:
         load_scenario(args.scenario)
+    if args.record is not None and len(args.kind) != 1:
+        raise UsageError(f"--record {args.record}: of one kind of trial")
+    if args.record is not None and args.record.exists():
+        raise FailedError(f"{args.record} exists already; name another file")
     end_in_order()
     return _series(args, _chosen(args))
 
@@ -73,6 +77,9 @@ def parser() -> argparse.ArgumentParser:
     )
     made.add_argument("--seed", type=int, default=0, help="of moments and links (default: 0)")
     add_out(made, "results/trials", "figures are kept")
+    made.add_argument(
+        "--record", type=Path, metavar="FILE.mcap", help="of one kind: keep it for armadico replay"
+    )
     made.add_argument("--recording", type=Path, metavar="FILE", help="check a recording instead")
     made.add_argument("--namespace", metavar="NS", help="with --recording: whose (default: all)")
     made.add_argument("--list", action="store_true", help="the kinds, and what they measure")
@@ -165,6 +172,7 @@ def _one(args: argparse.Namespace, trial: Trial, place: Place, store: Any) -> Se
         seed=args.seed,
         done=done,
         failed=lambda why: say(f"{trial.name}: FAILED: {why}"),
+        record=args.record,
     )
 
 
@@ -214,7 +222,7 @@ def _recording(args: argparse.Namespace) -> int:
     """Check what was recorded."""
     if find_spec("mcap") is None:
         raise FailedError("mcap is not installed: pip install 'armadico[record]'")
-    from armadico.observe.export import RecordingError  # noqa: PLC0415 - an extra
+    from armadico.observe.recordings import RecordingError  # noqa: PLC0415 - an extra
     from armadico_tools.faults.real_recording import check  # noqa: PLC0415
 
     try:

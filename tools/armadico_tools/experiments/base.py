@@ -11,7 +11,7 @@ from armadico.cli import pool
 from armadico.observe.conditions import Conditions, Software, software, source_hash
 from armadico_tools.experiments import FIRST_SEED, RUNS
 from armadico_tools.experiments.driving import Cell, Sample, conditions_of, drive, key_of
-from armadico_tools.experiments.store import BESIDES, CONDITIONS, Store
+from armadico_tools.experiments.store import BESIDES, CONDITIONS, Found, Store
 from armadico_tools.results import write_csv, write_json
 
 if TYPE_CHECKING:
@@ -89,8 +89,15 @@ class Context:
         return samples
 
     def map(self, function: Callable[[T], R], items: Iterable[T], label: str) -> list[R]:
-        """A module's function over items, in processes, with progress; results in order."""
-        return pool.over(function, list(items), self.jobs, label)
+        """A module's function over items, in processes, with progress; results in order.
+
+        What `found.jsonl` has already is not made again.
+        """
+        wanted, found = list(items), Found(self.out, function, self.source)
+        missing = [(at, item) for at, item in enumerate(wanted) if item not in found]
+        made = pool.over(function, [item for _, item in missing], self.jobs, label, found.add)
+        fresh = {at: result for (at, _), result in zip(missing, made, strict=True)}
+        return [fresh[at] if at in fresh else found[item] for at, item in enumerate(wanted)]
 
     def rows(self, name: str, header: Sequence[str], rows: Iterable[Sequence[object]]) -> None:
         """Write `name`.csv."""

@@ -18,7 +18,7 @@ from armadico.core.messages import (
     RobotState,
     Truth,
 )
-from armadico.observe.export import HERE, Row, rows
+from armadico.observe.recordings import HERE, Row, rows
 from armadico_tools.faults.checker import Checker
 from armadico_tools.faults.observations import (
     Bids,

@@ -14,6 +14,7 @@ from msgspec import Struct
 from armadico.config.hosts import HostTable
 from armadico.config.scenarios import Scenario
 from armadico.observe.conditions import software
+from armadico.observe.recorder import part
 from armadico_tools.faults.checker import Checker, Violation
 from armadico_tools.faults.real_faults import FAULTS
 from armadico_tools.faults.real_society import ROAD, RealSociety, TrialError
@@ -140,8 +141,11 @@ def run_series(
     seed: int = 0,
     done: Callable[[int, dict[str, float]], None] = lambda *_: None,
     failed: Callable[[str], None] = lambda _: None,
+    record: Path | None = None,
 ) -> Series:
     """Make so many trials of one kind; `done` is shown each, `failed` is given what went wrong.
+
+    They are recorded in a file, if it is named; a further society's in one beside it.
 
     The society stays up from trial to trial; after one that failed another is started.
     """
@@ -152,9 +156,11 @@ def run_series(
         hosts = {agent: name for name, host in table.hosts.items() for agent in host.agents}
     while len(series.rows) < count and len(series.failed) < AGAIN:
         checker = Checker(bounds_of(scenario))
+        again = len(series.failed)
+        path = part(record, again) if record is not None and again else record
         try:
             with RealSociety(
-                place, scenario=scenario, hosts=hosts, seed=seed, checker=checker
+                place, scenario=scenario, hosts=hosts, seed=seed, checker=checker, record=path
             ) as society:
                 society.start()
                 if trial.twin:

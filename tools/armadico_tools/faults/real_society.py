@@ -13,13 +13,14 @@ from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from contextlib import contextmanager, suppress
 from dataclasses import dataclass, field
 from math import radians
+from pathlib import Path
 from typing import Final, Self, TypeVar
 
 from armadico.config.scenarios import Scenario, planned
 from armadico.core.messages import Ask, Command, Message, MissionRequest, Waypoint, decode
 from armadico.core.messages import MessageError as UnreadableError
 from armadico.core.services import BIDS, service_of
-from armadico.launch.processes import agent_words, simulator_words
+from armadico.launch.processes import agent_words, end, simulator_words
 from armadico.launch.society import Member, Options, members, mission
 from armadico.mesh.ports import free_port
 from armadico.observe.view import agent_of
@@ -96,8 +97,12 @@ class RealSociety:
         hosts: Mapping[str, str] | None = None,
         seed: int = 0,
         checker: Checker | None = None,
+        record: Path | None = None,
     ) -> None:
+        """Nobody is started yet; `record` is a file for what is said, journals included."""
         self.place = place
+        self._record = record
+        self._recorder: subprocess.Popen[bytes] | None = None
         self.account = Account(checker)
         self.agents: dict[str, Agent] = {}
         self.count = 0  # for trials that take one after another in turn
@@ -124,6 +129,8 @@ class RealSociety:
         return self
 
     def __exit__(self, *error: object) -> None:
+        if self._recorder is not None:
+            end(self._recorder)  # in order: the others are killed
         self.place.kill()
         self.tap.close()
         self._mesh.close()
@@ -136,6 +143,8 @@ class RealSociety:
 
     def start(self) -> None:
         """Start the simulator and every agent of the scenario, and have it drive."""
+        if self._record is not None:
+            self._recorder = self._recording(self._record)
         self.start_simulator()
         for member in members(self._scenario, Options(seed=self._seed), self.tap.url):
             far = (f"reach_m={REACH_M:g}",) if member.name == "interface" else ()
@@ -146,6 +155,15 @@ class RealSociety:
         self.until(lambda: self.account.view.state is not None, "the robot's first cycle")
         self._sent_at = float("-inf")
         self.until(self.account.driving, "the robot is on its way")
+
+    def _recording(self, path: Path) -> subprocess.Popen[bytes]:
+        """A recorder, once it is at work."""
+        host, joining = self.place.watching
+        path = path.resolve()
+        words = ["record", str(path), "--quiet", "--namespace", self.place.namespace, *joining]
+        recorder = self.place.start(host, "recorder", words)
+        self.until(lambda: path.is_file() and path.stat().st_size > 0, "the recording's beginning")
+        return recorder
 
     def start_simulator(self) -> None:
         """Start it, or start it again where it was."""
@@ -181,7 +199,8 @@ class RealSociety:
         return at
 
     def _run(self, agent: Agent) -> None:
-        words = agent_words([Member(agent.name, agent.sets)], self.place.namespace)
+        member, journal = Member(agent.name, agent.sets), self._record is not None
+        words = agent_words([member], self.place.namespace, journal=journal)
         words += self.place.joining(agent.host)
         agent.process = self.place.start(agent.host, agent.label, words)
 

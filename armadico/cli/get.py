@@ -1,0 +1,116 @@
+"""Show parameters of agents that are at work: those that may be changed live, and their ranges."""
+
+from __future__ import annotations
+
+import argparse
+import json
+from collections.abc import Mapping, Sequence
+from typing import TYPE_CHECKING, Any, Final
+
+from armadico.cli import options
+from armadico.cli.echo import seconds
+
+if TYPE_CHECKING:
+    from armadico.core.messages import Parameter, ParametersReply
+
+EXAMPLES: Final = """\
+  armadico get                     of all agents: what may be changed, and what it is
+  armadico get goto                of one
+  armadico get goto v_max          one value alone
+  armadico get --json | jq '.[] | select(.agent == "goto")'
+"""
+
+
+def main(argv: Sequence[str]) -> int:
+    """Show what may be changed."""
+    args = parser().parse_args(argv)
+    mesh = options.join(args)
+    from armadico.runtime.client import Client  # noqa: PLC0415 - not for --help
+
+    with mesh:
+        replies = Client(mesh).parameters(args.agent, args.timeout)
+    rows = [
+        (name, instance, row)
+        for (name, instance), reply in replies.items()
+        for row in reply.parameters
+        if args.name in (None, row.name)
+    ]
+    if args.name is not None and not rows:
+        raise options.FailedError(_unknown(args.agent, args.name, replies))
+    if args.json:
+        print(json.dumps([plain(*row) for row in rows], indent=2))
+    elif args.name is not None:
+        for _, _, row in rows:
+            print(shown(row.json))
+    else:
+        show(rows)
+    return 0
+
+
+def parser() -> argparse.ArgumentParser:
+    """The command's options."""
+    made = options.parser(
+        "armadico get",
+        "Show those parameters of agents that may be changed while they are at work: what they are"
+        " now, and what they may be. `armadico set` changes them.",
+        EXAMPLES,
+    )
+    made.add_argument(
+        "agent", nargs="?", default="", metavar="AGENT", help="a name, or an instance's id"
+    )
+    made.add_argument("name", nargs="?", metavar="NAME", help="one parameter")
+    made.add_argument("--json", action="store_true", help="a JSON array on stdout")
+    made.add_argument(
+        "--timeout",
+        type=seconds,
+        default=1.0,
+        metavar="S",
+        help="how long an agent may take to answer (default: 1 s)",
+    )
+    options.add_mesh_options(made)
+    return made
+
+
+def plain(agent: str, instance: str, row: Parameter) -> dict[str, Any]:
+    """A parameter for programs: its values as JSON has them."""
+    return {
+        "agent": agent,
+        "instance": instance,
+        "name": row.name,
+        "value": json.loads(row.json),
+        "begun": json.loads(row.begun),
+        "unit": row.unit,
+        "wanted": row.wanted,
+    }
+
+
+def show(rows: Sequence[tuple[str, str, Parameter]]) -> None:
+    """Print a table; one line for each parameter."""
+    from rich.console import Console  # noqa: PLC0415 - not for --help
+    from rich.table import Table  # noqa: PLC0415
+    from rich.text import Text  # noqa: PLC0415
+
+    table = Table(box=None, header_style="bold", pad_edge=False)
+    for title in ("AGENT", "PARAMETER", "VALUE", "UNIT", "BEFORE", "MAY BE"):
+        table.add_column(title, overflow="fold")
+    several = {name for name, instance, _ in rows for n, i, _ in rows if n == name and i > instance}
+    for name, instance, row in rows:
+        before = "" if row.begun == row.json else shown(row.begun)
+        who = instance[: len(name) + 9] if name in several else name
+        words = (who, row.name, shown(row.json), row.unit, before, row.wanted)
+        table.add_row(*(Text(options.shown(word)) for word in words))
+    Console().print(table)
+
+
+def shown(value: str) -> str:
+    """A value of JSON, as it is typed for `armadico set`."""
+    return "none" if value == "null" else options.shown(value)
+
+
+def _unknown(agent: str, name: str, replies: Mapping[Any, ParametersReply]) -> str:
+    from armadico.config.errors import advice  # noqa: PLC0415 - not for --help
+
+    known = {row.name for reply in replies.values() for row in reply.parameters}
+    if not replies:
+        return f"{agent} does not answer"
+    return f"{agent} has no parameter {name!r} that may be changed; {advice(name, known)}"

@@ -1,0 +1,198 @@
+"""Serve the control page: click to go, stop, missions, agents, and why the robot stands."""
+
+from __future__ import annotations
+
+import argparse
+import os
+import secrets
+import signal
+import socket
+import tempfile
+import webbrowser
+from collections.abc import Sequence
+from contextlib import ExitStack, suppress
+from pathlib import Path
+from typing import TYPE_CHECKING, Final
+
+from armadico.cli import options
+from armadico.cli.options import FailedError, UsageError
+
+if TYPE_CHECKING:
+    from armadico.config.worlds import World
+    from armadico.launch.processes import Process
+    from armadico.mesh.base import Mesh
+    from armadico.observe.page.guard import Guard
+    from armadico.observe.page.model import Shipped
+    from armadico.observe.page.session import Session, Spawns
+
+PORT: Final = 8090
+"""Where the page is by default."""
+
+LOOPBACK: Final = "127.0.0.1"
+
+TOKEN_VARIABLE: Final = "ARMADICO_PAGE_TOKEN"
+
+EXAMPLES: Final = """\
+  armadico page --world house                then open the link that is printed
+  armadico page --port 0                     a port that is free
+  armadico page --namespace robot1 --namespace robot2
+  armadico page --bind 0.0.0.0               for a phone, too: the link has a token in it
+  armadico run --world house --start 1 1.5 0 --for 600 --page
+"""
+
+
+def main(argv: Sequence[str]) -> int:
+    """Serve until Ctrl-C."""
+    args = parser().parse_args(argv)
+    namespaces = options.namespaces(args)
+    if not 0 <= args.port < 65536:
+        raise UsageError(f"--port {args.port}: from 0 to 65535")
+    meshes = options.join_each(args, namespaces)
+    world = options.world(args)
+    guard = _guard(args)
+    for number in (signal.SIGTERM, signal.SIGHUP):
+        if signal.getsignal(number) is signal.SIG_DFL:
+            signal.signal(number, signal.default_int_handler)
+    from armadico.observe.page.server import Server, ServerError  # noqa: PLC0415 - not for --help
+
+    with ExitStack() as stack:
+        for mesh in meshes:
+            stack.enter_context(mesh)
+        helpers = stack.enter_context(Helpers(args))
+        session = made(meshes, world, helpers.start)
+        try:
+            server = stack.enter_context(Server(session, guard, args.bind, args.port))
+        except ServerError as error:
+            raise FailedError(str(error)) from None
+        link = _link(args.bind, server.port, guard.token)
+        print(f"page: {link}", flush=True)
+        if not args.no_open and _has_screen():
+            webbrowser.open(link)
+        with suppress(KeyboardInterrupt):
+            while True:
+                session.turn()
+    return 0
+
+
+def made(meshes: Sequence[Mesh], world: World | None, start: Spawns) -> Session:
+    """A session for robots whose meshes have been opened; `start` starts who takes the stick."""
+    from armadico.config.scenarios import society  # noqa: PLC0415 - not for --help
+    from armadico.observe.page.model import Robot  # noqa: PLC0415 - not for --help
+    from armadico.observe.page.session import Session  # noqa: PLC0415 - not for --help
+
+    known = missions()
+    hand = (society().hand,)
+    robots = {m.namespace: Robot(m.namespace, world, known, _bits64, hand) for m in meshes}
+    return Session(robots, meshes, start)
+
+
+class Helpers:
+    """Agents that are started beside the page, and end with it, however that ends.
+
+    Attributes:
+        processes: The newest of each, by namespace and name.
+    """
+
+    def __init__(self, args: argparse.Namespace) -> None:
+        self._joining = options.joining(args)
+        self._folder = tempfile.TemporaryDirectory(prefix="armadico-page-")
+        self.processes: dict[tuple[str, str], Process] = {}
+
+    def __enter__(self) -> Helpers:
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        from armadico.launch.processes import end_in_order  # noqa: PLC0415 - not for --help
+
+        with suppress(KeyboardInterrupt):
+            end_in_order([*self.processes.values()])
+        self._folder.cleanup()
+
+    def start(self, namespace: str, name: str) -> str:
+        """Start one, if it is not there yet; returns why it ended the last time, or nothing."""
+        from armadico.launch.processes import Process  # noqa: PLC0415 - not for --help
+
+        known = self.processes.get((namespace, name))
+        if known is not None and not known.ended():
+            return ""
+        words = ["agent", name, "--namespace", namespace, *self._joining]
+        log = Path(self._folder.name) / f"{namespace.replace('/', '-')}-{name}.log"
+        self.processes[namespace, name] = Process(name, words, log, tied=True)
+        return "" if known is None else f"it had ended: {known.last_words(1).strip()}"
+
+
+def missions() -> dict[str, Shipped]:
+    """The missions that come with Armadico, by name."""
+    from armadico.config.missions import load_mission  # noqa: PLC0415 - not for --help
+    from armadico.config.shipped import names  # noqa: PLC0415
+    from armadico.observe.page.model import Shipped  # noqa: PLC0415
+
+    found = [load_mission(name) for name in names("missions")]
+    return {each.name: Shipped(each.name, each.title, each.text) for each in found}
+
+
+def parser() -> argparse.ArgumentParser:
+    """The command's options."""
+    made = options.parser(
+        "armadico page",
+        "Serve a page from which the robot is watched and sent: a map to click on, stop and resume,"
+        " missions, agents, who drives and why. On this machine's loopback, unless --bind says"
+        " otherwise; then whoever asks must know a token. Ctrl-C ends it, and nobody feels that.",
+        EXAMPLES,
+    )
+    made.add_argument("--world", metavar="MAP", help="draw the walls of this world")
+    made.add_argument(
+        "--port",
+        type=int,
+        default=PORT,
+        metavar="P",
+        help=f"where to listen, 0: a port that is free (default: {PORT})",
+    )
+    made.add_argument(
+        "--bind",
+        default=LOOPBACK,
+        metavar="ADDRESS",
+        help=f"for whom: {LOOPBACK} for this machine only, 0.0.0.0 for everybody who knows the"
+        f" token (default: {LOOPBACK})",
+    )
+    made.add_argument(
+        "--token",
+        metavar="T",
+        help="what has to be known, 16 characters at least; it can be seen in this machine's list"
+        f" of processes, ${TOKEN_VARIABLE} cannot (default: with --bind, one drawn at random)",
+    )
+    made.add_argument("--no-open", action="store_true", help="do not open a browser")
+    options.add_mesh_options(made, several=True)
+    return made
+
+
+def _guard(args: argparse.Namespace) -> Guard:
+    """Who is let in. Raises UsageError."""
+    from armadico.observe.page.guard import Guard, GuardError, is_loopback  # noqa: PLC0415
+
+    token = args.token or os.environ.get(TOKEN_VARIABLE) or None
+    if token is None and not is_loopback(args.bind):
+        token = secrets.token_urlsafe(24)
+    name = socket.gethostname()
+    try:
+        return Guard.of(args.bind, token, (name, f"{name}.local", args.bind))
+    except GuardError as error:
+        raise UsageError(str(error)) from None
+
+
+def _link(address: str, port: int, token: str) -> str:
+    """What is to be opened; the token is behind a #, which browsers send to nobody."""
+    host = address
+    if address in ("0.0.0.0", "::"):
+        host = socket.gethostname()
+    if ":" in host:
+        host = f"[{host}]"
+    return f"http://{host}:{port}/" + (f"#token={token}" if token else "")
+
+
+def _has_screen() -> bool:
+    return bool(os.environ.get("DISPLAY") or os.environ.get("WAYLAND_DISPLAY"))
+
+
+def _bits64() -> int:
+    return secrets.randbits(63)

@@ -1,0 +1,368 @@
+"""Go through a recording again: does every agent decide what it decided? What if it were set so?"""
+
+from __future__ import annotations
+
+import argparse
+import gc
+import json
+import os
+import sys
+import time
+from collections import Counter
+from collections.abc import Iterator, Sequence
+from contextlib import suppress
+from heapq import merge
+from importlib.util import find_spec
+from pathlib import Path
+from typing import TYPE_CHECKING, Final
+
+from armadico.cli import options
+from armadico.cli.options import FailedError, UsageError
+
+if TYPE_CHECKING:
+    from armadico.core.messages import BidRecord
+    from armadico.observe.journals import Journal
+    from armadico.observe.recordings import Past
+    from armadico.observe.replay import Difference, Moment, Outcome, Replay
+
+WORTH: Final = 4_000_000
+"""Bytes of journals from which on other processes are started to help: each takes a second."""
+
+SELDOM: Final = 100_000
+"""Objects after which it is looked for those that nobody needs: nearly never."""
+
+EXAMPLES: Final = """\
+  armadico run sc4 --record run.mcap && armadico replay run.mcap
+  armadico replay run.mcap --agent goto --agent avoid
+  armadico replay run.mcap --set goto.v_max=0.3             what would goto have decided?
+  armadico replay run.mcap --agent goto --set v_max=0.3 --picture otherwise.png
+  armadico replay run.mcap --agent goto --rate 1            as fast as it was, bid by bid
+"""
+
+
+def main(argv: Sequence[str]) -> int:
+    """0 only if every agent that was asked for was gone through, and decides what it did."""
+    args = parser().parse_args(argv)
+    _check(args)
+    from armadico.observe.recordings import Past, RecordingError  # noqa: PLC0415 - not for --help
+
+    try:
+        past = Past(args.file, _say)
+        past.check()
+        journals = _chosen(args, past)
+    except RecordingError as error:
+        raise UsageError(str(error)) from None
+    sets = _sets(args, journals)
+    begun = time.monotonic()
+    outcomes = (_all if args.rate is None else _paced)(args, journals, sets)
+    took = time.monotonic() - begun
+    if args.picture is not None:
+        _draw(args, past, journals, sets, outcomes)
+    if args.json:
+        print(_json(past, outcomes, took))
+    else:
+        _show(past, outcomes, took)
+    if args.sets:
+        return 0 if any(not outcome.refusal for outcome in outcomes) else options.FAILED
+    whole = all(outcome.equal and not outcome.end for outcome in outcomes)
+    return 0 if whole else options.FAILED
+
+
+def parser() -> argparse.ArgumentParser:
+    """The command's options."""
+    made = options.parser(
+        "armadico replay",
+        "Build the agents of a recording anew, let everything that entered them enter them again,"
+        " under the clock of then, and compare what they decide, message by message. For"
+        " recordings of `armadico run --record`, or of agents that were started with --journal.",
+        EXAMPLES,
+    )
+    made.add_argument("file", metavar="FILE.mcap", type=Path, help="the recording")
+    who = made.add_mutually_exclusive_group()
+    who.add_argument(
+        "--agent",
+        dest="agents",
+        metavar="NAME",
+        action="append",
+        default=[],
+        help="only this one, by name or instance; may be repeated",
+    )
+    who.add_argument("--all", action="store_true", help="everybody (the default)")
+    made.add_argument("--namespace", metavar="NS", help="only this robot (default: all)")
+    made.add_argument(
+        "--set",
+        dest="sets",
+        metavar="AGENT.KEY=VALUE",
+        action="append",
+        default=[],
+        help="a parameter that is otherwise; KEY=VALUE with one --agent; may be repeated",
+    )
+    made.add_argument(
+        "--rate",
+        type=float,
+        metavar="X",
+        help="X times as fast as it was, telling each new bid; without: as fast as can be",
+    )
+    made.add_argument(
+        "--picture",
+        metavar="FILE.png",
+        type=Path,
+        help="draw what was decided and what would be: paths, utilities, speeds of one robot",
+    )
+    made.add_argument("--world", metavar="MAP", help="with --picture: the walls to draw under it")
+    made.add_argument("--jobs", type=int, metavar="N", help="processes (default: one a core)")
+    made.add_argument("--json", action="store_true", help="one JSON object on stdout")
+    return made
+
+
+def _check(args: argparse.Namespace) -> None:
+    """Raises UsageError, FailedError."""
+    if not args.file.is_file():
+        raise UsageError(f"{args.file}: no such file")
+    if args.rate is not None and not 0 < args.rate < float("inf"):
+        raise UsageError(f"--rate {args.rate:g}: more than 0")
+    if args.jobs is not None and args.jobs < 1:
+        raise UsageError(f"--jobs {args.jobs}: at least 1")
+    if find_spec("mcap") is None:
+        raise FailedError("mcap is not installed: pip install 'armadico[record]'")
+    if args.picture is not None and find_spec("matplotlib") is None:
+        raise FailedError("no picture: matplotlib is missing; pip install 'armadico[plot]'")
+
+
+def _chosen(args: argparse.Namespace, past: Past) -> list[Journal]:
+    """Whom to go through. Raises UsageError if they are not in it."""
+    found = past.journals()
+    spaces = sorted({journal.namespace for journal in found})
+    if not found:
+        raise UsageError(f"{args.file} holds no agents")
+    if args.namespace is not None and args.namespace not in spaces:
+        raise UsageError(
+            f"{args.file} holds nothing of the robot {args.namespace!r}: it is of"
+            f" {', '.join(spaces)}"
+        )
+    found = [each for each in found if args.namespace in (None, each.namespace)]
+    for name in args.agents:
+        if not any(name in (each.name, each.instance) for each in found):
+            there = ", ".join(sorted({each.name for each in found}))
+            raise UsageError(f"--agent {name}: it is not in {args.file}; there are {there}")
+    if args.agents:
+        found = [each for each in found if {each.name, each.instance} & {*args.agents}]
+    if not any(each.frames for each in found):
+        raise UsageError(f"{args.file} cannot be replayed: {found[0].fault}")
+    return found
+
+
+def _sets(args: argparse.Namespace, journals: Sequence[Journal]) -> dict[str, tuple[str, ...]]:
+    """By agent, what is set of it. Raises UsageError, ConfigError."""
+    from armadico.observe.replay import Life, ReplayError  # noqa: PLC0415 - not for --help
+
+    names = {journal.name for journal in journals}
+    found: dict[str, tuple[str, ...]] = {}
+    for setting in args.sets:
+        whose, dot, rest = setting.partition(".")
+        key = setting.partition("=")[0]
+        if not (dot and whose in names and "." in key):
+            if len(names) != 1:
+                there = ".KEY=, ".join(sorted(names))
+                raise UsageError(f"--set {setting}: of which agent? {there}.KEY=")
+            whose, rest = next(iter(names)), setting
+        found[whose] = (*found.get(whose, ()), rest)
+    for journal in journals:
+        if journal.name in found:
+            with suppress(ReplayError):  # which is told with the others'
+                Life(journal, found[journal.name])
+    return found
+
+
+def _one(item: tuple[Journal, tuple[str, ...]]) -> Outcome:
+    from armadico.observe.replay import replayed  # noqa: PLC0415 - not for --help
+
+    gc.collect()
+    gc.freeze()
+    gc.set_threshold(SELDOM)  # what agents leave behind is next to nothing: a tenth of the time
+    return replayed(*item)
+
+
+def _all(
+    args: argparse.Namespace, journals: Sequence[Journal], sets: dict[str, tuple[str, ...]]
+) -> list[Outcome]:
+    from armadico.cli.pool import over  # noqa: PLC0415 - not for --help
+
+    # The longest first, or the last one is waited for.
+    journals = sorted(journals, key=lambda each: -each.size)
+    worth = sum(journal.size for journal in journals) >= WORTH
+    jobs = args.jobs or (len(os.sched_getaffinity(0)) if worth else 1)
+    items = [(journal, sets.get(journal.name, ())) for journal in journals]
+    found = over(_one, items, jobs, "replay")
+    return sorted(found, key=lambda outcome: (outcome.namespace, outcome.began, outcome.instance))
+
+
+def _paced(
+    args: argparse.Namespace, journals: Sequence[Journal], sets: dict[str, tuple[str, ...]]
+) -> list[Outcome]:
+    """One after another would not be as it was: all at once, moment by moment."""
+    from armadico.observe.replay import Replay  # noqa: PLC0415 - not for --help
+
+    replays = [Replay(journal, sets.get(journal.name, ())) for journal in journals]
+    first = min((each.began for each in replays if not each.refusal), default=0.0)
+    begun = time.monotonic()
+    told: dict[str, object] = {}
+    for at, replay, moment in merge(*map(_timed, replays), key=lambda item: item[0]):
+        wait = (at - first) / args.rate - (time.monotonic() - begun)
+        if wait > 0:
+            time.sleep(wait)
+        for bid in moment.bids:
+            news = (bid.resource, bid.utility is None, bid.critical, bid.reason)
+            if told.get(replay.journal.instance) != news:
+                told[replay.journal.instance] = news
+                name = f"{replay.journal.name:<14}"
+                print(f"{at - first:9.2f} s  {name} {options.shown(_bid(bid))}", flush=True)
+    return [replay.outcome() for replay in replays]
+
+
+def _timed(replay: Replay) -> Iterator[tuple[float, Replay, Moment]]:
+    for moment in replay.moments():
+        yield replay.began + moment.at, replay, moment
+
+
+def _bid(bid: BidRecord) -> str:
+    if bid.utility is None:
+        return f"no bid for {bid.resource}: {bid.reason}"
+    wanted = bid.wanted.hex() if isinstance(bid.wanted, bytes) else _numbers(bid.wanted)
+    critical = ", critical" if bid.critical else ""
+    why = f": {bid.reason}" if bid.reason else ""
+    return f"bids {bid.utility:.2f}{critical} for {bid.resource} ({wanted}){why}"
+
+
+def _numbers(values: Sequence[float]) -> str:
+    return ", ".join(f"{value:.3g}" for value in values)
+
+
+def _draw(
+    args: argparse.Namespace,
+    past: Past,
+    journals: Sequence[Journal],
+    sets: dict[str, tuple[str, ...]],
+    outcomes: Sequence[Outcome],
+) -> None:
+    """Those who were set otherwise, or decide otherwise, or were named. Raises UsageError."""
+    from armadico.config.worlds import World, load_world  # noqa: PLC0415 - not for --help
+    from armadico.observe.otherwise import Seen, other_path, wanted  # noqa: PLC0415
+    from armadico.observe.pictures import Trace, draw_otherwise  # noqa: PLC0415 - heavy
+    from armadico.observe.replay import Replay  # noqa: PLC0415
+
+    spaces = sorted({journal.namespace for journal in journals})
+    if len(spaces) != 1:
+        raise UsageError(f"--picture is of one robot: --namespace {' or '.join(spaces)}")
+    differ = {outcome.instance for outcome in outcomes if outcome.difference is not None}
+    chosen = [each for each in journals if each.head is not None and each.frames]
+    chosen = [each for each in chosen if args.agents or each.instance in differ]
+    seen = Seen.of(past.rows(), spaces[0], past.began)
+    found = [wanted(Replay(each, sets.get(each.name, ())), seen) for each in chosen]
+    walls = options.world(args)
+    named = (each.head.parameters.get("world") for each in past.journals() if each.head)
+    if walls is None and (name := next(filter(None, named), None)) is not None:
+        walls = load_world(name)
+    driven, other = [pose for _, _, pose in seen.poses], other_path(seen, found)
+    world = walls or World("nobody knows where", (), _around([*driven, *other]))
+    names = ", ".join(dict.fromkeys(each.name for each in found)) or "nobody"
+    differs = f", with {', '.join(args.sets)}" if args.sets else ""
+    draw_otherwise(
+        world,
+        (driven, other),
+        [Trace(each.name, each.utilities_then, each.utilities_now) for each in found],
+        [Trace(each.name, each.speeds_then, each.speeds_now) for each in found],
+        (
+            f"{past.path.name}: {names}, then and now{differs}",
+            "Solid: as it was. Dashed: as it would have been, had all that came in stayed so.",
+        ),
+        args.picture,
+    )
+    _say(f"picture: {args.picture}")
+
+
+def _around(poses: Sequence[tuple[float, float, float]]) -> tuple[float, float, float, float]:
+    """A rectangle with some room around all poses, m."""
+    xs, ys = [x for x, _, _ in poses] or [0.0], [y for _, y, _ in poses] or [0.0]
+    return min(xs) - 1.0, min(ys) - 1.0, max(xs) + 1.0, max(ys) + 1.0
+
+
+# What came of it ----------------------------------------------------------------------------------
+
+
+def _show(past: Past, outcomes: Sequence[Outcome], took: float) -> None:
+    """A line for each agent, then the differences."""
+    several = len({outcome.namespace for outcome in outcomes}) > 1
+    twice = Counter((outcome.namespace, outcome.name) for outcome in outcomes)
+    called = []
+    for outcome in outcomes:
+        alone = twice[outcome.namespace, outcome.name] == 1
+        who = outcome.name if alone else outcome.instance
+        called.append(f"{outcome.namespace}/{who}" if several else who)
+    wide = max(map(len, called))
+    for who, outcome in zip(called, outcomes, strict=True):
+        print(options.shown(f"{who:<{wide}} {_verdict(past, outcome)}"))
+    for note in dict.fromkeys(note for outcome in outcomes for note in outcome.notes):
+        print(options.shown(f"note: {note}"))
+    for outcome in outcomes:
+        if outcome.difference is not None:
+            print(_told(past, outcome, outcome.difference))
+    print(_summary(outcomes, took))
+
+
+def _verdict(past: Past, outcome: Outcome) -> str:
+    if outcome.refusal:
+        return f"not replayed: {outcome.refusal}"
+    said = f"{outcome.seconds:8.1f} s  {outcome.inputs:>7} in  {outcome.outputs:>6} out  "
+    if outcome.difference is None:
+        said += "equal"
+    else:
+        at = _since(past, outcome, outcome.difference)
+        said += f"differs from {at:.2f} s on, at {outcome.different} moments"
+    return said + (f"; then {outcome.end}" if outcome.end else "")
+
+
+def _since(past: Past, outcome: Outcome, difference: Difference) -> float:
+    """When a difference was, s since the recording's first message."""
+    return outcome.began + difference.at - past.began
+
+
+def _told(past: Past, outcome: Outcome, difference: Difference) -> str:
+    at = _since(past, outcome, difference)
+    lines = [
+        f"{outcome.instance} at {at:.3f} s of the recording, {difference.at:.3f} s of its life,"
+        f" after {difference.output} outputs that are equal:"
+    ]
+    for title, items in (
+        ("had entered", difference.inputs),
+        ("then", difference.then),
+        ("now", difference.now),
+    ):
+        lines += [f"  {title:<12} {item}" for item in items or ("nothing",)]
+    return "\n".join(map(options.shown, lines))
+
+
+def _summary(outcomes: Sequence[Outcome], took: float) -> str:
+    replayed = [outcome for outcome in outcomes if not outcome.refusal]
+    outputs = sum(outcome.outputs for outcome in replayed)
+    equal = sum(outcome.equal for outcome in replayed)
+    longest = max((outcome.seconds for outcome in replayed), default=0.0)
+    rest = len(outcomes) - len(replayed)
+    said = f"{equal} of {len(replayed)} agents equal, {outputs} outputs"
+    said += f", {longest:.1f} s in {took:.1f} s ({longest / max(took, 1e-9):.0f} times as fast)"
+    return said + (f"; {rest} not replayed" if rest else "")
+
+
+def _json(past: Past, outcomes: Sequence[Outcome], took: float) -> str:
+    import msgspec  # noqa: PLC0415 - not for --help
+
+    rows = [
+        {**msgspec.to_builtins(outcome), "equal": outcome.equal, "at": outcome.began - past.began}
+        for outcome in outcomes
+    ]
+    about = {"file": str(past.path), "took_s": took, "recorded": past.about}
+    return json.dumps({**about, "agents": rows})
+
+
+def _say(text: str) -> None:
+    print(f"armadico replay: {options.shown(text)}", file=sys.stderr)

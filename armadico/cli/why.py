@@ -1,0 +1,334 @@
+"""Ask why: who held what and why, who stopped the robot, what it touched, why it stands.
+
+Of a recording, or of a society that is there.
+"""
+
+from __future__ import annotations
+
+import argparse
+import json
+import sys
+from collections.abc import Sequence
+from importlib.util import find_spec
+from pathlib import Path
+from typing import TYPE_CHECKING, Any, Final, NamedTuple
+
+from armadico.cli import options
+from armadico.cli.echo import seconds
+from armadico.cli.options import FailedError, UsageError
+from armadico.config.discovery import providers
+from armadico.mesh.topology import default_namespace
+from armadico.runtime.errors import AbsentError
+
+if TYPE_CHECKING:
+    from armadico.core.messages import BidRecord
+    from armadico.observe.recordings import Past, Row
+    from armadico.observe.standing import Standing
+    from armadico.observe.why import Chronicle, Collision, Exchange, Moment, Press
+
+Bids = dict[tuple[str, str], list["BidRecord"]]
+"""By instance and resource."""
+
+MOST_TOLD: Final = 30
+"""Of the exchanges of a recording, at the most, where all that happened is told."""
+
+EXAMPLES: Final = """\
+  armadico why --live                        who drives now, and what the others would do
+  armadico why --live --standing             why it stands, down to the agent that is missing
+  armadico why run.mcap                      what happened in a recording
+  armadico why run.mcap --at 12.5            s from its first message
+  armadico why run.mcap --exchange 3
+  armadico why run.mcap --collision --json | jq .cause
+"""
+
+
+class Told(NamedTuple):
+    """An answer: for people, and for programs."""
+
+    sentences: Sequence[str]
+    found: Any
+
+
+def main(argv: Sequence[str]) -> int:
+    """Answer."""
+    args = parser().parse_args(argv)
+    _check(args)
+    told = _live(args) if args.live else _recorded(args)
+    if args.json:
+        import msgspec  # noqa: PLC0415 - not for --help
+
+        print(json.dumps(msgspec.to_builtins(told.found), indent=2))
+    else:
+        for sentence in told.sentences:
+            print(options.shown(sentence))
+    return 0
+
+
+def parser() -> argparse.ArgumentParser:
+    """The command's options."""
+    made = options.parser(
+        "armadico why",
+        "Why a society did what it did: each contender's bid and what it was made of, who held the"
+        " resource, what the exchange blended, what the robot obeyed or refused. Without a"
+        " question: what happened in a recording, or this moment live. Losers publish nothing, so"
+        " they are asked, or a recording has what they answered.",
+        EXAMPLES,
+    )
+    made.add_argument("file", nargs="?", metavar="FILE.mcap", type=Path, help="a recording")
+    made.add_argument("--live", action="store_true", help="a society that is there, instead")
+    what = made.add_mutually_exclusive_group()
+    number: dict[str, Any] = {"type": int, "metavar": "N"}
+    what.add_argument(
+        "--collision", nargs="?", const=1, help="what it touched (default: the first)", **number
+    )
+    what.add_argument(
+        "--stop", nargs="?", const=1, help="who stopped it (default: the first)", **number
+    )
+    what.add_argument("--exchange", help="why another agent drives, the N-th time", **number)
+    what.add_argument("--standing", action="store_true", help="why the robot stands")
+    made.add_argument(
+        "--at", type=float, metavar="T", help="a moment, s from the recording's first message"
+    )
+    made.add_argument(
+        "--resource", default="wheels", metavar="NAME", help="of --exchange (default: wheels)"
+    )
+    made.add_argument(
+        "--for",
+        dest="for_s",
+        type=seconds,
+        default=3.0,
+        metavar="S",
+        help="with --live: listen for so long (default: 3 s)",
+    )
+    made.add_argument("--json", action="store_true", help="one JSON object, for programs")
+    options.add_mesh_options(made)
+    made.set_defaults(namespace=None)
+    return made
+
+
+def _check(args: argparse.Namespace) -> None:
+    """Raises UsageError."""
+    if args.live == (args.file is not None):
+        raise UsageError("name a recording, or --live" if not args.live else "a FILE, or --live")
+    past = {"--collision": args.collision, "--exchange": args.exchange, "--at": args.at}
+    for option, value in past.items():
+        if args.live and value is not None:
+            raise UsageError(f"{option} asks for what is over: of a recording (`armadico record`)")
+    if args.at is not None and not args.at >= 0.0:
+        raise UsageError(f"--at {args.at:g}: that is before its first message")
+    counted = {"--collision": args.collision, "--stop": args.stop, "--exchange": args.exchange}
+    for option, value in counted.items():
+        if value is not None and value < 1:
+            raise UsageError(f"{option} {value}: counted from 1")
+        if value is not None and args.at is not None:
+            raise UsageError(f"--at says when, and {option} too: one of both")
+
+
+# Of a society that is there -----------------------------------------------------------------------
+
+
+def _live(args: argparse.Namespace) -> Told:
+    args.namespace = args.namespace or default_namespace()
+    mesh = options.join(args)
+    from armadico.observe.standing import standing  # noqa: PLC0415 - not for --help
+    from armadico.observe.watching import Watcher, listen  # noqa: PLC0415 - not for --help
+    from armadico.observe.why import LATER_S, Chronicle  # noqa: PLC0415 - not for --help
+
+    with mesh:
+        watcher = Watcher([mesh])
+        chronicle = Chronicle(installed=providers, begun=watcher.clock() / 1e9)
+        watcher.watch_alive()
+        watcher.hear()
+        listen(watcher, chronicle, args.for_s)
+        now = watcher.clock() / 1e9
+        if not chronicle.view.alive:
+            raise AbsentError("no agent is alive", args.namespace)
+        if args.standing:
+            return _standing(standing(chronicle.view, now, providers))
+        if args.stop is not None:
+            return _one("stop", args.stop, chronicle.presses)
+        chronicle.mark(now)
+        listen(watcher, chronicle, LATER_S)
+    chronicle.finish()
+    return _moment(chronicle.moments[0])
+
+
+# Of a recording -----------------------------------------------------------------------------------
+
+
+def _recorded(args: argparse.Namespace) -> Told:
+    if not args.file.is_file():
+        raise UsageError(f"{args.file}: no such file")
+    if find_spec("mcap") is None:
+        raise FailedError("mcap is not installed: pip install 'armadico[record]'")
+    from armadico.observe.recordings import RecordingError  # noqa: PLC0415 - not for --help
+
+    try:
+        return _answer(args)
+    except RecordingError as error:
+        raise UsageError(str(error)) from None
+
+
+def _answer(args: argparse.Namespace) -> Told:
+    """By what was recorded; of who was not asked in time, by what its journal comes to again."""
+    from armadico.observe.recordings import Past  # noqa: PLC0415 - not for --help
+    from armadico.observe.why import Collision, Exchange, Moment, unasked  # noqa: PLC0415
+
+    past = Past(args.file, _warn)
+    past.check()
+    told = _read(args, past, {})
+    if isinstance(told.found, Collision | Exchange | Moment) and (silent := unasked(told.found)):
+        again = _gone_through(past, silent)
+        return _read(args, past, again) if again else told
+    return told
+
+
+def _gone_through(past: Past, instances: set[str]) -> Bids:
+    """The bids of some by their journals, as far as these come to the same again."""
+    from armadico.observe.replay import Replay  # noqa: PLC0415 - not for --help
+
+    found: Bids = {}
+    for journal in past.journals():
+        if journal.instance in instances:
+            replay = Replay(journal)
+            bids = [bid for moment in replay.moments() for bid in moment.bids]
+            if replay.outcome().equal:
+                for bid in bids:
+                    found.setdefault((journal.instance, bid.resource), []).append(bid)
+    return found
+
+
+def _read(args: argparse.Namespace, past: Past, again: Bids) -> Told:
+    from armadico.observe.standing import standing  # noqa: PLC0415 - not for --help
+    from armadico.observe.why import LATER_S, Chronicle  # noqa: PLC0415
+
+    chronicle, at = Chronicle(again, installed=providers), args.at
+    namespace, first, t, found = args.namespace, None, 0.0, None
+    others: set[str] = set()
+    for row in past.rows():
+        first = row.t if first is None else first
+        namespace = namespace or row.namespace
+        if row.namespace != namespace:
+            others.add(row.namespace)
+            continue
+        t = (row.t - first) / 1e9
+        if at is not None and found is None and t > at:
+            found = standing(chronicle.view, at, providers)
+            chronicle.mark(at)
+        if at is not None and t > at + LATER_S:
+            break
+        _take(chronicle, row, t)
+    if args.namespace is None and others:
+        names = ", ".join(sorted({namespace or "", *others}))
+        raise UsageError(f"{args.file} holds {names}; name one robot: --namespace NS")
+    if chronicle.view.state is None and not chronicle.view.cards:
+        of = "" if args.namespace is None else f" of {args.namespace!r}"
+        raise FailedError(f"{args.file} holds no messages{of}")
+    if at is not None and found is None:
+        raise UsageError(f"--at {at:g}: {args.file} is from 0 to {t:.1f} s")
+    chronicle.finish()
+    if args.standing:
+        return _standing(found or standing(chronicle.view, t, providers))
+    if at is not None:
+        return _moment(chronicle.moments[0])
+    return _event(args, chronicle, t)
+
+
+def _event(args: argparse.Namespace, chronicle: Chronicle, ends: float) -> Told:
+    if args.collision is not None:
+        return _one("collision", args.collision, chronicle.collisions)
+    if args.stop is not None:
+        return _one("stop", args.stop, chronicle.presses)
+    if args.exchange is not None:
+        exchanges = [e for e in chronicle.exchanges if e.resource == args.resource]
+        return _one(f"exchange of {args.resource}", args.exchange, exchanges)
+    return _all(chronicle, ends)
+
+
+def _take(chronicle: Chronicle, row: Row, t: float) -> None:
+    """Show it one row of a recording."""
+    from armadico.core.messages import (  # noqa: PLC0415 - not for --help
+        BidHistory,
+        BidRecord,
+        Card,
+        MessageError,
+    )
+    from armadico.observe.recorder import REFUSED  # noqa: PLC0415
+    from armadico.observe.recordings import HERE  # noqa: PLC0415
+
+    if row.schema == HERE:
+        here = row.fields
+        chronicle.token(here["instance"], there=here["there"], t=t)
+        return
+    try:
+        message = row.message
+    except MessageError:
+        message = None
+    if isinstance(message, BidRecord):
+        chronicle.learn(BidHistory(row.key.split("/")[2], (message,)), t)
+    elif isinstance(message, Card):
+        chronicle.learn(message, t)
+    else:
+        chronicle.take(row.key.removesuffix(REFUSED), message, t)
+
+
+# Answers ------------------------------------------------------------------------------------------
+
+
+def _standing(found: Standing) -> Told:
+    said = list(found.sentences)
+    if found.cause is not None and found.cause.todo:
+        said.append(f"-> {found.cause.todo}")
+    return Told(said, found)
+
+
+def _moment(found: Moment) -> Told:
+    return Told(found.sentences, found)
+
+
+def _one(what: str, number: int, found: Sequence[Exchange | Press | Collision]) -> Told:
+    """The N-th of some. Raises FailedError if there are not so many."""
+    if number > len(found):
+        there = f"{len(found)} there are" if found else "there is none"
+        raise FailedError(f"no {what} {number}: {there}")
+    one = found[number - 1]
+    return Told(one.sentences, one)
+
+
+def _all(chronicle: Chronicle, ends: float) -> Told:
+    """What happened, in a line each."""
+    from armadico.observe.standing import standing  # noqa: PLC0415 - not for --help
+    from armadico.observe.view import agent_of  # noqa: PLC0415
+
+    last = standing(chronicle.view, ends, providers)
+    exchanges, presses, collisions = chronicle.exchanges, chronicle.presses, chronicle.collisions
+    counted: dict[str, Sequence[object]] = {
+        "exchange": exchanges,
+        "stop": presses,
+        "collision": collisions,
+    }
+    told = [f"{len(each)} {what}{'s' * (len(each) != 1)}" for what, each in counted.items()]
+    said = [f"{ends:.1f} s, {', '.join(told)}."]
+    counts: dict[str, int] = {}
+    for each in exchanges[:MOST_TOLD]:
+        number = counts[each.resource] = counts.get(each.resource, 0) + 1
+        of = "" if each.resource == "wheels" else f" of {each.resource}"
+        who = f"{agent_of(each.loser)} -> {agent_of(each.winner)}"
+        said.append(f"{each.t:8.2f} s  exchange {number}{of}: {who}: {each.cause.what}")
+    if len(exchanges) > MOST_TOLD:
+        said.append(f"            and {len(exchanges) - MOST_TOLD} exchanges more")
+    said += [f"{each.t:8.2f} s  stop {each.number}: by {each.by}" for each in presses]
+    said += [f"{each.t:8.2f} s  collision {each.number}: {each.cause.what}" for each in collisions]
+    said += ["At its end:", *last.sentences]
+    found = {
+        "seconds": round(ends, 3),
+        "exchanges": exchanges,
+        "stops": presses,
+        "collisions": collisions,
+        "standing": last,
+    }
+    return Told(said, found)
+
+
+def _warn(text: str) -> None:
+    print(f"armadico why: {text}", file=sys.stderr)

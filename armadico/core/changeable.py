@@ -1,0 +1,174 @@
+"""Which of an agent's parameters may be changed while it is at work, and how that is done.
+
+An agent's class names them with their units (`Agent.changeable`). What each may be is read from the
+type that its parameters have anyway, so nothing is said twice.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from difflib import get_close_matches
+from functools import cache
+from typing import Any, TypeVar
+
+import msgspec
+from msgspec import inspect
+
+from armadico.core.messages import Parameter, Setting
+from armadico.core.parameters import Parameters
+
+P = TypeVar("P", bound=Parameters)
+
+
+@dataclass(frozen=True)
+class Allowed:
+    """What a parameter may be."""
+
+    wanted: str  # for people
+    least: float | None = None
+    most: float | None = None
+    words: tuple[str, ...] = ()
+    optional: bool = False
+
+
+def allowed(kind: type[Parameters], units: Mapping[str, str]) -> Mapping[str, Allowed]:
+    """What each may be of the parameters that have a unit here, by name, with dots into tables.
+
+    Raises ValueError for one that there is none of, or that is neither a number, nor a word, nor
+    true or false.
+    """
+    return _allowed(kind, tuple(units.items()))
+
+
+def told(now: Parameters, begun: Parameters, units: Mapping[str, str]) -> tuple[Parameter, ...]:
+    """Those that may be changed, with their values now and at the start."""
+    values, first = msgspec.to_builtins(now), msgspec.to_builtins(begun)
+    return tuple(
+        Parameter(
+            name,
+            _json(_value(values, name)),
+            _json(_value(first, name)),
+            units[name],
+            may.wanted,
+            may.least,
+            may.most,
+            may.words,
+            may.optional,
+        )
+        for name, may in allowed(type(now), units).items()
+    )
+
+
+def changed(now: P, units: Mapping[str, str], settings: Sequence[Setting]) -> P:
+    """The parameters with some changed: all of them, or none.
+
+    Raises ValueError saying which value is wrong, and what is right.
+    """
+    known = allowed(type(now), units)
+    values = msgspec.to_builtins(now)
+    for setting in settings:
+        name = setting.name
+        if name not in known:
+            raise ValueError(_unknown(name, now, known))
+        try:
+            value = msgspec.json.decode(setting.json)
+            _put(values, name, value)
+            msgspec.convert(values, type(now))
+        except (msgspec.MsgspecError, RecursionError, ValueError):
+            raise ValueError(f"{name} = {setting.json}: expected {known[name].wanted}") from None
+    return msgspec.convert(values, type(now))
+
+
+def differences(before: Parameters, now: Parameters, names: Sequence[str]) -> list[tuple[str, ...]]:
+    """(name, value before, value now), as JSON, of those of some parameters that differ."""
+    old, new = msgspec.to_builtins(before), msgspec.to_builtins(now)
+    both = [(name, _json(_value(old, name)), _json(_value(new, name))) for name in names]
+    return [row for row in both if row[1] != row[2]]
+
+
+def _unknown(name: str, parameters: Parameters, known: Mapping[str, Allowed]) -> str:
+    """Why a parameter cannot be changed: there is none, or not while the agent is at work."""
+    if not known:
+        return "nothing of it may be changed while it is at work"
+    listed = f"those that may: {', '.join(sorted(known))}"
+    try:
+        _field(type(parameters), name)
+    except KeyError:
+        near = get_close_matches(name, known, n=1)
+        hint = f"did you mean {near[0]!r}? " if near else ""
+        return f"no parameter {name!r}; {hint}({listed})"
+    return f"{name} is not to be changed while it is at work ({listed})"
+
+
+@cache
+def _allowed(kind: type[Parameters], units: tuple[tuple[str, str], ...]) -> dict[str, Allowed]:
+    found = {}
+    for name, unit in units:
+        try:
+            found[name] = _read(_field(kind, name), unit)
+        except KeyError:
+            raise ValueError(f"changeable: there is no parameter {name!r}") from None
+        except TypeError as error:
+            raise ValueError(f"changeable: {name} is {error}") from None
+    return found
+
+
+def _field(kind: type[Parameters], name: str) -> inspect.Type:
+    """The type of a parameter. Raises KeyError if there is none of that name."""
+    node: inspect.Type = inspect.type_info(kind)
+    for part in name.split("."):
+        fields = node.fields if isinstance(node, inspect.StructType) else ()
+        node = _bare({field.encode_name: field.type for field in fields}[part])
+    return node
+
+
+def _bare(node: inspect.Type) -> inspect.Type:
+    return node.type if isinstance(node, inspect.Metadata) else node
+
+
+def _read(node: inspect.Type, unit: str) -> Allowed:
+    """Raises TypeError for what has no place in one line."""
+    options = list(map(_bare, node.types)) if isinstance(node, inspect.UnionType) else [node]
+    kinds = [option for option in options if not isinstance(option, inspect.NoneType)]
+    optional = len(kinds) < len(options)
+    or_none = ", or none" if optional else ""
+    if len(kinds) != 1:
+        raise TypeError("of several types")
+    (one,) = kinds
+    if isinstance(one, inspect.FloatType | inspect.IntType):
+        what = "a number" if isinstance(one, inspect.FloatType) else "a whole number"
+        bounds = [
+            (one.gt, "above"),
+            (one.ge, "at least"),
+            (one.lt, "below"),
+            (one.le, "at most"),
+        ]
+        told_ = ", ".join(f"{word} {bound:g}" for bound, word in bounds if bound is not None)
+        wanted = " ".join(part for part in (what, told_, unit) if part)
+        least = one.gt if one.ge is None else one.ge
+        most = one.lt if one.le is None else one.le
+        return Allowed(f"{wanted}{or_none}", least, most, (), optional)
+    if isinstance(one, inspect.BoolType):
+        return Allowed(f"true or false{or_none}", optional=optional)
+    if isinstance(one, inspect.LiteralType):
+        words = tuple(str(word) for word in one.values)
+        return Allowed(f"one of {', '.join(words)}{or_none}", words=words, optional=optional)
+    raise TypeError("neither a number, nor a word, nor true or false")
+
+
+def _value(values: Any, name: str) -> Any:
+    for part in name.split("."):
+        values = values[part]
+    return values
+
+
+def _put(values: Any, name: str, value: Any) -> None:
+    *tables, last = name.split(".")
+    for part in tables:
+        values = values[part]
+    values[last] = value
+
+
+def _json(value: Any) -> str:
+    return msgspec.json.encode(value).decode()

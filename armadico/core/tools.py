@@ -1,0 +1,105 @@
+"""What programs and language models may ask the assistant agent for, and how: tools.
+
+Whoever serves them to programs and the agent that is asked read this one table. A tool that only
+looks is answered by whoever serves it, once the agent has taken the request down; what is done is
+done by the agent, which has the last word on it.
+"""
+
+from __future__ import annotations
+
+from enum import Enum
+from typing import Annotated, Final
+
+from msgspec import Meta, Struct
+
+from armadico.core.messages import LARGEST
+
+Metres = Annotated[float, Meta(ge=-LARGEST, le=LARGEST)]
+Degrees = Annotated[float, Meta(ge=-360, le=360)]
+Reason = Annotated[str, Meta(max_length=200)]
+
+
+class Nothing(Struct, frozen=True, forbid_unknown_fields=True):
+    """No arguments."""
+
+
+class Goal(Struct, frozen=True, forbid_unknown_fields=True):
+    """A pose in the world: m, and degrees counter-clockwise from the x axis."""
+
+    x: Metres
+    y: Metres
+    heading: Degrees = 0.0
+
+
+class Because(Struct, frozen=True, forbid_unknown_fields=True):
+    """Why, for people."""
+
+    reason: Reason = ""
+
+
+class Named(Struct, frozen=True, forbid_unknown_fields=True):
+    """A mission that comes with Armadico, by its name."""
+
+    name: Annotated[str, Meta(min_length=1, max_length=128)]
+
+
+class Numbered(Struct, frozen=True, forbid_unknown_fields=True):
+    """A mission of the board, by its number; as text, since JSON's numbers are too short for it."""
+
+    number: Annotated[str, Meta(pattern=r"^[0-9]{1,19}$")]
+
+
+class Asking(Enum):
+    """What may be asked about the robot."""
+
+    STANDING = "standing"  # why it stands
+    NOW = "now"  # who drives, and what the others would do
+
+
+class Why(Struct, frozen=True, forbid_unknown_fields=True):
+    """`standing`: why it stands; `now`: who drives, and what the others would do."""
+
+    what: Asking = Asking.STANDING
+
+
+class Last(Struct, frozen=True, forbid_unknown_fields=True):
+    """How many of the last lines."""
+
+    lines: Annotated[int, Meta(ge=1, le=200)] = 40
+
+
+class Tool(Struct, frozen=True):
+    """One of them; `does`: something may come of it, beyond an answer."""
+
+    name: str
+    what: str
+    arguments: type[Struct] = Nothing
+    does: bool = False
+
+
+TOOLS: Final = {
+    tool.name: tool
+    for tool in (
+        Tool("where", "Where the robot is, how fast, who drives it, its mission, battery and stop"),
+        Tool("map", "The world: places by name with their poses, and a picture of it in letters"),
+        Tool("who", "The agents that are alive: host, what they provide, what they hold"),
+        Tool("why", "Why the robot stands, or who drives now and why, as a chain of reasons", Why),
+        Tool("history", "What has happened: exchanges, stops, requests, the agents' lines", Last),
+        Tool("missions", "Missions that can be ordered, and those that were, with their states"),
+        Tool(
+            "goto",
+            "Send the robot to a pose. Refused while it is stopped, or under way for somebody else",
+            Goal,
+            does=True,
+        ),
+        Tool("mission", "Order a mission by its name, at the lowest priority", Named, does=True),
+        Tool("cancel", "Cancel a mission that was ordered with `mission`", Numbered, does=True),
+        Tool("stop", "Stop the robot, whoever drives it; only people release that", Because, True),
+        Tool(
+            "resume",
+            "Ask people to release the stop: says what a person has to type; releases nothing",
+            Because,
+            does=True,
+        ),
+    )
+}

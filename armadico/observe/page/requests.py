@@ -1,0 +1,118 @@
+"""What a browser may say: one JSON object each, with an `id` that the answer repeats.
+
+What is not exactly one of these is refused whole. Integers of 64 bits travel as text: a number of
+JavaScript's has 53.
+"""
+
+from __future__ import annotations
+
+from typing import Annotated, Final
+
+import msgspec
+from msgspec import Meta, Struct
+
+from armadico.core.messages import Bits64, Deflection, Name, Real, Text
+
+LONGEST: Final = 4096
+"""Bytes; no request is nearly as long."""
+
+Number = Annotated[str, Meta(pattern=r"^[0-9]{1,19}\Z")]
+Turned = Annotated[float, Meta(ge=-7.0, le=7.0)]
+
+
+class Asked(Struct, frozen=True, forbid_unknown_fields=True, tag_field="do"):
+    """What all have: a number of the browser's, and the robot's namespace."""
+
+    id: Annotated[int, Meta(ge=0, le=2**53)]
+    robot: Name
+
+
+class Goto(Asked, frozen=True, tag="go"):
+    """Drive to a place, m; without a heading (rad) it is that from the robot to there."""
+
+    x: Real
+    y: Real
+    theta: Turned | None = None
+
+
+class Halt(Asked, frozen=True, tag="stop"):
+    """Stop the robot."""
+
+
+class Resume(Asked, frozen=True, tag="resume"):
+    """Release the stop that whoever asks has seen, and no other."""
+
+    press: Number
+
+
+class Order(Asked, frozen=True, tag="order"):
+    """Have a shipped mission done."""
+
+    mission: Name
+
+
+class Cancel(Asked, frozen=True, tag="cancel"):
+    """Leave a mission be."""
+
+    mission: Number
+
+
+class Restart(Asked, frozen=True, tag="restart"):
+    """Kill the process of an agent, and start it again."""
+
+    agent: Name
+    pid: Annotated[int, Meta(ge=0, le=2**52)] = 0
+
+
+class Start(Asked, frozen=True, tag="start"):
+    """Start an agent on a host that could."""
+
+    agent: Name
+
+
+class Tune(Asked, frozen=True, tag="set"):
+    """Give a parameter of an instance another value, as JSON."""
+
+    instance: Name
+    name: Name
+    json: Text
+
+
+class Hold(Asked, frozen=True, tag="stick"):
+    """Where the stick is, in shares; not `held`: the hand lets go.
+
+    `cycle` is the number of the newest that the page has shown: a stick that comes late is stale.
+    """
+
+    v: Deflection
+    w: Deflection
+    cycle: Annotated[int, Meta(ge=0, le=2**52)]
+    held: bool = True
+
+
+Request = Goto | Halt | Resume | Order | Cancel | Restart | Start | Tune | Hold
+
+
+class RequestError(ValueError):
+    """What a browser said is none of these; the message says why."""
+
+
+_DECODER: Final[msgspec.json.Decoder[Request]] = msgspec.json.Decoder(Request)
+
+
+def read(data: str | bytes) -> Request:
+    """The request in a browser's message. Raises RequestError."""
+    if len(data) > LONGEST:
+        raise RequestError(f"{len(data)} bytes; no request is longer than {LONGEST}")
+    try:
+        return _DECODER.decode(data)
+    except (msgspec.DecodeError, UnicodeError, RecursionError) as error:
+        raise RequestError(str(error)) from None
+
+
+def bits(number: str) -> Bits64:
+    """The number in a text. Raises RequestError if it has more than 63 bits."""
+    found = int(number)
+    if found >= 2**63:
+        raise RequestError(f"{number} has more than 63 bits")
+    return found

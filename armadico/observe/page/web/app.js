@@ -1,0 +1,445 @@
+// The page: what the server shows is kept by robot and part, and drawn; what people do is asked for.
+import { Stick } from "./hands.js";
+import { Link } from "./link.js";
+import { Plan } from "./map.js";
+import { $, dot, node, put, rows } from "./panels.js";
+
+const link = new Link();
+const plan = new Plan($("map"));
+const stick = new Stick($("pad"), $("knob"));
+const robots = new Map(); // by namespace: {still, parts}
+let chosen = "";
+let me = "";
+let stopping = false; // pressed while there was no connection
+let pressed = 0; // stops that were sent and are not answered
+
+const here = () => robots.get(chosen) ?? { still: { missions: [] }, parts: {} };
+const degrees = (a) => Math.round((a * 180) / Math.PI);
+// A fleet's robots have the fleet's name in theirs.
+const short = (name) => {
+  const last = name.split("/").pop();
+  return [...robots.keys()].filter((each) => each.split("/").pop() === last).length > 1 ? name : last;
+};
+const number = (text) => (text.trim() === "" ? NaN : Number(text.replace(",", ".")));
+
+// What comes in ----------------------------------------------------------------------------------
+
+link.addEventListener("hello", ({ detail }) => {
+  me = detail.you;
+  robots.clear();
+  for (const [name, still] of Object.entries(detail.robots)) robots.set(name, { still, parts: {} });
+  plan.hello(detail.robots);
+  const kept = sessionStorage.getItem("robot");
+  choose(robots.has(chosen) ? chosen : robots.has(kept) ? kept : [...robots.keys()][0]);
+  if (stopping) stop([...robots.keys()]);
+});
+
+link.addEventListener("state", ({ detail }) => {
+  now = detail.t;
+  for (const [name, parts] of Object.entries(detail.robots)) {
+    const robot = robots.get(name);
+    if (!robot) continue;
+    Object.assign(robot.parts, parts);
+    plan.state(name, parts);
+    if (name === chosen) draw(parts);
+  }
+  if (Object.values(detail.robots).some((p) => p.stop || p.motion)) tabs();
+});
+
+link.addEventListener("change", connection);
+link.addEventListener("remark", ({ detail }) => remark(detail.text, detail.ok));
+link.addEventListener("refused", ({ detail }) => {
+  connection(null, detail.why);
+  if (detail.status !== 401) return;
+  put($("doorsaid"), `${detail.why[0].toUpperCase()}${detail.why.slice(1)}.`);
+  if (!$("door").open) $("door").showModal();
+});
+$("key").addEventListener("submit", () => {
+  sessionStorage.setItem("token", $("token").value.trim());
+  link.open();
+});
+
+let now = 0;
+
+function connection(_, why = "") {
+  const pill = $("link"), state = link.up && !link.silent;
+  pill.className = `pill ${state ? "up" : "down"}`;
+  put(pill, state ? "connected" : link.up ? "server silent" : why ? "refused" : "no connection");
+  document.body.classList.toggle("cut", !state);
+  latch();
+}
+
+function choose(name) {
+  if (name === undefined) return;
+  if (name !== chosen) stick.drop();
+  chosen = name;
+  sessionStorage.setItem("robot", name);
+  plan.choose(name);
+  rows($("mission"), [], () => "", () => {});
+  $("mission").replaceChildren(...here().still.missions.map((m) => node("option", { value: m.name, textContent: m.title ? `${m.name}: ${m.title}` : m.name })));
+  tabs();
+  draw({ ...empty, ...here().parts });
+}
+
+const empty = { body: null, motion: {}, stop: {}, mission: {}, wheels: { contenders: [] }, resources: [], exchanges: [], agents: [], board: [], log: [], could: [], standing: null, hand: {}, parameters: [] };
+
+function tabs() {
+  $("robots").hidden = robots.size < 2;
+  const found = [...robots].map(([name, { parts }]) => ({ name, held: Boolean(parts.stop?.held), on: name === chosen }));
+  rows($("robots"), found, (r) => r.name, (child, r) => {
+    const button = node("button", { textContent: short(r.name) + (r.held ? " ■" : ""), ariaLabel: r.held ? `${r.name}, stopped` : r.name, onclick: () => choose(r.name) });
+    button.setAttribute("aria-current", r.on);
+    child.replaceChildren(button);
+  });
+}
+
+// What is drawn ----------------------------------------------------------------------------------
+
+const drawers = { motion: vitals, stop: latch, standing: why, wheels: contest, resources: others, exchanges, agents: company, could: company, board, log, hand, parameters };
+
+function draw(parts) {
+  for (const name of Object.keys(parts)) if (name !== "exchanges") drawers[name]?.();
+  exchanges();
+  if (parts.mission || parts.motion) why();
+}
+
+function vitals() {
+  const m = here().parts.motion ?? {};
+  const words = [];
+  if (m.v !== undefined) words.push(`${Math.abs(m.v).toFixed(2)} m/s`);
+  if (m.battery) words.push(m.battery);
+  if (m.x !== undefined) words.push(`(${m.x.toFixed(2)}, ${m.y.toFixed(2)}) ${degrees(m.theta)}°`);
+  put($("vitals"), words.join("  ·  "));
+}
+
+function latch() {
+  const { parts } = here(), s = parts.stop ?? {}, m = parts.motion ?? {};
+  const cut = !link.up || link.silent;
+  const many = robots.size > 1;
+  $("latch").classList.toggle("many", many);
+  $("stopall").hidden = !many;
+  put($("stopkey"), many ? `${short(chosen)} · space: all` : "space bar");
+  const asked = s.asked || stopping || pressed > 0;
+  $("stop").className = s.held && !cut ? "held" : asked ? "asked" : "";
+  put($("stop").querySelector("b"), s.held && !cut ? "STOPPED" : "STOP");
+  $("resume").disabled = cut || !(s.stopped || s.asked);
+  const moving = Math.max(Math.abs(m.v ?? 0), Math.abs(m.w ?? 0)) > 0.02;
+  let text = "";
+  if (stopping) text = "NOT SENT: no connection. It is sent as soon as there is one.";
+  else if (cut && pressed) text = "Sent, and nobody knows whether it came: no connection. Stop it at the robot.";
+  else if (cut) text = robots.size ? "No connection: what is shown is old. Stop it at the robot." : "";
+  else if (s.held) text = `Held, by the robot's own word${s.by ? `; pressed by ${s.by}` : ""} (${s.code})${moving ? "; it still brakes" : ""}.`;
+  else if (asked) text = "Sent, and not yet acknowledged by the robot.";
+  else if (s.stopped) text = `Nothing is heard of the robot; it last said that it is stopped by ${s.by || "somebody"}.`;
+  else if (s.known && !m.heard) text = `Nothing is heard of the robot for ${Math.round(m.silent_s)} s.`;
+  put($("latched"), text);
+  $("latched").className = stopping || cut || (asked && !s.held) || (s.known && !m.heard) ? "alarm" : "";
+}
+
+function why() {
+  const { parts } = here(), found = parts.standing, mission = parts.mission ?? {};
+  const card = $("why");
+  if (!found) return put($("whyhead"), "Waiting for the robot");
+  const [first, ...rest] = found.sentences;
+  const going = !found.stands && mission.state === "driving" ? ` ${(mission.to_go ?? 0).toFixed(1)} m to go.` : "";
+  put($("whyhead"), (first ?? "").replace(/ at ([\d.-]+) m\/s, [\d.-]+ rad\/s/, " at $1 m/s") + going);
+  if (mission.tasks) rest.push(mission.tasks);
+  rows($("whylines"), rest.map((text, i) => ({ text, i })), (r) => r.i, (child, r) => put(child, r.text));
+  const todo = found.sort === "stop" ? "Resume releases it" : (found.todo ?? "").replaceAll("`", "");
+  put($("whytodo"), found.stands && todo ? `${todo[0].toUpperCase()}${todo.slice(1)}.` : "");
+  card.className = `card ${!parts.motion?.heard ? "dead" : found.stands ? "stands" : ""}`;
+}
+
+const colourOf = (name) => {
+  const w = here().parts.wheels;
+  return w?.contenders?.find((c) => c.name === name)?.colour ?? here().parts.agents?.find((a) => a.name === name)?.colour ?? null;
+};
+plan.label = short;
+plan.colour = (robot, name) => {
+  const parts = robots.get(robot)?.parts;
+  return name ? parts?.wheels?.contenders?.find((c) => c.name === name)?.colour ?? null : null;
+};
+
+function contest() {
+  const w = here().parts.wheels ?? { contenders: [] };
+  rows($("contenders"), w.contenders, (c) => c.name, (child, c) => {
+    const bar = node("i");
+    bar.style.width = `${Math.round(100 * (c.utility ?? 0))}%`;
+    bar.style.background = c.colour;
+    child.className = c.drives ? "drives" : "";
+    const tags = [c.drives && node("span", { class: "tag", textContent: "drives" }), c.critical && node("span", { class: "tag hot", textContent: "critical" })].filter(Boolean);
+    child.replaceChildren(
+      node("div", { class: "row" }, dot(c.colour), node("span", { class: "name", textContent: c.name }), node("span", { class: "bar" }, bar), node("span", { class: "num", textContent: c.utility === null || c.utility === undefined ? "–" : c.utility.toFixed(2) }), ...tags),
+      c.why && !c.drives ? node("small", { textContent: c.why }) : "",
+    );
+  }, "Nobody competes for the wheels.");
+  const names = [...new Set((plan.robots.get(chosen)?.trail ?? []).map((p) => p[2]).filter(Boolean))];
+  rows($("legend"), names.map((name) => ({ name, colour: colourOf(name) })), (r) => r.name, (child, r) => {
+    const line = node("i");
+    line.style.background = r.colour ?? "currentcolor";
+    child.replaceChildren(line, r.name);
+  });
+}
+
+function others() {
+  const found = here().parts.resources ?? [];
+  put($("others"), found.map((r) => `${r.name}: ${r.holder ?? "nobody"}`).join(" · "));
+}
+
+function ago(t) {
+  const s = Math.max(now - t, 0);
+  return s < 60 ? `${Math.round(s)} s` : s < 3600 ? `${Math.round(s / 60)} min` : `${Math.round(s / 3600)} h`;
+}
+
+function exchanges() {
+  const found = [...(here().parts.exchanges ?? [])].reverse().slice(0, 12);
+  rows($("exchanges"), found.map((e) => ({ ...e, ago: ago(e.t) })), (e) => `${e.t}${e.to}`, (child, e) => {
+    const told = e.to === null ? ["lets go"] : [dot(colourOf(e.to) ?? "gray"), node("b", { textContent: e.to })];
+    child.className = "";
+    child.replaceChildren(node("div", { class: "row" },
+      node("span", { class: "time", textContent: e.ago }),
+      node("span", { class: "soft", textContent: e.from ?? "nobody" }), node("span", { textContent: "→", ariaLabel: "to" }), ...told,
+      node("span", { class: "grow" }),
+      e.utility !== undefined ? node("span", { class: "num", textContent: e.utility.toFixed(2) }) : "",
+      e.critical ? node("span", { class: "tag hot", textContent: "critical" }) : ""));
+  }, "None yet.");
+}
+
+function company() {
+  const { agents = [], could = [] } = here().parts;
+  rows($("company"), agents, (a) => a.name + a.instance, (child, a) => {
+    const restart = a.kept ? node("button", { textContent: "Restart", ariaLabel: `Restart ${a.name}`, onclick: () => sure(restart, () => ask({ do: "restart", agent: a.name, pid: a.pid })) }) : null;
+    const told = a.alive ? [a.host, a.pid ? `pid ${a.pid}` : ""].filter(Boolean).join(", ") : `${a.state ?? "gone"}${a.why ? `: ${a.why}` : ""} on ${a.host}`;
+    child.replaceChildren(node("div", { class: "row" }, dot(a.colour, !a.alive),
+      node("span", { class: a.alive ? "grow" : "grow late" }, node("span", { textContent: a.name }), " ", node("small", { textContent: told })), restart));
+  }, "No agent is alive.");
+  const kept = agents.some((a) => a.kept);
+  $("could").replaceChildren(
+    ...(kept || !agents.length ? [] : ["Nobody keeps these up: who ends stays away. `armadico up` starts them again, and takes restarts. ".replaceAll("`", "")]),
+    ...could.flatMap((name, i) => [i ? " " : "Could be started: ", node("button", { textContent: name, ariaLabel: `Start ${name}`, onclick: () => ask({ do: "start", agent: name }) })]),
+  );
+}
+
+function board() {
+  rows($("board"), here().parts.board ?? [], (m) => m.mission, (child, m) => {
+    const cancel = m.over ? null : node("button", { textContent: "Cancel", ariaLabel: `Cancel ${m.name}`, onclick: () => ask({ do: "cancel", mission: m.mission }) });
+    child.replaceChildren(node("div", { class: "row" },
+      node("span", { class: "grow" }, node("b", { textContent: m.name }), " ", node("span", { class: "tag", textContent: m.state }), node("br"), node("small", { textContent: m.over ? m.note || `${m.done} done` : m.doing })), cancel),
+    m.ahead.length && !m.over ? node("small", { textContent: `then ${m.ahead.join(", ")}` }) : "");
+  }, "No missions.");
+}
+
+const LEVELS = (level) => (level >= 40 ? "late" : "");
+function log() {
+  const found = [...(here().parts.log ?? [])].reverse();
+  rows($("log"), found, (l) => `${l.t}${l.name}${l.text}`, (child, l) => {
+    child.replaceChildren(node("span", { class: `grow ${LEVELS(l.level)}` }, node("b", { textContent: l.name }), ` ${l.text}`));
+  }, "Nothing was said.");
+}
+
+function hand() {
+  const h = here().parts.hand ?? {};
+  $("startteleop").hidden = h.there || !(here().parts.could ?? []).includes("teleop");
+  const mine = h.hand === me && me !== "";
+  let text = "Free.";
+  if (!h.there) text = "Nobody takes the stick: the agent teleop is not alive.";
+  else if (h.hand && !mine) text = `${h.hand} has the stick.`;
+  else if (mine && h.holds) text = `You drive: ${(h.v ?? 0).toFixed(2)} m/s.`;
+  else if (mine) text = "You have the stick, and another holds the wheels.";
+  if (h.note) text += ` ${h.note}`;
+  put($("handsaid"), text);
+}
+
+function parameters() {
+  const found = here().parts.parameters ?? [];
+  rows($("parameters"), found.map((p) => ({ instance: p.instance, agent: p.agent, names: p.rows.map((r) => r.name) })), (p) => p.instance, (child, p) => {
+    child.replaceChildren(node("fieldset", {}, node("legend", { textContent: p.agent }), ...p.names.map((name) => tunable(p, name))));
+  }, "No agent has any.");
+  for (const { instance, rows: known } of found) {
+    for (const row of known) {
+      const box = document.querySelector(`[data-tune="${CSS.escape(instance + row.name)}"]`);
+      if (!box) continue;
+      const input = box.querySelector("input, select");
+      const label = box.querySelector("label");
+      label.title = `${row.wanted}; started with ${row.begun}`;
+      label.classList.toggle("changed", row.json !== row.begun);
+      put(box.querySelector("span"), row.unit);
+      if (input.tagName === "SELECT" && !input.options.length) {
+        const words = row.words.length ? row.words.map((w) => JSON.stringify(w)) : ["true", "false"];
+        input.replaceChildren(...[...words, ...(row.optional ? ["null"] : [])].map((w) => node("option", { value: w, textContent: w === "null" ? "none" : w.replaceAll('"', "") })));
+      }
+      if (document.activeElement !== input && !input.dataset.asked) input.value = input.tagName === "SELECT" ? row.json : plainly(row.json);
+    }
+  }
+}
+
+// As many digits as anybody types; the label's title has what it was begun with.
+const plainly = (json) => {
+  if (json === "null") return "";
+  const value = Number(json);
+  return Number.isFinite(value) ? String(Number(value.toPrecision(5))) : json.replace(/^"(.*)"$/, "$1");
+};
+
+function tunable(p, name) {
+  const row = here().parts.parameters.find((x) => x.instance === p.instance).rows.find((r) => r.name === name);
+  const id = `t-${p.instance}-${name}`;
+  const chooses = row.words.length > 0 || row.json === "true" || row.json === "false";
+  const input = node(chooses ? "select" : "input", { id, ...(chooses ? {} : { inputMode: "decimal", placeholder: row.optional ? "none" : "" }) });
+  const wrong = node("small", { role: "alert" });
+  const box = node("div", { class: "tune" }, node("label", { htmlFor: id, textContent: name }), input, node("span", { class: "soft" }), wrong);
+  box.dataset.tune = p.instance + name;
+  input.addEventListener("change", async () => {
+    const text = input.value.trim();
+    const json = chooses ? text : text === "" ? "null" : Number.isFinite(number(text)) ? String(number(text)) : JSON.stringify(text);
+    input.dataset.asked = "1";
+    const reply = await link.ask({ do: "set", robot: chosen, instance: p.instance, name, json });
+    delete input.dataset.asked;
+    put(wrong, reply.ok ? "" : reply.text);
+    if (reply.ok) remark(reply.text, true);
+    parameters();
+  });
+  return box;
+}
+
+// What people do ---------------------------------------------------------------------------------
+
+async function ask(what, robot = chosen) {
+  const reply = await link.ask({ robot, ...what });
+  remark(reply.text, reply.ok);
+  return reply;
+}
+
+function remark(text, ok = true) {
+  const line = node("p", { class: ok ? "" : "no", textContent: text });
+  $("said").append(line);
+  while ($("said").children.length > 4) $("said").firstChild.remove();
+  setTimeout(() => line.remove(), ok ? 5000 : 12000);
+}
+
+// What cannot be undone by a click asks for a second one.
+function sure(button, then) {
+  if (button.dataset.sure) {
+    delete button.dataset.sure;
+    button.textContent = button.dataset.was;
+    then();
+    return;
+  }
+  Object.assign(button.dataset, { sure: "1", was: button.textContent });
+  button.textContent = "Sure?";
+  setTimeout(() => {
+    if (button.dataset.sure) button.textContent = button.dataset.was;
+    delete button.dataset.sure;
+  }, 4000);
+}
+
+async function stop(names) {
+  stick.drop();
+  const replies = names.map((robot) => link.ask({ do: "stop", robot }));
+  stopping = !link.up;
+  if (link.up) pressed += 1;
+  latch();
+  const answers = await Promise.all(replies);
+  if (!answers.some((reply) => reply.unsent)) pressed -= 1;
+  for (const reply of answers) if (!reply.unsent && !reply.ok) remark(reply.text, false);
+  latch();
+}
+
+// When it is touched, and not when the finger has left it again; by Enter it is a click of none.
+const stops = { stop: () => stop([chosen]), stopall: () => stop([...robots.keys()]) };
+for (const [id, act] of Object.entries(stops)) {
+  $(id).addEventListener("pointerdown", act);
+  $(id).addEventListener("click", (event) => event.detail === 0 && act());
+}
+$("resume").addEventListener("click", () => {
+  stopping = false;
+  ask({ do: "resume", press: here().parts.stop?.press ?? "0" });
+});
+
+// Space is the stop, wherever the focus is; Enter presses buttons.
+addEventListener("keydown", (event) => {
+  if (event.code !== "Space" || event.ctrlKey || event.metaKey || event.altKey) return;
+  if ($("door").open) return;
+  event.preventDefault();
+  event.stopPropagation();
+  if (!event.repeat) stop([...robots.keys()]);
+}, { capture: true });
+addEventListener("keyup", (event) => event.code === "Space" && !$("door").open && event.preventDefault(), { capture: true });
+
+async function goto(goal) {
+  const aimed = { ...goal, state: "asked" };
+  plan.aim(aimed);
+  const reply = await ask({ do: "go", ...goal });
+  if (plan.target !== aimed) return;
+  plan.aim({ ...goal, state: reply.ok ? "taken" : "refused" });
+}
+
+plan.addEventListener("go", ({ detail }) => goto(detail));
+plan.addEventListener("aim", ({ detail }) => {
+  $("gox").value = detail.x.toFixed(2);
+  $("goy").value = detail.y.toFixed(2);
+  $("goa").value = detail.theta === null ? "" : degrees(detail.theta);
+});
+plan.addEventListener("follow", ({ detail }) => $("follow").setAttribute("aria-pressed", detail));
+$("go").addEventListener("submit", (event) => {
+  event.preventDefault();
+  const [x, y, a] = ["gox", "goy", "goa"].map((id) => number($(id).value));
+  const theta = $("goa").value.trim() === "" ? null : ((((a + 180) % 360) + 360) % 360 - 180) * Math.PI / 180;
+  if (![x, y, theta ?? 0].every(Number.isFinite)) return remark("x and y in metres, the heading in degrees", false);
+  goto({ x, y, theta });
+});
+$("order").addEventListener("submit", (event) => {
+  event.preventDefault();
+  ask({ do: "order", mission: $("mission").value });
+});
+
+stick.addEventListener("stick", ({ detail }) => link.say({ do: "stick", robot: chosen, ...detail, cycle: here().parts.motion?.cycle ?? 0 }));
+stick.addEventListener("pads", ({ detail }) => put($("gamepad"), detail));
+$("startteleop").addEventListener("click", () => ask({ do: "start", agent: "teleop" }));
+
+$("closer").addEventListener("click", () => plan.zoom(1.3));
+$("farther").addEventListener("click", () => plan.zoom(1 / 1.3));
+$("fit").addEventListener("click", () => { plan.touched = false; plan.setFollow(false); plan.touched = false; plan.fit(); });
+$("follow").addEventListener("click", () => plan.setFollow(!plan.follow));
+
+// Tabs, by the arrow keys too.
+const all = [...document.querySelectorAll("#tabs [role=tab]")];
+function show(tab) {
+  for (const each of all) {
+    const on = each === tab;
+    each.setAttribute("aria-selected", on);
+    each.tabIndex = on ? 0 : -1;
+    $(each.getAttribute("aria-controls")).hidden = !on;
+  }
+}
+for (const tab of all) {
+  tab.addEventListener("click", () => show(tab));
+  tab.addEventListener("keydown", (event) => {
+    const by = { ArrowRight: 1, ArrowLeft: -1 }[event.key];
+    if (!by) return;
+    event.preventDefault();
+    const next = all[(all.indexOf(tab) + by + all.length) % all.length];
+    show(next);
+    next.focus();
+  });
+}
+
+// Light or dark: as the machine has it, until somebody says otherwise.
+const system = matchMedia("(prefers-color-scheme: dark)");
+function theme() {
+  const wanted = localStorage.getItem("theme") ?? (system.matches ? "dark" : "light");
+  document.documentElement.dataset.theme = wanted;
+  put($("theme"), wanted === "dark" ? "☀" : "☾");
+  plan.colours();
+}
+system.addEventListener("change", theme);
+$("theme").addEventListener("click", () => {
+  localStorage.setItem("theme", document.documentElement.dataset.theme === "dark" ? "light" : "dark");
+  theme();
+});
+
+// For tests and the console: where things are.
+globalThis.armadico = { plan, robots, stick, link };
+
+theme();
+connection();
+link.open();

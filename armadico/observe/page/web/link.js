@@ -1,0 +1,115 @@
+// The one WebSocket to the server: what is shown comes in, requests go out and are answered.
+const PROTOCOL = "armadico.page";
+const AGAIN_MS = [300, 700, 1500, 3000];
+const SILENT_MS = 1500; // The server shows the time at least this often, whatever the robot does.
+
+export function token() {
+  const found = new URLSearchParams(location.hash.slice(1)).get("token");
+  if (found !== null) {
+    sessionStorage.setItem("token", found);
+    history.replaceState(null, "", location.pathname); // it does not stay in the address bar
+  }
+  return sessionStorage.getItem("token") ?? "";
+}
+
+function subprotocol(text) {
+  const bytes = new TextEncoder().encode(text);
+  const packed = btoa(String.fromCharCode(...bytes));
+  return "token." + packed.replaceAll("+", "-").replaceAll("/", "_").replaceAll("=", "");
+}
+
+export class Link extends EventTarget {
+  constructor() {
+    super();
+    this.up = false;
+    this.silent = 0;
+    this.number = 0;
+    this.waiting = new Map();
+    this.tries = 0;
+    setInterval(() => this.#look(), 250);
+  }
+
+  async open() {
+    const known = token();
+    try {
+      const headers = known ? { Authorization: `Bearer ${known}` } : {};
+      const reply = await fetch("/allowed", { headers });
+      if (!reply.ok) {
+        const why = await reply.text();
+        this.#tell("refused", { status: reply.status, why });
+        if (reply.status !== 401) this.#again();
+        return;
+      }
+    } catch {
+      return this.#again();
+    }
+    const offered = known ? [PROTOCOL, subprotocol(known)] : [PROTOCOL];
+    const socket = new WebSocket(`${location.protocol === "https:" ? "wss" : "ws"}://${location.host}/socket`, offered);
+    this.socket = socket;
+    socket.onmessage = (event) => this.#got(JSON.parse(event.data));
+    socket.onclose = () => this.#lost(socket);
+  }
+
+  // Ask for something; the answer comes as {ok, text}. A stop that cannot be sent is sent later.
+  ask(what) {
+    const id = ++this.number;
+    return new Promise((done) => {
+      if (!this.up) {
+        done({ ok: false, text: "NOT SENT: no connection", unsent: true });
+        return;
+      }
+      this.waiting.set(id, done);
+      this.socket.send(JSON.stringify({ id, ...what }));
+    });
+  }
+
+  // Say something that is not answered but if it is wrong.
+  say(what) {
+    if (this.up && this.socket.bufferedAmount < 4096) {
+      this.socket.send(JSON.stringify({ id: ++this.number, ...what }));
+    }
+  }
+
+  #got(message) {
+    this.heard = performance.now();
+    if (message.type === "hello") {
+      this.up = true;
+      this.tries = 0;
+      this.#tell("hello", message);
+      this.#tell("change");
+    } else if (message.type === "state") {
+      this.#tell("state", message);
+    } else if (message.type === "answer") {
+      const done = this.waiting.get(message.id);
+      if (message.over) this.waiting.delete(message.id);
+      if (done && message.over) done(message);
+      else this.#tell("remark", message);
+    }
+  }
+
+  #lost(socket) {
+    if (socket !== this.socket) return;
+    this.up = false;
+    for (const done of this.waiting.values()) done({ ok: false, text: "the connection broke: nobody knows what came of it" });
+    this.waiting.clear();
+    this.#tell("change");
+    this.#again();
+  }
+
+  #again() {
+    const wait = AGAIN_MS[Math.min(this.tries++, AGAIN_MS.length - 1)];
+    setTimeout(() => this.open(), wait);
+  }
+
+  #look() {
+    const silent = this.up && performance.now() - this.heard > SILENT_MS;
+    if (silent !== this.silent) {
+      this.silent = silent;
+      this.#tell("change");
+    }
+  }
+
+  #tell(type, detail) {
+    this.dispatchEvent(new CustomEvent(type, { detail }));
+  }
+}

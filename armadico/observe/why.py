@@ -1,0 +1,763 @@
+"""Why a society did what it did: moments, exchanges, stops and collisions, explained (sans-IO).
+
+A `Chronicle` is shown what a watcher hears, live or of a recording, in order and with its times. It
+keeps the last seconds, and explains a moment when it is over: losers publish nothing, so what they
+would have done comes only when they are asked, about a second later. Each answer is a struct, its
+sentences and the cause where the reasons end (`armadico.observe.standing`).
+"""
+
+from __future__ import annotations
+
+from collections import deque
+from collections.abc import Iterable, Iterator, Mapping, Sequence
+from dataclasses import dataclass
+from math import degrees, hypot
+from typing import Final
+
+from msgspec import Struct
+from msgspec.structs import replace
+
+from armadico.core.agent import AT_WORK, COMMANDS_REFUSED, REPORT_S
+from armadico.core.coordination import SILENCE, Owner, Verdict, beats
+from armadico.core.cycles import CycleClock
+from armadico.core.exchange import Bid
+from armadico.core.messages import (
+    Ack,
+    Action,
+    BidHistory,
+    BidRecord,
+    Claim,
+    Command,
+    Cycle,
+    Message,
+    MissionState,
+    Obstacles,
+    Pose,
+    RobotState,
+    Stop,
+    Truth,
+)
+from armadico.core.motion import Body
+from armadico.core.resources import WHEELS, declared
+from armadico.core.services import matches
+from armadico.observe.standing import Cause, Installed, Sort, standing
+from armadico.observe.view import FRESH_CYCLES, RESTS, View, agent_of
+
+LATER_S: Final = 1.6
+"""Bids of a moment are known so much later: everybody is asked once a second."""
+
+KEPT_CYCLES: Final = 200
+"""Bids, claims and commands of so many cycles are kept: of more than `LATER_S`, and of a holder
+that let go and that nobody took over from for a while."""
+
+AGO: Final = FRESH_CYCLES
+"""A contender whose newest bid is more cycles older than a moment had no turn then."""
+
+NEAR_M: Final = 0.1
+"""What is known so near to the outline was known to be in the way."""
+
+GONE_S: Final = 1.0
+"""A recording of a virtual run has tokens so much late."""
+
+REFUSED_S: Final = 1.0
+"""Refusals of so long before a moment are told."""
+
+
+class Input(Struct, frozen=True):
+    """What a bid was made of: the newest state on a key, and how many cycles old it was then."""
+
+    key: str
+    age: int | None  # cycles; none: of another epoch, or without a cycle
+    what: str
+
+
+class Bidding(Struct, frozen=True):
+    """What one contender would have done, with the inputs of that."""
+
+    agent: str
+    instance: str
+    host: str
+    cycle: int | None  # that its bid answers; none: it was not asked in time
+    utility: float | None  # none: it has no bid, for the reason
+    critical: bool = False
+    wanted: tuple[float, ...] = ()  # empty for what is no numbers
+    reason: str = ""
+    inputs: tuple[Input, ...] = ()
+
+
+class Contest(Struct, frozen=True):
+    """One resource in one moment: who holds it, what comes of it, and what the others would do."""
+
+    resource: str
+    holder: str  # the instance that claims it; empty: nobody
+    term: int | None
+    utility: float | None
+    critical: bool
+    wanted: tuple[float, ...]
+    commanded: tuple[float, ...]
+    loser: str  # from whom it is being taken over; empty: no exchange is under way
+    obeyed: str  # the instance that its owner obeys; empty: nobody
+    measured: tuple[float, ...]
+    refused: tuple[str, ...]  # commands that the owner would not have, of late
+    bids: tuple[Bidding, ...]
+
+
+class Moment(Struct, frozen=True):
+    """How everything stood at a time, s of whoever recorded it."""
+
+    t: float
+    cycle: int | None
+    stands: bool
+    contests: tuple[Contest, ...]
+    sentences: tuple[str, ...]
+    cause: Cause | None
+
+
+class Exchange(Struct, frozen=True):
+    """Another agent was obeyed than before; counted from 1 for each resource."""
+
+    number: int
+    t: float
+    cycle: int
+    resource: str
+    loser: str
+    winner: str
+    cycles: int  # that the winner's own action was blended with the loser's
+    sentences: tuple[str, ...]
+    cause: Cause
+    bids: tuple[Bidding, ...]
+
+
+class Press(Struct, frozen=True):
+    """A stop that was latched; counted from 1. Times are s; none: it did not happen."""
+
+    number: int
+    t: float
+    by: str
+    stood: float | None  # s after it the robot stood
+    released: float | None
+    released_by: str
+    sentences: tuple[str, ...]
+    cause: Cause
+
+
+class Collision(Struct, frozen=True):
+    """The robot touched something; counted from 1."""
+
+    number: int
+    t: float
+    sentences: tuple[str, ...]
+    cause: Cause
+    moment: Moment
+
+
+@dataclass
+class _Pressed:
+    t: float
+    stop: Stop
+    before: bool  # anything was heard
+    stood: float | None = None
+    released: float | None = None
+    released_by: str = ""
+
+
+@dataclass
+class _Snapshot:
+    """What was known at a time, until the bids of then are."""
+
+    t: float
+    state: RobotState | None
+    said: tuple[str, ...]  # of the robot
+    stands: bool
+    cause: Cause | None
+    contests: list[Contest]
+    contenders: dict[str, list[tuple[str, str]]]  # by resource: instance and host
+    newest: dict[str, Message]
+
+
+@dataclass
+class _Taken:
+    """An exchange, until it is over and the bids of then are known."""
+
+    t: float
+    ack: Ack
+    loser: Claim | None
+    lost: str
+    winner: str
+    heard: float  # when the loser last claimed, s
+    snapshot: _Snapshot
+    blended: int = 0
+
+
+class Chronicle:
+    """Takes what a watcher hears, in order; times are s by one clock."""
+
+    def __init__(
+        self,
+        recomputed: Mapping[tuple[str, str], Sequence[BidRecord]] | None = None,
+        *,
+        installed: Installed = lambda _: (),
+        begun: float = 0.0,
+    ) -> None:
+        """Nothing was heard yet.
+
+        Args:
+            recomputed: Bids that nobody was asked for in time, by instance and resource, oldest
+                first, if journals were gone through again for them.
+            installed: As `standing` takes it.
+            begun: When it is shown the first, s: what is told of times counts from then.
+        """
+        self._installed, self._begun = installed, begun
+        self.view = View()
+        self.now = 0.0
+        self._recomputed = recomputed or {}
+        self.exchanges: list[Exchange] = []
+        self.collisions: list[Collision] = []
+        self.moments: list[Moment] = []
+        self._pressed: list[_Pressed] = []
+        self._records: dict[tuple[str, str], deque[BidRecord]] = {}
+        self._claims: dict[str, deque[tuple[float, Claim]]] = {}
+        self._commands: deque[tuple[float, Command, str]] = deque(maxlen=4 * KEPT_CYCLES)
+        self._owners: dict[str, Owner] = {}
+        self._clock = CycleClock()
+        self._obeyed: dict[str, str] = {}  # by resource, the instance that was obeyed last
+        self._pending: deque[_Snapshot | _Taken | tuple[_Snapshot, Cause, str]] = deque()
+        self._struck = (0, 0)  # collisions, and of those bumps
+        self._felt = False
+        self._counts: dict[str, int] = {}
+
+    # What comes in -------------------------------------------------------------------------------
+
+    def token(self, instance: str, *, there: bool, t: float) -> None:
+        """A liveliness token came or went."""
+        self._pass(t)
+        self.view.token(instance, there=there, t=t)
+
+    def take(self, key: str, message: Message | None, t: float) -> None:
+        """Something was published on a key; None: it cannot be read."""
+        self._pass(t)
+        before = self.view.truth
+        self.view.take(key, message, t)
+        match message:
+            case RobotState():
+                self._take_state(message, t)
+            case Truth() if self.view.truth is message:
+                self._take_truth(message, begun=before is not None)
+            case Stop():
+                self._take_stop(message, t)
+            case Claim():
+                self._take_claim(message, t)
+            case Command():
+                self._take_command(message, t)
+            case Ack():
+                self._take_ack(message, t)
+
+    def learn(self, message: Message, t: float) -> None:
+        """Somebody answered, or a recording has what it answered."""
+        self._pass(t)
+        self.view.learn(message, t)
+        if isinstance(message, BidHistory):
+            for bid in message.bids:
+                kept = self._records.setdefault(
+                    (message.instance, bid.resource), deque(maxlen=KEPT_CYCLES)
+                )
+                if bid not in kept:
+                    kept.append(bid)
+
+    def mark(self, t: float) -> None:
+        """Explain a moment, now, once its bids are known; it comes into `moments`."""
+        self.now = t
+        self._pending.append(self._snapshot())
+
+    def finish(self) -> None:
+        """There is nothing more to come."""
+        while self._pending:
+            self._explain(self._pending.popleft())
+
+    @property
+    def presses(self) -> list[Press]:
+        """The stops so far."""
+        return [self._press(n, pressed) for n, pressed in enumerate(self._pressed, 1)]
+
+    # Inside --------------------------------------------------------------------------------------
+
+    def _pass(self, t: float) -> None:
+        self.now = t
+        while self._pending and self._at(self._pending[0]) + LATER_S <= t - self._begun:
+            self._explain(self._pending.popleft())
+
+    @staticmethod
+    def _at(what: _Snapshot | _Taken | tuple[_Snapshot, Cause, str]) -> float:
+        return what[0].t if isinstance(what, tuple) else what.t
+
+    def _explain(self, what: _Snapshot | _Taken | tuple[_Snapshot, Cause, str]) -> None:
+        if isinstance(what, _Snapshot):
+            self.moments.append(self._moment(what))
+        elif isinstance(what, _Taken):
+            self.exchanges.append(self._exchange(what))
+        else:
+            snapshot, cause, text = what
+            moment = self._moment(snapshot)
+            self.collisions.append(
+                Collision(
+                    len(self.collisions) + 1,
+                    snapshot.t,
+                    (text, *moment.sentences, cause.what),
+                    cause,
+                    moment,
+                )
+            )
+
+    def _take_state(self, state: RobotState, t: float) -> None:
+        self._clock.advance(state.cycle, t)
+        if state.stop.stopped:
+            self._take_stop(state.stop, t)
+        for pressed in self._pressed[-1:]:
+            if (
+                pressed.stood is None
+                and max(abs(state.v), abs(state.w)) <= RESTS
+                and state.stop.stopped
+            ):
+                pressed.stood = t - self._begun - pressed.t
+        felt = state.touch is not None or state.stalled
+        if felt and not self._felt and self.view.truth is None:
+            self._collide("It touches something, by its own word.", bumped=False)
+        self._felt = felt
+
+    def _take_truth(self, truth: Truth, *, begun: bool) -> None:
+        struck = truth.collisions, truth.bumped
+        if begun and truth.collisions > self._struck[0]:
+            bumped = truth.bumped > self._struck[1]
+            what = "Somebody walks into it." if bumped else "It touches something."
+            self._collide(what, bumped=bumped)
+        self._struck = struck
+
+    def _take_stop(self, stop: Stop, t: float) -> None:
+        last = self._pressed[-1] if self._pressed else None
+        if stop.stopped and (last is None or last.stop.press != stop.press):
+            self._pressed.append(_Pressed(t - self._begun, stop, before=self.view.state is None))
+            return
+        over = last is not None and not stop.stopped and last.stop.press == stop.press
+        if over and last is not None and last.released is None:
+            last.released, last.released_by = t - self._begun, stop.by
+
+    def _take_claim(self, claim: Claim, t: float) -> None:
+        self._claims.setdefault(claim.resource, deque(maxlen=KEPT_CYCLES)).append((t, claim))
+        if owner := self._owner(claim.resource):
+            owner.hear(claim)
+        for each in self._pending:
+            if (
+                isinstance(each, _Taken)
+                and claim.ballot == each.ack.obeyed
+                and claim.commanded != claim.wanted
+            ):
+                each.blended += 1
+
+    def _take_command(self, command: Command, t: float) -> None:
+        owner = self._owner(command.resource)
+        if owner is not None:
+            verdict = owner.judge(command, t, stopped=self._stops(command.resource))
+            self._commands.append((t, command, str(verdict)))
+
+    def _stops(self, name: str) -> bool:
+        resource = declared(name)
+        return resource is not None and resource.stops and self.view.stop.stopped
+
+    def _owner(self, name: str) -> Owner | None:
+        """The judge of a resource, as its own owner is one; of the robot's cycles only."""
+        resource = declared(name)
+        if resource is None or resource.period_s is not None:
+            return None
+        return self._owners.setdefault(name, Owner(resource, self._clock))
+
+    def _take_ack(self, ack: Ack, t: float) -> None:
+        driver = self.view.driver(ack.resource, t)
+        if driver is None or ack.obeyed is None:
+            return
+        before = self._obeyed.get(ack.resource)
+        self._obeyed[ack.resource] = driver
+        if before in (None, driver):
+            return
+        claims = [(at, c) for at, c in self._claims.get(ack.resource, ())]
+        theirs = [(at, c) for at, c in claims if c.ballot.instance == before]
+        at, last = theirs[-1] if theirs else (float("-inf"), None)
+        blended = sum(c.ballot == ack.obeyed and c.commanded != c.wanted for _, c in claims)
+        since = t - self._begun
+        taken = _Taken(since, ack, last, before or "", driver, at, self._snapshot(), blended)
+        self._pending.append(taken)
+
+    def _collide(self, what: str, *, bumped: bool) -> None:
+        self._pending.append((self._snapshot(), self._struck_by(bumped=bumped), what))
+
+    # A moment ------------------------------------------------------------------------------------
+
+    def _snapshot(self) -> _Snapshot:
+        view, now = self.view, self.now
+        found = standing(view, now, self._installed)
+        names = [WHEELS.name, *(name for name in view.claimed if name != WHEELS.name)]
+        contenders = {
+            name: [
+                (each.instance, each.card.host)
+                for each in view.agents
+                if each.card is not None and name in each.card.resources
+            ]
+            for name in names
+        }
+        return _Snapshot(
+            now - self._begun,
+            view.state,
+            (*found.sentences, *self._mission()),
+            found.stands,
+            found.cause,
+            [self._contest(name) for name in names],
+            contenders,
+            dict(view.newest),
+        )
+
+    def _mission(self) -> Iterator[str]:
+        mission = self.view.mission
+        if mission is not None and mission.state is MissionState.DRIVING:
+            note = f" ({mission.note})" if mission.note else ""
+            yield f"Its goal is {mission.to_go:.1f} m away{note}."
+
+    def _contest(self, name: str) -> Contest:
+        view, now = self.view, self.now
+        claim, ack = view.claim(name, now), view.acks.get(name)
+        obeyed = view.driver(name, now) or ""
+        blended = claim is not None and claim.commanded != claim.wanted
+        return Contest(
+            resource=name,
+            holder="" if claim is None else claim.ballot.instance,
+            term=None if claim is None else claim.ballot.term,
+            utility=None if claim is None else claim.utility,
+            critical=claim is not None and claim.critical,
+            wanted=() if claim is None else _numbers(claim.wanted),
+            commanded=() if claim is None else _numbers(claim.commanded),
+            loser=self._loser(name, claim) if blended and claim is not None else "",
+            obeyed=obeyed,
+            measured=() if ack is None else _numbers(ack.measured),
+            refused=tuple(self._refused(name)),
+            bids=(),
+        )
+
+    def _loser(self, name: str, claim: Claim) -> str:
+        others = [c.ballot for _, c in self._claims.get(name, ()) if c.ballot < claim.ballot]
+        return others[-1].instance if others else ""
+
+    def _refused(self, name: str) -> Iterator[str]:
+        """Which commands were refused of late, and why; of each agent its last reason.
+
+        By a judge as its owner's, and by the owner's own word, which is told now and then.
+        """
+        for said in self.view.logs:
+            if self.now - said.at <= REPORT_S and said.log.text.startswith(COMMANDS_REFUSED):
+                yield said.log.text.removeprefix(COMMANDS_REFUSED)
+        told = {}
+        for at, command, verdict in self._commands:
+            if command.resource == name and self.now - at <= REFUSED_S:
+                told[command.ballot.instance] = verdict
+        fine = {Verdict.OBEYED, Verdict.RELEASED, *AT_WORK}
+        for instance, verdict in told.items():
+            if verdict not in fine:
+                yield f"{agent_of(instance)}: {verdict}"
+
+    def _moment(self, of: _Snapshot) -> Moment:
+        cycle = None if of.state is None else of.state.cycle
+        contests = tuple(
+            replace(each, bids=self._biddings(each.resource, cycle, of)) for each in of.contests
+        )
+        number = None if cycle is None else cycle.number
+        at = "" if number is None else f", cycle {number}"
+        said = [f"At {of.t:.2f} s{at}:", *of.said]
+        for each in contests:
+            said += _told(each)
+        cause = of.cause
+        if cause is None and contests:
+            cause = _outbid(contests[0])
+        return Moment(of.t, number, of.stands, contests, tuple(said), cause)
+
+    def _biddings(self, name: str, cycle: Cycle | None, of: _Snapshot) -> tuple[Bidding, ...]:
+        found = []
+        for instance, host in of.contenders.get(name, ()):
+            record = self._record(instance, name, cycle, of.t)
+            inputs = () if record is None else tuple(_inputs(record, of.newest, cycle))
+            found.append(
+                Bidding(agent_of(instance), instance, host, None, None)
+                if record is None
+                else Bidding(
+                    agent_of(instance),
+                    instance,
+                    host,
+                    record.cycle.number,
+                    record.utility,
+                    record.critical,
+                    _numbers(record.wanted),
+                    record.reason,
+                    inputs,
+                )
+            )
+        return tuple(found)
+
+    def _record(self, instance: str, name: str, cycle: Cycle | None, t: float) -> BidRecord | None:
+        """Its newest bid that answers a cycle, or one shortly before."""
+        kept = self._records.get((instance, name), ())
+        resource = declared(name)
+        if resource is not None and resource.period_s is not None:
+            ack = self.view.acks.get(name)  # a resource with cycles of its own: those of then
+            back = 0 if ack is None else int((self.now - self._begun - t) / resource.period_s)
+            cycle = None if ack is None else Cycle(ack.cycle.epoch, max(0, ack.cycle.number - back))
+        if cycle is None:
+            return None
+        fit = _answering(kept, cycle) or _answering(
+            self._recomputed.get((instance, name), ()), cycle
+        )
+        return max(fit, key=lambda bid: bid.cycle.number, default=None)
+
+    # An exchange ---------------------------------------------------------------------------------
+
+    def _exchange(self, of: _Taken) -> Exchange:
+        ack, resource = of.ack, of.ack.resource
+        ballot = ack.obeyed
+        assert ballot is not None, "somebody is obeyed"
+        cycle = ack.obeyed_cycle or ack.cycle
+        bids = self._biddings(resource, cycle, of.snapshot)
+        loser, winner = agent_of(of.lost), agent_of(of.winner)
+        cause = self._how(of, bids)
+        critical = ", critical" if ballot.critical else ""
+        said = [
+            f"At {of.t:.2f} s, cycle {cycle.number}: {winner} took {resource} over from {loser}.",
+            f"{winner} cast term {ballot.term} with {ballot.utility:.2f}{critical}.",
+            cause.what,
+        ]
+        said += [_bid(each) for each in bids]
+        if of.blended:
+            said.append(f"Its action was blended with {loser}'s for {of.blended} cycles.")
+        number = self._counts[resource] = self._counts.get(resource, 0) + 1
+        return Exchange(
+            number,
+            of.t,
+            cycle.number,
+            resource,
+            of.lost,
+            of.winner,
+            of.blended,
+            tuple(said),
+            cause,
+            bids,
+        )
+
+    def _how(self, of: _Taken, bids: tuple[Bidding, ...]) -> Cause:
+        """Why the one let go of it, or was beaten."""
+        loser, winner, ballot, last = (
+            agent_of(of.lost),
+            agent_of(of.winner),
+            of.ack.obeyed,
+            of.loser,
+        )
+        assert ballot is not None, "somebody is obeyed"
+        gone = self.view.gone.get(of.lost)
+        if (
+            gone is not None and gone - self._begun - of.t <= GONE_S
+        ):  # tokens may be looked at once a second
+            what = f"{loser} was gone: killed, crashed, or with its host."
+            return Cause(Sort.ABSENT, loser, what, f"`armadico logs {loser}` has its last words")
+        if last is None:
+            return Cause(Sort.UNKNOWN, loser, f"Nothing was heard of {loser}.")
+        if last.utility is None:
+            record = self._record(of.lost, of.ack.resource, last.cycle, of.t)
+            why = f": {record.reason}" if record is not None and record.reason else ""
+            ago = of.t + self._begun - of.heard
+            what = f"{loser} had released it {ago:.1f} s before{why}."
+            return Cause(Sort.RELEASED, loser, what)
+        theirs = self._first(of)
+        if theirs is not None and theirs[0] - of.heard > SILENCE * self._clock.period:
+            what = f"{loser} had been silent for {theirs[0] - of.heard:.2f} s."
+            return Cause(Sort.SILENT, loser, what, f"`armadico logs {loser}`")
+        bid = Bid(ballot.utility, (), ballot.critical)
+        resource = declared(of.ack.resource)
+        if not beats(bid, last, 0.0 if resource is None else resource.margin):
+            what = f"{loser} still claimed it with {last.utility:.2f}, and was not obeyed."
+            return Cause(Sort.LINK, loser, what, "look at the network around it")
+        if ballot.critical and not last.critical:
+            what = f"{winner} was about to touch something, {loser} ({last.utility:.2f}) was not."
+        else:
+            what = f"{winner}'s {ballot.utility:.2f} beat {loser}'s {last.utility:.2f}."
+        why = next((each.reason for each in bids if each.instance == of.winner), "")
+        return Cause(Sort.OUTBID, winner, what + (f" {winner}: {why}." if why else ""))
+
+    def _first(self, of: _Taken) -> tuple[float, Claim] | None:
+        """The winner's first claim."""
+        claims = self._claims.get(of.ack.resource, ())
+        return next(((at, c) for at, c in claims if c.ballot == of.ack.obeyed), None)
+
+    # A stop --------------------------------------------------------------------------------------
+
+    def _press(self, number: int, of: _Pressed) -> Press:
+        by = of.stop.by or "somebody"
+        when = "Before it was listened" if of.before else f"At {of.t:.2f} s"
+        said = [f"{when} {by} latched the stop."]
+        if of.before:
+            said.append("How soon the robot stood then nobody heard.")
+        elif of.stood is None:
+            said.append("The robot is not known to have stood.")
+        else:
+            said.append(f"The robot stood {of.stood:.1f} s later.")
+        if of.released is not None:
+            said.append(f"{of.released_by or 'Somebody'} released it at {of.released:.2f} s.")
+        else:
+            said.append("Nobody has released it.")
+        cause = Cause(Sort.STOP, by, said[0], "`armadico resume` releases it")
+        return Press(number, of.t, by, of.stood, of.released, of.released_by, tuple(said), cause)
+
+    # A collision ---------------------------------------------------------------------------------
+
+    def _struck_by(self, *, bumped: bool) -> Cause:
+        """What led to it, as far as it was known just before."""
+        view = self.view
+        if bumped:
+            return Cause(Sort.BUMPED, "", "Somebody walked into it, however it drove.")
+        driver = view.driver(WHEELS.name, self.now) or view.last_driver(WHEELS.name)
+        name = agent_of(driver) if driver else "nobody"
+        found = [o for o in view.newest.values() if isinstance(o, Obstacles)]
+        if not found:
+            return Cause(Sort.UNSEEN, "", "No obstacles were known at all.")
+        for each in found:
+            age = _age(each.cycle, None if view.state is None else view.state.cycle)
+            if age is None or age > FRESH_CYCLES:
+                what = (
+                    f"What {each.sensor} knew was {age if age is not None else 'many'} cycles old."
+                )
+                return Cause(Sort.STALE, each.sensor, what)
+        near = self._nearest(found)
+        if near is None or near > NEAR_M:
+            far = "nothing at all" if near is None else f"nothing nearer than {near:.2f} m"
+            sensors = " and ".join(sorted({each.sensor for each in found}))
+            what = f"It was not known to be there: {sensors} knew of {far}."
+            return Cause(Sort.UNSEEN, sensors, what)
+        what = f"It was known, {max(near, 0.0):.2f} m from the outline, and {name} drove."
+        return Cause(Sort.DRIVEN, name, what, f"look at {name}'s bids before it")
+
+    def _nearest(self, found: list[Obstacles]) -> float | None:
+        """From the robot's outline to the nearest that was known, m."""
+        said = self.view.description
+        if said is None:
+            return None
+        outline = Body.of(said).outline
+        away = [outline.clearance(p.x, p.y) for each in found for p in each.points]
+        return min(away, default=None)
+
+
+# In words -----------------------------------------------------------------------------------------
+
+
+def _told(of: Contest) -> Iterator[str]:
+    """A contest in sentences."""
+    name = of.resource
+    if of.holder:
+        rank = f"{of.utility:.2f}{', critical' if of.critical else ''}"
+        text = f"{name}: {agent_of(of.holder)} holds it (term {of.term}) with {rank}"
+        if of.wanted:
+            text += f", wants {_pair(of.wanted)}"
+        if of.loser:
+            text += (
+                f" and commands {_pair(of.commanded)}, still blended with {agent_of(of.loser)}'s"
+            )
+        yield text + "."
+    elif of.bids or of.obeyed:
+        yield f"{name}: nobody claims it."
+    if of.obeyed and of.obeyed != of.holder:
+        yield f"Its owner obeys {agent_of(of.obeyed)}."
+    elif of.holder and not of.obeyed:
+        yield "Its owner obeys nobody."
+    for refusal in of.refused:
+        yield f"Its owner refuses commands: {refusal}."
+    for each in of.bids:
+        yield _bid(each)
+    by_inputs: dict[tuple[Input, ...], list[str]] = {}
+    for each in of.bids:
+        if each.inputs:
+            by_inputs.setdefault(each.inputs, []).append(each.agent)
+    for inputs, agents in by_inputs.items():
+        made = "; ".join(f"{i.key} {i.what}{_old(i.age)}" for i in inputs)
+        yield f"{', '.join(agents)}: by {made}."
+
+
+def _answering(bids: Iterable[BidRecord], cycle: Cycle) -> list[BidRecord]:
+    """Those that answer a cycle, or one shortly before."""
+    return [
+        bid
+        for bid in bids
+        if bid.cycle.epoch == cycle.epoch and 0 <= cycle.number - bid.cycle.number <= AGO
+    ]
+
+
+def unasked(answer: Moment | Exchange | Collision) -> set[str]:
+    """The instances whose bids are missing in an answer: nobody asked them in time."""
+    moment = answer.moment if isinstance(answer, Collision) else answer
+    contests = moment.contests if isinstance(moment, Moment) else (moment,)
+    return {bid.instance for each in contests for bid in each.bids if bid.cycle is None}
+
+
+def _bid(of: Bidding) -> str:
+    """One contender's in a sentence."""
+    if of.cycle is None:
+        return f"{of.agent} had no turn, or was not asked in time."
+    if of.utility is None:
+        return f"{of.agent} had no bid: {of.reason or 'it does not say why'}."
+    critical = ", critical" if of.critical else ""
+    why = f" ({of.reason})" if of.reason else ""
+    to = f" for {_pair(of.wanted)}" if of.wanted else ""
+    return f"{of.agent} bid {of.utility:.2f}{critical}{to}{why}."
+
+
+def _outbid(of: Contest) -> Cause | None:
+    """Who would have had it but for the holder; None if nobody else had a bid."""
+    others = [b for b in of.bids if b.utility and b.instance != of.holder]
+    if not of.holder or not others:
+        return None
+    best = max(others, key=lambda b: (b.utility or 0.0, b.critical))
+    holder = agent_of(of.holder)
+    what = f"{best.agent}'s {best.utility:.2f} is not more than {holder}'s {of.utility:.2f}."
+    return Cause(Sort.OUTBID, holder, what)
+
+
+def _inputs(bid: BidRecord, newest: dict[str, Message], cycle: Cycle | None) -> Iterator[Input]:
+    for pattern in bid.inputs:
+        for key, message in newest.items():
+            if matches(pattern, key):
+                at = getattr(message, "cycle", None)
+                yield Input(key, _age(at, cycle), _summary(message))
+
+
+def _summary(message: Message) -> str:
+    """A state in half a line."""
+    match message:
+        case Pose():
+            place = f"({message.x:.2f}, {message.y:.2f}, {degrees(message.theta):.0f} deg)"
+            return f"{place} +-{message.deviation:.2f} m" if message.covariance else place
+        case Obstacles():
+            near = message.closest
+            if near is None:
+                return "nothing near"
+            return f"nearest {hypot(near.x, near.y):.2f} m away, {len(message.points)} points"
+        case RobotState():
+            return f"{message.v:.2f} m/s, {message.w:.2f} rad/s"
+    return type(message).__name__
+
+
+def _age(at: Cycle | None, cycle: Cycle | None) -> int | None:
+    if at is None or cycle is None or at.epoch != cycle.epoch:
+        return None
+    return cycle.number - at.number
+
+
+def _old(age: int | None) -> str:
+    return f", {age} cycles old" if age is not None and age > 1 else ""
+
+
+def _numbers(action: Action) -> tuple[float, ...]:
+    return () if isinstance(action, bytes) else action
+
+
+def _pair(action: tuple[float, ...]) -> str:
+    return f"({', '.join(f'{each:.2f}' for each in action)})"

@@ -1,0 +1,110 @@
+"""An agent of one's own from nothing: what is written works as it is."""
+
+from __future__ import annotations
+
+import os
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+
+from armadico.cli.new import KINDS, package
+from armadico.cli.options import UsageError
+from tests.programs import Done, call
+
+NAMES = {kind: f"own-{kind}" for kind in KINDS}
+
+
+def new(folder: Path, *words: str) -> Done:
+    return call("new", "agent", *words, "--into", str(folder))
+
+
+def python(folder: Path, *words: str) -> str:
+    """What a module of Python's says in a folder where the packages are installed."""
+    done = subprocess.run(
+        [sys.executable, "-m", *words],
+        cwd=folder,
+        env=os.environ | {"PYTHONPATH": str(folder / "site"), "TMPDIR": str(folder)},
+        capture_output=True,
+        text=True,
+        check=False,
+    )
+    assert done.returncode == 0, done.stdout + done.stderr
+    return done.stdout
+
+
+def test_what_is_written_is_installed_found_by_its_name_and_passes_its_own_test(
+    tmp_path: Path,
+) -> None:
+    for kind, name in NAMES.items():
+        done = new(tmp_path, name, "--kind", kind)
+        assert done.returncode == 0, done.stderr
+        module = name.replace("-", "_")
+        written = sorted(path.name for path in (tmp_path / name).iterdir())
+        assert written == [f"{module}.py", "pyproject.toml", f"test_{module}.py"]
+    python(tmp_path, "ruff", "check", "--isolated", "--select=E,F,I,N,W", "--line-length=100", ".")
+    python(tmp_path, "ruff", "format", "--isolated", "--check", "--line-length=100", ".")
+    folders = [f"./{name}" for name in NAMES.values()]
+    quietly = ("--quiet", "--no-deps", "--no-build-isolation", "--no-index", "--target", "site")
+    python(tmp_path, "pip", "install", *quietly, *folders)
+    listed = python(tmp_path, "armadico", "agent", "--list")
+    assert {f"The {name} agent" in listed for name in NAMES.values()} == {True}
+    said = python(tmp_path, "pytest", "-q", "-n0", "-p", "no:cacheprovider", *folders)
+    assert "4 passed" in said
+
+
+def test_the_first_kind_is_half_a_page() -> None:
+    text = package("weaver", "behaviour")["weaver.py"]
+    assert text.count("\n") <= 37
+
+
+def test_what_is_to_be_typed_next_is_said_and_a_planner_takes_the_others_place(
+    tmp_path: Path,
+) -> None:
+    said = new(tmp_path, "way-round", "--kind", "planner").stdout
+    assert f"pip install -e {tmp_path}/way-round'[test]'" in said
+    assert "--with way-round --without path-planning " in said
+    assert "--without" not in new(tmp_path, "weaver").stdout
+
+
+@pytest.mark.parametrize(
+    ("name", "says"),
+    [
+        ("Weaver", "a letter first, at most 40 in all; 'weaver' would"),
+        ("wall_follower", "'wall-follower' would"),
+        ("WallFollower", "'wall-follower' would"),
+        ("2-wheels", "'wheels' would"),
+        ("../weaver", "'weaver' would"),
+        ("", "single hyphens, a letter first, at most 40 in all"),
+        ("straße", "'stra-e' would"),
+        ("a" * 41, f"'{'a' * 40}' would"),
+        ("goto", "an agent of that name is installed, by armadico"),
+        ("while", "Python means something by it"),
+        ("random", "the module 'random' that is there already"),
+        ("numpy", "the module 'numpy' that is there already"),
+        ("armadico", "the module 'armadico' that is there already"),
+        ("behaviour", "Behaviour is the name of something that it needs"),
+        ("settings", "Settings is the name of something that it needs"),
+    ],
+)
+def test_a_name_that_will_not_do_is_refused_and_nothing_is_written(name: str, says: str) -> None:
+    with pytest.raises(UsageError) as refused:
+        package(name, "behaviour")
+    assert str(refused.value).startswith(f"{name!r} will not do: ")
+    assert says in str(refused.value)
+
+
+def test_what_is_there_already_stays_as_it_is(tmp_path: Path) -> None:
+    (tmp_path / "weaver").mkdir()
+    (tmp_path / "weaver" / "weaver.py").write_text("mine\n")
+    done = new(tmp_path, "weaver")
+    assert done.returncode == 1
+    assert done.stderr == f"armadico: {tmp_path}/weaver is there already: nothing was written\n"
+    assert [p.read_text() for p in (tmp_path / "weaver").iterdir()] == ["mine\n"]
+
+
+def test_a_folder_that_is_not_there_and_a_kind_that_nobody_knows_are_usage(tmp_path: Path) -> None:
+    assert "there is no such folder" in new(tmp_path / "nowhere", "weaver").stderr
+    assert new(tmp_path, "weaver", "--kind", "arbiter").returncode == 2
+    assert not list(tmp_path.iterdir())

@@ -1,0 +1,131 @@
+"""`armadico page` as it is called."""
+
+from __future__ import annotations
+
+import argparse
+import re
+import signal
+import socket
+import urllib.error
+import urllib.request
+
+import pytest
+
+from armadico.cli import main as armadico
+from armadico.cli.beside import beside
+from armadico.cli.page import TOKEN_VARIABLE, Helpers
+from armadico.mesh.ports import private_endpoints
+from armadico.mesh.topology import ENDPOINTS_VARIABLE
+from tests.programs import heavy, imports_nothing, starter
+
+LINK = re.compile(r"page: (http://\S+?:(\d+)/)(?:#token=(\S+))?\n")
+
+
+@pytest.fixture(autouse=True)
+def apart(monkeypatch: pytest.MonkeyPatch) -> None:
+    """A mesh of this test's own."""
+    monkeypatch.setenv(ENDPOINTS_VARIABLE, private_endpoints())
+
+
+def refusal(capsys: pytest.CaptureFixture[str], *words: str) -> tuple[int, str]:
+    return armadico(["page", *words]), capsys.readouterr().err
+
+
+@pytest.mark.live
+def test_a_port_that_is_taken_is_named_with_what_to_do(
+    capsys: pytest.CaptureFixture[str],
+) -> None:
+    with socket.create_server(("127.0.0.1", 0)) as taken:
+        port = taken.getsockname()[1]
+        code, said = refusal(capsys, f"--port={port}")
+    assert code == 1
+    assert f"cannot listen on 127.0.0.1, port {port}" in said
+    assert "--port 0 takes one that is free" in said
+
+
+@pytest.mark.parametrize(
+    ("words", "expected"),
+    [
+        (["--port=70000"], "from 0 to 65535"),
+        (["--token=short"], "at least 16 characters"),
+        (["--namespace", "a b"], "cannot be a namespace"),
+        (["--world", "nowhere"], "nowhere"),
+    ],
+)
+def test_what_cannot_be_is_refused_before_anything_starts(
+    capsys: pytest.CaptureFixture[str], words: list[str], expected: str
+) -> None:
+    code, said = refusal(capsys, *words)
+    assert code == 2
+    assert expected in said
+
+
+@pytest.mark.parametrize("words", [["--virtual"], ["--runs", "2"]])
+def test_beside_a_run_it_is_for_one_live_run(
+    capsys: pytest.CaptureFixture[str], words: list[str]
+) -> None:
+    assert armadico(["run", "sc1", "--page", *words]) == 2
+    assert "--page is for one live run" in capsys.readouterr().err
+
+
+@pytest.mark.live
+def test_for_everybody_the_link_has_a_token_and_the_command_ends_in_order() -> None:
+    with starter() as start:
+        process = start("page", "--port=0", "--no-open", "--bind=0.0.0.0", "--namespace=p")
+        assert process.stdout is not None
+        found = LINK.fullmatch(process.stdout.readline())
+        assert found is not None, process.communicate()
+        port, token = found[2], found[3]
+        assert len(token) >= 32
+        asked = urllib.request.Request(
+            f"http://127.0.0.1:{port}/allowed", headers={"Authorization": f"Bearer {token}"}
+        )
+        with urllib.request.urlopen(asked, timeout=20) as answer:
+            assert answer.status == 200
+        process.send_signal(signal.SIGINT)
+        assert process.wait(20) == 0, process.communicate()
+
+
+@pytest.mark.live
+def test_a_token_of_ones_own_is_not_seen_among_the_processes(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    monkeypatch.setenv(TOKEN_VARIABLE, "0123456789abcdef")
+    with starter() as start:
+        process = start("page", "--port=0", "--no-open", "--namespace=p")
+        assert process.stdout is not None
+        found = LINK.fullmatch(process.stdout.readline())
+        assert found is not None, process.communicate()
+        assert found[3] == "0123456789abcdef"
+
+
+@pytest.mark.live
+def test_beside_a_run_it_prints_its_link_and_ends_with_it(
+    capsys: pytest.CaptureFixture[str],
+) -> None:
+    args = argparse.Namespace(namespace="p", connect=[], host=None, hosts=None)
+    with beside(args, "page", "sc1", ["p/r1", "p/r2"]):
+        found = LINK.fullmatch(capsys.readouterr().err)
+        assert found is not None
+        with urllib.request.urlopen(found[1], timeout=20) as answer:
+            assert answer.status == 200
+    with pytest.raises(urllib.error.URLError):
+        urllib.request.urlopen(found[1], timeout=20)
+
+
+def test_help_imports_nothing_heavy() -> None:
+    among = ("numpy", "zenoh", "websockets", "msgspec", "asyncio")
+    assert imports_nothing(heavy("armadico.cli", ["page", "--help"], among))
+
+
+@pytest.mark.live
+def test_who_takes_the_stick_is_started_beside_the_page_once_and_ends_with_it() -> None:
+    args = argparse.Namespace(connect=[], host=None, hosts=None)
+    with Helpers(args) as helpers:
+        assert helpers.start("p", "nobody") == ""
+        (first,) = helpers.processes.values()
+        assert first.popen.wait(60) == 2
+        assert "nobody" in helpers.start("p", "nobody")  # what it said when it ended
+        (second,) = helpers.processes.values()
+        assert second is not first
+    assert second.ended()

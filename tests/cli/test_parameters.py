@@ -1,0 +1,189 @@
+"""`armadico get` and `set`: agents on a virtual mesh, and what people type."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+
+import pytest
+
+from armadico import cli
+from armadico.agents.goto import Goto
+from armadico.agents.interface import Interface
+from armadico.cli import options
+from armadico.config.errors import ConfigError
+from armadico.config.loading import set_values
+from armadico.config.parameters import load_set, save
+from armadico.mesh.virtual import VirtualMesh
+from armadico.mesh.virtual_session import VirtualSession
+
+
+class Session(VirtualSession):
+    """One that a command opens and leaves."""
+
+    def __enter__(self) -> Session:
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        self.close()
+
+
+class Crowd:
+    """Goto, and whoever else a test wants."""
+
+    def __init__(self) -> None:
+        self.mesh = VirtualMesh(1)
+        self.goto = self.add(Goto, 0)
+
+    def add(self, kind: type[Goto | Interface], start: int) -> Goto | Interface:
+        agent = kind(self.mesh.identity(kind.name, start))
+        self.mesh.add(agent, admit=False)
+        return agent
+
+
+@pytest.fixture
+def crowd(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> Crowd:
+    made = Crowd()
+    monkeypatch.setattr(options, "join", lambda _args: Session(made.mesh))
+    monkeypatch.chdir(tmp_path)
+    return made
+
+
+def test_a_value_is_changed_and_shown(crowd: Crowd, capsys: pytest.CaptureFixture[str]) -> None:
+    assert cli.main(["set", "goto", "v_max=0.4", "safety.margin_m=0.1"]) == 0
+    instance = crowd.goto.instance
+    assert capsys.readouterr().out.splitlines() == [
+        f"{instance}: v_max = 0.4 m/s",
+        f"{instance}: safety.margin_m = 0.1 m",
+    ]
+    assert crowd.goto.p == set_values(Goto.parameters(), ["v_max=0.4", "safety.margin_m=0.1"])
+    assert cli.main(["get", "goto", "v_max"]) == 0
+    assert capsys.readouterr().out == "0.4\n"
+    assert cli.main(["set", "goto", "v_max=none"]) == 0
+    assert cli.main(["get", "goto", "v_max"]) == 0
+    assert capsys.readouterr().out.splitlines() == [f"{instance}: v_max = none", "none"]
+
+
+def test_all_that_may_be_changed_is_a_table_and_json(
+    crowd: Crowd, capsys: pytest.CaptureFixture[str]
+) -> None:
+    crowd.add(Interface, 0)
+    assert cli.main(["set", "goto", "ahead_m=0.7"]) == 0
+    capsys.readouterr()
+    assert cli.main(["get"]) == 0
+    table = capsys.readouterr().out.split()
+    assert {"goto", "interface", "ahead_m", "0.7", "give_up_s", "120.0"} <= set(table)
+    assert cli.main(["get", "--json"]) == 0
+    rows = {(row["agent"], row["name"]): row for row in json.loads(capsys.readouterr().out)}
+    ahead = rows["goto", "ahead_m"]
+    assert (ahead["value"], ahead["begun"], ahead["unit"]) == (0.7, 0.6, "m")
+    assert rows["goto", "v_max"]["value"] is None
+    assert ("interface", "give_up_s") in rows
+
+
+@pytest.mark.parametrize(
+    ("words", "code", "said"),
+    [
+        (
+            "goto v_max=20",
+            1,
+            "goto: v_max = 20: expected a number above 0, at most 10 m/s, or none",
+        ),
+        ("goto v_max=nan", 1, "goto: v_max = NaN: expected a number above 0"),
+        ("goto v_max=-inf", 1, "goto: v_max = -Infinity: expected a number above 0"),
+        ("goto v_max=quick", 1, 'goto: v_max = "quick": expected a number above 0'),
+        ("goto v_mx=0.4", 1, "goto: no parameter 'v_mx'; did you mean 'v_max'?"),
+        ("goto controller=fast", 1, "controller is not to be changed while it is at work"),
+        (f"goto {'v' * 200}=1", 1, "goto: ParametersRequest cannot be sent: "),
+        ("gto v_max=0.4", 1, "no agent 'gto' is alive; did you mean 'goto'? there are: goto"),
+        ("goto v_max", 2, "v_max: expected NAME=VALUE, for instance v_max=0.4"),
+        ("goto =0.4", 2, "=0.4: expected NAME=VALUE"),
+    ],
+)
+def test_what_is_wrong_is_refused_in_one_line(
+    crowd: Crowd, capsys: pytest.CaptureFixture[str], words: str, code: int, said: str
+) -> None:
+    assert cli.main(["set", *words.split(" ")]) == code
+    printed = capsys.readouterr()
+    assert said in printed.err
+    assert printed.err.count("\n") == 1
+    assert printed.out == ""
+    assert crowd.goto.p == Goto.parameters()
+
+
+@pytest.mark.parametrize("named", ["goto", "the second"])
+def test_of_several_instances_all_follow(crowd: Crowd, named: str) -> None:
+    second = crowd.add(Goto, 1)
+    who = named if named == "goto" else second.instance[:10]
+    assert cli.main(["set", who, "v_max=0.4"]) == 0
+    crowd.mesh.run(crowd.mesh.now + 1.0)
+    assert crowd.goto.p == second.p == set_values(Goto.parameters(), ["v_max=0.4"])
+
+
+def test_of_several_agents_one_has_to_be_named(
+    crowd: Crowd, capsys: pytest.CaptureFixture[str]
+) -> None:
+    class Gothere(Goto):
+        name = "gothere"
+
+    crowd.add(Gothere, 0)
+    assert cli.main(["set", "got", "v_max=0.4"]) == 1
+    assert "'got' is the beginning of several: name one agent" in capsys.readouterr().err
+
+
+def test_who_has_no_such_parameter_and_who_does_not_answer_are_told_apart(
+    crowd: Crowd, capsys: pytest.CaptureFixture[str]
+) -> None:
+    assert cli.main(["get", "goto", "v_mx"]) == 1
+    assert "goto has no parameter 'v_mx' that may be changed; did you mean 'v_max'?" in (
+        capsys.readouterr().err
+    )
+    next(n for n in crowd.mesh.nodes if n.agent is crowd.goto).hang()
+    assert cli.main(["set", "goto", "v_max=0.4", "--timeout", "0.2"]) == 1
+    assert f"{crowd.goto.instance} does not answer" in capsys.readouterr().err
+
+
+# What is saved ------------------------------------------------------------------------------------
+
+
+def test_what_is_saved_is_a_set_of_parameters(
+    crowd: Crowd, capsys: pytest.CaptureFixture[str], tmp_path: Path
+) -> None:
+    assert cli.main(["set", "goto", "v_max=0.4", "--save"]) == 0
+    assert "saved: `--parameters parameters.toml` of `up` and `run` starts with it" in (
+        capsys.readouterr().out
+    )
+    assert load_set(tmp_path / "parameters.toml") == {"goto": ("v_max=0.4",)}
+    assert cli.main(["set", "goto", "v_max=20", "--save"]) == 1  # what is refused is not saved
+    assert load_set(tmp_path / "parameters.toml") == {"goto": ("v_max=0.4",)}
+
+
+def test_the_rest_of_a_set_stays_as_it_is(tmp_path: Path) -> None:
+    path = tmp_path / "mine.toml"
+    path.write_text("# mine\n[goto]  # slow\nv_max = 0.3\npark_m = 0.5\n\n[avoid]\nv_top = 0.2\n")
+    save(path, "goto", {"v_max": 0.4, "safety.margin_m": 0.1})
+    save(path, "avoid", {"v_top": None, "w_max": 1.0})
+    save(path, "dock", {"v": 0.1})
+    assert path.read_text() == (
+        "# mine\n[goto]  # slow\nsafety.margin_m = 0.1\nv_max = 0.4\npark_m = 0.5\n\n"
+        "[avoid]\nw_max = 1.0\n\n[dock]\nv = 0.1\n"
+    )
+    assert load_set(path)["goto"] == ("safety.margin_m=0.1", "v_max=0.4", "park_m=0.5")
+
+
+@pytest.mark.parametrize(
+    "text",
+    [
+        "[goto]\nsafety = { slow = 0.1 }\n",
+        "[goto.safety]\nslow = 0.1\n",
+        "goto = { v_max = 0.3 }\n",
+        '[goto]\n"safety"."margin_m" = 0.2\n',
+    ],
+)
+def test_where_there_is_no_place_for_it_the_file_stays_as_it_is(tmp_path: Path, text: str) -> None:
+    path = tmp_path / "mine.toml"
+    path.write_text(text)
+    with pytest.raises(ConfigError, match=r"goto\.safety\.margin_m: no place beside what is"):
+        save(path, "goto", {"safety.margin_m": 0.1})
+    assert path.read_text() == text
+    assert list(tmp_path.iterdir()) == [path]

@@ -1,0 +1,300 @@
+"""Parameters that are changed while their agent is at work: which, to what, and what is said."""
+
+from __future__ import annotations
+
+from typing import Annotated, Any, ClassVar, Literal
+
+import pytest
+from msgspec import Meta, Struct
+
+from armadico.config.discovery import AGENTS, agent_class, installed
+from armadico.core import parameters
+from armadico.core.agent import Agent, Identity, Publish
+from armadico.core.changeable import allowed
+from armadico.core.driver import Driver, Reply
+from armadico.core.messages import (
+    AgentSetting,
+    Log,
+    ParameterChange,
+    ParametersReply,
+    ParametersRequest,
+    Setting,
+    Tuning,
+    encode,
+)
+
+
+class Table(Struct, frozen=True, forbid_unknown_fields=True):
+    margin_m: Annotated[float, Meta(ge=0, le=1)] = 0.1
+
+
+class Parameters(parameters.Parameters, frozen=True, kw_only=True):
+    v_max: Annotated[float, Meta(gt=0, le=10)] | None = None
+    tries: Annotated[int, Meta(ge=1, le=5)] = 2
+    rules: Literal["safe", "thesis"] = "safe"
+    loud: bool = False
+    table: Table = Table()
+    fixed: float = 1.0
+    name: str = ""
+
+
+class Toy(Agent):
+    """Refuses three tries, for a reason of its own."""
+
+    name = "toy"
+    parameters = Parameters
+    changeable: ClassVar = {
+        "v_max": "m/s",
+        "tries": "",
+        "rules": "",
+        "loud": "",
+        "table.margin_m": "m",
+    }
+    p: Parameters
+
+    def __init__(self, identity: Identity, given: Any = None) -> None:
+        super().__init__(identity, given)
+        self.seen: list[tuple[Any, Any]] = []
+
+    def on_parameters(self, before: Any) -> None:
+        if self.p.tries == 3:
+            raise ValueError("three tries bring bad luck")
+        self.seen.append((before, self.p))
+
+
+KEY = "agent/toy/toy-1/parameters"
+
+
+def toy(given: Parameters | None = None) -> tuple[Toy, Driver]:
+    agent = Toy(Identity("toy-1"), given)
+    driver = Driver(agent, 0.0, admit=False)
+    driver.begin(0.0)
+    driver.take()
+    return agent, driver
+
+
+def ask(driver: Driver, *change: tuple[str, str]) -> tuple[ParametersReply, list[Any]]:
+    """The reply, and what is published with it."""
+    request = ParametersRequest(tuple(Setting(*each) for each in change), "ann")
+    driver.asked(KEY, encode(request), "call", 1.0)
+    said = driver.take()
+    (reply,) = (item for item in said if isinstance(item, Reply))
+    assert (reply.call, reply.key) == ("call", KEY)
+    assert isinstance(reply.message, ParametersReply)
+    encode(reply.message)
+    return reply.message, [item for item in said if isinstance(item, Publish)]
+
+
+def test_whoever_asks_is_told_what_may_be_changed_and_what_to() -> None:
+    _, driver = toy(Parameters(v_max=0.5))
+    reply, said = ask(driver)
+    rows = {row.name: row for row in reply.parameters}
+    assert list(rows) == list(Toy.changeable)
+    v_max = rows["v_max"]
+    assert (v_max.json, v_max.begun, v_max.unit) == ("0.5", "0.5", "m/s")
+    assert (v_max.least, v_max.most, v_max.optional) == (0, 10, True)
+    assert v_max.wanted == "a number above 0, at most 10 m/s, or none"
+    assert rows["rules"].words == ("safe", "thesis")
+    assert rows["loud"].wanted == "true or false"
+    assert rows["tries"].wanted == "a whole number at least 1, at most 5"
+    assert rows["table.margin_m"].json == "0.1"
+    assert (reply.instance, reply.refusal, said) == ("toy-1", "", [])
+
+
+def test_a_change_is_obeyed_published_and_logged() -> None:
+    agent, driver = toy(Parameters(v_max=0.5))
+    reply, said = ask(driver, ("v_max", "0.25"), ("table.margin_m", "0.2"), ("tries", "2"))
+    assert reply.refusal == ""
+    assert {row.name: row.json for row in reply.parameters}["v_max"] == "0.25"
+    assert {row.name: row.begun for row in reply.parameters}["v_max"] == "0.5"
+    assert (agent.p.v_max, agent.p.table.margin_m, agent.p.fixed) == (0.25, 0.2, 1.0)
+    ((before, after),) = agent.seen
+    assert (before.v_max, after.v_max) == (0.5, 0.25)
+    changes = [item for item in said if isinstance(item.message, ParameterChange)]
+    assert [item.message for item in changes] == [
+        ParameterChange("toy", "toy-1", "v_max", "0.5", "0.25", "ann"),
+        ParameterChange("toy", "toy-1", "table.margin_m", "0.1", "0.2", "ann"),
+    ]
+    assert {item.key for item in changes} == {"agent/toy/toy-1/changed"}
+    (line, _) = [item.message for item in said if isinstance(item.message, Log)]
+    assert line.text == "v_max = 0.25, before 0.5: changed by ann"
+
+
+def test_an_optional_one_is_cleared_and_a_word_a_truth_and_a_whole_number_are_set() -> None:
+    agent, driver = toy(Parameters(v_max=0.5))
+    changes = [("v_max", "null"), ("rules", '"thesis"'), ("loud", "true"), ("tries", "5")]
+    assert ask(driver, *changes)[0].refusal == ""
+    assert agent.p == Parameters(rules="thesis", loud=True, tries=5)
+
+
+@pytest.mark.parametrize(
+    ("name", "value", "refusal"),
+    [
+        ("v_max", "20", "v_max = 20: expected a number above 0, at most 10 m/s, or none"),
+        ("v_max", "0.0", "v_max = 0.0: expected a number above 0, at most 10 m/s, or none"),
+        ("v_max", "NaN", "v_max = NaN: expected a number above 0, at most 10 m/s, or none"),
+        ("v_max", "Infinity", "v_max = Infinity: expected a number"),
+        ("v_max", "1e999", "v_max = 1e999: expected a number"),
+        ("v_max", '"fast"', 'v_max = "fast": expected a number'),
+        ("v_max", "{}", "v_max = {}: expected a number"),
+        ("v_max", "", "v_max = : expected a number"),
+        ("v_max", "[" * 1000, "expected a number"),
+        ("tries", "2.5", "tries = 2.5: expected a whole number at least 1, at most 5"),
+        ("tries", "null", "tries = null: expected a whole number"),
+        ("tries", "3", "three tries bring bad luck"),
+        ("rules", '"unsafe"', 'rules = "unsafe": expected one of safe, thesis'),
+        ("loud", "1", "loud = 1: expected true or false"),
+        ("table.margin_m", "-0.1", "expected a number at least 0, at most 1 m"),
+        ("v_mx", "1", "no parameter 'v_mx'; did you mean 'v_max'? (those that may: "),
+        ("zzz", "1", "no parameter 'zzz'; (those that may: "),
+        ("table.margin", "1", "no parameter 'table.margin'; did you mean 'table.margin_m'?"),
+        ("v_max.x", "1", "no parameter 'v_max.x'"),
+        (".", "1", "no parameter '.'"),
+        ("fixed", "2", "fixed is not to be changed while it is at work (those that may: "),
+        ("table", "{}", "table is not to be changed while it is at work"),
+        ("social.margin", "0", "social.margin is not to be changed while it is at work"),
+    ],
+)
+def test_what_is_wrong_is_refused_with_what_is_right_and_nothing_is_changed(
+    name: str, value: str, refusal: str
+) -> None:
+    agent, driver = toy()
+    reply, said = ask(driver, ("loud", "true"), (name, value))
+    assert refusal in reply.refusal
+    assert said == []
+    assert agent.p == Parameters()
+    assert agent.seen == []
+    assert len(reply.parameters) == len(Toy.changeable)
+
+
+def tunings(said: list[Any]) -> list[Tuning]:
+    return [item.message for item in said if isinstance(getattr(item, "message", None), Tuning)]
+
+
+def remembered(*entries: tuple[str, str, str], counter: int = 1, by: int = 7) -> Tuning:
+    rows = tuple(AgentSetting(agent, Setting(name, value)) for agent, name, value in entries)
+    return Tuning(counter, by, rows)
+
+
+def hear(driver: Driver, said: Tuning) -> list[Any]:
+    (to,) = (to for to in driver.agent.subscriptions() if to.message is Tuning)
+    driver.deliver(to, to.pattern, encode(said), 2.0)
+    return driver.take()
+
+
+def test_what_was_set_is_remembered_by_everybody_beside_what_was_of_others() -> None:
+    _, driver = toy()
+    hear(driver, remembered(("other", "x", "1")))
+    _, said = ask(driver, ("v_max", "0.25"))
+    (told,) = tunings(said)
+    assert told.counter == 2
+    assert told.settings == remembered(("other", "x", "1"), ("toy", "v_max", "0.25")).settings
+
+
+def test_who_is_started_again_is_set_as_it_was() -> None:
+    """Told before it joins, by those who remember, or soon after."""
+    for joined in (False, True):
+        agent = Toy(Identity("toy-2"))
+        driver = Driver(agent, 0.0, admit=False)
+        if joined:
+            driver.begin(0.0)
+            driver.take()
+        said = hear(driver, remembered(("toy", "v_max", "0.25"), ("other", "v_max", "3.0")))
+        if not joined:
+            driver.begin(0.0)
+            said = driver.take()
+        assert agent.p == Parameters(v_max=0.25)
+        changes = [i.message for i in said if isinstance(getattr(i, "message", None), Log)]
+        assert [line.text for line in changes] == [
+            "v_max = 0.25, before null: changed by those who remember"
+        ]
+        assert tunings(said) == []
+
+
+def test_what_cannot_be_any_more_is_left_and_said() -> None:
+    """Set by an instance of another version, or by nonsense."""
+    agent, driver = toy()
+    said = hear(
+        driver, remembered(("toy", "v_max", "99"), ("toy", "gone", "1"), ("toy", "tries", "4"))
+    )
+    assert agent.p == Parameters(tries=4)
+    lines = [i.message.text for i in said if isinstance(getattr(i, "message", None), Log)]
+    assert len([line for line in lines if line.startswith("not set as before: ")]) == 2
+
+
+def test_whoever_is_left_out_is_added_again_and_that_ends() -> None:
+    """Two agents are changed at once, and each says a list without the other's."""
+    agents = {name: toy_named(name) for name in ("one", "two")}
+    said = {}
+    for name, (_, driver) in agents.items():
+        key = f"agent/{name}/{name}-1/parameters"
+        request = ParametersRequest((Setting("v_max", "0.25"),), "ann")
+        driver.asked(key, encode(request), "call", 1.0)
+        said[name] = tunings(driver.take())
+    talk = [*said["one"], *said["two"]]
+    for _ in range(10):
+        if not talk:
+            break
+        heard, talk = talk, []
+        for message in heard:
+            for _, driver in agents.values():
+                talk += tunings(hear(driver, message))
+    assert not talk, "they go on for ever"
+    known = [driver.agent.memory.newest(Tuning) for _, driver in agents.values()]
+    assert known[0] == known[1]
+    assert {row.agent for row in known[0].settings} == {"one", "two"}
+
+
+def toy_named(called: str) -> tuple[Toy, Driver]:
+    class Named(Toy):
+        name = called
+
+    agent = Named(Identity(f"{called}-1"))
+    driver = Driver(agent, 0.0, admit=False)
+    driver.begin(0.0)
+    driver.take()
+    return agent, driver
+
+
+def test_an_agent_with_none_says_so() -> None:
+    class Plain(Agent):
+        name = "toy"
+
+    driver = Driver(Plain(Identity("toy-1")), 0.0, admit=False)
+    driver.begin(0.0)
+    reply, _ = ask(driver, ("x", "1"))
+    assert reply == ParametersReply("toy-1", (), "nothing of it may be changed while it is at work")
+
+
+def test_a_request_that_cannot_be_read_changes_nothing_and_ends_nobody() -> None:
+    agent, driver = toy()
+    for payload in (b"", b"\xff", b"\x82\x81\x81\x61x\x60"):
+        driver.asked(KEY, payload, "call", 1.0)
+    assert not [item for item in driver.take() if isinstance(item, Reply)]
+    assert agent.p == Parameters()
+    driver.asked(KEY, b"\x80", "call", 1.0)  # an empty question is one for all that there are
+    assert [item for item in driver.take() if isinstance(item, Reply)]
+
+
+@pytest.mark.parametrize("names", [{"v_mx": ""}, {"name": ""}, {"table": ""}])
+def test_a_class_that_names_what_cannot_be_changed_is_told_so_at_once(
+    names: dict[str, str],
+) -> None:
+    class Wrong(Toy):
+        changeable: ClassVar = names
+
+    with pytest.raises(ValueError, match=r"changeable: .*(v_mx|name|table)"):
+        Wrong(Identity("toy-1"))
+
+
+@pytest.mark.parametrize("name", installed(AGENTS))
+def test_what_an_installed_agent_lets_be_changed_has_a_range_and_the_unit_of_its_name(
+    name: str,
+) -> None:
+    kind = agent_class(name)
+    units = {"_m": "m", "_s": "s", "_rad": "rad", "_m_s": "m/s"}
+    for what, may in allowed(kind.parameters, kind.changeable).items():
+        assert may.words or may.wanted == "true or false" or None not in (may.least, may.most)
+        unit = kind.changeable[what]
+        found = [unit_ for ending, unit_ in units.items() if what.endswith(ending)]
+        assert unit in (found or ["", "m/s", "rad/s"])

@@ -1,0 +1,174 @@
+"""A journal is kept beside an agent's life, and changes nothing in it."""
+
+from __future__ import annotations
+
+import zlib
+from typing import Any, ClassVar
+
+from msgspec import msgpack
+
+from armadico.core import journal as j
+from armadico.core.agent import Agent, Identity, Publish
+from armadico.core.driver import Driver, Output, Reply
+from armadico.core.messages import (
+    Alarm,
+    Ask,
+    Card,
+    JournalPiece,
+    JournalRequest,
+    Log,
+    Message,
+    encode,
+)
+from armadico.core.services import service_of
+
+AGAIN = "journal/bell-1/piece"
+
+
+class Bell(Agent):
+    """Says when there is an alarm."""
+
+    name = "bell"
+    hears: ClassVar[tuple[type[Message], ...]] = (Alarm,)
+
+    def on_alarm(self, alarm: Alarm) -> None:
+        self.log(f"in {alarm.room}")
+        self.wake_at(self.now + 1.0)
+
+    def on_wakeup(self) -> None:
+        self.log("still")
+
+
+def journalled(**more: Any) -> j.Journalled:
+    driver = j.Journalled(Bell(Identity("bell-1")), 10.0, b"head", admit=False, **more)
+    driver.begin(10.0)
+    driver.take()
+    return driver
+
+
+def ring(driver: Driver, now: float, payload: bytes | None = None) -> list[Output]:
+    """What comes of an alarm."""
+    to = next(to for to in driver.agent.subscriptions() if to.message is Alarm)
+    driver.deliver(to, "alarm", encode(Alarm("R1")) if payload is None else payload, now)
+    return driver.take()
+
+
+def entries(pieces: list[JournalPiece]) -> list[Any]:
+    found, data = list[Any](), b"".join(piece.data for piece in pieces)
+    while data:
+        end = 4 + int.from_bytes(data[:4], "big")
+        found += msgpack.decode(zlib.decompress(data[4:end]))
+        data = data[end:]
+    return found
+
+
+def said(out: list[Output]) -> list[JournalPiece]:
+    return [o.message for o in out if isinstance(o, Publish) and type(o.message) is JournalPiece]
+
+
+def test_what_enters_and_leaves_is_in_it_in_order() -> None:
+    driver = journalled(publishes=False)
+    ring(driver, 11.0)
+    driver.wake(12.0)
+    driver.take()
+    driver.take()  # of what is not there nothing is said twice
+    found = entries(driver.pieces())
+    assert [entry[0] for entry in found] == [
+        *(j.START, j.BEGIN, j.TAKE),
+        *(j.DELIVER, j.TAKE, j.WAKE, j.TAKE),
+    ]
+    assert found[0] == [j.START, 10.0, False, b"head"]
+    assert found[3][3:] == ["alarm", encode(Alarm("R1"))]
+    assert msgpack.decode(found[4][1]) == [[j.PUBLISH, "log/bell-1", [20, "in R1"]]]
+    assert driver.pieces() == []
+
+
+def test_a_spoilt_payload_is_in_it_as_it_came() -> None:
+    driver = journalled(publishes=False)
+    ring(driver, 11.0, b"\xff")
+    delivered, taken = entries(driver.pieces())[-2:]
+    assert [delivered[0], *delivered[3:]] == [j.DELIVER, "alarm", b"\xff"]
+    assert "refused or dropped: 1 x on alarm" in str(msgpack.decode(taken[1]))
+
+
+def test_to_whoever_runs_it_it_is_as_any_driver() -> None:
+    plain = Driver(Bell(Identity("bell-1")), 10.0, admit=False)
+    plain.begin(10.0)
+    plain.take()
+    kept = journalled(publishes=False)
+    assert ring(plain, 11.0) == ring(kept, 11.0)
+    assert plain.wakeup == kept.wakeup == 12.0
+
+
+def test_it_wakes_to_publish_and_its_agent_is_not_woken_for_that() -> None:
+    driver = journalled()
+    assert driver.wakeup == 10.0 + j.EVERY_S
+    driver.wake(10.0 + j.EVERY_S)
+    assert [piece.number for piece in said(driver.take())] == [0]
+    assert driver.wakeup is None  # until something enters
+    out = ring(driver, 12.0)
+    assert [type(o.message) for o in out if isinstance(o, Publish)] == [Log]
+    assert driver.wakeup == 11.0  # at once: the time was over long ago
+    driver.wake(12.1)
+    assert [piece.number for piece in said(driver.take())] == [1]
+
+
+def test_who_leaves_publishes_all_of_it() -> None:
+    driver = journalled()
+    ring(driver, 10.1)
+    driver.leave(10.2)
+    found = entries(said(driver.take()))
+    assert found[-2][0] == j.LEAVE
+    assert found[-1][0] == j.TAKE
+
+
+def test_a_query_is_answered_to_whoever_asked_and_noted_with_its_number() -> None:
+    driver = journalled(publishes=False, wall=lambda: 1e9)
+    call = object()
+    key = f"agent/bell/{driver.agent.instance}/card"
+    driver.asked(key, Ask(), call, 11.0)
+    (reply,) = driver.take()
+    assert isinstance(reply, Reply)
+    assert reply.call is call
+    assert isinstance(reply.message, Card)
+    asked, taken = entries(driver.pieces())[-2:]
+    assert asked[4:] == [1, 1e9]
+    assert msgpack.decode(taken[1])[0][:3] == [j.REPLY, 1, key]
+
+
+def test_a_lost_piece_is_given_again_and_is_not_part_of_its_life() -> None:
+    driver = journalled()
+    driver.wake(10.5)
+    (piece,) = said(driver.take())
+    assert driver.queries[AGAIN] is JournalRequest
+    driver.asked(AGAIN, encode(JournalRequest(0)), "call", 10.6)
+    assert driver.take() == [Reply("call", AGAIN, piece)]
+    driver.asked(AGAIN, encode(JournalRequest(1)), "call", 10.6)  # there is none
+    driver.asked(AGAIN, b"\xff", "call", 10.6)
+    assert driver.take() == []
+    assert service_of(JournalRequest).reply is JournalPiece
+
+
+def test_so_much_is_kept_and_no_more() -> None:
+    driver = journalled()
+    noise = bytes(range(256)) * 4
+    for k in range(200):
+        now = 10.0 + 0.6 * k
+        ring(driver, now, j.zlib.compress(noise + bytes([k])) * 100)
+        driver.wake(now + 0.5)
+        driver.take()
+    assert driver._kept_bytes <= j.KEPT
+    assert driver._kept_bytes == sum(len(piece.data) for piece in driver._kept)
+
+
+def test_what_no_message_carries_is_in_it_too() -> None:
+    class Wild:
+        """Nothing that is sent."""
+
+        def __repr__(self) -> str:
+            return "wild"
+
+    wild: Any = Wild()
+    nan = j.outputs([Publish("a", Alarm(wild))])
+    assert msgpack.decode(nan) == [[j.PUBLISH, "a", ["wild", True]]]
+    assert j.outputs([Publish("a", Log(2**80, ""))]) != b""

@@ -1,0 +1,111 @@
+"""What a program is told of a society: on the virtual mesh, by what is published there."""
+
+from __future__ import annotations
+
+import json
+
+import pytest
+
+from armadico.agents.assistant import Assistant
+from armadico.config.worlds import load_world
+from armadico.core.messages import AssistantRequest, Stop
+from armadico.core.services import service_of
+from armadico.mesh.virtual_session import VirtualSession
+from armadico.observe.mcp.answers import Society
+from tests.observe.overheard import Overheard
+
+
+@pytest.fixture(scope="module")
+def driven() -> tuple[Overheard, Society]:
+    """Under way, in a world with a wall; a program has asked for something, and for the stop."""
+    society = Society(load_world("sc2"), {"rounds": "Three rounds"})
+    overheard = Overheard(chronicle=society)
+    overheard.run.add(Assistant)
+    program = VirtualSession(overheard.mesh, name="program")
+    overheard.drive(8.0)
+    for tool, text in (("goto", '{"x":1,"y":0}'), ("where", "{}")):
+        request = AssistantRequest(tool, text, "model")
+        key = service_of(AssistantRequest).key
+        program.ask(key, request, 5.0, lambda _key, _data: None, lambda: None)
+        overheard.let_pass(1.0)
+    return overheard, society
+
+
+def test_where_it_is_and_what_it_does(driven: tuple[Overheard, Society]) -> None:
+    overheard, society = driven
+    found = society.where(overheard.mesh.now)
+    assert found["driver"] == "goto"
+    assert found["speed"]["v"] > 0.1
+    assert -1.5 < found["pose"]["x"] < 4.5
+    assert found["mission"]["state"] == "driving"
+    assert found["stop"] == {"stopped": False, "by": ""}
+    json.dumps(found)
+
+
+def test_who_is_there(driven: tuple[Overheard, Society]) -> None:
+    agents = {row["agent"]: row for row in driven[1].who()["agents"]}
+    assert {"robot", "encoder", "goto", "assistant"} <= agents.keys()
+    assert agents["goto"]["competes_for"] == ["wheels"]
+    assert agents["assistant"]["competes_for"] == []
+
+
+def test_the_picture_has_the_walls_the_robot_and_its_goal(
+    driven: tuple[Overheard, Society],
+) -> None:
+    found = driven[1].map()
+    rows = found["picture"]
+    assert found["world"] == "sc2"
+    assert max(map(len, rows)) <= 73
+    text = "\n".join(rows)
+    assert text.count(">") == 1
+    assert text.count("G") == 1
+    assert "#" in text
+    assert text.index(">") < text.index("G"), "it drives to the right"
+
+
+def test_without_a_world_only_what_is_sensed_is_drawn(driven: tuple[Overheard, Society]) -> None:
+    society = Society(None, {})
+    society.view.pose = driven[1].view.pose
+    found = society.map()
+    assert "--world" in found["note"]
+    assert "#" not in "".join(found["picture"])
+
+
+def test_what_a_program_asked_for_is_history_with_its_text(
+    driven: tuple[Overheard, Society],
+) -> None:
+    overheard, society = driven
+    said = [event["what"] for event in society.history(overheard.mesh.now, 200)["events"]]
+    assert 'model asked: goto {"x":1,"y":0}: it is passed on' in said
+    assert (
+        'model asked: goto {"x":1,"y":0}: refused, the robot is under way for somebody else' in said
+    )
+    assert "model asked: where {}: answered" in said
+    last = society.history(overheard.mesh.now, 1)["events"]
+    assert [event["what"] for event in last] == said[-1:]
+
+
+def test_a_program_that_stops_it_is_named_as_the_reason_why_it_stands() -> None:
+    society = Society(None, {})
+    overheard = Overheard(chronicle=society).drive(4.0)
+    stop = Stop(5, True, "assistant: model", 77)
+    VirtualSession(overheard.mesh, name="p").publish(service_of(Stop).key, stop)
+    overheard.let_pass(4.0)
+    found = society.why(overheard.mesh.now)
+    assert found["stands"]
+    assert found["cause"]["sort"] == "stop"
+    assert found["cause"]["who"] == "assistant: model"
+    society.mark(overheard.mesh.now)
+    overheard.let_pass(3.0)
+    assert any("stopped by assistant: model" in text for text in society.moment()["sentences"])
+
+
+def test_of_nobody_nothing_is_known_and_that_is_said() -> None:
+    society = Society(None, {"rounds": "Three rounds"})
+    assert society.where(0.0) == {"heard": False, "note": "nothing is heard of a robot"}
+    assert "nothing is heard" in society.map()["note"]
+    assert society.who() == {"agents": []}
+    assert society.missions()["available"] == [{"name": "rounds", "title": "Three rounds"}]
+    assert society.history(0.0, 40) == {"events": []}
+    assert society.moment() == {"note": "nothing is known of this moment"}
+    assert society.why(0.0)["stands"]

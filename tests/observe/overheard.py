@@ -1,0 +1,90 @@
+"""A virtual society as a watcher would know it: all that is said, tokens, cards and bids."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from typing import Any
+
+from armadico.config.scenarios import Scenario
+from armadico.core.messages import Ask, Message
+from armadico.core.services import BIDS, CARD, SERVICES
+from armadico.launch.society import Options
+from armadico.launch.virtual import Rehearsal
+from armadico.observe.standing import Standing, standing
+from armadico.observe.view import View
+from armadico.observe.watching import ASK_S
+from armadico.observe.why import Chronicle
+
+LINE = Scenario(
+    name="line",
+    world="sc1",
+    sensors="ideal",
+    start=(-1.5, 0.0, 0.0),
+    goal=(4.5, 0.0, 0.0),
+    plan="direct",
+    agents=("encoder", "sonar", "goto", "avoid", "path-planning", "interface"),
+)
+
+
+class Overheard:
+    """A scenario that is driven, and a view of it."""
+
+    def __init__(
+        self,
+        seed: int = 1,
+        scenario: Scenario = LINE,
+        hosts: Callable[[str], str] = lambda _: "virtual",
+        chronicle: Chronicle | None = None,
+    ) -> None:
+        """Everybody starts, and nothing is driven yet; `hosts` says where an agent runs."""
+        self.run = Rehearsal(scenario, Options(seed=seed))
+        self.mesh = self.run.mesh
+        for node in self.mesh.nodes:
+            object.__setattr__(node.agent.identity, "host", hosts(node.name))
+        self.chronicle = chronicle or Chronicle()
+        self.planted = 0.0  # when something was done to it, s
+        kinds = dict.fromkeys(each.message for each in SERVICES if each.message is not Ask)
+        self.mesh.watch(self._keep, *kinds)
+        self._ask()
+        self.run.start()
+
+    def drive(self, seconds: float = 4.0) -> Overheard:
+        """Its goal is given to it."""
+        self.run.begin()
+        return self.let_pass(seconds)
+
+    def let_pass(self, seconds: float) -> Overheard:
+        self.mesh.run(self.mesh.now + seconds)
+        return self
+
+    def agent(self, name: str) -> Any:
+        """One of them, to be meddled with."""
+        return self.mesh.node(name).agent
+
+    @property
+    def view(self) -> View:
+        """As it is now."""
+        return self.chronicle.view
+
+    @property
+    def standing(self) -> Standing:
+        """Why it stands now."""
+        return standing(self.view, self.mesh.now)
+
+    def _keep(self, key: str, message: Message, now: float) -> None:
+        self.chronicle.take(key, message, now)
+
+    def _ask(self) -> None:
+        now = self.mesh.now
+        for node in self.mesh.nodes:
+            agent = node.agent
+            self.chronicle.token(agent.instance, there=node.alive, t=now)
+            if node.alive and not node.hung:
+                names = {"name": agent.name, "instance": agent.instance}
+                answers: tuple[tuple[str, Message], ...] = (
+                    (CARD.key_for(**names), agent.card()),
+                    (BIDS.key_for(**names), agent.history()),
+                )
+                for _, message in answers:
+                    self.chronicle.learn(message, now)
+        self.mesh.call_at(now + ASK_S, lambda _a, _b: self._ask())

@@ -1,0 +1,193 @@
+"""Agents' journals: whole, with a gap, cut short, begun too early, of a format to come."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+pytest.importorskip("mcap")
+
+from msgspec import msgpack
+
+from armadico.config.scenarios import load_scenario
+from armadico.core import journal as j
+from armadico.core.messages import PROTOCOL, JournalPiece, encode
+from armadico.launch.society import Options, prepared
+from armadico.launch.virtual import Rehearsal
+from armadico.mesh.virtual import Node
+from armadico.observe.journals import Head, Journal, Pieces, stream
+from armadico.observe.recorder import Recording
+from armadico.observe.recordings import Past, RecordingError
+from armadico.observe.virtual_recording import Recorded
+from armadico.observe.watching import Heard
+
+SECOND = 1_000_000_000
+
+
+def run(limit: float = 3.0, path: Path | None = None) -> Rehearsal:
+    options = Options(seed=5, limit=limit, sensors="ideal")
+    made = Rehearsal(prepared(load_scenario("sc4"), options), options)
+    if path is None:
+        made.run()
+    else:
+        with Recorded(made.mesh, path, made.namespace):
+            made.run()
+    return made
+
+
+@pytest.fixture(scope="module")
+def recording(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    path = tmp_path_factory.mktemp("journals") / "run.mcap"
+    run(path=path)
+    return path
+
+
+def pieces(*entries: list[Any], instance: str = "goto-1") -> list[JournalPiece]:
+    """Frames of one entry each, a piece each."""
+    import zlib  # noqa: PLC0415
+
+    packed = [zlib.compress(msgpack.encode([entry])) for entry in entries]
+    return [
+        JournalPiece(instance, number, len(data).to_bytes(4, "big") + data)
+        for number, data in enumerate(packed)
+    ]
+
+
+def read(*found: JournalPiece) -> Journal:
+    taken = Pieces()
+    for piece in found:
+        taken.take("robot1", encode(piece), piece.number * SECOND)
+    (journal,) = taken.journals()
+    return journal
+
+
+def head(**more: Any) -> list[Any]:
+    plain = {
+        "format": j.FORMAT,
+        "protocol": PROTOCOL,
+        "name": "goto",
+        "instance": "goto-1",
+        "host": "lab1",
+        "pid": 7,
+        "version": "1",
+        "kind": "a:B",
+        "parameters": {},
+        "random": (3, b"", None),
+        "files": {},
+        "commit": "none",
+        "source": "0",
+    }
+    return [j.START, 0.0, True, msgpack.encode(plain | more)]
+
+
+def test_a_run_is_the_same_whether_journals_are_kept_or_not(tmp_path: Path) -> None:
+    path = tmp_path / "run.mcap"
+    kept, bare = run(path=path), run()
+    assert kept.watch.path == bare.watch.path
+    assert [n.agent.rng.getstate() for n in kept.mesh.nodes] == [
+        n.agent.rng.getstate() for n in bare.mesh.nodes
+    ]
+
+
+def test_everybody_s_journal_is_in_a_recording_from_its_beginning(recording: Path) -> None:
+    found = Past(recording, pytest.fail).journals()
+    assert {journal.name for journal in found} >= {"robot", "goto", "avoid", "interface"}
+    for journal in found:
+        assert not journal.fault
+        assert isinstance(journal.head, Head)
+        numbers = [entry[0] for entry in journal.entries()]
+        assert numbers[:2] == [j.START, j.BEGIN]
+        assert numbers.count(j.DELIVER) > 10
+        assert journal.offset == pytest.approx(SECOND)
+
+
+def test_the_random_numbers_of_a_head_go_on_as_the_agent_s_did(recording: Path) -> None:
+    (goto,) = [each for each in Past(recording, pytest.fail).journals() if each.name == "goto"]
+    assert goto.head is not None
+    options = Options(seed=5, limit=3.0, sensors="ideal")
+    node: Node = Rehearsal(prepared(load_scenario("sc4"), options), options).mesh.node("goto")
+    assert stream(goto.head.random).getstate() == node.agent.drawn
+
+
+def test_pieces_are_put_together_in_the_order_of_their_numbers() -> None:
+    one, two, three = pieces(head(), [j.BEGIN, 1.0], [j.WAKE, 2.0])
+    journal = read(three, one, two, one)
+    assert [entry[0] for entry in journal.entries()] == [j.START, j.BEGIN, j.WAKE]
+
+
+def test_a_frame_may_be_longer_than_a_piece() -> None:
+    whole = pieces(head(), [j.BEGIN, 1.0])
+    cut = b"".join(piece.data for piece in whole)
+    parts = [JournalPiece("goto-1", n, cut[i : i + 7]) for n, i in enumerate(range(0, len(cut), 7))]
+    assert [entry[0] for entry in read(*parts).entries()] == [j.START, j.BEGIN]
+
+
+def test_a_gap_is_told_and_nothing_beyond_it_is_read() -> None:
+    one, two, _, four = pieces(head(), [j.BEGIN, 1.0], [j.WAKE, 2.0], [j.WAKE, 3.0])
+    journal = read(one, two, four)
+    assert journal.fault == "a gap: piece 2 of 4 of its journal was lost"
+    assert [entry[0] for entry in journal.entries()] == [j.START, j.BEGIN]
+
+
+def test_a_journal_that_began_before_the_recording_says_so() -> None:
+    _, two = pieces(head(), [j.BEGIN, 1.0])
+    journal = read(two)
+    assert journal.head is None
+    assert "the recording began after the agent did" in journal.fault
+
+
+@pytest.mark.parametrize(
+    ("more", "why"),
+    [
+        ({"format": j.FORMAT + 1}, "its journal is of format 2; this program reads 1"),
+        ({"protocol": PROTOCOL + 1}, f"it spoke protocol {PROTOCOL + 1}; this program speaks"),
+        ({"name": 7}, "does not begin with who it is"),
+    ],
+)
+def test_a_journal_that_this_program_cannot_read_says_why(more: dict[str, Any], why: str) -> None:
+    journal = read(*pieces(head(**more)))
+    assert journal.head is None
+    assert why in journal.fault
+
+
+def test_a_damaged_frame_is_an_error_where_it_is() -> None:
+    one, two = pieces(head(), [j.BEGIN, 1.0])
+    spoilt = JournalPiece("goto-1", 1, two.data[:-3] + b"???")
+    entries = read(one, spoilt).entries()
+    assert next(entries)[0] == j.START
+    with pytest.raises(ValueError, match=r"."):
+        next(entries)
+
+
+def test_a_recording_cut_short_has_the_journals_up_to_there(
+    recording: Path, tmp_path: Path
+) -> None:
+    cut, warnings = tmp_path / "cut.mcap", list[str]()
+    data = recording.read_bytes()
+    cut.write_bytes(data[: len(data) * 2 // 3])
+    found = Past(cut, warnings.append).journals()
+    assert any("was cut short" in text for text in warnings)
+    assert len(found) >= 7
+    assert all(journal.frames and not journal.fault for journal in found)
+
+
+def test_a_recording_of_several_files_is_read_as_one(tmp_path: Path) -> None:
+    path = tmp_path / "run.mcap"
+    kept = Recording(path, max_bytes=1)
+    for piece in pieces(head(), [j.BEGIN, 1.0], [j.WAKE, 2.0]):
+        kept.take(Heard("robot1", f"journal/{piece.instance}", encode(piece), piece.number))
+        kept.flush()
+    kept.close()
+    past = Past(path, pytest.fail)
+    assert len(past.paths) == 4
+    (journal,) = past.journals()
+    assert len(journal.frames) == 3
+
+
+def test_a_recording_of_another_protocol_is_refused_in_words(tmp_path: Path) -> None:
+    path = tmp_path / "run.mcap"
+    Recording(path, {"protocol": str(PROTOCOL + 1), "version": "9"}).close()
+    with pytest.raises(RecordingError, match=f"with protocol {PROTOCOL + 1}; this program speaks"):
+        Past(path, pytest.fail).check()

@@ -1,0 +1,401 @@
+"""A life gone through again: equal with all its faults, and otherwise from the first effect on."""
+
+from __future__ import annotations
+
+import json
+import shutil
+from collections.abc import Callable, Sequence
+from pathlib import Path
+from typing import Any, ClassVar
+
+import pytest
+from msgspec.structs import replace as changed
+
+pytest.importorskip("mcap")
+
+from msgspec import msgpack
+
+from armadico import cli
+from armadico.cli import options
+from armadico.config.errors import ConfigError
+from armadico.config.scenarios import Scenario, load_scenario
+from armadico.config.shipped import folder
+from armadico.core import journal as j
+from armadico.core.messages import PROTOCOL, Alarm, JournalPiece, Message, decode
+from armadico.launch.society import Options, prepared
+from armadico.launch.virtual import Rehearsal
+from armadico.mesh.link_faults import LinkFaults
+from armadico.observe.journals import Journal
+from armadico.observe.recorder import McapFile, Recording
+from armadico.observe.recordings import Past, rows
+from armadico.observe.replay import Life, Replay, replayed
+from armadico.observe.virtual_recording import Recorded
+
+SEED = 5
+
+At = tuple[float, Callable[[Rehearsal], object]]
+
+
+def record(
+    path: Path, *faults: At, limit: float = 4.0, scenario: Scenario | None = None, **more: Any
+) -> Path:
+    """A virtual run, with faults at their times, s."""
+    chosen = Options(seed=SEED, limit=limit, **({"sensors": "ideal"} | more))
+    made = Rehearsal(prepared(scenario or load_scenario("sc4"), chosen), chosen)
+    for at, fault in faults:
+        made.mesh.call_at(at, lambda _a, _b, fault=fault: fault(made))
+    with Recorded(made.mesh, path, made.namespace):
+        made.run()
+    return path
+
+
+def journals(path: Path) -> list[Journal]:
+    return Past(path, pytest.fail).journals()
+
+
+def journal_of(path: Path, name: str) -> Journal:
+    (found,) = [each for each in journals(path) if each.name == name]
+    return found
+
+
+def without(path: Path, out: Path, lost: Callable[[JournalPiece], bool]) -> Path:
+    """The same recording, with pieces of journals lost."""
+    file = McapFile(out, {"armadico": {"protocol": str(PROTOCOL)}})
+    for row in rows(path, pytest.fail):
+        if row.key.startswith("journal/") and lost(decode(row.data, JournalPiece)):
+            continue
+        file.add(row.namespace, row.key, None, row.data, row.t)
+    file.close()
+    return out
+
+
+@pytest.fixture(scope="module")
+def recording(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    return record(tmp_path_factory.mktemp("replay") / "run.mcap")
+
+
+@pytest.fixture
+def run(capsys: pytest.CaptureFixture[str]) -> Callable[..., tuple[int, str, str]]:
+    """`armadico replay` with some words: its code, and what it said."""
+
+    def called(*words: object) -> tuple[int, str, str]:
+        code = cli.main(["replay", *map(str, words)])
+        return code, *capsys.readouterr()
+
+    return called
+
+
+# Equal --------------------------------------------------------------------------------------------
+
+
+def test_everybody_decides_what_he_decided(recording: Path) -> None:
+    found = [replayed(journal) for journal in journals(recording)]
+    assert len(found) >= 7
+    for outcome in found:
+        assert outcome.equal, outcome
+        assert not outcome.end
+        assert not outcome.notes
+        assert outcome.outputs > 0
+        assert outcome.seconds == pytest.approx(5.0, abs=0.5)
+
+
+def test_whoever_localizes_does_so_again(tmp_path: Path) -> None:
+    path = record(tmp_path / "run.mcap", limit=1.5, sensors="real")
+    for name in ("localization", "relocate"):
+        outcome = replayed(journal_of(path, name))
+        assert outcome.equal, outcome
+
+
+def link(way: tuple[str, str], faults: LinkFaults) -> Callable[[Rehearsal], object]:
+    def spoil(made: Rehearsal) -> None:
+        made.mesh.link(*way).faults = faults
+
+    return spoil
+
+
+PROCESSES: Sequence[At] = (
+    (1.5, lambda made: made.mesh.node("avoid").slow_down(0.03)),
+    (2.0, lambda made: made.mesh.node("goto").kill()),
+    (2.2, lambda made: made.mesh.node("avoid").slow_down(0.0)),
+    (2.6, lambda made: made.enter("goto")),
+    (3.0, lambda made: made.mesh.node("sonar").hang()),
+    (3.3, lambda made: made.mesh.node("encoder").jump(3.0)),
+    (4.3, lambda made: made.mesh.node("sonar").resume()),
+)
+LINKS: Sequence[At] = (
+    (1.2, lambda made: made.mesh.publish_bytes(b"\xff", "encoder/pose")),
+    (1.3, lambda made: made.mesh.publish_bytes(b"", "resource/wheels/utility")),
+    (1.5, link(("encoder", "goto"), LinkFaults(loss=0.5, duplicate=0.3, reorder=0.3))),
+    (1.5, link(("device", "robot"), LinkFaults(garble=0.4))),
+    (2.0, lambda made: made.mesh.cut(["encoder", "sonar"], ["avoid", "robot"], lease=True)),
+    (3.5, lambda made: made.mesh.heal(["encoder", "sonar"], ["avoid", "robot"])),
+)
+
+
+@pytest.mark.parametrize(("faults", "lives"), [(PROCESSES, 2), (LINKS, 1)])
+def test_faults_are_gone_through_again(tmp_path: Path, faults: Sequence[At], lives: int) -> None:
+    path = record(tmp_path / "run.mcap", *faults)
+    found = [replayed(journal) for journal in journals(path)]
+    assert all(outcome.equal for outcome in found), [o for o in found if not o.equal]
+    assert sum(outcome.name == "goto" for outcome in found) == lives
+
+
+# Otherwise ----------------------------------------------------------------------------------------
+
+
+def speeds(path: Path, name: str) -> list[tuple[int, float]]:
+    """What an agent ordered then: how many outputs came before, and the speed."""
+    found, before = list[tuple[int, float]](), 0
+    for moment in Life(journal_of(path, name)).moments():
+        for item in msgpack.decode(moment.then) if moment.then else ():
+            if item[0] == j.PUBLISH and item[1].startswith("robot/cmd/") and item[2][3]:
+                found.append((before, item[2][3][0]))
+            before += 1
+    return found
+
+
+def test_a_planted_parameter_is_found_at_its_first_effect(recording: Path) -> None:
+    faster = [(before, v) for before, v in speeds(recording, "goto") if v > 0.2]
+    assert faster, "it drives"
+    outcome = replayed(journal_of(recording, "goto"), ["v_max=0.2"])
+    assert outcome.difference is not None
+    assert outcome.difference.output == faster[0][0]
+    assert "robot/cmd/" in outcome.difference.then[0]
+    assert '"action":[0.2,' in outcome.difference.now[0]
+    assert any("robot/state" in each for each in outcome.difference.inputs)
+    assert "open loop, with v_max=0.2" in outcome.notes[-1]
+
+
+def test_a_parameter_without_effect_changes_nothing(recording: Path) -> None:
+    assert replayed(journal_of(recording, "goto"), ["v_max=0.75"]).equal
+
+
+def test_other_code_is_found_at_its_first_effect(recording: Path) -> None:
+    journal = journal_of(recording, "sonar")
+    kind = type(Life(journal).agent)
+    on_sonar: Any = kind.on_sonar  # type: ignore[attr-defined]
+
+    class Silent(kind):  # type: ignore[misc, valid-type]
+        def on_sonar(self, sonar: Any) -> None:
+            if sonar.cycle.number < 20:
+                on_sonar(self, sonar)
+
+    outcome = replayed(journal, kind=Silent)
+    assert outcome.difference is not None
+    assert '"number":20' in outcome.difference.inputs[-1]
+    assert outcome.difference.now == ()
+    assert any("it was armadico.agents.sonar:" in note for note in outcome.notes)
+
+
+def test_code_that_listens_to_more_says_so_on_its_card_and_nowhere_else(recording: Path) -> None:
+    journal = journal_of(recording, "sonar")
+    kind = type(Life(journal).agent)
+
+    class Curious(kind):  # type: ignore[misc, valid-type]
+        hears: ClassVar[tuple[type[Message], ...]] = (Alarm, *kind.hears)
+
+    outcome = replayed(journal, kind=Curious)
+    assert outcome.difference is not None
+    assert outcome.difference.then[0].startswith("reply agent/sonar/")
+    assert outcome.seconds == replayed(journal).seconds
+    assert outcome.different < 10
+
+
+def test_code_that_fails_now_is_a_difference(recording: Path) -> None:
+    journal = journal_of(recording, "sonar")
+    kind = type(Life(journal).agent)
+
+    class Broken(kind):  # type: ignore[misc, valid-type]
+        def on_sonar(self, _: Any) -> None:
+            raise ZeroDivisionError("by hand")
+
+    outcome = replayed(journal, kind=Broken)
+    assert outcome.difference is not None
+    assert outcome.difference.now == ("it fails: ZeroDivisionError: by hand",)
+
+
+def test_what_losers_would_have_bid_is_told_beside(recording: Path) -> None:
+    replay = Replay(journal_of(recording, "avoid"))
+    bids = [bid for moment in replay.moments() for bid in moment.bids]
+    cycles = [bid.cycle.number for bid in bids]
+    assert len(bids) > 30
+    assert cycles == sorted(set(cycles))
+
+
+# What cannot be gone through ----------------------------------------------------------------------
+
+
+def test_up_to_a_gap_it_is_compared_and_the_gap_told(recording: Path, tmp_path: Path) -> None:
+    def lost(piece: JournalPiece) -> bool:
+        return piece.number == 3 and piece.instance.startswith("goto")
+
+    path = without(recording, tmp_path / "gap.mcap", lost)
+    outcome = replayed(journal_of(path, "goto"))
+    assert outcome.equal
+    assert "a gap: piece 3 of" in outcome.end
+    assert 0 < outcome.seconds < replayed(journal_of(recording, "goto")).seconds
+    assert not replayed(journal_of(path, "avoid")).end
+
+
+def test_who_began_before_the_recording_is_told_and_others_are_replayed(
+    recording: Path, tmp_path: Path, run: Callable[..., tuple[int, str, str]]
+) -> None:
+    def lost(piece: JournalPiece) -> bool:
+        return piece.number == 0 and piece.instance.startswith("goto")
+
+    path = without(recording, tmp_path / "late.mcap", lost)
+    code, out, _ = run(path)
+    assert code == options.FAILED
+    assert "goto          not replayed: the recording began after the agent did" in out
+    assert out.count("equal\n") >= 6
+    assert "; 1 not replayed" in out
+
+
+def test_a_world_that_is_otherwise_by_now_is_told(tmp_path: Path) -> None:
+    world = tmp_path / "hall.map"
+    shutil.copy(folder("worlds") / f"{load_scenario('sc4').world}.map", world)
+    path = record(
+        tmp_path / "run.mcap", limit=1.0, scenario=changed(load_scenario("sc4"), world=str(world))
+    )
+    (planner,) = [each for each in journals(path) if each.name == "path-planning"]
+    assert replayed(planner).equal
+    shutil.copy(folder("worlds") / "house.map", world)
+    assert "is not what it read then" in replayed(planner).refusal
+    world.unlink()
+    assert "a file that it read is not as it was: no file" in replayed(planner).refusal
+
+
+def altered(journal: Journal, **more: Any) -> Journal:
+    assert journal.head is not None
+    return Journal(
+        journal.namespace,
+        journal.name,
+        journal.instance,
+        changed(journal.head, **more),
+        journal.fault,
+        journal.frames,
+    )
+
+
+def test_an_agent_that_is_not_installed_is_told(recording: Path) -> None:
+    stranger = altered(journal_of(recording, "goto"), name="gotto", kind="mine:Gotto")
+    assert "did you mean 'goto'" in (said := replayed(stranger).refusal)
+    assert "(it was mine:Gotto)" in said
+
+
+def test_parameters_that_its_code_does_not_have_any_more_are_told(recording: Path) -> None:
+    goto = journal_of(recording, "goto")
+    assert goto.head is not None
+    older = altered(goto, parameters={**goto.head.parameters, "haste": 1.0})
+    assert "unknown key haste" in (said := replayed(older).refusal)
+    assert "its code is another one now" in said
+
+
+def test_random_numbers_that_are_none_are_told(recording: Path) -> None:
+    spoilt = altered(journal_of(recording, "goto"), random=(3, b"", None))
+    assert "random numbers" in replayed(spoilt).refusal
+
+
+def test_a_setting_that_it_refuses_is_an_error(recording: Path) -> None:
+    with pytest.raises(ConfigError, match="v_max"):
+        replayed(journal_of(recording, "goto"), ["v_max=-1"])
+
+
+# The command --------------------------------------------------------------------------------------
+
+
+def test_the_command_says_who_is_equal(
+    recording: Path, run: Callable[..., tuple[int, str, str]]
+) -> None:
+    code, out, _ = run(recording, "--agent", "goto", "--agent", "avoid")
+    assert code == 0
+    assert out.count(" equal\n") == 2
+    assert "2 of 2 agents equal, " in out
+
+
+def test_the_command_says_the_first_difference(
+    recording: Path, run: Callable[..., tuple[int, str, str]]
+) -> None:
+    code, out, _ = run(recording, "--agent", "goto", "--set", "v_max=0.2")
+    assert code == 0  # it was a question
+    assert "differs from " in out
+    assert "\n  then         publish robot/cmd/goto-" in out
+    assert "\n  now          publish robot/cmd/goto-" in out
+    assert run(recording, "--set", "goto.v_max=0.2")[1].count("differs") == 1
+
+
+def test_the_command_says_it_to_programs(
+    recording: Path, run: Callable[..., tuple[int, str, str]]
+) -> None:
+    found = json.loads(run(recording, "--agent", "goto", "--json")[1])
+    (goto,) = found["agents"]
+    assert goto["name"] == "goto"
+    assert goto["equal"] is True
+    assert goto["at"] == pytest.approx(0.0)
+    assert found["recorded"]["seed"] == str(SEED)
+
+
+def test_at_a_rate_each_new_bid_is_told(
+    recording: Path, run: Callable[..., tuple[int, str, str]]
+) -> None:
+    code, out, _ = run(recording, "--agent", "goto", "--rate", "1e6")
+    assert code == 0
+    assert " goto           no bid for wheels: no fresh " in out
+    assert " goto           bids 0." in out
+
+
+@pytest.mark.parametrize(
+    ("words", "why"),
+    [
+        (("--agent", "gotto"), "there are avoid, "),
+        (("--namespace", "robot7"), "holds nothing of the robot 'robot7': it is of robot1"),
+        (("--set", "v_max=0.2"), "of which agent? avoid.KEY="),
+        (("--set", "goto.v_max=-1"), "v_max"),
+        (("--set", "goto.haste=1"), "haste"),
+        (("--rate", "0"), "more than 0"),
+        (("--jobs", "0"), "at least 1"),
+    ],
+)
+def test_what_cannot_be_meant_is_said(
+    recording: Path,
+    run: Callable[..., tuple[int, str, str]],
+    words: tuple[str, ...],
+    why: str,
+) -> None:
+    code, _, err = run(recording, *words)
+    assert code == options.USAGE
+    assert why in err
+
+
+def test_a_recording_without_journals_says_how_to_make_one(
+    recording: Path, tmp_path: Path, run: Callable[..., tuple[int, str, str]]
+) -> None:
+    kept = Recording(tmp_path / "bare.mcap")
+    for row in rows(recording, pytest.fail):
+        if row.schema == "armadico.Here":
+            from armadico.observe.watching import Presence  # noqa: PLC0415
+
+            here = row.fields
+            kept.take(Presence("robot1", here["name"], here["instance"], True, row.t))
+    kept.close()
+    code, _, err = run(tmp_path / "bare.mcap")
+    assert code == options.USAGE
+    assert "it kept no journal" in err
+
+
+def test_a_newer_protocol_a_cut_and_what_is_no_recording_are_said(
+    recording: Path, tmp_path: Path, run: Callable[..., tuple[int, str, str]]
+) -> None:
+    newer = tmp_path / "newer.mcap"
+    Recording(newer, {"protocol": str(PROTOCOL + 1)}).close()
+    assert f"protocol {PROTOCOL + 1}" in run(newer)[2]
+    cut = tmp_path / "cut.mcap"
+    cut.write_bytes(recording.read_bytes()[: recording.stat().st_size // 2])
+    code, out, err = run(cut)
+    assert "was cut short" in err
+    assert "agents equal" in out
+    (tmp_path / "no.mcap").write_bytes(b"nothing of the kind")
+    code, _, err = run(tmp_path / "no.mcap")
+    assert code == options.USAGE
+    assert "no MCAP file" in err
+    assert run(tmp_path / "none.mcap")[0] == options.USAGE

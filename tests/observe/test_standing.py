@@ -1,0 +1,145 @@
+"""Why the robot stands: planted faults on the virtual mesh, each with its own cause."""
+
+from __future__ import annotations
+
+from msgspec.structs import replace
+
+from armadico.config.discovery import providers
+from armadico.config.scenarios import load_scenario
+from armadico.core.messages import (
+    Cycle,
+    Message,
+    MissionRequest,
+    MissionState,
+    MissionStatus,
+    MonitorReport,
+    RobotState,
+    Stop,
+    Trajectory,
+    Waypoint,
+)
+from armadico.core.services import service_of
+from armadico.observe.standing import Cause, Sort, standing
+from armadico.observe.view import View
+from armadico.observe.why import Chronicle
+from tests.observe.overheard import Overheard
+
+
+def test_a_robot_that_moves_has_no_cause_and_one_without_a_goal_says_so() -> None:
+    heard = Overheard()
+    idle = heard.standing
+    assert idle.stands
+    assert idle.cause is not None
+    assert idle.cause.sort is Sort.NO_GOAL
+    moving = heard.drive().standing
+    assert not moving.stands
+    assert moving.cause is None
+    assert "goto drives" in moving.sentences[0]
+
+
+def test_the_chain_ends_at_the_agent_that_is_not_alive() -> None:
+    heard = Overheard().drive()
+    heard.mesh.node("sonar").kill()
+    found = heard.let_pass(3.0).standing
+    assert found.cause is not None
+    assert (found.cause.sort, found.cause.who) == (Sort.ABSENT, "sonar")
+    assert "goto: no bid (no fresh sonar/obstacles)." in found.sentences
+
+
+def test_who_listens_since_lately_is_told_who_would_provide_what_is_lacking() -> None:
+    """Whoever was gone before has left no card; the agents that are installed are known."""
+    heard = Overheard().drive()
+    heard.mesh.node("sonar").kill()
+    heard.let_pass(3.0)
+    heard.chronicle = Chronicle()
+    heard.let_pass(2.0)
+    unknown = heard.standing.cause
+    known = standing(heard.view, heard.mesh.now, providers).cause
+    assert unknown is not None
+    assert known is not None
+    assert (unknown.sort, unknown.who) == (Sort.ABSENT, "sonar/obstacles")
+    assert (known.sort, known.who) == (Sort.ABSENT, "sonar")
+
+
+def test_what_several_have_in_common_is_said_once_and_the_cause_comes_last() -> None:
+    heard = Overheard().drive()
+    heard.mesh.node("sonar").hang()
+    found = heard.let_pass(3.0).standing
+    assert found.cause is not None
+    assert found.sentences[-1] == found.cause.what
+    assert len(set(found.sentences)) == len(found.sentences)
+
+
+def test_an_agent_that_is_installed_is_found_by_what_it_publishes() -> None:
+    assert providers("encoder/pose") == ("encoder",)
+    assert providers("sonar/obstacles") == ("sonar",)
+    assert providers("resource/wheels/ack") == ("robot",)
+    assert providers("no/such/key") == ()
+
+
+def test_a_society_that_has_ended_or_that_is_not_heard_is_blamed_on_nobody() -> None:
+    heard = Overheard().drive()
+    gap = standing(heard.view, heard.mesh.now + 10.0).cause
+    assert gap is not None
+    assert (gap.sort, gap.who) == (Sort.UNKNOWN, "")
+    assert "for 10.0 s" in gap.what
+    for node in heard.mesh.nodes:
+        node.leave()
+    ended = heard.let_pass(3.0).standing
+    assert ended.sentences == ("No agent is alive any more.",)
+
+
+WELL = RobotState(Cycle(1, 1), 0, 0, 0, 0, 0, 12, motors=True, stalled=False)
+
+
+def told(*said: Message, t: float = 0.0) -> Cause | None:
+    """Of a robot that has said this, and stands."""
+    view = View()
+    for message in (WELL, *said):
+        view.take(service_of(type(message)).key, message, t)
+    return standing(view, t + 0.1).cause
+
+
+def test_a_goal_that_was_refused_is_told_to_who_comes_late_too() -> None:
+    """By the mission's note; whoever was there has heard it logged."""
+    heard = Overheard(scenario=load_scenario("rooms-a"))
+    heard.mesh.ask(MissionRequest(Waypoint(0.0, 0.0, 0.0)), lambda _: None)
+    heard.let_pass(1.0)
+    before = heard.standing.cause
+    heard.chronicle = Chronicle()
+    after = heard.let_pass(2.0).standing.cause
+    assert before == after
+    assert before is not None
+    assert before.sort is Sort.REFUSED_GOAL
+    assert "inside a wall" in before.what
+
+
+def test_what_a_mission_says_of_itself() -> None:
+    def status(state: MissionState, note: str = "") -> MissionStatus:
+        return MissionStatus(1, state, 2.0, 0, note)
+
+    waits = Trajectory(1, 1, (Waypoint(1, 1, 0),), waits=True)
+    causes = {
+        Sort.NO_GOAL: told(status(MissionState.NONE)),
+        Sort.REACHED: told(status(MissionState.REACHED)),
+        Sort.PLANNING: told(status(MissionState.PLANNING)),
+        Sort.FAILED: told(status(MissionState.FAILED, "no nearer for 140 s")),
+        Sort.NO_WAY: told(waits, status(MissionState.DRIVING, "waits: door D is shut")),
+        Sort.CHARGING: told(replace(WELL, charging=True)),
+        Sort.MOTORS: told(replace(WELL, motors=False)),
+    }
+    assert all(cause is not None and cause.sort is sort for sort, cause in causes.items())
+    assert "140 s" in causes[Sort.FAILED].what  # type: ignore[union-attr]
+    assert "door D is shut" in causes[Sort.NO_WAY].what  # type: ignore[union-attr]
+
+
+def test_what_the_monitor_misses_is_told_with_its_stop() -> None:
+    stop = Stop(1, stopped=True, by="monitor: no sonar for 20 s")
+    view = View()
+    view.take("robot/state", replace(WELL, stop=stop), 0.0)
+    view.take("monitor/m-1", MonitorReport("m-1", 90, True, ("sonar",)), 0.0)
+    found = standing(view, 0.1)
+    assert found.sentences[1:] == (
+        "The society lacks sonar.",
+        "It is stopped by monitor: no sonar for 20 s.",
+    )

@@ -1,0 +1,255 @@
+"""Prepared incidents: each is planted by a fault of its own, and its cause is told from all others.
+
+The faults are planted in whole societies on the virtual mesh. What is asked is what `armadico why`
+asks, and the answer's cause, its sort and who it is, is the one that was planted: no two incidents
+have the same.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from dataclasses import replace as alike
+from pathlib import Path
+
+import pytest
+from msgspec.structs import replace
+
+from armadico.bridge.p2os.commands import Cmd, command
+from armadico.config.scenarios import Scenario, ideal, load_scenario
+from armadico.core.exchange import Bid
+from armadico.core.messages import (
+    PROTOCOL,
+    Correction,
+    MissionRequest,
+    Obstacles,
+    Stop,
+    Waypoint,
+)
+from armadico.mesh.link_faults import WHOLE
+from armadico.observe.standing import Cause, Sort
+from tests.launch.test_blocked import ONE_DOOR, door
+from tests.observe.overheard import LINE, Overheard
+
+BASE = ("robot", "encoder", "sonar")
+LAB = ("goto", "avoid", "interface", "path-planning")
+
+
+def two_hosts(name: str) -> str:
+    return "base" if name in BASE else "lab"
+
+
+def standing(heard: Overheard) -> Cause | None:
+    """Why it stands, once it does."""
+    while not heard.standing.stands and heard.mesh.now < 60.0:
+        heard.let_pass(1.0)
+    return heard.standing.cause
+
+
+def exchange(heard: Overheard) -> Cause | None:
+    """Why the wheels changed hands first since the fault was planted."""
+    heard.chronicle.finish()
+    found = [each for each in heard.chronicle.exchanges if each.resource == "wheels"]
+    return next((each.cause for each in found if each.t > heard.planted), None)
+
+
+def collision(heard: Overheard) -> Cause | None:
+    """Why it touched something first, once it has."""
+    while not heard.chronicle.collisions and heard.mesh.now < 60.0:
+        heard.let_pass(1.0)
+    return heard.chronicle.collisions[0].cause if heard.chronicle.collisions else None
+
+
+@dataclass(frozen=True)
+class Incident:
+    """What is planted, what is asked, and what the answer must be."""
+
+    plant: Callable[[Overheard], object]
+    sort: Sort
+    who: str
+    ask: Callable[[Overheard], Cause | None] = standing
+    seconds: float = 3.0
+    begin: Callable[[Path], Overheard] = lambda _: Overheard().drive()
+
+
+def kill(*names: str) -> Callable[[Overheard], object]:
+    return lambda heard: [heard.mesh.node(name).kill() for name in names]
+
+
+def hang(name: str) -> Callable[[Overheard], object]:
+    return lambda heard: heard.mesh.node(name).hang()
+
+
+def cut(sources: tuple[str, ...], targets: tuple[str, ...]) -> Callable[[Overheard], object]:
+    return lambda heard: heard.mesh.cut(sources, targets)
+
+
+def late_to_the_encoder(heard: Overheard) -> None:
+    nodes = heard.mesh.node("robot"), heard.mesh.node("encoder")
+    heard.mesh.link(*(node.address for node in nodes)).faults = alike(WHOLE, delay=0.6)
+
+
+def bids(v: float) -> Callable[[Overheard], object]:
+    def plant(heard: Overheard) -> None:
+        heard.agent("goto").propose = lambda *_: Bid(0.9, (v, 0.0))
+
+    return plant
+
+
+def foreign(heard: Overheard) -> None:
+    """Goto is started again, and speaks otherwise than before."""
+    heard.mesh.node("goto").kill()
+    goto = heard.run.enter("goto").agent
+    said = goto.card
+    goto.card = lambda: replace(said(), protocol=PROTOCOL + 1)  # type: ignore[method-assign]
+
+
+def sees_no_way(heard: Overheard) -> None:
+    heard.agent("goto").propose = lambda *_: Bid(0.9, (0.0, 0.0), reason="shut in")
+
+
+def lost(heard: Overheard) -> None:
+    """Whoever localizes has no idea."""
+
+    def say(_a: object, _b: object) -> None:
+        state = heard.view.state
+        assert state is not None
+        wide = (4.0, 0.0, 0.0, 4.0, 0.0, 1.0)
+        heard.mesh.publish(Correction(state.cycle, 0, 0, 0, wide, 0.0))
+        heard.mesh.call_at(heard.mesh.now + 0.1, say)
+
+    say(None, None)
+
+
+def motors_off(heard: Overheard) -> None:
+    heard.run.robot.receive(command(Cmd.ENABLE, 0), heard.mesh.now)
+
+
+def blind(heard: Overheard) -> None:
+    """The sonar agent says that nothing is near, whatever it hears."""
+    sonar, robot = heard.agent("sonar"), heard.agent("robot")
+    robot.p = replace(robot.p, reflex=False)
+    publish = sonar.publish
+
+    def nothing(message: object, **names: str) -> None:
+        if isinstance(message, Obstacles):
+            message = Obstacles(message.cycle, None, None, None, None)
+        publish(message, **names)
+
+    sonar.publish = nothing
+
+
+def heedless(heard: Overheard) -> None:
+    """Goto drives as if nothing were there, and says that it matters more than anything."""
+    goto, robot = heard.agent("goto"), heard.agent("robot")
+    robot.p = replace(robot.p, reflex=False)
+    goto.propose = lambda *_: Bid(1.0, (0.7, 0.0), critical=True)
+
+
+def into_the_wall(heard: Overheard) -> None:
+    heard.mesh.ask(MissionRequest(Waypoint(0.0, 0.0, 0.0)), lambda _: None)
+
+
+def shipped(name: str, seconds: float, *agents: str) -> Callable[[Path], Overheard]:
+    return lambda _: Overheard(scenario=scenario(name, *agents)).drive(seconds)
+
+
+def without(name: str) -> Scenario:
+    return replace(LINE, agents=tuple(agent for agent in LINE.agents if agent != name))
+
+
+def scenario(name: str, *agents: str) -> Scenario:
+    """A shipped one with ideal sensors, and with these agents, if any are named."""
+    found = ideal(load_scenario(name))
+    return replace(found, agents=agents) if agents else found
+
+
+def behind_a_door(folder: Path) -> Overheard:
+    """The only door to the goal shuts."""
+    (folder / "doors.map").write_text(ONE_DOOR + "\n")
+    path = folder / "doors.toml"
+    path.write_text(
+        'world = "doors.map"\nstart = [1.5, 3.0, 0.0]\ngoal = [7.5, 3.0, 0.0]\n'
+        f'plan = "rooms"\n{door(2.0)}'
+    )
+    return Overheard(scenario=ideal(load_scenario(path))).drive(1.0)
+
+
+def nothing(_: Overheard) -> None:
+    """What happens by itself."""
+
+
+INCIDENTS: dict[str, Incident] = {
+    "dead sonar": Incident(kill("sonar"), Sort.ABSENT, "sonar"),
+    "hung sonar": Incident(hang("sonar"), Sort.SILENT, "sonar"),
+    "dead encoder": Incident(kill("encoder"), Sort.ABSENT, "encoder"),
+    "stale pose": Incident(late_to_the_encoder, Sort.STALE, "encoder"),
+    "dead goto": Incident(kill("goto"), Sort.ABSENT, "goto"),
+    "hung goto": Incident(hang("goto"), Sort.SILENT, "goto"),
+    "hung robot agent": Incident(hang("robot"), Sort.SILENT, "robot"),
+    "dead controller": Incident(cut(("device",), ("robot",)), Sort.DEVICE, "robot"),
+    "NaN bids": Incident(bids(float("nan")), Sort.UNSOUND, "goto"),
+    "commands beyond the limits": Incident(bids(50.0), Sort.REFUSED, "goto"),
+    "another protocol": Incident(foreign, Sort.FOREIGN, "goto", seconds=6.0),
+    "cut to the robot": Incident(cut(("goto",), ("robot",)), Sort.LINK, "goto -> robot"),
+    "cut to the behaviours": Incident(
+        cut(("encoder",), ("goto", "avoid")), Sort.LINK, "encoder -> avoid"
+    ),
+    "cut host": Incident(
+        lambda heard: [heard.mesh.cut(BASE, LAB), heard.mesh.cut(LAB, BASE)],
+        Sort.HOST,
+        "base",
+        begin=lambda _: Overheard(hosts=two_hosts).drive(),
+    ),
+    "host switched off": Incident(
+        kill(*LAB), Sort.HOST, "lab", begin=lambda _: Overheard(hosts=two_hosts).drive()
+    ),
+    "stop by a person": Incident(
+        lambda heard: heard.mesh.publish(Stop(1, True, "anna", 5)), Sort.STOP, "anna"
+    ),
+    "motors off": Incident(motors_off, Sort.STOP, "the motors being off at the robot"),
+    "lost": Incident(lost, Sort.LOST, ""),
+    "no way for who drives": Incident(
+        sees_no_way,
+        Sort.BLOCKED,
+        "goto",
+        begin=lambda _: Overheard(scenario=without("avoid")).drive(),
+    ),
+    "deaf controller": Incident(cut(("robot",), ("device",)), Sort.STALLED, "robot", seconds=6.0),
+    "goal in a wall": Incident(
+        into_the_wall,
+        Sort.REFUSED_GOAL,
+        "",
+        begin=lambda _: Overheard(scenario=load_scenario("rooms-a")),
+    ),
+    "shut door": Incident(nothing, Sort.NO_WAY, "", seconds=25.0, begin=behind_a_door),
+    "outbid": Incident(
+        nothing, Sort.OUTBID, "avoid", exchange, 9.0, shipped("sc3", 0.1, *LINE.agents)
+    ),
+    "killed as it drives": Incident(
+        kill("gothrough"), Sort.ABSENT, "gothrough", exchange, 3.0, shipped("sc4", 9.0)
+    ),
+    "blind sonar": Incident(blind, Sort.UNSEEN, "sonar", collision, 1.0, shipped("sc2", 1.0)),
+    "heedless goto": Incident(heedless, Sort.DRIVEN, "goto", collision, 1.0, shipped("sc2", 1.0)),
+}
+
+
+def found(name: str, folder: Path) -> Cause | None:
+    incident = INCIDENTS[name]
+    heard = incident.begin(folder)
+    heard.planted = heard.mesh.now
+    incident.plant(heard)
+    heard.let_pass(incident.seconds)
+    return incident.ask(heard)
+
+
+@pytest.mark.parametrize("name", INCIDENTS)
+def test_the_planted_cause_is_named(name: str, tmp_path: Path) -> None:
+    incident, cause = INCIDENTS[name], found(name, tmp_path)
+    assert cause is not None
+    assert (cause.sort, cause.who) == (incident.sort, incident.who)
+
+
+def test_no_two_incidents_have_the_same_cause() -> None:
+    causes = {(each.sort, each.who) for each in INCIDENTS.values()}
+    assert len(causes) == len(INCIDENTS) >= 20

@@ -1,0 +1,187 @@
+"""What makes a site of the documents: a hook of MkDocs (`mkdocs.yml`), which calls it by its names.
+
+The documents link one another as files of the checkout, so that they read well there. Here the
+README becomes the first page; what is linked outside `docs/` comes along, Markdown as pages and
+the rest as files; diagrams, which a page would need a script for, are drawn beforehand
+(`armadico_tools.diagrams`); and the reference is a page for each part of what `armadico` exports,
+from its docstrings.
+"""
+
+from __future__ import annotations
+
+import os
+import posixpath
+import re
+from collections.abc import Iterator
+from importlib import import_module
+from pathlib import Path
+from typing import Any, Final
+
+from mkdocs.config.defaults import MkDocsConfig
+from mkdocs.structure.files import File, Files
+from mkdocs.structure.pages import Page
+
+from armadico_tools.diagrams import FENCE, drawing
+
+SURFACE: Final = import_module("armadico")
+"""What is exported is documented; nothing else of ours asks for all of it."""
+
+ROOT: Final = Path(__file__).resolve().parents[2]
+
+LINK: Final = re.compile(r"(?<!`)(\[(?:[^\]\[]|\[[^\]]*\])*\]\()([^)\s]+)(\))")
+ELSEWHERE: Final = ("http://", "https://", "mailto:", "#")
+
+REFERENCE: Final = (
+    ("Runs", ("launch.api", "observe.measures", "config.scenarios")),
+    ("Guests", ("runtime.client",)),
+    ("Agents", ("core.agent", "core.behaviour", "core.exchange", "core.resources")),
+    ("What agents stand on", ("core.parameters", "core.route")),
+    ("Tasks of missions", ("core.tasks",)),
+    ("Messages", ("core.messages",)),
+    ("Errors", ("runtime.errors", "config.errors", "config.discovery", "mesh.topology")),
+)
+"""The pages of the reference, and the modules whose names they have; others are in the last."""
+
+SHIM: Final = ("https://unpkg.com/iframe-worker/shim", "site/iframe-worker.js")
+"""What the search needs where pages are read from the disk: where Material has it, and we."""
+
+BESIDES: Final = ("CHANGELOG.md", "CONTRIBUTING.md", "SECURITY.md")
+
+
+def page_of(path: str) -> str:
+    """Where a file of the checkout is in the site."""
+    if path == "README.md":
+        return "index.md"
+    if path.startswith("docs/"):
+        return path.removeprefix("docs/")
+    if path.endswith(".md"):
+        return f"project/{path.replace('/', '-').lower()}"
+    return f"files/{path}"
+
+
+def source_of(uri: str) -> str | None:
+    """The file of the checkout that a page is made of, if it is made of one."""
+    return _SOURCES.get(uri, f"docs/{uri}" if (ROOT / "docs" / uri).is_file() else None)
+
+
+_SOURCES: dict[str, str] = {}
+
+
+def links(path: str) -> Iterator[str]:
+    """The files of the checkout that one of them leads to."""
+    for _, target, _ in LINK.findall((ROOT / path).read_text(encoding="utf-8")):
+        if not target.startswith(ELSEWHERE):
+            place = target.partition("#")[0]
+            yield posixpath.normpath(posixpath.join(posixpath.dirname(path), place))
+
+
+def sources() -> list[str]:
+    """The files of the checkout that the site is made of: the documents, and all they lead to."""
+    waiting = ["README.md", *BESIDES]
+    waiting += [f"docs/{path.name}" for path in sorted((ROOT / "docs").glob("*.md"))]
+    found: dict[str, None] = {}
+    for path in waiting:  # which grows meanwhile
+        if path not in found and (ROOT / path).is_file():
+            found[path] = None
+            waiting += links(path) if path.endswith(".md") else ()
+    return list(found)
+
+
+def project() -> list[str]:
+    """Pages that are neither in `docs/` nor the first one."""
+    pages = [path for path in sources() if path.endswith(".md") and path != "README.md"]
+    return [path for path in pages if not path.startswith("docs/")]
+
+
+def reference() -> Iterator[tuple[str, list[str]]]:
+    """Each page's title and the full names that it documents."""
+    homes = {name: _home(name) for name in SURFACE.__all__}
+    told = {module for _, modules in REFERENCE for module in modules}
+    for title, modules in REFERENCE:
+        others = REFERENCE[-1][0] == title
+        names = [
+            f"armadico.{home}.{name}"
+            for module in (*modules, *(sorted({*homes.values()} - told) if others else ()))
+            for name, home in homes.items()
+            if home == module
+        ]
+        yield title, names
+
+
+def _home(name: str) -> str:
+    return next(
+        (module for module, names in SURFACE._MODULES.items() if name in names), "core.messages"
+    )
+
+
+def on_config(config: MkDocsConfig) -> MkDocsConfig:
+    """Complete the navigation: documents that it lacks, the reference, and the project's own."""
+    nav: list[Any] = list(config.nav or [])
+    there = set(re.findall(r"[\w/-]+\.md", str(nav)))
+    more = sorted({path.name for path in (ROOT / "docs").glob("*.md")} - there)
+    if more:
+        nav.append({"More": list(more)})
+    nav.append({"Reference": [f"reference/{_slug(title)}.md" for title, _ in reference()]})
+    nav.append({"Project": [page_of(path) for path in project()]})
+    config.nav = nav
+    return config
+
+
+def _slug(title: str) -> str:
+    return title.lower().replace(" ", "-")
+
+
+def on_files(files: Files, *, config: MkDocsConfig) -> Files:
+    """Add what is not in `docs/`."""
+    for title, names in reference():
+        text = "\n\n".join([f"# {title}", *(f"::: {name}" for name in names)])
+        files.append(File.generated(config, f"reference/{_slug(title)}.md", content=text))
+    for path in sources():
+        if not path.startswith("docs/"):
+            _SOURCES[page_of(path)] = path
+            files.append(File.generated(config, page_of(path), abs_src_path=str(ROOT / path)))
+    return files
+
+
+def on_page_markdown(markdown: str, *, page: Page, config: MkDocsConfig, files: Files) -> str:
+    """Lead the links to where their files are in the site, and show diagrams as drawn."""
+    del config, files
+    source = source_of(page.file.src_uri)
+    if source is None:
+        return markdown
+    here = posixpath.dirname(page.file.src_uri) or "."
+
+    def led(found: re.Match[str]) -> str:
+        target = found[2]
+        if target.startswith(ELSEWHERE):
+            return found[0]
+        place, mark, anchor = target.partition("#")
+        path = posixpath.normpath(posixpath.join(posixpath.dirname(source), place))
+        if (ROOT / path).is_dir():
+            return found[1][1:-2]  # a site has no listings
+        if not (ROOT / path).is_file():
+            return found[0]  # and MkDocs says that there is none
+        return f"{found[1]}{os.path.relpath(page_of(path), here)}{mark}{anchor}{found[3]}"
+
+    def drawn(found: re.Match[str]) -> str:
+        name = f"images/diagrams/{drawing(found[1])}"
+        there = os.path.relpath(name, here)
+        return f"[![A diagram]({there})]({there})"
+
+    parts = re.split(r"(^```.*?^```$)", markdown, flags=re.MULTILINE | re.DOTALL)
+    for number, part in enumerate(parts):
+        parts[number] = FENCE.sub(drawn, part) if part.startswith("```") else LINK.sub(led, part)
+    return "".join(parts)
+
+
+def on_post_page(output: str, *, page: Page, config: MkDocsConfig) -> str:
+    """Have nothing loaded from elsewhere."""
+    del config
+    up = "../" * page.url.count("/")
+    return output.replace(SHIM[0], up + SHIM[1])
+
+
+def on_post_template(output_content: str, *, template_name: str, config: MkDocsConfig) -> str:
+    """Likewise, of the page for what is not there."""
+    del template_name, config
+    return output_content.replace(*SHIM)
