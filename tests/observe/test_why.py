@@ -27,7 +27,9 @@ from armadico.core.messages import (
     Waypoint,
 )
 from armadico.mesh.link_faults import WHOLE
+from armadico.observe import why
 from armadico.observe.standing import Cause, Sort
+from armadico.observe.why import Chronicle
 from tests.launch.test_blocked import ONE_DOOR, door
 from tests.observe.overheard import LINE, Overheard
 
@@ -282,3 +284,17 @@ def test_while_an_exchange_goes_on_a_moment_tells_whose_actions_are_blended() ->
     assert during
     assert all(each.loser == first.loser for each in during)
     assert all(each.commanded != each.wanted for each in during)
+
+
+def test_what_is_kept_does_not_grow_for_ever(monkeypatch: pytest.MonkeyPatch) -> None:
+    """A page shows things to one for days; what is left keeps its number."""
+    monkeypatch.setattr(why, "MOST", 2)
+    chronicle = Chronicle()
+    for number in range(1, 6):
+        press = Stop(2 * number - 1, True, f"hand {number}", number)
+        chronicle.take("robot/stop", press, float(number))
+        chronicle.take("robot/stop", Stop(2 * number, False, "", number), number + 0.5)
+        chronicle.mark(number + 0.6)
+    chronicle.finish()
+    assert [(each.number, each.by) for each in chronicle.presses] == [(4, "hand 4"), (5, "hand 5")]
+    assert len(chronicle.moments) == 2
