@@ -24,10 +24,8 @@ from armadico.agents.methods.geometry import Posed
 from armadico.agents.methods.near import NOBODY, Look, Near, Obstacle
 from armadico.agents.methods.settings import ScanSettings
 from armadico.core.messages import Scan
-from armadico.core.scans import Floats, bearings_of, ranges_of
+from armadico.core.scans import Flags, Floats, bearings_of, beside, ranges_of
 from armadico.core.swept_path import Outline
-
-Flags = NDArray[np.bool_]
 
 FAR_M = 1e6
 """In place of infinity, which has no sine: what is not near."""
@@ -123,17 +121,8 @@ class ScanMap(Near):
             return found
         dx, dy = points[:, 0] - rays.x, points[:, 1] - rays.y
         away = np.hypot(dx, dy)
-        turned = np.remainder((np.arctan2(dy, dx) - rays.first) * np.sign(rays.step), math.tau)
-        at, count = turned / abs(rays.step), len(rays.ranges)
-        whole = round(math.tau / abs(rays.step))
-        beside = np.rint(at).astype(np.intp) % whole  # the nearest ray
-        inside = beside < count
-        low = np.floor(at).astype(np.intp)
-        high = low + 1
-        if count == whole:  # the first ray is the last one's neighbour
-            low, high = low % whole, high % whole
-        low, high = np.where(low < count, low, beside), np.where(high < count, high, beside)
-        low, high = np.where(inside, low, 0), np.where(inside, high, 0)
+        bearings = np.arctan2(dy, dx)
+        low, high, inside = beside(bearings, rays.first, rays.step, len(rays.ranges))
         one, other = rays.ranges[low], rays.ranges[high]
         near, far = np.fmin(one, other), np.fmax(one, other)
         valid = inside & ~np.isnan(one) & ~np.isnan(other)

@@ -11,7 +11,7 @@ looks through it, so that no dead end is driven into twice.
 
 from __future__ import annotations
 
-from math import cos, exp, hypot, inf, sin, tan, tau
+from math import cos, exp, hypot, inf, sin, tan
 from typing import Final
 
 import numpy as np
@@ -22,7 +22,7 @@ from armadico.agents.methods.grid import Grid
 from armadico.config.worlds import Segment
 from armadico.core.geometry import Pose2, to_world
 from armadico.core.messages import Echo, Scan
-from armadico.core.scans import Floats, bearings_of, ranges_of
+from armadico.core.scans import Floats, bearings_of, beside, ranges_of
 
 _ARC: Final = np.linspace(-1.0, 1.0, 9)
 
@@ -130,14 +130,11 @@ class Seen:
         placed = np.array([(cell.x, cell.y) for _, cell in cells])
         x, y = to_world(here, scan.x, scan.y)
         dx, dy = placed[:, 0] - x, placed[:, 1] - y
-        turned = np.arctan2(dy, dx) - here[2] - scan.bearing
-        at = np.remainder(turned * np.sign(scan.step), tau) / abs(scan.step)
-        low = np.floor(at).astype(np.intp)
-        inside = low + 1 < len(ranges)
-        low[~inside] = 0
+        bearings = np.arctan2(dy, dx) - here[2]
+        low, high, inside = beside(bearings, scan.bearing, scan.step, len(ranges))
         beyond = np.hypot(dx, dy) + s.margin_m
         with np.errstate(invalid="ignore"):  # of a ray without a valid range nothing is known
-            through = inside & (ranges[low] > beyond) & (ranges[low + inside] > beyond)
+            through = inside & (ranges[low] > beyond) & (ranges[high] > beyond)
         for k in np.flatnonzero(through).tolist():
             key, cell = cells[k]
             cell.evidence, cell.at = self._left(cell, now) - s.miss, now

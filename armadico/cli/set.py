@@ -51,11 +51,11 @@ def parser() -> argparse.ArgumentParser:
     made = options.parser(
         "armadico set",
         "Change parameters of an agent that is at work. It refuses what is out of range, and says"
-        " what is right; of several values it takes all or none. Whoever starts anew begins with"
-        " what it was started with, unless that is saved.",
+        " what is right; of several values it takes all or none. Whoever is started again is told;"
+        " a society that starts anew begins with what it was started with, unless that is saved.",
         EXAMPLES,
     )
-    made.add_argument("agent", metavar="AGENT", help="a name, or of several an instance's id")
+    made.add_argument("agent", metavar="AGENT", help="a name, or an instance's id")
     made.add_argument("values", nargs="+", metavar="NAME=VALUE", help="as `armadico get` shows")
     made.add_argument("--save", action="store_true", help="in parameters.toml of this folder, too")
     made.add_argument("--file", type=Path, metavar="FILE", help="or in this file")

@@ -40,6 +40,12 @@ M = TypeVar("M", bound=Message)
 BIDS_REMEMBERED = 50
 DEBUG, INFO, WARNING, ERROR = 10, 20, 30, 40
 
+MOST_SETTINGS = 256
+"""That are remembered of all agents."""
+
+REMEMBERED = "those who remember"
+"""By whom a parameter is changed that was set before its instance was started."""
+
 LONGEST_REASON = 200
 """Characters of a bid's reason that are kept."""
 
@@ -181,6 +187,7 @@ class Agent:
         self.drawn = self.rng.getstate()  # before anything is: a life that is replayed begins here
         self.p: Parameters = self.parameters() if parameters is None else parameters
         self._begun = self.p  # as it was started
+        self._set: dict[str, str] = {}  # live since, by this instance or one before it: JSON
         changeable.allowed(type(self.p), self.changeable)  # a name that is none is told of at once
         self.now = 0.0
         self.cycles = CycleClock()  # the robot's
@@ -384,6 +391,8 @@ class Agent:
                 owned.due = now
         self.on_start()
         for message in self.memory.all():  # of what it was told before
+            if type(message) is m.Tuning:
+                self._take_over_settings(message)
             handler = self._handlers.get(type(message))
             if handler is not None:
                 handler(message)
@@ -560,17 +569,46 @@ class Agent:
 
     def _change(self, request: m.ParametersRequest) -> None:
         """Raises ValueError saying what is wrong, and nothing is changed."""
+        self._put_settings(request.change, request.by or "somebody")
+        self._set |= {setting.name: setting.json for setting in request.change}
+        self._remember_settings()
+
+    def _put_settings(self, change: tuple[m.Setting, ...], by: str) -> None:
+        """Change parameters, and tell of it. Raises ValueError, and nothing is changed."""
         before = self.p
-        self.p = changeable.changed(before, self.changeable, request.change)
+        self.p = changeable.changed(before, self.changeable, change)
         try:
             self.on_parameters(before)
         except ValueError:
             self.p = before
             raise
         for name, old, new in changeable.differences(before, self.p, tuple(self.changeable)):
-            change = m.ParameterChange(self.name, self.instance, name, old, new, request.by)
-            self.publish(change)
-            self.log(f"{name} = {new}, before {old}: changed by {request.by or 'somebody'}")
+            self.publish(m.ParameterChange(self.name, self.instance, name, old, new, by))
+            self.log(f"{name} = {new}, before {old}: changed by {by}")
+
+    def _remember_settings(self) -> None:
+        """Have everybody remember what was set, beside what was of others."""
+        known = self.memory.newest(m.Tuning) or m.Tuning(0, 0)
+        others = [each for each in known.settings if each.agent != self.name]
+        mine = [m.AgentSetting(self.name, m.Setting(*each)) for each in self._set.items()]
+        if known.settings == (settings := (*others, *mine)):
+            return
+        by = self.rng.getrandbits(63)
+        self.publish(m.Tuning(m.next_count(known.counter), by, settings[-MOST_SETTINGS:]))
+
+    def _take_over_settings(self, said: m.Tuning) -> None:
+        """Be set as the agent was before this instance, or as another instance of it is."""
+        mine = {e.setting.name: e.setting.json for e in said.settings if e.agent == self.name}
+        for name, value in mine.items():
+            if self._set.get(name) == value:
+                continue
+            self._set[name] = value
+            try:
+                self._put_settings((m.Setting(name, value),), REMEMBERED)
+            except ValueError as error:  # by one of another version, say
+                self.log(f"not set as before: {error}", WARNING)
+        if set(self._set) - set(mine):  # whoever said this did not know of them
+            self._remember_settings()
 
     def history(self) -> m.BidHistory:
         """Its recent bids."""
@@ -654,6 +692,8 @@ class Agent:
         news = self._hear(message)
         if news and type(message) is m.Stop:
             self._stop_changed()
+        if news and type(message) is m.Tuning:
+            self._take_over_settings(message)
         return news
 
     def _advance(self, clock: CycleClock, cycle: m.Cycle, key: str) -> bool:

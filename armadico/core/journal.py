@@ -11,7 +11,7 @@ An *entry* is an array: first one of the numbers below, then the agent's time, s
     START, now, admit, head        its driver was made; `head` says who it is
     BEGIN, now      WAKE, now      LEAVE, now
     TOKEN, now, name, instance, alive
-    DELIVER, now, subscription, key, payload    by its place in `subscriptions()`; as bytes, or the
+    DELIVER, now, pattern, key, payload         by the subscription's pattern; as bytes, or the
                                    message, where one process had read it for several
     ASKED, now, key, payload, call, clock       `clock` is what its machine's clock showed, s
     REPLIED, now, question, payload             none: nobody answered in time
@@ -143,7 +143,6 @@ class Journalled(Driver):
         self._clock = 0.0  # what that showed when the agent was last asked for something
         self._entries: list[Any] = [(START, now, admit, head)]
         self._taken = True  # whether `take` was called since anything entered
-        self._places = {to: place for place, to in enumerate(agent.subscriptions())}
         self._publishes = publishes
         self._close_at = now + EVERY_S
         self._number = 0  # of the next piece
@@ -200,7 +199,7 @@ class Journalled(Driver):
 
     def deliver(self, to: Subscription, key: str, payload: bytes | Message, now: float) -> None:
         """See `Driver`."""
-        self._note((DELIVER, now, self._places[to], key, payload))
+        self._note((DELIVER, now, to.pattern, key, payload))
         super().deliver(to, key, payload, now)
 
     def token(self, name: str, instance: str, alive: bool, now: float) -> None:

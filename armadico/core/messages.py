@@ -348,6 +348,37 @@ class Origin(Latched, frozen=True):
         return self.counter, self.by
 
 
+class Setting(Message, frozen=True):
+    """A parameter and what it is to be: a value of JSON; `null` clears an optional one."""
+
+    name: Name  # with dots into tables, as in a file: `safety.margin_m`
+    json: Text
+
+
+class AgentSetting(Message, frozen=True):
+    """What a parameter of an agent was set to while it was at work."""
+
+    agent: Name
+    setting: Setting
+
+
+class Tuning(Latched, frozen=True):
+    """All that was set live, remembered by everybody: who is started again is told.
+
+    It is the agent's, not the instance's: all instances of one follow. Each agent looks after its
+    own, and says again what somebody has left out who did not know of it.
+    """
+
+    counter: Counter
+    by: Bits64  # drawn at random each time
+    settings: Annotated[tuple[AgentSetting, ...], Meta(max_length=256)] = ()
+
+    @property
+    def order(self) -> tuple[int, int]:
+        """Counted with each change."""
+        return self.counter, self.by
+
+
 # The robot ----------------------------------------------------------------------------------------
 
 
@@ -1215,13 +1246,6 @@ class BidHistory(Message, frozen=True):
 
     instance: Name
     bids: tuple[BidRecord, ...]
-
-
-class Setting(Message, frozen=True):
-    """A parameter and what it is to be: a value of JSON; `null` clears an optional one."""
-
-    name: Name  # with dots into tables, as in a file: `safety.margin_m`
-    json: Text
 
 
 class Parameter(Message, frozen=True):

@@ -17,6 +17,8 @@ from armadico.core.geometry import Pose2, compose
 from armadico.core.messages import RAYS, Cycle, Scan
 
 Floats = NDArray[np.float64]
+Indices = NDArray[np.intp]
+Flags = NDArray[np.bool_]
 
 INVALID: Final = 0
 FREE: Final = 65535
@@ -110,3 +112,29 @@ def points_of(scan: Scan) -> Floats:
     seen = np.isfinite(ranges)
     ranges, bearings = ranges[seen], bearings[seen]
     return np.column_stack([scan.x + ranges * np.cos(bearings), scan.y + ranges * np.sin(bearings)])
+
+
+def beside(
+    bearings: Floats, first: float, step: float, count: int
+) -> tuple[Indices, Indices, Flags]:
+    """The two rays between which each bearing lies, and whether the laser looks there at all.
+
+    Of a whole turn the first ray is the last one's neighbour. Beyond an edge of what the laser
+    sees, by half a step at the most, both are the ray at that edge; farther off both are 0.
+
+    Args:
+        bearings: rad, in the frame of `first`; not wrapped.
+        first: Where the first ray goes, rad.
+        step: From one ray to the next, rad; below 0: clockwise.
+        count: How many there are.
+    """
+    at = np.remainder((bearings - first) * np.sign(step), tau) / abs(step)
+    whole = round(tau / abs(step))
+    nearest = np.rint(at).astype(np.intp) % whole
+    inside: Flags = nearest < count
+    low = np.floor(at).astype(np.intp)
+    high = low + 1
+    if count == whole:
+        low, high = low % whole, high % whole
+    low, high = (np.where(ray < count, ray, nearest) for ray in (low, high))
+    return np.where(inside, low, 0), np.where(inside, high, 0), inside

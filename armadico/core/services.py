@@ -163,6 +163,7 @@ SERVICES: tuple[Service, ...] = (
         reply=m.AssistantReply,
     ),
     Service(m.AssistantRecord, "assistant/record", _E, None, None, "what a program asked for"),
+    Service(m.Tuning, "tuning", _L, None, None, "all that was changed so, remembered"),
     Service(m.Log, "log/{instance}", _E, None, None, "lines for people"),
     Service(
         m.JournalPiece,

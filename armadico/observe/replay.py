@@ -22,12 +22,15 @@ from armadico.config.discovery import UnknownNameError, agent_class
 from armadico.config.errors import ConfigError
 from armadico.config.loading import convert, set_values
 from armadico.core import journal as j
-from armadico.core.agent import Agent, AskFor, DeviceAgent, Identity
+from armadico.core.agent import Agent, AskFor, DeviceAgent, Identity, Subscription
 from armadico.core.driver import Driver
 from armadico.core.messages import BidRecord, Message, MessageError, decode, line, plain
 from armadico.observe.conditions import software
 from armadico.observe.journals import Entry, Head, Journal, files, stream
 from armadico.observe.watching import kind_at
+
+Listens = Mapping[str, Subscription]
+"""What an agent listens to, by patterns."""
 
 INPUTS: Final = 5
 """What had entered last is told with a difference: so many."""
@@ -118,7 +121,7 @@ class Life:
         clock = 0.0
         driver = Driver(self.agent, began, admit=admit, wall=lambda: clock)
         asked: dict[int, type[Message]] = {}
-        listens = self.agent.subscriptions()
+        listens = {to.pattern: to for to in self.agent.subscriptions()}
         entry = next(entries, None)
         seen: BidRecord | None = None
         while entry is not None:
@@ -154,7 +157,7 @@ class Life:
         self,
         driver: Driver,
         entry: Entry,
-        listens: Sequence[Any],
+        listens: Listens,
         asked: dict[int, type[Message]],
     ) -> None:
         try:
@@ -294,9 +297,9 @@ def _read(payload: Any, kind: type[Message] | None) -> Any:
     return payload if isinstance(payload, bytes) or kind is None else msgspec.convert(payload, kind)
 
 
-def _deliver(driver: Driver, e: Entry, listens: Sequence[Any], _: Any) -> None:
-    if e[2] < len(listens):  # other code may listen to less
-        to = listens[e[2]]
+def _deliver(driver: Driver, e: Entry, listens: Listens, _: Any) -> None:
+    to = listens.get(e[2])
+    if to is not None:  # or it does not listen to that any more
         driver.deliver(to, e[3], _read(e[4], to.message), e[1])
 
 
@@ -320,7 +323,7 @@ def _link(driver: Driver, e: Entry, _listens: Any, _: Any) -> None:
         driver.link(e[2], e[3], e[1])
 
 
-_DO: Final[Mapping[int, Callable[[Driver, Entry, Sequence[Any], Any], None]]] = {
+_DO: Final[Mapping[int, Callable[[Driver, Entry, Listens, Any], None]]] = {
     j.BEGIN: lambda d, e, _l, _a: d.begin(e[1]),
     j.WAKE: lambda d, e, _l, _a: d.wake(e[1]),
     j.LEAVE: lambda d, e, _l, _a: d.leave(e[1]),

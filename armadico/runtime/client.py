@@ -376,7 +376,8 @@ class Client:
             guest.change("goto", {"v_max": 0.4, "safety.margin_m": 0.1})
 
         Args:
-            agent: As in `parameters`; of several instances one has to be named.
+            agent: As in `parameters`. What is set is the agent's: if there are several instances
+                one is asked, and the others follow.
             values: By the parameters' names; None clears an optional one.
             by: Who changes them, for people.
             timeout: How long the agent may take to answer, s.
@@ -386,12 +387,12 @@ class Client:
 
         Raises:
             AbsentError: There is no such agent, or it does not answer.
-            ParameterError: It refuses, and says what is right; or there are several instances.
+            ParameterError: It refuses, and says what is right; or several agents are meant.
         """
         asked = self._named(agent)
-        if len(asked) > 1:
-            listed = ", ".join(instance for _, instance in asked)
-            raise ParameterError(f"there are {len(asked)} of {agent!r}: name one of {listed}")
+        if len({name for name, _ in asked}) > 1:
+            raise ParameterError(f"{agent!r} is the beginning of several: name one agent")
+        asked = asked[:1]
         change = tuple(Setting(name, json.dumps(value)) for name, value in values.items())
         try:
             request = checked(ParametersRequest(change, by))

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from math import atan2, pi
+from math import atan2, pi, tau
 
 import pytest
 from msgspec import structs
@@ -165,6 +165,14 @@ def test_a_laser_may_turn_either_way(step: float) -> None:
     assert atan2(y - 2.0, x - 2.0) == pytest.approx(-2 * step, abs=0.01)
     for _ in range(3):
         seen.take_scan(HERE, scan(*NOWHERE, bearing=-4 * step, step=step), 0.0, 0.0)
+    assert seen.points(0.0) == ()
+
+
+def test_what_stands_between_the_last_ray_of_a_turn_and_the_first_is_looked_through() -> None:
+    seen, ranges = Seen(None), [float("inf")] * 63
+    seen.take_scan(HERE, scan(1.0, *ranges[1:], bearing=0.0, step=tau / 63), 0.0, 0.0)
+    for _ in range(3):
+        seen.take_scan(HERE, scan(*ranges, bearing=0.05, step=tau / 63), 0.0, 0.0)
     assert seen.points(0.0) == ()
 
 

@@ -13,7 +13,7 @@ import pytest
 
 from armadico.cli import main as armadico
 from armadico.cli.beside import beside
-from armadico.cli.page import TOKEN_VARIABLE
+from armadico.cli.page import TOKEN_VARIABLE, Helpers
 from armadico.mesh.ports import private_endpoints
 from armadico.mesh.topology import ENDPOINTS_VARIABLE
 from tests.programs import heavy, imports_nothing, starter
@@ -116,3 +116,16 @@ def test_beside_a_run_it_prints_its_link_and_ends_with_it(
 def test_help_imports_nothing_heavy() -> None:
     among = ("numpy", "zenoh", "websockets", "msgspec", "asyncio")
     assert imports_nothing(heavy("armadico.cli", ["page", "--help"], among))
+
+
+@pytest.mark.live
+def test_who_takes_the_stick_is_started_beside_the_page_once_and_ends_with_it() -> None:
+    args = argparse.Namespace(connect=[], host=None, hosts=None)
+    with Helpers(args) as helpers:
+        assert helpers.start("p", "nobody") == ""
+        (first,) = helpers.processes.values()
+        assert first.popen.wait(60) == 2
+        assert "nobody" in helpers.start("p", "nobody")  # what it said when it ended
+        (second,) = helpers.processes.values()
+        assert second is not first
+    assert second.ended()

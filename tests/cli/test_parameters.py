@@ -111,17 +111,24 @@ def test_what_is_wrong_is_refused_in_one_line(
     assert crowd.goto.p == Goto.parameters()
 
 
-def test_of_several_instances_one_has_to_be_named(
+@pytest.mark.parametrize("named", ["goto", "the second"])
+def test_of_several_instances_all_follow(crowd: Crowd, named: str) -> None:
+    second = crowd.add(Goto, 1)
+    who = named if named == "goto" else second.instance[:10]
+    assert cli.main(["set", who, "v_max=0.4"]) == 0
+    crowd.mesh.run(crowd.mesh.now + 1.0)
+    assert crowd.goto.p == second.p == set_values(Goto.parameters(), ["v_max=0.4"])
+
+
+def test_of_several_agents_one_has_to_be_named(
     crowd: Crowd, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    second = crowd.add(Goto, 1)
-    assert cli.main(["set", "goto", "v_max=0.4"]) == 1
-    said = capsys.readouterr().err
-    assert "there are 2 of 'goto': name one of" in said
-    assert crowd.goto.instance in said
-    assert second.instance in said
-    assert cli.main(["set", second.instance[:10], "v_max=0.4"]) == 0
-    assert (crowd.goto.p, second.p) == (Goto.parameters(), set_values(second.p, ["v_max=0.4"]))
+    class Gothere(Goto):
+        name = "gothere"
+
+    crowd.add(Gothere, 0)
+    assert cli.main(["set", "got", "v_max=0.4"]) == 1
+    assert "'got' is the beginning of several: name one agent" in capsys.readouterr().err
 
 
 def test_who_has_no_such_parameter_and_who_does_not_answer_are_told_apart(

@@ -13,11 +13,13 @@ from armadico.core.agent import Agent, Identity, Publish
 from armadico.core.changeable import allowed
 from armadico.core.driver import Driver, Reply
 from armadico.core.messages import (
+    AgentSetting,
     Log,
     ParameterChange,
     ParametersReply,
     ParametersRequest,
     Setting,
+    Tuning,
     encode,
 )
 
@@ -163,6 +165,95 @@ def test_what_is_wrong_is_refused_with_what_is_right_and_nothing_is_changed(
     assert agent.p == Parameters()
     assert agent.seen == []
     assert len(reply.parameters) == len(Toy.changeable)
+
+
+def tunings(said: list[Any]) -> list[Tuning]:
+    return [item.message for item in said if isinstance(getattr(item, "message", None), Tuning)]
+
+
+def remembered(*entries: tuple[str, str, str], counter: int = 1, by: int = 7) -> Tuning:
+    rows = tuple(AgentSetting(agent, Setting(name, value)) for agent, name, value in entries)
+    return Tuning(counter, by, rows)
+
+
+def hear(driver: Driver, said: Tuning) -> list[Any]:
+    (to,) = (to for to in driver.agent.subscriptions() if to.message is Tuning)
+    driver.deliver(to, to.pattern, encode(said), 2.0)
+    return driver.take()
+
+
+def test_what_was_set_is_remembered_by_everybody_beside_what_was_of_others() -> None:
+    _, driver = toy()
+    hear(driver, remembered(("other", "x", "1")))
+    _, said = ask(driver, ("v_max", "0.25"))
+    (told,) = tunings(said)
+    assert told.counter == 2
+    assert told.settings == remembered(("other", "x", "1"), ("toy", "v_max", "0.25")).settings
+
+
+def test_who_is_started_again_is_set_as_it_was() -> None:
+    """Told before it joins, by those who remember, or soon after."""
+    for joined in (False, True):
+        agent = Toy(Identity("toy-2"))
+        driver = Driver(agent, 0.0, admit=False)
+        if joined:
+            driver.begin(0.0)
+            driver.take()
+        said = hear(driver, remembered(("toy", "v_max", "0.25"), ("other", "v_max", "3.0")))
+        if not joined:
+            driver.begin(0.0)
+            said = driver.take()
+        assert agent.p == Parameters(v_max=0.25)
+        changes = [i.message for i in said if isinstance(getattr(i, "message", None), Log)]
+        assert [line.text for line in changes] == [
+            "v_max = 0.25, before null: changed by those who remember"
+        ]
+        assert tunings(said) == []
+
+
+def test_what_cannot_be_any_more_is_left_and_said() -> None:
+    """Set by an instance of another version, or by nonsense."""
+    agent, driver = toy()
+    said = hear(
+        driver, remembered(("toy", "v_max", "99"), ("toy", "gone", "1"), ("toy", "tries", "4"))
+    )
+    assert agent.p == Parameters(tries=4)
+    lines = [i.message.text for i in said if isinstance(getattr(i, "message", None), Log)]
+    assert len([line for line in lines if line.startswith("not set as before: ")]) == 2
+
+
+def test_whoever_is_left_out_is_added_again_and_that_ends() -> None:
+    """Two agents are changed at once, and each says a list without the other's."""
+    agents = {name: toy_named(name) for name in ("one", "two")}
+    said = {}
+    for name, (_, driver) in agents.items():
+        key = f"agent/{name}/{name}-1/parameters"
+        request = ParametersRequest((Setting("v_max", "0.25"),), "ann")
+        driver.asked(key, encode(request), "call", 1.0)
+        said[name] = tunings(driver.take())
+    talk = [*said["one"], *said["two"]]
+    for _ in range(10):
+        if not talk:
+            break
+        heard, talk = talk, []
+        for message in heard:
+            for _, driver in agents.values():
+                talk += tunings(hear(driver, message))
+    assert not talk, "they go on for ever"
+    known = [driver.agent.memory.newest(Tuning) for _, driver in agents.values()]
+    assert known[0] == known[1]
+    assert {row.agent for row in known[0].settings} == {"one", "two"}
+
+
+def toy_named(called: str) -> tuple[Toy, Driver]:
+    class Named(Toy):
+        name = called
+
+    agent = Named(Identity(f"{called}-1"))
+    driver = Driver(agent, 0.0, admit=False)
+    driver.begin(0.0)
+    driver.take()
+    return agent, driver
 
 
 def test_an_agent_with_none_says_so() -> None:

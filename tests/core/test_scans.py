@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from armadico.core.messages import RAYS, Cycle, Scan, decode, encode
-from armadico.core.scans import bearings_of, message_of, points_of, ranges_of
+from armadico.core.scans import bearings_of, beside, message_of, points_of, ranges_of
 
 AT = Cycle(7, 42)
 LIMITS = (0.1, 30.0)
@@ -89,3 +89,26 @@ def test_bytes_that_are_not_two_a_ray_and_rays_without_a_step_are_refused() -> N
         ranges_of(Scan(AT, 0, 0, 0, 1e-300, 30.0, b"abcd"))
     with pytest.raises(ValueError, match="buffer size"):
         ranges_of(Scan(AT, 0, 0, 0, 0.1, 30.0, b"abc"))
+
+
+STEP = 2 * pi / 360
+
+
+@pytest.mark.parametrize("turning", [1.0, -1.0])
+def test_a_place_at_the_seam_of_a_whole_turn_has_the_last_ray_and_the_first_beside_it(
+    turning: float,
+) -> None:
+    step = turning * STEP
+    at = np.array([-pi - 0.3 * step, pi - 0.3 * step, -pi + 0.3 * step, 0.3 * step])
+    low, high, inside = beside(at, -pi, step, 360)
+    assert inside.all()
+    assert low.tolist() == [359, 359, 0, 180]
+    assert high.tolist() == [0, 0, 1, 181]
+
+
+def test_beyond_an_edge_the_ray_at_it_is_both_and_farther_off_is_none() -> None:
+    at = np.array([-1.4, -1.6, 9.4, 9.6, -0.4, 8.6, 180.0]) * STEP
+    low, high, inside = beside(at, -STEP, STEP, 11)
+    assert inside.tolist() == [True, False, True, False, True, True, False]
+    assert low.tolist() == [0, 0, 10, 0, 0, 9, 0]
+    assert high.tolist() == [0, 0, 10, 0, 1, 10, 0]

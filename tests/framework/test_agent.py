@@ -325,7 +325,7 @@ def test_handlers_get_what_was_subscribed(stage: Stage, driver: Driver) -> None:
 
 def test_it_subscribes_to_what_it_names_and_what_its_social_side_needs() -> None:
     listens = {subscription.message for subscription in Driver.subscriptions()}
-    latched = {m.Stop, m.Origin, m.Trajectory, m.Board, m.FleetBoard}
+    latched = {m.Stop, m.Origin, m.Trajectory, m.Board, m.FleetBoard, m.Tuning}
     social = {RobotState, m.Description, m.Claim, m.Ack}
     assert listens == {Pose, Obstacles} | social | latched
     patterns = {s.pattern for s in Driver.subscriptions() if s.message in (m.Claim, m.Ack)}

@@ -7,6 +7,7 @@ from itertools import pairwise
 from math import hypot
 
 import pytest
+from msgspec.structs import replace
 
 from armadico.agents.teleop import Teleop
 from armadico.config.scenarios import Scenario, ideal, load_scenario
@@ -220,6 +221,19 @@ def test_the_stop_wins_and_the_hand_drives_on_once_it_is_released() -> None:
     driven.pass_s(3.0)
     assert driven.by_hand
     assert driven.truth.v > 0.3
+
+
+def test_a_speed_limit_outlives_the_process_that_keeps_it() -> None:
+    driven = Driven()
+    driven.begin()
+    driven.run.client.change("goto", {"v_max": 0.2})
+    driven.pass_s(1.0)
+    driven.mesh.node("goto").kill()
+    driven.pass_s(1.0)
+    again = driven.run.enter("goto")
+    driven.pass_s(4.0)
+    assert again.agent.p == replace(again.agent.p, v_max=0.2)
+    assert 0.1 < driven.truth.v <= 0.21
 
 
 def test_a_speed_limit_that_is_set_live_is_kept_without_a_jerk() -> None:

@@ -6,7 +6,7 @@ import json
 import shutil
 from collections.abc import Callable, Sequence
 from pathlib import Path
-from typing import Any
+from typing import Any, ClassVar
 
 import pytest
 from msgspec.structs import replace as changed
@@ -21,7 +21,7 @@ from armadico.config.errors import ConfigError
 from armadico.config.scenarios import Scenario, load_scenario
 from armadico.config.shipped import folder
 from armadico.core import journal as j
-from armadico.core.messages import PROTOCOL, JournalPiece, decode
+from armadico.core.messages import PROTOCOL, Alarm, JournalPiece, Message, decode
 from armadico.launch.society import Options, prepared
 from armadico.launch.virtual import Rehearsal
 from armadico.mesh.link_faults import LinkFaults
@@ -185,6 +185,20 @@ def test_other_code_is_found_at_its_first_effect(recording: Path) -> None:
     assert '"number":20' in outcome.difference.inputs[-1]
     assert outcome.difference.now == ()
     assert any("it was armadico.agents.sonar:" in note for note in outcome.notes)
+
+
+def test_code_that_listens_to_more_says_so_on_its_card_and_nowhere_else(recording: Path) -> None:
+    journal = journal_of(recording, "sonar")
+    kind = type(Life(journal).agent)
+
+    class Curious(kind):  # type: ignore[misc, valid-type]
+        hears: ClassVar[tuple[type[Message], ...]] = (Alarm, *kind.hears)
+
+    outcome = replayed(journal, kind=Curious)
+    assert outcome.difference is not None
+    assert outcome.difference.then[0].startswith("reply agent/sonar/")
+    assert outcome.seconds == replayed(journal).seconds
+    assert outcome.different < 10
 
 
 def test_code_that_fails_now_is_a_difference(recording: Path) -> None:

@@ -10,7 +10,7 @@ from __future__ import annotations
 import zlib
 from base64 import b64encode
 from collections import deque
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Collection, Iterator, Mapping
 from dataclasses import dataclass, field
 from math import atan2, isfinite, remainder, tau
 from typing import Any, Final
@@ -121,7 +121,16 @@ class Tell:
     """False: there is more to come of it."""
 
 
-Out = Publish | Put | Tell
+@dataclass(frozen=True)
+class Spawn:
+    """An agent is to be started here, beside the page."""
+
+    browser: str
+    id: int
+    agent: str
+
+
+Out = Publish | Put | Tell | Spawn
 
 
 @dataclass(frozen=True)
@@ -163,6 +172,7 @@ class Robot:
         world: World | None = None,
         missions: Mapping[str, Shipped] | None = None,
         bits64: Callable[[], int] = lambda: 1,
+        helpers: Collection[str] = (),
     ) -> None:
         """Nothing is known yet.
 
@@ -171,6 +181,7 @@ class Robot:
             world: Whose walls are shown.
             missions: Those that can be ordered, by name.
             bits64: Draws the number that tells one stop from another.
+            helpers: Agents that can be started beside the page, where no host would.
         """
         self.namespace = namespace
         self.view = View()
@@ -178,6 +189,7 @@ class Robot:
         self.missions = missions or {}
         self.heard_at: float | None = None  # the robot agent's newest state
         self._draw = bits64
+        self._helpers = tuple(helpers)
         self._out: list[Out] = []
         self._number = 0
         self._waiting: dict[int, _Waiting] = {}
@@ -447,8 +459,8 @@ class Robot:
                         )
 
     def _could(self, t: float) -> dict[str, str]:
-        """Agents that a host would start, and its wakeup agent's instance."""
-        found: dict[str, str] = {}
+        """Agents that a host would start, and its wakeup agent's instance; empty: the page."""
+        found = dict.fromkeys(self._helpers, "")
         for instance, (share, at) in self._shares.items():
             if t - at <= SHARE_S and not share.leaving:
                 found |= dict.fromkeys(share.can, instance)
@@ -598,6 +610,9 @@ class Robot:
                 f"no host says that it could start {request.agent}; `armadico-agent"
                 f" {request.agent}` does so by hand"
             )
+        if not wakeup:
+            self._out.append(Spawn(browser, request.id, request.agent))
+            return
         order = WakeupRequest(WakeupOrder.START, request.agent, 0, f"asked by {browser}")
         key = service_of(WakeupRequest).key_for(instance=wakeup)
         done = f"{request.agent} is started"

@@ -7,7 +7,7 @@ hand's stick falls silent with it, and its agent lets go.
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from typing import Any, Final, Protocol
 
 import msgspec
@@ -16,7 +16,7 @@ from armadico.core.mailbox import EVENTS
 from armadico.core.messages import Ask, Message, ParametersRequest
 from armadico.core.services import BIDS, CARD, Kind, Service, service_at, service_of
 from armadico.mesh.base import Mesh, Receiver
-from armadico.observe.page.model import Publish, Put, Robot, Tell
+from armadico.observe.page.model import Publish, Put, Robot, Spawn, Tell
 from armadico.observe.page.requests import Request, RequestError, read
 from armadico.observe.watching import EVERYTHING, Heard, read_or_none
 from armadico.runtime.inbox import Inbox
@@ -37,6 +37,10 @@ CARDS_S: Final = 0.8
 """What their answers may take."""
 
 
+Spawns = Callable[[str, str], str]
+"""Starts an agent for a namespace, and returns at once: why it cannot, or nothing."""
+
+
 class Browsers(Protocol):
     """Where things are shown; called on the session's thread."""
 
@@ -53,12 +57,18 @@ class Browsers(Protocol):
 class Session:
     """Several robots, and all who look at them."""
 
-    def __init__(self, robots: Mapping[str, Robot], meshes: Sequence[Mesh]) -> None:
-        """Listen; the meshes have been opened, one for each robot's namespace."""
+    def __init__(
+        self, robots: Mapping[str, Robot], meshes: Sequence[Mesh], spawn: Spawns | None = None
+    ) -> None:
+        """Listen; the meshes have been opened, one for each robot's namespace.
+
+        `spawn` starts the robots' helpers.
+        """
         self.robots = dict(robots)
         self.browsers: Browsers | None = None
         self._meshes = {mesh.namespace: mesh for mesh in meshes}
         self._time = meshes[0]
+        self._spawn = spawn
         self._inbox = Inbox(meshes[0])
         self._shown: dict[str, dict[tuple[str, str], bytes]] = {}
         self._show_at = self._ask_at = self._tuned_at = self._tick_at = self._time.now()
@@ -147,8 +157,16 @@ class Session:
                         mesh.publish(service_of(type(message)).key, message)
                     case Put():
                         self._put(robot, self._meshes[namespace], out)
+                    case Spawn():
+                        self._tell(out.browser, _answer(self._spawned(namespace, out)))
                     case Tell():
                         self._tell(out.browser, _answer(out))
+
+    def _spawned(self, namespace: str, what: Spawn) -> Tell:
+        assert self._spawn is not None, "robots have helpers where somebody starts them"
+        fault = self._spawn(namespace, what.agent)
+        said = fault or f"{what.agent} is started beside the page"
+        return Tell(what.browser, what.id, not fault, said)
 
     def _show(self, now: float) -> None:
         """To each browser that has read the last what is otherwise since then."""

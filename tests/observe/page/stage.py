@@ -11,6 +11,7 @@ from typing import Any
 from msgspec.structs import replace
 
 from armadico.cli.page import missions
+from armadico.config.discovery import agent_class
 from armadico.config.scenarios import load_scenario
 from armadico.config.worlds import load_world
 from armadico.launch.society import Options
@@ -55,19 +56,27 @@ class Shown:
 class Stage:
     """One robot's society on the virtual mesh, and a session that is a guest there."""
 
-    def __init__(self, scenario: str = "sc1", seed: int = 5, besides: tuple[str, ...] = ()) -> None:
+    def __init__(
+        self, scenario: str = "sc1", seed: int = 5, *, run: Rehearsal | None = None
+    ) -> None:
         drawn = replace(load_scenario(scenario), goal=None)
-        self.run = Rehearsal(drawn, Options(seed=seed, besides=besides))
-        self.world = load_world(drawn.world)
+        self.run = run or Rehearsal(drawn, Options(seed=seed))
+        self.world = load_world(self.run.scenario.world)
         self.mesh = self.run.mesh
         self.place = VirtualSession(self.mesh, HOME)
         presses = iter(range(1, 1000))
-        robot = Robot(HOME, self.world, missions(), lambda: next(presses))
-        self.session = Session({HOME: robot}, [self.place])
+        robot = Robot(HOME, self.world, missions(), lambda: next(presses), ("teleop",))
+        self.spawned: list[tuple[str, str]] = []
+        self.session = Session({HOME: robot}, [self.place], self._spawn)
         self.robot = robot
         self.shown = Shown()
         self.session.browsers = self.shown
         self._ids = iter(range(1, 100_000))
+
+    def _spawn(self, namespace: str, name: str) -> str:
+        self.spawned.append((namespace, name))
+        self.run.add(agent_class(name))
+        return ""
 
     @property
     def client(self) -> Client:

@@ -159,6 +159,19 @@ def test_a_stick_says_which_cycle_its_page_has_seen_and_none_to_come(hands: Hand
     assert (first.number, second.number) == (1, 2)
 
 
+def test_where_nobody_takes_the_stick_the_page_starts_who_does() -> None:
+    stage = Stage()
+    stage.ready()
+    assert not stage.parts["hand"]["there"]
+    assert stage.parts["could"] == ["teleop"]
+    assert stage.answer(stage.say("page 1", "start", agent="teleop"))["ok"]
+    stage.until(lambda: stage.parts["hand"]["there"])
+    assert stage.parts["could"] == []
+    answer = stage.answer(stage.say("page 1", "start", agent="teleop"))
+    assert not answer["ok"]
+    assert len(stage.spawned) == 1
+
+
 def test_who_does_not_hear_the_robot_does_not_drive_it() -> None:
     stage = Stage()
     stage.session.came("page 1")

@@ -7,11 +7,14 @@ from math import hypot, pi
 from typing import Any
 
 import pytest
+from msgspec.structs import replace
 
+from armadico.config.hosts import Host, HostTable
 from armadico.config.scenarios import load_scenario
 from armadico.core import messages as m
 from armadico.launch.fleet import FleetRehearsal
 from armadico.launch.society import Options
+from armadico.launch.virtual import Rehearsal
 from armadico.mesh.virtual_session import VirtualSession
 from armadico.observe.page.model import Robot
 from armadico.observe.page.session import Session
@@ -316,6 +319,23 @@ def test_agents_that_nobody_keeps_up_are_not_restarted_and_it_says_why(stage: St
     answer = stage.answer(stage.say("page 1", "restart", agent="goto"))
     assert not answer["ok"]
     assert "nobody keeps goto up" in answer["text"]
+
+
+def test_an_agent_that_a_host_keeps_up_is_restarted_by_its_wakeup_agent() -> None:
+    scenario = replace(load_scenario("sc1"), goal=None)
+    table = HostTable({"here": Host(agents=("robot", *scenario.agents))})
+    stage = Stage(run=Rehearsal(scenario, Options(seed=2), hosts=table))
+    stage.ready()
+
+    def goto() -> dict[str, Any]:
+        rows = [row for row in stage.parts["agents"] if row["name"] == "goto"]
+        return rows[0] if rows else {"kept": False, "alive": False, "pid": 0}
+
+    stage.until(lambda: goto()["kept"])
+    before = goto()["pid"]
+    answer = stage.answer(stage.say("page 1", "restart", agent="goto", pid=before))
+    assert (answer["ok"], answer["text"]) == (True, "goto is restarted")
+    stage.until(lambda: goto()["alive"] and goto()["pid"] not in (0, before))
 
 
 def test_missions_are_ordered_by_name_and_one_that_is_none_is_said(stage: Stage) -> None:
