@@ -24,7 +24,8 @@ def main(argv: Sequence[str]) -> int:
     args = parser().parse_args(argv)
     world = options.world(args)
     mesh = options.join(args)
-    from armadico.config.missions import load_mission  # noqa: PLC0415 - not for --help
+    from armadico.config.discovery import providers  # noqa: PLC0415 - not for --help
+    from armadico.config.missions import load_mission  # noqa: PLC0415
     from armadico.config.shipped import names  # noqa: PLC0415
     from armadico.observe.mcp.answers import Society  # noqa: PLC0415
     from armadico.observe.mcp.lines import Lines  # noqa: PLC0415
@@ -42,7 +43,7 @@ def main(argv: Sequence[str]) -> int:
         server = Server(
             (Client(mesh), Client(mesh)),
             watcher,
-            Society(world, missions),
+            Society(world, missions, providers),
             Lines(options.version()),
             lambda: _start(stack, words),
             sys.stdout.buffer,

@@ -213,7 +213,7 @@ class Chronicle:
             installed: As `standing` takes it.
             begun: When it is shown the first, s: what is told of times counts from then.
         """
-        self._installed, self._begun = installed, begun
+        self.installed, self._begun = installed, begun
         self.view = View()
         self.now = 0.0
         self._recomputed = recomputed or {}
@@ -397,7 +397,7 @@ class Chronicle:
 
     def _snapshot(self) -> _Snapshot:
         view, now = self.view, self.now
-        found = standing(view, now, self._installed)
+        found = standing(view, now, self.installed)
         names = [WHEELS.name, *(name for name in view.claimed if name != WHEELS.name)]
         contenders = {
             name: [
