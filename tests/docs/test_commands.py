@@ -14,6 +14,7 @@ from tests.docs.shell import SUBSTITUTIONS, Shell
 
 COMMANDS = [block for block in blocks() if block.is_commands]
 ALONE = [block for block in COMMANDS if not block.note]
+BRIEF = 'scenario = "surveillance"\nsteps = [{ do = "take-photo" }]\n'
 
 
 @pytest.mark.parametrize("block", ALONE, ids=str)
@@ -21,6 +22,7 @@ def test_a_block_of_commands_works_as_it_stands(block: Block, tmp_path: Path) ->
     with Shell(tmp_path, "docs-test") as shell:
         shell.write(files(block.document))
         shell.write({"my/scenario.toml": 'world = "sc1"\nstart = [0, 0, 0]\ngoal = [2, 0, 0]\n'})
+        shell.write({"my/brief.toml": BRIEF})
         done = shell.run(block.text)
     assert done.returncode == 0, f"{block}\n{done.stdout}"
 
