@@ -2,17 +2,25 @@
 
 from __future__ import annotations
 
+from dataclasses import dataclass
+
 from armadico.agents.methods.subplans import Planner, move
 from armadico.config.scenarios import load_scenario
 from armadico.core.messages import (
+    Card,
+    Claim,
+    Message,
     Photo,
     PlanStep,
     Subplan,
     SubplanRequest,
 )
+from armadico.core.services import SERVICES, Kind
 from armadico.launch.society import Options, prepared
 from armadico.launch.virtual import Rehearsal
+from armadico.observe.measures import Result
 from armadico_tools.building import Building, text
+from tests.once import Once
 
 ORIGINAL = [
     *("move(hall)", "move(R1)", "take-photo", "move(hall)"),
@@ -32,16 +40,38 @@ def words(steps: tuple[PlanStep, ...]) -> list[str]:
     return [str(step) for step in steps]
 
 
-def test_the_alarm_in_r21_while_a_photo_is_taken_in_r1_ends_with_the_thesis_s_final_plan() -> None:
-    """With ideal sensors `test_recording.py` drives it."""
-    options = Options(seed=1004, sensors="real")
-    rehearsal = Rehearsal(prepared(load_scenario("surveillance"), options), options)
-    heard: list[Photo | Subplan | SubplanRequest] = []
-    rehearsal.mesh.watch(
-        lambda _k, m, _t: heard.append(m),  # type: ignore[arg-type]
-        *(Photo, Subplan, SubplanRequest),
-    )
-    result = rehearsal.run()
+SAID = [s.message for s in SERVICES if s.kind is not Kind.QUERY]
+
+
+@dataclass(frozen=True)
+class Driven:
+    """The surveillance scenario as it was driven: how it ended, and all that was said, when."""
+
+    result: Result
+    said: list[tuple[float, str, Message]]
+
+
+def surveillance(once: Once) -> Driven:
+    """With sensors that err; `test_use_cases.py` has them ideal. Tests of two files look at it."""
+
+    def make() -> Driven:
+        options = Options(seed=1004, sensors="real")
+        rehearsal = Rehearsal(prepared(load_scenario("surveillance"), options), options)
+        said = list[tuple[float, str, Message]]()
+        rehearsal.mesh.watch(
+            lambda key, message, now: said.append((now, key, message)),
+            *dict.fromkeys([*SAID, Claim, Card]),
+        )
+        return Driven(rehearsal.run(), said)
+
+    return once("surveillance", make)
+
+
+def test_the_alarm_in_r21_while_a_photo_is_taken_in_r1_ends_with_the_thesis_s_final_plan(
+    once: Once,
+) -> None:
+    driven = surveillance(once)
+    result, heard = driven.result, [message for _, _, message in driven.said]
     assert result.passed
     assert result.done
     assert result.tasks is not None
