@@ -14,13 +14,19 @@ from armadico.launch.society import Options, names, prepared
 from armadico.launch.virtual import Rehearsal
 from tests.house.tree import modules
 
-ROBOTS = ("jackal", "turtlebot3-burger", "turtlebot4", "create3")
-WATCHED_AND_NOT = ROBOTS[:2]
+WATCHED_AND_NOT = ("jackal", "turtlebot3-burger")
 """One with a watchdog of its own, and one without."""
 
 
-@pytest.mark.parametrize("robot", ROBOTS)
-@pytest.mark.parametrize("name", ["sc3", "sc4"])
+@pytest.mark.parametrize(
+    ("name", "robot"),
+    [
+        ("sc4", "jackal"),
+        ("sc3", "turtlebot3-burger"),
+        ("sc4", "turtlebot4"),
+        ("sc3", "create3"),
+    ],
+)
 def test_it_reaches_the_goal_and_touches_nothing(name: str, robot: str) -> None:
     options = Options(seed=11)
     scenario = prepared(load_scenario(name), options, profile=robot)
@@ -50,10 +56,10 @@ def test_no_behaviour_knows_which_robot_it_drives(agent: str) -> None:
 
 
 class Watched:
-    """A run of one robot, and what its base was doing."""
+    """A run of one robot, and what its base was doing. Sensors are not what this is about."""
 
-    def __init__(self, robot: str, name: str = "sc4", seed: int = 12) -> None:
-        options = Options(seed=seed)
+    def __init__(self, robot: str, name: str = "sc3", seed: int = 12) -> None:
+        options = Options(seed=seed, sensors="ideal")
         scenario = prepared(load_scenario(name), options, profile=robot)
         self.run = Rehearsal(scenario, options)
         self.run.start()
