@@ -181,7 +181,7 @@ def test_with_plenty_left_nobody_hears_of_it() -> None:
     assert {state for _, state in society.states} == {ChargeState.NONE}
 
 
-@pytest.mark.parametrize(("world", "seed"), [("house", 31), ("offices", 32), ("floor", 33)])
+@pytest.mark.parametrize(("world", "seed"), [("house", 31), ("floor", 33)])
 def test_by_sonars_and_localization_it_docks_within_a_few_centimetres(
     world: str, seed: int
 ) -> None:
@@ -243,8 +243,14 @@ def test_with_half_left_it_charges_only_when_nobody_else_wants_to_drive() -> Non
     assert ChargeState.DOCKING not in {state for _, state in busy.states}
 
 
-@pytest.mark.parametrize("name", CHARGING)
-@pytest.mark.parametrize("when", [ChargeState.TO_DOCK, ChargeState.DOCKING, ChargeState.CHARGING])
+@pytest.mark.parametrize(
+    ("name", "when"),
+    [
+        *(("battery-charger", ChargeState[to]) for to in ("TO_DOCK", "DOCKING", "CHARGING")),
+        ("dock", ChargeState.DOCKING),
+        ("battery-sensor", ChargeState.CHARGING),
+    ],
+)
 def test_whoever_dies_on_the_way_into_the_dock_it_is_charged(name: str, when: ChargeState) -> None:
     society = Society(0.3, capacity_ah=2.0)
     society.until(lambda: bool(society.states) and society.state is when, 60.0)
