@@ -256,6 +256,5 @@ def test_who_may_not_join_is_started_again_where_nobody_else_is_there() -> None:
 
 
 @pytest.mark.parametrize("kind", sorted(STRANGE | {"interface-restart", "twin"}))
-def test_a_few_seeds_of_each_kind_of_stranger(kind: str) -> None:
-    for seed in range(2):
-        assert Workload(case_of(seed, 20.0, [kind])).run().violations == ()
+def test_a_case_of_each_kind_of_stranger(kind: str) -> None:
+    assert Workload(case_of(0, 20.0, [kind])).run().violations == ()
