@@ -29,7 +29,7 @@ EVERY_S = 0.001
 RELEASED_S = 1.0
 """Somebody releases what it has stopped, so that there is something to break."""
 
-SECONDS = 20.0
+SECONDS = 12.0
 
 
 class Hostile:
