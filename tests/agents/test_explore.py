@@ -10,7 +10,6 @@ from armadico.agents.methods.frontiers import Chart, crossed
 from armadico.agents.methods.geometry import Placed
 from armadico.agents.methods.grid import Margins
 from armadico.config.grid_map import FREE, OCCUPIED, UNKNOWN, Cells, message_of
-from armadico.config.scenarios import exploring, load_scenario
 from armadico.core.agent import Answer, AskFor, Identity, Publish, Question
 from armadico.core.messages import (
     BatteryLevel,
@@ -28,8 +27,6 @@ from armadico.core.messages import (
     Pose,
     Waypoint,
 )
-from armadico.launch.society import Options
-from armadico.launch.virtual import Rehearsal
 
 TRIES = (Margins(0.3), Margins(0.25))
 WIDE = (-100.0, -100.0, 100.0, 100.0)
@@ -338,17 +335,3 @@ def test_what_is_no_map_is_left_out() -> None:
     desk.agent.receive(OccupancyGrid(0.0, 0.0, 0.05, 9, 9, b"no"), desk.now)
     desk.map(hall())
     assert len(desk.asked) == 1
-
-
-def test_a_small_world_that_nobody_told_is_explored_and_the_robot_comes_back() -> None:
-    scenario = exploring(load_scenario("sc3"))
-    assert "path-planning" not in scenario.agents
-    rehearsal = Rehearsal(scenario, Options(seed=1))
-    result = rehearsal.run()
-    watch = rehearsal.watch
-    assert result.passed, watch.failed
-    assert watch.explored is not None
-    assert watch.explored.state is ExploreState.DONE
-    assert watch.explored.known > 10.0
-    farthest = max(mark.x for mark in watch.path)
-    assert farthest > 5.0

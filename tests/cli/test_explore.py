@@ -8,6 +8,7 @@ import pytest
 
 from armadico.config import grid_map
 from armadico.config.grid_map import FREE
+from armadico.config.scenarios import exploring, load_scenario
 from armadico.config.worlds import load_world
 from tests.programs import call, heavy, imports_nothing
 
@@ -20,6 +21,8 @@ def test_help_has_examples_and_imports_nothing_heavy(name: str) -> None:
 
 
 def test_an_exploration_ends_with_a_map_that_can_be_gone_on_with(tmp_path: Path) -> None:
+    """A robot that nobody told anything, to the far end of a small world and back."""
+    assert "path-planning" not in exploring(load_scenario("sc3")).agents
     saved, picture = tmp_path / "sc3.yaml", tmp_path / "sc3.png"
     words = ("explore", "sc3", "--virtual", "--seed", "1", "--map", str(saved))
     done = call(*words, "--plot", str(picture))
