@@ -32,7 +32,10 @@ from armadico.launch.wakeup import Wakeup
 from armadico.mesh.virtual import Node
 
 SC4 = load_scenario("sc4")
-EVERYBODY = (*SC4.agents, "monitor")
+DRIVEN = ideal(SC4, keeping=("relocate",))
+"""Sensors are not what this is about. Somebody takes part who is not needed."""
+
+EVERYBODY = (*DRIVEN.agents, "monitor")
 ONE = HostTable({"here": Host(agents=("robot", *EVERYBODY))})
 TWO = HostTable(
     {
@@ -55,7 +58,7 @@ BACK_S = {"killed": 1.5, "hung": 5.0, "deaf": 7.0}
 class Society:
     """A scenario on hosts, and what monitors and hosts do in it."""
 
-    def __init__(self, table: HostTable = ONE, scenario: Scenario = SC4, seed: int = 1) -> None:
+    def __init__(self, table: HostTable = ONE, scenario: Scenario = DRIVEN, seed: int = 1) -> None:
         self.run = Rehearsal(scenario, Options(seed=seed, limit=150.0), hosts=table)
         self.mesh = self.run.mesh
         self.notes: list[str] = []
@@ -127,7 +130,7 @@ class Society:
 def test_where_nothing_is_wrong_nobody_is_asked_for_anything(scenario: Scenario) -> None:
     table = HostTable({"here": Host(agents=("robot", *scenario.agents, "monitor"))})
     society = Society(table, scenario)
-    society.let_pass(60.0)
+    society.let_pass(30.0)
     assert (society.notes, society.more(), society.said()) == ([], {}, [])
     assert [report.missing for report in society.reports.values()] == [()]
 
@@ -138,13 +141,13 @@ def test_where_nothing_is_wrong_nobody_is_asked_for_anything(scenario: Scenario)
 @pytest.mark.parametrize(
     ("fault", "name"),
     [
-        *(("killed", name) for name in ("robot", "interface")),
-        *(("hung", name) for name in ("goto", "encoder", "monitor")),
-        *(("deaf", name) for name in ("path-planning", "localization")),
+        ("killed", "robot"),
+        *(("hung", name) for name in ("goto", "monitor")),
+        ("deaf", "localization"),
     ],
 )  # `python -m armadico_tools.losses` has everybody
 def test_whoever_dies_or_hangs_is_back_once_and_the_mission_goes_on(name: str, fault: str) -> None:
-    society = Society(TWO, seed=2).let_pass(6.0)
+    society = Society(TWO, SC4, seed=2).let_pass(6.0)
     FAULTS[fault](society.mesh.node(name))
     society.back(name, BACK_S[fault])
     society.let_pass(12.0)
@@ -231,7 +234,7 @@ def test_a_host_that_comes_back_does_not_drive_out_who_took_its_agents_over() ->
 
 def test_a_host_that_was_never_there_is_waited_for() -> None:
     """Hosts come up in any order, minutes apart."""
-    run = Rehearsal(replace(SC4, goal=None), Options(seed=1), hosts=TWO)
+    run = Rehearsal(replace(DRIVEN, goal=None), Options(seed=1), hosts=TWO)
     run.hosts["b"].lose()
     run.mesh.run(40.0)
     late = run.start_host("b")
@@ -241,7 +244,7 @@ def test_a_host_that_was_never_there_is_waited_for() -> None:
 
 
 def test_a_host_that_never_comes_is_made_up_for_in_the_end() -> None:
-    run = Rehearsal(replace(SC4, goal=None), Options(seed=1), hosts=TWO)
+    run = Rehearsal(replace(DRIVEN, goal=None), Options(seed=1), hosts=TWO)
     run.hosts["b"].lose()
     run.mesh.run(70.0)
     assert run.mesh.node("goto").agent.identity.host == "a"
@@ -323,7 +326,7 @@ def test_if_it_cannot_be_whole_the_robot_is_stopped_and_it_says_why() -> None:
 
 
 def test_a_robot_that_stands_and_is_to_go_nowhere_is_not_stopped() -> None:
-    society = Society(NONE_TAKES, replace(SC4, goal=None)).let_pass(6.0)
+    society = Society(NONE_TAKES, replace(DRIVEN, goal=None)).let_pass(6.0)
     society.run.hosts["b"].lose()
     society.let_pass(40.0)
     assert society.stops == []
