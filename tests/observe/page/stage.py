@@ -12,7 +12,7 @@ from msgspec.structs import replace
 
 from armadico.cli.page import missions
 from armadico.config.discovery import agent_class
-from armadico.config.scenarios import load_scenario
+from armadico.config.scenarios import ideal, load_scenario
 from armadico.config.worlds import load_world
 from armadico.launch.society import Options
 from armadico.launch.virtual import Rehearsal
@@ -59,7 +59,7 @@ class Stage:
     def __init__(
         self, scenario: str = "sc1", seed: int = 5, *, run: Rehearsal | None = None
     ) -> None:
-        drawn = replace(load_scenario(scenario), goal=None)
+        drawn = replace(ideal(load_scenario(scenario)), goal=None)
         self.run = run or Rehearsal(drawn, Options(seed=seed))
         self.world = load_world(self.run.scenario.world)
         self.mesh = self.run.mesh
