@@ -7,19 +7,17 @@ import os
 import secrets
 import signal
 import socket
-import tempfile
 import webbrowser
 from collections.abc import Sequence
 from contextlib import ExitStack, suppress
-from pathlib import Path
 from typing import TYPE_CHECKING, Final
 
 from armadico.cli import options
+from armadico.cli.beside import Helpers
 from armadico.cli.options import FailedError, UsageError
 
 if TYPE_CHECKING:
     from armadico.config.worlds import World
-    from armadico.launch.processes import Process
     from armadico.mesh.base import Mesh
     from armadico.observe.page.guard import Guard
     from armadico.observe.page.model import Shipped
@@ -87,41 +85,6 @@ def made(meshes: Sequence[Mesh], world: World | None, start: Spawns) -> Session:
         m.namespace: Robot(m.namespace, world, known, _bits64, hand, providers) for m in meshes
     }
     return Session(robots, meshes, start)
-
-
-class Helpers:
-    """Agents that are started beside the page, and end with it, however that ends.
-
-    Attributes:
-        processes: The newest of each, by namespace and name.
-    """
-
-    def __init__(self, args: argparse.Namespace) -> None:
-        self._joining = options.joining(args)
-        self._folder = tempfile.TemporaryDirectory(prefix="armadico-page-")
-        self.processes: dict[tuple[str, str], Process] = {}
-
-    def __enter__(self) -> Helpers:
-        return self
-
-    def __exit__(self, *_: object) -> None:
-        from armadico.launch.processes import end_in_order  # noqa: PLC0415 - not for --help
-
-        with suppress(KeyboardInterrupt):
-            end_in_order([*self.processes.values()])
-        self._folder.cleanup()
-
-    def start(self, namespace: str, name: str) -> str:
-        """Start one, if it is not there yet; returns why it ended the last time, or nothing."""
-        from armadico.launch.processes import Process  # noqa: PLC0415 - not for --help
-
-        known = self.processes.get((namespace, name))
-        if known is not None and not known.ended():
-            return ""
-        words = ["agent", name, "--namespace", namespace, *self._joining]
-        log = Path(self._folder.name) / f"{namespace.replace('/', '-')}-{name}.log"
-        self.processes[namespace, name] = Process(name, words, log, tied=True)
-        return "" if known is None else f"it had ended: {known.last_words(1).strip()}"
 
 
 def missions() -> dict[str, Shipped]:

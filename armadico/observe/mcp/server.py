@@ -71,7 +71,7 @@ class Server:
         watcher: Watcher,
         society: Society,
         lines: Lines,
-        start: Callable[[], None],
+        start: Callable[[], object],
         out: BinaryIO,
     ) -> None:
         """Prepare.
