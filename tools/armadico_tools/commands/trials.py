@@ -5,7 +5,6 @@ from __future__ import annotations
 import argparse
 import json
 from collections.abc import Sequence
-from importlib.util import find_spec
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Final
 
@@ -220,8 +219,7 @@ def _print_violations(what: str, violations: Sequence[Violation]) -> None:
 
 def _recording(args: argparse.Namespace) -> int:
     """Check what was recorded."""
-    if find_spec("mcap") is None:
-        raise FailedError("mcap is not installed: pip install 'armadico[record]'")
+    options.need("mcap", "record")
     from armadico.observe.recordings import RecordingError  # noqa: PLC0415 - an extra
     from armadico_tools.faults.real_recording import check  # noqa: PLC0415
 
