@@ -5,7 +5,6 @@ from __future__ import annotations
 import argparse
 import os
 import secrets
-import signal
 import socket
 import webbrowser
 from collections.abc import Sequence
@@ -15,6 +14,8 @@ from typing import TYPE_CHECKING, Final
 from armadico.cli import options
 from armadico.cli.beside import Helpers
 from armadico.cli.options import FailedError, UsageError
+from armadico.mesh.ports import LOOPBACK
+from armadico.observe.screen import has_screen
 
 if TYPE_CHECKING:
     from armadico.config.worlds import World
@@ -25,8 +26,6 @@ if TYPE_CHECKING:
 
 PORT: Final = 8090
 """Where the page is by default."""
-
-LOOPBACK: Final = "127.0.0.1"
 
 TOKEN_VARIABLE: Final = "ARMADICO_PAGE_TOKEN"
 
@@ -48,9 +47,7 @@ def main(argv: Sequence[str]) -> int:
     meshes = options.join_each(args, namespaces)
     world = options.world(args)
     guard = _guard(args)
-    for number in (signal.SIGTERM, signal.SIGHUP):
-        if signal.getsignal(number) is signal.SIG_DFL:
-            signal.signal(number, signal.default_int_handler)
+    options.end_as_by_ctrl_c()
     from armadico.observe.page.server import Server, ServerError  # noqa: PLC0415 - not for --help
 
     with ExitStack() as stack:
@@ -64,7 +61,7 @@ def main(argv: Sequence[str]) -> int:
             raise FailedError(str(error)) from None
         link = _link(args.bind, server.port, guard.token)
         print(f"page: {link}", flush=True)
-        if not args.no_open and _has_screen():
+        if not args.no_open and has_screen(os.environ):
             webbrowser.open(link)
         with suppress(KeyboardInterrupt):
             while True:
@@ -154,10 +151,6 @@ def _link(address: str, port: int, token: str) -> str:
     if ":" in host:
         host = f"[{host}]"
     return f"http://{host}:{port}/" + (f"#token={token}" if token else "")
-
-
-def _has_screen() -> bool:
-    return bool(os.environ.get("DISPLAY") or os.environ.get("WAYLAND_DISPLAY"))
 
 
 def _bits64() -> int:

@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING, Final, NamedTuple
 
 from armadico.cli import options
 from armadico.cli.options import FailedError, UsageError
-from armadico_tools.command_options import add_json, add_out, end_in_order, say
+from armadico_tools.command_options import add_json, add_out, say
 
 if TYPE_CHECKING:
     from armadico.observe.replay import Outcome
@@ -97,7 +97,7 @@ def main(argv: Sequence[str]) -> int:
     for name in args.names:
         if name not in {plan.name for plan in PLANS}:
             raise UsageError(f"{name}: `armadico replays --list` shows what there is")
-    end_in_order()
+    options.end_as_by_ctrl_c()
     try:
         args.out.mkdir(parents=True, exist_ok=True)
     except OSError as error:

@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Any, Final
 from armadico.cli import options
 from armadico.cli.options import FailedError, UsageError
 from armadico.config.discovery import unknown
-from armadico_tools.command_options import add_json, add_out, at_least, end_in_order, say
+from armadico_tools.command_options import add_json, add_out, at_least, say
 
 if TYPE_CHECKING:
     from armadico_tools.faults.checker import Violation
@@ -49,7 +49,7 @@ def main(argv: Sequence[str]) -> int:
         raise UsageError(f"--record {args.record}: of one kind of trial")
     if args.record is not None and args.record.exists():
         raise FailedError(f"{args.record} exists already; name another file")
-    end_in_order()
+    options.end_as_by_ctrl_c()
     return _series(args, _chosen(args))
 
 
