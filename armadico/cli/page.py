@@ -20,8 +20,8 @@ from armadico.observe.screen import has_screen
 if TYPE_CHECKING:
     from armadico.config.worlds import World
     from armadico.mesh.base import Mesh
+    from armadico.observe.page.asked import Shipped
     from armadico.observe.page.guard import Guard
-    from armadico.observe.page.model import Shipped
     from armadico.observe.page.session import Session, Spawns
 
 PORT: Final = 8090
@@ -88,7 +88,7 @@ def missions() -> dict[str, Shipped]:
     """The missions that come with Armadico, by name."""
     from armadico.config.missions import load_mission  # noqa: PLC0415 - not for --help
     from armadico.config.shipped import names  # noqa: PLC0415
-    from armadico.observe.page.model import Shipped  # noqa: PLC0415
+    from armadico.observe.page.asked import Shipped  # noqa: PLC0415
 
     found = [load_mission(name) for name in names("missions")]
     return {each.name: Shipped(each.name, each.title, each.text) for each in found}
