@@ -223,12 +223,12 @@ class Robot:
         for agent in view.agents:
             if agent.card is None or wheels not in agent.card.resources:
                 continue
-            record, _ = view.bids.get(agent.instance, (None, 0.0))
+            record = view.bid(agent.instance, wheels)
             row: dict[str, Any] = {"name": agent.name, "colour": colour(agent.name)}
             row["drives"] = agent.instance == driver
             if claim is not None and claim.ballot.instance == agent.instance:
                 row |= {"utility": claim.utility, "critical": claim.critical, "why": ""}
-            elif record is not None and record.resource == wheels:
+            elif record is not None:
                 row |= {"utility": record.utility, "critical": record.critical}
                 row |= {"why": record.reason}
             rows.append(row)
