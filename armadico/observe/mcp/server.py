@@ -21,7 +21,7 @@ from armadico.core.messages import (
 from armadico.core.tools import TOOLS, Asking, Last, Why
 from armadico.observe.mcp.answers import Society
 from armadico.observe.mcp.lines import LONGEST, Call, Lines, answer
-from armadico.observe.watching import Watcher, show
+from armadico.observe.watching import ASK_S, Watcher, show
 from armadico.observe.why import LATER_S
 from armadico.runtime.client import Client
 from armadico.runtime.errors import SocietyError
@@ -33,11 +33,8 @@ WAITING: Final = 64
 TURN_S: Final = 0.05
 """How often it is looked for a call while nothing is heard of the society."""
 
-ASK_S: Final = 1.0
-"""Agents are asked for their bids so often,"""
-
 WATCHED_S: Final = 60.0
-"""for so long after a program has asked for something."""
+"""Agents are asked for their bids and cards for so long after a program has asked for something."""
 
 FIND_S: Final = 2.0
 """How long the assistant agent is looked for before one is started;"""

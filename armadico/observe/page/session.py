@@ -19,7 +19,7 @@ from armadico.mesh.base import Mesh, Receiver
 from armadico.observe.page.asked import Publish, Put, Spawn, Tell
 from armadico.observe.page.model import Robot
 from armadico.observe.page.requests import Request, RequestError, read
-from armadico.observe.watching import EVERYTHING, Heard, read_or_none
+from armadico.observe.watching import ASK_S, EVERYTHING, Heard, read_or_none
 from armadico.runtime.inbox import Inbox
 
 TURN_S: Final = 0.05
@@ -28,11 +28,9 @@ TURN_S: Final = 0.05
 TICK_S: Final = 0.5
 """And though nothing is otherwise, so often."""
 
-ASK_S: Final = 1.0
-"""Everybody is asked for their bids and cards so often, s, while somebody looks."""
-
 TUNED_S: Final = 5.0
-"""And for their parameters so often; changes are published besides."""
+"""While somebody looks everybody is asked for bids and cards each `ASK_S`, and for parameters so
+often, s; changes of these are published besides."""
 
 CARDS_S: Final = 0.8
 """What their answers may take."""
