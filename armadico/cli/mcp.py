@@ -43,7 +43,7 @@ def main(argv: Sequence[str]) -> int:
         server = Server(
             (Client(mesh), Client(mesh)),
             watcher,
-            Society(world, missions, providers),
+            Society(world, missions, providers, begun=watcher.clock() / 1e9),
             Lines(options.version()),
             lambda: helpers.start(args.namespace, society().assistant),
             sys.stdout.buffer,
