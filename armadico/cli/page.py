@@ -77,9 +77,9 @@ def made(meshes: Sequence[Mesh], world: World | None, start: Spawns) -> Session:
     from armadico.observe.page.session import Session  # noqa: PLC0415 - not for --help
 
     known = missions()
-    hand = (society().hand,)
+    helpers = (society().by_hand,)
     robots = {
-        m.namespace: Robot(m.namespace, world, known, _bits64, hand, providers) for m in meshes
+        m.namespace: Robot(m.namespace, world, known, _bits64, helpers, providers) for m in meshes
     }
     return Session(robots, meshes, start)
 

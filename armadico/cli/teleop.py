@@ -211,7 +211,7 @@ def _started(args: argparse.Namespace, client: Client) -> Iterator[None]:
     """An agent that takes it, for as long as this lasts. Raises FailedError."""
     from armadico.config.scenarios import society  # noqa: PLC0415 - not for --help
 
-    name = society().hand
+    name = society().by_hand
     print(f"nobody takes a stick: the agent {name} is started here", flush=True)
     with Helpers(args) as helpers:
         helpers.start(args.namespace, name)
