@@ -25,7 +25,7 @@ from armadico.observe.watching import ASK_S, Watcher, show
 from armadico.observe.why import LATER_S
 from armadico.runtime.client import Client
 from armadico.runtime.errors import SocietyError
-from armadico.runtime.latch import REST_M_S, REST_RAD_S
+from armadico.runtime.latch import rests
 
 WAITING: Final = 64
 """Calls that wait to be answered, one after another; what is more is refused at once."""
@@ -219,12 +219,7 @@ class Server:
     def _rests(self) -> bool:
         """Whether the robot itself says that it is stopped, and its wheels are at rest."""
         state = self._stopper.latest(RobotState)
-        return (
-            state is not None
-            and state.stop.stopped
-            and abs(state.v) <= REST_M_S
-            and abs(state.w) <= REST_RAD_S
-        )
+        return state is not None and state.stop.stopped and rests(state.v, state.w)
 
     def _look(self, call: Call) -> dict[str, Any]:
         """What a tool answers that only looks; the agent has found nothing wrong with its call."""
