@@ -604,6 +604,10 @@ class Chronicle:
             said.append(f"The robot stood {of.stood:.1f} s later.")
         if of.released is not None:
             said.append(f"{of.released_by or 'Somebody'} released it at {of.released:.2f} s.")
+        elif number < len(self._pressed):
+            anew = self._pressed[number]
+            who = anew.stop.by or "somebody"
+            said.append(f"Before it was released {who} latched another at {anew.t:.2f} s.")
         else:
             said.append("Nobody has released it.")
         cause = Cause(Sort.STOP, by, said[0], "`armadico resume` releases it")

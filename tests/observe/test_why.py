@@ -253,3 +253,13 @@ def test_the_planted_cause_is_named(name: str, tmp_path: Path) -> None:
 def test_no_two_incidents_have_the_same_cause() -> None:
     causes = {(each.sort, each.who) for each in INCIDENTS.values()}
     assert len(causes) == len(INCIDENTS) >= 20
+
+
+def test_a_stop_that_was_latched_anew_before_its_release_says_by_whom() -> None:
+    heard = Overheard().drive(1.0)
+    for count, by in enumerate(("anna", "bert"), 1):
+        heard.mesh.publish(Stop(count, True, by, 10 + count))
+        heard.let_pass(0.5)
+    anna, bert = heard.chronicle.presses
+    assert anna.sentences[-1] == f"Before it was released bert latched another at {bert.t:.2f} s."
+    assert bert.sentences[-1] == "Nobody has released it."
