@@ -335,14 +335,13 @@ class Chronicle:
         self._struck = struck
 
     def _take_stop(self, stop: Stop, t: float, *, before: bool) -> None:
-        last = self._pressed[-1] if self._pressed else None
-        if stop.stopped and (last is None or last.stop.press != stop.press):
-            number = last.number + 1 if last is not None else 1
+        # A state that was on its way may still show the press before.
+        known = next((each for each in self._pressed if each.stop.press == stop.press), None)
+        if known is None and stop.stopped:
+            number = self._pressed[-1].number + 1 if self._pressed else 1
             _keep(self._pressed, _Pressed(number, t - self._begun, stop, before))
-            return
-        over = last is not None and not stop.stopped and last.stop.press == stop.press
-        if over and last is not None and last.released is None:
-            last.released, last.released_by = t - self._begun, stop.by
+        elif known is not None and not stop.stopped and known.released is None:
+            known.released, known.released_by = t - self._begun, stop.by
 
     def _take_claim(self, claim: Claim, t: float) -> None:
         self._claims.setdefault(claim.resource, deque(maxlen=KEPT_CYCLES)).append((t, claim))
@@ -607,6 +606,9 @@ class Chronicle:
             said.append(f"The robot stood {of.stood:.1f} s later.")
         if of.released is not None:
             said.append(f"{of.released_by or 'Somebody'} released it at {of.released:.2f} s.")
+        elif anew := next((each for each in self._pressed if each.number > of.number), None):
+            who = anew.stop.by or "somebody"
+            said.append(f"Before it was released {who} latched another at {anew.t:.2f} s.")
         else:
             said.append("Nobody has released it.")
         cause = Cause(Sort.STOP, by, said[0], "`armadico resume` releases it")

@@ -313,3 +313,13 @@ def test_a_stop_that_was_there_before_anybody_listened_is_told_as_that() -> None
         "Before it was listened anna latched the stop.",
         "How soon the robot stood then nobody heard.",
     )
+
+
+def test_a_stop_that_was_latched_anew_before_its_release_says_by_whom() -> None:
+    heard = Overheard().drive(1.0)
+    for count, by in enumerate(("anna", "bert"), 1):
+        heard.mesh.publish(Stop(count, True, by, 10 + count))
+        heard.let_pass(0.5)
+    anna, bert = heard.chronicle.presses
+    assert anna.sentences[-1] == f"Before it was released bert latched another at {bert.t:.2f} s."
+    assert bert.sentences[-1] == "Nobody has released it."
