@@ -12,12 +12,11 @@ from collections import Counter
 from collections.abc import Iterator, Sequence
 from contextlib import suppress
 from heapq import merge
-from importlib.util import find_spec
 from pathlib import Path
 from typing import TYPE_CHECKING, Final
 
 from armadico.cli import options
-from armadico.cli.options import FailedError, UsageError
+from armadico.cli.options import UsageError
 
 if TYPE_CHECKING:
     from armadico.core.messages import BidRecord
@@ -127,10 +126,9 @@ def _check(args: argparse.Namespace) -> None:
         raise UsageError(f"--rate {args.rate:g}: more than 0")
     if args.jobs is not None and args.jobs < 1:
         raise UsageError(f"--jobs {args.jobs}: at least 1")
-    if find_spec("mcap") is None:
-        raise FailedError("mcap is not installed: pip install 'armadico[record]'")
-    if args.picture is not None and find_spec("matplotlib") is None:
-        raise FailedError("no picture: matplotlib is missing; pip install 'armadico[plot]'")
+    options.need("mcap", "record")
+    if args.picture is not None:
+        options.need("matplotlib", "plot")
 
 
 def _chosen(args: argparse.Namespace, past: Past) -> list[Journal]:

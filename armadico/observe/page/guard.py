@@ -15,8 +15,6 @@ from ipaddress import ip_address
 from typing import Final
 from urllib.parse import urlsplit
 
-LOOPBACK: Final = "127.0.0.1"
-
 LEAST_TOKEN: Final = 16
 """Characters; what is drawn at random has twice as many."""
 

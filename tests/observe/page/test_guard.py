@@ -4,8 +4,8 @@ from __future__ import annotations
 
 import pytest
 
+from armadico.mesh.ports import LOOPBACK
 from armadico.observe.page.guard import (
-    LOOPBACK,
     Guard,
     GuardError,
     Refusal,

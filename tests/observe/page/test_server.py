@@ -16,7 +16,8 @@ from websockets.exceptions import ConnectionClosed, InvalidStatus
 from websockets.sync.client import ClientConnection, connect
 from websockets.typing import Origin, Subprotocol
 
-from armadico.observe.page.guard import LOOPBACK, PROTOCOL, Guard, subprotocol
+from armadico.mesh.ports import LOOPBACK
+from armadico.observe.page.guard import PROTOCOL, Guard, subprotocol
 from armadico.observe.page.server import MOST, Server, ServerError, web_files
 
 SOON = 20.0

@@ -393,3 +393,17 @@ def test_each_of_several_robots_is_shown_and_one_is_stopped_alone() -> None:
     while fleet.mesh.now < 5.0:
         session.turn()
     assert [shown.parts[name]["stop"]["held"] for name in names] == [False, True]
+
+
+def test_who_contends_for_more_is_shown_with_its_bid_for_the_wheels() -> None:
+    robot, who = Robot(HOME), "both-0123456789abcdef"
+    card = m.Card("both", who, "here", 1, "1", m.PROTOCOL, (), (), ("wheels", "arm"))
+    bids = [
+        m.BidRecord(m.Cycle(1, 5), name, utility, False, (0.0, 0.0), f"for the {name}")
+        for name, utility in (("wheels", 0.4), ("arm", 0.9))
+    ]
+    robot.token(who, there=True, t=1.0)
+    for said in (card, m.BidHistory(who, tuple(bids))):
+        robot.heard("", said, 1.0, asked=True)
+    (row,) = robot.parts(1.1)["wheels"]["contenders"]
+    assert (row["utility"], row["why"]) == (0.4, "for the wheels")
