@@ -46,7 +46,8 @@ _TABLE: Final = re.compile(r"^\s*\[")
 def save(path: Path, agent: str, values: Mapping[str, bool | float | str | None]) -> None:
     """Write some of an agent's parameters into a set, which need not be there; the rest stays.
 
-    None takes one out. Raises ConfigError if there is no place for them in what is there, or it cannot be written.
+    None takes one out. Raises ConfigError if there is no place for them in what is there, or if it
+    cannot be written.
     """
     there = path.exists() and (path.is_file() or path.is_dir())  # a pipe would never end
     text = read_text(path) if there else ""
