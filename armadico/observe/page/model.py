@@ -74,7 +74,10 @@ ANSWER_S: Final = 10.0
 """What an answer to all but a goal may take."""
 
 UNDER_WAY: Final = 8
-"""Questions of one robot's page that may wait for their answers."""
+"""Questions of one browser that may wait for one robot's answers."""
+
+STICK_S: Final = 0.05
+"""A browser's stick is passed on no oftener: the newest, or a flood would be one on the mesh."""
 
 EXCHANGES: Final = 30
 LINES: Final = 40
@@ -163,6 +166,15 @@ class _Pressed:
     whose: list[tuple[str, int]] = field(default_factory=list)
 
 
+@dataclass
+class _Hand:
+    """A browser's, on the stick."""
+
+    number: int = 0  # how often it has moved
+    say_at: float = 0.0
+    newest: Stick | None = None  # that waits until then
+
+
 class Robot:
     """One robot's society."""
 
@@ -200,7 +212,7 @@ class Robot:
         self._driver: str | None = None
         self._exchanges: deque[dict[str, Any]] = deque(maxlen=EXCHANGES)
         self._hand: tuple[TeleopStatus, float] | None = None
-        self._sticks: dict[str, int] = {}  # by hand, how often it has moved
+        self._sticks: dict[str, _Hand] = {}  # by browser
         self._parameters: dict[str, list[dict[str, Any]]] = {}
         self._trail: deque[list[Any]] = deque(maxlen=TRAIL)
 
@@ -264,13 +276,14 @@ class Robot:
             case Tune():
                 self._tune(browser, request)
             case Hold():
-                self._hold(browser, request)
+                self._hold(browser, request, t)
 
     def gone(self, browser: str) -> None:
         """A browser has gone: whatever its hand held it lets go of."""
         state = self.view.state
         if browser in self._sticks and state is not None:
-            self._publish_stick(browser, Stick(state.cycle, browser, 0, 0.0, 0.0, held=False))
+            self._sticks[browser].newest = Stick(state.cycle, browser, 0, 0.0, 0.0, held=False)
+            self._publish_stick(self._sticks[browser])
         self._sticks.pop(browser, None)
 
     def answered(self, number: int, message: Message | None) -> None:
@@ -285,6 +298,8 @@ class Robot:
 
     def wake(self, t: float) -> None:
         """Do what is due by the time: an order to stop is repeated until it is acknowledged."""
+        for hand in self._sticks.values():
+            self._say_stick(hand, t)
         pressed = self._pressed
         if pressed is None:
             return
@@ -639,19 +654,26 @@ class Robot:
             if row["name"] == change.name:
                 row["json"] = change.json
 
-    def _hold(self, browser: str, request: Hold) -> None:
+    def _hold(self, browser: str, request: Hold, t: float) -> None:
         """Pass on where a stick is, with the cycle that its hand saw."""
         state = self.view.state
         if state is None:
             raise RequestError("nothing is heard of the robot")
         cycle = Cycle(state.cycle.epoch, min(request.cycle, state.cycle.number))
-        stick = Stick(cycle, browser, 0, request.v, request.w, request.held)
-        self._publish_stick(browser, stick)
+        hand = self._sticks.setdefault(browser, _Hand())
+        hand.newest = Stick(cycle, browser, 0, request.v, request.w, request.held)
+        self._say_stick(hand, t)
 
-    def _publish_stick(self, browser: str, stick: Stick) -> None:
-        number = self._sticks.get(browser, 0) + 1
-        self._sticks[browser] = number
-        self._out.append(Publish(replace(stick, number=number)))
+    def _say_stick(self, hand: _Hand, t: float) -> None:
+        if hand.newest is not None and t >= hand.say_at:
+            hand.say_at = t + STICK_S
+            self._publish_stick(hand)
+
+    def _publish_stick(self, hand: _Hand) -> None:
+        assert hand.newest is not None, "there is one to be said"
+        hand.number += 1
+        self._out.append(Publish(replace(hand.newest, number=hand.number)))
+        hand.newest = None
 
     def _put(
         self,
@@ -662,7 +684,7 @@ class Robot:
         timeout: float = ANSWER_S,
         key: str = "",
     ) -> None:
-        if len(self._waiting) >= UNDER_WAY:
+        if sum(each.browser == browser for each in self._waiting.values()) >= UNDER_WAY:
             raise RequestError("too much is asked for at once")
         service = service_of(type(message))
         assert service.reply is not None, "it is a question"

@@ -289,6 +289,33 @@ def test_a_flood_is_bounded_and_the_stop_of_another_comes_through(stage: Stage) 
     assert stage.parts["motion"]["cycle"] - begun <= 2
 
 
+def test_what_one_browser_floods_takes_nothing_from_another(stage: Stage) -> None:
+    stage.mesh.node("interface").kill()  # so that nobody answers
+    for _ in range(100):
+        stage.say("flood", "go", x=1.0, y=1.0)
+    order = stage.say("page 1", "order", mission="nowhere")
+    goal = stage.say("page 1", "go", x=1.0, y=1.0)
+    assert "no mission" in stage.answer(order)["text"]
+    assert stage.answer(goal)["text"] == "nobody answered"
+
+
+def test_a_flood_of_sticks_is_none_on_the_mesh_and_the_newest_is_said(stage: Stage) -> None:
+    heard: list[m.Stick] = []
+    stage.mesh.watch(lambda _key, message, _t: heard.append(message), m.Stick)
+    cycle = stage.parts["motion"]["cycle"]
+    for _ in range(20):
+        for at in range(50):
+            v = at / 50
+            stage.say("page 1", "stick", v=v, w=0.0, cycle=cycle)
+        stage.pass_(0.05)
+    stage.say("page 1", "stick", v=1.0, w=0.0, cycle=cycle)
+    stage.say("page 1", "stick", v=0.0, w=0.0, cycle=cycle, held=False)
+    stage.pass_(0.2)
+    assert len(heard) <= 25
+    assert [stick.number for stick in heard] == [*range(1, len(heard) + 1)]
+    assert not heard[-1].held  # letting go is never left out
+
+
 # What it shows ------------------------------------------------------------------------------------
 
 
