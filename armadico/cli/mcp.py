@@ -3,7 +3,10 @@
 from __future__ import annotations
 
 import argparse
+import os
 import queue
+import signal
+import subprocess
 import sys
 import threading
 import time
@@ -66,6 +69,8 @@ def main(argv: Sequence[str]) -> int:
     from armadico.runtime.client import Client  # noqa: PLC0415
 
     missions = {name: load_mission(name).title for name in names("missions")}
+    if signal.getsignal(signal.SIGTERM) is signal.SIG_DFL:  # the helper leaves in order
+        signal.signal(signal.SIGTERM, signal.default_int_handler)
     with ExitStack() as stack:
         stack.enter_context(mesh)
         watcher = Watcher([mesh])
@@ -77,10 +82,10 @@ def main(argv: Sequence[str]) -> int:
             watcher,
             Society(world, missions),
             Lines(options.version()),
-            lambda: _start(stack, words),
+            stack.enter_context(Helper(words)).start,
             sys.stdout.buffer,
         )
-        server.serve(reading(sys.stdin.buffer))
+        server.serve(reading(sys.stdin.fileno()))
     return 0
 
 
@@ -99,34 +104,66 @@ def parser() -> argparse.ArgumentParser:
     return made
 
 
-def reading(file: BinaryIO) -> queue.Queue[bytes]:
-    """What a file says, line by line, read by a thread of its own; empty bytes are its end."""
+def reading(descriptor: int) -> queue.Queue[bytes]:
+    """What a descriptor says, line by line, read by a thread of its own; empty bytes are its end.
+
+    By the descriptor, since whoever waits in one of Python's files has its lock, and a process that
+    leaves meanwhile, by Ctrl-C say, is aborted for that.
+    """
     from armadico.observe.mcp.lines import LONGEST  # noqa: PLC0415 - not for --help
 
     lines: queue.Queue[bytes] = queue.Queue(WAITING)
 
     def read() -> None:
-        while found := file.readline(LONGEST + 1):
-            rest = found
-            while rest and not rest.endswith(b"\n"):  # too long: it is refused as that
-                rest = file.readline(LONGEST + 1)
-            if found.strip():
-                lines.put(found)
+        begun = b""  # of a line that is too long so much that it is refused as that
+        while data := os.read(descriptor, LONGEST):
+            *whole, last = data.split(b"\n")
+            for part in whole:
+                found, begun = begun + part[: LONGEST + 1 - len(begun)], b""
+                if found.strip():
+                    lines.put(found)
+            begun += last[: LONGEST + 1 - len(begun)]
+        if begun.strip():
+            lines.put(begun)
         lines.put(b"")
 
     threading.Thread(target=read, name="stdin", daemon=True).start()
     return lines
 
 
-def _start(stack: ExitStack, words: Sequence[str]) -> None:
-    """Start an assistant agent that leaves with this process."""
-    from armadico.config.scenarios import society  # noqa: PLC0415 - not for --help
-    from armadico.launch.processes import Process, end  # noqa: PLC0415
+class Helper:
+    """The assistant agent that is started here, and leaves with this process."""
 
-    name = society().assistant
-    folder = stack.enter_context(TemporaryDirectory(prefix="armadico-mcp-"))
-    process = Process(name, ["agent", name, *words], Path(folder) / f"{name}.log", tied=True)
-    stack.callback(end, process.popen)
+    def __init__(self, words: Sequence[str]) -> None:
+        """Nothing is started; `words` say which mesh it joins."""
+        self._words = words
+        self._folder = TemporaryDirectory(prefix="armadico-mcp-")
+        self._popen: subprocess.Popen[bytes] | None = None
+
+    def __enter__(self) -> Helper:
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        self.end()
+        self._folder.cleanup()
+
+    def end(self) -> None:
+        """End it, if there is one."""
+        from armadico.launch.processes import end  # noqa: PLC0415 - not for --help
+
+        if self._popen is not None:
+            end(self._popen)
+            self._popen = None
+
+    def start(self) -> None:
+        """Start it; the one before it has not answered, and would only keep this one out."""
+        from armadico.config.scenarios import society  # noqa: PLC0415 - not for --help
+        from armadico.launch.processes import Process  # noqa: PLC0415 - not for --help
+
+        self.end()
+        name = society().assistant
+        log = Path(self._folder.name) / f"{name}.log"
+        self._popen = Process(name, ["agent", name, *self._words], log, tied=True).popen
 
 
 class Server:
