@@ -278,6 +278,21 @@ def test_what_is_no_request_is_said_and_changes_nothing(stage: Stage, said: str,
     assert why in stage.shown.answers[-1]["text"]
 
 
+@pytest.mark.parametrize(
+    ("do", "words"),
+    [
+        ("go", {"x": 1e9, "y": 0.0}),  # what somebody may type
+        ("set", {"instance": "goto-1", "name": "v_max", "json": "9" * 2001}),
+        ("set", {"instance": "goto-1", "name": "v_max", "json": "9" * 5000}),
+        ("fly", {}),
+    ],
+)
+def test_what_is_out_of_range_is_answered_so_that_nobody_waits_for_ever(
+    stage: Stage, do: str, words: dict[str, Any]
+) -> None:
+    assert not stage.answer(stage.say("page 1", do, **words))["ok"]
+
+
 def test_a_flood_is_bounded_and_the_stop_of_another_comes_through(stage: Stage) -> None:
     driving(stage)
     goal = json.dumps({"do": "go", "id": 1, "robot": HOME, "x": 1.0, "y": 1.0})
