@@ -103,7 +103,9 @@ class Assistant(Agent):
         try:
             told = msgspec.json.decode(request.text, type=tool.arguments)
         except msgspec.DecodeError as error:
-            return AssistantReply(refusal=line(f"{tool.name}: {error}"))
+            if tool.name != "stop":
+                return AssistantReply(refusal=line(f"{tool.name}: {error}"))
+            told = Because()  # whoever wants it stopped need not say so well
         do = self._doing.get(tool.name)
         return AssistantReply() if do is None else do(request, told, question)
 

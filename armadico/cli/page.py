@@ -76,13 +76,16 @@ def main(argv: Sequence[str]) -> int:
 
 def made(meshes: Sequence[Mesh], world: World | None, start: Spawns) -> Session:
     """A session for robots whose meshes have been opened; `start` starts who takes the stick."""
+    from armadico.config.discovery import providers  # noqa: PLC0415 - not for --help
     from armadico.config.scenarios import society  # noqa: PLC0415 - not for --help
     from armadico.observe.page.model import Robot  # noqa: PLC0415 - not for --help
     from armadico.observe.page.session import Session  # noqa: PLC0415 - not for --help
 
     known = missions()
     hand = (society().hand,)
-    robots = {m.namespace: Robot(m.namespace, world, known, _bits64, hand) for m in meshes}
+    robots = {
+        m.namespace: Robot(m.namespace, world, known, _bits64, hand, providers) for m in meshes
+    }
     return Session(robots, meshes, start)
 
 

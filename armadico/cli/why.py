@@ -288,10 +288,10 @@ def _moment(found: Moment) -> Told:
 
 def _one(what: str, number: int, found: Sequence[Exchange | Press | Collision]) -> Told:
     """The N-th of some. Raises FailedError if there are not so many."""
-    if number > len(found):
+    one = next((each for each in found if each.number == number), None)
+    if one is None:
         there = f"{len(found)} there are" if found else "there is none"
         raise FailedError(f"no {what} {number}: {there}")
-    one = found[number - 1]
     return Told(one.sentences, one)
 
 

@@ -251,15 +251,17 @@ class Journalled(Driver):
 
     def take(self) -> list[Output]:
         """See `Driver`; and the journal's pieces, if they are published."""
-        given = super().take()
+        given, shown = super().take(), False
         if given:
             self._entries.append((TAKE, [_called(item, 0) for item in given]))
+            # Whoever sees it sees its journal, too, however soon it is killed.
+            shown = any(isinstance(item, Announce) for item in given)
             given = [_called(item, 1) for item in given]
         elif not self._taken:
             self._entries.append((TAKE, []))
         self._taken = True
         if self._publishes:
-            if self._ended:
+            if self._ended or shown:
                 self._close()
             if self._ready:
                 given += [Publish(self._piece_key, piece) for piece in self._ready]

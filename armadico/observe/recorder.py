@@ -180,6 +180,12 @@ class Gaps:
                 found.append((*who, number))
         return found
 
+    def expect(self, namespace: str, instance: str) -> None:
+        """Miss the first piece of who is there and was not heard, where others keep journals."""
+        who = (namespace, instance)
+        if who not in self._next and any(space == namespace for space, _ in self._next):
+            self._next[who], self._missing[who] = 1, {0: 0}
+
     @property
     def lost(self) -> int:
         """How many are missing."""
@@ -370,6 +376,8 @@ def record(
 
 def _complete(watcher: Watcher, recording: Recording) -> None:
     """Ask once more for the pieces that are missing, and wait for them a moment."""
+    for namespace, _, instance in recording.there:  # one that has only just come, say
+        recording.gaps.expect(namespace, instance)
     missing = recording.gaps.ask()
     for lost in missing:
         watcher.ask_for_piece(*lost, COMPLETE_S)

@@ -12,7 +12,7 @@ from collections import deque
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from math import degrees, hypot
-from typing import Final
+from typing import Final, TypeVar
 
 from msgspec import Struct
 from msgspec.structs import replace
@@ -43,12 +43,17 @@ from armadico.core.services import matches
 from armadico.observe.standing import Cause, Installed, Sort, standing
 from armadico.observe.view import FRESH_CYCLES, RESTS, View, agent_of
 
+T = TypeVar("T")
+
 LATER_S: Final = 1.6
 """Bids of a moment are known so much later: everybody is asked once a second."""
 
 KEPT_CYCLES: Final = 200
 """Bids, claims and commands of so many cycles are kept: of more than `LATER_S`, and of a holder
 that let go and that nobody took over from for a while."""
+
+MOST: Final = 10_000
+"""Exchanges, stops, collisions and moments that are kept, the last ones."""
 
 AGO: Final = FRESH_CYCLES
 """A contender whose newest bid is more cycles older than a moment had no turn then."""
@@ -153,6 +158,7 @@ class Collision(Struct, frozen=True):
 
 @dataclass
 class _Pressed:
+    number: int
     t: float
     stop: Stop
     before: bool  # anything was heard
@@ -207,7 +213,7 @@ class Chronicle:
             installed: As `standing` takes it.
             begun: When it is shown the first, s: what is told of times counts from then.
         """
-        self._installed, self._begun = installed, begun
+        self.installed, self._begun = installed, begun
         self.view = View()
         self.now = 0.0
         self._recomputed = recomputed or {}
@@ -223,6 +229,7 @@ class Chronicle:
         self._obeyed: dict[str, str] = {}  # by resource, the instance that was obeyed last
         self._pending: deque[_Snapshot | _Taken | tuple[_Snapshot, Cause, str]] = deque()
         self._struck = (0, 0)  # collisions, and of those bumps
+        self._struck_times = 0
         self._felt = False
         self._counts: dict[str, int] = {}
 
@@ -277,7 +284,7 @@ class Chronicle:
     @property
     def presses(self) -> list[Press]:
         """The stops so far."""
-        return [self._press(n, pressed) for n, pressed in enumerate(self._pressed, 1)]
+        return [self._press(pressed) for pressed in self._pressed]
 
     # Inside --------------------------------------------------------------------------------------
 
@@ -292,21 +299,16 @@ class Chronicle:
 
     def _explain(self, what: _Snapshot | _Taken | tuple[_Snapshot, Cause, str]) -> None:
         if isinstance(what, _Snapshot):
-            self.moments.append(self._moment(what))
+            _keep(self.moments, self._moment(what))
         elif isinstance(what, _Taken):
-            self.exchanges.append(self._exchange(what))
+            _keep(self.exchanges, self._exchange(what))
         else:
             snapshot, cause, text = what
             moment = self._moment(snapshot)
-            self.collisions.append(
-                Collision(
-                    len(self.collisions) + 1,
-                    snapshot.t,
-                    (text, *moment.sentences, cause.what),
-                    cause,
-                    moment,
-                )
-            )
+            self._struck_times += 1
+            said = (text, *moment.sentences, cause.what)
+            collision = Collision(self._struck_times, snapshot.t, said, cause, moment)
+            _keep(self.collisions, collision)
 
     def _take_state(self, state: RobotState, t: float) -> None:
         self._clock.advance(state.cycle, t)
@@ -335,7 +337,9 @@ class Chronicle:
     def _take_stop(self, stop: Stop, t: float) -> None:
         last = self._pressed[-1] if self._pressed else None
         if stop.stopped and (last is None or last.stop.press != stop.press):
-            self._pressed.append(_Pressed(t - self._begun, stop, before=self.view.state is None))
+            number = last.number + 1 if last is not None else 1
+            before = self.view.state is None
+            _keep(self._pressed, _Pressed(number, t - self._begun, stop, before))
             return
         over = last is not None and not stop.stopped and last.stop.press == stop.press
         if over and last is not None and last.released is None:
@@ -393,7 +397,7 @@ class Chronicle:
 
     def _snapshot(self) -> _Snapshot:
         view, now = self.view, self.now
-        found = standing(view, now, self._installed)
+        found = standing(view, now, self.installed)
         names = [WHEELS.name, *(name for name in view.claimed if name != WHEELS.name)]
         contenders = {
             name: [
@@ -592,7 +596,7 @@ class Chronicle:
 
     # A stop --------------------------------------------------------------------------------------
 
-    def _press(self, number: int, of: _Pressed) -> Press:
+    def _press(self, of: _Pressed) -> Press:
         by = of.stop.by or "somebody"
         when = "Before it was listened" if of.before else f"At {of.t:.2f} s"
         said = [f"{when} {by} latched the stop."]
@@ -607,7 +611,8 @@ class Chronicle:
         else:
             said.append("Nobody has released it.")
         cause = Cause(Sort.STOP, by, said[0], "`armadico resume` releases it")
-        return Press(number, of.t, by, of.stood, of.released, of.released_by, tuple(said), cause)
+        stood = None if of.before else of.stood
+        return Press(of.number, of.t, by, stood, of.released, of.released_by, tuple(said), cause)
 
     # A collision ---------------------------------------------------------------------------------
 
@@ -680,6 +685,11 @@ def _told(of: Contest) -> Iterator[str]:
     for inputs, agents in by_inputs.items():
         made = "; ".join(f"{i.key} {i.what}{_old(i.age)}" for i in inputs)
         yield f"{', '.join(agents)}: by {made}."
+
+
+def _keep(kept: list[T], one: T) -> None:
+    kept.append(one)
+    del kept[:-MOST]
 
 
 def _answering(bids: Iterable[BidRecord], cycle: Cycle) -> list[BidRecord]:

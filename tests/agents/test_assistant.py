@@ -216,7 +216,7 @@ def test_only_its_own_missions_are_cancelled() -> None:
         ("goto", '{"x": 1, "y": 0, "v": 9}', "unknown field `v`"),
         ("goto", '{"x":' + "[" * 1900, "goto: "),
         ("where", '{"now": true}', "unknown field `now`"),
-        ("stop", '{"reason": "' + "x" * 300 + '"}', "length <= 200"),
+        ("resume", '{"reason": "' + "x" * 300 + '"}', "length <= 200"),
         ("cancel", '{"number": "-1"}', "matching regex"),
         ("history", '{"lines": 100000}', "<= 200"),
         ("why", '{"what": "everything"}', "Invalid enum value"),
@@ -250,6 +250,15 @@ def test_a_stop_is_never_too_much() -> None:
     while "too many" not in counter.ask("who").refusal:  # type: ignore[union-attr]
         pass
     counter.ask("stop")
+    assert [stop.stopped for stop in counter.stops] == [True]
+
+
+@pytest.mark.parametrize(
+    "text", ["", "{", "[]", '{"reason": 7}', '{"reason": "' + "x" * 300 + '"}']
+)
+def test_a_stop_is_never_refused_for_how_it_is_said(text: str) -> None:
+    counter = Counter()
+    counter.ask("stop", text)
     assert [stop.stopped for stop in counter.stops] == [True]
 
 

@@ -88,10 +88,10 @@ def test_one_case_is_repeated_from_text_or_file(
         assert "no promise was broken" in capsys.readouterr().out
 
 
-def breaks_if_it_hangs(run: Callable[[Case], Outcome]) -> Callable[[Case], Outcome]:
+def breaks_if_it_hangs(run: Callable[[Case], Outcome]) -> Callable[..., Outcome]:
     """As if every hang broke a promise."""
 
-    def ran(case: Case) -> Outcome:
+    def ran(case: Case, until: Promise | None = None) -> Outcome:
         outcome = run(replace(case, lasts=min(case.lasts, 1.0), faults=()))
         found = [("MOVES", f.at + 0.1, "it stands") for f in case.faults if f.kind == "hang"]
         return replace(outcome, case=case, violations=tuple(found))

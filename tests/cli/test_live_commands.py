@@ -137,36 +137,44 @@ def test_stop_stays_until_resume(run: Run, start: Start, robot: None) -> None:
 
 
 def test_a_program_looks_stops_the_robot_and_a_person_releases_it(
-    run: Run, start: Start, robot: None
+    run: Run, environment: dict[str, str], robot: None
 ) -> None:
     """With no assistant agent about: one is started, and leaves with the server."""
     who(run, "robot")
+    words = [str(BIN / "armadico"), "mcp"]
+    pipes = {"stdin": subprocess.PIPE, "stdout": subprocess.PIPE, "text": True}
+    with subprocess.Popen(words, env=environment, **pipes) as server:
 
-    def call(tool: str, **told: object) -> dict[str, Any]:
-        return {"method": "tools/call", "params": {"name": tool, "arguments": told}}
+        def answered(line: str) -> dict[str, Any]:
+            server.stdin.write(f"{line}\n")
+            server.stdin.flush()
+            answer: dict[str, Any] = json.loads(server.stdout.readline())
+            return answer
 
-    client = {"clientInfo": {"name": "model", "version": "1"}, "protocolVersion": "2025-06-18"}
-    said = [
-        {"method": "initialize", "params": client | {"capabilities": {}}},
-        *(call("where"), call("drive"), call("stop", reason="a cat"), call("resume")),
-        *(call("history"), call("history", lines="x" * 3000)),
-    ]
-    lines = [json.dumps({"jsonrpc": "2.0", "id": n} | one) for n, one in enumerate(said)]
-    done = run("mcp", input="\n".join([*lines, "no JSON", "x" * 200_000, ""]))
-    assert done.returncode == 0, done.stderr
-    answers = [json.loads(line) for line in done.stdout.splitlines()]
-    assert [answer["id"] for answer in answers] == [*range(7), None, None]
-    where, drive, stop, resume, history, long = (
-        answer["result"]["structuredContent"] for answer in answers[1:7]
-    )
-    assert where["heard"]
-    assert drive == {"refused": "no tool 'drive'"}
-    assert stop["stopped"]
-    assert any('model asked: stop {"reason":"a cat"}' in e["what"] for e in history["events"])
-    assert "too long" in long["refused"]
-    code = resume["said"].partition("--confirm ")[2].strip("`")
-    assert "another stop's" in run("resume", "--confirm", "000000").stderr
-    assert "free to move" in run("resume", "--confirm", code.lower()).stdout
+        def ask(method: str, **params: object) -> dict[str, Any]:
+            request = {"jsonrpc": "2.0", "id": 7, "method": method, "params": params}
+            answer = answered(json.dumps(request))
+            assert answer["id"] == 7
+            return answer["result"]
+
+        def tool(name: str, **told: object) -> dict[str, Any]:
+            found: dict[str, Any] = ask("tools/call", name=name, arguments=told)
+            return found["structuredContent"]
+
+        ask("initialize", clientInfo={"name": "model"}, protocolVersion="2025-06-18")
+        assert tool("where")["heard"]
+        assert tool("drive") == {"refused": "no tool 'drive'"}
+        assert "too long" in tool("history", lines="x" * 3000)["refused"]
+        assert answered("no JSON")["error"]["code"] == -32700
+        assert answered("x" * 200_000)["error"]["code"] == -32600
+        assert tool("stop", reason="a cat")["stopped"]
+        events = tool("history")["events"]
+        assert any('model asked: stop {"reason":"a cat"}' in each["what"] for each in events)
+        code = tool("resume")["said"].partition("--confirm ")[2].strip("`")
+        assert "another stop's" in run("resume", "--confirm", "000000").stderr
+        assert "free to move" in run("resume", "--confirm", code.lower()).stdout
+        server.stdin.close()
+        assert server.wait(SOON) == 0
     assert [row["name"] for row in agents(run("ps", "--json"))] == ["robot"], "it has left"
 
 

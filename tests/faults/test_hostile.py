@@ -99,7 +99,7 @@ class Hostile:
             self.place.publish(service_of(Stop).key, release)
 
 
-@pytest.mark.parametrize("seed", [700, 702])
+@pytest.mark.parametrize("seed", [702])
 def test_a_program_that_asks_for_everything_breaks_no_promise(seed: int) -> None:
     workload = Workload(case_of(seed, SECONDS))
     hostile = Hostile(workload, seed)

@@ -102,15 +102,19 @@ def test_to_whoever_runs_it_it_is_as_any_driver() -> None:
 
 def test_it_wakes_to_publish_and_its_agent_is_not_woken_for_that() -> None:
     driver = journalled()
+    assert driver.wakeup is None  # until something enters
+    out = ring(driver, 10.2)
+    assert [type(o.message) for o in out if isinstance(o, Publish)] == [Log]
     assert driver.wakeup == 10.0 + j.EVERY_S
     driver.wake(10.0 + j.EVERY_S)
-    assert [piece.number for piece in said(driver.take())] == [0]
-    assert driver.wakeup is None  # until something enters
-    out = ring(driver, 12.0)
-    assert [type(o.message) for o in out if isinstance(o, Publish)] == [Log]
-    assert driver.wakeup == 11.0  # at once: the time was over long ago
-    driver.wake(12.1)
     assert [piece.number for piece in said(driver.take())] == [1]
+
+
+def test_its_beginning_is_published_as_soon_as_it_can_be_seen() -> None:
+    driver = j.Journalled(Bell(Identity("bell-1")), 10.0, b"head", admit=False)
+    driver.begin(10.0)
+    (piece,) = said(driver.take())
+    assert [entry[0] for entry in entries([piece])] == [j.START, j.BEGIN, j.TAKE]
 
 
 def test_who_leaves_publishes_all_of_it() -> None:
@@ -138,12 +142,13 @@ def test_a_query_is_answered_to_whoever_asked_and_noted_with_its_number() -> Non
 
 def test_a_lost_piece_is_given_again_and_is_not_part_of_its_life() -> None:
     driver = journalled()
+    ring(driver, 10.1)
     driver.wake(10.5)
     (piece,) = said(driver.take())
     assert driver.queries[AGAIN] is JournalRequest
-    driver.asked(AGAIN, encode(JournalRequest(0)), "call", 10.6)
+    driver.asked(AGAIN, encode(JournalRequest(1)), "call", 10.6)
     assert driver.take() == [Reply("call", AGAIN, piece)]
-    driver.asked(AGAIN, encode(JournalRequest(1)), "call", 10.6)  # there is none
+    driver.asked(AGAIN, encode(JournalRequest(2)), "call", 10.6)  # there is none
     driver.asked(AGAIN, b"\xff", "call", 10.6)
     assert driver.take() == []
     assert service_of(JournalRequest).reply is JournalPiece

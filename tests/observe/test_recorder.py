@@ -383,6 +383,18 @@ def test_who_ends_a_recording_asks_for_what_is_missing_first(tmp_path: Path) -> 
     assert len(read(recording.path)) == 3
 
 
+def test_the_first_piece_of_who_was_not_heard_is_expected_where_others_keep_journals() -> None:
+    gaps = Gaps()
+    gaps.expect("robot1", "avoid-1")
+    assert not gaps.lost  # nobody keeps any
+    gaps.take("robot1", piece(0))
+    for namespace, instance in (("robot1", "goto-1"), ("robot1", "avoid-1"), ("robot2", "goto-2")):
+        gaps.expect(namespace, instance)
+    assert gaps.ask() == [("robot1", "avoid-1", 0)]
+    assert gaps.take("robot1", piece(0, "avoid-1"))
+    assert not gaps.lost
+
+
 def test_pieces_that_nobody_has_are_not_asked_for_for_ever() -> None:
     gaps = Gaps()
     gaps.take("robot1", piece(3, "avoid-1"))

@@ -27,7 +27,9 @@ from armadico.core.messages import (
     Waypoint,
 )
 from armadico.mesh.link_faults import WHOLE
+from armadico.observe import why
 from armadico.observe.standing import Cause, Sort
+from armadico.observe.why import Chronicle
 from tests.launch.test_blocked import ONE_DOOR, door
 from tests.observe.overheard import LINE, Overheard
 
@@ -253,3 +255,46 @@ def test_the_planted_cause_is_named(name: str, tmp_path: Path) -> None:
 def test_no_two_incidents_have_the_same_cause() -> None:
     causes = {(each.sort, each.who) for each in INCIDENTS.values()}
     assert len(causes) == len(INCIDENTS) >= 20
+
+
+def test_a_moment_tells_what_the_owner_refuses_and_why() -> None:
+    heard = Overheard().drive()
+    bids(50.0)(heard)
+    heard.let_pass(2.0)
+    heard.chronicle.mark(heard.mesh.now)
+    heard.chronicle.finish()
+    (moment,) = heard.chronicle.moments
+    (wheels,) = [each for each in moment.contests if each.resource == "wheels"]
+    assert "50 m/s, 0 rad/s is beyond" in wheels.refused[0]
+    assert any("Its owner refuses commands" in said for said in moment.sentences)
+
+
+def test_while_an_exchange_goes_on_a_moment_tells_whose_actions_are_blended() -> None:
+    heard = Overheard(scenario=scenario("sc4", *LINE.agents, "gothrough")).drive(12.0)
+    for _ in range(20):
+        heard.let_pass(0.1)
+        heard.chronicle.mark(heard.mesh.now)
+    heard.chronicle.finish()
+    first = next(each for each in heard.chronicle.exchanges if each.t > 13.0 and each.cycles > 2)
+    during = [
+        each.contests[0]
+        for each in heard.chronicle.moments
+        if each.contests[0].loser and each.contests[0].holder == first.winner
+    ]
+    assert during
+    assert all(each.loser == first.loser for each in during)
+    assert all(each.commanded != each.wanted for each in during)
+
+
+def test_what_is_kept_does_not_grow_for_ever(monkeypatch: pytest.MonkeyPatch) -> None:
+    """A page shows things to one for days; what is left keeps its number."""
+    monkeypatch.setattr(why, "MOST", 2)
+    chronicle = Chronicle()
+    for number in range(1, 6):
+        press = Stop(2 * number - 1, True, f"hand {number}", number)
+        chronicle.take("robot/stop", press, float(number))
+        chronicle.take("robot/stop", Stop(2 * number, False, "", number), number + 0.5)
+        chronicle.mark(number + 0.6)
+    chronicle.finish()
+    assert [(each.number, each.by) for each in chronicle.presses] == [(4, "hand 4"), (5, "hand 5")]
+    assert len(chronicle.moments) == 2

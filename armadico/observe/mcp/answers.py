@@ -12,7 +12,7 @@ import msgspec
 from armadico.config.worlds import Segment, World
 from armadico.core.messages import AssistantRecord, Message, Obstacles
 from armadico.core.resources import WHEELS
-from armadico.observe.standing import standing
+from armadico.observe.standing import Installed, standing
 from armadico.observe.view import agent_of, at_work
 from armadico.observe.why import Chronicle
 
@@ -36,14 +36,20 @@ LEGEND: Final = "# wall, o something that was sensed, > ^ < v the robot, G its g
 class Society(Chronicle):
     """What is known of a society from outside, as tools that only look tell it."""
 
-    def __init__(self, world: World | None, missions: Mapping[str, str]) -> None:
+    def __init__(
+        self,
+        world: World | None,
+        missions: Mapping[str, str],
+        installed: Installed = lambda _: (),
+    ) -> None:
         """Nothing was heard yet.
 
         Args:
             world: Where the robot is; None: that is not known.
             missions: Those that can be ordered, with their titles.
+            installed: As `standing` takes it.
         """
-        super().__init__()
+        super().__init__(installed=installed)
         self._world = world
         self._missions = missions
         self._requests: deque[tuple[float, AssistantRecord]] = deque(maxlen=RECORDS)
@@ -145,7 +151,7 @@ class Society(Chronicle):
 
     def why(self, now: float) -> dict[str, Any]:
         """Why the robot stands, as it is seen now."""
-        found = standing(self.view, now)
+        found = standing(self.view, now, self.installed)
         cause = None if found.cause is None else msgspec.to_builtins(found.cause)
         return {"stands": found.stands, "sentences": [*found.sentences], "cause": cause}
 

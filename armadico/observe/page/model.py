@@ -65,7 +65,7 @@ from armadico.observe.page.requests import (
     bits,
 )
 from armadico.observe.pictures import colour
-from armadico.observe.standing import standing
+from armadico.observe.standing import Installed, standing
 from armadico.observe.view import QUIET_S, View, agent_of, at_work
 from armadico.runtime.client import PLANNING_S, PRESS_S, STOP_S
 from armadico.runtime.latch import Latching
@@ -185,6 +185,7 @@ class Robot:
         missions: Mapping[str, Shipped] | None = None,
         bits64: Callable[[], int] = lambda: 1,
         helpers: Collection[str] = (),
+        installed: Installed = lambda _: (),
     ) -> None:
         """Nothing is known yet.
 
@@ -194,6 +195,7 @@ class Robot:
             missions: Those that can be ordered, by name.
             bits64: Draws the number that tells one stop from another.
             helpers: Agents that can be started beside the page, where no host would.
+            installed: As `standing` takes it.
         """
         self.namespace = namespace
         self.view = View()
@@ -202,6 +204,7 @@ class Robot:
         self.heard_at: float | None = None  # the robot agent's newest state
         self._draw = bits64
         self._helpers = tuple(helpers)
+        self._installed = installed
         self._out: list[Out] = []
         self._number = 0
         self._waiting: dict[int, _Waiting] = {}
@@ -494,7 +497,7 @@ class Robot:
         ]
 
     def _standing(self, t: float) -> dict[str, Any]:
-        found = standing(self.view, t)
+        found = standing(self.view, t, self._installed)
         cause = found.cause
         told: dict[str, Any] = {"stands": found.stands, "sentences": list(found.sentences)}
         if cause is not None:

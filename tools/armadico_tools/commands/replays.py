@@ -6,7 +6,6 @@ import argparse
 import json
 import subprocess
 import sys
-import time
 from collections.abc import Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Final, NamedTuple
@@ -131,28 +130,40 @@ def parser() -> argparse.ArgumentParser:
 
 
 def _one(plan: Plan, folder: Path) -> Replayed:
+    """Record and replay it, by a process each: as whoever does it by hand, and by the same code."""
+    import msgspec  # noqa: PLC0415 - not for --help
+
+    from armadico.observe.replay import Outcome  # noqa: PLC0415
+
     path = folder / f"{plan.name.replace(' ', '-').replace(',', '')}.mcap"
     for old in folder.glob(f"{path.stem}*.mcap"):
         old.unlink()
     words = [*plan.words, "--record", str(path)]
     if plan.words[0] == "trials":
         words += ["--out", str(folder / "trials")]
-    done = subprocess.run(
+    recorded = _called(words)
+    if not path.is_file():
+        return Replayed(plan, [], 0.0, f"not recorded: {_last(recorded)}")
+    replayed = _called(["replay", str(path), "--json"])
+    try:
+        found = msgspec.json.decode(replayed.stdout)
+    except msgspec.DecodeError:
+        return Replayed(plan, [], 0.0, f"not replayed: {_last(replayed)}")
+    return Replayed(plan, msgspec.convert(found["agents"], list[Outcome]), found["took_s"], "")
+
+
+def _called(words: Sequence[str]) -> subprocess.CompletedProcess[str]:
+    return subprocess.run(
         [sys.executable, "-P", "-m", "armadico", *words],
         capture_output=True,
         text=True,
         check=False,
         stdin=subprocess.DEVNULL,
     )
-    if not path.is_file():
-        last = (done.stderr.strip().splitlines() or ["it said nothing"])[-1]
-        return Replayed(plan, [], 0.0, f"not recorded: {last}")
-    from armadico.observe.recordings import Past  # noqa: PLC0415 - not for --help
-    from armadico.observe.replay import replayed  # noqa: PLC0415
 
-    begun = time.monotonic()
-    outcomes = [replayed(journal) for journal in Past(path, say).journals()]
-    return Replayed(plan, outcomes, time.monotonic() - begun, "")
+
+def _last(done: subprocess.CompletedProcess[str]) -> str:
+    return (done.stderr.strip().splitlines() or ["it said nothing"])[-1]
 
 
 def _line(found: Replayed) -> str:

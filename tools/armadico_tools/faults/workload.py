@@ -339,12 +339,12 @@ def _tap_epochs(agent: Robot, epochs: set[int]) -> None:
     vars(agent)["publish"] = tapped
 
 
-def run(case: Case) -> Outcome:
-    """Run a case."""
-    return Workload(case).run()
+def run(case: Case, until: Promise | None = None) -> Outcome:
+    """Run a case to its end, or until a promise is broken."""
+    return Workload(case).run(until)
 
 
 def when_broken(case: Case, promise: Promise) -> float | None:
     """When a case breaks a promise (s), or None. It is run no farther."""
-    found = Workload(case).run(until=promise).violations
+    found = run(case, promise).violations
     return next((at for name, at, _ in found if name == promise.name), None)

@@ -128,7 +128,7 @@ function latch() {
   if (stopping) text = "NOT SENT: no connection. It is sent as soon as there is one.";
   else if (cut && pressed) text = "Sent, and nobody knows whether it came: no connection. Stop it at the robot.";
   else if (cut) text = robots.size ? "No connection: what is shown is old. Stop it at the robot." : "";
-  else if (s.held) text = `Held, by the robot's own word${s.by ? `; pressed by ${s.by}` : ""} (${s.code})${moving ? "; it still brakes" : ""}.`;
+  else if (s.held) text = `Held, by the robot's own word${s.by ? `; pressed by ${s.by}` : ""} (code ${s.code})${moving ? "; it still brakes" : ""}.`;
   else if (asked) text = "Sent, and not yet acknowledged by the robot.";
   else if (s.stopped) text = `Nothing is heard of the robot; it last said that it is stopped by ${s.by || "somebody"}.`;
   else if (s.known && !m.heard) text = `Nothing is heard of the robot for ${Math.round(m.silent_s)} s.`;

@@ -1,0 +1,195 @@
+"""A program's lines are read whatever waits; a stop waits for nothing that was asked before."""
+
+from __future__ import annotations
+
+import json
+import os
+import subprocess
+import sys
+import threading
+from collections.abc import Callable, Iterator
+from functools import partial
+from typing import Any
+
+import pytest
+
+from armadico.core.messages import AssistantReply, AssistantRequest, Cycle, RobotState, Stop
+from armadico.observe.mcp.answers import Society
+from armadico.observe.mcp.lines import LONGEST, Lines
+from armadico.observe.mcp.server import WAITING, Server, lines_of
+
+SOON = 30.0
+RESTS = RobotState(Cycle(1, 1), 0, 0, 0, 0, 0, 12, True, False, Stop(1, True, "model", 5))
+
+
+class Guest:
+    """Who is asked in the society's place; what `busy` says is answered when that is set."""
+
+    def __init__(self, busy: threading.Event | None = None, *, absent: bool = False) -> None:
+        self.busy, self.absent = busy, absent
+        self.asked: list[str] = []
+        self.stopped = ""
+
+    def ask(self, request: AssistantRequest, *_: object, **__: object) -> AssistantReply | None:
+        self.asked.append(request.tool)
+        if self.busy is not None:
+            assert self.busy.wait(SOON)
+        return None if self.absent else AssistantReply("done")
+
+    def latest(self, _: object) -> RobotState:
+        return RESTS
+
+    def wait_for(self, condition: Callable[[], Any], _: float) -> Any:
+        return condition()
+
+    def stop(self, _: float, *, by: str) -> None:
+        self.stopped = by
+
+
+class Deaf:
+    """A watcher that hears nothing."""
+
+    def take(self, _: float) -> None:
+        return None
+
+    def ask_for_cards(self) -> None: ...
+
+    def ask_for_bids(self) -> None: ...
+
+    def clock(self) -> int:
+        return 0
+
+
+class Served:
+    """A server between two pipes."""
+
+    def __init__(self, stopper: Guest, guest: Guest) -> None:
+        reading, writing = os.pipe()
+        answering, told = os.pipe()
+        self.say = os.fdopen(writing, "wb", buffering=0)
+        self.answers = os.fdopen(answering, "rb")
+        self.started = 0
+        guests: Any = (stopper, guest)
+        deaf: Any = Deaf()
+        self._in, self._out = os.fdopen(reading, "rb"), os.fdopen(told, "wb")
+        society = Society(None, {})
+        start = partial(self._start, guest)
+        server = Server(guests, deaf, society, Lines("0"), start, self._out)
+        self.thread = threading.Thread(target=server.serve, args=(self._in,), daemon=True)
+        self.thread.start()
+
+    def _start(self, guest: Guest) -> None:
+        self.started += 1
+        guest.absent = False
+
+    def call(self, number: int, tool: str) -> None:
+        params = {"name": tool, "arguments": {}}
+        line = {"jsonrpc": "2.0", "id": number, "method": "tools/call", "params": params}
+        self.say.write(json.dumps(line).encode() + b"\n")
+
+    def end(self) -> None:
+        """Nothing more is said; it ends by itself."""
+        self.say.close()
+        self.thread.join(SOON)
+        assert not self.thread.is_alive()
+        for file in (self.answers, self._in, self._out):
+            file.close()
+
+    def answer(self) -> tuple[int, dict[str, Any]]:
+        found = json.loads(self.answers.readline())
+        return found["id"], found["result"]["structuredContent"]
+
+
+@pytest.fixture
+def busy() -> Iterator[threading.Event]:
+    event = threading.Event()
+    yield event
+    event.set()
+
+
+def test_a_stop_waits_for_nothing_and_what_is_too_much_is_refused_at_once(
+    busy: threading.Event,
+) -> None:
+    served = Served(Guest(), Guest(busy))
+    for number in range(WAITING + 10):
+        served.call(number, "goto")
+    served.call(999, "stop")
+    numbers = []
+    while not numbers or numbers[-1] != 999:
+        number, told = served.answer()
+        numbers.append(number)
+    assert told == {"said": "done", "stopped": True}
+    assert len(numbers) <= 11, "the others wait, or were too many"
+    busy.set()
+    while len(numbers) < WAITING + 11:
+        numbers.append(served.answer()[0])
+    assert sorted(numbers) == [*range(WAITING + 10), 999]
+    served.end()
+
+
+def test_with_no_assistant_agent_one_is_started_and_the_stop_does_not_wait_for_it() -> None:
+    stopper, guest = Guest(absent=True), Guest(absent=True)
+    served = Served(stopper, guest)
+    served.call(1, "stop")
+    number, told = served.answer()
+    assert (number, told["stopped"]) == (1, True)
+    assert stopper.stopped == "armadico mcp: a program"
+    assert served.started == 0
+    served.call(2, "where")
+    assert served.answer() == (2, {"heard": False, "note": "nothing is heard of a robot"})
+    assert served.started == 1
+    served.end()
+
+
+def _lines(*pieces: bytes) -> list[bytes]:
+    """What becomes of what is written, piece by piece, until its end."""
+    there, here = os.pipe()
+    with os.fdopen(there, "rb") as read, os.fdopen(here, "wb", buffering=0) as written:
+
+        def write() -> None:
+            for piece in pieces:
+                written.write(piece)
+            written.close()
+
+        writing = threading.Thread(target=write)
+        writing.start()
+        found = [*lines_of(read)]
+        writing.join()
+    return found
+
+
+def test_a_line_may_come_in_pieces_and_the_last_one_without_an_end() -> None:
+    assert _lines(b"on", b"e\ntwo\n", b"\n  \n", b"three") == [b"one", b"two", b"", b"  ", b"three"]
+
+
+@pytest.mark.parametrize("end", [b"\nnext\n", b""])
+def test_of_a_line_that_is_too_long_no_more_is_kept_than_shows_that(end: bytes) -> None:
+    found = _lines(b"a\n", *[b"x" * 40_000] * 5, end)
+    assert found[0] == b"a"
+    assert len(found[1]) == LONGEST + 1
+    assert found[2:] == ([b"next"] if end else [])
+
+
+def test_who_leaves_while_somebody_may_still_write_is_not_aborted_for_that() -> None:
+    program = """if True:
+        import queue, sys, threading
+        from armadico.observe.mcp.server import lines_of
+        found = queue.SimpleQueue()
+        read = lambda: [*map(found.put, lines_of(sys.stdin.buffer))]
+        threading.Thread(target=read, daemon=True).start()
+        print(found.get())
+    """
+    with subprocess.Popen(
+        [sys.executable, "-c", program],
+        stdin=subprocess.PIPE,
+        stdout=subprocess.PIPE,
+        stderr=subprocess.PIPE,
+    ) as popen:
+        assert popen.stdin is not None
+        popen.stdin.write(b"hello\n")
+        popen.stdin.flush()
+        assert popen.wait(SOON) == 0
+        assert popen.stdout is not None
+        assert popen.stdout.read() == b"b'hello'\n"
+        assert popen.stderr is not None
+        assert popen.stderr.read() == b""
