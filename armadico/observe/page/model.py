@@ -242,7 +242,7 @@ class Robot:
                 self._near[message.sensor] = (_points(message), t)
             case OccupancyGrid():
                 self._grid = _grid(message)
-            case HostShare():
+            case HostShare() if key == _share(message.instance):  # it is asked by that name
                 self._shares[message.instance] = (message, t)
             case TeleopStatus():
                 self._hand = (message, t)
@@ -757,6 +757,10 @@ class _KeptAgent:
     wakeup: str
     state: str
     why: str
+
+
+def _share(instance: str) -> str:
+    return service_of(HostShare).key_for(instance=instance)
 
 
 def drawn(world: World) -> dict[str, Any]:

@@ -380,6 +380,20 @@ def test_an_agent_that_a_host_keeps_up_is_restarted_by_its_wakeup_agent() -> Non
     stage.until(lambda: goto()["alive"] and goto()["pid"] not in (0, before))
 
 
+@pytest.mark.parametrize("name", ["**", "*", "a?b", "other-1"])
+def test_a_share_under_anothers_name_is_nobodys(stage: Stage, name: str) -> None:
+    """Or a click would ask everybody, or by a key that is none."""
+    kept = m.Kept(("goto",), m.KeptState.UP, 77)
+    share = m.HostShare(name, "here", (kept,), ("dock",))
+    VirtualSession(stage.mesh, HOME, name="stranger").publish("wakeup/stranger-1/share", share)
+    stage.pass_(0.5)
+    for do, agent in (("restart", "goto"), ("start", "dock")):
+        answer = stage.answer(
+            stage.say("page 1", do, agent=agent, **({"pid": 77} if do == "restart" else {}))
+        )
+        assert answer["text"].startswith(("nobody keeps", "no host says"))
+
+
 def test_missions_are_ordered_by_name_and_one_that_is_none_is_said(stage: Stage) -> None:
     answer = stage.answer(stage.say("page 1", "order", mission="elsewhere"))
     assert answer["text"] == "there is no mission 'elsewhere'"
