@@ -34,6 +34,7 @@ def main(argv: Sequence[str]) -> int:
     from armadico.runtime.client import Client  # noqa: PLC0415
 
     missions = {name: load_mission(name).title for name in names("missions")}
+    options.end_as_by_ctrl_c()  # the helper leaves in order
     with ExitStack() as stack:
         stack.enter_context(mesh)
         watcher = Watcher([mesh])

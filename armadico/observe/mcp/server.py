@@ -2,10 +2,11 @@
 
 from __future__ import annotations
 
+import os
 import queue
 import threading
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from contextlib import suppress
 from typing import Any, BinaryIO, Final
 
@@ -110,10 +111,7 @@ class Server:
 
     def _read(self, file: BinaryIO) -> None:
         """Take lines as they come: what needs no society is answered at once."""
-        while line := file.readline(LONGEST + 1):
-            rest = line
-            while rest and not rest.endswith(b"\n"):  # too long: it is refused as that
-                rest = file.readline(LONGEST + 1)
+        for line in lines_of(file):
             found = self._lines.take(line) if line.strip() else None
             if not isinstance(found, Call):
                 self._write(found)
@@ -241,3 +239,20 @@ class Server:
         society.mark(now)
         self._hear_until(lambda: len(society.moments) > count, 2 * LATER_S)
         return society.moment()
+
+
+def lines_of(file: BinaryIO) -> Iterator[bytes]:
+    """The lines of a file as they come; of one that is too long, as much as shows that.
+
+    By its descriptor: whoever waits in one of Python's files has its lock, and a process that is
+    left meanwhile, by Ctrl-C say, is aborted for that.
+    """
+    begun = b""
+    while data := os.read(file.fileno(), LONGEST):
+        *whole, last = data.split(b"\n")
+        for part in whole:
+            yield begun + part[: LONGEST + 1 - len(begun)]
+            begun = b""
+        begun += last[: LONGEST + 1 - len(begun)]
+    if begun:
+        yield begun

@@ -58,7 +58,10 @@ ANSWER_S: Final = 10.0
 """What an answer to all but a goal may take."""
 
 UNDER_WAY: Final = 8
-"""Questions of one robot's page that may wait for their answers."""
+"""Questions of one browser that may wait for one robot's answers."""
+
+STICK_S: Final = 0.05
+"""A browser's stick is passed on no oftener: the newest, or a flood would be one on the mesh."""
 
 
 @dataclass(frozen=True)
@@ -133,6 +136,15 @@ class Pressed:
     whose: list[tuple[str, int]] = field(default_factory=list)
 
 
+@dataclass
+class _Hand:
+    """A browser's, on the stick."""
+
+    number: int = 0  # how often it has moved
+    say_at: float = 0.0
+    newest: Stick | None = None  # that waits until then
+
+
 class Asked:
     """What has been asked for of one robot.
 
@@ -151,7 +163,7 @@ class Asked:
         self._out: list[Out] = []
         self._number = 0
         self._waiting: dict[int, _Waiting] = {}
-        self._sticks: dict[str, int] = {}  # by hand, how often it has moved
+        self._sticks: dict[str, _Hand] = {}  # by browser
 
     def ask(self, browser: str, request: Request, t: float) -> None:
         """A person asks for something. Raises RequestError if that cannot be asked for."""
@@ -174,13 +186,14 @@ class Asked:
             case Tune():
                 self._tune(browser, request)
             case Hold():
-                self._hold(browser, request)
+                self._hold(browser, request, t)
 
     def gone(self, browser: str) -> None:
         """A browser has gone: whatever its hand held it lets go of."""
         state = self._known.view.state
         if browser in self._sticks and state is not None:
-            self._publish_stick(browser, Stick(state.cycle, browser, 0, 0.0, 0.0, held=False))
+            self._sticks[browser].newest = Stick(state.cycle, browser, 0, 0.0, 0.0, held=False)
+            self._publish_stick(self._sticks[browser])
         self._sticks.pop(browser, None)
 
     def answered(self, number: int, message: Message | None) -> None:
@@ -195,6 +208,8 @@ class Asked:
 
     def wake(self, t: float) -> None:
         """Do what is due by the time: an order to stop is repeated until it is acknowledged."""
+        for hand in self._sticks.values():
+            self._say_stick(hand, t)
         pressed = self.pressed
         if pressed is None:
             return
@@ -343,19 +358,26 @@ class Asked:
 
         self._put(browser, request.id, change, said, key=key)
 
-    def _hold(self, browser: str, request: Hold) -> None:
+    def _hold(self, browser: str, request: Hold, t: float) -> None:
         """Pass on where a stick is, with the cycle that its hand saw."""
         state = self._known.view.state
         if state is None:
             raise RequestError("nothing is heard of the robot")
         cycle = Cycle(state.cycle.epoch, min(request.cycle, state.cycle.number))
-        stick = Stick(cycle, browser, 0, request.v, request.w, request.held)
-        self._publish_stick(browser, stick)
+        hand = self._sticks.setdefault(browser, _Hand())
+        hand.newest = Stick(cycle, browser, 0, request.v, request.w, request.held)
+        self._say_stick(hand, t)
 
-    def _publish_stick(self, browser: str, stick: Stick) -> None:
-        number = self._sticks.get(browser, 0) + 1
-        self._sticks[browser] = number
-        self._out.append(Publish(replace(stick, number=number)))
+    def _say_stick(self, hand: _Hand, t: float) -> None:
+        if hand.newest is not None and t >= hand.say_at:
+            hand.say_at = t + STICK_S
+            self._publish_stick(hand)
+
+    def _publish_stick(self, hand: _Hand) -> None:
+        assert hand.newest is not None, "there is one to be said"
+        hand.number += 1
+        self._out.append(Publish(replace(hand.newest, number=hand.number)))
+        hand.newest = None
 
     def _put(
         self,
@@ -366,7 +388,7 @@ class Asked:
         timeout: float = ANSWER_S,
         key: str = "",
     ) -> None:
-        if len(self._waiting) >= UNDER_WAY:
+        if sum(each.browser == browser for each in self._waiting.values()) >= UNDER_WAY:
             raise RequestError("too much is asked for at once")
         service = service_of(type(message))
         assert service.reply is not None, "it is a question"

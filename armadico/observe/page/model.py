@@ -111,6 +111,8 @@ class Robot:
                 self._grid = _grid(message)
             case TeleopStatus():
                 self._hand = (message, t)
+            case HostShare() if key != service_of(HostShare).key_for(instance=message.instance):
+                pass  # a host is asked by the name that it says, so that has to be its own
             case HostShare() | ParametersReply() | ParameterChange():
                 self.known.take(message, t)
 

@@ -139,6 +139,7 @@ class Session:
             number = request.id
             self._robot(request).asked.ask(browser, request, self._time.now())
         except RequestError as error:
+            number = max(number, error.id)
             self._tell(browser, _answer(Tell(browser, number, False, str(error))))
 
     def _robot(self, request: Request) -> Robot:
