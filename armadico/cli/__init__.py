@@ -17,7 +17,7 @@ LABORATORY: Final = "armadico-tools"
 """The distribution that brings what a robot's computer does without."""
 
 TOOLS: Final = (
-    *("bench", "experiment", "faults", "hosts-demo", "identify", "model-check", "replays"),
+    *("bench", "experiment", "faults", "hosts-demo", "identify", "model-check", "replay-check"),
     "trials",
 )
 """Its commands."""

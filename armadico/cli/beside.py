@@ -1,4 +1,4 @@
-"""What serves beside a run, as a process of its own: the dashboard, the page."""
+"""What is started beside a command: what serves a run (dashboard, page), and single agents."""
 
 from __future__ import annotations
 
@@ -8,9 +8,15 @@ import subprocess
 import sys
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager, suppress
-from typing import Final
+from pathlib import Path
+from tempfile import TemporaryDirectory
+from typing import TYPE_CHECKING, Final
 
+from armadico.cli import options
 from armadico.cli.options import FailedError
+
+if TYPE_CHECKING:
+    from armadico.launch.processes import Process
 
 PORTS: Final = {"dashboard": ("--port=0", "--web-port=0"), "page": ("--port=0",)}
 """The commands that can be beside a run; each takes ports that are free."""
@@ -40,12 +46,12 @@ def beside(
     Raises:
         FailedError: It did not start, and has said why on stderr.
     """
-    words = [sys.executable, "-P", "-m", "armadico", command, *PORTS[command], f"--world={world}"]
+    from armadico.launch.processes import command_line  # noqa: PLC0415 - not for --help
+
+    words = [command, *PORTS[command], f"--world={world}", *options.joining(args)]
     words += [f"--namespace={name}" for name in namespaces or (args.namespace,)]
-    words += [f"--connect={endpoint}" for endpoint in args.connect]
-    words += [f"--{name}={v}" for name in ("host", "hosts") if (v := getattr(args, name))]
     process = subprocess.Popen(
-        words,
+        command_line(words),
         stdin=subprocess.DEVNULL,
         stdout=subprocess.PIPE,
         text=True,
@@ -69,6 +75,42 @@ def beside(
                     process.wait()
         finally:
             _end(process)
+
+
+class Helpers:
+    """Agents that are started beside a command, and leave with it, however that ends.
+
+    Attributes:
+        processes: The newest of each, by namespace and name.
+    """
+
+    def __init__(self, args: argparse.Namespace) -> None:
+        """None is started yet; `args` has the options of the mesh that they join."""
+        self._joining = options.joining(args)
+        self._folder = TemporaryDirectory(prefix="armadico-helpers-")
+        self.processes: dict[tuple[str, str], Process] = {}
+
+    def __enter__(self) -> Helpers:
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        from armadico.launch.processes import end_in_order  # noqa: PLC0415 - not for --help
+
+        with suppress(KeyboardInterrupt):
+            end_in_order([*self.processes.values()])
+        self._folder.cleanup()
+
+    def start(self, namespace: str, name: str) -> str:
+        """Start one, unless it runs already; returns why it ended the last time, or nothing."""
+        from armadico.launch.processes import Process  # noqa: PLC0415 - not for --help
+
+        known = self.processes.get((namespace, name))
+        if known is not None and not known.ended():
+            return ""
+        words = ["agent", name, "--namespace", namespace, *self._joining]
+        log = Path(self._folder.name) / f"{namespace.replace('/', '-')}-{name}.log"
+        self.processes[namespace, name] = Process(name, words, log, tied=True)
+        return "" if known is None else f"it had ended: {known.last_words(1).strip()}"
 
 
 def _end(process: subprocess.Popen[str]) -> None:

@@ -19,6 +19,7 @@ from typing import TYPE_CHECKING, Final
 
 from armadico.cli import options
 from armadico.cli.options import FailedError, UsageError
+from armadico.observe.screen import has_screen
 
 if TYPE_CHECKING:
     from armadico.config.worlds import World
@@ -199,7 +200,7 @@ def _open(args: argparse.Namespace, uri: str) -> Viewer | None:
     served = viewer.web(uri, web_port)
     address = viewer.link(uri, web_port)
     print(f"dashboard: {address}", flush=True)
-    if not args.no_open and viewer.has_screen(os.environ):
+    if not args.no_open and has_screen(os.environ):
         webbrowser.open(address)
     return served
 

@@ -5,7 +5,6 @@ from __future__ import annotations
 import argparse
 import sys
 from collections.abc import Sequence
-from importlib.util import find_spec
 from pathlib import Path
 
 from armadico.cli import options
@@ -25,8 +24,7 @@ def main(argv: Sequence[str]) -> int:
     args = parser().parse_args(argv)
     if not args.file.is_file():
         raise UsageError(f"{args.file}: no such file")
-    if find_spec("mcap") is None:
-        raise FailedError("mcap is not installed: pip install 'armadico[record]'")
+    options.need("mcap", "record")
     from armadico.observe.recordings import RecordingError  # noqa: PLC0415 - not for --help
 
     try:
@@ -79,8 +77,7 @@ def _to_rrd(args: argparse.Namespace) -> str:
     from armadico.observe.export import to_rrd  # noqa: PLC0415 - not for --help
 
     out = _out(args)
-    if find_spec("rerun") is None:
-        raise FailedError("rerun is not installed: pip install 'armadico[dashboard]'")
+    options.need("rerun", "dashboard")
     count = to_rrd(args.file, out, args.namespace, options.world(args), zones(), _warn)
     if not count:
         raise FailedError(f"{args.file} holds no messages" + _of(args))

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import argparse
 import json
-import signal
 import sys
 from collections.abc import Callable, Sequence
 from contextlib import AbstractContextManager, nullcontext
@@ -98,9 +97,7 @@ def _live(
         mesh.open()
         return mesh
 
-    for number in (signal.SIGTERM, signal.SIGHUP):  # as Ctrl-C: everything is taken down
-        if signal.getsignal(number) is signal.SIG_DFL:
-            signal.signal(number, signal.default_int_handler)
+    options.end_as_by_ctrl_c()
     fleet, joining = fleet_of(args), options.joining(args)
     robots = names_of(fleet, len(robots_of(scenario, args.robots)))
     page = beside(args, "page", scenario.world, robots) if args.page else nullcontext()

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import argparse
-import signal
 import sys
 from collections.abc import Sequence
 from contextlib import ExitStack
@@ -12,11 +11,11 @@ from typing import Final
 
 from armadico.cli import options
 from armadico.cli.options import FailedError
+from armadico.mesh.ports import LOOPBACK
 
 PORT: Final = 8765
 """Where Foxglove looks by default."""
 
-LOOPBACK: Final = "127.0.0.1"
 
 INSTALL: Final = f"{sys.executable} -m pip install 'armadico[foxglove]'"
 
@@ -36,7 +35,7 @@ def main(argv: Sequence[str]) -> int:
     world = options.world(args)
     if find_spec("foxglove") is None:
         raise FailedError(f"this needs Foxglove's SDK, which is an extra: {INSTALL}")
-    signal.signal(signal.SIGTERM, signal.default_int_handler)
+    options.end_as_by_ctrl_c()
     from armadico.observe.foxglove import Served, Server, ServerError  # noqa: PLC0415 - an extra
     from armadico.observe.gateway import Gateway, serve  # noqa: PLC0415 - not for --help
     from armadico.observe.translators import translators  # noqa: PLC0415 - not for --help

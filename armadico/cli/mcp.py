@@ -6,11 +6,10 @@ import argparse
 import sys
 from collections.abc import Sequence
 from contextlib import ExitStack
-from pathlib import Path
-from tempfile import TemporaryDirectory
 from typing import Final
 
 from armadico.cli import options
+from armadico.cli.beside import Helpers
 
 EXAMPLES: Final = """\
   armadico mcp --world house
@@ -26,6 +25,7 @@ def main(argv: Sequence[str]) -> int:
     mesh = options.join(args)
     from armadico.config.discovery import providers  # noqa: PLC0415 - not for --help
     from armadico.config.missions import load_mission  # noqa: PLC0415
+    from armadico.config.scenarios import society  # noqa: PLC0415
     from armadico.config.shipped import names  # noqa: PLC0415
     from armadico.observe.mcp.answers import Society  # noqa: PLC0415
     from armadico.observe.mcp.lines import Lines  # noqa: PLC0415
@@ -34,18 +34,19 @@ def main(argv: Sequence[str]) -> int:
     from armadico.runtime.client import Client  # noqa: PLC0415
 
     missions = {name: load_mission(name).title for name in names("missions")}
+    options.end_as_by_ctrl_c()  # the helper leaves in order
     with ExitStack() as stack:
         stack.enter_context(mesh)
         watcher = Watcher([mesh])
         watcher.watch_alive()
         watcher.hear()
-        words = [*options.joining(args), "--namespace", args.namespace]
+        helpers = stack.enter_context(Helpers(args))
         server = Server(
             (Client(mesh), Client(mesh)),
             watcher,
-            Society(world, missions, providers),
+            Society(world, missions, providers, begun=watcher.clock() / 1e9),
             Lines(options.version()),
-            lambda: _start(stack, words),
+            lambda: helpers.start(args.namespace, society().assistant),
             sys.stdout.buffer,
         )
         server.serve(sys.stdin.buffer)
@@ -65,14 +66,3 @@ def parser() -> argparse.ArgumentParser:
     made.add_argument("--world", metavar="MAP", help="the world that the robot is in")
     options.add_mesh_options(made)
     return made
-
-
-def _start(stack: ExitStack, words: Sequence[str]) -> None:
-    """Start an assistant agent that leaves with this process."""
-    from armadico.config.scenarios import society  # noqa: PLC0415 - not for --help
-    from armadico.launch.processes import Process, end  # noqa: PLC0415
-
-    name = society().assistant
-    folder = stack.enter_context(TemporaryDirectory(prefix="armadico-mcp-"))
-    process = Process(name, ["agent", name, *words], Path(folder) / f"{name}.log", tied=True)
-    stack.callback(end, process.popen)

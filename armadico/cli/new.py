@@ -8,10 +8,12 @@ import re
 import shlex
 import sys
 from collections.abc import Iterable, Sequence
+from contextlib import suppress
 from importlib.util import find_spec
 from pathlib import Path
 from string import Template
 from typing import Final
+from unicodedata import normalize
 
 from armadico.cli import options
 from armadico.cli.options import FailedError, UsageError
@@ -42,6 +44,11 @@ NAME: Final = re.compile(r"[a-z][a-z0-9]*(-[a-z0-9]+)*")
 
 DRIVES: Final = "rooms-a"
 """A scenario that each of them can take part in."""
+
+GERMAN: Final = str.maketrans(
+    {"ä": "ae", "ö": "oe", "ü": "ue", "ß": "ss", "Ä": "Ae", "Ö": "Oe", "Ü": "Ue"}
+)
+"""Umlauts as they are written without; of other letters their marks are left out."""
 
 LONGEST: Final = 40
 """Characters of a name: it stands on keys, in tables and in names of files."""
@@ -87,9 +94,12 @@ def parser() -> argparse.ArgumentParser:
 def package(name: str, which: str) -> dict[str, str]:
     """The files of a package, by their names. Raises UsageError for a name that will not do."""
     if not NAME.fullmatch(name) or len(name) > LONGEST:
-        better = re.sub(r"[^a-z0-9]+", "-", re.sub(r"(?<=[a-z0-9])(?=[A-Z])", "-", name).lower())
-        better = better.strip("-0123456789")[:LONGEST].strip("-")
-        hint = f"; {better!r} would" if NAME.fullmatch(better) else ""
+        better = _better(name)
+        hint = ""
+        if NAME.fullmatch(better):
+            with suppress(UsageError):  # or that would not do either
+                package(better, which)
+                hint = f"; {better!r} would"
         raise UsageError(
             f"{name!r} will not do: small letters, digits and single hyphens, a letter first,"
             f" at most {LONGEST} in all{hint}"
@@ -108,6 +118,13 @@ def package(name: str, which: str) -> dict[str, str]:
     }
 
 
+def _better(name: str) -> str:
+    """What was meant, in the letters that may be."""
+    plain = normalize("NFKD", name.translate(GERMAN)).encode("ascii", "ignore").decode()
+    words = re.sub(r"(?<=[a-z0-9])(?=[A-Z])", "-", plain).lower()
+    return re.sub(r"[^a-z0-9]+", "-", words).strip("-0123456789")[:LONGEST].strip("-")
+
+
 def _beginning(name: str) -> str:
     return (folder("new") / f"{name}.txt").read_text(encoding="utf-8")
 
@@ -117,7 +134,7 @@ def _taken(filled: dict[str, str], texts: Iterable[str]) -> str:
     name, module, kind = filled["name"], filled["module"], filled["kind"]
     if known := installed(AGENTS).get(name):
         return f"an agent of that name is installed, by {known.package or 'a package of its own'}"
-    if keyword.iskeyword(module):
+    if keyword.iskeyword(module) or keyword.iskeyword(kind):
         return "Python means something by it"
     if module in sys.stdlib_module_names or find_spec(module) is not None:
         return f"Python would find the module {module!r} that is there already"

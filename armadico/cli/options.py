@@ -9,11 +9,13 @@ import argparse
 import errno
 import os
 import re
+import signal
 import sys
 from collections.abc import Callable, Sequence
 from dataclasses import replace
 from importlib.metadata import PackageNotFoundError
 from importlib.metadata import version as installed
+from importlib.util import find_spec
 from typing import TYPE_CHECKING, Final
 
 from armadico.config.discovery import UnknownNameError
@@ -259,6 +261,19 @@ def _say(program: str, error: Exception, code: int) -> int:
     lines = str(error).split("\n") if str(error) else [type(error).__name__]
     print(f"{program}: " + "\n".join(map(shown, lines)), file=sys.stderr)
     return code
+
+
+def need(module: str, extra: str) -> None:
+    """Raises FailedError, saying what to install, where a module of an extra is not there."""
+    if find_spec(module) is None:
+        raise FailedError(f"{module} is not installed: pip install 'armadico[{extra}]'")
+
+
+def end_as_by_ctrl_c() -> None:
+    """SIGTERM and SIGHUP do as Ctrl-C: everything that was started is taken down."""
+    for number in (signal.SIGTERM, signal.SIGHUP):
+        if signal.getsignal(number) is signal.SIG_DFL:  # under nohup it is not
+            signal.signal(number, signal.default_int_handler)
 
 
 def teller(program: str) -> Callable[[str], None]:

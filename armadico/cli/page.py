@@ -5,30 +5,27 @@ from __future__ import annotations
 import argparse
 import os
 import secrets
-import signal
 import socket
-import tempfile
 import webbrowser
 from collections.abc import Sequence
 from contextlib import ExitStack, suppress
-from pathlib import Path
 from typing import TYPE_CHECKING, Final
 
 from armadico.cli import options
+from armadico.cli.beside import Helpers
 from armadico.cli.options import FailedError, UsageError
+from armadico.mesh.ports import LOOPBACK
+from armadico.observe.screen import has_screen
 
 if TYPE_CHECKING:
     from armadico.config.worlds import World
-    from armadico.launch.processes import Process
     from armadico.mesh.base import Mesh
+    from armadico.observe.page.asked import Shipped
     from armadico.observe.page.guard import Guard
-    from armadico.observe.page.model import Shipped
     from armadico.observe.page.session import Session, Spawns
 
 PORT: Final = 8090
 """Where the page is by default."""
-
-LOOPBACK: Final = "127.0.0.1"
 
 TOKEN_VARIABLE: Final = "ARMADICO_PAGE_TOKEN"
 
@@ -50,9 +47,7 @@ def main(argv: Sequence[str]) -> int:
     meshes = options.join_each(args, namespaces)
     world = options.world(args)
     guard = _guard(args)
-    for number in (signal.SIGTERM, signal.SIGHUP):
-        if signal.getsignal(number) is signal.SIG_DFL:
-            signal.signal(number, signal.default_int_handler)
+    options.end_as_by_ctrl_c()
     from armadico.observe.page.server import Server, ServerError  # noqa: PLC0415 - not for --help
 
     with ExitStack() as stack:
@@ -66,7 +61,7 @@ def main(argv: Sequence[str]) -> int:
             raise FailedError(str(error)) from None
         link = _link(args.bind, server.port, guard.token)
         print(f"page: {link}", flush=True)
-        if not args.no_open and _has_screen():
+        if not args.no_open and has_screen(os.environ):
             webbrowser.open(link)
         with suppress(KeyboardInterrupt):
             while True:
@@ -82,53 +77,18 @@ def made(meshes: Sequence[Mesh], world: World | None, start: Spawns) -> Session:
     from armadico.observe.page.session import Session  # noqa: PLC0415 - not for --help
 
     known = missions()
-    hand = (society().hand,)
+    helpers = (society().by_hand,)
     robots = {
-        m.namespace: Robot(m.namespace, world, known, _bits64, hand, providers) for m in meshes
+        m.namespace: Robot(m.namespace, world, known, _bits64, helpers, providers) for m in meshes
     }
     return Session(robots, meshes, start)
-
-
-class Helpers:
-    """Agents that are started beside the page, and end with it, however that ends.
-
-    Attributes:
-        processes: The newest of each, by namespace and name.
-    """
-
-    def __init__(self, args: argparse.Namespace) -> None:
-        self._joining = options.joining(args)
-        self._folder = tempfile.TemporaryDirectory(prefix="armadico-page-")
-        self.processes: dict[tuple[str, str], Process] = {}
-
-    def __enter__(self) -> Helpers:
-        return self
-
-    def __exit__(self, *_: object) -> None:
-        from armadico.launch.processes import end_in_order  # noqa: PLC0415 - not for --help
-
-        with suppress(KeyboardInterrupt):
-            end_in_order([*self.processes.values()])
-        self._folder.cleanup()
-
-    def start(self, namespace: str, name: str) -> str:
-        """Start one, if it is not there yet; returns why it ended the last time, or nothing."""
-        from armadico.launch.processes import Process  # noqa: PLC0415 - not for --help
-
-        known = self.processes.get((namespace, name))
-        if known is not None and not known.ended():
-            return ""
-        words = ["agent", name, "--namespace", namespace, *self._joining]
-        log = Path(self._folder.name) / f"{namespace.replace('/', '-')}-{name}.log"
-        self.processes[namespace, name] = Process(name, words, log, tied=True)
-        return "" if known is None else f"it had ended: {known.last_words(1).strip()}"
 
 
 def missions() -> dict[str, Shipped]:
     """The missions that come with Armadico, by name."""
     from armadico.config.missions import load_mission  # noqa: PLC0415 - not for --help
     from armadico.config.shipped import names  # noqa: PLC0415
-    from armadico.observe.page.model import Shipped  # noqa: PLC0415
+    from armadico.observe.page.asked import Shipped  # noqa: PLC0415
 
     found = [load_mission(name) for name in names("missions")]
     return {each.name: Shipped(each.name, each.title, each.text) for each in found}
@@ -191,10 +151,6 @@ def _link(address: str, port: int, token: str) -> str:
     if ":" in host:
         host = f"[{host}]"
     return f"http://{host}:{port}/" + (f"#token={token}" if token else "")
-
-
-def _has_screen() -> bool:
-    return bool(os.environ.get("DISPLAY") or os.environ.get("WAYLAND_DISPLAY"))
 
 
 def _bits64() -> int:

@@ -8,7 +8,6 @@ import sys
 import time
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import ExitStack, contextmanager
-from importlib.util import find_spec
 from pathlib import Path
 from tempfile import TemporaryDirectory
 from typing import TYPE_CHECKING, Final
@@ -22,8 +21,6 @@ if TYPE_CHECKING:
     from armadico.observe.recorder import Recording
     from armadico.observe.virtual_recording import Recorded
     from armadico.observe.watching import Watcher
-
-NEEDED: Final = "mcap is not installed: pip install 'armadico[record]'"
 
 MEGABYTE: Final = 1_000_000
 
@@ -47,8 +44,7 @@ def main(argv: Sequence[str]) -> int:
     _check(args)
     namespaces = options.namespaces(args)
     meshes = options.join_each(args, namespaces)
-    if find_spec("mcap") is None:
-        raise FailedError(NEEDED)
+    options.need("mcap", "record")
     with ExitStack() as stack:
         for mesh in meshes:
             stack.enter_context(mesh)
@@ -73,8 +69,7 @@ def beside(args: argparse.Namespace, path: Path, *namespaces: str) -> Iterator[N
     """
     from armadico.launch.processes import START_S, Process, end  # noqa: PLC0415 - not for --help
 
-    if find_spec("mcap") is None:
-        raise FailedError(NEEDED)
+    options.need("mcap", "record")
     if path.exists():
         raise FailedError(f"{path} exists already; name another file")
     words = ["record", str(path), "--quiet"]
@@ -97,8 +92,7 @@ def beside(args: argparse.Namespace, path: Path, *namespaces: str) -> Iterator[N
 
 def recorded(mesh: VirtualMesh, path: Path, *namespaces: str) -> Recorded:
     """What is said on a virtual mesh, kept in a file while this is entered. Raises FailedError."""
-    if find_spec("mcap") is None:
-        raise FailedError(NEEDED)
+    options.need("mcap", "record")
     from armadico.observe.virtual_recording import Recorded  # noqa: PLC0415 - not for --help
 
     try:

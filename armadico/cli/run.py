@@ -5,7 +5,6 @@ from __future__ import annotations
 import argparse
 import json
 import os
-import signal
 import sys
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import AbstractContextManager, ExitStack, contextmanager, nullcontext, suppress
@@ -466,9 +465,7 @@ def _virtual(args: argparse.Namespace, scenario: Scenario, chosen: Options) -> R
 
 def _live(args: argparse.Namespace, scenario: Scenario, chosen: Options) -> RunWatch:
     mesh = options.join(args)
-    for number in (signal.SIGTERM, signal.SIGHUP):  # as Ctrl-C: everything is taken down
-        if signal.getsignal(number) is signal.SIG_DFL:  # under nohup it is not
-            signal.signal(number, signal.default_int_handler)
+    options.end_as_by_ctrl_c()
     try:
         with (
             _beside(args, scenario),

@@ -12,16 +12,15 @@ import shutil
 import signal
 import socket
 import sys
-import tempfile
 import termios
 import tty
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import ExitStack, contextmanager
 from enum import Enum
-from pathlib import Path
 from typing import TYPE_CHECKING, Final
 
 from armadico.cli import options
+from armadico.cli.beside import Helpers
 from armadico.runtime.errors import SocietyError
 
 if TYPE_CHECKING:
@@ -211,18 +210,13 @@ def _somebody_takes_it(client: Client) -> bool:
 def _started(args: argparse.Namespace, client: Client) -> Iterator[None]:
     """An agent that takes it, for as long as this lasts. Raises FailedError."""
     from armadico.config.scenarios import society  # noqa: PLC0415 - not for --help
-    from armadico.launch.processes import Process, end_in_order  # noqa: PLC0415
 
-    name = society().hand
+    name = society().by_hand
     print(f"nobody takes a stick: the agent {name} is started here", flush=True)
-    words = ["agent", name, "--namespace", args.namespace, *options.joining(args)]
-    with tempfile.TemporaryDirectory(prefix="armadico-hand-") as folder:
-        process = Process(name, words, Path(folder) / f"{name}.log", tied=True)
-        try:
-            _await(client, process, name)
-            yield
-        finally:
-            end_in_order([process])
+    with Helpers(args) as helpers:
+        helpers.start(args.namespace, name)
+        _await(client, helpers.processes[args.namespace, name], name)
+        yield
 
 
 def _await(client: Client, process: Process, name: str) -> None:

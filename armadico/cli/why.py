@@ -9,7 +9,6 @@ import argparse
 import json
 import sys
 from collections.abc import Sequence
-from importlib.util import find_spec
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Final, NamedTuple
 
@@ -159,8 +158,7 @@ def _live(args: argparse.Namespace) -> Told:
 def _recorded(args: argparse.Namespace) -> Told:
     if not args.file.is_file():
         raise UsageError(f"{args.file}: no such file")
-    if find_spec("mcap") is None:
-        raise FailedError("mcap is not installed: pip install 'armadico[record]'")
+    options.need("mcap", "record")
     from armadico.observe.recordings import RecordingError  # noqa: PLC0415 - not for --help
 
     try:

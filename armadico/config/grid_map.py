@@ -8,13 +8,8 @@ it, and ARIA's `.map`, which holds the borders of what is occupied.
 
 from __future__ import annotations
 
-import os
 import zlib
-from collections.abc import Mapping
-from contextlib import suppress
 from dataclasses import dataclass
-from errno import EACCES, EISDIR
-from os import strerror
 from pathlib import Path
 from typing import Final
 
@@ -32,6 +27,7 @@ from armadico.config.occupancy import (
     world_of,
 )
 from armadico.config.worlds import Segment, World
+from armadico.config.writing import beside, write_files
 from armadico.core.messages import OccupancyGrid
 
 States = NDArray[np.uint8]
@@ -154,7 +150,7 @@ def save(cells: Cells, path: Path) -> list[Path]:
     check_suffix(path)
     if path.suffix == ".map":
         comments = ("Made by driving; the borders of what echoes.",)
-        _write({path: format_map(cells.world(path.stem), comments).encode()})
+        write_files({path: format_map(cells.world(path.stem), comments).encode()})
         return [path]
     image = path.with_suffix(".pgm")
     rows, columns = cells.states.shape
@@ -165,41 +161,16 @@ def save(cells: Cells, path: Path) -> list[Path]:
         "negate: 0\noccupied_thresh: 0.65\nfree_thresh: 0.196\n"
     )
     head = f"P5\n{columns} {rows}\n255\n"
-    _write({path: text.encode(), image: head.encode() + pixels.tobytes()})
+    write_files({path: text.encode(), image: head.encode() + pixels.tobytes()})
     return [path, image]
 
 
 def check_writable(path: Path) -> None:
     """Whether `save` could write there now. Raises OSError."""
     for file in (path,) if path.suffix == ".map" else (path, path.with_suffix(".pgm")):
-        new = _beside(file)
+        new = beside(file)
         new.open("wb").close()
         new.unlink()
-
-
-def _beside(path: Path) -> Path:
-    """Where it is written before it takes the place of what was there. Raises OSError."""
-    if path.is_dir():
-        raise IsADirectoryError(EISDIR, strerror(EISDIR), str(path))
-    if path.exists() and not os.access(path, os.W_OK):  # its folder would let it be replaced
-        raise PermissionError(EACCES, strerror(EACCES), str(path))
-    real = path.resolve()
-    return real.with_name(f"{real.name}.new")
-
-
-def _write(files: Mapping[Path, bytes]) -> None:
-    """Write all of them, or none. Raises OSError."""
-    new = {path: _beside(path) for path in files}
-    try:
-        for path, data in files.items():
-            new[path].write_bytes(data)
-        for path, at in new.items():
-            at.replace(path.resolve())
-    except OSError:
-        for at in new.values():
-            with suppress(OSError):
-                at.unlink()
-        raise
 
 
 def read(path: Path | str) -> Cells:

@@ -16,6 +16,7 @@ from armadico.config.errors import ConfigError
 from armadico.config.lines import line_of
 from armadico.config.loading import document, read_text, set_values
 from armadico.config.shipped import find
+from armadico.config.writing import write_files
 
 
 def load_set(name_or_path: str | Path) -> dict[str, tuple[str, ...]]:
@@ -45,9 +46,11 @@ _TABLE: Final = re.compile(r"^\s*\[")
 def save(path: Path, agent: str, values: Mapping[str, bool | float | str | None]) -> None:
     """Write some of an agent's parameters into a set, which need not be there; the rest stays.
 
-    None takes one out. Raises ConfigError if there is no place for them in what is there.
+    None takes one out. Raises ConfigError if there is no place for them in what is there, or if it
+    cannot be written.
     """
-    text = read_text(path) if path.exists() else ""
+    there = path.exists() and (path.is_file() or path.is_dir())  # a pipe would never end
+    text = read_text(path) if there else ""
     lines = text.splitlines()
     for name, value in values.items():
         _write(lines, agent, name, value)
@@ -60,9 +63,11 @@ def save(path: Path, agent: str, values: Mapping[str, bool | float | str | None]
     if written != {name: value for name, value in wanted.items() if value is not None}:
         names = ", ".join(f"{agent}.{name}" for name in values)
         raise ConfigError(f"{names}: no place beside what is written there; write it there", path)
-    new = path.with_name(f"{path.name}.new")
-    new.write_text(made, encoding="utf-8")
-    new.replace(path)
+    try:
+        write_files({path: made.encode()})
+    except (OSError, ValueError) as error:  # a name with a zero in it, too
+        what = getattr(error, "strerror", None) or error
+        raise ConfigError(f"cannot be written: {what}", path) from None
 
 
 def _flat(table: dict[str, Any], at: str = "") -> dict[str, Any]:

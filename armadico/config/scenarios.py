@@ -70,12 +70,14 @@ class Society(Struct, frozen=True, forbid_unknown_fields=True):
 
     robot: str
     simulator: str
+    agents: tuple[str, ...]
+    watch: tuple[str, ...]
+    by_hand: str
+    """Who takes a stick; a hand that finds nobody has it started."""
+
     assistant: str
     """Of whom programs ask what they want done."""
 
-    agents: tuple[str, ...]
-    watch: tuple[str, ...]
-    hand: str
     senses: Senses
     ideal: Ideal
     exploring: Exploring

@@ -752,13 +752,15 @@ class Agent:
 
     def _newer(self, message: Any, before: Any) -> bool:
         """Refuse what answers a cycle that is long past, not yet there, or before the latest."""
-        kind = type(message)
-        within = service_of(kind).fresh_cycles
+        service = service_of(type(message))
+        within = service.fresh_cycles
         if within is None:
             return True
         cycle = message.cycle
         if not self.cycles.fresh(cycle, within):
             return False
+        if service.kind is Kind.EVENT:  # of several: who hears the robot later is not out of order
+            return True
         age = None if before is None else self.cycles.age(before.cycle)
         # One that answers a number which was never true is no newer than any.
         return age is None or age < -AHEAD or before.cycle.number <= cycle.number

@@ -17,7 +17,8 @@ An *entry* is an array: first one of the numbers below, then the agent's time, s
     REPLIED, now, question, payload             none: nobody answered in time
     RECEIVED, now, data            LINK, now, up, why
     SLOW, now, took                REFUSE, now, key, why       REPORT, now, dropped
-    TAKE, outputs                  what it gave, encoded: an array of arrays
+    TAKE, outputs, due             what it gave, encoded: an array of arrays; and when it is to be
+                                   woken, s, or none
 
     of outputs:  PUBLISH, key, message   ASK_FOR, id, key, request, timeout   WRITE, data
                  ANNOUNCE   OPEN_PORT   REPLY, call, key, message
@@ -41,7 +42,7 @@ from armadico.core.driver import Announce, Driver, Output, Reply
 from armadico.core.messages import JournalPiece, JournalRequest, Message, MessageError, decode
 from armadico.core.services import service_of
 
-FORMAT: Final = 1
+FORMAT: Final = 2
 """The version of all this; one more whenever it changes."""
 
 EVERY_S: Final = 0.5
@@ -253,12 +254,12 @@ class Journalled(Driver):
         """See `Driver`; and the journal's pieces, if they are published."""
         given, shown = super().take(), False
         if given:
-            self._entries.append((TAKE, [_called(item, 0) for item in given]))
+            self._entries.append((TAKE, [_called(item, 0) for item in given], self._due()))
             # Whoever sees it sees its journal, too, however soon it is killed.
             shown = any(isinstance(item, Announce) for item in given)
             given = [_called(item, 1) for item in given]
         elif not self._taken:
-            self._entries.append((TAKE, []))
+            self._entries.append((TAKE, [], self._due()))
         self._taken = True
         if self._publishes:
             if self._ended or shown:
@@ -306,7 +307,7 @@ class Journalled(Driver):
         entries, self._entries = self._entries, []
         for place, entry in enumerate(entries):
             if entry[0] == TAKE:
-                entries[place] = (TAKE, outputs(entry[1]))
+                entries[place] = (TAKE, outputs(entry[1]), entry[2])
         packed = zlib.compress(_ENCODER.encode(entries), 1)
         frame = len(packed).to_bytes(4, "big") + packed
         for begin in range(0, len(frame), PIECE):

@@ -181,14 +181,16 @@ def spare(
 
     Whoever owns a device is where the device is, and nowhere else.
     """
-    hand = society().hand
+    by_hand = society().by_hand
     placed = dict.fromkeys(name for other in table.hosts.values() for name in other.agents)
     taken = placed if scenario is None else (*names(scenario, options.without), *society().watch)
     here = installed(AGENTS)
     able = [
         name
-        for name in dict.fromkeys((*taken, hand))
-        if name in (*placed, hand) and name in here and (host.takes is None or name in host.takes)
+        for name in dict.fromkeys((*taken, by_hand))
+        if name in (*placed, by_hand)
+        and name in here
+        and (host.takes is None or name in host.takes)
         if name not in host.agents and not issubclass(agent_class(name), DeviceAgent)
     ]
     scenario = scenario or NOWHERE

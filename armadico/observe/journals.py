@@ -11,8 +11,10 @@ from __future__ import annotations
 import zlib
 from collections import defaultdict
 from collections.abc import Callable, Iterable, Iterator, Mapping
+from contextlib import suppress
 from dataclasses import dataclass
 from hashlib import sha256
+from math import isfinite
 from pathlib import Path
 from random import Random
 from typing import Annotated, Any, Final
@@ -23,8 +25,9 @@ from msgspec.structs import replace
 
 from armadico.config.profile import load_profile
 from armadico.config.worlds import load_world
+from armadico.core import journal as j
 from armadico.core.agent import Agent
-from armadico.core.journal import FORMAT, START, TAKE
+from armadico.core.journal import FORMAT, NOTHING, START, TAKE
 from armadico.core.messages import PROTOCOL, JournalPiece, MessageError, decode
 from armadico.core.services import service_of
 from armadico.observe.conditions import digest, software
@@ -42,6 +45,29 @@ Entry = list[Any]
 """See `core.journal`."""
 
 _ENTRIES: Final = msgpack.Decoder(list[Annotated[Entry, Meta(min_length=2)]])
+
+_TIME: Final = (float, int)
+_ANY: Final = (object,)
+
+_SHAPES: Final[Mapping[int, tuple[tuple[type, ...], ...]]] = {
+    START: (_TIME, (bool,), (bytes,)),
+    j.BEGIN: (_TIME,),
+    j.WAKE: (_TIME,),
+    j.LEAVE: (_TIME,),
+    j.TOKEN: (_TIME, (str,), (str,), (bool,)),
+    j.DELIVER: (_TIME, (str,), (str,), _ANY),
+    j.ASKED: (_TIME, (str,), _ANY, (int,), _TIME),
+    j.REPLIED: (_TIME, (int,), _ANY),
+    j.RECEIVED: (_TIME, (bytes,)),
+    j.LINK: (_TIME, (bool,), (str,)),
+    j.SLOW: (_TIME, _TIME),
+    j.REFUSE: (_TIME, (str,), (str,)),
+    j.REPORT: (_TIME, (dict,)),
+    TAKE: ((bytes,), (*_TIME, type(None))),
+}
+"""Of what types an entry of each number is, after the number."""
+
+_OUTPUTS: Final = msgpack.Decoder(list[Annotated[list[Any], Meta(min_length=1)]])
 
 
 class Head(Struct, frozen=True, kw_only=True):
@@ -147,8 +173,14 @@ class Journal:
 
     def entries(self) -> Iterator[Entry]:
         """Its entries in order. Raises ValueError where it is damaged."""
+        before = None
         for _, frame in self.frames:
-            yield from _unpacked(frame)
+            for entry in _unpacked(frame):
+                number = entry[0]
+                if (number == START) != (before is None) or number == TAKE == before:
+                    raise ValueError(f"an entry {number} after {before}")
+                before = number
+                yield entry
 
     @property
     def size(self) -> int:
@@ -158,7 +190,11 @@ class Journal:
     @property
     def began(self) -> float:
         """When the agent began, s since 1970 by the recorder's clock."""
-        return self.offset + next((float(entry[1]) for entry in self.entries()), 0.0)
+        try:
+            start = next(self.entries(), None)
+        except ValueError:  # a damaged one: `entries` says so
+            start = None
+        return self.offset + (float(start[1]) if start else 0.0)
 
     @property
     def offset(self) -> float:
@@ -167,7 +203,11 @@ class Journal:
         The least of what some frames say: each was on its way for a while.
         """
         some = self.frames[:: max(len(self.frames) // SAMPLES, 1)]
-        return min((at / 1e9 - _last(frame) for at, frame in some), default=0.0)
+        found: list[float] = []
+        for at, frame in some:
+            with suppress(ValueError):  # a damaged one: `entries` says so
+                found.append(at / 1e9 - _last(frame))
+        return min(found, default=0.0)
 
 
 class Pieces:
@@ -187,7 +227,7 @@ class Pieces:
     def journals(self) -> list[Journal]:
         """All journals, by the times at which they began."""
         found = [_journal(*who, pieces) for who, pieces in self._pieces.items()]
-        return sorted(found, key=lambda j: (j.frames[0][0] if j.frames else 0, j.instance))
+        return sorted(found, key=lambda one: (one.frames[0][0] if one.frames else 0, one.instance))
 
 
 def without(namespace: str, instance: str) -> Journal:
@@ -215,6 +255,8 @@ def _journal(namespace: str, instance: str, pieces: Mapping[int, tuple[int, byte
             end = 4 + int.from_bytes(waiting[:4], "big")
             frames.append((since, waiting[4:end]))
             waiting = waiting[end:]
+    if waiting:
+        fault = fault or "its last piece is not whole"
     head, why = _head(frames[0][1]) if frames else (None, "nothing of its journal was recorded")
     return Journal(namespace, name, instance, head, why or fault, tuple(frames))
 
@@ -243,9 +285,29 @@ def _unpacked(frame: bytes) -> list[Entry]:
         data = unpacker.decompress(frame, LARGEST_FRAME)
         if not unpacker.eof:
             raise ValueError("too long, or cut short")
-        return _ENTRIES.decode(data)
+        entries = _ENTRIES.decode(data)
     except (zlib.error, msgspec.DecodeError) as error:
         raise ValueError(str(error)) from None
+    for entry in entries:
+        if not _sound(entry):
+            raise ValueError(f"no entry of a journal: {entry[0]!r:.20}")
+    return entries
+
+
+def _sound(entry: Entry) -> bool:
+    """Whether it is what `core.journal` says that entries are."""
+    number, *rest = entry
+    shape = _SHAPES.get(number) if isinstance(number, int) else None
+    if shape is None or len(shape) != len(rest):
+        return False
+    if not all(map(isinstance, rest, shape)):
+        return False
+    if number != TAKE:
+        return isfinite(rest[0])
+    try:
+        return bool(_OUTPUTS.decode(rest[0])) or rest[0] == NOTHING
+    except msgspec.DecodeError:
+        return False
 
 
 def _last(frame: bytes) -> float:

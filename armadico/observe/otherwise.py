@@ -117,10 +117,10 @@ def _orders(outputs: bytes | None) -> Iterator[tuple[Cycle, Sequence[float]]]:
     """The speeds that outputs of a journal order, by cycle."""
     items: list[Any] = msgpack.decode(outputs) if outputs else []
     for item in items:
-        if item[0] == j.PUBLISH and item[1].startswith("robot/cmd/"):
-            _, (epoch, number), _, action = item[2][:4]
-            if isinstance(action, list) and len(action) == 2:
-                yield (epoch, number), action
+        match item:
+            case [j.PUBLISH, str(key), [_, [epoch, number], _, [_, _] as action, *_]]:
+                if key.startswith("robot/cmd/"):
+                    yield (epoch, number), action
 
 
 def _cycle(cycle: Any) -> Cycle:

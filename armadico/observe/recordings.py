@@ -150,6 +150,8 @@ class Past:
         """
         self.path = path
         self.about: dict[str, str] = {}
+        self.damage: list[str] = []
+        """What could not be read of it, by whatever has gone through its messages so far."""
         self._warn = warn
         first = next(rows(path, lambda _: None, self.about), None)
         self.began = 0.0 if first is None else first.t / 1e9  # s since 1970
@@ -177,8 +179,13 @@ class Past:
 
     def rows(self) -> Iterator[Row]:
         """All messages in the order they were received. Raises RecordingError and OSError."""
+        self.damage = []
         for path in self.paths:
-            yield from rows(path, self._warn)
+            yield from rows(path, self._damaged)
+
+    def _damaged(self, text: str) -> None:
+        self.damage.append(text)
+        self._warn(text)
 
     def journals(self) -> list[Journal]:
         """The journals of all agents that were there, as far as the recording has them.

@@ -48,7 +48,7 @@ class Difference(Struct, frozen=True, kw_only=True):
 
     at: float  # s since the agent's journal began
     output: int  # how many outputs were equal before it
-    then: tuple[str, ...]  # what it gave at that moment,
+    then: tuple[str, ...]  # what it gave at that moment, and when it wanted to be woken,
     now: tuple[str, ...]  # and what it gives
     inputs: tuple[str, ...]  # what had entered it just before, the newest last
 
@@ -71,8 +71,8 @@ class Outcome(Struct, frozen=True, kw_only=True):
 
     @property
     def equal(self) -> bool:
-        """Whether all that it decided was gone through, and is the same."""
-        return not self.refusal and self.difference is None
+        """Whether all that it decided, and that is something, was gone through and is the same."""
+        return not self.refusal and self.difference is None and self.outputs > 0
 
 
 @dataclass(frozen=True, slots=True)
@@ -83,7 +83,14 @@ class Moment:
     entry: Entry
     then: bytes | None  # outputs, encoded (`core.journal.outputs`); none: they were not taken yet
     now: bytes | None
+    due_then: float | None  # when it wanted to be woken if nothing comes before, s by its clock
+    due_now: float | None
     bids: tuple[BidRecord, ...]  # that it made of it, now
+
+    @property
+    def differs(self) -> bool:
+        """Whether it gives something else, or wants to be woken at another time."""
+        return self.then != self.now or repr(self.due_then) != repr(self.due_now)  # NaN is NaN
 
 
 @dataclass
@@ -116,7 +123,9 @@ class Life:
     def moments(self) -> Iterator[Moment]:
         """All that entered it, in order. What the agent's own code raises ends it: `raised`."""
         entries = self._entries()
-        start = next(entries)
+        start = next(entries, None)
+        if start is None:
+            return
         began, admit = float(start[1]), bool(start[2])
         clock = 0.0
         driver = Driver(self.agent, began, admit=admit, wall=lambda: clock)
@@ -129,20 +138,20 @@ class Life:
                 clock = float(entry[5])
             self._enter(driver, entry, listens, asked)
             following = next(entries, None)
-            then = now = None
+            then = now = due_then = due_now = None
             if following is not None and following[0] == j.TAKE:
-                then, following = following[1], next(entries, None)
+                (_, then, due_then), following = following, next(entries, None)
                 given = [] if self.raised else driver.take()
                 for item in given:
                     if isinstance(item, AskFor):
                         asked[item.id] = item.reply
-                now = j.outputs(given)
+                now, due_now = j.outputs(given), driver.wakeup
             bids = _since(self.agent, seen)
             seen = bids[-1] if bids else seen
             at = self.agent.now if entry[0] == j.SLOW else float(entry[1])
             if self.raised and following is not None and following[0] == j.LEAVE and then is None:
                 self.raised = ""  # it failed then, too, and left
-            yield Moment(at - began, entry, then, now, bids)
+            yield Moment(at - began, entry, then, now, due_then, due_now, bids)
             if self.raised:
                 return
             entry = following
@@ -203,7 +212,7 @@ class Replay:
             self._inputs += 1
             self._at = moment.at
             recent.append(moment.entry)
-            if moment.then != moment.now or life.raised:
+            if moment.differs or life.raised:
                 self._different += 1
                 if self._first is None:
                     self._first = _difference(life, moment, recent, self._outputs)
@@ -364,6 +373,9 @@ def _count(encoded: bytes) -> int:
 def _difference(life: Life, moment: Moment, recent: Sequence[Entry], before: int) -> Difference:
     then = _told(moment.then)
     now = (f"it fails: {life.raised}",) if life.raised else _told(moment.now)
+    if repr(moment.due_then) != repr(moment.due_now) and not life.raised:
+        then += (_due_told(moment, moment.due_then),)
+        now += (_due_told(moment, moment.due_now),)
     same = 0
     while same < min(len(then), len(now)) and then[same] == now[same]:
         same += 1
@@ -377,7 +389,17 @@ def _difference(life: Life, moment: Moment, recent: Sequence[Entry], before: int
 
 
 def _told(encoded: bytes | None) -> tuple[str, ...]:
-    return () if encoded is None else tuple(map(output_told, msgpack.decode(encoded)))
+    try:
+        return () if encoded is None else tuple(map(output_told, msgpack.decode(encoded)))
+    except Exception:  # whatever damaged outputs make of it: they are told as they came
+        return (_short(f"what is no output: {(encoded or b'').hex(' ')}"),)
+
+
+def _due_told(moment: Moment, due: float | None) -> str:
+    if due is None:
+        return "to be woken by nothing but what comes"
+    entered = moment.entry[1]
+    return f"to be woken {due - entered:.3f} s later, if nothing comes before"
 
 
 def message_told(kind: type[Message] | None, payload: Any) -> str:

@@ -39,6 +39,9 @@ STARTS_S: Final = 1.0
 DEAF_S: Final = 2.5
 """Who hears nobody at all for so long has itself to blame: some say something each second."""
 
+YOUNG_S: Final = 2.0
+"""Who is there for no longer has not failed yet: a controller takes a second to answer."""
+
 LATELY_S: Final = 5.0
 """A log line that explains what is now came within this."""
 
@@ -48,7 +51,7 @@ class Sort(StrEnum):
 
     STOP = "stop"  # somebody latched it
     MOTORS = "motors"  # are off
-    STARTING = "starting"  # who drives has just begun
+    STARTING = "starting"  # who drives has just begun, or has just got what it needs
     STALLED = "stalled"  # something holds the wheels, or they are not driven
     CHARGING = "charging"
     NO_GOAL = "no goal"
@@ -274,7 +277,7 @@ class _Chain:
         found = [self._contender(each.instance) for each in contenders]
         causes = [each for each in found if each is not None]
         if causes:
-            return min(causes, key=lambda cause: _ORDER.index(cause.sort))
+            return min(causes, key=lambda c: (c.sort is Sort.STARTING, _ORDER.index(c.sort)))
         if gone := self._lost_contenders():
             return self.absent(gone)
         return self.end(Sort.UNKNOWN, "", "None of them has said what it lacks.")
@@ -345,13 +348,30 @@ class _Chain:
             return None if bid.utility <= 0.0 else self._unobeyed(instance, bid)
         self.say(f"no bid ({bid.reason or 'it does not say why'}).", name)
         if bid.reason.startswith(NOT_FRESH):
-            return self.lacking(bid.reason.removeprefix(NOT_FRESH), instance)
+            key = bid.reason.removeprefix(NOT_FRESH)
+            return self._came_since(key, instance) or self.lacking(key, instance)
         if bid.reason.startswith(NOT_SOUND):
             todo = f"mend {name}; `armadico logs {name}` has its last words"
             return Cause(Sort.UNSOUND, name, f"{name}: {bid.reason}", todo)
         if self._is_lost() and "lost" in bid.reason:
             return self._lost()
         return None
+
+    def _came_since(self, key: str, instance: str) -> Cause | None:
+        """What somebody lacked when it was asked has come, first or again, since then.
+
+        Bids are asked for once a second: they tell of so long ago.
+        """
+        rate, asked = self.view.rates.get(key), self.view.answered.get(instance)
+        if rate is None or asked is None or self.silent(key) or self.stale(key):
+            return None
+        if asked > rate.since + FRESH_CYCLES * self._cycle_s():
+            return None
+        what = f"{key} has come for {self.now - rate.since:.1f} s only."
+        return self.end(Sort.STARTING, agent_of(instance), what, of=agent_of(instance))
+
+    def _cycle_s(self) -> float:
+        return PERIOD if self.view.description is None else self.view.description.cycle_s
 
     def _is_old(self, bid: BidRecord) -> bool:
         state = self.view.state
@@ -365,12 +385,14 @@ class _Chain:
         for key in needed:
             if self.silent(key) or self.stale(key):
                 return self.lacking(key, instance)
-        period = PERIOD if view.description is None else view.description.cycle_s
+        period = self._cycle_s()
         newest = bid.cycle.number if view.state is None else view.state.cycle.number
         if not self._lives(instance, self.now - period * (newest - bid.cycle.number)):
             return self.quiet(instance)
         lacked = [key for key in needed if key in self._complaints] or needed
-        return self.lacking(lacked[0], instance) if lacked else self.quiet(instance)
+        if not lacked:
+            return self.quiet(instance)
+        return self._came_since(lacked[0], instance) or self.lacking(lacked[0], instance)
 
     def _needed(self, instance: str, bid: BidRecord) -> list[str]:
         """The keys of what its bids are made of, or of all that it listens to."""
@@ -514,6 +536,10 @@ class _Chain:
         """It is there, has what it needs, and publishes nothing on a key, or does nothing."""
         name, host, card = agent_of(instance), self.host(instance), self.view.cards.get(instance)
         since = self._last(key)
+        came = self.view.alive.get(instance, float("-inf"))
+        if self.now - came <= YOUNG_S and since <= came and not self._words(instance, came):
+            what = f"{name} is there for {self.now - came:.1f} s only."
+            return self.end(Sort.STARTING, name, what)
         if key and self._lives(instance, since):
             words = self._words(instance, since)
             if card is not None and card.owns:
@@ -576,10 +602,7 @@ class _Chain:
         if state is None or not isinstance(cycle, Cycle) or cycle.epoch != state.cycle.epoch:
             return 0
         late = state.cycle.number - cycle.number
-        said = self.view.description
-        allowed = (self.view.rates[key].deadline_s or 0.0) / (
-            PERIOD if said is None else said.cycle_s
-        )
+        allowed = (self.view.rates[key].deadline_s or 0.0) / self._cycle_s()
         return late if late > max(FRESH_CYCLES, round(allowed)) else 0
 
     def line(self, begins: str) -> str | None:

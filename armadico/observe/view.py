@@ -425,6 +425,7 @@ class Rate:
         self.count = 0
         self.missed = 0
         self.last: float | None = None
+        self.since = 0.0  # when it came after the last silence, or first
         self.deadline_s = deadline_s
         self._late = False  # the gap that is still open has been counted
         self._arrivals: deque[float] = deque()
@@ -433,6 +434,8 @@ class Rate:
         """One came."""
         self.look(at)
         self.count += 1
+        if self.last is None or at - self.last > max(self.deadline_s or 0.0, QUIET_S):
+            self.since = at
         self.last, self._late = at, False
         self._arrivals.append(at)
 

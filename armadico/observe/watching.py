@@ -31,7 +31,7 @@ WAITING: Final = 20_000
 """What may wait for a watcher that is busy: at 20 agents, half a minute's talk."""
 
 ASK_S: Final = 1.0
-"""How often everybody is asked for their bids, and their cards."""
+"""How often everybody is asked for their bids and cards, by whoever watches."""
 
 EVERYTHING: Final = "**"
 

@@ -161,7 +161,7 @@ class _Pressed:
     number: int
     t: float
     stop: Stop
-    before: bool  # anything was heard
+    before: bool  # the robot was heard
     stood: float | None = None
     released: float | None = None
     released_by: str = ""
@@ -243,15 +243,15 @@ class Chronicle:
     def take(self, key: str, message: Message | None, t: float) -> None:
         """Something was published on a key; None: it cannot be read."""
         self._pass(t)
-        before = self.view.truth
+        unheard, truth = self.view.state is None, self.view.truth
         self.view.take(key, message, t)
         match message:
             case RobotState():
-                self._take_state(message, t)
+                self._take_state(message, t, first=unheard)
             case Truth() if self.view.truth is message:
-                self._take_truth(message, begun=before is not None)
+                self._take_truth(message, begun=truth is not None)
             case Stop():
-                self._take_stop(message, t)
+                self._take_stop(message, t, before=unheard)
             case Claim():
                 self._take_claim(message, t)
             case Command():
@@ -310,10 +310,10 @@ class Chronicle:
             collision = Collision(self._struck_times, snapshot.t, said, cause, moment)
             _keep(self.collisions, collision)
 
-    def _take_state(self, state: RobotState, t: float) -> None:
+    def _take_state(self, state: RobotState, t: float, *, first: bool) -> None:
         self._clock.advance(state.cycle, t)
         if state.stop.stopped:
-            self._take_stop(state.stop, t)
+            self._take_stop(state.stop, t, before=first)
         for pressed in self._pressed[-1:]:
             if (
                 pressed.stood is None
@@ -334,16 +334,14 @@ class Chronicle:
             self._collide(what, bumped=bumped)
         self._struck = struck
 
-    def _take_stop(self, stop: Stop, t: float) -> None:
-        last = self._pressed[-1] if self._pressed else None
-        if stop.stopped and (last is None or last.stop.press != stop.press):
-            number = last.number + 1 if last is not None else 1
-            before = self.view.state is None
+    def _take_stop(self, stop: Stop, t: float, *, before: bool) -> None:
+        # A state that was on its way may still show the press before.
+        known = next((each for each in self._pressed if each.stop.press == stop.press), None)
+        if known is None and stop.stopped:
+            number = self._pressed[-1].number + 1 if self._pressed else 1
             _keep(self._pressed, _Pressed(number, t - self._begun, stop, before))
-            return
-        over = last is not None and not stop.stopped and last.stop.press == stop.press
-        if over and last is not None and last.released is None:
-            last.released, last.released_by = t - self._begun, stop.by
+        elif known is not None and not stop.stopped and known.released is None:
+            known.released, known.released_by = t - self._begun, stop.by
 
     def _take_claim(self, claim: Claim, t: float) -> None:
         self._claims.setdefault(claim.resource, deque(maxlen=KEPT_CYCLES)).append((t, claim))
@@ -608,6 +606,9 @@ class Chronicle:
             said.append(f"The robot stood {of.stood:.1f} s later.")
         if of.released is not None:
             said.append(f"{of.released_by or 'Somebody'} released it at {of.released:.2f} s.")
+        elif anew := next((each for each in self._pressed if each.number > of.number), None):
+            who = anew.stop.by or "somebody"
+            said.append(f"Before it was released {who} latched another at {anew.t:.2f} s.")
         else:
             said.append("Nobody has released it.")
         cause = Cause(Sort.STOP, by, said[0], "`armadico resume` releases it")

@@ -23,6 +23,11 @@ REST_RAD_S: Final = 0.1
 its time."""
 
 
+def rests(v: float, w: float) -> bool:
+    """Whether wheels that are measured at these speeds (m/s, rad/s) rest."""
+    return abs(v) <= REST_M_S and abs(w) <= REST_RAD_S
+
+
 class Latching:
     """One press of the stop, or the release of one: what to publish, and what came of it.
 
@@ -80,7 +85,7 @@ class Latching:
     def rolling(self) -> str:
         """How the wheels still turn, for people; "" once they rest."""
         v, w = self._speeds
-        if abs(v) <= REST_M_S and abs(w) <= REST_RAD_S:
+        if rests(v, w):
             return ""
         return f"the wheels still turn, at {v:.2f} m/s and {w:.2f} rad/s"
 

@@ -14,6 +14,7 @@ from armadico.core.agent import Agent, Identity
 from armadico.core.behaviour import BY_HAND
 from armadico.core.exchange import Bid
 from armadico.core.messages import (
+    Cycle,
     Message,
     MessageError,
     Point,
@@ -133,6 +134,24 @@ def test_of_two_hands_the_first_has_it_and_the_second_is_told() -> None:
     assert (cab.status().hand, cab.status().waits) == ("bob", ())
     cab.drive(20, ("bob", 0.0, 1.0))
     assert cab.speed == pytest.approx((0.0, 0.8))
+
+
+@pytest.mark.parametrize("ahead", [0, 1, 3])
+def test_a_hand_that_hears_the_robot_sooner_takes_nothing_from_one_that_hears_it_later(
+    ahead: int,
+) -> None:
+    cab = Cab()
+    cab.drive(5, ("ann", 1.0, 0.0))
+    for _ in range(20):
+        late = Cycle(cab.at.epoch, cab.at.number - 1)
+        cab.stick("bob", 0.0, 1.0, cycle=Cycle(cab.at.epoch, cab.at.number + ahead))
+        cab.stick("ann", 1.0, 0.0, cycle=late)
+        cab.drive(1)
+        assert (cab.status().hand, cab.status().waits) == ("ann", ("bob",))
+    cab.stick("bob", 0.0, 1.0, cycle=Cycle(cab.at.epoch, cab.at.number + ahead))
+    cab.stick("ann", held=False, cycle=Cycle(cab.at.epoch, cab.at.number - 1))
+    cab.drive(1)
+    assert cab.status().hand == ""  # and when it lets go it has let go
 
 
 def test_who_waits_and_gives_up_waits_no_more() -> None:

@@ -49,7 +49,9 @@ def test_an_agent_of_another_package_is_found_and_not_imported(third_party: Path
 
 
 def test_what_is_not_there_is_answered_with_what_is() -> None:
-    with pytest.raises(UnknownNameError, match=r"did you mean 'encoder'\? there are: avoid"):
+    with pytest.raises(
+        UnknownNameError, match=r"did you mean 'encoder'\? there are: assistant, avoid,"
+    ):
         discovery.agent_class("encodr")
 
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import os
+import re
 import subprocess
 import sys
 from pathlib import Path
@@ -74,10 +75,14 @@ def test_what_is_to_be_typed_next_is_said_and_a_planner_takes_the_others_place(
         ("Weaver", "a letter first, at most 40 in all; 'weaver' would"),
         ("wall_follower", "'wall-follower' would"),
         ("WallFollower", "'wall-follower' would"),
-        ("2-wheels", "'wheels' would"),
+        ("2-wheelers", "'wheelers' would"),
+        ("2-wheels", "at most 40 in all"),
         ("../weaver", "'weaver' would"),
         ("", "single hyphens, a letter first, at most 40 in all"),
-        ("straße", "'stra-e' would"),
+        ("straße", "'strasse' would"),
+        ("Ärger", "'aerger' would"),
+        ("Café", "'cafe' would"),
+        ("false", "Python means something by it"),
         ("a" * 41, f"'{'a' * 40}' would"),
         ("goto", "an agent of that name is installed, by armadico"),
         ("while", "Python means something by it"),
@@ -93,6 +98,8 @@ def test_a_name_that_will_not_do_is_refused_and_nothing_is_written(name: str, sa
         package(name, "behaviour")
     assert str(refused.value).startswith(f"{name!r} will not do: ")
     assert says in str(refused.value)
+    if hint := re.search(r"; '(.*)' would", str(refused.value)):
+        assert package(hint[1], "behaviour")
 
 
 def test_what_is_there_already_stays_as_it_is(tmp_path: Path) -> None:

@@ -12,8 +12,8 @@ import urllib.request
 import pytest
 
 from armadico.cli import main as armadico
-from armadico.cli.beside import beside
-from armadico.cli.page import TOKEN_VARIABLE, Helpers
+from armadico.cli.beside import Helpers, beside
+from armadico.cli.page import TOKEN_VARIABLE
 from armadico.mesh.ports import private_endpoints
 from armadico.mesh.topology import ENDPOINTS_VARIABLE
 from tests.programs import heavy, imports_nothing, starter

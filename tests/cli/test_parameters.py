@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import json
+import os
+from collections.abc import Callable
 from pathlib import Path
 
 import pytest
@@ -187,3 +189,65 @@ def test_where_there_is_no_place_for_it_the_file_stays_as_it_is(tmp_path: Path, 
         save(path, "goto", {"safety.margin_m": 0.1})
     assert path.read_text() == text
     assert list(tmp_path.iterdir()) == [path]
+
+
+def test_a_link_stays_one_and_the_file_keeps_who_may_read_it(tmp_path: Path) -> None:
+    path, link = tmp_path / "mine.toml", tmp_path / "parameters.toml"
+    path.write_text("[goto]\nv_max = 0.3\n")
+    path.chmod(0o640)
+    link.symlink_to(path.name)
+    save(link, "goto", {"v_max": 0.4})
+    assert link.is_symlink()
+    assert path.read_text() == "[goto]\nv_max = 0.4\n"
+    assert path.stat().st_mode & 0o777 == 0o640
+
+
+def _pipe(path: Path) -> None:
+    os.mkfifo(path)
+
+
+def _folder(path: Path) -> None:
+    path.mkdir()
+
+
+def _read_only(path: Path) -> None:
+    path.write_text("")
+    path.chmod(0o400)
+
+
+def _loop(path: Path) -> None:
+    path.symlink_to(path.name)
+
+
+def _nowhere(path: Path) -> None:
+    path.symlink_to("there/is/none.toml")
+
+
+@pytest.mark.parametrize("lay", [_pipe, _folder, _read_only, _loop, _nowhere])
+def test_what_cannot_be_written_stays_as_it_is(
+    lay: Callable[[Path], None], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    path = tmp_path / "parameters.toml"
+    lay(path)
+    before = path.lstat()
+    monkeypatch.setattr(os, "access", lambda *_: False)  # not even for who may do everything
+    with pytest.raises(ConfigError, match=r"cannot be (read|written)"):
+        save(path, "goto", {"v_max": 0.4})
+    assert path.lstat() == before
+    assert list(tmp_path.iterdir()) == [path]
+
+
+@pytest.mark.parametrize("name", ["no/such/folder.toml", "a\0b"])
+def test_a_name_that_no_file_may_have_is_said(name: str, tmp_path: Path) -> None:
+    with pytest.raises(ConfigError, match="cannot be written"):
+        save(tmp_path / name, "goto", {"v_max": 0.4})
+
+
+def test_what_was_changed_is_said_though_it_cannot_be_saved(
+    crowd: Crowd, capsys: pytest.CaptureFixture[str], tmp_path: Path
+) -> None:
+    path = tmp_path / "no" / "such.toml"
+    assert cli.main(["set", "goto", "v_max=0.4", "--file", str(path)]) == 2
+    told = capsys.readouterr()
+    assert "v_max = 0.4 m/s" in told.out
+    assert f"{path}: cannot be written: No such file or directory" in told.err

@@ -28,6 +28,7 @@ from armadico.mesh.ports import private_endpoints  # noqa: E402
 from armadico.mesh.topology import ENDPOINTS_VARIABLE, topology  # noqa: E402
 from armadico.mesh.zenoh import ZenohMesh  # noqa: E402
 from armadico.observe.dashboard import live, viewer  # noqa: E402
+from armadico.observe.screen import has_screen  # noqa: E402
 from armadico.runtime.client import Client  # noqa: E402
 from tests.observe.kept import GOTO, NAMESPACE, Kept, ack, ballot, cycle, drawn, state  # noqa: E402
 from tests.programs import heavy, imports_nothing, starter  # noqa: E402
@@ -277,7 +278,7 @@ def test_a_port_that_is_taken_is_named(capsys: pytest.CaptureFixture[str]) -> No
 def test_native_without_a_screen_offers_the_other_ways(monkeypatch: pytest.MonkeyPatch) -> None:
     for name in ("DISPLAY", "WAYLAND_DISPLAY"):
         monkeypatch.delenv(name, raising=False)
-    if viewer.has_screen(os.environ):
+    if has_screen(os.environ):
         pytest.skip("this system always has a screen")
     with pytest.raises(viewer.ViewerError, match="--native needs a screen"):
         viewer.native("rerun+http://127.0.0.1:1/proxy")

@@ -141,7 +141,7 @@ def test_a_journal_that_began_before_the_recording_says_so() -> None:
 @pytest.mark.parametrize(
     ("more", "why"),
     [
-        ({"format": j.FORMAT + 1}, "its journal is of format 2; this program reads 1"),
+        ({"format": j.FORMAT + 1}, f"of format {j.FORMAT + 1}; this program reads {j.FORMAT}"),
         ({"protocol": PROTOCOL + 1}, f"it spoke protocol {PROTOCOL + 1}; this program speaks"),
         ({"name": 7}, "does not begin with who it is"),
     ],
@@ -159,6 +159,43 @@ def test_a_damaged_frame_is_an_error_where_it_is() -> None:
     assert next(entries)[0] == j.START
     with pytest.raises(ValueError, match=r"."):
         next(entries)
+
+
+@pytest.mark.parametrize(
+    "entry",
+    [
+        [j.DELIVER, 1.0, "alarm"],
+        [j.BEGIN, "soon"],
+        [j.WAKE, float("nan")],
+        [j.TAKE, b"\x07", None],
+        [j.TAKE, b"\x92\x91\x00", None],
+        [j.TAKE, j.NOTHING],
+        [j.START, 1.0, True, b""],
+        [99, 1.0],
+        ["a", 1.0],
+    ],
+)
+def test_an_entry_that_is_none_is_an_error_where_it_is(entry: list[Any]) -> None:
+    journal = read(*pieces(head(), [j.BEGIN, 1.0], entry, [j.WAKE, 2.0]))
+    entries = journal.entries()
+    assert [next(entries)[0], next(entries)[0]] == [j.START, j.BEGIN]
+    with pytest.raises(ValueError, match="entry"):
+        next(entries)
+    assert journal.began <= journal.offset  # which is told without it
+
+
+def test_outputs_after_outputs_are_an_error() -> None:
+    taken = [j.TAKE, j.NOTHING, None]
+    entries = read(*pieces(head(), [j.BEGIN, 1.0], taken, taken)).entries()
+    with pytest.raises(ValueError, match="after"):
+        list(entries)
+
+
+def test_a_last_frame_that_is_not_whole_is_told() -> None:
+    one, two = pieces(head(), [j.BEGIN, 1.0])
+    journal = read(one, JournalPiece("goto-1", 1, two.data[:-1]))
+    assert journal.fault == "its last piece is not whole"
+    assert [entry[0] for entry in journal.entries()] == [j.START]
 
 
 def test_a_recording_cut_short_has_the_journals_up_to_there(

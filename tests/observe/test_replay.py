@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import shutil
+import zlib
 from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import Any, ClassVar
@@ -187,6 +188,14 @@ def test_other_code_is_found_at_its_first_effect(recording: Path) -> None:
     assert any("it was armadico.agents.sonar:" in note for note in outcome.notes)
 
 
+def test_another_wakeup_is_found_though_nothing_came_of_it_yet(recording: Path) -> None:
+    outcome = replayed(journal_of(recording, "interface"), ["repeat_s=0.9"])
+    assert outcome.difference is not None
+    assert outcome.difference.inputs[-1] == "wake up"
+    assert outcome.difference.then[-1].startswith("to be woken 0.5")
+    assert outcome.difference.now[-1].startswith("to be woken 0.4")
+
+
 def test_code_that_listens_to_more_says_so_on_its_card_and_nowhere_else(recording: Path) -> None:
     journal = journal_of(recording, "sonar")
     kind = type(Life(journal).agent)
@@ -222,6 +231,40 @@ def test_what_losers_would_have_bid_is_told_beside(recording: Path) -> None:
     assert cycles == sorted(set(cycles))
 
 
+# Nothing, or what is no journal -------------------------------------------------------------------
+
+
+def first_entries(journal: Journal, *entries: list[Any]) -> Journal:
+    """The beginning of a life, and then these entries."""
+    start = next(journal.entries())
+    frame = zlib.compress(msgpack.encode([start, *entries]))
+    return Journal(
+        journal.namespace,
+        journal.name,
+        journal.instance,
+        journal.head,
+        "",
+        ((journal.frames[0][0], frame),),
+    )
+
+
+def test_a_life_of_which_nothing_was_kept_is_not_equal(recording: Path) -> None:
+    goto = journal_of(recording, "goto")
+    for entries in list[list[list[Any]]](([], [[j.BEGIN, 0.0]])):
+        outcome = replayed(first_entries(goto, *entries))
+        assert outcome.difference is None
+        assert not outcome.equal
+
+
+@pytest.mark.parametrize(
+    "entry",
+    [[j.DELIVER, 1.0], [j.ASKED, 1.0, 7, b"", "x", "y"], [j.TAKE, b"", None], [j.REPORT, 1.0, 3]],
+)
+def test_an_entry_that_is_none_ends_its_life_there(recording: Path, entry: list[Any]) -> None:
+    outcome = replayed(first_entries(journal_of(recording, "goto"), [j.BEGIN, 0.0], entry))
+    assert "its journal is damaged: " in outcome.end + outcome.refusal
+
+
 # What cannot be gone through ----------------------------------------------------------------------
 
 
@@ -249,6 +292,17 @@ def test_who_began_before_the_recording_is_told_and_others_are_replayed(
     assert "goto          not replayed: the recording began after the agent did" in out
     assert out.count("equal\n") >= 6
     assert "; 1 not replayed" in out
+
+
+def test_a_question_about_who_cannot_be_replayed_is_not_answered(
+    recording: Path, tmp_path: Path, run: Callable[..., tuple[int, str, str]]
+) -> None:
+    def lost(piece: JournalPiece) -> bool:
+        return piece.number == 0 and piece.instance.startswith("goto")
+
+    path = without(recording, tmp_path / "late.mcap", lost)
+    assert run(path, "--set", "goto.v_max=0.2")[0] == options.FAILED
+    assert run(path, "--set", "avoid.v_danger=0.05")[0] == 0
 
 
 def test_a_world_that_is_otherwise_by_now_is_told(tmp_path: Path) -> None:
@@ -394,6 +448,11 @@ def test_a_newer_protocol_a_cut_and_what_is_no_recording_are_said(
     code, out, err = run(cut)
     assert "was cut short" in err
     assert "agents equal" in out
+    assert "The recording is damaged" in out
+    assert code == options.FAILED
+    code, out, _ = run(cut, "--json")
+    assert code == options.FAILED
+    assert "was cut short" in json.loads(out)["damage"][0]
     (tmp_path / "no.mcap").write_bytes(b"nothing of the kind")
     code, _, err = run(tmp_path / "no.mcap")
     assert code == options.USAGE

@@ -143,3 +143,33 @@ def test_what_the_monitor_misses_is_told_with_its_stop() -> None:
         "The society lacks sonar.",
         "It is stopped by monitor: no sonar for 20 s.",
     )
+
+
+def test_who_has_just_come_has_not_failed_yet() -> None:
+    known = Overheard().view
+    robot = next(each for each in known.agents if each.name == "robot")
+    assert robot.card is not None
+    view = View()
+    sorts = []
+    for at in (0.0, 0.5, 5.0):
+        view.token(robot.instance, there=True, t=at)
+        view.learn(robot.card, at)
+        cause = standing(view, at + 0.1).cause
+        assert cause is not None
+        sorts.append(cause.sort)
+    assert sorts == [Sort.STARTING, Sort.STARTING, Sort.DEVICE]
+
+
+def test_what_has_just_come_again_is_not_said_not_to_arrive() -> None:
+    """Bids are asked for once a second: what they lacked then may be there by now."""
+    heard = Overheard().drive()
+    heard.mesh.node("sonar").kill()
+    heard.let_pass(3.3)
+    heard.run.enter("sonar")
+    found = []
+    while heard.standing.stands and len(found) < 60:
+        found.append(heard.standing.cause)
+        heard.let_pass(0.05)
+    sorts = {cause.sort for cause in found if cause is not None}
+    assert len(found) < 60
+    assert sorts == {Sort.ABSENT, Sort.STARTING}

@@ -21,8 +21,10 @@ from armadico.core.exchange import Bid
 from armadico.core.messages import (
     PROTOCOL,
     Correction,
+    Cycle,
     MissionRequest,
     Obstacles,
+    RobotState,
     Stop,
     Waypoint,
 )
@@ -298,3 +300,26 @@ def test_what_is_kept_does_not_grow_for_ever(monkeypatch: pytest.MonkeyPatch) ->
     chronicle.finish()
     assert [(each.number, each.by) for each in chronicle.presses] == [(4, "hand 4"), (5, "hand 5")]
     assert len(chronicle.moments) == 2
+
+
+def test_a_stop_that_was_there_before_anybody_listened_is_told_as_that() -> None:
+    chronicle = Chronicle()
+    for number in (7, 8):
+        state = RobotState(Cycle(1, number), 0, 0, 0, 0, 0, 12, True, False, Stop(1, True, "anna"))
+        chronicle.take("robot/state", state, number / 10)
+    (press,) = chronicle.presses
+    assert press.stood is None
+    assert press.sentences[:2] == (
+        "Before it was listened anna latched the stop.",
+        "How soon the robot stood then nobody heard.",
+    )
+
+
+def test_a_stop_that_was_latched_anew_before_its_release_says_by_whom() -> None:
+    heard = Overheard().drive(1.0)
+    for count, by in enumerate(("anna", "bert"), 1):
+        heard.mesh.publish(Stop(count, True, by, 10 + count))
+        heard.let_pass(0.5)
+    anna, bert = heard.chronicle.presses
+    assert anna.sentences[-1] == f"Before it was released bert latched another at {bert.t:.2f} s."
+    assert bert.sentences[-1] == "Nobody has released it."

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import argparse
 import os
-import signal
 import sys
 from collections.abc import Callable, Sequence
 from pathlib import Path
@@ -75,12 +74,6 @@ def over(
         say(f"interrupted after {count} of {len(tasks)} {label}")
         return False
     return True
-
-
-def end_in_order() -> None:
-    """SIGTERM and SIGHUP are as Ctrl-C: everything that was started is taken down."""
-    for number in (signal.SIGTERM, signal.SIGHUP):
-        signal.signal(number, signal.default_int_handler)
 
 
 def look_inside(program: str) -> None:

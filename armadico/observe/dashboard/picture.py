@@ -15,8 +15,9 @@ from typing import Final
 from PIL import Image
 from rerun.experimental import ViewerClient
 
+from armadico.mesh.ports import LOOPBACK
 from armadico.observe.dashboard.canvas import TIMELINE
-from armadico.observe.dashboard.viewer import LOOPBACK, ViewerError, headless
+from armadico.observe.dashboard.viewer import ViewerError, headless
 
 LOADING_S: Final = 30.0
 SETTLE_S: Final = 2.0

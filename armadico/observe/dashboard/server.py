@@ -19,8 +19,8 @@ from typing import Final
 import rerun as rr
 
 from armadico.config.worlds import World
+from armadico.mesh.ports import LOOPBACK
 from armadico.observe.dashboard.blueprint import blueprint
-from armadico.observe.dashboard.viewer import LOOPBACK
 
 APPLICATION: Final = "armadico"
 

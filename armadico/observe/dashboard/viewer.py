@@ -13,7 +13,7 @@ import socket
 import subprocess
 import tempfile
 import time
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from pathlib import Path
 from types import TracebackType
 from typing import Final
@@ -22,9 +22,8 @@ from urllib.parse import urlencode
 import rerun as rr
 import rerun_cli
 
-from armadico.mesh.ports import free_port
-
-LOOPBACK: Final = "127.0.0.1"
+from armadico.mesh.ports import LOOPBACK, free_port
+from armadico.observe.screen import has_screen
 
 VIEWER_MEMORY: Final = "1GB"
 """What a native viewer keeps before it drops the oldest data."""
@@ -162,13 +161,6 @@ def binary() -> Path:
         if path.is_file():
             return path
     raise ViewerError("rerun-sdk came without its viewer; pip install 'armadico[dashboard]'")
-
-
-def has_screen(environ: Mapping[str, str]) -> bool:
-    """Whether a window or a browser can be opened here."""
-    if os.name == "nt" or os.uname().sysname == "Darwin":
-        return True
-    return bool(environ.get("DISPLAY") or environ.get("WAYLAND_DISPLAY"))
 
 
 def listening(port: int) -> bool:

@@ -14,7 +14,7 @@ from armadico.core.messages import AssistantRecord, Message, Obstacles
 from armadico.core.resources import WHEELS
 from armadico.observe.standing import Installed, standing
 from armadico.observe.view import agent_of, at_work
-from armadico.observe.why import Chronicle
+from armadico.observe.why import Chronicle, Collision, Exchange, Press
 
 RECORDS: Final = 200
 """Requests of programs that are still known."""
@@ -41,6 +41,7 @@ class Society(Chronicle):
         world: World | None,
         missions: Mapping[str, str],
         installed: Installed = lambda _: (),
+        begun: float = 0.0,
     ) -> None:
         """Nothing was heard yet.
 
@@ -48,8 +49,9 @@ class Society(Chronicle):
             world: Where the robot is; None: that is not known.
             missions: Those that can be ordered, with their titles.
             installed: As `standing` takes it.
+            begun: As `Chronicle` takes it.
         """
-        super().__init__(installed=installed)
+        super().__init__(installed=installed, begun=begun)
         self._world = world
         self._missions = missions
         self._requests: deque[tuple[float, AssistantRecord]] = deque(maxlen=RECORDS)
@@ -168,12 +170,10 @@ class Society(Chronicle):
         return {"events": [{"ago": round(now - t, 1), "what": what} for t, what in events]}
 
     def _events(self) -> Iterator[tuple[float, str]]:
-        for exchange in self.exchanges:
-            yield exchange.t, " ".join(exchange.sentences)
-        for press in self.presses:
-            yield press.t, " ".join(press.sentences)
-        for collision in self.collisions:
-            yield collision.t, " ".join(collision.sentences)
+        explained: list[Exchange | Press | Collision]
+        explained = [*self.exchanges, *self.presses, *self.collisions]
+        for told in explained:
+            yield self._begun + told.t, " ".join(told.sentences)
         for said in self.view.logs:
             yield said.at, f"{said.instance}: {said.log.text}"
         for t, record in self._requests:

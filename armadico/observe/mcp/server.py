@@ -2,10 +2,11 @@
 
 from __future__ import annotations
 
+import os
 import queue
 import threading
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from contextlib import suppress
 from typing import Any, BinaryIO, Final
 
@@ -21,11 +22,11 @@ from armadico.core.messages import (
 from armadico.core.tools import TOOLS, Asking, Last, Why
 from armadico.observe.mcp.answers import Society
 from armadico.observe.mcp.lines import LONGEST, Call, Lines, answer
-from armadico.observe.watching import Watcher, show
+from armadico.observe.watching import ASK_S, Watcher, show
 from armadico.observe.why import LATER_S
 from armadico.runtime.client import Client
 from armadico.runtime.errors import SocietyError
-from armadico.runtime.latch import REST_M_S, REST_RAD_S
+from armadico.runtime.latch import rests
 
 WAITING: Final = 64
 """Calls that wait to be answered, one after another; what is more is refused at once."""
@@ -33,11 +34,8 @@ WAITING: Final = 64
 TURN_S: Final = 0.05
 """How often it is looked for a call while nothing is heard of the society."""
 
-ASK_S: Final = 1.0
-"""Agents are asked for their bids so often,"""
-
 WATCHED_S: Final = 60.0
-"""for so long after a program has asked for something."""
+"""Agents are asked for their bids and cards for so long after a program has asked for something."""
 
 FIND_S: Final = 2.0
 """How long the assistant agent is looked for before one is started;"""
@@ -71,7 +69,7 @@ class Server:
         watcher: Watcher,
         society: Society,
         lines: Lines,
-        start: Callable[[], None],
+        start: Callable[[], object],
         out: BinaryIO,
     ) -> None:
         """Prepare.
@@ -113,10 +111,7 @@ class Server:
 
     def _read(self, file: BinaryIO) -> None:
         """Take lines as they come: what needs no society is answered at once."""
-        while line := file.readline(LONGEST + 1):
-            rest = line
-            while rest and not rest.endswith(b"\n"):  # too long: it is refused as that
-                rest = file.readline(LONGEST + 1)
+        for line in lines_of(file):
             found = self._lines.take(line) if line.strip() else None
             if not isinstance(found, Call):
                 self._write(found)
@@ -222,12 +217,7 @@ class Server:
     def _rests(self) -> bool:
         """Whether the robot itself says that it is stopped, and its wheels are at rest."""
         state = self._stopper.latest(RobotState)
-        return (
-            state is not None
-            and state.stop.stopped
-            and abs(state.v) <= REST_M_S
-            and abs(state.w) <= REST_RAD_S
-        )
+        return state is not None and state.stop.stopped and rests(state.v, state.w)
 
     def _look(self, call: Call) -> dict[str, Any]:
         """What a tool answers that only looks; the agent has found nothing wrong with its call."""
@@ -249,3 +239,20 @@ class Server:
         society.mark(now)
         self._hear_until(lambda: len(society.moments) > count, 2 * LATER_S)
         return society.moment()
+
+
+def lines_of(file: BinaryIO) -> Iterator[bytes]:
+    """The lines of a file as they come; of one that is too long, as much as shows that.
+
+    By its descriptor: whoever waits in one of Python's files has its lock, and a process that is
+    left meanwhile, by Ctrl-C say, is aborted for that.
+    """
+    begun = b""
+    while data := os.read(file.fileno(), LONGEST):
+        *whole, last = data.split(b"\n")
+        for part in whole:
+            yield begun + part[: LONGEST + 1 - len(begun)]
+            begun = b""
+        begun += last[: LONGEST + 1 - len(begun)]
+    if begun:
+        yield begun

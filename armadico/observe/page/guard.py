@@ -15,8 +15,6 @@ from ipaddress import ip_address
 from typing import Final
 from urllib.parse import urlsplit
 
-LOOPBACK: Final = "127.0.0.1"
-
 LEAST_TOKEN: Final = 16
 """Characters; what is drawn at random has twice as many."""
 
@@ -53,6 +51,8 @@ class Guard:
     @classmethod
     def of(cls, address: str, token: str | None, names: Iterable[str] = ()) -> Guard:
         """For a server on an address. Raises GuardError: another than loopback needs a token."""
+        if not address:
+            raise GuardError("no address: 0.0.0.0 is for everybody, 127.0.0.1 for this machine")
         if token is not None and len(token) < LEAST_TOKEN:
             raise GuardError(f"a token has at least {LEAST_TOKEN} characters")
         if token is not None and not (token.isascii() and token.isprintable()):
@@ -78,7 +78,8 @@ class Guard:
             return None
         if not given:
             return Refusal(401, "a token is needed: it is in the link that `armadico page` prints")
-        if not hmac.compare_digest(given.encode(), self.token.encode()):
+        said = given.encode(errors="surrogatepass")  # a header's bytes may be no text
+        if not hmac.compare_digest(said, self.token.encode()):
             return Refusal(401, "this token is not the right one")
         return None
 

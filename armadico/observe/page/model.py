@@ -1,80 +1,41 @@
-"""One robot as the page shows it, and what people ask of it there (sans-IO).
+"""One robot as the page shows it (sans-IO).
 
-Messages, tokens, answers, requests and the time go in; `take` gives what is to be published, asked
-and told, `parts` what is to be shown. It decides nothing: a goal is a mission as anybody's, and a
-stop holds when the robot says so.
+Messages, tokens and the time go in, `parts` is what is to be shown; what people ask of it there is
+in `asked`.
 """
 
 from __future__ import annotations
 
-import zlib
 from base64 import b64encode
 from collections import deque
-from collections.abc import Callable, Collection, Iterator, Mapping
-from dataclasses import dataclass, field
-from math import atan2, isfinite, remainder, tau
+from collections.abc import Callable, Collection, Mapping
+from math import isfinite
 from typing import Any, Final
-
-from msgspec.structs import replace
 
 from armadico.config.worlds import World
 from armadico.core.messages import (
     Ack,
     BoardMission,
-    Cycle,
     HostShare,
-    KeptState,
     Message,
-    MissionCancel,
     MissionEnd,
-    MissionOrder,
-    MissionReply,
-    MissionRequest,
     Obstacles,
     OccupancyGrid,
     ParameterChange,
     ParametersReply,
-    ParametersRequest,
     Pose,
     RobotState,
-    Setting,
     StepEnd,
     Stick,
-    Stop,
     TeleopStatus,
-    WakeupOrder,
-    WakeupReply,
-    WakeupRequest,
-    Waypoint,
-    plain,
 )
 from armadico.core.resources import WHEELS
 from armadico.core.services import service_of
-from armadico.observe.page.requests import (
-    Cancel,
-    Goto,
-    Halt,
-    Hold,
-    Order,
-    Request,
-    RequestError,
-    Restart,
-    Resume,
-    Start,
-    Tune,
-    bits,
-)
+from armadico.observe.page.asked import Asked, Shipped
+from armadico.observe.page.known import Known
 from armadico.observe.pictures import colour
 from armadico.observe.standing import Installed, standing
 from armadico.observe.view import QUIET_S, View, agent_of, at_work
-from armadico.runtime.client import PLANNING_S, PRESS_S, STOP_S
-from armadico.runtime.latch import Latching
-
-ANSWER_S: Final = 10.0
-"""What an answer to all but a goal may take."""
-
-UNDER_WAY: Final = 8
-"""Questions of one robot's page that may wait for their answers."""
 
 EXCHANGES: Final = 30
 LINES: Final = 40
@@ -86,81 +47,6 @@ path, so far apart."""
 
 HAND_S: Final = 2.5
 """Whose hand drives is said each second at least; a report older than this says nothing."""
-
-SHARE_S: Final = 5.0
-"""A host that has said nothing for so long keeps nobody up."""
-
-
-@dataclass(frozen=True)
-class Publish:
-    """A message to be published on its service's key."""
-
-    message: Message
-
-
-@dataclass(frozen=True)
-class Put:
-    """A query; what is answered goes to `Robot.answered` by its number."""
-
-    number: int
-    key: str
-    message: Message
-    reply: type[Message]
-    timeout: float
-
-
-@dataclass(frozen=True)
-class Tell:
-    """What came of a browser's request."""
-
-    browser: str
-    id: int
-    ok: bool
-    text: str
-    over: bool = True
-    """False: there is more to come of it."""
-
-
-@dataclass(frozen=True)
-class Spawn:
-    """An agent is to be started here, beside the page."""
-
-    browser: str
-    id: int
-    agent: str
-
-
-Out = Publish | Put | Tell | Spawn
-
-
-@dataclass(frozen=True)
-class Shipped:
-    """A mission that can be ordered by its name."""
-
-    name: str
-    title: str
-    text: str
-
-
-@dataclass
-class _Waiting:
-    """A question that is under way, and whose."""
-
-    browser: str
-    id: int
-    done: Callable[[Message], tuple[bool, str]]
-
-
-@dataclass
-class _Pressed:
-    """A stop or a release that has not been acknowledged yet."""
-
-    latching: Latching
-    press: int
-    stopped: bool
-    since: float
-    say_at: float
-    whose: list[tuple[str, int]] = field(default_factory=list)
 
 
 class Robot:
@@ -186,25 +72,17 @@ class Robot:
             installed: As `standing` takes it.
         """
         self.namespace = namespace
-        self.view = View()
+        self.known = Known(helpers)
+        self.asked = Asked(self.known, missions or {}, bits64)
         self.world = world
         self.missions = missions or {}
         self.heard_at: float | None = None  # the robot agent's newest state
-        self._draw = bits64
-        self._helpers = tuple(helpers)
         self._installed = installed
-        self._out: list[Out] = []
-        self._number = 0
-        self._waiting: dict[int, _Waiting] = {}
-        self._pressed: _Pressed | None = None
         self._near: dict[str, tuple[list[list[float]], float]] = {}
         self._grid: dict[str, Any] | None = None
-        self._shares: dict[str, tuple[HostShare, float]] = {}
         self._driver: str | None = None
         self._exchanges: deque[dict[str, Any]] = deque(maxlen=EXCHANGES)
         self._hand: tuple[TeleopStatus, float] | None = None
-        self._sticks: dict[str, int] = {}  # by hand, how often it has moved
-        self._parameters: dict[str, list[dict[str, Any]]] = {}
         self._trail: deque[list[Any]] = deque(maxlen=TRAIL)
 
     # What comes in -------------------------------------------------------------------------------
@@ -220,7 +98,8 @@ class Robot:
             self.view.learn(message, t)
         match message:
             case RobotState():
-                self._state(message, t)
+                self.heard_at = t
+                self.asked.heard(message, t)
             case Ack() if message.resource == WHEELS.name:
                 self._drives(t)
             case Pose():
@@ -230,82 +109,21 @@ class Robot:
                 self._near[message.sensor] = (_points(message), t)
             case OccupancyGrid():
                 self._grid = _grid(message)
-            case HostShare():
-                self._shares[message.instance] = (message, t)
             case TeleopStatus():
                 self._hand = (message, t)
-            case ParametersReply():
-                self._parameters[message.instance] = [*map(plain, message.parameters)]
-            case ParameterChange():
-                self._changed(message)
+            case HostShare() if key != service_of(HostShare).key_for(instance=message.instance):
+                pass  # a host is asked by the name that it says, so that has to be its own
+            case HostShare() | ParametersReply() | ParameterChange():
+                self.known.take(message, t)
 
     def token(self, instance: str, *, there: bool, t: float) -> None:
         """A liveliness token came or went."""
-        self.view.token(instance, there=there, t=t)
-        if not there:
-            self._parameters.pop(instance, None)
-            self._shares.pop(instance, None)
+        self.known.token(instance, there=there, t=t)
 
-    def ask(self, browser: str, request: Request, t: float) -> None:
-        """A person asks for something. Raises RequestError if that cannot be asked for."""
-        match request:
-            case Halt():
-                self._stop(browser, request.id, t)
-            case Resume():
-                self._resume(browser, request, t)
-            case Goto():
-                self._goto(browser, request)
-            case Order():
-                self._order(browser, request)
-            case Cancel():
-                cancel = MissionCancel(bits(request.mission), browser)
-                self._put(browser, request.id, cancel, lambda _: "cancelled")
-            case Restart():
-                self._restart(browser, request, t)
-            case Start():
-                self._start(browser, request, t)
-            case Tune():
-                self._tune(browser, request)
-            case Hold():
-                self._hold(browser, request)
-
-    def gone(self, browser: str) -> None:
-        """A browser has gone: whatever its hand held it lets go of."""
-        state = self.view.state
-        if browser in self._sticks and state is not None:
-            self._publish_stick(browser, Stick(state.cycle, browser, 0, 0.0, 0.0, held=False))
-        self._sticks.pop(browser, None)
-
-    def answered(self, number: int, message: Message | None) -> None:
-        """What a question was answered; None: nothing, and nothing more will come."""
-        waiting = self._waiting.pop(number, None)
-        if waiting is None:
-            return
-        if message is None:
-            self._tell(waiting.browser, waiting.id, False, "nobody answered")
-        else:
-            self._tell(waiting.browser, waiting.id, *waiting.done(message))
-
-    def wake(self, t: float) -> None:
-        """Do what is due by the time: an order to stop is repeated until it is acknowledged."""
-        pressed = self._pressed
-        if pressed is None:
-            return
-        if t >= pressed.say_at:
-            self._press(pressed, t)
-        late = t - pressed.since > STOP_S
-        if late and not pressed.stopped:
-            self._over(False, "the release was not acknowledged: nothing is heard of the robot")
-        elif late:
-            for browser, number in pressed.whose:
-                said = "SENT, NOT ACKNOWLEDGED by the robot, and sent again until it is"
-                self._tell(browser, number, False, said, over=False)
-            pressed.whose = []
-
-    def take(self) -> list[Out]:
-        """What is to be published, asked and told, in this order; each once."""
-        out, self._out = self._out, []
-        return out
+    @property
+    def view(self) -> View:
+        """What any watcher knows."""
+        return self.known.view
 
     # What is shown -------------------------------------------------------------------------------
 
@@ -324,7 +142,7 @@ class Robot:
             "near": [p for points, at in self._near.values() if t - at <= QUIET_S for p in points],
             "grid": self._grid,
             "log": self._log(),
-            "could": sorted(self._could(t)),
+            "could": sorted(self.known.could(t)),
             "standing": self._standing(t),
             "hand": self._stick(t),
             "parameters": self._tunable(),
@@ -375,7 +193,7 @@ class Robot:
 
     def _latch(self, t: float) -> dict[str, Any]:
         """`held` only by the robot's own word, and only while that is fresh."""
-        stop, pressed = self.view.stop, self._pressed
+        stop, pressed = self.view.stop, self.asked.pressed
         return {
             "held": stop.stopped and self._is_heard(t),
             "known": self.view.state is not None,
@@ -407,12 +225,12 @@ class Robot:
         for agent in view.agents:
             if agent.card is None or wheels not in agent.card.resources:
                 continue
-            record, _ = view.bids.get(agent.instance, (None, 0.0))
+            record = view.bid(agent.instance, wheels)
             row: dict[str, Any] = {"name": agent.name, "colour": colour(agent.name)}
             row["drives"] = agent.instance == driver
             if claim is not None and claim.ballot.instance == agent.instance:
                 row |= {"utility": claim.utility, "critical": claim.critical, "why": ""}
-            elif record is not None and record.resource == wheels:
+            elif record is not None:
                 row |= {"utility": record.utility, "critical": record.critical}
                 row |= {"why": record.reason}
             rows.append(row)
@@ -428,7 +246,7 @@ class Robot:
 
     def _agents(self, t: float) -> list[dict[str, Any]]:
         """Who is alive, and who should be: by the word of the hosts that keep agents up."""
-        kept = {(each.agent, each.pid): each for each in self._kept(t)}
+        kept = {(each.agent, each.pid): each for each in self.known.kept(t)}
         rows = []
         for agent in self.view.agents:
             row: dict[str, Any] = {"name": agent.name, "instance": agent.instance[-8:]}
@@ -444,30 +262,6 @@ class Robot:
                 row |= {"alive": False, "pid": 0, "kept": True, "host": each.host}
                 rows.append(row | {"state": each.state, "why": each.why})
         return sorted(rows, key=lambda row: (row["name"], row["instance"]))
-
-    def _kept(self, t: float) -> Iterator[_KeptAgent]:
-        for instance, (share, at) in self._shares.items():
-            if t - at > SHARE_S or share.leaving:
-                continue
-            for process in share.kept:
-                if process.state is not KeptState.ENDED:
-                    for name in process.agents:
-                        yield _KeptAgent(
-                            name,
-                            process.pid,
-                            share.host,
-                            instance,
-                            process.state.value,
-                            process.why,
-                        )
-
-    def _could(self, t: float) -> dict[str, str]:
-        """Agents that a host would start, and its wakeup agent's instance; empty: the page."""
-        found = dict.fromkeys(self._helpers, "")
-        for instance, (share, at) in self._shares.items():
-            if t - at <= SHARE_S and not share.leaving:
-                found |= dict.fromkeys(share.can, instance)
-        return {name: who for name, who in found.items() if name not in self.view.names}
 
     def _log(self) -> list[dict[str, Any]]:
         lines = list(self.view.logs)[-LINES:]
@@ -513,10 +307,10 @@ class Robot:
             {
                 "agent": agent.name,
                 "instance": agent.instance,
-                "rows": self._parameters[agent.instance],
+                "rows": self.known.parameters[agent.instance],
             }
             for agent in self.view.agents
-            if self._parameters.get(agent.instance)
+            if self.known.parameters.get(agent.instance)
         ]
 
     def _board(self) -> list[dict[str, Any]]:
@@ -526,182 +320,7 @@ class Robot:
     def _is_heard(self, t: float) -> bool:
         return self.heard_at is not None and t - self.heard_at <= QUIET_S
 
-    # What is asked for ---------------------------------------------------------------------------
-
-    def _stop(self, browser: str, number: int, t: float) -> None:
-        pressed = self._pressed
-        if pressed is None or not pressed.stopped:
-            if pressed is not None:
-                self._over(False, f"stopped again, by {browser}")
-            press = self._draw()
-            latching = Latching(stopped=True, by=browser, press=press)
-            pressed = self._pressed = _Pressed(latching, press, stopped=True, since=t, say_at=t)
-            self._press(pressed, t)
-        pressed.whose.append((browser, number))
-
-    def _resume(self, browser: str, request: Resume, t: float) -> None:
-        """Release the stop that was seen: one that was pressed since is another."""
-        stop, pressed = self.view.stop, self._pressed
-        if pressed is not None and pressed.stopped and not stop.stopped:
-            self._over(False, f"given up, by {browser}: it was never acknowledged")
-            self._tell(browser, request.id, True, "the order to stop is given up")
-            return
-        if not stop.stopped:
-            raise RequestError("the robot is not stopped")
-        if stop.press != bits(request.press):
-            raise RequestError(f"it was stopped again meanwhile, by {stop.by or 'somebody'}")
-        if pressed is not None:
-            self._over(False, f"released, by {browser}")
-        latching = Latching(stopped=False, by=browser, press=0)
-        assert self.view.state is not None, "it said who stopped it"
-        latching.hear(self.view.state, t)
-        self._pressed = _Pressed(latching, stop.press, stopped=False, since=t, say_at=t)
-        self._pressed.whose.append((browser, request.id))
-        self._press(self._pressed, t)
-
-    def _press(self, pressed: _Pressed, t: float) -> None:
-        message = pressed.latching.message()
-        if message is not None:
-            self._out.append(Publish(message))
-        pressed.say_at = t + PRESS_S
-
-    def _over(self, ok: bool, text: str) -> None:
-        """What was pressed is acknowledged, or given up."""
-        pressed, self._pressed = self._pressed, None
-        for browser, number in () if pressed is None else pressed.whose:
-            self._tell(browser, number, ok, text)
-
-    def _goto(self, browser: str, request: Goto) -> None:
-        theta = request.theta
-        if theta is None:  # as one walks there
-            pose = self.view.pose
-            theta = 0.0 if pose is None else atan2(request.y - pose.y, request.x - pose.x)
-        goal = Waypoint(request.x, request.y, remainder(theta, tau))
-
-        def said(reply: MissionReply) -> str:
-            stop = ", once the stop is released" if self.view.stop.stopped else ""
-            return f"on its way{stop}: {reply.length:.1f} m to go"
-
-        self._put(browser, request.id, MissionRequest(goal), said, PLANNING_S)
-
-    def _order(self, browser: str, request: Order) -> None:
-        shipped = self.missions.get(request.mission)
-        if shipped is None:
-            raise RequestError(f"there is no mission {request.mission!r}")
-        packed = zlib.compress(shipped.text.encode())
-        order = MissionOrder(shipped.name, packed, None, browser)
-        self._put(browser, request.id, order, lambda _: f"{shipped.name} is ordered")
-
-    def _restart(self, browser: str, request: Restart, t: float) -> None:
-        """By the wakeup agent that keeps it up: nobody else may end a process."""
-        kept = [each for each in self._kept(t) if each.agent == request.agent]
-        chosen = next((each for each in kept if each.pid == request.pid), None)
-        if chosen is None:
-            raise RequestError(
-                f"nobody keeps {request.agent} up, so nobody would start it again: that is done by"
-                " `armadico up`"
-            )
-        order = WakeupRequest(WakeupOrder.RESTART, request.agent, chosen.pid, f"asked by {browser}")
-        key = service_of(WakeupRequest).key_for(instance=chosen.wakeup)
-        done = f"{request.agent} is restarted"
-        self._put(browser, request.id, order, lambda _: done, key=key)
-
-    def _start(self, browser: str, request: Start, t: float) -> None:
-        wakeup = self._could(t).get(request.agent)
-        if wakeup is None:
-            raise RequestError(
-                f"no host says that it could start {request.agent}; `armadico-agent"
-                f" {request.agent}` does so by hand"
-            )
-        if not wakeup:
-            self._out.append(Spawn(browser, request.id, request.agent))
-            return
-        order = WakeupRequest(WakeupOrder.START, request.agent, 0, f"asked by {browser}")
-        key = service_of(WakeupRequest).key_for(instance=wakeup)
-        done = f"{request.agent} is started"
-        self._put(browser, request.id, order, lambda _: done, key=key)
-
-    def _tune(self, browser: str, request: Tune) -> None:
-        """Whether it is in its range the agent says, and why not."""
-        instance = request.instance
-        if instance not in self.view.alive:
-            raise RequestError(f"{instance} is not alive")
-        names = {"name": agent_of(instance), "instance": instance}
-        key = service_of(ParametersRequest).key_for(**names)
-        change = ParametersRequest((Setting(request.name, request.json),), browser)
-
-        def said(reply: ParametersReply) -> str:
-            self._parameters[instance] = [*map(plain, reply.parameters)]
-            return f"{agent_of(instance)}: {request.name} = {request.json}"
-
-        self._put(browser, request.id, change, said, key=key)
-
-    def _changed(self, change: ParameterChange) -> None:
-        """Somebody, here or elsewhere, has changed a parameter."""
-        for row in self._parameters.get(change.instance, ()):
-            if row["name"] == change.name:
-                row["json"] = change.json
-
-    def _hold(self, browser: str, request: Hold) -> None:
-        """Pass on where a stick is, with the cycle that its hand saw."""
-        state = self.view.state
-        if state is None:
-            raise RequestError("nothing is heard of the robot")
-        cycle = Cycle(state.cycle.epoch, min(request.cycle, state.cycle.number))
-        stick = Stick(cycle, browser, 0, request.v, request.w, request.held)
-        self._publish_stick(browser, stick)
-
-    def _publish_stick(self, browser: str, stick: Stick) -> None:
-        number = self._sticks.get(browser, 0) + 1
-        self._sticks[browser] = number
-        self._out.append(Publish(replace(stick, number=number)))
-
-    def _put(
-        self,
-        browser: str,
-        number: int,
-        message: Message,
-        said: Callable[[Any], str],
-        timeout: float = ANSWER_S,
-        key: str = "",
-    ) -> None:
-        if len(self._waiting) >= UNDER_WAY:
-            raise RequestError("too much is asked for at once")
-        service = service_of(type(message))
-        assert service.reply is not None, "it is a question"
-
-        def done(reply: Message) -> tuple[bool, str]:
-            assert isinstance(reply, MissionReply | WakeupReply | ParametersReply)
-            return (False, reply.refusal) if reply.refusal else (True, said(reply))
-
-        self._number += 1
-        self._waiting[self._number] = _Waiting(browser, number, done)
-        put = Put(self._number, key or service.key, message, service.reply, timeout)
-        self._out.append(put)
-
-    def _tell(self, browser: str, number: int, ok: bool, text: str, *, over: bool = True) -> None:
-        self._out.append(Tell(browser, number, ok, text, over))
-
     # What it comes to ----------------------------------------------------------------------------
-
-    def _state(self, state: RobotState, t: float) -> None:
-        self.heard_at = t
-        pressed = self._pressed
-        if pressed is None:
-            return
-        pressed.latching.hear(state, t)
-        if pressed.stopped:
-            self._stopping(pressed, state.stop)
-        elif pressed.latching.done:
-            self._over(True, "released")
-        elif pressed.latching.refusal:
-            self._over(False, pressed.latching.refusal)
-
-    def _stopping(self, pressed: _Pressed, stop: Stop) -> None:
-        if pressed.latching.done:
-            self._over(True, "the robot is stopped, by its own word")
-        elif not stop.stopped and stop.press == pressed.press:
-            self._over(False, f"released meanwhile, by {stop.by or 'somebody'}")
 
     def _drives(self, t: float) -> None:
         """An exchange: the wheels obey another one than before."""
@@ -725,16 +344,6 @@ class Robot:
             if abs(x - last[0]) + abs(y - last[1]) < TRAIL_M:
                 return
         self._trail.append([x, y, name])
-
-
-@dataclass(frozen=True)
-class _KeptAgent:
-    agent: str
-    pid: int
-    host: str
-    wakeup: str
-    state: str
-    why: str
 
 
 def drawn(world: World) -> dict[str, Any]:

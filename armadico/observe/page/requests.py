@@ -94,20 +94,41 @@ Request = Goto | Halt | Resume | Order | Cancel | Restart | Start | Tune | Hold
 
 
 class RequestError(ValueError):
-    """What a browser said is none of these; the message says why."""
+    """What a browser said is none of these; the message says why.
+
+    Attributes:
+        id: The number that the answer repeats, or the browser would wait for it for ever; -1: none.
+    """
+
+    def __init__(self, why: str, number: int = -1) -> None:
+        super().__init__(why)
+        self.id = number
+
+
+class _Numbered(Struct, frozen=True):
+    id: Annotated[int, Meta(ge=0, le=2**53)]
 
 
 _DECODER: Final[msgspec.json.Decoder[Request]] = msgspec.json.Decoder(Request)
+_UNREAD: Final = (msgspec.DecodeError, UnicodeError, RecursionError)
 
 
 def read(data: str | bytes) -> Request:
     """The request in a browser's message. Raises RequestError."""
     if len(data) > LONGEST:
-        raise RequestError(f"{len(data)} bytes; no request is longer than {LONGEST}")
+        why = f"{len(data)} bytes; no request is longer than {LONGEST}"
+        raise RequestError(why, _number(data))
     try:
         return _DECODER.decode(data)
-    except (msgspec.DecodeError, UnicodeError, RecursionError) as error:
-        raise RequestError(str(error)) from None
+    except _UNREAD as error:
+        raise RequestError(str(error), _number(data)) from None
+
+
+def _number(data: str | bytes) -> int:
+    try:
+        return msgspec.json.decode(data, type=_Numbered).id
+    except _UNREAD:
+        return -1
 
 
 def bits(number: str) -> Bits64:

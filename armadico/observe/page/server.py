@@ -40,6 +40,16 @@ MOST: Final = 16
 ANSWERS: Final = 256
 """Answers that may wait for a browser; one that reads nothing any more is let go."""
 
+SOCKETS: Final = 64
+"""Connections at once, those that have not said yet what they want among them: a stranger who opens
+thousands would leave the process no file for anything else."""
+
+OPEN_S: Final = 5.0
+"""Who has not said by then what it wants is let go."""
+
+CLOSE_S: Final = 1.0
+"""Who ends waits so long for the others to say goodbye."""
+
 PING_S: Final = 5.0
 """A browser that is silent for so long twice, a phone out of reach say, has gone."""
 
@@ -100,6 +110,7 @@ class Server:
         self._browsers: dict[str, _Browser] = {}
         self._numbers = count(1)
         self._own = token_hex(3)
+        self._sockets: set[asyncio.Transport] = set()
         self._loop = asyncio.new_event_loop()
         self._thread = threading.Thread(target=self._loop.run_forever, daemon=True)
         self._thread.start()
@@ -165,7 +176,9 @@ class Server:
             max_queue=16,
             ping_interval=PING_S,
             ping_timeout=PING_S,
-            close_timeout=1.0,
+            open_timeout=OPEN_S,
+            close_timeout=CLOSE_S,
+            create_connection=_counted(self._sockets),
             server_header=None,
             logger=logger,
         )
@@ -240,7 +253,11 @@ class Server:
 
     async def _close(self) -> None:
         self._listening.close()
-        await self._listening.wait_closed()
+        closing = asyncio.ensure_future(self._listening.wait_closed())
+        await asyncio.wait([closing], timeout=CLOSE_S)
+        for each in self._sockets:  # one that has said nothing yet would keep us for OPEN_S
+            each.abort()
+        await closing
 
     def _run(self, call: Coroutine[Any, Any, T]) -> T:
         return asyncio.run_coroutine_threadsafe(call, self._loop).result()
@@ -249,6 +266,23 @@ class Server:
         self._loop.call_soon_threadsafe(self._loop.stop)
         self._thread.join()
         self._loop.close()
+
+
+def _counted(sockets: set[asyncio.Transport]) -> type[ServerConnection]:
+    """Connections of a server that are in a set while they are open; no more than so many."""
+
+    class Counted(ServerConnection):
+        def connection_made(self, transport: asyncio.BaseTransport) -> None:
+            super().connection_made(transport)
+            sockets.add(self.transport)
+            if len(sockets) > SOCKETS:
+                self.transport.abort()
+
+        def connection_lost(self, exc: Exception | None) -> None:
+            sockets.discard(self.transport)
+            super().connection_lost(exc)
+
+    return Counted
 
 
 def _chosen(_connection: ServerConnection, offered: Sequence[Subprotocol]) -> Subprotocol | None:

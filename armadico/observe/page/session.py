@@ -16,9 +16,10 @@ from armadico.core.mailbox import EVENTS
 from armadico.core.messages import Ask, Message, ParametersRequest
 from armadico.core.services import BIDS, CARD, Kind, Service, service_at, service_of
 from armadico.mesh.base import Mesh, Receiver
-from armadico.observe.page.model import Publish, Put, Robot, Spawn, Tell
+from armadico.observe.page.asked import Publish, Put, Spawn, Tell
+from armadico.observe.page.model import Robot
 from armadico.observe.page.requests import Request, RequestError, read
-from armadico.observe.watching import EVERYTHING, Heard, read_or_none
+from armadico.observe.watching import ASK_S, EVERYTHING, Heard, read_or_none
 from armadico.runtime.inbox import Inbox
 
 TURN_S: Final = 0.05
@@ -27,11 +28,9 @@ TURN_S: Final = 0.05
 TICK_S: Final = 0.5
 """And though nothing is otherwise, so often."""
 
-ASK_S: Final = 1.0
-"""Everybody is asked for their bids and cards so often, s, while somebody looks."""
-
 TUNED_S: Final = 5.0
-"""And for their parameters so often; changes are published besides."""
+"""While somebody looks everybody is asked for bids and cards each `ASK_S`, and for parameters so
+often, s; changes of these are published besides."""
 
 CARDS_S: Final = 0.8
 """What their answers may take."""
@@ -107,7 +106,7 @@ class Session:
                 self._flush()
             now = self._time.now()
         for robot in self.robots.values():
-            robot.wake(now)
+            robot.asked.wake(now)
         self._flush()
         if now >= self._ask_at:
             self._ask_at = now + ASK_S
@@ -130,7 +129,7 @@ class Session:
     def _left(self, browser: str) -> None:
         self._shown.pop(browser, None)
         for robot in self.robots.values():
-            robot.gone(browser)
+            robot.asked.gone(browser)
 
     def _said(self, browser: str, data: str | bytes) -> None:
         """Do what a browser asks for, or say why not."""
@@ -138,8 +137,9 @@ class Session:
         try:
             request = read(data)
             number = request.id
-            self._robot(request).ask(browser, request, self._time.now())
+            self._robot(request).asked.ask(browser, request, self._time.now())
         except RequestError as error:
+            number = max(number, error.id)
             self._tell(browser, _answer(Tell(browser, number, False, str(error))))
 
     def _robot(self, request: Request) -> Robot:
@@ -150,7 +150,7 @@ class Session:
 
     def _flush(self) -> None:
         for namespace, robot in self.robots.items():
-            for out in robot.take():
+            for out in robot.asked.take():
                 match out:
                     case Publish(message):
                         mesh = self._meshes[namespace]
@@ -236,12 +236,12 @@ class Session:
             def deliver() -> None:
                 message = mesh.read(put.reply, key, data)
                 if message is not None:
-                    robot.answered(put.number, message)
+                    robot.asked.answered(put.number, message)
 
             self._inbox.put(lane, deliver)
 
         def over() -> None:
-            self._inbox.put(lane, robot.answered, put.number, None)
+            self._inbox.put(lane, robot.asked.answered, put.number, None)
 
         mesh.ask(put.key, put.message, put.timeout, arrived, over)
 

@@ -8,7 +8,7 @@ import pytest
 
 from armadico.agents.assistant import Assistant
 from armadico.config.worlds import load_world
-from armadico.core.messages import AssistantRequest, Stop
+from armadico.core.messages import AssistantRequest, Cycle, RobotState, Stop
 from armadico.core.services import service_of
 from armadico.mesh.virtual_session import VirtualSession
 from armadico.observe.mcp.answers import Society
@@ -109,3 +109,12 @@ def test_of_nobody_nothing_is_known_and_that_is_said() -> None:
     assert society.history(0.0, 40) == {"events": []}
     assert society.moment() == {"note": "nothing is known of this moment"}
     assert society.why(0.0)["stands"]
+
+
+def test_times_count_from_when_the_server_began() -> None:
+    society = Society(None, {}, begun=1000.0)
+    society.take("robot/state", RobotState(Cycle(1, 1), 0, 0, 0, 0, 0, 12, True, False), 1000.5)
+    society.take("robot/stop", Stop(1, True, "anna", 5), 1002.0)
+    (event,) = society.history(1005.0, 40)["events"]
+    assert event["ago"] == 3.0
+    assert event["what"].startswith("At 2.00 s anna latched the stop.")

@@ -4,6 +4,8 @@ from __future__ import annotations
 
 import json
 import os
+import subprocess
+import sys
 import threading
 from collections.abc import Callable, Iterator
 from functools import partial
@@ -13,8 +15,8 @@ import pytest
 
 from armadico.core.messages import AssistantReply, AssistantRequest, Cycle, RobotState, Stop
 from armadico.observe.mcp.answers import Society
-from armadico.observe.mcp.lines import Lines
-from armadico.observe.mcp.server import WAITING, Server
+from armadico.observe.mcp.lines import LONGEST, Lines
+from armadico.observe.mcp.server import WAITING, Server, lines_of
 
 SOON = 30.0
 RESTS = RobotState(Cycle(1, 1), 0, 0, 0, 0, 0, 12, True, False, Stop(1, True, "model", 5))
@@ -137,3 +139,57 @@ def test_with_no_assistant_agent_one_is_started_and_the_stop_does_not_wait_for_i
     assert served.answer() == (2, {"heard": False, "note": "nothing is heard of a robot"})
     assert served.started == 1
     served.end()
+
+
+def _lines(*pieces: bytes) -> list[bytes]:
+    """What becomes of what is written, piece by piece, until its end."""
+    there, here = os.pipe()
+    with os.fdopen(there, "rb") as read, os.fdopen(here, "wb", buffering=0) as written:
+
+        def write() -> None:
+            for piece in pieces:
+                written.write(piece)
+            written.close()
+
+        writing = threading.Thread(target=write)
+        writing.start()
+        found = [*lines_of(read)]
+        writing.join()
+    return found
+
+
+def test_a_line_may_come_in_pieces_and_the_last_one_without_an_end() -> None:
+    assert _lines(b"on", b"e\ntwo\n", b"\n  \n", b"three") == [b"one", b"two", b"", b"  ", b"three"]
+
+
+@pytest.mark.parametrize("end", [b"\nnext\n", b""])
+def test_of_a_line_that_is_too_long_no_more_is_kept_than_shows_that(end: bytes) -> None:
+    found = _lines(b"a\n", *[b"x" * 40_000] * 5, end)
+    assert found[0] == b"a"
+    assert len(found[1]) == LONGEST + 1
+    assert found[2:] == ([b"next"] if end else [])
+
+
+def test_who_leaves_while_somebody_may_still_write_is_not_aborted_for_that() -> None:
+    program = """if True:
+        import queue, sys, threading
+        from armadico.observe.mcp.server import lines_of
+        found = queue.SimpleQueue()
+        read = lambda: [*map(found.put, lines_of(sys.stdin.buffer))]
+        threading.Thread(target=read, daemon=True).start()
+        print(found.get())
+    """
+    with subprocess.Popen(
+        [sys.executable, "-c", program],
+        stdin=subprocess.PIPE,
+        stdout=subprocess.PIPE,
+        stderr=subprocess.PIPE,
+    ) as popen:
+        assert popen.stdin is not None
+        popen.stdin.write(b"hello\n")
+        popen.stdin.flush()
+        assert popen.wait(SOON) == 0
+        assert popen.stdout is not None
+        assert popen.stdout.read() == b"b'hello'\n"
+        assert popen.stderr is not None
+        assert popen.stderr.read() == b""

@@ -16,8 +16,9 @@ from armadico.config.scenarios import ideal, load_scenario
 from armadico.config.worlds import load_world
 from armadico.launch.society import Options
 from armadico.launch.virtual import Rehearsal
+from armadico.mesh.ports import LOOPBACK
 from armadico.mesh.virtual_session import VirtualSession
-from armadico.observe.page.guard import LOOPBACK, Guard
+from armadico.observe.page.guard import Guard
 from armadico.observe.page.model import Robot
 from armadico.observe.page.server import Server
 from armadico.observe.page.session import TURN_S, Session

@@ -13,7 +13,8 @@ import pytest
 
 from armadico.agents.teleop import Teleop
 from armadico.core import messages as m
-from armadico.observe.page.guard import LOOPBACK, Guard
+from armadico.mesh.ports import LOOPBACK
+from armadico.observe.page.guard import Guard
 from armadico.observe.page.server import Server
 from armadico.observe.page.session import TURN_S
 from tests.observe.browser import Browser, executable

@@ -4,8 +4,8 @@ from __future__ import annotations
 
 import pytest
 
+from armadico.mesh.ports import LOOPBACK
 from armadico.observe.page.guard import (
-    LOOPBACK,
     Guard,
     GuardError,
     Refusal,
@@ -83,6 +83,16 @@ def test_a_wrong_token_is_refused_and_the_right_one_is_not() -> None:
     assert OPEN.admit(TOKEN[:-1]) == Refusal(401, "this token is not the right one")
     assert OPEN.admit("ünbekannt") == Refusal(401, "this token is not the right one")
     assert OPEN.admit(TOKEN) is None
+
+
+@pytest.mark.parametrize("given", ["\udcff" * len(TOKEN), "\ud800", TOKEN + "\udc80"])
+def test_a_token_of_bytes_that_are_no_text_is_a_wrong_one(given: str) -> None:
+    assert OPEN.admit(given) == OPEN.admit("wrong")
+
+
+def test_no_address_is_not_everybodys() -> None:
+    with pytest.raises(GuardError, match=r"0\.0\.0\.0 is for everybody"):
+        Guard.of("", TOKEN, ("",))
 
 
 @pytest.mark.parametrize("address", ["0.0.0.0", "192.168.1.5", "::", "lab"])

@@ -8,7 +8,7 @@ import socket
 import urllib.error
 import urllib.request
 from collections.abc import Iterator
-from contextlib import ExitStack
+from contextlib import ExitStack, suppress
 from typing import Any
 
 import pytest
@@ -16,8 +16,10 @@ from websockets.exceptions import ConnectionClosed, InvalidStatus
 from websockets.sync.client import ClientConnection, connect
 from websockets.typing import Origin, Subprotocol
 
-from armadico.observe.page.guard import LOOPBACK, PROTOCOL, Guard, subprotocol
-from armadico.observe.page.server import MOST, Server, ServerError, web_files
+from armadico.mesh.ports import LOOPBACK
+from armadico.observe.page import server
+from armadico.observe.page.guard import PROTOCOL, Guard, subprotocol
+from armadico.observe.page.server import MOST, SOCKETS, Server, ServerError, web_files
 
 SOON = 20.0
 TOKEN = "0123456789abcdef0123"
@@ -217,6 +219,38 @@ def test_what_is_no_http_ends_nobody_and_says_nothing(
                 pass
     assert place.get("/")[0] == 200
     assert capfd.readouterr().err == ""
+
+
+def _strangers(place: Place, stack: ExitStack, count: int) -> list[socket.socket]:
+    where = (LOOPBACK, place.server.port)
+    return [stack.enter_context(socket.create_connection(where, SOON)) for _ in range(count)]
+
+
+def test_who_opens_thousands_and_says_nothing_takes_no_more_than_so_many(
+    place: Place, stack: ExitStack
+) -> None:
+    opened = place.open()
+    opened.recv(SOON)
+    last = _strangers(place, stack, SOCKETS + 20)[-1]
+    with suppress(ConnectionError):
+        assert last.recv(1) == b""  # let go at once
+    opened.send("{}")
+    assert json.loads(opened.recv(SOON))["type"] == "answer"
+
+
+def test_who_says_nothing_does_not_keep_it_from_ending(
+    stack: ExitStack, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(server, "OPEN_S", 1e6)  # nor would it for as long as it may
+    with ExitStack() as served:
+        place = Place(served, Guard.of(LOOPBACK, None), Desk())
+        silent, begun = _strangers(place, stack, 2)
+        begun.sendall(b"GET / HT")
+        assert place.get("/")[0] == 200  # so both have been taken
+    for each in (silent, begun):
+        with suppress(ConnectionError):
+            while each.recv(4096):
+                pass
 
 
 def test_a_port_that_is_taken_is_said_with_what_to_do(stack: ExitStack) -> None:

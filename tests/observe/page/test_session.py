@@ -278,6 +278,21 @@ def test_what_is_no_request_is_said_and_changes_nothing(stage: Stage, said: str,
     assert why in stage.shown.answers[-1]["text"]
 
 
+@pytest.mark.parametrize(
+    ("do", "words"),
+    [
+        ("go", {"x": 1e9, "y": 0.0}),  # what somebody may type
+        ("set", {"instance": "goto-1", "name": "v_max", "json": "9" * 2001}),
+        ("set", {"instance": "goto-1", "name": "v_max", "json": "9" * 5000}),
+        ("fly", {}),
+    ],
+)
+def test_what_is_out_of_range_is_answered_so_that_nobody_waits_for_ever(
+    stage: Stage, do: str, words: dict[str, Any]
+) -> None:
+    assert not stage.answer(stage.say("page 1", do, **words))["ok"]
+
+
 def test_a_flood_is_bounded_and_the_stop_of_another_comes_through(stage: Stage) -> None:
     driving(stage)
     goal = json.dumps({"do": "go", "id": 1, "robot": HOME, "x": 1.0, "y": 1.0})
@@ -287,6 +302,33 @@ def test_a_flood_is_bounded_and_the_stop_of_another_comes_through(stage: Stage) 
     begun = stage.parts["motion"]["cycle"]
     stage.until(lambda: stage.parts["stop"]["held"])
     assert stage.parts["motion"]["cycle"] - begun <= 2
+
+
+def test_what_one_browser_floods_takes_nothing_from_another(stage: Stage) -> None:
+    stage.mesh.node("interface").kill()  # so that nobody answers
+    for _ in range(100):
+        stage.say("flood", "go", x=1.0, y=1.0)
+    order = stage.say("page 1", "order", mission="nowhere")
+    goal = stage.say("page 1", "go", x=1.0, y=1.0)
+    assert "no mission" in stage.answer(order)["text"]
+    assert stage.answer(goal)["text"] == "nobody answered"
+
+
+def test_a_flood_of_sticks_is_none_on_the_mesh_and_the_newest_is_said(stage: Stage) -> None:
+    heard: list[m.Stick] = []
+    stage.mesh.watch(lambda _key, message, _t: heard.append(message), m.Stick)
+    cycle = stage.parts["motion"]["cycle"]
+    for _ in range(20):
+        for at in range(50):
+            v = at / 50
+            stage.say("page 1", "stick", v=v, w=0.0, cycle=cycle)
+        stage.pass_(0.05)
+    stage.say("page 1", "stick", v=1.0, w=0.0, cycle=cycle)
+    stage.say("page 1", "stick", v=0.0, w=0.0, cycle=cycle, held=False)
+    stage.pass_(0.2)
+    assert len(heard) <= 25
+    assert [stick.number for stick in heard] == [*range(1, len(heard) + 1)]
+    assert not heard[-1].held  # letting go is never left out
 
 
 # What it shows ------------------------------------------------------------------------------------
@@ -336,6 +378,20 @@ def test_an_agent_that_a_host_keeps_up_is_restarted_by_its_wakeup_agent() -> Non
     answer = stage.answer(stage.say("page 1", "restart", agent="goto", pid=before))
     assert (answer["ok"], answer["text"]) == (True, "goto is restarted")
     stage.until(lambda: goto()["alive"] and goto()["pid"] not in (0, before))
+
+
+@pytest.mark.parametrize("name", ["**", "*", "a?b", "other-1"])
+def test_a_share_under_anothers_name_is_nobodys(stage: Stage, name: str) -> None:
+    """Or a click would ask everybody, or by a key that is none."""
+    kept = m.Kept(("goto",), m.KeptState.UP, 77)
+    share = m.HostShare(name, "here", (kept,), ("dock",))
+    VirtualSession(stage.mesh, HOME, name="stranger").publish("wakeup/stranger-1/share", share)
+    stage.pass_(0.5)
+    for do, agent in (("restart", "goto"), ("start", "dock")):
+        answer = stage.answer(
+            stage.say("page 1", do, agent=agent, **({"pid": 77} if do == "restart" else {}))
+        )
+        assert answer["text"].startswith(("nobody keeps", "no host says"))
 
 
 def test_missions_are_ordered_by_name_and_one_that_is_none_is_said(stage: Stage) -> None:
@@ -393,3 +449,17 @@ def test_each_of_several_robots_is_shown_and_one_is_stopped_alone() -> None:
     while fleet.mesh.now < 5.0:
         session.turn()
     assert [shown.parts[name]["stop"]["held"] for name in names] == [False, True]
+
+
+def test_who_contends_for_more_is_shown_with_its_bid_for_the_wheels() -> None:
+    robot, who = Robot(HOME), "both-0123456789abcdef"
+    card = m.Card("both", who, "here", 1, "1", m.PROTOCOL, (), (), ("wheels", "arm"))
+    bids = [
+        m.BidRecord(m.Cycle(1, 5), name, utility, False, (0.0, 0.0), f"for the {name}")
+        for name, utility in (("wheels", 0.4), ("arm", 0.9))
+    ]
+    robot.token(who, there=True, t=1.0)
+    for said in (card, m.BidHistory(who, tuple(bids))):
+        robot.heard("", said, 1.0, asked=True)
+    (row,) = robot.parts(1.1)["wheels"]["contenders"]
+    assert (row["utility"], row["why"]) == (0.4, "for the wheels")

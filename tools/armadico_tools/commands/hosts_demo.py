@@ -9,7 +9,6 @@ from typing import Final
 
 from armadico.cli import options
 from armadico.cli.options import FailedError, UsageError
-from armadico_tools.command_options import end_in_order
 
 INSTEAD: Final = (
     "`make demo` shows the same four hosts as containers (an engine with Compose v2), and"
@@ -44,7 +43,7 @@ def main(argv: Sequence[str]) -> int:
     trouble = lacking()
     if trouble is not None:
         raise FailedError(f"{trouble}. Without it, {INSTEAD}")
-    end_in_order()
+    options.end_as_by_ctrl_c()
     hosts = NamespaceHosts(args.scenario, seed=args.seed, links=links, cable=args.cable)
     with hosts:
         try:

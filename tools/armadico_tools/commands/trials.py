@@ -5,14 +5,13 @@ from __future__ import annotations
 import argparse
 import json
 from collections.abc import Sequence
-from importlib.util import find_spec
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Final
 
 from armadico.cli import options
 from armadico.cli.options import FailedError, UsageError
 from armadico.config.discovery import unknown
-from armadico_tools.command_options import add_json, add_out, at_least, end_in_order, say
+from armadico_tools.command_options import add_json, add_out, at_least, say
 
 if TYPE_CHECKING:
     from armadico_tools.faults.checker import Violation
@@ -50,7 +49,7 @@ def main(argv: Sequence[str]) -> int:
         raise UsageError(f"--record {args.record}: of one kind of trial")
     if args.record is not None and args.record.exists():
         raise FailedError(f"{args.record} exists already; name another file")
-    end_in_order()
+    options.end_as_by_ctrl_c()
     return _series(args, _chosen(args))
 
 
@@ -220,8 +219,7 @@ def _print_violations(what: str, violations: Sequence[Violation]) -> None:
 
 def _recording(args: argparse.Namespace) -> int:
     """Check what was recorded."""
-    if find_spec("mcap") is None:
-        raise FailedError("mcap is not installed: pip install 'armadico[record]'")
+    options.need("mcap", "record")
     from armadico.observe.recordings import RecordingError  # noqa: PLC0415 - an extra
     from armadico_tools.faults.real_recording import check  # noqa: PLC0415
 

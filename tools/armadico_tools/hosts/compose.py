@@ -19,9 +19,8 @@ from functools import partial
 from pathlib import Path
 from typing import Final, Self
 
-from armadico.cli.options import FailedError, guarded
+from armadico.cli.options import FailedError, end_as_by_ctrl_c, guarded
 from armadico.config.hosts import load_hosts
-from armadico_tools.command_options import end_in_order
 from armadico_tools.hosts.demo import demo
 
 FILE: Final = Path(__file__).resolve().parents[3] / "deploy" / "compose.yaml"
@@ -189,7 +188,7 @@ def _main(arguments: Sequence[str]) -> int:
     trouble = lacking()
     if trouble is not None:
         raise FailedError(f"{trouble}\n{INSTEAD}")
-    end_in_order()
+    end_as_by_ctrl_c()
     say = partial(print, flush=True)
     with ComposeHosts(args.scenario, say) as hosts:
         return demo(hosts, args.scenario, say)

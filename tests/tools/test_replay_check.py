@@ -10,7 +10,7 @@ from armadico import cli
 from armadico.cli import options, run
 from armadico.config.loading import names
 from armadico.observe.replay import Difference, Outcome
-from armadico_tools.commands import replays, trials
+from armadico_tools.commands import replay_check, trials
 from armadico_tools.faults.real_series import ALL
 
 LEFT_OUT = {"round-trip-100", "one-way-300"}
@@ -18,15 +18,15 @@ LEFT_OUT = {"round-trip-100", "one-way-300"}
 
 
 def test_there_are_thirty_of_every_scenario_and_every_fault() -> None:
-    assert len({plan.name for plan in replays.PLANS}) == len(replays.PLANS) == 30
-    driven = {plan.words[1] for plan in replays.PLANS if plan.words[0] == "run"}
+    assert len({plan.name for plan in replay_check.PLANS}) == len(replay_check.PLANS) == 30
+    driven = {plan.words[1] for plan in replay_check.PLANS if plan.words[0] == "run"}
     assert driven == set(names("scenarios"))
-    faults = {plan.words[1] for plan in replays.PLANS if plan.words[0] == "trials"}
+    faults = {plan.words[1] for plan in replay_check.PLANS if plan.words[0] == "trials"}
     assert faults == set(ALL) - LEFT_OUT
 
 
-@pytest.mark.parametrize("plan", replays.PLANS, ids=lambda plan: plan.name)
-def test_each_is_a_command_that_can_be_called(plan: replays.Plan) -> None:
+@pytest.mark.parametrize("plan", replay_check.PLANS, ids=lambda plan: plan.name)
+def test_each_is_a_command_that_can_be_called(plan: replay_check.Plan) -> None:
     parser = {"run": run.parser, "trials": trials.parser}[plan.words[0]]()
     args = parser.parse_args([*plan.words[1:], "--record", "x.mcap"])
     assert args.record == Path("x.mcap")
@@ -35,19 +35,19 @@ def test_each_is_a_command_that_can_be_called(plan: replays.Plan) -> None:
 def test_one_that_differs_or_is_not_whole_is_counted() -> None:
     who = {"namespace": "robot1", "name": "goto", "instance": "goto-1"}
     other = Difference(at=1.0, output=3, then=("a",), now=("b",), inputs=())
-    plan = replays.PLANS[0]
-    good = replays.Replayed(plan, [Outcome(**who, outputs=5)], 1.0, "")
-    gap = replays.Replayed(plan, [Outcome(**who, outputs=5, end="a gap")], 1.0, "")
-    bad = replays.Replayed(plan, [Outcome(**who, outputs=5, difference=other)], 1.0, "")
-    none = replays.Replayed(plan, [], 0.0, "not recorded: no")
+    plan = replay_check.PLANS[0]
+    good = replay_check.Replayed(plan, [Outcome(**who, outputs=5)], 1.0, "")
+    gap = replay_check.Replayed(plan, [Outcome(**who, outputs=5, end="a gap")], 1.0, "")
+    bad = replay_check.Replayed(plan, [Outcome(**who, outputs=5, difference=other)], 1.0, "")
+    none = replay_check.Replayed(plan, [], 0.0, "not recorded: no")
     assert [each.equal for each in (good, gap, bad, none)] == [True, False, False, False]
-    said = replays._summary([good, gap, bad, none])
+    said = replay_check._summary([good, gap, bad, none])
     assert said.startswith("1 of 4 recordings equal from beginning to end: 3 agents")
     assert "1 agents differ, of 1 the journal is not whole" in said
 
 
 def test_one_that_is_not_there_is_told(capsys: pytest.CaptureFixture[str]) -> None:
-    assert cli.main(["replays", "sc44"]) == options.USAGE
-    assert "armadico replays --list" in capsys.readouterr().err
-    assert cli.main(["replays", "--list"]) == 0
+    assert cli.main(["replay-check", "sc44"]) == options.USAGE
+    assert "armadico replay-check --list" in capsys.readouterr().err
+    assert cli.main(["replay-check", "--list"]) == 0
     assert capsys.readouterr().out.count("\n") == 30

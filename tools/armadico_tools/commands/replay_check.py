@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING, Final, NamedTuple
 
 from armadico.cli import options
 from armadico.cli.options import FailedError, UsageError
-from armadico_tools.command_options import add_json, add_out, end_in_order, say
+from armadico_tools.command_options import add_json, add_out, say
 
 if TYPE_CHECKING:
     from armadico.observe.replay import Outcome
@@ -24,9 +24,9 @@ TRIALS: Final = 2
 """Faults of one kind in a recording."""
 
 EXAMPLES: Final = """\
-  armadico replays --list
-  sudo .venv/bin/armadico replays            all thirty; those with hosts need root
-  armadico replays sc4 kill-one hang-one@sc3
+  armadico replay-check --list
+  sudo .venv/bin/armadico replay-check       all thirty; those with hosts need root
+  armadico replay-check sc4 kill-one hang-one@sc3
 """
 
 
@@ -96,8 +96,8 @@ def main(argv: Sequence[str]) -> int:
     chosen = [plan for plan in PLANS if not args.names or plan.name in args.names]
     for name in args.names:
         if name not in {plan.name for plan in PLANS}:
-            raise UsageError(f"{name}: `armadico replays --list` shows what there is")
-    end_in_order()
+            raise UsageError(f"{name}: `armadico replay-check --list` shows what there is")
+    options.end_as_by_ctrl_c()
     try:
         args.out.mkdir(parents=True, exist_ok=True)
     except OSError as error:
@@ -116,7 +116,7 @@ def main(argv: Sequence[str]) -> int:
 def parser() -> argparse.ArgumentParser:
     """The command's options."""
     made = options.parser(
-        "armadico replays",
+        "armadico replay-check",
         "Thirty live recordings on Zenoh: every shipped scenario, and every kind of fault on real"
         " processes and links. Each is replayed, and every decision of every agent compared with"
         " what it was.",
@@ -124,7 +124,7 @@ def parser() -> argparse.ArgumentParser:
     )
     made.add_argument("names", nargs="*", metavar="NAME", help="only these; see --list")
     made.add_argument("--list", action="store_true", help="the recordings, and how they are made")
-    add_out(made, "results/replays", "recordings are kept")
+    add_out(made, "results/replay-check", "recordings are kept")
     add_json(made)
     return made
 
