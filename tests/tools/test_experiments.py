@@ -144,8 +144,8 @@ def test_interrupted_what_was_found_is_kept_and_not_made_again(tmp_path: Path) -
     SQUARED.clear()
     with pytest.raises(KeyboardInterrupt):
         context(tmp_path).map(square, [0, 2, 1, 3], "squares")
-    with (tmp_path / "found.jsonl").open("ab") as file:
-        file.write(b'{"key": "cut sh')
+    with (tmp_path / "found.csv").open("ab") as file:
+        file.write(b"cut sh")
     for _ in range(2):
         found = context(tmp_path).map(square, [3, 1, 2, 0], "squares")
         assert [each.of for each in found] == [3, 1, 2, 0]

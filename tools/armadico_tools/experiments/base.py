@@ -91,7 +91,7 @@ class Context:
     def map(self, function: Callable[[T], R], items: Iterable[T], label: str) -> list[R]:
         """A module's function over items, in processes, with progress; results in order.
 
-        What `found.jsonl` has already is not made again.
+        What `found.csv` has already is not made again.
         """
         wanted, found = list(items), Found(self.out, function, self.source)
         missing = [(at, item) for at, item in enumerate(wanted) if item not in found]

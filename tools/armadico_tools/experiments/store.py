@@ -3,12 +3,13 @@
 `runs.csv` is append-only while an experiment runs, one line a run as soon as it is finished, keyed
 by cell, seed and a hash of all that the run depends on; at the end it is put in order. `about.json`
 describes the folder, `conditions.json` what the runs of each cell depend on. What is no run of a
-cell, a day of surveillance say, is a line of `found.jsonl`, as soon as it is found. A folder that
+cell, a day of surveillance say, is a row of `found.csv`, as soon as it is found. A folder that
 holds other seeds, or was made by other code, is moved aside.
 """
 
 from __future__ import annotations
 
+import csv
 from collections.abc import Callable, Sequence
 from contextlib import suppress
 from hashlib import sha256
@@ -27,7 +28,7 @@ from armadico_tools.results import Rows, write_json
 RUNS: Final = "runs.csv"
 ABOUT: Final = "about.json"
 CONDITIONS: Final = "conditions.json"
-FOUND: Final = "found.jsonl"
+FOUND: Final = "found.csv"
 BESIDES: Final = [Path(__file__).with_name(name) for name in ("driving.py", "traces.py")]
 """Of this package, what a run depends on: the rest only reports its results."""
 
@@ -104,12 +105,12 @@ class Store:
         self._rows.rewrite(self.known[key] for key in (*keys, *rest))
 
 
-class _Line(Struct, frozen=True):
+class _Row(Struct, frozen=True):
     """Something that was found, under the hash of all that it depends on."""
 
     key: str
     of: str  # the item, for people
-    found: msgspec.Raw
+    found: str  # as JSON
 
 
 class Found(Generic[T, R]):
@@ -120,47 +121,34 @@ class Found(Generic[T, R]):
     """
 
     def __init__(self, folder: Path, function: Callable[[T], R], source: str) -> None:
-        self._path = folder / FOUND
         module = Path(getfile(function)).read_bytes()
         name = f"{function.__module__}.{function.__qualname__} {source} "
         self._of = sha256(name.encode() + module).hexdigest()
         self._decoder: msgspec.json.Decoder[Any] | None = None
         with suppress(TypeError):  # a type that JSON does not have
             self._decoder = msgspec.json.Decoder(get_type_hints(function)["return"])
-        self._known: dict[str, R] = {}
-        for line in self._path.read_bytes().splitlines() if self._path.exists() else ():
-            with suppress(msgspec.DecodeError):  # cut short where it was killed
-                self._read(msgspec.json.decode(line, type=_Line))
+        self._rows = Rows(folder / FOUND, _Row)
+        self._known = {row.key: row.found for row in self._rows.read()}
 
     def __contains__(self, item: T) -> bool:
-        return self._key(item) in self._known
+        return self._decoder is not None and self._key(item) in self._known
 
     def __getitem__(self, item: T) -> R:
-        return self._known[self._key(item)]
+        assert self._decoder is not None, "nothing is kept without"
+        found: R = self._decoder.decode(self._known[self._key(item)])
+        return found
 
     def add(self, item: T, found: R) -> None:
         """Keep what was found, now, if it reads back as it is."""
         if self._decoder is None:
             return
         try:
-            data = msgspec.json.encode(found)
-            if self._decoder.decode(data) != found:
+            text = msgspec.json.encode(found).decode()
+            if self._decoder.decode(text) != found or len(text) > csv.field_size_limit():
                 return
         except (TypeError, msgspec.DecodeError):
             return
-        line = msgspec.json.encode(_Line(self._key(item), repr(item), msgspec.Raw(data)))
-        with self._path.open("ab") as file:
-            # After a line that was cut short comes one of its own.
-            file.write(line + b"\n" if _ended(self._path) else b"\n" + line + b"\n")
-
-    def _read(self, line: _Line) -> None:
-        if self._decoder is not None:
-            self._known[line.key] = self._decoder.decode(line.found)
+        self._rows.add(_Row(self._key(item), repr(item), text))
 
     def _key(self, item: T) -> str:
         return sha256(f"{self._of} {item!r}".encode()).hexdigest()[:16]
-
-
-def _ended(path: Path) -> bool:
-    """Whether a file is empty, or ends with the end of a line."""
-    return path.stat().st_size == 0 or path.read_bytes().endswith(b"\n")
