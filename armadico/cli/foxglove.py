@@ -11,7 +11,6 @@ from typing import Final
 
 from armadico.cli import options
 from armadico.cli.options import FailedError
-from armadico.mesh.ports import LOOPBACK
 
 PORT: Final = 8765
 """Where Foxglove looks by default."""
@@ -69,20 +68,7 @@ def parser() -> argparse.ArgumentParser:
         " 2's types. Ctrl-C ends it.",
         EXAMPLES,
     )
-    made.add_argument(
-        "--port",
-        type=int,
-        default=PORT,
-        metavar="P",
-        help=f"where to listen, 0: a port that is free (default: {PORT})",
-    )
-    made.add_argument(
-        "--bind",
-        default=LOOPBACK,
-        metavar="ADDRESS",
-        help=f"for whom: {LOOPBACK} for this machine only, 0.0.0.0 for everybody"
-        f" (default: {LOOPBACK})",
-    )
+    options.add_serving_options(made, PORT, everybody="everybody")
     made.add_argument(
         "--goals",
         action="store_true",

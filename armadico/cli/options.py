@@ -155,6 +155,26 @@ def add_mesh_options(
     )
 
 
+def add_serving_options(made: argparse.ArgumentParser, port: int, *, everybody: str) -> None:
+    """The options that say where a command listens; `everybody` is who may come from elsewhere."""
+    from armadico.mesh.ports import LOOPBACK  # noqa: PLC0415 - few commands serve
+
+    made.add_argument(
+        "--port",
+        type=int,
+        default=port,
+        metavar="P",
+        help=f"where to listen, 0: a port that is free (default: {port})",
+    )
+    made.add_argument(
+        "--bind",
+        default=LOOPBACK,
+        metavar="ADDRESS",
+        help=f"for whom: {LOOPBACK} for this machine only, 0.0.0.0 for {everybody}"
+        f" (default: {LOOPBACK})",
+    )
+
+
 def add_namespace_option(made: argparse._ActionsContainer) -> None:
     """The option that says which robot."""
     made.add_argument(

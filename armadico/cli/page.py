@@ -14,7 +14,6 @@ from typing import TYPE_CHECKING, Final
 from armadico.cli import options
 from armadico.cli.beside import Helpers
 from armadico.cli.options import FailedError, UsageError
-from armadico.mesh.ports import LOOPBACK
 from armadico.observe.screen import has_screen
 
 if TYPE_CHECKING:
@@ -104,20 +103,7 @@ def parser() -> argparse.ArgumentParser:
         EXAMPLES,
     )
     made.add_argument("--world", metavar="MAP", help="draw the walls of this world")
-    made.add_argument(
-        "--port",
-        type=int,
-        default=PORT,
-        metavar="P",
-        help=f"where to listen, 0: a port that is free (default: {PORT})",
-    )
-    made.add_argument(
-        "--bind",
-        default=LOOPBACK,
-        metavar="ADDRESS",
-        help=f"for whom: {LOOPBACK} for this machine only, 0.0.0.0 for everybody who knows the"
-        f" token (default: {LOOPBACK})",
-    )
+    options.add_serving_options(made, PORT, everybody="everybody who knows the token")
     made.add_argument(
         "--token",
         metavar="T",
