@@ -7,8 +7,10 @@ where a sonar looked at it squarely and heard something behind: what the map has
 Silence is no doubt, since that is what a dead wall sounds like. What is forbidden no sonar
 hears, so it is never doubted. A laser tells by the place whether it saw it or looked through it.
 
-An echo from as far as a place that is believed, and not far off the axis, is that place's. On the
-axis, where one that nothing explains is put, the posts of a door would stand in the door.
+An echo from as far as a place that is believed, and that would have answered, is that place's. On
+the axis, where one that nothing explains is put, the posts of a door would stand in the door. Of a
+wall at a slant the foot of the perpendicular answers, its ends, and what of it is nearest in the
+beam: somebody who walks along a wall is heard from between.
 
 Poses are in the world's frame, what comes out is in the body's: x forward, y left, origin at the
 middle of the wheel axle; metres and radians.
@@ -57,6 +59,7 @@ class _Place(NamedTuple):
     nx: float
     ny: float
     stands: bool
+    end: bool  # of the wall: an edge, which answers from all sides
 
 
 class _Bare(NamedTuple):
@@ -67,6 +70,7 @@ class _Bare(NamedTuple):
     dy: float
     nx: float  # of the wall's normal that points away from the robot
     ny: float
+    end: bool
     side: int
     off: float
 
@@ -80,6 +84,7 @@ class _Near(NamedTuple):
     nx: float
     ny: float
     distance: float
+    end: bool = False
     side: int = 1  # of the wall's own normal, on which the robot is not
     off: float = 0.0  # m that it may be farther off, by the pose,
     by: float = 0.0  # and m that it was moved away
@@ -168,7 +173,7 @@ class KnownWalls:
         x, y, _ = pose
         xx, xy, yy = covariance
         reach = self.settings.explains_m * self.settings.explains_m
-        for three, wx, wy, nx, ny, _ in self._within(x, y):
+        for three, wx, wy, nx, ny, _, end in self._within(x, y):
             dx, dy = wx - x, wy - y
             forbidden = three == UNDOUBTED
             if dx * dx + dy * dy > reach or not (believed or forbidden):
@@ -179,7 +184,7 @@ class KnownWalls:
             off = 0.0
             if not forbidden:
                 off = math.sqrt(max(0.0, xx * nx * nx + 2.0 * xy * nx * ny + yy * ny * ny))
-            yield _Bare(three, dx, dy, nx, ny, side, off)
+            yield _Bare(three, dx, dy, nx, ny, end, side, off)
 
     def hear(self, echoes: Sequence[Echo]) -> list[bool]:
         """Doubt the places that had to answer a ping and did not, though something behind did.
@@ -266,6 +271,7 @@ class KnownWalls:
         near = s.explains_near_m + self._off
         cos, sin = math.cos(echo.bearing), math.sin(echo.bearing)
         may: list[tuple[float, _Near]] = []
+        in_beam: tuple[float, _Near] | None = None
         for place in self._near:
             if place.three == UNDOUBTED:  # and unheard
                 continue
@@ -274,10 +280,16 @@ class KnownWalls:
             if ahead < 0.0:
                 continue
             away = math.hypot(dx, dy)
-            if abs(away - echo.range) > near or ahead < s.explains_cone * away:
+            beam = ahead >= s.explains_beam * away and (in_beam is None or away < in_beam[0])
+            fits = abs(away - echo.range) <= near and ahead >= s.explains_cone * away
+            if not (beam or fits) or not self._believed(place):
                 continue
-            if self._believed(place):
+            if beam:
+                in_beam = away, place
+            if fits and (place.end or place.nx * dx + place.ny * dy >= s.square * away):
                 may.append((away, place))
+        if not may and in_beam is not None and abs(in_beam[0] - echo.range) <= near:
+            may.append(in_beam)
         nearest = min((away for away, _ in may), default=0.0)  # an echo comes from what is nearest
         for away, place in may:
             if away - nearest < BESIDE_M:
@@ -321,7 +333,7 @@ class KnownWalls:
 
 def _put(bare: _Bare, heard: float | None, cos: float, sin: float) -> _Near:
     """A place in the body's frame, by what the pose may be off or it has been heard."""
-    three, dx, dy, nx, ny, side, off = bare
+    three, dx, dy, nx, ny, end, side, off = bare
     by = off if heard is None else min(off, side * heard)
     dx, dy = dx + by * nx, dy + by * ny
     return _Near(
@@ -331,6 +343,7 @@ def _put(bare: _Bare, heard: float | None, cos: float, sin: float) -> _Near:
         cos * nx + sin * ny,
         cos * ny - sin * nx,
         math.hypot(dx, dy),
+        end,
         side,
         off,
         by,
@@ -354,6 +367,8 @@ def _places(walls: Iterable[Segment]) -> Iterator[_Place]:
         steps = math.ceil(length / STEP_M)
         for step in range(steps + 1):
             share = step / steps
-            stands = step % 3 == 1 or step in (0, steps)
+            end = step in (0, steps)
+            stands = end or step % 3 == 1
             three += step % 3 == 0
-            yield _Place(three, x1 + share * (x2 - x1), y1 + share * (y2 - y1), nx, ny, stands)
+            x, y = x1 + share * (x2 - x1), y1 + share * (y2 - y1)
+            yield _Place(three, x, y, nx, ny, stands, end)

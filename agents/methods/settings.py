@@ -71,6 +71,7 @@ class WallSettings(Struct, frozen=True):
     explains_m: float = 2.5  # places within this explain echoes: as far as the local map reaches
     explains_near_m: float = 0.1  # that come from so nearly as far, and the pose's deviation more,
     explains_cone: float = cos(radians(34))  # off the axis by no more: smooth walls answer there
+    explains_beam: float = cos(radians(15))  # and rough ones, at a slant, from no farther off it
 
 
 class Brisk(Struct, frozen=True, forbid_unknown_fields=True):

@@ -256,3 +256,33 @@ def test_a_wall_is_no_farther_than_it_was_heard_for_a_while() -> None:
     for _ in range(HEARD_CYCLES + 1):
         known.hear([])
     assert ahead() == pytest.approx(far)
+
+
+def beside(y: float = 0.74) -> KnownWalls:
+    """A robot that drives along a smooth wall to its right, sure of where it is."""
+    known = KnownWalls([(-20.0, -y, 20.0, -y)])
+    known.look(HERE, sure(0.06))
+    return known
+
+
+@pytest.mark.parametrize("bearing", [-10.0, 10.0])
+@pytest.mark.parametrize("away", [0.6, 0.85, 1.0, 1.2, 1.4])
+def test_somebody_who_walks_along_a_wall_is_not_that_wall(bearing: float, away: float) -> None:
+    """Within 34 degrees of the axis the wall has a place at each of these distances."""
+    assert not explains(beside(), Ping(0.17, -0.03, radians(bearing), away))
+
+
+def test_a_wall_at_a_slant_is_heard_where_it_is_square_or_nearest_in_the_beam() -> None:
+    foot = Ping(0.0, 0.0, radians(-60.0), 0.74)
+    rough = Ping(0.0, 0.0, radians(-50.0), 0.74 / sin(radians(65.0)))
+    between = Ping(0.0, 0.0, radians(-50.0), 0.74 / sin(radians(35.0)))
+    assert explains(beside(), foot)
+    assert explains(beside(), rough)
+    assert not explains(beside(), between)
+
+
+def test_the_end_of_a_wall_answers_at_any_slant() -> None:
+    known = KnownWalls([(1.0, -0.4, 9.0, -0.4)])
+    known.look(HERE, sure(0.06))
+    assert explains(known, Ping(0.0, 0.0, radians(-10.0), hypot(1.0, 0.4)))
+    assert not explains(known, Ping(0.0, 0.0, radians(-10.0), hypot(1.7, 0.4)))
