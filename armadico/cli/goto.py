@@ -11,7 +11,6 @@ from contextlib import ExitStack
 from typing import TYPE_CHECKING, Final
 
 from armadico.cli import options
-from armadico.cli.echo import seconds
 
 if TYPE_CHECKING:
     from armadico.runtime.client import Client, Mission
@@ -63,7 +62,7 @@ def parser() -> argparse.ArgumentParser:
     made.add_argument("y", type=_metres, metavar="Y", help="m")
     made.add_argument("heading", type=_number, metavar="DEG", help="degrees, counter-clockwise")
     made.add_argument("--direct", action="store_true", help="straight there, with no plan")
-    made.add_argument("--timeout", type=seconds, metavar="S", help="give up waiting after this")
+    options.add_timeout(made, "give up waiting after this")
     options.add_mesh_options(made)
     return made
 

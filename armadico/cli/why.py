@@ -13,7 +13,6 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any, Final, NamedTuple
 
 from armadico.cli import options
-from armadico.cli.echo import seconds
 from armadico.cli.options import FailedError, UsageError
 from armadico.config.discovery import providers
 from armadico.mesh.topology import default_namespace
@@ -94,7 +93,7 @@ def parser() -> argparse.ArgumentParser:
     made.add_argument(
         "--for",
         dest="for_s",
-        type=seconds,
+        type=options.seconds,
         default=3.0,
         metavar="S",
         help="with --live: listen for so long (default: 3 s)",

@@ -142,6 +142,8 @@ def _one(plan: Plan, folder: Path) -> Replayed:
     if plan.words[0] == "trials":
         words += ["--out", str(folder / "trials")]
     recorded = _called(words)
+    if recorded.returncode and not recorded.stdout:  # not driven: its robot was another's, say
+        return Replayed(plan, [], 0.0, f"refused: {_last(recorded)}")
     if not path.is_file():
         return Replayed(plan, [], 0.0, f"not recorded: {_last(recorded)}")
     replayed = _called(["replay", str(path), "--json"])
