@@ -17,7 +17,7 @@ from typing import Final, TypeVar
 from msgspec import Struct
 from msgspec.structs import replace
 
-from armadico.core.agent import AT_WORK, COMMANDS_REFUSED, REPORT_S
+from armadico.core.agent import AT_WORK, REPORT_S
 from armadico.core.coordination import SILENCE, Owner, Verdict, beats
 from armadico.core.cycles import CycleClock
 from armadico.core.exchange import Bid
@@ -29,6 +29,7 @@ from armadico.core.messages import (
     Claim,
     Command,
     Cycle,
+    Event,
     Message,
     MissionState,
     Obstacles,
@@ -452,8 +453,8 @@ class Chronicle:
         By a judge as its owner's, and by the owner's own word, which is told now and then.
         """
         for said in self.view.logs:
-            if self.now - said.at <= REPORT_S and said.log.text.startswith(COMMANDS_REFUSED):
-                yield said.log.text.removeprefix(COMMANDS_REFUSED)
+            if self.now - said.at <= REPORT_S and said.log.event == Event.COMMANDS_REFUSED:
+                yield said.log.text
         told = {}
         for at, command, verdict in self._commands:
             if command.resource == name and self.now - at <= REFUSED_S:
@@ -461,7 +462,7 @@ class Chronicle:
         fine = {Verdict.OBEYED, Verdict.RELEASED, *AT_WORK}
         for instance, verdict in told.items():
             if verdict not in fine:
-                yield f"{agent_of(instance)}: {verdict}"
+                yield f"commands refused: {agent_of(instance)}: {verdict}"
 
     def _moment(self, of: _Snapshot) -> Moment:
         cycle = None if of.state is None else of.state.cycle
@@ -676,7 +677,7 @@ def _told(of: Contest) -> Iterator[str]:
     elif of.holder and not of.obeyed:
         yield "Its owner obeys nobody."
     for refusal in of.refused:
-        yield f"Its owner refuses commands: {refusal}."
+        yield f"By its owner, {refusal}."
     for each in of.bids:
         yield _bid(each)
     by_inputs: dict[tuple[Input, ...], list[str]] = {}

@@ -5,8 +5,10 @@ from __future__ import annotations
 from collections.abc import Callable
 from typing import Any
 
+from msgspec.structs import replace
+
 from armadico.config.scenarios import Scenario
-from armadico.core.messages import Ask, Message
+from armadico.core.messages import Ask, BidHistory, Log, Message, MissionStatus
 from armadico.core.services import BIDS, CARD, SERVICES
 from armadico.launch.society import Options
 from armadico.launch.virtual import Rehearsal
@@ -26,6 +28,19 @@ LINE = Scenario(
 )
 
 
+def reworded(message: Message) -> Message:
+    """The same with other sentences for people."""
+    match message:
+        case Log():
+            return replace(message, text="something happened")
+        case MissionStatus():
+            return replace(message, note=message.note and "so it is")
+        case BidHistory():
+            bids = [replace(bid, reason=bid.reason and "for a reason") for bid in message.bids]
+            return replace(message, bids=tuple(bids))
+    return message
+
+
 class Overheard:
     """A scenario that is driven, and a view of it."""
 
@@ -43,6 +58,7 @@ class Overheard:
             object.__setattr__(node.agent.identity, "host", hosts(node.name))
         self.chronicle = chronicle or Chronicle()
         self.planted = 0.0  # when something was done to it, s
+        self.worded = True  # or every sentence that anybody says is heard as another
         kinds = dict.fromkeys(each.message for each in SERVICES if each.message is not Ask)
         self.mesh.watch(self._keep, *kinds)
         self._ask()
@@ -72,7 +88,7 @@ class Overheard:
         return standing(self.view, self.mesh.now)
 
     def _keep(self, key: str, message: Message, now: float) -> None:
-        self.chronicle.take(key, message, now)
+        self.chronicle.take(key, message if self.worded else reworded(message), now)
 
     def _ask(self) -> None:
         now = self.mesh.now
@@ -86,5 +102,5 @@ class Overheard:
                     (BIDS.key_for(**names), agent.history()),
                 )
                 for _, message in answers:
-                    self.chronicle.learn(message, now)
+                    self.chronicle.learn(message if self.worded else reworded(message), now)
         self.mesh.call_at(now + ASK_S, lambda _a, _b: self._ask())
