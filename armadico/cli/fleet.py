@@ -122,9 +122,9 @@ def _recorder(args: argparse.Namespace, names: Sequence[str]) -> AbstractContext
     """A recorder beside a live run, of all robots."""
     if args.record is None:
         return nullcontext()
-    from armadico.cli.record import beside  # noqa: PLC0415 - not for --help
+    from armadico.cli.record import recorder  # noqa: PLC0415 - not for --help
 
-    return beside(args, args.record, *names)
+    return recorder(args, args.record, *names)
 
 
 class _Lines:

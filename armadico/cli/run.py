@@ -534,9 +534,9 @@ def _recorder(args: argparse.Namespace, seed: int) -> AbstractContextManager[Non
     """A recorder beside a live run, if it is asked for."""
     if args.record is None:
         return nullcontext()
-    from armadico.cli.record import beside  # noqa: PLC0415 - not for --help
+    from armadico.cli.record import recorder  # noqa: PLC0415 - not for --help
 
-    return beside(args, _own(args, args.record, seed))
+    return recorder(args, _own(args, args.record, seed))
 
 
 @contextmanager

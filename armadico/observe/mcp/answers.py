@@ -69,10 +69,10 @@ class Society(Chronicle):
             return {"heard": False, "note": "nothing is heard of a robot"}
         driver = view.driver(WHEELS.name, now)
         found: dict[str, Any] = {
-            "heard": True,
+            "heard": view.hears_robot(now),  # or what follows is as it last said
             "speed": {"v": round(state.v, 3), "w": round(state.w, 3)},
             "driver": None if driver is None else agent_of(driver),
-            "stop": {"stopped": state.stop.stopped, "by": state.stop.by},
+            "stop": {"stopped": view.stopped(now), "by": state.stop.by},
             "battery": view.battery,
         }
         if pose is not None:
