@@ -313,6 +313,11 @@ def end_as_by_ctrl_c() -> None:
             signal.signal(number, signal.default_int_handler)
 
 
+def say(text: str) -> None:
+    """A line for people, on stderr: stdout is for what was asked for."""
+    print(text, file=sys.stderr, flush=True)
+
+
 def teller(program: str) -> Callable[[str], None]:
     """Says something on stderr, a line at a time, for programs that go on."""
 

@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING, Final, NamedTuple
 
 from armadico.cli import options
 from armadico.cli.options import FailedError, UsageError
-from armadico_tools.command_options import add_json, add_out, say
+from armadico_tools.command_options import add_json, add_out
 
 if TYPE_CHECKING:
     from armadico.observe.replay import Outcome
@@ -105,7 +105,7 @@ def main(argv: Sequence[str]) -> int:
     found = []
     for number, plan in enumerate(chosen, 1):
         found.append(_one(plan, args.out))
-        say(f"{number}/{len(chosen)} {_line(found[-1])}")
+        options.say(f"{number}/{len(chosen)} {_line(found[-1])}")
     if args.json:
         print(json.dumps([_row(each) for each in found], indent=2))
     else:
