@@ -20,9 +20,10 @@ from armadico.runtime.errors import AbsentError
 
 if TYPE_CHECKING:
     from armadico.core.messages import BidRecord
+    from armadico.observe.explained import Collision, Exchange, Moment, Press
     from armadico.observe.recordings import Past, Row
     from armadico.observe.standing import Standing
-    from armadico.observe.why import Chronicle, Collision, Exchange, Moment, Press
+    from armadico.observe.why import Chronicle
 
 Bids = dict[tuple[str, str], list["BidRecord"]]
 """By instance and resource."""
@@ -168,8 +169,13 @@ def _recorded(args: argparse.Namespace) -> Told:
 
 def _answer(args: argparse.Namespace) -> Told:
     """By what was recorded; of who was not asked in time, by what its journal comes to again."""
+    from armadico.observe.explained import (  # noqa: PLC0415 - not for --help
+        Collision,
+        Exchange,
+        Moment,
+        unasked,
+    )
     from armadico.observe.recordings import Past  # noqa: PLC0415 - not for --help
-    from armadico.observe.why import Collision, Exchange, Moment, unasked  # noqa: PLC0415
 
     past = Past(args.file, _warn)
     past.check()

@@ -12,9 +12,10 @@ import msgspec
 from armadico.config.worlds import Segment, World
 from armadico.core.messages import AssistantRecord, Message, Obstacles
 from armadico.core.resources import WHEELS
+from armadico.observe.explained import Collision, Exchange, Press
 from armadico.observe.standing import Installed, standing
 from armadico.observe.view import agent_of, at_work
-from armadico.observe.why import Chronicle, Collision, Exchange, Press
+from armadico.observe.why import Chronicle
 
 RECORDS: Final = 200
 """Requests of programs that are still known."""
