@@ -102,16 +102,6 @@ def test_a_hand_speaks_once_a_cycle_and_once_when_it_lets_go() -> None:
 # The command --------------------------------------------------------------------------------------
 
 
-class Session(VirtualSession):
-    """One that a command opens and leaves."""
-
-    def __enter__(self) -> Session:
-        return self
-
-    def __exit__(self, *_: object) -> None:
-        self.close()
-
-
 class Seat:
     """A robot, and somebody at a terminal."""
 
@@ -145,7 +135,7 @@ class Seat:
     def teleop(self, *words: str) -> int:
         """The command, at this terminal; its exit code."""
         with pytest.MonkeyPatch.context() as patch:
-            patch.setattr(options, "join", lambda _args: Session(self.mesh, name="hand"))
+            patch.setattr(options, "join", lambda _args: VirtualSession(self.mesh, name="hand"))
             patch.setattr("sys.stdin", Terminal(self.terminal, []))
             patch.setattr("sys.stdout", Terminal(self.terminal, self.screen))
             return cli.main(["teleop", *words])
