@@ -4,9 +4,12 @@ from __future__ import annotations
 
 from typing import ClassVar, Generic, TypeVar
 
+from armadico.core.compiled import mypyc_attr
+
 F = TypeVar("F")
 
 
+@mypyc_attr(allow_interpreted_subclasses=True)
 class Deframer(Generic[F]):
     """Takes bytes in, and gives the good frames among them.
 
@@ -66,8 +69,8 @@ class Deframer(Generic[F]):
         buffer, magic = self._buffer, self.magic
         start = buffer.find(magic)
         if start < 0:
-            begun = (k for k in range(len(magic) - 1, 0, -1) if buffer.endswith(magic[:k]))
-            start = len(buffer) - next(begun, 0)
+            lengths = range(len(magic) - 1, 0, -1)
+            start = len(buffer) - next((k for k in lengths if buffer.endswith(magic[:k])), 0)
         self._drop(start)
         return len(buffer) >= self.head
 
