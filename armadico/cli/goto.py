@@ -92,7 +92,7 @@ def _left_behind(client: Client) -> str:
 
     state = client.latest(RobotState)
     if state is not None and state.stop.stopped:
-        by = options.shown(state.stop.by) or "somebody"
+        by = options.shown(state.stop.who)
         return f"the robot is stopped by {by}; `armadico resume` has it drive on"
     return "the robot drives on; `armadico stop` stops it"
 
@@ -104,7 +104,7 @@ def _remark(mission: Mission, client: Client) -> str:
     if state is None or client.age(RobotState) > 1.0:
         return "nothing heard of the robot"
     if state.stop.stopped:
-        by = options.shown(state.stop.by) or "somebody"
+        by = options.shown(state.stop.who)
         return f"stopped by {by}; `armadico resume` releases it"
     if status is not None and status.note:
         return options.shown(status.note)

@@ -88,7 +88,7 @@ def remark(watch: RunWatch) -> str:
     if state is None:
         return f"{to_go}, nothing heard of the robot"
     if state.stop.stopped:
-        by = options.shown(state.stop.by) or "somebody"
+        by = options.shown(state.stop.who)
         return f"{to_go}, stopped by {by}; armadico resume releases it"
     holder = options.shown(watch.holder or "nobody")
     speed = "stalled" if state.stalled else f"{state.v:.2f} m/s"

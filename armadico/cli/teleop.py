@@ -317,9 +317,7 @@ def _note(client: Client, hand: Hand, state: RobotState | None) -> str:
     going = f"{state.v:+.2f} m/s {state.w:+.2f} rad/s"
     if status.hand not in ("", hand.name):
         return f"{going}  {status.hand} has the stick: it lets go first"
-    stopped = (
-        f"stopped by {state.stop.by or 'somebody'}: r releases it" if state.stop.stopped else ""
-    )
+    stopped = f"stopped by {state.stop.who}: r releases it" if state.stop.stopped else ""
     return f"{going}  {stopped or status.note or ('by hand' if status.holds else '')}"
 
 

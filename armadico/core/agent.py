@@ -730,7 +730,7 @@ class Agent:
         if memory.refused != refused:
             done, by = "not believed", ""
             if isinstance(message, m.Stop):
-                by = f" by {message.by or 'somebody'}"
+                by = f" by {message.who}"
                 if message.stopped and self.stopped is not None:
                     done = "stopped all the same, and counted on from what is known"
             why = f"{done}: a {kind.__name__}{by} with a counter far beyond all that is known"
@@ -745,7 +745,7 @@ class Agent:
                     self._rest(owned)
         if self._owned:
             stop = self.memory.newest(m.Stop) or m.Stop()
-            self.log(f"{'stopped' if stop.stopped else 'released'} by {stop.by}", WARNING)
+            self.log(f"{'stopped' if stop.stopped else 'released'} by {stop.who}", WARNING)
 
     def _newer(self, message: Any, before: Any) -> bool:
         """Refuse what answers a cycle that is long past, not yet there, or before the latest."""
@@ -822,7 +822,7 @@ class Agent:
         if not contender.clock.alive(self.now) or not contender.owned:
             self.lacks = resource.ack_key
         elif resource.stops and (stop := self.stopped) is not None:
-            self.why = f"stopped by {stop.by}"
+            self.why = f"stopped by {stop.who}"
         elif stale is not None:
             self.lacks = self._lacks(stale)
         else:

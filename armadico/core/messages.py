@@ -318,6 +318,11 @@ class Stop(Latched, frozen=True):
         return self.counter, int(self.stopped)
 
     @property
+    def who(self) -> str:
+        """By whom, for people."""
+        return self.by or "somebody"
+
+    @property
     def code(self) -> str:
         """What people type to release this stop and no other: six letters and digits."""
         return "".join(_SPELT[self.press >> 5 * place & 31] for place in range(6))

@@ -213,7 +213,7 @@ class _Chain:
             missing = [n for r in self.view.reports.values() if r.acts for n in r.missing]
             if missing:
                 self.say(f"The society lacks {', '.join(missing)}.")
-            by = state.stop.by or "somebody"
+            by = state.stop.who
             return self.end(
                 Sort.STOP, by, f"It is stopped by {by}.", "`armadico resume` releases it"
             )

@@ -519,7 +519,7 @@ class Chronicle:
     # A stop --------------------------------------------------------------------------------------
 
     def _press(self, of: _Pressed) -> Press:
-        by = of.stop.by or "somebody"
+        by = of.stop.who
         when = "Before it was listened" if of.before else f"At {of.t:.2f} s"
         said = [f"{when} {by} latched the stop."]
         if of.before:
@@ -531,7 +531,7 @@ class Chronicle:
         if of.released is not None:
             said.append(f"{of.released_by or 'Somebody'} released it at {of.released:.2f} s.")
         elif anew := next((each for each in self._pressed if each.number > of.number), None):
-            who = anew.stop.by or "somebody"
+            who = anew.stop.who
             said.append(f"Before it was released {who} latched another at {anew.t:.2f} s.")
         else:
             said.append("Nobody has released it.")
