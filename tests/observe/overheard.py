@@ -16,6 +16,7 @@ from armadico.observe.standing import Standing, standing
 from armadico.observe.view import View
 from armadico.observe.watching import ASK_S
 from armadico.observe.why import Chronicle
+from tests.driven import Driven
 
 LINE = Scenario(
     name="line",
@@ -41,7 +42,7 @@ def reworded(message: Message) -> Message:
     return message
 
 
-class Overheard:
+class Overheard(Driven):
     """A scenario that is driven, and a view of it."""
 
     def __init__(
@@ -52,8 +53,7 @@ class Overheard:
         chronicle: Chronicle | None = None,
     ) -> None:
         """Everybody starts, and nothing is driven yet; `hosts` says where an agent runs."""
-        self.run = Rehearsal(scenario, Options(seed=seed))
-        self.mesh = self.run.mesh
+        super().__init__(Rehearsal(scenario, Options(seed=seed)))
         for node in self.mesh.nodes:
             object.__setattr__(node.agent.identity, "host", hosts(node.name))
         self.chronicle = chronicle or Chronicle()
@@ -68,10 +68,6 @@ class Overheard:
         """Its goal is given to it."""
         self.run.begin()
         return self.let_pass(seconds)
-
-    def let_pass(self, seconds: float) -> Overheard:
-        self.mesh.run(self.mesh.now + seconds)
-        return self
 
     def agent(self, name: str) -> Any:
         """One of them, to be meddled with."""
