@@ -128,7 +128,7 @@ class Assistant(Agent):
     def _stop(self, request: AssistantRequest, told: Because, question: Question) -> AssistantReply:  # noqa: ARG002
         before = self.stopped
         if before is not None:
-            return AssistantReply(said=line(f"it is stopped already, by {before.by or 'somebody'}"))
+            return AssistantReply(said=line(f"it is stopped already, by {before.who}"))
         self.latch(line(f"{_by(request)}{f', {told.reason}' if told.reason else ''}")[:LONGEST_BY])
         return AssistantReply(said="the stop is published; `where` says when the robot has it")
 
@@ -143,9 +143,7 @@ class Assistant(Agent):
             return AssistantReply(said="the robot is not stopped")
         how = f"armadico resume --confirm {stop.code}"
         because = f", because {told.reason}" if told.reason else ""
-        asks = (
-            f"{_by(request)} asks for the release of the stop by {stop.by or 'somebody'}{because}"
-        )
+        asks = f"{_by(request)} asks for the release of the stop by {stop.who}{because}"
         self.log(f"{asks}: a person types `{how}`", WARNING)
         return AssistantReply(said=line(f"nothing is released: a person has to type `{how}`"))
 
@@ -196,7 +194,7 @@ class Assistant(Agent):
         """Ask those whom people ask; one thing at a time."""
         stop = self.stopped
         if stop is not None and not even_stopped:  # or who releases it would set it in motion
-            return AssistantReply(refusal=line(f"the robot is stopped by {stop.by or 'somebody'}"))
+            return AssistantReply(refusal=line(f"the robot is stopped by {stop.who}"))
         if self._waits:
             return AssistantReply(refusal="one request is being answered; ask again later")
         self._waits = True

@@ -10,7 +10,14 @@ from typing import Annotated, Any, ClassVar
 from msgspec import Meta
 
 from armadico.agents.methods.errands import BITS, Errand, PlanDesk, Stage
-from armadico.agents.methods.utility import of_mission, ramp_down
+from armadico.agents.methods.utility import (
+    CHARGE_ASKED,
+    CHARGE_NOW,
+    CHARGE_SOON,
+    PEOPLES,
+    of_mission,
+    ramp_down,
+)
 from armadico.config.profile import load_profile
 from armadico.config.worlds import DOCK_LANE_M, before, load_world
 from armadico.config.worlds import Pose as Place
@@ -65,17 +72,11 @@ IN_DOCK = (ChargeState.DOCKING, ChargeState.CHARGING, ChargeState.LEAVING)
 ASKED = 0.3
 """Utility of a plan that somebody waits for, and"""
 
-SENT = 0.85
-"""Utility of a charge that somebody has asked for: above every mission's, and"""
-
-SENT_S = 30.0
-"""for so long after it was last asked for."""
-
-PEOPLES = 0.1
-"""What charging must be worth to interrupt anybody; people's own errands bid nothing."""
-
 LOOKING = 0.02
 """of one that is only to know how far a dock is."""
+
+SENT_S = 30.0
+"""A charge that somebody has asked for is wanted for so long after."""
 
 
 class Parameters(agent.Parameters, frozen=True, kw_only=True):
@@ -245,21 +246,21 @@ class BatteryCharger(Agent):
 
     @property
     def utility(self) -> float:
-        """What charging is worth now: 0 with plenty, 0.95 where it goes before all else."""
+        """What charging is worth now: 0 with plenty."""
         p, share = self.p, self._share
         if not self._docks or not self._known:
             return 0.0
         if self._critical:
-            return 0.95
+            return CHARGE_NOW
         sent = share < self._until and self.now - self._sent_at < SENT_S
         if self._state is ChargeState.CHARGING:
-            worth = ramp_down(share, p.urgent, p.ready, 0.9, 0.0)
+            worth = ramp_down(share, p.urgent, p.ready, CHARGE_SOON)
         else:
             worth = p.idle_utility if share < p.idle_below else 0.0
             if self._needed is not None:
                 least = self._needed * p.more + p.reserve * self._full_j
-                worth = max(worth, ramp_down(self._left / least, 1.0, p.plenty, 0.9, 0.0))
-        worth = max(worth, SENT if sent else 0.0)
+                worth = max(worth, ramp_down(self._left / least, 1.0, p.plenty, CHARGE_SOON))
+        worth = max(worth, CHARGE_ASKED if sent else 0.0)
         return 0.0 if worth < self._others else worth
 
     @property

@@ -131,6 +131,7 @@ class Interface(Agent):
         self._route = Route()
         self._to_go = 0.0
         self._note = ""
+        self._refused = ""  # why the last goal was
         self._plans = False  # the mission's way is the planner's,
         self._replans = ""  # and it is to be asked again, for this reason
         self._waits, self._why_waits = False, ""  # no way is free
@@ -252,7 +253,7 @@ class Interface(Agent):
         ended = self._state in (MissionState.REACHED, MissionState.FAILED)  # so peers remember, too
         if trajectory.mission == self._mission and (trajectory.waypoints or ended):
             return
-        self._mission = trajectory.mission
+        self._mission, self._refused = trajectory.mission, ""
         self._route = Route.of(trajectory)
         self._plans, self._waits = trajectory.planned, trajectory.waits
         self._count_anew()
@@ -484,7 +485,7 @@ class Interface(Agent):
         self._mission, self._route = mission, route
         self._to_go = route.to_go(pose.x, pose.y)
         self._state, self._plans, self._replans = MissionState.DRIVING, planned, ""
-        self._waits, self._why_waits, self._note = False, "", ""
+        self._waits, self._why_waits, self._note, self._refused = False, "", "", ""
         self._asking = False
         self._best, self._longest, self._ask_at = inf, 0.0, -inf
         self._count_anew()
@@ -494,7 +495,10 @@ class Interface(Agent):
             self._state = MissionState.NONE
         told = line(f"mission refused: {why}")
         if self._state is MissionState.NONE:
-            self._note = told  # for who comes late
+            self._note = told
+        if self._state is not MissionState.DRIVING:
+            self._refused = line(why)
+            self._say_status(self._to_go)
         self.log(told, WARNING)
         return MissionReply(0, line(why))
 
@@ -519,7 +523,9 @@ class Interface(Agent):
 
     def _say_status(self, to_go: float) -> None:
         leg = self._route.leg if self._route.waypoints else 0
-        self.publish(MissionStatus(self._mission, self._state, to_go, leg, self._note))
+        self.publish(
+            MissionStatus(self._mission, self._state, to_go, leg, self._note, self._refused)
+        )
 
 
 def _off(x: float, y: float, places: Sequence[tuple[float, float]]) -> float:

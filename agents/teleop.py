@@ -200,7 +200,7 @@ class Teleop(Behaviour):
     def _note(self, *, holds: bool) -> str:
         """Why the robot does less than the stick says."""
         if (stop := self.stopped) is not None:
-            return line(f"stopped by {stop.by or 'somebody'}")
+            return line(f"stopped by {stop.who}")
         if not self._hand:
             return ""
         last = self.bids[-1] if self.bids else None

@@ -65,13 +65,13 @@ def beside(
                 raise FailedError(f"no {command}, so no run; without --{command} it drives")
             print(said, end="", file=sys.stderr, flush=True)
             if wait:
-                _say("open the link: the run begins when somebody looks")
+                options.say("armadico run: open the link: the run begins when somebody looks")
                 if not process.stdout.readline():
                     raise FailedError(f"the {command} has ended, so no run")
             yield
             if wait:
                 with suppress(KeyboardInterrupt):  # which may come as soon as it is offered
-                    _say(f"the run is over; Ctrl-C ends the {command}")
+                    options.say(f"armadico run: the run is over; Ctrl-C ends the {command}")
                     process.wait()
         finally:
             _end(process)
@@ -120,7 +120,3 @@ def _end(process: subprocess.Popen[str]) -> None:
         process.wait(LEAVE_S)
     except subprocess.TimeoutExpired:
         process.kill()
-
-
-def _say(text: str) -> None:
-    print(f"armadico run: {text}", file=sys.stderr, flush=True)

@@ -157,7 +157,7 @@ def _show(args: argparse.Namespace, worlds: Mapping[str, World | None]) -> int:
 
     viewer.check_version()
     port = viewer.checked_port(args.port, "--port")
-    live = Live(_say)
+    live = Live(options.teller("armadico dashboard"))
     for number in (signal.SIGINT, signal.SIGTERM):
         signal.signal(number, lambda *_: live.stop())
     with ExitStack() as stack:
@@ -181,7 +181,7 @@ def _show(args: argparse.Namespace, worlds: Mapping[str, World | None]) -> int:
 
         live.run(ended)
         if window is not None and window.ended():
-            _say("the viewer is gone, and so is the dashboard")
+            options.say("armadico dashboard: the viewer is gone, and so is the dashboard")
     return 0
 
 
@@ -203,7 +203,3 @@ def _open(args: argparse.Namespace, uri: str) -> Viewer | None:
     if not args.no_open and has_screen(os.environ):
         webbrowser.open(address)
     return served
-
-
-def _say(text: str) -> None:
-    print(f"armadico dashboard: {text}", file=sys.stderr, flush=True)

@@ -79,26 +79,13 @@ def count(text: str) -> int:
     return int(text)
 
 
-def seconds(text: str) -> float:
-    """A time in s, for argparse."""
-    try:
-        value = float(text)
-    except ValueError:
-        value = 0.0
-    if not 0 < value < float("inf"):
-        raise argparse.ArgumentTypeError(f"{text!r}: expected seconds, more than 0")
-    return value
-
-
 def add_pattern(made: argparse.ArgumentParser) -> None:
     """The options of a command that listens to keys."""
     made.add_argument(
         "pattern", metavar="KEYEXPR", type=key_expression, help="such as robot/state or 'log/**'"
     )
     made.add_argument("-n", dest="count", metavar="N", type=count, help="end after N messages")
-    made.add_argument(
-        "--timeout", type=seconds, metavar="S", help="give up after so long without a message"
-    )
+    options.add_timeout(made, "give up after so long without a message")
     options.add_mesh_options(made)
 
 

@@ -7,7 +7,7 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import Final
 
-from armadico.cli import options, run
+from armadico.cli import options, run, run_options
 from armadico.cli.options import FailedError, UsageError
 
 EXAMPLES: Final = """\
@@ -30,7 +30,7 @@ def main(argv: Sequence[str]) -> int:
     from armadico.config.scenarios import exploring  # noqa: PLC0415 - not for --help
 
     _check(args)
-    scenario, chosen = run.choose(args, somewhere=False)
+    scenario, chosen = run_options.choose(args, somewhere=False)
     return run.drive(args, exploring(scenario, args.within), chosen)
 
 
@@ -44,7 +44,7 @@ def parser() -> argparse.ArgumentParser:
         " drifts the map drifts, too.",
         EXAMPLES,
     )
-    run.add_options(made)
+    run_options.add_options(made)
     made.set_defaults(goal=None)
     made.add_argument(
         "--within",

@@ -79,7 +79,7 @@ def _virtual(
 
     rehearsal = FleetRehearsal(scenario, chosen, args.robots, fleet_of(args))
     with nullcontext() if args.record is None else _recorded(rehearsal, args.record):
-        return rehearsal.run(progress if sys.stderr.isatty() else None, _say)
+        return rehearsal.run(progress if sys.stderr.isatty() else None, options.say)
 
 
 def _live(
@@ -102,12 +102,16 @@ def _live(
     robots = names_of(fleet, len(robots_of(scenario, args.robots)))
     page = beside(args, "page", scenario.world, robots) if args.page else nullcontext()
     try:
-        run = LocalFleet(scenario, chosen, args.robots, fleet, join, joining, _say)
+        run = LocalFleet(scenario, chosen, args.robots, fleet, join, joining, options.say)
         with page, _recorder(args, run.names), run:
-            _say(f"{scenario.name}: starting {len(run.names)} robots: {', '.join(run.names)}")
+            options.say(
+                f"{scenario.name}: starting {len(run.names)} robots: {', '.join(run.names)}"
+            )
             return run.run(progress)
     except KeyboardInterrupt:
-        _say(f"{scenario.name}: interrupted; all that it started has ended, nothing is measured")
+        options.say(
+            f"{scenario.name}: interrupted; all that it started has ended, nothing is measured"
+        )
         raise
 
 
@@ -122,9 +126,9 @@ def _recorder(args: argparse.Namespace, names: Sequence[str]) -> AbstractContext
     """A recorder beside a live run, of all robots."""
     if args.record is None:
         return nullcontext()
-    from armadico.cli.record import beside  # noqa: PLC0415 - not for --help
+    from armadico.cli.record import recorder  # noqa: PLC0415 - not for --help
 
-    return beside(args, args.record, *names)
+    return recorder(args, args.record, *names)
 
 
 class _Lines:
@@ -136,7 +140,7 @@ class _Lines:
         """Now and then a line on stderr."""
         if watch.began is not None and watch.now - self._said_at >= LINE_S:
             self._said_at = watch.now
-            _say(f"{self._label} {watch.now - watch.began:6.1f} s  {watch.remark}")
+            options.say(f"{self._label} {watch.now - watch.began:6.1f} s  {watch.remark}")
 
 
 def _table(result: FleetResult) -> None:
@@ -154,7 +158,3 @@ def _table(result: FleetResult) -> None:
         )
     Console().print(table)
     print(result.verdict)
-
-
-def _say(text: str) -> None:
-    print(text, file=sys.stderr, flush=True)

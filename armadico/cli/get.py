@@ -8,7 +8,6 @@ from collections.abc import Mapping, Sequence
 from typing import TYPE_CHECKING, Any, Final
 
 from armadico.cli import options
-from armadico.cli.echo import seconds
 
 if TYPE_CHECKING:
     from armadico.core.messages import Parameter, ParametersReply
@@ -60,13 +59,7 @@ def parser() -> argparse.ArgumentParser:
     )
     made.add_argument("name", nargs="?", metavar="NAME", help="one parameter")
     made.add_argument("--json", action="store_true", help="a JSON array on stdout")
-    made.add_argument(
-        "--timeout",
-        type=seconds,
-        default=1.0,
-        metavar="S",
-        help="how long an agent may take to answer (default: 1 s)",
-    )
+    options.add_timeout(made, "how long an agent may take to answer", 1.0)
     options.add_mesh_options(made)
     return made
 

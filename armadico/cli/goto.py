@@ -11,7 +11,6 @@ from contextlib import ExitStack
 from typing import TYPE_CHECKING, Final
 
 from armadico.cli import options
-from armadico.cli.echo import seconds
 
 if TYPE_CHECKING:
     from armadico.runtime.client import Client, Mission
@@ -63,7 +62,7 @@ def parser() -> argparse.ArgumentParser:
     made.add_argument("y", type=_metres, metavar="Y", help="m")
     made.add_argument("heading", type=_number, metavar="DEG", help="degrees, counter-clockwise")
     made.add_argument("--direct", action="store_true", help="straight there, with no plan")
-    made.add_argument("--timeout", type=seconds, metavar="S", help="give up waiting after this")
+    options.add_timeout(made, "give up waiting after this")
     options.add_mesh_options(made)
     return made
 
@@ -93,7 +92,7 @@ def _left_behind(client: Client) -> str:
 
     state = client.latest(RobotState)
     if state is not None and state.stop.stopped:
-        by = options.shown(state.stop.by) or "somebody"
+        by = options.shown(state.stop.who)
         return f"the robot is stopped by {by}; `armadico resume` has it drive on"
     return "the robot drives on; `armadico stop` stops it"
 
@@ -105,7 +104,7 @@ def _remark(mission: Mission, client: Client) -> str:
     if state is None or client.age(RobotState) > 1.0:
         return "nothing heard of the robot"
     if state.stop.stopped:
-        by = options.shown(state.stop.by) or "somebody"
+        by = options.shown(state.stop.who)
         return f"stopped by {by}; `armadico resume` releases it"
     if status is not None and status.note:
         return options.shown(status.note)

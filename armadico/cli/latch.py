@@ -6,7 +6,6 @@ import argparse
 from typing import Final
 
 from armadico.cli import options
-from armadico.cli.echo import seconds
 
 TIMEOUT_S: Final = 5.0
 """As in `armadico.runtime.client`, which --help does without."""
@@ -15,13 +14,7 @@ TIMEOUT_S: Final = 5.0
 def parser(program: str, description: str, examples: str) -> argparse.ArgumentParser:
     """The options of `armadico stop` and `armadico resume`."""
     made = options.parser(program, description, examples)
-    made.add_argument(
-        "--timeout",
-        type=seconds,
-        default=TIMEOUT_S,
-        metavar="S",
-        help=f"give up after this (default: {TIMEOUT_S:g} s)",
-    )
+    options.add_timeout(made, "give up after this", TIMEOUT_S)
     options.add_mesh_options(made)
     return made
 

@@ -12,7 +12,6 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any, Final
 
 from armadico.cli import options
-from armadico.cli.echo import seconds
 from armadico.cli.options import FailedError, UsageError
 
 if TYPE_CHECKING:
@@ -52,7 +51,7 @@ def parser() -> argparse.ArgumentParser:
     made.add_argument("-f", "--follow", action="store_true", help="from now on, until Ctrl-C")
     made.add_argument("--level", choices=tuple(LEVELS), default="debug", help="with -f: at least")
     made.add_argument("--folder", type=Path, metavar="DIR", help="what a run wrote there")
-    made.add_argument("--timeout", type=seconds, metavar="S", help="with -f: end after so long")
+    options.add_timeout(made, "with -f: end after so long")
     made.add_argument("--json", action="store_true", help="one JSON object a line, for programs")
     options.add_mesh_options(made)
     return made

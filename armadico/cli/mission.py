@@ -7,7 +7,7 @@ import json
 from collections.abc import Callable, Sequence
 from typing import TYPE_CHECKING, Final
 
-from armadico.cli import options, run
+from armadico.cli import options, progress, run, run_options
 from armadico.cli.options import FailedError, UsageError
 
 if TYPE_CHECKING:
@@ -82,7 +82,7 @@ def run_parser() -> argparse.ArgumentParser:
         RUN_EXAMPLES,
     )
     made.add_argument("mission", help="a shipped mission's name, or a TOML file")
-    run.add_options(made)
+    run_options.add_options(made)
     made.add_argument(
         "--priority", type=float, metavar="P", help="0 to 1, instead of the mission's own"
     )
@@ -107,7 +107,7 @@ def _run(argv: Sequence[str]) -> int:
                 f" {args.mission} house), or --world MAP --start X Y DEG"
             )
         args.scenario = mission.scenario
-    scenario, chosen = run.choose(args, somewhere=False, mission=_path(args.mission))
+    scenario, chosen = run_options.choose(args, somewhere=False, mission=_path(args.mission))
     return run.drive(args, scenario, chosen)
 
 
@@ -175,7 +175,7 @@ def _log(args: argparse.Namespace) -> int:
         for mission in chosen:
             print(words(mission))
             for result in mission.course.results:
-                print(f"  {result.at:8.1f} s  {run.step_told(result)}")
+                print(f"  {result.at:8.1f} s  {progress.step_told(result)}")
         if not chosen:
             print("no missions")
     return 0

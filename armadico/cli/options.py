@@ -175,6 +175,23 @@ def add_serving_options(made: argparse.ArgumentParser, port: int, *, everybody: 
     )
 
 
+def seconds(text: str) -> float:
+    """A time in s, for argparse."""
+    try:
+        value = float(text)
+    except ValueError:
+        value = 0.0
+    if not 0 < value < float("inf"):
+        raise argparse.ArgumentTypeError(f"{text!r}: expected seconds, more than 0")
+    return value
+
+
+def add_timeout(made: argparse.ArgumentParser, what: str, default: float | None = None) -> None:
+    """How long a command waits, s; `what` says for what. None: for ever."""
+    said = "" if default is None else f" (default: {default:g} s)"
+    made.add_argument("--timeout", type=seconds, default=default, metavar="S", help=f"{what}{said}")
+
+
 def add_namespace_option(made: argparse._ActionsContainer) -> None:
     """The option that says which robot."""
     made.add_argument(
@@ -294,6 +311,11 @@ def end_as_by_ctrl_c() -> None:
     for number in (signal.SIGTERM, signal.SIGHUP):
         if signal.getsignal(number) is signal.SIG_DFL:  # under nohup it is not
             signal.signal(number, signal.default_int_handler)
+
+
+def say(text: str) -> None:
+    """A line for people, on stderr: stdout is for what was asked for."""
+    print(text, file=sys.stderr, flush=True)
 
 
 def teller(program: str) -> Callable[[str], None]:

@@ -12,7 +12,6 @@ from functools import partial
 from typing import TYPE_CHECKING, Any, Final
 
 from armadico.cli import options
-from armadico.cli.echo import seconds
 
 if TYPE_CHECKING:
     from rich.table import Table
@@ -70,13 +69,7 @@ def parser() -> argparse.ArgumentParser:
         EXAMPLES,
     )
     made.add_argument("--json", action="store_true", help="a JSON object on stdout")
-    made.add_argument(
-        "--timeout",
-        type=seconds,
-        default=1.0,
-        metavar="S",
-        help="how long an agent may take to answer, or to be seen (default: 1 s)",
-    )
+    options.add_timeout(made, "how long an agent may take to answer, or to be seen", 1.0)
     options.add_mesh_options(made, host="the host to look at, from any machine (default: all)")
     return made
 

@@ -60,7 +60,7 @@ def main(argv: Sequence[str]) -> int:
 
 
 @contextmanager
-def beside(args: argparse.Namespace, path: Path, *namespaces: str) -> Iterator[None]:
+def recorder(args: argparse.Namespace, path: Path, *namespaces: str) -> Iterator[None]:
     """A recorder beside a live run, as a process of its own, from before anybody starts.
 
     Without namespaces it is of the one that the options name.

@@ -6,7 +6,6 @@ import argparse
 import gc
 import json
 import os
-import sys
 import time
 from collections import Counter
 from collections.abc import Iterator, Sequence
@@ -46,7 +45,7 @@ def main(argv: Sequence[str]) -> int:
     from armadico.observe.recordings import Past, RecordingError  # noqa: PLC0415 - not for --help
 
     try:
-        past = Past(args.file, _say)
+        past = Past(args.file, options.teller("armadico replay"))
         past.check()
         journals = _chosen(args, past)
         damage = tuple(past.damage)
@@ -280,7 +279,7 @@ def _draw(
         ),
         args.picture,
     )
-    _say(f"picture: {args.picture}")
+    options.teller("armadico replay")(f"picture: {args.picture}")
 
 
 def _around(poses: Sequence[tuple[float, float, float]]) -> tuple[float, float, float, float]:
@@ -366,7 +365,3 @@ def _json(past: Past, damage: Sequence[str], outcomes: Sequence[Outcome], took: 
     ]
     about = {"file": str(past.path), "took_s": took, "recorded": past.about, "damage": damage}
     return json.dumps({**about, "agents": rows})
-
-
-def _say(text: str) -> None:
-    print(f"armadico replay: {options.shown(text)}", file=sys.stderr)

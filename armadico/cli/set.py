@@ -9,7 +9,6 @@ from pathlib import Path
 from typing import Final
 
 from armadico.cli import options
-from armadico.cli.echo import seconds
 from armadico.cli.get import shown
 
 EXAMPLES: Final = """\
@@ -59,13 +58,7 @@ def parser() -> argparse.ArgumentParser:
     made.add_argument("values", nargs="+", metavar="NAME=VALUE", help="as `armadico get` shows")
     made.add_argument("--save", action="store_true", help="in parameters.toml of this folder, too")
     made.add_argument("--file", type=Path, metavar="FILE", help="or in this file")
-    made.add_argument(
-        "--timeout",
-        type=seconds,
-        default=2.0,
-        metavar="S",
-        help="how long the agent may take to answer (default: 2 s)",
-    )
+    options.add_timeout(made, "how long the agent may take to answer", 2.0)
     options.add_mesh_options(made)
     return made
 

@@ -306,18 +306,18 @@ def _ordered(client: Client, hand: Hand, order: Order) -> str:
 def _note(client: Client, hand: Hand, state: RobotState | None) -> str:
     """What the robot does, and whose hand it is."""
     from armadico.core.messages import TeleopStatus  # noqa: PLC0415 - not for --help
+    from armadico.core.services import service_of  # noqa: PLC0415
 
     if state is None:
         return "nothing is heard of the robot"
     status: TeleopStatus | None = client.latest(TeleopStatus)
-    if status is None or client.age(TeleopStatus) > 2.0:
+    deadline = service_of(TeleopStatus).deadline_s
+    if status is None or deadline is None or client.age(TeleopStatus) > deadline:
         return "nobody takes the stick"
     going = f"{state.v:+.2f} m/s {state.w:+.2f} rad/s"
     if status.hand not in ("", hand.name):
         return f"{going}  {status.hand} has the stick: it lets go first"
-    stopped = (
-        f"stopped by {state.stop.by or 'somebody'}: r releases it" if state.stop.stopped else ""
-    )
+    stopped = f"stopped by {state.stop.who}: r releases it" if state.stop.stopped else ""
     return f"{going}  {stopped or status.note or ('by hand' if status.holds else '')}"
 
 

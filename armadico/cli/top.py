@@ -12,7 +12,6 @@ from collections.abc import Sequence
 from typing import TYPE_CHECKING, Any, Final
 
 from armadico.cli import options
-from armadico.cli.echo import seconds
 from armadico.config.discovery import providers
 from armadico.runtime.errors import AbsentError
 
@@ -77,7 +76,7 @@ def parser() -> argparse.ArgumentParser:
     made.add_argument(
         "--for",
         dest="for_s",
-        type=seconds,
+        type=options.seconds,
         default=3.0,
         metavar="S",
         help="with --once and --json: measure for so long (default: 3 s)",

@@ -138,7 +138,7 @@ def _scenario(args: argparse.Namespace) -> Scenario | None:
     if not _is_mission(args.scenario):
         return on_mission(load_scenario(args.scenario))
     from armadico.config.missions import load_mission  # noqa: PLC0415
-    from armadico.config.scenarios import beside  # noqa: PLC0415
+    from armadico.config.scenarios import counted_from  # noqa: PLC0415
 
     mission = load_mission(args.scenario)
     if mission.scenario is None:
@@ -146,7 +146,7 @@ def _scenario(args: argparse.Namespace) -> Scenario | None:
             f"{mission.name} names no scenario, so nobody knows where it is done: say one in its"
             ' file (scenario = "house")'
         )
-    path = beside(Path.cwd() / "command line", args.scenario)
+    path = counted_from(Path.cwd() / "command line", args.scenario)
     return least(on_mission(load_scenario(mission.scenario), path))
 
 

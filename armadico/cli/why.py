@@ -13,7 +13,6 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any, Final, NamedTuple
 
 from armadico.cli import options
-from armadico.cli.echo import seconds
 from armadico.cli.options import FailedError, UsageError
 from armadico.config.discovery import providers
 from armadico.mesh.topology import default_namespace
@@ -21,9 +20,10 @@ from armadico.runtime.errors import AbsentError
 
 if TYPE_CHECKING:
     from armadico.core.messages import BidRecord
+    from armadico.observe.explained import Collision, Exchange, Moment, Press
     from armadico.observe.recordings import Past, Row
     from armadico.observe.standing import Standing
-    from armadico.observe.why import Chronicle, Collision, Exchange, Moment, Press
+    from armadico.observe.why import Chronicle
 
 Bids = dict[tuple[str, str], list["BidRecord"]]
 """By instance and resource."""
@@ -94,7 +94,7 @@ def parser() -> argparse.ArgumentParser:
     made.add_argument(
         "--for",
         dest="for_s",
-        type=seconds,
+        type=options.seconds,
         default=3.0,
         metavar="S",
         help="with --live: listen for so long (default: 3 s)",
@@ -169,8 +169,13 @@ def _recorded(args: argparse.Namespace) -> Told:
 
 def _answer(args: argparse.Namespace) -> Told:
     """By what was recorded; of who was not asked in time, by what its journal comes to again."""
+    from armadico.observe.explained import (  # noqa: PLC0415 - not for --help
+        Collision,
+        Exchange,
+        Moment,
+        unasked,
+    )
     from armadico.observe.recordings import Past  # noqa: PLC0415 - not for --help
-    from armadico.observe.why import Collision, Exchange, Moment, unasked  # noqa: PLC0415
 
     past = Past(args.file, _warn)
     past.check()

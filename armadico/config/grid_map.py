@@ -27,7 +27,7 @@ from armadico.config.occupancy import (
     world_of,
 )
 from armadico.config.worlds import Segment, World
-from armadico.config.writing import beside, write_files
+from armadico.config.writing import write_files, written_first
 from armadico.core.messages import OccupancyGrid
 
 States = NDArray[np.uint8]
@@ -168,7 +168,7 @@ def save(cells: Cells, path: Path) -> list[Path]:
 def check_writable(path: Path) -> None:
     """Whether `save` could write there now. Raises OSError."""
     for file in (path,) if path.suffix == ".map" else (path, path.with_suffix(".pgm")):
-        new = beside(file)
+        new = written_first(file)
         new.open("wb").close()
         new.unlink()
 

@@ -162,10 +162,10 @@ def load_scenario(name_or_path: str | Path) -> Scenario:
     text = read_text(path)
     scenario = parse(text, Scenario, path)
     scenario = replace(
-        scenario, world=beside(path, scenario.world), robot=beside(path, scenario.robot)
+        scenario, world=counted_from(path, scenario.world), robot=counted_from(path, scenario.robot)
     )
     if scenario.mission is not None:
-        scenario = replace(scenario, mission=beside(path, scenario.mission))
+        scenario = replace(scenario, mission=counted_from(path, scenario.mission))
     world = _world(scenario, path, text)
     for key, message in (*_strangers(scenario), *_faults(scenario, world)):
         raise ConfigError(message, path, line_of(text, key))
@@ -191,7 +191,7 @@ def blind(scenario: Scenario) -> bool:
     return load_world(scenario.world).crossed(scenario.start[:2], scenario.goal[:2])
 
 
-def beside(file: Path, name: str) -> str:
+def counted_from(file: Path, name: str) -> str:
     """A name in a file as it is to be looked for: a path counts from the file's folder."""
     path = Path(name)
     if not path.suffix and path.name == name:

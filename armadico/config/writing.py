@@ -13,7 +13,7 @@ from shutil import copymode
 
 def write_files(files: Mapping[Path, bytes]) -> None:
     """Write all of them, or none; a link stays one. Raises OSError."""
-    new = {path: beside(path) for path in files}
+    new = {path: written_first(path) for path in files}
     try:
         for path, data in files.items():
             new[path].write_bytes(data)
@@ -28,7 +28,7 @@ def write_files(files: Mapping[Path, bytes]) -> None:
         raise
 
 
-def beside(path: Path) -> Path:
+def written_first(path: Path) -> Path:
     """Where it is written before it takes the place of what was there. Raises OSError."""
     if path.is_dir():
         raise IsADirectoryError(EISDIR, strerror(EISDIR), str(path))

@@ -31,7 +31,7 @@ from armadico.core.cycles import AHEAD, CycleClock, CycleCounter
 from armadico.core.exchange import EXCHANGES, Bid
 from armadico.core.latched import Memory
 from armadico.core.messages import Message
-from armadico.core.resources import Resource, declare
+from armadico.core.resources import Resource, declare, differently
 from armadico.core.services import CARD, Kind, latched, service_of
 from armadico.core.surroundings import Surroundings
 
@@ -52,14 +52,8 @@ LONGEST_REASON = 200
 REPORT_S = 2.0
 """Refused commands are reported at most so often."""
 
-COMMANDS_REFUSED = "commands refused: "
-"""How the report begins."""
-
 REASONS_TOLD = 3
 """So many different reasons are; a speed beyond what the robot can is another one each time."""
-
-NOT_FRESH, NOT_SOUND = "no fresh ", "its bid is not sound: "
-"""How the reasons for no bid begin that people follow up: the first is followed by a key."""
 
 AT_WORK = frozenset({Verdict.STALE_BALLOT, Verdict.OVER, Verdict.LISTENING})
 """Refusals that come of every exchange and every start: the protocol at work, and no fault."""
@@ -210,6 +204,7 @@ class Agent:
         }
         listened = {subscription.message for subscription in self.subscriptions()}
         self._handlers = {kind: self._handler(kind) for kind in (*listened, *self.answers)}
+        self._unsound = False  # what it proposed in this turn
         self._alarm: float | None = None
         self._asked: dict[int, Callable[[Any], None]] = {}
         self._next_id = 0
@@ -224,7 +219,8 @@ class Agent:
         """The goal method: what it would do now, and how much that helps; None: nothing.
 
         Called once a cycle with the message that the agent reacts to, all needs fresh, the robot
-        not stopped. `self.why` may be set to say why there is no bid.
+        not stopped. `self.why` may be set to say why there is no bid, and `self.lacks` to the key
+        of what would be needed for one.
         """
         return None
 
@@ -275,6 +271,7 @@ class Agent:
     # What a subclass uses ------------------------------------------------------------------------
 
     why: str = ""
+    lacks: str = ""
 
     def key_of(self, kind: type[Message], **names: str) -> str:
         """The key of a kind's service; braces are filled by `names`, or by who this one is."""
@@ -376,9 +373,9 @@ class Agent:
         for owned in self._owned.values():
             self._acknowledge(owned)
 
-    def log(self, text: str, level: int = INFO) -> None:
-        """Publish a line for people."""
-        self.publish(m.Log(level, m.line(text)))
+    def log(self, text: str, level: int = INFO, event: str = "") -> None:
+        """Publish a line for people; `event` says what happened to programs (`m.Event`)."""
+        self.publish(m.Log(level, m.line(text), event))
 
     # What whoever runs it calls ------------------------------------------------------------------
 
@@ -733,7 +730,7 @@ class Agent:
         if memory.refused != refused:
             done, by = "not believed", ""
             if isinstance(message, m.Stop):
-                by = f" by {message.by or 'somebody'}"
+                by = f" by {message.who}"
                 if message.stopped and self.stopped is not None:
                     done = "stopped all the same, and counted on from what is known"
             why = f"{done}: a {kind.__name__}{by} with a counter far beyond all that is known"
@@ -748,7 +745,7 @@ class Agent:
                     self._rest(owned)
         if self._owned:
             stop = self.memory.newest(m.Stop) or m.Stop()
-            self.log(f"{'stopped' if stop.stopped else 'released'} by {stop.by}", WARNING)
+            self.log(f"{'stopped' if stop.stopped else 'released'} by {stop.who}", WARNING)
 
     def _newer(self, message: Any, before: Any) -> bool:
         """Refuse what answers a cycle that is long past, not yet there, or before the latest."""
@@ -821,15 +818,16 @@ class Agent:
         """One turn: a bid for a resource, if its inputs are fresh."""
         contender = self._contenders[resource.name]
         stale = next((kind for kind in self.needs if self.fresh(kind) is None), None)
-        bid, self.why = None, ""
+        bid, self.why, self.lacks, self._unsound = None, "", "", False
         if not contender.clock.alive(self.now) or not contender.owned:
-            self.why = f"{NOT_FRESH}{resource.ack_key}"
+            self.lacks = resource.ack_key
         elif resource.stops and (stop := self.stopped) is not None:
-            self.why = f"stopped by {stop.by}"
+            self.why = f"stopped by {stop.who}"
         elif stale is not None:
-            self.why = f"{NOT_FRESH}{self._lacks(stale)}"
+            self.lacks = self._lacks(stale)
         else:
             bid = self._sound(resource, self.bid_for(resource, message))
+        self.why = self.why or (f"no fresh {self.lacks}" if self.lacks else "")
         self._record(resource, message.cycle, bid)
         self._say(resource, contender.bid(message.cycle, bid, self.now, self._oldest_input()))
 
@@ -853,7 +851,8 @@ class Agent:
             reason = m.line(str(bid.reason))[:LONGEST_REASON]
             return Bid(utility, resource.pack(bid.action), bool(bid.critical), within, reason)
         except (TypeError, ValueError) as error:
-            self.why = m.line(f"{NOT_SOUND}{error}")[:LONGEST_REASON]
+            self.why = m.line(f"its bid is not sound: {error}")[:LONGEST_REASON]
+            self._unsound = True
         self.log(f"{self.instance}: {self.why}", ERROR)
         return None
 
@@ -861,7 +860,10 @@ class Agent:
         inputs = self._inputs
         if bid is None:
             why = m.line(self.why)[:LONGEST_REASON]
-            record = m.BidRecord(cycle, resource.name, None, False, (), why, inputs)
+            lacks = m.line(self.lacks)
+            record = m.BidRecord(
+                cycle, resource.name, None, False, (), why, inputs, lacks, self._unsound
+            )
         else:
             record = m.BidRecord(
                 cycle, resource.name, bid.utility, bid.critical, bid.action, bid.reason, inputs
@@ -876,12 +878,9 @@ class Agent:
 
     def _declared_otherwise(self, card: m.Card) -> str:
         """How somebody means a resource of one's own otherwise than oneself."""
-        own = {r.name: r.signature for r in (*self.competes_for, *self.owns)}
-        for signature in card.declares:
-            mine = own.get(signature.partition("(")[0], signature)
-            if signature != mine:
-                return f"{signature} where this one means {mine}"
-        return ""
+        own = [each.signature for each in (*self.competes_for, *self.owns)]
+        differing = differently(card.declares, own)
+        return "" if differing is None else f"{differing[0]} where this one means {differing[1]}"
 
     # How it owns ---------------------------------------------------------------------------------
 
@@ -911,7 +910,7 @@ class Agent:
                 told[REASONS_TOLD:] = [f"{sum(refusals.values())} in all"]
             text = "; ".join(told)
             level = INFO if set(refusals) <= AT_WORK else WARNING
-            self.log(f"{COMMANDS_REFUSED}{text}", level)
+            self.log(f"commands refused: {text}", level, m.Event.COMMANDS_REFUSED)
             refusals.clear()
 
     def _mind(self, owned: _Owned) -> None:

@@ -180,7 +180,10 @@ class Behaviour(Agent):
         assert pose is not None, "the pattern lets nobody bid without what it needs"
         assert obstacles is not None, "nor without that"
         if (pose.deviation > LOST_M) != self.seeks:
-            self.why = "the pose is known" if self.seeks else f"lost: +-{pose.deviation:.1f} m"
+            if self.seeks:
+                self.why = "the pose is known"
+            else:
+                self.why, self.lacks = f"lost: +-{pose.deviation:.1f} m", self.key_of(Pose)
             return None
         if not self.seeks:
             self.route.advance(pose.x, pose.y)

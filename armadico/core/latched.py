@@ -22,6 +22,8 @@ from dataclasses import dataclass
 from enum import Enum
 from typing import Final, TypeVar, cast
 
+from msgspec.structs import replace
+
 from armadico.core.messages import COUNTS, JUMP, Latched, Stop, counts_beyond, next_count
 
 GIVE_BACK_S: Final = 0.1
@@ -106,6 +108,11 @@ class Memory:
         newer = place is _Place.NEWS and (known is None or stop.counter != known.counter)
         if not seen and (stop.stopped or newer):
             self._presses.append(stop.press)
+        if place is _Place.NEWS and not stop.stopped and self._pressed_since(stop, was):
+            # Of two that counted apart: it ends nothing that was pressed after what it releases.
+            self._known[Stop] = replace(was, counter=next_count(stop.counter))
+            self._give_back(Stop, now)
+            return False
         if place is _Place.NEWS:
             self._take(stop)
             return stop.stopped != was.stopped
@@ -116,9 +123,13 @@ class Memory:
         # agent's state tells. Who counts far beyond may remember it, and is told at once.
         if place is _Place.FAR:
             self._give_back(Stop, now)
-        if not was.stopped:
-            self._known[Stop] = Stop(next_count(was.counter), True, stop.by, stop.press)
+        self._known[Stop] = replace(stop, counter=next_count(was.counter))
         return not was.stopped
+
+    def _pressed_since(self, release: Stop, known: Stop) -> bool:
+        """Whether the stop that is known was first heard after the one that is released."""
+        presses = [each for each in self._presses if each in (release.press, known.press)]
+        return known.stopped and presses == [release.press, known.press]
 
     def _place(self, message: Latched, now: float) -> _Place:
         """Where it stands to what is known."""

@@ -318,6 +318,11 @@ class Stop(Latched, frozen=True):
         return self.counter, int(self.stopped)
 
     @property
+    def who(self) -> str:
+        """By whom, for people."""
+        return self.by or "somebody"
+
+    @property
     def code(self) -> str:
         """What people type to release this stop and no other: six letters and digits."""
         return "".join(_SPELT[self.press >> 5 * place & 31] for place in range(6))
@@ -747,6 +752,7 @@ class MissionStatus(Message, frozen=True):
     to_go: Real  # m, along the waypoints that are left
     leg: Counter = 0  # index of the waypoint that is driven to
     note: Text = ""
+    refused: Text = ""  # why the last goal was that anybody asked for; empty: it was not
 
 
 class ExploreRequest(Message, frozen=True):
@@ -1237,8 +1243,10 @@ class BidRecord(Message, frozen=True):
     utility: Share | None
     critical: bool
     wanted: Action
-    reason: Text
+    reason: Text  # for people
     inputs: tuple[Text, ...] = ()  # the messages that it was made of
+    lacks: Text = ""  # without a bid: the key of what is not fresh, or too unsure to act upon
+    unsound: bool = False  # what was proposed is none that can be sent
 
 
 class BidHistory(Message, frozen=True):
@@ -1401,11 +1409,19 @@ class AssistantRecord(Message, frozen=True):
     left_out: Counter = 0
 
 
+class Event(StrEnum):
+    """What a line of the log tells of that programs go by, too."""
+
+    COMMANDS_REFUSED = "commands refused"  # by the owner of a resource
+    SLOWED = "slowed"  # the robot, for what its own sensors hear ahead
+
+
 class Log(Message, frozen=True):
-    """A line for people."""
+    """A line for people; what happened programs read from `event`, whatever the sentence."""
 
     level: Annotated[int, Meta(ge=0, le=50)]
     text: Text
+    event: Label = ""  # as in `Event`: commands refused, slowed; or an agent's own
 
 
 class JournalPiece(Message, frozen=True):

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterable
 from dataclasses import dataclass
 from math import isfinite
 from typing import Any, Final
@@ -161,6 +162,13 @@ def declare(resource: Resource) -> Resource:
             f"resource {resource.name!r} is declared twice, and differently: {known} and {resource}"
         )
     return resource
+
+
+def differently(theirs: Iterable[str], ours: Iterable[str]) -> tuple[str, str] | None:
+    """Of a resource that two sides declare differently both signatures; None: of none."""
+    own = {each.partition("(")[0]: each for each in ours}
+    pairs = ((each, own.get(each.partition("(")[0], each)) for each in theirs)
+    return next((pair for pair in pairs if pair[0] != pair[1]), None)
 
 
 def declared(name: str) -> Resource | None:

@@ -13,6 +13,7 @@ from enum import Enum
 from functools import cache
 
 from armadico.core import messages as m
+from armadico.core.cycles import PERIOD
 from armadico.core.resources import declared
 
 
@@ -42,6 +43,17 @@ class Service:
     def pattern(self) -> str:
         """The key expression that catches every publisher's key."""
         return "/".join("*" if "{" in chunk else chunk for chunk in self.key.split("/"))
+
+    @property
+    def deadline_s(self) -> float | None:
+        """The longest silence that the row allows, s; None: it may be silent for ever.
+
+        Only what is published all the time has one: claims and commands end with a tenure. Where no
+        freshness is promised it is two periods.
+        """
+        if self.kind is not Kind.STATE or self.rate_hz is None:
+            return None
+        return max((self.fresh_cycles or 0) * PERIOD, 2.0 / self.rate_hz)
 
     def key_for(self, **names: str) -> str:
         """The key of one publisher. Raises KeyError if a name is missing."""

@@ -82,7 +82,7 @@ class AttachedRun(LiveRun):
         state = self.client.latest(RobotState)
         if state is not None and state.stop.stopped:
             raise RunFailedError(
-                f"the robot is stopped by {state.stop.by}; `armadico resume` releases it"
+                f"the robot is stopped by {state.stop.who}; `armadico resume` releases it"
             )
         here = self.watch.here
         if here is None:

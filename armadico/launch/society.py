@@ -27,7 +27,7 @@ from armadico.config.profile import load_profile
 from armadico.config.scenarios import (
     PoseDeg,
     Scenario,
-    beside,
+    counted_from,
     ideal,
     known_sensors,
     mission_of,
@@ -134,7 +134,7 @@ def prepared(
 
 def profile_of(name: str | None) -> str | None:
     """The make of robot that is named on the command line, a path from here."""
-    return None if name is None else beside(Path.cwd() / "command line", name)
+    return None if name is None else counted_from(Path.cwd() / "command line", name)
 
 
 def names(scenario: Scenario, without: Sequence[str] = ()) -> tuple[str, ...]:

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections import Counter
 from collections.abc import Callable
 from math import inf
-from typing import Any
+from typing import Any, Self
 
 from armadico.core.messages import M, Message, encode
 from armadico.core.services import matches
@@ -28,6 +28,12 @@ class VirtualSession(Place):
         self._listeners: list[tuple[str, Step, Any]] = []
         self._answers: list[tuple[str, Callable[[Call], None]]] = []
         self._changed: list[Callable[[str, str, bool], None]] = []
+
+    def __enter__(self) -> Self:
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        self.close()
 
     # A mesh --------------------------------------------------------------------------------------
 

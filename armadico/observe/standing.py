@@ -16,22 +16,25 @@ from typing import Final
 
 from msgspec import Struct
 
-from armadico.core.agent import COMMANDS_REFUSED, NOT_FRESH, NOT_SOUND, WARNING
+from armadico.core.agent import WARNING
 from armadico.core.behaviour import LOST_M
 from armadico.core.cycles import PERIOD
-from armadico.core.messages import PROTOCOL, BidRecord, Cycle, MissionState, Obstacles, RobotState
-from armadico.core.resources import WHEELS
+from armadico.core.messages import (
+    PROTOCOL,
+    BidRecord,
+    Cycle,
+    Event,
+    MissionState,
+    Obstacles,
+    Pose,
+    RobotState,
+)
+from armadico.core.resources import WHEELS, differently
 from armadico.core.services import matches, service_of
 from armadico.observe.view import FRESH_CYCLES, QUIET_S, RESTS, View, agent_of
 
 MISSED: Final = 15
 """Cycles: bids are asked for once a second, so an older one is not the newest that there is."""
-
-MISSION, REFUSED = "mission ", "mission refused: "
-"""How log lines of missions begin, and those of goals that were refused."""
-
-SLOWED: Final = "slowed for what is ahead"
-"""What a robot agent logs that caps a speed by what its own sensors hear."""
 
 STARTS_S: Final = 1.0
 """From rest to motion it takes no longer, cycles and ramps included."""
@@ -210,7 +213,7 @@ class _Chain:
             missing = [n for r in self.view.reports.values() if r.acts for n in r.missing]
             if missing:
                 self.say(f"The society lacks {', '.join(missing)}.")
-            by = state.stop.by or "somebody"
+            by = state.stop.who
             return self.end(
                 Sort.STOP, by, f"It is stopped by {by}.", "`armadico resume` releases it"
             )
@@ -233,9 +236,8 @@ class _Chain:
         state = MissionState.NONE if mission is None else mission.state
         if state is MissionState.PLANNING:
             return self.end(Sort.PLANNING, "", "Its way is being planned.")
-        refused = self._refused_goal()
-        if refused:
-            what = f"It has no goal: the last one was refused, {refused}."
+        if mission is not None and mission.refused:
+            what = f"It has no goal: the last one was refused, {mission.refused}."
             return self.end(Sort.REFUSED_GOAL, "", what, "give it a goal that it can reach")
         if mission is None or state in (MissionState.NONE, MissionState.DRIVING):
             todo = "give it one: `armadico goto X Y`"
@@ -244,16 +246,6 @@ class _Chain:
             return self.end(Sort.REACHED, "", "It has reached its goal.")
         what = f"The mission was given up: {mission.note or 'nobody said why'}."
         return self.end(Sort.FAILED, "", what, "give it another goal")
-
-    def _refused_goal(self) -> str:
-        """Why the last goal was refused; empty: it was not, as far as it was heard or is told."""
-        lines = [s.log.text for s in self.view.logs if s.log.text.startswith(MISSION)]
-        if lines:
-            return lines[-1].removeprefix(REFUSED) if lines[-1].startswith(REFUSED) else ""
-        mission = self.view.mission
-        none = mission is not None and mission.state is MissionState.NONE
-        note = mission.note if mission is not None and none else ""
-        return note.removeprefix(REFUSED) if note.startswith(REFUSED) else ""
 
     # Who drives ----------------------------------------------------------------------------------
 
@@ -268,11 +260,9 @@ class _Chain:
         if not contenders:
             return self._nobody()
         self._complaints = {
-            bid.reason.removeprefix(NOT_FRESH)
+            bid.lacks
             for each in contenders
-            if (bid := view.bid(each.instance, WHEELS.name))
-            and not self._is_old(bid)
-            and bid.reason.startswith(NOT_FRESH)
+            if (bid := view.bid(each.instance, WHEELS.name)) and not self._is_old(bid) and bid.lacks
         }
         found = [self._contender(each.instance) for each in contenders]
         causes = [each for each in found if each is not None]
@@ -300,9 +290,8 @@ class _Chain:
         since = min(self.now - begun, self.now - (view.rests_since or self.now))
         if since < STARTS_S:
             return self.end(Sort.STARTING, name, f"{name} has just begun to drive.")
-        slowed = next((s for s in reversed(view.logs) if SLOWED in s.log.text), None)
-        if slowed is not None and self.now - slowed.at < LATELY_S:
-            what = f"{name} drives, and the robot heeds what is ahead: {slowed.log.text}."
+        if slowed := self._lately(Event.SLOWED):
+            what = f"{name} drives, and the robot heeds what is ahead: {slowed}."
             return self.end(Sort.BLOCKED, name, what, "clear what is near it")
         what = f"{name} drives, and the wheels do not turn: something holds them,"
         what += " or the controller does not do as it is told."
@@ -347,15 +336,14 @@ class _Chain:
         if bid.utility is not None:
             return None if bid.utility <= 0.0 else self._unobeyed(instance, bid)
         self.say(f"no bid ({bid.reason or 'it does not say why'}).", name)
-        if bid.reason.startswith(NOT_FRESH):
-            key = bid.reason.removeprefix(NOT_FRESH)
-            return self._came_since(key, instance) or self.lacking(key, instance)
-        if bid.reason.startswith(NOT_SOUND):
+        if bid.unsound:
             todo = f"mend {name}; `armadico logs {name}` has its last words"
             return Cause(Sort.UNSOUND, name, f"{name}: {bid.reason}", todo)
-        if self._is_lost() and "lost" in bid.reason:
+        if not (key := bid.lacks):
+            return None
+        if key == service_of(Pose).key and self._is_lost() and not self.silent(key):
             return self._lost()
-        return None
+        return self._came_since(key, instance) or self.lacking(key, instance)
 
     def _came_since(self, key: str, instance: str) -> Cause | None:
         """What somebody lacked when it was asked has come, first or again, since then.
@@ -418,21 +406,24 @@ class _Chain:
         foreign = self._foreign(instance)
         if foreign:
             return self.end(Sort.FOREIGN, name, foreign, f"install the same armadico for {name}")
-        refused = self.line(COMMANDS_REFUSED)
-        if refused is not None:
-            what = f"{name}'s commands are refused: {refused}."
-            return self.end(Sort.REFUSED, name, what)
+        if refused := self._lately(Event.COMMANDS_REFUSED):
+            return self.end(Sort.REFUSED, name, f"By {self._owner()}, {refused}.")
         to = self._owner()
         what = f"What {name} commands does not reach {to}."
         return self.end(Sort.LINK, f"{name} -> {to}", what, "look at the network between them")
 
     def _foreign(self, instance: str) -> str:
-        """Why others do not listen to an instance, by its card or their word; empty: they do."""
+        """Why others do not listen to an instance, by their cards; empty: they do."""
         card = self.view.cards.get(instance)
-        if card is not None and card.protocol != PROTOCOL:
+        if card is None:
+            return ""
+        if card.protocol != PROTOCOL:
             return f"{card.name} speaks protocol {card.protocol}, the others {PROTOCOL}."
-        said = [s.log.text for s in self.view.logs if s.log.text.startswith(f"{instance} (")]
-        return f"{said[-1]}." if said else ""
+        owners = [a.card for a in self.view.agents if a.card and WHEELS.name in a.card.owns]
+        for owner in owners:
+            if differing := differently(card.declares, owner.declares):
+                return f"{card.name} means {differing[0]}, {owner.name} {differing[1]}."
+        return ""
 
     def _is_lost(self) -> bool:
         pose = self.view.pose
@@ -605,14 +596,10 @@ class _Chain:
         allowed = (self.view.rates[key].deadline_s or 0.0) / self._cycle_s()
         return late if late > max(FRESH_CYCLES, round(allowed)) else 0
 
-    def line(self, begins: str) -> str | None:
-        """The rest of the newest log line that begins so; None if there was none of late."""
-        for said in reversed(self.view.logs):
-            if self.now - said.at > LATELY_S:
-                return None
-            if said.log.text.startswith(begins):
-                return said.log.text.removeprefix(begins)
-        return None
+    def _lately(self, event: Event) -> str:
+        """The newest log line that tells of an event; empty if there was none of late."""
+        lately = (said for said in reversed(self.view.logs) if self.now - said.at <= LATELY_S)
+        return next((said.log.text for said in lately if said.log.event == event), "")
 
 
 _ORDER: Final = tuple(Sort)

@@ -13,7 +13,7 @@ from dataclasses import dataclass
 from itertools import pairwise
 from math import degrees
 from statistics import mean, pstdev
-from typing import Final, NamedTuple
+from typing import Final, NamedTuple, TypeVar, cast
 
 from armadico.core.behaviour import LOST_M
 from armadico.core.cycles import PERIOD
@@ -37,10 +37,13 @@ from armadico.core.messages import (
     RobotState,
     StepEnd,
     Stop,
+    TeleopStatus,
     Trajectory,
     Truth,
 )
-from armadico.core.services import Kind, Service, service_at
+from armadico.core.services import Kind, service_at, service_of
+
+M = TypeVar("M", bound=Message)
 
 FRESH_CYCLES: Final = 3
 """A command obeyed longer ago than so many cycles is nobody's any more."""
@@ -57,6 +60,9 @@ RESTS: Final = 0.01
 
 LINES: Final = 200
 """Log lines that are still known, the last ones."""
+
+EXCHANGES: Final = 100
+"""Exchanges that are still known, the last ones."""
 
 WINDOW_S: Final = 5.0
 """Rates are those of so long."""
@@ -115,6 +121,16 @@ class Said(NamedTuple):
     log: Log
 
 
+class Exchanged(NamedTuple):
+    """When a resource began to obey another instance than before (s), or nobody: None."""
+
+    at: float
+    resource: str
+    before: str | None
+    now: str | None
+    claim: Claim | None  # of the one that it obeys now, as far as it was heard
+
+
 class View:
     """What is known of one society; `take`, `learn` and `token` bring it up to date.
 
@@ -122,7 +138,11 @@ class View:
         alive: The instances whose tokens are there, and since when.
         gone: Those whose tokens went, and when.
         cards: By instance, of those that are gone too.
-        bids: By instance, the newest record of a bid, or of why there was none, and when it came.
+        bids: By instance and resource, the newest record of a bid, or of why there was none, and
+            when it came; of the resources the one that was bid for last is the last.
+        exchanges: The newest times that a resource obeyed another one than before, the last one
+            last.
+        heard_at: When the robot agent's newest state came; None: none has.
         acks: By resource, its owner's newest word.
         rates: By key, how often something is published on it.
         newest: By key, the newest state that was published on it.
@@ -140,7 +160,8 @@ class View:
         self.alive: dict[str, float] = {}
         self.gone: dict[str, float] = {}
         self.cards: dict[str, Card] = {}
-        self.bids: dict[str, tuple[BidRecord, float]] = {}
+        self.bids: dict[str, dict[str, tuple[BidRecord, float]]] = {}
+        self.exchanges: deque[Exchanged] = deque(maxlen=EXCHANGES)
         self.acks: dict[str, Ack] = {}
         self.rates: dict[str, Rate] = {}
         self.newest: dict[str, Message] = {}
@@ -157,8 +178,9 @@ class View:
         self.board: Board | None = None
         self.level: BatteryLevel | None = None
         self.trajectory: Trajectory | None = None
-        self._bids: dict[tuple[str, str], BidRecord] = {}
-        self._correction: tuple[Correction, float] | None = None
+        self.heard_at: float | None = None
+        self._drivers: dict[str, str | None] = {}  # by resource, as of its newest ack
+        self._lately: dict[type[Message], tuple[Message, float]] = {}
         self._claims: dict[str, tuple[Claim, float, float]] = {}  # when, and its tenure's first
         self.rests_since: float | None = None
         self._acked: dict[str, tuple[float, float]] = {}  # when, and from ack to ack, s
@@ -190,14 +212,14 @@ class View:
                 del known[gone]
         for gone in list(self.gone)[:-GONE]:
             del self.gone[gone]
-            self._bids = {who: bid for who, bid in self._bids.items() if who[0] != gone}
         return True
 
     def take(self, key: str, message: Message | None, t: float) -> None:
         """Something was published on a key, without the namespace; None: it cannot be read."""
         rate = self.rates.get(key)
         if rate is None:
-            rate = self.rates[key] = Rate(deadline_s(service_at(key)))
+            service = service_at(key)
+            rate = self.rates[key] = Rate(None if service is None else service.deadline_s)
         rate.add(t)
         if message is None:
             return
@@ -214,8 +236,8 @@ class View:
                 setattr(self, _NEWEST[type(message)], message)
             case RobotState() | Pose():
                 self._take_place(message, t)
-            case Correction():
-                self._correction = message, t
+            case Correction() | TeleopStatus():
+                self._lately[type(message)] = message, t
             case Description():
                 self.description = message
                 if self.truth is not None and not self._own(self.truth.simulator):
@@ -233,9 +255,10 @@ class View:
                 self.reports[message.instance] = message
             case BidHistory():
                 self.answered[message.instance] = t
+                known = self.bids.setdefault(message.instance, {})
                 for bid in message.bids:
-                    self.bids[message.instance] = (bid, t)
-                    self._bids[message.instance, bid.resource] = bid
+                    known.pop(bid.resource, None)
+                    known[bid.resource] = bid, t
 
     # How things stand ----------------------------------------------------------------------------
 
@@ -303,7 +326,7 @@ class View:
 
     @property
     def stop(self) -> Stop:
-        """The stop as the robot has it."""
+        """The stop as the robot agent last had it; whether it still has it, `stopped` tells."""
         return Stop() if self.state is None else self.state.stop
 
     @property
@@ -313,9 +336,8 @@ class View:
 
     def confidence(self, now: float) -> float | None:
         """How sure it is of the pose by the map, 0 to 1; None: nobody says so now."""
-        if self._correction is None or now - self._correction[1] > QUIET_S:
-            return None
-        return self._correction[0].confidence
+        said = self._of_late(Correction, now, QUIET_S)
+        return None if said is None else said.confidence
 
     def whereabouts(self, now: float) -> str:
         """How well the pose is known, for people; empty: nobody says."""
@@ -333,9 +355,25 @@ class View:
         """The agents that are alive and compete for a resource, by name."""
         return [a.name for a in self.agents if a.card and resource in a.card.resources]
 
-    def bid(self, instance: str, resource: str) -> BidRecord | None:
-        """An instance's newest bid for one resource, or its reason for none, as far as asked."""
-        return self._bids.get((instance, resource))
+    def bid(self, instance: str, resource: str = "") -> BidRecord | None:
+        """An instance's newest bid for one resource, or any; or its reason for none; if asked."""
+        known = self.bids.get(instance, {})
+        found = known.get(resource) if resource else next(reversed(known.values()), None)
+        return None if found is None else found[0]
+
+    def hears_robot(self, now: float) -> bool:
+        """Whether the robot agent's newest state tells of now."""
+        return self.heard_at is not None and now - self.heard_at <= QUIET_S
+
+    def stopped(self, now: float) -> bool | None:
+        """Whether the stop is latched, by the robot agent's own word; None: it says nothing now."""
+        return self.stop.stopped if self.hears_robot(now) else None
+
+    def hand(self, now: float) -> TeleopStatus | None:
+        """Whose hand is on the stick, as far as whoever takes it tells of now."""
+        deadline = service_of(TeleopStatus).deadline_s
+        assert deadline is not None, "it is published all the time"
+        return self._of_late(TeleopStatus, now, deadline)
 
     def driver(self, resource: str, now: float) -> str | None:
         """The instance that a resource obeys now, as far as its owner's acks tell; None: nobody.
@@ -365,9 +403,14 @@ class View:
 
     # Inside --------------------------------------------------------------------------------------
 
+    def _of_late(self, kind: type[M], now: float, within: float) -> M | None:
+        said, at = self._lately.get(kind, (None, 0.0))
+        return cast("M | None", said) if now - at <= within else None
+
     def _take_place(self, said: RobotState | Pose, t: float) -> None:
         """Since when it rests, and since when it is lost."""
         if isinstance(said, RobotState):
+            self.heard_at = t
             self.state, rests = said, max(abs(said.v), abs(said.w)) <= RESTS
             self.rests_since = _since(self.rests_since, t) if rests else None
         else:
@@ -386,6 +429,12 @@ class View:
             if ack.cycle.number > before.cycle.number:
                 period = (t - at) / (ack.cycle.number - before.cycle.number)
         self.acks[ack.resource], self._acked[ack.resource] = ack, (t, period)
+        now, last = driver(ack), self._drivers.get(ack.resource)
+        if now != last:
+            self._drivers[ack.resource] = now
+            claim = self.claim(ack.resource, t)
+            ours = claim if claim is not None and claim.ballot.instance == now else None
+            self.exchanges.append(Exchanged(t, ack.resource, last, now, ours))
 
     def _take_claim(self, claim: Claim, t: float) -> None:
         known, at, first = self._claims.get(claim.resource, (None, t, t))
@@ -465,17 +514,3 @@ class Rate:
         """The gaps in the window; None before there is one."""
         gaps = [b - a for a, b in pairwise(self._arrivals)]
         return Spread(min(gaps), max(gaps), mean(gaps), pstdev(gaps)) if gaps else None
-
-
-def deadline_s(service: Service | None) -> float | None:
-    """The longest silence that its row of the table allows, s.
-
-    Only what is published all the time has one: claims and commands end with a tenure. Where no
-    freshness is promised it is two periods.
-    """
-    if service is None or service.kind is not Kind.STATE or service.rate_hz is None:
-        return None
-    period = 1.0 / service.rate_hz
-    if service.fresh_cycles is None:
-        return 2.0 * period
-    return max(service.fresh_cycles * PERIOD, 2.0 * period)

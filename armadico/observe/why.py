@@ -14,10 +14,9 @@ from dataclasses import dataclass
 from math import degrees, hypot
 from typing import Final, TypeVar
 
-from msgspec import Struct
 from msgspec.structs import replace
 
-from armadico.core.agent import AT_WORK, COMMANDS_REFUSED, REPORT_S
+from armadico.core.agent import AT_WORK, REPORT_S
 from armadico.core.coordination import SILENCE, Owner, Verdict, beats
 from armadico.core.cycles import CycleClock
 from armadico.core.exchange import Bid
@@ -29,6 +28,7 @@ from armadico.core.messages import (
     Claim,
     Command,
     Cycle,
+    Event,
     Message,
     MissionState,
     Obstacles,
@@ -40,6 +40,18 @@ from armadico.core.messages import (
 from armadico.core.motion import Body
 from armadico.core.resources import WHEELS, declared
 from armadico.core.services import matches
+from armadico.observe.explained import (
+    Bidding,
+    Collision,
+    Contest,
+    Exchange,
+    Input,
+    Moment,
+    Press,
+    bid_told,
+    contest_told,
+    outbid,
+)
 from armadico.observe.standing import Cause, Installed, Sort, standing
 from armadico.observe.view import FRESH_CYCLES, RESTS, View, agent_of
 
@@ -66,94 +78,6 @@ GONE_S: Final = 1.0
 
 REFUSED_S: Final = 1.0
 """Refusals of so long before a moment are told."""
-
-
-class Input(Struct, frozen=True):
-    """What a bid was made of: the newest state on a key, and how many cycles old it was then."""
-
-    key: str
-    age: int | None  # cycles; none: of another epoch, or without a cycle
-    what: str
-
-
-class Bidding(Struct, frozen=True):
-    """What one contender would have done, with the inputs of that."""
-
-    agent: str
-    instance: str
-    host: str
-    cycle: int | None  # that its bid answers; none: it was not asked in time
-    utility: float | None  # none: it has no bid, for the reason
-    critical: bool = False
-    wanted: tuple[float, ...] = ()  # empty for what is no numbers
-    reason: str = ""
-    inputs: tuple[Input, ...] = ()
-
-
-class Contest(Struct, frozen=True):
-    """One resource in one moment: who holds it, what comes of it, and what the others would do."""
-
-    resource: str
-    holder: str  # the instance that claims it; empty: nobody
-    term: int | None
-    utility: float | None
-    critical: bool
-    wanted: tuple[float, ...]
-    commanded: tuple[float, ...]
-    loser: str  # from whom it is being taken over; empty: no exchange is under way
-    obeyed: str  # the instance that its owner obeys; empty: nobody
-    measured: tuple[float, ...]
-    refused: tuple[str, ...]  # commands that the owner would not have, of late
-    bids: tuple[Bidding, ...]
-
-
-class Moment(Struct, frozen=True):
-    """How everything stood at a time, s of whoever recorded it."""
-
-    t: float
-    cycle: int | None
-    stands: bool
-    contests: tuple[Contest, ...]
-    sentences: tuple[str, ...]
-    cause: Cause | None
-
-
-class Exchange(Struct, frozen=True):
-    """Another agent was obeyed than before; counted from 1 for each resource."""
-
-    number: int
-    t: float
-    cycle: int
-    resource: str
-    loser: str
-    winner: str
-    cycles: int  # that the winner's own action was blended with the loser's
-    sentences: tuple[str, ...]
-    cause: Cause
-    bids: tuple[Bidding, ...]
-
-
-class Press(Struct, frozen=True):
-    """A stop that was latched; counted from 1. Times are s; none: it did not happen."""
-
-    number: int
-    t: float
-    by: str
-    stood: float | None  # s after it the robot stood
-    released: float | None
-    released_by: str
-    sentences: tuple[str, ...]
-    cause: Cause
-
-
-class Collision(Struct, frozen=True):
-    """The robot touched something; counted from 1."""
-
-    number: int
-    t: float
-    sentences: tuple[str, ...]
-    cause: Cause
-    moment: Moment
 
 
 @dataclass
@@ -452,16 +376,16 @@ class Chronicle:
         By a judge as its owner's, and by the owner's own word, which is told now and then.
         """
         for said in self.view.logs:
-            if self.now - said.at <= REPORT_S and said.log.text.startswith(COMMANDS_REFUSED):
-                yield said.log.text.removeprefix(COMMANDS_REFUSED)
-        told = {}
+            if self.now - said.at <= REPORT_S and said.log.event == Event.COMMANDS_REFUSED:
+                yield said.log.text
+        newest = {}
         for at, command, verdict in self._commands:
             if command.resource == name and self.now - at <= REFUSED_S:
-                told[command.ballot.instance] = verdict
+                newest[command.ballot.instance] = verdict
         fine = {Verdict.OBEYED, Verdict.RELEASED, *AT_WORK}
-        for instance, verdict in told.items():
+        for instance, verdict in newest.items():
             if verdict not in fine:
-                yield f"{agent_of(instance)}: {verdict}"
+                yield f"commands refused: {agent_of(instance)}: {verdict}"
 
     def _moment(self, of: _Snapshot) -> Moment:
         cycle = None if of.state is None else of.state.cycle
@@ -472,10 +396,10 @@ class Chronicle:
         at = "" if number is None else f", cycle {number}"
         said = [f"At {of.t:.2f} s{at}:", *of.said]
         for each in contests:
-            said += _told(each)
+            said += contest_told(each)
         cause = of.cause
         if cause is None and contests:
-            cause = _outbid(contests[0])
+            cause = outbid(contests[0])
         return Moment(of.t, number, of.stands, contests, tuple(said), cause)
 
     def _biddings(self, name: str, cycle: Cycle | None, of: _Snapshot) -> tuple[Bidding, ...]:
@@ -531,7 +455,7 @@ class Chronicle:
             f"{winner} cast term {ballot.term} with {ballot.utility:.2f}{critical}.",
             cause.what,
         ]
-        said += [_bid(each) for each in bids]
+        said += [bid_told(each) for each in bids]
         if of.blended:
             said.append(f"Its action was blended with {loser}'s for {of.blended} cycles.")
         number = self._counts[resource] = self._counts.get(resource, 0) + 1
@@ -595,7 +519,7 @@ class Chronicle:
     # A stop --------------------------------------------------------------------------------------
 
     def _press(self, of: _Pressed) -> Press:
-        by = of.stop.by or "somebody"
+        by = of.stop.who
         when = "Before it was listened" if of.before else f"At {of.t:.2f} s"
         said = [f"{when} {by} latched the stop."]
         if of.before:
@@ -607,7 +531,7 @@ class Chronicle:
         if of.released is not None:
             said.append(f"{of.released_by or 'Somebody'} released it at {of.released:.2f} s.")
         elif anew := next((each for each in self._pressed if each.number > of.number), None):
-            who = anew.stop.by or "somebody"
+            who = anew.stop.who
             said.append(f"Before it was released {who} latched another at {anew.t:.2f} s.")
         else:
             said.append("Nobody has released it.")
@@ -653,41 +577,6 @@ class Chronicle:
         return min(away, default=None)
 
 
-# In words -----------------------------------------------------------------------------------------
-
-
-def _told(of: Contest) -> Iterator[str]:
-    """A contest in sentences."""
-    name = of.resource
-    if of.holder:
-        rank = f"{of.utility:.2f}{', critical' if of.critical else ''}"
-        text = f"{name}: {agent_of(of.holder)} holds it (term {of.term}) with {rank}"
-        if of.wanted:
-            text += f", wants {_pair(of.wanted)}"
-        if of.loser:
-            text += (
-                f" and commands {_pair(of.commanded)}, still blended with {agent_of(of.loser)}'s"
-            )
-        yield text + "."
-    elif of.bids or of.obeyed:
-        yield f"{name}: nobody claims it."
-    if of.obeyed and of.obeyed != of.holder:
-        yield f"Its owner obeys {agent_of(of.obeyed)}."
-    elif of.holder and not of.obeyed:
-        yield "Its owner obeys nobody."
-    for refusal in of.refused:
-        yield f"Its owner refuses commands: {refusal}."
-    for each in of.bids:
-        yield _bid(each)
-    by_inputs: dict[tuple[Input, ...], list[str]] = {}
-    for each in of.bids:
-        if each.inputs:
-            by_inputs.setdefault(each.inputs, []).append(each.agent)
-    for inputs, agents in by_inputs.items():
-        made = "; ".join(f"{i.key} {i.what}{_old(i.age)}" for i in inputs)
-        yield f"{', '.join(agents)}: by {made}."
-
-
 def _keep(kept: list[T], one: T) -> None:
     kept.append(one)
     del kept[:-MOST]
@@ -700,36 +589,6 @@ def _answering(bids: Iterable[BidRecord], cycle: Cycle) -> list[BidRecord]:
         for bid in bids
         if bid.cycle.epoch == cycle.epoch and 0 <= cycle.number - bid.cycle.number <= AGO
     ]
-
-
-def unasked(answer: Moment | Exchange | Collision) -> set[str]:
-    """The instances whose bids are missing in an answer: nobody asked them in time."""
-    moment = answer.moment if isinstance(answer, Collision) else answer
-    contests = moment.contests if isinstance(moment, Moment) else (moment,)
-    return {bid.instance for each in contests for bid in each.bids if bid.cycle is None}
-
-
-def _bid(of: Bidding) -> str:
-    """One contender's in a sentence."""
-    if of.cycle is None:
-        return f"{of.agent} had no turn, or was not asked in time."
-    if of.utility is None:
-        return f"{of.agent} had no bid: {of.reason or 'it does not say why'}."
-    critical = ", critical" if of.critical else ""
-    why = f" ({of.reason})" if of.reason else ""
-    to = f" for {_pair(of.wanted)}" if of.wanted else ""
-    return f"{of.agent} bid {of.utility:.2f}{critical}{to}{why}."
-
-
-def _outbid(of: Contest) -> Cause | None:
-    """Who would have had it but for the holder; None if nobody else had a bid."""
-    others = [b for b in of.bids if b.utility and b.instance != of.holder]
-    if not of.holder or not others:
-        return None
-    best = max(others, key=lambda b: (b.utility or 0.0, b.critical))
-    holder = agent_of(of.holder)
-    what = f"{best.agent}'s {best.utility:.2f} is not more than {holder}'s {of.utility:.2f}."
-    return Cause(Sort.OUTBID, holder, what)
 
 
 def _inputs(bid: BidRecord, newest: dict[str, Message], cycle: Cycle | None) -> Iterator[Input]:
@@ -762,13 +621,5 @@ def _age(at: Cycle | None, cycle: Cycle | None) -> int | None:
     return cycle.number - at.number
 
 
-def _old(age: int | None) -> str:
-    return f", {age} cycles old" if age is not None and age > 1 else ""
-
-
 def _numbers(action: Action) -> tuple[float, ...]:
     return () if isinstance(action, bytes) else action
-
-
-def _pair(action: tuple[float, ...]) -> str:
-    return f"({', '.join(f'{each:.2f}' for each in action)})"

@@ -104,9 +104,9 @@ class Latching:
         if not stop.stopped:
             self.done = not late
         elif release is None and self._code not in (None, stop.code):
-            self.refusal = f"it is stopped by {stop.by or 'somebody'}, and the code of that is"
+            self.refusal = f"it is stopped by {stop.who}, and the code of that is"
             self.refusal += f" {stop.code}: {self._code} was another stop's"
         elif release is None or (not late and stop.press == release.press):
             self._release = Stop(next_count(stop.counter), False, self._by, stop.press)
         elif not late:
-            self.refusal = f"it was stopped again meanwhile, by {stop.by or 'somebody'}"
+            self.refusal = f"it was stopped again meanwhile, by {stop.who}"

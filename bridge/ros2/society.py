@@ -396,7 +396,7 @@ class Society:
         if state.stalled:
             level, said = WARN, "stalled"
         if state.stop.stopped:
-            level, said = WARN, f"stopped by {state.stop.by or 'somebody'}"
+            level, said = WARN, f"stopped by {state.stop.who}"
         if self._pose is not None and self._pose.deviation > LOST_M:
             level, said = ERROR, f"lost: the pose is {self._pose.deviation:.1f} m off"
         return self._status(level, "robot", said, values)

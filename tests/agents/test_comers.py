@@ -3,23 +3,16 @@
 from __future__ import annotations
 
 from math import hypot, inf, radians
-from typing import NamedTuple
 
 import pytest
 
 from armadico.agents.methods.comers import AHEAD_S, Comers
 from armadico.core.swept_path import Outline
+from tests.agents.pings import Ping
 
 BODY = Outline(0.21, 0.23, 0.165)
 PING_S = 0.04
 AHEAD = 0.15  # where the sonar sits
-
-
-class Ping(NamedTuple):
-    x: float
-    y: float
-    bearing: float
-    range: float | None
 
 
 def watched(

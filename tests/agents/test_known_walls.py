@@ -3,23 +3,16 @@
 from __future__ import annotations
 
 from math import cos, hypot, pi, radians, sin
-from typing import NamedTuple
 
 import pytest
 
 from armadico.agents.methods.known_walls import HEARD_CYCLES, STEP_M, KnownWalls, Segment
 from armadico.agents.methods.settings import WallSettings
 from armadico.core.geometry import Pose2, to_world
+from tests.agents.pings import Ping
 
 WALL = (1.0, -2.0, 1.0, 2.0)  # square across the way, a metre ahead
 HERE: Pose2 = (0.0, 0.0, 0.0)
-
-
-class Ping(NamedTuple):
-    x: float
-    y: float
-    bearing: float
-    range: float | None
 
 
 def sure(deviation: float) -> tuple[float, ...]:

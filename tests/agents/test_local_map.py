@@ -1,7 +1,6 @@
 """The local map keeps what was hit where it was hit, moves it with the robot, and lets it go."""
 
 import math
-from typing import NamedTuple
 
 import pytest
 from hypothesis import given
@@ -25,14 +24,7 @@ from armadico.config.loading import load_parameters
 from armadico.config.parameters import load_set
 from armadico.core.geometry import compose, relative
 from armadico.core.swept_path import Outline
-
-
-class Ping(NamedTuple):
-    x: float
-    y: float
-    bearing: float
-    range: float | None
-
+from tests.agents.pings import Ping
 
 RING = [
     Ping(x, y, math.radians(bearing), None)

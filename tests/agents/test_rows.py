@@ -11,7 +11,7 @@ from armadico.agents.methods.near import Obstacle
 from armadico.agents.methods.rows import AHEAD_M, END_M, Heard, Through, onward
 from armadico.agents.methods.settings import MapSettings
 from armadico.core.swept_path import Outline
-from tests.agents.test_local_map import Ping
+from tests.agents.pings import Ping
 
 BODY = Outline(0.21, 0.23, 0.165)
 SLOPE = 0.176

@@ -12,7 +12,7 @@ from rich.progress import Progress
 
 from armadico.cli import ps
 from armadico.cli.measures import WORDS, show, statistics
-from armadico.cli.run import bar, remark
+from armadico.cli.progress import bar, remark
 from armadico.core.messages import PROTOCOL, Card, MissionState, MissionStatus
 from armadico.observe.hosts import census
 from armadico.observe.measures import Result, RunWatch

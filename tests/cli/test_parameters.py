@@ -20,16 +20,6 @@ from armadico.mesh.virtual import VirtualMesh
 from armadico.mesh.virtual_session import VirtualSession
 
 
-class Session(VirtualSession):
-    """One that a command opens and leaves."""
-
-    def __enter__(self) -> Session:
-        return self
-
-    def __exit__(self, *_: object) -> None:
-        self.close()
-
-
 class Crowd:
     """Goto, and whoever else a test wants."""
 
@@ -46,7 +36,7 @@ class Crowd:
 @pytest.fixture
 def crowd(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> Crowd:
     made = Crowd()
-    monkeypatch.setattr(options, "join", lambda _args: Session(made.mesh))
+    monkeypatch.setattr(options, "join", lambda _args: VirtualSession(made.mesh))
     monkeypatch.chdir(tmp_path)
     return made
 

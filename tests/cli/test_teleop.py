@@ -16,10 +16,11 @@ from armadico.agents.teleop import Teleop
 from armadico.cli import options, teleop
 from armadico.cli.teleop import AGAIN_S, FIRST_S, Hand, Keys, Order
 from armadico.config.scenarios import Scenario, ideal
-from armadico.core.messages import Cycle, Message, RobotState, Stick, Truth
+from armadico.core.messages import Cycle, RobotState, Stick, Truth
 from armadico.launch.society import Options
 from armadico.launch.virtual import Rehearsal
 from armadico.mesh.virtual_session import VirtualSession
+from tests.driven import Driven
 
 LINE = ideal(Scenario(name="line", world="sc1", start=(-1.5, 0.0, 0.0), goal=(6.5, 0.0, 0.0)))
 UP = "\x1b[A"
@@ -102,33 +103,13 @@ def test_a_hand_speaks_once_a_cycle_and_once_when_it_lets_go() -> None:
 # The command --------------------------------------------------------------------------------------
 
 
-class Session(VirtualSession):
-    """One that a command opens and leaves."""
-
-    def __enter__(self) -> Session:
-        return self
-
-    def __exit__(self, *_: object) -> None:
-        self.close()
-
-
-class Seat:
+class Seat(Driven):
     """A robot, and somebody at a terminal."""
 
     def __init__(self) -> None:
-        self.run = Rehearsal(LINE, Options(seed=1))
-        self.mesh = self.run.mesh
+        super().__init__(Rehearsal(LINE, Options(seed=1)), Truth, Stick, RobotState)
         self.keyboard, self.terminal = pty.openpty()
         self.screen: list[str] = []
-        self.truths: list[Truth] = []
-        self.sticks: list[Stick] = []
-        self.states: list[RobotState] = []
-        self.mesh.watch(self._keep, Truth, Stick, RobotState)
-
-    def _keep(self, _key: str, message: Message, _now: float) -> None:
-        for kind, kept in ((Truth, self.truths), (Stick, self.sticks), (RobotState, self.states)):
-            if isinstance(message, kind):
-                kept.append(message)  # type: ignore[attr-defined]
 
     def type(self, at: float, text: str, times: int = 1) -> None:
         """Press a key so many s from now, and hold it: it is repeated each 0.1 s."""
@@ -145,7 +126,7 @@ class Seat:
     def teleop(self, *words: str) -> int:
         """The command, at this terminal; its exit code."""
         with pytest.MonkeyPatch.context() as patch:
-            patch.setattr(options, "join", lambda _args: Session(self.mesh, name="hand"))
+            patch.setattr(options, "join", lambda _args: VirtualSession(self.mesh, name="hand"))
             patch.setattr("sys.stdin", Terminal(self.terminal, []))
             patch.setattr("sys.stdout", Terminal(self.terminal, self.screen))
             return cli.main(["teleop", *words])
@@ -191,15 +172,15 @@ def test_keys_drive_the_robot_and_a_release_has_it_stand(seat: Seat) -> None:
     before = termios.tcgetattr(seat.terminal)
     seat.type(1.0, "+", times=5)
     seat.type(4.0, UP, times=30)
-    seat.then(6.9, lambda: speeds.append(seat.truths[-1].v))
-    seat.then(9.5, lambda: speeds.append(seat.truths[-1].v))
+    seat.then(6.9, lambda: speeds.append(seat.last(Truth).v))
+    seat.then(9.5, lambda: speeds.append(seat.last(Truth).v))
     seat.type(9.6, "q")
     speeds: list[float] = []
     assert seat.teleop() == 0
     assert speeds[0] > 0.45
     assert abs(speeds[1]) < 0.01
-    assert {stick.v for stick in seat.sticks if stick.held} == {1.0}
-    assert not seat.sticks[-1].held
+    assert {stick.v for stick in seat.of(Stick) if stick.held} == {1.0}
+    assert not seat.last(Stick).held
     assert termios.tcgetattr(seat.terminal) == before
     assert "by hand" in seat.lines
 
@@ -209,9 +190,9 @@ def test_the_space_bar_stops_it_and_r_releases_it(seat: Seat) -> None:
     seat.type(3.0, "w", times=30)
     seat.type(6.0, " ")
     seat.type(6.1, "w", times=10)
-    seat.then(10.0, lambda: stops.append(seat.states[-1].stop))
+    seat.then(10.0, lambda: stops.append(seat.last(RobotState).stop))
     seat.type(10.1, "r")
-    seat.then(11.5, lambda: stops.append(seat.states[-1].stop))
+    seat.then(11.5, lambda: stops.append(seat.last(RobotState).stop))
     seat.type(12.0, "q")
     stops: list[Any] = []
     assert seat.teleop() == 0
@@ -227,7 +208,7 @@ def test_who_comes_second_is_told_whose_it_is(seat: Seat) -> None:
     number = iter(range(10**6))
 
     def push(*_: object) -> None:
-        cycle = seat.states[-1].cycle
+        cycle = seat.last(RobotState).cycle
         other.publish("teleop/stick", Stick(cycle, "bob", next(number), 0.0, 0.0))
         seat.mesh.call_at(seat.mesh.now + 0.1, push)
 
@@ -236,7 +217,7 @@ def test_who_comes_second_is_told_whose_it_is(seat: Seat) -> None:
     seat.type(5.0, "q")
     assert seat.teleop() == 0
     assert "bob has the stick: it lets go first" in seat.lines
-    assert abs(seat.truths[-1].v) < 0.01
+    assert abs(seat.last(Truth).v) < 0.01
 
 
 def test_a_terminal_that_is_closed_lets_go(seat: Seat) -> None:
@@ -244,7 +225,7 @@ def test_a_terminal_that_is_closed_lets_go(seat: Seat) -> None:
     seat.type(3.0, "w", times=5)
     seat.type(3.5, "\x04")
     assert seat.teleop() == 0
-    assert not seat.sticks[-1].held
+    assert not seat.last(Stick).held
 
 
 def test_where_nobody_takes_a_stick_that_is_said(

@@ -90,6 +90,22 @@ def test_who_presses_again_stops_again() -> None:
     assert memory.newest(Stop) == Stop(8, True, "a", 2)
 
 
+@pytest.mark.parametrize("counter", [3, 7], ids=["who knows nothing", "who has heard"])
+def test_a_release_of_an_older_stop_ends_none_that_was_pressed_since(counter: int) -> None:
+    memory = knowing(Stop(6, True, "a", 1))
+    assert not memory.hear(Stop(counter, True, "b", 2), 1.0), "no news: it is stopped"
+    assert not memory.hear(Stop(9, False, "c", 1), 1.0), "of a society that counted apart"
+    stands = Stop(10, True, "b", 2)
+    assert memory.newest(Stop) == stands
+    assert given_back(memory, 1.0) == [stands], "and who released it is told"
+    assert memory.hear(Stop(11, False, "c", 2), 2.0)
+
+
+def test_a_release_of_a_stop_that_was_not_heard_is_of_a_newer_one() -> None:
+    memory = knowing(Stop(6, True, "a", 1))
+    assert memory.hear(Stop(9, False, "c", 2), 1.0)
+
+
 def test_a_stop_with_a_huge_counter_stops_and_can_be_released() -> None:
     memory = knowing(Stop(6, False, "a", 1))
     assert memory.hear(Stop(LARGEST_COUNT, True, "forger", 2), 1.0)

@@ -199,6 +199,7 @@ def test_a_message_travels_as_a_cbor_array() -> None:
         2.0,
         0,
         "",
+        "",
     ]
 
 

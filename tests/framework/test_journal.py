@@ -79,7 +79,7 @@ def test_what_enters_and_leaves_is_in_it_in_order() -> None:
     ]
     assert found[0] == [j.START, 10.0, False, b"head"]
     assert found[3][3:] == ["alarm", encode(Alarm("R1"))]
-    assert msgpack.decode(found[4][1]) == [[j.PUBLISH, "log/bell-1", [20, "in R1"]]]
+    assert msgpack.decode(found[4][1]) == [[j.PUBLISH, "log/bell-1", [20, "in R1", ""]]]
     assert [entry[2] for entry in found if entry[0] == j.TAKE] == [None, 12.0, None]
     assert driver.pieces() == []
 

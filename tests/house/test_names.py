@@ -17,7 +17,7 @@ EXCEPTIONS = {
     ("armadico.cli.fleet", "robot"): "an option, --robot, and a column",
     ("armadico.config.scenarios", "robot"): "a key of a scenario's file: its robot's profile",
     ("armadico.config.hosts", "robot"): "a key of a host's entry: its robot's address",
-    ("armadico.cli.run", "robot"): "an option, --robot",
+    ("armadico.cli.run_options", "robot"): "an option, --robot",
     ("armadico.cli.doctor", "monitor"): "what is checked: a row of the table",
     ("armadico.cli.top", "robot"): "a part of a snapshot: what the robot does",
 }

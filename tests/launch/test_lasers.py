@@ -16,11 +16,12 @@ from armadico.bridge.simulator.simulated import SimulatedRobot
 from armadico.config.scenarios import Scenario, ideal, load_scenario
 from armadico.config.shipped import find
 from armadico.core.agent import Agent
-from armadico.core.messages import Log, Message, Obstacles, RobotState, Scan, Truth
+from armadico.core.messages import Log, Obstacles, RobotState, Scan, Truth
 from armadico.core.scans import message_of
 from armadico.launch.society import Options, prepared
 from armadico.launch.virtual import Rehearsal
 from armadico.observe.measures import Result
+from tests.driven import Driven
 
 Ranges = np.ndarray
 JACKAL, BURGER = "jackal", "turtlebot3-burger"
@@ -41,26 +42,22 @@ def test_scenarios_are_driven_by_a_laser_and_nothing_is_touched(name: str, robot
     assert result.collisions == 0, again
 
 
-class Drive:
+class Drive(Driven):
     """A drive on an empty floor, on which the laser may go wrong."""
 
     def __init__(self) -> None:
         scenario = replace(
             load_scenario("sc2"), name="line", start=(-1.5, 2.5, 0.0), goal=(11.0, 2.5, 0.0)
         )
-        self.run = rehearsal(scenario)
-        self.logs: list[str] = []
-        self.seen: list[Message] = []
-        mesh = self.run.mesh
-        mesh.watch(lambda _k, m, _t: self.logs.append(m.text), Log)  # type: ignore[attr-defined]
-        mesh.watch(lambda _k, m, _t: self.seen.append(m), Scan, Obstacles)
+        super().__init__(rehearsal(scenario), Log, Scan, Obstacles)
         robot = self.run.robot
         assert isinstance(robot, SimulatedRobot)
         self.plant = robot.plant
-        self.run.start()
-        self.run.begin()
-        self.on(5.0)
+        self.begin().on(5.0)
         assert self.speed > 0.2, "it drives"
+
+    def logs(self) -> list[str]:
+        return [log.text for log in self.of(Log)]
 
     def on(self, seconds: float) -> None:
         self.run.mesh.run(self.run.mesh.now + seconds, lambda: self.run.watch.done)
@@ -157,7 +154,7 @@ def test_a_laser_that_goes_blind_stops_the_robot_and_it_goes_on_when_it_sees_aga
     drive.plant.scan = lambda: ALL_BAD[how](scan())  # type: ignore[method-assign]
     drive.on(2.5)
     assert abs(drive.speed) < 0.01
-    assert any("nobody drives blind" in text for text in drive.logs)
+    assert any("nobody drives blind" in text for text in drive.logs())
     drive.plant.scan = scan  # type: ignore[method-assign]
     drive.on(4.0)
     assert drive.speed > 0.2
@@ -174,7 +171,7 @@ def test_a_laser_that_stops_stops_the_robot() -> None:
     base._topics = [(n, r, (lambda: None) if s == kept else s) for n, r, s in base._topics]
     drive.on(2.5)
     assert abs(drive.speed) < 0.01
-    assert any("the laser tells nothing" in text for text in drive.logs)
+    assert any("the laser tells nothing" in text for text in drive.logs())
 
 
 def test_one_that_spins_backwards_sees_the_same() -> None:
@@ -191,9 +188,9 @@ def test_one_that_spins_backwards_sees_the_same() -> None:
 
     laser._topics = [(n, r, backwards if s == forwards else s) for n, r, s in laser._topics]
     drive.on(1.0)
-    drive.seen.clear()
+    since = drive.mesh.now
     drive.on(60.0)
-    assert all(m.step < 0.0 for m in drive.seen if isinstance(m, Scan))
+    assert all(m.step < 0.0 for m in drive.of(Scan, since))
     result = drive.run.watch.result()
     assert result.reached
     assert result.collisions == 0

@@ -30,6 +30,7 @@ from armadico.launch.society import Options
 from armadico.launch.virtual import Rehearsal
 from armadico.launch.wakeup import Wakeup
 from armadico.mesh.virtual import Node
+from tests.driven import Driven
 
 SC4 = load_scenario("sc4")
 DRIVEN = ideal(SC4, keeping=("relocate",))
@@ -55,19 +56,17 @@ BACK_S = {"killed": 1.5, "hung": 5.0, "deaf": 7.0}
 """s until another instance is at work, as docs/reliability.md has it."""
 
 
-class Society:
+class Society(Driven):
     """A scenario on hosts, and what monitors and hosts do in it."""
 
     def __init__(self, table: HostTable = ONE, scenario: Scenario = DRIVEN, seed: int = 1) -> None:
-        self.run = Rehearsal(scenario, Options(seed=seed, limit=150.0), hosts=table)
-        self.mesh = self.run.mesh
+        run = Rehearsal(scenario, Options(seed=seed, limit=150.0), hosts=table)
+        super().__init__(run, MonitorReport, Stop)
         self.notes: list[str] = []
         self.stops: list[Stop] = []
         self.reports: dict[str, MonitorReport] = {}
-        self.mesh.watch(self._keep, MonitorReport, Stop)
         self.begun = Counter(node.name for node in self.mesh.nodes)
-        self.run.start()
-        self.run.begin()
+        self.begin()
 
     def _keep(self, _key: str, message: Message, _now: float) -> None:
         if isinstance(message, Stop):
@@ -76,10 +75,6 @@ class Society:
             self.reports[message.instance] = message
             if message.note and message.note not in self.notes:
                 self.notes.append(message.note)
-
-    def let_pass(self, seconds: float) -> Society:
-        self.mesh.run(self.mesh.now + seconds)
-        return self
 
     def back(self, name: str, within: float) -> None:
         """A new instance of an agent is at work within so long."""
@@ -91,13 +86,13 @@ class Society:
             return node is not before and node.driver.started
 
         self.mesh.run(end, there)
-        assert there(), f"{name} is not back after {within} s: {self.notes} {self.said()}"
+        assert there(), f"{name} is not back after {within} s: {self.notes} {self.hosts_say()}"
 
     def more(self) -> dict[str, int]:
         """How many instances of whom were started besides the first ones."""
         return dict(Counter(node.name for node in self.mesh.nodes) - self.begun)
 
-    def said(self) -> list[str]:
+    def hosts_say(self) -> list[str]:
         return [text for host in self.run.hosts.values() for text in host.said]
 
     def arrives(self) -> bool:
@@ -131,7 +126,7 @@ def test_where_nothing_is_wrong_nobody_is_asked_for_anything(scenario: Scenario)
     table = HostTable({"here": Host(agents=("robot", *scenario.agents, "monitor"))})
     society = Society(table, scenario)
     society.let_pass(30.0)
-    assert (society.notes, society.more(), society.said()) == ([], {}, [])
+    assert (society.notes, society.more(), society.hosts_say()) == ([], {}, [])
     assert [report.missing for report in society.reports.values()] == [()]
 
 
@@ -171,7 +166,7 @@ def test_a_lone_monitor_that_hangs_is_killed_by_its_host() -> None:
     society = Society().let_pass(6.0)
     society.mesh.node("monitor").hang()
     society.back("monitor", 12.0)
-    assert "monitor is killed: it watches" in society.said()[0]
+    assert "monitor is killed: it watches" in society.hosts_say()[0]
     society.mesh.node("goto").hang()
     society.back("goto", 6.0)
 
@@ -192,7 +187,7 @@ def test_one_that_dies_at_start_again_and_again_ends_its_host_with_its_last_word
     )
     society.mesh.node("goto").kill()
     society.let_pass(15.0)
-    (said,) = (text for text in society.said() if "is not started again" in text)
+    (said,) = (text for text in society.hosts_say() if "is not started again" in text)
     assert "goto ended with signal SIGKILL" in said
     assert not society.run.hosts["b"].wakeup.alive
 

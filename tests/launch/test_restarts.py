@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from itertools import pairwise
 from math import hypot
-from typing import Any
 
 import pytest
 from msgspec.structs import replace
@@ -21,7 +20,6 @@ from armadico.core.messages import (
     Command,
     Cycle,
     Log,
-    Message,
     MissionStatus,
     Obstacles,
     Origin,
@@ -31,12 +29,12 @@ from armadico.core.messages import (
     Trajectory,
     Truth,
 )
-from armadico.core.resources import WHEELS
 from armadico.core.services import service_of
 from armadico.launch.society import Options
 from armadico.launch.virtual import Rehearsal
 from armadico.mesh.virtual import Node
 from armadico.runtime.latch import Latching
+from tests.driven import Driven
 
 LINE = Scenario(
     name="line",
@@ -50,39 +48,22 @@ LINE = Scenario(
 ALONE = ("robot", "encoder", "sonar", "path-planning", "interface")
 
 
-class Drive:
+class Drive(Driven):
     """The scenario, begun, and what is published in it."""
 
     def __init__(self, seed: int = 1, seconds: float = 4.0) -> None:
-        self.run = Rehearsal(LINE, Options(seed=seed))
-        self.mesh = self.run.mesh
-        self.said: list[tuple[float, Any]] = []
         kinds = (Truth, Pose, Command, Claim, RobotState, Obstacles, Stop, Log, MissionStatus)
-        self.mesh.watch(self._keep, *kinds, Trajectory, Ack, Origin)
-        self.run.start()
-        self.run.begin()
-        self.let_pass(seconds)
+        super().__init__(Rehearsal(LINE, Options(seed=seed)), *kinds, Trajectory, Ack, Origin)
+        self.begin().let_pass(seconds)
         assert abs(self.truth().v) > 0.1, "it drives"
 
-    def _keep(self, _key: str, message: Message, now: float) -> None:
-        self.said.append((now, message))
-
-    def of(self, kind: type[Message], since: float = 0.0) -> list[Any]:
-        """What was said of a kind; of the wheels, where it is of a resource."""
-        of = [m for at, m in self.said if type(m) is kind and at > since]
-        return [m for m in of if getattr(m, "resource", WHEELS.name) == WHEELS.name]
-
     def truth(self) -> Truth:
-        return next(m for _, m in reversed(self.said) if isinstance(m, Truth))
+        return self.last(Truth)
 
     def off(self) -> float:
         """How far the pose is from the truth, m."""
-        pose = next(m for _, m in reversed(self.said) if isinstance(m, Pose))
+        pose = self.last(Pose)
         return hypot(pose.x - self.truth().x, pose.y - self.truth().y)
-
-    def let_pass(self, seconds: float) -> Drive:
-        self.mesh.run(self.mesh.now + seconds)
-        return self
 
     def arrives(self) -> bool:
         """Whether it reaches the goal, by the truth, within its time."""

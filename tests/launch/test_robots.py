@@ -12,6 +12,7 @@ from armadico.config.profile import NEVER_S, load_profile
 from armadico.config.scenarios import load_scenario, sensing
 from armadico.launch.society import Options, names, prepared
 from armadico.launch.virtual import Rehearsal
+from tests.driven import Driven
 from tests.house.tree import modules
 
 WATCHED_AND_NOT = ("jackal", "turtlebot3-burger")
@@ -55,24 +56,20 @@ def test_no_behaviour_knows_which_robot_it_drives(agent: str) -> None:
     assert "load_profile" not in text
 
 
-class Watched:
+class Watched(Driven):
     """A run of one robot, and what its base was doing. Sensors are not what this is about."""
 
     def __init__(self, robot: str, name: str = "sc3", seed: int = 12) -> None:
         options = Options(seed=seed, sensors="ideal")
         scenario = prepared(load_scenario(name), options, profile=robot)
-        self.run = Rehearsal(scenario, options)
-        self.run.start()
-        self.run.begin()
-        self.mesh, self.plant = self.run.mesh, self.run.robot.plant
+        super().__init__(Rehearsal(scenario, options))
+        self.begin()
+        self.plant = self.run.robot.plant
 
     def drive(self, at_least: float = 0.15) -> None:
         """Until it is under way."""
         self.mesh.run(self.mesh.now + 30.0, lambda: self.plant.speeds[0] > at_least)
         assert self.plant.speeds[0] > at_least
-
-    def pass_s(self, seconds: float) -> None:
-        self.mesh.run(self.mesh.now + seconds)
 
 
 @pytest.mark.parametrize("robot", WATCHED_AND_NOT)
@@ -80,11 +77,11 @@ def test_a_robot_agent_that_is_killed_and_started_again_goes_on(robot: str) -> N
     watched = Watched(robot)
     watched.drive()
     watched.mesh.node("robot").kill()
-    watched.pass_s(1.5)
+    watched.let_pass(1.5)
     stopped = abs(watched.plant.speeds[0]) < 0.01
     assert stopped == (load_profile(robot).watchdog_s < NEVER_S)  # its own, if it has one
     watched.run.enter("robot")
-    watched.pass_s(2.0)
+    watched.let_pass(2.0)
     result = watched.run.run()
     assert result.reached, result.why
     assert result.collisions == 0
@@ -96,9 +93,9 @@ def test_who_hangs_stops_it_by_its_watchdog_and_comes_back_with_zero(robot: str)
     watched.drive()
     node = watched.mesh.node("robot")
     node.hang()
-    watched.pass_s(1.5)
+    watched.let_pass(1.5)
     node.resume()
-    watched.pass_s(0.3)
+    watched.let_pass(0.3)
     slowed = abs(watched.plant.speeds[0])
     assert slowed < 0.1
     result = watched.run.run()
@@ -111,8 +108,8 @@ def test_without_whoever_sees_it_rests(robot: str) -> None:
     watched = Watched(robot)
     watched.drive()
     watched.mesh.node("laser").kill()
-    watched.pass_s(2.0)
+    watched.let_pass(2.0)
     assert abs(watched.plant.speeds[0]) < 0.01
     watched.run.enter("laser")
-    watched.pass_s(2.0)
+    watched.let_pass(2.0)
     watched.drive(0.1)

@@ -2,9 +2,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from itertools import pairwise
 from math import hypot
+from typing import Self
 
 import pytest
 from msgspec.structs import replace
@@ -13,8 +13,6 @@ from armadico.agents.teleop import Teleop
 from armadico.config.scenarios import Scenario, ideal, load_scenario
 from armadico.core.messages import (
     Ack,
-    Cycle,
-    Message,
     MissionStatus,
     RobotState,
     Stick,
@@ -26,6 +24,7 @@ from armadico.launch.society import Options
 from armadico.launch.virtual import Rehearsal
 from armadico.mesh.virtual_session import VirtualSession
 from armadico.observe.view import driver
+from tests.driven import Driven
 from tests.framework.robots import body
 
 LINE = ideal(Scenario(name="line", world="sc1", start=(-1.5, 0.0, 0.0), goal=(6.5, 0.0, 0.0)))
@@ -68,45 +67,40 @@ class Hand:
             self._number = 0
 
 
-class Driven:
+class ByHand(Driven):
     """A run with a teleop agent in it, and what happens."""
 
     def __init__(self, scenario: Scenario = LINE, seed: int = 1) -> None:
-        self.run = Rehearsal(scenario, Options(seed=seed))
-        self.mesh = self.run.mesh
+        kinds = (Ack, Truth, TeleopStatus, MissionStatus)
+        super().__init__(Rehearsal(scenario, Options(seed=seed)), *kinds)
         self.run.add(Teleop)
-        self.acks: list[Ack] = []
-        self.truths: list[Truth] = []
-        self.status = TeleopStatus(Cycle(0, 0))
-        self.mission: MissionStatus | None = None
-        self.mesh.watch(self._keep, Ack, Truth, TeleopStatus, MissionStatus)
 
-    def begin(self) -> None:
-        self.run.start()
-        self.run.begin()
+    def begin(self) -> Self:
+        super().begin()
+        self.let_pass(1.0)
         assert self.until(lambda: self.truth.v > 0.4)
+        return self
 
     @property
     def truth(self) -> Truth:
-        return self.truths[-1] if self.truths else Truth(0, 0, 0, 0, 0, 0, 0, None)
+        return self.last(Truth)
+
+    @property
+    def status(self) -> TeleopStatus:
+        return self.last(TeleopStatus)
+
+    @property
+    def mission(self) -> MissionStatus:
+        return self.last(MissionStatus)
 
     @property
     def by_hand(self) -> bool:
-        return bool(self.acks) and (driver(self.acks[-1]) or "").startswith("teleop")
+        return (driver(self.of(Ack)[-1]) or "").startswith("teleop")
 
-    def until(self, condition: Callable[[], bool], limit: float = 30.0) -> float:
-        """Go on until then; how long that took, s. 0: it never came."""
-        begun = self.mesh.now
-        self.mesh.run(begun + limit, condition)
-        return max(self.mesh.now - begun, 1e-9) if condition() else 0.0
-
-    def pass_s(self, seconds: float) -> None:
-        self.mesh.run(self.mesh.now + seconds)
-
-    def smooth(self, since: int = 0) -> None:
+    def smooth(self, since: float = 0.0) -> None:
         """However the wheels changed hands, since then none turned faster than the ramps let it."""
         robot = body()
-        for before, after in pairwise(self.truths[since:]):
+        for before, after in pairwise(self.of(Truth, since)):
             passed = after.t - before.t
             if passed <= 0.0:
                 continue
@@ -120,28 +114,17 @@ class Driven:
         assert result.reached
         assert result.collisions == 0
 
-    def _keep(self, _key: str, message: Message, _now: float) -> None:
-        if isinstance(message, Ack) and message.resource == "wheels":
-            self.acks.append(message)
-        elif isinstance(message, Truth):
-            self.truths.append(message)
-        elif isinstance(message, TeleopStatus):
-            self.status = message
-        elif isinstance(message, MissionStatus):
-            self.mission = message
-
 
 @pytest.mark.parametrize(("ending", "seed"), [("lets go", 1), ("is killed", 2)])
 def test_a_hand_drives_and_hands_back_without_a_jerk(ending: str, seed: int) -> None:
-    driven = Driven(seed=seed)
+    driven = ByHand(seed=seed)
     driven.begin()
     hand = Hand(driven.run, "ann")
     hand.push(1.0, 0.5)
     assert 0.0 < driven.until(lambda: driven.by_hand) <= SOON_S
-    driven.pass_s(2.5)
+    driven.let_pass(2.5)
     assert driven.by_hand
     assert abs(driven.truth.y) > 0.2, "it went where the stick led it"
-    assert driven.mission is not None
     assert driven.mission.note == "ann drives by hand"
     assert driven.status.hand == "ann"
     if ending == "lets go":
@@ -157,47 +140,47 @@ def test_a_hand_drives_and_hands_back_without_a_jerk(ending: str, seed: int) -> 
 
 
 def test_among_walls_with_sensors_that_err_nothing_is_touched() -> None:
-    driven = Driven(load_scenario("sc4"), seed=3)
+    driven = ByHand(load_scenario("sc4"), seed=3)
     driven.begin()
     for w in (0.5, -0.5, 0.0):
         hand = Hand(driven.run, f"ann{w}")
-        begun = len(driven.truths)
+        begun = driven.mesh.now
         hand.push(1.0, w)
-        driven.pass_s(2.5)
+        driven.let_pass(2.5)
         hand.kill()
-        driven.pass_s(2.5)
+        driven.let_pass(2.5)
         driven.smooth(begun)
-        driven.pass_s(2.5)
+        driven.let_pass(2.5)
     assert driven.truth.collisions == 0
 
 
 def test_without_a_mission_a_hand_drives_and_the_robot_brakes_when_it_is_gone() -> None:
-    driven = Driven()
+    driven = ByHand()
     driven.run.start()
     hand = Hand(driven.run, "ann")
     hand.push(1.0, 0.0)
-    driven.pass_s(3.0)
+    driven.let_pass(3.0)
     assert driven.by_hand
     assert driven.truth.v > 0.4
     hand.kill()
-    driven.pass_s(3.0)
-    assert driver(driven.acks[-1]) is None
+    driven.let_pass(3.0)
+    assert driver(driven.of(Ack)[-1]) is None
     assert hypot(driven.truth.v, driven.truth.w) < 0.01
     driven.smooth()
 
 
 def test_of_two_hands_the_second_has_it_when_the_first_is_killed() -> None:
-    driven = Driven()
+    driven = ByHand()
     driven.begin()
     ann, bob = Hand(driven.run, "ann"), Hand(driven.run, "bob")
     ann.push(1.0, 0.0)
-    driven.pass_s(0.5)
+    driven.let_pass(0.5)
     bob.push(0.0, 0.0)
-    driven.pass_s(1.0)
+    driven.let_pass(1.0)
     assert (driven.status.hand, driven.status.waits) == ("ann", ("bob",))
     assert driven.truth.v > 0.3
     ann.kill()
-    driven.pass_s(3.0)
+    driven.let_pass(3.0)
     assert (driven.status.hand, driven.status.waits) == ("bob", ())
     assert driven.by_hand
     assert abs(driven.truth.v) < 0.01
@@ -205,44 +188,44 @@ def test_of_two_hands_the_second_has_it_when_the_first_is_killed() -> None:
 
 
 def test_the_stop_wins_and_the_hand_drives_on_once_it_is_released() -> None:
-    driven = Driven()
+    driven = ByHand()
     driven.begin()
     hand = Hand(driven.run, "ann")
     hand.push(1.0, 0.0)
-    driven.pass_s(1.0)
+    driven.let_pass(1.0)
     driven.run.client.stop(by="bob")
     stopped_at = driven.truth.x
-    driven.pass_s(5.0)
+    driven.let_pass(5.0)
     assert driven.truth.x == pytest.approx(stopped_at, abs=0.01)
     assert driven.status.note == "stopped by bob"
     assert driven.status.hand == "ann"
     driven.run.client.resume(by="bob")
-    driven.pass_s(3.0)
+    driven.let_pass(3.0)
     assert driven.by_hand
     assert driven.truth.v > 0.3
 
 
 def test_a_speed_limit_outlives_the_process_that_keeps_it() -> None:
-    driven = Driven()
+    driven = ByHand()
     driven.begin()
     driven.run.client.change("goto", {"v_max": 0.2})
-    driven.pass_s(1.0)
+    driven.let_pass(1.0)
     driven.mesh.node("goto").kill()
-    driven.pass_s(1.0)
+    driven.let_pass(1.0)
     again = driven.run.enter("goto")
-    driven.pass_s(4.0)
+    driven.let_pass(4.0)
     assert again.agent.p == replace(again.agent.p, v_max=0.2)
     assert 0.1 < driven.truth.v <= 0.21
 
 
 def test_a_speed_limit_that_is_set_live_is_kept_without_a_jerk() -> None:
-    driven = Driven()
+    driven = ByHand()
     driven.begin()
     driven.run.client.change("goto", {"v_max": 0.2})
-    driven.pass_s(2.0)
+    driven.let_pass(2.0)
     assert 0.1 < driven.truth.v <= 0.21
     driven.run.client.change("goto", {"v_max": None})
-    driven.pass_s(2.0)
+    driven.let_pass(2.0)
     assert driven.truth.v > 0.4
     driven.reach()
     driven.smooth()

@@ -5,8 +5,10 @@ from __future__ import annotations
 from collections.abc import Callable
 from typing import Any
 
+from msgspec.structs import replace
+
 from armadico.config.scenarios import Scenario
-from armadico.core.messages import Ask, Message
+from armadico.core.messages import Ask, BidHistory, Log, Message, MissionStatus
 from armadico.core.services import BIDS, CARD, SERVICES
 from armadico.launch.society import Options
 from armadico.launch.virtual import Rehearsal
@@ -14,6 +16,7 @@ from armadico.observe.standing import Standing, standing
 from armadico.observe.view import View
 from armadico.observe.watching import ASK_S
 from armadico.observe.why import Chronicle
+from tests.driven import Driven
 
 LINE = Scenario(
     name="line",
@@ -26,7 +29,20 @@ LINE = Scenario(
 )
 
 
-class Overheard:
+def reworded(message: Message) -> Message:
+    """The same with other sentences for people."""
+    match message:
+        case Log():
+            return replace(message, text="something happened")
+        case MissionStatus():
+            return replace(message, note=message.note and "so it is")
+        case BidHistory():
+            bids = [replace(bid, reason=bid.reason and "for a reason") for bid in message.bids]
+            return replace(message, bids=tuple(bids))
+    return message
+
+
+class Overheard(Driven):
     """A scenario that is driven, and a view of it."""
 
     def __init__(
@@ -37,12 +53,12 @@ class Overheard:
         chronicle: Chronicle | None = None,
     ) -> None:
         """Everybody starts, and nothing is driven yet; `hosts` says where an agent runs."""
-        self.run = Rehearsal(scenario, Options(seed=seed))
-        self.mesh = self.run.mesh
+        super().__init__(Rehearsal(scenario, Options(seed=seed)))
         for node in self.mesh.nodes:
             object.__setattr__(node.agent.identity, "host", hosts(node.name))
         self.chronicle = chronicle or Chronicle()
         self.planted = 0.0  # when something was done to it, s
+        self.worded = True  # or every sentence that anybody says is heard as another
         kinds = dict.fromkeys(each.message for each in SERVICES if each.message is not Ask)
         self.mesh.watch(self._keep, *kinds)
         self._ask()
@@ -52,10 +68,6 @@ class Overheard:
         """Its goal is given to it."""
         self.run.begin()
         return self.let_pass(seconds)
-
-    def let_pass(self, seconds: float) -> Overheard:
-        self.mesh.run(self.mesh.now + seconds)
-        return self
 
     def agent(self, name: str) -> Any:
         """One of them, to be meddled with."""
@@ -72,7 +84,7 @@ class Overheard:
         return standing(self.view, self.mesh.now)
 
     def _keep(self, key: str, message: Message, now: float) -> None:
-        self.chronicle.take(key, message, now)
+        self.chronicle.take(key, message if self.worded else reworded(message), now)
 
     def _ask(self) -> None:
         now = self.mesh.now
@@ -86,5 +98,5 @@ class Overheard:
                     (BIDS.key_for(**names), agent.history()),
                 )
                 for _, message in answers:
-                    self.chronicle.learn(message, now)
+                    self.chronicle.learn(message if self.worded else reworded(message), now)
         self.mesh.call_at(now + ASK_S, lambda _a, _b: self._ask())

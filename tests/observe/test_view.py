@@ -5,8 +5,8 @@ from __future__ import annotations
 import pytest
 
 from armadico.core import messages as m
-from armadico.core.services import SERVICES, service_at
-from armadico.observe.view import FRESH_CYCLES, GONE, QUIET_S, Rate, View, deadline_s, driver
+from armadico.core.services import SERVICES
+from armadico.observe.view import FRESH_CYCLES, GONE, QUIET_S, Rate, View, driver
 
 GOTO, AVOID = "goto-0123456789abcdef", "avoid-0123456789abcdef"
 BALLOT = m.Ballot(1, 0.5, False, "path-planning-0123456789abcdef")
@@ -118,6 +118,31 @@ def test_of_an_owner_that_is_silent_nobody_drives() -> None:
     assert view.last_driver("wheels") == GOTO
 
 
+def test_an_exchange_is_known_with_the_claim_of_who_is_obeyed_from_then_on() -> None:
+    view = View()
+    for number, by in enumerate((GOTO, GOTO, AVOID, None), 1):
+        if by is not None:
+            view.learn(claim(by, term=number), float(number))
+        view.learn(ack(number, by), float(number))
+    found = [(each.at, each.before, each.now) for each in view.exchanges]
+    assert found == [(1.0, None, GOTO), (3.0, GOTO, AVOID), (4.0, AVOID, None)]
+    assert view.exchanges[1].claim == claim(AVOID, term=3)
+    assert view.exchanges[2].claim is None
+
+
+def test_who_is_silent_tells_neither_of_the_stop_nor_of_a_hand() -> None:
+    view = View()
+    assert view.stopped(0.0) is None
+    stop = m.Stop(1, True, "me")
+    view.learn(m.RobotState(m.Cycle(1, 1), 0, 0, 0, 0, 0, 12.5, True, False, stop), 1.0)
+    status = m.TeleopStatus(m.Cycle(1, 1), "ann", True, 0, 0, 1, 1)
+    view.learn(status, 1.0)
+    assert view.stopped(1.0 + QUIET_S) is True
+    assert view.stopped(1.1 + QUIET_S) is None
+    assert view.stop == stop, "as it was last said"
+    assert [view.hand(at) for at in (2.9, 3.1)] == [status, None]
+
+
 def test_an_owner_whose_cycles_are_long_is_not_silent_between_them() -> None:
     view = View()
     for number, t in ((1, 1.0), (2, 2.0), (4, 4.0)):  # the third was lost
@@ -207,7 +232,7 @@ def test_the_newest_of_each_is_known() -> None:
         view.learn(message, 2.0)
     assert (view.state, view.pose, view.truth, view.mission) == (state, pose, truth, mission)
     assert view.stop.by == "me"
-    assert view.bids == {GOTO: (BID, 2.0)}
+    assert view.bids == {GOTO: {"wheels": (BID, 2.0)}}
 
 
 def test_what_is_published_counts_for_its_key_and_what_is_answered_does_not() -> None:
@@ -235,7 +260,7 @@ def test_a_rate_is_what_came_over_the_time_it_took() -> None:
 
 
 def test_only_what_is_said_all_the_time_has_a_deadline() -> None:
-    found = {s.key: deadline_s(service_at(s.pattern.replace("*", "x"))) for s in SERVICES}
+    found = {s.key: s.deadline_s for s in SERVICES}
     assert found["robot/state"] == pytest.approx(0.3)
     assert found["sonar/map"] == pytest.approx(1.0)
     assert found["resource/{resource}/utility"] is None

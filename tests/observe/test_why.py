@@ -1,5 +1,7 @@
 """Prepared incidents: each is planted by a fault of its own, and its cause is told from all others.
 
+What agents say in sentences is reworded on the way: no explanation may hang on a wording.
+
 The faults are planted in whole societies on the virtual mesh. What is asked is what `armadico why`
 asks, and the answer's cause, its sort and who it is, is the one that was planted: no two incidents
 have the same.
@@ -242,6 +244,7 @@ def found(name: str, folder: Path) -> Cause | None:
     incident = INCIDENTS[name]
     heard = incident.begin(folder)
     heard.planted = heard.mesh.now
+    heard.worded = False
     incident.plant(heard)
     heard.let_pass(incident.seconds)
     return incident.ask(heard)
@@ -259,6 +262,31 @@ def test_no_two_incidents_have_the_same_cause() -> None:
     assert len(causes) == len(INCIDENTS) >= 20
 
 
+def test_who_drives_at_what_the_robot_heeds_by_itself_is_blocked() -> None:
+    heard = shipped("sc2", 1.0)(Path())
+    heard.agent("goto").propose = lambda *_: Bid(1.0, (0.7, 0.0), critical=True)
+    cause = standing(heard)
+    while cause is not None and cause.sort is Sort.STARTING:
+        cause = standing(heard.let_pass(0.3))
+    assert cause is not None
+    assert (cause.sort, cause.who) == (Sort.BLOCKED, "goto")
+    assert "slowed for what is ahead" in cause.what
+
+
+def test_an_agent_that_means_something_else_by_the_wheels_is_foreign() -> None:
+    heard = Overheard().drive()
+    heard.worded = False
+    heard.mesh.node("goto").kill()
+    goto = heard.run.enter("goto").agent
+    said = goto.card
+    goto.card = lambda: replace(said(), declares=("wheels(left, right)",))  # type: ignore[method-assign]
+    heard.let_pass(6.0)
+    cause = standing(heard)
+    assert cause is not None
+    assert (cause.sort, cause.who) == (Sort.FOREIGN, "goto")
+    assert "wheels(left, right)" in cause.what
+
+
 def test_a_moment_tells_what_the_owner_refuses_and_why() -> None:
     heard = Overheard().drive()
     bids(50.0)(heard)
@@ -268,7 +296,7 @@ def test_a_moment_tells_what_the_owner_refuses_and_why() -> None:
     (moment,) = heard.chronicle.moments
     (wheels,) = [each for each in moment.contests if each.resource == "wheels"]
     assert "50 m/s, 0 rad/s is beyond" in wheels.refused[0]
-    assert any("Its owner refuses commands" in said for said in moment.sentences)
+    assert any(said.startswith("By its owner, commands refused: ") for said in moment.sentences)
 
 
 def test_while_an_exchange_goes_on_a_moment_tells_whose_actions_are_blended() -> None:

@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from pathlib import Path
+from subprocess import CompletedProcess
 
 import pytest
 
@@ -44,6 +46,22 @@ def test_one_that_differs_or_is_not_whole_is_counted() -> None:
     said = replay_check._summary([good, gap, bad, none])
     assert said.startswith("1 of 4 recordings equal from beginning to end: 3 agents")
     assert "1 agents differ, of 1 the journal is not whole" in said
+
+
+def test_one_that_was_refused_is_told_with_the_reason_whatever_was_recorded_meanwhile(
+    monkeypatch: pytest.MonkeyPatch, tmp_path: Path
+) -> None:
+    why = "armadico run: a robot is in the namespace 'robot1' already: robot-7"
+
+    def refused(words: Sequence[str]) -> CompletedProcess[str]:
+        assert words[0] != "replay", "what was recorded is of somebody else's society"
+        Path(words[-1]).write_bytes(b"of another society")
+        return CompletedProcess(words, options.FAILED, "", f"sc1: starting\n{why}\n")
+
+    monkeypatch.setattr(replay_check, "_called", refused)
+    found = replay_check._one(replay_check.PLANS[0], tmp_path)
+    assert not found.equal
+    assert replay_check._line(found) == f"sc1: refused: {why}"
 
 
 def test_one_that_is_not_there_is_told(capsys: pytest.CaptureFixture[str]) -> None:

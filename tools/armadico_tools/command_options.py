@@ -4,20 +4,15 @@ from __future__ import annotations
 
 import argparse
 import os
-import sys
 from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import TypeVar
 
+from armadico.cli import options
 from armadico.cli.options import FailedError, UsageError
 
 T = TypeVar("T")
 R = TypeVar("R")
-
-
-def say(text: str) -> None:
-    """Progress goes to stderr."""
-    print(text, file=sys.stderr, flush=True)
 
 
 def add_jobs(made: argparse.ArgumentParser) -> None:
@@ -71,7 +66,7 @@ def over(
     try:
         pool.over(function, tasks, args.jobs or os.cpu_count() or 1, label, counted)
     except KeyboardInterrupt:
-        say(f"interrupted after {count} of {len(tasks)} {label}")
+        options.say(f"interrupted after {count} of {len(tasks)} {label}")
         return False
     return True
 

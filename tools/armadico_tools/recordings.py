@@ -16,6 +16,7 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import Final
 
+from armadico.cli import options
 from armadico.config.scenarios import load_scenario
 from armadico.core.messages import PROTOCOL
 from armadico.launch.society import Options, prepared
@@ -37,8 +38,8 @@ KILLED_S, BACK_S = 5.0, 5.6
 
 def make(path: Path) -> None:
     """Drive it, and write the journals into a file, over one that is there. Raises OSError."""
-    options = Options(seed=SEED, limit=LIMIT_S, sensors="ideal")  # nothing of what numpy sums
-    made = Rehearsal(prepared(load_scenario("sc4"), options), options)
+    chosen = Options(seed=SEED, limit=LIMIT_S, sensors="ideal")  # nothing of what numpy sums
+    made = Rehearsal(prepared(load_scenario("sc4"), chosen), chosen)
 
     def back(_a: object, _b: object) -> None:
         made.enter("goto")
@@ -52,7 +53,7 @@ def make(path: Path) -> None:
         path.parent.mkdir(parents=True, exist_ok=True)
         path.unlink(missing_ok=True)
         file = McapFile(path, {PROFILE: {"protocol": str(PROTOCOL), "seed": str(SEED)}})
-        for row in rows(whole, _say):
+        for row in rows(whole, options.say):
             if row.key.startswith(JOURNAL):
                 file.add(row.namespace, row.key, None, row.data, row.t)
         file.close()
@@ -60,7 +61,7 @@ def make(path: Path) -> None:
 
 def replay(path: Path) -> list[Outcome]:
     """What everybody in it decides now. Raises RecordingError and OSError."""
-    past = Past(path, _say)
+    past = Past(path, options.say)
     past.check()
     return [replayed(journal) for journal in past.journals()]
 
@@ -71,16 +72,12 @@ def main(argv: Sequence[str] | None = None) -> int:
     parser.add_argument("--update", action="store_true", help="make it anew")
     if parser.parse_args(argv).update:
         make(SHIPPED)
-        _say(f"{SHIPPED}: made anew")
+        options.say(f"{SHIPPED}: made anew")
     outcomes = replay(SHIPPED)
     for outcome in outcomes:
         if not outcome.equal:
             print(f"{outcome.instance}: {outcome.refusal or outcome.difference}")
     return 0 if all(outcome.equal for outcome in outcomes) else 1
-
-
-def _say(text: str) -> None:
-    print(text, file=sys.stderr)
 
 
 if __name__ == "__main__":

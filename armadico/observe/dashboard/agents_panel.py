@@ -46,7 +46,7 @@ class Company:
 def _page(view: View, holders: Mapping[str, str]) -> str:
     lines = ["| agent | host | pid | holds | bids | why |", "|---|---|---|---|---|---|"]
     for name, instance, card in view.agents:
-        bid, _ = view.bids.get(instance, (None, 0.0))
+        bid = view.bid(instance)
         holds = ", ".join(what for what, who in holders.items() if who == name)
         host, pid = (card.host, str(card.pid)) if card else ("?", "not answering")
         utility = "" if bid is None or bid.utility is None else f"{bid.utility:.2f}"

@@ -83,7 +83,7 @@ def _rows(view: View, holder: str, t: float) -> list[tuple[str, Any]]:
         rows += [
             ("speed", f"{state.v:.2f} m/s, {turning}"),
             ("battery", view.battery),
-            ("stop", f"**by {state.stop.by}**" if state.stop.stopped else "not set"),
+            ("stop", f"**by {state.stop.who}**" if state.stop.stopped else "not set"),
         ]
         wrong = [*["motors off"] * (not state.motors), *["stalled"] * state.stalled]
         rows += [("note", f"**{word}**") for word in wrong]

@@ -185,7 +185,7 @@ class Scene:
             self._say("pose", f"{found}{known}", INFO if found else WARNING, t)
         if stop.stopped != self.view.stop.stopped:
             text = "latched" if self.view.stop.stopped else "released"
-            self._say("stop", f"{text} by {self.view.stop.by}", WARNING, t)
+            self._say("stop", f"{text} by {self.view.stop.who}", WARNING, t)
         mission = self.view.mission
         if mission is not None and (before is None or mission.state is not before.state):
             note = f" ({mission.note})" if mission.note else ""

@@ -12,9 +12,10 @@ import msgspec
 from armadico.config.worlds import Segment, World
 from armadico.core.messages import AssistantRecord, Message, Obstacles
 from armadico.core.resources import WHEELS
+from armadico.observe.explained import Collision, Exchange, Press
 from armadico.observe.standing import Installed, standing
 from armadico.observe.view import agent_of, at_work
-from armadico.observe.why import Chronicle, Collision, Exchange, Press
+from armadico.observe.why import Chronicle
 
 RECORDS: Final = 200
 """Requests of programs that are still known."""
@@ -69,10 +70,10 @@ class Society(Chronicle):
             return {"heard": False, "note": "nothing is heard of a robot"}
         driver = view.driver(WHEELS.name, now)
         found: dict[str, Any] = {
-            "heard": True,
+            "heard": view.hears_robot(now),  # or what follows is as it last said
             "speed": {"v": round(state.v, 3), "w": round(state.w, 3)},
             "driver": None if driver is None else agent_of(driver),
-            "stop": {"stopped": state.stop.stopped, "by": state.stop.by},
+            "stop": {"stopped": view.stopped(now), "by": state.stop.by},
             "battery": view.battery,
         }
         if pose is not None:

@@ -246,7 +246,7 @@ class Asked:
         if pressed.latching.done:
             self._over(True, "the robot is stopped, by its own word")
         elif not stop.stopped and stop.press == pressed.press:
-            self._over(False, f"released meanwhile, by {stop.by or 'somebody'}")
+            self._over(False, f"released meanwhile, by {stop.who}")
 
     # What is asked for ---------------------------------------------------------------------------
 
@@ -271,7 +271,7 @@ class Asked:
         if not stop.stopped:
             raise RequestError("the robot is not stopped")
         if stop.press != bits(request.press):
-            raise RequestError(f"it was stopped again meanwhile, by {stop.by or 'somebody'}")
+            raise RequestError(f"it was stopped again meanwhile, by {stop.who}")
         if pressed is not None:
             self._over(False, f"released, by {browser}")
         latching = Latching(stopped=False, by=browser, press=0)

@@ -7,6 +7,7 @@ from dataclasses import dataclass
 from typing import Any, Final
 
 from armadico.core.messages import HostShare, KeptState, ParameterChange, ParametersReply, plain
+from armadico.core.services import service_of
 from armadico.observe.view import View
 
 SHARE_S: Final = 5.0
@@ -40,10 +41,17 @@ class Known:
         self._helpers = tuple(helpers)
         self._shares: dict[str, tuple[HostShare, float]] = {}
 
-    def take(self, message: HostShare | ParametersReply | ParameterChange, t: float) -> None:
-        """What a host or an agent says at t (s), or that a parameter was changed, by anybody."""
+    def take(
+        self, key: str, message: HostShare | ParametersReply | ParameterChange, t: float
+    ) -> None:
+        """What a host or an agent says at t (s), or that a parameter was changed, by anybody.
+
+        A host is asked by the name that it says, so that has to be the one of its key.
+        """
         match message:
             case HostShare():
+                if key != service_of(HostShare).key_for(instance=message.instance):
+                    return
                 self._shares[message.instance] = (message, t)
             case ParametersReply():
                 self.parameters[message.instance] = [*map(plain, message.parameters)]

@@ -14,7 +14,6 @@ from typing import Any, Final
 
 from armadico.config.worlds import World
 from armadico.core.messages import (
-    Ack,
     BoardMission,
     HostShare,
     Message,
@@ -27,7 +26,6 @@ from armadico.core.messages import (
     RobotState,
     StepEnd,
     Stick,
-    TeleopStatus,
 )
 from armadico.core.resources import WHEELS
 from armadico.core.services import service_of
@@ -44,9 +42,6 @@ TRAIL: Final = 3000
 TRAIL_M: Final = 0.04
 """What is shown at the most: exchanges, lines of the log, points that are near, and points of the
 path, so far apart."""
-
-HAND_S: Final = 2.5
-"""Whose hand drives is said each second at least; a report older than this says nothing."""
 
 
 class Robot:
@@ -76,13 +71,9 @@ class Robot:
         self.asked = Asked(self.known, missions or {}, bits64)
         self.world = world
         self.missions = missions or {}
-        self.heard_at: float | None = None  # the robot agent's newest state
         self._installed = installed
         self._near: dict[str, tuple[list[list[float]], float]] = {}
         self._grid: dict[str, Any] | None = None
-        self._driver: str | None = None
-        self._exchanges: deque[dict[str, Any]] = deque(maxlen=EXCHANGES)
-        self._hand: tuple[TeleopStatus, float] | None = None
         self._trail: deque[list[Any]] = deque(maxlen=TRAIL)
 
     # What comes in -------------------------------------------------------------------------------
@@ -98,23 +89,16 @@ class Robot:
             self.view.learn(message, t)
         match message:
             case RobotState():
-                self.heard_at = t
                 self.asked.heard(message, t)
-            case Ack() if message.resource == WHEELS.name:
-                self._drives(t)
             case Pose():
-                self._step(message)
+                self._step(message, t)
             case Obstacles():
                 self._near = {s: near for s, near in self._near.items() if t - near[1] <= QUIET_S}
                 self._near[message.sensor] = (_points(message), t)
             case OccupancyGrid():
                 self._grid = _grid(message)
-            case TeleopStatus():
-                self._hand = (message, t)
-            case HostShare() if key != service_of(HostShare).key_for(instance=message.instance):
-                pass  # a host is asked by the name that it says, so that has to be its own
             case HostShare() | ParametersReply() | ParameterChange():
-                self.known.take(message, t)
+                self.known.take(key, message, t)
 
     def token(self, instance: str, *, there: bool, t: float) -> None:
         """A liveliness token came or went."""
@@ -136,7 +120,7 @@ class Robot:
             "mission": self._mission(),
             "wheels": self._wheels(t),
             "resources": self._resources(t),
-            "exchanges": list(self._exchanges),
+            "exchanges": self._exchanges(),
             "agents": self._agents(t),
             "board": self._board(),
             "near": [p for points, at in self._near.values() if t - at <= QUIET_S for p in points],
@@ -176,8 +160,8 @@ class Robot:
         view = self.view
         pose, state, truth = view.pose, view.state, view.truth
         found: dict[str, Any] = {
-            "heard": self._is_heard(t),
-            "silent_s": None if self.heard_at is None else round(t - self.heard_at, 1),
+            "heard": view.hears_robot(t),
+            "silent_s": None if view.heard_at is None else round(t - view.heard_at, 1),
             "battery": view.battery,
             "where": view.whereabouts(t),
         }
@@ -195,7 +179,7 @@ class Robot:
         """`held` only by the robot's own word, and only while that is fresh."""
         stop, pressed = self.view.stop, self.asked.pressed
         return {
-            "held": stop.stopped and self._is_heard(t),
+            "held": self.view.stopped(t) is True,
             "known": self.view.state is not None,
             "stopped": stop.stopped,
             "by": stop.by,
@@ -234,15 +218,12 @@ class Robot:
                 row |= {"utility": record.utility, "critical": record.critical}
                 row |= {"why": record.reason}
             rows.append(row)
-        return {"driver": None if driver is None else agent_of(driver), "contenders": rows}
+        return {"driver": _name(driver), "contenders": rows}
 
     def _resources(self, t: float) -> list[dict[str, Any]]:
         view = self.view
         held = {name: view.driver(name, t) for name in view.resources if name != WHEELS.name}
-        return [
-            {"name": name, "holder": None if who is None else agent_of(who)}
-            for name, who in held.items()
-        ]
+        return [{"name": name, "holder": _name(who)} for name, who in held.items()]
 
     def _agents(self, t: float) -> list[dict[str, Any]]:
         """Who is alive, and who should be: by the word of the hosts that keep agents up."""
@@ -288,9 +269,9 @@ class Robot:
         key = service_of(Stick).key
         there = any(a.card and key in a.card.requests for a in self.view.agents)
         found: dict[str, Any] = {"there": there, "hand": "", "holds": False}
-        if self._hand is None or t - self._hand[1] > HAND_S:
+        status = self.view.hand(t)
+        if status is None:
             return found
-        status = self._hand[0]
         return found | {
             "hand": status.hand,
             "holds": status.holds,
@@ -317,28 +298,22 @@ class Robot:
         board = self.view.board
         return [] if board is None else [_told(mission) for mission in board.missions]
 
-    def _is_heard(self, t: float) -> bool:
-        return self.heard_at is not None and t - self.heard_at <= QUIET_S
+    def _exchanges(self) -> list[dict[str, Any]]:
+        rows = []
+        for each in self.view.exchanges:
+            if each.resource == WHEELS.name:
+                row: dict[str, Any] = {"t": round(each.at, 2)}
+                row |= {"from": _name(each.before), "to": _name(each.now)}
+                if each.claim is not None:
+                    row |= {"utility": each.claim.utility, "critical": each.claim.critical}
+                rows.append(row)
+        return rows[-EXCHANGES:]
 
     # What it comes to ----------------------------------------------------------------------------
 
-    def _drives(self, t: float) -> None:
-        """An exchange: the wheels obey another one than before."""
-        now = self.view.driver(WHEELS.name, t)
-        if now == self._driver:
-            return
-        claim = self.view.claim(WHEELS.name, t)
-        row: dict[str, Any] = {"t": round(t, 2)}
-        row["from"] = None if self._driver is None else agent_of(self._driver)
-        row["to"] = None if now is None else agent_of(now)
-        if claim is not None and claim.ballot.instance == now:
-            row |= {"utility": claim.utility, "critical": claim.critical}
-        self._driver = now
-        self._exchanges.append(row)
-
-    def _step(self, pose: Pose) -> None:
+    def _step(self, pose: Pose, t: float) -> None:
         x, y = _short(pose.x), _short(pose.y)
-        name = None if self._driver is None else agent_of(self._driver)
+        name = _name(self.view.driver(WHEELS.name, t))
         if self._trail:
             last = self._trail[-1]
             if abs(x - last[0]) + abs(y - last[1]) < TRAIL_M:
@@ -359,6 +334,10 @@ def drawn(world: World) -> dict[str, Any]:
         "docks": {name: list(pose) for name, pose in world.docks.items()},
         "goals": {name: list(pose) for name, pose in world.goals.items()},
     }
+
+
+def _name(instance: str | None) -> str | None:
+    return None if instance is None else agent_of(instance)
 
 
 def _points(obstacles: Obstacles) -> list[list[float]]:

@@ -10,21 +10,7 @@ from hypothesis import strategies as st
 
 from armadico.bridge.p2os.odometry import Odometry
 from armadico.bridge.p2os.status import Status, decode_status, encode_status
-from armadico.config.profile import P2osUnits
-
-UNITS = P2osUnits(
-    distance_mm=0.84,
-    angle_rad=math.tau / 4096,
-    velocity_mm=1.0,
-    range_mm=0.268,
-    vel2_mm=20.0,
-    diff_conv=0.0056,
-    name="Test",
-    class_name="Pioneer",
-    subclass="p2dx",
-    cycle_s=0.1,
-    watchdog_s=2.0,
-)
+from tests.bridge.units import UNITS
 
 
 def on_wire(x: float, y: float, theta: float, speed: float = 0.0, spin: float = 0.0) -> Status:

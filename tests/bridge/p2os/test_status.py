@@ -20,21 +20,8 @@ from armadico.bridge.p2os.configuration import (
     encode_text,
 )
 from armadico.bridge.p2os.status import Status, decode_status, encode_status
-from armadico.config.profile import P2osUnits
+from tests.bridge.units import UNITS
 
-UNITS = P2osUnits(
-    distance_mm=0.84,
-    angle_rad=math.tau / 4096,
-    velocity_mm=1.0,
-    range_mm=0.268,
-    vel2_mm=20.0,
-    diff_conv=0.0056,
-    name="Test",
-    class_name="Pioneer",
-    subclass="p2dx",
-    cycle_s=0.1,
-    watchdog_s=2.0,
-)
 SPAN_M = 32768 * 0.84e-3
 
 statuses = st.builds(

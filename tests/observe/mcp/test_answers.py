@@ -40,6 +40,9 @@ def test_where_it_is_and_what_it_does(driven: tuple[Overheard, Society]) -> None
     assert found["mission"]["state"] == "driving"
     assert found["stop"] == {"stopped": False, "by": ""}
     json.dumps(found)
+    later = society.where(overheard.mesh.now + 1.0)
+    assert not later["heard"]
+    assert later["stop"]["stopped"] is None, "what it said last tells nothing of now"
 
 
 def test_who_is_there(driven: tuple[Overheard, Society]) -> None:

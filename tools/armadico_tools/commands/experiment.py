@@ -14,7 +14,7 @@ from typing import TYPE_CHECKING, Final
 from armadico.cli import options
 from armadico.cli.options import FailedError, UsageError
 from armadico.config.discovery import summary, unknown
-from armadico_tools.command_options import add_jobs, add_json, add_out, at_least, say
+from armadico_tools.command_options import add_jobs, add_json, add_out, at_least
 from armadico_tools.experiments import EXPERIMENTS, FIRST_SEED, ON_REQUEST, RUNS, module
 
 if TYPE_CHECKING:
@@ -129,7 +129,7 @@ def _run(name: str, args: argparse.Namespace) -> dict[str, object]:
     context = _context(name, args, runs, first_seed)
     experiment.run(context)
     seconds = time.monotonic() - began
-    say(f"{name}: {seconds:.0f} s, {len(context.files)} files in {context.out}")
+    options.say(f"{name}: {seconds:.0f} s, {len(context.files)} files in {context.out}")
     return {
         "experiment": name,
         "title": experiment.TITLE,
@@ -193,5 +193,5 @@ def _context(name: str, args: argparse.Namespace, runs: int, first_seed: int) ->
     except OSError as error:
         raise FailedError(f"cannot write to {out}: {error.strerror}") from None
     if moved is not None:
-        say(f"{out} held other seeds or other code's runs: they are in {moved} now")
+        options.say(f"{out} held other seeds or other code's runs: they are in {moved} now")
     return context

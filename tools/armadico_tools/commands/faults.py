@@ -20,7 +20,6 @@ from armadico_tools.command_options import (
     at_least,
     look_inside,
     over,
-    say,
 )
 
 if TYPE_CHECKING:
@@ -186,7 +185,7 @@ def _commands(summary: Summary) -> list[str]:
         if promise in shrunk or len(shrunk) >= SHRUNK:
             continue
         shrunk.add(promise)
-        say(f"seed {outcome.case.seed} broke {promise}: shrinking")
+        options.say(f"seed {outcome.case.seed} broke {promise}: shrinking")
         try:
             with pool.progress("runs, at most", shrink.TRIES) as step:
                 case, _ = series.smallest(outcome, shrink.TRIES, step)

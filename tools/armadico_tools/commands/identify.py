@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING, Any, Final
 
 from armadico.cli import options
 from armadico.cli.options import FailedError, UsageError
-from armadico_tools.command_options import at_least, say
+from armadico_tools.command_options import at_least
 
 if TYPE_CHECKING:
     from armadico.bridge.transports import Transport
@@ -213,7 +213,7 @@ def _show(report: Sequence[dict[str, Any]], measured: bool) -> None:
         Console().print(table)
     for entry in report:
         if "refused" in entry:
-            say(f"{entry['log']}: {entry['refused']}")
+            options.say(f"{entry['log']}: {entry['refused']}")
 
 
 # Logs ---------------------------------------------------------------------------------------------
@@ -239,7 +239,9 @@ def _record(args: argparse.Namespace) -> int:
     robot = _profile(args)
     speeds = (args.speed, 0.0) if args.motion == "linear" else (0.0, args.speed)
     recorder = Recorder(speeds, args.seconds, robot.body.half_track_m)
-    say(f"the robot will move for {args.seconds:g} s, forward and backward; Ctrl-C stops it")
+    options.say(
+        f"the robot will move for {args.seconds:g} s, forward and backward; Ctrl-C stops it"
+    )
     try:
         with closing(open_transport(args.robot)) as transport:
             _drive(transport, recorder, robot)
@@ -248,7 +250,7 @@ def _record(args: argparse.Namespace) -> int:
     except TransportError as error:
         raise FailedError(str(error)) from None
     _write(args.record, recorder.csv())
-    say("left_v and right_v are empty: P2OS does not report the motors' voltages")
+    options.say("left_v and right_v are empty: P2OS does not report the motors' voltages")
     return 0
 
 
@@ -286,4 +288,4 @@ def _write(path: Path, text: str) -> None:
         path.write_text(text, encoding="utf-8")
     except OSError as error:
         raise FailedError(f"cannot write {path}: {error.strerror}") from None
-    say(f"log: {path}")
+    options.say(f"log: {path}")

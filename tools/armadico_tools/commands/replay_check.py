@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING, Final, NamedTuple
 
 from armadico.cli import options
 from armadico.cli.options import FailedError, UsageError
-from armadico_tools.command_options import add_json, add_out, say
+from armadico_tools.command_options import add_json, add_out
 
 if TYPE_CHECKING:
     from armadico.observe.replay import Outcome
@@ -105,7 +105,7 @@ def main(argv: Sequence[str]) -> int:
     found = []
     for number, plan in enumerate(chosen, 1):
         found.append(_one(plan, args.out))
-        say(f"{number}/{len(chosen)} {_line(found[-1])}")
+        options.say(f"{number}/{len(chosen)} {_line(found[-1])}")
     if args.json:
         print(json.dumps([_row(each) for each in found], indent=2))
     else:
@@ -142,6 +142,8 @@ def _one(plan: Plan, folder: Path) -> Replayed:
     if plan.words[0] == "trials":
         words += ["--out", str(folder / "trials")]
     recorded = _called(words)
+    if recorded.returncode and not recorded.stdout:  # not driven: its robot was another's, say
+        return Replayed(plan, [], 0.0, f"refused: {_last(recorded)}")
     if not path.is_file():
         return Replayed(plan, [], 0.0, f"not recorded: {_last(recorded)}")
     replayed = _called(["replay", str(path), "--json"])

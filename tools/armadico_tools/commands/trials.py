@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Any, Final
 from armadico.cli import options
 from armadico.cli.options import FailedError, UsageError
 from armadico.config.discovery import unknown
-from armadico_tools.command_options import add_json, add_out, at_least, say
+from armadico_tools.command_options import add_json, add_out, at_least
 
 if TYPE_CHECKING:
     from armadico_tools.faults.checker import Violation
@@ -123,7 +123,7 @@ def _chosen(args: argparse.Namespace) -> list[Trial]:
     if args.kind or not able:
         can = ", ".join(name for name, trial in ALL.items() if not trial.hosts)
         raise FailedError(f"{left_out}: {trouble}. Without hosts there are: {can}")
-    say(f"left out: {left_out}: {trouble}")
+    options.say(f"left out: {left_out}: {trouble}")
     return able
 
 
@@ -142,7 +142,7 @@ def _series(args: argparse.Namespace, chosen: list[Trial]) -> int:
         with place_for(chosen, table, args.seed) as place:
             found.extend(_one(args, trial, place, store) for trial in chosen)
     except KeyboardInterrupt:
-        say(f"interrupted; what was measured is in {args.out}")
+        options.say(f"interrupted; what was measured is in {args.out}")
         return options.INTERRUPTED
     finally:
         store.finish(found)
@@ -160,7 +160,7 @@ def _one(args: argparse.Namespace, trial: Trial, place: Place, store: Any) -> Se
     def done(number: int, figures: dict[str, float]) -> None:
         store.add(trial.name, number, figures)
         text = ", ".join(f"{name} {value:g}" for name, value in figures.items())
-        say(f"{trial.name} {number}/{args.trials}: {text}")
+        options.say(f"{trial.name} {number}/{args.trials}: {text}")
 
     return run_series(
         trial,
@@ -170,7 +170,7 @@ def _one(args: argparse.Namespace, trial: Trial, place: Place, store: Any) -> Se
         scenario=load_scenario(args.scenario) if args.scenario else ROAD,
         seed=args.seed,
         done=done,
-        failed=lambda why: say(f"{trial.name}: FAILED: {why}"),
+        failed=lambda why: options.say(f"{trial.name}: FAILED: {why}"),
         record=args.record,
     )
 
@@ -224,7 +224,7 @@ def _recording(args: argparse.Namespace) -> int:
     from armadico_tools.faults.real_recording import check  # noqa: PLC0415
 
     try:
-        checker = check(args.recording, args.namespace, say)
+        checker = check(args.recording, args.namespace, options.say)
     except RecordingError as error:
         raise UsageError(str(error)) from None
     except OSError as error:

@@ -145,7 +145,8 @@ class Account:
 
     def bids_now(self, instance: str, within: float = 1.5) -> bool:
         """Whether an instance's last bids were received at most so long ago (s)."""
-        bid, at = self.view.bids.get(instance, (None, 0.0))
+        known = self.view.bids.get(instance, {})
+        bid, at = next(reversed(known.values()), (None, 0.0))
         return bid is not None and self.now - at <= within and bool(bid.utility)
 
     def instances(self, name: str) -> list[str]:

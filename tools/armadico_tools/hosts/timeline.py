@@ -67,8 +67,11 @@ class Story(Account):
         """Those on other hosts who would drive at this moment, and their utilities."""
         return {
             who: bid.utility
-            for who, (bid, _) in self.view.bids.items()
-            if bid.utility and self.host(who) != host and self.bids_now(who, FRESH_S)
+            for who in self.view.bids
+            if (bid := self.view.bid(who))
+            and bid.utility
+            and self.host(who) != host
+            and self.bids_now(who, FRESH_S)
         }
 
     def done(self) -> float:

@@ -1,0 +1,110 @@
+"""How far a run is: a bar on a terminal, lines elsewhere, and what came of it."""
+
+from __future__ import annotations
+
+import sys
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from typing import TYPE_CHECKING, Final
+
+from armadico.cli import options
+
+if TYPE_CHECKING:
+    from rich.progress import ProgressColumn
+
+    from armadico.core.messages import ExploreStatus, StepResult
+    from armadico.observe.measures import RunWatch
+
+LINE_S: Final = 2.0
+"""How often a line is printed where there is no terminal, s of the run."""
+
+
+@contextmanager
+def shown(label: str) -> Iterator[Callable[[RunWatch], None]]:
+    """A bar on a terminal, a line now and then elsewhere; on stderr."""
+    if not sys.stderr.isatty():
+        yield _Lines(label).show
+        return
+    from rich.console import Console  # noqa: PLC0415 - not for --help
+    from rich.progress import Progress  # noqa: PLC0415
+
+    with Progress(*bar(), console=Console(stderr=True), transient=True, expand=True) as progress:
+        task = progress.add_task("starting", total=None, label=label)
+
+        def show(watch: RunWatch) -> None:
+            completed, whole = come(watch)
+            progress.update(task, total=whole, completed=completed, description=remark(watch))
+
+        yield show
+
+
+def come(watch: RunWatch) -> tuple[float, float]:
+    """How far it has come, and of how much: tasks of a mission, else metres."""
+    if watch.tasks is not None:
+        done = float(len(watch.tasks.course.results))
+        return done, done + len(watch.tasks.ahead) + bool(watch.tasks.doing)
+    mission = watch.view.mission
+    to_go = 0.0 if mission is None else mission.to_go
+    whole = max(watch.distance + to_go, 1e-3)
+    return whole - to_go, whole
+
+
+def bar() -> Iterator[ProgressColumn]:
+    """The columns of the progress; the remark is cut off before the name and the bar are."""
+    from rich.progress import BarColumn, TextColumn, TimeElapsedColumn  # noqa: PLC0415
+    from rich.table import Column  # noqa: PLC0415 - not for --help
+
+    yield TextColumn("{task.fields[label]}", markup=False, table_column=Column(no_wrap=True))
+    yield BarColumn(None, table_column=Column(ratio=1))
+    yield TimeElapsedColumn()
+    cut = Column(ratio=4, no_wrap=True, overflow="ellipsis")
+    yield TextColumn("{task.description}", markup=False, table_column=cut)
+
+
+class _Lines:
+    def __init__(self, label: str) -> None:
+        self._label = label
+        self._said_at = 0.0
+
+    def show(self, watch: RunWatch) -> None:
+        if watch.elapsed - self._said_at >= LINE_S:
+            self._said_at = watch.elapsed
+            options.say(f"{self._label} {watch.elapsed:6.1f} s  {remark(watch)}")
+
+
+def remark(watch: RunWatch) -> str:
+    """Distance to go and what keeps it, who holds the wheels, speed, battery."""
+    from armadico.observe.view import at_work  # noqa: PLC0415 - not for --help
+
+    state, mission = watch.view.state, watch.view.mission
+    if watch.tasks is not None:
+        to_go = options.shown(at_work(watch.tasks))
+    elif mission is None:
+        to_go = "no word of the mission"
+    else:
+        none = mission.state == "none"  # a mission's state, as on the wire
+        to_go = "no goal" if none else f"{mission.to_go:.2f} m to go"
+        to_go += f", {options.shown(mission.note)}" if mission.note else ""
+    if state is None:
+        return f"{to_go}, nothing heard of the robot"
+    if state.stop.stopped:
+        by = options.shown(state.stop.who)
+        return f"{to_go}, stopped by {by}; armadico resume releases it"
+    holder = options.shown(watch.holder or "nobody")
+    speed = "stalled" if state.stalled else f"{state.v:.2f} m/s"
+    return f"{to_go}, {speed}, {holder} drives, {watch.view.battery}"
+
+
+def step_told(result: StepResult) -> str:
+    """What came of one step of a mission, in a line."""
+    said = f": {result.said}" if result.said else ""
+    return options.shown(f"{result.step} {result.end.value}{said}")
+
+
+def explored(status: ExploreStatus) -> str:
+    """An exploration in one line."""
+    note = f": {options.shown(status.note)}" if status.note else ""
+    return (
+        f"exploration {status.state.value}{note}; {status.known:.1f} m^2 known,"
+        f" {status.places} places driven to, {status.given_up} of them not reached"
+    )

@@ -1,0 +1,171 @@
+"""What a chronicle answers (sans-IO): structs for programs, sentences and a cause for people."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+
+from msgspec import Struct
+
+from armadico.observe.standing import Cause, Sort
+from armadico.observe.view import agent_of
+
+
+class Input(Struct, frozen=True):
+    """What a bid was made of: the newest state on a key, and how many cycles old it was then."""
+
+    key: str
+    age: int | None  # cycles; none: of another epoch, or without a cycle
+    what: str
+
+
+class Bidding(Struct, frozen=True):
+    """What one contender would have done, with the inputs of that."""
+
+    agent: str
+    instance: str
+    host: str
+    cycle: int | None  # that its bid answers; none: it was not asked in time
+    utility: float | None  # none: it has no bid, for the reason
+    critical: bool = False
+    wanted: tuple[float, ...] = ()  # empty for what is no numbers
+    reason: str = ""
+    inputs: tuple[Input, ...] = ()
+
+
+class Contest(Struct, frozen=True):
+    """One resource in one moment: who holds it, what comes of it, and what the others would do."""
+
+    resource: str
+    holder: str  # the instance that claims it; empty: nobody
+    term: int | None
+    utility: float | None
+    critical: bool
+    wanted: tuple[float, ...]
+    commanded: tuple[float, ...]
+    loser: str  # from whom it is being taken over; empty: no exchange is under way
+    obeyed: str  # the instance that its owner obeys; empty: nobody
+    measured: tuple[float, ...]
+    refused: tuple[str, ...]  # commands that the owner would not have, of late
+    bids: tuple[Bidding, ...]
+
+
+class Moment(Struct, frozen=True):
+    """How everything stood at a time, s of whoever recorded it."""
+
+    t: float
+    cycle: int | None
+    stands: bool
+    contests: tuple[Contest, ...]
+    sentences: tuple[str, ...]
+    cause: Cause | None
+
+
+class Exchange(Struct, frozen=True):
+    """Another agent was obeyed than before; counted from 1 for each resource."""
+
+    number: int
+    t: float
+    cycle: int
+    resource: str
+    loser: str
+    winner: str
+    cycles: int  # that the winner's own action was blended with the loser's
+    sentences: tuple[str, ...]
+    cause: Cause
+    bids: tuple[Bidding, ...]
+
+
+class Press(Struct, frozen=True):
+    """A stop that was latched; counted from 1. Times are s; none: it did not happen."""
+
+    number: int
+    t: float
+    by: str
+    stood: float | None  # s after it the robot stood
+    released: float | None
+    released_by: str
+    sentences: tuple[str, ...]
+    cause: Cause
+
+
+class Collision(Struct, frozen=True):
+    """The robot touched something; counted from 1."""
+
+    number: int
+    t: float
+    sentences: tuple[str, ...]
+    cause: Cause
+    moment: Moment
+
+
+# In words -----------------------------------------------------------------------------------------
+
+
+def contest_told(of: Contest) -> Iterator[str]:
+    """A contest in sentences."""
+    name = of.resource
+    if of.holder:
+        rank = f"{of.utility:.2f}{', critical' if of.critical else ''}"
+        text = f"{name}: {agent_of(of.holder)} holds it (term {of.term}) with {rank}"
+        if of.wanted:
+            text += f", wants {_pair(of.wanted)}"
+        if of.loser:
+            text += (
+                f" and commands {_pair(of.commanded)}, still blended with {agent_of(of.loser)}'s"
+            )
+        yield text + "."
+    elif of.bids or of.obeyed:
+        yield f"{name}: nobody claims it."
+    if of.obeyed and of.obeyed != of.holder:
+        yield f"Its owner obeys {agent_of(of.obeyed)}."
+    elif of.holder and not of.obeyed:
+        yield "Its owner obeys nobody."
+    for refusal in of.refused:
+        yield f"By its owner, {refusal}."
+    for each in of.bids:
+        yield bid_told(each)
+    by_inputs: dict[tuple[Input, ...], list[str]] = {}
+    for each in of.bids:
+        if each.inputs:
+            by_inputs.setdefault(each.inputs, []).append(each.agent)
+    for inputs, agents in by_inputs.items():
+        made = "; ".join(f"{i.key} {i.what}{_old(i.age)}" for i in inputs)
+        yield f"{', '.join(agents)}: by {made}."
+
+
+def unasked(answer: Moment | Exchange | Collision) -> set[str]:
+    """The instances whose bids are missing in an answer: nobody asked them in time."""
+    moment = answer.moment if isinstance(answer, Collision) else answer
+    contests = moment.contests if isinstance(moment, Moment) else (moment,)
+    return {bid.instance for each in contests for bid in each.bids if bid.cycle is None}
+
+
+def bid_told(of: Bidding) -> str:
+    """One contender's in a sentence."""
+    if of.cycle is None:
+        return f"{of.agent} had no turn, or was not asked in time."
+    if of.utility is None:
+        return f"{of.agent} had no bid: {of.reason or 'it does not say why'}."
+    critical = ", critical" if of.critical else ""
+    why = f" ({of.reason})" if of.reason else ""
+    to = f" for {_pair(of.wanted)}" if of.wanted else ""
+    return f"{of.agent} bid {of.utility:.2f}{critical}{to}{why}."
+
+
+def outbid(of: Contest) -> Cause | None:
+    """Who would have had it but for the holder; None if nobody else had a bid."""
+    others = [b for b in of.bids if b.utility and b.instance != of.holder]
+    if not of.holder or not others:
+        return None
+    best = max(others, key=lambda b: (b.utility or 0.0, b.critical))
+    holder = agent_of(of.holder)
+    what = f"{best.agent}'s {best.utility:.2f} is not more than {holder}'s {of.utility:.2f}."
+    return Cause(Sort.OUTBID, holder, what)
+
+
+def _old(age: int | None) -> str:
+    return f", {age} cycles old" if age is not None and age > 1 else ""
+
+
+def _pair(action: tuple[float, ...]) -> str:
+    return f"({', '.join(f'{each:.2f}' for each in action)})"
