@@ -402,10 +402,10 @@ def test_what_a_robot_of_ros2_says_by_itself_is_told_from_the_rest() -> None:
 # Goals --------------------------------------------------------------------------------------------
 
 
-def goal(x=1.0, y=2.0, theta=0.5, frame="map", **turned) -> bytes:
+def goal(x=1.0, y=2.0, theta=0.5, frame="map", stamp=0, **turned) -> bytes:
     turned = turned or {"z": math.sin(theta / 2), "w": math.cos(theta / 2)}
     pose = types.Pose(types.Point(x, y), types.Quaternion(**turned))
-    return cdr.encode(types.PoseStamped(types.Header(frame_id=frame), pose))
+    return cdr.encode(types.PoseStamped(types.Header(types.Time(stamp), frame), pose))
 
 
 def ready() -> Society:
@@ -451,6 +451,22 @@ def test_a_goal_in_another_frame_is_where_that_lies() -> None:
 def test_a_goal_that_is_none_is_refused_with_the_reason(data: bytes, why: str) -> None:
     with pytest.raises(ValueError, match=why):
         ready().goal(data)
+
+
+NOW_S = 1_700_000_000
+
+
+@pytest.mark.parametrize("stamp", [0, NOW_S - 9, NOW_S, NOW_S + 3600])
+def test_a_goal_is_of_now_if_it_says_so_or_nothing(stamp: int) -> None:
+    assert ready().goal(goal(stamp=stamp), at=NOW_S * 10**9).goal.x == 1.0
+
+
+def test_a_goal_of_long_ago_is_refused_in_either_encoding() -> None:
+    """A bag that is played back, or what waited in a network that was down, sends nobody off."""
+    with pytest.raises(ValueError, match="stamp is 11 s old, and a goal may be 10 s"):
+        ready().goal(goal(stamp=NOW_S - 11), at=NOW_S * 10**9)
+    with pytest.raises(ValueError, match="do the clocks agree"):
+        ready().goal(JSON, "json", at=NOW_S * 10**9)
 
 
 JSON = (
