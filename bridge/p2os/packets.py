@@ -7,6 +7,8 @@ is dropped in silence by both sides, so a receiver's whole duty is to find the n
 
 from __future__ import annotations
 
+from armadico.bridge.framing import Framing
+
 HEADER = b"\xfa\xfb"
 MIN_COUNT = 3  # one byte of payload and the checksum
 MAX_COUNT = 200  # P2OS ignores longer packets
@@ -28,47 +30,15 @@ def encode(payload: bytes) -> bytes:
     return b"%b%c%b%b" % (HEADER, len(payload) + 2, payload, checksum(payload).to_bytes(2, "big"))
 
 
-class Decoder:
-    """Turns a stream of bytes, however it is cut, into the payloads of its good packets.
-
-    After a bad checksum the search goes on right behind the header, not behind the packet: a count
-    that noise made larger would otherwise swallow the good packets that follow.
-    """
+class Decoder(Framing[bytes]):
+    """The payloads of a stream's good packets."""
 
     def __init__(self) -> None:
-        self.dropped = 0  # bytes so far that belonged to no good packet
-        self.mangled = 0  # packets so far whose checksum was bad
-        self._buffer = bytearray()
-        self._fed_at = 0.0
-
-    @property
-    def pending(self) -> int:
-        """Bytes kept because they may begin a packet."""
-        return len(self._buffer)
-
-    def begin(self) -> None:
-        """What comes next has nothing to do with what came: the line was opened again."""
-        self._drop(len(self._buffer))
-
-    def feed(self, data: bytes, now: float = 0.0) -> list[bytes]:
-        """Take bytes in at time `now` (s, any clock) and return the payloads that they complete.
-
-        A packet left unfinished for `QUIET_S` is given up first. Otherwise a header in noise,
-        with a long count, would sit on the next second of commands: a stop among them.
-        """
-        if self._buffer and now - self._fed_at > QUIET_S:
-            self._drop(min(2, len(self._buffer)))
-        self._fed_at = now
-        self._buffer += data
-        payloads = []
-        while (payload := self._next()) is not None:
-            payloads.append(payload)
-        return payloads
+        super().__init__(HEADER, 3, QUIET_S)
 
     def _next(self) -> bytes | None:
-        """Remove and return the first good packet's payload; None: more bytes are needed."""
         buffer = self._buffer
-        while self._find_header():
+        while self._find():
             count = buffer[2]
             if MIN_COUNT <= count <= MAX_COUNT:
                 end = 3 + count
@@ -79,18 +49,5 @@ class Decoder:
                     del buffer[:end]
                     return payload
                 self.mangled += 1
-            self._drop(2)
+            self._drop(len(HEADER))
         return None
-
-    def _find_header(self) -> bool:
-        """Drop what stands before the next header; return whether header and count have come."""
-        buffer = self._buffer
-        start = buffer.find(HEADER)
-        if start < 0:
-            start = len(buffer) - buffer.endswith(HEADER[:1])
-        self._drop(start)
-        return len(buffer) >= 3
-
-    def _drop(self, count: int) -> None:
-        self.dropped += count
-        del self._buffer[:count]

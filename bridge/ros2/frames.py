@@ -18,6 +18,8 @@ from zlib import crc32
 import msgspec
 from msgspec import Meta, Struct
 
+from armadico.bridge.framing import Framing
+
 MAGIC = b"\xf5R2\x01"
 LARGEST = 262_144
 """Bytes of a payload: a scan of 2048 rays with intensities has 16 kB."""
@@ -49,43 +51,15 @@ def frame(topic: str, payload: bytes) -> bytes:
     return b"".join((head, struct.pack("<HI", crc32(head) & 0xFFFF, check), name, payload))
 
 
-class Decoder:
-    """Turns a stream of bytes, however it is cut, into its good frames.
-
-    After a bad check the search goes on right behind the magic: what was lost on the way must not
-    take the good frames behind it along.
-    """
+class Decoder(Framing[Frame]):
+    """The good frames of a stream."""
 
     def __init__(self) -> None:
-        self.dropped = 0  # bytes so far that belonged to no good frame
-        self.mangled = 0  # frames so far whose check was bad
-        self._buffer = bytearray()
-        self._fed_at = 0.0
-
-    @property
-    def pending(self) -> int:
-        """Bytes kept because they may begin a frame."""
-        return len(self._buffer)
-
-    def begin(self) -> None:
-        """What comes next has nothing to do with what came: the line was opened again."""
-        self._drop(len(self._buffer))
-
-    def feed(self, data: bytes, now: float = 0.0) -> list[Frame]:
-        """Take bytes in at time `now` (s, any clock) and return the frames that they complete."""
-        if self._buffer and now - self._fed_at > QUIET_S:
-            self._drop(min(len(MAGIC), len(self._buffer)))
-        self._fed_at = now
-        self._buffer += data
-        found: list[Frame] = []
-        while (one := self._next()) is not None:
-            found.append(one)
-        return found
+        super().__init__(MAGIC, _HEAD.size, QUIET_S)
 
     def _next(self) -> Frame | None:
-        """Remove and return the first good frame; None: more bytes are needed."""
         buffer = self._buffer
-        while self._find_magic():
+        while self._find():
             _, named, length, check, whole = _HEAD.unpack_from(buffer)
             sound = crc32(buffer[:_CHECKED]) & 0xFFFF == check
             if sound and 0 < named <= LONGEST and length <= LARGEST:
@@ -100,21 +74,6 @@ class Decoder:
             self.mangled += 1
             self._drop(len(MAGIC))
         return None
-
-    def _find_magic(self) -> bool:
-        """Drop what stands before the next magic; return whether the whole head has come."""
-        buffer = self._buffer
-        start = buffer.find(MAGIC)
-        if start < 0:
-            start = next(
-                (len(buffer) - k for k in (3, 2, 1) if buffer.endswith(MAGIC[:k])), len(buffer)
-            )
-        self._drop(start)
-        return len(buffer) >= _HEAD.size
-
-    def _drop(self, count: int) -> None:
-        self.dropped += count
-        del self._buffer[:count]
 
 
 # The line's own -----------------------------------------------------------------------------------

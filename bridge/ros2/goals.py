@@ -69,8 +69,8 @@ _GOALS: Final = msgspec.json.Decoder(_Goal)
 def read_goal(data: bytes, encoding: str = "", schema: str = "") -> tuple[str, Pose2, int]:
     """The frame that a goal is in, the pose in that (m, m, rad), and its stamp, ns since 1970.
 
-    A stamp of 0 is none: now. Without an encoding it is CDR, without a schema of the type that goals have. Raises ValueError,
-    saying what is wrong with it.
+    A stamp of 0 is none: now. Without an encoding it is CDR, without a schema of the type that
+    goals have. Raises ValueError, saying what is wrong with it.
     """
     wanted = cdr.ros_name(types.PoseStamped)
     if schema and schema.replace("/msg/", "/") != wanted.replace("/msg/", "/"):

@@ -26,6 +26,7 @@ from armadico.bridge.ros2.ramps import Ramps
 from armadico.bridge.ros2.scans import swept
 from armadico.bridge.session import (
     Connected,
+    Counting,
     Event,
     LinkLost,
     Noted,
@@ -34,7 +35,6 @@ from armadico.bridge.session import (
     Unanswered,
 )
 from armadico.config.profile import Ros2, Ros2Robot, Topic
-from armadico.core.messages import Line
 
 LINK_TIMEOUT_S, LINK_CYCLES = 1.0, 3
 """Without a cycle for so long, or so many that were due, the link is lost; so long is waited for
@@ -71,23 +71,21 @@ UNWATCHED = (
 )
 
 
-class Session:
+class Session(Counting):
     """One agent's dealings with one ROS 2 robot.
 
     Attributes:
         is_open: Whether odometry comes, so that speeds that are asked for reach the robot.
-        decoder: Counts what was dropped.
-        malformed: Messages so far that were none of their type, or said NaN.
-        absurd: Odometry so far of wheels faster than any, or that ran backwards in time.
-        surplus: Odometry so far that was too much to be looked at.
     """
+
+    decoder: Decoder
+    odometry: Odometry
 
     def __init__(self, profile: Ros2Robot, now: float) -> None:
         """Begin at time `now`, s of any clock."""
         self._ros2, limits = profile.ros2, profile.limits
         self.is_open = False
         self.decoder = Decoder()
-        self.malformed = self.absurd = self.surplus = 0
         self.odometry = Odometry(self._ros2.cycle_s)
         self._fastest = (
             ABSURD * limits.v_max + ABSURD_M_S,
@@ -129,18 +127,6 @@ class Session:
     def motors_due(self) -> bool:
         """See `bridge.session`: nobody says whether they are on."""
         return self.is_open
-
-    @property
-    def line(self) -> Line:
-        """See `bridge.session`."""
-        return Line(
-            self.decoder.dropped,
-            self.decoder.mangled,
-            self.malformed,
-            self.absurd,
-            self.surplus,
-            self.odometry.resets,
-        )
 
     @property
     def next_wakeup(self) -> float | None:
