@@ -332,6 +332,8 @@ class Robot(DeviceAgent):
         if self.stopped is None and self._session is not None:
             if report.stop_button:
                 self.latch("the STOP button at the robot")
+            elif report.lifted:
+                self.latch("a wheel of the robot hanging in the air")
             elif not (report.motors or self._touch.cut) and self._session.motors_due:
                 self.latch("the motors being off at the robot")
 

@@ -29,6 +29,7 @@ def test_it_says_first_what_it_wants_and_tells_the_robot_to_stand() -> None:
         ("odom", "nav_msgs/msg/Odometry", False),
         ("scan", "sensor_msgs/msg/LaserScan", False),
         ("battery_state", "sensor_msgs/msg/BatteryState", False),
+        ("/tf_static", "tf2_msgs/msg/TFMessage", False),
         ("cmd_vel", "geometry_msgs/msg/TwistStamped", True),
     ]
     assert line.speeds() == [(0.0, 0.0)]
