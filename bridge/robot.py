@@ -235,6 +235,14 @@ class Robot(DeviceAgent):
             elif isinstance(event, Noted):
                 self.log(event.text, WARNING)
 
+    def _catch_up(self) -> None:
+        """Let the session know how late it is: after a pause its ramps begin with what it was told.
+
+        Otherwise the first step after one is that of a moment before it: what was asked for then.
+        """
+        if self._session is not None:
+            self._take(self._session.tick(self.now))
+
     def _send(self) -> None:
         """Write what the session has to say, and wake for what it waits for."""
         assert self._session is not None
@@ -406,6 +414,7 @@ class Robot(DeviceAgent):
         the worse for it, nor is the robot.
         """
         assert self._session is not None, "unavailable without one"
+        self._catch_up()
         v, w = action
         if abs(v) > self._v_max:
             v, w = copysign(self._v_max, v), w * self._v_max / abs(v)
@@ -417,6 +426,7 @@ class Robot(DeviceAgent):
         """Order zero speeds, down the controller's ramps."""
         self._moving = False
         self._driven = (0.0, 0.0)
+        self._catch_up()
         if self._session is not None:
             self._session.stop()
             self._send()

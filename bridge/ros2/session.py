@@ -356,7 +356,7 @@ class Session(Counting):
             self._attempts = 0
             self._events.append(self._connected())
             if self._ros2.watchdog_s is None:
-                self._events.append(Noted(UNWATCHED))
+                self._tell(UNWATCHED)
         self._measured = (here.v, here.w)
         volts, charging = self._battery
         self._hazards.take()
@@ -416,7 +416,7 @@ class Session(Counting):
         most, most_w = self._fastest
         if abs(v) > most or abs(w) > most_w or max(abs(place.x), abs(place.y)) > 1e5:
             self.absurd += 1
-            self._wrong = f"the odometry says {v:.3g} m/s, {w:.3g} rad/s"
+            self._wrong = f"the odometry says {v:.2f} m/s, {w:.2f} rad/s"
             return None
         if odometry.child_frame_id not in ("", self._base):
             self._base = odometry.child_frame_id
@@ -507,8 +507,9 @@ class Session(Counting):
                 return ours
             if said.differs(ours):
                 self._tell(
-                    f"the {what} {frame} is mounted otherwise than the profile has it: {said.told}"
-                    f" by tf_static, which counts, and {ours.told} by the profile; is that right?"
+                    f"the {what} ({frame}) is mounted otherwise than the profile has it:"
+                    f" {said.told} by tf_static, which counts, and {ours.told} by the profile;"
+                    " is that right?"
                 )
             mount = self._mounts[frame] = said
         return mount

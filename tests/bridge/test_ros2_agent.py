@@ -346,3 +346,31 @@ def test_one_that_is_lifted_is_stopped_until_it_is_released() -> None:
     bench.go(2.0, command=(0.2, 0.0))  # put down again
     assert bench.told[-1][1:] == (0.0, 0.0)
     assert bench.all(RobotState)[-1].stop.stopped
+
+
+# --- an agent that was stopped for a while
+
+
+@pytest.mark.parametrize("first", ["wake", "bytes", "command"])
+@pytest.mark.parametrize("paused", [0.31, 0.4, 0.55, 0.7, 3.0])
+@pytest.mark.parametrize("climbing", [False, True])
+def test_after_a_pause_beyond_the_silence_nothing_old_is_sent(
+    ready: Bench, first: str, paused: float, climbing: bool
+) -> None:
+    """Whatever waited for it meanwhile and comes first: from its first word on it slows down."""
+    ready.go(0.5 if climbing else 2.0, command=(1.8, 0.0))
+    before, cycle = ready.told[-1][1], ready.all(RobotState)[-1].cycle
+    assert (before < 1.8) is climbing
+    ready.now, told = round(ready.now + paused, 6), len(ready.told)
+    if first == "command":
+        ready.hand(Command("wheels", cycle, BALLOT, (1.8, 0.0)))
+    elif first == "bytes":
+        data = odometry(CLOCK_S + ready.now - paused + 0.1, x=ready.x, v=before)
+        ready.raw(frame(ready.ros2.odom.name, data))
+    ready.agent.wake(ready.now)
+    ready.take()
+    ready.go(1.5)
+    speeds = [v for _, v, _ in ready.told[told:]]
+    assert speeds[0] < before
+    assert speeds == sorted(speeds, reverse=True)
+    assert speeds[-1] == 0.0

@@ -599,7 +599,9 @@ def test_a_laser_sits_where_the_robot_says_and_a_profile_that_differs_is_named_o
     assert line.report.scan is not None
     assert line.report.scan.mount == pytest.approx((0.05, 0.0, 0.0))
     (noted,) = line.notes
-    assert "the laser laser is mounted otherwise than the profile has it: x = 0.050 m" in noted.text
+    assert (
+        "the laser (laser) is mounted otherwise than the profile has it: x = 0.050 m" in noted.text
+    )
     assert "x = -0.032 m, y = 0.000 m, 0 deg by the profile" in noted.text
 
 
@@ -728,7 +730,7 @@ def test_sonars_sit_where_the_robot_says() -> None:
     line.go(0.1)
     assert line.report.sonars[3] == pytest.approx((0.4, 0.0, 0.0))
     assert line.report.sonars[4] == pytest.approx(SONARS.ring.sonars[4].place)
-    assert "the sonar sonar_3 is mounted otherwise" in line.notes[0].text
+    assert "the sonar (sonar_3) is mounted otherwise" in line.notes[0].text
 
 
 # --- hazards
