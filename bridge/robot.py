@@ -8,7 +8,7 @@ and its watchdog is fed only while all of this works. Which protocol it speaks t
 from __future__ import annotations
 
 from collections.abc import Iterable
-from math import copysign, inf
+from math import copysign, inf, radians
 from typing import Annotated, Any, ClassVar
 
 from msgspec import Meta
@@ -312,6 +312,7 @@ class Robot(DeviceAgent):
     def description(self) -> Description:
         """The robot's body and limits, by its profile."""
         body, limits, cycle_s = self.profile.body, self.profile.limits, self.profile.cycle_s
+        ring = self.profile.sonar
         return Description(
             robot=self.profile.name,
             cycle_s=cycle_s,
@@ -328,6 +329,8 @@ class Robot(DeviceAgent):
             watchdog_s=self.profile.watchdog_s,
             controller=self._controller,
             sensors=self._readings.sensors,
+            cone=0.0 if ring is None else radians(ring.cone_deg),
+            nearest=0.0 if ring is None else ring.min_m,
         )
 
     def _heed_hands(self, report: Reported) -> None:

@@ -164,9 +164,9 @@ class Sonar(Struct, frozen=True, forbid_unknown_fields=True):
 class SonarRing(Struct, frozen=True, forbid_unknown_fields=True):
     """The array of ultrasonic sensors (thesis 4.4)."""
 
-    min_m: Positive
-    max_m: Positive
-    cone_deg: Positive
+    min_m: Annotated[float, Meta(ge=1e-6, le=100)]
+    max_m: Annotated[float, Meta(ge=1e-6, le=100)]
+    cone_deg: Annotated[float, Meta(ge=1e-6, le=360)]
     period_s: Period  # from one sonar's ping to the next one's
     sonars: tuple[Sonar, ...]
     firing_order: tuple[int, ...]

@@ -53,12 +53,6 @@ LOCAL_M: Final = 0.1
 LOCAL_CELLS: Final = 256
 """and how many it has a side at the most: what reaches further comes in larger cells."""
 
-CONE: Final = math.radians(30.0)
-"""What a sonar hears, rad, and"""
-
-NEAREST: Final = 0.1
-"""the shortest range that it does, m: those of the Pioneers' (thesis 4.4). Nobody says them."""
-
 OLD_S: Final = 10.0
 """A goal whose stamp is older is not driven to: it was held up on its way, or is played back."""
 
@@ -242,6 +236,8 @@ class Society:
                 ),
             )
         stamp = self._stamp(sonar.cycle, at)
+        said = self._description
+        limits = (0.0, 0.0) if said is None else (said.cone, said.nearest)
         for echo in sonar.echoes:
             frame = self._sonars.get((echo.x, echo.y, echo.bearing))
             if frame is None:
@@ -249,9 +245,7 @@ class Society:
             heard = math.inf if echo.range is None else echo.range
             yield (
                 _SONAR,
-                types.Range(
-                    self._header(stamp, frame), ULTRASOUND, CONE, NEAREST, sonar.reach, heard
-                ),
+                types.Range(self._header(stamp, frame), ULTRASOUND, *limits, sonar.reach, heard),
             )
 
     def _take_grid(self, _: str, grid: m.OccupancyGrid, at: int) -> Iterator[_Said]:

@@ -299,7 +299,9 @@ def test_sonars_and_a_laser_are_told_together_each_where_it_sits() -> None:
         for k in range(8):
             bench.raw(frame("sonar", ranged(f"sonar_{k}", CLOCK_S + bench.now, 1.0 + k)))
         bench.go(0.1)
-    assert bench.all(Description)[-1].sensors == ("sonar", "laser")
+    described = bench.all(Description)[-1]
+    assert described.sensors == ("sonar", "laser")
+    assert (described.cone, described.nearest) == (pytest.approx(0.5236, abs=1e-4), 0.1)
     sonar, scan = bench.all(Sonar)[-1], bench.all(Scan)[-1]
     assert abs(sonar.cycle.number - scan.cycle.number) <= 1
     (ahead,) = (echo for echo in sonar.echoes if (echo.x, echo.y) == (0.25, 0.035))

@@ -137,6 +137,16 @@ def test_sonars_are_ranges_in_frames_of_their_own() -> None:
     assert "/tf_static" not in said(society, m.Sonar(cycle(2), 5.0, (front,)))
 
 
+def test_how_wide_a_sonar_hears_and_from_where_on_the_robot_says() -> None:
+    limits = (0.1, 0.1, 0.1, 1.0, 1.0, 0.3, 0.3, 1.7, 1.7, 0.3, 2.0)
+    echo, society = m.Echo(0.1, 0.0, 0.0, 1.5), Society()
+    (before,) = said(society, m.Sonar(cycle(), 5.0, (echo,)))["/sonar"]
+    assert (before.field_of_view, before.min_range) == (0.0, 0.0)
+    said(society, m.Description("slim", 0.1, *limits, cone=0.25, nearest=0.125))
+    (after,) = said(society, m.Sonar(cycle(2), 5.0, (echo,)))["/sonar"]
+    assert (after.field_of_view, after.min_range) == (0.25, 0.125)
+
+
 def test_all_sonars_are_in_the_newest_static_transforms() -> None:
     society = Society()
     ring = [m.Echo(0.1, 0.0, math.radians(deg), 1.0) for deg in (-50, 10, 10, 30)]
