@@ -42,6 +42,7 @@ def domain() -> int:
 
 ODOM = Wanted("odom", "nav_msgs/msg/Odometry")
 SCAN = Wanted("scan", "sensor_msgs/msg/LaserScan", reliable=False)
+SONAR = Wanted("sonar", "sensor_msgs/msg/Range", reliable=False)
 CMD = Wanted("cmd_vel", "geometry_msgs/msg/TwistStamped", writes=True)
 
 
@@ -158,11 +159,13 @@ def obeys(line: Line, peer: Peer, v: float, w: float) -> None:
 
 
 def test_odometry_and_scans_come_and_commands_go(peer, line) -> None:
-    robot, ours = peer("--x", "1.5"), line()
+    robot, ours = peer("--x", "1.5"), line("", ODOM, SCAN, SONAR, CMD)
     odometry = cdr.decode(types.Odometry, ours.next("odom"))
     assert odometry.pose.pose.position.x == 1.5
     assert odometry.twist.twist.linear.x == 0.125
     assert list(cdr.decode(types.LaserScan, ours.next("scan")).ranges) == [1.0, 2.5]
+    heard = cdr.decode(types.Range, ours.next("sonar"))
+    assert (heard.header.frame_id, heard.range) == ("sonar_3", 1.5)
     assert ours.until(lambda seen: seen.robot == "/robot").drivers == ()
     obeys(ours, robot, 0.25, -0.5)
     obeys(ours, robot, 0.0, 0.0)
