@@ -11,7 +11,7 @@ robot going by itself: an owner that hangs or dies must leave the robot to its w
 from __future__ import annotations
 
 from collections.abc import Sequence
-from typing import TYPE_CHECKING, Any, Protocol
+from typing import Protocol
 
 import numpy as np
 from msgspec import Struct
@@ -19,10 +19,6 @@ from numpy.typing import NDArray
 
 from armadico.core.geometry import Pose2
 from armadico.core.messages import Line
-
-if TYPE_CHECKING:
-    from armadico.bridge.framing import Framing
-    from armadico.bridge.odometry import Continuous
 
 
 class Pose(Struct, frozen=True):
@@ -147,31 +143,3 @@ class Session(Protocol):
 
     def close(self) -> None:
         """Stop, and end the session; `restart` begins another."""
-
-
-class Counting:
-    """A session's counts of what was wrong on its line.
-
-    Attributes:
-        decoder: Counts what was dropped.
-        malformed: Messages so far with a good check and bad contents.
-        absurd: Reports so far of wheels faster than any; they count as not received.
-        surplus: Reports so far that were too many to be looked at.
-        odometry: Counts its resets.
-    """
-
-    decoder: Framing[Any]
-    odometry: Continuous
-    malformed = absurd = surplus = 0
-
-    @property
-    def line(self) -> Line:
-        """What was wrong on the line so far."""
-        return Line(
-            self.decoder.dropped,
-            self.decoder.mangled,
-            self.malformed,
-            self.absurd,
-            self.surplus,
-            self.odometry.resets,
-        )

@@ -13,6 +13,7 @@ from __future__ import annotations
 from collections.abc import Iterator
 from math import inf
 
+from armadico.bridge.counting import Counting
 from armadico.bridge.p2os.commands import SYNC0, SYNC1, SYNC2, Cmd, command, quantity
 from armadico.bridge.p2os.configuration import (
     CONFIG,
@@ -34,7 +35,7 @@ from armadico.bridge.p2os.handshake import (
 from armadico.bridge.p2os.odometry import Odometry
 from armadico.bridge.p2os.packets import Decoder
 from armadico.bridge.p2os.status import STATUS_TYPES, Status, decode_status
-from armadico.bridge.session import Connected, Counting, LinkLost, Unanswered
+from armadico.bridge.session import Connected, LinkLost, Unanswered
 from armadico.bridge.session import Reported as Neutral
 from armadico.config.profile import Limits, P2osUnits
 

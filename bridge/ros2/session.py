@@ -17,6 +17,7 @@ from math import copysign, degrees, inf, isfinite
 from msgspec.structs import replace
 from pycdr2 import IdlStruct
 
+from armadico.bridge.counting import Counting
 from armadico.bridge.ros2 import types
 from armadico.bridge.ros2.cdr import decode, encode, ros_name
 from armadico.bridge.ros2.frames import SEEN, Decoder, Seen, Wanted, Wants, frame, read, said
@@ -29,7 +30,6 @@ from armadico.bridge.ros2.rangers import Rangers
 from armadico.bridge.ros2.scans import swept
 from armadico.bridge.session import (
     Connected,
-    Counting,
     Event,
     LinkLost,
     Noted,
