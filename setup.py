@@ -31,7 +31,7 @@ COMPILED = (
     *("armadico/mesh/virtual", "armadico/mesh/virtual_network", "armadico/mesh/virtual_session"),
     *("agents/methods/geometry", "agents/methods/free_heading", "agents/methods/local_map"),
     *("agents/methods/known_walls", "agents/methods/rows"),
-    *("bridge/reflex", "bridge/framing", "bridge/p2os/packets"),
+    *("bridge/framing", "bridge/reflex", "bridge/p2os/packets"),
 )
 """What a virtual second goes into, and `bridge/simulator`. Agents are not: everybody's are Python.
 Nor is what declares types for msgspec: it reads them as they are written, and mypyc drops that."""

@@ -1,36 +1,36 @@
-"""What is framed in a stream of bytes, however that is cut; sans-IO, for every kind of line."""
+"""What both protocols' framing has in common: good frames out of a stream of bytes; sans-IO."""
 
 from __future__ import annotations
 
-from typing import ClassVar, Generic, TypeVar
+from typing import Generic, TypeVar
 
 from armadico.core.compiled import mypyc_attr
 
-F = TypeVar("F")
+T = TypeVar("T")
 
 
 @mypyc_attr(allow_interpreted_subclasses=True)
-class Deframer(Generic[F]):
-    """Takes bytes in, and gives the good frames among them.
+class Framing(Generic[T]):
+    """Turns a stream of bytes, however it is cut, into its good frames.
+
+    After a bad check the search goes on right behind the mark that frames begin with, not behind
+    the frame: a length that noise made larger would otherwise swallow the good frames that follow.
 
     Attributes:
         dropped: Bytes so far that belonged to no good frame.
         mangled: Frames so far whose check was bad.
     """
 
-    magic: ClassVar[bytes]
-    """Each frame begins so."""
-    head: ClassVar[int]
-    """Bytes, the magic among them, that tell how long a frame is."""
-    quiet_s: ClassVar[float]
-    """A frame broken off for this long is given up."""
+    def __init__(self, mark: bytes, head: int, quiet_s: float) -> None:
+        """Frames begin with `mark`, their length is known from `head` bytes.
 
-    def __init__(self) -> None:
-        """Nothing has come yet."""
-        self.dropped = 0
-        self.mangled = 0
+        One that is broken off for `quiet_s` is given up: noise that looks like a mark, with a
+        great length, would otherwise sit on the next second of commands, a stop among them.
+        """
+        self.dropped = self.mangled = 0
         self._buffer = bytearray()
         self._fed_at = 0.0
+        self._mark, self._head, self._quiet_s = mark, head, quiet_s
 
     @property
     def pending(self) -> int:
@@ -41,38 +41,33 @@ class Deframer(Generic[F]):
         """What comes next has nothing to do with what came: the line was opened again."""
         self._drop(len(self._buffer))
 
-    def feed(self, data: bytes, now: float = 0.0) -> list[F]:
-        """Take bytes in at time `now` (s, any clock) and return the frames that they complete.
-
-        A frame left unfinished for `quiet_s` is given up first. Otherwise a magic in noise, with a
-        long count, would sit on the next second of commands: a stop among them.
-        """
-        if self._buffer and now - self._fed_at > self.quiet_s:
-            self._drop(min(len(self.magic), len(self._buffer)))
+    def feed(self, data: bytes, now: float = 0.0) -> list[T]:
+        """Take bytes in at time `now` (s, any clock) and return the frames that they complete."""
+        if self._buffer and now - self._fed_at > self._quiet_s:
+            self._drop(min(len(self._mark), len(self._buffer)))
         self._fed_at = now
         self._buffer += data
-        found: list[F] = []
+        found: list[T] = []
         while (one := self._next()) is not None:
             found.append(one)
         return found
 
-    def _next(self) -> F | None:
-        """Remove and return the first good frame; None: more bytes are needed.
-
-        After a bad check the search goes on right behind the magic, not behind the frame: a count
-        that noise made larger would otherwise swallow the good frames that follow.
-        """
+    def _next(self) -> T | None:
+        """Remove and return the first good frame; None: more bytes are needed."""
         raise NotImplementedError
 
-    def _find_head(self) -> bool:
-        """Drop what stands before the next magic; return whether the whole head has come."""
-        buffer, magic = self._buffer, self.magic
-        start = buffer.find(magic)
+    def _find(self) -> bool:
+        """Drop what stands before the next mark; return whether the whole head has come."""
+        buffer, mark = self._buffer, self._mark
+        start = buffer.find(mark)
         if start < 0:
-            lengths = range(len(magic) - 1, 0, -1)
-            start = len(buffer) - next((k for k in lengths if buffer.endswith(magic[:k])), 0)
+            start = len(buffer)
+            for some in range(len(mark) - 1, 0, -1):
+                if buffer.endswith(mark[:some]):
+                    start -= some
+                    break
         self._drop(start)
-        return len(buffer) >= self.head
+        return len(buffer) >= self._head
 
     def _drop(self, count: int) -> None:
         self.dropped += count

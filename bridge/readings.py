@@ -6,10 +6,10 @@ way. It is complained of once each time.
 
 from __future__ import annotations
 
-from math import cos, radians, sin
+from math import cos, sin
 
 from armadico.bridge.session import Reported, Swept
-from armadico.config.profile import Laser, RobotProfile, SonarRing
+from armadico.config.profile import RobotProfile, SonarRing
 from armadico.core.geometry import Pose2
 from armadico.core.messages import Cycle, Echo, Message, Scan, Sonar
 from armadico.core.scans import message_of
@@ -31,11 +31,11 @@ class Readings:
     """
 
     def __init__(self, profile: RobotProfile) -> None:
-        self._ring, self._laser = profile.sonar, profile.laser
+        self._ring, self._sees = profile.sonar, profile.laser is not None
         said: dict[str, type[Message]] = {}
         if profile.sonar is not None:
             said[SONAR] = Sonar
-        if profile.laser is not None:
+        if self._sees:
             said[LASER] = Scan
         self.sensors, self.provides = tuple(said), tuple(said.values())
         self.sonar: Sonar | None = None
@@ -52,10 +52,10 @@ class Readings:
             self._unheard = 0 if echoes else self._unheard + 1
             if self._unheard == SILENT:
                 self._complain(f"no sonar has fired for {SILENT} cycles")
-        if self._laser is not None:
+        if self._sees:
             wrong = f"no scan for {SILENT} cycles"
             try:
-                self.scan = _scan(self._laser, cycle, report, report.scan)
+                self.scan = _scan(cycle, report, report.scan)
             except ValueError as error:
                 self.scan, wrong = None, str(error)
             self._unseen = 0 if self.scan is not None else self._unseen + 1
@@ -66,7 +66,7 @@ class Readings:
         self.complaints += (f"{what}: nobody drives blind",)
 
 
-def _scan(laser: Laser, cycle: Cycle, report: Reported, swept: Swept | None) -> Scan | None:
+def _scan(cycle: Cycle, report: Reported, swept: Swept | None) -> Scan | None:
     """Raises ValueError if it is no scan."""
     if swept is None:
         return None
@@ -75,8 +75,8 @@ def _scan(laser: Laser, cycle: Cycle, report: Reported, swept: Swept | None) -> 
         swept.ranges,
         (swept.first, swept.step),
         (swept.least, swept.most),
-        (laser.x_m, laser.y_m, radians(laser.bearing_deg)),
-        upside_down=laser.upside_down,
+        swept.mount,
+        upside_down=swept.upside_down,
         since=_before(report, swept.age_s),
         number=swept.number,
     )
@@ -89,11 +89,10 @@ def _before(report: Reported, age_s: float) -> Pose2:
 
 
 def _echoes(ring: SonarRing, report: Reported) -> tuple[Echo, ...]:
+    places = report.sonars or tuple(sonar.place for sonar in ring.sonars)
     echoes = []
     for index, distance in report.echoes:
-        if index < len(ring.sonars):
-            sonar = ring.sonars[index]
+        if index < len(places):
             heard = 0.0 < distance < ring.max_m * 0.999
-            bearing, told = radians(sonar.bearing_deg), distance if heard else None
-            echoes.append(Echo(sonar.x_m, sonar.y_m, bearing, told))
+            echoes.append(Echo(*places[index], distance if heard else None))
     return tuple(echoes)

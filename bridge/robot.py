@@ -8,7 +8,7 @@ and its watchdog is fed only while all of this works. Which protocol it speaks t
 from __future__ import annotations
 
 from collections.abc import Iterable
-from math import copysign, inf
+from math import copysign, inf, radians
 from typing import Annotated, Any, ClassVar
 
 from msgspec import Meta
@@ -236,6 +236,14 @@ class Robot(DeviceAgent):
             elif isinstance(event, Noted):
                 self.log(event.text, WARNING)
 
+    def _catch_up(self) -> None:
+        """Let the session know how late it is: after a pause its ramps begin with what it was told.
+
+        Otherwise the first step after one is that of a moment before it: what was asked for then.
+        """
+        if self._session is not None:
+            self._take(self._session.tick(self.now))
+
     def _send(self) -> None:
         """Write what the session has to say, and wake for what it waits for."""
         assert self._session is not None
@@ -305,6 +313,7 @@ class Robot(DeviceAgent):
     def description(self) -> Description:
         """The robot's body and limits, by its profile."""
         body, limits, cycle_s = self.profile.body, self.profile.limits, self.profile.cycle_s
+        ring = self.profile.sonar
         return Description(
             robot=self.profile.name,
             cycle_s=cycle_s,
@@ -321,6 +330,8 @@ class Robot(DeviceAgent):
             watchdog_s=self.profile.watchdog_s,
             controller=self._controller,
             sensors=self._readings.sensors,
+            cone=0.0 if ring is None else radians(ring.cone_deg),
+            nearest=0.0 if ring is None else ring.min_m,
         )
 
     def _heed_hands(self, report: Reported) -> None:
@@ -333,6 +344,8 @@ class Robot(DeviceAgent):
         if self.stopped is None and self._session is not None:
             if report.stop_button:
                 self.latch("the STOP button at the robot")
+            elif report.lifted:
+                self.latch("a wheel of the robot hanging in the air")
             elif not (report.motors or self._touch.cut) and self._session.motors_due:
                 self.latch("the motors being off at the robot")
 
@@ -405,6 +418,7 @@ class Robot(DeviceAgent):
         the worse for it, nor is the robot.
         """
         assert self._session is not None, "unavailable without one"
+        self._catch_up()
         v, w = action
         if abs(v) > self._v_max:
             v, w = copysign(self._v_max, v), w * self._v_max / abs(v)
@@ -416,6 +430,7 @@ class Robot(DeviceAgent):
         """Order zero speeds, down the controller's ramps."""
         self._moving = False
         self._driven = (0.0, 0.0)
+        self._catch_up()
         if self._session is not None:
             self._session.stop()
             self._send()

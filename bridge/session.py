@@ -17,6 +17,7 @@ import numpy as np
 from msgspec import Struct
 from numpy.typing import NDArray
 
+from armadico.core.geometry import Pose2
 from armadico.core.messages import Line
 
 
@@ -40,6 +41,8 @@ class Swept(Struct, frozen=True):
     least: float  # m
     most: float
     number: int  # counts scans
+    mount: Pose2  # where the laser sits on the body, and looks: m, m, rad
+    upside_down: bool = False
     age_s: float = 0.0  # from the scan to the odometry that it comes with, by the robot's clock
 
 
@@ -54,9 +57,11 @@ class Reported(Struct, frozen=True, kw_only=True):
     motors: bool = True  # they are on
     stalled: bool = False  # its controller says that something holds a wheel
     stop_button: bool = False
+    lifted: bool = False  # a wheel hangs in the air
     front_bumpers: int = 0  # a bit each
     rear_bumpers: int = 0
     echoes: tuple[tuple[int, float], ...] = ()  # sonar, range in m; no echo is the maximum
+    sonars: tuple[Pose2, ...] = ()  # where they sit and look: m, m, rad; none: as in the profile
     scan: Swept | None = None  # the newest, for as long as it is new enough
 
 

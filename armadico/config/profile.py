@@ -7,6 +7,7 @@ is as bounded here as on the mesh.
 
 from __future__ import annotations
 
+from math import radians
 from pathlib import Path
 from typing import Annotated
 
@@ -15,7 +16,7 @@ from msgspec import Meta, Struct
 from armadico.config.errors import ConfigError
 from armadico.config.loading import convert, document, read_text
 from armadico.config.shipped import find
-from armadico.core.geometry import turning_circle
+from armadico.core.geometry import Pose2, turning_circle
 from armadico.core.messages import (
     RAYS,
     REACH_M,
@@ -152,14 +153,20 @@ class Sonar(Struct, frozen=True, forbid_unknown_fields=True):
     x_m: Place
     y_m: Place
     bearing_deg: Bearing
+    frame: FrameName | None = None  # with [ros2]: the frame_id that its readings have
+
+    @property
+    def place(self) -> Pose2:
+        """On the body: m, m, rad."""
+        return self.x_m, self.y_m, radians(self.bearing_deg)
 
 
 class SonarRing(Struct, frozen=True, forbid_unknown_fields=True):
     """The array of ultrasonic sensors (thesis 4.4)."""
 
-    min_m: Positive
-    max_m: Positive
-    cone_deg: Positive
+    min_m: Annotated[float, Meta(ge=1e-6, le=100)]
+    max_m: Annotated[float, Meta(ge=1e-6, le=100)]
+    cone_deg: Annotated[float, Meta(ge=1e-6, le=360)]
     period_s: Period  # from one sonar's ping to the next one's
     sonars: tuple[Sonar, ...]
     firing_order: tuple[int, ...]
@@ -191,6 +198,11 @@ class Laser(Struct, frozen=True, forbid_unknown_fields=True):
             raise ValueError(f"min_m = {self.min_m} is not less than max_m = {self.max_m}")
         if not 0.0 < self.angle_max_deg - self.angle_min_deg <= 360.0:
             raise ValueError("angle_max_deg is to be up to 360 more than angle_min_deg")
+
+    @property
+    def place(self) -> Pose2:
+        """On the body: m, m, rad."""
+        return self.x_m, self.y_m, radians(self.bearing_deg)
 
     @property
     def step_deg(self) -> float:
@@ -259,8 +271,11 @@ class Ros2(Struct, frozen=True, forbid_unknown_fields=True):
     w_step: NonNegative = 0.0  # rad/s
     laser_frame: FrameName = "base_scan"
     scan: Topic | None = None
+    sonar: tuple[Topic, ...] = ()  # one for all sonars, or one for each of them
     battery: Topic | None = None
+    hazards: Topic | None = None
     tf: Topic | None = None
+    tf_static: Topic | None = None
 
     def __post_init__(self) -> None:
         names = [topic.name.removeprefix("/") for topic in self.topics]
@@ -270,7 +285,8 @@ class Ros2(Struct, frozen=True, forbid_unknown_fields=True):
     @property
     def topics(self) -> tuple[Topic, ...]:
         """All that there are, the command's last."""
-        heard = (self.odom, self.scan, self.battery, self.tf)
+        heard = (self.odom, self.scan, *self.sonar, self.battery, self.hazards)
+        heard += (self.tf, self.tf_static)
         return (*(topic for topic in heard if topic is not None), self.cmd_vel)
 
 
@@ -302,6 +318,8 @@ class RobotProfile(Struct, frozen=True, forbid_unknown_fields=True, kw_only=True
             raise ValueError("neither [sonar] nor [laser]: nobody drives blind")
         if self.laser is not None and self.ros2 is not None and self.ros2.scan is None:
             raise ValueError("a laser and no [ros2.scan]: where it is heard")
+        if self.ros2 is not None:
+            self._check_sonars(self.ros2)
         masses = {
             "[caster]": self.caster,
             "[inertia]": self.inertia,
@@ -320,6 +338,20 @@ class RobotProfile(Struct, frozen=True, forbid_unknown_fields=True, kw_only=True
         for table, value in useless.items():
             if value is not None:
                 raise ValueError(f"a robot with a table {speaks} has no use for {table}")
+
+    def _check_sonars(self, ros2: Ros2) -> None:
+        """Each has to be told from the others by what it says. Raises ValueError."""
+        sonars = () if self.sonar is None else self.sonar.sonars
+        frames = [sonar.frame for sonar in sonars]
+        if None in frames or len(set(frames)) < len(frames):
+            raise ValueError(
+                "of [sonar] each sonar needs a frame of its own: its readings' frame_id"
+            )
+        if len(ros2.sonar) not in {min(1, len(sonars)), len(sonars)}:
+            raise ValueError(
+                f"{len(sonars)} sonars and {len(ros2.sonar)} tables [[ros2.sonar]], where they are"
+                " heard: it is to be one for all, or one for each"
+            )
 
     @property
     def ring(self) -> SonarRing:

@@ -955,8 +955,14 @@ class DeviceAgent(Agent):
             self.outbox.append(Write(data))
 
     def take_bytes(self, data: bytes, now: float) -> None:
-        """Called by whoever runs it."""
+        """Called by whoever runs it.
+
+        Who hung for longer than a silence rests what it owns first: the device's bytes may come
+        before the wake-up that is due, and what they cause would be what was asked for before.
+        """
         self.now = now
+        for owned in self._owned.values():
+            self._mind(owned)
         self.on_bytes(data)
 
     def take_link(self, up: bool, why: str, now: float) -> None:

@@ -112,8 +112,9 @@ class Gateway:
         by = self._goals.get(asked.topic)
         if by is None:
             return
+        at = round(1e9 * self._mesh.now()) + self._offset
         try:
-            self._goal = asked.topic, by.goal(asked.data, asked.encoding, asked.schema)
+            self._goal = asked.topic, by.goal(asked.data, asked.encoding, asked.schema, at)
         except ValueError as error:
             self._say(f"{asked.topic} refused: {error}")
 

@@ -61,10 +61,12 @@ class Translator(Protocol):
     def take(self, key: str, message: Message, at: int) -> Iterable[Sample]:
         """What a message comes to; it was received at `at`, ns since 1970."""
 
-    def goal(self, data: bytes, encoding: str = "", schema: str = "") -> MissionRequest:
+    def goal(
+        self, data: bytes, encoding: str = "", schema: str = "", at: int = 0
+    ) -> MissionRequest:
         """Where a sample for `goals` sends the robot; by default encoded and of the type as there.
 
-        Raises ValueError, saying why nowhere.
+        It was received at `at`, ns since 1970. Raises ValueError, saying why nowhere.
         """
 
 

@@ -35,6 +35,7 @@ from armadico.core.driver import Announce, Driver, OpenPort, Output, Reply
 from armadico.core.journal import Journalled
 from armadico.core.mailbox import BURST_S, EVENTS
 from armadico.core.messages import Command, Log, Message, MessageError, decode, encoded
+from armadico.core.resources import LEAST_SILENCE_S
 from armadico.core.restart_policy import MISUSED
 from armadico.core.services import Kind, matches
 from armadico.mesh.base import Call, Mesh
@@ -104,6 +105,7 @@ class AgentHost:
         self._mesh = mesh
         self._clock = mesh.now
         self._stopping = threading.Event()
+        self._leaving = False
         self._failure: BaseException | None = None  # of a turn on the reception thread
         self._until: float | None = None  # when the agents' thread wakes by itself
         self._calm_at = float("-inf")  # not before is anything done on the reception thread
@@ -143,6 +145,7 @@ class AgentHost:
 
     def leave(self) -> None:
         """Let go of what the agents hold, see that it is heard, and close their ports."""
+        self._leaving = True
         try:
             for driver in self.drivers:
                 driver.leave(self._clock())
@@ -316,9 +319,7 @@ class AgentHost:
                 logger.log(item.message.level, "%s", item.message.text)
             self._mesh.publish(item.key, item.message, data)
         elif isinstance(item, Write):
-            device = self._devices.get(driver.agent.instance)
-            if device is not None:
-                device.write(item.data)
+            self._write(driver, item)
         elif isinstance(item, AskFor):
             self._ask(driver, item)
         elif isinstance(item, Reply):
@@ -329,6 +330,19 @@ class AgentHost:
             device = self._devices.get(driver.agent.instance)
             if device is not None:
                 device.start()
+
+    def _write(self, driver: Driver, item: Write) -> None:
+        """Give bytes to the device, unless the process was stopped since they were decided on.
+
+        They are what somebody asked for before that. An agent that leaves says its last word.
+        """
+        device, now = self._devices.get(driver.agent.instance), self._clock()
+        if device is None:
+            return
+        if now - driver.agent.now < LEAST_SILENCE_S or self._leaving:
+            device.write(item.data)
+        else:
+            driver.refuse("its device", f"written over {LEAST_SILENCE_S:g} s late", now)
 
     def _inside_of(self, key: str) -> list[tuple[Subscription, Driver]]:
         """Who in this process listens on a key."""

@@ -7,7 +7,7 @@ is dropped in silence by both sides, so a receiver's whole duty is to find the n
 
 from __future__ import annotations
 
-from armadico.bridge.framing import Deframer
+from armadico.bridge.framing import Framing
 
 HEADER = b"\xfa\xfb"
 MIN_COUNT = 3  # one byte of payload and the checksum
@@ -30,16 +30,15 @@ def encode(payload: bytes) -> bytes:
     return b"%b%c%b%b" % (HEADER, len(payload) + 2, payload, checksum(payload).to_bytes(2, "big"))
 
 
-class Decoder(Deframer[bytes]):
-    """Turns a stream of bytes into the payloads of its good packets."""
+class Decoder(Framing[bytes]):
+    """The payloads of a stream's good packets."""
 
-    magic = HEADER
-    head = len(HEADER) + 1
-    quiet_s = QUIET_S
+    def __init__(self) -> None:
+        super().__init__(HEADER, 3, QUIET_S)
 
     def _next(self) -> bytes | None:
         buffer = self._buffer
-        while self._find_head():
+        while self._find():
             count = buffer[2]
             if MIN_COUNT <= count <= MAX_COUNT:
                 end = 3 + count

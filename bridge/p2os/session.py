@@ -13,6 +13,7 @@ from __future__ import annotations
 from collections.abc import Iterator
 from math import inf
 
+from armadico.bridge.counting import Counting
 from armadico.bridge.p2os.commands import SYNC0, SYNC1, SYNC2, Cmd, command, quantity
 from armadico.bridge.p2os.configuration import (
     CONFIG,
@@ -37,7 +38,6 @@ from armadico.bridge.p2os.status import STATUS_TYPES, Status, decode_status
 from armadico.bridge.session import Connected, LinkLost, Unanswered
 from armadico.bridge.session import Reported as Neutral
 from armadico.config.profile import Limits, P2osUnits
-from armadico.core.messages import Line
 
 ASK_AGAIN_S = 0.2  # CONFIG and ENABLE are repeated this often
 ASK_TIMES = 5  # at most so often: packets get lost, and some robots never send a good CONFIGpac
@@ -74,16 +74,15 @@ _REASONS = {
 }
 
 
-class Session:
+class Session(Counting):
     """One client's dealings with one controller, from SYNC0 to CLOSE and again.
 
     Attributes:
         state: What the session waits for.
-        malformed: Status and other packets so far with a good checksum and bad contents.
-        absurd: Status packets so far of wheels faster than any; they count as not received.
-        surplus: Status packets so far that were too many to be looked at.
-        decoder: Counts what was dropped.
     """
+
+    decoder: Decoder
+    odometry: Odometry
 
     def __init__(
         self,
@@ -99,7 +98,6 @@ class Session:
         `half_track_m` the controller's conversion factor stands for it.
         """
         self.state = State.CLOSED
-        self.malformed = self.absurd = self.surplus = 0
         self._ration = float(BURST)  # of status packets
         self.decoder = Decoder()
         self.odometry = Odometry(units, near)
@@ -122,18 +120,6 @@ class Session:
     def is_open(self) -> bool:
         """Whether speeds that are asked for reach the robot."""
         return self.state is State.OPEN
-
-    @property
-    def line(self) -> Line:
-        """What was wrong on the line so far."""
-        return Line(
-            self.decoder.dropped,
-            self.decoder.mangled,
-            self.malformed,
-            self.absurd,
-            self.surplus,
-            self.odometry.resets,
-        )
 
     @property
     def motors_due(self) -> bool:

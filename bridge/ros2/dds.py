@@ -61,7 +61,17 @@ _DISCOVERY = "ros_discovery_info"
 _EVERYTHING = ViewState.Any | SampleState.Any | InstanceState.Any
 _PADDING = 4  # a payload may have less at its end
 _BLOCK_NS = 100_000_000  # for a reliable reader that is slow; what it cannot take is lost
-_POLICIES = {2: "durability", 4: "deadline", 6: "ownership", 8: "liveliness", 11: "reliability"}
+_POLICIES = {
+    3: "presentation",
+    4: "deadline",
+    5: "latency budget",
+    6: "ownership",
+    8: "liveliness",
+    10: "partition",
+    12: "destination order",
+    23: "data representation",
+}
+_NAMED = {2, 11, 24}  # durability, reliability and type, by `judge`
 
 _marks: Any = idl.types  # classes that are subscripted
 _domains: dict[int, tuple[str, Domain]] = {}
@@ -186,7 +196,7 @@ class DdsWire:
             )
 
     def complaints(self) -> Sequence[str]:
-        """Policies that do not match, beyond reliability and durability, which `judge` names."""
+        """Policies that do not match, beyond what `judge` names."""
         found = []
         for topic, reader in self._readers.items():
             status = reader.get_requested_incompatible_qos_status()
@@ -197,8 +207,7 @@ class DdsWire:
             f"QoS of {topic}: the {_POLICIES.get(s.last_policy_id, 'policy')} that is {what} here"
             " does not match"
             for topic, what, s in found
-            if s.total_count
-            and _POLICIES.get(s.last_policy_id) not in {"reliability", "durability"}
+            if s.total_count and s.last_policy_id not in _NAMED
         ]
 
     def _look(self) -> None:

@@ -18,7 +18,7 @@ from zlib import crc32
 import msgspec
 from msgspec import Meta, Struct
 
-from armadico.bridge.framing import Deframer
+from armadico.bridge.framing import Framing
 
 MAGIC = b"\xf5R2\x01"
 LARGEST = 262_144
@@ -51,16 +51,15 @@ def frame(topic: str, payload: bytes) -> bytes:
     return b"".join((head, struct.pack("<HI", crc32(head) & 0xFFFF, check), name, payload))
 
 
-class Decoder(Deframer[Frame]):
-    """Turns a stream of bytes into its good frames."""
+class Decoder(Framing[Frame]):
+    """The good frames of a stream."""
 
-    magic = MAGIC
-    head = _HEAD.size
-    quiet_s = QUIET_S
+    def __init__(self) -> None:
+        super().__init__(MAGIC, _HEAD.size, QUIET_S)
 
     def _next(self) -> Frame | None:
         buffer = self._buffer
-        while self._find_head():
+        while self._find():
             _, named, length, check, whole = _HEAD.unpack_from(buffer)
             sound = crc32(buffer[:_CHECKED]) & 0xFFFF == check
             if sound and 0 < named <= LONGEST and length <= LARGEST:

@@ -42,10 +42,18 @@ class _Posed(msgspec.Struct):
     orientation: _Turned
 
 
+class _Stamp(msgspec.Struct):
+    """A builtin_interfaces/Time; viewers that write `nsec` are taken at the whole second."""
+
+    sec: int = 0
+    nanosec: int = 0
+
+
 class _Framed(msgspec.Struct):
-    """What is read of a std_msgs/Header."""
+    """A std_msgs/Header."""
 
     frame_id: str
+    stamp: _Stamp = msgspec.field(default_factory=_Stamp)
 
 
 class _Goal(msgspec.Struct):
@@ -58,11 +66,11 @@ class _Goal(msgspec.Struct):
 _GOALS: Final = msgspec.json.Decoder(_Goal)
 
 
-def read_goal(data: bytes, encoding: str = "", schema: str = "") -> tuple[str, Pose2]:
-    """The frame that a goal is in, and the pose in that: m, m, rad.
+def read_goal(data: bytes, encoding: str = "", schema: str = "") -> tuple[str, Pose2, int]:
+    """The frame that a goal is in, the pose in that (m, m, rad), and its stamp, ns since 1970.
 
-    Without an encoding it is CDR, without a schema of the type that goals have. Raises ValueError,
-    saying what is wrong with it.
+    A stamp of 0 is none: now. Without an encoding it is CDR, without a schema of the type that
+    goals have. Raises ValueError, saying what is wrong with it.
     """
     wanted = cdr.ros_name(types.PoseStamped)
     if schema and schema.replace("/msg/", "/") != wanted.replace("/msg/", "/"):
@@ -83,4 +91,6 @@ def read_goal(data: bytes, encoding: str = "", schema: str = "") -> tuple[str, P
         raise ValueError("its pose is not finite")
     if abs(norm - 1.0) > _TURN:
         raise ValueError(f"its orientation is no rotation: a quaternion of norm {norm:.3g}")
-    return asked.header.frame_id, (at.x, at.y, yaw(turned))
+    stamp = asked.header.stamp
+    place = at.x, at.y, yaw(turned)
+    return asked.header.frame_id, place, 1_000_000_000 * stamp.sec + stamp.nanosec

@@ -12,13 +12,14 @@ from math import inf
 import numpy as np
 
 from armadico.bridge.ros2 import types
+from armadico.bridge.ros2.mounts import Mount
 from armadico.bridge.session import Swept
 from armadico.config.profile import Laser
 from armadico.core.messages import REACH_M
 
 
-def swept(scan: types.LaserScan, laser: Laser, number: int) -> Swept:
-    """A scan, the `number`-th.
+def swept(scan: types.LaserScan, laser: Laser, mount: Mount, number: int) -> Swept:
+    """A scan, the `number`-th, of a laser that is mounted so.
 
     Its own range counts where that makes sense, and the profile's where it does not.
     """
@@ -28,4 +29,5 @@ def swept(scan: types.LaserScan, laser: Laser, number: int) -> Swept:
     least, most = max(least, 0.001), min(most, REACH_M)
     ranges = np.asarray(scan.ranges, dtype=float)
     ranges[ranges == -inf] = least
-    return Swept(ranges, scan.angle_min, scan.angle_increment, least, most, number)
+    angles, down = (scan.angle_min, scan.angle_increment), mount.upside_down
+    return Swept(ranges, *angles, least, most, number, mount.place, down)

@@ -12,17 +12,21 @@ more of the society stops by its own watchdog.
 from __future__ import annotations
 
 import struct
-from math import copysign, isfinite
+from math import copysign, degrees, inf, isfinite
 
 from msgspec.structs import replace
 from pycdr2 import IdlStruct
 
+from armadico.bridge.counting import Counting
 from armadico.bridge.ros2 import types
 from armadico.bridge.ros2.cdr import decode, encode, ros_name
 from armadico.bridge.ros2.frames import SEEN, Decoder, Seen, Wanted, Wants, frame, read, said
 from armadico.bridge.ros2.geometry import norm2, yaw
+from armadico.bridge.ros2.hazards import Hazards
+from armadico.bridge.ros2.mounts import LEVEL_RAD, Frames, Mount
 from armadico.bridge.ros2.odometry import Measured, Odometry
 from armadico.bridge.ros2.ramps import Ramps
+from armadico.bridge.ros2.rangers import Rangers
 from armadico.bridge.ros2.scans import swept
 from armadico.bridge.session import (
     Connected,
@@ -34,7 +38,7 @@ from armadico.bridge.session import (
     Unanswered,
 )
 from armadico.config.profile import Ros2, Ros2Robot, Topic
-from armadico.core.messages import Line
+from armadico.core.geometry import Pose2
 
 LINK_TIMEOUT_S, LINK_CYCLES = 1.0, 3
 """Without a cycle for so long, or so many that were due, the link is lost; so long is waited for
@@ -50,6 +54,8 @@ ABSURD, ABSURD_M_S, ABSURD_RAD_S = 2.0, 0.5, 1.0  # times the tops, and more: no
 BURST = 50  # odometry that is looked at at once, after a hang
 OFTEN = 3  # times its rate is looked at, on average
 OLD_TURNS, OLD_CYCLES = 2.0, 2.0  # a scan older than both is none any more; nor one so much newer
+TF_S = 3.0
+"""What is latched has come by then: who has not said where the laser sits does not say it."""
 
 # Odometry is begun anew at a jump now and then. Who jumps again and again is two robots, or tells
 # nothing of its speeds: then nobody knows where it is.
@@ -63,31 +69,32 @@ _STAMP = {0: struct.Struct(">iI"), 1: struct.Struct("<iI")}  # by CDR's second b
 _STAMP_AT = 4
 TINY = 1e-9  # m/s or rad/s: a top speed is so much more than the whole steps that it is
 COMPLAINT, COMPLAIN_S = 20, 10.0
-"""Letters by which one complaint of the laser is told from another; it is made at most so often,
+"""Letters by which one complaint of a sensor is told from another; it is made at most so often,
 for one that is well every other time says nothing new."""
+
+TEXTS = 100
+"""What was said is remembered, so many."""
 
 UNWATCHED = (
     "this make of robot has no watchdog for commands: if the robot agent is killed, it drives on"
 )
 
 
-class Session:
+class Session(Counting):
     """One agent's dealings with one ROS 2 robot.
 
     Attributes:
         is_open: Whether odometry comes, so that speeds that are asked for reach the robot.
-        decoder: Counts what was dropped.
-        malformed: Messages so far that were none of their type, or said NaN.
-        absurd: Odometry so far of wheels faster than any, or that ran backwards in time.
-        surplus: Odometry so far that was too much to be looked at.
     """
+
+    decoder: Decoder
+    odometry: Odometry
 
     def __init__(self, profile: Ros2Robot, now: float) -> None:
         """Begin at time `now`, s of any clock."""
         self._ros2, limits = profile.ros2, profile.limits
         self.is_open = False
         self.decoder = Decoder()
-        self.malformed = self.absurd = self.surplus = 0
         self.odometry = Odometry(self._ros2.cycle_s)
         self._fastest = (
             ABSURD * limits.v_max + ABSURD_M_S,
@@ -111,11 +118,16 @@ class Session:
         self._scan: bytes | None = None  # the newest since the cycle before
         self._scan_stamp, self._scans = 0.0, 0
         self._swept: Swept | None = None
-        self._laser = profile.laser
+        self._laser, self._ring = profile.laser, profile.sonar
+        self._frames = Frames()
+        self._base = self._ros2.base_frame  # as its odometry names it
+        self._mounts: dict[str, Mount] = {}  # of sensors, by their frames, as far as is known
+        self._told: dict[str, float] = {}  # what was said, and when
+        self._hazards = Hazards()
         turn_s = 0.0 if profile.laser is None else 1.0 / profile.laser.rate_hz
         self._old_s = max(OLD_TURNS * turn_s, OLD_CYCLES * self._ros2.cycle_s)
-        self._complained = ""  # of the laser, until it is well again,
-        self._complained_at = float("-inf")  # and when
+        # Of each sensor what is wrong, until it is well again, and when that was said.
+        self._complaints: dict[str, tuple[str, float]] = {}
         self._measured = (0.0, 0.0)
         self._asked = self._said = (0.0, 0.0)
         self._said_at = float("-inf")
@@ -129,18 +141,6 @@ class Session:
     def motors_due(self) -> bool:
         """See `bridge.session`: nobody says whether they are on."""
         return self.is_open
-
-    @property
-    def line(self) -> Line:
-        """See `bridge.session`."""
-        return Line(
-            self.decoder.dropped,
-            self.decoder.mangled,
-            self.malformed,
-            self.absurd,
-            self.surplus,
-            self.odometry.resets,
-        )
 
     @property
     def next_wakeup(self) -> float | None:
@@ -237,6 +237,9 @@ class Session:
         self._heard = self._wrong = ""
         self._attempts = 0
         self._deadline = self._now + self._patience
+        self._began_at = self._now
+        ring = self._ring
+        self._rangers = None if ring is None else Rangers(ring, self._old_s, self._now)
 
     def _advance(self, now: float) -> None:
         """Note the time. After a hang the time-out begins anew, and what was asked is forgotten."""
@@ -288,6 +291,13 @@ class Session:
             volts = float(state.voltage)
             charging = state.power_supply_status == types.CHARGING
             self._battery = (volts if 0.0 <= volts <= 1e4 else 0.0, charging)
+        elif any(topic == each.name for each in ros2.sonar):
+            self._hear_range(payload)
+        elif ros2.hazards is not None and topic == ros2.hazards.name:
+            self._hazards.feel(decode(types.HazardDetectionVector, payload))
+        elif ros2.tf_static is not None and topic == ros2.tf_static.name:
+            self._frames.learn(decode(types.TFMessage, payload))
+            self._mounts.clear()
         elif topic == SEEN:
             self._see(read(payload, Seen))
         elif not self.is_open:
@@ -346,9 +356,12 @@ class Session:
             self._attempts = 0
             self._events.append(self._connected())
             if self._ros2.watchdog_s is None:
-                self._events.append(Noted(UNWATCHED))
+                self._tell(UNWATCHED)
         self._measured = (here.v, here.w)
         volts, charging = self._battery
+        self._hazards.take()
+        for text in self._hazards.told:
+            self._tell(text, COMPLAIN_S)
         self._events.append(
             Reported(
                 pose=pose,
@@ -356,6 +369,12 @@ class Session:
                 w=here.w,
                 battery_v=volts,
                 charging=charging,
+                stalled=self._hazards.stalled,
+                lifted=self._hazards.lifted,
+                front_bumpers=self._hazards.ahead,
+                rear_bumpers=self._hazards.behind,
+                echoes=self._echoes(),
+                sonars=self._places(),
                 scan=self._sweep(),
             )
         )
@@ -397,23 +416,18 @@ class Session:
         most, most_w = self._fastest
         if abs(v) > most or abs(w) > most_w or max(abs(place.x), abs(place.y)) > 1e5:
             self.absurd += 1
-            self._wrong = f"the odometry says {v:.3g} m/s, {w:.3g} rad/s"
+            self._wrong = f"the odometry says {v:.2f} m/s, {w:.2f} rad/s"
             return None
+        if odometry.child_frame_id not in ("", self._base):
+            self._base = odometry.child_frame_id
+            self._mounts.clear()
         return Measured(place.x, place.y, yaw(q), v, w)
 
     def _sweep(self) -> Swept | None:
         """The newest scan, if it is any good and new enough; it is said why it is not."""
         payload, self._scan = self._scan, None
         if payload is not None:
-            wrong = self._look(payload)
-            if not wrong:
-                self._complained = ""
-            elif (
-                wrong[:COMPLAINT] != self._complained[:COMPLAINT]
-                and self._now - self._complained_at >= COMPLAIN_S
-            ):
-                self._events.append(Noted(f"the laser is not heeded: {wrong}"))
-                self._complained, self._complained_at = wrong, self._now
+            self._complain("the laser is", self._look(payload))
         if self._swept is None:
             return None
         age = self._stamp - self._scan_stamp
@@ -433,13 +447,91 @@ class Session:
                     f"its scans are older than the odometry, by {age:.3g} s: do the clocks agree?"
                 )
             self._scans += 1
-            assert self._laser is not None, "it has one"
-            self._swept = swept(decode(types.LaserScan, payload), self._laser, self._scans)
+            laser, scan = self._laser, decode(types.LaserScan, payload)
+            assert laser is not None, "it has one"
+            ours = Mount(laser.place, laser.upside_down)
+            mount = self._mounted(scan.header.frame_id, ours, "laser")
+            if mount.tilt > LEVEL_RAD:
+                tilt = f"{degrees(mount.tilt):.0f} deg out of the level"
+                raise ValueError(f"its frame {scan.header.frame_id} is tilted, {tilt}")
+            self._swept = swept(scan, laser, mount, self._scans)
         except ValueError as error:
             self.malformed += 1
             self._swept = None
             return str(error)
         return ""
+
+    def _hear_range(self, payload: bytes) -> None:
+        """One sonar's reading. Raises ValueError."""
+        said = decode(types.Range, payload)
+        if self._rangers is None:
+            return
+        try:
+            self._rangers.hear(said, _stamp(payload), self._now)
+        except ValueError as error:
+            self._tell(f"a sonar is not heeded: {error}")
+            raise
+
+    def _echoes(self) -> tuple[tuple[int, float], ...]:
+        """What its sonars have heard since the cycle before; it is said why nothing counts."""
+        if self._rangers is None:
+            return ()
+        echoes = self._rangers.take(self._stamp, self._now)
+        self._complain("the sonars are", self._rangers.wrong)
+        return echoes
+
+    # Where its sensors sit ------------------------------------------------------------------------
+
+    def _places(self) -> tuple[Pose2, ...]:
+        """Of its sonars."""
+        sonars = () if self._ring is None else self._ring.sonars
+        return tuple(
+            self._mounted(sonar.frame or "", Mount(sonar.place), "sonar").place for sonar in sonars
+        )
+
+    def _mounted(self, frame: str, ours: Mount, what: str) -> Mount:
+        """Where a sensor sits: as the robot says of itself, or else by the profile, which is ours.
+
+        Where the two differ, one is wrong, and nobody here knows which. It is said.
+        """
+        mount = self._mounts.get(frame)
+        if mount is None:
+            said = self._frames.mount(self._base, frame)
+            topic = self._ros2.tf_static
+            if said is None:
+                if topic is not None and self._now - self._began_at >= TF_S:
+                    self._tell(
+                        f"{topic.name} does not say where {frame} lies in {self._base}: the {what}"
+                        f" counts as mounted as in the profile, {ours.told}"
+                    )
+                return ours
+            if said.differs(ours):
+                self._tell(
+                    f"the {what} ({frame}) is mounted otherwise than the profile has it:"
+                    f" {said.told} by tf_static, which counts, and {ours.told} by the profile;"
+                    " is that right?"
+                )
+            mount = self._mounts[frame] = said
+        return mount
+
+    # What people should know ----------------------------------------------------------------------
+
+    def _tell(self, text: str, again_s: float = inf) -> None:
+        """Say something; once, or at most so often."""
+        if self._now - self._told.get(text, -inf) >= again_s or text not in self._told:
+            if len(self._told) >= TEXTS:
+                self._told.clear()
+            self._told[text] = self._now
+            self._events.append(Noted(text))
+
+    def _complain(self, who: str, wrong: str) -> None:
+        """Say what is wrong with a sensor, until it is well again: then nothing is."""
+        before, at = self._complaints.get(who, ("", -inf))
+        if not wrong:
+            self._complaints[who] = "", at
+        elif wrong[:COMPLAINT] != before[:COMPLAINT] and self._now - at >= COMPLAIN_S:
+            self._complaints[who] = wrong, self._now
+            self._events.append(Noted(f"{who} not heeded: {wrong}"))
 
     # What goes ------------------------------------------------------------------------------------
 
@@ -494,11 +586,18 @@ def _stamp(payload: bytes) -> float:
 
 
 def wants(ros2: Ros2) -> Wants:
-    """What is read of a robot and written to it. Its tf says what its odometry says."""
-    heard = (
+    """What is read of a robot and written to it.
+
+    Its tf is not read: it says what the odometry says, how far each wheel has turned, and what a
+    viewer of the society has made of all that.
+    """
+    heard: tuple[tuple[Topic | None, type[IdlStruct]], ...] = (
         (ros2.odom, types.Odometry),
         (ros2.scan, types.LaserScan),
+        *((topic, types.Range) for topic in ros2.sonar),
         (ros2.battery, types.BatteryState),
+        (ros2.hazards, types.HazardDetectionVector),
+        (ros2.tf_static, types.TFMessage),
     )
     found = [wanted(topic, kind) for topic, kind in heard if topic is not None]
     command = types.TwistStamped if ros2.stamped else types.Twist

@@ -53,11 +53,8 @@ LOCAL_M: Final = 0.1
 LOCAL_CELLS: Final = 256
 """and how many it has a side at the most: what reaches further comes in larger cells."""
 
-CONE: Final = math.radians(30.0)
-"""What a sonar hears, rad, and"""
-
-NEAREST: Final = 0.1
-"""the shortest range that it does, m: those of the Pioneers' (thesis 4.4). Nobody says them."""
+OLD_S: Final = 10.0
+"""A goal whose stamp is older is not driven to: it was held up on its way, or is played back."""
 
 OK, WARN, ERROR = 0, 1, 2
 """diagnostic_msgs/DiagnosticStatus's levels."""
@@ -239,6 +236,8 @@ class Society:
                 ),
             )
         stamp = self._stamp(sonar.cycle, at)
+        said = self._description
+        limits = (0.0, 0.0) if said is None else (said.cone, said.nearest)
         for echo in sonar.echoes:
             frame = self._sonars.get((echo.x, echo.y, echo.bearing))
             if frame is None:
@@ -246,9 +245,7 @@ class Society:
             heard = math.inf if echo.range is None else echo.range
             yield (
                 _SONAR,
-                types.Range(
-                    self._header(stamp, frame), ULTRASOUND, CONE, NEAREST, sonar.reach, heard
-                ),
+                types.Range(self._header(stamp, frame), ULTRASOUND, *limits, sonar.reach, heard),
             )
 
     def _take_grid(self, _: str, grid: m.OccupancyGrid, at: int) -> Iterator[_Said]:
@@ -410,9 +407,16 @@ class Society:
 
     # Goals ----------------------------------------------------------------------------------------
 
-    def goal(self, data: bytes, encoding: str = "", schema: str = "") -> m.MissionRequest:
-        """See `Translator` and `goals`: in a frame that is known."""
-        frame, place = read_goal(data, encoding, schema)
+    def goal(
+        self, data: bytes, encoding: str = "", schema: str = "", at: int = 0
+    ) -> m.MissionRequest:
+        """See `Translator` and `goals`: in a frame that is known, and not of long ago."""
+        frame, place, stamp = read_goal(data, encoding, schema)
+        if stamp and (age_s := 1e-9 * (at - stamp)) > OLD_S:
+            raise ValueError(
+                f"its stamp is {age_s:.0f} s old, and a goal may be {OLD_S:.0f} s (0 is now);"
+                " do the clocks agree?"
+            )
         x, y, theta = compose(self._frame(frame), place)
         if max(abs(x), abs(y)) > m.LARGEST:
             raise ValueError(f"it is {math.hypot(x, y):.3g} m away, which is no place")

@@ -3,7 +3,8 @@
 Units and frames are ROS's own: SI, REP-103, REP-105. `cdr` turns these into bytes and back, and
 knows their names and hashes. Sequences take lists (numpy's arrays: `tolist()`), `uint8` also bytes.
 
-Source: github.com/ros2/common_interfaces, rcl_interfaces, geometry2, rmw_dds_common, branch jazzy.
+Source: github.com/ros2/common_interfaces, rcl_interfaces, geometry2, rmw_dds_common, branch jazzy;
+github.com/iRobotEducation/irobot_create_msgs.
 """
 
 # No `from __future__ import annotations`: pycdr2 reads the annotations themselves.
@@ -259,6 +260,28 @@ class BatteryState(IdlStruct, typename="sensor_msgs/msg/BatteryState"):
 
 CHARGING, DISCHARGING = 1, 2
 """A battery's `power_supply_status`."""
+
+
+@dataclass
+class HazardDetection(IdlStruct, typename="irobot_create_msgs/msg/HazardDetection"):
+    """What a Create 3 feels: `type` is one of the below, the header's frame the sensor's."""
+
+    header: Header = field(default_factory=Header)
+    type: uint8 = 0
+
+
+BACKUP_LIMIT, BUMP, CLIFF, STALL, WHEEL_DROP, OBJECT_PROXIMITY = range(6)
+"""It backs no farther for its own safety; ...; an object is near."""
+
+
+@dataclass
+class HazardDetectionVector(IdlStruct, typename="irobot_create_msgs/msg/HazardDetectionVector"):
+    """All that it feels just now."""
+
+    header: Header = field(default_factory=Header)
+    detections: Annotated[Sequence[HazardDetection], sequence(HazardDetection)] = field(
+        default_factory=list
+    )
 
 
 @dataclass

@@ -182,7 +182,7 @@ def parser() -> argparse.ArgumentParser:
     )
     made.add_argument("--robot", metavar="PROFILE", help="the robot, if it is not named before")
     made.add_argument(
-        "--sensors", choices=("ideal", "real"), default="ideal", help="default %(default)s"
+        "--sensors", choices=("glass", "ideal", "real"), default="ideal", help="default %(default)s"
     )
     made.add_argument(
         "--moving",

@@ -41,6 +41,7 @@ FASTEST_M_S = 1e3  # of what is so light or stiff that the steps are too long fo
 STALLED_M_S = 0.02  # rims slower than this, pushing a wall, are stalled
 PUSH_OUT = 0.2  # share of a penetration that is mended in a step
 PUSH_OUT_M = 0.005  # the most that is mended in a step
+PRESSED_M = 0.002  # a bumper gives by more than what is left between body and wall
 PUSHING_M_S = 0.02  # who goes slower into another robot is run into, and runs into nobody
 
 Streams = Callable[[str], Random]
@@ -120,6 +121,7 @@ class Plant:
         self._margin = 0.0  # no wall is nearer to the outline, m; 0 is unknown
         self._steps = 0
         self._touched: float = -inf  # the last step in which the outline touched
+        self._pressed: float = -inf  # the last one in which it touched something ahead
         self._touching = False
         self.add_walls(site.walls)
         self.add_columns(site.columns)
@@ -166,7 +168,7 @@ class Plant:
         self._dynamics.v = self._dynamics.w = self._sideways = 0.0
         self._margin = 0.0
         self._touching = self.blocked = False
-        self._touched = -inf
+        self._touched = self._pressed = -inf
 
     @property
     def speeds(self) -> tuple[float, float]:
@@ -227,6 +229,11 @@ class Plant:
         """What its laser says now: see `LaserScanner.scan`."""
         assert self._laser is not None, "it has one"
         return self._laser.scan(self.pose)
+
+    @property
+    def pressed_s(self) -> float:
+        """When something last pressed on its front, s of simulation; -inf: never."""
+        return self._pressed * STEP_S
 
     def clearance(self) -> float:
         """True way from the outline to the nearest wall, m; 0 when touching, inf without walls."""
@@ -353,6 +360,8 @@ class Plant:
         if reach or self._sideways:
             force = self._collide(contacts)
         touching = force > 0.0 or gap <= TOUCH_M
+        if touching and any(met.v > 0.0 and met.gap <= PRESSED_M for met in contacts):
+            self._pressed = float(self._steps)
         moves = self._movement
         into = moves is not None and moves.walked_into(self.pose, speeds)
         self._touch(touching, touching and (met or into))

@@ -8,8 +8,9 @@ for as long as its watchdog waits.
 from __future__ import annotations
 
 from collections import deque
-from collections.abc import Callable
-from math import copysign, inf, isfinite, nan, radians, trunc
+from collections.abc import Callable, Sequence
+from functools import partial
+from math import copysign, cos, inf, isfinite, nan, radians, sin, trunc
 
 from pycdr2 import IdlStruct
 
@@ -20,11 +21,13 @@ from armadico.bridge.ros2.geometry import rotation
 from armadico.bridge.simulator.plant import Plant, Site, Streams
 from armadico.bridge.simulator.simulated import SimulatedRobot
 from armadico.config.profile import Ros2Robot, SensorProfile, Topic
+from armadico.core.geometry import Pose2
 
 IDLE_S = 10.0
 """A client that wants nothing for so long is not one."""
 
 BATTERY_HZ = 1.0
+HAZARDS_HZ = 20.0
 
 
 class Base:
@@ -57,8 +60,17 @@ class Base:
             (profile.ros2.odom, profile.ros2.odom_hz, self._odometry),
             (profile.ros2.tf, profile.ros2.odom_hz, self._transforms),
             (profile.ros2.battery, BATTERY_HZ, self._battery),
+            (profile.ros2.hazards, HAZARDS_HZ, self._hazards),
         ]
-        self._laser = profile.laser
+        self._laser, self._ring, self._pings = profile.laser, profile.sonar, 0
+        if profile.sonar is not None:
+            order = [i for i in profile.sonar.firing_order if i < len(profile.sonar.sonars)]
+            topics = profile.ros2.sonar
+            turn_hz = 1.0 / (profile.sonar.period_s * len(order))
+            if len(topics) == 1:
+                rates.append((topics[0], turn_hz * len(order), partial(self._range, order)))
+            else:
+                rates += [(topics[i], turn_hz, partial(self._range, [i])) for i in order]
         if profile.laser is not None:
             rates.append((profile.ros2.scan, profile.laser.rate_hz, self._scan))
         self._topics = [
@@ -125,12 +137,15 @@ class Base:
         self._out.clear()
 
     def _want(self, wants: Wants) -> None:
-        mine = [name for name, _, _ in self._topics]
+        mine = [topic.name for topic in self._ros2.topics]
         self._wanted = frozenset(
             wanted.topic for wanted in wants.topics if not wanted.writes and wanted.topic in mine
         )
         self._counts = [int(self._now * per_step) for _, per_step, _ in self._topics]
         self._out += said(Seen(robot=self._name))
+        static = self._ros2.tf_static
+        if static is not None and static.name in self._wanted:
+            self._out += frame(static.name, encode(self._mounted()))
 
     def _command(self, payload: bytes) -> None:
         if self._ros2.stamped:
@@ -196,19 +211,55 @@ class Base:
         )
 
     def _transforms(self) -> types.TFMessage:
-        x, y, theta = self._plant.odometry
-        return types.TFMessage(
-            transforms=[
-                types.TransformStamped(
-                    header=types.Header(stamp=self._stamp(), frame_id=self._ros2.odom_frame),
-                    child_frame_id=self._ros2.base_frame,
-                    transform=types.Transform(
-                        translation=types.Vector3(x=x, y=y),
-                        rotation=rotation(theta),
-                    ),
-                )
-            ]
+        ros2 = self._ros2
+        moved = self._transform(ros2.odom_frame, ros2.base_frame, self._plant.odometry)
+        return types.TFMessage(transforms=[moved])
+
+    def _mounted(self) -> types.TFMessage:
+        """Where its sensors sit, said once."""
+        base, ring, laser = self._ros2.base_frame, self._ring, self._laser
+        sonars = () if ring is None else ring.sonars
+        found = [self._transform(base, sonar.frame or "", sonar.place) for sonar in sonars]
+        if laser is not None:
+            found.append(self._transform(base, self._ros2.laser_frame, laser.place))
+            if laser.upside_down:  # half a turn about where it looks
+                _, _, bearing = laser.place
+                q = types.Quaternion(x=cos(0.5 * bearing), y=sin(0.5 * bearing), w=0.0)
+                found[-1].transform.rotation = q
+        return types.TFMessage(transforms=found)
+
+    def _transform(self, parent: str, child: str, at: Pose2) -> types.TransformStamped:
+        return types.TransformStamped(
+            header=types.Header(stamp=self._stamp(), frame_id=parent),
+            child_frame_id=child,
+            transform=types.Transform(
+                translation=types.Vector3(x=at[0], y=at[1]), rotation=rotation(at[2])
+            ),
         )
+
+    def _range(self, order: Sequence[int]) -> types.Range:
+        """What the sonar says whose turn it is."""
+        ring = self._ring
+        assert ring is not None, "or nothing would say so"
+        index = order[self._pings % len(order)]
+        self._pings += 1
+        heard = self._plant.ping(index)
+        return types.Range(
+            header=types.Header(stamp=self._stamp(), frame_id=ring.sonars[index].frame or ""),
+            field_of_view=radians(ring.cone_deg),
+            min_range=ring.min_m,
+            max_range=ring.max_m,
+            range=inf if heard is None else heard,
+        )
+
+    def _hazards(self) -> types.HazardDetectionVector:
+        """What it has felt since it last said so: its bumper; there are no cliffs here."""
+        felt = []
+        if self.time_s - self._plant.pressed_s <= 1.0 / HAZARDS_HZ:
+            where = types.Header(stamp=self._stamp(), frame_id="bump_front_center")
+            felt.append(types.HazardDetection(header=where, type=types.BUMP))
+        header = types.Header(stamp=self._stamp(), frame_id=self._ros2.base_frame)
+        return types.HazardDetectionVector(header=header, detections=felt)
 
     def _scan(self) -> types.LaserScan:
         laser = self._laser

@@ -15,6 +15,7 @@ from armadico.bridge.ros2.cdr import decode
 from armadico.bridge.ros2.frames import Decoder, Seen, frame, said
 from armadico.bridge.ros2.session import RAMP_S
 from armadico.config.errors import ConfigError
+from armadico.config.profile import Ros2Robot
 from armadico.core.agent import Identity, Publish, Write
 from armadico.core.cycles import LISTEN
 from armadico.core.messages import (
@@ -30,7 +31,7 @@ from armadico.core.messages import (
     Stop,
 )
 from armadico.core.scans import bearings_of, points_of, ranges_of
-from tests.bridge.ros2.robot import CLOCK_S, JACKAL, odometry, scan
+from tests.bridge.ros2.robot import CLOCK_S, JACKAL, hazards, odometry, ranged, scan
 
 BALLOT = Ballot(5, 0.6, False, "goto-1")
 
@@ -41,6 +42,8 @@ class Bench:
     def __init__(self, profile: str = "jackal", seed: int = 1) -> None:
         identity = Identity("robot-1", rng=random.Random(seed))
         self.agent = Robot(identity, Parameters(port="memory:", profile=profile))
+        assert isinstance(self.agent.profile, Ros2Robot)
+        self.ros2 = self.agent.profile.ros2
         self.now = 0.0
         self.speeds = (0.0, 0.0)
         self.x = 0.0
@@ -59,7 +62,10 @@ class Bench:
             elif isinstance(item, Write):
                 for topic, payload in self.decoder.feed(item.data, self.now):
                     if topic == "cmd_vel":
-                        twist = decode(types.TwistStamped, payload).twist
+                        if self.ros2.stamped:
+                            twist = decode(types.TwistStamped, payload).twist
+                        else:
+                            twist = decode(types.Twist, payload)
                         self.told.append((self.now, twist.linear.x, twist.angular.z))
         self.agent.outbox.clear()
 
@@ -80,13 +86,14 @@ class Bench:
                 self.x += 0.02 * self.speeds[0]
                 if self.ranges is not None and round(self.now * 100) % 4 == 0:
                     data = scan(CLOCK_S + self.now, self.ranges, most=30.0)
-                    self.raw(frame("sensors/lidar2d_0/scan", data))
+                    assert self.ros2.scan is not None
+                    self.raw(frame(self.ros2.scan.name, data))
                 v, w = self.speeds
                 if command and self.told:
                     v, w = self.speeds = self.told[-1][1:]
                 data = odometry(CLOCK_S + self.now, x=self.x, v=v, w=w)
                 cycles = len(self.all(RobotState))
-                self.raw(frame("platform/odom/filtered", data))
+                self.raw(frame(self.ros2.odom.name, data))
                 if command and len(self.all(RobotState)) > cycles:
                     self.command(*command)
             due = self.agent.wakeup
@@ -281,3 +288,91 @@ def test_a_robot_that_was_out_of_reach_goes_on(ready: Bench) -> None:
     ready.go(2.0, silent=True)
     ready.go(2.0, command=(0.6, 0.0))
     assert ready.told[-1][1] == 0.6
+
+
+# --- more than a laser
+
+
+def test_sonars_and_a_laser_are_told_together_each_where_it_sits() -> None:
+    bench = Bench("jackal-sonars")
+    for _ in range(10):
+        for k in range(8):
+            bench.raw(frame("sonar", ranged(f"sonar_{k}", CLOCK_S + bench.now, 1.0 + k)))
+        bench.go(0.1)
+    described = bench.all(Description)[-1]
+    assert described.sensors == ("sonar", "laser")
+    assert (described.cone, described.nearest) == (pytest.approx(0.5236, abs=1e-4), 0.1)
+    sonar, scan = bench.all(Sonar)[-1], bench.all(Scan)[-1]
+    assert abs(sonar.cycle.number - scan.cycle.number) <= 1
+    (ahead,) = (echo for echo in sonar.echoes if (echo.x, echo.y) == (0.25, 0.035))
+    assert ahead.range == 4.0
+    assert {echo.range for echo in sonar.echoes} == {1.0, 2.0, 3.0, 4.0, None}  # 5 m is the most
+
+
+def felt(kind: int) -> Bench:
+    """A Create 3 that drives ahead, and feels something; it drives on if it is let."""
+    bench = Bench("create3")
+    bench.go(0.1 * (LISTEN + 3))
+    bench.go(1.5, command=(0.2, 0.0))
+    assert bench.told[-1][1] == 0.2
+    for _ in range(10):
+        bench.raw(frame("hazard_detection", hazards((kind, "front"))))
+        bench.go(0.1, command=(0.2, 0.0))
+    return bench
+
+
+@pytest.mark.parametrize("kind", [types.BUMP, types.CLIFF, types.STALL])
+def test_a_bumper_and_a_cliff_stop_it_as_a_pioneers_bumpers_do(kind: int) -> None:
+    bench = felt(kind)
+    assert bench.told[-1][1:] == (0.0, 0.0)
+    state = bench.all(RobotState)[-1]
+    assert state.stalled
+    assert state.touch is not None
+    assert state.touch.x == pytest.approx(0.171)
+    assert not state.stop.stopped
+    assert "touched something ahead" in bench.logs()
+    bench.go(1.0, command=(-0.1, 0.0))  # away from it
+    assert bench.told[-1][1] == pytest.approx(-0.1)
+
+
+def test_one_that_backs_no_farther_is_driven_ahead_and_not_back() -> None:
+    bench = felt(types.BACKUP_LIMIT)
+    assert bench.told[-1][1] == 0.2
+    assert "it feels its limit of backing" in bench.logs()
+
+
+def test_one_that_is_lifted_is_stopped_until_it_is_released() -> None:
+    bench = felt(types.WHEEL_DROP)
+    assert bench.told[-1][1:] == (0.0, 0.0)
+    assert "a wheel of the robot hanging in the air" in bench.logs()
+    bench.go(2.0, command=(0.2, 0.0))  # put down again
+    assert bench.told[-1][1:] == (0.0, 0.0)
+    assert bench.all(RobotState)[-1].stop.stopped
+
+
+# --- an agent that was stopped for a while
+
+
+@pytest.mark.parametrize("first", ["wake", "bytes", "command"])
+@pytest.mark.parametrize("paused", [0.31, 0.4, 0.55, 0.7, 3.0])
+@pytest.mark.parametrize("climbing", [False, True])
+def test_after_a_pause_beyond_the_silence_nothing_old_is_sent(
+    ready: Bench, first: str, paused: float, climbing: bool
+) -> None:
+    """Whatever waited for it meanwhile and comes first: from its first word on it slows down."""
+    ready.go(0.5 if climbing else 2.0, command=(1.8, 0.0))
+    before, cycle = ready.told[-1][1], ready.all(RobotState)[-1].cycle
+    assert (before < 1.8) is climbing
+    ready.now, told = round(ready.now + paused, 6), len(ready.told)
+    if first == "command":
+        ready.hand(Command("wheels", cycle, BALLOT, (1.8, 0.0)))
+    elif first == "bytes":
+        data = odometry(CLOCK_S + ready.now - paused + 0.1, x=ready.x, v=before)
+        ready.raw(frame(ready.ros2.odom.name, data))
+    ready.agent.wake(ready.now)
+    ready.take()
+    ready.go(1.5)
+    speeds = [v for _, v, _ in ready.told[told:]]
+    assert speeds[0] < before
+    assert speeds == sorted(speeds, reverse=True)
+    assert speeds[-1] == 0.0

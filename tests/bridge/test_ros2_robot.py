@@ -10,13 +10,14 @@ from msgspec.structs import replace
 from armadico.bridge.ros2 import types
 from armadico.bridge.ros2.cdr import decode, encode
 from armadico.bridge.ros2.frames import Decoder, Wants, frame, said
+from armadico.bridge.ros2.mounts import Frames, Mount
 from armadico.bridge.ros2.session import Session, wants
 from armadico.bridge.session import Connected, Reported
 from armadico.bridge.simulator.plant import Site, seeded
 from armadico.bridge.simulator.ros2_line import published
 from armadico.bridge.simulator.ros2_robot import Ros2SimulatedRobot
 from armadico.config.loading import find, load_entry
-from armadico.config.profile import Ros2Robot, SensorProfile, load_profile
+from armadico.config.profile import Ros2Robot, SensorProfile, Topic, load_profile
 
 IDEAL = load_entry(find("robots", "sensors"), SensorProfile, "ideal")
 REAL = load_entry(find("robots", "sensors"), SensorProfile, "real")
@@ -35,6 +36,7 @@ def profile_of(name: str) -> Ros2Robot:
 
 
 JACKAL, BURGER = profile_of("jackal"), profile_of("turtlebot3-burger")
+SONARS, CREATE3 = profile_of("jackal-sonars"), profile_of("create3")
 
 
 class Bench:
@@ -150,6 +152,76 @@ def test_the_session_understands_it() -> None:
     assert reports[-1].battery_v == pytest.approx(29.0, abs=0.5)
     assert reports[-1].scan is not None
     assert session.line.told == ""
+
+
+@pytest.mark.parametrize("upside_down", [False, True])
+def test_it_says_once_where_its_sensors_sit(upside_down: bool) -> None:
+    laser = replace(SONARS.laser, x_m=-0.1, y_m=0.05, bearing_deg=120.0, upside_down=upside_down)
+    bench = Bench(replace(SONARS, laser=laser)).want()
+    bench.go(1.0)
+    (payload,) = (p for _, t, p in bench.heard if t == "tf_static")
+    frames = Frames()
+    frames.learn(decode(types.TFMessage, payload))
+    found = frames.mount("base_link", SONARS.ros2.laser_frame)
+    assert found is not None
+    assert not found.differs(Mount(laser.place, upside_down))
+    assert found.tilt == pytest.approx(0.0, abs=1e-6)
+    sonar = frames.mount("base_link", "sonar_1")
+    assert sonar is not None
+    assert sonar.place == pytest.approx(SONARS.ring.sonars[1].place)
+
+
+def heard(bench: Bench) -> list[tuple[str, types.Range]]:
+    """The ranges, each with its topic."""
+    names = {topic.name for topic in bench.profile.ros2.sonar}
+    return [(t, decode(types.Range, p)) for _, t, p in bench.heard if t in names]
+
+
+def test_its_sonars_say_in_turn_how_far_the_walls_are() -> None:
+    bench = Bench(SONARS).want()
+    bench.go(0.64)
+    ranges = [one for _, one in heard(bench)]
+    order = [f"sonar_{k}" for k in SONARS.ring.firing_order]
+    assert [one.header.frame_id for one in ranges] == order + order
+    ahead = next(one for one in ranges if one.header.frame_id == "sonar_3")
+    assert ahead.range == pytest.approx(3.0 - 0.25, abs=0.1)
+    assert (ahead.min_range, ahead.max_range) == pytest.approx((0.1, 5.0))
+
+
+def test_where_nothing_answers_its_sonars_say_so() -> None:
+    bench = Bench(SONARS, walls=[]).want()
+    bench.go(0.5)
+    assert {one.range for _, one in heard(bench)} == {inf}
+
+
+def test_its_sonars_may_have_a_topic_each() -> None:
+    topics = tuple(Topic(f"range/s{k}", reliable=False) for k in range(8))
+    bench = Bench(replace(SONARS, ros2=replace(SONARS.ros2, sonar=topics))).want()
+    bench.go(0.66)
+    names = [(topic, one.header.frame_id) for topic, one in heard(bench)]
+    assert sorted(names) == sorted(2 * [(f"range/s{k}", f"sonar_{k}") for k in range(8)])
+
+
+def felt(bench: Bench) -> list[int]:
+    return [
+        each.type
+        for _, topic, payload in bench.heard
+        if topic == "hazard_detection"
+        for each in decode(types.HazardDetectionVector, payload).detections
+    ]
+
+
+def test_its_bumper_is_in_front() -> None:
+    bench = Bench(CREATE3).want()
+    bench.drive(0.3, 0.0, 8.0)
+    assert felt(bench) == []  # on its way
+    bench.drive(0.3, 0.0, 3.0)
+    assert set(felt(bench)) == {types.BUMP}
+    bench.drive(-0.3, 0.0, 1.0)
+    bench.heard.clear()
+    bench.drive(-0.3, 0.0, 22.0)
+    assert bench.robot.plant.collisions == 2
+    assert felt(bench) == []
 
 
 # --- how it obeys

@@ -206,6 +206,7 @@ def test_every_shipped_robot_loads() -> None:
             "amigobot",
             "create3",
             "jackal",
+            "jackal-sonars",
             "pioneer-16",
             "pioneer-2dx",
             "turtlebot3-burger",
@@ -278,7 +279,7 @@ def test_a_laser_that_no_one_has_is_refused(
 
 def test_sensors_are_entries_of_one_file_and_no_robots() -> None:
     file = find("robots", "sensors")
-    assert sorted(load_table(file, SensorProfile)) == ["ideal", "real"]
+    assert sorted(load_table(file, SensorProfile)) == ["glass", "ideal", "real"]
     assert load_entry(file, SensorProfile, "real").name == "real"
     with pytest.raises(ConfigError, match=r"sensors.toml: no 'rael'.*did you mean 'real'\?"):
         load_entry(file, SensorProfile, "rael")
@@ -291,7 +292,10 @@ def test_an_entry_of_a_table_is_named_with_its_line(tmp_path: Path) -> None:
         load_table(file, Zones)
 
 
-KNOWN = "amigobot, create3, jackal, pioneer-16, pioneer-2dx, turtlebot3-burger, turtlebot4"
+KNOWN = (
+    "amigobot, create3, jackal, jackal-sonars, pioneer-16, pioneer-2dx, turtlebot3-burger,"
+    " turtlebot4"
+)
 
 
 def test_an_unknown_name_lists_what_there_is() -> None:

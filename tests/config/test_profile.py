@@ -3,6 +3,7 @@ table is missing."""
 
 from __future__ import annotations
 
+import re
 from pathlib import Path
 
 import pytest
@@ -118,3 +119,28 @@ def test_what_makes_no_sense_is_refused(tmp_path: Path, old: str, new: str, mess
     assert old in text
     with pytest.raises(ConfigError, match=message):
         load_profile(written(tmp_path, text.replace(old, new)))
+
+
+@pytest.mark.parametrize(
+    ("old", "new", "message"),
+    [
+        (', frame = "sonar_5"', "", "each sonar needs a frame of its own"),
+        ('"sonar_5"', '"sonar_4"', "each sonar needs a frame of its own"),
+        ("[[ros2.sonar]]", '[[ros2.sonar]]\nname = "a"\n[[ros2.sonar]]', "8 sonars and 2 tables"),
+        ('[[ros2.sonar]]\nname = "sonar"', '[ros2.camera]\nname = "sonar"', "camera"),
+    ],
+)
+def test_sonars_that_cannot_be_told_apart_or_heard_are_refused(
+    tmp_path: Path, old: str, new: str, message: str
+) -> None:
+    text = find("robots", "jackal-sonars").read_text()
+    text = re.sub(r"\[\[ros2.sonar\]\].*", "[[ros2.sonar]]", text)
+    assert old in text
+    with pytest.raises(ConfigError, match=message):
+        load_profile(written(tmp_path, text.replace(old, new)))
+
+
+def test_a_topic_of_sonars_that_there_are_not_is_refused(tmp_path: Path) -> None:
+    text = find("robots", "jackal").read_text() + '[[ros2.sonar]]\nname = "sonar"\n'
+    with pytest.raises(ConfigError, match="0 sonars and 1 tables"):
+        load_profile(written(tmp_path, text))

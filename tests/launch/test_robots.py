@@ -22,7 +22,7 @@ WATCHED_AND_NOT = ("jackal", "turtlebot3-burger")
 @pytest.mark.parametrize(
     ("name", "robot"),
     [
-        ("sc4", "jackal"),
+        ("sc4", "jackal-sonars"),
         ("sc3", "turtlebot3-burger"),
         ("sc4", "turtlebot4"),
         ("sc3", "create3"),

@@ -11,6 +11,7 @@ from pathlib import Path
 import pytest
 
 from armadico.bridge.ros2 import cdr, types
+from armadico.config.shipped import find
 from armadico.mesh.ports import free_port
 from tests import real_ros
 from tests.live.conftest import NAMESPACE
@@ -36,17 +37,23 @@ def address(wire: str) -> str:
 
 
 @pytest.mark.parametrize("wire", ["ros2", "ros2+zenoh"])
-def test_it_is_driven_to_its_goal_and_the_truth_counts(start: Start, wire: str) -> None:
-    where = address(wire)
-    robot = start("sim", "jackal", "sc1", "--ros2", where, "--namespace", NAMESPACE)
+def test_it_is_driven_to_its_goal_and_the_truth_counts(
+    start: Start, wire: str, tmp_path: Path
+) -> None:
+    """By sonars and a laser, which its own description places otherwise than our profile."""
+    where, profile = address(wire), tmp_path / "otherwise.toml"
+    text = find("robots", "jackal-sonars").read_text()
+    profile.write_text(text.replace("x_m = 0.12 ", "x_m = 0.02 "))
+    robot = start("sim", "jackal-sonars", "sc1", "--ros2", where, "--namespace", NAMESPACE)
     assert robot.stdout is not None
     assert where in robot.stdout.readline()
     done = call(
         *("run", "sc1", "--goal", "1.2", "0", "0", "--sensors", "ideal", "--json", "--no-plot"),
-        *("--profile", "jackal", "--robot", where, "--namespace", NAMESPACE),
+        *("--profile", str(profile), "--robot", where, "--namespace", NAMESPACE),
         within=180,
     )
     assert done.returncode == 0, done.stderr
+    assert "is mounted otherwise than the profile has it: x = 0.120 m" in done.stderr
     result = json.loads(done.stdout)
     assert result["reached"]
     assert result["collisions"] == 0  # None: of a robot whose truth nobody tells

@@ -33,9 +33,12 @@ class Outside:
         return {sample.channel.topic for sample, _ in self.got}
 
 
-def goal(x: float, y: float, theta: float = 0.0, frame: str = "map") -> Asked:
+def goal(
+    x: float, y: float, theta: float = 0.0, frame: str = "map", stamp: types.Time | None = None
+) -> Asked:
     turned = types.Quaternion(z=math.sin(theta / 2), w=math.cos(theta / 2))
-    asked = types.PoseStamped(types.Header(frame_id=frame), types.Pose(types.Point(x, y), turned))
+    header = types.Header(stamp or types.Time(), frame)
+    asked = types.PoseStamped(header, types.Pose(types.Point(x, y), turned))
     return Asked("/goal_pose", cdr.encode(asked), "cdr")
 
 
@@ -75,6 +78,12 @@ def test_a_goal_is_driven_to(scene: Scene) -> None:
     scene.outside.goals = [goal(0.0, 0.0)]
     scene.until(lambda: "the goal is reached" in scene.said)
     assert scene.said[0].startswith("/goal_pose 0.00 0.00 0 accepted: ")
+
+
+def test_a_goal_of_long_ago_is_refused_and_said(scene: Scene) -> None:
+    scene.outside.goals = [goal(0.0, 0.0, stamp=types.Time(sec=1))]
+    scene.until(lambda: bool(scene.said))
+    assert scene.said[0].startswith("/goal_pose refused: its stamp is ")
 
 
 def test_the_newest_of_several_goals_is_asked_for(scene: Scene) -> None:

@@ -10,7 +10,7 @@ import pytest
 from armadico.core.agent import DeviceAgent, Identity
 from armadico.runtime.port_reader import CHUNKS, LASTS_S
 from armadico.runtime.process import identity
-from tests.mesh.fakes import on_a_fake
+from tests.mesh.fakes import Clock, on_a_fake
 
 SOON = 10.0
 
@@ -203,3 +203,42 @@ def test_bytes_are_taken_where_they_were_read_while_the_agents_thread_waits() ->
     host.live()
     host.leave()
     assert set(takers) & set(readers)
+
+
+@pytest.mark.parametrize(("paused", "goes"), [(0.2, True), (0.31, False), (3.0, False)])
+def test_what_was_decided_before_a_pause_of_the_process_is_not_written_after_it(
+    paused: float, goes: bool
+) -> None:
+    """Stopped in the middle of a turn: what comes out of that is what was asked for before."""
+    clock, written = Clock(), list[bytes]()
+
+    class Paused(Listener):
+        def on_bytes(self, data: bytes) -> None:
+            super().on_bytes(data)
+            clock.now += paused
+
+        def stop(self, now: float) -> None:
+            super().stop(now)
+            self.write(b"rest")
+            clock.now += paused
+
+    agent = Paused(identity("listener"))
+
+    class Keeping(FakePort):
+        def write(self, data: bytes) -> None:
+            written.append(data)
+
+    ports = [Keeping(agent, [b"a"])]
+
+    def connect() -> FakePort:
+        if not ports:
+            raise OSError("no port")
+        return ports.pop()
+
+    host, _ = on_a_fake(agent, connect={agent.instance: connect}, clock=clock)
+    agent.until = ("down: unplugged", host.request_stop)
+    host.live()
+    assert written == [b"got a"] * goes
+    host._devices[agent.instance]._port = Keeping(agent, [])
+    host.leave()
+    assert written[-1] == b"rest"

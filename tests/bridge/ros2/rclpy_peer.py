@@ -15,7 +15,7 @@ import rclpy
 from geometry_msgs.msg import Twist, TwistStamped
 from nav_msgs.msg import Odometry
 from rclpy.qos import DurabilityPolicy, QoSProfile, ReliabilityPolicy
-from sensor_msgs.msg import BatteryState, LaserScan
+from sensor_msgs.msg import BatteryState, LaserScan, Range
 
 PERIOD_S = 0.02
 
@@ -47,6 +47,7 @@ def main() -> None:
         read.durability = DurabilityPolicy.TRANSIENT_LOCAL
     odom = node.create_publisher(Odometry, "odom", sent)
     scan = node.create_publisher(LaserScan, "scan", sent)
+    sonar = node.create_publisher(Range, "sonar", sent)
     battery = node.create_publisher(BatteryState, "battery_state", 1)
 
     def told(message) -> None:
@@ -75,6 +76,8 @@ def main() -> None:
             rays = {"angle_min": -1.0, "angle_max": 1.0, "angle_increment": 2.0}
             message = LaserScan(header=message.header, range_max=30.0, ranges=[1.0, 2.5], **rays)
             scan.publish(message)
+            message.header.frame_id = "sonar_3"
+            sonar.publish(Range(header=message.header, max_range=5.0, range=1.5))
             battery.publish(BatteryState(voltage=12.5))
 
     node.create_timer(PERIOD_S, tick)

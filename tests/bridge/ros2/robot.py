@@ -11,10 +11,15 @@ from armadico.bridge.ros2.session import UNWATCHED, Session
 from armadico.bridge.session import Noted, Reported
 from armadico.config.profile import Ros2Robot, load_profile
 
-BURGER = load_profile("turtlebot3-burger")
-JACKAL = load_profile("jackal")
-assert isinstance(BURGER, Ros2Robot)
-assert isinstance(JACKAL, Ros2Robot)
+
+def profile_of(name: str) -> Ros2Robot:
+    profile = load_profile(name)
+    assert isinstance(profile, Ros2Robot)
+    return profile
+
+
+BURGER, JACKAL = profile_of("turtlebot3-burger"), profile_of("jackal")
+SONARS, CREATE3 = profile_of("jackal-sonars"), profile_of("create3")
 CLOCK_S = 1_700_000_000.0
 """The robot's clock when ours is at 0."""
 
@@ -61,6 +66,28 @@ def scan(
         ranges=ranges,
     )
     return encode(message)
+
+
+def mounted(
+    frame_id: str, x: float, turned: types.Quaternion | None = None, base: str = "base_link"
+) -> bytes:
+    """Where a frame lies ahead on the base, m."""
+    where = types.Transform(types.Vector3(x=x), turned or types.Quaternion())
+    return encode(
+        types.TFMessage([types.TransformStamped(types.Header(frame_id=base), frame_id, where)])
+    )
+
+
+def ranged(frame_id: str, stamp: float, heard: float, most: float = 5.0) -> bytes:
+    """What a sonar hears, m."""
+    header = types.Header(stamp=time(stamp), frame_id=frame_id)
+    return encode(types.Range(header=header, min_range=0.1, max_range=most, range=heard))
+
+
+def hazards(*felt: tuple[int, str]) -> bytes:
+    """What a Create 3 feels, and by which sensor."""
+    found = [types.HazardDetection(types.Header(frame_id=where), kind) for kind, where in felt]
+    return encode(types.HazardDetectionVector(detections=found))
 
 
 def battery(volts: float, status: int = 2) -> bytes:

@@ -42,6 +42,7 @@ def domain() -> int:
 
 ODOM = Wanted("odom", "nav_msgs/msg/Odometry")
 SCAN = Wanted("scan", "sensor_msgs/msg/LaserScan", reliable=False)
+SONAR = Wanted("sonar", "sensor_msgs/msg/Range", reliable=False)
 CMD = Wanted("cmd_vel", "geometry_msgs/msg/TwistStamped", writes=True)
 
 
@@ -158,11 +159,13 @@ def obeys(line: Line, peer: Peer, v: float, w: float) -> None:
 
 
 def test_odometry_and_scans_come_and_commands_go(peer, line) -> None:
-    robot, ours = peer("--x", "1.5"), line()
+    robot, ours = peer("--x", "1.5"), line("", ODOM, SCAN, SONAR, CMD)
     odometry = cdr.decode(types.Odometry, ours.next("odom"))
     assert odometry.pose.pose.position.x == 1.5
     assert odometry.twist.twist.linear.x == 0.125
     assert list(cdr.decode(types.LaserScan, ours.next("scan")).ranges) == [1.0, 2.5]
+    heard = cdr.decode(types.Range, ours.next("sonar"))
+    assert (heard.header.frame_id, heard.range) == ("sonar_3", 1.5)
     assert ours.until(lambda seen: seen.robot == "/robot").drivers == ()
     obeys(ours, robot, 0.25, -0.5)
     obeys(ours, robot, 0.0, 0.0)
@@ -220,6 +223,20 @@ def test_another_type_is_named(peer, line) -> None:
         "/robot reads /cmd_vel as geometry_msgs/msg/Twist;"
         " here it is published as geometry_msgs/msg/TwistStamped",
     )
+
+
+def test_another_type_is_no_matter_of_quality(domain) -> None:
+    """Cyclone DDS counts it as that; who publishes and reads what is named by `judge`."""
+    with ExitStack() as stack:
+        ours, other = (DdsWire(Address("", domain, "lo"), name) for name in ("ours", "other"))
+        for wire in (ours, other):
+            stack.callback(wire.close)
+        ours.want([CMD])
+        other.want([Wanted("cmd_vel", "geometry_msgs/msg/Twist")])
+        (writer,) = ours._writers.values()
+        while not writer.get_offered_incompatible_qos_status().total_count:
+            other.take(0.05)
+        assert ours.complaints() == []
 
 
 def test_who_else_drives_is_named(peer, line) -> None:

@@ -14,7 +14,19 @@ from armadico.bridge.ros2 import types
 from armadico.bridge.ros2.frames import Seen, frame, said
 from armadico.bridge.ros2.session import LINK_TIMEOUT_S, RAMP_S
 from armadico.bridge.session import Connected, LinkLost, Noted, Pose, Reported, Unanswered
-from tests.bridge.ros2.robot import BURGER, CLOCK_S, JACKAL, Line, battery, odometry
+from tests.bridge.ros2.robot import (
+    BURGER,
+    CLOCK_S,
+    CREATE3,
+    JACKAL,
+    SONARS,
+    Line,
+    battery,
+    hazards,
+    mounted,
+    odometry,
+    ranged,
+)
 
 STEP = 1e-6
 
@@ -29,6 +41,7 @@ def test_it_says_first_what_it_wants_and_tells_the_robot_to_stand() -> None:
         ("odom", "nav_msgs/msg/Odometry", False),
         ("scan", "sensor_msgs/msg/LaserScan", False),
         ("battery_state", "sensor_msgs/msg/BatteryState", False),
+        ("/tf_static", "tf2_msgs/msg/TFMessage", False),
         ("cmd_vel", "geometry_msgs/msg/TwistStamped", True),
     ]
     assert line.speeds() == [(0.0, 0.0)]
@@ -563,3 +576,198 @@ def test_no_speed_that_is_no_number_is_sent(bad: float) -> None:
         line.drive(bad)
     with pytest.raises(ValueError, match="not speeds"):
         line.drive(0.0, bad)
+
+
+# --- where sensors sit
+
+
+def looking(
+    x: float | None, turned: types.Quaternion | None = None, *, seconds: float = 1.0
+) -> Line:
+    """A Burger that has said where its laser sits, and scans."""
+    line = Line().open()
+    if x is not None:
+        line.say("/tf_static", mounted("laser", x, turned))
+    for _ in range(round(10 * seconds)):
+        line.scan([1.0, 2.0])
+        line.go(0.1)
+    return line
+
+
+def test_a_laser_sits_where_the_robot_says_and_a_profile_that_differs_is_named_once() -> None:
+    line = looking(0.05)
+    assert line.report.scan is not None
+    assert line.report.scan.mount == pytest.approx((0.05, 0.0, 0.0))
+    (noted,) = line.notes
+    assert (
+        "the laser (laser) is mounted otherwise than the profile has it: x = 0.050 m" in noted.text
+    )
+    assert "x = -0.032 m, y = 0.000 m, 0 deg by the profile" in noted.text
+
+
+def test_a_laser_that_sits_as_the_profile_has_it_is_no_news() -> None:
+    line = looking(-0.03, seconds=5.0)
+    assert line.report.scan is not None
+    assert line.report.scan.mount[0] == pytest.approx(-0.03)
+    assert line.notes == []
+
+
+def test_where_nobody_says_the_profile_counts_and_that_is_said() -> None:
+    line = looking(None, seconds=5.0)
+    assert line.report.scan is not None
+    assert line.report.scan.mount == BURGER.laser.place  # type: ignore[union-attr]
+    (noted,) = line.notes
+    assert "/tf_static does not say where laser lies in base_link" in noted.text
+
+
+def test_a_laser_that_hangs_by_its_own_description_is_turned() -> None:
+    line = looking(-0.032, types.Quaternion(x=1.0, w=0.0))
+    assert line.report.scan is not None
+    assert line.report.scan.upside_down
+    assert "upside down by tf_static" in line.notes[0].text
+
+
+def test_a_laser_that_is_tilted_is_not_heeded() -> None:
+    line = looking(-0.032, types.Quaternion(y=0.1, w=0.995))
+    assert line.report.scan is None
+    assert "the laser is not heeded: its frame laser is tilted, 11 deg" in line.notes[-1].text
+
+
+def test_where_the_base_is_the_odometry_says() -> None:
+    line = Line()
+    line.ros2 = replace(line.ros2, base_frame="base_footprint")
+    line.session._base = "base_footprint"  # of another profile; the odometry is base_link's
+    line.open()
+    line.say("/tf_static", mounted("laser", 0.05))
+    line.scan([1.0])
+    line.go(0.1)
+    assert line.report.scan is not None
+    assert line.report.scan.mount[0] == pytest.approx(0.05)
+
+
+def test_a_transform_that_is_none_is_counted_and_changes_nothing() -> None:
+    line = looking(nan)
+    assert line.session.line.malformed == 1
+    assert line.report.scan is not None
+
+
+# --- sonars
+
+
+ECHOES = [0.5, 1.0, 1.5, 2.0, 2.5, 3.0, 3.5, 4.0]
+
+
+def hearing(heard: list[float], seconds: float = 0.5, most: float = 5.0, late: float = 0.0) -> Line:
+    """A Jackal with eight sonars, which each hear that; NaN: it says nothing at all."""
+    line = Line(SONARS).open()
+    for _ in range(round(10 * seconds)):
+        for k, one in enumerate(heard):
+            if one == one:
+                line.say("sonar", ranged(f"sonar_{k}", CLOCK_S + line.now - late, one, most))
+        line.go(0.1)
+    return line
+
+
+def test_ranges_are_the_echoes_of_the_sonars_whose_frames_they_have() -> None:
+    line = hearing(ECHOES)
+    assert dict(line.report.echoes) == pytest.approx(dict(enumerate(ECHOES)))
+    assert line.report.sonars[1] == pytest.approx(SONARS.ring.sonars[1].place)
+    line.go(0.1)
+    assert line.report.echoes == ()  # each is told once
+
+
+def test_nothing_heard_is_the_farthest_and_what_is_too_near_the_nearest() -> None:
+    heard = dict(hearing([inf, 7.0, -inf, 5.0, *ECHOES[4:]]).report.echoes)
+    assert [heard[k] for k in range(4)] == pytest.approx([5.0, 5.0, 0.1, 5.0])
+
+
+def test_a_range_of_zero_is_none() -> None:
+    line = Line(SONARS).open()
+    for heard in (0.0, nan, -1.0):
+        line.say("sonar", ranged("sonar_3", CLOCK_S + line.now, heard))
+    line.go(0.1)
+    assert line.report.echoes == ()
+
+
+def test_sonars_of_which_one_is_silent_tell_nothing_and_it_is_named() -> None:
+    """What it would hear is no free way."""
+    line = hearing([*ECHOES[:3], nan, *ECHOES[4:]], 3.0)
+    assert line.report.echoes == ()
+    assert "the sonars are not heeded: no range of sonar_3 for 1.3 s" in [
+        noted.text for noted in line.notes
+    ]
+
+
+def test_ranges_of_another_clock_are_none() -> None:
+    line = hearing(ECHOES, late=5.0)
+    assert line.report.echoes == ()
+    assert "older than the odometry, by 5" in line.notes[0].text
+
+
+def test_sonars_that_reach_less_than_the_profile_has_are_not_heeded_where_they_hear_nothing() -> (
+    None
+):
+    line = hearing([inf, *ECHOES[1:]], most=4.0)
+    assert 0 not in dict(line.report.echoes)
+    assert dict(line.report.echoes)[1] == pytest.approx(1.0)
+    assert "sonar_0 hears 4 m far, and the profile's max_m = 5" in line.notes[0].text
+
+
+def test_a_sonar_that_the_profile_has_not_got_is_named_once() -> None:
+    line = hearing(ECHOES)
+    for _ in range(5):
+        line.say("sonar", ranged("sonar_9", CLOCK_S + line.now, 1.0))
+        line.go(0.1)
+    (noted,) = line.notes
+    assert "a range of 'sonar_9', which is none of the profile's: sonar_0, sonar_1" in noted.text
+    assert line.session.line.malformed == 5
+
+
+def test_sonars_sit_where_the_robot_says() -> None:
+    line = Line(SONARS).open()
+    line.say("/tf_static".removeprefix("/"), mounted("sonar_3", 0.4))
+    line.say("sonar", ranged("sonar_3", CLOCK_S + line.now, 1.0))
+    line.go(0.1)
+    assert line.report.sonars[3] == pytest.approx((0.4, 0.0, 0.0))
+    assert line.report.sonars[4] == pytest.approx(SONARS.ring.sonars[4].place)
+    assert "the sonar (sonar_3) is mounted otherwise" in line.notes[0].text
+
+
+# --- hazards
+
+
+@pytest.mark.parametrize(
+    ("kind", "field", "value"),
+    [
+        (types.BUMP, "front_bumpers", 1),
+        (types.CLIFF, "front_bumpers", 2),
+        (types.BACKUP_LIMIT, "rear_bumpers", 1),
+        (types.STALL, "stalled", True),
+        (types.WHEEL_DROP, "lifted", True),
+    ],
+)
+def test_what_a_create_feels_is_told_in_the_cycle_after_and_no_longer(
+    kind: int, field: str, value: int
+) -> None:
+    line = Line(CREATE3).open()
+    line.say("hazard_detection", hazards((kind, "somewhere")))
+    line.say("hazard_detection", hazards())  # it was short
+    line.go(0.1)
+    assert getattr(line.report, field) == value
+    line.go(0.1)
+    assert not getattr(line.report, field)
+
+
+def test_an_object_that_is_near_is_no_hazard() -> None:
+    line = Line(CREATE3).open()
+    line.say("hazard_detection", hazards((types.OBJECT_PROXIMITY, "ir"), (77, "?")))
+    line.go(0.1)
+    assert (line.report.front_bumpers, line.report.stalled, line.report.lifted) == (0, False, False)
+
+
+def test_a_cliff_is_said_once_with_where_it_is() -> None:
+    line = Line(CREATE3).open()
+    for _ in range(10):
+        line.say("hazard_detection", hazards((types.CLIFF, "cliff_front_left")))
+        line.go(0.1)
+    assert line.notes == [Noted("it feels a cliff (cliff_front_left)")]

@@ -137,6 +137,16 @@ def test_sonars_are_ranges_in_frames_of_their_own() -> None:
     assert "/tf_static" not in said(society, m.Sonar(cycle(2), 5.0, (front,)))
 
 
+def test_how_wide_a_sonar_hears_and_from_where_on_the_robot_says() -> None:
+    limits = (0.1, 0.1, 0.1, 1.0, 1.0, 0.3, 0.3, 1.7, 1.7, 0.3, 2.0)
+    echo, society = m.Echo(0.1, 0.0, 0.0, 1.5), Society()
+    (before,) = said(society, m.Sonar(cycle(), 5.0, (echo,)))["/sonar"]
+    assert (before.field_of_view, before.min_range) == (0.0, 0.0)
+    said(society, m.Description("slim", 0.1, *limits, cone=0.25, nearest=0.125))
+    (after,) = said(society, m.Sonar(cycle(2), 5.0, (echo,)))["/sonar"]
+    assert (after.field_of_view, after.min_range) == (0.25, 0.125)
+
+
 def test_all_sonars_are_in_the_newest_static_transforms() -> None:
     society = Society()
     ring = [m.Echo(0.1, 0.0, math.radians(deg), 1.0) for deg in (-50, 10, 10, 30)]
@@ -402,10 +412,10 @@ def test_what_a_robot_of_ros2_says_by_itself_is_told_from_the_rest() -> None:
 # Goals --------------------------------------------------------------------------------------------
 
 
-def goal(x=1.0, y=2.0, theta=0.5, frame="map", **turned) -> bytes:
+def goal(x=1.0, y=2.0, theta=0.5, frame="map", stamp=0, **turned) -> bytes:
     turned = turned or {"z": math.sin(theta / 2), "w": math.cos(theta / 2)}
     pose = types.Pose(types.Point(x, y), types.Quaternion(**turned))
-    return cdr.encode(types.PoseStamped(types.Header(frame_id=frame), pose))
+    return cdr.encode(types.PoseStamped(types.Header(types.Time(stamp), frame), pose))
 
 
 def ready() -> Society:
@@ -451,6 +461,22 @@ def test_a_goal_in_another_frame_is_where_that_lies() -> None:
 def test_a_goal_that_is_none_is_refused_with_the_reason(data: bytes, why: str) -> None:
     with pytest.raises(ValueError, match=why):
         ready().goal(data)
+
+
+NOW_S = 1_700_000_000
+
+
+@pytest.mark.parametrize("stamp", [0, NOW_S - 9, NOW_S, NOW_S + 3600])
+def test_a_goal_is_of_now_if_it_says_so_or_nothing(stamp: int) -> None:
+    assert ready().goal(goal(stamp=stamp), at=NOW_S * 10**9).goal.x == 1.0
+
+
+def test_a_goal_of_long_ago_is_refused_in_either_encoding() -> None:
+    """A bag that is played back, or what waited in a network that was down, sends nobody off."""
+    with pytest.raises(ValueError, match="stamp is 11 s old, and a goal may be 10 s"):
+        ready().goal(goal(stamp=NOW_S - 11), at=NOW_S * 10**9)
+    with pytest.raises(ValueError, match="do the clocks agree"):
+        ready().goal(JSON, "json", at=NOW_S * 10**9)
 
 
 JSON = (

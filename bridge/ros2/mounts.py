@@ -1,0 +1,106 @@
+"""Where a robot's own frames of reference lie on its body: what it says on `tf_static`; sans-IO.
+
+Its description knows how its laser is mounted; a profile knows how its maker mounts one.
+"""
+
+from __future__ import annotations
+
+from math import acos, atan2, degrees, hypot, isfinite, remainder, tau
+
+import numpy as np
+from msgspec import Struct
+from numpy.typing import NDArray
+
+from armadico.bridge.ros2.geometry import norm2
+from armadico.bridge.ros2.types import TFMessage, Transform
+from armadico.core.geometry import Pose2
+
+MOST = 1000
+"""Frames that are remembered: robots have some fifty."""
+
+APART_M, APART_RAD = 0.02, 0.035
+"""Two mounts that differ by less are the same."""
+
+LEVEL_RAD = 0.09
+"""What looks farther out of the level sees the floor, or over what is in the way."""
+
+_Placed = NDArray[np.float64]  # a rotation and a place, 4 by 4
+
+
+class Mount(Struct, frozen=True):
+    """Where a sensor sits and looks."""
+
+    place: Pose2  # on the body: m, m, rad
+    upside_down: bool = False
+    tilt: float = 0.0  # out of the level, rad
+
+    def differs(self, other: Mount) -> bool:
+        """Whether they are two."""
+        (x, y, bearing), (at_x, at_y, looks) = self.place, other.place
+        turned = abs(remainder(bearing - looks, tau))
+        apart = hypot(x - at_x, y - at_y) > APART_M or turned > APART_RAD
+        return apart or self.upside_down is not other.upside_down
+
+    @property
+    def told(self) -> str:
+        """For people."""
+        x, y, bearing = self.place
+        down = ", upside down" if self.upside_down else ""
+        return f"x = {x:.3f} m, y = {y:.3f} m, {degrees(remainder(bearing, tau)):.0f} deg{down}"
+
+
+class Frames:
+    """Frames that do not move, each as it was last said."""
+
+    def __init__(self) -> None:
+        self._known: dict[str, tuple[str, _Placed]] = {}  # by frame: in which other, and where
+
+    def learn(self, message: TFMessage) -> None:
+        """Take what was said. Raises ValueError for a transform that is none."""
+        for each in message.transforms:
+            child, parent = (_name(n) for n in (each.child_frame_id, each.header.frame_id))
+            if child in self._known or len(self._known) < MOST:
+                self._known[child] = parent, _placed(each.transform)
+
+    def mount(self, base: str, frame: str) -> Mount | None:
+        """Where a frame lies in that of the base; None: nobody has said so."""
+        root, body = self._in_root(_name(base))
+        other, sensor = self._in_root(_name(frame))
+        if root != other:
+            return None
+        at = np.linalg.inv(body) @ sensor
+        up = min(max(float(at[2, 2]), -1.0), 1.0)
+        place = float(at[0, 3]), float(at[1, 3]), atan2(at[1, 0], at[0, 0])
+        return Mount(place, up < 0.0, acos(abs(up)))
+
+    def _in_root(self, frame: str) -> tuple[str, _Placed]:
+        """The frame that a frame hangs on in the end, and where it lies in that."""
+        at = np.eye(4)
+        for _ in range(len(self._known)):  # at the most: it may go round in a circle
+            if frame not in self._known:
+                break
+            frame, placed = self._known[frame]
+            at = placed @ at
+        return frame, at
+
+
+def _name(frame: str) -> str:
+    """As tf2 has it: ROS 1 had a slash in front."""
+    return frame.removeprefix("/")
+
+
+def _placed(transform: Transform) -> _Placed:
+    q, t = transform.rotation, transform.translation
+    norm = norm2(q)
+    if not all(map(isfinite, (t.x, t.y, t.z))) or not 0.5 < norm < 2.0:
+        raise ValueError("a transform that is none: it is not finite, or no rotation")
+    s = 2.0 / norm
+    x, y, z, w = q.x, q.y, q.z, q.w
+    return np.array(
+        [
+            [1.0 - s * (y * y + z * z), s * (x * y - z * w), s * (x * z + y * w), t.x],
+            [s * (x * y + z * w), 1.0 - s * (x * x + z * z), s * (y * z - x * w), t.y],
+            [s * (x * z - y * w), s * (y * z + x * w), 1.0 - s * (x * x + y * y), t.z],
+            [0.0, 0.0, 0.0, 1.0],
+        ]
+    )
