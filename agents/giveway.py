@@ -8,7 +8,7 @@ from typing import Annotated, Any, ClassVar, Final
 from msgspec import Meta
 
 from armadico.agents.methods.geometry import clip
-from armadico.agents.methods.known_robots import OLD_S, moved
+from armadico.agents.methods.known_robots import KnownRobots
 from armadico.core import agent
 from armadico.core.behaviour import Behaviour
 from armadico.core.exchange import Bid
@@ -39,6 +39,9 @@ PASSED_RAD: Final = radians(100)
 
 HEARD_S: Final = 1.0
 """So long another's word on a meeting counts."""
+
+NEAR_M: Final = 0.01
+"""Nobody's middle is nearer, whatever it says."""
 
 ROBOT_M: Final = 0.5
 """What is so near to the other's middle is that robot."""
@@ -94,7 +97,7 @@ class GiveWay(Behaviour):
     def __init__(self, identity: agent.Identity, parameters: Any = None) -> None:
         super().__init__(identity, parameters)
         self.robot = self.p.namespace.rpartition("/")[2]
-        self._robots: dict[str, tuple[FleetPose, float]] = {}
+        self._robots = KnownRobots(self.robot)
         self._said: dict[str, tuple[FleetMeeting, float]] = {}
         self._trail: list[tuple[float, float]] = []
         self._here: tuple[float, float] | None = None
@@ -114,12 +117,12 @@ class GiveWay(Behaviour):
 
     def on_fleet_pose(self, said: FleetPose) -> None:
         """Where another robot is."""
-        if said.robot != self.robot:
-            self._robots[said.robot] = said, self.now
+        self._robots.hear(said, self.now)
 
     def on_fleet_meeting(self, said: FleetMeeting) -> None:
-        """What it is worth to another one to drive on."""
-        if said.robot != self.robot:
+        """What it is worth to another one to drive on, that has met this one."""
+        self._said = {r: each for r, each in self._said.items() if self.now - each[1] <= HEARD_S}
+        if said.other == self.robot:
             self._said[said.robot] = said, self.now
 
     def on_pose(self, pose: Pose) -> None:
@@ -129,8 +132,8 @@ class GiveWay(Behaviour):
         if before is not None and dist(before, here) > JUMP_M:
             self._trail = []
         state = self.latest(RobotState)
-        backwards = state is not None and state.v < 0.0
-        if not self._trail or (not backwards and dist(self._trail[-1], here) >= STEP_M):
+        forwards = state is not None and state.v > 0.0
+        if not self._trail or (forwards and dist(self._trail[-1], here) >= STEP_M):
             self._trail = [*self._trail[1 - TRAIL :], here]
 
     # What it bids ---------------------------------------------------------------------------------
@@ -167,20 +170,21 @@ class GiveWay(Behaviour):
     def _word_of(self, robot: str) -> FleetMeeting | None:
         """What it last said of this meeting; None: nothing, or long ago."""
         said, at = self._said.get(robot, (None, -inf))
-        mine = said is not None and said.other == self.robot and self.now - at <= HEARD_S
-        return said if mine else None
+        return said if self.now - at <= HEARD_S else None
 
     def _meets(self, here: Pose2, obstacles: Obstacles) -> bool:
         """Whether it has met another robot, `_met`, and that is not over."""
-        heard = self._robots.items()
-        known = {r: moved(s, self.now - at) for r, (s, at) in heard if self.now - at < OLD_S}
-        if self._met:
-            said = self._word_of(self._met)
-            begun = self._yields_since is not None or (said is not None and said.yields)
-            if begun and self._met in known and not self._passed(here, known[self._met]):
+        others = self._robots.others(self.now)
+        if self._met in others:
+            word = self._word_of(self._met)
+            begun = self._yields_since is not None or (word is not None and word.yields)
+            if begun and not self._passed(here, others[self._met][1]):
                 return True
-        facing = {r: t for r, t in known.items() if _ahead(here, t) and _ahead(t, here)}
-        near = {r: hypot(t[0] - here[0], t[1] - here[1]) for r, t in facing.items()}
+        near = {
+            robot: dist(here[:2], there[:2])
+            for robot, (_, there) in others.items()
+            if _ahead(here, there) and _ahead(there, here)
+        }
         met = min(near, key=lambda robot: (near[robot], robot), default="")
         if not met or near[met] > self.p.near_m:
             self._over()
@@ -188,9 +192,10 @@ class GiveWay(Behaviour):
         if met != self._met:
             self._over()
             self._met = met
-        if self._is_narrow(relative(here, facing[met]), obstacles):
+        said, there = others[met]
+        if self._is_narrow(relative(here, there), obstacles):
             return True
-        speed = max(abs(self.measured[0]), abs(self._robots[met][0].v))
+        speed = max(abs(self.measured[0]), abs(said.v))
         if speed > self.p.still_m_s or near[met] > self.p.stands_m:
             self._stood_since = self.now
         return self.now - self._stood_since >= self.p.stood_s
@@ -198,7 +203,7 @@ class GiveWay(Behaviour):
     def _is_narrow(self, there: Pose2, obstacles: Obstacles) -> bool:
         """Whether they cannot pass each other on the way between them; `there` is as seen here."""
         x, y, _ = there
-        away, beside = hypot(x, y), self.body.outline.half_width + self.p.beside_m
+        away, beside = max(hypot(x, y), NEAR_M), self.body.outline.half_width + self.p.beside_m
         sides = set()
         for p in obstacles.points:
             along, across = (p.x * x + p.y * y) / away, (p.y * x - p.x * y) / away
@@ -237,10 +242,9 @@ class GiveWay(Behaviour):
 
     def _give_way(self, here: Pose2, obstacles: Obstacles) -> Bid:
         p = self.p
-        if self._back_off:
-            away = hypot(here[0] - self._met_at[0], here[1] - self._met_at[1])
-            if (away >= p.back_m and self._has_room(obstacles)) or not self._trail:
-                self._back_off = False
+        far = dist(here[:2], self._met_at) >= p.back_m
+        if (far and self._has_room(obstacles)) or not self._trail:
+            self._back_off = False
         if not self._back_off:
             return Bid(p.utility, (0.0, 0.0), reason=f"stands until {self._met} has passed")
         v, w = self._backwards(here, obstacles)
@@ -252,7 +256,7 @@ class GiveWay(Behaviour):
         """Speeds along the trail, back: an arc through the place to aim at."""
         while self._trail:
             x, y, _ = relative(here, (*self._trail[-1], 0.0))
-            if hypot(x, y) >= AIM_M:
+            if x < 0.0 and hypot(x, y) >= AIM_M:
                 break
             self._trail.pop()
             self._got_on_at = self.now
