@@ -2,6 +2,9 @@
 
 from __future__ import annotations
 
+from collections import deque
+from collections.abc import Sequence
+from contextlib import suppress
 from math import atan2, hypot
 from typing import Annotated, Any, ClassVar, Final
 
@@ -11,7 +14,7 @@ from msgspec.structs import replace
 from armadico.agents.methods.board import Entry, Missions, RefusedError
 from armadico.agents.methods.errands import Errand, Stage
 from armadico.agents.methods.procedures import advance, ahead, broken_off, merged
-from armadico.agents.methods.subplans import Coordinator, move
+from armadico.agents.methods.subplans import Coordinator
 from armadico.agents.methods.utility import of_mission
 from armadico.config.errors import ConfigError
 from armadico.config.places import Places
@@ -22,6 +25,7 @@ from armadico.core.agent import WARNING, Agent, Question
 from armadico.core.behaviour import LOST_M
 from armadico.core.exchange import Bid
 from armadico.core.messages import (
+    PLACES,
     Alarm,
     BatteryLevel,
     Board,
@@ -39,6 +43,7 @@ from armadico.core.messages import (
     MissionReply,
     MissionStatus,
     MissionWithdrawal,
+    NamedPlace,
     Photo,
     Planned,
     PlanStep,
@@ -55,6 +60,7 @@ from armadico.core.messages import (
     line,
     next_count,
 )
+from armadico.core.planner import move, visited
 from armadico.core.resources import PLANNER, TRAJECTORY, Resource
 from armadico.core.tasks import Beliefs, Charge, Drive, Explore, Reach, Request, Stand
 
@@ -71,6 +77,9 @@ AFRESH_S: Final = 2.0
 """What is heard of an exploration so soon after it was asked for may be older than that."""
 
 ALARMS_MOST: Final = 32
+
+WITHDRAWN_MOST: Final = 64
+"""Numbers of missions that are remembered as withdrawn."""
 
 AWAY_M: Final = 0.5
 """Who is to stand, and is farther from there, was driven away by somebody."""
@@ -119,6 +128,7 @@ class MissionPlanning(Agent):
         super().__init__(identity, parameters)
         self._places = Places(load_world(self.p.world), load_profile(self.p.profile).body)
         self._missions = Missions(self._places)
+        self._withdrawn: deque[int] = deque(maxlen=WITHDRAWN_MOST)  # also what has not come yet
         self._coordinator = Coordinator()
         self._errand = Errand(self.rng)
         self._by = self.rng.getrandbits(63)
@@ -153,7 +163,11 @@ class MissionPlanning(Agent):
         """Take a mission on; it is begun at once if none that is as urgent is done (use case 1)."""
         request = question.request
         assert isinstance(request, MissionProposal)
-        number = self.rng.getrandbits(63) or 1
+        number = request.order.mission or self.rng.getrandbits(63) or 1
+        if number in self._missions.entries:  # ordered again, for the answer did not come
+            return MissionReply(number)
+        if number in self._withdrawn:
+            return MissionReply(0, "it was withdrawn before it came")
         at = self._beliefs().at
         start = None if at is None else (at.x, at.y)
         try:
@@ -172,6 +186,8 @@ class MissionPlanning(Agent):
         assert isinstance(request, MissionWithdrawal)
         number = request.cancel.mission
         found = self._missions.cancel(number)
+        if number:
+            self._withdrawn.append(number)
         if not found:
             what = "no mission is under way" if number == 0 else f"no mission {number} is under way"
             return MissionReply(0, what)
@@ -672,6 +688,7 @@ class MissionPlanning(Agent):
         if room is None:
             return
         before = (move(room), PlanStep(mission.on_alarm, (Told.of("room", room),)))
+        after = ahead(mission, broken_off(mission, course))
         ask = SubplanRequest(
             self.rng.getrandbits(63),
             entry.told.mission,
@@ -679,7 +696,8 @@ class MissionPlanning(Agent):
             beliefs.at,
             beliefs.room,
             before,
-            ahead(mission, broken_off(mission, course)),
+            after,
+            self._places_told(visited((*before, *after))),
         )
 
         def chosen(subplan: Subplan | None) -> None:
@@ -698,6 +716,14 @@ class MissionPlanning(Agent):
 
         self.publish(ask)
         self._coordinator.ask(ask, self.now, chosen)
+
+    def _places_told(self, first: Sequence[str]) -> tuple[NamedPlace, ...]:
+        """Where the robot stands in the world's places; these ones at any rate."""
+        found = []
+        for name in dict.fromkeys((*first, *self._places.names)):
+            with suppress(ConfigError):  # no place, or too full to turn in
+                found.append(NamedPlace(name, *self._places.of(name)[:2]))
+        return tuple(found[:PLACES])
 
     def _waits_for_a_way(self, room: str) -> bool:
         """Whether the planner agents, who know no way to an alarm, are asked again.

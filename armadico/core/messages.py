@@ -852,6 +852,19 @@ class FleetPose(Message, frozen=True):
     half_width: Length
 
 
+class FleetMeeting(Message, frozen=True):
+    """What it is worth to a robot of the fleet to drive on, where another stands in its way.
+
+    Said while the two are face to face; `yields`: it is this one that backs off, `aside`: it has.
+    """
+
+    robot: Name
+    other: Name
+    utility: Share
+    yields: bool = False
+    aside: bool = False
+
+
 class FleetTask(Message, frozen=True):
     """One task of a list: go there, and look for so long."""
 
@@ -1053,6 +1066,11 @@ class PlanStep(Message, frozen=True):
     do: Name
     told: Annotated[tuple[Told, ...], Meta(max_length=16)] = ()
 
+    @classmethod
+    def of(cls, do: str, **told: TomlValue) -> PlanStep:
+        """A step by its task's name: `PlanStep.of("move", to="R1")`."""
+        return cls(do, tuple(Told.of(name, value) for name, value in told.items()))
+
     def __str__(self) -> str:
         """As the thesis writes it: move(R1)."""
         told = ", ".join(f"{each.value}" for each in self.told)
@@ -1153,12 +1171,17 @@ class Board(Latched, frozen=True):
 
 
 class MissionOrder(Message, frozen=True):
-    """Asks the interface agent to have a mission done; `text` is its TOML, deflated (zlib)."""
+    """Asks the interface agent to have a mission done; `text` is its TOML, deflated (zlib).
+
+    `mission` is its number, drawn at random by whoever orders it: ordered again it is the same
+    mission, and it can be cancelled though nobody has answered. 0: the interface agent draws one.
+    """
 
     name: Name
     text: Annotated[bytes, Meta(max_length=16_384)]
     priority: Share | None = None  # none: its own
     by: Label = ""
+    mission: Bits64 = 0
 
 
 class MissionProposal(Message, frozen=True):
@@ -1180,6 +1203,18 @@ class MissionWithdrawal(Message, frozen=True):
     cancel: MissionCancel
 
 
+class NamedPlace(Message, frozen=True):
+    """Where the robot stands in a room or at a goal of the world, m."""
+
+    name: Name
+    x: Real
+    y: Real
+
+
+PLACES: Final = 256
+"""Of a world, that planner agents are told of."""
+
+
 class SubplanRequest(Message, frozen=True):
     """The coordinator asks the planner agents: what is to be done `before` a mission goes on?"""
 
@@ -1190,6 +1225,7 @@ class SubplanRequest(Message, frozen=True):
     room: Label  # and in which room
     before: Steps
     ahead: Steps  # of the mission as it stands
+    places: Annotated[tuple[NamedPlace, ...], Meta(max_length=PLACES)] = ()  # that it can move to
 
 
 class Subplan(Message, frozen=True):

@@ -49,8 +49,8 @@ def ballot(term: int, who: str = A) -> Ballot:
 class Story:
     """Cycles of a tenth of a second, in which a robot drives unless the test says otherwise."""
 
-    def __init__(self, epoch: int = 1) -> None:
-        self.checker = Checker()
+    def __init__(self, epoch: int = 1, heard_s: float = 0.0) -> None:
+        self.checker = Checker(Bounds(heard_s=heard_s))
         self.epoch, self.number, self.now = epoch, 0, 0.0
         self.ballot: Ballot | None = ballot(3)
         self.v = 0.05
@@ -321,6 +321,25 @@ def test_speeds_that_nobody_commanded(story: Story) -> None:
     story.cycles(10)
     story.see(Ordered(story.now, 0.4, 0.0))
     assert story.broken() == [Promise.SILENCE]
+
+
+@pytest.mark.parametrize(
+    ("late", "cycles_on", "broken"),
+    [(0.9, 0, []), (1.1, 0, [Promise.SILENCE]), (0.9, 4, [Promise.SILENCE])],
+    ids=["that is heard late", "that is heard too late", "of a later cycle"],
+)
+def test_a_command(late: float, cycles_on: int, broken: list[Promise]) -> None:
+    """A busy onlooker sees what the robot agent writes before the command that it obeys."""
+    story = Story(heard_s=1.0)
+    story.cycles(10)
+    story.see(Ordered(story.now, 0.4, 0.0))
+    asked = Cycle(1, story.number + cycles_on)
+    heard = story.now + late
+    while story.now < heard:
+        story.cycles(1)
+    story.said(Command("wheels", asked, ballot(3), (0.4, 0.0)))
+    story.cycles(3)
+    assert story.broken() == broken
 
 
 def test_a_robot_agent_that_repeats_the_last_command_has_not_stopped(story: Story) -> None:

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import pytest
+
 from armadico.core.messages import (
     Ack,
     Ballot,
@@ -12,8 +14,10 @@ from armadico.core.messages import (
     RobotState,
     Truth,
 )
-from armadico_tools.faults.event_log import Account
+from armadico_tools.faults.checker import Checker
+from armadico_tools.faults.event_log import HEARD_S, Account
 from armadico_tools.faults.observations import Ordered, Passed, Said
+from armadico_tools.faults.world_state import Bounds
 
 OLD, NEW = "goto-0000000000000001", "goto-0000000000000002"
 
@@ -111,11 +115,18 @@ def test_the_share_of_cycles_in_which_somebody_was_obeyed() -> None:
     assert account.driver is None
 
 
-def test_an_onlooker_that_may_not_hear_everybody_does_not_ask_who_commanded_what() -> None:
-    for deaf in (False, True):
-        account = Account()
-        account.deaf = deaf
-        account.take(Said(1.0, RobotState(Cycle(1, 10), 0, 0, 0, 0.3, 0, 12, True, False)))
-        account.take(Said(1.0, ack(10, ballot(1, OLD), 9)))
-        account.take(Ordered(1.05, 0.3, 0.0))
-        assert bool(account.checker.violations) is not deaf
+@pytest.mark.parametrize("cut_at", [1.04, 1.06, None])
+def test_an_onlooker_that_may_not_hear_everybody_does_not_ask_who_commanded_what(
+    cut_at: float | None,
+) -> None:
+    """Nor of what was ordered just before the cut that may have taken the command from it."""
+    account = Account(Checker(Bounds(heard_s=HEARD_S)))
+    account.take(Said(1.0, RobotState(Cycle(1, 10), 0, 0, 0, 0.3, 0, 12, True, False)))
+    account.take(Said(1.0, ack(10, ballot(1, OLD), 9)))
+    for at in (1.04, 1.05, 1.06):
+        account.take(Ordered(at, 0.3, 0.0) if at == 1.05 else Passed(at))
+        if at == cut_at:
+            account.deafen(True)
+    account.take(Ordered(1.3, 0.0, 0.0))
+    account.take(Passed(1.1 + HEARD_S))
+    assert bool(account.checker.violations) is (cut_at is None)

@@ -7,7 +7,7 @@ from collections.abc import Iterator
 from math import atan2, hypot, inf, pi
 
 from armadico.core.geometry import relative, wrap
-from armadico.core.messages import Command, RobotState, Truth
+from armadico.core.messages import Command, Cycle, RobotState, Truth
 from armadico.observe.measures import speeds
 from armadico_tools.faults.fault_types import Promise
 from armadico_tools.faults.observations import Observation, Ordered, Said
@@ -17,6 +17,7 @@ from armadico_tools.faults.world_state import (
     MOVING_RAD_S,
     Bounds,
     Situation,
+    age,
 )
 
 ROUND_M_S = 0.001
@@ -42,23 +43,26 @@ class Silence:
 
     Each command that is obeyed is written to the controller; so once it was ordered to move, either
     the next order comes in time, or a stop. And what is ordered was commanded, for a cycle that is
-    not long past: a robot agent that goes on by itself has not stopped. After the braking time the
-    wheels rest: an order that the line lost is given again.
+    not long past: a robot agent that goes on by itself has not stopped. A busy onlooker may see the
+    order before the command that it obeys, so that has `heard_s` to come. After the braking time
+    the wheels rest: an order that the line lost is given again.
     """
 
     promise = Promise.SILENCE
 
     def __init__(self, bounds: Bounds) -> None:
         self._stop_s = bounds.stop_s
+        self._heard_s = bounds.heard_s
         self._braking_s = bounds.braking_s
         self._rest_at: float | None = None  # when rest was ordered, and nothing else since
         self._commands: deque[Command] = deque(maxlen=COMMANDS)
         self._order: Ordered | None = None  # the last, if it moves and is not settled yet
+        self._unheard: list[tuple[Ordered, Cycle | None]] = []  # and the newest cycle then
 
     def look(self, seen: Observation, now: Situation) -> Iterator[str]:
         """At each order, and as time passes."""
         if isinstance(seen, Said) and isinstance(seen.message, Command):
-            self._commands.append(seen.message)
+            self._hear(seen.message)
         last = self._order
         if now.void(self.promise):
             self._order = None
@@ -71,8 +75,11 @@ class Silence:
             moves = seen.v != 0.0 or seen.w != 0.0
             self._order = seen if moves else None
             self._rest_at = None if moves else self._rest_at or seen.at
-            if moves and not now.void(self.promise) and not self._commanded(seen, now):
-                yield f"{seen.v:.3f} m/s, {seen.w:.3f} rad/s are ordered, and not commanded"
+            if moves and not now.void(self.promise):
+                self._look_for_command(seen, now)
+        while self._unheard and seen.at - self._unheard[0][0].at >= self._heard_s:
+            order, _ = self._unheard.pop(0)
+            yield f"{order.v:.3f} m/s, {order.w:.3f} rad/s are ordered, and not commanded"
 
     def _rests(self, seen: Observation, now: Situation) -> Iterator[str]:
         """Whether the wheels rest in time, the line to them being whole."""
@@ -85,15 +92,25 @@ class Silence:
             self._rest_at = None
             yield f"{waited:.1f} s after rest was ordered still {truth.v:.2f} m/s"
 
-    def _commanded(self, order: Ordered, now: Situation) -> bool:
-        """Whether a fresh command asks for it; the reflex may have slowed it down ahead."""
-        for command in reversed(self._commands):
-            v, w = speeds(command)
-            near = min(v, 0.0) - ROUND_M_S <= order.v <= v + ROUND_M_S
-            near = near and abs(w - order.w) <= ROUND_RAD_S
-            if near and now.age(command.cycle) <= FRESH_CYCLES:
-                return True
-        return False
+    def _hear(self, command: Command) -> None:
+        self._commands.append(command)
+        self._unheard = [each for each in self._unheard if not _asks_for(command, *each)]
+
+    def _look_for_command(self, order: Ordered, now: Situation) -> None:
+        newest = None if now.state is None else now.state.cycle
+        if not any(_asks_for(command, order, newest) for command in reversed(self._commands)):
+            self._unheard.append((order, newest))
+
+
+def _asks_for(command: Command, order: Ordered, newest: Cycle | None) -> bool:
+    """Whether a command that was fresh then asks for it; the reflex may have slowed it ahead.
+
+    One of a later cycle does not: that order was not its.
+    """
+    v, w = speeds(command)
+    near = min(v, 0.0) - ROUND_M_S <= order.v <= v + ROUND_M_S
+    near = near and abs(w - order.w) <= ROUND_RAD_S
+    return near and abs(age(command.cycle, newest)) <= FRESH_CYCLES
 
 
 class Watchdog:

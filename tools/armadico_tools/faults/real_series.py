@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import random
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 from statistics import median
 from typing import Final
@@ -16,6 +16,7 @@ from armadico.config.scenarios import Scenario
 from armadico.observe.conditions import software
 from armadico.observe.recorder import part
 from armadico_tools.faults.checker import Checker, Violation
+from armadico_tools.faults.event_log import HEARD_S
 from armadico_tools.faults.real_faults import FAULTS
 from armadico_tools.faults.real_society import ROAD, RealSociety, TrialError
 from armadico_tools.faults.real_trials import TRIALS, TWIN, Figure, Trial, settle
@@ -155,7 +156,7 @@ def run_series(
     if trial.hosts and table is not None:
         hosts = {agent: name for name, host in table.hosts.items() for agent in host.agents}
     while len(series.rows) < count and len(series.failed) < AGAIN:
-        checker = Checker(bounds_of(scenario))
+        checker = Checker(replace(bounds_of(scenario), heard_s=HEARD_S))
         again = len(series.failed)
         path = part(record, again) if record is not None and again else record
         try:

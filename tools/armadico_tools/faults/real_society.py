@@ -262,7 +262,7 @@ class RealSociety:
         for began in (True, False):
 
             def note(at: float, began: bool = began) -> None:
-                self.account.deaf = began and kind == "partition"
+                self.account.deafen(began and kind == "partition")
                 self.account.take(Faulted(at, kind, whom, began))
 
             self._put(note)

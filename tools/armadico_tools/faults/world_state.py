@@ -98,6 +98,7 @@ class Bounds:
     """The numbers of the promises, SI units."""
 
     stop_s: float = 0.4  # from the last valid command to the stop
+    heard_s: float = 0.0  # a command may be seen so long after the order that obeys it
     overlap_s: float = 0.5  # two tenures in a whole network: 5 cycles
     obeyed_s: float = 5.0
     moves_s: float = 2.0
@@ -144,6 +145,13 @@ def bounds_of(scenario: Scenario) -> Bounds:
 
 OVERSHOOT = 1.5
 """Of the speed loops over the ramp that they follow, within a cycle."""
+
+
+def age(cycle: Cycle, newest: Cycle | None) -> float:
+    """How many cycles before the newest; inf in another epoch."""
+    if newest is None or cycle.epoch != newest.epoch:
+        return inf
+    return newest.number - cycle.number
 
 
 class Fault(NamedTuple):
@@ -217,10 +225,7 @@ class Situation:
 
     def age(self, cycle: Cycle) -> float:
         """How many cycles before the newest; inf in another epoch."""
-        state = self.state
-        if state is None or cycle.epoch != state.cycle.epoch:
-            return inf
-        return state.cycle.number - cycle.number
+        return age(cycle, None if self.state is None else self.state.cycle)
 
     def truth_of(self, cycle: Cycle) -> Truth | None:
         """Where the robot was in one of the last cycles."""
