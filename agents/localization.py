@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
+from functools import lru_cache
 from hashlib import sha256
 from importlib.metadata import version
 from math import hypot, radians
@@ -12,7 +13,7 @@ import numpy as np
 from msgspec import Meta
 from msgspec.structs import replace
 
-from armadico.agents.methods.grid import CELL_M, Grid, check_extent
+from armadico.agents.methods.grid import CELL_M, Grid, check_extent, grid_of
 from armadico.agents.methods.laser_model import BEAMS, LaserModel, beams_of
 from armadico.agents.methods.monte_carlo import LASER, Estimate, Model, MonteCarlo, Settings
 from armadico.agents.methods.odometry import begun_anew
@@ -120,7 +121,7 @@ class Localization(Agent):
         super().__init__(identity, parameters)
         world, profile = load_world(self.p.world), load_profile(self.p.profile)
         check_extent(world, CELL_M)
-        grid = Grid(world.outlines, world.bounds)
+        grid = grid_of(world.outlines, world.bounds, CELL_M)
         rows, columns = np.nonzero(grid.clearance > profile.body.width_m / 2)
         free = np.column_stack([grid.xs[columns], grid.ys[rows]])
         self._places = Places(world, profile.body)
@@ -365,10 +366,14 @@ def model_of(grid: Grid, profile: RobotProfile) -> Model:
     return sonar_model(grid, radians(ring.cone_deg), ring.max_m)
 
 
+_small_model = lru_cache(maxsize=2)(SonarModel)
+"""Shared by the runs of a series, which are in the same world; nothing changes a model."""
+
+
 def sonar_model(grid: Grid, cone_rad: float, reach_m: float) -> SonarModel:
     """The model of a map. What a large map needs for it is kept for the next time."""
     if grid.clearance.size < LARGE:
-        return SonarModel(grid, cone_rad, reach_m)
+        return _small_model(grid, cone_rad, reach_m)
 
     def make() -> Arrays:
         return fields(grid, cone_rad, reach_m)._asdict()

@@ -7,7 +7,7 @@ from typing import Annotated, Any, ClassVar
 
 from msgspec import Meta
 
-from armadico.agents.methods.grid import CELL_M, Grid, check_extent
+from armadico.agents.methods.grid import CELL_M, check_extent, grid_of
 from armadico.agents.methods.rivals import DIRECTIONS, Rivals, places_of
 from armadico.config.profile import load_profile
 from armadico.config.worlds import load_world
@@ -113,7 +113,7 @@ class Relocate(Behaviour):
         if self.p.world is not None:
             world, profile = load_world(self.p.world), load_profile(self.p.profile)
             check_extent(world, CELL_M)
-            grid = Grid(world.barriers, world.bounds)
+            grid = grid_of(world.barriers, world.bounds, CELL_M)
             self._rivals = Rivals(grid, profile.body.circle_m, min(profile.reach_m, TELLS_M))
         self._particles: Particles | None = None  # what may be is worked out when it matters
         self._placed_at: Pose2 = STOOD  # the odometry then

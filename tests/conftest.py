@@ -2,8 +2,12 @@
 
 from __future__ import annotations
 
+import fcntl
+import gc
 import os
 import sys
+from collections.abc import Generator
+from contextlib import suppress
 
 import pytest
 from hypothesis import HealthCheck, settings
@@ -18,6 +22,36 @@ os.environ.pop("PYTHONDONTWRITEBYTECODE", None)
 # Machines are shared: how long an example takes says nothing, and no assertion rests on it.
 settings.register_profile("shared", deadline=None, suppress_health_check=[HealthCheck.too_slow])
 settings.load_profile("shared")
+
+
+SELDOM = 20_000
+"""Objects more than there were, after which rings of them are looked for: with every 700, as by
+default, that is a twelfth of the tests' time."""
+
+
+@pytest.hookimpl(wrapper=True)
+def pytest_make_collect_report(
+    collector: pytest.Collector,
+) -> Generator[None, pytest.CollectReport, pytest.CollectReport]:
+    """Have a file of tests that nobody has compiled yet compiled by one worker, for all."""
+    if not isinstance(collector, pytest.Module):
+        return (yield)
+    with collector.path.open() as file:
+        with suppress(OSError):  # a file system without locks
+            fcntl.flock(file, fcntl.LOCK_EX)
+        return (yield)
+
+
+def pytest_collection(session: pytest.Session) -> None:
+    """All that is collected stays."""
+    gc.disable()
+
+
+def pytest_collection_finish(session: pytest.Session) -> None:
+    """Have it looked at never again."""
+    gc.freeze()
+    gc.set_threshold(SELDOM)
+    gc.enable()
 
 
 @pytest.fixture(scope="session")

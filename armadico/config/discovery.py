@@ -15,7 +15,7 @@ from collections.abc import Iterable, Iterator
 from dataclasses import dataclass
 from functools import cache
 from importlib import import_module
-from importlib.metadata import EntryPoint, entry_points
+from importlib.metadata import Distribution, EntryPoint, entry_points
 from importlib.util import find_spec
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Final, TypeVar
@@ -201,4 +201,9 @@ def _kind(group: str) -> str:
 
 
 def _package(entry: EntryPoint) -> str:
-    return entry.dist.name if entry.dist is not None else ""
+    return _name(entry.dist) if entry.dist is not None else ""
+
+
+@cache  # to say its name it parses all its metadata, half a millisecond for each of its entries
+def _name(package: Distribution) -> str:
+    return package.name

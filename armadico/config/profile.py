@@ -7,6 +7,7 @@ is as bounded here as on the mesh.
 
 from __future__ import annotations
 
+from functools import lru_cache
 from math import radians
 from pathlib import Path
 from typing import Annotated
@@ -403,7 +404,11 @@ class Ros2Robot(RobotProfile, frozen=True, forbid_unknown_fields=True, kw_only=T
 def load_profile(name_or_path: str | Path) -> P2osRobot | Ros2Robot:
     """A shipped profile by its name, or a TOML file. Raises ConfigError."""
     path = find("robots", name_or_path)
-    text = read_text(path)
+    return _read(read_text(path), path)
+
+
+@lru_cache(maxsize=8)  # 3 ms, and a society asks for its robot's a dozen times
+def _read(text: str, path: Path) -> P2osRobot | Ros2Robot:
     table = document(text, path)
     speaks_p2os = convert(table, RobotProfile, path, text).p2os is not None
     return (

@@ -10,7 +10,7 @@ from __future__ import annotations
 import json
 import logging
 import os
-import secrets
+import random
 import threading
 import time
 from collections.abc import Callable
@@ -297,7 +297,7 @@ class ZenohMesh(Reader, Monotonic):
 
 def _session_id(rank: int) -> str:
     """A new id, hexadecimal. Zenoh compares ids by the last byte first: that is the rank."""
-    return f"{secrets.randbits(120) | 1 << 119:030x}{rank:02x}"
+    return f"{random.SystemRandom().getrandbits(120) | 1 << 119:030x}{rank:02x}"
 
 
 def _direct(callback: Callable[[Any], None]) -> Any:

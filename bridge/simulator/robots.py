@@ -9,7 +9,6 @@ from msgspec.structs import replace
 
 from armadico.bridge.simulator.pioneer import Pioneer
 from armadico.bridge.simulator.plant import Site, Streams
-from armadico.bridge.simulator.ros2_robot import Ros2SimulatedRobot
 from armadico.bridge.simulator.simulated import SimulatedRobot
 from armadico.bridge.simulator.traps import KIND, Trap
 from armadico.config.loading import find, load_entry
@@ -36,6 +35,9 @@ def of_scenario(
     docks, charge = tuple(world.docks.values()), scenario.battery.charge
     site = Site(world.walls, start, world.columns, scenario.moving, docks, charge)
     if isinstance(profile, Ros2Robot):
+        # As in `armadico.bridge.robot`: who speaks P2OS does not wait for ROS 2's messages.
+        from armadico.bridge.simulator.ros2_robot import Ros2SimulatedRobot  # noqa: PLC0415
+
         return Ros2SimulatedRobot(profile, sensors, site, streams, name)
     profile = replace(profile, p2os=replace(profile.p2os, name=name or profile.p2os.name))
     return Pioneer(profile, sensors, site, streams, traps)

@@ -18,18 +18,18 @@ from tests.live.test_kills import MOST_STATUSES
 pytestmark = pytest.mark.live
 
 
-@pytest.mark.parametrize("name", ["goto", "sonar", "encoder"])
 def test_when_the_driver_or_its_senses_hang_a_stop_is_ordered_and_on_waking_it_goes_on(
-    start: Start, name: str
+    start: Start,
 ) -> None:
     society = start()
-    mark = len(society.tap.packets)
-    society.send(name, SIGSTOP)
-    society.stops(mark)
-    assert statuses_until_stop(society.tap.packets) <= MOST_STATUSES
-    society.nobody_drives()
-    society.send(name, SIGCONT)
-    society.drives_on()
+    for name in ("goto", "sonar", "encoder"):
+        mark = len(society.tap.packets)
+        society.send(name, SIGSTOP)
+        society.stops(mark)
+        assert statuses_until_stop(society.tap.packets) <= MOST_STATUSES, name
+        society.nobody_drives()
+        society.send(name, SIGCONT)
+        society.drives_on()
     society.nobody_else_died()
     ballots_never_go_down(society.acks)
 

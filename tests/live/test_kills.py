@@ -15,28 +15,18 @@ MOST_STATUSES = 8
 """Status packets until a stop is ordered: 3 when all is well, and some for a loaded machine."""
 
 
-@pytest.mark.parametrize("name", ["goto", "sonar", "encoder"])
-def test_without_the_driver_fresh_obstacles_or_a_pose_a_stop_is_ordered(
-    start: Start, name: str
-) -> None:
+def test_without_the_driver_fresh_obstacles_or_a_pose_a_stop_is_ordered(start: Start) -> None:
+    """And who is started again takes its place."""
     society = start()
-    mark = len(society.tap.packets)
-    society.kill(name)
-    society.stops(mark)
-    society.nobody_drives()
-    assert statuses_until_stop(society.tap.packets) <= MOST_STATUSES
-    society.nobody_else_died(name)
-    ballots_never_go_down(society.acks)
-
-
-@pytest.mark.parametrize("name", ["goto", "sonar", "encoder"])
-def test_who_is_started_again_takes_its_place(start: Start, name: str) -> None:
-    society = start()
-    mark = len(society.tap.packets)
-    society.kill(name)
-    society.stops(mark)
-    society.restart(name)
-    society.drives_on()
+    for name in ("goto", "sonar", "encoder"):
+        mark = len(society.tap.packets)
+        society.kill(name)
+        society.stops(mark)
+        society.nobody_drives()
+        assert statuses_until_stop(society.tap.packets) <= MOST_STATUSES, name
+        society.nobody_else_died(name)
+        society.restart(name)
+        society.drives_on()
     ballots_never_go_down(society.acks)
 
 
