@@ -30,8 +30,8 @@ from armadico.core.messages import (
     RobotState,
 )
 from armadico.core.resources import WHEELS, differently
-from armadico.core.services import matches, service_of
-from armadico.observe.view import FRESH_CYCLES, QUIET_S, RESTS, View, agent_of
+from armadico.core.services import QUIET_S, matches, service_of
+from armadico.observe.view import FRESH_CYCLES, RESTS, View, agent_of
 
 MISSED: Final = 15
 """Cycles: bids are asked for once a second, so an older one is not the newest that there is."""
