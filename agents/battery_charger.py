@@ -458,7 +458,7 @@ class BatteryCharger(Agent):
             self._desk.drop()
             if self._asking_for is not None:
                 question, request = self._asking_for
-                self.answer(question, self._judge(request, 0.0, "no way known: nobody plans"))
+                self.answer(question, self._judge(request, None, "no way known: nobody plans"))
         if self._desk.busy or self.errand.desk.busy:
             return
         self._asking_for = None
@@ -467,7 +467,7 @@ class BatteryCharger(Agent):
 
             def judged(_: str, plan: Plan | None) -> None:
                 note = "" if plan is not None else "no way from there to a dock"
-                self.answer(question, self._judge(request, plan.energy if plan else 0.0, note))
+                self.answer(question, self._judge(request, plan.energy if plan else None, note))
 
             self._survey(request.goal, judged)
         elif (
@@ -525,13 +525,13 @@ class BatteryCharger(Agent):
 
         following()
 
-    def _judge(self, request: EnergyRequest, to_dock: float, note: str) -> EnergyReply:
-        """Use case 2: to the goal, on to a dock, and something to spare."""
+    def _judge(self, request: EnergyRequest, to_dock: float | None, note: str) -> EnergyReply:
+        """Use case 2: to the goal, on to a dock (J; None: there is no way), and some to spare."""
         p, left = self.p, self._left
-        needed = p.more * (request.energy + to_dock) + p.reserve * self._full_j
+        needed = p.more * (request.energy + (to_dock or 0.0)) + p.reserve * self._full_j
         if not self._known:
             return EnergyReply(False, 0.0, needed, "nobody knows what is left of the battery")
-        enough = left >= needed and not note.startswith("no way")
+        enough = left >= needed and to_dock is not None
         words = f"{left / 1e3:.0f} kJ are left, {needed / 1e3:.0f} kJ are needed"
         return EnergyReply(enough, left, needed, "; ".join(filter(None, [words, note])))
 

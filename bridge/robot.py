@@ -37,8 +37,8 @@ from armadico.core.messages import (
     Card,
     Cycle,
     Description,
-    Event,
     Line,
+    LogEvent,
     Message,
     Origin,
     Point,
@@ -401,7 +401,7 @@ class Robot(DeviceAgent):
             if self._reflex.cap(v, w) < v:
                 self._order(v, w)
         if (text := self._reflex.complaint(self.now)) is not None:
-            self.log(text, WARNING, Event.SLOWED)
+            self.log(text, WARNING, LogEvent.SLOWED)
 
     def _order(self, v: float, w: float) -> None:
         """Order what was commanded, m/s and rad/s, capped by the reflexes."""

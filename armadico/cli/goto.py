@@ -100,8 +100,8 @@ def _left_behind(client: Client) -> str:
 def _remark(mission: Mission, client: Client) -> str:
     from armadico.core.messages import RobotState  # noqa: PLC0415 - not for --help
 
-    state, status = client.latest(RobotState), mission.status
-    if state is None or client.age(RobotState) > 1.0:
+    state, status = client.fresh(RobotState), mission.status
+    if state is None:
         return "nothing heard of the robot"
     if state.stop.stopped:
         by = options.shown(state.stop.who)

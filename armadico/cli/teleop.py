@@ -24,7 +24,7 @@ from armadico.cli.beside import Helpers
 from armadico.runtime.errors import SocietyError
 
 if TYPE_CHECKING:
-    from armadico.core.messages import Cycle, RobotState, Stick, TeleopStatus
+    from armadico.core.messages import Cycle, RobotState, Stick
     from armadico.launch.processes import Process
     from armadico.runtime.client import Client
 
@@ -37,9 +37,6 @@ most repeat a key only after half a second."""
 
 AGAIN_S: Final = 0.3
 """And from its first repetition on for so long after each."""
-
-LATE_S: Final = 0.5
-"""What the robot has not said for so long is not known."""
 
 COME_S: Final = 20.0
 """What an agent that is started here may take to be there."""
@@ -284,7 +281,7 @@ def _drive(client: Client, hand: Hand, terminal: int) -> None:
 def _heard(client: Client) -> RobotState | None:
     from armadico.core.messages import RobotState  # noqa: PLC0415 - not for --help
 
-    return client.latest(RobotState) if client.age(RobotState) <= LATE_S else None
+    return client.fresh(RobotState)
 
 
 def _say(client: Client, hand: Hand, state: RobotState, wish: tuple[float, float] | None) -> None:
@@ -306,13 +303,11 @@ def _ordered(client: Client, hand: Hand, order: Order) -> str:
 def _note(client: Client, hand: Hand, state: RobotState | None) -> str:
     """What the robot does, and whose hand it is."""
     from armadico.core.messages import TeleopStatus  # noqa: PLC0415 - not for --help
-    from armadico.core.services import service_of  # noqa: PLC0415
 
     if state is None:
         return "nothing is heard of the robot"
-    status: TeleopStatus | None = client.latest(TeleopStatus)
-    deadline = service_of(TeleopStatus).deadline_s
-    if status is None or deadline is None or client.age(TeleopStatus) > deadline:
+    status = client.fresh(TeleopStatus)
+    if status is None:
         return "nobody takes the stick"
     going = f"{state.v:+.2f} m/s {state.w:+.2f} rad/s"
     if status.hand not in ("", hand.name):

@@ -374,7 +374,7 @@ class Agent:
             self._acknowledge(owned)
 
     def log(self, text: str, level: int = INFO, event: str = "") -> None:
-        """Publish a line for people; `event` says what happened to programs (`m.Event`)."""
+        """Publish a line for people; `event` says what happened to programs (`m.LogEvent`)."""
         self.publish(m.Log(level, m.line(text), event))
 
     # What whoever runs it calls ------------------------------------------------------------------
@@ -910,7 +910,7 @@ class Agent:
                 told[REASONS_TOLD:] = [f"{sum(refusals.values())} in all"]
             text = "; ".join(told)
             level = INFO if set(refusals) <= AT_WORK else WARNING
-            self.log(f"commands refused: {text}", level, m.Event.COMMANDS_REFUSED)
+            self.log(f"commands refused: {text}", level, m.LogEvent.COMMANDS_REFUSED)
             refusals.clear()
 
     def _mind(self, owned: _Owned) -> None:

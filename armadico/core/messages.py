@@ -1447,7 +1447,7 @@ class AssistantRecord(Message, frozen=True):
     left_out: Counter = 0
 
 
-class Event(StrEnum):
+class LogEvent(StrEnum):
     """What a line of the log tells of that programs go by, too."""
 
     COMMANDS_REFUSED = "commands refused"  # by the owner of a resource
@@ -1459,7 +1459,7 @@ class Log(Message, frozen=True):
 
     level: Annotated[int, Meta(ge=0, le=50)]
     text: Text
-    event: Label = ""  # as in `Event`: commands refused, slowed; or an agent's own
+    event: Label = ""  # as in `LogEvent`: commands refused, slowed; or an agent's own
 
 
 class JournalPiece(Message, frozen=True):

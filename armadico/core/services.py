@@ -11,10 +11,15 @@ from __future__ import annotations
 from dataclasses import dataclass, replace
 from enum import Enum
 from functools import cache
+from math import inf
+from typing import Final
 
 from armadico.core import messages as m
 from armadico.core.cycles import PERIOD
 from armadico.core.resources import declared
+
+QUIET_S: Final = 0.5
+"""Who looks on, from a machine that may be busy, takes nobody for silent sooner."""
 
 
 class Kind(Enum):
@@ -54,6 +59,11 @@ class Service:
         if self.kind is not Kind.STATE or self.rate_hz is None:
             return None
         return max((self.fresh_cycles or 0) * PERIOD, 2.0 / self.rate_hz)
+
+    @property
+    def tells_s(self) -> float:
+        """A message older than this tells whoever looks on nothing of now, s."""
+        return inf if self.deadline_s is None else max(self.deadline_s, QUIET_S)
 
     def key_for(self, **names: str) -> str:
         """The key of one publisher. Raises KeyError if a name is missing."""

@@ -23,15 +23,15 @@ from armadico.core.messages import (
     PROTOCOL,
     BidRecord,
     Cycle,
-    Event,
+    LogEvent,
     MissionState,
     Obstacles,
     Pose,
     RobotState,
 )
 from armadico.core.resources import WHEELS, differently
-from armadico.core.services import matches, service_of
-from armadico.observe.view import FRESH_CYCLES, QUIET_S, RESTS, View, agent_of
+from armadico.core.services import QUIET_S, matches, service_of
+from armadico.observe.view import FRESH_CYCLES, RESTS, View, agent_of
 
 MISSED: Final = 15
 """Cycles: bids are asked for once a second, so an older one is not the newest that there is."""
@@ -290,7 +290,7 @@ class _Chain:
         since = min(self.now - begun, self.now - (view.rests_since or self.now))
         if since < STARTS_S:
             return self.end(Sort.STARTING, name, f"{name} has just begun to drive.")
-        if slowed := self._lately(Event.SLOWED):
+        if slowed := self._lately(LogEvent.SLOWED):
             what = f"{name} drives, and the robot heeds what is ahead: {slowed}."
             return self.end(Sort.BLOCKED, name, what, "clear what is near it")
         what = f"{name} drives, and the wheels do not turn: something holds them,"
@@ -406,7 +406,7 @@ class _Chain:
         foreign = self._foreign(instance)
         if foreign:
             return self.end(Sort.FOREIGN, name, foreign, f"install the same armadico for {name}")
-        if refused := self._lately(Event.COMMANDS_REFUSED):
+        if refused := self._lately(LogEvent.COMMANDS_REFUSED):
             return self.end(Sort.REFUSED, name, f"By {self._owner()}, {refused}.")
         to = self._owner()
         what = f"What {name} commands does not reach {to}."
@@ -596,7 +596,7 @@ class _Chain:
         allowed = (self.view.rates[key].deadline_s or 0.0) / self._cycle_s()
         return late if late > max(FRESH_CYCLES, round(allowed)) else 0
 
-    def _lately(self, event: Event) -> str:
+    def _lately(self, event: LogEvent) -> str:
         """The newest log line that tells of an event; empty if there was none of late."""
         lately = (said for said in reversed(self.view.logs) if self.now - said.at <= LATELY_S)
         return next((said.log.text for said in lately if said.log.event == event), "")

@@ -41,16 +41,12 @@ from armadico.core.messages import (
     Trajectory,
     Truth,
 )
-from armadico.core.services import Kind, service_at, service_of
+from armadico.core.services import QUIET_S, Kind, service_at, service_of
 
 M = TypeVar("M", bound=Message)
 
 FRESH_CYCLES: Final = 3
 """A command obeyed longer ago than so many cycles is nobody's any more."""
-
-QUIET_S: Final = 0.5
-"""Messages older than this say nothing of now; or than `FRESH_CYCLES`, if those are longer.
-"""
 
 GONE: Final = 100
 """Instances that are gone and whose cards are still known, the last ones."""
@@ -336,7 +332,7 @@ class View:
 
     def confidence(self, now: float) -> float | None:
         """How sure it is of the pose by the map, 0 to 1; None: nobody says so now."""
-        said = self._of_late(Correction, now, QUIET_S)
+        said = self._of_late(Correction, now)
         return None if said is None else said.confidence
 
     def whereabouts(self, now: float) -> str:
@@ -363,7 +359,7 @@ class View:
 
     def hears_robot(self, now: float) -> bool:
         """Whether the robot agent's newest state tells of now."""
-        return self.heard_at is not None and now - self.heard_at <= QUIET_S
+        return self.heard_at is not None and now - self.heard_at <= service_of(RobotState).tells_s
 
     def stopped(self, now: float) -> bool | None:
         """Whether the stop is latched, by the robot agent's own word; None: it says nothing now."""
@@ -371,9 +367,7 @@ class View:
 
     def hand(self, now: float) -> TeleopStatus | None:
         """Whose hand is on the stick, as far as whoever takes it tells of now."""
-        deadline = service_of(TeleopStatus).deadline_s
-        assert deadline is not None, "it is published all the time"
-        return self._of_late(TeleopStatus, now, deadline)
+        return self._of_late(TeleopStatus, now)
 
     def driver(self, resource: str, now: float) -> str | None:
         """The instance that a resource obeys now, as far as its owner's acks tell; None: nobody.
@@ -403,9 +397,9 @@ class View:
 
     # Inside --------------------------------------------------------------------------------------
 
-    def _of_late(self, kind: type[M], now: float, within: float) -> M | None:
+    def _of_late(self, kind: type[M], now: float) -> M | None:
         said, at = self._lately.get(kind, (None, 0.0))
-        return cast("M | None", said) if now - at <= within else None
+        return cast("M | None", said) if now - at <= service_of(kind).tells_s else None
 
     def _take_place(self, said: RobotState | Pose, t: float) -> None:
         """Since when it rests, and since when it is lost."""

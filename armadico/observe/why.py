@@ -28,7 +28,7 @@ from armadico.core.messages import (
     Claim,
     Command,
     Cycle,
-    Event,
+    LogEvent,
     Message,
     MissionState,
     Obstacles,
@@ -376,7 +376,7 @@ class Chronicle:
         By a judge as its owner's, and by the owner's own word, which is told now and then.
         """
         for said in self.view.logs:
-            if self.now - said.at <= REPORT_S and said.log.event == Event.COMMANDS_REFUSED:
+            if self.now - said.at <= REPORT_S and said.log.event == LogEvent.COMMANDS_REFUSED:
                 yield said.log.text
         newest = {}
         for at, command, verdict in self._commands:

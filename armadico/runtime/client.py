@@ -178,6 +178,11 @@ class Client:
         found = self._latest.get(kind)
         return float("inf") if found is None else self.mesh.now() - found[1]
 
+    def fresh(self, kind: type[M]) -> M | None:
+        """The newest message of a kind, while it tells of now by its row of the services."""
+        message = self.latest(kind)
+        return message if self.age(kind) <= service_of(kind).tells_s else None
+
     def publish(self, message: Message) -> None:
         """Publish a message on its service's key. MessageError if it could not be decoded."""
         self.mesh.publish(service_of(type(message)).key, message)

@@ -5,8 +5,8 @@ from __future__ import annotations
 import pytest
 
 from armadico.core import messages as m
-from armadico.core.services import SERVICES
-from armadico.observe.view import FRESH_CYCLES, GONE, QUIET_S, Rate, View, driver
+from armadico.core.services import QUIET_S, SERVICES
+from armadico.observe.view import FRESH_CYCLES, GONE, Rate, View, driver
 
 GOTO, AVOID = "goto-0123456789abcdef", "avoid-0123456789abcdef"
 BALLOT = m.Ballot(1, 0.5, False, "path-planning-0123456789abcdef")

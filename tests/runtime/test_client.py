@@ -78,6 +78,8 @@ def test_a_message_is_as_old_as_since_it_came_not_since_it_was_looked_at(
     monkeypatch.setattr(guest.mesh, "now", lambda: now() + 100.0)  # this thread was busy elsewhere
     assert guest.latest(Pose) == pose(7)
     assert guest.age(Pose) >= 100.0
+    assert guest.latest(Pose) is not None
+    assert guest.fresh(Pose) is None, "it tells nothing of now"
 
 
 def test_the_first_is_waited_for_and_without_one_there_is_none(guest: Client) -> None:

@@ -28,12 +28,12 @@ from armadico.core.messages import (
     Stick,
 )
 from armadico.core.resources import WHEELS
-from armadico.core.services import service_of
+from armadico.core.services import QUIET_S, service_of
 from armadico.observe.page.asked import Asked, Shipped
 from armadico.observe.page.known import Known
 from armadico.observe.pictures import colour
 from armadico.observe.standing import Installed, standing
-from armadico.observe.view import QUIET_S, View, agent_of, at_work
+from armadico.observe.view import View, agent_of, at_work
 
 EXCHANGES: Final = 30
 LINES: Final = 40
