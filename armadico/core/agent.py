@@ -950,7 +950,7 @@ class DeviceAgent(Agent):
         """The device was opened, or is gone."""
 
     def write(self, data: bytes) -> None:
-        """Bytes for the device."""
+        """Bytes for the device. What a pause of the process holds up for 0.3 s is not sent."""
         if data:
             self.outbox.append(Write(data))
 
