@@ -44,6 +44,11 @@ class KnownRobots:
         if said.robot != self._name:
             self._heard[said.robot] = (said, now)
 
+    def others(self, now: float) -> dict[str, tuple[FleetPose, Pose2]]:
+        """What each robot last said that has said anything of late, and where it is by now, s."""
+        self._heard = {r: each for r, each in self._heard.items() if now - each[1] <= OLD_S}
+        return {r: (said, moved(said, now - at)) for r, (said, at) in self._heard.items()}
+
     def points(self, pose: Pose2 | None, covariance: Sequence[float], now: float) -> list[Obstacle]:
         """The outlines of those that are near.
 
@@ -55,11 +60,7 @@ class KnownRobots:
         if pose is None:
             return []
         found = []
-        for robot, (said, at) in list(self._heard.items()):
-            if now - at > OLD_S:
-                del self._heard[robot]
-                continue
-            there = moved(said, now - at)
+        for said, there in self.others(now).values():
             if hypot(there[0] - pose[0], there[1] - pose[1]) > REACH_M + said.front:
                 continue
             wider = min(_off(covariance) + _off(said.covariance), WIDEST_M)

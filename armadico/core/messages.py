@@ -844,6 +844,19 @@ class FleetPose(Message, frozen=True):
     half_width: Length
 
 
+class FleetMeeting(Message, frozen=True):
+    """What it is worth to a robot of the fleet to drive on, where another stands in its way.
+
+    Said while the two are face to face; `yields`: it is this one that backs off, `aside`: it has.
+    """
+
+    robot: Name
+    other: Name
+    utility: Share
+    yields: bool = False
+    aside: bool = False
+
+
 class FleetTask(Message, frozen=True):
     """One task of a list: go there, and look for so long."""
 

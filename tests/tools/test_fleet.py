@@ -7,7 +7,7 @@ from random import Random
 import pytest
 
 from armadico_tools.experiments.central import Problem, auction, exact, rounds, searched
-from armadico_tools.experiments.fleet import KILLED, TASKS, death, shared
+from armadico_tools.experiments.fleet import KILLED, TASKS, death, meeting, shared
 
 
 def small(seed: int, robots: int = 2, tasks: int = 6) -> Problem:
@@ -45,3 +45,11 @@ def test_a_death_of_the_experiment() -> None:
     row = death((4, 0.2))
     assert (row.twice, row.lost) == (0, 0)
     assert 0 < row.left < TASKS
+
+
+@pytest.mark.parametrize("place", ["door", "rooms-a"])
+def test_two_robots_that_meet_where_it_is_narrow_both_come_through(place: str) -> None:
+    """Without the giveway agent both stand in the door, touching, until their missions fail."""
+    row = meeting((place, 9001, True, "ideal"))
+    assert row.reached == 2
+    assert row.collisions == 0
