@@ -167,7 +167,8 @@ class Assistant(Agent):
         except ConfigError as error:
             return AssistantReply(refusal=line(str(error)))
         packed = zlib.compress(mission.text.encode(), 9)
-        order = MissionOrder(mission.name, packed, 0.0, _by(request))
+        number = self.rng.getrandbits(63) or 1
+        order = MissionOrder(mission.name, packed, 0.0, _by(request), number)
         return self._pass_on(request, question, order)
 
     def _cancel(
@@ -205,6 +206,8 @@ class Assistant(Agent):
             self._waits = False
             if reply is None:
                 told = AssistantReply(refusal="no agent that takes missions has answered")
+                if isinstance(wish, MissionOrder):  # whoever hangs would begin it later
+                    self.ask(MissionCancel(wish.mission, wish.by), lambda _: None)
             elif reply.refusal:
                 told = AssistantReply(refusal=reply.refusal)
             else:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from functools import partial
 from itertools import pairwise
 from math import hypot, inf
 from typing import Annotated, Any, ClassVar, Final
@@ -49,8 +50,14 @@ NOBODY_KNOWS: Final = "nobody knows where the robot is: no fresh encoder/pose"
 WAS_LOST: Final = "the robot was lost"
 BY_HAND: Final = "the robot was driven by hand"
 UNDER_WAY: Final = "the robot is under way for somebody else"
+NOBODY_PLANS: Final = "nobody plans missions: no mission planning agent answered"
 ACROSS: Final = "something stands across the way"
 ELSEWHERE: Final = "the way begins elsewhere"
+
+WITHDRAW_S: Final = 60.0
+"""So long an order that nobody has answered is withdrawn again and again: it may wait somewhere."""
+
+WITHDRAWN_MOST: Final = 16
 
 LOOK_CYCLES: Final = 3
 """Whether something stands across the way is looked at in each so many-th cycle."""
@@ -144,6 +151,7 @@ class Interface(Agent):
         self._across_since: float | None = None
         self._across_m = self.p.across_m
         self._held = False  # the mission is the way of whoever holds the trajectory
+        self._withdrawn: dict[int, tuple[MissionCancel, float]] = {}  # by number; until when
 
     def on_start(self) -> None:
         """Begin to publish now and then."""
@@ -187,21 +195,51 @@ class Interface(Agent):
         return only not in (None, self._mission) and self._state is MissionState.DRIVING
 
     def on_mission_order(self, question: Question) -> None:
-        """Propose a mission of several tasks to whoever plans missions (use case 1)."""
-        assert isinstance(question.request, MissionOrder)
-        self._pass_on(question, MissionProposal(question.request))
+        """Propose a mission of several tasks to whoever plans missions (use case 1).
+
+        Who does not answer may hang, and would begin it later: what people are told is refused is
+        withdrawn.
+        """
+        order = question.request
+        assert isinstance(order, MissionOrder)
+        order = order if order.mission else replace(order, mission=self.rng.getrandbits(63) or 1)
+
+        def answered(reply: MissionReply | None) -> None:
+            if reply is None:
+                self._withdraw(MissionCancel(order.mission, order.by))
+                reply = MissionReply(0, f"{NOBODY_PLANS}; the order is withdrawn")
+            self.answer(question, reply)
+
+        self.ask(MissionProposal(order), answered)
 
     def on_mission_cancel(self, question: Question) -> None:
         """Have one left be."""
-        assert isinstance(question.request, MissionCancel)
-        self._pass_on(question, MissionWithdrawal(question.request))
+        cancel = question.request
+        assert isinstance(cancel, MissionCancel)
 
-    def _pass_on(self, question: Question, request: Message) -> None:
         def answered(reply: MissionReply | None) -> None:
-            nobody = MissionReply(0, "nobody plans missions: no mission planning agent answered")
-            self.answer(question, nobody if reply is None else reply)
+            if reply is None and cancel.mission:
+                self._withdraw(cancel)
+            self.answer(question, reply or MissionReply(0, NOBODY_PLANS))
 
-        self.ask(request, answered)
+        self.ask(MissionWithdrawal(cancel), answered)
+
+    def _withdraw(self, cancel: MissionCancel) -> None:
+        """Have a mission left be that nobody has answered for, until somebody does."""
+        withdrawn = {**self._withdrawn, cancel.mission: (cancel, self.now + WITHDRAW_S)}
+        self._withdrawn = dict([*withdrawn.items()][-WITHDRAWN_MOST:])
+        self._withdraw_again()
+
+    def _withdraw_again(self) -> None:
+        def answered(number: int, reply: MissionReply | None) -> None:
+            if reply is not None:
+                self._withdrawn.pop(number, None)
+
+        for number, (cancel, until) in list(self._withdrawn.items()):
+            if self.now > until:
+                del self._withdrawn[number]
+            else:
+                self.ask(MissionWithdrawal(cancel), partial(answered, number))
 
     def unavailable(self, resource: Resource) -> str:  # noqa: ARG002
         """Nobody's way is driven by a robot of which nobody knows where it is."""
@@ -297,6 +335,7 @@ class Interface(Agent):
     def on_wakeup(self) -> None:
         """Publish the trajectory again for late joiners."""
         self.wake_at(self.now + self.p.repeat_s)
+        self._withdraw_again()
         known = self.memory.newest(Trajectory)
         if known is not None:
             self.publish(replace(known, leg=self._route.leg))

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections import deque
 from math import atan2, hypot
 from typing import Annotated, Any, ClassVar, Final
 
@@ -72,6 +73,9 @@ AFRESH_S: Final = 2.0
 
 ALARMS_MOST: Final = 32
 
+WITHDRAWN_MOST: Final = 64
+"""Numbers of missions that are remembered as withdrawn."""
+
 AWAY_M: Final = 0.5
 """Who is to stand, and is farther from there, was driven away by somebody."""
 
@@ -119,6 +123,7 @@ class MissionPlanning(Agent):
         super().__init__(identity, parameters)
         self._places = Places(load_world(self.p.world), load_profile(self.p.profile).body)
         self._missions = Missions(self._places)
+        self._withdrawn: deque[int] = deque(maxlen=WITHDRAWN_MOST)  # also what has not come yet
         self._coordinator = Coordinator()
         self._errand = Errand(self.rng)
         self._by = self.rng.getrandbits(63)
@@ -153,7 +158,11 @@ class MissionPlanning(Agent):
         """Take a mission on; it is begun at once if none that is as urgent is done (use case 1)."""
         request = question.request
         assert isinstance(request, MissionProposal)
-        number = self.rng.getrandbits(63) or 1
+        number = request.order.mission or self.rng.getrandbits(63) or 1
+        if number in self._missions.entries:  # ordered again, for the answer did not come
+            return MissionReply(number)
+        if number in self._withdrawn:
+            return MissionReply(0, "it was withdrawn before it came")
         at = self._beliefs().at
         start = None if at is None else (at.x, at.y)
         try:
@@ -172,6 +181,8 @@ class MissionPlanning(Agent):
         assert isinstance(request, MissionWithdrawal)
         number = request.cancel.mission
         found = self._missions.cancel(number)
+        if number:
+            self._withdrawn.append(number)
         if not found:
             what = "no mission is under way" if number == 0 else f"no mission {number} is under way"
             return MissionReply(0, what)

@@ -1158,12 +1158,17 @@ class Board(Latched, frozen=True):
 
 
 class MissionOrder(Message, frozen=True):
-    """Asks the interface agent to have a mission done; `text` is its TOML, deflated (zlib)."""
+    """Asks the interface agent to have a mission done; `text` is its TOML, deflated (zlib).
+
+    `mission` is its number, drawn at random by whoever orders it: ordered again it is the same
+    mission, and it can be cancelled though nobody has answered. 0: the interface agent draws one.
+    """
 
     name: Name
     text: Annotated[bytes, Meta(max_length=16_384)]
     priority: Share | None = None  # none: its own
     by: Label = ""
+    mission: Bits64 = 0
 
 
 class MissionProposal(Message, frozen=True):

@@ -17,6 +17,8 @@ from contextlib import contextmanager
 from pathlib import Path
 from typing import Final, TypeVar, cast
 
+from msgspec import structs
+
 from armadico.core.mailbox import EVENTS
 from armadico.core.messages import (
     Ask,
@@ -24,6 +26,7 @@ from armadico.core.messages import (
     ExploreRequest,
     Message,
     MessageError,
+    MissionCancel,
     MissionOrder,
     MissionReply,
     MissionRequest,
@@ -262,10 +265,23 @@ class Client:
         """
         until = self.mesh.now() + again
         while True:
+            if isinstance(request, MissionOrder):  # anew, for what was refused is withdrawn
+                request = structs.replace(request, mission=random.getrandbits(63) or 1)
+            begun = self.mesh.now()
             reply = self.ask(request, PLANNING_S, patience=find)
             if not isinstance(reply, MissionReply):
+                if isinstance(request, MissionOrder):  # whoever hangs would begin it later
+                    self._ask(
+                        service_of(MissionCancel).key,
+                        MissionCancel(request.mission, request.by),
+                        MissionReply,
+                        AGAIN_S,
+                        enough=1,
+                    )
                 what = "explorations" if isinstance(request, ExploreRequest) else "missions"
-                raise AbsentError(f"no agent that takes {what} is alive", self.mesh.namespace)
+                there = self.mesh.now() - begun < PLANNING_S
+                answers = "is alive" if there else "answers"
+                raise AbsentError(f"no agent that takes {what} {answers}", self.mesh.namespace)
             if not reply.refusal:
                 return reply
             if self.mesh.now() >= until:

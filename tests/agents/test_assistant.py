@@ -180,6 +180,8 @@ def test_a_mission_is_ordered_by_its_name_at_the_lowest_priority() -> None:
     assert isinstance(order, MissionOrder)
     assert (order.name, order.priority, order.by) == ("surveillance", 0.0, "assistant: model")
     assert b"# Thesis 3.6.1" in zlib.decompress(order.text)
+    counter.answered(None)
+    assert counter.asked[-1].request == MissionCancel(order.mission, order.by), "or done later"
 
 
 @pytest.mark.parametrize("name", ["/etc/passwd", "../surveillance.toml", "surveillanse", "."])

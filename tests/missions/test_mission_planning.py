@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import zlib
 from typing import Any
 
 import pytest
@@ -20,6 +21,7 @@ from armadico.core.messages import (
     ExploreStatus,
     Message,
     MissionEnd,
+    MissionOrder,
     MissionReply,
     MissionRequest,
     MissionStatus,
@@ -35,10 +37,16 @@ from armadico.launch.attached import AttachedRun
 from armadico.launch.society import Options
 from armadico.mesh.virtual_session import VirtualSession
 from armadico.observe.measures import RunWatch
-from armadico.runtime.errors import MissionRefusedError
+from armadico.runtime import client
+from armadico.runtime.errors import AbsentError, MissionRefusedError
 from armadico_tools.building import SURVEY, Building, text
 
 NEAR = 'do = "move", to = "R2"'
+NEAR_ONLY = f"steps = [{{ {NEAR} }}]"
+
+
+def ordered(mission: int = 0) -> MissionOrder:
+    return MissionOrder("m", zlib.compress(SURVEY.encode()), 0.5, "a test", mission)
 
 
 def test_what_cannot_be_done_is_refused_with_line_and_nearest_name() -> None:
@@ -55,7 +63,51 @@ def test_what_cannot_be_done_is_refused_with_line_and_nearest_name() -> None:
 
 def test_without_mission_planning_people_are_told_so() -> None:
     building = Building(without=("mission-planning",))
-    assert building.order().refusal == ("nobody plans missions: no mission planning agent answered")
+    assert building.order().refusal.startswith("nobody plans missions: no mission planning agent")
+
+
+def test_what_was_refused_for_want_of_an_answer_is_not_done_later() -> None:
+    building = Building()
+    hangs = building.mesh.node("mission-planning")
+    hangs.hang()
+    refused = building.order().refusal
+    assert refused.endswith("no mission planning agent answered; the order is withdrawn")
+    hangs.resume()
+    building.run(5.0)
+    told = building.board.missions if building.board is not None else ()
+    assert not any(m.course.results or m.state is not MissionEnd.CANCELLED for m in told)
+    assert building.order(NEAR_ONLY).refusal == ""
+
+
+def test_an_order_that_the_interface_agent_did_not_answer_is_not_done_later(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    building = Building()
+    monkeypatch.setattr(client, "PLANNING_S", 0.5)  # before its lease is over
+    hangs = building.mesh.node("interface")
+    hangs.hang()
+    with pytest.raises(AbsentError, match="no agent that takes missions answers"):
+        building.rehearsal.client.hand_over(ordered())
+    hangs.resume()
+    building.run(5.0)
+    told = building.board.missions if building.board is not None else ()
+    assert all(m.state is MissionEnd.CANCELLED for m in told)
+
+
+def test_an_order_that_comes_twice_is_one_mission() -> None:
+    building = Building()
+    replies = [building.rehearsal.client.ask(ordered(77), 20.0) for _ in range(2)]
+    assert replies == [MissionReply(77)] * 2
+    building.run(2.0)
+    assert building.board is not None
+    assert [m.mission for m in building.board.missions] == [77]
+
+
+def test_what_is_withdrawn_before_it_comes_is_refused_when_it_does() -> None:
+    building = Building()
+    assert building.cancel(77) == "no mission 77 is under way"
+    reply = building.rehearsal.client.ask(ordered(77), 20.0)
+    assert reply == MissionReply(0, "it was withdrawn before it came")
 
 
 def test_a_mission_is_cancelled_by_number_and_the_robot_stands() -> None:
