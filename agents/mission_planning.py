@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 from collections import deque
+from collections.abc import Sequence
+from contextlib import suppress
 from math import atan2, hypot
 from typing import Annotated, Any, ClassVar, Final
 
@@ -12,7 +14,7 @@ from msgspec.structs import replace
 from armadico.agents.methods.board import Entry, Missions, RefusedError
 from armadico.agents.methods.errands import Errand, Stage
 from armadico.agents.methods.procedures import advance, ahead, broken_off, merged
-from armadico.agents.methods.subplans import Coordinator, move
+from armadico.agents.methods.subplans import Coordinator
 from armadico.agents.methods.utility import of_mission
 from armadico.config.errors import ConfigError
 from armadico.config.places import Places
@@ -23,6 +25,7 @@ from armadico.core.agent import WARNING, Agent, Question
 from armadico.core.behaviour import LOST_M
 from armadico.core.exchange import Bid
 from armadico.core.messages import (
+    PLACES,
     Alarm,
     BatteryLevel,
     Board,
@@ -40,6 +43,7 @@ from armadico.core.messages import (
     MissionReply,
     MissionStatus,
     MissionWithdrawal,
+    NamedPlace,
     Photo,
     Planned,
     PlanStep,
@@ -56,6 +60,7 @@ from armadico.core.messages import (
     line,
     next_count,
 )
+from armadico.core.planner import move, visited
 from armadico.core.resources import PLANNER, TRAJECTORY, Resource
 from armadico.core.tasks import Beliefs, Charge, Drive, Explore, Reach, Request, Stand
 
@@ -683,6 +688,7 @@ class MissionPlanning(Agent):
         if room is None:
             return
         before = (move(room), PlanStep(mission.on_alarm, (Told.of("room", room),)))
+        after = ahead(mission, broken_off(mission, course))
         ask = SubplanRequest(
             self.rng.getrandbits(63),
             entry.told.mission,
@@ -690,7 +696,8 @@ class MissionPlanning(Agent):
             beliefs.at,
             beliefs.room,
             before,
-            ahead(mission, broken_off(mission, course)),
+            after,
+            self._places_told(visited((*before, *after))),
         )
 
         def chosen(subplan: Subplan | None) -> None:
@@ -709,6 +716,14 @@ class MissionPlanning(Agent):
 
         self.publish(ask)
         self._coordinator.ask(ask, self.now, chosen)
+
+    def _places_told(self, first: Sequence[str]) -> tuple[NamedPlace, ...]:
+        """Where the robot stands in the world's places; these ones at any rate."""
+        found = []
+        for name in dict.fromkeys((*first, *self._places.names)):
+            with suppress(ConfigError):  # no place, or too full to turn in
+                found.append(NamedPlace(name, *self._places.of(name)[:2]))
+        return tuple(found[:PLACES])
 
     def _waits_for_a_way(self, room: str) -> bool:
         """Whether the planner agents, who know no way to an alarm, are asked again.

@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
-from armadico.agents.methods.subplans import Planner, leading, move
 from armadico.core.messages import PlanStep, SubplanRequest
+from armadico.core.planner import Planner, leading, move
 
 
 class PlannerOnward(Planner):

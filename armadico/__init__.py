@@ -46,6 +46,7 @@ if TYPE_CHECKING:
         Plan,
         Planned,
         PlanRequest,
+        PlanStep,
         PlanTask,
         Point,
         Pose,
@@ -53,12 +54,14 @@ if TYPE_CHECKING:
         Sonar,
         Stick,
         Stop,
+        SubplanRequest,
         TeleopStatus,
         Trajectory,
         Truth,
         Waypoint,
     )
     from armadico.core.parameters import Parameters, Safety
+    from armadico.core.planner import Planner
     from armadico.core.resources import PLANNER, WHEELS, Resource
     from armadico.core.route import Route
     from armadico.core.services import Kind, Service, register
@@ -145,8 +148,10 @@ __all__ = [
     "ParametersReply",
     "Plan",
     "PlanRequest",
+    "PlanStep",
     "PlanTask",
     "Planned",
+    "Planner",
     "Point",
     "Pose",
     "Progress",
@@ -167,6 +172,7 @@ __all__ = [
     "Stick",
     "Stop",
     "StopError",
+    "SubplanRequest",
     "Task",
     "TeleopStatus",
     "TopologyError",
@@ -187,6 +193,7 @@ _MODULES = {
     "core.behaviour": ("Behaviour",),
     "core.exchange": ("Bid",),
     "core.parameters": ("Parameters", "Safety"),
+    "core.planner": ("Planner",),
     "core.resources": ("PLANNER", "WHEELS", "Resource"),
     "core.route": ("Route",),
     "core.services": ("Kind", "Service", "register"),

@@ -1058,6 +1058,11 @@ class PlanStep(Message, frozen=True):
     do: Name
     told: Annotated[tuple[Told, ...], Meta(max_length=16)] = ()
 
+    @classmethod
+    def of(cls, do: str, **told: TomlValue) -> PlanStep:
+        """A step by its task's name: `PlanStep.of("move", to="R1")`."""
+        return cls(do, tuple(Told.of(name, value) for name, value in told.items()))
+
     def __str__(self) -> str:
         """As the thesis writes it: move(R1)."""
         told = ", ".join(f"{each.value}" for each in self.told)
@@ -1190,6 +1195,18 @@ class MissionWithdrawal(Message, frozen=True):
     cancel: MissionCancel
 
 
+class NamedPlace(Message, frozen=True):
+    """Where the robot stands in a room or at a goal of the world, m."""
+
+    name: Name
+    x: Real
+    y: Real
+
+
+PLACES: Final = 256
+"""Of a world, that planner agents are told of."""
+
+
 class SubplanRequest(Message, frozen=True):
     """The coordinator asks the planner agents: what is to be done `before` a mission goes on?"""
 
@@ -1200,6 +1217,7 @@ class SubplanRequest(Message, frozen=True):
     room: Label  # and in which room
     before: Steps
     ahead: Steps  # of the mission as it stands
+    places: Annotated[tuple[NamedPlace, ...], Meta(max_length=PLACES)] = ()  # that it can move to
 
 
 class Subplan(Message, frozen=True):

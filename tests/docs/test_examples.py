@@ -22,6 +22,7 @@ SAYS = {
     "three_lines.py": "reached; 4",
     "wanderer.py": "{'wanderer': 100.0}",
     "experiment.py": "abrupt",
+    "planner.py": "take-photo(2.0): photo in R21",
 }
 """What each of those under a virtual clock prints."""
 

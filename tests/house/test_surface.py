@@ -23,6 +23,8 @@ SURFACE = {
     # steps of missions of one's own
     *("Beliefs", "Charge", "Done", "Drive", "Explore", "Failed", "Going", "Progress", "Reach"),
     *("Stand", "Task"),
+    # planner agents of one's own
+    *("Planner", "PlanStep", "SubplanRequest"),
     # messages
     *("Ack", "Ask", "Ballot", "BidHistory", "BidRecord", "Card", "Cell", "Claim", "Command"),
     *("Cycle", "Description", "Echo", "Latched", "LocalMap", "Log", "Message"),

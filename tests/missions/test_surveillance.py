@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
-from armadico.agents.methods.subplans import Planner, move
 from armadico.config.scenarios import load_scenario
 from armadico.core.messages import (
     Card,
@@ -15,6 +14,7 @@ from armadico.core.messages import (
     Subplan,
     SubplanRequest,
 )
+from armadico.core.planner import Planner, move
 from armadico.core.services import SERVICES, Kind
 from armadico.launch.society import Options, prepared
 from armadico.launch.virtual import Rehearsal
