@@ -87,6 +87,22 @@ def test_the_alarm_in_r21_while_a_photo_is_taken_in_r1_ends_with_the_thesis_s_fi
     assert [m.room for m in heard if isinstance(m, Photo)] == ["R1", "R11"]
 
 
+def test_while_it_stands_for_a_photo_it_holds_nothing_that_another_may_want(once: Once) -> None:
+    """Whoever is more urgent has the planner and the trajectory at once (3.3.2, 3.6.1)."""
+    said = surveillance(once).said
+    claimed = [
+        (at, claim.utility)
+        for at, _, claim in said
+        if isinstance(claim, Claim) and claim.ballot.instance.startswith("mission-planning-")
+    ]
+    photos = [at for at, _, message in said if isinstance(message, Photo)]
+    assert len(photos) == 2
+    for taken in photos:
+        before = [utility for at, utility in claimed if at < taken]
+        assert before[-1] is None, "released"
+        assert not any(taken - 2.5 < at < taken for at, _ in claimed), "for as long as it stood"
+
+
 def in_r1(building: Building) -> int:
     """The photo in R1 is being taken."""
     number = building.taken()
