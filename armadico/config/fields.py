@@ -16,7 +16,7 @@ Path = tuple[str | int, ...]
 
 def unknown_field(data: Any, kind: type) -> Path | None:
     """The path of the first key in `data` that the struct `kind` does not know."""
-    return next(_unknown(data, _shape(kind), ()), None)
+    return next(_unknown(data, _shape(kind), ()), None) if data else None  # the defaults
 
 
 def known_fields(kind: type, path: Sequence[str | int]) -> list[str]:

@@ -13,7 +13,7 @@ from collections.abc import Iterator, Mapping, Sequence
 from contextlib import suppress
 from functools import cache
 from pathlib import Path
-from typing import Annotated, Any, Final, Literal
+from typing import TYPE_CHECKING, Annotated, Any, Final, Literal
 
 from msgspec import Meta, Struct, field
 
@@ -22,10 +22,12 @@ from armadico.config.discovery import load as load_installed
 from armadico.config.errors import ConfigError, advice
 from armadico.config.lines import line_of
 from armadico.config.loading import convert, document, read_text
-from armadico.config.places import Places
 from armadico.config.shipped import find
 from armadico.core.messages import Told
 from armadico.core.tasks import Task
+
+if TYPE_CHECKING:
+    from armadico.config.places import Places
 
 Share = Annotated[float, Meta(ge=0, le=1)]
 Seconds = Annotated[float, Meta(gt=0, le=1e6)]

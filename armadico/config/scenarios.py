@@ -23,7 +23,6 @@ from armadico.config.lines import line_of
 from armadico.config.loading import document, load, parse, read_text
 from armadico.config.missions import Mission, load_mission
 from armadico.config.moving import Moving
-from armadico.config.places import Places
 from armadico.config.profile import Body, load_profile
 from armadico.config.shipped import find, folder, resource_path
 from armadico.config.worlds import DOCK_LANE_M, World, before, load_world
@@ -255,6 +254,8 @@ def mission_of(scenario: Scenario) -> Mission | None:
     """The mission that is done in a scenario. Raises ConfigError if it cannot be."""
     if scenario.mission is None:
         return None
+    from armadico.config.places import Places  # noqa: PLC0415 - with numpy, for missions alone
+
     places = Places(load_world(scenario.world), load_profile(scenario.robot).body)
     return load_mission(scenario.mission, places, scenario.start[:2])
 

@@ -40,7 +40,6 @@ from armadico.core.messages import (
     Truth,
 )
 from armadico.core.resources import WHEELS
-from armadico.core.scans import points_of
 from armadico.observe.conditions import Conditions
 from armadico.observe.view import View, agent_of
 
@@ -343,6 +342,8 @@ class RunWatch:
         here = self.here
         if here is None:
             return
+        from armadico.core.scans import points_of  # noqa: PLC0415 - with numpy, for a laser alone
+
         with suppress(ValueError):
             points = points_of(scan)[:: max(1, scan.rays // SHOWN_RAYS)].tolist()
             self.echoes += [to_world((here[0], here[1], here[2]), x, y) for x, y in points]

@@ -159,17 +159,21 @@ def test_of_two_runs_that_begin_together_one_at_most_drives(run: Start) -> None:
     assert len(told) >= len(both) - 1, errors
 
 
-def test_everybody_joins_the_mesh_that_was_named(
-    run: Start,
+def test_everybody_joins_the_mesh_that_was_named_and_no_picture_spoils_no_run(
+    run: Start, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
+    """A picture that nobody asked for, and that cannot be written."""
+    monkeypatch.chdir(tmp_path)
+    (tmp_path / "runs").write_text("no folder")
     here = private_endpoints(1)
     process = run(
-        *("run", "sc1", "--goal", "0.3", "0", "0", "--no-plot", "--json"),
+        *("run", "sc1", "--goal", "0.3", "0", "0", "--json"),
         *("--connect", here, "--listen", here),
     )
     out, errors = process.communicate(timeout=2 * SOON)
     assert process.returncode == 0, errors
     assert json.loads(out)["reached"]
+    assert "no picture: cannot write runs/sc1.png" in errors
 
 
 def test_the_simulated_robot_is_the_scenarios(apart: None) -> None:
@@ -232,15 +236,3 @@ def test_a_robot_that_does_not_answer_is_named_with_what_its_agent_says(
         pytest.raises(RunFailedError, match=r"(?s)did not answer.*begins with none of ros2"),
     ):
         launcher.start()
-
-
-def test_a_picture_that_nobody_asked_for_and_that_cannot_be_written_spoils_no_run(
-    run: Start, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    monkeypatch.chdir(tmp_path)
-    (tmp_path / "runs").write_text("no folder")
-    process = run("run", "sc1", "--goal", "0.3", "0", "0", "--json")
-    out, errors = process.communicate(timeout=2 * SOON)
-    assert process.returncode == 0, errors
-    assert json.loads(out)["reached"]
-    assert "no picture: cannot write runs/sc1.png" in errors
