@@ -13,7 +13,7 @@ from typing import TYPE_CHECKING, Final
 
 from msgspec import Struct, structs
 
-from armadico.config.scenarios import PoseDeg, ideal, load_scenario
+from armadico.config.scenarios import PoseDeg, Scenario, load_scenario
 from armadico.core.messages import FleetTask, MissionStatus, Truth, Waypoint
 from armadico.launch.fleet import FleetRehearsal
 from armadico.launch.society import Options
@@ -50,6 +50,7 @@ WHOLE: Final = 3
 """Seeds of whole societies, for each number of robots."""
 
 MEET_S: Final = 240.0
+SENSORS: Final = ("ideal", "real")
 GIVEN: Final = ((False, "ideal"), (True, "ideal"), (True, "real"))
 MEETINGS: Final[dict[str, tuple[PoseDeg, PoseDeg]]] = {
     "door": ((1.5, 2.5, 0.0), (8.5, 2.5, 180.0)),
@@ -115,12 +116,19 @@ class Death(Struct, frozen=True):
     lost: int
 
 
+def with_sensors(fleet: Scenario, sensors: str) -> Scenario:
+    """The scenario with these sensors, and those who localize if they err."""
+    agents = fleet.agents if sensors == "ideal" else (*fleet.agents, "localization", "relocate")
+    return structs.replace(fleet, sensors=sensors, agents=agents)
+
+
 class Whole(Struct, frozen=True):
     """Whole societies and a simulator, in the scenario `fleet`."""
 
     robots: int
     seed: int
     killed: bool
+    sensors: str
     done: int
     twice: int
     makespan_s: float | None
@@ -199,10 +207,11 @@ def death(task: tuple[int, float]) -> Death:
     )
 
 
-def whole(task: tuple[int, int, bool]) -> Whole:
+def whole(task: tuple[int, int, bool, str]) -> Whole:
     """Whole societies; one of them may die in the middle."""
-    robots, seed, killed = task
-    fleet = FleetRehearsal(load_scenario("fleet"), Options(seed=seed), robots)
+    robots, seed, killed, sensors = task
+    scenario = with_sensors(load_scenario("fleet"), sensors)
+    fleet = FleetRehearsal(scenario, Options(seed=seed), robots)
     dies = fleet.names[seed % robots]
 
     def stop() -> bool:
@@ -217,6 +226,7 @@ def whole(task: tuple[int, int, bool]) -> Whole:
         robots=robots,
         seed=seed,
         killed=killed,
+        sensors=sensors,
         done=result.done,
         twice=len(result.twice),
         makespan_s=result.makespan_s,
@@ -244,9 +254,7 @@ def meeting(task: tuple[str, int, bool, str]) -> Meeting:
     place, seed, gives_way, sensors = task
     rng = Random(seed)
     starts = [(x, y + rng.uniform(-0.2, 0.2), degrees) for x, y, degrees in MEETINGS[place]]
-    fleet = load_scenario("fleet")
-    if sensors == "ideal":
-        fleet = ideal(fleet)
+    fleet = with_sensors(load_scenario("fleet"), sensors)
     agents = [name for name in fleet.agents if gives_way or name != "giveway"]
     with TemporaryDirectory() as folder:
         world = Path(folder, "door.map")
@@ -297,8 +305,8 @@ def run(context: Context) -> None:
     deaths = context.map(death, [(s, LOSS if s % 3 == 0 else 0.0) for s in seeds], "deaths")
     context.rows("deaths", Death.__struct_fields__, [structs.astuple(row) for row in deaths])
     some = context.seeds[:WHOLE]
-    tasks = [(robots, seed, False) for robots in ROBOTS for seed in some]
-    tasks += [(KILLED, seed, True) for seed in some]
+    tasks = [(robots, seed, False, kind) for kind in SENSORS for robots in ROBOTS for seed in some]
+    tasks += [(KILLED, seed, True, "ideal") for seed in some]
     societies = context.map(whole, tasks, "societies")
     context.rows("societies", Whole.__struct_fields__, [structs.astuple(row) for row in societies])
     context.summary = {
@@ -354,17 +362,19 @@ def _deaths(deaths: Sequence[Death]) -> str:
 
 
 def _whole(societies: Sequence[Whole]) -> str:
-    head = ("robots", "one dies", "runs", "all done", "twice", "makespan s", "messages a task")
-    more = ("collisions", "run into", "least clearance m")
+    head = ("sensors", "robots", "one dies", "runs", "all done", "tasks done", "twice")
+    more = ("makespan s", "messages a task", "collisions", "run into", "least clearance m")
     body = []
-    for robots, killed in sorted({(row.robots, row.killed) for row in societies}):
-        mine = [row for row in societies if (row.robots, row.killed) == (robots, killed)]
+    for case in sorted({(row.sensors, row.robots, row.killed) for row in societies}):
+        mine = [row for row in societies if (row.sensors, row.robots, row.killed) == case]
+        sensors, robots, killed = case
         took = [row.makespan_s for row in mine if row.makespan_s is not None]
         tasks = len(load_scenario("fleet").tasks)
         body.append(
             (
-                *(robots, "yes" if killed else "no", len(mine)),
+                *(sensors, robots, "yes" if killed else "no", len(mine)),
                 sum(row.done == tasks for row in mine),
+                f"{sum(row.done for row in mine)} of {tasks * len(mine)}",
                 sum(row.twice for row in mine),
                 f"{fmean(took):.0f}" if took else "-",
                 f"{fmean(row.messages for row in mine):.0f}",
@@ -372,9 +382,7 @@ def _whole(societies: Sequence[Whole]) -> str:
                 f"{min(row.clearance_m for row in mine):.2f}",
             )
         )
-    text = (
-        "Whole societies and the simulator, sensors `real`, the 12 tasks of the scenario `fleet`:"
-    )
+    text = "Whole societies and the simulator, the 12 tasks of the scenario `fleet`:"
     return f"{text}\n\n{table((*head, *more), body)}"
 
 
