@@ -57,7 +57,8 @@ class Parameters(agent.Parameters, frozen=True, kw_only=True):
     v: Annotated[float, Meta(gt=0, le=1)] = 0.2  # m/s, backwards
     v_max: Annotated[float, Meta(gt=0, le=10)] | None = None  # a scenario's limit
     w_most: Annotated[float, Meta(gt=0, le=2)] = 0.5  # rad/s
-    near_m: Metres = 2.5  # from middle to middle: nearer they have met where it is narrow,
+    near_m: Metres = 2.5  # from middle to middle: nearer they have met where it is narrow:
+    narrow_m: Metres = 0.75  # with less beside it to the left and to the right;
     stands_m: Metres = 1.3  # or where they are so near
     still_m_s: Annotated[float, Meta(gt=0, le=1)] = 0.05  # and no faster
     stood_s: Seconds = 2.0  # for so long
@@ -203,7 +204,7 @@ class GiveWay(Behaviour):
     def _is_narrow(self, there: Pose2, obstacles: Obstacles) -> bool:
         """Whether they cannot pass each other on the way between them; `there` is as seen here."""
         x, y, _ = there
-        away, beside = max(hypot(x, y), NEAR_M), self.body.outline.half_width + self.p.beside_m
+        away, beside = max(hypot(x, y), NEAR_M), self.body.outline.half_width + self.p.narrow_m
         sides = set()
         for p in obstacles.points:
             along, across = (p.x * x + p.y * y) / away, (p.y * x - p.x * y) / away

@@ -161,7 +161,8 @@ class Touch:
 
     Attributes:
         felt: Whether it touches something now.
-        side: Where, by what was ordered when it began: 1 ahead, -1 behind, 0 nobody knows.
+        side: Where, by which way it moved, or what was ordered, when it began: 1 ahead, -1 behind,
+            0 nobody knows.
         cut: Whether motors that are off now may have been cut for a stall.
     """
 
@@ -175,6 +176,8 @@ class Touch:
     def begin(self) -> None:
         """Forget what was ordered: the controller was opened anew."""
         self.felt, self.side = False, 0
+        self._moved = 0  # which way it last did
+        self._order = (0, inf)  # which way it is ordered to, and since when, s
         self._least = (0.0, 0.0)  # what the wheels are to have reached by now, m/s and rad/s
         self._at = self._held_since = inf
         self._held_until = self._cut_until = -inf
@@ -203,6 +206,10 @@ class Touch:
         if report.stalled:
             self._cut_until = now + HELD_S
         self.cut = now < self._cut_until
+        if abs(report.v) > STANDING:
+            self._moved = _sign(report.v)
+        if _sign(ordered[0]) != self._order[0]:
+            self._order = _sign(ordered[0]), now
         before = self.felt
         self.felt = now < self._held_until
         known = ahead - behind  # 0: no bumper, or bumpers on both sides
@@ -214,8 +221,17 @@ class Touch:
         again = hypot(pose.x - x, pose.y - y) < SAME_PLACE_M and not elsewhere
         if not again:
             self._place = (pose.x, pose.y)
-            self.side = known or _sign(ordered[0]) or _sign(self._least[0])
+            self.side = known or self._pushed(now) or _sign(ordered[0]) or _sign(self._least[0])
         return not again
+
+    def _pushed(self, now: float) -> int:
+        """Which way it has pushed: as it is ordered for long enough, else as it last moved.
+
+        Whoever is backed off what it drove into, and stalls before its wheels turn, has nothing
+        behind.
+        """
+        way, since = self._order
+        return way if way and now - since >= HELD_S else self._moved
 
     def cap(self, v: float) -> float:
         """The speed that is obeyed of a commanded one, m/s: none against what it touches."""

@@ -499,6 +499,19 @@ def test_against_what_it_touches_it_is_not_driven_and_away_from_it_it_is(
     assert ready.speeds()[-1] == 300
 
 
+@pytest.mark.parametrize(("cycles", "ahead"), [(1, True), (8, False)])
+def test_who_backs_off_and_stalls_at_once_touches_what_it_drove_into(
+    ready: Bench, cycles: int, ahead: bool
+) -> None:
+    """Or it would take what is ahead for something behind, and back off no more."""
+    pushes(ready, 0.3, for_s=0.5, left_m_s=0.3, right_m_s=0.3)
+    pushes(ready, 0.0, for_s=1.0)
+    pushes(ready, -0.08, for_s=0.1 * cycles)
+    state = ready.status(left_stall=True)
+    assert state.touch is not None
+    assert (state.touch.x > 0.0) is ahead
+
+
 def test_a_bumper_behind_says_so_and_one_that_sticks_says_nothing(bench: Bench) -> None:
     bench.connect()
     for _ in range(LISTEN + 2):
