@@ -15,12 +15,17 @@ from typing import Final
 PR_SET_PDEATHSIG: Final = 1
 
 
+def tie(parent: int, number: int) -> bool:
+    """Have this process sent a signal when its parent is gone; return whether it still is there."""
+    if sys.platform == "linux":
+        ctypes.CDLL(None, use_errno=True).prctl(PR_SET_PDEATHSIG, number)
+    return os.getppid() == parent  # or it went before the signal was asked for
+
+
 def main() -> int:
     """Run the program with this process's life tied to its parent's."""
     parent, number, program, *words = sys.argv[1:]
-    if sys.platform == "linux":
-        ctypes.CDLL(None, use_errno=True).prctl(PR_SET_PDEATHSIG, int(number))
-    if os.getppid() != int(parent):  # it went before the signal was asked for
+    if not tie(int(parent), int(number)):
         return 0
     if program != "armadico":
         os.execvp(program, [program, *words])

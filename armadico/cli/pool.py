@@ -1,6 +1,7 @@
 """A function over many items on all cores, in processes, and a bar that says how long yet.
 
-Ctrl-C ends it in order: what is finished has been handed over, what runs is let go.
+Ctrl-C ends it in order: what is finished has been handed over, what runs is let go. If this process
+is killed, its workers end, too.
 """
 
 from __future__ import annotations
@@ -14,6 +15,8 @@ from concurrent.futures import FIRST_COMPLETED, Future, ProcessPoolExecutor, wai
 from contextlib import contextmanager
 from multiprocessing import get_context
 from typing import Final, TypeVar
+
+from armadico.child import tie
 
 T = TypeVar("T")
 R = TypeVar("R")
@@ -52,7 +55,7 @@ def _results(function: Callable[[T], R], items: Sequence[T], jobs: int) -> Itera
     if jobs <= 1:
         yield from ((index, function(item)) for index, item in enumerate(items))
         return
-    pool = ProcessPoolExecutor(jobs, get_context("spawn"), _ignore_interrupts)
+    pool = ProcessPoolExecutor(jobs, get_context("spawn"), _begin, (os.getpid(),))
     waiting = iter(enumerate(items))
     running: dict[Future[R], int] = {}
     try:
@@ -68,9 +71,11 @@ def _results(function: Callable[[T], R], items: Sequence[T], jobs: int) -> Itera
         pool.shutdown(cancel_futures=True)
 
 
-def _ignore_interrupts() -> None:
+def _begin(parent: int) -> None:
     """Ctrl-C goes to everybody at a terminal; it is for the parent to say when to end."""
     signal.signal(signal.SIGINT, signal.SIG_IGN)
+    if not tie(parent, signal.SIGTERM):
+        os._exit(1)
 
 
 @contextmanager
