@@ -22,7 +22,9 @@ def work(number):
 """
 
 
-@pytest.mark.skipif(sys.platform != "linux", reason="only Linux tells a process of its parent's end")
+@pytest.mark.skipif(
+    sys.platform != "linux", reason="only Linux tells a process of its parent's end"
+)
 @pytest.mark.parametrize("how", [signal.SIGTERM, signal.SIGKILL], ids=["terminated", "killed"])
 def test_workers_end_with_whoever_handed_the_work_out(how: signal.Signals, tmp_path: Path) -> None:
     (tmp_path / "work_for_two.py").write_text(WORK)
