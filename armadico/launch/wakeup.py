@@ -14,6 +14,7 @@ from __future__ import annotations
 from collections.abc import Iterator
 from dataclasses import dataclass
 from enum import StrEnum
+from math import inf
 from typing import Annotated, Any, ClassVar, Final
 
 import msgspec
@@ -34,7 +35,7 @@ from armadico.core.messages import (
     WakeupRequest,
     line,
 )
-from armadico.core.restart_policy import MISUSED, Budget, Supervision
+from armadico.core.restart_policy import MISUSED, NEWCOMER_S, Budget, Supervision
 
 CARD_S: Final = 0.5
 """What an agent may take to answer the query for its card, before it is queried again."""
@@ -120,6 +121,7 @@ class _Process:
     lent: bool = False
     why: str = ""
     hangs_at: float | None = None  # when it is killed if it cannot be seen by then
+    back_at: float = inf  # when its own host had what is lent again
 
 
 class Wakeup(DeviceAgent):
@@ -172,12 +174,29 @@ class Wakeup(DeviceAgent):
     def on_host_share(self, share: HostShare) -> None:
         """What another host keeps up."""
         self._shares[share.instance] = share
-        back = [n for k in share.kept if k.state is KeptState.UP and not k.lent for n in k.agents]
+        self._give_back()
+
+    def _give_back(self) -> None:
+        """End what is lent once its own host has had it for long enough to keep it.
+
+        Not before: one of the two may be alone in the namespace, and then the newcomer goes.
+        """
+        back = {
+            name: share.host
+            for share in self._shares.values()
+            for kept in share.kept
+            if kept.state is KeptState.UP and not kept.lent
+            for name in kept.agents
+        }
         for label, process in list(self._kept.items()):
-            if process.lent and set(process.agents) <= set(back):
+            if not process.lent or not back.keys() >= set(process.agents):
+                process.back_at = inf
+                continue
+            process.back_at = min(process.back_at, self.now)
+            if self.now - process.back_at >= NEWCOMER_S:
                 if process.pid:
                     self._order(Do.END, label)
-                self._let_go(label, f"{share.host} has one of its own again")
+                self._let_go(label, f"{back[process.agents[0]]} has one of its own again")
 
     def on_monitor_report(self, report: MonitorReport) -> None:
         """A monitor is at work; is it one of this host's?"""

@@ -358,7 +358,7 @@ _INTERFACE = Fault("interface-restart", 8.0, 1.0, ("interface",))
 _IN_A_STOP = Fault("robot-restart", 10.0, 0.5, ("robot",))
 
 BUGS = (
-    Bug(obeys_smaller_ballots, Promise.ONE_DRIVER, case(lasts=12.0, seed=11)),
+    Bug(obeys_smaller_ballots, Promise.ONE_DRIVER, case(scenario="sc3", lasts=20.0)),
     Bug(obeys_old_cycles, Promise.FRESH, case(_LATE)),
     Bug(never_yields, Promise.ONE_HOLDER, case(scenario="sc3")),
     Bug(starts_from_no_echo, Promise.OBEYED, case(_SLOW, _LONE)),
@@ -368,7 +368,7 @@ BUGS = (
     Bug(has_no_watchdog, Promise.WATCHDOG, case(_HANG)),
     Bug(overshoots_in_an_exchange, Promise.SMOOTH, case(lasts=40.0)),
     Bug(stops_without_a_ramp, Promise.SMOOTH, case(_CUT)),
-    Bug(is_blind, Promise.COLLISION, case(scenario="sc2", lasts=40.0, seed=8)),
+    Bug(is_blind, Promise.COLLISION, case(scenario="sc3", lasts=40.0)),
     Bug(mixes_up_its_axes, Promise.ODOMETRY, case(lasts=12.0)),
     Bug(takes_no_turn_in_a_new_epoch, Promise.MOVES, case(_AGAIN)),
     Bug(stands_back_for_a_minute, Promise.MOVES, case(_SLOW, seed=3)),

@@ -315,7 +315,16 @@ def test_what_is_lent_is_given_back_once_its_own_host_has_it_again() -> None:
     bench.take()
     bench.other(Kept(("encoder",), KeptState.STARTING, 7))
     assert bench.done() == []
-    bench.other(Kept(("encoder",), KeptState.UP, 7))
+    own = Kept(("encoder",), KeptState.UP, 7)
+    bench.other(own)
+    assert bench.done() == [], "of two that may not both stay the newcomer goes by itself"
+    bench.pass_time(NEWCOMER_S - 0.1)
+    bench.other(Kept(("encoder",), KeptState.WAITING))
+    bench.pass_time(NEWCOMER_S)
+    bench.other(own)
+    assert bench.done() == [], "it went, and is a newcomer again"
+    bench.pass_time(NEWCOMER_S)
+    bench.other(own)
     assert bench.done() == [(Do.END, "encoder")]
     assert bench.share().can == ("encoder",)
     bench.ends("encoder", 0)

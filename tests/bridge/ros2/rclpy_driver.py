@@ -39,9 +39,10 @@ def main() -> None:
     speed = 0.0
     while abs(seen["odom"].twist.twist.linear.x) > 1e-3:
         rclpy.spin_once(node, timeout_sec=0.1)
-    names = {f"{ns.rstrip('/')}/{name}" for name, ns in node.get_node_names_and_namespaces()}
+    while len(nodes := node.get_node_names_and_namespaces()) < 2:  # names come after topics
+        rclpy.spin_once(node, timeout_sec=0.1)
     report = {
-        "nodes": sorted(names),
+        "nodes": sorted(f"{namespace.rstrip('/')}/{name}" for name, namespace in nodes),
         "x": seen["odom"].pose.pose.position.x,
         "rays": len(seen["scan"].ranges),
         "volts": seen["battery_state"].voltage,
