@@ -76,7 +76,12 @@ class _Bare(NamedTuple):
 
 
 class _Near(NamedTuple):
-    """A place in the body frame, moved away from the robot by what the pose may be off."""
+    """A place in the body frame, moved away from the robot by what the pose may be off.
+
+    Heard nearer than that, it is nearer; but what it explains goes by the map and the pose alone.
+    Otherwise somebody who comes through a door would take the post along: each echo explained by a
+    post that the one before had brought nearer.
+    """
 
     three: int
     x: float
@@ -84,10 +89,11 @@ class _Near(NamedTuple):
     nx: float
     ny: float
     distance: float
-    end: bool = False
-    side: int = 1  # of the wall's own normal, on which the robot is not
-    off: float = 0.0  # m that it may be farther off, by the pose,
-    by: float = 0.0  # and m that it was moved away
+    map_x: float  # where it is unheard
+    map_y: float
+    end: bool
+    side: int  # of the wall's own normal, on which the robot is not
+    off: float  # m that it may be farther off, by the pose
 
 
 HEARD_CYCLES = 100
@@ -275,7 +281,7 @@ class KnownWalls:
         for place in self._near:
             if place.three == UNDOUBTED:  # and unheard
                 continue
-            dx, dy = place.x - echo.x, place.y - echo.y
+            dx, dy = place.map_x - echo.x, place.map_y - echo.y
             ahead = cos * dx + sin * dy
             if ahead < 0.0:
                 continue
@@ -293,7 +299,7 @@ class KnownWalls:
         nearest = min((away for away, _ in may), default=0.0)  # an echo comes from what is nearest
         for away, place in may:
             if away - nearest < BESIDE_M:
-                by = min(place.off, place.by - (nearest - echo.range))
+                by = place.off - max(0.0, nearest - echo.range)
                 if by < place.off or place.three in self._heard:
                     self._heard[place.three] = place.side * by, 0
         return bool(may)
@@ -335,19 +341,11 @@ def _put(bare: _Bare, heard: float | None, cos: float, sin: float) -> _Near:
     """A place in the body's frame, by what the pose may be off or it has been heard."""
     three, dx, dy, nx, ny, end, side, off = bare
     by = off if heard is None else min(off, side * heard)
-    dx, dy = dx + by * nx, dy + by * ny
-    return _Near(
-        three,
-        cos * dx + sin * dy,
-        cos * dy - sin * dx,
-        cos * nx + sin * ny,
-        cos * ny - sin * nx,
-        math.hypot(dx, dy),
-        end,
-        side,
-        off,
-        by,
-    )
+    ahead, left = cos * nx + sin * ny, cos * ny - sin * nx
+    dx, dy = dx + off * nx, dy + off * ny
+    map_x, map_y = cos * dx + sin * dy, cos * dy - sin * dx
+    x, y = map_x + (by - off) * ahead, map_y + (by - off) * left
+    return _Near(three, x, y, ahead, left, math.hypot(x, y), map_x, map_y, end, side, off)
 
 
 def _buckets(middle: float, reach: float) -> range:

@@ -279,3 +279,16 @@ def test_the_end_of_a_wall_answers_at_any_slant() -> None:
     known.look(HERE, sure(0.06))
     assert explains(known, Ping(0.0, 0.0, radians(-10.0), hypot(1.0, 0.4)))
     assert not explains(known, Ping(0.0, 0.0, radians(-10.0), hypot(1.7, 0.4)))
+
+
+def test_somebody_who_comes_through_a_door_does_not_bring_the_posts_along() -> None:
+    """Each echo is near where a post would be, had the one before brought that post nearer."""
+    known = KnownWalls([(1.2, -2.0, 1.2, -0.45), (1.2, 0.45, 1.2, 2.0)])
+    explained = []
+    for away in (1.2, 1.1, 1.0, 0.9, 0.8):
+        known.look(HERE, sure(0.05))
+        explained.append(explains(known, Ping(0.0, 0.0, radians(-10.0), away)))
+    assert explained[0]
+    assert not any(explained[-3:])
+    known.look(HERE, sure(0.05))
+    assert nearest(known) > 1.0
