@@ -56,6 +56,13 @@ PROBE_S: Final = 1.0
 FEW: Final = 5
 """So many publications are missed before a service is late, and `late_s` besides."""
 
+PATIENT_S: Final = 120.0
+"""Who was restarted so lately, s, may be late for twice as long, and twice again: where a machine
+has too much to do, a restart is more of it."""
+
+PATIENT: Final = 3
+"""Doublings at the most."""
+
 SLEPT_S: Final = 0.5
 """Who is woken so much too late has hung itself, and judges nobody by what it has not heard."""
 
@@ -126,6 +133,7 @@ class Monitor(Agent):
         self._lacking: dict[str, float] = {}  # who is needed and not well, since when
         self._asked_at: dict[tuple[WakeupOrder, str, int], float] = {}
         self._refused: dict[tuple[str, str], tuple[float, str]] = {}  # by host and agent
+        self._restarted: dict[str, tuple[int, float]] = {}  # how often on end, and when last
         self._stopped_for: set[str] = set()
         self._look_at = self._report_at = 0.0
         self._note = ""
@@ -326,14 +334,27 @@ class Monitor(Agent):
         if not self.cycles.alive(self.now):
             return  # then nobody has anything to say
         late = [
-            (self._heard.get(key, -inf), known.instance, key)
+            (self._heard.get(key, -inf), known.instance, key, by)
             for key, rate_hz, providers in self._promised()
             for known in providers
-            if self.now - max(self._heard.get(key, -inf), known.since, self._floor)
-            > self.p.late_s + FEW / rate_hz
+            if (by := self._silent_s(key, known) - FEW / rate_hz) > self.p.late_s
         ]
-        for _, instance, key in sorted(late)[:1]:
-            yield self._known[instance], f"{key} has been late for {self.p.late_s:g} s"
+        for _, instance, key, by in sorted(late)[:1]:
+            known = self._known[instance]
+            if by > self._late_s(known.name):
+                yield known, f"{key} has been late for {self._late_s(known.name):g} s"
+
+    def _silent_s(self, key: str, known: _Known) -> float:
+        return self.now - max(self._heard.get(key, -inf), known.since, self._floor)
+
+    def _late_s(self, name: str) -> float:
+        """How late an agent may be."""
+        return float(self.p.late_s * 2 ** min(self._often(name), PATIENT))
+
+    def _often(self, name: str) -> int:
+        """How often an agent was restarted, each time soon after the time before."""
+        often, at = self._restarted.get(name, (0, -inf))
+        return often if self.now - at < PATIENT_S else 0
 
     def _miss(self, unwell: Container[str]) -> None:
         """Note who is needed, and not there or not well."""
@@ -395,6 +416,8 @@ class Monitor(Agent):
             key: at for key, at in self._asked_at.items() if self.now - at < self.p.again_s
         }
         self._asked_at[asked] = self.now
+        if order is WakeupOrder.RESTART:
+            self._restarted[name] = self._often(name) + 1, self.now
         self._note = line(f"{share.host} is asked to {order} {name}: {why}")
         self.log(self._note, WARNING)
 

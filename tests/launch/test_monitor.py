@@ -11,6 +11,7 @@ from typing import Any
 import pytest
 from msgspec.structs import replace
 
+from armadico.agents.monitor import Parameters
 from armadico.config.hosts import Host, HostTable
 from armadico.config.scenarios import Scenario, exploring, ideal, load_scenario
 from armadico.core.messages import (
@@ -160,6 +161,20 @@ def test_who_answers_and_no_longer_says_what_it_provides_is_restarted_and_nobody
     society.let_pass(15.0)
     assert society.more() == {"encoder": 1}, "the others only lacked the pose"
     assert society.arrives()
+
+
+def test_who_is_late_again_is_given_more_time() -> None:
+    """On a machine that has too much to do it would be restarted for ever."""
+    society, took = Society().let_pass(6.0), []
+    for within in (7.0, 10.0, 16.0):
+        begun = society.mesh.now
+        society.mesh.node("encoder").agent._handlers[RobotState] = lambda _: None
+        society.back("encoder", within)
+        took.append(society.mesh.now - begun)
+    late_s = Parameters().late_s
+    assert took[0] < 2 * late_s < took[1] < 4 * late_s < took[2]
+    society.let_pass(30.0)
+    assert society.more() == {"encoder": 3}
 
 
 def test_a_lone_monitor_that_hangs_is_killed_by_its_host() -> None:
