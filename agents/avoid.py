@@ -114,6 +114,7 @@ class Avoid(Behaviour):
         self._escape_until = -inf
         self._around: tuple[float, float] = (inf, inf)  # the place that it does not get away from
         self._around_since = inf
+        self._tried_out = False  # it has turned out there, and come to rest again
         self._back_until = -inf
         self._backs_since = inf
         self._turns_until = -inf
@@ -122,6 +123,7 @@ class Avoid(Behaviour):
         """Nothing is dodged yet."""
         self._side = 0.0
         self._moved_at = self._around_since = self.now
+        self._tried_out = False
 
     def propose(self, pose: Pose, obstacles: Obstacles) -> Bid | None:
         """How to keep off what is in the way, and how much that helps."""
@@ -259,12 +261,19 @@ class Avoid(Behaviour):
             self._moved_at = self.now
         elif self.now - self._moved_at > self.p.stuck_s:
             self._moved_at = self.now
-            self._escape_until = self.now + self.p.escape_s
+            if self._tried_out:  # too near to something to turn, or it is turned back
+                self._back_off()
+            else:
+                self._escape_until = self.now + self.p.escape_s
+            self._tried_out = True
 
     def _watch_place(self, pose: Pose, excused: bool) -> None:
         away = hypot(pose.x - self._around[0], pose.y - self._around[1])
-        if excused or away > self.p.nowhere_m:
+        if away > self.p.nowhere_m:
             self._around, self._around_since = (pose.x, pose.y), self.now
+            self._tried_out = False
+        elif excused:
+            self._around_since = self.now
         elif self.now - self._around_since > self.p.nowhere_s:
             self._around_since = self.now
             self._back_off()

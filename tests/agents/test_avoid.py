@@ -191,6 +191,24 @@ def test_a_driven_robot_that_stands_still_far_from_its_goal_is_worked_free() -> 
     assert driven_by_goto(made, 4) == {None, 1.0}
 
 
+def test_who_stands_there_still_after_it_has_turned_out_is_backed_off() -> None:
+    """Too near to something to turn far enough, or turned back by another each time."""
+    made = stage()
+
+    def backs() -> bool:
+        return any(bid.wanted and bid.wanted[0] < 0.0 for bid in made.agent.bids)
+
+    driven_by_goto(made, 35)
+    assert not backs(), "first it turns to an open heading"
+    driven_by_goto(made, 10)
+    assert backs()
+    elsewhere = stage()
+    driven_by_goto(elsewhere, 35)
+    elsewhere.pose = (Parameters().nowhere_m + 0.1, 0.0, 0.0)
+    driven_by_goto(elsewhere, 10)
+    assert not any(bid.wanted and bid.wanted[0] < 0.0 for bid in elsewhere.agent.bids)
+
+
 def test_a_robot_that_nobody_drives_may_stand_still() -> None:
     made = stage()
     for _ in range(60):
@@ -228,7 +246,7 @@ def test_a_robot_that_is_stalled_by_what_nobody_hears_is_backed_off_at_once() ->
         made.cycle()
         backed.append(bool(made.bid().wanted) and made.bid().wanted[0] < 0.0)
     assert all(backed[:28])
-    assert not any(backed[32:])
+    assert not any(backed[32:40])
 
 
 def test_who_is_stalled_on_the_way_back_too_does_not_push_on() -> None:
