@@ -114,7 +114,7 @@ class Avoid(Behaviour):
         self._escape_until = -inf
         self._around: tuple[float, float] = (inf, inf)  # the place that it does not get away from
         self._around_since = inf
-        self._tried_out = False  # it has turned out there, and come to rest again
+        self._turned_out = False  # of that place, or has tried to
         self._back_until = -inf
         self._backs_since = inf
         self._turns_until = -inf
@@ -123,7 +123,6 @@ class Avoid(Behaviour):
         """Nothing is dodged yet."""
         self._side = 0.0
         self._moved_at = self._around_since = self.now
-        self._tried_out = False
 
     def propose(self, pose: Pose, obstacles: Obstacles) -> Bid | None:
         """How to keep off what is in the way, and how much that helps."""
@@ -191,7 +190,9 @@ class Avoid(Behaviour):
         w = max(-p.w_max, min(p.w_max, p.turn_gain * heading))
         speed, w, _ = limit(self.as_sure(speed), w, scene, p.safety)
         degrees = heading * 180 / pi
-        if speed < 0.02 and abs(w) < 0.05:
+        turns = speed < 0.02
+        self._turned_out |= turns and self.now < self._escape_until
+        if turns and abs(w) < 0.05:
             return self._turn_on_the_spot(scene, heading), f"{zone}: turn out to {degrees:.0f} deg"
         return (speed, w), f"{zone}: open at {degrees:.0f} deg"
 
@@ -261,17 +262,16 @@ class Avoid(Behaviour):
             self._moved_at = self.now
         elif self.now - self._moved_at > self.p.stuck_s:
             self._moved_at = self.now
-            if self._tried_out:  # too near to something to turn, or it is turned back
+            if self._turned_out:  # too near to something, or it was turned back
                 self._back_off()
             else:
                 self._escape_until = self.now + self.p.escape_s
-            self._tried_out = True
 
     def _watch_place(self, pose: Pose, excused: bool) -> None:
         away = hypot(pose.x - self._around[0], pose.y - self._around[1])
         if away > self.p.nowhere_m:
             self._around, self._around_since = (pose.x, pose.y), self.now
-            self._tried_out = False
+            self._turned_out = False
         elif excused:
             self._around_since = self.now
         elif self.now - self._around_since > self.p.nowhere_s:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from math import cos, degrees, hypot, inf, radians, sin
 from typing import Any
 
@@ -173,7 +174,7 @@ def test_whatever_it_wants_is_swept_clear_of_what_it_knows_if_braking_is(
 # Working itself free -----------------------------------------------------------------------------
 
 
-def driven_by_goto(made: Stage, cycles: int) -> set[float | None]:
+def driven_by_goto(made: Stage, cycles: int, points: Sequence[Point] = ()) -> set[float | None]:
     """What it bids while another is obeyed, and the robot stands still all the same."""
     ballot = Ballot(3, 0.6, False, "goto-1")
     for _ in range(cycles):
@@ -181,7 +182,7 @@ def driven_by_goto(made: Stage, cycles: int) -> set[float | None]:
         made.now += 0.1
         made.hand(RobotState(made.at, 0, 0, 0, 0, 0, 12, True, False))
         made.hand(Ack("wheels", made.at, ballot, ballot, made.at, 0.6, measured=(0.0, 0.0)))
-        made.hand(Pose(made.at, *made.pose), obstacles(made.at))
+        made.hand(Pose(made.at, *made.pose), obstacles(made.at, *points))
     return {bid.utility for bid in made.agent.bids}
 
 
@@ -193,20 +194,19 @@ def test_a_driven_robot_that_stands_still_far_from_its_goal_is_worked_free() -> 
 
 def test_who_stands_there_still_after_it_has_turned_out_is_backed_off() -> None:
     """Too near to something to turn far enough, or turned back by another each time."""
-    made = stage()
+    shut = [*wall(OUTLINE.front + 0.05, -1.5, 1.5), Point(0.1, -OUTLINE.half_width - 0.05)]
 
-    def backs() -> bool:
+    def backs(made: Stage) -> bool:
         return any(bid.wanted and bid.wanted[0] < 0.0 for bid in made.agent.bids)
 
-    driven_by_goto(made, 35)
-    assert not backs(), "first it turns to an open heading"
-    driven_by_goto(made, 10)
-    assert backs()
-    elsewhere = stage()
-    driven_by_goto(elsewhere, 35)
-    elsewhere.pose = (Parameters().nowhere_m + 0.1, 0.0, 0.0)
-    driven_by_goto(elsewhere, 10)
-    assert not any(bid.wanted and bid.wanted[0] < 0.0 for bid in elsewhere.agent.bids)
+    made, free, gone = stage(), stage(), stage()
+    for one, points in ((made, shut), (free, []), (gone, shut)):
+        driven_by_goto(one, 35, points)
+        assert not backs(one), "first it turns to an open heading, or drives on"
+    gone.pose = (Parameters().nowhere_m + 0.1, 0.0, 0.0)
+    for one, points in ((made, shut), (free, []), (gone, [])):
+        driven_by_goto(one, 10, points)
+    assert (backs(made), backs(free), backs(gone)) == (True, False, False)
 
 
 def test_a_robot_that_nobody_drives_may_stand_still() -> None:
