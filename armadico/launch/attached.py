@@ -53,6 +53,11 @@ class AttachedRun(LiveRun):
                 self._warn(f"{failure}; `armadico stop` tries again")
             else:
                 self._warn("the robot is stopped; `armadico resume` releases it")
+        if self.scenario.mission is not None:  # on the board, which outlives who ordered it
+            self._warn(
+                "its mission goes on then, unless it is cancelled: `armadico mission cancel"
+                f" {watch.mission}`"
+            )
 
     def start(self) -> None:
         """Wait until all agents are alive. Raises RunFailedError if one does not come."""

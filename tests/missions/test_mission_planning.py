@@ -142,6 +142,19 @@ def test_who_watches_a_mission_that_is_cancelled_leaves_the_robot_to_the_next_on
     assert building.mission(other).state is MissionEnd.DONE
 
 
+def test_who_watches_a_mission_no_longer_says_that_it_is_still_on_the_board() -> None:
+    building = Building()
+    said: list[str] = []
+    session = VirtualSession(building.mesh)
+    scenario = building.rehearsal.scenario
+    with AttachedRun(scenario, Options(limit=3.0), session) as run:
+        run.tell(said.append)
+        assert run.run().done is False
+    number = run.watch.mission
+    assert building.mission(number).state is MissionEnd.ACTIVE
+    assert any(f"`armadico mission cancel {number}`" in text for text in said)
+
+
 def test_while_a_mission_is_driven_a_goal_of_people_s_is_refused() -> None:
     building = Building()
     building.taken()
