@@ -53,6 +53,10 @@ GIVEN_S: Final = 2.0
 POSE_CYCLES: Final = 2
 """The robot's cycles from one pose for the others to the next."""
 
+SILENT_S: Final = 5.0
+"""Of the robot's pose, or of its missions, nothing has come for so long: it can do nothing. Agents
+that are started again are back sooner."""
+
 PLANS: Final = 1
 """Ways that are planned in a cycle of the fleet, to know their length: the planner has others."""
 
@@ -110,6 +114,7 @@ class Fleet(Agent):
         self._to_go = self._nearest = inf  # m, to what it is doing
         self._nearer_at = 0.0
         self._elsewhere = False  # somebody has sent the robot
+        self._pose_at = self._status_at = -inf  # when they last came
         self._barred: dict[int, float] = {}  # until when a task is not tried, s
         self._tries: dict[int, int] = {}
         self._plans = 0  # that may still be asked for in this cycle
@@ -132,6 +137,7 @@ class Fleet(Agent):
 
     def on_pose(self, pose: Pose) -> None:
         """Tell the others where the robot is."""
+        self._pose_at = self.now
         said, state = self.latest(Description), self.latest(RobotState)
         if said is None or state is None or pose.cycle.number % POSE_CYCLES:
             return
@@ -213,6 +219,7 @@ class Fleet(Agent):
 
     def on_mission_status(self, status: MissionStatus) -> None:
         """How far the robot is, if it is driven for a task."""
+        self._status_at = self.now
         under_way = status.state in (MissionState.DRIVING, MissionState.PLANNING)
         self._elsewhere = under_way and status.mission not in self._missions
         if self._elsewhere and not self._asking:
@@ -280,8 +287,12 @@ class Fleet(Agent):
         """Why the robot can do nothing now; "" if it can."""
         if self.stopped is not None:
             return f"stopped by {self.stopped.by}"
-        if pose is None or pose.deviation > LOST_M:
+        # A pose stays fresh by its cycle if no cycle follows: the fleet's go on without the robot.
+        silent = self.now - self._pose_at > SILENT_S
+        if pose is None or silent or pose.deviation > LOST_M:
             return "nobody knows where the robot is"
+        if self.now - self._status_at > SILENT_S:
+            return "nobody says what becomes of a mission"
         if self._elsewhere:
             return "somebody has sent the robot elsewhere"
         return ""
@@ -291,7 +302,7 @@ class Fleet(Agent):
         sharing = self.sharing
         if sharing is not None:
             if self._doing is not None and self._doing not in sharing.mine:
-                self._drop("another robot does it")
+                self._drop(self._note or "another robot does it")
             until = self._looks_until
             if self._doing is not None and until is not None and self.now >= until:
                 self._done(self._doing)

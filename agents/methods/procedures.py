@@ -40,7 +40,16 @@ from armadico.core.messages import (
     line,
     next_count,
 )
-from armadico.core.tasks import Beliefs, Done, Failed, Going, Progress, Reach, Request, Stand
+from armadico.core.tasks import (
+    Beliefs,
+    Failed,
+    Going,
+    Progress,
+    Reach,
+    Request,
+    Stand,
+    misfit,
+)
 
 LOOKS_MOST: Final = 200
 """Steps that end at once, in one look: a mission that repeats nothing for ever holds nobody up."""
@@ -249,11 +258,11 @@ class _Look:
         progress = Progress(frame.elapsed, state, note, frame.stage)
         try:
             verdict = task_class(step.do)(arguments_of(step)).look(self._beliefs, progress)
-            if not isinstance(verdict, Going | Done | Failed):
-                raise TypeError(f"{step.do}: look gave {verdict!r}, no Going, Done or Failed")
+            if wrong := misfit(verdict):
+                verdict = Failed(f"task {step.do!r}: look gave {verdict!r}: {wrong}")
         except ConfigError as error:
             verdict = Failed(error.message)
-        except Exception as error:  # anybody's code, which is to end no agent
+        except (Exception, SystemExit) as error:  # anybody's code, which is to end no agent
             verdict = Failed(_blame(step, error))
         if isinstance(verdict, Going):
             if verdict.stage != frame.stage:
@@ -333,7 +342,7 @@ class _Look:
         return all(held)
 
 
-def _blame(step: Step, error: Exception) -> str:
+def _blame(step: Step, error: BaseException) -> str:
     """What a task's code raised, and where in it."""
     at = traceback.extract_tb(error.__traceback__)[-1]
     where = f"{at.filename}, line {at.lineno}"

@@ -138,7 +138,7 @@ def _scenario(args: argparse.Namespace) -> Scenario | None:
     if not _is_mission(args.scenario):
         return on_mission(load_scenario(args.scenario))
     from armadico.config.missions import load_mission  # noqa: PLC0415
-    from armadico.config.scenarios import counted_from  # noqa: PLC0415
+    from armadico.config.shipped import counted_from  # noqa: PLC0415
 
     mission = load_mission(args.scenario)
     if mission.scenario is None:
@@ -257,12 +257,17 @@ def _plan(args: argparse.Namespace, where: Place, scenario: Scenario | None) -> 
 def _check_names(args: argparse.Namespace, where: Place, host: Host) -> None:
     """Raises ConfigError or UnknownNameError for an agent that is not installed here."""
     from armadico.config.discovery import AGENTS, find  # noqa: PLC0415 - not for --help
+    from armadico.config.lines import line_of  # noqa: PLC0415
+    from armadico.config.loading import read_text  # noqa: PLC0415
 
-    for name in host.agents:
+    file = where.table.file
+    for index, name in enumerate(host.agents):
         try:
             find(AGENTS, name)
         except UnknownNameError as error:
-            raise ConfigError(f"{where.name}.agents: {error}", where.table.file or None) from None
+            key = (str(where.name), "agents", index)
+            line = line_of(read_text(file), key) if file else None
+            raise ConfigError(f"{where.name}.agents: {error}", file or None, line) from None
     for name in (*args.more, *args.without):
         find(AGENTS, name)
 

@@ -16,13 +16,14 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any, Final, Literal
 
 from msgspec import Meta, Struct, field
+from msgspec.structs import replace
 
 from armadico.config.discovery import TASKS, UnknownNameError, installed, unknown
 from armadico.config.discovery import load as load_installed
 from armadico.config.errors import ConfigError, advice
 from armadico.config.lines import line_of
 from armadico.config.loading import convert, document, read_text
-from armadico.config.shipped import find
+from armadico.config.shipped import counted_from, find
 from armadico.core.messages import Told
 from armadico.core.tasks import Task
 
@@ -46,6 +47,9 @@ STEPS_MOST: Final = 1000
 
 TOLD_MOST, TOLD_CHARACTERS = 16, 256
 """What a step is told: so many values, so many characters together, for the board has them all."""
+
+LARGEST_WHOLE: Final = 2**53
+"""Beyond it a float is no certain whole number."""
 
 DEEPEST: Final = 8
 """Procedures within procedures."""
@@ -152,13 +156,24 @@ def load_mission(
 ) -> Mission:
     """A shipped mission by its name, or a TOML file. Raises ConfigError with file and line.
 
+    A scenario that is a file counts from the mission's folder.
+
     Args:
         name_or_path: Which.
         places: Those of the world that it is for; None: its places are not looked up.
         start: From where they must be got to, m; None: that is not looked at.
     """
     path = find("missions", name_or_path)
-    return read_mission(read_text(path), path.stem, places, start, path)
+    text = read_text(path)
+    mission = read_mission(text, path.stem, places, start, path)
+    if mission.scenario is None:
+        return mission
+    scenario = counted_from(path, mission.scenario)
+    try:
+        find("scenarios", scenario)
+    except ConfigError as error:
+        raise ConfigError(error.message, path, line_of(text, ("scenario",))) from None
+    return replace(mission, scenario=scenario)
 
 
 def read_mission(
@@ -183,7 +198,19 @@ def task_class(name: str) -> type[Task]:
 
 def arguments_of(step: Step) -> Any:
     """What a task is told, as it wants it. Raises ConfigError."""
-    return convert(dict(step.arguments), task_class(step.do).Arguments, step.do, "")
+    return convert(_as_written(step), task_class(step.do).Arguments, step.do, "")
+
+
+def _as_written(step: Step) -> dict[str, Value]:
+    """What a step is told, whole numbers as such: messages have them as floats, as all others."""
+    return {name: _whole(value) for name, value in step.arguments}
+
+
+def _whole(value: Any) -> Any:
+    if isinstance(value, tuple):
+        return tuple(map(_whole, value))
+    exact = isinstance(value, float) and value.is_integer() and abs(value) <= LARGEST_WHOLE
+    return int(value) if exact else value
 
 
 def bound(step: Step, to: Mapping[str, Value]) -> Step:
@@ -424,7 +451,7 @@ class _Reader:
             if name not in names:
                 known = advice(name, (*names, *HEAD))
                 raise self._wrong((*key, name), f"unknown key {name} of {step.do!r}; {known}")
-        told = convert(dict(step.arguments), kind.Arguments, self._file, self._text, key)
+        told = convert(_as_written(step), kind.Arguments, self._file, self._text, key)
         given = dict(step.arguments)
         named = [
             name

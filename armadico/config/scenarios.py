@@ -24,7 +24,7 @@ from armadico.config.loading import document, load, parse, read_text
 from armadico.config.missions import Mission, load_mission
 from armadico.config.moving import Moving
 from armadico.config.profile import Body, load_profile
-from armadico.config.shipped import find, folder, resource_path
+from armadico.config.shipped import counted_from, find, folder, resource_path
 from armadico.config.worlds import DOCK_LANE_M, World, before, load_world
 from armadico.config.worlds import Pose as WorldPose
 
@@ -190,14 +190,6 @@ def blind(scenario: Scenario) -> bool:
     return load_world(scenario.world).crossed(scenario.start[:2], scenario.goal[:2])
 
 
-def counted_from(file: Path, name: str) -> str:
-    """A name in a file as it is to be looked for: a path counts from the file's folder."""
-    path = Path(name)
-    if not path.suffix and path.name == name:
-        return name  # of something that is shipped
-    return str((file.parent / path.expanduser()).resolve())
-
-
 def sensing(agents: Sequence[str], robot: str) -> tuple[str, ...]:
     """The agents, with those for the sensors that a robot has where one for any sensor stood."""
     senses, profile = society().senses, load_profile(robot)
@@ -320,6 +312,14 @@ def _goal(world: World, name: str) -> PoseDeg:
     return x, y, round(degrees(theta), 6)
 
 
+def _unfound_mission(scenario: Scenario) -> Iterator[tuple[Key, str]]:
+    try:
+        if scenario.mission is not None:
+            find("missions", scenario.mission)
+    except ConfigError as error:
+        yield ("mission",), error.message
+
+
 def _faults(scenario: Scenario, world: World) -> Iterator[tuple[Key, str]]:
     """What is wrong with a scenario, and with which key."""
     try:
@@ -346,6 +346,7 @@ def _faults(scenario: Scenario, world: World) -> Iterator[tuple[Key, str]]:
         known_sensors(scenario.sensors)
     except ConfigError as error:
         yield ("sensors",), error.message
+    yield from _unfound_mission(scenario)
     for agent in scenario.agents:
         if scenario.agents.count(agent) > 1:
             yield ("agents",), f"agent {agent!r} is there twice; expected once"

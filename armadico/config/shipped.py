@@ -50,6 +50,14 @@ def find(kind: str, name_or_path: str | Path) -> Path:
     return path
 
 
+def counted_from(file: Path, name: str) -> str:
+    """A name in a file as it is to be looked for: a path counts from the file's folder."""
+    path = Path(name)
+    if not path.suffix and path.name == name:
+        return name  # of something that is shipped
+    return str((file.parent / path.expanduser()).resolve())
+
+
 def _one(kind: str) -> str:
     """What one configuration of a kind is called."""
     return "set of parameters" if kind == "parameters" else kind.removesuffix("s")

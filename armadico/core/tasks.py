@@ -24,7 +24,14 @@ from typing import Any, ClassVar
 
 from msgspec import Struct
 
-from armadico.core.messages import Message, Waypoint
+from armadico.core.messages import (
+    LARGEST_COUNT,
+    ChargeRequest,
+    ExploreRequest,
+    Message,
+    Waypoint,
+    encode,
+)
 
 
 @dataclass(frozen=True)
@@ -130,6 +137,45 @@ class Failed:
 
 
 Verdict = Going | Done | Failed
+
+
+def misfit(verdict: Any) -> str:
+    """What is wrong with an answer that no task may give; "" if nothing is."""
+    match verdict:
+        case Done(said=str(), event=None | Message()) | Failed(why=str()):
+            return ""
+        case Done():
+            return "said is a text, and event a message"
+        case Failed():
+            return "why is a text"
+        case Going(request=request, stage=int(stage)) if 0 <= stage <= LARGEST_COUNT:
+            return _misfit_request(request)
+        case Going():
+            return "stage is a whole number, 0 or more"
+    return "that is no Going, Done or Failed"
+
+
+def _misfit_request(request: Any) -> str:
+    """By the messages that are to be sent for it."""
+    try:
+        match request:
+            case Stand() | Drive(to=str()) | Explore(within=None):
+                return ""
+            case Drive():
+                pose: Any = request.to
+                x, y, theta = pose
+                encode(Waypoint(x, y, theta))
+            case Explore():
+                rectangle: Any = request.within
+                x1, y1, x2, y2 = rectangle
+                encode(ExploreRequest(x1, y1, x2, y2))
+            case Charge(until=share):
+                encode(ChargeRequest(share))
+            case _:
+                return "request is a Stand, Drive, Explore or Charge"
+    except (TypeError, ValueError) as error:
+        return str(error)
+    return ""
 
 
 class Task:

@@ -5,14 +5,18 @@ from __future__ import annotations
 from contextlib import suppress
 from math import hypot
 from types import TracebackType
-from typing import Final
+from typing import TYPE_CHECKING, Final
 
 from armadico.core.messages import RobotState
 from armadico.launch.processes import undisturbed
 from armadico.launch.run import LiveRun
-from armadico.launch.society import ATTACHED
+from armadico.launch.society import ATTACHED, Options, least
 from armadico.mesh.topology import MeshError
 from armadico.runtime.errors import RunFailedError, SocietyError
+
+if TYPE_CHECKING:
+    from armadico.config.scenarios import Scenario
+    from armadico.mesh.base import Mesh
 
 COME_S: Final = 30.0
 """What the agents may take to be there."""
@@ -36,6 +40,11 @@ class AttachedRun(LiveRun):
     mode = ATTACHED
     come_s: float = COME_S
 
+    def __init__(self, scenario: Scenario, options: Options, mesh: Mesh, **more: float) -> None:
+        """Prepare; of a mission those are waited for whom `armadico up MISSION` starts."""
+        taking = scenario if scenario.mission is None else least(scenario)
+        super().__init__(taking, options, mesh, **more)
+
     def __exit__(
         self,
         kind: type[BaseException] | None,
@@ -53,6 +62,11 @@ class AttachedRun(LiveRun):
                 self._warn(f"{failure}; `armadico stop` tries again")
             else:
                 self._warn("the robot is stopped; `armadico resume` releases it")
+        if self.scenario.mission is not None:  # on the board, which outlives who ordered it
+            self._warn(
+                "its mission goes on then, unless it is cancelled: `armadico mission cancel"
+                f" {watch.mission}`"
+            )
 
     def start(self) -> None:
         """Wait until all agents are alive. Raises RunFailedError if one does not come."""

@@ -103,13 +103,13 @@ class LocalFleet:
         meshes = [self._joined(name) for name in self.names]
         first = Client(meshes[0])
         first.listen(FleetClaims, then=self._hear)
-        first.wait_for(lambda: self._strangers, STRANGERS_S)
+        first.wait_for(lambda: False, STRANGERS_S)  # all of it: each of them is to be named
         if self._strangers:
-            there = ", ".join(sorted(self._strangers))
+            there = sorted(self._strangers)
             raise RunFailedError(
-                f"a fleet named {self.fleet!r} is there already, with {there}: `armadico down"
-                f" --namespace {self.fleet}/NAME` ends a robot of it, --namespace names another"
-                " fleet"
+                f"a fleet named {self.fleet!r} is there already, with {', '.join(there)}: another"
+                " --namespace names another fleet; Ctrl-C ends that one where it was started,"
+                f" `armadico down --namespace {self.fleet}/{there[0]}` what keeps a robot of it up"
             )
         ports = self._start_simulator()
         for name, one, port, mesh in zip(self.names, self._ones, ports, meshes, strict=True):

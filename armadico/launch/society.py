@@ -27,7 +27,6 @@ from armadico.config.profile import load_profile
 from armadico.config.scenarios import (
     PoseDeg,
     Scenario,
-    counted_from,
     ideal,
     known_sensors,
     mission_of,
@@ -38,6 +37,7 @@ from armadico.config.scenarios import (
     society,
     unmapped,
 )
+from armadico.config.shipped import counted_from
 from armadico.config.worlds import load_world
 from armadico.core.agent import DeviceAgent
 from armadico.core.messages import ExploreRequest, MissionOrder, MissionRequest, Waypoint

@@ -79,6 +79,27 @@ def test_a_robot_that_dies_gives_its_tasks_back() -> None:
     assert all(not held & {t} or by != {"r2"} for t, by in band.doers.items())
 
 
+@pytest.mark.parametrize("what", ["the robot agent", "the interface agent"])
+def test_a_robot_that_can_do_nothing_gives_its_tasks_back_while_its_fleet_agent_lives(
+    what: str,
+) -> None:
+    band = at_work()
+    sharing = band.fleet("f/r2").sharing
+    assert sharing is not None
+    band.mesh.run(30.0)
+    held = set(sharing.mine)
+    assert held
+    if what == "the robot agent":
+        band.kill_puppet("f/r2")
+    else:
+        band.puppet("f/r2").dumb = True
+    band.mesh.run(38.0)
+    assert not sharing.mine
+    assert band.run(400.0)
+    assert once(band, 9)
+    assert all(not held & {t} or by != {"r2"} for t, by in band.doers.items())
+
+
 def test_who_comes_late_is_told_and_takes_its_share() -> None:
     band = at_work(1)
     band.mesh.run(25.0)

@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+import sys
 from collections.abc import Callable
+from math import nan
 from typing import Any
 
 import pytest
@@ -31,7 +33,18 @@ from armadico.core.messages import (
     decode,
     encode,
 )
-from armadico.core.tasks import Beliefs, Drive, Going, Reach, Stand, Task
+from armadico.core.tasks import (
+    Beliefs,
+    Charge,
+    Done,
+    Drive,
+    Explore,
+    Failed,
+    Going,
+    Reach,
+    Stand,
+    Task,
+)
 
 IN_R1 = Beliefs(Waypoint(6.0, 2.0, 0.0), 0.02, "R1", 0.8)
 
@@ -223,11 +236,11 @@ class Broken(Task):
         raise ZeroDivisionError("of all things")
 
 
-class Wordless(Task):
-    """Says nothing."""
+class Leaves(Task):
+    """Ends the program, as what was once a script does."""
 
     def look(self, beliefs: Beliefs, progress: Any) -> Any:
-        return None
+        sys.exit("no camera")
 
 
 class TwoStages(Task):
@@ -251,21 +264,47 @@ def others(monkeypatch: pytest.MonkeyPatch) -> Callable[[type[Task]], Mission]:
     return one
 
 
+@pytest.mark.parametrize(
+    ("kind", "said"), [(Broken, "ZeroDivisionError: of all thin"), (Leaves, "SystemExit: no cam")]
+)
 def test_a_task_whose_code_raises_fails_its_step_with_name_file_and_line(
-    others: Callable[[type[Task]], Mission],
+    kind: type[Task], said: str, others: Callable[[type[Task]], Mission]
 ) -> None:
-    failed = Drill(others(Broken)).out.failed
+    failed = Drill(others(kind)).out.failed
     assert failed is not None
-    assert failed.startswith("take-photo: task 'take-photo' raised ZeroDivisionError: of all thin")
+    assert failed.startswith(f"take-photo: task 'take-photo' raised {said}")
     assert f"({__file__}, line " in failed
 
 
+@pytest.mark.parametrize(
+    ("verdict", "said"),
+    [
+        (None, "look gave None: that is no Going, Done or Failed"),
+        (Done(3), "look gave Done(said=3, event=None): said is a text"),  # type: ignore[arg-type]
+        (Failed(None), "look gave Failed(why=None): why is a text"),  # type: ignore[arg-type]
+        (Going(stage="two"), "stage is a whole number"),  # type: ignore[arg-type]
+        (Going(stage=-1), "stage is a whole number, 0 or more"),
+        (Going("R1"), "request is a Stand, Drive, Explore or Charge"),  # type: ignore[arg-type]
+        (Going(Drive(7)), "cannot unpack"),  # type: ignore[arg-type]
+        (Going(Drive((1.0, 2.0))), "not enough values"),  # type: ignore[arg-type]
+        (Going(Drive((1.0, nan, 0.0))), "Waypoint cannot be sent"),
+        (Going(Explore(("a", 0, 1, 1))), "ExploreRequest cannot be sent"),  # type: ignore[arg-type]
+        (Going(Charge(80.0)), "ChargeRequest cannot be sent"),
+    ],
+)
 def test_a_task_that_gives_no_verdict_fails_its_step(
-    others: Callable[[type[Task]], Mission],
+    verdict: Any, said: str, others: Callable[[type[Task]], Mission]
 ) -> None:
-    failed = Drill(others(Wordless)).out.failed
+    class Gives(Task):
+        """Answers what nobody can act upon."""
+
+        def look(self, beliefs: Beliefs, progress: Any) -> Any:
+            return verdict
+
+    failed = Drill(others(Gives)).out.failed
     assert failed is not None
-    assert "look gave None, no Going, Done or Failed" in failed
+    assert failed.startswith("take-photo: task 'take-photo': look gave ")
+    assert said in failed
 
 
 def test_a_task_may_want_one_thing_after_another(others: Callable[[type[Task]], Mission]) -> None:

@@ -268,7 +268,7 @@ def test_whoever_stops_waiting_is_told_what_the_robot_does(stop: Stop | None, sa
 @pytest.mark.parametrize(
     ("words", "says"),
     [
-        (("fleet", "--robots", "9"), "9 robots: fleet has starts for 1 to 8"),
+        (("fleet", "--robots", "11"), "11 robots: fleet has starts for 1 to 10"),
         (("sc1", "--robots", "2"), "--robots 2: sc1 has no tasks for a fleet"),
         (("fleet", "--runs", "3"), "--runs is for the run of one robot, and fleet is a fleet's"),
         (("fleet", "--namespace", "fleet"), "'fleet' cannot be a namespace"),

@@ -8,6 +8,7 @@ import pytest
 
 from armadico.cli.options import UsageError
 from armadico.cli.up import _place, _plan, _scenario, parser
+from armadico.config.errors import ConfigError
 from armadico.config.hosts import HOSTS_VARIABLE
 from armadico.config.needs import minimum, tasks
 from armadico.config.scenarios import society
@@ -73,3 +74,10 @@ def test_without_either_it_is_the_hosts_entry() -> None:
 def test_agents_are_told_the_namespace_that_they_are_in() -> None:
     found = {member.name: member.sets for member in plan("sc4", "--namespace", "robot7").members}
     assert "namespace=robot7" in found["sonar"]
+
+
+def test_an_agent_of_the_table_that_is_not_installed_is_said_with_its_line(tmp_path: Path) -> None:
+    table = tmp_path / "lab.toml"
+    table.write_text('[lab1]\nagents = [\n  "goto",\n  "avodi",\n]\n', encoding="utf-8")
+    with pytest.raises(ConfigError, match=r"lab\.toml:4: lab1\.agents: .* did you mean 'avoid'"):
+        plan("--hosts", str(table), "--host", "lab1")

@@ -8,12 +8,14 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from armadico.config import missions
 from armadico.config.errors import ConfigError
 from armadico.config.missions import Mission, Step, load_mission, read_mission
 from armadico.config.places import Places
 from armadico.config.profile import load_profile
 from armadico.config.shipped import names
 from armadico.config.worlds import Room, World, load_world
+from armadico.core.tasks import Task
 
 HOME = (1.5, 2.0)
 
@@ -121,7 +123,7 @@ WRONG_STEPS = [
     ('do = "move"', "2: missing key to in steps[0]"),
     ('du = "move"', "2: a step says what it does, do = ...; did you mean 'do'?"),
     ('do = "wait", seconds = "l"', '2: steps[0].seconds = "l": expected a number, not a string'),
-    ('do = "wait", seconds = -1', "2: steps[0].seconds = -1.0: expected a number >= 0.0"),
+    ('do = "wait", seconds = -1', "2: steps[0].seconds = -1: expected a number >= 0.0"),
     (
         'do = "take-photo", when = { batery_above = 0.2 }',
         "2: unknown key steps[0].when.batery_above; did you mean 'battery_above'?",
@@ -246,6 +248,27 @@ def test_procedures_within_procedures_have_an_end() -> None:
     assert "at most 8 within each other" in fault("\n".join([steps('do = "p0"'), *chain, last]))
 
 
+def test_a_task_may_be_told_whole_numbers(monkeypatch: pytest.MonkeyPatch) -> None:
+    class Counts(Task):
+        """Somebody's task."""
+
+        class Arguments(Task.Arguments, frozen=True):
+            times: int
+            pair: tuple[int, ...] = ()
+            share: float = 0.0
+
+    monkeypatch.setattr(missions, "task_class", lambda _: Counts)
+    row = 'do = "wait", times = 3, pair = [1, 2], share = 2'
+    (step,) = read_mission(steps(row), "m").procedures[""].steps
+    told = missions.arguments_of(step)
+    assert (told.times, told.pair, told.share) == (3, (1, 2), 2.0)
+    assert isinstance(told.times, int)
+    assert isinstance(told.share, float)
+    assert "steps[0].times = 2.5: expected a whole number" in fault(
+        steps('do = "wait", times = 2.5')
+    )
+
+
 def test_a_mission_is_compared_by_value() -> None:
     text = steps('do = "move", to = "R1"')
     assert read_mission(text, "m") == read_mission(text, "m")
@@ -257,6 +280,22 @@ def test_an_unknown_mission_is_said_with_the_nearest(tmp_path: Path) -> None:
         load_mission("surveilance")
     with pytest.raises(ConfigError, match="no file"):
         load_mission(tmp_path / "none.toml")
+
+
+def test_its_scenario_counts_from_its_own_folder_and_is_looked_for_at_once(tmp_path: Path) -> None:
+    file = tmp_path / "m.toml"
+
+    def load(scenario: str) -> Mission:
+        file.write_text(f'title = "x"\nscenario = "{scenario}"\n{PHOTO}', encoding="utf-8")
+        return load_mission(file)
+
+    with pytest.raises(ConfigError, match=r"m\.toml:2: no scenario 'huose'; did you mean 'house'"):
+        load("huose")
+    with pytest.raises(ConfigError, match=r"m\.toml:2: no file '.*/mine\.toml'"):
+        load("mine.toml")
+    (tmp_path / "mine.toml").write_text("", encoding="utf-8")
+    assert load("mine.toml").scenario == str(tmp_path / "mine.toml")
+    assert load("house").scenario == "house"
 
 
 @pytest.mark.parametrize(

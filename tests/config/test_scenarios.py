@@ -487,6 +487,8 @@ def test_where_a_mission_is_done_those_take_part_who_do_it(tmp_path: Path) -> No
     ("lines", "says"),
     [
         (('mission = "surveillance"', "goal = [2.0, 5.0, 0.0]"), ":4: a mission and a goal"),
+        (('mission = "rouns"',), ":3: no mission 'rouns'; did you mean 'rounds'?"),
+        (('mission = "mine.toml"',), ":3: no file '"),
         (("[[alarms]]", 'room = "R3"', "at_s = 5.0"), ":4: no room 'R3'; did you mean"),
         (("[[alarms]]", 'room = "R1"'), ":3: an alarm begins at a time (at_s) or during a task"),
         (("[[alarms]]", 'room = "R1"', "at_s = 5.0", 'within = "R2"'), ":6: within is for"),

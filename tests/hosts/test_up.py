@@ -9,7 +9,7 @@ from signal import SIGINT, SIGTERM, Signals
 
 import pytest
 
-from armadico.launch.pidfile import shares
+from armadico.launch.pidfile import RUNTIME_VARIABLE, shares
 from tests.hosts.conftest import NAMESPACE, SOON, all_gone, children
 from tests.live.society import Observer
 from tests.programs import Start, call
@@ -35,6 +35,25 @@ def test_a_share_comes_up_is_seen_and_goes_down(up: Start) -> None:
     again = call("down")
     assert again.returncode == 0
     assert "nothing is up on this machine" in again.stdout
+
+
+def test_a_second_wakeup_agent_of_a_host_ends_and_the_first_ones_agents_stay(
+    up: Start, start: Start, monkeypatch: pytest.MonkeyPatch, tmp_path: Path
+) -> None:
+    """Another user's: no file tells it that the share is up."""
+    first = up("lab1")
+    kept = children(first)
+    other = tmp_path / "other"
+    other.mkdir()
+    monkeypatch.setenv(RUNTIME_VARIABLE, str(other))
+    second = start("up", "--host", "lab1")
+    _, errors = second.communicate(timeout=2 * SOON)
+    assert second.returncode == 1, errors
+    assert "agent is alive already" in errors
+    assert any(f"(host lab1, pid {one.pid}, " in errors for one in kept.values())
+    assert {name: one.pid for name, one in children(first).items()} == {
+        name: one.pid for name, one in kept.items()
+    }
 
 
 def test_down_without_a_host_is_for_all_shares_of_the_namespace(up: Start) -> None:

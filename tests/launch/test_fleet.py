@@ -71,9 +71,9 @@ def test_a_robot_hears_nothing_of_anothers_own() -> None:
     assert one.cycles.newest.epoch != other.cycles.newest.epoch
 
 
-@pytest.mark.parametrize("count", [0, 9])
+@pytest.mark.parametrize("count", [0, 11])
 def test_as_many_robots_as_there_are_starts(count: int) -> None:
-    with pytest.raises(ConfigError, match=f"{count} robots: fleet has starts for 1 to 8"):
+    with pytest.raises(ConfigError, match=f"{count} robots: fleet has starts for 1 to 10"):
         robots_of(FLEET, count)
 
 

@@ -88,5 +88,5 @@ def test_a_second_fleet_of_the_same_name_is_refused(run: Start, tmp_path: Path) 
     second = run(*words(tmp_path))
     _, errors = second.communicate(timeout=SOON)
     assert second.returncode == 1
-    assert f"a fleet named '{FLEET}' is there already, with r" in errors
+    assert f"a fleet named '{FLEET}' is there already, with r1, r2: " in errors
     assert first.poll() is None

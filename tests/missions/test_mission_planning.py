@@ -3,9 +3,11 @@
 from __future__ import annotations
 
 import zlib
+from pathlib import Path
 from typing import Any
 
 import pytest
+from msgspec.structs import replace
 
 from armadico.agents.methods import procedures
 from armadico.agents.path_planning import PathPlanning
@@ -140,6 +142,31 @@ def test_who_watches_a_mission_that_is_cancelled_leaves_the_robot_to_the_next_on
         assert run.run(cancel).done is False
     building.until(lambda: building.ended(other), 60.0)
     assert building.mission(other).state is MissionEnd.DONE
+
+
+def test_a_mission_is_ordered_of_the_least_society_that_does_it(tmp_path: Path) -> None:
+    file = tmp_path / "look.toml"
+    file.write_text(text('do = "wait", seconds = 1', above='energy = "risk"'), encoding="utf-8")
+    idle = ("planner-onward", "planner-returning", "battery-charger", "battery-sensor", "dock")
+    building = Building(without=idle)
+    scenario = replace(building.rehearsal.scenario, mission=str(file))
+    assert set(idle) < set(scenario.agents)
+    with AttachedRun(scenario, Options(), VirtualSession(building.mesh)) as run:
+        run.start()
+        assert run.run().done
+
+
+def test_who_watches_a_mission_no_longer_says_that_it_is_still_on_the_board() -> None:
+    building = Building()
+    said: list[str] = []
+    session = VirtualSession(building.mesh)
+    scenario = building.rehearsal.scenario
+    with AttachedRun(scenario, Options(limit=3.0), session) as run:
+        run.tell(said.append)
+        assert run.run().done is False
+    number = run.watch.mission
+    assert building.mission(number).state is MissionEnd.ACTIVE
+    assert any(f"`armadico mission cancel {number}`" in text for text in said)
 
 
 def test_while_a_mission_is_driven_a_goal_of_people_s_is_refused() -> None:

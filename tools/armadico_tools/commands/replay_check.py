@@ -52,7 +52,7 @@ def _fault(kind: str, scenario: str = "", seed: int = 1) -> Plan:
 PLANS: Final = (
     *map(_scenario, ("sc1", "sc2", "sc3", "sc4", "rooms-a", "rooms-b", "offices", "house")),
     *map(_scenario, ("floor", "floor-people", "surveillance")),
-    _scenario("fleet", "--robots", "2"),  # of eight: eighty processes
+    _scenario("fleet", "--robots", "2"),  # of ten: a hundred processes
     _scenario("sc4", "--redundant", called="sc4 redundant"),
     _scenario("sc4", "--together", "goto+avoid+gothrough", called="sc4 together"),
     _scenario("sc4", "--exchange", "abrupt", "--sensors", "ideal", called="sc4 abrupt, ideal"),

@@ -75,6 +75,7 @@ class Puppet(Agent):
         self._goal: Waypoint | None = None
         self._to_go = self._turning = 0.0
         self.unreachable: set[tuple[float, float]] = set()  # places to which it finds no way
+        self.dumb = False  # says nothing of its missions, as if its interface agent had died
 
     def on_start(self) -> None:
         """Begin to number cycles."""
@@ -91,6 +92,8 @@ class Puppet(Agent):
         """Go, at once."""
         request = question.request
         assert isinstance(request, MissionRequest)
+        if self.dumb:
+            return MissionReply(0, "nobody takes missions")
         if (request.goal.x, request.goal.y) in self.unreachable:
             return MissionReply(0, "there is no way")
         self._goal, self._state = request.goal, MissionState.DRIVING
@@ -110,7 +113,7 @@ class Puppet(Agent):
         state = RobotState(cycle, self.x, self.y, 0.0, 0.0, 0.0, 12.9, True, False)
         self.publish(state)
         self.publish(Pose(cycle, self.x, self.y, 0.0, SURE))
-        if cycle.number % 2 == 0 or self._state is MissionState.REACHED:
+        if not self.dumb and (cycle.number % 2 == 0 or self._state is MissionState.REACHED):
             self.publish(MissionStatus(self._mission, self._state, self._to_go))
 
     def _move(self) -> None:
@@ -177,10 +180,14 @@ class Band:
         """A robot's fleet agent dies, and nobody else."""
         self._agents.pop(name).kill()
 
+    def kill_puppet(self, name: str) -> None:
+        """All of a robot dies but its fleet agent."""
+        self._puppets.pop(name).kill()
+
     def kill(self, name: str) -> None:
         """A robot dies, all of it."""
         self.kill_agent(name)
-        self._puppets.pop(name).kill()
+        self.kill_puppet(name)
 
     def fleet(self, name: str) -> Fleet:
         """A robot's fleet agent."""
