@@ -124,8 +124,8 @@ class Robot(DeviceAgent):
         if scheme in SCHEMES and not isinstance(self.profile, Ros2Robot):
             raise ConfigError(
                 f"{self.p.port} is the address of a ROS 2 robot, and the profile"
-                f" {self.profile.name} is of one that speaks P2OS; name your robot's profile, as"
-                " --profile turtlebot4 does for armadico run"
+                f" {self.profile.name} is of one that speaks P2OS; name your robot's, as do"
+                " armadico run --profile turtlebot4, and robot = 'turtlebot4' in a scenario's file"
             )
         self._v_max = min(self.p.v_max or inf, self.profile.limits.v_max)
         self.cycles.period = self.profile.cycle_s

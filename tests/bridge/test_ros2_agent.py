@@ -269,7 +269,7 @@ def test_a_new_agent_begins_with_zero() -> None:
 
 @pytest.mark.parametrize("port", ["ros2://", "ros2+zenoh://10.0.0.7"])
 def test_a_robot_of_p2os_is_not_looked_for_among_ros_2s(port: str) -> None:
-    with pytest.raises(ConfigError, match="pioneer-2dx is of one that speaks P2OS"):
+    with pytest.raises(ConfigError, match="robot = 'turtlebot4'"):
         Robot(Identity("robot-1", rng=random.Random(1)), Parameters(port=port))
 
 
