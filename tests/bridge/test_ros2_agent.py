@@ -232,7 +232,7 @@ def test_a_laser_that_stops_is_stale_and_said(ready: Bench) -> None:
     ready.ranges = None
     ready.go(1.5)
     assert len(ready.all(Scan)) - count <= 2
-    assert "the laser tells nothing, no scan for 4 cycles: nobody drives blind" in ready.logs()
+    assert "tells nothing, no scan on sensors/lidar2d_0/scan for 4 cycles: nobody" in ready.logs()
 
 
 def test_a_laser_of_nan_and_zero_says_nothing_valid(ready: Bench) -> None:
