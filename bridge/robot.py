@@ -123,8 +123,9 @@ class Robot(DeviceAgent):
         scheme = self.p.port.partition(":")[0]
         if scheme in SCHEMES and not isinstance(self.profile, Ros2Robot):
             raise ConfigError(
-                f"{self.profile.name} speaks P2OS, and who is at {self.p.port} ROS 2: its profile,"
-                " --profile turtlebot4 say"
+                f"{self.p.port} is the address of a ROS 2 robot, and the profile"
+                f" {self.profile.name} is of one that speaks P2OS; name your robot's, as do"
+                " armadico run --profile turtlebot4, and robot = 'turtlebot4' in a scenario's file"
             )
         self._v_max = min(self.p.v_max or inf, self.profile.limits.v_max)
         self.cycles.period = self.profile.cycle_s

@@ -54,7 +54,9 @@ def parser() -> argparse.ArgumentParser:
         "--out", type=Path, metavar="PATH", help="the folder (csv) or file (others) to write"
     )
     made.add_argument("--namespace", metavar="NS", help="only this robot (default: all)")
-    made.add_argument("--world", metavar="MAP", help="with rrd: the walls to draw under it")
+    made.add_argument(
+        "--world", metavar="MAP", help="with rrd: the walls to draw under it; with ros2: its map"
+    )
     return made
 
 
@@ -91,7 +93,7 @@ def _to_others(args: argparse.Namespace) -> str:
     if out.suffix != ".mcap":
         raise UsageError(f"--out {out}: the name of a recording ends with .mcap")
     try:
-        count = translated(args.file, out, args.to, args.namespace, _warn)
+        count = translated(args.file, out, args.to, args.namespace, _warn, options.world(args))
     except FileExistsError:
         raise FailedError(f"{out} exists already; name another file with --out") from None
     if not count:

@@ -78,7 +78,7 @@ def _virtual(
     from armadico.launch.fleet import FleetRehearsal  # noqa: PLC0415 - not for --help
 
     rehearsal = FleetRehearsal(scenario, chosen, args.robots, fleet_of(args))
-    with nullcontext() if args.record is None else _recorded(rehearsal, args.record):
+    with nullcontext() if args.record is None else _recorded(rehearsal, scenario, args.record):
         return rehearsal.run(progress if sys.stderr.isatty() else None, options.say)
 
 
@@ -103,7 +103,7 @@ def _live(
     page = beside(args, "page", scenario.world, robots) if args.page else nullcontext()
     try:
         run = LocalFleet(scenario, chosen, args.robots, fleet, join, joining, options.say)
-        with page, _recorder(args, run.names), run:
+        with page, _recorder(args, scenario, run.names), run:
             options.say(
                 f"{scenario.name}: starting {len(run.names)} robots: {', '.join(run.names)}"
             )
@@ -115,20 +115,22 @@ def _live(
         raise
 
 
-def _recorded(rehearsal: FleetRehearsal, path: Path) -> Recorded:
+def _recorded(rehearsal: FleetRehearsal, scenario: Scenario, path: Path) -> Recorded:
     """What is said in a virtual run, of all robots."""
     from armadico.cli.record import recorded  # noqa: PLC0415 - not for --help
 
-    return recorded(rehearsal.mesh, path, *rehearsal.names)
+    return recorded(rehearsal.mesh, path, scenario, *rehearsal.names)
 
 
-def _recorder(args: argparse.Namespace, names: Sequence[str]) -> AbstractContextManager[None]:
+def _recorder(
+    args: argparse.Namespace, scenario: Scenario, names: Sequence[str]
+) -> AbstractContextManager[None]:
     """A recorder beside a live run, of all robots."""
     if args.record is None:
         return nullcontext()
     from armadico.cli.record import recorder  # noqa: PLC0415 - not for --help
 
-    return recorder(args, args.record, *names)
+    return recorder(args, args.record, scenario, *names)
 
 
 class _Lines:

@@ -16,6 +16,7 @@ from armadico.cli import options
 from armadico.cli.options import FailedError, UsageError
 
 if TYPE_CHECKING:
+    from armadico.config.scenarios import Scenario
     from armadico.mesh.virtual import VirtualMesh
     from armadico.mesh.zenoh import ZenohMesh
     from armadico.observe.recorder import Recording
@@ -33,6 +34,7 @@ LINE_S: Final = 5.0
 EXAMPLES: Final = """\
   armadico record run.mcap                            until Ctrl-C
   armadico record run.mcap --max-size 100             run.mcap, run-001.mcap, ... of 100 MB each
+  armadico record run.mcap --world house              with the map, for ROS 2's tools
   armadico record both.mcap --namespace robot1 --namespace robot2
   armadico record run.mcap --duration 60 && armadico export run.mcap --to csv
 """
@@ -60,19 +62,24 @@ def main(argv: Sequence[str]) -> int:
 
 
 @contextmanager
-def recorder(args: argparse.Namespace, path: Path, *namespaces: str) -> Iterator[None]:
+def recorder(
+    args: argparse.Namespace, path: Path, scenario: Scenario, *namespaces: str
+) -> Iterator[None]:
     """A recorder beside a live run, as a process of its own, from before anybody starts.
 
-    Without namespaces it is of the one that the options name.
+    Without namespaces it is of the one that the options name. Its map is the scenario's, if the
+    society is told of one.
 
     Raises FailedError, UsageError.
     """
+    from armadico.config.scenarios import unmapped  # noqa: PLC0415 - not for --help
     from armadico.launch.processes import START_S, Process, end  # noqa: PLC0415 - not for --help
 
     options.need("mcap", "record")
     if path.exists():
         raise FailedError(f"{path} exists already; name another file")
     words = ["record", str(path), "--quiet"]
+    words += [] if unmapped(scenario) else [f"--world={scenario.world}"]
     words += [word for name in namespaces or [args.namespace] for word in ("--namespace", name)]
     with TemporaryDirectory(prefix="armadico-") as folder:
         log = Path(folder) / "record.log"
@@ -90,13 +97,16 @@ def recorder(args: argparse.Namespace, path: Path, *namespaces: str) -> Iterator
     _say(said)
 
 
-def recorded(mesh: VirtualMesh, path: Path, *namespaces: str) -> Recorded:
+def recorded(mesh: VirtualMesh, path: Path, scenario: Scenario, *namespaces: str) -> Recorded:
     """What is said on a virtual mesh, kept in a file while this is entered. Raises FailedError."""
     options.need("mcap", "record")
+    from armadico.config.scenarios import unmapped  # noqa: PLC0415 - not for --help
+    from armadico.config.worlds import load_world  # noqa: PLC0415 - not for --help
     from armadico.observe.virtual_recording import Recorded  # noqa: PLC0415 - not for --help
 
+    world = None if unmapped(scenario) else load_world(scenario.world)
     try:
-        return Recorded(mesh, path, *namespaces)
+        return Recorded(mesh, path, *namespaces, world=world)
     except FileExistsError:
         raise FailedError(f"{path} exists already; name another file") from None
     except OSError as error:
@@ -118,6 +128,9 @@ def parser() -> argparse.ArgumentParser:
     )
     made.add_argument("--duration", type=float, metavar="S", help="stop after so long")
     made.add_argument("--force", action="store_true", help="replace a file that exists")
+    made.add_argument(
+        "--world", metavar="MAP", help="its walls are the map that ROS 2's tools see in it"
+    )
     made.add_argument("--quiet", action="store_true", help="no progress")
     options.add_mesh_options(made, several=True)
     return made
@@ -142,9 +155,10 @@ def _record(
 
     limit = None if args.max_size is None else int(args.max_size * MEGABYTE)
     about = {"version": options.version(), "namespaces": " ".join(namespaces)}
+    worlds = dict.fromkeys(namespaces, options.world(args))
     if args.force:
         args.file.unlink(missing_ok=True)
-    recording = Recording(args.file, about, limit, translators(namespaces))
+    recording = Recording(args.file, about, limit, translators(namespaces, worlds))
     watcher = Watcher(meshes)
     begun = time.monotonic()
     asked: list[int] = []

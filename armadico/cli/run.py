@@ -161,7 +161,7 @@ def _virtual(args: argparse.Namespace, scenario: Scenario, chosen: Options) -> R
     told = options.say if first else None  # of a series once: every seed would say the same
     quiet = args.runs is not None or not sys.stderr.isatty()  # over in a second, or it has a bar
     bar = nullcontext() if quiet else progress.shown(_label(scenario, chosen))
-    with _recording(args, rehearsal), bar as show:
+    with _recording(args, scenario, rehearsal), bar as show:
         rehearsal.run(show, told)
     _keep_map(args, rehearsal.client)
     return rehearsal.watch
@@ -174,7 +174,7 @@ def _live(args: argparse.Namespace, scenario: Scenario, chosen: Options) -> RunW
         with (
             _beside(args, scenario),
             mesh,
-            _recorder(args, chosen.seed),
+            _recorder(args, scenario, chosen.seed),
             _run_on(mesh, args, scenario, chosen) as run,
             progress.shown(_label(scenario, chosen)) as show,
         ):
@@ -238,17 +238,21 @@ def _own(args: argparse.Namespace, path: Path, seed: int) -> Path:
     return path if args.runs is None else path.with_stem(f"{path.stem}-{seed}")
 
 
-def _recorder(args: argparse.Namespace, seed: int) -> AbstractContextManager[None]:
+def _recorder(
+    args: argparse.Namespace, scenario: Scenario, seed: int
+) -> AbstractContextManager[None]:
     """A recorder beside a live run, if it is asked for."""
     if args.record is None:
         return nullcontext()
     from armadico.cli.record import recorder  # noqa: PLC0415 - not for --help
 
-    return recorder(args, _own(args, args.record, seed))
+    return recorder(args, _own(args, args.record, seed), scenario)
 
 
 @contextmanager
-def _recording(args: argparse.Namespace, rehearsal: Rehearsal) -> Iterator[None]:
+def _recording(
+    args: argparse.Namespace, scenario: Scenario, rehearsal: Rehearsal
+) -> Iterator[None]:
     """A virtual run is kept in files, if they are asked for. Raises FailedError."""
     with ExitStack() as stack:
         if args.rrd is not None:
@@ -259,7 +263,7 @@ def _recording(args: argparse.Namespace, rehearsal: Rehearsal) -> Iterator[None]
             from armadico.cli.record import recorded  # noqa: PLC0415 - not for --help
 
             path = _own(args, args.record, rehearsal.mesh.seed)
-            stack.enter_context(recorded(rehearsal.mesh, path, rehearsal.namespace))
+            stack.enter_context(recorded(rehearsal.mesh, path, scenario, rehearsal.namespace))
         yield
 
 

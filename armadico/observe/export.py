@@ -96,7 +96,14 @@ def _flat(fields: dict[str, Any], before: str = "") -> Iterator[tuple[str, Any]]
 # In the words of others ---------------------------------------------------------------------------
 
 
-def translated(path: Path, out: Path, name: str, namespace: str | None, warn: Warn) -> int:
+def translated(
+    path: Path,
+    out: Path,
+    name: str,
+    namespace: str | None,
+    warn: Warn,
+    world: World | None = None,
+) -> int:
     """Write what a translator makes of a recording, and nothing else; returns how many samples.
 
     So tools that refuse a file of several encodings read it, and recordings that were made without
@@ -104,7 +111,7 @@ def translated(path: Path, out: Path, name: str, namespace: str | None, warn: Wa
     """
     found = sorted({row.namespace for row in rows(path, lambda _: None)})
     chosen = found if namespace is None else [namespace]
-    made = translator(name, chosen)
+    made = translator(name, chosen, world)
     others = [each for several in made.values() for each in several]
     if not others:
         return 0

@@ -96,7 +96,9 @@ def translators(
     }
 
 
-def translator(name: str, namespaces: Sequence[str]) -> dict[str, list[Translator]]:
+def translator(
+    name: str, namespaces: Sequence[str], world: World | None = None
+) -> dict[str, list[Translator]]:
     """The same, of one that is named. Raises UnknownNameError, ImportError."""
     make: Makes = find(TRANSLATORS, name).load()
-    return {ns: [make("" if len(namespaces) == 1 else ns)] for ns in namespaces}
+    return {ns: [make("" if len(namespaces) == 1 else ns, world)] for ns in namespaces}

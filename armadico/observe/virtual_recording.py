@@ -9,6 +9,7 @@ from functools import partial
 from pathlib import Path
 from typing import Final
 
+from armadico.config.worlds import World
 from armadico.core.messages import Ask, JournalPiece, Message, encode
 from armadico.core.services import BIDS, CARD, SERVICES, service_of
 from armadico.mesh.virtual import VirtualMesh
@@ -24,11 +25,14 @@ BEGUN: Final = 1_000_000_000
 class Recorded:
     """Keeps what is said on a virtual mesh; use as a context manager around its run."""
 
-    def __init__(self, mesh: VirtualMesh, path: Path, *namespaces: str) -> None:
-        """Begin a file that is not there yet, of these robots. Raises OSError."""
+    def __init__(
+        self, mesh: VirtualMesh, path: Path, *namespaces: str, world: World | None = None
+    ) -> None:
+        """Begin a file that is not there yet, of these robots, with a map. Raises OSError."""
         self._mesh, self._namespaces = mesh, namespaces
         about = {"namespaces": " ".join(namespaces), "seed": str(mesh.seed)}
-        self.recording = Recording(path, about, translators=translators(namespaces))
+        made = translators(namespaces, dict.fromkeys(namespaces, world))
+        self.recording = Recording(path, about, translators=made)
         kinds = dict.fromkeys(each.message for each in SERVICES if each.message is not Ask)
         for name in namespaces:
             mesh.watch(partial(self._keep, name), *kinds, namespace=name)

@@ -73,7 +73,7 @@ def robot_transport(url: str, name: str) -> SampleTransport:
 def _transport(url: str, node: str, listens: bool) -> SampleTransport:
     address = read_address(url)
     connect = partial(join, address, node, listens=listens)
-    return SampleTransport(url, address.namespace, address.where, connect)
+    return SampleTransport(url, address, connect)
 
 
 def join(address: Address, node: str, *, listens: bool = False) -> Wire:

@@ -241,7 +241,11 @@ class DdsWire:
             return
         if self._form is Form.UNKNOWN:
             self._form = Form.PRESENT
-        self._owners[bytes(info.gid.data)] = {
+        # A node that ends takes its names back first, and its endpoints may be there for long.
+        alive = {key.bytes for key in self._remote}
+        before = self._owners.get(bytes(info.gid.data), {})
+        kept = {gid: name for gid, name in before.items() if gid in alive}
+        self._owners[bytes(info.gid.data)] = kept | {
             bytes(gid.data): f"{node.node_namespace.rstrip('/')}/{node.node_name}"
             for node in info.node_entities_info_seq
             for gid in (*node.reader_gid_seq, *node.writer_gid_seq)

@@ -17,6 +17,11 @@ ODOMETRY = "nav_msgs/msg/Odometry"
 TOLD = 8
 """So many of the topics that are there are named where the robot is not."""
 
+_NOBODY = "nobody else is there: is it on, in this network, and in this domain?"
+
+_TWISTS = {"geometry_msgs/msg/Twist", "geometry_msgs/msg/TwistStamped"}
+"""Both are in use for commands; a profile says which."""
+
 _PLUMBING = ("/rosout", "/parameter_events", "/ros_discovery_info")
 
 
@@ -44,6 +49,7 @@ def judge(
     where: str,
     others: Iterable[Endpoint],
     settled: bool,
+    lonely: str = "",
 ) -> Seen:
     """What there is to say of a robot's surroundings.
 
@@ -53,6 +59,7 @@ def judge(
         where: The network, in words: "domain 0".
         others: All endpoints but one's own.
         settled: Whether they have had time to be found: until then nobody is missed.
+        lonely: What else may be wrong where nobody else is there.
     """
     others = tuple(others)
     robots: list[str] = []  # one for each publisher: two of one make have the same name
@@ -74,7 +81,8 @@ def judge(
             notes += _quality(want, name, other)
         if settled and not opposite:
             if want.type == ODOMETRY and not want.writes:
-                absent = [f"no robot publishes {name} ({want.type}) in {where}; {_instead(others)}"]
+                instead = _instead(want.topic, others) or f"{_NOBODY}{lonely}"
+                absent = [f"no robot publishes {name} ({want.type}) in {where}; {instead}"]
             else:
                 does = "reads" if want.writes else "publishes"
                 missed.append(f"nobody {does} {name} in {where}")
@@ -94,6 +102,7 @@ def _types(want: Wanted, name: str, opposite: Iterable[Endpoint]) -> list[str]:
     ours = "published" if want.writes else "read"
     return [
         f"{other.node} {does} {name} as {other.type}; here it is {ours} as {want.type}"
+        + (": see `stamped` in its profile" if {other.type, want.type} == _TWISTS else "")
         for other in opposite
         if other.type != want.type
     ]
@@ -113,13 +122,16 @@ def _quality(want: Wanted, name: str, other: Endpoint) -> list[str]:
     return [f"QoS of {name}: {other.node} offers {a}, {b} is {who[0]}" for a, b in words]
 
 
-def _instead(others: Sequence[Endpoint]) -> str:
+def _instead(topic: str, others: Sequence[Endpoint]) -> str:
+    """What is there and not the robot's odometry; "": nobody is there."""
     writers = [o for o in others if o.writes and o.topic not in _PLUMBING]
     robots = sorted({o.topic for o in writers if o.type == ODOMETRY})
     if robots:
-        return f"there is odometry on {', '.join(robots[:TOLD])}: is that its namespace?"
+        same = any(name.endswith(f"/{topic}") for name in robots)
+        ask = "is that its namespace?" if same else "is it another make, with another profile?"
+        return f"there is odometry on {', '.join(robots[:TOLD])}: {ask}"
     if not others:
-        return "nobody else is there: is it on, in this network, and in this domain?"
+        return ""
     nodes = sorted({other.node for other in others})
     topics = sorted({f"{o.topic} ({o.type})" for o in writers})
     more = f" and {len(topics) - TOLD} more" if len(topics) > TOLD else ""

@@ -47,7 +47,15 @@ class Address(Struct, frozen=True):
     def where(self) -> str:
         """In words."""
         at = f" at {self.endpoint}" if self.endpoint else ""
-        return f"domain {self.domain}{at}"
+        by = f" by {self.interface}" if self.interface else ""
+        return f"domain {self.domain}{at}{by}"
+
+    @property
+    def lonely(self) -> str:
+        """What may be wrong with it where nobody is found."""
+        if self.endpoint or self.interface:
+            return ""
+        return " A simulated one is on this machine's loopback: ros2://?interface=lo"
 
 
 class Wire(Protocol):
@@ -75,10 +83,10 @@ class Wire(Protocol):
 class SampleTransport:
     """A `Transport` over a wire of samples."""
 
-    def __init__(self, url: str, namespace: str, where: str, connect: Callable[[], Wire]) -> None:
-        """Prepare; `where` is the network in words, and `connect` joins it or raises OSError."""
+    def __init__(self, url: str, address: Address, connect: Callable[[], Wire]) -> None:
+        """Prepare; `connect` joins the network or raises OSError."""
         self.url = url
-        self._namespace, self._where = namespace, where
+        self._address = address
         self._connect = connect
         self._wire: Wire | None = None
         self._lock = threading.Lock()  # nobody closes what another thread just writes on
@@ -148,7 +156,8 @@ class SampleTransport:
 
     def _look(self, wire: Wire, now: float) -> Seen:
         settled = now - self._wanted_at >= SETTLE_S
-        seen = judge(self._wanted, self._namespace, self._where, wire.others(), settled)
+        at = self._address
+        seen = judge(self._wanted, at.namespace, at.where, wire.others(), settled, at.lonely)
         more = [
             f"a message of {size} bytes on {topic} is too large: {LARGEST} at most"
             for topic, size in self._large.items()

@@ -329,7 +329,7 @@ class Session(Counting):
             self._wrong = "the odometry's stamp stands still"
             return
         if self._stamp_at is not None and stamp < self._stamp:
-            self.absurd += 1
+            self.malformed += 1
             back = self._stamp - stamp
             if not self.is_open:  # from here on it is to go forwards
                 self._stamp, self._cycle_due = stamp, stamp + self._ros2.cycle_s

@@ -232,7 +232,7 @@ def test_a_laser_that_stops_is_stale_and_said(ready: Bench) -> None:
     ready.ranges = None
     ready.go(1.5)
     assert len(ready.all(Scan)) - count <= 2
-    assert "the laser tells nothing, no scan for 4 cycles: nobody drives blind" in ready.logs()
+    assert "tells nothing, no scan on sensors/lidar2d_0/scan for 4 cycles: nobody" in ready.logs()
 
 
 def test_a_laser_of_nan_and_zero_says_nothing_valid(ready: Bench) -> None:
@@ -269,7 +269,7 @@ def test_a_new_agent_begins_with_zero() -> None:
 
 @pytest.mark.parametrize("port", ["ros2://", "ros2+zenoh://10.0.0.7"])
 def test_a_robot_of_p2os_is_not_looked_for_among_ros_2s(port: str) -> None:
-    with pytest.raises(ConfigError, match="pioneer-2dx speaks P2OS"):
+    with pytest.raises(ConfigError, match="robot = 'turtlebot4'"):
         Robot(Identity("robot-1", rng=random.Random(1)), Parameters(port=port))
 
 

@@ -21,6 +21,7 @@ from rosbags.typesys import Stores, get_typestore
 
 from armadico.bridge.ros2 import cdr
 from armadico.cli import export as command
+from armadico.cli import run
 from armadico.cli.options import FailedError, UsageError
 from armadico.core import messages as m
 from armadico.observe.export import Tables, to_rrd
@@ -231,6 +232,28 @@ def test_a_recording_that_was_made_without_becomes_a_bag(tmp_path: Path) -> None
         recording.take(Heard("robot1", key, m.encode(message), BEGUN + number * SECOND // 60))
     recording.close()
     check(rosbags_reader(exported(path)))
+
+
+def test_a_world_that_is_named_is_the_bags_map(tmp_path: Path) -> None:
+    path = tmp_path / "run.mcap"
+    recorded(path, "robot1")
+    assert "/map" not in rosbags_reader(exported(path))
+    named = tmp_path / "named.mcap"
+    assert command.main([str(path), "--to", "ros2", "--world", "sc4", "--out", str(named)]) == 0
+    (grid,) = rosbags_reader(named)["/map"]
+    assert (grid.data == 100).any()
+
+
+@pytest.mark.parametrize(("plan", "maps"), [("rooms", 1), ("seen", 0)])
+def test_a_recorded_run_has_the_map_that_the_society_is_told(
+    tmp_path: Path, plan: str, maps: int
+) -> None:
+    world = f'world = "sc4"\nstart = [3.4, 0.6, 90.0]\ngoal = [3.4, 0.9, 90.0]\nplan = "{plan}"\n'
+    (tmp_path / "one.toml").write_text(world)
+    path = tmp_path / "run.mcap"
+    words = [str(tmp_path / "one.toml"), "--virtual", "--for", "1", "--no-plot"]
+    run.main([*words, "--record", str(path)])
+    assert len(mcap_support(path).get("/map", [])) == maps
 
 
 def test_one_robot_of_several_becomes_a_bag(tmp_path: Path) -> None:

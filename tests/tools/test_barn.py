@@ -171,6 +171,11 @@ def test_what_cannot_be_is_refused(tmp_path: Path, words: list[str]) -> None:
         experiment.main(["barn", "--out", str(tmp_path), *words])
 
 
+def test_who_asks_for_a_world_of_the_challenges_own_is_told_whose_it_is(tmp_path: Path) -> None:
+    with pytest.raises(UsageError, match=r"no such world; .* every sixth is the challenge's own"):
+        experiment.main(["barn", "--out", str(tmp_path), "--worlds", "6"])
+
+
 def test_its_options_are_refused_elsewhere(tmp_path: Path) -> None:
     with pytest.raises(UsageError, match="barn"):
         experiment.main(["table-5.1", "--out", str(tmp_path), "--worlds", "1"])

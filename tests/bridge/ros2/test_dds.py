@@ -41,6 +41,7 @@ def domain() -> int:
 
 
 ODOM = Wanted("odom", "nav_msgs/msg/Odometry")
+ODOM_OUT = Wanted("odom", "nav_msgs/msg/Odometry", writes=True)
 SCAN = Wanted("scan", "sensor_msgs/msg/LaserScan", reliable=False)
 SONAR = Wanted("sonar", "sensor_msgs/msg/Range", reliable=False)
 CMD = Wanted("cmd_vel", "geometry_msgs/msg/TwistStamped", writes=True)
@@ -221,7 +222,7 @@ def test_another_type_is_named(peer, line) -> None:
     seen = line().until(lambda seen: "/robot reads" in "".join(seen.notes))
     assert seen.notes == (
         "/robot reads /cmd_vel as geometry_msgs/msg/Twist;"
-        " here it is published as geometry_msgs/msg/TwistStamped",
+        " here it is published as geometry_msgs/msg/TwistStamped: see `stamped` in its profile",
     )
 
 
@@ -267,6 +268,23 @@ def test_nodes_of_an_older_ros_are_not_told_what_they_cannot_read(domain, line) 
     said = [sample.payload for sample in reader.take(100) if sample.payload != info]
     humble.close()
     assert said == []
+
+
+def test_who_drove_keeps_its_name_when_its_node_has_ended(domain, line) -> None:
+    """Its writer is believed in until its lease ends."""
+    other = DdsWire(Address("", domain, "lo"), "teleop")
+    other.want([CMD, ODOM_OUT])
+    ours = line()
+    while ours.seen.drivers != ("/teleop",):
+        list(other.others())  # says in time whose it is
+        ours.frames()
+    odom = types.Gid(data=other._writers["odom"].guid.bytes)
+    base = types.NodeEntitiesInfo("/", "base", [], [odom])
+    info = types.ParticipantEntitiesInfo(types.Gid(data=other._participant.guid.bytes), [base])
+    other._nodes_out.write(other._nodes_out.topic.data_type.of(cdr.encode(info)))
+    ours.until(lambda seen: seen.robot == "/base")  # which came with the end of the other
+    other.close()
+    assert ours.seen.drivers == ("/teleop",)
 
 
 # The robot agent's session over it ----------------------------------------------------------------

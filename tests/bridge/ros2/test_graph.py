@@ -6,6 +6,7 @@ import pytest
 
 from armadico.bridge.ros2.frames import Seen, Wanted
 from armadico.bridge.ros2.graph import ODOMETRY, Endpoint, judge, resolve
+from armadico.bridge.ros2.samples import Address
 
 TWIST, STAMPED = "geometry_msgs/msg/Twist", "geometry_msgs/msg/TwistStamped"
 SCAN = "sensor_msgs/msg/LaserScan"
@@ -48,6 +49,13 @@ def test_an_empty_domain() -> None:
     )
 
 
+def test_who_looks_in_the_network_is_told_where_a_simulated_robot_is() -> None:
+    for address, told in ((Address("", 7), True), (Address("", 7, "lo"), False)):
+        found = judge([ODOM], "", address.where, [], True, address.lonely)
+        assert ("?interface=lo" in found.notes[0]) is told
+        assert address.where in found.notes[0]
+
+
 def test_where_there_is_no_robot_nothing_else_is_missed() -> None:
     assert len(seen([ODOM, Wanted("scan", SCAN), CMD], []).notes) == 1
 
@@ -66,6 +74,11 @@ def test_a_robot_in_another_namespace() -> None:
     assert note.endswith("there is odometry on /tb1/odom: is that its namespace?")
 
 
+def test_a_robot_of_another_make() -> None:
+    (note,) = seen([ODOM], [Endpoint("/platform/odom/filtered", ODOMETRY, "/base", True)]).notes
+    assert note.endswith("filtered: is it another make, with another profile?")
+
+
 def test_much_else_is_cut_short() -> None:
     others = [Endpoint(f"/t{n:02}", SCAN, f"/n{n}", True) for n in range(50)]
     (note,) = seen([ODOM], others).notes
@@ -78,7 +91,8 @@ def test_another_type_is_named_both_ways() -> None:
     plain = Endpoint("/cmd_vel", TWIST, "/base", False)
     assert seen([ODOM, CMD], [odd, plain]).notes == (
         f"/odd publishes /odom as {TWIST}; here it is read as {ODOMETRY}",
-        f"/base reads /cmd_vel as {TWIST}; here it is published as {STAMPED}",
+        f"/base reads /cmd_vel as {TWIST}; here it is published as {STAMPED}: see `stamped` in its"
+        " profile",
     )
 
 

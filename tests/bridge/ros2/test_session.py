@@ -148,7 +148,7 @@ def test_odometry_that_runs_backwards_in_time_is_not_believed_and_then_begun_ane
         line.go(0.05, odometry=False)
         line.odometry(at=line.now - at - 100.0, x=3.0)
     assert "backwards in time, by 99" in line.of(LinkLost)[0].reason
-    assert line.session.line.absurd > 10
+    assert line.session.line.malformed > 10
     for _ in range(5):  # it is to go on for a cycle, and the place has jumped
         line.go(0.05, odometry=False)
         line.odometry(at=line.now - at - 100.0, x=3.0)

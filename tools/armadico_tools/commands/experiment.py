@@ -158,7 +158,10 @@ def _barn(args: argparse.Namespace) -> Barn:
         known = read_worlds(args.data or SHIPPED)
         for number in worlds:
             if number not in known:
-                raise UsageError(f"--worlds {number}: there are {_ranges(known)}")
+                kept = "" if args.data else "; every sixth is the challenge's own test's"
+                raise UsageError(
+                    f"--worlds {number}: no such world; there are {_ranges(known)}{kept}"
+                )
     return Barn(tuple(dict.fromkeys(worlds)), tuple(dict.fromkeys(robots)), args.v_max, args.data)
 
 
