@@ -78,9 +78,9 @@ class _Bare(NamedTuple):
 class _Near(NamedTuple):
     """A place in the body frame, moved away from the robot by what the pose may be off.
 
-    Heard nearer than that, it is nearer; but what it explains goes by the map and the pose alone.
-    Otherwise somebody who comes through a door would take the post along: each echo explained by a
-    post that the one before had brought nearer.
+    Heard nearer than that, it is nearer at once; from where it explains echoes follows slowly, as a
+    pose goes wrong. Somebody who comes through a door would take its post along otherwise: each
+    echo explained by a post that the one before had brought nearer.
     """
 
     three: int
@@ -89,15 +89,27 @@ class _Near(NamedTuple):
     nx: float
     ny: float
     distance: float
-    map_x: float  # where it is unheard
-    map_y: float
+    from_x: float  # where echoes are explained from
+    from_y: float
     end: bool
     side: int  # of the wall's own normal, on which the robot is not
-    off: float  # m that it may be farther off, by the pose
+    off: float  # m that it may be farther off, by the pose,
+    by: float  # and m by which that is moved away
+
+
+class _Heard(NamedTuple):
+    """How near a place was heard: m that it is moved along its wall's normal."""
+
+    by: float
+    slowly: float  # and from where it explains
+    ago: int = 0  # cycles
 
 
 HEARD_CYCLES = 100
 """So long is a wall as near as it was heard: the pose is not so soon off otherwise."""
+
+SLOW_M = 0.03
+"""So much nearer a ping may a wall come that explains it; who walks comes 0.1 m and more."""
 
 BESIDE_M = 0.05
 """A place no farther than this beyond the nearest in a cone may be the one that was heard."""
@@ -125,11 +137,11 @@ class KnownWalls:
         self._looked: tuple[Pose2, tuple[float, ...], bool] | None = None  # from where, how surely
         self._bare: list[_Bare] = []  # what was there,
         self._near: list[_Near] = []
-        self._moved: dict[int, float] = {}  # and by what it had been heard then
+        self._moved: dict[int, _Heard] = {}  # and as what it had been heard then
         self._weight = 0.0
         self._off = 0.0  # the pose's standard deviation, m
         self._doubts: dict[int, float] = {}  # by the number of the three
-        self._heard: dict[int, tuple[float, int]] = {}  # moved so along its normal, m, cycles ago
+        self._heard: dict[int, _Heard] = {}
 
     def look(
         self, pose: Pose2 | None, covariance: Sequence[float] = (), *, old: bool = False
@@ -156,7 +168,7 @@ class KnownWalls:
         if not (believed or self._forbids):
             self._looked, self._near = None, []
             return
-        moved = {three: heard[0] for three, heard in self._heard.items()}
+        moved = {three: heard._replace(ago=0) for three, heard in self._heard.items()}
         looked = pose, (xx, xy, yy), believed
         cos, sin = math.cos(pose[2]), math.sin(pose[2])
         if looked != self._looked:
@@ -201,7 +213,9 @@ class KnownWalls:
         s = self.settings
         self._fade()
         self._heard = {
-            three: (by, ago + 1) for three, (by, ago) in self._heard.items() if ago < HEARD_CYCLES
+            three: heard._replace(ago=heard.ago + 1)
+            for three, heard in self._heard.items()
+            if heard.ago < HEARD_CYCLES
         }
         for echo in echoes:
             if echo.range is None:
@@ -281,7 +295,7 @@ class KnownWalls:
         for place in self._near:
             if place.three == UNDOUBTED:  # and unheard
                 continue
-            dx, dy = place.map_x - echo.x, place.map_y - echo.y
+            dx, dy = place.from_x - echo.x, place.from_y - echo.y
             ahead = cos * dx + sin * dy
             if ahead < 0.0:
                 continue
@@ -299,9 +313,10 @@ class KnownWalls:
         nearest = min((away for away, _ in may), default=0.0)  # an echo comes from what is nearest
         for away, place in may:
             if away - nearest < BESIDE_M:
-                by = place.off - max(0.0, nearest - echo.range)
+                by = min(place.off, place.by - (nearest - echo.range))
                 if by < place.off or place.three in self._heard:
-                    self._heard[place.three] = place.side * by, 0
+                    side = place.side
+                    self._heard[place.three] = _Heard(side * by, side * max(by, place.by - SLOW_M))
         return bool(may)
 
     @property
@@ -337,15 +352,18 @@ class KnownWalls:
         return self._around
 
 
-def _put(bare: _Bare, heard: float | None, cos: float, sin: float) -> _Near:
+def _put(bare: _Bare, heard: _Heard | None, cos: float, sin: float) -> _Near:
     """A place in the body's frame, by what the pose may be off or it has been heard."""
     three, dx, dy, nx, ny, end, side, off = bare
-    by = off if heard is None else min(off, side * heard)
+    by = slowly = off
+    if heard is not None:
+        by, slowly = min(off, side * heard.by), min(off, side * heard.slowly)
     ahead, left = cos * nx + sin * ny, cos * ny - sin * nx
-    dx, dy = dx + off * nx, dy + off * ny
-    map_x, map_y = cos * dx + sin * dy, cos * dy - sin * dx
-    x, y = map_x + (by - off) * ahead, map_y + (by - off) * left
-    return _Near(three, x, y, ahead, left, math.hypot(x, y), map_x, map_y, end, side, off)
+    dx, dy = dx + slowly * nx, dy + slowly * ny
+    from_x, from_y = cos * dx + sin * dy, cos * dy - sin * dx
+    x, y = from_x + (by - slowly) * ahead, from_y + (by - slowly) * left
+    away = math.hypot(x, y)
+    return _Near(three, x, y, ahead, left, away, from_x, from_y, end, side, off, slowly)
 
 
 def _buckets(middle: float, reach: float) -> range:
