@@ -243,6 +243,7 @@ class Localization(Agent):
                 *compose(found.pose, relative(self._odometry, (0.0, 0.0, 0.0))),
                 covariance=tuple(float(c[i, j]) for i in range(3) for j in range(i, 3)),
                 confidence=0.0 if self._lost else min(1.0, found.share),
+                elsewhere=self._doubted is not None,
             )
         )
         if self.now - self._shown_at >= PARTICLES_S:
@@ -288,6 +289,7 @@ class Localization(Agent):
                 )
         elif self._sure >= p.found_times:
             self._lost, self._since, self._unproved = False, None, p.proved_times
+            self._doubted = None
             self._looked, self._looked_at = 0, self.now
             self.log(f"the robot is found: at ({x:.2f}, {y:.2f})")
 
@@ -325,7 +327,6 @@ class Localization(Agent):
 
     def _lose(self, why: str) -> None:
         self._lost, self._since, self._sure, self._unproved = True, None, 0, 0
-        self._doubted = None
         self.log(f"the robot is lost: {why}", WARNING)
 
     def _look(self) -> None:

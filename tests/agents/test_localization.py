@@ -632,6 +632,30 @@ def test_who_doubts_and_does_not_get_on_is_lost(
     assert inf in unsure
 
 
+@pytest.mark.parametrize(("odds", "lost"), [(8.0, True), (3.0, False)])
+def test_who_hears_what_fits_elsewhere_says_so_until_it_does_not(
+    world: str, monkeypatch: pytest.MonkeyPatch, odds: float, lost: bool
+) -> None:
+    robot = doubting(world, monkeypatch, other(odds, 0.6), None)
+    del robot.said[:]
+    slow = [off > UNSURE_M for off in carried(robot, 300, (0.0, 0.0, 0.03))]
+    said = [one.elsewhere for one in robot.said if isinstance(one, Correction)]
+    first, then = slow.index(True), said.index(True)
+    assert first == then
+    until = said.index(False, then)
+    assert (0.0 in [one.confidence for one in robot.said if isinstance(one, Correction)]) == lost
+    assert True not in said[until:]
+
+
+def test_who_is_merely_unsure_does_not_say_so(world: str) -> None:
+    robot = Robot(Parameters(world=world, start="anywhere"))
+    found(robot, 250)
+    said = [one for one in robot.said if isinstance(one, Correction)]
+    assert said[0].confidence == 0.0
+    assert said[-1].confidence > 0.9
+    assert not any(one.elsewhere for one in said)
+
+
 def test_what_rolled_while_there_was_no_robot_agent_moves_the_particles_too(world: str) -> None:
     robot = Robot(Parameters(world=world))
     poses = list(drive(START, 200))
