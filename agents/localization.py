@@ -93,7 +93,7 @@ class Parameters(agent.Parameters, frozen=True, kw_only=True):
     fits: Share = 0.5  # while the newest pings fit so well nobody looks whether it is elsewhere,
     doubted_after: Annotated[int, Meta(ge=1, le=100)] = 3  # else after so many more readings:
     stays: Odds = 3.0  # until all other places have such odds against them;
-    fits_better: Annotated[float, Meta(ge=1, le=100)] = 1.35  # or one fits so many times better
+    fits_better: Annotated[float, Meta(ge=1, le=100)] = 1.5  # or one fits so many times better
     doubts: Odds = 1.5  # with such odds for it: then it is
     doubt_m: Metres = 0.35  # no surer than this;
     carried: Odds = 7.5  # and lost with such odds,
