@@ -255,7 +255,7 @@ def test_one_that_was_lifted_expects_what_is_forbidden_and_no_wall_of_where_it_w
     tmp_path: Path, elsewhere: bool
 ) -> None:
     lines = "LINES\n800 -1000 800 1000\n"
-    stairs = "Cairn: ForbiddenLine 0 0 0 \"\" ICON \"Stairs\" -800 -1000 -800 1000\n"
+    stairs = 'Cairn: ForbiddenLine 0 0 0 "" ICON "Stairs" -800 -1000 -800 1000\n'
     file = tmp_path / "stairs.map"
     file.write_text(f"2D-Map\n{stairs}{lines}")
     ring = Ring(Parameters(world=str(file)))
